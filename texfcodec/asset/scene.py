@@ -1,0 +1,57 @@
+"""The neutral in-memory form of a textured mesh: what load.py makes and the encoder takes."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+WRAP_REPEAT, WRAP_CLAMP, WRAP_MIRROR = 0, 1, 2
+ALPHA_OPAQUE, ALPHA_MASK, ALPHA_BLEND = 0, 1, 2
+
+
+@dataclass
+class Texture:
+    """One base-colour image.
+
+    image: uint8 [H, W, 4] RGBA, colour sRGB-coded, alpha straight, row 0 at v = 0 (glTF convention).
+    wrap: (s, t), each one of WRAP_*.
+    """
+
+    image: np.ndarray
+    wrap: tuple = (WRAP_REPEAT, WRAP_REPEAT)
+    name: str = ""
+
+
+@dataclass
+class Material:
+    """factor: float64 [4] linear RGBA multiplier (glTF baseColorFactor); texture: index into Scene.textures or -1."""
+
+    name: str = ""
+    factor: np.ndarray = field(default_factory=lambda: np.ones(4))
+    texture: int = -1
+    alpha_mode: int = ALPHA_OPAQUE
+    alpha_cutoff: float = 0.5
+    double_sided: bool = False
+    unlit: bool = False
+
+
+@dataclass
+class Scene:
+    """A triangle soup with shared positions, everything in world space.
+
+    positions: float64 [V, 3]; faces: int64 [F, 3] into positions; face_material: int64 [F] into materials.
+    corner_uv: float64 [F, 3, 2], texture transform already applied, v downwards (glTF); zeros where unused.
+    corner_color: float32 [F, 3, 4] linear RGBA multiplier, or None where no face has vertex colours.
+    metadata: JSON-able dict (names, extras) that travels opaquely.
+    warnings / dropped: one sentence each / names of the maps and properties that are not coded.
+    """
+
+    positions: np.ndarray
+    faces: np.ndarray
+    face_material: np.ndarray
+    corner_uv: np.ndarray
+    corner_color: np.ndarray | None
+    materials: list
+    textures: list
+    metadata: dict = field(default_factory=dict)
+    warnings: list = field(default_factory=list)
+    dropped: list = field(default_factory=list)

@@ -1,0 +1,47 @@
+# `make demo` and `make test` do all the set-up: own virtual environment, install once, run.
+# The plain pip lines that do the same by hand stand in README.md. Needs Python 3.11+ and, for the first run, pip's index.
+
+VENV   ?= .venv
+PYTHON ?= python3
+PY     := $(VENV)/bin/python
+STAMP  := $(VENV)/.texfcodec-installed
+
+.DELETE_ON_ERROR:
+.PHONY: demo test bench conformance vectors spec-tables install clean
+
+demo: install
+	$(PY) -m texfcodec.demo
+
+test: conformance
+	$(PY) -m pytest -q
+
+# Any decoder can be put through the vectors: make conformance DECODER="other-decoder --flag"
+conformance: install
+	$(PY) conformance/run.py $(if $(DECODER),--decoder "$(DECODER)")
+
+bench: install
+	$(PY) -m pytest -q bench --benchmark-only
+
+# The two targets below rewrite committed files; nothing else does.
+vectors: install
+	$(PY) tools/gen_vectors.py
+
+spec-tables: install
+	$(PY) tools/gen_spec_tables.py
+
+install: $(STAMP)
+
+# The stamp is written last: an interrupted install has none and is done again. An existing environment is completed, never
+# wiped, so that VENV may name one's own.
+$(STAMP): pyproject.toml
+	@command -v "$(PYTHON)" >/dev/null || { echo "texfcodec needs Python 3.11 or newer and found no '$(PYTHON)'; say which with: make PYTHON=/path/to/python3.12" >&2; exit 1; }
+	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "texfcodec needs Python 3.11 or newer; '$(PYTHON)' is `"$(PYTHON)" -V 2>&1`. Say which with: make PYTHON=/path/to/python3.12" >&2; exit 1; }
+	@rm -f "$@"
+	"$(PYTHON)" -m venv "$(VENV)" || { echo "no virtual environment could be made; on Debian and Ubuntu install python3-venv" >&2; exit 1; }
+	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[test]"
+	@touch "$@"
+
+clean:
+	@if [ "$(VENV)" = .venv ]; then rm -rf .venv; else echo "$(VENV) is yours: left alone" >&2; fi
+	rm -rf build dist out .pytest_cache .hypothesis .ruff_cache .benchmarks texfcodec.egg-info
+	find texfcodec tests tools conformance bench -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true

@@ -1,0 +1,46 @@
+"""Bjontegaard delta rate: how many percent more or fewer bytes one codec needs than another for the same quality."""
+
+import numpy as np
+
+
+def bd_rate(rate_a, psnr_a, rate_b, psnr_b):
+    """Mean rate difference of b against the anchor a, in percent; negative means that b needs less.
+
+    rate_*: bytes or bits (the unit cancels), psnr_*: dB, each [N >= 2], in any order. log(rate) is interpolated over quality by
+    PCHIP (shape preserving: no overshoot between points) and averaged over the overlap of the quality ranges. Two points make a
+    straight line.
+
+    Raises ValueError for fewer than two points, rates that are not positive, values that are not finite (lossless points have
+    no PSNR: leave them out), quality that does not rise strictly with rate, and curves without common quality range.
+    """
+    quality_a, log_a = _curve("a", rate_a, psnr_a)
+    quality_b, log_b = _curve("b", rate_b, psnr_b)
+    low, high = max(quality_a[0], quality_b[0]), min(quality_a[-1], quality_b[-1])
+    if not low < high:
+        raise ValueError(
+            f"the curves share no quality range: a is {quality_a[0]:.2f} to {quality_a[-1]:.2f} dB, "
+            f"b is {quality_b[0]:.2f} to {quality_b[-1]:.2f} dB"
+        )
+    mean_difference = (_integral(quality_b, log_b, low, high) - _integral(quality_a, log_a, low, high)) / (high - low)
+    return float(np.expm1(mean_difference) * 100)
+
+
+def _curve(name, rate, psnr):
+    rate, psnr = np.asarray(rate, dtype=np.float64), np.asarray(psnr, dtype=np.float64)
+    if rate.ndim != 1 or rate.shape != psnr.shape:
+        raise ValueError(f"curve {name}: rate and psnr must be two lists of equal length, not {rate.shape} and {psnr.shape}")
+    if len(rate) < 2:
+        raise ValueError(f"curve {name}: at least two points are needed, there are {len(rate)}")
+    if not (np.isfinite(rate).all() and np.isfinite(psnr).all() and (rate > 0).all()):
+        raise ValueError(f"curve {name}: rates must be positive, and rates and qualities finite")
+    order = np.argsort(rate, kind="stable")
+    rate, psnr = rate[order], psnr[order]
+    if not ((np.diff(rate) > 0).all() and (np.diff(psnr) > 0).all()):
+        raise ValueError(f"curve {name}: quality must rise strictly with rate, but by rate it is {psnr.tolist()}")
+    return psnr, np.log(rate)
+
+
+def _integral(quality, log_rate, low, high):
+    from scipy.interpolate import PchipInterpolator  # here, because scipy takes long to import and eval is rare
+
+    return float(PchipInterpolator(quality, log_rate).integrate(low, high))

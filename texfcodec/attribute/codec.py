@@ -1,0 +1,197 @@
+"""The RAHT attribute codec (codec_id 0, spec clause 7): values on active voxels <-> codewords.
+
+Levels are coded from the root down, so every prefix of levels is a coarser field. Levels above slice_level form the trunk, one
+codeword; below it the nodes are split into slices in Morton order, each with a codeword and a copy of the trunk's contexts.
+Slices run in parallel level by level: a block predicts from the whole level above, but on its own level only from its slice.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from .blocks import _dec_level, _enc_level
+from .contexts import CONTEXTS, LEVELS
+from .octree import NEIGHBOURS, _neighbours, build_octree, root_table
+from .quantise import VALUE_FRACTION, step_of
+from .range_coder import CACHE, PENDING, POS, START_BYTES, finish, new_contexts, new_decoder, new_encoder
+
+SLICE_VOXELS = 1 << 18  # encoder's choice: one slice per so many voxels
+MAX_SLICES = 64
+SLICE_NODES = 1 << 10  # encoder's choice: slices start at the first level with this many nodes
+LAMBDA = 0.1  # squared steps per bit, flat within 1 % from 0.05 to 0.13
+
+
+@dataclass
+class CodedAttributes:
+    """Everything the attribute unit carries. root: [C] means; slice_first: first node of each slice at slice_level;
+    codewords: trunk first (only where slice_level > 0), then one per slice; level_bytes: per codeword, the bytes a decoder
+    has read when it has finished each of its levels, as increments."""
+
+    qp: list
+    kernel: list
+    root: list
+    slice_level: int
+    slice_first: list
+    codewords: list
+    level_bytes: list
+
+
+@lru_cache(maxsize=1)
+def _bits_of():
+    p = np.maximum(np.arange(4097), 0.5) / 4096
+    return np.round(-256 * np.log2(p)).astype(np.int64)
+
+
+def _original_means(levels, values):
+    """Rounded means of every level, int32 [n, C] with 12 fractional bits, from values int32 [N, C] of the voxels."""
+    means = [values]
+    sums = values.astype(np.int64)
+    for level in levels[-2::-1]:
+        sums = np.add.reduceat(sums, level.first_child[:-1], axis=0)
+        w = level.weight[:, None]
+        means.append(((2 * sums + w) // (2 * w)).astype(np.int32))
+    return means[::-1]
+
+
+def _plan_slices(levels):
+    """Slice level and the first node of each slice, by equal numbers of voxels."""
+    voxels = len(levels[-1])
+    slices = min(MAX_SLICES, voxels // SLICE_VOXELS)
+    if slices < 2:
+        return 0, [0]
+    level = next(i for i, lv in enumerate(levels) if len(lv) >= SLICE_NODES)
+    ends = np.cumsum(levels[level].weight)
+    first = np.searchsorted(ends, voxels * np.arange(slices) // slices, side="right")
+    return level, np.unique(first).tolist()
+
+
+class _Descent:
+    """What encoder and decoder keep while walking down: the neighbour table, the energies and the means of one level."""
+
+    def __init__(self, levels, root, pool):
+        self.levels, self.pool = levels, pool
+        self.table = root_table()
+        self.above = np.zeros((1, 2), np.uint8)
+        self.mean = np.array([root], np.int32)
+
+    def run(self, jobs):
+        return list(self.pool.map(lambda job: job(), jobs)) if len(jobs) > 1 else [job() for job in jobs]
+
+    def arrays(self, depth):
+        """Array arguments of the level kernels for the parents at `depth`, and the child means they fill."""
+        level, below = self.levels[depth], self.levels[depth + 1]
+        energy = np.zeros((len(level), 2), np.uint8)
+        child_mean = np.empty((len(below), self.mean.shape[1]), np.int32)
+        return (level.first_child, level.occupancy, below.weight, self.table, self.above, energy, self.mean), energy, child_mean
+
+    def descend(self, depth, energy, child_mean, ranges):
+        """Moves to the level below `depth`; `ranges` are the node ranges of the slices, for parallel table building."""
+        level = self.levels[depth]
+        self.mean = child_mean
+        self.above = np.repeat(energy, np.diff(level.first_child), axis=0)
+        if depth + 2 < len(self.levels):
+            table = np.empty((len(child_mean), NEIGHBOURS), np.int32)
+            self.run([lambda b=b, e=e: _neighbours(level.first_child, level.occupancy, self.table, b, e, table)
+                      for b, e in ranges])
+            self.table = table
+
+
+def _ranges(levels, depth, slice_level, slice_first):
+    """Node ranges of the trunk (one range) or of the slices at `depth`."""
+    if depth < slice_level:
+        return [(0, len(levels[depth]))]
+    first = np.array(slice_first, np.int64)
+    for d in range(slice_level, depth):
+        first = levels[d].first_child[first]
+    bounds = [*first.tolist(), len(levels[depth])]
+    return list(zip(bounds[:-1], bounds[1:], strict=True))
+
+
+def _level_class(levels, depth):
+    return min(len(levels) - 2 - depth, LEVELS - 1)
+
+
+def enc_attributes(keys, depth, values, qp, kernel, threads=1):
+    """Codes values int32 [N, C] (12 fractional bits) on ascending Morton keys int64 [N]; qp: [C] in 0..63; kernel: [7].
+
+    Returns (CodedAttributes, int32 [N, C] what the decoder will have). The result does not depend on `threads`.
+    """
+    levels = build_octree(keys, depth)
+    originals = _original_means(levels, np.ascontiguousarray(values, np.int32))
+    root = originals[0][0].tolist()
+    slice_level, slice_first = _plan_slices(levels)
+    steps, weights = np.array([step_of(v) for v in qp], np.int64), np.array(kernel, np.int64)
+    contexts, coders, level_bytes, chunks = [new_contexts(CONTEXTS)], [new_encoder()], [[]], [[]]
+    with ThreadPoolExecutor(threads) as pool:
+        walk = _Descent(levels, root, pool)
+        for d in range(depth):
+            ranges = _ranges(levels, d, slice_level, slice_first)
+            if d == slice_level and d > 0:
+                coders += [new_encoder() for _ in ranges]
+                contexts += [contexts[0].copy() for _ in ranges]
+                level_bytes += [[] for _ in ranges]
+                chunks += [[] for _ in ranges]
+            base = 1 if d >= slice_level > 0 else 0
+            arrays, energy, child_mean = walk.arrays(d)
+
+            def one(i, begin, end, d=d, base=base, arrays=arrays, child_mean=child_mean):
+                nodes = int(levels[d].first_child[end] - levels[d].first_child[begin])
+                out = np.empty(64 + nodes * len(qp) * 8, np.uint8)
+                state = coders[base + i]
+                before = int(state[POS] + state[PENDING] + (state[CACHE] >= 0))
+                state[POS] = 0
+                _enc_level(state, out, contexts[base + i], begin, end, _level_class(levels, d), steps, weights,
+                           256.0 / LAMBDA, _bits_of(), *arrays, originals[d + 1], child_mean)
+                written = int(state[POS])
+                chunks[base + i].append(out[:written].tobytes())
+                state[POS] = before_bytes[base + i] + written
+                after = int(state[POS] + state[PENDING] + (state[CACHE] >= 0))
+                before_bytes[base + i] += written
+                level_bytes[base + i].append(after - before)
+
+            before_bytes = [int(s[POS]) for s in coders]
+            walk.run([lambda i=i, b=b, e=e: one(i, b, e) for i, (b, e) in enumerate(ranges)])
+            walk.descend(d, energy, child_mean, ranges)
+    codewords = []
+    for state, parts in zip(coders, chunks, strict=True):
+        tail = np.empty(64 + int(state[PENDING]), np.uint8)
+        state[POS] = 0
+        codewords.append(_trimmed(parts, finish(state, tail)))
+    for taken in level_bytes:
+        if taken:
+            taken[0] += START_BYTES
+    return CodedAttributes(list(qp), list(kernel), root, slice_level, slice_first, codewords, level_bytes), walk.mean
+
+
+def _trimmed(parts, tail):
+    return b"".join([*parts, tail]).rstrip(b"\0")
+
+
+def dec_attributes(keys, depth, coded, data, spans, stop_level, threads=1):
+    """Decodes levels 0..stop_level: (ascending keys int64 [n] of that level, means int32 [n, C]).
+
+    keys: int64 [N] of all active voxels; coded: CodedAttributes without codewords; data: uint8, the unit's payload;
+    spans: (begin, end) of each codeword in data, checked by the caller against len(data).
+    """
+    levels = build_octree(keys, depth)
+    steps, weights = np.array([step_of(v) for v in coded.qp], np.int64), np.array(coded.kernel, np.int64)
+    contexts, coders = [new_contexts(CONTEXTS)], [new_decoder(data, *spans[0])] if spans else []
+    ends = [end for _, end in spans]
+    with ThreadPoolExecutor(threads) as pool:
+        walk = _Descent(levels, coded.root, pool)
+        for d in range(stop_level):
+            ranges = _ranges(levels, d, coded.slice_level, coded.slice_first)
+            if d == coded.slice_level and d > 0:
+                coders += [new_decoder(data, *span) for span in spans[1:]]
+                contexts += [contexts[0].copy() for _ in ranges]
+            base = 1 if d >= coded.slice_level > 0 else 0
+            arrays, energy, child_mean = walk.arrays(d)
+            walk.run([
+                lambda i=base + i, b=b, e=e: _dec_level(coders[i], data, ends[i], contexts[i], b, e, _level_class(levels, d),
+                                                       steps, weights, *arrays, child_mean)
+                for i, (b, e) in enumerate(ranges)
+            ])
+            walk.descend(d, energy, child_mean, ranges)
+    return keys >> np.int64(3 * (depth - stop_level)), walk.mean

@@ -1,0 +1,39 @@
+"""Colour transform of the attribute codec: BT.709 full-range Y'CbCr in fixed point (spec clause 7.7)."""
+
+import numpy as np
+
+from .quantise import VALUE_FRACTION
+
+TRANSFORM_NONE, TRANSFORM_BT709 = 0, 1
+# 2**16 times 1.5748, 0.187324, 0.468124, 1.8556
+CR_TO_R, CB_TO_G, CR_TO_G, CB_TO_B = 103206, 12276, 30679, 121608
+_FORWARD = np.array([[0.2126, 0.7152, 0.0722],
+                     [-0.2126 / 1.8556, -0.7152 / 1.8556, 0.5],
+                     [0.5, -0.7152 / 1.5748, -0.0722 / 1.5748]])
+
+
+def forward_colour(rgb):
+    """Encoder's side. rgb: [N, 3] in 0..255. Returns int32 [N, 3] Y, Cb, Cr with 12 fractional bits."""
+    return np.rint(np.asarray(rgb, np.float32) @ (_FORWARD.T * (1 << VALUE_FRACTION)).astype(np.float32)).astype(np.int32)
+
+
+def inverse_colour(means):
+    """Decoder's side (spec 7.7.2). means: int32 [N, 3], 12 fractional bits. Returns uint8 [N, 3] RGB."""
+    y = means[:, 0].astype(np.int64) << 16
+    cb, cr = means[:, 1].astype(np.int64), means[:, 2].astype(np.int64)
+    planes = (y + CR_TO_R * cr, y - CB_TO_G * cb - CR_TO_G * cr, y + CB_TO_B * cb)
+    shift = VALUE_FRACTION + 16
+    rgb = np.empty(means.shape, np.uint8)
+    for c, plane in enumerate(planes):
+        rgb[:, c] = np.clip((plane + (1 << (shift - 1))) >> shift, 0, 255)
+    return rgb
+
+
+def forward_plain(values):
+    """TRANSFORM_NONE, encoder's side: [N, C] in 0..255 to int32 with 12 fractional bits."""
+    return np.asarray(values).astype(np.int32) << VALUE_FRACTION
+
+
+def inverse_plain(means):
+    """TRANSFORM_NONE, decoder's side: int32 [N, C] to uint8."""
+    return np.clip((means + (1 << (VALUE_FRACTION - 1))) >> VALUE_FRACTION, 0, 255).astype(np.uint8)

@@ -1,0 +1,162 @@
+"""Binarisation and context selection of the coefficients of a block (spec clause 7.5).
+
+Every block has two energies, luma and chroma: 16 * (sum of |q|) / (number of coefficients), at most 255. The energies around a
+block, of the neighbours decoded before on its own level and of the level above, select the contexts.
+"""
+
+import numpy as np
+from numba import njit
+
+from .range_coder import _adapt, _dec_bit, _dec_bypass, _enc_bit, _enc_bypass, _probability
+
+CLASSES = 7  # energy classes
+LEVELS = 4  # level classes: voxels, one above, two above, the rest
+N_BLOCK = 2 * LEVELS * 3 * 2 * CLASSES * CLASSES
+N_ZERO = 3 * LEVELS * 3 * 3 * CLASSES * 3
+N_MORE = 3 * CLASSES * 3
+UNARY = 14
+N_UNARY = 3 * UNARY
+BLOCK_BASE = 0
+ZERO_BASE = BLOCK_BASE + N_BLOCK
+MORE_BASE = ZERO_BASE + N_ZERO
+UNARY_BASE = MORE_BASE + N_MORE
+CONTEXTS = UNARY_BASE + N_UNARY
+MAX_PREFIX = 24  # of the Exp-Golomb escape: |q| < 2**24 + 15
+
+
+@njit(cache=True, nogil=True)
+def _class(e):
+    """Energy class of 0 <= e (16 units per coefficient magnitude)."""
+    if e == 0:
+        return 0
+    if e <= 1:
+        return 1
+    if e <= 3:
+        return 2
+    if e <= 6:
+        return 3
+    if e <= 12:
+        return 4
+    if e <= 28:
+        return 5
+    return 6
+
+
+@njit(cache=True, nogil=True)
+def _surroundings(p, first, table, energy, above, k, classes):
+    """Fills classes[0] (own level, decoded neighbours) and classes[1] (level above) for plane k (0 luma, 1 chroma).
+
+    energy: uint8 [n, 2] of the blocks of this level, valid for first..p-1; above: uint8 [n, 2], energy of the block that each
+    parent came from.
+    """
+    near, near_weight = np.int64(0), np.int64(0)
+    far, far_weight = 3 * np.int64(above[p, k]), np.int64(3)
+    for i in range(27):
+        q = table[p, i]
+        if q < 0 or i == 13:
+            continue
+        away = abs(i // 9 - 1) + abs((i // 3) % 3 - 1) + abs(i % 3 - 1)
+        w = 3 - away if away < 3 else 0
+        if w == 0:
+            continue
+        if first <= q < p:
+            near += w * np.int64(energy[q, k])
+            near_weight += w
+        else:
+            far += w * np.int64(above[q, k])
+            far_weight += w
+    classes[0] = _class((near + near_weight - 1) // near_weight) if near_weight else 0
+    classes[1] = _class((far + far_weight - 1) // far_weight)
+
+
+@njit(cache=True, nogil=True)
+def _block_context(k, level, n_coefficients, flag, near, far):
+    size = min(n_coefficients, 3) - 1
+    return BLOCK_BASE + ((((k * LEVELS + level) * 3 + size) * 2 + flag) * CLASSES + near) * CLASSES + far
+
+
+@njit(cache=True, nogil=True)
+def _zero_context(c, level, stage, ones, strength, luma):
+    """c: component; stage: 0..2; ones: nonzero coefficients so far in this component, capped at 2; luma: min(|q luma|, 2)."""
+    return ZERO_BASE + ((((c * LEVELS + level) * 3 + stage) * 3 + min(ones, 2)) * CLASSES + strength) * 3 + min(luma, 2)
+
+
+@njit(cache=True, nogil=True)
+def _more_context(c, strength, large):
+    return MORE_BASE + (c * CLASSES + strength) * 3 + min(large, 2)
+
+
+@njit(cache=True, nogil=True)
+def _enc_magnitude(state, out, contexts, c, strength, large, magnitude, sign):
+    """Codes |q| >= 1 and its sign."""
+    _enc_bypass(state, out, sign)
+    ctx = _more_context(c, strength, large)
+    rest = magnitude - 1
+    i = 0
+    while i <= UNARY:
+        bit = 1 if rest > i else 0
+        _enc_bit(state, out, contexts, ctx, bit)
+        if not bit:
+            return
+        ctx = UNARY_BASE + c * UNARY + min(i, UNARY - 1)
+        i += 1
+    rest -= UNARY
+    bits = 0
+    while (rest >> (bits + 1)) > 0:
+        bits += 1
+    for _ in range(bits):
+        _enc_bypass(state, out, 1)
+    _enc_bypass(state, out, 0)
+    for b in range(bits - 1, -1, -1):
+        _enc_bypass(state, out, (rest >> b) & 1)
+
+
+@njit(cache=True, nogil=True)
+def _dec_magnitude(state, data, end, contexts, c, strength, large):
+    """Mirror of _enc_magnitude: the signed value. A prefix that never ends stops at MAX_PREFIX."""
+    sign = _dec_bypass(state, data, end)
+    ctx = _more_context(c, strength, large)
+    magnitude = np.int64(1)
+    i = 0
+    while i <= UNARY:
+        if not _dec_bit(state, data, end, contexts, ctx):
+            return -magnitude if sign else magnitude
+        magnitude += 1
+        ctx = UNARY_BASE + c * UNARY + min(i, UNARY - 1)
+        i += 1
+    bits = 0
+    while bits < MAX_PREFIX and _dec_bypass(state, data, end):
+        bits += 1
+    rest = np.int64(1)
+    for _ in range(bits):
+        rest = (rest << 1) | _dec_bypass(state, data, end)
+    magnitude += rest - 1
+    return -magnitude if sign else magnitude
+
+
+@njit(cache=True, nogil=True)
+def _cost(contexts, ctx, bit, bits_of):
+    """Price of a symbol in 2**-8 bit, without coding it. bits_of: int64 [4097], -256 log2(i / 4096)."""
+    p = _probability(contexts, ctx)
+    return bits_of[(p if bit else 65536 - p) >> 4]
+
+
+@njit(cache=True, nogil=True)
+def _magnitude_cost(contexts, c, strength, large, magnitude, bits_of):
+    """Price of _enc_magnitude in 2**-8 bit."""
+    cost = np.int64(256)
+    ctx = _more_context(c, strength, large)
+    rest = magnitude - 1
+    i = 0
+    while i <= UNARY:
+        bit = 1 if rest > i else 0
+        cost += _cost(contexts, ctx, bit, bits_of)
+        if not bit:
+            return cost
+        ctx = UNARY_BASE + c * UNARY + min(i, UNARY - 1)
+        i += 1
+    rest -= UNARY
+    bits = 0
+    while (rest >> (bits + 1)) > 0:
+        bits += 1
+    return cost + 256 * (2 * bits + 1)

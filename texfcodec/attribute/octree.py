@@ -1,0 +1,106 @@
+"""The octree over the active voxels that RAHT walks, and the neighbour table of one of its levels (spec clause 7.1).
+
+Level 0 is the root, level D = ceil(log2 K) holds the voxels. Nodes of a level are in Morton order; node i owns the children
+first_child[i] .. first_child[i + 1] - 1 of the next level, and occupancy[i] has bit c set when the child with octant c exists.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+NEIGHBOURS = 27  # offset (dx, dy, dz) of entry 9 * (dx + 1) + 3 * (dy + 1) + dz + 1; entry 13 is the node itself
+
+
+@dataclass
+class Level:
+    """One level. first_child: int64 [n + 1]; occupancy: uint8 [n]; octant: uint8 [n] (own place in the parent);
+    weight: int64 [n] (voxels below the node). The voxel level has no children: first_child and occupancy are None."""
+
+    octant: np.ndarray
+    weight: np.ndarray
+    first_child: np.ndarray | None = None
+    occupancy: np.ndarray | None = None
+
+    def __len__(self):
+        return len(self.octant)
+
+
+def depth_of(resolution):
+    """Octree depth D for grid resolution K: ceil(log2 K)."""
+    return int(resolution - 1).bit_length()
+
+
+@njit(cache=True, nogil=True)
+def _parents(keys, weight, parent_keys, first_child, occupancy, parent_weight):
+    """Groups ascending keys by key >> 3; the output arrays are as long as keys. Returns the number of parents."""
+    n = 0
+    for i in range(keys.shape[0]):
+        parent = keys[i] >> 3
+        if n == 0 or parent_keys[n - 1] != parent:
+            parent_keys[n] = parent
+            first_child[n] = i
+            occupancy[n] = 0
+            parent_weight[n] = 0
+            n += 1
+        occupancy[n - 1] |= np.uint8(1 << (keys[i] & 7))
+        parent_weight[n - 1] += weight[i]
+    return n
+
+
+def build_octree(keys, depth):
+    """Levels 0..depth over ascending unique Morton keys (int64 [N], N >= 1), voxel weight 1."""
+    level = Level((keys & 7).astype(np.uint8), np.ones(len(keys), np.int64))
+    levels = [level]
+    for _ in range(depth):
+        n = len(keys)
+        parent_keys, first, weight = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+        occupancy = np.empty(n, np.uint8)
+        m = _parents(keys, level.weight, parent_keys, first, occupancy, weight)
+        keys = parent_keys[:m].copy()
+        level = Level((keys & 7).astype(np.uint8), weight[:m].copy(), np.append(first[:m], n), occupancy[:m].copy())
+        levels.append(level)
+    return levels[::-1]
+
+
+@njit(cache=True, nogil=True)
+def _ones(v):
+    """Set bits of 0 <= v < 256."""
+    v = v - ((v >> 1) & 0x55)
+    v = (v & 0x33) + ((v >> 2) & 0x33)
+    return (v + (v >> 4)) & 15
+
+
+@njit(cache=True, nogil=True)
+def _neighbours(first_child, occupancy, parent_table, begin, end, table):
+    """Neighbour table of the children of parents begin..end-1 (spec 7.1): entry -1 where no node exists.
+
+    parent_table: int32 [parents, 27]; table: int32 [children, 27]. A child's neighbour in direction d lies in the parent
+    itself or in one of the parent's neighbours, at a place that the child's octant and d decide.
+    """
+    for p in range(begin, end):
+        child = first_child[p]
+        for octant in range(8):
+            if not (occupancy[p] >> octant) & 1:
+                continue
+            for dx in range(-1, 2):
+                x = (octant & 1) + dx
+                for dy in range(-1, 2):
+                    y = ((octant >> 1) & 1) + dy
+                    for dz in range(-1, 2):
+                        z = ((octant >> 2) & 1) + dz
+                        q = parent_table[p, 9 * ((x >> 1) + 1) + 3 * ((y >> 1) + 1) + (z >> 1) + 1]
+                        found = np.int64(-1)
+                        if q >= 0:
+                            place = (x & 1) | ((y & 1) << 1) | ((z & 1) << 2)
+                            if (occupancy[q] >> place) & 1:
+                                found = first_child[q] + _ones(np.int64(occupancy[q]) & ((1 << place) - 1))
+                        table[child, 9 * (dx + 1) + 3 * (dy + 1) + dz + 1] = found
+            child += 1
+
+
+def root_table():
+    """Neighbour table of the root: int32 [1, 27], only itself."""
+    table = np.full((1, NEIGHBOURS), -1, np.int32)
+    table[0, 13] = 0
+    return table

@@ -1,0 +1,27 @@
+"""Fixtures for every room. The marker `slow` is declared in pyproject.toml."""
+
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="session")
+def shared_dir():
+    """The folder of large assets and anchors beside the repository; tests that need it skip where it is not."""
+    path = REPOSITORY.parent / "shared"
+    if not path.is_dir():
+        pytest.skip("../shared is not here: the large assets and the anchors are not part of the repository")
+    return path
+
+
+@pytest.fixture(scope="session")
+def sample_scene():
+    """The bundled sample; treat it as read-only, it is made once for the whole run."""
+    from texfcodec.asset.sample_asset import make_sample
+
+    scene = make_sample()
+    for array in (scene.positions, scene.faces, scene.face_material, scene.corner_uv, scene.corner_color):
+        array.flags.writeable = False
+    return scene

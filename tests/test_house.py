@@ -1,0 +1,200 @@
+"""What a program can enforce of CONTRIBUTING.md. Each check is also shown to catch what it is there for."""
+
+import ast
+import json
+import re
+import statistics
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+PACKAGE = REPOSITORY / "texfcodec"
+LONGEST_FUNCTION, LONGEST_FILE = 90, 600
+IMPORT_SECONDS = 0.3
+MACHINE_PATH = re.compile(r"(?<![\w.~-])/(?:work|root|home|Users|opt|tmp)/\w|\b[A-Z]:\\Users\\")
+REGISTRY_HOST = re.compile(r"https?://[^\s\"')]*(?:pypi|pythonhosted|npmjs|artifactory|devpi)")
+DRAWERS = {"util", "utils", "helper", "helpers", "common", "manager", "managers", "misc"}
+JIT = {"njit", "jit", "vectorize", "guvectorize", "cfunc", "stencil"}
+
+
+# Checks: source or tree in, findings out.
+
+
+def functions_of(tree):
+    return [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+
+
+def name_of(node):
+    """`njit` for both njit and numba.njit, "" for anything that is not a name."""
+    return node.attr if isinstance(node, ast.Attribute) else getattr(node, "id", "")
+
+
+def long_functions(tree):
+    lengths = [(f.name, f.end_lineno - f.lineno + 1) for f in functions_of(tree)]
+    return [f"{name} has {length} lines" for name, length in lengths if length > LONGEST_FUNCTION]
+
+
+def undocumented_functions(tree):
+    public = [n for n in tree.body if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef) and not n.name.startswith("_")]
+    return [f"{f.name} has no docstring" for f in public if not ast.get_docstring(f)]
+
+
+def uncached_kernels(tree):
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and name_of(node.func) in JIT]
+    called = {id(call.func) for call in calls}
+    bare = [n for n in ast.walk(tree) if isinstance(n, ast.Name | ast.Attribute) and name_of(n) in JIT and id(n) not in called]
+    uncached = [c for c in calls if not any(k.arg == "cache" and getattr(k.value, "value", None) is True for k in c.keywords)]
+    return [f"line {node.lineno}: {name_of(getattr(node, 'func', node))} without cache=True" for node in bare + uncached]
+
+
+def fast_maths(tree):
+    keywords = [k for node in ast.walk(tree) if isinstance(node, ast.Call) for k in node.keywords if k.arg == "fastmath"]
+    return [f"line {k.lineno}: fastmath" for k in keywords if getattr(k.value, "value", None) is not False]
+
+
+def drawer_names(tree):
+    named = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)] + functions_of(tree)
+    words = {n.name: {w.lower() for w in re.findall(r"[A-Z]?[a-z]+|[A-Z]+", n.name)} for n in named}
+    return [f"{name} says nothing" for name, parts in words.items() if parts & (DRAWERS - {"common"})]
+
+
+def claimless_tests(tree):
+    """Tests that neither assert nor expect an error, nor call a function of the same file that does."""
+    functions = {f.name: f for f in functions_of(tree)}
+    claiming = set()
+    while True:
+        found = {name for name, f in functions.items() if any(_claims(node, claiming) for node in ast.walk(f))}
+        if found == claiming:
+            return [f"{name} claims nothing" for name in functions if name.startswith("test") and name not in claiming]
+        claiming = found
+
+
+def _claims(node, claiming):
+    if isinstance(node, ast.Assert):
+        return True
+    name = name_of(node.func) if isinstance(node, ast.Call) else ""
+    return name in {"raises", "warns", "fail"} | claiming or name.startswith("assert_")
+
+
+# The repository as it stands.
+
+
+def tracked_files():
+    listing = subprocess.run(["git", "ls-files", "-z"], cwd=REPOSITORY, capture_output=True, check=False)
+    if listing.returncode != 0:
+        pytest.skip("not a git checkout: there is no list of tracked files")
+    paths = [REPOSITORY / name for name in listing.stdout.decode().split("\0") if name]
+    return [path for path in paths if path.is_file()]
+
+
+def findings(check, folder=PACKAGE):
+    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(folder.rglob("*.py"))}
+    return [f"{path.relative_to(REPOSITORY).as_posix()}: {finding}" for path, tree in trees.items() for finding in check(tree)]
+
+
+@pytest.mark.parametrize("check", [long_functions, undocumented_functions, uncached_kernels, fast_maths, drawer_names])
+def test_package_has_no(check):
+    found = findings(check)
+    assert not found, "\n".join(found)
+
+
+def test_every_test_claims_something():
+    found = findings(claimless_tests, REPOSITORY / "tests")
+    assert not found, "\n".join(found)
+
+
+def test_no_file_of_the_package_is_too_long():
+    lengths = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in PACKAGE.rglob("*.py")}
+    assert [f"{path.name} has {length} lines" for path, length in lengths.items() if length > LONGEST_FILE] == []
+
+
+def test_no_module_or_folder_is_a_drawer():
+    names = [path.relative_to(REPOSITORY).with_suffix("").as_posix() for path in tracked_files() if path.suffix == ".py"]
+    assert [name for name in names if DRAWERS & set(re.split("[/_]", name))] == []
+
+
+def test_no_tracked_file_names_a_machine_path_or_a_registry():
+    found = []
+    for path in tracked_files():
+        data = path.read_bytes()
+        text = "" if b"\0" in data else data.decode("utf-8", "replace")
+        hits = [hit.group() for pattern in (MACHINE_PATH, REGISTRY_HOST) for hit in pattern.finditer(text)]
+        found += [f"{path.relative_to(REPOSITORY)}: {hit}" for hit in hits]
+    assert not found, "\n".join(found)
+
+
+def modules_after(statement):
+    """Names of all modules loaded by a fresh interpreter that ran the statement, and its processor seconds."""
+    timed = f"import json, sys, time; start = time.process_time(); {statement}; seconds = time.process_time() - start"
+    program = f"{timed}; print(json.dumps([seconds, *sys.modules]))"
+    run = subprocess.run([sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    seconds, *modules = json.loads(run.stdout)
+    return modules, seconds
+
+
+def test_decoder_never_meets_torch_or_the_encoder_side_rooms():
+    if not (PACKAGE / "decoder.py").exists():
+        pytest.skip("texfcodec/decoder.py is not written yet")
+    strangers = ("torch", "texfcodec.refine", "texfcodec.render", "texfcodec.encoder", "texfcodec.neural.fit", "texfcodec.cli")
+    modules, _ = modules_after("import texfcodec.decoder")
+    assert "texfcodec.decoder" in modules
+    assert [m for m in modules if m in strangers or m.startswith(tuple(s + "." for s in strangers))] == []
+
+
+def test_package_is_imported_fast_and_without_numba():
+    runs = [modules_after("import texfcodec") for _ in range(3)]
+    assert "numba" not in runs[0][0] and "torch" not in runs[0][0]
+    # processor time, so that a busy machine does not fail the test
+    assert statistics.median(seconds for _, seconds in runs) < IMPORT_SECONDS
+
+
+# The checks themselves, against what they must catch and must let pass.
+
+
+@pytest.mark.parametrize(
+    "check, bad",
+    [
+        (long_functions, "def f():\n" + "    x = 1\n" * LONGEST_FUNCTION),
+        (undocumented_functions, "def f():\n    return 1"),
+        (uncached_kernels, "@njit\ndef _f(): pass"),
+        (uncached_kernels, "@numba.njit\ndef _f(): pass"),
+        (uncached_kernels, "@numba.njit(nogil=True)\ndef _f(): pass"),
+        (uncached_kernels, "_jit = nb.njit(cache=False)"),
+        (fast_maths, "@njit(cache=True, fastmath=True)\ndef _f(): pass"),
+        (fast_maths, "@njit(cache=True, fastmath={'nnan'})\ndef _f(): pass"),
+        (drawer_names, "class MeshManager: pass"),
+        (drawer_names, "def _read_helper(): pass"),
+        (claimless_tests, "def test_x():\n    f()"),
+        (claimless_tests, "def g():\n    h()\ndef test_x():\n    g()"),
+    ],
+)
+def test_check_catches(check, bad):
+    assert len(check(ast.parse(bad))) == 1
+
+
+@pytest.mark.parametrize(
+    "check, good",
+    [
+        (long_functions, "def f():\n" + "    x = 1\n" * (LONGEST_FUNCTION - 1)),
+        (undocumented_functions, "def f():\n    'Says what.'\ndef _g(): pass\nclass A:\n    def h(self): pass"),
+        (uncached_kernels, "from numba import njit\n@njit(cache=True)\ndef _f(): pass\n_jit = nb.njit(cache=True)"),
+        (fast_maths, "@njit(cache=True, fastmath=False)\ndef _f(): pass"),
+        (drawer_names, "def common_prefix(): pass\nclass Image: pass"),
+        (claimless_tests, "def test_x():\n    with pytest.raises(ValueError):\n        f()"),
+        (claimless_tests, "def g():\n    np.testing.assert_array_equal(1, 1)\ndef h():\n    g()\ndef test_x():\n    h()"),
+    ],
+)
+def test_check_lets_pass(check, good):
+    assert check(ast.parse(good)) == []
+
+
+def test_path_and_host_patterns_catch_what_they_are_for():
+    paths = ["/wo" + "rk/main", "see /ho" + "me/me/x", "'/tm" + "p/venv'", "C:\\Use" + "rs\\me"]
+    hosts = ["https://py" + "pi.org/simple", "http://mirror.example/py" + "pi/x"]
+    assert all(MACHINE_PATH.search(text) for text in paths) and all(REGISTRY_HOST.search(text) for text in hosts)
+    fine = ["tests/tmp/x", "a/work/b", "/images/1", "https://example.org/home/page", "/usr/bin/env bash", "../home/x"]
+    assert not any(MACHINE_PATH.search(text) or REGISTRY_HOST.search(text) for text in fine)

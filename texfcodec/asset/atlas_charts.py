@@ -1,0 +1,227 @@
+"""Charts for the fast atlas: edge-connected, front-facing, free of overlap, grown in one linear pass over any triangle soup."""
+
+import math
+
+import numba as nb
+import numpy as np
+
+from texfcodec.asset.atlas_pack import flat_areas, upright
+from texfcodec.asset.texel_cover import nearest_on_triangle, span_in_band
+
+_jit = nb.njit(cache=True, nogil=True, error_model="numpy")
+
+FACING = 0.6  # a face joins when its own normal is within acos(0.6) = 53 degrees of the chart axis: stretch up to 1.67,
+STEEPEST = 0.25  # or within 75 degrees while the smoothed normal is within 53: keeps the noise of scans inside a chart
+DEPTH_TOLERANCE = 4.0  # texels; one smooth sheet seen twice within two texels differs by at most 2 * sqrt(2) * tan(53 deg) = 3.8
+_ROUNDS = 4
+_GRID = 2048  # side of the overlap grid in cells, a power of two; no chart is larger than this less a rim
+
+
+def grow_charts(points, faces, groups, largest):
+    """Partition faces into charts that project onto a plane without overlapping themselves.
+
+    points: float64 [V, 3] in texels at the intended density; faces: int64 [F, 3]; groups: int64 [F], charts never mix
+    groups; largest: texels a chart may extend.
+    Returns (flat float64 [F, 3, 2], chart int64 [F], extent float64 [n, 2]): corners in texels, upright in their chart with the
+    box's corner at the origin and the mean stretch of the projection undone; the chart of each face, 0..n-1; each chart's box.
+    Work is linear in faces and covered texels. Charts that fill little of their box (frames, rings) are grown again, smaller.
+    """
+    points = np.ascontiguousarray(points)
+    normals, areas = _normals(points, faces)
+    ahead, behind = _edge_rings(faces)
+    smooth = _smoothed(normals * areas[:, None], ahead)
+    axes = np.where((smooth * normals).sum(1, keepdims=True) < 0.8, normals, smooth)  # a seed must face its own chart
+    order = np.argsort(-areas, kind="stable")
+    stamp, depth = np.full((_GRID, _GRID), -1, np.int32), np.zeros((_GRID, _GRID), np.float32)
+    chart, flat = np.full(len(faces), -1, np.int64), np.zeros((len(faces), 3, 2))
+    limit = np.full(len(faces), min(float(largest), _GRID - 8.0))
+    for round_ in range(_ROUNDS):
+        first = int(chart.max(initial=-1)) + 1
+        _grow(points, faces, groups, normals, smooth, axes, order, ahead, behind, stamp, depth, limit, first, chart, flat)
+        numbers, dense = np.unique(chart, return_inverse=True)
+        turned, extent = upright(flat, dense, len(numbers))
+        hollow = _is_hollow(turned, dense, extent)
+        if round_ == _ROUNDS - 1 or not hollow.any():
+            break
+        again = hollow[dense]
+        limit[again] = 0.5 * extent[dense[again]].max(1)
+        chart[again] = -1
+    stretch = _stretch(turned, dense, areas, len(numbers))
+    return turned * stretch[dense, None, None], dense, extent * stretch[:, None]
+
+
+def _is_hollow(flat, chart, extent):
+    """Charts that would waste much of the atlas: large boxes filled to less than a third."""
+    filled = np.bincount(chart, flat_areas(flat), minlength=len(extent))
+    return (filled < 0.33 * extent.prod(1)) & (extent.prod(1) > 64 * 64)
+
+
+def _stretch(flat, chart, areas, count):
+    """Linear factor per chart that makes its flat area equal its surface area, at most 1.6."""
+    surface, filled = np.bincount(chart, areas, minlength=count), np.bincount(chart, flat_areas(flat), minlength=count)
+    return np.clip(np.sqrt(surface / np.where(filled > 0, filled, np.inf)), 1.0, 1.6)
+
+
+def _normals(points, faces):
+    """Unit normals [F, 3] (zero for degenerate faces) and areas [F]."""
+    corner = points[faces]
+    cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    length = np.sqrt((cross * cross).sum(1))
+    safe = np.where(length > 0, length, 1.0)
+    return cross / safe[:, None], length * 0.5
+
+
+def _edge_rings(faces):
+    """For every half-edge (3 f + i) the next and the previous half-edge on the same undirected edge, in a ring.
+
+    A ring keeps non-manifold edges connected with two steps per half-edge, however many faces share the edge.
+    """
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    order = np.lexsort((high, low))
+    low, high = low[order], high[order]
+    first = np.ones(len(order), bool)
+    first[1:] = (low[1:] != low[:-1]) | (high[1:] != high[:-1])
+    begin = np.flatnonzero(first)
+    last = np.append(begin[1:], len(order)) - 1
+    following = np.roll(order, -1)
+    following[last] = order[begin]
+    ahead = np.empty_like(order)
+    ahead[order] = following
+    behind = np.empty_like(order)
+    behind[following] = order
+    return ahead, behind
+
+
+def _smoothed(weighted, ahead):
+    """Area-weighted mean normals [F, 3] over two rings of neighbours; zero where everything cancels or has no area."""
+    total = weighted
+    for _ in range(2):
+        total = total + total[ahead[0::3] // 3] + total[ahead[1::3] // 3] + total[ahead[2::3] // 3]
+    length = np.sqrt((total * total).sum(1))
+    return total / np.where(length > 0, length, 1.0)[:, None]
+
+
+@_jit
+def _basis(n):
+    """Two unit vectors that complete n to a right-handed frame; n = 0 (degenerate seed) gives the x, y axes."""
+    if n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0:
+        return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    frame = np.empty((3, 3))
+    frame[2] = n
+    smallest = np.argmin(np.abs(n))
+    helper = np.zeros(3)
+    helper[smallest] = 1.0
+    u = np.cross(helper, n)
+    frame[0] = u / math.sqrt((u * u).sum())
+    frame[1] = np.cross(n, frame[0])
+    return frame
+
+
+@_jit
+def _project(points, faces, face, frame, out):
+    """Corners of one face in a chart's frame: out [3, 3] = (x, y, depth) per corner."""
+    for i in range(3):
+        p = points[faces[face, i]]
+        for k in range(3):
+            out[i, k] = frame[k, 0] * p[0] + frame[k, 1] * p[1] + frame[k, 2] * p[2]
+
+
+@_jit
+def _grown_bounds(bounds, tri):
+    """bounds (x minimum, y minimum, x maximum, y maximum) widened by a projected face."""
+    wider = bounds.copy()
+    for i in range(3):
+        for k in range(2):
+            wider[k] = min(wider[k], tri[i, k])
+            wider[k + 2] = max(wider[k + 2], tri[i, k])
+    return wider
+
+
+@_jit
+def _fits(bounds, limit):
+    return bounds[2] - bounds[0] < limit and bounds[3] - bounds[1] < limit
+
+
+@_jit
+def _meets_other_sheet(tri, chart, stamp, depth, write):
+    """Whether a face, widened by one texel, meets a cell where this chart already lies at another depth.
+
+    With write, claims the free cells instead. Cells are addressed modulo the grid side (a power of two), which cannot alias
+    because _fits bounds the chart's extent; the mask keeps every index in range.
+    """
+    mask = stamp.shape[0] - 1
+    ax, ay, bx, by, cx, cy = tri[0, 0], tri[0, 1], tri[1, 0], tri[1, 1], tri[2, 0], tri[2, 1]
+    for row in range(math.floor(min(ay, by, cy) - 1.5), math.ceil(max(ay, by, cy) + 1.5)):
+        left, right = span_in_band(ax, ay, bx, by, cx, cy, row - 0.5, row + 1.5)
+        if left > right:
+            continue
+        for col in range(math.ceil(left - 1.5), math.floor(right + 0.5) + 1):
+            claimed = stamp[row & mask, col & mask] == chart
+            if claimed == write:
+                continue
+            _, wa, wb = nearest_on_triangle(col + 0.5, row + 0.5, ax, ay, bx, by, cx, cy)
+            z = wa * tri[0, 2] + wb * tri[1, 2] + (1.0 - wa - wb) * tri[2, 2]
+            if write:
+                stamp[row & mask, col & mask] = chart
+                depth[row & mask, col & mask] = z
+            elif abs(depth[row & mask, col & mask] - z) > DEPTH_TOLERANCE:
+                return True
+    return False
+
+
+@_jit
+def _joins(face, seed, axis, groups, normals, smooth):
+    """Whether a neighbour may join by group and direction; faces without area have no direction and always may."""
+    if groups[face] != groups[seed]:
+        return False
+    n, m = normals[face], smooth[face]
+    if n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0:
+        return True
+    own = n[0] * axis[0] + n[1] * axis[1] + n[2] * axis[2]
+    return own >= FACING or own >= STEEPEST and m[0] * axis[0] + m[1] * axis[1] + m[2] * axis[2] >= FACING
+
+
+@_jit
+def _take(face, chart, tri, charts, flat):
+    charts[face] = chart
+    flat[face] = tri[:, :2]
+
+
+@_jit
+def _grow(points, faces, groups, normals, smooth, axes, order, ahead, behind, stamp, depth, limit, chart, charts, flat):
+    """Breadth-first growth from the largest free face; rejected faces stay free and seed later charts. See grow_charts.
+
+    charts: -1 for free faces, others are left alone; chart: first new number; limit [F] <= grid side - 8: extent of the chart
+    a face may seed. Writes charts and flat (corners on the chart's plane).
+    """
+    queue = np.empty(faces.shape[0], np.int64)
+    tri = np.empty((3, 3))
+    chart -= 1
+    for seed in order:
+        if charts[seed] >= 0:
+            continue
+        chart += 1
+        frame = _basis(axes[seed])
+        _project(points, faces, seed, frame, tri)
+        bounds = _grown_bounds(np.array([np.inf, np.inf, -np.inf, -np.inf]), tri)
+        _take(seed, chart, tri, charts, flat)
+        if not _fits(bounds, limit[seed]):
+            continue
+        _meets_other_sheet(tri, chart, stamp, depth, True)
+        queue[0], head, tail = seed, 0, 1
+        while head < tail:
+            for half in range(3 * queue[head], 3 * queue[head] + 3):
+                for face in (ahead[half] // 3, behind[half] // 3):
+                    if charts[face] >= 0 or not _joins(face, seed, axes[seed], groups, normals, smooth):
+                        continue
+                    _project(points, faces, face, frame, tri)
+                    wider = _grown_bounds(bounds, tri)
+                    if not _fits(wider, limit[seed]) or _meets_other_sheet(tri, chart, stamp, depth, False):
+                        continue
+                    _meets_other_sheet(tri, chart, stamp, depth, True)
+                    _take(face, chart, tri, charts, flat)
+                    bounds = wider
+                    queue[tail] = face
+                    tail += 1
+            head += 1

@@ -14,6 +14,7 @@ import pytest
 from PIL import Image
 
 from texfcodec.asset import sample_asset
+from texfcodec.asset.load import load
 from texfcodec.asset.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
 
 GEOMETRY_SHA256 = "0a33649dc696aab6ba69ea9b3af2e23a62893ce527ba0520074d7d1c68c55aaf"
@@ -146,6 +147,22 @@ def test_glb_carries_the_images_without_loss(glb, sample_scene):
         assert np.array_equal(np.asarray(png), texture.image[..., :3])
         gl_name = {WRAP_REPEAT: 10497, WRAP_CLAMP: 33071, WRAP_MIRROR: 33648}
         assert (sampler["wrapS"], sampler["wrapT"]) == tuple(gl_name[w] for w in texture.wrap)
+
+
+def test_loader_brings_the_sample_back(tmp_path, sample_scene):
+    path = tmp_path / "sample.glb"
+    sample_asset.write_sample(path)
+    loaded = load(path, strict=True)
+    order = np.argsort(sample_scene.face_material, kind="stable")  # the GLB holds one primitive per material
+    assert np.array_equal(loaded.face_material, sample_scene.face_material[order])
+    assert np.array_equal(loaded.positions[loaded.faces], sample_scene.positions[sample_scene.faces][order])
+    assert np.array_equal(loaded.corner_uv, sample_scene.corner_uv[order])
+    assert np.array_equal(loaded.corner_color, sample_scene.corner_color[order])
+    for material, expected in zip(loaded.materials, sample_scene.materials, strict=True):
+        assert (material.name, material.texture) == (expected.name, expected.texture)
+        assert np.array_equal(material.factor, expected.factor)
+    for texture, expected in zip(loaded.textures, sample_scene.textures, strict=True):
+        assert texture.wrap == expected.wrap and np.array_equal(texture.image, expected.image)
 
 
 def test_failed_write_leaves_nothing_behind(tmp_path, monkeypatch):

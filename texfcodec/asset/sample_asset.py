@@ -15,7 +15,7 @@ import sys
 
 import numpy as np
 
-from texfcodec.asset.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
+from .scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
 
 VASE, KNOT, PLINTH, TRAY, GLAZE, FEET = range(6)  # materials
 
@@ -244,7 +244,7 @@ class _Glb:
         return {"attributes": attributes, "indices": self._accessor(index.ravel(), "SCALAR", "u", 34963), "material": m}
 
     def _material(self, material):
-        surface = {"baseColorFactor": [float(x) for x in material.factor], "metallicFactor": 0.0, "roughnessFactor": 0.7}
+        surface = {"baseColorFactor": [float(x) for x in material.factor], "metallicFactor": 0.0}
         if material.texture >= 0:
             surface["baseColorTexture"] = {"index": material.texture}
         return {"name": material.name, "pbrMetallicRoughness": surface}

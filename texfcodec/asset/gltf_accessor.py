@@ -42,6 +42,7 @@ def read_floats(document, index, kinds, normalized=None):
 
 
 def normalized_floats(array):
+    """Integers [n, width] -> float64 in [0, 1] or [-1, 1] by their range; floats as they are."""
     if array.dtype.kind == "f":
         return array
     scaled = array / np.float64(np.iinfo(array.dtype).max)

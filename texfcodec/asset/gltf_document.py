@@ -12,6 +12,7 @@ _MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
 
 def malformed(what, **details):
+    """The error for a JSON tree that does not follow the glTF schema."""
     return InputError("TXF-I09", f"the glTF structure is malformed: {what}", **details)
 
 
@@ -23,14 +24,16 @@ class Document:
 
     def __init__(self, root, chunk, folder, notes):
         self.root, self.folder, self.notes = root, folder, notes
-        self._chunk, self._buffers = chunk, {}
+        self._chunk, self._buffers, self._entries = chunk, {}, {}
 
     def entries(self, kind):
         """Top-level array such as "nodes": list of dict."""
-        entries = self.root.get(kind, [])
-        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-            raise malformed(f"'{kind}' is not an array of objects")
-        return entries
+        if kind not in self._entries:
+            entries = self.root.get(kind, [])
+            if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+                raise malformed(f"'{kind}' is not an array of objects")
+            self._entries[kind] = entries
+        return self._entries[kind]
 
     def entry(self, kind, index):
         entries = self.entries(kind)
@@ -168,6 +171,7 @@ def _data_uri(uri):
 
 
 def is_index(value):
+    """True for a JSON integer that may count entries; true and 1.0 are none."""
     return isinstance(value, int) and not isinstance(value, bool) and value >= 0
 
 
@@ -208,10 +212,16 @@ def part(entry, key):
 
 
 def extensions(entry):
+    """The extensions object of an entry, {} when absent."""
     return part(entry, "extensions")
+
+
+def name_of(entry):
+    """The entry's name, printable; "" when it has none. JSON can spell lone surrogates, which no terminal takes."""
+    name = entry.get("name")
+    return name.encode("utf-8", "replace").decode() if isinstance(name, str) else ""
 
 
 def title(entry, index):
     """'name' of an entry, or its number."""
-    name = entry.get("name")
-    return f"'{name}'" if isinstance(name, str) and name else str(index)
+    return f"'{name_of(entry)}'" if name_of(entry) else str(index)

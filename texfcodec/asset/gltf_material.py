@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import SupportError
-from .gltf_document import extensions, integer, malformed, numbers, part, title
+from .gltf_document import extensions, integer, malformed, name_of, numbers, part, title
 from .scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
 
 _WRAPS = {10497: WRAP_REPEAT, 33071: WRAP_CLAMP, 33648: WRAP_MIRROR}
@@ -79,7 +79,7 @@ def read_material(document, index, color, shelf):
     if color.texture is not None:
         texture = _put_texture(document, color.texture, shelf)
     return Material(
-        name=entry["name"] if isinstance(entry.get("name"), str) else "",
+        name=name_of(entry),
         factor=np.clip(color.factor, 0.0, 1.0),
         texture=texture,
         alpha_mode=_alpha_mode(document, entry, name),
@@ -102,8 +102,7 @@ def _put_texture(document, index, shelf):
     source = document.entry("images", image)
     uri = source.get("uri")
     fallback = uri if isinstance(uri, str) and uri[:5].lower() != "data:" else f"image {image}"
-    names = (source.get("name"), entry.get("name"), fallback)
-    name = next(name for name in names if isinstance(name, str) and name)
+    name = name_of(source) or name_of(entry) or fallback
     wrap = _wrap(document, entry, name)
     return shelf.put(image, lambda: document.image_bytes(image), name, wrap)
 

@@ -21,7 +21,7 @@ class MeshReader:
 
     def __init__(self, document, base_color):
         self.document, self.base_color = document, base_color
-        self.materials = []
+        self._slots = {}
         self._meshes, self._used_uv, self._found_uv = {}, set(), set()
 
     def read(self, index):
@@ -66,9 +66,11 @@ class MeshReader:
         return result
 
     def _slot(self, material):
-        if material not in self.materials:
-            self.materials.append(material)
-        return self.materials.index(material)
+        return self._slots.setdefault(material, len(self._slots))
+
+    @property
+    def materials(self):
+        return list(self._slots)
 
     def _triangles(self, indices, mode, label):
         """Index list -> [F, 3]; glTF 2.0 section 3.7.2.1 gives the order of strips and fans."""

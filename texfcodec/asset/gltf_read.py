@@ -9,7 +9,7 @@ import json
 import numpy as np
 
 from ..errors import InputError, SupportError
-from .gltf_document import extensions, integer, is_index, malformed, numbers, open_document, title
+from .gltf_document import extensions, integer, is_index, malformed, name_of, numbers, open_document, title
 from .gltf_material import read_base_color, read_material
 from .gltf_mesh import MeshReader
 from .image_read import TextureShelf
@@ -158,8 +158,9 @@ def _drop_rest(document, used_materials):
         drop("cameras")
     if document.entries("skins"):
         drop("skin")
+    used = set(used_materials)
     for index, material in enumerate(document.entries("materials")):
-        if index not in used_materials:
+        if index not in used:
             drop(f"material {title(material, index)} (not used)")
     for extension in extensions(document.root):
         drop(extension if extension == "KHR_lights_punctual" else f"extension {extension} of the file")
@@ -172,7 +173,7 @@ def _metadata(document, shown):
     metadata = {key: asset[key] for key in ("generator", "copyright") if isinstance(asset.get(key), str)}
     nodes = document.entries("nodes")
     for kind, entries in (("nodes", [nodes[index] for index in shown]), ("meshes", document.entries("meshes"))):
-        names = [entry["name"] for entry in entries if isinstance(entry.get("name"), str)]
+        names = [name_of(entry) for entry in entries if name_of(entry)]
         if names:
             metadata[kind] = names
     extras = _extras(document, asset)
@@ -188,7 +189,7 @@ def _metadata(document, shown):
 def _extras(document, asset):
     found = {"asset": asset["extras"]} if asset.get("extras") else {}
     for kind in ("scenes", "nodes", "meshes", "materials"):
-        named = {title(entry, index).strip("'"): entry["extras"]
+        named = {name_of(entry) or str(index): entry["extras"]
                  for index, entry in enumerate(document.entries(kind)) if entry.get("extras")}
         if named:
             found[kind] = named

@@ -73,6 +73,7 @@ def read_image(data, name, notes):
 
 
 def missing_image(name):
+    """The error for a texture file that is not there."""
     return InputError("TXF-I16", f"texture file '{name}' is missing or unreadable")
 
 

@@ -45,6 +45,7 @@ def read_mtl(data, notes):
 
 
 def decode_text(data):
+    """bytes -> str: UTF-8, else Latin-1, which old exporters write and which never fails."""
     try:
         return bytes(data).decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -10,6 +10,7 @@ from ..errors import InputError
 from .image_read import TextureShelf, find_file
 from .mtl_read import ObjMaterial, decode_text, read_mtl, scene_material
 from .parts import Part, assemble, linear_rgba
+from .polygons import counting, fan_triangles, parse_numbers
 
 _SILENT = {"g", "s", "#"}
 
@@ -32,7 +33,7 @@ def read_obj(data, folder, notes):
         raise InputError("TXF-I15", "the input has no triangles")
     vertices = _floats(rows.v, rows.lines["v"], 3)
     corners, sizes = _corners(rows)
-    faces_at, row_of = _fan(sizes, notes)
+    faces_at, row_of = fan_triangles(sizes, notes)
     library = _libraries(rows.libraries, folder, notes)
     shelf = TextureShelf(notes)
     chosen = [_find_material(name, library, notes) for name in rows.materials]
@@ -86,29 +87,17 @@ def _other(rows, head, rest, notes):
         notes.drop(f"OBJ statement '{head[:20]}'")
 
 
-def _floats(rows, lines, least):
-    """Rows of numbers -> float64 [n, widest]; missing columns are NaN beyond `least`, and an error before it."""
+def _floats(rows, lines, least, fill=np.nan):
+    """Rows of numbers -> float64 [n, widest]; a row may lack columns beyond `least`, they are `fill` then."""
     widths = np.array([len(row.split()) for row in rows] or [0])
     widest = int(widths.max())
-    values = _numbers(b" ".join(rows), np.float64)
+    values = parse_numbers(b" ".join(rows), np.float64)
     if values is None or len(values) != widths.sum() or (rows and widths.min() < least):
         raise _bad_row(rows, lines, float, least)
-    out = np.full((len(rows), max(widest, least)), np.nan)
+    out = np.full((len(rows), max(widest, least)), fill)
     if rows:
         out[np.arange(out.shape[1]) < widths[:, None]] = values
     return out
-
-
-def _numbers(text, dtype):
-    """Numbers between blanks -> array, or None when something is no number."""
-    import warnings
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # older numpy deprecates, newer raises, on unmatched text
-        try:
-            return np.fromstring(text, dtype, sep=" ")
-        except (ValueError, DeprecationWarning):
-            return None
 
 
 def _bad_row(rows, lines, kind, least):
@@ -133,10 +122,11 @@ def _corners(rows):
         chosen = np.flatnonzero((slashes == depth * sizes) & (sizes > 0))
         if not len(chosen):
             continue
-        values = _numbers(b"".join(texts[i] for i in chosen).replace(b"/", b" "), np.int64)
-        if values is None or len(values) != sizes[chosen].sum() * (depth + 1):
+        values = parse_numbers(b"".join(texts[i] for i in chosen).replace(b"/", b" "), np.int64)
+        even = all(item.count(b"/") == depth for i in chosen for item in texts[i].split())
+        if values is None or not even or len(values) != sizes[chosen].sum() * (depth + 1):
             raise _bad_face(rows, texts)
-        where = np.repeat(starts[chosen], sizes[chosen]) + _counting(sizes[chosen])
+        where = np.repeat(starts[chosen], sizes[chosen]) + counting(sizes[chosen])
         out[where] = np.pad(values.reshape(-1, depth + 1)[:, :2], ((0, 0), (0, max(1 - depth, 0))))
         slashes[chosen] = -1
     if (slashes[sizes > 0] >= 0).any():
@@ -162,30 +152,12 @@ def _bad_face(rows, texts):
     return InputError("TXF-I20", "an OBJ face cannot be read")
 
 
-def _counting(sizes):
-    """[2, 3] -> [0, 1, 0, 1, 2]"""
-    return np.arange(int(sizes.sum())) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-
-
-def _fan(sizes, notes):
-    """Corners per polygon -> (int64 [F, 3] corner numbers, int64 [F] polygon of each triangle)."""
-    small = int((sizes < 3).sum())
-    if small:
-        notes.warn(f"{small} faces with fewer than three corners are left out")
-    if (sizes > 4).any():
-        notes.warn(f"{int((sizes > 4).sum())} polygons with more than four corners are split into fans")
-    triangles = np.maximum(sizes - 2, 0)
-    row_of = np.repeat(np.arange(len(sizes)), triangles)
-    first = (np.cumsum(sizes) - sizes)[row_of]
-    step = _counting(triangles)
-    return np.stack([first, first + step + 1, first + step + 2], axis=1), row_of
-
-
 def _uv(rows, indices, material, chosen):
     """float64 [F, 3, 2] with v downwards, texture options applied; None without texture coordinates."""
     if not rows.vt:
         return None
-    table = _uv_table(rows)
+    table = _floats(rows.vt, rows.lines["vt"], 1, fill=0.0)[:, :2]  # a lone u has v = 0
+    table = np.pad(table, ((0, 0), (0, 2 - table.shape[1])))
     if indices.max() >= len(table) or indices.min() < -1:
         raise InputError("TXF-I13", "a face of the OBJ file names a texture coordinate that does not exist",
                          allowed=len(table))
@@ -195,14 +167,6 @@ def _uv(rows, indices, material, chosen):
     uv = uv * scale + offset
     uv[..., 1] = 1.0 - uv[..., 1]
     return uv
-
-
-def _uv_table(rows):
-    """float64 [T, 2]; a lone u has v = 0."""
-    table = _floats(rows.vt, rows.lines["vt"], 1)[:, :2]
-    if table.shape[1] == 1:
-        return np.pad(table, ((0, 0), (0, 1)))
-    return table
 
 
 def _vertex_color(vertices):

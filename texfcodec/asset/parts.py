@@ -105,6 +105,7 @@ def assemble(parts, materials, textures, notes, metadata=None):
 
 
 def check_face_count(count):
+    """LimitError TXF-I41 beyond MAX_FACES."""
     if count > MAX_FACES:
         raise LimitError("TXF-I41", "the input has too many faces", value=int(count), allowed=MAX_FACES)
 

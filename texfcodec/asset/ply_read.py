@@ -12,6 +12,7 @@ from ..errors import InputError
 from .image_read import TextureShelf, read_texture_file
 from .mtl_read import decode_text
 from .parts import Part, assemble, linear_rgba
+from .polygons import fan_triangles, parse_numbers
 from .scene import WRAP_REPEAT, Material
 
 _TYPES = {"char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -54,7 +55,7 @@ def read_ply(data, folder, notes):
     lists = face.get("vertex_indices", face.get("vertex_index"))
     if lists is None or not len(lists[0]):
         raise InputError("TXF-I15", "the input has no triangles")
-    corners, row_of = _fan(lists, notes)
+    corners, row_of = fan_triangles(np.asarray(lists[1], np.int64), notes)
     shelf = TextureShelf(notes)
     materials = _materials(header, folder, shelf)
     part = Part(np.stack([vertex[axis] for axis in "xyz"], axis=1), _whole(lists[0])[corners],
@@ -116,16 +117,19 @@ def _read_elements(data, header):
         reader = _Ascii(data[header.size :])
     else:
         reader = _Binary(data, header.size, _ORDERS[header.form])
-    return {element.name: reader.read(element) for element in header.elements}
+    tables = {}
+    for element in header.elements:
+        if not element.properties:  # would cost no bytes per row, so its count could not be checked
+            raise _bad(f"element '{element.name}' has no properties")
+        tables[element.name] = reader.read(element)
+    return tables
 
 
 class _Ascii:
     """Every number of the body at once, as float64; elements are cut from it."""
 
     def __init__(self, body):
-        from .obj_read import _numbers
-
-        self.values = _numbers(bytes(body), np.float64)
+        self.values = parse_numbers(bytes(body), np.float64)
         if self.values is None:
             raise _bad("its body holds something that is not a number")
         self.at = 0
@@ -135,7 +139,7 @@ class _Ascii:
             block = self._take(element.count * len(element.properties), element)
             block = block.reshape(element.count, -1) if element.count else block.reshape(0, len(element.properties))
             return {name: _stored(block[:, i], kind) for i, (name, kind, _) in enumerate(element.properties)}
-        return self._uniform(element) or self._mixed(element)
+        return self._uniform(element) or _read_rows(element, lambda kind, count: self._take(count, element))
 
     def _take(self, count, element):
         if self.at + count > len(self.values):
@@ -172,21 +176,15 @@ class _Ascii:
         self.at += width * element.count
         return table
 
-    def _mixed(self, element):
-        return _read_rows(element, self._one)
-
-    def _one(self, kind, count, element):
-        return self._take(count, element)
-
 
 class _Binary:
     def __init__(self, data, at, order):
         self.data, self.at, self.order = data, at, order
 
     def read(self, element):
-        return self._uniform(element) or _read_rows(element, self._some)
+        return self._uniform(element) or _read_rows(element, lambda kind, count: self._take(kind, count, element))
 
-    def _some(self, kind, count, element):
+    def _take(self, kind, count, element):
         dtype = np.dtype(self.order + kind)
         if self.at + count * dtype.itemsize > len(self.data):
             raise _bad(f"it ends within element '{element.name}'", offset=len(self.data))
@@ -222,20 +220,21 @@ class _Binary:
                 for i, (name, _, _) in enumerate(element.properties)}
 
 
-def _read_rows(element, some):
-    """Row by row, for lists of different lengths. some: (dtype letter, count, element) -> array."""
+def _read_rows(element, take):
+    """Row by row, for lists of different lengths. take: (dtype letter, count) -> the next values."""
     table = {name: [] for name, _, _ in element.properties}
     for _ in range(element.count):
         for name, kind, counter in element.properties:
-            length = 1 if counter is None else int(some(counter, 1, element)[0])
+            length = 1 if counter is None else int(take(counter, 1)[0])
             if length < 0:
                 raise _bad("a list has a negative length")
-            table[name].append(some(kind, length, element))
+            table[name].append(take(kind, length))
     out = {}
     for name, kind, counter in element.properties:
         rows = table[name]
         values = np.concatenate(rows) if rows else np.zeros(0, kind)
-        out[name] = _stored(values, kind) if counter is None else (_stored(values, kind), np.array([len(r) for r in rows], int))
+        values = _stored(values, kind)
+        out[name] = values if counter is None else (values, np.array([len(row) for row in rows], np.int64))
     return out
 
 
@@ -253,13 +252,6 @@ def _whole(values):
     if values.dtype.kind != "f":
         return values.astype(np.int64)
     return np.where(np.isfinite(values) & (np.abs(values) < 2**53), values, -1).astype(np.int64)
-
-
-def _fan(lists, notes):
-    """(values, lengths) -> (int64 [F, 3] positions in values, int64 [F] row of each triangle)."""
-    from .obj_read import _fan as fan
-
-    return fan(np.asarray(lists[1], np.int64), notes)
 
 
 def _materials(header, folder, shelf):

@@ -26,8 +26,6 @@ def read_trimesh(thing, notes):
     for label, mesh, matrix in _placed(thing, notes):
         materials.append(_material(mesh, shelf, notes, label))
         parts.append(_part(mesh, matrix, len(materials) - 1, label))
-        if "vertex_normals" in getattr(mesh, "_cache", {}):
-            notes.drop("NORMAL")
         for name in (*mesh.vertex_attributes, *mesh.face_attributes):
             notes.drop(f"attribute '{name}' of {label}")
     names = [name for name in getattr(thing, "geometry", {})]

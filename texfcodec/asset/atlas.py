@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from texfcodec.errors import InputError
+from ..errors import InputError
 
 MIN_SIZE, DEFAULT_MAX_SIZE, MAX_SIZE = 256, 4096, 8192
 METHODS = ("auto", "quality", "fast")
@@ -100,7 +100,7 @@ def _surface(points, faces):
 
 def _quality(points, faces, side, seconds, warnings):
     """Corners in texels from xatlas, or None with the reason appended to warnings."""
-    from texfcodec.asset.atlas_quality import QualityFailed, unwrap
+    from .atlas_quality import QualityFailed, unwrap
 
     try:
         return unwrap(points, faces, side, seconds)
@@ -111,8 +111,8 @@ def _quality(points, faces, side, seconds, warnings):
 
 def _fast(points, faces, groups, side):
     """Corners in texels and the side really used, which grows when the gutters of many small charts need it."""
-    from texfcodec.asset.atlas_charts import grow_charts
-    from texfcodec.asset.atlas_pack import pack_charts
+    from .atlas_charts import grow_charts
+    from .atlas_pack import pack_charts
 
     while side <= MAX_SIZE:
         density = side * min(math.sqrt(_FILL / max(_surface(points, faces), 1e-12)), 1e3)
@@ -122,11 +122,13 @@ def _fast(points, faces, groups, side):
             if flat is not None and (gutter == 1 or scale > 0.5):  # a wide gutter is not worth half the detail
                 return flat, side
         side = min(side * 2, MAX_SIZE) if side < MAX_SIZE else MAX_SIZE + 1
-    raise InputError("TXF-O12", "the mesh has too many separate pieces for one atlas; write vertex colours or voxels", faces=len(faces))
+    raise InputError(
+        "TXF-O12", "the mesh has too many separate pieces for one atlas; write vertex colours or voxels", faces=len(faces)
+    )
 
 
 def _finished(flat, side, method, warnings):
-    from texfcodec.asset.atlas_pack import flat_areas
+    from .atlas_pack import flat_areas
 
     uv = np.clip(flat / side, 0.0, 1.0)
     return Atlas(uv, side, side, method, float(flat_areas(flat).sum()) / (side * side), warnings)

@@ -5,8 +5,8 @@ import math
 import numba as nb
 import numpy as np
 
-from texfcodec.asset.atlas_pack import flat_areas, upright
-from texfcodec.asset.texel_cover import nearest_on_triangle, span_in_band
+from .atlas_pack import flat_areas, upright
+from .texel_cover import nearest_on_triangle, span_in_band
 
 _jit = nb.njit(cache=True, nogil=True, error_model="numpy")
 

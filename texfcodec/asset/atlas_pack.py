@@ -9,7 +9,7 @@ import math
 import numba as nb
 import numpy as np
 
-from texfcodec.asset.texel_cover import span_in_band
+from .texel_cover import span_in_band
 
 _jit = nb.njit(cache=True, nogil=True, error_model="numpy")
 

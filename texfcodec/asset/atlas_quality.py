@@ -36,7 +36,12 @@ def _run_child(points, faces, side, seconds):
     environment = dict(os.environ, PYTHONPATH=os.pathsep.join(p for p in sys.path if p))
     try:
         done = subprocess.run(
-            [sys.executable, "-c", _CHILD], input=request.getvalue(), capture_output=True, timeout=seconds, env=environment, check=True
+            [sys.executable, "-c", _CHILD],
+            input=request.getvalue(),
+            capture_output=True,
+            timeout=seconds,
+            env=environment,
+            check=True,
         )
         with np.load(io.BytesIO(done.stdout)) as reply:
             return reply["flat"].astype(np.float64), reply["size"].astype(np.float64)

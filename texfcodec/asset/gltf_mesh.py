@@ -95,8 +95,7 @@ class MeshReader:
         uv = source.floats(name, ("VEC2",))
         if color.transform is None:
             return uv
-        with np.errstate(all="ignore"):  # NaN and huge UVs are dealt with in assemble
-            return np.asarray(uv, np.float64) @ color.transform[:, :2].T + color.transform[:, 2]
+        return np.asarray(uv, np.float64) @ color.transform[:, :2].T + color.transform[:, 2]
 
     def _vertex_color(self, source, label):
         """float32 linear RGBA [V, 4], or None."""

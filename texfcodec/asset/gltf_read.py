@@ -66,8 +66,7 @@ def _read_nodes(document, meshes):
             raise InputError("TXF-I19", "the node graph is not a tree: a node is reached twice", value=index)
         seen.add(index)
         order.append(index)
-        with np.errstate(all="ignore"):
-            world = above @ _local_matrix(node)
+        world = above @ _local_matrix(node)
         if "mesh" in node:
             placed = [_place(part, world) for part in meshes.read(_reference(node, "mesh"))]
             parts += placed
@@ -128,11 +127,10 @@ def _place(part, world):
     """The Part in world space; a mirroring transform turns the winding (section 3.5.3)."""
     points = np.asarray(part.positions, np.float64)
     faces = part.faces
-    with np.errstate(all="ignore"):  # overflow shows as infinite vertices, which assemble refuses
-        if not np.array_equal(world, np.eye(4)):
-            points = points @ world[:3, :3].T + world[:3, 3]
-        if np.linalg.det(world[:3, :3]) < 0:
-            faces = faces[:, [0, 2, 1]]
+    if not np.array_equal(world, np.eye(4)):
+        points = points @ world[:3, :3].T + world[:3, 3]
+    if np.linalg.det(world[:3, :3]) < 0:
+        faces = faces[:, [0, 2, 1]]
     return Part(points, faces, part.material, part.uv, part.color, part.label)
 
 

@@ -36,6 +36,8 @@
 import os
 from pathlib import Path
 
+import numpy as np
+
 from ..errors import InputError, LimitError
 from .parts import Notes
 from .scene import Scene
@@ -104,7 +106,8 @@ def _read_file(path):
 
 def _guarded(read, code):
     try:
-        return read()
+        with np.errstate(all="ignore"):  # overflow and NaN reach assemble as values, which it refuses or names
+            return read()
     except _DAMAGE as error:
         raise InputError(code, "the input is malformed", reason=f"{type(error).__name__}: {error}"[:200]) from error
     except MemoryError as error:

@@ -116,6 +116,9 @@ def _finish(material, notes):
     if material.texture and not material.factor[:3].any():
         notes.warn(f"material '{material.name}' has a texture and a black Kd; white takes the place of Kd")
         material.factor[:3] = 1.0
+    elif material.texture and (material.factor[:3] != 1.0).any():
+        factors = " ".join(f"{value:g}" for value in material.factor[:3])
+        notes.warn(f"material '{material.name}' multiplies its texture by Kd {factors}, as the format says; some viewers do not")
     if not np.isfinite(material.factor).all():
         notes.warn(f"material '{material.name}' has a NaN or infinite colour; white takes its place")
         material.factor[:] = 1.0

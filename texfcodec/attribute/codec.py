@@ -11,10 +11,11 @@ from functools import lru_cache
 
 import numpy as np
 
+from ..errors import StreamError
 from .blocks import _dec_level, _enc_level
 from .contexts import CONTEXTS, LEVELS
 from .octree import NEIGHBOURS, _neighbours, build_octree, root_table
-from .quantise import VALUE_FRACTION, step_of
+from .quantise import step_of
 from .range_coder import CACHE, PENDING, POS, START_BYTES, finish, new_contexts, new_decoder, new_encoder
 
 SLICE_VOXELS = 1 << 18  # encoder's choice: one slice per so many voxels
@@ -170,12 +171,16 @@ def _trimmed(parts, tail):
 
 
 def dec_attributes(keys, depth, coded, data, spans, stop_level, threads=1):
-    """Decodes levels 0..stop_level: (ascending keys int64 [n] of that level, means int32 [n, C]).
+    """Decodes levels 0..stop_level: means int32 [n, C] of that level's nodes, in Morton order.
 
     keys: int64 [N] of all active voxels; coded: CodedAttributes without codewords; data: uint8, the unit's payload;
-    spans: (begin, end) of each codeword in data, checked by the caller against len(data).
+    spans: (begin, end) of each codeword in data, checked by the caller against len(data). Raises StreamError for slices that
+    begin past the nodes of their level.
     """
     levels = build_octree(keys, depth)
+    if coded.slice_first[-1] >= len(levels[coded.slice_level]):
+        raise StreamError("TXF-S12", "a slice begins past the last node", clause="5.7.1", value=coded.slice_first[-1],
+                          allowed=f"< {len(levels[coded.slice_level])}")
     steps, weights = np.array([step_of(v) for v in coded.qp], np.int64), np.array(coded.kernel, np.int64)
     contexts, coders = [new_contexts(CONTEXTS)], [new_decoder(data, *spans[0])] if spans else []
     ends = [end for _, end in spans]
@@ -194,4 +199,4 @@ def dec_attributes(keys, depth, coded, data, spans, stop_level, threads=1):
                 for i, (b, e) in enumerate(ranges)
             ])
             walk.descend(d, energy, child_mean, ranges)
-    return keys >> np.int64(3 * (depth - stop_level)), walk.mean
+    return walk.mean

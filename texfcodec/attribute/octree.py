@@ -26,11 +26,6 @@ class Level:
         return len(self.octant)
 
 
-def depth_of(resolution):
-    """Octree depth D for grid resolution K: ceil(log2 K)."""
-    return int(resolution - 1).bit_length()
-
-
 @njit(cache=True, nogil=True)
 def _parents(keys, weight, parent_keys, first_child, occupancy, parent_weight):
     """Groups ascending keys by key >> 3; the output arrays are as long as keys. Returns the number of parents."""

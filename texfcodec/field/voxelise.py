@@ -239,13 +239,19 @@ def _slabs(corners, faces, counts, resolution, threads):
     return axis, sorted({0, resolution, *(int(c) for c in cuts)})
 
 
-def voxelise(lattice, faces, position_bits, resolution, area_threshold=0, threads=1, max_samples=None, max_voxels=None):
+def count_samples(lattice, faces, position_bits, resolution, per_edge=SAMPLES_PER_EDGE):
+    """Upper bound of the samples that voxelise() will take, in time linear in the faces. Arguments as there."""
+    corners = np.ascontiguousarray(grid_coordinates(lattice, position_bits, resolution))
+    return int(_count_samples(corners, np.ascontiguousarray(faces, np.int64), per_edge, np.empty(len(faces), np.int64)))
+
+
+def voxelise(lattice, faces, position_bits, resolution, area_threshold=0, threads=1, max_voxels=None):
     """Active voxels of a surface (spec clause 6).
 
     lattice: int64 [V, 3] in 0..2**position_bits-1; faces: int64 [F, 3] in 0..V-1; resolution K: 1..8192.
     area_threshold: voxels with less than area_threshold / 256 voxel faces of surface are dropped.
     Returns (keys int64 [N], ascending Morton keys; weights int64 [N], area in units of 2**-32 voxel faces).
-    Raises LimitError when the surface needs more than max_samples samples or more than max_voxels voxels.
+    Raises LimitError when the surface touches more than max_voxels voxels.
     """
     faces = np.ascontiguousarray(faces, dtype=np.int64)
     if len(faces) == 0:
@@ -255,9 +261,6 @@ def voxelise(lattice, faces, position_bits, resolution, area_threshold=0, thread
     corners = np.ascontiguousarray(grid_coordinates(lattice, position_bits, resolution))
     counts = np.empty(len(faces), np.int64)
     total = _count_samples(corners, faces, SAMPLES_PER_EDGE, counts)
-    if max_samples is not None and total > max_samples:
-        raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", clause="6.3", value=int(total),
-                         allowed=max_samples)
     axis, bounds = _slabs(corners, faces, counts, resolution, threads)
     log2_slots = int(np.clip(total // (2 * (len(bounds) - 1)), 64, 1 << 22)).bit_length()
 

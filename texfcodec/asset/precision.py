@@ -1,0 +1,46 @@
+"""How many digits a file needs: written positions must stay within a quarter of the lattice the decoder worked on."""
+
+import math
+
+import numpy as np
+
+_TAME = 1e15  # beyond this (or below its inverse) float32 squares, which every viewer takes, overflow or vanish
+
+
+def float32_is_enough(texf):
+    """Whether world coordinates survive float32 to a quarter of the lattice spacing and stay where viewers can square them."""
+    if len(texf.positions) == 0 or not texf.side > 0:
+        return bool(np.abs(texf.positions).max(initial=0.0) < _TAME)
+    return reach(texf) * 2.0**-24 <= spacing(texf) / 4 and reach(texf) < _TAME and texf.side > 1 / _TAME
+
+
+def spacing(texf):
+    """Distance of neighbouring lattice points in world units; 0 for a mesh without extent."""
+    return float(texf.side) / ((1 << texf.position_bits) - 1)
+
+
+def reach(texf):
+    """Largest absolute coordinate."""
+    return float(np.abs(texf.positions).max(initial=0.0))
+
+
+def decimal_digits(texf):
+    """Significant decimal digits that text formats need for the same precision, 6..17."""
+    if not spacing(texf) > 0 or reach(texf) == 0:
+        return 17
+    return min(max(math.ceil(math.log10(reach(texf)) - math.log10(spacing(texf))) + 2, 6), 17)
+
+
+def local_frame(texf, points):
+    """Points in a frame that float32 can hold, and the node that brings them back.
+
+    points: float64 [N, 3] world. Returns (float32 [N, 3], translation list or None, scale float or None):
+    world = translation + scale * point. Ordinary meshes stay in world space; far-off ones are moved to the origin of their
+    cube; very large or very small ones are also scaled by its side.
+    """
+    if float32_is_enough(texf):
+        return points.astype(np.float32), None, None
+    local = points - texf.origin
+    if texf.side == 0 or 1 / _TAME < texf.side < _TAME:
+        return local.astype(np.float32), [float(x) for x in texf.origin], None
+    return (local / texf.side).astype(np.float32), [float(x) for x in texf.origin], float(texf.side)

@@ -1,0 +1,143 @@
+"""The source's colour at surface points: bilinear texture, wrap mode, factor and vertex colour, as glTF defines them."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numba import njit
+
+from .scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_REPEAT
+
+CURVE_STEPS = 4096
+BLOCK = 1 << 16
+
+
+def srgb_to_linear(v):
+    """sRGB-coded 0..1 to linear 0..1, float64, any shape."""
+    v = np.asarray(v, np.float64)
+    return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
+
+
+def linear_to_srgb(v):
+    """Linear 0..1 to sRGB-coded 0..1, float64, any shape."""
+    v = np.asarray(v, np.float64)
+    return np.where(v <= 0.0031308, v * 12.92, 1.055 * np.maximum(v, 0.0031308) ** (1 / 2.4) - 0.055)
+
+
+def pack_source(scene, faces=None):
+    """The scene's appearance as flat arrays for the kernels.
+
+    faces: indices of the scene's faces to keep, int64 [F], or None for all. Returns a tuple: texels uint8 [T, 4], textures int64
+    [n, 5] (offset, width, height, wrap s, wrap t), material_texture int64 [m], factor float64 [m, 4], opaque uint8 [m],
+    face_material int64 [F], corner_uv float64 [F, 3, 2], corner_colour float32 [F or 0, 3, 4], and both curves.
+    """
+    pick = slice(None) if faces is None else faces
+    used = sorted({m.texture for m in scene.materials if m.texture >= 0})
+    images = {}
+    for t in used:
+        images.setdefault(id(scene.textures[t].image), scene.textures[t].image)
+    offsets, total = {}, 0
+    for key, image in images.items():
+        offsets[key] = total
+        total += image.shape[0] * image.shape[1]
+    if len(images) == 1:
+        texels = np.ascontiguousarray(next(iter(images.values()))).reshape(-1, 4)
+    else:
+        texels = np.concatenate([im.reshape(-1, 4) for im in images.values()]) if images else np.zeros((1, 4), np.uint8)
+    table = np.zeros((max(len(scene.textures), 1), 5), np.int64)
+    for t in used:
+        texture = scene.textures[t]
+        height, width = texture.image.shape[:2]
+        table[t] = (offsets[id(texture.image)], width, height, *texture.wrap)
+    colour = np.zeros((0, 3, 4), np.float32) if scene.corner_color is None else scene.corner_color[pick]
+    return (
+        texels, table,
+        np.array([m.texture for m in scene.materials], np.int64),
+        np.array([m.factor for m in scene.materials], np.float64).reshape(-1, 4),
+        np.array([m.alpha_mode == ALPHA_OPAQUE for m in scene.materials], np.uint8),
+        np.ascontiguousarray(scene.face_material[pick], np.int64),
+        np.ascontiguousarray(scene.corner_uv[pick], np.float64),
+        np.ascontiguousarray(colour, np.float32),
+        srgb_to_linear(np.arange(256) / 255),
+        np.round(linear_to_srgb(np.arange(CURVE_STEPS + 2) / CURVE_STEPS) * 255, 6),
+    )
+
+
+@njit(cache=True, nogil=True)
+def _wrapped(i, size, mode):
+    """Texel index of i under a wrap mode; size >= 1."""
+    if mode == WRAP_CLAMP:
+        return min(max(i, 0), size - 1)
+    if mode == WRAP_REPEAT:
+        return i % size
+    i = i % (2 * size)
+    return i if i < size else 2 * size - 1 - i
+
+
+@njit(cache=True, nogil=True)
+def _texture_at(texels, table, t, u, v, out):
+    """Bilinear texture value, 0..255 sRGB-coded, into out float64 [4]. The texel range is the table's own."""
+    width, height = table[t, 1], table[t, 2]
+    u, v = min(max(u, -1e6), 1e6) * width - 0.5, min(max(v, -1e6), 1e6) * height - 0.5
+    x, y = np.int64(np.floor(u)), np.int64(np.floor(v))
+    fu, fv = u - x, v - y
+    x0, x1 = _wrapped(x, width, table[t, 3]), _wrapped(x + 1, width, table[t, 3])
+    y0, y1 = _wrapped(y, height, table[t, 4]), _wrapped(y + 1, height, table[t, 4])
+    a, b = table[t, 0] + y0 * width, table[t, 0] + y1 * width
+    for c in range(4):
+        top = texels[a + x0, c] * (1.0 - fu) + texels[a + x1, c] * fu
+        low = texels[b + x0, c] * (1.0 - fu) + texels[b + x1, c] * fu
+        out[c] = top * (1.0 - fv) + low * fv
+
+
+@njit(cache=True, nogil=True)
+def _source_at(source, f, b0, b1, b2, out):
+    """Source RGBA at barycentric (b0, b1, b2) of face f into out float64 [4]: 0..255, colour sRGB-coded, alpha straight."""
+    texels, table, material_texture, factor, opaque, face_material, uv, colour, to_linear, to_srgb = source
+    m = face_material[f]
+    t = material_texture[m]
+    if t >= 0:
+        _texture_at(texels, table, t, b0 * uv[f, 0, 0] + b1 * uv[f, 1, 0] + b2 * uv[f, 2, 0],
+                    b0 * uv[f, 0, 1] + b1 * uv[f, 1, 1] + b2 * uv[f, 2, 1], out)
+    else:
+        out[:] = 255.0
+    for c in range(4):
+        gain = factor[m, c]
+        if colour.shape[0] > 0:
+            gain *= b0 * colour[f, 0, c] + b1 * colour[f, 1, c] + b2 * colour[f, 2, c]
+        if c == 3:
+            out[c] = min(max(out[c] * gain, 0.0), 255.0)
+        elif gain != 1.0:
+            low = min(np.int64(out[c]), 254)
+            linear = to_linear[low] + (to_linear[low + 1] - to_linear[low]) * (out[c] - low)
+            place = min(max(linear * gain, 0.0), 1.0) * CURVE_STEPS
+            i = np.int64(place)
+            out[c] = to_srgb[i] + (to_srgb[i + 1] - to_srgb[i]) * (place - i)
+    if opaque[m]:
+        out[3] = 255.0
+
+
+@njit(cache=True, nogil=True)
+def _sample(source, face_index, bary, out):
+    rgba = np.empty(4, np.float64)
+    for i in range(face_index.shape[0]):
+        _source_at(source, face_index[i], bary[i, 0], bary[i, 1], bary[i, 2], rgba)
+        for c in range(4):
+            out[i, c] = np.float32(rgba[c])
+
+
+def sample_source(source, face_index, bary, threads=1):
+    """Source colours. source: from pack_source; face_index: int64 [M] below its face count; bary: float64 [M, 3].
+
+    Returns float32 [M, 4], 0..255. Raises IndexError for a face index out of range.
+    """
+    if len(face_index) and (face_index.min() < 0 or face_index.max() >= len(source[5])):
+        raise IndexError("face index outside the source")
+    out = np.empty((len(face_index), 4), np.float32)
+
+    def one(begin):
+        part = slice(begin, begin + BLOCK)
+        _sample(source, face_index[part], bary[part], out[part])
+
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(one, range(0, len(face_index), BLOCK)))
+    return out

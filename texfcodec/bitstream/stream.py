@@ -1,0 +1,195 @@
+"""The stream as a whole: values of all units in one plain structure, written and read over the tables (spec clause 5)."""
+
+from dataclasses import dataclass, field
+
+from ..errors import LimitError, StreamError, SupportError
+from .syntax import (
+    ATTRIBUTE,
+    CODECS,
+    CODEWORD,
+    SIGNATURE,
+    UNIT_ATTRIBUTE,
+    UNIT_END,
+    UNIT_FIELD,
+    UNIT_GEOMETRY,
+    UNIT_HEADER,
+    UNIT_MATERIALS,
+    UNIT_METADATA,
+    UNITS,
+    element_level_count,
+)
+from .units import read_units, write_unit
+from .walk import Reader, read_structure, write_structure
+
+
+@dataclass
+class Stream:
+    """Values by syntax element name: header, materials, one dict per field, geometry unit and attribute unit; metadata or None.
+    offsets: file offset of the payload, parallel to geometry. skipped: unknown ancillary units that were passed over."""
+
+    header: dict
+    materials: list = field(default_factory=list)
+    fields: list = field(default_factory=list)
+    geometry: list = field(default_factory=list)
+    attributes: list = field(default_factory=list)
+    metadata: bytes | None = None
+    skipped: list = field(default_factory=list)
+
+
+def write_stream(stream):
+    """Bytes of a stream, and the byte counts {"geometry", "attributes", "other"}."""
+    sizes = {"geometry": 0, "attributes": 0, "other": len(SIGNATURE)}
+    out = bytearray(SIGNATURE)
+
+    def put(unit_type, payload, kind="other"):
+        unit = write_unit(unit_type, payload)
+        sizes[kind] += len(unit)
+        out.extend(unit)
+
+    put(UNIT_HEADER, write_structure(UNITS[UNIT_HEADER], stream.header))
+    put(UNIT_MATERIALS, write_structure(UNITS[UNIT_MATERIALS], {**stream.header, "materials": stream.materials}))
+    for values in stream.fields:
+        put(UNIT_FIELD, write_structure(UNITS[UNIT_FIELD], values))
+    for values in stream.geometry:
+        put(UNIT_GEOMETRY, write_structure(UNITS[UNIT_GEOMETRY], values), "geometry")
+    for values in stream.attributes:
+        values = {**values, **attribute_variables(stream, values)}
+        payload = write_structure(ATTRIBUTE, values) + write_structure(CODECS[values["codec_id"]], values)
+        put(UNIT_ATTRIBUTE, payload, "attributes")
+    if stream.metadata is not None:
+        put(UNIT_METADATA, write_structure(UNITS[UNIT_METADATA], {"metadata_format": 0, "metadata_json": stream.metadata}))
+    put(UNIT_END, b"")
+    return bytes(out), sizes
+
+
+def attribute_variables(stream, values):
+    """Variables that an attribute unit takes from elsewhere: the resolution of its field, the components of its group."""
+    if values["field_index"] >= len(stream.fields):
+        raise StreamError("TXF-S09", "an attribute unit names a field that is not there", clause="5.7",
+                          value=values["field_index"], allowed=f"< {len(stream.fields)}")
+    groups = stream.header["channel_groups"]
+    if values["group_index"] >= len(groups):
+        raise StreamError("TXF-S09", "an attribute unit names a channel group that is not there", clause="5.7",
+                          value=values["group_index"], allowed=f"< {len(groups)}")
+    return {
+        "resolution": stream.fields[values["field_index"]]["resolution"],
+        "NumComponents": groups[values["group_index"]]["group_components"],
+    }
+
+
+def _levels_of(values, index):
+    return {"NumLevels": element_level_count(values, index)}
+
+
+def _read_attribute(reader, stream, trace):
+    values = read_structure(ATTRIBUTE, reader, {}, trace)
+    values.update(attribute_variables(stream, values))
+    codec = CODECS.get(values["codec_id"])
+    if codec is None:
+        raise SupportError("TXF-U02", "unknown attribute codec", clause="5.7", value=values["codec_id"], allowed=str(list(CODECS)))
+    values["offset"] = reader.base + reader.position
+    read_structure(codec, reader, values, trace, per_item=_levels_of)
+    _check_slicing(values)
+    values["data_offset"] = reader.position - len(values["codeword_data"])
+    return values
+
+
+def _check_slicing(values):
+    """Relations between elements that a range cannot say (spec 5.7.1, 5.7.2)."""
+    depth, level = values["Depth"], values["slice_level"]
+    if level and level >= depth:
+        raise StreamError("TXF-S04", "slice_level is out of range", clause="5.7.1", value=level, allowed=f"0..{depth - 1}")
+    total = sum(c["codeword_length"] for c in values["codewords"])
+    if total != len(values["codeword_data"]):
+        raise StreamError("TXF-S10", "the codeword lengths do not add up to the data", clause="5.7.2", value=total,
+                          allowed=len(values["codeword_data"]))
+
+
+def _check_materials_fit(count, reader):
+    """Each material takes at least three bytes; refuses a count that cannot be true before anything is built from it."""
+    if 3 * count > reader.end - reader.position:
+        raise StreamError("TXF-S02", "the data end inside materials", clause="5.4", value=count)
+
+
+def read_stream(data, limits, trace=None):
+    """Parses a whole stream and checks every rule that needs no decoding. data: bytes.
+
+    trace: list that receives (unit, [(element, offset, size, value), ...]). Returns Stream. Raises StreamError, LimitError,
+    SupportError.
+    """
+    units, skipped = read_units(data, limits.file_bytes)
+    stream = Stream({})
+    stream.skipped = [{"type": u.type, "offset": u.start, "bytes": u.stop - u.start} for u in skipped]
+    view = memoryview(data)
+    for unit in units:
+        rows = None
+        if trace is not None:
+            rows = []
+            trace.append((unit, rows))
+        reader = Reader(view, unit.begin, unit.end)
+        _read_unit_payload(unit, reader, stream, limits, rows)
+        if reader.position != reader.end:
+            raise StreamError("TXF-S08", f"the {unit.name} unit has bytes left over", clause="5.2", offset=reader.position,
+                              value=reader.end - reader.position, allowed=0)
+    _check_counts(stream)
+    return stream
+
+
+def _read_unit_payload(unit, reader, stream, limits, rows):
+    if unit.type == UNIT_HEADER:
+        stream.header = read_structure(UNITS[UNIT_HEADER], reader, {}, rows)
+        _check_limits(stream.header, limits)
+    elif unit.type == UNIT_MATERIALS:
+        _check_materials_fit(stream.header["num_materials"], reader)
+        stream.materials += read_structure(UNITS[UNIT_MATERIALS], reader, dict(stream.header), rows)["materials"]
+    elif unit.type == UNIT_FIELD:
+        stream.fields.append(read_structure(UNITS[UNIT_FIELD], reader, {}, rows))
+        if limits.voxels is not None and sum(f["num_voxels"] for f in stream.fields) > limits.voxels:
+            raise LimitError("TXF-L04", "the stream has more voxels than the limit allows", clause="5.5",
+                             value=sum(f["num_voxels"] for f in stream.fields), allowed=limits.voxels)
+    elif unit.type == UNIT_GEOMETRY:
+        values = read_structure(UNITS[UNIT_GEOMETRY], reader, {}, rows)
+        values["offset"] = unit.end - len(values["draco_data"])
+        stream.geometry.append(values)
+    elif unit.type == UNIT_ATTRIBUTE:
+        stream.attributes.append(_read_attribute(reader, stream, rows))
+    elif unit.type == UNIT_METADATA:
+        if limits.metadata_bytes is not None and unit.end - unit.begin > limits.metadata_bytes:
+            raise LimitError("TXF-L06", "the metadata unit is larger than the limit", clause="5.8",
+                             value=unit.end - unit.begin, allowed=limits.metadata_bytes)
+        stream.metadata = bytes(read_structure(UNITS[UNIT_METADATA], reader, {}, rows)["metadata_json"])
+
+
+def _check_limits(header, limits):
+    for code, name, limit in (("TXF-L02", "num_vertices", limits.vertices), ("TXF-L03", "num_faces", limits.faces)):
+        if limit is not None and header[name] > limit:
+            raise LimitError(code, f"{name} is over the limit", clause="5.3", value=header[name], allowed=limit)
+
+
+def _expect(what, value, allowed, clause):
+    if value != allowed:
+        raise StreamError("TXF-S11", f"{what} is not what the sequence header says", clause=clause, value=value, allowed=allowed)
+
+
+def _check_counts(stream):
+    """Counts and cross references over the whole stream (spec 5.2)."""
+    header = stream.header
+    _expect("the number of materials", len(stream.materials), header["num_materials"], "5.4")
+    _expect("the number of fields", len(stream.fields), header["num_fields"], "5.5")
+    _expect("the number of geometry units", len(stream.geometry), header["num_geometry_units"], "5.6")
+    _expect("the sum of unit_vertices", sum(g["unit_vertices"] for g in stream.geometry), header["num_vertices"], "5.6")
+    _expect("the sum of unit_faces", sum(g["unit_faces"] for g in stream.geometry), header["num_faces"], "5.6")
+    _expect("the order of field indices", [f["field_index"] for f in stream.fields], list(range(len(stream.fields))), "5.5")
+    pairs = [(a["field_index"], a["group_index"]) for a in stream.attributes]
+    groups = range(header["num_channel_groups"])
+    _expect("the order of attribute units", pairs, [(f, g) for f in range(len(stream.fields)) for g in groups], "5.7")
+    for unit in stream.geometry:
+        for name, count in (("field_index", len(stream.fields)), ("material_index", len(stream.materials))):
+            if unit[name] >= count:
+                raise StreamError("TXF-S09", f"a geometry unit's {name} names nothing", clause="5.6", offset=unit["offset"],
+                                  value=unit[name], allowed=f"< {count}")
+    if set(range(len(stream.fields))) - {unit["field_index"] for unit in stream.geometry}:
+        raise StreamError("TXF-S11", "a field has no geometry", clause="5.5")
+
+
+__all__ = ["CODEWORD", "Stream", "attribute_variables", "read_stream", "write_stream"]

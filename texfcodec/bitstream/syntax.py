@@ -1,0 +1,164 @@
+"""Every syntax structure of the bitstream as a table; reader, writer, texf-info and the tables of the spec walk over these.
+
+Descriptors: u8 u16 u32 f64 (little endian), i32, v (unsigned LEB128, at most 8 bytes), bytes (the rest of the payload, or `count`
+bytes), utf8 (`count` bytes). A Derived entry computes a named variable from what was read; it takes no bytes.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+from ..attribute.layout import codeword_count, level_count, octree_depth
+
+SIGNATURE = b"\x89TXF\r\n\x1a\n"
+VERSION = 0
+
+UNIT_HEADER, UNIT_MATERIALS, UNIT_FIELD, UNIT_GEOMETRY, UNIT_ATTRIBUTE, UNIT_END = range(6)
+ANCILLARY = 128  # unit types from here on may be skipped
+UNIT_METADATA = 128
+UNIT_NAMES = {
+    UNIT_HEADER: "sequence_header",
+    UNIT_MATERIALS: "materials",
+    UNIT_FIELD: "field",
+    UNIT_GEOMETRY: "geometry",
+    UNIT_ATTRIBUTE: "attribute",
+    UNIT_END: "end",
+    UNIT_METADATA: "metadata",
+}
+
+SEMANTIC_BASE_COLOUR, SEMANTIC_ALPHA = 0, 1
+TRANSFER_LINEAR, TRANSFER_SRGB = 0, 1
+CODEC_RAHT = 0
+
+V_MAX = (1 << 56) - 1
+
+
+@dataclass(frozen=True)
+class Element:
+    """One syntax element. low/high: allowed range; count: None for a scalar, else the name of a value (array length);
+    when: (text, function of the values) or None."""
+
+    name: str
+    descriptor: Any
+    low: int | None = None
+    high: int | None = None
+    count: str | None = None
+    when: tuple | None = None
+
+
+@dataclass(frozen=True)
+class Derived:
+    """A variable computed while reading: text for the spec, function of the values read so far."""
+
+    name: str
+    text: str
+    value: Any
+
+
+@dataclass(frozen=True)
+class Structure:
+    name: str
+    clause: str
+    elements: tuple
+
+
+E = Element
+
+CHANNEL_GROUP = Structure("channel_group", "5.3.1", (
+    E("group_semantic", "u8", 0, 1),
+    E("group_transfer", "u8", 0, 1),
+    E("group_components", "u8", 1, 3),
+))
+
+SEQUENCE_HEADER = Structure("sequence_header", "5.3", (
+    E("version", "u8", VERSION, VERSION),
+    E("position_bits", "u8", 8, 20),
+    E("origin", "f64", count="3"),
+    E("side", "f64", 0),
+    E("num_vertices", "v", 0),
+    E("num_faces", "v", 0),
+    E("num_materials", "v", 0, 65536),
+    E("num_fields", "v", 0, 256),
+    E("num_geometry_units", "v", 0, 1 << 24),
+    E("num_channel_groups", "u8", 1, 16),
+    E("channel_groups", CHANNEL_GROUP, count="num_channel_groups"),
+))
+
+MATERIAL = Structure("material", "5.4.1", (
+    E("name_length", "v", 0, 65535),
+    E("material_name", "utf8", count="name_length"),
+    E("alpha_mode", "u8", 0, 2),
+    E("alpha_cutoff", "u16", when=("alpha_mode == 1", lambda v: v["alpha_mode"] == 1)),
+    E("material_flags", "u8", 0, 3),
+))
+
+MATERIALS = Structure("materials", "5.4", (E("materials", MATERIAL, count="num_materials"),))
+
+FIELD = Structure("field", "5.5", (
+    E("field_index", "v", 0),
+    E("resolution", "u16", 1, 8192),
+    E("area_threshold", "u16"),
+    E("num_voxels", "v", 0),
+    E("voxels_crc", "u32"),
+))
+
+GEOMETRY = Structure("geometry", "5.6", (
+    E("field_index", "v", 0),
+    E("material_index", "v", 0),
+    E("unit_vertices", "v", 3),
+    E("unit_faces", "v", 1),
+    E("draco_data", "bytes"),
+))
+
+CODEWORD = Structure("codeword_header", "5.7.2", (
+    E("codeword_length", "v", 0),
+    E("level_bytes", "v", 0, count="NumLevels", when=("level_index", lambda v: v["level_index"])),
+))
+
+RAHT = Structure("raht_parameters", "5.7.1", (
+    E("colour_transform", "u8", 0, 1),
+    E("qp", "u8", 0, 63, count="NumComponents"),
+    E("kernel", "u8", count="7"),
+    E("root_mean", "i32", -(1 << 20), 1 << 20, count="NumComponents"),
+    Derived("Depth", "Ceil(Log2(resolution))", lambda v: octree_depth(v["resolution"])),
+    E("slice_level", "u8", 0, 12),
+    E("num_slices", "v", 1, 64, when=("slice_level > 0", lambda v: v["slice_level"] > 0)),
+    Derived("NumSlices", "slice_level > 0 ? num_slices : 1", lambda v: v["num_slices"] if v["slice_level"] else 1),
+    Derived("NumSteps", "NumSlices - 1", lambda v: v["NumSlices"] - 1),
+    E("slice_step", "v", 1, count="NumSteps"),
+    Derived("NumCodewords", "Depth == 0 ? 0 : (slice_level > 0 ? 1 + NumSlices : 1)",
+            lambda v: codeword_count(v["Depth"], v["slice_level"], v["NumSlices"])),
+    E("level_index", "u8", 0, 1),
+    E("codewords", CODEWORD, count="NumCodewords"),
+    E("codeword_data", "bytes"),
+))
+
+ATTRIBUTE = Structure("attribute", "5.7", (
+    E("field_index", "v", 0),
+    E("group_index", "u8", 0, 15),
+    E("codec_id", "u8"),
+    E("values_crc", "u32"),
+))
+
+METADATA = Structure("metadata", "5.8", (
+    E("metadata_format", "u8", 0, 0),
+    E("metadata_json", "bytes"),
+))
+
+END = Structure("end", "5.9", ())
+
+UNITS = {
+    UNIT_HEADER: SEQUENCE_HEADER,
+    UNIT_MATERIALS: MATERIALS,
+    UNIT_FIELD: FIELD,
+    UNIT_GEOMETRY: GEOMETRY,
+    UNIT_ATTRIBUTE: ATTRIBUTE,
+    UNIT_END: END,
+    UNIT_METADATA: METADATA,
+}
+CODECS = {CODEC_RAHT: RAHT}
+STRUCTURES = (SEQUENCE_HEADER, CHANNEL_GROUP, MATERIALS, MATERIAL, FIELD, GEOMETRY, ATTRIBUTE, RAHT, CODEWORD, METADATA, END)
+
+
+def element_level_count(values, index):
+    """NumLevels of codeword `index` (spec 5.7.2)."""
+    return level_count(values["Depth"], values["slice_level"], index)

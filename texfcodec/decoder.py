@@ -1,0 +1,146 @@
+"""Stream to Texf: the mirror image of encoder.py."""
+
+import json
+import zlib
+
+import numpy as np
+
+from .asset.scene import Material
+from .attribute.codec import CodedAttributes, dec_attributes
+from .attribute.colour import TRANSFORM_BT709, inverse_colour, inverse_plain
+from .attribute.layout import octree_depth
+from .bitstream.stream import read_stream
+from .bitstream.syntax import SEMANTIC_ALPHA, SEMANTIC_BASE_COLOUR
+from .errors import LimitError, StreamError, SupportError
+from .field.voxelise import count_samples, voxelise
+from .geometry.canonical import CanonicalCube
+from .geometry.draco import dec_geometry
+from .options import DecodeOptions
+from .report import Report
+from .texf import Field, GeometryUnit, Texf
+
+
+def decode(data, options=None, report=None):
+    """Decodes a .texf stream (spec clauses 5 to 8).
+
+    data: bytes; options: DecodeOptions; report: Report that receives seconds by stage and warnings. Returns Texf.
+    Raises StreamError, LimitError or SupportError; nothing else on any input.
+    """
+    options, report = options or DecodeOptions(), report or Report()
+    with report.stage("parse"):
+        stream = read_stream(bytes(data), options.limits)
+    for unit in stream.skipped:
+        report.warnings.append(f"skipped an unknown ancillary unit of type {unit['type']} at byte {unit['offset']}")
+    header = stream.header
+    cube = CanonicalCube(tuple(header["origin"]), header["side"], header["position_bits"])
+    with report.stage("geometry"):
+        units = [_decode_unit(g, cube.position_bits) for g in stream.geometry]
+    texf = Texf(cube, units, [], [_material(m) for m in stream.materials], threads=options.threads, skipped=stream.skipped)
+    texf.metadata = _metadata(stream.metadata, report)
+    groups = header["channel_groups"]
+    texf.has_alpha = any(g["group_semantic"] == SEMANTIC_ALPHA for g in groups)
+    surfaces = [field_surface(units, i) for i in range(len(stream.fields))]
+    _check_samples(surfaces, stream.fields, cube.position_bits, options.limits)
+    for i, values in enumerate(stream.fields):
+        with report.stage("voxelise"):
+            keys = _decode_voxels(surfaces[i], values, cube.position_bits, options)
+        coded = [a for a in stream.attributes if a["field_index"] == i]
+        with report.stage("attributes"):
+            texf.fields.append(_decode_field(values["resolution"], keys, coded, groups, options))
+    return texf
+
+
+def _decode_unit(values, position_bits):
+    lattice, faces = dec_geometry(values["draco_data"], values["unit_vertices"], values["unit_faces"], position_bits,
+                                  values["offset"])
+    return GeometryUnit(values["field_index"], values["material_index"], lattice, faces)
+
+
+def _material(values):
+    cutoff = (values["alpha_cutoff"] or 0) / 65535
+    flags = values["material_flags"]
+    return Material(values["material_name"], alpha_mode=values["alpha_mode"], alpha_cutoff=cutoff, double_sided=bool(flags & 1),
+                    unlit=bool(flags & 2))
+
+
+def _metadata(raw, report):
+    """The metadata unit is ancillary: one that is not JSON is passed over with a warning."""
+    if raw is None:
+        return {}
+    try:
+        value = json.loads(raw)
+    except (ValueError, RecursionError):
+        value = None
+    if not isinstance(value, dict):
+        report.warnings.append("the metadata unit does not hold a JSON object and was passed over")
+        return {}
+    return value
+
+
+def field_surface(units, number):
+    """Lattice and faces of all geometry units of one field, joined: (int64 [V, 3], int64 [F, 3])."""
+    mine = [u for u in units if u.field == number]
+    starts = np.cumsum([0] + [len(u.lattice) for u in mine])
+    faces = [u.faces + s for u, s in zip(mine, starts[:-1], strict=True)]
+    return np.concatenate([u.lattice for u in mine]), np.concatenate(faces)
+
+
+def voxels_crc(keys):
+    """CRC-32 over the Morton keys as 64-bit little-endian numbers (spec 6.4)."""
+    return zlib.crc32(np.ascontiguousarray(keys, "<i8"))
+
+
+def _check_samples(surfaces, fields, position_bits, limits):
+    """Voxelisation time grows with the samples: refuses the sum over all fields before the first is touched."""
+    total = sum(count_samples(*s, position_bits, f["resolution"]) for s, f in zip(surfaces, fields, strict=True))
+    if limits.samples is not None and total > limits.samples:
+        raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", clause="6.3", value=total,
+                         allowed=limits.samples)
+
+
+def _decode_voxels(surface, values, position_bits, options):
+    keys, _ = voxelise(*surface, position_bits, values["resolution"], values["area_threshold"], options.threads,
+                       options.limits.voxels)
+    if len(keys) != values["num_voxels"] or voxels_crc(keys) != values["voxels_crc"]:
+        raise StreamError("TXF-S30", "the voxels rebuilt from the geometry are not the ones that were coded", clause="6.4",
+                          value=len(keys), allowed=values["num_voxels"])
+    if len(keys) == 0:
+        raise StreamError("TXF-S31", "a field has no voxels", clause="5.5", value=values["field_index"])
+    return keys
+
+
+def _decode_field(resolution, keys, coded, groups, options):
+    depth = octree_depth(resolution)
+    stop = max(0, depth - options.lod)
+    level_keys = keys if stop == depth else np.unique(keys >> 3 * (depth - stop))
+    rgba = np.full((len(level_keys), 4), 255, np.uint8)
+    for values in coded:
+        group = groups[values["group_index"]]
+        plane = _decode_group(values, keys, depth, stop, options.threads)
+        if group["group_semantic"] == SEMANTIC_BASE_COLOUR and group["group_components"] == 3:
+            rgba[:, :3] = plane
+        elif group["group_semantic"] == SEMANTIC_ALPHA and group["group_components"] == 1:
+            rgba[:, 3] = plane[:, 0]
+        else:
+            raise SupportError("TXF-U03", "a channel group with this number of components", clause="5.3.1",
+                               value=group["group_components"])
+    return Field(resolution, depth - stop, level_keys, rgba)
+
+
+def _decode_group(values, keys, depth, stop, threads):
+    """One attribute unit down to level `stop`: uint8 [n, C]."""
+    slice_first = np.cumsum([0, *values["slice_step"]]).tolist()
+    coded = CodedAttributes(values["qp"], values["kernel"], values["root_mean"], values["slice_level"], slice_first, [], [])
+    data = np.frombuffer(values["codeword_data"], np.uint8)
+    bounds = np.cumsum([0] + [c["codeword_length"] for c in values["codewords"]]).tolist()
+    spans = list(zip(bounds[:-1], bounds[1:], strict=True))
+    means = dec_attributes(keys, depth, coded, data, spans, stop, threads)
+    bt709 = values["colour_transform"] == TRANSFORM_BT709
+    if bt709 and means.shape[1] != 3:
+        raise StreamError("TXF-S04", "colour_transform needs three components", clause="5.7.1", offset=values["offset"])
+    plane = inverse_colour(means) if bt709 else inverse_plain(means)
+    if stop == depth and zlib.crc32(plane) != values["values_crc"]:
+        raise StreamError("TXF-S32", "the decoded values do not have the checksum that was sent", clause="7.8",
+                          offset=values["offset"])
+    return plane
+

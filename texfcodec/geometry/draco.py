@@ -1,0 +1,62 @@
+"""The Draco substream of a geometry unit: positions only, edgebreaker, mesh bitstream 2.2 (spec clauses 5.6 and 6.0).
+
+Draco has no limits of its own, so its header is checked against ours before it sees a byte, and its result after.
+"""
+
+import numpy as np
+
+from ..bitstream.walk import Reader
+from ..errors import InputError, StreamError
+
+COMPRESSION_LEVEL = 10
+_HEADER = b"DRACO\x02\x02\x01\x01\x00\x00"  # magic, version 2.2, mesh, edgebreaker, no flags
+
+
+def enc_geometry(lattice, faces, position_bits):
+    """Draco bytes of one unit. lattice: int64 [V, 3] in 0..2**position_bits-1 (<= 2**20); faces: int64 [F, 3]."""
+    import DracoPy
+
+    if lattice.min() < 0 or lattice.max() >= 1 << position_bits:
+        raise ValueError("lattice position out of range")
+    try:
+        return DracoPy.encode(lattice.astype(np.uint32), faces=faces.astype(np.uint32), compression_level=COMPRESSION_LEVEL,
+                              preserve_order=False, create_metadata=False)
+    except Exception as error:
+        raise InputError("TXF-I62", f"Draco cannot code this mesh: {error}") from error
+
+
+def _check_header(data, vertices, faces, offset):
+    """The Draco header must be the one form the specification allows and name our own counts (spec 5.6)."""
+    if bytes(data[: len(_HEADER)]) != _HEADER:
+        raise StreamError("TXF-S20", "the Draco substream is not an edgebreaker mesh of version 2.2", clause="5.6", offset=offset)
+    reader = Reader(data, len(_HEADER), len(data), offset)
+    traversal = reader.take(1, "draco traversal type", "5.6")[0]
+    coded_vertices = reader.read_v("draco vertex count", "5.6")
+    coded_faces = reader.read_v("draco face count", "5.6")
+    if traversal not in (0, 2):
+        raise StreamError("TXF-S20", "unknown Draco traversal", clause="5.6", offset=offset, value=traversal)
+    if coded_faces != faces or coded_vertices != vertices:
+        raise StreamError("TXF-S21", "the Draco substream's counts are not the unit's", clause="5.6", offset=offset,
+                          value=[coded_vertices, coded_faces], allowed=[vertices, faces])
+
+
+def dec_geometry(data, vertices, faces, position_bits, offset=0):
+    """Decodes one unit: (lattice int64 [vertices, 3], faces int64 [faces, 3]).
+
+    Raises StreamError where the substream is not what the unit says, in form, counts or ranges.
+    """
+    import DracoPy
+
+    _check_header(data, vertices, faces, offset)
+    try:
+        mesh = DracoPy.decode(bytes(data))
+    except Exception as error:
+        raise StreamError("TXF-S22", f"Draco refuses its substream: {error}", clause="5.6", offset=offset) from error
+    points, triangles = np.asarray(mesh.points), np.asarray(getattr(mesh, "faces", np.empty((0, 3))))
+    if points.dtype != np.uint32 or points.shape != (vertices, 3) or triangles.shape != (faces, 3):
+        raise StreamError("TXF-S21", "the Draco substream decodes to another number of vertices or faces", clause="5.6",
+                          offset=offset, value=[len(points), len(triangles)], allowed=[vertices, faces])
+    lattice, triangles = points.astype(np.int64), triangles.astype(np.int64)
+    if triangles.min() < 0 or triangles.max() >= vertices or lattice.max() >= 1 << position_bits:
+        raise StreamError("TXF-S23", "the Draco substream has an index or a position out of range", clause="5.6", offset=offset)
+    return lattice, triangles

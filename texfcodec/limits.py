@@ -1,0 +1,25 @@
+"""Named limits on what a stream or a mesh may ask for. All are strict: going over one is a LimitError, exit code 6."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Defaults fit a desktop; 0 or None switches a limit off.
+
+    file_bytes: whole stream; vertices, faces: over all units; voxels: over all fields; samples: of voxelisation, over all fields
+    (time grows with it: about 20 million a second and core); metadata_bytes; isolate_bytes, isolate_seconds: for --isolate.
+    """
+
+    file_bytes: int | None = 256 << 20
+    vertices: int | None = 1 << 24
+    faces: int | None = 1 << 24
+    voxels: int | None = 1 << 26
+    samples: int | None = 1 << 31
+    metadata_bytes: int | None = 1 << 20
+    isolate_bytes: int | None = 4 << 30
+    isolate_seconds: int | None = 120
+
+    def __post_init__(self):
+        for name in self.__dataclass_fields__:
+            object.__setattr__(self, name, getattr(self, name) or None)

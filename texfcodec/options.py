@@ -1,0 +1,81 @@
+"""The one home of every default: the command lines and the Python API read these."""
+
+import os
+from dataclasses import dataclass, field
+
+from .errors import InputError
+from .limits import Limits
+
+# The paper's rate points: grid resolution K and QP.
+RATES = {
+    "r01": (1024, 36),
+    "r02": (1024, 32),
+    "r03": (1024, 28),
+    "r04": (1024, 24),
+    "r05": (1536, 26),
+    "r06": (2048, 26),
+}
+DEFAULT_RATE = "r04"
+EFFORTS = ("fast", "balanced", "best")
+ATLAS_METHODS = ("auto", "quality", "fast")
+APPEARANCES = ("texture", "vertex", "voxels")
+
+
+def default_threads():
+    """Processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@dataclass
+class EncodeOptions:
+    """resolution/qp override the rate preset; qp follows G-PCC: step = 2**((qp - 4) / 6).
+
+    chroma_qp_offset: added to the QP of both chroma components. area_threshold: voxels holding less surface than this many
+    1/256 voxel faces are dropped where coverage allows. partition: "auto" splits the mesh into fields where surfaces meet,
+    "off" keeps one. allow_empty: code a mesh whose faces all collapse as an empty stream instead of refusing it.
+    """
+
+    rate: str = DEFAULT_RATE
+    resolution: int | None = None
+    qp: int | None = None
+    target_bytes: int | None = None
+    target_psnr: float | None = None
+    position_bits: int = 14
+    effort: str = "balanced"
+    chroma_qp_offset: int = -1
+    area_threshold: int = 77
+    partition: str = "auto"
+    threads: int = 0
+    measure: bool = False
+    strict: bool = False
+    allow_empty: bool = False
+    limits: Limits = field(default_factory=Limits)
+
+    def __post_init__(self):
+        self.threads = self.threads or default_threads()
+        if self.rate not in RATES:
+            raise InputError("TXF-I50", "unknown rate preset", value=self.rate, allowed=", ".join(RATES))
+        if self.effort not in EFFORTS:
+            raise InputError("TXF-I50", "unknown effort", value=self.effort, allowed=", ".join(EFFORTS))
+        preset = RATES[self.rate]
+        self.resolution = preset[0] if self.resolution is None else self.resolution
+        self.qp = preset[1] if self.qp is None else self.qp
+        for name, low, high in (("resolution", 1, 8192), ("qp", 0, 63), ("position_bits", 8, 20), ("threads", 1, 1024)):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise InputError("TXF-I50", f"{name} is out of range", value=value, allowed=f"{low}..{high}")
+
+
+@dataclass
+class DecodeOptions:
+    """lod: octree levels to stop early (0 = full field); isolate: decode in a child process with capped memory and time."""
+
+    lod: int = 0
+    threads: int = 0
+    isolate: bool = False
+    limits: Limits = field(default_factory=Limits)
+
+    def __post_init__(self):
+        self.threads = self.threads or default_threads()
+        if not 0 <= self.lod <= 13:
+            raise InputError("TXF-I50", "lod is out of range", value=self.lod, allowed="0..13")

@@ -1,0 +1,39 @@
+"""What a run tells about itself: seconds by stage, peak memory, warnings and dropped properties."""
+
+import time
+from contextlib import contextmanager
+
+
+class Cancelled(KeyboardInterrupt):
+    """The progress callback asked to stop."""
+
+
+class Report:
+    """Collects facts of one run. on_progress: function (stage, done, total) called at every stage; False cancels."""
+
+    def __init__(self, on_progress=None):
+        self.on_progress = on_progress
+        self.seconds, self.warnings, self.dropped, self.facts = {}, [], [], {}
+
+    @contextmanager
+    def stage(self, name):
+        self.progress(name, 0, 1)
+        begin = time.perf_counter()
+        yield
+        self.seconds[name] = round(self.seconds.get(name, 0.0) + time.perf_counter() - begin, 6)
+        self.progress(name, 1, 1)
+
+    def progress(self, stage, done, total):
+        if self.on_progress and self.on_progress(stage, done, total) is False:
+            raise Cancelled(f"cancelled in stage {stage}")
+
+
+def peak_memory_bytes():
+    """Largest resident set of this process so far, in bytes; None where the platform does not tell."""
+    try:
+        import resource
+        import sys
+    except ImportError:
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else peak * 1024

@@ -69,7 +69,7 @@ def _sort(data, notes):
             vt.append(line[3:])
         elif head == b"vn":
             notes.drop("NORMAL")
-        elif head and not head.isspace():
+        elif head[:1] not in (b"#", b""):
             head, _, rest = line.partition(b" ")
             _other(rows, decode_text(head), decode_text(rest).strip(), notes)
     return rows
@@ -83,7 +83,7 @@ def _clean(data):
         data = parts[0] + b"".join(_continued(part) for part in parts[1:])
     if b"\n " in data or data[:1] == b" ":
         data = b"\n".join(line.lstrip() for line in data.split(b"\n"))
-    if b"#" in data:
+    if data.count(b"#") > data.count(b"\n#") + (data[:1] == b"#"):
         data = b"\n".join(_uncommented(line) for line in data.split(b"\n"))
     return data
 
@@ -95,8 +95,6 @@ def _continued(part):
 
 def _uncommented(line):
     """Names may hold a '#', numbers may not."""
-    if line[:1] == b"#":
-        return b""
     return line.partition(b"#")[0] if b"#" in line and line.split(None, 1)[0] in _DATA else line
 
 
@@ -154,7 +152,8 @@ def _unreadable(rows, statement, row, text):
 def _corners(rows):
     """(int64 [C, 2] position and UV indices from 0, UV below 0 where absent; int64 [rows] corners per face)."""
     texts = rows.f
-    if any(b"//" in text or b"/ " in text or text[-1:] == b"/" for text in texts):
+    joined = b"\n".join(texts) + b"\n"
+    if any(hole in joined for hole in (b"//", b"/ ", b"/\n")):
         texts = [(text + b" ").replace(b"//", b"/0/").replace(b"/ ", b"/0 ") for text in texts]
     sizes = np.array([len(text.split()) for text in texts])
     slashes = np.array([text.count(b"/") for text in texts])

@@ -31,19 +31,19 @@ def grow_charts(points, faces, groups, largest):
     ahead, behind = _edge_rings(faces)
     smooth = _smoothed(normals * areas[:, None], ahead)
     axes = np.where((smooth * normals).sum(1, keepdims=True) < 0.8, normals, smooth)  # a seed must face its own chart
-    order = np.argsort(-areas, kind="stable")
+    frames, order = _frames(axes), np.argsort(-areas, kind="stable")
     stamp, depth = np.full((_GRID, _GRID), -1, np.int32), np.zeros((_GRID, _GRID), np.float32)
     chart, flat = np.full(len(faces), -1, np.int64), np.zeros((len(faces), 3, 2))
     limit = np.full(len(faces), min(float(largest), _GRID - 8.0))
+    first = 0  # chart numbers are never used twice: the stamps of earlier rounds stay
     for round_ in range(_ROUNDS):
-        first = int(chart.max(initial=-1)) + 1
-        _grow(points, faces, groups, normals, smooth, axes, order, ahead, behind, stamp, depth, limit, first, chart, flat)
+        _grow(points, faces, groups, normals, smooth, frames, order, ahead, behind, stamp, depth, limit, first, chart, flat)
         numbers, dense = np.unique(chart, return_inverse=True)
         turned, extent = upright(flat, dense, len(numbers))
         hollow = _is_hollow(turned, dense, extent)
         if round_ == _ROUNDS - 1 or not hollow.any():
             break
-        again = hollow[dense]
+        first, again = int(chart.max()) + 1, hollow[dense]
         limit[again] = 0.5 * extent[dense[again]].max(1)
         chart[again] = -1
     stretch = _stretch(turned, dense, areas, len(numbers))
@@ -102,45 +102,33 @@ def _smoothed(weighted, ahead):
     return total / np.where(length > 0, length, 1.0)[:, None]
 
 
-@_jit
-def _basis(n):
-    """Two unit vectors that complete n to a right-handed frame; n = 0 (degenerate seed) gives the x, y axes."""
-    if n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0:
-        return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    frame = np.empty((3, 3))
-    frame[2] = n
-    smallest = np.argmin(np.abs(n))
-    helper = np.zeros(3)
-    helper[smallest] = 1.0
-    u = np.cross(helper, n)
-    frame[0] = u / math.sqrt((u * u).sum())
-    frame[1] = np.cross(n, frame[0])
-    return frame
+def _frames(axes):
+    """Right-handed frames float64 [F, 3, 3], rows x, y, depth along each axis; a zero axis gives the world's."""
+    x = np.cross(np.eye(3)[np.abs(axes).argmin(1)], axes)
+    length = np.sqrt((x * x).sum(1, keepdims=True))
+    x /= np.where(length > 0, length, 1.0)
+    frames = np.stack([x, np.cross(axes, x), axes], 1)
+    frames[length[:, 0] == 0] = np.eye(3)
+    return frames
 
 
 @_jit
-def _project(points, faces, face, frame, out):
-    """Corners of one face in a chart's frame: out [3, 3] = (x, y, depth) per corner."""
+def _project(points, faces, face, frames, seed, out):
+    """Corners of one face in its chart's frame: out [3, 3] = (x, y, depth) per corner."""
     for i in range(3):
-        p = points[faces[face, i]]
+        v = faces[face, i]
         for k in range(3):
-            out[i, k] = frame[k, 0] * p[0] + frame[k, 1] * p[1] + frame[k, 2] * p[2]
+            x, y, z = frames[seed, k, 0], frames[seed, k, 1], frames[seed, k, 2]
+            out[i, k] = x * points[v, 0] + y * points[v, 1] + z * points[v, 2]
 
 
 @_jit
-def _grown_bounds(bounds, tri):
-    """bounds (x minimum, y minimum, x maximum, y maximum) widened by a projected face."""
-    wider = bounds.copy()
-    for i in range(3):
-        for k in range(2):
-            wider[k] = min(wider[k], tri[i, k])
-            wider[k + 2] = max(wider[k + 2], tri[i, k])
-    return wider
-
-
-@_jit
-def _fits(bounds, limit):
-    return bounds[2] - bounds[0] < limit and bounds[3] - bounds[1] < limit
+def _widen(bounds, tri, wider):
+    """wider = bounds (x minimum, y minimum, x maximum, y maximum) widened by a projected face; returns its larger side."""
+    for k in range(2):
+        wider[k] = min(bounds[k], tri[0, k], tri[1, k], tri[2, k])
+        wider[k + 2] = max(bounds[k + 2], tri[0, k], tri[1, k], tri[2, k])
+    return max(wider[2] - wider[0], wider[3] - wider[1])
 
 
 @_jit
@@ -148,7 +136,7 @@ def _meets_other_sheet(tri, chart, stamp, depth, write):
     """Whether a face, widened by one texel, meets a cell where this chart already lies at another depth.
 
     With write, claims the free cells instead. Cells are addressed modulo the grid side (a power of two), which cannot alias
-    because _fits bounds the chart's extent; the mask keeps every index in range.
+    because limit bounds the chart's extent; the mask keeps every index in range.
     """
     mask = stamp.shape[0] - 1
     ax, ay, bx, by, cx, cy = tri[0, 0], tri[0, 1], tri[1, 0], tri[1, 1], tri[2, 0], tri[2, 1]
@@ -171,57 +159,66 @@ def _meets_other_sheet(tri, chart, stamp, depth, write):
 
 
 @_jit
-def _joins(face, seed, axis, groups, normals, smooth):
+def _facing(vectors, face, frames, seed):
+    """Cosine between a face's vector and the axis of the chart that a seed started."""
+    x, y, z = frames[seed, 2, 0], frames[seed, 2, 1], frames[seed, 2, 2]
+    return vectors[face, 0] * x + vectors[face, 1] * y + vectors[face, 2] * z
+
+
+@_jit
+def _joins(face, seed, groups, normals, smooth, frames):
     """Whether a neighbour may join by group and direction; faces without area have no direction and always may."""
     if groups[face] != groups[seed]:
         return False
-    n, m = normals[face], smooth[face]
-    if n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0:
+    if normals[face, 0] == 0.0 and normals[face, 1] == 0.0 and normals[face, 2] == 0.0:
         return True
-    own = n[0] * axis[0] + n[1] * axis[1] + n[2] * axis[2]
-    return own >= FACING or own >= STEEPEST and m[0] * axis[0] + m[1] * axis[1] + m[2] * axis[2] >= FACING
+    own = _facing(normals, face, frames, seed)
+    return own >= FACING or (own >= STEEPEST and _facing(smooth, face, frames, seed) >= FACING)
 
 
 @_jit
-def _take(face, chart, tri, charts, flat):
+def _take(face, chart, tri, bounds, wider, charts, flat):
+    """Make a face part of a chart: number, flat corners, bounds."""
     charts[face] = chart
-    flat[face] = tri[:, :2]
+    for i in range(3):
+        flat[face, i, 0], flat[face, i, 1] = tri[i, 0], tri[i, 1]
+    for k in range(4):
+        bounds[k] = wider[k]
 
 
 @_jit
-def _grow(points, faces, groups, normals, smooth, axes, order, ahead, behind, stamp, depth, limit, chart, charts, flat):
+def _grow(points, faces, groups, normals, smooth, frames, order, ahead, behind, stamp, depth, limit, chart, charts, flat):
     """Breadth-first growth from the largest free face; rejected faces stay free and seed later charts. See grow_charts.
 
     charts: -1 for free faces, others are left alone; chart: first new number; limit [F] <= grid side - 8: extent of the chart
     a face may seed. Writes charts and flat (corners on the chart's plane).
     """
     queue = np.empty(faces.shape[0], np.int64)
-    tri = np.empty((3, 3))
+    tri, bounds, wider = np.empty((3, 3)), np.empty(4), np.empty(4)
     chart -= 1
     for seed in order:
         if charts[seed] >= 0:
             continue
         chart += 1
-        frame = _basis(axes[seed])
-        _project(points, faces, seed, frame, tri)
-        bounds = _grown_bounds(np.array([np.inf, np.inf, -np.inf, -np.inf]), tri)
-        _take(seed, chart, tri, charts, flat)
-        if not _fits(bounds, limit[seed]):
+        bounds[0], bounds[1], bounds[2], bounds[3] = math.inf, math.inf, -math.inf, -math.inf
+        _project(points, faces, seed, frames, seed, tri)
+        size = _widen(bounds, tri, wider)
+        _take(seed, chart, tri, bounds, wider, charts, flat)
+        if size >= limit[seed]:
             continue
         _meets_other_sheet(tri, chart, stamp, depth, True)
         queue[0], head, tail = seed, 0, 1
         while head < tail:
-            for half in range(3 * queue[head], 3 * queue[head] + 3):
-                for face in (ahead[half] // 3, behind[half] // 3):
-                    if charts[face] >= 0 or not _joins(face, seed, axes[seed], groups, normals, smooth):
-                        continue
-                    _project(points, faces, face, frame, tri)
-                    wider = _grown_bounds(bounds, tri)
-                    if not _fits(wider, limit[seed]) or _meets_other_sheet(tri, chart, stamp, depth, False):
-                        continue
-                    _meets_other_sheet(tri, chart, stamp, depth, True)
-                    _take(face, chart, tri, charts, flat)
-                    bounds = wider
-                    queue[tail] = face
-                    tail += 1
+            for step in range(6):
+                half = 3 * queue[head] + step // 2
+                face = ahead[half] // 3 if step % 2 == 0 else behind[half] // 3
+                if charts[face] >= 0 or not _joins(face, seed, groups, normals, smooth, frames):
+                    continue
+                _project(points, faces, face, frames, seed, tri)
+                if _widen(bounds, tri, wider) >= limit[seed] or _meets_other_sheet(tri, chart, stamp, depth, False):
+                    continue
+                _meets_other_sheet(tri, chart, stamp, depth, True)
+                _take(face, chart, tri, bounds, wider, charts, flat)
+                queue[tail] = face
+                tail += 1
             head += 1

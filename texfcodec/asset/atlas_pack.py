@@ -24,13 +24,14 @@ def upright(flat, chart, count):
 
     flat: float64 [F, 3, 2]; chart: int64 [F] in 0..count-1. Returns (flat float64 [F, 3, 2], extent float64 [count, 2]).
     """
-    angles = np.arange(_ANGLES) * (math.pi / 2 / _ANGLES)
-    box = _boxes(flat, chart, count, np.cos(angles), np.sin(angles))
-    extent = box[:, :, 2:] - box[:, :, :2]
-    best = extent.prod(2).argmin(1) if count else np.zeros(0, np.int64)
-    box = box[np.arange(count), best]
+    angle, box = np.zeros(count), np.full((count, 4), np.nan)
+    for turn in np.arange(_ANGLES) * (math.pi / 2 / _ANGLES):
+        candidate = np.tile(np.array([np.inf, np.inf, -np.inf, -np.inf]), (count, 1))
+        _boxes(flat, chart, math.cos(turn), math.sin(turn), candidate)
+        better = ~(_box_area(candidate) >= _box_area(box))
+        angle[better], box[better] = turn, candidate[better]
     extent = box[:, 2:] - box[:, :2]
-    cos, sin = np.cos(angles)[best][chart, None], np.sin(angles)[best][chart, None]
+    cos, sin = np.cos(angle)[chart, None], np.sin(angle)[chart, None]
     x = flat[..., 0] * cos + flat[..., 1] * sin - box[chart, 0, None]
     y = flat[..., 1] * cos - flat[..., 0] * sin - box[chart, 1, None]
     wide = extent[:, 0] > extent[:, 1]
@@ -85,20 +86,20 @@ def _next_scale(scale, room, floor, ceiling):
     return guess
 
 
+def _box_area(box):
+    return (box[:, 2] - box[:, 0]) * (box[:, 3] - box[:, 1])
+
+
 @_jit
-def _boxes(flat, chart, count, cos, sin):
-    """Boxes [count, angles, 4] = (x, y minima, x, y maxima) of every chart turned by every angle."""
-    box = np.empty((count, len(cos), 4))
-    box[:, :, :2] = np.inf
-    box[:, :, 2:] = -np.inf
+def _boxes(flat, chart, cos, sin, box):
+    """Widen the boxes [count, 4] = (x, y minima, x, y maxima) of all charts by their faces, turned by one angle."""
     for f in range(flat.shape[0]):
+        c = chart[f]
         for i in range(3):
-            for k in range(len(cos)):
-                x = flat[f, i, 0] * cos[k] + flat[f, i, 1] * sin[k]
-                y = flat[f, i, 1] * cos[k] - flat[f, i, 0] * sin[k]
-                b = box[chart[f], k]
-                b[0], b[1], b[2], b[3] = min(b[0], x), min(b[1], y), max(b[2], x), max(b[3], y)
-    return box
+            x = flat[f, i, 0] * cos + flat[f, i, 1] * sin
+            y = flat[f, i, 1] * cos - flat[f, i, 0] * sin
+            box[c, 0], box[c, 1] = min(box[c, 0], x), min(box[c, 1], y)
+            box[c, 2], box[c, 3] = max(box[c, 2], x), max(box[c, 3], y)
 
 
 @_jit

@@ -226,8 +226,10 @@ def test_small_texture_grows_until_all_pieces_fit():
     assert atlas.width > 128 and len(atlas.warnings) == 1
 
 
-def test_auto_falls_back_to_fast_with_a_warning(monkeypatch):
-    monkeypatch.setattr("texfcodec.asset.atlas_quality._CHILD", "import os; os.abort()")
+@pytest.mark.parametrize("program", ["import os; os.abort()", "pass", "print('noise')", "import time; time.sleep(9)"])
+def test_auto_falls_back_to_fast_with_a_warning(monkeypatch, program):
+    monkeypatch.setattr("texfcodec.asset.atlas_quality._CHILD", program)
+    monkeypatch.setitem(atlas_room._QUALITY_SECONDS, "auto", 0.5)
     atlas = make_atlas(*grid_mesh(6), 256, "auto")
     assert atlas.method == "fast" and "fast" in atlas.warnings[0]
 

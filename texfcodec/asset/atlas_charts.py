@@ -13,6 +13,7 @@ _jit = nb.njit(cache=True, nogil=True, error_model="numpy")
 FACING = 0.6  # a face joins when its own normal is within acos(0.6) = 53 degrees of the chart axis: stretch up to 1.67,
 STEEPEST = 0.25  # or within 75 degrees while the smoothed normal is within 53: keeps the noise of scans inside a chart
 DEPTH_TOLERANCE = 4.0  # texels; one smooth sheet seen twice within two texels differs by at most 2 * sqrt(2) * tan(53 deg) = 3.8
+OVERLAP_TOLERANCE = 0.05  # texels; for centres inside both faces: only a shared edge or a duplicate face may do that
 _ROUNDS = 4
 _GRID = 2048  # side of the overlap grid in cells, a power of two; no chart is larger than this less a rim
 
@@ -32,7 +33,7 @@ def grow_charts(points, faces, groups, largest):
     smooth = _smoothed(normals * areas[:, None], ahead)
     axes = np.where((smooth * normals).sum(1, keepdims=True) < 0.8, normals, smooth)  # a seed must face its own chart
     frames, order = _frames(axes), np.argsort(-areas, kind="stable")
-    stamp, depth = np.full((_GRID, _GRID), -1, np.int32), np.zeros((_GRID, _GRID), np.float32)
+    stamp, depth = np.full((_GRID, _GRID), -1, np.int64), np.zeros((_GRID, _GRID), np.float32)
     chart, flat = np.full(len(faces), -1, np.int64), np.zeros((len(faces), 3, 2))
     limit = np.full(len(faces), min(float(largest), _GRID - 8.0))
     first = 0  # chart numbers are never used twice: the stamps of earlier rounds stay
@@ -135,8 +136,9 @@ def _widen(bounds, tri, wider):
 def _meets_other_sheet(tri, chart, stamp, depth, write):
     """Whether a face, widened by one texel, meets a cell where this chart already lies at another depth.
 
-    With write, claims the free cells instead. Cells are addressed modulo the grid side (a power of two), which cannot alias
-    because limit bounds the chart's extent; the mask keeps every index in range.
+    With write, claims cells instead: a cell holds 2 * chart + 1 when its centre lies inside a face, 2 * chart on a face's rim.
+    Cells are addressed modulo the grid side (a power of two), which cannot alias because limit bounds the chart's extent; the
+    mask keeps every index in range.
     """
     mask = stamp.shape[0] - 1
     ax, ay, bx, by, cx, cy = tri[0, 0], tri[0, 1], tri[1, 0], tri[1, 1], tri[2, 0], tri[2, 1]
@@ -145,16 +147,20 @@ def _meets_other_sheet(tri, chart, stamp, depth, write):
         if left > right:
             continue
         for col in range(math.ceil(left - 1.5), math.floor(right + 0.5) + 1):
-            claimed = stamp[row & mask, col & mask] == chart
-            if claimed == write:
+            claim = stamp[row & mask, col & mask]
+            if not write and claim >> 1 != chart:
                 continue
-            _, wa, wb = nearest_on_triangle(col + 0.5, row + 0.5, ax, ay, bx, by, cx, cy)
+            gap, wa, wb = nearest_on_triangle(col + 0.5, row + 0.5, ax, ay, bx, by, cx, cy)
             z = wa * tri[0, 2] + wb * tri[1, 2] + (1.0 - wa - wb) * tri[2, 2]
+            mine = 2 * chart + (1 if gap == 0.0 else 0)
             if write:
-                stamp[row & mask, col & mask] = chart
-                depth[row & mask, col & mask] = z
-            elif abs(depth[row & mask, col & mask] - z) > DEPTH_TOLERANCE:
-                return True
+                if claim >> 1 != chart or claim < mine:
+                    stamp[row & mask, col & mask] = mine
+                    depth[row & mask, col & mask] = z
+            else:
+                tolerance = OVERLAP_TOLERANCE if claim & mine & 1 else DEPTH_TOLERANCE
+                if abs(depth[row & mask, col & mask] - z) > tolerance:
+                    return True
     return False
 
 

@@ -5,6 +5,7 @@ import math
 import os
 import subprocess
 import sys
+import zipfile
 
 import numpy as np
 
@@ -26,7 +27,20 @@ def unwrap(points, faces, side, seconds):
     flat, size = _run_child(points, faces, side, seconds)
     if flat.shape != (len(faces), 3, 2) or not np.isfinite(flat).all() or size.min() < 1:
         raise QualityFailed("xatlas returned a malformed atlas")
+    if _collapsed_share(flat, points, faces) > 0.01:
+        raise QualityFailed("xatlas collapsed a part of the surface")
     return flat * (side / float(size.max()))
+
+
+def _collapsed_share(flat, points, faces):
+    """Share 0..1 of the surface that got (next to) no room in the atlas."""
+    from .atlas_pack import flat_areas  # here, so that the child process is spared numba
+
+    corner, room = points[faces], flat_areas(flat)
+    cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    area = np.sqrt((cross * cross).sum(1))
+    total = area.sum()
+    return float(area[room * total < 1e-4 * area * room.sum()].sum() / total) if total > 0 else 0.0
 
 
 def _run_child(points, faces, side, seconds):
@@ -49,7 +63,7 @@ def _run_child(points, faces, side, seconds):
         raise QualityFailed(f"xatlas took more than {seconds:g} s") from None
     except subprocess.CalledProcessError as error:
         raise QualityFailed(f"xatlas ended with status {error.returncode}") from None
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise QualityFailed(f"xatlas could not be run ({type(error).__name__})") from None
 
 

@@ -1,0 +1,240 @@
+"""What the command lines share: exit codes, errors, progress, reading and writing streams, the limits as flags.
+
+| code | exit | meaning |
+|---|---|---|
+| TXF-C01 | 1 | the command line is wrong |
+| TXF-C02 | 130 | interrupted |
+| TXF-C03 | 2 | nobody reads the output any more |
+| TXF-C04 | 4 | internal error: please report it |
+| TXF-L09 | 6 | the memory of the machine is not enough |
+"""
+
+import json
+import os
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+
+from ..errors import EXIT_INTERNAL, EXIT_IO, EXIT_LIMIT, EXIT_USAGE, InputError, LimitError, TexfError
+from ..limits import Limits
+
+SCHEMA = 1
+EXIT_INTERRUPTED = 130
+TRACEBACK = "TEXF_TRACEBACK"  # set to 1 to see where an internal error comes from
+BEGIN = time.perf_counter()
+STYLE = {"help_option_names": ["-h", "--help"], "terminal_width": 100}
+
+_LIMIT_TEXT = {
+    "file_bytes": "bytes of the stream",
+    "vertices": "vertices over all geometry units",
+    "faces": "faces over all geometry units",
+    "voxels": "active voxels over all fields",
+    "samples": "surface samples of voxelisation; time grows with it",
+    "metadata_bytes": "bytes of metadata",
+    "isolate_bytes": "memory of the child process of --isolate",
+    "isolate_seconds": "seconds of the child process of --isolate",
+}
+
+
+class Console:
+    """Where a command talks: results on stdout, the rest on stderr; errors go where the results go when they are JSON."""
+
+    def __init__(self, arguments):
+        self.as_json, self.quiet = "--json" in arguments, "--quiet" in arguments
+        self.results = sys.stdout
+
+    def note(self, text):
+        """A line of prose on stderr, unless --quiet."""
+        if not self.quiet:
+            click.echo(printable(text), err=True)
+
+    def result(self, facts, lines):
+        """The outcome: facts as one JSON object with --json, otherwise the lines, which --quiet silences."""
+        if self.as_json:
+            text = json.dumps({"schema": SCHEMA, **facts}, allow_nan=False)
+        elif self.quiet:
+            return
+        else:
+            text = "\n".join(printable(line) for line in lines)
+        click.echo(text, file=self.results)
+        self.results.flush()
+
+    def warnings(self, report):
+        """Warnings and dropped properties, one line each on stderr."""
+        for text in report.warnings:
+            self.note(f"warning: {text}")
+        for text in report.dropped:
+            self.note(f"not coded: {text}")
+
+    def fail(self, code, message, exit_code, **details):
+        """Prints one error and returns its exit code."""
+        if self.as_json:
+            error = {"code": code, "message": message, "exit_code": exit_code, **details}
+            click.echo(json.dumps({"schema": SCHEMA, "error": error}, default=str), file=self.results)
+        else:
+            facts = ", ".join(f"{k} {v}" for k, v in details.items())
+            click.echo(printable(f"error {code}: {message}" + (f" ({facts})" if facts else "")), err=True)
+        return exit_code
+
+    @contextmanager
+    def progress(self):
+        """A Report whose stages are shown by a bar where stderr is a terminal."""
+        from ..report import Report
+
+        if self.quiet or not sys.stderr.isatty():
+            yield Report()
+            return
+        from rich.console import Console as Terminal
+        from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+        columns = SpinnerColumn(), TextColumn("{task.description:12}"), BarColumn(24), TimeElapsedColumn()
+        tasks = {}
+        with Progress(*columns, console=Terminal(stderr=True), transient=True) as bar:
+
+            def show(stage, done, total):
+                if stage not in tasks:
+                    tasks[stage] = bar.add_task(stage, total=total)
+                bar.update(tasks[stage], completed=done, total=total)
+
+            yield Report(show)
+
+
+def run(command, arguments=None):
+    """Runs a click command and exits with the codes of errors.py; no traceback reaches the user."""
+    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+    console = Console(arguments)
+    code = _guarded(command, arguments, console)
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter complains at its end
+        code = code or EXIT_IO
+    sys.exit(code)
+
+
+def _guarded(command, arguments, console):
+    try:
+        code = command.main(args=arguments, prog_name=command.name, standalone_mode=False, obj=console)
+        return code if isinstance(code, int) else 0
+    except click.ClickException as error:
+        return console.fail("TXF-C01", error.format_message().rstrip(".") + f"; see {command.name} --help", EXIT_USAGE)
+    except TexfError as error:
+        return console.fail(error.code, error.message, error.exit_code, **error.details)
+    except (click.Abort, KeyboardInterrupt):
+        return console.fail("TXF-C02", "interrupted; nothing was written", EXIT_INTERRUPTED)
+    except BrokenPipeError:
+        return EXIT_IO
+    except MemoryError:
+        return console.fail("TXF-L09", "there is not enough memory", EXIT_LIMIT)
+    except Exception as error:
+        if os.environ.get(TRACEBACK, "0") not in ("", "0"):
+            raise
+        what = f"{type(error).__name__}: {error}"[:300]
+        return console.fail("TXF-C04", f"internal error, please report it; {TRACEBACK}=1 shows where", EXIT_INTERNAL, reason=what)
+
+
+def printable(text):
+    """The text without control characters: names in a file must not steer the terminal."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def number(low, high, text=""):
+    """Keywords of a click option that takes a whole number (or, with a float low, any number) in low..high."""
+
+    def check(context, parameter, value):
+        if value is not None and not low <= value <= high:
+            raise click.BadParameter(f"{value} is not in {low}..{high}.")
+        return value
+
+    return {"type": type(low), "callback": check, "help": text}
+
+
+def limit_flags(*names):
+    """Decorator: a flag --max-NAME for each of these fields of Limits; read them back with limits_of."""
+
+    def decorate(function):
+        for name in reversed(names):
+            default = getattr(Limits(), name)
+            settings = number(0, 1 << 62, f"Most {_LIMIT_TEXT[name]}; 0: no limit.  [default: {default}]")
+            flag = "--max-" + name.replace("_", "-")
+            function = click.option(flag, "max_" + name, default=default, metavar="N", **settings)(function)
+        return function
+
+    return decorate
+
+
+def limits_of(choices):
+    """Takes the values of limit_flags out of the dict of choices and makes Limits of them."""
+    return Limits(**{name[4:]: choices.pop(name) for name in list(choices) if name.startswith("max_")})
+
+
+def read_stream_file(path, limits):
+    """Bytes of a .texf file, or of stdin for "-"; never more than the limit allows."""
+    most = -1 if limits.file_bytes is None else limits.file_bytes + 1
+    try:
+        if path == "-":
+            data = sys.stdin.buffer.read(most)
+        else:
+            with open(path, "rb") as file:
+                data = file.read(most)
+    except FileNotFoundError:
+        raise InputError("TXF-I01", "the file does not exist", path=path) from None
+    except IsADirectoryError:
+        raise InputError("TXF-I02", "the path is a directory", path=path) from None
+    except (OSError, ValueError) as error:
+        raise InputError("TXF-I03", "the file cannot be read", path=path, reason=str(error)) from None
+    if limits.file_bytes is not None and len(data) > limits.file_bytes:
+        raise LimitError("TXF-L01", "the stream is larger than the limit", value=f"> {limits.file_bytes}",
+                         allowed=limits.file_bytes)
+    return data
+
+
+def check_output(path):
+    """Refuses a hopeless path before any work is done; "-" and devices are fine."""
+    from ..asset.save import _check_target
+
+    if path != "-" and not _is_device(path):
+        _check_target(Path(path))
+
+
+def write_output(path, data):
+    """Writes bytes to stdout ("-"), to a device, or to a temporary name beside the path that is then renamed."""
+    from ..asset.save import _as_input_error, _write_all
+
+    if path != "-" and not _is_device(path):
+        _write_all(Path(path).parent, [(Path(path).name, [data])])
+        return
+    try:
+        if path == "-":
+            sys.stdout.buffer.write(data)
+            sys.stdout.buffer.flush()
+        else:
+            with open(path, "wb") as file:
+                file.write(data)
+    except BrokenPipeError:
+        raise InputError("TXF-C03", "nobody reads the output any more", path=path) from None
+    except OSError as error:
+        raise _as_input_error(error, Path(path)) from None
+
+
+def _is_device(path):
+    """True for what must not be replaced by a file: a device or a pipe."""
+    return os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path)
+
+
+def seconds_of(report):
+    """Seconds by stage as a report prints them, with the whole command's under "total"."""
+    stages = {name: round(value, 4) for name, value in report.seconds.items()}
+    return {**stages, "total": round(time.perf_counter() - BEGIN, 4)}
+
+
+def timing_line(seconds, peak):
+    """One line for people: seconds by stage and the largest memory."""
+    stages = ", ".join(f"{name} {value:.2f}" for name, value in seconds.items() if name != "total" and value >= 0.005)
+    return f"{seconds['total']:.2f} s ({stages})" + (f", {peak / 1e6:.0f} MB at most" if peak else "")

@@ -1,0 +1,97 @@
+"""texf-dec: a .texf stream becomes a mesh file that viewers open."""
+
+import click
+
+from .. import __version__
+from ..options import APPEARANCES, ATLAS_METHODS, DecodeOptions
+from .console import (
+    STYLE,
+    limit_flags,
+    limits_of,
+    number,
+    read_stream_file,
+    run,
+    seconds_of,
+    timing_line,
+)
+
+
+@click.command("texf-dec", context_settings=STYLE)
+@click.argument("source", metavar="IN.texf")
+@click.argument("out", metavar="OUT.{glb,gltf,obj,ply,npz}")
+@click.option("--appearance", type=click.Choice(APPEARANCES),
+              help="A fresh texture, colours at vertices, or the voxels as points.  [default: texture; vertex for .ply]")
+@click.option("--texture-size", metavar="N", **number(1, 16384, "Side of the texture in texels.  [default: by the field]"))
+@click.option("--atlas", type=click.Choice(ATLAS_METHODS), default=ATLAS_METHODS[0],
+              help="How the texture is laid out; quality may take minutes.  [default: auto]")
+@click.option("--lod", metavar="L", default=0, **number(0, 13, "Stop L octree levels early.  [default: 0]"))
+@click.option("--isolate", is_flag=True, help="Decode in a child process with capped memory and time.")
+@limit_flags("file_bytes", "vertices", "faces", "voxels", "samples", "metadata_bytes", "isolate_bytes", "isolate_seconds")
+@click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
+@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
+@click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")
+@click.version_option(__version__, message="%(prog)s %(version)s")
+@click.pass_obj
+def dec(console, source, out, appearance, texture_size, atlas, as_json, quiet, **choices):
+    """Decode IN.texf ("-": stdin) to a mesh file; the suffix of OUT chooses the format.
+
+    Files from strangers: use --isolate and lower the limits.
+
+    Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 over a limit, 130
+    interrupted.
+    """
+    from ..asset.save import SUFFIXES, save
+    from ..warmup import kernels_compiled
+    from .console import check_output
+
+    if not out.lower().endswith(SUFFIXES):
+        raise click.UsageError(f"{out} must end in one of {' '.join(SUFFIXES)}")
+    limits = limits_of(choices)
+    options = DecodeOptions(**choices, limits=limits)
+    data = read_stream_file(source, limits)
+    check_output(out)
+    if not kernels_compiled():
+        console.note("first run: compiling kernels, about 30 s, once")
+    with console.progress() as report:
+        texf = _decode(data, options, report)
+        with report.stage("save"):
+            saved = save(texf, out, appearance=appearance, texture_size=texture_size, atlas=atlas)
+    report.warnings += saved["warnings"]
+    if not console.as_json:
+        console.warnings(report)
+    facts = _facts(data, texf, report, saved["files"])
+    console.result(facts, _lines(facts, out))
+
+
+def _decode(data, options, report):
+    if options.isolate:
+        from ..isolate import decode_isolated
+
+        return decode_isolated(data, options, report)
+    from ..decoder import decode
+
+    return decode(data, options, report)
+
+
+def _facts(data, texf, report, files):
+    from ..report import peak_memory_bytes
+
+    peaks = [p for p in (peak_memory_bytes(), report.facts.get("child_peak_memory_bytes")) if p]
+    return {"bytes": {"total": len(data)}, "resolution": texf.resolution, "voxels": sum(len(f.keys) for f in texf.fields),
+            "faces": len(texf.faces), "vertices": len(texf.lattice_positions), "fields": len(texf.fields), "files": files,
+            "seconds": seconds_of(report), "peak_memory_bytes": max(peaks, default=None), "warnings": report.warnings}
+
+
+def _lines(facts, out):
+    yield (f"{out}: {facts['faces']} faces, {facts['vertices']} vertices, {facts['voxels']} voxels at K {facts['resolution']} "
+           f"from {facts['bytes']['total']} bytes")
+    yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
+
+
+def main(arguments=None):
+    """The entry point."""
+    run(dec, arguments)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,192 @@
+"""texf-enc: a textured mesh becomes a .texf stream."""
+
+import click
+
+from .. import __version__
+from ..errors import InputError
+from ..options import DEFAULT_RATE, EFFORTS, RATES, EncodeOptions
+from .console import (
+    STYLE,
+    check_output,
+    limit_flags,
+    limits_of,
+    number,
+    run,
+    seconds_of,
+    timing_line,
+    write_output,
+)
+
+_RATE_TEXT = ", ".join(f"{name} K {k} QP {qp}" for name, (k, qp) in RATES.items())
+
+
+def _warm_up(context, parameter, value):
+    if value and not context.resilient_parsing:
+        from ..warmup import warm_up
+
+        warm_up()
+        click.echo("all kernels are compiled and cached")
+        context.exit()
+
+
+@click.command("texf-enc", context_settings=STYLE)
+@click.argument("source", metavar="INPUT")
+@click.argument("out", metavar="OUT.texf", required=False)
+@click.option("--rate", type=click.Choice(list(RATES)), help=f"The paper's rate points: {_RATE_TEXT}.  [default: {DEFAULT_RATE}]")
+@click.option("--resolution", metavar="K", **number(1, 8192, "Voxels along the longest side, 1..8192; with --qp."))
+@click.option("--qp", metavar="N", **number(0, 63, "Quantisation, 0..63: step 2^((QP-4)/6); with --resolution."))
+@click.option("--target-bytes", metavar="B", **number(1, 1 << 62, "Best 3D-PSNR in at most B bytes; searches K and QP."))
+@click.option("--target-psnr", metavar="DB", **number(1.0, 100.0, "Fewest bytes with this 3D-PSNR of Y; searches K and QP."))
+@click.option("--position-bits", metavar="B", **number(8, 20, "Bits of a vertex coordinate, 8..20.  [default: 14]"))
+@click.option("--effort", type=click.Choice(EFFORTS), help="Time spent on a smaller stream.  [default: balanced]")
+@click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
+@limit_flags("vertices", "faces", "voxels", "samples", "metadata_bytes")
+@click.option("--measure", is_flag=True, help="Decode and report 3D-PSNR at 1,000,000 surface points.")
+@click.option("--strict", is_flag=True, help="Refuse a mesh of which anything would be dropped or warned about.")
+@click.option("--dry-run", is_flag=True, help="Load, estimate and report; write nothing. OUT may be left out.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
+@click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")
+@click.option("--warmup", is_flag=True, is_eager=True, expose_value=False, callback=_warm_up,
+              help="Compile all kernels ahead of the first use, then exit.")
+@click.version_option(__version__, message="%(prog)s %(version)s")
+@click.pass_obj
+def enc(console, source, out, dry_run, as_json, quiet, **choices):
+    """Code the textured mesh INPUT (.glb, .gltf, .obj, .ply) as OUT.texf ("-": stdout, with the report on stderr).
+
+    One of --rate, --resolution with --qp, --target-bytes and --target-psnr sets the rate; K or QP alone keeps the other of r04.
+
+    Exit codes: 0 done, 1 command line, 2 input or output, 4 internal, 5 not supported, 6 over a limit, 130 interrupted.
+    """
+    options = _options(choices)
+    if out is None and not dry_run:
+        raise click.UsageError("Missing argument 'OUT.texf'")
+    if out == "-":
+        import sys
+
+        console.results = sys.stderr
+    if not dry_run:
+        check_output(out)
+        _say_if_compiling(console)
+    with console.progress() as report:
+        scene = _load(source, options, report)
+        facts = _estimate(scene, options, report) if dry_run else _encode(scene, options, report, out)
+    if not (console.as_json or dry_run):
+        console.warnings(report)
+    facts |= _run_facts(report)
+    console.result(facts, _dry_lines(facts, source) if dry_run else _lines(facts, out))
+
+
+def _options(choices):
+    """EncodeOptions of the flags that were given; the defaults stay with EncodeOptions."""
+    ways = {"--rate": "rate", "--resolution/--qp": "resolution qp", "--target-bytes": "target_bytes",
+            "--target-psnr": "target_psnr"}
+    chosen = [flag for flag, names in ways.items() if any(choices[n] is not None for n in names.split())]
+    if len(chosen) > 1:
+        raise click.UsageError(f"{' and '.join(chosen)} exclude each other")
+    limits = limits_of(choices)
+    return EncodeOptions(**{name: value for name, value in choices.items() if value is not None}, limits=limits)
+
+
+def _say_if_compiling(console):
+    from ..warmup import kernels_compiled
+
+    if not kernels_compiled():
+        console.note("first run: compiling kernels, about 30 s, once")
+
+
+def _load(source, options, report):
+    from ..asset.load import load
+
+    with report.stage("load"):
+        scene = load(source, strict=options.strict)
+    report.warnings += scene.warnings
+    report.dropped += scene.dropped
+    _refuse_losses(options, report)
+    return scene
+
+
+def _refuse_losses(options, report):
+    if options.strict and (report.warnings or report.dropped):
+        raise InputError("TXF-I52", "something would be lost, and --strict forbids it", warnings=report.warnings or None,
+                         dropped=report.dropped or None)
+
+
+def _encode(scene, options, report, out):
+    """Encodes, measures where asked, writes; returns what the stream is like."""
+    if options.target_bytes is not None or options.target_psnr is not None:
+        from ..search import encode_to_target
+
+        data = encode_to_target(scene, options, report)
+    else:
+        from ..encoder import encode_scene
+
+        data, report.facts["bytes"] = encode_scene(scene, options, report)
+    psnr = _measure(scene, data, options, report) if options.measure else report.facts.get("psnr_3d")
+    _refuse_losses(options, report)
+    write_output(out, data)
+    made = report.facts
+    facts = {"bytes": made["bytes"], "resolution": made.get("resolution", options.resolution), "qp": made.get("qp", options.qp),
+             "voxels": made["voxels"], "faces": made["faces"], "vertices": made["vertices"], "fields": made["fields"],
+             "psnr_3d": psnr}
+    return facts | ({"search": made["search"]} if "search" in made else {})
+
+
+def _measure(scene, data, options, report):
+    from ..decoder import decode
+    from ..options import DecodeOptions
+    from ..quality.measure import measure
+
+    with report.stage("measure"):
+        texf = decode(data, DecodeOptions(threads=options.threads))
+        return measure(scene, texf, threads=options.threads, face_field=report.facts.get("scene_face_field"))
+
+
+def _estimate(scene, options, report):
+    """What --dry-run reports: counts as they stand in the source, voxels and seconds as a guess."""
+    from ..search import estimate
+
+    with report.stage("estimate"):
+        voxels, seconds = estimate(scene, options)
+    return {"dry_run": True, "bytes": None, "resolution": options.resolution, "qp": options.qp, "voxels": None,
+            "faces": len(scene.faces), "vertices": len(scene.positions), "materials": len(scene.materials),
+            "textures": len(scene.textures), "estimated": {"voxels": voxels, "seconds": seconds}, "psnr_3d": None}
+
+
+def _run_facts(report):
+    from ..report import peak_memory_bytes
+
+    return {"seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(), "warnings": report.warnings,
+            "dropped": report.dropped}
+
+
+def _lines(facts, out):
+    sizes, voxels = facts["bytes"], max(facts["voxels"], 1)
+    yield f"{out}: {sizes['total']} bytes; geometry {sizes['geometry']}, attributes {sizes['attributes']}, other {sizes['other']}"
+    fields = f"{facts['fields']} field" + ("s" if facts["fields"] != 1 else "")
+    yield (f"K {facts['resolution']}, QP {facts['qp']}, {fields}, {facts['voxels']} voxels, {facts['faces']} faces; "
+           f"{8 * sizes['attributes'] / voxels:.3f} attribute bits per voxel")
+    if facts["psnr_3d"]:
+        shown = {name: "lossless" if value is None else f"{value:.2f}" for name, value in facts["psnr_3d"].items()}
+        yield f"3D-PSNR: Y {shown['y']}, YUV 6:1:1 {shown['yuv611']}, RGB {shown['rgb']} dB"
+    for trial in facts.get("search", []):
+        psnr = "" if trial["psnr_y"] is None else f", {trial['psnr_y']:.2f} dB"
+        yield f"  tried K {trial['resolution']}, QP {trial['qp']}: {trial['bytes']} bytes{psnr}, {trial['seconds']:.1f} s"
+    yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
+
+
+def _dry_lines(facts, source):
+    yield f"{source}: {facts['vertices']} vertices, {facts['faces']} faces, {facts['materials']} materials"
+    guess = facts["estimated"]
+    yield f"K {facts['resolution']}: about {guess['voxels']} voxels and {guess['seconds']:.0f} s; nothing was written"
+    for name in ("warnings", "dropped"):
+        for text in facts[name]:
+            yield ("warning: " if name == "warnings" else "not coded: ") + text
+
+
+def main(arguments=None):
+    """The entry point."""
+    run(enc, arguments)
+
+
+if __name__ == "__main__":
+    main()

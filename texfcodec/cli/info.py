@@ -1,0 +1,62 @@
+"""texf-info: what stands where in a stream."""
+
+import json
+
+import click
+
+from .. import __version__
+from ..limits import Limits
+from .console import STYLE, read_stream_file, run
+
+
+@click.command("texf-info", context_settings=STYLE)
+@click.argument("file", metavar="FILE")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
+@click.option("--verify", is_flag=True, help="Decode everything and compare all checksums.")
+@click.version_option(__version__, message="%(prog)s %(version)s")
+@click.pass_obj
+def info(console, file, as_json, verify):
+    """Name every syntax element of the .texf FILE ("-": stdin) with its offset and size, without decoding it.
+
+    Exit codes: 0 valid, 1 command line, 2 input or output, 3 invalid stream, 5 not supported, 6 over a limit.
+    """
+    from ..bitstream.inspect import inspect
+
+    data = read_stream_file(file, Limits())
+    facts = inspect(data)
+    if verify:
+        from ..decoder import decode
+
+        decode(data)
+        facts["verified"] = True
+    console.result(facts, _lines(file, facts))
+
+
+def _lines(file, facts):
+    sizes = facts["bytes"]
+    bits = f", {8 * sizes['attributes'] / facts['voxels']:.3f} attribute bits per voxel" if facts["voxels"] else ""
+    yield f"{file}: {sizes['total']} bytes; geometry {sizes['geometry']}, attributes {sizes['attributes']}, other {sizes['other']}"
+    yield f"{facts['vertices']} vertices, {facts['faces']} faces, {facts['voxels']} voxels, {facts['position_bits']} bits{bits}"
+    for field in facts["fields"]:
+        yield f"field {field['field_index']}: K {field['resolution']}, {field['num_voxels']} voxels"
+    for group in facts["groups"]:
+        yield (f"field {group['field_index']}, group {group['group_index']} ({group['semantic']}): {group['bytes']} bytes, "
+               f"qp {group['qp']}, {len(group['codeword_bytes'])} codewords")
+        if group["level_bytes"] is not None:
+            yield "  bytes by level, coarse to fine: " + " ".join(map(str, group["level_bytes"]))
+    yield f"{'offset':>10} {'size':>9}  element"
+    for unit in facts["units"]:
+        yield f"{unit['offset']:>10} {unit['size']:>9}  {unit['name']}"
+        for element in unit["elements"]:
+            yield f"{element['offset']:>10} {element['size']:>9}    {element['name']} = {json.dumps(element['value'])}"
+    if facts.get("verified"):
+        yield "verified: OK"
+
+
+def main(arguments=None):
+    """The entry point."""
+    run(info, arguments)
+
+
+if __name__ == "__main__":
+    main()

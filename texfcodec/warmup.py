@@ -1,0 +1,61 @@
+"""Compiling the kernels ahead of use, and telling without numba whether that has been done."""
+
+import os
+import sys
+from pathlib import Path
+
+ENTRIES = ("field/voxelise.py", "attribute/blocks.py")  # every encode and decode enters kernels of these files
+
+
+def kernels_compiled():
+    """Whether numba's cache holds, for every file of ENTRIES, something newer than the file."""
+    return all(_has_index(Path(__file__).parent / name) for name in ENTRIES)
+
+
+def _has_index(path):
+    """A cache index of this interpreter in any place where numba would put it."""
+    tag = f"py{sys.version_info.major}{sys.version_info.minor}"
+    pattern, changed = f"{path.stem}.*.{tag}*.nbi", path.stat().st_mtime
+    base = os.environ.get("NUMBA_CACHE_DIR")
+    places = [path.parent / "__pycache__"]
+    if base:
+        places = list(Path(base).glob(f"{path.parent.name}_*"))
+    elif not os.access(path.parent, os.W_OK):
+        places += (Path.home() / ".cache" / "numba").glob(f"{path.parent.name}_*")
+    return any(index.stat().st_mtime >= changed for place in places for index in place.glob(pattern))
+
+
+def warm_up():
+    """Encodes, measures, decodes, bakes and saves a small mesh, so that every kernel is compiled and cached."""
+    import tempfile
+
+    from .decoder import decode
+    from .encoder import encode_scene
+    from .options import EncodeOptions
+    from .quality.measure import measure
+    from .report import Report
+
+    scene, report = _small_scene(), Report()
+    data, _ = encode_scene(scene, EncodeOptions(resolution=64, qp=20), report)
+    texf = decode(data)
+    measure(scene, texf, 1000, face_field=report.facts.get("scene_face_field"))
+    with tempfile.TemporaryDirectory() as folder:
+        for atlas in ("fast", "quality"):
+            texf.save(Path(folder) / "a.glb", texture_size=64, atlas=atlas)
+
+
+def _small_scene():
+    """Two crossing sheets, one of them see-through, so that fields split and both channel groups are coded."""
+    import numpy as np
+
+    from .asset.scene import ALPHA_BLEND, Material, Scene, Texture
+
+    side = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float64)
+    flat, upright = np.insert(side, 2, 0.5, axis=1), np.insert(side, 0, 0.5, axis=1)
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    image = np.random.default_rng(0).integers(0, 256, (16, 16, 4), np.uint8)
+    return Scene(
+        positions=np.concatenate([flat, upright]), faces=np.concatenate([faces, faces + 4]),
+        face_material=np.array([0, 0, 1, 1]), corner_uv=np.concatenate([side[faces], side[faces]]), corner_color=None,
+        materials=[Material(texture=0), Material(texture=0, alpha_mode=ALPHA_BLEND)], textures=[Texture(image)],
+    )

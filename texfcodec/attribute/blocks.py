@@ -13,6 +13,7 @@ from .contexts import (
     _zero_context,
 )
 from .prediction import _predict
+from .quantise import MAX_MEAN
 from .raht import SPLITS, _forward, _inverse, _tree_weights
 from .range_coder import _dec_bit, _enc_bit
 
@@ -137,7 +138,7 @@ def _rebuild_children(child, p, tree, q, steps, parent_mean, predicted, flags, v
         n = child
         for octant in range(8):
             if tree[7 + octant]:
-                child_mean[n, c] = values[7 + octant]
+                child_mean[n, c] = min(max(values[7 + octant], -MAX_MEAN), MAX_MEAN)
                 n += 1
 
 

@@ -10,6 +10,7 @@ GAIN_FRACTION = 17
 MAX_QP = 63
 MAX_Q = (1 << 22) - 1
 MAX_DIFFERENCE = (1 << 22) - 1
+MAX_MEAN = 1 << 22  # decoded means are clipped to +-1024.0; real ones stay near 0..255
 # round(2**((i - 4) / 6) * 2**12): the steps of QP 0..5; every six QPs the step doubles
 STEP_TABLE = (2580, 2896, 3251, 3649, 4096, 4598)
 

@@ -6,7 +6,6 @@ from ..errors import LimitError, StreamError, SupportError
 from .syntax import (
     ATTRIBUTE,
     CODECS,
-    CODEWORD,
     SIGNATURE,
     UNIT_ATTRIBUTE,
     UNIT_END,
@@ -89,13 +88,15 @@ def _read_attribute(reader, stream, trace):
         raise SupportError("TXF-U02", "unknown attribute codec", clause="5.7", value=values["codec_id"], allowed=str(list(CODECS)))
     values["offset"] = reader.base + reader.position
     read_structure(codec, reader, values, trace, per_item=_levels_of)
-    _check_slicing(values)
+    _check_raht(values)
     values["data_offset"] = reader.position - len(values["codeword_data"])
     return values
 
 
-def _check_slicing(values):
+def _check_raht(values):
     """Relations between elements that a range cannot say (spec 5.7.1, 5.7.2)."""
+    if values["kernel"][0] == 0:
+        raise StreamError("TXF-S04", "kernel[0] is out of range", clause="5.7.1", offset=values["offset"], value=0, allowed="1..255")
     depth, level = values["Depth"], values["slice_level"]
     if level and level >= depth:
         raise StreamError("TXF-S04", "slice_level is out of range", clause="5.7.1", value=level, allowed=f"0..{depth - 1}")
@@ -191,5 +192,3 @@ def _check_counts(stream):
     if set(range(len(stream.fields))) - {unit["field_index"] for unit in stream.geometry}:
         raise StreamError("TXF-S11", "a field has no geometry", clause="5.5")
 
-
-__all__ = ["CODEWORD", "Stream", "attribute_variables", "read_stream", "write_stream"]

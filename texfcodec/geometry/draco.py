@@ -1,4 +1,4 @@
-"""The Draco substream of a geometry unit: positions only, edgebreaker, mesh bitstream 2.2 (spec clauses 5.6 and 6.0).
+"""The Draco substream of a geometry unit: positions only, edgebreaker, mesh bitstream 2.2 (spec clause 5.6).
 
 Draco has no limits of its own, so its header is checked against ours before it sees a byte, and its result after.
 """

@@ -18,7 +18,7 @@ from .bitstream.syntax import CODEC_RAHT, SEMANTIC_ALPHA, SEMANTIC_BASE_COLOUR, 
 from .decoder import field_surface, voxels_crc
 from .errors import InputError, LimitError
 from .field.grid import build_brick_map
-from .field.transfer import transfer
+from .field.transfer import transfer, useful_density
 from .field.trial import choose_fields
 from .field.voxelise import count_samples, voxelise
 from .geometry.canonical import CanonicalCube, fit_cube
@@ -27,7 +27,7 @@ from .options import EncodeOptions
 from .report import Report
 from .texf import GeometryUnit
 
-# Samples per voxel edge of the transfer, by effort: 3 saves 1.2 % of the bits over 2, 4 saves 2 %, 6 saves 2.2 % (bball_0001)
+# Most samples per voxel edge of the transfer, by effort: 3 saves 1.2 % of the bits over 2, 4 saves 2 %, 6 saves 2.2 % (bball_0001)
 TRANSFER_DENSITY = {"fast": 2, "balanced": 4, "best": 6}
 LEVEL_INDEX_BYTES = 4096  # smaller attribute units do without their per-level byte counts
 
@@ -173,8 +173,9 @@ def _code_field(number, stream, surface, mine, units, scene, options, report):
         raise LimitError("TXF-L04", "the fields have more voxels than the limit allows", allowed=limits.voxels)
     with report.stage("transfer"):
         source = pack_source(scene, surface.origin_face[mine])
-        colour, alpha = transfer(surface.lattice, surface.faces[mine], source, bits, options.resolution, field.keys,
-                                 build_brick_map(field.keys), TRANSFER_DENSITY[options.effort], options.threads)
+        textured = (surface.lattice, surface.faces[mine], source, bits, options.resolution)
+        density = useful_density(*textured, most=TRANSFER_DENSITY[options.effort])
+        colour, alpha = transfer(*textured, field.keys, build_brick_map(field.keys), density, options.threads)
     with report.stage("attributes"):
         for i, group in enumerate(stream.header["channel_groups"]):
             plane = colour if group["group_semantic"] == SEMANTIC_BASE_COLOUR else alpha[:, None]

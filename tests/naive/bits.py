@@ -1,0 +1,94 @@
+"""Clauses 4.3, 5.1 and 5.2 in plain Python: descriptors, framing, CRC. Written from bitstream_spec.md alone."""
+
+import math
+import struct
+import zlib
+
+MAGIC = bytes.fromhex("895458460D0A1A0A")
+
+
+class Invalid(Exception):
+    """The stream breaks a rule of clauses 4 to 7."""
+
+
+class Unsupported(Exception):
+    """The stream may be right, but this decoder does not know what it asks for."""
+
+
+def require(condition, sentence):
+    """Raise Invalid with the sentence unless the condition holds."""
+    if not condition:
+        raise Invalid(sentence)
+
+
+class Reader:
+    """Reads the descriptors of 4.3, one after the other, from a run of bytes."""
+
+    def __init__(self, data):
+        self.data, self.at = data, 0
+
+    def take(self, count, name):
+        require(count <= len(self.data) - self.at, f"{name}: {count} bytes wanted, {len(self.data) - self.at} left")
+        self.at += count
+        return self.data[self.at - count : self.at]
+
+    def rest(self):
+        return self.take(len(self.data) - self.at, "rest")
+
+    def ended(self):
+        return self.at == len(self.data)
+
+    def number(self, size, name, low, high, signed=False):
+        value = int.from_bytes(self.take(size, name), "little", signed=signed)
+        require(low <= value <= high, f"{name} is {value}, not in {low}..{high}")
+        return value
+
+    def u8(self, name, low=0, high=255):
+        return self.number(1, name, low, high)
+
+    def u16(self, name, low=0, high=65535):
+        return self.number(2, name, low, high)
+
+    def u32(self, name):
+        return self.number(4, name, 0, 2**32 - 1)
+
+    def i32(self, name, low, high):
+        return self.number(4, name, low, high, signed=True)
+
+    def f64(self, name, low=-1e300):
+        (value,) = struct.unpack("<d", self.take(8, name))
+        require(math.isfinite(value) and low <= value <= 1e300, f"{name} is {value}")
+        return value
+
+    def v(self, name, low=0, high=2**56 - 1):
+        value = 0
+        for i in range(8):
+            byte = self.u8(name)
+            value += (byte & 127) << (7 * i)
+            if byte < 128:
+                require(byte > 0 or i == 0, f"{name} is not in its shortest form")
+                require(low <= value <= high, f"{name} is {value}, not in {low}..{high}")
+                return value
+        raise Invalid(f"{name} has more than 8 bytes")
+
+    def utf8(self, count, name):
+        try:
+            return self.take(count, name).decode("utf-8")
+        except UnicodeDecodeError as error:
+            raise Invalid(f"{name} is not UTF-8") from error
+
+
+def units_of(data):
+    """Clause 5.2: the list of (type, payload) of a stream, framing and checksums checked, order not yet."""
+    require(data[:8] == MAGIC, "the stream does not begin with the eight bytes of 5.1")
+    reader, units = Reader(data), []
+    reader.take(8, "magic")
+    while not units or units[-1][0] != 5:
+        start = reader.at
+        unit_type = reader.u8("unit_type")
+        payload = reader.take(reader.v("unit_length"), "payload")
+        crc = zlib.crc32(data[start : reader.at])
+        require(reader.u32("unit_crc") == crc, f"the checksum of unit {len(units)} (type {unit_type}) does not match")
+        units.append((unit_type, payload))
+    require(reader.ended(), "bytes follow the end unit")
+    return units

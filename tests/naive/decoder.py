@@ -1,0 +1,114 @@
+"""A whole decoder in plain Python, written from bitstream_spec.md and a Draco decoder alone: slow, and nothing to trust but the text.
+
+    python tests/naive/decoder.py IN.texf OUT_DIR [--lod L]
+
+writes the arrays of clause 9 for conformance/run.py. Exit codes: 3 for an invalid stream, 5 for one it does not support.
+"""
+
+import argparse
+import struct
+import sys
+import zlib
+from pathlib import Path
+
+import DracoPy
+
+if __package__ in (None, ""):  # run as a command: this folder's own modules are found as naive.*
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
+from naive.attributes import decode_values
+from naive.bits import Invalid, Unsupported, require, units_of
+from naive.syntax import read_stream
+from naive.voxels import active_voxels
+
+UINT32, POSITION = 6, 0  # Draco's own numbers
+
+
+def decode(data, lod=0):
+    """Stream bytes -> dict of header, materials, units (field, material, lattice, faces) and fields (keys, values by group)."""
+    stream = read_stream(units_of(data))
+    header = stream["header"]
+    units = [decode_geometry(unit, header["position_bits"]) for unit in stream["geometry"]]
+    fields = []
+    for index, field in enumerate(stream["fields"]):
+        keys = field_keys(field, [unit for unit in units if unit["field"] == index], header["position_bits"])
+        attributes = [unit for unit in stream["attributes"] if unit["field_index"] == index]
+        values = [checked_values(unit, keys, lod) for unit in attributes]
+        depth = (field["resolution"] - 1).bit_length()
+        coarse = sorted({key >> 3 * min(lod, depth) for key in keys})
+        fields.append({"resolution": -(-field["resolution"] >> min(lod, depth)), "keys": coarse, "values": values})
+    return {"header": header, "materials": stream["materials"], "units": units, "fields": fields, "metadata": stream["metadata"]}
+
+
+def decode_geometry(unit, position_bits):
+    """Clause 5.6: lattice positions and faces as lists of integer triples."""
+    try:
+        mesh = DracoPy.decode(unit["draco_data"])
+        (attribute,) = mesh.attributes
+        kind = (attribute["attribute_type"], attribute["data_type"], attribute["num_components"])
+        lattice, faces = attribute["data"].tolist(), mesh.faces.tolist()
+    except Exception as error:  # whatever the Draco decoder or a mesh without these parts raises
+        raise Invalid(f"draco_data does not decode to a mesh with one attribute: {error}") from error
+    require(kind == (POSITION, UINT32, 3), "the Draco attribute is not a position of three unsigned 32-bit integers")
+    require(len(lattice) == unit["unit_vertices"], "draco_data decodes to another number of vertices")
+    require(len(faces) == unit["unit_faces"], "draco_data decodes to another number of faces")
+    require(all(p < 1 << position_bits for vertex in lattice for p in vertex), "a position is not below 2^position_bits")
+    return {"field": unit["field_index"], "material": unit["material_index"], "lattice": lattice, "faces": faces}
+
+
+def field_keys(field, units, position_bits):
+    """Clause 6.4, with the check of num_voxels and voxels_crc."""
+    triangles = [[unit["lattice"][corner] for corner in face] for unit in units for face in unit["faces"]]
+    keys = active_voxels(triangles, position_bits, field["resolution"], field["area_threshold"])
+    require(len(keys) == field["num_voxels"], f"{len(keys)} voxels are active, num_voxels is {field['num_voxels']}")
+    require(zlib.crc32(struct.pack(f"<{len(keys)}Q", *keys)) == field["voxels_crc"], "voxels_crc does not match")
+    return keys
+
+
+def checked_values(unit, keys, lod):
+    """Clause 7, with the check of 7.8 where all levels are decoded."""
+    values = decode_values(unit, keys, lod)
+    require(lod > 0 or zlib.crc32(values) == unit["values_crc"], "values_crc does not match")
+    return values
+
+
+def geometry_rows(units):
+    """Clause 9: (field, material, corners) of all triangles, canonical and sorted."""
+    rows = []
+    for unit in units:
+        for face in unit["faces"]:
+            a, b, c = (unit["lattice"][corner] for corner in face)
+            rows.append([unit["field"], unit["material"], *min(a + b + c, b + c + a, c + a + b)])
+    return sorted(rows)
+
+
+def arrays(texf):
+    """Clause 9: file name -> bytes, for every decoded array."""
+    numbers = [number for row in geometry_rows(texf["units"]) for number in row]
+    files = {"geometry": struct.pack(f"<{len(numbers)}q", *numbers)}
+    for i, field in enumerate(texf["fields"]):
+        files[f"field{i}_keys"] = struct.pack(f"<{len(field['keys'])}q", *field["keys"])
+        files |= {f"field{i}_group{g}_values": values for g, values in enumerate(field["values"])}
+    return files
+
+
+def main():
+    """The command of the module's description."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("stream", type=Path)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--lod", type=int, default=0)
+    arguments = parser.parse_args()
+    try:
+        files = arrays(decode(arguments.stream.read_bytes(), arguments.lod))
+    except (Invalid, Unsupported) as error:
+        print(f"{type(error).__name__}: {error}", file=sys.stderr)
+        return 3 if isinstance(error, Invalid) else 5
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    for name, content in files.items():
+        (arguments.folder / f"{name}.bin").write_bytes(content)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,172 @@
+"""Clause 5 in plain Python: every unit's payload to a dict whose keys are the syntax elements."""
+
+from naive.bits import Reader, Unsupported, require
+
+HEADER, MATERIALS, FIELD, GEOMETRY, ATTRIBUTE, END, METADATA = 0, 1, 2, 3, 4, 5, 128
+COMPONENTS = {0: 3, 1: 1}  # of a group_semantic
+DRACO_START = bytes.fromhex("445241434F020201010000")
+
+
+def read_header(reader):
+    """Clause 5.3."""
+    header = {"version": reader.u8("version", 0, 0), "position_bits": reader.u8("position_bits", 8, 20)}
+    header["origin"] = [reader.f64("origin") for _ in range(3)]
+    header["side"] = reader.f64("side", low=0)
+    header["num_vertices"] = reader.v("num_vertices")
+    header["num_faces"] = reader.v("num_faces")
+    header["num_materials"] = reader.v("num_materials", high=65536)
+    header["num_fields"] = reader.v("num_fields", high=256)
+    header["num_geometry_units"] = reader.v("num_geometry_units", high=16777216)
+    header["num_channel_groups"] = reader.u8("num_channel_groups", 1, 16)
+    groups = []
+    for _ in range(header["num_channel_groups"]):
+        semantic, transfer = reader.u8("group_semantic", 0, 1), reader.u8("group_transfer", 0, 1)
+        groups.append({"semantic": semantic, "transfer": transfer, "components": reader.u8("group_components", 1, 3)})
+    header["channel_groups"] = groups
+    for group in groups:
+        if COMPONENTS[group["semantic"]] != group["components"]:
+            raise Unsupported(f"{group['components']} components for semantic {group['semantic']}")
+    return header
+
+
+def read_materials(reader, header):
+    """Clause 5.4."""
+    materials = []
+    for _ in range(header["num_materials"]):
+        material = {"name": reader.utf8(reader.v("name_length", high=65535), "material_name")}
+        material["alpha_mode"] = reader.u8("alpha_mode", 0, 2)
+        if material["alpha_mode"] == 1:
+            material["alpha_cutoff"] = reader.u16("alpha_cutoff")
+        material["flags"] = reader.u8("material_flags", 0, 3)
+        materials.append(material)
+    return materials
+
+
+def read_field(reader, expected_index):
+    """Clause 5.5."""
+    require(reader.v("field_index") == expected_index, "field_index does not count up from 0")
+    return {
+        "resolution": reader.u16("resolution", 1, 8192),
+        "area_threshold": reader.u16("area_threshold"),
+        "num_voxels": reader.v("num_voxels", low=1),
+        "voxels_crc": reader.u32("voxels_crc"),
+    }
+
+
+def read_geometry(reader, header):
+    """Clause 5.6: the elements and what can be said of draco_data without decoding it."""
+    unit = {
+        "field_index": reader.v("field_index", high=header["num_fields"] - 1),
+        "material_index": reader.v("material_index", high=header["num_materials"] - 1),
+        "unit_vertices": reader.v("unit_vertices", low=3),
+        "unit_faces": reader.v("unit_faces", low=1),
+    }
+    unit["draco_data"] = reader.rest()
+    draco = Reader(unit["draco_data"])
+    require(draco.take(11, "Draco header") == DRACO_START, "draco_data does not begin as 5.6 says")
+    require(draco.u8("traversal type") in (0, 2), "Draco's traversal type is neither 0 nor 2")
+    require(draco.v("Draco's vertex count") == unit["unit_vertices"], "draco_data names another number of vertices")
+    require(draco.v("Draco's face count") == unit["unit_faces"], "draco_data names another number of faces")
+    return unit
+
+
+def read_attribute(reader, header, fields):
+    """Clause 5.7, with 5.7.1 and 5.7.2."""
+    unit = {
+        "field_index": reader.v("field_index", high=header["num_fields"] - 1),
+        "group_index": reader.u8("group_index", 0, header["num_channel_groups"] - 1),
+        "codec_id": reader.u8("codec_id"),
+        "values_crc": reader.u32("values_crc"),
+    }
+    if unit["codec_id"] != 0:
+        raise Unsupported(f"attribute codec {unit['codec_id']}")
+    components = header["channel_groups"][unit["group_index"]]["components"]
+    depth = (fields[unit["field_index"]]["resolution"] - 1).bit_length()
+    unit.update(components=components, depth=depth)
+    unit["colour_transform"] = reader.u8("colour_transform", 0, 1 if components == 3 else 0)
+    unit["qp"] = [reader.u8("qp", 0, 63) for _ in range(components)]
+    unit["kernel"] = [reader.u8("kernel") for _ in range(7)]
+    require(unit["kernel"][0] >= 1, "kernel[0] is 0")
+    unit["root_mean"] = [reader.i32("root_mean", -1048576, 1048576) for _ in range(components)]
+    slice_level = unit["slice_level"] = reader.u8("slice_level", 0, 12)
+    require(slice_level == 0 or slice_level < depth, "slice_level is not less than Depth")
+    num_slices = reader.v("num_slices", 1, 64) if slice_level > 0 else 1
+    unit["slice_first"] = [0]
+    for _ in range(num_slices - 1):
+        unit["slice_first"].append(unit["slice_first"][-1] + reader.v("slice_step", low=1))
+    read_codewords(reader, unit, num_slices)
+    return unit
+
+
+def read_codewords(reader, unit, num_slices):
+    """Clause 5.7.2; level_bytes has no influence on decoding and is only passed over."""
+    depth, slice_level = unit["depth"], unit["slice_level"]
+    levels = [depth] if slice_level == 0 else [slice_level] + [depth - slice_level] * num_slices
+    level_index = reader.u8("level_index", 0, 1)
+    lengths = []
+    for num_levels in levels if depth > 0 else []:
+        lengths.append(reader.v("codeword_length"))
+        for _ in range(num_levels * level_index):
+            reader.v("level_bytes")
+    unit["codewords"] = [reader.take(length, "codeword") for length in lengths]
+    require(reader.ended(), "codeword_data is longer than its codewords")
+
+
+def read_metadata(reader):
+    """Clause 5.8; the JSON text is handed on unread."""
+    reader.u8("metadata_format", 0, 0)
+    return reader.rest()
+
+
+def filled(read, payload, *context):
+    """The structure read from a payload, which it must fill."""
+    reader = Reader(payload)
+    structure = read(reader, *context)
+    require(reader.ended(), f"{len(payload) - reader.at} bytes are left over in a unit")
+    return structure
+
+
+def check_order(types):
+    """Clause 5.2: what may stand where."""
+    require(types[0] == HEADER, "the first unit is not the sequence header")
+    for unit_type in types:
+        if 5 < unit_type < 128:
+            raise Unsupported(f"critical unit of type {unit_type}")
+    known = [unit_type for unit_type in types if unit_type <= END]
+    require(known == sorted(known), "units are out of order")
+    require(types.count(HEADER) == 1 and types.count(MATERIALS) == 1, "not exactly one header and one materials unit")
+    require(types.count(METADATA) <= 1, "more than one metadata unit")
+
+
+def read_stream(units):
+    """All units of a stream as one dict; what binds units to each other (counts, sums, order) is checked."""
+    check_order([unit_type for unit_type, _ in units])
+    of_type = lambda wanted: [payload for unit_type, payload in units if unit_type == wanted]
+    header = filled(read_header, of_type(HEADER)[0])
+    for unit_type, name, count in [
+        (FIELD, "field", header["num_fields"]),
+        (GEOMETRY, "geometry", header["num_geometry_units"]),
+        (ATTRIBUTE, "attribute", header["num_fields"] * header["num_channel_groups"]),
+    ]:
+        require(len(of_type(unit_type)) == count, f"{len(of_type(unit_type))} {name} units where the header asks for {count}")
+    materials = filled(read_materials, of_type(MATERIALS)[0], header)
+    fields = [filled(read_field, payload, index) for index, payload in enumerate(of_type(FIELD))]
+    geometry = [filled(read_geometry, payload, header) for payload in of_type(GEOMETRY)]
+    require({unit["field_index"] for unit in geometry} == set(range(len(fields))), "a field has no geometry unit")
+    require(sum(unit["unit_vertices"] for unit in geometry) == header["num_vertices"], "unit_vertices do not add up")
+    require(sum(unit["unit_faces"] for unit in geometry) == header["num_faces"], "unit_faces do not add up")
+    attributes = [filled(read_attribute, payload, header, fields) for payload in of_type(ATTRIBUTE)]
+    pairs = [(unit["field_index"], unit["group_index"]) for unit in attributes]
+    wanted = [(field, group) for field in range(len(fields)) for group in range(header["num_channel_groups"])]
+    require(pairs == wanted, "the attribute units are not one of each field and group, in order")
+    metadata = [filled(read_metadata, payload) for payload in of_type(METADATA)]
+    skipped = [unit_type for unit_type, _ in units if unit_type > METADATA]
+    return {
+        "header": header,
+        "materials": materials,
+        "fields": fields,
+        "geometry": geometry,
+        "attributes": attributes,
+        "metadata": metadata[0] if metadata else None,
+        "skipped_units": skipped,
+    }

@@ -40,7 +40,7 @@ def uncoded_mse(scene, surface, face_field, options):
         if len(keys) and len(asked):
             brick_map = build_brick_map(keys)
             part = pack_source(scene, surface.origin_face[mine])
-            colour, _ = transfer(surface.lattice, surface.faces[mine], part, bits, resolution, keys, brick_map, threads=threads)
+            colour, _ = transfer(surface.lattice, surface.faces[mine], part, bits, resolution, keys, brick_map, 1, threads)
             got[asked] = query_field(points[asked], resolution, keys, brick_map, colour, threads)[0]
     error = ColourError()
     error.add(reference[:, :3], got, np.maximum(reference[:, 3], 1) / 255)

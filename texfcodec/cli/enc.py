@@ -121,13 +121,16 @@ def _encode(scene, options, report, out):
         from ..encoder import encode_scene
 
         data, report.facts["bytes"] = encode_scene(scene, options, report)
-    psnr = _measure(scene, data, options, report) if options.measure else report.facts.get("psnr_3d")
+    if options.measure and "psnr_3d" not in report.facts:
+        _measure(scene, data, options, report)
     _refuse_losses(options, report)
     write_output(out, data)
     made = report.facts
+    psnr = made.get("psnr_3d")
     facts = {"bytes": made["bytes"], "resolution": made.get("resolution", options.resolution), "qp": made.get("qp", options.qp),
              "voxels": made["voxels"], "faces": made["faces"], "vertices": made["vertices"], "fields": made["fields"],
-             "psnr_3d": psnr}
+             "psnr_3d": psnr and {name: psnr[name] for name in ("y", "yuv611", "rgb")},
+             "psnr_samples": psnr and psnr["samples"]}
     return facts | ({"search": made["search"]} if "search" in made else {})
 
 
@@ -138,7 +141,8 @@ def _measure(scene, data, options, report):
 
     with report.stage("measure"):
         texf = decode(data, DecodeOptions(threads=options.threads))
-        return measure(scene, texf, threads=options.threads, face_field=report.facts.get("scene_face_field"))
+        report.facts["psnr_3d"] = measure(scene, texf, threads=options.threads,
+                                          face_field=report.facts.get("scene_face_field"))
 
 
 def _estimate(scene, options, report):

@@ -1,0 +1,81 @@
+"""The main job on the bundled sample: encode at three rates, decode to GLB, show a table. `make demo` runs this.
+
+    python -m texfcodec.demo [FOLDER]
+"""
+
+import sys
+import time
+from pathlib import Path
+
+RATES_SHOWN = ("r01", "r03", "r05")
+STAGES = ("load", "partition", "geometry", "voxelise", "transfer", "attributes")
+
+
+def main(folder="out"):
+    """Writes the sample, three streams and three decoded GLBs into folder and prints what each took."""
+    from rich.console import Console
+
+    from .asset.sample_asset import write_sample
+    from .warmup import kernels_compiled
+
+    begin, console, folder = time.perf_counter(), Console(), Path(folder)
+    folder.mkdir(exist_ok=True)
+    source = folder / "sample.glb"
+    write_sample(source)
+    console.print(f"{source}: {source.stat().st_size:,} bytes, made by code")
+    if not kernels_compiled():
+        console.print("first run: compiling kernels, about 30 s, once")
+    rows = []
+    for rate in RATES_SHOWN:
+        with console.status(f"{rate}: encoding and decoding"):
+            rows.append(_one_rate(source, folder / f"sample_{rate}.texf", rate))
+    console.print(_table(rows))
+    console.print(f"{time.perf_counter() - begin:.0f} s in all. To look at, in any glTF viewer: {source}, "
+                  + ", ".join(str(folder / f"sample_{rate}.glb") for rate in RATES_SHOWN))
+    console.print(f"What stands in a stream: texf-info {folder / f'sample_{RATES_SHOWN[0]}.texf'}")
+
+
+def _one_rate(source, stream, rate):
+    """Encodes, measures, decodes and saves beside the stream; a dict of what it took."""
+    from . import DecodeOptions, EncodeOptions, Report, decode, encode
+    from .asset.load import load
+    from .quality.measure import measure
+
+    options, coding, decoding = EncodeOptions(rate=rate), Report(), Report()
+    data = encode(source, options, coding)
+    stream.write_bytes(data)
+    texf = decode(data, DecodeOptions(), decoding)
+    psnr = measure(load(source), texf, threads=options.threads, face_field=coding.facts.get("scene_face_field"))
+    with decoding.stage("save"):
+        texf.save(stream.with_suffix(".glb"))
+    return {"rate": rate, "options": options, "facts": coding.facts, "psnr": psnr, "coding": coding.seconds,
+            "decoding": decoding.seconds}
+
+
+def _table(rows):
+    from rich.table import Table
+
+    table = Table(title="texfcodec on the bundled sample", title_justify="left")
+    table.add_column("")
+    for row in rows:
+        table.add_column(f"{row['rate']}: K {row['options'].resolution}, QP {row['options'].qp}", justify="right")
+    sizes = [row["facts"]["bytes"] for row in rows]
+    for kind in ("total", "geometry", "attributes", "other"):
+        table.add_row(f"bytes, {kind}", *(f"{s[kind]:,}" for s in sizes))
+    voxels = [row["facts"]["voxels"] for row in rows]
+    table.add_row("voxels", *(f"{n:,}" for n in voxels))
+    table.add_row("fields", *(str(row["facts"]["fields"]) for row in rows))
+    table.add_row("attribute bits per voxel", *(f"{8 * s['attributes'] / n:.3f}" for s, n in zip(sizes, voxels, strict=True)))
+    for name, key in (("Y", "y"), ("YUV 6:1:1", "yuv611"), ("RGB", "rgb")):
+        table.add_row(f"3D-PSNR {name}, dB", *("lossless" if (v := row["psnr"][key]) is None else f"{v:.2f}" for row in rows))
+    table.add_section()
+    for stage in STAGES:
+        table.add_row(f"encode: {stage}, s", *(f"{row['coding'].get(stage, 0):.2f}" for row in rows))
+    for stage in ("geometry", "voxelise", "attributes", "save"):
+        name = "save as GLB" if stage == "save" else stage
+        table.add_row(f"decode: {name}, s", *(f"{row['decoding'].get(stage, 0):.2f}" for row in rows))
+    return table
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:2])

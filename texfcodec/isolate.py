@@ -1,0 +1,221 @@
+"""Decoding in a child process with capped memory and time: what to use for files from strangers.
+
+The parent never runs Draco or a kernel on the stream. What the child answers is arrays without pickles and JSON, checked again.
+
+| code | class | meaning |
+|---|---|---|
+| TXF-S40 | StreamError | the child crashed on this stream, or its answer makes no sense |
+| TXF-L07 | LimitError | decoding needs more memory than limits.isolate_bytes |
+| TXF-L08 | LimitError | decoding takes longer than limits.isolate_seconds |
+"""
+
+import errno
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from . import errors
+from .asset.scene import Material
+from .errors import LimitError, StreamError, TexfError
+from .geometry.canonical import CanonicalCube
+from .limits import Limits
+from .options import DecodeOptions
+from .report import Report, peak_memory_bytes
+from .texf import Field, GeometryUnit, Texf
+
+ANSWER, FACTS = "answer.npz", "facts.json"
+FACTS_BYTES = 64 << 20  # the JSON half of an answer is never larger
+_NO_MEMORY = ("bad_alloc", "allocate", "failed to map", "out of memory", "memoryerror", "can't start new thread", "not enough memory")
+
+
+def decode_isolated(data, options=None, report=None):
+    """As decode(), in a child process capped by limits.isolate_bytes (of address space beyond what the idle decoder has) and
+    limits.isolate_seconds.
+
+    data: bytes; options: DecodeOptions; report: Report, which gets the child's seconds and warnings, and its peak memory in facts.
+    Where the system has no cap on memory, a warning says so. Raises what decode() raises, and the codes of this module.
+    """
+    options, report = options or DecodeOptions(), report or Report()
+    with tempfile.TemporaryDirectory(prefix="texf-") as folder, report.stage("isolate"):
+        facts, arrays = _run_child(bytes(data), options, Path(folder))
+    report.warnings += [str(w) for w in facts["warnings"]]
+    report.seconds |= {f"child {name}": value for name, value in facts["seconds"].items()}
+    report.facts["child_peak_memory_bytes"] = facts["peak_memory_bytes"]
+    return _texf(facts, arrays, options.threads)
+
+
+def _run_child(data, options, folder):
+    """Starts the child, waits, and returns its answer (facts, arrays), or raises what became of it."""
+    package = str(Path(__file__).parent.parent)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))}
+    environment |= {"MALLOC_ARENA_MAX": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each takes address space
+    request = json.dumps(asdict(options))
+    command = [sys.executable, "-P", "-m", "texfcodec.isolate", str(folder), request]  # -P: nothing from the working folder
+    try:
+        child = subprocess.run(command, input=data, capture_output=True, env=environment,
+                               timeout=options.limits.isolate_seconds, check=False)
+    except subprocess.TimeoutExpired:
+        raise LimitError("TXF-L08", "decoding took longer than the limit allows", allowed=options.limits.isolate_seconds) from None
+    try:
+        if (folder / FACTS).stat().st_size > FACTS_BYTES:
+            raise ValueError("too long")
+        facts = json.loads((folder / FACTS).read_bytes())
+        if "error" in facts:
+            raise _error_of(facts["error"])
+        with np.load(folder / ANSWER, allow_pickle=False) as file:
+            return facts, {name: file[name] for name in file.files}
+    except TexfError:
+        raise
+    except Exception as error:  # no answer, or one that a broken child made up
+        raise _crash(child, options) from error
+
+
+def _error_of(facts):
+    """The child's own error, in the class it names."""
+    family = {name: getattr(errors, name) for name in ("InputError", "StreamError", "LimitError", "SupportError")}
+    details = {str(k): v for k, v in facts["details"].items()}
+    return family.get(facts["family"], StreamError)(str(facts["code"]), str(facts["message"]), **details)
+
+
+def _crash(child, options):
+    said = child.stderr.decode("utf-8", "replace")[-2000:].lower()
+    if any(word in said for word in _NO_MEMORY) or child.returncode == -9:  # SIGKILL: the system ran short
+        return _memory_error(options.limits)
+    return StreamError("TXF-S40", "the decoder crashed on this stream", status=child.returncode)
+
+
+def _memory_error(limits):
+    return LimitError("TXF-L07", "decoding needs more memory than the limit allows", allowed=limits.isolate_bytes)
+
+
+def _texf(facts, arrays, threads):
+    """The Texf of an answer. The child may have been taken over: every index is checked again."""
+    try:
+        bits = facts["position_bits"]
+        cube = CanonicalCube(tuple(float(x) for x in facts["origin"]), float(facts["side"]), bits)
+        units = _split(facts["units"], arrays, {"lattice": np.int64, "faces": np.int64})
+        fields = _split(facts["fields"], arrays, {"keys": np.int64, "rgba": np.uint8})
+        texf = Texf(cube, [GeometryUnit(*numbers, *parts) for numbers, parts in units],
+                    [Field(*numbers, *parts) for numbers, parts in fields], [Material(**m) for m in facts["materials"]],
+                    dict(facts["metadata"]), bool(facts["has_alpha"]), threads, list(facts["skipped"]))
+        sound = all(_unit_is_sound(u, texf) for u in texf.units) and all(_field_is_sound(f) for f in texf.fields)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
+        raise StreamError("TXF-S40", "the decoder's answer makes no sense", reason=type(error).__name__) from error
+    if not sound:
+        raise StreamError("TXF-S40", "the decoder's answer has an index out of range")
+    return texf
+
+
+def _split(rows, arrays, dtypes):
+    """Cuts arrays that were joined end to end. rows: ([two numbers], [length of each array]) per part."""
+    at, out = dict.fromkeys(dtypes, 0), []
+    for numbers, lengths in rows:
+        parts = []
+        for (name, dtype), length in zip(dtypes.items(), lengths, strict=True):
+            parts.append(np.ascontiguousarray(arrays[name][at[name] : at[name] + length], dtype))
+            if len(parts[-1]) != length:
+                raise ValueError(name)
+            at[name] += length
+        out.append(([int(n) for n in numbers], parts))
+    return out
+
+
+def _unit_is_sound(unit, texf):
+    named = 0 <= unit.field < len(texf.fields) and 0 <= unit.material < len(texf.materials)
+    return named and unit.lattice.shape[1:] == (3,) and unit.faces.shape[1:] == (3,) and _within(unit.faces, len(unit.lattice)) \
+        and _within(unit.lattice, 1 << texf.position_bits)
+
+
+def _field_is_sound(part):
+    from .field.morton import decode_morton
+
+    if not (1 <= part.resolution <= 8192 and 0 <= part.level_shift <= 13 and part.keys.ndim == 1 and len(part.keys)):
+        return False
+    ascending = part.keys[0] >= 0 and (np.diff(part.keys) > 0).all() and part.keys[-1] < 1 << 42
+    return bool(ascending) and part.rgba.shape == (len(part.keys), 4) and _within(decode_morton(part.keys), part.size)
+
+
+def _within(values, end):
+    return len(values) > 0 and values.min() >= 0 and values.max() < end
+
+
+def _child(folder, request):
+    """The child's side: decodes stdin and leaves its answer in the folder."""
+    import DracoPy  # noqa: F401  native code is loaded before the cap
+
+    from .decoder import decode
+
+    limits = Limits(**request.pop("limits"))
+    request["isolate"] = False
+    data, report = sys.stdin.buffer.read(), Report()
+    try:
+        capped = _cap_memory(limits.isolate_bytes)
+        texf = decode(data, DecodeOptions(**request, limits=limits), report)
+        if not capped:
+            report.warnings.append("this system cannot cap the memory of a process: only the time was capped")
+        facts, arrays = _answer(texf, report)
+        np.savez(folder / ANSWER, **arrays)
+    except Exception as error:
+        if _is_memory(error):
+            error = _memory_error(limits)
+        elif not isinstance(error, TexfError):
+            raise
+        facts = {"error": {"family": type(error).__name__, "code": error.code, "message": error.message,
+                           "details": error.details}}
+    (folder / FACTS).write_text(json.dumps(facts), encoding="utf-8")
+
+
+def _answer(texf, report):
+    """(facts, arrays) of a decoded Texf; arrays of all units and fields joined end to end."""
+    facts = {
+        "origin": list(texf.cube.origin), "side": texf.side, "position_bits": texf.position_bits, "metadata": texf.metadata,
+        "has_alpha": texf.has_alpha, "skipped": texf.skipped, "warnings": report.warnings, "seconds": report.seconds,
+        "peak_memory_bytes": peak_memory_bytes(),
+        "units": [([u.field, u.material], [len(u.lattice), len(u.faces)]) for u in texf.units],
+        "fields": [([f.resolution, f.level_shift], [len(f.keys), len(f.rgba)]) for f in texf.fields],
+        "materials": [{"name": m.name, "alpha_mode": m.alpha_mode, "alpha_cutoff": m.alpha_cutoff,
+                       "double_sided": m.double_sided, "unlit": m.unlit} for m in texf.materials],
+    }
+    arrays = {
+        "lattice": np.concatenate([np.zeros((0, 3), np.int64), *(u.lattice for u in texf.units)]),
+        "faces": np.concatenate([np.zeros((0, 3), np.int64), *(u.faces for u in texf.units)]),
+        "keys": np.concatenate([np.zeros(0, np.int64), *(f.keys for f in texf.fields)]),
+        "rgba": np.concatenate([np.zeros((0, 4), np.uint8), *(f.rgba for f in texf.fields)]),
+    }
+    return facts, arrays
+
+
+def _cap_memory(size):
+    """Caps this process's address space at what it has now plus size bytes; False where the system cannot."""
+    try:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        if size is not None:
+            with open("/proc/self/statm") as file:
+                present = int(file.read().split()[0]) * resource.getpagesize()
+            resource.setrlimit(resource.RLIMIT_AS, (present + size, present + size))
+    except (ImportError, OSError, ValueError):
+        return size is None
+    return True
+
+
+def _is_memory(error):
+    """Whether running out of memory is behind an error, which libraries wrap in their own."""
+    while error is not None:
+        if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
+            return True
+        if any(word in str(error).lower() for word in _NO_MEMORY):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+if __name__ == "__main__":
+    _child(Path(sys.argv[1]), json.loads(sys.argv[2]))

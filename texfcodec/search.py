@@ -1,0 +1,199 @@
+"""Rate control by search: the stream that meets a byte budget or a 3D-PSNR, over grid resolution K and QP."""
+
+import math
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .decoder import decode
+from .encoder import encode_scene
+from .errors import InputError
+from .options import DecodeOptions
+from .quality.measure import SourceSamples
+from .report import Report
+
+LADDER = (64, 128, 256, 512, 1024, 1536, 2048)
+FIRST_K, FIRST_QP, LAST_QP = 1024, 28, 63
+FINER_BELOW, COARSER_ABOVE = 30, 38  # QPs where the next K of LADDER may beat this one; measured on bball_0001, K 256..2048
+BITS_PER_QP, DECIBELS_PER_QP = 0.17, 0.42  # first guesses: log2 of attribute bytes and dB lost with each QP
+VOXELS_PER_AREA = 1.05  # voxels over surface in voxel faces; 1.015 to 1.071 on seven assets at K 512
+SECONDS, SECONDS_PER_VOXEL = 0.8, 2.4e-6  # of an encode with two threads
+
+
+@dataclass
+class Trial:
+    """One encode. psnr: dict of SourceSamples.compare, or None until asked for."""
+
+    resolution: int
+    qp: int
+    data: bytes
+    sizes: dict
+    report: Report
+    seconds: float
+    psnr: dict | None = None
+
+    @property
+    def psnr_y(self):
+        """3D-PSNR of Y in dB; infinite for a lossless one."""
+        return math.inf if self.psnr["y"] is None else self.psnr["y"]
+
+    def row(self):
+        """What the report says about this trial."""
+        return {"resolution": self.resolution, "qp": self.qp, "bytes": self.sizes["total"],
+                "psnr_y": self.psnr and self.psnr["y"], "seconds": round(self.seconds, 3)}
+
+
+def encode_to_target(scene, options, report):
+    """The best 3D-PSNR within options.target_bytes, or the fewest bytes with a 3D-PSNR of Y of options.target_psnr.
+
+    scene: Scene; options: EncodeOptions with one of the two targets; report: Report, whose facts then hold "bytes", "resolution",
+    "qp", "psnr_3d" and "search", a row per trial. Returns the stream, which keeps the target. Raises InputError TXF-I51 where
+    no K and QP do, naming the best that was reached.
+    """
+    search = _Search(scene, options, report)
+    found = search.climb()
+    rows = report.facts["search"] = [t.row() for t in search.trials]
+    if found is None:
+        raise search.unreachable(rows)
+    report.facts |= found.report.facts
+    report.facts.update(bytes=found.sizes, resolution=found.resolution, qp=found.qp, psnr_3d=found.psnr)
+    report.warnings += found.report.warnings
+    report.dropped += found.report.dropped
+    return found.data
+
+
+def estimate(scene, options):
+    """(voxels, seconds) that encoding will need, guessed from the surface area alone."""
+    corners = scene.positions[scene.faces]
+    side = float((scene.positions.max(axis=0) - scene.positions.min(axis=0)).max()) or 1.0
+    edges = (corners[:, 1:] - corners[:, :1]) / side
+    area = float(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum()) / 2
+    voxels = round(min(area * VOXELS_PER_AREA * options.resolution**2, float(options.resolution) ** 3))
+    return max(voxels, 1), round(SECONDS + voxels * SECONDS_PER_VOXEL, 1)
+
+
+class _Search:
+    """Trials over (K, QP); for a budget the smallest QP that fits is sought, for a quality the largest."""
+
+    def __init__(self, scene, options, report):
+        self.scene, self.options, self.report = scene, options, report
+        self.budget = options.target_bytes
+        self.trials, self._samples = [], None
+
+    def climb(self):
+        """Walks the ladder from FIRST_K to finer or coarser K for as long as that is better; the best Trial or None."""
+        best = self.best_at(FIRST_K, FIRST_QP)
+        coarser = best.qp >= COARSER_ABOVE if best else self.budget is not None
+        finer = best.qp <= FINER_BELOW if best else self.budget is None
+        if not (coarser or finer):
+            return best
+        step, place = (-1 if coarser else 1), LADDER.index(FIRST_K)
+        while 0 <= place + step < len(LADDER) and not self._hopeless():
+            start = self._scaled_qp(best, LADDER[place], LADDER[place + step])
+            place += step
+            found = self.best_at(LADDER[place], start)
+            if best and (found is None or not self._better(found, best)):
+                break
+            best = found
+            if best and not (best.qp >= COARSER_ABOVE if step < 0 else best.qp <= FINER_BELOW):
+                break
+        return best
+
+    def best_at(self, resolution, start):
+        """The Trial at this K that meets the target at the least cost, or None."""
+        tried = {}
+
+        def excess(x):
+            trial = self._encode(resolution, x if self.budget else LAST_QP - x)
+            tried[x] = trial
+            if self.budget:
+                fixed = trial.sizes["total"] - trial.sizes["attributes"]
+                return math.log2(max(trial.sizes["attributes"], 1) / (self.budget - fixed)) if fixed < self.budget else math.inf
+            return self.options.target_psnr - self._measured(trial).psnr_y
+
+        slope = BITS_PER_QP if self.budget else DECIBELS_PER_QP
+        x = smallest_root(excess, start if self.budget else LAST_QP - start, slope)
+        for trial in tried.values():
+            if x is None or trial is not tried[x]:
+                trial.data = b""
+        return None if x is None else self._measured(tried[x])
+
+    def _better(self, a, b):
+        return a.psnr_y > b.psnr_y if self.budget else a.sizes["total"] < b.sizes["total"]
+
+    def _scaled_qp(self, best, old, new):
+        """Where to start at another K: bytes and quality move by about seven QP with every doubling of K."""
+        at = best.qp if best else (LAST_QP if self.budget else 0)
+        return min(max(at + round(7 * math.log2(new / old)), 0), LAST_QP)
+
+    def _hopeless(self):
+        """Whether what a trial needs beside its attributes is over the budget already."""
+        least = min(t.sizes["total"] - t.sizes["attributes"] for t in self.trials)
+        return self.budget is not None and least >= self.budget
+
+    def _encode(self, resolution, qp):
+        begin, report = time.perf_counter(), Report(self.report.on_progress)
+        data, sizes = encode_scene(self.scene, replace(self.options, target_bytes=None, target_psnr=None, resolution=resolution, qp=qp), report)
+        self._add_seconds(report)
+        self.trials.append(Trial(resolution, qp, data, sizes, report, time.perf_counter() - begin))
+        return self.trials[-1]
+
+    def _measured(self, trial):
+        if trial.psnr is None:
+            begin, report, threads = time.perf_counter(), Report(self.report.on_progress), self.options.threads
+            with report.stage("measure"):
+                if self._samples is None:
+                    self._samples = SourceSamples(self.scene, threads=threads)
+                texf = decode(trial.data, DecodeOptions(threads=threads))
+                trial.psnr = self._samples.compare(texf, trial.report.facts.get("scene_face_field"))
+            self._add_seconds(report)
+            trial.seconds += time.perf_counter() - begin
+        return trial
+
+    def _add_seconds(self, report):
+        for name, value in report.seconds.items():
+            self.report.seconds[name] = self.report.seconds.get(name, 0.0) + value
+
+    def unreachable(self, rows):
+        """The error that names the best of what was tried."""
+        if self.budget:
+            least = min(rows, key=lambda r: r["bytes"])
+            geometry = min(t.sizes["geometry"] for t in self.trials)
+            return InputError("TXF-I51", f"no K and QP fit into the budget: geometry alone takes {geometry} bytes, and fewer "
+                              "position bits make it smaller", value=self.budget, best=least["bytes"],
+                              resolution=least["resolution"], qp=least["qp"])
+        most = max(rows, key=lambda r: r["psnr_y"])
+        return InputError("TXF-I51", "no K and QP reach this 3D-PSNR", value=self.options.target_psnr,
+                          best=round(most["psnr_y"], 2), resolution=most["resolution"], qp=most["qp"])
+
+
+def smallest_root(excess, start, slope, last=LAST_QP):
+    """Smallest whole x in 0..last with excess(x) <= 0, or None.
+
+    excess falls with x, at first by about `slope` a step; start: first guess. Guesses follow the line through the two latest
+    values, and halve the interval once there have been five.
+    """
+    low, high, known, x = -1, last + 1, [], start
+    while high - low > 1:
+        x = min(max(x, low + 1), high - 1)
+        value = excess(x)
+        known.append((x, value))
+        if value <= 0:
+            high = x
+        else:
+            low = x
+        x = (low + high) // 2 if len(known) >= 5 else _next_guess(known, slope, low, high)
+    return high if high <= last else None
+
+
+def _next_guess(known, slope, low, high):
+    """Where the line through the latest two values (or the first with the given slope) meets zero."""
+    x, value = known[-1]
+    if math.isinf(value):
+        return high - 1 if value > 0 else low + 1
+    if len(known) > 1 and math.isfinite(known[-2][1]):
+        run, rise = x - known[-2][0], known[-2][1] - value
+        if run and rise / run > 0.1 * slope:
+            slope = rise / run
+    return math.ceil(x + value / slope)

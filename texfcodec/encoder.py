@@ -9,10 +9,10 @@ import numpy as np
 from .asset.load import load
 from .asset.sample import pack_source
 from .asset.scene import ALPHA_MASK, ALPHA_OPAQUE
+from .attribute.choice import choose_kernel
 from .attribute.codec import enc_attributes
 from .attribute.colour import TRANSFORM_BT709, TRANSFORM_NONE, forward_colour, forward_plain, inverse_colour, inverse_plain
 from .attribute.layout import octree_depth
-from .attribute.prediction import DEFAULT_KERNEL
 from .bitstream.stream import Stream, write_stream
 from .bitstream.syntax import CODEC_RAHT, SEMANTIC_ALPHA, SEMANTIC_BASE_COLOUR, TRANSFER_LINEAR, TRANSFER_SRGB, VERSION
 from .decoder import field_surface, voxels_crc
@@ -210,16 +210,21 @@ def _code_group(number, index, plane, keys, options):
     colour = plane.shape[1] == 3
     qp = [min(max(options.qp + (options.chroma_qp_offset if c else 0), 0), 63) for c in range(plane.shape[1])]
     values = forward_colour(plane) if colour else forward_plain(np.rint(plane))
-    coded, means = enc_attributes(keys, octree_depth(options.resolution), values, qp, DEFAULT_KERNEL, options.threads)
+    depth = octree_depth(options.resolution)
+    kernel = choose_kernel(keys, depth, values, qp, options.effort)
+    coded, means = enc_attributes(keys, depth, values, qp, kernel, options.threads)
     decoded = inverse_colour(means) if colour else inverse_plain(means)
+    return {"field_index": number, "group_index": index, "codec_id": CODEC_RAHT, "values_crc": zlib.crc32(decoded),
+            **raht_values(coded, colour)}
+
+
+def raht_values(coded, colour):
+    """Syntax values of raht_parameters (spec 5.7.1) for CodedAttributes; colour: whether the BT.709 transform was used."""
     lengths = [len(c) for c in coded.codewords]
-    indexed = sum(lengths) >= LEVEL_INDEX_BYTES
     return {
-        "field_index": number, "group_index": index, "codec_id": CODEC_RAHT, "values_crc": zlib.crc32(decoded),
         "colour_transform": TRANSFORM_BT709 if colour else TRANSFORM_NONE, "qp": coded.qp, "kernel": coded.kernel,
         "root_mean": coded.root, "slice_level": coded.slice_level, "num_slices": len(coded.slice_first),
-        "slice_step": np.diff(coded.slice_first).tolist(), "level_index": int(indexed),
+        "slice_step": np.diff(coded.slice_first).tolist(), "level_index": int(sum(lengths) >= LEVEL_INDEX_BYTES),
         "codewords": [{"codeword_length": n, "level_bytes": b} for n, b in zip(lengths, coded.level_bytes, strict=True)],
         "codeword_data": b"".join(coded.codewords),
     }
-

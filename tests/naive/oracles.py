@@ -1,0 +1,276 @@
+"""Plain-Python oracles of single kernels: unlimited integers and fractions, no numpy, no numba, written from bitstream_spec.md.
+
+They are slow and follow the clauses, not the kernels; where a clause leaves the way open they take the most obvious one (a dict
+for a look-up table, a loop over all voxels for a search).
+"""
+
+from fractions import Fraction
+from itertools import product
+from math import isqrt
+
+STEPS = (2580, 2896, 3251, 3649, 4096, 4598)
+
+
+# Order and look-up
+
+
+def morton(x, y, z):
+    """Key of a voxel, one bit at a time (6.4)."""
+    return sum(((v >> i) & 1) << (3 * i + axis) for axis, v in enumerate((x, y, z)) for i in range(16))
+
+
+def voxel_of(key):
+    """Inverse of morton."""
+    return tuple(sum(((key >> (3 * i + axis)) & 1) << i for i in range(16)) for axis in range(3))
+
+
+def ranks_of(keys):
+    """Rank of every key in a dict."""
+    return {key: i for i, key in enumerate(keys)}
+
+
+# Voxelisation (6.1 to 6.4)
+
+
+def double_area(u, v):
+    """Length of the cross product of two edges, its components cut to 30 bits before they are squared (6.2)."""
+    cross = [abs(u[(i + 1) % 3] * v[(i + 2) % 3] - u[(i + 2) % 3] * v[(i + 1) % 3]) for i in range(3)]
+    shift = max(0, max(cross).bit_length() - 30)
+    return isqrt(sum((c >> shift) ** 2 for c in cross)) << shift
+
+
+def exact_double_area(u, v):
+    """The same without the cut, rounded down."""
+    cross = [u[(i + 1) % 3] * v[(i + 2) % 3] - u[(i + 2) % 3] * v[(i + 1) % 3] for i in range(3)]
+    return isqrt(sum(c * c for c in cross))
+
+
+def _frame(corners):
+    """(start, end, apex, columns, rows, unit) of a triangle in fixed grid coordinates."""
+    a, b, c = sorted(corners)
+    reach = lambda p, q: max(abs(i - j) for i, j in zip(p, q, strict=True))
+    base, _, start, end, apex = max((reach(a, b), 2, a, b, c), (reach(a, c), 1, a, c, b), (reach(b, c), 0, b, c, a))
+    if base == 0:
+        return start, end, apex, 1, 1, 0
+    minus = lambda p, q: [i - j for i, j in zip(p, q, strict=True)]
+    area = double_area(minus(end, start), minus(apex, start))
+    up = lambda length: max(1, -(-2 * length // 65536))
+    rows = up(area // base)
+    return start, end, apex, up(base), rows, area // rows**2
+
+
+def voxelise(lattice, faces, bits, resolution, threshold=0):
+    """Active voxels as a dict from Morton key to area weight."""
+    weights = {}
+    for face in faces:
+        corners = [tuple((lattice[v][i] * resolution * 65536) >> bits for i in range(3)) for v in face]
+        start, end, apex, columns, rows, unit = _frame(corners)
+        for j in range(rows):
+            left = 2 * rows - 2 * j - 1
+            count = max(1, -(-columns * left // (2 * rows)))
+            begin = [(s + (t - s) * (2 * j + 1) // (2 * rows)) * 65536 for s, t in zip(start, apex, strict=True)]
+            half = [((e - s) * left // (2 * rows)) * 65536 // (2 * count) for s, e in zip(start, end, strict=True)]
+            for i in range(count):
+                voxel = [min(max((b + (2 * i + 1) * h) // 2**32, 0), resolution - 1) for b, h in zip(begin, half, strict=True)]
+                key = morton(*voxel)
+                weights[key] = weights.get(key, 0) + unit * left // (2 * count)
+    return {key: weights[key] for key in sorted(weights) if weights[key] >= threshold << 24}
+
+
+# Query (8.2)
+
+
+def query(point, values):
+    """Exact answer at a grid point. values: dict from voxel to a number. Trilinear over active voxels, else the nearest centres.
+
+    Returns (lowest, highest) admissible answer: voxels whose centres are equally near may both answer.
+    """
+    x = [Fraction(v) - Fraction(1, 2) for v in point]
+    base = [v.__floor__() for v in x]
+    total, acc = Fraction(0), Fraction(0)
+    for corner in product((0, 1), repeat=3):
+        voxel = tuple(b + c for b, c in zip(base, corner, strict=True))
+        weight = Fraction(1)
+        for v, b, c in zip(x, base, corner, strict=True):
+            weight *= (v - b) if c else 1 - (v - b)
+        if weight > 0 and voxel in values:
+            total, acc = total + weight, acc + weight * values[voxel]
+    if total > 0:
+        return acc / total, acc / total
+    distance = {v: sum((Fraction(c) - p) ** 2 for c, p in zip(v, x, strict=True)) for v in values}
+    nearest = [values[v] for v, d in distance.items() if d <= min(distance.values()) * (1 + Fraction(1, 10**12))]
+    return min(nearest), max(nearest)
+
+
+# Octree (7.1)
+
+
+def level_nodes(keys, depth, level):
+    """Nodes of a level as a dict from node value to its weight, ascending."""
+    nodes = {}
+    for key in keys:
+        value = key >> 3 * (depth - level)
+        nodes[value] = nodes.get(value, 0) + 1
+    return nodes
+
+
+def neighbours(values):
+    """For every node of a level (ascending values) its 27 neighbours' indices, -1 where there is none."""
+    place = {voxel_of(v): i for i, v in enumerate(values)}
+    offsets = list(product((-1, 0, 1), repeat=3))
+    return [[place.get(tuple(a + b for a, b in zip(voxel_of(v), d, strict=True)), -1) for d in offsets] for v in values]
+
+
+def predict(node, first, parents, children, parent_mean, child_mean, kernel):
+    """Predicted means of a node's children as a dict from octant to a list (7.3), found by coordinates.
+
+    parents, children: ascending node values of two levels; node, first: indices of parents; parent_mean, child_mean: lists of
+    lists per index, the latter right only for children of parents first..node-1.
+    """
+    parent_place = {voxel_of(v): i for i, v in enumerate(parents)}
+    child_place = {voxel_of(v): i for i, v in enumerate(children)}
+    out = {}
+    home = voxel_of(parents[node])
+    for child in children:
+        if child >> 3 != parents[node]:
+            continue
+        voxel = voxel_of(child)
+        side = [2 * (v & 1) - 1 for v in voxel]  # towards the corner of the parent that the child touches
+        terms = [(kernel[0], parent_mean[node])]
+        for move in product((0, 1), repeat=3):
+            crossed = sum(move)
+            other = parent_place.get(tuple(h + m * s for h, m, s in zip(home, move, side, strict=True)))
+            if crossed == 0 or other is None:
+                continue
+            if not first <= other < node:
+                terms.append((kernel[crossed], parent_mean[other]))
+                continue
+            for step in product((-1, 0, 1), repeat=3):  # touching voxels that lie in that parent
+                touching = tuple(v + d for v, d in zip(voxel, step, strict=True))
+                if touching in child_place and tuple(t >> 1 for t in touching) == voxel_of(parents[other]):
+                    terms.append((kernel[3 + sum(map(abs, step))], child_mean[child_place[touching]]))
+        total = sum(w for w, _ in terms)
+        sums = [sum(w * mean[c] for w, mean in terms) for c in range(len(parent_mean[node]))]
+        out[child & 7] = [(2 * s + total) // (2 * total) for s in sums]
+    return out
+
+
+# Transform (7.4)
+
+
+def step(qp):
+    """Quantiser step with 12 fractional bits."""
+    return STEPS[qp % 6] << (qp // 6)
+
+
+def dequantise(q, step, w1, w2):
+    """Difference of means that a coefficient stands for, as the clause says (7.4.2)."""
+    gain = isqrt(((w1 + w2) << 34) // (w1 * w2))
+    size = min(2**22 - 1, (min(abs(q), 2**22 - 1) * step * gain + 2**16) >> 17)
+    return -size if q < 0 else size
+
+
+def exact_difference_squared(q, step, w1, w2):
+    """Square of the difference that exact arithmetic gives (a Fraction): (q step)**2 (w1 + w2) / (w1 w2)."""
+    return Fraction((q * step) ** 2 * (w1 + w2), w1 * w2)
+
+
+def halves(weights):
+    """Weight of every node of a block's tree (7.4.1). weights: dict from octant to weight."""
+    tree = {7 + octant: w for octant, w in weights.items()}
+    for node in range(6, -1, -1):
+        tree[node] = tree.get(2 * node + 1, 0) + tree.get(2 * node + 2, 0)
+    return tree
+
+
+def inverse(weights, q, mean, predicted, step, exact=False):
+    """Means of a block's children, a dict by octant (7.4.3), without the final clip.
+
+    weights, predicted: dicts by octant; q: dict by split. exact: in fractions, with the same integer differences.
+    """
+    divide = Fraction if exact else lambda a, b: (2 * a + b) // (2 * b)
+    tree = halves(weights)
+    value = {0: mean - divide(sum(weights[o] * predicted[o] for o in weights), tree[0])}
+    for node in range(7):
+        low, high = 2 * node + 1, 2 * node + 2
+        if node not in value:
+            continue
+        w1, w2 = tree.get(low, 0), tree.get(high, 0)
+        if w1 and w2:
+            d = dequantise(q.get(node, 0), step, w1, w2)
+            value[low] = value[node] - divide(w2 * d, w1 + w2)
+            value[high] = value[low] + d
+        elif w1 or w2:
+            value[low if w1 else high] = value[node]
+    return {octant: value[7 + octant] + predicted[octant] for octant in weights}
+
+
+def forward(weights, residual):
+    """Squares and signs of the orthonormal coefficients of a block's residual, dict by split: (sign, Fraction)."""
+    tree, value, out = halves(weights), {7 + o: Fraction(r) for o, r in residual.items()}, {}
+    for node in range(6, -1, -1):
+        low, high = 2 * node + 1, 2 * node + 2
+        w1, w2 = tree.get(low, 0), tree.get(high, 0)
+        if w1 and w2:
+            d = value[high] - value[low]
+            out[node] = ((d > 0) - (d < 0), d * d * Fraction(w1 * w2, w1 + w2))
+            value[node] = (w1 * value[low] + w2 * value[high]) / (w1 + w2)
+        elif w1 or w2:
+            value[node] = value[low if w1 else high]
+    return out
+
+
+# Range decoder (7.6) and binarisation (7.5.4)
+
+
+class RangeDecoder:
+    """The decoder of clause 7.6 over bytes; contexts spring into being in their initial state."""
+
+    def __init__(self, data):
+        self.bytes, self.code, self.range, self.contexts = iter(data), 0, 2**32 - 1, {}
+        for _ in range(4):
+            self.code = self.code * 256 + next(self.bytes, 0)
+
+    def _split(self, bound):
+        bit = int(self.code < bound)
+        self.code, self.range = (self.code, bound) if bit else (self.code - bound, self.range - bound)
+        while self.range < 2**24:
+            self.range, self.code = self.range * 256, self.code * 256 + next(self.bytes, 0)
+        return bit
+
+    def bypass(self):
+        return self._split(self.range // 2)
+
+    def bit(self, ctx):
+        fast, slow, count = self.contexts.get(ctx, (2**21, 2**21, 0))
+        bit = self._split((self.range >> 16) * min(max((fast + slow) >> 7, 24), 65512))
+        target = bit * (2**22 - 1)
+        fast += (target - fast) >> min(count + 1, 4)
+        slow += (target - slow) >> min(count + 1, 7)
+        self.contexts[ctx] = fast, slow, min(count + 1, 7)
+        return bit
+
+    def magnitude(self, component, strength, large):
+        sign, size, ctx = self.bypass(), 1, 4620 + (component * 7 + strength) * 3 + min(large, 2)
+        for i in range(15):
+            if not self.bit(ctx):
+                return -size if sign else size
+            size, ctx = size + 1, 4683 + component * 14 + min(i, 13)
+        bits = 0
+        while bits < 24 and self.bypass():
+            bits += 1
+        rest = 1
+        for _ in range(bits):
+            rest = 2 * rest + self.bypass()
+        return -(size + rest - 1) if sign else size + rest - 1
+
+
+# Colour (7.7.2)
+
+
+def rgb_of(y, cb, cr):
+    """Decoded means to 8-bit RGB."""
+    clip = lambda v: min(max(v >> 28, 0), 255)
+    half = 2**27
+    return (clip(65536 * y + 103206 * cr + half), clip(65536 * y - 12276 * cb - 30679 * cr + half),
+            clip(65536 * y + 121608 * cb + half))

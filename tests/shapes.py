@@ -1,0 +1,77 @@
+"""Small meshes and scenes made by code, for every test that needs one."""
+
+import numpy as np
+
+from texfcodec.asset.scene import ALPHA_BLEND, Material, Scene, Texture
+
+
+def scene_of(positions, faces, colours=None, metadata=None, materials=None, face_material=None):
+    """Scene without textures. colours: None (one brown material), or linear RGBA per vertex [V, 4]."""
+    positions, faces = np.asarray(positions, np.float64).reshape(-1, 3), np.asarray(faces, np.int64).reshape(-1, 3)
+    materials = materials or [Material("skin", factor=np.ones(4) if colours is not None else np.array([0.5, 0.2, 0.1, 1.0]))]
+    corner = None if colours is None else np.asarray(colours, np.float32)[faces]
+    face_material = np.zeros(len(faces), np.int64) if face_material is None else np.asarray(face_material)
+    return Scene(positions, faces, face_material, np.zeros((len(faces), 3, 2)), corner, materials, [], metadata=metadata or {})
+
+
+def square(z=0.5, side=1.0):
+    """Two triangles: (positions [4, 3], faces [2, 3])."""
+    return np.array([[0, 0, z], [side, 0, z], [side, side, z], [0, side, z]], np.float64), np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def sphere(rows=8):
+    """Closed welded sphere of radius 1: (positions, faces)."""
+    u, v = np.linspace(0, np.pi, rows + 1)[1:-1], np.arange(2 * rows) * np.pi / rows
+    ring = np.stack([np.outer(np.sin(u), np.cos(v)), np.outer(np.sin(u), np.sin(v)), np.outer(np.cos(u), np.ones(2 * rows))], -1)
+    positions = np.concatenate([ring.reshape(-1, 3), [[0, 0, 1], [0, 0, -1]]])
+    n, faces = 2 * rows, []
+    for j in range(n):
+        k = (j + 1) % n
+        faces.append((len(positions) - 2, j, k))
+        faces.append((len(positions) - 1, (rows - 2) * n + k, (rows - 2) * n + j))
+        for i in range(rows - 2):
+            a, b, c, d = i * n + j, i * n + k, (i + 1) * n + k, (i + 1) * n + j
+            faces += [(a, c, b), (a, d, c)]
+    return positions, np.array(faces)
+
+
+def painted_sphere(rows=8, seed=0):
+    """Sphere with smooth random vertex colours."""
+    positions, faces = sphere(rows)
+    waves = np.random.default_rng(seed).normal(0, 2, (3, 4))
+    return scene_of(positions, faces, 0.5 + 0.45 * np.sin(positions @ waves))
+
+
+def crossing_sheets():
+    """Two textured sheets that cross, one of them see-through, with names and metadata: two materials, colour and alpha."""
+    side = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float64)
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    image = np.random.default_rng(0).integers(0, 256, (16, 16, 4), np.uint8)
+    return Scene(
+        positions=np.concatenate([np.insert(side, 2, 0.5, axis=1), np.insert(side, 0, 0.5, axis=1)]),
+        faces=np.concatenate([faces, faces + 4]), face_material=np.array([0, 0, 1, 1]),
+        corner_uv=np.concatenate([side[faces], side[faces]]), corner_color=None,
+        materials=[Material("stone", texture=0), Material("glass", texture=0, alpha_mode=ALPHA_BLEND)], textures=[Texture(image)],
+        metadata={"copyright": "none"},
+    )
+
+
+def shuffled(scene, seed):
+    """The same surface with other face order, vertex order, start corners and orientation of the faces."""
+    rng = np.random.default_rng(seed)
+    order, place = rng.permutation(len(scene.faces)), rng.permutation(len(scene.positions))
+    positions = np.empty_like(scene.positions)
+    positions[place] = scene.positions
+    corners = np.array([rng.permutation(3) for _ in order])
+    pick = lambda a: None if a is None else np.take_along_axis(
+        a[order], corners.reshape(corners.shape + (1,) * (a.ndim - 2)), axis=1)
+    return Scene(positions, place[pick(scene.faces)], scene.face_material[order], pick(scene.corner_uv), pick(scene.corner_color),
+                 scene.materials, scene.textures, scene.metadata)
+
+
+def triangles_of(texf):
+    """All triangles as sorted rows (material, three sorted lattice corners): what may not depend on Draco's order."""
+    packed = texf.lattice_positions @ np.array([1, 1 << 20, 1 << 40])
+    corners = np.sort(packed[texf.faces], axis=1)
+    rows = np.column_stack([texf.face_material, corners])
+    return rows[np.lexsort(rows.T[::-1])]

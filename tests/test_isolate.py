@@ -1,0 +1,113 @@
+"""Decoding in a child process: the same result, and every way it can end badly is a coded error."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from texfcodec import DecodeOptions, EncodeOptions, LimitError, Limits, Report, StreamError, TexfError, decode
+from texfcodec import isolate as room
+from texfcodec.bitstream.stream import read_stream, write_stream
+from texfcodec.encoder import encode_scene
+from texfcodec.isolate import decode_isolated
+
+
+@pytest.fixture(scope="module")
+def stream(sample_scene):
+    return encode_scene(sample_scene, EncodeOptions(resolution=64, qp=30))[0]
+
+
+def with_draco(stream, change):
+    """The stream with the Draco bytes of its first geometry unit changed; all checksums are made anew."""
+    parsed = read_stream(stream, Limits())
+    unit = parsed.geometry[0]
+    unit["draco_data"] = change(bytes(unit["draco_data"]))
+    return write_stream(parsed)[0]
+
+
+@pytest.mark.parametrize("lod", [0, 2])
+def test_isolated_result_is_the_plain_one(stream, lod):
+    options, report = DecodeOptions(lod=lod, isolate=True), Report()
+    ours, plain = decode_isolated(stream, options, report), decode(stream, options)
+    assert np.array_equal(ours.lattice_positions, plain.lattice_positions) and np.array_equal(ours.faces, plain.faces)
+    assert np.array_equal(ours.face_material, plain.face_material) and np.array_equal(ours.face_field, plain.face_field)
+    for a, b in zip(ours.fields, plain.fields, strict=True):
+        assert (a.resolution, a.level_shift) == (b.resolution, b.level_shift)
+        assert np.array_equal(a.keys, b.keys) and np.array_equal(a.rgba, b.rgba)
+    assert ours.cube == plain.cube and ours.metadata == plain.metadata and ours.has_alpha == plain.has_alpha
+    assert [m.name for m in ours.materials] == [m.name for m in plain.materials]
+    assert report.facts["child_peak_memory_bytes"] > 1 << 20 and "child geometry" in report.seconds
+
+
+def test_parent_never_runs_draco(stream, monkeypatch):
+    monkeypatch.setitem(sys.modules, "DracoPy", None)
+    assert len(decode_isolated(stream).faces) > 1000
+
+
+def test_damaged_draco_is_a_coded_error(stream):
+    middle = lambda data: data[: len(data) // 2] + bytes(len(data) - len(data) // 2)
+    noise = lambda data: data[:20] + np.random.default_rng(0).bytes(len(data) - 20)
+    for change in (middle, noise, lambda data: b"DRACO"):
+        with pytest.raises(TexfError) as raised:
+            decode_isolated(with_draco(stream, change))
+        assert raised.value.code in ("TXF-S20", "TXF-S21", "TXF-S22", "TXF-S23", "TXF-S30", "TXF-S40", "TXF-L07")
+
+
+def test_own_errors_come_through_with_their_facts(stream):
+    with pytest.raises(LimitError) as raised:
+        decode_isolated(stream, DecodeOptions(limits=Limits(voxels=10)))
+    assert raised.value.code == "TXF-L04" and raised.value.details["allowed"] == 10
+    with pytest.raises(StreamError) as raised:
+        decode_isolated(stream[:-1])
+    assert raised.value.code == "TXF-S02" and raised.value.details["clause"] == "5.2"
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux caps the memory of a process reliably")
+def test_memory_cap_ends_it(stream):
+    with pytest.raises(LimitError) as raised:
+        decode_isolated(stream, DecodeOptions(limits=Limits(isolate_bytes=1 << 20, isolate_seconds=30)))
+    assert raised.value.code == "TXF-L07" and raised.value.details["allowed"] == 1 << 20
+
+
+def test_time_cap_ends_it(stream):
+    with pytest.raises(LimitError) as raised:
+        decode_isolated(stream, DecodeOptions(limits=Limits(isolate_seconds=0.05)))
+    assert raised.value.code == "TXF-L08"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the stand-in for a crashing child is a shell script")
+@pytest.mark.parametrize("act, code", [("kill -SEGV $$", "TXF-S40"), ("kill -KILL $$", "TXF-L07"), ("exit 0", "TXF-S40"),
+                                       ("echo std::bad_alloc >&2; exit 1", "TXF-L07"), ("echo 7 > $5/facts.json", "TXF-S40"),
+                                       ("echo '{}' > $5/facts.json", "TXF-S40")])  # fmt: skip
+def test_child_that_crashes_or_lies_is_a_coded_error(stream, tmp_path, monkeypatch, act, code):
+    script = tmp_path / "python"
+    script.write_text(f"#!/bin/sh\nset -- x \"$@\"\ncat > /dev/null\n{act}\n")
+    script.chmod(0o755)
+    monkeypatch.setattr(room.sys, "executable", str(script))
+    with pytest.raises(TexfError) as raised:
+        decode_isolated(stream)
+    assert raised.value.code == code
+
+
+LIES = {
+    "face index": lambda facts, arrays: arrays["faces"].__setitem__((0, 0), 10**9),
+    "negative face": lambda facts, arrays: arrays["faces"].__setitem__((0, 0), -1),
+    "lattice": lambda facts, arrays: arrays["lattice"].__setitem__((0, 0), 1 << 14),
+    "keys out of order": lambda facts, arrays: arrays["keys"].__setitem__(1, 0),
+    "key outside the grid": lambda facts, arrays: arrays["keys"].__setitem__(-1, 1 << 41),
+    "fewer colours": lambda facts, arrays: arrays.__setitem__("rgba", arrays["rgba"][:-1]),
+    "material number": lambda facts, arrays: facts["units"][0][0].__setitem__(1, 99),
+    "no fields": lambda facts, arrays: facts.pop("fields"),
+    "negative resolution": lambda facts, arrays: facts["fields"][0][0].__setitem__(0, -5),
+    "text for bits": lambda facts, arrays: facts.__setitem__("position_bits", "14"),
+}
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_answer_is_checked_again(stream, lie):
+    facts, arrays = room._answer(decode(stream), Report())
+    room._texf(facts, arrays, 1)
+    LIES[lie](facts, arrays)
+    with pytest.raises(StreamError) as raised:
+        room._texf(facts, arrays, 1)
+    assert raised.value.code == "TXF-S40"

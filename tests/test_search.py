@@ -1,0 +1,113 @@
+"""Rate control: what is promised is kept, with few encodes, and said."""
+
+import math
+
+import numpy as np
+import pytest
+
+from texfcodec import EncodeOptions, InputError, Report, decode, inspect
+from texfcodec.asset.scene import Material, Scene, Texture
+from texfcodec.encoder import encode_scene
+from texfcodec.quality.measure import measure
+from texfcodec.search import LAST_QP, encode_to_target, estimate, smallest_root
+
+
+@pytest.fixture(scope="module")
+def ribbon():
+    """A ribbon of 1 by 0.02 with a smooth random texture: small at any K."""
+    rng, n = np.random.default_rng(1), 20
+    x = np.linspace(0, 1, n)
+    positions = np.concatenate([np.stack([x, 0 * x, 0.05 * np.sin(6 * x)], 1), np.stack([x, 0.02 + 0 * x, 0.05 * np.sin(6 * x)], 1)])
+    i = np.arange(n - 1)
+    faces = np.concatenate([np.stack([i, i + 1, i + n], 1), np.stack([i + 1, i + n + 1, i + n], 1)])
+    uv = np.concatenate([np.stack([x, 0 * x], 1), np.stack([x, 1 + 0 * x], 1)])[faces]
+    noise = np.cumsum(rng.normal(0, 9, (12, 512, 4)), axis=1)
+    image = np.clip(128 + noise - noise.mean(1, keepdims=True), 0, 255).astype(np.uint8)
+    return Scene(positions, faces, np.zeros(len(faces), np.int64), uv, None, [Material(texture=0)], [Texture(image)])
+
+
+@pytest.mark.parametrize("share", [0.35, 1.0, 2.5])
+def test_budget_is_kept_and_well_used(ribbon, share):
+    _, sizes = encode_scene(ribbon, EncodeOptions(rate="r03"))
+    budget, report = sizes["geometry"] + sizes["other"] + round(share * sizes["attributes"]), Report()
+    data = encode_to_target(ribbon, EncodeOptions(target_bytes=budget), report)
+    facts = report.facts
+    assert len(data) == facts["bytes"]["total"] <= budget
+    assert len(data) - facts["bytes"]["geometry"] > 0.75 * (budget - facts["bytes"]["geometry"])
+    rows = {(r["resolution"], r["qp"]): r for r in facts["search"]}
+    chosen = rows[facts["resolution"], facts["qp"]]
+    assert chosen["bytes"] == len(data) and math.isclose(chosen["psnr_y"], facts["psnr_3d"]["y"])
+    fitting = [r["psnr_y"] for r in rows.values() if r["bytes"] <= budget and r["psnr_y"] is not None]
+    assert chosen["psnr_y"] == max(fitting) and len(facts["search"]) <= 14
+    assert inspect(data)["resolution"] == facts["resolution"]
+
+
+@pytest.mark.parametrize("target", [30.0, 36.0])
+def test_quality_is_met_at_the_fewest_bytes_tried(ribbon, target):
+    report = Report()
+    data = encode_to_target(ribbon, EncodeOptions(target_psnr=target), report)
+    again = measure(ribbon, decode(data), face_field=report.facts.get("scene_face_field"))
+    assert again["y"] >= target and math.isclose(again["y"], report.facts["psnr_3d"]["y"])
+    assert len(data) == min(r["bytes"] for r in report.facts["search"] if r["psnr_y"] >= target)
+
+
+@pytest.mark.parametrize("options", [{"target_bytes": 60}, {"target_psnr": 99.0}])
+def test_unreachable_target_names_the_best(ribbon, options):
+    report = Report()
+    with pytest.raises(InputError) as raised:
+        encode_to_target(ribbon, EncodeOptions(**options), report)
+    error = raised.value
+    assert error.code == "TXF-I51" and {"value", "best", "resolution", "qp"} <= set(error.details)
+    assert report.facts["search"] and error.details["resolution"] in {r["resolution"] for r in report.facts["search"]}
+
+
+def test_search_stops_when_cancelled(ribbon):
+    stages = []
+
+    def watch(stage, done, total):
+        stages.append(stage)
+        return stages.count("transfer") < 3
+
+    with pytest.raises(KeyboardInterrupt):
+        encode_to_target(ribbon, EncodeOptions(target_psnr=35.0), Report(watch))
+    assert stages[-1] == "transfer"
+
+
+@pytest.mark.parametrize("curve", [lambda x: 30.2 - x, lambda x: 4 * math.log2(60 / (x + 1)), lambda x: 50 - 0.05 * x * x])
+def test_smallest_root_needs_few_values(curve):
+    tried = []
+
+    def excess(x):
+        tried.append(x)
+        return curve(x)
+
+    found = smallest_root(excess, 28, 0.5)
+    assert found == min((x for x in range(LAST_QP + 1) if curve(x) <= 0), default=None)
+    assert len(tried) == len(set(tried)) <= 8
+
+
+@pytest.mark.parametrize("threshold", [0, 1, 27, 28, 29, 62, 63, 64])
+def test_smallest_root_finds_any_step(threshold):
+    for low, high in ((-1.0, 1.0), (-1e9, 1e-9), (-1.0, math.inf)):
+        found = smallest_root(lambda x, low=low, high=high: low if x >= threshold else high, 28, 0.17)
+        assert found == (threshold if threshold <= LAST_QP else None)
+
+
+def test_estimate_is_within_a_half(ribbon):
+    report, options = Report(), EncodeOptions(resolution=512)
+    encode_scene(ribbon, options, report)
+    voxels, seconds = estimate(ribbon, options)
+    assert 0.5 < voxels / report.facts["voxels"] < 1.5 and seconds > 0
+
+
+def test_measurement_of_a_known_error():
+    scene = Scene(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]), np.zeros(1, np.int64), np.zeros((1, 3, 2)), None,
+                  [Material(factor=np.array([1.0, 1.0, 1.0, 1.0]))], [])
+    texf = decode(encode_scene(scene, EncodeOptions(resolution=16, qp=4))[0])
+    exact = measure(scene, texf, 5000)
+    assert exact["samples"] == 5000 and (exact["rgb"] is None or exact["rgb"] > 130)  # trilinear weights are floats
+    texf.fields[0].rgba[:] -= 1
+    off = measure(scene, texf, 5000)
+    assert math.isclose(off["rgb"], 20 * math.log10(255), rel_tol=1e-6) and math.isclose(off["y"], off["rgb"], rel_tol=1e-6)
+    scene.materials[0].factor[3], scene.materials[0].alpha_mode, texf.has_alpha = 0.5, 2, True
+    assert math.isclose(measure(scene, texf, 5000)["rgb"], off["rgb"], rel_tol=1e-6)

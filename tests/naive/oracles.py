@@ -274,3 +274,28 @@ def rgb_of(y, cb, cr):
     half = 2**27
     return (clip(65536 * y + 103206 * cr + half), clip(65536 * y - 12276 * cb - 30679 * cr + half),
             clip(65536 * y + 121608 * cb + half))
+
+
+# Surroundings (7.5.1)
+
+
+def energy_class(e):
+    """Class of an energy, its upper limits as the clause lists them."""
+    return next((c for c, limit in enumerate((0, 1, 3, 6, 12, 28)) if e <= limit), 6)
+
+
+def surroundings(block, first, values, energy, above):
+    """(nearClass, farClass) of a block for one plane; values: ascending node values of the level, energy and above parallel."""
+    place = {voxel_of(v): i for i, v in enumerate(values)}
+    near, far = [], [(3, above[block])]
+    for offset in product((-1, 0, 1), repeat=3):
+        other = place.get(tuple(a + b for a, b in zip(voxel_of(values[block]), offset, strict=True)))
+        entries = sum(map(abs, offset))
+        if other is None or entries not in (1, 2):
+            continue
+        if first <= other < block:
+            near.append((3 - entries, energy[other]))
+        else:
+            far.append((3 - entries, above[other]))
+    mean = lambda terms: energy_class(-(-sum(w * e for w, e in terms) // sum(w for w, _ in terms))) if terms else 0
+    return mean(near), mean(far)

@@ -1,0 +1,191 @@
+"""The geometry room: the canonical cube and the Draco unit."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapes import sphere
+
+from texfcodec.bitstream.walk import write_v
+from texfcodec.errors import InputError, StreamError
+from texfcodec.geometry.canonical import MAX_COORDINATE, CanonicalCube, fit_cube
+from texfcodec.geometry.draco import _HEADER, dec_geometry, enc_geometry
+
+SCALE = st.sampled_from([1e-30, 1e-6, 1.0, 1e7, 1e30, 1e140])
+
+
+# The canonical cube
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.integers(0, 2**32), SCALE, st.sampled_from([0.0, 1.0, 1e3, 1e7]), st.integers(8, 20))
+def test_every_position_comes_back_within_half_a_lattice_step_and_two_roundings(seed, scale, offset, bits):
+    rng = np.random.default_rng(seed)
+    points = (rng.uniform(-1, 1, (20, 3)) + offset * rng.uniform(-1, 1, 3)) * scale
+    cube = fit_cube(points, bits)
+    lattice = cube.to_lattice(points)
+    assert lattice.min() >= 0 and lattice.max() == cube.last
+    rounding = 4 * np.spacing(np.abs(points).max())
+    assert np.abs(cube.to_world(lattice) - points).max() <= cube.side / cube.last * (0.5 + 1e-9) + rounding
+
+
+@pytest.mark.parametrize("bits", [8, 14, 20])
+def test_lattice_positions_come_back_from_the_world_exactly(bits):
+    cube = CanonicalCube((-3.0, 7.0, 1e5), 12.5, bits)
+    lattice = np.random.default_rng(bits).integers(0, cube.last + 1, (1000, 3))
+    np.testing.assert_array_equal(cube.to_lattice(cube.to_world(lattice)), lattice)
+    assert cube.last == 2**bits - 1
+
+
+def test_the_cube_is_the_box_minimum_and_its_longest_side():
+    cube = fit_cube(np.array([[1.0, -2, 3], [2, 8, 4]]), 10)
+    assert (cube.origin, cube.side, cube.position_bits) == ((1.0, -2.0, 3.0), 10.0, 10)
+    assert cube.to_lattice(np.array([[1.0, 8, 3], [-9, 99, 3]])).tolist() == [[0, 1023, 0], [0, 1023, 0]]
+
+
+def test_a_single_point_has_side_zero_and_stays_where_it_is():
+    cube = fit_cube(np.array([[5.0, 6, 7]] * 3), 14)
+    assert cube.side == 0 and cube.to_lattice(np.array([[5.0, 6, 7]])).tolist() == [[0, 0, 0]]
+    assert cube.to_world(np.array([[0, 0, 0]])).tolist() == [[5, 6, 7]]
+    assert cube.to_grid(np.array([[5.0, 6, 7]]), 64).tolist() == [[0, 0, 0]]
+
+
+@pytest.mark.parametrize("resolution,bits", [(1, 8), (1000, 14), (8192, 20)])
+def test_grid_coordinates_of_a_vertex_are_those_of_its_voxel(resolution, bits):
+    cube = CanonicalCube((10.0, 20.0, 30.0), 3.0, bits)
+    lattice = np.random.default_rng(bits).integers(0, cube.last + 1, (500, 3))
+    got = cube.to_grid(cube.to_world(lattice), resolution)
+    np.testing.assert_allclose(got, lattice * resolution / 2**bits, atol=1e-7 * resolution / 1000 + 1e-9)
+
+
+@pytest.mark.parametrize("points,code", [([[0, 0, 2 * MAX_COORDINATE]], "TXF-I60"), ([[-2 * MAX_COORDINATE, 0, 0]], "TXF-I60"),
+                                         ([[0, 0, 0], [1e-300, 0, 0]], "TXF-I61")])
+def test_boxes_out_of_range_are_refused(points, code):
+    with pytest.raises(InputError) as caught:
+        fit_cube(np.array(points, np.float64), 14)
+    assert caught.value.code == code
+
+
+# The Draco unit
+
+
+def unit(rows=8, bits=10):
+    """(lattice, faces, Draco bytes, decoded vertex count) of a sphere."""
+    positions, faces = sphere(rows)
+    lattice = np.rint((positions + 1) / 2 * ((1 << bits) - 1)).astype(np.int64)
+    return lattice, faces, enc_geometry(lattice, faces, bits)
+
+
+def triangles(lattice, faces):
+    """Triangles as a sorted list of corner triples, the least corner first, orientation kept."""
+    rows = []
+    for face in faces:
+        corners = [tuple(lattice[v]) for v in face]
+        first = corners.index(min(corners))
+        rows.append(tuple(corners[first:] + corners[:first]))
+    return sorted(rows)
+
+
+@pytest.mark.parametrize("rows,bits", [(3, 8), (8, 14), (24, 20)])
+def test_triangles_come_back_with_their_orientation(rows, bits):
+    lattice, faces, data = unit(rows, bits)
+    got, got_faces = dec_geometry(data, len(lattice), len(faces), bits)
+    assert got.dtype == got_faces.dtype == np.int64
+    assert triangles(got.tolist(), got_faces.tolist()) == triangles(lattice.tolist(), faces.tolist())
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 2**32), st.integers(1, 30))
+def test_any_soup_of_faces_with_three_different_corners_comes_back(seed, count):
+    """Non-manifold edges, duplicates and opposite pairs included."""
+    import DracoPy
+
+    rng = np.random.default_rng(seed)
+    lattice = np.unique(rng.integers(0, 256, (max(4, count // 2), 3)), axis=0)
+    faces = np.array([rng.choice(len(lattice), 3, replace=False) for _ in range(count)])
+    data = enc_geometry(lattice, faces, 8)
+    got, got_faces = dec_geometry(data, len(DracoPy.decode(data).points), count, 8)
+    assert triangles(got.tolist(), got_faces.tolist()) == triangles(lattice.tolist(), faces.tolist())
+
+
+def test_positions_outside_the_lattice_are_not_coded():
+    for bad in (-1, 256):
+        with pytest.raises(ValueError, match="out of range"):
+            enc_geometry(np.array([[0, 0, 0], [1, 1, 1], [bad, 0, 0]]), np.array([[0, 1, 2]]), 8)
+
+
+def refused(data, vertices, faces, bits=10):
+    with pytest.raises(StreamError) as caught:
+        dec_geometry(data, vertices, faces, bits, offset=77)
+    return caught.value.code
+
+
+def test_a_draco_header_of_another_form_is_refused():
+    lattice, faces, data = unit()
+    for i in range(len(_HEADER)):
+        assert refused(data[:i] + bytes([data[i] ^ 1]) + data[i + 1 :], len(lattice), len(faces)) == "TXF-S20"
+    assert refused(data[:11] + b"\x01" + data[12:], len(lattice), len(faces)) == "TXF-S20"
+
+
+def test_draco_counts_that_are_not_the_units_are_refused():
+    lattice, faces, data = unit()
+    for vertices, count in ((len(lattice) + 1, len(faces)), (len(lattice), len(faces) - 1), (1 << 40, len(faces))):
+        assert refused(data, vertices, count) == "TXF-S21"
+
+
+@pytest.mark.parametrize("vertices,faces", [(1 << 40, 1 << 40), ((1 << 32) - 1, (1 << 31) - 1), (3, (1 << 31) // 3)])
+def test_draco_counts_that_lie_along_with_the_unit_are_refused(vertices, faces):
+    _, _, data = unit()
+    body = data[12:]
+    assert refused(_HEADER + b"\x00" + write_v(vertices) + write_v(faces) + body, vertices, faces) in ("TXF-S21", "TXF-S22")
+
+
+def test_every_prefix_of_the_draco_data_is_refused():
+    lattice, faces, data = unit(4)
+    for end in range(len(data)):
+        assert refused(data[:end], len(lattice), len(faces)).startswith("TXF-S")
+
+
+def test_positions_over_the_lattice_are_refused():
+    lattice, faces, data = unit(8, 10)
+    assert refused(data, len(lattice), len(faces), bits=9) == "TXF-S23"
+
+
+def test_other_draco_payloads_are_refused():
+    import DracoPy
+
+    lattice, faces, _ = unit()
+    plain = lattice.astype(np.uint32)
+    cloud = DracoPy.encode(plain, None)
+    sequential = DracoPy.encode(plain, faces=faces.astype(np.uint32), preserve_order=True)
+    floats = DracoPy.encode(lattice.astype(np.float32), faces=faces.astype(np.uint32), create_metadata=False)
+    for data in (cloud, sequential, floats, b"", b"DRACO", bytes(200)):
+        assert refused(data, len(lattice), len(faces)) in ("TXF-S02", "TXF-S20", "TXF-S21")
+
+
+SECOND_ATTRIBUTE = "draco.dec_geometry: spec 5.6 allows one attribute; refuse len(mesh.attributes) != 1"
+
+
+@pytest.mark.xfail(strict=True, reason=SECOND_ATTRIBUTE)
+def test_a_draco_mesh_with_a_second_attribute_is_refused():
+    import DracoPy
+
+    lattice, faces, _ = unit()
+    data = DracoPy.encode(lattice.astype(np.uint32), faces=faces.astype(np.uint32), create_metadata=False,
+                          colors=np.zeros((len(lattice), 3), np.uint8))
+    assert refused(data, len(lattice), len(faces)).startswith("TXF-S")
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.data())
+def test_flipped_bits_behind_the_draco_header_end_in_a_mesh_or_a_stream_error(data):
+    lattice, faces, coded = unit(4)
+    damaged = bytearray(coded)
+    for _ in range(data.draw(st.integers(1, 3))):
+        damaged[data.draw(st.integers(14, len(coded) - 1))] ^= 1 << data.draw(st.integers(0, 7))
+    try:
+        got, got_faces = dec_geometry(bytes(damaged), len(lattice), len(faces), 10)
+    except StreamError as error:
+        assert error.code in ("TXF-S20", "TXF-S21", "TXF-S22", "TXF-S23")
+    else:
+        assert got.shape == lattice.shape and got_faces.shape == faces.shape and got_faces.max() < len(got)

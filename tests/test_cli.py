@@ -34,8 +34,8 @@ def mesh(tmp_path_factory):
     floats = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
     bytes_ = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
     faces = ["3 0 2 1", "3 0 1 3", "3 0 3 2", "3 1 2 3"]
-    path.write_text(f"ply\nformat ascii 1.0\nelement vertex 4\n{floats}{bytes_}element face 4\nproperty list uchar int vertex_indices\n"
-                    "end_header\n" + "\n".join(rows + faces) + "\n")
+    head = f"ply\nformat ascii 1.0\nelement vertex 4\n{floats}{bytes_}element face 4\n"
+    path.write_text(head + "property list uchar int vertex_indices\nend_header\n" + "\n".join(rows + faces) + "\n")
     return path
 
 
@@ -381,11 +381,13 @@ def test_info_keeps_control_characters_off_the_terminal(call, mesh, tmp_path):
 def test_info_is_quick_and_knows_no_numba(stream, tmp_path):
     path = tmp_path / "a.texf"
     path.write_bytes(stream)
-    program = ("import sys, time; from texfcodec.cli import info\ntry:\n    info.main([sys.argv[1]])\nexcept SystemExit as e:\n"
-               "    print([m for m in ('numba', 'scipy', 'rich', 'PIL') if m in sys.modules], time.process_time(), e.code)")  # fmt: skip
+    program = ("import sys, time\nfrom texfcodec.cli import info\ntry:\n    info.main([sys.argv[1]])\nexcept SystemExit as e:\n"
+               "    met = [m for m in ('numba', 'scipy', 'rich', 'PIL') if m in sys.modules]\n"
+               "    print(met, time.process_time(), e.code)")
     lines = []
     for _ in range(3):
-        run = subprocess.run([sys.executable, "-c", program, str(path)], cwd=REPOSITORY, capture_output=True, text=True, check=False)
+        command = [sys.executable, "-c", program, str(path)]
+        run = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
         lines.append(run.stdout.splitlines()[-1])
     assert all(re.fullmatch(r"\[\] [\d.]+ 0", line) for line in lines), lines
     assert min(float(line.split()[1]) for line in lines) < 0.5

@@ -1,6 +1,7 @@
 """Rate control: what is promised is kept, with few encodes, and said."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,8 +9,15 @@ import pytest
 from texfcodec import EncodeOptions, InputError, Report, decode, inspect
 from texfcodec.asset.scene import Material, Scene, Texture
 from texfcodec.encoder import encode_scene
-from texfcodec.quality.measure import measure
+from texfcodec.quality.measure import SourceSamples, measure
 from texfcodec.search import LAST_QP, encode_to_target, estimate, smallest_root
+
+SAMPLES = 20_000
+
+
+@pytest.fixture(autouse=True)
+def fewer_samples(monkeypatch):
+    monkeypatch.setattr("texfcodec.search.SourceSamples", partial(SourceSamples, samples=SAMPLES))
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +25,8 @@ def ribbon():
     """A ribbon of 1 by 0.02 with a smooth random texture: small at any K."""
     rng, n = np.random.default_rng(1), 20
     x = np.linspace(0, 1, n)
-    positions = np.concatenate([np.stack([x, 0 * x, 0.05 * np.sin(6 * x)], 1), np.stack([x, 0.02 + 0 * x, 0.05 * np.sin(6 * x)], 1)])
+    wave = 0.05 * np.sin(6 * x)
+    positions = np.concatenate([np.stack([x, 0 * x, wave], 1), np.stack([x, 0.02 + 0 * x, wave], 1)])
     i = np.arange(n - 1)
     faces = np.concatenate([np.stack([i, i + 1, i + n], 1), np.stack([i + 1, i + n + 1, i + n], 1)])
     uv = np.concatenate([np.stack([x, 0 * x], 1), np.stack([x, 1 + 0 * x], 1)])[faces]
@@ -46,7 +55,7 @@ def test_budget_is_kept_and_well_used(ribbon, share):
 def test_quality_is_met_at_the_fewest_bytes_tried(ribbon, target):
     report = Report()
     data = encode_to_target(ribbon, EncodeOptions(target_psnr=target), report)
-    again = measure(ribbon, decode(data), face_field=report.facts.get("scene_face_field"))
+    again = measure(ribbon, decode(data), SAMPLES, face_field=report.facts.get("scene_face_field"))
     assert again["y"] >= target and math.isclose(again["y"], report.facts["psnr_3d"]["y"])
     assert len(data) == min(r["bytes"] for r in report.facts["search"] if r["psnr_y"] >= target)
 
@@ -101,8 +110,8 @@ def test_estimate_is_within_a_half(ribbon):
 
 
 def test_measurement_of_a_known_error():
-    scene = Scene(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]), np.zeros(1, np.int64), np.zeros((1, 3, 2)), None,
-                  [Material(factor=np.array([1.0, 1.0, 1.0, 1.0]))], [])
+    positions, faces = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]])
+    scene = Scene(positions, faces, np.zeros(1, np.int64), np.zeros((1, 3, 2)), None, [Material(factor=np.ones(4))], [])
     texf = decode(encode_scene(scene, EncodeOptions(resolution=16, qp=4))[0])
     exact = measure(scene, texf, 5000)
     assert exact["samples"] == 5000 and (exact["rgb"] is None or exact["rgb"] > 130)  # trilinear weights are floats

@@ -31,15 +31,15 @@ from .texf import Field, GeometryUnit, Texf
 
 ANSWER, FACTS = "answer.npz", "facts.json"
 FACTS_BYTES = 64 << 20  # the JSON half of an answer is never larger
-_NO_MEMORY = ("bad_alloc", "allocate", "failed to map", "out of memory", "memoryerror", "can't start new thread", "not enough memory")
+_NO_MEMORY = ("bad_alloc", "allocate", "failed to map", "out of memory", "memoryerror", "can't start new thread")
 
 
 def decode_isolated(data, options=None, report=None):
     """As decode(), in a child process capped by limits.isolate_bytes (of address space beyond what the idle decoder has) and
     limits.isolate_seconds.
 
-    data: bytes; options: DecodeOptions; report: Report, which gets the child's seconds and warnings, and its peak memory in facts.
-    Where the system has no cap on memory, a warning says so. Raises what decode() raises, and the codes of this module.
+    data: bytes; options: DecodeOptions; report: Report, which gets the child's seconds, warnings and, in facts, peak
+    memory. Where the system has no cap on memory, a warning says so. Raises what decode() raises, and the codes of this module.
     """
     options, report = options or DecodeOptions(), report or Report()
     with tempfile.TemporaryDirectory(prefix="texf-") as folder, report.stage("isolate"):
@@ -61,7 +61,8 @@ def _run_child(data, options, folder):
         child = subprocess.run(command, input=data, capture_output=True, env=environment,
                                timeout=options.limits.isolate_seconds, check=False)
     except subprocess.TimeoutExpired:
-        raise LimitError("TXF-L08", "decoding took longer than the limit allows", allowed=options.limits.isolate_seconds) from None
+        most = options.limits.isolate_seconds
+        raise LimitError("TXF-L08", "decoding took longer than the limit allows", allowed=most) from None
     try:
         if (folder / FACTS).stat().st_size > FACTS_BYTES:
             raise ValueError("too long")

@@ -134,7 +134,8 @@ class _Search:
 
     def _encode(self, resolution, qp):
         begin, report = time.perf_counter(), Report(self.report.on_progress)
-        data, sizes = encode_scene(self.scene, replace(self.options, target_bytes=None, target_psnr=None, resolution=resolution, qp=qp), report)
+        options = replace(self.options, target_bytes=None, target_psnr=None, resolution=resolution, qp=qp)
+        data, sizes = encode_scene(self.scene, options, report)
         self._add_seconds(report)
         self.trials.append(Trial(resolution, qp, data, sizes, report, time.perf_counter() - begin))
         return self.trials[-1]

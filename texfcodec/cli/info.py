@@ -35,7 +35,8 @@ def info(console, file, as_json, verify):
 def _lines(file, facts):
     sizes = facts["bytes"]
     bits = f", {8 * sizes['attributes'] / facts['voxels']:.3f} attribute bits per voxel" if facts["voxels"] else ""
-    yield f"{file}: {sizes['total']} bytes; geometry {sizes['geometry']}, attributes {sizes['attributes']}, other {sizes['other']}"
+    kinds = ", ".join(f"{kind} {sizes[kind]}" for kind in ("geometry", "attributes", "other"))
+    yield f"{file}: {sizes['total']} bytes; {kinds}"
     yield f"{facts['vertices']} vertices, {facts['faces']} faces, {facts['voxels']} voxels, {facts['position_bits']} bits{bits}"
     for field in facts["fields"]:
         yield f"field {field['field_index']}: K {field['resolution']}, {field['num_voxels']} voxels"

@@ -7,7 +7,7 @@ import sys
 import time
 from pathlib import Path
 
-POINTS = {"low": (384, 30), "middle": (640, 28), "r03": (1024, 28)}  # name: (K, QP); the last is the paper's r03
+POINTS = {"small": (256, 28), "middle": (512, 28), "r03": (1024, 28)}  # name: (K, QP); the last is the paper's r03
 STAGES = ("load", "partition", "geometry", "voxelise", "transfer", "attributes")
 
 

@@ -12,8 +12,8 @@ _KINDS = {UNIT_GEOMETRY: "geometry", UNIT_ATTRIBUTE: "attributes"}
 def inspect(data, limits=None):
     """What stands where in a .texf stream.
 
-    data: bytes; limits: Limits. Returns a JSON-ready dict: "bytes" by kind, counts, "fields", "groups" (one per attribute unit: qp,
-    codewords, bytes by octree level where the stream tells) and "units", whose elements with the signature name every byte of
+    data: bytes; limits: Limits. Returns a JSON-ready dict: "bytes" by kind, counts, "fields", "groups" (one per attribute unit:
+    qp, codewords, bytes by octree level where the stream tells) and "units", whose elements with the signature name every byte of
     the file exactly once. Raises StreamError, LimitError, SupportError.
     """
     data, trace = bytes(data), []

@@ -1,4 +1,4 @@
-"""A whole decoder in plain Python, written from bitstream_spec.md and a Draco decoder alone: slow, and nothing to trust but the text.
+"""A whole decoder in plain Python, written from bitstream_spec.md and a Draco decoder alone: slow, and readable beside the text.
 
     python tests/naive/decoder.py IN.texf OUT_DIR [--lod L]
 

@@ -143,6 +143,7 @@ def read_stream(units):
     check_order([unit_type for unit_type, _ in units])
     of_type = lambda wanted: [payload for unit_type, payload in units if unit_type == wanted]
     header = filled(read_header, of_type(HEADER)[0])
+    require(of_type(END) == [b""], "the end unit has a payload")
     for unit_type, name, count in [
         (FIELD, "field", header["num_fields"]),
         (GEOMETRY, "geometry", header["num_geometry_units"]),

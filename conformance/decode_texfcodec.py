@@ -1,0 +1,68 @@
+"""Our own decoder as conformance/run.py asks of any:  python conformance/decode_texfcodec.py IN.texf OUT_DIR [--lod L]"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the checkout this file is in, installed or not
+
+from texfcodec import DecodeOptions, Limits, decode  # noqa: E402
+from texfcodec.bitstream.stream import read_stream  # noqa: E402
+from texfcodec.bitstream.syntax import SEMANTIC_BASE_COLOUR  # noqa: E402
+from texfcodec.errors import TexfError  # noqa: E402
+
+
+def geometry_rows(units):
+    """Clause 9: int64 [F, 11], one row (field, material, corners) per triangle, canonical and sorted."""
+    rows = [np.empty((0, 11), np.int64)]
+    for unit in units:
+        turns = [unit.lattice[np.roll(unit.faces, turn, axis=1)].reshape(-1, 9) for turn in range(3)]
+        least = turns[0]
+        for turn in turns[1:]:
+            least = np.where(_less(turn, least)[:, None], turn, least)
+        rows.append(np.column_stack([np.full(len(least), unit.field), np.full(len(least), unit.material), least]))
+    rows = np.concatenate(rows)
+    return rows[np.lexsort(rows.T[::-1])]
+
+
+def _less(a, b):
+    """Which rows of a come before those of b, lexicographically: bool [n]."""
+    first = (a != b).argmax(axis=1)[:, None]
+    return np.take_along_axis(a, first, 1)[:, 0] < np.take_along_axis(b, first, 1)[:, 0]
+
+
+def arrays(data, lod=0, threads=0):
+    """Clause 9: {array name: bytes} of a stream. Raises TexfError."""
+    texf = decode(data, DecodeOptions(lod=lod, threads=threads))
+    groups = read_stream(data, Limits()).header["channel_groups"]
+    files = {"geometry": geometry_rows(texf.units).astype("<i8").tobytes()}
+    for i, field in enumerate(texf.fields):
+        files[f"field{i}_keys"] = field.keys.astype("<i8").tobytes()
+        for g, group in enumerate(groups):
+            colour = group["group_semantic"] == SEMANTIC_BASE_COLOUR
+            files[f"field{i}_group{g}_values"] = (field.rgba[:, :3] if colour else field.rgba[:, 3]).tobytes()
+    return files
+
+
+def main():
+    """The command of the module's description."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("stream", type=Path)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--lod", type=int, default=0)
+    arguments = parser.parse_args()
+    try:
+        files = arrays(arguments.stream.read_bytes(), arguments.lod)
+    except TexfError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    for name, content in files.items():
+        (arguments.folder / f"{name}.bin").write_bytes(content)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

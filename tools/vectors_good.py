@@ -1,0 +1,320 @@
+"""The good conformance vectors: small scenes through the encoder, and streams that our encoder does not write, made here."""
+
+import zlib
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from unittest.mock import patch
+
+import numpy as np
+
+from texfcodec import EncodeOptions, Limits, decode, encoder
+from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, Material, Scene, Texture
+from texfcodec.attribute import codec
+from texfcodec.attribute.colour import TRANSFORM_BT709, TRANSFORM_NONE, forward_plain, inverse_colour, inverse_plain
+from texfcodec.bitstream.stream import read_stream, write_stream
+from texfcodec.bitstream.syntax import SIGNATURE, UNIT_END, UNIT_METADATA
+from texfcodec.bitstream.units import read_units, write_unit
+
+
+@dataclass
+class Vector:
+    """One case. name: kind and folder; clauses: what it was made for; lods: decoded levels of detail, none where it is faulty;
+    expect, code: how it is to be refused."""
+
+    name: str
+    title: str
+    clauses: tuple
+    data: bytes
+    lods: tuple = (0,)
+    expect: str = ""
+    code: str = ""
+    features: dict = field(default_factory=dict)
+
+
+# Shapes: positions float64 [V, 3], faces int64 [F, 3], linear RGBA by vertex float32 [V, 4].
+
+
+def torus(around=16, across=8, thickness=0.4):
+    """A torus of radius 1 with smooth colours."""
+    u, v = np.meshgrid(np.arange(around) * 2 * np.pi / around, np.arange(across) * 2 * np.pi / across, indexing="ij")
+    radius = 1 + thickness * np.cos(v)
+    positions = np.stack([radius * np.cos(u), radius * np.sin(u), thickness * np.sin(v)], -1).reshape(-1, 3)
+    i, j = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
+    at = lambda di, dj: ((i + di) % around * across + (j + dj) % across).reshape(-1)
+    a, b, c, d = at(0, 0), at(1, 0), at(1, 1), at(0, 1)
+    colours = np.stack([0.5 + 0.5 * np.cos(u), 0.5 + 0.4 * np.sin(2 * u + v), 0.5 + 0.3 * np.cos(v), 0.5 + 0.5 * np.sin(v)], -1)
+    return positions, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]), colours.reshape(-1, 4).astype(np.float32)
+
+
+def ribbon(steps=48, turns=3, width=0.03):
+    """A narrow band that winds upwards: few voxels at a high resolution."""
+    angle = np.linspace(0, 2 * np.pi * turns, steps + 1)
+    line = np.stack([np.cos(angle), np.sin(angle), np.linspace(0, 2, steps + 1)], 1)
+    positions = np.stack([line, line + [0, 0, width]], 1).reshape(-1, 3)
+    a = 2 * np.arange(steps)
+    faces = np.concatenate([np.stack([a, a + 2, a + 3], 1), np.stack([a, a + 3, a + 1], 1)])
+    colours = np.stack([0.5 + 0.5 * np.sin(k * np.repeat(angle, 2)) for k in (1, 2, 5)] + [np.ones(2 * steps + 2)], 1)
+    return positions, faces, colours.astype(np.float32)
+
+
+def scene_of(positions, faces, colours, materials=None, face_material=None, metadata=None):
+    """Scene of vertex colours; the colours' alpha counts where a material is not opaque."""
+    face_material = np.zeros(len(faces), np.int64) if face_material is None else face_material
+    return Scene(positions, faces, face_material, np.zeros((len(faces), 3, 2)), colours[faces], materials or [Material("skin")],
+                 [],
+                 metadata=metadata or {})
+
+
+def noise_sheet():
+    """A square with a texture of noise that goes from end to end of the range."""
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float64)
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    image = np.random.default_rng(7).choice(np.array([0, 255], np.uint8), (24, 24, 4))
+    positions = np.column_stack([corners, corners @ [0.3, 0.6]])
+    return Scene(positions, faces, np.zeros(2, np.int64), corners[faces], None, [Material("noise", texture=0)], [Texture(image)])
+
+
+def two_sheets():
+    """Two parallel squares close together, one per material: two fields."""
+    positions, faces, colours = torus(12, 6)
+    inner = positions * 0.93
+    face_material = np.repeat([0, 1], len(faces))
+    materials = [Material("outside"), Material("inside", double_sided=True)]
+    return scene_of(np.concatenate([positions, inner]), np.concatenate([faces, faces + len(positions)]),
+                    np.concatenate([colours, 1 - colours]), materials, face_material)
+
+
+# Coding
+
+
+def encoded(scene, *patches, **choices):
+    """The scene's stream. patches: (object, {name: value}) that hold while it is made; choices: EncodeOptions."""
+    options = EncodeOptions(**({"threads": 1, "partition": "off", "effort": "fast"} | choices))
+    with ExitStack() as stack:
+        for target, values in patches:
+            stack.enter_context(patch.multiple(target, **values))
+        return encoder.encode_scene(scene, options)[0]
+
+
+FIELD_BY_MATERIAL = (encoder, {"choose_fields": lambda scene, surface, *_: surface.material.astype(np.int64)})
+ALWAYS_INDEXED = (encoder, {"LEVEL_INDEX_BYTES": 0})
+OTHER_KERNEL = (encoder,
+                {"enc_attributes": lambda *given: codec.enc_attributes(*given[:4], (1, 255, 17, 3, 200, 0, 99), *given[5:])})
+PLAIN_COLOUR = (encoder, {"forward_colour": lambda plane: forward_plain(np.rint(plane)), "inverse_colour": inverse_plain,
+                          "TRANSFORM_BT709": TRANSFORM_NONE})
+
+
+def parsed(data):
+    """Stream (values by name) of a stream's bytes."""
+    return read_stream(data, Limits())
+
+
+def written(stream):
+    """Bytes of a Stream."""
+    return write_stream(stream)[0]
+
+
+def units_of(data):
+    """(type, payload) of every unit, the end unit included."""
+    units = sorted((unit for kind in read_units(data) for unit in kind), key=lambda unit: unit.start)
+    return [(unit.type, data[unit.begin : unit.end]) for unit in units] + [(UNIT_END, b"")]
+
+
+def stream_of(units):
+    """Signature and units with correct lengths and checksums."""
+    return SIGNATURE + b"".join(write_unit(unit_type, payload) for unit_type, payload in units)
+
+
+def values_of(unit, keys):
+    """Decoded values of an attribute unit whatever its values_crc says: uint8 [N, C]."""
+    ends = np.cumsum([0] + [c["codeword_length"] for c in unit["codewords"]]).tolist()
+    first = np.cumsum([0, *unit["slice_step"]]).tolist()
+    coded = codec.CodedAttributes(unit["qp"], unit["kernel"], unit["root_mean"], unit["slice_level"], first, [], [])
+    data = np.frombuffer(bytes(unit["codeword_data"]), np.uint8)
+    means = codec.dec_attributes(keys, unit["Depth"], coded, data, list(zip(ends[:-1], ends[1:], strict=True)), unit["Depth"])
+    return (inverse_colour if unit["colour_transform"] == TRANSFORM_BT709 else inverse_plain)(means)
+
+
+# Streams that the encoder does not write
+
+
+def one_voxel():
+    """K = 1: the values are root_mean, there is no codeword."""
+    stream = parsed(encoded(scene_of(*torus(8, 5)), resolution=2, qp=30))
+    keys = np.zeros(1, np.int64)
+    (values,), (unit,) = stream.fields, stream.attributes
+    values.update(resolution=1, num_voxels=1, voxels_crc=zlib.crc32(keys.astype("<i8")))
+    unit.update(codewords=[], codeword_data=b"", values_crc=zlib.crc32(inverse_colour(np.array([unit["root_mean"]], np.int32))))
+    return written(stream)
+
+
+def random_codeword():
+    """Codewords that no encoder made: large coefficients, differences and means at their bounds."""
+    data = encoded(noise_sheet(), resolution=24, qp=40)
+    stream = parsed(data)
+    (unit,) = stream.attributes
+    noise = np.random.default_rng(11).integers(0, 256, 6000, np.uint8)
+    noise[0] &= 0x7F
+    unit.update(qp=[63, 50, 63], codewords=[{"codeword_length": len(noise), "level_bytes": []}], codeword_data=noise.tobytes())
+    unit["values_crc"] = zlib.crc32(values_of(unit, decode(data).fields[0].keys))
+    return written(stream)
+
+
+def empty_codeword():
+    """A codeword of no bytes: zeros are read, every bit is a one, every coefficient the largest that can be sent."""
+    data = encoded(scene_of(*torus(12, 6)), resolution=12, qp=20)
+    stream = parsed(data)
+    (unit,) = stream.attributes
+    unit.update(qp=[63, 0, 63], codewords=[{"codeword_length": 0, "level_bytes": []}], codeword_data=b"")
+    unit["values_crc"] = zlib.crc32(values_of(unit, decode(data).fields[0].keys))
+    return written(stream)
+
+
+def mixed_resolutions():
+    """Two fields of different K; the second field's geometry comes first."""
+    fine, coarse = (parsed(encoded(two_sheets(), FIELD_BY_MATERIAL, resolution=k, qp=30)) for k in (21, 12))
+    fine.fields[1], fine.attributes[1] = coarse.fields[1], coarse.attributes[1]
+    fine.geometry.reverse()
+    return written(fine)
+
+
+def alpha_first():
+    """The alpha group before the colour group, and colour that is linear."""
+    stream = parsed(encoded(scene_of(*torus(12, 6), [Material("veil", alpha_mode=ALPHA_BLEND)]), resolution=18, qp=34))
+    stream.header["channel_groups"].reverse()
+    stream.header["channel_groups"][1]["group_transfer"] = 0
+    colour, alpha = stream.attributes
+    colour["group_index"], alpha["group_index"] = 1, 0
+    stream.attributes = [alpha, colour]
+    return written(stream)
+
+
+def with_strange_units():
+    """Ancillary units of unknown types, one of them empty, and metadata before the materials."""
+    units = units_of(encoded(scene_of(*torus(12, 6)), resolution=14, qp=36))
+    metadata = (UNIT_METADATA, b"\0" + '{"name":"Würfel"}'.encode())
+    return stream_of([units[0], metadata, (200, b"what a later version has to say"), *units[1:3], (129, b""), *units[3:-1],
+                      (255, bytes(range(256))), units[-1]])
+
+
+def on_voxel_boundaries():
+    """A closed box and two inner walls, all of whose vertices lie on voxel corners: B = 8, K = 64, positions multiples of 4."""
+    box = np.array([[x, y, z] for x in (0, 128) for y in (0, 64) for z in (0, 252)], np.float64)
+    walls = np.array([[64, 0, 0], [64, 64, 0], [64, 64, 252], [0, 32, 128], [128, 32, 128], [128, 64, 128]], np.float64)
+    corner = np.array([[255, 255, 255], [255, 251, 255], [251, 255, 255]], np.float64)  # makes the cube 0..255
+    faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4],
+             [1, 5, 7], [1, 7, 3], [8, 9, 10], [11, 12, 13], [14, 15, 16]]
+    positions = np.concatenate([box, walls, corner])
+    colours = np.column_stack([positions / 255, np.ones(len(positions))]).astype(np.float32)
+    return encoded(scene_of(positions, np.array(faces), colours), resolution=64, qp=40, position_bits=8)
+
+
+def needle():
+    """The largest grid there is, crossed by a triangle without area: B = 20, K = 8192."""
+    line = np.array([[0, 0, 0], [1, 0.002, 0.001], [0.5, 0.001, 0.0005]])
+    colours = np.array([[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 1]], np.float32)
+    return encoded(scene_of(line, np.array([[0, 1, 2]]), colours), resolution=8192, qp=46, position_bits=20)
+
+
+def fan():
+    """Five triangles on one edge: not a manifold, Draco makes more vertices of it."""
+    angle = np.arange(5) * 1.1
+    rim = np.stack([np.cos(angle), np.sin(angle), 0.2 * angle], 1)
+    positions = np.concatenate([[[0, 0, -1], [0, 0, 1]], rim])
+    colours = np.column_stack([np.abs(positions) / 2, np.ones(7)]).astype(np.float32)
+    return encoded(scene_of(positions, np.array([[0, 1, i] for i in range(2, 7)]), colours), resolution=20, qp=28)
+
+
+def empty():
+    """Every face has lost a corner: no geometry, no field."""
+    scene = scene_of(np.zeros((3, 3)), np.array([[0, 1, 2]]), np.ones((3, 4), np.float32))
+    return encoded(scene, resolution=16, qp=30, allow_empty=True)
+
+
+def many_materials():
+    """Five materials in one field; names beyond ASCII, an empty one, both flags."""
+    positions, faces, colours = torus(15, 8)
+    materials = [Material("Holz"), Material("Glasur ü", double_sided=True), Material("釉", unlit=True), Material(""),
+                 Material("both", double_sided=True, unlit=True)]
+    return scene_of(positions, faces, colours, materials, np.arange(len(faces)) * 5 // len(faces))
+
+
+def _triangle():
+    positions = np.array([[0.1, 0.2, 0.0], [1.3, 0.4, 0.6], [0.5, 1.5, 0.9]])
+    return positions, np.array([[0, 1, 2]]), np.array([[1, 0.1, 0, 1], [0, 0.8, 0.2, 1], [0.1, 0, 0.9, 1]], np.float32)
+
+
+def subset():
+    """What the encoder writes every day."""
+    everyday = scene_of(*torus())
+    mask = [Material("leaf", alpha_mode=ALPHA_MASK, alpha_cutoff=0.3), Material("bark")]
+    half = np.repeat([0, 1], len(everyday.faces) // 2)
+    lines = [
+        ("k2", "K = 2: a single block", ("7.2",), encoded(everyday, resolution=2, qp=30), (0, 1, 3)),
+        ("k3", "K = 3, no power of two", ("6.3", "8.3"), encoded(everyday, resolution=3, qp=30), (0, 1, 2)),
+        ("k33", "K = 33 and all its levels of detail", ("7.2", "8.3"), encoded(everyday, resolution=33, qp=22), (*range(8), 13)),
+        ("k100", "K = 100", ("6.3", "7.5.1"), encoded(everyday, resolution=100, qp=46), (0, 2)),
+        ("k256", "K = 256: a ribbon", ("6.2",), encoded(scene_of(*ribbon()), resolution=256, qp=34), (0, 1)),
+        ("qp0", "the smallest step", ("7.4.2",), encoded(everyday, resolution=20, qp=0), (0,)),
+        ("qp63", "the largest step", ("7.4.2",), encoded(everyday, resolution=20, qp=63), (0,)),
+        ("noise_qp0", "noise at the smallest step: long magnitudes, clipped values", ("7.5.4", "7.7.2"),
+         encoded(noise_sheet(), resolution=24, qp=0), (0, 1)),
+        ("one_triangle", "one triangle", ("6.2", "6.3"), encoded(scene_of(*_triangle()), resolution=48, qp=28), (0,)),
+        ("threshold0", "area_threshold 0 keeps every touched voxel", ("6.4",),
+         encoded(everyday, resolution=16, qp=36, area_threshold=0),
+         (0,)),
+        ("threshold77", "area_threshold 77 drops some", ("6.4",), encoded(everyday, resolution=16, qp=36, area_threshold=77),
+         (0,)),
+        ("materials", "five materials in one field", ("5.4.1", "5.6"), encoded(many_materials(), resolution=22, qp=34), (0,)),
+        ("two_fields", "two fields, one inside the other", ("5.5", "5.7"),
+         encoded(two_sheets(), FIELD_BY_MATERIAL, resolution=21, qp=30), (0, 2)),
+        ("alpha_mask", "alpha group for a MASK material beside an opaque one", ("5.3.1", "5.4.1", "7.7.1"),
+         encoded(scene_of(*torus(), mask, half), resolution=20, qp=30), (0, 1)),
+        ("alpha_blend", "alpha group for a BLEND material", ("5.3.1", "7.7.1"),
+         encoded(scene_of(*torus(), [Material("veil", alpha_mode=ALPHA_BLEND)]), resolution=20, qp=22), (0,)),
+        ("metadata", "a metadata unit", ("5.8",),
+         encoded(scene_of(*torus(), metadata={"copyright": "none", "extras": {"ü": [1, 2.5]}}), resolution=12, qp=40), (0,)),
+    ]
+    return [Vector(f"subset/{name}", *rest) for name, *rest in lines]
+
+
+def uncommon():
+    """What a decoder meets seldom, and what only another encoder would write."""
+    everyday = scene_of(*torus())
+    slices = (codec, {"SLICE_VOXELS": 300, "SLICE_NODES": 40})
+    one_slice = (codec, {"_plan_slices": lambda levels: (2, [0])})
+    huge = scene_of(torus()[0] * 1e140 + np.array([9e141, -3e140, 0]), *torus()[1:])
+    tiny = scene_of(torus()[0] * 1e-280, *torus()[1:])
+    lines = [
+        ("one_voxel", "K = 1: no level, no codeword", ("5.7.1", "7.7.2", "8.3"), one_voxel(), (0, 1)),
+        ("empty", "an empty mesh", ("5.3",), empty(), (0,)),
+        ("slices", "slices with the level index", ("5.7.1", "5.7.2", "7.2"),
+         encoded(everyday, slices, ALWAYS_INDEXED, resolution=33, qp=24), tuple(range(8))),
+        ("slices_two_groups", "slices of colour and alpha", ("5.7.1", "7.2"),
+         encoded(scene_of(*torus(), [Material("veil", alpha_mode=ALPHA_BLEND)]), slices, resolution=30, qp=30), (0, 2)),
+        ("one_slice", "a trunk with a single slice", ("5.7.1", "7.2"), encoded(everyday, one_slice, resolution=20, qp=30),
+         (0, 2, 3)),
+        ("level_index", "the level index without slices", ("5.7.2",), encoded(everyday, ALWAYS_INDEXED, resolution=16, qp=30),
+         (0,)),
+        ("kernel", "another prediction kernel, one weight 0", ("7.3",), encoded(everyday, OTHER_KERNEL, resolution=24, qp=26),
+         (0,)),
+        ("no_transform", "three components without a colour transform", ("5.7.1", "7.7.1"),
+         encoded(everyday, PLAIN_COLOUR, resolution=20, qp=28), (0, 1)),
+        ("random_codeword", "a codeword of random bytes: escapes, saturated differences and means",
+         ("7.4.2", "7.4.3", "7.5.4", "7.6"),
+         random_codeword(), (0, 1, 2, 3)),
+        ("empty_codeword", "a codeword of no bytes: the longest escapes", ("5.7.2", "7.4.2", "7.5.4", "7.6.2"), empty_codeword(),
+         (0, 1, 3)),
+        ("mixed_resolutions", "fields of different K, geometry units out of field order", ("5.5", "5.6", "8.3"),
+         mixed_resolutions(),
+         (0, 1, 4, 5)),
+        ("alpha_first", "the alpha group first, linear colour", ("5.3.1", "5.7"), alpha_first(), (0,)),
+        ("strange_units", "unknown ancillary units, metadata early", ("5.2", "5.8"), with_strange_units(), (0,)),
+        ("voxel_boundaries", "B = 8, every vertex on a voxel corner", ("6.1", "6.2", "6.3"), on_voxel_boundaries(), (0,)),
+        ("needle_bits20_k8192", "B = 20, K = 8192, a triangle without area", ("6.1", "6.2", "6.4"), needle(), (0, 5)),
+        ("bits20", "position_bits 20", ("6.1", "6.2"), encoded(everyday, resolution=33, qp=34, position_bits=20), (0,)),
+        ("fan", "a mesh that is not a manifold", ("5.6",), fan(), (0,)),
+        ("huge_coordinates", "coordinates near 1e142", ("5.3",), encoded(huge, resolution=12, qp=36), (0,)),
+        ("tiny_coordinates", "coordinates near 1e-280", ("5.3",), encoded(tiny, resolution=12, qp=36), (0,)),
+    ]
+    return [Vector(f"uncommon/{name}", *rest) for name, *rest in lines]

@@ -1,0 +1,385 @@
+"""Hard meshes through encode() and decode(), each with a stated bound."""
+
+import numpy as np
+import pytest
+from shapes import crossing_sheets, painted_sphere, scene_of, shuffled, sphere, square, triangles_of
+
+from texfcodec.asset.load import load
+from texfcodec.asset.sample import pack_source, sample_source
+from texfcodec.decoder import decode
+from texfcodec.encoder import encode, encode_scene
+from texfcodec.errors import InputError, LimitError
+from texfcodec.field.morton import decode_morton
+from texfcodec.limits import Limits
+from texfcodec.options import DecodeOptions, EncodeOptions
+from texfcodec.quality.psnr import sample_surface
+from texfcodec.report import Report
+
+BROWN = np.array([188, 124, 89])  # sRGB of the linear (0.5, 0.2, 0.1) of scene_of's material
+
+
+def coded(scene, **options):
+    """(Texf, byte counts) of a scene that went through both pipelines."""
+    data, sizes = encode_scene(load(scene), EncodeOptions(**{"resolution": 64, "qp": 28, **options}))
+    return decode(data), sizes
+
+
+def assert_positions_are_within_half_a_lattice_step(scene, texf):
+    """Every corner of every face that was kept has a decoded vertex no further than half a step away on any axis."""
+    used = scene.positions[np.unique(scene.faces)]
+    step, rounding = texf.side / (2**texf.position_bits - 1), 4 * np.spacing(np.abs(scene.positions).max())
+    for part in np.array_split(used, max(1, len(used) // 500)):
+        distance = np.abs(part[:, None] - texf.positions[None]).max(axis=2).min(axis=1)
+        assert distance.max() <= step * (0.5 + 1e-9) + rounding
+
+
+def colour_error(scene, texf, samples=2000):
+    """Largest and mean colour error at points spread over the source's surface, asking the fields as a viewer would."""
+    face, bary = sample_surface(scene.positions, scene.faces, samples)
+    points = np.einsum("nc,ncd->nd", bary, scene.positions[scene.faces[face]])
+    error = np.abs(texf.query(points)[:, :3] - sample_source(pack_source(scene), face, bary)[:, :3])
+    return error.max(), error.mean()
+
+
+# Scale and place
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1e-6, 1.0, 1e30, 1e140])
+@pytest.mark.parametrize("position_bits", [8, 14, 20])
+def test_a_sphere_of_any_size_keeps_its_shape_and_colour(scale, position_bits):
+    scene = painted_sphere(8)
+    scene.positions *= scale
+    texf, _ = coded(scene, position_bits=position_bits, qp=4)
+    assert_positions_are_within_half_a_lattice_step(scene, texf)
+    worst, mean = colour_error(scene, texf)
+    assert worst <= 6 and mean <= 0.7
+
+
+def test_the_same_shape_at_any_power_of_two_scale_has_the_same_field():
+    scene, first = painted_sphere(8), None
+    for scale in (1.0, 2.0**-90, 2.0**90):
+        field = coded(scene_of(scene.positions * scale, scene.faces, scene_colours(scene)))[0].fields[0]
+        first = first or field
+        np.testing.assert_array_equal(field.keys, first.keys)
+        np.testing.assert_array_equal(field.rgba, first.rgba)
+
+
+def scene_colours(scene):
+    colours = np.zeros((len(scene.positions), 4))
+    colours[scene.faces.reshape(-1)] = scene.corner_color.reshape(-1, 4)
+    return colours
+
+
+@pytest.mark.parametrize("extent", [1.0, 1e-3, 1e-6])
+def test_tiny_extents_far_from_the_origin_keep_what_binary64_left_of_them(extent):
+    scene = painted_sphere(8)
+    scene.positions = scene.positions * extent + 1e7
+    texf, _ = coded(scene)
+    assert_positions_are_within_half_a_lattice_step(scene, texf)
+    assert len(texf.faces) == len(scene.faces) and len(texf.fields[0].keys) > 10000
+
+
+def test_the_asset_with_huge_coordinates_keeps_every_position(shared_dir):
+    scene = load(shared_dir / "assets" / "hard_hugecoord.glb")
+    report = Report()
+    texf = decode(encode(shared_dir / "assets" / "hard_hugecoord.glb", EncodeOptions(resolution=128, qp=28), report))
+    assert_positions_are_within_half_a_lattice_step(scene, texf)
+    assert len(texf.faces) == report.facts["faces"] > 0
+
+
+# Flat, linear, single points, slivers
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_flat_square_is_one_layer_of_voxels_and_a_linear_gradient_survives(axis):
+    positions, faces = square(0.0)
+    scene = scene_of(np.roll(positions, axis, axis=1), faces, [[0, 0, 0, 1], [1, 0, 0, 1], [1, 1, 0, 1], [0, 1, 0, 1]])
+    texf, _ = coded(scene, qp=4)
+    voxels = decode_morton(texf.fields[0].keys)
+    assert len(voxels) == 64 * 64 and (voxels[:, (2 + axis) % 3] == 0).all()
+    assert_positions_are_within_half_a_lattice_step(scene, texf)
+    assert colour_error(scene, texf)[1] <= 1
+
+
+def test_collinear_corners_make_a_line_of_voxels_of_its_colour():
+    """A face without area is sampled along half of its length; the rest asks the nearest voxel."""
+    scene = scene_of([[0, 0, 0], [1, 2, 3], [2, 4, 6]], [[0, 1, 2]])
+    texf, _ = coded(scene)
+    voxels = decode_morton(texf.fields[0].keys)
+    assert 28 <= len(voxels) <= 100 and np.ptp(voxels[:, 2]) >= 30
+    assert_positions_are_within_half_a_lattice_step(scene, texf)
+    got = texf.query(np.linspace([0, 0, 0], [2, 4, 6], 40))
+    assert np.abs(got[:, :3] - BROWN).max() <= 1
+
+
+@pytest.mark.parametrize("faces", [[[0, 1, 2]], [[0, 0, 0]]])
+def test_a_single_point_is_refused_or_an_empty_stream(faces):
+    scene = scene_of([[4, 5, 6]] * 3, faces)
+    with pytest.raises(InputError) as caught:
+        coded(scene)
+    assert caught.value.code == "TXF-I63"
+    texf, sizes = coded(scene, allow_empty=True)
+    assert (texf.fields, len(texf.faces), len(texf.positions), len(texf.voxels()["xyz"])) == ([], 0, 0, 0)
+    assert sizes["total"] <= 150
+    with pytest.raises(InputError) as caught:
+        texf.query([[0, 0, 0]])
+    assert caught.value.code == "TXF-I70"
+
+
+@pytest.mark.parametrize("position_bits", [8, 20])
+def test_slivers_of_aspect_a_million_keep_positions_and_colour(position_bits):
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    sliver = np.array([[0, 0, 0], [1, 0, 0], [0.4, 1e-6, 0], [0, 0, 0.3], [1, 0, 0.3], [0.4, 0, 0.3 + 1e-6]]) @ turn
+    scene = scene_of(sliver, [[0, 1, 2], [3, 4, 5]])
+    texf, _ = coded(scene, position_bits=position_bits)
+    assert len(texf.faces) == 2
+    assert_positions_are_within_half_a_lattice_step(scene, texf)
+    assert colour_error(scene, texf)[0] <= 1
+
+
+# Voxel boundaries
+
+
+def test_vertices_and_edges_on_voxel_boundaries_give_full_voxels_on_one_side_only():
+    """The box is 0..255 with 8 bits, so lattice = world; K = 16 puts a boundary at every multiple of 16."""
+    positions = [[0, 0, 0], [255, 255, 255], [0, 0, 1]]  # pins the cube to 0..255 with a sliver
+    board = [[16 * i, 16 * j, 128] for i in (2, 10) for j in (3, 11)]
+    scene = scene_of(positions + board, [[0, 1, 2], [3, 5, 6], [3, 6, 4]])
+    texf, _ = coded(scene, resolution=16, position_bits=8, partition="off")
+    voxels = set(map(tuple, decode_morton(texf.fields[0].keys).tolist()))
+    inside = {(x, y, 8) for x in range(2, 10) for y in range(3, 11)}
+    assert inside <= voxels
+    assert all(max(v) - min(v) <= 1 for v in voxels - inside)  # the rest is the diagonal
+    assert_positions_are_within_half_a_lattice_step(scene, texf)
+
+
+# Very small and very large triangles
+
+
+def test_a_hundred_thousand_triangles_in_one_voxel_keep_their_colour_within_one():
+    rng = np.random.default_rng(0)
+    crowd = np.concatenate([rng.uniform(0, 0.05, (50_000, 3)), [[0, 0, 0], [1, 0, 0], [0, 1, 0]]])
+    faces = rng.integers(0, 50_000, (100_000, 3))
+    faces = np.concatenate([faces[(np.diff(np.sort(faces, axis=1), axis=1) > 0).all(axis=1)], [[50_000, 50_001, 50_002]]])
+    texf, sizes = coded(scene_of(crowd, faces), resolution=16, position_bits=20, partition="off")
+    assert len(texf.faces) == len(faces)
+    assert np.abs(texf.fields[0].rgba[:, :3].astype(int) - BROWN).max() <= 1
+    assert sizes["attributes"] <= 100
+
+
+@pytest.mark.parametrize("resolution", [64, 400])
+def test_triangles_as_large_as_the_cube_cover_it(resolution):
+    corners = [[0, 0, 0], [1, 1, 0], [1, 0, 1], [0, 1, 1]]
+    scene = scene_of(corners, [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+    texf, _ = coded(scene, resolution=resolution, partition="off")
+    face, bary = sample_surface(scene.positions, scene.faces, 5000)
+    grid = texf.cube.to_grid(np.einsum("nc,ncd->nd", bary, scene.positions[scene.faces[face]]), resolution)
+    voxels = set(map(tuple, decode_morton(texf.fields[0].keys).tolist()))
+    alone = sum(tuple(v) not in voxels for v in np.clip(np.floor(grid), 0, resolution - 1).astype(int).tolist())
+    assert alone <= 0.03 * len(grid)  # points in voxels that hold less than 77/256 of a face
+
+
+# Grid resolutions, steps, position bits
+
+
+ONE_VOXEL = "enc_attributes: at depth 0 it gives one empty codeword where spec 5.7.1 has none; the stream cannot be read"
+
+
+@pytest.mark.parametrize("resolution", [pytest.param(1, marks=pytest.mark.xfail(strict=True, reason=ONE_VOXEL)), *range(2, 65)])
+def test_every_resolution_to_64_has_voxels_in_its_grid_and_the_mean_colour(resolution):
+    scene = painted_sphere(6)
+    texf, _ = coded(scene, resolution=resolution, qp=10, partition="off")
+    voxels = decode_morton(texf.fields[0].keys)
+    assert voxels.min() >= 0 and voxels.max() < resolution == texf.resolution
+    assert resolution == 1 or voxels.max() >= resolution - 2
+    mean = sample_source(pack_source(scene), *sample_surface(scene.positions, scene.faces, 4000))[:, :3].mean(axis=0)
+    assert np.abs(texf.fields[0].rgba[:, :3].mean(axis=0) - mean).max() <= 2
+
+
+def test_resolution_8192_of_a_small_mesh_is_exact_in_place_and_near_in_colour():
+    """Three thin strips along the axes, one voxel wide and 8192 long."""
+    width = 1 / 8192
+    strips = [[[0, 0, 0], [1, 0, 0], [1, width, 0], [0, width, 0]], [[0, 0, 0], [0, 1, 0], [0, 1, width], [0, 0, width]],
+              [[0, 0, 0], [0, 0, 1], [width, 0, 1], [width, 0, 0]]]
+    faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * i for i in range(3)])
+    ends = np.random.default_rng(1).uniform(0, 1, (6, 4))  # colours run along the strips
+    colours = ends[[0, 1, 1, 0, 2, 3, 3, 2, 4, 5, 5, 4]]
+    scene = scene_of(np.concatenate(strips), faces, colours)
+    texf, _ = coded(scene, resolution=8192, position_bits=20, partition="off", qp=10)
+    voxels = decode_morton(texf.fields[0].keys)
+    assert texf.resolution == 8192 and voxels.max() == 8191 and len(voxels) >= 3 * 8191
+    assert_positions_are_within_half_a_lattice_step(scene, texf)
+    assert colour_error(scene, texf)[1] <= 3
+
+
+@pytest.mark.parametrize("qp,bound", [(0, 0), (4, 4), (16, 10), (28, 25)])
+def test_voxel_error_follows_the_step(qp, bound):
+    """Against the same field coded at QP 0, whose own error is at most 2 levels; the steps are 0.6, 1, 4 and 16."""
+    fine, sizes = coded(painted_sphere(8), qp=0)
+    texf, coarse_sizes = coded(painted_sphere(8), qp=qp)
+    error = np.abs(texf.fields[0].rgba.astype(int) - fine.fields[0].rgba)
+    assert error.max() <= bound and error.mean() <= bound / 6
+    assert coarse_sizes["attributes"] <= sizes["attributes"]
+
+
+def test_the_coarsest_step_keeps_the_mean_colour_in_a_few_bytes():
+    texf, sizes = coded(painted_sphere(8), qp=63)
+    fine, _ = coded(painted_sphere(8), qp=4)
+    drift = texf.fields[0].rgba.mean(axis=0) - fine.fields[0].rgba.mean(axis=0)
+    assert np.abs(drift).max() <= 2 and sizes["attributes"] <= 120
+
+
+@pytest.mark.parametrize("position_bits", [8, 11, 20])
+def test_lattices_of_any_fineness_decode(position_bits):
+    scene = painted_sphere(10)
+    texf, _ = coded(scene, position_bits=position_bits)
+    assert_positions_are_within_half_a_lattice_step(scene, texf)
+    assert texf.position_bits == position_bits and texf.lattice_positions.max() == 2**position_bits - 1
+
+
+# Colours
+
+
+@pytest.mark.parametrize("factor,srgb", [((0, 0, 0), (0, 0, 0)), ((1, 1, 1), (255, 255, 255)), ((0.5, 0.2, 0.1), BROWN)])
+def test_a_constant_colour_is_within_one_everywhere_and_costs_under_80_bytes(factor, srgb):
+    positions, faces = sphere(8)
+    texf, sizes = coded(scene_of(positions, faces, np.tile([*factor, 1.0], (len(positions), 1))))
+    assert np.abs(texf.fields[0].rgba[:, :3].astype(int) - srgb).max() <= 1
+    assert sizes["attributes"] <= 80
+
+
+def test_a_single_white_vertex_on_black_stays_within_12_levels_at_step_1():
+    positions, faces = sphere(8)
+    colours = np.tile([0.0, 0, 0, 1], (len(positions), 1))
+    colours[40] = 1
+    scene = scene_of(positions, faces, colours)
+    texf, _ = coded(scene, qp=4, resolution=128)
+    worst, mean = colour_error(scene, texf)
+    assert texf.fields[0].rgba[:, :3].max() >= 240 and mean <= 0.1
+    assert texf.fields[0].rgba[:, :3].min() == 0 and worst <= 12
+
+
+# Broken and odd meshes
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_vertices_and_uvs_that_are_not_finite_are_refused(bad):
+    positions, faces = square()
+    with pytest.raises(InputError) as caught:
+        encode(scene_of(np.where(positions == 1, bad, positions), faces))
+    assert caught.value.code == "TXF-I14"
+    scene = scene_of(positions, faces)
+    scene.corner_uv[0, 0, 0] = bad
+    with pytest.raises(InputError) as caught:
+        encode(scene)
+    assert caught.value.code == "TXF-I14"
+
+
+def test_no_faces_and_only_degenerate_faces_are_refused():
+    positions, faces = square()
+    for rows, code in ((faces[:0], "TXF-I15"), ([[0, 1, 1], [2, 2, 2]], "TXF-I63")):
+        with pytest.raises(InputError) as caught:
+            encode(scene_of(positions, rows), EncodeOptions(resolution=16))
+        assert caught.value.code == code
+
+
+def test_degenerate_faces_among_good_ones_are_left_out():
+    positions, faces = sphere(6)
+    scene = scene_of(positions, np.concatenate([faces, [[0, 0, 1], [5, 5, 5], [3, 4, 3]]]))
+    texf, _ = coded(scene)
+    assert len(texf.faces) == len(faces)
+    np.testing.assert_array_equal(triangles_of(texf), triangles_of(coded(scene_of(positions, faces))[0]))
+
+
+def test_duplicate_and_flipped_faces_are_all_kept():
+    positions, faces = sphere(6)
+    scene = scene_of(positions, np.concatenate([faces, faces[:10], faces[20:30, ::-1]]))
+    texf, _ = coded(scene)
+    assert len(texf.faces) == len(faces) + 20
+    assert_positions_are_within_half_a_lattice_step(scene, texf)
+
+
+def test_three_faces_on_one_edge_and_a_vertex_shared_by_two_cones_are_kept():
+    fan = scene_of([[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, -1, 0.2], [0.5, 0, 1]], [[0, 1, 2], [0, 1, 3], [0, 1, 4]])
+    cones = scene_of([[0, 0, 0], [1, 0, 1], [0, 1, 1], [-1, -1, 1], [1, 0, -1], [0, 1, -1], [-1, -1, -1]],
+                     [[0, 1, 2], [0, 2, 3], [0, 3, 1], [0, 5, 4], [0, 6, 5], [0, 4, 6]])
+    for scene in (fan, cones):
+        texf, _ = coded(scene)
+        assert len(texf.faces) == len(scene.faces)
+        assert_positions_are_within_half_a_lattice_step(scene, texf)
+
+
+def test_vertices_that_no_face_uses_are_not_coded():
+    positions, faces = square()
+    texf, _ = coded(scene_of(np.concatenate([positions, [[0.2, 0.3, 0.5]] * 5]), faces))
+    assert len(texf.positions) == 4
+
+
+# Order
+
+
+@pytest.mark.parametrize("make", [painted_sphere, crossing_sheets])
+@pytest.mark.parametrize("seed", range(3))
+def test_faces_vertices_start_corners_and_orientation_in_any_order_decode_to_the_same_field(make, seed):
+    """Sums of the transfer are in binary32 and in face order, so a value may round to the other side: none does here."""
+    texf, _ = coded(make(), qp=10)
+    other, _ = coded(shuffled(make(), seed), qp=10)
+    assert len(texf.fields) == len(other.fields)
+    np.testing.assert_array_equal(triangles_of(texf), triangles_of(other))
+    by_keys = lambda t: sorted(t.fields, key=lambda f: f.keys.tolist())  # which of two equal pieces is field 0 may differ
+    for a, b in zip(by_keys(texf), by_keys(other), strict=True):
+        np.testing.assert_array_equal(a.keys, b.keys)
+        np.testing.assert_array_equal(a.rgba, b.rgba)
+
+
+# Several fields, alpha, levels of detail
+
+
+def test_crossing_sheets_keep_their_alpha_materials_and_metadata():
+    scene = crossing_sheets()
+    texf, _ = coded(scene, qp=4)
+    assert texf.has_alpha and [m.name for m in texf.materials] == ["stone", "glass"]
+    assert texf.materials[1].alpha_mode == 2 and texf.metadata == {"copyright": "none"}
+    assert sorted(texf.face_material.tolist()) == [0, 0, 1, 1]
+    alpha = texf.voxels()["rgba"][:, 3]
+    assert alpha.min() < 100 and (alpha == 255).any()
+
+
+@pytest.mark.parametrize("lod", range(8))
+def test_every_level_of_detail_has_the_parents_voxels_and_the_mean_within_two(lod):
+    data = encode_scene(painted_sphere(8), EncodeOptions(resolution=50, qp=10))[0]
+    full, part = (decode(data, DecodeOptions(lod=n)).fields[0] for n in (0, lod))
+    shift = min(lod, 6)
+    keys, weight = np.unique(full.keys >> 3 * shift, return_counts=True)
+    np.testing.assert_array_equal(part.keys, keys)
+    assert (part.level_shift, part.size) == (shift, -(-50 >> shift))
+    mean = (part.rgba * weight[:, None]).sum(axis=0) / len(full.keys)
+    assert np.abs(mean - full.rgba.mean(axis=0)).max() <= 2
+
+
+# Limits of the encoder
+
+
+@pytest.mark.parametrize("limits,code", [(Limits(vertices=113), "TXF-L02"), (Limits(faces=223), "TXF-L03"),
+                                         (Limits(voxels=1000), "TXF-L04"), (Limits(samples=1000), "TXF-L05")])
+def test_each_limit_refuses_a_mesh_that_is_over_it(limits, code):
+    scene = painted_sphere(8)
+    assert (len(scene.positions), len(scene.faces)) == (114, 224)
+    with pytest.raises(LimitError) as caught:
+        encode(scene, EncodeOptions(resolution=64, partition="off", limits=limits))
+    assert caught.value.code == code
+
+
+def test_metadata_over_the_limit_are_left_out_with_a_warning():
+    scene, report = crossing_sheets(), Report()
+    scene.metadata["extras"] = "x" * 1000
+    data, _ = encode_scene(scene, EncodeOptions(resolution=16, limits=Limits(metadata_bytes=500)), report)
+    assert decode(data).metadata == {} and "metadata" in report.dropped and any("limit" in w for w in report.warnings)
+
+
+@pytest.mark.parametrize("values", [{"resolution": 0}, {"resolution": 8193}, {"qp": -1}, {"qp": 64}, {"position_bits": 7},
+                                    {"position_bits": 21}, {"rate": "r09"}, {"effort": "lazy"}, {"threads": -1}])
+def test_options_out_of_range_are_refused(values):
+    with pytest.raises(InputError) as caught:
+        EncodeOptions(**values)
+    assert caught.value.code == "TXF-I50"

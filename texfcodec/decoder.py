@@ -27,6 +27,10 @@ def decode(data, options=None, report=None):
     Raises StreamError, LimitError or SupportError; nothing else on any input.
     """
     options, report = options or DecodeOptions(), report or Report()
+    if options.isolate:
+        from .isolate import decode_isolated
+
+        return decode_isolated(data, options, report)
     with report.stage("parse"):
         stream = read_stream(bytes(data), options.limits)
     for unit in stream.skipped:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .decoder import decode
-from .encoder import encode_scene
+from .encoder import code_prepared, prepare
 from .errors import InputError
 from .options import DecodeOptions
 from .quality.measure import SourceSamples
@@ -79,7 +79,7 @@ class _Search:
     def __init__(self, scene, options, report):
         self.scene, self.options, self.report = scene, options, report
         self.budget = options.target_bytes
-        self.trials, self._samples = [], None
+        self.trials, self._samples, self._prepared = [], None, (None, None)
 
     def climb(self):
         """Walks the ladder from FIRST_K to finer or coarser K for as long as that is better; the best Trial or None."""
@@ -135,7 +135,9 @@ class _Search:
     def _encode(self, resolution, qp):
         begin, report = time.perf_counter(), Report(self.report.on_progress)
         options = replace(self.options, target_bytes=None, target_psnr=None, resolution=resolution, qp=qp)
-        data, sizes = encode_scene(self.scene, options, report)
+        if self._prepared[0] != resolution:
+            self._prepared = resolution, prepare(self.scene, options, report)
+        data, sizes = code_prepared(self.scene, self._prepared[1], options, report)
         self._add_seconds(report)
         self.trials.append(Trial(resolution, qp, data, sizes, report, time.perf_counter() - begin))
         return self.trials[-1]

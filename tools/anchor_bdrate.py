@@ -20,8 +20,8 @@ from texfcodec.attribute.choice import choose_kernel
 from texfcodec.attribute.codec import dec_attributes, enc_attributes
 from texfcodec.attribute.colour import forward_colour, inverse_colour
 from texfcodec.attribute.layout import octree_depth
-from texfcodec.encoder import raht_values
 from texfcodec.bitstream.syntax import CODECS
+from texfcodec.bitstream.values import raht_values
 from texfcodec.bitstream.walk import write_structure
 from texfcodec.field.morton import encode_morton
 from texfcodec.quality.bd_rate import bd_rate
@@ -69,7 +69,7 @@ def run_cloud(path, effort, qps):
     for threads in (1, 2):
         runs = [code(keys, rgb, anchor["K"], 28, effort, threads)[2:] for _ in range(3)]
         for name, seconds in zip(speed, np.median(runs, axis=0), strict=True):
-            speed[name][str(threads)] = round(len(keys) / seconds / 1e6, 3)
+            speed[name][str(threads)] = round(float(len(keys) / seconds / 1e6), 3)
     rates = [p["bytes"] for p in anchor["points_rd"]]
     result = {}
     for name, key in MEASURES.items():

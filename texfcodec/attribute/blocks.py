@@ -76,11 +76,11 @@ def _choose_plane(scaled, tree, contexts, flag_ctx, c0, c1, level, strength, lag
                 large += 1 if choice > 1 else 0
                 q[node, c] = choice if scaled[node, c] >= 0 else -choice
     if any_left and cost < cost_zero:
-        return True
+        return 1
     for c in range(c0, c1):
         for node in range(SPLITS):
             q[node, c] = 0
-    return False
+    return 0
 
 
 @njit(cache=True, nogil=True)
@@ -187,8 +187,8 @@ def _enc_level(state, out, contexts, begin, end_node, level, steps, kernel, lagr
             flag_ctx = _block_context(k, level, splits, flags[0] if k else 0, classes[0], classes[1])
             strength = max(classes[0], classes[1])
             flags[k] = 0
-            if largest >= 0.5 and _choose_plane(scaled, tree, contexts, flag_ctx, c0, c1, level, strength, lagrangian, bits_of, q):
-                flags[k] = 1
+            if largest >= 0.5:
+                flags[k] = _choose_plane(scaled, tree, contexts, flag_ctx, c0, c1, level, strength, lagrangian, bits_of, q)
             _enc_bit(state, out, contexts, flag_ctx, flags[k])
             if flags[k]:
                 _enc_plane(state, out, contexts, tree, splits, c0, c1, level, strength, q)

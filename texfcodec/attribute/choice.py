@@ -25,7 +25,7 @@ def _lagrangian_cost(keys, depth, values, qp, kernel):
 
 
 def choose_kernel(keys, depth, values, qp, effort):
-    """Prediction kernel for a field, one of KERNELS. keys: int64 [N]; values: int32 [N, C]; qp: [C]; effort: of options.EFFORTS."""
+    """Prediction kernel for a field, one of KERNELS. keys: int64 [N]; values: int32 [N, C]; qp: [C]; effort: see PIECE_VOXELS."""
     voxels = PIECE_VOXELS[effort]
     if not voxels or len(keys) < 64:
         return DEFAULT_KERNEL

@@ -7,7 +7,7 @@ Slices run in parallel level by level: a block predicts from the whole level abo
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -16,11 +16,12 @@ from .blocks import _dec_level, _enc_level
 from .contexts import CONTEXTS, LEVELS
 from .octree import NEIGHBOURS, _neighbours, build_octree, root_table
 from .quantise import step_of
-from .range_coder import CACHE, PENDING, POS, START_BYTES, finish, new_contexts, new_decoder, new_encoder
+from .range_coder import CACHE, FULL, PENDING, POS, START_BYTES, finish, new_contexts, new_decoder, new_encoder
 
 SLICE_VOXELS = 1 << 18  # encoder's choice: one slice per so many voxels
 MAX_SLICES = 64
 SLICE_NODES = 1 << 10  # encoder's choice: slices start at the first level with this many nodes
+FIRST_ROOM = 64  # bytes of a level buffer beside one per coefficient; no level starts with less
 LAMBDA = 0.1  # squared steps per bit, flat within 1 % from 0.05 to 0.13
 
 
@@ -114,6 +115,40 @@ def _level_class(levels, depth):
     return min(len(levels) - 2 - depth, LEVELS - 1)
 
 
+class _SliceEncoder:
+    """One codeword in the making: coder state, contexts, the bytes so far and how many a decoder needs for each level."""
+
+    def __init__(self, contexts):
+        self.state, self.contexts = new_encoder(), contexts
+        self.chunks, self.written, self.level_bytes = [], 0, []
+
+    def _reached(self):
+        """Bytes that a decoder has read by now."""
+        return self.written + int(self.state[PENDING] + (self.state[CACHE] >= 0)) + START_BYTES
+
+    def code(self, symbols, arguments):
+        """Codes one level of `symbols` coefficients; arguments: of _enc_level after the contexts. The buffer fits what levels
+        usually take; a level that fills it is coded again from the same state into a larger one."""
+        before = self._reached() if self.level_bytes else 0
+        state, contexts, room = self.state.copy(), self.contexts.copy(), FIRST_ROOM + symbols
+        while True:
+            out = np.empty(room + int(self.state[PENDING]), np.uint8)
+            self.state[POS] = 0
+            _enc_level(self.state, out, self.contexts, *arguments)
+            if not self.state[FULL]:
+                break
+            self.state[:], self.contexts[:], room = state, contexts, 4 * room
+        self.chunks.append(out[: int(self.state[POS])].tobytes())
+        self.written += len(self.chunks[-1])
+        self.level_bytes.append(self._reached() - before)
+
+    def codeword(self):
+        """Ends the codeword; trailing zero bytes are left out, the decoder reads zeros past the end."""
+        out = np.empty(FIRST_ROOM + int(self.state[PENDING]), np.uint8)
+        self.state[POS] = 0
+        return b"".join([*self.chunks, finish(self.state, out)]).rstrip(b"\0")
+
+
 def enc_attributes(keys, depth, values, qp, kernel, threads=1):
     """Codes values int32 [N, C] (12 fractional bits) on ascending Morton keys int64 [N]; qp: [C] in 0..63; kernel: [7].
 
@@ -124,50 +159,24 @@ def enc_attributes(keys, depth, values, qp, kernel, threads=1):
     root = originals[0][0].tolist()
     slice_level, slice_first = _plan_slices(levels)
     steps, weights = np.array([step_of(v) for v in qp], np.int64), np.array(kernel, np.int64)
-    contexts, coders, level_bytes, chunks = [new_contexts(CONTEXTS)], [new_encoder()], [[]], [[]]
+    trunk = _SliceEncoder(new_contexts(CONTEXTS))
+    coders = active = [trunk]
     with ThreadPoolExecutor(threads) as pool:
         walk = _Descent(levels, root, pool)
         for d in range(depth):
             ranges = _ranges(levels, d, slice_level, slice_first)
-            if d == slice_level and d > 0:
-                coders += [new_encoder() for _ in ranges]
-                contexts += [contexts[0].copy() for _ in ranges]
-                level_bytes += [[] for _ in ranges]
-                chunks += [[] for _ in ranges]
-            base = 1 if d >= slice_level > 0 else 0
+            if d == slice_level > 0:
+                active = [_SliceEncoder(trunk.contexts.copy()) for _ in ranges]
+                coders = [trunk, *active]
             arrays, energy, child_mean = walk.arrays(d)
-
-            def one(i, begin, end, d=d, base=base, arrays=arrays, child_mean=child_mean):
-                nodes = int(levels[d].first_child[end] - levels[d].first_child[begin])
-                out = np.empty(64 + nodes * len(qp) * 8, np.uint8)
-                state = coders[base + i]
-                before = int(state[POS] + state[PENDING] + (state[CACHE] >= 0))
-                state[POS] = 0
-                _enc_level(state, out, contexts[base + i], begin, end, _level_class(levels, d), steps, weights,
-                           256.0 / LAMBDA, _bits_of(), *arrays, originals[d + 1], child_mean)
-                written = int(state[POS])
-                chunks[base + i].append(out[:written].tobytes())
-                state[POS] = before_bytes[base + i] + written
-                after = int(state[POS] + state[PENDING] + (state[CACHE] >= 0))
-                before_bytes[base + i] += written
-                level_bytes[base + i].append(after - before)
-
-            before_bytes = [int(s[POS]) for s in coders]
-            walk.run([lambda i=i, b=b, e=e: one(i, b, e) for i, (b, e) in enumerate(ranges)])
+            tail = (_level_class(levels, d), steps, weights, 256.0 / LAMBDA, _bits_of(), *arrays, originals[d + 1], child_mean)
+            children = levels[d].first_child
+            walk.run([partial(coder.code, int(children[end] - children[begin]) * len(qp), (begin, end, *tail))
+                      for coder, (begin, end) in zip(active, ranges, strict=True)])
             walk.descend(d, energy, child_mean, ranges)
-    codewords = []
-    for state, parts in zip(coders, chunks, strict=True):
-        tail = np.empty(64 + int(state[PENDING]), np.uint8)
-        state[POS] = 0
-        codewords.append(_trimmed(parts, finish(state, tail)))
-    for taken in level_bytes:
-        if taken:
-            taken[0] += START_BYTES
+    codewords = [coder.codeword() for coder in coders] if depth else []
+    level_bytes = [coder.level_bytes for coder in coders] if depth else []
     return CodedAttributes(list(qp), list(kernel), root, slice_level, slice_first, codewords, level_bytes), walk.mean
-
-
-def _trimmed(parts, tail):
-    return b"".join([*parts, tail]).rstrip(b"\0")
 
 
 def dec_attributes(keys, depth, coded, data, spans, stop_level, threads=1):
@@ -182,21 +191,17 @@ def dec_attributes(keys, depth, coded, data, spans, stop_level, threads=1):
         raise StreamError("TXF-S12", "a slice begins past the last node", clause="5.7.1", value=coded.slice_first[-1],
                           allowed=f"< {len(levels[coded.slice_level])}")
     steps, weights = np.array([step_of(v) for v in coded.qp], np.int64), np.array(coded.kernel, np.int64)
-    contexts, coders = [new_contexts(CONTEXTS)], [new_decoder(data, *spans[0])] if spans else []
-    ends = [end for _, end in spans]
+    active = [(new_decoder(data, *span), data, span[1], new_contexts(CONTEXTS)) for span in spans[:1]]
     with ThreadPoolExecutor(threads) as pool:
         walk = _Descent(levels, coded.root, pool)
         for d in range(stop_level):
             ranges = _ranges(levels, d, coded.slice_level, coded.slice_first)
-            if d == coded.slice_level and d > 0:
-                coders += [new_decoder(data, *span) for span in spans[1:]]
-                contexts += [contexts[0].copy() for _ in ranges]
-            base = 1 if d >= coded.slice_level > 0 else 0
+            if d == coded.slice_level > 0:
+                trunk = active[0][-1]
+                active = [(new_decoder(data, *span), data, span[1], trunk.copy()) for span in spans[1:]]
             arrays, energy, child_mean = walk.arrays(d)
-            walk.run([
-                lambda i=base + i, b=b, e=e: _dec_level(coders[i], data, ends[i], contexts[i], b, e, _level_class(levels, d),
-                                                       steps, weights, *arrays, child_mean)
-                for i, (b, e) in enumerate(ranges)
-            ])
+            tail = (_level_class(levels, d), steps, weights, *arrays, child_mean)
+            walk.run([partial(_dec_level, *coder, begin, end, *tail)
+                      for coder, (begin, end) in zip(active, ranges, strict=True)])
             walk.descend(d, energy, child_mean, ranges)
     return walk.mean

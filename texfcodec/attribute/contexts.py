@@ -7,7 +7,7 @@ block, of the neighbours decoded before on its own level and of the level above,
 import numpy as np
 from numba import njit
 
-from .range_coder import _adapt, _dec_bit, _dec_bypass, _enc_bit, _enc_bypass, _probability
+from .range_coder import _dec_bit, _dec_bypass, _enc_bit, _enc_bypass, _probability
 
 CLASSES = 7  # energy classes
 LEVELS = 4  # level classes: voxels, one above, two above, the rest

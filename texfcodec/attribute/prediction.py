@@ -5,13 +5,12 @@ those have been decoded before, of their children that touch the child. Seven we
 [parent, face parent, edge parent, corner parent, face child, edge child, corner child].
 """
 
-import numpy as np
 from numba import njit
 
 KERNEL_SIZE = 7
-# From smooth photographs to flat colours with sharp edges; measured on the reference clouds, BD-rate RGB over QP 28 and 40 against
-# G-PCC for (basket, scissors, cat, Mars, water bottle): smoothest -1, -13, -10, -10, +22 %; second -1, -16, -8, -9, +11 %;
-# third +11, -9, +3, +1, 0 %; sharpest +57, +29, +38, +31, -21 %.
+# From smooth photographs to flat colours with sharp edges. BD-rate RGB against G-PCC over QP 28 and 40 on basket, scissors, cat,
+# Mars, water bottle: smoothest -1, -13, -10, -10, +22 %; second -1, -16, -8, -9, +11 %; third +11, -9, +3, +1, 0 %; sharpest +57,
+# +29, +38, +31, -21 %.
 KERNELS = ((64, 32, 4, 1, 48, 16, 4), (64, 24, 1, 0, 32, 8, 0), (64, 12, 0, 0, 16, 4, 0), (64, 2, 0, 0, 4, 0, 0))
 DEFAULT_KERNEL = KERNELS[1]
 

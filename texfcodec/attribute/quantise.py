@@ -1,6 +1,5 @@
-"""Quantiser steps and the scaling of coefficients (spec clause 7.4). QP means what it means in G-PCC: step = 2**((QP - 4) / 6)."""
+"""Quantiser steps and the scaling of coefficients (spec clause 7.4). As in G-PCC, step = 2**((QP - 4) / 6)."""
 
-import numpy as np
 from numba import njit
 
 from ..field.voxelise import _isqrt

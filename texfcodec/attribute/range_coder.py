@@ -144,7 +144,7 @@ def _finish(state, out):
 
 
 def finish(state, out):
-    """Ends a codeword. Returns its bytes without trailing zeros (the decoder reads zeros past the end)."""
+    """Ends a codeword. Returns its bytes in out without trailing zeros (the decoder reads zeros past the end)."""
     _finish(state, out)
     if state[FULL]:
         raise OverflowError("range coder output buffer is full")

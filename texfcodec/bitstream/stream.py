@@ -85,7 +85,7 @@ def _read_attribute(reader, stream, trace):
     values.update(attribute_variables(stream, values))
     codec = CODECS.get(values["codec_id"])
     if codec is None:
-        raise SupportError("TXF-U02", "unknown attribute codec", clause="5.7", value=values["codec_id"], allowed=str(list(CODECS)))
+        raise SupportError("TXF-U02", "unknown attribute codec", clause="5.7", value=values["codec_id"], allowed=list(CODECS))
     values["offset"] = reader.base + reader.position
     read_structure(codec, reader, values, trace, per_item=_levels_of)
     _check_raht(values)
@@ -96,7 +96,7 @@ def _read_attribute(reader, stream, trace):
 def _check_raht(values):
     """Relations between elements that a range cannot say (spec 5.7.1, 5.7.2)."""
     if values["kernel"][0] == 0:
-        raise StreamError("TXF-S04", "kernel[0] is out of range", clause="5.7.1", offset=values["offset"], value=0, allowed="1..255")
+        raise StreamError("TXF-S04", "kernel[0] is out of range", clause="5.7.1", offset=values["offset"], allowed="1..255")
     depth, level = values["Depth"], values["slice_level"]
     if level and level >= depth:
         raise StreamError("TXF-S04", "slice_level is out of range", clause="5.7.1", value=level, allowed=f"0..{depth - 1}")

@@ -3,7 +3,7 @@
 import struct
 
 from ..errors import StreamError
-from .syntax import Derived, Structure, V_MAX
+from .syntax import V_MAX, Derived, Structure
 
 _FIXED = {"u8": "<B", "u16": "<H", "u32": "<I", "i32": "<i", "f64": "<d"}
 

@@ -1,4 +1,4 @@
-"""Splitting a mesh into fields, so that surfaces that lie close together do not share voxels (encoder's choice, paper: limitations).
+"""Splitting a mesh into fields, so that surfaces that lie close together do not share voxels (paper: limitations).
 
 Faces are first grouped into pieces: edge-connected components, and, where a component folds onto itself, its parts by the sign
 of the dominant normal component. Pieces that meet in a cell of 2x2x2 voxels get different fields by greedy colouring.
@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from .morton import _morton_key
-from .voxelise import GRID_FRACTION, _row, _triangle_frame, grid_coordinates
+from .voxelise import _row, _triangle_frame, grid_coordinates
 
 MAX_FIELDS = 16
 MIN_CONTACT = 0.002  # share of the smaller piece's cells that two pieces must share to count as meeting

@@ -64,7 +64,8 @@ class _Trials:
         floor = coding_mse(self.options.qp)
         before, after = self._mse(base, resolution), self._mse(candidate, resolution)
         gain = decibels(after + floor) - decibels(before + floor)
-        return gain, {"resolution": resolution, "gain_db": gain, "psnr_y_before": decibels(before), "psnr_y_after": decibels(after)}
+        told = {"psnr_y_before": decibels(before), "psnr_y_after": decibels(after)}
+        return gain, {"resolution": resolution, "gain_db": gain, **told}
 
     def pays(self, base, candidate):
         """Whether a candidate gains MIN_GAIN over base. Half the resolution is asked first, in a quarter of the time: surfaces

@@ -1,0 +1,57 @@
+"""What the encoder writes into the syntax elements: header, materials, metadata and RAHT parameters from the data at hand."""
+
+import json
+
+import numpy as np
+
+from ..asset.scene import ALPHA_MASK, ALPHA_OPAQUE
+from ..attribute.colour import TRANSFORM_BT709, TRANSFORM_NONE
+from .syntax import SEMANTIC_ALPHA, SEMANTIC_BASE_COLOUR, TRANSFER_LINEAR, TRANSFER_SRGB, VERSION
+
+LEVEL_INDEX_BYTES = 4096  # smaller attribute units do without their per-level byte counts
+
+
+def header_values(scene, surface, geometry, num_fields):
+    """Values of the sequence header (spec 5.3); alpha is coded only where a material in use is not opaque."""
+    groups = [{"group_semantic": SEMANTIC_BASE_COLOUR, "group_transfer": TRANSFER_SRGB, "group_components": 3}]
+    if any(scene.materials[m].alpha_mode != ALPHA_OPAQUE for m in np.unique(surface.material)):
+        groups.append({"group_semantic": SEMANTIC_ALPHA, "group_transfer": TRANSFER_LINEAR, "group_components": 1})
+    return {
+        "version": VERSION, "position_bits": surface.cube.position_bits, "origin": surface.cube.origin, "side": surface.cube.side,
+        "num_vertices": sum(g["unit_vertices"] for g in geometry), "num_faces": len(surface.faces),
+        "num_materials": len(scene.materials), "num_fields": num_fields,
+        "num_geometry_units": len(geometry), "num_channel_groups": len(groups), "channel_groups": groups,
+    }
+
+
+def material_values(material):
+    """Values of one material (spec 5.4.1)."""
+    name = material.name.encode("utf-8", "replace")[:65535].decode("utf-8", "ignore")
+    cutoff = round(min(max(material.alpha_cutoff, 0.0), 1.0) * 65535)
+    return {"name_length": len(name.encode("utf-8")), "material_name": name, "alpha_mode": material.alpha_mode,
+            "alpha_cutoff": cutoff if material.alpha_mode == ALPHA_MASK else None,
+            "material_flags": int(material.double_sided) | int(material.unlit) << 1}
+
+
+def metadata_bytes(metadata, options, report):
+    """The metadata unit's JSON, or None where there is nothing or more than the limit."""
+    if not metadata:
+        return None
+    raw = json.dumps(metadata, ensure_ascii=False, separators=(",", ":"), sort_keys=True).encode("utf-8", "replace")
+    if options.limits.metadata_bytes is not None and len(raw) > options.limits.metadata_bytes:
+        report.warnings.append(f"metadata of {len(raw)} bytes are over the limit and were left out")
+        report.dropped.append("metadata")
+        return None
+    return raw
+
+
+def raht_values(coded, colour):
+    """Syntax values of raht_parameters (spec 5.7.1) for CodedAttributes; colour: whether the BT.709 transform was used."""
+    lengths = [len(c) for c in coded.codewords]
+    return {
+        "colour_transform": TRANSFORM_BT709 if colour else TRANSFORM_NONE, "qp": coded.qp, "kernel": coded.kernel,
+        "root_mean": coded.root, "slice_level": coded.slice_level, "num_slices": len(coded.slice_first),
+        "slice_step": np.diff(coded.slice_first).tolist(), "level_index": int(sum(lengths) >= LEVEL_INDEX_BYTES),
+        "codewords": [{"codeword_length": n, "level_bytes": b} for n, b in zip(lengths, coded.level_bytes, strict=True)],
+        "codeword_data": b"".join(coded.codewords),
+    }

@@ -1,0 +1,459 @@
+"""Damaged and lying streams: the decoder ends with a result or a coded error, in bounded time and memory."""
+
+import json
+import os
+import pickle
+import subprocess
+import sys
+import time
+import zlib
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from conftest import REPOSITORY
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapes import crossing_sheets, painted_sphere, sphere
+
+from texfcodec.bitstream.inspect import inspect
+from texfcodec.bitstream.stream import read_stream, write_stream
+from texfcodec.bitstream.syntax import (
+    UNIT_ATTRIBUTE,
+    UNIT_END,
+    UNIT_FIELD,
+    UNIT_GEOMETRY,
+    UNIT_HEADER,
+    UNIT_METADATA,
+)
+from texfcodec.bitstream.units import read_units, write_unit
+from texfcodec.bitstream.walk import write_v
+from texfcodec.decoder import decode, voxels_crc
+from texfcodec.encoder import encode_scene
+from texfcodec.errors import LimitError, StreamError, SupportError, TexfError
+from texfcodec.field.voxelise import voxelise
+from texfcodec.geometry.draco import enc_geometry
+from texfcodec.limits import Limits
+from texfcodec.options import DecodeOptions, EncodeOptions
+from texfcodec.report import Report
+
+SMALL = Limits(voxels=1 << 18, samples=1 << 21)  # a lying resolution may cost a tenth of a second, no more
+FAMILIES = (StreamError, LimitError, SupportError)
+END = write_unit(UNIT_END, b"")
+
+
+@lru_cache
+def small(kind="sphere"):
+    """A stream of under a kilobyte, or one with two materials, alpha, metadata and textures."""
+    scene, resolution = (painted_sphere(3), 12) if kind == "sphere" else (crossing_sheets(), 20)
+    data = encode_scene(scene, EncodeOptions(resolution=resolution, qp=34, partition="off"))[0]
+    assert decode(data).fields  # and the decoder's kernels are compiled before anything is timed
+    return data
+
+
+def fields_of(data):
+    return [(f.keys.tolist(), f.rgba.tolist()) for f in decode(data).fields]
+
+
+def repacked(data, change):
+    """The stream with each unit's payload replaced by change(type, payload); lengths and checksums are right again."""
+    out = bytearray(data[:8])
+    for unit in read_units(data)[0]:
+        payload = change(unit.type, bytearray(data[unit.begin : unit.end]))
+        out += write_unit(unit.type, bytes(payload))
+    return bytes(out) + END
+
+
+def outcome(data, options=None):
+    """"decoded" or the code of the error. Any other exception fails the test that asks; so does a slow answer."""
+    begin = time.perf_counter()
+    try:
+        decode(data, options or DecodeOptions(limits=SMALL, threads=1))
+        code = "decoded"
+    except TexfError as error:
+        assert isinstance(error, FAMILIES) and error.code.startswith("TXF-") and str(error)
+        code = error.code
+    assert time.perf_counter() - begin < 5
+    return code
+
+
+# Whole streams
+
+
+@pytest.mark.parametrize("kind", ["sphere", "sheets"])
+def test_decoder_refuses_every_prefix(kind):
+    data = small(kind)
+    for end in range(len(data)):
+        with pytest.raises(StreamError):
+            decode(data[:end])
+
+
+@pytest.mark.parametrize("kind", ["sphere", "sheets"])
+def test_decoder_refuses_every_appended_byte(kind):
+    data = small(kind)
+    for byte in range(256):
+        with pytest.raises(StreamError) as caught:
+            decode(data + bytes([byte]))
+        assert caught.value.code == "TXF-S08" and caught.value.details["offset"] == len(data)
+
+
+@pytest.mark.parametrize("kind", ["sphere", "sheets"])
+def test_decoder_refuses_a_flipped_bit_in_any_byte(kind):
+    data, rng = bytearray(small(kind)), np.random.default_rng(0)
+    for i in range(len(data)):
+        bit = 1 << int(rng.integers(8))
+        data[i] ^= bit
+        with pytest.raises((StreamError, SupportError)):
+            decode(bytes(data))
+        data[i] ^= bit
+
+
+@pytest.mark.parametrize("cut", [1, 4, 20])
+def test_decoder_refuses_a_stream_with_bytes_missing_in_the_middle(cut):
+    data = small()
+    for i in range(0, len(data) - cut, 7):
+        with pytest.raises((StreamError, SupportError)):
+            decode(data[:i] + data[i + cut :])
+
+
+@pytest.mark.parametrize("data", [b"", b"\0", b"not a mesh at all", bytes(1000), b"\x89TXF\r\n\x1a\n", b"\x89TXF\r\r\n\x1a\n" + bytes(50)])
+def test_decoder_refuses_what_is_no_stream(data):
+    with pytest.raises(StreamError) as caught:
+        decode(data)
+    assert caught.value.code in ("TXF-S01", "TXF-S02", "TXF-S03", "TXF-S07") and caught.value.exit_code == 3
+
+
+def test_unknown_ancillary_units_are_skipped_and_named_and_critical_ones_refused():
+    data = small()
+    first = read_units(data)[0][0].stop
+    report = Report()
+    odd = data[:first] + write_unit(250, b"future") + data[first:-6] + write_unit(129, b"") + END
+    texf = decode(odd, report=report)
+    assert [s["type"] for s in texf.skipped] == [250, 129] and len(report.warnings) == 2 and "250" in report.warnings[0]
+    assert [(f.keys.tolist(), f.rgba.tolist()) for f in texf.fields] == fields_of(data)
+    with pytest.raises(SupportError) as caught:
+        decode(data[:-6] + write_unit(77, b"") + END)
+    assert caught.value.code == "TXF-U01" and caught.value.exit_code == 5
+
+
+def test_metadata_that_are_no_json_object_are_passed_over_with_a_warning():
+    for raw in (b"\0not json", b"\0[1]", b"\0" + b"[" * 5000, b"\0\xff\xfe", b"\0"):
+        report = Report()
+        data = repacked(small("sheets"), lambda t, p, raw=raw: raw if t == UNIT_METADATA else p)
+        assert decode(data, report=report).metadata == {} and any("metadata" in w for w in report.warnings)
+
+
+def test_another_version_is_refused():
+    def change(t, p):
+        return bytes([1]) + p[1:] if t == UNIT_HEADER else p
+
+    with pytest.raises(StreamError) as caught:
+        decode(repacked(small(), change))
+    assert caught.value.code == "TXF-S04" and "version" in caught.value.message
+
+
+# Payloads under a right checksum
+
+
+DRACO_NONE = "draco.dec_geometry: len() of DracoPy's points where they are None; put the shapes into the error instead"
+
+
+@pytest.mark.xfail(strict=True, raises=TypeError, reason=DRACO_NONE)
+def test_a_draco_substream_without_points_is_refused():
+    """One bit of two triangles' connectivity, found by the search below."""
+    def change(unit_type, payload):
+        if unit_type == UNIT_GEOMETRY and payload[1] == 0:
+            payload[27] ^= 1
+        return payload
+
+    assert outcome(repacked(small("sheets"), change)) == "TXF-S21"
+
+
+@pytest.mark.xfail(strict=False, raises=TypeError, reason=DRACO_NONE)  # the search may or may not come upon it
+@pytest.mark.parametrize("kind", ["sphere", "sheets"])
+@settings(deadline=None, max_examples=250)
+@given(data=st.data())
+def test_bent_payloads_with_right_checksums_end_in_a_result_or_a_coded_error(kind, data):
+    whole = small(kind)
+    target = data.draw(st.integers(0, len(read_units(whole)[0]) - 1))
+    seen = iter(range(99))
+
+    def change(_, payload):
+        if next(seen) == target and payload:
+            for _ in range(data.draw(st.integers(1, 3))):
+                payload[data.draw(st.integers(0, len(payload) - 1))] ^= 1 << data.draw(st.integers(0, 7))
+        return payload
+
+    outcome(repacked(whole, change))
+
+
+@settings(deadline=None, max_examples=80)
+@given(st.binary(max_size=300))
+def test_any_codeword_bytes_are_caught_by_the_checksum_of_the_values(noise):
+    def change(unit_type, payload):
+        if unit_type != UNIT_ATTRIBUTE:
+            return payload
+        length = len(attribute_data())
+        return payload[:-length] + (noise + bytes(length))[:length]
+
+    bent = repacked(small(), change)
+    assert outcome(bent) in ("TXF-S32", "decoded")
+    if outcome(bent) == "decoded":
+        assert fields_of(bent) == fields_of(small())
+
+
+def attribute_data():
+    return bytes(read_stream(small(), Limits()).attributes[0]["codeword_data"])
+
+
+def test_every_flipped_codeword_bit_that_changes_a_value_is_caught():
+    """All bits of the first 40 bytes: most are noticed, and what is not has decoded to the very same values."""
+    length, caught = len(attribute_data()), 0
+    for bit in range(8 * min(40, length)):
+        def change(unit_type, payload, bit=bit):
+            if unit_type == UNIT_ATTRIBUTE:
+                payload[len(payload) - length + bit // 8] ^= 1 << bit % 8
+            return payload
+
+        bent = repacked(small(), change)
+        code = outcome(bent)
+        caught += code == "TXF-S32"
+        assert code == "TXF-S32" or fields_of(bent) == fields_of(small())
+    assert caught >= 0.9 * 8 * min(40, length)
+
+
+def restated(change):
+    """The small stream with its parsed values changed and written again."""
+    stream = read_stream(small(), Limits())
+    for unit in (*stream.geometry, *stream.attributes):
+        for name, value in unit.items():
+            unit[name] = bytes(value) if isinstance(value, memoryview) else value
+    change(stream)
+    return write_stream(stream)[0]
+
+
+def test_restating_without_a_change_gives_the_same_bytes():
+    assert restated(lambda s: None) == small()
+
+
+def lie(where, index=0, **values):
+    return lambda s: (s.header if where == "header" else getattr(s, where)[index]).update(values)
+
+
+def both(*changes):
+    return lambda s: [c(s) for c in changes]
+
+
+BIG = 1 << 40
+
+
+@pytest.mark.parametrize("change,code", [
+    (lie("header", num_vertices=BIG), "TXF-L02"),
+    (both(lie("header", num_vertices=BIG), lie("geometry", unit_vertices=BIG)), "TXF-L02"),
+    (lie("header", num_faces=BIG), "TXF-L03"),
+    (both(lie("header", num_faces=BIG), lie("geometry", unit_faces=BIG)), "TXF-L03"),
+    (both(lie("header", num_faces=1 << 20), lie("geometry", unit_faces=1 << 20)), "TXF-S21"),
+    (both(lie("header", num_vertices=3), lie("geometry", unit_vertices=3)), "TXF-S21"),
+    (lie("fields", num_voxels=BIG), "TXF-L04"),
+    (lie("fields", num_voxels=1 << 25), "TXF-S30"),
+    (lie("fields", num_voxels=0), "TXF-S30"),
+    (lie("fields", voxels_crc=0), "TXF-S30"),
+    (lie("fields", area_threshold=65535), "TXF-S30"),
+    (lie("fields", resolution=13), "TXF-S30"),
+    (lie("header", position_bits=8), "TXF-S23"),
+    (lie("attributes", values_crc=1), "TXF-S32"),
+    (lie("attributes", colour_transform=0), "TXF-S32"),
+    (lie("attributes", root_mean=[1 << 20] * 3), "TXF-S32"),
+    (lie("attributes", qp=[63, 63, 63]), "TXF-S32"),
+    (lie("attributes", kernel=[255] * 7), "TXF-S32"),
+])
+def test_a_count_or_parameter_that_lies_is_refused_with_its_code(change, code):
+    assert outcome(restated(change), DecodeOptions(threads=1)) == code
+
+
+def test_an_area_threshold_that_leaves_nothing_is_refused_even_where_it_is_told_truly():
+    empty = lie("fields", area_threshold=65535, num_voxels=0, voxels_crc=zlib.crc32(b""))
+    assert outcome(restated(empty)) == "TXF-S31"
+
+
+@pytest.mark.parametrize("limits,code", [(Limits(samples=1 << 20), "TXF-L05"), (Limits(voxels=50_000), "TXF-L04")])
+def test_a_resolution_that_lies_meets_the_limits(limits, code):
+    huge = lie("fields", resolution=8192 if code == "TXF-L05" else 256, num_voxels=1)
+
+    def change(stream):
+        huge(stream)
+        for unit in stream.attributes:  # the codeword header must fit the new depth
+            depth = 13 if code == "TXF-L05" else 8
+            unit["codewords"] = [{"codeword_length": len(unit["codeword_data"]), "level_bytes": [0] * depth}]
+
+    assert outcome(restated(change), DecodeOptions(limits=limits, threads=1)) == code
+
+
+def test_slices_that_lie_are_refused():
+    def change(stream):
+        unit = stream.attributes[0]
+        unit.update(slice_level=2, num_slices=2, slice_step=[1 << 50], level_index=0, codewords=[
+            {"codeword_length": len(unit["codeword_data"]), "level_bytes": []}, *[{"codeword_length": 0, "level_bytes": []}] * 2])
+
+    assert outcome(restated(change)) == "TXF-S12"
+
+
+def test_a_transform_of_three_components_on_one_is_refused():
+    def change(stream):
+        stream.header["channel_groups"] = [{"group_semantic": 1, "group_transfer": 0, "group_components": 1}]
+        stream.attributes[0].update(qp=[20], root_mean=[0], colour_transform=1)
+
+    assert outcome(restated(change)) == "TXF-S04"
+
+
+@pytest.mark.parametrize("semantic,components", [(0, 1), (0, 2), (1, 2), (1, 3)])
+def test_groups_with_another_number_of_components_are_unsupported(semantic, components):
+    """Whatever the values: a decoder of this version has no use for them."""
+    def change(stream):
+        stream.header["channel_groups"] = [{"group_semantic": semantic, "group_transfer": 0, "group_components": components}]
+        stream.attributes[0].update(qp=[20] * components, root_mean=[0] * components, colour_transform=0)
+
+    assert outcome(restated(change)) in ("TXF-U03", "TXF-S32")
+
+
+# Draco that lies
+
+
+def with_draco(data, vertices=None, faces=None):
+    def change(stream):
+        unit = stream.geometry[0]
+        unit["draco_data"] = data
+        unit["unit_vertices"], unit["unit_faces"] = vertices or unit["unit_vertices"], faces or unit["unit_faces"]
+        stream.header["num_vertices"], stream.header["num_faces"] = unit["unit_vertices"], unit["unit_faces"]
+
+    return restated(change)
+
+
+def test_another_mesh_in_the_draco_substream_is_refused():
+    positions, faces = sphere(3)
+    other = np.rint((positions[:, ::-1] * [1, 0.5, 1] + 1) * 8191).astype(np.int64)
+    assert outcome(with_draco(enc_geometry(other, faces, 14), len(other), len(faces))) == "TXF-S30"
+    positions, faces = sphere(9)
+    more = enc_geometry(np.rint((positions + 1) * 8191).astype(np.int64), faces, 14)
+    assert outcome(with_draco(more)) == "TXF-S21"
+    assert outcome(with_draco(more, len(positions), len(faces))) == "TXF-S30"
+
+
+def test_a_point_cloud_a_sequential_mesh_and_noise_in_the_draco_substream_are_refused():
+    import DracoPy
+
+    positions, faces = sphere(3)
+    lattice = np.rint((positions + 1) * 8191).astype(np.uint32)
+    sequential = DracoPy.encode(lattice, faces=faces.astype(np.uint32), preserve_order=True)
+    good = bytes(read_stream(small(), Limits()).geometry[0]["draco_data"])
+    noise = np.random.default_rng(1).integers(0, 256, 400).astype(np.uint8).tobytes()
+    for data in (DracoPy.encode(lattice, None), sequential, noise, b"", good[:11], good[:20]):
+        assert outcome(with_draco(data)) in ("TXF-S02", "TXF-S20", "TXF-S21", "TXF-S22")
+    assert outcome(with_draco(good[:14] + noise)) in ("TXF-S21", "TXF-S22", "TXF-S23")
+
+
+@pytest.mark.xfail(strict=True, reason="draco.dec_geometry: bytes after Draco's own end are not noticed; its decoder does not say how many it read")
+def test_bytes_after_the_end_of_the_draco_mesh_are_refused():
+    good = bytes(read_stream(small(), Limits()).geometry[0]["draco_data"])
+    assert outcome(with_draco(good + b"hidden")) != "decoded"
+
+
+def test_draco_counts_of_2_to_40_in_both_headers_are_refused_at_once():
+    good = bytes(read_stream(small(), Limits()).geometry[0]["draco_data"])
+    for vertices, faces in ((BIG, BIG), (1 << 24, 1 << 24), (3, (1 << 24) - 1)):
+        head = good[:12] + write_v(vertices) + write_v(faces)
+        assert outcome(with_draco(head + good[14:], vertices, faces), DecodeOptions()) in (
+            "TXF-L02", "TXF-S21", "TXF-S22")
+
+
+# Memory
+
+
+WITNESS = """
+import resource, sys
+import numpy as np
+from texfcodec.errors import LimitError
+from texfcodec.field.voxelise import voxelise
+corners = np.array([[0, 0, 0], [16383, 0, 0], [16383, 16383, 0], [0, 16383, 0]])
+faces = np.array([[0, 1, 2], [0, 2, 3]])
+voxelise(corners, faces, 14, 8)
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+try:
+    voxelise(corners, faces, 14, 2048, max_voxels=1000)
+except LimitError:
+    print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) // 1024)
+"""
+
+
+@pytest.mark.xfail(strict=True, reason="voxelise looks at max_voxels when all slabs are done: 2**31 samples may take tens of gigabytes")
+def test_a_surface_over_the_voxel_limit_is_refused_before_its_memory_is_taken():
+    run = subprocess.run([sys.executable, "-c", WITNESS], cwd=REPOSITORY, capture_output=True, text=True, check=False,
+                         env={**os.environ, "PYTHONPATH": str(REPOSITORY)})
+    assert run.returncode == 0, run.stderr
+    assert int(run.stdout) < 20  # megabytes, for a limit of 1000 voxels
+
+
+# Compiled code with its bounds checked
+
+
+CHECKED = """
+import json, pickle, sys
+import numba, numpy as np
+sys.path.insert(0, "tests")
+from test_corruption import outcome, small
+
+@numba.njit
+def beyond(a):
+    return a[7]
+
+try:
+    beyond(np.zeros(3))
+    raise SystemExit("bounds are not checked")
+except IndexError:
+    pass
+small(), small("sheets")
+print(json.dumps([outcome(s) for s in pickle.load(open(sys.argv[1], "rb"))]))
+"""
+
+
+def corpus():
+    """Attribute units bent under right checksums, sliced and not, with right and wrong checksums of the values, and random depths."""
+    from texfcodec.attribute import codec
+
+    rng, streams = np.random.default_rng(4), []
+    before = codec.SLICE_VOXELS, codec.SLICE_NODES
+    codec.SLICE_VOXELS, codec.SLICE_NODES = 60, 8
+    try:
+        sliced = encode_scene(painted_sphere(3), EncodeOptions(resolution=12, qp=20, partition="off"))[0]
+    finally:
+        codec.SLICE_VOXELS, codec.SLICE_NODES = before
+    assert len(inspect(sliced)["groups"][0]["codeword_bytes"]) > 3
+    for source in (small(), small("sheets"), sliced):
+        for kind in (UNIT_ATTRIBUTE, UNIT_ATTRIBUTE, UNIT_FIELD, UNIT_GEOMETRY, UNIT_HEADER):
+            for _ in range(12):
+                def change(unit_type, payload, kind=kind):
+                    if unit_type == kind:
+                        for i in rng.integers(0, len(payload), 2).tolist():
+                            payload[i] ^= 1 << int(rng.integers(8))
+                    return payload
+
+                streams.append(repacked(source, change))
+    return streams
+
+
+def test_with_bounds_checked_no_damaged_stream_reads_outside_an_array(tmp_path):
+    """The checked code is compiled into a cache of its own, so that it meets nobody else; unchecked code ends the same way."""
+    streams = corpus()
+    (tmp_path / "corpus").write_bytes(pickle.dumps(streams))
+    run = subprocess.run([sys.executable, "-c", CHECKED, str(tmp_path / "corpus")], cwd=REPOSITORY, capture_output=True, text=True,
+                         check=False, env={**os.environ, "NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+                                           "PYTHONPATH": str(REPOSITORY)})
+    assert run.returncode == 0, run.stderr[-3000:]
+    codes = json.loads(run.stdout)
+    assert codes == [outcome(s) for s in streams]
+    assert codes.count("TXF-S32") >= 20 and len(set(codes)) >= 5
+
+
+def test_the_checksum_of_the_voxels_is_the_one_of_their_keys():
+    keys, _ = voxelise(np.array([[0, 0, 0], [255, 0, 0], [0, 255, 0]]), np.array([[0, 1, 2]]), 8, 16)
+    assert voxels_crc(keys) == zlib.crc32(b"".join(k.to_bytes(8, "little") for k in keys.tolist()))

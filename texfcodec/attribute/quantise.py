@@ -20,14 +20,22 @@ def step_of(qp):
 
 
 @njit(cache=True, nogil=True)
+def _gain(w1, w2):
+    """Difference per unit of coefficient, sqrt((w1 + w2) / (w1 w2)), with 17 fractional bits, rounded down; below 2**17.6.
+
+    w1 + w2 < 2**27, so the shifted sum is < 2**61.
+    """
+    return _isqrt(((w1 + w2) << (2 * GAIN_FRACTION)) // (w1 * w2))
+
+
+@njit(cache=True, nogil=True)
 def _dequantise(q, step, w1, w2):
     """Difference (second minus first mean, 12 fractional bits) that coefficient q stands for (spec 7.4.2).
 
-    The orthonormal coefficient is difference * sqrt(w1 w2 / (w1 + w2)). w1 + w2 < 2**27, so the shifted sum is < 2**61;
-    |q| < 2**22, step < 2**22, gain < 2**17.6, so the product is < 2**62. The result is limited to 22 bits so that no stream
+    The orthonormal coefficient is difference * sqrt(w1 w2 / (w1 + w2)). |q| < 2**22, step < 2**22, gain < 2**17.6, so the
+    product is < 2**62. The result is limited to 22 bits so that no stream
     can push later sums out of range.
     """
-    gain = _isqrt(((w1 + w2) << (2 * GAIN_FRACTION)) // (w1 * w2))
-    difference = (min(abs(q), MAX_Q) * step * gain + (1 << (GAIN_FRACTION - 1))) >> GAIN_FRACTION
+    difference = (min(abs(q), MAX_Q) * step * _gain(w1, w2) + (1 << (GAIN_FRACTION - 1))) >> GAIN_FRACTION
     difference = min(difference, MAX_DIFFERENCE)
     return -difference if q < 0 else difference

@@ -15,7 +15,6 @@ from .syntax import (
     UNIT_MATERIALS,
     UNIT_METADATA,
     UNITS,
-    element_level_count,
 )
 from .units import read_units, write_unit
 from .walk import Reader, read_structure, write_structure
@@ -76,10 +75,6 @@ def attribute_variables(stream, values):
     }
 
 
-def _levels_of(values, index):
-    return {"NumLevels": element_level_count(values, index)}
-
-
 def _read_attribute(reader, stream, trace):
     values = read_structure(ATTRIBUTE, reader, {}, trace)
     values.update(attribute_variables(stream, values))
@@ -87,7 +82,7 @@ def _read_attribute(reader, stream, trace):
     if codec is None:
         raise SupportError("TXF-U02", "unknown attribute codec", clause="5.7", value=values["codec_id"], allowed=list(CODECS))
     values["offset"] = reader.base + reader.position
-    read_structure(codec, reader, values, trace, per_item=_levels_of)
+    read_structure(codec, reader, values, trace)
     _check_raht(values)
     values["data_offset"] = reader.position - len(values["codeword_data"])
     return values
@@ -132,6 +127,7 @@ def read_stream(data, limits, trace=None):
         if reader.position != reader.end:
             raise StreamError("TXF-S08", f"the {unit.name} unit has bytes left over", clause="5.2", offset=reader.position,
                               value=reader.end - reader.position, allowed=0)
+    _expect("the number of materials units", sum(u.type == UNIT_MATERIALS for u in units), 1, "5.2")
     _check_counts(stream)
     return stream
 

@@ -35,7 +35,8 @@ V_MAX = (1 << 56) - 1
 @dataclass(frozen=True)
 class Element:
     """One syntax element. low/high: allowed range; count: None for a scalar, else the name of a value (array length);
-    when: (text, function of the values) or None."""
+    when: (text, function of the values) or None; each: for an array of structures, function (values, index) -> variables that
+    item `index` needs."""
 
     name: str
     descriptor: Any
@@ -43,6 +44,7 @@ class Element:
     high: int | None = None
     count: str | None = None
     when: tuple | None = None
+    each: Any = None
 
 
 @dataclass(frozen=True)
@@ -109,6 +111,11 @@ GEOMETRY = Structure("geometry", "5.6", (
     E("draco_data", "bytes"),
 ))
 
+
+def _levels_of_codeword(values, index):
+    return {"NumLevels": level_count(values["Depth"], values["slice_level"], index)}
+
+
 CODEWORD = Structure("codeword_header", "5.7.2", (
     E("codeword_length", "v", 0),
     E("level_bytes", "v", 0, count="NumLevels", when=("level_index", lambda v: v["level_index"])),
@@ -128,7 +135,7 @@ RAHT = Structure("raht_parameters", "5.7.1", (
     Derived("NumCodewords", "Depth == 0 ? 0 : (slice_level > 0 ? 1 + NumSlices : 1)",
             lambda v: codeword_count(v["Depth"], v["slice_level"], v["NumSlices"])),
     E("level_index", "u8", 0, 1),
-    E("codewords", CODEWORD, count="NumCodewords"),
+    E("codewords", CODEWORD, count="NumCodewords", each=_levels_of_codeword),
     E("codeword_data", "bytes"),
 ))
 
@@ -157,8 +164,3 @@ UNITS = {
 }
 CODECS = {CODEC_RAHT: RAHT}
 STRUCTURES = (SEQUENCE_HEADER, CHANNEL_GROUP, MATERIALS, MATERIAL, FIELD, GEOMETRY, ATTRIBUTE, RAHT, CODEWORD, METADATA)
-
-
-def element_level_count(values, index):
-    """NumLevels of codeword `index` (spec 5.7.2)."""
-    return level_count(values["Depth"], values["slice_level"], index)

@@ -5,8 +5,10 @@ import zlib
 from dataclasses import dataclass
 
 from ..errors import LimitError, StreamError, SupportError
-from .syntax import ANCILLARY, SIGNATURE, UNIT_END, UNIT_HEADER, UNIT_NAMES, UNITS
+from .syntax import ANCILLARY, SIGNATURE, UNIT_END, UNIT_HEADER, UNIT_MATERIALS, UNIT_METADATA, UNIT_NAMES, UNITS
 from .walk import Reader, write_v
+
+ONE_AT_MOST = (UNIT_HEADER, UNIT_MATERIALS, UNIT_METADATA)
 
 
 @dataclass
@@ -61,12 +63,14 @@ def read_units(data, max_file_bytes=None):
         position = unit.stop
         if not units and unit.type != UNIT_HEADER:
             raise StreamError("TXF-S07", "the first unit is not the sequence header", clause="5.2", offset=unit.start)
+        if unit.type in ONE_AT_MOST and any(u.type == unit.type for u in units):
+            raise StreamError("TXF-S07", f"there is a second {unit.name} unit", clause="5.2", offset=unit.start)
         if unit.type >= ANCILLARY:
             (units if unit.type in UNITS else skipped).append(unit)
             continue
         if unit.type not in UNITS:
             raise SupportError("TXF-U01", "unknown critical unit", clause="5.2", offset=unit.start, value=unit.type)
-        if unit.type < last or (unit.type == last == UNIT_HEADER):
+        if unit.type < last:
             raise StreamError("TXF-S07", f"the {unit.name} unit is out of order", clause="5.2", offset=unit.start)
         last = unit.type
         if unit.type == UNIT_END:

@@ -86,11 +86,10 @@ def _read_blob(element, reader, count, clause):
         raise StreamError("TXF-S06", f"{element.name} is not valid UTF-8", clause=clause, offset=offset) from None
 
 
-def read_structure(structure, reader, values, trace=None, prefix="", per_item=None):
+def read_structure(structure, reader, values, trace=None, prefix=""):
     """Reads one structure. values: dict of the variables known so far, extended in place; returns it.
 
-    trace: list that receives (name, offset, size, value) of every element; per_item: function (values, index) -> dict of
-    variables that nested structures need.
+    trace: list that receives (name, offset, size, value) of every element.
     """
     for element in structure.elements:
         if isinstance(element, Derived):
@@ -105,8 +104,8 @@ def read_structure(structure, reader, values, trace=None, prefix="", per_item=No
             items = []
             for i in range(count):
                 inner = dict(values)
-                if per_item:
-                    inner.update(per_item(values, i))
+                if element.each:
+                    inner.update(element.each(values, i))
                 read_structure(element.descriptor, reader, inner, trace, f"{name}[{i}].")
                 items.append({e.name: inner[e.name] for e in element.descriptor.elements})
             values[element.name] = items
@@ -133,6 +132,16 @@ def _write_scalar(element, value, clause):
     return struct.pack(_FIXED[element.descriptor], value)
 
 
+def _check_length(element, values):
+    """An array must be as long as its count says; strings count their UTF-8 bytes."""
+    count = _count_of(element, values)
+    if count is not None:
+        value = values[element.name]
+        length = len(value.encode("utf-8") if isinstance(value, str) else value)
+        if length != count:
+            raise ValueError(f"{element.name} has {length} entries where its count says {count}")
+
+
 def write_structure(structure, values):
     """Bytes of one structure from a dict with a value for every element; derived variables are computed on the way."""
     out = bytearray()
@@ -140,11 +149,14 @@ def write_structure(structure, values):
     for element in structure.elements:
         if isinstance(element, Derived):
             values[element.name] = element.value(values)
-        elif element.when and not element.when[1](values):
             continue
-        elif isinstance(element.descriptor, Structure):
-            for item in values[element.name]:
-                out += write_structure(element.descriptor, {**values, **item})
+        if element.when and not element.when[1](values):
+            continue
+        _check_length(element, values)
+        if isinstance(element.descriptor, Structure):
+            for i, item in enumerate(values[element.name]):
+                shared = element.each(values, i) if element.each else {}
+                out += write_structure(element.descriptor, {**values, **shared, **item})
         elif element.descriptor == "bytes":
             out += values[element.name]
         elif element.descriptor == "utf8":

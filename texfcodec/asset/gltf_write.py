@@ -6,6 +6,7 @@ import struct
 import numpy as np
 
 from .appearance import linear_u16, unique_corners, vertex_colours
+from .normals import corner_normals
 from .precision import local_frame
 from .scene import ALPHA_BLEND, ALPHA_MASK
 
@@ -74,8 +75,9 @@ def textured(texf, baked, image_uri, png):
         return document
     uv = baked.atlas.corner_uv.astype(np.float32).reshape(-1, 2)
     corner, materials = texf.faces.ravel(), np.repeat(texf.face_material, 3)
-    first, index = unique_corners(materials, corner, np.ascontiguousarray(uv).view(np.uint64).ravel())
-    columns = {"TEXCOORD_0": (uv[first], "VEC2", False)}
+    normal = corner_normals(texf.lattice_positions, texf.faces).reshape(-1, 3)
+    first, index = unique_corners(materials, corner, np.ascontiguousarray(uv).view(np.uint64).ravel(), *normal.view(np.int32).T)
+    columns = {"NORMAL": (normal[first], "VEC3", False), "TEXCOORD_0": (uv[first], "VEC2", False)}
     _add_surface(document, texf, corner[first], index.reshape(-1, 3), materials[first], columns)
     image = {"name": "texf", "mimeType": "image/png"}
     if image_uri is None:

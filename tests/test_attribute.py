@@ -109,7 +109,10 @@ def test_codeword_and_level_counts_follow_the_slicing():
 # Prediction
 
 
-@pytest.mark.parametrize("seed,kernel", [(1, DEFAULT_KERNEL), (2, (1, 0, 0, 0, 0, 0, 0)), (3, (255,) * 7), (4, (7, 3, 2, 1, 30, 20, 9))])
+KERNELS = [DEFAULT_KERNEL, (1, 0, 0, 0, 0, 0, 0), (255,) * 7, (7, 3, 2, 1, 30, 20, 9)]
+
+
+@pytest.mark.parametrize("seed,kernel", list(enumerate(KERNELS)))
 def test_predictions_are_the_oracles_for_every_node_and_two_slice_starts(seed, kernel):
     rng, depth = np.random.default_rng(seed), 3
     keys = random_keys(rng, depth, 220)
@@ -201,15 +204,18 @@ def test_a_block_without_coefficients_keeps_its_mean_within_half_an_ulp(weights,
 
 @settings(deadline=None, max_examples=100)
 @given(BLOCK, st.lists(st.integers(-(1 << 20), 1 << 20), min_size=8, max_size=8), st.integers(0, 63))
-def test_forward_coefficients_are_orthonormal_to_a_billionth(weights, residual, qp):
-    tree = tree_of(weights)
-    scaled = np.zeros((7, 1))
-    _forward(tree, np.array(residual, np.float64)[:, None], 0, np.zeros(15), scaled, float(step_of(qp)))
+def test_forward_coefficients_are_orthonormal_to_a_billionth_and_large_ones_in_units_of_the_decoders_gain(weights, residual, qp):
+    """From 4096 voxels on the encoder divides by the gain that the decoder multiplies by, which is rounded down."""
+    scaled, tree = np.zeros((7, 1)), oracles.halves(weights)
+    _forward(tree_of(weights), np.array(residual, np.float64)[:, None], 0, np.zeros(15), scaled, float(step_of(qp)))
     expected = oracles.forward(weights, by_octant(residual, weights))
     for node in range(7):
         sign, square = expected.get(node, (0, Fraction(0)))
         exact = sign * math.sqrt(square) / step_of(qp)
-        assert abs(scaled[node, 0] - exact) <= 1e-9 * max(1.0, abs(exact)) + 1e-9 * (1 << 20) / step_of(qp) * 8192
+        if expected.get(node) and tree[node] >= 4096:
+            gain = (tree[node] << 34) / (tree[2 * node + 1] * tree[2 * node + 2])
+            exact *= math.sqrt(gain) / math.isqrt(int(gain))
+        assert scaled[node, 0] == pytest.approx(exact, rel=1e-9, abs=1e-6)
 
 
 def test_thirteen_levels_of_fixed_point_stay_within_26_ulp_of_exact_rationals():
@@ -227,7 +233,8 @@ def test_thirteen_levels_of_fixed_point_stay_within_26_ulp_of_exact_rationals():
             q = rng.integers(-40, 41, 7)
             _inverse(tree_of(weights), q[:, None], 0, fixed[p], np.zeros((8, 1), np.int64), step_of(10), 1, values)
             next_fixed += [int(values[7 + o]) for o in weights]
-            rebuilt = oracles.inverse(weights, dict(enumerate(q.tolist())), exact[p], dict.fromkeys(weights, 0), step_of(10), True)
+            zeros = dict.fromkeys(weights, 0)
+            rebuilt = oracles.inverse(weights, dict(enumerate(q.tolist())), exact[p], zeros, step_of(10), exact=True)
             next_exact += [rebuilt[o] for o in weights]
         fixed, exact = next_fixed, next_exact
     worst = max(abs(a - b) for a, b in zip(fixed, exact, strict=True))
@@ -265,7 +272,7 @@ def test_any_bits_in_any_contexts_come_back_from_kernel_and_oracle(symbols):
     assert_decodes(coded(symbols)[0], symbols)
 
 
-@pytest.mark.parametrize("bits", [[0] * 5000, [1] * 5000, [0, 1] * 2000, [0] * 3000 + [1] * 50 + [0] * 3000, [1] * 3000 + [0] * 60])
+@pytest.mark.parametrize("bits", [[0] * 5000, [1] * 5000, [0, 1] * 2000, [0] * 3000 + [1] * 50 + [0] * 3000, [1] * 300 + [0] * 9])
 def test_the_most_skewed_bits_come_back_and_cost_next_to_nothing(bits):
     symbols = [(0, b) for b in bits]
     data, _ = coded(symbols)
@@ -368,7 +375,8 @@ def test_surroundings_are_the_oracles_for_every_block_and_plane(seed):
         for p in range(first, len(nodes)):
             for k in range(2):
                 _surroundings(p, first, table, energy, above, k, classes)
-                assert tuple(classes.tolist()) == oracles.surroundings(p, first, nodes, energy[:, k].tolist(), above[:, k].tolist())
+                expected = oracles.surroundings(p, first, nodes, energy[:, k].tolist(), above[:, k].tolist())
+                assert tuple(classes.tolist()) == expected
 
 
 @settings(deadline=None)
@@ -420,7 +428,7 @@ def test_the_decoder_has_what_the_encoder_predicts_at_depth(depth, components):
     values = rng.integers(0, 255 * UNIT + 1, (len(keys), components)).astype(np.int32)
     coded_unit, means = round_trip(keys, depth, values, [28] * components)
     assert means.shape == (len(keys), components) and means.dtype == np.int32
-    assert len(coded_unit.codewords) == 1 and len(coded_unit.level_bytes[0]) == depth
+    assert len(coded_unit.codewords) == (1 if depth else 0) and [len(b) for b in coded_unit.level_bytes] == [depth] * (depth > 0)
 
 
 @pytest.mark.parametrize("qp", [0, 4, 28, 51, 63])
@@ -533,7 +541,7 @@ def test_level_bytes_of_each_codeword_are_enough_for_its_levels(slices, monkeypa
     top = coded_unit.slice_level
     assert (len(coded_unit.codewords) > 3) == slices
     for stop in range(depth + 1):
-        taken = [stop if not top else (min(stop, top) if i == 0 else max(0, stop - top)) for i in range(len(coded_unit.codewords))]
+        taken = [min(stop, top or depth), *[max(0, stop - top)] * (len(coded_unit.codewords) - 1)]
         cut = [c[: sum(b[:n])] for c, b, n in zip(coded_unit.codewords, coded_unit.level_bytes, taken, strict=True)]
         np.testing.assert_array_equal(decode(keys, depth, coded_unit, stop, codewords=cut), decode(keys, depth, coded_unit, stop))
     for codeword, counts in zip(coded_unit.codewords, coded_unit.level_bytes, strict=True):
@@ -572,15 +580,12 @@ def test_slices_that_begin_past_the_last_node_are_refused(monkeypatch):
 @given(st.binary(max_size=200), st.integers(0, 63), st.integers(1, 3))
 def test_any_bytes_decode_to_means_in_range(data, qp, components):
     keys = surface_keys(3)
-    unit = codec_room.CodedAttributes([qp] * components, [1, 255, 255, 255, 255, 255, 255], [1 << 20] * components, 0, [0], [data], [])
+    kernel, root = [1, *[255] * 6], [1 << 20] * components
+    unit = codec_room.CodedAttributes([qp] * components, kernel, root, 0, [0], [data], [])
     means = decode(keys, 3, unit, 3)
     assert np.abs(means).max() <= MAX_MEAN
 
 
-BIG_BLOCK = "raht._forward scales by the exact gain, _dequantise by one rounded down: with 30 million voxels it is 1.8 % off"
-
-
-@pytest.mark.xfail(strict=True, reason=BIG_BLOCK)
 @pytest.mark.parametrize("weight", [300_000, 15_000_000, 27_000_000])
 def test_a_difference_of_100_levels_between_two_large_halves_comes_back_within_a_tenth_at_step_1(weight):
     """Nothing below the root can repair the means of its halves, so an error here tints half of the surface."""

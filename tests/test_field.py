@@ -139,7 +139,7 @@ def test_a_surface_on_a_voxel_boundary_lies_in_the_upper_voxels():
 
 @pytest.mark.parametrize("axis", range(3))
 def test_a_face_without_width_touches_the_half_of_its_length_between_the_middles_of_its_shorter_sides(axis):
-    """One row of samples at half height is all that such a face gets (6.3); the line lies on voxel boundaries of both other axes."""
+    """One row of samples at half height is all that it gets (6.3); the line lies on voxel boundaries of both other axes."""
     line = np.full((3, 3), 16)
     line[:, axis] = [0, 64, 192]
     keys, weights = voxelise(line, np.array([[0, 1, 2]]), 8, 16)

@@ -1,19 +1,30 @@
 """The good conformance vectors: small scenes through the encoder, and streams that our encoder does not write, made here."""
 
 import zlib
-from contextlib import ExitStack
 from dataclasses import dataclass, field
 from unittest.mock import patch
 
 import numpy as np
 
-from texfcodec import EncodeOptions, Limits, decode, encoder
+from texfcodec import EncodeOptions, Limits, decode
 from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, Material, Scene, Texture
 from texfcodec.attribute import codec
-from texfcodec.attribute.colour import TRANSFORM_BT709, TRANSFORM_NONE, forward_plain, inverse_colour, inverse_plain
+from texfcodec.attribute.colour import (
+    TRANSFORM_BT709,
+    TRANSFORM_NONE,
+    forward_colour,
+    forward_plain,
+    inverse_colour,
+    inverse_plain,
+)
+from texfcodec.attribute.layout import octree_depth
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.bitstream.syntax import SIGNATURE, UNIT_END, UNIT_METADATA
 from texfcodec.bitstream.units import read_units, write_unit
+from texfcodec.encoder import encode_scene
+from texfcodec.field.voxelise import voxelise
+
+KERNEL = (64, 24, 1, 0, 32, 8, 0)
 
 
 @dataclass
@@ -87,21 +98,10 @@ def two_sheets():
 # Coding
 
 
-def encoded(scene, *patches, **choices):
-    """The scene's stream. patches: (object, {name: value}) that hold while it is made; choices: EncodeOptions."""
+def encoded(scene, **choices):
+    """The scene's stream. choices: EncodeOptions."""
     options = EncodeOptions(**({"threads": 1, "partition": "off", "effort": "fast"} | choices))
-    with ExitStack() as stack:
-        for target, values in patches:
-            stack.enter_context(patch.multiple(target, **values))
-        return encoder.encode_scene(scene, options)[0]
-
-
-FIELD_BY_MATERIAL = (encoder, {"choose_fields": lambda scene, surface, *_: surface.material.astype(np.int64)})
-ALWAYS_INDEXED = (encoder, {"LEVEL_INDEX_BYTES": 0})
-OTHER_KERNEL = (encoder,
-                {"enc_attributes": lambda *given: codec.enc_attributes(*given[:4], (1, 255, 17, 3, 200, 0, 99), *given[5:])})
-PLAIN_COLOUR = (encoder, {"forward_colour": lambda plane: forward_plain(np.rint(plane)), "inverse_colour": inverse_plain,
-                          "TRANSFORM_BT709": TRANSFORM_NONE})
+    return encode_scene(scene, options)[0]
 
 
 def parsed(data):
@@ -135,6 +135,51 @@ def values_of(unit, keys):
     return (inverse_colour if unit["colour_transform"] == TRANSFORM_BT709 else inverse_plain)(means)
 
 
+def raht(values, keys, resolution, qp, kernel=KERNEL, plain=False, index=False, slices=None):
+    """Attribute elements for values uint8 [N, C]. plain: no colour transform; index: with level_bytes; slices: what is to hold in
+    codec while it plans them."""
+    colour = values.shape[1] == 3 and not plain
+    means = (forward_colour if colour else forward_plain)(values.astype(np.float32))
+    with patch.multiple(codec, **(slices or {"SLICE_VOXELS": 1 << 18})):
+        coded, means = codec.enc_attributes(keys, octree_depth(resolution), means, qp, kernel)
+    words = zip(coded.codewords, coded.level_bytes, strict=True)
+    return {
+        "values_crc": zlib.crc32((inverse_colour if colour else inverse_plain)(means)),
+        "colour_transform": TRANSFORM_BT709 if colour else TRANSFORM_NONE, "qp": coded.qp, "kernel": coded.kernel,
+        "root_mean": coded.root, "slice_level": coded.slice_level, "num_slices": len(coded.slice_first),
+        "slice_step": np.diff(coded.slice_first).tolist(), "level_index": int(index),
+        "codewords": [{"codeword_length": len(word), "level_bytes": levels} for word, levels in words],
+        "codeword_data": b"".join(coded.codewords),
+    }
+
+
+def recoded(data, **choices):
+    """The stream with its attribute units coded anew (raht), from the values that they decode to."""
+    stream, fields = parsed(data), decode(data).fields
+    for unit in stream.attributes:
+        number, keys = unit["field_index"], fields[unit["field_index"]].keys
+        unit.update(raht(values_of(unit, keys), keys, stream.fields[number]["resolution"], unit["qp"], **choices))
+    return written(stream)
+
+
+def split_by_material(data):
+    """The stream of one field with a field for every geometry unit, each with the values of the old one."""
+    stream, texf = parsed(data), decode(data)
+    (old,), bits = stream.fields, texf.cube.position_bits
+    rank = {key: i for i, key in enumerate(texf.fields[0].keys.tolist())}
+    values, units = [values_of(unit, texf.fields[0].keys) for unit in stream.attributes], stream.attributes
+    stream.fields, stream.attributes = [], []
+    for i, geometry in enumerate(texf.units):
+        keys, _ = voxelise(geometry.lattice, geometry.faces, bits, old["resolution"], old["area_threshold"])
+        mine = [rank[key] for key in keys.tolist()]
+        stream.geometry[i]["field_index"] = i
+        stream.fields.append(old | {"field_index": i, "num_voxels": len(keys), "voxels_crc": zlib.crc32(keys.astype("<i8"))})
+        for unit, plane in zip(units, values, strict=True):
+            stream.attributes.append(unit | {"field_index": i} | raht(plane[mine], keys, old["resolution"], unit["qp"]))
+    stream.header["num_fields"] = len(texf.units)
+    return written(stream)
+
+
 # Streams that the encoder does not write
 
 
@@ -148,31 +193,29 @@ def one_voxel():
     return written(stream)
 
 
-def random_codeword():
-    """Codewords that no encoder made: large coefficients, differences and means at their bounds."""
-    data = encoded(noise_sheet(), resolution=24, qp=40)
+def with_codeword(data, codeword, qp):
+    """The stream of one field and group with another codeword, and the values_crc that goes with it."""
     stream = parsed(data)
     (unit,) = stream.attributes
-    noise = np.random.default_rng(11).integers(0, 256, 6000, np.uint8)
+    unit.update(qp=qp, codewords=[{"codeword_length": len(codeword), "level_bytes": []}], codeword_data=codeword)
+    unit["values_crc"] = zlib.crc32(values_of(unit, decode(data).fields[0].keys))
+    return written(stream)
+
+
+def random_codewords():
+    """Codewords that no encoder made, by name; all bytes zero means that every bit is a one and every coefficient the largest."""
+    noise = np.random.default_rng(11).integers(0, 256, 24000, np.uint8)
     noise[0] &= 0x7F
-    unit.update(qp=[63, 50, 63], codewords=[{"codeword_length": len(noise), "level_bytes": []}], codeword_data=noise.tobytes())
-    unit["values_crc"] = zlib.crc32(values_of(unit, decode(data).fields[0].keys))
-    return written(stream)
-
-
-def empty_codeword():
-    """A codeword of no bytes: zeros are read, every bit is a one, every coefficient the largest that can be sent."""
-    data = encoded(scene_of(*torus(12, 6)), resolution=12, qp=20)
-    stream = parsed(data)
-    (unit,) = stream.attributes
-    unit.update(qp=[63, 0, 63], codewords=[{"codeword_length": 0, "level_bytes": []}], codeword_data=b"")
-    unit["values_crc"] = zlib.crc32(values_of(unit, decode(data).fields[0].keys))
-    return written(stream)
+    sheet, ring = encoded(noise_sheet(), resolution=24, qp=40), encoded(scene_of(*torus()), resolution=40, qp=40)
+    return {"random": with_codeword(sheet, noise[:6000].tobytes(), [63, 50, 63]),
+            "random_large": with_codeword(ring, noise.tobytes(), [50, 50, 50]),
+            "zeros_random": with_codeword(sheet, bytes(21) + noise[:3000].tobytes(), [10, 63, 20]),
+            "empty": with_codeword(sheet, b"", [63, 0, 63])}
 
 
 def mixed_resolutions():
     """Two fields of different K; the second field's geometry comes first."""
-    fine, coarse = (parsed(encoded(two_sheets(), FIELD_BY_MATERIAL, resolution=k, qp=30)) for k in (21, 12))
+    fine, coarse = (parsed(split_by_material(encoded(two_sheets(), resolution=k, qp=30))) for k in (21, 12))
     fine.fields[1], fine.attributes[1] = coarse.fields[1], coarse.attributes[1]
     fine.geometry.reverse()
     return written(fine)
@@ -207,6 +250,30 @@ def on_voxel_boundaries():
     positions = np.concatenate([box, walls, corner])
     colours = np.column_stack([positions / 255, np.ones(len(positions))]).astype(np.float32)
     return encoded(scene_of(positions, np.array(faces), colours), resolution=64, qp=40, position_bits=8)
+
+
+def exact_areas():
+    """B = 20, K = 16, so that a grid coordinate is the lattice position: areas and heights that lie exactly on a limit.
+
+    A triangle whose height is one over a multiple of half a voxel (6.2), one that fills exactly 32/256 of a face (6.4), two with
+    a little less and a little more, and one that spans the cube.
+    """
+    last, half = (1 << 20) - 1, 1 << 15
+    base, height = 1023 << 10, 31 * half + 1
+    small = lambda x, long, high: [[x, 40000, 900000], [x + long, 40000, 900000], [x, 40000 + high, 900000]]
+    corners = [[[0, 0, 700], [base, 0, 700], [5, height, 700]], small(70000, half, half), small(140000, half, half - 1),
+               small(210000, half - 1, half + 1), [[0, last, 0], [last, last, last], [last - 9, last, last]]]
+    positions = np.array(corners, np.float64).reshape(-1, 3)
+    colours = np.column_stack([positions / last, np.ones(15)]).astype(np.float32)
+    scene = scene_of(positions, np.arange(15).reshape(5, 3), colours)
+    return encoded(scene, resolution=16, qp=30, position_bits=20, area_threshold=32)
+
+
+def flat_ring():
+    """One colour but for a few spots: contexts that have seen thousands of zeros."""
+    positions, faces, colours = torus(24, 12)
+    colours[np.arange(len(colours)) % 61 > 0] = 0.4
+    return encoded(scene_of(positions, faces, colours), resolution=128, qp=16)
 
 
 def needle():
@@ -258,7 +325,7 @@ def subset():
         ("qp0", "the smallest step", ("7.4.2",), encoded(everyday, resolution=20, qp=0), (0,)),
         ("qp63", "the largest step", ("7.4.2",), encoded(everyday, resolution=20, qp=63), (0,)),
         ("noise_qp0", "noise at the smallest step: long magnitudes, clipped values", ("7.5.4", "7.7.2"),
-         encoded(noise_sheet(), resolution=24, qp=0), (0, 1)),
+         encoded(noise_sheet(), resolution=48, qp=0), (0, 1)),
         ("one_triangle", "one triangle", ("6.2", "6.3"), encoded(scene_of(*_triangle()), resolution=48, qp=28), (0,)),
         ("threshold0", "area_threshold 0 keeps every touched voxel", ("6.4",),
          encoded(everyday, resolution=16, qp=36, area_threshold=0),
@@ -267,7 +334,7 @@ def subset():
          (0,)),
         ("materials", "five materials in one field", ("5.4.1", "5.6"), encoded(many_materials(), resolution=22, qp=34), (0,)),
         ("two_fields", "two fields, one inside the other", ("5.5", "5.7"),
-         encoded(two_sheets(), FIELD_BY_MATERIAL, resolution=21, qp=30), (0, 2)),
+         split_by_material(encoded(two_sheets(), resolution=21, qp=30)), (0, 2)),
         ("alpha_mask", "alpha group for a MASK material beside an opaque one", ("5.3.1", "5.4.1", "7.7.1"),
          encoded(scene_of(*torus(), mask, half), resolution=20, qp=30), (0, 1)),
         ("alpha_blend", "alpha group for a BLEND material", ("5.3.1", "7.7.1"),
@@ -280,31 +347,34 @@ def subset():
 
 def uncommon():
     """What a decoder meets seldom, and what only another encoder would write."""
-    everyday = scene_of(*torus())
-    slices = (codec, {"SLICE_VOXELS": 300, "SLICE_NODES": 40})
-    one_slice = (codec, {"_plan_slices": lambda levels: (2, [0])})
+    everyday, random = scene_of(*torus()), random_codewords()
+    veil = scene_of(*torus(), [Material("veil", alpha_mode=ALPHA_BLEND)])
+    slices, one_slice = {"SLICE_VOXELS": 300, "SLICE_NODES": 40}, {"_plan_slices": lambda levels: (2, [0])}
     huge = scene_of(torus()[0] * 1e140 + np.array([9e141, -3e140, 0]), *torus()[1:])
     tiny = scene_of(torus()[0] * 1e-280, *torus()[1:])
     lines = [
         ("one_voxel", "K = 1: no level, no codeword", ("5.7.1", "7.7.2", "8.3"), one_voxel(), (0, 1)),
         ("empty", "an empty mesh", ("5.3",), empty(), (0,)),
         ("slices", "slices with the level index", ("5.7.1", "5.7.2", "7.2"),
-         encoded(everyday, slices, ALWAYS_INDEXED, resolution=33, qp=24), tuple(range(8))),
+         recoded(encoded(everyday, resolution=33, qp=24), slices=slices, index=True), tuple(range(8))),
         ("slices_two_groups", "slices of colour and alpha", ("5.7.1", "7.2"),
-         encoded(scene_of(*torus(), [Material("veil", alpha_mode=ALPHA_BLEND)]), slices, resolution=30, qp=30), (0, 2)),
-        ("one_slice", "a trunk with a single slice", ("5.7.1", "7.2"), encoded(everyday, one_slice, resolution=20, qp=30),
+         recoded(encoded(veil, resolution=30, qp=30), slices=slices), (0, 2)),
+        ("one_slice", "a trunk with a single slice", ("5.7.1", "7.2"),
+         recoded(encoded(everyday, resolution=20, qp=30), slices=one_slice),
          (0, 2, 3)),
-        ("level_index", "the level index without slices", ("5.7.2",), encoded(everyday, ALWAYS_INDEXED, resolution=16, qp=30),
+        ("level_index", "the level index without slices", ("5.7.2",),
+         recoded(encoded(everyday, resolution=16, qp=30), index=True),
          (0,)),
-        ("kernel", "another prediction kernel, one weight 0", ("7.3",), encoded(everyday, OTHER_KERNEL, resolution=24, qp=26),
+        ("kernel", "another prediction kernel, one weight 0", ("7.3",),
+         recoded(encoded(everyday, resolution=24, qp=26), kernel=(1, 255, 17, 3, 200, 0, 99)),
          (0,)),
         ("no_transform", "three components without a colour transform", ("5.7.1", "7.7.1"),
-         encoded(everyday, PLAIN_COLOUR, resolution=20, qp=28), (0, 1)),
-        ("random_codeword", "a codeword of random bytes: escapes, saturated differences and means",
-         ("7.4.2", "7.4.3", "7.5.4", "7.6"),
-         random_codeword(), (0, 1, 2, 3)),
-        ("empty_codeword", "a codeword of no bytes: the longest escapes", ("5.7.2", "7.4.2", "7.5.4", "7.6.2"), empty_codeword(),
-         (0, 1, 3)),
+         recoded(encoded(everyday, resolution=20, qp=28), plain=True), (0, 1)),
+        ("random_codeword", "random bytes: saturated differences and means", ("7.4.2", "7.4.3", "7.6"), random["random"],
+         (0, 1, 2)),
+        ("random_large", "random bytes: means at their bounds", ("7.4.3", "7.6"), random["random_large"], (0, 1)),
+        ("zeros_random", "zeros, then random bytes: the longest escapes", ("7.5.4", "7.6"), random["zeros_random"], (0, 1)),
+        ("empty_codeword", "a codeword of no bytes", ("5.7.2", "7.4.2", "7.6.2"), random["empty"], (0, 1, 3)),
         ("mixed_resolutions", "fields of different K, geometry units out of field order", ("5.5", "5.6", "8.3"),
          mixed_resolutions(),
          (0, 1, 4, 5)),
@@ -312,6 +382,8 @@ def uncommon():
         ("strange_units", "unknown ancillary units, metadata early", ("5.2", "5.8"), with_strange_units(), (0,)),
         ("voxel_boundaries", "B = 8, every vertex on a voxel corner", ("6.1", "6.2", "6.3"), on_voxel_boundaries(), (0,)),
         ("needle_bits20_k8192", "B = 20, K = 8192, a triangle without area", ("6.1", "6.2", "6.4"), needle(), (0, 5)),
+        ("exact_areas", "areas and heights exactly on a limit", ("6.2", "6.4"), exact_areas(), (0,)),
+        ("flat", "one colour but for a few spots: probabilities at their lower bound", ("7.6.3",), flat_ring(), (0,)),
         ("bits20", "position_bits 20", ("6.1", "6.2"), encoded(everyday, resolution=33, qp=34, position_bits=20), (0,)),
         ("fan", "a mesh that is not a manifold", ("5.6",), fan(), (0,)),
         ("huge_coordinates", "coordinates near 1e142", ("5.3",), encoded(huge, resolution=12, qp=36), (0,)),

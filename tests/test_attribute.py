@@ -607,7 +607,14 @@ def test_decoded_colour_is_the_oracles_for_any_means(means):
     assert inverse_colour(np.array(means, np.int32)).tolist() == [list(oracles.rgb_of(*m)) for m in means]
 
 
-def test_every_seventeenth_colour_survives_the_transform_exactly():
+def test_decoded_colour_is_the_oracles_for_20000_means_of_the_visible_range():
+    """One unit more or less in a coefficient shows in one of some 500 of these."""
+    rng = np.random.default_rng(9)
+    means = np.column_stack([rng.integers(0, 255 * UNIT, 20_000), rng.integers(-128 * UNIT, 128 * UNIT, (20_000, 2))])
+    assert inverse_colour(means.astype(np.int32)).tolist() == [list(oracles.rgb_of(*m)) for m in means.tolist()]
+
+
+def test_every_fifth_value_of_each_colour_survives_the_transform_exactly():
     rgb = np.stack(np.meshgrid(*[np.arange(0, 256, 5)] * 3), -1).reshape(-1, 3)
     np.testing.assert_array_equal(inverse_colour(forward_colour(rgb)), rgb)
 

@@ -24,7 +24,7 @@ bench: install
 
 # The two targets below rewrite committed files; nothing else does.
 vectors: install
-	$(PY) tools/gen_vectors.py
+	$(PY) tools/gen_vectors.py --write
 
 spec-tables: install
 	$(PY) tools/gen_spec_tables.py

@@ -87,10 +87,6 @@ def test_without_the_jit_the_bytes_and_arrays_are_the_same():
     assert json.loads(run.stdout) == jit_off_cases()
 
 
-MORTON_WITHOUT_JIT = "field.morton: with NUMBA_DISABLE_JIT a kernel has no py_func; voxels() and far queries fail"
-
-
-@pytest.mark.xfail(strict=True, reason=MORTON_WITHOUT_JIT)
 def test_without_the_jit_morton_keys_are_made_too():
     program = "from texfcodec.field.morton import decode_morton; print(decode_morton([511]).tolist())"
     run = subprocess.run([sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, check=False,

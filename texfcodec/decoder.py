@@ -11,7 +11,7 @@ from .attribute.colour import TRANSFORM_BT709, inverse_colour, inverse_plain
 from .attribute.layout import octree_depth
 from .bitstream.stream import read_stream
 from .bitstream.syntax import SEMANTIC_ALPHA, SEMANTIC_BASE_COLOUR
-from .errors import LimitError, StreamError, SupportError
+from .errors import LimitError, StreamError
 from .field.voxelise import count_samples, voxelise
 from .geometry.canonical import CanonicalCube
 from .geometry.draco import dec_geometry
@@ -119,15 +119,8 @@ def _decode_field(resolution, keys, coded, groups, options):
     level_keys = keys if stop == depth else np.unique(keys >> 3 * (depth - stop))
     rgba = np.full((len(level_keys), 4), 255, np.uint8)
     for values in coded:
-        group = groups[values["group_index"]]
         plane = _decode_group(values, keys, depth, stop, options.threads)
-        if group["group_semantic"] == SEMANTIC_BASE_COLOUR and group["group_components"] == 3:
-            rgba[:, :3] = plane
-        elif group["group_semantic"] == SEMANTIC_ALPHA and group["group_components"] == 1:
-            rgba[:, 3] = plane[:, 0]
-        else:
-            raise SupportError("TXF-U03", "a channel group with this number of components", clause="5.3.1",
-                               value=group["group_components"])
+        rgba[:, slice(0, 3) if groups[values["group_index"]]["group_semantic"] == SEMANTIC_BASE_COLOUR else slice(3, 4)] = plane
     return Field(resolution, depth - stop, level_keys, rgba)
 
 

@@ -118,6 +118,8 @@ class Texf:
         out = np.zeros((len(points), 4), np.float32)
         if len(points) == 0:
             return out
+        if not np.isfinite(points).all():
+            raise InputError("TXF-I71", "query points are not finite", value=int((~np.isfinite(points).all(axis=1)).sum()))
         if not self.fields:
             raise InputError("TXF-I70", "an empty asset has no colour to ask for")
         if len(self.fields) == 1:

@@ -208,7 +208,6 @@ def header_and_materials():
     nan, minus = np.array([np.nan], "<f8").tobytes(), np.array([-1.0], "<f8").tobytes()
     material = parsed(base).materials[0]["material_name"].encode()
     lines = [
-        ("version", "version 1", "5.3", with_element(base, H, "version", b"\1"), "TXF-S04"),
         ("position_bits_7", "position_bits 7", "5.3", with_element(base, H, "position_bits", b"\7"), "TXF-S04"),
         ("position_bits_21", "position_bits 21", "5.3", with_element(base, H, "position_bits", b"\x15"), "TXF-S04"),
         ("origin_nan", "an origin that is not a number", "4.3", with_element(base, H, "origin", nan * 3), "TXF-S04"),
@@ -235,7 +234,10 @@ def header_and_materials():
          with_element(simple, H, "num_vertices", b"\xc8\x80\0"), "TXF-S05"),
         ("metadata_format", "metadata_format 1", "5.8", with_element(base, UNIT_METADATA, "metadata_format", b"\1"), "TXF-S04"),
     ]
-    unsupported = [("alpha_components", "an alpha group of two components", "5.3.1", _two_alphas(base), "TXF-U03")]
+    twice = with_element(base, H, "channel_groups[1].group_semantic", b"\0")
+    lines.append(("group_semantic_twice", "two base colours", "5.3.1", twice, "TXF-S04"))
+    unsupported = [("version", "version 1", "5.3", with_element(base, H, "version", b"\1"), "TXF-U04"),
+                   ("alpha_components", "an alpha group of two components", "5.3.1", _two_alphas(base), "TXF-U03")]
     limit = [("num_vertices_huge", "2^50 vertices", "10", with_header(base, num_vertices=1 << 50), "TXF-L02"),
              ("num_voxels_huge", "2^50 voxels", "10", with_element(simple, F, "num_voxels", write_v(1 << 50)), "TXF-L04")]
     return [*_faulty(lines), *_faulty(unsupported, "unsupported"), *_faulty(limit, "limit")]

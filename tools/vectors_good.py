@@ -210,6 +210,7 @@ def random_codewords():
     return {"random": with_codeword(sheet, noise[:6000].tobytes(), [63, 50, 63]),
             "random_large": with_codeword(ring, noise.tobytes(), [50, 50, 50]),
             "zeros_random": with_codeword(sheet, bytes(21) + noise[:3000].tobytes(), [10, 63, 20]),
+            "ones_random": with_codeword(sheet, b"\xff" * 4 + b"\x80" + noise[:3000].tobytes(), [40, 50, 30]),
             "empty": with_codeword(sheet, b"", [63, 0, 63])}
 
 
@@ -374,6 +375,7 @@ def uncommon():
          (0, 1, 2)),
         ("random_large", "random bytes: means at their bounds", ("7.4.3", "7.6"), random["random_large"], (0, 1)),
         ("zeros_random", "zeros, then random bytes: the longest escapes", ("7.5.4", "7.6"), random["zeros_random"], (0, 1)),
+        ("ones_random", "a codeword that begins above every range", ("7.6.2",), random["ones_random"], (0, 1)),
         ("empty_codeword", "a codeword of no bytes", ("5.7.2", "7.4.2", "7.6.2"), random["empty"], (0, 1, 3)),
         ("mixed_resolutions", "fields of different K, geometry units out of field order", ("5.5", "5.6", "8.3"),
          mixed_resolutions(),

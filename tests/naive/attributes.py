@@ -59,6 +59,7 @@ class RangeDecoder:
         self.codeword, self.at, self.range, self.code = codeword, 0, 2**32 - 1, 0
         for _ in range(4):
             self.code = self.code * 256 + self.next_byte()
+        self.code = min(self.code, 2**32 - 2)
 
     def next_byte(self):
         self.at += 1

@@ -66,14 +66,15 @@ def voxelise(lattice, faces, bits, resolution, threshold=0):
         corners = [tuple((lattice[v][i] * resolution * 65536) >> bits for i in range(3)) for v in face]
         start, end, apex, columns, rows, unit = _frame(corners)
         for j in range(rows):
-            left = 2 * rows - 2 * j - 1
+            offset = 0 if columns > 4 * rows else 1
+            left = 2 * rows - 2 * j - offset
             count = max(1, -(-columns * left // (2 * rows)))
-            begin = [(s + (t - s) * (2 * j + 1) // (2 * rows)) * 65536 for s, t in zip(start, apex, strict=True)]
+            begin = [(s + (t - s) * (2 * j + offset) // (2 * rows)) * 65536 for s, t in zip(start, apex, strict=True)]
             half = [((e - s) * left // (2 * rows)) * 65536 // (2 * count) for s, e in zip(start, end, strict=True)]
             for i in range(count):
                 voxel = [min(max((b + (2 * i + 1) * h) // 2**32, 0), resolution - 1) for b, h in zip(begin, half, strict=True)]
                 key = morton(*voxel)
-                weights[key] = weights.get(key, 0) + unit * left // (2 * count)
+                weights[key] = weights.get(key, 0) + unit * (2 * rows - 2 * j - 1) // (2 * count)
     return {key: weights[key] for key in sorted(weights) if weights[key] >= threshold << 24}
 
 

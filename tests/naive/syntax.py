@@ -9,7 +9,10 @@ DRACO_START = bytes.fromhex("445241434F020201010000")
 
 def read_header(reader):
     """Clause 5.3."""
-    header = {"version": reader.u8("version", 0, 0), "position_bits": reader.u8("position_bits", 8, 20)}
+    header = {"version": reader.u8("version")}
+    if header["version"] != 0:
+        raise Unsupported(f"version {header['version']}")
+    header |= {"position_bits": reader.u8("position_bits", 8, 20)}
     header["origin"] = [reader.f64("origin") for _ in range(3)]
     header["side"] = reader.f64("side", low=0)
     header["num_vertices"] = reader.v("num_vertices")
@@ -23,6 +26,8 @@ def read_header(reader):
         semantic, transfer = reader.u8("group_semantic", 0, 1), reader.u8("group_transfer", 0, 1)
         groups.append({"semantic": semantic, "transfer": transfer, "components": reader.u8("group_components", 1, 3)})
     header["channel_groups"] = groups
+    semantics = [group["semantic"] for group in groups]
+    require(len(semantics) == len(set(semantics)), "two groups have the same group_semantic")
     for group in groups:
         if COMPONENTS[group["semantic"]] != group["components"]:
             raise Unsupported(f"{group['components']} components for semantic {group['semantic']}")

@@ -57,11 +57,12 @@ def add_triangle(weights, corners, resolution):
     """Clause 6.3: adds the triangle's samples to weights, a dict from voxel (x, y, z) to area weight."""
     start, end, apex, columns, rows, unit = frame(*corners)
     for j in range(rows):
-        left = 2 * rows - 2 * j - 1
+        offset = 0 if columns > 4 * rows else 1
+        left = 2 * rows - 2 * j - offset
         count = max(1, (columns * left + 2 * rows - 1) // (2 * rows))
-        first = [(s + ((t - s) * (2 * j + 1)) // (2 * rows)) << 16 for s, t in zip(start, apex, strict=True)]
+        first = [(s + ((t - s) * (2 * j + offset)) // (2 * rows)) << 16 for s, t in zip(start, apex, strict=True)]
         half = [((((e - s) * left) // (2 * rows)) << 16) // (2 * count) for s, e in zip(start, end, strict=True)]
-        share = (unit * left) // (2 * count)
+        share = (unit * (2 * rows - 2 * j - 1)) // (2 * count)
         for i in range(count):
             voxel = tuple(clip(0, resolution - 1, (f + (2 * i + 1) * h) >> 32) for f, h in zip(first, half, strict=True))
             weights[voxel] = weights.get(voxel, 0) + share

@@ -7,14 +7,19 @@ from .quantise import VALUE_FRACTION
 TRANSFORM_NONE, TRANSFORM_BT709 = 0, 1
 # 2**16 times 1.5748, 0.187324, 0.468124, 1.8556
 CR_TO_R, CB_TO_G, CR_TO_G, CB_TO_B = 103206, 12276, 30679, 121608
-_FORWARD = np.array([[0.2126, 0.7152, 0.0722],
-                     [-0.2126 / 1.8556, -0.7152 / 1.8556, 0.5],
-                     [0.5, -0.7152 / 1.5748, -0.0722 / 1.5748]])
+_FORWARD = ((0.2126, 0.7152, 0.0722), (-0.2126 / 1.8556, -0.7152 / 1.8556, 0.5), (0.5, -0.7152 / 1.5748, -0.0722 / 1.5748))
 
 
 def forward_colour(rgb):
-    """Encoder's side. rgb: [N, 3] in 0..255. Returns int32 [N, 3] Y, Cb, Cr with 12 fractional bits."""
-    return np.rint(np.asarray(rgb, np.float32) @ (_FORWARD.T * (1 << VALUE_FRACTION)).astype(np.float32)).astype(np.int32)
+    """Encoder's side. rgb: [N, 3] in 0..255. Returns int32 [N, 3] Y, Cb, Cr with 12 fractional bits.
+
+    Element by element, not as a matrix product: no linear-algebra library may decide the last bit of a stream.
+    """
+    r, g, b = np.asarray(rgb, np.float64).T
+    out = np.empty((len(r), 3), np.int32)
+    for c, (wr, wg, wb) in enumerate(_FORWARD):
+        out[:, c] = np.rint((wr * r + wg * g + wb * b) * (1 << VALUE_FRACTION))
+    return out
 
 
 def inverse_colour(means):

@@ -21,7 +21,7 @@ ZERO_BASE = BLOCK_BASE + N_BLOCK
 MORE_BASE = ZERO_BASE + N_ZERO
 UNARY_BASE = MORE_BASE + N_MORE
 CONTEXTS = UNARY_BASE + N_UNARY
-MAX_PREFIX = 24  # of the Exp-Golomb escape: |q| < 2**24 + 15
+MAX_PREFIX = 24  # of the Exp-Golomb escape: |q| < 2**25 + 15; clipped when dequantised
 
 
 @njit(cache=True, nogil=True)

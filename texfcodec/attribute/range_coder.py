@@ -155,7 +155,7 @@ def new_decoder(data, begin, end):
     """State of a decoder for the codeword data[begin:end] (uint8): the first four bytes are in CODE already."""
     state = np.zeros(6, np.int64)
     head = bytes(data[begin : min(end, begin + START_BYTES)]).ljust(START_BYTES, b"\0")
-    state[CODE] = int.from_bytes(head, "big")
+    state[CODE] = min(int.from_bytes(head, "big"), 0xFFFFFFFE)  # below RANGE, where it then stays
     state[RANGE] = 0xFFFFFFFF
     state[POS] = begin + START_BYTES
     return state

@@ -6,6 +6,7 @@ from ..errors import LimitError, StreamError, SupportError
 from .syntax import (
     ATTRIBUTE,
     CODECS,
+    COMPONENTS,
     SIGNATURE,
     UNIT_ATTRIBUTE,
     UNIT_END,
@@ -15,6 +16,7 @@ from .syntax import (
     UNIT_MATERIALS,
     UNIT_METADATA,
     UNITS,
+    VERSION,
 )
 from .units import read_units, write_unit
 from .walk import Reader, read_structure, write_structure
@@ -134,8 +136,12 @@ def read_stream(data, limits, trace=None):
 
 def _read_unit_payload(unit, reader, stream, limits, rows):
     if unit.type == UNIT_HEADER:
+        if reader.data[unit.begin : unit.end] and reader.data[unit.begin] != VERSION:
+            raise SupportError("TXF-U04", "the stream is of another version of the format", clause="5.3", offset=unit.begin,
+                               value=reader.data[unit.begin], allowed=VERSION)
         stream.header = read_structure(UNITS[UNIT_HEADER], reader, {}, rows)
         _check_limits(stream.header, limits)
+        _check_groups(stream.header["channel_groups"])
     elif unit.type == UNIT_MATERIALS:
         _check_materials_fit(stream.header["num_materials"], reader)
         stream.materials += read_structure(UNITS[UNIT_MATERIALS], reader, dict(stream.header), rows)["materials"]
@@ -155,6 +161,17 @@ def _read_unit_payload(unit, reader, stream, limits, rows):
             raise LimitError("TXF-L06", "the metadata unit is larger than the limit", clause="5.8",
                              value=unit.end - unit.begin, allowed=limits.metadata_bytes)
         stream.metadata = bytes(read_structure(UNITS[UNIT_METADATA], reader, {}, rows)["metadata_json"])
+
+
+def _check_groups(groups):
+    """Each semantic once, with its own number of components (spec 5.3.1)."""
+    semantics = [g["group_semantic"] for g in groups]
+    if len(set(semantics)) != len(semantics):
+        raise StreamError("TXF-S04", "two channel groups have the same group_semantic", clause="5.3.1", value=semantics)
+    for group in groups:
+        if group["group_components"] != COMPONENTS[group["group_semantic"]]:
+            raise SupportError("TXF-U03", "a channel group with this number of components", clause="5.3.1",
+                               value=group["group_components"], allowed=COMPONENTS[group["group_semantic"]])
 
 
 def _check_limits(header, limits):

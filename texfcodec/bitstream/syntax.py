@@ -26,6 +26,7 @@ UNIT_NAMES = {
 }
 
 SEMANTIC_BASE_COLOUR, SEMANTIC_ALPHA = 0, 1
+COMPONENTS = {SEMANTIC_BASE_COLOUR: 3, SEMANTIC_ALPHA: 1}
 TRANSFER_LINEAR, TRANSFER_SRGB = 0, 1
 CODEC_RAHT = 0
 
@@ -72,7 +73,7 @@ CHANNEL_GROUP = Structure("channel_group", "5.3.1", (
 ))
 
 SEQUENCE_HEADER = Structure("sequence_header", "5.3", (
-    E("version", "u8", VERSION, VERSION),
+    E("version", "u8"),
     E("position_bits", "u8", 8, 20),
     E("origin", "f64", count="3"),
     E("side", "f64", 0),

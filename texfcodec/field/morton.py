@@ -7,23 +7,25 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True, nogil=True)
-def _spread(v):
-    """Moves bit i of 0 <= v < 2**16 to bit 3i."""
+def spread(v):
+    """Moves bit i of 0 <= v < 2**16 to bit 3i. v: int64, scalar or array."""
     v = (v | (v << 16)) & 0xFF0000FF
     v = (v | (v << 8)) & 0xF00F00F00F
     v = (v | (v << 4)) & 0xC30C30C30C3
     return (v | (v << 2)) & 0x249249249249
 
 
-@njit(cache=True, nogil=True)
-def _compact(v):
-    """Gathers every third bit of v >= 0: the inverse of _spread."""
+def compact(v):
+    """Gathers every third bit of v >= 0, int64, scalar or array: the inverse of spread()."""
     v = v & 0x249249249249
     v = (v | (v >> 2)) & 0xC30C30C30C3
     v = (v | (v >> 4)) & 0xF00F00F00F
     v = (v | (v >> 8)) & 0xFF0000FF
     return (v | (v >> 16)) & 0xFFFF
+
+
+_spread = njit(cache=True, nogil=True)(spread)
+_compact = njit(cache=True, nogil=True)(compact)
 
 
 @njit(cache=True, nogil=True)
@@ -34,10 +36,10 @@ def _morton_key(x, y, z):
 def encode_morton(xyz):
     """Morton keys of voxel indices. xyz: integer [N, 3], each in 0..65535. Returns int64 [N]."""
     xyz = np.asarray(xyz, dtype=np.int64)
-    return _spread.py_func(xyz[:, 0]) | (_spread.py_func(xyz[:, 1]) << 1) | (_spread.py_func(xyz[:, 2]) << 2)
+    return spread(xyz[:, 0]) | (spread(xyz[:, 1]) << 1) | (spread(xyz[:, 2]) << 2)
 
 
 def decode_morton(keys):
     """Voxel indices of Morton keys. keys: int64 [N]. Returns int32 [N, 3]."""
     keys = np.asarray(keys, dtype=np.int64)
-    return np.stack([_compact.py_func(keys >> axis) for axis in range(3)], axis=1).astype(np.int32)
+    return np.stack([compact(keys >> axis) for axis in range(3)], axis=1).astype(np.int32)

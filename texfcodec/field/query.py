@@ -14,10 +14,10 @@ BLOCK = 1 << 16
 
 @njit(cache=True, nogil=True)
 def _nearest(x, y, z, size, slots, bricks, words, ranks):
-    """Rank of the active voxel whose centre is nearest to (x, y, z), looked for within SEARCH_RINGS voxels, else -1.
-    Ties go to the first in x, then y, then z."""
+    """Rank of the active voxel whose centre is nearest to (x, y, z), -1 where none is within SEARCH_RINGS + 0.5 (up to there
+    the cube that is searched holds every candidate). Ties go to the first in x, then y, then z."""
     bx, by, bz = np.int64(np.floor(x)), np.int64(np.floor(y)), np.int64(np.floor(z))
-    best, found = 1e30, np.int64(-1)
+    best, found = (SEARCH_RINGS + 0.5) ** 2, np.int64(-1)
     for ix in range(bx - SEARCH_RINGS, bx + SEARCH_RINGS + 1):
         for iy in range(by - SEARCH_RINGS, by + SEARCH_RINGS + 1):
             for iz in range(bz - SEARCH_RINGS, bz + SEARCH_RINGS + 1):
@@ -32,12 +32,13 @@ def _nearest(x, y, z, size, slots, bricks, words, ranks):
 @njit(cache=True, nogil=True)
 def _query(points, size, slots, bricks, words, ranks, values, out, missed):
     """Trilinear answers into out float32 [M, C]; missed uint8 [M]: 1 where the nearest voxel answered, 2 where none was near."""
+    sums = np.zeros(values.shape[1], np.float64)
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         bx, by, bz = np.int64(np.floor(x - 0.5)), np.int64(np.floor(y - 0.5)), np.int64(np.floor(z - 0.5))
         fx, fy, fz = x - 0.5 - bx, y - 0.5 - by, z - 0.5 - bz
         total = 0.0
-        out[i, :] = 0.0
+        sums[:] = 0.0
         for corner in range(8):
             dx, dy, dz = corner & 1, (corner >> 1) & 1, corner >> 2
             w = (fx if dx else 1.0 - fx) * (fy if dy else 1.0 - fy) * (fz if dz else 1.0 - fz)
@@ -47,11 +48,11 @@ def _query(points, size, slots, bricks, words, ranks, values, out, missed):
             if rank >= 0:
                 total += w
                 for c in range(values.shape[1]):
-                    out[i, c] += np.float32(w * values[rank, c])
+                    sums[c] += w * values[rank, c]
         missed[i] = 0
         if total > 0.0:
             for c in range(values.shape[1]):
-                out[i, c] /= np.float32(total)
+                out[i, c] = np.float32(sums[c] / total)
             continue
         rank = _nearest(x, y, z, size, slots, bricks, words, ranks)
         missed[i] = 1 if rank >= 0 else 2

@@ -8,7 +8,16 @@ from numba import njit
 from ..asset.sample import _source_at
 from .grid import _rank
 from .morton import _morton_key
-from .voxelise import GRID_FRACTION, SAMPLES_PER_EDGE, _count_samples, _row, _slabs, _triangle_frame, grid_coordinates
+from .voxelise import (
+    GRID_FRACTION,
+    SAMPLES_PER_EDGE,
+    _count_samples,
+    _row,
+    _row_offset,
+    _slabs,
+    _triangle_frame,
+    grid_coordinates,
+)
 
 LEAST_WEIGHT = 1e-9  # of a sample without area, in voxel faces: lines and slivers get a colour too
 
@@ -33,10 +42,11 @@ def _gather(corners, faces, source, per_edge, resolution, low, high, axis, only_
         if (max(g[0, axis], max(g[1, axis], g[2, axis])) >> GRID_FRACTION) + 1 < low:
             continue
         columns, rows, unit = _triangle_frame(g, per_edge, order)
+        offset = _row_offset(columns, rows)
         for j in range(rows):
             count = _row(g, order, columns, rows, j, start, half)
             share = np.float64((unit * (2 * rows - 2 * j - 1)) // (2 * count)) * 2.0**-32 + LEAST_WEIGHT
-            t = (2 * j + 1) / (2.0 * rows)
+            t = (2 * j + offset) / (2.0 * rows)
             x, y, z = start[0] - half[0], start[1] - half[1], start[2] - half[2]
             for i in range(count):
                 x += 2 * half[0]

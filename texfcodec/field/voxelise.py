@@ -17,6 +17,7 @@ from .morton import _morton_key
 GRID_FRACTION = 16  # fractional bits of a fixed grid coordinate
 SAMPLES_PER_EDGE = 2  # at least this many samples per voxel edge in either direction of the triangle (normative)
 AREA_FRACTION = 32  # area weights are in units of 2**-32 voxel faces
+MAX_VOXELS = 1 << 40  # in place of no limit
 MIN_SLAB_SAMPLES = 1 << 17  # below this a second thread costs more than it brings
 
 
@@ -112,14 +113,22 @@ def _triangle_frame(g, per_edge, order):
 
 
 @njit(cache=True, nogil=True)
+def _row_offset(columns, rows):
+    """Height of a row above the lower edge of its band, in half bands (spec 6.3): in the middle, but on the edge itself for
+    slivers, whose sides are so slanted that a row in the middle would leave their ends without samples."""
+    return np.int64(0) if columns > 4 * rows else np.int64(1)
+
+
+@njit(cache=True, nogil=True)
 def _row(g, order, columns, rows, j, start, half_step):
     """Row j of a triangle (spec 6.3): fills start and half_step, int64 [3] with 32 fractional bits, returns the number of
     samples n_j. Sample i of the row lies at start + (2 i + 1) * half_step."""
-    left = 2 * rows - 2 * j - 1
+    offset = _row_offset(columns, rows)
+    left = 2 * rows - 2 * j - offset
     count = max(np.int64(1), (columns * left + 2 * rows - 1) // (2 * rows))
     for axis in range(3):
         s, e, t = g[order[0], axis], g[order[1], axis], g[order[2], axis]
-        start[axis] = (s + ((t - s) * (2 * j + 1)) // (2 * rows)) << 16
+        start[axis] = (s + ((t - s) * (2 * j + offset)) // (2 * rows)) << 16
         half_step[axis] = ((((e - s) * left) // (2 * rows)) << 16) // (2 * count)
     return count
 
@@ -148,8 +157,9 @@ def _grown(keys, weights):
 
 
 @njit(cache=True, nogil=True)
-def _touched(corners, faces, resolution, low, high, axis, log2_slots):
-    """Voxels of one slab low <= index[axis] < high: (keys int64 [n], weights int64 [n]) in table order.
+def _touched(corners, faces, resolution, low, high, axis, log2_slots, most):
+    """Voxels of one slab low <= index[axis] < high: (keys int64 [n], weights int64 [n], n), keys in table order. Stops as soon
+    as there are more than `most`, so that memory stays in proportion to that.
 
     corners: int64 [V, 3] fixed grid coordinates; faces: int64 [F, 3], already checked against V by the caller's gather.
     A voxel's weight stays below 2**62: at most 2**31 samples (checked by the caller) of at most 2**31 each.
@@ -194,6 +204,8 @@ def _touched(corners, faces, resolution, low, high, axis, log2_slots):
                         if keys[slot] < 0:
                             keys[slot] = run_key
                             used += 1
+                            if used > most:
+                                return keys[:0], weights[:0], used
                         weights[slot] += run
                         if 2 * used > keys.shape[0]:
                             keys, weights = _grown(keys, weights)
@@ -207,7 +219,7 @@ def _touched(corners, faces, resolution, low, high, axis, log2_slots):
             out_keys[n] = keys[i]
             out_weights[n] = weights[i]
             n += 1
-    return out_keys, out_weights
+    return out_keys, out_weights, used
 
 
 @njit(cache=True, nogil=True)
@@ -221,7 +233,7 @@ def _count_samples(corners, faces, per_edge, counts):
             for d in range(3):
                 g[c, d] = corners[faces[f, c], d]
         columns, rows, _ = _triangle_frame(g, per_edge, order)
-        counts[f] = (columns * rows + 1) // 2 + rows
+        counts[f] = (columns * (rows + 1) + 1) // 2 + rows
         total = min(total + counts[f], np.int64(1) << 62)
     return total
 
@@ -262,10 +274,11 @@ def voxelise(lattice, faces, position_bits, resolution, area_threshold=0, thread
     counts = np.empty(len(faces), np.int64)
     total = _count_samples(corners, faces, SAMPLES_PER_EDGE, counts)
     axis, bounds = _slabs(corners, faces, counts, resolution, threads)
-    log2_slots = int(np.clip(total // (2 * (len(bounds) - 1)), 64, 1 << 22)).bit_length()
+    most = MAX_VOXELS if max_voxels is None else max_voxels
+    log2_slots = int(np.clip(min(total // (2 * (len(bounds) - 1)), 2 * most), 64, 1 << 22)).bit_length()
 
     def one(slab):
-        return _touched(corners, faces, resolution, slab[0], slab[1], axis, log2_slots)
+        return _touched(corners, faces, resolution, slab[0], slab[1], axis, log2_slots, most)
 
     jobs = list(zip(bounds[:-1], bounds[1:], strict=True))
     if len(jobs) == 1:
@@ -273,11 +286,10 @@ def voxelise(lattice, faces, position_bits, resolution, area_threshold=0, thread
     else:
         with ThreadPoolExecutor(len(jobs)) as pool:
             parts = list(pool.map(one, jobs))
+    if sum(p[2] for p in parts) > most:
+        raise LimitError("TXF-L04", "the surface touches more voxels than the limit allows", clause="6.3", allowed=most)
     keys = np.concatenate([p[0] for p in parts])
     weights = np.concatenate([p[1] for p in parts])
-    if max_voxels is not None and len(keys) > max_voxels:
-        raise LimitError("TXF-L04", "the surface touches more voxels than the limit allows", clause="6.3", value=len(keys),
-                         allowed=max_voxels)
     order = np.argsort(keys)
     keys, weights = keys[order], weights[order]
     if area_threshold:

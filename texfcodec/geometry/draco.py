@@ -52,10 +52,13 @@ def dec_geometry(data, vertices, faces, position_bits, offset=0):
         mesh = DracoPy.decode(bytes(data))
     except Exception as error:
         raise StreamError("TXF-S22", f"Draco refuses its substream: {error}", clause="5.6", offset=offset) from error
-    points, triangles = np.asarray(mesh.points), np.asarray(getattr(mesh, "faces", np.empty((0, 3))))
+    if len(mesh.attributes) != 1:
+        raise StreamError("TXF-S20", "the Draco substream has other attributes than positions", clause="5.6", offset=offset,
+                          value=len(mesh.attributes), allowed=1)
+    points, triangles = np.asarray(mesh.points), np.asarray(getattr(mesh, "faces", None))
     if points.dtype != np.uint32 or points.shape != (vertices, 3) or triangles.shape != (faces, 3):
         raise StreamError("TXF-S21", "the Draco substream decodes to another number of vertices or faces", clause="5.6",
-                          offset=offset, value=[len(points), len(triangles)], allowed=[vertices, faces])
+                          offset=offset, value=[list(points.shape), list(triangles.shape)], allowed=[vertices, faces])
     lattice, triangles = points.astype(np.int64), triangles.astype(np.int64)
     if triangles.min() < 0 or triangles.max() >= vertices or lattice.max() >= 1 << position_bits:
         raise StreamError("TXF-S23", "the Draco substream has an index or a position out of range", clause="5.6", offset=offset)

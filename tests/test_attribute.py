@@ -523,7 +523,8 @@ def test_any_values_on_any_voxels_decode_to_what_the_encoder_has(data):
     seed, qp = data.draw(st.integers(0, 999)), data.draw(st.lists(st.integers(0, 63), min_size=components, max_size=components))
     low, high = data.draw(st.sampled_from([(0, 256), (100, 101), (-128, 128)]))
     values = np.random.default_rng(seed).integers(low * UNIT, high * UNIT, (len(keys), components)).astype(np.int32)
-    round_trip(keys, depth, values, qp)
+    _, means = round_trip(keys, depth, values, qp)
+    assert means.shape == values.shape
 
 
 def sliced(monkeypatch, voxels=300, nodes=16):

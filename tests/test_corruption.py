@@ -179,7 +179,8 @@ def test_bent_payloads_with_right_checksums_end_in_a_result_or_a_coded_error(kin
                 payload[data.draw(st.integers(0, len(payload) - 1))] ^= 1 << data.draw(st.integers(0, 7))
         return payload
 
-    outcome(repacked(whole, change))
+    code = outcome(repacked(whole, change))
+    assert code == "decoded" or code.startswith("TXF-")
 
 
 @settings(deadline=None, max_examples=80)

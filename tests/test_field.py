@@ -417,3 +417,17 @@ def test_a_round_surface_is_one_field():
     lattice = np.rint((positions + 1) * 4000).astype(np.int64)
     contacts = find_contacts(lattice, faces, 13, 256)
     assert folding_components(contacts).tolist() == [] and colour_pieces(contacts).max() == 0
+
+
+@pytest.mark.parametrize("cut", range(1, 16))
+def test_a_triangle_that_begins_on_a_cut_between_slabs_loses_no_voxel(cut, monkeypatch):
+    """K = 16 on 2**20: one lattice step is one unit of 6.1. Both divisions of a row round down, so that samples of a triangle
+    whose least y is on a voxel boundary fall below it; whichever slab that is, must look at the triangle."""
+    edge = cut << 16
+    lattice = np.array([[0, edge + 1, 0], [1 << 19, edge, 0], [1 << 18, edge, 1 << 19], [0, 0, 1], [9, (1 << 20) - 1, 1], [9, 5, 1]])
+    faces = np.array([[0, 1, 2], [3, 4, 5]])
+    keys, weights = voxelise(lattice, faces, 20, 16, threads=1)
+    assert cut - 1 in decode_morton(keys)[decode_morton(keys)[:, 0] > 0, 1]
+    monkeypatch.setattr(voxelise_room, "_slabs", lambda *_: (1, [0, cut, 16]))
+    cut_keys, cut_weights = voxelise(lattice, faces, 20, 16, threads=2)
+    assert np.array_equal(keys, cut_keys) and np.array_equal(weights, cut_weights)

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from .morton import _morton_key
-from .voxelise import _row, _triangle_frame, grid_coordinates
+from .voxelise import _load_corners, _row, _triangle_frame, grid_coordinates
 
 MAX_FIELDS = 16
 MIN_CONTACT = 0.002  # share of the smaller piece's cells that two pieces must share to count as meeting
@@ -67,9 +67,7 @@ def _cells(corners, faces, face_label, resolution, keys, labels):
     start, half = np.empty(3, np.int64), np.empty(3, np.int64)
     used, last = 0, resolution - 1
     for f in range(faces.shape[0]):
-        for c in range(3):
-            for d in range(3):
-                g[c, d] = corners[faces[f, c], d]
+        _load_corners(corners, faces, f, g)
         columns, rows, _ = _triangle_frame(g, 1, order)
         label = face_label[f]
         for j in range(rows):

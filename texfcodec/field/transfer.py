@@ -9,9 +9,10 @@ from ..asset.sample import _source_at
 from .grid import _rank
 from .morton import _morton_key
 from .voxelise import (
-    GRID_FRACTION,
     SAMPLES_PER_EDGE,
     _count_samples,
+    _load_corners,
+    _misses_slab,
     _row,
     _row_offset,
     _slabs,
@@ -34,12 +35,8 @@ def _gather(corners, faces, source, per_edge, resolution, low, high, axis, only_
     bary, rgba = np.empty(3, np.float64), np.empty(4, np.float64)
     last = resolution - 1
     for f in range(faces.shape[0]):
-        for c in range(3):
-            for d in range(3):
-                g[c, d] = corners[faces[f, c], d]
-        if min(g[0, axis], min(g[1, axis], g[2, axis])) >> GRID_FRACTION >= high:
-            continue
-        if (max(g[0, axis], max(g[1, axis], g[2, axis])) >> GRID_FRACTION) + 1 < low:
+        _load_corners(corners, faces, f, g)
+        if _misses_slab(g, axis, low, high):
             continue
         columns, rows, unit = _triangle_frame(g, per_edge, order)
         offset = _row_offset(columns, rows)

@@ -134,6 +134,23 @@ def _row(g, order, columns, rows, j, start, half_step):
 
 
 @njit(cache=True, nogil=True)
+def _load_corners(corners, faces, f, g):
+    """Fixed grid coordinates of face f into g int64 [3, 3]; voxelise() and transfer() have checked faces against corners."""
+    for c in range(3):
+        for d in range(3):
+            g[c, d] = corners[faces[f, c], d]
+
+
+@njit(cache=True, nogil=True)
+def _misses_slab(g, axis, low, high):
+    """Whether no sample of the triangle can have low <= voxel index[axis] < high. All divisions of a row round down, so a sample
+    lies up to 2 * 2**-16 voxels below the triangle's least coordinate and never above its largest."""
+    first = (min(g[0, axis], min(g[1, axis], g[2, axis])) - 2) >> GRID_FRACTION
+    last = max(g[0, axis], max(g[1, axis], g[2, axis])) >> GRID_FRACTION
+    return first >= high or last < low
+
+
+@njit(cache=True, nogil=True)
 def _slot(key, keys):
     """Slot of key in an open-addressing table (its own, or the first free one): keys of one 4x4x4 brick lie side by side."""
     mask = keys.shape[0] - 1
@@ -173,12 +190,8 @@ def _touched(corners, faces, resolution, low, high, axis, log2_slots, most):
     half = np.empty(3, np.int64)
     last = resolution - 1
     for f in range(faces.shape[0]):
-        for c in range(3):
-            for d in range(3):
-                g[c, d] = corners[faces[f, c], d]
-        if min(g[0, axis], min(g[1, axis], g[2, axis])) >> GRID_FRACTION >= high:
-            continue
-        if (max(g[0, axis], max(g[1, axis], g[2, axis])) >> GRID_FRACTION) + 1 < low:
+        _load_corners(corners, faces, f, g)
+        if _misses_slab(g, axis, low, high):
             continue
         columns, rows, unit = _triangle_frame(g, SAMPLES_PER_EDGE, order)
         for j in range(rows):
@@ -229,9 +242,7 @@ def _count_samples(corners, faces, per_edge, counts):
     order = np.empty(3, np.int64)
     total = np.int64(0)
     for f in range(faces.shape[0]):
-        for c in range(3):
-            for d in range(3):
-                g[c, d] = corners[faces[f, c], d]
+        _load_corners(corners, faces, f, g)
         columns, rows, _ = _triangle_frame(g, per_edge, order)
         counts[f] = (columns * (rows + 1) + 1) // 2 + rows
         total = min(total + counts[f], np.int64(1) << 62)

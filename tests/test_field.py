@@ -424,7 +424,7 @@ def test_a_triangle_that_begins_on_a_cut_between_slabs_loses_no_voxel(cut, monke
     """K = 16 on 2**20: one lattice step is one unit of 6.1. Both divisions of a row round down, so that samples of a triangle
     whose least y is on a voxel boundary fall below it; whichever slab that is, must look at the triangle."""
     edge = cut << 16
-    lattice = np.array([[0, edge + 1, 0], [1 << 19, edge, 0], [1 << 18, edge, 1 << 19], [0, 0, 1], [9, (1 << 20) - 1, 1], [9, 5, 1]])
+    lattice = np.array([[0, edge + 1, 0], [1 << 19, edge, 0], [1 << 18, edge, 1 << 19], [0, 0, 1], [9, 1048575, 1], [9, 5, 1]])
     faces = np.array([[0, 1, 2], [3, 4, 5]])
     keys, weights = voxelise(lattice, faces, 20, 16, threads=1)
     assert cut - 1 in decode_morton(keys)[decode_morton(keys)[:, 0] > 0, 1]

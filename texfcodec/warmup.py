@@ -1,28 +1,18 @@
 """Compiling the kernels ahead of use, and telling without numba whether that has been done."""
 
-import os
 import sys
 from pathlib import Path
+
+from .kernel import cache_folder
 
 ENTRIES = ("field/voxelise.py", "attribute/blocks.py")  # every encode and decode enters kernels of these files
 
 
 def kernels_compiled():
-    """Whether numba's cache holds, for every file of ENTRIES, something newer than the file."""
-    return all(_has_index(Path(__file__).parent / name) for name in ENTRIES)
-
-
-def _has_index(path):
-    """A cache index of this interpreter in any place where numba would put it."""
+    """Whether the cache of this state of the package holds kernels of every file of ENTRIES, for this interpreter."""
     tag = f"py{sys.version_info.major}{sys.version_info.minor}"
-    pattern, changed = f"{path.stem}.*.{tag}*.nbi", path.stat().st_mtime
-    base = os.environ.get("NUMBA_CACHE_DIR")
-    places = [path.parent / "__pycache__"]
-    if base:
-        places = list(Path(base).glob(f"{path.parent.name}_*"))
-    elif not os.access(path.parent, os.W_OK):
-        places += (Path.home() / ".cache" / "numba").glob(f"{path.parent.name}_*")
-    return any(index.stat().st_mtime >= changed for place in places for index in place.glob(pattern))
+    names = [f"{Path(entry).stem}.*.{tag}*.nbi" for entry in ENTRIES]
+    return all(any(cache_folder().glob(f"*/{name}")) for name in names)
 
 
 def warm_up():

@@ -82,9 +82,9 @@ class RangeDecoder:
         fast, slow, count = table[number]
         bit = self.split((self.range >> 16) * clip(24, 65512, (fast + slow) >> 7))
         target = bit * (2**22 - 1)
-        fast += (target - fast) >> min(count + 1, 4)
-        slow += (target - slow) >> min(count + 1, 7)
-        table[number] = (fast, slow, min(count + 1, 7))
+        fast += (target - fast) >> min((count + 1).bit_length(), 3)
+        slow += (target - slow) >> (count + 1).bit_length()
+        table[number] = (fast, slow, min(count + 1, 63))
         return bit
 
 

@@ -246,9 +246,9 @@ class RangeDecoder:
         fast, slow, count = self.contexts.get(ctx, (2**21, 2**21, 0))
         bit = self._split((self.range >> 16) * min(max((fast + slow) >> 7, 24), 65512))
         target = bit * (2**22 - 1)
-        fast += (target - fast) >> min(count + 1, 4)
-        slow += (target - slow) >> min(count + 1, 7)
-        self.contexts[ctx] = fast, slow, min(count + 1, 7)
+        fast += (target - fast) >> min((count + 1).bit_length(), 3)
+        slow += (target - slow) >> (count + 1).bit_length()
+        self.contexts[ctx] = fast, slow, min(count + 1, 63)
         return bit
 
     def magnitude(self, component, strength, large):

@@ -2,13 +2,13 @@
 
 import math
 
-import numba as nb
 import numpy as np
 
+from ..kernel import kernel
 from .atlas_pack import flat_areas, upright
 from .texel_cover import nearest_on_triangle, span_in_band
 
-_jit = nb.njit(cache=True, nogil=True, error_model="numpy")
+_jit = kernel(error_model="numpy")
 
 FACING = 0.6  # a face joins when its own normal is within acos(0.6) = 53 degrees of the chart axis: stretch up to 1.67,
 STEEPEST = 0.25  # or within 75 degrees while the smoothed normal is within 53: keeps the noise of scans inside a chart

@@ -6,12 +6,12 @@ charts come closer than twice the gutter. Long lists end in a sweep instead of a
 
 import math
 
-import numba as nb
 import numpy as np
 
+from ..kernel import kernel
 from .texel_cover import span_in_band
 
-_jit = nb.njit(cache=True, nogil=True, error_model="numpy")
+_jit = kernel(error_model="numpy")
 
 _ANGLES = 24  # directions tried over a quarter turn when a chart's smallest box is looked for
 _SEARCHED = 3000  # charts placed by search over the whole width; the smaller ones after them search a window at the sweep

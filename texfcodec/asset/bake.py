@@ -2,15 +2,15 @@
 
 from dataclasses import dataclass, field
 
-import numba as nb
 import numpy as np
 
 from ..errors import InputError
+from ..kernel import kernel
 from .atlas import Atlas, make_atlas
 from .scene import ALPHA_OPAQUE
 from .texel_cover import nearest_on_triangle, span_in_band
 
-_jit = nb.njit(cache=True, nogil=True, error_model="numpy")
+_jit = kernel(error_model="numpy")
 
 BLOCK = 1 << 19  # texels asked of the field at once: about 40 MB in flight
 

@@ -5,13 +5,14 @@ are no creases.
 """
 
 import numpy as np
-from numba import njit
+
+from ..kernel import kernel
 
 CREASE_COSINE = 0.7071  # faces meeting at more than 45 degrees keep an edge between them
 MOST_FACES = 256  # at a vertex; beyond that every face keeps its own normal
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _smooth(first, corner_of, face_normal, face_unit, out):
     """out float64 [3 F, 3]: for each corner, the sum of the normals around its vertex that are within the crease angle.
 

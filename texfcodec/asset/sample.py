@@ -3,8 +3,8 @@
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numba import njit
 
+from ..kernel import kernel
 from .scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_REPEAT
 
 CURVE_STEPS = 4096
@@ -62,7 +62,7 @@ def pack_source(scene, faces=None):
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _wrapped(i, size, mode):
     """Texel index of i under a wrap mode; size >= 1."""
     if mode == WRAP_CLAMP:
@@ -73,7 +73,7 @@ def _wrapped(i, size, mode):
     return i if i < size else 2 * size - 1 - i
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _texture_at(texels, table, t, u, v, out):
     """Bilinear texture value, 0..255 sRGB-coded, into out float64 [4]. The texel range is the table's own."""
     width, height = table[t, 1], table[t, 2]
@@ -89,7 +89,7 @@ def _texture_at(texels, table, t, u, v, out):
         out[c] = top * (1.0 - fv) + low * fv
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _source_at(source, f, b0, b1, b2, out):
     """Source RGBA at barycentric (b0, b1, b2) of face f into out float64 [4]: 0..255, colour sRGB-coded, alpha straight."""
     texels, table, material_texture, factor, opaque, face_material, uv, colour, to_linear, to_srgb = source
@@ -116,7 +116,7 @@ def _source_at(source, f, b0, b1, b2, out):
         out[3] = 255.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _sample(source, face_index, bary, out):
     rgba = np.empty(4, np.float64)
     for i in range(face_index.shape[0]):

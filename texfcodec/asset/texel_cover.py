@@ -6,9 +6,9 @@ a convenience for viewers, not part of the normative decode.
 
 import math
 
-import numba as nb
+from ..kernel import kernel
 
-_jit = nb.njit(cache=True, nogil=True, error_model="numpy")
+_jit = kernel(error_model="numpy")
 
 
 @_jit

@@ -1,8 +1,8 @@
 """Coding of one octree level of one slice, block by block (spec clause 7.2): the encoder's and the decoder's inner loop."""
 
 import numpy as np
-from numba import njit
 
+from ..kernel import kernel
 from .contexts import (
     _block_context,
     _cost,
@@ -20,17 +20,17 @@ from .range_coder import _dec_bit, _enc_bit
 ENERGY_SCALE = 16
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _stage(node):
     return 0 if node == 0 else (1 if node < 3 else 2)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _is_split(tree, node):
     return tree[2 * node + 1] != 0 and tree[2 * node + 2] != 0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _plane_energy(q, c0, c1, splits):
     total = np.int64(0)
     for node in range(SPLITS):
@@ -39,7 +39,7 @@ def _plane_energy(q, c0, c1, splits):
     return min(ENERGY_SCALE * total // (splits * (c1 - c0)), 255)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _choose_plane(scaled, tree, contexts, flag_ctx, c0, c1, level, strength, lagrangian, bits_of, q):
     """Rate-distortion optimised quantisation of one plane into q; returns whether anything is left of it.
 
@@ -83,7 +83,7 @@ def _choose_plane(scaled, tree, contexts, flag_ctx, c0, c1, level, strength, lag
     return 0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _enc_plane(state, out, contexts, tree, splits, c0, c1, level, strength, q):
     """Codes a plane that has a nonzero coefficient; the last flag is left out when all before it were zero (spec 7.5.3)."""
     left = splits * (c1 - c0)
@@ -106,7 +106,7 @@ def _enc_plane(state, out, contexts, tree, splits, c0, c1, level, strength, q):
                 large += 1 if magnitude > 1 else 0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _dec_plane(state, data, end, contexts, tree, splits, c0, c1, level, strength, q):
     """Mirror of _enc_plane: fills q for components c0..c1-1."""
     left = splits * (c1 - c0)
@@ -130,7 +130,7 @@ def _dec_plane(state, data, end, contexts, tree, splits, c0, c1, level, strength
                 large += 1 if abs(q[node, c]) > 1 else 0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _rebuild_children(child, p, tree, q, steps, parent_mean, predicted, flags, values, child_mean):
     """Writes the decoded means of a block's children, child being the first."""
     for c in range(parent_mean.shape[1]):
@@ -142,7 +142,7 @@ def _rebuild_children(child, p, tree, q, steps, parent_mean, predicted, flags, v
                 n += 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _copy_only_child(child, p, parent_mean, above, child_mean, energy):
     """A node with one child hands its mean and its energies on."""
     for c in range(parent_mean.shape[1]):
@@ -151,7 +151,7 @@ def _copy_only_child(child, p, parent_mean, above, child_mean, energy):
     energy[p, 1] = above[p, 1]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _enc_level(state, out, contexts, begin, end_node, level, steps, kernel, lagrangian, bits_of, first_child, occupancy,
                child_weight, table, above, energy, parent_mean, original, child_mean):
     """Codes the children of parents begin..end_node-1 and leaves their reconstruction in child_mean int64 [children, C].
@@ -196,7 +196,7 @@ def _enc_level(state, out, contexts, begin, end_node, level, steps, kernel, lagr
         _rebuild_children(child, p, tree, q, steps, parent_mean, predicted, flags, values, child_mean)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _dec_level(state, data, end, contexts, begin, end_node, level, steps, kernel, first_child, occupancy, child_weight, table,
                above, energy, parent_mean, child_mean):
     """Decodes the children of parents begin..end_node-1 into child_mean int64 [children, C] (spec 7.2).

@@ -5,8 +5,8 @@ block, of the neighbours decoded before on its own level and of the level above,
 """
 
 import numpy as np
-from numba import njit
 
+from ..kernel import kernel
 from .range_coder import _dec_bit, _dec_bypass, _enc_bit, _enc_bypass, _probability
 
 CLASSES = 7  # energy classes
@@ -24,7 +24,7 @@ CONTEXTS = UNARY_BASE + N_UNARY
 MAX_PREFIX = 24  # of the Exp-Golomb escape: |q| < 2**25 + 15; clipped when dequantised
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _class(e):
     """Energy class of 0 <= e (16 units per coefficient magnitude)."""
     if e == 0:
@@ -42,7 +42,7 @@ def _class(e):
     return 6
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _surroundings(p, first, table, energy, above, k, classes):
     """Fills classes[0] (own level, decoded neighbours) and classes[1] (level above) for plane k (0 luma, 1 chroma).
 
@@ -69,24 +69,24 @@ def _surroundings(p, first, table, energy, above, k, classes):
     classes[1] = _class((far + far_weight - 1) // far_weight)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _block_context(k, level, n_coefficients, flag, near, far):
     size = min(n_coefficients, 3) - 1
     return BLOCK_BASE + ((((k * LEVELS + level) * 3 + size) * 2 + flag) * CLASSES + near) * CLASSES + far
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _zero_context(c, level, stage, ones, strength, luma):
     """c: component; stage: 0..2; ones: nonzero coefficients so far in this component, capped at 2; luma: min(|q luma|, 2)."""
     return ZERO_BASE + ((((c * LEVELS + level) * 3 + stage) * 3 + min(ones, 2)) * CLASSES + strength) * 3 + min(luma, 2)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _more_context(c, strength, large):
     return MORE_BASE + (c * CLASSES + strength) * 3 + min(large, 2)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _enc_magnitude(state, out, contexts, c, strength, large, magnitude, sign):
     """Codes |q| >= 1 and its sign."""
     _enc_bypass(state, out, sign)
@@ -111,7 +111,7 @@ def _enc_magnitude(state, out, contexts, c, strength, large, magnitude, sign):
         _enc_bypass(state, out, (rest >> b) & 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _dec_magnitude(state, data, end, contexts, c, strength, large):
     """Mirror of _enc_magnitude: the signed value. A prefix that never ends stops at MAX_PREFIX."""
     sign = _dec_bypass(state, data, end)
@@ -134,14 +134,14 @@ def _dec_magnitude(state, data, end, contexts, c, strength, large):
     return -magnitude if sign else magnitude
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _cost(contexts, ctx, bit, bits_of):
     """Price of a symbol in 2**-8 bit, without coding it. bits_of: int64 [4097], -256 log2(i / 4096)."""
     p = _probability(contexts, ctx)
     return bits_of[(p if bit else 65536 - p) >> 4]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _magnitude_cost(contexts, c, strength, large, magnitude, bits_of):
     """Price of _enc_magnitude in 2**-8 bit."""
     cost = np.int64(256)

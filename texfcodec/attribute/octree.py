@@ -7,7 +7,8 @@ first_child[i] .. first_child[i + 1] - 1 of the next level, and occupancy[i] has
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+
+from ..kernel import kernel
 
 NEIGHBOURS = 27  # offset (dx, dy, dz) of entry 9 * (dx + 1) + 3 * (dy + 1) + dz + 1; entry 13 is the node itself
 
@@ -26,7 +27,7 @@ class Level:
         return len(self.octant)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _parents(keys, weight, parent_keys, first_child, occupancy, parent_weight):
     """Groups ascending keys by key >> 3; the output arrays are as long as keys. Returns the number of parents."""
     n = 0
@@ -58,7 +59,7 @@ def build_octree(keys, depth):
     return levels[::-1]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _ones(v):
     """Set bits of 0 <= v < 256."""
     v = v - ((v >> 1) & 0x55)
@@ -66,7 +67,7 @@ def _ones(v):
     return (v + (v >> 4)) & 15
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _neighbours(first_child, occupancy, parent_table, begin, end, table):
     """Neighbour table of the children of parents begin..end-1 (spec 7.1): entry -1 where no node exists.
 

@@ -5,7 +5,7 @@ those have been decoded before, of their children that touch the child. Seven we
 [parent, face parent, edge parent, corner parent, face child, edge child, corner child].
 """
 
-from numba import njit
+from ..kernel import kernel
 
 KERNEL_SIZE = 7
 # From smooth photographs to flat colours with sharp edges. BD-rate RGB against G-PCC over QP 28 and 40 on basket, scissors, cat,
@@ -15,7 +15,7 @@ KERNELS = ((64, 32, 4, 1, 48, 16, 4), (64, 24, 1, 0, 32, 8, 0), (64, 12, 0, 0, 1
 DEFAULT_KERNEL = KERNELS[1]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _predict(p, first, table, first_child, occupancy, parent_mean, child_mean, kernel, predicted):
     """Fills predicted int64 [8, C] for the children of parent p (spec 7.3.2).
 

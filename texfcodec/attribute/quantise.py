@@ -1,8 +1,7 @@
 """Quantiser steps and the scaling of coefficients (spec clause 7.4). As in G-PCC, step = 2**((QP - 4) / 6)."""
 
-from numba import njit
-
 from ..field.voxelise import _isqrt
+from ..kernel import kernel
 
 VALUE_FRACTION = 12  # fractional bits of attribute means
 GAIN_FRACTION = 17
@@ -19,7 +18,7 @@ def step_of(qp):
     return STEP_TABLE[qp % 6] << (qp // 6)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _gain(w1, w2):
     """Difference per unit of coefficient, sqrt((w1 + w2) / (w1 w2)), with 17 fractional bits, rounded down; below 2**17.6.
 
@@ -28,7 +27,7 @@ def _gain(w1, w2):
     return _isqrt(((w1 + w2) << (2 * GAIN_FRACTION)) // (w1 * w2))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _dequantise(q, step, w1, w2):
     """Difference (second minus first mean, 12 fractional bits) that coefficient q stands for (spec 7.4.2).
 

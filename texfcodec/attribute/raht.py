@@ -7,8 +7,8 @@ step that no rounding can drift away from: mean1 = mean - w2 d / (w1 + w2), mean
 """
 
 import numpy as np
-from numba import njit
 
+from ..kernel import kernel
 from .quantise import GAIN_FRACTION, _dequantise, _gain
 
 SPLITS = 7
@@ -16,7 +16,7 @@ SPLITS = 7
 EXACT_BELOW = 1 << 12
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _tree_weights(first, occupancy, weight, tree):
     """Fills tree int64 [15]: weights of the root (0), the halves along z (1, 2), y (3..6) and x (7..14 = octants), 0 where
     nothing is. Octant bit 0 is x, so leaf 7 + octant. first: first child; weight: int64, child weights. Returns the splits."""
@@ -32,7 +32,7 @@ def _tree_weights(first, occupancy, weight, tree):
     return child - first - 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _forward(tree, residual, component, values, scaled, step):
     """Encoder's transform of one component: residual float64 [8, C] -> scaled float64 [7, C], coefficients in steps.
 
@@ -54,7 +54,7 @@ def _forward(tree, residual, component, values, scaled, step):
             values[node] = v1 if w1 else v2
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _inverse(tree, q, component, mean, predicted, step, coded, values):
     """Children's means of one component, left in values[7:15] (spec 7.4.3).
 

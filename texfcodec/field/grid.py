@@ -7,8 +7,8 @@ voxel: 192 bytes a brick, about 3 bytes per voxel on a surface.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from ..kernel import kernel
 from .morton import _morton_key
 
 WORDS = 16
@@ -29,7 +29,7 @@ class BrickMap:
         return self.slots, self.bricks, self.words, self.ranks
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _brick_slot(brick, slots, bricks):
     mask = slots.shape[0] - 1
     slot = ((brick ^ (brick >> 15)) * 2654435 >> 4) & mask
@@ -38,7 +38,7 @@ def _brick_slot(brick, slots, bricks):
     return slot
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _fill(keys, slots, bricks, words, ranks):
     n = np.int64(-1)
     for i in range(keys.shape[0]):
@@ -53,7 +53,7 @@ def _fill(keys, slots, bricks, words, ranks):
         words[n, word] |= np.uint32(1 << (keys[i] & 31))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _ones32(v):
     """Set bits of 0 <= v < 2**32 held in an int64."""
     v = v - ((v >> 1) & 0x55555555)
@@ -63,7 +63,7 @@ def _ones32(v):
     return (v + (v >> 16)) & 63
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _rank(key, slots, bricks, words, ranks):
     """Rank of the voxel with this Morton key, -1 where it is not active."""
     b = slots[_brick_slot(key >> 9, slots, bricks)]
@@ -87,7 +87,7 @@ def build_brick_map(keys):
     return BrickMap(slots, bricks, words, ranks)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _rank_of_voxel(x, y, z, size, slots, bricks, words, ranks):
     """Rank of voxel (x, y, z), -1 outside the grid of `size` voxels a side or where it is not active."""
     if x < 0 or y < 0 or z < 0 or x >= size or y >= size or z >= size:

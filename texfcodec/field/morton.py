@@ -4,7 +4,8 @@ Bit 3i of a key is bit i of x, bit 3i+1 of y, bit 3i+2 of z. Indices are below 2
 """
 
 import numpy as np
-from numba import njit
+
+from ..kernel import kernel
 
 
 def spread(v):
@@ -24,11 +25,11 @@ def compact(v):
     return (v | (v >> 16)) & 0xFFFF
 
 
-_spread = njit(cache=True, nogil=True)(spread)
-_compact = njit(cache=True, nogil=True)(compact)
+_spread = kernel(spread)
+_compact = kernel(compact)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _morton_key(x, y, z):
     return _spread(x) | (_spread(y) << 1) | (_spread(z) << 2)
 

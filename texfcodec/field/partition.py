@@ -7,8 +7,8 @@ of the dominant normal component. Pieces that meet in a cell of 2x2x2 voxels get
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from ..kernel import kernel
 from .morton import _morton_key
 from .voxelise import _load_corners, _row, _triangle_frame, grid_coordinates
 
@@ -51,7 +51,7 @@ def face_directions(lattice, faces):
     return 2 * axis + (normal[np.arange(len(faces)), axis] < 0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _pair_slot(key, label, keys, labels):
     mask = keys.shape[0] - 1
     slot = ((((key ^ (key >> 17)) & 0xFFFFFFFF) * 2654435 >> 5) + label * 7919) & mask
@@ -60,7 +60,7 @@ def _pair_slot(key, label, keys, labels):
     return slot
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _cells(corners, faces, face_label, resolution, keys, labels):
     """Marks every (cell, label) the samples fall into; the tables double as needed. Returns (keys, labels) of the entries."""
     g, order = np.empty((3, 3), np.int64), np.empty(3, np.int64)

@@ -3,8 +3,8 @@
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numba import njit
 
+from ..kernel import kernel
 from .grid import _rank_of_voxel
 from .morton import decode_morton
 
@@ -12,7 +12,7 @@ SEARCH_RINGS = 3
 BLOCK = 1 << 16
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _nearest(x, y, z, size, slots, bricks, words, ranks):
     """Rank of the active voxel whose centre is nearest to (x, y, z), -1 where none is within SEARCH_RINGS + 0.5 (up to there
     the cube that is searched holds every candidate). Ties go to the first in x, then y, then z."""
@@ -29,7 +29,7 @@ def _nearest(x, y, z, size, slots, bricks, words, ranks):
     return found
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _query(points, size, slots, bricks, words, ranks, values, out, missed):
     """Trilinear answers into out float32 [M, C]; missed uint8 [M]: 1 where the nearest voxel answered, 2 where none was near."""
     sums = np.zeros(values.shape[1], np.float64)

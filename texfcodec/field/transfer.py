@@ -3,9 +3,9 @@
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numba import njit
 
 from ..asset.sample import _source_at
+from ..kernel import kernel
 from .grid import _rank
 from .morton import _morton_key
 from .voxelise import (
@@ -23,7 +23,7 @@ from .voxelise import (
 LEAST_WEIGHT = 1e-9  # of a sample without area, in voxel faces: lines and slivers get a colour too
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _gather(corners, faces, source, per_edge, resolution, low, high, axis, only_empty, slots, bricks, words, ranks, sums):
     """Adds the samples of one slab to sums float32 [N, 6]: alpha-weighted red, green, blue and weight, then alpha, weight.
 

@@ -9,9 +9,9 @@ transfer its surface points, so walk and accumulation are kept apart: `_triangle
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numba import njit
 
 from ..errors import LimitError
+from ..kernel import kernel
 from .morton import _morton_key
 
 GRID_FRACTION = 16  # fractional bits of a fixed grid coordinate
@@ -29,7 +29,7 @@ def grid_coordinates(lattice, position_bits, resolution):
     return (np.asarray(lattice, dtype=np.int64) * (resolution << GRID_FRACTION)) >> position_bits
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _isqrt(v):
     """floor(sqrt(v)) for 0 <= v < 2**62, by the digit-by-digit method: no float anywhere."""
     root = np.int64(0)
@@ -46,7 +46,7 @@ def _isqrt(v):
     return root
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _double_area(ux, uy, uz, vx, vy, vz):
     """Length of the cross product of two edges with |component| < 2**29.2, in units of 2**-32 voxel faces; < 2**61.
 
@@ -65,7 +65,7 @@ def _double_area(ux, uy, uz, vx, vy, vz):
     return _isqrt(cx * cx + cy * cy + cz * cz) << shift
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _precedes(g, a, b):
     for axis in range(3):
         if g[a, axis] != g[b, axis]:
@@ -73,13 +73,13 @@ def _precedes(g, a, b):
     return False
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _reach(g, a, b):
     """Chebyshev distance of corners a and b."""
     return max(abs(g[a, 0] - g[b, 0]), max(abs(g[a, 1] - g[b, 1]), abs(g[a, 2] - g[b, 2])))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _triangle_frame(g, per_edge, order):
     """Canonical frame of one triangle (spec 6.2). g: int64 [3, 3] fixed grid coordinates; order: int64 [3], filled with
     the corner numbers (base start, base end, apex). Returns (columns n, rows m, area per squared row count).
@@ -112,14 +112,14 @@ def _triangle_frame(g, per_edge, order):
     return columns, rows, area // (rows * rows)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _row_offset(columns, rows):
     """Height of a row above the lower edge of its band, in half bands (spec 6.3): in the middle, but on the edge itself for
     slivers, whose sides are so slanted that a row in the middle would leave their ends without samples."""
     return np.int64(0) if columns > 4 * rows else np.int64(1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _row(g, order, columns, rows, j, start, half_step):
     """Row j of a triangle (spec 6.3): fills start and half_step, int64 [3] with 32 fractional bits, returns the number of
     samples n_j. Sample i of the row lies at start + (2 i + 1) * half_step."""
@@ -133,7 +133,7 @@ def _row(g, order, columns, rows, j, start, half_step):
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _load_corners(corners, faces, f, g):
     """Fixed grid coordinates of face f into g int64 [3, 3]; voxelise() and transfer() have checked faces against corners."""
     for c in range(3):
@@ -141,7 +141,7 @@ def _load_corners(corners, faces, f, g):
             g[c, d] = corners[faces[f, c], d]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _misses_slab(g, axis, low, high):
     """Whether no sample of the triangle can have low <= voxel index[axis] < high. All divisions of a row round down, so a sample
     lies up to 2 * 2**-16 voxels below the triangle's least coordinate and never above its largest."""
@@ -150,7 +150,7 @@ def _misses_slab(g, axis, low, high):
     return first >= high or last < low
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _slot(key, keys):
     """Slot of key in an open-addressing table (its own, or the first free one): keys of one 4x4x4 brick lie side by side."""
     mask = keys.shape[0] - 1
@@ -161,7 +161,7 @@ def _slot(key, keys):
     return slot
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _grown(keys, weights):
     keys2 = np.full(keys.shape[0] * 2, -1, np.int64)
     weights2 = np.zeros(keys.shape[0] * 2, np.int64)
@@ -173,7 +173,7 @@ def _grown(keys, weights):
     return keys2, weights2
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _touched(corners, faces, resolution, low, high, axis, log2_slots, most):
     """Voxels of one slab low <= index[axis] < high: (keys int64 [n], weights int64 [n], n), keys in table order. Stops as soon
     as there are more than `most`, so that memory stays in proportion to that.
@@ -235,7 +235,7 @@ def _touched(corners, faces, resolution, low, high, axis, log2_slots, most):
     return out_keys, out_weights, used
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _count_samples(corners, faces, per_edge, counts):
     """Upper bound of the samples of every face into counts int64 [F]; returns their sum (saturating at 2**62)."""
     g = np.empty((3, 3), np.int64)

@@ -137,7 +137,7 @@ def _code_group(plane, keys, options):
     qp = [min(max(options.qp + (options.chroma_qp_offset if c else 0), 0), 63) for c in range(plane.shape[1])]
     values = forward_colour(plane) if colour else forward_plain(np.rint(plane))
     depth = octree_depth(options.resolution)
-    kernel = choose_kernel(keys, depth, values, qp, options.effort)
+    kernel = choose_kernel(keys, depth, values, qp, options.effort, options.threads)
     coded, means = enc_attributes(keys, depth, values, qp, kernel, options.threads)
     decoded = inverse_colour(means) if colour else inverse_plain(means)
     return {"codec_id": CODEC_RAHT, "values_crc": zlib.crc32(decoded), **raht_values(coded, colour)}

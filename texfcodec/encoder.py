@@ -101,7 +101,8 @@ def code_prepared(scene, prepared, options, report):
     face_field = np.full(len(scene.faces), -1, np.int64)
     face_field[surface.origin_face] = prepared.face_field
     report.facts.update(fields=len(fields), voxels=sum(len(f.keys) for f in fields), faces=stream.header["num_faces"],
-                        vertices=stream.header["num_vertices"], scene_face_field=face_field, partition=prepared.partition)
+                        vertices=stream.header["num_vertices"], scene_face_field=face_field, partition=prepared.partition,
+                        texels_per_voxel_edge=max((f.texels_per_edge for f in fields), default=0.0))
     return data, {"total": len(data), **sizes}
 
 

@@ -7,10 +7,11 @@ import numpy as np
 from ..asset.sample import pack_source
 from ..errors import LimitError
 from .grid import build_brick_map
-from .transfer import transfer, useful_density
-from .voxelise import count_samples, voxelise
+from .transfer import texels_per_edge, transfer
+from .voxelise import SAMPLES_PER_EDGE, count_samples, voxelise
 
-# Most samples per voxel edge of the transfer, by effort; 3 saves 1.2 % of the bits over 2, 4 saves 2 %, 6 saves 2.2 % (basket)
+# Two samples per texel along a voxel edge, but no more than this many, by effort; 3 saves 1.2 % of the bits over 2, 4 saves 2 %,
+# 6 saves 2.2 % (basketball player)
 TRANSFER_DENSITY = {"fast": 2, "balanced": 4, "best": 6}
 MOST_DROPPED = 0.1  # share of the surface that the area threshold may leave without a voxel of its own
 
@@ -18,12 +19,14 @@ MOST_DROPPED = 0.1  # share of the surface that the area threshold may leave wit
 @dataclass
 class SourceField:
     """A field before coding. keys: int64 [N] ascending; threshold: the area threshold they were kept by; colour: float32 [N, 3]
-    sRGB-coded 0..255; alpha: float32 [N] 0..255."""
+    sRGB-coded 0..255; alpha: float32 [N] 0..255; texels_per_edge: how much finer
+    than the voxels the textures are."""
 
     keys: np.ndarray
     threshold: int
     colour: np.ndarray
     alpha: np.ndarray
+    texels_per_edge: float
 
 
 def active_voxels(lattice, faces, position_bits, options):
@@ -48,6 +51,7 @@ def source_field(scene, surface, mine, decoded, options, report):
     with report.stage("transfer"):
         source = pack_source(scene, surface.origin_face[mine])
         textured = (surface.lattice, surface.faces[mine], source, bits, options.resolution)
-        density = useful_density(*textured, most=TRANSFER_DENSITY[options.effort])
+        texels = texels_per_edge(*textured)
+        density = int(np.clip(np.ceil(2 * texels), SAMPLES_PER_EDGE, TRANSFER_DENSITY[options.effort]))
         colour, alpha = transfer(*textured, keys, build_brick_map(keys), density, options.threads)
-    return SourceField(keys, threshold, colour, alpha)
+    return SourceField(keys, threshold, colour, alpha, texels)

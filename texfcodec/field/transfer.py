@@ -91,11 +91,8 @@ def face_areas(lattice, faces):
     return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
 
-def useful_density(lattice, faces, source, position_bits, resolution, most):
-    """Samples per voxel edge that the textures are worth: two per texel, from SAMPLES_PER_EDGE up to `most`.
-
-    Arguments as in transfer(). Faces without texture need no more than the voxelisation takes.
-    """
+def texels_per_edge(lattice, faces, source, position_bits, resolution):
+    """Texels along a voxel edge, in the mean over the surface; 0 where nothing is textured. Arguments as in transfer()."""
     _, textures, material_texture, _, _, face_material, uv, *_ = source
     texture = material_texture[face_material]
     voxel_faces = face_areas(lattice, faces).sum() * (resolution / (1 << position_bits)) ** 2
@@ -103,8 +100,7 @@ def useful_density(lattice, faces, source, position_bits, resolution, most):
     with np.errstate(all="ignore"):
         per_face = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2 * textures[texture, 1] * textures[texture, 2]
     texels = float(np.where((texture >= 0) & np.isfinite(per_face), per_face, 0).sum())
-    per_edge = min(np.sqrt(texels / max(voxel_faces, 1e-9)), 1e6)
-    return int(np.clip(np.ceil(2 * per_edge), SAMPLES_PER_EDGE, most))
+    return min(float(np.sqrt(texels / max(voxel_faces, 1e-9))), 1e6)
 
 
 def transfer(lattice, faces, source, position_bits, resolution, keys, brick_map, per_edge=SAMPLES_PER_EDGE, threads=1):

@@ -52,6 +52,14 @@ def test_without_a_home_the_cache_stays_with_the_package(monkeypatch):
     assert PACKAGE in cache_folder().parents
 
 
+def test_a_cache_that_cannot_be_made_is_passed_over(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "next"))
+    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "next"))
+    assert cache_folder() == tmp_path / "next" / "texfcodec" / fingerprint()
+
+
 def test_only_the_kernel_room_asks_numba():
     asking = [path for path in PACKAGE.rglob("*.py") for node in ast.walk(ast.parse(path.read_text()))
               if isinstance(node, ast.Import | ast.ImportFrom)

@@ -22,16 +22,33 @@ def fingerprint():
     return total.hexdigest()[:16]
 
 
+def _bases():
+    """Places for the cache, best first. None of them may be writable by others: cached kernels are code."""
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    if given:
+        yield Path(given)
+    users = os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_CACHE_HOME")
+    if users:
+        yield Path(users)
+    try:
+        yield Path.home() / ".cache"
+    except RuntimeError:  # no home directory
+        pass
+    yield PACKAGE / "__pycache__"
+
+
 def cache_folder():
-    """Where compiled kernels are kept: a folder of this state of the package in NUMBA_CACHE_DIR, else in the user's cache."""
-    base = os.environ.get("NUMBA_CACHE_DIR")
-    if not base:
-        home = os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_CACHE_HOME")
+    """Where compiled kernels are kept: a folder of this state of the package in NUMBA_CACHE_DIR, else in the user's cache, else
+    beside the sources; made where it is not there yet."""
+    for base in _bases():
+        folder = base / "texfcodec" / fingerprint()
         try:
-            base = Path(home) if home else Path.home() / ".cache"
-        except RuntimeError:  # no home directory
-            base = PACKAGE / "__pycache__"  # never a folder that others may write to: cached kernels are code
-    return Path(base) / "texfcodec" / fingerprint()
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(folder, os.W_OK):
+            break
+    return folder
 
 
 def kernel(function=None, **options):

@@ -15,8 +15,9 @@ PACKAGE = Path(__file__).parent
 
 @lru_cache(maxsize=1)
 def fingerprint():
-    """Hash over every source file of the package, 16 hexadecimal digits; takes a few milliseconds."""
-    total = hashlib.sha256()
+    """Hash over the place and every source file of the package, 16 hexadecimal digits; takes a few milliseconds. The place
+    counts because numba does not share kernels between installations either."""
+    total = hashlib.sha256(str(PACKAGE).encode())
     for path in sorted(PACKAGE.rglob("*.py")):
         total.update(path.relative_to(PACKAGE).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return total.hexdigest()[:16]

@@ -17,7 +17,7 @@ from .decoder import field_surface, voxels_crc
 from .errors import InputError, LimitError
 from .field.prepare import SourceField, source_field
 from .field.trial import choose_fields
-from .geometry.draco import dec_geometry, enc_geometry
+from .geometry.draco import counts_of, dec_geometry, enc_geometry
 from .geometry.surface import Surface, make_surface
 from .options import EncodeOptions
 from .report import Report
@@ -115,21 +115,13 @@ def _code_geometry(surface, face_field):
         used, local = np.unique(surface.faces[mine], return_inverse=True)
         data = enc_geometry(surface.lattice[used], local.reshape(-1, 3), surface.cube.position_bits)
         number, material = int(face_field[mine[0]]), int(surface.material[mine[0]])
-        lattice, faces = _decode_own(data, surface.cube.position_bits)
+        lattice, faces = dec_geometry(data, *counts_of(data), surface.cube.position_bits)
         if len(faces) != len(mine):
             raise InputError("TXF-I62", "Draco changed the number of faces", value=len(faces), allowed=len(mine))
         values.append({"field_index": number, "material_index": material, "unit_vertices": len(lattice), "unit_faces": len(faces),
                        "draco_data": data})
         units.append(GeometryUnit(number, material, lattice, faces))
     return values, units
-
-
-def _decode_own(data, position_bits):
-    """Decodes what enc_geometry made; only Draco knows how many vertices it made of ours."""
-    import DracoPy
-
-    mesh = DracoPy.decode(data)
-    return dec_geometry(data, len(mesh.points), len(mesh.faces), position_bits)
 
 
 def _code_group(plane, keys, options):

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from .srgb import srgb_to_linear
+
 
 def unique_corners(*keys):
     """Merge corners that agree in every key; the first key is the outermost order of the result.
@@ -43,8 +45,6 @@ def linear_u16(rgba):
         out = table[:, 0][rgba]
         out[:, 3] = rgba[:, 3].astype(np.uint16) * 257
         return out
-    from .sample import srgb_to_linear
-
     unit = np.clip(np.nan_to_num(rgba.astype(np.float64)), 0.0, 255.0) / 255.0
     unit[:, :3] = srgb_to_linear(unit[:, :3])
     return np.rint(unit * 65535.0).astype(np.uint16)

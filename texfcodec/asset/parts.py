@@ -6,6 +6,7 @@ import numpy as np
 
 from ..errors import InputError, LimitError
 from .scene import Scene
+from .srgb import srgb_to_linear
 
 MAX_FACES = 1 << 26  # instancing lets a small file ask for any number; beyond this no machine we know would follow
 UV_OUTLIER = 1e6
@@ -54,13 +55,6 @@ class Part:
     uv: np.ndarray | None = None
     color: np.ndarray | None = None
     label: str = "mesh"
-
-
-def srgb_to_linear(coded):
-    """float array in [0, 1], sRGB-coded -> linear, same shape, float32 (IEC 61966-2-1)."""
-    coded = np.clip(np.asarray(coded, np.float64), 0.0, 1.0)
-    low = coded <= 0.04045
-    return np.where(low, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
 def linear_rgba(coded):

@@ -6,21 +6,10 @@ import numpy as np
 
 from ..kernel import kernel
 from .scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_REPEAT
+from .srgb import linear_to_srgb, srgb_to_linear
 
 CURVE_STEPS = 4096
 BLOCK = 1 << 16
-
-
-def srgb_to_linear(v):
-    """sRGB-coded 0..1 to linear 0..1, float64, any shape."""
-    v = np.asarray(v, np.float64)
-    return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
-
-
-def linear_to_srgb(v):
-    """Linear 0..1 to sRGB-coded 0..1, float64, any shape."""
-    v = np.asarray(v, np.float64)
-    return np.where(v <= 0.0031308, v * 12.92, 1.055 * np.maximum(v, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
 def pack_source(scene, faces=None):

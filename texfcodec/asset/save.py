@@ -33,13 +33,13 @@ def save(texf, path, appearance=None, texture_size=None, atlas="auto"):
         raise InputError("TXF-O05", "the file name must end in a known suffix", value=path.suffix, allowed=" ".join(SUFFIXES))
     if appearance not in (None, *APPEARANCES):
         raise InputError("TXF-O06", "appearance not known", value=appearance, allowed=" ".join(APPEARANCES))
-    _check_target(path)
+    check_target(path)
     warnings = []
     if suffix == ".ply" and appearance == "texture":
         warnings.append("PLY has no texture here: vertex colours are written")
     appearance = ("vertex" if suffix == ".ply" else "texture") if appearance is None else appearance
     files = _WRITERS[suffix](texf, path, appearance, (texture_size, atlas), warnings)
-    _write_all(path.parent, files)
+    write_all(path.parent, files)
     return {"warnings": warnings, "files": [name for name, _ in files]}
 
 
@@ -162,7 +162,7 @@ def _png(texf, baked):
     return out.getvalue()
 
 
-def _check_target(path):
+def check_target(path):
     """Refuse hopeless paths before minutes of baking."""
     if not path.parent.is_dir():
         raise InputError("TXF-O01", "no such directory", path=str(path.parent))
@@ -170,7 +170,7 @@ def _check_target(path):
         raise InputError("TXF-O02", "cannot write there", path=str(path))
 
 
-def _write_all(folder, files):
+def write_all(folder, files):
     """Write all files under temporary names, then rename them in order (main file last); remove the temporaries on failure.
 
     files: [(name, pieces)], pieces being bytes-like items or a function of the open file.
@@ -187,14 +187,15 @@ def _write_all(folder, files):
         for temporary, final in names:
             os.replace(temporary, final)
     except OSError as error:
-        raise _as_input_error(error, names[-1][1]) from error
+        raise as_input_error(error, names[-1][1]) from error
     finally:
         for temporary, _ in names:
             with contextlib.suppress(OSError):
                 temporary.unlink(missing_ok=True)
 
 
-def _as_input_error(error, path):
+def as_input_error(error, path):
+    """The InputError (TXF-O01 to O04) that an OSError while writing path, a Path, stands for."""
     if error.errno in (errno.ENOENT, errno.ENOTDIR):
         return InputError("TXF-O01", "no such directory", path=str(path.parent))
     if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.EISDIR):

@@ -197,18 +197,18 @@ def read_stream_file(path, limits):
 
 def check_output(path):
     """Refuses a hopeless path before any work is done; "-" and devices are fine."""
-    from ..asset.save import _check_target
+    from ..asset.save import check_target
 
     if path != "-" and not _is_device(path):
-        _check_target(Path(path))
+        check_target(Path(path))
 
 
 def write_output(path, data):
     """Writes bytes to stdout ("-"), to a device, or to a temporary name beside the path that is then renamed."""
-    from ..asset.save import _as_input_error, _write_all
+    from ..asset.save import as_input_error, write_all
 
     if path != "-" and not _is_device(path):
-        _write_all(Path(path).parent, [(Path(path).name, [data])])
+        write_all(Path(path).parent, [(Path(path).name, [data])])
         return
     try:
         if path == "-":
@@ -220,7 +220,7 @@ def write_output(path, data):
     except BrokenPipeError:
         raise InputError("TXF-C03", "nobody reads the output any more", path=path) from None
     except OSError as error:
-        raise _as_input_error(error, Path(path)) from None
+        raise as_input_error(error, Path(path)) from None
 
 
 def _is_device(path):

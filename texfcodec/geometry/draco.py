@@ -25,8 +25,8 @@ def enc_geometry(lattice, faces, position_bits):
         raise InputError("TXF-I62", f"Draco cannot code this mesh: {error}") from error
 
 
-def _check_header(data, vertices, faces, offset):
-    """The Draco header must be the one form the specification allows and name our own counts (spec 5.6)."""
+def counts_of(data, offset=0):
+    """(vertices, faces) as the Draco header names them, which must be of the one form that the specification allows (5.6)."""
     if bytes(data[: len(_HEADER)]) != _HEADER:
         raise StreamError("TXF-S20", "the Draco substream is not an edgebreaker mesh of version 2.2", clause="5.6", offset=offset)
     reader = Reader(data, len(_HEADER), len(data), offset)
@@ -35,9 +35,7 @@ def _check_header(data, vertices, faces, offset):
     coded_faces = reader.read_v("draco face count", "5.6")
     if traversal not in (0, 2):
         raise StreamError("TXF-S20", "unknown Draco traversal", clause="5.6", offset=offset, value=traversal)
-    if coded_faces != faces or coded_vertices != vertices:
-        raise StreamError("TXF-S21", "the Draco substream's counts are not the unit's", clause="5.6", offset=offset,
-                          value=[coded_vertices, coded_faces], allowed=[vertices, faces])
+    return coded_vertices, coded_faces
 
 
 def dec_geometry(data, vertices, faces, position_bits, offset=0):
@@ -47,7 +45,10 @@ def dec_geometry(data, vertices, faces, position_bits, offset=0):
     """
     import DracoPy
 
-    _check_header(data, vertices, faces, offset)
+    counts = counts_of(data, offset)
+    if counts != (vertices, faces):
+        raise StreamError("TXF-S21", "the Draco substream's counts are not the unit's", clause="5.6", offset=offset,
+                          value=list(counts), allowed=[vertices, faces])
     try:
         mesh = DracoPy.decode(bytes(data))
     except Exception as error:

@@ -7,7 +7,7 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
 
 .DELETE_ON_ERROR:
-.PHONY: demo test bench conformance vectors spec-tables install clean
+.PHONY: demo test bench anchor attribute-tools conformance vectors spec-tables install clean
 
 demo: install
 	$(PY) -m texfcodec.demo
@@ -21,6 +21,14 @@ conformance: install
 
 bench: install
 	$(PY) -m pytest -q bench --benchmark-only
+
+# Voxel clouds with anchor results, see tools/anchor_bdrate.py: make anchor CLOUDS=folder [EFFORT=best]. JSON on stdout.
+anchor: install
+	@$(PY) tools/anchor_bdrate.py --clouds "$(CLOUDS)" $(if $(EFFORT),--effort $(EFFORT)) --json
+
+# What each tool of the attribute codec is worth, a Markdown table: make attribute-tools CLOUDS=folder [EFFORT=best] [OUT=file]
+attribute-tools: install
+	@$(PY) tools/attribute_tools.py --clouds "$(CLOUDS)" $(if $(EFFORT),--effort $(EFFORT)) $(if $(OUT),--out "$(OUT)")
 
 # The two targets below rewrite committed files; nothing else does.
 vectors: install

@@ -12,21 +12,22 @@ from naive import oracles
 
 from texfcodec.attribute import codec as codec_room
 from texfcodec.attribute.blocks import _plane_energy
-from texfcodec.attribute.codec import dec_attributes, enc_attributes
+from texfcodec.attribute.codec import Tools, dec_attributes, enc_attributes
 from texfcodec.attribute.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
 from texfcodec.attribute.contexts import (
     CONTEXTS,
     _class,
+    _classes,
     _dec_magnitude,
     _enc_magnitude,
     _magnitude_cost,
     _surroundings,
 )
 from texfcodec.attribute.layout import codeword_count, level_count, octree_depth
-from texfcodec.attribute.octree import NEIGHBOURS, _neighbours, _ones, build_octree, root_table
-from texfcodec.attribute.prediction import DEFAULT_KERNEL, _predict
+from texfcodec.attribute.octree import CELLS, NEIGHBOURS, _neighbours, _ones, build_octree, root_table
+from texfcodec.attribute.prediction import DEFAULT_KERNEL, _predict, inverse_range
 from texfcodec.attribute.quantise import MAX_DIFFERENCE, MAX_MEAN, STEP_TABLE, _dequantise, step_of
-from texfcodec.attribute.raht import _forward, _inverse, _tree_weights
+from texfcodec.attribute.raht import _forward, _inverse, _tree_weights, _weighted_mean
 from texfcodec.attribute.range_coder import (
     PENDING,
     POS,
@@ -112,20 +113,25 @@ def test_codeword_and_level_counts_follow_the_slicing():
 KERNELS = [DEFAULT_KERNEL, (1, 0, 0, 0, 0, 0, 0), (255,) * 7, (7, 3, 2, 1, 30, 20, 9)]
 
 
+@pytest.mark.parametrize("colour_range", [0, 1, 255])
+@pytest.mark.parametrize("components", [1, 3])
 @pytest.mark.parametrize("seed,kernel", list(enumerate(KERNELS)))
-def test_predictions_are_the_oracles_for_every_node_and_two_slice_starts(seed, kernel):
-    rng, depth = np.random.default_rng(seed), 3
+def test_predictions_are_the_oracles_for_every_node_and_two_slice_starts(seed, kernel, components, colour_range):
+    rng, depth, step = np.random.default_rng(seed), 3, step_of(40)
     keys = random_keys(rng, depth, 220)
     levels = build_octree(keys, depth)
     parents, children = (list(oracles.level_nodes(keys.tolist(), depth, d)) for d in (depth - 1, depth))
     table = np.array(oracles.neighbours(parents), np.int32)
-    parent_mean, child_mean = (rng.integers(-MAX_MEAN, MAX_MEAN + 1, (len(v), 3)).astype(np.int32) for v in (parents, children))
+    parent_mean, child_mean = (rng.integers(-MAX_MEAN, MAX_MEAN + 1, (len(v), components)).astype(np.int32)
+                               for v in (parents, children))
+    weight, cells, cell_weight = (np.full(n, -99, np.int64) for n in (NEIGHBOURS, CELLS, CELLS))
     for first in (0, len(parents) // 2):
         for p in range(first, len(parents), 3):
-            got = np.zeros((8, 3), np.int64)
+            got = np.full((8, components), -99, np.int64)
             _predict(p, first, table, levels[depth - 1].first_child, levels[depth - 1].occupancy, parent_mean, child_mean,
-                     np.array(kernel, np.int64), got)
-            expected = oracles.predict(p, first, parents, children, parent_mean.tolist(), child_mean.tolist(), kernel)
+                     np.array(kernel, np.int64), inverse_range(colour_range, step), weight, cells, cell_weight, got)
+            expected = oracles.predict(p, first, parents, children, parent_mean.tolist(), child_mean.tolist(), kernel,
+                                       colour_range, step)
             assert {octant: got[octant].tolist() for octant in expected} == expected
 
 
@@ -177,14 +183,18 @@ def by_octant(values, weights):
     return {o: int(values[o]) for o in weights}
 
 
+def rebuilt(weights, q, mean, predicted, step):
+    """Means of a block's children by octant, as _rebuild_children puts them together; q, predicted: of one component."""
+    tree, values, predicted = tree_of(weights), np.full((15, 1), -99, np.int64), np.array(predicted, np.int64)[:, None]
+    _inverse(tree, np.array(q, np.int64)[:, None], 0, mean - _weighted_mean(tree, predicted, 0), step, values)
+    return by_octant(values[7:, 0] + predicted[:, 0], weights)
+
+
 @settings(deadline=None, max_examples=200)
 @given(BLOCK, st.lists(MEAN, min_size=8, max_size=8), MEAN, st.lists(MAGNITUDE, min_size=7, max_size=7), st.integers(0, 63))
 def test_a_rebuilt_block_is_the_oracles_and_within_two_ulp_of_exact_fractions(weights, predicted, mean, q, qp):
-    tree, values = tree_of(weights), np.zeros(15, np.int64)
-    coefficients = np.array(q, np.int64)[:, None]
-    _inverse(tree, coefficients, 0, mean, np.array(predicted, np.int64)[:, None], step_of(qp), 1, values)
     args = weights, dict(enumerate(q)), mean, by_octant(predicted, weights), step_of(qp)
-    got = by_octant(values[7:], weights)
+    got = rebuilt(weights, q, mean, predicted, step_of(qp))
     assert got == oracles.inverse(*args)
     exact = oracles.inverse(*args, exact=True)
     assert max(abs(got[o] - exact[o]) for o in weights) <= ULP_PER_LEVEL
@@ -195,9 +205,7 @@ def test_a_rebuilt_block_is_the_oracles_and_within_two_ulp_of_exact_fractions(we
 @settings(deadline=None, max_examples=100)
 @given(BLOCK, st.lists(MEAN, min_size=8, max_size=8), MEAN)
 def test_a_block_without_coefficients_keeps_its_mean_within_half_an_ulp(weights, predicted, mean):
-    tree, values = tree_of(weights), np.zeros(15, np.int64)
-    _inverse(tree, np.zeros((7, 1), np.int64), 0, mean, np.array(predicted, np.int64)[:, None], step_of(30), 0, values)
-    got, total = by_octant(values[7:], weights), sum(weights.values())
+    got, total = rebuilt(weights, [0] * 7, mean, predicted, step_of(30)), sum(weights.values())
     assert got == oracles.inverse(weights, {}, mean, by_octant(predicted, weights), step_of(30))
     assert abs(sum(Fraction(weights[o] * got[o], total) for o in weights) - mean) <= Fraction(1, 2)
 
@@ -222,7 +230,7 @@ def test_thirteen_levels_of_fixed_point_stay_within_26_ulp_of_exact_rationals():
     """The whole inverse, prediction 0 as in plain RAHT: 2 ulp a level at most, so 26 of 4096 parts of a grey level."""
     rng, depth = np.random.default_rng(13), 13
     keys = np.unique(np.concatenate([random_keys(rng, depth, 60), random_keys(rng, 3, 60)]))
-    levels, values = build_octree(keys, depth), np.zeros(15, np.int64)
+    levels = build_octree(keys, depth)
     fixed, exact = [123457], [Fraction(123457)]
     for d in range(depth):
         below = levels[d + 1].weight
@@ -231,11 +239,10 @@ def test_thirteen_levels_of_fixed_point_stay_within_26_ulp_of_exact_rationals():
             child, occupancy = int(levels[d].first_child[p]), int(levels[d].occupancy[p])
             weights = {o: int(below[child + i]) for i, o in enumerate(o for o in range(8) if occupancy >> o & 1)}
             q = rng.integers(-40, 41, 7)
-            _inverse(tree_of(weights), q[:, None], 0, fixed[p], np.zeros((8, 1), np.int64), step_of(10), 1, values)
-            next_fixed += [int(values[7 + o]) for o in weights]
+            next_fixed += rebuilt(weights, q, fixed[p], [0] * 8, step_of(10)).values()
             zeros = dict.fromkeys(weights, 0)
-            rebuilt = oracles.inverse(weights, dict(enumerate(q.tolist())), exact[p], zeros, step_of(10), exact=True)
-            next_exact += [rebuilt[o] for o in weights]
+            expected = oracles.inverse(weights, dict(enumerate(q.tolist())), exact[p], zeros, step_of(10), exact=True)
+            next_exact += [expected[o] for o in weights]
         fixed, exact = next_fixed, next_exact
     worst = max(abs(a - b) for a, b in zip(fixed, exact, strict=True))
     assert len(fixed) == len(keys) and 0 < worst <= ULP_PER_LEVEL * depth
@@ -370,11 +377,12 @@ def test_surroundings_are_the_oracles_for_every_block_and_plane(seed):
     rng = np.random.default_rng(seed)
     nodes = list(oracles.level_nodes(random_keys(rng, 3, 160).tolist(), 3, 3))
     energy, above = (rng.integers(0, 256, (len(nodes), 2)).astype(np.uint8) >> rng.integers(0, 8) for _ in range(2))
-    table, classes = np.array(oracles.neighbours(nodes), np.int32), np.zeros(2, np.int64)
+    table, classes, sums = np.array(oracles.neighbours(nodes), np.int32), np.zeros(2, np.int64), np.zeros(6, np.int64)
     for first in (0, len(nodes) // 3):
         for p in range(first, len(nodes)):
+            _surroundings(p, first, table, energy, above, sums)
             for k in range(2):
-                _surroundings(p, first, table, energy, above, k, classes)
+                _classes(sums, k, classes)
                 expected = oracles.surroundings(p, first, nodes, energy[:, k].tolist(), above[:, k].tolist())
                 assert tuple(classes.tolist()) == expected
 
@@ -390,9 +398,9 @@ def test_energies_are_sixteen_times_the_mean_magnitude_up_to_255(values, splits)
 # The codec
 
 
-def round_trip(keys, depth, values, qp, threads=1):
+def round_trip(keys, depth, values, qp, threads=1, tools=None):
     """Encodes, checks that the decoder has what the encoder said it would, returns (coded, means)."""
-    coded_unit, expected = enc_attributes(keys, depth, values, qp, DEFAULT_KERNEL, threads)
+    coded_unit, expected = enc_attributes(keys, depth, values, qp, tools, threads)
     means = decode(keys, depth, coded_unit, depth, threads)
     np.testing.assert_array_equal(means, expected)
     return coded_unit, means
@@ -519,15 +527,18 @@ def test_very_few_voxels_come_back(count, depth):
 def test_any_values_on_any_voxels_decode_to_what_the_encoder_has(data):
     depth = data.draw(st.integers(0, 5))
     keys = np.array(sorted(data.draw(st.sets(st.integers(0, 8**depth - 1), min_size=1, max_size=60))))
-    components = data.draw(st.sampled_from([1, 2, 3]))
+    components = data.draw(st.sampled_from([1, 3]))
+    tools = Tools(colour_range=data.draw(st.sampled_from([0, 5])), models=data.draw(st.integers(0, 8)),
+                  filters=data.draw(st.integers(0, 3)))
     seed, qp = data.draw(st.integers(0, 999)), data.draw(st.lists(st.integers(0, 63), min_size=components, max_size=components))
     low, high = data.draw(st.sampled_from([(0, 256), (100, 101), (-128, 128)]))
     values = np.random.default_rng(seed).integers(low * UNIT, high * UNIT, (len(keys), components)).astype(np.int32)
-    _, means = round_trip(keys, depth, values, qp)
+    _, means = round_trip(keys, depth, values, qp, tools=tools)
     assert means.shape == values.shape
 
 
 def sliced(monkeypatch, voxels=300, nodes=16):
+    monkeypatch.setattr(codec_room, "WHOLE_VOXELS", 1)
     monkeypatch.setattr(codec_room, "SLICE_VOXELS", voxels)
     monkeypatch.setattr(codec_room, "SLICE_NODES", nodes)
 
@@ -578,11 +589,11 @@ def test_slices_that_begin_past_the_last_node_are_refused(monkeypatch):
 
 
 @settings(deadline=None, max_examples=60)
-@given(st.binary(max_size=200), st.integers(0, 63), st.integers(1, 3))
+@given(st.binary(max_size=200), st.integers(0, 63), st.sampled_from([1, 3]))
 def test_any_bytes_decode_to_means_in_range(data, qp, components):
     keys = surface_keys(3)
     kernel, root = [1, *[255] * 6], [1 << 20] * components
-    unit = codec_room.CodedAttributes([qp] * components, kernel, root, 0, [0], [data], [])
+    unit = codec_room.CodedAttributes([qp] * components, kernel, 0, 0, [], root, 0, [0], [data], [])
     means = decode(keys, 3, unit, 3)
     assert np.abs(means).max() <= MAX_MEAN
 
@@ -591,12 +602,12 @@ def test_any_bytes_decode_to_means_in_range(data, qp, components):
 def test_a_difference_of_100_levels_between_two_large_halves_comes_back_within_a_tenth_at_step_1(weight):
     """Nothing below the root can repair the means of its halves, so an error here tints half of the surface."""
     tree = tree_of({0: weight, 4: weight})
-    residual, scaled, values = np.zeros((8, 1)), np.zeros((7, 1)), np.zeros(15, np.int64)
+    residual, scaled, values = np.zeros((8, 1)), np.zeros((7, 1)), np.zeros((15, 1), np.int64)
     residual[0], residual[4] = -50.0 * UNIT, 50.0 * UNIT
     _forward(tree, residual, 0, np.zeros(15), scaled, float(step_of(4)))
     q = np.rint(scaled).astype(np.int64)
-    _inverse(tree, q, 0, 0, np.zeros((8, 1), np.int64), step_of(4), 1, values)
-    assert abs(values[7 + 4] - values[7] - 100 * UNIT) <= 0.1 * UNIT
+    _inverse(tree, q, 0, 0, step_of(4), values)
+    assert abs(values[7 + 4, 0] - values[7, 0] - 100 * UNIT) <= 0.1 * UNIT
 
 
 # Colour

@@ -36,7 +36,8 @@ from texfcodec.bitstream.walk import Reader, read_structure, write_structure, wr
 from texfcodec.errors import LimitError, StreamError, SupportError, TexfError
 from texfcodec.limits import Limits
 
-FIXED = {"u8": (0, 255), "u16": (0, 65535), "u32": (0, 2**32 - 1), "i32": (-(2**31), 2**31 - 1), "v": (0, V_MAX)}
+FIXED = {"u8": (0, 255), "u16": (0, 65535), "u32": (0, 2**32 - 1), "i8": (-128, 127), "i32": (-(2**31), 2**31 - 1),
+         "v": (0, V_MAX)}
 GIVEN = {"num_materials": 3, "num_channel_groups": 2, "resolution": 40, "NumComponents": 3, "level_index": 1, "NumLevels": 4}
 COUNTS = {"num_materials", "num_channel_groups", "num_slices", "name_length", "slice_level"}  # kept small: they make arrays
 CHARACTERS = st.characters(exclude_categories=["Cs"])
@@ -80,7 +81,14 @@ def draw_values(data, structure, values):
 def read(structure, data, known, trace=None):
     reader = Reader(data, 0, len(data))
     out = read_structure(structure, reader, dict(known), trace)
-    return {e.name: out[e.name] for e in structure.elements if not isinstance(e, Derived)}, reader.position
+    return own_elements(structure, out), reader.position
+
+
+def own_elements(structure, values):
+    """What was read without the variables that follow from it, in nested structures too."""
+    nested = {e.name: e.descriptor for e in structure.elements if isinstance(e, Element) and isinstance(e.descriptor, Structure)}
+    return {e.name: [own_elements(nested[e.name], v) for v in values[e.name]] if e.name in nested else values[e.name]
+            for e in structure.elements if isinstance(e, Element)}
 
 
 @pytest.mark.parametrize("structure", STRUCTURES, ids=lambda s: s.name)
@@ -230,7 +238,9 @@ GROUPS = [{"group_semantic": 0, "group_transfer": 1, "group_components": 3},
 def attribute(field, group, components, codewords=((5, (4, 1, 0)),)):
     """Values of an attribute unit on a field of resolution 8 without slices."""
     return {"field_index": field, "group_index": group, "codec_id": 0, "values_crc": 7, "colour_transform": 0,
-            "qp": [20] * components, "kernel": [9, 0, 1, 2, 3, 4, 5], "root_mean": [-5] * components, "slice_level": 0,
+            "qp": [20] * components, "kernel": [9, 0, 1, 2, 3, 4, 5], "colour_range": 5, "num_models": 6, "num_filters": 1,
+            "filters": [{"filter_mask": 0b10010, "filter_coefficients": [-128, 127, 0, 1, -1, 3]}],
+            "root_mean": [-5] * components, "slice_level": 0,
             "num_slices": None, "slice_step": [], "level_index": 1,
             "codewords": [{"codeword_length": n, "level_bytes": list(b)} for n, b in codewords],
             "codeword_data": bytes(sum(n for n, _ in codewords))}
@@ -251,8 +261,13 @@ def small_stream(fields=2):
 
 
 def plain(values, like):
-    """The elements that were written, out of all that was read."""
-    return {k: (bytes(values[k]) if isinstance(values[k], memoryview) else values[k]) for k in like}
+    """The elements that were written, out of all that was read, in nested structures too."""
+    def one(value, wanted):
+        if isinstance(wanted, list) and wanted and isinstance(wanted[0], dict):
+            return [plain(v, w) for v, w in zip(value, wanted, strict=True)]
+        return bytes(value) if isinstance(value, memoryview) else value
+
+    return {k: one(values[k], wanted) for k, wanted in like.items()}
 
 
 def test_a_stream_comes_back_unit_by_unit():
@@ -314,6 +329,7 @@ def drop(where, index):
     (drop("attributes", 3), "TXF-S11"),
     (drop("geometry", 0), "TXF-S11"),
     (put("attributes", 0, kernel=[0, 1, 1, 1, 1, 1, 1]), "TXF-S04"),
+    (put("attributes", 1, filters=[{"filter_mask": 1 << 5, "filter_coefficients": [1, 2, 3]}]), "TXF-S04"),
     (put("attributes", 0, codeword_data=bytes(4)), "TXF-S10"),
     (put("attributes", 0, codeword_data=bytes(6)), "TXF-S10"),
     (put("attributes", 0, slice_level=3, num_slices=1, codewords=[{"codeword_length": 5, "level_bytes": [1] * 3},
@@ -431,8 +447,8 @@ def test_raht_parameters_with_slices_come_back_with_each_codewords_own_levels(da
     coded = write_structure(RAHT, {**values, **known})
     reader = Reader(coded, 0, len(coded))
     got = read_structure(RAHT, reader, dict(known))
-    assert plain(got, [e.name for e in RAHT.elements if not isinstance(e, Derived)]) == {
-        e.name: values[e.name] for e in RAHT.elements if not isinstance(e, Derived)}
+    written = {e.name: values[e.name] for e in RAHT.elements if not isinstance(e, Derived)}
+    assert plain(got, written) == written
 
 
 def test_the_specifications_tables_are_the_codes():

@@ -416,12 +416,12 @@ def corpus():
     from texfcodec.attribute import codec
 
     rng, streams = np.random.default_rng(4), []
-    before = codec.SLICE_VOXELS, codec.SLICE_NODES
-    codec.SLICE_VOXELS, codec.SLICE_NODES = 60, 8
+    before = codec.WHOLE_VOXELS, codec.SLICE_VOXELS, codec.SLICE_NODES
+    codec.WHOLE_VOXELS, codec.SLICE_VOXELS, codec.SLICE_NODES = 1, 60, 8
     try:
         sliced = encode_scene(painted_sphere(3), EncodeOptions(resolution=12, qp=20, partition="off"))[0]
     finally:
-        codec.SLICE_VOXELS, codec.SLICE_NODES = before
+        codec.WHOLE_VOXELS, codec.SLICE_VOXELS, codec.SLICE_NODES = before
     assert len(inspect(sliced)["groups"][0]["codeword_bytes"]) > 3
     for source in (small(), small("sheets"), sliced):
         for kind in (UNIT_ATTRIBUTE, UNIT_ATTRIBUTE, UNIT_FIELD, UNIT_GEOMETRY, UNIT_HEADER):

@@ -6,11 +6,12 @@ import zlib
 import numpy as np
 
 from .asset.scene import Material
-from .attribute.codec import CodedAttributes, dec_attributes
+from .attribute.codec import dec_attributes
 from .attribute.colour import TRANSFORM_BT709, inverse_colour, inverse_plain
 from .attribute.layout import octree_depth
 from .bitstream.stream import read_stream
 from .bitstream.syntax import SEMANTIC_ALPHA, SEMANTIC_BASE_COLOUR
+from .bitstream.values import coded_of
 from .errors import LimitError, StreamError
 from .field.voxelise import count_samples, voxelise
 from .geometry.canonical import CanonicalCube
@@ -126,18 +127,14 @@ def _decode_field(resolution, keys, coded, groups, options):
 
 def _decode_group(values, keys, depth, stop, threads):
     """One attribute unit down to level `stop`: uint8 [n, C]."""
-    slice_first = np.cumsum([0, *values["slice_step"]]).tolist()
-    coded = CodedAttributes(values["qp"], values["kernel"], values["root_mean"], values["slice_level"], slice_first, [], [])
-    data = np.frombuffer(values["codeword_data"], np.uint8)
-    bounds = np.cumsum([0] + [c["codeword_length"] for c in values["codewords"]]).tolist()
-    spans = list(zip(bounds[:-1], bounds[1:], strict=True))
-    means = dec_attributes(keys, depth, coded, data, spans, stop, threads)
+    coded, spans = coded_of(values)
+    means = dec_attributes(keys, depth, coded, np.frombuffer(values["codeword_data"], np.uint8), spans, stop, threads)
     bt709 = values["colour_transform"] == TRANSFORM_BT709
     if bt709 and means.shape[1] != 3:
         raise StreamError("TXF-S04", "colour_transform needs three components", clause="5.7.1", offset=values["offset"])
     plane = inverse_colour(means) if bt709 else inverse_plain(means)
     if stop == depth and zlib.crc32(plane) != values["values_crc"]:
-        raise StreamError("TXF-S32", "the decoded values do not have the checksum that was sent", clause="7.8",
+        raise StreamError("TXF-S32", "the decoded values do not have the checksum that was sent", clause="7.10",
                           offset=values["offset"])
     return plane
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .asset.load import load
-from .attribute.choice import choose_kernel
+from .attribute.choice import choose_tools
 from .attribute.codec import enc_attributes
 from .attribute.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
 from .attribute.layout import octree_depth
@@ -130,7 +130,7 @@ def _code_group(plane, keys, options):
     qp = [min(max(options.qp + (options.chroma_qp_offset if c else 0), 0), 63) for c in range(plane.shape[1])]
     values = forward_colour(plane) if colour else forward_plain(np.rint(plane))
     depth = octree_depth(options.resolution)
-    kernel = choose_kernel(keys, depth, values, qp, options.effort, options.threads)
-    coded, means = enc_attributes(keys, depth, values, qp, kernel, options.threads)
+    tools = choose_tools(keys, depth, values, qp, options.effort, options.threads)
+    coded, means = enc_attributes(keys, depth, values, qp, tools, options.threads)
     decoded = inverse_colour(means) if colour else inverse_plain(means)
     return {"codec_id": CODEC_RAHT, "values_crc": zlib.crc32(decoded), **raht_values(coded, colour)}

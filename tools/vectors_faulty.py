@@ -55,7 +55,8 @@ def simple_stream():
 
 def sliced_stream():
     """One field in several slices."""
-    return recoded(encoded(scene_of(*torus(12, 6)), resolution=18, qp=46), slices={"SLICE_VOXELS": 100, "SLICE_NODES": 12})
+    return recoded(encoded(scene_of(*torus(12, 6)), resolution=18, qp=46),
+                   slices={"WHOLE_VOXELS": 1, "SLICE_VOXELS": 100, "SLICE_NODES": 12})
 
 
 # Ways of spoiling a stream
@@ -326,10 +327,15 @@ def attributes():
         ("attribute_group", "an attribute unit of a group that is not there", "5.7",
          with_element(simple, A, "group_index", b"\1"),
          "TXF-S09"),
-        ("values_crc", "a wrong values_crc", "7.8", with_element(simple, A, "values_crc", b"\1\2\3\4"), "TXF-S32"),
-        ("codeword_bit", "a flipped bit in a codeword", "7.8", one(_flip_codeword), "TXF-S32"),
+        ("values_crc", "a wrong values_crc", "7.10", with_element(simple, A, "values_crc", b"\1\2\3\4"), "TXF-S32"),
+        ("codeword_bit", "a flipped bit in a codeword", "7.10", one(_flip_codeword), "TXF-S32"),
         ("qp_64", "qp 64", "5.7.1", with_element(simple, A, "qp", b"\x40\0\0"), "TXF-S04"),
         ("kernel_0", "kernel[0] = 0", "5.7.1", with_element(simple, A, "kernel", bytes([0, *kernel[1:]])), "TXF-S04"),
+        ("num_models_9", "num_models 9", "5.7.1", with_element(simple, A, "num_models", b"\11"), "TXF-S04"),
+        ("num_filters_4", "num_filters 4", "5.7.1", with_element(simple, A, "num_filters", b"\4"), "TXF-S04"),
+        ("filter_of_no_component", "a filter_mask bit of a component that is not there", "5.7.3",
+         with_values(base, lambda stream: stream.attributes[1].update(
+             num_filters=1, filters=[{"filter_mask": 1 << 5, "filter_coefficients": [1, 2, 3]}])), "TXF-S04"),
         ("root_mean", "a root_mean out of range", "5.7.1", with_element(simple, A, "root_mean", root), "TXF-S04"),
         ("transform_of_alpha", "a colour transform of one component", "5.7.1",
          with_element(base, A, "colour_transform", b"\1", 1),

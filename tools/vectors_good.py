@@ -11,7 +11,6 @@ from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, Material, Scene, Text
 from texfcodec.attribute import codec
 from texfcodec.attribute.colour import (
     TRANSFORM_BT709,
-    TRANSFORM_NONE,
     forward_colour,
     forward_plain,
     inverse_colour,
@@ -21,6 +20,7 @@ from texfcodec.attribute.layout import octree_depth
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.bitstream.syntax import SIGNATURE, UNIT_END, UNIT_METADATA
 from texfcodec.bitstream.units import read_units, write_unit
+from texfcodec.bitstream.values import coded_of, raht_values
 from texfcodec.encoder import encode_scene
 from texfcodec.field.voxelise import voxelise
 
@@ -127,29 +127,22 @@ def stream_of(units):
 
 def values_of(unit, keys):
     """Decoded values of an attribute unit whatever its values_crc says: uint8 [N, C]."""
-    ends = np.cumsum([0] + [c["codeword_length"] for c in unit["codewords"]]).tolist()
-    first = np.cumsum([0, *unit["slice_step"]]).tolist()
-    coded = codec.CodedAttributes(unit["qp"], unit["kernel"], unit["root_mean"], unit["slice_level"], first, [], [])
+    coded, spans = coded_of(unit)
     data = np.frombuffer(bytes(unit["codeword_data"]), np.uint8)
-    means = codec.dec_attributes(keys, unit["Depth"], coded, data, list(zip(ends[:-1], ends[1:], strict=True)), unit["Depth"])
+    means = codec.dec_attributes(keys, unit["Depth"], coded, data, spans, unit["Depth"])
     return (inverse_colour if unit["colour_transform"] == TRANSFORM_BT709 else inverse_plain)(means)
 
 
-def raht(values, keys, resolution, qp, kernel=KERNEL, plain=False, index=False, slices=None):
+def raht(values, keys, resolution, qp, kernel=KERNEL, plain=False, index=False, slices=None, **tools):
     """Attribute elements for values uint8 [N, C]. plain: no colour transform; index: with level_bytes; slices: what is to hold in
-    codec while it plans them."""
+    codec while it plans them; tools: further ones of codec.Tools."""
     colour = values.shape[1] == 3 and not plain
     means = (forward_colour if colour else forward_plain)(values.astype(np.float32))
     with patch.multiple(codec, **(slices or {"SLICE_VOXELS": 1 << 18})):
-        coded, means = codec.enc_attributes(keys, octree_depth(resolution), means, qp, kernel)
-    words = zip(coded.codewords, coded.level_bytes, strict=True)
+        coded, means = codec.enc_attributes(keys, octree_depth(resolution), means, qp, codec.Tools(kernel, **tools))
     return {
         "values_crc": zlib.crc32((inverse_colour if colour else inverse_plain)(means)),
-        "colour_transform": TRANSFORM_BT709 if colour else TRANSFORM_NONE, "qp": coded.qp, "kernel": coded.kernel,
-        "root_mean": coded.root, "slice_level": coded.slice_level, "num_slices": len(coded.slice_first),
-        "slice_step": np.diff(coded.slice_first).tolist(), "level_index": int(index),
-        "codewords": [{"codeword_length": len(word), "level_bytes": levels} for word, levels in words],
-        "codeword_data": b"".join(coded.codewords),
+        **raht_values(coded, colour), "level_index": int(index),
     }
 
 
@@ -206,8 +199,12 @@ def random_codewords():
     """Codewords that no encoder made, by name; all bytes zero means that every bit is a one and every coefficient the largest."""
     noise = np.random.default_rng(11).integers(0, 256, 24000, np.uint8)
     noise[0] &= 0x7F
-    sheet, ring = encoded(noise_sheet(), resolution=24, qp=40), encoded(scene_of(*torus()), resolution=40, qp=40)
-    return {"random": with_codeword(sheet, noise[:6000].tobytes(), [63, 50, 63]),
+    sheet = recoded(encoded(noise_sheet(), resolution=24, qp=40))
+    ring = recoded(encoded(scene_of(*torus()), resolution=40, qp=40))
+    mixed = recoded(encoded(noise_sheet(), resolution=24, qp=40), models=8, colour_range=4, filters=1)
+    return {"mixed": with_codeword(mixed, noise[:6000].tobytes(), [40, 50, 40]),
+            "mixed_zeros": with_codeword(mixed, bytes(40) + noise[:3000].tobytes(), [63, 50, 20]),
+            "random": with_codeword(sheet, noise[:6000].tobytes(), [63, 50, 63]),
             "random_large": with_codeword(ring, noise.tobytes(), [50, 50, 50]),
             "zeros_random": with_codeword(sheet, bytes(21) + noise[:3000].tobytes(), [10, 63, 20]),
             "ones_random": with_codeword(sheet, b"\xff" * 4 + b"\x80" + noise[:3000].tobytes(), [40, 50, 30]),
@@ -325,7 +322,7 @@ def subset():
         ("k256", "K = 256: a ribbon", ("6.2",), encoded(scene_of(*ribbon()), resolution=256, qp=34), (0, 1)),
         ("qp0", "the smallest step", ("7.4.2",), encoded(everyday, resolution=20, qp=0), (0,)),
         ("qp63", "the largest step", ("7.4.2",), encoded(everyday, resolution=20, qp=63), (0,)),
-        ("noise_qp0", "noise at the smallest step: long magnitudes, clipped values", ("7.5.4", "7.7.2"),
+        ("noise_qp0", "noise at the smallest step: long magnitudes, clipped values", ("7.5.4", "7.8.2"),
          encoded(noise_sheet(), resolution=48, qp=0), (0, 1)),
         ("one_triangle", "one triangle", ("6.2", "6.3"), encoded(scene_of(*_triangle()), resolution=48, qp=28), (0,)),
         ("threshold0", "area_threshold 0 keeps every touched voxel", ("6.4",),
@@ -336,9 +333,9 @@ def subset():
         ("materials", "five materials in one field", ("5.4.1", "5.6"), encoded(many_materials(), resolution=22, qp=34), (0,)),
         ("two_fields", "two fields, one inside the other", ("5.5", "5.7"),
          split_by_material(encoded(two_sheets(), resolution=21, qp=30)), (0, 2)),
-        ("alpha_mask", "alpha group for a MASK material beside an opaque one", ("5.3.1", "5.4.1", "7.7.1"),
+        ("alpha_mask", "alpha group for a MASK material beside an opaque one", ("5.3.1", "5.4.1", "7.8.1"),
          encoded(scene_of(*torus(), mask, half), resolution=20, qp=30), (0, 1)),
-        ("alpha_blend", "alpha group for a BLEND material", ("5.3.1", "7.7.1"),
+        ("alpha_blend", "alpha group for a BLEND material", ("5.3.1", "7.8.1"),
          encoded(scene_of(*torus(), [Material("veil", alpha_mode=ALPHA_BLEND)]), resolution=20, qp=22), (0,)),
         ("metadata", "a metadata unit", ("5.8",),
          encoded(scene_of(*torus(), metadata={"copyright": "none", "extras": {"ü": [1, 2.5]}}), resolution=12, qp=40), (0,)),
@@ -350,11 +347,11 @@ def uncommon():
     """What a decoder meets seldom, and what only another encoder would write."""
     everyday, random = scene_of(*torus()), random_codewords()
     veil = scene_of(*torus(), [Material("veil", alpha_mode=ALPHA_BLEND)])
-    slices, one_slice = {"SLICE_VOXELS": 300, "SLICE_NODES": 40}, {"_plan_slices": lambda levels: (2, [0])}
+    slices, one_slice = {"WHOLE_VOXELS": 1, "SLICE_VOXELS": 300, "SLICE_NODES": 40}, {"_plan_slices": lambda levels: (2, [0])}
     huge = scene_of(torus()[0] * 1e140 + np.array([9e141, -3e140, 0]), *torus()[1:])
     tiny = scene_of(torus()[0] * 1e-280, *torus()[1:])
     lines = [
-        ("one_voxel", "K = 1: no level, no codeword", ("5.7.1", "7.7.2", "8.3"), one_voxel(), (0, 1)),
+        ("one_voxel", "K = 1: no level, no codeword", ("5.7.1", "7.8.2", "8.3"), one_voxel(), (0, 1)),
         ("empty", "an empty mesh", ("5.3",), empty(), (0,)),
         ("slices", "slices with the level index", ("5.7.1", "5.7.2", "7.2"),
          recoded(encoded(everyday, resolution=33, qp=24), slices=slices, index=True), tuple(range(8))),
@@ -369,7 +366,16 @@ def uncommon():
         ("kernel", "another prediction kernel, one weight 0", ("7.3",),
          recoded(encoded(everyday, resolution=24, qp=26), kernel=(1, 255, 17, 3, 200, 0, 99)),
          (0,)),
-        ("no_transform", "three components without a colour transform", ("5.7.1", "7.7.1"),
+        ("direct", "direct contexts", ("7.5.2", "7.5.3"), recoded(encoded(everyday, resolution=33, qp=24)), (0, 1)),
+        ("one_model", "a single model, no colour range, no filter", ("7.5.5", "7.6.4"),
+         recoded(encoded(everyday, resolution=24, qp=24), models=1), (0, 1)),
+        ("all_tools", "eight models, three filter stages", ("5.7.3", "7.3", "7.5.5", "7.6.4", "7.7"),
+         recoded(encoded(noise_sheet(), resolution=40, qp=34), models=8, colour_range=3, filters=3), (0, 1)),
+        ("all_tools_slices", "mixing, colour range and filter with slices, colour and alpha", ("7.2", "7.5.5", "7.7"),
+         recoded(encoded(veil, resolution=30, qp=34), slices=slices, models=6, colour_range=255, filters=2), (0, 2)),
+        ("random_mixed", "random bytes through the mixed contexts", ("7.5.5", "7.6.4"), random["mixed"], (0, 1)),
+        ("zeros_mixed", "zeros, then random bytes: the longest magnitudes", ("7.5.5", "7.6.4"), random["mixed_zeros"], (0, 1)),
+        ("no_transform", "three components without a colour transform", ("5.7.1", "7.8.1"),
          recoded(encoded(everyday, resolution=20, qp=28), plain=True), (0, 1)),
         ("random_codeword", "random bytes: saturated differences and means", ("7.4.2", "7.4.3", "7.6"), random["random"],
          (0, 1, 2)),

@@ -1,11 +1,14 @@
 """Clause 7 in plain Python: octree, prediction, transform, contexts, range decoder."""
 
 from math import isqrt
+from types import SimpleNamespace
 
 from naive.bits import require
+from naive.filter import filter_stage
+from naive.mixing import MixedBits, MixedTable, adapted
+from naive.scales import falloff, step, surrounding_classes
 from naive.voxels import clip
 
-STEP_TABLE = (2580, 2896, 3251, 3649, 4096, 4598)
 LARGEST = 2**22
 DIRECTIONS = [
     (x, y, z, 3 - (abs(x) + abs(y) + abs(z)))  # the last is the weight w of 7.5.1
@@ -77,40 +80,52 @@ class RangeDecoder:
     def bypass(self):
         return self.split(self.range >> 1)
 
-    def bit(self, table, number):
+    def bit(self, table, number, largest_rate=3):
         """Clause 7.6.3; table[number] is (fast, slow, count)."""
-        fast, slow, count = table[number]
+        fast, slow, _ = table[number]
         bit = self.split((self.range >> 16) * clip(24, 65512, (fast + slow) >> 7))
-        target = bit * (2**22 - 1)
-        fast += (target - fast) >> min((count + 1).bit_length(), 3)
-        slow += (target - slow) >> (count + 1).bit_length()
-        table[number] = (fast, slow, min(count + 1, 63))
+        table[number] = adapted(table[number], bit, largest_rate)
         return bit
 
 
 def decode_values(unit, keys, lod=0):
-    """Clause 7.2 and 7.7: the values as bytes, component by component; lod counts the levels left out."""
+    """Clauses 7.2, 7.7 and 7.8: the values as bytes, component by component; lod counts the levels left out."""
+    return b"".join(values_of_node(mean, unit["colour_transform"]) for mean in decode_means(unit, keys, lod))
+
+
+def decode_means(unit, keys, lod=0):
+    """Clauses 7.2 and 7.7: the means of the nodes of the last level, lists by component."""
     depth = unit["depth"]
+    left_out = min(lod, depth)
     levels = octree(keys, depth)
     levels[0].mean[0] = unit["root_mean"]
     whole = lambda level: [(0, len(level.values))]
     decoders = [RangeDecoder(codeword) for codeword in unit["codewords"]]
-    tables = [[(2**21, 2**21, 0)] * 4725 for _ in decoders[:1]]
+    models = unit["num_models"]
+    tables = [MixedTable(models) if models > 0 else [(2**21, 2**21, 0)] * 4725 for _ in decoders[:1]]
     if unit["slice_level"] > 0:
         starts = unit["slice_first"]
         require(starts[-1] < len(levels[unit["slice_level"]].values), "a slice begins past the last node of its level")
-    for d in range(depth - min(lod, depth)):
+    for d in range(depth - left_out):
         if unit["slice_level"] == 0 or d < unit["slice_level"]:
             ranges, used = whole(levels[d]), slice(0, 1)
         elif d == unit["slice_level"]:
             ranges = list(zip(starts, starts[1:] + [len(levels[d].values)], strict=True))
-            tables += [list(tables[0]) for _ in ranges]
+            tables += [tables[0].copy() for _ in ranges]
             used = slice(1, None)
         else:
             ranges = [children_of_range(levels[d - 1], first, end) for first, end in ranges]
         for (first, end), decoder, table in zip(ranges, decoders[used], tables[used], strict=True):
             LevelDecoder(unit, levels, d, first, decoder, table).run(end)
-    return b"".join(values_of_node(mean, unit["colour_transform"]) for mean in levels[depth - min(lod, depth)].mean)
+    return filtered_means(unit, levels[depth]) if left_out == 0 else levels[depth - left_out].mean
+
+
+def filtered_means(unit, level):
+    """Clause 7.7: the means of the voxels, in their order, after all stages."""
+    means = dict(zip(level.coordinates, level.mean, strict=True))
+    for stage in unit["filters"]:
+        means = filter_stage(means, stage["mask"], stage["coefficients"], step(unit["qp"][0]))
+    return list(means.values())
 
 
 def children_of_range(level, first, end):
@@ -119,7 +134,7 @@ def children_of_range(level, first, end):
 
 
 def values_of_node(mean, colour_transform):
-    """Clause 7.7."""
+    """Clause 7.8."""
     if colour_transform == 0:
         return bytes(clip(0, 255, (m + 2**11) >> 12) for m in mean)
     y, cb, cr = mean
@@ -129,6 +144,31 @@ def values_of_node(mean, colour_transform):
     return bytes(clip(0, 255, value) for value in (red, green, blue))
 
 
+class Block:
+    """A node with two children or more, and what of it is known so far."""
+
+    def __init__(self, node, children, predicted, child_weight, components):
+        self.node, self.children, self.predicted, self.child_weight = node, children, predicted, child_weight
+        self.weights = tree_weights(child_weight)
+        self.splits = [n for n in range(7) if self.weights[2 * n + 1] > 0 and self.weights[2 * n + 2] > 0]
+        self.q = [[0] * 7 for _ in range(components)]
+        self.energy, self.flag = [0, 0], [0, 0]  # by plane
+
+    def weighted(self, c, octants):
+        return sum(self.child_weight[octant] * self.predicted[octant][c] for octant in octants)
+
+    def shift(self, c):
+        """Clause 7.4.3: by how much the predictions miss the mean, were that 0."""
+        total = self.weights[0]
+        return (2 * self.weighted(c, self.children) + total) // (2 * total)
+
+    def predicted_mean(self, i, c):
+        """Pm of clause 7.5.5, i > 0."""
+        first, count = ((i - 1) * 4, 4) if i < 3 else ((i - 3) * 2, 2) if i < 7 else (i - 7, 1)
+        octants = [octant for octant in range(first, first + count) if octant in self.children]
+        return self.weighted(c, octants) // self.weights[i]
+
+
 class LevelDecoder:
     """One range of one level: gives the means of the children of its nodes."""
 
@@ -136,7 +176,8 @@ class LevelDecoder:
         self.unit, self.first, self.decoder, self.table = unit, first, decoder, table
         self.upper, self.level, self.lower = levels[d - 1] if d > 0 else None, levels[d], levels[d + 1]
         self.level_class = min(unit["depth"] - 1 - d, 3)
-        self.components = unit["components"]
+        self.components, self.steps = unit["components"], [step(qp) for qp in unit["qp"]]
+        self.bits_of_plane = MixedBits if unit["num_models"] > 0 else DirectBits
 
     def run(self, end):
         for node in range(self.first, end):
@@ -153,17 +194,15 @@ class LevelDecoder:
 
     def block(self, node, children):
         predicted = {octant: self.predict(node, octant) for octant in children}
-        weights = tree_weights({octant: self.lower.weight[child] for octant, child in children.items()})
-        splits = [n for n in range(7) if weights[2 * n + 1] > 0 and weights[2 * n + 2] > 0]
-        q = [[0] * 7 for _ in range(self.components)]
+        child_weight = {octant: self.lower.weight[child] for octant, child in children.items()}
+        block = Block(node, children, predicted, child_weight, self.components)
         planes = [[0]] if self.components == 1 else [[0], list(range(1, self.components))]
-        energy, flag = [0, 0], 0
         for k, plane in enumerate(planes):
-            flag = self.parse_plane(node, k, plane, splits, q, flag)
-            total = sum(abs(q[c][n]) for c in plane for n in splits)
-            energy[k] = min(255, 16 * total // (len(splits) * len(plane)))
-        self.level.energy[node] = tuple(energy)
-        means = [self.reconstruct(node, c, children, weights, splits, q[c], predicted) for c in range(self.components)]
+            self.parse_plane(block, k, plane)
+            total = sum(abs(block.q[c][n]) for c in plane for n in block.splits)
+            block.energy[k] = min(255, 16 * total // (len(block.splits) * len(plane)))
+        self.level.energy[node] = tuple(block.energy)
+        means = [self.reconstruct(block, c) for c in range(self.components)]
         for octant, child in children.items():
             self.lower.mean[child] = [of_octant[octant] for of_octant in means]
 
@@ -172,33 +211,34 @@ class LevelDecoder:
     def predict(self, node, octant):
         kernel, level, lower = self.unit["kernel"], self.level, self.lower
         o = [octant & 1, octant >> 1 & 1, octant >> 2 & 1]
-        terms = [(kernel[0], level.mean[node])]
+        weigh = lambda mean: falloff(mean, level.mean[node], self.unit["colour_range"], self.steps[0])
+        terms = [(64 * kernel[0], level.mean[node])]
         for m in range(1, 8):
             bits = [m & 1, m >> 1 & 1, m >> 2 & 1]
             other = level.neighbour(node, *(b * (2 * side - 1) for b, side in zip(bits, o, strict=True)))
             if other is None:
                 continue
             if other < self.first or other > node:
-                terms.append((kernel[sum(bits)], level.mean[other]))
+                terms.append((kernel[sum(bits)] * weigh(level.mean[other]), level.mean[other]))
                 continue
             for p, child in level.children[other].items():
                 x = p ^ octant
                 if x & m == m:
-                    terms.append((kernel[3 + sum(bits) + (x & ~m & 7).bit_count()], lower.mean[child]))
+                    distance = sum(bits) + (x & ~m & 7).bit_count()
+                    terms.append((kernel[3 + distance] * weigh(lower.mean[child]), lower.mean[child]))
         total = sum(w for w, _ in terms)
         sums = [sum(w * mean[c] for w, mean in terms) for c in range(self.components)]
         return [(2 * s + total) // (2 * total) for s in sums]
 
     # Clause 7.4
 
-    def reconstruct(self, node, c, children, weights, splits, q, predicted):
-        total = weights[0]
-        acc = sum(self.lower.weight[child] * predicted[octant][c] for octant, child in children.items())
+    def reconstruct(self, block, c):
+        weights, q = block.weights, block.q[c]
         v = [None] * 15
-        v[0] = self.level.mean[node][c] - (2 * acc + total) // (2 * total)
+        v[0] = self.level.mean[block.node][c] - block.shift(c)
         for n in range(7):
             w1, w2 = weights[2 * n + 1], weights[2 * n + 2]
-            if n in splits:
+            if n in block.splits:
                 d = dequantise(q[n], self.unit["qp"][c], w1, w2)
                 v[2 * n + 1] = v[n] - (2 * w2 * d + w1 + w2) // (2 * (w1 + w2))
                 v[2 * n + 2] = v[2 * n + 1] + d
@@ -206,11 +246,12 @@ class LevelDecoder:
                 v[2 * n + 1] = v[n]
             elif w2 > 0:
                 v[2 * n + 2] = v[n]
-        return {octant: clip(-LARGEST, LARGEST, v[7 + octant] + predicted[octant][c]) for octant in children}
+        return {octant: clip(-LARGEST, LARGEST, v[7 + octant] + block.predicted[octant][c]) for octant in block.children}
 
     # Clause 7.5
 
     def surroundings(self, node, k):
+        """near, nearWeight, far, farWeight of 7.5.1."""
         near = near_weight = 0
         far, far_weight = 3 * self.above(node)[k], 3
         for dx, dy, dz, w in DIRECTIONS:
@@ -223,47 +264,72 @@ class LevelDecoder:
             else:
                 far += w * self.above(other)[k]
                 far_weight += w
-        near_class = energy_class((near + near_weight - 1) // near_weight) if near_weight > 0 else 0
-        return near_class, energy_class((far + far_weight - 1) // far_weight)
+        return near, near_weight, far, far_weight
 
-    def parse_plane(self, node, k, plane, splits, q, flag0):
-        near_class, far_class = self.surroundings(node, k)
-        strength, size = max(near_class, far_class), min(len(splits), 3) - 1
-        first_part = ((k * 4 + self.level_class) * 3 + size) * 2 + (flag0 if k == 1 else 0)
-        flag = self.decoder.bit(self.table, (first_part * 7 + near_class) * 7 + far_class)
-        if flag == 0:
-            return flag
-        left, some = len(splits) * len(plane), False
+    def parse_plane(self, block, k, plane):
+        """Clause 7.5.3, with the contexts of 7.5.2 or 7.5.5."""
+        bits = self.bits_of_plane(self, block, k, plane)
+        block.flag[k] = bits.flag()
+        if block.flag[k] == 0:
+            return
+        left, some = len(block.splits) * len(plane), False
         for c in plane:
             ones = large = 0
-            for n in splits:
+            for n in block.splits:
                 left -= 1
                 stage = 0 if n == 0 else 1 if n < 3 else 2
-                luma = abs(q[0][n]) if c > 0 else 0
-                zero_ctx = ((c * 4 + self.level_class) * 3 + stage) * 3 + min(ones, 2)
-                zero_ctx = 2352 + (zero_ctx * 7 + strength) * 3 + min(luma, 2)
-                if (left > 0 or some) and self.decoder.bit(self.table, zero_ctx) == 0:
+                luma = abs(block.q[0][n]) if c > 0 else 0
+                at = SimpleNamespace(c=c, n=n, stage=stage, ones=ones, large=large, luma=luma, left=left)
+                if (left > 0 or some) and bits.nonzero(at) == 0:
                     continue
-                q[c][n] = self.parse_magnitude(c, large, strength)
+                block.q[c][n] = self.parse_magnitude(bits, at)
                 some = True
                 ones += 1
-                large += abs(q[c][n]) > 1
-        return flag
+                large += abs(block.q[c][n]) > 1
 
-    def parse_magnitude(self, c, large, strength):
-        sign = -1 if self.decoder.bypass() else 1
-        magnitude, ctx = 1, 4620 + (c * 7 + strength) * 3 + min(large, 2)
+    def parse_magnitude(self, bits, at):
+        """Clause 7.5.4."""
+        sign, magnitude = -1 if bits.sign(at) else 1, 1
         for i in range(15):
-            if self.decoder.bit(self.table, ctx) == 0:
+            if bits.more(at, i) == 0:
                 return sign * magnitude
             magnitude += 1
-            ctx = 4683 + c * 14 + min(i, 13)
-        bits, rest = 0, 1
-        while bits < 24 and self.decoder.bypass() == 1:
-            bits += 1
-        for _ in range(bits):
+        zeros, rest = 0, 1
+        while zeros < 24 and self.decoder.bypass() == 1:
+            zeros += 1
+        for _ in range(zeros):
             rest = 2 * rest + self.decoder.bypass()
         return sign * (magnitude + rest - 1)
+
+
+class DirectBits:
+    """The bits of one plane of one block with the contexts of clause 7.5.2."""
+
+    def __init__(self, nodes, block, k, plane):
+        self.nodes, self.k, self.level_class = nodes, k, nodes.level_class
+        self.size, self.luma_flag = min(len(block.splits), 3) - 1, block.flag[0] if k == 1 else 0
+        self.near_class, self.far_class = surrounding_classes(*nodes.surroundings(block.node, k))
+        self.strength = max(self.near_class, self.far_class)
+
+    def decode(self, number):
+        return self.nodes.decoder.bit(self.nodes.table, number)
+
+    def flag(self):
+        first_part = ((self.k * 4 + self.level_class) * 3 + self.size) * 2 + self.luma_flag
+        return self.decode((first_part * 7 + self.near_class) * 7 + self.far_class)
+
+    def nonzero(self, at):
+        first_part = ((at.c * 4 + self.level_class) * 3 + at.stage) * 3 + min(at.ones, 2)
+        return self.decode(2352 + (first_part * 7 + self.strength) * 3 + min(at.luma, 2))
+
+    def sign(self, at):
+        return self.nodes.decoder.bypass()
+
+    def more(self, at, i):
+        """Bit i of a magnitude: the first has MoreCtx, each further one the UnaryCtx of the bit before."""
+        if i == 0:
+            return self.decode(4620 + (at.c * 7 + self.strength) * 3 + min(at.large, 2))
+        return self.decode(4683 + at.c * 14 + min(i - 1, 13))
 
 
 def tree_weights(weight_of_octant):
@@ -276,15 +342,6 @@ def tree_weights(weight_of_octant):
 
 def dequantise(q, qp, w1, w2):
     """Clause 7.4.2."""
-    step = STEP_TABLE[qp % 6] << (qp // 6)
     gain = isqrt(((w1 + w2) << 34) // (w1 * w2))
-    difference = min(LARGEST - 1, (min(abs(q), LARGEST - 1) * step * gain + 2**16) >> 17)
+    difference = min(LARGEST - 1, (min(abs(q), LARGEST - 1) * step(qp) * gain + 2**16) >> 17)
     return -difference if q < 0 else difference
-
-
-def energy_class(e):
-    """Clause 7.5.1."""
-    for number, last in enumerate((0, 1, 3, 6, 12, 28)):
-        if e <= last:
-            return number
-    return 6

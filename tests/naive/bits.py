@@ -52,6 +52,9 @@ class Reader:
     def u32(self, name):
         return self.number(4, name, 0, 2**32 - 1)
 
+    def i8(self, name):
+        return self.number(1, name, -128, 127, signed=True)
+
     def i32(self, name, low, high):
         return self.number(4, name, low, high, signed=True)
 

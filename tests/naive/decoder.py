@@ -66,7 +66,7 @@ def field_keys(field, units, position_bits):
 
 
 def checked_values(unit, keys, lod):
-    """Clause 7, with the check of 7.8 where all levels are decoded."""
+    """Clause 7, with the check of 7.10 where all levels are decoded."""
     values = decode_values(unit, keys, lod)
     require(0 < min(lod, unit["depth"]) or zlib.crc32(values) == unit["values_crc"], "values_crc does not match")
     return values

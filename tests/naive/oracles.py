@@ -8,6 +8,10 @@ from fractions import Fraction
 from itertools import product
 from math import isqrt
 
+from naive import mixing
+from naive.filter import filter_stage as filter_stage  # 7.7, one stage: (dict of voxels, mask, coefficients, luma step) -> dict
+from naive.scales import falloff as falloff  # 7.3: (mean, centre, colour range, luma step) -> 0..64
+
 STEPS = (2580, 2896, 3251, 3649, 4096, 4598)
 
 
@@ -122,12 +126,13 @@ def neighbours(values):
     return [[place.get(tuple(a + b for a, b in zip(voxel_of(v), d, strict=True)), -1) for d in offsets] for v in values]
 
 
-def predict(node, first, parents, children, parent_mean, child_mean, kernel):
+def predict(node, first, parents, children, parent_mean, child_mean, kernel, colour_range=0, luma_step=1):
     """Predicted means of a node's children as a dict from octant to a list (7.3), found by coordinates.
 
     parents, children: ascending node values of two levels; node, first: indices of parents; parent_mean, child_mean: lists of
-    lists per index, the latter right only for children of parents first..node-1.
+    lists per index, the latter right only for children of parents first..node-1. luma_step: the step of component 0.
     """
+    weigh = lambda mean: falloff(mean, parent_mean[node], colour_range, luma_step)
     parent_place = {voxel_of(v): i for i, v in enumerate(parents)}
     child_place = {voxel_of(v): i for i, v in enumerate(children)}
     out = {}
@@ -137,19 +142,20 @@ def predict(node, first, parents, children, parent_mean, child_mean, kernel):
             continue
         voxel = voxel_of(child)
         side = [2 * (v & 1) - 1 for v in voxel]  # towards the corner of the parent that the child touches
-        terms = [(kernel[0], parent_mean[node])]
+        terms = [(64 * kernel[0], parent_mean[node])]
         for move in product((0, 1), repeat=3):
             crossed = sum(move)
             other = parent_place.get(tuple(h + m * s for h, m, s in zip(home, move, side, strict=True)))
             if crossed == 0 or other is None:
                 continue
             if not first <= other < node:
-                terms.append((kernel[crossed], parent_mean[other]))
+                terms.append((kernel[crossed] * weigh(parent_mean[other]), parent_mean[other]))
                 continue
             for step in product((-1, 0, 1), repeat=3):  # touching voxels that lie in that parent
                 touching = tuple(v + d for v, d in zip(voxel, step, strict=True))
                 if touching in child_place and tuple(t >> 1 for t in touching) == voxel_of(parents[other]):
-                    terms.append((kernel[3 + sum(map(abs, step))], child_mean[child_place[touching]]))
+                    mean = child_mean[child_place[touching]]
+                    terms.append((kernel[3 + sum(map(abs, step))] * weigh(mean), mean))
         total = sum(w for w, _ in terms)
         sums = [sum(w * mean[c] for w, mean in terms) for c in range(len(parent_mean[node]))]
         out[child & 7] = [(2 * s + total) // (2 * total) for s in sums]
@@ -266,7 +272,40 @@ class RangeDecoder:
         return -(size + rest - 1) if sign else size + rest - 1
 
 
-# Colour (7.7.2)
+# Mixed bits (7.6.4)
+
+
+def squash_table():
+    """Squash(x) for x = -2816..2816."""
+    return [mixing.squash(x) for x in range(-2816, 2817)]
+
+
+def stretch_table():
+    """Stretch(v) for v = 0..4095, each x searched for from the start."""
+    squashed = squash_table()
+    return [next((i - 2816 for i, p in enumerate(squashed) if p >= 16 * v + 8), 2816) for v in range(4096)]
+
+
+def refinement_start():
+    """The 24 entries of a refinement set in its initial state."""
+    return mixing.new_refinement()
+
+
+def mixed_bit(bit, contexts, first, second, refinement):
+    """(p, contexts, first, second, refinement): the probability of a one that a bit is coded with and all state after it.
+
+    contexts: list of (fast, slow, count), one for every model in use; first, second: weight sets as (weights, count), the last
+    weight for the constant input, more weights than models in use allowed (SIGN); refinement: 24 entries. All left unchanged.
+    """
+    sets, asked = [mixing.WeightSet(0), mixing.WeightSet(0)], []
+    for own, (weights, count) in zip(sets, (first, second), strict=True):
+        own.weight, own.count = list(weights), count
+    contexts, refinement = list(contexts), list(refinement)
+    mixing.mixed_bit(lambda p: asked.append(p) or bit, contexts, *sets, refinement)
+    return asked[0], contexts, *((own.weight, own.count) for own in sets), refinement
+
+
+# Colour (7.8.2)
 
 
 def rgb_of(y, cb, cr):

@@ -76,7 +76,7 @@ def read_geometry(reader, header):
 
 
 def read_attribute(reader, header, fields):
-    """Clause 5.7, with 5.7.1 and 5.7.2."""
+    """Clause 5.7, with 5.7.1 to 5.7.3."""
     unit = {
         "field_index": reader.v("field_index", high=header["num_fields"] - 1),
         "group_index": reader.u8("group_index", 0, header["num_channel_groups"] - 1),
@@ -92,6 +92,9 @@ def read_attribute(reader, header, fields):
     unit["qp"] = [reader.u8("qp", 0, 63) for _ in range(components)]
     unit["kernel"] = [reader.u8("kernel") for _ in range(7)]
     require(unit["kernel"][0] >= 1, "kernel[0] is 0")
+    unit["colour_range"] = reader.u8("colour_range")
+    unit["num_models"] = reader.u8("num_models", 0, 8)
+    unit["filters"] = [read_filter(reader, components) for _ in range(reader.u8("num_filters", 0, 3))]
     unit["root_mean"] = [reader.i32("root_mean", -1048576, 1048576) for _ in range(components)]
     slice_level = unit["slice_level"] = reader.u8("slice_level", 0, 12)
     require(slice_level == 0 or slice_level < depth, "slice_level is not less than Depth")
@@ -101,6 +104,13 @@ def read_attribute(reader, header, fields):
         unit["slice_first"].append(unit["slice_first"][-1] + reader.v("slice_step", low=1))
     read_codewords(reader, unit, num_slices)
     return unit
+
+
+def read_filter(reader, components):
+    """Clause 5.7.3."""
+    mask = reader.u16("filter_mask", 0, 32767)
+    require(mask >> (5 * components) == 0, "filter_mask has a bit for a component that is not there")
+    return {"mask": mask, "coefficients": [reader.i8("filter_coefficients") for _ in range(3 * mask.bit_count())]}
 
 
 def read_codewords(reader, unit, num_slices):

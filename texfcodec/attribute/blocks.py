@@ -3,31 +3,19 @@
 import numpy as np
 
 from ..kernel import kernel
-from .contexts import (
-    _block_context,
-    _cost,
-    _dec_magnitude,
-    _enc_magnitude,
-    _magnitude_cost,
-    _surroundings,
-    _zero_context,
-)
+from .contexts import _block_context, _class, _classes, _surroundings
+from .direct import _choose_plane, _dec_plane, _enc_plane
+from .mixed import _choose_mixed_plane, _flag_probability, _mixed_flag, _mixed_plane
+from .mixed_contexts import FEATURES, LEVEL, LUMA2, PLANES, _features, _is_quiet, _quiet_context, _slopes
+from .mixed_contexts import SPLITS as SPLITS_FEATURE
+from .mixing import MAX_MODELS
+from .octree import CELLS
 from .prediction import _predict
 from .quantise import MAX_MEAN
-from .raht import SPLITS, _forward, _inverse, _tree_weights
+from .raht import SPLITS, _forward, _inverse, _tree_weights, _weighted_mean
 from .range_coder import _dec_bit, _enc_bit
 
 ENERGY_SCALE = 16
-
-
-@kernel
-def _stage(node):
-    return 0 if node == 0 else (1 if node < 3 else 2)
-
-
-@kernel
-def _is_split(tree, node):
-    return tree[2 * node + 1] != 0 and tree[2 * node + 2] != 0
 
 
 @kernel
@@ -39,107 +27,21 @@ def _plane_energy(q, c0, c1, splits):
     return min(ENERGY_SCALE * total // (splits * (c1 - c0)), 255)
 
 
-@kernel
-def _choose_plane(scaled, tree, contexts, flag_ctx, c0, c1, level, strength, lagrangian, bits_of, q):
-    """Rate-distortion optimised quantisation of one plane into q; returns whether anything is left of it.
-
-    Distortion is in squared steps, price in 2**-8 bit from the coder's present state; lagrangian = 256 / lambda.
-    """
-    cost_zero = np.float64(_cost(contexts, flag_ctx, 0, bits_of))
-    cost = np.float64(_cost(contexts, flag_ctx, 1, bits_of))
-    any_left = False
-    for c in range(c0, c1):
-        ones, large = 0, 0
-        for node in range(SPLITS):
-            q[node, c] = 0
-            if not _is_split(tree, node):
-                continue
-            x = abs(scaled[node, c])
-            luma = abs(q[node, 0]) if c > 0 else 0
-            ctx = _zero_context(c, level, _stage(node), ones, strength, luma)
-            best = x * x * lagrangian
-            cost_zero += best
-            best += _cost(contexts, ctx, 0, bits_of)
-            rounded = np.int64(x + 0.5)
-            choice = np.int64(0)
-            if rounded > 0:
-                one = _cost(contexts, ctx, 1, bits_of)
-                for candidate in range(max(1, rounded - 1), rounded + 1):
-                    j = (x - candidate) ** 2 * lagrangian + one
-                    j += _magnitude_cost(contexts, c, strength, large, candidate, bits_of)
-                    if j < best:
-                        best, choice = j, candidate
-            cost += best
-            if choice:
-                any_left = True
-                ones += 1
-                large += 1 if choice > 1 else 0
-                q[node, c] = choice if scaled[node, c] >= 0 else -choice
-    if any_left and cost < cost_zero:
-        return 1
-    for c in range(c0, c1):
-        for node in range(SPLITS):
-            q[node, c] = 0
-    return 0
-
-
-@kernel
-def _enc_plane(state, out, contexts, tree, splits, c0, c1, level, strength, q):
-    """Codes a plane that has a nonzero coefficient; the last flag is left out when all before it were zero (spec 7.5.3)."""
-    left = splits * (c1 - c0)
-    some = False
-    for c in range(c0, c1):
-        ones, large = 0, 0
-        for node in range(SPLITS):
-            if not _is_split(tree, node):
-                continue
-            left -= 1
-            magnitude = abs(q[node, c])
-            if left > 0 or some:
-                luma = abs(q[node, 0]) if c > 0 else 0
-                ctx = _zero_context(c, level, _stage(node), ones, strength, luma)
-                _enc_bit(state, out, contexts, ctx, 1 if magnitude else 0)
-            if magnitude:
-                _enc_magnitude(state, out, contexts, c, strength, large, magnitude, 1 if q[node, c] < 0 else 0)
-                some = True
-                ones += 1
-                large += 1 if magnitude > 1 else 0
-
-
-@kernel
-def _dec_plane(state, data, end, contexts, tree, splits, c0, c1, level, strength, q):
-    """Mirror of _enc_plane: fills q for components c0..c1-1."""
-    left = splits * (c1 - c0)
-    some = False
-    for c in range(c0, c1):
-        ones, large = 0, 0
-        for node in range(SPLITS):
-            q[node, c] = 0
-            if not _is_split(tree, node):
-                continue
-            left -= 1
-            nonzero = np.int64(1)
-            if left > 0 or some:
-                luma = abs(q[node, 0]) if c > 0 else 0
-                ctx = _zero_context(c, level, _stage(node), ones, strength, luma)
-                nonzero = _dec_bit(state, data, end, contexts, ctx)
-            if nonzero:
-                q[node, c] = _dec_magnitude(state, data, end, contexts, c, strength, large)
-                some = True
-                ones += 1
-                large += 1 if abs(q[node, c]) > 1 else 0
-
-
-@kernel
-def _rebuild_children(child, p, tree, q, steps, parent_mean, predicted, flags, values, child_mean):
-    """Writes the decoded means of a block's children, child being the first."""
-    for c in range(parent_mean.shape[1]):
-        _inverse(tree, q, c, parent_mean[p, c], predicted, steps[c], flags[min(c, 1)], values)
-        n = child
-        for octant in range(8):
-            if tree[7 + octant]:
-                child_mean[n, c] = min(max(values[7 + octant], -MAX_MEAN), MAX_MEAN)
-                n += 1
+@kernel(forceinline=True)
+def _rebuild_children(child, p, tree, q, steps, parent_mean, predicted, shift, flags, values, child_mean):
+    """Writes the decoded means of a block's children, child being the first (spec 7.4.3). shift: int64 [C], weighted means of the
+    predictions; values: int64 [15, C], scratch."""
+    components = parent_mean.shape[1]
+    for c in range(components):
+        shift[c] = parent_mean[p, c] - shift[c]
+        if flags[min(c, 1)]:
+            _inverse(tree, q, c, shift[c], steps[c], values)
+    for octant in range(8):
+        if tree[7 + octant]:
+            for c in range(components):
+                v = predicted[octant, c] + (values[7 + octant, c] if flags[min(c, 1)] else shift[c])
+                child_mean[child, c] = min(max(v, -MAX_MEAN), MAX_MEAN)
+            child += 1
 
 
 @kernel
@@ -151,25 +53,50 @@ def _copy_only_child(child, p, parent_mean, above, child_mean, energy):
     energy[p, 1] = above[p, 1]
 
 
-@kernel
-def _enc_level(state, out, contexts, begin, end_node, level, steps, kernel, lagrangian, bits_of, first_child, occupancy,
-               child_weight, table, above, energy, parent_mean, original, child_mean):
-    """Codes the children of parents begin..end_node-1 and leaves their reconstruction in child_mean int64 [children, C].
+@kernel(forceinline=True)
+def _block_features(p, begin, k, splits, level, flag, table, energy, above, sums, parent_mean, predicted, shift, tree, inverse,
+                    f):
+    """All features of plane k for mixed coding (spec 7.5.5); flag: whether luma has coefficients."""
+    f[LEVEL], f[SPLITS_FEATURE], f[PLANES] = level, splits, 2 * k + flag
+    f[LUMA2] = min(_class(np.int64(energy[p, 0])), 5) if k else 0
+    _features(p, begin, table, energy, above, k, sums, parent_mean, predicted, shift, tree, inverse, f)
 
-    original: int64 [children, C], the means to be coded. The other arrays are those of _dec_level.
+
+@kernel
+def _inverses(steps):
+    """2**32 // step of each component."""
+    inverse = np.empty_like(steps)
+    for c in range(steps.shape[0]):
+        inverse[c] = (1 << 32) // steps[c]
+    return inverse
+
+
+@kernel
+def _enc_level(state, out, model, models, begin, end_node, level, steps, kernel, colour_inverse, lagrangian, bits_of, first_child,
+               occupancy, child_weight, table, above, energy, parent_mean, original, child_mean):
+    """Codes the children of parents begin..end_node-1 and leaves their reconstruction in child_mean int32 [children, C].
+
+    original: int32 [children, C], the means to be coded. The other arrays are those of _dec_level.
     """
     components = parent_mean.shape[1]
-    tree, values, spread = np.zeros(15, np.int64), np.zeros(15, np.int64), np.zeros(15, np.float64)
+    tree, halves, spread = np.zeros(15, np.int64), np.zeros(15, np.int64), np.zeros(15, np.float64)
     q, predicted = np.zeros((SPLITS, components), np.int64), np.zeros((8, components), np.int64)
     residual, scaled = np.zeros((8, components), np.float64), np.zeros((SPLITS, components), np.float64)
-    classes, flags = np.zeros(2, np.int64), np.zeros(2, np.int64)
+    classes, flags, sums, shift = np.zeros(2, np.int64), np.zeros(2, np.int64), np.zeros(6, np.int64), np.zeros(3, np.int64)
+    f, where, sets = np.zeros(FEATURES, np.int64), np.zeros(MAX_MODELS, np.int64), np.zeros(3, np.int64)
+    inputs = np.zeros(MAX_MODELS, np.int64)
+    near, cells, cell_weight = np.empty(27, np.int64), np.empty(CELLS, np.int64), np.empty(CELLS, np.int64)
+    values = np.zeros((15, components), np.int64)
+    expected, down, inverse = np.zeros_like(q), np.zeros_like(q), _inverses(steps)
     for p in range(begin, end_node):
         child = first_child[p]
         splits = _tree_weights(child, np.int64(occupancy[p]), child_weight, tree)
         if splits == 0:
             _copy_only_child(child, p, parent_mean, above, child_mean, energy)
             continue
-        _predict(p, begin, table, first_child, occupancy, parent_mean, child_mean, kernel, predicted)
+        _predict(p, begin, table, first_child, occupancy, parent_mean, child_mean, kernel, colour_inverse, near, cells,
+                 cell_weight, predicted)
+        _surroundings(p, begin, table, energy, above, sums)
         for k in range(1 if components == 1 else 2):
             c0, c1 = k, (1 if k == 0 else components)
             largest = 0.0
@@ -179,53 +106,93 @@ def _enc_level(state, out, contexts, begin, end_node, level, steps, kernel, lagr
                     if tree[7 + octant]:
                         residual[octant, c] = original[n, c] - predicted[octant, c]
                         n += 1
+                shift[c] = _weighted_mean(tree, predicted, c)
                 _forward(tree, residual, c, spread, scaled, np.float64(steps[c]))
                 for node in range(SPLITS):
                     q[node, c] = 0
                     largest = max(largest, abs(scaled[node, c]))
-            _surroundings(p, begin, table, energy, above, k, classes)
-            flag_ctx = _block_context(k, level, splits, flags[0] if k else 0, classes[0], classes[1])
-            strength = max(classes[0], classes[1])
-            flags[k] = 0
-            if largest >= 0.5:
-                flags[k] = _choose_plane(scaled, tree, contexts, flag_ctx, c0, c1, level, strength, lagrangian, bits_of, q)
-            _enc_bit(state, out, contexts, flag_ctx, flags[k])
-            if flags[k]:
-                _enc_plane(state, out, contexts, tree, splits, c0, c1, level, strength, q)
+            flag, flags[k] = flags[0] if k else 0, 0
+            if models:
+                quiet = _quiet_context(sums, k, level, splits, flag) if _is_quiet(sums, k) else -1
+                if quiet < 0 or largest >= 0.5:
+                    _block_features(p, begin, k, splits, level, flag, table, energy, above, sums, parent_mean, predicted, shift,
+                                    tree, inverse, f)
+                if largest >= 0.5:
+                    for c in range(c0, c1):
+                        _slopes(tree, predicted, c, inverse, halves, expected, down)
+                    probability = _flag_probability(model, models, f, quiet, where, sets, inputs)
+                    flags[k] = _choose_mixed_plane(scaled, tree, model, models, f, probability, c0, c1, lagrangian, bits_of,
+                                                   expected, where, sets, inputs, q)
+                _mixed_flag(True, state, out, 0, model, models, f, quiet, where, sets, inputs, flags[k])
+                if flags[k]:
+                    _mixed_plane(True, state, out, 0, model, models, f, tree, c0, c1, expected, down, where, sets, inputs, q)
+            else:
+                _classes(sums, k, classes)
+                flag_ctx, strength = _block_context(k, level, splits, flag, classes[0], classes[1]), max(classes[0], classes[1])
+                if largest >= 0.5:
+                    flags[k] = _choose_plane(scaled, tree, model.contexts, flag_ctx, c0, c1, level, strength, lagrangian, bits_of,
+                                             q)
+                _enc_bit(state, out, model.contexts, flag_ctx, flags[k])
+                if flags[k]:
+                    _enc_plane(state, out, model.contexts, tree, splits, c0, c1, level, strength, q)
             energy[p, k] = _plane_energy(q, c0, c1, splits)
-        _rebuild_children(child, p, tree, q, steps, parent_mean, predicted, flags, values, child_mean)
+        _rebuild_children(child, p, tree, q, steps, parent_mean, predicted, shift, flags, values, child_mean)
 
 
 @kernel
-def _dec_level(state, data, end, contexts, begin, end_node, level, steps, kernel, first_child, occupancy, child_weight, table,
-               above, energy, parent_mean, child_mean):
-    """Decodes the children of parents begin..end_node-1 into child_mean int64 [children, C] (spec 7.2).
+def _dec_level(state, data, end, model, models, begin, end_node, level, steps, kernel, colour_inverse, first_child, occupancy,
+               child_weight, table, above, energy, parent_mean, child_mean):
+    """Decodes the children of parents begin..end_node-1 into child_mean int32 [children, C] (spec 7.2).
 
-    state, contexts: this slice's coder; data: uint8, the unit; level: level class; steps: int64 [C]; kernel: int64 [7].
-    first_child, occupancy, table, above, energy, parent_mean: per parent; child_weight: per child. All indices come from the
-    octree, none from the stream; context numbers are bounded by construction (contexts.py).
+    state, model: this slice's coder; models: 0 for direct contexts; data: uint8, the unit; level: level class; steps: int64 [C];
+    kernel: int64 [7]; colour_inverse: of inverse_range. first_child, occupancy, table, above, energy, parent_mean: per parent;
+    child_weight: per child. All indices come from the octree, none from the stream; context numbers are bounded by construction
+    (contexts.py, mixed_contexts.py).
     """
     components = parent_mean.shape[1]
-    tree, values = np.zeros(15, np.int64), np.zeros(15, np.int64)
+    tree, halves = np.zeros(15, np.int64), np.zeros(15, np.int64)
     q, predicted = np.zeros((SPLITS, components), np.int64), np.zeros((8, components), np.int64)
-    classes, flags = np.zeros(2, np.int64), np.zeros(2, np.int64)
+    classes, flags, sums, shift = np.zeros(2, np.int64), np.zeros(2, np.int64), np.zeros(6, np.int64), np.zeros(3, np.int64)
+    f, where, sets = np.zeros(FEATURES, np.int64), np.zeros(MAX_MODELS, np.int64), np.zeros(3, np.int64)
+    inputs = np.zeros(MAX_MODELS, np.int64)
+    near, cells, cell_weight = np.empty(27, np.int64), np.empty(CELLS, np.int64), np.empty(CELLS, np.int64)
+    values = np.zeros((15, components), np.int64)
+    expected, down, inverse = np.zeros_like(q), np.zeros_like(q), _inverses(steps)
     for p in range(begin, end_node):
         child = first_child[p]
         splits = _tree_weights(child, np.int64(occupancy[p]), child_weight, tree)
         if splits == 0:
             _copy_only_child(child, p, parent_mean, above, child_mean, energy)
             continue
-        _predict(p, begin, table, first_child, occupancy, parent_mean, child_mean, kernel, predicted)
+        _predict(p, begin, table, first_child, occupancy, parent_mean, child_mean, kernel, colour_inverse, near, cells,
+                 cell_weight, predicted)
+        _surroundings(p, begin, table, energy, above, sums)
         for k in range(1 if components == 1 else 2):
             c0, c1 = k, (1 if k == 0 else components)
             for c in range(c0, c1):
+                shift[c] = _weighted_mean(tree, predicted, c)
                 for node in range(SPLITS):
                     q[node, c] = 0
-            _surroundings(p, begin, table, energy, above, k, classes)
-            flag_ctx = _block_context(k, level, splits, flags[0] if k else 0, classes[0], classes[1])
-            flags[k] = _dec_bit(state, data, end, contexts, flag_ctx)
-            if flags[k]:
-                strength = max(classes[0], classes[1])
-                _dec_plane(state, data, end, contexts, tree, splits, c0, c1, level, strength, q)
+            flag = flags[0] if k else 0
+            if models:
+                quiet = _quiet_context(sums, k, level, splits, flag) if _is_quiet(sums, k) else -1
+                if quiet < 0:
+                    _block_features(p, begin, k, splits, level, flag, table, energy, above, sums, parent_mean, predicted, shift,
+                                    tree, inverse, f)
+                flags[k] = _mixed_flag(False, state, data, end, model, models, f, quiet, where, sets, inputs, 0)
+                if flags[k]:
+                    if quiet >= 0:
+                        _block_features(p, begin, k, splits, level, flag, table, energy, above, sums, parent_mean, predicted,
+                                        shift, tree, inverse, f)
+                    for c in range(c0, c1):
+                        _slopes(tree, predicted, c, inverse, halves, expected, down)
+                    _mixed_plane(False, state, data, end, model, models, f, tree, c0, c1, expected, down, where, sets, inputs, q)
+            else:
+                _classes(sums, k, classes)
+                flag_ctx = _block_context(k, level, splits, flag, classes[0], classes[1])
+                flags[k] = _dec_bit(state, data, end, model.contexts, flag_ctx)
+                if flags[k]:
+                    strength = max(classes[0], classes[1])
+                    _dec_plane(state, data, end, model.contexts, tree, splits, c0, c1, level, strength, q)
             energy[p, k] = _plane_energy(q, c0, c1, splits)
-        _rebuild_children(child, p, tree, q, steps, parent_mean, predicted, flags, values, child_mean)
+        _rebuild_children(child, p, tree, q, steps, parent_mean, predicted, shift, flags, values, child_mean)

@@ -1,13 +1,19 @@
-"""The encoder's choice of a prediction kernel: every candidate codes a few pieces of the field, the cheapest wins."""
+"""The encoder's choice of tools: what an effort allows, and which prediction suits the field."""
+
+from dataclasses import replace
 
 import numpy as np
 
-from .codec import LAMBDA, enc_attributes
-from .prediction import DEFAULT_KERNEL, KERNELS
+from .codec import Tools, enc_attributes
+from .prediction import KERNELS
 from .quantise import step_of
 
+EFFORTS = {"fast": Tools(), "balanced": Tools(colour_range=5, models=6, filters=1),
+           "best": Tools(colour_range=5, models=8, filters=3)}
+# Kernel and colour range, from natural textures to flat colours
+PREDICTIONS = ((KERNELS[1], 10), (KERNELS[1], 5), (KERNELS[2], 5), (KERNELS[3], 3))
 PIECES = 4
-PIECE_VOXELS = {"fast": 0, "balanced": 1 << 14, "best": 1 << 40}  # per piece; 0: the default unseen
+PIECE_VOXELS = {"fast": 0, "balanced": 1 << 13, "best": 1 << 16}  # per piece; 0: the default unseen
 
 
 def _pieces(count, voxels):
@@ -17,18 +23,20 @@ def _pieces(count, voxels):
     return [slice(begin, begin + voxels) for begin in np.linspace(0, count - voxels, PIECES).astype(int)]
 
 
-def _lagrangian_cost(keys, depth, values, qp, kernel, threads):
+def _lagrangian_cost(keys, depth, values, qp, tools, threads):
     """Bits plus squared error in steps, weighed as the quantiser weighs them."""
-    coded, means = enc_attributes(keys, depth, values, qp, kernel, threads)
+    coded, means = enc_attributes(keys, depth, values, qp, tools, threads)
     error = (means.astype(np.float64) - values) / [step_of(v) for v in qp]
-    return 8 * sum(len(c) for c in coded.codewords) + (error**2).sum() / LAMBDA
+    return 8 * sum(len(c) for c in coded.codewords) + (error**2).sum() / tools.trade_off
 
 
-def choose_kernel(keys, depth, values, qp, effort, threads=1):
-    """Prediction kernel for a field, one of KERNELS. keys: int64 [N]; values: int32 [N, C]; qp: [C]; effort: see PIECE_VOXELS."""
-    voxels = PIECE_VOXELS[effort]
+def choose_tools(keys, depth, values, qp, effort, threads=1):
+    """Tools for a field. keys: int64 [N]; values: int32 [N, C]; qp: [C]; effort: a key of EFFORTS. Candidates of PREDICTIONS
+    code a few pieces of the field; the cheapest wins."""
+    tools, voxels = EFFORTS[effort], PIECE_VOXELS[effort]
     if not voxels or len(keys) < 64:
-        return DEFAULT_KERNEL
+        return tools
     pieces = _pieces(len(keys), voxels)
-    costs = [sum(_lagrangian_cost(keys[p], depth, values[p], qp, kernel, threads) for p in pieces) for kernel in KERNELS]
-    return KERNELS[int(np.argmin(costs))]
+    candidates = [replace(tools, kernel=kernel, colour_range=reach, filters=0) for kernel, reach in PREDICTIONS]
+    costs = [sum(_lagrangian_cost(keys[p], depth, values[p], qp, c, threads) for p in pieces) for c in candidates]
+    return replace(candidates[int(np.argmin(costs))], filters=tools.filters)

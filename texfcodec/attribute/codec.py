@@ -14,25 +14,45 @@ import numpy as np
 from ..errors import StreamError
 from .blocks import _dec_level, _enc_level
 from .contexts import CONTEXTS, LEVELS
+from .filter import apply_stage, fit_stage
+from .mixed_contexts import new_mixed_model
+from .mixing import copy_model, new_model
 from .octree import NEIGHBOURS, _neighbours, build_octree, root_table
+from .prediction import DEFAULT_KERNEL, inverse_range
 from .quantise import step_of
-from .range_coder import CACHE, FULL, PENDING, POS, START_BYTES, finish, new_contexts, new_decoder, new_encoder
+from .range_coder import CACHE, FULL, PENDING, POS, START_BYTES, finish, new_decoder, new_encoder
 
-SLICE_VOXELS = 1 << 18  # encoder's choice: one slice per so many voxels
+SLICE_VOXELS = 1 << 19  # encoder's choice: at most so many voxels a slice, and an even number of slices ...
+WHOLE_VOXELS = 1 << 18  # ... but one slice for fewer than this
 MAX_SLICES = 64
 SLICE_NODES = 1 << 10  # encoder's choice: slices start at the first level with this many nodes
 FIRST_ROOM = 64  # bytes of a level buffer beside one per coefficient; no level starts with less
-LAMBDA = 0.1  # squared steps per bit, flat within 1 % from 0.05 to 0.13
+
+
+@dataclass(frozen=True)
+class Tools:
+    """What the attribute coder may use. kernel, colour_range: prediction (clause 7.3); models: 0 for direct contexts, else how
+    many are mixed (7.5.5), at most 8; filters: stages of the filter (7.7), at most 3; trade_off: squared steps that are worth a
+    bit."""
+
+    kernel: tuple = DEFAULT_KERNEL
+    colour_range: int = 0
+    models: int = 0
+    filters: int = 0
+    trade_off: float = 0.06
 
 
 @dataclass
 class CodedAttributes:
-    """Everything the attribute unit carries. root: [C] means; slice_first: first node of each slice at slice_level;
-    codewords: trunk first (only where slice_level > 0), then one per slice; level_bytes: per codeword, the bytes a decoder
-    has read when it has finished each of its levels, as increments."""
+    """Everything the attribute unit carries. colour_range, models, filters: see Tools and FilterStage; root: [C] means;
+    slice_first: first node of each slice at slice_level; codewords: trunk first (only where slice_level > 0), then one per slice;
+    level_bytes: per codeword, the bytes a decoder has read when it has finished each of its levels, as increments."""
 
     qp: list
     kernel: list
+    colour_range: int
+    models: int
+    filters: list
     root: list
     slice_level: int
     slice_first: list
@@ -60,9 +80,9 @@ def _original_means(levels, values):
 def _plan_slices(levels):
     """Slice level and the first node of each slice, by equal numbers of voxels."""
     voxels = len(levels[-1])
-    slices = min(MAX_SLICES, voxels // SLICE_VOXELS)
-    if slices < 2:
+    if voxels < WHOLE_VOXELS:
         return 0, [0]
+    slices = min(MAX_SLICES, 2 * -(-voxels // (2 * SLICE_VOXELS)))
     level = next(i for i, lv in enumerate(levels) if len(lv) >= SLICE_NODES)
     ends = np.cumsum(levels[level].weight)
     first = np.searchsorted(ends, voxels * np.arange(slices) // slices, side="right")
@@ -118,8 +138,8 @@ def _level_class(levels, depth):
 class _SliceEncoder:
     """One codeword in the making: coder state, contexts, the bytes so far and how many a decoder needs for each level."""
 
-    def __init__(self, contexts):
-        self.state, self.contexts = new_encoder(), contexts
+    def __init__(self, model):
+        self.state, self.model = new_encoder(), model
         self.chunks, self.written, self.level_bytes = [], 0, []
 
     def _reached(self):
@@ -127,17 +147,17 @@ class _SliceEncoder:
         return self.written + int(self.state[PENDING] + (self.state[CACHE] >= 0)) + START_BYTES
 
     def code(self, symbols, arguments):
-        """Codes one level of `symbols` coefficients; arguments: of _enc_level after the contexts. The buffer fits what levels
+        """Codes one level of `symbols` coefficients; arguments: of _enc_level after the model. The buffer fits what levels
         usually take; a level that fills it is coded again from the same state into a larger one."""
         before = self._reached() if self.level_bytes else 0
-        state, contexts, room = self.state.copy(), self.contexts.copy(), FIRST_ROOM + symbols
+        state, model, room = self.state.copy(), copy_model(self.model), FIRST_ROOM + symbols
         while True:
             out = np.empty(room + int(self.state[PENDING]), np.uint8)
             self.state[POS] = 0
-            _enc_level(self.state, out, self.contexts, *arguments)
+            _enc_level(self.state, out, self.model, *arguments)
             if not self.state[FULL]:
                 break
-            self.state[:], self.contexts[:], room = state, contexts, 4 * room
+            self.state, self.model, room = state.copy(), copy_model(model), 4 * room
         self.chunks.append(out[: int(self.state[POS])].tobytes())
         self.written += len(self.chunks[-1])
         self.level_bytes.append(self._reached() - before)
@@ -149,8 +169,12 @@ class _SliceEncoder:
         return b"".join([*self.chunks, finish(self.state, out)]).rstrip(b"\0")
 
 
-def enc_attributes(keys, depth, values, qp, kernel, threads=1):
-    """Codes values int32 [N, C] (12 fractional bits) on ascending Morton keys int64 [N]; qp: [C] in 0..63; kernel: [7].
+def _new_model(models):
+    return new_mixed_model() if models else new_model(CONTEXTS, 0, 0)
+
+
+def enc_attributes(keys, depth, values, qp, tools=None, threads=1):
+    """Codes values int32 [N, C] (12 fractional bits) on ascending Morton keys int64 [N]; qp: [C] in 0..63; tools: Tools.
 
     Returns (CodedAttributes, int32 [N, C] what the decoder will have). The result does not depend on `threads`.
     """
@@ -158,25 +182,37 @@ def enc_attributes(keys, depth, values, qp, kernel, threads=1):
     originals = _original_means(levels, np.ascontiguousarray(values, np.int32))
     root = originals[0][0].tolist()
     slice_level, slice_first = _plan_slices(levels)
-    steps, weights = np.array([step_of(v) for v in qp], np.int64), np.array(kernel, np.int64)
-    trunk = _SliceEncoder(new_contexts(CONTEXTS))
+    tools = tools or Tools()
+    steps, weights = np.array([step_of(v) for v in qp], np.int64), np.array(tools.kernel, np.int64)
+    colour_inverse, lagrangian = inverse_range(tools.colour_range, int(steps[0])), 1 / tools.trade_off
+    trunk = _SliceEncoder(_new_model(tools.models))
     coders = active = [trunk]
     with ThreadPoolExecutor(threads) as pool:
         walk = _Descent(levels, root, pool)
         for d in range(depth):
             ranges = _ranges(levels, d, slice_level, slice_first)
             if d == slice_level > 0:
-                active = [_SliceEncoder(trunk.contexts.copy()) for _ in ranges]
+                active = [_SliceEncoder(copy_model(trunk.model)) for _ in ranges]
                 coders = [trunk, *active]
             arrays, energy, child_mean = walk.arrays(d)
-            tail = (_level_class(levels, d), steps, weights, 256.0 / LAMBDA, _bits_of(), *arrays, originals[d + 1], child_mean)
+            tail = (_level_class(levels, d), steps, weights, colour_inverse, 256 * lagrangian, _bits_of(), *arrays,
+                    originals[d + 1], child_mean)
             children = levels[d].first_child
-            walk.run([partial(coder.code, int(children[end] - children[begin]) * len(qp), (begin, end, *tail))
+            walk.run([partial(coder.code, int(children[end] - children[begin]) * len(qp), (tools.models, begin, end, *tail))
                       for coder, (begin, end) in zip(active, ranges, strict=True)])
             walk.descend(d, energy, child_mean, ranges)
+        filters = []
+        for _ in range(tools.filters if depth else 0):
+            stage = fit_stage(levels[-2], walk.table, walk.mean, originals[-1], steps, lagrangian, walk.run)
+            if stage is None:
+                break
+            filters.append(stage)
+            walk.mean = apply_stage(stage, levels[-2], walk.table, walk.mean, int(steps[0]), walk.run)
     codewords = [coder.codeword() for coder in coders] if depth else []
     level_bytes = [coder.level_bytes for coder in coders] if depth else []
-    return CodedAttributes(list(qp), list(kernel), root, slice_level, slice_first, codewords, level_bytes), walk.mean
+    coded = CodedAttributes(list(qp), list(tools.kernel), tools.colour_range, tools.models, filters, root, slice_level,
+                            slice_first, codewords, level_bytes)
+    return coded, walk.mean
 
 
 def dec_attributes(keys, depth, coded, data, spans, stop_level, threads=1):
@@ -190,18 +226,22 @@ def dec_attributes(keys, depth, coded, data, spans, stop_level, threads=1):
     if coded.slice_first[-1] >= len(levels[coded.slice_level]):
         raise StreamError("TXF-S12", "a slice begins past the last node", clause="5.7.1", value=coded.slice_first[-1],
                           allowed=f"< {len(levels[coded.slice_level])}")
+    data = np.array(data, np.uint8)  # a writable copy: encoder and decoder share kernels
     steps, weights = np.array([step_of(v) for v in coded.qp], np.int64), np.array(coded.kernel, np.int64)
-    active = [(new_decoder(data, *span), data, span[1], new_contexts(CONTEXTS)) for span in spans[:1]]
+    colour_inverse = inverse_range(coded.colour_range, int(steps[0]))
+    active = [(new_decoder(data, *span), data, span[1], _new_model(coded.models)) for span in spans[:1]]
     with ThreadPoolExecutor(threads) as pool:
         walk = _Descent(levels, coded.root, pool)
         for d in range(stop_level):
             ranges = _ranges(levels, d, coded.slice_level, coded.slice_first)
             if d == coded.slice_level > 0:
                 trunk = active[0][-1]
-                active = [(new_decoder(data, *span), data, span[1], trunk.copy()) for span in spans[1:]]
+                active = [(new_decoder(data, *span), data, span[1], copy_model(trunk)) for span in spans[1:]]
             arrays, energy, child_mean = walk.arrays(d)
-            tail = (_level_class(levels, d), steps, weights, *arrays, child_mean)
-            walk.run([partial(_dec_level, *coder, begin, end, *tail)
+            tail = (_level_class(levels, d), steps, weights, colour_inverse, *arrays, child_mean)
+            walk.run([partial(_dec_level, *coder, coded.models, begin, end, *tail)
                       for coder, (begin, end) in zip(active, ranges, strict=True)])
             walk.descend(d, energy, child_mean, ranges)
+        for stage in coded.filters if 0 < stop_level == depth else ():
+            walk.mean = apply_stage(stage, levels[-2], walk.table, walk.mean, int(steps[0]), walk.run)
     return walk.mean

@@ -1,4 +1,4 @@
-"""Colour transform of the attribute codec: BT.709 full-range Y'CbCr in fixed point (spec clause 7.7)."""
+"""Colour transform of the attribute codec: BT.709 full-range Y'CbCr in fixed point (spec clause 7.8)."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ def forward_colour(rgb):
 
 
 def inverse_colour(means):
-    """Decoder's side (spec 7.7.2). means: int32 [N, 3], 12 fractional bits. Returns uint8 [N, 3] RGB."""
+    """Decoder's side (spec 7.8.2). means: int32 [N, 3], 12 fractional bits. Returns uint8 [N, 3] RGB."""
     y = means[:, 0].astype(np.int64) << 16
     cb, cr = means[:, 1].astype(np.int64), means[:, 2].astype(np.int64)
     planes = (y + CR_TO_R * cr, y - CB_TO_G * cb - CR_TO_G * cr, y + CB_TO_B * cb)

@@ -21,10 +21,13 @@ ZERO_BASE = BLOCK_BASE + N_BLOCK
 MORE_BASE = ZERO_BASE + N_ZERO
 UNARY_BASE = MORE_BASE + N_MORE
 CONTEXTS = UNARY_BASE + N_UNARY
+# Faces and edges of a block in its neighbour table, and how much their energies weigh
+DIRECTIONS, WEIGHTS = np.array([(i, 3 - away) for i in range(27)
+                                if 0 < (away := abs(i // 9 - 1) + abs(i // 3 % 3 - 1) + abs(i % 3 - 1)) < 3]).T.copy()
 MAX_PREFIX = 24  # of the Exp-Golomb escape: |q| < 2**25 + 15; clipped when dequantised
 
 
-@kernel
+@kernel(forceinline=True)
 def _class(e):
     """Energy class of 0 <= e (16 units per coefficient magnitude)."""
     if e == 0:
@@ -42,31 +45,37 @@ def _class(e):
     return 6
 
 
-@kernel
-def _surroundings(p, first, table, energy, above, k, classes):
-    """Fills classes[0] (own level, decoded neighbours) and classes[1] (level above) for plane k (0 luma, 1 chroma).
+@kernel(forceinline=True)
+def _surroundings(p, first, table, energy, above, sums):
+    """Fills sums int64 [6] with the weighted energies around block p: near (own level, decoded neighbours) of luma and chroma,
+    far (level above) of luma and chroma, and the weights near and far.
 
     energy: uint8 [n, 2] of the blocks of this level, valid for first..p-1; above: uint8 [n, 2], energy of the block that each
     parent came from.
     """
-    near, near_weight = np.int64(0), np.int64(0)
-    far, far_weight = 3 * np.int64(above[p, k]), np.int64(3)
-    for i in range(27):
-        q = table[p, i]
-        if q < 0 or i == 13:
+    near_luma, near_chroma, near_weight = np.int64(0), np.int64(0), np.int64(0)
+    far_luma, far_chroma, far_weight = 3 * np.int64(above[p, 0]), 3 * np.int64(above[p, 1]), np.int64(3)
+    for i in range(DIRECTIONS.shape[0]):
+        q = np.int64(table[p, DIRECTIONS[i]])
+        if q < 0:
             continue
-        away = abs(i // 9 - 1) + abs((i // 3) % 3 - 1) + abs(i % 3 - 1)
-        w = 3 - away if away < 3 else 0
-        if w == 0:
-            continue
+        w = np.int64(WEIGHTS[i])
         if first <= q < p:
-            near += w * np.int64(energy[q, k])
+            near_luma += w * energy[q, 0]
+            near_chroma += w * energy[q, 1]
             near_weight += w
         else:
-            far += w * np.int64(above[q, k])
+            far_luma += w * above[q, 0]
+            far_chroma += w * above[q, 1]
             far_weight += w
-    classes[0] = _class((near + near_weight - 1) // near_weight) if near_weight else 0
-    classes[1] = _class((far + far_weight - 1) // far_weight)
+    sums[0], sums[1], sums[2], sums[3], sums[4], sums[5] = near_luma, near_chroma, far_luma, far_chroma, near_weight, far_weight
+
+
+@kernel
+def _classes(sums, k, classes):
+    """Fills classes[0] (own level) and classes[1] (level above) for plane k from the sums of _surroundings."""
+    classes[0] = _class((sums[k] + sums[4] - 1) // sums[4]) if sums[4] else 0
+    classes[1] = _class((sums[2 + k] + sums[5] - 1) // sums[5])
 
 
 @kernel
@@ -87,6 +96,40 @@ def _more_context(c, strength, large):
 
 
 @kernel
+def _enc_escape(state, out, rest):
+    """Exp-Golomb code of rest >= 1, what is left of a magnitude."""
+    bits = 0
+    while (rest >> (bits + 1)) > 0:
+        bits += 1
+    for _ in range(bits):
+        _enc_bypass(state, out, 1)
+    _enc_bypass(state, out, 0)
+    for b in range(bits - 1, -1, -1):
+        _enc_bypass(state, out, (rest >> b) & 1)
+
+
+@kernel
+def _dec_escape(state, data, end):
+    """Mirror of _enc_escape. A prefix that never ends stops at MAX_PREFIX."""
+    bits = 0
+    while bits < MAX_PREFIX and _dec_bypass(state, data, end):
+        bits += 1
+    rest = np.int64(1)
+    for _ in range(bits):
+        rest = (rest << 1) | _dec_bypass(state, data, end)
+    return rest
+
+
+@kernel
+def _escape_cost(rest):
+    """Price of _enc_escape in 2**-8 bit."""
+    bits = 0
+    while (rest >> (bits + 1)) > 0:
+        bits += 1
+    return 256 * (2 * bits + 1)
+
+
+@kernel
 def _enc_magnitude(state, out, contexts, c, strength, large, magnitude, sign):
     """Codes |q| >= 1 and its sign."""
     _enc_bypass(state, out, sign)
@@ -100,20 +143,12 @@ def _enc_magnitude(state, out, contexts, c, strength, large, magnitude, sign):
             return
         ctx = UNARY_BASE + c * UNARY + min(i, UNARY - 1)
         i += 1
-    rest -= UNARY
-    bits = 0
-    while (rest >> (bits + 1)) > 0:
-        bits += 1
-    for _ in range(bits):
-        _enc_bypass(state, out, 1)
-    _enc_bypass(state, out, 0)
-    for b in range(bits - 1, -1, -1):
-        _enc_bypass(state, out, (rest >> b) & 1)
+    _enc_escape(state, out, rest - UNARY)
 
 
 @kernel
 def _dec_magnitude(state, data, end, contexts, c, strength, large):
-    """Mirror of _enc_magnitude: the signed value. A prefix that never ends stops at MAX_PREFIX."""
+    """Mirror of _enc_magnitude: the signed value."""
     sign = _dec_bypass(state, data, end)
     ctx = _more_context(c, strength, large)
     magnitude = np.int64(1)
@@ -124,13 +159,7 @@ def _dec_magnitude(state, data, end, contexts, c, strength, large):
         magnitude += 1
         ctx = UNARY_BASE + c * UNARY + min(i, UNARY - 1)
         i += 1
-    bits = 0
-    while bits < MAX_PREFIX and _dec_bypass(state, data, end):
-        bits += 1
-    rest = np.int64(1)
-    for _ in range(bits):
-        rest = (rest << 1) | _dec_bypass(state, data, end)
-    magnitude += rest - 1
+    magnitude += _dec_escape(state, data, end) - 1
     return -magnitude if sign else magnitude
 
 
@@ -155,8 +184,4 @@ def _magnitude_cost(contexts, c, strength, large, magnitude, bits_of):
             return cost
         ctx = UNARY_BASE + c * UNARY + min(i, UNARY - 1)
         i += 1
-    rest -= UNARY
-    bits = 0
-    while (rest >> (bits + 1)) > 0:
-        bits += 1
-    return cost + 256 * (2 * bits + 1)
+    return cost + _escape_cost(rest - UNARY)

@@ -95,6 +95,40 @@ def _neighbours(first_child, occupancy, parent_table, begin, end, table):
             child += 1
 
 
+def _adjacent():
+    """For every neighbour of a node, those of its places for children that touch the node: int64 [27, 8] the place and int64
+    [27, 8] its cell (_cells); int64 [27] how many there are."""
+    places, cells = np.zeros((NEIGHBOURS, 8), np.int64), np.zeros((NEIGHBOURS, 8), np.int64)
+    counts = np.zeros(NEIGHBOURS, np.int64)
+    for i, place in np.ndindex(NEIGHBOURS, 8):
+        x, y, z = (2 * d - 1 + (place >> axis & 1) for axis, d in enumerate((i // 9, i // 3 % 3, i % 3)))
+        if all(0 <= v < 4 for v in (x, y, z)):
+            places[i, counts[i]], cells[i, counts[i]] = place, 16 * x + 4 * y + z
+            counts[i] += 1
+    return places, cells, counts
+
+
+ADJACENT_PLACE, ADJACENT_CELL, ADJACENT = _adjacent()
+CELLS = 64
+CENTRE = np.array([21 + 16 * (o & 1) + 4 * (o >> 1 & 1) + (o >> 2 & 1) for o in range(8)])  # cells of a node's own children
+
+
+@kernel(forceinline=True)
+def _cells(p, begin, end, table, first_child, occupancy, cells):
+    """Fills cells int64 [64] with the numbers of the children around and in node p: cell 16 x + 4 y + z with coordinates 0..3,
+    the node's own children at 1 and 2; -1 where there is none. Only children of the nodes begin..end-1 are taken."""
+    cells[:] = -1
+    for i in range(NEIGHBOURS):
+        q = np.int64(table[p, i])
+        if q < begin or q >= end:
+            continue
+        taken, child = np.int64(occupancy[q]), first_child[q]
+        for j in range(ADJACENT[i]):
+            place = ADJACENT_PLACE[i, j]
+            if (taken >> place) & 1:
+                cells[ADJACENT_CELL[i, j]] = child + _ones(taken & ((1 << place) - 1))
+
+
 def root_table():
     """Neighbour table of the root: int32 [1, 27], only itself."""
     table = np.full((1, NEIGHBOURS), -1, np.int32)

@@ -16,7 +16,7 @@ SPLITS = 7
 EXACT_BELOW = 1 << 12
 
 
-@kernel
+@kernel(forceinline=True)
 def _tree_weights(first, occupancy, weight, tree):
     """Fills tree int64 [15]: weights of the root (0), the halves along z (1, 2), y (3..6) and x (7..14 = octants), 0 where
     nothing is. Octant bit 0 is x, so leaf 7 + octant. first: first child; weight: int64, child weights. Returns the splits."""
@@ -30,6 +30,11 @@ def _tree_weights(first, occupancy, weight, tree):
     for node in range(6, -1, -1):
         tree[node] = tree[2 * node + 1] + tree[2 * node + 2]
     return child - first - 1
+
+
+@kernel
+def _is_split(tree, node):
+    return tree[2 * node + 1] != 0 and tree[2 * node + 2] != 0
 
 
 @kernel
@@ -54,38 +59,30 @@ def _forward(tree, residual, component, values, scaled, step):
             values[node] = v1 if w1 else v2
 
 
-@kernel
-def _inverse(tree, q, component, mean, predicted, step, coded, values):
-    """Children's means of one component, left in values[7:15] (spec 7.4.3).
-
-    The prediction is shifted so that its weighted mean is the node's own mean; coefficients add differences to it.
-    tree: int64 [15]; q: int64 [7, C]; predicted: int64 [8, C]; coded: whether any q of this component is not zero.
-    weights < 2**27 and values < 2**32, so sums stay < 2**62.
-    """
-    total = tree[0]
+@kernel(forceinline=True)
+def _weighted_mean(tree, predicted, component):
+    """Mean of the children's predictions, weighted by their voxels and rounded (spec 7.4.3). The sum stays < 2**51."""
     acc = np.int64(0)
     for octant in range(8):
-        if tree[7 + octant]:
-            acc += tree[7 + octant] * predicted[octant, component]
-    shift = mean - (2 * acc + total) // (2 * total)
-    if not coded:
-        for octant in range(8):
-            if tree[7 + octant]:
-                values[7 + octant] = predicted[octant, component] + shift
-        return
-    values[0] = shift
+        acc += tree[7 + octant] * predicted[octant, component]
+    return (2 * acc + tree[0]) // (2 * tree[0])
+
+
+@kernel
+def _inverse(tree, q, component, mean, step, values):
+    """What a block's coefficients add to the predictions of its children, in one component of values int64 [15, C] (spec 7.4.3).
+
+    mean: of the node, less the weighted mean of the predictions; tree: int64 [15]; q: int64 [7, C]. weights < 2**27 and values <
+    2**32, so sums stay < 2**62.
+    """
+    values[0, component] = mean
     for node in range(7):
-        w1, w2 = tree[2 * node + 1], tree[2 * node + 2]
-        if w1 and w2:
-            d = np.int64(0)
-            if q[node, component]:
-                d = _dequantise(q[node, component], step, w1, w2)
-            values[2 * node + 1] = values[node] - (2 * w2 * d + w1 + w2) // (2 * (w1 + w2))
-            values[2 * node + 2] = values[2 * node + 1] + d
-        elif w1:
-            values[2 * node + 1] = values[node]
-        elif w2:
-            values[2 * node + 2] = values[node]
-    for octant in range(8):
-        if tree[7 + octant]:
-            values[7 + octant] += predicted[octant, component]
+        w1, w2, v = tree[2 * node + 1], tree[2 * node + 2], values[node, component]
+        if w1 and w2 and q[node, component]:
+            d = _dequantise(q[node, component], step, w1, w2)
+            v -= (2 * w2 * d + w1 + w2) // (2 * (w1 + w2))
+            values[2 * node + 1, component] = v
+            values[2 * node + 2, component] = v + d
+        else:
+            values[2 * node + 1, component] = v
+            values[2 * node + 2, component] = v

@@ -1,7 +1,7 @@
 """Adaptive binary range coder (spec clause 7.6): byte-wise, 32-bit range, carry through a cached byte.
 
 A coder lives in an int64 array so that a kernel can stop after any level and go on later: [LOW, RANGE, CACHE, PENDING, POS, FULL]
-while encoding, [CODE, RANGE, -, -, POS, -] while decoding. A context is one row of an int64 table: two probabilities of a one in
+while encoding, [CODE, RANGE, -, -, POS, -] while decoding. A context is one row of an int32 table: two probabilities of a one in
 units of 2**-22, a fast and a slow one, and a count of the symbols seen (up to 63): the first steps are those of a running mean.
 """
 
@@ -21,8 +21,8 @@ START_BYTES = 4
 
 
 def new_contexts(count):
-    """Context table in its initial state (spec 7.6.1): int64 [count, 3]."""
-    contexts = np.zeros((count, 3), np.int64)
+    """Context table in its initial state (spec 7.6.1): int32 [count, 3]."""
+    contexts = np.zeros((count, 3), np.int32)
     contexts[:, :2] = 1 << (PROBABILITY_BITS - 1)
     return contexts
 
@@ -30,17 +30,17 @@ def new_contexts(count):
 @kernel
 def _probability(contexts, ctx):
     """16-bit probability of a one, in 24..65512: both estimates averaged."""
-    p = (contexts[ctx, 0] + contexts[ctx, 1]) >> (PROBABILITY_BITS - 15)
+    p = (np.int64(contexts[ctx, 0]) + contexts[ctx, 1]) >> (PROBABILITY_BITS - 15)
     return min(max(p, 24), 65512)
 
 
 @kernel
-def _adapt(contexts, ctx, bit):
+def _adapt(contexts, ctx, bit, fast_shift):
     """Moves both estimates towards the symbol (spec 7.6.3)."""
     seen = contexts[ctx, 2]
     rate = RATE[seen]
     target = ((1 << PROBABILITY_BITS) - 1) * bit
-    contexts[ctx, 0] += (target - contexts[ctx, 0]) >> min(rate, FAST_SHIFT)
+    contexts[ctx, 0] += (target - contexts[ctx, 0]) >> min(rate, fast_shift)
     contexts[ctx, 1] += (target - contexts[ctx, 1]) >> rate
     contexts[ctx, 2] = min(seen + 1, MOST_SEEN)
 
@@ -114,13 +114,13 @@ def _dec_split(state, data, end, bound):
 @kernel
 def _enc_bit(state, out, contexts, ctx, bit):
     _enc_split(state, out, (state[RANGE] >> 16) * _probability(contexts, ctx), bit)
-    _adapt(contexts, ctx, bit)
+    _adapt(contexts, ctx, bit, FAST_SHIFT)
 
 
 @kernel
 def _dec_bit(state, data, end, contexts, ctx):
     bit = _dec_split(state, data, end, (state[RANGE] >> 16) * _probability(contexts, ctx))
-    _adapt(contexts, ctx, bit)
+    _adapt(contexts, ctx, bit, FAST_SHIFT)
     return bit
 
 

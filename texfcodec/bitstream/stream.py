@@ -92,6 +92,9 @@ def _read_attribute(reader, stream, trace):
 
 def _check_raht(values):
     """Relations between elements that a range cannot say (spec 5.7.1, 5.7.2)."""
+    if any(f["filter_mask"] >> 5 * values["NumComponents"] for f in values["filters"]):
+        raise StreamError("TXF-S04", "filter_mask is out of range", clause="5.7.3", offset=values["offset"],
+                          allowed=f"< 2**{5 * values['NumComponents']}")
     if values["kernel"][0] == 0:
         raise StreamError("TXF-S04", "kernel[0] is out of range", clause="5.7.1", offset=values["offset"], allowed="1..255")
     depth, level = values["Depth"], values["slice_level"]

@@ -122,10 +122,20 @@ CODEWORD = Structure("codeword_header", "5.7.2", (
     E("level_bytes", "v", 0, count="NumLevels", when=("level_index", lambda v: v["level_index"])),
 ))
 
+FILTER = Structure("filter_stage", "5.7.3", (
+    E("filter_mask", "u16", 0, (1 << 15) - 1),
+    Derived("NumTaps", "3 * (number of set bits of filter_mask)", lambda v: 3 * v["filter_mask"].bit_count()),
+    E("filter_coefficients", "i8", count="NumTaps"),
+))
+
 RAHT = Structure("raht_parameters", "5.7.1", (
     E("colour_transform", "u8", 0, 1),
     E("qp", "u8", 0, 63, count="NumComponents"),
     E("kernel", "u8", count="7"),
+    E("colour_range", "u8"),
+    E("num_models", "u8", 0, 8),
+    E("num_filters", "u8", 0, 3),
+    E("filters", FILTER, count="num_filters"),
     E("root_mean", "i32", -(1 << 20), 1 << 20, count="NumComponents"),
     Derived("Depth", "Ceil(Log2(resolution))", lambda v: octree_depth(v["resolution"])),
     E("slice_level", "u8", 0, 12),
@@ -164,4 +174,4 @@ UNITS = {
     UNIT_METADATA: METADATA,
 }
 CODECS = {CODEC_RAHT: RAHT}
-STRUCTURES = (SEQUENCE_HEADER, CHANNEL_GROUP, MATERIALS, MATERIAL, FIELD, GEOMETRY, ATTRIBUTE, RAHT, CODEWORD, METADATA)
+STRUCTURES = (SEQUENCE_HEADER, CHANNEL_GROUP, MATERIALS, MATERIAL, FIELD, GEOMETRY, ATTRIBUTE, RAHT, CODEWORD, FILTER, METADATA)

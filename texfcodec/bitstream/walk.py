@@ -5,7 +5,7 @@ import struct
 from ..errors import StreamError
 from .syntax import V_MAX, Derived, Structure
 
-_FIXED = {"u8": "<B", "u16": "<H", "u32": "<I", "i32": "<i", "f64": "<d"}
+_FIXED = {"u8": "<B", "u16": "<H", "u32": "<I", "i8": "<b", "i32": "<i", "f64": "<d"}
 
 
 def write_v(value):

@@ -240,7 +240,7 @@ def attribute(field, group, components, codewords=((5, (4, 1, 0)),)):
     return {"field_index": field, "group_index": group, "codec_id": 0, "values_crc": 7, "colour_transform": 0,
             "qp": [20] * components, "kernel": [9, 0, 1, 2, 3, 4, 5], "colour_range": 5, "num_models": 6, "num_filters": 1,
             "filters": [{"filter_mask": 0b10010, "filter_coefficients": [-128, 127, 0, 1, -1, 3]}],
-            "root_mean": [-5] * components, "slice_level": 0,
+            "residual": 128, "residual_cross": [16] * components, "root_mean": [-5] * components, "slice_level": 0,
             "num_slices": None, "slice_step": [], "level_index": 1,
             "codewords": [{"codeword_length": n, "level_bytes": list(b)} for n, b in codewords],
             "codeword_data": bytes(sum(n for n, _ in codewords))}
@@ -325,7 +325,7 @@ def drop(where, index):
     (put("geometry", 1, field_index=2), "TXF-S09"),
     (put("geometry", 1, material_index=2), "TXF-S09"),
     (put("geometry", 1, field_index=0), "TXF-S11"),
-    (put("attributes", 1, group_index=0, qp=[1, 1, 1], root_mean=[0, 0, 0]), "TXF-S11"),
+    (put("attributes", 1, group_index=0, qp=[1, 1, 1], root_mean=[0, 0, 0], residual=0, residual_cross=[]), "TXF-S11"),
     (drop("attributes", 3), "TXF-S11"),
     (drop("geometry", 0), "TXF-S11"),
     (put("attributes", 0, kernel=[0, 1, 1, 1, 1, 1, 1]), "TXF-S04"),

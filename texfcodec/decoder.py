@@ -128,11 +128,11 @@ def _decode_field(resolution, keys, coded, groups, options):
 def _decode_group(values, keys, depth, stop, threads):
     """One attribute unit down to level `stop`: uint8 [n, C]."""
     coded, spans = coded_of(values)
-    means = dec_attributes(keys, depth, coded, np.frombuffer(values["codeword_data"], np.uint8), spans, stop, threads)
     bt709 = values["colour_transform"] == TRANSFORM_BT709
-    if bt709 and means.shape[1] != 3:
+    if bt709 and len(coded.qp) != 3:
         raise StreamError("TXF-S04", "colour_transform needs three components", clause="5.7.1", offset=values["offset"])
-    plane = inverse_colour(means) if bt709 else inverse_plain(means)
+    data, inverse = np.frombuffer(values["codeword_data"], np.uint8), inverse_colour if bt709 else inverse_plain
+    plane = dec_attributes(keys, depth, coded, data, spans, stop, threads, inverse)
     if stop == depth and zlib.crc32(plane) != values["values_crc"]:
         raise StreamError("TXF-S32", "the decoded values do not have the checksum that was sent", clause="7.10",
                           offset=values["offset"])

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from .asset.load import load
-from .attribute.choice import choose_tools
+from .attribute.choice import choose_base_qp, choose_tools
 from .attribute.codec import enc_attributes
 from .attribute.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
 from .attribute.layout import octree_depth
+from .attribute.residual import ResidualPlan
 from .bitstream.stream import Stream, write_stream
 from .bitstream.syntax import CODEC_RAHT, SEMANTIC_BASE_COLOUR
 from .bitstream.values import header_values, material_values, metadata_bytes, raht_values
@@ -126,11 +127,28 @@ def _code_geometry(surface, face_field):
 
 def _code_group(plane, keys, options):
     """Syntax values of one attribute unit. plane: float32 [N, C] in 0..255; keys: int64 [N]."""
-    colour = plane.shape[1] == 3
-    qp = [min(max(options.qp + (options.chroma_qp_offset if c else 0), 0), 63) for c in range(plane.shape[1])]
-    values = forward_colour(plane) if colour else forward_plain(np.rint(plane))
-    depth = octree_depth(options.resolution)
+    if options.max_error is not None:
+        return _code_bounded(plane, keys, options)
+    colour, depth = plane.shape[1] == 3, octree_depth(options.resolution)
+    values, qp = forward_colour(plane) if colour else forward_plain(np.rint(plane)), _qp_of(options.qp, plane.shape[1], options)
     tools = choose_tools(keys, depth, values, qp, options.effort, options.threads)
     coded, means = enc_attributes(keys, depth, values, qp, tools, options.threads)
     decoded = inverse_colour(means) if colour else inverse_plain(means)
     return {"codec_id": CODEC_RAHT, "values_crc": zlib.crc32(decoded), **raht_values(coded, colour)}
+
+
+def _code_bounded(plane, keys, options):
+    """As _code_group, with no rounded value further off than options.max_error."""
+    colour, depth = plane.shape[1] == 3, octree_depth(options.resolution)
+    original = np.clip(np.rint(plane), 0, 255).astype(np.uint8)
+    values = forward_colour(original) if colour else forward_plain(original)
+    plan = ResidualPlan(options.max_error, original, inverse_colour if colour else inverse_plain)
+    qp = choose_base_qp(keys, depth, values, lambda qp: _qp_of(qp, plane.shape[1], options), plan, options.effort,
+                        options.threads)
+    tools = choose_tools(keys, depth, values, qp, options.effort, options.threads)
+    coded, decoded = enc_attributes(keys, depth, values, qp, tools, options.threads, plan)
+    return {"codec_id": CODEC_RAHT, "values_crc": zlib.crc32(decoded), **raht_values(coded, colour)}
+
+
+def _qp_of(qp, components, options):
+    return [min(max(qp + (options.chroma_qp_offset if c else 0), 0), 63) for c in range(components)]

@@ -53,7 +53,8 @@ def cache_folder():
 
 
 def kernel(function=None, **options):
-    """Decorator: compiled without the interpreter's lock and cached in cache_folder(). options: further ones of numba.njit."""
+    """Decorator: compiled without the interpreter's lock and cached in cache_folder(). options: further ones of numba.njit.
+    Divisions are not checked for zero: whoever divides makes sure."""
     if function is None:
         return partial(kernel, **options)
     import numba
@@ -61,6 +62,6 @@ def kernel(function=None, **options):
     usual = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(cache_folder())  # read while the decorator runs; other packages keep theirs
     try:
-        return numba.njit(cache=True, nogil=True, **options)(function)
+        return numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     finally:
         numba.config.CACHE_DIR = usual

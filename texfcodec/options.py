@@ -30,6 +30,9 @@ def default_threads():
 class EncodeOptions:
     """resolution/qp override the rate preset; qp follows G-PCC: step = 2**((qp - 4) / 6).
 
+    max_error: None for lossy, 0 for lossless coding of the voxels' rounded values, 1..127 for values that are at most so far
+    off; the encoder then sets the QPs, and qp stays None.
+
     chroma_qp_offset: added to the QP of both chroma components. area_threshold: voxels holding less surface than this many
     1/256 voxel faces are dropped where coverage allows. partition: "auto" splits the mesh into fields where surfaces meet,
     "off" keeps one. allow_empty: code a mesh whose faces all collapse as an empty stream instead of refusing it.
@@ -40,6 +43,7 @@ class EncodeOptions:
     qp: int | None = None
     target_bytes: int | None = None
     target_psnr: float | None = None
+    max_error: int | None = None
     position_bits: int = 14
     effort: str = "balanced"
     chroma_qp_offset: int = -1
@@ -59,11 +63,22 @@ class EncodeOptions:
             raise InputError("TXF-I50", "unknown effort", value=self.effort, allowed=", ".join(EFFORTS))
         preset = RATES[self.rate]
         self.resolution = preset[0] if self.resolution is None else self.resolution
-        self.qp = preset[1] if self.qp is None else self.qp
+        if self.max_error is None:
+            self.qp = preset[1] if self.qp is None else self.qp
+        else:
+            self._check_max_error()
         for name, low, high in (("resolution", 1, 8192), ("qp", 0, 63), ("position_bits", 8, 20), ("threads", 1, 1024)):
             value = getattr(self, name)
-            if not low <= value <= high:
+            if value is not None and not low <= value <= high:
                 raise InputError("TXF-I50", f"{name} is out of range", value=value, allowed=f"{low}..{high}")
+
+    def _check_max_error(self):
+        if not 0 <= self.max_error <= 127:
+            raise InputError("TXF-I50", "max_error is out of range", value=self.max_error, allowed="0..127")
+        for name in ("qp", "target_bytes", "target_psnr"):
+            if getattr(self, name) is not None:
+                raise InputError("TXF-I50", f"max_error and {name} exclude each other: an error bound sets the QP by itself",
+                                 value=getattr(self, name))
 
 
 @dataclass

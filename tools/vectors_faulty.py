@@ -7,6 +7,7 @@ from vectors_good import (
     Vector,
     empty,
     encoded,
+    one_voxel,
     parsed,
     recoded,
     scene_of,
@@ -332,6 +333,9 @@ def attributes():
         ("qp_64", "qp 64", "5.7.1", with_element(simple, A, "qp", b"\x40\0\0"), "TXF-S04"),
         ("kernel_0", "kernel[0] = 0", "5.7.1", with_element(simple, A, "kernel", bytes([0, *kernel[1:]])), "TXF-S04"),
         ("num_models_9", "num_models 9", "5.7.1", with_element(simple, A, "num_models", b"\11"), "TXF-S04"),
+        ("residual_129", "residual 129", "5.7.1", with_element(simple, A, "residual", b"\x81"), "TXF-S04"),
+        ("residual_without_levels", "a residual where K is 1", "5.7.1",
+         with_values(one_voxel(), lambda stream: stream.attributes[0].update(residual=1, residual_cross=[0, 0, 0])), "TXF-S04"),
         ("num_filters_4", "num_filters 4", "5.7.1", with_element(simple, A, "num_filters", b"\4"), "TXF-S04"),
         ("filter_of_no_component", "a filter_mask bit of a component that is not there", "5.7.3",
          with_values(base, lambda stream: stream.attributes[1].update(

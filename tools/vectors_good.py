@@ -17,6 +17,7 @@ from texfcodec.attribute.colour import (
     inverse_plain,
 )
 from texfcodec.attribute.layout import octree_depth
+from texfcodec.attribute.residual import ResidualPlan
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.bitstream.syntax import SIGNATURE, UNIT_END, UNIT_METADATA
 from texfcodec.bitstream.units import read_units, write_unit
@@ -129,19 +130,21 @@ def values_of(unit, keys):
     """Decoded values of an attribute unit whatever its values_crc says: uint8 [N, C]."""
     coded, spans = coded_of(unit)
     data = np.frombuffer(bytes(unit["codeword_data"]), np.uint8)
-    means = codec.dec_attributes(keys, unit["Depth"], coded, data, spans, unit["Depth"])
-    return (inverse_colour if unit["colour_transform"] == TRANSFORM_BT709 else inverse_plain)(means)
+    inverse = inverse_colour if unit["colour_transform"] == TRANSFORM_BT709 else inverse_plain
+    return codec.dec_attributes(keys, unit["Depth"], coded, data, spans, unit["Depth"], inverse=inverse)
 
 
-def raht(values, keys, resolution, qp, kernel=KERNEL, plain=False, index=False, slices=None, **tools):
+def raht(values, keys, resolution, qp, kernel=KERNEL, plain=False, index=False, slices=None, max_error=None, **tools):
     """Attribute elements for values uint8 [N, C]. plain: no colour transform; index: with level_bytes; slices: what is to hold in
-    codec while it plans them; tools: further ones of codec.Tools."""
+    codec while it plans them; max_error: with residuals; tools: further ones of codec.Tools."""
     colour = values.shape[1] == 3 and not plain
+    inverse = inverse_colour if colour else inverse_plain
+    plan = None if max_error is None else ResidualPlan(max_error, values, inverse)
     means = (forward_colour if colour else forward_plain)(values.astype(np.float32))
     with patch.multiple(codec, **(slices or {"SLICE_VOXELS": 1 << 18})):
-        coded, means = codec.enc_attributes(keys, octree_depth(resolution), means, qp, codec.Tools(kernel, **tools))
+        coded, made = codec.enc_attributes(keys, octree_depth(resolution), means, qp, codec.Tools(kernel, **tools), plan=plan)
     return {
-        "values_crc": zlib.crc32((inverse_colour if colour else inverse_plain)(means)),
+        "values_crc": zlib.crc32(inverse(made) if plan is None else made),
         **raht_values(coded, colour), "level_index": int(index),
     }
 
@@ -202,7 +205,11 @@ def random_codewords():
     sheet = recoded(encoded(noise_sheet(), resolution=24, qp=40))
     ring = recoded(encoded(scene_of(*torus()), resolution=40, qp=40))
     mixed = recoded(encoded(noise_sheet(), resolution=24, qp=40), models=8, colour_range=4, filters=1)
-    return {"mixed": with_codeword(mixed, noise[:6000].tobytes(), [40, 50, 40]),
+    bounded = recoded(encoded(noise_sheet(), resolution=24, qp=40), models=8, max_error=0)
+    small = recoded(encoded(noise_sheet(), resolution=8, qp=40), models=8, max_error=1)
+    return {"residuals": with_codeword(bounded, noise[:6000].tobytes(), [40, 50, 40]),
+            "residuals_zeros": with_codeword(small, bytes(2000) + noise[:2000].tobytes(), [40, 50, 40]),
+            "mixed": with_codeword(mixed, noise[:6000].tobytes(), [40, 50, 40]),
             "mixed_zeros": with_codeword(mixed, bytes(40) + noise[:3000].tobytes(), [63, 50, 20]),
             "random": with_codeword(sheet, noise[:6000].tobytes(), [63, 50, 63]),
             "random_large": with_codeword(ring, noise.tobytes(), [50, 50, 50]),
@@ -375,6 +382,13 @@ def uncommon():
          recoded(encoded(veil, resolution=30, qp=34), slices=slices, models=6, colour_range=255, filters=2), (0, 2)),
         ("random_mixed", "random bytes through the mixed contexts", ("7.5.5", "7.6.4"), random["mixed"], (0, 1)),
         ("zeros_mixed", "zeros, then random bytes: the longest magnitudes", ("7.5.5", "7.6.4"), random["mixed_zeros"], (0, 1)),
+        ("lossless_slices", "lossless with slices, colour and alpha", ("5.7.1", "7.2", "7.9"),
+         recoded(encoded(veil, resolution=24, qp=4), slices=slices, models=6, filters=1, max_error=0), (0, 1)),
+        ("near_lossless", "noise with errors of at most 2 from a coarse field", ("5.7.1", "7.9"),
+         recoded(encoded(noise_sheet(), resolution=40, qp=34), models=6, max_error=2), (0, 2)),
+        ("random_residuals", "random bytes through the residuals", ("7.9",), random["residuals"], (0, 1)),
+        ("zeros_residuals", "zeros up to the middle of the residuals, then random bytes: the largest ones", ("7.9",),
+         random["residuals_zeros"], (0,)),
         ("no_transform", "three components without a colour transform", ("5.7.1", "7.8.1"),
          recoded(encoded(everyday, resolution=20, qp=28), plain=True), (0, 1)),
         ("random_codeword", "random bytes: saturated differences and means", ("7.4.2", "7.4.3", "7.6"), random["random"],

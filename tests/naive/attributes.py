@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from naive.bits import require
 from naive.filter import filter_stage
 from naive.mixing import MixedBits, MixedTable, adapted
+from naive.residual import with_residuals
 from naive.scales import falloff, step, surrounding_classes
 from naive.voxels import clip
 
@@ -80,6 +81,15 @@ class RangeDecoder:
     def bypass(self):
         return self.split(self.range >> 1)
 
+    def escape(self):
+        """rest of clause 7.5.4."""
+        zeros, rest = 0, 1
+        while zeros < 24 and self.bypass() == 1:
+            zeros += 1
+        for _ in range(zeros):
+            rest = 2 * rest + self.bypass()
+        return rest
+
     def bit(self, table, number, largest_rate=3):
         """Clause 7.6.3; table[number] is (fast, slow, count)."""
         fast, slow, _ = table[number]
@@ -89,12 +99,17 @@ class RangeDecoder:
 
 
 def decode_values(unit, keys, lod=0):
-    """Clauses 7.2, 7.7 and 7.8: the values as bytes, component by component; lod counts the levels left out."""
-    return b"".join(values_of_node(mean, unit["colour_transform"]) for mean in decode_means(unit, keys, lod))
+    """Clauses 7.2 and 7.7 to 7.9: the values as bytes, component by component; lod counts the levels left out."""
+    means, level, ranges, decoders = decode_means(unit, keys, lod)
+    values = [values_of_node(mean, unit["colour_transform"]) for mean in means]
+    if unit["residual"] > 0 and min(lod, unit["depth"]) == 0:
+        values = with_residuals(unit, level, values, ranges, decoders)
+    return b"".join(values)
 
 
 def decode_means(unit, keys, lod=0):
-    """Clauses 7.2 and 7.7: the means of the nodes of the last level, lists by component."""
+    """Clauses 7.2 and 7.7: the means of the nodes of the last level, lists by component; that level, and its ranges with their
+    range decoders."""
     depth = unit["depth"]
     left_out = min(lod, depth)
     levels = octree(keys, depth)
@@ -106,6 +121,7 @@ def decode_means(unit, keys, lod=0):
     if unit["slice_level"] > 0:
         starts = unit["slice_first"]
         require(starts[-1] < len(levels[unit["slice_level"]].values), "a slice begins past the last node of its level")
+    ranges, used = whole(levels[0]), slice(0, 1)
     for d in range(depth - left_out):
         if unit["slice_level"] == 0 or d < unit["slice_level"]:
             ranges, used = whole(levels[d]), slice(0, 1)
@@ -117,7 +133,10 @@ def decode_means(unit, keys, lod=0):
             ranges = [children_of_range(levels[d - 1], first, end) for first, end in ranges]
         for (first, end), decoder, table in zip(ranges, decoders[used], tables[used], strict=True):
             LevelDecoder(unit, levels, d, first, decoder, table).run(end)
-    return filtered_means(unit, levels[depth]) if left_out == 0 else levels[depth - left_out].mean
+    if left_out > 0:
+        return levels[depth - left_out].mean, None, None, None
+    ranges = [children_of_range(levels[depth - 1], first, end) for first, end in ranges] if depth > 0 else ranges
+    return filtered_means(unit, levels[depth]), levels[depth], ranges, decoders[used]
 
 
 def filtered_means(unit, level):
@@ -294,12 +313,7 @@ class LevelDecoder:
             if bits.more(at, i) == 0:
                 return sign * magnitude
             magnitude += 1
-        zeros, rest = 0, 1
-        while zeros < 24 and self.decoder.bypass() == 1:
-            zeros += 1
-        for _ in range(zeros):
-            rest = 2 * rest + self.decoder.bypass()
-        return sign * (magnitude + rest - 1)
+        return sign * (magnitude + self.decoder.escape() - 1)
 
 
 class DirectBits:

@@ -95,6 +95,8 @@ def read_attribute(reader, header, fields):
     unit["colour_range"] = reader.u8("colour_range")
     unit["num_models"] = reader.u8("num_models", 0, 8)
     unit["filters"] = [read_filter(reader, components) for _ in range(reader.u8("num_filters", 0, 3))]
+    unit["residual"] = reader.u8("residual", 0, 128 if depth > 0 else 0)
+    unit["residual_cross"] = [reader.u8("residual_cross", 0, 16) for _ in range(components if unit["residual"] > 0 else 0)]
     unit["root_mean"] = [reader.i32("root_mean", -1048576, 1048576) for _ in range(components)]
     slice_level = unit["slice_level"] = reader.u8("slice_level", 0, 12)
     require(slice_level == 0 or slice_level < depth, "slice_level is not less than Depth")

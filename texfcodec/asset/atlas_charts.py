@@ -8,8 +8,6 @@ from ..kernel import kernel
 from .atlas_pack import flat_areas, upright
 from .texel_cover import nearest_on_triangle, span_in_band
 
-_jit = kernel(error_model="numpy")
-
 FACING = 0.6  # a face joins when its own normal is within acos(0.6) = 53 degrees of the chart axis: stretch up to 1.67,
 STEEPEST = 0.25  # or within 75 degrees while the smoothed normal is within 53: keeps the noise of scans inside a chart
 DEPTH_TOLERANCE = 4.0  # texels; one smooth sheet seen twice within two texels differs by at most 2 * sqrt(2) * tan(53 deg) = 3.8
@@ -113,7 +111,7 @@ def _frames(axes):
     return frames
 
 
-@_jit
+@kernel
 def _project(points, faces, face, frames, seed, out):
     """Corners of one face in its chart's frame: out [3, 3] = (x, y, depth) per corner."""
     for i in range(3):
@@ -123,7 +121,7 @@ def _project(points, faces, face, frames, seed, out):
             out[i, k] = x * points[v, 0] + y * points[v, 1] + z * points[v, 2]
 
 
-@_jit
+@kernel
 def _widen(bounds, tri, wider):
     """wider = bounds (x minimum, y minimum, x maximum, y maximum) widened by a projected face; returns its larger side."""
     for k in range(2):
@@ -132,7 +130,7 @@ def _widen(bounds, tri, wider):
     return max(wider[2] - wider[0], wider[3] - wider[1])
 
 
-@_jit
+@kernel
 def _meets_other_sheet(tri, chart, stamp, depth, write):
     """Whether a face, widened by one texel, meets a cell where this chart already lies at another depth.
 
@@ -164,14 +162,14 @@ def _meets_other_sheet(tri, chart, stamp, depth, write):
     return False
 
 
-@_jit
+@kernel
 def _facing(vectors, face, frames, seed):
     """Cosine between a face's vector and the axis of the chart that a seed started."""
     x, y, z = frames[seed, 2, 0], frames[seed, 2, 1], frames[seed, 2, 2]
     return vectors[face, 0] * x + vectors[face, 1] * y + vectors[face, 2] * z
 
 
-@_jit
+@kernel
 def _joins(face, seed, groups, normals, smooth, frames):
     """Whether a neighbour may join by group and direction; faces without area have no direction and always may."""
     if groups[face] != groups[seed]:
@@ -182,7 +180,7 @@ def _joins(face, seed, groups, normals, smooth, frames):
     return own >= FACING or (own >= STEEPEST and _facing(smooth, face, frames, seed) >= FACING)
 
 
-@_jit
+@kernel
 def _take(face, chart, tri, bounds, wider, charts, flat):
     """Make a face part of a chart: number, flat corners, bounds."""
     charts[face] = chart
@@ -192,7 +190,7 @@ def _take(face, chart, tri, bounds, wider, charts, flat):
         bounds[k] = wider[k]
 
 
-@_jit
+@kernel
 def _grow(points, faces, groups, normals, smooth, frames, order, ahead, behind, stamp, depth, limit, chart, charts, flat):
     """Breadth-first growth from the largest free face; rejected faces stay free and seed later charts. See grow_charts.
 

@@ -11,8 +11,6 @@ import numpy as np
 from ..kernel import kernel
 from .texel_cover import span_in_band
 
-_jit = kernel(error_model="numpy")
-
 _ANGLES = 24  # directions tried over a quarter turn when a chart's smallest box is looked for
 _SEARCHED = 3000  # charts placed by search over the whole width; the smaller ones after them search a window at the sweep
 _WINDOW = 64  # columns
@@ -90,7 +88,7 @@ def _box_area(box):
     return (box[:, 2] - box[:, 0]) * (box[:, 3] - box[:, 1])
 
 
-@_jit
+@kernel
 def _boxes(flat, chart, cos, sin, box):
     """Widen the boxes [count, 4] = (x, y minima, x, y maxima) of all charts by their faces, turned by one angle."""
     for f in range(flat.shape[0]):
@@ -102,7 +100,7 @@ def _boxes(flat, chart, cos, sin, box):
             box[c, 2], box[c, 3] = max(box[c, 2], x), max(box[c, 3], y)
 
 
-@_jit
+@kernel
 def _outline(flat, members, scale, gutter, low, high):
     """Lowest and highest texel row needed per texel column by a chart's faces widened by the gutter; returns the width.
 
@@ -126,7 +124,7 @@ def _outline(flat, members, scale, gutter, low, high):
     return width
 
 
-@_jit
+@kernel
 def _rest_height(skyline, x, low, width, limit):
     """Row at which an outline comes to rest at column x, or limit as soon as it cannot rest below it."""
     row = 0
@@ -137,7 +135,7 @@ def _rest_height(skyline, x, low, width, limit):
     return row
 
 
-@_jit
+@kernel
 def _find_place(skyline, low, width, first, last):
     """Lowest resting place with first <= x <= last, the leftmost of equals: (x, row)."""
     best_x, best_row = first, _rest_height(skyline, first, low, width, 1 << 40)
@@ -148,7 +146,7 @@ def _find_place(skyline, low, width, first, last):
     return best_x, best_row
 
 
-@_jit
+@kernel
 def _turn(low, high, width):
     """Turn an outline by half a turn in place; returns its height in texels."""
     height = high[:width].max() + 1
@@ -158,7 +156,7 @@ def _turn(low, high, width):
     return height
 
 
-@_jit
+@kernel
 def _lay(skyline, low, high, width, x, row):
     """Raise the skyline over an outline put down at (x, row); returns the new highest row among its columns."""
     used = 0
@@ -169,7 +167,7 @@ def _lay(skyline, low, high, width, x, row):
     return used
 
 
-@_jit
+@kernel
 def _pack(flat, faces, start, order, extent, scales, side, gutter):
     """Place every chart in order, giving up once the height exceeds four sides.
 

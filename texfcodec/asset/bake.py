@@ -10,8 +10,6 @@ from .atlas import Atlas, make_atlas
 from .scene import ALPHA_OPAQUE
 from .texel_cover import nearest_on_triangle, span_in_band
 
-_jit = kernel(error_model="numpy")
-
 BLOCK = 1 << 19  # texels asked of the field at once: about 40 MB in flight
 
 
@@ -109,7 +107,7 @@ def _invisible(texf, owner, image):
     return (image[..., 3] == 0) & face_sees[owner]
 
 
-@_jit
+@kernel
 def _cover(texels, owner, nearness):
     """See cover(). Bounds: rows and columns are clipped to the image before they index it; F < 2**31."""
     height, width = owner.shape
@@ -132,7 +130,7 @@ def _cover(texels, owner, nearness):
                     owner[row, col] = f
 
 
-@_jit
+@kernel
 def _surface_points(x, y, face, texels, faces, positions):
     """World points float64 [M, 3] that the texel centres (x, y) show on their faces (the nearest point when outside)."""
     out = np.empty((len(face), 3))
@@ -145,7 +143,7 @@ def _surface_points(x, y, face, texels, faces, positions):
     return out
 
 
-@_jit
+@kernel
 def _push(image, known, coarse, coarse_known):
     """Each coarse texel is the mean of its known fine texels."""
     for row in range(coarse.shape[0]):
@@ -167,7 +165,7 @@ def _push(image, known, coarse, coarse_known):
                 coarse[row, col, k] = total // count
 
 
-@_jit
+@kernel
 def _pull(image, known, coarse):
     """Unknown fine texels take their coarse texel's colour: exactly what a mip level would average."""
     for row in range(image.shape[0]):

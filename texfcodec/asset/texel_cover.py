@@ -8,10 +8,8 @@ import math
 
 from ..kernel import kernel
 
-_jit = kernel(error_model="numpy")
 
-
-@_jit
+@kernel
 def _clip_edge(x0, y0, x1, y1, low, high):
     """(x minimum, x maximum) of the part of an edge with low <= y <= high; (inf, -inf) when there is none."""
     if y0 > y1:
@@ -26,7 +24,7 @@ def _clip_edge(x0, y0, x1, y1, low, high):
     return min(a, b), max(a, b)
 
 
-@_jit
+@kernel
 def span_in_band(ax, ay, bx, by, cx, cy, low, high):
     """x extent (minimum, maximum) of a triangle inside the band low <= y <= high; (inf, -inf) when they do not meet.
 
@@ -38,7 +36,7 @@ def span_in_band(ax, ay, bx, by, cx, cy, low, high):
     return min(l0, l1, l2), max(h0, h1, h2)
 
 
-@_jit
+@kernel
 def _nearest_on_edge(px, py, x0, y0, x1, y1):
     """(squared distance, parameter 0..1) of the point of an edge nearest to p."""
     dx, dy = x1 - x0, y1 - y0
@@ -50,7 +48,7 @@ def _nearest_on_edge(px, py, x0, y0, x1, y1):
     return ex * ex + ey * ey, t
 
 
-@_jit
+@kernel
 def nearest_on_triangle(px, py, ax, ay, bx, by, cx, cy):
     """(squared distance, weight of a, weight of b) of the triangle's point nearest to p; distance 0 when p is inside.
 

@@ -6,7 +6,7 @@ Slices run in parallel level by level: a block predicts from the whole level abo
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
 
 import numpy as np
@@ -21,6 +21,7 @@ from .octree import NEIGHBOURS, _neighbours, build_octree, root_table
 from .prediction import DEFAULT_KERNEL, inverse_range
 from .quantise import step_of
 from .range_coder import CACHE, FULL, PENDING, POS, START_BYTES, finish, new_decoder, new_encoder
+from .residual import code_residuals, fit_cross, new_residual_model
 
 SLICE_VOXELS = 1 << 19  # encoder's choice: at most so many voxels a slice, and an even number of slices ...
 WHOLE_VOXELS = 1 << 18  # ... but one slice for fewer than this
@@ -39,12 +40,13 @@ class Tools:
     colour_range: int = 0
     models: int = 0
     filters: int = 0
-    trade_off: float = 0.06
+    trade_off: float = 0.05
 
 
 @dataclass
 class CodedAttributes:
-    """Everything the attribute unit carries. colour_range, models, filters: see Tools and FilterStage; root: [C] means;
+    """Everything the attribute unit carries. colour_range, models, filters: see Tools and FilterStage; residual: 0 or the largest
+    error plus 1; residual_cross: [C] where there are residuals; root: [C] means;
     slice_first: first node of each slice at slice_level; codewords: trunk first (only where slice_level > 0), then one per slice;
     level_bytes: per codeword, the bytes a decoder has read when it has finished each of its levels, as increments."""
 
@@ -58,6 +60,8 @@ class CodedAttributes:
     slice_first: list
     codewords: list
     level_bytes: list
+    residual: int = 0
+    residual_cross: list = field(default_factory=list)
 
 
 @lru_cache(maxsize=1)
@@ -147,20 +151,29 @@ class _SliceEncoder:
         return self.written + int(self.state[PENDING] + (self.state[CACHE] >= 0)) + START_BYTES
 
     def code(self, symbols, arguments):
-        """Codes one level of `symbols` coefficients; arguments: of _enc_level after the model. The buffer fits what levels
-        usually take; a level that fills it is coded again from the same state into a larger one."""
+        """Codes one level of `symbols` coefficients; arguments: of _enc_level after the model."""
         before = self._reached() if self.level_bytes else 0
+        self._write(symbols, lambda out: _enc_level(self.state, out, self.model, *arguments))
+        self.level_bytes.append(self._reached() - before)
+
+    def code_residuals(self, walk, symbols):
+        """Codes the residuals of a slice after its last level; walk: see residual.code_residuals."""
+        self.model = new_residual_model()
+        self._write(symbols, lambda out: walk(True, self.state, out, 0, self.model))
+
+    def _write(self, symbols, write):
+        """Calls write(out). The buffer fits what as many symbols usually take; where it is filled, they are coded again from the
+        same state into a larger one."""
         state, model, room = self.state.copy(), copy_model(self.model), FIRST_ROOM + symbols
         while True:
             out = np.empty(room + int(self.state[PENDING]), np.uint8)
             self.state[POS] = 0
-            _enc_level(self.state, out, self.model, *arguments)
+            write(out)
             if not self.state[FULL]:
                 break
             self.state, self.model, room = state.copy(), copy_model(model), 4 * room
         self.chunks.append(out[: int(self.state[POS])].tobytes())
         self.written += len(self.chunks[-1])
-        self.level_bytes.append(self._reached() - before)
 
     def codeword(self):
         """Ends the codeword; trailing zero bytes are left out, the decoder reads zeros past the end."""
@@ -173,10 +186,11 @@ def _new_model(models):
     return new_mixed_model() if models else new_model(CONTEXTS, 0, 0)
 
 
-def enc_attributes(keys, depth, values, qp, tools=None, threads=1):
+def enc_attributes(keys, depth, values, qp, tools=None, threads=1, plan=None):
     """Codes values int32 [N, C] (12 fractional bits) on ascending Morton keys int64 [N]; qp: [C] in 0..63; tools: Tools.
 
-    Returns (CodedAttributes, int32 [N, C] what the decoder will have). The result does not depend on `threads`.
+    Returns (CodedAttributes, what the decoder will have: int32 [N, C], or with a ResidualPlan uint8 values). The result does not
+    depend on `threads`.
     """
     levels = build_octree(keys, depth)
     originals = _original_means(levels, np.ascontiguousarray(values, np.int32))
@@ -208,15 +222,22 @@ def enc_attributes(keys, depth, values, qp, tools=None, threads=1):
                 break
             filters.append(stage)
             walk.mean = apply_stage(stage, levels[-2], walk.table, walk.mean, int(steps[0]), walk.run)
+        made, residual, cross = walk.mean if plan is None else plan.inverse(walk.mean), 0, []
+        if plan is not None and depth:
+            parents, residual = _ranges(levels, depth - 1, slice_level, slice_first), plan.delta + 1
+            cross = fit_cross(levels[-2], walk.table, made, plan.original, parents, walk.run)
+            made = code_residuals([coder.code_residuals for coder in active], levels[-2], walk.table, parents, made, plan.delta,
+                                  cross, plan.original, walk.run)
     codewords = [coder.codeword() for coder in coders] if depth else []
     level_bytes = [coder.level_bytes for coder in coders] if depth else []
     coded = CodedAttributes(list(qp), list(tools.kernel), tools.colour_range, tools.models, filters, root, slice_level,
-                            slice_first, codewords, level_bytes)
-    return coded, walk.mean
+                            slice_first, codewords, level_bytes, residual, cross)
+    return coded, made
 
 
-def dec_attributes(keys, depth, coded, data, spans, stop_level, threads=1):
-    """Decodes levels 0..stop_level: means int32 [n, C] of that level's nodes, in Morton order.
+def dec_attributes(keys, depth, coded, data, spans, stop_level, threads=1, inverse=None):
+    """Decodes levels 0..stop_level: means int32 [n, C] of that level's nodes, in Morton order, or where `inverse` is given the
+    values uint8 [n, C] that it makes of them, with their residuals.
 
     keys: int64 [N] of all active voxels; coded: CodedAttributes without codewords; data: uint8, the unit's payload;
     spans: (begin, end) of each codeword in data, checked by the caller against len(data). Raises StreamError for slices that
@@ -244,4 +265,14 @@ def dec_attributes(keys, depth, coded, data, spans, stop_level, threads=1):
             walk.descend(d, energy, child_mean, ranges)
         for stage in coded.filters if 0 < stop_level == depth else ():
             walk.mean = apply_stage(stage, levels[-2], walk.table, walk.mean, int(steps[0]), walk.run)
-    return walk.mean
+        made = walk.mean if inverse is None else inverse(walk.mean)
+        if inverse is not None and coded.residual and 0 < stop_level == depth:
+            parents = _ranges(levels, depth - 1, coded.slice_level, coded.slice_first)
+            readers = [partial(_read_residuals, *coder[:3]) for coder in active]
+            made = code_residuals(readers, levels[-2], walk.table, parents, made, coded.residual - 1, coded.residual_cross, made,
+                                  walk.run)
+    return made
+
+
+def _read_residuals(state, data, end, walk, _):
+    walk(False, state, data, end, new_residual_model())

@@ -98,6 +98,9 @@ def _check_raht(values):
     if values["kernel"][0] == 0:
         raise StreamError("TXF-S04", "kernel[0] is out of range", clause="5.7.1", offset=values["offset"], allowed="1..255")
     depth, level = values["Depth"], values["slice_level"]
+    if values["residual"] and depth == 0:
+        raise StreamError("TXF-S04", "residual is out of range", clause="5.7.1", offset=values["offset"],
+                          value=values["residual"], allowed=0)
     if level and level >= depth:
         raise StreamError("TXF-S04", "slice_level is out of range", clause="5.7.1", value=level, allowed=f"0..{depth - 1}")
     total = sum(c["codeword_length"] for c in values["codewords"])

@@ -136,6 +136,8 @@ RAHT = Structure("raht_parameters", "5.7.1", (
     E("num_models", "u8", 0, 8),
     E("num_filters", "u8", 0, 3),
     E("filters", FILTER, count="num_filters"),
+    E("residual", "u8", 0, 128),
+    E("residual_cross", "u8", 0, 16, count="NumComponents", when=("residual > 0", lambda v: v["residual"] > 0)),
     E("root_mean", "i32", -(1 << 20), 1 << 20, count="NumComponents"),
     Derived("Depth", "Ceil(Log2(resolution))", lambda v: octree_depth(v["resolution"])),
     E("slice_level", "u8", 0, 12),

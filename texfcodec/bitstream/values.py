@@ -54,6 +54,7 @@ def raht_values(coded, colour):
         "colour_transform": TRANSFORM_BT709 if colour else TRANSFORM_NONE, "qp": coded.qp, "kernel": coded.kernel,
         "colour_range": coded.colour_range, "num_models": coded.models, "num_filters": len(coded.filters),
         "filters": [{"filter_mask": s.mask, "filter_coefficients": taps_of(s)} for s in coded.filters],
+        "residual": coded.residual, "residual_cross": coded.residual_cross,
         "root_mean": coded.root, "slice_level": coded.slice_level, "num_slices": len(coded.slice_first),
         "slice_step": np.diff(coded.slice_first).tolist(), "level_index": int(sum(lengths) >= LEVEL_INDEX_BYTES),
         "codewords": [{"codeword_length": n, "level_bytes": b} for n, b in zip(lengths, coded.level_bytes, strict=True)],
@@ -68,5 +69,6 @@ def coded_of(values):
     first = np.cumsum([0, *values["slice_step"]]).tolist()
     ends = np.cumsum([c["codeword_length"] for c in values["codewords"]], dtype=np.int64).tolist()
     coded = CodedAttributes(values["qp"], values["kernel"], values["colour_range"], values["num_models"], filters,
-                            values["root_mean"], values["slice_level"], first, [], [])
+                            values["root_mean"], values["slice_level"], first, [], [],
+                            values["residual"], values["residual_cross"])
     return coded, list(zip([0, *ends], ends, strict=False))

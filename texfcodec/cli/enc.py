@@ -38,6 +38,8 @@ def _warm_up(context, parameter, value):
 @click.option("--qp", metavar="N", **number(0, 63, "Quantisation, 0..63: step 2^((QP-4)/6); with --resolution."))
 @click.option("--target-bytes", metavar="B", **number(1, 1 << 62, "Best 3D-PSNR in at most B bytes; searches K and QP."))
 @click.option("--target-psnr", metavar="DB", **number(1.0, 100.0, "Fewest bytes with this 3D-PSNR of Y; searches K and QP."))
+@click.option("--lossless", is_flag=True, help="Code the voxels' 8-bit colours exactly; with --rate or --resolution for K.")
+@click.option("--near-lossless", metavar="D", **number(1, 127, "As --lossless, but each value may be off by D, 1..127."))
 @click.option("--position-bits", metavar="B", **number(8, 20, "Bits of a vertex coordinate, 8..20.  [default: 14]"))
 @click.option("--effort", type=click.Choice(EFFORTS), help="Time spent on a smaller stream.  [default: balanced]")
 @click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
@@ -55,6 +57,7 @@ def enc(console, source, out, dry_run, as_json, quiet, **choices):
     """Code the textured mesh INPUT (.glb, .gltf, .obj, .ply) as OUT.texf ("-": stdout, with the report on stderr).
 
     One of --rate, --resolution with --qp, --target-bytes and --target-psnr sets the rate; K or QP alone keeps the other of r04.
+    --lossless and --near-lossless bound the error of the voxels' colours instead; the geometry is coded as ever.
 
     Exit codes: 0 done, 1 command line, 2 input or output, 4 internal, 5 not supported, 6 over a limit, 130 interrupted.
     """
@@ -85,6 +88,12 @@ def _options(choices):
     if len(chosen) > 1:
         raise click.UsageError(f"{' and '.join(chosen)} exclude each other")
     limits = limits_of(choices)
+    lossless, delta = choices.pop("lossless"), choices.pop("near_lossless")
+    bounds = ["--lossless"] * lossless + ["--near-lossless"] * (delta is not None)
+    others = [f"--{n.replace('_', '-')}" for n in ("qp", "target_bytes", "target_psnr") if choices[n] is not None]
+    if bounds and len(bounds + others) > 1:
+        raise InputError("TXF-I50", f"{' and '.join(bounds + others)} exclude each other")
+    choices["max_error"] = 0 if lossless else delta
     return EncodeOptions(**{name: value for name, value in choices.items() if value is not None}, limits=limits)
 
 
@@ -129,7 +138,8 @@ def _encode(scene, options, report, out):
     made = report.facts
     psnr = made.get("psnr_3d")
     facts = {"bytes": made["bytes"], "resolution": made.get("resolution", options.resolution), "qp": made.get("qp", options.qp),
-             "voxels": made["voxels"], "faces": made["faces"], "vertices": made["vertices"], "fields": made["fields"],
+             "max_error": options.max_error, "voxels": made["voxels"], "faces": made["faces"], "vertices": made["vertices"],
+             "fields": made["fields"],
              "texels_per_voxel_edge": round(made["texels_per_voxel_edge"], 3),
              "psnr_3d": psnr and {name: psnr[name] for name in ("y", "yuv611", "rgb")},
              "psnr_samples": psnr and psnr["samples"]}
@@ -169,7 +179,9 @@ def _lines(facts, out):
     sizes, voxels = facts["bytes"], max(facts["voxels"], 1)
     yield f"{out}: {sizes['total']} bytes; geometry {sizes['geometry']}, attributes {sizes['attributes']}, other {sizes['other']}"
     fields = f"{facts['fields']} field" + ("s" if facts["fields"] != 1 else "")
-    yield (f"K {facts['resolution']}, QP {facts['qp']}, {fields}, {facts['voxels']} voxels, {facts['faces']} faces; "
+    bound = "lossless" if facts["max_error"] == 0 else f"error at most {facts['max_error']}"
+    quality = f"QP {facts['qp']}" if facts["max_error"] is None else bound
+    yield (f"K {facts['resolution']}, {quality}, {fields}, {facts['voxels']} voxels, {facts['faces']} faces; "
            f"{8 * sizes['attributes'] / voxels:.3f} attribute bits per voxel")
     if facts["texels_per_voxel_edge"] > COARSE:
         yield f"the textures are {facts['texels_per_voxel_edge']:.1f} times finer than the voxels: a larger K keeps more of them"

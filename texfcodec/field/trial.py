@@ -22,6 +22,11 @@ def coding_mse(qp):
     return 6.4 * 2.0 ** ((qp - 28) / 4)
 
 
+def bounded_mse(max_error):
+    """Error of values that are evenly spread over the bound, their rounding included."""
+    return (2 * max_error + 1) ** 2 / 12
+
+
 def uncoded_mse(scene, surface, face_field, options):
     """Luma error of the uncoded fields against the source at TRIAL_SAMPLES surface points.
 
@@ -61,7 +66,8 @@ class _Trials:
 
     def _gain(self, base, candidate, resolution):
         """Gain in dB, at the coded quality, of a candidate over base, and what the report says of it."""
-        floor = coding_mse(self.options.qp)
+        bound = self.options.max_error
+        floor = coding_mse(self.options.qp) if bound is None else bounded_mse(bound)
         before, after = self._mse(base, resolution), self._mse(candidate, resolution)
         gain = decibels(after + floor) - decibels(before + floor)
         told = {"psnr_y_before": decibels(before), "psnr_y_after": decibels(after)}

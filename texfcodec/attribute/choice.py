@@ -16,7 +16,7 @@ BASE_QPS = (16, 22, 28, 34, 40)  # of the levels under residuals (7.9)
 USUAL_BASE_QP = 28  # within 1 % of the best of them on four assets at K 512, lossless
 PIECES = 4
 LEAST_VOXELS = 64  # below, nothing is tried
-PIECE_VOXELS = {"fast": 0, "balanced": 1 << 13, "best": 1 << 16}  # per piece; 0: the default unseen
+PIECE_VOXELS = {"fast": 0, "balanced": 1 << 12, "best": 1 << 16}  # per piece; 0: the default unseen
 
 
 def _pieces(count, voxels):

@@ -16,6 +16,8 @@ from .raht import SPLITS, _forward, _inverse, _tree_weights, _weighted_mean
 from .range_coder import _dec_bit, _enc_bit
 
 ENERGY_SCALE = 16
+# A transform keeps power: below this, in squared steps, no coefficient rounds to 1 (0.25, less what the gain's rounding is worth)
+SURELY_ZERO = 0.24
 
 
 @kernel
@@ -101,16 +103,19 @@ def _enc_level(state, out, model, models, begin, end_node, level, steps, kernel,
             c0, c1 = k, (1 if k == 0 else components)
             largest = 0.0
             for c in range(c0, c1):
-                n = child
+                n, power = child, 0.0
                 for octant in range(8):
                     if tree[7 + octant]:
                         residual[octant, c] = original[n, c] - predicted[octant, c]
+                        power += tree[7 + octant] * residual[octant, c] ** 2
                         n += 1
                 shift[c] = _weighted_mean(tree, predicted, c)
-                _forward(tree, residual, c, spread, scaled, np.float64(steps[c]))
                 for node in range(SPLITS):
-                    q[node, c] = 0
-                    largest = max(largest, abs(scaled[node, c]))
+                    q[node, c], scaled[node, c] = 0, 0.0
+                if power >= SURELY_ZERO * np.float64(steps[c]) ** 2:
+                    _forward(tree, residual, c, spread, scaled, np.float64(steps[c]))
+                    for node in range(SPLITS):
+                        largest = max(largest, abs(scaled[node, c]))
             flag, flags[k] = flags[0] if k else 0, 0
             if models:
                 quiet = _quiet_context(sums, k, level, splits, flag) if _is_quiet(sums, k) else -1

@@ -67,34 +67,6 @@ def _ones(v):
     return (v + (v >> 4)) & 15
 
 
-@kernel
-def _neighbours(first_child, occupancy, parent_table, begin, end, table):
-    """Neighbour table of the children of parents begin..end-1 (spec 7.1): entry -1 where no node exists.
-
-    parent_table: int32 [parents, 27]; table: int32 [children, 27]. A child's neighbour in direction d lies in the parent
-    itself or in one of the parent's neighbours, at a place that the child's octant and d decide.
-    """
-    for p in range(begin, end):
-        child = first_child[p]
-        for octant in range(8):
-            if not (occupancy[p] >> octant) & 1:
-                continue
-            for dx in range(-1, 2):
-                x = (octant & 1) + dx
-                for dy in range(-1, 2):
-                    y = ((octant >> 1) & 1) + dy
-                    for dz in range(-1, 2):
-                        z = ((octant >> 2) & 1) + dz
-                        q = parent_table[p, 9 * ((x >> 1) + 1) + 3 * ((y >> 1) + 1) + (z >> 1) + 1]
-                        found = np.int64(-1)
-                        if q >= 0:
-                            place = (x & 1) | ((y & 1) << 1) | ((z & 1) << 2)
-                            if (occupancy[q] >> place) & 1:
-                                found = first_child[q] + _ones(np.int64(occupancy[q]) & ((1 << place) - 1))
-                        table[child, 9 * (dx + 1) + 3 * (dy + 1) + dz + 1] = found
-            child += 1
-
-
 def _adjacent():
     """For every neighbour of a node, those of its places for children that touch the node: int64 [27, 8] the place and int64
     [27, 8] its cell (_cells); int64 [27] how many there are."""
@@ -127,6 +99,27 @@ def _cells(p, begin, end, table, first_child, occupancy, cells):
             place = ADJACENT_PLACE[i, j]
             if (taken >> place) & 1:
                 cells[ADJACENT_CELL[i, j]] = child + _ones(taken & ((1 << place) - 1))
+
+
+@kernel
+def _neighbours(first_child, occupancy, parent_table, begin, end, table):
+    """Neighbour table of the children of parents begin..end-1 (spec 7.1): entry -1 where no node exists.
+
+    parent_table: int32 [parents, 27]; table: int32 [children, 27]. A child's neighbours are 27 of the parent's 64 cells.
+    """
+    cells = np.empty(CELLS, np.int64)
+    for p in range(begin, end):
+        _cells(p, 0, first_child.shape[0] - 1, parent_table, first_child, occupancy, cells)
+        child = first_child[p]
+        for octant in range(8):
+            if not (occupancy[p] >> octant) & 1:
+                continue
+            corner = CENTRE[octant] - 21
+            for dx in range(3):
+                for dy in range(3):
+                    for dz in range(3):
+                        table[child, 9 * dx + 3 * dy + dz] = cells[corner + 16 * dx + 4 * dy + dz]
+            child += 1
 
 
 def root_table():

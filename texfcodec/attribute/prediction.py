@@ -79,6 +79,8 @@ def _predict(p, first, table, first_child, occupancy, parent_mean, child_mean, k
     and cell_weight int64 [64]: scratch. |sum| < 27 * 64 * 255 * 2**23 < 2**42.
     """
     colour = parent_mean.shape[1] > 1
+    skipped = 0 if kernel[6] else 1  # the last place of each m is a corner child, m = 7 the corner parent
+    directions = 7 if kernel[3] == 0 and kernel[6] == 0 else 8
     _weigh_parents(p, first, table, parent_mean, inverse, weight)
     _cells(p, first, p, table, first_child, occupancy, cells)
     for i in range(CELLS):
@@ -92,7 +94,7 @@ def _predict(p, first, table, first_child, occupancy, parent_mean, child_mean, k
         a, b, c = total * parent_mean[p, 0], np.int64(0), np.int64(0)
         if colour:
             b, c = total * parent_mean[p, 1], total * parent_mean[p, 2]
-        for m in range(1, 8):
+        for m in range(1, directions):
             i = ACROSS[octant, m]
             if weight[i]:
                 w, q = kernel[(m & 1) + ((m >> 1) & 1) + (m >> 2)] * weight[i], table[p, i]
@@ -102,7 +104,7 @@ def _predict(p, first, table, first_child, occupancy, parent_mean, child_mean, k
                     b += w * parent_mean[q, 1]
                     c += w * parent_mean[q, 2]
                 continue
-            for j in range(TOUCHING[m]):
+            for j in range(TOUCHING[m] - skipped):
                 cell = TOUCHING_CELL[octant, m, j]
                 child = cells[cell]
                 if child < 0:

@@ -7,7 +7,7 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
 
 .DELETE_ON_ERROR:
-.PHONY: demo test bench anchor attribute-tools conformance vectors spec-tables install clean
+.PHONY: demo test bench anchor attribute-tools rate-points accuracy-time conformance vectors spec-tables install clean
 
 demo: install
 	$(PY) -m texfcodec.demo
@@ -29,6 +29,15 @@ anchor: install
 # What each tool of the attribute codec is worth, a Markdown table: make attribute-tools CLOUDS=folder [EFFORT=best] [OUT=file]
 attribute-tools: install
 	@$(PY) tools/attribute_tools.py --clouds "$(CLOUDS)" $(if $(EFFORT),--effort $(EFFORT)) $(if $(OUT),--out "$(OUT)")
+
+# Every asset at every setting of a condition file, then tables: make rate-points [CONDITIONS=file] [ASSETS=folder] [JOBS=n] [OUT=folder]
+rate-points: install
+	$(PY) tools/rate_points.py "$(or $(CONDITIONS),conditions/smoke.toml)" --out "$(or $(OUT),out/rate_points)" $(if $(ASSETS),--assets "$(ASSETS)") $(if $(JOBS),--jobs $(JOBS))
+	$(PY) tools/collect.py "$(or $(OUT),out/rate_points)" --out "$(or $(OUT),out/rate_points)"
+
+# Which settings of the encoder pay: make accuracy-time [ASSET=file] [QUICK=1] [OUT=folder]
+accuracy-time: install
+	$(PY) tools/accuracy_time.py --asset "$(or $(ASSET),sample)" $(if $(QUICK),--quick) --out "$(or $(OUT),out/accuracy_time)"
 
 # The two targets below rewrite committed files; nothing else does.
 vectors: install

@@ -105,8 +105,8 @@ def test_encoder_reports_by_the_schema(call, mesh, tmp_path):
     code, out, err = call("texf-enc", mesh, out_path, *SMALL, "--json", "--measure")
     facts = json.loads(out)
     assert code == 0 and err == "" and out.count("\n") == 1
-    assert set(facts) == {"schema", "bytes", "resolution", "qp", "max_error", "voxels", "faces", "vertices", "fields", "seconds",
-                          "peak_memory_bytes", "psnr_3d", "psnr_samples", "texels_per_voxel_edge", "warnings", "dropped"}
+    assert set(facts) == {"schema", "bytes", "resolution", "qp", "max_error", "voxels", "faces", "vertices", "fields", "refinement",
+                          "seconds", "peak_memory_bytes", "psnr_3d", "psnr_samples", "texels_per_voxel_edge", "warnings", "dropped"}
     assert set(facts["bytes"]) == {"total", "geometry", "attributes", "other"}
     total = facts["bytes"].pop("total")
     assert total == sum(facts["bytes"].values()) == out_path.stat().st_size

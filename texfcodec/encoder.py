@@ -1,7 +1,8 @@
 """Mesh to stream: the whole pipeline on one page. decoder.py is its mirror image."""
 
+import hashlib
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from .field.trial import choose_fields
 from .geometry.draco import counts_of, dec_geometry, enc_geometry
 from .geometry.surface import Surface, make_surface
 from .options import EncodeOptions
+from .refine.choice import refine_fields
 from .report import Report
 from .texf import GeometryUnit
 
@@ -35,6 +37,7 @@ class Prepared:
     geometry: list
     fields: list[SourceField]
     partition: dict  # which fields and why, for the report
+    refinement: dict = field(default_factory=dict)  # likewise
 
 
 def encode(mesh_or_path, options=None, report=None):
@@ -81,6 +84,9 @@ def prepare(scene, options, report):
     if options.limits.voxels is not None and voxels > options.limits.voxels:
         raise LimitError("TXF-L04", "the fields have more voxels than the limit allows", value=voxels,
                          allowed=options.limits.voxels)
+    with report.stage("refine"):
+        refine_fields(scene, surface, face_field, prepared.fields, options, report)
+    prepared.refinement = report.facts["refinement"]
     return prepared
 
 
@@ -89,13 +95,16 @@ def code_prepared(scene, prepared, options, report):
     surface, fields = prepared.surface, prepared.fields
     stream = Stream(header_values(scene, surface, prepared.geometry, len(fields)))
     stream.geometry, stream.materials = prepared.geometry, [material_values(m) for m in scene.materials]
-    for i, field in enumerate(fields):
-        stream.fields.append({"field_index": i, "resolution": options.resolution, "area_threshold": field.threshold,
-                              "num_voxels": len(field.keys), "voxels_crc": voxels_crc(field.keys)})
+    reconstruction = hashlib.sha256()  # keys and decoded values, group by group, as a decoder will have them
+    for i, part in enumerate(fields):
+        stream.fields.append({"field_index": i, "resolution": options.resolution, "area_threshold": part.threshold,
+                              "num_voxels": len(part.keys), "voxels_crc": voxels_crc(part.keys)})
         with report.stage("attributes"):
             for k, group in enumerate(stream.header["channel_groups"]):
-                plane = field.colour if group["group_semantic"] == SEMANTIC_BASE_COLOUR else field.alpha[:, None]
-                stream.attributes.append({"field_index": i, "group_index": k, **_code_group(plane, field.keys, options)})
+                plane = part.colour if group["group_semantic"] == SEMANTIC_BASE_COLOUR else part.alpha[:, None]
+                values, decoded = _code_group(plane, part.keys, options)
+                stream.attributes.append({"field_index": i, "group_index": k, **values})
+                reconstruction.update(np.ascontiguousarray(part.keys, "<i8").tobytes() + decoded.tobytes())
     stream.metadata = metadata_bytes(scene.metadata, options, report)
     with report.stage("write"):
         data, sizes = write_stream(stream)
@@ -103,6 +112,7 @@ def code_prepared(scene, prepared, options, report):
     face_field[surface.origin_face] = prepared.face_field
     report.facts.update(fields=len(fields), voxels=sum(len(f.keys) for f in fields), faces=stream.header["num_faces"],
                         vertices=stream.header["num_vertices"], scene_face_field=face_field, partition=prepared.partition,
+                        refinement=prepared.refinement, reconstruction_sha256=reconstruction.hexdigest(),
                         texels_per_voxel_edge=max((f.texels_per_edge for f in fields), default=0.0))
     return data, {"total": len(data), **sizes}
 
@@ -126,7 +136,8 @@ def _code_geometry(surface, face_field):
 
 
 def _code_group(plane, keys, options):
-    """Syntax values of one attribute unit. plane: float32 [N, C] in 0..255; keys: int64 [N]."""
+    """Syntax values of one attribute unit and what decodes from it, uint8 [N, C]. plane: float32 [N, C] in 0..255; keys: int64
+    [N]."""
     if options.max_error is not None:
         return _code_bounded(plane, keys, options)
     colour, depth = plane.shape[1] == 3, octree_depth(options.resolution)
@@ -134,7 +145,7 @@ def _code_group(plane, keys, options):
     tools = choose_tools(keys, depth, values, qp, options.effort, options.threads)
     coded, means = enc_attributes(keys, depth, values, qp, tools, options.threads)
     decoded = inverse_colour(means) if colour else inverse_plain(means)
-    return {"codec_id": CODEC_RAHT, "values_crc": zlib.crc32(decoded), **raht_values(coded, colour)}
+    return {"codec_id": CODEC_RAHT, "values_crc": zlib.crc32(decoded), **raht_values(coded, colour)}, decoded
 
 
 def _code_bounded(plane, keys, options):
@@ -147,7 +158,7 @@ def _code_bounded(plane, keys, options):
                         options.threads)
     tools = choose_tools(keys, depth, values, qp, options.effort, options.threads)
     coded, decoded = enc_attributes(keys, depth, values, qp, tools, options.threads, plan)
-    return {"codec_id": CODEC_RAHT, "values_crc": zlib.crc32(decoded), **raht_values(coded, colour)}
+    return {"codec_id": CODEC_RAHT, "values_crc": zlib.crc32(decoded), **raht_values(coded, colour)}, decoded
 
 
 def _qp_of(qp, components, options):

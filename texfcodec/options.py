@@ -17,6 +17,7 @@ RATES = {
 }
 DEFAULT_RATE = "r04"
 EFFORTS = ("fast", "balanced", "best")
+REFINEMENTS = ("auto", "off", "fit", "render")
 ATLAS_METHODS = ("auto", "quality", "fast")
 APPEARANCES = ("texture", "vertex", "voxels")
 
@@ -35,7 +36,9 @@ class EncodeOptions:
 
     chroma_qp_offset: added to the QP of both chroma components. area_threshold: voxels holding less surface than this many
     1/256 voxel faces are dropped where coverage allows. partition: "auto" splits the mesh into fields where surfaces meet,
-    "off" keeps one. allow_empty: code a mesh whose faces all collapse as an empty stream instead of refusing it.
+    "off" keeps one. refine: what brings the voxels' colours closer to the source before they are coded: "fit" least squares on the
+    surface, "render" inverse rendering on top of it with so many refine_iterations, "auto" a fit where it will show and effort
+    is not fast. allow_empty: code a mesh whose faces all collapse as an empty stream instead of refusing it.
     """
 
     rate: str = DEFAULT_RATE
@@ -49,6 +52,8 @@ class EncodeOptions:
     chroma_qp_offset: int = -1
     area_threshold: int = 77
     partition: str = "auto"
+    refine: str = "auto"
+    refine_iterations: int = 30
     threads: int = 0
     measure: bool = False
     strict: bool = False
@@ -61,13 +66,16 @@ class EncodeOptions:
             raise InputError("TXF-I50", "unknown rate preset", value=self.rate, allowed=", ".join(RATES))
         if self.effort not in EFFORTS:
             raise InputError("TXF-I50", "unknown effort", value=self.effort, allowed=", ".join(EFFORTS))
+        if self.refine not in REFINEMENTS:
+            raise InputError("TXF-I50", "unknown refinement", value=self.refine, allowed=", ".join(REFINEMENTS))
         preset = RATES[self.rate]
         self.resolution = preset[0] if self.resolution is None else self.resolution
         if self.max_error is None:
             self.qp = preset[1] if self.qp is None else self.qp
         else:
             self._check_max_error()
-        for name, low, high in (("resolution", 1, 8192), ("qp", 0, 63), ("position_bits", 8, 20), ("threads", 1, 1024)):
+        for name, low, high in (("resolution", 1, 8192), ("qp", 0, 63), ("position_bits", 8, 20), ("threads", 1, 1024),
+                                ("refine_iterations", 1, 10_000)):
             value = getattr(self, name)
             if value is not None and not low <= value <= high:
                 raise InputError("TXF-I50", f"{name} is out of range", value=value, allowed=f"{low}..{high}")

@@ -16,13 +16,14 @@ def kernels_compiled():
 
 
 def warm_up():
-    """Encodes, measures, decodes, bakes and saves a small mesh, so that every kernel is compiled and cached."""
+    """Encodes, measures, decodes, renders, bakes and saves a small mesh, so that every kernel is compiled and cached."""
     import tempfile
 
     from .decoder import decode
     from .encoder import encode_scene
     from .options import EncodeOptions
     from .quality.measure import measure
+    from .quality.views import compare_views
     from .report import Report
 
     scene, report = _small_scene(), Report()
@@ -30,6 +31,7 @@ def warm_up():
     encode_scene(scene, EncodeOptions(resolution=16, max_error=0))
     texf = decode(data)
     measure(scene, texf, 1000, face_field=report.facts.get("scene_face_field"))
+    compare_views(scene, texf, views=1, size=64, ssim=True)
     with tempfile.TemporaryDirectory() as folder:
         for atlas in ("fast", "quality"):
             texf.save(Path(folder) / "a.glb", texture_size=64, atlas=atlas)

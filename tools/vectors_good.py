@@ -101,7 +101,7 @@ def two_sheets():
 
 def encoded(scene, **choices):
     """The scene's stream. choices: EncodeOptions."""
-    options = EncodeOptions(**({"threads": 1, "partition": "off", "effort": "fast"} | choices))
+    options = EncodeOptions(**({"threads": 1, "partition": "off", "effort": "fast", "refine": "off"} | choices))
     return encode_scene(scene, options)[0]
 
 

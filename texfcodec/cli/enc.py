@@ -4,7 +4,7 @@ import click
 
 from .. import __version__
 from ..errors import InputError
-from ..options import DEFAULT_RATE, EFFORTS, RATES, EncodeOptions
+from ..options import DEFAULT_RATE, EFFORTS, RATES, REFINEMENTS, EncodeOptions
 from .console import (
     STYLE,
     check_output,
@@ -42,6 +42,8 @@ def _warm_up(context, parameter, value):
 @click.option("--near-lossless", metavar="D", **number(1, 127, "As --lossless, but each value may be off by D, 1..127."))
 @click.option("--position-bits", metavar="B", **number(8, 20, "Bits of a vertex coordinate, 8..20.  [default: 14]"))
 @click.option("--effort", type=click.Choice(EFFORTS), help="Time spent on a smaller stream.  [default: balanced]")
+@click.option("--refine", type=click.Choice(REFINEMENTS), help="Colours closer to the source before coding: surface fit, or inverse "
+              "rendering on top of it (a minute).  [default: auto, a fit where it shows; never with --effort fast]")
 @click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
 @limit_flags("vertices", "faces", "voxels", "samples", "metadata_bytes")
 @click.option("--measure", is_flag=True, help="Decode and report 3D-PSNR at 1,000,000 surface points.")
@@ -139,7 +141,7 @@ def _encode(scene, options, report, out):
     psnr = made.get("psnr_3d")
     facts = {"bytes": made["bytes"], "resolution": made.get("resolution", options.resolution), "qp": made.get("qp", options.qp),
              "max_error": options.max_error, "voxels": made["voxels"], "faces": made["faces"], "vertices": made["vertices"],
-             "fields": made["fields"],
+             "fields": made["fields"], "refinement": made["refinement"],
              "texels_per_voxel_edge": round(made["texels_per_voxel_edge"], 3),
              "psnr_3d": psnr and {name: psnr[name] for name in ("y", "yuv611", "rgb")},
              "psnr_samples": psnr and psnr["samples"]}
@@ -188,10 +190,20 @@ def _lines(facts, out):
     if facts["psnr_3d"]:
         shown = {name: "lossless" if value is None else f"{value:.2f}" for name, value in facts["psnr_3d"].items()}
         yield f"3D-PSNR: Y {shown['y']}, YUV 6:1:1 {shown['yuv611']}, RGB {shown['rgb']} dB"
+    yield from _refinement_lines(facts["refinement"])
     for trial in facts.get("search", []):
         psnr = "" if trial["psnr_y"] is None else f", {trial['psnr_y']:.2f} dB"
         yield f"  tried K {trial['resolution']}, QP {trial['qp']}: {trial['bytes']} bytes{psnr}, {trial['seconds']:.1f} s"
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
+
+
+def _refinement_lines(told):
+    kept = [f for f in told.get("fields", []) if f["kept"]]
+    if kept:
+        steps = ", ".join(f"{f['psnr_y_before']:.1f} to {f['psnr_y_after']:.1f}" for f in kept if f["psnr_y_after"])
+        yield f"{told['kind']} on the surface, before coding: Y {steps} dB"
+    elif told["asked"] != "off":
+        yield f"no refinement: {told['reason'] or 'the fit was not closer than the transfer'}"
 
 
 def _dry_lines(facts, source):

@@ -1,0 +1,131 @@
+"""texf-eval: how far a coded mesh is from its source, in rendered views and at points of its surface."""
+
+import click
+
+from .. import __version__
+from .console import STYLE, number, read_stream_file, run, seconds_of, timing_line
+
+NEAREST_SAMPLES = 100_000  # points of 3D-PSNR where each must look for its face; where it need not, measure.SAMPLES
+
+
+@click.command("texf-eval", context_settings=STYLE)
+@click.argument("source", metavar="SOURCE")
+@click.argument("other", metavar="DECODED")
+@click.option("--views", metavar="N", default=16, **number(1, 4096, "Views from all around.  [default: 16]"))
+@click.option("--size", metavar="S", default=2048, **number(16, 8192, "Pixels a side of a view.  [default: 2048]"))
+@click.option("--ssim/--no-ssim", default=True, help="SSIM of the views.  [default: ssim]")
+@click.option("--lpips", "weights", metavar="WEIGHTS",
+              help="LPIPS of the views; WEIGHTS is torchvision's AlexNet state dict (.pth), and texfcodec[lpips] is needed.")
+@click.option("--no-3d", is_flag=True, help="Leave out PSNR at points of the surface.")
+@click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
+@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
+@click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")
+@click.version_option(__version__, message="%(prog)s %(version)s")
+@click.pass_obj
+def evaluate(console, source, other, views, size, ssim, weights, no_3d, threads, as_json, quiet):
+    """Compare DECODED, a .texf stream ("-": stdin) or a mesh (.glb, .gltf, .obj, .ply), with the mesh SOURCE it was made from.
+
+    Views are orthographic, back faces are culled, and a pixel counts where both sides cover it, as in the MPEG mesh metric.
+    3D-PSNR is taken at points spread evenly over the source.
+
+    Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 over a limit, 130
+    interrupted.
+    """
+    from ..options import DecodeOptions
+    from ..warmup import kernels_compiled
+
+    options = DecodeOptions(threads=threads)
+    lpips = _load_lpips(weights)
+    if not kernels_compiled():
+        console.note("first run: compiling kernels, about 30 s, once")
+    with console.progress() as report:
+        scene = _load(source, report)
+        decoded = _load(other, report) if _is_mesh(other) else _decode(other, options, report)
+        facts = _views(scene, decoded, (views, size, ssim, lpips), options.threads, report)
+        facts["psnr_3d"] = None if no_3d else _psnr_3d(scene, decoded, options.threads, report)
+    if not console.as_json:
+        console.warnings(report)
+    facts |= _run_facts(report)
+    console.result(facts, _lines(facts, other))
+
+
+def _load_lpips(weights):
+    """First of all: it is quick to fail."""
+    if weights is None:
+        return None
+    from ..quality.perceptual import Lpips
+
+    return Lpips(weights)
+
+
+def _is_mesh(path):
+    from ..asset.load import SUFFIXES
+
+    return path.lower().endswith(SUFFIXES)
+
+
+def _load(path, report):
+    from ..asset.load import load
+
+    with report.stage("load"):
+        scene = load(path)
+    report.warnings += [f"{path}: {text}" for text in scene.warnings]
+    return scene
+
+
+def _decode(path, options, report):
+    from ..decoder import decode
+
+    return decode(read_stream_file(path, options.limits), options, report)
+
+
+def _views(scene, decoded, settings, threads, report):
+    from ..quality.views import compare_views
+
+    with report.stage("views"):
+        return compare_views(scene, decoded, *settings, threads=threads, on_view=lambda n, of: report.progress("views", n, of))
+
+
+def _psnr_3d(scene, decoded, threads, report):
+    """By the field where there is one; with several, and for a mesh, by the nearest face, at fewer points."""
+    from ..quality.measure import SAMPLES, measure
+    from ..quality.views import MeshColours
+    from ..texf import Texf
+
+    with report.stage("psnr_3d"):
+        if not isinstance(decoded, Texf):
+            return measure(scene, MeshColours(decoded, threads), NEAREST_SAMPLES, threads)
+        return measure(scene, decoded, SAMPLES if len(decoded.fields) == 1 else NEAREST_SAMPLES, threads)
+
+
+def _run_facts(report):
+    from ..report import peak_memory_bytes
+
+    return {"seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(), "warnings": report.warnings}
+
+
+def _lines(facts, other):
+    yield f"{other}: {facts['views']} views of {facts['size']} x {facts['size']}, {facts['pixels']} pixels compared"
+    shown = {name: _decibels(value) for name, value in facts["psnr"].items()}
+    yield f"PSNR: RGB {shown['rgb']}, Y {shown['y']}, U {shown['u']}, V {shown['v']}, YUV {shown['yuv']}"
+    others = [f"{name.upper()} {facts[name]:.5f}" for name in ("ssim", "lpips") if facts[name] is not None]
+    if others:
+        yield ", ".join(others)
+    points = facts["psnr_3d"]
+    if points:
+        shown = {name: _decibels(points[name]) for name in ("y", "yuv611", "rgb")}
+        yield f"3D-PSNR: Y {shown['y']}, YUV 6:1:1 {shown['yuv611']}, RGB {shown['rgb']} at {points['samples']} points"
+    yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
+
+
+def _decibels(value):
+    return "equal" if value is None else f"{value:.3f} dB"
+
+
+def main(arguments=None):
+    """The entry point."""
+    run(evaluate, arguments)
+
+
+if __name__ == "__main__":
+    main()

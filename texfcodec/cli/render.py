@@ -1,0 +1,215 @@
+"""texf-render: a picture of a stream or a mesh, or of two of them and their difference."""
+
+import math
+from pathlib import Path
+
+import click
+
+from .. import __version__
+from ..options import default_threads
+from .console import STYLE, check_output, number, read_stream_file, run, seconds_of, timing_line, write_output
+
+MOST_PIXELS = 8192  # a side
+FIBONACCI = 16  # views of the image metric
+BACKGROUNDS = {"white": (255, 255, 255), "black": (0, 0, 0)}
+
+
+def _size_of(context, parameter, value):
+    """(width, height) of N or WxH."""
+    parts = value.lower().split("x")
+    if len(parts) > 2 or not all(p.isascii() and p.isdigit() and 1 <= int(p) <= MOST_PIXELS for p in parts):
+        raise click.BadParameter(f"{value} is neither N nor WxH with sides in 1..{MOST_PIXELS}.")
+    return int(parts[0]), int(parts[-1])
+
+
+def _background_of(context, parameter, value):
+    """(r, g, b) of a name or three numbers."""
+    parts = value.split(",")
+    if value in BACKGROUNDS:
+        return BACKGROUNDS[value]
+    if len(parts) != 3 or not all(p.isascii() and p.isdigit() and int(p) <= 255 for p in parts):
+        raise click.BadParameter(f"{value} is neither white, black nor r,g,b with numbers in 0..255.")
+    return tuple(int(p) for p in parts)
+
+
+def _direction_of(context, parameter, value):
+    """Direction from the object to the camera of a view's name."""
+    from ..render.camera import VIEWS, direction_of_angles, fibonacci_direction
+
+    name, _, index = value.partition(":")
+    if value in VIEWS:
+        return VIEWS[value]
+    if name == "fibonacci" and index.isascii() and index.isdigit() and int(index) < FIBONACCI:
+        return tuple(fibonacci_direction(int(index), FIBONACCI))
+    try:
+        angles = [float(part) for part in value.split(",")]
+    except ValueError:
+        angles = []
+    if len(angles) != 2 or not all(map(math.isfinite, angles)):
+        raise click.BadParameter(f"{value} is no view: {', '.join(VIEWS)}, fibonacci:0..{FIBONACCI - 1} or AZIMUTH,ELEVATION.")
+    return tuple(direction_of_angles(*angles))
+
+
+@click.command("texf-render", context_settings=STYLE)
+@click.argument("source", metavar="IN.{texf,glb,gltf,obj,ply}")
+@click.argument("out", metavar="OUT.png")
+@click.option("--view", metavar="V", default="front", callback=_direction_of,
+              help="front, back, left, right, top, bottom, fibonacci:I (of the image metric's 16), or AZIMUTH,ELEVATION in "
+                   "degrees; front looks along -z with y up, azimuth 90 is the right side.  [default: front]")
+@click.option("--size", metavar="N|WxH", default="1024", callback=_size_of, help="Pixels, 1..8192 a side.  [default: 1024]")
+@click.option("--perspective", metavar="FOV", **number(1.0, 170.0, "Perspective with this vertical field of view in degrees, "
+                                                                     "1..170.  [default: orthographic]"))
+@click.option("--anti-alias", metavar="N", default=1,
+              **number(1, 8, "Render N times as large and average N x N pixels.  [default: 1]"))
+@click.option("--no-filter", is_flag=True, help="Streams: ask the field as the metrics do, never its coarser levels.")
+@click.option("--no-cull", is_flag=True, help="Draw back faces too.")
+@click.option("--background", metavar="C", default="white", callback=_background_of,
+              help="white, black or r,g,b in 0..255.  [default: white]")
+@click.option("--compare", metavar="OTHER", help="A second stream or mesh: a sheet of both and a heat map of their difference.")
+@click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
+@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
+@click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")
+@click.version_option(__version__, message="%(prog)s %(version)s")
+@click.pass_obj
+def render(console, source, out, compare, as_json, quiet, **choices):
+    """Draw a stream or mesh, base colour without lighting, as OUT.png.
+
+    The camera is set by IN's bounding sphere, for OTHER too. PSNR is taken over the pixels that both cover.
+
+    Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 over a limit, 130
+    interrupted.
+    """
+    from ..warmup import kernels_compiled
+
+    if not out.lower().endswith(".png"):
+        raise click.UsageError(f"{out} must end in .png")
+    check_output(out)
+    choices["threads"] = choices["threads"] or default_threads()
+    if not kernels_compiled():
+        console.note("first run: compiling kernels, about 30 s, once")
+    with console.progress() as report:
+        first = _load(source, choices["threads"], report)
+        camera = _camera(first, choices)
+        picture = _draw(first, camera, choices, report)
+        if not len(picture.pixel):
+            report.warnings.append("nothing is seen from here: the picture is empty")
+        compared, image = None, _image(picture, choices)
+        if compare is not None:
+            other = _draw(_load(compare, choices["threads"], report), camera, choices, report)
+            compared, image = _compared(source, compare, picture, other, choices, report)
+        with report.stage("save"):
+            write_output(out, _png(image))
+    _say_losses(console, report)
+    facts = _facts(image, picture, choices, compared, report) | {"files": [Path(out).name]}
+    console.result(facts, _lines(facts, out))
+
+
+def _load(path, threads, report):
+    """A Texf of a .texf file, a Scene of any other."""
+    from ..limits import Limits
+
+    if not path.lower().endswith(".texf"):
+        from ..asset.load import load
+
+        with report.stage("load"):
+            scene = load(path)
+        report.warnings += scene.warnings
+        report.dropped += scene.dropped
+        return scene
+    from ..decoder import decode
+    from ..options import DecodeOptions
+
+    data = read_stream_file(path, Limits())
+    with report.stage("decode"):
+        return decode(data, DecodeOptions(threads=threads))
+
+
+def _camera(asset, choices):
+    from ..render.camera import bounding_sphere, orthographic, perspective_around
+
+    sphere = bounding_sphere(asset.positions)
+    size = tuple(side * choices["anti_alias"] for side in choices["size"])
+    if choices["perspective"] is None:
+        return orthographic(choices["view"], *sphere, size)
+    return perspective_around(choices["view"], *sphere, choices["perspective"], size)
+
+
+def _draw(asset, camera, choices, report):
+    """Picture of a Scene or a Texf."""
+    from ..asset.scene import Scene
+    from ..render.shade import render_scene, render_texf
+
+    cull, threads = not choices["no_cull"], choices["threads"]
+    with report.stage("render"):
+        if isinstance(asset, Scene):
+            return render_scene(asset, camera, cull, threads)
+        return render_texf(asset, camera, cull, not choices["no_filter"], threads)
+
+
+def _image(picture, choices):
+    from ..render.shade import box_down
+
+    return box_down(picture.image(choices["background"]), choices["anti_alias"])
+
+
+def _compared(source, compare, picture, other, choices, report):
+    """What compare() found, and the sheet."""
+    from ..render.difference import compare as compare_pictures
+    from ..render.difference import sheet
+    from ..render.shade import box_down
+
+    with report.stage("compare"):
+        found, heat = compare_pictures(picture, other, choices["background"])
+        panels = [_image(picture, choices), _image(other, choices), box_down(heat, choices["anti_alias"])]
+        captions = [Path(source).name, Path(compare).name, "RMS of R, G, B; teal: in one only"]
+        return found, sheet(panels, captions, choices["background"])
+
+
+def _png(image):
+    import io
+
+    from PIL import Image
+
+    data = io.BytesIO()
+    Image.fromarray(image).save(data, "PNG", compress_level=3)
+    return data.getvalue()
+
+
+def _say_losses(console, report):
+    """Warnings one by one; of what is no base colour only the number, as none of it was promised."""
+    if not console.as_json:
+        for text in report.warnings:
+            console.note(f"warning: {text}")
+        if report.dropped:
+            console.note(f"{len(report.dropped)} properties are no base colour and are not drawn; --json names them")
+
+
+def _facts(image, picture, choices, compared, report):
+    from ..report import peak_memory_bytes
+
+    return {"width": image.shape[1], "height": image.shape[0], "direction": [round(float(v), 6) for v in choices["view"]],
+            "perspective": choices["perspective"], "pixels": picture.width * picture.height, "covered": len(picture.pixel),
+            "compare": compared, "seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(),
+            "warnings": report.warnings, "dropped": report.dropped}
+
+
+def _lines(facts, out):
+    share = 100 * facts["covered"] / facts["pixels"]
+    yield f"{out}: {facts['width']} x {facts['height']} pixels, {share:.1f} % of the view covered"
+    found = facts["compare"]
+    if found and not found["pixels_both"]:
+        yield "no pixel is covered by both: there is no PSNR"
+    elif found:
+        shown = {name: "lossless" if found[name] is None else f"{found[name]:.2f} dB" for name in ("psnr_rgb", "psnr_y")}
+        yield (f"PSNR over the {found['pixels_both']} pixels that both cover: RGB {shown['psnr_rgb']}, Y {shown['psnr_y']}; "
+               f"{found['pixels_only_first']} only in the first, {found['pixels_only_second']} only in the second")
+    yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
+
+
+def main(arguments=None):
+    """The entry point."""
+    run(render, arguments)
+
+
+if __name__ == "__main__":
+    main()

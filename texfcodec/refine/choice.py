@@ -1,0 +1,93 @@
+"""Which refinement a field gets, whether it pays, and what the report says of it (encoder only)."""
+
+import numpy as np
+
+from ..asset.sample import pack_source
+from ..field.grid import build_brick_map
+from ..field.trial import coding_mse
+from ..quality.psnr import decibels
+from .surface_fit import HELD_OUT, HELD_OUT_SEED, FieldSurface, fit_surface
+
+PROBE = 1 << 14  # surface points that tell how far the transfer is from the source
+LEFT_BY_FIT = 0.55  # share of the transfer's squared error that the fit leaves; 0.45 to 0.65 on six assets at K 1024
+LEAST_GAIN = 0.03  # dB at the coded quality; below, "auto" does without
+MOST_VOXELS = 6_000_000  # "auto" leaves larger fields alone: a fit takes about 150 bytes a voxel
+
+
+def refine_fields(scene, surface, face_field, fields, options, report):
+    """Refines the colours of the SourceFields in place, as options.refine asks, and fills report.facts["refinement"].
+
+    surface: encoder's Surface; face_field: int64 [F]; fields: SourceFields by number. Each field keeps its transfer where its
+    refined colours are not closer to the source at points that the fit has not seen.
+    """
+    reason = _reason_against(fields, options)
+    facts = report.facts["refinement"] = {"asked": options.refine, "kind": "off", "reason": reason}
+    if reason:
+        return
+    surfaces = [_field_surface(scene, surface, face_field == i, field, options) for i, field in enumerate(fields)]
+    if options.refine == "auto":
+        facts["predicted_gain_db"] = round(_predicted_gain(surfaces, fields, options), 3)
+        if facts["predicted_gain_db"] < LEAST_GAIN:
+            facts["reason"] = "coding hides what a fit would gain"
+            return
+    facts |= {"kind": "fit", "reason": "asked for" if options.refine != "auto" else "the transfer is off by more than coding hides",
+              "fields": [_fit(s, f, options, report) for s, f in zip(surfaces, fields, strict=True)]}
+    if options.refine == "render":
+        facts |= _render(surfaces, fields, options, report)
+
+
+def _reason_against(fields, options):
+    if options.refine == "off":
+        return "switched off"
+    if not fields:
+        return "there is no field"
+    if options.max_error is not None:
+        return "the voxels' own values were asked for"
+    if options.refine == "auto" and options.effort == "fast":
+        return "effort fast does without"
+    if options.refine == "auto" and sum(len(f.keys) for f in fields) > MOST_VOXELS:
+        return "too many voxels for the memory that a fit takes; --refine fit does it all the same"
+    return ""
+
+
+def _field_surface(scene, surface, mine, field, options):
+    return FieldSurface(surface.lattice, surface.faces[mine], pack_source(scene, surface.origin_face[mine]),
+                        surface.cube.position_bits, options.resolution, field.keys, build_brick_map(field.keys))
+
+
+def _predicted_gain(surfaces, fields, options):
+    """dB that a fit would gain at the quality that coding leaves."""
+    error, voxels = 0.0, sum(len(f.keys) for f in fields)
+    for surface, field in zip(surfaces, fields, strict=True):
+        points = surface.sample(PROBE, HELD_OUT_SEED, options.threads)
+        error += surface.error(field.colour, *points, options.threads)["y"] * len(field.keys) / voxels
+    floor = coding_mse(options.qp)
+    return decibels(floor + LEFT_BY_FIT * error) - decibels(floor + error)
+
+
+def _fit(surface, field, options, report):
+    """Fits one field, keeps the better of fit and transfer, and returns what the report says: {"psnr_y_before", "psnr_y_after",
+    "kept"}, dB at held-out points."""
+    points = surface.sample(HELD_OUT, HELD_OUT_SEED, options.threads)
+    before = surface.error(field.colour, *points, options.threads)
+    fitted = fit_surface(surface, field.colour, options.threads, on_progress=lambda *n: report.progress("refine", *n))
+    after = surface.error(fitted, *points, options.threads)
+    kept = after["rgb"] < before["rgb"]
+    if kept:
+        field.colour = fitted
+    return {"psnr_y_before": _finite(before["y"]), "psnr_y_after": _finite(after["y"]), "kept": kept}
+
+
+def _finite(mse):
+    return round(decibels(mse), 3) if mse else None
+
+
+def _render(surfaces, fields, options, report):
+    """Inverse rendering on top of the fit: what the report says of it."""
+    from .inverse_render import refine_by_rendering  # here, because the renderer takes long to import and few ask for it
+
+    colours, log, kept = refine_by_rendering(surfaces, [f.colour for f in fields], options.threads, iterations=options.refine_iterations,
+                                             on_progress=lambda *n: report.progress("refine", *n))
+    for field, colour in zip(fields, colours, strict=True):
+        field.colour = np.ascontiguousarray(colour)
+    return {"kind": "fit and render" if kept else "fit", "iterations": log, "kept_iteration": log[kept]["iteration"]}

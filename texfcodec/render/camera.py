@@ -1,0 +1,200 @@
+"""Cameras: where a picture is taken from and where a point of the world lands in it.
+
+Pixel (column, row) covers [column, column + 1) x [row, row + 1), y downwards, its centre at .5. Views and their order are those
+of the MPEG mesh metric software (mpeg-pcc-mmetric 1.1.7, mode ibsm), so that image metrics can be compared with it.
+
+| code | class | meaning |
+|---|---|---|
+| TXF-I90 | InputError | a side of the picture is not a whole number of pixels in 1..16384 |
+| TXF-I91 | InputError | a direction or a place of the camera is zero, not finite or not a triple |
+| TXF-I92 | InputError | the radius or the field of view is out of range |
+| TXF-I93 | InputError | there is no view of this number |
+"""
+
+import math
+import operator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+
+MAX_SIZE = 1 << 14  # pixels a side; raster.py's integers are bounded with it
+LEAST = 1e-300  # world units (or tangent): half a picture's height, so that a pixel's side is never zero
+AXIS = 1e-9  # a direction is along y where its horizontal part is shorter than this
+
+VIEWS = {"front": (0, 0, 1), "back": (0, 0, -1), "left": (-1, 0, 0), "right": (1, 0, 0), "top": (0, 1, 0), "bottom": (0, -1, 0)}
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """right, up, forward: float64 [3], orthonormal; eye: float64 [3]; perspective: bool; half: half the visible height (world
+    units when orthographic, tangent of half the vertical field of view when perspective); width, height: pixels.
+
+    Raises InputError TXF-I90 and TXF-I92.
+    """
+
+    right: np.ndarray
+    up: np.ndarray
+    forward: np.ndarray
+    eye: np.ndarray
+    perspective: bool
+    half: float
+    width: int
+    height: int
+
+    def __post_init__(self):
+        _size((self.width, self.height))
+        if not LEAST <= self.half < math.inf:
+            raise InputError("TXF-I92", "half the visible height is out of range", value=self.half, allowed=f">= {LEAST}")
+
+    @property
+    def pixel(self):
+        """A pixel's side in world units; when perspective, at depth 1."""
+        return 2.0 * self.half / self.height
+
+
+def orthographic(direction, centre, radius, size):
+    """Camera that looks from `direction` at `centre`; the largest square that fits the picture spans +-radius.
+
+    direction: [3], from centre to camera (unit length; any other is scaled); centre: [3]; radius: world units, 0 (a single point)
+    stands for 1; size: pixels a side, or (width, height). Up is (0, 1, 0), or (0, 0, 1) where the direction is along y.
+    Raises InputError TXF-I90..I92.
+    """
+    width, height = _size(size)
+    axes, centre = _axes(_unit(direction)), _place(centre)
+    radius = _radius(radius)
+    return Camera(*axes, centre - radius * axes[2], False, radius * height / min(width, height), width, height)
+
+
+def perspective(eye, target, fov_degrees, size):
+    """Camera at `eye` that looks at `target`; fov_degrees: vertical field of view, in 0..180 without the ends.
+
+    eye, target: [3] world; size: pixels a side, or (width, height). Raises InputError TXF-I90..I92.
+    """
+    width, height = _size(size)
+    eye = _place(eye)
+    axes = _axes(_unit(eye - _place(target)))
+    return Camera(*axes, eye, True, math.tan(_half_angle(fov_degrees)), width, height)
+
+
+def perspective_around(direction, centre, radius, fov_degrees, size):
+    """Perspective camera that sees the whole sphere from `direction`; arguments as in orthographic() and perspective()."""
+    width, height = _size(size)
+    direction, centre, radius = _unit(direction), _place(centre), _radius(radius)
+    narrow = math.atan(math.tan(_half_angle(fov_degrees)) * min(width, height) / height)
+    return perspective(centre + direction * (radius / math.sin(narrow)), centre, fov_degrees, (width, height))
+
+
+def fibonacci_direction(i, count):
+    """Direction of view i of `count`, float64 [3] of length 1, spread evenly over the sphere from +y to -y; one view: the front.
+
+    y = 1 - 2 i / (count - 1), turned about y by i pi (3 - sqrt 5), as mpeg-pcc-mmetric does. Raises InputError TXF-I93.
+    """
+    if not 0 <= i < count:
+        raise InputError("TXF-I93", "there is no view of this number", value=i, allowed=f"0..{count - 1}")
+    if count == 1:
+        return np.array(VIEWS["front"], np.float64)
+    y = 1 - 2 * i / (count - 1)
+    r, turn = math.sqrt(max(1 - y * y, 0.0)), i * math.pi * (3 - math.sqrt(5))
+    return np.array([math.cos(turn) * r, y, math.sin(turn) * r])
+
+
+def direction_of_angles(azimuth, elevation):
+    """Unit direction of angles in degrees: azimuth 0 is the front (+z), 90 the right (+x); elevation 90 is the top (+y)."""
+    a, e = math.radians(azimuth), math.radians(elevation)
+    return np.array([math.sin(a) * math.cos(e), math.sin(e), math.cos(a) * math.cos(e)])
+
+
+def bounding_sphere(positions):
+    """Centre float64 [3] and radius of the sphere round the axis-aligned box: half the box's diagonal.
+
+    positions: [V, 3]; points that are not finite do not count. Without points: the origin and 0.
+    """
+    positions = np.asarray(positions, np.float64).reshape(-1, 3)
+    finite = np.isfinite(positions).all(axis=1)
+    positions = positions if finite.all() else positions[finite]
+    if len(positions) == 0:
+        return np.zeros(3), 0.0
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    return low / 2 + high / 2, math.hypot(*(high / 2 - low / 2).tolist())
+
+
+def to_camera(camera, points):
+    """Points as the camera sees them, float64 [M, 3]: x to the right and y downwards in pixels from the picture's centre (when
+    perspective: at depth 1), z the depth along forward in world units. points: float64 [M, 3] world.
+
+    Every point by itself, in a fixed order of operations: equal points have equal images, wherever they stand.
+    """
+    seen, out = np.asarray(points, np.float64).reshape(-1, 3) - camera.eye, np.empty((len(points), 3))
+    scales = (1 / camera.pixel, -1 / camera.pixel, 1.0)
+    for axis, (along, scale) in enumerate(zip((camera.right, camera.up, camera.forward), scales, strict=True)):
+        out[:, axis] = (seen[:, 0] * along[0] + seen[:, 1] * along[1] + seen[:, 2] * along[2]) * scale
+    return out
+
+
+def to_screen(camera, seen):
+    """float64 [M, 4] of points from to_camera(): x, y in pixels, depth, and 1 / w (1 when orthographic, 1 / depth when
+    perspective; points with depth <= 0 are behind the camera and their x and y mean nothing)."""
+    out = np.empty((len(seen), 4))
+    with np.errstate(all="ignore"):
+        out[:, 3] = 1 / seen[:, 2] if camera.perspective else 1.0
+        out[:, 0] = seen[:, 0] * out[:, 3] + camera.width / 2
+        out[:, 1] = seen[:, 1] * out[:, 3] + camera.height / 2
+    out[:, 2] = seen[:, 2]
+    return out
+
+
+def project(camera, points):
+    """World points float64 [M, 3] -> float64 [M, 4]: x, y in pixels, depth along forward, 1 / w; see to_screen()."""
+    with np.errstate(all="ignore"):
+        return to_screen(camera, to_camera(camera, points))
+
+
+def _size(size):
+    """(width, height) of a whole number or a pair of them."""
+    try:
+        sides = [operator.index(side) for side in ((size, size) if np.ndim(size) == 0 else size)]
+    except TypeError:
+        sides = []
+    if len(sides) != 2 or not all(1 <= side <= MAX_SIZE for side in sides):
+        raise InputError("TXF-I90", "a picture's size is one or two whole numbers of pixels", value=str(size),
+                         allowed=f"1..{MAX_SIZE}")
+    return tuple(sides)
+
+
+def _place(point):
+    point = np.asarray(point, np.float64)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise InputError("TXF-I91", "a place of the camera must be three finite numbers", value=str(point))
+    return point
+
+
+def _unit(direction):
+    direction = _place(direction)
+    largest = np.abs(direction).max()
+    if largest == 0:
+        raise InputError("TXF-I91", "the camera's direction is zero", value=str(direction))
+    direction = direction / largest
+    return direction / math.hypot(*direction.tolist())
+
+
+def _axes(direction):
+    """(right, up, forward) of a camera that looks against a unit direction."""
+    forward = -direction
+    upwards = np.array([0.0, 0.0, 1.0] if math.hypot(direction[0], direction[2]) < AXIS else [0.0, 1.0, 0.0])
+    right = np.cross(forward, upwards)
+    right /= math.hypot(*right.tolist())
+    return right, np.cross(right, forward), forward
+
+
+def _radius(radius):
+    if not (math.isfinite(radius) and radius >= 0):
+        raise InputError("TXF-I92", "the radius must be finite and not negative", value=radius)
+    return float(radius) or 1.0
+
+
+def _half_angle(fov_degrees):
+    if not 0 < fov_degrees < 180:
+        raise InputError("TXF-I92", "the field of view is out of range", value=fov_degrees, allowed="between 0 and 180 degrees")
+    return math.radians(fov_degrees) / 2

@@ -1,0 +1,90 @@
+"""Two pictures of one view side by side, with a heat map of their difference and its scale."""
+
+import numpy as np
+
+from ..quality.psnr import ColourError, json_ready
+
+HOTTEST = 32  # coded levels of R, G, B (root mean square) from which on the heat map is at its hottest
+RAMP = np.array([(0, 0, 0), (70, 15, 110), (190, 50, 85), (250, 150, 30), (255, 255, 190)], np.float64)
+ONLY_ONE = (0, 160, 170)  # pixels that one of the pictures covers and the other does not
+GAP = 8  # pixels between panels
+
+
+def compare(first, second, background=(255, 255, 255)):
+    """How far the second Picture is from the first.
+
+    Returns a dict {"pixels_both", "pixels_only_first", "pixels_only_second", "psnr_rgb", "psnr_y"} and the heat map, uint8
+    [H, W, 3]. PSNR in dB over the pixels that both cover, unrounded and laid over the background; None stands for lossless, or
+    for pixels_both == 0. Raises ValueError for pictures of different sizes.
+    """
+    if (first.width, first.height) != (second.width, second.height):
+        raise ValueError("the pictures have different sizes")
+    both, a, b = np.intersect1d(first.pixel, second.pixel, assume_unique=True, return_indices=True)
+    ref, got = _over(first, background)[a], _over(second, background)[b]
+    psnr = {"psnr_rgb": None, "psnr_y": None}
+    if len(both):
+        error = ColourError()
+        error.add(ref, got)
+        psnr = {name: json_ready(error.result())[name] for name in psnr}
+    heat = np.empty((first.height * first.width, 3), np.uint8)
+    heat[:] = background
+    heat[first.pixel] = heat[second.pixel] = ONLY_ONE
+    heat[both] = heat_colour(np.sqrt(((got - ref) ** 2).mean(axis=1)))
+    counts = {"pixels_both": len(both), "pixels_only_first": len(first.pixel) - len(both),
+              "pixels_only_second": len(second.pixel) - len(both)}
+    return counts | psnr, heat.reshape(first.height, first.width, 3)
+
+
+def heat_colour(difference):
+    """uint8 [M, 3] of differences in coded levels, [M]: black at 0, pale yellow from HOTTEST on."""
+    place = np.clip(np.nan_to_num(difference, nan=HOTTEST) / HOTTEST, 0, 1) * (len(RAMP) - 1)
+    steps = np.arange(len(RAMP))
+    return np.stack([np.interp(place, steps, RAMP[:, c]) for c in range(3)], axis=1).round().astype(np.uint8)
+
+
+def sheet(panels, captions, background=(255, 255, 255)):
+    """Panels uint8 [H, W, 3] in a row, a caption under each, the heat map's scale under the last. Returns uint8 [H', W', 3]."""
+    height, width = panels[0].shape[:2]
+    times = max(1, width // 512)
+    foot = 30 * times
+    out = np.empty((height + foot, len(panels) * (width + GAP) - GAP, 3), np.uint8)
+    out[:] = background
+    ink = (0, 0, 0) if sum(background) > 382 else (255, 255, 255)
+    for i, (panel, caption) in enumerate(zip(panels, captions, strict=True)):
+        left = i * (width + GAP)
+        out[:height, left : left + width] = panel
+        if i < len(panels) - 1:
+            _write(out, caption, height + 10 * times, left + 4 * times, times, ink, left + width)
+        else:
+            _scale(out[height:, left : left + width], caption, times, ink)
+    return out
+
+
+def _over(picture, background):
+    """float32 [M, 3]: the picture's pixels laid over the background."""
+    alpha = picture.alpha[:, None]
+    return picture.colour * alpha + np.float32(background) * (1 - alpha)
+
+
+def _scale(out, caption, times, ink):
+    """Draws the bar from 0 to HOTTEST with its numbers, and the caption to its right."""
+    long, high = min(128 * times, out.shape[1] - 2), 8 * times
+    out[4 * times : 4 * times + high, :long] = heat_colour(np.linspace(0, HOTTEST, long))[None]
+    for share in (0, 1, 2, 3, 4):
+        number = f"{HOTTEST * share // 4}" + "+" * (share == 4)
+        _write(out, number, 14 * times, min(share * long // 4, long - 1), times, ink, out.shape[1])
+    _write(out, caption, 3 * times, long + 4 * times, times, ink, out.shape[1])
+
+
+def _write(out, text, top, left, times, ink, right):
+    """Draws one line of text, each pixel of the small built-in font `times` x `times` large, cut at the borders."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    font = ImageFont.load_default()
+    box = font.getbbox(text)
+    mask = Image.new("L", (max(int(box[2]) + 1, 1), max(int(box[3]) + 2, 1)))
+    ImageDraw.Draw(mask).text((0, 0), text, 255, font)
+    drawn = np.asarray(mask).repeat(times, axis=0).repeat(times, axis=1)[:, :, None] / 255.0
+    place = out[top : top + drawn.shape[0], left : min(left + drawn.shape[1], right)]
+    drawn = drawn[: place.shape[0], : place.shape[1]]
+    place[:] = (place * (1 - drawn) + np.array(ink) * drawn).round()

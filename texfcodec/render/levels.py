@@ -1,0 +1,68 @@
+"""Coarser versions of a field: what minified pictures ask, as a mip map is for a texture."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..field.grid import BrickMap, build_brick_map
+from ..field.query import query_field
+
+
+@dataclass
+class Level:
+    """One level of a field: a voxel is 2**level of the field's own a side.
+
+    size: voxels a side; keys: int64 [N] ascending Morton keys; values: uint8 (level 0) or float32 [N, 4], the plain means of the
+    field's voxels in each (what the RAHT of that level carries as DC); counts: int64 [N], how many those are.
+    """
+
+    level: int
+    size: int
+    keys: np.ndarray
+    values: np.ndarray
+    counts: np.ndarray
+    brick_map: BrickMap
+
+    def query(self, points):
+        """float32 [M, 4] at grid coordinates of the field, float64 [M, 3]; see field.query.query_field."""
+        points = points if self.level == 0 else points / (1 << self.level)
+        return query_field(points, self.size, self.keys, self.brick_map, self.values)[0]
+
+
+class Pyramid:
+    """The levels of one field, each built when it is first asked for. Threads that ask at once may build one twice, no more."""
+
+    def __init__(self, field):
+        self.rgba = field.rgba
+        self._levels = [Level(0, field.size, field.keys, field.rgba, np.ones(len(field.keys), np.int64), field.brick_map)]
+
+    @property
+    def last(self):
+        """Number of the level that is a single voxel."""
+        return (self._levels[0].size - 1).bit_length()
+
+    def level(self, number):
+        """Level `number`, 0..last."""
+        levels = self._levels
+        while len(levels) <= number:
+            levels = [*levels, _coarser(levels[-1])]
+        self._levels = max(levels, self._levels, key=len)
+        return levels[number]
+
+
+def pyramid_of(field):
+    """The Pyramid of a Field; kept with it and made anew when its values are another array."""
+    kept = vars(field).get("_pyramid")
+    if kept is None or kept.rgba is not field.rgba:
+        kept = vars(field)["_pyramid"] = Pyramid(field)
+    return kept
+
+
+def _coarser(fine):
+    parents = fine.keys >> 3
+    first = np.flatnonzero(np.diff(parents, prepend=-1))
+    counts = np.add.reduceat(fine.counts, first)
+    sums = np.add.reduceat(fine.values * fine.counts[:, None].astype(np.float64), first, axis=0)
+    keys = parents[first]
+    values = (sums / counts[:, None]).astype(np.float32)
+    return Level(fine.level + 1, -(-fine.size >> 1), keys, values, counts, build_brick_map(keys))

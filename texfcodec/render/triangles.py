@@ -1,0 +1,273 @@
+"""Faces made ready for filling: projected, clipped, snapped to 1/256 pixel, turned one way round, sorted into bands of rows."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..kernel import kernel
+from .camera import Camera, to_camera, to_screen
+
+SUBPIXELS = 256  # positions of a corner per pixel; raster.py's shifts by 8 are this
+GUARD = 1 << 20  # pixels from the picture's centre up to which corners are snapped; what lies beyond is clipped there
+NEAR = 1e-6  # of the deepest corner's depth: what is nearer to a perspective camera is clipped
+BAND = 32  # rows filled at a time: a band of 2048 columns keeps its depths in 512 KB
+MOST_CORNERS = 8  # of a triangle after five clipping planes
+
+FAR = 1e200  # a camera-space coordinate beyond this counts as not finite, so that no product overflows
+
+IN_REACH, TO_CLIP, NOT_FINITE = 0, 1, 2
+
+
+@dataclass
+class Triangles:
+    """What the kernels of raster.py fill.
+
+    camera; seen: float64 [V, 3] the corners in camera space (to_camera); faces: int64 [F, 3].
+    corner: int64 [T, 6], x0 y0 x1 y1 x2 y2 in 1/256 pixel, clockwise on the screen; owner: int64 [T] ascending face numbers.
+    plane: float64 [T, 5]: nearness at the centre of pixel (x, y) is k + kx x + ky y, cut to [low, high]; stored k, kx, ky, low,
+    high. Nearness grows towards the camera: 1 / depth when perspective, -depth when orthographic.
+    bands: int64 [B + 1] and member int64: band b is touched by triangles member[bands[b] : bands[b + 1]], in face order.
+    """
+
+    camera: Camera
+    seen: np.ndarray
+    faces: np.ndarray
+    corner: np.ndarray
+    plane: np.ndarray
+    owner: np.ndarray
+    bands: np.ndarray
+    member: np.ndarray
+
+
+def set_up(camera, positions, faces, cull=True, two_sided=None):
+    """The faces that may be seen, ready for filling: Triangles.
+
+    positions: float64 [V, 3] world; faces: int64 [F, 3]; cull: leave out faces whose corners run clockwise on the screen;
+    two_sided: bool [F], faces that are never culled. Faces without area on the screen and faces with a corner that is not finite
+    are left out. Raises IndexError for a face that names no position and ValueError for arrays that do not fit together.
+
+    Magnitudes: a snapped coordinate is below (2**20 + 2**13 + 1) * 2**8 < 2**29, so a product of two differences is below 2**60.
+    """
+    positions = np.ascontiguousarray(positions, np.float64).reshape(-1, 3)
+    faces = np.ascontiguousarray(faces, np.int64).reshape(-1, 3)
+    if len(faces) and not (faces.min() >= 0 and faces.max() < len(positions)):
+        raise IndexError("a face names a position that does not exist")
+    kept = np.full(len(faces), not cull) if two_sided is None or not cull else np.array(two_sided, np.bool_)
+    if kept.shape != (len(faces),):
+        raise ValueError(f"two_sided must be [{len(faces)}], not {list(kept.shape)}")
+    with np.errstate(all="ignore"):
+        seen = to_camera(camera, positions)
+        screen = to_screen(camera, seen)
+    finite = (np.abs(seen) < FAR).all(axis=1)
+    near = _near(camera, seen[finite])
+    state = _state(camera, screen, finite, near)
+    snapped = np.zeros((len(screen), 2), np.int64)
+    inside = state == IN_REACH
+    snapped[inside] = np.floor(screen[inside, :2] * SUBPIXELS + 0.5)
+    most = len(faces) + (MOST_CORNERS - 3) * _count_clipped(faces, state)
+    corner, plane, owner = np.empty((most, 6), np.int64), np.empty((most, 5)), np.empty(most, np.int64)
+    count = _set_up(seen, faces, state, snapped, _planes(camera, near), kept, camera.perspective, camera.width, camera.height,
+                    corner, plane, owner)
+    corner, plane, owner = corner[:count], plane[:count], owner[:count]
+    return Triangles(camera, seen, faces, corner, plane, owner, *_sort_into_bands(corner, camera.height))
+
+
+def _near(camera, seen):
+    """Depth of the near plane: a fixed share of the deepest corner; inf where nothing lies before a perspective camera."""
+    deepest = seen[:, 2].max(initial=0.0)
+    return max(NEAR * deepest, 1e-290) if deepest > 0 else np.inf
+
+
+def _state(camera, screen, finite, near):
+    """uint8 [V]: what is to be done with each corner."""
+    with np.errstate(all="ignore"):
+        inside = (np.abs(screen[:, 0] - camera.width / 2) <= GUARD) & (np.abs(screen[:, 1] - camera.height / 2) <= GUARD)
+    if camera.perspective:
+        inside &= screen[:, 2] >= near
+    return np.where(finite, np.where(inside, IN_REACH, TO_CLIP), NOT_FINITE).astype(np.uint8)
+
+
+def _planes(camera, near):
+    """Clipping planes float64 [P, 4] (a, b, c, d), keeping a x + b y + c z + d >= 0 of points in camera space."""
+    guard = (GUARD, 0) if camera.perspective else (0, GUARD)
+    sides = [(x, y, *guard) for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1))]
+    return np.array([(0, 0, 1, -near)] * camera.perspective + sides, np.float64)
+
+
+@kernel
+def _count_clipped(faces, state):
+    """Faces of which a corner is out of reach."""
+    count = np.int64(0)
+    for f in range(faces.shape[0]):
+        count += max(state[faces[f, 0]], state[faces[f, 1]], state[faces[f, 2]]) == TO_CLIP
+    return count
+
+
+@kernel
+def _cut_off(source, count, plane, out):
+    """The part of a convex polygon on the kept side of one plane (Sutherland and Hodgman). source, out: float64 [8, 3]; plane:
+    float64 [4]. Returns the corners in out, at most count + 1. A new corner is always computed from its inner to its outer
+    neighbour: both faces along an edge get the same one, bit by bit, and no gap opens between them."""
+    kept = 0
+    for i in range(count):
+        j = (i + 1) % count
+        a = plane[0] * source[i, 0] + plane[1] * source[i, 1] + plane[2] * source[i, 2] + plane[3]
+        b = plane[0] * source[j, 0] + plane[1] * source[j, 1] + plane[2] * source[j, 2] + plane[3]
+        if a >= 0.0:
+            out[kept] = source[i]
+            kept += 1
+        if (a >= 0.0) != (b >= 0.0):
+            inner, outer = (i, j) if a >= 0.0 else (j, i)
+            t = a / (a - b) if a >= 0.0 else b / (b - a)
+            for k in range(3):
+                out[kept, k] = source[inner, k] + t * (source[outer, k] - source[inner, k])
+            kept += 1
+    return kept
+
+
+@kernel
+def _nearness_plane(seen, i, j, k, perspective, width, height, out):
+    """Nearness over the screen of the plane through three corners, into out float64 [3]: value for pixel (0, 0), steps in x and
+    y. False where the plane is seen edge-on. The corners are taken in one order, so that faces on the same corners tie."""
+    i, j = min(i, j), max(i, j)
+    j, k = min(j, k), max(j, k)
+    i, j = min(i, j), max(i, j)
+    ux, uy, uz = seen[j, 0] - seen[i, 0], seen[j, 1] - seen[i, 1], seen[j, 2] - seen[i, 2]
+    vx, vy, vz = seen[k, 0] - seen[i, 0], seen[k, 1] - seen[i, 1], seen[k, 2] - seen[i, 2]
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    d = nx * seen[i, 0] + ny * seen[i, 1] + nz * seen[i, 2]
+    scale = 1.0 / (d if perspective else nz)
+    out[1], out[2] = nx * scale, ny * scale
+    out[0] = nz * scale if perspective else -d * scale
+    out[0] += out[1] * (0.5 - 0.5 * width) + out[2] * (0.5 - 0.5 * height)
+    return np.isfinite(out[0]) and np.isfinite(out[1]) and np.isfinite(out[2])
+
+
+@kernel
+def _first_centre(low):
+    """The first pixel whose centre is not before a snapped coordinate."""
+    return (low + 127) >> 8
+
+
+@kernel
+def _last_centre(high):
+    """The last pixel whose centre is not behind a snapped coordinate."""
+    return (high - 128) >> 8
+
+
+@kernel
+def _add(x0, y0, x1, y1, x2, y2, keep_back, width, height, corner):
+    """Stores a snapped triangle in corner int64 [6], turned clockwise. False for one without area, turned away or without a pixel
+    centre in its box."""
+    area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+    if area == 0 or (area > 0 and not keep_back):
+        return False
+    if _last_centre(max(x0, x1, x2)) < max(_first_centre(min(x0, x1, x2)), 0) or _first_centre(min(x0, x1, x2)) >= width:
+        return False
+    if _last_centre(max(y0, y1, y2)) < max(_first_centre(min(y0, y1, y2)), 0) or _first_centre(min(y0, y1, y2)) >= height:
+        return False
+    corner[0], corner[1] = x0, y0
+    if area > 0:
+        corner[2], corner[3], corner[4], corner[5] = x1, y1, x2, y2
+    else:
+        corner[2], corner[3], corner[4], corner[5] = x2, y2, x1, y1
+    return True
+
+
+@kernel
+def _clipped_polygon(seen, face, planes, scratch, other):
+    """Clips a face against all planes. scratch, other: float64 [8, 3]. Returns the corners left, which stand in scratch."""
+    count = 3
+    for c in range(3):
+        scratch[c] = seen[face[c]]
+    for p in range(planes.shape[0]):
+        count = _cut_off(scratch, count, planes[p], other)
+        scratch[:count] = other[:count]
+        if count < 3:
+            return 0
+    return count
+
+
+@kernel
+def _snap_polygon(polygon, count, perspective, width, height, snapped):
+    """Snaps the corners of a clipped polygon into int64 [8, 2]; returns their least and largest nearness. The planes have made
+    sure of z > 0 and of the range."""
+    low, high = np.inf, -np.inf
+    for i in range(count):
+        over = 1.0 / polygon[i, 2] if perspective else 1.0
+        snapped[i, 0] = np.int64(np.floor((polygon[i, 0] * over + 0.5 * width) * SUBPIXELS + 0.5))
+        snapped[i, 1] = np.int64(np.floor((polygon[i, 1] * over + 0.5 * height) * SUBPIXELS + 0.5))
+        near = over if perspective else -polygon[i, 2]
+        low, high = min(low, near), max(high, near)
+    return low, high
+
+
+@kernel
+def _set_up(seen, faces, state, snapped, planes, keep_back, perspective, width, height, corner, plane, owner):
+    """Fills corner, plane and owner; returns the triangles stored. Bounds: the wrapper has checked the faces against seen, and a
+    face that is clipped makes at most MOST_CORNERS - 2 triangles, for which the wrapper has left room."""
+    n = 0
+    polygon, other = np.empty((MOST_CORNERS, 3)), np.empty((MOST_CORNERS, 3))
+    place, slope = np.empty((MOST_CORNERS, 2), np.int64), np.empty(3)
+    for f in range(faces.shape[0]):
+        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+        worst = max(state[i], state[j], state[k])
+        if worst == NOT_FINITE:
+            continue
+        begin = n
+        if worst == IN_REACH:
+            n += _add(snapped[i, 0], snapped[i, 1], snapped[j, 0], snapped[j, 1], snapped[k, 0], snapped[k, 1], keep_back[f],
+                      width, height, corner[n])
+            if n == begin:
+                continue
+            a, b, c = seen[i, 2], seen[j, 2], seen[k, 2]
+            low, high = (1.0 / max(a, b, c), 1.0 / min(a, b, c)) if perspective else (-max(a, b, c), -min(a, b, c))
+        else:
+            count = _clipped_polygon(seen, faces[f], planes, polygon, other)
+            low, high = _snap_polygon(polygon, count, perspective, width, height, place)
+            for c in range(2, count):
+                n += _add(place[0, 0], place[0, 1], place[c - 1, 0], place[c - 1, 1], place[c, 0], place[c, 1], keep_back[f],
+                          width, height, corner[n])
+        if not _nearness_plane(seen, i, j, k, perspective, width, height, slope):
+            slope[0], slope[1], slope[2] = low, 0.0, 0.0
+        for t in range(begin, n):
+            plane[t, 0], plane[t, 1], plane[t, 2], plane[t, 3], plane[t, 4] = slope[0], slope[1], slope[2], low, high
+            owner[t] = f
+    return n
+
+
+def _sort_into_bands(corner, height):
+    """(bands int64 [B + 1], member int64), see Triangles."""
+    bands = np.zeros(-(-height // BAND) + 1, np.int64)
+    _count_members(corner, height, bands)
+    bands = np.cumsum(bands)
+    member = np.empty(bands[-1], np.int64)
+    _place_members(corner, height, bands[:-1].copy(), member)
+    return bands, member
+
+
+@kernel
+def _band_range(corner, t, height):
+    """First and last band of a stored triangle; the rows are cut to the picture."""
+    y0, y1, y2 = corner[t, 1], corner[t, 3], corner[t, 5]
+    first, last = max(_first_centre(min(y0, y1, y2)), 0), min(_last_centre(max(y0, y1, y2)), height - 1)
+    return first // BAND, last // BAND
+
+
+@kernel
+def _count_members(corner, height, bands):
+    """Adds the triangles of band b to bands[b + 1]."""
+    for t in range(corner.shape[0]):
+        first, last = _band_range(corner, t, height)
+        for b in range(first, last + 1):
+            bands[b + 1] += 1
+
+
+@kernel
+def _place_members(corner, height, free, member):
+    """Writes each triangle where its bands have room next; the counts were made with the same ranges."""
+    for t in range(corner.shape[0]):
+        first, last = _band_range(corner, t, height)
+        for b in range(first, last + 1):
+            member[free[b]] = t
+            free[b] += 1

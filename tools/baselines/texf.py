@@ -1,0 +1,81 @@
+"""Our own codec as a method of rate_points.py."""
+
+import hashlib
+from dataclasses import fields
+
+import numpy as np
+
+from baselines import Method, method
+from texfcodec.options import EncodeOptions
+
+STREAM, FACE_FIELD = "stream.texf", "face_field.npz"
+NOT_SETTINGS = {"threads", "measure", "limits"}
+WARM_RESOLUTION = 64
+KEPT_FACTS = ("voxels", "faces", "vertices", "fields", "texels_per_voxel_edge", "resolution", "qp", "refinement")
+
+
+@method("texf")
+class TexfMethod(Method):
+    """Options are the fields of EncodeOptions; the defaults are the package's."""
+
+    options = tuple(f.name for f in fields(EncodeOptions) if f.name not in NOT_SETTINGS)
+
+    def warm_up(self, options, threads):
+        """Codes and decodes two small sheets under the same options, but with few voxels, without a target, and with a fit where
+        the asset may get one."""
+        from texfcodec.decoder import decode
+        from texfcodec.encoder import encode
+
+        kept = {k: v for k, v in options.items() if k not in ("target_bytes", "target_psnr")}
+        kept |= {"resolution": WARM_RESOLUTION, "threads": threads, "refine_iterations": 1}
+        if kept.get("refine", "auto") == "auto" and kept.get("effort") != "fast":
+            kept["refine"] = "fit"
+        decode(encode(_two_sheets(), EncodeOptions(**kept)))
+
+    def encode(self, scene, options, folder, threads, report):
+        """Writes STREAM and FACE_FIELD."""
+        from texfcodec.encoder import encode
+
+        settings = EncodeOptions(**options, threads=threads)
+        data, made = encode(scene, settings, report), report.facts
+        (folder / STREAM).write_bytes(data)
+        np.savez_compressed(folder / FACE_FIELD, face_field=made["scene_face_field"])
+        asked = {"resolution": settings.resolution, "qp": settings.qp}
+        return {"bytes": made["bytes"], "reconstruction_sha256": made["reconstruction_sha256"],
+                **asked, **{name: made[name] for name in KEPT_FACTS if name in made}}
+
+    def decode(self, folder, options, threads, report):
+        """The Texf of STREAM."""
+        from texfcodec.decoder import decode
+        from texfcodec.options import DecodeOptions
+
+        return decode((folder / STREAM).read_bytes(), DecodeOptions(threads=threads), report)
+
+    def values_sha256(self, decoded):
+        """As report.facts["reconstruction_sha256"] of the encoder: field by field and channel group by channel group, the keys
+        as 64-bit little-endian numbers, then the uint8 values [N, C]."""
+        total = hashlib.sha256()
+        for field in decoded.fields:
+            for channels in (slice(0, 3), slice(3, 4))[: 2 if decoded.has_alpha else 1]:
+                total.update(np.ascontiguousarray(field.keys, "<i8"))
+                total.update(np.ascontiguousarray(field.rgba[:, channels]))
+        return total.hexdigest()
+
+    def face_field(self, folder):
+        """What the encoder said."""
+        with np.load(folder / FACE_FIELD) as file:
+            return file["face_field"]
+
+
+def _two_sheets():
+    """Two crossing textured sheets, one of them see-through, so that fields split and both channel groups are coded."""
+    from texfcodec.asset.scene import ALPHA_BLEND, Material, Scene, Texture
+
+    side, faces = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float64), np.array([[0, 1, 2], [0, 2, 3]])
+    image = np.random.default_rng(0).integers(0, 256, (16, 16, 4), np.uint8)
+    return Scene(
+        positions=np.concatenate([np.insert(side, 2, 0.5, axis=1), np.insert(side, 0, 0.5, axis=1)]),
+        faces=np.concatenate([faces, faces + 4]), face_material=np.array([0, 0, 1, 1]),
+        corner_uv=np.concatenate([side[faces], side[faces]]), corner_color=None,
+        materials=[Material(texture=0), Material(texture=0, alpha_mode=ALPHA_BLEND)], textures=[Texture(image)],
+    )

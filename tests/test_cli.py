@@ -16,12 +16,13 @@ import pytest
 from texfcodec import EncodeOptions, InputError, Limits, Report, encode, inspect
 from texfcodec.bitstream.stream import write_stream
 from texfcodec.bitstream.units import write_unit
-from texfcodec.cli import dec, enc, info
+from texfcodec.cli import dec, enc, eval, info, render
 from texfcodec.report import Cancelled
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 GOLDEN = Path(__file__).parent / "golden"
-COMMANDS = {"texf-enc": enc.main, "texf-dec": dec.main, "texf-info": info.main}
+COMMANDS = {"texf-enc": enc.main, "texf-dec": dec.main, "texf-info": info.main, "texf-render": render.main,
+            "texf-eval": eval.main}
 SMALL = ("--resolution", "32", "--qp", "24")
 
 
@@ -105,8 +106,9 @@ def test_encoder_reports_by_the_schema(call, mesh, tmp_path):
     code, out, err = call("texf-enc", mesh, out_path, *SMALL, "--json", "--measure")
     facts = json.loads(out)
     assert code == 0 and err == "" and out.count("\n") == 1
-    assert set(facts) == {"schema", "bytes", "resolution", "qp", "max_error", "voxels", "faces", "vertices", "fields", "refinement",
-                          "seconds", "peak_memory_bytes", "psnr_3d", "psnr_samples", "texels_per_voxel_edge", "warnings", "dropped"}
+    assert set(facts) == {"schema", "bytes", "resolution", "qp", "max_error", "voxels", "faces", "vertices", "fields", "dropped",
+                          "refinement", "seconds", "peak_memory_bytes", "psnr_3d", "psnr_samples", "texels_per_voxel_edge",
+                          "warnings"}
     assert set(facts["bytes"]) == {"total", "geometry", "attributes", "other"}
     total = facts["bytes"].pop("total")
     assert total == sum(facts["bytes"].values()) == out_path.stat().st_size

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from shapes import painted_sphere
 
 from texfcodec.asset.sample import pack_source
@@ -22,8 +21,9 @@ def surfaces_of(scene, resolution, **choices):
     found = []
     for i, field in enumerate(made.fields):
         mine = made.face_field == i
-        found.append(FieldSurface(made.surface.lattice, made.surface.faces[mine], pack_source(scene, made.surface.origin_face[mine]),
-                                  made.surface.cube.position_bits, resolution, field.keys, build_brick_map(field.keys)))
+        source = pack_source(scene, made.surface.origin_face[mine])
+        found.append(FieldSurface(made.surface.lattice, made.surface.faces[mine], source, made.surface.cube.position_bits,
+                                  resolution, field.keys, build_brick_map(field.keys)))
     return found, [f.colour for f in made.fields]
 
 
@@ -94,7 +94,8 @@ def test_a_fit_that_is_worse_is_not_kept(sample_scene, monkeypatch):
 
 
 @pytest.mark.parametrize("choices, reason", [
-    ({"effort": "fast"}, "effort fast"), ({"max_error": 0}, "own values"), ({"qp": 63}, "coding hides"), ({"refine": "off"}, "off"),
+    ({"effort": "fast"}, "effort fast"), ({"max_error": 0}, "own values"), ({"qp": 63}, "coding hides"),
+    ({"refine": "off"}, "off"),
 ])
 def test_auto_does_without_and_says_why(choices, reason):
     report = Report()

@@ -36,9 +36,9 @@ class EncodeOptions:
 
     chroma_qp_offset: added to the QP of both chroma components. area_threshold: voxels holding less surface than this many
     1/256 voxel faces are dropped where coverage allows. partition: "auto" splits the mesh into fields where surfaces meet,
-    "off" keeps one. refine: what brings the voxels' colours closer to the source before they are coded: "fit" least squares on the
-    surface, "render" inverse rendering on top of it with so many refine_iterations, "auto" a fit where it will show and effort
-    is not fast. allow_empty: code a mesh whose faces all collapse as an empty stream instead of refusing it.
+    "off" keeps one. refine: what brings the voxels' colours closer to the source before they are coded: "fit" least squares on
+    the surface, "render" inverse rendering on top of it with so many refine_iterations, "auto" a fit where it will show and
+    effort is not fast. allow_empty: code a mesh whose faces all collapse as an empty stream instead of refusing it.
     """
 
     rate: str = DEFAULT_RATE

@@ -42,8 +42,8 @@ def _warm_up(context, parameter, value):
 @click.option("--near-lossless", metavar="D", **number(1, 127, "As --lossless, but each value may be off by D, 1..127."))
 @click.option("--position-bits", metavar="B", **number(8, 20, "Bits of a vertex coordinate, 8..20.  [default: 14]"))
 @click.option("--effort", type=click.Choice(EFFORTS), help="Time spent on a smaller stream.  [default: balanced]")
-@click.option("--refine", type=click.Choice(REFINEMENTS), help="Colours closer to the source before coding: surface fit, or inverse "
-              "rendering on top of it (a minute).  [default: auto, a fit where it shows; never with --effort fast]")
+@click.option("--refine", type=click.Choice(REFINEMENTS), help="Colours closer to the source before coding: surface fit, or "
+              "inverse rendering on top of it (a minute).  [default: auto, a fit where it shows; never with --effort fast]")
 @click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
 @limit_flags("vertices", "faces", "voxels", "samples", "metadata_bytes")
 @click.option("--measure", is_flag=True, help="Decode and report 3D-PSNR at 1,000,000 surface points.")

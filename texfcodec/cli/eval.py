@@ -5,8 +5,6 @@ import click
 from .. import __version__
 from .console import STYLE, number, read_stream_file, run, seconds_of, timing_line
 
-NEAREST_SAMPLES = 100_000  # points of 3D-PSNR where each must look for its face; where it need not, measure.SAMPLES
-
 
 @click.command("texf-eval", context_settings=STYLE)
 @click.argument("source", metavar="SOURCE")
@@ -87,15 +85,17 @@ def _views(scene, decoded, settings, threads, report):
 
 
 def _psnr_3d(scene, decoded, threads, report):
-    """By the field where there is one; with several, and for a mesh, by the nearest face, at fewer points."""
+    """At the same surface points of both; where those have to be searched for, at fewer."""
     from ..quality.measure import SAMPLES, measure
-    from ..quality.views import MeshColours
+    from ..quality.views import NEAREST_SAMPLES, fields_of_faces, mesh_psnr_3d
     from ..texf import Texf
 
     with report.stage("psnr_3d"):
         if not isinstance(decoded, Texf):
-            return measure(scene, MeshColours(decoded, threads), NEAREST_SAMPLES, threads)
-        return measure(scene, decoded, SAMPLES if len(decoded.fields) == 1 else NEAREST_SAMPLES, threads)
+            return mesh_psnr_3d(scene, decoded, NEAREST_SAMPLES, threads)
+        face_field = fields_of_faces(scene, decoded) if len(decoded.fields) > 1 else None
+        searched = len(decoded.fields) > 1 and face_field is None
+        return measure(scene, decoded, NEAREST_SAMPLES if searched else SAMPLES, threads, face_field)
 
 
 def _run_facts(report):

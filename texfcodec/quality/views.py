@@ -7,7 +7,11 @@
 
 Orthographic views from Fibonacci directions span the bounding sphere of the reference's axis-aligned box. Every back face is
 culled, those of double-sided materials as well, because the protocol knows no materials. A pixel counts where both renders cover
-it. Errors are pooled over all counted pixels of all views: a view in which little is seen weighs little.
+it. Errors are pooled over all counted pixels of all views: a view in which little is seen weighs little. On the three textures of
+the basketball player for which the tool's figures are known, all fifteen agree to 0.002 dB; without the rounding to 8 bits they
+are up to 0.6 dB too high.
+
+Below that stands what 3D-PSNR (measure.py) needs where the source's faces must first be found on the other side.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -21,11 +25,14 @@ from ..errors import InputError
 from ..render.camera import bounding_sphere, fibonacci_direction, orthographic
 from ..render.shade import render_scene, render_texf
 from ..texf import Texf
-from .psnr import ColourError, decibels, json_ready
+from .measure import SourceSamples
+from .psnr import ColourError, decibels, json_ready, sample_surface
 from .ssim import ssim as mean_ssim
 
 VIEWS, SIZE = 16, 2048
-BLOCK = 1 << 14  # points asked at a time: trimesh keeps every candidate triangle of all of them
+NEAREST_SAMPLES = 100_000  # points of 3D-PSNR where each has to look for its nearest face
+LANDMARKS, NEIGHBOURS = 500_000, 8
+BLOCK = 1 << 15  # points asked at a time, each with its NEIGHBOURS triangles
 
 
 @dataclass
@@ -118,34 +125,108 @@ def _pooled(seen):
             "lpips": None if first.lpips is None else float(np.mean([v.lpips for v in seen]))}
 
 
-class MeshColours:
-    """A mesh that answers points as a Texf does, with the colour at its nearest surface point: so quality.measure takes it.
+def fields_of_faces(scene, texf):
+    """The field that each face of the source is in: int64 [F], -1 for a face that is not in the stream.
 
-    scene: Scene with at least one face; threads.
+    Found by its corners on the lattice, its orientation and its material. None where less than half of the faces are found: then
+    the stream was made from something else.
+    """
+    lattice = texf.lattice_positions[texf.faces]
+    rows = np.concatenate([_face_keys(texf.cube.to_lattice(scene.positions)[scene.faces], scene.face_material),
+                           _face_keys(lattice, texf.face_material)])
+    number = np.unique(rows, axis=0, return_inverse=True)[1].reshape(-1)
+    field = np.full(len(rows), -1, np.int64)
+    field[number[len(scene.faces) :]] = texf.face_field
+    found = field[number[: len(scene.faces)]]
+    return found if 2 * np.count_nonzero(found >= 0) >= len(found) else None
+
+
+def _face_keys(lattice, material):
+    """int64 [F, 4]: three packed corners, lattice int64 [F, 3, 3], the smallest first and orientation kept; and the material."""
+    packed = lattice[:, :, 0] | lattice[:, :, 1] << 20 | lattice[:, :, 2] << 40
+    order = (packed.argmin(axis=1)[:, None] + np.arange(3)) % 3
+    return np.column_stack([np.take_along_axis(packed, order, axis=1), material])
+
+
+def mesh_psnr_3d(reference, mesh, samples=NEAREST_SAMPLES, threads=1):
+    """3D-PSNR of a decoded mesh, at the points of its surface nearest to points of the reference's.
+
+    reference, mesh: Scene, each with a face that has area. Returns what measure.measure returns. Errors weigh by the reference's
+    alpha where the mesh has alpha. Raises ValueError for meshes without area.
+    """
+    asked, colours = SourceSamples(reference, samples, threads), MeshColours(mesh, threads)
+    corners = reference.positions[reference.faces[asked.face]]
+    points = np.einsum("mk,mkc->mc", asked.bary, corners)
+    got = colours.query(points, _normals(corners))
+    error = ColourError()
+    error.add(asked.colour[:, :3], got[:, :3], asked.colour[:, 3] / 255.0 if colours.has_alpha else None)
+    result = json_ready(error.result())
+    return {name: result[f"psnr_{name}"] for name in ("y", "yuv611", "rgb")} | {"samples": error.samples}
+
+
+class MeshColours:
+    """The colours of a mesh at its points nearest to given ones. Of surfaces that lie on each other, the one that faces the given
+    way answers: without that, the lining of a garment would answer for its outside.
+
+    scene: Scene with a face that has area; threads. has_alpha: whether alpha means something in it.
     """
 
     def __init__(self, scene, threads=1):
-        import trimesh
+        from scipy.spatial import cKDTree  # here, as is trimesh below, because it takes long to import
 
-        self.fields = [scene]  # one: the nearest face is sought over the whole mesh
         self.has_alpha = any(m.alpha_mode != ALPHA_OPAQUE for m in scene.materials)
         self._source, self._threads = pack_source(scene), threads
         self._origin = scene.positions.min(axis=0)
-        self._side = float((scene.positions - self._origin).max()) or 1.0
-        self._mesh = trimesh.Trimesh((scene.positions - self._origin) / self._side, scene.faces, process=False)
+        self._side = float((scene.positions - self._origin).max())
+        self._corners = ((scene.positions - self._origin) / self._side)[scene.faces]
+        self._normals = _normals(self._corners)
+        face, bary = sample_surface(scene.positions, scene.faces, LANDMARKS)
+        places = np.einsum("mk,mkc->mc", bary, self._corners[face])
+        self._face = np.concatenate([face, np.arange(len(scene.faces))])  # a centroid each: no face is too small to be found
+        places = np.concatenate([places, self._corners.mean(axis=1)])
+        edges = self._corners[:, 1:] - self._corners[:, :1]
+        area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum() / 2
+        self._turn = 4 * np.sqrt(area / LANDMARKS)  # a normal that is off by 1 counts as four landmarks' spacing
+        self._tree = cKDTree(np.hstack([places, self._turn * self._normals[self._face]]))
 
-    def query(self, points):
-        """Colours at world points [M, 3]: float32 [M, 4], 0..255, sRGB-coded, straight alpha."""
-        from trimesh.proximity import closest_point
-        from trimesh.triangles import points_to_barycentric
+    def query(self, points, normals):
+        """Colours at world points, float64 [M, 3], of surfaces that face along normals, float64 [M, 3] of length 1 (or 0: any).
 
+        Returns float32 [M, 4], 0..255, sRGB-coded, straight alpha. The nearest point is exact on its triangle, and the triangle
+        is the nearest of those around the NEIGHBOURS nearest of LANDMARKS points spread over the mesh.
+        """
         out = np.empty((len(points), 4), np.float32)
         for begin in range(0, len(points), BLOCK):
             part = slice(begin, begin + BLOCK)
-            near, _, face = closest_point(self._mesh, (points[part] - self._origin) / self._side)
-            bary = points_to_barycentric(self._mesh.triangles[face], near)
-            out[part] = sample_source(self._source, face, _inside(bary), self._threads)
+            face, bary = self._nearest((points[part] - self._origin) / self._side, normals[part])
+            out[part] = sample_source(self._source, face, bary, self._threads)
         return out
+
+    def _nearest(self, points, normals):
+        """(face int64 [M], bary float64 [M, 3]) of points in units of the mesh's side."""
+        from trimesh.triangles import closest_point, points_to_barycentric
+
+        keys = np.hstack([points, self._turn * normals])
+        faces = self._face[self._tree.query(keys, NEIGHBOURS, workers=self._threads)[1]]
+        every = np.repeat(points, NEIGHBOURS, axis=0)
+        with np.errstate(all="ignore"):  # triangles without area
+            near = closest_point(self._corners[faces.ravel()], every)
+            distance = np.linalg.norm(near - every, axis=1).reshape(faces.shape)
+        against = np.einsum("mkc,mc->mk", self._normals[faces], normals) < 0
+        best = np.argmin(np.where(np.isfinite(distance), distance, np.inf) + self._turn * against, axis=1)
+        row = np.arange(len(points))
+        face = faces[row, best]
+        with np.errstate(all="ignore"):
+            return face, _inside(points_to_barycentric(self._corners[face], near.reshape(*faces.shape, 3)[row, best]))
+
+
+def _normals(corners):
+    """Unit normals float64 [M, 3] of triangles [M, 3, 3]; zero where a triangle has no area."""
+    edges = corners[:, 1:] - corners[:, :1]
+    edges = edges / np.maximum(np.abs(edges).max(axis=(1, 2), initial=0.0, keepdims=True), 1e-300)
+    normals = np.cross(edges[:, 0], edges[:, 1])
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals / np.where(length > 0, length, 1.0)
 
 
 def _inside(bary):

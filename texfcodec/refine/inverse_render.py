@@ -15,7 +15,7 @@ import numpy as np
 
 from ..asset.sample import sample_source
 from ..kernel import kernel
-from ..quality.psnr import ColourError, decibels
+from ..quality.psnr import decibels
 from ..quality.ssim import ssim_gradient
 from ..render.camera import perspective
 from ..render.raster import rasterise
@@ -23,7 +23,7 @@ from .surface_fit import BLOCK, _corners
 
 ITERATIONS, VIEWS, SIZE = 30, 8, 1024  # the paper's
 FIELD_OF_VIEW, NEAREST, FARTHEST = 45.0, 1.2, 3.0
-RATE = 0.5  # Adam's step in 8-bit levels, falling to a tenth along a cosine; 0.1 to 2 tried on scissors, basketball player, helmet
+RATE = 0.5  # Adam's step in 8-bit levels, falling to a tenth along a cosine; of 0.1 to 3 the best on three assets
 DECAY, SQUARE_DECAY, TINY = 0.9, 0.99, 1e-8
 HELD_OUT_VIEWS, HELD_OUT_EVERY, PATIENCE = 4, 5, 2  # views, iterations between looks, looks without gain before it stops
 
@@ -93,7 +93,8 @@ class View:
         similarity, slope = ssim_gradient(a, b, mask, threads=threads)
         difference = shown - self.target
         loss = float(np.abs(difference).mean()) / 255 + 1 - similarity
-        return loss, float((difference.astype(np.float64) ** 2).mean()), np.sign(difference) / np.float32(255 * difference.size) - slope[place]
+        error = float((difference.astype(np.float64) ** 2).mean())
+        return loss, error, np.sign(difference) / np.float32(255 * difference.size) - slope[place]
 
 
 class Pictures:
@@ -116,7 +117,8 @@ class Pictures:
         azimuth, sine = self.random.uniform(0, 2 * np.pi), self.random.uniform(-1, 1)
         flat = np.sqrt(1 - sine * sine)
         direction = np.array([np.cos(azimuth) * flat, sine, np.sin(azimuth) * flat])
-        return perspective(self.centre + direction * self.random.uniform(NEAREST, FARTHEST), self.centre, FIELD_OF_VIEW, self.size)
+        eye = self.centre + direction * self.random.uniform(NEAREST, FARTHEST)
+        return perspective(eye, self.centre, FIELD_OF_VIEW, self.size)
 
     def view(self):
         """The next View; pixels where no voxel answers or the source is transparent are left out."""
@@ -145,7 +147,8 @@ def held_out(pictures, count=HELD_OUT_VIEWS):
     return [v for v in (pictures.view() for _ in range(count)) if len(v.pixel)]
 
 
-def refine_by_rendering(surfaces, colours, threads=1, seed=0, iterations=ITERATIONS, views=VIEWS, size=SIZE, on_progress=lambda *_: None):
+def refine_by_rendering(surfaces, colours, threads=1, seed=0, iterations=ITERATIONS, views=VIEWS, size=SIZE,
+                        on_progress=lambda done, total: None):
     """Improves the colours of all fields together.
 
     surfaces: FieldSurfaces, one per field; colours: float32 [N, 3] per field, 0..255. Returns (colours likewise, log: one

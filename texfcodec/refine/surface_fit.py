@@ -1,14 +1,14 @@
 """Surface fit: the voxel colours whose trilinear field comes closest to the source on the surface (encoder only).
 
-The transfer gives each voxel the mean colour of the surface inside it, but a renderer blends up to eight voxels at every point, and
-blending means blurs twice. The fit minimises, over samples spread evenly by area (those of the voxelisation, spec 6.3),
+The transfer gives each voxel the mean colour of the surface inside it, but a renderer blends up to eight voxels at every point,
+and blending means blurs twice. The fit minimises, over samples spread evenly by area (those of the voxelisation, spec 6.3),
 
     sum_s a_s |sum_k w_sk v_k - c_s|^2  +  damping * mean(diagonal) * sum_k |v_k - t_k|^2
 
-with v the voxels' colours, t the transfer's, w_s the renormalised trilinear weights of sample s (spec 8.2), c_s the source's colour
-and a_s its area times alpha. The damping keeps voxels that few samples touch (slivers, lonely voxels) at the transfer. Entries are not
-negative and the weights of a sample sum to 1, so by Gershgorin the condition number is at most 1 + largest row sum / (damping * mean
-diagonal) on any mesh. Solved by conjugate gradients from the transfer.
+with v the voxels' colours, t the transfer's, w_s the renormalised trilinear weights of sample s (spec 8.2), c_s the source's
+colour and a_s its area times alpha. The damping keeps voxels that few samples touch (slivers, lonely voxels) at the transfer.
+Entries are not negative and the weights of a sample sum to 1, so by Gershgorin the condition number is at most 1 + largest row
+sum / (damping * mean diagonal) on any mesh. Solved by conjugate gradients from the transfer.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -55,7 +55,8 @@ class FieldSurface:
 
     def error(self, colour, points, rgba, threads):
         """Mean squared error of the field with these voxel colours, float32 [N, 3], at points: colour_mse()'s dict."""
-        got, _ = query_field(points, self.resolution, self.keys, self.brick_map, np.ascontiguousarray(colour, np.float32), threads)
+        colour = np.ascontiguousarray(colour, np.float32)
+        got, _ = query_field(points, self.resolution, self.keys, self.brick_map, colour, threads)
         error = ColourError()
         error.add(rgba[:, :3], got, rgba[:, 3] / 255 if rgba[:, 3].any() else None)
         return error.mse()
@@ -140,8 +141,8 @@ def _normal_equations(surface, density, threads, on_progress):
     with ThreadPoolExecutor(threads) as pool:
         first, columns, mask = _neighbourhoods(surface, pool)
         gram, right = np.zeros(len(columns), np.float32), np.zeros((n, 3), np.float32)
-        for points, face, bary, share in surface_samples(surface.lattice, surface.faces, surface.position_bits, surface.resolution,
-                                                         density):
+        walk = surface_samples(surface.lattice, surface.faces, surface.position_bits, surface.resolution, density)
+        for points, face, bary, share in walk:
             rgba = sample_source(surface.source, face, bary, threads)
             rgba[:, 3] *= share / 255
             rank, weight = np.empty((len(points), 8), np.int32), np.empty((len(points), 8), np.float32)

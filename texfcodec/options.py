@@ -80,6 +80,11 @@ class EncodeOptions:
             if value is not None and not low <= value <= high:
                 raise InputError("TXF-I50", f"{name} is out of range", value=value, allowed=f"{low}..{high}")
 
+    @property
+    def may_fit(self):
+        """Whether a surface fit may follow the transfer."""
+        return self.max_error is None and (self.refine in ("fit", "render") or (self.refine == "auto" and self.effort != "fast"))
+
     def _check_max_error(self):
         if not 0 <= self.max_error <= 127:
             raise InputError("TXF-I50", "max_error is out of range", value=self.max_error, allowed="0..127")

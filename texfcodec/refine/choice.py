@@ -11,7 +11,7 @@ from .surface_fit import HELD_OUT, HELD_OUT_SEED, FieldSurface, fit_surface
 PROBE = 1 << 14  # surface points that tell how far the transfer is from the source
 LEFT_BY_FIT = 0.6  # share of the transfer's squared error that the fit leaves; 0.39 to 0.85 on seven assets at K 512 and 1024
 LEAST_GAIN = 0.03  # dB at the coded quality; what promised less gained nothing after coding (QP 46 to 58, two assets)
-MOST_VOXELS = 6_000_000  # "auto" leaves larger fields alone: a fit takes about 150 bytes a voxel
+MOST_VOXELS = 10_000_000  # "auto" leaves larger fields alone: a fit takes about 150 bytes a voxel
 
 
 def refine_fields(scene, surface, face_field, fields, options, report):

@@ -20,6 +20,30 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 ASSET = REPOSITORY.parent / "shared" / "assets" / "bball_0001.glb"
 EXIT_MISSED = 7
 PEAK_BYTES, PEAK_4096_BYTES = 600e6, 4 * 2**30
+# Of one asset and its stream: median seconds of a view from either, and of the stage refine
+PICTURES = """
+import statistics, sys, time
+from texfcodec import EncodeOptions, Report, decode
+from texfcodec.asset.load import load
+from texfcodec.encoder import encode_scene
+from texfcodec.options import DecodeOptions, default_threads
+from texfcodec.render.camera import bounding_sphere, fibonacci_direction, orthographic
+from texfcodec.render.shade import render_scene, render_texf
+scene, threads = load(sys.argv[1]), default_threads()
+texf = decode(open(sys.argv[2], "rb").read(), DecodeOptions(threads=threads))
+cameras = [orthographic(fibonacci_direction(i, 16), *bounding_sphere(scene.positions), 2048) for i in range(int(sys.argv[3]))]
+def median(draw):
+    times = []
+    for camera in cameras:
+        begin = time.perf_counter()
+        draw(camera)
+        times.append(time.perf_counter() - begin)
+    return statistics.median(times)
+report = Report()
+encode_scene(scene, EncodeOptions(rate="r03"), report)
+print(median(lambda c: render_scene(scene, c, threads=threads)),
+      median(lambda c: render_texf(texf, c, filtering=False, threads=threads)), report.seconds["refine"])
+"""
 IMPORT = "import time; t = time.perf_counter(); import texfcodec; print(time.perf_counter() - t)"
 
 
@@ -98,6 +122,20 @@ def large_row(asset, folder):
     return Row("texf-enc K 4096 QP 28, peak resident", run_process(command)[1] / 1e6, PEAK_4096_BYTES / 1e6, "MB")
 
 
+def picture_rows(asset, folder, runs):
+    """Medians of one 2048 x 2048 view from the textures and from the field, the surface fit, and texf-eval of 16 views."""
+    stream = folder / "picture.texf"
+    run_process(enc_command(asset, stream))
+    run_process(["-c", PICTURES, asset, stream, "1"])
+    view, field, fit = map(float, run_process(["-c", PICTURES, asset, stream, str(runs)])[2].split())
+    rows = [Row("2048 x 2048 view from textures", view, 0.15, "s"), Row("2048 x 2048 view from the field", field, 0.4, "s"),
+            Row("stage refine (surface fit) of texf-enc r03", fit, 5.0, "s")]
+    for name, flag, target in (("PSNR", "--no-ssim", 12.0), ("PSNR and SSIM", "--ssim", 40.0)):
+        command = ["-m", "texfcodec.cli.eval", asset, stream, flag, "--quiet"]
+        rows.append(Row(f"texf-eval, 16 views, {name}, wall", run_process(command)[0], target, "s"))
+    return rows
+
+
 def make_sample_asset(folder):
     """The bundled sample as a file."""
     path = folder / "sample.glb"
@@ -119,7 +157,7 @@ def main():
         print(f"{asset.name}, {len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count()} cores")
         rows = []
         for measured in (lambda: [import_row(options.runs)], lambda: cold_rows(asset, folder),
-                         lambda: warm_rows(asset, folder, options.runs),
+                         lambda: warm_rows(asset, folder, options.runs), lambda: picture_rows(asset, folder, options.runs),
                          lambda: [large_row(asset, folder)] if options.k4096 else []):
             for row in measured():
                 rows.append(row)

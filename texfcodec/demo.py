@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 POINTS = {"small": (256, 28), "middle": (512, 28), "r03": (1024, 28)}  # name: (K, QP); the last is the paper's r03
-STAGES = ("load", "partition", "geometry", "voxelise", "transfer", "attributes")
+STAGES = ("load", "partition", "geometry", "voxelise", "transfer", "refine", "attributes")
 
 
 def main(folder="out"):

@@ -104,11 +104,12 @@ def sweep(quick):
     points = [Point(k, qp)]
     if quick:
         points += [Point(k, other) for other in (24, 32)]
-        points += [Point(k, qp, effort) for effort in EFFORTS] + [Point(k, qp, density=2), Point(k, qp, refine="off")]
+        points += [Point(k, qp, effort) for effort in EFFORTS]
+        points += [Point(k, qp, density=2, refine="off"), Point(k, qp, refine="off")]
     else:
         points += [Point(*each) for each in ((r, q) for r in RESOLUTIONS for q in QPS)]
         points += [Point(*each, effort) for effort in EFFORTS for each in RATES.values()]
-        points += [Point(k, qp, density=d) for d in DENSITIES if d != TRANSFER_DENSITY[DEFAULTS.effort]]
+        points += [Point(k, qp, density=d, refine="off") for d in DENSITIES]
         for kind in (r for r in REFINEMENTS if r != DEFAULTS.refine):
             points += [Point(k, q, refine=kind) for q in ((qp,) if kind == "render" else (24, 28, 32, 36))]
         points += [Point(k, qp, refine="render", iterations=n) for n in ITERATIONS]

@@ -125,4 +125,7 @@ def check_scene(scene):
         raise InputError("TXF-I22", "a material of the Scene names a texture that does not exist")
     if not np.isfinite(scene.positions).all() or not np.isfinite(scene.corner_uv).all():
         raise InputError("TXF-I14", "positions or UVs of the Scene are NaN or infinite")
+    factors = [material.factor for material in scene.materials]
+    if not np.isfinite(factors).all() or not (scene.corner_color is None or np.isfinite(scene.corner_color).all()):
+        raise InputError("TXF-I14", "colours or factors of the Scene are NaN or infinite")
     return scene

@@ -186,7 +186,7 @@ def test_triangles_as_large_as_the_cube_cover_it(resolution):
 @pytest.mark.parametrize("resolution", range(1, 65))
 def test_every_resolution_to_64_has_voxels_in_its_grid_and_the_mean_colour(resolution):
     scene = painted_sphere(6)
-    texf, _ = coded(scene, resolution=resolution, qp=10, partition="off")
+    texf, _ = coded(scene, resolution=resolution, qp=10, partition="off", refine="off")  # a fit need not keep the mean
     voxels = decode_morton(texf.fields[0].keys)
     assert voxels.min() >= 0 and voxels.max() < resolution == texf.resolution
     assert resolution == 1 or voxels.max() >= resolution - 2
@@ -319,9 +319,10 @@ def test_vertices_that_no_face_uses_are_not_coded():
 @pytest.mark.parametrize("make", [painted_sphere, crossing_sheets])
 @pytest.mark.parametrize("seed", range(3))
 def test_faces_vertices_start_corners_and_orientation_in_any_order_decode_to_the_same_field(make, seed):
-    """Sums of the transfer are in binary32 and in face order, so a value may round to the other side: none does here."""
-    texf, _ = coded(make(), qp=10)
-    other, _ = coded(shuffled(make(), seed), qp=10)
+    """Sums of the transfer are in binary32 and in face order, so a value may round to the other side: none does here. A fit adds up
+    more of them, and some do."""
+    texf, _ = coded(make(), qp=10, refine="off")
+    other, _ = coded(shuffled(make(), seed), qp=10, refine="off")
     assert len(texf.fields) == len(other.fields)
     np.testing.assert_array_equal(triangles_of(texf), triangles_of(other))
     by_keys = lambda t: sorted(t.fields, key=lambda f: f.keys.tolist())  # which of two equal pieces is field 0 may differ

@@ -85,8 +85,10 @@ def test_condition_number_on_slivers_and_lonely_voxels_keeps_its_bound():
 
 
 def test_a_fit_that_is_worse_is_not_kept(sample_scene, monkeypatch):
+    from texfcodec.field import prepare as preparing
     from texfcodec.refine import choice
 
+    monkeypatch.setattr(preparing, "FITTED_DENSITY", preparing.TRANSFER_DENSITY["balanced"])
     monkeypatch.setattr(choice, "fit_surface", lambda surface, colour, *_, **__: 255 - colour)
     report = Report()
     bytes_ = [encode_scene(sample_scene, EncodeOptions(resolution=64, qp=28, refine=kind), report)[0] for kind in ("fit", "off")]

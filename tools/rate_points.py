@@ -320,11 +320,14 @@ def decode_step(folder, job):
 def measures(scene, decoded, face_field, evaluation, threads):
     """{"psnr_3d", "image"} of what was decoded, a Texf or a Scene; image is None where no views are asked for."""
     from texfcodec.quality.measure import SourceSamples
-    from texfcodec.quality.views import MeshColours, compare_views
+    from texfcodec.quality.views import compare_views, mesh_psnr_3d
     from texfcodec.texf import Texf
 
-    asked = decoded if isinstance(decoded, Texf) else MeshColours(decoded, threads)
-    measured = {"psnr_3d": SourceSamples(scene, evaluation["samples"], threads).compare(asked, face_field), "image": None}
+    if isinstance(decoded, Texf):
+        psnr = SourceSamples(scene, evaluation["samples"], threads).compare(decoded, face_field)
+    else:
+        psnr = mesh_psnr_3d(scene, decoded, evaluation["samples"], threads)
+    measured = {"psnr_3d": psnr, "image": None}
     if evaluation["views"]:
         measured["image"] = compare_views(scene, decoded, views=evaluation["views"], size=evaluation["size"],
                                           ssim=evaluation["ssim"], threads=threads)

@@ -13,7 +13,7 @@ demo: install
 	$(PY) -m texfcodec.demo
 
 test: conformance
-	$(PY) -m pytest -q
+	$(PY) -m pytest -q -n 2 --dist loadfile
 
 # Any decoder can be put through the vectors: make conformance DECODER="other-decoder --flag"
 conformance: install

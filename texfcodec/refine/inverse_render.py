@@ -66,8 +66,9 @@ def _adam(values, gradient, mean, square, begin, end, rate, mean_scale, square_s
 
 @dataclass
 class View:
-    """A picture as a linear map. pixel: int64 [M] covered pixels of a square of `size`; target: float32 [M, 3], the source's
-    colours; rank: int32 [M, 8] into all voxels; weight: float32 [M, 8]."""
+    """A picture as a linear map of the voxels' colours. size: pixels a side; pixel: int64 [M], the covered ones, row * size +
+    column; target: float32 [M, 3], the source's colours; rank: int32 [M, 8] into all voxels, -1 for none; weight: float32
+    [M, 8]."""
 
     size: int
     pixel: np.ndarray
@@ -98,8 +99,8 @@ class View:
 
 
 class Pictures:
-    """Draws views of one asset. surfaces: FieldSurfaces, one per field; positions: float64 [V, 3], their common lattice in a cube
-    of side 1; seed: of the cameras."""
+    """Draws views of one asset, in a cube of side 1. surfaces: FieldSurfaces, one per field, on one lattice; seed: of the
+    cameras; size: pixels a side."""
 
     def __init__(self, surfaces, seed, threads, size=SIZE):
         self.surfaces, self.threads, self.size = surfaces, threads, size

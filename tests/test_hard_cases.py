@@ -319,8 +319,8 @@ def test_vertices_that_no_face_uses_are_not_coded():
 @pytest.mark.parametrize("make", [painted_sphere, crossing_sheets])
 @pytest.mark.parametrize("seed", range(3))
 def test_faces_vertices_start_corners_and_orientation_in_any_order_decode_to_the_same_field(make, seed):
-    """Sums of the transfer are in binary32 and in face order, so a value may round to the other side: none does here. A fit adds up
-    more of them, and some do."""
+    """Sums of the transfer are in binary32 and in face order, so a value may round to the other side: none does here. A fit adds
+    up more of them, and some do."""
     texf, _ = coded(make(), qp=10, refine="off")
     other, _ = coded(shuffled(make(), seed), qp=10, refine="off")
     assert len(texf.fields) == len(other.fields)

@@ -127,6 +127,13 @@ def test_a_single_point_is_refused_or_an_empty_stream(faces):
     assert caught.value.code == "TXF-I70"
 
 
+def test_scene_without_vertices_is_an_empty_stream_where_that_is_allowed():
+    data, _ = encode_scene(scene_of(np.zeros((0, 3)), np.zeros((0, 3), np.int64)), EncodeOptions(allow_empty=True))
+    texf = decode(data)
+    assert (len(texf.fields), len(texf.faces), len(texf.positions)) == (0, 0, 0)
+
+
+
 @pytest.mark.parametrize("position_bits", [8, 20])
 def test_slivers_of_aspect_a_million_keep_positions_and_colour(position_bits):
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]

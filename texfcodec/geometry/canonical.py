@@ -46,7 +46,10 @@ class CanonicalCube:
 
 
 def fit_cube(positions, position_bits):
-    """Canonical cube of a mesh. positions: float64 [V, 3], finite. Raises InputError for coordinates out of range."""
+    """Canonical cube of a mesh, of side 0 at the origin where there are no positions. positions: float64 [V, 3], finite. Raises
+    InputError for coordinates out of range."""
+    if len(positions) == 0:
+        return CanonicalCube((0.0, 0.0, 0.0), 0.0, position_bits)
     low, high = positions.min(axis=0), positions.max(axis=0)
     if max(np.abs(low).max(), np.abs(high).max()) > MAX_COORDINATE:
         raise InputError("TXF-I60", "the mesh has coordinates that are too large", value=float(np.abs(positions).max()),

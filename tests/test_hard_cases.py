@@ -133,7 +133,6 @@ def test_scene_without_vertices_is_an_empty_stream_where_that_is_allowed():
     assert (len(texf.fields), len(texf.faces), len(texf.positions)) == (0, 0, 0)
 
 
-
 @pytest.mark.parametrize("position_bits", [8, 20])
 def test_slivers_of_aspect_a_million_keep_positions_and_colour(position_bits):
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]

@@ -10,13 +10,14 @@ from .quantise import step_of
 
 EFFORTS = {"fast": Tools(), "balanced": Tools(colour_range=5, models=6, filters=1),
            "best": Tools(colour_range=5, models=8, filters=3)}
-# Kernel and colour range, from natural textures to flat colours
-PREDICTIONS = ((KERNELS[1], 10), (KERNELS[1], 5), (KERNELS[2], 5), (KERNELS[3], 3))
+# Kernel and colour range, from natural textures to flat colours; fast has no time for colour ranges
+_WITH_RANGES = ((KERNELS[1], 10), (KERNELS[1], 5), (KERNELS[2], 5), (KERNELS[3], 3))
+PREDICTIONS = {"fast": ((KERNELS[1], 0), (KERNELS[3], 0)), "balanced": _WITH_RANGES, "best": _WITH_RANGES}
 BASE_QPS = (16, 22, 28, 34, 40)  # of the levels under residuals (7.9)
 USUAL_BASE_QP = 28  # within 1 % of the best of them on four assets at K 512, lossless
 PIECES = 4
 LEAST_VOXELS = 64  # below, nothing is tried
-PIECE_VOXELS = {"fast": 0, "balanced": 1 << 12, "best": 1 << 16}  # per piece; 0: the default unseen
+PIECE_VOXELS = {"fast": 1 << 11, "balanced": 1 << 12, "best": 1 << 16}  # per piece; 0: the default unseen
 
 
 def _pieces(count, voxels):
@@ -40,7 +41,7 @@ def choose_tools(keys, depth, values, qp, effort, threads=1):
     if not voxels or len(keys) < LEAST_VOXELS:
         return tools
     pieces = _pieces(len(keys), voxels)
-    candidates = [replace(tools, kernel=kernel, colour_range=reach, filters=0) for kernel, reach in PREDICTIONS]
+    candidates = [replace(tools, kernel=kernel, colour_range=reach, filters=0) for kernel, reach in PREDICTIONS[effort]]
     costs = [sum(_lagrangian_cost(keys[p], depth, values[p], qp, c, threads) for p in pieces) for c in candidates]
     return replace(candidates[int(np.argmin(costs))], filters=tools.filters)
 

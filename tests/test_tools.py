@@ -94,5 +94,5 @@ def test_changes_that_are_none_at_an_effort_have_no_row(tools_path):
     import attribute_tools
 
     assert attribute_tools.changes_at("fast") == [
-        "complete set", "2 models", "4 models", "8 models", "filter of 2 stages", "no RDO"]
+        "complete set", "2 models", "4 models", "8 models", "filter of 2 stages", "kernel choice off", "no RDO"]
     assert "8 models" not in attribute_tools.changes_at("best") and "kernel choice off" in attribute_tools.changes_at("best")

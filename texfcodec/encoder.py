@@ -104,7 +104,8 @@ def code_prepared(scene, prepared, options, report):
                 plane = part.colour if group["group_semantic"] == SEMANTIC_BASE_COLOUR else part.alpha[:, None]
                 values, decoded = _code_group(plane, part.keys, options)
                 stream.attributes.append({"field_index": i, "group_index": k, **values})
-                reconstruction.update(np.ascontiguousarray(part.keys, "<i8").tobytes() + decoded.tobytes())
+                reconstruction.update(np.ascontiguousarray(part.keys, "<i8"))
+                reconstruction.update(np.ascontiguousarray(decoded))
     stream.metadata = metadata_bytes(scene.metadata, options, report)
     with report.stage("write"):
         data, sizes = write_stream(stream)

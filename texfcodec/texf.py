@@ -35,6 +35,7 @@ class Field:
     keys: np.ndarray
     rgba: np.ndarray
     _map: BrickMap | None = None
+    _pyramid: object = None  # coarser levels, once render/levels.py was asked for them
 
     @property
     def size(self):

@@ -26,7 +26,7 @@ def warm_up():
     from .quality.views import compare_views
     from .report import Report
 
-    scene, report = _small_scene(), Report()
+    scene, report = small_scene(), Report()
     data, _ = encode_scene(scene, EncodeOptions(resolution=64, qp=20), report)
     encode_scene(scene, EncodeOptions(resolution=16, max_error=0))
     texf = decode(data)
@@ -37,7 +37,7 @@ def warm_up():
             texf.save(Path(folder) / "a.glb", texture_size=64, atlas=atlas)
 
 
-def _small_scene():
+def small_scene():
     """Two crossing sheets, one of them see-through, so that fields split and both channel groups are coded."""
     import numpy as np
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from anchor_bdrate import QPS, RUNS, TIMED_QP, choose, cloud_paths, code, load_cloud, rate_difference, rate_point
 
-from texfcodec.attribute.choice import EFFORTS, PIECE_VOXELS
+from texfcodec.attribute.choice import EFFORTS
 
 COMPLETE, CHOICE_OFF = "complete set", "kernel choice off"
 CHANGES = {
@@ -31,7 +31,7 @@ def changes_at(effort):
     """Names of CHANGES that change something at an effort, the complete set first."""
     tools = EFFORTS[effort]
     return [name for name, change in CHANGES.items()
-            if name == COMPLETE or (PIECE_VOXELS[effort] > 0 if name == CHOICE_OFF else replace(tools, **change) != tools)]
+            if name in (COMPLETE, CHOICE_OFF) or replace(tools, **change) != tools]
 
 
 def changed(name, chosen, effort):

@@ -17,7 +17,7 @@ BASE_QPS = (16, 22, 28, 34, 40)  # of the levels under residuals (7.9)
 USUAL_BASE_QP = 28  # within 1 % of the best of them on four assets at K 512, lossless
 PIECES = 4
 LEAST_VOXELS = 64  # below, nothing is tried
-PIECE_VOXELS = {"fast": 1 << 11, "balanced": 1 << 12, "best": 1 << 16}  # per piece; 0: the default unseen
+PIECE_VOXELS = {"fast": 1 << 11, "balanced": 1 << 12, "best": 1 << 16}  # per piece
 
 
 def _pieces(count, voxels):
@@ -37,10 +37,10 @@ def _lagrangian_cost(keys, depth, values, qp, tools, threads):
 def choose_tools(keys, depth, values, qp, effort, threads=1):
     """Tools for a field. keys: int64 [N]; values: int32 [N, C]; qp: [C]; effort: a key of EFFORTS. Candidates of PREDICTIONS
     code a few pieces of the field; the cheapest wins."""
-    tools, voxels = EFFORTS[effort], PIECE_VOXELS[effort]
-    if not voxels or len(keys) < LEAST_VOXELS:
+    tools = EFFORTS[effort]
+    if len(keys) < LEAST_VOXELS:
         return tools
-    pieces = _pieces(len(keys), voxels)
+    pieces = _pieces(len(keys), PIECE_VOXELS[effort])
     candidates = [replace(tools, kernel=kernel, colour_range=reach, filters=0) for kernel, reach in PREDICTIONS[effort]]
     costs = [sum(_lagrangian_cost(keys[p], depth, values[p], qp, c, threads) for p in pieces) for c in candidates]
     return replace(candidates[int(np.argmin(costs))], filters=tools.filters)
@@ -49,10 +49,10 @@ def choose_tools(keys, depth, values, qp, effort, threads=1):
 def choose_base_qp(keys, depth, values, qp_of, plan, effort, threads=1):
     """QPs [C] for values that get residuals. qp_of: function from a QP to those of the components; plan: ResidualPlan; the rest
     as in choose_tools. Candidates of BASE_QPS code a few pieces of the field; the fewest bytes win."""
-    tools, voxels = EFFORTS[effort], PIECE_VOXELS[effort]
-    if not voxels or len(keys) < LEAST_VOXELS:
+    if effort == "fast" or len(keys) < LEAST_VOXELS:
         return qp_of(USUAL_BASE_QP)
-    pieces = [(keys[p], values[p], replace(plan, original=plan.original[p])) for p in _pieces(len(keys), voxels)]
+    tools = EFFORTS[effort]
+    pieces = [(keys[p], values[p], replace(plan, original=plan.original[p])) for p in _pieces(len(keys), PIECE_VOXELS[effort])]
 
     def size(qp):
         coded = [enc_attributes(k, depth, v, qp_of(qp), tools, threads, own)[0] for k, v, own in pieces]

@@ -52,10 +52,9 @@ class Pyramid:
 
 def pyramid_of(field):
     """The Pyramid of a Field; kept with it and made anew when its values are another array."""
-    kept = vars(field).get("_pyramid")
-    if kept is None or kept.rgba is not field.rgba:
-        kept = vars(field)["_pyramid"] = Pyramid(field)
-    return kept
+    if field._pyramid is None or field._pyramid.rgba is not field.rgba:
+        field._pyramid = Pyramid(field)
+    return field._pyramid
 
 
 def _coarser(fine):

@@ -14,13 +14,14 @@ method.
 import importlib.util
 import pkgutil
 import sys
+from abc import ABC, abstractmethod
 from importlib import import_module
 from pathlib import Path
 
 METHODS = {}  # name: class
 
 
-class Method:
+class Method(ABC):
     """One way of coding. options: names that a settings table may hold beside name, group and method."""
 
     options = ()
@@ -32,6 +33,7 @@ class Method:
     def warm_up(self, options, threads):
         """Loads kernels and libraries, so that neither the seconds nor the memory of the job count them."""
 
+    @abstractmethod
     def encode(self, scene, options, folder, threads, report):
         """Codes a Scene into files of folder. options: dict, of the settings table; report: Report for stages and warnings.
 
@@ -39,11 +41,10 @@ class Method:
         and "reconstruction_sha256", a hash of the values that the decoder must arrive at, None where the encoder has none. What
         else it holds stands in the results as it is.
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def decode(self, folder, options, threads, report):
         """Decodes what encode left in folder: a Texf or a Scene."""
-        raise NotImplementedError
 
     def values_sha256(self, decoded):
         """Hash of what decode returned, to stand against reconstruction_sha256; None where there is none."""

@@ -25,12 +25,13 @@ class TexfMethod(Method):
         the asset may get one."""
         from texfcodec.decoder import decode
         from texfcodec.encoder import encode
+        from texfcodec.warmup import small_scene
 
         kept = {k: v for k, v in options.items() if k not in ("target_bytes", "target_psnr")}
         kept |= {"resolution": WARM_RESOLUTION, "threads": threads, "refine_iterations": 1}
         if kept.get("refine", "auto") == "auto" and kept.get("effort") != "fast":
             kept["refine"] = "fit"
-        decode(encode(_two_sheets(), EncodeOptions(**kept)))
+        decode(encode(small_scene(), EncodeOptions(**kept)))
 
     def encode(self, scene, options, folder, threads, report):
         """Writes STREAM and FACE_FIELD."""
@@ -65,17 +66,3 @@ class TexfMethod(Method):
         """What the encoder said."""
         with np.load(folder / FACE_FIELD) as file:
             return file["face_field"]
-
-
-def _two_sheets():
-    """Two crossing textured sheets, one of them see-through, so that fields split and both channel groups are coded."""
-    from texfcodec.asset.scene import ALPHA_BLEND, Material, Scene, Texture
-
-    side, faces = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float64), np.array([[0, 1, 2], [0, 2, 3]])
-    image = np.random.default_rng(0).integers(0, 256, (16, 16, 4), np.uint8)
-    return Scene(
-        positions=np.concatenate([np.insert(side, 2, 0.5, axis=1), np.insert(side, 0, 0.5, axis=1)]),
-        faces=np.concatenate([faces, faces + 4]), face_material=np.array([0, 0, 1, 1]),
-        corner_uv=np.concatenate([side[faces], side[faces]]), corner_color=None,
-        materials=[Material(texture=0), Material(texture=0, alpha_mode=ALPHA_BLEND)], textures=[Texture(image)],
-    )

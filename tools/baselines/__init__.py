@@ -32,6 +32,7 @@ class Method(ABC):
 
     def warm_up(self, options, threads):
         """Loads kernels and libraries, so that neither the seconds nor the memory of the job count them."""
+        return
 
     @abstractmethod
     def encode(self, scene, options, folder, threads, report):

@@ -1,0 +1,211 @@
+"""Rivals of tools/baselines: they count what they would have to be paid, and what is measured is what is counted."""
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shapes import crossing_sheets, painted_sphere
+
+from texfcodec.asset.scene import Material, Scene, Texture
+from texfcodec.report import Report
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+BYTES_OF_2048 = {"12x12": 467_856, "10x10": 672_400, "8x8": 1_048_576, "6x6": 1_871_424}
+
+
+@pytest.fixture(autouse=True)
+def tools_path(monkeypatch):
+    monkeypatch.syspath_prepend(str(REPOSITORY / "tools"))
+
+
+@pytest.fixture
+def needs_astc():
+    pytest.importorskip("astc_encoder", reason="astc-encoder-py is not installed: pip install \"texfcodec[baselines]\"")
+
+
+def seamed_strip(shift=0.0):
+    """Two textured triangles that share an edge but no UV at one of its ends, and one triangle without a texture."""
+    positions = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0]], np.float64)
+    uv = np.array([[[0, 0], [1, 0], [1, 1]], [[0, 0], [0.5, 0.5], [0, 1]], [[0, 0], [0, 0], [0, 0]]]) + shift
+    image = np.random.default_rng(3).integers(0, 256, (20, 30, 4), np.uint8)
+    return Scene(positions, np.array([[0, 1, 2], [0, 2, 3], [1, 4, 2]]), np.array([1, 1, 0]), uv, None,
+                 [Material("bare"), Material("cloth", texture=1), Material("unused", texture=0)],
+                 [Texture(np.zeros((64, 64, 4), np.uint8), name="unused"), Texture(image, name="cloth")])
+
+
+@pytest.mark.parametrize("block, size", BYTES_OF_2048.items())
+def test_texture_bytes_are_sixteen_a_block(block, size):
+    from baselines.astc import block_of, texture_bytes
+
+    assert texture_bytes(2048, 2048, block_of(block)) == size
+
+
+@pytest.mark.parametrize("width, height, block, blocks", [(1, 1, (12, 12), 1), (12, 13, (12, 12), 2), (25, 9, (10, 5), 6)])
+def test_blocks_that_an_image_begins_count_whole(width, height, block, blocks):
+    from baselines.astc import texture_bytes
+
+    assert texture_bytes(width, height, block) == 16 * blocks
+
+
+def test_uvs_are_counted_once_per_vertex_of_a_renderer():
+    from baselines.astc import textured_vertices
+
+    scene = seamed_strip()
+    uv, vertex = textured_vertices(scene)
+    assert len(uv) == 5 and vertex.shape == (2, 3)  # four places, one of them on a seam; the face without texture has none
+    np.testing.assert_array_equal(uv[vertex], scene.corner_uv[:2])
+    apart = dataclasses.replace(scene, faces=np.arange(9).reshape(3, 3), positions=np.zeros((9, 3)))
+    assert len(textured_vertices(apart)[0]) == 6
+
+
+def test_uvs_of_the_basketball_player_are_those_of_its_file(shared_dir):
+    from baselines.astc import quantise_uv, textured_vertices, uv_box
+
+    from texfcodec.asset.load import load
+
+    uv, _ = textured_vertices(load(shared_dir / "assets/bball_0001.glb"))
+    assert uv_box(uv) == [[0, 0], [1, 1]] and quantise_uv(uv, uv_box(uv)).nbytes == 82_768
+
+
+@pytest.mark.parametrize(
+    "low, high, box", [(0.2, 0.9, [[0, 0], [1, 1]]), (0, 1, [[0, 0], [1, 1]]), (-1.5, 3.2, [[-2, -2], [4, 4]])]
+)
+def test_uvs_are_rounded_to_sixteen_bits_of_whole_tiles(low, high, box):
+    from baselines.astc import UV_STEPS, dequantise_uv, quantise_uv, uv_box
+
+    uv = np.concatenate([np.random.default_rng(1).uniform(low, high, (999, 2)), [[low, low], [high, high]]])
+    assert uv_box(uv) == box
+    steps = quantise_uv(uv, box)
+    assert steps.dtype == np.uint16 and steps.nbytes == 4 * len(uv)
+    off = np.abs(dequantise_uv(steps, box) - uv)
+    assert 0 < off[:999].max() <= (0.5 + 1e-6) * (box[1][0] - box[0][0]) / UV_STEPS
+    ends = np.array([box[0], box[1]], np.float64)
+    np.testing.assert_array_equal(dequantise_uv(quantise_uv(ends, box), box), ends)
+
+
+def test_images_are_coded_once_and_only_where_a_face_uses_them():
+    from baselines.astc import used_textures
+
+    scene = seamed_strip()
+    images, textures = used_textures(scene)
+    assert [image.shape for image in images] == [(20, 30, 4)]
+    assert [t["image"] for t in textures] == [0, 0] and [t["name"] for t in textures] == ["unused", "cloth"]
+    scene.textures.append(Texture(scene.textures[1].image, (1, 2), "again"))
+    scene.materials[0] = Material("bare", texture=2)
+    images, textures = used_textures(scene)
+    assert len(images) == 1 and textures[2] == {"image": 0, "wrap": [1, 2], "name": "again"}
+
+
+def test_scene_without_textures_is_refused():
+    from baselines.astc import used_textures
+
+    with pytest.raises(LookupError, match="no face has a base-colour texture"):
+        used_textures(painted_sphere(4))
+
+
+def test_missing_library_is_named_and_hides_no_method(monkeypatch):
+    from baselines import METHODS, find
+
+    monkeypatch.setitem(sys.modules, "astc_encoder", None)
+    monkeypatch.delitem(sys.modules, "baselines.astc", raising=False)
+    monkeypatch.delitem(METHODS, "astc", raising=False)
+    rival = find("astc")
+    assert find("texf") and isinstance(rival.version(), str)
+    with pytest.raises(LookupError, match=r"pip install .texfcodec\[baselines\]"):
+        rival.warm_up({}, 1)
+
+
+@pytest.mark.parametrize(
+    "name, value", [("block", "7x7"), ("quality", 101), ("quality", True), ("uv_bytes", "float"), ("profile", "hdr")]
+)
+def test_options_out_of_range_are_refused(name, value):
+    from baselines.astc import Codec
+
+    with pytest.raises(ValueError, match=f"{name} must be"):
+        Codec({name: value}, 1)
+
+
+# With the library.
+
+
+def coded(scene, folder, **options):
+    """(what encode says, the decoded Scene, its hash), the decoder being another Astc than the encoder."""
+    from baselines import find
+
+    folder.mkdir()
+    facts = find("astc").encode(scene, {"quality": 60, **options}, folder, 1, Report())
+    other = find("astc")
+    decoded = other.decode(folder, {"quality": 60, **options}, 1, Report())
+    return json.loads(json.dumps(facts)), decoded, other.values_sha256(decoded)
+
+
+def test_astc_decodes_to_what_the_encoder_hashed(needs_astc, tmp_path):
+    from baselines.astc import Astc
+
+    scene = crossing_sheets()
+    facts, decoded, sha256 = coded(scene, tmp_path / "a", block="4x4")
+    assert facts["reconstruction_sha256"] == sha256
+    assert facts["bytes"] == {"total": 16 * 16 + 8 * 4, "geometry": 0, "texture": 16 * 16, "uv": 8 * 4}
+    for name in ("positions", "faces", "face_material"):
+        np.testing.assert_array_equal(getattr(decoded, name), getattr(scene, name))
+    assert [(m.name, m.alpha_mode, m.texture) for m in decoded.materials] == [("stone", 0, 0), ("glass", 2, 0)]
+    assert decoded.corner_color is None and decoded.textures[0].image.shape == (16, 16, 4)
+    other = dataclasses.replace(decoded, corner_uv=decoded.corner_uv + 1e-3)
+    assert Astc().values_sha256(other) != sha256
+
+
+def test_files_of_astc_are_as_large_as_what_is_counted(needs_astc, tmp_path):
+    from baselines.astc import IMAGE, UVS
+
+    facts, _, _ = coded(seamed_strip(), tmp_path / "a", block="12x10")
+    assert (tmp_path / "a" / IMAGE.format(0)).stat().st_size == facts["bytes"]["texture"] == 16 * 3 * 2
+    assert (tmp_path / "a" / UVS).stat().st_size == facts["bytes"]["uv"] == 5 * 4
+    facts, decoded, sha256 = coded(seamed_strip(), tmp_path / "b", block="12x10", uv_bytes="none")
+    assert facts["bytes"]["total"] == facts["bytes"]["texture"] and not (tmp_path / "b" / UVS).exists()
+    np.testing.assert_array_equal(decoded.corner_uv, seamed_strip().corner_uv)
+    assert sha256 == facts["reconstruction_sha256"]
+
+
+def test_uvs_that_count_are_the_ones_that_are_measured(needs_astc, tmp_path):
+    scene = seamed_strip(shift=0.3141)
+    _, decoded, _ = coded(scene, tmp_path / "a", block="8x8")
+    off = np.abs(decoded.corner_uv - scene.corner_uv)[:2]
+    assert 0 < off.max() <= 1.01 / 65535  # two tiles
+    np.testing.assert_array_equal(decoded.corner_uv[2], np.zeros((3, 2)))
+
+
+def test_smaller_blocks_are_closer_and_alpha_is_kept(needs_astc, tmp_path):
+    y, x = np.mgrid[:64, :64]
+    image = np.stack([4 * x, 4 * y, 2 * (x + y), 255 - 3 * x], -1).astype(np.uint8)
+    scene = crossing_sheets()
+    scene.textures[0] = Texture(image)
+    errors = []
+    for block in ("12x12", "6x6", "4x4"):
+        _, decoded, _ = coded(scene, tmp_path / block, block=block)
+        errors.append(np.abs(decoded.textures[0].image.astype(int) - image).mean(axis=(0, 1)))
+    assert errors[0].sum() > errors[1].sum() > errors[2].sum() and np.max(errors[2]) < 2
+
+
+def test_vertex_colours_beside_textures_are_named(needs_astc, sample_scene, tmp_path):
+    from baselines import find
+
+    report = Report()
+    facts = find("astc").encode(sample_scene, {"block": "12x12", "quality": 0}, tmp_path, 1, report)
+    assert any("vertex colours are handed through" in warning for warning in report.warnings)
+    assert len(facts["images"]) == 4
+    np.testing.assert_array_equal(find("astc").decode(tmp_path, {"block": "12x12"}, 1, Report()).corner_color,
+                                  sample_scene.corner_color)
+
+
+def test_batch_tool_measures_astc_in_processes_of_its_own(needs_astc, tmp_path):
+    import rate_points
+
+    (tmp_path / "c.toml").write_text('assets = ["sample"]\n[evaluation]\nsamples = 2000\nviews = 1\nsize = 48\n[[settings]]\n'
+                                     'name = "{block}"\nmethod = "astc"\nblock = "12x12"\nquality = 0\n')
+    assert rate_points.main([str(tmp_path / "c.toml"), "--out", str(tmp_path / "out")]) == 0
+    made = json.loads((tmp_path / "out/sample/12x12/metrics.json").read_text())
+    assert made["bytes"]["total"] == made["bytes"]["texture"] + made["bytes"]["uv"] and made["bytes"]["geometry"] == 0
+    assert made["psnr_3d"]["y"] > 20 and made["image"]["psnr"]["yuv"] > 20 and made["seconds"]["encode"]["textures"] > 0

@@ -13,9 +13,12 @@ from .bitstream.stream import read_stream
 from .bitstream.syntax import SEMANTIC_ALPHA, SEMANTIC_BASE_COLOUR
 from .bitstream.values import coded_of
 from .errors import LimitError, StreamError
+from .field.morton import decode_morton
 from .field.voxelise import count_samples, voxelise
 from .geometry.canonical import CanonicalCube
 from .geometry.draco import dec_geometry
+from .neural.infer import voxel_values
+from .neural.payload import Tables, payload_of
 from .options import DecodeOptions
 from .report import Report
 from .texf import Field, GeometryUnit, Texf
@@ -45,7 +48,10 @@ def decode(data, options=None, report=None):
     groups = header["channel_groups"]
     texf.has_alpha = any(g["group_semantic"] == SEMANTIC_ALPHA for g in groups)
     surfaces = [field_surface(units, i) for i in range(len(stream.fields))]
-    _check_samples(surfaces, stream.fields, cube.position_bits, options.limits)
+    _check_samples(surfaces, stream, cube.position_bits, options.limits)
+    if stream.neural:
+        _decode_neural(texf, stream, surfaces, options, report)
+        return texf
     for i, values in enumerate(stream.fields):
         with report.stage("voxelise"):
             keys = _decode_voxels(surfaces[i], values, cube.position_bits, options)
@@ -95,9 +101,12 @@ def voxels_crc(keys):
     return zlib.crc32(np.ascontiguousarray(keys, "<i8"))
 
 
-def _check_samples(surfaces, fields, position_bits, limits):
+def _check_samples(surfaces, stream, position_bits, limits):
     """Voxelisation time grows with the samples: refuses the sum over all fields before the first is touched."""
-    total = sum(count_samples(*s, position_bits, f["resolution"]) for s, f in zip(surfaces, fields, strict=True))
+    total = sum(count_samples(*s, position_bits, f["resolution"]) for s, f in zip(surfaces, stream.fields, strict=True))
+    if stream.neural:
+        grids = [level["level_resolution"] for level in stream.neural["latent_levels"] if level["table_log2"] == 0]
+        total += sum(count_samples(*s, position_bits, grid) for s in surfaces for grid in grids)
     if limits.samples is not None and total > limits.samples:
         raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", clause="6.3", value=total,
                          allowed=limits.samples)
@@ -111,6 +120,48 @@ def _decode_voxels(surface, values, position_bits, options):
                           value=len(keys), allowed=values["num_voxels"])
     if len(keys) == 0:
         raise StreamError("TXF-S31", "a field has no voxels", clause="5.5", value=values["field_index"])
+    return keys
+
+
+def _decode_neural(texf, stream, surfaces, options, report):
+    """Fills texf with the fields of a 3DNTC payload (clause 11)."""
+    values, bits, groups = stream.neural, texf.cube.position_bits, stream.header["channel_groups"]
+    payload, total = payload_of(values, options.limits), 0
+    columns = tuple(c for g in groups for c in ((0, 1, 2) if g["group_semantic"] == SEMANTIC_BASE_COLOUR else (3,)))
+    texf.neural = []
+    for i, field in enumerate(stream.fields):
+        with report.stage("voxelise"):
+            keys = _decode_voxels(surfaces[i], field, bits, options)
+            grids = [level_voxels(surfaces[i], bits, level, i, options) for level in payload.levels]
+        with report.stage("attributes"):
+            texf.neural.append(Tables(payload, i, grids, columns))
+            plane = voxel_values(decode_morton(keys), field["resolution"], texf.neural[i], options.threads)
+            total = zlib.crc32(plane, total)
+            texf.fields.append(_coarse_field(field["resolution"], keys, plane, columns, options.lod))
+    if total != values["values_crc"]:
+        raise StreamError("TXF-S32", "the decoded values do not have the checksum that was sent", clause="11.8",
+                          offset=values["offset"])
+
+
+def _coarse_field(resolution, keys, plane, columns, lod):
+    """Field of a 3DNTC payload's voxels; where levels are left out, of the rounded means of those below (8.3)."""
+    depth = octree_depth(resolution)
+    shift = min(lod, depth)
+    first = np.flatnonzero(np.diff(keys >> 3 * shift, prepend=-1))
+    counts = np.diff(np.append(first, len(keys)))[:, None]
+    rgba = np.full((len(first), 4), 255, np.uint8)
+    rgba[:, list(columns)] = (2 * np.add.reduceat(plane.astype(np.int64), first, axis=0) + counts) // (2 * counts)
+    return Field(resolution, shift, keys[first] >> 3 * shift, rgba)
+
+
+def level_voxels(surface, position_bits, level, number, options):
+    """Voxels of one field that have latents, ascending Morton keys; None for a hashed level (clause 11.3)."""
+    if level.table_log2:
+        return None
+    keys, _ = voxelise(*surface, position_bits, level.resolution, level.area_threshold, options.threads, options.limits.voxels)
+    if len(keys) != level.entries[number]:
+        raise StreamError("TXF-S30", "the voxels rebuilt from the geometry are not the ones that have latents", clause="11.3",
+                          value=len(keys), allowed=level.entries[number])
     return keys
 
 

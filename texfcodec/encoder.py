@@ -13,14 +13,18 @@ from .attribute.colour import forward_colour, forward_plain, inverse_colour, inv
 from .attribute.layout import octree_depth
 from .attribute.residual import ResidualPlan
 from .bitstream.stream import Stream, write_stream
-from .bitstream.syntax import CODEC_RAHT, SEMANTIC_BASE_COLOUR
+from .bitstream.syntax import CODEC_3DNTC, CODEC_RAHT, FORM_RESIDENT, FORM_TRANSPORT, SEMANTIC_BASE_COLOUR
 from .bitstream.values import header_values, material_values, metadata_bytes, raht_values
 from .decoder import field_surface, voxels_crc
 from .errors import InputError, LimitError
-from .field.prepare import SourceField, source_field
+from .field.morton import decode_morton
+from .field.prepare import SourceField, active_voxels, source_field
 from .field.trial import choose_fields
 from .geometry.draco import counts_of, dec_geometry, enc_geometry
 from .geometry.surface import Surface, make_surface
+from .neural.fit import fit_payload
+from .neural.infer import voxel_values
+from .neural.payload import payload_values
 from .options import EncodeOptions
 from .refine.choice import refine_fields
 from .report import Report
@@ -66,18 +70,26 @@ def encode_scene(scene, options=None, report=None):
     options: EncodeOptions; report: Report. Raises InputError, LimitError, SupportError.
     """
     options, report = options or EncodeOptions(), report or Report()
+    if options.codec == "3dntc":
+        return _code_neural(scene, options, report)
     return code_prepared(scene, prepare(scene, options, report), options, report)
 
 
-def prepare(scene, options, report):
-    """Lattice, partition, geometry, voxels and transfer (Prepared); may be coded at several QPs."""
+def _lay_out(scene, options, report):
+    """Lattice, partition and geometry: (Prepared without fields, GeometryUnits as decoded)."""
     with report.stage("lattice"):
         surface = make_surface(scene, options)
     with report.stage("partition"):
         face_field = choose_fields(scene, surface, options, report)
     with report.stage("geometry"):
         geometry, units = _code_geometry(surface, face_field)
-    prepared = Prepared(surface, face_field, geometry, [], report.facts["partition"])
+    return Prepared(surface, face_field, geometry, [], report.facts["partition"]), units
+
+
+def prepare(scene, options, report):
+    """Lattice, partition, geometry, voxels and transfer (Prepared); may be coded at several QPs."""
+    prepared, units = _lay_out(scene, options, report)
+    surface, face_field = prepared.surface, prepared.face_field
     for i in range(int(face_field.max(initial=-1)) + 1):
         prepared.fields.append(source_field(scene, surface, face_field == i, field_surface(units, i), options, report))
     voxels = sum(len(f.keys) for f in prepared.fields)
@@ -106,16 +118,52 @@ def code_prepared(scene, prepared, options, report):
                 stream.attributes.append({"field_index": i, "group_index": k, **values})
                 reconstruction.update(np.ascontiguousarray(part.keys, "<i8"))
                 reconstruction.update(np.ascontiguousarray(decoded))
+    report.facts["texels_per_voxel_edge"] = max((f.texels_per_edge for f in fields), default=0.0)
+    return _write(stream, scene, prepared, reconstruction, options, report)
+
+
+def _write(stream, scene, prepared, reconstruction, options, report):
+    """The bytes of a Stream and their counts, and what the report tells of it. reconstruction: hash over what decodes."""
     stream.metadata = metadata_bytes(scene.metadata, options, report)
     with report.stage("write"):
         data, sizes = write_stream(stream)
     face_field = np.full(len(scene.faces), -1, np.int64)
-    face_field[surface.origin_face] = prepared.face_field
-    report.facts.update(fields=len(fields), voxels=sum(len(f.keys) for f in fields), faces=stream.header["num_faces"],
-                        vertices=stream.header["num_vertices"], scene_face_field=face_field, partition=prepared.partition,
-                        refinement=prepared.refinement, reconstruction_sha256=reconstruction.hexdigest(),
-                        texels_per_voxel_edge=max((f.texels_per_edge for f in fields), default=0.0))
+    face_field[prepared.surface.origin_face] = prepared.face_field
+    report.facts.update(fields=len(stream.fields), voxels=sum(f["num_voxels"] for f in stream.fields),
+                        faces=stream.header["num_faces"], vertices=stream.header["num_vertices"], scene_face_field=face_field,
+                        partition=prepared.partition, refinement=prepared.refinement,
+                        reconstruction_sha256=reconstruction.hexdigest())
     return data, {"total": len(data), **sizes}
+
+
+def _code_neural(scene, options, report):
+    """As encode_scene, with one 3DNTC payload for all fields (clause 11)."""
+    prepared, units = _lay_out(scene, options, report)
+    surface, bits = prepared.surface, prepared.surface.cube.position_bits
+    surfaces = [field_surface(units, i) for i in range(int(prepared.face_field.max(initial=-1)) + 1)]
+    stream = Stream(header_values(scene, surface, prepared.geometry, len(surfaces)))
+    stream.geometry, stream.materials = prepared.geometry, [material_values(m) for m in scene.materials]
+    reconstruction, keys, total = hashlib.sha256(), [], 0
+    with report.stage("voxelise"):
+        for i, one in enumerate(surfaces):
+            found, threshold = active_voxels(*one, bits, options)
+            keys.append(found)
+            stream.fields.append({"field_index": i, "resolution": options.resolution, "area_threshold": threshold,
+                                  "num_voxels": len(found), "voxels_crc": voxels_crc(found)})
+    if surfaces:
+        components = sum(g["group_components"] for g in stream.header["channel_groups"])
+        payload, tables = fit_payload(scene, surface, prepared.face_field, surfaces, components, options, report)
+        for i, found in enumerate(keys):
+            plane = voxel_values(decode_morton(found), options.resolution, tables[i], options.threads)
+            total = zlib.crc32(plane, total)
+            for channels in (slice(0, 3), slice(3, 4))[: 2 if components == 4 else 1]:
+                reconstruction.update(np.ascontiguousarray(found, "<i8"))
+                reconstruction.update(np.ascontiguousarray(plane[:, channels]))
+        form = FORM_TRANSPORT if options.transport else FORM_RESIDENT
+        stream.attributes.append({"field_index": 0, "group_index": 0, "codec_id": CODEC_3DNTC, "values_crc": total,
+                                  **payload_values(payload, form)})
+    prepared.refinement = {"asked": "off"}
+    return _write(stream, scene, prepared, reconstruction, options, report)
 
 
 def _code_geometry(surface, face_field):

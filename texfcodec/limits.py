@@ -8,7 +8,8 @@ class Limits:
     """Defaults fit a desktop; 0 or None switches a limit off.
 
     file_bytes: whole stream; vertices, faces: over all units; voxels: over all fields; samples: of voxelisation, over all fields
-    (time grows with it: about 20 million a second and core); metadata_bytes; isolate_bytes, isolate_seconds: for --isolate.
+    (time grows with it: about 20 million a second and core); latents: numbers of a 3DNTC payload, two a byte; metadata_bytes;
+    isolate_bytes, isolate_seconds: for --isolate.
     """
 
     file_bytes: int | None = 256 << 20
@@ -16,6 +17,7 @@ class Limits:
     faces: int | None = 1 << 24
     voxels: int | None = 1 << 26
     samples: int | None = 1 << 31
+    latents: int | None = 1 << 28
     metadata_bytes: int | None = 1 << 20
     isolate_bytes: int | None = 4 << 30
     isolate_seconds: int | None = 120

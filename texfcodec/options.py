@@ -19,6 +19,18 @@ DEFAULT_RATE = "r04"
 EFFORTS = ("fast", "balanced", "best")
 REFINEMENTS = ("auto", "off", "fit", "render")
 ATLAS_METHODS = ("auto", "quality", "fast")
+CODECS = ("raht", "3dntc")
+LATENT_INDICES = ("surface", "hash")
+# The paper's operating points of 3DNTC: latents a row, then one table a level: voxels of a grid of 2048 that a cell of latents
+# spans, log2 of the rows.
+POINTS = {
+    "mpeg1": (16, ((6, 15), (12, 14))), "mpeg2": (16, ((6, 16), (12, 15))), "mpeg3": (20, ((6, 16), (12, 15))),
+    "mpeg4": (16, ((4, 17), (8, 16))), "mpeg5": (20, ((4, 17), (8, 16))), "mpeg6": (24, ((4, 17), (8, 16))),
+    "aom1": (16, ((6, 16), (12, 15))), "aom2": (24, ((6, 16), (12, 15))), "aom3": (32, ((6, 16), (12, 15))),
+    "aom4": (24, ((6, 17), (12, 16))), "aom5": (32, ((6, 17), (12, 16))),
+}
+DEFAULT_POINT = "mpeg1"
+DEFAULT_STEPS = 6000
 APPEARANCES = ("texture", "vertex", "voxels")
 
 
@@ -39,6 +51,12 @@ class EncodeOptions:
     "off" keeps one. refine: what brings the voxels' colours closer to the source before they are coded: "fit" least squares on
     the surface, "render" inverse rendering on top of it with so many refine_iterations, "auto" a fit where it will show and
     effort is not fast. allow_empty: code a mesh whose faces all collapse as an empty stream instead of refusing it.
+
+    codec "3dntc" fits latents and a network for GPU-resident use instead; rate, qp, effort and refine then have no influence, and
+    resolution is only that of the voxels which a decoder makes of it. point: one of the paper's; resident_bytes: in its place, a
+    budget of bytes on the GPU; latent_index: "surface" gives every touched voxel of a coarse grid its own latents, as fine a grid
+    as the point's bytes allow, "hash" takes the point's hash tables; transport: entropy-code the latents in the stream; steps,
+    seed: of the fit; checkpoint: path that its state is kept in and taken up from.
     """
 
     rate: str = DEFAULT_RATE
@@ -54,6 +72,14 @@ class EncodeOptions:
     partition: str = "auto"
     refine: str = "auto"
     refine_iterations: int = 30
+    codec: str = "raht"
+    point: str | None = None
+    resident_bytes: int | None = None
+    latent_index: str = "surface"
+    transport: bool = False
+    steps: int = DEFAULT_STEPS
+    seed: int = 0
+    checkpoint: str | None = None
     threads: int = 0
     measure: bool = False
     strict: bool = False
@@ -68,6 +94,7 @@ class EncodeOptions:
             raise InputError("TXF-I50", "unknown effort", value=self.effort, allowed=", ".join(EFFORTS))
         if self.refine not in REFINEMENTS:
             raise InputError("TXF-I50", "unknown refinement", value=self.refine, allowed=", ".join(REFINEMENTS))
+        self._check_codec()
         preset = RATES[self.rate]
         self.resolution = preset[0] if self.resolution is None else self.resolution
         if self.max_error is None:
@@ -75,7 +102,8 @@ class EncodeOptions:
         else:
             self._check_max_error()
         for name, low, high in (("resolution", 1, 8192), ("qp", 0, 63), ("position_bits", 8, 20), ("threads", 1, 1024),
-                                ("refine_iterations", 1, 10_000)):
+                                ("refine_iterations", 1, 10_000), ("steps", 1, 10_000_000), ("seed", 0, (1 << 31) - 1),
+                                ("resident_bytes", 1, 1 << 40)):
             value = getattr(self, name)
             if value is not None and not low <= value <= high:
                 raise InputError("TXF-I50", f"{name} is out of range", value=value, allowed=f"{low}..{high}")
@@ -84,6 +112,24 @@ class EncodeOptions:
     def may_fit(self):
         """Whether a surface fit may follow the transfer."""
         return self.max_error is None and (self.refine in ("fit", "render") or (self.refine == "auto" and self.effort != "fast"))
+
+    def _check_codec(self):
+        for name, allowed in (("codec", CODECS), ("latent_index", LATENT_INDICES), ("point", (None, *POINTS))):
+            if getattr(self, name) not in allowed:
+                raise InputError("TXF-I50", f"unknown {name}", value=getattr(self, name),
+                                 allowed=", ".join(a for a in allowed if a))
+        if self.codec != "3dntc" and (self.point or self.resident_bytes):
+            raise InputError("TXF-I50", "point and resident_bytes belong to codec 3dntc", value=self.codec, allowed="3dntc")
+        if self.codec == "3dntc":
+            for name in ("target_bytes", "target_psnr", "max_error"):
+                if getattr(self, name) is not None:
+                    raise InputError("TXF-I50", f"codec 3dntc has no {name}; its size is set by point or resident_bytes",
+                                     value=getattr(self, name))
+            if self.point and self.resident_bytes:
+                raise InputError("TXF-I50", "point and resident_bytes exclude each other", value=self.point)
+            if self.resident_bytes and self.latent_index == "hash":
+                raise InputError("TXF-I50", "hash tables come with a point; resident_bytes needs latent_index surface",
+                                 value=self.resident_bytes)
 
     def _check_max_error(self):
         if not 0 <= self.max_error <= 127:

@@ -61,6 +61,7 @@ class Texf:
     metadata: dict = field(default_factory=dict)
     has_alpha: bool = False
     threads: int = 1
+    neural: list | None = None  # neural.payload.Tables by field: points then ask the network, not the voxels
     skipped: list = field(default_factory=list)
 
     def _joined(self, pick, empty):
@@ -110,7 +111,7 @@ class Texf:
         return self._joined(lambda u: np.full(len(u.faces), u.field), np.zeros(0, np.int64))
 
     def query(self, points, face_index=None):
-        """Colour of the field at surface points (spec clause 8.2).
+        """Colour of the field at surface points (spec clause 8.2; of a 3DNTC payload clause 11, exact to the bit).
 
         points: float64 [M, 3] world space; face_index: int64 [M] face that each point lies on, or None for the nearest face.
         Returns float32 [M, 4]: RGBA in 0..255, colour sRGB-coded, straight alpha.
@@ -134,10 +135,18 @@ class Texf:
         out = np.zeros((len(points), 4), np.float32)
         for i, part in enumerate(self.fields):
             chosen = slice(None) if len(self.fields) == 1 else np.flatnonzero(which == i)
-            if len(self.fields) == 1 or len(chosen):
+            if self.neural:
+                out[chosen] = self.query_network(i, points[chosen])
+            elif len(self.fields) == 1 or len(chosen):
                 grid = self.cube.to_grid(points[chosen], part.resolution) / (1 << part.level_shift)
                 out[chosen] = query_field(grid, part.size, part.keys, part.brick_map, part.rgba, self.threads)[0]
         return out
+
+    def query_network(self, number, points):
+        """What the 3DNTC payload answers for field `number`: float32 [M, 4] in 0..255. points: float64 [M, 3], world."""
+        from .neural.infer import POSITION_BITS, cube_positions, infer_rgba
+
+        return infer_rgba(cube_positions(self.cube.to_grid(points, 1 << POSITION_BITS)), self.neural[number], self.threads)
 
     def nearest_face(self, points):
         """Index of the face nearest to each world point, int64 [M]."""

@@ -5,8 +5,11 @@ from dataclasses import dataclass, field
 from ..errors import LimitError, StreamError, SupportError
 from .syntax import (
     ATTRIBUTE,
+    CODEC_3DNTC,
+    CODEC_RAHT,
     CODECS,
     COMPONENTS,
+    FORM_RESIDENT,
     SIGNATURE,
     UNIT_ATTRIBUTE,
     UNIT_END,
@@ -34,6 +37,11 @@ class Stream:
     attributes: list = field(default_factory=list)
     metadata: bytes | None = None
     skipped: list = field(default_factory=list)
+
+    @property
+    def neural(self):
+        """Values of the attribute unit that holds all fields together (5.7.4), None where there is none."""
+        return next((a for a in self.attributes if a["codec_id"] == CODEC_3DNTC), None)
 
 
 def write_stream(stream):
@@ -74,6 +82,7 @@ def attribute_variables(stream, values):
     return {
         "resolution": stream.fields[values["field_index"]]["resolution"],
         "NumComponents": groups[values["group_index"]]["group_components"],
+        "NumOutputs": sum(g["group_components"] for g in groups), "num_fields": len(stream.fields),
     }
 
 
@@ -85,9 +94,23 @@ def _read_attribute(reader, stream, trace):
         raise SupportError("TXF-U02", "unknown attribute codec", clause="5.7", value=values["codec_id"], allowed=list(CODECS))
     values["offset"] = reader.base + reader.position
     read_structure(codec, reader, values, trace)
-    _check_raht(values)
-    values["data_offset"] = reader.position - len(values["codeword_data"])
+    if values["codec_id"] == CODEC_RAHT:
+        _check_raht(values)
+        values["data_offset"] = reader.position - len(values["codeword_data"])
+    else:
+        _check_neural(values)
     return values
+
+
+def _check_neural(values):
+    """Relations between elements that a range cannot say (spec 5.7.4)."""
+    if values["num_features"] % 2:
+        raise StreamError("TXF-S04", "num_features is odd", clause="5.7.4", offset=values["offset"],
+                          value=values["num_features"], allowed="even")
+    length = sum(level["NumRows"] for level in values["latent_levels"]) * values["num_features"] // 2
+    if values["form"] == FORM_RESIDENT and len(values["latent_data"]) != length:
+        raise StreamError("TXF-S10", "the latents do not fill the payload", clause="5.7.4", offset=values["offset"],
+                          value=len(values["latent_data"]), allowed=length)
 
 
 def _check_raht(values):
@@ -202,7 +225,10 @@ def _check_counts(stream):
     _expect("the order of field indices", [f["field_index"] for f in stream.fields], list(range(len(stream.fields))), "5.5")
     pairs = [(a["field_index"], a["group_index"]) for a in stream.attributes]
     groups = range(header["num_channel_groups"])
-    _expect("the order of attribute units", pairs, [(f, g) for f in range(len(stream.fields)) for g in groups], "5.7")
+    expected = [(f, g) for f in range(len(stream.fields)) for g in groups]
+    if stream.neural:
+        expected = expected[:1]
+    _expect("the order of attribute units", pairs, expected, "5.7")
     for unit in stream.geometry:
         for name, count in (("field_index", len(stream.fields)), ("material_index", len(stream.materials))):
             if unit[name] >= count:

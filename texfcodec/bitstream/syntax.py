@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..attribute.layout import codeword_count, level_count, octree_depth
+from ..neural.layout import WAVE_INPUTS, parameter_count
 
 SIGNATURE = b"\x89TXF\r\n\x1a\n"
 VERSION = 0
@@ -28,7 +29,8 @@ UNIT_NAMES = {
 SEMANTIC_BASE_COLOUR, SEMANTIC_ALPHA = 0, 1
 COMPONENTS = {SEMANTIC_BASE_COLOUR: 3, SEMANTIC_ALPHA: 1}
 TRANSFER_LINEAR, TRANSFER_SRGB = 0, 1
-CODEC_RAHT = 0
+CODEC_RAHT, CODEC_3DNTC = range(2)
+FORM_RESIDENT, FORM_TRANSPORT = range(2)
 
 V_MAX = (1 << 56) - 1
 
@@ -159,6 +161,39 @@ ATTRIBUTE = Structure("attribute", "5.7", (
     E("values_crc", "u32"),
 ))
 
+LATENT_LEVEL = Structure("latent_level", "5.7.5", (
+    E("level_resolution", "u16", 1, 8192),
+    E("table_log2", "u8", 0, 24),
+    E("latent_threshold", "u16"),
+    Derived("NumCounts", "table_log2 == 0 ? num_fields : 0", lambda v: 0 if v["table_log2"] else v["num_fields"]),
+    E("num_latents", "v", 1, count="NumCounts"),
+    Derived("NumRows", "table_log2 == 0 ? sum of num_latents : 2^table_log2",
+            lambda v: 1 << v["table_log2"] if v["table_log2"] else sum(v["num_latents"])),
+))
+
+
+def _network_widths(values):
+    inputs = values["num_levels"] * values["num_features"] + WAVE_INPUTS * values["wave_octaves"]
+    return [inputs, *values["hidden_width"], values["NumOutputs"]]
+
+
+NEURAL = Structure("neural_parameters", "5.7.4", (
+    E("form", "u8", 0, 1),
+    E("num_features", "u8", 2, 64),
+    E("wave_octaves", "u8", 0, 8),
+    E("first_wave", "u16", 1, 16384),
+    E("num_hidden", "u8", 1, 4),
+    E("hidden_width", "u8", 1, 128, count="num_hidden"),
+    E("num_levels", "u8", 1, 4),
+    E("latent_levels", LATENT_LEVEL, count="num_levels"),
+    Derived("Widths", "num_levels * num_features + 6 * wave_octaves, hidden_width[0], hidden_width[1], ..., NumOutputs",
+            _network_widths),
+    Derived("ParameterBytes", "2 * (sum over i of (Widths[i] + 1) * Widths[i + 1])",
+            lambda v: 2 * parameter_count(v["Widths"])),
+    E("network_data", "bytes", count="ParameterBytes"),
+    E("latent_data", "bytes"),
+))
+
 METADATA = Structure("metadata", "5.8", (
     E("metadata_format", "u8", 0, 0),
     E("metadata_json", "bytes"),
@@ -175,5 +210,6 @@ UNITS = {
     UNIT_END: END,
     UNIT_METADATA: METADATA,
 }
-CODECS = {CODEC_RAHT: RAHT}
-STRUCTURES = (SEQUENCE_HEADER, CHANNEL_GROUP, MATERIALS, MATERIAL, FIELD, GEOMETRY, ATTRIBUTE, RAHT, CODEWORD, FILTER, METADATA)
+CODECS = {CODEC_RAHT: RAHT, CODEC_3DNTC: NEURAL}
+STRUCTURES = (SEQUENCE_HEADER, CHANNEL_GROUP, MATERIALS, MATERIAL, FIELD, GEOMETRY, ATTRIBUTE, RAHT, CODEWORD, FILTER, NEURAL,
+              LATENT_LEVEL, METADATA)

@@ -1,0 +1,90 @@
+"""Shape of a 3DNTC payload for a budget of resident bytes, or for one of the paper's operating points (encoder only)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..field.voxelise import voxelise
+from ..options import DEFAULT_POINT, POINTS
+from .payload import Level, Payload, Tables, index_bytes, resident_bytes
+
+HIDDEN = (64, 48, 32)
+FEATURES = 32  # one level of 32 latents reaches what two of 16 do, with half the look-ups and half the index
+OCTAVES, FIRST_WAVE = 3, 2  # the longest wave of a surface grid spans one voxel
+HASHED_OCTAVES, HASHED_WAVE = 3, 2  # of hashed grids the whole cube: shared latents need to be told apart
+HASHED_GRID = 2048  # the paper's K for sources of 2048 texels
+MOST_RESOLUTION = 4096
+@dataclass
+class Design:
+    """payload: without codes and halves; tables: payload.Tables by field, without values; resident: resident_bytes."""
+
+    payload: Payload
+    tables: list
+    resident: dict
+
+
+def choose_design(surfaces, position_bits, components, options):
+    """The Design that EncodeOptions ask for. surfaces: as in surface_design; components: 3 or 4."""
+    point = options.point or DEFAULT_POINT
+    if options.latent_index == "hash":
+        return hashed_design(point, components, len(surfaces))
+    budget = options.resident_bytes or point_bytes(point)
+    return surface_design(surfaces, position_bits, budget, components, options.area_threshold, options.threads)
+
+
+def point_bytes(name):
+    """Resident bytes of one of the paper's points, with three output components."""
+    return resident_bytes(_hashed(name, 3))["total"]
+
+
+def _hashed(name, components):
+    features, spans = POINTS[name]
+    levels = tuple(Level(-(-HASHED_GRID // span), log2, 0) for span, log2 in spans)
+    return Payload(features, HASHED_OCTAVES, HASHED_WAVE, HIDDEN, levels, components)
+
+
+def hashed_design(name, components, fields):
+    """The paper's own form of a point: hash tables over cells of a few voxels of a grid of 2048."""
+    payload = _hashed(name, components)
+    tables = [Tables(payload, number, [None] * len(payload.levels)) for number in range(fields)]
+    return Design(payload, tables, resident_bytes(payload))
+
+
+def surface_design(surfaces, position_bits, budget, components, area_threshold, threads):
+    """The finest grid of latents whose payload stays within `budget` resident bytes.
+
+    surfaces: per field (lattice int64 [V, 3], faces int64 [F, 3]). Raises InputError TXF-I54 where not even one latent fits.
+    """
+    low, high, best = 0, MOST_RESOLUTION + 1, None
+    while high - low > 1:
+        middle = (low + high) // 2 if best is None else min(max(_guess(best, budget), low + 1), high - 1)
+        tried = _surface_payload(surfaces, position_bits, middle, components, area_threshold, threads)
+        if tried[2]["total"] <= budget:
+            low, best = middle, tried
+        else:
+            high = middle
+    if best is None:
+        raise InputError("TXF-I54", "the budget holds no grid of latents", value=budget, allowed=f">= {tried[2]['total']}")
+    payload, keys, resident = best
+    return Design(payload, [Tables(payload, number, [k]) for number, k in enumerate(keys)], resident)
+
+
+def _guess(best, budget):
+    """Resolution that would just fill the budget if latents grew with its square."""
+    payload, _, resident = best
+    rest = resident["network"]
+    return int(payload.levels[0].resolution * np.sqrt((budget - rest) / max(resident["total"] - rest, 1)))
+
+
+def _surface_payload(surfaces, position_bits, resolution, components, area_threshold, threads):
+    """(Payload without values, keys by field, resident bytes) of a grid."""
+    keys = [latent_voxels(*surface, position_bits, resolution, area_threshold, threads) for surface in surfaces]
+    level = Level(resolution, 0, area_threshold, tuple(len(k) for k in keys))
+    payload = Payload(FEATURES, OCTAVES, resolution * FIRST_WAVE, HIDDEN, (level,), components)
+    return payload, keys, resident_bytes(payload, sum(index_bytes(k) for k in keys))
+
+
+def latent_voxels(lattice, faces, position_bits, resolution, area_threshold, threads, limit=None):
+    """Ascending Morton keys, int64 [N], of the voxels of one field that have latents (clause 11.3)."""
+    return voxelise(lattice, faces, position_bits, resolution, area_threshold, threads, limit)[0]

@@ -1,0 +1,219 @@
+"""Fits a 3DNTC payload to the source (encoder only; paper, section on 3DNTC).
+
+Adam with cosine decay on squared colour errors at surface samples. A batch is a thinned run along a Morton curve over the whole
+surface: it covers everything evenly, and neighbours in it read the same latents. The same seed gives the same payload on one
+machine with one number of threads.
+"""
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..quality.psnr import decibels
+from .design import choose_design
+from .infer import CODES, infer
+from .payload import join_parameters
+from .samples import cells_of, draw_samples, order_along_curve
+from .train import MOMENTUM, SQUARE_DECAY, _adam, _evaluate, _round_latents, _train
+
+BATCH = 8192  # at equal samples 0.4 dB better than 16,384
+LATENT_RATE, NETWORK_RATE = 0.05, 0.01
+LATENT_START = 0.05
+HELD_OUT = 1 << 16
+LEAST_SAMPLES, MOST_SAMPLES = 1 << 18, 1 << 22  # on the surface; each is met about eight times, or more often
+LOOKS = 20  # times that the held-out points are asked on the way
+PATIENCE, LEAST_GAIN = 3, 0.005  # looks in a row that gain less than so many dB end the fit
+SAVE_SECONDS = 30.0  # between checkpoints
+
+
+class Fit:
+    """State of a fit. design: payload.Payload without codes and halves; tables: payload.Tables by field; samples, held_out:
+    samples.Samples."""
+
+    def __init__(self, design, tables, samples, held_out, seed=0, threads=1):
+        self.design, self.tables, self.seed, self.threads = design, tables, seed, threads
+        self.held_out = held_out
+        self.batches = max(1, len(samples) // BATCH)
+        order = order_along_curve(samples.position)
+        order = np.concatenate([order[k :: self.batches] for k in range(self.batches)])
+        self.bounds = np.linspace(0, len(order), self.batches + 1).astype(np.int64)
+        self.samples = samples.taken(order)
+        self.cell, self.corners = cells_of(self.samples, tables)
+        self.held_cells = cells_of(held_out, tables)
+        self.resolutions = np.array([level.resolution for level in design.levels], np.int64)
+        self._start()
+
+    def _start(self):
+        random = np.random.default_rng(self.seed)
+        self.widths = np.array([-(-w // 4) * 4 for w in self.design.widths], np.int64)
+        layers, rows = len(self.widths) - 1, int(self.widths.max())
+        latent = random.uniform(-LATENT_START, LATENT_START, (self.design.rows, self.design.features)).astype(np.float32)
+        weight, bias = np.zeros((layers, rows, rows), np.float32), np.zeros((layers, rows), np.float32)
+        for n, (i, o) in enumerate(zip(self.design.widths[:-1], self.design.widths[1:], strict=True)):
+            weight[n, :o, :i] = random.standard_normal((o, i)) * np.sqrt((2.0 if n + 1 < layers else 0.2) / i)
+        self.values = [latent, weight, bias]
+        self.means, self.squares = ([np.zeros_like(v) for v in self.values] for _ in range(2))
+        self.gradients = [np.zeros((self.threads, v.size), np.float32) for v in self.values]
+        self.rounded = np.empty_like(latent)
+        self.step, self.seconds, self.log, self._order = 0, 0.0, [], (None, None)
+
+    def _batch(self):
+        """Rows of the next batch."""
+        epoch, place = divmod(self.step, self.batches)
+        if self._order[0] != epoch:
+            self._order = epoch, np.random.default_rng([self.seed, 1, epoch]).permutation(self.batches)
+        k = self._order[1][place]
+        return self.bounds[k], self.bounds[k + 1]
+
+    def _one_step(self, steps, pool):
+        begin, end = self._batch()
+        latent, weight, bias = self.values
+        if self.step == 0:
+            _round_latents(latent.reshape(-1), self.rounded.reshape(-1), 0, latent.size)
+        turned = np.ascontiguousarray(weight.transpose(0, 2, 1))
+        cuts, s = np.linspace(begin, end, self.threads + 1).astype(np.int64), self.samples
+
+        def learn(k):
+            rows = slice(cuts[k], cuts[k + 1])
+            g = [g[k].reshape(v.shape) for g, v in zip(self.gradients, self.values, strict=True)]
+            return _train(s.position[rows], s.target[rows], s.share[rows], self.cell[rows], self.corners, self.rounded,
+                          self.resolutions, self.design.octaves, self.design.first_wave, self.widths, weight, turned, bias, *g)
+
+        error = sum(pool.map(learn, range(self.threads)))
+        decay = 0.5 * (1 + np.cos(np.pi * self.step / steps))
+        scale = np.float32(1 / (1 - MOMENTUM ** (self.step + 1))), np.float32(1 / (1 - SQUARE_DECAY ** (self.step + 1)))
+
+        def move(k):
+            for n, rate in enumerate((LATENT_RATE, NETWORK_RATE, NETWORK_RATE)):
+                flat = [a[n].reshape(-1) for a in (self.values, self.means, self.squares)]
+                low, high = flat[0].size * k // self.threads, flat[0].size * (k + 1) // self.threads
+                _adam(flat[0], self.gradients[n], flat[1], flat[2], np.float32(rate * decay), *scale, low, high)
+                if n == 0:
+                    _round_latents(flat[0], self.rounded.reshape(-1), low, high)
+
+        list(pool.map(move, range(self.threads)))
+        self.step += 1
+        return error / ((end - begin) * self.design.components) * 127.5**2
+
+    def psnr(self, exact=False):
+        """3D-PSNR in dB over all colour components at the held-out points: of the float evaluation, or, exact, of the integer
+        evaluation of payload()."""
+        want, share = self.held_out.target[:, :3], self.held_out.share[:, :1] / 255.0
+        got = np.empty((len(want), self.design.components), np.float32)
+        if exact:
+            payload = self.payload()
+            for number, table in enumerate(self.tables):
+                table.take_values(payload)
+                mine = np.flatnonzero(self.held_out.field == number)
+                got[mine] = infer(self.held_out.position[mine], table, self.threads) / 256.0
+        else:
+            latent, weight, bias = self.values
+            _evaluate(self.held_out.position, *self.held_cells, self.rounded, self.resolutions, self.design.octaves,
+                      self.design.first_wave, self.widths, weight, bias, got)
+        error = (np.clip(got[:, :3], 0, 255) - want) ** 2 * share
+        return decibels(float(error.sum(dtype=np.float64) / (3 * share.sum())))
+
+    def payload(self):
+        """The design with the codes and parameters as they stand."""
+        latent, weight, bias = self.values
+        sizes = list(zip(self.design.widths[:-1], self.design.widths[1:], strict=True))
+        flat = join_parameters([weight[n, :o, :i] for n, (i, o) in enumerate(sizes)],
+                               [bias[n, :o] for n, (_, o) in enumerate(sizes)])
+        codes = np.rint(self.rounded * (CODES / 2) - 0.5).astype(np.int8)
+        return replace(self.design, codes=codes, halves=flat.astype(np.float16).view(np.uint16))
+
+    def run(self, steps, on_look=lambda fit, steps: None, checkpoint=None):
+        """Takes the remaining of `steps` steps, or fewer where it no longer improves; returns the payload.
+
+        on_look(fit, steps): called LOOKS times on the way; log holds {"step", "seconds", "train_psnr", "psnr"} of each.
+        checkpoint: path that the state is written to now and then, and read from if it is there.
+        """
+        if checkpoint is not None:
+            self._resume(checkpoint, steps)
+        begin, saved, errors = time.perf_counter() - self.seconds, time.perf_counter(), []
+        with ThreadPoolExecutor(self.threads) as pool:
+            while self.step < steps:
+                errors.append(self._one_step(steps, pool))
+                if self.step % max(1, steps // LOOKS) and self.step != steps:
+                    continue
+                self.seconds = time.perf_counter() - begin
+                trained = decibels(max(float(np.mean(errors)), 1e-9))
+                self.log.append({"step": self.step, "seconds": round(self.seconds, 2), "train_psnr": round(trained, 3),
+                                 "psnr": round(self.psnr(), 3)})
+                errors = []
+                on_look(self, steps)
+                if checkpoint is not None and (time.perf_counter() - saved > SAVE_SECONDS or self.step == steps):
+                    self._save(checkpoint, steps)
+                    saved = time.perf_counter()
+                if self._settled():
+                    break
+        return self.payload()
+
+    def _settled(self):
+        gains = np.diff([row["psnr"] for row in self.log[-PATIENCE - 1 :]])
+        return len(gains) == PATIENCE and bool((np.abs(gains) < LEAST_GAIN).all())
+
+    def _identity(self, steps):
+        """What a checkpoint must agree with to be taken up."""
+        colours = int(self.samples.target.sum(dtype=np.int64))
+        return repr((steps, self.seed, self.threads, self.design, len(self.samples), colours))
+
+    def _save(self, path, steps):
+        arrays = {f"{kind}{n}": a for kind in ("values", "means", "squares") for n, a in enumerate(getattr(self, kind))}
+        part = path.with_name(path.name + ".part")
+        with open(part, "wb") as file:
+            np.savez(file, step=self.step, seconds=self.seconds, log=repr(self.log), identity=self._identity(steps), **arrays)
+        part.replace(path)
+
+    def _resume(self, path, steps):
+        if not path.exists():
+            return
+        import ast
+        import zipfile
+
+        try:
+            with np.load(path) as file:
+                if str(file["identity"]) != self._identity(steps):
+                    raise InputError("TXF-I55", "the checkpoint is of another fit", value=path.name)
+                for kind in ("values", "means", "squares"):
+                    for n, array in enumerate(getattr(self, kind)):
+                        array[...] = file[f"{kind}{n}"]
+                self.step, self.seconds, self.log = int(file["step"]), float(file["seconds"]), ast.literal_eval(str(file["log"]))
+        except (OSError, KeyError, ValueError, SyntaxError, zipfile.BadZipFile) as error:
+            raise InputError("TXF-I55", f"the checkpoint cannot be read: {error}", value=path.name) from None
+        _round_latents(self.values[0].reshape(-1), self.rounded.reshape(-1), 0, self.rounded.size)
+
+
+
+def fit_payload(scene, surface, face_field, surfaces, components, options, report):
+    """Fits a payload for all fields of a scene: (payload.Payload, its Tables by field).
+
+    surface: geometry.surface.Surface; face_field: int64 [F] over its faces; surfaces: decoded (lattice, faces) by field;
+    components: 3, or 4 with alpha. report.facts gets "resident" (bytes on the GPU) and "fit" (the log).
+    """
+    design = choose_design(surfaces, surface.cube.position_bits, components, options)
+    wanted = int(np.clip(options.steps * BATCH // 8, LEAST_SAMPLES, MOST_SAMPLES))
+    with report.stage("samples"):
+        drawn = [draw_samples(scene, surface, face_field, count, components, [options.seed, kind], options.threads)
+                 for kind, count in enumerate((wanted, HELD_OUT))]
+
+    def look(fit, steps):
+        row = fit.log[-1]
+        left = row["seconds"] / row["step"] * (steps - row["step"])
+        report.facts["fit_now"] = f"{row['psnr']:.2f} dB, {left:.0f} s left"
+        report.progress("fit", row["step"], steps)
+
+    with report.stage("fit"):
+        fit = Fit(design.payload, design.tables, *drawn, options.seed, options.threads)
+        checkpoint = None if options.checkpoint is None else Path(options.checkpoint)
+        payload = fit.run(options.steps, look, checkpoint)
+        exact = fit.psnr(exact=True)
+    report.facts["resident"] = design.resident
+    report.facts["fit"] = {"steps": fit.step, "asked_steps": options.steps, "seconds": round(fit.seconds, 2),
+                           "samples": len(fit.samples), "psnr_rgb": round(exact, 3), "log": fit.log,
+                           "levels": [{"resolution": one.resolution, "rows": one.rows} for one in payload.levels]}
+    return payload, design.tables

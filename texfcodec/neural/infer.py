@@ -1,0 +1,221 @@
+"""Normative integer evaluation of a 3DNTC payload (spec clause 11): point in, values out, the same bits on every machine.
+
+LANES points go side by side, a component a row, so that every inner loop runs along a row. Operands are int32 and sums int64:
+|weight| < 2**28, |activation| <= 2**24, at most 512 inputs and a bias below 2**42 stay below 2**62.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from ..field.grid import _rank_of_voxel
+from ..kernel import kernel
+
+POSITION_BITS = 24  # of a point in the canonical cube
+LOCAL_BITS = 8  # of a point in a latent cell
+CODES = 16  # values of a latent
+ONE_BITS = 14  # fractional bits of an activation
+WEIGHT_BITS = 16  # fractional bits of a weight
+WEIGHT_ONE = 1 << WEIGHT_BITS
+MOST = 1 << 24  # activations are clamped to this magnitude
+EDGE = 3 << (ONE_BITS - 1)  # 3/2, where hard GELU becomes the identity
+LEVEL_SCALE = 255 * 128  # half the range of values with 8 fractional bits
+VALUE_BITS = 8
+HASH_Y, HASH_Z, HASH_FIELD = 2654435761, 805459861, 3674653429  # products with coordinates < 2**46
+LANES = 64
+BLOCK = 1 << 14
+
+
+@kernel
+def _local(p, resolution):
+    """Coordinate against the latents' centres, LOCAL_BITS fractional bits: p < 2**24, resolution <= 2**13."""
+    return ((p * resolution) >> (POSITION_BITS - LOCAL_BITS)) - (1 << (LOCAL_BITS - 1))
+
+
+@kernel
+def _phase(p, first_wave, octave):
+    """Phase of a wave in 2**-16 periods: first_wave half periods over the cube, doubled by every octave; product < 2**48."""
+    return ((p * (first_wave << octave)) >> (POSITION_BITS + 1 - 16)) & 65535
+
+
+@kernel
+def _entry(x, y, z, log2, salt, size, slots, bricks, words, ranks):
+    """Row of the latent at (x, y, z) of a level, counted from the level's first; -1 where none is (11.3)."""
+    if log2 > 0:
+        return ((x + 1) ^ ((y + 1) * HASH_Y) ^ ((z + 1) * HASH_Z) ^ salt) & ((1 << log2) - 1)
+    return _rank_of_voxel(x, y, z, size, slots, bricks, words, ranks)
+
+
+@kernel
+def _corners(position, resolution, log2, first, salt, slots, bricks, words, ranks, corner, weight):
+    """Rows of the eight latents around a point into corner int64 [8], -1 where none is, and their integer weights into weight
+    int64 [8], 0 there; returns the sum of the weights, at most 2**24. position: int32 [3]."""
+    one = 1 << LOCAL_BITS
+    u, v, w = _local(position[0], resolution), _local(position[1], resolution), _local(position[2], resolution)
+    x, y, z = u >> LOCAL_BITS, v >> LOCAL_BITS, w >> LOCAL_BITS
+    u, v, w = u & (one - 1), v & (one - 1), w & (one - 1)
+    total = np.int64(0)
+    for q in range(8):
+        dx, dy, dz = q & 1, (q >> 1) & 1, q >> 2
+        share = (u if dx else one - u) * (v if dy else one - v) * (w if dz else one - w)
+        entry = np.int64(-1)
+        if share > 0:
+            entry = _entry(x + dx, y + dy, z + dz, log2, salt, resolution, slots, bricks, words, ranks)
+        corner[q] = entry + first if entry >= 0 else -1
+        weight[q] = share if entry >= 0 else 0
+        total += weight[q]
+    return total
+
+
+@kernel
+def _read_level(positions, resolution, log2, first, salt, slots, bricks, words, ranks, codes, x, row):
+    """Latents of one level at up to LANES points into rows row.. of x, int32 [inputs, LANES] (11.4).
+
+    codes: int8 [N, F], 2 q + 1; |sum| <= 15 * 2**24, times the reciprocal below 2**42. Every corner is checked against N.
+    """
+    features = codes.shape[1]
+    corner, weight, sums = np.empty(8, np.int64), np.empty(8, np.int64), np.empty(features, np.int64)
+    for l in range(positions.shape[0]):
+        total = _corners(positions[l], resolution, log2, first, salt, slots, bricks, words, ranks, corner, weight)
+        sums[:] = 0
+        for q in range(8):
+            if 0 <= corner[q] < codes.shape[0]:
+                for k in range(features):
+                    sums[k] += weight[q] * codes[corner[q], k]
+        scale = (np.int64(1) << 38) // total if total > 0 else np.int64(0)
+        for k in range(features):
+            x[row + k, l] = (sums[k] * scale + (1 << 27)) >> 28
+
+
+@kernel
+def _read_waves(positions, octaves, first_wave, x, row):
+    """Triangle waves of the position (11.5)."""
+    for l in range(positions.shape[0]):
+        r = row
+        for octave in range(octaves):
+            for axis in range(3):
+                phase = _phase(np.int64(positions[l, axis]), first_wave, octave)
+                x[r, l] = abs(phase - 32768) - 16384
+                x[r + 1, l] = abs(((phase + 16384) & 65535) - 32768) - 16384
+                r += 2
+
+
+@kernel
+def _layer(weight, bias, x, total, y, inputs, outputs, hidden):
+    """One layer (11.6). weight: int32 [outputs, inputs]; bias: int64 [outputs], 30 fractional bits; x: int32 [inputs, LANES];
+    total: int64 [4, LANES], room for sums; y: int32 [outputs, LANES]. outputs is a multiple of 4."""
+    for o in range(0, outputs, 4):
+        for k in range(4):
+            for l in range(LANES):
+                total[k, l] = bias[o + k]
+        for i in range(0, inputs, 4):
+            for k in range(0, 4, 2):
+                a0, a1, a2, a3 = weight[o + k, i], weight[o + k, i + 1], weight[o + k, i + 2], weight[o + k, i + 3]
+                o1 = o + k + 1
+                b0, b1, b2, b3 = weight[o1, i], weight[o1, i + 1], weight[o1, i + 2], weight[o1, i + 3]
+                for l in range(LANES):
+                    v0, v1, v2, v3 = x[i, l], x[i + 1, l], x[i + 2, l], x[i + 3, l]
+                    total[k, l] += a0 * v0 + a1 * v1 + a2 * v2 + a3 * v3
+                    total[k + 1, l] += b0 * v0 + b1 * v1 + b2 * v2 + b3 * v3
+        for k in range(4):
+            for l in range(LANES):
+                v = min(max((total[k, l] + (1 << (WEIGHT_BITS - 1))) >> WEIGHT_BITS, -MOST), MOST)
+                if hidden:  # hard GELU; |m| * |m + EDGE| * 43691 < 2**47
+                    m = min(max(v, -EDGE), EDGE)
+                    v = v if v > EDGE else (m * (m + EDGE) * 43691 + (1 << 30)) >> 31
+                y[o + k, l] = v
+
+
+@kernel
+def _network(widths, weight, bias, a, total):
+    """All layers: inputs in a[0], outputs in the last of a int32 [layers + 1, rows, LANES]."""
+    layers = widths.shape[0] - 1
+    for n in range(layers):
+        _layer(weight[n], bias[n], a[n], total, a[n + 1], widths[n], widths[n + 1], n + 1 < layers)
+
+
+@kernel
+def _infer(positions, levels, places, slots, bricks, words, ranks, codes, octaves, first_wave, widths, weight, bias, out):
+    """Values of points of one field into out uint16 [M, C], 8 fractional bits.
+
+    positions: int32 [M, 3] in 0..2**24-1; levels: int64 [L, 4] of resolution, table_log2, first row and salt of the hash; places:
+    int64 [L + 1, 2] where each level's brick map begins in slots and in bricks, words and ranks; widths: int64
+    [layers + 1], multiples of 4; weight: int32 [layers, rows, rows], bias: int64 [layers, rows]; rows >= every width.
+    """
+    layers, rows = widths.shape[0] - 1, weight.shape[1]
+    a, total = np.zeros((layers + 1, rows, LANES), np.int32), np.zeros((4, LANES), np.int64)
+    for begin in range(0, positions.shape[0], LANES):
+        end = min(begin + LANES, positions.shape[0])
+        row = 0
+        for n in range(levels.shape[0]):
+            s, t, b, e = places[n, 0], places[n + 1, 0], places[n, 1], places[n + 1, 1]
+            _read_level(positions[begin:end], levels[n, 0], levels[n, 1], levels[n, 2], levels[n, 3], slots[s:t], bricks[b:e],
+                        words[b:e], ranks[b:e], codes, a[0], row)
+            row += codes.shape[1]
+        _read_waves(positions[begin:end], octaves, first_wave, a[0], row)
+        _network(widths, weight, bias, a, total)
+        for l in range(end - begin):
+            for c in range(out.shape[1]):
+                y = np.int64(a[layers, c, l]) + (1 << ONE_BITS)
+                out[begin + l, c] = min(max((y * LEVEL_SCALE + (1 << (ONE_BITS - 1))) >> ONE_BITS, 0), 255 << VALUE_BITS)
+
+
+def cube_positions(grid):
+    """Positions that the evaluation takes (11.2). grid: float64 [..., 3] grid coordinates for K = 2**POSITION_BITS; what lies
+    outside the cube is moved onto its border. Returns int32 of the same shape."""
+    return np.clip(np.floor(np.nan_to_num(grid)), 0, (1 << POSITION_BITS) - 1).astype(np.int32)
+
+
+def voxel_positions(xyz, resolution):
+    """Positions of voxel centres (11.2): floor((2 v + 1) 2**23 / K). xyz: integers [N, 3] in 0..K-1. Returns int32 [N, 3]."""
+    return (((2 * np.asarray(xyz, np.int64) + 1) << (POSITION_BITS - 1)) // resolution).astype(np.int32)
+
+
+def fixed_weights(halves):
+    """Network parameters as fixed-point numbers with WEIGHT_BITS fractional bits (11.6).
+
+    halves: uint16, binary16 patterns of magnitude below 2**12 (payload.py has checked). Returns int64 of the same shape: exact
+    from 2**-6 on, below that rounded to the nearest, halves away from zero.
+    """
+    exponent, fraction = (halves.astype(np.int64) >> 10) & 31, halves.astype(np.int64) & 1023
+    mantissa = np.where(exponent > 0, fraction + 1024, fraction)
+    shift = np.maximum(exponent, 1) - 9
+    left, right = mantissa << np.maximum(shift, 0), np.maximum(-shift, 1)
+    value = np.where(shift >= 0, left, (mantissa + (1 << (right - 1))) >> right)
+    return np.where(halves >> 15, -value, value)
+
+
+def infer(positions, tables, threads=1):
+    """Values of points of one field. positions: int32 [M, 3] from cube_positions or voxel_positions; tables: payload.Tables.
+
+    Returns uint16 [M, C]: values 0..255 with VALUE_BITS fractional bits (11.7)."""
+    positions = np.ascontiguousarray(positions, np.int32)
+    if len(positions) and (positions.min() < 0 or positions.max() >> POSITION_BITS):
+        raise IndexError("a position outside the cube")
+    out = np.empty((len(positions), tables.components), np.uint16)
+
+    def one(begin):
+        part = slice(begin, begin + BLOCK)
+        _infer(positions[part], *tables.arrays, out[part])
+
+    begins = range(0, len(positions), BLOCK)
+    if threads > 1 and len(begins) > 1:
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(one, begins))
+    else:
+        for begin in begins:
+            one(begin)
+    return out
+
+
+def infer_rgba(positions, tables, threads=1):
+    """As infer(), as RGBA on the scale 0..255: float32 [M, 4]; a component that the network does not give is 255."""
+    out = np.full((len(positions), 4), 255, np.float32)
+    out[:, list(tables.columns)] = infer(positions, tables, threads) * np.float32(1 / (1 << VALUE_BITS))
+    return out
+
+
+def voxel_values(xyz, resolution, tables, threads=1):
+    """The values of a field's voxels (11.8): uint8 [N, C], what its centre answers, rounded. xyz: integers [N, 3]."""
+    values = infer(voxel_positions(xyz, resolution), tables, threads).astype(np.int64)
+    return ((values + (1 << (VALUE_BITS - 1))) >> VALUE_BITS).astype(np.uint8)

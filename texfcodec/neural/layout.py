@@ -1,0 +1,8 @@
+"""Counts of a 3DNTC network that its syntax needs; apart, so that reading a stream loads no kernels."""
+
+WAVE_INPUTS = 6  # per octave: three axes, two phases
+
+
+def parameter_count(widths):
+    """Weights and biases of a network with so many inputs, hidden units and outputs."""
+    return sum((i + 1) * o for i, o in zip(widths[:-1], widths[1:], strict=True))

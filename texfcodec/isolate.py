@@ -22,6 +22,9 @@ import numpy as np
 
 from . import errors
 from .asset.scene import Material
+from .bitstream.stream import read_neural
+from .bitstream.syntax import FORM_RESIDENT, NEURAL
+from .bitstream.walk import Reader, write_structure
 from .errors import LimitError, StreamError, TexfError
 from .geometry.canonical import CanonicalCube
 from .limits import Limits
@@ -106,7 +109,9 @@ def _texf(facts, arrays, threads):
                     [Field(*numbers, *parts) for numbers, parts in fields], [Material(**m) for m in facts["materials"]],
                     dict(facts["metadata"]), bool(facts["has_alpha"]), threads, list(facts["skipped"]))
         sound = all(_unit_is_sound(u, texf) for u in texf.units) and all(_field_is_sound(f) for f in texf.fields)
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
+        if facts["neural"] is not None:
+            texf.neural = _neural(facts["neural"], arrays, len(texf.fields))
+    except (TexfError, KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         raise StreamError("TXF-S40", "the decoder's answer makes no sense", reason=type(error).__name__) from error
     if not sound:
         raise StreamError("TXF-S40", "the decoder's answer has an index out of range")
@@ -127,6 +132,28 @@ def _split(rows, arrays, dtypes):
     return out
 
 
+def _neural(columns, arrays, fields):
+    """Tables by field of an answer's 3DNTC payload, which is checked like one in a stream. columns: of RGBA that it answers."""
+    from .neural.payload import Tables, payload_of
+
+    columns, data = tuple(int(c) for c in columns), np.ascontiguousarray(arrays["neural"], np.uint8).tobytes()
+    values = read_neural(Reader(data, 0, len(data)), {"num_fields": fields, "NumOutputs": len(columns), "offset": 0})
+    if sorted(columns) not in ([0, 1, 2], [3], [0, 1, 2, 3]) or values["form"] != FORM_RESIDENT:
+        raise ValueError("neural")
+    payload, at, tables = payload_of(values, Limits(latents=None)), 0, []
+    for number in range(fields):
+        keys = []
+        for level in payload.levels:
+            count = 0 if level.table_log2 else level.entries[number]
+            part = np.ascontiguousarray(arrays["latent_keys"][at : at + count], np.int64)
+            if count and not (len(part) == count and _keys_are_sound(part, level.resolution)):
+                raise ValueError("latent_keys")
+            keys.append(part if count else None)
+            at += count
+        tables.append(Tables(payload, number, keys, columns))
+    return tables
+
+
 def _unit_is_sound(unit, texf):
     named = 0 <= unit.field < len(texf.fields) and 0 <= unit.material < len(texf.materials)
     return named and unit.lattice.shape[1:] == (3,) and unit.faces.shape[1:] == (3,) and _within(unit.faces, len(unit.lattice)) \
@@ -134,12 +161,19 @@ def _unit_is_sound(unit, texf):
 
 
 def _field_is_sound(part):
+    if not (1 <= part.resolution <= 8192 and 0 <= part.level_shift <= 13):
+        return False
+    return _keys_are_sound(part.keys, part.size) and part.rgba.shape == (len(part.keys), 4)
+
+
+def _keys_are_sound(keys, size):
+    """Whether these are Morton keys of voxels of a grid, ascending, at least one."""
     from .field.morton import decode_morton
 
-    if not (1 <= part.resolution <= 8192 and 0 <= part.level_shift <= 13 and part.keys.ndim == 1 and len(part.keys)):
+    if keys.ndim != 1 or not len(keys):
         return False
-    ascending = part.keys[0] >= 0 and (np.diff(part.keys) > 0).all() and part.keys[-1] < 1 << 42
-    return bool(ascending) and part.rgba.shape == (len(part.keys), 4) and _within(decode_morton(part.keys), part.size)
+    ascending = keys[0] >= 0 and (np.diff(keys) > 0).all() and keys[-1] < 1 << 42
+    return bool(ascending) and bool(_within(decode_morton(keys), size))
 
 
 def _within(values, end):
@@ -177,7 +211,7 @@ def _answer(texf, report):
     facts = {
         "origin": list(texf.cube.origin), "side": texf.side, "position_bits": texf.position_bits, "metadata": texf.metadata,
         "has_alpha": texf.has_alpha, "skipped": texf.skipped, "warnings": report.warnings, "seconds": report.seconds,
-        "peak_memory_bytes": peak_memory_bytes(),
+        "peak_memory_bytes": peak_memory_bytes(), "neural": list(texf.neural[0].columns) if texf.neural else None,
         "units": [([u.field, u.material], [len(u.lattice), len(u.faces)]) for u in texf.units],
         "fields": [([f.resolution, f.level_shift], [len(f.keys), len(f.rgba)]) for f in texf.fields],
         "materials": [{"name": m.name, "alpha_mode": m.alpha_mode, "alpha_cutoff": m.alpha_cutoff,
@@ -189,7 +223,22 @@ def _answer(texf, report):
         "keys": np.concatenate([np.zeros(0, np.int64), *(f.keys for f in texf.fields)]),
         "rgba": np.concatenate([np.zeros((0, 4), np.uint8), *(f.rgba for f in texf.fields)]),
     }
+    if texf.neural:
+        arrays |= _neural_arrays(texf.neural)
     return facts, arrays
+
+
+def _neural_arrays(tables):
+    """Tables by field as arrays: neural_parameters in the resident form (5.7.4), and the voxels of the levels that are not
+    hashed, end to end."""
+    from .neural.payload import payload_values
+
+    payload = tables[0].payload
+    values = payload_values(payload, FORM_RESIDENT) | {"num_fields": len(tables), "NumOutputs": payload.components}
+    return {
+        "neural": np.frombuffer(write_structure(NEURAL, values), np.uint8),
+        "latent_keys": np.concatenate([np.zeros(0, np.int64), *(k for t in tables for k in t.keys if k is not None)]),
+    }
 
 
 def _cap_memory(size):

@@ -6,7 +6,6 @@ from ..errors import LimitError, StreamError, SupportError
 from .syntax import (
     ATTRIBUTE,
     CODEC_3DNTC,
-    CODEC_RAHT,
     CODECS,
     COMPONENTS,
     FORM_RESIDENT,
@@ -93,17 +92,18 @@ def _read_attribute(reader, stream, trace):
     if codec is None:
         raise SupportError("TXF-U02", "unknown attribute codec", clause="5.7", value=values["codec_id"], allowed=list(CODECS))
     values["offset"] = reader.base + reader.position
+    if values["codec_id"] == CODEC_3DNTC:
+        return read_neural(reader, values, trace)
     read_structure(codec, reader, values, trace)
-    if values["codec_id"] == CODEC_RAHT:
-        _check_raht(values)
-        values["data_offset"] = reader.position - len(values["codeword_data"])
-    else:
-        _check_neural(values)
+    _check_raht(values)
+    values["data_offset"] = reader.position - len(values["codeword_data"])
     return values
 
 
-def _check_neural(values):
-    """Relations between elements that a range cannot say (spec 5.7.4)."""
+def read_neural(reader, values, trace=None):
+    """Reads neural_parameters (spec 5.7.4) into values, which hold num_fields, NumOutputs and offset, and checks the relations
+    between elements that a range cannot say. Returns values."""
+    read_structure(CODECS[CODEC_3DNTC], reader, values, trace)
     if values["num_features"] % 2:
         raise StreamError("TXF-S04", "num_features is odd", clause="5.7.4", offset=values["offset"],
                           value=values["num_features"], allowed="even")
@@ -111,6 +111,7 @@ def _check_neural(values):
     if values["form"] == FORM_RESIDENT and len(values["latent_data"]) != length:
         raise StreamError("TXF-S10", "the latents do not fill the payload", clause="5.7.4", offset=values["offset"],
                           value=len(values["latent_data"]), allowed=length)
+    return values
 
 
 def _check_raht(values):

@@ -6,6 +6,7 @@ table of 2**table_log2 rows that voxels share.
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -62,6 +63,11 @@ class Payload:
     @property
     def rows(self):
         return sum(level.rows for level in self.levels)
+
+    @cached_property
+    def evaluated(self):
+        """Codes and network as infer reads them, made once for all fields; see infer._infer for the arrays."""
+        return 2 * self.codes + np.int8(1), self.octaves, self.first_wave, *network_arrays(self)
 
     def first_row(self, number, level):
         """First row of a level's latents for field `number`."""
@@ -132,8 +138,8 @@ def payload_of(values, limits):
 
 
 class Tables:
-    """What infer reads for one field. index: where the latents are (levels, places, slots, bricks, words, ranks); values: codes
-    and network; see infer._infer for the arrays."""
+    """What infer reads for one field. index: where the latents are (levels, places, slots, bricks, words, ranks), made from keys;
+    values: codes and network of payload; see infer._infer for the arrays."""
 
     def __init__(self, payload, number, keys, columns=(0, 1, 2, 3)):
         """keys: per level, ascending int64 Morton keys of the field's voxels, or None where the level is hashed; columns: of RGBA
@@ -145,13 +151,14 @@ class Tables:
         self.index = (np.array(levels, np.int64), places.astype(np.int64), np.concatenate([m.slots for m in maps]),
                       np.concatenate([m.bricks for m in maps]), np.concatenate([m.words for m in maps]),
                       np.concatenate([m.ranks for m in maps]))
-        self.components, self.columns, self.values = payload.components, columns[: payload.components], None
+        self.components, self.columns, self.keys = payload.components, columns[: payload.components], keys
+        self.payload, self.values = None, None
         if payload.codes is not None:
             self.take_values(payload)
 
     def take_values(self, payload):
         """Codes and network of a payload of the same design."""
-        self.values = (2 * payload.codes + np.int8(1), payload.octaves, payload.first_wave, *network_arrays(payload))
+        self.payload, self.values = payload, payload.evaluated
 
     @property
     def arrays(self):

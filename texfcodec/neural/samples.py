@@ -74,9 +74,9 @@ def _corner_rows(position, resolution, log2, first, salt, slots, bricks, words, 
 
 
 def order_along_curve(position):
-    """Order of points along a Morton curve of 256 cells a side: neighbours in it read the same latents."""
+    """Order of points along a Morton curve of 2048 cells a side: neighbours in it read the same latents."""
     keys = np.empty(len(position), np.int64)
-    _keys(position, 256, keys)
+    _keys(position, 2048, keys)
     return np.argsort(keys, kind="stable")
 
 

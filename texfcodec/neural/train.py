@@ -102,21 +102,23 @@ def _corner_weights(position, resolution, corner, weight):
 
 
 @kernel(**fused)
-def _read(position, cell, corners, latent, resolutions, octaves, first_wave, x):
-    """Network inputs of up to LANES samples into x float32 [inputs, LANES]: latents level by level, waves, zeros."""
-    features = latent.shape[1]
-    sums, weight = np.empty(features, np.float32), np.empty(8, np.float32)
+def _read(position, cell, corners, codes, resolutions, octaves, first_wave, weight, x):
+    """Network inputs of up to LANES samples into x float32 [inputs, LANES]: latents level by level, waves. codes: int8 [N, F] as
+    2 q + 1; weight: float32 [L, LANES, 8], filled for _scatter."""
+    features = codes.shape[1]
+    sums = np.empty(features, np.float32)
     for l in range(position.shape[0]):
         row = 0
         for level in range(resolutions.shape[0]):
-            corner = corners[cell[l, level]]
-            _corner_weights(position[l], resolutions[level], corner, weight)
+            corner, share = corners[cell[l, level]], weight[level, l]
+            _corner_weights(position[l], resolutions[level], corner, share)
             for k in range(features):
                 sums[k] = np.float32(0)
             for q in range(8):
-                if corner[q] >= 0:
+                if share[q] > 0:
+                    w, code = share[q] * np.float32(1 / CODES), codes[corner[q]]
                     for k in range(features):
-                        sums[k] += weight[q] * latent[corner[q], k]
+                        sums[k] += w * np.float32(code[k])
             for k in range(features):
                 x[row + k, l] = sums[k]
             row += features
@@ -129,20 +131,32 @@ def _read(position, cell, corners, latent, resolutions, octaves, first_wave, x):
 
 
 @kernel(**fused)
-def _scatter(position, cell, corners, slope, resolutions, gradient):
-    """Transpose of the latents' part of _read: slope float32 [inputs, LANES] is added to gradient float32 [N, F]."""
+def _scatter(cell, corners, weight, slope, step, gradient, stamp, touched, count):
+    """Transpose of the latents' part of _read: slope float32 [inputs, LANES] is added to gradient float32 [N, F].
+
+    stamp: int64 [N], the step that a row of gradient is of; rows of an earlier one are cleared first and noted in touched
+    int32 [N], count of them so far; returns the new count.
+    """
     features = gradient.shape[1]
-    part, weight = np.empty(features, np.float32), np.empty(8, np.float32)
-    for l in range(position.shape[0]):
-        for level in range(resolutions.shape[0]):
-            corner = corners[cell[l, level]]
-            _corner_weights(position[l], resolutions[level], corner, weight)
+    part = np.empty(features, np.float32)
+    for l in range(cell.shape[0]):
+        for level in range(cell.shape[1]):
+            corner, share = corners[cell[l, level]], weight[level, l]
             for k in range(features):
                 part[k] = slope[level * features + k, l]
             for q in range(8):
-                if corner[q] >= 0:
+                if share[q] > 0:
+                    row = gradient[corner[q]]
+                    if stamp[corner[q]] != step:
+                        stamp[corner[q]] = step
+                        touched[count] = corner[q]
+                        count += 1
+                        for k in range(features):
+                            row[k] = np.float32(0)
+                    w = share[q]
                     for k in range(features):
-                        gradient[corner[q], k] += weight[q] * part[k]
+                        row[k] += w * part[k]
+    return count
 
 
 @kernel(**fused)
@@ -156,30 +170,30 @@ def _forward(widths, weight, bias, a, d):
 
 
 @kernel(**fused)
-def _train(position, target, share, cell, corners, latent, resolutions, octaves, first_wave, widths, weight, turned, bias,
-           latent_gradient, weight_gradient, bias_gradient):
-    """Adds the gradient of the squared error over all samples; returns that error, weighted, summed over components.
+def _train(position, target, share, cell, corners, codes, resolutions, octaves, first_wave, widths, weight, turned, bias,
+           step, latent_gradient, stamp, touched, weight_gradient, bias_gradient):
+    """Gradient of the squared error over samples; returns (that error, weighted and summed over components, how many rows of
+    latents were touched).
 
-    position: int32 [M, 3]; target: uint8 [M, C]; share: uint8 [M, C] weights of the errors; cell: int32 [M, L] rows of
-    corners int32 [.., 8], which name rows of latent float32 [N, F] or -1; widths: int64 [layers + 1], multiples of 4; weight:
-    float32 [layers, rows, rows]; turned: its layers transposed. All of it has been made by fit.py from the same tables.
+    position: int32 [M, 3]; target: uint8 [M, C]; share: uint8 [M, C] weights of the errors; cell: int32 [M, L] rows of corners
+    int32 [.., 8], which name rows of codes int8 [N, F] or -1; widths: int64 [layers + 1], multiples of 4; weight: float32
+    [layers, rows, rows]; turned: its layers transposed; step, latent_gradient, stamp, touched: see _scatter. All of it is made
+    by fit.py from the same tables.
     """
     layers, rows = widths.shape[0] - 1, weight.shape[1]
     a, d = np.zeros((layers + 1, rows, LANES), np.float32), np.zeros((layers + 1, rows, LANES), np.float32)
     g, none = np.zeros((layers + 1, rows, LANES), np.float32), np.zeros(rows, np.float32)
-    error = 0.0
+    shares = np.zeros((cell.shape[1], LANES, 8), np.float32)
+    error, count = 0.0, np.int64(0)
     for begin in range(0, position.shape[0], LANES):
         end = min(begin + LANES, position.shape[0])
         if end - begin < LANES:
-            a[0] = 0
-        _read(position[begin:end], cell[begin:end], corners, latent, resolutions, octaves, first_wave, a[0])
+            g[layers] = 0
+        _read(position[begin:end], cell[begin:end], corners, codes, resolutions, octaves, first_wave, shares, a[0])
         _forward(widths, weight, bias, a, d)
-        for c in range(target.shape[1]):
-            for l in range(LANES):
-                g[layers, c, l] = 0
-            for l in range(end - begin):
-                want = np.float32(target[begin + l, c]) * np.float32(1 / 127.5) - np.float32(1)
-                e = a[layers, c, l] - want
+        for l in range(end - begin):
+            for c in range(target.shape[1]):
+                e = a[layers, c, l] - (np.float32(target[begin + l, c]) * np.float32(1 / 127.5) - np.float32(1))
                 w = np.float32(share[begin + l, c]) * np.float32(1 / 255)
                 error += w * e * e
                 g[layers, c, l] = w * e
@@ -190,18 +204,19 @@ def _train(position, target, share, cell, corners, latent, resolutions, octaves,
                 for o in range(widths[n - 1]):
                     for l in range(LANES):
                         g[n - 1, o, l] *= d[n - 1, o, l]
-        _scatter(position[begin:end], cell[begin:end], corners, g[0], resolutions, latent_gradient)
-    return error
+        count = _scatter(cell[begin:end], corners, shares, g[0], step, latent_gradient, stamp, touched, count)
+    return error, count
 
 
 @kernel(**fused)
-def _evaluate(position, cell, corners, latent, resolutions, octaves, first_wave, widths, weight, bias, out):
+def _evaluate(position, cell, corners, codes, resolutions, octaves, first_wave, widths, weight, bias, out):
     """Answers of the network in float32, as in _train, into out float32 [M, C] on the scale 0..255, not clipped."""
     layers, rows = widths.shape[0] - 1, weight.shape[1]
     a, d = np.zeros((layers + 1, rows, LANES), np.float32), np.zeros((layers + 1, rows, LANES), np.float32)
+    shares = np.zeros((cell.shape[1], LANES, 8), np.float32)
     for begin in range(0, position.shape[0], LANES):
         end = min(begin + LANES, position.shape[0])
-        _read(position[begin:end], cell[begin:end], corners, latent, resolutions, octaves, first_wave, a[0])
+        _read(position[begin:end], cell[begin:end], corners, codes, resolutions, octaves, first_wave, shares, a[0])
         _forward(widths, weight, bias, a, d)
         for l in range(end - begin):
             for c in range(out.shape[1]):
@@ -209,11 +224,10 @@ def _evaluate(position, cell, corners, latent, resolutions, octaves, first_wave,
 
 
 @kernel(**fused)
-def _adam(value, gradients, mean, square, rate, mean_scale, square_scale, begin, end):
-    """One step of Adam on entries begin..end-1 of flat arrays; gradients: float32 [parts, size], summed in order and
-    cleared."""
+def _adam(value, gradients, mean, square, rate, mean_scale, square_scale):
+    """One step of Adam on flat arrays; gradients: float32 [parts, size], summed in order and cleared."""
     one = np.float32(1)
-    for i in range(begin, end):
+    for i in range(value.shape[0]):
         g = np.float32(0)
         for part in range(gradients.shape[0]):
             g += gradients[part, i]
@@ -224,10 +238,52 @@ def _adam(value, gradients, mean, square, rate, mean_scale, square_scale, begin,
 
 
 @kernel(**fused)
-def _round_latents(value, rounded, begin, end):
-    """Puts value back into the range of INT4 and writes what a decoder reads, (2 q + 1) / 16, to rounded."""
-    half, most = np.float32(CODES // 2), np.float32(1.0 - 1e-4)
-    for i in range(begin, end):
-        v = min(max(value[i], -most), most)
-        value[i] = v
-        rounded[i] = (np.floor(v * half) + np.float32(0.5)) / half
+def _adam_rows(low, high, step, gradients, stamps, touched, counts, value, mean, square, times, rate, codes):
+    """One step of Adam on the rows low..high-1 of latents that were touched; the others wait, their averages too.
+
+    gradients: float32 [parts, N, F]; stamps: int64 [parts, N]; touched: int32 [parts, N], counts of them; times: int32 [N], how
+    often a row was moved. Writes what a decoder will read, 2 q + 1, to codes int8 [N, F].
+    """
+    one, half, most = np.float32(1), np.float32(CODES // 2), np.float32(1.0 - 1e-4)
+    keep, keep_square = np.float32(MOMENTUM), np.float32(SQUARE_DECAY)
+    features = value.shape[1]
+    g = np.empty(features, np.float32)
+    for part in range(gradients.shape[0]):
+        for n in range(counts[part]):
+            row = touched[part, n]
+            if row < low or row >= high:
+                continue
+            first = True
+            for earlier in range(part):
+                first = first and stamps[earlier, row] != step
+            if not first:
+                continue
+            g[:] = gradients[part, row]
+            for later in range(part + 1, gradients.shape[0]):
+                if stamps[later, row] == step:
+                    for k in range(features):
+                        g[k] += gradients[later, row, k]
+            times[row] += 1
+            size = rate / (one - keep ** np.float32(times[row]))
+            scale = one / (one - keep_square ** np.float32(times[row]))
+            v, m, s = value[row], mean[row], square[row]
+            for k in range(features):
+                m[k] = keep * m[k] + (one - keep) * g[k]
+                s[k] = keep_square * s[k] + (one - keep_square) * g[k] * g[k]
+                v[k] -= size * m[k] / (np.sqrt(s[k] * scale) + np.float32(TINY))
+            _round_row(v, codes[row], half, most)
+
+
+@kernel(**fused)
+def _round_row(value, codes, half, most):
+    """Puts latents back into the range of INT4 and writes what a decoder reads, 2 q + 1."""
+    for k in range(value.shape[0]):
+        value[k] = min(max(value[k], -most), most)
+        codes[k] = np.int8(2 * np.int32(np.floor(value[k] * half)) + 1)
+
+
+@kernel(**fused)
+def _round_latents(value, codes):
+    """_round_row for all rows."""
+    for row in range(value.shape[0]):
+        _round_row(value[row], codes[row], np.float32(CODES // 2), np.float32(1.0 - 1e-4))

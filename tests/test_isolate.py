@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+from conftest import REPOSITORY
 
 from texfcodec import DecodeOptions, EncodeOptions, LimitError, Limits, Report, StreamError, TexfError, decode
 from texfcodec import isolate as room
@@ -37,6 +38,46 @@ def test_isolated_result_is_the_plain_one(stream, lod):
     assert ours.cube == plain.cube and ours.metadata == plain.metadata and ours.has_alpha == plain.has_alpha
     assert [m.name for m in ours.materials] == [m.name for m in plain.materials]
     assert report.facts["child_peak_memory_bytes"] > 1 << 20 and "child geometry" in report.seconds
+
+
+NEURAL = ("subset/neural_resident", "subset/neural_transport", "subset/neural_hash", "uncommon/neural_levels",
+          "uncommon/neural_alpha_first", "uncommon/neural_two_fields", "uncommon/neural_largest", "uncommon/neural_small")
+
+
+def vector(name):
+    return (REPOSITORY / "conformance" / name / "in.texf").read_bytes()
+
+
+@pytest.mark.parametrize("name", NEURAL)
+def test_network_of_an_answer_is_the_plain_one(name):
+    plain = decode(vector(name), DecodeOptions(lod=1))
+    assert_same_network(room._texf(*room._answer(plain, Report()), 2), plain)
+
+
+@pytest.mark.parametrize("lod, name", [(0, NEURAL[1]), (2, NEURAL[3])])
+def test_isolated_network_answers_as_the_plain_one(name, lod):
+    assert_same_network(decode_isolated(vector(name), DecodeOptions(lod=lod)), decode(vector(name), DecodeOptions(lod=lod)))
+
+
+def assert_same_network(ours, plain):
+    """The tables are the same to the bit, and so are the answers."""
+    for a, b in zip(ours.neural, plain.neural, strict=True):
+        assert (a.components, a.columns) == (b.components, b.columns)
+        assert all(np.array_equal(x, y) and np.asarray(x).dtype == np.asarray(y).dtype
+                   for x, y in zip(a.arrays, b.arrays, strict=True))
+    assert np.array_equal(ours.voxels()["rgba"], plain.voxels()["rgba"])
+    rng = np.random.default_rng(0)
+    points = plain.origin + plain.side * rng.uniform(-0.1, 1.1, (5000, 3))
+    faces = rng.integers(0, len(plain.faces), 5000)
+    assert ours.query(points, faces).tobytes() == plain.query(points, faces).tobytes()
+    assert len(np.unique(ours.query(points, faces), axis=0)) > 10
+
+
+def test_errors_of_a_network_come_through_the_child():
+    for name, code in (("nan", "TXF-S50"), ("latents_huge", "TXF-L10"), ("num_latents", "TXF-S30"), ("codeword", "TXF-S32")):
+        with pytest.raises(TexfError) as raised:
+            decode_isolated(vector(f"faulty/neural_{name}"))
+        assert raised.value.code == code
 
 
 def test_parent_never_runs_draco(stream, monkeypatch):
@@ -108,6 +149,42 @@ def test_answer_is_checked_again(stream, lie):
     facts, arrays = room._answer(decode(stream), Report())
     room._texf(facts, arrays, 1)
     LIES[lie](facts, arrays)
+    with pytest.raises(StreamError) as raised:
+        room._texf(facts, arrays, 1)
+    assert raised.value.code == "TXF-S40"
+
+
+def set_byte(arrays, at, value):
+    arrays["neural"] = arrays["neural"].copy()
+    arrays["neural"][at] = value
+
+
+NEURAL_LIES = {
+    "keys out of order": lambda facts, arrays: arrays["latent_keys"].__setitem__(1, 0),
+    "key outside the grid": lambda facts, arrays: arrays["latent_keys"].__setitem__(-1, 1 << 40),
+    "negative key": lambda facts, arrays: arrays["latent_keys"].__setitem__(0, -1),
+    "fewer keys": lambda facts, arrays: arrays.__setitem__("latent_keys", arrays["latent_keys"][:-1]),
+    "keys of two numbers": lambda facts, arrays: arrays.__setitem__("latent_keys", np.stack([arrays["latent_keys"]] * 2, 1)),
+    "no keys": lambda facts, arrays: arrays.pop("latent_keys"),
+    "transport form": lambda facts, arrays: set_byte(arrays, 0, 1),
+    "odd features": lambda facts, arrays: set_byte(arrays, 1, 3),
+    "no hidden layer": lambda facts, arrays: set_byte(arrays, 5, 0),
+    "parameter not a number": lambda facts, arrays: set_byte(arrays, slice(40, 60), 0x7E),
+    "fewer latents": lambda facts, arrays: arrays.__setitem__("neural", arrays["neural"][:-1]),
+    "no payload": lambda facts, arrays: arrays.__setitem__("neural", arrays["neural"][:0]),
+    "another column": lambda facts, arrays: facts["neural"].__setitem__(0, 7),
+    "a column twice": lambda facts, arrays: facts["neural"].__setitem__(0, 1),
+    "a column more": lambda facts, arrays: facts["neural"].append(3),
+    "a number for columns": lambda facts, arrays: facts.__setitem__("neural", 3),
+    "no word of a network": lambda facts, arrays: facts.pop("neural"),
+}
+
+
+@pytest.mark.parametrize("lie", NEURAL_LIES)
+def test_network_of_an_answer_is_checked_again(lie):
+    facts, arrays = room._answer(decode(vector("uncommon/neural_two_fields")), Report())
+    room._texf(facts, arrays, 1)
+    NEURAL_LIES[lie](facts, arrays)
     with pytest.raises(StreamError) as raised:
         room._texf(facts, arrays, 1)
     assert raised.value.code == "TXF-S40"

@@ -18,7 +18,7 @@ from .field.voxelise import count_samples, voxelise
 from .geometry.canonical import CanonicalCube
 from .geometry.draco import dec_geometry
 from .neural.infer import voxel_values
-from .neural.payload import Tables, payload_of
+from .neural.payload import Tables, payload_of, take_codes
 from .options import DecodeOptions
 from .report import Report
 from .texf import Field, GeometryUnit, Texf
@@ -128,13 +128,15 @@ def _decode_neural(texf, stream, surfaces, options, report):
     values, bits, groups = stream.neural, texf.cube.position_bits, stream.header["channel_groups"]
     payload, total = payload_of(values, options.limits), 0
     columns = tuple(c for g in groups for c in ((0, 1, 2) if g["group_semantic"] == SEMANTIC_BASE_COLOUR else (3,)))
-    texf.neural = []
+    with report.stage("voxelise"):
+        grids = [[_level_voxels(one, bits, level, i, options) for level in payload.levels] for i, one in enumerate(surfaces)]
+    with report.stage("attributes"):
+        take_codes(payload, values)
+        texf.neural = [Tables(payload, i, keys, columns) for i, keys in enumerate(grids)]
     for i, field in enumerate(stream.fields):
         with report.stage("voxelise"):
             keys = _decode_voxels(surfaces[i], field, bits, options)
-            grids = [level_voxels(surfaces[i], bits, level, i, options) for level in payload.levels]
         with report.stage("attributes"):
-            texf.neural.append(Tables(payload, i, grids, columns))
             plane = voxel_values(decode_morton(keys), field["resolution"], texf.neural[i], options.threads)
             total = zlib.crc32(plane, total)
             texf.fields.append(_coarse_field(field["resolution"], keys, plane, columns, options.lod))
@@ -154,7 +156,7 @@ def _coarse_field(resolution, keys, plane, columns, lod):
     return Field(resolution, shift, keys[first] >> 3 * shift, rgba)
 
 
-def level_voxels(surface, position_bits, level, number, options):
+def _level_voxels(surface, position_bits, level, number, options):
     """Voxels of one field that have latents, ascending Morton keys; None for a hashed level (clause 11.3)."""
     if level.table_log2:
         return None

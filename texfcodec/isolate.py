@@ -134,24 +134,24 @@ def _split(rows, arrays, dtypes):
 
 def _neural(columns, arrays, fields):
     """Tables by field of an answer's 3DNTC payload, which is checked like one in a stream. columns: of RGBA that it answers."""
-    from .neural.payload import Tables, payload_of
+    from .neural.payload import Tables, payload_of, take_codes
 
     columns, data = tuple(int(c) for c in columns), np.ascontiguousarray(arrays["neural"], np.uint8).tobytes()
     values = read_neural(Reader(data, 0, len(data)), {"num_fields": fields, "NumOutputs": len(columns), "offset": 0})
     if sorted(columns) not in ([0, 1, 2], [3], [0, 1, 2, 3]) or values["form"] != FORM_RESIDENT:
         raise ValueError("neural")
-    payload, at, tables = payload_of(values, Limits(latents=None)), 0, []
+    payload, at, grids = payload_of(values, Limits(latents=None)), 0, []
     for number in range(fields):
-        keys = []
+        grids.append([])
         for level in payload.levels:
             count = 0 if level.table_log2 else level.entries[number]
             part = np.ascontiguousarray(arrays["latent_keys"][at : at + count], np.int64)
             if count and not (len(part) == count and _keys_are_sound(part, level.resolution)):
                 raise ValueError("latent_keys")
-            keys.append(part if count else None)
+            grids[-1].append(part if count else None)
             at += count
-        tables.append(Tables(payload, number, keys, columns))
-    return tables
+    take_codes(payload, values)
+    return [Tables(payload, number, keys, columns) for number, keys in enumerate(grids)]
 
 
 def _unit_is_sound(unit, texf):

@@ -21,6 +21,7 @@ REFINEMENTS = ("auto", "off", "fit", "render")
 ATLAS_METHODS = ("auto", "quality", "fast")
 CODECS = ("raht", "3dntc")
 LATENT_INDICES = ("surface", "hash")
+FIT_ENGINES = ("auto", "numba", "torch")
 # The paper's operating points of 3DNTC: latents a row, then one table a level: voxels of a grid of 2048 that a cell of latents
 # spans, log2 of the rows.
 POINTS = {
@@ -56,7 +57,8 @@ class EncodeOptions:
     resolution is only that of the voxels which a decoder makes of it. point: one of the paper's; resident_bytes: in its place, a
     budget of bytes on the GPU; latent_index: "surface" gives every touched voxel of a coarse grid its own latents, as fine a grid
     as the point's bytes allow, "hash" takes the point's hash tables; transport: entropy-code the latents in the stream; steps,
-    seed: of the fit; checkpoint: path that its state is kept in and taken up from.
+    seed: of the fit; checkpoint: path that its state is kept in and taken up from; fit_engine: "auto" takes torch where it
+    sees a GPU, else compiled kernels.
     """
 
     rate: str = DEFAULT_RATE
@@ -80,6 +82,7 @@ class EncodeOptions:
     steps: int = DEFAULT_STEPS
     seed: int = 0
     checkpoint: str | None = None
+    fit_engine: str = "auto"
     threads: int = 0
     measure: bool = False
     strict: bool = False
@@ -114,7 +117,8 @@ class EncodeOptions:
         return self.max_error is None and (self.refine in ("fit", "render") or (self.refine == "auto" and self.effort != "fast"))
 
     def _check_codec(self):
-        for name, allowed in (("codec", CODECS), ("latent_index", LATENT_INDICES), ("point", (None, *POINTS))):
+        for name, allowed in (("codec", CODECS), ("latent_index", LATENT_INDICES), ("fit_engine", FIT_ENGINES),
+                              ("point", (None, *POINTS))):
             if getattr(self, name) not in allowed:
                 raise InputError("TXF-I50", f"unknown {name}", value=getattr(self, name),
                                  allowed=", ".join(a for a in allowed if a))

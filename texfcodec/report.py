@@ -9,11 +9,13 @@ class Cancelled(KeyboardInterrupt):
 
 
 class Report:
-    """Collects facts of one run. on_progress: function (stage, done, total) called at every stage; False cancels."""
+    """Collects facts of one run. on_progress: function (stage, done, total) called at every stage; False cancels. note: what
+    the stage at work has to say of itself, "" for nothing."""
 
     def __init__(self, on_progress=None):
         self.on_progress = on_progress
         self.seconds, self.warnings, self.dropped, self.facts = {}, [], [], {}
+        self.note = ""
 
     @contextmanager
     def stage(self, name):

@@ -146,7 +146,9 @@ class Texf:
         """What the 3DNTC payload answers for field `number`: float32 [M, 4] in 0..255. points: float64 [M, 3], world."""
         from .neural.infer import POSITION_BITS, cube_positions, infer_rgba
 
-        return infer_rgba(cube_positions(self.cube.to_grid(points, 1 << POSITION_BITS)), self.neural[number], self.threads)
+        low, high = self.origin - self.side, self.origin + 2 * self.side  # further out is on the border anyway
+        grid = self.cube.to_grid(np.clip(points, low, high), 1 << POSITION_BITS)
+        return infer_rgba(cube_positions(grid), self.neural[number], self.threads)
 
     def nearest_face(self, points):
         """Index of the face nearest to each world point, int64 [M]."""

@@ -13,6 +13,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[1:1] = [str(ROOT), str(ROOT / "conformance"), str(ROOT / "tests")]
 
+import vectors_neural  # noqa: E402
 from decode_texfcodec import arrays  # noqa: E402
 from naive import decoder as naive  # noqa: E402
 from vectors_faulty import faulty  # noqa: E402
@@ -78,9 +79,20 @@ def features(vector):
         "materials": header["num_materials"], "geometry_units": header["num_geometry_units"],
         "channel_groups": ["alpha" if group["group_semantic"] else "base colour" for group in header["channel_groups"]],
         "resolution": [f["resolution"] for f in fields], "voxels": [f["num_voxels"] for f in fields],
-        "area_threshold": [f["area_threshold"] for f in fields], "qp": [a["qp"] for a in attributes],
-        "slices": [a["NumSlices"] for a in attributes], "metadata": stream.metadata is not None,
-        "skipped_units": len(stream.skipped),
+        "area_threshold": [f["area_threshold"] for f in fields],
+        **(neural_features(stream.neural) if stream.neural else {"qp": [a["qp"] for a in attributes],
+                                                                 "slices": [a["NumSlices"] for a in attributes]}),
+        "metadata": stream.metadata is not None, "skipped_units": len(stream.skipped),
+    }
+
+
+def neural_features(unit):
+    """What a 3DNTC unit contains."""
+    return {
+        "form": ("resident", "transport")[unit["form"]], "widths": unit["Widths"], "num_features": unit["num_features"],
+        "grids": [level["level_resolution"] for level in unit["latent_levels"]],
+        "rows": [level["num_latents"] or 1 << level["table_log2"] for level in unit["latent_levels"]],
+        "latent_bytes": len(unit["latent_data"]), "network_bytes": len(unit["network_data"]),
     }
 
 
@@ -163,7 +175,7 @@ def main():
     mode.add_argument("--write", action="store_true", help="rewrite conformance/")
     mode.add_argument("--check", action="store_true", help="exit 7 where conformance/ is not what would be written")
     arguments = parser.parse_args()
-    vectors = subset() + uncommon() + faulty()
+    vectors = subset() + vectors_neural.subset() + uncommon() + vectors_neural.uncommon() + faulty() + vectors_neural.faulty()
     files = files_of(vectors)
     found = differences(files)
     print("\n".join([*found, f"{len(vectors)} vectors, {len(found)} files differ"]))

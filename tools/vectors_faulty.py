@@ -199,7 +199,8 @@ def framing():
         ("empty_two_materials", "an empty mesh of no materials with two materials units", "5.2",
          with_units(nothing, lambda units: units.insert(1, units[1])), "TXF-S07"),
     ]
-    return [*_faulty(lines), *_faulty([("unknown_critical_unit", "a unit of type 6", "5.2", unknown, "TXF-U01")], "unsupported")]
+    unsupported = [("unknown_critical_unit", "a unit of type 6", "5.2", unknown, "TXF-U01")]
+    return [*as_faulty(lines), *as_faulty(unsupported, "unsupported")]
 
 
 def header_and_materials():
@@ -242,7 +243,7 @@ def header_and_materials():
                    ("alpha_components", "an alpha group of two components", "5.3.1", _two_alphas(base), "TXF-U03")]
     limit = [("num_vertices_huge", "2^50 vertices", "10", with_header(base, num_vertices=1 << 50), "TXF-L02"),
              ("num_voxels_huge", "2^50 voxels", "10", with_element(simple, F, "num_voxels", write_v(1 << 50)), "TXF-L04")]
-    return [*_faulty(lines), *_faulty(unsupported, "unsupported"), *_faulty(limit, "limit")]
+    return [*as_faulty(lines), *as_faulty(unsupported, "unsupported"), *as_faulty(limit, "limit")]
 
 
 def fields_and_geometry():
@@ -269,7 +270,7 @@ def fields_and_geometry():
         ("unit_vertices_2", "two vertices", "5.6", with_element(simple, G, "unit_vertices", b"\2"), "TXF-S04"),
         ("unit_faces_0", "no face", "5.6", with_element(simple, G, "unit_faces", b"\0"), "TXF-S04"),
     ]
-    return [*_faulty(lines), *_faulty(draco_cases(simple))]
+    return [*as_faulty(lines), *as_faulty(draco_cases(simple))]
 
 
 def draco_cases(simple):
@@ -360,7 +361,8 @@ def attributes():
          one(lambda unit: unit["codewords"][0].update(codeword_length=1 << 55)), "TXF-S10"),
     ]
     codec_id = with_element(base, A, "codec_id", b"\x07", 1)
-    return [*_faulty(lines), *_faulty([("codec_id", "an unknown attribute codec", "5.7", codec_id, "TXF-U02")], "unsupported")]
+    unsupported = [("codec_id", "an unknown attribute codec", "5.7", codec_id, "TXF-U02")]
+    return [*as_faulty(lines), *as_faulty(unsupported, "unsupported")]
 
 
 def _no_materials(stream):
@@ -384,7 +386,8 @@ def _flip_codeword(unit):
     unit["codeword_data"] = bytes(data)
 
 
-def _faulty(lines, expect="invalid"):
+def as_faulty(lines, expect="invalid"):
+    """Vectors of (name, title, clause, stream, code) lines."""
     return [Vector(f"faulty/{name}", title, (clause,), data, (), expect, code) for name, title, clause, data, code in lines]
 
 

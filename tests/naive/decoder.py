@@ -18,26 +18,46 @@ if __package__ in (None, ""):  # run as a command: this folder's own modules are
 
 from naive.attributes import decode_values
 from naive.bits import Invalid, Unsupported, require, units_of
-from naive.syntax import read_stream
+from naive.neural import Neural, coarse_values, latent_keys
+from naive.syntax import NEURAL, read_stream
 from naive.voxels import active_voxels
 
 UINT32, POSITION = 6, 0  # Draco's own numbers
 
 
 def decode(data, lod=0):
-    """Stream bytes -> dict of header, materials, units (field, material, lattice, faces) and fields (keys, values by group)."""
+    """Stream bytes -> dict of header, materials, units (field, material, lattice, faces), fields (keys, values by group) and
+    neural: what answers any position of a field, None without 3DNTC."""
     stream = read_stream(units_of(data))
-    header = stream["header"]
+    header, attributes = stream["header"], stream["attributes"]
     units = [decode_geometry(unit, header["position_bits"]) for unit in stream["geometry"]]
+    triangles = [triangles_of_field(units, index) for index in range(len(stream["fields"]))]
+    keys = [field_keys(*pair, header["position_bits"]) for pair in zip(stream["fields"], triangles, strict=True)]
+    neural = None
+    if [unit["codec_id"] for unit in attributes] == [NEURAL]:
+        neural = Neural(attributes[0], latent_keys(attributes[0], triangles, header["position_bits"]))
+        values = neural_values(neural, stream, keys, lod)
+    else:
+        values = [[] for _ in keys]
+        for unit in attributes:
+            values[unit["field_index"]].append(checked_values(unit, keys[unit["field_index"]], lod))
     fields = []
     for index, field in enumerate(stream["fields"]):
-        keys = field_keys(field, [unit for unit in units if unit["field"] == index], header["position_bits"])
-        attributes = [unit for unit in stream["attributes"] if unit["field_index"] == index]
-        values = [checked_values(unit, keys, lod) for unit in attributes]
-        depth = (field["resolution"] - 1).bit_length()
-        coarse = sorted({key >> 3 * min(lod, depth) for key in keys})
-        fields.append({"resolution": -(-field["resolution"] >> min(lod, depth)), "keys": coarse, "values": values})
-    return {"header": header, "materials": stream["materials"], "units": units, "fields": fields, "metadata": stream["metadata"]}
+        left_out = levels_left_out(field, lod)
+        coarse = sorted({key >> 3 * left_out for key in keys[index]})
+        fields.append({"resolution": -(-field["resolution"] >> left_out), "keys": coarse, "values": values[index]})
+    return {"header": header, "materials": stream["materials"], "units": units, "fields": fields,
+            "metadata": stream["metadata"], "neural": neural}
+
+
+def levels_left_out(field, lod):
+    """Clause 8.3: L above D counts as D."""
+    return min(lod, (field["resolution"] - 1).bit_length())
+
+
+def triangles_of_field(units, index):
+    """Corner triples of lattice positions of the faces of a field."""
+    return [[unit["lattice"][corner] for corner in face] for unit in units if unit["field"] == index for face in unit["faces"]]
 
 
 def decode_geometry(unit, position_bits):
@@ -56,9 +76,8 @@ def decode_geometry(unit, position_bits):
     return {"field": unit["field_index"], "material": unit["material_index"], "lattice": lattice, "faces": faces}
 
 
-def field_keys(field, units, position_bits):
+def field_keys(field, triangles, position_bits):
     """Clause 6.4, with the check of num_voxels and voxels_crc."""
-    triangles = [[unit["lattice"][corner] for corner in face] for unit in units for face in unit["faces"]]
     keys = active_voxels(triangles, position_bits, field["resolution"], field["area_threshold"])
     require(len(keys) == field["num_voxels"], f"{len(keys)} voxels are active, num_voxels is {field['num_voxels']}")
     require(zlib.crc32(struct.pack(f"<{len(keys)}Q", *keys)) == field["voxels_crc"], "voxels_crc does not match")
@@ -69,6 +88,22 @@ def checked_values(unit, keys, lod):
     """Clause 7, with the check of 7.10 where all levels are decoded."""
     values = decode_values(unit, keys, lod)
     require(0 < min(lod, unit["depth"]) or zlib.crc32(values) == unit["values_crc"], "values_crc does not match")
+    return values
+
+
+def neural_values(neural, stream, keys, lod):
+    """Clause 11.8, with the check of values_crc, and 8.3: by field and group, the values as bytes."""
+    voxels = [neural.voxel_values(i, field["resolution"], keys[i]) for i, field in enumerate(stream["fields"])]
+    crc = zlib.crc32(bytes(value for of_field in voxels for of_voxel in of_field for value in of_voxel))
+    require(crc == stream["attributes"][0]["values_crc"], "values_crc does not match")
+    values = []
+    for i, field in enumerate(stream["fields"]):
+        nodes, first, of_groups = coarse_values(keys[i], voxels[i], levels_left_out(field, lod)), 0, []
+        for group in stream["header"]["channel_groups"]:
+            last = first + group["components"]
+            of_groups.append(bytes(value for of_node in nodes for value in of_node[first:last]))
+            first = last
+        values.append(of_groups)
     return values
 
 

@@ -1,9 +1,12 @@
 """Clause 5 in plain Python: every unit's payload to a dict whose keys are the syntax elements."""
 
+import struct
+
 from naive.bits import Reader, Unsupported, require
 
 HEADER, MATERIALS, FIELD, GEOMETRY, ATTRIBUTE, END, METADATA = 0, 1, 2, 3, 4, 5, 128
 COMPONENTS = {0: 3, 1: 1}  # of a group_semantic
+NEURAL = 1  # codec_id
 DRACO_START = bytes.fromhex("445241434F020201010000")
 
 
@@ -76,15 +79,25 @@ def read_geometry(reader, header):
 
 
 def read_attribute(reader, header, fields):
-    """Clause 5.7, with 5.7.1 to 5.7.3."""
+    """Clause 5.7, with 5.7.1 to 5.7.5."""
     unit = {
         "field_index": reader.v("field_index", high=header["num_fields"] - 1),
         "group_index": reader.u8("group_index", 0, header["num_channel_groups"] - 1),
         "codec_id": reader.u8("codec_id"),
         "values_crc": reader.u32("values_crc"),
     }
-    if unit["codec_id"] != 0:
+    if unit["codec_id"] > NEURAL:
         raise Unsupported(f"attribute codec {unit['codec_id']}")
+    if unit["codec_id"] == NEURAL:
+        require(unit["field_index"] == unit["group_index"] == 0, "a 3DNTC unit is not that of field 0 and group 0")
+        read_neural(reader, unit, header)
+    else:
+        read_raht(reader, unit, header, fields)
+    return unit
+
+
+def read_raht(reader, unit, header, fields):
+    """Clause 5.7.1, with 5.7.2 and 5.7.3."""
     components = header["channel_groups"][unit["group_index"]]["components"]
     depth = (fields[unit["field_index"]]["resolution"] - 1).bit_length()
     unit.update(components=components, depth=depth)
@@ -105,7 +118,6 @@ def read_attribute(reader, header, fields):
     for _ in range(num_slices - 1):
         unit["slice_first"].append(unit["slice_first"][-1] + reader.v("slice_step", low=1))
     read_codewords(reader, unit, num_slices)
-    return unit
 
 
 def read_filter(reader, components):
@@ -127,6 +139,36 @@ def read_codewords(reader, unit, num_slices):
             reader.v("level_bytes")
     unit["codewords"] = [reader.take(length, "codeword") for length in lengths]
     require(reader.ended(), "codeword_data is longer than its codewords")
+
+
+def read_neural(reader, unit, header):
+    """Clause 5.7.4: the elements and Widths; parameters are the numbers that 16 bits form."""
+    unit["form"] = reader.u8("form", 0, 1)
+    unit["num_features"] = reader.u8("num_features", 2, 64)
+    require(unit["num_features"] % 2 == 0, "num_features is odd")
+    unit["wave_octaves"] = reader.u8("wave_octaves", 0, 8)
+    unit["first_wave"] = reader.u16("first_wave", 1, 16384)
+    unit["hidden_width"] = [reader.u8("hidden_width", 1, 128) for _ in range(reader.u8("num_hidden", 1, 4))]
+    num_levels = reader.u8("num_levels", 1, 4)
+    unit["latent_levels"] = [read_latent_level(reader, header["num_fields"]) for _ in range(num_levels)]
+    inputs = num_levels * unit["num_features"] + 6 * unit["wave_octaves"]
+    widths = unit["widths"] = [inputs, *unit["hidden_width"], sum(group["components"] for group in header["channel_groups"])]
+    count = sum((i + 1) * j for i, j in zip(widths, widths[1:], strict=False))
+    unit["parameters"] = struct.unpack(f"<{count}H", reader.take(2 * count, "network_data"))
+    largest = max(parameter & 32767 for parameter in unit["parameters"])
+    require(largest >> 10 < 27, "a parameter is not finite and of magnitude below 2^12")  # exponent field 27 begins at 2^12
+    unit["latent_data"] = reader.rest()
+
+
+def read_latent_level(reader, num_fields):
+    """Clause 5.7.5."""
+    level = {
+        "level_resolution": reader.u16("level_resolution", 1, 8192),
+        "table_log2": reader.u8("table_log2", 0, 24),
+        "latent_threshold": reader.u16("latent_threshold"),
+    }
+    num_counts = num_fields if level["table_log2"] == 0 else 0
+    return level | {"num_latents": [reader.v("num_latents", low=1) for _ in range(num_counts)]}
 
 
 def read_metadata(reader):
@@ -164,7 +206,6 @@ def read_stream(units):
     for unit_type, name, count in [
         (FIELD, "field", header["num_fields"]),
         (GEOMETRY, "geometry", header["num_geometry_units"]),
-        (ATTRIBUTE, "attribute", header["num_fields"] * header["num_channel_groups"]),
     ]:
         require(len(of_type(unit_type)) == count, f"{len(of_type(unit_type))} {name} units where the header asks for {count}")
     materials = filled(read_materials, of_type(MATERIALS)[0], header)
@@ -176,6 +217,8 @@ def read_stream(units):
     attributes = [filled(read_attribute, payload, header, fields) for payload in of_type(ATTRIBUTE)]
     pairs = [(unit["field_index"], unit["group_index"]) for unit in attributes]
     wanted = [(field, group) for field in range(len(fields)) for group in range(header["num_channel_groups"])]
+    if any(unit["codec_id"] == NEURAL for unit in attributes):
+        wanted = [(0, 0)]
     require(pairs == wanted, "the attribute units are not one of each field and group, in order")
     metadata = [filled(read_metadata, payload) for payload in of_type(METADATA)]
     skipped = [unit_type for unit_type, _ in units if unit_type > METADATA]

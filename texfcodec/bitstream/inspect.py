@@ -2,7 +2,17 @@
 
 from ..limits import Limits
 from .stream import read_stream
-from .syntax import SEMANTIC_ALPHA, SEMANTIC_BASE_COLOUR, SIGNATURE, UNIT_ATTRIBUTE, UNIT_END, UNIT_GEOMETRY, UNIT_NAMES
+from .syntax import (
+    CODEC_3DNTC,
+    FORM_TRANSPORT,
+    SEMANTIC_ALPHA,
+    SEMANTIC_BASE_COLOUR,
+    SIGNATURE,
+    UNIT_ATTRIBUTE,
+    UNIT_END,
+    UNIT_GEOMETRY,
+    UNIT_NAMES,
+)
 
 SCHEMA = 1
 _SEMANTICS = {SEMANTIC_BASE_COLOUR: "base_colour", SEMANTIC_ALPHA: "alpha"}
@@ -69,7 +79,19 @@ def _groups(stream, unit_bytes):
             "bytes": size, "codeword_bytes": [c["codeword_length"] for c in values.get("codewords", [])],
             "slice_level": values.get("slice_level"), "level_bytes": _level_bytes(values),
         })
+        if values["codec_id"] == CODEC_3DNTC:
+            out[-1] |= {"semantic": "all fields and groups", "components": values["NumOutputs"], "neural": _neural(values)}
     return out
+
+
+def _neural(values):
+    """What a 3DNTC unit holds: its form and the bytes of its resident form, without the index that the geometry gives."""
+    rows = [level["NumRows"] for level in values["latent_levels"]]
+    return {"form": "transport" if values["form"] == FORM_TRANSPORT else "resident", "features": values["num_features"],
+            "levels": [{"resolution": one["level_resolution"], "table_log2": one["table_log2"], "rows": n}
+                       for one, n in zip(values["latent_levels"], rows, strict=True)],
+            "widths": values["Widths"], "latent_bytes": sum(rows) * values["num_features"] // 2,
+            "network_bytes": values["ParameterBytes"]}
 
 
 def _level_bytes(values):

@@ -188,7 +188,7 @@ NEURAL = Structure("neural_parameters", "5.7.4", (
     E("latent_levels", LATENT_LEVEL, count="num_levels"),
     Derived("Widths", "num_levels * num_features + 6 * wave_octaves, hidden_width[0], hidden_width[1], ..., NumOutputs",
             _network_widths),
-    Derived("ParameterBytes", "2 * (sum over i of (Widths[i] + 1) * Widths[i + 1])",
+    Derived("ParameterBytes", "2 * (sum over i = 0..num_hidden of (Widths[i] + 1) * Widths[i + 1])",
             lambda v: 2 * parameter_count(v["Widths"])),
     E("network_data", "bytes", count="ParameterBytes"),
     E("latent_data", "bytes"),

@@ -90,16 +90,18 @@ class Console:
         from rich.console import Console as Terminal
         from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-        columns = SpinnerColumn(), TextColumn("{task.description:12}"), BarColumn(24), TimeElapsedColumn()
+        columns = (SpinnerColumn(), TextColumn("{task.description:12}"), BarColumn(24), TimeElapsedColumn(),
+                   TextColumn("{task.fields[note]}"))
         tasks = {}
         with Progress(*columns, console=Terminal(stderr=True), transient=True) as bar:
 
             def show(stage, done, total):
                 if stage not in tasks:
-                    tasks[stage] = bar.add_task(stage, total=total)
-                bar.update(tasks[stage], completed=done, total=total)
+                    tasks[stage] = bar.add_task(stage, total=total, note="")
+                bar.update(tasks[stage], completed=done, total=total, note=report.note)
 
-            yield Report(show)
+            report = Report(show)
+            yield report
 
 
 def run(command, arguments=None):

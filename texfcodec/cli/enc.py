@@ -4,7 +4,18 @@ import click
 
 from .. import __version__
 from ..errors import InputError
-from ..options import DEFAULT_RATE, EFFORTS, RATES, REFINEMENTS, EncodeOptions
+from ..options import (
+    CODECS,
+    DEFAULT_POINT,
+    DEFAULT_RATE,
+    DEFAULT_STEPS,
+    EFFORTS,
+    LATENT_INDICES,
+    POINTS,
+    RATES,
+    REFINEMENTS,
+    EncodeOptions,
+)
 from .console import (
     STYLE,
     check_output,
@@ -44,6 +55,17 @@ def _warm_up(context, parameter, value):
 @click.option("--effort", type=click.Choice(EFFORTS), help="Time spent on a smaller stream.  [default: balanced]")
 @click.option("--refine", type=click.Choice(REFINEMENTS), help="Colours closer to the source before coding: surface fit, or "
               "inverse rendering on top of it (a minute).  [default: auto, a fit where it shows; never with --effort fast]")
+@click.option("--codec", type=click.Choice(CODECS), help="raht for the smallest file; 3dntc for a payload that a renderer "
+              "keeps and asks at any point, fitted by training.  [default: raht]")
+@click.option("--point", type=click.Choice(list(POINTS)), metavar="POINT", help="3dntc: one of the paper's sizes, "
+              f"mpeg1..mpeg6 or aom1..aom5.  [default: {DEFAULT_POINT}]")
+@click.option("--resident-bytes", metavar="B", **number(1, 1 << 40, "3dntc: most bytes on the GPU, in place of --point."))
+@click.option("--steps", metavar="N", **number(1, 10_000_000, f"3dntc: steps of the fit.  [default: {DEFAULT_STEPS}]"))
+@click.option("--seed", metavar="S", **number(0, (1 << 31) - 1, "3dntc: of the fit.  [default: 0]"))
+@click.option("--latent-index", type=click.Choice(LATENT_INDICES), help="3dntc: latents of their own for every touched voxel "
+              "of a grid, or the point's hash tables.  [default: surface]")
+@click.option("--transport", is_flag=True, help="3dntc: entropy-code the latents in the file; loading unpacks them.")
+@click.option("--checkpoint", metavar="FILE", help="3dntc: keep the fit's state here and go on from it.")
 @click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
 @limit_flags("vertices", "faces", "voxels", "samples", "metadata_bytes")
 @click.option("--measure", is_flag=True, help="Decode and report 3D-PSNR at 1,000,000 surface points.")
@@ -60,6 +82,8 @@ def enc(console, source, out, dry_run, as_json, quiet, **choices):
 
     One of --rate, --resolution with --qp, --target-bytes and --target-psnr sets the rate; K or QP alone keeps the other of r04.
     --lossless and --near-lossless bound the error of the voxels' colours instead; the geometry is coded as ever.
+    With --codec 3dntc the size is set by --point or --resident-bytes, the time by --steps; K is that of the voxels a decoder
+    makes.
 
     Exit codes: 0 done, 1 command line, 2 input or output, 4 internal, 5 not supported, 6 over a limit, 130 interrupted.
     """
@@ -86,6 +110,7 @@ def _options(choices):
     """EncodeOptions of the flags that were given; the defaults stay with EncodeOptions."""
     ways = {"--rate": "rate", "--resolution/--qp": "resolution qp", "--target-bytes": "target_bytes",
             "--target-psnr": "target_psnr"}
+    _check_codec(choices)
     chosen = [flag for flag, names in ways.items() if any(choices[n] is not None for n in names.split())]
     if len(chosen) > 1:
         raise click.UsageError(f"{' and '.join(chosen)} exclude each other")
@@ -97,6 +122,16 @@ def _options(choices):
         raise InputError("TXF-I50", f"{' and '.join(bounds + others)} exclude each other")
     choices["max_error"] = 0 if lossless else delta
     return EncodeOptions(**{name: value for name, value in choices.items() if value is not None}, limits=limits)
+
+
+def _check_codec(choices):
+    """Flags of the codec that was not chosen are a mistake, not to be passed over."""
+    neural = choices["codec"] == "3dntc"
+    strange = ("rate", "qp", "target_bytes", "target_psnr", "near_lossless", "lossless", "effort", "refine") if neural else (
+        "point", "resident_bytes", "steps", "seed", "latent_index", "transport", "checkpoint")
+    for name in strange:
+        if choices[name]:
+            raise click.UsageError(f"--{name.replace('_', '-')} has no part in --codec {choices['codec'] or 'raht'}")
 
 
 def _say_if_compiling(console):
@@ -141,11 +176,11 @@ def _encode(scene, options, report, out):
     psnr = made.get("psnr_3d")
     facts = {"bytes": made["bytes"], "resolution": made.get("resolution", options.resolution), "qp": made.get("qp", options.qp),
              "max_error": options.max_error, "voxels": made["voxels"], "faces": made["faces"], "vertices": made["vertices"],
-             "fields": made["fields"], "refinement": made["refinement"],
-             "texels_per_voxel_edge": round(made["texels_per_voxel_edge"], 3),
+             "fields": made["fields"], "refinement": made["refinement"], "codec": options.codec,
+             "texels_per_voxel_edge": round(made.get("texels_per_voxel_edge", 0), 3),
              "psnr_3d": psnr and {name: psnr[name] for name in ("y", "yuv611", "rgb")},
              "psnr_samples": psnr and psnr["samples"]}
-    return facts | ({"search": made["search"]} if "search" in made else {})
+    return facts | {name: made[name] for name in ("search", "resident", "fit") if name in made}
 
 
 def _measure(scene, data, options, report):
@@ -180,6 +215,9 @@ def _run_facts(report):
 def _lines(facts, out):
     sizes, voxels = facts["bytes"], max(facts["voxels"], 1)
     yield f"{out}: {sizes['total']} bytes; geometry {sizes['geometry']}, attributes {sizes['attributes']}, other {sizes['other']}"
+    if facts["codec"] == "3dntc":
+        yield from _neural_lines(facts)
+        return
     fields = f"{facts['fields']} field" + ("s" if facts["fields"] != 1 else "")
     bound = "lossless" if facts["max_error"] == 0 else f"error at most {facts['max_error']}"
     quality = f"QP {facts['qp']}" if facts["max_error"] is None else bound
@@ -187,13 +225,28 @@ def _lines(facts, out):
            f"{8 * sizes['attributes'] / voxels:.3f} attribute bits per voxel")
     if facts["texels_per_voxel_edge"] > COARSE:
         yield f"the textures are {facts['texels_per_voxel_edge']:.1f} times finer than the voxels: a larger K keeps more of them"
-    if facts["psnr_3d"]:
-        shown = {name: "lossless" if value is None else f"{value:.2f}" for name, value in facts["psnr_3d"].items()}
-        yield f"3D-PSNR: Y {shown['y']}, YUV 6:1:1 {shown['yuv611']}, RGB {shown['rgb']} dB"
+    yield from _psnr_lines(facts)
     yield from _refinement_lines(facts["refinement"])
     for trial in facts.get("search", []):
         psnr = "" if trial["psnr_y"] is None else f", {trial['psnr_y']:.2f} dB"
         yield f"  tried K {trial['resolution']}, QP {trial['qp']}: {trial['bytes']} bytes{psnr}, {trial['seconds']:.1f} s"
+    yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
+
+
+def _psnr_lines(facts):
+    if facts["psnr_3d"]:
+        shown = {name: "lossless" if value is None else f"{value:.2f}" for name, value in facts["psnr_3d"].items()}
+        yield f"3D-PSNR: Y {shown['y']}, YUV 6:1:1 {shown['yuv611']}, RGB {shown['rgb']} dB"
+
+
+def _neural_lines(facts):
+    kept, fit = facts["resident"], facts["fit"]
+    grids = ", ".join(f"{one['rows']} rows of a grid of {one['resolution']}" for one in fit["levels"])
+    yield (f"resident {kept['total']} bytes: latents {kept['latents']} ({grids}), network {kept['network']}, "
+           f"index {kept['index']}; {facts['fields']} field" + ("s" if facts["fields"] != 1 else ""))
+    early = "" if fit["steps"] == fit["asked_steps"] else f" of {fit['asked_steps']}, then nothing improved"
+    yield f"fit: {fit['steps']} steps{early}, {fit['seconds']:.0f} s, RGB {fit['psnr_rgb']:.2f} dB at points it has not seen"
+    yield from _psnr_lines(facts)
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
 
 

@@ -41,6 +41,9 @@ def _lines(file, facts):
     for field in facts["fields"]:
         yield f"field {field['field_index']}: K {field['resolution']}, {field['num_voxels']} voxels"
     for group in facts["groups"]:
+        if "neural" in group:
+            yield _neural_line(group)
+            continue
         yield (f"field {group['field_index']}, group {group['group_index']} ({group['semantic']}): {group['bytes']} bytes, "
                f"qp {group['qp']}, {len(group['codeword_bytes'])} codewords")
         if group["level_bytes"] is not None:
@@ -52,6 +55,15 @@ def _lines(file, facts):
             yield f"{element['offset']:>10} {element['size']:>9}    {element['name']} = {json.dumps(element['value'])}"
     if facts.get("verified"):
         yield "verified: OK"
+
+
+def _neural_line(group):
+    made = group["neural"]
+    levels = ", ".join(f"{one['rows']} rows at {one['resolution']}" + (" (hashed)" if one["table_log2"] else "")
+                       for one in made["levels"])
+    return (f"3DNTC, all fields: {group['bytes']} bytes, {made['form']} form; {levels} of {made['features']} latents; network "
+            + "-".join(map(str, made["widths"]))
+            + f"; on a GPU {made['latent_bytes'] + made['network_bytes']} bytes and an index")
 
 
 def main(arguments=None):

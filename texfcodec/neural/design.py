@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from ..field.prepare import MOST_DROPPED
 from ..field.voxelise import voxelise
 from ..options import DEFAULT_POINT, POINTS
 from .payload import Level, Payload, Tables, index_bytes, resident_bytes
@@ -14,7 +15,7 @@ FEATURES = 32  # one level of 32 latents reaches what two of 16 do, with half th
 OCTAVES, FIRST_WAVE = 3, 2  # the longest wave of a surface grid spans one voxel
 HASHED_OCTAVES, HASHED_WAVE = 3, 2  # of hashed grids the whole cube: shared latents need to be told apart
 HASHED_GRID = 2048  # the paper's K for sources of 2048 texels
-MOST_RESOLUTION = 4096
+FIRST_RESOLUTION, MOST_RESOLUTION = 64, 4096
 @dataclass
 class Design:
     """payload: without codes and halves; tables: payload.Tables by field, without values; resident: resident_bytes."""
@@ -56,9 +57,9 @@ def surface_design(surfaces, position_bits, budget, components, area_threshold, 
 
     surfaces: per field (lattice int64 [V, 3], faces int64 [F, 3]). Raises InputError TXF-I54 where not even one latent fits.
     """
-    low, high, best = 0, MOST_RESOLUTION + 1, None
+    low, high, best, tried = 0, MOST_RESOLUTION + 1, None, None
     while high - low > 1:
-        middle = (low + high) // 2 if best is None else min(max(_guess(best, budget), low + 1), high - 1)
+        middle = min(max(_guess(tried, budget), low + 1), high - 1)
         tried = _surface_payload(surfaces, position_bits, middle, components, area_threshold, threads)
         if tried[2]["total"] <= budget:
             low, best = middle, tried
@@ -70,21 +71,31 @@ def surface_design(surfaces, position_bits, budget, components, area_threshold, 
     return Design(payload, [Tables(payload, number, [k]) for number, k in enumerate(keys)], resident)
 
 
-def _guess(best, budget):
-    """Resolution that would just fill the budget if latents grew with its square."""
-    payload, _, resident = best
+def _guess(tried, budget):
+    """Resolution that would just fill the budget if latents grew with its square from what was tried last."""
+    if tried is None:
+        return FIRST_RESOLUTION
+    payload, _, resident = tried
     rest = resident["network"]
-    return int(payload.levels[0].resolution * np.sqrt((budget - rest) / max(resident["total"] - rest, 1)))
+    return int(payload.levels[0].resolution * np.sqrt(max(budget - rest, 0) / (resident["total"] - rest)))
 
 
 def _surface_payload(surfaces, position_bits, resolution, components, area_threshold, threads):
     """(Payload without values, keys by field, resident bytes) of a grid."""
-    keys = [latent_voxels(*surface, position_bits, resolution, area_threshold, threads) for surface in surfaces]
-    level = Level(resolution, 0, area_threshold, tuple(len(k) for k in keys))
+    keys, threshold = _latent_voxels(surfaces, position_bits, resolution, area_threshold, threads)
+    level = Level(resolution, 0, threshold, tuple(len(k) for k in keys))
     payload = Payload(FEATURES, OCTAVES, resolution * FIRST_WAVE, HIDDEN, (level,), components)
     return payload, keys, resident_bytes(payload, sum(index_bytes(k) for k in keys))
 
 
-def latent_voxels(lattice, faces, position_bits, resolution, area_threshold, threads, limit=None):
-    """Ascending Morton keys, int64 [N], of the voxels of one field that have latents (clause 11.3)."""
-    return voxelise(lattice, faces, position_bits, resolution, area_threshold, threads, limit)[0]
+def _latent_voxels(surfaces, position_bits, resolution, area_threshold, threads):
+    """(Morton keys int64 [N] by field of the voxels with latents (11.3), their area threshold): the one asked for, unless a field
+    would lose more of its surface than MOST_DROPPED to it, then 0."""
+    keys = []
+    for surface in surfaces:
+        found, weights = voxelise(*surface, position_bits, resolution, 0, threads)
+        keep = weights >= area_threshold << 24
+        if weights[~keep].sum(dtype=np.float64) > MOST_DROPPED * weights.sum(dtype=np.float64) or not keep.any():
+            return [voxelise(*s, position_bits, resolution, 0, threads)[0] for s in surfaces], 0
+        keys.append(found[keep])
+    return keys, area_threshold

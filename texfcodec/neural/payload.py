@@ -18,7 +18,7 @@ from .layout import WAVE_INPUTS, parameter_count
 from .transport import dec_transport, enc_transport
 
 MAX_EXPONENT = 26  # biased binary16 exponent: magnitudes below 2**12, so that no sum overflows
-BRICK_BYTES = 24  # resident index (11.5): key, first row, first octant, octants in use, two slots of the table of bricks
+BRICK_BYTES = 24  # resident index (11.10): key, first row, first octant, octants in use, two slots of the table of bricks
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Level:
 
 @dataclass
 class Payload:
-    """features: latents a row, even; octaves, first_wave: of the waves (11.2); hidden: widths; components: outputs; halves:
+    """features: latents a row, even; octaves, first_wave: of the waves (11.5); hidden: widths; components: outputs; halves:
     uint16 [P] binary16 parameters, layer by layer, weights [outputs, inputs], then biases; codes: int8 [N, features] in -8..7,
     level by level, field by field, in the order of the Morton keys."""
 
@@ -82,7 +82,7 @@ def resident_bytes(payload, index=0):
 
 
 def index_bytes(keys):
-    """Bytes of the resident index over one voxel set (11.5): BRICK_BYTES per 8x8x8 brick and 8 bytes of occupancy per 4x4x4
+    """Bytes of the resident index over one voxel set (11.10): BRICK_BYTES per 8x8x8 brick and 8 bytes of occupancy per 4x4x4
     octant in use. keys: ascending int64 Morton keys."""
     return BRICK_BYTES * len(np.unique(keys >> 9)) + 8 * len(np.unique(keys >> 6))
 
@@ -101,10 +101,10 @@ def dec_codes(data, features):
 
 
 def _check_halves(halves, offset):
-    """Refuses parameters that are not finite or too large (11.6)."""
+    """Refuses parameters that are not finite or too large (5.7.4)."""
     bad = np.flatnonzero((halves >> 10 & 31) > MAX_EXPONENT)
     if len(bad):
-        raise StreamError("TXF-S50", "a network parameter is not a number or too large", clause="11.6", offset=offset,
+        raise StreamError("TXF-S50", "a network parameter is not a number or too large", clause="5.7.4", offset=offset,
                           value=f"{int(halves[bad[0]]):#06x}", allowed=f"|w| < {1 << MAX_EXPONENT - 14}")
 
 
@@ -121,7 +121,8 @@ def payload_values(payload, form):
 
 
 def payload_of(values, limits):
-    """Payload of an attribute unit's syntax values. Raises StreamError and LimitError, before any latents are made."""
+    """Payload of an attribute unit's syntax values, without its codes, which may be many: they follow with take_codes once the
+    levels have been checked against the geometry. Raises StreamError and LimitError."""
     levels = tuple(Level(one["level_resolution"], one["table_log2"], one["latent_threshold"], tuple(one["num_latents"]))
                    for one in values["latent_levels"])
     payload = Payload(values["num_features"], values["wave_octaves"], values["first_wave"], tuple(values["hidden_width"]), levels,
@@ -130,11 +131,15 @@ def payload_of(values, limits):
     if limits.latents is not None and payload.rows * payload.features > limits.latents:
         raise LimitError("TXF-L10", "the payload has more latents than the limit allows", clause="5.7.4",
                          value=payload.rows * payload.features, allowed=limits.latents)
+    return payload
+
+
+def take_codes(payload, values):
+    """Unpacks the latents of an attribute unit's syntax values into a payload made of them."""
     if values["form"] == FORM_TRANSPORT:
         payload.codes = dec_transport(values["latent_data"], payload.rows, payload.features)
     else:
         payload.codes = dec_codes(values["latent_data"], payload.features)
-    return payload
 
 
 class Tables:

@@ -1,4 +1,4 @@
-"""Fused kernels of the 3DNTC fit: latents and network forward, backward and Adam, in float32 (encoder only).
+"""Fused kernels of the 3DNTC fit: latents and network forward and backward, and their steps, in float32 (encoder only).
 
 LANES samples go through the network side by side, a component a row, so that every inner loop runs along a row. The
 latents are read as the decoder will have them, rounded to INT4, and their gradient passes the rounding unchanged; after
@@ -238,22 +238,20 @@ def _adam(value, gradients, mean, square, rate, mean_scale, square_scale):
 
 
 @kernel(**fused)
-def _adam_rows(low, high, step, gradients, stamps, touched, counts, value, mean, square, times, rate, codes):
-    """One step of Adam on the rows low..high-1 of latents that were touched; the others wait, their averages too.
+def _move_rows(low, high, step, gradients, stamps, touched, counts, value, square, times, rate, codes):
+    """Moves the touched ones of the rows low..high-1 of latents against their gradient, by `rate` over a running root mean square
+    of the row; the others wait.
 
-    gradients: float32 [parts, N, F]; stamps: int64 [parts, N]; touched: int32 [parts, N], counts of them; times: int32 [N], how
-    often a row was moved. Writes what a decoder will read, 2 q + 1, to codes int8 [N, F].
+    gradients: float32 [parts, N, F]; stamps: int64 [parts, N]; touched: int32 [parts, N], counts of them; square: float32 [N];
+    times: int32 [N], how often a row was moved. Writes what a decoder will read, 2 q + 1, to codes int8 [N, F].
     """
-    one, half, most = np.float32(1), np.float32(CODES // 2), np.float32(1.0 - 1e-4)
-    keep, keep_square = np.float32(MOMENTUM), np.float32(SQUARE_DECAY)
+    one, keep = np.float32(1), np.float32(SQUARE_DECAY)
     features = value.shape[1]
     g = np.empty(features, np.float32)
     for part in range(gradients.shape[0]):
         for n in range(counts[part]):
             row = touched[part, n]
-            if row < low or row >= high:
-                continue
-            first = True
+            first = low <= row < high
             for earlier in range(part):
                 first = first and stamps[earlier, row] != step
             if not first:
@@ -263,20 +261,21 @@ def _adam_rows(low, high, step, gradients, stamps, touched, counts, value, mean,
                 if stamps[later, row] == step:
                     for k in range(features):
                         g[k] += gradients[later, row, k]
-            times[row] += 1
-            size = rate / (one - keep ** np.float32(times[row]))
-            scale = one / (one - keep_square ** np.float32(times[row]))
-            v, m, s = value[row], mean[row], square[row]
+            total = np.float32(0)
             for k in range(features):
-                m[k] = keep * m[k] + (one - keep) * g[k]
-                s[k] = keep_square * s[k] + (one - keep_square) * g[k] * g[k]
-                v[k] -= size * m[k] / (np.sqrt(s[k] * scale) + np.float32(TINY))
-            _round_row(v, codes[row], half, most)
+                total += g[k] * g[k]
+            times[row] += 1
+            square[row] = keep * square[row] + (one - keep) * total / np.float32(features)
+            size = rate / (np.sqrt(square[row] / (one - keep ** np.float32(times[row]))) + np.float32(TINY))
+            for k in range(features):
+                value[row, k] -= size * g[k]
+            _round_row(value[row], codes[row])
 
 
 @kernel(**fused)
-def _round_row(value, codes, half, most):
+def _round_row(value, codes):
     """Puts latents back into the range of INT4 and writes what a decoder reads, 2 q + 1."""
+    half, most = np.float32(CODES // 2), np.float32(1.0 - 1e-4)
     for k in range(value.shape[0]):
         value[k] = min(max(value[k], -most), most)
         codes[k] = np.int8(2 * np.int32(np.floor(value[k] * half)) + 1)
@@ -286,4 +285,4 @@ def _round_row(value, codes, half, most):
 def _round_latents(value, codes):
     """_round_row for all rows."""
     for row in range(value.shape[0]):
-        _round_row(value[row], codes[row], np.float32(CODES // 2), np.float32(1.0 - 1e-4))
+        _round_row(value[row], codes[row])

@@ -89,9 +89,9 @@ def shade_field(texf, camera, fragments, positions, faces, filtering=True, threa
         raise IndexError("face index outside the mesh")
     which = texf.face_field[fragments.face] if len(texf.fields) > 1 else None
     deepest = fragments.depth.max(initial=0.0)
-    for number, part in enumerate(texf.fields):
+    for number in range(len(texf.fields)):
         chosen = np.arange(0) if which is None else np.flatnonzero(which == number)
-        ask = _questions(texf, part, camera, deepest, filtering)
+        ask = _questions(texf, number, camera, deepest, filtering)
 
         def one(begin, chosen=chosen, ask=ask):
             place = slice(begin, begin + BLOCK) if which is None else chosen[begin : begin + BLOCK]
@@ -103,33 +103,39 @@ def shade_field(texf, camera, fragments, positions, faces, filtering=True, threa
     return out
 
 
-def _questions(texf, part, camera, deepest, filtering):
+def _questions(texf, number, camera, deepest, filtering):
     """Function (world points float64 [M, 3], depth float64 [M], at most deepest) -> float32 [M, 4] colour of one field."""
+    part = texf.fields[number]
     pyramid, step = pyramid_of(part), 1 << part.level_shift
     width = camera.pixel * _voxels_per_unit(texf, part) if filtering else 0.0
     widest = width * (deepest if camera.perspective else 1.0)
     if widest > 1:
         pyramid.level(min(int(np.log2(widest)) + 1, pyramid.last))  # built now, so that the threads only read
 
+    def finest(points, grid):
+        return texf.query_network(number, points) if texf.neural else pyramid.level(0).query(grid)
+
     def ask(points, depth):
         grid = texf.cube.to_grid(points, part.resolution) / step
         wide = width * depth if camera.perspective else width
         if not np.any(wide > 1):
-            return pyramid.level(0).query(grid)
-        return _mixed(pyramid, grid, np.minimum(np.log2(np.maximum(wide, 1)), pyramid.last))
+            return finest(points, grid)
+        return _mixed(pyramid, finest, points, grid, np.minimum(np.log2(np.maximum(wide, 1)), pyramid.last))
 
     return ask
 
 
-def _mixed(pyramid, grid, fineness):
-    """Colours mixed between the two levels around `fineness`, float64 scalar or [M]; grid: float64 [M, 3]."""
+def _mixed(pyramid, finest, points, grid, fineness):
+    """Colours mixed between the two levels around `fineness`, float64 scalar or [M]. finest: answers of level 0 at points float64
+    [M, 3], world; grid: the same points on the grid."""
     fineness = np.broadcast_to(fineness, len(grid))
     out = np.zeros((len(grid), 4), np.float32)
     for number in range(int(fineness.min()), int(np.ceil(fineness.max())) + 1):
         share = np.maximum(1 - np.abs(fineness - number), 0).astype(np.float32)
         chosen = np.flatnonzero(share)
         if len(chosen):
-            out[chosen] += share[chosen, None] * pyramid.level(number).query(grid[chosen])
+            level = pyramid.level(number).query(grid[chosen]) if number else finest(points[chosen], grid[chosen])
+            out[chosen] += share[chosen, None] * level
     return out
 
 

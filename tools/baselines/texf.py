@@ -16,7 +16,8 @@ KEPT_FACTS = ("voxels", "faces", "vertices", "fields", "texels_per_voxel_edge", 
 
 @method("texf")
 class TexfMethod(Method):
-    """Options are the fields of EncodeOptions; the defaults are the package's."""
+    """Options are the fields of EncodeOptions; the defaults are the package's. Bytes are those of the stream, of a 3DNTC payload
+    those that a GPU keeps."""
 
     options = tuple(f.name for f in fields(EncodeOptions) if f.name not in NOT_SETTINGS)
 
@@ -28,7 +29,7 @@ class TexfMethod(Method):
         from texfcodec.warmup import small_scene
 
         kept = {k: v for k, v in options.items() if k not in ("target_bytes", "target_psnr")}
-        kept |= {"resolution": WARM_RESOLUTION, "threads": threads, "refine_iterations": 1}
+        kept |= {"resolution": WARM_RESOLUTION, "threads": threads, "refine_iterations": 1, "steps": 1}
         if kept.get("refine", "auto") == "auto" and kept.get("effort") != "fast":
             kept["refine"] = "fit"
         decode(encode(small_scene(), EncodeOptions(**kept)))
@@ -41,8 +42,12 @@ class TexfMethod(Method):
         data, made = encode(scene, settings, report), report.facts
         (folder / STREAM).write_bytes(data)
         np.savez_compressed(folder / FACE_FIELD, face_field=made["scene_face_field"])
-        asked = {"resolution": settings.resolution, "qp": settings.qp}
-        return {"bytes": made["bytes"], "reconstruction_sha256": made["reconstruction_sha256"],
+        asked, sizes = {"resolution": settings.resolution, "qp": settings.qp}, made["bytes"]
+        if settings.codec == "3dntc":
+            asked = {"resolution": settings.resolution, "fit": made["fit"], "file_bytes": sizes}
+            sizes = {"geometry": sizes["geometry"], **made["resident"]}
+            sizes["total"] += sizes["geometry"]
+        return {"bytes": sizes, "reconstruction_sha256": made["reconstruction_sha256"],
                 **asked, **{name: made[name] for name in KEPT_FACTS if name in made}}
 
     def decode(self, folder, options, threads, report):

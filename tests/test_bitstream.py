@@ -38,8 +38,9 @@ from texfcodec.limits import Limits
 
 FIXED = {"u8": (0, 255), "u16": (0, 65535), "u32": (0, 2**32 - 1), "i8": (-128, 127), "i32": (-(2**31), 2**31 - 1),
          "v": (0, V_MAX)}
-GIVEN = {"num_materials": 3, "num_channel_groups": 2, "resolution": 40, "NumComponents": 3, "level_index": 1, "NumLevels": 4}
-COUNTS = {"num_materials", "num_channel_groups", "num_slices", "name_length", "slice_level"}  # kept small: they make arrays
+GIVEN = {"num_materials": 3, "num_channel_groups": 2, "resolution": 40, "NumComponents": 3, "level_index": 1, "NumLevels": 4,
+         "NumOutputs": 3, "num_fields": 2}
+COUNTS = {"num_materials", "num_channel_groups", "num_slices", "name_length", "slice_level", "num_hidden", "num_levels"}  # kept small: they make arrays
 CHARACTERS = st.characters(exclude_categories=["Cs"])
 
 
@@ -401,7 +402,7 @@ def test_each_limit_that_needs_no_decoding_refuses_with_its_code(limits, code):
 
 
 def test_a_limit_of_zero_or_none_is_off():
-    off = Limits(file_bytes=0, vertices=None, faces=0, voxels=None, samples=0, metadata_bytes=0)
+    off = Limits(file_bytes=0, vertices=None, faces=0, voxels=None, samples=0, latents=0, metadata_bytes=0)
     assert set(vars(off).values()) == {None, 4 << 30, 120}
     assert read_stream(write_stream(small_stream())[0], off).fields
 

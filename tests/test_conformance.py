@@ -13,6 +13,7 @@ NAIVE = f'"{sys.executable}" "{REPOSITORY / "tests" / "naive" / "decoder.py"}"'
 SMALL = [
     "subset/k3/", "subset/two_fields/", "subset/alpha_mask/", "uncommon/one_voxel/", "uncommon/empty/", "uncommon/one_slice/",
     "uncommon/empty_codeword/", "faulty/cut_geometry/", "faulty/codec_id/", "faulty/num_vertices_huge/",
+    "subset/neural_hash/", "faulty/neural_code/",
 ]
 
 # The naive decoder with one thing wrong; `files` is what it would write.

@@ -40,7 +40,8 @@ FIXED = {"u8": (0, 255), "u16": (0, 65535), "u32": (0, 2**32 - 1), "i8": (-128, 
          "v": (0, V_MAX)}
 GIVEN = {"num_materials": 3, "num_channel_groups": 2, "resolution": 40, "NumComponents": 3, "level_index": 1, "NumLevels": 4,
          "NumOutputs": 3, "num_fields": 2}
-COUNTS = {"num_materials", "num_channel_groups", "num_slices", "name_length", "slice_level", "num_hidden", "num_levels"}  # kept small: they make arrays
+COUNTS = {"num_materials", "num_channel_groups", "num_slices", "name_length", "slice_level", "num_hidden",
+          "num_levels"}  # kept small: they make arrays
 CHARACTERS = st.characters(exclude_categories=["Cs"])
 
 

@@ -89,9 +89,8 @@ def test_gradient_is_that_of_the_error():
     from texfcodec.neural.train import _train
 
     turned = np.ascontiguousarray(weight.transpose(0, 2, 1))
-    made, _ = _train(s.position, s.target, s.share, fit.cell, fit.corners, fit.codes, fit.resolutions, 2, fit.design.first_wave,
-                     fit.widths, weight, turned, bias, 1, fit.gradients[0][0], fit.stamps[0], fit.touched[0],
-                     fit.gradients[1][0], fit.gradients[2][0])
+    made = _train(s.position, s.target, s.share, fit.cell, fit.corners, fit.codes, fit.resolutions, 2, fit.design.first_wave,
+                     fit.widths, weight, turned, bias, *(g[0] for g in fit.gradients))
     assert made == pytest.approx(error(weight, bias), rel=1e-4)
     for array, gradient, place in ((weight, fit.gradients[1][0], (0, 3, 2)), (weight, fit.gradients[1][0], (1, 5, 7)),
                                    (weight, fit.gradients[1][0], (2, 1, 4)), (bias, fit.gradients[2][0], (0, 4)),
@@ -115,10 +114,8 @@ def test_gradient_reaches_the_latents():
     def learn():
         for g in fit.gradients:
             g[:] = 0
-        fit.stamps[:] = 0
         return _train(s.position, s.target, s.share, fit.cell, fit.corners, fit.codes, fit.resolutions, 2, fit.design.first_wave,
-                      fit.widths, weight, turned, bias, 1, fit.gradients[0][0], fit.stamps[0], fit.touched[0],
-                      fit.gradients[1][0], fit.gradients[2][0])[0]
+                      fit.widths, weight, turned, bias, *(g[0] for g in fit.gradients))
 
     learn()
     gradient = fit.gradients[0][0].copy()

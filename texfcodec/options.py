@@ -20,7 +20,7 @@ EFFORTS = ("fast", "balanced", "best")
 REFINEMENTS = ("auto", "off", "fit", "render")
 ATLAS_METHODS = ("auto", "quality", "fast")
 CODECS = ("raht", "3dntc")
-LATENT_INDICES = ("surface", "hash")
+LATENT_INDICES = ("mixed", "surface", "hash")
 FIT_ENGINES = ("auto", "numba", "torch")
 # The paper's operating points of 3DNTC: latents a row, then one table a level: voxels of a grid of 2048 that a cell of latents
 # spans, log2 of the rows.
@@ -55,10 +55,10 @@ class EncodeOptions:
 
     codec "3dntc" fits latents and a network for GPU-resident use instead; rate, qp, effort and refine then have no influence, and
     resolution is only that of the voxels which a decoder makes of it. point: one of the paper's; resident_bytes: in its place, a
-    budget of bytes on the GPU; latent_index: "surface" gives every touched voxel of a coarse grid its own latents, as fine a grid
-    as the point's bytes allow, "hash" takes the point's hash tables; transport: entropy-code the latents in the stream; steps,
-    seed: of the fit; checkpoint: path that its state is kept in and taken up from; fit_engine: "auto" takes torch where it
-    sees a GPU, else compiled kernels.
+    budget of bytes on the GPU; latent_index: "surface" gives every touched voxel of a coarse grid its own latents, as fine a
+    grid as the point's bytes allow, "mixed" spends half of them on a hash table over finer cells, "hash" takes the point's hash
+    tables; transport: entropy-code the latents in the stream; steps, seed: of the fit; checkpoint: path that its state is kept
+    in and taken up from; fit_engine: "auto" takes torch where it sees a GPU, else compiled kernels.
     """
 
     rate: str = DEFAULT_RATE
@@ -77,7 +77,7 @@ class EncodeOptions:
     codec: str = "raht"
     point: str | None = None
     resident_bytes: int | None = None
-    latent_index: str = "surface"
+    latent_index: str = "mixed"
     transport: bool = False
     steps: int = DEFAULT_STEPS
     seed: int = 0
@@ -132,7 +132,7 @@ class EncodeOptions:
             if self.point and self.resident_bytes:
                 raise InputError("TXF-I50", "point and resident_bytes exclude each other", value=self.point)
             if self.resident_bytes and self.latent_index == "hash":
-                raise InputError("TXF-I50", "hash tables come with a point; resident_bytes needs latent_index surface",
+                raise InputError("TXF-I50", "hash tables come with a point; resident_bytes needs latent_index mixed or surface",
                                  value=self.resident_bytes)
 
     def _check_max_error(self):

@@ -63,7 +63,7 @@ def _warm_up(context, parameter, value):
 @click.option("--steps", metavar="N", **number(1, 10_000_000, f"3dntc: steps of the fit.  [default: {DEFAULT_STEPS}]"))
 @click.option("--seed", metavar="S", **number(0, (1 << 31) - 1, "3dntc: of the fit.  [default: 0]"))
 @click.option("--latent-index", type=click.Choice(LATENT_INDICES), help="3dntc: latents of their own for every touched voxel "
-              "of a grid, or the point's hash tables.  [default: surface]")
+              "of a grid, the same beside a hash table over finer cells, or the point's hash tables.  [default: mixed]")
 @click.option("--transport", is_flag=True, help="3dntc: entropy-code the latents in the file; loading unpacks them.")
 @click.option("--checkpoint", metavar="FILE", help="3dntc: keep the fit's state here and go on from it.")
 @click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))

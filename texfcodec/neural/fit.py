@@ -25,11 +25,12 @@ BATCH = 4096  # more steps with smaller batches are better
 LATENT_RATE, NETWORK_RATE = 0.03, 0.01
 LATENT_START = 0.05
 HELD_OUT = 1 << 16
-LEAST_SAMPLES, MOST_SAMPLES = 1 << 18, 1 << 23  # on the surface; each is met about eight times, or more often
+LEAST_SAMPLES, MOST_SAMPLES = 1 << 18, 1 << 24  # on the surface; each is met about eight times, or more often
 LOOKS = 20  # times that the held-out points are asked on the way
 PATIENCE, LEAST_GAIN = 3, 0.005  # so many looks that together gain less than so many dB end the fit
 SETTLED_DECAY = 0.15  # but not while the rates are higher than that: most of the gain comes when they fall
 LARGEST = 4092.0  # parameters in the stream are below 2**12
+WARMING = (1 / (1 - SQUARE_DECAY ** np.maximum(np.arange(2048), 1))).astype(np.float32)
 SAVE_SECONDS = 30.0  # between checkpoints
 
 
@@ -52,17 +53,16 @@ class Fit:
         random = np.random.default_rng(self.seed)
         self.widths = np.array([-(-w // 4) * 4 for w in self.design.widths], np.int64)
         layers, rows = len(self.widths) - 1, int(self.widths.max())
-        latent = random.uniform(-LATENT_START, LATENT_START, (self.design.rows, self.design.features)).astype(np.float32)
+        latent = _aligned((self.design.rows, self.design.features))
+        latent[:] = random.uniform(-LATENT_START, LATENT_START, latent.shape)
         weight, bias = np.zeros((layers, rows, rows), np.float32), np.zeros((layers, rows), np.float32)
         for n, (i, o) in enumerate(zip(self.design.widths[:-1], self.design.widths[1:], strict=True)):
             weight[n, :o, :i] = random.standard_normal((o, i)) * np.sqrt((2.0 if n + 1 < layers else 0.2) / i)
         self.values = [latent, weight, bias]
         self.means = [np.zeros_like(v) for v in self.values[1:]]
         self.squares = [np.zeros(len(latent), np.float32), *(np.zeros_like(v) for v in self.values[1:])]
-        self.gradients = [np.zeros((self.threads, *v.shape), np.float32) for v in self.values]
+        self.gradients = [_aligned((self.threads, *v.shape)) for v in self.values]
         self.times, self.codes = np.zeros(len(latent), np.int32), np.empty(latent.shape, np.int8)
-        self.stamps = np.zeros((self.threads, len(latent)), np.int64)
-        self.touched = np.zeros((self.threads, len(latent)), np.int32)
         self.upload()
         self.step, self.seconds, self.log, self._order = 0, 0.0, [], (None, None)
 
@@ -81,31 +81,30 @@ class Fit:
     def _one_step(self, steps, pool):
         """One step of all; returns the mean squared error of the batch before it, on the scale 0..255."""
         (begin, end), (latent, weight, bias), s = self._batch(), self.values, self.samples
-        turned, stamp = np.ascontiguousarray(weight.transpose(0, 2, 1)), self.step + 1
+        turned = np.ascontiguousarray(weight.transpose(0, 2, 1))
         cuts = np.linspace(begin, end, self.threads + 1).astype(np.int64)
 
         def learn(k):
             part = slice(cuts[k], cuts[k + 1])
             return _train(s.position[part], s.target[part], s.share[part], self.cell[part], self.corners, self.codes,
-                          self.resolutions, self.design.octaves, self.design.first_wave, self.widths, weight, turned, bias, stamp,
-                          self.gradients[0][k], self.stamps[k], self.touched[k], self.gradients[1][k], self.gradients[2][k])
+                          self.resolutions, self.design.octaves, self.design.first_wave, self.widths, weight, turned, bias,
+                          *(g[k] for g in self.gradients))
 
-        learnt = list(pool.map(learn, range(self.threads)))
-        counts = np.array([count for _, count in learnt])
+        error = sum(pool.map(learn, range(self.threads)))
         decay = self._decay(steps)
 
         def move(k):
             low, high = len(latent) * k // self.threads, len(latent) * (k + 1) // self.threads
-            _move_rows(low, high, stamp, self.gradients[0], self.stamps, self.touched, counts, latent, self.squares[0],
-                       self.times, np.float32(LATENT_RATE * decay), self.codes)
+            _move_rows(low, high, self.gradients[0], latent, self.squares[0], self.times, np.float32(LATENT_RATE * decay),
+                       WARMING, self.codes)
 
         list(pool.map(move, range(self.threads)))
-        scale = np.float32(1 / (1 - MOMENTUM**stamp)), np.float32(1 / (1 - SQUARE_DECAY**stamp))
+        self.step += 1
+        scale = np.float32(1 / (1 - MOMENTUM**self.step)), np.float32(1 / (1 - SQUARE_DECAY**self.step))
         for n in (1, 2):
             flat = [a.reshape(-1) for a in (self.values[n], self.means[n - 1], self.squares[n])]
             _adam(flat[0], self.gradients[n].reshape(self.threads, -1), *flat[1:], np.float32(NETWORK_RATE * decay), *scale)
-        self.step += 1
-        return sum(error for error, _ in learnt) / ((end - begin) * self.design.components) * 127.5**2
+        return error / ((end - begin) * self.design.components) * 127.5**2
 
     def upload(self):
         """Makes whatever follows from the latents anew after they were set from outside."""
@@ -204,6 +203,14 @@ class Fit:
         except (OSError, KeyError, ValueError, SyntaxError, zipfile.BadZipFile) as error:
             raise InputError("TXF-I55", f"the checkpoint cannot be read: {error}", value=path.name) from None
         self.upload()
+
+
+def _aligned(shape):
+    """Zeros float32 that begin on a cache line, so that a row of 16 latents is one."""
+    size = int(np.prod(shape))
+    room = np.zeros(size + 16, np.float32)
+    skip = -room.ctypes.data % 64 // 4
+    return room[skip : skip + size].reshape(shape)
 
 
 def _engine(options):

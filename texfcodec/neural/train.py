@@ -131,12 +131,8 @@ def _read(position, cell, corners, codes, resolutions, octaves, first_wave, weig
 
 
 @kernel(**fused)
-def _scatter(cell, corners, weight, slope, step, gradient, stamp, touched, count):
-    """Transpose of the latents' part of _read: slope float32 [inputs, LANES] is added to gradient float32 [N, F].
-
-    stamp: int64 [N], the step that a row of gradient is of; rows of an earlier one are cleared first and noted in touched
-    int32 [N], count of them so far; returns the new count.
-    """
+def _scatter(cell, corners, weight, slope, gradient):
+    """Transpose of the latents' part of _read: slope float32 [inputs, LANES] is added to gradient float32 [N, F]."""
     features = gradient.shape[1]
     part = np.empty(features, np.float32)
     for l in range(cell.shape[0]):
@@ -145,18 +141,11 @@ def _scatter(cell, corners, weight, slope, step, gradient, stamp, touched, count
             for k in range(features):
                 part[k] = slope[level * features + k, l]
             for q in range(8):
-                if share[q] > 0:
+                w = share[q]
+                if w > 0:
                     row = gradient[corner[q]]
-                    if stamp[corner[q]] != step:
-                        stamp[corner[q]] = step
-                        touched[count] = corner[q]
-                        count += 1
-                        for k in range(features):
-                            row[k] = np.float32(0)
-                    w = share[q]
                     for k in range(features):
                         row[k] += w * part[k]
-    return count
 
 
 @kernel(**fused)
@@ -171,20 +160,18 @@ def _forward(widths, weight, bias, a, d):
 
 @kernel(**fused)
 def _train(position, target, share, cell, corners, codes, resolutions, octaves, first_wave, widths, weight, turned, bias,
-           step, latent_gradient, stamp, touched, weight_gradient, bias_gradient):
-    """Gradient of the squared error over samples; returns (that error, weighted and summed over components, how many rows of
-    latents were touched).
+           latent_gradient, weight_gradient, bias_gradient):
+    """Adds the gradient of the squared error over samples; returns that error, weighted and summed over components.
 
     position: int32 [M, 3]; target: uint8 [M, C]; share: uint8 [M, C] weights of the errors; cell: int32 [M, L] rows of corners
     int32 [.., 8], which name rows of codes int8 [N, F] or -1; widths: int64 [layers + 1], multiples of 4; weight: float32
-    [layers, rows, rows]; turned: its layers transposed; step, latent_gradient, stamp, touched: see _scatter. All of it is made
-    by fit.py from the same tables.
+    [layers, rows, rows]; turned: its layers transposed. All of it is made by fit.py from the same tables.
     """
     layers, rows = widths.shape[0] - 1, weight.shape[1]
     a, d = np.zeros((layers + 1, rows, LANES), np.float32), np.zeros((layers + 1, rows, LANES), np.float32)
     g, none = np.zeros((layers + 1, rows, LANES), np.float32), np.zeros(rows, np.float32)
     shares = np.zeros((cell.shape[1], LANES, 8), np.float32)
-    error, count = 0.0, np.int64(0)
+    error = 0.0
     for begin in range(0, position.shape[0], LANES):
         end = min(begin + LANES, position.shape[0])
         if end - begin < LANES:
@@ -204,8 +191,8 @@ def _train(position, target, share, cell, corners, codes, resolutions, octaves, 
                 for o in range(widths[n - 1]):
                     for l in range(LANES):
                         g[n - 1, o, l] *= d[n - 1, o, l]
-        count = _scatter(cell[begin:end], corners, shares, g[0], step, latent_gradient, stamp, touched, count)
-    return error, count
+        _scatter(cell[begin:end], corners, shares, g[0], latent_gradient)
+    return error
 
 
 @kernel(**fused)
@@ -238,38 +225,35 @@ def _adam(value, gradients, mean, square, rate, mean_scale, square_scale):
 
 
 @kernel(**fused)
-def _move_rows(low, high, step, gradients, stamps, touched, counts, value, square, times, rate, codes):
-    """Moves the touched ones of the rows low..high-1 of latents against their gradient, by `rate` over a running root mean square
+def _move_rows(low, high, gradients, value, square, times, rate, warming, codes):
+    """Moves those of the rows low..high-1 of latents that have a gradient against it, by `rate` over a running root mean square
     of the row; the others wait.
 
-    gradients: float32 [parts, N, F]; stamps: int64 [parts, N]; touched: int32 [parts, N], counts of them; square: float32 [N];
-    times: int32 [N], how often a row was moved. Writes what a decoder will read, 2 q + 1, to codes int8 [N, F].
+    gradients: float32 [parts, N, F], summed in order and cleared; square: float32 [N]; times: int32 [N], how often a row was
+    moved; warming: float32 [T], 1 / (1 - SQUARE_DECAY ** t), 1 from T on. Writes what a decoder will read, 2 q + 1, to codes
+    int8 [N, F].
     """
-    one, keep = np.float32(1), np.float32(SQUARE_DECAY)
-    features = value.shape[1]
-    g = np.empty(features, np.float32)
-    for part in range(gradients.shape[0]):
-        for n in range(counts[part]):
-            row = touched[part, n]
-            first = low <= row < high
-            for earlier in range(part):
-                first = first and stamps[earlier, row] != step
-            if not first:
-                continue
-            g[:] = gradients[part, row]
-            for later in range(part + 1, gradients.shape[0]):
-                if stamps[later, row] == step:
-                    for k in range(features):
-                        g[k] += gradients[later, row, k]
-            total = np.float32(0)
+    one, keep, features = np.float32(1), np.float32(SQUARE_DECAY), value.shape[1]
+    for row in range(low, high):
+        g, total = gradients[0, row], np.float32(0)
+        for part in range(1, gradients.shape[0]):
+            other = gradients[part, row]
             for k in range(features):
-                total += g[k] * g[k]
-            times[row] += 1
-            square[row] = keep * square[row] + (one - keep) * total / np.float32(features)
-            size = rate / (np.sqrt(square[row] / (one - keep ** np.float32(times[row]))) + np.float32(TINY))
-            for k in range(features):
-                value[row, k] -= size * g[k]
-            _round_row(value[row], codes[row])
+                g[k] += other[k]
+                other[k] = np.float32(0)
+        for k in range(features):
+            total += g[k] * g[k]
+        if total == 0:
+            continue
+        times[row] += 1
+        square[row] = keep * square[row] + (one - keep) * total / np.float32(features)
+        scale = warming[times[row]] if times[row] < warming.shape[0] else one
+        size = rate / (np.sqrt(square[row] * scale) + np.float32(TINY))
+        moved = value[row]
+        for k in range(features):
+            moved[k] -= size * g[k]
+            g[k] = np.float32(0)
+        _round_row(moved, codes[row])
 
 
 @kernel(**fused)

@@ -16,6 +16,7 @@ LONGEST_FUNCTION, LONGEST_FILE = 90, 600
 IMPORT_SECONDS = 0.3
 MACHINE_PATH = re.compile(r"(?<![\w.~-])/(?:work|root|home|Users|opt|tmp)/\w|\b[A-Z]:\\Users\\")
 REGISTRY_HOST = re.compile(r"https?://[^\s\"')]*(?:pypi|pythonhosted|npmjs|artifactory|devpi)")
+FAST_MATHS = "texfcodec/neural/train.py"  # the fit's own kernels, whose rounding no decoder sees
 DRAWERS = {"util", "utils", "helper", "helpers", "common", "manager", "managers", "misc"}
 JIT = {"njit", "jit", "vectorize", "guvectorize", "cfunc", "stencil"}
 
@@ -51,8 +52,14 @@ def uncached_kernels(tree):
 
 
 def fast_maths(tree):
-    keywords = [k for node in ast.walk(tree) if isinstance(node, ast.Call) for k in node.keywords if k.arg == "fastmath"]
-    return [f"line {k.lineno}: fastmath" for k in keywords if getattr(k.value, "value", None) is not False]
+    """fastmath as a keyword of a call or as a key of a dict that may become one."""
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    given = [(k.lineno, k.value) for call in calls for k in call.keywords if k.arg == "fastmath"]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Dict):
+            pairs = zip(node.keys, node.values, strict=True)
+            given += [(k.lineno, v) for k, v in pairs if getattr(k, "value", None) == "fastmath"]
+    return [f"line {line}: fastmath" for line, value in given if getattr(value, "value", None) is not False]
 
 
 def drawer_names(tree):
@@ -97,7 +104,7 @@ def findings(check, folder=PACKAGE):
 
 @pytest.mark.parametrize("check", [long_functions, undocumented_functions, uncached_kernels, fast_maths, drawer_names])
 def test_package_has_no(check):
-    found = findings(check)
+    found = [finding for finding in findings(check) if not (check is fast_maths and finding.startswith(FAST_MATHS))]
     assert not found, "\n".join(found)
 
 
@@ -166,6 +173,7 @@ def test_package_is_imported_fast_and_without_numba():
         (uncached_kernels, "_jit = nb.njit(cache=False)"),
         (fast_maths, "@njit(cache=True, fastmath=True)\ndef _f(): pass"),
         (fast_maths, "@njit(cache=True, fastmath={'nnan'})\ndef _f(): pass"),
+        (fast_maths, "fused = {'fastmath': True}"),
         (drawer_names, "class MeshManager: pass"),
         (drawer_names, "def _read_helper(): pass"),
         (claimless_tests, "def test_x():\n    f()"),

@@ -20,6 +20,9 @@ EFFORTS = ("fast", "balanced", "best")
 REFINEMENTS = ("auto", "off", "fit", "render")
 ATLAS_METHODS = ("auto", "quality", "fast")
 CODECS = ("raht", "3dntc")
+# Of a vertex coordinate. A payload of 50 dB shows what 14 do to a picture: water bottle 45.6 dB over 4 views, 50.1 with exact
+# geometry.
+POSITION_BITS = {"raht": 14, "3dntc": 16}
 LATENT_INDICES = ("mixed", "surface", "hash")
 FIT_ENGINES = ("auto", "numba", "torch")
 # The paper's operating points of 3DNTC: latents a row, then one table a level: voxels of a grid of 2048 that a cell of latents
@@ -67,7 +70,7 @@ class EncodeOptions:
     target_bytes: int | None = None
     target_psnr: float | None = None
     max_error: int | None = None
-    position_bits: int = 14
+    position_bits: int | None = None
     effort: str = "balanced"
     chroma_qp_offset: int = -1
     area_threshold: int = 77
@@ -98,6 +101,7 @@ class EncodeOptions:
         if self.refine not in REFINEMENTS:
             raise InputError("TXF-I50", "unknown refinement", value=self.refine, allowed=", ".join(REFINEMENTS))
         self._check_codec()
+        self.position_bits = POSITION_BITS[self.codec] if self.position_bits is None else self.position_bits
         preset = RATES[self.rate]
         self.resolution = preset[0] if self.resolution is None else self.resolution
         if self.max_error is None:

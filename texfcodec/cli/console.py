@@ -33,6 +33,7 @@ _LIMIT_TEXT = {
     "faces": "faces over all geometry units",
     "voxels": "active voxels over all fields",
     "samples": "surface samples of voxelisation; time grows with it",
+    "latents": "latents of a 3DNTC payload",
     "metadata_bytes": "bytes of metadata",
     "isolate_bytes": "memory of the child process of --isolate",
     "isolate_seconds": "seconds of the child process of --isolate",

@@ -26,7 +26,8 @@ from .console import (
               help="How the texture is laid out; quality may take minutes.  [default: auto]")
 @click.option("--lod", metavar="L", default=0, **number(0, 13, "Stop L octree levels early.  [default: 0]"))
 @click.option("--isolate", is_flag=True, help="Decode in a child process with capped memory and time.")
-@limit_flags("file_bytes", "vertices", "faces", "voxels", "samples", "metadata_bytes", "isolate_bytes", "isolate_seconds")
+@limit_flags("file_bytes", "vertices", "faces", "voxels", "samples", "latents", "metadata_bytes", "isolate_bytes",
+             "isolate_seconds")
 @click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
 @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
 @click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")

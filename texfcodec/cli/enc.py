@@ -51,19 +51,19 @@ def _warm_up(context, parameter, value):
 @click.option("--target-psnr", metavar="DB", **number(1.0, 100.0, "Fewest bytes with this 3D-PSNR of Y; searches K and QP."))
 @click.option("--lossless", is_flag=True, help="Code the voxels' 8-bit colours exactly; with --rate or --resolution for K.")
 @click.option("--near-lossless", metavar="D", **number(1, 127, "As --lossless, but each value may be off by D, 1..127."))
-@click.option("--position-bits", metavar="B", **number(8, 20, "Bits of a vertex coordinate, 8..20.  [default: 14]"))
+@click.option("--position-bits", metavar="B", **number(8, 20, "Bits of a vertex coordinate, 8..20.  [default: 14; 3dntc 16]"))
 @click.option("--effort", type=click.Choice(EFFORTS), help="Time spent on a smaller stream.  [default: balanced]")
 @click.option("--refine", type=click.Choice(REFINEMENTS), help="Colours closer to the source before coding: surface fit, or "
               "inverse rendering on top of it (a minute).  [default: auto, a fit where it shows; never with --effort fast]")
-@click.option("--codec", type=click.Choice(CODECS), help="raht for the smallest file; 3dntc for a payload that a renderer "
-              "keeps and asks at any point, fitted by training.  [default: raht]")
+@click.option("--codec", type=click.Choice(CODECS), help="raht for the smallest file; 3dntc for latents and a "
+              "network that a renderer keeps and asks at any point, fitted by training.  [default: raht]")
 @click.option("--point", type=click.Choice(list(POINTS)), metavar="POINT", help="3dntc: one of the paper's sizes, "
               f"mpeg1..mpeg6 or aom1..aom5.  [default: {DEFAULT_POINT}]")
 @click.option("--resident-bytes", metavar="B", **number(1, 1 << 40, "3dntc: most bytes on the GPU, in place of --point."))
 @click.option("--steps", metavar="N", **number(1, 10_000_000, f"3dntc: steps of the fit.  [default: {DEFAULT_STEPS}]"))
 @click.option("--seed", metavar="S", **number(0, (1 << 31) - 1, "3dntc: of the fit.  [default: 0]"))
-@click.option("--latent-index", type=click.Choice(LATENT_INDICES), help="3dntc: latents of their own for every touched voxel "
-              "of a grid, the same beside a hash table over finer cells, or the point's hash tables.  [default: mixed]")
+@click.option("--latent-index", type=click.Choice(LATENT_INDICES), help="3dntc: where latents are: a grid along the surface, "
+              "that and a hash table of finer cells, or the point's own hash tables.  [default: mixed]")
 @click.option("--transport", is_flag=True, help="3dntc: entropy-code the latents in the file; loading unpacks them.")
 @click.option("--checkpoint", metavar="FILE", help="3dntc: keep the fit's state here and go on from it.")
 @click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
@@ -82,8 +82,9 @@ def enc(console, source, out, dry_run, as_json, quiet, **choices):
 
     One of --rate, --resolution with --qp, --target-bytes and --target-psnr sets the rate; K or QP alone keeps the other of r04.
     --lossless and --near-lossless bound the error of the voxels' colours instead; the geometry is coded as ever.
-    With --codec 3dntc the size is set by --point or --resident-bytes, the time by --steps; K is that of the voxels a decoder
-    makes.
+
+    --codec 3dntc fits a payload for the GPU: --point or --resident-bytes sets its size, --steps the time it takes, and K only the
+    voxels that a decoder makes of it.
 
     Exit codes: 0 done, 1 command line, 2 input or output, 4 internal, 5 not supported, 6 over a limit, 130 interrupted.
     """

@@ -105,11 +105,10 @@ class TorchFit(Fit):
         decay = self._decay(steps)
         self.step += 1
         with torch.no_grad():
-            touched = torch.zeros(len(values[0]), dtype=torch.bool, device=self.device)
-            corner = self.rows[cell].reshape(-1)
-            touched[corner[corner >= 0]] = True
+            power = (latent**2).mean(1)
+            touched = power > 0
             times += touched
-            running = SQUARE_DECAY * squares[0] + (1 - SQUARE_DECAY) * (latent**2).mean(1)
+            running = SQUARE_DECAY * squares[0] + (1 - SQUARE_DECAY) * power
             squares[0] = torch.where(touched, running, squares[0])
             scale = torch.sqrt(squares[0] / (1 - SQUARE_DECAY ** times.float().clamp(min=1))) + TINY
             values[0] -= (touched * LATENT_RATE * decay / scale)[:, None] * latent
@@ -119,4 +118,4 @@ class TorchFit(Fit):
                 squares[n + 1] = SQUARE_DECAY * squares[n + 1] + (1 - SQUARE_DECAY) * g * g
                 size = torch.sqrt(squares[n + 1] / (1 - SQUARE_DECAY**self.step)) + TINY
                 values[n + 1] -= NETWORK_RATE * decay / (1 - MOMENTUM**self.step) * means[n] / size
-        return float(error) / ((end - begin) * self.design.components) * 127.5**2
+        return float(error.detach()) / ((end - begin) * self.design.components) * 127.5**2

@@ -1,0 +1,75 @@
+"""The fit's step in torch against the compiled one, on the processor: the same state has to move the same way."""
+
+import numpy as np
+import pytest
+from test_neural_fit import plane_fit
+
+from texfcodec import EncodeOptions
+from texfcodec.errors import InputError
+from texfcodec.neural import fit_torch
+from texfcodec.neural.fit import Fit, _engine
+
+HINT = "torch is not installed: pip install texfcodec[ntc]"
+
+
+def torch_fit(**settings):
+    pytest.importorskip("torch", reason=HINT)
+    made = plane_fit(**settings)
+    return fit_torch.TorchFit(made.design, made.tables, made.samples, made.held_out, made.seed, 1, device="cpu")
+
+
+def test_a_step_in_torch_is_the_compiled_step():
+    torch, compiled = torch_fit(), plane_fit()
+    for _ in range(3):
+        errors = [one._one_step(100, _Now()) for one in (torch, compiled)]
+        assert errors[0] == pytest.approx(errors[1], rel=1e-3)
+    torch.download()
+    for mine, other in zip(torch.values + torch.squares, compiled.values + compiled.squares, strict=True):
+        np.testing.assert_allclose(mine, other, rtol=2e-2, atol=2e-4)
+    assert np.array_equal(torch.times, compiled.times) and (torch.codes != compiled.codes).mean() < 0.01
+
+
+def test_torch_fits_as_well_and_its_payload_is_exact():
+    torch, compiled = torch_fit(), plane_fit()
+    payload = torch.run(300)
+    compiled.run(300)
+    assert torch.psnr() == pytest.approx(compiled.psnr(), abs=1.0)
+    assert torch.psnr(exact=True) == pytest.approx(torch.psnr(), abs=0.05) and payload.codes.dtype == np.int8
+
+
+def test_torch_goes_on_from_a_checkpoint(tmp_path, monkeypatch):
+    monkeypatch.setattr("texfcodec.neural.fit.SAVE_SECONDS", 0.0)
+    whole, path = torch_fit().run(20), tmp_path / "fit.ckpt"
+
+    def stop(fit, steps):
+        if fit.step >= 10:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        torch_fit().run(20, stop, path)
+    resumed = torch_fit().run(20, checkpoint=path)
+    assert (whole.codes != resumed.codes).mean() < 0.01
+
+
+def test_without_torch_the_message_names_the_extra(monkeypatch):
+    import builtins
+
+    real = builtins.__import__
+
+    def missing(name, *rest, **named):
+        if name == "torch":
+            raise ImportError(name)
+        return real(name, *rest, **named)
+
+    monkeypatch.setattr(builtins, "__import__", missing)
+    made = plane_fit()
+    with pytest.raises(InputError, match=r"texfcodec\[ntc\]") as error:
+        fit_torch.TorchFit(made.design, made.tables, made.samples, made.held_out)
+    assert error.value.code == "TXF-I56"
+    assert _engine(EncodeOptions(codec="3dntc")) is Fit
+
+
+class _Now:
+    """A pool of no threads."""
+
+    map = staticmethod(lambda function, items: [function(i) for i in items])

@@ -1,0 +1,107 @@
+"""What a fit's seconds buy: table and plot of 3DNTC results of rate_points.py beside a rival's.
+
+python tools/neural_time.py DIR [RIVAL_DIR ...] --out FOLDER
+
+DIR: results of rate_points.py with settings of codec 3dntc; RIVAL_DIR: results with the method astc. Writes neural.md (a table
+per asset, BD-rates of the longest fits against each group of rivals, resident bytes without geometry) and, if matplotlib is
+there, neural.png: PSNR against seconds of fitting, a line per size, the package's default budget marked.
+"""
+
+import argparse
+from pathlib import Path
+
+from collect import MEASURES, at, grouped, rate_of, read_results
+
+from texfcodec.options import DEFAULT_STEPS
+from texfcodec.quality.bd_rate import bd_rate
+
+
+def fits_of(rows):
+    """Rows of 3DNTC results, by size and then by steps."""
+    return sorted((row for row in rows if "fit" in row), key=lambda row: (rate_of(row, "texture"), row["fit"]["asked_steps"]))
+
+
+def table_of(rows):
+    """Markdown: one line per fit or rival, with all MEASURES."""
+    yield "| | resident bytes | steps | fit, s | " + " | ".join(MEASURES) + " |"
+    yield "|---|---|---|---|" + "---|" * len(MEASURES)
+    for row in rows:
+        fit = row.get("fit", {})
+        spent = (f"{fit['steps']:,}", f"{fit['seconds']:.0f}") if fit else ("", "")
+        told = [row["setting"], f"{rate_of(row, 'texture'):,}", *spent]
+        yield "| " + " | ".join(told + [f"{at(row, path):.2f}" for path in MEASURES.values()]) + " |"
+
+
+def longest(rows):
+    """Of each budget the fit with the most steps."""
+    best = {}
+    for row in fits_of(rows):
+        best[row["setting"].split("_")[1]] = row
+    return list(best.values())
+
+
+def differences(ours, rivals):
+    """Markdown: BD-rate in percent of ours against each group of rivals, by measure."""
+    yield "| against | " + " | ".join(MEASURES) + " |"
+    yield "|---|" + "---|" * len(MEASURES)
+    for group, rows in rivals.items():
+        told = []
+        for path in MEASURES.values():
+            curves = [([rate_of(row, "texture") for row in side], [at(row, path) for row in side]) for side in (rows, ours)]
+            told.append(f"{bd_rate(*curves[0], *curves[1]):.1f} %")
+        yield f"| {group} | " + " | ".join(told) + " |"
+
+
+def plot(assets, path):
+    """Writes the picture."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(1, len(assets), figsize=(5.5 * len(assets), 4), squeeze=False)
+    for ax, (asset, rows) in zip(axes[0], assets.items(), strict=True):
+        sizes = {}
+        for row in fits_of(rows):
+            sizes.setdefault(row["setting"].split("_")[1], []).append(row)
+        for size, mine in sizes.items():
+            seconds, psnr = [r["fit"]["seconds"] for r in mine], [at(r, MEASURES["3D-PSNR Y"]) for r in mine]
+            (line,) = ax.plot(seconds, psnr, "o-", label=f"{int(size) // 1000} kB")
+            chosen = [i for i, r in enumerate(mine) if r["fit"]["asked_steps"] == DEFAULT_STEPS]
+            ax.plot([seconds[i] for i in chosen], [psnr[i] for i in chosen], "s", ms=12, mfc="none", mec=line.get_color())
+        ax.set(xscale="log", xlabel="seconds of fitting, two cores", ylabel="3D-PSNR Y, dB", title=f"{asset} (square: default)")
+        ax.grid(alpha=0.3)
+        ax.legend()
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+
+
+def main():
+    """Reads, writes, prints."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("results", type=Path, metavar="DIR")
+    parser.add_argument("rivals", type=Path, nargs="*", metavar="RIVAL_DIR")
+    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER")
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    found = [row for folder in (options.results, *options.rivals) for row in read_results(folder)]
+    assets = {}
+    for row in found:
+        assets.setdefault(row["asset"], []).append(row)
+    lines = []
+    for asset, rows in assets.items():
+        rivals = {g: by[asset] for g, by in grouped([r for r in rows if "fit" not in r]).items()}
+        lines += [f"## {asset}", "", *table_of(fits_of(rows) + [r for side in rivals.values() for r in side]), ""]
+        if rivals and len(longest(rows)) > 1:
+            lines += ["BD-rate:", "", *differences(longest(rows), rivals), ""]
+    text = "\n".join(lines)
+    (options.out / "neural.md").write_text(text, encoding="utf-8")
+    print(text)
+    try:
+        plot(assets, options.out / "neural.png")
+    except ImportError:
+        print("no picture: matplotlib is not installed (texfcodec[plots])")
+
+
+if __name__ == "__main__":
+    main()

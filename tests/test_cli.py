@@ -107,8 +107,8 @@ def test_encoder_reports_by_the_schema(call, mesh, tmp_path):
     facts = json.loads(out)
     assert code == 0 and err == "" and out.count("\n") == 1
     assert set(facts) == {"schema", "bytes", "resolution", "qp", "max_error", "voxels", "faces", "vertices", "fields", "dropped",
-                          "refinement", "seconds", "peak_memory_bytes", "psnr_3d", "psnr_samples", "texels_per_voxel_edge",
-                          "warnings"}
+                          "refinement", "codec", "seconds", "peak_memory_bytes", "psnr_3d", "psnr_samples", "warnings",
+                          "texels_per_voxel_edge"}
     assert set(facts["bytes"]) == {"total", "geometry", "attributes", "other"}
     total = facts["bytes"].pop("total")
     assert total == sum(facts["bytes"].values()) == out_path.stat().st_size

@@ -82,14 +82,14 @@ def test_gradient_is_that_of_the_error():
         from texfcodec.neural.train import _evaluate
 
         got = np.empty((len(s), 3), np.float32)
-        _evaluate(s.position, fit.cell, fit.corners, fit.codes, fit.resolutions, 2, fit.design.first_wave, fit.widths, weight,
+        _evaluate(s.position, fit.cell, fit.corners, fit.codes, 8, fit.resolutions, 2, fit.design.first_wave, fit.widths, weight,
                   bias, got)
         return float((((got.astype(np.float64) - s.target) / 127.5) ** 2).sum())
 
     from texfcodec.neural.train import _train
 
     turned = np.ascontiguousarray(weight.transpose(0, 2, 1))
-    made = _train(s.position, s.target, s.share, fit.cell, fit.corners, fit.codes, fit.resolutions, 2, fit.design.first_wave,
+    made = _train(s.position, s.target, s.share, fit.cell, fit.corners, fit.codes, 8, fit.resolutions, 2, fit.design.first_wave,
                      fit.widths, weight, turned, bias, *(g[0] for g in fit.gradients))
     assert made == pytest.approx(error(weight, bias), rel=1e-4)
     for array, gradient, place in ((weight, fit.gradients[1][0], (0, 3, 2)), (weight, fit.gradients[1][0], (1, 5, 7)),
@@ -114,8 +114,8 @@ def test_gradient_reaches_the_latents():
     def learn():
         for g in fit.gradients:
             g[:] = 0
-        return _train(s.position, s.target, s.share, fit.cell, fit.corners, fit.codes, fit.resolutions, 2, fit.design.first_wave,
-                      fit.widths, weight, turned, bias, *(g[0] for g in fit.gradients))
+        return _train(s.position, s.target, s.share, fit.cell, fit.corners, fit.codes, 8, fit.resolutions, 2,
+                      fit.design.first_wave, fit.widths, weight, turned, bias, *(g[0] for g in fit.gradients))
 
     learn()
     gradient = fit.gradients[0][0].copy()

@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import InputError
 from ..quality.psnr import decibels
 from .design import choose_design
-from .infer import infer
+from .infer import CHUNK, infer
 from .payload import join_parameters
 from .samples import cells_of, draw_samples, order_along_curve
 from .train import MOMENTUM, SQUARE_DECAY, _adam, _evaluate, _move_rows, _round_latents, _train
@@ -53,8 +53,8 @@ class Fit:
         random = np.random.default_rng(self.seed)
         self.widths = np.array([-(-w // 4) * 4 for w in self.design.widths], np.int64)
         layers, rows = len(self.widths) - 1, int(self.widths.max())
-        latent = _aligned((self.design.rows, self.design.features))
-        latent[:] = random.uniform(-LATENT_START, LATENT_START, latent.shape)
+        latent = _aligned((self.design.rows, -(-self.design.features // CHUNK) * CHUNK))
+        latent[:, : self.design.features] = random.uniform(-LATENT_START, LATENT_START, (len(latent), self.design.features))
         weight, bias = np.zeros((layers, rows, rows), np.float32), np.zeros((layers, rows), np.float32)
         for n, (i, o) in enumerate(zip(self.design.widths[:-1], self.design.widths[1:], strict=True)):
             weight[n, :o, :i] = random.standard_normal((o, i)) * np.sqrt((2.0 if n + 1 < layers else 0.2) / i)
@@ -87,16 +87,16 @@ class Fit:
         def learn(k):
             part = slice(cuts[k], cuts[k + 1])
             return _train(s.position[part], s.target[part], s.share[part], self.cell[part], self.corners, self.codes,
-                          self.resolutions, self.design.octaves, self.design.first_wave, self.widths, weight, turned, bias,
-                          *(g[k] for g in self.gradients))
+                          self.design.features, self.resolutions, self.design.octaves, self.design.first_wave, self.widths,
+                          weight, turned, bias, *(g[k] for g in self.gradients))
 
         error = sum(pool.map(learn, range(self.threads)))
         decay = self._decay(steps)
 
         def move(k):
             low, high = len(latent) * k // self.threads, len(latent) * (k + 1) // self.threads
-            _move_rows(low, high, self.gradients[0], latent, self.squares[0], self.times, np.float32(LATENT_RATE * decay),
-                       WARMING, self.codes)
+            _move_rows(low, high, self.design.features, self.gradients[0], latent, self.squares[0], self.times,
+                       np.float32(LATENT_RATE * decay), WARMING, self.codes)
 
         list(pool.map(move, range(self.threads)))
         self.step += 1
@@ -108,7 +108,7 @@ class Fit:
 
     def upload(self):
         """Makes whatever follows from the latents anew after they were set from outside."""
-        _round_latents(self.values[0], self.codes)
+        _round_latents(self.values[0], self.codes, self.design.features)
 
     def download(self):
         """Brings values, means, squares, times and codes up to date, where they are kept elsewhere meanwhile."""
@@ -126,8 +126,8 @@ class Fit:
                 got[mine] = infer(self.held_out.position[mine], table, self.threads) / 256.0
         else:
             _, weight, bias = self.values
-            _evaluate(self.held_out.position, *self.held_cells, self.codes, self.resolutions, self.design.octaves,
-                      self.design.first_wave, self.widths, weight, bias, got)
+            _evaluate(self.held_out.position, *self.held_cells, self.codes, self.design.features, self.resolutions,
+                      self.design.octaves, self.design.first_wave, self.widths, weight, bias, got)
         error = (np.clip(got[:, :3], 0, 255) - want) ** 2 * share
         return decibels(float(error.sum(dtype=np.float64) / (3 * share.sum())))
 
@@ -138,7 +138,8 @@ class Fit:
         flat = join_parameters([weight[n, :o, :i] for n, (i, o) in enumerate(sizes)],
                                [bias[n, :o] for n, (_, o) in enumerate(sizes)])
         flat = np.clip(flat, -LARGEST, LARGEST)
-        return replace(self.design, codes=self.codes >> 1, halves=flat.astype(np.float16).view(np.uint16))
+        codes = self.codes[:, : self.design.features] >> 1
+        return replace(self.design, codes=codes, halves=flat.astype(np.float16).view(np.uint16))
 
     def run(self, steps, on_look=lambda fit, steps: None, checkpoint=None):
         """Takes the remaining of `steps` steps, or fewer where it no longer improves; returns the payload.

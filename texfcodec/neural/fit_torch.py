@@ -76,7 +76,7 @@ class TorchFit(Fit):
             weight = weight * (corner >= 0)
             total = weight.sum(1, keepdim=True)
             weight = torch.where(total > 0, weight / total.clamp(min=1e-12), weight)
-            parts.append((weight[:, :, None] * read[corner.clamp(min=0)]).sum(1))
+            parts.append((weight[:, :, None] * read[corner.clamp(min=0), : self.design.features]).sum(1))
         waves = []
         for octave in range(self.design.octaves):
             for axis in range(3):
@@ -105,7 +105,7 @@ class TorchFit(Fit):
         decay = self._decay(steps)
         self.step += 1
         with torch.no_grad():
-            power = (latent**2).mean(1)
+            power = (latent**2).sum(1) / self.design.features
             touched = power > 0
             times += touched
             running = SQUARE_DECAY * squares[0] + (1 - SQUARE_DECAY) * power

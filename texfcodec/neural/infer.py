@@ -8,7 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from ..field.grid import _rank_of_voxel
+from ..field.grid import _brick_slot, _ones32
+from ..field.morton import _spread
 from ..kernel import kernel
 
 POSITION_BITS = 24  # of a point in the canonical cube
@@ -24,6 +25,7 @@ LEVEL_SCALE = 255 * 128  # half the range of values with 8 fractional bits
 VALUE_BITS = 8
 HASH_Y, HASH_Z, HASH_FIELD = 2654435761, 805459861, 3674653429  # products with coordinates < 2**46
 LANES = 64
+CHUNK = 8  # rows of latents are padded to a multiple: loops of known length become vector instructions, others of 16 do not
 BLOCK = 1 << 14
 
 
@@ -40,52 +42,86 @@ def _phase(p, first_wave, octave):
 
 
 @kernel
-def _entry(x, y, z, log2, salt, size, slots, bricks, words, ranks):
-    """Row of the latent at (x, y, z) of a level, counted from the level's first; -1 where none is (11.3)."""
+def _hashed_row(x, y, z, log2, salt):
+    """Row of the latent at (x, y, z) of a hashed level, counted from the level's first (11.3)."""
+    return ((x + 1) ^ ((y + 1) * HASH_Y) ^ ((z + 1) * HASH_Z) ^ salt) & ((1 << log2) - 1)
+
+
+@kernel
+def _rows_of_voxels(x, y, z, size, slots, bricks, words, ranks, row):
+    """Ranks of the eight voxels x..x+1, y..y+1, z..z+1 into row int64 [8], -1 where none is: as _rank_of_voxel, with one look-up
+    where they share a brick."""
+    xs = _spread(max(x, 0)), _spread(x + 1)
+    ys = _spread(max(y, 0)) << 1, _spread(y + 1) << 1
+    zs = _spread(max(z, 0)) << 2, _spread(z + 1) << 2
+    last, b = np.int64(-1), np.int64(-1)
+    for q in range(8):
+        dx, dy, dz = q & 1, (q >> 1) & 1, q >> 2
+        row[q] = -1
+        if x + dx < 0 or y + dy < 0 or z + dz < 0 or x + dx >= size or y + dy >= size or z + dz >= size:
+            continue
+        key = xs[dx] | ys[dy] | zs[dz]
+        if key >> 9 != last:
+            last = key >> 9
+            b = slots[_brick_slot(last, slots, bricks)]
+        if b >= 0:
+            word, bit = (key >> 5) & 15, key & 31
+            bits = np.int64(words[b, word])
+            if (bits >> bit) & 1:
+                row[q] = ranks[b, word] + _ones32(bits & ((np.int64(1) << bit) - 1))
+
+
+@kernel
+def _rows_around(x, y, z, resolution, log2, salt, slots, bricks, words, ranks, row):
+    """Rows of the eight latents of a cell, counted from the level's first, into row int64 [8], -1 where none is (11.3)."""
     if log2 > 0:
-        return ((x + 1) ^ ((y + 1) * HASH_Y) ^ ((z + 1) * HASH_Z) ^ salt) & ((1 << log2) - 1)
-    return _rank_of_voxel(x, y, z, size, slots, bricks, words, ranks)
+        for q in range(8):
+            row[q] = _hashed_row(x + (q & 1), y + ((q >> 1) & 1), z + (q >> 2), log2, salt)
+    else:
+        _rows_of_voxels(x, y, z, resolution, slots, bricks, words, ranks, row)
 
 
 @kernel
 def _corners(position, resolution, log2, first, salt, slots, bricks, words, ranks, corner, weight):
     """Rows of the eight latents around a point into corner int64 [8], -1 where none is, and their integer weights into weight
-    int64 [8], 0 there; returns the sum of the weights, at most 2**24. position: int32 [3]."""
+    int32 [8], 0 there; returns the sum of the weights, at most 2**24. position: int32 [3]."""
     one = 1 << LOCAL_BITS
     u, v, w = _local(position[0], resolution), _local(position[1], resolution), _local(position[2], resolution)
     x, y, z = u >> LOCAL_BITS, v >> LOCAL_BITS, w >> LOCAL_BITS
     u, v, w = u & (one - 1), v & (one - 1), w & (one - 1)
+    _rows_around(x, y, z, resolution, log2, salt, slots, bricks, words, ranks, corner)
     total = np.int64(0)
     for q in range(8):
         dx, dy, dz = q & 1, (q >> 1) & 1, q >> 2
         share = (u if dx else one - u) * (v if dy else one - v) * (w if dz else one - w) >> (3 * LOCAL_BITS - WEIGHT_SUM_BITS)
-        entry = np.int64(-1)
-        if share > 0:
-            entry = _entry(x + dx, y + dy, z + dz, log2, salt, resolution, slots, bricks, words, ranks)
-        corner[q] = entry + first if entry >= 0 else -1
-        weight[q] = share if entry >= 0 else 0
-        total += weight[q]
+        share = share if corner[q] >= 0 else np.int64(0)
+        corner[q] += first
+        weight[q] = share
+        total += share
     return total
 
 
 @kernel
-def _read_level(positions, resolution, log2, first, salt, slots, bricks, words, ranks, codes, x, row):
-    """Latents of one level at up to LANES points into rows row.. of x, int32 [inputs, LANES] (11.4).
+def _read_level(positions, resolution, log2, first, salt, slots, bricks, words, ranks, codes, features, x, row):
+    """Latents of one level at up to LANES points into rows row.. of x, int32 [inputs + CHUNK, LANES] (11.4).
 
-    codes: int8 [N, F], 2 q + 1; |sum| <= 15 * 2**24, times the reciprocal below 2**42. Every corner is checked against N.
+    codes: int8 [N, padded], 2 q + 1, 0 in the padding; |sum| <= 15 * 2**24, times the
+    reciprocal below 2**42. Every corner is checked against N.
     """
-    features = codes.shape[1]
-    corner, weight, sums = np.empty(8, np.int64), np.empty(8, np.int64), np.empty(features, np.int64)
+    padded = codes.shape[1]
+    corner, weight, sums = np.empty(8, np.int64), np.empty(8, np.int32), np.empty(padded, np.int32)
     for l in range(positions.shape[0]):
         total = _corners(positions[l], resolution, log2, first, salt, slots, bricks, words, ranks, corner, weight)
         sums[:] = 0
         for q in range(8):
-            if 0 <= corner[q] < codes.shape[0]:
-                for k in range(features):
-                    sums[k] += weight[q] * codes[corner[q], k]
+            if weight[q] > 0 and 0 <= corner[q] < codes.shape[0]:
+                code = codes[corner[q]]
+                for c in range(0, padded, CHUNK):
+                    for k in range(c, c + CHUNK):
+                        sums[k] += np.int64(weight[q]) * np.int64(code[k])
         scale = (np.int64(1) << 38) // total if total > 0 else np.int64(0)
-        for k in range(features):
-            x[row + k, l] = (sums[k] * scale + (1 << 27)) >> 28
+        for k in range(padded):
+            x[row + k, l] = (np.int64(sums[k]) * scale + (1 << 27)) >> 28
 
 
 @kernel
@@ -136,7 +172,8 @@ def _network(widths, weight, bias, a, total):
 
 
 @kernel
-def _infer(positions, levels, places, slots, bricks, words, ranks, codes, octaves, first_wave, widths, weight, bias, out):
+def _infer(positions, levels, places, slots, bricks, words, ranks, codes, features, octaves, first_wave, widths, weight, bias,
+           out):
     """Values of points of one field into out uint16 [M, C], 8 fractional bits.
 
     positions: int32 [M, 3] in 0..2**24-1; levels: int64 [L, 4] of resolution, table_log2, first row and salt of the hash; places:
@@ -144,15 +181,15 @@ def _infer(positions, levels, places, slots, bricks, words, ranks, codes, octave
     [layers + 1], multiples of 4; weight: int32 [layers, rows, rows], bias: int64 [layers, rows]; rows >= every width.
     """
     layers, rows = widths.shape[0] - 1, weight.shape[1]
-    a, total = np.zeros((layers + 1, rows, LANES), np.int32), np.zeros((4, LANES), np.int64)
+    a, total = np.zeros((layers + 1, rows + CHUNK, LANES), np.int32), np.zeros((4, LANES), np.int64)
     for begin in range(0, positions.shape[0], LANES):
         end = min(begin + LANES, positions.shape[0])
         row = 0
         for n in range(levels.shape[0]):
             s, t, b, e = places[n, 0], places[n + 1, 0], places[n, 1], places[n + 1, 1]
             _read_level(positions[begin:end], levels[n, 0], levels[n, 1], levels[n, 2], levels[n, 3], slots[s:t], bricks[b:e],
-                        words[b:e], ranks[b:e], codes, a[0], row)
-            row += codes.shape[1]
+                        words[b:e], ranks[b:e], codes, features, a[0], row)
+            row += features
         _read_waves(positions[begin:end], octaves, first_wave, a[0], row)
         _network(widths, weight, bias, a, total)
         for l in range(end - begin):

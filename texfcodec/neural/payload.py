@@ -13,7 +13,7 @@ import numpy as np
 from ..bitstream.syntax import FORM_TRANSPORT
 from ..errors import LimitError, StreamError
 from ..field.grid import build_brick_map
-from .infer import CODES, HASH_FIELD, fixed_weights
+from .infer import CHUNK, CODES, HASH_FIELD, fixed_weights
 from .layout import WAVE_INPUTS, parameter_count
 from .transport import dec_transport, enc_transport
 
@@ -67,7 +67,9 @@ class Payload:
     @cached_property
     def evaluated(self):
         """Codes and network as infer reads them, made once for all fields; see infer._infer for the arrays."""
-        return 2 * self.codes + np.int8(1), self.octaves, self.first_wave, *network_arrays(self)
+        codes = np.zeros((len(self.codes), -(-self.features // CHUNK) * CHUNK), np.int8)
+        codes[:, : self.features] = 2 * self.codes + np.int8(1)
+        return codes, self.features, self.octaves, self.first_wave, *network_arrays(self)
 
     def first_row(self, number, level):
         """First row of a level's latents for field `number`."""

@@ -8,7 +8,7 @@ from ..asset.sample import pack_source, sample_source
 from ..field.morton import _morton_key
 from ..kernel import kernel
 from ..quality.psnr import sample_surface
-from .infer import LOCAL_BITS, POSITION_BITS, _entry, _local, cube_positions
+from .infer import LOCAL_BITS, POSITION_BITS, _local, _rows_around, cube_positions
 
 CHUNK = 1 << 20  # points sampled at a time
 
@@ -64,13 +64,14 @@ def _keys(position, resolution, keys):
 @kernel
 def _corner_rows(position, resolution, log2, first, salt, slots, bricks, words, ranks, corner):
     """Rows of the eight latents of the cells that points lie in, int32 [M, 8], -1 where none is."""
+    row = np.empty(8, np.int64)
     for i in range(position.shape[0]):
         x, y, z = (_local(np.int64(position[i, 0]), resolution) >> LOCAL_BITS,
                    _local(np.int64(position[i, 1]), resolution) >> LOCAL_BITS,
                    _local(np.int64(position[i, 2]), resolution) >> LOCAL_BITS)
+        _rows_around(x, y, z, resolution, log2, salt, slots, bricks, words, ranks, row)
         for q in range(8):
-            entry = _entry(x + (q & 1), y + ((q >> 1) & 1), z + (q >> 2), log2, salt, resolution, slots, bricks, words, ranks)
-            corner[i, q] = entry + first if entry >= 0 else -1
+            corner[i, q] = row[q] + first if row[q] >= 0 else -1
 
 
 def order_along_curve(position):

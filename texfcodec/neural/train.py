@@ -9,7 +9,7 @@ fastmath lets sums be reordered and fused, which no decoder sees: what is fitted
 import numpy as np
 
 from ..kernel import kernel
-from .infer import CODES, LOCAL_BITS, _local, _phase
+from .infer import CHUNK, CODES, LOCAL_BITS, _local, _phase
 
 LANES = 128
 MOMENTUM, SQUARE_DECAY, TINY = 0.9, 0.99, 1e-8  # a square decay of 0.999 costs 1 dB in 3,000 steps, 0.95 gains nothing
@@ -102,24 +102,25 @@ def _corner_weights(position, resolution, corner, weight):
 
 
 @kernel(**fused)
-def _read(position, cell, corners, codes, resolutions, octaves, first_wave, weight, x):
-    """Network inputs of up to LANES samples into x float32 [inputs, LANES]: latents level by level, waves. codes: int8 [N, F] as
-    2 q + 1; weight: float32 [L, LANES, 8], filled for _scatter."""
-    features = codes.shape[1]
-    sums = np.empty(features, np.float32)
+def _read(position, cell, corners, codes, features, resolutions, octaves, first_wave, weight, x):
+    """Network inputs of up to LANES samples into x float32 [inputs + CHUNK, LANES]: latents level by level, waves. codes: int8
+    [N, padded] as 2 q + 1, 0 in the padding; features: latents a row without it; weight: float32 [L, LANES, 8], filled for
+    _scatter."""
+    padded = codes.shape[1]
+    sums = np.empty(padded, np.float32)
     for l in range(position.shape[0]):
         row = 0
         for level in range(resolutions.shape[0]):
             corner, share = corners[cell[l, level]], weight[level, l]
             _corner_weights(position[l], resolutions[level], corner, share)
-            for k in range(features):
-                sums[k] = np.float32(0)
+            sums[:] = np.float32(0)
             for q in range(8):
                 if share[q] > 0:
                     w, code = share[q] * np.float32(1 / CODES), codes[corner[q]]
-                    for k in range(features):
-                        sums[k] += w * np.float32(code[k])
-            for k in range(features):
+                    for c in range(0, padded, CHUNK):
+                        for k in range(c, c + CHUNK):
+                            sums[k] += w * np.float32(code[k])
+            for k in range(padded):
                 x[row + k, l] = sums[k]
             row += features
         for octave in range(octaves):
@@ -131,10 +132,10 @@ def _read(position, cell, corners, codes, resolutions, octaves, first_wave, weig
 
 
 @kernel(**fused)
-def _scatter(cell, corners, weight, slope, gradient):
-    """Transpose of the latents' part of _read: slope float32 [inputs, LANES] is added to gradient float32 [N, F]."""
-    features = gradient.shape[1]
-    part = np.empty(features, np.float32)
+def _scatter(cell, corners, features, weight, slope, gradient):
+    """Transpose of the latents' part of _read: slope float32 [inputs, LANES] is added to gradient float32 [N, padded]."""
+    padded = gradient.shape[1]
+    part = np.zeros(padded, np.float32)
     for l in range(cell.shape[0]):
         for level in range(cell.shape[1]):
             corner, share = corners[cell[l, level]], weight[level, l]
@@ -144,8 +145,9 @@ def _scatter(cell, corners, weight, slope, gradient):
                 w = share[q]
                 if w > 0:
                     row = gradient[corner[q]]
-                    for k in range(features):
-                        row[k] += w * part[k]
+                    for c in range(0, padded, CHUNK):
+                        for k in range(c, c + CHUNK):
+                            row[k] += w * part[k]
 
 
 @kernel(**fused)
@@ -159,16 +161,16 @@ def _forward(widths, weight, bias, a, d):
 
 
 @kernel(**fused)
-def _train(position, target, share, cell, corners, codes, resolutions, octaves, first_wave, widths, weight, turned, bias,
-           latent_gradient, weight_gradient, bias_gradient):
+def _train(position, target, share, cell, corners, codes, features, resolutions, octaves, first_wave, widths, weight, turned,
+           bias, latent_gradient, weight_gradient, bias_gradient):
     """Adds the gradient of the squared error over samples; returns that error, weighted and summed over components.
 
     position: int32 [M, 3]; target: uint8 [M, C]; share: uint8 [M, C] weights of the errors; cell: int32 [M, L] rows of corners
-    int32 [.., 8], which name rows of codes int8 [N, F] or -1; widths: int64 [layers + 1], multiples of 4; weight: float32
+    int32 [.., 8], which name rows of codes int8 [N, padded] or -1; widths: int64 [layers + 1], multiples of 4; weight: float32
     [layers, rows, rows]; turned: its layers transposed. All of it is made by fit.py from the same tables.
     """
     layers, rows = widths.shape[0] - 1, weight.shape[1]
-    a, d = np.zeros((layers + 1, rows, LANES), np.float32), np.zeros((layers + 1, rows, LANES), np.float32)
+    a, d = np.zeros((layers + 1, rows + CHUNK, LANES), np.float32), np.zeros((layers + 1, rows, LANES), np.float32)
     g, none = np.zeros((layers + 1, rows, LANES), np.float32), np.zeros(rows, np.float32)
     shares = np.zeros((cell.shape[1], LANES, 8), np.float32)
     error = 0.0
@@ -176,7 +178,7 @@ def _train(position, target, share, cell, corners, codes, resolutions, octaves, 
         end = min(begin + LANES, position.shape[0])
         if end - begin < LANES:
             g[layers] = 0
-        _read(position[begin:end], cell[begin:end], corners, codes, resolutions, octaves, first_wave, shares, a[0])
+        _read(position[begin:end], cell[begin:end], corners, codes, features, resolutions, octaves, first_wave, shares, a[0])
         _forward(widths, weight, bias, a, d)
         for l in range(end - begin):
             for c in range(target.shape[1]):
@@ -191,19 +193,19 @@ def _train(position, target, share, cell, corners, codes, resolutions, octaves, 
                 for o in range(widths[n - 1]):
                     for l in range(LANES):
                         g[n - 1, o, l] *= d[n - 1, o, l]
-        _scatter(cell[begin:end], corners, shares, g[0], latent_gradient)
+        _scatter(cell[begin:end], corners, features, shares, g[0], latent_gradient)
     return error
 
 
 @kernel(**fused)
-def _evaluate(position, cell, corners, codes, resolutions, octaves, first_wave, widths, weight, bias, out):
+def _evaluate(position, cell, corners, codes, features, resolutions, octaves, first_wave, widths, weight, bias, out):
     """Answers of the network in float32, as in _train, into out float32 [M, C] on the scale 0..255, not clipped."""
     layers, rows = widths.shape[0] - 1, weight.shape[1]
-    a, d = np.zeros((layers + 1, rows, LANES), np.float32), np.zeros((layers + 1, rows, LANES), np.float32)
+    a, d = np.zeros((layers + 1, rows + CHUNK, LANES), np.float32), np.zeros((layers + 1, rows, LANES), np.float32)
     shares = np.zeros((cell.shape[1], LANES, 8), np.float32)
     for begin in range(0, position.shape[0], LANES):
         end = min(begin + LANES, position.shape[0])
-        _read(position[begin:end], cell[begin:end], corners, codes, resolutions, octaves, first_wave, shares, a[0])
+        _read(position[begin:end], cell[begin:end], corners, codes, features, resolutions, octaves, first_wave, shares, a[0])
         _forward(widths, weight, bias, a, d)
         for l in range(end - begin):
             for c in range(out.shape[1]):
@@ -225,24 +227,29 @@ def _adam(value, gradients, mean, square, rate, mean_scale, square_scale):
 
 
 @kernel(**fused)
-def _move_rows(low, high, gradients, value, square, times, rate, warming, codes):
+def _move_rows(low, high, features, gradients, value, square, times, rate, warming, codes):
     """Moves those of the rows low..high-1 of latents that have a gradient against it, by `rate` over a running root mean square
     of the row; the others wait.
 
-    gradients: float32 [parts, N, F], summed in order and cleared; square: float32 [N]; times: int32 [N], how often a row was
+    gradients: float32 [parts, N, padded], summed in order and cleared; square: float32 [N]; times: int32 [N], how often a row was
     moved; warming: float32 [T], 1 / (1 - SQUARE_DECAY ** t), 1 from T on. Writes what a decoder will read, 2 q + 1, to codes
-    int8 [N, F].
+    int8 [N, padded].
     """
-    one, keep, features = np.float32(1), np.float32(SQUARE_DECAY), value.shape[1]
+    one, keep, padded = np.float32(1), np.float32(SQUARE_DECAY), value.shape[1]
+    powers = np.zeros(CHUNK, np.float32)
     for row in range(low, high):
-        g, total = gradients[0, row], np.float32(0)
+        g = gradients[0, row]
         for part in range(1, gradients.shape[0]):
             other = gradients[part, row]
-            for k in range(features):
-                g[k] += other[k]
-                other[k] = np.float32(0)
-        for k in range(features):
-            total += g[k] * g[k]
+            for c in range(0, padded, CHUNK):
+                for k in range(c, c + CHUNK):
+                    g[k] += other[k]
+                    other[k] = np.float32(0)
+        powers[:] = np.float32(0)
+        for c in range(0, padded, CHUNK):
+            for k in range(CHUNK):
+                powers[k] += g[c + k] * g[c + k]
+        total = powers.sum()
         if total == 0:
             continue
         times[row] += 1
@@ -250,23 +257,27 @@ def _move_rows(low, high, gradients, value, square, times, rate, warming, codes)
         scale = warming[times[row]] if times[row] < warming.shape[0] else one
         size = rate / (np.sqrt(square[row] * scale) + np.float32(TINY))
         moved = value[row]
-        for k in range(features):
-            moved[k] -= size * g[k]
-            g[k] = np.float32(0)
-        _round_row(moved, codes[row])
+        for c in range(0, padded, CHUNK):
+            for k in range(c, c + CHUNK):
+                moved[k] -= size * g[k]
+                g[k] = np.float32(0)
+        _round_row(moved, codes[row], features)
 
 
 @kernel(**fused)
-def _round_row(value, codes):
-    """Puts latents back into the range of INT4 and writes what a decoder reads, 2 q + 1."""
+def _round_row(value, codes, features):
+    """Puts latents back into the range of INT4 and writes what a decoder reads, 2 q + 1, and 0 in the padding."""
     half, most = np.float32(CODES // 2), np.float32(1.0 - 1e-4)
-    for k in range(value.shape[0]):
-        value[k] = min(max(value[k], -most), most)
-        codes[k] = np.int8(2 * np.int32(np.floor(value[k] * half)) + 1)
+    for c in range(0, value.shape[0], CHUNK):
+        for k in range(c, c + CHUNK):
+            value[k] = min(max(value[k], -most), most)
+            codes[k] = np.int8(2 * np.int32(np.floor(value[k] * half)) + 1)
+    for k in range(features, value.shape[0]):
+        codes[k] = 0
 
 
 @kernel(**fused)
-def _round_latents(value, codes):
+def _round_latents(value, codes, features):
     """_round_row for all rows."""
     for row in range(value.shape[0]):
-        _round_row(value[row], codes[row])
+        _round_row(value[row], codes[row], features)

@@ -7,7 +7,7 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
 
 .DELETE_ON_ERROR:
-.PHONY: demo test bench anchor attribute-tools rate-points accuracy-time conformance vectors spec-tables install clean
+.PHONY: demo test bench anchor attribute-tools rate-points accuracy-time neural conformance vectors spec-tables install clean
 
 demo: install
 	$(PY) -m texfcodec.demo
@@ -38,6 +38,13 @@ rate-points: install
 # Which settings of the encoder pay: make accuracy-time [ASSET=file] [QUICK=1] [OUT=folder]
 accuracy-time: install
 	$(PY) tools/accuracy_time.py --asset "$(or $(ASSET),sample)" $(if $(QUICK),--quick) --out "$(or $(OUT),out/accuracy_time)"
+
+# 3DNTC payloads against ASTC, and what their fitting time buys; about an hour: make neural [ASSETS=folder] [OUT=folder]
+neural: install
+	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[baselines]"
+	$(PY) tools/rate_points.py conditions/resident.toml --out "$(or $(OUT),out/resident)" $(if $(ASSETS),--assets "$(ASSETS)")
+	$(PY) tools/rate_points.py conditions/neural_time.toml --out "$(or $(OUT),out/resident)" --keep-old $(if $(ASSETS),--assets "$(ASSETS)")
+	$(PY) tools/neural_time.py "$(or $(OUT),out/resident)" --out "$(or $(OUT),out/resident)"
 
 # The two targets below rewrite committed files; nothing else does.
 vectors: install

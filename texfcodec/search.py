@@ -19,6 +19,7 @@ FINER_BELOW, COARSER_ABOVE = 30, 38  # QPs where the next K of LADDER may beat t
 BITS_PER_QP, DECIBELS_PER_QP = 0.17, 0.42  # first guesses: log2 of attribute bytes and dB lost with each QP
 VOXELS_PER_AREA = 1.05  # voxels over surface in voxel faces; 1.015 to 1.071 on seven assets at K 512
 SECONDS, SECONDS_PER_VOXEL = 0.8, 2.4e-6  # of an encode with two threads
+SECONDS_PER_STEP = 6e-3  # of a 3DNTC fit, likewise
 
 
 @dataclass
@@ -70,7 +71,8 @@ def estimate(scene, options):
     edges = (corners[:, 1:] - corners[:, :1]) / side
     area = float(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum()) / 2
     voxels = round(min(area * VOXELS_PER_AREA * options.resolution**2, float(options.resolution) ** 3))
-    return max(voxels, 1), round(SECONDS + voxels * SECONDS_PER_VOXEL, 1)
+    fit = options.steps * SECONDS_PER_STEP if options.codec == "3dntc" else 0.0
+    return max(voxels, 1), round(SECONDS + voxels * SECONDS_PER_VOXEL + fit, 1)
 
 
 class _Search:

@@ -15,10 +15,12 @@ from collect import MEASURES, at, grouped, rate_of, read_results
 from texfcodec.options import DEFAULT_STEPS
 from texfcodec.quality.bd_rate import bd_rate
 
+FIT = ("facts", "fit")
+
 
 def fits_of(rows):
     """Rows of 3DNTC results, by size and then by steps."""
-    return sorted((row for row in rows if "fit" in row), key=lambda row: (rate_of(row, "texture"), row["fit"]["asked_steps"]))
+    return sorted((row for row in rows if at(row, FIT)), key=lambda row: (rate_of(row, "texture"), at(row, FIT)["asked_steps"]))
 
 
 def table_of(rows):
@@ -26,7 +28,7 @@ def table_of(rows):
     yield "| | resident bytes | steps | fit, s | " + " | ".join(MEASURES) + " |"
     yield "|---|---|---|---|" + "---|" * len(MEASURES)
     for row in rows:
-        fit = row.get("fit", {})
+        fit = at(row, FIT)
         spent = (f"{fit['steps']:,}", f"{fit['seconds']:.0f}") if fit else ("", "")
         told = [row["setting"], f"{rate_of(row, 'texture'):,}", *spent]
         yield "| " + " | ".join(told + [f"{at(row, path):.2f}" for path in MEASURES.values()]) + " |"
@@ -65,9 +67,9 @@ def plot(assets, path):
         for row in fits_of(rows):
             sizes.setdefault(row["setting"].split("_")[1], []).append(row)
         for size, mine in sizes.items():
-            seconds, psnr = [r["fit"]["seconds"] for r in mine], [at(r, MEASURES["3D-PSNR Y"]) for r in mine]
+            seconds, psnr = [at(r, FIT)["seconds"] for r in mine], [at(r, MEASURES["3D-PSNR Y"]) for r in mine]
             (line,) = ax.plot(seconds, psnr, "o-", label=f"{int(size) // 1000} kB")
-            chosen = [i for i, r in enumerate(mine) if r["fit"]["asked_steps"] == DEFAULT_STEPS]
+            chosen = [i for i, r in enumerate(mine) if at(r, FIT)["asked_steps"] == DEFAULT_STEPS]
             ax.plot([seconds[i] for i in chosen], [psnr[i] for i in chosen], "s", ms=12, mfc="none", mec=line.get_color())
         ax.set(xscale="log", xlabel="seconds of fitting, two cores", ylabel="3D-PSNR Y, dB", title=f"{asset} (square: default)")
         ax.grid(alpha=0.3)
@@ -90,7 +92,7 @@ def main():
         assets.setdefault(row["asset"], []).append(row)
     lines = []
     for asset, rows in assets.items():
-        rivals = {g: by[asset] for g, by in grouped([r for r in rows if "fit" not in r]).items()}
+        rivals = {g: by[asset] for g, by in grouped([r for r in rows if not at(r, FIT)]).items()}
         lines += [f"## {asset}", "", *table_of(fits_of(rows) + [r for side in rivals.values() for r in side]), ""]
         if rivals and len(longest(rows)) > 1:
             lines += ["BD-rate:", "", *differences(longest(rows), rivals), ""]

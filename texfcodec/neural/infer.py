@@ -24,7 +24,7 @@ EDGE = 3 << (ONE_BITS - 1)  # 3/2, where hard GELU becomes the identity
 LEVEL_SCALE = 255 * 128  # half the range of values with 8 fractional bits
 VALUE_BITS = 8
 HASH_Y, HASH_Z, HASH_FIELD = 2654435761, 805459861, 3674653429  # products with coordinates < 2**46
-LANES = 64
+LANES = 128  # 64: 1.9 instead of 2.1 million points a second on two cores
 CHUNK = 8  # rows of latents are padded to a multiple: loops of known length become vector instructions, others of 16 do not
 BLOCK = 1 << 14
 

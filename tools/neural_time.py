@@ -54,18 +54,26 @@ def differences(ours, rivals):
         yield f"| {group} | " + " | ".join(told) + " |"
 
 
+def curves_of(rows):
+    """{size: its fits by steps}, sizes with at least two."""
+    sizes = {}
+    for row in fits_of(rows):
+        sizes.setdefault(row["setting"].split("_")[1], []).append(row)
+    return {size: mine for size, mine in sizes.items() if len(mine) > 1}
+
+
 def plot(assets, path):
-    """Writes the picture."""
+    """Writes the picture, of assets with a curve."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, axes = pyplot.subplots(1, len(assets), figsize=(5.5 * len(assets), 4), squeeze=False)
-    for ax, (asset, rows) in zip(axes[0], assets.items(), strict=True):
-        sizes = {}
-        for row in fits_of(rows):
-            sizes.setdefault(row["setting"].split("_")[1], []).append(row)
+    drawn = {asset: curves for asset, rows in assets.items() if (curves := curves_of(rows))}
+    if not drawn:
+        return
+    figure, axes = pyplot.subplots(1, len(drawn), figsize=(6 * len(drawn), 4), squeeze=False)
+    for ax, (asset, sizes) in zip(axes[0], drawn.items(), strict=True):
         for size, mine in sizes.items():
             seconds, psnr = [at(r, FIT)["seconds"] for r in mine], [at(r, MEASURES["3D-PSNR Y"]) for r in mine]
             (line,) = ax.plot(seconds, psnr, "o-", label=f"{int(size) // 1000} kB")

@@ -34,7 +34,7 @@ POINTS = {
     "aom4": (24, ((6, 17), (12, 16))), "aom5": (32, ((6, 17), (12, 16))),
 }
 DEFAULT_POINT = "mpeg1"
-DEFAULT_STEPS = 15_000  # the knee of docs/neural.md: 1 dB for each doubling of the time before, half of it after
+DEFAULT_STEPS = 15_000  # the end of the bend: docs/neural.md
 APPEARANCES = ("texture", "vertex", "voxels")
 
 

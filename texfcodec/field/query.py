@@ -60,6 +60,17 @@ def _query(points, size, slots, bricks, words, ranks, values, out, missed):
             out[i, c] = values[rank, c] if rank >= 0 else 0.0
 
 
+def over_blocks(one, count, block, threads):
+    """Calls one(begin) for begin = 0, block, 2 block, ... below count, on so many threads; one must only write its own part."""
+    begins = range(0, count, block)
+    if threads > 1 and len(begins) > 1:
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(one, begins))
+    else:
+        for begin in begins:
+            one(begin)
+
+
 def query_field(points, resolution, keys, brick_map, values, threads=1):
     """Values of one field at grid points.
 
@@ -73,13 +84,7 @@ def query_field(points, resolution, keys, brick_map, values, threads=1):
         part = slice(begin, begin + BLOCK)
         _query(points[part], resolution, *brick_map.arrays, values, out[part], missed[part])
 
-    begins = range(0, len(points), BLOCK)
-    if threads > 1 and len(begins) > 1:
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(one, begins))
-    else:
-        for begin in begins:
-            one(begin)
+    over_blocks(one, len(points), BLOCK, threads)
     far = np.flatnonzero(missed == 2)
     if len(far):
         from scipy.spatial import cKDTree

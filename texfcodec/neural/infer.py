@@ -4,12 +4,11 @@ LANES points go side by side, a component a row, so that every inner loop runs a
 |weight| < 2**28, |activation| <= 2**24, at most 304 inputs and a bias below 2**42 stay below 2**61.
 """
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 
 from ..field.grid import _brick_slot, _ones32
 from ..field.morton import _spread
+from ..field.query import over_blocks
 from ..kernel import kernel
 
 POSITION_BITS = 24  # of a point in the canonical cube
@@ -236,13 +235,7 @@ def infer(positions, tables, threads=1):
         part = slice(begin, begin + BLOCK)
         _infer(positions[part], *tables.arrays, out[part])
 
-    begins = range(0, len(positions), BLOCK)
-    if threads > 1 and len(begins) > 1:
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(one, begins))
-    else:
-        for begin in begins:
-            one(begin)
+    over_blocks(one, len(positions), BLOCK, threads)
     return out
 
 

@@ -2,9 +2,17 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+def with_a_bit_flipped(data):
+    """Copies of bytes with one bit of one byte turned over, byte after byte."""
+    rng = np.random.default_rng(0)
+    for i, byte in enumerate(data):
+        yield data[:i] + bytes([byte ^ 1 << int(rng.integers(8))]) + data[i + 1 :]
 
 
 @pytest.fixture(scope="session")

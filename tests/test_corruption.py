@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from conftest import REPOSITORY
+from conftest import REPOSITORY, with_a_bit_flipped
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapes import crossing_sheets, painted_sphere, sphere
@@ -99,13 +99,9 @@ def test_decoder_refuses_every_appended_byte(kind):
 
 @pytest.mark.parametrize("kind", ["sphere", "sheets"])
 def test_decoder_refuses_a_flipped_bit_in_any_byte(kind):
-    data, rng = bytearray(small(kind)), np.random.default_rng(0)
-    for i in range(len(data)):
-        bit = 1 << int(rng.integers(8))
-        data[i] ^= bit
+    for damaged in with_a_bit_flipped(small(kind)):
         with pytest.raises((StreamError, SupportError)):
-            decode(bytes(data))
-        data[i] ^= bit
+            decode(damaged)
 
 
 @pytest.mark.parametrize("cut", [1, 4, 20])

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from conftest import REPOSITORY
+from conftest import REPOSITORY, with_a_bit_flipped
 from test_corruption import fields_of, outcome, repacked
 from test_house import modules_after
 
@@ -65,13 +65,9 @@ def test_decoder_refuses_every_prefix(name):
 
 @pytest.mark.parametrize("name", FORMS)
 def test_decoder_refuses_a_flipped_bit_in_any_byte(name):
-    data, rng = bytearray(stream(name)), np.random.default_rng(0)
-    for i in range(len(data)):
-        bit = 1 << int(rng.integers(8))
-        data[i] ^= bit
+    for damaged in with_a_bit_flipped(stream(name)):
         with pytest.raises((StreamError, SupportError)):
-            decode(bytes(data))
-        data[i] ^= bit
+            decode(damaged)
 
 
 @pytest.mark.parametrize("name", FORMS)

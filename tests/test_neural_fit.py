@@ -1,6 +1,7 @@
 """The 3DNTC fit: its gradient, its promises (seed, checkpoint, budget) and what the integers cost against floats."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from texfcodec import EncodeOptions, decode
 from texfcodec.encoder import encode_scene
 from texfcodec.errors import InputError
 from texfcodec.neural.design import POINTS, point_bytes
-from texfcodec.neural.fit import Fit
+from texfcodec.neural.fit import NO_SLOPE, Fit
 from texfcodec.neural.infer import infer
 from texfcodec.neural.payload import Level, Payload, Tables, join_parameters, split_parameters
 from texfcodec.neural.samples import Samples
@@ -74,24 +75,32 @@ def float_network(payload, position, tables, keys):
     return (x + 1) * 127.5
 
 
+def learn(fit, slope=NO_SLOPE):
+    """The error at a fit's samples; its gradient, or that of slopes, is left in gradients."""
+    for g in fit.gradients:
+        g[:] = 0
+    with ThreadPoolExecutor(fit.threads) as pool:
+        return fit.learn(fit.samples, (fit.cell, fit.corners), pool, slope)
+
+
+def test_slopes_that_are_given_take_the_errors_place():
+    fit = plane_fit(300, threads=2)
+    learn(fit)
+    expected = [g.sum(axis=0) for g in fit.gradients]
+    wrong = fit.answers(fit.samples, (fit.cell, fit.corners)) - fit.samples.target
+    learn(fit, (wrong / 127.5).astype(np.float32))
+    for g, one in zip(fit.gradients, expected, strict=True):
+        np.testing.assert_allclose(g.sum(axis=0), one, rtol=1e-3, atol=1e-3)
+
+
 def test_gradient_is_that_of_the_error():
     fit = plane_fit(256)
     s, (_, weight, bias) = fit.samples, fit.values
 
-    def error(weight, bias):
-        from texfcodec.neural.train import _evaluate
+    def error():
+        return float((((fit.answers(s, (fit.cell, fit.corners)).astype(np.float64) - s.target) / 127.5) ** 2).sum())
 
-        got = np.empty((len(s), 3), np.float32)
-        _evaluate(s.position, fit.cell, fit.corners, fit.codes, 8, fit.resolutions, 2, fit.design.first_wave, fit.widths, weight,
-                  bias, got)
-        return float((((got.astype(np.float64) - s.target) / 127.5) ** 2).sum())
-
-    from texfcodec.neural.train import _train
-
-    turned = np.ascontiguousarray(weight.transpose(0, 2, 1))
-    made = _train(s.position, s.target, s.share, fit.cell, fit.corners, fit.codes, 8, fit.resolutions, 2, fit.design.first_wave,
-                     fit.widths, weight, turned, bias, *(g[0] for g in fit.gradients))
-    assert made == pytest.approx(error(weight, bias), rel=1e-4)
+    assert learn(fit) == pytest.approx(error(), rel=1e-4)
     for array, gradient, place in ((weight, fit.gradients[1][0], (0, 3, 2)), (weight, fit.gradients[1][0], (1, 5, 7)),
                                    (weight, fit.gradients[1][0], (2, 1, 4)), (bias, fit.gradients[2][0], (0, 4)),
                                    (bias, fit.gradients[2][0], (2, 0))):
@@ -99,32 +108,22 @@ def test_gradient_is_that_of_the_error():
         sides = []
         for sign in (1, -1):
             array[place] = kept + sign * step
-            sides.append(error(weight, bias))
+            sides.append(error())
         array[place] = kept
         assert 2 * gradient[place] == pytest.approx((sides[0] - sides[1]) / (2 * step), rel=0.02, abs=0.02)
 
 
 def test_gradient_reaches_the_latents():
     """A latent's code moved by one changes the error by about its gradient times the step."""
-    from texfcodec.neural.train import _train
-
     fit = plane_fit(256)
-    s, (_, weight, bias), turned = fit.samples, fit.values, np.ascontiguousarray(fit.values[1].transpose(0, 2, 1))
-
-    def learn():
-        for g in fit.gradients:
-            g[:] = 0
-        return _train(s.position, s.target, s.share, fit.cell, fit.corners, fit.codes, 8, fit.resolutions, 2,
-                      fit.design.first_wave, fit.widths, weight, turned, bias, *(g[0] for g in fit.gradients))
-
-    learn()
+    learn(fit)
     gradient = fit.gradients[0][0].copy()
     row, k = np.unravel_index(np.abs(gradient).argmax(), gradient.shape)
     kept = fit.codes[row, k]
     sides = []
     for sign in (2, -2):
         fit.codes[row, k] = kept + sign
-        sides.append(learn())
+        sides.append(learn(fit))
     assert 2 * gradient[row, k] == pytest.approx((sides[0] - sides[1]) / (4 / 16), rel=0.05)
 
 

@@ -162,7 +162,7 @@ def _code_neural(scene, options, report):
         form = FORM_TRANSPORT if options.transport else FORM_RESIDENT
         stream.attributes.append({"field_index": 0, "group_index": 0, "codec_id": CODEC_3DNTC, "values_crc": total,
                                   **payload_values(payload, form)})
-    prepared.refinement = {"asked": "off"}
+    prepared.refinement = report.facts.get("refinement", {"asked": options.refine, "kind": "off", "reason": "there is no field"})
     return _write(stream, scene, prepared, reconstruction, options, report)
 
 

@@ -56,8 +56,9 @@ class EncodeOptions:
     the surface, "render" inverse rendering on top of it with so many refine_iterations, "auto" a fit where it will show and
     effort is not fast. allow_empty: code a mesh whose faces all collapse as an empty stream instead of refusing it.
 
-    codec "3dntc" fits latents and a network for GPU-resident use instead; rate, qp, effort and refine then have no influence, and
-    resolution is only that of the voxels which a decoder makes of it. point: one of the paper's; resident_bytes: in its place, a
+    codec "3dntc" fits latents and a network for GPU-resident use instead; rate, qp and effort then have no influence, resolution
+    is only that of the voxels which a decoder makes of it, and refine "render" improves the fit on pictures, which "auto" leaves
+    out. point: one of the paper's; resident_bytes: in its place, a
     budget of bytes on the GPU; latent_index: "surface" gives every touched voxel of a coarse grid its own latents, as fine a
     grid as the point's bytes allow, "mixed" spends half of them on a hash table over finer cells, "hash" takes the point's hash
     tables; transport: entropy-code the latents in the stream; steps, seed: of the fit; checkpoint: path that its state is kept
@@ -129,6 +130,8 @@ class EncodeOptions:
         if self.codec != "3dntc" and (self.point or self.resident_bytes):
             raise InputError("TXF-I50", "point and resident_bytes belong to codec 3dntc", value=self.codec, allowed="3dntc")
         if self.codec == "3dntc":
+            if self.refine == "fit":
+                raise InputError("TXF-I50", "refine fit is for voxels; codec 3dntc has auto, off and render", value=self.refine)
             for name in ("target_bytes", "target_psnr", "max_error"):
                 if getattr(self, name) is not None:
                     raise InputError("TXF-I50", f"codec 3dntc has no {name}; its size is set by point or resident_bytes",

@@ -54,7 +54,8 @@ def _warm_up(context, parameter, value):
 @click.option("--position-bits", metavar="B", **number(8, 20, "Bits of a vertex coordinate, 8..20.  [default: 14; 3dntc 16]"))
 @click.option("--effort", type=click.Choice(EFFORTS), help="Time spent on a smaller stream.  [default: balanced]")
 @click.option("--refine", type=click.Choice(REFINEMENTS), help="Colours closer to the source before coding: surface fit, or "
-              "inverse rendering on top of it (a minute).  [default: auto, a fit where it shows; never with --effort fast]")
+              "inverse rendering on top of it (a minute).  [default: auto, a fit where it shows; never with --effort fast]  "
+              "3dntc: render refines the fit on pictures (a minute); not in auto.")
 @click.option("--codec", type=click.Choice(CODECS), help="raht for the smallest file; 3dntc for latents and a "
               "network that a renderer keeps and asks at any point, fitted by training.  [default: raht]")
 @click.option("--point", type=click.Choice(list(POINTS)), metavar="POINT", help="3dntc: one of the paper's sizes, "
@@ -128,7 +129,7 @@ def _options(choices):
 def _check_codec(choices):
     """Flags of the codec that was not chosen are a mistake, not to be passed over."""
     neural = choices["codec"] == "3dntc"
-    strange = ("rate", "qp", "target_bytes", "target_psnr", "near_lossless", "lossless", "effort", "refine") if neural else (
+    strange = ("rate", "qp", "target_bytes", "target_psnr", "near_lossless", "lossless", "effort") if neural else (
         "point", "resident_bytes", "steps", "seed", "latent_index", "transport", "checkpoint")
     for name in strange:
         if choices[name]:
@@ -247,6 +248,11 @@ def _neural_lines(facts):
            f"index {kept['index']}; {facts['fields']} field" + ("s" if facts["fields"] != 1 else ""))
     early = "" if fit["steps"] == fit["asked_steps"] else f" of {fit['asked_steps']}, then nothing improved"
     yield f"fit: {fit['steps']} steps{early}, {fit['seconds']:.0f} s, RGB {fit['psnr_rgb']:.2f} dB at points it has not seen"
+    told = facts["refinement"]
+    if told["asked"] == "render":
+        psnr = {row["iteration"]: row["held_out_psnr"] for row in told["iterations"]}
+        yield (f"refined on pictures: {psnr[0]:.2f} to {psnr[told['kept_iteration']]:.2f} dB in views it has not seen"
+               if told["kind"] == "render" else f"not refined on pictures: {told['reason']}")
     yield from _psnr_lines(facts)
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
 

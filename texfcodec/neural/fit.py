@@ -17,8 +17,8 @@ from ..quality.psnr import decibels
 from .design import choose_design
 from .infer import CHUNK, infer
 from .payload import join_parameters
-from .samples import cells_of, draw_samples, order_along_curve
-from .train import MOMENTUM, SQUARE_DECAY, _adam, _evaluate, _move_rows, _round_latents, _train
+from .samples import Source, cells_of, order_along_curve
+from .train import MOMENTUM, SQUARE_DECAY, TINY, _adam, _evaluate, _move_rows, _round_latents, _train
 
 BATCH = 4096  # more steps with smaller batches are better
 # For the latents, no momentum and one mean square a row: within 0.05 dB of Adam, with a third of the memory to move.
@@ -32,6 +32,7 @@ SETTLED_DECAY = 0.15  # but not while the rates are higher than that: most of th
 LARGEST = 4092.0  # parameters in the stream are below 2**12
 WARMING = (1 / (1 - SQUARE_DECAY ** np.maximum(np.arange(2048), 1))).astype(np.float32)
 SAVE_SECONDS = 30.0  # between checkpoints
+NO_SLOPE = np.zeros((0, 0), np.float32)
 
 
 class Fit:
@@ -80,31 +81,61 @@ class Fit:
 
     def _one_step(self, steps, pool):
         """One step of all; returns the mean squared error of the batch before it, on the scale 0..255."""
-        (begin, end), (latent, weight, bias), s = self._batch(), self.values, self.samples
+        begin, end = self._batch()
+        part, decay = slice(begin, end), self._decay(steps)
+        error = self.learn(self.samples.taken(part), (self.cell[part], self.corners), pool)
+        self.step += 1
+        self.move(decay, self.step, pool)
+        return error / max(self.samples.share[part].sum(dtype=np.int64) / 255, TINY) * 127.5**2
+
+    def learn(self, samples, cells, pool, slope=NO_SLOPE):
+        """Adds the gradient at samples: of their squared error, or of what has slopes float32 [M, C] by the outputs. cells: of
+        cells_of. Returns the squared error, weighted and summed over components."""
+        (_, weight, bias), (cell, corners) = self.values, cells
         turned = np.ascontiguousarray(weight.transpose(0, 2, 1))
-        cuts = np.linspace(begin, end, self.threads + 1).astype(np.int64)
+        cuts = np.linspace(0, len(samples), self.threads + 1).astype(np.int64)
 
-        def learn(k):
+        def one(k):
             part = slice(cuts[k], cuts[k + 1])
-            return _train(s.position[part], s.target[part], s.share[part], self.cell[part], self.corners, self.codes,
-                          self.design.features, self.resolutions, self.design.octaves, self.design.first_wave, self.widths,
-                          weight, turned, bias, *(g[k] for g in self.gradients))
+            return _train(samples.position[part], samples.target[part], samples.share[part], slope[part], cell[part], corners,
+                          self.codes, self.design.features, self.resolutions, self.design.octaves, self.design.first_wave,
+                          self.widths, weight, turned, bias, *(g[k] for g in self.gradients))
 
-        error = sum(pool.map(learn, range(self.threads)))
-        decay = self._decay(steps)
+        return sum(pool.map(one, range(self.threads)))
 
-        def move(k):
+    def move(self, decay, step, pool):
+        """Moves everything against its gradient and clears that. decay: share of the rates; step: number of the move, from 1."""
+        latent = self.values[0]
+
+        def one(k):
             low, high = len(latent) * k // self.threads, len(latent) * (k + 1) // self.threads
             _move_rows(low, high, self.design.features, self.gradients[0], latent, self.squares[0], self.times,
                        np.float32(LATENT_RATE * decay), WARMING, self.codes)
 
-        list(pool.map(move, range(self.threads)))
-        self.step += 1
-        scale = np.float32(1 / (1 - MOMENTUM**self.step)), np.float32(1 / (1 - SQUARE_DECAY**self.step))
+        list(pool.map(one, range(self.threads)))
+        scale = np.float32(1 / (1 - MOMENTUM**step)), np.float32(1 / (1 - SQUARE_DECAY**step))
         for n in (1, 2):
             flat = [a.reshape(-1) for a in (self.values[n], self.means[n - 1], self.squares[n])]
             _adam(flat[0], self.gradients[n].reshape(self.threads, -1), *flat[1:], np.float32(NETWORK_RATE * decay), *scale)
-        return error / ((end - begin) * self.design.components) * 127.5**2
+
+    def forget(self):
+        """Clears what earlier moves have left behind but for the values themselves."""
+        for array in (*self.means, *self.squares, self.times):
+            array[...] = 0
+
+    def answers(self, samples, cells):
+        """What the network says at samples, in float32: [M, C] on the scale 0..255, not clipped. cells: of cells_of."""
+        got = np.empty((len(samples), self.design.components), np.float32)
+        cuts = np.linspace(0, len(samples), self.threads + 1).astype(np.int64)
+
+        def one(k):
+            part = slice(cuts[k], cuts[k + 1])
+            _evaluate(samples.position[part], cells[0][part], cells[1], self.codes, self.design.features, self.resolutions,
+                      self.design.octaves, self.design.first_wave, self.widths, *self.values[1:], got[part])
+
+        with ThreadPoolExecutor(self.threads) as pool:
+            list(pool.map(one, range(self.threads)))
+        return got
 
     def upload(self):
         """Makes whatever follows from the latents anew after they were set from outside."""
@@ -117,17 +148,14 @@ class Fit:
         """3D-PSNR in dB over all colour components at the held-out points: of the float evaluation, or, exact, of the integer
         evaluation of payload()."""
         want, share = self.held_out.target[:, :3], self.held_out.share[:, :1] / 255.0
-        got = np.empty((len(want), self.design.components), np.float32)
         if exact:
-            payload = self.payload()
+            payload, got = self.payload(), np.empty((len(want), self.design.components), np.float32)
             for number, table in enumerate(self.tables):
                 table.take_values(payload)
                 mine = np.flatnonzero(self.held_out.field == number)
                 got[mine] = infer(self.held_out.position[mine], table, self.threads) / 256.0
         else:
-            _, weight, bias = self.values
-            _evaluate(self.held_out.position, *self.held_cells, self.codes, self.design.features, self.resolutions,
-                      self.design.octaves, self.design.first_wave, self.widths, weight, bias, got)
+            got = self.answers(self.held_out, self.held_cells)
         error = (np.clip(got[:, :3], 0, 255) - want) ** 2 * share
         return decibels(float(error.sum(dtype=np.float64) / (3 * share.sum())))
 
@@ -227,14 +255,14 @@ def fit_payload(scene, surface, face_field, surfaces, components, options, repor
     """Fits a payload for all fields of a scene: (payload.Payload, its Tables by field).
 
     surface: geometry.surface.Surface; face_field: int64 [F] over its faces; surfaces: decoded (lattice, faces) by field;
-    components: 3, or 4 with alpha. report.facts gets "resident" (bytes on the GPU) and "fit" (the log).
+    components: 3, or 4 with alpha. report.facts gets "resident" (bytes on the GPU), "fit" (the log) and "refinement".
     """
     with report.stage("design"):
         design = choose_design(surfaces, surface.cube.position_bits, components, options)
     wanted = int(np.clip(options.steps * BATCH // 8, LEAST_SAMPLES, MOST_SAMPLES))
     with report.stage("samples"):
-        drawn = [draw_samples(scene, surface, face_field, count, components, [options.seed, kind], options.threads)
-                 for kind, count in enumerate((wanted, HELD_OUT))]
+        source = Source(scene, surface, face_field, components, options.threads)
+        drawn = source.draw_busy(wanted, [options.seed, 0]), source.draw(HELD_OUT, [options.seed, 1])
 
     def look(fit, steps):
         row = fit.log[-1]
@@ -246,11 +274,26 @@ def fit_payload(scene, surface, face_field, surfaces, components, options, repor
     with report.stage("fit"):
         fit = _engine(options)(design.payload, design.tables, *drawn, options.seed, options.threads)
         checkpoint = None if options.checkpoint is None else Path(options.checkpoint)
-        payload = fit.run(options.steps, look, checkpoint)
-        exact = fit.psnr(exact=True)
+        fit.run(options.steps, look, checkpoint)
+    with report.stage("refine"):
+        report.facts["refinement"] = _refined(fit, source, surface.cube.position_bits, options, report)
+    payload, exact = fit.payload(), fit.psnr(exact=True)
     report.facts["resident"] = design.resident
     report.facts["fit"] = {"engine": type(fit).__name__, "steps": fit.step, "asked_steps": options.steps,
                            "seconds": round(fit.seconds, 2), "samples": len(fit.samples), "psnr_rgb": round(exact, 3),
                            "log": fit.log,
                            "levels": [{"resolution": one.resolution, "rows": one.rows} for one in payload.levels]}
     return payload, design.tables
+
+
+def _refined(fit, source, position_bits, options, report):
+    """Refines a fit on pictures where that is asked for; what the report says of it."""
+    facts = {"asked": options.refine, "kind": "off", "reason": "more steps of the fit gain more in the same time"}
+    if options.refine != "render":
+        return facts if options.refine == "auto" else facts | {"reason": "switched off"}
+    from .refine import refine_by_pictures  # here, because the renderer takes long to import and few ask for it
+
+    log, kept = refine_by_pictures(fit, source, position_bits, options.seed, options.refine_iterations,
+                                   on_progress=lambda *n: report.progress("refine", *n))
+    return facts | {"kind": "render" if kept else "off", "reason": "asked for" if kept else "no held-out view gained",
+                    "iterations": log, "kept_iteration": log[kept]["iteration"]}

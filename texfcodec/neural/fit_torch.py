@@ -118,4 +118,4 @@ class TorchFit(Fit):
                 squares[n + 1] = SQUARE_DECAY * squares[n + 1] + (1 - SQUARE_DECAY) * g * g
                 size = torch.sqrt(squares[n + 1] / (1 - SQUARE_DECAY**self.step)) + TINY
                 values[n + 1] -= NETWORK_RATE * decay / (1 - MOMENTUM**self.step) * means[n] / size
-        return float(error.detach()) / ((end - begin) * self.design.components) * 127.5**2
+        return float(error.detach() / (share.sum() / 255).clamp(min=TINY)) * 127.5**2

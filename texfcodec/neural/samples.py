@@ -11,6 +11,10 @@ from ..quality.psnr import sample_surface
 from .infer import LOCAL_BITS, POSITION_BITS, _local, _rows_around, cube_positions
 
 CHUNK = 1 << 20  # points sampled at a time
+# Where colours vary more there is more to learn, so samples are taken there more often and count for less.
+CANDIDATES = 3  # points looked at for every sample that is taken
+RUN = 16  # neighbours whose colours are compared
+NOISE, FLOOR = 4.0, 0.3  # levels of 255 that every place is taken to vary by; share of the samples that is spread evenly
 
 
 @dataclass
@@ -31,24 +35,52 @@ class Samples:
         return Samples(self.position[rows], self.target[rows], self.share[rows], self.field[rows])
 
 
-def draw_samples(scene, surface, face_field, count, components, seed, threads):
-    """Samples spread evenly by area over the surface that is coded. components: 3, or 4 with alpha."""
-    lattice = surface.lattice.astype(np.float64)
-    face, bary = sample_surface(lattice, surface.faces, count, seed)
-    source = pack_source(scene, surface.origin_face)
-    target, share = np.empty((2, count, components), np.uint8)
-    out = Samples(np.empty((count, 3), np.int32), target, share, face_field[face].astype(np.int16))
-    scale = 2.0 ** (POSITION_BITS - surface.cube.position_bits)
-    for begin in range(0, count, CHUNK):
-        part = slice(begin, begin + CHUNK)
-        points = np.einsum("mk,mkc->mc", bary[part], lattice[surface.faces[face[part]]])
-        out.position[part] = cube_positions(points * scale)
-        rgba = np.rint(sample_source(source, face[part], bary[part], threads)).astype(np.uint8)
-        out.target[part] = rgba[:, :components]
-        out.share[part] = 255
-        if components == 4:  # what cannot be seen need not be right
-            out.share[part, :3] = np.maximum(rgba[:, 3:], 1)
-    return out
+class Source:
+    """Where samples come from. surface: geometry.surface.Surface of the scene; face_field: int64 [F] over its faces; components:
+    3, or 4 with alpha."""
+
+    def __init__(self, scene, surface, face_field, components, threads):
+        self.lattice, self.faces, self.face_field = surface.lattice.astype(np.float64), surface.faces, face_field
+        self.scale = 2.0 ** (POSITION_BITS - surface.cube.position_bits)
+        self.packed, self.components, self.threads = pack_source(scene, surface.origin_face), components, threads
+
+    def at(self, face, bary):
+        """Samples at places on the surface: face int64 [M]; bary float64 [M, 3]."""
+        points = np.einsum("mk,mkc->mc", bary, self.lattice[self.faces[face]])
+        rgba = np.rint(sample_source(self.packed, face, bary, self.threads)).astype(np.uint8)
+        share = np.full((len(face), self.components), 255, np.uint8)
+        if self.components == 4:  # what cannot be seen need not be right
+            share[:, :3] = np.maximum(rgba[:, 3:], 1)
+        return Samples(cube_positions(points * self.scale), rgba[:, : self.components], share,
+                       self.face_field[face].astype(np.int16))
+
+    def draw(self, count, seed):
+        """Samples spread evenly by area over the surface that is coded."""
+        return self.at(*sample_surface(self.lattice, self.faces, count, seed))
+
+    def draw_busy(self, count, seed):
+        """As draw, but denser where colours vary, with shares that make up for it on average."""
+        chunks = max(1, -(-count * CANDIDATES // CHUNK))
+        parts = [_thinned(self.draw(CANDIDATES * wanted, [*seed, k]), wanted, np.random.default_rng([*seed, k, 1]))
+                 for k, wanted in enumerate(np.diff(np.arange(chunks + 1) * count // chunks).tolist())]
+        return Samples(*(np.concatenate(arrays) for arrays in zip(*(vars(p).values() for p in parts), strict=True)))
+
+
+def _thinned(samples, wanted, random):
+    """`wanted` of the samples, taken with a frequency of FLOOR and a part that follows the spread of colours around them."""
+    samples = samples.taken(order_along_curve(samples.position))
+    begins = np.arange(0, len(samples), RUN)
+    length = np.diff(np.append(begins, len(samples)))[:, None]
+    colour = samples.target * (samples.share * np.float32(1 / 255))
+    mean, power = (np.add.reduceat(c, begins, axis=0) / length for c in (colour, colour**2))
+    spread = np.sqrt(np.maximum(power - mean**2, 0).sum(axis=1) + NOISE**2)
+    density = np.repeat(FLOOR + (1 - FLOOR) * spread / np.average(spread, weights=length[:, 0]), length[:, 0])
+    places = np.cumsum(density) * (wanted / density.sum())
+    rows = np.searchsorted(places, np.arange(wanted) + random.random()).clip(max=len(samples) - 1)
+    taken = samples.taken(rows)
+    share = taken.share * (FLOOR / density[rows])[:, None]
+    taken.share = np.floor(share + random.random((wanted, 1))).astype(np.uint8)  # right on average
+    return taken
 
 
 @kernel

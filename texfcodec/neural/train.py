@@ -161,19 +161,34 @@ def _forward(widths, weight, bias, a, d):
 
 
 @kernel(**fused)
-def _train(position, target, share, cell, corners, codes, features, resolutions, octaves, first_wave, widths, weight, turned,
-           bias, latent_gradient, weight_gradient, bias_gradient):
+def _backward(widths, turned, none, a, d, g, cell, corners, features, shares, latent_gradient, weight_gradient, bias_gradient):
+    """Adds the gradient of up to LANES samples; g[layers]: slopes by the outputs; a, d: of _forward; shares: of _read."""
+    layers = widths.shape[0] - 1
+    for n in range(layers, 0, -1):
+        _outer(g[n], a[n - 1], weight_gradient[n - 1], bias_gradient[n - 1], widths[n], widths[n - 1])
+        _dense(turned[n - 1], none, g[n], g[n - 1], widths[n], widths[n - 1])
+        if n > 1:
+            for o in range(widths[n - 1]):
+                for l in range(LANES):
+                    g[n - 1, o, l] *= d[n - 1, o, l]
+    _scatter(cell, corners, features, shares, g[0], latent_gradient)
+
+
+@kernel(**fused)
+def _train(position, target, share, slope, cell, corners, codes, features, resolutions, octaves, first_wave, widths, weight,
+           turned, bias, latent_gradient, weight_gradient, bias_gradient):
     """Adds the gradient of the squared error over samples; returns that error, weighted and summed over components.
 
-    position: int32 [M, 3]; target: uint8 [M, C]; share: uint8 [M, C] weights of the errors; cell: int32 [M, L] rows of corners
-    int32 [.., 8], which name rows of codes int8 [N, padded] or -1; widths: int64 [layers + 1], multiples of 4; weight: float32
-    [layers, rows, rows]; turned: its layers transposed. All of it is made by fit.py from the same tables.
+    position: int32 [M, 3]; target: uint8 [M, C]; share: uint8 [M, C] weights of the errors; slope: float32 [0, 0], or [M, C]
+    slopes by the outputs that take the error's place; cell: int32 [M, L] rows of corners int32 [.., 8], which name rows of codes
+    int8 [N, padded] or -1; widths: int64 [layers + 1], multiples of 4; weight: float32 [layers, rows, rows]; turned: its layers
+    transposed. All of it is made by fit.py from the same tables.
     """
     layers, rows = widths.shape[0] - 1, weight.shape[1]
     a, d = np.zeros((layers + 1, rows + CHUNK, LANES), np.float32), np.zeros((layers + 1, rows, LANES), np.float32)
     g, none = np.zeros((layers + 1, rows, LANES), np.float32), np.zeros(rows, np.float32)
     shares = np.zeros((cell.shape[1], LANES, 8), np.float32)
-    error = 0.0
+    error, given = 0.0, slope.shape[0] > 0
     for begin in range(0, position.shape[0], LANES):
         end = min(begin + LANES, position.shape[0])
         if end - begin < LANES:
@@ -185,15 +200,9 @@ def _train(position, target, share, cell, corners, codes, features, resolutions,
                 e = a[layers, c, l] - (np.float32(target[begin + l, c]) * np.float32(1 / 127.5) - np.float32(1))
                 w = np.float32(share[begin + l, c]) * np.float32(1 / 255)
                 error += w * e * e
-                g[layers, c, l] = w * e
-        for n in range(layers, 0, -1):
-            _outer(g[n], a[n - 1], weight_gradient[n - 1], bias_gradient[n - 1], widths[n], widths[n - 1])
-            _dense(turned[n - 1], none, g[n], g[n - 1], widths[n], widths[n - 1])
-            if n > 1:
-                for o in range(widths[n - 1]):
-                    for l in range(LANES):
-                        g[n - 1, o, l] *= d[n - 1, o, l]
-        _scatter(cell[begin:end], corners, features, shares, g[0], latent_gradient)
+                g[layers, c, l] = slope[begin + l, c] if given else w * e
+        _backward(widths, turned, none, a, d, g, cell[begin:end], corners, features, shares, latent_gradient, weight_gradient,
+                  bias_gradient)
     return error
 
 

@@ -9,7 +9,7 @@ from baselines import Method, method
 from texfcodec.options import EncodeOptions
 
 STREAM, FACE_FIELD = "stream.texf", "face_field.npz"
-NOT_SETTINGS = {"threads", "measure", "limits"}
+NOT_SETTINGS = {"threads", "measure", "limits", "checkpoint"}
 WARM_RESOLUTION = 64
 KEPT_FACTS = ("voxels", "faces", "vertices", "fields", "texels_per_voxel_edge", "resolution", "qp", "refinement")
 
@@ -30,7 +30,7 @@ class TexfMethod(Method):
 
         kept = {k: v for k, v in options.items() if k not in ("target_bytes", "target_psnr")}
         kept |= {"resolution": WARM_RESOLUTION, "threads": threads, "refine_iterations": 1, "steps": 1}
-        if kept.get("refine", "auto") == "auto" and kept.get("effort") != "fast":
+        if kept.get("refine", "auto") == "auto" and kept.get("effort") != "fast" and kept.get("codec") != "3dntc":
             kept["refine"] = "fit"
         decode(encode(small_scene(), EncodeOptions(**kept)))
 

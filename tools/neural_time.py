@@ -3,8 +3,9 @@
 python tools/neural_time.py DIR [RIVAL_DIR ...] --out FOLDER
 
 DIR: results of rate_points.py with settings of codec 3dntc; RIVAL_DIR: results with the method astc. Writes neural.md (a table
-per asset, BD-rates of the longest fits against each group of rivals, resident bytes without geometry) and, if matplotlib is
-there, neural.png: PSNR against seconds of fitting, a line per size, the package's default budget marked.
+per asset, BD-rates of the fits with equal steps against each group of rivals, resident bytes without geometry) and, if matplotlib
+is there, neural.png: PSNR against seconds of fitting, a line per size, the package's default budget marked. Seconds are those of
+design, sampling, fitting and refinement.
 """
 
 import argparse
@@ -16,11 +17,17 @@ from texfcodec.options import DEFAULT_STEPS
 from texfcodec.quality.bd_rate import bd_rate
 
 FIT = ("facts", "fit")
+STAGES = ("design", "samples", "fit", "refine")
 
 
 def fits_of(rows):
     """Rows of 3DNTC results, by size and then by steps."""
     return sorted((row for row in rows if at(row, FIT)), key=lambda row: (rate_of(row, "texture"), at(row, FIT)["asked_steps"]))
+
+
+def seconds_of(row):
+    """Seconds from the decoded geometry to the payload."""
+    return sum(at(row, ("seconds", "encode", stage)) or 0 for stage in STAGES)
 
 
 def table_of(rows):
@@ -29,29 +36,37 @@ def table_of(rows):
     yield "|---|---|---|---|" + "---|" * len(MEASURES)
     for row in rows:
         fit = at(row, FIT)
-        spent = (f"{fit['steps']:,}", f"{fit['seconds']:.0f}") if fit else ("", "")
+        spent = (f"{fit['steps']:,}", f"{seconds_of(row):.0f}") if fit else ("", "")
         told = [row["setting"], f"{rate_of(row, 'texture'):,}", *spent]
         yield "| " + " | ".join(told + [f"{at(row, path):.2f}" for path in MEASURES.values()]) + " |"
 
 
-def longest(rows):
-    """Of each budget the fit with the most steps."""
-    best = {}
+def of_equal_steps(rows):
+    """{steps: its fits, one of each size}, steps with at least two sizes; refined ones are left out."""
+    found = {}
     for row in fits_of(rows):
-        best[row["setting"].split("_")[1]] = row
-    return list(best.values())
+        if at(row, ("facts", "refinement", "kind")) != "render":
+            found.setdefault(at(row, FIT)["asked_steps"], {})[rate_of(row, "texture")] = row
+    return {steps: list(found[steps].values()) for steps in sorted(found) if len(found[steps]) > 1}
 
 
 def differences(ours, rivals):
-    """Markdown: BD-rate in percent of ours against each group of rivals, by measure."""
-    yield "| against | " + " | ".join(MEASURES) + " |"
-    yield "|---|" + "---|" * len(MEASURES)
-    for group, rows in rivals.items():
-        told = []
-        for path in MEASURES.values():
-            curves = [([rate_of(row, "texture") for row in side], [at(row, path) for row in side]) for side in (rows, ours)]
-            told.append(f"{bd_rate(*curves[0], *curves[1]):.1f} %")
-        yield f"| {group} | " + " | ".join(told) + " |"
+    """Markdown: BD-rate in percent of ours, by steps, against each group of rivals, by measure."""
+    yield "| steps | against | " + " | ".join(MEASURES) + " |"
+    yield "|---|---|" + "---|" * len(MEASURES)
+    for steps, mine in ours.items():
+        for group, rows in rivals.items():
+            told = [_difference(rows, mine, path) for path in MEASURES.values()]
+            yield f"| {steps:,} | {group} | " + " | ".join(told) + " |"
+
+
+def _difference(rival, ours, path):
+    (rate_a, psnr_a), (rate_b, psnr_b) = (([rate_of(r, "texture") for r in rows], [at(r, path) for r in rows])
+                                          for rows in (rival, ours))
+    try:
+        return f"{bd_rate(rate_a, psnr_a, rate_b, psnr_b):.1f} %"
+    except ValueError:  # no common range of quality, or a larger payload that so few steps make no better
+        return "none"
 
 
 def curves_of(rows):
@@ -75,7 +90,7 @@ def plot(assets, path):
     figure, axes = pyplot.subplots(1, len(drawn), figsize=(6 * len(drawn), 4), squeeze=False)
     for ax, (asset, sizes) in zip(axes[0], drawn.items(), strict=True):
         for size, mine in sizes.items():
-            seconds, psnr = [at(r, FIT)["seconds"] for r in mine], [at(r, MEASURES["3D-PSNR Y"]) for r in mine]
+            seconds, psnr = [seconds_of(r) for r in mine], [at(r, MEASURES["3D-PSNR Y"]) for r in mine]
             (line,) = ax.plot(seconds, psnr, "o-", label=f"{int(size) // 1000} kB")
             chosen = [i for i, r in enumerate(mine) if at(r, FIT)["asked_steps"] == DEFAULT_STEPS]
             ax.plot([seconds[i] for i in chosen], [psnr[i] for i in chosen], "s", ms=12, mfc="none", mec=line.get_color())
@@ -102,8 +117,8 @@ def main():
     for asset, rows in assets.items():
         rivals = {g: by[asset] for g, by in grouped([r for r in rows if not at(r, FIT)]).items()}
         lines += [f"## {asset}", "", *table_of(fits_of(rows) + [r for side in rivals.values() for r in side]), ""]
-        if rivals and len(longest(rows)) > 1:
-            lines += ["BD-rate:", "", *differences(longest(rows), rivals), ""]
+        if rivals and of_equal_steps(rows):
+            lines += ["BD-rate:", "", *differences(of_equal_steps(rows), rivals), ""]
     text = "\n".join(lines)
     (options.out / "neural.md").write_text(text, encoding="utf-8")
     print(text)

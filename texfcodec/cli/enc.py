@@ -249,10 +249,12 @@ def _neural_lines(facts):
     early = "" if fit["steps"] == fit["asked_steps"] else f" of {fit['asked_steps']}, then nothing improved"
     yield f"fit: {fit['steps']} steps{early}, {fit['seconds']:.0f} s, RGB {fit['psnr_rgb']:.2f} dB at points it has not seen"
     told = facts["refinement"]
-    if told["asked"] == "render":
+    if told["kind"] == "render":
         psnr = {row["iteration"]: row["held_out_psnr"] for row in told["iterations"]}
-        yield (f"refined on pictures: {psnr[0]:.2f} to {psnr[told['kept_iteration']]:.2f} dB in views it has not seen"
-               if told["kind"] == "render" else f"not refined on pictures: {told['reason']}")
+        shown = ["exact" if psnr[n] is None else f"{psnr[n]:.2f} dB" for n in (0, told["kept_iteration"])]
+        yield f"refined on pictures: {shown[0]} to {shown[1]} in views it has not seen; {told['psnr_rgb']:.2f} dB at the points"
+    elif told["asked"] == "render":
+        yield f"not refined on pictures: {told['reason']}"
     yield from _psnr_lines(facts)
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
 

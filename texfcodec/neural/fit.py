@@ -275,9 +275,10 @@ def fit_payload(scene, surface, face_field, surfaces, components, options, repor
         fit = _engine(options)(design.payload, design.tables, *drawn, options.seed, options.threads)
         checkpoint = None if options.checkpoint is None else Path(options.checkpoint)
         fit.run(options.steps, look, checkpoint)
+        exact = fit.psnr(exact=True)
     with report.stage("refine"):
         report.facts["refinement"] = _refined(fit, source, surface.cube.position_bits, options, report)
-    payload, exact = fit.payload(), fit.psnr(exact=True)
+    payload = fit.payload()
     report.facts["resident"] = design.resident
     report.facts["fit"] = {"engine": type(fit).__name__, "steps": fit.step, "asked_steps": options.steps,
                            "seconds": round(fit.seconds, 2), "samples": len(fit.samples), "psnr_rgb": round(exact, 3),
@@ -288,12 +289,16 @@ def fit_payload(scene, surface, face_field, surfaces, components, options, repor
 
 def _refined(fit, source, position_bits, options, report):
     """Refines a fit on pictures where that is asked for; what the report says of it."""
-    facts = {"asked": options.refine, "kind": "off", "reason": "more steps of the fit gain more in the same time"}
-    if options.refine != "render":
-        return facts if options.refine == "auto" else facts | {"reason": "switched off"}
+    reason = {"auto": "more steps of the fit gain more in the same time", "off": "switched off"}.get(options.refine, "")
+    if not reason and source.components == 4:
+        reason = "the asset has alpha, which the loss of pictures leaves out"
+    facts = {"asked": options.refine, "kind": "off", "reason": reason}
+    if reason:
+        return facts
     from .refine import refine_by_pictures  # here, because the renderer takes long to import and few ask for it
 
     log, kept = refine_by_pictures(fit, source, position_bits, options.seed, options.refine_iterations,
                                    on_progress=lambda *n: report.progress("refine", *n))
-    return facts | {"kind": "render" if kept else "off", "reason": "asked for" if kept else "no held-out view gained",
-                    "iterations": log, "kept_iteration": log[kept]["iteration"]}
+    facts |= {"iterations": log, "kept_iteration": log[kept]["iteration"]}
+    return facts | ({"kind": "render", "reason": "asked for", "psnr_rgb": round(fit.psnr(exact=True), 3)} if kept else
+                    {"reason": "no held-out view gained"})

@@ -81,22 +81,19 @@ def _rows_around(x, y, z, resolution, log2, salt, slots, bricks, words, ranks, r
 
 
 @kernel
-def _corners(position, resolution, log2, first, salt, slots, bricks, words, ranks, corner, weight):
-    """Rows of the eight latents around a point into corner int64 [8], -1 where none is, and their integer weights into weight
-    int32 [8], 0 there; returns the sum of the weights, at most 2**24. position: int32 [3]."""
-    one = 1 << LOCAL_BITS
-    u, v, w = _local(position[0], resolution), _local(position[1], resolution), _local(position[2], resolution)
-    x, y, z = u >> LOCAL_BITS, v >> LOCAL_BITS, w >> LOCAL_BITS
-    u, v, w = u & (one - 1), v & (one - 1), w & (one - 1)
-    _rows_around(x, y, z, resolution, log2, salt, slots, bricks, words, ranks, corner)
-    total = np.int64(0)
+def _weights(u, v, w, corner, weight):
+    """Integer weights (11.4) of the eight latents around a point at (u, v, w) of their cell into weight int32 [8], 0 where corner
+    is -1; returns their sum, at most 2**24."""
+    one, shift, total = 1 << LOCAL_BITS, 3 * LOCAL_BITS - WEIGHT_SUM_BITS, np.int64(0)
+    near, far = (one - u) * (one - v), u * (one - v)
+    weight[0], weight[4] = near * (one - w) >> shift, near * w >> shift
+    weight[1], weight[5] = far * (one - w) >> shift, far * w >> shift
+    near, far = (one - u) * v, u * v
+    weight[2], weight[6] = near * (one - w) >> shift, near * w >> shift
+    weight[3], weight[7] = far * (one - w) >> shift, far * w >> shift
     for q in range(8):
-        dx, dy, dz = q & 1, (q >> 1) & 1, q >> 2
-        share = (u if dx else one - u) * (v if dy else one - v) * (w if dz else one - w) >> (3 * LOCAL_BITS - WEIGHT_SUM_BITS)
-        share = share if corner[q] >= 0 else np.int64(0)
-        corner[q] += first
-        weight[q] = share
-        total += share
+        weight[q] = weight[q] if corner[q] >= 0 else 0
+        total += weight[q]
     return total
 
 
@@ -104,16 +101,23 @@ def _corners(position, resolution, log2, first, salt, slots, bricks, words, rank
 def _read_level(positions, resolution, log2, first, salt, slots, bricks, words, ranks, codes, features, x, row):
     """Latents of one level at up to LANES points into rows row.. of x, int32 [inputs + CHUNK, LANES] (11.4).
 
-    codes: int8 [N, padded], 2 q + 1, 0 in the padding; |sum| <= 15 * 2**24, times the
-    reciprocal below 2**42. Every corner is checked against N.
+    codes: int8 [N, padded], 2 q + 1, 0 in the padding; |sum| <= 15 * 2**24, times the reciprocal below 2**42. Every corner is
+    checked against N. Points that share a cell, as neighbours often do, share its look-up.
     """
-    padded = codes.shape[1]
-    corner, weight, sums = np.empty(8, np.int64), np.empty(8, np.int32), np.empty(padded, np.int32)
+    padded, part = codes.shape[1], (1 << LOCAL_BITS) - 1
+    corner, weight, sums = np.full(8, -1, np.int64), np.empty(8, np.int32), np.empty(padded, np.int32)
+    x0, y0, z0 = np.int64(-2), np.int64(-2), np.int64(-2)  # no cell: the least is -1
     for l in range(positions.shape[0]):
-        total = _corners(positions[l], resolution, log2, first, salt, slots, bricks, words, ranks, corner, weight)
+        u, v, w = (_local(positions[l, 0], resolution), _local(positions[l, 1], resolution), _local(positions[l, 2], resolution))
+        if u >> LOCAL_BITS != x0 or v >> LOCAL_BITS != y0 or w >> LOCAL_BITS != z0:
+            x0, y0, z0 = u >> LOCAL_BITS, v >> LOCAL_BITS, w >> LOCAL_BITS
+            _rows_around(x0, y0, z0, resolution, log2, salt, slots, bricks, words, ranks, corner)
+            for q in range(8):
+                corner[q] = corner[q] + first if 0 <= corner[q] < codes.shape[0] - first else -1
+        total = _weights(u & part, v & part, w & part, corner, weight)
         sums[:] = 0
         for q in range(8):
-            if weight[q] > 0 and 0 <= corner[q] < codes.shape[0]:
+            if weight[q] > 0:
                 code = codes[corner[q]]
                 for c in range(0, padded, CHUNK):
                     for k in range(c, c + CHUNK):

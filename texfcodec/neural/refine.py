@@ -1,7 +1,8 @@
 """Image-space refinement of a fitted payload (encoder only; paper, section on IR).
 
 Latents and network take further, small steps on the loss of rendered pictures (refine/pictures.py), a step a picture. Held-out
-views decide when to stop and what is kept; the fit's own state is kept where nothing is better.
+views decide when to stop and what is kept; the fit's own state is kept where nothing is better. Only for payloads without alpha:
+the loss is of colours, and would let alpha drift.
 """
 
 import time
@@ -10,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..refine.pictures import HELD_OUT_SEED, HELD_OUT_VIEWS, ITERATIONS, OPAQUE, SIZE, VIEWS, Cameras, keep_best, picture_loss
+from ..refine.pictures import HELD_OUT_SEED, HELD_OUT_VIEWS, ITERATIONS, SIZE, VIEWS, Cameras, keep_best, picture_loss
 from .samples import Samples, cells_of
 
 RATE = 0.05  # of the fit's rates, falling along a cosine
@@ -29,8 +30,8 @@ class Picture:
 
     def loss(self, fit):
         """As picture_loss, for what a fit shows."""
-        shown = np.clip(fit.answers(self.samples, self.cells)[:, :3], 0, 255)
-        return picture_loss(self.size, self.pixel, self.samples.target[:, :3].astype(np.float32), shown, fit.threads)
+        shown = np.clip(fit.answers(self.samples, self.cells), 0, 255)
+        return picture_loss(self.size, self.pixel, self.samples.target.astype(np.float32), shown, fit.threads)
 
 
 class Pictures:
@@ -41,12 +42,10 @@ class Pictures:
         self.cameras = Cameras(source.lattice, source.faces, position_bits, seed, source.threads, size)
 
     def next(self):
-        """The next Picture; pixels where the source is transparent are left out."""
+        """The next Picture."""
         seen = self.cameras.next()
-        samples = self.source.at(seen.face, seen.bary)
-        keep = np.flatnonzero(samples.target[:, 3] > OPAQUE) if self.source.components == 4 else slice(None)
-        samples = samples.taken(keep)
-        return Picture(self.size, seen.pixel[keep], samples, cells_of(samples, self.tables))
+        samples = self.source.at(seen.face, seen.bary, self.source.threads)
+        return Picture(self.size, seen.pixel, samples, cells_of(samples, self.tables))
 
 
 def refine_by_pictures(fit, source, position_bits, seed=0, iterations=ITERATIONS, views=VIEWS, size=SIZE,
@@ -77,8 +76,6 @@ def _step(fit, picture, step, steps, pool):
     if len(picture.pixel) == 0:
         return 0.0
     loss, _, by_colour = picture.loss(fit)
-    slope = np.zeros((len(picture.samples), fit.design.components), np.float32)
-    slope[:, :3] = by_colour * SCALE
-    fit.learn(picture.samples, picture.cells, pool, slope)
+    fit.learn(picture.samples, picture.cells, pool, by_colour * np.float32(SCALE))
     fit.move(RATE * 0.5 * (1 + np.cos(np.pi * step / steps)), step + 1, pool)
     return loss

@@ -8,12 +8,13 @@ import numpy as np
 from ..asset.sample import pack_source, sample_source
 from ..field.morton import _morton_key
 from ..kernel import kernel
-from ..quality.psnr import sample_surface
+from ..quality.psnr import relative_areas, sample_surface
 from .infer import LOCAL_BITS, POSITION_BITS, _local, _rows_around, cube_positions
 
-CHUNK = 1 << 20  # points sampled at a time
+CHUNK = 1 << 20  # points sampled at a time: about 200 MB
+MOST_WORKERS = 4  # chunks at a time
 # Where colours vary more there is more to learn, so samples are taken there more often and count for less.
-CANDIDATES = 3  # points looked at for every sample that is taken
+CANDIDATES = 3  # points looked at for every sample; where samples are more than so many times denser, points are taken twice
 RUN = 4  # neighbours whose colours are compared
 NOISE, FLOOR = 4.0, 0.3  # levels of 255 that every place is taken to vary by; share of the samples that is spread evenly
 
@@ -42,22 +43,23 @@ class Source:
 
     def __init__(self, scene, surface, face_field, components, threads):
         self.lattice, self.faces, self.face_field = surface.lattice.astype(np.float64), surface.faces, face_field
+        self.areas = relative_areas(self.lattice, self.faces)
         self.scale = 2.0 ** (POSITION_BITS - surface.cube.position_bits)
         self.packed, self.components, self.threads = pack_source(scene, surface.origin_face), components, threads
 
-    def at(self, face, bary):
+    def at(self, face, bary, threads):
         """Samples at places on the surface: face int64 [M]; bary float64 [M, 3]."""
         points = np.einsum("mk,mkc->mc", bary, self.lattice[self.faces[face]])
-        rgba = np.rint(sample_source(self.packed, face, bary, self.threads)).astype(np.uint8)
+        rgba = np.rint(sample_source(self.packed, face, bary, threads)).astype(np.uint8)
         share = np.full((len(face), self.components), 255, np.uint8)
         if self.components == 4:  # what cannot be seen need not be right
             share[:, :3] = np.maximum(rgba[:, 3:], 1)
-        return Samples(cube_positions(points * self.scale), rgba[:, : self.components], share,
+        return Samples(cube_positions(points * self.scale), np.ascontiguousarray(rgba[:, : self.components]), share,
                        self.face_field[face].astype(np.int16))
 
     def draw(self, count, seed):
         """Samples spread evenly by area over the surface that is coded."""
-        return self.at(*sample_surface(self.lattice, self.faces, count, seed))
+        return self.at(*sample_surface(self.lattice, self.faces, count, seed, self.areas), self.threads)
 
     def draw_busy(self, count, seed):
         """As draw, but denser where colours vary, with shares that make up for it on average."""
@@ -65,9 +67,10 @@ class Source:
 
         def chunk(k):
             wanted = count * (k + 1) // chunks - count * k // chunks
-            return _thinned(self.draw(CANDIDATES * wanted, [*seed, k]), wanted, np.random.default_rng([*seed, k, 1]))
+            places = sample_surface(self.lattice, self.faces, CANDIDATES * wanted, [*seed, k], self.areas)
+            return _thinned(self.at(*places, 1), wanted, np.random.default_rng([*seed, k, 1]))
 
-        with ThreadPoolExecutor(self.threads) as pool:
+        with ThreadPoolExecutor(min(self.threads, MOST_WORKERS)) as pool:
             parts = list(pool.map(chunk, range(chunks)))
         return Samples(*(np.concatenate(arrays) for arrays in zip(*(vars(p).values() for p in parts), strict=True)))
 

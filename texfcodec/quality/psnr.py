@@ -102,13 +102,13 @@ def json_ready(result):
     return {k: None if isinstance(v, float) and math.isinf(v) else v for k, v in result.items()}
 
 
-def sample_surface(positions, faces, count, seed=0):
+def sample_surface(positions, faces, count, seed=0, areas=None):
     """Points spread evenly by area over a triangle mesh.
 
     positions: [V, 3] finite; faces: [F, 3] indices. Returns face_index int64 [count], ascending, and bary float64 [count, 3],
     non-negative, summing to 1 (to rounding), in the faces' corner order. One point falls into each of `count` equal strips of
     the cumulative area, so a face with the share s of all area gets floor(s count) - 1 to ceil(s count) + 1 points, and one
-    without area gets none. The same arguments give the same points.
+    without area gets none. areas: of relative_areas, where many calls are made. The same arguments give the same points.
 
     Raises ValueError for bad indices, corners that are not finite, and meshes without area.
     """
@@ -121,7 +121,7 @@ def sample_surface(positions, faces, count, seed=0):
         raise ValueError(f"faces must hold integers from 0 to {len(positions) - 1}")
     if count == 0:
         return np.zeros(0, dtype=np.int64), np.zeros((0, 3))
-    cumulative = np.cumsum(_relative_areas(positions, faces))
+    cumulative = np.cumsum(relative_areas(positions, faces) if areas is None else areas)
     if not len(cumulative) or not cumulative[-1] > 0:
         raise ValueError("the mesh has no face with area to sample")
     rng = np.random.default_rng(seed)
@@ -133,8 +133,8 @@ def sample_surface(positions, faces, count, seed=0):
     return face_index, np.stack([1 - root, root * (1 - t), root * t], axis=1)
 
 
-def _relative_areas(positions, faces):
-    """Face areas in units of the squared largest extent, so that no scale (1e-300 to 1e300) over- or underflows."""
+def relative_areas(positions, faces):
+    """Face areas float64 [F] in units of the squared largest extent, so that no scale (1e-300 to 1e300) over- or underflows."""
     corners = positions[faces].reshape(-1, 3)
     if not np.isfinite(corners).all():
         raise ValueError("positions must be finite")

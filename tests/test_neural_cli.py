@@ -48,6 +48,17 @@ def test_people_read_what_the_gpu_keeps_and_what_the_fit_reached(call, mesh, tmp
     assert code == 0 and "resident" in out and "fit: 20 steps" in out and "dB at points it has not seen" in out
 
 
+def test_people_read_what_pictures_gained(call, mesh, tmp_path, monkeypatch):
+    from texfcodec.neural import refine
+
+    real, few = refine.refine_by_pictures, {"iterations": 1, "size": 64}
+    monkeypatch.setattr(refine, "refine_by_pictures", lambda *told, **named: real(*told, **(named | few)))
+    code, out, _ = call(enc.main, mesh, tmp_path / "a.texf", *SMALL, "--refine", "render")
+    assert code == 0 and "refined on pictures" in out
+    code, out, _ = call(enc.main, mesh, tmp_path / "b.texf", *SMALL, "--refine", "fit", "--json")
+    assert code == 2 and json.loads(out)["error"]["code"] == "TXF-I50" and not (tmp_path / "b.texf").exists()
+
+
 def test_a_checkpoint_is_taken_up_and_that_of_another_fit_refused(call, mesh, tmp_path):
     kept = ("--checkpoint", tmp_path / "fit.ckpt", "--json")
     first, second = (json.loads(call(enc.main, mesh, tmp_path / name, *SMALL, *kept)[1]) for name in ("a.texf", "b.texf"))

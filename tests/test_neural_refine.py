@@ -107,6 +107,40 @@ def test_pictures_bring_the_payload_closer_in_views_it_has_not_seen(fitted):
     assert after < sum(judge.loss(fit)[0] for judge in judges)
 
 
+def test_a_fit_in_torch_is_refined_like_the_other(fitted):
+    pytest.importorskip("torch", reason="torch is not installed: pip install texfcodec[ntc]")
+    from texfcodec.neural.fit_torch import TorchFit
+
+    made, source, bits = fitted
+    fit = TorchFit(made.design, made.tables, made.samples, made.held_out, 0, 2, device="cpu", batch=4096)
+    fit.run(30)
+    log, kept = refine.refine_by_pictures(fit, source, bits, iterations=5, views=2, size=64)
+    assert kept > 0
+    codes = fit.codes.copy()
+    fit.download()  # what is on the device is what was kept
+    assert np.array_equal(fit.codes, codes)
+
+
+def test_pictures_show_all_fields():
+    scene = small_scene()
+    for material in scene.materials:
+        material.alpha_mode = 0
+    surface = make_surface(scene, OPTIONS)
+    face_field = np.array([0, 0, 1, 1])
+    design = choose_design([(surface.lattice, surface.faces[face_field == i]) for i in (0, 1)], surface.cube.position_bits, 3,
+                           OPTIONS)
+    source = Source(scene, surface, face_field, 3, 2)
+    drawing = refine.Pictures(source, design.tables, surface.cube.position_bits, 0, 64)
+    seen = [drawing.next() for _ in range(6)]
+    assert {f for p in seen for f in p.samples.field.tolist()} == {0, 1}
+    fit = Fit(design.payload, design.tables, source.draw(4096, [0, 0]), source.draw(500, [0, 1]), threads=2)
+    assert all(np.isfinite(p.loss(fit)[0]) for p in seen if len(p.pixel))
+    for p in seen:  # the second field's latents lie behind the first's
+        rows = p.cells[1][p.cells[0][:, 0]]
+        first = design.payload.first_row(1, 0)
+        assert (rows[p.samples.field == 0] < first).all() and rows[p.samples.field == 1].max(initial=first) >= first
+
+
 def test_nothing_is_kept_of_steps_that_lead_away(fitted, monkeypatch):
     fit, source, bits = fitted
     before, codes = state_of(fit), fit.codes.copy()

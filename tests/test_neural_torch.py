@@ -18,8 +18,9 @@ def torch_fit(**settings):
     return fit_torch.TorchFit(made.design, made.tables, made.samples, made.held_out, made.seed, 1, device="cpu")
 
 
-def test_a_step_in_torch_is_the_compiled_step():
-    torch, compiled = torch_fit(), plane_fit()
+@pytest.mark.parametrize("uneven", [False, True])
+def test_a_step_in_torch_is_the_compiled_step(uneven):
+    torch, compiled = torch_fit(uneven=uneven), plane_fit(uneven=uneven)
     for _ in range(3):
         errors = [one._one_step(100, _Now()) for one in (torch, compiled)]
         assert errors[0] == pytest.approx(errors[1], rel=1e-3)

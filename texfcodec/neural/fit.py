@@ -297,7 +297,7 @@ def _refined(fit, source, position_bits, options, report):
         return facts
     from .refine import refine_by_pictures  # here, because the renderer takes long to import and few ask for it
 
-    log, kept = refine_by_pictures(fit, source, position_bits, options.seed, options.refine_iterations,
+    log, kept = refine_by_pictures(fit, source, position_bits, options.seed, iterations=options.refine_iterations,
                                    on_progress=lambda *n: report.progress("refine", *n))
     facts |= {"iterations": log, "kept_iteration": log[kept]["iteration"]}
     return facts | ({"kind": "render", "reason": "asked for", "psnr_rgb": round(fit.psnr(exact=True), 3)} if kept else

@@ -158,8 +158,9 @@ def test_a_payload_with_alpha_is_left_alone_and_the_report_says_why():
 
 
 @pytest.mark.parametrize("asked, kind", [("auto", "off"), ("off", "off"), ("render", None)])
-def test_the_report_says_whether_and_why(asked, kind):
-    report = Report()
+def test_the_report_says_whether_and_why(asked, kind, monkeypatch):
+    report, real = Report(), refine.refine_by_pictures
+    monkeypatch.setattr(refine, "refine_by_pictures", lambda *told, **named: real(*told, **named, size=64))
     options = EncodeOptions(codec="3dntc", resident_bytes=40_000, steps=20, refine=asked, refine_iterations=1, resolution=32)
     encode_scene(painted_sphere(), options, report)
     told = report.facts["refinement"]

@@ -48,6 +48,14 @@ def test_busy_places_get_more_samples_that_count_for_less(count):
     assert weight[grey].sum() / weight.sum() == pytest.approx(0.5, abs=0.05)  # as if they were spread evenly
 
 
+def test_a_mesh_without_area_is_refused():
+    scene = half_busy()
+    scene.positions[:] = np.linspace([0, 0, 0], [1, 1, 1], 4)
+    with pytest.raises(InputError) as error:
+        encode_scene(scene, EncodeOptions(codec="3dntc", resident_bytes=40_000, steps=5, resolution=32))
+    assert error.value.code == "TXF-I63"
+
+
 def test_where_all_is_alike_samples_stay_even():
     scene = half_busy()
     scene.textures[0].image[:] = 77

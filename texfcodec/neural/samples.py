@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..asset.sample import pack_source, sample_source
+from ..errors import InputError
 from ..field.morton import _morton_key
 from ..kernel import kernel
 from ..quality.psnr import relative_areas, sample_surface
@@ -39,11 +40,13 @@ class Samples:
 
 class Source:
     """Where samples come from. surface: geometry.surface.Surface of the scene; face_field: int64 [F] over its faces; components:
-    3, or 4 with alpha."""
+    3, or 4 with alpha. Raises InputError TXF-I63 where no face has area."""
 
     def __init__(self, scene, surface, face_field, components, threads):
         self.lattice, self.faces, self.face_field = surface.lattice.astype(np.float64), surface.faces, face_field
         self.areas = relative_areas(self.lattice, self.faces)
+        if not self.areas.sum() > 0:
+            raise InputError("TXF-I63", "no face has area: there is nothing to fit a payload to", value=len(self.faces))
         self.scale = 2.0 ** (POSITION_BITS - surface.cube.position_bits)
         self.packed, self.components, self.threads = pack_source(scene, surface.origin_face), components, threads
 

@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
+from ..field.query import over_blocks
 from ..quality.psnr import decibels
 from .design import choose_design
-from .infer import CHUNK, infer
+from .infer import BLOCK, CHUNK, infer
 from .payload import join_parameters
 from .samples import Source, cells_of, order_along_curve
 from .train import MOMENTUM, SQUARE_DECAY, TINY, _adam, _evaluate, _move_rows, _round_latents, _train
@@ -126,15 +127,13 @@ class Fit:
     def answers(self, samples, cells):
         """What the network says at samples, in float32: [M, C] on the scale 0..255, not clipped. cells: of cells_of."""
         got = np.empty((len(samples), self.design.components), np.float32)
-        cuts = np.linspace(0, len(samples), self.threads + 1).astype(np.int64)
 
-        def one(k):
-            part = slice(cuts[k], cuts[k + 1])
+        def one(begin):
+            part = slice(begin, begin + BLOCK)
             _evaluate(samples.position[part], cells[0][part], cells[1], self.codes, self.design.features, self.resolutions,
                       self.design.octaves, self.design.first_wave, self.widths, *self.values[1:], got[part])
 
-        with ThreadPoolExecutor(self.threads) as pool:
-            list(pool.map(one, range(self.threads)))
+        over_blocks(one, len(samples), BLOCK, self.threads)
         return got
 
     def upload(self):

@@ -12,8 +12,8 @@ from ..kernel import kernel
 from ..quality.psnr import relative_areas, sample_surface
 from .infer import LOCAL_BITS, POSITION_BITS, _local, _rows_around, cube_positions
 
-CHUNK = 1 << 20  # points sampled at a time: about 200 MB
-MOST_WORKERS = 4  # chunks at a time
+CHUNK = 1 << 20  # points sampled at a time
+MOST_WORKERS = 4  # chunks in memory at a time
 # Where colours vary more there is more to learn, so samples are taken there more often and count for less.
 CANDIDATES = 3  # points looked at for every sample; where samples are more than so many times denser, points are taken twice
 RUN = 4  # neighbours whose colours are compared

@@ -9,19 +9,19 @@ import pytest
 from surface import torus
 
 from texfcodec.asset.sample import pack_source
-from texfcodec.attribute.codec import dec_attributes, enc_attributes
-from texfcodec.attribute.colour import forward_colour, inverse_colour
-from texfcodec.attribute.layout import octree_depth
-from texfcodec.attribute.octree import build_octree
-from texfcodec.attribute.prediction import DEFAULT_KERNEL
+from texfcodec.codecs.raht.codec import dec_attributes, enc_attributes
+from texfcodec.codecs.raht.layout import octree_depth
+from texfcodec.codecs.raht.transform.colour import forward_colour, inverse_colour
+from texfcodec.codecs.raht.transform.octree import build_octree
+from texfcodec.codecs.raht.transform.prediction import DEFAULT_KERNEL
 from texfcodec.decoder import decode
 from texfcodec.encoder import encode_scene, make_surface
-from texfcodec.field.grid import build_brick_map
-from texfcodec.field.morton import decode_morton
-from texfcodec.field.query import query_field
-from texfcodec.field.transfer import transfer
-from texfcodec.field.voxelise import voxelise
 from texfcodec.options import EncodeOptions
+from texfcodec.support.grid import build_brick_map
+from texfcodec.support.morton import decode_morton
+from texfcodec.support.query import query_field
+from texfcodec.support.transfer import transfer
+from texfcodec.support.voxelise import voxelise
 
 RESOLUTION, QP = 512, [28, 27, 27]
 OPTIONS = EncodeOptions(resolution=RESOLUTION, qp=28)

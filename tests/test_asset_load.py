@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from texfcodec.asset.load import load, load_any
+from texfcodec.asset.load.files import load, load_any
 from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Scene
 from texfcodec.errors import InputError, LimitError, SupportError, TexfError
 

@@ -10,11 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from naive import oracles
 
-from texfcodec.attribute import codec as codec_room
-from texfcodec.attribute.blocks import _plane_energy
-from texfcodec.attribute.codec import Tools, dec_attributes, enc_attributes
-from texfcodec.attribute.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
-from texfcodec.attribute.contexts import (
+from texfcodec.codecs.raht import codec as codec_room
+from texfcodec.codecs.raht.codec import Tools, dec_attributes, enc_attributes
+from texfcodec.codecs.raht.coefficients.blocks import _plane_energy
+from texfcodec.codecs.raht.entropy.contexts import (
     CONTEXTS,
     _class,
     _classes,
@@ -23,12 +22,7 @@ from texfcodec.attribute.contexts import (
     _magnitude_cost,
     _surroundings,
 )
-from texfcodec.attribute.layout import codeword_count, level_count, octree_depth
-from texfcodec.attribute.octree import CELLS, NEIGHBOURS, _neighbours, _ones, build_octree, root_table
-from texfcodec.attribute.prediction import DEFAULT_KERNEL, _predict, inverse_range
-from texfcodec.attribute.quantise import MAX_DIFFERENCE, MAX_MEAN, STEP_TABLE, _dequantise, step_of
-from texfcodec.attribute.raht import _forward, _inverse, _tree_weights, _weighted_mean
-from texfcodec.attribute.range_coder import (
+from texfcodec.codecs.raht.entropy.range_coder import (
     PENDING,
     POS,
     _dec_bit,
@@ -40,8 +34,14 @@ from texfcodec.attribute.range_coder import (
     new_decoder,
     new_encoder,
 )
+from texfcodec.codecs.raht.layout import codeword_count, level_count, octree_depth
+from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
+from texfcodec.codecs.raht.transform.octree import CELLS, NEIGHBOURS, _neighbours, _ones, build_octree, root_table
+from texfcodec.codecs.raht.transform.prediction import DEFAULT_KERNEL, _predict, inverse_range
+from texfcodec.codecs.raht.transform.quantise import MAX_DIFFERENCE, MAX_MEAN, STEP_TABLE, _dequantise, step_of
+from texfcodec.codecs.raht.transform.raht import _forward, _inverse, _tree_weights, _weighted_mean
 from texfcodec.errors import StreamError
-from texfcodec.field.morton import encode_morton
+from texfcodec.support.morton import encode_morton
 
 ULP_PER_LEVEL = 2  # three split roundings and one of the prediction's mean, half a unit each
 UNIT = 4096  # one grey level in fixed point
@@ -421,7 +421,7 @@ def node_sums(values, keys, shift):
 
 
 def smooth_values(keys, components, seed=0):
-    from texfcodec.field.morton import decode_morton
+    from texfcodec.support.morton import decode_morton
 
     rng, xyz = np.random.default_rng(seed), decode_morton(keys)
     waves = np.sin(xyz @ rng.normal(0, 0.3, (3, components)) + rng.uniform(0, 6, components))

@@ -21,25 +21,26 @@ from naive.decoder import decode as naive_decode
 from naive.syntax import read_stream as naive_stream
 from shapes import crossing_sheets
 
-from texfcodec.attribute import choice, codec, mixing
-from texfcodec.attribute import filter as filter_room
-from texfcodec.attribute.codec import Tools, enc_attributes
-from texfcodec.attribute.mixing import MAX_MODELS, _mixed_bit, _mixed_probability, new_model
-from texfcodec.attribute.octree import NEIGHBOURS, _neighbours, build_octree, root_table
-from texfcodec.attribute.prediction import FALLOFF, _falloff, inverse_range
-from texfcodec.attribute.quantise import MAX_MEAN, step_of
-from texfcodec.attribute.range_coder import finish, new_decoder, new_encoder
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE, UNIT_END
 from texfcodec.bitstream.units import read_units, write_unit
 from texfcodec.bitstream.values import raht_values
+from texfcodec.codecs.raht import choice, codec
+from texfcodec.codecs.raht.codec import Tools, enc_attributes
+from texfcodec.codecs.raht.entropy import mixing
+from texfcodec.codecs.raht.entropy.mixing import MAX_MODELS, _mixed_bit, _mixed_probability, new_model
+from texfcodec.codecs.raht.entropy.range_coder import finish, new_decoder, new_encoder
+from texfcodec.codecs.raht.transform import filter as filter_room
+from texfcodec.codecs.raht.transform.octree import NEIGHBOURS, _neighbours, build_octree, root_table
+from texfcodec.codecs.raht.transform.prediction import FALLOFF, _falloff, inverse_range
+from texfcodec.codecs.raht.transform.quantise import MAX_MEAN, step_of
 from texfcodec.decoder import _decode_group, decode
 from texfcodec.encoder import encode_scene
 from texfcodec.errors import StreamError, SupportError, TexfError
-from texfcodec.field.morton import decode_morton, encode_morton
-from texfcodec.kernel import fingerprint
+from texfcodec.ground.kernel import fingerprint
 from texfcodec.limits import Limits
 from texfcodec.options import EncodeOptions
+from texfcodec.support.morton import decode_morton, encode_morton
 
 UNIT = 4096  # one grey level in fixed point
 TOP = (1 << 22) - 1  # the largest probability of a context
@@ -387,7 +388,7 @@ def watch(value):
 
 room.kernel = lambda function=None, **_: (lambda *given: function(*map(watch, given))) if function else room.kernel
 """ + BEYOND.replace("BAD", "(-1, 1)") + """
-for name in [n for n in sys.modules if n.startswith("texfcodec.attribute.")]:
+for name in [n for n in sys.modules if n.startswith("texfcodec.codecs.raht.")]:
     space = vars(sys.modules[name])
     space.update({k: watch(v) for k, v in space.items() if isinstance(v, np.ndarray)})
 """

@@ -64,7 +64,7 @@ def test_uvs_are_counted_once_per_vertex_of_a_renderer():
 def test_uvs_of_the_basketball_player_are_those_of_its_file(shared_dir):
     from baselines.astc import quantise_uv, textured_vertices, uv_box
 
-    from texfcodec.asset.load import load
+    from texfcodec.asset.load.files import load
 
     uv, _ = textured_vertices(load(shared_dir / "assets/bball_0001.glb"))
     assert uv_box(uv) == [[0, 0], [1, 1]] and quantise_uv(uv, uv_box(uv)).nbytes == 82_768

@@ -173,7 +173,7 @@ def test_strict_refuses_what_would_be_lost_before_writing(call, mesh, tmp_path):
 
 @pytest.mark.parametrize("target, code", [("missing/a.texf", "TXF-O01"), (".", "TXF-O02")])
 def test_hopeless_output_is_refused_before_the_work(call, mesh, tmp_path, monkeypatch, target, code):
-    monkeypatch.setattr("texfcodec.asset.load.load", lambda *a, **k: pytest.fail("loaded all the same"))
+    monkeypatch.setattr("texfcodec.asset.load.files.load", lambda *a, **k: pytest.fail("loaded all the same"))
     ended, out, err = call("texf-enc", mesh, tmp_path / target, *SMALL, "--json")
     assert (ended, json.loads(out)["error"]["code"], err) == (2, code, "")
 
@@ -192,7 +192,7 @@ def test_failing_rename_leaves_the_old_file_and_no_temporary(call, mesh, tmp_pat
             raise failure
 
         with monkeypatch.context() as patch:
-            patch.setattr("texfcodec.asset.save.os.replace", fail)
+            patch.setattr("texfcodec.asset.save.files.os.replace", fail)
             assert call("texf-enc", mesh, target, *SMALL)[0] == code
         assert target.read_bytes() == b"old" and list(tmp_path.iterdir()) == [target]
 
@@ -409,12 +409,12 @@ def test_info_is_quick_and_knows_no_numba(stream, tmp_path):
 
 def test_missing_kernel_cache_is_noticed_without_numba(monkeypatch, tmp_path):
     from texfcodec import warmup
-    from texfcodec.kernel import cache_folder
+    from texfcodec.ground.kernel import cache_folder
 
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     assert not warmup.kernels_compiled()
     for name in warmup.ENTRIES:
-        room, file = name.split("/")
+        *_, room, file = name.split("/")
         place = cache_folder() / f"{room}_0123"
         place.mkdir(parents=True, exist_ok=True)
         version = f"{sys.version_info.major}{sys.version_info.minor}"

@@ -31,11 +31,11 @@ from texfcodec.bitstream.walk import write_v
 from texfcodec.decoder import decode, voxels_crc
 from texfcodec.encoder import encode_scene
 from texfcodec.errors import LimitError, StreamError, SupportError, TexfError
-from texfcodec.field.voxelise import voxelise
 from texfcodec.geometry.draco import enc_geometry
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions, EncodeOptions
 from texfcodec.report import Report
+from texfcodec.support.voxelise import voxelise
 
 SMALL = Limits(voxels=1 << 18, samples=1 << 21)  # a lying resolution may cost a tenth of a second, no more
 FAMILIES = (StreamError, LimitError, SupportError)
@@ -365,7 +365,7 @@ WITNESS = """
 import resource, sys
 import numpy as np
 from texfcodec.errors import LimitError
-from texfcodec.field.voxelise import voxelise
+from texfcodec.support.voxelise import voxelise
 corners = np.array([[0, 0, 0], [16383, 0, 0], [16383, 16383, 0], [0, 16383, 0]])
 faces = np.array([[0, 1, 2], [0, 2, 3]])
 voxelise(corners, faces, 14, 8)
@@ -409,7 +409,7 @@ print(json.dumps([outcome(s) for s in pickle.load(open(sys.argv[1], "rb"))]))
 
 def corpus():
     """Attribute units bent under right checksums, geometry, fields and headers too, sliced and not."""
-    from texfcodec.attribute import codec
+    from texfcodec.codecs.raht import codec
 
     rng, streams = np.random.default_rng(4), []
     before = codec.WHOLE_VOXELS, codec.SLICE_VOXELS, codec.SLICE_NODES

@@ -11,21 +11,21 @@ from shapes import sphere
 
 from texfcodec.asset.sample import pack_source
 from texfcodec.asset.scene import Material, Scene
-from texfcodec.errors import LimitError
-from texfcodec.field import transfer as transfer_room
-from texfcodec.field import voxelise as voxelise_room
-from texfcodec.field.grid import _ones32, _rank, build_brick_map
-from texfcodec.field.morton import _morton_key, decode_morton, encode_morton
-from texfcodec.field.partition import (
+from texfcodec.choose.partition import (
     colour_pieces,
     face_components,
     face_directions,
     find_contacts,
     folding_components,
 )
-from texfcodec.field.query import query_field
-from texfcodec.field.transfer import transfer
-from texfcodec.field.voxelise import _double_area, _isqrt, count_samples, grid_coordinates, voxelise
+from texfcodec.errors import LimitError
+from texfcodec.support import transfer as transfer_room
+from texfcodec.support import voxelise as voxelise_room
+from texfcodec.support.grid import _ones32, _rank, build_brick_map
+from texfcodec.support.morton import _morton_key, decode_morton, encode_morton
+from texfcodec.support.query import query_field
+from texfcodec.support.transfer import transfer
+from texfcodec.support.voxelise import _double_area, _isqrt, count_samples, grid_coordinates, voxelise
 
 ONE_VOXEL_FACE = 1 << 32
 

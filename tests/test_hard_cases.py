@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from shapes import crossing_sheets, painted_sphere, scene_of, shuffled, sphere, square, triangles_of
 
-from texfcodec.asset.load import load
+from texfcodec.asset.load.files import load
 from texfcodec.asset.sample import pack_source, sample_source
 from texfcodec.decoder import decode
 from texfcodec.encoder import encode, encode_scene
 from texfcodec.errors import InputError, LimitError
-from texfcodec.field.morton import decode_morton, encode_morton
-from texfcodec.field.voxelise import voxelise
+from texfcodec.ground.colour_error import sample_surface
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions, EncodeOptions
-from texfcodec.quality.psnr import sample_surface
 from texfcodec.report import Report
+from texfcodec.support.morton import decode_morton, encode_morton
+from texfcodec.support.voxelise import voxelise
 
 BROWN = np.array([188, 124, 89])  # sRGB of the linear (0.5, 0.2, 0.1) of scene_of's material
 

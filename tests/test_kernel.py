@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numba
 
-from texfcodec import kernel as kernel_room
-from texfcodec.kernel import cache_folder, fingerprint, kernel
+from texfcodec.ground import kernel as kernel_room
+from texfcodec.ground.kernel import cache_folder, fingerprint, kernel
 
-PACKAGE = Path(kernel_room.__file__).parent
+PACKAGE = kernel_room.PACKAGE
 
 
 def test_a_change_in_any_source_file_moves_the_cache(tmp_path, monkeypatch):
@@ -18,7 +18,7 @@ def test_a_change_in_any_source_file_moves_the_cache(tmp_path, monkeypatch):
     monkeypatch.setattr(kernel_room, "PACKAGE", tmp_path / "p")
     same = fingerprint.__wrapped__()
     assert same == fingerprint.__wrapped__() != here
-    for name in ("attribute/range_coder.py", "errors.py"):
+    for name in ("codecs/raht/entropy/range_coder.py", "errors.py"):
         path = tmp_path / "p" / name
         path.write_text(path.read_text() + "\n")
         assert fingerprint.__wrapped__() != same
@@ -65,4 +65,4 @@ def test_only_the_kernel_room_asks_numba():
     asking = [path for path in PACKAGE.rglob("*.py") for node in ast.walk(ast.parse(path.read_text()))
               if isinstance(node, ast.Import | ast.ImportFrom)
               and any(n.split(".")[0] == "numba" for n in [getattr(node, "module", None) or "", *(a.name for a in node.names)])]
-    assert [path.relative_to(PACKAGE).as_posix() for path in asking] == ["kernel.py"]
+    assert [path.relative_to(PACKAGE).as_posix() for path in asking] == ["ground/kernel.py"]

@@ -9,13 +9,13 @@ import shapes
 from naive.decoder import decode as naive_decode
 
 from texfcodec import EncodeOptions, decode
-from texfcodec.asset.load import load
-from texfcodec.attribute import codec
-from texfcodec.attribute.choice import BASE_QPS
-from texfcodec.attribute.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
-from texfcodec.attribute.residual import MAX_CROSS, ResidualPlan
+from texfcodec.asset.load.files import load
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.cli import enc, info
+from texfcodec.codecs.raht import codec
+from texfcodec.codecs.raht.choice import BASE_QPS
+from texfcodec.codecs.raht.coefficients.residual import MAX_CROSS, ResidualPlan
+from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
 from texfcodec.encoder import code_prepared, encode_scene, prepare
 from texfcodec.errors import InputError, StreamError
 from texfcodec.limits import Limits

@@ -49,7 +49,7 @@ def test_people_read_what_the_gpu_keeps_and_what_the_fit_reached(call, mesh, tmp
 
 
 def test_people_read_what_pictures_gained(call, mesh, tmp_path, monkeypatch):
-    from texfcodec.neural import refine
+    from texfcodec.codecs.neural import refine
 
     real, few = refine.refine_by_pictures, {"iterations": 1, "size": 64}
     monkeypatch.setattr(refine, "refine_by_pictures", lambda *told, **named: real(*told, **(named | few)))

@@ -23,11 +23,11 @@ from texfcodec import DecodeOptions, EncodeOptions, Limits, StreamError, decode
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.bitstream.syntax import NEURAL
 from texfcodec.bitstream.walk import write_structure
+from texfcodec.codecs.neural import design
+from texfcodec.codecs.neural.infer import fixed_weights, infer, voxel_positions
+from texfcodec.codecs.neural.payload import Level, Payload, Tables, dec_codes, payload_of, payload_values
+from texfcodec.codecs.neural.transport import dec_transport
 from texfcodec.encoder import encode_scene
-from texfcodec.neural import design
-from texfcodec.neural.infer import fixed_weights, infer, voxel_positions
-from texfcodec.neural.payload import Level, Payload, Tables, dec_codes, payload_of, payload_values
-from texfcodec.neural.transport import dec_transport
 from texfcodec.warmup import small_scene
 
 COLOUR = {"group_semantic": 0, "group_transfer": 1, "group_components": 3}

@@ -5,14 +5,14 @@ import pytest
 from shapes import painted_sphere
 
 from texfcodec.asset.scene import Material, Scene, Texture
+from texfcodec.codecs.neural import refine
+from texfcodec.codecs.neural import samples as samples_module
+from texfcodec.codecs.neural.design import choose_design
+from texfcodec.codecs.neural.fit import Fit
+from texfcodec.codecs.neural.samples import Source
 from texfcodec.encoder import encode_scene
 from texfcodec.errors import InputError
 from texfcodec.geometry.surface import make_surface
-from texfcodec.neural import refine
-from texfcodec.neural import samples as samples_module
-from texfcodec.neural.design import choose_design
-from texfcodec.neural.fit import Fit
-from texfcodec.neural.samples import Source
 from texfcodec.options import EncodeOptions
 from texfcodec.refine import pictures
 from texfcodec.report import Report
@@ -117,7 +117,7 @@ def test_pictures_bring_the_payload_closer_in_views_it_has_not_seen(fitted):
 
 def test_a_fit_in_torch_is_refined_like_the_other(fitted):
     pytest.importorskip("torch", reason="torch is not installed: pip install texfcodec[ntc]")
-    from texfcodec.neural.fit_torch import TorchFit
+    from texfcodec.codecs.neural.fit_torch import TorchFit
 
     made, source, bits = fitted
     fit = TorchFit(made.design, made.tables, made.samples, made.held_out, 0, 2, device="cpu", batch=4096)

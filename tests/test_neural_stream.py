@@ -18,9 +18,9 @@ from texfcodec import DecodeOptions, InputError, LimitError, Limits, StreamError
 from texfcodec.bitstream.stream import read_stream
 from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE
 from texfcodec.bitstream.units import read_units
+from texfcodec.codecs.neural.infer import BLOCK, LOCAL_BITS, _local, _rows_around, _weights, infer, infer_rgba, voxel_positions
+from texfcodec.codecs.neural.payload import Tables
 from texfcodec.decoder import _coarse_field
-from texfcodec.neural.infer import BLOCK, LOCAL_BITS, _local, _rows_around, _weights, infer, infer_rgba, voxel_positions
-from texfcodec.neural.payload import Tables
 
 VECTORS = REPOSITORY / "conformance"
 FORMS = ("subset/neural_resident", "subset/neural_transport")
@@ -137,8 +137,8 @@ import json, pickle, sys
 import numpy as np
 sys.path.insert(0, "tests")
 from test_neural_stream import ONE_THREAD, outcome, stream
-from texfcodec.attribute.range_coder import new_contexts, new_decoder
-from texfcodec.neural.transport import _dec_codes
+from texfcodec.codecs.raht.range_coder import new_contexts, new_decoder
+from texfcodec.codecs.neural.transport import _dec_codes
 
 try:
     _dec_codes(np.empty((1, 2), np.int8), new_decoder(np.zeros(4, np.uint8), 0, 4), np.zeros(4, np.uint8), new_contexts(8))
@@ -312,11 +312,12 @@ def test_decoding_and_asking_load_neither_torch_nor_the_fit():
     path = str(VECTORS / "subset" / "neural_hash" / "in.texf")
     modules, _ = modules_after("from pathlib import Path; from texfcodec import decode; "
                                f"texf = decode(Path({path!r}).read_bytes()); assert texf.query(texf.positions).any()")
-    strangers = {"torch", "texfcodec.encoder", *(f"texfcodec.neural.{name}" for name in ("fit", "train", "samples", "design"))}
-    assert "texfcodec.neural.infer" in modules and strangers.isdisjoint(modules)
+    fitting = (f"texfcodec.codecs.neural.{name}" for name in ("fit", "train", "samples", "design"))
+    strangers = {"torch", "texfcodec.encoder", *fitting}
+    assert "texfcodec.codecs.neural.infer" in modules and strangers.isdisjoint(modules)
 
 
 def test_inspecting_loads_no_kernels():
     path = str(VECTORS / "subset" / "neural_hash" / "in.texf")
     modules, _ = modules_after(f"from pathlib import Path; from texfcodec import inspect; inspect(Path({path!r}).read_bytes())")
-    assert "texfcodec.bitstream.inspect" in modules and not {"numba", "texfcodec.neural.payload"} & set(modules)
+    assert "texfcodec.bitstream.inspect" in modules and not {"numba", "texfcodec.codecs.neural.payload"} & set(modules)

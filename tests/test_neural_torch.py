@@ -5,9 +5,9 @@ import pytest
 from test_neural_fit import plane_fit
 
 from texfcodec import EncodeOptions
+from texfcodec.codecs.neural import fit_torch
+from texfcodec.codecs.neural.fit import Fit, _engine
 from texfcodec.errors import InputError
-from texfcodec.neural import fit_torch
-from texfcodec.neural.fit import Fit, _engine
 
 HINT = "torch is not installed: pip install texfcodec[ntc]"
 
@@ -39,7 +39,7 @@ def test_torch_fits_as_well_and_its_payload_is_exact():
 
 
 def test_torch_goes_on_from_a_checkpoint(tmp_path, monkeypatch):
-    monkeypatch.setattr("texfcodec.neural.fit.SAVE_SECONDS", 0.0)
+    monkeypatch.setattr("texfcodec.codecs.neural.fit.SAVE_SECONDS", 0.0)
     whole, path = torch_fit().run(20), tmp_path / "fit.ckpt"
 
     def stop(fit, steps):

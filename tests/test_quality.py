@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from texfcodec.quality.bd_rate import bd_rate
-from texfcodec.quality.psnr import (
+from texfcodec.ground.colour_error import (
     RGB_TO_YUV,
     ColourError,
     colour_mse,
@@ -18,6 +17,7 @@ from texfcodec.quality.psnr import (
     psnr_3d,
     sample_surface,
 )
+from texfcodec.quality.bd_rate import bd_rate
 
 GREY = np.full((5, 3), 100.0)
 

@@ -6,12 +6,12 @@ from shapes import painted_sphere
 
 from texfcodec.asset.sample import pack_source
 from texfcodec.encoder import encode_scene, prepare
-from texfcodec.field.grid import build_brick_map
 from texfcodec.options import EncodeOptions
 from texfcodec.refine import inverse_render
 from texfcodec.refine.inverse_render import Pictures, View, held_out, refine_by_rendering
 from texfcodec.refine.surface_fit import DAMPING, HELD_OUT, HELD_OUT_SEED, FieldSurface, _normal_equations, fit_surface
 from texfcodec.report import Report
+from texfcodec.support.grid import build_brick_map
 
 
 def surfaces_of(scene, resolution, **choices):
@@ -85,7 +85,7 @@ def test_condition_number_on_slivers_and_lonely_voxels_keeps_its_bound():
 
 
 def test_a_fit_that_is_worse_is_not_kept(sample_scene, monkeypatch):
-    from texfcodec.field import prepare as preparing
+    from texfcodec.choose import prepare as preparing
     from texfcodec.refine import choice
 
     monkeypatch.setattr(preparing, "FITTED_DENSITY", preparing.TRANSFER_DENSITY["balanced"])

@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from texfcodec.asset import sample_asset
-from texfcodec.asset.load import load
+from texfcodec.asset.load.files import load
 from texfcodec.asset.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
 
 GEOMETRY_SHA256 = "0a33649dc696aab6ba69ea9b3af2e23a62893ce527ba0520074d7d1c68c55aaf"

@@ -425,7 +425,7 @@ OFFICIAL = {"jpeg10": (33.813, 35.649, 40.759, 42.302, 36.534), "jpeg40": (39.42
 def test_psnr_is_within_a_hundredth_of_a_decibel_of_the_official_tool(shared_dir, name):
     from PIL import Image
 
-    from texfcodec.asset.load import load
+    from texfcodec.asset.load.files import load
 
     scene = load(shared_dir / "assets" / "bball_0001.glb")
     with Image.open(shared_dir / "anchors" / "image_metric" / f"{name}.png") as image:
@@ -540,7 +540,7 @@ def test_bad_input_is_a_coded_error(call, files, source, other, expected):
 
 def test_lpips_is_refused_before_any_work(call, files, monkeypatch):
     monkeypatch.setitem(sys.modules, "lpips", None)
-    monkeypatch.setattr("texfcodec.asset.load.load", lambda *a, **k: pytest.fail("loaded all the same"))
+    monkeypatch.setattr("texfcodec.asset.load.files.load", lambda *a, **k: pytest.fail("loaded all the same"))
     code, _, err = call(files / "ball.ply", files / "ball.texf", *SMALL, "--lpips", files / "alex.pth")
     assert code == 2 and "texfcodec[lpips]" in err and err.count("\n") == 1
 

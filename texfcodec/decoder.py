@@ -6,21 +6,21 @@ import zlib
 import numpy as np
 
 from .asset.scene import Material
-from .attribute.codec import dec_attributes
-from .attribute.colour import TRANSFORM_BT709, inverse_colour, inverse_plain
-from .attribute.layout import octree_depth
 from .bitstream.stream import read_stream
 from .bitstream.syntax import SEMANTIC_ALPHA, SEMANTIC_BASE_COLOUR
 from .bitstream.values import coded_of
+from .codecs.neural.infer import voxel_values
+from .codecs.neural.payload import Tables, payload_of, take_codes
+from .codecs.raht.codec import dec_attributes
+from .codecs.raht.layout import octree_depth
+from .codecs.raht.transform.colour import TRANSFORM_BT709, inverse_colour, inverse_plain
 from .errors import LimitError, StreamError
-from .field.morton import decode_morton
-from .field.voxelise import count_samples, voxelise
 from .geometry.canonical import CanonicalCube
 from .geometry.draco import dec_geometry
-from .neural.infer import voxel_values
-from .neural.payload import Tables, payload_of, take_codes
 from .options import DecodeOptions
 from .report import Report
+from .support.morton import decode_morton
+from .support.voxelise import count_samples, voxelise
 from .texf import Field, GeometryUnit, Texf
 
 

@@ -38,7 +38,7 @@ def main(folder="out"):
 def _one_rate(source, stream, resolution, qp):
     """Encodes, measures, decodes and saves beside the stream; a dict of what it took."""
     from . import DecodeOptions, EncodeOptions, Report, decode, encode
-    from .asset.load import load
+    from .asset.load.files import load
     from .quality.measure import measure
 
     options, coding, decoding = EncodeOptions(resolution=resolution, qp=qp), Report(), Report()

@@ -6,28 +6,28 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .asset.load import load
-from .attribute.choice import choose_base_qp, choose_tools
-from .attribute.codec import enc_attributes
-from .attribute.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
-from .attribute.layout import octree_depth
-from .attribute.residual import ResidualPlan
+from .asset.load.files import load
 from .bitstream.stream import Stream, write_stream
 from .bitstream.syntax import CODEC_3DNTC, CODEC_RAHT, FORM_RESIDENT, FORM_TRANSPORT, SEMANTIC_BASE_COLOUR
 from .bitstream.values import header_values, material_values, metadata_bytes, raht_values
+from .choose.prepare import SourceField, active_voxels, source_field
+from .choose.trial import choose_fields
+from .codecs.neural.fit import fit_payload
+from .codecs.neural.infer import voxel_values
+from .codecs.neural.payload import payload_values
+from .codecs.raht.choice import choose_base_qp, choose_tools
+from .codecs.raht.codec import enc_attributes
+from .codecs.raht.coefficients.residual import ResidualPlan
+from .codecs.raht.layout import octree_depth
+from .codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
 from .decoder import field_surface, voxels_crc
 from .errors import InputError, LimitError
-from .field.morton import decode_morton
-from .field.prepare import SourceField, active_voxels, source_field
-from .field.trial import choose_fields
 from .geometry.draco import counts_of, dec_geometry, enc_geometry
 from .geometry.surface import Surface, make_surface
-from .neural.fit import fit_payload
-from .neural.infer import voxel_values
-from .neural.payload import payload_values
 from .options import EncodeOptions
 from .refine.choice import refine_fields
 from .report import Report
+from .support.morton import decode_morton
 from .texf import GeometryUnit
 
 

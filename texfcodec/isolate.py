@@ -134,7 +134,7 @@ def _split(rows, arrays, dtypes):
 
 def _neural(columns, arrays, fields):
     """Tables by field of an answer's 3DNTC payload, which is checked like one in a stream. columns: of RGBA that it answers."""
-    from .neural.payload import Tables, payload_of, take_codes
+    from .codecs.neural.payload import Tables, payload_of, take_codes
 
     columns, data = tuple(int(c) for c in columns), np.ascontiguousarray(arrays["neural"], np.uint8).tobytes()
     values = read_neural(Reader(data, 0, len(data)), {"num_fields": fields, "NumOutputs": len(columns), "offset": 0})
@@ -168,7 +168,7 @@ def _field_is_sound(part):
 
 def _keys_are_sound(keys, size):
     """Whether these are Morton keys of voxels of a grid, ascending, at least one."""
-    from .field.morton import decode_morton
+    from .support.morton import decode_morton
 
     if keys.ndim != 1 or not len(keys):
         return False
@@ -231,7 +231,7 @@ def _answer(texf, report):
 def _neural_arrays(tables):
     """Tables by field as arrays: neural_parameters in the resident form (5.7.4), and the voxels of the levels that are not
     hashed, end to end."""
-    from .neural.payload import payload_values
+    from .codecs.neural.payload import payload_values
 
     payload = tables[0].payload
     values = payload_values(payload, FORM_RESIDENT) | {"num_fields": len(tables), "NumOutputs": payload.components}

@@ -6,10 +6,10 @@ import numpy as np
 
 from .asset.scene import Material
 from .errors import InputError
-from .field.grid import BrickMap, build_brick_map
-from .field.morton import decode_morton
-from .field.query import query_field
 from .geometry.canonical import CanonicalCube
+from .support.grid import BrickMap, build_brick_map
+from .support.morton import decode_morton
+from .support.query import query_field
 
 
 @dataclass
@@ -144,7 +144,7 @@ class Texf:
 
     def query_network(self, number, points):
         """What the 3DNTC payload answers for field `number`: float32 [M, 4] in 0..255. points: float64 [M, 3], world."""
-        from .neural.infer import POSITION_BITS, cube_positions, infer_rgba
+        from .codecs.neural.infer import POSITION_BITS, cube_positions, infer_rgba
 
         low, high = self.origin - self.side, self.origin + 2 * self.side  # further out is on the border anyway
         grid = self.cube.to_grid(np.clip(points, low, high), 1 << POSITION_BITS)
@@ -174,13 +174,13 @@ class Texf:
         return self.cube.to_world(grid * ((1 << self.position_bits) / part.resolution))
 
     def bake(self, texture_size=None, atlas="auto"):
-        """A texture atlas with the field baked in; see asset.bake.bake."""
-        from .asset.bake import bake
+        """A texture atlas with the field baked in; see asset.save.bake."""
+        from .asset.save.bake import bake
 
         return bake(self, texture_size, atlas)
 
     def save(self, path, **options):
-        """Writes .glb, .gltf, .obj, .ply or .npz; see asset.save.save."""
-        from .asset.save import save
+        """Writes .glb, .gltf, .obj, .ply or .npz; see asset.save.files."""
+        from .asset.save.files import save
 
         return save(self, path, **options)

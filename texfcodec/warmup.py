@@ -3,9 +3,9 @@
 import sys
 from pathlib import Path
 
-from .kernel import cache_folder
+from .ground.kernel import cache_folder
 
-ENTRIES = ("field/voxelise.py", "attribute/blocks.py")  # every encode and decode enters kernels of these files
+ENTRIES = ("support/voxelise.py", "codecs/raht/coefficients/blocks.py")  # every encode and decode enters kernels of these files
 
 
 def kernels_compiled():

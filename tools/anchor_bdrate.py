@@ -26,16 +26,16 @@ from pathlib import Path
 
 import numpy as np
 
-from texfcodec.attribute.choice import EFFORTS, choose_tools
-from texfcodec.attribute.codec import dec_attributes, enc_attributes
-from texfcodec.attribute.colour import forward_colour, inverse_colour
-from texfcodec.attribute.layout import octree_depth
 from texfcodec.bitstream.syntax import CODECS
 from texfcodec.bitstream.values import coded_of, raht_values
 from texfcodec.bitstream.walk import write_structure
-from texfcodec.field.morton import encode_morton
+from texfcodec.codecs.raht.choice import EFFORTS, choose_tools
+from texfcodec.codecs.raht.codec import dec_attributes, enc_attributes
+from texfcodec.codecs.raht.layout import octree_depth
+from texfcodec.codecs.raht.transform.colour import forward_colour, inverse_colour
+from texfcodec.ground.colour_error import ColourError, json_ready, psnr_3d
 from texfcodec.quality.bd_rate import bd_rate
-from texfcodec.quality.psnr import ColourError, json_ready, psnr_3d
+from texfcodec.support.morton import encode_morton
 
 CHROMA_OFFSET = -1
 QPS = "22,28,34,40,46"

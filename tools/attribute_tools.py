@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from anchor_bdrate import QPS, RUNS, TIMED_QP, choose, cloud_paths, code, load_cloud, rate_difference, rate_point
 
-from texfcodec.attribute.choice import EFFORTS
+from texfcodec.codecs.raht.choice import EFFORTS
 
 COMPLETE, CHOICE_OFF = "complete set", "kernel choice off"
 CHANGES = {

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from texfcodec.asset.load import load
+from texfcodec.asset.load.files import load
 from texfcodec.decoder import decode
 from texfcodec.encoder import encode_scene
 from texfcodec.options import RATES, DecodeOptions, EncodeOptions, default_threads

@@ -276,7 +276,7 @@ def _end_with_parent():
 
 def encode_step(folder, job):
     """Codes the asset; leaves the method's files and encode.json."""
-    from texfcodec.asset.load import load
+    from texfcodec.asset.load.files import load
     from texfcodec.report import Report
 
     method, report = find(job["method"], job["plugins"]), Report()
@@ -293,7 +293,7 @@ def encode_step(folder, job):
 
 def decode_step(folder, job):
     """Decodes, compares with the encoder's reconstruction, measures; leaves metrics.json."""
-    from texfcodec.asset.load import load
+    from texfcodec.asset.load.files import load
     from texfcodec.report import Report
 
     method, report, encoded = find(job["method"], job["plugins"]), Report(), read_json(folder / ENCODED)

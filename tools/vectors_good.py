@@ -8,22 +8,22 @@ import numpy as np
 
 from texfcodec import EncodeOptions, Limits, decode
 from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, Material, Scene, Texture
-from texfcodec.attribute import codec
-from texfcodec.attribute.colour import (
+from texfcodec.bitstream.stream import read_stream, write_stream
+from texfcodec.bitstream.syntax import SIGNATURE, UNIT_END, UNIT_METADATA
+from texfcodec.bitstream.units import read_units, write_unit
+from texfcodec.bitstream.values import coded_of, raht_values
+from texfcodec.codecs.raht import codec
+from texfcodec.codecs.raht.coefficients.residual import ResidualPlan
+from texfcodec.codecs.raht.layout import octree_depth
+from texfcodec.codecs.raht.transform.colour import (
     TRANSFORM_BT709,
     forward_colour,
     forward_plain,
     inverse_colour,
     inverse_plain,
 )
-from texfcodec.attribute.layout import octree_depth
-from texfcodec.attribute.residual import ResidualPlan
-from texfcodec.bitstream.stream import read_stream, write_stream
-from texfcodec.bitstream.syntax import SIGNATURE, UNIT_END, UNIT_METADATA
-from texfcodec.bitstream.units import read_units, write_unit
-from texfcodec.bitstream.values import coded_of, raht_values
 from texfcodec.encoder import encode_scene
-from texfcodec.field.voxelise import voxelise
+from texfcodec.support.voxelise import voxelise
 
 KERNEL = (64, 24, 1, 0, 32, 8, 0)
 

@@ -26,12 +26,12 @@ from vectors_good import (
 from texfcodec import decode
 from texfcodec.asset.scene import ALPHA_BLEND, Material
 from texfcodec.bitstream.syntax import CODEC_3DNTC, FORM_RESIDENT, FORM_TRANSPORT, UNIT_ATTRIBUTE
+from texfcodec.codecs.neural.infer import voxel_values
+from texfcodec.codecs.neural.payload import Level, Payload, Tables, join_parameters, payload_values, split_parameters
+from texfcodec.codecs.neural.transport import dec_transport
 from texfcodec.decoder import field_surface
-from texfcodec.field.morton import decode_morton
-from texfcodec.field.voxelise import voxelise
-from texfcodec.neural.infer import voxel_values
-from texfcodec.neural.payload import Level, Payload, Tables, join_parameters, payload_values, split_parameters
-from texfcodec.neural.transport import dec_transport
+from texfcodec.support.morton import decode_morton
+from texfcodec.support.voxelise import voxelise
 
 A = UNIT_ATTRIBUTE
 NEGATIVE = 0x8000  # sign of a binary16 number

@@ -6,7 +6,7 @@ are no creases.
 
 import numpy as np
 
-from ..kernel import kernel
+from ..ground.kernel import kernel
 
 CREASE_COSINE = 0.7071  # faces meeting at more than 45 degrees keep an edge between them
 MOST_FACES = 256  # at a vertex; beyond that every face keeps its own normal

@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from ..kernel import kernel
+from ..ground.kernel import kernel
 from .scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_REPEAT
 from .srgb import linear_to_srgb, srgb_to_linear
 

@@ -6,7 +6,7 @@ a convenience for viewers, not part of the normative decode.
 
 import math
 
-from ..kernel import kernel
+from ..ground.kernel import kernel
 
 
 @kernel

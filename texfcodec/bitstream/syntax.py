@@ -7,8 +7,8 @@ bytes), utf8 (`count` bytes). A Derived entry computes a named variable from wha
 from dataclasses import dataclass
 from typing import Any
 
-from ..attribute.layout import codeword_count, level_count, octree_depth
-from ..neural.layout import WAVE_INPUTS, parameter_count
+from ..codecs.neural.layout import WAVE_INPUTS, parameter_count
+from ..codecs.raht.layout import codeword_count, level_count, octree_depth
 
 SIGNATURE = b"\x89TXF\r\n\x1a\n"
 VERSION = 0

@@ -5,9 +5,9 @@ import json
 import numpy as np
 
 from ..asset.scene import ALPHA_MASK, ALPHA_OPAQUE
-from ..attribute.codec import CodedAttributes
-from ..attribute.colour import TRANSFORM_BT709, TRANSFORM_NONE
-from ..attribute.filter import stage_of, taps_of
+from ..codecs.raht.codec import CodedAttributes
+from ..codecs.raht.transform.colour import TRANSFORM_BT709, TRANSFORM_NONE
+from ..codecs.raht.transform.filter import stage_of, taps_of
 from .syntax import SEMANTIC_ALPHA, SEMANTIC_BASE_COLOUR, TRANSFER_LINEAR, TRANSFER_SRGB, VERSION
 
 LEVEL_INDEX_BYTES = 4096  # smaller attribute units do without their per-level byte counts

@@ -200,7 +200,7 @@ def read_stream_file(path, limits):
 
 def check_output(path):
     """Refuses a hopeless path before any work is done; "-" and devices are fine."""
-    from ..asset.save import check_target
+    from ..asset.save.files import check_target
 
     if path != "-" and not _is_device(path):
         check_target(Path(path))
@@ -208,7 +208,7 @@ def check_output(path):
 
 def write_output(path, data):
     """Writes bytes to stdout ("-"), to a device, or to a temporary name beside the path that is then renamed."""
-    from ..asset.save import as_input_error, write_all
+    from ..asset.save.files import as_input_error, write_all
 
     if path != "-" and not _is_device(path):
         write_all(Path(path).parent, [(Path(path).name, [data])])

@@ -41,7 +41,7 @@ def dec(console, source, out, appearance, texture_size, atlas, as_json, quiet, *
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 over a limit, 130
     interrupted.
     """
-    from ..asset.save import SUFFIXES, save
+    from ..asset.save.files import SUFFIXES, save
     from ..warmup import kernels_compiled
     from .console import check_output
 

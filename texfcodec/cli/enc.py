@@ -144,7 +144,7 @@ def _say_if_compiling(console):
 
 
 def _load(source, options, report):
-    from ..asset.load import load
+    from ..asset.load.files import load
 
     with report.stage("load"):
         scene = load(source, strict=options.strict)

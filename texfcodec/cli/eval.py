@@ -57,13 +57,13 @@ def _load_lpips(weights):
 
 
 def _is_mesh(path):
-    from ..asset.load import SUFFIXES
+    from ..asset.load.files import SUFFIXES
 
     return path.lower().endswith(SUFFIXES)
 
 
 def _load(path, report):
-    from ..asset.load import load
+    from ..asset.load.files import load
 
     with report.stage("load"):
         scene = load(path)

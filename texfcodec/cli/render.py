@@ -109,7 +109,7 @@ def _load(path, threads, report):
     from ..limits import Limits
 
     if not path.lower().endswith(".texf"):
-        from ..asset.load import load
+        from ..asset.load.files import load
 
         with report.stage("load"):
             scene = load(path)

@@ -22,11 +22,11 @@ import numpy as np
 from ..asset.sample import pack_source, sample_source
 from ..asset.scene import ALPHA_OPAQUE
 from ..errors import InputError
+from ..ground.colour_error import ColourError, decibels, json_ready, sample_surface
 from ..render.camera import bounding_sphere, fibonacci_direction, orthographic
 from ..render.shade import render_scene, render_texf
 from ..texf import Texf
 from .measure import SourceSamples
-from .psnr import ColourError, decibels, json_ready, sample_surface
 from .ssim import ssim as mean_ssim
 
 VIEWS, SIZE = 16, 2048

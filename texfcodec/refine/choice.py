@@ -3,9 +3,9 @@
 import numpy as np
 
 from ..asset.sample import pack_source
-from ..field.grid import build_brick_map
-from ..field.trial import coding_mse
-from ..quality.psnr import decibels
+from ..choose.trial import coding_mse
+from ..ground.colour_error import decibels
+from ..support.grid import build_brick_map
 from .surface_fit import HELD_OUT, HELD_OUT_SEED, FieldSurface, fit_surface
 
 PROBE = 1 << 14  # surface points that tell how far the transfer is from the source

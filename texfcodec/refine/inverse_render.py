@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..asset.sample import sample_source
-from ..kernel import kernel
+from ..ground.kernel import kernel
 from .pictures import HELD_OUT_SEED, HELD_OUT_VIEWS, ITERATIONS, OPAQUE, SIZE, VIEWS, Cameras, keep_best, picture_loss
 from .surface_fit import BLOCK, _corners
 

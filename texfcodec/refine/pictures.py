@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 
-from ..quality.psnr import decibels
+from ..ground.colour_error import decibels
 from ..quality.ssim import ssim_gradient
 from ..render.camera import perspective
 from ..render.raster import rasterise

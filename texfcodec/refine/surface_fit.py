@@ -17,12 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..asset.sample import sample_source
-from ..field.grid import _ones32, _rank_of_voxel
-from ..field.morton import decode_morton
-from ..field.query import query_field
-from ..field.samples import surface_samples
-from ..kernel import kernel
-from ..quality.psnr import ColourError, sample_surface
+from ..ground.colour_error import ColourError, sample_surface
+from ..ground.kernel import kernel
+from ..support.grid import _ones32, _rank_of_voxel
+from ..support.morton import decode_morton
+from ..support.query import query_field
+from ..support.samples import surface_samples
 
 DAMPING = 0.02  # 0.005 to 0.05 differ by 0.02 dB (basketball player, K 1024)
 DENSITY = 2  # samples per voxel edge: 1, 2, 3, 4 end at 44.9, 47.2, 47.3, 47.3 dB there after 10 iterations, from 44.4

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..quality.psnr import ColourError, json_ready
+from ..ground.colour_error import ColourError, json_ready
 
 HOTTEST = 32  # coded levels of R, G, B (root mean square) from which on the heat map is at its hottest
 RAMP = np.array([(0, 0, 0), (70, 15, 110), (190, 50, 85), (250, 150, 30), (255, 255, 190)], np.float64)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..field.grid import BrickMap, build_brick_map
-from ..field.query import query_field
+from ..support.grid import BrickMap, build_brick_map
+from ..support.query import query_field
 
 
 @dataclass

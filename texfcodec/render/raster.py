@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..asset.texel_cover import nearest_on_triangle
-from ..kernel import kernel
+from ..ground.kernel import kernel
 from .triangles import BAND, _first_centre, _last_centre, set_up
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..asset.sample import pack_source, sample_source
-from ..kernel import kernel
+from ..ground.kernel import kernel
 from .layers import composite, opacity, see_through
 from .levels import pyramid_of
 from .raster import visible

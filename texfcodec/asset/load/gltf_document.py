@@ -1,0 +1,227 @@
+"""glTF 2.0 containers: GLB chunks, JSON, buffers, URIs; and typed access to the JSON tree."""
+
+import json
+import math
+import struct
+
+from ...errors import InputError, SupportError
+from .image_read import find_file, missing_image
+
+GLB_MAGIC, CHUNK_JSON, CHUNK_BIN = b"glTF", 0x4E4F534A, 0x004E4942
+_MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
+
+
+def malformed(what, **details):
+    """The error for a JSON tree that does not follow the glTF schema."""
+    return InputError("TXF-I09", f"the glTF structure is malformed: {what}", **details)
+
+
+class Document:
+    """The JSON tree of one glTF file and the bytes it refers to.
+
+    root: dict; folder: where relative URIs start; notes: Notes.
+    """
+
+    def __init__(self, root, chunk, folder, notes):
+        self.root, self.folder, self.notes = root, folder, notes
+        self._chunk, self._buffers, self._entries = chunk, {}, {}
+
+    def entries(self, kind):
+        """Top-level array such as "nodes": list of dict."""
+        if kind not in self._entries:
+            entries = self.root.get(kind, [])
+            if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+                raise malformed(f"'{kind}' is not an array of objects")
+            self._entries[kind] = entries
+        return self._entries[kind]
+
+    def entry(self, kind, index):
+        entries = self.entries(kind)
+        if not is_index(index) or index >= len(entries):
+            raise malformed(f"'{kind}' has no such entry", value=index, entries=len(entries))
+        return entries[index]
+
+    def buffer(self, index):
+        """memoryview of buffer index, exactly byteLength long."""
+        if index not in self._buffers:
+            entry = self.entry("buffers", index)
+            length = integer(entry, "byteLength", low=0)
+            data = self._buffer_data(entry, index)
+            if len(data) < length:
+                raise InputError("TXF-I10", f"buffer {index} is shorter than the file promises",
+                                 value=len(data), allowed=length)
+            self._buffers[index] = memoryview(data)[:length]
+        return self._buffers[index]
+
+    def _buffer_data(self, entry, index):
+        if "uri" in entry:
+            return self.uri_bytes(entry["uri"], lambda name: InputError(
+                "TXF-I10", f"buffer file '{name}' is missing or unreadable"))
+        if index == 0 and self._chunk is not None:
+            return self._chunk
+        raise InputError("TXF-I10", f"buffer {index} has no data")
+
+    def view(self, index):
+        """(memoryview, byteStride or None) of bufferView index; TXF-I11 when it leaves its buffer."""
+        entry = self.entry("bufferViews", index)
+        for name in _MESHOPT:
+            if name in extensions(entry):
+                raise SupportError("TXF-I30", f"{name} is not supported; decompress the file first, e.g. with gltfpack or "
+                                   "glTF-Transform")
+        buffer = self.buffer(entry.get("buffer"))
+        offset, length = integer(entry, "byteOffset", 0, low=0), integer(entry, "byteLength", low=0)
+        if offset + length > len(buffer):
+            raise InputError("TXF-I11", f"bufferView {index} leaves its buffer",
+                             value=offset + length, allowed=len(buffer))
+        stride = integer(entry, "byteStride", low=1) if "byteStride" in entry else None
+        return buffer[offset : offset + length], stride
+
+    def uri_bytes(self, uri, missing):
+        """bytes behind a data URI or a file name; missing: name -> the error to raise."""
+        if not isinstance(uri, str):
+            raise malformed("a uri is not a string")
+        if uri[:5].lower() == "data:":
+            return _data_uri(uri)
+        path = find_file(self.folder, uri)
+        try:
+            if path is not None:
+                return path.read_bytes()
+        except OSError as error:
+            raise missing(uri) from error
+        raise missing(uri)
+
+    def image_bytes(self, index):
+        """Encoded bytes of image index; TXF-I16 where its file is missing or it names none."""
+        entry = self.entry("images", index)
+        if "bufferView" in entry:
+            return self.view(entry["bufferView"])[0]
+        if "uri" not in entry:
+            raise missing_image(title(entry, index))
+        return self.uri_bytes(entry["uri"], missing_image)
+
+
+def open_document(data, suffix, folder, notes):
+    """bytes of a .glb or .gltf file -> Document.
+
+    Errors: TXF-I06 wrong magic, TXF-I07 broken GLB container, TXF-I08 no JSON, TXF-I09 no object, TXF-I33 not glTF 2.
+    """
+    if suffix == ".glb":
+        text, chunk = _read_glb(data, notes)
+    else:
+        text, chunk = data, None
+    root = _parse(text)
+    if not isinstance(root, dict):
+        raise malformed("the top level is not an object")
+    asset = root.get("asset")
+    version = asset.get("version", "2.0") if isinstance(asset, dict) else "2.0"
+    if str(version).split(".")[0] != "2":
+        raise SupportError("TXF-I33", "only glTF 2 is supported", value=str(version)[:20])
+    return Document(root, chunk, folder, notes)
+
+
+def _read_glb(data, notes):
+    """(JSON bytes, binary chunk or None); glTF 2.0 section 4.4."""
+    if data[:4] != GLB_MAGIC:
+        raise InputError("TXF-I06", "the file is named .glb but does not start like one", value=bytes(data[:4]).hex())
+    if len(data) < 20:
+        raise InputError("TXF-I07", "the GLB file is truncated", value=len(data), allowed=20)
+    version, length = struct.unpack_from("<II", data, 4)
+    if version != 2:
+        raise SupportError("TXF-I33", "only glTF 2 is supported", value=version)
+    if length > len(data):
+        raise InputError("TXF-I07", "the GLB file is truncated", value=len(data), allowed=length)
+    if length < len(data):
+        notes.warn(f"{len(data) - length} bytes after the end of the GLB container are ignored")
+    chunks = list(_chunks(memoryview(data)[:length]))
+    if not chunks or chunks[0][0] != CHUNK_JSON:
+        raise InputError("TXF-I07", "the first GLB chunk is not JSON", offset=12)
+    binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == CHUNK_BIN else None
+    return bytes(chunks[0][1]), binary
+
+
+def _chunks(data):
+    at = 12
+    while at + 8 <= len(data):
+        length, kind = struct.unpack_from("<II", data, at)
+        if at + 8 + length > len(data):
+            raise InputError("TXF-I07", "a GLB chunk leaves the file", offset=at, value=length, allowed=len(data) - at - 8)
+        yield kind, data[at + 8 : at + 8 + length]
+        at += 8 + length
+
+
+def _parse(text):
+    try:
+        return json.loads(bytes(text).decode("utf-8-sig"), parse_constant=lambda name: None)
+    except (ValueError, RecursionError) as error:
+        raise InputError("TXF-I08", "the glTF text is not JSON", reason=str(error)[:100]) from error
+
+
+def _data_uri(uri):
+    import base64
+    import binascii
+    from urllib.parse import unquote_to_bytes
+
+    head, comma, body = uri.partition(",")
+    try:
+        if comma:
+            return base64.b64decode(unquote_to_bytes(body)) if head.lower().endswith(";base64") else unquote_to_bytes(body)
+    except (binascii.Error, ValueError) as error:
+        raise InputError("TXF-I10", "a data URI cannot be decoded", reason=str(error)) from error
+    raise InputError("TXF-I10", "a data URI has no data")
+
+
+def is_index(value):
+    """True for a JSON integer that may count entries; true and 1.0 are none."""
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+
+
+def integer(entry, key, default=None, low=None):
+    """entry[key] as int, at least low; without default the key is required."""
+    value = entry.get(key, default)
+    if not isinstance(value, int) or isinstance(value, bool) or (low is not None and value < low):
+        raise malformed(f"'{key}' is not a usable integer", value=str(value)[:40], low=low)
+    return value
+
+
+def numbers(entry, key, default):
+    """entry[key] as tuple of finite floats, as many as default has; a plain number where default is one."""
+    value = entry.get(key, default)
+    single = not isinstance(default, (tuple, list))
+    items = [value] if single else value
+    wanted = 1 if single else len(default)
+    if not isinstance(items, (tuple, list)) or len(items) != wanted or not all(_is_finite(item) for item in items):
+        raise malformed(f"'{key}' is not {wanted} finite numbers", value=str(value)[:60])
+    return float(value) if single else tuple(float(item) for item in items)
+
+
+def _is_finite(value):
+    try:
+        return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:  # an integer of hundreds of digits
+        return False
+
+
+def part(entry, key):
+    """entry[key] as dict, empty when absent."""
+    value = entry.get(key)
+    if value is None:
+        return {}
+    if not isinstance(value, dict):
+        raise malformed(f"'{key}' is not an object")
+    return value
+
+
+def extensions(entry):
+    """The extensions object of an entry, {} when absent."""
+    return part(entry, "extensions")
+
+
+def name_of(entry):
+    """The entry's name, printable; "" when it has none. JSON can spell lone surrogates, which no terminal takes."""
+    name = entry.get("name")
+    return name.encode("utf-8", "replace").decode() if isinstance(name, str) else ""
+
+
+def title(entry, index):
+    """'name' of an entry, or its number."""
+    return f"'{name_of(entry)}'" if name_of(entry) else str(index)

@@ -1,0 +1,201 @@
+"""glTF meshes -> Parts in mesh space: attributes, indices, strips and fans, Draco, morph defaults."""
+
+import numpy as np
+
+from ...errors import InputError, SupportError
+from .gltf_accessor import normalized_floats, read_accessor, read_floats
+from .gltf_document import extensions, integer, malformed, part, title
+from .parts import Part
+
+_DRACO = "KHR_draco_mesh_compression"
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_MODE_NAMES = {0: "points", 1: "lines", 2: "line loop", 3: "line strip"}
+
+
+class MeshReader:
+    """Reads each mesh once, however many nodes show it.
+
+    base_color: material index or None -> BaseColor; after reading, `materials` lists the ones in use in order of
+    first use (None is glTF's default) and Part.material points into it.
+    """
+
+    def __init__(self, document, base_color):
+        self.document, self.base_color = document, base_color
+        self._slots = {}
+        self._meshes, self._used_uv, self._found_uv = {}, set(), set()
+
+    def read(self, index):
+        """Mesh index -> list of Part in mesh space."""
+        if index not in self._meshes:
+            entry = self.document.entry("meshes", index)
+            primitives = entry.get("primitives")
+            if not isinstance(primitives, list) or not all(isinstance(primitive, dict) for primitive in primitives):
+                raise malformed(f"mesh {title(entry, index)} has no array of primitives")
+            label = f"mesh {title(entry, index)}"
+            parts = [self._primitive(entry, primitive, f"{label} primitive {n}") for n, primitive in enumerate(primitives)]
+            self._meshes[index] = [found for found in parts if found is not None]
+        return self._meshes[index]
+
+    def drop_unused_uv(self):
+        """Name the UV sets that no base colour asked for."""
+        for name in sorted(self._found_uv - self._used_uv):
+            self.document.notes.drop(f"{name} (not used by base colour)")
+
+    def _primitive(self, mesh, primitive, label):
+        mode = integer(primitive, "mode", _TRIANGLES)
+        if mode not in (_TRIANGLES, _STRIP, _FAN):
+            self.document.notes.warn(f"{label} is not made of triangles ({_MODE_NAMES.get(mode, mode)}); it is left out")
+            return None
+        source = _Draco(self.document, primitive) if _DRACO in extensions(primitive) else _Plain(self.document, primitive)
+        if not source.has("POSITION"):
+            self.document.notes.warn(f"{label} has no POSITION; it is left out")
+            return None
+        positions = source.floats("POSITION", ("VEC3",))
+        indices = source.indices()
+        if indices is None:
+            indices = np.arange(len(positions), dtype=np.int64)
+        faces = self._triangles(indices, mode if not source.is_triangles else _TRIANGLES, label)
+        material = primitive.get("material")
+        color = self.base_color(material)
+        self._drop_attributes(primitive, label)
+        result = Part(self._morphed(mesh, primitive, positions), faces, self._slot(material),
+                      self._uv(source, color, label), self._vertex_color(source, label), label)
+        for values in (result.uv, result.color):
+            if values is not None and len(values) != len(positions):
+                raise malformed(f"{label} has attributes of different counts")
+        return result
+
+    def _slot(self, material):
+        return self._slots.setdefault(material, len(self._slots))
+
+    @property
+    def materials(self):
+        return list(self._slots)
+
+    def _triangles(self, indices, mode, label):
+        """Index list -> [F, 3]; glTF 2.0 section 3.7.2.1 gives the order of strips and fans."""
+        if mode == _TRIANGLES:
+            if len(indices) % 3:
+                self.document.notes.warn(f"{label} ends in an incomplete triangle; it is left out")
+            return indices[: len(indices) // 3 * 3].reshape(-1, 3)
+        i = np.arange(max(len(indices) - 2, 0))
+        if mode == _STRIP:
+            return np.stack([indices[i], indices[i + 1 + i % 2], indices[i + 2 - i % 2]], axis=1)
+        return np.stack([indices[i + 1], indices[i + 2], indices[np.zeros_like(i)]], axis=1)
+
+    def _uv(self, source, color, label):
+        """float [V, 2] for the base colour texture, transformed; None when there is none."""
+        if color.texture is None:
+            return None
+        name = f"TEXCOORD_{color.texcoord}"
+        if not source.has(name):
+            self.document.notes.warn(f"{label} has no {name} for its texture; UV (0, 0) is used")
+            return None
+        self._used_uv.add(name)
+        uv = source.floats(name, ("VEC2",))
+        if color.transform is None:
+            return uv
+        return np.asarray(uv, np.float64) @ color.transform[:, :2].T + color.transform[:, 2]
+
+    def _vertex_color(self, source, label):
+        """float32 linear RGBA [V, 4], or None."""
+        if not source.has("COLOR_0"):
+            return None
+        stored = source.floats("COLOR_0", ("VEC3", "VEC4"), normalized=True)
+        color = np.ones((len(stored), 4), np.float32)
+        color[:, : stored.shape[1]] = stored
+        return color
+
+    def _drop_attributes(self, primitive, label):
+        names = part(primitive, "attributes")
+        for name in names:
+            if name.startswith("TEXCOORD_"):
+                self._found_uv.add(name)
+            elif name not in ("POSITION", "COLOR_0"):
+                self.document.notes.drop(name)
+        for name in extensions(primitive):
+            if name != _DRACO:
+                self.document.notes.drop(f"extension {name} of {label}")
+
+    def _morphed(self, mesh, primitive, positions):
+        """Positions with the mesh's default morph weights (section 3.7.2.2); the targets themselves are dropped."""
+        targets = primitive.get("targets")
+        if not targets:
+            return positions
+        self.document.notes.drop("morph targets")
+        weights = mesh.get("weights", [])
+        if not isinstance(targets, list) or not isinstance(weights, list):
+            raise malformed("morph targets or weights are not arrays")
+        for target, weight in zip(targets, weights, strict=False):
+            if weight and isinstance(target, dict) and "POSITION" in target:
+                delta = read_floats(self.document, target["POSITION"], ("VEC3",))
+                if len(delta) != len(positions):
+                    raise malformed("a morph target differs in count from its mesh")
+                positions = positions + float(weight) * np.asarray(delta, np.float64)
+        return positions
+
+
+class _Plain:
+    """Attributes and indices in accessors."""
+
+    is_triangles = False
+
+    def __init__(self, document, primitive):
+        self.document, self.primitive = document, primitive
+        self.names = part(primitive, "attributes")
+
+    def has(self, name):
+        return name in self.names
+
+    def floats(self, name, kinds, normalized=None):
+        return read_floats(self.document, self.names[name], kinds, normalized)
+
+    def indices(self):
+        if "indices" not in self.primitive:
+            return None
+        indices = read_accessor(self.document, self.primitive["indices"], ("SCALAR",))[:, 0]
+        if indices.dtype.kind != "u":
+            raise malformed("indices are not unsigned integers")
+        return indices
+
+
+class _Draco(_Plain):
+    """KHR_draco_mesh_compression: DracoPy decodes; what is not in the Draco data is in accessors."""
+
+    is_triangles = True
+
+    def __init__(self, document, primitive):
+        super().__init__(document, primitive)
+        self.compressed = part(extensions(primitive), _DRACO)
+        self.ids = part(self.compressed, "attributes")
+        self.mesh = _decode_draco(document.view(self.compressed.get("bufferView"))[0])
+
+    def floats(self, name, kinds, normalized=None):
+        if name not in self.ids:
+            return super().floats(name, kinds, normalized)
+        found = [entry for entry in self.mesh.attributes if entry["unique_id"] == self.ids[name]]
+        if not found:
+            raise InputError("TXF-I12", f"the Draco data has no attribute {name}")
+        data = np.asarray(found[0]["data"])
+        if data.ndim != 2 or f"VEC{data.shape[1]}" not in kinds:
+            raise InputError("TXF-I12", f"the Draco attribute {name} has an unexpected shape")
+        if normalized is None:
+            normalized = self.document.entry("accessors", self.names[name]).get("normalized", False)
+        return normalized_floats(data) if normalized else data
+
+    def indices(self):
+        return np.asarray(self.mesh.faces).reshape(-1)
+
+
+def _decode_draco(data):
+    try:
+        import DracoPy
+    except ImportError as error:
+        raise SupportError("TXF-I34", f"{_DRACO} needs the package DracoPy") from error
+    try:
+        mesh = DracoPy.decode(bytes(data))
+    except Exception as error:  # DracoPy derives its errors from Exception directly
+        raise InputError("TXF-I12", "the Draco data cannot be decoded", reason=str(error)[:200]) from error
+    if getattr(mesh, "faces", None) is None:
+        raise InputError("TXF-I12", "the Draco data holds no triangles")
+    return mesh

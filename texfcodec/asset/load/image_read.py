@@ -1,0 +1,137 @@
+"""Images of any kind Pillow reads -> uint8 RGBA arrays, decoded once and only when a base colour asks for them."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import InputError, LimitError
+from ..scene import Texture
+
+_STRIP_ROWS = 256  # converting in strips keeps one full-size array beside Pillow's own, not three
+
+
+class TextureShelf:
+    """Scene.textures under construction: one array per image, one Texture per (image, wrap)."""
+
+    def __init__(self, notes):
+        self.notes = notes
+        self.textures = []
+        self._images, self._indices = {}, {}
+
+    def put(self, key, fetch, name, wrap):
+        """Index of the texture, or -1 (with a note) where its image is missing or broken.
+
+        key: hashable identity of the image; fetch: () -> its bytes, or InputError; wrap: (s, t).
+        """
+        if key not in self._images:
+            self._images[key] = self._decode(fetch, name)
+        image = self._images[key]
+        if image is None:
+            return -1
+        if (key, wrap) not in self._indices:
+            self._indices[key, wrap] = len(self.textures)
+            self.textures.append(Texture(image, wrap, name))
+        return self._indices[key, wrap]
+
+    def _decode(self, fetch, name):
+        try:
+            return read_image(fetch(), name, self.notes)
+        except InputError as error:
+            if error.code not in ("TXF-I16", "TXF-I17"):
+                raise
+            self.notes.fault(error.code, f"{error.message}; only the base colour factor is used", **error.details)
+            return None
+
+
+def read_image(data, name, notes):
+    """bytes of an image file, or a PIL image -> uint8 [H, W, 4] RGBA, row 0 at the top.
+
+    16-bit samples keep their high byte (with a warning); colour profiles and EXIF rotation are ignored, as glTF says.
+    Errors: TXF-I17 Pillow cannot decode it; LimitError TXF-I40 Pillow's pixel limit.
+    """
+    import warnings
+
+    from PIL import Image
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # large but allowed sizes, odd palettes: none of these changes a pixel
+        try:
+            image = data if isinstance(data, Image.Image) else Image.open(_stream(data))
+            image.load()
+            rgba = _to_rgba(image)
+        except Image.DecompressionBombError as error:
+            raise LimitError("TXF-I40", f"image '{name}' has too many pixels", reason=str(error)) from error
+        except (MemoryError, KeyboardInterrupt):
+            raise
+        except Exception as error:  # Pillow's plugins raise whatever their parsers meet
+            raise InputError("TXF-I17", f"image '{name}' cannot be decoded", reason=str(error)[:200] or None) from error
+    if _sample_bits(data) == 16 or image.mode.startswith("I"):
+        notes.warn(f"image '{name}' has 16-bit samples; the high 8 bits are used")
+    if image.mode in ("CMYK", "YCCK"):
+        notes.warn(f"image '{name}' is CMYK; it is converted to RGB without its colour profile")
+    return rgba
+
+
+def missing_image(name):
+    """The error for a texture file that is not there."""
+    return InputError("TXF-I16", f"texture file '{name}' is missing or unreadable")
+
+
+def find_file(folder, name):
+    """Path of the file a mesh names, or None: as written, percent-decoded, with backslashes turned, or beside the mesh."""
+    from urllib.parse import unquote
+
+    slashed = name.replace("\\", "/")
+    for candidate in (name, unquote(name), slashed, unquote(slashed), slashed.rsplit("/", 1)[-1]):
+        path = Path(folder) / candidate
+        try:
+            if candidate and path.is_file():
+                return path
+        except (OSError, ValueError):  # name too long, embedded NUL
+            continue
+    return None
+
+
+def read_texture_file(folder, name):
+    """bytes of an image file named by a mesh; InputError TXF-I16."""
+    path = find_file(folder, name)
+    try:
+        if path is not None:
+            return path.read_bytes()
+    except OSError as error:
+        raise missing_image(name) from error
+    raise missing_image(name)
+
+
+def _stream(data):
+    from io import BytesIO
+
+    return BytesIO(data)
+
+
+def _sample_bits(data):
+    """Bit depth in a PNG header (Pillow reduces RGB 16 bit silently); 8 for anything else."""
+    is_png = isinstance(data, (bytes, memoryview)) and bytes(data[:8]) == b"\x89PNG\r\n\x1a\n"
+    return data[24] if is_png and len(data) > 24 else 8
+
+
+def _to_rgba(image):
+    width, height = image.size
+    out = np.empty((height, width, 4), np.uint8)
+    if image.mode.startswith("I"):
+        return _deep_grey(image, out)
+    for top in range(0, height, _STRIP_ROWS):
+        strip = image.crop((0, top, width, min(top + _STRIP_ROWS, height)))
+        if strip.mode not in ("1", "L", "LA", "P", "PA", "RGB", "RGBA", "RGBX", "La", "RGBa"):
+            strip = strip.convert("RGB")
+        out[top : top + _STRIP_ROWS] = np.asarray(strip.convert("RGBA"))
+    return out
+
+
+def _deep_grey(image, out):
+    """16-bit grey: Pillow would clip instead of scale."""
+    grey = np.asarray(image).astype(np.int64)
+    out[..., :3] = np.clip(grey >> 8, 0, 255)[..., None]
+    clear = image.info.get("transparency")
+    out[..., 3] = 255 if clear is None else np.where(grey == clear, 0, 255)
+    return out

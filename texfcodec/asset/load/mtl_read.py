@@ -1,0 +1,135 @@
+"""MTL material libraries: Kd, d/Tr and map_Kd become a base colour, every other statement is named as dropped."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import InputError
+from ..scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_REPEAT, Material
+from .image_read import read_texture_file
+
+# Option -> most values it takes; the list of a texture statement ends where its file name begins.
+_OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-mm": 2, "-o": 3, "-s": 3, "-t": 3, "-texres": 1, "-clamp": 1,
+            "-bm": 1, "-imfchan": 1, "-type": 1, "-cc": 1, "-colorspace": 1}
+
+
+@dataclass
+class ObjMaterial:
+    """One newmtl. factor: float64 [4]; texture: file name or None; uv_scale, uv_offset: float64 [2], with v upwards."""
+
+    name: str
+    factor: np.ndarray
+    texture: str | None = None
+    wrap: tuple = (WRAP_REPEAT, WRAP_REPEAT)
+    uv_scale: tuple = (1.0, 1.0)
+    uv_offset: tuple = (0.0, 0.0)
+
+
+def read_mtl(data, notes):
+    """bytes of an .mtl file -> dict name -> ObjMaterial. Errors: TXF-I20 with the line."""
+    found, current = {}, None
+    for number, line in enumerate(decode_text(data).splitlines(), 1):
+        key, _, rest = line.strip().partition("#")[0].replace("\t", " ").strip().partition(" ")
+        if not key:
+            continue
+        if key.lower() == "newmtl":
+            current = found.setdefault(rest.strip(), ObjMaterial(rest.strip(), np.ones(4)))
+        elif current is not None:
+            try:
+                _statement(current, key, rest.strip(), notes)
+            except (ValueError, IndexError) as error:
+                raise InputError("TXF-I20", "an MTL statement cannot be read", line=number, value=line.strip()[:80]) from error
+    for material in found.values():
+        _finish(material, notes)
+    return found
+
+
+def decode_text(data):
+    """bytes -> str: UTF-8, else Latin-1, which old exporters write and which never fails."""
+    try:
+        return bytes(data).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return bytes(data).decode("latin-1")
+
+
+def _statement(material, key, rest, notes):
+    lower = key.lower()
+    if lower == "kd":
+        if rest.split()[0] in ("spectral", "xyz"):
+            notes.drop(f"Kd {rest.split()[0]} of material '{material.name}'")
+            return
+        values = [float(value) for value in rest.split()[:3]]
+        material.factor[:3] = values if len(values) == 3 else values[0]
+    elif lower in ("d", "tr"):
+        alpha = float(rest.split()[-1])  # "-halo" may precede it
+        material.factor[3] = alpha if lower == "d" else 1.0 - alpha
+    elif lower == "map_kd":
+        _base_map(material, rest, notes)
+    else:
+        notes.drop(f"{key} of material '{material.name}'")
+
+
+def _base_map(material, rest, notes):
+    options, material.texture = _split_options(rest)
+    for name, values in options:
+        if name == "-s":
+            material.uv_scale = (*map(float, values[:2]),)
+        elif name == "-o":
+            material.uv_offset = (*map(float, values[:2]),)
+        elif name == "-clamp":
+            material.wrap = (WRAP_CLAMP,) * 2 if values[:1] == ["on"] else (WRAP_REPEAT,) * 2
+        else:
+            notes.drop(f"map_Kd option {name} of material '{material.name}'")
+    material.uv_scale = (*material.uv_scale, 1.0, 1.0)[:2]
+    material.uv_offset = (*material.uv_offset, 0.0, 0.0)[:2]
+    if not material.texture:
+        raise ValueError("map_Kd without a file")
+
+
+def _split_options(rest):
+    """("-s 2 2 -clamp on my file.png") -> ([("-s", ["2", "2"]), ("-clamp", ["on"])], "my file.png")."""
+    options = []
+    while rest.startswith("-") and rest.split()[0].lower() in _OPTIONS:
+        name, _, rest = rest.partition(" ")
+        values = []
+        most = _OPTIONS[name.lower()]
+        while len(values) < most and rest.strip():
+            value, _, after = rest.strip().partition(" ")
+            if most > 1 and values and not _is_number(value):
+                break
+            values.append(value)
+            rest = after
+        options.append((name.lower(), values))
+        rest = rest.strip()
+    return options, rest.strip().strip('"')
+
+
+def _is_number(text):
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _finish(material, notes):
+    if material.texture and not material.factor[:3].any():
+        notes.warn(f"material '{material.name}' has a texture and a black Kd; white takes the place of Kd")
+        material.factor[:3] = 1.0
+    elif material.texture and (material.factor[:3] != 1.0).any():
+        factors = " ".join(f"{value:g}" for value in material.factor[:3])
+        notes.warn(f"material '{material.name}' multiplies its texture by Kd {factors}, as the format says; some viewers do not")
+    if not np.isfinite(material.factor).all():
+        notes.warn(f"material '{material.name}' has a NaN or infinite colour; white takes its place")
+        material.factor[:] = 1.0
+    np.clip(material.factor, 0.0, 1.0, out=material.factor)
+
+
+def scene_material(material, folder, shelf):
+    """ObjMaterial -> Material, its texture put on the shelf. Kd is taken as linear, like glTF's factor."""
+    texture = -1
+    if material.texture:
+        name = material.texture
+        texture = shelf.put(name, lambda: read_texture_file(folder, name), name, material.wrap)
+    mode = {"alpha_mode": ALPHA_BLEND} if material.factor[3] < 1.0 else {}
+    return Material(name=material.name, factor=material.factor, texture=texture, **mode)

@@ -1,0 +1,190 @@
+"""glTF 2.0 out: one primitive per material, one shared image, GLB or .gltf with files beside it."""
+
+import json
+import struct
+
+import numpy as np
+
+from ..normals import corner_normals
+from ..scene import ALPHA_BLEND, ALPHA_MASK
+from .appearance import linear_u16, unique_corners, vertex_colours
+from .precision import local_frame
+
+_ARRAY, _INDEX = 34962, 34963  # bufferView targets
+_COMPONENT = {"f4": 5126, "u2": 5123, "u4": 5125}
+_POINTS = 0
+_UNLIT = "KHR_materials_unlit"
+_EXTRAS_LIMIT = 65536  # bytes of metadata that may ride in asset.extras
+
+
+class Document:
+    """A glTF document under construction: json is the dict, pieces the binary buffer so far (every piece 4-aligned)."""
+
+    def __init__(self, metadata):
+        """metadata: JSON-able dict, kept under asset.extras.texf when it is small; warnings says when it is not."""
+        self.json = {"asset": {"version": "2.0", "generator": "texfcodec"}, "scene": 0, "scenes": [{"name": "texf"}]}
+        self.pieces, self.length, self.warnings = [], 0, []
+        if metadata:
+            if len(json.dumps(metadata).encode()) <= _EXTRAS_LIMIT:
+                self.json["asset"]["extras"] = {"texf": metadata}
+            else:
+                self.warnings.append(f"metadata above {_EXTRAS_LIMIT} bytes is not written")
+
+    def add(self, kind, item):
+        """Append to one of the document's lists, made when first needed; returns the index."""
+        self.json.setdefault(kind, []).append(item)
+        return len(self.json[kind]) - 1
+
+    def add_view(self, data, target=None):
+        """Append bytes as a bufferView; returns its index."""
+        view = {"buffer": 0, "byteOffset": self.length, "byteLength": len(data)}
+        if target:
+            view["target"] = target
+        padded = bytes(data) + b"\0" * (-len(data) % 4)
+        self.pieces.append(padded)
+        self.length += len(padded)
+        return self.add("bufferViews", view)
+
+    def add_accessor(self, values, kind, target, bounds=False, normalized=False):
+        """Append an array [N] or [N, k] (float32, uint16, uint32) as an accessor; returns its index."""
+        values = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+        view = self.add_view(values.tobytes(), target)
+        accessor = {"bufferView": view, "componentType": _COMPONENT[values.dtype.str[1:]], "count": len(values), "type": kind}
+        if bounds:
+            accessor["min"], accessor["max"] = values.min(0).tolist(), values.max(0).tolist()
+        if normalized:
+            accessor["normalized"] = True
+        return self.add("accessors", accessor)
+
+    def add_mesh(self, primitives, translation, scale):
+        """Put one mesh on one node of the scene."""
+        node = {"mesh": self.add("meshes", {"name": "texf", "primitives": primitives})}
+        if translation is not None:
+            node["translation"] = translation
+        if scale is not None:
+            node["scale"] = [scale] * 3
+            if not 1.2e-38 < scale < 3.4e38:
+                self.warnings.append("the mesh is outside the range of float32: viewers cannot show it")
+        self.json["scenes"][0]["nodes"] = [self.add("nodes", node)]
+
+
+def textured(texf, baked, image_uri, png):
+    """Document with TEXCOORD_0 and the baked image. image_uri: None to embed png (bytes) in the buffer."""
+    document = Document(texf.metadata)
+    if len(texf.faces) == 0:
+        return document
+    uv = baked.atlas.corner_uv.astype(np.float32).reshape(-1, 2)
+    corner, materials = texf.faces.ravel(), np.repeat(texf.face_material, 3)
+    normal = corner_normals(texf.lattice_positions, texf.faces).reshape(-1, 3)
+    first, index = unique_corners(materials, corner, np.ascontiguousarray(uv).view(np.uint64).ravel(), *normal.view(np.int32).T)
+    columns = {"NORMAL": (normal[first], "VEC3", False), "TEXCOORD_0": (uv[first], "VEC2", False)}
+    _add_surface(document, texf, corner[first], index.reshape(-1, 3), materials[first], columns)
+    image = {"name": "texf", "mimeType": "image/png"}
+    if image_uri is None:
+        image["bufferView"] = document.add_view(png)
+    else:
+        image = {"name": "texf", "uri": image_uri}
+    # linear, linear-mipmap-linear, clamp to edge: the atlas is never tiled
+    sampler = document.add("samplers", {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071})
+    document.add("textures", {"sampler": sampler, "source": document.add("images", image)})
+    return document
+
+
+def coloured(texf):
+    """Document with COLOR_0 (linear) at vertices."""
+    document = Document(texf.metadata)
+    if len(texf.faces):
+        vertex, index, material, rgba = vertex_colours(texf, with_material=True)
+        _add_surface(document, texf, vertex, index, material, {"COLOR_0": (linear_u16(rgba), "VEC4", True)})
+    return document
+
+
+def points(texf):
+    """Document with the voxel centres as a point cloud, colours in COLOR_0, unlit."""
+    document = Document(texf.metadata)
+    voxels = texf.voxels()
+    if len(voxels["rgba"]) == 0:
+        return document
+    local, translation, scale = local_frame(texf, voxels["center"])
+    attributes = {
+        "POSITION": document.add_accessor(local, "VEC3", _ARRAY, bounds=True),
+        "COLOR_0": document.add_accessor(linear_u16(voxels["rgba"]), "VEC4", _ARRAY, normalized=True),
+    }
+    material = {"name": "voxels", "pbrMetallicRoughness": _base_colour(None), "extensions": {_UNLIT: {}}}
+    if texf.has_alpha:
+        material["alphaMode"] = "BLEND"
+    document.json["extensionsUsed"] = [_UNLIT]
+    primitive = {"attributes": attributes, "mode": _POINTS, "material": document.add("materials", material)}
+    document.add_mesh([primitive], translation, scale)
+    return document
+
+
+def glb(document):
+    """The document as the pieces of a .glb file (list of bytes)."""
+    if document.pieces:
+        document.json["buffers"] = [{"byteLength": document.length}]
+    text = _text(document)
+    text += b" " * (-len(text) % 4)
+    total = 12 + 8 + len(text) + (8 + document.length if document.pieces else 0)
+    pieces = [struct.pack("<4sIIII", b"glTF", 2, total, len(text), 0x4E4F534A), text]
+    if document.pieces:
+        pieces += [struct.pack("<II", document.length, 0x004E4942), *document.pieces]
+    return pieces
+
+
+def gltf(document, buffer_uri):
+    """The document as the pieces of a .gltf file and of its buffer: (list of bytes, list of bytes)."""
+    if document.pieces:
+        document.json["buffers"] = [{"byteLength": document.length, "uri": buffer_uri}]
+    return [_text(document)], document.pieces
+
+
+def _text(document):
+    return json.dumps(document.json, ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
+
+
+def _add_surface(document, texf, vertex, index, material, columns):
+    """Primitives, one per material in use, each with accessors of its own: vertices come sorted by material.
+
+    vertex, material: int64 [U]; index: int64 [F, 3]; columns: attribute name -> (array [U, k], glTF type, normalized).
+    """
+    local, translation, scale = local_frame(texf, texf.positions[vertex])
+    face_material, primitives = texf.face_material, []
+    for number in np.unique(material):
+        low, high = np.searchsorted(material, (number, number + 1))
+        attributes = {"POSITION": document.add_accessor(local[low:high], "VEC3", _ARRAY, bounds=True)}
+        for name, (values, kind, normalized) in columns.items():
+            attributes[name] = document.add_accessor(values[low:high], kind, _ARRAY, normalized=normalized)
+        corners = (index[face_material == number] - low).ravel()
+        indices = corners.astype(np.uint16 if high - low <= 65535 else np.uint32)  # 65535 itself is the restart value
+        primitives.append(
+            {"attributes": attributes, "indices": document.add_accessor(indices, "SCALAR", _INDEX), "material": int(number)}
+        )
+    for item in texf.materials:
+        document.add("materials", _material(item, 0 if "TEXCOORD_0" in columns else None))
+    if any(item.unlit for item in texf.materials):
+        document.json["extensionsUsed"] = [_UNLIT]
+    document.add_mesh(primitives, translation, scale)
+
+
+def _material(material, texture):
+    """glTF material dict of a scene.Material; texture: index or None."""
+    out = {"pbrMetallicRoughness": _base_colour(texture)}
+    if material.name:
+        out["name"] = material.name
+    if material.alpha_mode == ALPHA_MASK:
+        out["alphaMode"], out["alphaCutoff"] = "MASK", float(material.alpha_cutoff)
+    if material.alpha_mode == ALPHA_BLEND:
+        out["alphaMode"] = "BLEND"
+    if material.double_sided:
+        out["doubleSided"] = True
+    if material.unlit:
+        out["extensions"] = {_UNLIT: {}}
+    return out
+
+
+def _base_colour(texture):
+    surface = {"metallicFactor": 0.0, "roughnessFactor": 1.0}
+    if texture is not None:
+        surface["baseColorTexture"] = {"index": texture}
+    return surface

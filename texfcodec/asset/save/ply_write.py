@@ -1,0 +1,103 @@
+"""PLY and OBJ out: binary little-endian PLY with sRGB vertex colours, OBJ text with an MTL beside it."""
+
+import numpy as np
+
+from ..scene import ALPHA_OPAQUE
+from .appearance import vertex_colours
+from .bake import to_bytes
+from .precision import decimal_digits, float32_is_enough
+
+_CHANNELS = ("red", "green", "blue", "alpha")
+
+
+def ply_surface(texf):
+    """Pieces of a PLY file: mesh with vertex colours (u8 sRGB, alpha only if the stream has any)."""
+    vertex, index, _, rgba = vertex_colours(texf, with_material=False)
+    faces = np.empty(len(index), np.dtype([("n", "u1"), ("v", "<i4", 3)]))
+    faces["n"], faces["v"] = 3, index
+    vertices, lines = _ply_vertices(texf, texf.positions[vertex], to_bytes(rgba))
+    lines += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
+    return [_ply_header(lines), vertices.data, faces.data]
+
+
+def ply_points(texf):
+    """Pieces of a PLY file: voxel centres with colours."""
+    voxels = texf.voxels()
+    vertices, lines = _ply_vertices(texf, voxels["center"], voxels["rgba"])
+    return [_ply_header(lines), vertices.data]
+
+
+def _ply_vertices(texf, points, rgba):
+    """Packed vertex records and their header lines; double coordinates where float would lose the lattice."""
+    kind, name = ("<f4", "float") if float32_is_enough(texf) else ("<f8", "double")
+    channels = _CHANNELS[: 4 if texf.has_alpha else 3]
+    records = np.empty(len(points), np.dtype([("p", kind, 3), ("c", "u1", len(channels))]))
+    records["p"], records["c"] = points, rgba[:, : len(channels)]
+    lines = [f"element vertex {len(points)}", *(f"property {name} {axis}" for axis in "xyz")]
+    return records, lines + [f"property uchar {channel}" for channel in channels]
+
+
+def _ply_header(lines):
+    return "\n".join(["ply", "format binary_little_endian 1.0", "comment texfcodec", *lines, "end_header", ""]).encode()
+
+
+def obj_textured(texf, baked, mtl_name):
+    """Pieces of an OBJ file with texture coordinates (v up, as OBJ counts)."""
+    uv, index = np.unique(baked.atlas.corner_uv.reshape(-1, 2), axis=0, return_inverse=True)
+    uv = np.stack([uv[:, 0], 1.0 - uv[:, 1]], 1)
+    yield f"# texfcodec\nmtllib {mtl_name}\n".encode()
+    yield _rows(f"v {_number(texf)} {_number(texf)} {_number(texf)}\n", texf.positions)
+    yield _rows("vt %.8g %.8g\n", uv)
+    corners = np.stack([texf.faces + 1, index.reshape(-1, 3) + 1], 2).reshape(-1, 6)
+    names, face_material = obj_names(texf), texf.face_material
+    for number in np.unique(face_material):
+        yield f"usemtl {names[number]}\n".encode()
+        yield _rows("f %d/%d %d/%d %d/%d\n", corners[face_material == number])
+
+
+def obj_coloured(texf):
+    """Pieces of an OBJ file with colours after the coordinates (sRGB, 0..1), as most tools read them."""
+    vertex, index, _, rgba = vertex_colours(texf, with_material=False)
+    yield b"# texfcodec\n"
+    yield _rows(_coloured_line(texf), np.hstack([texf.positions[vertex], rgba[:, :3] / 255.0]))
+    yield _rows("f %d %d %d\n", index + 1)
+
+
+def obj_points(texf):
+    """Pieces of an OBJ file with the voxel centres as points."""
+    voxels = texf.voxels()
+    yield b"# texfcodec\n"
+    yield _rows(_coloured_line(texf), np.hstack([voxels["center"], voxels["rgba"][:, :3] / 255.0]))
+    yield _rows("p %d\n", np.arange(1, len(voxels["rgba"]) + 1)[:, None])
+
+
+def mtl(texf, image_name):
+    """The MTL file: one entry per material, all showing the baked image."""
+    lines = ["# texfcodec"]
+    for name, material in zip(obj_names(texf), texf.materials, strict=True):
+        lines += [f"newmtl {name}", "Ka 1 1 1", "Kd 1 1 1", "Ks 0 0 0", "d 1", "illum 1", f"map_Kd {image_name}"]
+        if texf.has_alpha and material.alpha_mode != ALPHA_OPAQUE:
+            lines.append(f"map_d {image_name}")
+    return [("\n".join(lines) + "\n").encode()]
+
+
+def obj_names(texf):
+    """One distinct name without blanks per material."""
+    return [f"{i}_{'_'.join(material.name.split()) or 'material'}" for i, material in enumerate(texf.materials)]
+
+
+def _number(texf):
+    return f"%.{decimal_digits(texf)}g"
+
+
+def _coloured_line(texf):
+    return f"v {_number(texf)} {_number(texf)} {_number(texf)} %.4f %.4f %.4f\n"
+
+
+def _rows(line, values, block=65536):
+    """Format every row of values [N, k] with the same line."""
+    parts = []
+    for start in range(0, len(values), block):
+        rows = values[start : start + block]
+        parts.append((line * len(rows)) % tuple(rows.ravel().tolist()))
+    return "".join(parts).encode()

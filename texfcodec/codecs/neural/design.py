@@ -1,0 +1,119 @@
+"""Shape of a 3DNTC payload for a budget of resident bytes, or for one of the paper's operating points (encoder only)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...choose.prepare import MOST_DROPPED
+from ...errors import InputError
+from ...options import DEFAULT_POINT, POINTS
+from ...support.voxelise import voxelise
+from .payload import Level, Payload, Tables, index_bytes, resident_bytes
+
+HIDDEN = (64, 48, 32)
+# Surface grid alone: one level of 32 latents reaches what two of 16 do, with half the look-ups and the index.
+# Mixed: half of them on a surface grid, half in a hash table over FINER times finer cells, where busy surface wins the rows
+# that it shares with plain surface: +0.5 dB (basketball player, 409 kB) and +2.3 dB (water bottle, 690 kB) over the grid alone.
+FEATURES = {"surface": 32, "mixed": 16}
+FINER = 3  # bottle at 2.3, 3.2, 5.2 times: 47.7, 48.1, 47.9 dB
+# Of the latents at most, rows rounded down to a power of two; 0.37 and 0.76 of the bottle's end within 0.03 dB.
+HASHED_SHARE = 0.7
+OCTAVES, FIRST_WAVE = 3, 2  # the longest wave of a surface grid spans one voxel
+HASHED_OCTAVES, HASHED_WAVE = 3, 2  # of hashed grids the whole cube: shared latents need to be told apart
+HASHED_GRID = 2048  # the paper's K for sources of 2048 texels
+FIRST_RESOLUTION, MOST_RESOLUTION = 64, 8192 // FINER
+NETWORK_GUESS = 8000  # parameters; only where the hash table's share is worked out
+
+
+@dataclass
+class Design:
+    """payload: without codes and halves; tables: payload.Tables by field, without values; resident: resident_bytes."""
+
+    payload: Payload
+    tables: list
+    resident: dict
+
+
+def choose_design(surfaces, position_bits, components, options):
+    """The Design that EncodeOptions ask for. surfaces: as in surface_design; components: 3 or 4."""
+    point = options.point or DEFAULT_POINT
+    if options.latent_index == "hash":
+        return hashed_design(point, components, len(surfaces))
+    budget = options.resident_bytes or point_bytes(point)
+    return surface_design(surfaces, position_bits, budget, components, options)
+
+
+def point_bytes(name):
+    """Resident bytes of one of the paper's points, with three output components."""
+    return resident_bytes(_hashed(name, 3))["total"]
+
+
+def _hashed(name, components):
+    features, spans = POINTS[name]
+    levels = tuple(Level(-(-HASHED_GRID // span), log2, 0) for span, log2 in spans)
+    return Payload(features, HASHED_OCTAVES, HASHED_WAVE, HIDDEN, levels, components)
+
+
+def hashed_design(name, components, fields):
+    """The paper's own form of a point: hash tables over cells of a few voxels of a grid of 2048."""
+    payload = _hashed(name, components)
+    tables = [Tables(payload, number, [None] * len(payload.levels)) for number in range(fields)]
+    return Design(payload, tables, resident_bytes(payload))
+
+
+def surface_design(surfaces, position_bits, budget, components, options):
+    """The finest surface grid of latents whose payload, with its hash table where options.latent_index is "mixed", stays within
+    `budget` resident bytes.
+
+    surfaces: per field (lattice int64 [V, 3], faces int64 [F, 3]). Raises InputError TXF-I54 where not even one latent fits.
+    """
+    log2 = 0
+    if options.latent_index == "mixed":
+        room = HASHED_SHARE * (budget - 2 * NETWORK_GUESS) / (FEATURES["mixed"] // 2)
+        log2 = max(int(room), 1).bit_length() - 1
+    low, high, best, tried = 0, MOST_RESOLUTION + 1, None, None
+    while high - low > 1:
+        middle = min(max(_guess(tried, budget), low + 1), high - 1)
+        tried = _surface_payload(surfaces, position_bits, middle, components, options, log2)
+        if tried[2]["total"] <= budget:
+            low, best = middle, tried
+        else:
+            high = middle
+    if best is None:
+        raise InputError("TXF-I54", "the budget holds no grid of latents", value=budget, allowed=f">= {tried[2]['total']}")
+    payload, keys, resident = best
+    others = [None] * (len(payload.levels) - 1)
+    return Design(payload, [Tables(payload, number, [k, *others]) for number, k in enumerate(keys)], resident)
+
+
+def _guess(tried, budget):
+    """Resolution that would just fill the budget if latents grew with its square from what was tried last."""
+    if tried is None:
+        return FIRST_RESOLUTION
+    payload, _, resident = tried
+    rest = resident["network"] + sum(one.rows for one in payload.levels[1:]) * payload.features // 2
+    return int(payload.levels[0].resolution * np.sqrt(max(budget - rest, 0) / (resident["total"] - rest)))
+
+
+def _surface_payload(surfaces, position_bits, resolution, components, options, log2):
+    """(Payload without values, keys by field, resident bytes) of a surface grid, and a hash table over finer cells."""
+    keys, threshold = _latent_voxels(surfaces, position_bits, resolution, options.area_threshold, options.threads)
+    levels = (Level(resolution, 0, threshold, tuple(len(k) for k in keys)),)
+    if log2:
+        levels += (Level(FINER * resolution, log2, 0),)
+    features = FEATURES["mixed" if log2 else "surface"]
+    payload = Payload(features, OCTAVES, resolution * FIRST_WAVE, HIDDEN, levels, components)
+    return payload, keys, resident_bytes(payload, sum(index_bytes(k) for k in keys))
+
+
+def _latent_voxels(surfaces, position_bits, resolution, area_threshold, threads):
+    """(Morton keys int64 [N] by field of the voxels with latents (11.3), their area threshold): the one asked for, unless a field
+    would lose more of its surface than MOST_DROPPED to it, then 0."""
+    keys = []
+    for surface in surfaces:
+        found, weights = voxelise(*surface, position_bits, resolution, 0, threads)
+        keep = weights >= area_threshold << 24
+        if weights[~keep].sum(dtype=np.float64) > MOST_DROPPED * weights.sum(dtype=np.float64) or not keep.any():
+            return [voxelise(*s, position_bits, resolution, 0, threads)[0] for s in surfaces], 0
+        keys.append(found[keep])
+    return keys, area_threshold

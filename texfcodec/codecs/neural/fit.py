@@ -1,0 +1,303 @@
+"""Fits a 3DNTC payload to the source (encoder only; paper, section on 3DNTC).
+
+Descent on squared colour errors at surface samples, with cosine decay; Adam moves the network. A batch is a thinned run along a
+Morton curve over the whole surface: it covers everything evenly, and neighbours in it read the same latents. The same seed
+gives the same payload on one machine with one number of threads.
+"""
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import InputError
+from ...ground.colour_error import decibels
+from ...support.query import over_blocks
+from .design import choose_design
+from .infer import BLOCK, CHUNK, infer
+from .payload import join_parameters
+from .samples import Source, cells_of, order_along_curve
+from .train import MOMENTUM, SQUARE_DECAY, TINY, _adam, _evaluate, _move_rows, _round_latents, _train
+
+BATCH = 4096  # more steps with smaller batches are better
+# For the latents, no momentum and one mean square a row: within 0.05 dB of Adam, with a third of the memory to move.
+LATENT_RATE, NETWORK_RATE = 0.03, 0.01
+LATENT_START = 0.05
+HELD_OUT = 1 << 16
+LEAST_SAMPLES, MOST_SAMPLES = 1 << 18, 1 << 24  # on the surface; each is met about eight times, or more often
+LOOKS = 20  # times that the held-out points are asked on the way
+PATIENCE, LEAST_GAIN = 3, 0.005  # so many looks that together gain less than so many dB end the fit
+SETTLED_DECAY = 0.15  # but not while the rates are higher than that: most of the gain comes when they fall
+LARGEST = 4092.0  # parameters in the stream are below 2**12
+WARMING = (1 / (1 - SQUARE_DECAY ** np.maximum(np.arange(2048), 1))).astype(np.float32)
+SAVE_SECONDS = 30.0  # between checkpoints
+NO_SLOPE = np.zeros((0, 0), np.float32)
+
+
+class Fit:
+    """State of a fit. design: payload.Payload without codes and halves; tables: payload.Tables by field; samples, held_out:
+    samples.Samples; batch: samples a step."""
+
+    def __init__(self, design, tables, samples, held_out, seed=0, threads=1, batch=BATCH):
+        self.design, self.tables, self.seed, self.threads = design, tables, seed, threads
+        self.held_out = held_out
+        order = order_along_curve(samples.position)
+        self.batches = max(1, len(order) // batch)
+        self.samples = samples.taken(order[: len(order) // self.batches * self.batches].reshape(-1, self.batches).T.reshape(-1))
+        self.cell, self.corners = cells_of(self.samples, tables)
+        self.held_cells = cells_of(held_out, tables)
+        self.resolutions = np.array([level.resolution for level in design.levels], np.int64)
+        self._start()
+
+    def _start(self):
+        random = np.random.default_rng(self.seed)
+        self.widths = np.array([-(-w // 4) * 4 for w in self.design.widths], np.int64)
+        layers, rows = len(self.widths) - 1, int(self.widths.max())
+        latent = _aligned((self.design.rows, -(-self.design.features // CHUNK) * CHUNK))
+        latent[:, : self.design.features] = random.uniform(-LATENT_START, LATENT_START, (len(latent), self.design.features))
+        weight, bias = np.zeros((layers, rows, rows), np.float32), np.zeros((layers, rows), np.float32)
+        for n, (i, o) in enumerate(zip(self.design.widths[:-1], self.design.widths[1:], strict=True)):
+            weight[n, :o, :i] = random.standard_normal((o, i)) * np.sqrt((2.0 if n + 1 < layers else 0.2) / i)
+        self.values = [latent, weight, bias]
+        self.means = [np.zeros_like(v) for v in self.values[1:]]
+        self.squares = [np.zeros(len(latent), np.float32), *(np.zeros_like(v) for v in self.values[1:])]
+        self.gradients = [_aligned((self.threads, *v.shape)) for v in self.values]
+        self.times, self.codes = np.zeros(len(latent), np.int32), np.empty(latent.shape, np.int8)
+        self.upload()
+        self.step, self.seconds, self.log, self._order = 0, 0.0, [], (None, None)
+
+    def _batch(self):
+        """Rows of the next batch (begin, end): every epoch takes all of them once in a new order."""
+        epoch, place = divmod(self.step, self.batches)
+        if self._order[0] != epoch:
+            self._order = epoch, np.random.default_rng([self.seed, 1, epoch]).permutation(self.batches)
+        size = len(self.samples) // self.batches
+        return self._order[1][place] * size, (self._order[1][place] + 1) * size
+
+    def _decay(self, steps):
+        """What is left of the rates before the next step."""
+        return 0.5 * (1 + np.cos(np.pi * self.step / steps))
+
+    def _one_step(self, steps, pool):
+        """One step of all; returns the mean squared error of the batch before it, on the scale 0..255."""
+        begin, end = self._batch()
+        part, decay = slice(begin, end), self._decay(steps)
+        error = self.learn(self.samples.taken(part), (self.cell[part], self.corners), pool)
+        self.step += 1
+        self.move(decay, self.step, pool)
+        return error / max(self.samples.share[part].sum(dtype=np.int64) / 255, TINY) * 127.5**2
+
+    def learn(self, samples, cells, pool, slope=NO_SLOPE):
+        """Adds the gradient at samples: of their squared error, or of what has slopes float32 [M, C] by the outputs. cells: of
+        cells_of. Returns the squared error, weighted and summed over components."""
+        (_, weight, bias), (cell, corners) = self.values, cells
+        turned = np.ascontiguousarray(weight.transpose(0, 2, 1))
+        cuts = np.linspace(0, len(samples), self.threads + 1).astype(np.int64)
+
+        def one(k):
+            part = slice(cuts[k], cuts[k + 1])
+            return _train(samples.position[part], samples.target[part], samples.share[part], slope[part], cell[part], corners,
+                          self.codes, self.design.features, self.resolutions, self.design.octaves, self.design.first_wave,
+                          self.widths, weight, turned, bias, *(g[k] for g in self.gradients))
+
+        return sum(pool.map(one, range(self.threads)))
+
+    def move(self, decay, step, pool):
+        """Moves everything against its gradient and clears that. decay: share of the rates; step: number of the move, from 1."""
+        latent = self.values[0]
+
+        def one(k):
+            low, high = len(latent) * k // self.threads, len(latent) * (k + 1) // self.threads
+            _move_rows(low, high, self.design.features, self.gradients[0], latent, self.squares[0], self.times,
+                       np.float32(LATENT_RATE * decay), WARMING, self.codes)
+
+        list(pool.map(one, range(self.threads)))
+        scale = np.float32(1 / (1 - MOMENTUM**step)), np.float32(1 / (1 - SQUARE_DECAY**step))
+        for n in (1, 2):
+            flat = [a.reshape(-1) for a in (self.values[n], self.means[n - 1], self.squares[n])]
+            _adam(flat[0], self.gradients[n].reshape(self.threads, -1), *flat[1:], np.float32(NETWORK_RATE * decay), *scale)
+
+    def forget(self):
+        """Clears what earlier moves have left behind but for the values themselves."""
+        for array in (*self.means, *self.squares, self.times):
+            array[...] = 0
+
+    def answers(self, samples, cells):
+        """What the network says at samples, in float32: [M, C] on the scale 0..255, not clipped. cells: of cells_of."""
+        got = np.empty((len(samples), self.design.components), np.float32)
+
+        def one(begin):
+            part = slice(begin, begin + BLOCK)
+            _evaluate(samples.position[part], cells[0][part], cells[1], self.codes, self.design.features, self.resolutions,
+                      self.design.octaves, self.design.first_wave, self.widths, *self.values[1:], got[part])
+
+        over_blocks(one, len(samples), BLOCK, self.threads)
+        return got
+
+    def upload(self):
+        """Makes whatever follows from the latents anew after they were set from outside."""
+        _round_latents(self.values[0], self.codes, self.design.features)
+
+    def download(self):
+        """Brings values, means, squares, times and codes up to date, where they are kept elsewhere meanwhile."""
+
+    def psnr(self, exact=False):
+        """3D-PSNR in dB over all colour components at the held-out points: of the float evaluation, or, exact, of the integer
+        evaluation of payload()."""
+        want, share = self.held_out.target[:, :3], self.held_out.share[:, :1] / 255.0
+        if exact:
+            payload, got = self.payload(), np.empty((len(want), self.design.components), np.float32)
+            for number, table in enumerate(self.tables):
+                table.take_values(payload)
+                mine = np.flatnonzero(self.held_out.field == number)
+                got[mine] = infer(self.held_out.position[mine], table, self.threads) / 256.0
+        else:
+            got = self.answers(self.held_out, self.held_cells)
+        error = (np.clip(got[:, :3], 0, 255) - want) ** 2 * share
+        return decibels(float(error.sum(dtype=np.float64) / (3 * share.sum())))
+
+    def payload(self):
+        """The design with the codes and parameters as they stand."""
+        _, weight, bias = self.values
+        sizes = list(zip(self.design.widths[:-1], self.design.widths[1:], strict=True))
+        flat = join_parameters([weight[n, :o, :i] for n, (i, o) in enumerate(sizes)],
+                               [bias[n, :o] for n, (_, o) in enumerate(sizes)])
+        flat = np.clip(flat, -LARGEST, LARGEST)
+        codes = self.codes[:, : self.design.features] >> 1
+        return replace(self.design, codes=codes, halves=flat.astype(np.float16).view(np.uint16))
+
+    def run(self, steps, on_look=lambda fit, steps: None, checkpoint=None):
+        """Takes the remaining of `steps` steps, or fewer where it no longer improves; returns the payload.
+
+        on_look(fit, steps): called LOOKS times on the way; log holds {"step", "seconds", "train_psnr", "psnr"} of each.
+        checkpoint: path that the state is written to now and then, and read from if it is there.
+        """
+        if checkpoint is not None:
+            self._resume(checkpoint, steps)
+        begin, saved, errors = time.perf_counter() - self.seconds, time.perf_counter(), []
+        with ThreadPoolExecutor(self.threads) as pool:
+            while self.step < steps:
+                errors.append(self._one_step(steps, pool))
+                if self.step % max(1, steps // LOOKS) and self.step != steps:
+                    continue
+                self.seconds = time.perf_counter() - begin
+                self.download()
+                trained = decibels(max(float(np.mean(errors)), 1e-9))
+                self.log.append({"step": self.step, "seconds": round(self.seconds, 2), "train_psnr": round(trained, 3),
+                                 "psnr": round(self.psnr(), 3)})
+                errors = []
+                on_look(self, steps)
+                if checkpoint is not None and (time.perf_counter() - saved > SAVE_SECONDS or self.step == steps):
+                    self._save(checkpoint, steps)
+                    saved = time.perf_counter()
+                if self._decay(steps) < SETTLED_DECAY and self._settled():
+                    break
+        return self.payload()
+
+    def _settled(self):
+        psnr = [row["psnr"] for row in self.log]
+        return len(psnr) > PATIENCE and max(psnr[-PATIENCE:]) < max(psnr[:-PATIENCE]) + LEAST_GAIN
+
+    def _identity(self, steps):
+        """What a checkpoint must agree with to be taken up."""
+        colours = int(self.samples.target.sum(dtype=np.int64))
+        return repr((steps, self.seed, self.threads, self.design, len(self.samples), colours))
+
+    def _save(self, path, steps):
+        arrays = {f"{kind}{n}": a for kind in ("values", "means", "squares") for n, a in enumerate(getattr(self, kind))}
+        part = path.with_name(path.name + ".part")
+        with open(part, "wb") as file:
+            np.savez(file, step=self.step, seconds=self.seconds, log=repr(self.log), identity=self._identity(steps),
+                     times=self.times, **arrays)
+        part.replace(path)
+
+    def _resume(self, path, steps):
+        if not path.exists():
+            return
+        import ast
+        import zipfile
+
+        try:
+            with open(path, "rb") as raw, np.load(raw) as file:
+                if str(file["identity"]) != self._identity(steps):
+                    raise InputError("TXF-I55", "the checkpoint is of another fit", value=path.name)
+                for kind in ("values", "means", "squares"):
+                    for n, array in enumerate(getattr(self, kind)):
+                        array[...] = file[f"{kind}{n}"]
+                self.times[...] = file["times"]
+                self.step, self.seconds, self.log = int(file["step"]), float(file["seconds"]), ast.literal_eval(str(file["log"]))
+        except (OSError, KeyError, ValueError, SyntaxError, zipfile.BadZipFile) as error:
+            raise InputError("TXF-I55", f"the checkpoint cannot be read: {error}", value=path.name) from None
+        self.upload()
+
+
+def _aligned(shape):
+    """Zeros float32 that begin on a cache line, so that a row of 16 latents is one."""
+    size = int(np.prod(shape))
+    room = np.zeros(size + 16, np.float32)
+    skip = -room.ctypes.data % 64 // 4
+    return room[skip : skip + size].reshape(shape)
+
+
+def _engine(options):
+    """The class that fits: torch where it sees a GPU or is asked for, else the kernels of train.py."""
+    if options.fit_engine == "numba":
+        return Fit
+    from .fit_torch import TorchFit, cuda_is_there
+
+    return TorchFit if options.fit_engine == "torch" or cuda_is_there() else Fit
+
+
+def fit_payload(scene, surface, face_field, surfaces, components, options, report):
+    """Fits a payload for all fields of a scene: (payload.Payload, its Tables by field).
+
+    surface: geometry.surface.Surface; face_field: int64 [F] over its faces; surfaces: decoded (lattice, faces) by field;
+    components: 3, or 4 with alpha. report.facts gets "resident" (bytes on the GPU), "fit" (the log) and "refinement".
+    """
+    with report.stage("design"):
+        design = choose_design(surfaces, surface.cube.position_bits, components, options)
+    wanted = int(np.clip(options.steps * BATCH // 8, LEAST_SAMPLES, MOST_SAMPLES))
+    with report.stage("samples"):
+        source = Source(scene, surface, face_field, components, options.threads)
+        drawn = source.draw_busy(wanted, [options.seed, 0]), source.draw(HELD_OUT, [options.seed, 1])
+
+    def look(fit, steps):
+        row = fit.log[-1]
+        left = row["seconds"] / row["step"] * (steps - row["step"])
+        report.note = f"{row['psnr']:.2f} dB, {left:.0f} s left"
+        report.progress("fit", row["step"], steps)
+        report.note = ""
+
+    with report.stage("fit"):
+        fit = _engine(options)(design.payload, design.tables, *drawn, options.seed, options.threads)
+        checkpoint = None if options.checkpoint is None else Path(options.checkpoint)
+        fit.run(options.steps, look, checkpoint)
+        exact = fit.psnr(exact=True)
+    with report.stage("refine"):
+        report.facts["refinement"] = _refined(fit, source, surface.cube.position_bits, options, report)
+    payload = fit.payload()
+    report.facts["resident"] = design.resident
+    report.facts["fit"] = {"engine": type(fit).__name__, "steps": fit.step, "asked_steps": options.steps,
+                           "seconds": round(fit.seconds, 2), "samples": len(fit.samples), "psnr_rgb": round(exact, 3),
+                           "log": fit.log,
+                           "levels": [{"resolution": one.resolution, "rows": one.rows} for one in payload.levels]}
+    return payload, design.tables
+
+
+def _refined(fit, source, position_bits, options, report):
+    """Refines a fit on pictures where that is asked for; what the report says of it."""
+    reason = {"auto": "more steps of the fit gain more in the same time", "off": "switched off"}.get(options.refine, "")
+    if not reason and source.components == 4:
+        reason = "the asset has alpha, which the loss of pictures leaves out"
+    facts = {"asked": options.refine, "kind": "off", "reason": reason}
+    if reason:
+        return facts
+    from .refine import refine_by_pictures  # here, because the renderer takes long to import and few ask for it
+
+    log, kept = refine_by_pictures(fit, source, position_bits, options.seed, iterations=options.refine_iterations,
+                                   on_progress=lambda *n: report.progress("refine", *n))
+    facts |= {"iterations": log, "kept_iteration": log[kept]["iteration"]}
+    return facts | ({"kind": "render", "reason": "asked for", "psnr_rgb": round(fit.psnr(exact=True), 3)} if kept else
+                    {"reason": "no held-out view gained"})

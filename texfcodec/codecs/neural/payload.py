@@ -1,0 +1,200 @@
+"""The 3DNTC payload (spec clause 11): what a GPU keeps of all fields together, and the tables that evaluation reads.
+
+Latents stand in levels, coarse grids of the canonical cube. A level without a hash keeps one row of latents for every voxel that
+the surface touches at its resolution, found through a brick map that both sides derive from the geometry; with a hash it is a
+table of 2**table_log2 rows that voxels share.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ...bitstream.syntax import FORM_TRANSPORT
+from ...errors import LimitError, StreamError
+from ...support.grid import build_brick_map
+from .infer import CHUNK, CODES, HASH_FIELD, fixed_weights
+from .layout import WAVE_INPUTS, parameter_count
+from .transport import dec_transport, enc_transport
+
+MAX_EXPONENT = 26  # biased binary16 exponent: magnitudes below 2**12, so that no sum overflows
+BRICK_BYTES = 24  # resident index (11.10): key, first row, first octant, octants in use, two slots of the table of bricks
+
+
+@dataclass(frozen=True)
+class Level:
+    """resolution: voxels a side; table_log2: 0, or the hash table has 2**table_log2 rows; area_threshold: as that of a field
+    (5.5); entries: rows per field, () where the level is hashed."""
+
+    resolution: int
+    table_log2: int
+    area_threshold: int
+    entries: tuple = ()
+
+    @property
+    def rows(self):
+        return 1 << self.table_log2 if self.table_log2 else sum(self.entries)
+
+
+@dataclass
+class Payload:
+    """features: latents a row, even; octaves, first_wave: of the waves (11.5); hidden: widths; components: outputs; halves:
+    uint16 [P] binary16 parameters, layer by layer, weights [outputs, inputs], then biases; codes: int8 [N, features] in -8..7,
+    level by level, field by field, in the order of the Morton keys."""
+
+    features: int
+    octaves: int
+    first_wave: int
+    hidden: tuple
+    levels: tuple
+    components: int
+    halves: np.ndarray = field(default=None, repr=False)
+    codes: np.ndarray = field(default=None, repr=False)
+
+    @property
+    def widths(self):
+        """Inputs, hidden layers, outputs."""
+        return (len(self.levels) * self.features + WAVE_INPUTS * self.octaves, *self.hidden, self.components)
+
+    @property
+    def parameters(self):
+        return parameter_count(self.widths)
+
+    @property
+    def rows(self):
+        return sum(level.rows for level in self.levels)
+
+    @cached_property
+    def evaluated(self):
+        """Codes and network as infer reads them, made once for all fields; see infer._infer for the arrays."""
+        codes = np.zeros((len(self.codes), -(-self.features // CHUNK) * CHUNK), np.int8)
+        codes[:, : self.features] = 2 * self.codes + np.int8(1)
+        return codes, self.features, self.octaves, self.first_wave, *network_arrays(self)
+
+    def first_row(self, number, level):
+        """First row of a level's latents for field `number`."""
+        before = sum(one.rows for one in self.levels[:level])
+        return before + (0 if self.levels[level].table_log2 else sum(self.levels[level].entries[:number]))
+
+
+def resident_bytes(payload, index=0):
+    """Bytes that a GPU keeps: {"latents", "network", "index", "total"}. index: index_bytes of all fields and levels together."""
+    sizes = {"latents": payload.rows * payload.features // 2, "network": 2 * payload.parameters, "index": index}
+    return sizes | {"total": sum(sizes.values())}
+
+
+def index_bytes(keys):
+    """Bytes of the resident index over one voxel set (11.10): BRICK_BYTES per 8x8x8 brick and 8 bytes of occupancy per 4x4x4
+    octant in use. keys: ascending int64 Morton keys."""
+    return BRICK_BYTES * len(np.unique(keys >> 9)) + 8 * len(np.unique(keys >> 6))
+
+
+def enc_codes(codes):
+    """INT4 codes of a resident payload: two a byte, the first in the low bits. codes: int8 [N, F], F even. Returns bytes."""
+    pairs = (codes.reshape(-1, 2).astype(np.int64) & 15).astype(np.uint8)
+    return (pairs[:, 0] | pairs[:, 1] << 4).tobytes()
+
+
+def dec_codes(data, features):
+    """Mirror of enc_codes: int8 [N, features]."""
+    packed = np.frombuffer(data, np.uint8)
+    pairs = np.stack([packed & 15, packed >> 4], axis=1).astype(np.int8)
+    return (pairs - (pairs >= CODES // 2) * np.int8(CODES)).reshape(-1, features)
+
+
+def _check_halves(halves, offset):
+    """Refuses parameters that are not finite or too large (5.7.4)."""
+    bad = np.flatnonzero((halves >> 10 & 31) > MAX_EXPONENT)
+    if len(bad):
+        raise StreamError("TXF-S50", "a network parameter is not a number or too large", clause="5.7.4", offset=offset,
+                          value=f"{int(halves[bad[0]]):#06x}", allowed=f"|w| < {1 << MAX_EXPONENT - 14}")
+
+
+def payload_values(payload, form):
+    """Syntax values of neural_parameters (spec 5.7.4)."""
+    levels = [{"level_resolution": one.resolution, "table_log2": one.table_log2, "latent_threshold": one.area_threshold,
+               "num_latents": list(one.entries)} for one in payload.levels]
+    return {
+        "form": form, "num_features": payload.features, "wave_octaves": payload.octaves, "first_wave": payload.first_wave,
+        "num_hidden": len(payload.hidden), "hidden_width": list(payload.hidden), "num_levels": len(levels),
+        "latent_levels": levels, "network_data": payload.halves.astype("<u2").tobytes(),
+        "latent_data": enc_transport(payload.codes) if form == FORM_TRANSPORT else enc_codes(payload.codes),
+    }
+
+
+def payload_of(values, limits):
+    """Payload of an attribute unit's syntax values, without its codes, which may be many: they follow with take_codes once the
+    levels have been checked against the geometry. Raises StreamError and LimitError."""
+    levels = tuple(Level(one["level_resolution"], one["table_log2"], one["latent_threshold"], tuple(one["num_latents"]))
+                   for one in values["latent_levels"])
+    payload = Payload(values["num_features"], values["wave_octaves"], values["first_wave"], tuple(values["hidden_width"]), levels,
+                      values["NumOutputs"], np.frombuffer(values["network_data"], "<u2"))
+    _check_halves(payload.halves, values["offset"])
+    if limits.latents is not None and payload.rows * payload.features > limits.latents:
+        raise LimitError("TXF-L10", "the payload has more latents than the limit allows", clause="5.7.4",
+                         value=payload.rows * payload.features, allowed=limits.latents)
+    return payload
+
+
+def take_codes(payload, values):
+    """Unpacks the latents of an attribute unit's syntax values into a payload made of them."""
+    if values["form"] == FORM_TRANSPORT:
+        payload.codes = dec_transport(values["latent_data"], payload.rows, payload.features)
+    else:
+        payload.codes = dec_codes(values["latent_data"], payload.features)
+
+
+class Tables:
+    """What infer reads for one field. index: where the latents are (levels, places, slots, bricks, words, ranks), made from keys;
+    values: codes and network of payload; see infer._infer for the arrays."""
+
+    def __init__(self, payload, number, keys, columns=(0, 1, 2, 3)):
+        """keys: per level, ascending int64 Morton keys of the field's voxels, or None where the level is hashed; columns: of RGBA
+        that the outputs are."""
+        maps = [build_brick_map(np.zeros(0, np.int64) if k is None else k) for k in keys]
+        levels = [(level.resolution, level.table_log2, payload.first_row(number, n), number * HASH_FIELD)
+                  for n, level in enumerate(payload.levels)]
+        places = np.cumsum([(0, 0)] + [(len(m.slots), len(m.bricks)) for m in maps], axis=0)
+        self.index = (np.array(levels, np.int64), places.astype(np.int64), np.concatenate([m.slots for m in maps]),
+                      np.concatenate([m.bricks for m in maps]), np.concatenate([m.words for m in maps]),
+                      np.concatenate([m.ranks for m in maps]))
+        self.components, self.columns, self.keys = payload.components, columns[: payload.components], keys
+        self.payload, self.values = None, None
+        if payload.codes is not None:
+            self.take_values(payload)
+
+    def take_values(self, payload):
+        """Codes and network of a payload of the same design."""
+        self.payload, self.values = payload, payload.evaluated
+
+    @property
+    def arrays(self):
+        return *self.index, *self.values
+
+
+def network_arrays(payload):
+    """The network as infer reads it: widths int64, padded to multiples of 4; weight int32 [layers, rows, rows]; bias int64
+    [layers, rows], 30 fractional bits."""
+    fixed = fixed_weights(payload.halves)
+    weights, biases = split_parameters(fixed, payload.widths)
+    padded = np.array([-(-w // 4) * 4 for w in payload.widths], np.int64)
+    rows = int(padded.max())
+    weight, bias = np.zeros((len(weights), rows, rows), np.int32), np.zeros((len(weights), rows), np.int64)
+    for n, (w, b) in enumerate(zip(weights, biases, strict=True)):
+        weight[n, : w.shape[0], : w.shape[1]], bias[n, : len(b)] = w, b << 14
+    return padded, weight, bias
+
+
+def split_parameters(flat, widths):
+    """(weights [outputs, inputs] by layer, biases [outputs] by layer) of the parameters in stream order."""
+    weights, biases, at = [], [], 0
+    for i, o in zip(widths[:-1], widths[1:], strict=True):
+        weights.append(flat[at : at + i * o].reshape(o, i))
+        biases.append(flat[at + i * o : at + i * o + o])
+        at += (i + 1) * o
+    return weights, biases
+
+
+def join_parameters(weights, biases):
+    """Mirror of split_parameters."""
+    return np.concatenate([np.concatenate([w.reshape(-1), b]) for w, b in zip(weights, biases, strict=True)])

@@ -1,0 +1,146 @@
+"""What a 3DNTC payload is fitted to: points on the source's surface with their colours, and the latents around them."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...asset.sample import pack_source, sample_source
+from ...errors import InputError
+from ...ground.colour_error import relative_areas, sample_surface
+from ...ground.kernel import kernel
+from ...support.morton import _morton_key
+from .infer import LOCAL_BITS, POSITION_BITS, _local, _rows_around, cube_positions
+
+CHUNK = 1 << 20  # points sampled at a time
+MOST_WORKERS = 4  # chunks in memory at a time
+# Where colours vary more there is more to learn, so samples are taken there more often and count for less.
+CANDIDATES = 3  # points looked at for every sample; where samples are more than so many times denser, points are taken twice
+RUN = 4  # neighbours whose colours are compared
+NOISE, FLOOR = 4.0, 0.3  # levels of 255 that every place is taken to vary by; share of the samples that is spread evenly
+
+
+@dataclass
+class Samples:
+    """position: int32 [M, 3] as infer takes them; target: uint8 [M, C]; share: uint8 [M, C], weights of the errors; field: int16
+    [M]."""
+
+    position: np.ndarray
+    target: np.ndarray
+    share: np.ndarray
+    field: np.ndarray
+
+    def __len__(self):
+        return len(self.position)
+
+    def taken(self, rows):
+        """The samples of some rows, int64 [m] or slice."""
+        return Samples(self.position[rows], self.target[rows], self.share[rows], self.field[rows])
+
+
+class Source:
+    """Where samples come from. surface: geometry.surface.Surface of the scene; face_field: int64 [F] over its faces; components:
+    3, or 4 with alpha. Raises InputError TXF-I63 where no face has area."""
+
+    def __init__(self, scene, surface, face_field, components, threads):
+        self.lattice, self.faces, self.face_field = surface.lattice.astype(np.float64), surface.faces, face_field
+        self.areas = relative_areas(self.lattice, self.faces)
+        if not self.areas.sum() > 0:
+            raise InputError("TXF-I63", "no face has area: there is nothing to fit a payload to", value=len(self.faces))
+        self.scale = 2.0 ** (POSITION_BITS - surface.cube.position_bits)
+        self.packed, self.components, self.threads = pack_source(scene, surface.origin_face), components, threads
+
+    def at(self, face, bary, threads):
+        """Samples at places on the surface: face int64 [M]; bary float64 [M, 3]."""
+        points = np.einsum("mk,mkc->mc", bary, self.lattice[self.faces[face]])
+        rgba = np.rint(sample_source(self.packed, face, bary, threads)).astype(np.uint8)
+        share = np.full((len(face), self.components), 255, np.uint8)
+        if self.components == 4:  # what cannot be seen need not be right
+            share[:, :3] = np.maximum(rgba[:, 3:], 1)
+        return Samples(cube_positions(points * self.scale), np.ascontiguousarray(rgba[:, : self.components]), share,
+                       self.face_field[face].astype(np.int16))
+
+    def draw(self, count, seed):
+        """Samples spread evenly by area over the surface that is coded."""
+        return self.at(*sample_surface(self.lattice, self.faces, count, seed, self.areas), self.threads)
+
+    def draw_busy(self, count, seed):
+        """As draw, but denser where colours vary, with shares that make up for it on average."""
+        chunks = max(1, -(-count * CANDIDATES // CHUNK))
+
+        def chunk(k):
+            wanted = count * (k + 1) // chunks - count * k // chunks
+            places = sample_surface(self.lattice, self.faces, CANDIDATES * wanted, [*seed, k], self.areas)
+            return _thinned(self.at(*places, 1), wanted, np.random.default_rng([*seed, k, 1]))
+
+        with ThreadPoolExecutor(min(self.threads, MOST_WORKERS)) as pool:
+            parts = list(pool.map(chunk, range(chunks)))
+        return Samples(*(np.concatenate(arrays) for arrays in zip(*(vars(p).values() for p in parts), strict=True)))
+
+
+def _thinned(samples, wanted, random):
+    """`wanted` of the samples, taken with a frequency of FLOOR and a part that follows the spread of colours around them."""
+    samples = samples.taken(order_along_curve(samples.position))
+    begins = np.arange(0, len(samples), RUN)
+    length = np.diff(np.append(begins, len(samples)))[:, None]
+    colour = samples.target * (samples.share * np.float32(1 / 255))
+    mean, power = (np.add.reduceat(c, begins, axis=0) / length for c in (colour, colour**2))
+    spread = np.sqrt(np.maximum(power - mean**2, 0).sum(axis=1) + NOISE**2)
+    density = np.repeat(FLOOR + (1 - FLOOR) * spread / np.average(spread, weights=length[:, 0]), length[:, 0])
+    places = np.cumsum(density) * (wanted / density.sum())
+    rows = np.searchsorted(places, np.arange(wanted) + random.random()).clip(max=len(samples) - 1)
+    taken = samples.taken(rows)
+    share = taken.share * (density.min() / density[rows])[:, None]
+    taken.share = np.floor(share + random.random((wanted, 1))).astype(np.uint8)  # right on average
+    return taken
+
+
+@kernel
+def _keys(position, resolution, keys):
+    """Morton keys of the cells of latents that points lie in; cell (x, y, z) has the latents x..x+1, y..y+1, z..z+1."""
+    for i in range(position.shape[0]):
+        x, y, z = (_local(np.int64(position[i, 0]), resolution) >> LOCAL_BITS,
+                   _local(np.int64(position[i, 1]), resolution) >> LOCAL_BITS,
+                   _local(np.int64(position[i, 2]), resolution) >> LOCAL_BITS)
+        keys[i] = _morton_key(x + 1, y + 1, z + 1)
+
+
+@kernel
+def _corner_rows(position, resolution, log2, first, salt, slots, bricks, words, ranks, corner):
+    """Rows of the eight latents of the cells that points lie in, int32 [M, 8], -1 where none is."""
+    row = np.empty(8, np.int64)
+    for i in range(position.shape[0]):
+        x, y, z = (_local(np.int64(position[i, 0]), resolution) >> LOCAL_BITS,
+                   _local(np.int64(position[i, 1]), resolution) >> LOCAL_BITS,
+                   _local(np.int64(position[i, 2]), resolution) >> LOCAL_BITS)
+        _rows_around(x, y, z, resolution, log2, salt, slots, bricks, words, ranks, row)
+        for q in range(8):
+            corner[i, q] = row[q] + first if row[q] >= 0 else -1
+
+
+def order_along_curve(position):
+    """Order of points along a Morton curve of 2048 cells a side: neighbours in it read the same latents."""
+    keys = np.empty(len(position), np.int64)
+    _keys(position, 2048, keys)
+    return np.argsort(keys, kind="stable")
+
+
+def cells_of(samples, tables):
+    """The latents around each sample: (cell int32 [M, L], corners int32 [cells, 8]); row cell[i, n] of corners names the eight
+    latents of level n around sample i, -1 where none is. tables: payload.Tables by field."""
+    levels = len(tables[0].index[0])
+    cell, corners, made = np.empty((len(samples), levels), np.int32), [], 0
+    for number, table in enumerate(tables):
+        mine = np.flatnonzero(samples.field == number)
+        of_level, places, slots, bricks, words, ranks = table.index
+        for n in range(levels):
+            keys = np.empty(len(mine), np.int64)
+            _keys(samples.position[mine], of_level[n, 0], keys)
+            _, one, inverse = np.unique(keys, return_index=True, return_inverse=True)
+            rows = np.empty((len(one), 8), np.int32)
+            s, t, b, e = places[n, 0], places[n + 1, 0], places[n, 1], places[n + 1, 1]
+            _corner_rows(samples.position[mine[one]], *of_level[n], slots[s:t], bricks[b:e], words[b:e], ranks[b:e], rows)
+            cell[mine, n] = made + inverse.reshape(-1)
+            corners.append(rows)
+            made += len(rows)
+    return cell, np.concatenate(corners) if corners else np.empty((0, 8), np.int32)

@@ -1,0 +1,61 @@
+"""Transport form of the latents (spec clause 11.9): range-coded, to be unpacked into the resident form before use."""
+
+import numpy as np
+
+from ...ground.kernel import kernel
+from ..raht.entropy.range_coder import (
+    _dec_bit,
+    _enc_bit,
+    finish,
+    new_contexts,
+    new_decoder,
+    new_encoder,
+)
+
+CODE_BITS = 4
+CLASSES = 4  # of an earlier row's code: its two upper bits
+
+
+@kernel
+def _context(codes, row, k):
+    """First of the 16 contexts of code [row, k]: by component and by what the two rows before hold there."""
+    one = (codes[row - 1, k] + 8) >> 2 if row > 0 else 2
+    two = (codes[row - 2, k] + 8) >> 2 if row > 1 else 2
+    return ((k * CLASSES + one) * CLASSES + two) << CODE_BITS
+
+
+@kernel
+def _enc_codes(codes, state, out, contexts):
+    """Codes int8 [N, F] in -8..7, most significant bit first; contexts: [F * 256, 3]."""
+    for row in range(codes.shape[0]):
+        for k in range(codes.shape[1]):
+            first, node, symbol = _context(codes, row, k), np.int64(1), np.int64(codes[row, k]) + 8
+            for b in range(CODE_BITS - 1, -1, -1):
+                bit = (symbol >> b) & 1
+                _enc_bit(state, out, contexts, first + node, bit)
+                node = 2 * node + bit
+
+
+@kernel
+def _dec_codes(codes, state, data, contexts):
+    """Mirror of _enc_codes; node stays in 1..15 and every context below F * 256."""
+    for row in range(codes.shape[0]):
+        for k in range(codes.shape[1]):
+            first, node = _context(codes, row, k), np.int64(1)
+            for _ in range(CODE_BITS):
+                node = 2 * node + _dec_bit(state, data, data.shape[0], contexts, first + node)
+            codes[row, k] = node - 24
+
+
+def enc_transport(codes):
+    """Codeword of latents. codes: int8 [N, F] in -8..7. Returns bytes."""
+    out, state = np.empty(codes.size + 64, np.uint8), new_encoder()
+    _enc_codes(np.ascontiguousarray(codes), state, out, new_contexts(codes.shape[1] * CLASSES * CLASSES << CODE_BITS))
+    return finish(state, out)
+
+
+def dec_transport(data, rows, features):
+    """Mirror of enc_transport: int8 [rows, features]; a short codeword reads as if zeros followed (7.6.2)."""
+    codes, data = np.empty((rows, features), np.int8), np.frombuffer(data, np.uint8)
+    _dec_codes(codes, new_decoder(data, 0, len(data)), data, new_contexts(features * CLASSES * CLASSES << CODE_BITS))
+    return codes

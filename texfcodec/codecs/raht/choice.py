@@ -1,0 +1,61 @@
+"""The encoder's choice of tools: what an effort allows, and which prediction suits the field."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from .codec import Tools, enc_attributes
+from .transform.prediction import KERNELS
+from .transform.quantise import step_of
+
+EFFORTS = {"fast": Tools(), "balanced": Tools(colour_range=5, models=6, filters=1),
+           "best": Tools(colour_range=5, models=8, filters=3)}
+# Kernel and colour range, from natural textures to flat colours; fast has no time for colour ranges
+_WITH_RANGES = ((KERNELS[1], 10), (KERNELS[1], 5), (KERNELS[2], 5), (KERNELS[3], 3))
+PREDICTIONS = {"fast": ((KERNELS[1], 0), (KERNELS[3], 0)), "balanced": _WITH_RANGES, "best": _WITH_RANGES}
+BASE_QPS = (16, 22, 28, 34, 40)  # of the levels under residuals (7.9)
+USUAL_BASE_QP = 28  # within 1 % of the best of them on four assets at K 512, lossless
+PIECES = 4
+LEAST_VOXELS = 64  # below, nothing is tried
+PIECE_VOXELS = {"fast": 1 << 11, "balanced": 1 << 12, "best": 1 << 16}  # per piece
+
+
+def _pieces(count, voxels):
+    """Evenly spread runs of `voxels` neighbouring voxels in Morton order, or the whole field where it is small."""
+    if count <= PIECES * voxels:
+        return [slice(0, count)]
+    return [slice(begin, begin + voxels) for begin in np.linspace(0, count - voxels, PIECES).astype(int)]
+
+
+def _lagrangian_cost(keys, depth, values, qp, tools, threads):
+    """Bits plus squared error in steps, weighed as the quantiser weighs them."""
+    coded, means = enc_attributes(keys, depth, values, qp, tools, threads)
+    error = (means.astype(np.float64) - values) / [step_of(v) for v in qp]
+    return 8 * sum(len(c) for c in coded.codewords) + (error**2).sum() / tools.trade_off
+
+
+def choose_tools(keys, depth, values, qp, effort, threads=1):
+    """Tools for a field. keys: int64 [N]; values: int32 [N, C]; qp: [C]; effort: a key of EFFORTS. Candidates of PREDICTIONS
+    code a few pieces of the field; the cheapest wins."""
+    tools = EFFORTS[effort]
+    if len(keys) < LEAST_VOXELS:
+        return tools
+    pieces = _pieces(len(keys), PIECE_VOXELS[effort])
+    candidates = [replace(tools, kernel=kernel, colour_range=reach, filters=0) for kernel, reach in PREDICTIONS[effort]]
+    costs = [sum(_lagrangian_cost(keys[p], depth, values[p], qp, c, threads) for p in pieces) for c in candidates]
+    return replace(candidates[int(np.argmin(costs))], filters=tools.filters)
+
+
+def choose_base_qp(keys, depth, values, qp_of, plan, effort, threads=1):
+    """QPs [C] for values that get residuals. qp_of: function from a QP to those of the components; plan: ResidualPlan; the rest
+    as in choose_tools. Candidates of BASE_QPS code a few pieces of the field; the fewest bytes win."""
+    if effort == "fast" or len(keys) < LEAST_VOXELS:
+        return qp_of(USUAL_BASE_QP)
+    tools = EFFORTS[effort]
+    pieces = [(keys[p], values[p], replace(plan, original=plan.original[p])) for p in _pieces(len(keys), PIECE_VOXELS[effort])]
+
+    def size(qp):
+        coded = [enc_attributes(k, depth, v, qp_of(qp), tools, threads, own)[0] for k, v, own in pieces]
+        return sum(len(codeword) for unit in coded for codeword in unit.codewords)
+
+    return qp_of(min(BASE_QPS, key=size))

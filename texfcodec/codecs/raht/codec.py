@@ -1,0 +1,278 @@
+"""The RAHT attribute codec (codec_id 0, spec clause 7): values on active voxels <-> codewords.
+
+Levels are coded from the root down, so every prefix of levels is a coarser field. Levels above slice_level form the trunk, one
+codeword; below it the nodes are split into slices in Morton order, each with a codeword and a copy of the trunk's contexts.
+Slices run in parallel level by level: a block predicts from the whole level above, but on its own level only from its slice.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
+
+import numpy as np
+
+from ...errors import StreamError
+from .coefficients.blocks import _dec_level, _enc_level
+from .coefficients.mixed_contexts import new_mixed_model
+from .coefficients.residual import code_residuals, fit_cross, new_residual_model
+from .entropy.contexts import CONTEXTS, LEVELS
+from .entropy.mixing import copy_model, new_model
+from .entropy.range_coder import CACHE, FULL, PENDING, POS, START_BYTES, finish, new_decoder, new_encoder
+from .transform.filter import apply_stage, fit_stage
+from .transform.octree import NEIGHBOURS, _neighbours, build_octree, root_table
+from .transform.prediction import DEFAULT_KERNEL, inverse_range
+from .transform.quantise import step_of
+
+SLICE_VOXELS = 1 << 19  # encoder's choice: at most so many voxels a slice, and an even number of slices ...
+WHOLE_VOXELS = 1 << 18  # ... but one slice for fewer than this
+MAX_SLICES = 64
+SLICE_NODES = 1 << 10  # encoder's choice: slices start at the first level with this many nodes
+FIRST_ROOM = 64  # bytes of a level buffer beside one per coefficient; no level starts with less
+
+
+@dataclass(frozen=True)
+class Tools:
+    """What the attribute coder may use. kernel, colour_range: prediction (clause 7.3); models: 0 for direct contexts, else how
+    many are mixed (7.5.5), at most 8; filters: stages of the filter (7.7), at most 3; trade_off: squared steps that are worth a
+    bit."""
+
+    kernel: tuple = DEFAULT_KERNEL
+    colour_range: int = 0
+    models: int = 0
+    filters: int = 0
+    trade_off: float = 0.05
+
+
+@dataclass
+class CodedAttributes:
+    """Everything the attribute unit carries. colour_range, models, filters: see Tools and FilterStage; residual: 0 or the largest
+    error plus 1; residual_cross: [C] where there are residuals; root: [C] means;
+    slice_first: first node of each slice at slice_level; codewords: trunk first (only where slice_level > 0), then one per slice;
+    level_bytes: per codeword, the bytes a decoder has read when it has finished each of its levels, as increments."""
+
+    qp: list
+    kernel: list
+    colour_range: int
+    models: int
+    filters: list
+    root: list
+    slice_level: int
+    slice_first: list
+    codewords: list
+    level_bytes: list
+    residual: int = 0
+    residual_cross: list = field(default_factory=list)
+
+
+@lru_cache(maxsize=1)
+def _bits_of():
+    p = np.maximum(np.arange(4097), 0.5) / 4096
+    return np.round(-256 * np.log2(p)).astype(np.int64)
+
+
+def _original_means(levels, values):
+    """Rounded means of every level, int32 [n, C] with 12 fractional bits, from values int32 [N, C] of the voxels."""
+    means = [values]
+    sums = values.astype(np.int64)
+    for level in levels[-2::-1]:
+        sums = np.add.reduceat(sums, level.first_child[:-1], axis=0)
+        w = level.weight[:, None]
+        means.append(((2 * sums + w) // (2 * w)).astype(np.int32))
+    return means[::-1]
+
+
+def _plan_slices(levels):
+    """Slice level and the first node of each slice, by equal numbers of voxels."""
+    voxels = len(levels[-1])
+    if voxels < WHOLE_VOXELS:
+        return 0, [0]
+    slices = min(MAX_SLICES, 2 * -(-voxels // (2 * SLICE_VOXELS)))
+    level = next(i for i, lv in enumerate(levels) if len(lv) >= SLICE_NODES)
+    ends = np.cumsum(levels[level].weight)
+    first = np.searchsorted(ends, voxels * np.arange(slices) // slices, side="right")
+    return level, np.unique(first).tolist()
+
+
+class _Descent:
+    """What encoder and decoder keep while walking down: the neighbour table, the energies and the means of one level."""
+
+    def __init__(self, levels, root, pool):
+        self.levels, self.pool = levels, pool
+        self.table = root_table()
+        self.above = np.zeros((1, 2), np.uint8)
+        self.mean = np.array([root], np.int32)
+
+    def run(self, jobs):
+        return list(self.pool.map(lambda job: job(), jobs)) if len(jobs) > 1 else [job() for job in jobs]
+
+    def arrays(self, depth):
+        """Array arguments of the level kernels for the parents at `depth`, and the child means they fill."""
+        level, below = self.levels[depth], self.levels[depth + 1]
+        energy = np.zeros((len(level), 2), np.uint8)
+        child_mean = np.empty((len(below), self.mean.shape[1]), np.int32)
+        return (level.first_child, level.occupancy, below.weight, self.table, self.above, energy, self.mean), energy, child_mean
+
+    def descend(self, depth, energy, child_mean, ranges):
+        """Moves to the level below `depth`; `ranges` are the node ranges of the slices, for parallel table building."""
+        level = self.levels[depth]
+        self.mean = child_mean
+        self.above = np.repeat(energy, np.diff(level.first_child), axis=0)
+        if depth + 2 < len(self.levels):
+            table = np.empty((len(child_mean), NEIGHBOURS), np.int32)
+            self.run([lambda b=b, e=e: _neighbours(level.first_child, level.occupancy, self.table, b, e, table)
+                      for b, e in ranges])
+            self.table = table
+
+
+def _ranges(levels, depth, slice_level, slice_first):
+    """Node ranges of the trunk (one range) or of the slices at `depth`."""
+    if depth < slice_level:
+        return [(0, len(levels[depth]))]
+    first = np.array(slice_first, np.int64)
+    for d in range(slice_level, depth):
+        first = levels[d].first_child[first]
+    bounds = [*first.tolist(), len(levels[depth])]
+    return list(zip(bounds[:-1], bounds[1:], strict=True))
+
+
+def _level_class(levels, depth):
+    return min(len(levels) - 2 - depth, LEVELS - 1)
+
+
+class _SliceEncoder:
+    """One codeword in the making: coder state, contexts, the bytes so far and how many a decoder needs for each level."""
+
+    def __init__(self, model):
+        self.state, self.model = new_encoder(), model
+        self.chunks, self.written, self.level_bytes = [], 0, []
+
+    def _reached(self):
+        """Bytes that a decoder has read by now."""
+        return self.written + int(self.state[PENDING] + (self.state[CACHE] >= 0)) + START_BYTES
+
+    def code(self, symbols, arguments):
+        """Codes one level of `symbols` coefficients; arguments: of _enc_level after the model."""
+        before = self._reached() if self.level_bytes else 0
+        self._write(symbols, lambda out: _enc_level(self.state, out, self.model, *arguments))
+        self.level_bytes.append(self._reached() - before)
+
+    def code_residuals(self, walk, symbols):
+        """Codes the residuals of a slice after its last level; walk: see residual.code_residuals."""
+        self.model = new_residual_model()
+        self._write(symbols, lambda out: walk(True, self.state, out, 0, self.model))
+
+    def _write(self, symbols, write):
+        """Calls write(out). The buffer fits what as many symbols usually take; where it is filled, they are coded again from the
+        same state into a larger one."""
+        state, model, room = self.state.copy(), copy_model(self.model), FIRST_ROOM + symbols
+        while True:
+            out = np.empty(room + int(self.state[PENDING]), np.uint8)
+            self.state[POS] = 0
+            write(out)
+            if not self.state[FULL]:
+                break
+            self.state, self.model, room = state.copy(), copy_model(model), 4 * room
+        self.chunks.append(out[: int(self.state[POS])].tobytes())
+        self.written += len(self.chunks[-1])
+
+    def codeword(self):
+        """Ends the codeword; trailing zero bytes are left out, the decoder reads zeros past the end."""
+        out = np.empty(FIRST_ROOM + int(self.state[PENDING]), np.uint8)
+        self.state[POS] = 0
+        return b"".join([*self.chunks, finish(self.state, out)]).rstrip(b"\0")
+
+
+def _new_model(models):
+    return new_mixed_model() if models else new_model(CONTEXTS, 0, 0)
+
+
+def enc_attributes(keys, depth, values, qp, tools=None, threads=1, plan=None):
+    """Codes values int32 [N, C] (12 fractional bits) on ascending Morton keys int64 [N]; qp: [C] in 0..63; tools: Tools.
+
+    Returns (CodedAttributes, what the decoder will have: int32 [N, C], or with a ResidualPlan uint8 values). The result does not
+    depend on `threads`.
+    """
+    levels = build_octree(keys, depth)
+    originals = _original_means(levels, np.ascontiguousarray(values, np.int32))
+    root = originals[0][0].tolist()
+    slice_level, slice_first = _plan_slices(levels)
+    tools = tools or Tools()
+    steps, weights = np.array([step_of(v) for v in qp], np.int64), np.array(tools.kernel, np.int64)
+    colour_inverse, lagrangian = inverse_range(tools.colour_range, int(steps[0])), 1 / tools.trade_off
+    trunk = _SliceEncoder(_new_model(tools.models))
+    coders = active = [trunk]
+    with ThreadPoolExecutor(threads) as pool:
+        walk = _Descent(levels, root, pool)
+        for d in range(depth):
+            ranges = _ranges(levels, d, slice_level, slice_first)
+            if d == slice_level > 0:
+                active = [_SliceEncoder(copy_model(trunk.model)) for _ in ranges]
+                coders = [trunk, *active]
+            arrays, energy, child_mean = walk.arrays(d)
+            tail = (_level_class(levels, d), steps, weights, colour_inverse, 256 * lagrangian, _bits_of(), *arrays,
+                    originals[d + 1], child_mean)
+            children = levels[d].first_child
+            walk.run([partial(coder.code, int(children[end] - children[begin]) * len(qp), (tools.models, begin, end, *tail))
+                      for coder, (begin, end) in zip(active, ranges, strict=True)])
+            walk.descend(d, energy, child_mean, ranges)
+        filters = []
+        for _ in range(tools.filters if depth else 0):
+            stage = fit_stage(levels[-2], walk.table, walk.mean, originals[-1], steps, lagrangian, walk.run)
+            if stage is None:
+                break
+            filters.append(stage)
+            walk.mean = apply_stage(stage, levels[-2], walk.table, walk.mean, int(steps[0]), walk.run)
+        made, residual, cross = walk.mean if plan is None else plan.inverse(walk.mean), 0, []
+        if plan is not None and depth:
+            parents, residual = _ranges(levels, depth - 1, slice_level, slice_first), plan.delta + 1
+            cross = fit_cross(levels[-2], walk.table, made, plan.original, parents, walk.run)
+            made = code_residuals([coder.code_residuals for coder in active], levels[-2], walk.table, parents, made, plan.delta,
+                                  cross, plan.original, walk.run)
+    codewords = [coder.codeword() for coder in coders] if depth else []
+    level_bytes = [coder.level_bytes for coder in coders] if depth else []
+    coded = CodedAttributes(list(qp), list(tools.kernel), tools.colour_range, tools.models, filters, root, slice_level,
+                            slice_first, codewords, level_bytes, residual, cross)
+    return coded, made
+
+
+def dec_attributes(keys, depth, coded, data, spans, stop_level, threads=1, inverse=None):
+    """Decodes levels 0..stop_level: means int32 [n, C] of that level's nodes, in Morton order, or where `inverse` is given the
+    values uint8 [n, C] that it makes of them, with their residuals.
+
+    keys: int64 [N] of all active voxels; coded: CodedAttributes without codewords; data: uint8, the unit's payload;
+    spans: (begin, end) of each codeword in data, checked by the caller against len(data). Raises StreamError for slices that
+    begin past the nodes of their level.
+    """
+    levels = build_octree(keys, depth)
+    if coded.slice_first[-1] >= len(levels[coded.slice_level]):
+        raise StreamError("TXF-S12", "a slice begins past the last node", clause="5.7.1", value=coded.slice_first[-1],
+                          allowed=f"< {len(levels[coded.slice_level])}")
+    data = np.array(data, np.uint8)  # a writable copy: encoder and decoder share kernels
+    steps, weights = np.array([step_of(v) for v in coded.qp], np.int64), np.array(coded.kernel, np.int64)
+    colour_inverse = inverse_range(coded.colour_range, int(steps[0]))
+    active = [(new_decoder(data, *span), data, span[1], _new_model(coded.models)) for span in spans[:1]]
+    with ThreadPoolExecutor(threads) as pool:
+        walk = _Descent(levels, coded.root, pool)
+        for d in range(stop_level):
+            ranges = _ranges(levels, d, coded.slice_level, coded.slice_first)
+            if d == coded.slice_level > 0:
+                trunk = active[0][-1]
+                active = [(new_decoder(data, *span), data, span[1], copy_model(trunk)) for span in spans[1:]]
+            arrays, energy, child_mean = walk.arrays(d)
+            tail = (_level_class(levels, d), steps, weights, colour_inverse, *arrays, child_mean)
+            walk.run([partial(_dec_level, *coder, coded.models, begin, end, *tail)
+                      for coder, (begin, end) in zip(active, ranges, strict=True)])
+            walk.descend(d, energy, child_mean, ranges)
+        for stage in coded.filters if 0 < stop_level == depth else ():
+            walk.mean = apply_stage(stage, levels[-2], walk.table, walk.mean, int(steps[0]), walk.run)
+        made = walk.mean if inverse is None else inverse(walk.mean)
+        if inverse is not None and coded.residual and 0 < stop_level == depth:
+            parents = _ranges(levels, depth - 1, coded.slice_level, coded.slice_first)
+            readers = [partial(_read_residuals, *coder[:3]) for coder in active]
+            made = code_residuals(readers, levels[-2], walk.table, parents, made, coded.residual - 1, coded.residual_cross, made,
+                                  walk.run)
+    return made
+
+
+def _read_residuals(state, data, end, walk, _):
+    walk(False, state, data, end, new_residual_model())

@@ -1,0 +1,212 @@
+"""Residuals of the values (spec clause 7.9): what is left to the original, exactly or within an error, with mixed contexts.
+
+One walk for encoder and decoder. The components of a voxel come in the order of component_order; the first helps the others.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from ....ground.kernel import kernel
+from ..entropy.contexts import _dec_escape, _enc_escape
+from ..entropy.mixing import MAX_MODELS, _mixed_bit, new_model
+from ..transform.octree import CELLS, CENTRE, _cells
+from .mixed_contexts import FINE, _fine
+
+BITS = 16  # of a magnitude that are coded with contexts, the first tells whether it is zero
+MODELS, SIGN_MODELS = 6, 3
+MAX_MAGNITUDE = 255
+CROSS_FRACTION = 4
+MAX_CROSS = 1 << CROSS_FRACTION
+_BASES = np.cumsum([0, 3 * FINE * BITS, 3 * FINE * BITS, 3 * 16 * (FINE // 2) * BITS, 3 * FINE * BITS, 3 * 64 * BITS,
+                    3 * 8 * FINE * BITS, 3 * 3 * 3, 3 * 16, 3 * 3 * 16])
+SIZE, SIGN, CONTEXTS = _BASES[:6], _BASES[6:9], int(_BASES[9])
+WEIGHT_SETS, REFINEMENT_SETS = 3 * BITS + 3 * FINE + 3 + 16, 3 * BITS + 3
+_OFFSETS = [(4 >> (abs(x) + abs(y) + abs(z) - 1), 16 * x + 4 * y + z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)
+            if (x, y, z) != (0, 0, 0)]
+NEAR_WEIGHTS, NEAR_CELLS = np.array(_OFFSETS).T.copy()
+# Entries of the rows of a voxel's surroundings, by component
+(ERRORS, MAGNITUDES, LARGEST, VARIATION) = range(4)
+
+
+@dataclass
+class ResidualPlan:
+    """What the encoder is to keep. delta: largest error per value; original: uint8 [N, C]; inverse: means to values (7.8)."""
+
+    delta: int
+    original: np.ndarray = field(repr=False)
+    inverse: Callable = field(repr=False)
+
+
+def component_order(components):
+    """Components of a voxel in the order of their coding: green first, which says most about the others."""
+    return np.array([1, 0, 2] if components == 3 else range(components), np.int64)
+
+
+def new_residual_model():
+    """Model of a slice's residuals in its initial state."""
+    return new_model(CONTEXTS, WEIGHT_SETS, REFINEMENT_SETS)
+
+
+@kernel(forceinline=True)
+def _surroundings(v, first, centre, cells, x, y, k, sums):
+    """Fills sums int64 [4, C]; returns (weight of the neighbours from `first` on that come before v, number of all neighbours).
+    Weighted errors of the former are below 2**15, weighted magnitudes too."""
+    sums[:] = 0
+    weight, count = np.int64(0), np.int64(0)
+    for j in range(NEAR_CELLS.shape[0]):
+        u = cells[centre + NEAR_CELLS[j]]
+        if u < 0:
+            continue
+        count += 1
+        for c in range(x.shape[1]):
+            sums[VARIATION, c] += abs(np.int64(x[u, c]) - x[v, c])
+        if first <= u < v:
+            w = NEAR_WEIGHTS[j]
+            weight += w
+            for c in range(x.shape[1]):
+                magnitude = abs(np.int64(k[u, c]))
+                sums[ERRORS, c] += w * (np.int64(y[u, c]) - x[u, c])
+                sums[MAGNITUDES, c] += w * magnitude
+                sums[LARGEST, c] = max(sums[LARGEST, c], magnitude)
+    return weight, count
+
+
+@kernel(forceinline=True)
+def _base(errors, weight):
+    """Rounded mean error of the neighbours in sixteenths."""
+    return (32 * errors + weight) // (2 * weight) if weight else np.int64(0)
+
+
+@kernel(forceinline=True)
+def _sign_class(v):
+    return 0 if v == 0 else (1 if v > 0 else 2)
+
+
+@kernel
+def _residual_bits(encoding, state, buffer, end, model, c, energy, activity, lead, second, largest, fraction, where, sets,
+                   inputs, k):
+    """Codes k of component c, or decodes and returns it. lead, second: k of the components coded before it, or 0."""
+    sets[1] = 3 * BITS + c * FINE + energy
+    size, magnitude, negative = abs(k), np.int64(0), np.int64(0)
+    beside = (c * 16 + min(abs(lead), 15)) * (FINE // 2) + (energy >> 1)
+    while magnitude < BITS:
+        i = magnitude
+        where[0] = SIZE[0] + (c * FINE + energy) * BITS + i
+        where[1] = SIZE[1] + (c * FINE + activity) * BITS + i
+        where[2] = SIZE[2] + beside * BITS + i
+        where[3] = SIZE[3] + (c * FINE + largest) * BITS + i
+        where[4] = SIZE[4] + ((c * 8 + min(abs(lead), 7)) * 8 + min(abs(second), 7)) * BITS + i
+        where[5] = SIZE[5] + ((c * 8 + (fraction >> 1)) * FINE + energy) * BITS + i
+        sets[0] = sets[2] = c * BITS + i
+        if not _mixed_bit(encoding, state, buffer, end, model, MODELS, where, sets, inputs, np.int64(1 if size > i else 0)):
+            break
+        magnitude += 1
+        if i == 0:
+            near = sets[1]
+            where[0] = SIGN[0] + (c * 3 + _sign_class(lead)) * 3 + _sign_class(second)
+            where[1] = SIGN[1] + c * 16 + fraction
+            where[2] = SIGN[2] + (c * 3 + _sign_class(lead)) * 16 + fraction
+            sets[0] = 3 * BITS + 3 * FINE + c
+            sets[1] = 3 * BITS + 3 * FINE + 3 + fraction
+            sets[2] = 3 * BITS + c
+            negative = _mixed_bit(encoding, state, buffer, end, model, SIGN_MODELS, where, sets, inputs,
+                                  np.int64(1 if k < 0 else 0))
+            sets[1] = near
+    if magnitude == BITS:
+        if encoding:
+            _enc_escape(state, buffer, size - BITS + 1)
+            magnitude = size
+        else:
+            magnitude = min(_dec_escape(state, buffer, end) + BITS - 1, MAX_MAGNITUDE)
+    return -magnitude if negative else magnitude
+
+
+@kernel
+def _residuals(encoding, state, buffer, end, model, begin, stop, table, first_child, occupancy, x, delta, cross, order, original,
+               y, k):
+    """Codes the children of parents begin..stop-1, a whole slice, or decodes them; fills y uint8 [N, C] and k int16 [N, C].
+    x, original: uint8 [N, C]; cross: int64 [C]; order: of component_order. Predictions are in 0..255, so |k| <= 255."""
+    cells, sums = np.empty(CELLS, np.int64), np.empty((4, x.shape[1]), np.int64)
+    where, sets, inputs = np.empty(MAX_MODELS, np.int64), np.empty(3, np.int64), np.empty(MAX_MODELS, np.int64)
+    first, step = first_child[begin], 2 * delta + 1
+    for p in range(begin, stop):
+        _cells(p, 0, occupancy.shape[0], table, first_child, occupancy, cells)
+        for octant in range(8):
+            if not (occupancy[p] >> octant) & 1:
+                continue
+            v = cells[CENTRE[octant]]
+            weight, count = _surroundings(v, first, CENTRE[octant], cells, x, y, k, sums)
+            lead, second, surprise = np.int64(0), np.int64(0), np.int64(0)
+            for j in range(order.shape[0]):
+                c = order[j]
+                base = _base(sums[ERRORS, c], weight)
+                shift = base + ((cross[c] * surprise + 8) >> CROSS_FRACTION) + 8
+                predicted = min(max(x[v, c] + (shift >> 4), 0), 255)
+                energy = _fine(4 * sums[MAGNITUDES, c] // weight) if weight else np.int64(0)
+                activity = _fine(sums[VARIATION, c] // max(count, 1))
+                value = np.int64(0)
+                if encoding:
+                    d = np.int64(original[v, c]) - predicted
+                    value = (abs(d) + delta) // step
+                    value = -value if d < 0 else value
+                value = _residual_bits(encoding, state, buffer, end, model, c, energy, activity, lead, second,
+                                       _fine(sums[LARGEST, c]), shift & 15, where, sets, inputs, value)
+                k[v, c] = value
+                y[v, c] = min(max(predicted + value * step, 0), 255)
+                if j == 0:
+                    lead, surprise = value, 16 * (np.int64(y[v, c]) - x[v, c]) - base
+                elif j == 1:
+                    second = value
+
+
+@kernel
+def _cross_sums(begin, stop, table, first_child, occupancy, x, original, none, order, products):
+    """Adds to products int64 [C] those of every component's surprise with the first one's, were the original decoded exactly.
+    none: int16 [N, C] of zeros. |surprise| < 2**9."""
+    cells, sums = np.empty(CELLS, np.int64), np.empty((4, x.shape[1]), np.int64)
+    first = first_child[begin]
+    for p in range(begin, stop):
+        _cells(p, 0, occupancy.shape[0], table, first_child, occupancy, cells)
+        for octant in range(8):
+            if not (occupancy[p] >> octant) & 1:
+                continue
+            v = cells[CENTRE[octant]]
+            weight, _ = _surroundings(v, first, CENTRE[octant], cells, x, original, none, sums)
+            lead = np.int64(0)
+            for j in range(order.shape[0]):
+                c = order[j]
+                surprise = 16 * (np.int64(original[v, c]) - x[v, c]) - _base(sums[ERRORS, c], weight)
+                if j == 0:
+                    lead = surprise
+                products[c] += surprise * lead
+
+
+def fit_cross(level, table, x, original, ranges, run):
+    """residual_cross by least squares over the field, [C]. level, table: of the voxels' parents; ranges: of parents, by slice."""
+    order, none = component_order(x.shape[1]), np.zeros(x.shape, np.int16)
+    products = np.zeros((len(ranges), x.shape[1]), np.int64)
+    run([partial(_cross_sums, *parents, table, level.first_child, level.occupancy, x, original, none, order, row)
+         for parents, row in zip(ranges, products, strict=True)])
+    totals = [int(t) for t in products.sum(axis=0)]
+    square = totals[order[0]]
+    cross = [min(max((2 * MAX_CROSS * t + square) // (2 * square), 0), MAX_CROSS) if square else 0 for t in totals]
+    cross[order[0]] = 0
+    return cross
+
+
+def code_residuals(coders, level, table, ranges, x, delta, cross, original, run):
+    """Codes or decodes the residuals of all slices: the values uint8 [N, C]. coders: for each slice a function of (walk, number
+    of residuals), which calls walk(encoding, state, buffer, end, model); original: what is coded, x again where it is decoded."""
+    y, k = np.empty_like(x), np.empty(x.shape, np.int16)
+    order, cross = component_order(x.shape[1]), np.array(cross, np.int64)
+
+    def job(coder, begin, stop):
+        walk = lambda *coding: _residuals(*coding, begin, stop, table, level.first_child, level.occupancy, x, delta, cross, order,
+                                          original, y, k)
+        coder(walk, int(level.first_child[stop] - level.first_child[begin]) * x.shape[1])
+
+    run([partial(job, coder, *parents) for coder, parents in zip(coders, ranges, strict=True)])
+    return y

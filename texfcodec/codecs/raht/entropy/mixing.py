@@ -1,0 +1,113 @@
+"""Logistic mixing of context models (spec clause 7.6.4): adaptive bits that several models agree on.
+
+Each model gives its context's probability as the logarithm of the odds; two weight sets add them up, the mean of both sums is the
+mixed probability, and a refinement set corrects it by what really happened at such probabilities.
+"""
+
+from collections import namedtuple
+from itertools import pairwise
+
+import numpy as np
+
+from ....ground.kernel import kernel
+from .range_coder import PROBABILITY_BITS, _adapt, _dec_split, _enc_split, new_contexts
+
+# contexts: int32 [n, 3] (range_coder); weights: int64 [sets, MAX_MODELS + 1]; uses: int64 [sets]; refinement: int64 [sets, 24]
+Model = namedtuple("Model", "contexts weights uses refinement")
+MAX_MODELS = 8
+LIMIT = 2816  # 11 nats in 1/256
+BIAS = 256
+FIRST_WEIGHT = 13107  # 0.2: BD-rate RGB on five clouds -26.5 % with 0.25, -25.4 with 0.35 (slower learning)
+LEAST = 8  # 2**-16: no probability is below
+FAST_SHIFT = 4
+REFINEMENT_SHIFT = 6
+REFINEMENT_POINTS = 24
+MOST_USES = 60000
+LEARNING = 16 + 1536 // (16 + np.arange(1522))  # by uses; a division here took a tenth of the decoder's time
+# round(65536 / (1 + exp(-x))) for x = -11, -10.5, ..., 11
+SQUASH_POINTS = (1, 2, 3, 5, 8, 13, 22, 36, 60, 98, 162, 267, 439, 720, 1179, 1921, 3108, 4971, 7812, 11955, 17625, 24743, 32768,
+                 40793, 47911, 53581, 57724, 60565, 62428, 63615, 64357, 64816, 65097, 65269, 65374, 65438, 65476, 65500, 65514,
+                 65523, 65528, 65531, 65533, 65534, 65535)
+
+
+def _squash_table():
+    inner = [(a * (128 - r) + b * r + 64) >> 7 for a, b in pairwise(SQUASH_POINTS) for r in range(128)]
+    return np.array([*inner, SQUASH_POINTS[-1]], np.int32)
+
+
+SQUASH = _squash_table()  # probability in 2**-16 of x = index - LIMIT
+STRETCH = (np.searchsorted(SQUASH, 16 * np.arange(4096) + 8).clip(0, 2 * LIMIT) - LIMIT).astype(np.int16)
+
+
+def new_model(contexts, weight_sets, refinement_sets):
+    """Model in its initial state."""
+    weights = np.full((weight_sets, MAX_MODELS + 1), FIRST_WEIGHT, np.int64)
+    weights[:, MAX_MODELS] = 0
+    points = SQUASH[np.minimum(256 * np.arange(REFINEMENT_POINTS), 2 * LIMIT)].astype(np.int64) << (PROBABILITY_BITS - 16)
+    return Model(new_contexts(contexts), weights, np.zeros(weight_sets, np.int64), np.tile(points, (refinement_sets, 1)))
+
+
+def copy_model(model):
+    """An independent copy."""
+    return Model(*(a.copy() for a in model))
+
+
+@kernel(forceinline=True)
+def _weigh(model, m, where, sets, inputs):
+    """Fills inputs int64 [MAX_MODELS] from the contexts where[0..m-1]; returns the sums of the weight sets
+    sets[0] and sets[1]."""
+    a = BIAS * model.weights[sets[0], MAX_MODELS]
+    b = BIAS * model.weights[sets[1], MAX_MODELS]
+    for i in range(m):
+        ctx = where[i]
+        s = np.int64(STRETCH[(model.contexts[ctx, 0] + model.contexts[ctx, 1]) >> (PROBABILITY_BITS - 11)])
+        inputs[i] = s
+        a += model.weights[sets[0], i] * s
+        b += model.weights[sets[1], i] * s
+    return min(max(a >> 16, -LIMIT), LIMIT), min(max(b >> 16, -LIMIT), LIMIT)
+
+
+@kernel(forceinline=True)
+def _refined(model, s, x):
+    """Final probability of a one in 2**-16 from the mixed x and refinement set s."""
+    j, r = (x + LIMIT) >> 8, (x + LIMIT) & 255
+    refined = (model.refinement[s, j] * (256 - r) + model.refinement[s, j + 1] * r) >> (PROBABILITY_BITS - 8)
+    return min(max((SQUASH[x + LIMIT] + refined) >> 1, LEAST), 65536 - LEAST)
+
+
+@kernel(forceinline=True)
+def _learn(model, m, where, sets, inputs, a, b, bit):
+    """Moves weights, contexts and refinement towards the symbol."""
+    for half in range(2):
+        s = sets[half]
+        uses = model.uses[s]
+        error = ((bit << 16) - SQUASH[(a if half == 0 else b) + LIMIT]) * LEARNING[min(uses, LEARNING.shape[0] - 1)]
+        for i in range(m):
+            model.weights[s, i] += (inputs[i] * error + (1 << 19)) >> 20
+        model.weights[s, MAX_MODELS] += (BIAS * error + (1 << 19)) >> 20
+        model.uses[s] = min(uses + 1, MOST_USES)
+    for i in range(m):
+        _adapt(model.contexts, where[i], bit, FAST_SHIFT)
+    x = ((a + b) >> 1) + LIMIT
+    j = (x + 128) >> 8
+    model.refinement[sets[2], j] += (((1 << PROBABILITY_BITS) - 1) * bit - model.refinement[sets[2], j]) >> REFINEMENT_SHIFT
+
+
+@kernel
+def _mixed_bit(encoding, state, buffer, end, model, m, where, sets, inputs, bit):
+    """Codes `bit`, or decodes and returns it. buffer: output, or the unit's data up to `end`; sets: int64 [3]."""
+    a, b = _weigh(model, m, where, sets, inputs)
+    bound = (state[1] >> 16) * _refined(model, sets[2], (a + b) >> 1)
+    if encoding:
+        _enc_split(state, buffer, bound, bit)
+    else:
+        bit = _dec_split(state, buffer, end, bound)
+    _learn(model, m, where, sets, inputs, a, b, bit)
+    return bit
+
+
+@kernel
+def _mixed_probability(model, m, where, sets, inputs):
+    """Probability of a one in 2**-16 that _mixed_bit would code with now."""
+    a, b = _weigh(model, m, where, sets, inputs)
+    return _refined(model, sets[2], (a + b) >> 1)

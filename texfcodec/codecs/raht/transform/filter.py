@@ -1,0 +1,170 @@
+"""Adaptive Wiener filter on the decoded means of the voxels (spec clause 7.7): its application and the encoder's fit.
+
+A voxel is moved towards the sums of its neighbours' differences across faces, edges and corners, with coefficients that depend on
+how rough its surroundings are. The encoder takes those that bring the field nearest to the original, by least squares.
+"""
+
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from ....ground.kernel import kernel
+from ..coefficients.mixed_contexts import _sixteenths
+from .octree import CELLS, CENTRE, _cells
+from .quantise import MAX_MEAN
+
+CLASSES = 5
+RINGS = 3
+RING_SIZES = np.array((6, 12, 8))
+_OFFSETS = [(abs(x) + abs(y) + abs(z), 16 * x + 4 * y + z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]
+RING_CELLS = np.array([([cell for away, cell in _OFFSETS if away == r] + 12 * [0])[:12] for r in (1, 2, 3)])
+ROUGHNESS_BOUNDS = np.array((4, 8, 16, 32))
+COEFFICIENT_FRACTION = 9
+MAX_COEFFICIENT = 127
+COEFFICIENT_BITS = 8 * RINGS  # what a class of a component costs
+CHUNK = 1 << 13  # parents a task works on; fixed, so that the statistics do not depend on the number of threads
+
+
+@dataclass
+class FilterStage:
+    """One stage. mask: which class * C + component have coefficients; coefficients: int64 [CLASSES, C, RINGS], zero elsewhere."""
+
+    mask: int
+    coefficients: np.ndarray = field(repr=False)
+
+
+def stage_of(mask, taps, components):
+    """FilterStage from the syntax elements of clause 5.7.3."""
+    flat = np.zeros((CLASSES * components, RINGS), np.int64)
+    flat[[i for i in range(CLASSES * components) if mask >> i & 1]] = np.reshape(taps, (-1, RINGS))
+    return FilterStage(mask, flat.reshape(CLASSES, components, RINGS))
+
+
+def taps_of(stage):
+    """The coefficients of a stage as they stand in the stream."""
+    flat = stage.coefficients.reshape(-1, RINGS)
+    return [int(v) for i in range(len(flat)) if stage.mask >> i & 1 for v in flat[i]]
+
+
+@kernel(forceinline=True)
+def _rings(cells, octant, mean, ring):
+    """Fills ring int64 [C, 3] for the child at `octant`; returns (its number, mean absolute luma difference)."""
+    centre = CENTRE[octant]
+    v = cells[centre]
+    rough, count = np.int64(0), np.int64(0)
+    for r in range(RINGS):
+        a = b = c = np.int64(0)
+        for j in range(RING_SIZES[r]):
+            u = cells[centre + RING_CELLS[r, j]]
+            count += 1 if u >= 0 else 0
+            u = u if u >= 0 else v  # adds nothing; a branch here would be mispredicted half the time
+            difference = np.int64(mean[u, 0]) - mean[v, 0]
+            a += difference
+            rough += abs(difference)
+            if mean.shape[1] > 1:
+                b += np.int64(mean[u, 1]) - mean[v, 1]
+                c += np.int64(mean[u, 2]) - mean[v, 2]
+        ring[0, r] = a
+        if mean.shape[1] > 1:
+            ring[1, r] = b
+            ring[2, r] = c
+    return v, rough // max(1, count)
+
+
+@kernel
+def _roughness_class(rough, inverse):
+    sixteenths, cls = _sixteenths(rough, inverse), 0
+    while cls < CLASSES - 1 and sixteenths >= ROUGHNESS_BOUNDS[cls]:
+        cls += 1
+    return cls
+
+
+@kernel
+def _filter(begin, end, table, first_child, occupancy, mean, inverse, coefficients, filtered):
+    """Filters the children of parents begin..end-1. mean, filtered: int32 [N, C]; inverse: 2**32 // step of component 0.
+    |coefficient * ring| < 2**7 * 12 * 2**23."""
+    cells, ring = np.empty(CELLS, np.int64), np.zeros((mean.shape[1], RINGS), np.int64)
+    for p in range(begin, end):
+        _cells(p, 0, occupancy.shape[0], table, first_child, occupancy, cells)
+        for octant in range(8):
+            if not (occupancy[p] >> octant) & 1:
+                continue
+            v, rough = _rings(cells, octant, mean, ring)
+            cls = _roughness_class(rough, inverse)
+            for c in range(mean.shape[1]):
+                change = np.int64(1 << (COEFFICIENT_FRACTION - 1))
+                for r in range(RINGS):
+                    change += coefficients[cls, c, r] * ring[c, r]
+                filtered[v, c] = min(max(mean[v, c] + (change >> COEFFICIENT_FRACTION), -MAX_MEAN), MAX_MEAN)
+
+
+@kernel
+def _statistics(begin, end, table, first_child, occupancy, mean, original, inverse, products, targets):
+    """Adds up products float64 [CLASSES, C, 3, 3] of the rings and targets float64 [CLASSES, C, 3] of rings times error."""
+    cells, ring = np.empty(CELLS, np.int64), np.zeros((mean.shape[1], RINGS), np.int64)
+    for p in range(begin, end):
+        _cells(p, 0, occupancy.shape[0], table, first_child, occupancy, cells)
+        for octant in range(8):
+            if not (occupancy[p] >> octant) & 1:
+                continue
+            v, rough = _rings(cells, octant, mean, ring)
+            cls = _roughness_class(rough, inverse)
+            for c in range(mean.shape[1]):
+                error = np.float64(original[v, c]) - mean[v, c]
+                for r in range(RINGS):
+                    targets[cls, c, r] += ring[c, r] * error
+                    for s in range(r + 1):
+                        products[cls, c, r, s] += np.float64(ring[c, r]) * ring[c, s]
+
+
+def _chunks(parents):
+    return [(b, min(b + CHUNK, parents)) for b in range(0, parents, CHUNK)]
+
+
+def apply_stage(stage, level, table, mean, step, run):
+    """One stage over all voxels: int32 [N, C]. level, table: of their parents; run: function that runs a list of jobs."""
+    filtered = np.empty_like(mean)
+    run([partial(_filter, b, e, table, level.first_child, level.occupancy, mean, (1 << 32) // step, stage.coefficients, filtered)
+         for b, e in _chunks(len(level))])
+    return filtered
+
+
+def _solve(products, targets):
+    """Ridge solution of a symmetric 3x3 system whose lower triangle is given, by elimination in plain floats: no linear-algebra
+    library may decide a bit of the stream."""
+    n = range(RINGS)
+    a = [[float(products[max(i, j), min(i, j)]) + (1e-6 * float(np.trace(products)) if i == j else 0.0) for j in n] for i in n]
+    x = [float(t) for t in targets]
+    for i in n:
+        for j in range(i + 1, RINGS):
+            factor = a[j][i] / a[i][i]
+            a[j] = [u - factor * v for u, v in zip(a[j], a[i], strict=True)]
+            x[j] -= factor * x[i]
+    for i in reversed(n):
+        x[i] = (x[i] - sum(a[i][j] * x[j] for j in range(i + 1, RINGS))) / a[i][i]
+    return x
+
+
+def fit_stage(level, table, mean, original, steps, lagrangian, run):
+    """The stage that brings mean nearest to original, int32 [N, C] both; None where nothing is worth its bits. steps: int64 [C];
+    lagrangian: bits per squared step."""
+    components = mean.shape[1]
+    chunks = _chunks(len(level))
+    parts = [(np.zeros((CLASSES, components, RINGS, RINGS)), np.zeros((CLASSES, components, RINGS))) for _ in chunks]
+    run([partial(_statistics, b, e, table, level.first_child, level.occupancy, mean, original, (1 << 32) // int(steps[0]), *part)
+         for (b, e), part in zip(chunks, parts, strict=True)])
+    mask, coefficients = 0, np.zeros((CLASSES, components, RINGS), np.int64)
+    for k in range(CLASSES):
+        for c in range(components):
+            products, targets = sum(p[k, c] for p, _ in parts), sum(t[k, c] for _, t in parts)
+            if not products.trace() > 0:
+                continue
+            unit = 1 << COEFFICIENT_FRACTION
+            taps = np.clip(np.rint(np.array(_solve(products, targets)) * unit), -MAX_COEFFICIENT, MAX_COEFFICIENT)
+            x, full = taps / unit, products + np.tril(products, -1).T
+            gain = (2 * (targets * x).sum() - (full * x[:, None] * x[None, :]).sum()) / float(steps[c]) ** 2
+            if gain * lagrangian > COEFFICIENT_BITS:
+                mask |= 1 << (k * components + c)
+                coefficients[k, c] = taps
+    return FilterStage(mask, coefficients) if mask else None

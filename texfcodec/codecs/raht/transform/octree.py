@@ -1,0 +1,129 @@
+"""The octree over the active voxels that RAHT walks, and the neighbour table of one of its levels (spec clause 7.1).
+
+Level 0 is the root, level D = ceil(log2 K) holds the voxels. Nodes of a level are in Morton order; node i owns the children
+first_child[i] .. first_child[i + 1] - 1 of the next level, and occupancy[i] has bit c set when the child with octant c exists.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ....ground.kernel import kernel
+
+NEIGHBOURS = 27  # offset (dx, dy, dz) of entry 9 * (dx + 1) + 3 * (dy + 1) + dz + 1; entry 13 is the node itself
+
+
+@dataclass
+class Level:
+    """One level. first_child: int64 [n + 1]; occupancy: uint8 [n]; octant: uint8 [n] (own place in the parent);
+    weight: int64 [n] (voxels below the node). The voxel level has no children: first_child and occupancy are None."""
+
+    octant: np.ndarray
+    weight: np.ndarray
+    first_child: np.ndarray | None = None
+    occupancy: np.ndarray | None = None
+
+    def __len__(self):
+        return len(self.octant)
+
+
+@kernel
+def _parents(keys, weight, parent_keys, first_child, occupancy, parent_weight):
+    """Groups ascending keys by key >> 3; the output arrays are as long as keys. Returns the number of parents."""
+    n = 0
+    for i in range(keys.shape[0]):
+        parent = keys[i] >> 3
+        if n == 0 or parent_keys[n - 1] != parent:
+            parent_keys[n] = parent
+            first_child[n] = i
+            occupancy[n] = 0
+            parent_weight[n] = 0
+            n += 1
+        occupancy[n - 1] |= np.uint8(1 << (keys[i] & 7))
+        parent_weight[n - 1] += weight[i]
+    return n
+
+
+def build_octree(keys, depth):
+    """Levels 0..depth over ascending unique Morton keys (int64 [N], N >= 1), voxel weight 1."""
+    level = Level((keys & 7).astype(np.uint8), np.ones(len(keys), np.int64))
+    levels = [level]
+    for _ in range(depth):
+        n = len(keys)
+        parent_keys, first, weight = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+        occupancy = np.empty(n, np.uint8)
+        m = _parents(keys, level.weight, parent_keys, first, occupancy, weight)
+        keys = parent_keys[:m].copy()
+        level = Level((keys & 7).astype(np.uint8), weight[:m].copy(), np.append(first[:m], n), occupancy[:m].copy())
+        levels.append(level)
+    return levels[::-1]
+
+
+@kernel
+def _ones(v):
+    """Set bits of 0 <= v < 256."""
+    v = v - ((v >> 1) & 0x55)
+    v = (v & 0x33) + ((v >> 2) & 0x33)
+    return (v + (v >> 4)) & 15
+
+
+def _adjacent():
+    """For every neighbour of a node, those of its places for children that touch the node: int64 [27, 8] the place and int64
+    [27, 8] its cell (_cells); int64 [27] how many there are."""
+    places, cells = np.zeros((NEIGHBOURS, 8), np.int64), np.zeros((NEIGHBOURS, 8), np.int64)
+    counts = np.zeros(NEIGHBOURS, np.int64)
+    for i, place in np.ndindex(NEIGHBOURS, 8):
+        x, y, z = (2 * d - 1 + (place >> axis & 1) for axis, d in enumerate((i // 9, i // 3 % 3, i % 3)))
+        if all(0 <= v < 4 for v in (x, y, z)):
+            places[i, counts[i]], cells[i, counts[i]] = place, 16 * x + 4 * y + z
+            counts[i] += 1
+    return places, cells, counts
+
+
+ADJACENT_PLACE, ADJACENT_CELL, ADJACENT = _adjacent()
+CELLS = 64
+CENTRE = np.array([21 + 16 * (o & 1) + 4 * (o >> 1 & 1) + (o >> 2 & 1) for o in range(8)])  # cells of a node's own children
+
+
+@kernel(forceinline=True)
+def _cells(p, begin, end, table, first_child, occupancy, cells):
+    """Fills cells int64 [64] with the numbers of the children around and in node p: cell 16 x + 4 y + z with coordinates 0..3,
+    the node's own children at 1 and 2; -1 where there is none. Only children of the nodes begin..end-1 are taken."""
+    cells[:] = -1
+    for i in range(NEIGHBOURS):
+        q = np.int64(table[p, i])
+        if q < begin or q >= end:
+            continue
+        taken, child = np.int64(occupancy[q]), first_child[q]
+        for j in range(ADJACENT[i]):
+            place = ADJACENT_PLACE[i, j]
+            if (taken >> place) & 1:
+                cells[ADJACENT_CELL[i, j]] = child + _ones(taken & ((1 << place) - 1))
+
+
+@kernel
+def _neighbours(first_child, occupancy, parent_table, begin, end, table):
+    """Neighbour table of the children of parents begin..end-1 (spec 7.1): entry -1 where no node exists.
+
+    parent_table: int32 [parents, 27]; table: int32 [children, 27]. A child's neighbours are 27 of the parent's 64 cells.
+    """
+    cells = np.empty(CELLS, np.int64)
+    for p in range(begin, end):
+        _cells(p, 0, first_child.shape[0] - 1, parent_table, first_child, occupancy, cells)
+        child = first_child[p]
+        for octant in range(8):
+            if not (occupancy[p] >> octant) & 1:
+                continue
+            corner = CENTRE[octant] - 21
+            for dx in range(3):
+                for dy in range(3):
+                    for dz in range(3):
+                        table[child, 9 * dx + 3 * dy + dz] = cells[corner + 16 * dx + 4 * dy + dz]
+            child += 1
+
+
+def root_table():
+    """Neighbour table of the root: int32 [1, 27], only itself."""
+    table = np.full((1, NEIGHBOURS), -1, np.int32)
+    table[0, 13] = 0
+    return table

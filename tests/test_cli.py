@@ -409,13 +409,13 @@ def test_info_is_quick_and_knows_no_numba(stream, tmp_path):
 
 def test_missing_kernel_cache_is_noticed_without_numba(monkeypatch, tmp_path):
     from texfcodec import warmup
-    from texfcodec.ground.kernel import cache_folder
+    from texfcodec.ground.kernel import PACKAGE, cache_folder
 
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     assert not warmup.kernels_compiled()
     for name in warmup.ENTRIES:
         *_, room, file = name.split("/")
-        place = cache_folder() / f"{room}_0123"
+        place = cache_folder(PACKAGE / name) / f"{room}_0123"
         place.mkdir(parents=True, exist_ok=True)
         version = f"{sys.version_info.major}{sys.version_info.minor}"
         (place / f"{file.removesuffix('.py')}._kernel-1.py{version}.nbi").touch()

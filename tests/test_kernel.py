@@ -12,21 +12,46 @@ from texfcodec.ground.kernel import cache_folder, fingerprint, kernel
 PACKAGE = kernel_room.PACKAGE
 
 
-def test_a_change_in_any_source_file_moves_the_cache(tmp_path, monkeypatch):
+BLOCKS = "codecs/raht/coefficients/blocks.py"
+
+
+def test_a_change_in_what_a_kernel_imports_moves_its_cache(tmp_path, monkeypatch):
     shutil.copytree(PACKAGE, tmp_path / "p", ignore=shutil.ignore_patterns("__pycache__"))
-    here = fingerprint()
+    here = fingerprint(PACKAGE / BLOCKS)
     monkeypatch.setattr(kernel_room, "PACKAGE", tmp_path / "p")
-    same = fingerprint.__wrapped__()
-    assert same == fingerprint.__wrapped__() != here
-    for name in ("codecs/raht/entropy/range_coder.py", "errors.py"):
+
+    def now():
+        return fingerprint.__wrapped__(tmp_path / "p" / BLOCKS)
+
+    same = now()
+    assert same == now() != here
+    for name in (BLOCKS, "codecs/raht/entropy/range_coder.py", "support/morton.py"):  # itself, straight, through others
         path = tmp_path / "p" / name
         path.write_text(path.read_text() + "\n")
-        assert fingerprint.__wrapped__() != same
-        same = fingerprint.__wrapped__()
+        assert now() != same
+        same = now()
+    for name in ("cli/enc.py", "asset/scene.py"):
+        path = tmp_path / "p" / name
+        path.write_text(path.read_text() + "\n")
+        assert now() == same
+
+
+def test_every_import_of_the_package_is_followed():
+    """The fingerprint reads imports as text; what Python itself makes of them must be no more."""
+    for path in PACKAGE.rglob("*.py"):
+        package = ["texfcodec", *path.relative_to(PACKAGE).parent.parts]
+        wanted = set()
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and (node.level or (node.module or "").startswith("texfcodec")):
+                base = package[: len(package) + 1 - node.level] if node.level else []
+                name = ".".join([*base, *([node.module] if node.module else [])])
+                wanted |= {name, *(f"{name}.{a.name}" for a in node.names)}
+        files = {PACKAGE.parent.joinpath(*name.split(".")).with_suffix(".py") for name in wanted}
+        assert {file for file in files if file.is_file()} <= set(kernel_room._imported(path)), path
 
 
 def test_kernels_are_cached_there_and_other_packages_keep_their_folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(kernel_room, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(kernel_room, "cache_folder", lambda path: tmp_path)
     usual = numba.config.CACHE_DIR
 
     @kernel
@@ -39,7 +64,7 @@ def test_kernels_are_cached_there_and_other_packages_keep_their_folder(tmp_path,
 
 def test_a_cache_folder_of_the_users_is_honoured(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    assert cache_folder() == tmp_path / "texfcodec" / fingerprint()
+    assert cache_folder(PACKAGE / BLOCKS) == tmp_path / "texfcodec" / fingerprint(PACKAGE / BLOCKS)
 
 
 def test_without_a_home_the_cache_stays_with_the_package(monkeypatch):
@@ -50,7 +75,7 @@ def test_without_a_home_the_cache_stays_with_the_package(monkeypatch):
         raise RuntimeError("no home")
 
     monkeypatch.setattr(Path, "home", homeless)
-    assert PACKAGE in cache_folder().parents
+    assert PACKAGE in cache_folder(PACKAGE / BLOCKS).parents
 
 
 def test_a_cache_that_cannot_be_made_is_passed_over(tmp_path, monkeypatch):
@@ -58,7 +83,7 @@ def test_a_cache_that_cannot_be_made_is_passed_over(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "next"))
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "next"))
-    assert cache_folder() == tmp_path / "next" / "texfcodec" / fingerprint()
+    assert cache_folder(PACKAGE / BLOCKS) == tmp_path / "next" / "texfcodec" / fingerprint(PACKAGE / BLOCKS)
 
 
 def test_only_the_kernel_room_asks_numba():

@@ -3,16 +3,15 @@
 import sys
 from pathlib import Path
 
-from .ground.kernel import cache_folder
+from .ground.kernel import PACKAGE, cache_folder
 
 ENTRIES = ("support/voxelise.py", "codecs/raht/coefficients/blocks.py")  # every encode and decode enters kernels of these files
 
 
 def kernels_compiled():
-    """Whether the cache of this state of the package holds kernels of every file of ENTRIES, for this interpreter."""
+    """Whether the cache holds kernels of every file of ENTRIES as it stands, for this interpreter."""
     tag = f"py{sys.version_info.major}{sys.version_info.minor}"
-    names = [f"{Path(entry).stem}.*.{tag}*.nbi" for entry in ENTRIES]
-    return all(any(cache_folder().glob(f"*/{name}")) for name in names)
+    return all(any(cache_folder(PACKAGE / entry).glob(f"*/{Path(entry).stem}.*.{tag}*.nbi")) for entry in ENTRIES)
 
 
 def warm_up():

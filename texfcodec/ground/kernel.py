@@ -1,25 +1,43 @@
 """Compilation of kernels, and where the compiled code is kept.
 
 Numba renews a cached kernel when its own file changes, not when a function it calls in another file does: after an upgrade or a
-`git pull` an old decoder could run under a new source tree. So the cache folder carries a fingerprint of the whole package.
+`git pull` an old decoder could run under a new source tree. So the cache folder of a file's kernels carries a fingerprint of that
+file and of all that it imports from the package; a change elsewhere compiles nothing again.
 """
 
 import hashlib
 import os
+import re
 import sys
 from functools import lru_cache, partial
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1]
+IMPORT = re.compile(rb"^[ \t]*from[ \t]+(\.+|texfcodec\b\.?)([\w.]*)[ \t]+import[ \t]+(\([^)]*\)|[^\n]+)", re.MULTILINE)
 
 
-@lru_cache(maxsize=1)
-def fingerprint():
-    """Hash over the place and every source file of the package, 16 hexadecimal digits; takes a few milliseconds. The place
-    counts because numba does not share kernels between installations either."""
+def _imported(path):
+    """Files of the package that a file imports from, at the top or inside functions."""
+    for start, module, names in IMPORT.findall(path.read_bytes()):
+        root = path.parents[len(start) - 1] if start.startswith(b".") else PACKAGE
+        place = root.joinpath(*module.decode().split("."))
+        for candidate in (place, *(place / name for name in re.findall(r"\w+", names.decode()))):
+            for file in (candidate.with_suffix(".py"), candidate / "__init__.py"):
+                if file.is_file():
+                    yield file
+
+
+@lru_cache(maxsize=256)
+def fingerprint(path):
+    """Hash over the place of the package, a file of it and all that the file imports from there, straight or through others: 16
+    hexadecimal digits. The place counts because numba does not share kernels between installations either."""
+    known, new = set(), {path}
+    while new:
+        known |= new
+        new = {file for one in new for file in _imported(one)} - known
     total = hashlib.sha256(str(PACKAGE).encode())
-    for path in sorted(PACKAGE.rglob("*.py")):
-        total.update(path.relative_to(PACKAGE).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    for file in sorted(known):
+        total.update(os.path.relpath(file, PACKAGE).encode() + b"\0" + file.read_bytes() + b"\0")
     return total.hexdigest()[:16]
 
 
@@ -38,11 +56,11 @@ def _bases():
     yield PACKAGE / "__pycache__"
 
 
-def cache_folder():
-    """Where compiled kernels are kept: a folder of this state of the package in NUMBA_CACHE_DIR, else in the user's cache, else
-    beside the sources; made where it is not there yet."""
+def cache_folder(path):
+    """Where the compiled kernels of a file are kept: a folder of this state of it in NUMBA_CACHE_DIR, else in the user's cache,
+    else beside the sources; made where it is not there yet."""
     for base in _bases():
-        folder = base / "texfcodec" / fingerprint()
+        folder = base / "texfcodec" / fingerprint(path)
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError:
@@ -60,7 +78,8 @@ def kernel(function=None, **options):
     import numba
 
     usual = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(cache_folder())  # read while the decorator runs; other packages keep theirs
+    # Read while the decorator runs; other packages keep theirs.
+    numba.config.CACHE_DIR = str(cache_folder(Path(function.__code__.co_filename)))
     try:
         return numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     finally:

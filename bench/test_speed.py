@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from surface import torus
 
+from texfcodec.api import decode
 from texfcodec.asset.sample import pack_source
 from texfcodec.codecs.raht.codec import dec_attributes, enc_attributes
 from texfcodec.codecs.raht.layout import octree_depth
 from texfcodec.codecs.raht.transform.colour import forward_colour, inverse_colour
 from texfcodec.codecs.raht.transform.octree import build_octree
 from texfcodec.codecs.raht.transform.prediction import DEFAULT_KERNEL
-from texfcodec.decoder import decode
 from texfcodec.encoder import encode_scene, make_surface
 from texfcodec.options import EncodeOptions
 from texfcodec.support.grid import build_brick_map
@@ -105,5 +105,5 @@ def test_encode(benchmark, field):
 
 
 def test_decode(benchmark, field):
-    data, _ = encode_scene(field["scene"], OPTIONS)
+    data = encode_scene(field["scene"], OPTIONS).data
     assert timed(benchmark, len(field["keys"]), lambda: decode(data)).fields

@@ -34,13 +34,14 @@ from texfcodec.codecs.raht.entropy.range_coder import (
     new_decoder,
     new_encoder,
 )
-from texfcodec.codecs.raht.layout import codeword_count, level_count, octree_depth
+from texfcodec.codecs.raht.layout import codeword_count, level_count
 from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
 from texfcodec.codecs.raht.transform.octree import CELLS, NEIGHBOURS, _neighbours, _ones, build_octree, root_table
 from texfcodec.codecs.raht.transform.prediction import DEFAULT_KERNEL, _predict, inverse_range
 from texfcodec.codecs.raht.transform.quantise import MAX_DIFFERENCE, MAX_MEAN, STEP_TABLE, _dequantise, step_of
 from texfcodec.codecs.raht.transform.raht import _forward, _inverse, _tree_weights, _weighted_mean
 from texfcodec.errors import StreamError
+from texfcodec.support.layout import octree_depth
 from texfcodec.support.morton import encode_morton
 
 ULP_PER_LEVEL = 2  # three split roundings and one of the prediction's mean, half a unit each

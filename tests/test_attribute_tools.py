@@ -21,10 +21,11 @@ from naive.decoder import decode as naive_decode
 from naive.syntax import read_stream as naive_stream
 from shapes import crossing_sheets
 
+from texfcodec.api import decode
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE, UNIT_END
 from texfcodec.bitstream.units import read_units, write_unit
-from texfcodec.bitstream.values import raht_values
+from texfcodec.codecs import codec_of_unit
 from texfcodec.codecs.raht import choice, codec
 from texfcodec.codecs.raht.codec import Tools, enc_attributes
 from texfcodec.codecs.raht.entropy import mixing
@@ -34,13 +35,14 @@ from texfcodec.codecs.raht.transform import filter as filter_room
 from texfcodec.codecs.raht.transform.octree import NEIGHBOURS, _neighbours, build_octree, root_table
 from texfcodec.codecs.raht.transform.prediction import FALLOFF, _falloff, inverse_range
 from texfcodec.codecs.raht.transform.quantise import MAX_MEAN, step_of
-from texfcodec.decoder import _decode_group, decode
+from texfcodec.codecs.raht.values import raht_values
 from texfcodec.encoder import encode_scene
 from texfcodec.errors import StreamError, SupportError, TexfError
 from texfcodec.ground.kernel import PACKAGE, fingerprint
 from texfcodec.limits import Limits
 from texfcodec.options import EncodeOptions
 from texfcodec.support.morton import decode_morton, encode_morton
+from texfcodec.support.voxels import VoxelSupport
 
 UNIT = 4096  # one grey level in fixed point
 TOP = (1 << 22) - 1  # the largest probability of a context
@@ -252,7 +254,7 @@ def source(models, filters, resolution=17, max_error=None, slices=False):
     options = EncodeOptions(resolution=resolution, qp=qp, max_error=max_error, effort="fast", partition="off")
     cut = patch.multiple(codec, WHOLE_VOXELS=whole, SLICE_VOXELS=60, SLICE_NODES=4)
     with cut, patch.dict(choice.EFFORTS, fast=Tools(colour_range=255, models=models)):
-        data = encode_scene(crossing_sheets(), options)[0]
+        data = encode_scene(crossing_sheets(), options).data
     stream, keys = read_stream(data, Limits()), decode(data).fields[0].keys.tolist()
     for unit in stream.attributes:
         stages = [random_stage(rng, len(unit["qp"])) for _ in range(filters)]
@@ -320,7 +322,7 @@ def ending(data, keys):
     """"decoded" or the code of the refusal. The voxels are given, so that their kernels need not be compiled."""
     try:
         for unit in read_stream(data, Limits()).attributes:
-            plane = _decode_group(unit, keys, unit["Depth"], unit["Depth"], 1)
+            plane = codec_of_unit(unit).dec(unit, VoxelSupport(1 << unit["Depth"], keys), 0, 1)
             assert plane.shape == (len(keys), len(unit["qp"])) and zlib.crc32(plane) == unit["values_crc"]
     except TexfError as error:
         assert isinstance(error, (StreamError, SupportError)) and str(error)

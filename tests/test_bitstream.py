@@ -15,7 +15,6 @@ from texfcodec.bitstream.inspect import inspect
 from texfcodec.bitstream.stream import Stream, read_stream, write_stream
 from texfcodec.bitstream.syntax import (
     ATTRIBUTE,
-    RAHT,
     SEQUENCE_HEADER,
     SIGNATURE,
     STRUCTURES,
@@ -32,8 +31,9 @@ from texfcodec.bitstream.syntax import (
     Structure,
 )
 from texfcodec.bitstream.units import read_units, write_unit
-from texfcodec.bitstream.walk import Reader, read_structure, write_structure, write_v
+from texfcodec.codecs.raht.syntax import RAHT
 from texfcodec.errors import LimitError, StreamError, SupportError, TexfError
+from texfcodec.ground.walk import Reader, read_structure, write_structure, write_v
 from texfcodec.limits import Limits
 
 FIXED = {"u8": (0, 255), "u16": (0, 65535), "u32": (0, 2**32 - 1), "i8": (-128, 127), "i32": (-(2**31), 2**31 - 1),

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from texfcodec import EncodeOptions, InputError, Limits, Report, encode, inspect
+from texfcodec import EncodeOptions, InputError, Limits, Report, encode, encode_to_result, inspect
 from texfcodec.bitstream.stream import write_stream
 from texfcodec.bitstream.units import write_unit
 from texfcodec.cli import dec, enc, eval, info, render
@@ -153,11 +153,10 @@ def test_wrong_command_line_is_exit_1_and_json_if_asked(call, mesh, tmp_path, fl
 def test_dry_run_estimates_and_writes_nothing(call, mesh, tmp_path):
     code, out, _ = call("texf-enc", mesh, tmp_path / "a.texf", "--resolution", "32", "--dry-run", "--json")
     facts = json.loads(out)
-    real = Report()
-    encode(mesh, EncodeOptions(resolution=32), real)
+    real = encode_to_result(mesh, EncodeOptions(resolution=32))
     assert code == 0 and list(tmp_path.iterdir()) == [] and facts["dry_run"] and facts["bytes"] is None
     assert (facts["faces"], facts["vertices"], facts["materials"]) == (4, 4, 1) and facts["dropped"]
-    assert 0.4 < facts["estimated"]["voxels"] / real.facts["voxels"] < 2.5
+    assert 0.4 < facts["estimated"]["voxels"] / real.counts["voxels"] < 2.5
     code, out, _ = call("texf-enc", mesh, "--dry-run")
     assert code == 0 and "nothing was written" in out and "not coded: " in out
 
@@ -356,7 +355,8 @@ def test_info_passes_over_unknown_ancillary_units_and_says_so(stream):
 def test_info_tells_bytes_by_level(sample_scene):
     from texfcodec.encoder import encode_scene
 
-    data, sizes = encode_scene(sample_scene, EncodeOptions(resolution=128, qp=20, partition="off"))
+    made = encode_scene(sample_scene, EncodeOptions(resolution=128, qp=20, partition="off"))
+    data, sizes = made.data, made.sizes
     (group,) = inspect(data)["groups"]
     assert group["semantic"] == "base_colour" and len(group["level_bytes"]) == 7 and min(group["level_bytes"]) > 0
     assert abs(sum(group["level_bytes"]) - sum(group["codeword_bytes"])) <= 8  # the coder trims the tail of a codeword

@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapes import crossing_sheets, painted_sphere, sphere
 
+from texfcodec.api import decode
 from texfcodec.bitstream.inspect import inspect
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.bitstream.syntax import (
@@ -27,15 +28,15 @@ from texfcodec.bitstream.syntax import (
     UNIT_METADATA,
 )
 from texfcodec.bitstream.units import read_units, write_unit
-from texfcodec.bitstream.walk import write_v
-from texfcodec.decoder import decode, voxels_crc
 from texfcodec.encoder import encode_scene
 from texfcodec.errors import LimitError, StreamError, SupportError, TexfError
 from texfcodec.geometry.draco import enc_geometry
+from texfcodec.ground.walk import write_v
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions, EncodeOptions
 from texfcodec.report import Report
 from texfcodec.support.voxelise import voxelise
+from texfcodec.support.voxels import voxels_crc
 
 SMALL = Limits(voxels=1 << 18, samples=1 << 21)  # a lying resolution may cost a tenth of a second, no more
 FAMILIES = (StreamError, LimitError, SupportError)
@@ -46,7 +47,7 @@ END = write_unit(UNIT_END, b"")
 def small(kind="sphere"):
     """A stream of under a kilobyte, or one with two materials, alpha, metadata and textures."""
     scene, resolution = (painted_sphere(3), 12) if kind == "sphere" else (crossing_sheets(), 20)
-    data = encode_scene(scene, EncodeOptions(resolution=resolution, qp=34, partition="off"))[0]
+    data = encode_scene(scene, EncodeOptions(resolution=resolution, qp=34, partition="off")).data
     assert decode(data).fields  # and the decoder's kernels are compiled before anything is timed
     return data
 
@@ -415,7 +416,7 @@ def corpus():
     before = codec.WHOLE_VOXELS, codec.SLICE_VOXELS, codec.SLICE_NODES
     codec.WHOLE_VOXELS, codec.SLICE_VOXELS, codec.SLICE_NODES = 1, 60, 8
     try:
-        sliced = encode_scene(painted_sphere(3), EncodeOptions(resolution=12, qp=20, partition="off"))[0]
+        sliced = encode_scene(painted_sphere(3), EncodeOptions(resolution=12, qp=20, partition="off")).data
     finally:
         codec.WHOLE_VOXELS, codec.SLICE_VOXELS, codec.SLICE_NODES = before
     assert len(inspect(sliced)["groups"][0]["codeword_bytes"]) > 3

@@ -11,8 +11,8 @@ import pytest
 from conftest import REPOSITORY
 from shapes import crossing_sheets, painted_sphere
 
+from texfcodec.api import decode
 from texfcodec.codecs.raht import codec as codec_room
-from texfcodec.decoder import decode
 from texfcodec.encoder import encode_scene
 from texfcodec.options import DecodeOptions, EncodeOptions
 from texfcodec.support import voxelise as voxelise_room
@@ -35,7 +35,7 @@ def many_parts(monkeypatch):
 
 @pytest.mark.parametrize("make,options", [(painted_sphere, {"qp": 16}), (crossing_sheets, {"qp": 30, "effort": "best"})])
 def test_bytes_and_arrays_are_the_same_for_1_2_3_and_8_threads(make, options, many_parts):
-    made = {t: encode_scene(make(), EncodeOptions(resolution=64, threads=t, **options))[0] for t in (1, 2, 3, 8)}
+    made = {t: encode_scene(make(), EncodeOptions(resolution=64, threads=t, **options)).data for t in (1, 2, 3, 8)}
     assert len(set(made.values())) == 1
     decoded = [fingerprint(decode(made[1], DecodeOptions(threads=t))) for t in made]
     assert all(d == decoded[0] for d in decoded)
@@ -44,18 +44,18 @@ def test_bytes_and_arrays_are_the_same_for_1_2_3_and_8_threads(make, options, ma
 def test_the_parts_are_really_many(many_parts):
     from texfcodec.bitstream.inspect import inspect
 
-    data = encode_scene(painted_sphere(), EncodeOptions(resolution=64, qp=16))[0]
+    data = encode_scene(painted_sphere(), EncodeOptions(resolution=64, qp=16)).data
     assert len(inspect(data)["groups"][0]["codeword_bytes"]) == 1 + 2 * -(-inspect(data)["voxels"] // 2000) > 5
 
 
 def test_the_same_scene_twice_is_the_same_stream():
-    first, second = (encode_scene(painted_sphere(), EncodeOptions(resolution=40, qp=30))[0] for _ in range(2))
+    first, second = (encode_scene(painted_sphere(), EncodeOptions(resolution=40, qp=30)).data for _ in range(2))
     assert first == second
 
 
 @pytest.mark.parametrize("level", [1, 3, 6, 9])
 def test_levels_of_detail_do_not_depend_on_threads(level, many_parts):
-    data = encode_scene(painted_sphere(), EncodeOptions(resolution=64, qp=16))[0]
+    data = encode_scene(painted_sphere(), EncodeOptions(resolution=64, qp=16)).data
     one, three = (fingerprint(decode(data, DecodeOptions(lod=level, threads=t))) for t in (1, 3))
     assert one == three
 
@@ -74,7 +74,7 @@ def jit_off_cases():
     """[stream as hexadecimal, fingerprints] of a few tiny meshes, small enough for interpreted kernels."""
     out = []
     for scene, resolution, qp in ((painted_sphere(3), 8, 4), (crossing_sheets(), 6, 20)):
-        data = encode_scene(scene, EncodeOptions(partition="off", threads=2, resolution=resolution, qp=qp))[0]
+        data = encode_scene(scene, EncodeOptions(partition="off", threads=2, resolution=resolution, qp=qp)).data
         out.append([data.hex(), fingerprint(decode(data)), fingerprint(decode(data, DecodeOptions(lod=1)))])
     return out
 

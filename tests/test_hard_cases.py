@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from shapes import crossing_sheets, painted_sphere, scene_of, shuffled, sphere, square, triangles_of
 
+from texfcodec.api import decode, encode, encode_to_result
 from texfcodec.asset.load.files import load
 from texfcodec.asset.sample import pack_source, sample_source
-from texfcodec.decoder import decode
-from texfcodec.encoder import encode, encode_scene
+from texfcodec.encoder import encode_scene
 from texfcodec.errors import InputError, LimitError
 from texfcodec.ground.colour_error import sample_surface
 from texfcodec.limits import Limits
@@ -21,7 +21,8 @@ BROWN = np.array([188, 124, 89])  # sRGB of the linear (0.5, 0.2, 0.1) of scene_
 
 def coded(scene, **options):
     """(Texf, byte counts) of a scene that went through both pipelines."""
-    data, sizes = encode_scene(load(scene), EncodeOptions(**{"resolution": 64, "qp": 28, **options}))
+    made = encode_scene(load(scene), EncodeOptions(**{"resolution": 64, "qp": 28, **options}))
+    data, sizes = made.data, made.sizes
     return decode(data), sizes
 
 
@@ -82,10 +83,10 @@ def test_tiny_extents_far_from_the_origin_keep_what_binary64_left_of_them(extent
 
 def test_the_asset_with_huge_coordinates_keeps_every_position(shared_dir):
     scene = load(shared_dir / "assets" / "hard_hugecoord.glb")
-    report = Report()
-    texf = decode(encode(shared_dir / "assets" / "hard_hugecoord.glb", EncodeOptions(resolution=128, qp=28), report))
+    made = encode_to_result(shared_dir / "assets" / "hard_hugecoord.glb", EncodeOptions(resolution=128, qp=28))
+    texf = decode(made.data)
     assert_positions_are_within_half_a_lattice_step(scene, texf)
-    assert len(texf.faces) == report.facts["faces"] > 0
+    assert len(texf.faces) == made.counts["faces"] > 0
 
 
 # Flat, linear, single points, slivers
@@ -128,7 +129,7 @@ def test_a_single_point_is_refused_or_an_empty_stream(faces):
 
 
 def test_scene_without_vertices_is_an_empty_stream_where_that_is_allowed():
-    data, _ = encode_scene(scene_of(np.zeros((0, 3)), np.zeros((0, 3), np.int64)), EncodeOptions(allow_empty=True))
+    data = encode_scene(scene_of(np.zeros((0, 3)), np.zeros((0, 3), np.int64)), EncodeOptions(allow_empty=True)).data
     texf = decode(data)
     assert (len(texf.fields), len(texf.faces), len(texf.positions)) == (0, 0, 0)
 
@@ -352,7 +353,7 @@ def test_crossing_sheets_keep_their_alpha_materials_and_metadata():
 
 @pytest.mark.parametrize("lod", range(8))
 def test_every_level_of_detail_has_the_parents_voxels_and_the_mean_within_two(lod):
-    data = encode_scene(painted_sphere(8), EncodeOptions(resolution=50, qp=10))[0]
+    data = encode_scene(painted_sphere(8), EncodeOptions(resolution=50, qp=10)).data
     full, part = (decode(data, DecodeOptions(lod=n)).fields[0] for n in (0, lod))
     shift = min(lod, 6)
     keys, weight = np.unique(full.keys >> 3 * shift, return_counts=True)
@@ -378,7 +379,7 @@ def test_each_limit_refuses_a_mesh_that_is_over_it(limits, code):
 def test_metadata_over_the_limit_are_left_out_with_a_warning():
     scene, report = crossing_sheets(), Report()
     scene.metadata["extras"] = "x" * 1000
-    data, _ = encode_scene(scene, EncodeOptions(resolution=16, limits=Limits(metadata_bytes=500)), report)
+    data = encode_scene(scene, EncodeOptions(resolution=16, limits=Limits(metadata_bytes=500)), report).data
     assert decode(data).metadata == {} and "metadata" in report.dropped and any("limit" in w for w in report.warnings)
 
 

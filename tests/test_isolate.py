@@ -15,7 +15,7 @@ from texfcodec.isolate import decode_isolated
 
 @pytest.fixture(scope="module")
 def stream(sample_scene):
-    return encode_scene(sample_scene, EncodeOptions(resolution=64, qp=30))[0]
+    return encode_scene(sample_scene, EncodeOptions(resolution=64, qp=30)).data
 
 
 def with_draco(stream, change):
@@ -37,7 +37,7 @@ def test_isolated_result_is_the_plain_one(stream, lod):
         assert np.array_equal(a.keys, b.keys) and np.array_equal(a.rgba, b.rgba)
     assert ours.cube == plain.cube and ours.metadata == plain.metadata and ours.has_alpha == plain.has_alpha
     assert [m.name for m in ours.materials] == [m.name for m in plain.materials]
-    assert report.facts["child_peak_memory_bytes"] > 1 << 20 and "child geometry" in report.seconds
+    assert report.child_peak_memory_bytes > 1 << 20 and "child geometry" in report.seconds
 
 
 NEURAL = ("subset/neural_resident", "subset/neural_transport", "subset/neural_hash", "uncommon/neural_levels",
@@ -61,7 +61,7 @@ def test_isolated_network_answers_as_the_plain_one(name, lod):
 
 def assert_same_network(ours, plain):
     """The tables are the same to the bit, and so are the answers."""
-    for a, b in zip(ours.neural, plain.neural, strict=True):
+    for a, b in zip(ours.evaluators, plain.evaluators, strict=True):
         assert (a.components, a.columns) == (b.components, b.columns)
         assert all(np.array_equal(x, y) and np.asarray(x).dtype == np.asarray(y).dtype
                    for x, y in zip(a.arrays, b.arrays, strict=True))

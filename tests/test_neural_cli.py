@@ -82,5 +82,5 @@ def test_isolated_decoding_gives_the_same_file(call, mesh, tmp_path):
     call(enc.main, mesh, tmp_path / "a.texf", *SMALL, "--quiet")
     for name, flags in (("a.npz", ()), ("b.npz", ("--isolate",))):
         assert call(dec.main, tmp_path / "a.texf", tmp_path / name, *flags)[0] == 0
-    assert decode((tmp_path / "a.texf").read_bytes()).neural
+    assert decode((tmp_path / "a.texf").read_bytes()).evaluators
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()

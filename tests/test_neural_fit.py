@@ -15,7 +15,6 @@ from texfcodec.codecs.neural.samples import Samples
 from texfcodec.encoder import encode_scene
 from texfcodec.errors import InputError
 from texfcodec.quality.measure import measure
-from texfcodec.report import Report
 from texfcodec.warmup import small_scene
 
 SIDE = 8  # voxels a side of the small design's grid
@@ -201,9 +200,8 @@ def test_alpha_is_an_output_like_the_others(components):
 
 
 def encoded(scene, **settings):
-    report = Report()
-    data, _ = encode_scene(scene, EncodeOptions(codec="3dntc", threads=1, **{"resolution": 64, "steps": 60, **settings}), report)
-    return data, report.facts
+    made = encode_scene(scene, EncodeOptions(codec="3dntc", threads=1, **{"resolution": 64, "steps": 60, **settings}))
+    return made.data, made.choices
 
 
 @pytest.mark.parametrize("budget", [20_000, 40_000, 100_000])
@@ -275,7 +273,7 @@ def test_pictures_and_queries_ask_the_payload_itself(sample_scene):
     texf = decode(data)
     camera = orthographic(fibonacci_direction(1, 4), *bounding_sphere(texf.positions), 64)
     source, shown = render_scene(sample_scene, camera), render_texf(texf, camera, filtering=False)
-    texf.neural = None
+    texf.evaluators = None
     voxels = render_texf(texf, camera, filtering=False)
     errors = [np.mean((picture.image().astype(float) - source.image()) ** 2) for picture in (shown, voxels)]
     assert errors[0] < 0.7 * errors[1]

@@ -21,13 +21,13 @@ from shapes import painted_sphere, scene_of, square
 
 from texfcodec import DecodeOptions, EncodeOptions, Limits, StreamError, decode
 from texfcodec.bitstream.stream import read_stream, write_stream
-from texfcodec.bitstream.syntax import NEURAL
-from texfcodec.bitstream.walk import write_structure
 from texfcodec.codecs.neural import design
 from texfcodec.codecs.neural.infer import fixed_weights, infer, voxel_positions
 from texfcodec.codecs.neural.payload import Level, Payload, Tables, dec_codes, payload_of, payload_values
+from texfcodec.codecs.neural.syntax import NEURAL
 from texfcodec.codecs.neural.transport import dec_transport
 from texfcodec.encoder import encode_scene
+from texfcodec.ground.walk import write_structure
 from texfcodec.warmup import small_scene
 
 COLOUR = {"group_semantic": 0, "group_transfer": 1, "group_components": 3}
@@ -182,14 +182,14 @@ def coded(name):
     scene = {"one": painted_sphere(4), "two": small_scene(), "packed": small_scene()}[name]
     options = EncodeOptions(codec="3dntc", steps=20, resolution=24, resident_bytes=26000, transport=name == "packed", threads=1)
     with patch.object(design, "MOST_RESOLUTION", 40):
-        return encode_scene(scene, options)[0]
+        return encode_scene(scene, options).data
 
 
 @lru_cache
 def carrier(scene):
     """(Stream of a small scene, for the oracle: triangles by field, position_bits); two crossing sheets have a field each."""
     made = {"sphere": lambda: painted_sphere(3), "sheets": small_scene, "flat": lambda: scene_of(*square())}[scene]()
-    data = encode_scene(made, EncodeOptions(resolution=24, effort="fast", threads=1))[0]
+    data = encode_scene(made, EncodeOptions(resolution=24, effort="fast", threads=1)).data
     plain = naive_stream(units_of(data))
     bits = plain["header"]["position_bits"]
     units = [decode_geometry(unit, bits) for unit in plain["geometry"]]
@@ -341,7 +341,7 @@ def test_another_number_of_3dntc_units_is_refused_by_both(units):
 
 def test_codecs_side_by_side_are_refused_by_both():
     stream = read_stream(coded("two"), Limits())
-    raht = read_stream(encode_scene(small_scene(), EncodeOptions(resolution=24, effort="fast"))[0], Limits()).attributes
+    raht = read_stream(encode_scene(small_scene(), EncodeOptions(resolution=24, effort="fast")).data, Limits()).attributes
     for attributes in (raht[:-1] + stream.attributes, stream.attributes + raht[1:], stream.attributes + raht):
         stream.attributes = attributes
         assert_both_refuse(write_stream(stream)[0])
@@ -358,5 +358,5 @@ def test_largest_parameter_is_taken_by_both():
     stream = read_stream(coded("one"), Limits())
     stream.attributes[0] |= with_parameter(stream.attributes[0], (27 << 10) - 1)
     data = write_stream(stream)[0]
-    assert payload_of(read_stream(data, Limits()).neural, Limits()).halves[-1] == (27 << 10) - 1
+    assert payload_of(read_stream(data, Limits()).joint, Limits()).halves[-1] == (27 << 10) - 1
     assert naive_stream(units_of(data))["attributes"][0]["parameters"][-1] == (27 << 10) - 1

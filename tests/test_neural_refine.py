@@ -14,7 +14,7 @@ from texfcodec.encoder import encode_scene
 from texfcodec.errors import InputError
 from texfcodec.geometry.surface import make_surface
 from texfcodec.options import EncodeOptions
-from texfcodec.refine import pictures
+from texfcodec.render import pictures
 from texfcodec.report import Report
 from texfcodec.warmup import small_scene
 
@@ -161,8 +161,8 @@ def test_nothing_is_kept_of_steps_that_lead_away(fitted, monkeypatch):
 def test_a_payload_with_alpha_is_left_alone_and_the_report_says_why():
     report = Report()
     options = EncodeOptions(codec="3dntc", resident_bytes=40_000, steps=5, refine="render", resolution=32)
-    encode_scene(small_scene(), options, report)
-    assert report.facts["refinement"]["kind"] == "off" and "alpha" in report.facts["refinement"]["reason"]
+    told = encode_scene(small_scene(), options, report).choices["refinement"]
+    assert told["kind"] == "off" and "alpha" in told["reason"]
 
 
 @pytest.mark.parametrize("asked, kind", [("auto", "off"), ("off", "off"), ("render", None)])
@@ -170,8 +170,7 @@ def test_the_report_says_whether_and_why(asked, kind, monkeypatch):
     report, real = Report(), refine.refine_by_pictures
     monkeypatch.setattr(refine, "refine_by_pictures", lambda *told, **named: real(*told, **named, size=64))
     options = EncodeOptions(codec="3dntc", resident_bytes=40_000, steps=20, refine=asked, refine_iterations=1, resolution=32)
-    encode_scene(painted_sphere(), options, report)
-    told = report.facts["refinement"]
+    told = encode_scene(painted_sphere(), options, report).choices["refinement"]
     assert told["asked"] == asked and told["reason"] and (told["kind"] == kind if kind else len(told["iterations"]) == 2)
 
 

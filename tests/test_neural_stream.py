@@ -20,7 +20,7 @@ from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE
 from texfcodec.bitstream.units import read_units
 from texfcodec.codecs.neural.infer import BLOCK, LOCAL_BITS, _local, _rows_around, _weights, infer, infer_rgba, voxel_positions
 from texfcodec.codecs.neural.payload import Tables
-from texfcodec.decoder import _coarse_field
+from texfcodec.support.voxels import VoxelSupport
 
 VECTORS = REPOSITORY / "conformance"
 FORMS = ("subset/neural_resident", "subset/neural_transport")
@@ -34,7 +34,7 @@ LAST = (1 << 24) - 1
 @lru_cache
 def stream(name):
     data = (VECTORS / name / "in.texf").read_bytes()
-    assert decode(data).neural  # and the kernels are compiled before anything is timed
+    assert decode(data).evaluators  # and the kernels are compiled before anything is timed
     return data
 
 
@@ -44,7 +44,7 @@ def with_attribute(data, change):
 
 
 def latents_of(data):
-    return bytes(read_stream(data, Limits()).neural["latent_data"])
+    return bytes(read_stream(data, Limits()).joint["latent_data"])
 
 
 def points_around(texf, count, seed=0):
@@ -118,7 +118,7 @@ def damaged(count):
     for name in ALL:
         data = stream(name)
         out.append(data)
-        unit = read_stream(data, Limits()).neural
+        unit = read_stream(data, Limits()).joint
         body = len(unit["network_data"]) + len(unit["latent_data"])
         for i in range(count):
             def change(payload, i=i, body=body):
@@ -170,9 +170,9 @@ def test_with_bounds_checked_no_damaged_payload_reads_outside_an_array(tmp_path)
 
 @pytest.mark.parametrize("name", ["subset/neural_resident", "subset/neural_hash", "uncommon/neural_levels"])
 def test_latents_over_the_limit_are_refused_and_at_the_limit_decoded(name):
-    unit = read_stream(stream(name), Limits()).neural
+    unit = read_stream(stream(name), Limits()).joint
     latents = sum(level["NumRows"] for level in unit["latent_levels"]) * unit["num_features"]
-    assert decode(stream(name), DecodeOptions(limits=Limits(latents=latents))).neural
+    assert decode(stream(name), DecodeOptions(limits=Limits(latents=latents))).evaluators
     with pytest.raises(LimitError) as caught:
         decode(stream(name), DecodeOptions(limits=Limits(latents=latents - 1)))
     assert caught.value.code == "TXF-L10" and caught.value.exit_code == 6
@@ -210,8 +210,8 @@ def test_voxels_hold_what_the_query_answers_at_their_centres(name):
     texf = decode(stream(name))
     for number, part in enumerate(texf.fields):
         grid = texf.voxels()["xyz"][texf.voxels()["field"] == number]
-        answer = infer(voxel_positions(grid, part.resolution), texf.neural[number])
-        columns = list(texf.neural[number].columns)
+        answer = infer(voxel_positions(grid, part.resolution), texf.evaluators[number])
+        columns = list(texf.evaluators[number].columns)
         assert np.array_equal((answer.astype(np.int64) + 128) >> 8, part.rgba[:, columns])
 
 
@@ -227,7 +227,7 @@ def test_points_are_answered_at_their_position_and_outside_the_grid_on_its_borde
     positions = np.where(above, LAST, np.where(below, 0, positions)).astype(np.int32)
     which = rng.integers(0, len(texf.fields), 600)
     answers = texf.query_by_field(points, which)
-    for number, tables in enumerate(texf.neural):
+    for number, tables in enumerate(texf.evaluators):
         mine = which == number
         assert np.array_equal(answers[mine], infer_rgba(positions[mine], tables))
 
@@ -245,7 +245,7 @@ def test_points_that_are_not_finite_are_refused(value):
 def test_points_without_any_latent_are_still_answered():
     """The vector has such voxels on both of its levels, and on each others that have latents (11.4)."""
     texf = decode(stream("uncommon/neural_sparse"))
-    (tables,), (part,) = texf.neural, texf.fields
+    (tables,), (part,) = texf.evaluators, texf.fields
     levels, places, *maps = tables.index
     for n in range(len(levels)):
         cut = [slice(places[n, k], places[n + 1, k]) for k in (0, 1, 1, 1)]
@@ -285,8 +285,8 @@ def test_wrong_values_are_refused_at_every_level_of_detail():
 
 def test_means_of_whole_and_half_values_round_up():
     rows = np.array([[0], [1], [255], [255], [3]], np.uint8)
-    part = _coarse_field(4, np.array([0, 7, 8, 9, 63], np.int64), rows, (3,), 1)
-    assert part.keys.tolist() == [0, 1, 7] and part.rgba.tolist() == [[255, 255, 255, v] for v in (1, 255, 3)]
+    support = VoxelSupport(4, np.array([0, 7, 8, 9, 63], np.int64))
+    assert support.coarser(1).keys.tolist() == [0, 1, 7] and support.mean(rows, 1).tolist() == [[1], [255], [3]]
 
 
 @pytest.mark.parametrize("threads", [2, 5])
@@ -301,7 +301,7 @@ def test_any_number_of_threads_gives_the_same_bytes(name, threads):
 
 def test_fields_share_the_codes_and_the_network():
     """256 fields of 2**28 latents are not 64 GiB."""
-    first, second = decode(stream("uncommon/neural_two_fields_hash")).neural
+    first, second = decode(stream("uncommon/neural_two_fields_hash")).evaluators
     assert isinstance(first, Tables) and all(a is b for a, b in zip(first.values, second.values, strict=True))
 
 

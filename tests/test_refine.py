@@ -24,7 +24,7 @@ def surfaces_of(scene, resolution, **choices):
         source = pack_source(scene, made.surface.origin_face[mine])
         found.append(FieldSurface(made.surface.lattice, made.surface.faces[mine], source, made.surface.cube.position_bits,
                                   resolution, field.keys, build_brick_map(field.keys)))
-    return found, [f.colour for f in made.fields]
+    return found, [f.planes["base_colour"] for f in made.fields]
 
 
 @pytest.fixture(scope="module")
@@ -90,9 +90,8 @@ def test_a_fit_that_is_worse_is_not_kept(sample_scene, monkeypatch):
 
     monkeypatch.setattr(preparing, "FITTED_DENSITY", preparing.TRANSFER_DENSITY["balanced"])
     monkeypatch.setattr(choice, "fit_surface", lambda surface, colour, *_, **__: 255 - colour)
-    report = Report()
-    bytes_ = [encode_scene(sample_scene, EncodeOptions(resolution=64, qp=28, refine=kind), report)[0] for kind in ("fit", "off")]
-    assert bytes_[0] == bytes_[1]
+    one, other = (encode_scene(sample_scene, EncodeOptions(resolution=64, qp=28, refine=kind)).data for kind in ("fit", "off"))
+    assert one == other
 
 
 @pytest.mark.parametrize("choices, reason", [
@@ -101,23 +100,22 @@ def test_a_fit_that_is_worse_is_not_kept(sample_scene, monkeypatch):
 ])
 def test_auto_does_without_and_says_why(choices, reason):
     report = Report()
-    encode_scene(painted_sphere(), EncodeOptions(**{"resolution": 64} | choices), report)
-    assert report.facts["refinement"]["kind"] == "off"
-    assert reason in report.facts["refinement"]["reason"]
+    told = encode_scene(painted_sphere(), EncodeOptions(**{"resolution": 64} | choices), report).choices["refinement"]
+    assert told["kind"] == "off"
+    assert reason in told["reason"]
 
 
 def test_auto_does_without_where_one_colour_covers_all():
     plain = needles()
     plain.corner_color[:] = 0.5
     report = Report()
-    encode_scene(plain, EncodeOptions(resolution=64, qp=20), report)
-    assert report.facts["refinement"]["predicted_gain_db"] == 0.0
+    told = encode_scene(plain, EncodeOptions(resolution=64, qp=20), report).choices["refinement"]
+    assert told["predicted_gain_db"] == 0.0
 
 
 def test_auto_fits_what_gains_and_reports_before_and_after(sample_scene):
     report = Report()
-    encode_scene(sample_scene, EncodeOptions(resolution=64, qp=20), report)
-    facts = report.facts["refinement"]
+    facts = encode_scene(sample_scene, EncodeOptions(resolution=64, qp=20), report).choices["refinement"]
     assert facts["kind"] == "fit" and facts["predicted_gain_db"] > 0 and any(f["kept"] for f in facts["fields"])
     assert all(f["psnr_y_after"] > f["psnr_y_before"] for f in facts["fields"] if f["kept"])
 

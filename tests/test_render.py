@@ -12,10 +12,10 @@ from naive import raster as naive
 from PIL import Image
 from shapes import painted_sphere, scene_of, square
 
+from texfcodec.api import decode
 from texfcodec.asset.sample import pack_source, sample_source
 from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, Material, Scene, Texture
 from texfcodec.cli import render as render_command
-from texfcodec.decoder import decode
 from texfcodec.encoder import encode_scene
 from texfcodec.errors import InputError
 from texfcodec.geometry.canonical import CanonicalCube
@@ -51,7 +51,7 @@ def pixel_camera(size):
 
 def coded(scene, resolution, qp=4, **more):
     """The scene through the codec: Texf."""
-    return decode(encode_scene(scene, EncodeOptions(resolution=resolution, qp=qp, effort="fast", **more))[0])
+    return decode(encode_scene(scene, EncodeOptions(resolution=resolution, qp=qp, effort="fast", **more)).data)
 
 
 def cube_mesh(side=1.0):
@@ -585,7 +585,7 @@ def test_a_decoded_asset_looks_like_its_source(sample_scene):
 def test_level_of_detail_streams_can_be_drawn(sample_scene):
     from texfcodec.options import DecodeOptions
 
-    data, _ = encode_scene(sample_scene, EncodeOptions(resolution=128, qp=10, partition="off", effort="fast"))
+    data = encode_scene(sample_scene, EncodeOptions(resolution=128, qp=10, partition="off", effort="fast")).data
     whole, coarse = decode(data), decode(data, DecodeOptions(lod=2))
     camera = orthographic((0, 0.2, 1), *bounding_sphere(whole.positions), 64)
     a, b = render_texf(whole, camera), render_texf(coarse, camera)
@@ -687,7 +687,7 @@ def files(tmp_path_factory):
 
     folder = tmp_path_factory.mktemp("sample")
     write_sample(folder / "sample.glb")
-    data, _ = encode_scene(load(folder / "sample.glb"), EncodeOptions(resolution=256, qp=28, effort="fast"))
+    data = encode_scene(load(folder / "sample.glb"), EncodeOptions(resolution=256, qp=28, effort="fast")).data
     (folder / "sample.texf").write_bytes(data)
     return folder / "sample.glb", folder / "sample.texf"
 

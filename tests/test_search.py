@@ -37,27 +37,27 @@ def ribbon():
 
 @pytest.mark.parametrize("share", [0.35, 1.0, 2.5])
 def test_budget_is_kept_and_well_used(ribbon, share):
-    _, sizes = encode_scene(ribbon, EncodeOptions(rate="r03"))
+    sizes = encode_scene(ribbon, EncodeOptions(rate="r03")).sizes
     budget, report = sizes["geometry"] + sizes["other"] + round(share * sizes["attributes"]), Report()
-    data = encode_to_target(ribbon, EncodeOptions(target_bytes=budget), report)
-    facts = report.facts
-    assert len(data) == facts["bytes"]["total"] <= budget
-    assert len(data) - facts["bytes"]["geometry"] > 0.75 * (budget - facts["bytes"]["geometry"])
-    rows = {(r["resolution"], r["qp"]): r for r in facts["search"]}
-    chosen = rows[facts["resolution"], facts["qp"]]
-    assert chosen["bytes"] == len(data) and math.isclose(chosen["psnr_y"], facts["psnr_3d"]["y"])
+    made = encode_to_target(ribbon, EncodeOptions(target_bytes=budget), report)
+    data = made.data
+    assert len(data) == made.sizes["total"] <= budget
+    assert len(data) - made.sizes["geometry"] > 0.75 * (budget - made.sizes["geometry"])
+    rows = {(r["resolution"], r["qp"]): r for r in made.choices["search"]}
+    chosen = rows[made.resolution, made.qp]
+    assert chosen["bytes"] == len(data) and math.isclose(chosen["psnr_y"], made.psnr_3d["y"])
     fitting = [r["psnr_y"] for r in rows.values() if r["bytes"] <= budget and r["psnr_y"] is not None]
-    assert chosen["psnr_y"] == max(fitting) and len(facts["search"]) <= 14
-    assert inspect(data)["resolution"] == facts["resolution"]
+    assert chosen["psnr_y"] == max(fitting) and len(made.choices["search"]) <= 14
+    assert inspect(data)["resolution"] == made.resolution
 
 
 @pytest.mark.parametrize("target", [30.0, 36.0])
 def test_quality_is_met_at_the_fewest_bytes_tried(ribbon, target):
     report = Report()
-    data = encode_to_target(ribbon, EncodeOptions(target_psnr=target), report)
-    again = measure(ribbon, decode(data), SAMPLES, face_field=report.facts.get("scene_face_field"))
-    assert again["y"] >= target and math.isclose(again["y"], report.facts["psnr_3d"]["y"])
-    assert len(data) == min(r["bytes"] for r in report.facts["search"] if r["psnr_y"] >= target)
+    made = encode_to_target(ribbon, EncodeOptions(target_psnr=target), report)
+    again = measure(ribbon, decode(made.data), SAMPLES, face_field=made.face_field)
+    assert again["y"] >= target and math.isclose(again["y"], made.psnr_3d["y"])
+    assert len(made.data) == min(r["bytes"] for r in made.choices["search"] if r["psnr_y"] >= target)
 
 
 @pytest.mark.parametrize("options", [{"target_bytes": 60}, {"target_psnr": 99.0}])
@@ -67,7 +67,7 @@ def test_unreachable_target_names_the_best(ribbon, options):
         encode_to_target(ribbon, EncodeOptions(**options), report)
     error = raised.value
     assert error.code == "TXF-I51" and {"value", "best", "resolution", "qp"} <= set(error.details)
-    assert report.facts["search"] and error.details["resolution"] in {r["resolution"] for r in report.facts["search"]}
+    assert report.trials and error.details["resolution"] in {r["resolution"] for r in report.trials}
 
 
 def test_search_stops_when_cancelled(ribbon):
@@ -104,15 +104,15 @@ def test_smallest_root_finds_any_step(threshold):
 
 def test_estimate_is_within_a_half(ribbon):
     report, options = Report(), EncodeOptions(resolution=512)
-    encode_scene(ribbon, options, report)
+    made = encode_scene(ribbon, options, report)
     voxels, seconds = estimate(ribbon, options)
-    assert 0.5 < voxels / report.facts["voxels"] < 1.5 and seconds > 0
+    assert 0.5 < voxels / made.counts["voxels"] < 1.5 and seconds > 0
 
 
 def test_measurement_of_a_known_error():
     positions, faces = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]])
     scene = Scene(positions, faces, np.zeros(1, np.int64), np.zeros((1, 3, 2)), None, [Material(factor=np.ones(4))], [])
-    texf = decode(encode_scene(scene, EncodeOptions(resolution=16, qp=4))[0])
+    texf = decode(encode_scene(scene, EncodeOptions(resolution=16, qp=4)).data)
     exact = measure(scene, texf, 5000)
     assert exact["samples"] == 5000 and (exact["rgb"] is None or exact["rgb"] > 130)  # trilinear weights are floats
     texf.fields[0].rgba[:] -= 1

@@ -16,9 +16,9 @@ from shapes import painted_sphere, scene_of, square
 from texfcodec import EncodeOptions, InputError, decode
 from texfcodec.cli import eval as eval_command
 from texfcodec.encoder import encode_scene
+from texfcodec.ground.ssim import RADIUS, ssim, ssim_gradient, ssim_map
 from texfcodec.quality.normals import angular_error
 from texfcodec.quality.perceptual import Lpips
-from texfcodec.quality.ssim import RADIUS, ssim, ssim_gradient, ssim_map
 from texfcodec.quality.views import compare_views, fields_of_faces, mesh_psnr_3d
 from texfcodec.render.camera import bounding_sphere, fibonacci_direction, orthographic
 from texfcodec.render.shade import render_scene
@@ -234,7 +234,7 @@ def ball():
 @pytest.fixture(scope="module")
 def field(ball):
     """The ball coded and decoded."""
-    return decode(encode_scene(ball, EncodeOptions(resolution=64, qp=22))[0])
+    return decode(encode_scene(ball, EncodeOptions(resolution=64, qp=22)).data)
 
 
 def brighter(scene, factor):
@@ -400,10 +400,11 @@ def test_each_face_of_the_source_finds_its_field(ball):
     flat = replace(both, faces=np.concatenate([both.faces, [[3, 3, 4]]]), face_material=np.append(both.face_material, 0),
                    corner_uv=np.concatenate([both.corner_uv, both.corner_uv[:1]]),
                    corner_color=np.concatenate([both.corner_color, both.corner_color[:1]]))  # fmt: skip
-    texf = decode(encode_scene(flat, EncodeOptions(resolution=64, qp=22), report)[0])
+    made = encode_scene(flat, EncodeOptions(resolution=64, qp=22), report)
+    texf = decode(made.data)
     found = fields_of_faces(flat, texf)
     assert len(texf.fields) == 2 and found[-1] == -1 and set(found[:-1]) == {0, 1}
-    assert np.array_equal(found, report.facts["scene_face_field"])
+    assert np.array_equal(found, made.face_field)
     assert measure(flat, texf, 3000, face_field=found)["y"] > measure(flat, texf, 3000)["y"] + 3
     away = replace(flat, positions=flat.positions[:, ::-1] * [1, 2, 1])
     assert fields_of_faces(away, texf) is None
@@ -558,7 +559,7 @@ def test_stream_may_come_from_stdin(files):
 
 
 def test_empty_stream_is_a_coded_error(call, files):
-    empty = encode_scene(scene_of(np.ones((3, 3)), [[0, 1, 2]]), EncodeOptions(allow_empty=True))[0]
+    empty = encode_scene(scene_of(np.ones((3, 3)), [[0, 1, 2]]), EncodeOptions(allow_empty=True)).data
     assert len(decode(empty).faces) == 0
     (files / "empty.texf").write_bytes(empty)
     code, out, _ = call(files / "ball.ply", files / "empty.texf", *SMALL, "--json")

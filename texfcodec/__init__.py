@@ -6,7 +6,8 @@ Names are imported when they are first used, so that `import texfcodec` is quick
 from importlib import import_module
 
 _HOME = {
-    "encode": "encoder", "decode": "decoder", "inspect": "bitstream.inspect", "Texf": "texf",
+    "encode": "api", "encode_to_result": "api", "decode": "api", "inspect": "api", "Texf": "texf", "Encoded": "encoder",
+    "PlaneCodec": "codecs.codec", "JointCodec": "codecs.codec",
     "EncodeOptions": "options", "DecodeOptions": "options", "Limits": "limits", "Report": "report",
     "TexfError": "errors", "InputError": "errors", "StreamError": "errors", "LimitError": "errors", "SupportError": "errors",
 }

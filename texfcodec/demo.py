@@ -37,19 +37,15 @@ def main(folder="out"):
 
 def _one_rate(source, stream, resolution, qp):
     """Encodes, measures, decodes and saves beside the stream; a dict of what it took."""
-    from . import DecodeOptions, EncodeOptions, Report, decode, encode
-    from .asset.load.files import load
-    from .quality.measure import measure
+    from . import EncodeOptions, Report, decode, encode_to_result
 
-    options, coding, decoding = EncodeOptions(resolution=resolution, qp=qp), Report(), Report()
-    data = encode(source, options, coding)
-    stream.write_bytes(data)
-    texf = decode(data, DecodeOptions(), decoding)
-    psnr = measure(load(source), texf, threads=options.threads, face_field=coding.facts.get("scene_face_field"))
+    options, coding, decoding = EncodeOptions(resolution=resolution, qp=qp, measure=True), Report(), Report()
+    made = encode_to_result(source, options, coding)
+    stream.write_bytes(made.data)
+    texf = decode(made.data, report=decoding)
     with decoding.stage("save"):
         texf.save(stream.with_suffix(".glb"))
-    return {"options": options, "facts": coding.facts, "psnr": psnr, "coding": coding.seconds,
-            "decoding": decoding.seconds}
+    return {"options": options, "made": made, "coding": coding.seconds, "decoding": decoding.seconds}
 
 
 def _table(rows):
@@ -59,15 +55,17 @@ def _table(rows):
     table.add_column("", no_wrap=True)
     for row in rows:
         table.add_column(f"K {row['options'].resolution}, QP {row['options'].qp}", justify="right")
-    sizes = [row["facts"]["bytes"] for row in rows]
+    sizes = [row["made"].sizes for row in rows]
     for kind in ("total", "geometry", "attributes", "other"):
         table.add_row(f"bytes, {kind}", *(f"{s[kind]:,}" for s in sizes))
-    voxels = [row["facts"]["voxels"] for row in rows]
+    voxels = [row["made"].counts["voxels"] for row in rows]
     table.add_row("voxels", *(f"{n:,}" for n in voxels))
-    table.add_row("fields", *(str(row["facts"]["fields"]) for row in rows))
-    table.add_row("attribute bits per voxel", *(f"{8 * s['attributes'] / n:.3f}" for s, n in zip(sizes, voxels, strict=True)))
+    table.add_row("fields", *(str(row["made"].counts["fields"]) for row in rows))
+    bits = [8 * s["attributes"] / n for s, n in zip(sizes, voxels, strict=True)]
+    table.add_row("attribute bits per voxel", *(f"{b:.3f}" for b in bits))
     for name, key in (("Y", "y"), ("YUV 6:1:1", "yuv611"), ("RGB", "rgb")):
-        table.add_row(f"3D-PSNR {name}, dB", *("lossless" if (v := row["psnr"][key]) is None else f"{v:.2f}" for row in rows))
+        psnr = [row["made"].psnr_3d[key] for row in rows]
+        table.add_row(f"3D-PSNR {name}, dB", *("lossless" if v is None else f"{v:.2f}" for v in psnr))
     table.add_section()
     for stage in STAGES:
         table.add_row(f"encode: {stage}, s", *(f"{row['coding'].get(stage, 0):.2f}" for row in rows))

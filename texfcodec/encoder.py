@@ -6,164 +6,149 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .asset.load.files import load
 from .bitstream.stream import Stream, write_stream
-from .bitstream.syntax import CODEC_3DNTC, CODEC_RAHT, FORM_RESIDENT, FORM_TRANSPORT, SEMANTIC_BASE_COLOUR
-from .bitstream.values import header_values, material_values, metadata_bytes, raht_values
-from .choose.prepare import SourceField, active_voxels, source_field
+from .bitstream.values import attribute_values, field_values, header_values, material_values, metadata_bytes
+from .channels import CHANNELS, split_values
+from .choose.codec import codec_for
+from .choose.prepare import SourceField, active_voxels, check_voxels, transferred
 from .choose.trial import choose_fields
-from .codecs.neural.fit import fit_payload
-from .codecs.neural.infer import voxel_values
-from .codecs.neural.payload import payload_values
-from .codecs.raht.choice import choose_base_qp, choose_tools
-from .codecs.raht.codec import enc_attributes
-from .codecs.raht.coefficients.residual import ResidualPlan
-from .codecs.raht.layout import octree_depth
-from .codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
-from .decoder import field_surface, voxels_crc
-from .errors import InputError, LimitError
+from .codecs import codec_of
+from .codecs.codec import Source
+from .errors import InputError
 from .geometry.draco import counts_of, dec_geometry, enc_geometry
 from .geometry.surface import Surface, make_surface
+from .geometry.unit import GeometryUnit, field_surface
 from .options import EncodeOptions
 from .refine.choice import refine_fields
 from .report import Report
-from .support.morton import decode_morton
-from .texf import GeometryUnit
 
 
 @dataclass
 class Prepared:
-    """All that does not depend on the QP. geometry: syntax values of the geometry units; face_field: int64 [F] over
-    surface.faces."""
+    """All that does not depend on the QP. geometry: syntax values of the geometry units; source: what is coded, by channels and
+    fields; fields: SourceFields, whose planes are empty where the codec asks the source itself; choices: which partition and
+    refinement, and why."""
 
-    surface: Surface
-    face_field: np.ndarray
     geometry: list
+    source: Source
     fields: list[SourceField]
-    partition: dict  # which fields and why, for the report
-    refinement: dict = field(default_factory=dict)  # likewise
+    choices: dict = field(default_factory=dict)
+
+    @property
+    def surface(self) -> Surface:
+        """The source on its lattice."""
+        return self.source.surface
 
 
-def encode(mesh_or_path, options=None, report=None):
-    """Codes a textured mesh.
+@dataclass(kw_only=True)
+class Encoded:
+    """A stream and what is known of it. sizes: bytes as {"total", "geometry", "attributes", "other"}; counts: {"fields",
+    "voxels", "faces", "vertices"}; face_field: int64 [F], field of every face of the scene, -1 where it was left out; choices:
+    every choice of the encoder by its name, with what was measured for it, JSON-ready; reconstruction_sha256: hash over keys and
+    decoded values, field by field and channel by channel; psnr_3d: as quality.measure, where it was measured."""
 
-    mesh_or_path: path of a .glb, .gltf, .obj or .ply file, a trimesh object or a Scene; options: EncodeOptions; report: Report
-    that receives seconds by stage, warnings, dropped properties and byte counts. Returns the .texf stream as bytes.
-    Raises InputError, LimitError, SupportError.
-    """
+    data: bytes
+    sizes: dict
+    counts: dict
+    face_field: np.ndarray
+    choices: dict
+    resolution: int
+    qp: int | None
+    texels_per_voxel_edge: float
+    reconstruction_sha256: str
+    psnr_3d: dict | None = None
+
+
+def encode_scene(scene, options: EncodeOptions | None = None, report: Report | None = None) -> Encoded:
+    """Codes a Scene. Raises InputError, LimitError, SupportError."""
     options, report = options or EncodeOptions(), report or Report()
-    with report.stage("load"):
-        scene = load(mesh_or_path, strict=options.strict)
-    report.warnings += scene.warnings
-    report.dropped += scene.dropped
-    if options.target_bytes is not None or options.target_psnr is not None:
-        from .search import encode_to_target
-
-        return encode_to_target(scene, options, report)
-    data, report.facts["bytes"] = encode_scene(scene, options, report)
-    return data
+    return code_prepared(prepare(scene, options, report), options, report)
 
 
-def encode_scene(scene, options=None, report=None):
-    """Codes a Scene. Returns (bytes, byte counts {"total", "geometry", "attributes", "other"}).
-
-    options: EncodeOptions; report: Report. Raises InputError, LimitError, SupportError.
-    """
-    options, report = options or EncodeOptions(), report or Report()
-    if options.codec == "3dntc":
-        return _code_neural(scene, options, report)
-    return code_prepared(scene, prepare(scene, options, report), options, report)
-
-
-def _lay_out(scene, options, report):
-    """Lattice, partition and geometry: (Prepared without fields, GeometryUnits as decoded)."""
+def prepare(scene, options: EncodeOptions, report: Report) -> Prepared:
+    """Lattice, partition, geometry, voxels and transfer; may be coded at several QPs."""
     with report.stage("lattice"):
         surface = make_surface(scene, options)
     with report.stage("partition"):
-        face_field = choose_fields(scene, surface, options, report)
+        face_field, partition = choose_fields(scene, surface, options, report)
     with report.stage("geometry"):
         geometry, units = _code_geometry(surface, face_field)
-    return Prepared(surface, face_field, geometry, [], report.facts["partition"]), units
-
-
-def prepare(scene, options, report):
-    """Lattice, partition, geometry, voxels and transfer (Prepared); may be coded at several QPs."""
-    prepared, units = _lay_out(scene, options, report)
-    surface, face_field = prepared.surface, prepared.face_field
-    for i in range(int(face_field.max(initial=-1)) + 1):
-        prepared.fields.append(source_field(scene, surface, face_field == i, field_surface(units, i), options, report))
-    voxels = sum(len(f.keys) for f in prepared.fields)
-    if options.limits.voxels is not None and voxels > options.limits.voxels:
-        raise LimitError("TXF-L04", "the fields have more voxels than the limit allows", value=voxels,
-                         allowed=options.limits.voxels)
-    with report.stage("refine"):
-        refine_fields(scene, surface, face_field, prepared.fields, options, report)
-    prepared.refinement = report.facts["refinement"]
+    surfaces = [field_surface(units, i) for i in range(int(face_field.max(initial=-1)) + 1)]
+    used = [scene.materials[m] for m in np.unique(surface.material)]
+    source = Source(scene, surface, face_field, surfaces, tuple(c for c in CHANNELS if c.needed(used)))
+    fields = []
+    for one in surfaces:
+        with report.stage("voxelise"):
+            fields.append(active_voxels(*one, surface.cube.position_bits, options))
+    check_voxels(fields, options.limits)
+    prepared = Prepared(geometry, source, fields, {"partition": partition})
+    if not codec_of(options.codec).joint:
+        _fill(prepared, options, report)
     return prepared
 
 
-def code_prepared(scene, prepared, options, report):
+def _fill(prepared, options, report):
+    """Brings the source's values into the voxels of every field."""
+    for number, part in enumerate(prepared.fields):
+        with report.stage("transfer"):
+            transferred(part, prepared.source, number, options)
+    with report.stage("refine"):
+        prepared.choices["refinement"] = refine_fields(prepared.source, prepared.fields, options, report)
+
+
+def code_prepared(prepared: Prepared, options: EncodeOptions, report: Report) -> Encoded:
     """Codes the attributes at options.qp and writes the stream: as encode_scene."""
-    surface, fields = prepared.surface, prepared.fields
-    stream = Stream(header_values(scene, surface, prepared.geometry, len(fields)))
+    source, fields, choices = prepared.source, prepared.fields, dict(prepared.choices)
+    scene, surface = source.scene, source.surface
+    stream = Stream(header_values(scene, surface, prepared.geometry, len(fields), source.channels))
     stream.geometry, stream.materials = prepared.geometry, [material_values(m) for m in scene.materials]
-    reconstruction = hashlib.sha256()  # keys and decoded values, group by group, as a decoder will have them
-    for i, part in enumerate(fields):
-        stream.fields.append({"field_index": i, "resolution": options.resolution, "area_threshold": part.threshold,
-                              "num_voxels": len(part.keys), "voxels_crc": voxels_crc(part.keys)})
-        with report.stage("attributes"):
-            for k, group in enumerate(stream.header["channel_groups"]):
-                plane = part.colour if group["group_semantic"] == SEMANTIC_BASE_COLOUR else part.alpha[:, None]
-                values, decoded = _code_group(plane, part.keys, options)
-                stream.attributes.append({"field_index": i, "group_index": k, **values})
-                reconstruction.update(np.ascontiguousarray(part.keys, "<i8"))
-                reconstruction.update(np.ascontiguousarray(decoded))
-    report.facts["texels_per_voxel_edge"] = max((f.texels_per_edge for f in fields), default=0.0)
-    return _write(stream, scene, prepared, reconstruction, options, report)
-
-
-def _write(stream, scene, prepared, reconstruction, options, report):
-    """The bytes of a Stream and their counts, and what the report tells of it. reconstruction: hash over what decodes."""
+    stream.fields = [field_values(i, part.support, part.threshold) for i, part in enumerate(fields)]
     stream.metadata = metadata_bytes(scene.metadata, options, report)
+    codec, reconstruction = codec_of(options.codec), hashlib.sha256()
+    decoded = _code_jointly if codec.joint else _code_planes
+    for part, planes in zip(fields, decoded(codec, stream, prepared, options, report, choices), strict=True):
+        for channel in source.channels:
+            reconstruction.update(np.ascontiguousarray(part.support.keys, "<i8"))
+            reconstruction.update(np.ascontiguousarray(planes[channel.name]))
     with report.stage("write"):
         data, sizes = write_stream(stream)
     face_field = np.full(len(scene.faces), -1, np.int64)
-    face_field[prepared.surface.origin_face] = prepared.face_field
-    report.facts.update(fields=len(stream.fields), voxels=sum(f["num_voxels"] for f in stream.fields),
-                        faces=stream.header["num_faces"], vertices=stream.header["num_vertices"], scene_face_field=face_field,
-                        partition=prepared.partition, refinement=prepared.refinement,
-                        reconstruction_sha256=reconstruction.hexdigest())
-    return data, {"total": len(data), **sizes}
+    face_field[surface.origin_face] = source.face_field
+    counts = {"fields": len(fields), "voxels": sum(len(part.support) for part in fields),
+              "faces": stream.header["num_faces"], "vertices": stream.header["num_vertices"]}
+    return Encoded(data=data, sizes={"total": len(data), **sizes}, counts=counts, face_field=face_field, choices=choices,
+                   resolution=options.resolution, qp=options.qp, reconstruction_sha256=reconstruction.hexdigest(),
+                   texels_per_voxel_edge=max((part.texels_per_edge for part in fields), default=0.0))
 
 
-def _code_neural(scene, options, report):
-    """As encode_scene, with one 3DNTC payload for all fields (clause 11)."""
-    prepared, units = _lay_out(scene, options, report)
-    surface, bits = prepared.surface, prepared.surface.cube.position_bits
-    surfaces = [field_surface(units, i) for i in range(int(prepared.face_field.max(initial=-1)) + 1)]
-    stream = Stream(header_values(scene, surface, prepared.geometry, len(surfaces)))
-    stream.geometry, stream.materials = prepared.geometry, [material_values(m) for m in scene.materials]
-    reconstruction, keys, total = hashlib.sha256(), [], 0
-    with report.stage("voxelise"):
-        for i, one in enumerate(surfaces):
-            found, threshold = active_voxels(*one, bits, options)
-            keys.append(found)
-            stream.fields.append({"field_index": i, "resolution": options.resolution, "area_threshold": threshold,
-                                  "num_voxels": len(found), "voxels_crc": voxels_crc(found)})
-    if surfaces:
-        components = sum(g["group_components"] for g in stream.header["channel_groups"])
-        payload, tables = fit_payload(scene, surface, prepared.face_field, surfaces, components, options, report)
-        for i, found in enumerate(keys):
-            plane = voxel_values(decode_morton(found), options.resolution, tables[i], options.threads)
-            total = zlib.crc32(plane, total)
-            for channels in (slice(0, 3), slice(3, 4))[: 2 if components == 4 else 1]:
-                reconstruction.update(np.ascontiguousarray(found, "<i8"))
-                reconstruction.update(np.ascontiguousarray(plane[:, channels]))
-        form = FORM_TRANSPORT if options.transport else FORM_RESIDENT
-        stream.attributes.append({"field_index": 0, "group_index": 0, "codec_id": CODEC_3DNTC, "values_crc": total,
-                                  **payload_values(payload, form)})
-    prepared.refinement = report.facts.get("refinement", {"asked": options.refine, "kind": "off", "reason": "there is no field"})
-    return _write(stream, scene, prepared, reconstruction, options, report)
+def _code_planes(codec, stream, prepared, options, report, choices):
+    """One attribute unit per field and channel: the decoded planes of each field, by channel name."""
+    out = []
+    for i, part in enumerate(prepared.fields):
+        with report.stage("attributes"):
+            planes = {}
+            for k, channel in enumerate(prepared.source.channels):
+                chosen = codec_for(part.planes[channel.name], codec)
+                values, planes[channel.name] = chosen.enc(part.planes[channel.name], part.support, options)
+                stream.attributes.append(attribute_values(chosen, i, k, zlib.crc32(planes[channel.name]), values))
+            out.append(planes)
+    return out
+
+
+def _code_jointly(codec, stream, prepared, options, report, choices):
+    """One attribute unit for all fields and channels; what it decodes to at the voxels, as _code_planes."""
+    source, out, total = prepared.source, [], 0
+    if not prepared.fields:
+        choices["refinement"] = {"asked": options.refine, "kind": "off", "reason": "there is no field"}
+        return out
+    made = codec.enc(source, options, report)
+    choices |= made.choices
+    for part, evaluator in zip(prepared.fields, made.evaluators, strict=True):
+        values = evaluator.values(part.support, options.threads)
+        total = zlib.crc32(values, total)
+        out.append(split_values(values, source.channels))
+    stream.attributes.append(attribute_values(codec, 0, 0, total, made.values))
+    return out
 
 
 def _code_geometry(surface, face_field):
@@ -182,33 +167,3 @@ def _code_geometry(surface, face_field):
                        "draco_data": data})
         units.append(GeometryUnit(number, material, lattice, faces))
     return values, units
-
-
-def _code_group(plane, keys, options):
-    """Syntax values of one attribute unit and what decodes from it, uint8 [N, C]. plane: float32 [N, C] in 0..255; keys: int64
-    [N]."""
-    if options.max_error is not None:
-        return _code_bounded(plane, keys, options)
-    colour, depth = plane.shape[1] == 3, octree_depth(options.resolution)
-    values, qp = forward_colour(plane) if colour else forward_plain(np.rint(plane)), _qp_of(options.qp, plane.shape[1], options)
-    tools = choose_tools(keys, depth, values, qp, options.effort, options.threads)
-    coded, means = enc_attributes(keys, depth, values, qp, tools, options.threads)
-    decoded = inverse_colour(means) if colour else inverse_plain(means)
-    return {"codec_id": CODEC_RAHT, "values_crc": zlib.crc32(decoded), **raht_values(coded, colour)}, decoded
-
-
-def _code_bounded(plane, keys, options):
-    """As _code_group, with no rounded value further off than options.max_error."""
-    colour, depth = plane.shape[1] == 3, octree_depth(options.resolution)
-    original = np.clip(np.rint(plane), 0, 255).astype(np.uint8)
-    values = forward_colour(original) if colour else forward_plain(original)
-    plan = ResidualPlan(options.max_error, original, inverse_colour if colour else inverse_plain)
-    qp = choose_base_qp(keys, depth, values, lambda qp: _qp_of(qp, plane.shape[1], options), plan, options.effort,
-                        options.threads)
-    tools = choose_tools(keys, depth, values, qp, options.effort, options.threads)
-    coded, decoded = enc_attributes(keys, depth, values, qp, tools, options.threads, plan)
-    return {"codec_id": CODEC_RAHT, "values_crc": zlib.crc32(decoded), **raht_values(coded, colour)}, decoded
-
-
-def _qp_of(qp, components, options):
-    return [min(max(qp + (options.chroma_qp_offset if c else 0), 0), 63) for c in range(components)]

@@ -22,15 +22,16 @@ import numpy as np
 
 from . import errors
 from .asset.scene import Material
-from .bitstream.stream import read_neural
-from .bitstream.syntax import FORM_RESIDENT, NEURAL
-from .bitstream.walk import Reader, write_structure
+from .channels import BY_NAME
+from .codecs import codec_names, codec_of
 from .errors import LimitError, StreamError, TexfError
 from .geometry.canonical import CanonicalCube
+from .geometry.unit import GeometryUnit
 from .limits import Limits
 from .options import DecodeOptions
 from .report import Report, peak_memory_bytes
-from .texf import Field, GeometryUnit, Texf
+from .support.voxels import VoxelSupport, keys_are_sound
+from .texf import Field, Texf
 
 ANSWER, FACTS = "answer.npz", "facts.json"
 FACTS_BYTES = 64 << 20  # the JSON half of an answer is never larger
@@ -41,7 +42,7 @@ def decode_isolated(data, options=None, report=None):
     """As decode(), in a child process capped by limits.isolate_bytes (of address space beyond what the idle decoder has) and
     limits.isolate_seconds.
 
-    data: bytes; options: DecodeOptions; report: Report, which gets the child's seconds, warnings and, in facts, peak
+    data: bytes; options: DecodeOptions; report: Report, which gets the child's seconds, warnings and peak
     memory. Where the system has no cap on memory, a warning says so. Raises what decode() raises, and the codes of this module.
     """
     options, report = options or DecodeOptions(), report or Report()
@@ -49,7 +50,7 @@ def decode_isolated(data, options=None, report=None):
         facts, arrays = _run_child(bytes(data), options, Path(folder))
     report.warnings += [str(w) for w in facts["warnings"]]
     report.seconds |= {f"child {name}": value for name, value in facts["seconds"].items()}
-    report.facts["child_peak_memory_bytes"] = facts["peak_memory_bytes"]
+    report.child_peak_memory_bytes = facts["peak_memory_bytes"]
     return _texf(facts, arrays, options.threads)
 
 
@@ -101,21 +102,40 @@ def _memory_error(limits):
 def _texf(facts, arrays, threads):
     """The Texf of an answer. The child may have been taken over: every index is checked again."""
     try:
-        bits = facts["position_bits"]
-        cube = CanonicalCube(tuple(float(x) for x in facts["origin"]), float(facts["side"]), bits)
+        cube = CanonicalCube(tuple(float(x) for x in facts["origin"]), float(facts["side"]), facts["position_bits"])
+        channels = tuple(BY_NAME[name] for name in facts["channels"])
         units = _split(facts["units"], arrays, {"lattice": np.int64, "faces": np.int64})
-        fields = _split(facts["fields"], arrays, {"keys": np.int64, "rgba": np.uint8})
-        texf = Texf(cube, [GeometryUnit(*numbers, *parts) for numbers, parts in units],
-                    [Field(*numbers, *parts) for numbers, parts in fields], [Material(**m) for m in facts["materials"]],
-                    dict(facts["metadata"]), bool(facts["has_alpha"]), threads, list(facts["skipped"]))
-        sound = all(_unit_is_sound(u, texf) for u in texf.units) and all(_field_is_sound(f) for f in texf.fields)
-        if facts["neural"] is not None:
-            texf.neural = _neural(facts["neural"], arrays, len(texf.fields))
+        fields = _split(facts["fields"], arrays, {"keys": np.int64, **{_plane(c): np.uint8 for c in channels}})
+        texf = Texf(cube=cube, units=[GeometryUnit(*numbers, *parts) for numbers, parts in units],
+                    fields=[_field(numbers, parts, channels) for numbers, parts in fields],
+                    materials=[Material(**m) for m in facts["materials"]], metadata=dict(facts["metadata"]), channels=channels,
+                    threads=threads, skipped=list(facts["skipped"]))
+        sound = all(_unit_is_sound(u, texf) for u in texf.units) and all(_field_is_sound(f, channels) for f in texf.fields)
+        if facts["codec"] is not None:
+            texf.evaluators = _codec(facts["codec"]).unpack(facts["evaluators"], arrays, channels, len(texf.fields))
     except (TexfError, KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         raise StreamError("TXF-S40", "the decoder's answer makes no sense", reason=type(error).__name__) from error
     if not sound:
         raise StreamError("TXF-S40", "the decoder's answer has an index out of range")
     return texf
+
+
+def _plane(channel):
+    """Name of the array that holds a channel's planes of all fields, end to end."""
+    return f"plane_{channel.name}"
+
+
+def _field(numbers, parts, channels):
+    resolution, shift = numbers
+    planes = {channel.name: plane for channel, plane in zip(channels, parts[1:], strict=True)}
+    return Field(VoxelSupport(resolution, parts[0], shift), planes)
+
+
+def _codec(name):
+    codec = codec_of(name) if name in codec_names() else None
+    if codec is None or not codec.joint:
+        raise ValueError("codec")
+    return codec
 
 
 def _split(rows, arrays, dtypes):
@@ -132,48 +152,17 @@ def _split(rows, arrays, dtypes):
     return out
 
 
-def _neural(columns, arrays, fields):
-    """Tables by field of an answer's 3DNTC payload, which is checked like one in a stream. columns: of RGBA that it answers."""
-    from .codecs.neural.payload import Tables, payload_of, take_codes
-
-    columns, data = tuple(int(c) for c in columns), np.ascontiguousarray(arrays["neural"], np.uint8).tobytes()
-    values = read_neural(Reader(data, 0, len(data)), {"num_fields": fields, "NumOutputs": len(columns), "offset": 0})
-    if sorted(columns) not in ([0, 1, 2], [3], [0, 1, 2, 3]) or values["form"] != FORM_RESIDENT:
-        raise ValueError("neural")
-    payload, at, grids = payload_of(values, Limits(latents=None)), 0, []
-    for number in range(fields):
-        grids.append([])
-        for level in payload.levels:
-            count = 0 if level.table_log2 else level.entries[number]
-            part = np.ascontiguousarray(arrays["latent_keys"][at : at + count], np.int64)
-            if count and not (len(part) == count and _keys_are_sound(part, level.resolution)):
-                raise ValueError("latent_keys")
-            grids[-1].append(part if count else None)
-            at += count
-    take_codes(payload, values)
-    return [Tables(payload, number, keys, columns) for number, keys in enumerate(grids)]
-
-
 def _unit_is_sound(unit, texf):
     named = 0 <= unit.field < len(texf.fields) and 0 <= unit.material < len(texf.materials)
     return named and unit.lattice.shape[1:] == (3,) and unit.faces.shape[1:] == (3,) and _within(unit.faces, len(unit.lattice)) \
         and _within(unit.lattice, 1 << texf.position_bits)
 
 
-def _field_is_sound(part):
+def _field_is_sound(part, channels):
     if not (1 <= part.resolution <= 8192 and 0 <= part.level_shift <= 13):
         return False
-    return _keys_are_sound(part.keys, part.size) and part.rgba.shape == (len(part.keys), 4)
-
-
-def _keys_are_sound(keys, size):
-    """Whether these are Morton keys of voxels of a grid, ascending, at least one."""
-    from .support.morton import decode_morton
-
-    if keys.ndim != 1 or not len(keys):
-        return False
-    ascending = keys[0] >= 0 and (np.diff(keys) > 0).all() and keys[-1] < 1 << 42
-    return bool(ascending) and bool(_within(decode_morton(keys), size))
+    return keys_are_sound(part.keys, part.size) and all(part.planes[c.name].shape == (len(part.keys), c.components)
+                                                        for c in channels)
 
 
 def _within(values, end):
@@ -184,14 +173,14 @@ def _child(folder, request):
     """The child's side: decodes stdin and leaves its answer in the folder."""
     import DracoPy  # noqa: F401  native code is loaded before the cap
 
-    from .decoder import decode
+    from .decoder import decode_stream
 
     limits = Limits(**request.pop("limits"))
     request["isolate"] = False
     data, report = sys.stdin.buffer.read(), Report()
     try:
         capped = _cap_memory(limits.isolate_bytes)
-        texf = decode(data, DecodeOptions(**request, limits=limits), report)
+        texf = decode_stream(data, DecodeOptions(**request, limits=limits), report)
         if not capped:
             report.warnings.append("this system cannot cap the memory of a process: only the time was capped")
         facts, arrays = _answer(texf, report)
@@ -210,10 +199,10 @@ def _answer(texf, report):
     """(facts, arrays) of a decoded Texf; arrays of all units and fields joined end to end."""
     facts = {
         "origin": list(texf.cube.origin), "side": texf.side, "position_bits": texf.position_bits, "metadata": texf.metadata,
-        "has_alpha": texf.has_alpha, "skipped": texf.skipped, "warnings": report.warnings, "seconds": report.seconds,
-        "peak_memory_bytes": peak_memory_bytes(), "neural": list(texf.neural[0].columns) if texf.neural else None,
+        "channels": [c.name for c in texf.channels], "skipped": texf.skipped, "warnings": report.warnings,
+        "seconds": report.seconds, "peak_memory_bytes": peak_memory_bytes(), "codec": None,
         "units": [([u.field, u.material], [len(u.lattice), len(u.faces)]) for u in texf.units],
-        "fields": [([f.resolution, f.level_shift], [len(f.keys), len(f.rgba)]) for f in texf.fields],
+        "fields": [([f.resolution, f.level_shift], [len(f.keys)] * (1 + len(texf.channels))) for f in texf.fields],
         "materials": [{"name": m.name, "alpha_mode": m.alpha_mode, "alpha_cutoff": m.alpha_cutoff,
                        "double_sided": m.double_sided, "unlit": m.unlit} for m in texf.materials],
     }
@@ -221,24 +210,15 @@ def _answer(texf, report):
         "lattice": np.concatenate([np.zeros((0, 3), np.int64), *(u.lattice for u in texf.units)]),
         "faces": np.concatenate([np.zeros((0, 3), np.int64), *(u.faces for u in texf.units)]),
         "keys": np.concatenate([np.zeros(0, np.int64), *(f.keys for f in texf.fields)]),
-        "rgba": np.concatenate([np.zeros((0, 4), np.uint8), *(f.rgba for f in texf.fields)]),
     }
-    if texf.neural:
-        arrays |= _neural_arrays(texf.neural)
+    for channel in texf.channels:
+        empty = np.zeros((0, channel.components), np.uint8)
+        arrays[_plane(channel)] = np.concatenate([empty, *(f.planes[channel.name] for f in texf.fields)])
+    if texf.evaluators:
+        facts["codec"] = texf.codec.name
+        facts["evaluators"], packed = texf.codec.pack(texf.evaluators)
+        arrays |= packed
     return facts, arrays
-
-
-def _neural_arrays(tables):
-    """Tables by field as arrays: neural_parameters in the resident form (5.7.4), and the voxels of the levels that are not
-    hashed, end to end."""
-    from .codecs.neural.payload import payload_values
-
-    payload = tables[0].payload
-    values = payload_values(payload, FORM_RESIDENT) | {"num_fields": len(tables), "NumOutputs": payload.components}
-    return {
-        "neural": np.frombuffer(write_structure(NEURAL, values), np.uint8),
-        "latent_keys": np.concatenate([np.zeros(0, np.int64), *(k for t in tables for k in t.keys if k is not None)]),
-    }
 
 
 def _cap_memory(size):

@@ -1,9 +1,12 @@
-"""The one home of every default: the command lines and the Python API read these."""
+"""The one home of every option: its default, its range and what it is for. The command lines and the Python API read these."""
 
+import math
 import os
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field, fields
+from typing import Any
 
-from .errors import InputError
+from .codecs import codec_names, codec_of, our_codecs
+from .errors import InputError, SupportError
 from .limits import Limits
 
 # The paper's rate points: grid resolution K and QP.
@@ -16,13 +19,11 @@ RATES = {
     "r06": (2048, 26),
 }
 DEFAULT_RATE = "r04"
+DEFAULT_CODEC = "raht"
 EFFORTS = ("fast", "balanced", "best")
+PARTITIONS = ("auto", "off")
 REFINEMENTS = ("auto", "off", "fit", "render")
 ATLAS_METHODS = ("auto", "quality", "fast")
-CODECS = ("raht", "3dntc")
-# Of a vertex coordinate. A payload of 50 dB shows what 14 do to a picture: water bottle 45.6 dB over 4 views, 50.1 with exact
-# geometry.
-POSITION_BITS = {"raht": 14, "3dntc": 16}
 LATENT_INDICES = ("mixed", "surface", "hash")
 FIT_ENGINES = ("auto", "numba", "torch")
 # The paper's operating points of 3DNTC: latents a row, then one table a level: voxels of a grid of 2048 that a cell of latents
@@ -38,17 +39,65 @@ DEFAULT_STEPS = 15_000  # the end of the bend: docs/neural.md
 APPEARANCES = ("texture", "vertex", "voxels")
 
 
-def default_threads():
+def default_threads() -> int:
     """Processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-@dataclass
+def choice(default: Any, allowed, text: str = "", metavar: str | None = None) -> Any:
+    """A field of options that takes one of the words that allowed holds, or that calling it gives."""
+    return field(default=default, metadata={"allowed": allowed, "text": text, "metavar": metavar})
+
+
+def ranged(default: Any, low, high, text: str = "", metavar: str = "N") -> Any:
+    """A field of options that takes a number in low..high: a whole one, or any where low is a float."""
+    return field(default=default, metadata={"range": (low, high), "text": text, "metavar": metavar})
+
+
+def switch(text: str = "") -> Any:
+    """A field of options that is True or False, at first False."""
+    return field(default=False, metadata={"switch": True, "text": text})
+
+
+def words_of(option) -> tuple:
+    """The words that a choice() takes."""
+    allowed = option.metadata["allowed"]
+    return tuple(allowed() if callable(allowed) else allowed)
+
+
+def check_options(options: Any) -> None:
+    """Compares every field of options with what it takes. Raises InputError TXF-I50."""
+    for option in fields(options):
+        value, told = getattr(options, option.name), option.metadata
+        if value is None and option.default is None:
+            continue
+        if "allowed" in told and value not in (allowed := words_of(option)):
+            raise InputError("TXF-I50", f"unknown {option.name.replace('_', ' ')}", value=value, allowed=", ".join(allowed))
+        if "range" in told:
+            _check_number(option.name, value, *told["range"])
+        if "switch" in told and not isinstance(value, bool):
+            raise InputError("TXF-I50", f"{option.name} is neither True nor False", value=value)
+
+
+def _check_number(name, value, low, high):
+    whole = isinstance(low, int)
+    try:
+        number = value.__index__() if whole else float(value)
+        sound = not isinstance(value, bool | str) and math.isfinite(number)
+    except (AttributeError, TypeError, ValueError):
+        sound = False
+    if not sound:
+        raise InputError("TXF-I50", f"{name} is not a {'whole ' * whole}number", value=repr(value)[:80], allowed=f"{low}..{high}")
+    if not low <= number <= high:
+        raise InputError("TXF-I50", f"{name} is out of range", value=value, allowed=f"{low}..{high}")
+
+
+@dataclass(kw_only=True)
 class EncodeOptions:
     """resolution/qp override the rate preset; qp follows G-PCC: step = 2**((qp - 4) / 6).
 
-    max_error: None for lossy, 0 for lossless coding of the voxels' rounded values, 1..127 for values that are at most so far
-    off; the encoder then sets the QPs, and qp stays None.
+    lossless: code the voxels' rounded values exactly; max_error: None for lossy, 0 the same as lossless, 1..127 for values that
+    are at most so far off; the encoder then sets the QPs, and qp stays None.
 
     chroma_qp_offset: added to the QP of both chroma components. area_threshold: voxels holding less surface than this many
     1/256 voxel faces are dropped where coverage allows. partition: "auto" splits the mesh into fields where surfaces meet,
@@ -56,111 +105,118 @@ class EncodeOptions:
     the surface, "render" inverse rendering on top of it with so many refine_iterations, "auto" a fit where it will show and
     effort is not fast. allow_empty: code a mesh whose faces all collapse as an empty stream instead of refusing it.
 
-    codec "3dntc" fits latents and a network for GPU-resident use instead; rate, qp and effort then have no influence, resolution
-    is only that of the voxels which a decoder makes of it, and refine "render" improves the fit on pictures, which "auto" leaves
-    out. point: one of the paper's; resident_bytes: in its place, a
-    budget of bytes on the GPU; latent_index: "surface" gives every touched voxel of a coarse grid its own latents, as fine a
-    grid as the point's bytes allow, "mixed" spends half of them on a hash table over finer cells, "hash" takes the point's hash
-    tables; transport: entropy-code the latents in the stream; steps, seed: of the fit; checkpoint: path that its state is kept
-    in and taken up from; fit_engine: "auto" takes torch where it sees a GPU, else compiled kernels.
+    codec "3dntc" fits latents and a network for GPU-resident use instead; resolution is then only that of the voxels which a
+    decoder makes of it, and refine "render" improves the fit on pictures, which "auto" leaves out. point: one of the paper's;
+    resident_bytes: in its place, a budget of bytes on the GPU; latent_index: "surface" gives every touched voxel of a coarse
+    grid its own latents, as fine a grid as the point's bytes allow, "mixed" spends half of them on a hash table over finer
+    cells, "hash" takes the point's hash tables; transport: entropy-code the latents in the stream; steps, seed: of the fit;
+    checkpoint: path that its state is kept in and taken up from; fit_engine: "auto" takes torch where it sees a GPU, else
+    compiled kernels.
+
+    codec_options: settings of a plug-in's codec, by name. An option of another codec than the chosen one is refused. Raises
+    InputError TXF-I50 for what makes no sense, SupportError for a codec that is not installed.
     """
 
-    rate: str = DEFAULT_RATE
-    resolution: int | None = None
-    qp: int | None = None
-    target_bytes: int | None = None
-    target_psnr: float | None = None
-    max_error: int | None = None
-    position_bits: int | None = None
-    effort: str = "balanced"
-    chroma_qp_offset: int = -1
-    area_threshold: int = 77
-    partition: str = "auto"
-    refine: str = "auto"
-    refine_iterations: int = 30
-    codec: str = "raht"
-    point: str | None = None
-    resident_bytes: int | None = None
-    latent_index: str = "mixed"
-    transport: bool = False
-    steps: int = DEFAULT_STEPS
-    seed: int = 0
-    checkpoint: str | None = None
-    fit_engine: str = "auto"
-    threads: int = 0
-    measure: bool = False
-    strict: bool = False
-    allow_empty: bool = False
+    rate: str = choice(DEFAULT_RATE, RATES, "The paper's rate points: "
+                       + ", ".join(f"{name} K {k} QP {qp}" for name, (k, qp) in RATES.items()) + ".")
+    resolution: int | None = ranged(None, 1, 8192, "Voxels along the longest side, 1..8192; with --qp.", "K")
+    qp: int | None = ranged(None, 0, 63, "Quantisation, 0..63: step 2^((QP-4)/6); with --resolution.")
+    target_bytes: int | None = ranged(None, 1, 1 << 62, "Best 3D-PSNR in at most B bytes; searches K and QP.", "B")
+    target_psnr: float | None = ranged(None, 1.0, 100.0, "Fewest bytes with this 3D-PSNR of Y; searches K and QP.", "DB")
+    lossless: bool = switch("Code the voxels' 8-bit colours exactly; with --rate or --resolution for K.")
+    max_error: int | None = ranged(None, 0, 127, "As --lossless, but each value may be off by D, 1..127.", "D")
+    position_bits: int | None = ranged(None, 8, 20, "Bits of a vertex coordinate, 8..20.", "B")
+    effort: str = choice("balanced", EFFORTS, "Time spent on a smaller stream.")
+    chroma_qp_offset: int = ranged(-1, -63, 63)
+    area_threshold: int = ranged(77, 0, 65535)
+    partition: str = choice("auto", PARTITIONS)
+    refine: str = choice("auto", REFINEMENTS, "Colours closer to the source before coding: surface fit, or inverse rendering on "
+                         "top of it (a minute); auto is a fit where it shows, never with --effort fast. 3dntc: render refines "
+                         "the fit on pictures (a minute); not in auto.")
+    refine_iterations: int = ranged(30, 1, 10_000)
+    codec: str = choice(DEFAULT_CODEC, codec_names, "How values are coded.")
+    codec_options: dict = field(default_factory=dict)
+    point: str | None = choice(None, POINTS, f"One of the paper's sizes, mpeg1..mpeg6 or aom1..aom5.  [default: {DEFAULT_POINT}]",
+                               "POINT")
+    resident_bytes: int | None = ranged(None, 1, 1 << 40, "Most bytes on the GPU, in place of --point.", "B")
+    latent_index: str = choice("mixed", LATENT_INDICES, "Where latents are: a grid along the surface, that and a hash table of "
+                               "finer cells, or the point's own hash tables.")
+    transport: bool = switch("Entropy-code the latents in the file; loading unpacks them.")
+    steps: int = ranged(DEFAULT_STEPS, 1, 10_000_000, "Steps of the fit.")
+    seed: int = ranged(0, 0, (1 << 31) - 1, "Of the fit.", "S")
+    checkpoint: str | None = field(default=None, metadata={"text": "Keep the fit's state here and go on from it.",
+                                                           "metavar": "FILE"})
+    fit_engine: str = choice("auto", FIT_ENGINES)
+    threads: int = ranged(0, 0, 1024, "Most threads; 0: all processors.")
+    measure: bool = switch("Decode and report 3D-PSNR at 1,000,000 surface points.")
+    strict: bool = switch("Refuse a mesh of which anything would be dropped or warned about.")
+    allow_empty: bool = switch()
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self):
+        try:
+            codec = codec_of(self.codec)
+        except SupportError as error:
+            raise InputError("TXF-I50", "unknown codec", value=self.codec, allowed=error.details["allowed"]) from None
+        check_options(self)
+        self._refuse_strange(codec)
+        codec.check_options(self)
         self.threads = self.threads or default_threads()
-        if self.rate not in RATES:
-            raise InputError("TXF-I50", "unknown rate preset", value=self.rate, allowed=", ".join(RATES))
-        if self.effort not in EFFORTS:
-            raise InputError("TXF-I50", "unknown effort", value=self.effort, allowed=", ".join(EFFORTS))
-        if self.refine not in REFINEMENTS:
-            raise InputError("TXF-I50", "unknown refinement", value=self.refine, allowed=", ".join(REFINEMENTS))
-        self._check_codec()
-        self.position_bits = POSITION_BITS[self.codec] if self.position_bits is None else self.position_bits
+        self.position_bits = codec.position_bits if self.position_bits is None else self.position_bits
+        self._set_rate()
+
+    def _refuse_strange(self, codec):
+        """Options that only other codecs read are a mistake, not to be passed over."""
+        owned = frozenset().union(*(one.options for one in our_codecs())) - codec.options
+        for option in fields(self):
+            if option.name in owned and getattr(self, option.name) != option.default:
+                raise InputError("TXF-I50", f"{option.name} has no part in codec {self.codec}", value=getattr(self, option.name))
+        if self.codec_options and codec in our_codecs():
+            raise InputError("TXF-I50", f"codec_options has no part in codec {self.codec}: its options have names of their own",
+                             value=", ".join(self.codec_options))
+
+    def _set_rate(self):
+        """Fills resolution and qp, or max_error, from what was asked for."""
+        if self.lossless and self.max_error:
+            raise InputError("TXF-I50", "lossless and max_error exclude each other", value=self.max_error)
+        if self.lossless:
+            self.max_error = 0
         preset = RATES[self.rate]
-        self.resolution = preset[0] if self.resolution is None else self.resolution
-        if self.max_error is None:
+        if self.max_error is not None:
+            for name in ("qp", "target_bytes", "target_psnr"):
+                if getattr(self, name) is not None:
+                    raise InputError("TXF-I50", f"max_error and {name} exclude each other: an error bound sets the QP by itself",
+                                     value=getattr(self, name))
+        elif "qp" in codec_of(self.codec).options:
             self.qp = preset[1] if self.qp is None else self.qp
-        else:
-            self._check_max_error()
-        for name, low, high in (("resolution", 1, 8192), ("qp", 0, 63), ("position_bits", 8, 20), ("threads", 1, 1024),
-                                ("refine_iterations", 1, 10_000), ("steps", 1, 10_000_000), ("seed", 0, (1 << 31) - 1),
-                                ("resident_bytes", 1, 1 << 40)):
-            value = getattr(self, name)
-            if value is not None and not low <= value <= high:
-                raise InputError("TXF-I50", f"{name} is out of range", value=value, allowed=f"{low}..{high}")
+        self.resolution = preset[0] if self.resolution is None else self.resolution
+        self.lossless = self.max_error == 0
 
     @property
-    def may_fit(self):
+    def reckoned_qp(self) -> int:
+        """The QP whose error the choices before coding reckon with."""
+        return RATES[self.rate][1] if self.qp is None else self.qp
+
+    @property
+    def may_fit(self) -> bool:
         """Whether a surface fit may follow the transfer."""
         return self.max_error is None and (self.refine in ("fit", "render") or (self.refine == "auto" and self.effort != "fast"))
 
-    def _check_codec(self):
-        for name, allowed in (("codec", CODECS), ("latent_index", LATENT_INDICES), ("fit_engine", FIT_ENGINES),
-                              ("point", (None, *POINTS))):
-            if getattr(self, name) not in allowed:
-                raise InputError("TXF-I50", f"unknown {name}", value=getattr(self, name),
-                                 allowed=", ".join(a for a in allowed if a))
-        if self.codec != "3dntc" and (self.point or self.resident_bytes):
-            raise InputError("TXF-I50", "point and resident_bytes belong to codec 3dntc", value=self.codec, allowed="3dntc")
-        if self.codec == "3dntc":
-            if self.refine == "fit":
-                raise InputError("TXF-I50", "refine fit is for voxels; codec 3dntc has auto, off and render", value=self.refine)
-            for name in ("target_bytes", "target_psnr", "max_error"):
-                if getattr(self, name) is not None:
-                    raise InputError("TXF-I50", f"codec 3dntc has no {name}; its size is set by point or resident_bytes",
-                                     value=getattr(self, name))
-            if self.point and self.resident_bytes:
-                raise InputError("TXF-I50", "point and resident_bytes exclude each other", value=self.point)
-            if self.resident_bytes and self.latent_index == "hash":
-                raise InputError("TXF-I50", "hash tables come with a point; resident_bytes needs latent_index mixed or surface",
-                                 value=self.resident_bytes)
 
-    def _check_max_error(self):
-        if not 0 <= self.max_error <= 127:
-            raise InputError("TXF-I50", "max_error is out of range", value=self.max_error, allowed="0..127")
-        for name in ("qp", "target_bytes", "target_psnr"):
-            if getattr(self, name) is not None:
-                raise InputError("TXF-I50", f"max_error and {name} exclude each other: an error bound sets the QP by itself",
-                                 value=getattr(self, name))
-
-
-@dataclass
+@dataclass(kw_only=True)
 class DecodeOptions:
     """lod: octree levels to stop early (0 = full field); isolate: decode in a child process with capped memory and time."""
 
-    lod: int = 0
-    threads: int = 0
-    isolate: bool = False
+    lod: int = ranged(0, 0, 13, "Stop L octree levels early.", "L")
+    threads: int = ranged(0, 0, 1024, "Most threads; 0: all processors.")
+    isolate: bool = switch("Decode in a child process with capped memory and time.")
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self):
+        check_options(self)
         self.threads = self.threads or default_threads()
-        if not 0 <= self.lod <= 13:
-            raise InputError("TXF-I50", "lod is out of range", value=self.lod, allowed="0..13")
+
+
+def default_of(option) -> Any:
+    """The default of a field of options."""
+    return option.default if option.default is not MISSING else option.default_factory()

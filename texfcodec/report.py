@@ -9,13 +9,14 @@ class Cancelled(KeyboardInterrupt):
 
 
 class Report:
-    """Collects facts of one run. on_progress: function (stage, done, total) called at every stage; False cancels. note: what
-    the stage at work has to say of itself, "" for nothing."""
+    """What happened on the way, whatever came of it. on_progress: function (stage, done, total) called at every stage; False
+    cancels. seconds: by stage; warnings, dropped: sentences; trials: of a search, a dict each; child_peak_memory_bytes: of a
+    decoder in a child process; note: what the stage at work has to say of itself, "" for nothing."""
 
     def __init__(self, on_progress=None):
         self.on_progress = on_progress
-        self.seconds, self.warnings, self.dropped, self.facts = {}, [], [], {}
-        self.note = ""
+        self.seconds, self.warnings, self.dropped, self.trials = {}, [], [], []
+        self.note, self.child_peak_memory_bytes = "", None
 
     @contextmanager
     def stage(self, name):

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .decoder import decode
-from .encoder import code_prepared, prepare
+from .codecs import codec_of
+from .decoder import decode_stream
+from .encoder import Encoded, code_prepared, prepare
 from .errors import InputError
 from .options import DecodeOptions
 from .quality.measure import SourceSamples
@@ -19,20 +20,32 @@ FINER_BELOW, COARSER_ABOVE = 30, 38  # QPs where the next K of LADDER may beat t
 BITS_PER_QP, DECIBELS_PER_QP = 0.17, 0.42  # first guesses: log2 of attribute bytes and dB lost with each QP
 VOXELS_PER_AREA = 1.05  # voxels over surface in voxel faces; 1.015 to 1.071 on seven assets at K 512
 SECONDS, SECONDS_PER_VOXEL = 0.8, 2.4e-6  # of an encode with two threads
-SECONDS_PER_STEP = 6e-3  # of a 3DNTC fit, likewise
 
 
 @dataclass
 class Trial:
-    """One encode. psnr: dict of SourceSamples.compare, or None until asked for."""
+    """One encode. made: its stream is let go of once it is not the best; psnr: dict of SourceSamples.compare, or None until asked
+    for; report: warnings and dropped properties of its own."""
 
-    resolution: int
-    qp: int
-    data: bytes
-    sizes: dict
+    made: Encoded
     report: Report
     seconds: float
-    psnr: dict | None = None
+
+    @property
+    def resolution(self):
+        return self.made.resolution
+
+    @property
+    def qp(self):
+        return self.made.qp
+
+    @property
+    def sizes(self):
+        return self.made.sizes
+
+    @property
+    def psnr(self):
+        return self.made.psnr_3d
 
     @property
     def psnr_y(self):
@@ -48,20 +61,18 @@ class Trial:
 def encode_to_target(scene, options, report):
     """The best 3D-PSNR within options.target_bytes, or the fewest bytes with a 3D-PSNR of Y of options.target_psnr.
 
-    scene: Scene; options: EncodeOptions with one of the two targets; report: Report, whose facts then hold "bytes", "resolution",
-    "qp", "psnr_3d" and "search", a row per trial. Returns the stream, which keeps the target. Raises InputError TXF-I51 where
-    no K and QP do, naming the best that was reached.
+    scene: Scene; options: EncodeOptions with one of the two targets; report: Report. Returns the Encoded that keeps the target;
+    its choices hold "search", a row per trial. Raises InputError TXF-I51 where no K and QP do, naming the best that was reached.
     """
     search = _Search(scene, options, report)
     found = search.climb()
-    rows = report.facts["search"] = [t.row() for t in search.trials]
+    rows = report.trials = [t.row() for t in search.trials]
     if found is None:
         raise search.unreachable(rows)
-    report.facts |= found.report.facts
-    report.facts.update(bytes=found.sizes, resolution=found.resolution, qp=found.qp, psnr_3d=found.psnr)
+    found.made.choices["search"] = rows
     report.warnings += found.report.warnings
     report.dropped += found.report.dropped
-    return found.data
+    return found.made
 
 
 def estimate(scene, options):
@@ -71,8 +82,8 @@ def estimate(scene, options):
     edges = (corners[:, 1:] - corners[:, :1]) / side
     area = float(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum()) / 2
     voxels = round(min(area * VOXELS_PER_AREA * options.resolution**2, float(options.resolution) ** 3))
-    fit = options.steps * SECONDS_PER_STEP if options.codec == "3dntc" else 0.0
-    return max(voxels, 1), round(SECONDS + voxels * SECONDS_PER_VOXEL + fit, 1)
+    seconds = SECONDS + voxels * SECONDS_PER_VOXEL + codec_of(options.codec).seconds(options)
+    return max(voxels, 1), round(seconds, 1)
 
 
 class _Search:
@@ -118,7 +129,7 @@ class _Search:
         x = smallest_root(excess, start if self.budget else LAST_QP - start, slope)
         for trial in tried.values():
             if x is None or trial is not tried[x]:
-                trial.data = b""
+                trial.made.data = b""
         return None if x is None else self._measured(tried[x])
 
     def _better(self, a, b):
@@ -139,9 +150,9 @@ class _Search:
         options = replace(self.options, target_bytes=None, target_psnr=None, resolution=resolution, qp=qp)
         if self._prepared[0] != resolution:
             self._prepared = resolution, prepare(self.scene, options, report)
-        data, sizes = code_prepared(self.scene, self._prepared[1], options, report)
+        made = code_prepared(self._prepared[1], options, report)
         self._add_seconds(report)
-        self.trials.append(Trial(resolution, qp, data, sizes, report, time.perf_counter() - begin))
+        self.trials.append(Trial(made, report, time.perf_counter() - begin))
         return self.trials[-1]
 
     def _measured(self, trial):
@@ -150,8 +161,8 @@ class _Search:
             with report.stage("measure"):
                 if self._samples is None:
                     self._samples = SourceSamples(self.scene, threads=threads)
-                texf = decode(trial.data, DecodeOptions(threads=threads))
-                trial.psnr = self._samples.compare(texf, trial.report.facts.get("scene_face_field"))
+                texf = decode_stream(trial.made.data, DecodeOptions(threads=threads), Report())
+                trial.made.psnr_3d = self._samples.compare(texf, trial.made.face_field)
             self._add_seconds(report)
             trial.seconds += time.perf_counter() - begin
         return trial

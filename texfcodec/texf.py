@@ -1,68 +1,81 @@
 """The decoded asset: a mesh without UVs and the fields that colour it."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from .asset.scene import Material
+from .channels import ALPHA, COLUMNS, Channel, join_planes
+from .codecs.codec import Codec
 from .errors import InputError
 from .geometry.canonical import CanonicalCube
-from .support.grid import BrickMap, build_brick_map
-from .support.morton import decode_morton
-from .support.query import query_field
-
-
-@dataclass
-class GeometryUnit:
-    """lattice: int64 [V, 3]; faces: int64 [F, 3] into lattice."""
-
-    field: int
-    material: int
-    lattice: np.ndarray
-    faces: np.ndarray
+from .support.grid import BrickMap
+from .support.voxels import VoxelSupport
 
 
 @dataclass
 class Field:
-    """One voxel set with its attributes.
+    """Values on one voxel set. support: where they are; planes: uint8 [N, C] by channel name, colour sRGB-coded, alpha
+    straight."""
 
-    resolution: K of the full field; level_shift: octree levels that were left out (a voxel here is 2**level_shift of the full
-    ones a side); keys: int64 [N] ascending Morton keys; rgba: uint8 [N, 4], colour sRGB-coded, alpha straight.
-    """
-
-    resolution: int
-    level_shift: int
-    keys: np.ndarray
-    rgba: np.ndarray
-    _map: BrickMap | None = None
+    support: VoxelSupport
+    planes: dict[str, np.ndarray]
     _pyramid: object = None  # coarser levels, once render/levels.py was asked for them
 
     @property
-    def size(self):
-        """Voxels a side of the grid at hand."""
-        return -(-self.resolution >> self.level_shift)
+    def resolution(self) -> int:
+        """K of the full field."""
+        return self.support.resolution
 
     @property
-    def brick_map(self):
-        if self._map is None:
-            self._map = build_brick_map(self.keys)
-        return self._map
+    def level_shift(self) -> int:
+        """Octree levels that were left out: a voxel here is 2**level_shift of the full ones a side."""
+        return self.support.level_shift
+
+    @property
+    def keys(self) -> np.ndarray:
+        """int64 [N], ascending Morton keys."""
+        return self.support.keys
+
+    @property
+    def size(self) -> int:
+        """Voxels a side of the grid at hand."""
+        return self.support.size
+
+    @property
+    def brick_map(self) -> BrickMap:
+        """Finds the rank of a voxel."""
+        return self.support.brick_map
+
+    @cached_property
+    def rgba(self) -> np.ndarray:
+        """uint8 [N, 4]: the channels that a viewer shows; 255 where one is absent."""
+        return join_planes(self.planes, len(self.support))
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Texf:
     """What decode() returns. cube: the canonical cube; units, fields, materials: see their classes (materials keep alpha mode,
-    cutoff, sidedness; their colour is in the fields); metadata: dict that travelled along."""
+    cutoff, sidedness; their colour is in the fields); metadata: dict that travelled along; channels: those that were coded;
+    skipped: unknown ancillary units that were passed over; codec, evaluators: where points ask evaluators and not the voxels, the
+    codec that made them and one for each field (codecs.codec.JointCodec)."""
 
     cube: CanonicalCube
     units: list
-    fields: list
+    fields: list[Field]
     materials: list[Material]
     metadata: dict = field(default_factory=dict)
-    has_alpha: bool = False
+    channels: tuple[Channel, ...] = ()
     threads: int = 1
-    neural: list | None = None  # neural.payload.Tables by field: points then ask the network, not the voxels
+    codec: Codec | None = None
+    evaluators: list | None = None
     skipped: list = field(default_factory=list)
+
+    @property
+    def has_alpha(self) -> bool:
+        """Whether alpha was coded."""
+        return ALPHA in self.channels
 
     def _joined(self, pick, empty):
         parts = [pick(u) for u in self.units]
@@ -110,62 +123,59 @@ class Texf:
     def face_field(self):
         return self._joined(lambda u: np.full(len(u.faces), u.field), np.zeros(0, np.int64))
 
-    def query(self, points, face_index=None):
-        """Colour of the field at surface points (spec clause 8.2; of a 3DNTC payload clause 11, exact to the bit).
+    def query(self, points, face_index=None) -> np.ndarray:
+        """Colour of the field at surface points (spec clause 8.2; where an evaluator answers its own clause, exact to the bit).
 
         points: float64 [M, 3] world space; face_index: int64 [M] face that each point lies on, or None for the nearest face.
-        Returns float32 [M, 4]: RGBA in 0..255, colour sRGB-coded, straight alpha.
+        Returns float32 [M, 4]: RGBA in 0..255, colour sRGB-coded, straight alpha. Raises InputError.
         """
-        points = np.asarray(points, np.float64).reshape(-1, 3)
-        out = np.zeros((len(points), 4), np.float32)
+        points = _points(points)
         if len(points) == 0:
-            return out
-        if not np.isfinite(points).all():
-            raise InputError("TXF-I71", "query points are not finite", value=int((~np.isfinite(points).all(axis=1)).sum()))
+            return np.zeros((0, COLUMNS), np.float32)
         if not self.fields:
             raise InputError("TXF-I70", "an empty asset has no colour to ask for")
+        if face_index is not None:
+            face_index = _faces(face_index, len(points), len(self.faces))
         if len(self.fields) == 1:
             which = np.zeros(len(points), np.int64)
         else:
-            which = self.face_field[self.nearest_face(points) if face_index is None else np.asarray(face_index)]
+            which = self.face_field[self.nearest_face(points) if face_index is None else face_index]
         return self.query_by_field(points, which)
 
-    def query_by_field(self, points, which):
+    def query_by_field(self, points, which) -> np.ndarray:
         """As query(), each point asking the field whose number stands in which, int64 [M]."""
-        out = np.zeros((len(points), 4), np.float32)
-        for i, part in enumerate(self.fields):
+        out = np.zeros((len(points), COLUMNS), np.float32)
+        for i in range(len(self.fields)):
             chosen = slice(None) if len(self.fields) == 1 else np.flatnonzero(which == i)
-            if self.neural:
-                out[chosen] = self.query_network(i, points[chosen])
-            elif len(self.fields) == 1 or len(chosen):
-                grid = self.cube.to_grid(points[chosen], part.resolution) / (1 << part.level_shift)
-                out[chosen] = query_field(grid, part.size, part.keys, part.brick_map, part.rgba, self.threads)[0]
+            if len(self.fields) == 1 or len(chosen):
+                out[chosen] = self.query_field(i, points[chosen])
         return out
 
-    def query_network(self, number, points):
-        """What the 3DNTC payload answers for field `number`: float32 [M, 4] in 0..255. points: float64 [M, 3], world."""
-        from .codecs.neural.infer import POSITION_BITS, cube_positions, infer_rgba
-
-        low, high = self.origin - self.side, self.origin + 2 * self.side  # further out is on the border anyway
-        grid = self.cube.to_grid(np.clip(points, low, high), 1 << POSITION_BITS)
-        return infer_rgba(cube_positions(grid), self.neural[number], self.threads)
+    def query_field(self, number, points) -> np.ndarray:
+        """What field `number` answers at world points float64 [M, 3]: float32 [M, 4]."""
+        if self.evaluators:
+            return self.evaluators[number].query(self.cube, points, self.threads)
+        part = self.fields[number]
+        return part.support.query(self.cube, points, part.rgba, self.threads)
 
     def nearest_face(self, points):
         """Index of the face nearest to each world point, int64 [M]."""
         import trimesh
 
+        if not len(self.faces):
+            raise InputError("TXF-I70", "an empty asset has no face to ask for")
         mesh = trimesh.Trimesh((self.positions - self.origin) / (self.side or 1.0), self.faces, process=False)
         return trimesh.proximity.closest_point(mesh, (points - self.origin) / (self.side or 1.0))[2]
 
     def voxels(self):
         """All active voxels: {"xyz": int32 [N, 3], "field": int32 [N], "rgba": uint8 [N, 4], "center": float64 [N, 3] world}."""
-        xyz = [decode_morton(f.keys) for f in self.fields]
+        xyz = [f.support.xyz() for f in self.fields]
         center = [self._centers(f, v) for f, v in zip(self.fields, xyz, strict=True)]
         number = [np.full(len(v), i, np.int32) for i, v in enumerate(xyz)]
         return {
             "xyz": np.concatenate([np.zeros((0, 3), np.int32), *xyz]),
             "field": np.concatenate([np.zeros(0, np.int32), *number]),
-            "rgba": np.concatenate([np.zeros((0, 4), np.uint8), *(f.rgba for f in self.fields)]),
+            "rgba": np.concatenate([np.zeros((0, COLUMNS), np.uint8), *(f.rgba for f in self.fields)]),
             "center": np.concatenate([np.zeros((0, 3)), *center]),
         }
 
@@ -184,3 +194,37 @@ class Texf:
         from .asset.save.files import save
 
         return save(self, path, **options)
+
+    def __repr__(self):
+        voxels = sum(len(f.support) for f in self.fields)
+        return (f"<Texf: {len(self.faces)} faces, {len(self.fields)} field{'s' * (len(self.fields) != 1)}, {voxels} voxels at K "
+                f"{self.resolution}, {' + '.join(c.name for c in self.channels)}>")
+
+    def _repr_png_(self):
+        """A small picture for notebooks, PNG bytes; None for an empty asset."""
+        from .render.thumbnail import thumbnail
+
+        return thumbnail(self) if self.fields else None
+
+
+def _points(points):
+    try:
+        points = np.asarray(points, np.float64)
+        if points.size % 3 or (points.ndim != 1 and points.shape[-1] != 3):
+            raise ValueError(f"shape {list(points.shape)}")
+    except (TypeError, ValueError) as error:
+        raise InputError("TXF-I72", "query points are not numbers [M, 3]", reason=str(error)[:200]) from None
+    points = points.reshape(-1, 3)
+    if not np.isfinite(points).all():
+        raise InputError("TXF-I71", "query points are not finite", value=int((~np.isfinite(points).all(axis=1)).sum()))
+    return points
+
+
+def _faces(face_index, count, faces):
+    index = np.asarray(face_index)
+    if index.shape != (count,) or index.dtype.kind not in "iu":
+        raise InputError("TXF-I72", "face_index is not one whole number for each point", value=list(index.shape), allowed=[count])
+    if index.size and (index.min() < 0 or index.max() >= faces):
+        raise InputError("TXF-I72", "face_index names a face that is not there", value=[int(index.min()), int(index.max())],
+                         allowed=f"0..{faces - 1}")
+    return index.astype(np.int64)

@@ -18,21 +18,19 @@ def warm_up():
     """Encodes, measures, decodes, renders, bakes and saves a small mesh, so that every kernel is compiled and cached."""
     import tempfile
 
-    from .decoder import decode
-    from .encoder import encode_scene
+    from .api import decode, encode_loaded, measure
+    from .codecs import our_codecs
     from .options import EncodeOptions
-    from .quality.measure import measure
     from .quality.views import compare_views
     from .report import Report
 
-    scene, report = small_scene(), Report()
-    data, _ = encode_scene(scene, EncodeOptions(resolution=64, qp=20), report)
-    encode_scene(scene, EncodeOptions(resolution=16, max_error=0))
-    neural = EncodeOptions(codec="3dntc", resolution=16, resident_bytes=40_000, steps=2, transport=True, fit_engine="numba")
-    decode(encode_scene(scene, neural)[0])
-    texf = decode(data)
-    measure(scene, texf, 1000, face_field=report.facts.get("scene_face_field"))
-    compare_views(scene, texf, views=1, size=64, ssim=True)
+    scene = small_scene()
+    for codec in our_codecs():
+        for settings in codec.small:
+            made = encode_loaded(scene, EncodeOptions(codec=codec.name, **settings), Report())
+            measure(scene, made)
+            texf = decode(made.data)
+            compare_views(scene, texf, views=1, size=64, ssim=True)
     with tempfile.TemporaryDirectory() as folder:
         for atlas in ("fast", "quality"):
             texf.save(Path(folder) / "a.glb", texture_size=64, atlas=atlas)

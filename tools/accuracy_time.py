@@ -34,10 +34,9 @@ import numpy as np
 from collect import logarithmic, markdown_table, rate_of
 from rate_points import EXIT_INTERRUPTED, SAMPLE, code_of, warm_cache
 
+from texfcodec.api import decode, encode
 from texfcodec.asset.load.files import load
 from texfcodec.choose.prepare import TRANSFER_DENSITY
-from texfcodec.decoder import decode
-from texfcodec.encoder import encode
 from texfcodec.options import EFFORTS, RATES, REFINEMENTS, DecodeOptions, EncodeOptions, default_threads
 from texfcodec.quality.measure import SourceSamples
 from texfcodec.report import Report

@@ -26,15 +26,15 @@ from pathlib import Path
 
 import numpy as np
 
-from texfcodec.bitstream.syntax import CODECS
-from texfcodec.bitstream.values import coded_of, raht_values
-from texfcodec.bitstream.walk import write_structure
 from texfcodec.codecs.raht.choice import EFFORTS, choose_tools
 from texfcodec.codecs.raht.codec import dec_attributes, enc_attributes
-from texfcodec.codecs.raht.layout import octree_depth
+from texfcodec.codecs.raht.syntax import RAHT
 from texfcodec.codecs.raht.transform.colour import forward_colour, inverse_colour
+from texfcodec.codecs.raht.values import coded_of, raht_values
 from texfcodec.ground.colour_error import ColourError, json_ready, psnr_3d
+from texfcodec.ground.walk import write_structure
 from texfcodec.quality.bd_rate import bd_rate
+from texfcodec.support.layout import octree_depth
 from texfcodec.support.morton import encode_morton
 
 CHROMA_OFFSET = -1
@@ -109,7 +109,7 @@ def decode(keys, depth, fields, threads):
 def rate_point(cloud, qp, tools):
     """One point of the rate curve: {"qp", "bytes"} and the anchor's PSNR values."""
     fields, decoded, *_ = code(cloud, qp, tools, 2)
-    size = len(write_structure(CODECS[0], {**fields, "resolution": cloud.resolution, "NumComponents": 3}))
+    size = len(write_structure(RAHT, {**fields, "resolution": cloud.resolution, "NumComponents": 3}))
     weighted = ColourError()
     weighted.add(cloud.rgb, decoded, cloud.area)
     return {"qp": qp, "bytes": size, **psnr_3d(cloud.rgb, decoded), "psnr_y_area": weighted.result()["psnr_y"]}

@@ -1,10 +1,12 @@
-"""Writes the syntax tables of bitstream_spec.md from texfcodec/bitstream/syntax.py. With --check: exit 7 when they differ."""
+"""Writes the syntax tables of bitstream_spec.md from those of the package. With --check: exit 7 when they differ."""
 
 import re
 import sys
 from pathlib import Path
 
-from texfcodec.bitstream.syntax import STRUCTURES, Derived, Structure
+from texfcodec.bitstream.syntax import AFTER_CODECS, BEFORE_CODECS
+from texfcodec.codecs import our_codecs
+from texfcodec.ground.structure import Derived, Structure
 
 SPEC = Path(__file__).resolve().parent.parent / "bitstream_spec.md"
 
@@ -26,7 +28,7 @@ def table_of(structure):
 
 def with_tables(text):
     """The specification with every generated table renewed."""
-    for structure in STRUCTURES:
+    for structure in (*BEFORE_CODECS, *(s for codec in our_codecs() for s in codec.structures), *AFTER_CODECS):
         pattern = rf"(<!-- table: {structure.name} -->\n).*?(<!-- end -->)"
         text, found = re.subn(pattern, lambda m, s=structure: f"{m[1]}{table_of(s)}\n{m[2]}", text, flags=re.S)
         if found != 1:

@@ -80,7 +80,7 @@ def features(vector):
         "channel_groups": ["alpha" if group["group_semantic"] else "base colour" for group in header["channel_groups"]],
         "resolution": [f["resolution"] for f in fields], "voxels": [f["num_voxels"] for f in fields],
         "area_threshold": [f["area_threshold"] for f in fields],
-        **(neural_features(stream.neural) if stream.neural else {"qp": [a["qp"] for a in attributes],
+        **(neural_features(stream.joint) if stream.joint else {"qp": [a["qp"] for a in attributes],
                                                                  "slices": [a["NumSlices"] for a in attributes]}),
         "metadata": stream.metadata is not None, "skipped_units": len(stream.skipped),
     }

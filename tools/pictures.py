@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from texfcodec.api import decode
 from texfcodec.asset.load.files import load
-from texfcodec.decoder import decode
 from texfcodec.encoder import encode_scene
 from texfcodec.options import RATES, DecodeOptions, EncodeOptions, default_threads
 from texfcodec.quality.measure import SourceSamples
@@ -28,9 +28,10 @@ OVERSAMPLING, SAMPLES, QUALITY = 2, 300_000, 88
 def coded(scene, rate, samples, threads):
     """(Texf, caption) of one rate."""
     report = Report()
-    data, sizes = encode_scene(scene, EncodeOptions(rate=rate, threads=threads), report)
+    made = encode_scene(scene, EncodeOptions(rate=rate, threads=threads), report)
+    data, sizes = made.data, made.sizes
     texf = decode(data, DecodeOptions(threads=threads))
-    psnr = samples.compare(texf, report.facts["scene_face_field"])["y"]
+    psnr = samples.compare(texf, made.face_field)["y"]
     return texf, f"{rate}: {sizes['total'] - sizes['geometry']:,} B, {psnr:.1f} dB"
 
 

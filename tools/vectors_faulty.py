@@ -35,7 +35,7 @@ from texfcodec.bitstream.syntax import (
     UNIT_NAMES,
 )
 from texfcodec.bitstream.units import write_unit
-from texfcodec.bitstream.walk import write_v
+from texfcodec.ground.walk import write_v
 
 STRANGER = 200  # an ancillary unit that nobody knows
 H, M, F, G, A, E = UNIT_HEADER, UNIT_MATERIALS, UNIT_FIELD, UNIT_GEOMETRY, UNIT_ATTRIBUTE, UNIT_END

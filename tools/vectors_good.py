@@ -11,18 +11,18 @@ from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, Material, Scene, Text
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.bitstream.syntax import SIGNATURE, UNIT_END, UNIT_METADATA
 from texfcodec.bitstream.units import read_units, write_unit
-from texfcodec.bitstream.values import coded_of, raht_values
 from texfcodec.codecs.raht import codec
 from texfcodec.codecs.raht.coefficients.residual import ResidualPlan
-from texfcodec.codecs.raht.layout import octree_depth
 from texfcodec.codecs.raht.transform.colour import (
-    TRANSFORM_BT709,
     forward_colour,
     forward_plain,
     inverse_colour,
     inverse_plain,
 )
+from texfcodec.codecs.raht.unit import TRANSFORM_BT709
+from texfcodec.codecs.raht.values import coded_of, raht_values
 from texfcodec.encoder import encode_scene
+from texfcodec.support.layout import octree_depth
 from texfcodec.support.voxelise import voxelise
 
 KERNEL = (64, 24, 1, 0, 32, 8, 0)
@@ -102,7 +102,7 @@ def two_sheets():
 def encoded(scene, **choices):
     """The scene's stream. choices: EncodeOptions."""
     options = EncodeOptions(**({"threads": 1, "partition": "off", "effort": "fast", "refine": "off"} | choices))
-    return encode_scene(scene, options)[0]
+    return encode_scene(scene, options).data
 
 
 def parsed(data):

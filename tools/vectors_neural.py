@@ -25,11 +25,13 @@ from vectors_good import (
 
 from texfcodec import decode
 from texfcodec.asset.scene import ALPHA_BLEND, Material
-from texfcodec.bitstream.syntax import CODEC_3DNTC, FORM_RESIDENT, FORM_TRANSPORT, UNIT_ATTRIBUTE
+from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE
 from texfcodec.codecs.neural.infer import voxel_values
 from texfcodec.codecs.neural.payload import Level, Payload, Tables, join_parameters, payload_values, split_parameters
+from texfcodec.codecs.neural.syntax import FORM_RESIDENT, FORM_TRANSPORT
 from texfcodec.codecs.neural.transport import dec_transport
-from texfcodec.decoder import field_surface
+from texfcodec.codecs.neural.unit import Neural
+from texfcodec.geometry.unit import field_surface
 from texfcodec.support.morton import decode_morton
 from texfcodec.support.voxelise import voxelise
 
@@ -124,7 +126,7 @@ def neural(data, seed, levels, features=8, hidden=(12, 8), waves=(2, 8), form=FO
         payload.codes = random.choice(np.array(range(-8, 8) if codes is None else codes, np.int8), (payload.rows, features))
     else:
         payload.codes = dec_transport(latent_data, payload.rows, features)
-    unit = {"field_index": 0, "group_index": 0, "codec_id": CODEC_3DNTC, "values_crc": crc_of(payload, stream, texf, keys),
+    unit = {"field_index": 0, "group_index": 0, "codec_id": Neural.id, "values_crc": crc_of(payload, stream, texf, keys),
             **payload_values(payload, form)}
     stream.attributes = [unit | ({} if latent_data is None else {"latent_data": latent_data})]
     return written(stream)

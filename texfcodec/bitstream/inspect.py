@@ -1,21 +1,13 @@
 """A stream described by the names of its syntax elements, without decoding it and without numba."""
 
+from ..channels import BY_SEMANTIC
+from ..codecs import codec_of_unit
 from ..limits import Limits
 from .stream import read_stream
-from .syntax import (
-    CODEC_3DNTC,
-    FORM_TRANSPORT,
-    SEMANTIC_ALPHA,
-    SEMANTIC_BASE_COLOUR,
-    SIGNATURE,
-    UNIT_ATTRIBUTE,
-    UNIT_END,
-    UNIT_GEOMETRY,
-    UNIT_NAMES,
-)
+from .syntax import SIGNATURE, UNIT_ATTRIBUTE, UNIT_END, UNIT_GEOMETRY, UNIT_NAMES
 
 SCHEMA = 1
-_SEMANTICS = {SEMANTIC_BASE_COLOUR: "base_colour", SEMANTIC_ALPHA: "alpha"}
+NOT_TOLD = {"qp": None, "codeword_bytes": [], "slice_level": None, "level_bytes": None}
 _KINDS = {UNIT_GEOMETRY: "geometry", UNIT_ATTRIBUTE: "attributes"}
 
 
@@ -68,39 +60,14 @@ def _skipped_unit(data, skipped):
 
 
 def _groups(stream, unit_bytes):
-    """One entry per attribute unit; level_bytes is None where the unit has no level index."""
+    """One entry per attribute unit, with what its codec says of it; None for what only other codecs have."""
     out = []
     for values, size in zip(stream.attributes, unit_bytes, strict=True):
-        group = stream.header["channel_groups"][values["group_index"]]
-        out.append({
-            "field_index": values["field_index"], "group_index": values["group_index"],
-            "semantic": _SEMANTICS.get(group["group_semantic"], str(group["group_semantic"])),
-            "components": group["group_components"], "codec_id": values["codec_id"], "qp": values.get("qp"),
-            "bytes": size, "codeword_bytes": [c["codeword_length"] for c in values.get("codewords", [])],
-            "slice_level": values.get("slice_level"), "level_bytes": _level_bytes(values),
-        })
-        if values["codec_id"] == CODEC_3DNTC:
-            out[-1] |= {"semantic": "all fields and groups", "components": values["NumOutputs"], "neural": _neural(values)}
+        group, codec = stream.header["channel_groups"][values["group_index"]], codec_of_unit(values)
+        entry = {"field_index": values["field_index"], "group_index": values["group_index"],
+                 "semantic": BY_SEMANTIC[group["group_semantic"]].name, "components": group["group_components"],
+                 "codec_id": values["codec_id"], "codec": codec.name, "bytes": size, **NOT_TOLD}
+        if codec.joint:
+            entry |= {"semantic": "all fields and groups", "components": values["NumOutputs"]}
+        out.append(entry | codec.describe(values))
     return out
-
-
-def _neural(values):
-    """What a 3DNTC unit holds: its form and the bytes of its resident form, without the index that the geometry gives."""
-    rows = [level["NumRows"] for level in values["latent_levels"]]
-    return {"form": "transport" if values["form"] == FORM_TRANSPORT else "resident", "features": values["num_features"],
-            "levels": [{"resolution": one["level_resolution"], "table_log2": one["table_log2"], "rows": n}
-                       for one, n in zip(values["latent_levels"], rows, strict=True)],
-            "widths": values["Widths"], "latent_bytes": sum(rows) * values["num_features"] // 2,
-            "network_bytes": values["ParameterBytes"]}
-
-
-def _level_bytes(values):
-    """Bytes by octree level over all codewords: with slices, the first codeword is the trunk above slice_level."""
-    if not values.get("level_index"):
-        return None
-    total = [0] * values["Depth"]
-    for i, codeword in enumerate(values["codewords"]):
-        first = values["slice_level"] if i else 0
-        for level, count in enumerate(codeword["level_bytes"]):
-            total[first + level] += count
-    return total

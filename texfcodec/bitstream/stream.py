@@ -2,13 +2,12 @@
 
 from dataclasses import dataclass, field
 
+from ..channels import BY_SEMANTIC
+from ..codecs import codec_of_unit
 from ..errors import LimitError, StreamError, SupportError
+from ..ground.walk import Reader, read_structure, write_structure
 from .syntax import (
     ATTRIBUTE,
-    CODEC_3DNTC,
-    CODECS,
-    COMPONENTS,
-    FORM_RESIDENT,
     SIGNATURE,
     UNIT_ATTRIBUTE,
     UNIT_END,
@@ -21,7 +20,6 @@ from .syntax import (
     VERSION,
 )
 from .units import read_units, write_unit
-from .walk import Reader, read_structure, write_structure
 
 
 @dataclass
@@ -38,9 +36,9 @@ class Stream:
     skipped: list = field(default_factory=list)
 
     @property
-    def neural(self):
-        """Values of the attribute unit that holds all fields together (5.7.4), None where there is none."""
-        return next((a for a in self.attributes if a["codec_id"] == CODEC_3DNTC), None)
+    def joint(self):
+        """Values of the attribute unit that holds all fields and channel groups together (5.7), None where there is none."""
+        return next((a for a in self.attributes if codec_of_unit(a).joint), None)
 
 
 def write_stream(stream):
@@ -61,7 +59,7 @@ def write_stream(stream):
         put(UNIT_GEOMETRY, write_structure(UNITS[UNIT_GEOMETRY], values), "geometry")
     for values in stream.attributes:
         values = {**values, **attribute_variables(stream, values)}
-        payload = write_structure(ATTRIBUTE, values) + write_structure(CODECS[values["codec_id"]], values)
+        payload = write_structure(ATTRIBUTE, values) + write_structure(codec_of_unit(values).parameters, values)
         put(UNIT_ATTRIBUTE, payload, "attributes")
     if stream.metadata is not None:
         put(UNIT_METADATA, write_structure(UNITS[UNIT_METADATA], {"metadata_format": 0, "metadata_json": stream.metadata}))
@@ -88,49 +86,11 @@ def attribute_variables(stream, values):
 def _read_attribute(reader, stream, trace):
     values = read_structure(ATTRIBUTE, reader, {}, trace)
     values.update(attribute_variables(stream, values))
-    codec = CODECS.get(values["codec_id"])
-    if codec is None:
-        raise SupportError("TXF-U02", "unknown attribute codec", clause="5.7", value=values["codec_id"], allowed=list(CODECS))
+    codec = codec_of_unit(values)
     values["offset"] = reader.base + reader.position
-    if values["codec_id"] == CODEC_3DNTC:
-        return read_neural(reader, values, trace)
-    read_structure(codec, reader, values, trace)
-    _check_raht(values)
-    values["data_offset"] = reader.position - len(values["codeword_data"])
+    read_structure(codec.parameters, reader, values, trace)
+    codec.check(values)
     return values
-
-
-def read_neural(reader, values, trace=None):
-    """Reads neural_parameters (spec 5.7.4) into values, which hold num_fields, NumOutputs and offset, and checks the relations
-    between elements that a range cannot say. Returns values."""
-    read_structure(CODECS[CODEC_3DNTC], reader, values, trace)
-    if values["num_features"] % 2:
-        raise StreamError("TXF-S04", "num_features is odd", clause="5.7.4", offset=values["offset"],
-                          value=values["num_features"], allowed="even")
-    length = sum(level["NumRows"] for level in values["latent_levels"]) * values["num_features"] // 2
-    if values["form"] == FORM_RESIDENT and len(values["latent_data"]) != length:
-        raise StreamError("TXF-S10", "the latents do not fill the payload", clause="5.7.4", offset=values["offset"],
-                          value=len(values["latent_data"]), allowed=length)
-    return values
-
-
-def _check_raht(values):
-    """Relations between elements that a range cannot say (spec 5.7.1, 5.7.2)."""
-    if any(f["filter_mask"] >> 5 * values["NumComponents"] for f in values["filters"]):
-        raise StreamError("TXF-S04", "filter_mask is out of range", clause="5.7.3", offset=values["offset"],
-                          allowed=f"< 2**{5 * values['NumComponents']}")
-    if values["kernel"][0] == 0:
-        raise StreamError("TXF-S04", "kernel[0] is out of range", clause="5.7.1", offset=values["offset"], allowed="1..255")
-    depth, level = values["Depth"], values["slice_level"]
-    if values["residual"] and depth == 0:
-        raise StreamError("TXF-S04", "residual is out of range", clause="5.7.1", offset=values["offset"],
-                          value=values["residual"], allowed=0)
-    if level and level >= depth:
-        raise StreamError("TXF-S04", "slice_level is out of range", clause="5.7.1", value=level, allowed=f"0..{depth - 1}")
-    total = sum(c["codeword_length"] for c in values["codewords"])
-    if total != len(values["codeword_data"]):
-        raise StreamError("TXF-S10", "the codeword lengths do not add up to the data", clause="5.7.2", value=total,
-                          allowed=len(values["codeword_data"]))
 
 
 def _check_materials_fit(count, reader):
@@ -199,9 +159,10 @@ def _check_groups(groups):
     if len(set(semantics)) != len(semantics):
         raise StreamError("TXF-S04", "two channel groups have the same group_semantic", clause="5.3.1", value=semantics)
     for group in groups:
-        if group["group_components"] != COMPONENTS[group["group_semantic"]]:
+        components = BY_SEMANTIC[group["group_semantic"]].components
+        if group["group_components"] != components:
             raise SupportError("TXF-U03", "a channel group with this number of components", clause="5.3.1",
-                               value=group["group_components"], allowed=COMPONENTS[group["group_semantic"]])
+                               value=group["group_components"], allowed=components)
 
 
 def _check_limits(header, limits):
@@ -227,7 +188,7 @@ def _check_counts(stream):
     pairs = [(a["field_index"], a["group_index"]) for a in stream.attributes]
     groups = range(header["num_channel_groups"])
     expected = [(f, g) for f in range(len(stream.fields)) for g in groups]
-    if stream.neural:
+    if stream.joint:
         expected = expected[:1]
     _expect("the order of attribute units", pairs, expected, "5.7")
     for unit in stream.geometry:

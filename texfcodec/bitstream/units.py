@@ -5,8 +5,8 @@ import zlib
 from dataclasses import dataclass
 
 from ..errors import LimitError, StreamError, SupportError
+from ..ground.walk import Reader, write_v
 from .syntax import ANCILLARY, SIGNATURE, UNIT_END, UNIT_HEADER, UNIT_MATERIALS, UNIT_METADATA, UNIT_NAMES, UNITS
-from .walk import Reader, write_v
 
 ONE_AT_MOST = (UNIT_HEADER, UNIT_MATERIALS, UNIT_METADATA)
 

@@ -67,7 +67,7 @@ class _Trials:
     def _gain(self, base, candidate, resolution):
         """Gain in dB, at the coded quality, of a candidate over base, and what the report says of it."""
         bound = self.options.max_error
-        floor = coding_mse(self.options.qp) if bound is None else bounded_mse(bound)
+        floor = coding_mse(self.options.reckoned_qp) if bound is None else bounded_mse(bound)
         before, after = self._mse(base, resolution), self._mse(candidate, resolution)
         gain = decibels(after + floor) - decibels(before + floor)
         told = {"psnr_y_before": decibels(before), "psnr_y_after": decibels(after)}
@@ -83,14 +83,13 @@ class _Trials:
 
 
 def choose_fields(scene, surface, options, report):
-    """Field number of every face, int64 [F]. Tries components, then also cut where they fold; takes what pays, and says why."""
+    """Field number of every face, int64 [F], and what the report says of it. Tries components, then also cut where they fold;
+    takes what pays."""
     best = np.zeros(len(surface.faces), np.int64)
     if options.partition == "off" or len(surface.faces) < 2:
-        report.facts["partition"] = {"fields": 1, "reason": "switched off" if len(surface.faces) > 1 else "one face"}
-        return best
+        return best, {"fields": 1, "reason": "switched off" if len(surface.faces) > 1 else "one face"}
     if not face_areas(surface.lattice, surface.faces).any():
-        report.facts["partition"] = {"fields": 1, "reason": "the surface has no area"}
-        return best
+        return best, {"fields": 1, "reason": "the surface has no area"}
     contacts = find_contacts(surface.lattice, surface.faces, surface.cube.position_bits, options.resolution)
     folding = folding_components(contacts)
     trials, told, reason = _Trials(scene, surface, options), [], "no surfaces meet in a voxel"
@@ -104,5 +103,4 @@ def choose_fields(scene, surface, options, report):
             best, reason = candidate, "surfaces meet in voxels"
         elif best.max() == 0:
             reason = "surfaces meet, but splitting them would not show"
-    report.facts["partition"] = {"fields": int(best.max()) + 1, "reason": reason, "trials": told}
-    return best
+    return best, {"fields": int(best.max()) + 1, "reason": reason, "trials": told}

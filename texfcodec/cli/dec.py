@@ -41,6 +41,7 @@ def dec(console, source, out, appearance, texture_size, atlas, as_json, quiet, *
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 over a limit, 130
     interrupted.
     """
+    from ..api import decode
     from ..asset.save.files import SUFFIXES, save
     from ..warmup import kernels_compiled
     from .console import check_output
@@ -54,7 +55,7 @@ def dec(console, source, out, appearance, texture_size, atlas, as_json, quiet, *
     if not kernels_compiled():
         console.note("first run: compiling kernels, about 30 s, once")
     with console.progress() as report:
-        texf = _decode(data, options, report)
+        texf = decode(data, options, report)
         with report.stage("save"):
             saved = save(texf, out, appearance=appearance, texture_size=texture_size, atlas=atlas)
     report.warnings += saved["warnings"]
@@ -64,20 +65,10 @@ def dec(console, source, out, appearance, texture_size, atlas, as_json, quiet, *
     console.result(facts, _lines(facts, out))
 
 
-def _decode(data, options, report):
-    if options.isolate:
-        from ..isolate import decode_isolated
-
-        return decode_isolated(data, options, report)
-    from ..decoder import decode
-
-    return decode(data, options, report)
-
-
 def _facts(data, texf, report, files):
     from ..report import peak_memory_bytes
 
-    peaks = [p for p in (peak_memory_bytes(), report.facts.get("child_peak_memory_bytes")) if p]
+    peaks = [p for p in (peak_memory_bytes(), report.child_peak_memory_bytes) if p]
     return {"bytes": {"total": len(data)}, "resolution": texf.resolution, "voxels": sum(len(f.keys) for f in texf.fields),
             "faces": len(texf.faces), "vertices": len(texf.lattice_positions), "fields": len(texf.fields), "files": files,
             "seconds": seconds_of(report), "peak_memory_bytes": max(peaks, default=None), "warnings": report.warnings}

@@ -3,9 +3,9 @@
 import click
 
 from .. import __version__
+from ..codecs import codec_names, codec_of
 from ..errors import InputError
 from ..options import (
-    CODECS,
     DEFAULT_POINT,
     DEFAULT_RATE,
     DEFAULT_STEPS,
@@ -56,7 +56,7 @@ def _warm_up(context, parameter, value):
 @click.option("--refine", type=click.Choice(REFINEMENTS), help="Colours closer to the source before coding: surface fit, or "
               "inverse rendering on top of it (a minute).  [default: auto, a fit where it shows; never with --effort fast]  "
               "3dntc: render refines the fit on pictures (a minute); not in auto.")
-@click.option("--codec", type=click.Choice(CODECS), help="raht for the smallest file; 3dntc for latents and a "
+@click.option("--codec", type=click.Choice(codec_names()), help="raht for the smallest file; 3dntc for latents and a "
               "network that a renderer keeps and asks at any point, fitted by training.  [default: raht]")
 @click.option("--point", type=click.Choice(list(POINTS)), metavar="POINT", help="3dntc: one of the paper's sizes, "
               f"mpeg1..mpeg6 or aom1..aom5.  [default: {DEFAULT_POINT}]")
@@ -162,38 +162,16 @@ def _refuse_losses(options, report):
 
 def _encode(scene, options, report, out):
     """Encodes, measures where asked, writes; returns what the stream is like."""
-    if options.target_bytes is not None or options.target_psnr is not None:
-        from ..search import encode_to_target
+    from ..api import encode_loaded
 
-        data = encode_to_target(scene, options, report)
-    else:
-        from ..encoder import encode_scene
-
-        data, report.facts["bytes"] = encode_scene(scene, options, report)
-    if options.measure and "psnr_3d" not in report.facts:
-        _measure(scene, data, options, report)
+    made = encode_loaded(scene, options, report)
     _refuse_losses(options, report)
-    write_output(out, data)
-    made = report.facts
-    psnr = made.get("psnr_3d")
-    facts = {"bytes": made["bytes"], "resolution": made.get("resolution", options.resolution), "qp": made.get("qp", options.qp),
-             "max_error": options.max_error, "voxels": made["voxels"], "faces": made["faces"], "vertices": made["vertices"],
-             "fields": made["fields"], "refinement": made["refinement"], "codec": options.codec,
-             "texels_per_voxel_edge": round(made.get("texels_per_voxel_edge", 0), 3),
-             "psnr_3d": psnr and {name: psnr[name] for name in ("y", "yuv611", "rgb")},
-             "psnr_samples": psnr and psnr["samples"]}
-    return facts | {name: made[name] for name in ("search", "resident", "fit") if name in made}
-
-
-def _measure(scene, data, options, report):
-    from ..decoder import decode
-    from ..options import DecodeOptions
-    from ..quality.measure import measure
-
-    with report.stage("measure"):
-        texf = decode(data, DecodeOptions(threads=options.threads))
-        report.facts["psnr_3d"] = measure(scene, texf, threads=options.threads,
-                                          face_field=report.facts.get("scene_face_field"))
+    write_output(out, made.data)
+    psnr = made.psnr_3d
+    facts = {"bytes": made.sizes, "resolution": made.resolution, "qp": made.qp, "max_error": options.max_error, **made.counts,
+             "codec": options.codec, "texels_per_voxel_edge": round(made.texels_per_voxel_edge, 3),
+             "psnr_3d": psnr and {name: psnr[name] for name in ("y", "yuv611", "rgb")}, "psnr_samples": psnr and psnr["samples"]}
+    return facts | {name: told for name, told in made.choices.items() if name != "partition"}
 
 
 def _estimate(scene, options, report):
@@ -217,8 +195,11 @@ def _run_facts(report):
 def _lines(facts, out):
     sizes, voxels = facts["bytes"], max(facts["voxels"], 1)
     yield f"{out}: {sizes['total']} bytes; geometry {sizes['geometry']}, attributes {sizes['attributes']}, other {sizes['other']}"
-    if facts["codec"] == "3dntc":
-        yield from _neural_lines(facts)
+    codec = codec_of(facts["codec"])
+    if codec.joint:
+        yield from codec.result_lines(facts)
+        yield from _psnr_lines(facts)
+        yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
         return
     fields = f"{facts['fields']} field" + ("s" if facts["fields"] != 1 else "")
     bound = "lossless" if facts["max_error"] == 0 else f"error at most {facts['max_error']}"
@@ -239,24 +220,6 @@ def _psnr_lines(facts):
     if facts["psnr_3d"]:
         shown = {name: "lossless" if value is None else f"{value:.2f}" for name, value in facts["psnr_3d"].items()}
         yield f"3D-PSNR: Y {shown['y']}, YUV 6:1:1 {shown['yuv611']}, RGB {shown['rgb']} dB"
-
-
-def _neural_lines(facts):
-    kept, fit = facts["resident"], facts["fit"]
-    grids = ", ".join(f"{one['rows']} rows of a grid of {one['resolution']}" for one in fit["levels"])
-    yield (f"resident {kept['total']} bytes: latents {kept['latents']} ({grids}), network {kept['network']}, "
-           f"index {kept['index']}; {facts['fields']} field" + ("s" if facts["fields"] != 1 else ""))
-    early = "" if fit["steps"] == fit["asked_steps"] else f" of {fit['asked_steps']}, then nothing improved"
-    yield f"fit: {fit['steps']} steps{early}, {fit['seconds']:.0f} s, RGB {fit['psnr_rgb']:.2f} dB at points it has not seen"
-    told = facts["refinement"]
-    if told["kind"] == "render":
-        psnr = {row["iteration"]: row["held_out_psnr"] for row in told["iterations"]}
-        shown = ["exact" if psnr[n] is None else f"{psnr[n]:.2f} dB" for n in (0, told["kept_iteration"])]
-        yield f"refined on pictures: {shown[0]} to {shown[1]} in views it has not seen; {told['psnr_rgb']:.2f} dB at the points"
-    elif told["asked"] == "render":
-        yield f"not refined on pictures: {told['reason']}"
-    yield from _psnr_lines(facts)
-    yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
 
 
 def _refinement_lines(told):

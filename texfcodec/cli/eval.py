@@ -72,7 +72,7 @@ def _load(path, report):
 
 
 def _decode(path, options, report):
-    from ..decoder import decode
+    from ..api import decode
 
     return decode(read_stream_file(path, options.limits), options, report)
 

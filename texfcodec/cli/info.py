@@ -5,6 +5,7 @@ import json
 import click
 
 from .. import __version__
+from ..codecs import codec_of
 from ..limits import Limits
 from .console import STYLE, read_stream_file, run
 
@@ -25,7 +26,7 @@ def info(console, file, as_json, verify):
     data = read_stream_file(file, Limits())
     facts = inspect(data)
     if verify:
-        from ..decoder import decode
+        from ..api import decode
 
         decode(data)
         facts["verified"] = True
@@ -41,13 +42,7 @@ def _lines(file, facts):
     for field in facts["fields"]:
         yield f"field {field['field_index']}: K {field['resolution']}, {field['num_voxels']} voxels"
     for group in facts["groups"]:
-        if "neural" in group:
-            yield _neural_line(group)
-            continue
-        yield (f"field {group['field_index']}, group {group['group_index']} ({group['semantic']}): {group['bytes']} bytes, "
-               f"qp {group['qp']}, {len(group['codeword_bytes'])} codewords")
-        if group["level_bytes"] is not None:
-            yield "  bytes by level, coarse to fine: " + " ".join(map(str, group["level_bytes"]))
+        yield from codec_of(group["codec"]).info_lines(group)
     yield f"{'offset':>10} {'size':>9}  element"
     for unit in facts["units"]:
         yield f"{unit['offset']:>10} {unit['size']:>9}  {unit['name']}"
@@ -55,15 +50,6 @@ def _lines(file, facts):
             yield f"{element['offset']:>10} {element['size']:>9}    {element['name']} = {json.dumps(element['value'])}"
     if facts.get("verified"):
         yield "verified: OK"
-
-
-def _neural_line(group):
-    made = group["neural"]
-    levels = ", ".join(f"{one['rows']} rows at {one['resolution']}" + (" (hashed)" if one["table_log2"] else "")
-                       for one in made["levels"])
-    return (f"3DNTC, all fields: {group['bytes']} bytes, {made['form']} form; {levels} of {made['features']} latents; network "
-            + "-".join(map(str, made["widths"]))
-            + f"; on a GPU {made['latent_bytes'] + made['network_bytes']} bytes and an index")
 
 
 def main(arguments=None):

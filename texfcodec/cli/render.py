@@ -116,7 +116,7 @@ def _load(path, threads, report):
         report.warnings += scene.warnings
         report.dropped += scene.dropped
         return scene
-    from ..decoder import decode
+    from ..api import decode
     from ..options import DecodeOptions
 
     data = read_stream_file(path, Limits())

@@ -1,0 +1,72 @@
+"""The registry of codecs. Whoever needs one asks here, by the name that users type or by the id that a stream holds.
+
+A package of somebody else registers a codec as an entry point of the group texfcodec.codecs: its name is the codec's, its value a
+class derived from codec.PlaneCodec or codec.JointCodec with an id of PRIVATE_IDS.
+"""
+
+from functools import lru_cache
+from importlib import import_module
+from importlib.metadata import entry_points
+
+from ..errors import SupportError
+from .codec import PRIVATE_IDS, Codec
+
+GROUP = "texfcodec.codecs"
+OURS = {"raht": (0, "raht.unit", "Raht"), "3dntc": (1, "neural.unit", "Neural")}  # name: id, module, class
+
+
+@lru_cache(maxsize=64)
+def _ours(name: str) -> Codec:
+    _, module, kind = OURS[name]
+    return getattr(import_module(f".{module}", __name__), kind)()
+
+
+@lru_cache(maxsize=1)
+def _guests() -> dict:
+    """Codecs of other packages by name, as they were registered: nothing of them is loaded yet."""
+    return {point.name: point for point in entry_points(group=GROUP)}
+
+
+@lru_cache(maxsize=64)
+def _guest(name: str) -> Codec:
+    from .guest import welcome
+
+    return welcome(_guests()[name], [(other, id) for other, (id, *_) in OURS.items()])
+
+
+def our_codecs() -> list[Codec]:
+    """The codecs of the specification, by id."""
+    return [_ours(name) for name in OURS]
+
+
+def codec_names() -> list[str]:
+    """What --codec takes: the codecs of the specification that a user may choose, then those of plug-ins."""
+    return [codec.name for codec in our_codecs() if codec.chosen] + [name for name in sorted(_guests()) if name not in OURS]
+
+
+def codec_of(name: str) -> Codec:
+    """The codec of this name. Raises SupportError for an unknown one and for a plug-in that cannot be used."""
+    if name in OURS:
+        return _ours(name)
+    if name in _guests():
+        return _guest(name)
+    raise SupportError("TXF-U06", "no codec of this name is installed", value=name, allowed=", ".join(codec_names()))
+
+
+def codec_of_unit(values: dict) -> Codec:
+    """The codec of an attribute unit's values (5.7): by id, or by name and id where the id is private. Raises SupportError."""
+    number, name = values["codec_id"], values.get("codec_name")
+    if number not in PRIVATE_IDS:
+        for ours, (id, *_) in OURS.items():
+            if id == number:
+                return _ours(ours)
+        raise SupportError("TXF-U02", "unknown attribute codec", clause="5.7", value=number,
+                           allowed=[id for id, *_ in OURS.values()])
+    if name not in _guests():
+        raise SupportError("TXF-U07", f"the stream needs the codec {name!r}, which is not installed here", clause="5.7",
+                           value=number)
+    codec = _guest(name)
+    if codec.id != number:
+        raise SupportError("TXF-U07", f"the stream needs another codec {name!r} than the one that is installed", clause="5.7",
+                           value=number, allowed=codec.id)
+    return codec

@@ -5,8 +5,8 @@ Draco has no limits of its own, so its header is checked against ours before it 
 
 import numpy as np
 
-from ..bitstream.walk import Reader
 from ..errors import InputError, StreamError
+from ..ground.walk import Reader
 
 COMPRESSION_LEVEL = 10
 _HEADER = b"DRACO\x02\x02\x01\x01\x00\x00"  # magic, version 2.2, mesh, edgebreaker, no flags

@@ -23,11 +23,11 @@ from ..asset.sample import pack_source, sample_source
 from ..asset.scene import ALPHA_OPAQUE
 from ..errors import InputError
 from ..ground.colour_error import ColourError, decibels, json_ready, sample_surface
+from ..ground.ssim import ssim as mean_ssim
 from ..render.camera import bounding_sphere, fibonacci_direction, orthographic
 from ..render.shade import render_scene, render_texf
 from ..texf import Texf
 from .measure import SourceSamples
-from .ssim import ssim as mean_ssim
 
 VIEWS, SIZE = 16, 2048
 NEAREST_SAMPLES = 100_000  # points of 3D-PSNR where each has to look for its nearest face

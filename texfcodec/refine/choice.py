@@ -3,37 +3,36 @@
 import numpy as np
 
 from ..asset.sample import pack_source
+from ..channels import BASE_COLOUR
 from ..choose.trial import coding_mse
 from ..ground.colour_error import decibels
-from ..support.grid import build_brick_map
 from .surface_fit import HELD_OUT, HELD_OUT_SEED, FieldSurface, fit_surface
 
+COLOUR = BASE_COLOUR.name  # what a fit moves
 PROBE = 1 << 14  # surface points that tell how far the transfer is from the source
 LEFT_BY_FIT = 0.6  # share of the transfer's squared error that the fit leaves; 0.39 to 0.85 on seven assets at K 512 and 1024
 LEAST_GAIN = 0.03  # dB at the coded quality; what promised less gained nothing after coding (QP 46 to 58, two assets)
 MOST_VOXELS = 10_000_000  # "auto" leaves larger fields alone: a fit takes about 150 bytes a voxel
 
 
-def refine_fields(scene, surface, face_field, fields, options, report):
-    """Refines the colours of the SourceFields in place, as options.refine asks, and fills report.facts["refinement"].
+def refine_fields(source, fields, options, report):
+    """Refines the colours of the SourceFields in place, as options.refine asks; returns what the report says of it.
 
-    surface: encoder's Surface; face_field: int64 [F]; fields: SourceFields by number. Each field keeps its transfer where its
-    refined colours are not closer to the source at points that the fit has not seen.
+    source: codecs.codec.Source; fields: by number. Each field keeps its transfer where its refined colours are not closer to the
+    source at points that the fit has not seen.
     """
     reason = _reason_against(fields, options)
-    facts = report.facts["refinement"] = {"asked": options.refine, "kind": "off", "reason": reason or "asked for"}
+    facts = {"asked": options.refine, "kind": "off", "reason": reason or "asked for"}
     if reason:
-        return
-    surfaces = [_field_surface(scene, surface, face_field == i, field, options) for i, field in enumerate(fields)]
+        return facts
+    surfaces = [_field_surface(source, i, field, options) for i, field in enumerate(fields)]
     if options.refine == "auto":
         facts["predicted_gain_db"] = round(_predicted_gain(surfaces, fields, options), 3)
         if facts["predicted_gain_db"] < LEAST_GAIN:
-            facts["reason"] = "coding hides what a fit would gain"
-            return
+            return facts | {"reason": "coding hides what a fit would gain"}
         facts["reason"] = "the transfer is further off than coding hides"
     facts |= {"kind": "fit", "fields": [_fit(s, f, options, report) for s, f in zip(surfaces, fields, strict=True)]}
-    if options.refine == "render":
-        facts |= _render(surfaces, fields, options, report)
+    return facts | (_render(surfaces, fields, options, report) if options.refine == "render" else {})
 
 
 def _reason_against(fields, options):
@@ -50,9 +49,10 @@ def _reason_against(fields, options):
     return ""
 
 
-def _field_surface(scene, surface, mine, field, options):
-    return FieldSurface(surface.lattice, surface.faces[mine], pack_source(scene, surface.origin_face[mine]),
-                        surface.cube.position_bits, options.resolution, field.keys, build_brick_map(field.keys))
+def _field_surface(source, number, field, options):
+    surface, mine = source.surface, source.face_field == number
+    return FieldSurface(surface.lattice, surface.faces[mine], pack_source(source.scene, surface.origin_face[mine]),
+                        surface.cube.position_bits, options.resolution, field.keys, field.support.brick_map)
 
 
 def _predicted_gain(surfaces, fields, options):
@@ -60,7 +60,7 @@ def _predicted_gain(surfaces, fields, options):
     error, voxels = 0.0, sum(len(f.keys) for f in fields)
     for surface, field in zip(surfaces, fields, strict=True):
         points = surface.sample(PROBE, HELD_OUT_SEED, options.threads)
-        error += surface.error(field.colour, *points, options.threads)["y"] * len(field.keys) / voxels
+        error += surface.error(field.planes[COLOUR], *points, options.threads)["y"] * len(field.keys) / voxels
     floor = coding_mse(options.qp)
     return decibels(floor + LEFT_BY_FIT * error) - decibels(floor + error)
 
@@ -69,12 +69,12 @@ def _fit(surface, field, options, report):
     """Fits one field, keeps the better of fit and transfer, and returns what the report says: {"psnr_y_before", "psnr_y_after",
     "kept"}, dB at held-out points."""
     points = surface.sample(HELD_OUT, HELD_OUT_SEED, options.threads)
-    before = surface.error(field.colour, *points, options.threads)
-    fitted = fit_surface(surface, field.colour, options.threads, on_progress=lambda *n: report.progress("refine", *n))
+    before = surface.error(field.planes[COLOUR], *points, options.threads)
+    fitted = fit_surface(surface, field.planes[COLOUR], options.threads, on_progress=lambda *n: report.progress("refine", *n))
     after = surface.error(fitted, *points, options.threads)
     kept = after["rgb"] < before["rgb"]
     if kept:
-        field.colour = fitted
+        field.planes[COLOUR] = fitted
     return {"psnr_y_before": _finite(before["y"]), "psnr_y_after": _finite(after["y"]), "kept": kept}
 
 
@@ -86,9 +86,9 @@ def _render(surfaces, fields, options, report):
     """Inverse rendering on top of the fit: what the report says of it."""
     from .inverse_render import refine_by_rendering  # here, because the renderer takes long to import and few ask for it
 
-    colours, log, kept = refine_by_rendering(surfaces, [f.colour for f in fields], options.threads,
+    colours, log, kept = refine_by_rendering(surfaces, [f.planes[COLOUR] for f in fields], options.threads,
                                              iterations=options.refine_iterations,
                                              on_progress=lambda *n: report.progress("refine", *n))
     for field, colour in zip(fields, colours, strict=True):
-        field.colour = np.ascontiguousarray(colour)
+        field.planes[COLOUR] = np.ascontiguousarray(colour)
     return {"kind": "fit and render" if kept else "fit", "iterations": log, "kept_iteration": log[kept]["iteration"]}

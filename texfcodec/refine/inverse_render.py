@@ -13,7 +13,7 @@ import numpy as np
 
 from ..asset.sample import sample_source
 from ..ground.kernel import kernel
-from .pictures import HELD_OUT_SEED, HELD_OUT_VIEWS, ITERATIONS, OPAQUE, SIZE, VIEWS, Cameras, keep_best, picture_loss
+from ..render.pictures import HELD_OUT_SEED, HELD_OUT_VIEWS, ITERATIONS, OPAQUE, SIZE, VIEWS, Cameras, keep_best, picture_loss
 from .surface_fit import BLOCK, _corners
 
 RATE = 0.5  # Adam's step in 8-bit levels, falling to a tenth along a cosine; of 0.1 to 3 the best on three assets

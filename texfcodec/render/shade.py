@@ -113,7 +113,7 @@ def _questions(texf, number, camera, deepest, filtering):
         pyramid.level(min(int(np.log2(widest)) + 1, pyramid.last))  # built now, so that the threads only read
 
     def finest(points, grid):
-        return texf.query_network(number, points) if texf.neural else pyramid.level(0).query(grid)
+        return texf.query_field(number, points) if texf.evaluators else pyramid.level(0).query(grid)
 
     def ask(points, depth):
         grid = texf.cube.to_grid(points, part.resolution) / step

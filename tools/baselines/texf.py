@@ -24,8 +24,7 @@ class TexfMethod(Method):
     def warm_up(self, options, threads):
         """Codes and decodes two small sheets under the same options, but with few voxels, without a target, and with a fit where
         the asset may get one."""
-        from texfcodec.decoder import decode
-        from texfcodec.encoder import encode
+        from texfcodec.api import decode, encode
         from texfcodec.warmup import small_scene
 
         kept = {k: v for k, v in options.items() if k not in ("target_bytes", "target_psnr")}
@@ -36,7 +35,7 @@ class TexfMethod(Method):
 
     def encode(self, scene, options, folder, threads, report):
         """Writes STREAM and FACE_FIELD."""
-        from texfcodec.encoder import encode
+        from texfcodec.api import encode
 
         settings = EncodeOptions(**options, threads=threads)
         data, made = encode(scene, settings, report), report.facts
@@ -52,7 +51,7 @@ class TexfMethod(Method):
 
     def decode(self, folder, options, threads, report):
         """The Texf of STREAM."""
-        from texfcodec.decoder import decode
+        from texfcodec.api import decode
         from texfcodec.options import DecodeOptions
 
         return decode((folder / STREAM).read_bytes(), DecodeOptions(threads=threads), report)

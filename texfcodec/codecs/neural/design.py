@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...choose.prepare import MOST_DROPPED
 from ...errors import InputError
 from ...options import DEFAULT_POINT, POINTS
 from ...support.voxelise import voxelise
+from ...support.voxels import MOST_DROPPED
 from .payload import Level, Payload, Tables, index_bytes, resident_bytes
 
 HIDDEN = (64, 48, 32)

@@ -250,18 +250,18 @@ def _engine(options):
     return TorchFit if options.fit_engine == "torch" or cuda_is_there() else Fit
 
 
-def fit_payload(scene, surface, face_field, surfaces, components, options, report):
-    """Fits a payload for all fields of a scene: (payload.Payload, its Tables by field).
+def fit_payload(source, options, report):
+    """Fits a payload for all fields of a codec.Source: (payload.Payload, its Tables by field, what was chosen).
 
-    surface: geometry.surface.Surface; face_field: int64 [F] over its faces; surfaces: decoded (lattice, faces) by field;
-    components: 3, or 4 with alpha. report.facts gets "resident" (bytes on the GPU), "fit" (the log) and "refinement".
+    The choices are "resident" (bytes on the GPU), "fit" (the log) and "refinement".
     """
+    surface, components = source.surface, sum(channel.components for channel in source.channels)
     with report.stage("design"):
-        design = choose_design(surfaces, surface.cube.position_bits, components, options)
+        design = choose_design(source.surfaces, surface.cube.position_bits, components, options)
     wanted = int(np.clip(options.steps * BATCH // 8, LEAST_SAMPLES, MOST_SAMPLES))
     with report.stage("samples"):
-        source = Source(scene, surface, face_field, components, options.threads)
-        drawn = source.draw_busy(wanted, [options.seed, 0]), source.draw(HELD_OUT, [options.seed, 1])
+        shown = Source(source.scene, surface, source.face_field, components, options.threads)
+        drawn = shown.draw_busy(wanted, [options.seed, 0]), shown.draw(HELD_OUT, [options.seed, 1])
 
     def look(fit, steps):
         row = fit.log[-1]
@@ -276,14 +276,13 @@ def fit_payload(scene, surface, face_field, surfaces, components, options, repor
         fit.run(options.steps, look, checkpoint)
         exact = fit.psnr(exact=True)
     with report.stage("refine"):
-        report.facts["refinement"] = _refined(fit, source, surface.cube.position_bits, options, report)
+        refinement = _refined(fit, shown, surface.cube.position_bits, options, report)
     payload = fit.payload()
-    report.facts["resident"] = design.resident
-    report.facts["fit"] = {"engine": type(fit).__name__, "steps": fit.step, "asked_steps": options.steps,
-                           "seconds": round(fit.seconds, 2), "samples": len(fit.samples), "psnr_rgb": round(exact, 3),
-                           "log": fit.log,
-                           "levels": [{"resolution": one.resolution, "rows": one.rows} for one in payload.levels]}
-    return payload, design.tables
+    told = {"engine": type(fit).__name__, "steps": fit.step, "asked_steps": options.steps,
+            "seconds": round(fit.seconds, 2), "samples": len(fit.samples), "psnr_rgb": round(exact, 3),
+            "log": fit.log,
+            "levels": [{"resolution": one.resolution, "rows": one.rows} for one in payload.levels]}
+    return payload, design.tables, {"resident": design.resident, "fit": told, "refinement": refinement}
 
 
 def _refined(fit, source, position_bits, options, report):

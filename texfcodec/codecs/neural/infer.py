@@ -243,6 +243,12 @@ def infer(positions, tables, threads=1):
     return out
 
 
+def answer(cube, points, tables, threads=1):
+    """As infer_rgba(), at world points float64 [M, 3]; what lies outside the CanonicalCube is moved onto its border."""
+    low, high = np.array(cube.origin) - cube.side, np.array(cube.origin) + 2 * cube.side  # further out is on the border anyway
+    return infer_rgba(cube_positions(cube.to_grid(np.clip(points, low, high), 1 << POSITION_BITS)), tables, threads)
+
+
 def infer_rgba(positions, tables, threads=1):
     """As infer(), as RGBA on the scale 0..255: float32 [M, 4]; a component that the network does not give is 255."""
     out = np.full((len(positions), 4), 255, np.float32)

@@ -10,11 +10,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ...bitstream.syntax import FORM_TRANSPORT
 from ...errors import LimitError, StreamError
 from ...support.grid import build_brick_map
-from .infer import CHUNK, CODES, HASH_FIELD, fixed_weights
+from .infer import CHUNK, CODES, HASH_FIELD, answer, fixed_weights, voxel_values
 from .layout import WAVE_INPUTS, parameter_count
+from .syntax import FORM_TRANSPORT
 from .transport import dec_transport, enc_transport
 
 MAX_EXPONENT = 26  # biased binary16 exponent: magnitudes below 2**12, so that no sum overflows
@@ -146,7 +146,7 @@ def take_codes(payload, values):
 
 class Tables:
     """What infer reads for one field. index: where the latents are (levels, places, slots, bricks, words, ranks), made from keys;
-    values: codes and network of payload; see infer._infer for the arrays."""
+    network: codes and network of payload; see infer._infer for the arrays."""
 
     def __init__(self, payload, number, keys, columns=(0, 1, 2, 3)):
         """keys: per level, ascending int64 Morton keys of the field's voxels, or None where the level is hashed; columns: of RGBA
@@ -159,17 +159,25 @@ class Tables:
                       np.concatenate([m.bricks for m in maps]), np.concatenate([m.words for m in maps]),
                       np.concatenate([m.ranks for m in maps]))
         self.components, self.columns, self.keys = payload.components, columns[: payload.components], keys
-        self.payload, self.values = None, None
+        self.payload, self.network = None, None
         if payload.codes is not None:
             self.take_values(payload)
 
     def take_values(self, payload):
         """Codes and network of a payload of the same design."""
-        self.payload, self.values = payload, payload.evaluated
+        self.payload, self.network = payload, payload.evaluated
 
     @property
     def arrays(self):
-        return *self.index, *self.values
+        return *self.index, *self.network
+
+    def values(self, support, threads=1):
+        """Values of a VoxelSupport's voxels (11.8): uint8 [N, C]."""
+        return voxel_values(support.xyz(), support.resolution, self, threads)
+
+    def query(self, cube, points, threads=1):
+        """What the network says at world points, float64 [M, 3], in a CanonicalCube: float32 [M, 4] in 0..255."""
+        return answer(cube, points, self, threads)
 
 
 def network_arrays(payload):

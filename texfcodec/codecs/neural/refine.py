@@ -1,6 +1,6 @@
 """Image-space refinement of a fitted payload (encoder only; paper, section on IR).
 
-Latents and network take further, small steps on the loss of rendered pictures (refine/pictures.py), a step a picture. Held-out
+Latents and network take further, small steps on the loss of rendered pictures (render/pictures.py), a step a picture. Held-out
 views decide when to stop and what is kept; the fit's own state is kept where nothing is better. Only for payloads without alpha:
 the loss is of colours, and would let alpha drift.
 """
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...refine.pictures import HELD_OUT_SEED, HELD_OUT_VIEWS, ITERATIONS, SIZE, VIEWS, Cameras, keep_best, picture_loss
+from ...render.pictures import HELD_OUT_SEED, HELD_OUT_VIEWS, ITERATIONS, SIZE, VIEWS, Cameras, keep_best, picture_loss
 from .samples import Samples, cells_of
 
 RATE = 0.05  # of the fit's rates, falling along a cosine

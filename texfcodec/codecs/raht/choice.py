@@ -1,10 +1,12 @@
-"""The encoder's choice of tools: what an effort allows, and which prediction suits the field."""
+"""The encoder's choice of tools: what an effort allows, which prediction suits the field, and which QPs are under residuals."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from .codec import Tools, enc_attributes
+from .coefficients.residual import ResidualPlan
+from .transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
 from .transform.prediction import KERNELS
 from .transform.quantise import step_of
 
@@ -59,3 +61,31 @@ def choose_base_qp(keys, depth, values, qp_of, plan, effort, threads=1):
         return sum(len(codeword) for unit in coded for codeword in unit.codewords)
 
     return qp_of(min(BASE_QPS, key=size))
+
+
+def code_plane(plane, support, colour, options):
+    """Codes a plane with the tools that options.effort allows: (CodedAttributes, what decodes from them uint8 [N, C]).
+
+    plane: float32 [N, C] in 0..255 on the keys of support, a VoxelSupport; colour: whether its components are red, green, blue.
+    With options.max_error no rounded value is further off than that.
+    """
+    if options.max_error is not None:
+        return _code_bounded(plane, support, colour, options)
+    values, qp = forward_colour(plane) if colour else forward_plain(np.rint(plane)), _qp_of(options.qp, plane.shape[1], options)
+    tools = choose_tools(support.keys, support.depth, values, qp, options.effort, options.threads)
+    coded, means = enc_attributes(support.keys, support.depth, values, qp, tools, options.threads)
+    return coded, inverse_colour(means) if colour else inverse_plain(means)
+
+
+def _code_bounded(plane, support, colour, options):
+    original = np.clip(np.rint(plane), 0, 255).astype(np.uint8)
+    values = forward_colour(original) if colour else forward_plain(original)
+    plan = ResidualPlan(options.max_error, original, inverse_colour if colour else inverse_plain)
+    field = support.keys, support.depth, values
+    qp = choose_base_qp(*field, lambda qp: _qp_of(qp, plane.shape[1], options), plan, options.effort, options.threads)
+    tools = choose_tools(*field, qp, options.effort, options.threads)
+    return enc_attributes(*field, qp, tools, options.threads, plan)
+
+
+def _qp_of(qp, components, options):
+    return [min(max(qp + (options.chroma_qp_offset if c else 0), 0), 63) for c in range(components)]

@@ -1,11 +1,6 @@
 """Counts that follow from the octree depth and the slicing; no numba here, so that texf-info stays quick (spec clause 5.7)."""
 
 
-def octree_depth(resolution):
-    """Depth D of the octree over a grid of resolution K: ceil(log2 K)."""
-    return int(resolution - 1).bit_length()
-
-
 def codeword_count(depth, slice_level, slices):
     """Codewords of an attribute unit: none for a single voxel, the trunk's where there is a trunk, one per slice."""
     if depth == 0:

@@ -1,9 +1,9 @@
-"""Reading, writing and describing any structure of syntax.py: three walkers over the same tables."""
+"""Reading, writing and describing any structure of structure.py: three walkers over the same tables."""
 
 import struct
 
 from ..errors import StreamError
-from .syntax import V_MAX, Derived, Structure
+from .structure import V_MAX, Derived, Structure
 
 _FIXED = {"u8": "<B", "u16": "<H", "u32": "<I", "i8": "<b", "i32": "<i", "f64": "<d"}
 

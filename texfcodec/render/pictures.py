@@ -10,9 +10,9 @@ import time
 import numpy as np
 
 from ..ground.colour_error import decibels
-from ..quality.ssim import ssim_gradient
-from ..render.camera import perspective
-from ..render.raster import rasterise
+from ..ground.ssim import ssim_gradient
+from .camera import perspective
+from .raster import rasterise
 
 ITERATIONS, VIEWS, SIZE = 30, 8, 1024  # the paper's
 FIELD_OF_VIEW, NEAREST, FARTHEST = 45.0, 1.2, 3.0

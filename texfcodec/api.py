@@ -1,0 +1,88 @@
+"""The front door: what a program that uses texfcodec calls."""
+
+from os import PathLike
+
+from .encoder import Encoded, encode_scene
+from .errors import InputError
+from .options import DecodeOptions, EncodeOptions
+from .report import Report
+from .texf import Texf
+
+
+def encode(mesh_or_path, options: EncodeOptions | None = None, report: Report | None = None) -> bytes:
+    """Codes a textured mesh: as encode_to_result(), the .texf stream alone."""
+    return encode_to_result(mesh_or_path, options, report).data
+
+
+def encode_to_result(mesh_or_path, options: EncodeOptions | None = None, report: Report | None = None) -> Encoded:
+    """Codes a textured mesh.
+
+    mesh_or_path: path of a mesh file, a trimesh object or a Scene; report: Report that receives seconds by stage, warnings and
+    dropped properties. Returns the stream with its byte counts, and what the encoder chose and why. Raises InputError,
+    LimitError, SupportError.
+    """
+    from .asset.load.files import load
+
+    options, report = options or EncodeOptions(), report or Report()
+    with report.stage("load"):
+        scene = load(mesh_or_path, strict=options.strict)
+    report.warnings += scene.warnings
+    report.dropped += scene.dropped
+    return encode_loaded(scene, options, report)
+
+
+def encode_loaded(scene, options: EncodeOptions, report: Report) -> Encoded:
+    """Codes a Scene: at the rate that was asked for, or by search where a target was; measures it where that was asked for."""
+    if options.target_bytes is not None or options.target_psnr is not None:
+        from .search import encode_to_target
+
+        made = encode_to_target(scene, options, report)
+    else:
+        made = encode_scene(scene, options, report)
+    if options.measure and made.psnr_3d is None:
+        with report.stage("measure"):
+            made.psnr_3d = measure(scene, made, options.threads)
+    return made
+
+
+def measure(scene, made: Encoded, threads: int = 1) -> dict:
+    """3D-PSNR of a stream against the Scene it came from, in dB; see quality.measure.measure."""
+    from .quality.measure import measure as measured
+
+    return measured(scene, decode(made.data, DecodeOptions(threads=threads)), threads=threads, face_field=made.face_field)
+
+
+def decode(data_or_path, options: DecodeOptions | None = None, report: Report | None = None) -> Texf:
+    """Decodes a .texf stream (spec clauses 5 to 8).
+
+    data_or_path: the stream as bytes, or the path of a file; report: Report that receives seconds by stage and warnings. Raises
+    InputError for a file that cannot be read or an argument of another kind, StreamError, LimitError or SupportError.
+    """
+    options, report = options or DecodeOptions(), report or Report()
+    data = _bytes_of(data_or_path, options.limits)
+    if options.isolate:
+        from .isolate import decode_isolated
+
+        return decode_isolated(data, options, report)
+    from .decoder import decode_stream
+
+    return decode_stream(data, options, report)
+
+
+def inspect(data_or_path, limits=None) -> dict:
+    """What stands where in a .texf stream, JSON-ready; see bitstream.inspect. data_or_path: bytes, or the path of a file."""
+    from .bitstream.inspect import inspect as inspected
+    from .limits import Limits
+
+    limits = limits or Limits()
+    return inspected(_bytes_of(data_or_path, limits), limits)
+
+
+def _bytes_of(data_or_path, limits):
+    if isinstance(data_or_path, bytes | bytearray | memoryview):
+        return bytes(data_or_path)
+    if isinstance(data_or_path, str | PathLike):
+        from .bitstream.file import read_stream_file
+
+        return read_stream_file(data_or_path, limits)
+    raise InputError("TXF-I05", "neither the bytes of a stream nor the path of a file", value=type(data_or_path).__name__)

@@ -1,0 +1,26 @@
+"""Reading a .texf file, never more of it than the limit allows."""
+
+import sys
+
+from ..errors import InputError, LimitError
+
+
+def read_stream_file(path, limits) -> bytes:
+    """Bytes of a .texf file, or of stdin for "-". Raises InputError, LimitError."""
+    most = -1 if limits.file_bytes is None else limits.file_bytes + 1
+    try:
+        if path == "-":
+            data = sys.stdin.buffer.read(most)
+        else:
+            with open(path, "rb") as file:
+                data = file.read(most)
+    except FileNotFoundError:
+        raise InputError("TXF-I01", "the file does not exist", path=str(path)) from None
+    except IsADirectoryError:
+        raise InputError("TXF-I02", "the path is a directory", path=str(path)) from None
+    except (OSError, ValueError) as error:
+        raise InputError("TXF-I03", "the file cannot be read", path=str(path), reason=str(error)) from None
+    if limits.file_bytes is not None and len(data) > limits.file_bytes:
+        raise LimitError("TXF-L01", "the stream is larger than the limit", value=f"> {limits.file_bytes}",
+                         allowed=limits.file_bytes)
+    return data

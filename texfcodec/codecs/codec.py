@@ -1,0 +1,130 @@
+"""What a codec is: one way to code values on the keys of a support (spec clause 5.7).
+
+A codec is a folder here, or a class of another package that a plug-in registers (codecs/__init__.py). All that knows it stands in
+there: syntax, both directions, what texf-info and texf-enc say of it. Modules that define one load no numba; what does is
+imported when it is used.
+"""
+
+from abc import ABC, abstractmethod
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..ground.structure import Structure
+
+PRIVATE_IDS = range(192, 256)  # for codecs of strangers; their units name them (5.7)
+
+
+class Source(NamedTuple):
+    """What a joint codec fits. scene: Scene; surface: geometry.surface.Surface; face_field: int64 [F] over its faces; surfaces:
+    decoded (lattice int64 [V, 3], faces int64 [F, 3]) by field; channels: those that are coded."""
+
+    scene: Any
+    surface: Any
+    face_field: np.ndarray
+    surfaces: list
+    channels: tuple
+
+
+class Joint(NamedTuple):
+    """What a joint codec made. values: of its syntax elements; evaluators: one per field; choices: what the report says of it."""
+
+    values: dict
+    evaluators: list
+    choices: dict
+
+
+class Codec(ABC):
+    """id: codec_id in the stream; name: what --codec takes; purpose: half a sentence for the help; structures: syntax tables, its
+    parameters first; options: names of those EncodeOptions that no other codec but those that list them reads; position_bits:
+    usual bits of a vertex coordinate; small: EncodeOptions of a run that compiles its kernels."""
+
+    id: int
+    name: str
+    purpose: str = ""
+    structures: tuple[Structure, ...] = ()
+    options: frozenset[str] = frozenset()
+    position_bits: int = 14
+    joint: bool = False
+    chosen: bool = True  # by a user; False where only the encoder takes it
+    checksum_clause: str = "7.10"
+    small: tuple[dict, ...] = ()
+
+    @property
+    def parameters(self) -> Structure:
+        """Table of what follows the attribute unit's own elements."""
+        return self.structures[0]
+
+    def check_options(self, options) -> None:
+        """Refuses EncodeOptions that do not go together. Raises InputError."""
+        return None
+
+    def check(self, values: dict) -> None:
+        """Relations between syntax values that a range cannot say. Raises StreamError."""
+        return None
+
+    def describe(self, values: dict) -> dict:
+        """What inspect() says of an attribute unit beside what every unit has: JSON-ready."""
+        return {}
+
+    def info_lines(self, group: dict):
+        """Lines of texf-info on an entry of inspect()'s groups."""
+        place = f"field {group['field_index']}, group {group['group_index']} ({group['semantic']})"
+        yield f"{place}: {group['bytes']} bytes, {self.name}"
+
+    def seconds(self, options) -> float:
+        """A guess of what encoding takes beside what it takes with any codec."""
+        return 0.0
+
+
+class PlaneCodec(Codec):
+    """Codes one channel group of one field at a time."""
+
+    has_levels = True  # whether dec() can leave out levels by itself; else a decoder takes means of what it gives
+
+    def suits(self, plane: np.ndarray) -> bool:
+        """Whether the encoder should take this codec for the plane whatever was asked for. plane: float32 [N, C], 0..255."""
+        return False
+
+    @abstractmethod
+    def enc(self, plane: np.ndarray, support, options) -> tuple[dict, np.ndarray]:
+        """Codes values. plane: float32 [N, C] in 0..255 on the support's keys; support: VoxelSupport; options: EncodeOptions.
+        Returns (values of its syntax elements, what dec() makes of them: uint8 [N, C])."""
+
+    @abstractmethod
+    def dec(self, values: dict, support, levels: int, threads: int) -> np.ndarray:
+        """Mirror of enc(). values: of its syntax elements, with NumComponents and the file offset; levels: octree levels to leave
+        out. Returns uint8 [n, C] on support.coarser(levels). Raises StreamError."""
+
+
+class JointCodec(Codec):
+    """Codes all fields and channel groups in one unit; a surface point then asks its evaluators instead of the voxels.
+
+    An evaluator has values(support, threads) -> uint8 [N, all components] of a VoxelSupport's voxels, and query(cube, points,
+    threads) -> float32 [M, 4] RGBA on 0..255 of world points."""
+
+    joint = True
+
+    @abstractmethod
+    def enc(self, source: Source, options, report) -> Joint:
+        """Codes a source. options: EncodeOptions; report: Report."""
+
+    def count_samples(self, values: dict, surfaces: list, position_bits: int) -> int:
+        """Surface samples that dec() takes beside those of the fields (6.3), known before any is taken."""
+        return 0
+
+    @abstractmethod
+    def dec(self, values: dict, surfaces: list, position_bits: int, channels: tuple, options, report) -> list:
+        """Evaluators by field. surfaces: decoded (lattice, faces) by field. Raises StreamError, LimitError."""
+
+    @abstractmethod
+    def pack(self, evaluators: list) -> tuple[dict, dict]:
+        """(JSON-ready facts, arrays) that evaluators can be made of again in another process."""
+
+    @abstractmethod
+    def unpack(self, facts: dict, arrays: dict, channels: tuple, fields: int) -> list:
+        """Mirror of pack(); nothing in its arguments is trusted. Raises TexfError, ValueError, KeyError, TypeError."""
+
+    @abstractmethod
+    def result_lines(self, facts: dict):
+        """Lines of texf-enc on what was made. facts: what --json prints."""

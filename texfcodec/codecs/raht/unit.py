@@ -1,0 +1,85 @@
+"""RAHT as a codec of the registry (codec_id 0, spec clauses 5.7.1 and 7)."""
+
+import numpy as np
+
+from ...errors import StreamError
+from ..codec import PlaneCodec
+from .syntax import CODEWORD, FILTER, RAHT
+
+TRANSFORM_NONE, TRANSFORM_BT709 = 0, 1
+
+
+class Raht(PlaneCodec):
+    """Region-adaptive hierarchical transform, prediction, context-adaptive arithmetic coding."""
+
+    id, name = 0, "raht"
+    purpose = "for the smallest file"
+    structures = (RAHT, CODEWORD, FILTER)
+    options = frozenset({"rate", "qp", "target_bytes", "target_psnr", "lossless", "max_error", "effort",
+                         "chroma_qp_offset"})
+    small = ({"resolution": 64, "qp": 20}, {"resolution": 16, "max_error": 0})
+
+    def enc(self, plane, support, options):
+        """See PlaneCodec.enc; where options.max_error is set, no rounded value is further off."""
+        from .choice import code_plane
+        from .values import raht_values
+
+        colour = plane.shape[1] == 3
+        coded, decoded = code_plane(plane, support, colour, options)
+        return raht_values(coded, colour), decoded
+
+    def dec(self, values, support, levels, threads):
+        """See PlaneCodec.dec."""
+        from .codec import dec_attributes
+        from .transform.colour import inverse_colour, inverse_plain
+        from .values import coded_of
+
+        coded, spans = coded_of(values)
+        bt709 = values["colour_transform"] == TRANSFORM_BT709
+        if bt709 and len(coded.qp) != 3:
+            raise StreamError("TXF-S04", "colour_transform needs three components", clause="5.7.1", offset=values["offset"])
+        data, inverse = np.frombuffer(values["codeword_data"], np.uint8), inverse_colour if bt709 else inverse_plain
+        stop = max(0, support.depth - levels)
+        return dec_attributes(support.keys, support.depth, coded, data, spans, stop, threads, inverse)
+
+    def check(self, values):
+        """Relations of clauses 5.7.1 to 5.7.3."""
+        if any(f["filter_mask"] >> 5 * values["NumComponents"] for f in values["filters"]):
+            raise StreamError("TXF-S04", "filter_mask is out of range", clause="5.7.3", offset=values["offset"],
+                              allowed=f"< 2**{5 * values['NumComponents']}")
+        if values["kernel"][0] == 0:
+            raise StreamError("TXF-S04", "kernel[0] is out of range", clause="5.7.1", offset=values["offset"], allowed="1..255")
+        depth, level = values["Depth"], values["slice_level"]
+        if values["residual"] and depth == 0:
+            raise StreamError("TXF-S04", "residual is out of range", clause="5.7.1", offset=values["offset"],
+                              value=values["residual"], allowed=0)
+        if level and level >= depth:
+            raise StreamError("TXF-S04", "slice_level is out of range", clause="5.7.1", value=level, allowed=f"0..{depth - 1}")
+        total = sum(c["codeword_length"] for c in values["codewords"])
+        if total != len(values["codeword_data"]):
+            raise StreamError("TXF-S10", "the codeword lengths do not add up to the data", clause="5.7.2", value=total,
+                              allowed=len(values["codeword_data"]))
+
+    def describe(self, values):
+        """QPs, bytes of the codewords, and bytes by octree level where the unit has a level index."""
+        return {"qp": values["qp"], "codeword_bytes": [c["codeword_length"] for c in values["codewords"]],
+                "slice_level": values["slice_level"], "level_bytes": _level_bytes(values)}
+
+    def info_lines(self, group):
+        """As Codec.info_lines."""
+        yield (f"field {group['field_index']}, group {group['group_index']} ({group['semantic']}): {group['bytes']} bytes, "
+               f"qp {group['qp']}, {len(group['codeword_bytes'])} codewords")
+        if group["level_bytes"] is not None:
+            yield "  bytes by level, coarse to fine: " + " ".join(map(str, group["level_bytes"]))
+
+
+def _level_bytes(values):
+    """Bytes by octree level over all codewords: with slices, the first codeword is the trunk above slice_level."""
+    if not values["level_index"]:
+        return None
+    total = [0] * values["Depth"]
+    for i, codeword in enumerate(values["codewords"]):
+        first = values["slice_level"] if i else 0
+        for level, count in enumerate(codeword["level_bytes"]):
+            total[first + level] += count
+    return total

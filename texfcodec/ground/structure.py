@@ -1,0 +1,41 @@
+"""What a syntax table is made of; reader, writer, texf-info and the tables of the specification walk over such tables.
+
+Descriptors: u8 u16 u32 f64 (little endian), i8, i32, v (unsigned LEB128, at most 8 bytes), bytes (the rest of the payload, or
+`count` bytes), utf8 (`count` bytes). A Derived entry computes a named variable from what was read; it takes no bytes.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+V_MAX = (1 << 56) - 1
+
+
+@dataclass(frozen=True)
+class Element:
+    """One syntax element. low/high: allowed range; count: None for a scalar, else the name of a value (array length);
+    when: (text, function of the values) or None; each: for an array of structures, function (values, index) -> variables that
+    item `index` needs."""
+
+    name: str
+    descriptor: Any
+    low: int | None = None
+    high: int | None = None
+    count: str | None = None
+    when: tuple | None = None
+    each: Any = None
+
+
+@dataclass(frozen=True)
+class Derived:
+    """A variable computed while reading: text for the spec, function of the values read so far."""
+
+    name: str
+    text: str
+    value: Any
+
+
+@dataclass(frozen=True)
+class Structure:
+    name: str
+    clause: str
+    elements: tuple

@@ -17,7 +17,6 @@ from texfcodec.bitstream.syntax import (
     ATTRIBUTE,
     SEQUENCE_HEADER,
     SIGNATURE,
-    STRUCTURES,
     UNIT_ATTRIBUTE,
     UNIT_END,
     UNIT_FIELD,
@@ -25,14 +24,12 @@ from texfcodec.bitstream.syntax import (
     UNIT_HEADER,
     UNIT_MATERIALS,
     UNIT_METADATA,
-    V_MAX,
-    Derived,
-    Element,
-    Structure,
+    structures,
 )
 from texfcodec.bitstream.units import read_units, write_unit
 from texfcodec.codecs.raht.syntax import RAHT
 from texfcodec.errors import LimitError, StreamError, SupportError, TexfError
+from texfcodec.ground.structure import V_MAX, Derived, Element, Structure
 from texfcodec.ground.walk import Reader, read_structure, write_structure, write_v
 from texfcodec.limits import Limits
 
@@ -70,7 +67,8 @@ def draw_values(data, structure, values):
             least, most = (0, 40) if element.count is None else (known[element.count], known[element.count])
             known[element.name] = data.draw(st.binary(min_size=least, max_size=most))
         elif element.descriptor == "utf8":
-            known[element.name] = data.draw(st.text(CHARACTERS, max_size=8))
+            least = next(e.low or 0 for e in structure.elements if e.name == element.count)
+            known[element.name] = data.draw(st.text(CHARACTERS, min_size=least, max_size=8))
             known[element.count] = len(known[element.name].encode())
         else:
             count = element.count and (int(element.count) if element.count.isdigit() else known[element.count])
@@ -94,7 +92,7 @@ def own_elements(structure, values):
             for e in structure.elements if isinstance(e, Element)}
 
 
-@pytest.mark.parametrize("structure", STRUCTURES, ids=lambda s: s.name)
+@pytest.mark.parametrize("structure", structures(), ids=lambda s: s.name)
 @settings(deadline=None, max_examples=60)
 @given(data=st.data())
 def test_what_the_writer_writes_the_reader_reads_and_the_trace_accounts_for(structure, data):
@@ -110,7 +108,7 @@ def test_what_the_writer_writes_the_reader_reads_and_the_trace_accounts_for(stru
                 read(structure, coded[:end], GIVEN)
 
 
-RANGED = [(s, e) for s in STRUCTURES for e in s.elements
+RANGED = [(s, e) for s in structures() for e in s.elements
           if isinstance(e, Element) and e.descriptor in FIXED and (e.low, e.high) != (None, None)]
 
 

@@ -136,7 +136,7 @@ LIES = {
     "lattice": lambda facts, arrays: arrays["lattice"].__setitem__((0, 0), 1 << 14),
     "keys out of order": lambda facts, arrays: arrays["keys"].__setitem__(1, 0),
     "key outside the grid": lambda facts, arrays: arrays["keys"].__setitem__(-1, 1 << 41),
-    "fewer colours": lambda facts, arrays: arrays.__setitem__("rgba", arrays["rgba"][:-1]),
+    "fewer colours": lambda facts, arrays: arrays.__setitem__("plane_base_colour", arrays["plane_base_colour"][:-1]),
     "material number": lambda facts, arrays: facts["units"][0][0].__setitem__(1, 99),
     "no fields": lambda facts, arrays: facts.pop("fields"),
     "negative resolution": lambda facts, arrays: facts["fields"][0][0].__setitem__(0, -5),
@@ -172,11 +172,13 @@ NEURAL_LIES = {
     "parameter not a number": lambda facts, arrays: set_byte(arrays, slice(40, 60), 0x7E),
     "fewer latents": lambda facts, arrays: arrays.__setitem__("neural", arrays["neural"][:-1]),
     "no payload": lambda facts, arrays: arrays.__setitem__("neural", arrays["neural"][:0]),
-    "another column": lambda facts, arrays: facts["neural"].__setitem__(0, 7),
-    "a column twice": lambda facts, arrays: facts["neural"].__setitem__(0, 1),
-    "a column more": lambda facts, arrays: facts["neural"].append(3),
-    "a number for columns": lambda facts, arrays: facts.__setitem__("neural", 3),
-    "no word of a network": lambda facts, arrays: facts.pop("neural"),
+    "another channel": lambda facts, arrays: facts["channels"].__setitem__(0, "roughness"),
+    "a channel twice": lambda facts, arrays: facts["channels"].append("base_colour"),
+    "a channel more": lambda facts, arrays: facts["channels"].append("alpha"),
+    "a number for channels": lambda facts, arrays: facts.__setitem__("channels", 3),
+    "no word of a codec": lambda facts, arrays: facts.pop("codec"),
+    "another codec": lambda facts, arrays: facts.__setitem__("codec", "raht"),
+    "a codec that is not there": lambda facts, arrays: facts.__setitem__("codec", "os"),
 }
 
 

@@ -302,7 +302,7 @@ def test_any_number_of_threads_gives_the_same_bytes(name, threads):
 def test_fields_share_the_codes_and_the_network():
     """256 fields of 2**28 latents are not 64 GiB."""
     first, second = decode(stream("uncommon/neural_two_fields_hash")).evaluators
-    assert isinstance(first, Tables) and all(a is b for a, b in zip(first.values, second.values, strict=True))
+    assert isinstance(first, Tables) and all(a is b for a, b in zip(first.network, second.network, strict=True))
 
 
 # What is loaded

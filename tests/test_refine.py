@@ -20,7 +20,7 @@ def surfaces_of(scene, resolution, **choices):
     made = prepare(scene, options, Report())
     found = []
     for i, field in enumerate(made.fields):
-        mine = made.face_field == i
+        mine = made.source.face_field == i
         source = pack_source(scene, made.surface.origin_face[mine])
         found.append(FieldSurface(made.surface.lattice, made.surface.faces[mine], source, made.surface.cube.position_bits,
                                   resolution, field.keys, build_brick_map(field.keys)))

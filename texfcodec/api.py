@@ -1,12 +1,18 @@
-"""The front door: what a program that uses texfcodec calls."""
+"""The front door: what a program that uses texfcodec calls. Rooms are entered when they are needed: inspecting a stream loads no
+kernel, decoding one no encoder."""
+
+from __future__ import annotations
 
 from os import PathLike
+from typing import TYPE_CHECKING
 
-from .encoder import Encoded, encode_scene
 from .errors import InputError
 from .options import DecodeOptions, EncodeOptions
 from .report import Report
-from .texf import Texf
+
+if TYPE_CHECKING:
+    from .encoder import Encoded
+    from .texf import Texf
 
 
 def encode(mesh_or_path, options: EncodeOptions | None = None, report: Report | None = None) -> bytes:
@@ -38,6 +44,8 @@ def encode_loaded(scene, options: EncodeOptions, report: Report) -> Encoded:
 
         made = encode_to_target(scene, options, report)
     else:
+        from .encoder import encode_scene
+
         made = encode_scene(scene, options, report)
     if options.measure and made.psnr_3d is None:
         with report.stage("measure"):

@@ -4,8 +4,7 @@ import re
 import sys
 from pathlib import Path
 
-from texfcodec.bitstream.syntax import AFTER_CODECS, BEFORE_CODECS
-from texfcodec.codecs import our_codecs
+from texfcodec.bitstream.syntax import structures
 from texfcodec.ground.structure import Derived, Structure
 
 SPEC = Path(__file__).resolve().parent.parent / "bitstream_spec.md"
@@ -28,7 +27,7 @@ def table_of(structure):
 
 def with_tables(text):
     """The specification with every generated table renewed."""
-    for structure in (*BEFORE_CODECS, *(s for codec in our_codecs() for s in codec.structures), *AFTER_CODECS):
+    for structure in structures():
         pattern = rf"(<!-- table: {structure.name} -->\n).*?(<!-- end -->)"
         text, found = re.subn(pattern, lambda m, s=structure: f"{m[1]}{table_of(s)}\n{m[2]}", text, flags=re.S)
         if found != 1:

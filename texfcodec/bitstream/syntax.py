@@ -1,5 +1,6 @@
 """Every syntax structure of the bitstream but those of the codecs, which stand with these, as tables (ground/structure.py)."""
 
+from ..codecs import our_codecs
 from ..codecs.codec import PRIVATE_IDS
 from ..ground.structure import Element as E
 from ..ground.structure import Structure
@@ -93,5 +94,9 @@ UNITS = {
     UNIT_END: END,
     UNIT_METADATA: METADATA,
 }
-BEFORE_CODECS = (SEQUENCE_HEADER, CHANNEL_GROUP, MATERIALS, MATERIAL, FIELD, GEOMETRY, ATTRIBUTE)
-AFTER_CODECS = (METADATA,)
+
+
+def structures() -> list[Structure]:
+    """Every syntax structure, those of our codecs among them, in the order of their clauses."""
+    before = [SEQUENCE_HEADER, CHANNEL_GROUP, MATERIALS, MATERIAL, FIELD, GEOMETRY, ATTRIBUTE]
+    return [*before, *(one for codec in our_codecs() for one in codec.structures), METADATA]

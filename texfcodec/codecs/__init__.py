@@ -12,7 +12,8 @@ from ..errors import SupportError
 from .codec import PRIVATE_IDS, Codec
 
 GROUP = "texfcodec.codecs"
-OURS = {"raht": (0, "raht.unit", "Raht"), "3dntc": (1, "neural.unit", "Neural")}  # name: id, module, class
+OURS = {"raht": (0, "raht.unit", "Raht"), "3dntc": (1, "neural.unit", "Neural"),
+        "constant": (2, "constant.unit", "Constant")}  # name: id, module, class
 
 
 @lru_cache(maxsize=64)

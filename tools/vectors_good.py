@@ -73,8 +73,7 @@ def scene_of(positions, faces, colours, materials=None, face_material=None, meta
     """Scene of vertex colours; the colours' alpha counts where a material is not opaque."""
     face_material = np.zeros(len(faces), np.int64) if face_material is None else face_material
     return Scene(positions, faces, face_material, np.zeros((len(faces), 3, 2)), colours[faces], materials or [Material("skin")],
-                 [],
-                 metadata=metadata or {})
+                 [], metadata=metadata or {})
 
 
 def noise_sheet():
@@ -246,7 +245,7 @@ def with_strange_units():
 
 
 def on_voxel_boundaries():
-    """A closed box and two inner walls, all of whose vertices lie on voxel corners: B = 8, K = 64, positions multiples of 4."""
+    """B = 8, K = 64: a closed box and two inner walls with all vertices on voxel corners, which are multiples of 4."""
     box = np.array([[x, y, z] for x in (0, 128) for y in (0, 64) for z in (0, 252)], np.float64)
     walls = np.array([[64, 0, 0], [64, 64, 0], [64, 64, 252], [0, 32, 128], [128, 32, 128], [128, 64, 128]], np.float64)
     corner = np.array([[255, 255, 255], [255, 251, 255], [251, 255, 255]], np.float64)  # makes the cube 0..255
@@ -282,7 +281,7 @@ def flat_ring():
 
 
 def needle():
-    """The largest grid there is, crossed by a triangle without area: B = 20, K = 8192."""
+    """The largest grid there is, crossed by a triangle of next to no area: B = 20, K = 8192."""
     line = np.array([[0, 0, 0], [1, 0.002, 0.001], [0.5, 0.001, 0.0005]])
     colours = np.array([[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 1]], np.float32)
     return encoded(scene_of(line, np.array([[0, 1, 2]]), colours), resolution=8192, qp=46, position_bits=20)
@@ -376,9 +375,9 @@ def uncommon():
         ("direct", "direct contexts", ("7.5.2", "7.5.3"), recoded(encoded(everyday, resolution=33, qp=24)), (0, 1)),
         ("one_model", "a single model, no colour range, no filter", ("7.5.5", "7.6.4"),
          recoded(encoded(everyday, resolution=24, qp=24), models=1), (0, 1)),
-        ("all_tools", "eight models, three filter stages", ("5.7.3", "7.3", "7.5.5", "7.6.4", "7.7"),
+        ("all_tools", "eight models, colour range, two filter stages", ("5.7.3", "7.3", "7.5.5", "7.6.4", "7.7"),
          recoded(encoded(noise_sheet(), resolution=40, qp=34), models=8, colour_range=3, filters=3), (0, 1)),
-        ("all_tools_slices", "mixing, colour range and filter with slices, colour and alpha", ("7.2", "7.5.5", "7.7"),
+        ("all_tools_slices", "six models, colour range, no filter, with slices of colour and alpha", ("7.2", "7.5.5"),
          recoded(encoded(veil, resolution=30, qp=34), slices=slices, models=6, colour_range=255, filters=2), (0, 2)),
         ("random_mixed", "random bytes through the mixed contexts", ("7.5.5", "7.6.4"), random["mixed"], (0, 1)),
         ("zeros_mixed", "zeros, then random bytes: the longest magnitudes", ("7.5.5", "7.6.4"), random["mixed_zeros"], (0, 1)),
@@ -402,8 +401,9 @@ def uncommon():
          (0, 1, 4, 5)),
         ("alpha_first", "the alpha group first, linear colour", ("5.3.1", "5.7"), alpha_first(), (0,)),
         ("strange_units", "unknown ancillary units, metadata early", ("5.2", "5.8"), with_strange_units(), (0,)),
-        ("voxel_boundaries", "B = 8, every vertex on a voxel corner", ("6.1", "6.2", "6.3"), on_voxel_boundaries(), (0,)),
-        ("needle_bits20_k8192", "B = 20, K = 8192, a triangle without area", ("6.1", "6.2", "6.4"), needle(), (0, 5)),
+        ("voxel_boundaries", "B = 8, all vertices but three on voxel corners", ("6.1", "6.2", "6.3"), on_voxel_boundaries(),
+         (0,)),
+        ("needle_bits20_k8192", "B = 20, K = 8192, a triangle thinner than a voxel", ("6.1", "6.2", "6.4"), needle(), (0, 5)),
         ("exact_areas", "areas and heights exactly on a limit", ("6.2", "6.4"), exact_areas(), (0,)),
         ("flat", "one colour but for a few spots: probabilities at their lower bound", ("7.6.3",), flat_ring(), (0,)),
         ("bits20", "position_bits 20", ("6.1", "6.2"), encoded(everyday, resolution=33, qp=34, position_bits=20), (0,)),

@@ -52,6 +52,26 @@ COMPLETED = """
 end = bytes([5, 0]) + __import__("zlib").crc32(bytes([5, 0])).to_bytes(4, "little")
 stream = stream + end if stream[-5:] != end[:-1] else stream + end[-1:]
 """
+# A filter that sees no further than its own slice (7.7 says: in every slice).
+SLICE_BY_SLICE = """
+from naive import attributes
+children, stage, ranges = attributes.children_of_range, attributes.filter_stage, []
+def remembered(*arguments):
+    ranges.append(children(*arguments))
+    return ranges[-1]
+def by_slice(means, *rest):
+    voxels, out = list(means), {}
+    last = max(i for i, (first, _) in enumerate(ranges) if first == 0)
+    for first, end in ranges[last:]:
+        out |= stage({v: means[v] for v in voxels[first:end]}, *rest)
+    return out
+attributes.children_of_range, attributes.filter_stage = remembered, by_slice
+"""
+FILTER = "from naive import attributes, filter as wiener; "
+LAST_FIRST = FILTER + "whole = attributes.filtered_means; " + (
+    "attributes.filtered_means = lambda unit, level: whole({**unit, 'filters': unit['filters'][::-1]}, level)")
+TWO_STAGES = FILTER + "whole = attributes.filtered_means; " + (
+    "attributes.filtered_means = lambda unit, level: whole({**unit, 'filters': unit['filters'][:2]}, level)")
 MIRRORED = """
 import struct
 for unit in (texf := decoder.decode(stream, lod))["units"]:
@@ -111,6 +131,13 @@ def test_wrong_decoder_without_its_fault_is_right(tmp_path):
         ("faulty/codec_id/", "exit code 3, expected 5", {"refuse": "sys.exit(3)"}),
         ("faulty/num_vertices_huge/", "exit code 0, expected 6 or 3", {"refuse": "files = {}"}),
         ("subset/k3/", "exit code 3", {"before": "sys.exit(3)"}),
+        # filters: values_crc finds them first
+        ("uncommon/filter_slices/", "lod 0: exit code 3", {"before": SLICE_BY_SLICE}),
+        ("uncommon/filter_classes/", "lod 0: exit code 3", {"before": FILTER + "wiener.ROUGHNESS_ENTRIES = (4, 8, 16, 33)"}),
+        ("uncommon/filter_alpha/", "lod 0: exit code 3", {"before": FILTER + "wiener.ROUGHNESS_ENTRIES = (5, 8, 16, 32)"}),
+        ("uncommon/filter_largest/", "lod 0: exit code 3", {"before": FILTER + "wiener.clip = lambda low, high, v: v"}),
+        ("uncommon/filter_three_stages/", "lod 0: exit code 3", {"before": LAST_FIRST}),
+        ("uncommon/filter_three_stages/", "lod 0: exit code 3", {"before": TWO_STAGES}),
     ],
 )
 def test_runner_fails_a_decoder_that_is_wrong(tmp_path, case, complaint, fault):

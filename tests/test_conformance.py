@@ -194,6 +194,8 @@ def test_vector_holds_what_its_title_and_clauses_promise(claims, name):
         ("uncommon/filter_one_voxel", "three filter stages", "'three filter stages' is not there"),
         ("uncommon/filter_slices", "lossless after three filter stages", "'lossless after three filter stages' is not there"),
         ("uncommon/random_codeword", "probabilities at their lower bound", "'probabilities at their lower bound' is not there"),
+        ("uncommon/needle_bits20_k8192", "a triangle whose corners have one grid coordinate",
+         "'a triangle whose corners have one grid coordinate' is not there"),
         ("uncommon/neural_waves", "3DNTC: eight octaves, first_wave 16384", "'first_wave 16384' is not there"),
     ],
 )

@@ -160,6 +160,14 @@ def twice_area(case):
     return max(float(np.linalg.norm(c)) for c in crosses)
 
 
+def point_faces(case):
+    """Number of faces whose corners are one grid coordinate (6.1), though not one position."""
+    (unit,), (grid,) = case.texf.units, case.grids
+    corners = unit.lattice.astype(np.int64)[unit.faces]
+    same = ((corners * grid << 16) >> case.header["position_bits"])
+    return int(((same == same[:, :1]).all((1, 2)) & ~(corners == corners[:, :1]).all((1, 2))).sum())
+
+
 def is_noise(data):
     """Bytes that no compressor makes smaller."""
     return len(data) > 100 and len(zlib.compress(data, 9)) >= len(data)
@@ -200,6 +208,7 @@ HEADER_AND_FIELDS = {
     r"one triangle": lambda c: c.header["num_faces"] == 1,
     r"a triangle thinner than a voxel": lambda c: c.header["num_faces"] == 1
         and 0 < twice_area(c) < (1 << 2 * c.header["position_bits"]) / c.grids[0],
+    r"a triangle whose corners have one grid coordinate": lambda c: point_faces(c) == 1,
     r"all vertices but three on voxel corners": lambda c: off_corner(c) == 3,
     r"a mesh that is not a manifold": lambda c: least_faces(c) > 2,
     r"coordinates near 1e(-?\d+)": lambda c, power: magnitude_is(c, int(power)),

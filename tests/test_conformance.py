@@ -1,19 +1,28 @@
-"""The conformance runner, shown to fail decoders that are wrong on purpose, and to pass a right one."""
+"""The conformance runner, shown to fail decoders that are wrong on purpose and to pass a right one; and what vectors promise."""
 
+import hashlib
+import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from naive import decoder as naive
+from naive import syntax
+from naive.bits import Invalid, Reader
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+VECTORS = REPOSITORY / "conformance"
+GOOD = [f"{path.parents[1].name}/{path.parent.name}" for kind in ("subset", "uncommon")
+        for path in sorted((VECTORS / kind).glob("*/case.json"))]
 RUNNER = REPOSITORY / "conformance" / "run.py"
 NAIVE = f'"{sys.executable}" "{REPOSITORY / "tests" / "naive" / "decoder.py"}"'
 # Quick ones: levels of detail, two fields, alpha, slices, no level at all, no geometry, and a refusal of each kind
 SMALL = [
     "subset/k3/", "subset/two_fields/", "subset/alpha_mask/", "uncommon/one_voxel/", "uncommon/empty/", "uncommon/one_slice/",
     "uncommon/empty_codeword/", "faulty/cut_geometry/", "faulty/codec_id/", "faulty/num_vertices_huge/",
-    "subset/neural_hash/", "faulty/neural_code/",
+    "subset/neural_hash/", "faulty/neural_code/", "uncommon/filter_slices/", "faulty/filter_left_out/",
 ]
 
 # The naive decoder with one thing wrong; `files` is what it would write.
@@ -38,6 +47,31 @@ LAST = """
 for name in [name for name in files if name.endswith("values")][-1:]:
     files[name] = files[name][:-1] + bytes([files[name][-1] ^ 1])
 """
+# Makes good what a stream lacks of its end unit, as a decoder does that stops where the data stop.
+COMPLETED = """
+end = bytes([5, 0]) + __import__("zlib").crc32(bytes([5, 0])).to_bytes(4, "little")
+stream = stream + end if stream[-5:] != end[:-1] else stream + end[-1:]
+"""
+# A filter that sees no further than its own slice (7.7 says: in every slice).
+SLICE_BY_SLICE = """
+from naive import attributes
+children, stage, ranges = attributes.children_of_range, attributes.filter_stage, []
+def remembered(*arguments):
+    ranges.append(children(*arguments))
+    return ranges[-1]
+def by_slice(means, *rest):
+    voxels, out = list(means), {}
+    last = max(i for i, (first, _) in enumerate(ranges) if first == 0)
+    for first, end in ranges[last:]:
+        out |= stage({v: means[v] for v in voxels[first:end]}, *rest)
+    return out
+attributes.children_of_range, attributes.filter_stage = remembered, by_slice
+"""
+FILTER = "from naive import attributes, filter as wiener; "
+LAST_FIRST = FILTER + "whole = attributes.filtered_means; " + (
+    "attributes.filtered_means = lambda unit, level: whole({**unit, 'filters': unit['filters'][::-1]}, level)")
+TWO_STAGES = FILTER + "whole = attributes.filtered_means; " + (
+    "attributes.filtered_means = lambda unit, level: whole({**unit, 'filters': unit['filters'][:2]}, level)")
 MIRRORED = """
 import struct
 for unit in (texf := decoder.decode(stream, lod))["units"]:
@@ -81,6 +115,9 @@ def test_wrong_decoder_without_its_fault_is_right(tmp_path):
     "case, complaint, fault",
     [
         ("subset/k3/", "field0_group0_values.bin differs", {"after": LAST}),
+        ("subset/two_fields/", "field1_group0_values.bin differs", {"after": LAST}),
+        ("subset/alpha_blend/", "field0_group1_values.bin differs", {"after": LAST}),
+        ("subset/two_fields/", "field1_keys.bin differs", {"after": "files['field1_keys'] = files['field0_keys']"}),
         ("subset/two_fields/", "field1_keys.bin is missing", {"after": "files = {n: files[n] for n in files if '1_' not in n}"}),
         ("subset/k3/", "field1_keys.bin is unexpected", {"after": "files['field1_keys'] = b''"}),
         ("subset/k3/", "lod 1: field0_keys.bin differs", {"before": "lod = 0"}),
@@ -88,10 +125,19 @@ def test_wrong_decoder_without_its_fault_is_right(tmp_path):
         ("subset/k3/", "geometry.bin differs", {"after": "files['geometry'] = files['geometry'][:-88]"}),
         ("uncommon/empty/", "geometry.bin is missing", {"after": "files = {}"}),
         ("faulty/cut_geometry/", "exit code 0, expected 3", {"refuse": "files = {}"}),
+        ("faulty/cut_end/", "exit code 0, expected 3", {"before": COMPLETED}),
+        ("faulty/cut_last_byte/", "exit code 0, expected 3", {"before": COMPLETED}),
         ("faulty/cut_geometry/", "exit code 1, expected 3", {"refuse": "sys.exit(1)"}),
         ("faulty/codec_id/", "exit code 3, expected 5", {"refuse": "sys.exit(3)"}),
         ("faulty/num_vertices_huge/", "exit code 0, expected 6 or 3", {"refuse": "files = {}"}),
         ("subset/k3/", "exit code 3", {"before": "sys.exit(3)"}),
+        # filters: values_crc finds them first
+        ("uncommon/filter_slices/", "lod 0: exit code 3", {"before": SLICE_BY_SLICE}),
+        ("uncommon/filter_classes/", "lod 0: exit code 3", {"before": FILTER + "wiener.ROUGHNESS_ENTRIES = (4, 8, 16, 33)"}),
+        ("uncommon/filter_alpha/", "lod 0: exit code 3", {"before": FILTER + "wiener.ROUGHNESS_ENTRIES = (5, 8, 16, 32)"}),
+        ("uncommon/filter_largest/", "lod 0: exit code 3", {"before": FILTER + "wiener.clip = lambda low, high, v: v"}),
+        ("uncommon/filter_three_stages/", "lod 0: exit code 3", {"before": LAST_FIRST}),
+        ("uncommon/filter_three_stages/", "lod 0: exit code 3", {"before": TWO_STAGES}),
     ],
 )
 def test_runner_fails_a_decoder_that_is_wrong(tmp_path, case, complaint, fault):
@@ -109,3 +155,75 @@ def test_runner_fails_a_decoder_that_hangs(tmp_path):
 def test_runner_refuses_to_run_nothing():
     call = [sys.executable, str(RUNNER), "no/such/case"]
     assert subprocess.run(call, cwd=REPOSITORY, capture_output=True, check=False).returncode == 2
+
+
+# What the vectors say of themselves.
+
+
+@pytest.fixture
+def claims(monkeypatch):
+    """tools/vectors_claims.py, which is imported as the tools import it."""
+    monkeypatch.syspath_prepend(str(REPOSITORY / "tools"))
+    import vectors_claims
+
+    return vectors_claims
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_vector_holds_what_its_title_and_clauses_promise(claims, name):
+    assert claims.unkept(claims.case_at(VECTORS / name)) == []
+
+
+@pytest.mark.parametrize(
+    "name, title, complaint",
+    [
+        # as they stood before this check
+        ("uncommon/all_tools", "eight models, three filter stages", "'three filter stages' is not there"),
+        ("uncommon/all_tools_slices", "mixing, colour range and filter with slices, colour and alpha",
+         "nothing checks 'colour range and filter with slices'"),
+        ("uncommon/neural_waves", "3DNTC: eight octaves from the shortest wave, then from an odd one",
+         "nothing checks 'eight octaves from the shortest wave'"),
+        ("uncommon/needle_bits20_k8192", "B = 20, K = 8192, a triangle without area", "nothing checks 'a triangle without area'"),
+        ("uncommon/voxel_boundaries", "B = 8, every vertex on a voxel corner", "nothing checks 'every vertex on a voxel corner'"),
+        # promises that are known, and not kept
+        ("uncommon/all_tools_slices", "colour range, a filter, with slices", "'a filter' is not there"),
+        ("uncommon/filter_classes", "a filter, with slices", "'with slices' is not there"),
+        ("uncommon/filter_lonely_voxels", "a filter stage of every class and component",
+         "'a filter stage of every class and component' is not there"),
+        ("uncommon/filter_three_stages_slices", "a filter of alpha alone", "'a filter of alpha alone' is not there"),
+        ("uncommon/filter_one_voxel", "three filter stages", "'three filter stages' is not there"),
+        ("uncommon/filter_slices", "lossless after three filter stages", "'lossless after three filter stages' is not there"),
+        ("uncommon/random_codeword", "probabilities at their lower bound", "'probabilities at their lower bound' is not there"),
+        ("uncommon/needle_bits20_k8192", "a triangle whose corners have one grid coordinate",
+         "'a triangle whose corners have one grid coordinate' is not there"),
+        ("uncommon/neural_waves", "3DNTC: eight octaves, first_wave 16384", "'first_wave 16384' is not there"),
+    ],
+)
+def test_title_that_promises_too_much_is_caught(claims, name, title, complaint):
+    assert complaint in claims.unkept(replace(claims.case_at(VECTORS / name), title=title))
+
+
+def test_clause_that_a_vector_does_not_hit_is_caught(claims):
+    case = claims.case_at(VECTORS / "uncommon" / "all_tools_slices")
+    assert claims.unkept(replace(case, clauses=["7.2", "7.5.5", "7.7"])) == ["nothing of clause 7.7 is there"]
+    assert claims.unkept(replace(case, clauses=["11.6"])) == ["nothing of clause 11.6 is there"]
+
+
+@pytest.mark.parametrize("name", [name for name in GOOD if "/filter_" in name])
+def test_naive_decoder_agrees_on_filters(name):
+    data, case = (VECTORS / name / "in.texf").read_bytes(), json.loads((VECTORS / name / "case.json").read_text())
+    for lod, wanted in case["lods"].items():
+        files = naive.arrays(naive.decode(data, int(lod)))
+        assert {array: hashlib.sha256(content).hexdigest() for array, content in files.items()} == wanted
+
+
+@pytest.mark.parametrize("name", ["filter_four_stages", "filter_mask_bit_15", "residual_cross_17"])
+def test_faulty_vector_has_no_fault_but_the_range(monkeypatch, name):
+    """Without checks of ranges it decodes, and its values_crc is right: no other error stands in for the one it is there for."""
+    data = (VECTORS / "faulty" / name / "in.texf").read_bytes()
+    with pytest.raises(Invalid):
+        naive.decode(data)
+    monkeypatch.setattr(Reader, "number", lambda self, size, name, low, high, signed=False:
+                        int.from_bytes(self.take(size, name), "little", signed=signed))
+    monkeypatch.setattr(syntax, "require", lambda condition, sentence: None)
+    assert naive.decode(data)["fields"]

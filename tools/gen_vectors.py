@@ -1,6 +1,7 @@
 """Makes the conformance vectors: --write rewrites conformance/ (streams, case.json, README.md), --check says what would differ.
 
-Every good stream is decoded by our decoder and by the naive one of tests/naive first; nothing is written where they differ.
+Every good stream is decoded by our decoder and by the naive one of tests/naive first; nothing is written where they differ, nor
+where a title or a list of clauses promises what is not in the stream (vectors_claims.py).
 """
 
 import argparse
@@ -13,9 +14,11 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[1:1] = [str(ROOT), str(ROOT / "conformance"), str(ROOT / "tests")]
 
+import vectors_filter  # noqa: E402
 import vectors_neural  # noqa: E402
 from decode_texfcodec import arrays  # noqa: E402
 from naive import decoder as naive  # noqa: E402
+from vectors_claims import Case, unkept  # noqa: E402
 from vectors_faulty import faulty  # noqa: E402
 from vectors_good import parsed, subset, uncommon  # noqa: E402
 
@@ -53,7 +56,8 @@ nothing else. It prints one line a case and exits with 0, or with 7 where a case
 decoders that are wrong on purpose through it.
 
 `case.json` holds `title`, `clauses`, `features` and, by level of detail, the SHA-256 of every array; in `faulty/`, `expect` and
-the `code` of our own decoder's error. Everything here but the two programs is made by `python tools/gen_vectors.py --write`;
+the `code` of our own decoder's error. What a title and its clauses promise is looked up in the stream (`tools/vectors_claims.py`)
+whenever the vectors are made or tested. Everything here but the two programs is made by `python tools/gen_vectors.py --write`;
 `--check` makes it again in memory and says what differs.
 
 ## Vectors by clause
@@ -82,6 +86,7 @@ def features(vector):
         "area_threshold": [f["area_threshold"] for f in fields],
         **(neural_features(stream.joint) if stream.joint else {"qp": [a["qp"] for a in attributes],
                                                                  "slices": [a["NumSlices"] for a in attributes]}),
+        **({"filters": [a["num_filters"] for a in attributes]} if any(a.get("filters") for a in attributes) else {}),
         "metadata": stream.metadata is not None, "skipped_units": len(stream.skipped),
     }
 
@@ -105,11 +110,19 @@ def hashes(vector, lod):
     return {name: hashlib.sha256(content).hexdigest() for name, content in sorted(ours.items())}
 
 
+def refuse_empty_promises(vector):
+    """Ends the program where a good vector does not hold what its title or clauses say."""
+    broken = unkept(Case(vector.title, list(vector.clauses), vector.data, list(vector.lods)))
+    if broken:
+        raise SystemExit(f"{vector.name}: {'; '.join(broken)}")
+
+
 def case_of(vector):
     """Content of case.json."""
     case = {"title": vector.title, "clauses": list(vector.clauses)}
     if vector.expect:
         return case | {"features": {"bytes": len(vector.data)}, "expect": vector.expect, "code": vector.code}
+    refuse_empty_promises(vector)
     return case | {"features": features(vector), "lods": {str(lod): hashes(vector, lod) for lod in vector.lods}}
 
 
@@ -168,6 +181,12 @@ def write(files):
         (HOME / name).write_bytes(content)
 
 
+def every_vector():
+    """All vectors, in the order of README.md."""
+    good = [subset(), vectors_neural.subset(), uncommon(), vectors_filter.uncommon(), vectors_neural.uncommon()]
+    return [vector for part in (*good, faulty(), vectors_filter.faulty(), vectors_neural.faulty()) for vector in part]
+
+
 def main():
     """The command of the module's description."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -175,7 +194,7 @@ def main():
     mode.add_argument("--write", action="store_true", help="rewrite conformance/")
     mode.add_argument("--check", action="store_true", help="exit 7 where conformance/ is not what would be written")
     arguments = parser.parse_args()
-    vectors = subset() + vectors_neural.subset() + uncommon() + vectors_neural.uncommon() + faulty() + vectors_neural.faulty()
+    vectors = every_vector()
     files = files_of(vectors)
     found = differences(files)
     print("\n".join([*found, f"{len(vectors)} vectors, {len(found)} files differ"]))

@@ -5,9 +5,10 @@ from dataclasses import dataclass, field
 from unittest.mock import patch
 
 import numpy as np
+from vectors_scenes import many_materials, noise_sheet, ribbon, scene_of, torus, triangle, two_sheets
 
 from texfcodec import EncodeOptions, Limits, decode
-from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, Material, Scene, Texture
+from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, Material
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.bitstream.syntax import SIGNATURE, UNIT_END, UNIT_METADATA
 from texfcodec.bitstream.units import read_units, write_unit
@@ -41,59 +42,6 @@ class Vector:
     expect: str = ""
     code: str = ""
     features: dict = field(default_factory=dict)
-
-
-# Shapes: positions float64 [V, 3], faces int64 [F, 3], linear RGBA by vertex float32 [V, 4].
-
-
-def torus(around=16, across=8, thickness=0.4):
-    """A torus of radius 1 with smooth colours."""
-    u, v = np.meshgrid(np.arange(around) * 2 * np.pi / around, np.arange(across) * 2 * np.pi / across, indexing="ij")
-    radius = 1 + thickness * np.cos(v)
-    positions = np.stack([radius * np.cos(u), radius * np.sin(u), thickness * np.sin(v)], -1).reshape(-1, 3)
-    i, j = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
-    at = lambda di, dj: ((i + di) % around * across + (j + dj) % across).reshape(-1)
-    a, b, c, d = at(0, 0), at(1, 0), at(1, 1), at(0, 1)
-    colours = np.stack([0.5 + 0.5 * np.cos(u), 0.5 + 0.4 * np.sin(2 * u + v), 0.5 + 0.3 * np.cos(v), 0.5 + 0.5 * np.sin(v)], -1)
-    return positions, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]), colours.reshape(-1, 4).astype(np.float32)
-
-
-def ribbon(steps=48, turns=3, width=0.03):
-    """A narrow band that winds upwards: few voxels at a high resolution."""
-    angle = np.linspace(0, 2 * np.pi * turns, steps + 1)
-    line = np.stack([np.cos(angle), np.sin(angle), np.linspace(0, 2, steps + 1)], 1)
-    positions = np.stack([line, line + [0, 0, width]], 1).reshape(-1, 3)
-    a = 2 * np.arange(steps)
-    faces = np.concatenate([np.stack([a, a + 2, a + 3], 1), np.stack([a, a + 3, a + 1], 1)])
-    colours = np.stack([0.5 + 0.5 * np.sin(k * np.repeat(angle, 2)) for k in (1, 2, 5)] + [np.ones(2 * steps + 2)], 1)
-    return positions, faces, colours.astype(np.float32)
-
-
-def scene_of(positions, faces, colours, materials=None, face_material=None, metadata=None):
-    """Scene of vertex colours; the colours' alpha counts where a material is not opaque."""
-    face_material = np.zeros(len(faces), np.int64) if face_material is None else face_material
-    return Scene(positions, faces, face_material, np.zeros((len(faces), 3, 2)), colours[faces], materials or [Material("skin")],
-                 [],
-                 metadata=metadata or {})
-
-
-def noise_sheet():
-    """A square with a texture of noise that goes from end to end of the range."""
-    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float64)
-    faces = np.array([[0, 1, 2], [0, 2, 3]])
-    image = np.random.default_rng(7).choice(np.array([0, 255], np.uint8), (24, 24, 4))
-    positions = np.column_stack([corners, corners @ [0.3, 0.6]])
-    return Scene(positions, faces, np.zeros(2, np.int64), corners[faces], None, [Material("noise", texture=0)], [Texture(image)])
-
-
-def two_sheets():
-    """Two parallel squares close together, one per material: two fields."""
-    positions, faces, colours = torus(12, 6)
-    inner = positions * 0.93
-    face_material = np.repeat([0, 1], len(faces))
-    materials = [Material("outside"), Material("inside", double_sided=True)]
-    return scene_of(np.concatenate([positions, inner]), np.concatenate([faces, faces + len(positions)]),
-                    np.concatenate([colours, 1 - colours]), materials, face_material)
 
 
 # Coding
@@ -246,7 +194,7 @@ def with_strange_units():
 
 
 def on_voxel_boundaries():
-    """A closed box and two inner walls, all of whose vertices lie on voxel corners: B = 8, K = 64, positions multiples of 4."""
+    """B = 8, K = 64: a closed box and two inner walls with all vertices on voxel corners, which are multiples of 4."""
     box = np.array([[x, y, z] for x in (0, 128) for y in (0, 64) for z in (0, 252)], np.float64)
     walls = np.array([[64, 0, 0], [64, 64, 0], [64, 64, 252], [0, 32, 128], [128, 32, 128], [128, 64, 128]], np.float64)
     corner = np.array([[255, 255, 255], [255, 251, 255], [251, 255, 255]], np.float64)  # makes the cube 0..255
@@ -282,10 +230,20 @@ def flat_ring():
 
 
 def needle():
-    """The largest grid there is, crossed by a triangle without area: B = 20, K = 8192."""
+    """The largest grid there is, crossed by a triangle of next to no area: B = 20, K = 8192."""
     line = np.array([[0, 0, 0], [1, 0.002, 0.001], [0.5, 0.001, 0.0005]])
     colours = np.array([[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 1]], np.float32)
     return encoded(scene_of(line, np.array([[0, 1, 2]]), colours), resolution=8192, qp=46, position_bits=20)
+
+
+def point_triangle():
+    """B = 20, K = 8: a large triangle and one whose corners are the same grid coordinate, so that its Base is 0 (6.2)."""
+    last = (1 << 20) - 1
+    corners = [[[0, 0, 0], [last, last, 0], [0, last, last]], [[900000, 2, 2], [900001, 2, 2], [900000, 3, 2]]]
+    positions = np.array(corners, np.float64).reshape(-1, 3)
+    colours = np.column_stack([positions / last, np.ones(6)]).astype(np.float32)
+    scene = scene_of(positions, np.arange(6).reshape(2, 3), colours)
+    return encoded(scene, resolution=8, qp=30, position_bits=20, area_threshold=0)
 
 
 def fan():
@@ -303,19 +261,6 @@ def empty():
     return encoded(scene, resolution=16, qp=30, allow_empty=True)
 
 
-def many_materials():
-    """Five materials in one field; names beyond ASCII, an empty one, both flags."""
-    positions, faces, colours = torus(15, 8)
-    materials = [Material("Holz"), Material("Glasur ü", double_sided=True), Material("釉", unlit=True), Material(""),
-                 Material("both", double_sided=True, unlit=True)]
-    return scene_of(positions, faces, colours, materials, np.arange(len(faces)) * 5 // len(faces))
-
-
-def _triangle():
-    positions = np.array([[0.1, 0.2, 0.0], [1.3, 0.4, 0.6], [0.5, 1.5, 0.9]])
-    return positions, np.array([[0, 1, 2]]), np.array([[1, 0.1, 0, 1], [0, 0.8, 0.2, 1], [0.1, 0, 0.9, 1]], np.float32)
-
-
 def subset():
     """What the encoder writes every day."""
     everyday = scene_of(*torus())
@@ -331,7 +276,7 @@ def subset():
         ("qp63", "the largest step", ("7.4.2",), encoded(everyday, resolution=20, qp=63), (0,)),
         ("noise_qp0", "noise at the smallest step: long magnitudes, clipped values", ("7.5.4", "7.8.2"),
          encoded(noise_sheet(), resolution=48, qp=0), (0, 1)),
-        ("one_triangle", "one triangle", ("6.2", "6.3"), encoded(scene_of(*_triangle()), resolution=48, qp=28), (0,)),
+        ("one_triangle", "one triangle", ("6.2", "6.3"), encoded(scene_of(*triangle()), resolution=48, qp=28), (0,)),
         ("threshold0", "area_threshold 0 keeps every touched voxel", ("6.4",),
          encoded(everyday, resolution=16, qp=36, area_threshold=0),
          (0,)),
@@ -376,9 +321,9 @@ def uncommon():
         ("direct", "direct contexts", ("7.5.2", "7.5.3"), recoded(encoded(everyday, resolution=33, qp=24)), (0, 1)),
         ("one_model", "a single model, no colour range, no filter", ("7.5.5", "7.6.4"),
          recoded(encoded(everyday, resolution=24, qp=24), models=1), (0, 1)),
-        ("all_tools", "eight models, three filter stages", ("5.7.3", "7.3", "7.5.5", "7.6.4", "7.7"),
+        ("all_tools", "eight models, colour range, two filter stages", ("5.7.3", "7.3", "7.5.5", "7.6.4", "7.7"),
          recoded(encoded(noise_sheet(), resolution=40, qp=34), models=8, colour_range=3, filters=3), (0, 1)),
-        ("all_tools_slices", "mixing, colour range and filter with slices, colour and alpha", ("7.2", "7.5.5", "7.7"),
+        ("all_tools_slices", "six models, colour range, no filter, with slices of colour and alpha", ("7.2", "7.5.5"),
          recoded(encoded(veil, resolution=30, qp=34), slices=slices, models=6, colour_range=255, filters=2), (0, 2)),
         ("random_mixed", "random bytes through the mixed contexts", ("7.5.5", "7.6.4"), random["mixed"], (0, 1)),
         ("zeros_mixed", "zeros, then random bytes: the longest magnitudes", ("7.5.5", "7.6.4"), random["mixed_zeros"], (0, 1)),
@@ -402,8 +347,10 @@ def uncommon():
          (0, 1, 4, 5)),
         ("alpha_first", "the alpha group first, linear colour", ("5.3.1", "5.7"), alpha_first(), (0,)),
         ("strange_units", "unknown ancillary units, metadata early", ("5.2", "5.8"), with_strange_units(), (0,)),
-        ("voxel_boundaries", "B = 8, every vertex on a voxel corner", ("6.1", "6.2", "6.3"), on_voxel_boundaries(), (0,)),
-        ("needle_bits20_k8192", "B = 20, K = 8192, a triangle without area", ("6.1", "6.2", "6.4"), needle(), (0, 5)),
+        ("voxel_boundaries", "B = 8, all vertices but three on voxel corners", ("6.1", "6.2", "6.3"), on_voxel_boundaries(),
+         (0,)),
+        ("needle_bits20_k8192", "B = 20, K = 8192, a triangle thinner than a voxel", ("6.1", "6.2", "6.4"), needle(), (0, 5)),
+        ("point_triangle", "B = 20, a triangle whose corners have one grid coordinate", ("6.2", "6.3"), point_triangle(), (0, 1)),
         ("exact_areas", "areas and heights exactly on a limit", ("6.2", "6.4"), exact_areas(), (0,)),
         ("flat", "one colour but for a few spots: probabilities at their lower bound", ("7.6.3",), flat_ring(), (0,)),
         ("bits20", "position_bits 20", ("6.1", "6.2"), encoded(everyday, resolution=33, qp=34, position_bits=20), (0,)),

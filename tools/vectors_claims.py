@@ -16,14 +16,9 @@ from vectors_trace import traced
 
 from texfcodec import decode
 from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE
-from texfcodec.bitstream.syntax import (
-    FORM_RESIDENT,
-    FORM_TRANSPORT,
-    SEMANTIC_ALPHA,
-    SEMANTIC_BASE_COLOUR,
-    UNIT_MATERIALS,
-    UNIT_METADATA,
-)
+from texfcodec.bitstream.syntax import UNIT_MATERIALS, UNIT_METADATA
+from texfcodec.channels import ALPHA, BASE_COLOUR
+from texfcodec.codecs.neural.syntax import FORM_RESIDENT, FORM_TRANSPORT
 from texfcodec.codecs.neural.transport import dec_transport
 from texfcodec.codecs.raht.transform.prediction import DEFAULT_KERNEL
 from texfcodec.support.morton import decode_morton
@@ -63,7 +58,7 @@ class Case:
     header = property(lambda self: self.stream.header)
     semantics = property(lambda self: [group["group_semantic"] for group in self.header["channel_groups"]])
     grids = property(lambda self: [field["resolution"] for field in self.stream.fields])
-    neural = property(lambda self: self.stream.neural)
+    neural = property(lambda self: self.stream.joint)
     raht = property(lambda self: [] if self.neural else self.stream.attributes)
     levels = property(lambda self: self.neural["latent_levels"])
     stages = property(lambda self: [unit["filters"] for unit in self.raht])
@@ -220,13 +215,13 @@ HEADER_AND_FIELDS = {
     r"(two )?fields of different K( on two grids)?": lambda c, _, grids:
         len(set(c.grids)) == 2 and (not grids or [level["table_log2"] for level in c.levels] == [0, 0]),
     r"geometry units out of field order": lambda c: (order := [u["field_index"] for u in c.stream.geometry]) != sorted(order),
-    r"alpha group for a MASK material beside an opaque one": lambda c: SEMANTIC_ALPHA in c.semantics
+    r"alpha group for a MASK material beside an opaque one": lambda c: ALPHA.semantic in c.semantics
         and {m["alpha_mode"] for m in c.stream.materials} == {ALPHA_MASK, ALPHA_OPAQUE},
-    r"alpha group for a BLEND material": lambda c: SEMANTIC_ALPHA in c.semantics
+    r"alpha group for a BLEND material": lambda c: ALPHA.semantic in c.semantics
         and {m["alpha_mode"] for m in c.stream.materials} == {ALPHA_BLEND},
-    r"colour and alpha": lambda c: c.semantics == [SEMANTIC_BASE_COLOUR, SEMANTIC_ALPHA],
-    r"the alpha group first|alpha before colour": lambda c: c.semantics == [SEMANTIC_ALPHA, SEMANTIC_BASE_COLOUR],
-    r"linear colour": lambda c: c.header["channel_groups"][c.semantics.index(SEMANTIC_BASE_COLOUR)]["group_transfer"] == 0,
+    r"colour and alpha": lambda c: c.semantics == [BASE_COLOUR.semantic, ALPHA.semantic],
+    r"the alpha group first|alpha before colour": lambda c: c.semantics == [ALPHA.semantic, BASE_COLOUR.semantic],
+    r"linear colour": lambda c: c.header["channel_groups"][c.semantics.index(BASE_COLOUR.semantic)]["group_transfer"] == 0,
     r"a metadata unit": lambda c: c.stream.metadata is not None,
     r"metadata early": metadata_is_early,
     r"unknown ancillary units": lambda c: len(c.stream.skipped) > 1,
@@ -285,9 +280,9 @@ FILTERS = {
     r"three filter stages that have nothing to do": lambda c: c.each(
         lambda u: len(u["filters"]) == 3 and all(s["filter_mask"] for s in u["filters"])) and not has_stages(c, 3),
     r"a filter stage of every class and component": lambda c: has_stages(c, 1) and has_every_tap(c),
-    r"a filter of alpha alone": lambda c: has_stages(c, None) and filters_only(c, SEMANTIC_ALPHA),
-    r"a filter of colour alone": lambda c: has_stages(c, None) and filters_only(c, SEMANTIC_BASE_COLOUR),
-    r"beside alpha": lambda c: SEMANTIC_ALPHA in c.semantics,
+    r"a filter of alpha alone": lambda c: has_stages(c, None) and filters_only(c, ALPHA.semantic),
+    r"a filter of colour alone": lambda c: has_stages(c, None) and filters_only(c, BASE_COLOUR.semantic),
+    r"beside alpha": lambda c: ALPHA.semantic in c.semantics,
     r"a filter of component (\d) alone": lambda c, n: has_component_filter(c, int(n)),
     r"a filter of the second alone": lambda c: has_stages(c, None) and [bool(stages) for stages in c.stages] == [False, True],
     r"the second without a bit in its mask": lambda c: c.each(

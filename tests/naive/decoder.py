@@ -19,7 +19,7 @@ if __package__ in (None, ""):  # run as a command: this folder's own modules are
 from naive.attributes import decode_values
 from naive.bits import Invalid, Unsupported, require, units_of
 from naive.neural import Neural, coarse_values, latent_keys
-from naive.syntax import NEURAL, read_stream
+from naive.syntax import CONSTANT, NEURAL, read_stream
 from naive.voxels import active_voxels
 
 UINT32, POSITION = 6, 0  # Draco's own numbers
@@ -85,8 +85,11 @@ def field_keys(field, triangles, position_bits):
 
 
 def checked_values(unit, keys, lod):
-    """Clause 7, with the check of 7.10 where all levels are decoded."""
-    values = decode_values(unit, keys, lod)
+    """Clauses 5.7.6 and 7, with the check of 7.10 where all levels are decoded."""
+    if unit["codec_id"] == CONSTANT:
+        values = unit["plane_value"] * len({key >> 3 * min(lod, unit["depth"]) for key in keys})
+    else:
+        values = decode_values(unit, keys, lod)
     require(0 < min(lod, unit["depth"]) or zlib.crc32(values) == unit["values_crc"], "values_crc does not match")
     return values
 

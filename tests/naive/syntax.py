@@ -6,7 +6,7 @@ from naive.bits import Reader, Unsupported, require
 
 HEADER, MATERIALS, FIELD, GEOMETRY, ATTRIBUTE, END, METADATA = 0, 1, 2, 3, 4, 5, 128
 COMPONENTS = {0: 3, 1: 1}  # of a group_semantic
-NEURAL = 1  # codec_id
+NEURAL, CONSTANT, PRIVATE = 1, 2, 192  # codec_id
 DRACO_START = bytes.fromhex("445241434F020201010000")
 
 
@@ -79,18 +79,24 @@ def read_geometry(reader, header):
 
 
 def read_attribute(reader, header, fields):
-    """Clause 5.7, with 5.7.1 to 5.7.5."""
+    """Clause 5.7, with 5.7.1 to 5.7.6."""
     unit = {
         "field_index": reader.v("field_index", high=header["num_fields"] - 1),
         "group_index": reader.u8("group_index", 0, header["num_channel_groups"] - 1),
         "codec_id": reader.u8("codec_id"),
-        "values_crc": reader.u32("values_crc"),
     }
-    if unit["codec_id"] > NEURAL:
+    if unit["codec_id"] >= PRIVATE:
+        raise Unsupported(f"the private codec {reader.utf8(reader.u8("codec_name_length", 1), "codec_name")}")
+    unit["values_crc"] = reader.u32("values_crc")
+    if unit["codec_id"] > CONSTANT:
         raise Unsupported(f"attribute codec {unit['codec_id']}")
     if unit["codec_id"] == NEURAL:
         require(unit["field_index"] == unit["group_index"] == 0, "a 3DNTC unit is not that of field 0 and group 0")
         read_neural(reader, unit, header)
+    elif unit["codec_id"] == CONSTANT:
+        components = header["channel_groups"][unit["group_index"]]["components"]
+        unit["depth"] = (fields[unit["field_index"]]["resolution"] - 1).bit_length()
+        unit["plane_value"] = bytes(reader.u8("plane_value") for _ in range(components))
     else:
         read_raht(reader, unit, header, fields)
     return unit

@@ -8,9 +8,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the checkout this file is in, installed or not
 
-from texfcodec import DecodeOptions, Limits, decode  # noqa: E402
-from texfcodec.bitstream.stream import read_stream  # noqa: E402
-from texfcodec.bitstream.syntax import SEMANTIC_BASE_COLOUR  # noqa: E402
+from texfcodec import DecodeOptions, decode  # noqa: E402
 from texfcodec.errors import TexfError  # noqa: E402
 
 
@@ -36,13 +34,11 @@ def _less(a, b):
 def arrays(data, lod=0, threads=0):
     """Clause 9: {array name: bytes} of a stream. Raises TexfError."""
     texf = decode(data, DecodeOptions(lod=lod, threads=threads))
-    groups = read_stream(data, Limits()).header["channel_groups"]
     files = {"geometry": geometry_rows(texf.units).astype("<i8").tobytes()}
     for i, field in enumerate(texf.fields):
         files[f"field{i}_keys"] = field.keys.astype("<i8").tobytes()
-        for g, group in enumerate(groups):
-            colour = group["group_semantic"] == SEMANTIC_BASE_COLOUR
-            files[f"field{i}_group{g}_values"] = (field.rgba[:, :3] if colour else field.rgba[:, 3]).tobytes()
+        for g, channel in enumerate(texf.channels):
+            files[f"field{i}_group{g}_values"] = field.planes[channel.name].tobytes()
     return files
 
 

@@ -15,6 +15,8 @@ from ..support.voxelise import _load_corners, _row, _triangle_frame, grid_coordi
 MAX_FIELDS = 16
 MIN_CONTACT = 0.002  # share of the smaller piece's cells that two pieces must share to count as meeting
 MIN_FOLD = 0.01  # share of a component's cells with opposite normals that makes it a folding one
+MIN_CROWD = 0.05  # share of the cells that hold more than NEAR + 1 pieces, from which on all meetings in them are counted
+NEAR, FAR = 3, 2 * MAX_FIELDS  # a piece meets so many of those after it in a cell
 
 
 @dataclass
@@ -96,9 +98,11 @@ def _cells(corners, faces, face_label, resolution, keys, labels):
     return keys[found], labels[found]
 
 
-def find_contacts(lattice, faces, position_bits, resolution):
-    """Contacts of a surface on a grid of resolution K. lattice: int64 [V, 3]; faces: int64 [F, 3] over welded vertices."""
-    component, direction = face_components(faces), face_directions(lattice, faces)
+def find_contacts(lattice, faces, position_bits, resolution, component=None):
+    """Contacts of a surface on a grid of resolution K. lattice: int64 [V, 3]; faces: int64 [F, 3] over welded vertices;
+    component: int64 [F], of face_components where it is None."""
+    component = face_components(faces) if component is None else component
+    direction = face_directions(lattice, faces)
     corners = np.ascontiguousarray(grid_coordinates(lattice, position_bits, resolution))
     table = np.full(1 << 16, -1, np.int64), np.zeros(1 << 16, np.int64)
     cell, label = _cells(corners, np.ascontiguousarray(faces), component * 6 + direction, resolution, *table)
@@ -144,16 +148,18 @@ def _meetings(cell, piece):
     """Pairs of pieces that meet and in how many cells: (int64 [n], int64 [n], int64 [n]), and the cells per piece."""
     cell, piece = _unique_pairs(cell, piece)
     sizes = np.bincount(piece)
+    crowded = len(np.unique(cell[NEAR + 1:][cell[NEAR + 1:] == cell[: -NEAR - 1]])) > MIN_CROWD * len(np.unique(cell))
     pairs = []
-    for gap in range(1, 4):  # cells with more than four pieces are met often enough by the others
+    for gap in range(1, (FAR if crowded else NEAR) + 1):  # a few crowded cells matter not: their pieces meet in others as well
         same = np.flatnonzero(cell[gap:] == cell[:-gap])
         pairs.append(piece[same] * len(sizes) + piece[same + gap])
     pair, count = np.unique(np.concatenate(pairs), return_counts=True)
     return pair // len(sizes), pair % len(sizes), count, sizes
 
 
-def colour_pieces(contacts, split=()):
-    """Field of every face, int64 [F] numbered from 0 without gaps: greedy colouring of the pieces, larger ones first."""
+def colour_pieces(contacts, split=(), most=MAX_FIELDS):
+    """Field of every face, int64 [F] numbered from 0 without gaps, at most so many: greedy colouring of the pieces, larger ones
+    first."""
     face_piece, label_piece = pieces_of(contacts, split)
     a, b, count, sizes = _meetings(contacts.cell, label_piece)
     meets = count > np.maximum(MIN_CONTACT * np.minimum(sizes[a], sizes[b]), 1)
@@ -164,7 +170,7 @@ def colour_pieces(contacts, split=()):
     colour = np.zeros(max(len(sizes), int(face_piece.max()) + 1), np.int64)
     done = set()
     for piece in np.argsort(-sizes, kind="stable").tolist():
-        load = [0] * MAX_FIELDS
+        load = [0] * most
         for other, n in weight.get(piece, ()):
             if other in done:
                 load[colour[other]] += n

@@ -5,16 +5,22 @@ from dataclasses import replace
 import numpy as np
 
 from ..asset.sample import pack_source, sample_source
-from ..ground.colour_error import ColourError, decibels, sample_surface
+from ..asset.scene import ALPHA_MASK
+from ..channels import ALPHA
+from ..errors import InputError
+from ..ground.colour_error import PEAK, ColourError, decibels, sample_surface
 from ..support.grid import build_brick_map
 from ..support.query import query_field
 from ..support.transfer import face_areas, transfer
 from ..support.voxelise import voxelise
-from .partition import colour_pieces, find_contacts, folding_components
+from .layers import part_layers
+from .partition import MAX_FIELDS, colour_pieces, face_components, find_contacts, folding_components
 
 TRIAL_SAMPLES = 1 << 17
 SURE_GAIN = 1.0  # dB at half the resolution that settle the question
 MIN_GAIN = 0.15  # dB at the coded quality; a further field costs about 150 bytes and 0.1 to 0.4 % more voxels
+MANY_FIELDS = 256  # more than a stream may have: what alpha would be like without that bound
+ROUNDING = 0.5  # levels of alpha that do not count as a change of side
 
 
 def coding_mse(qp):
@@ -27,8 +33,22 @@ def bounded_mse(max_error):
     return (2 * max_error + 1) ** 2 / 12
 
 
-def uncoded_mse(scene, surface, face_field, options):
-    """Luma error of the uncoded fields against the source at TRIAL_SAMPLES surface points.
+def alpha_mse(reference, got, material, materials):
+    """Mean squared error of alpha where it is coded. reference, got: float32 [M] 0..255; material: int64 [M] into materials.
+
+    What counts under a mask is only whether the point shows, so a point on the wrong side of the cutoff is PEAK off and any other
+    is right.
+    """
+    cutoff = np.array([PEAK * m.alpha_cutoff for m in materials])[material]
+    masked = np.array([m.alpha_mode == ALPHA_MASK for m in materials], bool)[material]
+    off = np.abs(got.astype(np.float64) - reference)
+    wrong = ((reference >= cutoff) != (got >= cutoff)) & (off > ROUNDING)
+    return float((np.where(masked, PEAK * wrong, off) ** 2).mean())
+
+
+def uncoded_errors(scene, surface, face_field, options):
+    """Mean squared errors {"y", "alpha"} of the uncoded fields against the source at TRIAL_SAMPLES surface points; "alpha" only
+    where alpha is coded.
 
     surface: encoder's Surface; face_field: int64 [F], numbered from 0 without gaps.
     """
@@ -37,7 +57,8 @@ def uncoded_mse(scene, surface, face_field, options):
     source = pack_source(scene, surface.origin_face)
     reference = sample_source(source, face, bary, threads)
     points = np.einsum("nc,ncd->nd", bary, surface.lattice[surface.faces[face]]) * (resolution / (1 << bits))
-    got = np.zeros((len(points), 3), np.float32)
+    planes = 4 if codes_alpha(scene, surface) else 3
+    got = np.zeros((len(points), planes), np.float32)
     for number in range(int(face_field.max()) + 1):
         mine = face_field == number
         keys, _ = voxelise(surface.lattice, surface.faces[mine], bits, resolution, options.area_threshold, threads)
@@ -45,11 +66,20 @@ def uncoded_mse(scene, surface, face_field, options):
         if len(keys) and len(asked):
             brick_map = build_brick_map(keys)
             part = pack_source(scene, surface.origin_face[mine])
-            colour, _ = transfer(surface.lattice, surface.faces[mine], part, bits, resolution, keys, brick_map, 1, threads)
-            got[asked] = query_field(points[asked], resolution, keys, brick_map, colour, threads)[0]
+            colour, alpha = transfer(surface.lattice, surface.faces[mine], part, bits, resolution, keys, brick_map, 1, threads)
+            values = colour if planes == 3 else np.column_stack([colour, alpha.astype(np.float32)])
+            got[asked] = query_field(points[asked], resolution, keys, brick_map, values, threads)[0]
     error = ColourError()
-    error.add(reference[:, :3], got, np.maximum(reference[:, 3], 1) / 255)
-    return error.mse()["y"]
+    error.add(reference[:, :3], got[:, :3], np.maximum(reference[:, 3], 1) / 255)
+    out = {"y": error.mse()["y"]}
+    if planes == 4:
+        out["alpha"] = alpha_mse(reference[:, 3], got[:, 3], surface.material[face], scene.materials)
+    return out
+
+
+def codes_alpha(scene, surface):
+    """Whether a material in use is not opaque, so that the stream has a plane of alpha."""
+    return ALPHA.needed([scene.materials[m] for m in np.unique(surface.material)])
 
 
 class _Trials:
@@ -57,45 +87,74 @@ class _Trials:
 
     def __init__(self, scene, surface, options):
         self.scene, self.surface, self.options, self.measured = scene, surface, options, {}
+        self.quick = max(options.resolution // 2, 1)
 
-    def _mse(self, face_field, resolution):
+    def _errors(self, face_field, resolution):
         key = (face_field.tobytes(), resolution)
         if key not in self.measured:
-            self.measured[key] = uncoded_mse(self.scene, self.surface, face_field, replace(self.options, resolution=resolution))
+            options = replace(self.options, resolution=resolution)
+            self.measured[key] = uncoded_errors(self.scene, self.surface, face_field, options)
         return self.measured[key]
 
     def _gain(self, base, candidate, resolution):
-        """Gain in dB, at the coded quality, of a candidate over base, and what the report says of it."""
+        """Gain in dB, at the coded quality, of a candidate over base: the sum over colour and, where it is coded, alpha. Then
+        what the report says of it, and the part of alpha."""
         bound = self.options.max_error
         floor = coding_mse(self.options.reckoned_qp) if bound is None else bounded_mse(bound)
-        before, after = self._mse(base, resolution), self._mse(candidate, resolution)
-        gain = decibels(after + floor) - decibels(before + floor)
-        told = {"psnr_y_before": decibels(before), "psnr_y_after": decibels(after)}
-        return gain, {"resolution": resolution, "gain_db": gain, **told}
+        before, after = self._errors(base, resolution), self._errors(candidate, resolution)
+        gains = {k: decibels(after[k] + floor) - decibels(before[k] + floor) for k in before}
+        told = {"resolution": resolution, "gain_db": sum(gains.values())}
+        for k in before:
+            told |= {f"psnr_{k}_before": decibels(before[k]), f"psnr_{k}_after": decibels(after[k])}
+        return sum(gains.values()), told, gains.get("alpha", 0.0)
 
     def pays(self, base, candidate):
         """Whether a candidate gains MIN_GAIN over base. Half the resolution is asked first, in a quarter of the time: surfaces
         are nearer to each other there, so what does not pay there never does, and SURE_GAIN there needs no second look."""
-        gain, told = self._gain(base, candidate, max(self.options.resolution // 2, 1))
+        gain, told, _ = self._gain(base, candidate, self.quick)
         if MIN_GAIN <= gain < SURE_GAIN:
-            gain, told = self._gain(base, candidate, self.options.resolution)
+            gain, told, _ = self._gain(base, candidate, self.options.resolution)
         return gain >= MIN_GAIN, told
+
+    def mixes_alpha(self, best, others):
+        """Whether one of the other partitions shows alpha by MIN_GAIN better than the best."""
+        return any(all(self._gain(best, other, r)[2] >= MIN_GAIN for r in (self.quick, self.options.resolution))
+                   for other in others)
+
+
+def _candidates(scene, surface, options):
+    """Yields (face_field, folding components cut, Contacts): components, those cut where they fold, then both with the layers of
+    a component parted."""
+    component = face_components(surface.faces)
+    for parted in (component, part_layers(scene, surface, component)):
+        if parted is None:
+            continue
+        contacts = find_contacts(surface.lattice, surface.faces, surface.cube.position_bits, options.resolution, parted)
+        folding = folding_components(contacts)
+        for split in [(), folding] if len(folding) else [()]:
+            yield colour_pieces(contacts, split), split, contacts
+
+
+def _unbounded(candidate, split, contacts):
+    """The candidates to compare alpha with: this one and, where it has as many fields as there may be, one with more."""
+    more = colour_pieces(contacts, split, MANY_FIELDS) if candidate.max() + 1 == MAX_FIELDS else candidate
+    return [candidate] if more.max() == candidate.max() else [candidate, more]
 
 
 def choose_fields(scene, surface, options, report):
-    """Field number of every face, int64 [F], and what the report says of it. Tries components, then also cut where they fold;
-    takes what pays."""
-    best = np.zeros(len(surface.faces), np.int64)
-    if options.partition == "off" or len(surface.faces) < 2:
+    """Field number of every face, int64 [F], and what the report says of it. Tries components, then also cut where they fold,
+    then layers; takes what pays. Warns where surfaces of different alpha stay in one field (InputError TXF-I52 if options.strict)."""
+    best, off, alpha = np.zeros(len(surface.faces), np.int64), options.partition == "off", codes_alpha(scene, surface)
+    if len(surface.faces) < 2 or (off and not alpha):
         return best, {"fields": 1, "reason": "switched off" if len(surface.faces) > 1 else "one face"}
     if not face_areas(surface.lattice, surface.faces).any():
         return best, {"fields": 1, "reason": "the surface has no area"}
-    contacts = find_contacts(surface.lattice, surface.faces, surface.cube.position_bits, options.resolution)
-    folding = folding_components(contacts)
-    trials, told, reason = _Trials(scene, surface, options), [], "no surfaces meet in a voxel"
-    for split in [(), folding] if len(folding) else [()]:
-        candidate = colour_pieces(contacts, split)
-        if candidate.max() == best.max() == 0:
+    trials, told, apart = _Trials(scene, surface, options), [], []
+    reason = "switched off" if off else "no surfaces meet in a voxel"
+    for candidate, split, contacts in _candidates(scene, surface, options):
+        if alpha:
+            apart += _unbounded(candidate, split, contacts)
+        if off or np.array_equal(candidate, best):
             continue
         pays, trial = trials.pays(best, candidate)
         told.append({"fields": int(candidate.max()) + 1, "folds_cut": len(split), **trial})
@@ -103,4 +162,15 @@ def choose_fields(scene, surface, options, report):
             best, reason = candidate, "surfaces meet in voxels"
         elif best.max() == 0:
             reason = "surfaces meet, but splitting them would not show"
+    if trials.mixes_alpha(best, apart):
+        _tell_of_mixed_alpha(int(best.max()) + 1, options, report)
     return best, {"fields": int(best.max()) + 1, "reason": reason, "trials": told}
+
+
+def _tell_of_mixed_alpha(fields, options, report):
+    why = ("partition is off" if options.partition == "off" else f"there are no more than {MAX_FIELDS} fields"
+           if fields == MAX_FIELDS else "parting them would cost more colour than it brings")
+    sentence = f"surfaces of different alpha share voxels and stay in one field, so their alpha is mixed: {why}"
+    if options.strict:
+        raise InputError("TXF-I52", "something would be lost, and --strict forbids it", warnings=[*report.warnings, sentence])
+    report.warnings.append(sentence)

@@ -1,4 +1,4 @@
-"""The source mesh on its lattice: equal positions merged, collapsed faces left out (encoder only)."""
+"""The source mesh on its lattice: equal positions merged, collapsed faces and idle flat ones left out (encoder only)."""
 
 from dataclasses import dataclass
 
@@ -6,6 +6,8 @@ import numpy as np
 
 from ..errors import InputError, LimitError
 from .canonical import CanonicalCube, fit_cube
+
+LEAST_HEIGHT = 2.0**-22  # of a face, in sides of the cube: about what rounding to binary32 does to three corners on a line
 
 
 @dataclass
@@ -21,7 +23,8 @@ class Surface:
 
 
 def make_surface(scene, options):
-    """Puts the scene on the lattice, merges equal positions and leaves out faces that have lost a corner (Surface)."""
+    """Puts the scene on the lattice, merges equal positions and leaves out faces that have lost a corner, and flat ones that
+    close no gap (Surface)."""
     limits = options.limits
     for code, what, count, limit in (("TXF-L02", "vertices", len(scene.positions), limits.vertices),
                                      ("TXF-L03", "faces", len(scene.faces), limits.faces)):
@@ -36,4 +39,81 @@ def make_surface(scene, options):
     keep = np.flatnonzero((faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0]))
     if len(keep) == 0 and not options.allow_empty:
         raise InputError("TXF-I63", "every face is degenerate: no three corners are apart", value=len(faces))
+    if len(keep):
+        flat = flat_faces(lattice, faces[keep]) | thin_faces(scene.positions, scene.faces[keep], cube.side)
+        keep = keep[~idle_faces(faces[keep], flat)]
     return Surface(cube, lattice, faces[keep], keep, np.asarray(scene.face_material)[keep])
+
+
+def flat_faces(lattice, faces):
+    """Faces whose corners are on one line of the lattice, bool [F]. lattice: int64 [V, 3] below 2**20, so that all is exact;
+    faces: int64 [F, 3]."""
+    u, v = lattice[faces[:, 1]] - lattice[faces[:, 0]], lattice[faces[:, 2]] - lattice[faces[:, 0]]
+    flat = np.ones(len(faces), bool)
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        flat &= u[:, i] * v[:, j] == u[:, j] * v[:, i]
+    return flat
+
+
+def thin_faces(positions, faces, side):
+    """Faces of the source that are less high than LEAST_HEIGHT sides, bool [F]. They have no area to show, but rounding to the
+    lattice can give them some. positions: float64 [V, 3]; faces: int64 [F, 3]; side: of the canonical cube, above 0."""
+    u, v = ((positions[faces[:, i]] - positions[faces[:, 0]]) / side for i in (1, 2))
+    base = np.sqrt(np.max([(e * e).sum(axis=1) for e in (u, v, v - u)], axis=0))
+    return np.linalg.norm(np.cross(u, v), axis=1) <= LEAST_HEIGHT * base
+
+
+def idle_faces(faces, flat):
+    """Flat faces that close no gap, bool [F]: those whose edge-connected component has no other faces, and those that hang on to
+    others by one edge at most, again and again. None where all are flat: then they are all there is to see.
+
+    A flat face between others stays: without it, the corner in the middle of its long edge would leave a crack there.
+    faces: int64 [F, 3] over welded vertices; flat: bool [F].
+    """
+    idle = np.zeros(len(faces), bool)
+    if not flat.any() or flat.all():
+        return idle
+    ends = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
+    edge = np.unique(ends[..., 0] * (int(faces.max()) + 1) + ends[..., 1], return_inverse=True)[1].reshape(-1, 3)
+    component = _components(edge)
+    solid = np.zeros(int(component.max()) + 1, bool)
+    solid[component[~flat]] = True
+    idle[~solid[component]] = True
+    idle[_peeled(edge, flat, idle)] = True
+    return idle
+
+
+def _components(edge):
+    """Component of every face, int64 [F]. edge: int64 [F, 3] numbers of a face's edges."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    count = len(edge)
+    rows, columns = np.repeat(np.arange(count), 3), count + edge.reshape(-1)
+    size = count + int(edge.max()) + 1
+    graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(size, size))
+    return connected_components(graph, directed=False)[1][:count].astype(np.int64)
+
+
+def _peeled(edge, flat, gone):
+    """Numbers of the flat faces that come off one after the other, each when it shares one edge at most: list. Per edge, the
+    exclusive or of the faces at it is the last one's number when one is left."""
+    rows = np.flatnonzero(~gone)
+    uses = np.bincount(edge[rows].reshape(-1), minlength=int(edge.max()) + 1)
+    last = np.zeros(len(uses), np.int64)
+    np.bitwise_xor.at(last, edge[rows].reshape(-1), np.repeat(rows, 3))
+    candidates = np.flatnonzero(flat & ~gone & ((uses[edge] > 1).sum(axis=1) <= 1)).tolist()
+    uses, last, gone, peeled = uses.tolist(), last.tolist(), gone.tolist(), []
+    while candidates:
+        face = candidates.pop()
+        mine = edge[face].tolist()
+        if gone[face] or not flat[face] or sum(uses[e] > 1 for e in mine) > 1:
+            continue
+        gone[face] = True
+        peeled.append(face)
+        for e in mine:
+            uses[e] -= 1
+            last[e] ^= face
+            if uses[e] == 1:
+                candidates.append(last[e])
+    return peeled

@@ -1,6 +1,7 @@
 """The measuring scripts of tools/ on two made-up clouds: what they print, and that it agrees with itself."""
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -120,3 +121,13 @@ def test_fits_of_equal_steps_stand_against_the_rival(tmp_path, tools_path, monke
     assert "| 1,000 | ASTC | -50.0 % |" in text and "| 1 | ASTC | none |" in text
     assert text.count("3dntc_") == 6 and text.count("astc_") == 3
     assert "| 3dntc_400_1000 | 400 | 1,000 | 17 |" in text  # sampling and fitting, no more
+
+
+def test_tables_of_the_documentation_keep_to_one_asset():
+    """Bytes of a fit follow from its asset and the size asked for: rows of another asset show by theirs."""
+    tables = {}
+    for section in (REPOSITORY / "docs/neural.md").read_text(encoding="utf-8").split("\n### "):
+        for size, resident in re.findall(r"^\| 3dntc_(\d+)_\d+ \| ([\d,]+) \|", section, re.MULTILINE):
+            tables.setdefault(section.splitlines()[0], {}).setdefault(size, set()).add(resident)
+    assert set(tables) == {"Basketball player", "Water bottle"}
+    assert [name for name, sizes in tables.items() if any(len(found) > 1 for found in sizes.values())] == []

@@ -31,8 +31,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from collect import logarithmic, markdown_table, rate_of
-from rate_points import EXIT_INTERRUPTED, SAMPLE, code_of, warm_cache
+
+if not __package__:  # called as a file
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from texfcodec.asset.load.files import load
 from texfcodec.choose.prepare import TRANSFER_DENSITY
@@ -41,6 +42,11 @@ from texfcodec.encoder import encode
 from texfcodec.options import EFFORTS, RATES, REFINEMENTS, DecodeOptions, EncodeOptions, default_threads
 from texfcodec.quality.measure import SourceSamples
 from texfcodec.report import Report
+from tools.batch import resumable, warm_cache
+from tools.collect import markdown_table, rate_of
+from tools.conditions import SAMPLE
+from tools.jobs import code_of
+from tools.plots import load_pyplot, logarithmic
 
 NOISE = 0.05  # seconds that differ by no more count as equal
 RUNS = 3
@@ -306,14 +312,9 @@ def claims(measured):
 
 def draw(measured, there, beaten, path):
     """Both fronts as points.png; a sentence on stderr where matplotlib is not installed."""
-    try:
-        import matplotlib
-    except ImportError:
-        print("no plot: matplotlib is not installed; pip install \"texfcodec[plots]\" brings it", file=sys.stderr)
+    pyplot = load_pyplot()
+    if pyplot is None:
         return
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     figure, (left, right) = pyplot.subplots(1, 2, figsize=(14, 6))
     front = sorted((m.seconds, m.quality) for m, by in zip(there, beaten, strict=True) if not by)
     left.plot(*zip(*front, strict=True), "-", color="tab:green", label="front")
@@ -345,7 +346,7 @@ def draw(measured, there, beaten, path):
 
 
 def run(args):
-    """The sweep of the command line."""
+    """The sweep of the command line; its exit code."""
     from hashlib import sha256
 
     from texfcodec.asset.sample_asset import make_sample
@@ -371,6 +372,7 @@ def run(args):
     (args.out / "points.md").write_text(text, encoding="utf-8")
     draw(measured, there, beaten, args.out / "points.png")
     print("\n".join(claims(measured)))
+    return 0
 
 
 def main(arguments=None):
@@ -379,13 +381,7 @@ def main(arguments=None):
     parser.add_argument("--asset", type=Path, required=True, metavar="PATH", help="a mesh, or \"sample\"")
     parser.add_argument("--quick", action="store_true", help="a few points, in two minutes")
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER")
-    args = parser.parse_args(arguments)
-    try:
-        run(args)
-    except KeyboardInterrupt:
-        print("interrupted; the same command goes on from here", file=sys.stderr)
-        return EXIT_INTERRUPTED
-    return 0
+    return resumable(run, parser.parse_args(arguments))
 
 
 if __name__ == "__main__":

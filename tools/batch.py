@@ -101,17 +101,22 @@ def _last_line(path):
 
 
 def run_batch(jobs, workers, show):
-    """Runs jobs, `workers` at a time; show(job, reason) is called as each ends. Ctrl-C and SIGTERM stop the children first."""
-    children = Children()
+    """Runs jobs, `workers` at a time: {name: why it failed}. show(job, reason) is called as each ends. Ctrl-C and SIGTERM stop
+    the children first."""
+    children, failed = Children(), {}
     with ThreadPoolExecutor(workers) as pool, _terminated_as_interrupted():
         waiting = {pool.submit(run_job, job, children): job for job in jobs}
         try:
             for future in as_completed(waiting):
-                show(waiting[future], future.result())
+                job, reason = waiting[future], future.result()
+                if reason:
+                    failed[job.name] = reason
+                show(job, reason)
         except BaseException:
             children.stop()
             pool.shutdown(wait=True, cancel_futures=True)
             raise
+    return failed
 
 
 @contextmanager
@@ -204,13 +209,7 @@ def run_conditions(args):
         if todo:
             warm_cache()
             with progress(len(todo)) as show:
-
-                def note(job, reason):
-                    if reason:
-                        failed[job.name] = reason
-                    show(job, reason)
-
-                run_batch(todo, workers, note)
+                failed = run_batch(todo, workers, show)
     seconds = time.perf_counter() - begin
     print(f"{len(jobs)} jobs: {len(todo) - len(failed)} done in {seconds:.0f} s, {len(jobs) - len(todo)} were finished before, "
           f"{len(failed)} failed" + (f"; {len(missing)} assets passed over" if missing else ""))

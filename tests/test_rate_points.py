@@ -171,8 +171,16 @@ def test_jobs_of_other_code_are_redone_unless_kept(batch):
     assert job.metrics() and not other.metrics() and other.metrics(keep_old=True)
 
 
+@pytest.fixture
+def heeded_interrupt():
+    """Ctrl-C as a terminal's child has it: what a script starts in its background ignores it, and hands that on."""
+    usual = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, usual)
+
+
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="children are looked up in /proc")
-def test_killed_and_interrupted_batches_leave_no_child_and_are_resumed(tmp_path, capsys):
+def test_killed_and_interrupted_batches_leave_no_child_and_are_resumed(tmp_path, heeded_interrupt, capsys):
     write_ball(tmp_path)
     (tmp_path / "c.toml").write_text('assets = ["ball"]\n' + EVALUATION + '[[settings]]\nname = "q{qp}"\nresolution = 32\n'
                                      "qp = [24, 36]\n")
@@ -184,7 +192,7 @@ def test_killed_and_interrupted_batches_leave_no_child_and_are_resumed(tmp_path,
                                env=environment())
         wait_for(lambda awaited=awaited: (out / "ball" / awaited / "job.json").exists() and children_in(out))
         run.send_signal(number)
-        assert run.wait(20) == code
+        assert run.wait(60) == code
         wait_for(lambda: not children_in(out))
     first = stamps(out)
     assert set(first) == {"ball/q24"}
@@ -192,7 +200,7 @@ def test_killed_and_interrupted_batches_leave_no_child_and_are_resumed(tmp_path,
     assert set(stamps(out)) == {"ball/q24", "ball/q36"} and stamps(out)["ball/q24"] == first["ball/q24"]
 
 
-def wait_for(condition, seconds=30):
+def wait_for(condition, seconds=120):
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, "waited in vain"

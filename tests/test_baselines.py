@@ -11,14 +11,10 @@ from shapes import crossing_sheets, painted_sphere
 
 from texfcodec.asset.scene import Material, Scene, Texture
 from texfcodec.report import Report
+from tools.rate_points import main
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 BYTES_OF_2048 = {"12x12": 467_856, "10x10": 672_400, "8x8": 1_048_576, "6x6": 1_871_424}
-
-
-@pytest.fixture(autouse=True)
-def tools_path(monkeypatch):
-    monkeypatch.syspath_prepend(str(REPOSITORY / "tools"))
 
 
 @pytest.fixture
@@ -63,7 +59,6 @@ def test_uvs_are_counted_once_per_vertex_of_a_renderer():
 
 def test_uvs_of_the_basketball_player_are_those_of_its_file(shared_dir):
     from baselines.astc import quantise_uv, textured_vertices, uv_box
-
     from texfcodec.asset.load.files import load
 
     uv, _ = textured_vertices(load(shared_dir / "assets/bball_0001.glb"))
@@ -201,11 +196,9 @@ def test_vertex_colours_beside_textures_are_named(needs_astc, sample_scene, tmp_
 
 
 def test_batch_tool_measures_astc_in_processes_of_its_own(needs_astc, tmp_path):
-    import rate_points
-
     (tmp_path / "c.toml").write_text('assets = ["sample"]\n[evaluation]\nsamples = 2000\nviews = 1\nsize = 48\n[[settings]]\n'
                                      'name = "{block}"\nmethod = "astc"\nblock = "12x12"\nquality = 0\n')
-    assert rate_points.main([str(tmp_path / "c.toml"), "--out", str(tmp_path / "out")]) == 0
+    assert main([str(tmp_path / "c.toml"), "--out", str(tmp_path / "out")]) == 0
     made = json.loads((tmp_path / "out/sample/12x12/metrics.json").read_text())
     assert made["bytes"]["total"] == made["bytes"]["texture"] + made["bytes"]["uv"] and made["bytes"]["geometry"] == 0
     assert made["psnr_3d"]["y"] > 20 and made["image"]["psnr"]["yuv"] > 20 and made["seconds"]["encode"]["textures"] > 0

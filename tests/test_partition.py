@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from shapes import scene_of
 
+from texfcodec.api import decode
 from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, Material
 from texfcodec.asset.srgb import linear_to_srgb
-from texfcodec.decoder import decode
 from texfcodec.encoder import encode_scene
 from texfcodec.errors import InputError
 from texfcodec.geometry.surface import make_surface
@@ -70,7 +70,7 @@ def test_flat_faces_leave_the_stream_as_it_is_without_them(base, kind):
     good, flat = base(), FLAT[kind](466)
     options = EncodeOptions(resolution=32, qp=28, effort="fast")
     positions, faces = joined(good, flat)
-    assert encode_scene(scene_of(positions, faces), options) == encode_scene(scene_of(*good), options)
+    assert encode_scene(scene_of(positions, faces), options).data == encode_scene(scene_of(*good), options).data
 
 
 def test_flat_faces_cost_no_time():
@@ -107,7 +107,7 @@ def test_where_all_faces_are_flat_all_stay():
 
 
 def layers(*kinds, heights=None, colours=None, shared=True, qp=10, **options):
-    """(Texf, Report) of unit squares of two faces, one per (alpha mode, alpha, cutoff) of kinds, at equal or given heights;
+    """(Texf, Report, reason of the partition) of unit squares of two faces, one per (alpha mode, alpha, cutoff) of kinds, at equal or given heights;
     colours: linear RGB of each; shared: with the same diagonal, so that all their edges coincide."""
     heights = heights or [0.5] * len(kinds)
     positions, faces = sheets(heights)
@@ -117,8 +117,8 @@ def layers(*kinds, heights=None, colours=None, shared=True, qp=10, **options):
                           alpha_cutoff=cutoff) for i, (mode, alpha, cutoff) in enumerate(kinds)]
     scene = scene_of(positions, faces, materials=materials, face_material=np.repeat(np.arange(len(kinds)), 2))
     report = Report()
-    data, _ = encode_scene(scene, EncodeOptions(resolution=64, qp=qp, **options), report)
-    return decode(data), report
+    made = encode_scene(scene, EncodeOptions(resolution=64, qp=qp, **options), report)
+    return decode(made.data), report, made.choices["partition"]["reason"]
 
 
 def alpha_of(texf, material):
@@ -135,29 +135,29 @@ SOLID, HOLE, GLASS = (ALPHA_OPAQUE, 1.0, 0.5), (ALPHA_MASK, 0.0, 0.5), (ALPHA_BL
 @pytest.mark.parametrize("heights", [[0.5, 0.5], [0.5, 0.501]])
 @pytest.mark.parametrize("other,value", [(HOLE, 0), (GLASS, 51)])
 def test_layers_of_equal_colour_and_different_alpha_keep_their_alpha(heights, shared, other, value):
-    texf, report = layers(SOLID, other, heights=heights, shared=shared)
+    texf, report, _ = layers(SOLID, other, heights=heights, shared=shared)
     assert (alpha_of(texf, 0), alpha_of(texf, 1)) == ({255}, {value})
-    assert report.warnings == [] and report.facts["partition"]["fields"] == 2
+    assert report.warnings == [] and len(texf.fields) == 2
     layers(SOLID, other, heights=heights, shared=shared, strict=True)
 
 
 @pytest.mark.parametrize("kind", [SOLID, HOLE, GLASS])
 @pytest.mark.parametrize("heights", [[0.5, 0.5], [0.5, 0.501]])
 def test_layers_of_equal_alpha_and_colour_stay_one_field(heights, kind):
-    texf, report = layers(kind, kind, heights=heights)
+    texf, report, _ = layers(kind, kind, heights=heights)
     assert len(texf.fields) == 1 and report.warnings == []
 
 
 def test_masks_on_the_same_side_of_their_cutoff_stay_one_field():
-    texf, report = layers((ALPHA_MASK, 0.9, 0.5), (ALPHA_MASK, 0.6, 0.5))
+    texf, report, _ = layers((ALPHA_MASK, 0.9, 0.5), (ALPHA_MASK, 0.6, 0.5))
     assert len(texf.fields) == 1 and report.warnings == []
     assert len(layers((ALPHA_MASK, 0.9, 0.5), (ALPHA_MASK, 0.6, 0.7))[0].fields) == 2
 
 
 def test_alpha_mixed_where_partition_is_off_is_told():
-    texf, report = layers(SOLID, HOLE, partition="off")
+    texf, report, reason = layers(SOLID, HOLE, partition="off")
     assert len(texf.fields) == 1 and len(report.warnings) == 1 and "partition is off" in report.warnings[0]
-    assert report.facts["partition"]["reason"] == "switched off"
+    assert reason == "switched off"
     with pytest.raises(InputError) as caught:
         layers(SOLID, HOLE, partition="off", strict=True)
     assert caught.value.code == "TXF-I52" and "alpha" in caught.value.details["warnings"][-1]
@@ -167,9 +167,9 @@ def test_alpha_mixed_where_partition_is_off_is_told():
 
 def test_more_layers_of_different_alpha_than_fields_are_told():
     steps = [(ALPHA_BLEND, i / 19, 0.5) for i in range(20)]
-    texf, report = layers(*steps, effort="fast")
+    texf, report, _ = layers(*steps, effort="fast")
     assert len(texf.fields) == 16 and len(report.warnings) == 1 and "no more than 16 fields" in report.warnings[0]
-    texf, report = layers(*steps[:16], effort="fast")
+    texf, report, _ = layers(*steps[:16], effort="fast")
     assert len(texf.fields) == 16 and report.warnings == []
     assert [alpha_of(texf, i) for i in range(16)] == [{round(255 * a)} for _, a, _ in steps[:16]]
 
@@ -178,9 +178,9 @@ def test_more_layers_of_different_alpha_than_fields_are_told():
 def test_coincident_layers_that_differ_in_colour_get_fields_of_their_own(count):
     """By material, or by vertex colours alone."""
     greys = np.linspace(0, 1, count)
-    texf, _ = layers(*[SOLID] * count, colours=np.repeat(greys[:, None], 3, axis=1).tolist(), effort="fast")
+    texf, *_ = layers(*[SOLID] * count, colours=np.repeat(greys[:, None], 3, axis=1).tolist(), effort="fast")
     assert len(texf.fields) == count
     positions, faces = sheets([0.5] * count)
     rgba = np.column_stack([np.repeat(greys, 4)] * 3 + [np.ones(4 * count)])
-    texf = decode(encode_scene(scene_of(positions, faces, rgba), EncodeOptions(resolution=64, qp=10, effort="fast"))[0])
+    texf = decode(encode_scene(scene_of(positions, faces, rgba), EncodeOptions(resolution=64, qp=10, effort="fast")).data)
     assert sorted(int(f.rgba[:, 0].mean().round()) for f in texf.fields) == np.rint(linear_to_srgb(greys) * 255).tolist()

@@ -1,16 +1,22 @@
-"""The measuring scripts of tools/ on two made-up clouds: what they print, and that it agrees with itself."""
+"""The measuring commands of tools/: how they are called, and that what they print agrees with itself."""
 
 import json
+import os
+import re
+import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tools import anchor_bdrate, attribute_tools, neural_time
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 SPEEDS = {"enc_mpts", "dec_mpts"}
 RATES = {"bd_y", "bd_yuv611", "bd_rgb", "bd_y_area"}
 QPS = "22,34,46"
+COMMANDS = ("accuracy_time", "anchor_bdrate", "attribute_tools", "collect", "neural_time", "pictures", "rate_points")
 
 
 @pytest.fixture(scope="module")
@@ -32,14 +38,7 @@ def clouds(tmp_path_factory):
     return folder
 
 
-@pytest.fixture
-def tools_path(monkeypatch):
-    monkeypatch.syspath_prepend(str(REPOSITORY / "tools"))
-
-
-def test_anchor_json_has_every_measure_and_null_for_the_chroma_of_grey(clouds, tools_path, capsys):
-    import anchor_bdrate
-
+def test_anchor_json_has_every_measure_and_null_for_the_chroma_of_grey(clouds, capsys):
     anchor_bdrate.main(["--clouds", str(clouds), "--qp", QPS, "--json"])
     out, lines = capsys.readouterr()
     result = json.loads(out, parse_constant=pytest.fail)
@@ -58,9 +57,7 @@ def test_anchor_json_has_every_measure_and_null_for_the_chroma_of_grey(clouds, t
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="memory is read from the process's account in /proc")
-def test_decoder_memory_grows_with_the_cloud_and_leaves_the_parent_out(clouds, tools_path):
-    import anchor_bdrate
-
+def test_decoder_memory_grows_with_the_cloud_and_leaves_the_parent_out(clouds):
     small = anchor_bdrate.load_cloud(clouds / "colour.npz")
     x, y = (v.ravel() for v in np.mgrid[:512, :512])
     keys = np.sort(anchor_bdrate.encode_morton(np.stack([x, y, 0 * x], 1)))
@@ -70,16 +67,12 @@ def test_decoder_memory_grows_with_the_cloud_and_leaves_the_parent_out(clouds, t
     assert 0 <= peaks[0] < 20e6 and peaks[1] > max(peaks[0], flat.keys.size * 3 * 4)
 
 
-def test_a_folder_without_clouds_is_named(tmp_path, tools_path):
-    import anchor_bdrate
-
+def test_a_folder_without_clouds_is_named(tmp_path):
     with pytest.raises(SystemExit, match="no NAME.npz"):
         anchor_bdrate.main(["--clouds", str(tmp_path)])
 
 
-def test_attribute_tools_prints_a_row_per_change(clouds, tools_path, tmp_path, capsys):
-    import attribute_tools
-
+def test_attribute_tools_prints_a_row_per_change(clouds, tmp_path, capsys):
     attribute_tools.main(["--clouds", str(clouds), "--qp", QPS, "--out", str(tmp_path / "table.md")])
     assert capsys.readouterr().out == ""
     head, rule, *rows = (tmp_path / "table.md").read_text().splitlines()
@@ -90,12 +83,19 @@ def test_attribute_tools_prints_a_row_per_change(clouds, tools_path, tmp_path, c
     assert float(cells["mixing off"][0]) > 0 and float(cells["no RDO"][0]) > 0
 
 
-def test_changes_that_are_none_at_an_effort_have_no_row(tools_path):
-    import attribute_tools
-
+def test_changes_that_are_none_at_an_effort_have_no_row():
     assert attribute_tools.changes_at("fast") == [
         "complete set", "2 models", "4 models", "8 models", "filter of 2 stages", "kernel choice off", "no RDO"]
     assert "8 models" not in attribute_tools.changes_at("best") and "kernel choice off" in attribute_tools.changes_at("best")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_commands_are_called_as_files_from_anywhere_and_as_modules(command, tmp_path):
+    bare = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    for words, folder in (([REPOSITORY / f"tools/{command}.py"], tmp_path), (["-m", f"tools.{command}"], REPOSITORY)):
+        line = [sys.executable, *words, "--help"]
+        run = subprocess.run(line, cwd=folder, env=bare, capture_output=True, text=True, check=False)
+        assert run.returncode == 0 and run.stdout.startswith("usage:"), run.stderr
 
 
 def result(setting, group, rate, psnr, steps=None):
@@ -107,9 +107,7 @@ def result(setting, group, rate, psnr, steps=None):
             "image": {"psnr": {"y": psnr - 1, "rgb": psnr - 3}}}
 
 
-def test_fits_of_equal_steps_stand_against_the_rival(tmp_path, tools_path, monkeypatch):
-    import neural_time
-
+def test_fits_of_equal_steps_stand_against_the_rival(tmp_path, monkeypatch):
     rival = [result(f"astc_{n}", "ASTC", 2 * rate, psnr) for n, (rate, psnr) in enumerate([(100, 40), (200, 43), (400, 46)])]
     ours = [result(f"3dntc_{rate}_{steps}", "3DNTC", rate, psnr - (20 if steps == 1 else 0), steps)
             for rate, psnr in ((100, 40), (200, 43), (400, 46)) for steps in (1, 1000)]
@@ -120,3 +118,24 @@ def test_fits_of_equal_steps_stand_against_the_rival(tmp_path, tools_path, monke
     assert "| 1,000 | ASTC | -50.0 % |" in text and "| 1 | ASTC | none |" in text
     assert text.count("3dntc_") == 6 and text.count("astc_") == 3
     assert "| 3dntc_400_1000 | 400 | 1,000 | 17 |" in text  # sampling and fitting, no more
+
+
+def test_fits_stand_under_their_own_asset(tmp_path, monkeypatch):
+    rows = [result(f"3dntc_{rate}_{steps}", "3DNTC", rate - shift, 40, steps) | {"asset": asset}
+            for steps in (1, 2) for rate in (100, 200) for asset, shift in (("vase", 0), ("cup", 5))]
+    monkeypatch.setattr(neural_time, "read_results", lambda folder: rows)
+    monkeypatch.setattr("sys.argv", ["neural_time.py", str(tmp_path), "--out", str(tmp_path)])
+    neural_time.main()
+    _, vase, cup = (tmp_path / "neural.md").read_text().split("## ")
+    for section, name, sizes in ((vase, "vase", ["100", "100", "200", "200"]), (cup, "cup", ["95", "95", "195", "195"])):
+        assert section.startswith(name) and re.findall(r"^\| 3dntc_\d+_\d \| (\d+) \|", section, re.MULTILINE) == sizes
+
+
+def test_tables_of_the_documentation_keep_to_one_asset():
+    """Bytes of a fit follow from its asset and the size asked for: rows of another asset show by theirs."""
+    tables = {}
+    for section in (REPOSITORY / "docs/neural.md").read_text(encoding="utf-8").split("\n### "):
+        for size, resident in re.findall(r"^\| 3dntc_(\d+)_\d+ \| ([\d,]+) \|", section, re.MULTILINE):
+            tables.setdefault(section.splitlines()[0], {}).setdefault(size, set()).add(resident)
+    assert set(tables) == {"Basketball player", "Water bottle"}
+    assert [name for name, sizes in tables.items() if any(len(found) > 1 for found in sizes.values())] == []

@@ -31,15 +31,20 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from collect import logarithmic, markdown_table, rate_of
-from rate_points import EXIT_INTERRUPTED, SAMPLE, code_of, warm_cache
+
+if not __package__:  # called as a file
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from texfcodec.api import decode, encode
 from texfcodec.asset.load.files import load
 from texfcodec.choose.prepare import TRANSFER_DENSITY
 from texfcodec.options import EFFORTS, RATES, REFINEMENTS, DecodeOptions, EncodeOptions, default_threads
 from texfcodec.quality.measure import SourceSamples
-from texfcodec.report import Report
+from tools.batch import resumable, warm_cache
+from tools.collect import markdown_table, rate_of
+from tools.conditions import SAMPLE
+from tools.jobs import code_of
+from tools.plots import load_pyplot, logarithmic
 
 NOISE = 0.05  # seconds that differ by no more count as equal
 RUNS = 3
@@ -136,20 +141,20 @@ class Bench:
     def run(self, point, with_quality):
         """One encode with warm kernels: {"seconds", "bytes", "geometry", "psnr_y"}, the last None where it is lossless or was not
         asked for."""
-        options, kind, report = point.options(self.threads), (point.effort, point.refine), Report()
+        options, kind = point.options(self.threads), (point.effort, point.refine)
         with transfer_density(point.effort, point.density):
             if kind not in self.warm:
                 encode(self.scene, replace(options, resolution=WARM_RESOLUTION, refine_iterations=1))
                 self.warm.add(kind)
             begin = time.perf_counter()
-            data = encode(self.scene, options, report)
+            made = encode_to_result(self.scene, options)
             seconds = time.perf_counter() - begin
         psnr = None
         if with_quality:
-            texf = decode(data, DecodeOptions(threads=self.threads))
-            psnr = self.samples.compare(texf, report.facts.get("scene_face_field"))["y"]
-        return {"seconds": round(seconds, 4), "bytes": rate_of(report.facts, "texture"),
-                "geometry": report.facts["bytes"]["geometry"], "psnr_y": psnr}
+            texf = decode(made.data, DecodeOptions(threads=self.threads))
+            psnr = self.samples.compare(texf, made.face_field)["y"]
+        return {"seconds": round(seconds, 4), "bytes": rate_of({"bytes": made.sizes}, "texture"),
+                "geometry": made.sizes["geometry"], "psnr_y": psnr}
 
 
 def run_sweep(points, bench, cache, conditions):
@@ -305,14 +310,9 @@ def claims(measured):
 
 def draw(measured, there, beaten, path):
     """Both fronts as points.png; a sentence on stderr where matplotlib is not installed."""
-    try:
-        import matplotlib
-    except ImportError:
-        print("no plot: matplotlib is not installed; pip install \"texfcodec[plots]\" brings it", file=sys.stderr)
+    pyplot = load_pyplot()
+    if pyplot is None:
         return
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     figure, (left, right) = pyplot.subplots(1, 2, figsize=(14, 6))
     front = sorted((m.seconds, m.quality) for m, by in zip(there, beaten, strict=True) if not by)
     left.plot(*zip(*front, strict=True), "-", color="tab:green", label="front")
@@ -344,7 +344,7 @@ def draw(measured, there, beaten, path):
 
 
 def run(args):
-    """The sweep of the command line."""
+    """The sweep of the command line; its exit code."""
     from hashlib import sha256
 
     from texfcodec.asset.sample_asset import make_sample
@@ -370,6 +370,7 @@ def run(args):
     (args.out / "points.md").write_text(text, encoding="utf-8")
     draw(measured, there, beaten, args.out / "points.png")
     print("\n".join(claims(measured)))
+    return 0
 
 
 def main(arguments=None):
@@ -378,13 +379,7 @@ def main(arguments=None):
     parser.add_argument("--asset", type=Path, required=True, metavar="PATH", help="a mesh, or \"sample\"")
     parser.add_argument("--quick", action="store_true", help="a few points, in two minutes")
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER")
-    args = parser.parse_args(arguments)
-    try:
-        run(args)
-    except KeyboardInterrupt:
-        print("interrupted; the same command goes on from here", file=sys.stderr)
-        return EXIT_INTERRUPTED
-    return 0
+    return resumable(run, parser.parse_args(arguments))
 
 
 if __name__ == "__main__":

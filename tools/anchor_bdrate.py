@@ -26,6 +26,9 @@ from pathlib import Path
 
 import numpy as np
 
+if not __package__:  # called as a file
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 from texfcodec.codecs.raht.choice import EFFORTS, choose_tools
 from texfcodec.codecs.raht.codec import dec_attributes, enc_attributes
 from texfcodec.codecs.raht.syntax import RAHT
@@ -36,6 +39,7 @@ from texfcodec.ground.walk import write_structure
 from texfcodec.quality.bd_rate import bd_rate
 from texfcodec.support.layout import octree_depth
 from texfcodec.support.morton import encode_morton
+from tools.memory import RECORD, forget_peak, resident
 
 CHROMA_OFFSET = -1
 QPS = "22,28,34,40,46"
@@ -131,17 +135,10 @@ def speeds(cloud, effort, threads):
     return (len(cloud.keys) / np.median(seconds, axis=0) / 1e6).round(3).tolist()
 
 
-def resident(field):
-    """A line of the system's account of this process's memory, in bytes: VmRSS now, VmHWM at its highest."""
-    lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
-    return int(lines[field].split()[0]) * 1024
-
-
 def growth_of_decoding(warm, keys, depth, fields):
     """Bytes by which decoding lifts this process's resident memory; warm: keys, depth, fields of a small cloud, decoded first."""
     decode(*warm, 2)
-    # The highest value is set back first, which getrusage cannot do: its value holds the warm-up too, and the parent's past.
-    Path("/proc/self/clear_refs").write_text("5")
+    forget_peak()
     before = resident("VmRSS")
     decode(keys, depth, fields, 2)
     return max(0, resident("VmHWM") - before)
@@ -149,7 +146,7 @@ def growth_of_decoding(warm, keys, depth, fields):
 
 def decoder_memory(cloud, effort):
     """Peak memory of decoding in bytes, by growth_of_decoding in a fresh process; None where the system does not tell."""
-    if not Path("/proc/self/clear_refs").exists():
+    if not RECORD.exists():
         return None
     tools, _ = choose(cloud, TIMED_QP, effort, 2)
     fields, *_ = code(cloud, TIMED_QP, tools, 2)

@@ -14,9 +14,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from anchor_bdrate import QPS, RUNS, TIMED_QP, choose, cloud_paths, code, load_cloud, rate_difference, rate_point
+
+if not __package__:  # called as a file
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from texfcodec.codecs.raht.choice import EFFORTS
+from tools.anchor_bdrate import QPS, RUNS, TIMED_QP, choose, cloud_paths, code, load_cloud, rate_difference, rate_point
 
 COMPLETE, CHOICE_OFF = "complete set", "kernel choice off"
 CHANGES = {

@@ -19,7 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
+if not __package__:  # called as a file
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 from texfcodec.quality.bd_rate import bd_rate
+from tools.plots import load_pyplot, logarithmic
 
 # What is compared, by name: the path to it in metrics.json.
 MEASURES = {
@@ -186,14 +190,9 @@ def report(rows, pairs, kind):
 
 def draw(rows, anchors, kind, out):
     """ASSET.png for each asset; False, and a sentence on stderr, where matplotlib is not installed."""
-    try:
-        import matplotlib
-    except ImportError:
-        print("no plots: matplotlib is not installed; pip install \"texfcodec[plots]\" brings it", file=sys.stderr)
+    pyplot = load_pyplot()
+    if pyplot is None:
         return False
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     for asset in dict.fromkeys(r["asset"] for r in rows):
         figure, panels = pyplot.subplots(1, len(PLOTTED), figsize=(6 * len(PLOTTED), 4.5), squeeze=False)
         for panel, measure in zip(panels[0], PLOTTED, strict=True):
@@ -202,16 +201,6 @@ def draw(rows, anchors, kind, out):
         figure.savefig(out / f"{asset}.png", dpi=110)
         pyplot.close(figure)
     return True
-
-
-def logarithmic(panel):
-    """A logarithmic x axis that names plain numbers, some within a decade as well."""
-    from matplotlib.ticker import LogLocator, NullFormatter
-
-    panel.set_xscale("log")
-    panel.xaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 4, 5, 6, 8)))
-    panel.xaxis.set_major_formatter("{x:g}")
-    panel.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _draw_panel(panel, asset, measure, kind, sides):

@@ -9,12 +9,15 @@ design, sampling, fitting and refinement.
 """
 
 import argparse
+import sys
 from pathlib import Path
 
-from collect import MEASURES, at, grouped, rate_of, read_results
+if not __package__:  # called as a file
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from texfcodec.options import DEFAULT_STEPS
-from texfcodec.quality.bd_rate import bd_rate
+from tools.collect import MEASURES, at, grouped, rate_difference, rate_of, read_results
+from tools.plots import load_pyplot
 
 FIT = ("facts", "fit")
 STAGES = ("design", "samples", "fit", "refine")
@@ -56,15 +59,13 @@ def differences(ours, rivals):
     yield "|---|---|" + "---|" * len(MEASURES)
     for steps, mine in ours.items():
         for group, rows in rivals.items():
-            told = [_difference(rows, mine, path) for path in MEASURES.values()]
+            told = [_difference(rows, mine, measure) for measure in MEASURES]
             yield f"| {steps:,} | {group} | " + " | ".join(told) + " |"
 
 
-def _difference(rival, ours, path):
-    (rate_a, psnr_a), (rate_b, psnr_b) = (([rate_of(r, "texture") for r in rows], [at(r, path) for r in rows])
-                                          for rows in (rival, ours))
+def _difference(rival, ours, measure):
     try:
-        return f"{bd_rate(rate_a, psnr_a, rate_b, psnr_b):.1f} %"
+        return f"{rate_difference(rival, ours, measure):.1f} %"
     except ValueError:  # no common range of quality, or a larger payload that so few steps make no better
         return "none"
 
@@ -79,13 +80,9 @@ def curves_of(rows):
 
 def plot(assets, path):
     """Writes the picture, of assets with a curve."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     drawn = {asset: curves for asset, rows in assets.items() if (curves := curves_of(rows))}
-    if not drawn:
+    pyplot = load_pyplot() if drawn else None
+    if pyplot is None:
         return
     figure, axes = pyplot.subplots(1, len(drawn), figsize=(6 * len(drawn), 4), squeeze=False)
     for ax, (asset, sizes) in zip(axes[0], drawn.items(), strict=True):
@@ -122,10 +119,7 @@ def main():
     text = "\n".join(lines)
     (options.out / "neural.md").write_text(text, encoding="utf-8")
     print(text)
-    try:
-        plot(assets, options.out / "neural.png")
-    except ImportError:
-        print("no picture: matplotlib is not installed (texfcodec[plots])")
+    plot(assets, options.out / "neural.png")
 
 
 if __name__ == "__main__":

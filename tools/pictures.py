@@ -7,10 +7,14 @@ is from the source, with the scale of texf-render --compare. Rendered by texfcod
 """
 
 import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
+
+if not __package__:  # called as a file
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from texfcodec.api import decode
 from texfcodec.asset.load.files import load

@@ -6,12 +6,12 @@ from dataclasses import fields
 import numpy as np
 
 from baselines import Method, method
-from texfcodec.options import EncodeOptions
+from texfcodec.codecs import codec_of
+from texfcodec.options import DEFAULT_CODEC, EncodeOptions
 
 STREAM, FACE_FIELD = "stream.texf", "face_field.npz"
 NOT_SETTINGS = {"threads", "measure", "limits", "checkpoint"}
 WARM_RESOLUTION = 64
-KEPT_FACTS = ("voxels", "faces", "vertices", "fields", "texels_per_voxel_edge", "resolution", "qp", "refinement")
 
 
 @method("texf")
@@ -28,26 +28,28 @@ class TexfMethod(Method):
         from texfcodec.warmup import small_scene
 
         kept = {k: v for k, v in options.items() if k not in ("target_bytes", "target_psnr")}
-        kept |= {"resolution": WARM_RESOLUTION, "threads": threads, "refine_iterations": 1, "steps": 1}
-        if kept.get("refine", "auto") == "auto" and kept.get("effort") != "fast" and kept.get("codec") != "3dntc":
+        kept |= {"resolution": WARM_RESOLUTION, "threads": threads, "refine_iterations": 1}
+        if codec_of(kept.get("codec", DEFAULT_CODEC)).joint:
+            kept["steps"] = 1
+        elif kept.get("refine", "auto") == "auto" and kept.get("effort") != "fast":
             kept["refine"] = "fit"
         decode(encode(small_scene(), EncodeOptions(**kept)))
 
     def encode(self, scene, options, folder, threads, report):
         """Writes STREAM and FACE_FIELD."""
-        from texfcodec.api import encode
+        from texfcodec.api import encode_to_result
 
         settings = EncodeOptions(**options, threads=threads)
-        data, made = encode(scene, settings, report), report.facts
-        (folder / STREAM).write_bytes(data)
-        np.savez_compressed(folder / FACE_FIELD, face_field=made["scene_face_field"])
-        asked, sizes = {"resolution": settings.resolution, "qp": settings.qp}, made["bytes"]
-        if settings.codec == "3dntc":
-            asked = {"resolution": settings.resolution, "fit": made["fit"], "file_bytes": sizes}
-            sizes = {"geometry": sizes["geometry"], **made["resident"]}
+        made = encode_to_result(scene, settings, report)
+        (folder / STREAM).write_bytes(made.data)
+        np.savez_compressed(folder / FACE_FIELD, face_field=made.face_field)
+        asked, sizes = {"resolution": made.resolution, "qp": made.qp}, made.sizes
+        if "resident" in made.choices:
+            asked = {"resolution": made.resolution, "fit": made.choices["fit"], "file_bytes": sizes}
+            sizes = {"geometry": sizes["geometry"], **made.choices["resident"]}
             sizes["total"] += sizes["geometry"]
-        return {"bytes": sizes, "reconstruction_sha256": made["reconstruction_sha256"],
-                **asked, **{name: made[name] for name in KEPT_FACTS if name in made}}
+        return {"bytes": sizes, "reconstruction_sha256": made.reconstruction_sha256, **made.counts,
+                "texels_per_voxel_edge": made.texels_per_voxel_edge, "refinement": made.choices["refinement"], **asked}
 
     def decode(self, folder, options, threads, report):
         """The Texf of STREAM."""
@@ -57,13 +59,13 @@ class TexfMethod(Method):
         return decode((folder / STREAM).read_bytes(), DecodeOptions(threads=threads), report)
 
     def values_sha256(self, decoded):
-        """As report.facts["reconstruction_sha256"] of the encoder: field by field and channel group by channel group, the keys
+        """As Encoded.reconstruction_sha256 of the encoder: field by field and channel group by channel group, the keys
         as 64-bit little-endian numbers, then the uint8 values [N, C]."""
         total = hashlib.sha256()
         for field in decoded.fields:
-            for channels in (slice(0, 3), slice(3, 4))[: 2 if decoded.has_alpha else 1]:
+            for channel in decoded.channels:
                 total.update(np.ascontiguousarray(field.keys, "<i8"))
-                total.update(np.ascontiguousarray(field.rgba[:, channels]))
+                total.update(np.ascontiguousarray(field.planes[channel.name]))
         return total.hexdigest()
 
     def face_field(self, folder):

@@ -1,0 +1,47 @@
+"""Condition files: mistakes are named, what is committed is sound."""
+
+from pathlib import Path
+
+import pytest
+
+from tools.conditions import read_conditions
+from tools.rate_points import main
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+SETTING = '[[settings]]\nname = "a"\n'
+
+
+@pytest.mark.parametrize(
+    "text, sentence",
+    [
+        ("assets = [\n", "c.toml: .*at end of document"),
+        ('assets = "sample"\n' + SETTING, "assets must be a list of names"),
+        ("assets = []\n" + SETTING, "assets is empty"),
+        ('assets = ["sample"]\n', r"no \[\[settings\]\] table"),
+        ('asset = ["sample"]\n' + SETTING, "unknown key 'asset'; there are assets, "),
+        ('assets = ["sample"]\n[evaluation]\nviews = -1\n' + SETTING, "views must be a whole number, 0 or more, not -1"),
+        ('assets = ["sample"]\n[evaluation]\nssim = 1\n' + SETTING, "ssim must be true or false"),
+        ('assets = ["sample"]\n[[settings]]\nqp = 3\n', "number 1 has no name"),
+        ('assets = ["sample"]\n' + SETTING + SETTING, "two settings are called 'a'"),
+        ('assets = ["sample"]\n' + SETTING + "quality = 3\n", "number 1 .'a'. has an unknown key 'quality'; there are .*, qp, "),
+        ('assets = ["sample"]\n' + SETTING + 'method = "mp3"\n', "there is no method 'mp3', only .*texf"),
+        ('assets = ["sample"]\n' + SETTING + 'assets = ["vase"]\n', "'vase' is none of the file's assets"),
+        ('assets = ["sample"]\n' + SETTING + "qp = []\n", r"qp must be text, a number, .* not \[\]"),
+        ('assets = ["sample"]\n' + SETTING + "qp = 1979-05-27\n", "qp must be text, a number"),
+        ('assets = ["sample"]\n[[settings]]\nname = "{rate}"\nqp = 3\n', "may only use .* not 'rate'"),
+        ('assets = ["sample"]\n[[settings]]\nname = "../a"\n', "no folder name"),
+        ('assets = ["sample"]\nplugins = ["none.py"]\n' + SETTING, "none.py cannot be loaded"),
+    ],
+)
+def test_mistakes_in_conditions_are_named(tmp_path, text, sentence):
+    (tmp_path / "c.toml").write_text(text)
+    with pytest.raises(SystemExit, match=sentence):
+        main([str(tmp_path / "c.toml"), "--out", str(tmp_path / "out")])
+    assert not (tmp_path / "out").exists()
+
+
+def test_committed_conditions_are_sound():
+    for path in sorted((REPOSITORY / "conditions").glob("*.toml")):
+        conditions = read_conditions(path)
+        assert "sample" in conditions["assets"] and conditions["settings"]
+    assert len(read_conditions(REPOSITORY / "conditions/paper.toml")["settings"]) == 18

@@ -1,0 +1,83 @@
+"""The jobs of a batch: one asset at one setting in a folder of its own, what it is known by, and whether it is finished."""
+
+import hashlib
+import inspect
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import texfcodec
+from baselines import find
+from tools.conditions import SAMPLE
+
+SCHEMA = 1
+JOB, ENCODED, METRICS, LOG = "job.json", "encode.json", "metrics.json", "log.txt"
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+@dataclass
+class Job:
+    """One asset at one setting. facts: what job.json holds."""
+
+    folder: Path
+    facts: dict
+
+    @property
+    def name(self):
+        return f"{self.facts['asset']}/{self.facts['setting']}"
+
+    def metrics(self, keep_old=False):
+        """The finished job's metrics, or None; those of other code count with keep_old only."""
+        found = read_json(self.folder / METRICS) or {}
+        same = found.get("settings_sha256") == self.facts["settings_sha256"]
+        return found if same and (keep_old or found.get("code") == self.facts["code"]) else None
+
+
+def jobs_of(conditions, assets, out, threads):
+    """All jobs, asset by asset. assets: {name as given: path}."""
+    code = {name: code_of(name, conditions["plugins"]) for name in {s["method"] for s in conditions["settings"]}}
+    jobs, names = [], {}
+    for given, path in assets.items():
+        name, asset_sha256 = SAMPLE if given == SAMPLE else path.stem, _sha256(path.read_bytes())
+        if name in names:
+            raise SystemExit(f"two assets are called {name!r}: {names[name]} and {path}")
+        names[name] = path
+        for setting in conditions["settings"]:
+            if given not in setting["assets"]:
+                continue
+            settled = {"schema": SCHEMA, "asset": name, "asset_sha256": asset_sha256, "evaluation": conditions["evaluation"],
+                       **{key: setting[key] for key in ("setting", "group", "method", "options")}}
+            facts = {**settled, "settings_sha256": _sha256(json.dumps(settled, sort_keys=True).encode()),
+                     "code": code[setting["method"]], "package": texfcodec.__version__, "asset_path": str(path),
+                     "plugins": conditions["plugins"], "threads": threads}
+            jobs.append(Job(out / name / setting["setting"], facts))
+    return jobs
+
+
+def code_of(method, plugins):
+    """16 digits over what results depend on: the sources of the package and of the method, and the method's version()."""
+    found = find(method, plugins)
+    total = hashlib.sha256(found.version().encode())
+    for path in (*sorted((REPOSITORY / "texfcodec").rglob("*.py")), Path(inspect.getfile(type(found)))):
+        total.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    return total.hexdigest()[:16]
+
+
+def _sha256(data):
+    return hashlib.sha256(data).hexdigest()
+
+
+def read_json(path):
+    """What a JSON file holds; None where there is none or only half of one."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+
+
+def write_json(path, value):
+    """Writes beside the path and renames, so that a file of this name is always whole."""
+    part = path.with_name(path.name + ".part")
+    part.write_text(json.dumps(value, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    os.replace(part, path)

@@ -1,0 +1,43 @@
+"""Resident memory of this process, where its system tells: Linux does."""
+
+from pathlib import Path
+
+from texfcodec.report import peak_memory_bytes
+
+RECORD = Path("/proc/self/clear_refs")
+
+
+def resident(field):
+    """A line of the system's account of this process's memory, in bytes: VmRSS now, VmHWM at its highest."""
+    lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+    return int(lines[field].split()[0]) * 1024
+
+
+def forget_peak():
+    """Sets the record of the highest resident memory back to what is held now. OSError: the system does not let us.
+
+    getrusage cannot do it: its value holds all that was before, the parent's past as well.
+    """
+    RECORD.write_text("5")
+
+
+class Memory:
+    """Resident memory of this process from now on, in bytes; the system's record of the peak is set back first."""
+
+    def __init__(self):
+        try:
+            forget_peak()
+        except OSError:  # another system, or one that forbids it: the peak then holds the warm-up too
+            pass
+        self.idle = _told("VmRSS")
+
+    def result(self):
+        """{"peak", "idle"}: the highest since, and what the process held before; None where the system does not tell."""
+        return {"peak": _told("VmHWM") or peak_memory_bytes(), "idle": self.idle}
+
+
+def _told(field):
+    try:
+        return resident(field)
+    except (OSError, KeyError):
+        return None

@@ -1,0 +1,26 @@
+"""Plots of results, where matplotlib is installed."""
+
+import sys
+
+
+def load_pyplot():
+    """matplotlib's pyplot, which draws into files; None, and a sentence on stderr, where it is not installed."""
+    try:
+        import matplotlib
+    except ImportError:
+        print("no plots: matplotlib is not installed; pip install \"texfcodec[plots]\" brings it", file=sys.stderr)
+        return None
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    return pyplot
+
+
+def logarithmic(panel):
+    """A logarithmic x axis that names plain numbers, some within a decade as well."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    panel.set_xscale("log")
+    panel.xaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 4, 5, 6, 8)))
+    panel.xaxis.set_major_formatter("{x:g}")
+    panel.xaxis.set_minor_formatter(NullFormatter())

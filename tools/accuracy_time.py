@@ -35,7 +35,7 @@ import numpy as np
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from texfcodec.api import decode, encode
+from texfcodec.api import decode, encode, encode_to_result
 from texfcodec.asset.load.files import load
 from texfcodec.choose.prepare import TRANSFER_DENSITY
 from texfcodec.options import EFFORTS, RATES, REFINEMENTS, DecodeOptions, EncodeOptions, default_threads

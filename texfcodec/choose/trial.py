@@ -143,7 +143,7 @@ def _unbounded(candidate, split, contacts):
 
 def choose_fields(scene, surface, options, report):
     """Field number of every face, int64 [F], and what the report says of it. Tries components, then also cut where they fold,
-    then layers; takes what pays. Warns where surfaces of different alpha stay in one field (InputError TXF-I52 if options.strict)."""
+    then layers; takes what pays. Warns where surfaces of different alpha stay in one field (InputError TXF-I52 with strict)."""
     best, off, alpha = np.zeros(len(surface.faces), np.int64), options.partition == "off", codes_alpha(scene, surface)
     if len(surface.faces) < 2 or (off and not alpha):
         return best, {"fields": 1, "reason": "switched off" if len(surface.faces) > 1 else "one face"}

@@ -171,7 +171,7 @@ def _encode(scene, options, report, out):
     facts = {"bytes": made.sizes, "resolution": made.resolution, "qp": made.qp, "max_error": options.max_error, **made.counts,
              "codec": options.codec, "texels_per_voxel_edge": round(made.texels_per_voxel_edge, 3),
              "psnr_3d": psnr and {name: psnr[name] for name in ("y", "yuv611", "rgb")}, "psnr_samples": psnr and psnr["samples"]}
-    return facts | {name: told for name, told in made.choices.items() if name != "partition"}
+    return facts | made.choices
 
 
 def _estimate(scene, options, report):

@@ -18,11 +18,10 @@ from pathlib import Path
 
 import click
 
-from ..errors import EXIT_INTERNAL, EXIT_IO, EXIT_LIMIT, EXIT_USAGE, InputError, LimitError, TexfError
+from ..errors import EXIT_INTERNAL, EXIT_INTERRUPTED, EXIT_IO, EXIT_LIMIT, EXIT_USAGE, InputError, LimitError, TexfError
 from ..limits import Limits
 
 SCHEMA = 1
-EXIT_INTERRUPTED = 130
 TRACEBACK = "TEXF_TRACEBACK"  # set to 1 to see where an internal error comes from
 BEGIN = time.perf_counter()
 STYLE = {"help_option_names": ["-h", "--help"], "terminal_width": 100}

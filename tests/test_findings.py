@@ -195,6 +195,19 @@ def test_the_table_is_imported_without_numpy():
     assert run.stdout.strip() == "[]", run.stdout + run.stderr
 
 
+@pytest.mark.parametrize("document, renew, row", [("SPEC", "with_tables", "| TXF-S03 | StreamError | 5.2 |"),
+                                                  ("GUIDE", "with_findings", "| TXF-S03 | 3 |")])  # fmt: skip
+def test_the_documents_carry_the_table_as_it_is(monkeypatch, document, renew, row):
+    monkeypatch.syspath_prepend(str(REPOSITORY / "tools"))
+    import gen_spec_tables
+
+    text = getattr(gen_spec_tables, document).read_text(encoding="utf-8")
+    renewed = getattr(gen_spec_tables, renew)
+    assert renewed(text) == text, "stale: run make spec-tables"
+    wrong = text.replace(row, row.replace("S03", "S99"))
+    assert wrong != text and renewed(wrong) == text
+
+
 # The check itself, against what it must catch and must let pass.
 
 

@@ -1,13 +1,4 @@
-"""What the command lines share: exit codes, errors, progress, reading and writing streams, the limits as flags.
-
-| code | exit | meaning |
-|---|---|---|
-| TXF-C01 | 1 | the command line is wrong |
-| TXF-C02 | 130 | interrupted |
-| TXF-C03 | 2 | nobody reads the output any more |
-| TXF-C04 | 4 | internal error: please report it |
-| TXF-L09 | 6 | the memory of the machine is not enough |
-"""
+"""What the command lines share: exit codes, errors, progress, reading and writing streams, the limits as flags."""
 
 import json
 import os

@@ -148,6 +148,13 @@ def number(low, high, text=""):
     return {"type": type(low), "callback": check, "help": text}
 
 
+def file_names(context, parameter, incomplete):
+    """For shell_complete of what names a file: the shell itself completes it."""
+    from click.shell_completion import CompletionItem
+
+    return [CompletionItem(incomplete, type="file")]
+
+
 def limit_flags(*names):
     """Decorator: a flag --max-NAME for each of these fields of Limits; read them back with limits_of."""
 

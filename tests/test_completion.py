@@ -39,7 +39,8 @@ def test_options_and_their_values_are_completed():
 
 @pytest.mark.parametrize("tool, words", [
     ("texf-enc", "sam"), ("texf-enc", "a.glb b.te"), ("texf-enc", "--checkpoint f"), ("texf-dec", "a.te"),
-    ("texf-dec", "a.texf b.g"), ("texf-info", "a.te"), ("texf-render", "sam"), ("texf-render", "a.glb b.p"), ("texf-render", "--compare b"),
+    ("texf-dec", "a.texf b.g"), ("texf-info", "a.te"), ("texf-render", "sam"),
+    ("texf-render", "a.glb b.p"), ("texf-render", "--compare b"),
     ("texf-eval", "sam"), ("texf-eval", "a.glb b.te"), ("texf-eval", "--lpips w"),
 ])  # fmt: skip
 def test_names_of_files_are_left_to_the_shell(tool, words):

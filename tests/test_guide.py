@@ -68,4 +68,5 @@ def test_the_sample_is_made_by_the_line_that_says_so(text, tmp_path):
     run = subprocess.run([sys.executable, "-m", "texfcodec.asset.sample_asset", str(tmp_path / "vase.glb")], cwd=REPOSITORY,
                          capture_output=True, text=True, check=False, timeout=120)
     assert run.returncode == 0, run.stderr
-    assert f"{(tmp_path / 'vase.glb').stat().st_size:,} bytes" in text
+    size = (tmp_path / "vase.glb").stat().st_size  # PNGs: some per cent more or less, depending on the zlib at hand
+    assert abs(size - 1.6e6) < 0.2e6 and text.count("1.6 MB") == 2

@@ -1,7 +1,7 @@
 """findings.py against the package: every code that is raised has its row, every row is raised, and the documents are current.
 
 The source is read as syntax trees. A site is a call of an error class (or of Console.fail) whose code is written out, or reaches
-it through a parameter of the function around it or through a loop over tuples.
+it through a parameter of the function around it, a loop over tuples or a constant of a module.
 """
 
 import ast
@@ -50,6 +50,8 @@ class Source:
             bases = [called(base) for base in node.bases] if isinstance(node, ast.ClassDef) else []
             for base in bases:
                 self.families.setdefault(node.name, self.families.get(base))
+        self.constants = dict(pair for tree in self.trees.values() for node in tree.body if isinstance(node, ast.Assign)
+                              for pair in assigned(node))
         self.texts = [node for _, node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)]
 
     def above(self, node, *kinds):
@@ -64,11 +66,14 @@ class Source:
         return f"{name}:{node.lineno}"
 
     def literals(self, node):
-        """Constants that an expression may be: itself, both of `a if b else c`, what callers or a loop put into a name."""
+        """Constants that an expression may be: itself, both of `a if b else c`, a constant of a module, what callers or a loop
+        put into a name."""
         if isinstance(node, ast.Constant):
             return [node]
         if isinstance(node, ast.IfExp):
             return self.literals(node.body) + self.literals(node.orelse)
+        if called(node) in self.constants:
+            return [self.constants[called(node)]]
         function = self.above(node, ast.FunctionDef)
         if not isinstance(node, ast.Name) or function is None:
             return []
@@ -102,7 +107,7 @@ class Source:
             clause = next((k.value for k in call.keywords if k.arg == "clause"), None)
             written = [one.value for one in self.literals(clause) if CLAUSE.fullmatch(str(one.value))]
             clauses = [None] if clause is None else written or ["?"]
-            told = ast.unparse(call.args[2]) if family == COMMAND_LINE and len(call.args) > 2 else None
+            told = called(call.args[2]) if family == COMMAND_LINE and len(call.args) > 2 else None
             message = ast.unparse(call.args[1]) if len(call.args) > 1 else "''"
             found += [Site(code.value, family, one, message, self.place(name, call), told) for code in codes for one in clauses]
         return found
@@ -126,6 +131,14 @@ class Source:
 def called(node):
     """`f` for f and for a.f."""
     return node.attr if isinstance(node, ast.Attribute) else getattr(node, "id", "")
+
+
+def assigned(statement):
+    """(name, constant) pairs of `A = 1` and of `A, B = 1, 2` on the level of the module."""
+    target, value = statement.targets[0], statement.value
+    pairs = zip(target.elts, value.elts, strict=False) if isinstance(value, ast.Tuple) and isinstance(target, ast.Tuple) else (
+        [(target, value)])
+    return [(one.id, what) for one, what in pairs if isinstance(one, ast.Name) and isinstance(what, ast.Constant)]
 
 
 def row_to_add(site):
@@ -224,6 +237,8 @@ TOLD = Finding("TXF-S90", None, (), "something is wrong", "mend it", errors.EXIT
     (ROW, "def f():\n    for code, name in (('TXF-S90', 'a'), ('TXF-S90', 'b')):\n        raise StreamError(code, name)"),
     (ROW, "raise StreamError('TXF-S90' if a else 'TXF-S90', 'x')\nif e.code in ('TXF-S90',): pass"),
     (ROW, "class Own(StreamError): pass\nraise Own('TXF-S90', 'x')"),
+    (ROW, "CODE, WORD = 'TXF-S90', 'x'\ndef f():\n    raise StreamError(CODE, WORD)"),
+    (TOLD, "CODE = 'TXF-S90'\nconsole.fail(place.CODE, 'x', place.EXIT_USAGE)"),
     (TOLD, "console.fail('TXF-S90', 'x', EXIT_USAGE)\nconsole.fail(error.code, error.message, error.exit_code)"),
 ])  # fmt: skip
 def test_check_lets_pass(row, text):
@@ -245,6 +260,8 @@ RAISED = "raise StreamError('TXF-S90', 'x')\n"
     (ROW, "raise StreamError('TXF-S90', 'x', clause='5.71')", "names clause 5.71"),
     (ROW, "def f(where):\n    raise StreamError('TXF-S90', 'x', clause=where)\nf('6')", "names clause 6"),
     (TOLD, "console.fail('TXF-S90', 'x', EXIT_IO)", "ends with EXIT_IO"),
+    (TOLD, "CODE = 'TXF-S90'\nconsole.fail(place.CODE, 'x', place.EXIT_IO)", "ends with EXIT_IO"),
+    (ROW, RAISED + "CODE = 'TXF-S91'", "reaches no error"),
     (ROW, RAISED + "table = {'TXF-S91': 3}", "reaches no error"),
     (ROW, RAISED + "def f():\n    '''Raises TXF-S92.'''", "TXF-S92 is not in findings.py"),
 ])  # fmt: skip

@@ -186,7 +186,7 @@ FINDINGS = (
             "write --appearance vertex or voxels"),
     # Command lines.
     Finding("TXF-C01", None, (), "the command line is wrong", "see --help of the tool", EXIT_USAGE),
-    Finding("TXF-C02", None, (), "the command was interrupted; nothing was written", "start it again", EXIT_INTERRUPTED),
+    Finding("TXF-C02", None, (), "the command was interrupted; no file is half-written", "start it again", EXIT_INTERRUPTED),
     Finding("TXF-C03", InputError, (), "nobody reads the output any more", "look at the next command of the pipe"),
     Finding("TXF-C04", None, (), "internal error", "set TEXF_TRACEBACK=1, run it again and report what is shown", EXIT_INTERNAL),
 )

@@ -107,8 +107,8 @@ def test_where_all_faces_are_flat_all_stay():
 
 
 def layers(*kinds, heights=None, colours=None, shared=True, qp=10, **options):
-    """(Texf, Report, reason of the partition) of unit squares of two faces, one per (alpha mode, alpha, cutoff) of kinds, at equal or given heights;
-    colours: linear RGB of each; shared: with the same diagonal, so that all their edges coincide."""
+    """(Texf, Report, reason of the partition) of unit squares of two faces, one per (alpha mode, alpha, cutoff) of kinds, at
+    equal or given heights; colours: linear RGB of each; shared: with the same diagonal, so that all their edges coincide."""
     heights = heights or [0.5] * len(kinds)
     positions, faces = sheets(heights)
     if not shared:

@@ -1,6 +1,7 @@
 """Error families: what is at fault decides the class and the exit code; everything else is data."""
 
 EXIT_OK, EXIT_USAGE, EXIT_IO, EXIT_STREAM, EXIT_INTERNAL, EXIT_SUPPORT, EXIT_LIMIT, EXIT_DIFFERS = range(8)
+EXIT_INTERRUPTED = 130
 
 
 class TexfError(Exception):

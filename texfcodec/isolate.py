@@ -1,12 +1,6 @@
 """Decoding in a child process with capped memory and time: what to use for files from strangers.
 
 The parent never runs Draco or a kernel on the stream. What the child answers is arrays without pickles and JSON, checked again.
-
-| code | class | meaning |
-|---|---|---|
-| TXF-S40 | StreamError | the child crashed on this stream, or its answer makes no sense |
-| TXF-L07 | LimitError | decoding needs more memory than limits.isolate_bytes |
-| TXF-L08 | LimitError | decoding takes longer than limits.isolate_seconds |
 """
 
 import errno
@@ -42,8 +36,8 @@ def decode_isolated(data, options=None, report=None):
     """As decode(), in a child process capped by limits.isolate_bytes (of address space beyond what the idle decoder has) and
     limits.isolate_seconds.
 
-    data: bytes; options: DecodeOptions; report: Report, which gets the child's seconds, warnings and peak
-    memory. Where the system has no cap on memory, a warning says so. Raises what decode() raises, and the codes of this module.
+    data: bytes; options: DecodeOptions; report: Report, which gets the child's seconds, warnings and peak memory. Where the
+    system has no cap on memory, a warning says so. Raises what decode() raises, and TXF-S40, TXF-L07, TXF-L08.
     """
     options, report = options or DecodeOptions(), report or Report()
     with tempfile.TemporaryDirectory(prefix="texf-") as folder, report.stage("isolate"):

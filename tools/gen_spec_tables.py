@@ -1,13 +1,18 @@
-"""Writes the syntax tables of bitstream_spec.md from those of the package. With --check: exit 7 when they differ."""
+"""Writes the generated blocks of the documents: the syntax tables of bitstream_spec.md of the package, its
+list of findings and that of docs/guide.md from texfcodec/findings.py. With --check: exit 7 when they differ."""
 
 import re
 import sys
 from pathlib import Path
 
 from texfcodec.bitstream.syntax import structures
+from texfcodec.findings import FINDINGS
 from texfcodec.ground.structure import Derived, Structure
 
-SPEC = Path(__file__).resolve().parent.parent / "bitstream_spec.md"
+REPOSITORY = Path(__file__).resolve().parent.parent
+SPEC = REPOSITORY / "bitstream_spec.md"
+GUIDE = REPOSITORY / "docs" / "guide.md"
+OF_STREAMS = ("TXF-S", "TXF-U", "TXF-L")
 
 
 def _row(element):
@@ -25,23 +30,50 @@ def table_of(structure):
     return "\n".join([head, *(_row(e) for e in structure.elements)])
 
 
-def with_tables(text):
-    """The specification with every generated table renewed."""
-    for structure in structures():
-        pattern = rf"(<!-- table: {structure.name} -->\n).*?(<!-- end -->)"
-        text, found = re.subn(pattern, lambda m, s=structure: f"{m[1]}{table_of(s)}\n{m[2]}", text, flags=re.S)
-        if found != 1:
-            raise SystemExit(f"{SPEC.name}: {found} places for the table of {structure.name}")
+def findings_of_streams():
+    """Markdown table of the codes with which a stream is refused."""
+    head = "| code | class | clause | finding |\n|---|---|---|---|"
+    found = [f for f in FINDINGS if f.code.startswith(OF_STREAMS)]
+    return "\n".join([head, *(f"| {f.code} | {f.family_name} | {', '.join(f.clauses)} | {f.text} |" for f in found)])
+
+
+def all_findings():
+    """Markdown table of all codes, with the exit code of the tools and what to do."""
+    head = "| code | exit | what is wrong | what to do |\n|---|---|---|---|"
+    return "\n".join([head, *(f"| {f.code} | {f.exit_code} | {f.text} | {f.remedy} |" for f in FINDINGS)])
+
+
+def with_block(text, mark, block, name):
+    """The text with the block between `<!-- mark -->` and the next `<!-- end -->` renewed; name: of the document."""
+    pattern = rf"(<!-- {mark} -->\n).*?(<!-- end -->)"
+    text, found = re.subn(pattern, lambda m: f"{m[1]}{block}\n{m[2]}", text, flags=re.S)
+    if found != 1:
+        raise SystemExit(f"{name}: {found} places for {mark}")
     return text
 
 
+def with_tables(text):
+    """The specification with every generated block renewed."""
+    for structure in structures():
+        text = with_block(text, f"table: {structure.name}", table_of(structure), SPEC.name)
+    return with_block(text, "findings: stream", findings_of_streams(), SPEC.name)
+
+
+def with_findings(text):
+    """The user's guide with its list of codes renewed."""
+    return with_block(text, "findings: all", all_findings(), GUIDE.name)
+
+
 def main():
-    """Renews the tables, or checks them."""
-    old = SPEC.read_text(encoding="utf-8")
-    new = with_tables(old)
-    if "--check" in sys.argv[1:]:
-        sys.exit(7 if new != old else 0)
-    SPEC.write_text(new, encoding="utf-8")
+    """Renews the blocks, or checks them."""
+    stale = False
+    for path, renewed in ((SPEC, with_tables), (GUIDE, with_findings)):
+        old = path.read_text(encoding="utf-8")
+        new = renewed(old)
+        stale |= new != old
+        if "--check" not in sys.argv[1:]:
+            path.write_text(new, encoding="utf-8")
+    sys.exit(7 if stale and "--check" in sys.argv[1:] else 0)
 
 
 if __name__ == "__main__":

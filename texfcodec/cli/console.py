@@ -1,13 +1,4 @@
-"""What the command lines share: exit codes, errors, progress, reading and writing streams, the limits as flags.
-
-| code | exit | meaning |
-|---|---|---|
-| TXF-C01 | 1 | the command line is wrong |
-| TXF-C02 | 130 | interrupted |
-| TXF-C03 | 2 | nobody reads the output any more |
-| TXF-C04 | 4 | internal error: please report it |
-| TXF-L09 | 6 | the memory of the machine is not enough |
-"""
+"""What the command lines share: exit codes, errors, progress, reading and writing streams, the limits as flags."""
 
 import json
 import os
@@ -18,11 +9,10 @@ from pathlib import Path
 
 import click
 
-from ..errors import EXIT_INTERNAL, EXIT_IO, EXIT_LIMIT, EXIT_USAGE, InputError, LimitError, TexfError
+from ..errors import EXIT_INTERNAL, EXIT_INTERRUPTED, EXIT_IO, EXIT_LIMIT, EXIT_USAGE, InputError, LimitError, TexfError
 from ..limits import Limits
 
 SCHEMA = 1
-EXIT_INTERRUPTED = 130
 TRACEBACK = "TEXF_TRACEBACK"  # set to 1 to see where an internal error comes from
 BEGIN = time.perf_counter()
 STYLE = {"help_option_names": ["-h", "--help"], "terminal_width": 100}
@@ -156,6 +146,13 @@ def number(low, high, text=""):
         return value
 
     return {"type": type(low), "callback": check, "help": text}
+
+
+def file_names(context, parameter, incomplete):
+    """For shell_complete of what names a file: the shell itself completes it."""
+    from click.shell_completion import CompletionItem
+
+    return [CompletionItem(incomplete, type="file")]
 
 
 def limit_flags(*names):

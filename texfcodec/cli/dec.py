@@ -6,6 +6,7 @@ from .. import __version__
 from ..options import APPEARANCES, ATLAS_METHODS, DecodeOptions
 from .console import (
     STYLE,
+    file_names,
     limit_flags,
     limits_of,
     number,
@@ -17,8 +18,8 @@ from .console import (
 
 
 @click.command("texf-dec", context_settings=STYLE)
-@click.argument("source", metavar="IN.texf")
-@click.argument("out", metavar="OUT.{glb,gltf,obj,ply,npz}")
+@click.argument("source", metavar="IN.texf", shell_complete=file_names)
+@click.argument("out", metavar="OUT.{glb,gltf,obj,ply,npz}", shell_complete=file_names)
 @click.option("--appearance", type=click.Choice(APPEARANCES),
               help="A fresh texture, colours at vertices, or the voxels as points.  [default: texture; vertex for .ply]")
 @click.option("--texture-size", metavar="N", **number(1, 16384, "Side of the texture in texels.  [default: by the field]"))

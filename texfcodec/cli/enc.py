@@ -19,6 +19,7 @@ from ..options import (
 from .console import (
     STYLE,
     check_output,
+    file_names,
     limit_flags,
     limits_of,
     number,
@@ -42,8 +43,8 @@ def _warm_up(context, parameter, value):
 
 
 @click.command("texf-enc", context_settings=STYLE)
-@click.argument("source", metavar="INPUT")
-@click.argument("out", metavar="OUT.texf", required=False)
+@click.argument("source", metavar="INPUT", shell_complete=file_names)
+@click.argument("out", metavar="OUT.texf", required=False, shell_complete=file_names)
 @click.option("--rate", type=click.Choice(list(RATES)), help=f"The paper's rate points: {_RATE_TEXT}.  [default: {DEFAULT_RATE}]")
 @click.option("--resolution", metavar="K", **number(1, 8192, "Voxels along the longest side, 1..8192; with --qp."))
 @click.option("--qp", metavar="N", **number(0, 63, "Quantisation, 0..63: step 2^((QP-4)/6); with --resolution."))
@@ -66,7 +67,8 @@ def _warm_up(context, parameter, value):
 @click.option("--latent-index", type=click.Choice(LATENT_INDICES), help="3dntc: where latents are: a grid along the surface, "
               "that and a hash table of finer cells, or the point's own hash tables.  [default: mixed]")
 @click.option("--transport", is_flag=True, help="3dntc: entropy-code the latents in the file; loading unpacks them.")
-@click.option("--checkpoint", metavar="FILE", help="3dntc: keep the fit's state here and go on from it.")
+@click.option("--checkpoint", metavar="FILE", shell_complete=file_names,
+              help="3dntc: keep the fit's state here and go on from it.")
 @click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
 @limit_flags("vertices", "faces", "voxels", "samples", "metadata_bytes")
 @click.option("--measure", is_flag=True, help="Decode and report 3D-PSNR at 1,000,000 surface points.")

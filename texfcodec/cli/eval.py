@@ -3,16 +3,16 @@
 import click
 
 from .. import __version__
-from .console import STYLE, number, read_stream_file, run, seconds_of, timing_line
+from .console import STYLE, file_names, number, read_stream_file, run, seconds_of, timing_line
 
 
 @click.command("texf-eval", context_settings=STYLE)
-@click.argument("source", metavar="SOURCE")
-@click.argument("other", metavar="DECODED")
+@click.argument("source", metavar="SOURCE", shell_complete=file_names)
+@click.argument("other", metavar="DECODED", shell_complete=file_names)
 @click.option("--views", metavar="N", default=16, **number(1, 4096, "Views from all around.  [default: 16]"))
 @click.option("--size", metavar="S", default=2048, **number(16, 8192, "Pixels a side of a view.  [default: 2048]"))
 @click.option("--ssim/--no-ssim", default=True, help="SSIM of the views.  [default: ssim]")
-@click.option("--lpips", "weights", metavar="WEIGHTS",
+@click.option("--lpips", "weights", metavar="WEIGHTS", shell_complete=file_names,
               help="LPIPS of the views; WEIGHTS is torchvision's AlexNet state dict (.pth), and texfcodec[lpips] is needed.")
 @click.option("--no-3d", is_flag=True, help="Leave out PSNR at points of the surface.")
 @click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))

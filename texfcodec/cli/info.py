@@ -7,11 +7,11 @@ import click
 from .. import __version__
 from ..codecs import codec_of
 from ..limits import Limits
-from .console import STYLE, read_stream_file, run
+from .console import STYLE, file_names, read_stream_file, run
 
 
 @click.command("texf-info", context_settings=STYLE)
-@click.argument("file", metavar="FILE")
+@click.argument("file", metavar="FILE", shell_complete=file_names)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
 @click.option("--verify", is_flag=True, help="Decode everything and compare all checksums.")
 @click.version_option(__version__, message="%(prog)s %(version)s")

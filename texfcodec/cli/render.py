@@ -7,7 +7,7 @@ import click
 
 from .. import __version__
 from ..options import default_threads
-from .console import STYLE, check_output, number, read_stream_file, run, seconds_of, timing_line, write_output
+from .console import STYLE, check_output, file_names, number, read_stream_file, run, seconds_of, timing_line, write_output
 
 MOST_PIXELS = 8192  # a side
 FIBONACCI = 16  # views of the image metric
@@ -51,8 +51,8 @@ def _direction_of(context, parameter, value):
 
 
 @click.command("texf-render", context_settings=STYLE)
-@click.argument("source", metavar="IN.{texf,glb,gltf,obj,ply}")
-@click.argument("out", metavar="OUT.png")
+@click.argument("source", metavar="IN.{texf,glb,gltf,obj,ply}", shell_complete=file_names)
+@click.argument("out", metavar="OUT.png", shell_complete=file_names)
 @click.option("--view", metavar="V", default="front", callback=_direction_of,
               help="front, back, left, right, top, bottom, fibonacci:I (of the image metric's 16), or AZIMUTH,ELEVATION in "
                    "degrees; front looks along -z with y up, azimuth 90 is the right side.  [default: front]")
@@ -65,7 +65,8 @@ def _direction_of(context, parameter, value):
 @click.option("--no-cull", is_flag=True, help="Draw back faces too.")
 @click.option("--background", metavar="C", default="white", callback=_background_of,
               help="white, black or r,g,b in 0..255.  [default: white]")
-@click.option("--compare", metavar="OTHER", help="A second stream or mesh: a sheet of both and a heat map of their difference.")
+@click.option("--compare", metavar="OTHER", shell_complete=file_names,
+              help="A second stream or mesh: a sheet of both and a heat map of their difference.")
 @click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
 @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
 @click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")

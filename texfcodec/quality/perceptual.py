@@ -1,11 +1,5 @@
 """LPIPS (Zhang et al. 2018) over AlexNet: the distance of two images in the features of a network.
 
-| code | class | meaning |
-|---|---|---|
-| TXF-I96 | InputError | the optional packages are not installed |
-| TXF-I97 | InputError | the file of weights cannot be opened |
-| TXF-I98 | InputError | the file does not hold the weights of torchvision's AlexNet |
-
 The package lpips carries its own linear layers but not the backbone, whose weights come from a file the user names: the
 state dict that torchvision publishes for AlexNet. Nothing is ever downloaded.
 """
@@ -22,7 +16,7 @@ EXTRA = "pip install texfcodec[lpips]"
 
 class Lpips:
     """Call it with two images, uint8 or float [H, W, 3] in 0..255 (at least 64 x 64), for their distance: float, 0 for equal
-    images. weights: path of the AlexNet state dict (.pth). Raises InputError with the codes of this module's table."""
+    images. weights: path of the AlexNet state dict (.pth). Raises InputError TXF-I96..I98."""
 
     def __init__(self, weights):
         self._torch, lpips = _packages()

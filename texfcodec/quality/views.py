@@ -1,10 +1,5 @@
 """Image quality by the protocol of the MPEG mesh metric (mpeg-pcc-mmetric, mode ibsm): renders of both sides, compared.
 
-| code | class | meaning |
-|---|---|---|
-| TXF-I95 | InputError | no pixel of any view is covered by both sides |
-| TXF-I99 | InputError | a rendered colour is not finite |
-
 Orthographic views from Fibonacci directions span the bounding sphere of the reference's axis-aligned box. Every back face is
 culled, those of double-sided materials as well, because the protocol knows no materials. A pixel counts where both renders cover
 it. Errors are pooled over all counted pixels of all views: a view in which little is seen weighs little. On the three textures of
@@ -56,7 +51,7 @@ def compare_views(reference, other, views=VIEWS, size=SIZE, ssim=False, lpips=No
     to 8 bits and PSNR has peak 255. psnr rgb is of the mean of the three errors, yuv of (6 Y + U + V) / 8 of the mean squared
     errors (not of the decibels, as psnr.py's psnr_yuv611 is); None is lossless. ssim: mean over all counted pixels and the RGB
     channels, on white; lpips: mean over views with a counted pixel, whole images on white; both None if not asked for.
-    Raises InputError with the codes of this module's table.
+    Raises InputError TXF-I95 and TXF-I99.
     """
     if views < 1 or size < 1:
         raise ValueError(f"there must be at least one view of one pixel, not {views} of {size}")

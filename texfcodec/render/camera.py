@@ -2,13 +2,6 @@
 
 Pixel (column, row) covers [column, column + 1) x [row, row + 1), y downwards, its centre at .5. Views and their order are those
 of the MPEG mesh metric software (mpeg-pcc-mmetric 1.1.7, mode ibsm), so that image metrics can be compared with it.
-
-| code | class | meaning |
-|---|---|---|
-| TXF-I90 | InputError | a side of the picture is not a whole number of pixels in 1..16384 |
-| TXF-I91 | InputError | a direction or a place of the camera is zero, not finite or not a triple |
-| TXF-I92 | InputError | the radius or the field of view is out of range |
-| TXF-I93 | InputError | there is no view of this number |
 """
 
 import math

@@ -1,37 +1,4 @@
-"""Loading: a path or a mesh object becomes a Scene, or one error with a code.
-
-| code | class | meaning |
-|---|---|---|
-| TXF-I01 | InputError | the path does not exist |
-| TXF-I02 | InputError | the path is a directory |
-| TXF-I03 | InputError | the file cannot be read |
-| TXF-I04 | InputError | the file is empty |
-| TXF-I05 | InputError | the suffix names no supported format, or the object is of no supported type |
-| TXF-I06 | InputError | the file does not start as its suffix promises |
-| TXF-I07 | InputError | the GLB container is truncated or broken |
-| TXF-I08 | InputError | the glTF text is not JSON |
-| TXF-I09 | InputError | the glTF structure is malformed: wrong type, missing property, reference to nothing |
-| TXF-I10 | InputError | a buffer is missing, unreadable or too short |
-| TXF-I11 | InputError | an accessor or bufferView leaves its buffer |
-| TXF-I12 | InputError | Draco data is broken |
-| TXF-I13 | InputError | a face names a vertex that does not exist |
-| TXF-I14 | InputError | a vertex in use is NaN or infinite |
-| TXF-I15 | InputError | there are no triangles |
-| TXF-I16 | InputError | a texture or material file is missing (warning unless strict) |
-| TXF-I17 | InputError | an image cannot be decoded (warning unless strict) |
-| TXF-I18 | InputError | NaN or infinite UVs (warning unless strict) |
-| TXF-I19 | InputError | the node graph is not a tree |
-| TXF-I20 | InputError | OBJ or MTL syntax |
-| TXF-I21 | InputError | PLY syntax, or a PLY file that ends early |
-| TXF-I22 | InputError | a mesh object whose arrays do not fit together |
-| TXF-I30 | SupportError | meshopt compression |
-| TXF-I31 | SupportError | the file requires an unknown extension |
-| TXF-I32 | SupportError | a base colour texture without a readable source (e.g. only KTX2) |
-| TXF-I33 | SupportError | glTF version other than 2 |
-| TXF-I34 | SupportError | Draco data, but DracoPy is not installed |
-| TXF-I40 | LimitError | an image beyond Pillow's pixel limit |
-| TXF-I41 | LimitError | too many faces or elements, or not enough memory |
-"""
+"""Loading: a path or a mesh object becomes a Scene, or one error with a code of texfcodec/findings.py (TXF-I01 to I41)."""
 
 import os
 from pathlib import Path
@@ -54,7 +21,7 @@ def load(source, strict=False):
 
     source: path of a .glb, .gltf, .obj or .ply file; or a trimesh.Trimesh, trimesh.Scene or Scene (returned as it is,
     after a check). strict: missing textures, broken images and broken UVs are errors instead of warnings.
-    Errors: InputError, SupportError, LimitError with the codes of this module's table; nothing else.
+    Errors: InputError, SupportError, LimitError with codes of texfcodec/findings.py; nothing else.
     """
     if isinstance(source, (str, os.PathLike)):
         return _load_file(Path(source), Notes(strict))

@@ -55,6 +55,8 @@ def _one_rate(source, stream, resolution, qp):
 def _table(rows):
     from rich.table import Table
 
+    from .ground.colour_error import EXACT
+
     table = Table(title="texfcodec on the bundled sample", title_justify="left")
     table.add_column("", no_wrap=True)
     for row in rows:
@@ -67,7 +69,7 @@ def _table(rows):
     table.add_row("fields", *(str(row["facts"]["fields"]) for row in rows))
     table.add_row("attribute bits per voxel", *(f"{8 * s['attributes'] / n:.3f}" for s, n in zip(sizes, voxels, strict=True)))
     for name, key in (("Y", "y"), ("YUV 6:1:1", "yuv611"), ("RGB", "rgb")):
-        table.add_row(f"3D-PSNR {name}, dB", *("lossless" if (v := row["psnr"][key]) is None else f"{v:.2f}" for row in rows))
+        table.add_row(f"3D-PSNR {name}, dB", *(EXACT if (v := row["psnr"][key]) is None else f"{v:.2f}" for row in rows))
     table.add_section()
     for stage in STAGES:
         table.add_row(f"encode: {stage}, s", *(f"{row['coding'].get(stage, 0):.2f}" for row in rows))

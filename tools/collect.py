@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from texfcodec.ground.colour_error import EXACT
 from texfcodec.quality.bd_rate import bd_rate
 
 # What is compared, by name: the path to it in metrics.json.
@@ -155,7 +156,7 @@ def asset_table(rows):
 
 def _decibels(row, path):
     value = at(row, path)
-    return "-" if at(row, path[:-1]) is None else "lossless" if value is None else f"{value:.2f}"
+    return "-" if at(row, path[:-1]) is None else EXACT if value is None else f"{value:.2f}"
 
 
 def _number(value, form, factor=1):

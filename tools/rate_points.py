@@ -498,10 +498,11 @@ def told(job, reason):
     """One line about a job that has ended."""
     if reason:
         return f"{job.name}: failed: {reason}"
+    from texfcodec.ground.colour_error import in_decibels
+
     made = read_json(job.folder / METRICS)
     y = made["psnr_3d"]["y"]
-    quality = "lossless" if y is None else f"{y:.2f} dB"
-    return f"{job.name}: {made['bytes']['total']} bytes, 3D-PSNR Y {quality}, {made['seconds']['encode']['total']:.2f} s"
+    return f"{job.name}: {made['bytes']['total']} bytes, 3D-PSNR Y {in_decibels(y)}, {made['seconds']['encode']['total']:.2f} s"
 
 
 @contextmanager

@@ -46,6 +46,7 @@ class Console:
 
     def __init__(self, arguments):
         self.as_json, self.quiet = "--json" in arguments, "--quiet" in arguments
+        interrupts.Talk.errors = 1
         self.results = sys.stdout
 
     def stdout_is_taken(self):
@@ -114,6 +115,7 @@ def run(command, arguments=None):
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter complains at its end
         code = code or EXIT_IO
+    interrupts.ignore()
     sys.exit(code)
 
 

@@ -22,9 +22,9 @@ INCOMPLETE = "interrupted; what was written is not complete"
 
 class Talk:
     """What the thread needs to know of the command. partly: a pipe or device may have got something; bar: a progress bar is on
-    the terminal; errors: the descriptor for errors as JSON, or None for plain ones on stderr."""
+    the terminal; errors: the descriptor for errors as JSON, None before the command line is read; installed: it is at work."""
 
-    errors, partly, bar = None, False, False
+    errors, partly, bar, installed = None, False, False, False
 
 
 def is_program():
@@ -48,8 +48,15 @@ def install():
         return
     try:
         _thread.start_new_thread(_wait, (ear,))
+        Talk.installed = True
     except RuntimeError:  # no more threads
         _signal.signal(_signal.SIGINT, _signal.default_int_handler)
+
+
+def ignore():
+    """The process is about to end with a code of its own; Python gives SIGINT back to the system then, unless it is ignored."""
+    if Talk.installed:
+        _signal.signal(_signal.SIGINT, _signal.SIG_IGN)
 
 
 def _wait(ear):

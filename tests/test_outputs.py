@@ -234,7 +234,7 @@ def test_a_line_now_and_then_says_where_a_long_run_is(capsys, monkeypatch):
         time.sleep(0.3)
     lines = capsys.readouterr().err.splitlines()
     assert 2 <= len(lines) <= 7 and all(line.startswith("progress: attributes 25 %, 0 s") for line in lines)
-    for flags in (["--quiet"],):
+    for flags in (["--quiet"], ["--json"]):
         with console.Console(flags).progress() as report, report.stage("attributes"):
             time.sleep(0.2)
         assert capsys.readouterr().err == ""

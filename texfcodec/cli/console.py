@@ -93,9 +93,9 @@ class Console:
         from ..report import Report
         from . import progress
 
-        if self.quiet or (self.as_json and self.results is sys.stderr):  # the one JSON object has stderr to itself
-            return nullcontext(Report())
-        return progress.bar() if sys.stderr.isatty() else progress.lines()
+        if not self.quiet and sys.stderr.isatty():
+            return progress.bar()
+        return nullcontext(Report()) if self.quiet or self.as_json else progress.lines()  # JSON: no prose
 
 
 def run(command, arguments=None):

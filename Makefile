@@ -7,7 +7,7 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
 
 .DELETE_ON_ERROR:
-.PHONY: demo test bench anchor attribute-tools rate-points accuracy-time neural conformance vectors spec-tables install clean
+.PHONY: demo test interrupts bench anchor attribute-tools rate-points accuracy-time neural conformance vectors spec-tables install clean
 
 demo: install
 	$(PY) -m texfcodec.demo
@@ -18,6 +18,10 @@ test: conformance
 # Any decoder can be put through the vectors: make conformance DECODER="other-decoder --flag"
 conformance: install
 	$(PY) conformance/run.py $(if $(DECODER),--decoder "$(DECODER)")
+
+# Every tool, interrupted at random moments of its run: make interrupts [MOMENTS=300] [JOBS=n]
+interrupts: install
+	$(PY) tests/interrupts.py --moments $(or $(MOMENTS),300) $(if $(JOBS),--jobs $(JOBS))
 
 bench: install
 	$(PY) -m pytest -q bench --benchmark-only

@@ -189,7 +189,7 @@ def test_killed_and_interrupted_batches_leave_no_child_and_are_resumed(tmp_path,
     kinds = (signal.SIGKILL, "q24", -signal.SIGKILL), (signal.SIGINT, "q36", 130)
     for number, awaited, code in kinds:
         run = subprocess.Popen([sys.executable, REPOSITORY / "tools/rate_points.py", *arguments], stderr=subprocess.DEVNULL,
-                               env=environment())
+                               env=environment(), preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
         wait_for(lambda awaited=awaited: (out / "ball" / awaited / "job.json").exists() and children_in(out))
         run.send_signal(number)
         assert run.wait(60) == code

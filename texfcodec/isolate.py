@@ -8,7 +8,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 from dataclasses import asdict
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from .codecs import codec_names, codec_of
 from .errors import LimitError, StreamError, TexfError
 from .geometry.canonical import CanonicalCube
 from .geometry.unit import GeometryUnit
+from .ground import unfinished
 from .limits import Limits
 from .options import DecodeOptions
 from .report import Report, peak_memory_bytes
@@ -40,7 +40,7 @@ def decode_isolated(data, options=None, report=None):
     system has no cap on memory, a warning says so. Raises what decode() raises, and TXF-S40, TXF-L07, TXF-L08.
     """
     options, report = options or DecodeOptions(), report or Report()
-    with tempfile.TemporaryDirectory(prefix="texf-") as folder, report.stage("isolate"):
+    with unfinished.Folder("texf-") as folder, report.stage("isolate"):
         facts, arrays = _run_child(bytes(data), options, Path(folder))
     report.warnings += [str(w) for w in facts["warnings"]]
     report.seconds |= {f"child {name}": value for name, value in facts["seconds"].items()}
@@ -56,8 +56,7 @@ def _run_child(data, options, folder):
     request = json.dumps(asdict(options))
     command = [sys.executable, "-P", "-m", "texfcodec.isolate", str(folder), request]  # -P: nothing from the working folder
     try:
-        child = subprocess.run(command, input=data, capture_output=True, env=environment,
-                               timeout=options.limits.isolate_seconds, check=False)
+        child = unfinished.run_child(command, data, options.limits.isolate_seconds, environment)
     except subprocess.TimeoutExpired:
         most = options.limits.isolate_seconds
         raise LimitError("TXF-L08", "decoding took longer than the limit allows", allowed=most) from None

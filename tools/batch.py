@@ -12,12 +12,12 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from pathlib import Path
 
-from texfcodec.errors import EXIT_DIFFERS, EXIT_IO
+from texfcodec.errors import EXIT_DIFFERS, EXIT_INTERRUPTED, EXIT_IO
+from texfcodec.ground.colour_error import in_decibels
 from texfcodec.options import default_threads
 from tools.conditions import find_assets, read_conditions
 from tools.jobs import JOB, LOG, METRICS, REPOSITORY, jobs_of, read_json, write_json
 
-EXIT_INTERRUPTED = 130
 COMMAND = Path(__file__).with_name("rate_points.py")
 STEPS = ("encode", "decode")
 
@@ -162,8 +162,7 @@ def told(job, reason):
     if reason:
         return f"{job.name}: failed: {reason}"
     made = read_json(job.folder / METRICS)
-    y = made["psnr_3d"]["y"]
-    quality = "lossless" if y is None else f"{y:.2f} dB"
+    quality = in_decibels(made["psnr_3d"]["y"])
     return f"{job.name}: {made['bytes']['total']} bytes, 3D-PSNR Y {quality}, {made['seconds']['encode']['total']:.2f} s"
 
 

@@ -22,6 +22,7 @@ import numpy as np
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from texfcodec.ground.colour_error import EXACT
 from texfcodec.quality.bd_rate import bd_rate
 from tools.plots import load_pyplot, logarithmic
 
@@ -159,7 +160,7 @@ def asset_table(rows):
 
 def _decibels(row, path):
     value = at(row, path)
-    return "-" if at(row, path[:-1]) is None else "lossless" if value is None else f"{value:.2f}"
+    return "-" if at(row, path[:-1]) is None else EXACT if value is None else f"{value:.2f}"
 
 
 def _number(value, form, factor=1):

@@ -43,6 +43,7 @@ class Scene:
     corner_color: float32 [F, 3, 4] linear RGBA multiplier, or None where no face has vertex colours.
     metadata: JSON-able dict (names, extras) that travels opaquely.
     warnings / dropped: one sentence each / names of the maps and properties that are not coded.
+    files: {path: bytes} of every file it was read from, the mesh file first; empty for one made in memory.
     """
 
     positions: np.ndarray
@@ -55,3 +56,4 @@ class Scene:
     metadata: dict = field(default_factory=dict)
     warnings: list = field(default_factory=list)
     dropped: list = field(default_factory=list)
+    files: dict = field(default_factory=dict)

@@ -5,12 +5,12 @@ import sys
 from ..errors import InputError, LimitError
 
 
-def read_stream_file(path, limits) -> bytes:
-    """Bytes of a .texf file, or of stdin for "-". Raises InputError, LimitError."""
-    most = -1 if limits.file_bytes is None else limits.file_bytes + 1
+def read_stream_file(path, limits, head=b"") -> bytes:
+    """Bytes of a .texf file, or of stdin for "-", of which head has been read already. Raises InputError, LimitError."""
+    most = -1 if limits.file_bytes is None else max(limits.file_bytes + 1 - len(head), 0)
     try:
         if path == "-":
-            data = sys.stdin.buffer.read(most)
+            data = head + sys.stdin.buffer.read(most)
         else:
             with open(path, "rb") as file:
                 data = file.read(most)

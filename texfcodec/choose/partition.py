@@ -64,7 +64,8 @@ def _pair_slot(key, label, keys, labels):
 
 @kernel
 def _cells(corners, faces, face_label, resolution, keys, labels):
-    """Marks every (cell, label) the samples fall into; the tables double as needed. Returns (keys, labels) of the entries."""
+    """Marks every (cell, label) the samples fall into; the tables double as needed. Returns int64 [2, entries]: keys, labels. One
+    array, because numba lets an interrupt through between two, and crashes on it."""
     g, order = np.empty((3, 3), np.int64), np.empty(3, np.int64)
     start, half = np.empty(3, np.int64), np.empty(3, np.int64)
     used, last = 0, resolution - 1
@@ -95,7 +96,9 @@ def _cells(corners, faces, face_label, resolution, keys, labels):
                                 slot = _pair_slot(old_keys[k], old_labels[k], keys, labels)
                                 keys[slot], labels[slot] = old_keys[k], old_labels[k]
     found = np.flatnonzero(keys >= 0)
-    return keys[found], labels[found]
+    entries = np.empty((2, len(found)), np.int64)
+    entries[0], entries[1] = keys[found], labels[found]
+    return entries
 
 
 def find_contacts(lattice, faces, position_bits, resolution, component=None):

@@ -4,13 +4,15 @@ import json
 import os
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import nullcontext
 from pathlib import Path
 
 import click
 
-from ..errors import EXIT_INTERNAL, EXIT_INTERRUPTED, EXIT_IO, EXIT_LIMIT, EXIT_USAGE, InputError, LimitError, TexfError
+from ..errors import EXIT_INTERNAL, EXIT_INTERRUPTED, EXIT_IO, EXIT_LIMIT, EXIT_USAGE, InputError, TexfError
+from ..ground import unfinished
 from ..limits import Limits
+from . import interrupts
 
 SCHEMA = 1
 TRACEBACK = "TEXF_TRACEBACK"  # set to 1 to see where an internal error comes from
@@ -35,7 +37,12 @@ class Console:
 
     def __init__(self, arguments):
         self.as_json, self.quiet = "--json" in arguments, "--quiet" in arguments
+        interrupts.Talk.errors = 1
         self.results = sys.stdout
+
+    def stdout_is_taken(self):
+        """The output itself goes to stdout: results, and errors as JSON, go to stderr."""
+        self.results, interrupts.Talk.errors = sys.stderr, 2
 
     def note(self, text):
         """A line of prose on stderr, unless --quiet."""
@@ -44,6 +51,7 @@ class Console:
 
     def result(self, facts, lines):
         """The outcome: facts as one JSON object with --json, otherwise the lines, which --quiet silences."""
+        unfinished.finish()
         if self.as_json:
             text = json.dumps({"schema": SCHEMA, **facts}, allow_nan=False)
         elif self.quiet:
@@ -62,6 +70,7 @@ class Console:
 
     def fail(self, code, message, exit_code, **details):
         """Prints one error and returns its exit code."""
+        unfinished.finish()
         if self.as_json:
             error = {"code": code, "message": message, "exit_code": exit_code, **details}
             click.echo(json.dumps({"schema": SCHEMA, "error": error}, default=str), file=self.results)
@@ -70,44 +79,34 @@ class Console:
             click.echo(printable(f"error {code}: {message}" + (f" ({facts})" if facts else "")), err=True)
         return exit_code
 
-    @contextmanager
     def progress(self):
-        """A Report whose stages are shown by a bar where stderr is a terminal."""
+        """Context manager: a Report whose stages are shown by a bar where stderr is a terminal, else by a line now and then."""
         from ..report import Report
+        from . import progress
 
-        if self.quiet or not sys.stderr.isatty():
-            yield Report()
-            return
-        from rich.console import Console as Terminal
-        from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-        columns = (SpinnerColumn(), TextColumn("{task.description:12}"), BarColumn(24), TimeElapsedColumn(),
-                   TextColumn("{task.fields[note]}"))
-        tasks = {}
-        with Progress(*columns, console=Terminal(stderr=True), transient=True) as bar:
-
-            def show(stage, done, total):
-                if stage not in tasks:
-                    tasks[stage] = bar.add_task(stage, total=total, note="")
-                bar.update(tasks[stage], completed=done, total=total, note=report.note)
-
-            report = Report(show)
-            yield report
+        if not self.quiet and sys.stderr.isatty():
+            return progress.bar()
+        return nullcontext(Report()) if self.quiet or self.as_json else progress.lines()  # JSON: no prose
 
 
 def run(command, arguments=None):
     """Runs a click command and exits with the codes of errors.py; no traceback reaches the user."""
+    unfinished.begin()
+    if arguments is None:  # the process is this command; otherwise Ctrl-C is its caller's
+        interrupts.install()
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
     console = Console(arguments)
     code = _guarded(command, arguments, console)
+    unfinished.finish()
     try:
         sys.stdout.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter complains at its end
         code = code or EXIT_IO
+    interrupts.ignore()
     sys.exit(code)
 
 
@@ -120,7 +119,8 @@ def _guarded(command, arguments, console):
     except TexfError as error:
         return console.fail(error.code, error.message, error.exit_code, **error.details)
     except (click.Abort, KeyboardInterrupt):
-        return console.fail("TXF-C02", "interrupted; nothing was written", EXIT_INTERRUPTED)
+        message = interrupts.INCOMPLETE if interrupts.Talk.partly else interrupts.NOTHING_WRITTEN
+        return console.fail(interrupts.CODE, message, EXIT_INTERRUPTED)
     except BrokenPipeError:
         return EXIT_IO
     except MemoryError:
@@ -174,42 +174,24 @@ def limits_of(choices):
     return Limits(**{name[4:]: choices.pop(name) for name in list(choices) if name.startswith("max_")})
 
 
-def read_stream_file(path, limits):
-    """Bytes of a .texf file, or of stdin for "-"; never more than the limit allows."""
-    most = -1 if limits.file_bytes is None else limits.file_bytes + 1
-    try:
-        if path == "-":
-            data = sys.stdin.buffer.read(most)
-        else:
-            with open(path, "rb") as file:
-                data = file.read(most)
-    except FileNotFoundError:
-        raise InputError("TXF-I01", "the file does not exist", path=path) from None
-    except IsADirectoryError:
-        raise InputError("TXF-I02", "the path is a directory", path=path) from None
-    except (OSError, ValueError) as error:
-        raise InputError("TXF-I03", "the file cannot be read", path=path, reason=str(error)) from None
-    if limits.file_bytes is not None and len(data) > limits.file_bytes:
-        raise LimitError("TXF-L01", "the stream is larger than the limit", value=f"> {limits.file_bytes}",
-                         allowed=limits.file_bytes)
-    return data
-
-
-def check_output(path):
-    """Refuses a hopeless path before any work is done; "-" and devices are fine."""
+def check_output(path, inputs=()):
+    """Refuses a hopeless path before any work is done, and one of the files that were read; "-" and devices are fine."""
     from ..asset.save.files import check_target
 
-    if path != "-" and not _is_device(path):
-        check_target(Path(path))
+    if path != "-" and not is_device(path):
+        check_target(Path(path), [name for name in inputs if name != "-"])
 
 
-def write_output(path, data):
-    """Writes bytes to stdout ("-"), to a device, or to a temporary name beside the path that is then renamed."""
+def write_output(path, data, inputs=()):
+    """Writes bytes to stdout ("-"), to a device, or to a temporary name beside the path that is then renamed, unless the path is
+    one of the files that were read. It is the last step of a command."""
     from ..asset.save.files import as_input_error, write_all
 
-    if path != "-" and not _is_device(path):
-        write_all(Path(path).parent, [(Path(path).name, [data])])
+    unfinished.last_step()
+    if path != "-" and not is_device(path):
+        write_all(Path(path).parent, [(Path(path).name, [data])], inputs)
         return
+    interrupts.Talk.partly = True
     try:
         if path == "-":
             sys.stdout.buffer.write(data)
@@ -221,9 +203,10 @@ def write_output(path, data):
         raise InputError("TXF-C03", "nobody reads the output any more", path=path) from None
     except OSError as error:
         raise as_input_error(error, Path(path)) from None
+    unfinished.finish()
 
 
-def _is_device(path):
+def is_device(path):
     """True for what must not be replaced by a file: a device or a pipe."""
     return os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path)
 

@@ -3,6 +3,7 @@
 import click
 
 from .. import __version__
+from ..bitstream.file import read_stream_file
 from ..options import APPEARANCES, ATLAS_METHODS, DecodeOptions
 from .console import (
     STYLE,
@@ -10,16 +11,18 @@ from .console import (
     limit_flags,
     limits_of,
     number,
-    read_stream_file,
     run,
     seconds_of,
     timing_line,
+    write_output,
 )
 
 
 @click.command("texf-dec", context_settings=STYLE)
 @click.argument("source", metavar="IN.texf", shell_complete=file_names)
 @click.argument("out", metavar="OUT.{glb,gltf,obj,ply,npz}", shell_complete=file_names)
+@click.option("--overwrite", is_flag=True, help="Replace files beside OUT (.mtl, .png, .bin) that are there already; OUT itself "
+              "always is.")
 @click.option("--appearance", type=click.Choice(APPEARANCES),
               help="A fresh texture, colours at vertices, or the voxels as points.  [default: texture; vertex for .ply]")
 @click.option("--texture-size", metavar="N", **number(1, 16384, "Side of the texture in texels.  [default: by the field]"))
@@ -34,8 +37,9 @@ from .console import (
 @click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
-def dec(console, source, out, appearance, texture_size, atlas, as_json, quiet, **choices):
-    """Decode IN.texf ("-": stdin) to a mesh file; the suffix of OUT chooses the format.
+def dec(console, source, out, overwrite, appearance, texture_size, atlas, as_json, quiet, **choices):
+    """Decode IN.texf ("-": stdin) to a mesh file; the suffix of OUT chooses the format ("-": GLB on stdout,
+    with the report on stderr).
 
     Files from strangers: use --isolate and lower the limits.
 
@@ -43,27 +47,44 @@ def dec(console, source, out, appearance, texture_size, atlas, as_json, quiet, *
     interrupted.
     """
     from ..api import decode
-    from ..asset.save.files import SUFFIXES, save
+    from ..asset.save.files import SUFFIXES
     from ..warmup import kernels_compiled
     from .console import check_output
 
-    if not out.lower().endswith(SUFFIXES):
+    if out == "-":
+        console.stdout_is_taken()
+    elif not out.lower().endswith(SUFFIXES):
         raise click.UsageError(f"{out} must end in one of {' '.join(SUFFIXES)}")
     limits = limits_of(choices)
     options = DecodeOptions(**choices, limits=limits)
+    check_output(out, [source])
     data = read_stream_file(source, limits)
-    check_output(out)
     if not kernels_compiled():
         console.note("first run: compiling kernels, about 30 s, once")
     with console.progress() as report:
         texf = decode(data, options, report)
         with report.stage("save"):
-            saved = save(texf, out, appearance=appearance, texture_size=texture_size, atlas=atlas)
-    report.warnings += saved["warnings"]
+            look = {"appearance": appearance, "texture_size": texture_size, "atlas": atlas}
+            files, warnings = _save(texf, source, out, overwrite, look)
+    report.warnings += warnings
     if not console.as_json:
         console.warnings(report)
-    facts = _facts(data, texf, report, saved["files"])
+    facts = _facts(data, texf, report, files)
     console.result(facts, _lines(facts, out))
+
+
+def _save(texf, source, out, overwrite, look):
+    """Writes OUT and what belongs beside it; ([names of the files], [warnings])."""
+    from ..asset.save.files import as_glb, save
+    from ..ground import unfinished
+
+    if out == "-":
+        data, warnings = as_glb(texf, **look)
+        write_output(out, data)
+        return [], warnings
+    unfinished.last_step()
+    saved = save(texf, out, **look, overwrite=overwrite, inputs=[] if source == "-" else [source])
+    return saved["files"], saved["warnings"]
 
 
 def _facts(data, texf, report, files):

@@ -20,6 +20,7 @@ from .console import (
     STYLE,
     check_output,
     file_names,
+    is_device,
     limit_flags,
     limits_of,
     number,
@@ -28,6 +29,7 @@ from .console import (
     timing_line,
     write_output,
 )
+from .inputs import load_mesh
 
 COARSE = 3.5  # texels along a voxel edge from which on coarse voxels show; of 20 assets at K 1024 two are above, both below 28 dB
 _RATE_TEXT = ", ".join(f"{name} K {k} QP {qp}" for name, (k, qp) in RATES.items())
@@ -81,7 +83,8 @@ def _warm_up(context, parameter, value):
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
 def enc(console, source, out, dry_run, as_json, quiet, **choices):
-    """Code the textured mesh INPUT (.glb, .gltf, .obj, .ply) as OUT.texf ("-": stdout, with the report on stderr).
+    """Code the textured mesh INPUT (.glb, .gltf, .obj, .ply; "-": a GLB on stdin) as OUT.texf ("-": stdout, with the report on
+    stderr).
 
     One of --rate, --resolution with --qp, --target-bytes and --target-psnr sets the rate; K or QP alone keeps the other of r04.
     --lossless and --near-lossless bound the error of the voxels' colours instead; the geometry is coded as ever.
@@ -95,14 +98,14 @@ def enc(console, source, out, dry_run, as_json, quiet, **choices):
     if out is None and not dry_run:
         raise click.UsageError("Missing argument 'OUT.texf'")
     if out == "-":
-        import sys
-
-        console.results = sys.stderr
+        console.stdout_is_taken()
     if not dry_run:
-        check_output(out)
+        _check_output(out, source)
         _say_if_compiling(console)
     with console.progress() as report:
         scene = _load(source, options, report)
+        if not dry_run:
+            check_output(out, scene.files)
         facts = _estimate(scene, options, report) if dry_run else _encode(scene, options, report, out)
     if not (console.as_json or dry_run):
         console.warnings(report)
@@ -138,6 +141,12 @@ def _check_codec(choices):
             raise click.UsageError(f"--{name.replace('_', '-')} has no part in --codec {choices['codec'] or 'raht'}")
 
 
+def _check_output(out, source):
+    check_output(out, [source])
+    if out != "-" and not out.lower().endswith(".texf") and not is_device(out):
+        raise click.UsageError(f"{out} must end in .texf")
+
+
 def _say_if_compiling(console):
     from ..warmup import kernels_compiled
 
@@ -146,10 +155,8 @@ def _say_if_compiling(console):
 
 
 def _load(source, options, report):
-    from ..asset.load.files import load
-
     with report.stage("load"):
-        scene = load(source, strict=options.strict)
+        scene = load_mesh(source, options.strict)
     report.warnings += scene.warnings
     report.dropped += scene.dropped
     _refuse_losses(options, report)
@@ -168,12 +175,19 @@ def _encode(scene, options, report, out):
 
     made = encode_loaded(scene, options, report)
     _refuse_losses(options, report)
-    write_output(out, made.data)
+    write_output(out, made.data, scene.files)
     psnr = made.psnr_3d
-    facts = {"bytes": made.sizes, "resolution": made.resolution, "qp": made.qp, "max_error": options.max_error, **made.counts,
-             "codec": options.codec, "texels_per_voxel_edge": round(made.texels_per_voxel_edge, 3),
+    facts = {"bytes": made.sizes, **_sizes(scene, len(made.data)), "resolution": made.resolution, "qp": made.qp,
+             "max_error": options.max_error, **made.counts, "codec": options.codec,
+             "texels_per_voxel_edge": round(made.texels_per_voxel_edge, 3),
              "psnr_3d": psnr and {name: psnr[name] for name in ("y", "yuv611", "rgb")}, "psnr_samples": psnr and psnr["samples"]}
     return facts | made.choices
+
+
+def _sizes(scene, total):
+    """What the scene was read from, in bytes, and how many times smaller the stream is; total: bytes of the stream, or None."""
+    source = sum(scene.files.values())
+    return {"source": {"bytes": source, "files": len(scene.files)}, "ratio": total and round(source / total, 3)}
 
 
 def _estimate(scene, options, report):
@@ -182,7 +196,8 @@ def _estimate(scene, options, report):
 
     with report.stage("estimate"):
         voxels, seconds = estimate(scene, options)
-    return {"dry_run": True, "bytes": None, "resolution": options.resolution, "qp": options.qp, "voxels": None,
+    return {"dry_run": True, "bytes": None, **_sizes(scene, None),
+            "resolution": options.resolution, "qp": options.qp, "voxels": None,
             "faces": len(scene.faces), "vertices": len(scene.positions), "materials": len(scene.materials),
             "textures": len(scene.textures), "estimated": {"voxels": voxels, "seconds": seconds}, "psnr_3d": None}
 
@@ -197,6 +212,7 @@ def _run_facts(report):
 def _lines(facts, out):
     sizes, voxels = facts["bytes"], max(facts["voxels"], 1)
     yield f"{out}: {sizes['total']} bytes; geometry {sizes['geometry']}, attributes {sizes['attributes']}, other {sizes['other']}"
+    yield from _size_lines(facts)
     codec = codec_of(facts["codec"])
     if codec.joint:
         yield from codec.result_lines(facts)
@@ -218,10 +234,20 @@ def _lines(facts, out):
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
 
 
+def _size_lines(facts):
+    source, ratio = facts["source"], facts["ratio"]
+    files = "" if source["files"] == 1 else f" in {source['files']} files"
+    yield f"source {source['bytes']} bytes{files}, {ratio:.3g} times the stream"
+    if ratio < 1:
+        yield "the stream is larger than what it was made from"
+
+
 def _psnr_lines(facts):
+    from ..ground.colour_error import in_decibels
+
     if facts["psnr_3d"]:
-        shown = {name: "lossless" if value is None else f"{value:.2f}" for name, value in facts["psnr_3d"].items()}
-        yield f"3D-PSNR: Y {shown['y']}, YUV 6:1:1 {shown['yuv611']}, RGB {shown['rgb']} dB"
+        shown = {name: in_decibels(value) for name, value in facts["psnr_3d"].items()}
+        yield f"3D-PSNR: Y {shown['y']}, YUV 6:1:1 {shown['yuv611']}, RGB {shown['rgb']}"
 
 
 def _refinement_lines(told):
@@ -234,7 +260,8 @@ def _refinement_lines(told):
 
 
 def _dry_lines(facts, source):
-    yield f"{source}: {facts['vertices']} vertices, {facts['faces']} faces, {facts['materials']} materials"
+    size = facts["source"]["bytes"]
+    yield f"{source}: {size} bytes, {facts['vertices']} vertices, {facts['faces']} faces, {facts['materials']} materials"
     guess = facts["estimated"]
     yield f"K {facts['resolution']}: about {guess['voxels']} voxels and {guess['seconds']:.0f} s; nothing was written"
     for name in ("warnings", "dropped"):

@@ -3,7 +3,8 @@
 import click
 
 from .. import __version__
-from .console import STYLE, file_names, number, read_stream_file, run, seconds_of, timing_line
+from .console import STYLE, file_names, number, run, seconds_of, timing_line
+from .inputs import check_stdin_once, load_mesh, open_asset
 
 
 @click.command("texf-eval", context_settings=STYLE)
@@ -21,7 +22,8 @@ from .console import STYLE, file_names, number, read_stream_file, run, seconds_o
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
 def evaluate(console, source, other, views, size, ssim, weights, no_3d, threads, as_json, quiet):
-    """Compare DECODED, a .texf stream ("-": stdin) or a mesh (.glb, .gltf, .obj, .ply), with the mesh SOURCE it was made from.
+    """Compare DECODED, a .texf stream or a mesh (.glb, .gltf, .obj, .ply), with the mesh SOURCE it was made from. One of them may
+    be "-": a stream or a GLB on stdin.
 
     Views are orthographic, back faces are culled, and a pixel counts where both sides cover it, as in the MPEG mesh metric.
     3D-PSNR is taken at points spread evenly over the source.
@@ -33,12 +35,14 @@ def evaluate(console, source, other, views, size, ssim, weights, no_3d, threads,
     from ..warmup import kernels_compiled
 
     options = DecodeOptions(threads=threads)
+    check_stdin_once(source, other)
     lpips = _load_lpips(weights)
     if not kernels_compiled():
         console.note("first run: compiling kernels, about 30 s, once")
     with console.progress() as report:
-        scene = _load(source, report)
-        decoded = _load(other, report) if _is_mesh(other) else _decode(other, options, report)
+        with report.stage("load"):
+            scene = _named(load_mesh(source), source, report)
+        decoded = _open(other, options, report)
         facts = _views(scene, decoded, (views, size, ssim, lpips), options.threads, report)
         facts["psnr_3d"] = None if no_3d else _psnr_3d(scene, decoded, options.threads, report)
     if not console.as_json:
@@ -62,19 +66,18 @@ def _is_mesh(path):
     return path.lower().endswith(SUFFIXES)
 
 
-def _load(path, report):
-    from ..asset.load.files import load
-
-    with report.stage("load"):
-        scene = load(path)
+def _named(scene, path, report):
     report.warnings += [f"{path}: {text}" for text in scene.warnings]
     return scene
 
 
-def _decode(path, options, report):
+def _open(path, options, report):
+    """Scene of a mesh, Texf of a stream."""
     from ..api import decode
 
-    return decode(read_stream_file(path, options.limits), options, report)
+    with report.stage("load"):
+        data, scene = open_asset(path, not _is_mesh(path), options.limits)
+    return decode(data, options, report) if scene is None else _named(scene, path, report)
 
 
 def _views(scene, decoded, settings, threads, report):
@@ -105,21 +108,19 @@ def _run_facts(report):
 
 
 def _lines(facts, other):
+    from ..ground.colour_error import in_decibels
+
     yield f"{other}: {facts['views']} views of {facts['size']} x {facts['size']}, {facts['pixels']} pixels compared"
-    shown = {name: _decibels(value) for name, value in facts["psnr"].items()}
+    shown = {name: in_decibels(value, 3) for name, value in facts["psnr"].items()}
     yield f"PSNR: RGB {shown['rgb']}, Y {shown['y']}, U {shown['u']}, V {shown['v']}, YUV {shown['yuv']}"
     others = [f"{name.upper()} {facts[name]:.5f}" for name in ("ssim", "lpips") if facts[name] is not None]
     if others:
         yield ", ".join(others)
     points = facts["psnr_3d"]
     if points:
-        shown = {name: _decibels(points[name]) for name in ("y", "yuv611", "rgb")}
+        shown = {name: in_decibels(points[name], 3) for name in ("y", "yuv611", "rgb")}
         yield f"3D-PSNR: Y {shown['y']}, YUV 6:1:1 {shown['yuv611']}, RGB {shown['rgb']} at {points['samples']} points"
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
-
-
-def _decibels(value):
-    return "equal" if value is None else f"{value:.3f} dB"
 
 
 def main(arguments=None):

@@ -5,21 +5,24 @@ import json
 import click
 
 from .. import __version__
+from ..bitstream.file import read_stream_file
 from ..codecs import codec_of
 from ..limits import Limits
-from .console import STYLE, file_names, read_stream_file, run
+from .console import STYLE, file_names, run
 
 
 @click.command("texf-info", context_settings=STYLE)
 @click.argument("file", metavar="FILE", shell_complete=file_names)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
+@click.option("--quiet", is_flag=True, help="No listing; only errors and the exit code.")
 @click.option("--verify", is_flag=True, help="Decode everything and compare all checksums.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
-def info(console, file, as_json, verify):
+def info(console, file, as_json, quiet, verify):
     """Name every syntax element of the .texf FILE ("-": stdin) with its offset and size, without decoding it.
 
-    Exit codes: 0 valid, 1 command line, 2 input or output, 3 invalid stream, 5 not supported, 6 over a limit.
+    Exit codes: 0 valid, 1 command line, 2 input or output, 3 invalid stream, 5 not supported, 6 over a limit, 130
+    interrupted.
     """
     from ..bitstream.inspect import inspect
 

@@ -7,7 +7,8 @@ import click
 
 from .. import __version__
 from ..options import default_threads
-from .console import STYLE, check_output, file_names, number, read_stream_file, run, seconds_of, timing_line, write_output
+from .console import STYLE, check_output, file_names, number, run, seconds_of, timing_line, write_output
+from .inputs import check_stdin_once, files_of, open_asset
 
 MOST_PIXELS = 8192  # a side
 FIBONACCI = 16  # views of the image metric
@@ -23,7 +24,9 @@ def _size_of(context, parameter, value):
 
 
 def _background_of(context, parameter, value):
-    """(r, g, b) of a name or three numbers."""
+    """(r, g, b) of a name or three numbers, None of None."""
+    if value is None:
+        return None
     parts = value.split(",")
     if value in BACKGROUNDS:
         return BACKGROUNDS[value]
@@ -63,8 +66,8 @@ def _direction_of(context, parameter, value):
               **number(1, 8, "Render N times as large and average N x N pixels.  [default: 1]"))
 @click.option("--no-filter", is_flag=True, help="Streams: ask the field as the metrics do, never its coarser levels.")
 @click.option("--no-cull", is_flag=True, help="Draw back faces too.")
-@click.option("--background", metavar="C", default="white", callback=_background_of,
-              help="white, black or r,g,b in 0..255.  [default: white]")
+@click.option("--background", metavar="C", callback=_background_of,
+              help="white, black or r,g,b in 0..255.  [default: white; with --compare grey where the models are white]")
 @click.option("--compare", metavar="OTHER", shell_complete=file_names,
               help="A second stream or mesh: a sheet of both and a heat map of their difference.")
 @click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
@@ -73,56 +76,64 @@ def _direction_of(context, parameter, value):
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
 def render(console, source, out, compare, as_json, quiet, **choices):
-    """Draw a stream or mesh, base colour without lighting, as OUT.png.
+    """Draw a stream or mesh, base colour without lighting, as OUT.png ("-": stdout, with the report on stderr).
 
-    The camera is set by IN's bounding sphere, for OTHER too. PSNR is taken over the pixels that both cover.
+    IN or OTHER may be "-": a stream or a GLB on stdin. The camera is set by IN's bounding sphere, for OTHER too. PSNR is taken
+    over the pixels that both cover, laid over white where --background is not given.
 
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 over a limit, 130
     interrupted.
     """
     from ..warmup import kernels_compiled
 
-    if not out.lower().endswith(".png"):
+    check_stdin_once(source, compare)
+    if out == "-":
+        console.stdout_is_taken()
+    elif not out.lower().endswith(".png"):
         raise click.UsageError(f"{out} must end in .png")
-    check_output(out)
+    inputs = [name for name in (source, compare) if name is not None]
+    check_output(out, inputs)
     choices["threads"] = choices["threads"] or default_threads()
     if not kernels_compiled():
         console.note("first run: compiling kernels, about 30 s, once")
     with console.progress() as report:
-        first = _load(source, choices["threads"], report)
-        camera = _camera(first, choices)
-        picture = _draw(first, camera, choices, report)
-        if not len(picture.pixel):
-            report.warnings.append("nothing is seen from here: the picture is empty")
-        compared, image = None, _image(picture, choices)
-        if compare is not None:
-            other = _draw(_load(compare, choices["threads"], report), camera, choices, report)
-            compared, image = _compared(source, compare, picture, other, choices, report)
+        picture, compared, image = _pictures(source, compare, choices, inputs, report)
+        check_output(out, inputs)
         with report.stage("save"):
-            write_output(out, _png(image))
+            write_output(out, _png(image), inputs)
     _say_losses(console, report)
-    facts = _facts(image, picture, choices, compared, report) | {"files": [Path(out).name]}
+    facts = _facts(image, picture, choices, compared, report) | {"files": [Path(out).name] if out != "-" else []}
     console.result(facts, _lines(facts, out))
 
 
-def _load(path, threads, report):
-    """A Texf of a .texf file, a Scene of any other."""
-    from ..limits import Limits
+def _pictures(source, compare, choices, inputs, report):
+    """(Picture of the source, what compare() found or None, image to write); adds the files that were read to inputs."""
+    first = _load(source, choices["threads"], inputs, report)
+    camera = _camera(first, choices)
+    picture = _draw(first, camera, choices, report)
+    if not len(picture.pixel):
+        report.warnings.append("nothing is seen from here: the picture is empty")
+    if compare is None:
+        choices["background"] = choices["background"] or BACKGROUNDS["white"]
+        return picture, None, _image(picture, choices)
+    other = _draw(_load(compare, choices["threads"], inputs, report), camera, choices, report)
+    return picture, *_compared(source, compare, picture, other, choices, report)
 
-    if not path.lower().endswith(".texf"):
-        from ..asset.load.files import load
 
-        with report.stage("load"):
-            scene = load(path)
-        report.warnings += scene.warnings
-        report.dropped += scene.dropped
-        return scene
+def _load(path, threads, inputs, report):
+    """A Texf of a stream, a Scene of a mesh; adds the files that were read to inputs."""
     from ..api import decode
     from ..options import DecodeOptions
 
-    data = read_stream_file(path, Limits())
-    with report.stage("decode"):
-        return decode(data, DecodeOptions(threads=threads))
+    with report.stage("load"):
+        data, scene = open_asset(path, path.lower().endswith(".texf"))
+    inputs += files_of(path, scene)
+    if scene is None:
+        with report.stage("decode"):
+            return decode(data, DecodeOptions(threads=threads))
+    report.warnings += scene.warnings
+    report.dropped += scene.dropped
+    return scene
 
 
 def _camera(asset, choices):
@@ -155,12 +166,14 @@ def _image(picture, choices):
 
 def _compared(source, compare, picture, other, choices, report):
     """What compare() found, and the sheet."""
+    from ..render.difference import clear_background, sheet
     from ..render.difference import compare as compare_pictures
-    from ..render.difference import sheet
     from ..render.shade import box_down
 
     with report.stage("compare"):
-        found, heat = compare_pictures(picture, other, choices["background"])
+        under = choices["background"] or BACKGROUNDS["white"]
+        choices["background"] = choices["background"] or clear_background(picture, other)
+        found, heat = compare_pictures(picture, other, under, choices["background"])
         panels = [_image(picture, choices), _image(other, choices), box_down(heat, choices["anti_alias"])]
         captions = [Path(source).name, Path(compare).name, "RMS of R, G, B; teal: in one only"]
         return found, sheet(panels, captions, choices["background"])
@@ -190,18 +203,20 @@ def _facts(image, picture, choices, compared, report):
 
     return {"width": image.shape[1], "height": image.shape[0], "direction": [round(float(v), 6) for v in choices["view"]],
             "perspective": choices["perspective"], "pixels": picture.width * picture.height, "covered": len(picture.pixel),
-            "compare": compared, "seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(),
-            "warnings": report.warnings, "dropped": report.dropped}
+            "background": list(choices["background"]), "compare": compared, "seconds": seconds_of(report),
+            "peak_memory_bytes": peak_memory_bytes(), "warnings": report.warnings, "dropped": report.dropped}
 
 
 def _lines(facts, out):
+    from ..ground.colour_error import in_decibels
+
     share = 100 * facts["covered"] / facts["pixels"]
     yield f"{out}: {facts['width']} x {facts['height']} pixels, {share:.1f} % of the view covered"
     found = facts["compare"]
     if found and not found["pixels_both"]:
         yield "no pixel is covered by both: there is no PSNR"
     elif found:
-        shown = {name: "lossless" if found[name] is None else f"{found[name]:.2f} dB" for name in ("psnr_rgb", "psnr_y")}
+        shown = {name: in_decibels(found[name]) for name in ("psnr_rgb", "psnr_y")}
         yield (f"PSNR over the {found['pixels_both']} pixels that both cover: RGB {shown['psnr_rgb']}, Y {shown['psnr_y']}; "
                f"{found['pixels_only_first']} only in the first, {found['pixels_only_second']} only in the second")
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])

@@ -1,7 +1,7 @@
 """Colour error at corresponding samples (3D-PSNR) and the surface points to take it at.
 
 Colours are sRGB-coded RGB in 0..255, as floats; nothing is rounded or clipped. YUV is BT.709, full range. PSNR has peak 255;
-it is float("inf") where the error is exactly zero, and `json_ready` writes that as null, which reports read as "lossless".
+it is float("inf") where the error is exactly zero, and `json_ready` writes that as null, which in_decibels() says as "exact".
 """
 
 import math
@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 PEAK = 255.0
+EXACT = "exact"  # the one word for a match without any error, where a PSNR is infinite; lossless is a way of coding
 BLOCK = 1 << 16  # samples per step: 64 Ki rows of three doubles stay near the cache, whatever the total
 
 # Rows Y, U, V for full-range BT.709; U and V lack their offset of 128, which cancels in every difference.
@@ -98,8 +99,13 @@ def decibels(mse, peak=PEAK):
 
 
 def json_ready(result):
-    """The dict with infinite values (lossless) as None, because JSON has no infinity."""
+    """The dict with infinite values (exact) as None, because JSON has no infinity."""
     return {k: None if isinstance(v, float) and math.isinf(v) else v for k, v in result.items()}
+
+
+def in_decibels(value, digits=2):
+    """A PSNR of json_ready() for people: "34.20 dB", or EXACT for None."""
+    return EXACT if value is None else f"{value:.{digits}f} dB"
 
 
 def sample_surface(positions, faces, count, seed=0, areas=None):

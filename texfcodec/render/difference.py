@@ -8,14 +8,26 @@ HOTTEST = 32  # coded levels of R, G, B (root mean square) from which on the hea
 RAMP = np.array([(0, 0, 0), (70, 15, 110), (190, 50, 85), (250, 150, 30), (255, 255, 190)], np.float64)
 ONLY_ONE = (0, 160, 170)  # pixels that one of the pictures covers and the other does not
 GAP = 8  # pixels between panels
+GREYS = (255, 160, 96)  # backgrounds, the usual one first; never black, which is the heat map's "no difference"
+NEAR = 24  # coded levels within which a pixel cannot be told from a background
+MOST_NEAR = 0.02  # share of the pixels that may be so near
 
 
-def compare(first, second, background=(255, 255, 255)):
+def clear_background(*pictures):
+    """(r, g, b), a grey that Pictures stand off from: white unless more than MOST_NEAR of their pixels are as good as white, else
+    the grey that is near to the fewest."""
+    colours = np.concatenate([_over(p, (128, 128, 128)) for p in pictures])
+    near = [float((np.abs(colours - grey).max(axis=1) <= NEAR).mean()) if len(colours) else 0.0 for grey in GREYS]
+    return (GREYS[0 if near[0] <= MOST_NEAR else int(np.argmin(near))],) * 3
+
+
+def compare(first, second, background=(255, 255, 255), around=None):
     """How far the second Picture is from the first.
 
     Returns a dict {"pixels_both", "pixels_only_first", "pixels_only_second", "psnr_rgb", "psnr_y"} and the heat map, uint8
-    [H, W, 3]. PSNR in dB over the pixels that both cover, unrounded and laid over the background; None stands for lossless, or
-    for pixels_both == 0. Raises ValueError for pictures of different sizes.
+    [H, W, 3]. PSNR in dB over the pixels that both cover, unrounded and laid over the background; None stands for exact, or
+    for pixels_both == 0. around: the heat map's colour where neither covers, None for the background. Raises
+    ValueError for pictures of different sizes.
     """
     if (first.width, first.height) != (second.width, second.height):
         raise ValueError("the pictures have different sizes")
@@ -27,7 +39,7 @@ def compare(first, second, background=(255, 255, 255)):
         error.add(ref, got)
         psnr = {name: json_ready(error.result())[name] for name in psnr}
     heat = np.empty((first.height * first.width, 3), np.uint8)
-    heat[:] = background
+    heat[:] = background if around is None else around
     heat[first.pixel] = heat[second.pixel] = ONLY_ONE
     heat[both] = heat_colour(np.sqrt(((got - ref) ** 2).mean(axis=1)))
     counts = {"pixels_both": len(both), "pixels_only_first": len(first.pixel) - len(both),

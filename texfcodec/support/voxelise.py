@@ -174,9 +174,10 @@ def _grown(keys, weights):
 
 
 @kernel
-def _touched(corners, faces, resolution, low, high, axis, log2_slots, most):
-    """Voxels of one slab low <= index[axis] < high: (keys int64 [n], weights int64 [n], n), keys in table order. Stops as soon
-    as there are more than `most`, so that memory stays in proportion to that.
+def _touched(corners, faces, resolution, low, high, axis, log2_slots, most, total):
+    """Voxels of one slab low <= index[axis] < high: int64 [2, n], keys in table order and weights; n in total [1]. Stops as soon
+    as there are more than `most`, so that memory stays in proportion to that, and returns none of them. One array, because numba
+    lets an interrupt through between two, and crashes on it.
 
     corners: int64 [V, 3] fixed grid coordinates; faces: int64 [F, 3], already checked against V by the caller's gather.
     A voxel's weight stays below 2**62: at most 2**31 samples (checked by the caller) of at most 2**31 each.
@@ -218,21 +219,22 @@ def _touched(corners, faces, resolution, low, high, axis, log2_slots, most):
                             keys[slot] = run_key
                             used += 1
                             if used > most:
-                                return keys[:0], weights[:0], used
+                                total[0] = used
+                                return np.empty((2, 0), np.int64)
                         weights[slot] += run
                         if 2 * used > keys.shape[0]:
                             keys, weights = _grown(keys, weights)
                     run_key, run = key, np.int64(0)
                 run += share
     n = 0
-    out_keys = np.empty(used, np.int64)
-    out_weights = np.empty(used, np.int64)
+    out = np.empty((2, used), np.int64)
     for i in range(keys.shape[0]):
         if keys[i] >= 0:
-            out_keys[n] = keys[i]
-            out_weights[n] = weights[i]
+            out[0, n] = keys[i]
+            out[1, n] = weights[i]
             n += 1
-    return out_keys, out_weights, used
+    total[0] = used
+    return out
 
 
 @kernel
@@ -289,7 +291,8 @@ def voxelise(lattice, faces, position_bits, resolution, area_threshold=0, thread
     log2_slots = int(np.clip(min(total // (2 * (len(bounds) - 1)), 2 * most), 64, 1 << 22)).bit_length()
 
     def one(slab):
-        return _touched(corners, faces, resolution, slab[0], slab[1], axis, log2_slots, most)
+        used = np.zeros(1, np.int64)
+        return *_touched(corners, faces, resolution, slab[0], slab[1], axis, log2_slots, most, used), int(used[0])
 
     jobs = list(zip(bounds[:-1], bounds[1:], strict=True))
     if len(jobs) == 1:

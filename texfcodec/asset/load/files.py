@@ -7,6 +7,7 @@ import numpy as np
 
 from ...errors import InputError, LimitError
 from ..scene import Scene
+from .opened import opened, recording
 from .parts import Notes
 
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
@@ -24,7 +25,10 @@ def load(source, strict=False):
     Errors: InputError, SupportError, LimitError with codes of texfcodec/findings.py; nothing else.
     """
     if isinstance(source, (str, os.PathLike)):
-        return _load_file(Path(source), Notes(strict))
+        with recording() as files:
+            scene = _load_file(Path(source), Notes(strict))
+        scene.files = files
+        return scene
     from .trimesh_read import check_scene, is_trimesh, read_trimesh
 
     if isinstance(source, Scene):
@@ -37,9 +41,21 @@ def load(source, strict=False):
 load_any = load
 
 
+def load_glb(data, strict=False):
+    """bytes of a GLB file that came without a name, such as on stdin -> Scene. Files it names are looked for in the working
+    folder. Errors: as load()."""
+    from .gltf_read import read_gltf
+
+    with recording() as files:
+        scene = _guarded(lambda: read_gltf(data, ".glb", Path(), Notes(strict)), "TXF-I09")
+    scene.files = {"-": len(data), **files}
+    return scene
+
+
 def _load_file(path, notes):
     suffix = path.suffix.lower()
     data = _read_file(path)
+    opened(path)
     if suffix not in SUFFIXES:
         raise InputError("TXF-I05", "the suffix names no supported format", value=suffix or "none",
                          allowed=" ".join(SUFFIXES))

@@ -6,6 +6,7 @@ import numpy as np
 
 from ...errors import InputError, LimitError
 from ..scene import Texture
+from .opened import opened
 
 _STRIP_ROWS = 256  # converting in strips keeps one full-size array beside Pillow's own, not three
 
@@ -86,6 +87,7 @@ def find_file(folder, name):
         path = Path(folder) / candidate
         try:
             if candidate and path.is_file():
+                opened(path)
                 return path
         except (OSError, ValueError):  # name too long, embedded NUL
             continue

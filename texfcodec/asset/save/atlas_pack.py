@@ -54,7 +54,8 @@ def pack_charts(flat, chart, extent, side, gutter):
     ceiling, floor = math.inf, 0.0
     for _ in range(_TRIALS):
         own = np.minimum(scale, (side - 2 * gutter - 2) / np.maximum(extent.max(1), 1e-300))
-        place, half_turn, used = _pack(flat, faces, start, order, extent, own, side, gutter)
+        place, half_turn = np.zeros((2, len(order), 2), np.int64)
+        used = _pack(flat, faces, start, order, extent, own, side, gutter, place, half_turn)
         if used <= side:
             best, best_scale, floor = (place, half_turn, own), scale, scale
             if used > 0.97 * side or (own < scale).all():
@@ -168,13 +169,12 @@ def _lay(skyline, low, high, width, x, row):
 
 
 @kernel
-def _pack(flat, faces, start, order, extent, scales, side, gutter):
-    """Place every chart in order, giving up once the height exceeds four sides.
+def _pack(flat, faces, start, order, extent, scales, side, gutter, place, half_turn):
+    """Place every chart in order, giving up once the height exceeds four sides; returns the height.
 
-    Returns (place int64 [n, 2], half_turn int64 [n, 2]: the texel box of charts placed upside down, zero for the others, height).
+    Writes place int64 [n, 2] and half_turn int64 [n, 2]: the texel box of charts placed upside down; zeros stay for the others.
     Bounds: width <= side because scales limit every extent to side - 2 gutter - 2.
     """
-    place, half_turn = np.zeros((len(order), 2), np.int64), np.zeros((len(order), 2), np.int64)
     skyline = np.zeros(side + 1, np.int64)
     low, high = np.empty(side, np.int64), np.empty(side, np.int64)
     used, cursor = 0, 0
@@ -199,4 +199,4 @@ def _pack(flat, faces, start, order, extent, scales, side, gutter):
         used = max(used, _lay(skyline, low, high, width, x, row))
         if used > 4 * side:
             break
-    return place, half_turn, used
+    return used

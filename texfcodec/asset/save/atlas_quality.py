@@ -9,9 +9,11 @@ import zipfile
 
 import numpy as np
 
+from ...ground import unfinished
+
 PADDING = 4  # texels between charts at the final size
 
-_CHILD = "from texfcodec.asset.atlas_quality import _child; _child()"
+_CHILD = "from texfcodec.asset.save.atlas_quality import _child; _child()"
 
 
 class QualityFailed(Exception):
@@ -49,14 +51,8 @@ def _run_child(points, faces, side, seconds):
     np.savez(request, points=points.astype(np.float32), faces=faces.astype(np.uint32), side=side)
     environment = dict(os.environ, PYTHONPATH=os.pathsep.join(p for p in sys.path if p))
     try:
-        done = subprocess.run(
-            [sys.executable, "-c", _CHILD],
-            input=request.getvalue(),
-            capture_output=True,
-            timeout=seconds,
-            env=environment,
-            check=True,
-        )
+        done = unfinished.run_child([sys.executable, "-c", _CHILD], request.getvalue(), seconds, environment)
+        done.check_returncode()
         with np.load(io.BytesIO(done.stdout)) as reply:
             return reply["flat"].astype(np.float64), reply["size"].astype(np.float64)
     except subprocess.TimeoutExpired:

@@ -1,6 +1,5 @@
 """Saving a decoded stream as GLB, glTF, OBJ, PLY or NPZ: everything under a temporary name first, then renamed."""
 
-import contextlib
 import errno
 import io
 import json
@@ -12,35 +11,65 @@ from urllib.parse import quote
 import numpy as np
 
 from ...errors import InputError
+from ...ground import unfinished
 
 APPEARANCES = ("texture", "vertex", "voxels")
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".npz")
 
 
-def save(texf, path, appearance=None, texture_size=None, atlas="auto"):
+def save(texf, path, appearance=None, texture_size=None, atlas="auto", overwrite=False, inputs=()):
     """Write a decoded stream; the suffix of path chooses the format.
 
     texf: decoded stream (Texf). appearance: "texture" (an atlas is made and baked; NPZ: every decoded array), "vertex" (colours
     at vertices), "voxels" (point cloud of voxel centres); None means texture, but vertex for PLY, which has no texture.
     texture_size: side in texels or None; atlas: "auto", "quality" or "fast". Side files (.bin, .png, .mtl) take the name of path.
+    overwrite: whether side files may replace what is there; path itself always may. inputs: paths that nothing may replace.
     Returns {"warnings": [one sentence each], "files": [names written]}.
     Raises InputError: TXF-O01 no such directory, TXF-O02 not writable, TXF-O03 disk full, TXF-O04 other operating system error,
-    TXF-O05 suffix, TXF-O06 appearance, TXF-O10..O12 atlas. After an error nothing half-written remains.
+    TXF-O05 suffix, TXF-O06 appearance, TXF-O07 a file would replace an input, TXF-O08 a side file is there already, TXF-O10..O12
+    atlas. After an error nothing half-written remains.
     """
     path = Path(path)
-    suffix = path.suffix.lower()
+    suffix, appearance, warnings = _checked(path, appearance)
+    check_target(path, inputs)
+    check_sides(path.parent, _side_names(texf, path, suffix, appearance), inputs, overwrite)
+    files = _WRITERS[suffix](texf, path, appearance, (texture_size, atlas), warnings)
+    write_all(path.parent, files, inputs, overwrite)
+    return {"warnings": warnings, "files": [name for name, _ in files]}
+
+
+def as_glb(texf, appearance=None, texture_size=None, atlas="auto"):
+    """The bytes of the GLB that save() would write, and its warnings: (bytes, [one sentence each])."""
+    suffix, appearance, warnings = _checked(Path("stream.glb"), appearance)
+    ((_, pieces),) = _WRITERS[suffix](texf, Path("stream.glb"), appearance, (texture_size, atlas), warnings)
+    return b"".join(pieces), warnings
+
+
+def _checked(path, appearance):
+    """(suffix, appearance, warnings) of what save() was asked for."""
+    suffix, warnings = path.suffix.lower(), []
     if suffix not in SUFFIXES:
         raise InputError("TXF-O05", "the file name must end in a known suffix", value=path.suffix, allowed=" ".join(SUFFIXES))
     if appearance not in (None, *APPEARANCES):
         raise InputError("TXF-O06", "appearance not known", value=appearance, allowed=" ".join(APPEARANCES))
-    check_target(path)
-    warnings = []
     if suffix == ".ply" and appearance == "texture":
         warnings.append("PLY has no texture here: vertex colours are written")
-    appearance = ("vertex" if suffix == ".ply" else "texture") if appearance is None else appearance
-    files = _WRITERS[suffix](texf, path, appearance, (texture_size, atlas), warnings)
-    write_all(path.parent, files)
-    return {"warnings": warnings, "files": [name for name, _ in files]}
+    return suffix, ("vertex" if suffix == ".ply" else "texture") if appearance is None else appearance, warnings
+
+
+def _side_names(texf, path, suffix, appearance):
+    """Names of the files that the writers put beside path, known before the work."""
+    textured = appearance == "texture" and len(texf.faces) > 0
+    if suffix == ".gltf":
+        return [path.stem + ".png"] * textured + [path.stem + ".bin"]
+    if suffix == ".obj" and textured:
+        return [_without_blanks(path.stem) + ".png", _without_blanks(path.stem) + ".mtl"]
+    return []
+
+
+def _without_blanks(stem):
+    """A name as readers of OBJ and MTL take it, which split names at blanks."""
+    return "_".join(stem.split())
 
 
 def _glb(texf, path, appearance, bake_options, warnings):
@@ -82,7 +111,7 @@ def _obj(texf, path, appearance, bake_options, warnings):
     if appearance == "vertex" or len(texf.faces) == 0:
         return [(path.name, ply_write.obj_coloured(texf))]
     baked = _baked(texf, bake_options, warnings)
-    stem = "_".join(path.stem.split())  # readers of OBJ and MTL split names at blanks
+    stem = _without_blanks(path.stem)
     return [
         (stem + ".png", [_png(texf, baked)]),
         (stem + ".mtl", ply_write.mtl(texf, stem + ".png")),
@@ -162,36 +191,58 @@ def _png(texf, baked):
     return out.getvalue()
 
 
-def check_target(path):
-    """Refuse hopeless paths before minutes of baking."""
+def check_target(path, inputs=()):
+    """Refuse hopeless paths before minutes of baking, and files that were read. inputs: paths."""
     if not path.parent.is_dir():
         raise InputError("TXF-O01", "no such directory", path=str(path.parent))
     if path.is_dir() or not os.access(path.parent, os.W_OK):
         raise InputError("TXF-O02", "cannot write there", path=str(path))
+    check_no_input(path, inputs)
 
 
-def write_all(folder, files):
+def check_no_input(path, inputs):
+    """InputError TXF-O07 where path is, by whatever spelling or link, one of the files that were read."""
+    for read in inputs:
+        try:
+            same = os.path.samefile(path, read)
+        except (OSError, ValueError):  # one of them is not there, so they are not the same
+            same = False
+        if same:
+            raise InputError("TXF-O07", "the output would replace a file that was read", path=str(path), read=str(read))
+
+
+def check_sides(folder, names, inputs, overwrite):
+    """Files that the user did not name: InputError TXF-O07 for one that was read, TXF-O08 for one that is there already."""
+    for name in names:
+        check_no_input(folder / name, inputs)
+        if not overwrite and os.path.lexists(folder / name):
+            raise InputError("TXF-O08", "a file beside the output is there already and was not named; --overwrite replaces it",
+                             path=str(folder / name))
+
+
+def write_all(folder, files, inputs=(), overwrite=True):
     """Write all files under temporary names, then rename them in order (main file last); remove the temporaries on failure.
 
-    files: [(name, pieces)], pieces being bytes-like items or a function of the open file.
+    files: [(name, pieces)], pieces being bytes-like items or a function of the open file. inputs: paths that no file may
+    replace; overwrite: whether all but the last may replace what is there.
     """
     token = secrets.token_hex(4)
     names = [(folder / f".{name}.{token}.tmp", folder / name) for name, _ in files]
     try:
         for (temporary, _), (_, pieces) in zip(names, files, strict=True):
-            with open(temporary, "xb") as file:
+            with unfinished.new_file(temporary) as file:
                 if callable(pieces):
                     pieces(file)
                 else:
                     file.writelines(pieces)
-        for temporary, final in names:
-            os.replace(temporary, final)
+        check_no_input(names[-1][1], inputs)
+        check_sides(folder, [name for name, _ in files[:-1]], inputs, overwrite)
+        unfinished.rename_all(names)
     except OSError as error:
         raise as_input_error(error, names[-1][1]) from error
     finally:
         for temporary, _ in names:
-            with contextlib.suppress(OSError):
-                temporary.unlink(missing_ok=True)
+            unfinished.remove(temporary)
 
 
 def as_input_error(error, path):

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError
+from ...ground import unfinished
 from ...ground.colour_error import decibels
 from ...support.query import over_blocks
 from .design import choose_design
@@ -208,10 +209,11 @@ class Fit:
     def _save(self, path, steps):
         arrays = {f"{kind}{n}": a for kind in ("values", "means", "squares") for n, a in enumerate(getattr(self, kind))}
         part = path.with_name(path.name + ".part")
-        with open(part, "wb") as file:
+        unfinished.remove(part)
+        with unfinished.new_file(part) as file:
             np.savez(file, step=self.step, seconds=self.seconds, log=repr(self.log), identity=self._identity(steps),
                      times=self.times, **arrays)
-        part.replace(path)
+        unfinished.rename_all([(part, path)])
 
     def _resume(self, path, steps):
         if not path.exists():

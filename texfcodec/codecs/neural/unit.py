@@ -120,6 +120,8 @@ class Neural(JointCodec):
 
     def result_lines(self, facts):
         """As JointCodec.result_lines."""
+        from ...ground.colour_error import in_decibels
+
         kept, fit, told = facts["resident"], facts["fit"], facts["refinement"]
         grids = ", ".join(f"{one['rows']} rows of a grid of {one['resolution']}" for one in fit["levels"])
         yield (f"resident {kept['total']} bytes: latents {kept['latents']} ({grids}), network {kept['network']}, "
@@ -128,7 +130,7 @@ class Neural(JointCodec):
         yield f"fit: {fit['steps']} steps{early}, {fit['seconds']:.0f} s, RGB {fit['psnr_rgb']:.2f} dB at points it has not seen"
         if told["kind"] == "render":
             psnr = {row["iteration"]: row["held_out_psnr"] for row in told["iterations"]}
-            shown = ["exact" if psnr[n] is None else f"{psnr[n]:.2f} dB" for n in (0, told["kept_iteration"])]
+            shown = [in_decibels(psnr[n]) for n in (0, told["kept_iteration"])]
             yield (f"refined on pictures: {shown[0]} to {shown[1]} in views it has not seen; {told['psnr_rgb']:.2f} dB at the "
                    "points")
         elif told["asked"] == "render":

@@ -1,0 +1,141 @@
+"""Ctrl-C at random moments of every tool, in a pending kernel, and where files are made and renamed."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import interrupts
+import pytest
+
+from texfcodec.ground import unfinished
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="moments are counted by /proc")
+
+PENDING = """
+import os, signal, sys, threading
+import numpy as np
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from texfcodec.{module} import {function} as work
+corners = np.array([[0, 0, 0], [16383, 0, 100], [16383, 16383, 0], [0, 16383, 50]])
+faces = np.array([[0, 1, 2], [0, 2, 3]])
+work(corners, faces, 14, 16)
+threading.Timer(0.1, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+try:
+    work(corners, faces, 14, 8192)
+except KeyboardInterrupt:
+    sys.exit(130)
+"""
+
+LATE = """
+import os, signal, sys, time
+from pathlib import Path
+from texfcodec.asset.save import files
+from texfcodec.ground import unfinished
+rename = os.replace
+def interrupted(a, b):  # once, after the first file
+    rename(a, b)
+    os.replace = rename
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(0.2)
+os.replace = interrupted
+from texfcodec.cli.{tool} import main
+main()
+"""
+
+
+@LINUX
+def test_every_tool_ends_as_it_should_at_random_moments(tmp_path):
+    counts, found = interrupts.interrupt_all(tmp_path, 12)
+    assert not found, "\n".join(found)
+    assert {codes.total() for codes in counts.values()} == {12} and len(counts) == 5
+    assert all(codes[130] > 2 for codes in counts.values())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="this system has no kill() of one's own process")
+@pytest.mark.parametrize("module, function", [("choose.partition", "find_contacts"), ("support.voxelise", "voxelise")])
+def test_an_interrupt_that_waits_for_a_kernel_is_a_keyboard_interrupt(module, function):
+    """Numba runs Python while it boxes a kernel's results; an interrupt between two arrays was a SystemError or a crash."""
+    program = PENDING.format(module=module, function=function)
+    run = subprocess.run([sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    assert run.returncode == 130, run.stderr[-500:]
+
+
+def test_no_kernel_that_python_calls_returns_two_arrays():
+    program = """
+import sys, inspect
+from texfcodec.warmup import warm_up
+warm_up()
+from numba.core.dispatcher import Dispatcher
+from numba.core import types
+seen, many = 0, []
+for name, module in list(sys.modules.items()):
+    for kernel in vars(module).values() if name.startswith("texfcodec.") else ():
+        if isinstance(kernel, Dispatcher) and kernel.__module__ == name:
+            for signature in kernel.nopython_signatures:
+                seen += 1
+                result = signature.return_type
+                if isinstance(result, types.BaseTuple) and any(isinstance(one, types.Array) for one in result):
+                    many.append(kernel.__name__)
+print(seen, *many)
+"""
+    run = subprocess.run([sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, check=True, timeout=600)
+    seen, *many = run.stdout.split()
+    assert int(seen) > 60 and set(many) <= {"_grown"}, many  # only another kernel calls that
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="this system has no kill() of one's own process")
+def test_an_interrupt_after_the_rename_comes_too_late(tmp_path):
+    interrupts.prepare(tmp_path)
+    program = [sys.executable, "-c", LATE.format(tool="enc"), tmp_path / "mesh.ply", tmp_path / "a.texf", *interrupts.SMALL]
+    run = subprocess.run(program, cwd=REPOSITORY, capture_output=True, text=True, check=False, timeout=300,
+                         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+    assert (run.returncode, run.stderr) == (0, "") and "a.texf: " in run.stdout
+    assert (tmp_path / "a.texf").read_bytes() == (tmp_path / "stream.texf").read_bytes()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="this system has no kill() of one's own process")
+def test_an_interrupt_between_two_renames_waits_for_the_last(tmp_path):
+    interrupts.prepare(tmp_path)
+    program = [sys.executable, "-c", LATE.format(tool="dec"), tmp_path / "stream.texf", tmp_path / "a.gltf"]
+    run = subprocess.run(program, cwd=REPOSITORY, capture_output=True, text=True, check=False, timeout=300,
+                         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+    names = {path.name for path in tmp_path.iterdir()}
+    assert {"a.gltf", "a.bin", "a.png"} <= names and not [name for name in names if name.endswith(".tmp")]
+    assert (run.returncode, run.stdout.count("faces")) == (0, 1)
+
+
+def test_a_process_that_ignores_the_signal_goes_on_ignoring_it(tmp_path):
+    interrupts.prepare(tmp_path)
+    program = [sys.executable, "-c", LATE.format(tool="enc"), tmp_path / "mesh.ply", tmp_path / "a.texf", *interrupts.SMALL]
+    run = subprocess.run(program, cwd=REPOSITORY, capture_output=True, text=True, check=False, timeout=300,
+                         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN))
+    assert run.returncode == 0 and (tmp_path / "a.texf").exists()
+
+
+def test_import_of_a_tool_leaves_the_signal_alone():
+    program = "import signal; from texfcodec.cli import enc; print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
+    run = subprocess.run([sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, check=True,
+                         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+    assert run.stdout == "True\n"
+
+
+def test_what_is_unfinished_is_removed(tmp_path):
+    with unfinished.new_file(tmp_path / "half") as file:
+        file.write(b"half")
+    with unfinished.Folder("texf-test-") as folder:
+        (Path(folder) / "answer").write_bytes(b"x")
+        unfinished.remove_all()
+        assert not os.path.exists(folder)
+    assert list(tmp_path.iterdir()) == []
+    unfinished.remove(tmp_path / "half")
+
+
+def test_a_child_gets_its_input_and_is_ended_when_it_takes_too_long():
+    program = [sys.executable, "-c", "import sys; print(sys.stdin.read()[::-1])"]
+    assert unfinished.run_child(program, b"abc", 60, dict(os.environ)).stdout.strip() == b"cba"
+    with pytest.raises(subprocess.TimeoutExpired):
+        unfinished.run_child([sys.executable, "-c", "import time; time.sleep(60)"], b"", 0.3, dict(os.environ))
+    assert not unfinished._children

@@ -1,0 +1,58 @@
+"""What the tools read: a mesh file, a stream, or "-" for stdin, which is told apart by its first bytes."""
+
+import sys
+
+import click
+
+from ..bitstream.file import read_stream_file
+from ..errors import InputError
+from ..limits import Limits
+
+_GLB_MAGIC = b"glTF"
+
+
+def check_stdin_once(*paths):
+    """A wrong command line where more than one input is "-"."""
+    if paths.count("-") > 1:
+        raise click.UsageError("stdin can be read only once, but two inputs are -")
+
+
+def load_mesh(path, strict=False):
+    """Scene of a mesh file, or of a GLB on stdin for "-". Errors: as asset.load.files, and TXF-I05 for stdin that is no GLB."""
+    from ..asset.load.files import load
+
+    return _stdin_mesh(_stdin(), strict) if path == "-" else load(path, strict=strict)
+
+
+def open_asset(path, is_stream, limits=None):
+    """(bytes of a stream, None) or (None, Scene). is_stream: whether a path that is not "-" names a stream."""
+    limits = limits or Limits()
+    if path == "-":
+        head = _stdin(len(_GLB_MAGIC))
+        if head == _GLB_MAGIC:
+            return None, _stdin_mesh(head + _stdin(), False)
+        return read_stream_file(path, limits, head), None
+    return (read_stream_file(path, limits), None) if is_stream else (None, load_mesh(path))
+
+
+def files_of(path, scene):
+    """Paths that no output may replace: the files of a Scene, or the file of a stream (scene None)."""
+    return [name for name in (scene.files if scene is not None else [path]) if name != "-"]
+
+
+def _stdin(most=-1):
+    try:
+        return sys.stdin.buffer.read(most)
+    except OSError as error:
+        raise InputError("TXF-I03", "the file cannot be read", path="-", reason=str(error)) from None
+
+
+def _stdin_mesh(data, strict):
+    from ..asset.load.files import load_glb
+
+    if not data:
+        raise InputError("TXF-I04", "the file is empty", path="-")
+    if data[:4] != _GLB_MAGIC:
+        raise InputError("TXF-I05", "a mesh on stdin must be a GLB; any other format needs a file name with its suffix",
+                         value=bytes(data[:4]).hex(), allowed="GLB")
+    return load_glb(data, strict)

@@ -1,0 +1,102 @@
+"""Ctrl-C: whatever the moment, the temporaries go, one line is said, and the process ends with 130.
+
+No exception is raised. Python raises KeyboardInterrupt wherever the main thread happens to be, and libraries do not all bear it:
+numba calls Python while it hands over results, and goes on with the exception set. And while a kernel runs, nothing is raised at
+all until it returns. So the handler does nothing, and a thread that waits for the signal's number ends the process.
+
+The handler stands from the first line of texfcodec.cli on, where the process is one of the tools. Before that line the
+interpreter starts, finds its paths and, with `python -m`, imports runpy: what it says to an interrupt then is Python's own.
+"""
+
+import _signal  # not signal, which imports enum and what that needs: time in which Python's own handler would answer
+import _thread
+import os
+import sys
+
+from ..errors import EXIT_INTERRUPTED
+from ..ground import unfinished
+
+CODE = "TXF-C02"
+NOTHING_WRITTEN = "interrupted; nothing was written"
+INCOMPLETE = "interrupted; what was written is not complete"
+
+
+class Talk:
+    """What the thread needs to know of the command. partly: a pipe or device may have got something; bar: a progress bar is on
+    the terminal; errors: the descriptor for errors as JSON, None before the command line is read; installed: it is at work."""
+
+    errors, partly, bar, installed = None, False, False, False
+
+
+def is_program():
+    """Whether this process is one of the tools, by its command line: `texf-enc ...` or `python -m texfcodec.cli.enc ...`."""
+    name = sys.argv[0] if sys.argv else ""
+    if name == "-m":  # while runpy looks for the module
+        return any(word.removeprefix("-m").startswith("texfcodec.cli.") for word in sys.orig_argv[1:4])
+    return os.path.basename(name).startswith("texf-")
+
+
+def install():
+    """Answers SIGINT from here on, unless the caller of the process ignores it or somebody else handles it."""
+    if _signal.getsignal(_signal.SIGINT) is not _signal.default_int_handler:
+        return
+    try:
+        ear, mouth = os.pipe()
+        os.set_blocking(mouth, False)
+        _signal.set_wakeup_fd(mouth)
+        _signal.signal(_signal.SIGINT, lambda *_: None)
+    except (ValueError, OSError, AttributeError):  # not the main thread, no more files, an old Windows: Python's way stays
+        return
+    try:
+        _thread.start_new_thread(_wait, (ear,))
+        Talk.installed = True
+    except RuntimeError:  # no more threads
+        _signal.signal(_signal.SIGINT, _signal.default_int_handler)
+
+
+def ignore():
+    """The process is about to end with a code of its own; Python gives SIGINT back to the system then, unless it is ignored."""
+    if Talk.installed:
+        _signal.signal(_signal.SIGINT, _signal.SIG_IGN)
+
+
+def _wait(ear):
+    """The thread. Once the outcome stands an interrupt is passed over, but not a second one: who reads our output may hang."""
+    asked = 0
+    while True:
+        if _signal.SIGINT not in os.read(ear, 64):
+            continue
+        asked += 1
+        unfinished.GATE.acquire()
+        if not unfinished.is_finished():
+            unfinished.remove_all()
+            _say()
+        elif asked < 2:
+            unfinished.GATE.release()
+            continue
+        os._exit(EXIT_INTERRUPTED)
+
+
+def error_line(message):
+    """The line for people, or the JSON object where the command line asks for JSON, as bytes; without the json module."""
+    if "--json" in sys.argv[1:]:
+        error = f'"code": "{CODE}", "message": "{message}", "exit_code": {EXIT_INTERRUPTED}'
+        return f'{{"schema": 1, "error": {{{error}}}}}\n'.encode()
+    return f"error {CODE}: {message}\n".encode()
+
+
+def _say():
+    line, target = error_line(INCOMPLETE if Talk.partly else NOTHING_WRITTEN), 2
+    if "--json" in sys.argv[1:]:
+        target = Talk.errors or _guessed_target()
+    elif Talk.bar:
+        line = b"\x1b[?25h\n" + line
+    try:
+        os.write(target, line)
+    except OSError:
+        pass
+
+
+def _guessed_target():
+    """Before the command line is read: stdout, unless a lone dash may stand for it."""
+    return 2 if "-" in sys.argv[2:] else 1

@@ -1,0 +1,63 @@
+"""What a long run shows of itself on stderr: a bar on a terminal, a line now and then where there is none."""
+
+import sys
+import threading
+import time
+from contextlib import contextmanager
+
+from ..report import Report
+from .interrupts import Talk
+
+LINE_SECONDS = 10.0  # between two lines
+
+
+@contextmanager
+def bar():
+    """A Report whose stages are bars on the terminal, gone when the block ends."""
+    from rich.console import Console as Terminal
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), TextColumn("{task.description:12}"), BarColumn(24), TimeElapsedColumn(),
+               TextColumn("{task.fields[note]}"))
+    tasks = {}
+    with Progress(*columns, console=Terminal(stderr=True), transient=True) as shown:
+
+        def show(stage, done, total):
+            if stage not in tasks:
+                tasks[stage] = shown.add_task(stage, total=total, note="")
+            shown.update(tasks[stage], completed=done, total=total, note=report.note)
+
+        report = Report(show)
+        Talk.bar = True
+        try:
+            yield report
+        finally:
+            Talk.bar = False
+
+
+@contextmanager
+def lines():
+    """A Report whose stage at work gets a line every LINE_SECONDS: its name, the share done, the seconds since the beginning."""
+    begin, over, at_work = time.perf_counter(), threading.Event(), {}
+
+    def note(stage, done, total):
+        at_work["stage"], at_work["share"] = stage, done / total if total else 0.0
+
+    def talk():
+        while not over.wait(LINE_SECONDS):
+            if at_work:
+                print(_line(at_work, report.note, time.perf_counter() - begin), file=sys.stderr, flush=True)
+
+    report = Report(note)
+    talker = threading.Thread(target=talk, daemon=True)
+    talker.start()
+    try:
+        yield report
+    finally:
+        over.set()
+        talker.join()
+
+
+def _line(at_work, note, seconds):
+    share = f" {100 * at_work['share']:.0f} %" if at_work["share"] else ""
+    return f"progress: {at_work['stage']}{share}, {seconds:.0f} s" + (f", {note}" if note else "")

@@ -1,0 +1,136 @@
+"""What a process must not leave behind when it ends at once: temporary files and folders, and child processes.
+
+Files are made and renamed by holders of GATE only. Whoever ends the process (cli/interrupts.py, in a thread of its own) takes
+GATE and keeps it, so that nothing new appears while remove_all() runs. What takes long to import is not imported here: the module
+is there before the first Ctrl-C can be.
+"""
+
+import _thread
+import os
+
+GATE = _thread.allocate_lock()
+_paths, _folders, _children = set(), set(), set()
+
+
+class _Stage:
+    """last: the next rename is the last step of the command; done: its outcome stands, and an interrupt comes too late."""
+
+    last = done = False
+
+
+def begin():
+    """A command begins: nothing is written yet."""
+    with GATE:
+        _Stage.last = _Stage.done = False
+
+
+def last_step():
+    """What is renamed next is the outcome of the command: once it stands, the command has done its work."""
+    _Stage.last = True
+
+
+def finish():
+    """From here on an interrupt comes too late. Blocks for good where one is being answered."""
+    with GATE:
+        _Stage.done = True
+
+
+def is_finished():
+    """Whether the outcome of the command stands."""
+    return _Stage.done
+
+
+def new_file(path):
+    """Opens a temporary file, which must not be there yet, for binary writing. Path: given to rename_all() or remove() later."""
+    with GATE:
+        _paths.add(path)
+        return open(path, "xb")
+
+
+def rename_all(names):
+    """Renames temporary files in order. names: [(temporary, final)]."""
+    with GATE:
+        for temporary, final in names:
+            os.replace(temporary, final)
+        _paths.difference_update(temporary for temporary, _ in names)
+        _Stage.done = _Stage.done or _Stage.last
+
+
+def remove(path):
+    """Removes a temporary file, if it is there."""
+    with GATE:
+        _unlink(path)
+        _paths.discard(path)
+
+
+class Folder:
+    """Context manager: a new temporary folder for this user only, as tempfile.TemporaryDirectory; gives its path as text."""
+
+    def __init__(self, prefix):
+        self.prefix = prefix
+
+    def __enter__(self):
+        import tempfile
+
+        with GATE:
+            self.path = tempfile.mkdtemp(prefix=self.prefix)
+            _folders.add(self.path)
+        return self.path
+
+    def __exit__(self, *_):
+        _empty(self.path)
+        _folders.discard(self.path)
+
+
+def run_child(command, data, timeout, environment):
+    """subprocess.run of a command that reads bytes on stdin: CompletedProcess with bytes stdout and stderr.
+
+    data: bytes; timeout: seconds or None. Raises subprocess.TimeoutExpired, OSError. The child ends with this process.
+    """
+    import subprocess
+
+    pipe = subprocess.PIPE
+    with GATE:
+        child = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, env=environment)
+        _children.add(child)
+    try:
+        with child:
+            try:
+                out, said = child.communicate(data, timeout)
+            except BaseException:
+                child.kill()
+                raise
+    finally:
+        _children.discard(child)
+    return subprocess.CompletedProcess(command, child.returncode, out, said)
+
+
+def remove_all():
+    """Ends the children and removes the temporaries; the caller holds GATE and ends the process next."""
+    for child in list(_children):
+        try:
+            child.kill()
+            os.waitpid(child.pid, 0)  # it may still be writing into a folder; child.wait() could wait for a lock
+        except (OSError, AttributeError):
+            pass
+    for path in list(_paths):
+        _unlink(path)
+    for path in list(_folders):
+        _empty(path)
+
+
+def _unlink(path):
+    try:
+        os.unlink(path)
+    except OSError:
+        pass
+
+
+def _empty(folder):
+    """Removes a folder and the files in it; there are no folders in ours."""
+    try:
+        for name in os.listdir(folder):
+            _unlink(os.path.join(folder, name))
+        os.rmdir(folder)
+    except OSError:
+        pass

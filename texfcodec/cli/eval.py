@@ -3,6 +3,7 @@
 import click
 
 from .. import __version__
+from ..asset.load.formats import SUFFIXES
 from .console import STYLE, number, read_stream_file, run, seconds_of, timing_line
 
 
@@ -21,7 +22,7 @@ from .console import STYLE, number, read_stream_file, run, seconds_of, timing_li
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
 def evaluate(console, source, other, views, size, ssim, weights, no_3d, threads, as_json, quiet):
-    """Compare DECODED, a .texf stream ("-": stdin) or a mesh (.glb, .gltf, .obj, .ply), with the mesh SOURCE it was made from.
+    """Compare DECODED, a .texf stream ("-": stdin) or a mesh (SUFFIXES), with the mesh SOURCE it was made from.
 
     Views are orthographic, back faces are culled, and a pixel counts where both sides cover it, as in the MPEG mesh metric.
     3D-PSNR is taken at points spread evenly over the source.
@@ -57,8 +58,6 @@ def _load_lpips(weights):
 
 
 def _is_mesh(path):
-    from ..asset.load.files import SUFFIXES
-
     return path.lower().endswith(SUFFIXES)
 
 
@@ -120,6 +119,9 @@ def _lines(facts, other):
 
 def _decibels(value):
     return "equal" if value is None else f"{value:.3f} dB"
+
+
+evaluate.help = evaluate.help.replace("SUFFIXES", " ".join(SUFFIXES))
 
 
 def main(arguments=None):

@@ -34,15 +34,16 @@
 """
 
 import os
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
 from ...errors import InputError, LimitError
 from ..scene import Scene
+from .formats import SUFFIXES, format_of
+from .magic import as_utf8, check_start, what_it_is
 from .parts import Notes
-
-SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
 
 # What Python and numpy raise when a number or a reference of a damaged file is used; the readers check what they can
 # name better, this catches the rest so that no traceback reaches a user.
@@ -71,22 +72,16 @@ load_any = load
 
 
 def _load_file(path, notes):
-    suffix = path.suffix.lower()
     data = _read_file(path)
-    if suffix not in SUFFIXES:
-        raise InputError("TXF-I05", "the suffix names no supported format", value=suffix or "none",
-                         allowed=" ".join(SUFFIXES))
-    if suffix == ".obj":
-        from .obj_read import read_obj
-
-        return _guarded(lambda: read_obj(data, path.parent, notes), "TXF-I20")
-    if suffix == ".ply":
-        from .ply_read import read_ply
-
-        return _guarded(lambda: read_ply(data, path.parent, notes), "TXF-I21")
-    from .gltf_read import read_gltf
-
-    return _guarded(lambda: read_gltf(data, suffix, path.parent, notes), "TXF-I09")
+    entry = format_of(path.suffix.lower())
+    if entry is None:
+        raise InputError("TXF-I05", "the suffix names no supported format", value=path.suffix.lower() or "none",
+                         looks_like=what_it_is(data) or None, allowed=" ".join(SUFFIXES))
+    if entry.text:
+        data = as_utf8(data)
+    check_start(data, entry)
+    read = getattr(import_module(f".{entry.module}", __package__), entry.function)
+    return _guarded(lambda: read(data, path.parent, notes), entry.code)
 
 
 def _read_file(path):

@@ -100,12 +100,12 @@ class Document:
         return self.uri_bytes(entry["uri"], missing_image)
 
 
-def open_document(data, suffix, folder, notes):
+def open_document(data, folder, notes):
     """bytes of a .glb or .gltf file -> Document.
 
-    Errors: TXF-I06 wrong magic, TXF-I07 broken GLB container, TXF-I08 no JSON, TXF-I09 no object, TXF-I33 not glTF 2.
+    Errors: TXF-I07 broken GLB container, TXF-I08 no JSON, TXF-I09 no object, TXF-I33 not glTF 2.
     """
-    if suffix == ".glb":
+    if data[:4] == GLB_MAGIC:
         text, chunk = _read_glb(data, notes)
     else:
         text, chunk = data, None
@@ -121,8 +121,6 @@ def open_document(data, suffix, folder, notes):
 
 def _read_glb(data, notes):
     """(JSON bytes, binary chunk or None); glTF 2.0 section 4.4."""
-    if data[:4] != GLB_MAGIC:
-        raise InputError("TXF-I06", "the file is named .glb but does not start like one", value=bytes(data[:4]).hex())
     if len(data) < 20:
         raise InputError("TXF-I07", "the GLB file is truncated", value=len(data), allowed=20)
     version, length = struct.unpack_from("<II", data, 4)

@@ -44,7 +44,7 @@ class _Header:
 
 
 def read_ply(data, folder, notes):
-    """bytes of a .ply file -> Scene. folder: where its textures are. Errors: TXF-I06, TXF-I21."""
+    """bytes of a .ply file -> Scene. folder: where its textures are. Errors: TXF-I21."""
     header = _read_header(data)
     tables = _read_elements(data, header)
     vertex, face = tables.get("vertex", {}), tables.get("face", {})
@@ -71,8 +71,6 @@ def _bad(what, **details):
 
 
 def _read_header(data):
-    if data[:3] != b"ply":
-        raise InputError("TXF-I06", "the file is named .ply but does not start like one", value=bytes(data[:4]).hex())
     end = data.find(b"end_header")
     if end < 0:
         raise _bad("its header does not end")

@@ -64,8 +64,11 @@ class Builder:
         return self.add("materials", {"name": "m", "pbrMetallicRoughness": {**pbr, **more.pop("pbr", {})}, **more})
 
     def glb(self):
-        tree = {**self.tree, "buffers": [{"byteLength": len(self.blob)}]} if self.blob else self.tree
-        text = json.dumps(tree).encode()
+        return self.with_buffers([{"byteLength": len(self.blob)}] if self.blob else [])
+
+    def with_buffers(self, buffers):
+        """The GLB whose JSON names these buffers; the blob is the first one's."""
+        text = json.dumps({**self.tree, "buffers": buffers} if buffers else self.tree).encode()
         text += b" " * (-len(text) % 4)
         blob = self.blob + b"\0" * (-len(self.blob) % 4)
         body = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(blob), 0x004E4942) + blob

@@ -423,7 +423,7 @@ def bent(**changes):
     ({"accessors__2__count": 3}, None),
     ({"bufferViews__0__byteLength": 10**9}, "TXF-I11"),
     ({"bufferViews__0__buffer": 1}, "TXF-I09"),
-    ({"bufferViews__0__extensions": {"EXT_meshopt_compression": {}}}, "TXF-I30"),
+    ({"bufferViews__0__extensions": {"EXT_meshopt_compression": {}}}, "TXF-I09"),
     ({"extensionsRequired": ["EXT_mesh_gpu_instancing"]}, "TXF-I31"),
     ({"asset": {"version": "1.0"}}, "TXF-I33"),
     ({"meshes__0__primitives__0__material": []}, "TXF-I09"),

@@ -13,7 +13,7 @@
 | TXF-I09 | InputError | the glTF structure is malformed: wrong type, missing property, reference to nothing |
 | TXF-I10 | InputError | a buffer is missing, unreadable or too short |
 | TXF-I11 | InputError | an accessor or bufferView leaves its buffer |
-| TXF-I12 | InputError | Draco data is broken |
+| TXF-I12 | InputError | Draco or meshopt data is broken |
 | TXF-I13 | InputError | a face names a vertex that does not exist |
 | TXF-I14 | InputError | a vertex in use is NaN or infinite |
 | TXF-I15 | InputError | there are no triangles |
@@ -24,7 +24,7 @@
 | TXF-I20 | InputError | OBJ or MTL syntax |
 | TXF-I21 | InputError | PLY syntax, or a PLY file that ends early |
 | TXF-I22 | InputError | a mesh object whose arrays do not fit together |
-| TXF-I30 | SupportError | meshopt compression |
+| TXF-I30 | SupportError | meshopt compression without the package meshoptimizer, or with an unknown filter |
 | TXF-I31 | SupportError | the file requires an unknown extension |
 | TXF-I32 | SupportError | a base colour texture without a readable source (e.g. only KTX2) |
 | TXF-I33 | SupportError | glTF version other than 2 |

@@ -304,14 +304,14 @@ def test_large_images_pass_through_the_strips_whole(loaded):
     np.testing.assert_array_equal(loaded(builder).textures[0].image[..., :3], pixels)
 
 
-def test_webp_extension_is_preferred_and_basisu_alone_is_refused(loaded, refused):
+def test_webp_extension_is_preferred_and_dds_alone_is_refused(loaded, refused):
     builder = textured()
     webp = builder.add("images", {"bufferView": builder.view(encoded(RED_BLUE[:, ::-1], "WEBP", lossless=True))})
     builder.tree["textures"][0]["extensions"] = {"EXT_texture_webp": {"source": webp}}
     assert loaded(builder).textures[0].image[0, 0].tolist() == [0, 0, 255, 255]
-    builder.tree["textures"][0] = {"extensions": {"KHR_texture_basisu": {"source": 0}}}
+    builder.tree["textures"][0] = {"extensions": {"MSFT_texture_dds": {"source": 0}}}
     error = refused(builder)
-    assert isinstance(error, SupportError) and error.code == "TXF-I32" and "KHR_texture_basisu" in str(error)
+    assert isinstance(error, SupportError) and error.code == "TXF-I32" and "MSFT_texture_dds" in str(error)
 
 
 def test_unused_images_are_not_decoded(loaded):

@@ -26,7 +26,7 @@
 | TXF-I22 | InputError | a mesh object whose arrays do not fit together |
 | TXF-I30 | SupportError | meshopt compression without the package meshoptimizer, or with an unknown filter |
 | TXF-I31 | SupportError | the file requires an unknown extension |
-| TXF-I32 | SupportError | a base colour texture without a readable source (e.g. only KTX2) |
+| TXF-I32 | SupportError | a base colour texture without a readable source (e.g. DDS), or KTX2 without opengl-basisu |
 | TXF-I33 | SupportError | glTF version other than 2 |
 | TXF-I34 | SupportError | Draco data, but DracoPy is not installed |
 | TXF-I40 | LimitError | an image beyond Pillow's pixel limit |

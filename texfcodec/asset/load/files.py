@@ -24,6 +24,8 @@
 | TXF-I20 | InputError | OBJ or MTL syntax |
 | TXF-I21 | InputError | PLY syntax, or a PLY file that ends early |
 | TXF-I22 | InputError | a mesh object whose arrays do not fit together |
+| TXF-I23 | InputError | STL or OFF syntax, or a file that ends early |
+| TXF-I24 | InputError | 3MF or DAE: not the archive or XML it should be, or a reference to nothing |
 | TXF-I30 | SupportError | meshopt compression without the package meshoptimizer, or with an unknown filter |
 | TXF-I31 | SupportError | the file requires an unknown extension |
 | TXF-I32 | SupportError | a base colour texture without a readable source (e.g. DDS), or KTX2 without opengl-basisu |
@@ -53,8 +55,9 @@ _DAMAGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, Arithmet
 def load(source, strict=False):
     """A mesh file or mesh object -> Scene in world space.
 
-    source: path of a .glb, .gltf, .obj or .ply file; or a trimesh.Trimesh, trimesh.Scene or Scene (returned as it is,
-    after a check). strict: missing textures, broken images and broken UVs are errors instead of warnings.
+    source: path of a file in one of formats.FORMATS; or a trimesh.Trimesh, trimesh.Scene or Scene (returned as it is, after a
+    check). strict: missing textures, broken images and broken UVs are errors instead of warnings. Positions keep the unit
+    and the axes that the file has; nothing is scaled or turned.
     Errors: InputError, SupportError, LimitError with the codes of this module's table; nothing else.
     """
     if isinstance(source, (str, os.PathLike)):

@@ -30,6 +30,8 @@ FORMATS = (
     Format(".gltf", "gltf_read", "read_gltf", "TXF-I09", "glTF 2.0", text=True),
     Format(".obj", "obj_read", "read_obj", "TXF-I20", "Wavefront OBJ", text=True),
     Format(".ply", "ply_read", "read_ply", "TXF-I21", "Stanford PLY", (b"ply",), text=True),
+    Format(".stl", "stl_read", "read_stl", "TXF-I23", "STL"),
+    Format(".off", "off_read", "read_off", "TXF-I23", "OFF", text=True),
 )
 
 SUFFIXES = tuple(entry.suffix for entry in FORMATS)

@@ -32,6 +32,7 @@ FORMATS = (
     Format(".ply", "ply_read", "read_ply", "TXF-I21", "Stanford PLY", (b"ply",), text=True),
     Format(".stl", "stl_read", "read_stl", "TXF-I23", "STL"),
     Format(".off", "off_read", "read_off", "TXF-I23", "OFF", text=True),
+    Format(".3mf", "threemf_read", "read_3mf", "TXF-I24", "3MF", (b"PK\x03\x04",)),
 )
 
 SUFFIXES = tuple(entry.suffix for entry in FORMATS)

@@ -68,7 +68,8 @@ def test_objects_in_other_parts_are_found(tmp_path):
 
 
 def test_textures_with_their_tile_styles(tmp_path):
-    resources = ('<m:texture2d id="5" path="/3D/Textures/t.png" contenttype="image/png" tilestyleu="mirror" tilestylev="clamp"/>'
+    resources = ('<m:texture2d id="5" path="/3D/Textures/t.png" contenttype="image/png" tilestyleu="mirror" tilestylev="clamp" '
+                 'filter="nearest"/>'
                  '<m:texture2dgroup id="6" texid="5"><m:tex2coord u="0" v="0"/><m:tex2coord u="1" v="0"/>'
                  '<m:tex2coord u="1" v="0.75"/></m:texture2dgroup>')
     data = package(model(resources + mesh('pid="6" p1="0" p2="1" p3="2"', 'pid="6" p1="1"')),
@@ -76,7 +77,8 @@ def test_textures_with_their_tile_styles(tmp_path):
     scene = load_bytes(tmp_path, data, "a.3mf", strict=True)
     assert scene.corner_uv.tolist() == [[[0, 1], [1, 1], [1, 0.25]], [[1, 1]] * 3]
     assert scene.textures[0].wrap == (WRAP_MIRROR, WRAP_CLAMP) and scene.textures[0].image[0, 1].tolist() == [0, 0, 255, 255]
-    assert scene.dropped == [] and [material.name for material in scene.materials] == ["t.png"]
+    assert scene.dropped == ["NEAREST filter of texture '/3D/Textures/t.png'"]
+    assert [material.name for material in scene.materials] == ["t.png"]
     missing = package(model(resources + mesh('pid="6" p1="0"', 'pid="6" p1="1"')))
     assert "TXF-I16" in load_bytes(tmp_path, missing, "a.3mf").warnings[0]
     assert refusal(tmp_path, missing, "a.3mf", strict=True).code == "TXF-I16"

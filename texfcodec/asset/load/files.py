@@ -31,6 +31,7 @@
 | TXF-I32 | SupportError | a base colour texture without a readable source (e.g. DDS), or KTX2 without opengl-basisu |
 | TXF-I33 | SupportError | glTF version other than 2 |
 | TXF-I34 | SupportError | Draco data, but DracoPy is not installed |
+| TXF-I35 | SupportError | COLLADA, but pycollada is not installed |
 | TXF-I40 | LimitError | an image beyond Pillow's pixel limit |
 | TXF-I41 | LimitError | too many faces or elements, or not enough memory |
 """

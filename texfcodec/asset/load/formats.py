@@ -33,6 +33,7 @@ FORMATS = (
     Format(".stl", "stl_read", "read_stl", "TXF-I23", "STL"),
     Format(".off", "off_read", "read_off", "TXF-I23", "OFF", text=True),
     Format(".3mf", "threemf_read", "read_3mf", "TXF-I24", "3MF", (b"PK\x03\x04",)),
+    Format(".dae", "dae_read", "read_dae", "TXF-I24", "COLLADA", package="pycollada"),
 )
 
 SUFFIXES = tuple(entry.suffix for entry in FORMATS)

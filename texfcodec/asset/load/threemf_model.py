@@ -40,7 +40,8 @@ class Group:
 
 @dataclass
 class Model:
-    """One model part. textures: id -> (path in the archive, tile style of u, of v); items: (path, object id, matrix)."""
+    """One model part. textures: id -> (path in the archive, tile style of u, of v); items: (path, object id, matrix);
+    nearest: paths of textures with that filter."""
 
     unit: str = "millimeter"
     bodies: dict = field(default_factory=dict)
@@ -48,6 +49,7 @@ class Model:
     textures: dict = field(default_factory=dict)
     items: list = field(default_factory=list)
     metadata: dict = field(default_factory=dict)
+    nearest: list = field(default_factory=list)
 
 
 def malformed(what, **details):
@@ -73,6 +75,8 @@ def read_model(stream, notes):
         raise malformed("a model part is not XML", reason=str(error)[:100]) from error
     except (KeyError, ValueError, TypeError, OverflowError) as error:
         raise malformed("an attribute is missing or unreadable", reason=f"{type(error).__name__}: {error}"[:100]) from error
+    for path in model.nearest:
+        notes.drop(f"NEAREST filter of texture '{path[:100]}'")
     return model
 
 
@@ -125,6 +129,8 @@ def _end_texture2dgroup(model, element):
 
 
 def _end_texture2d(model, element):
+    if element.get("filter") == "nearest":
+        model.nearest.append(element.attrib["path"])
     styles = tuple(element.get(f"tilestyle{axis}", "wrap") for axis in "uv")
     if any(style not in _WRAPS for style in styles):
         raise malformed("a texture has an unknown tile style", value=str(styles)[:40])

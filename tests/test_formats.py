@@ -4,11 +4,13 @@ import importlib
 import json
 import subprocess
 import sys
+import tomllib
 
 import numpy as np
 import pytest
 from mesh_files import RED_BLUE, SQUARE, SQUARE_UV, TWO, encoded, load_bytes, refusal, textured
 
+from texfcodec.asset.load.files import load
 from texfcodec.asset.load.formats import FORMATS, SUFFIXES, format_of
 
 OBJ = "mtllib m.mtl\nusemtl paint\nv 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nf 1/1 2/2 3/3\n"
@@ -25,6 +27,15 @@ def test_every_format_has_a_reader_and_one_suffix():
     for entry in FORMATS:
         module = importlib.import_module(f"texfcodec.asset.load.{entry.module}")
         assert callable(getattr(module, entry.function)) and format_of(entry.suffix) is entry
+
+
+def test_the_packages_that_formats_need_stand_in_the_extra():
+    from conftest import REPOSITORY
+
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extra = " ".join(project["optional-dependencies"]["formats"])
+    needed = {entry.package for entry in FORMATS if entry.package} | {"opengl-basisu", "meshoptimizer"}
+    assert len(needed) == 3 and all(package in extra for package in needed)
 
 
 def test_the_table_costs_no_numpy():
@@ -114,3 +125,23 @@ def test_gltf_and_ply_text_are_read_by_their_byte_order_mark(tmp_path, encoding)
     np.testing.assert_array_equal(scene.corner_uv, SQUARE_UV[TWO])
     scene = load_bytes(tmp_path, marked(PLY, encoding), "a.ply", strict=True)
     assert scene.faces.tolist() == [[0, 1, 2]] and scene.metadata == {"comments": ["größe"]}
+
+
+# Files that another program wrote.
+
+
+@pytest.mark.parametrize("suffix, packages", [(".stl", ()), (".off", ()), (".dae", ("collada",)), (".3mf", ("networkx", "lxml")),
+                                              (".ply", ()), (".obj", ()), (".glb", ())])
+def test_what_trimesh_writes_is_read(tmp_path, suffix, packages):
+    trimesh = pytest.importorskip("trimesh")
+    for package in packages:
+        pytest.importorskip(package, reason=f"trimesh writes {suffix} with the package {package}")
+    mesh = trimesh.creation.torus(1.0, 0.3, major_sections=12, minor_sections=8)
+    mesh.export(tmp_path / f"a{suffix}")
+    scene = load(tmp_path / f"a{suffix}")
+    assert len(scene.faces) == len(mesh.faces)
+    corners = scene.positions[scene.faces].reshape(-1, 9), mesh.triangles.reshape(-1, 9)
+    found, expected = (np.sort(rows.reshape(-1, 3).round(4), axis=0) for rows in corners)
+    np.testing.assert_allclose(found, expected, atol=2e-4)
+    a, b, c = (scene.positions[scene.faces[:, k]] for k in range(3))
+    assert np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6 == pytest.approx(mesh.volume, rel=1e-4)

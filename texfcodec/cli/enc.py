@@ -3,6 +3,7 @@
 import click
 
 from .. import __version__
+from ..asset.load.formats import SUFFIXES
 from ..codecs import codec_names, codec_of
 from ..errors import InputError
 from ..options import (
@@ -83,8 +84,7 @@ def _warm_up(context, parameter, value):
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
 def enc(console, source, out, dry_run, as_json, quiet, **choices):
-    """Code the textured mesh INPUT (.glb, .gltf, .obj, .ply; "-": a GLB on stdin) as OUT.texf ("-": stdout, with the report on
-    stderr).
+    """Code the textured mesh INPUT (SUFFIXES; "-": a GLB on stdin) as OUT.texf ("-": stdout, with the report on stderr).
 
     One of --rate, --resolution with --qp, --target-bytes and --target-psnr sets the rate; K or QP alone keeps the other of r04.
     --lossless and --near-lossless bound the error of the voxels' colours instead; the geometry is coded as ever.
@@ -267,6 +267,9 @@ def _dry_lines(facts, source):
     for name in ("warnings", "dropped"):
         for text in facts[name]:
             yield ("warning: " if name == "warnings" else "not coded: ") + text
+
+
+enc.help = enc.help.replace("SUFFIXES", " ".join(SUFFIXES))
 
 
 def main(arguments=None):

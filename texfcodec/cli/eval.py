@@ -3,6 +3,7 @@
 import click
 
 from .. import __version__
+from ..asset.load.formats import SUFFIXES
 from .console import STYLE, file_names, number, run, seconds_of, timing_line
 from .inputs import check_stdin_once, load_mesh, open_asset
 
@@ -22,8 +23,8 @@ from .inputs import check_stdin_once, load_mesh, open_asset
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
 def evaluate(console, source, other, views, size, ssim, weights, no_3d, threads, as_json, quiet):
-    """Compare DECODED, a .texf stream or a mesh (.glb, .gltf, .obj, .ply), with the mesh SOURCE it was made from. One of them may
-    be "-": a stream or a GLB on stdin.
+    """Compare DECODED, a .texf stream or a mesh (SUFFIXES), with the mesh SOURCE it was made from. One of them may be "-": a
+    stream or a GLB on stdin.
 
     Views are orthographic, back faces are culled, and a pixel counts where both sides cover it, as in the MPEG mesh metric.
     3D-PSNR is taken at points spread evenly over the source.
@@ -61,8 +62,6 @@ def _load_lpips(weights):
 
 
 def _is_mesh(path):
-    from ..asset.load.files import SUFFIXES
-
     return path.lower().endswith(SUFFIXES)
 
 
@@ -121,6 +120,9 @@ def _lines(facts, other):
         shown = {name: in_decibels(points[name], 3) for name in ("y", "yuv611", "rgb")}
         yield f"3D-PSNR: Y {shown['y']}, YUV 6:1:1 {shown['yuv611']}, RGB {shown['rgb']} at {points['samples']} points"
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
+
+
+evaluate.help = evaluate.help.replace("SUFFIXES", " ".join(SUFFIXES))
 
 
 def main(arguments=None):

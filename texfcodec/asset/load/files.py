@@ -1,16 +1,17 @@
 """Loading: a path or a mesh object becomes a Scene, or one error with a code of texfcodec/findings.py (TXF-I01 to I41)."""
 
 import os
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
 from ...errors import InputError, LimitError
 from ..scene import Scene
+from .formats import SUFFIXES, format_of
+from .magic import as_utf8, check_start, what_it_is
 from .opened import opened, recording
 from .parts import Notes
-
-SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
 
 # What Python and numpy raise when a number or a reference of a damaged file is used; the readers check what they can
 # name better, this catches the rest so that no traceback reaches a user.
@@ -20,8 +21,9 @@ _DAMAGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, Arithmet
 def load(source, strict=False):
     """A mesh file or mesh object -> Scene in world space.
 
-    source: path of a .glb, .gltf, .obj or .ply file; or a trimesh.Trimesh, trimesh.Scene or Scene (returned as it is,
-    after a check). strict: missing textures, broken images and broken UVs are errors instead of warnings.
+    source: path of a file in one of formats.FORMATS; or a trimesh.Trimesh, trimesh.Scene or Scene (returned as it is, after a
+    check). strict: missing textures, broken images and broken UVs are errors instead of warnings. Positions keep the unit
+    and the axes that the file has; nothing is scaled or turned.
     Errors: InputError, SupportError, LimitError with codes of texfcodec/findings.py; nothing else.
     """
     if isinstance(source, (str, os.PathLike)):
@@ -47,29 +49,23 @@ def load_glb(data, strict=False):
     from .gltf_read import read_gltf
 
     with recording() as files:
-        scene = _guarded(lambda: read_gltf(data, ".glb", Path(), Notes(strict)), "TXF-I09")
+        scene = _guarded(lambda: read_gltf(data, Path(), Notes(strict)), "TXF-I09")
     scene.files = {"-": len(data), **files}
     return scene
 
 
 def _load_file(path, notes):
-    suffix = path.suffix.lower()
     data = _read_file(path)
     opened(path)
-    if suffix not in SUFFIXES:
-        raise InputError("TXF-I05", "the suffix names no supported format", value=suffix or "none",
-                         allowed=" ".join(SUFFIXES))
-    if suffix == ".obj":
-        from .obj_read import read_obj
-
-        return _guarded(lambda: read_obj(data, path.parent, notes), "TXF-I20")
-    if suffix == ".ply":
-        from .ply_read import read_ply
-
-        return _guarded(lambda: read_ply(data, path.parent, notes), "TXF-I21")
-    from .gltf_read import read_gltf
-
-    return _guarded(lambda: read_gltf(data, suffix, path.parent, notes), "TXF-I09")
+    entry = format_of(path.suffix.lower())
+    if entry is None:
+        raise InputError("TXF-I05", "the suffix names no supported format", value=path.suffix.lower() or "none",
+                         looks_like=what_it_is(data) or None, allowed=" ".join(SUFFIXES))
+    if entry.text:
+        data = as_utf8(data)
+    check_start(data, entry)
+    read = getattr(import_module(f".{entry.module}", __package__), entry.function)
+    return _guarded(lambda: read(data, path.parent, notes), entry.code)
 
 
 def _read_file(path):

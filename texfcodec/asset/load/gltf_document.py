@@ -7,8 +7,8 @@ import struct
 from ...errors import InputError, SupportError
 from .image_read import find_file, missing_image
 
+MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 GLB_MAGIC, CHUNK_JSON, CHUNK_BIN = b"glTF", 0x4E4F534A, 0x004E4942
-_MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
 
 def malformed(what, **details):
@@ -24,7 +24,7 @@ class Document:
 
     def __init__(self, root, chunk, folder, notes):
         self.root, self.folder, self.notes = root, folder, notes
-        self._chunk, self._buffers, self._entries = chunk, {}, {}
+        self._chunk, self._buffers, self._entries, self._decoded = chunk, {}, {}, {}
 
     def entries(self, kind):
         """Top-level array such as "nodes": list of dict."""
@@ -64,17 +64,31 @@ class Document:
     def view(self, index):
         """(memoryview, byteStride or None) of bufferView index; TXF-I11 when it leaves its buffer."""
         entry = self.entry("bufferViews", index)
-        for name in _MESHOPT:
-            if name in extensions(entry):
-                raise SupportError("TXF-I30", f"{name} is not supported; decompress the file first, e.g. with gltfpack or "
-                                   "glTF-Transform")
+        packed = next((part(extensions(entry), name) for name in MESHOPT if name in extensions(entry)), None)
+        data = self._slice(entry, index) if packed is None else self._unpacked(packed, entry, index)
+        stride = integer(entry, "byteStride", low=1) if "byteStride" in entry else None
+        return data, stride
+
+    def _slice(self, entry, index):
+        """The bytes that a bufferView, or the extension in it, names."""
         buffer = self.buffer(entry.get("buffer"))
         offset, length = integer(entry, "byteOffset", 0, low=0), integer(entry, "byteLength", low=0)
         if offset + length > len(buffer):
             raise InputError("TXF-I11", f"bufferView {index} leaves its buffer",
                              value=offset + length, allowed=len(buffer))
-        stride = integer(entry, "byteStride", low=1) if "byteStride" in entry else None
-        return buffer[offset : offset + length], stride
+        return buffer[offset : offset + length]
+
+    def _unpacked(self, packed, entry, index):
+        """The bytes of a compressed bufferView; where the package is missing, the plain copy that some files carry."""
+        from .gltf_meshopt import decode_view, is_installed
+
+        if not is_installed() and not any(name in self.root.get("extensionsRequired", []) for name in MESHOPT):
+            buffer = self.entry("buffers", entry.get("buffer"))
+            if "uri" in buffer or (entry["buffer"] == 0 and self._chunk is not None):
+                return self._slice(entry, index)
+        if index not in self._decoded:
+            self._decoded[index] = decode_view(self._slice(packed, index), packed, entry, index)
+        return self._decoded[index]
 
     def uri_bytes(self, uri, missing):
         """bytes behind a data URI or a file name; missing: name -> the error to raise."""
@@ -100,12 +114,12 @@ class Document:
         return self.uri_bytes(entry["uri"], missing_image)
 
 
-def open_document(data, suffix, folder, notes):
+def open_document(data, folder, notes):
     """bytes of a .glb or .gltf file -> Document.
 
-    Errors: TXF-I06 wrong magic, TXF-I07 broken GLB container, TXF-I08 no JSON, TXF-I09 no object, TXF-I33 not glTF 2.
+    Errors: TXF-I07 broken GLB container, TXF-I08 no JSON, TXF-I09 no object, TXF-I33 not glTF 2.
     """
-    if suffix == ".glb":
+    if data[:4] == GLB_MAGIC:
         text, chunk = _read_glb(data, notes)
     else:
         text, chunk = data, None
@@ -121,8 +135,6 @@ def open_document(data, suffix, folder, notes):
 
 def _read_glb(data, notes):
     """(JSON bytes, binary chunk or None); glTF 2.0 section 4.4."""
-    if data[:4] != GLB_MAGIC:
-        raise InputError("TXF-I06", "the file is named .glb but does not start like one", value=bytes(data[:4]).hex())
     if len(data) < 20:
         raise InputError("TXF-I07", "the GLB file is truncated", value=len(data), allowed=20)
     version, length = struct.unpack_from("<II", data, 4)

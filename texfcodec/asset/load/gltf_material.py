@@ -112,9 +112,12 @@ def _source_image(document, entry, index):
         source = part(extensions(entry), name).get("source")
         if source is not None:
             return source
+    basis = part(extensions(entry), "KHR_texture_basisu").get("source")
+    if "source" not in entry and basis is not None:  # a PNG or JPEG beside it is the better picture, and needs no package
+        return basis
     if "source" not in entry:
         names = ", ".join(extensions(entry)) or "nothing"
-        raise SupportError("TXF-I32", f"texture {title(entry, index)} has no PNG, JPEG, WebP or AVIF source", value=names)
+        raise SupportError("TXF-I32", f"texture {title(entry, index)} has no PNG, JPEG, WebP, AVIF or KTX2 source", value=names)
     return entry["source"]
 
 

@@ -22,9 +22,9 @@ _HONOURED = {"KHR_texture_transform", "EXT_texture_webp", "EXT_texture_avif", "K
 _HARMLESS_WHEN_REQUIRED = ("KHR_materials_", "KHR_lights_punctual", "KHR_xmp", "EXT_lights_", "KHR_animation_pointer")
 
 
-def read_gltf(data, suffix, folder, notes):
+def read_gltf(data, folder, notes):
     """bytes of a .glb or .gltf file -> Scene. folder: where relative URIs start. Errors: see load.py."""
-    document = open_document(data, suffix, folder, notes)
+    document = open_document(data, folder, notes)
     _check_required(document)
     colors = {}
 

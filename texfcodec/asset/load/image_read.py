@@ -1,4 +1,4 @@
-"""Images of any kind Pillow reads -> uint8 RGBA arrays, decoded once and only when a base colour asks for them."""
+"""Images of any kind Pillow reads, and KTX2 textures -> uint8 RGBA arrays, decoded once and only where a base colour asks."""
 
 from pathlib import Path
 
@@ -8,6 +8,7 @@ from ...errors import InputError, LimitError
 from ..scene import Texture
 from .opened import opened
 
+KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
 _STRIP_ROWS = 256  # converting in strips keeps one full-size array beside Pillow's own, not three
 
 
@@ -48,12 +49,17 @@ def read_image(data, name, notes):
     """bytes of an image file, or a PIL image -> uint8 [H, W, 4] RGBA, row 0 at the top.
 
     16-bit samples keep their high byte (with a warning); colour profiles and EXIF rotation are ignored, as glTF says.
-    Errors: TXF-I17 Pillow cannot decode it; LimitError TXF-I40 Pillow's pixel limit.
+    Errors: TXF-I17 Pillow, or for KTX2 opengl_basisu, cannot decode it; LimitError TXF-I40 Pillow's pixel limit;
+    SupportError TXF-I32 KTX2 without opengl_basisu.
     """
     import warnings
 
     from PIL import Image
 
+    if isinstance(data, (bytes, memoryview)) and bytes(data[: len(KTX2)]) == KTX2:
+        from .ktx2_read import read_ktx2
+
+        return read_ktx2(data, name, notes)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # large but allowed sizes, odd palettes: none of these changes a pixel
         try:

@@ -7,6 +7,7 @@ import numpy as np
 from ...errors import InputError
 from ..scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_REPEAT, Material
 from .image_read import read_texture_file
+from .magic import as_utf8
 
 # Option -> most values it takes; the list of a texture statement ends where its file name begins.
 _OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-mm": 2, "-o": 3, "-s": 3, "-t": 3, "-texres": 1, "-clamp": 1,
@@ -28,7 +29,7 @@ class ObjMaterial:
 def read_mtl(data, notes):
     """bytes of an .mtl file -> dict name -> ObjMaterial. Errors: TXF-I20 with the line."""
     found, current = {}, None
-    for number, line in enumerate(decode_text(data).splitlines(), 1):
+    for number, line in enumerate(decode_text(as_utf8(data)).splitlines(), 1):
         key, _, rest = line.strip().partition("#")[0].replace("\t", " ").strip().partition(" ")
         if not key:
             continue

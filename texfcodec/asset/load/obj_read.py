@@ -1,4 +1,4 @@
-"""Wavefront OBJ -> Scene: polygons fan out, groups keep their materials, v is turned downwards.
+"""Wavefront OBJ -> Scene: polygons become triangles, groups keep their materials, v is turned downwards.
 
 Own code rather than trimesh, which rebuilds vertices, knows no texture options and wrap, and costs 0.9 s to import.
 Rows of one statement are parsed together by numpy; only their sorting is a Python loop.
@@ -10,7 +10,7 @@ from ...errors import InputError
 from .image_read import TextureShelf, find_file
 from .mtl_read import ObjMaterial, decode_text, read_mtl, scene_material
 from .parts import Part, assemble, linear_rgba
-from .polygons import counting, fan_triangles, parse_numbers
+from .polygons import counting, parse_numbers, triangulate
 
 _SILENT = {"g", "s"}
 _DATA = (b"v", b"vt", b"f")
@@ -39,7 +39,7 @@ def read_obj(data, folder, notes):
         raise InputError("TXF-I15", "the input has no triangles")
     vertices = _floats(rows, b"v", rows.v, 3)
     corners, sizes = _corners(rows)
-    triangles, polygon = fan_triangles(sizes, notes)
+    triangles, polygon = triangulate(vertices[:, :3], corners[:, 0], sizes, notes)
     names, material = _face_materials(rows)
     library = _libraries(rows.libraries, folder, notes)
     shelf = TextureShelf(notes)

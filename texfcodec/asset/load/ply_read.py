@@ -13,7 +13,7 @@ from ..scene import WRAP_REPEAT, Material
 from .image_read import TextureShelf, read_texture_file
 from .mtl_read import decode_text
 from .parts import Part, assemble, linear_rgba
-from .polygons import fan_triangles, parse_numbers
+from .polygons import parse_numbers, triangulate
 
 _TYPES = {"char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
           "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
@@ -44,7 +44,7 @@ class _Header:
 
 
 def read_ply(data, folder, notes):
-    """bytes of a .ply file -> Scene. folder: where its textures are. Errors: TXF-I06, TXF-I21."""
+    """bytes of a .ply file -> Scene. folder: where its textures are. Errors: TXF-I21."""
     header = _read_header(data)
     tables = _read_elements(data, header)
     vertex, face = tables.get("vertex", {}), tables.get("face", {})
@@ -55,11 +55,11 @@ def read_ply(data, folder, notes):
     lists = face.get("vertex_indices", face.get("vertex_index"))
     if lists is None or not len(lists[0]):
         raise InputError("TXF-I15", "the input has no triangles")
-    corners, row_of = fan_triangles(np.asarray(lists[1], np.int64), notes)
+    points, indices = np.stack([vertex[axis] for axis in "xyz"], axis=1), _whole(lists[0])
+    corners, row_of = triangulate(points, indices, np.asarray(lists[1], np.int64), notes)
     shelf = TextureShelf(notes)
     materials = _materials(header, folder, shelf)
-    part = Part(np.stack([vertex[axis] for axis in "xyz"], axis=1), _whole(lists[0])[corners],
-                _face_material(face, row_of, materials), _uv(vertex, face, corners, row_of),
+    part = Part(points, indices[corners], _face_material(face, row_of, materials), _uv(vertex, face, corners, row_of),
                 _color(vertex, face, row_of), "the PLY file")
     _drop_rest(vertex, face, part, header, notes)
     metadata = {"comments": header.comments} if header.comments else {}
@@ -71,8 +71,6 @@ def _bad(what, **details):
 
 
 def _read_header(data):
-    if data[:3] != b"ply":
-        raise InputError("TXF-I06", "the file is named .ply but does not start like one", value=bytes(data[:4]).hex())
     end = data.find(b"end_header")
     if end < 0:
         raise _bad("its header does not end")

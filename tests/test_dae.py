@@ -1,0 +1,161 @@
+"""COLLADA: placement, textures and their UV set, polygons, what is left behind, and files that are no COLLADA."""
+
+import sys
+
+import numpy as np
+import pytest
+from mesh_files import RED_BLUE, SQUARE, TWO, encoded, load_bytes, refusal
+
+from texfcodec.asset.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_REPEAT
+from texfcodec.errors import SupportError, TexfError
+
+UV = "0 0 1 0 1 1 0 1"
+TRIANGLES = '<triangles count="2" material="skin">{inputs}<p>{indices}</p></triangles>'
+
+
+def numbers(key, text, names):
+    """A <source> of floats."""
+    values = text.split()
+    params = "".join(f'<param name="{name}" type="float"/>' for name in names)
+    return (f'<source id="{key}"><float_array id="{key}-a" count="{len(values)}">{text}</float_array><technique_common><accessor '
+            f'source="#{key}-a" count="{len(values) // len(names)}" stride="{len(names)}">{params}</accessor>'
+            "</technique_common></source>")
+
+
+def dae(surface=None, points=SQUARE, diffuse='<texture texture="s" texcoord="UV0"/>', sampler="", effect="", node="", more="",
+        bound="", sources=""):
+    """A COLLADA document of one geometry; the keyword arguments are pieces of it."""
+    inputs = ('<input semantic="VERTEX" source="#v" offset="0"/><input semantic="TEXCOORD" source="#u0" offset="0" set="0"/>'
+              '<input semantic="TEXCOORD" source="#u1" offset="0" set="3"/>')
+    surface = surface or TRIANGLES.format(inputs=inputs, indices="0 1 2 0 2 3")
+    flat = " ".join(str(x) for x in np.ravel(points))
+    return f"""<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit name="centimetre" meter="0.01"/><up_axis>Z_UP</up_axis></asset>
+<library_images><image id="i"><init_from>t%20ex.png</init_from></image></library_images>
+<library_effects><effect id="e"><profile_COMMON>
+<newparam sid="f"><surface type="2D"><init_from>i</init_from></surface></newparam>
+<newparam sid="s"><sampler2D><source>f</source>{sampler}</sampler2D></newparam>
+<technique sid="t"><lambert><diffuse>{diffuse}</diffuse>{effect}</lambert></technique></profile_COMMON></effect></library_effects>
+<library_materials><material id="m" name="paint"><instance_effect url="#e"/></material></library_materials>
+<library_geometries><geometry id="g"><mesh>{numbers("p", flat, "XYZ")}{numbers("u0", UV, "ST")}
+{numbers("u1", UV.replace("1", "0.5"), "ST")}{sources}
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>{surface}</mesh></geometry></library_geometries>{more}
+<library_visual_scenes><visual_scene id="w"><node id="n">{node}<instance_geometry url="#g"><bind_material><technique_common>
+<instance_material symbol="skin" target="#m">{bound}</instance_material></technique_common></bind_material></instance_geometry>
+</node></visual_scene></library_visual_scenes><scene><instance_visual_scene url="#w"/></scene></COLLADA>"""
+
+
+@pytest.fixture
+def scene_of(tmp_path):
+    """Pieces of a document -> Scene, with the texture beside it."""
+    pytest.importorskip("collada", reason="pycollada is not installed: pip install 'texfcodec[formats]'")
+    (tmp_path / "t ex.png").write_bytes(encoded(RED_BLUE))
+
+    def run(strict=True, **pieces):
+        return load_bytes(tmp_path, dae(**pieces), "a.dae", strict=strict)
+
+    return run
+
+
+def test_a_textured_square_keeps_its_unit_and_axes(scene_of):
+    scene = scene_of()
+    np.testing.assert_array_equal(scene.positions[scene.faces], SQUARE[TWO])
+    np.testing.assert_allclose(scene.corner_uv, SQUARE[TWO][..., :2] * [1, -1] + [0, 1])
+    assert scene.materials[0].name == "paint" and scene.materials[0].factor.tolist() == [1] * 4
+    assert scene.textures[0].image[0, 1].tolist() == [0, 0, 255, 255] and scene.textures[0].wrap == (WRAP_REPEAT,) * 2
+    assert scene.metadata == {"up_axis": "Z_UP", "unit_in_metres": 0.01}
+    assert scene.dropped == ["TEXCOORD_1 (not used by base colour)"] and scene.warnings == []
+
+
+def test_the_uv_set_that_the_material_binds_is_taken(scene_of):
+    bound = '<bind_vertex_input semantic="UV0" input_semantic="TEXCOORD" input_set="3"/>'
+    scene = scene_of(bound=bound, sampler="<wrap_s>CLAMP</wrap_s><wrap_t>WRAP</wrap_t>")
+    assert scene.corner_uv[..., 0].max() == 0.5 and scene.textures[0].wrap == (WRAP_CLAMP, WRAP_REPEAT)
+    assert scene.dropped == ["TEXCOORD_0 (not used by base colour)"]
+
+
+def test_nodes_place_and_mirror(scene_of):
+    scene = scene_of(node="<translate>0 0 5</translate><scale>-2 1 1</scale>")
+    np.testing.assert_allclose(scene.positions, SQUARE * [-2, 1, 1] + [0, 0, 5])
+    normals = np.cross(*(scene.positions[scene.faces[:, k]] - scene.positions[scene.faces[:, 0]] for k in (1, 2)))
+    assert (normals[:, 2] > 0).all()
+    place = scene.positions[scene.faces]
+    np.testing.assert_allclose(scene.corner_uv[..., 0], place[..., 0] / -2)
+
+
+def test_concave_polygons_are_cut(scene_of):
+    points = np.array([[0, 0, 0], [4, 0, 0], [4, 4, 0], [2, 1, 0], [0, 4, 0]])
+    surface = ('<polylist count="1" material="skin"><input semantic="VERTEX" source="#v" offset="0"/><vcount>5</vcount>'
+               "<p>0 1 2 3 4</p></polylist>")
+    scene = scene_of(surface=surface, points=points, diffuse="<color>1 0.5 0 1</color>")
+    a, b, c = (scene.positions[scene.faces[:, k]] for k in range(3))
+    areas = 0.5 * np.cross(b - a, c - a)[:, 2]
+    assert (areas > 0).all() and areas.sum() == pytest.approx(10)
+    assert scene.materials[0].factor.tolist() == [1, 0.5, 0, 1] and scene.materials[0].texture == -1
+
+
+def test_colours_of_corners_are_decoded(scene_of):
+    inputs = '<input semantic="VERTEX" source="#v" offset="0"/><input semantic="COLOR" source="#c" offset="1"/>'
+    surface = TRIANGLES.format(inputs=inputs, indices="0 0 1 1 2 0 0 1 2 1 3 1")
+    scene = scene_of(surface=surface, sources=numbers("c", "1 0 0 0.5 0 1", "RGB"), diffuse="<color>1 1 1 1</color>")
+    np.testing.assert_allclose(scene.corner_color[0], [[1, 0, 0, 1], [0.2140, 0, 1, 1], [1, 0, 0, 1]], atol=1e-4)
+
+
+@pytest.mark.parametrize("text, alpha", [
+    ('<transparent opaque="A_ONE"><color>0 0 0 1</color></transparent><transparency><float>0.25</float></transparency>', 0.25),
+    ('<transparent opaque="RGB_ZERO"><color>1 1 1 1</color></transparent><transparency><float>0.25</float></transparency>', 0.75),
+    ("<transparency><float>0</float></transparency>", 1.0),
+])
+def test_transparency_by_its_modes(scene_of, text, alpha):
+    material = scene_of(diffuse="<color>1 0 0 1</color>", effect=text).materials[0]
+    assert material.factor[3] == pytest.approx(alpha, abs=1e-5) and (material.alpha_mode == ALPHA_BLEND) == (alpha < 1)
+
+
+def test_what_is_not_carried_is_named(scene_of):
+    more = ('<library_cameras><camera id="k"><optics><technique_common><perspective><xfov>1</xfov><znear>1</znear><zfar>2</zfar>'
+            "</perspective></technique_common></optics></camera></library_cameras><library_lights><light id='l'>"
+            "<technique_common><ambient><color>1 1 1</color></ambient></technique_common></light></library_lights>")
+    inputs = '<input semantic="VERTEX" source="#v" offset="0"/><input semantic="NORMAL" source="#p" offset="0"/>'
+    effect = "<specular><color>0.5 0.5 0.5 1</color></specular>"
+    scene = scene_of(surface=TRIANGLES.format(inputs=inputs, indices="0 1 2 0 2 3"), more=more, effect=effect,
+                     diffuse="<color>1 1 1 1</color>")
+    assert {"NORMAL", "lights", "cameras", "specular of material 'paint'"} <= set(scene.dropped)
+
+
+def test_missing_textures_and_lines(scene_of, tmp_path):
+    (tmp_path / "t ex.png").unlink()
+    assert "TXF-I16" in scene_of(strict=False).warnings[0]
+    lines = '<lines count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1</p></lines>'
+    both = TRIANGLES.format(inputs='<input semantic="VERTEX" source="#v" offset="0"/>', indices="0 1 2 0 2 3") + lines
+    assert any("not made of triangles" in text for text in scene_of(strict=False, surface=both).warnings)
+
+
+@pytest.mark.parametrize("text, code", [
+    (b"<?xml version='1.0'?><COLLADA", "TXF-I24"), (b"<?xml version='1.0'?><html/>", "TXF-I15"), (b"no XML", "TXF-I24"),
+    (dae().replace("?>", "?><!DOCTYPE x [<!ENTITY e SYSTEM 'file:///etc/hostname'>]>", 1), "TXF-I24"),
+    (dae().replace("0 1 2 0 2 3", "0 1 2 0 2 9"), "TXF-I15"), (dae(points=np.where(SQUARE, np.inf, 0)), "TXF-I14"),
+    (dae().replace("0 1 2 0 2 3", "0 1 2 0 2 -3"), "TXF-I13"), (dae().replace("0 1 2 0 2 3", "0 1 2 0"), "TXF-I24"),
+    (dae(surface='<polylist count="1"><input semantic="VERTEX" source="#v" offset="0"/><vcount>2000000000</vcount><p>0 1 2</p>'
+         "</polylist>"), "TXF-I24"),
+    (encoded(RED_BLUE), "TXF-I06"),
+])
+def test_broken_documents_end_in_their_code(scene_of, tmp_path, text, code):
+    assert refusal(tmp_path, text, "a.dae").code == code
+
+
+def test_damaged_documents_end_in_a_scene_or_a_coded_error(scene_of, tmp_path):
+    from conftest import with_a_bit_flipped
+
+    data, codes = dae().encode(), set()
+    for damaged in list(with_a_bit_flipped(data))[::9]:
+        try:
+            load_bytes(tmp_path, damaged, "a.dae")
+        except TexfError as error:
+            codes.add(error.code)
+    assert "TXF-I24" in codes
+
+
+def test_without_the_package_the_error_names_the_remedy(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "collada", None)
+    error = refusal(tmp_path, dae(), "a.dae")
+    assert isinstance(error, SupportError) and error.code == "TXF-I35" and 'pip install "texfcodec[formats]"' in error.message

@@ -1,0 +1,177 @@
+"""glTF with EXT_meshopt_compression: every mode and filter, files without the package, and buffers that lie."""
+
+import numpy as np
+import pytest
+from mesh_files import RED_BLUE, SQUARE, SQUARE_UV, TWO, Builder, encoded, load_bytes, refusal
+
+from texfcodec.errors import LimitError, SupportError
+
+EXTENSION = "EXT_meshopt_compression"
+
+
+@pytest.fixture
+def meshopt():
+    package = pytest.importorskip("meshoptimizer", reason="meshoptimizer is not installed: pip install 'texfcodec[formats]'")
+    package.encode_vertex_version(0)  # what the extension of 2020 allows; its KHR successor has version 1 too
+    return package
+
+
+def exponential(values):
+    """Floats -> uint32: a signed mantissa of 24 bits and an exponent above it, exact for float32."""
+    mantissa, exponent = np.frexp(np.asarray(values, np.float64))
+    mantissa = np.round(mantissa * (1 << 22)).astype(np.int64)
+    return ((exponent - 22).astype(np.int64) << 24 | mantissa & 0xFFFFFF).astype(np.uint32)
+
+
+def compress(builder, accessor, packed, mode, stride, **more):
+    """Turn the view of an accessor into a compressed one whose plain buffer does not exist."""
+    view = builder.tree["bufferViews"][builder.tree["accessors"][accessor]["bufferView"]]
+    count = view["byteLength"] // stride
+    place = builder.view(packed)
+    inner = builder.tree["bufferViews"].pop(place)
+    view["extensions"] = {EXTENSION: {**inner, "mode": mode, "byteStride": stride, "count": count, **more}}
+    view |= {"buffer": 1, "byteOffset": 0}
+    return view["extensions"][EXTENSION]
+
+
+class Packed(Builder):
+    """A textured square of four compressed views; `extension` holds their objects by name."""
+
+    def __init__(self, meshopt, sequence=False, index=np.uint16, filtered=False):
+        super().__init__()
+        material = self.material(self.texture(encoded(RED_BLUE)))
+        primitive = self.primitive(positions=SQUARE * 3 - 1, indices=TWO.astype(index), uv=SQUARE_UV, material=material)
+        places = {**primitive["attributes"], "indices": primitive["indices"]}
+        encode = meshopt.encode_index_sequence if sequence else meshopt.encode_index_buffer
+        faces = encode(TWO.astype(np.uint32).reshape(-1), 6, 4)
+        points = exponential(SQUARE * 3 - 1) if filtered else SQUARE * 3 - 1
+        self.extension = {
+            "POSITION": compress(self, places["POSITION"], meshopt.encode_vertex_buffer(points), "ATTRIBUTES", 12,
+                                 **({"filter": "EXPONENTIAL"} if filtered else {})),
+            "TEXCOORD_0": compress(self, places["TEXCOORD_0"], meshopt.encode_vertex_buffer(SQUARE_UV), "ATTRIBUTES", 8),
+            "indices": compress(self, places["indices"], faces, "INDICES" if sequence else "TRIANGLES",
+                                np.dtype(index).itemsize)}
+        self.tree["extensionsRequired"] = [EXTENSION]
+
+    def glb(self):
+        fallback = {"byteLength": 1 << 20, "extensions": {EXTENSION: {"fallback": True}}}
+        return self.with_buffers([{"byteLength": len(self.blob)}, fallback])
+
+
+@pytest.mark.parametrize("options", [{}, {"sequence": True}, {"index": np.uint32}, {"filtered": True},
+                                     {"sequence": True, "index": np.uint32}])
+def test_compressed_views_load_as_plain_ones(tmp_path, meshopt, options):
+    scene = load_bytes(tmp_path, Packed(meshopt, **options), strict=True)
+    np.testing.assert_array_equal(np.sort(scene.positions[scene.faces], axis=1), np.sort((SQUARE * 3 - 1)[TWO], axis=1))
+    place = scene.positions[scene.faces][..., :2]
+    np.testing.assert_allclose(scene.corner_uv, np.stack([(place[..., 0] + 1) / 3, 1 - (place[..., 1] + 1) / 3], axis=2),
+                               atol=1e-7)
+    assert scene.warnings == [] and scene.dropped == []
+
+
+def test_the_octahedral_filter_gives_unit_vectors(meshopt):
+    from texfcodec.asset.load.gltf_meshopt import decode_view
+
+    stored = np.array([[0, 0, 127, 5], [127, 0, 127, 6], [0, -127, 127, 7], [-60, 40, 127, 8]], np.int8)
+    packed = meshopt.encode_vertex_buffer(stored.view(np.uint32))
+    entry = {"count": 4, "byteStride": 4, "mode": "ATTRIBUTES", "filter": "OCTAHEDRAL"}
+    found = np.frombuffer(decode_view(packed, entry, {"byteLength": 16}, 0), np.int8).reshape(4, 4)
+    assert found[:3, :3].tolist() == [[0, 0, 127], [127, 0, 0], [0, -127, 0]] and found[:, 3].tolist() == [5, 6, 7, 8]
+    np.testing.assert_allclose(np.linalg.norm(found[:, :3].astype(float), axis=1), 127, atol=1)
+
+
+def test_without_the_package_the_error_names_the_remedy(tmp_path, meshopt, monkeypatch):
+    builder = Packed(meshopt)
+    monkeypatch.setitem(__import__("sys").modules, "meshoptimizer", None)
+    monkeypatch.setattr("texfcodec.asset.load.gltf_meshopt.is_installed", lambda: False)
+    error = refusal(tmp_path, builder)
+    assert isinstance(error, SupportError) and error.code == "TXF-I30" and 'pip install "texfcodec[formats]"' in error.message
+
+
+def test_without_the_package_a_plain_copy_is_taken(tmp_path, monkeypatch):
+    builder = Builder()
+    builder.primitive()
+    builder.tree["bufferViews"][0]["extensions"] = {EXTENSION: {"mode": "ATTRIBUTES"}}
+    monkeypatch.setattr("texfcodec.asset.load.gltf_meshopt.is_installed", lambda: False)
+    np.testing.assert_array_equal(load_bytes(tmp_path, builder).positions, SQUARE)
+    builder.tree["extensionsRequired"] = [EXTENSION]
+    assert refusal(tmp_path, builder).code == "TXF-I09"
+
+
+@pytest.mark.parametrize("place, changes, code", [
+    ("POSITION", {"count": 10**15}, "TXF-I09"),
+    ("POSITION", {"count": 0}, "TXF-I09"),
+    ("POSITION", {"count": 3}, "TXF-I09"),
+    ("POSITION", {"byteStride": 6}, "TXF-I09"),
+    ("POSITION", {"byteStride": 260}, "TXF-I09"),
+    ("POSITION", {"byteStride": 16, "count": 3}, "TXF-I12"),
+    ("POSITION", {"mode": "TRIANGLES"}, "TXF-I09"),
+    ("POSITION", {"mode": ["ATTRIBUTES"]}, "TXF-I09"),
+    ("POSITION", {"filter": "OCTAHEDRAL"}, "TXF-I09"),
+    ("POSITION", {"filter": "COLOR"}, "TXF-I30"),
+    ("POSITION", {"filter": {}}, "TXF-I30"),
+    ("POSITION", {"byteLength": 10**9}, "TXF-I11"),
+    ("POSITION", {"byteLength": 9}, "TXF-I12"),
+    ("POSITION", {"buffer": 1}, "TXF-I10"),
+    ("POSITION", {"buffer": None}, "TXF-I09"),
+    ("indices", {"mode": "ATTRIBUTES"}, "TXF-I09"),
+    ("indices", {"byteStride": 4, "count": 3}, "TXF-I12"),
+    ("indices", {"mode": "INDICES"}, "TXF-I12"),
+    ("indices", {"filter": "EXPONENTIAL"}, "TXF-I09"),
+    ("indices", {"byteLength": 12}, "TXF-I12"),
+])
+def test_bent_extensions_end_in_their_code(tmp_path, meshopt, place, changes, code):
+    builder = Packed(meshopt)
+    builder.extension[place] |= changes
+    assert refusal(tmp_path, builder).code == code
+
+
+@pytest.mark.parametrize("place, count, code", [("POSITION", 1 << 26, "TXF-I12"), ("POSITION", 1 << 40, "TXF-I41"),
+                                                ("indices", 3 << 26, "TXF-I12")])
+def test_counts_that_agree_but_lie_are_refused_before_memory_is_taken(tmp_path, meshopt, monkeypatch, place, count, code):
+    builder = Packed(meshopt)
+    entry = builder.extension[place]
+    entry["count"] = count
+    view = next(view for view in builder.tree["bufferViews"] if view.get("extensions", {}).get(EXTENSION) is entry)
+    view["byteLength"] = count * entry["byteStride"]
+    decoder = "decode_vertex_buffer" if place == "POSITION" else "decode_index_buffer"
+    monkeypatch.setattr(meshopt, decoder, lambda *a: pytest.fail("the decoder was asked"))
+    error = refusal(tmp_path, builder)
+    assert error.code == code and isinstance(error, LimitError) == (code == "TXF-I41")
+
+
+def test_every_prefix_of_compressed_data_is_refused(meshopt):
+    from texfcodec.asset.load.gltf_meshopt import decode_view
+    from texfcodec.errors import TexfError
+
+    points = np.random.default_rng(0).normal(size=(300, 3)).astype(np.float32)
+    faces = np.arange(300, dtype=np.uint32)
+    for packed, entry in (
+        (meshopt.encode_vertex_buffer(points), {"count": 300, "byteStride": 12, "mode": "ATTRIBUTES"}),
+        (meshopt.encode_index_buffer(faces, 300, 300), {"count": 300, "byteStride": 4, "mode": "TRIANGLES"}),
+        (meshopt.encode_index_sequence(faces, 300, 300), {"count": 300, "byteStride": 4, "mode": "INDICES"}),
+    ):
+        view = {"byteLength": entry["count"] * entry["byteStride"]}
+        assert len(decode_view(packed, entry, view, 0)) == view["byteLength"]
+        for length in range(len(packed)):
+            with pytest.raises(TexfError) as caught:
+                decode_view(packed[:length], entry, view, 0)
+            assert caught.value.code == "TXF-I12"
+
+
+def test_flipped_bits_of_compressed_data_end_in_a_scene_or_a_coded_error(tmp_path, meshopt):
+    from conftest import with_a_bit_flipped
+
+    from texfcodec.asset.load.files import load
+    from texfcodec.asset.scene import Scene
+    from texfcodec.errors import TexfError
+
+    data, found = Packed(meshopt).glb(), []
+    start = len(data) - 200
+    for damaged in with_a_bit_flipped(data[start:]):
+        (tmp_path / "a.glb").write_bytes(data[:start] + damaged)
+        try:
+            found.append(load(tmp_path / "a.glb"))
+        except TexfError as error:
+            found.append(error)
+    assert all(isinstance(item, Scene | TexfError) for item in found) and any(isinstance(item, TexfError) for item in found)

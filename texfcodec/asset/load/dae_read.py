@@ -1,0 +1,202 @@
+"""COLLADA (.dae) -> Scene: pycollada parses, this file places, splits polygons and chooses the base colour.
+
+On pycollada directly rather than through trimesh, which fans polygons, takes one UV set whatever the material binds and
+leaves out silently what pycollada could not read.
+"""
+
+import io
+import re
+
+import numpy as np
+
+from ...errors import InputError, SupportError
+from ..scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
+from .image_read import TextureShelf, read_texture_file
+from .parts import Part, assemble, check_face_count, linear_rgba
+from .polygons import triangulate
+
+_WRAPS = {"WRAP": WRAP_REPEAT, "CLAMP": WRAP_CLAMP, "BORDER": WRAP_CLAMP, "NONE": WRAP_CLAMP, "MIRROR": WRAP_MIRROR}
+_UNUSED = ("emission", "ambient", "specular", "shininess", "reflective", "reflectivity", "index_of_refraction", "bumpmap")
+_USED_INPUTS = {"VERTEX", "TEXCOORD", "COLOR", "NORMAL"}
+
+
+def read_dae(data, folder, notes):
+    """bytes of a .dae file -> Scene. folder: where its images are. Errors: TXF-I24, SupportError TXF-I35 without pycollada."""
+    document = _parse(bytes(data))
+    for error in document.errors:
+        notes.warn(f"a part of the COLLADA file is left out: {str(error)[:100]}")
+    if document.scene is None:
+        raise InputError("TXF-I15", "the input has no triangles")
+    look, parts, faces = _Look(folder, notes), [], 0
+    for geometry in _geometries(document, notes):
+        for primitive in geometry.original.primitives:
+            part = _part(primitive, geometry, look, notes)
+            if part is not None:
+                parts.append(part)
+                faces += len(part.faces)
+                check_face_count(faces)
+    _drop_rest(document, notes)
+    asset = document.assetInfo
+    metadata = {"up_axis": str(asset.upaxis), **({"unit_in_metres": float(asset.unitmeter)} if asset.unitmeter else {})}
+    return assemble(parts, look.materials, look.shelf.textures, notes, metadata)
+
+
+def _parse(data):
+    try:
+        import collada
+    except ImportError as error:
+        raise SupportError("TXF-I35", 'COLLADA files need the package pycollada: pip install "texfcodec[formats]"') from error
+    if re.search(rb"<!(DOCTYPE|ENTITY)", data.replace(b"\0", b"")):  # some XML parsers would read files that these name
+        raise InputError("TXF-I24", "the COLLADA file has a document type, which is not read")
+    try:
+        return collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])
+    except (KeyboardInterrupt, MemoryError):
+        raise
+    except Exception as error:  # pycollada raises what its parsers and numpy meet
+        raise InputError("TXF-I24", "the COLLADA file is malformed", reason=f"{type(error).__name__}: {error}"[:200]) from error
+
+
+def _geometries(document, notes):
+    """Bound geometries of the scene, those of skins as stored."""
+    yield from document.scene.objects("geometry")
+    for controller in document.scene.objects("controller"):
+        notes.drop("skin" if hasattr(controller, "joint_matrices") else "morph targets")
+        notes.warn("controllers (skins, morphs) are not applied; their meshes are taken as stored")
+        geometry = getattr(controller, "geometry", None)
+        if geometry is not None:
+            yield geometry
+
+
+def _part(source, geometry, look, notes):
+    """Triangles, polylist or polygons of a bound geometry -> Part in world space; None where they hold no surface."""
+    label = f"geometry '{geometry.original.id}'"
+    if not (hasattr(source, "vcounts") or hasattr(source, "ntriangles")):
+        notes.warn(f"a part of {label} is not made of triangles or polygons; it is left out")
+        return None
+    if source.vertex is None or source.vertex_index is None:
+        return None
+    matrix = np.asarray(geometry.matrix, np.float64)
+    points = np.asarray(source.vertex, np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    corners = np.asarray(source.vertex_index, np.int64).reshape(-1)
+    sizes = np.asarray(source.vcounts, np.int64) if hasattr(source, "vcounts") else np.full(len(corners) // 3, 3)
+    if (sizes < 0).any() or sizes.sum() != len(corners):
+        raise InputError("TXF-I24", f"the counts of {label} do not fit its indices", value=int(sizes.sum()),
+                         allowed=len(corners))
+    triangles, _ = triangulate(points, corners, sizes, notes)
+    row, texcoord = look.of(geometry.materialnodebysymbol.get(source.material))
+    uv, color = _uv(source, texcoord, triangles, label, notes), _color(source, triangles, label, notes)
+    faces = corners[triangles]
+    if np.linalg.det(matrix[:3, :3]) < 0:
+        faces, uv, color = (None if values is None else values[:, [0, 2, 1]] for values in (faces, uv, color))
+    for name in source.sources:
+        if name not in _USED_INPUTS and source.sources[name]:
+            notes.drop(f"COLLADA input '{name[:40]}'")
+    if source.sources.get("NORMAL"):
+        notes.drop("NORMAL")
+    return Part(points, faces, row, uv, color, label)
+
+
+def _values(source, kind, number, triangles, label):
+    """Numbers of one input at the corners of triangles, float64 [F, 3, columns]."""
+    offset, data = source.sources[kind][number][0], np.asarray(source.sources[kind][number][4].data, np.float64)
+    rows = source.index.reshape(-1, source.index.shape[-1])[:, offset][triangles]
+    if rows.size and (rows.min() < 0 or rows.max() >= len(data)):
+        raise InputError("TXF-I13", f"a face of {label} names a {kind} that does not exist", allowed=len(data))
+    return data[rows]
+
+
+def _uv(source, texcoord, triangles, label, notes):
+    """float64 [F, 3, 2], v downwards, of the set that the material's texture is bound to; the others are named."""
+    inputs = source.sources.get("TEXCOORD", [])
+    chosen = None
+    if texcoord is not None and inputs:
+        chosen = next((n for n, entry in enumerate(inputs) if str(entry[3]) == texcoord), 0)
+    elif texcoord is not None:
+        notes.warn(f"{label} has no TEXCOORD for its texture; UV (0, 0) is used")
+    for number in range(len(inputs)):
+        if number != chosen:
+            notes.drop(f"TEXCOORD_{number} (not used by base colour)")
+    if chosen is None:
+        return None
+    return _values(source, "TEXCOORD", chosen, triangles, label)[..., :2] * [1.0, -1.0] + [0.0, 1.0]
+
+
+def _color(source, triangles, label, notes):
+    """float32 linear RGBA [F, 3, 4] or None. The format leaves the coding open; exporters write 8-bit colours, so sRGB."""
+    inputs = source.sources.get("COLOR", [])
+    if not inputs:
+        return None
+    if len(inputs) > 1:
+        notes.drop("COLOR_1")
+    stored = _values(source, "COLOR", 0, triangles, label)
+    return linear_rgba(stored[..., :4])
+
+
+class _Look:
+    """Scene materials by COLLADA material, and the UV set that each one's texture asks for."""
+
+    def __init__(self, folder, notes):
+        self.folder, self.notes, self.shelf = folder, notes, TextureShelf(notes)
+        self.materials, self._rows = [], {}
+
+    def of(self, node):
+        """(index of the material, set number as text or None without a texture). node: what binds it here, or None."""
+        material = getattr(node, "target", None)
+        key = getattr(material, "id", None)
+        if key not in self._rows:
+            self._rows[key] = len(self.materials)
+            self.materials.append(Material("default") if material is None else self._make(material))
+        diffuse = getattr(getattr(material, "effect", None), "diffuse", None)
+        if not hasattr(diffuse, "sampler"):
+            return self._rows[key], None
+        return self._rows[key], next((str(chosen or 0) for symbol, _, chosen in node.inputs if symbol == diffuse.texcoord), "0")
+
+    def _make(self, material):
+        effect, name = material.effect, material.name or material.id or ""
+        factor, texture = np.ones(4), -1
+        if hasattr(effect.diffuse, "sampler"):
+            sampler, path = effect.diffuse.sampler, effect.diffuse.sampler.surface.image.path
+            path = re.sub(r"^file:/*(?=[A-Za-z]:|/)", "", path)
+            texture = self.shelf.put(path, lambda: read_texture_file(self.folder, path), path, _wrap(sampler))
+        elif effect.diffuse is not None:
+            factor[:3] = np.asarray(effect.diffuse, np.float64)[:3]
+        factor[3] = self._opacity(effect, name)
+        for key in _UNUSED:
+            value = getattr(effect, key, None)
+            if value is not None and (not isinstance(value, tuple) or any(value[:3])):
+                self.notes.drop(f"{key} of material '{name}'")
+        factor = np.clip(np.nan_to_num(factor, nan=1.0), 0.0, 1.0)
+        return Material(name, factor, texture, double_sided=bool(effect.double_sided),
+                        **({"alpha_mode": ALPHA_BLEND} if factor[3] < 1.0 else {}))
+
+    def _opacity(self, effect, name):
+        """Alpha by the opaque modes A_ONE and RGB_ZERO of COLLADA 1.4; a texture of its own is named, not read."""
+        transparent, amount = effect.transparent, effect.transparency
+        if hasattr(transparent, "sampler"):
+            diffuse = getattr(effect.diffuse, "sampler", None)
+            if diffuse is None or transparent.sampler.surface.image is not diffuse.surface.image:
+                self.notes.drop(f"transparent of material '{name}'")
+            return 1.0
+        if transparent is None or effect.xmlnode is None or effect.xmlnode.find(".//{*}transparent") is None:
+            return 1.0
+        amount = 1.0 if amount is None or hasattr(amount, "sampler") else float(amount)
+        if effect.opaque_mode == "RGB_ZERO":
+            return 1.0 - amount * float(np.dot(transparent[:3], (0.212671, 0.715160, 0.072169)))
+        return amount * float(transparent[3])
+
+
+def _wrap(sampler):
+    """(s, t) from the sampler's XML; pycollada keeps only its filters."""
+    def mode(tag):
+        found = None if sampler.xmlnode is None else sampler.xmlnode.find(".//{*}" + tag)
+        return _WRAPS.get((found.text or "").strip() if found is not None else "WRAP", WRAP_REPEAT)
+
+    return mode("wrap_s"), mode("wrap_t")
+
+
+def _drop_rest(document, notes):
+    for name in ("animations", "lights", "cameras"):
+        if len(getattr(document, name)):
+            notes.drop(name)
+    if len(document.scenes) > 1:
+        notes.drop("scenes beside the default one")

@@ -19,13 +19,14 @@ from texfcodec.choose.partition import (
     folding_components,
 )
 from texfcodec.errors import LimitError
+from texfcodec.ground.integer import _isqrt, _ones32
 from texfcodec.support import transfer as transfer_room
 from texfcodec.support import voxelise as voxelise_room
-from texfcodec.support.grid import _ones32, _rank, build_brick_map
+from texfcodec.support.grid import _rank, build_brick_map
 from texfcodec.support.morton import _morton_key, decode_morton, encode_morton
 from texfcodec.support.query import query_field
 from texfcodec.support.transfer import transfer
-from texfcodec.support.voxelise import _double_area, _isqrt, count_samples, grid_coordinates, voxelise
+from texfcodec.support.voxelise import _double_area, count_samples, grid_coordinates, voxelise
 
 ONE_VOXEL_FACE = 1 << 32
 

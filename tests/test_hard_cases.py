@@ -9,7 +9,7 @@ from texfcodec.asset.load.files import load
 from texfcodec.asset.sample import pack_source, sample_source
 from texfcodec.encoder import encode_scene
 from texfcodec.errors import InputError, LimitError
-from texfcodec.ground.colour_error import sample_surface
+from texfcodec.ground.areas import sample_surface
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions, EncodeOptions
 from texfcodec.report import Report

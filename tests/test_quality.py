@@ -8,15 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from texfcodec.ground.colour_error import (
-    RGB_TO_YUV,
-    ColourError,
-    colour_mse,
-    decibels,
-    json_ready,
-    psnr_3d,
-    sample_surface,
-)
+from texfcodec.ground.areas import sample_surface
+from texfcodec.ground.colour_error import RGB_TO_YUV, ColourError, colour_mse, decibels, json_ready, psnr_3d
 from texfcodec.quality.bd_rate import bd_rate
 
 GREY = np.full((5, 3), 100.0)

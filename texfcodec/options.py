@@ -2,10 +2,12 @@
 
 import math
 import os
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from .codecs import codec_names, codec_of, our_codecs
+from .codecs.codec import Codec
+from .codecs.neural.points import DEFAULT_POINT, DEFAULT_STEPS, FIT_ENGINES, LATENT_INDICES, POINTS
 from .errors import InputError, SupportError
 from .limits import Limits
 
@@ -24,18 +26,6 @@ EFFORTS = ("fast", "balanced", "best")
 PARTITIONS = ("auto", "off")
 REFINEMENTS = ("auto", "off", "fit", "render")
 ATLAS_METHODS = ("auto", "quality", "fast")
-LATENT_INDICES = ("mixed", "surface", "hash")
-FIT_ENGINES = ("auto", "numba", "torch")
-# The paper's operating points of 3DNTC: latents a row, then one table a level: voxels of a grid of 2048 that a cell of latents
-# spans, log2 of the rows.
-POINTS = {
-    "mpeg1": (16, ((6, 15), (12, 14))), "mpeg2": (16, ((6, 16), (12, 15))), "mpeg3": (20, ((6, 16), (12, 15))),
-    "mpeg4": (16, ((4, 17), (8, 16))), "mpeg5": (20, ((4, 17), (8, 16))), "mpeg6": (24, ((4, 17), (8, 16))),
-    "aom1": (16, ((6, 16), (12, 15))), "aom2": (24, ((6, 16), (12, 15))), "aom3": (32, ((6, 16), (12, 15))),
-    "aom4": (24, ((6, 17), (12, 16))), "aom5": (32, ((6, 17), (12, 16))),
-}
-DEFAULT_POINT = "mpeg1"
-DEFAULT_STEPS = 15_000  # the end of the bend: docs/neural.md
 APPEARANCES = ("texture", "vertex", "voxels")
 
 
@@ -90,6 +80,11 @@ def _check_number(name, value, low, high):
         raise InputError("TXF-I50", f"{name} is not a {'whole ' * whole}number", value=repr(value)[:80], allowed=f"{low}..{high}")
     if not low <= number <= high:
         raise InputError("TXF-I50", f"{name} is out of range", value=value, allowed=f"{low}..{high}")
+
+
+def strange_options(codec: Codec) -> frozenset[str]:
+    """Names of those EncodeOptions that other codecs read and this one does not."""
+    return frozenset().union(*(one.options for one in our_codecs())) - codec.options
 
 
 @dataclass(kw_only=True)
@@ -167,9 +162,9 @@ class EncodeOptions:
 
     def _refuse_strange(self, codec):
         """Options that only other codecs read are a mistake, not to be passed over."""
-        owned = frozenset().union(*(one.options for one in our_codecs())) - codec.options
+        strange = strange_options(codec)
         for option in fields(self):
-            if option.name in owned and getattr(self, option.name) != option.default:
+            if option.name in strange and getattr(self, option.name) != option.default:
                 raise InputError("TXF-I50", f"{option.name} has no part in codec {self.codec}", value=getattr(self, option.name))
         if self.codec_options and codec in our_codecs():
             raise InputError("TXF-I50", f"codec_options has no part in codec {self.codec}: its options have names of their own",
@@ -215,8 +210,3 @@ class DecodeOptions:
     def __post_init__(self):
         check_options(self)
         self.threads = self.threads or default_threads()
-
-
-def default_of(option) -> Any:
-    """The default of a field of options."""
-    return option.default if option.default is not MISSING else option.default_factory()

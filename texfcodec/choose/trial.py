@@ -8,10 +8,11 @@ from ..asset.sample import pack_source, sample_source
 from ..asset.scene import ALPHA_MASK
 from ..channels import ALPHA
 from ..errors import InputError
-from ..ground.colour_error import PEAK, ColourError, decibels, sample_surface
+from ..ground.areas import face_areas, sample_surface
+from ..ground.colour_error import PEAK, ColourError, decibels
 from ..support.grid import build_brick_map
 from ..support.query import query_field
-from ..support.transfer import face_areas, transfer
+from ..support.transfer import transfer
 from ..support.voxelise import voxelise
 from .layers import part_layers
 from .partition import MAX_FIELDS, colour_pieces, face_components, find_contacts, folding_components

@@ -11,25 +11,12 @@ import click
 
 from ..errors import EXIT_INTERNAL, EXIT_INTERRUPTED, EXIT_IO, EXIT_LIMIT, EXIT_USAGE, InputError, TexfError
 from ..ground import unfinished
-from ..limits import Limits
 from . import interrupts
 
 SCHEMA = 1
 TRACEBACK = "TEXF_TRACEBACK"  # set to 1 to see where an internal error comes from
 BEGIN = time.perf_counter()
 STYLE = {"help_option_names": ["-h", "--help"], "terminal_width": 100}
-
-_LIMIT_TEXT = {
-    "file_bytes": "bytes of the stream",
-    "vertices": "vertices over all geometry units",
-    "faces": "faces over all geometry units",
-    "voxels": "active voxels over all fields",
-    "samples": "surface samples of voxelisation; time grows with it",
-    "latents": "latents of a 3DNTC payload",
-    "metadata_bytes": "bytes of metadata",
-    "isolate_bytes": "memory of the child process of --isolate",
-    "isolate_seconds": "seconds of the child process of --isolate",
-}
 
 
 class Console:
@@ -135,43 +122,6 @@ def _guarded(command, arguments, console):
 def printable(text):
     """The text without control characters: names in a file must not steer the terminal."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
-
-
-def number(low, high, text=""):
-    """Keywords of a click option that takes a whole number (or, with a float low, any number) in low..high."""
-
-    def check(context, parameter, value):
-        if value is not None and not low <= value <= high:
-            raise click.BadParameter(f"{value} is not in {low}..{high}.")
-        return value
-
-    return {"type": type(low), "callback": check, "help": text}
-
-
-def file_names(context, parameter, incomplete):
-    """For shell_complete of what names a file: the shell itself completes it."""
-    from click.shell_completion import CompletionItem
-
-    return [CompletionItem(incomplete, type="file")]
-
-
-def limit_flags(*names):
-    """Decorator: a flag --max-NAME for each of these fields of Limits; read them back with limits_of."""
-
-    def decorate(function):
-        for name in reversed(names):
-            default = getattr(Limits(), name)
-            settings = number(0, 1 << 62, f"Most {_LIMIT_TEXT[name]}; 0: no limit.  [default: {default}]")
-            flag = "--max-" + name.replace("_", "-")
-            function = click.option(flag, "max_" + name, default=default, metavar="N", **settings)(function)
-        return function
-
-    return decorate
-
-
-def limits_of(choices):
-    """Takes the values of limit_flags out of the dict of choices and makes Limits of them."""
-    return Limits(**{name[4:]: choices.pop(name) for name in list(choices) if name.startswith("max_")})
 
 
 def check_output(path, inputs=()):

@@ -5,17 +5,8 @@ import click
 from .. import __version__
 from ..bitstream.file import read_stream_file
 from ..options import APPEARANCES, ATLAS_METHODS, DecodeOptions
-from .console import (
-    STYLE,
-    file_names,
-    limit_flags,
-    limits_of,
-    number,
-    run,
-    seconds_of,
-    timing_line,
-    write_output,
-)
+from .console import STYLE, run, seconds_of, timing_line, write_output
+from .flags import file_names, limit_flags, limits_of, number, option_flags
 
 
 @click.command("texf-dec", context_settings=STYLE)
@@ -28,11 +19,10 @@ from .console import (
 @click.option("--texture-size", metavar="N", **number(1, 16384, "Side of the texture in texels.  [default: by the field]"))
 @click.option("--atlas", type=click.Choice(ATLAS_METHODS), default=ATLAS_METHODS[0],
               help="How the texture is laid out; quality may take minutes.  [default: auto]")
-@click.option("--lod", metavar="L", default=0, **number(0, 13, "Stop L octree levels early.  [default: 0]"))
-@click.option("--isolate", is_flag=True, help="Decode in a child process with capped memory and time.")
+@option_flags(DecodeOptions, "lod", "isolate")
 @limit_flags("file_bytes", "vertices", "faces", "voxels", "samples", "latents", "metadata_bytes", "isolate_bytes",
              "isolate_seconds")
-@click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
+@option_flags(DecodeOptions, "threads")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
 @click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
@@ -56,7 +46,7 @@ def dec(console, source, out, overwrite, appearance, texture_size, atlas, as_jso
     elif not out.lower().endswith(SUFFIXES):
         raise click.UsageError(f"{out} must end in one of {' '.join(SUFFIXES)}")
     limits = limits_of(choices)
-    options = DecodeOptions(**choices, limits=limits)
+    options = DecodeOptions(**{name: value for name, value in choices.items() if value is not None}, limits=limits)
     check_output(out, [source])
     data = read_stream_file(source, limits)
     if not kernels_compiled():

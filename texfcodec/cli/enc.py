@@ -4,36 +4,14 @@ import click
 
 from .. import __version__
 from ..asset.load.formats import SUFFIXES
-from ..codecs import codec_names, codec_of
+from ..codecs import codec_of
 from ..errors import InputError
-from ..options import (
-    DEFAULT_POINT,
-    DEFAULT_RATE,
-    DEFAULT_STEPS,
-    EFFORTS,
-    LATENT_INDICES,
-    POINTS,
-    RATES,
-    REFINEMENTS,
-    EncodeOptions,
-)
-from .console import (
-    STYLE,
-    check_output,
-    file_names,
-    is_device,
-    limit_flags,
-    limits_of,
-    number,
-    run,
-    seconds_of,
-    timing_line,
-    write_output,
-)
+from ..options import DEFAULT_CODEC, EncodeOptions, strange_options
+from .console import STYLE, check_output, is_device, run, seconds_of, timing_line, write_output
+from .flags import file_names, limit_flags, limits_of, number, option_flags
 from .inputs import load_mesh
 
 COARSE = 3.5  # texels along a voxel edge from which on coarse voxels show; of 20 assets at K 1024 two are above, both below 28 dB
-_RATE_TEXT = ", ".join(f"{name} K {k} QP {qp}" for name, (k, qp) in RATES.items())
 
 
 def _warm_up(context, parameter, value):
@@ -48,34 +26,15 @@ def _warm_up(context, parameter, value):
 @click.command("texf-enc", context_settings=STYLE)
 @click.argument("source", metavar="INPUT", shell_complete=file_names)
 @click.argument("out", metavar="OUT.texf", required=False, shell_complete=file_names)
-@click.option("--rate", type=click.Choice(list(RATES)), help=f"The paper's rate points: {_RATE_TEXT}.  [default: {DEFAULT_RATE}]")
-@click.option("--resolution", metavar="K", **number(1, 8192, "Voxels along the longest side, 1..8192; with --qp."))
-@click.option("--qp", metavar="N", **number(0, 63, "Quantisation, 0..63: step 2^((QP-4)/6); with --resolution."))
-@click.option("--target-bytes", metavar="B", **number(1, 1 << 62, "Best 3D-PSNR in at most B bytes; searches K and QP."))
-@click.option("--target-psnr", metavar="DB", **number(1.0, 100.0, "Fewest bytes with this 3D-PSNR of Y; searches K and QP."))
-@click.option("--lossless", is_flag=True, help="Code the voxels' 8-bit colours exactly; with --rate or --resolution for K.")
+@option_flags(EncodeOptions, "rate", "resolution", "qp", "target_bytes", "target_psnr", "lossless")
 @click.option("--near-lossless", metavar="D", **number(1, 127, "As --lossless, but each value may be off by D, 1..127."))
-@click.option("--position-bits", metavar="B", **number(8, 20, "Bits of a vertex coordinate, 8..20.  [default: 14; 3dntc 16]"))
-@click.option("--effort", type=click.Choice(EFFORTS), help="Time spent on a smaller stream.  [default: balanced]")
-@click.option("--refine", type=click.Choice(REFINEMENTS), help="Colours closer to the source before coding: surface fit, or "
-              "inverse rendering on top of it (a minute).  [default: auto, a fit where it shows; never with --effort fast]  "
-              "3dntc: render refines the fit on pictures (a minute); not in auto.")
-@click.option("--codec", type=click.Choice(codec_names()), help="raht for the smallest file; 3dntc for latents and a "
-              "network that a renderer keeps and asks at any point, fitted by training.  [default: raht]")
-@click.option("--point", type=click.Choice(list(POINTS)), metavar="POINT", help="3dntc: one of the paper's sizes, "
-              f"mpeg1..mpeg6 or aom1..aom5.  [default: {DEFAULT_POINT}]")
-@click.option("--resident-bytes", metavar="B", **number(1, 1 << 40, "3dntc: most bytes on the GPU, in place of --point."))
-@click.option("--steps", metavar="N", **number(1, 10_000_000, f"3dntc: steps of the fit.  [default: {DEFAULT_STEPS}]"))
-@click.option("--seed", metavar="S", **number(0, (1 << 31) - 1, "3dntc: of the fit.  [default: 0]"))
-@click.option("--latent-index", type=click.Choice(LATENT_INDICES), help="3dntc: where latents are: a grid along the surface, "
-              "that and a hash table of finer cells, or the point's own hash tables.  [default: mixed]")
-@click.option("--transport", is_flag=True, help="3dntc: entropy-code the latents in the file; loading unpacks them.")
-@click.option("--checkpoint", metavar="FILE", shell_complete=file_names,
-              help="3dntc: keep the fit's state here and go on from it.")
-@click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
+@option_flags(EncodeOptions, "position_bits", "effort", "refine", "codec", "point", "resident_bytes", "steps", "seed",
+              "latent_index", "transport", "checkpoint")
+@click.option("--codec-option", "codec_options", metavar="NAME=VALUE", multiple=True,
+              help="A setting of a codec that a plug-in brings; as often as needed.")
+@option_flags(EncodeOptions, "threads")
 @limit_flags("vertices", "faces", "voxels", "samples", "metadata_bytes")
-@click.option("--measure", is_flag=True, help="Decode and report 3D-PSNR at 1,000,000 surface points.")
-@click.option("--strict", is_flag=True, help="Refuse a mesh of which anything would be dropped or warned about.")
+@option_flags(EncodeOptions, "measure", "strict")
 @click.option("--dry-run", is_flag=True, help="Load, estimate and report; write nothing. OUT may be left out.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
 @click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")
@@ -115,30 +74,43 @@ def enc(console, source, out, dry_run, as_json, quiet, **choices):
 
 def _options(choices):
     """EncodeOptions of the flags that were given; the defaults stay with EncodeOptions."""
+    choices = {name: value for name, value in choices.items() if not (value is None or value is False)}
+    _check_codec(choices)
     ways = {"--rate": "rate", "--resolution/--qp": "resolution qp", "--target-bytes": "target_bytes",
             "--target-psnr": "target_psnr"}
-    _check_codec(choices)
-    chosen = [flag for flag, names in ways.items() if any(choices[n] is not None for n in names.split())]
+    chosen = [flag for flag, names in ways.items() if any(name in choices for name in names.split())]
     if len(chosen) > 1:
         raise click.UsageError(f"{' and '.join(chosen)} exclude each other")
     limits = limits_of(choices)
-    lossless, delta = choices.pop("lossless"), choices.pop("near_lossless")
-    bounds = ["--lossless"] * lossless + ["--near-lossless"] * (delta is not None)
-    others = [f"--{n.replace('_', '-')}" for n in ("qp", "target_bytes", "target_psnr") if choices[n] is not None]
+    bounds = [name for name in ("lossless", "near_lossless") if name in choices]
+    others = [name for name in ("qp", "target_bytes", "target_psnr") if name in choices]
     if bounds and len(bounds + others) > 1:
-        raise InputError("TXF-I50", f"{' and '.join(bounds + others)} exclude each other")
-    choices["max_error"] = 0 if lossless else delta
-    return EncodeOptions(**{name: value for name, value in choices.items() if value is not None}, limits=limits)
+        raise InputError("TXF-I50", f"{' and '.join(map(_flag, bounds + others))} exclude each other")
+    if "near_lossless" in choices:
+        choices["max_error"] = choices.pop("near_lossless")
+    choices["codec_options"] = _pairs(choices["codec_options"])
+    return EncodeOptions(**choices, limits=limits)
 
 
 def _check_codec(choices):
     """Flags of the codec that was not chosen are a mistake, not to be passed over."""
-    neural = choices["codec"] == "3dntc"
-    strange = ("rate", "qp", "target_bytes", "target_psnr", "near_lossless", "lossless", "effort") if neural else (
-        "point", "resident_bytes", "steps", "seed", "latent_index", "transport", "checkpoint")
-    for name in strange:
-        if choices[name]:
-            raise click.UsageError(f"--{name.replace('_', '-')} has no part in --codec {choices['codec'] or 'raht'}")
+    name = choices.get("codec", DEFAULT_CODEC)
+    for option in strange_options(codec_of(name)) & choices.keys():
+        raise click.UsageError(f"{_flag(option)} has no part in --codec {name}")
+    if "near_lossless" in choices and "max_error" in strange_options(codec_of(name)):
+        raise click.UsageError(f"--near-lossless has no part in --codec {name}")
+
+
+def _flag(name):
+    return "--" + name.replace("_", "-")
+
+
+def _pairs(given):
+    """{name: value} of NAME=VALUE words."""
+    for word in given:
+        if "=" not in word:
+            raise click.UsageError(f"--codec-option takes NAME=VALUE, not {word!r}")
+    return dict(word.split("=", 1) for word in given)
 
 
 def _check_output(out, source):

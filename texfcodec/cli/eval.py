@@ -4,7 +4,8 @@ import click
 
 from .. import __version__
 from ..asset.load.formats import SUFFIXES
-from .console import STYLE, file_names, number, run, seconds_of, timing_line
+from .console import STYLE, run, seconds_of, timing_line
+from .flags import file_names, number
 from .inputs import check_stdin_once, load_mesh, open_asset
 
 

@@ -8,7 +8,8 @@ from .. import __version__
 from ..bitstream.file import read_stream_file
 from ..codecs import codec_of
 from ..limits import Limits
-from .console import STYLE, file_names, run
+from .console import STYLE, run
+from .flags import file_names
 
 
 @click.command("texf-info", context_settings=STYLE)

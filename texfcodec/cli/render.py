@@ -7,7 +7,8 @@ import click
 
 from .. import __version__
 from ..options import default_threads
-from .console import STYLE, check_output, file_names, number, run, seconds_of, timing_line, write_output
+from .console import STYLE, check_output, run, seconds_of, timing_line, write_output
+from .flags import file_names, number
 from .inputs import check_stdin_once, files_of, open_asset
 
 MOST_PIXELS = 8192  # a side

@@ -3,7 +3,8 @@
 import numpy as np
 
 from ..asset.sample import pack_source, sample_source
-from ..ground.colour_error import ColourError, json_ready, sample_surface
+from ..ground.areas import sample_surface
+from ..ground.colour_error import ColourError, json_ready
 
 SAMPLES = 1_000_000
 BLOCK = 1 << 17  # points asked at a time

@@ -17,7 +17,8 @@ import numpy as np
 from ..asset.sample import pack_source, sample_source
 from ..asset.scene import ALPHA_OPAQUE
 from ..errors import InputError
-from ..ground.colour_error import ColourError, decibels, json_ready, sample_surface
+from ..ground.areas import sample_surface
+from ..ground.colour_error import ColourError, decibels, json_ready
 from ..ground.ssim import ssim as mean_ssim
 from ..render.camera import bounding_sphere, fibonacci_direction, orthographic
 from ..render.shade import render_scene, render_texf

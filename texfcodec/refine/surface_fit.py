@@ -17,9 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..asset.sample import sample_source
-from ..ground.colour_error import ColourError, sample_surface
+from ..ground.areas import sample_surface
+from ..ground.colour_error import ColourError
+from ..ground.integer import _ones32
 from ..ground.kernel import kernel
-from ..support.grid import _ones32, _rank_of_voxel
+from ..support.grid import _rank_of_voxel
 from ..support.morton import decode_morton
 from ..support.query import query_field
 from ..support.samples import surface_samples

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..ground.integer import _ones32
 from ..ground.kernel import kernel
 from .morton import _morton_key
 
@@ -51,16 +52,6 @@ def _fill(keys, slots, bricks, words, ranks):
         if words[n, word] == 0:
             ranks[n, word] = i
         words[n, word] |= np.uint32(1 << (keys[i] & 31))
-
-
-@kernel
-def _ones32(v):
-    """Set bits of 0 <= v < 2**32 held in an int64."""
-    v = v - ((v >> 1) & 0x55555555)
-    v = (v & 0x33333333) + ((v >> 2) & 0x33333333)
-    v = (v + (v >> 4)) & 0x0F0F0F0F
-    v = v + (v >> 8)
-    return (v + (v >> 16)) & 63
 
 
 @kernel

@@ -1,10 +1,10 @@
 """Asking a field at surface points: trilinear over the active corners, nearest active voxel as fallback (spec clause 8.2)."""
 
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
 from ..ground.kernel import kernel
+from ..ground.threads import over_blocks
 from .grid import _rank_of_voxel
 from .morton import decode_morton
 
@@ -58,17 +58,6 @@ def _query(points, size, slots, bricks, words, ranks, values, out, missed):
         missed[i] = 1 if rank >= 0 else 2
         for c in range(values.shape[1]):
             out[i, c] = values[rank, c] if rank >= 0 else 0.0
-
-
-def over_blocks(one, count, block, threads):
-    """Calls one(begin) for begin = 0, block, 2 block, ... below count, on so many threads; one must only write its own part."""
-    begins = range(0, count, block)
-    if threads > 1 and len(begins) > 1:
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(one, begins))
-    else:
-        for begin in begins:
-            one(begin)
 
 
 def query_field(points, resolution, keys, brick_map, values, threads=1):

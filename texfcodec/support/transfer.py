@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from ..asset.sample import _source_at
+from ..ground.areas import face_areas
 from ..ground.kernel import kernel
 from .grid import _rank
 from .morton import _morton_key
@@ -83,12 +84,6 @@ def _fill_uncoloured(keys, colour, weight):
         found = total[place] > 0
         colour[empty[found]] = mean[found]
         empty = empty[~found]
-
-
-def face_areas(lattice, faces):
-    """Areas of the faces in squared lattice steps, float64 [F]. lattice: int64 [V, 3]; faces: int64 [F, 3]."""
-    a, b, c = (lattice[faces[:, i]].astype(np.float64) for i in range(3))
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
 
 def texels_per_edge(lattice, faces, source, position_bits, resolution):

@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from ..errors import LimitError
+from ..ground.integer import _isqrt
 from ..ground.kernel import kernel
 from .morton import _morton_key
 
@@ -27,23 +28,6 @@ def grid_coordinates(lattice, position_bits, resolution):
     lattice: int64 [..., 3] in 0..2**B-1. Returns int64 of the same shape, below K * 2**16 <= 2**29 (product < 2**49).
     """
     return (np.asarray(lattice, dtype=np.int64) * (resolution << GRID_FRACTION)) >> position_bits
-
-
-@kernel
-def _isqrt(v):
-    """floor(sqrt(v)) for 0 <= v < 2**62, by the digit-by-digit method: no float anywhere."""
-    root = np.int64(0)
-    bit = np.int64(1) << 60
-    while bit > v:
-        bit >>= 2
-    while bit != 0:
-        if v >= root + bit:
-            v -= root + bit
-            root = (root >> 1) + bit
-        else:
-            root >>= 1
-        bit >>= 2
-    return root
 
 
 @kernel

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import InputError
-from ...options import DEFAULT_POINT, POINTS
 from ...support.voxelise import voxelise
 from ...support.voxels import MOST_DROPPED
 from .payload import Level, Payload, Tables, index_bytes, resident_bytes
+from .points import DEFAULT_POINT, POINTS
 
 HIDDEN = (64, 48, 32)
 # Surface grid alone: one level of 32 latents reaches what two of 16 do, with half the look-ups and the index.

@@ -15,7 +15,7 @@ import numpy as np
 from ...errors import InputError
 from ...ground import unfinished
 from ...ground.colour_error import decibels
-from ...support.query import over_blocks
+from ...ground.threads import over_blocks
 from .design import choose_design
 from .infer import BLOCK, CHUNK, infer
 from .payload import join_parameters

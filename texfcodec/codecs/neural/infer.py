@@ -6,10 +6,11 @@ LANES points go side by side, a component a row, so that every inner loop runs a
 
 import numpy as np
 
+from ...ground.integer import _ones32
 from ...ground.kernel import kernel
-from ...support.grid import _brick_slot, _ones32
+from ...ground.threads import over_blocks
+from ...support.grid import _brick_slot
 from ...support.morton import _spread
-from ...support.query import over_blocks
 
 POSITION_BITS = 24  # of a point in the canonical cube
 LOCAL_BITS = 12  # of a point in a latent cell; 8 would cost 0.1 dB where the network is steep

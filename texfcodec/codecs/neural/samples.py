@@ -7,7 +7,7 @@ import numpy as np
 
 from ...asset.sample import pack_source, sample_source
 from ...errors import InputError
-from ...ground.colour_error import relative_areas, sample_surface
+from ...ground.areas import relative_areas, sample_surface
 from ...ground.kernel import kernel
 from ...support.morton import _morton_key
 from .infer import LOCAL_BITS, POSITION_BITS, _local, _rows_around, cube_positions

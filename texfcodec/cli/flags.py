@@ -1,0 +1,100 @@
+"""Flags of the command lines, made from the tables of options.py and limits.py: range, default and text are said there."""
+
+from dataclasses import fields
+
+import click
+
+from ..codecs import codec_names, codec_of, our_codecs
+from ..limits import Limits
+from ..options import DEFAULT_CODEC, words_of
+
+_LIMIT_TEXT = {
+    "file_bytes": "bytes of the stream",
+    "vertices": "vertices over all geometry units",
+    "faces": "faces over all geometry units",
+    "voxels": "active voxels over all fields",
+    "samples": "surface samples of voxelisation; time grows with it",
+    "latents": "latents of a payload",
+    "metadata_bytes": "bytes of metadata",
+    "isolate_bytes": "memory of the child process of --isolate",
+    "isolate_seconds": "seconds of the child process of --isolate",
+}
+
+
+def number(low, high, text=""):
+    """Keywords of a click option that takes a whole number (or, with a float low, any number) in low..high."""
+
+    def check(context, parameter, value):
+        if value is not None and not low <= value <= high:
+            raise click.BadParameter(f"{value} is not in {low}..{high}.")
+        return value
+
+    return {"type": type(low), "callback": check, "help": text}
+
+
+def file_names(context, parameter, incomplete):
+    """For shell_complete of what names a file: the shell itself completes it."""
+    from click.shell_completion import CompletionItem
+
+    return [CompletionItem(incomplete, type="file")]
+
+
+def option_flags(kind, *names):
+    """Decorator: a flag for each of these fields of EncodeOptions or DecodeOptions; None, or False, where it is not given."""
+    table = {option.name: option for option in fields(kind)}
+
+    def decorate(function):
+        for name in reversed(names):
+            option = table[name]
+            function = click.option("--" + name.replace("_", "-"), name, **_keywords(option))(function)
+        return function
+
+    return decorate
+
+
+def _keywords(option):
+    told = option.metadata
+    text = _owner_of(option.name) + told["text"] + _default_text(option)
+    if "allowed" in told:
+        return {"type": click.Choice(list(words_of(option))), "metavar": told["metavar"], "help": text}
+    if "range" in told:
+        return {**number(*told["range"], text), "metavar": told["metavar"]}
+    if "switch" in told:
+        return {"is_flag": True, "help": text}
+    return {"metavar": told["metavar"], "help": text, "shell_complete": file_names}
+
+
+def _owner_of(name):
+    """"3dntc: " before the text of an option that only a codec other than the usual one reads."""
+    owners = [codec.name for codec in our_codecs() if name in codec.options]
+    return f"{owners[0]}: " if len(owners) == 1 and owners != [DEFAULT_CODEC] else ""
+
+
+def _default_text(option):
+    if option.name == "codec":
+        purposes = "; ".join(f"{name} {codec_of(name).purpose}" for name in codec_names() if codec_of(name).purpose)
+        return f" {purposes}.  [default: {option.default}]"
+    if option.name == "position_bits":
+        usual = {codec.name: codec.position_bits for codec in our_codecs() if codec.chosen}
+        others = "".join(f"; {name} {bits}" for name, bits in usual.items() if name != DEFAULT_CODEC)
+        return f"  [default: {usual[DEFAULT_CODEC]}{others}]"
+    return "" if option.default is None or option.default is False else f"  [default: {option.default}]"
+
+
+def limit_flags(*names):
+    """Decorator: a flag --max-NAME for each of these fields of Limits; read them back with limits_of."""
+
+    def decorate(function):
+        for name in reversed(names):
+            default = getattr(Limits(), name)
+            settings = number(0, 1 << 62, f"Most {_LIMIT_TEXT[name]}; 0: no limit.  [default: {default}]")
+            flag = "--max-" + name.replace("_", "-")
+            function = click.option(flag, "max_" + name, default=default, metavar="N", **settings)(function)
+        return function
+
+    return decorate
+
+
+def limits_of(choices):
+    """Takes the values of limit_flags out of the dict of choices and makes Limits of them."""
+    return Limits(**{name[4:]: choices.pop(name) for name in list(choices) if name.startswith("max_")})

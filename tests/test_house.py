@@ -133,6 +133,55 @@ def test_no_tracked_file_names_a_machine_path_or_a_registry():
     assert not found, "\n".join(found)
 
 
+# The rooms, each with those that it may enter before it; the last ones are the doors.
+ORDER = ("errors", "findings", "limits", "report", "ground", "channels", "geometry", "asset", "support", "render", "codecs",
+         "bitstream", "options", "choose", "refine", "texf", "decoder", "encoder", "isolate", "quality", "search", "api",
+         "warmup", "cli", "demo", "__init__")
+
+
+def rooms_entered(tree, package):
+    """Rooms that a file imports from, at the top or inside functions. package: where the file is, as ["texfcodec", ...]."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.level or (node.module or "").split(".")[0] == "texfcodec"):
+            base = package[: len(package) + 1 - node.level] if node.level else []
+            path = [*base, *(node.module.split(".") if node.module else [])]
+            for name in [a.name for a in node.names] if len(path) == 1 else [path[1]]:
+                yield name if (PACKAGE / name).is_dir() or (PACKAGE / f"{name}.py").is_file() else "__init__"
+
+
+def against_the_order(files):
+    """Imports of a room that stands later, or of itself as a package. files: {path in the package: tree}."""
+    for path, tree in files.items():
+        room = path.parts[0].removesuffix(".py")
+        for entered in rooms_entered(tree, ["texfcodec", *path.parent.parts]):
+            public = entered == "__init__" and room in ("demo", "cli")  # they use the package as its users do
+            if entered != room and not public and ORDER.index(entered) >= ORDER.index(room):
+                yield f"{path.as_posix()} imports {entered}"
+
+
+def test_no_import_runs_against_the_order_of_the_rooms():
+    paths = [path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py")]
+    assert {path.parts[0].removesuffix(".py") for path in paths} == set(ORDER)
+    assert list(against_the_order({path: ast.parse((PACKAGE / path).read_text(encoding="utf-8")) for path in paths})) == []
+
+
+@pytest.mark.parametrize("path, line", [
+    ("ground/x.py", "from ..support.grid import y"), ("support/x.py", "def f():\n    from ..codecs import y"),
+    ("codecs/raht/x.py", "from ...encoder import y"), ("decoder.py", "from . import encoder"),
+    ("texf.py", "from . import decode"), ("asset/load/x.py", "from texfcodec.options import y"),
+])
+def test_an_import_against_the_order_is_found(path, line):
+    assert len(list(against_the_order({Path(path): ast.parse(line)}))) == 1
+
+
+def test_at_most_three_files_outside_the_codecs_name_one():
+    """By its name as users type it, in code or in words; options are the table that users read."""
+    named = re.compile(r"\b(raht|3dntc|neural)\b", re.IGNORECASE)
+    found = [path.relative_to(PACKAGE).as_posix() for path in sorted(PACKAGE.rglob("*.py"))
+             if named.search(path.read_text(encoding="utf-8")) and path.relative_to(PACKAGE).parts[0] != "codecs"]
+    assert len(found) <= 3, found
+
+
 def modules_after(statement):
     """Names of all modules loaded by a fresh interpreter that ran the statement, and its processor seconds."""
     timed = f"import json, sys, time; start = time.process_time(); {statement}; seconds = time.process_time() - start"

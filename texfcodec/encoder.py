@@ -40,7 +40,7 @@ class Prepared:
         return self.source.surface
 
 
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, repr=False)
 class Encoded:
     """A stream and what is known of it. sizes: bytes as {"total", "geometry", "attributes", "other"}; counts: {"fields",
     "voxels", "faces", "vertices"}; face_field: int64 [F], field of every face of the scene, -1 where it was left out; choices:
@@ -57,6 +57,10 @@ class Encoded:
     texels_per_voxel_edge: float
     reconstruction_sha256: str
     psnr_3d: dict | None = None
+
+    def __repr__(self):
+        counts = ", ".join(f"{number} {name}" for name, number in self.counts.items())
+        return f"<Encoded: {len(self.data)} bytes, K {self.resolution}, QP {self.qp}, {counts}>"
 
 
 def encode_scene(scene, options: EncodeOptions | None = None, report: Report | None = None) -> Encoded:

@@ -108,7 +108,7 @@ FINDINGS = (
             "raise --max-isolate-seconds if you trust the file"),
     Finding("TXF-L09", None, (), "the memory of the machine is not enough",
             "free memory, or take a smaller --resolution or --lod", EXIT_LIMIT),
-    Finding("TXF-L10", LimitError, ("5.7.4",), "the 3DNTC payload has more latents than the limit allows", "raise --max-latents"),
+    Finding("TXF-L10", LimitError, ("5.7.4",), "the payload has more latents than the limit allows", "raise --max-latents"),
     # Loading.
     Finding("TXF-I01", InputError, (), "the input does not exist", "check the path"),
     Finding("TXF-I02", InputError, (), "the input is a directory", "name a file"),

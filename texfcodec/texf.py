@@ -14,7 +14,7 @@ from .support.grid import BrickMap
 from .support.voxels import VoxelSupport
 
 
-@dataclass
+@dataclass(repr=False)
 class Field:
     """Values on one voxel set. support: where they are; planes: uint8 [N, C] by channel name, colour sRGB-coded, alpha
     straight."""
@@ -48,13 +48,16 @@ class Field:
         """Finds the rank of a voxel."""
         return self.support.brick_map
 
+    def __repr__(self):
+        return f"<Field: {len(self.support)} voxels at K {self.size}, {' + '.join(self.planes)}>"
+
     @cached_property
     def rgba(self) -> np.ndarray:
         """uint8 [N, 4]: the channels that a viewer shows; 255 where one is absent."""
         return join_planes(self.planes, len(self.support))
 
 
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, repr=False)
 class Texf:
     """What decode() returns. cube: the canonical cube; units, fields, materials: see their classes (materials keep alpha mode,
     cutoff, sidedness; their colour is in the fields); metadata: dict that travelled along; channels: those that were coded;

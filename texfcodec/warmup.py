@@ -3,9 +3,11 @@
 import sys
 from pathlib import Path
 
+from .codecs import codec_of
 from .ground.kernel import PACKAGE, cache_folder
+from .options import DEFAULT_CODEC
 
-ENTRIES = ("support/voxelise.py", "codecs/raht/coefficients/blocks.py")  # every encode and decode enters kernels of these files
+ENTRIES = ("support/voxelise.py", *codec_of(DEFAULT_CODEC).kernels)  # every usual encode and decode enters kernels of these
 
 
 def kernels_compiled():

@@ -34,7 +34,7 @@ class Material:
     unlit: bool = False
 
 
-@dataclass
+@dataclass(repr=False)
 class Scene:
     """A triangle soup with shared positions, everything in world space.
 
@@ -57,3 +57,6 @@ class Scene:
     warnings: list = field(default_factory=list)
     dropped: list = field(default_factory=list)
     files: dict = field(default_factory=dict)
+
+    def __repr__(self):
+        return f"<Scene: {len(self.faces)} faces, {len(self.materials)} materials, {len(self.textures)} textures>"

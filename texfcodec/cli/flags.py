@@ -65,7 +65,7 @@ def _keywords(option):
 
 
 def _owner_of(name):
-    """"3dntc: " before the text of an option that only a codec other than the usual one reads."""
+    """The codec's name, put before the text of an option that only a codec other than the usual one reads."""
     owners = [codec.name for codec in our_codecs() if name in codec.options]
     return f"{owners[0]}: " if len(owners) == 1 and owners != [DEFAULT_CODEC] else ""
 

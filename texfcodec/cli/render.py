@@ -97,11 +97,13 @@ def render(console, source, out, compare, as_json, quiet, **choices):
     choices["threads"] = choices["threads"] or default_threads()
     if not kernels_compiled():
         console.note("first run: compiling kernels, about 30 s, once")
+    from ..render.thumbnail import to_png
+
     with console.progress() as report:
         picture, compared, image = _pictures(source, compare, choices, inputs, report)
         check_output(out, inputs)
         with report.stage("save"):
-            write_output(out, _png(image), inputs)
+            write_output(out, to_png(image), inputs)
     _say_losses(console, report)
     facts = _facts(image, picture, choices, compared, report) | {"files": [Path(out).name] if out != "-" else []}
     console.result(facts, _lines(facts, out))
@@ -178,16 +180,6 @@ def _compared(source, compare, picture, other, choices, report):
         panels = [_image(picture, choices), _image(other, choices), box_down(heat, choices["anti_alias"])]
         captions = [Path(source).name, Path(compare).name, "RMS of R, G, B; teal: in one only"]
         return found, sheet(panels, captions, choices["background"])
-
-
-def _png(image):
-    import io
-
-    from PIL import Image
-
-    data = io.BytesIO()
-    Image.fromarray(image).save(data, "PNG", compress_level=3)
-    return data.getvalue()
 
 
 def _say_losses(console, report):

@@ -37,7 +37,8 @@ class Joint(NamedTuple):
 class Codec(ABC):
     """id: codec_id in the stream; name: what --codec takes; purpose: half a sentence for the help; structures: syntax tables, its
     parameters first; options: names of those EncodeOptions that no other codec but those that list them reads; position_bits:
-    usual bits of a vertex coordinate; small: EncodeOptions of a run that compiles its kernels."""
+    usual bits of a vertex coordinate; small: EncodeOptions of a run that compiles its kernels;
+    kernels: files of the package with kernels that every run enters."""
 
     id: int
     name: str
@@ -49,6 +50,7 @@ class Codec(ABC):
     chosen: bool = True  # by a user; False where only the encoder takes it
     checksum_clause: str = "7.10"
     small: tuple[dict, ...] = ()
+    kernels: tuple[str, ...] = ()
 
     @property
     def parameters(self) -> Structure:

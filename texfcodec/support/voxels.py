@@ -15,7 +15,7 @@ from .voxelise import voxelise
 MOST_DROPPED = 0.1  # share of the surface that the area threshold may leave without a voxel of its own
 
 
-@dataclass
+@dataclass(repr=False)
 class VoxelSupport:
     """Voxels that values live in. resolution: K of the full grid; keys: int64 [N] ascending Morton keys; level_shift: octree
     levels that were left out, a voxel here being 2**level_shift of the full ones a side."""
@@ -23,6 +23,9 @@ class VoxelSupport:
     resolution: int
     keys: np.ndarray
     level_shift: int = 0
+
+    def __repr__(self) -> str:
+        return f"<VoxelSupport: {len(self.keys)} voxels of {self.size} a side>"
 
     def __len__(self) -> int:
         return len(self.keys)

@@ -1,0 +1,26 @@
+"""A small picture of an asset, and pictures as PNG bytes."""
+
+import io
+
+import numpy as np
+
+from .camera import bounding_sphere, direction_of_angles, orthographic
+from .shade import box_down, render_texf
+
+SIDE, TIMES = 256, 2  # pixels, and how many times as large it is drawn
+AZIMUTH, ELEVATION = 30.0, 25.0
+
+
+def to_png(image: np.ndarray) -> bytes:
+    """PNG of an image uint8 [H, W, 3]."""
+    from PIL import Image
+
+    data = io.BytesIO()
+    Image.fromarray(image).save(data, "PNG", compress_level=3)
+    return data.getvalue()
+
+
+def thumbnail(texf) -> bytes:
+    """PNG of a Texf from the front, a little from above and the side, on white; what notebooks show of one."""
+    camera = orthographic(direction_of_angles(AZIMUTH, ELEVATION), *bounding_sphere(texf.positions), SIDE * TIMES)
+    return to_png(box_down(render_texf(texf, camera, threads=texf.threads).image((255, 255, 255)), TIMES))

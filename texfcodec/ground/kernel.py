@@ -77,10 +77,22 @@ def kernel(function=None, **options):
         return partial(kernel, **options)
     import numba
 
-    usual = numba.config.CACHE_DIR
+    usual, options = numba.config.CACHE_DIR, {"nogil": True, "error_model": "numpy", **options}
     # Read while the decorator runs; other packages keep theirs.
     numba.config.CACHE_DIR = str(cache_folder(Path(function.__code__.co_filename)))
     try:
-        return numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+        made = numba.njit(cache=True, **options)(function)
     finally:
         numba.config.CACHE_DIR = usual
+    if not numba.config.DISABLE_JIT:
+        _serve_kernels(numba, made, function, options)
+    return made
+
+
+def _serve_kernels(numba, made, function, options):
+    """Makes other kernels that call `made` compile a plain version of it: without the two wrappers for Python, not cached, as it
+    becomes part of their code, and once for 0, 1 and any other integer, where numba takes each constant for a type of its own.
+    First use is a third shorter for it."""
+    plain, unliteral = numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(function), numba.types.unliteral
+    made.get_call_template = lambda args, kws: plain.get_call_template(tuple(unliteral(a) for a in args), kws)
+    made.get_overload = plain.get_overload

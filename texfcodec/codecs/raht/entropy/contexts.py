@@ -72,10 +72,10 @@ def _surroundings(p, first, table, energy, above, sums):
 
 
 @kernel
-def _classes(sums, k, classes):
-    """Fills classes[0] (own level) and classes[1] (level above) for plane k from the sums of _surroundings."""
-    classes[0] = _class((sums[k] + sums[4] - 1) // sums[4]) if sums[4] else 0
-    classes[1] = _class((sums[2 + k] + sums[5] - 1) // sums[5])
+def _classes(sums, k):
+    """Classes of plane k from the sums of _surroundings: of the own level, of the level above."""
+    near = _class((sums[k] + sums[4] - 1) // sums[4]) if sums[4] else 0
+    return near, _class((sums[2 + k] + sums[5] - 1) // sums[5])
 
 
 @kernel

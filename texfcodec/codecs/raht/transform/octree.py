@@ -4,6 +4,7 @@ Level 0 is the root, level D = ceil(log2 K) holds the voxels. Nodes of a level a
 first_child[i] .. first_child[i + 1] - 1 of the next level, and occupancy[i] has bit c set when the child with octant c exists.
 """
 
+from collections import namedtuple
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,10 @@ class Level:
 
     def __len__(self):
         return len(self.octant)
+
+
+# The parents of a level's blocks: first_child int64 [n + 1], occupancy uint8 [n], table int32 [n, 27]; weight int64, by child
+Nodes = namedtuple("Nodes", "first_child occupancy weight table")
 
 
 @kernel

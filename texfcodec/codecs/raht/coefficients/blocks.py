@@ -53,7 +53,7 @@ def _plane_energy(q, c0, c1, splits):
     return min(ENERGY_SCALE * total // (splits * (c1 - c0)), 255)
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _open_block(p, first, rules, blocks, s):
     """Fills tree, predicted and sums of block p; returns its splits. A node with one child hands its mean and its energies on."""
     nodes, means = blocks.nodes, blocks.means
@@ -70,7 +70,7 @@ def _open_block(p, first, rules, blocks, s):
     return splits
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _scale_plane(child, c0, c1, steps, original, s):
     """Fills scaled for components c0..c1-1 of the block whose first child is `child`; returns the largest coefficient, in
     steps."""
@@ -91,7 +91,7 @@ def _scale_plane(child, c0, c1, steps, original, s):
     return largest
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _clear_plane(c0, c1, s):
     """No coefficients yet, and the weighted means of the predictions."""
     for c in range(c0, c1):
@@ -100,7 +100,7 @@ def _clear_plane(c0, c1, s):
             s.q[node, c] = 0
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _close_block(p, steps, blocks, s):
     """Writes the decoded means of the children of block p (spec 7.4.3)."""
     mean, child_mean, child, tree = blocks.means.parent, blocks.means.child, blocks.nodes.first_child[p], s.tree

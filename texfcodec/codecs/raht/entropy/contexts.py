@@ -27,7 +27,7 @@ DIRECTIONS, WEIGHTS = np.array([(i, 3 - away) for i in range(27)
 MAX_PREFIX = 24  # of the Exp-Golomb escape: |q| < 2**25 + 15; clipped when dequantised
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _class(e):
     """Energy class of 0 <= e (16 units per coefficient magnitude)."""
     if e == 0:
@@ -45,7 +45,7 @@ def _class(e):
     return 6
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _surroundings(p, first, table, energy, above, sums):
     """Fills sums int64 [6] with the weighted energies around block p: near (own level, decoded neighbours) of luma and chroma,
     far (level above) of luma and chroma, and the weights near and far.

@@ -60,7 +60,7 @@ def copy_model(model):
     return Model(*(a.copy() for a in model))
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _weigh(model, m, chosen):
     """Fills chosen.inputs from the contexts chosen.where[0..m-1]; returns the sums of the weight sets chosen.sets[0] and [1]."""
     a = BIAS * model.weights[chosen.sets[0], MAX_MODELS]
@@ -74,7 +74,7 @@ def _weigh(model, m, chosen):
     return min(max(a >> 16, -LIMIT), LIMIT), min(max(b >> 16, -LIMIT), LIMIT)
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _refined(model, s, x):
     """Final probability of a one in 2**-16 from the mixed x and refinement set s."""
     j, r = (x + LIMIT) >> 8, (x + LIMIT) & 255
@@ -82,7 +82,7 @@ def _refined(model, s, x):
     return min(max((SQUASH[x + LIMIT] + refined) >> 1, LEAST), 65536 - LEAST)
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _learn(model, m, chosen, a, b, bit):
     """Moves weights, contexts and refinement towards the symbol."""
     for half in range(2):
@@ -101,14 +101,14 @@ def _learn(model, m, chosen, a, b, bit):
                                             ) >> REFINEMENT_SHIFT
 
 
-@kernel
+@kernel(allocates=False)
 def _enc_mixed_bit(coder, model, m, chosen, bit):
     a, b = _weigh(model, m, chosen)
     _enc_split(coder.state, coder.buffer, (coder.state[RANGE] >> 16) * _refined(model, chosen.sets[2], (a + b) >> 1), bit)
     _learn(model, m, chosen, a, b, bit)
 
 
-@kernel
+@kernel(allocates=False)
 def _dec_mixed_bit(coder, model, m, chosen):
     a, b = _weigh(model, m, chosen)
     bound = (coder.state[RANGE] >> 16) * _refined(model, chosen.sets[2], (a + b) >> 1)
@@ -127,7 +127,7 @@ def _mixed_bit(encoding, coder, model, m, chosen, bit):
     return bit
 
 
-@kernel
+@kernel(allocates=False)
 def _mixed_probability(model, m, chosen):
     """Probability of a one in 2**-16 that _mixed_bit would code with now."""
     a, b = _weigh(model, m, chosen)

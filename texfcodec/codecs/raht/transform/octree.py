@@ -90,7 +90,7 @@ CELLS = 64
 CENTRE = np.array([21 + 16 * (o & 1) + 4 * (o >> 1 & 1) + (o >> 2 & 1) for o in range(8)])  # cells of a node's own children
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _cells(p, begin, end, table, first_child, occupancy, cells):
     """Fills cells int64 [64] with the numbers of the children around and in node p: cell 16 x + 4 y + z with coordinates 0..3,
     the node's own children at 1 and 2; -1 where there is none. Only children of the nodes begin..end-1 are taken."""

@@ -112,7 +112,7 @@ def _neighbours(first_child, occupancy, parent_table, begin, end, table):
 
     parent_table: int32 [parents, 27]; table: int32 [children, 27]. A child's neighbours are 27 of the parent's 64 cells.
     """
-    cells = np.empty(CELLS, np.int64)
+    cells = np.zeros(CELLS, np.int64)
     for p in range(begin, end):
         _cells(p, 0, first_child.shape[0] - 1, parent_table, first_child, occupancy, cells)
         child = first_child[p]

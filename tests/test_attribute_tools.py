@@ -29,8 +29,8 @@ from texfcodec.codecs import codec_of_unit
 from texfcodec.codecs.raht import choice, codec
 from texfcodec.codecs.raht.codec import Tools, enc_attributes
 from texfcodec.codecs.raht.entropy import mixing
-from texfcodec.codecs.raht.entropy.mixing import MAX_MODELS, _mixed_bit, _mixed_probability, new_model
-from texfcodec.codecs.raht.entropy.range_coder import finish, new_decoder, new_encoder
+from texfcodec.codecs.raht.entropy.mixing import MAX_MODELS, _mixed_bit, _mixed_probability, new_chosen, new_model
+from texfcodec.codecs.raht.entropy.range_coder import Coder, finish, new_decoder, new_encoder
 from texfcodec.codecs.raht.transform import filter as filter_room
 from texfcodec.codecs.raht.transform.octree import NEIGHBOURS, _neighbours, build_octree, root_table
 from texfcodec.codecs.raht.transform.prediction import FALLOFF, _falloff, inverse_range
@@ -81,17 +81,17 @@ def test_tables_and_initial_states_of_mixing_are_the_oracles():
 def test_any_state_gives_the_oracles_probability_and_next_state_for_3000_bits():
     """Extreme weights, contexts, counts and refinements; weights past the models in use stay as they are."""
     rng, seen, out = np.random.default_rng(1), set(), np.empty(64, np.uint8)
-    where, sets, inputs = np.zeros((3, MAX_MODELS), np.int64)
-    sets[1] = 1
+    chosen = new_chosen()
+    chosen.sets[1] = 1
     for _ in range(3000):
         model, m, bit = random_model(rng), int(rng.integers(1, MAX_MODELS + 1)), int(rng.integers(2))
         order = rng.permutation(MAX_MODELS)
-        where[:], used, idle, before = order, order[:m], order[m:], mixing.copy_model(model)
+        chosen.where[:], used, idle, before = order, order[:m], order[m:], mixing.copy_model(model)
         p, contexts, first, second, refinement = oracles.mixed_bit(
             bit, [tuple(c) for c in model.contexts[used].tolist()], weight_set(model, 0, m), weight_set(model, 1, m),
             model.refinement[0].tolist())
-        assert int(_mixed_probability(model, m, where, sets, inputs)) == p and 8 <= p <= 65528
-        assert _mixed_bit(True, new_encoder(), out, 0, model, m, where, sets, inputs, bit) == bit
+        assert int(_mixed_probability(model, m, chosen)) == p and 8 <= p <= 65528
+        assert _mixed_bit(True, Coder(new_encoder(), out, 0), model, m, chosen, bit) == bit
         assert model.contexts[used].tolist() == [list(c) for c in contexts]
         assert [weight_set(model, s, m) for s in (0, 1)] == [first, second]
         assert model.refinement[0].tolist() == refinement
@@ -110,14 +110,13 @@ def test_2000_mixed_bits_are_read_alike_by_the_kernel_and_the_naive_decoder(mode
         numbers = rng.integers(4, size=min(models, 4) if i % 3 == 0 else models).tolist()
         bit = int(rng.random() < ones) ^ (numbers[0] & 1 if 0.0 < ones < 0.9 else 0)
         choices.append((numbers, (int(rng.integers(2)), 2 + int(rng.integers(3)), int(rng.integers(2))), bit))
-    (where, sets, inputs), out = np.zeros((3, MAX_MODELS), np.int64), np.empty(9000, np.uint8)
+    chosen, out = new_chosen(), np.empty(9000, np.uint8)
 
     def walk(encoding, state, buffer, end, model):
         for numbers, kinds, bit in choices:
-            m, sets[:3] = len(numbers), kinds
-            where[:m] = [4 * i + number for i, number in enumerate(numbers)]
-            args = model, m, where, sets, inputs, bit if encoding else 0
-            yield int(_mixed_bit(encoding, state, buffer, end, *args))
+            m, chosen.sets[:] = len(numbers), kinds
+            chosen.where[:m] = [4 * i + number for i, number in enumerate(numbers)]
+            yield int(_mixed_bit(encoding, Coder(state, buffer, end), model, m, chosen, bit if encoding else 0))
 
     state, coder, reader = new_encoder(), *(new_model(4 * MAX_MODELS, 5, 2) for _ in range(2))
     bits = list(walk(True, state, out, 0, coder))

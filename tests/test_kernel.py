@@ -5,6 +5,8 @@ import shutil
 from pathlib import Path
 
 import numba
+from numba.core.event import Listener as Recorder
+from numba.core.event import install_listener
 
 from texfcodec.ground import kernel as kernel_room
 from texfcodec.ground.kernel import cache_folder, fingerprint, kernel
@@ -91,3 +93,31 @@ def test_only_the_kernel_room_asks_numba():
               if isinstance(node, ast.Import | ast.ImportFrom)
               and any(n.split(".")[0] == "numba" for n in [getattr(node, "module", None) or "", *(a.name for a in node.names)])]
     assert [path.relative_to(PACKAGE).as_posix() for path in asking] == ["ground/kernel.py"]
+
+
+def test_a_kernel_that_kernels_call_is_compiled_once_whatever_the_constants(tmp_path, monkeypatch):
+    """Numba takes 0, 1 and a variable for three types; a third of a first run went there and into wrappers for Python."""
+    monkeypatch.setattr(kernel_room, "cache_folder", lambda path: tmp_path)
+    compiled = []
+
+    class Listener(Recorder):
+        def on_start(self, event):
+            compiled.append(event.data["dispatcher"].py_func.__name__)
+
+        def on_end(self, event):
+            pass
+
+    @kernel
+    def _next(v):
+        return v + 1
+
+    @kernel
+    def _sum(v):
+        return _next(0) + _next(1) + _next(v)
+
+    with install_listener("numba:compile", Listener()):
+        assert _sum(5) == 9
+        assert compiled == ["_sum", "_next"]
+        assert _next(7) == 8  # still callable from Python
+    assert compiled == ["_sum", "_next", "_next"]
+    assert {file.name.split("-")[0].rsplit(".", 1)[1] for file in tmp_path.glob("*/*.nbi")} == {"_sum", "_next"}

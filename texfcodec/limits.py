@@ -8,7 +8,8 @@ class Limits:
     """Defaults fit a desktop; 0 or None switches a limit off.
 
     file_bytes: whole stream; vertices, faces: over all units; voxels: over all fields; samples: of voxelisation, over all fields
-    (time grows with it: about 20 million a second and core); latents: numbers of a payload that a network reads, two a byte; metadata_bytes;
+    (time grows with it: about 20 million a second and core); latents: numbers of a payload that a network reads, two a byte;
+    metadata_bytes;
     isolate_bytes, isolate_seconds: for --isolate.
     """
 

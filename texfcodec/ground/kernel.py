@@ -70,17 +70,38 @@ def cache_folder(path):
     return folder
 
 
-def kernel(function=None, **options):
+def kernel(function=None, allocates=True, **options):
     """Decorator: compiled without the interpreter's lock and cached in cache_folder(). options: further ones of numba.njit.
-    Divisions are not checked for zero: whoever divides makes sure."""
+    Divisions are not checked for zero: whoever divides makes sure.
+
+    allocates=False: the kernel and what it calls make and return no arrays. Then none is counted: each look into a named tuple of
+    arrays is an atomic increment otherwise, which made the level kernels of raht slower by half.
+    """
     if function is None:
-        return partial(kernel, **options)
+        return partial(kernel, allocates=allocates, **options)
     import numba
 
+    folder, options = cache_folder(Path(function.__code__.co_filename)), {"_nrt": allocates, **options}
+    made = _compiled(numba, function, folder, options)
+    if not numba.config.DISABLE_JIT:
+        _serve_kernels(numba, made, function, folder / "plain", options)
+    return made
+
+
+def _compiled(numba, function, folder, options):
     usual = numba.config.CACHE_DIR
     # Read while the decorator runs; other packages keep theirs.
-    numba.config.CACHE_DIR = str(cache_folder(Path(function.__code__.co_filename)))
+    numba.config.CACHE_DIR = str(folder)
     try:
         return numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     finally:
         numba.config.CACHE_DIR = usual
+
+
+def _serve_kernels(numba, made, function, folder, options):
+    """Makes other kernels that call `made` compile a plain version of it: without the two wrappers for Python, and once for 0, 1
+    and any other integer, where numba takes each constant for a type of its own. A first run is a third shorter for it."""
+    options, unliteral = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **options}, numba.types.unliteral
+    plain = lru_cache(maxsize=1)(lambda: _compiled(numba, function, folder, options))  # at the first call by a kernel
+    made.get_call_template = lambda args, kws: plain().get_call_template(tuple(unliteral(a) for a in args), kws)
+    made.get_overload = lambda sig: plain().get_overload(sig)

@@ -13,7 +13,7 @@ class Level:
     """One level of a field: a voxel is 2**level of the field's own a side.
 
     size: voxels a side; keys: int64 [N] ascending Morton keys; values: uint8 (level 0) or float32 [N, 4], the plain means of the
-    field's voxels in each (what a decoder that leaves levels out has there, but for its rounding); counts: int64 [N], how many those are.
+    field's voxels in each (what a decoder that leaves levels out has there, but for rounding); counts: int64 [N], how many.
     """
 
     level: int

@@ -147,8 +147,8 @@ def _slot(key, keys):
 
 @kernel
 def _grown(keys, weights):
-    keys2 = np.full(keys.shape[0] * 2, -1, np.int64)
-    weights2 = np.zeros(keys.shape[0] * 2, np.int64)
+    keys2, weights2 = np.zeros(keys.shape[0] * 2, np.int64), np.zeros(keys.shape[0] * 2, np.int64)
+    keys2[:] = -1
     for i in range(keys.shape[0]):
         if keys[i] >= 0:
             slot = _slot(keys[i], keys2)
@@ -166,13 +166,12 @@ def _touched(corners, faces, resolution, low, high, axis, log2_slots, most, tota
     corners: int64 [V, 3] fixed grid coordinates; faces: int64 [F, 3], already checked against V by the caller's gather.
     A voxel's weight stays below 2**62: at most 2**31 samples (checked by the caller) of at most 2**31 each.
     """
-    keys = np.full(1 << log2_slots, -1, np.int64)
-    weights = np.zeros(1 << log2_slots, np.int64)
+    # One way of making arrays, np.zeros, in all kernels of this file: each costs a first run a tenth of a second
+    keys, weights = np.zeros(1 << log2_slots, np.int64), np.zeros(1 << log2_slots, np.int64)
+    keys[:] = -1
     used = 0
-    g = np.empty((3, 3), np.int64)
-    order = np.empty(3, np.int64)
-    start = np.empty(3, np.int64)
-    half = np.empty(3, np.int64)
+    g, order = np.zeros((3, 3), np.int64), np.zeros(3, np.int64)
+    start, half = np.zeros(3, np.int64), np.zeros(3, np.int64)
     last = resolution - 1
     for f in range(faces.shape[0]):
         _load_corners(corners, faces, f, g)
@@ -211,7 +210,7 @@ def _touched(corners, faces, resolution, low, high, axis, log2_slots, most, tota
                     run_key, run = key, np.int64(0)
                 run += share
     n = 0
-    out = np.empty((2, used), np.int64)
+    out = np.zeros((2, used), np.int64)
     for i in range(keys.shape[0]):
         if keys[i] >= 0:
             out[0, n] = keys[i]
@@ -224,8 +223,7 @@ def _touched(corners, faces, resolution, low, high, axis, log2_slots, most, tota
 @kernel
 def _count_samples(corners, faces, per_edge, counts):
     """Upper bound of the samples of every face into counts int64 [F]; returns their sum (saturating at 2**62)."""
-    g = np.empty((3, 3), np.int64)
-    order = np.empty(3, np.int64)
+    g, order = np.zeros((3, 3), np.int64), np.zeros(3, np.int64)
     total = np.int64(0)
     for f in range(faces.shape[0]):
         _load_corners(corners, faces, f, g)

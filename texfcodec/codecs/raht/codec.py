@@ -12,15 +12,17 @@ from functools import lru_cache, partial
 import numpy as np
 
 from ...errors import StreamError
-from .coefficients.blocks import _dec_level, _enc_level
+from .coefficients.blocks import Blocks, Rules, Wanted, new_scratch
+from .coefficients.direct import _dec_direct_level, _enc_direct_level
+from .coefficients.mixed import _dec_mixed_level, _enc_mixed_level
 from .coefficients.mixed_contexts import new_mixed_model
 from .coefficients.residual import code_residuals, fit_cross, new_residual_model
 from .entropy.contexts import CONTEXTS, LEVELS
 from .entropy.mixing import copy_model, new_model
-from .entropy.range_coder import CACHE, FULL, PENDING, POS, START_BYTES, finish, new_decoder, new_encoder
+from .entropy.range_coder import CACHE, FULL, PENDING, POS, START_BYTES, Coder, finish, new_decoder, new_encoder
 from .transform.filter import apply_stage, fit_stage
-from .transform.octree import NEIGHBOURS, _neighbours, build_octree, root_table
-from .transform.prediction import DEFAULT_KERNEL, inverse_range
+from .transform.octree import NEIGHBOURS, Nodes, _neighbours, build_octree, root_table
+from .transform.prediction import DEFAULT_KERNEL, Means, inverse_range
 from .transform.quantise import step_of
 
 SLICE_VOXELS = 1 << 19  # encoder's choice: at most so many voxels a slice, and an even number of slices ...
@@ -105,20 +107,21 @@ class _Descent:
     def run(self, jobs):
         return list(self.pool.map(lambda job: job(), jobs)) if len(jobs) > 1 else [job() for job in jobs]
 
-    def arrays(self, depth):
-        """Array arguments of the level kernels for the parents at `depth`, and the child means they fill."""
+    def blocks(self, depth):
+        """Blocks of the parents at `depth`; the level kernels fill their energies and their children's means."""
         level, below = self.levels[depth], self.levels[depth + 1]
         energy = np.zeros((len(level), 2), np.uint8)
         child_mean = np.empty((len(below), self.mean.shape[1]), np.int32)
-        return (level.first_child, level.occupancy, below.weight, self.table, self.above, energy, self.mean), energy, child_mean
+        nodes = Nodes(level.first_child, level.occupancy, below.weight, self.table)
+        return Blocks(nodes, Means(self.mean, child_mean), self.above, energy)
 
-    def descend(self, depth, energy, child_mean, ranges):
+    def descend(self, depth, blocks, ranges):
         """Moves to the level below `depth`; `ranges` are the node ranges of the slices, for parallel table building."""
         level = self.levels[depth]
-        self.mean = child_mean
-        self.above = np.repeat(energy, np.diff(level.first_child), axis=0)
+        self.mean = blocks.means.child
+        self.above = np.repeat(blocks.energy, np.diff(level.first_child), axis=0)
         if depth + 2 < len(self.levels):
-            table = np.empty((len(child_mean), NEIGHBOURS), np.int32)
+            table = np.empty((len(self.mean), NEIGHBOURS), np.int32)
             self.run([lambda b=b, e=e: _neighbours(level.first_child, level.occupancy, self.table, b, e, table)
                       for b, e in ranges])
             self.table = table
@@ -142,24 +145,26 @@ def _level_class(levels, depth):
 class _SliceEncoder:
     """One codeword in the making: coder state, contexts, the bytes so far and how many a decoder needs for each level."""
 
-    def __init__(self, model):
-        self.state, self.model = new_encoder(), model
+    def __init__(self, model, scratch):
+        self.state, self.model, self.scratch = new_encoder(), model, scratch
         self.chunks, self.written, self.level_bytes = [], 0, []
 
     def _reached(self):
         """Bytes that a decoder has read by now."""
         return self.written + int(self.state[PENDING] + (self.state[CACHE] >= 0)) + START_BYTES
 
-    def code(self, symbols, arguments):
-        """Codes one level of `symbols` coefficients; arguments: of _enc_level after the model."""
+    def code(self, symbols, rules, blocks, wanted, begin, end):
+        """Codes one level of `symbols` coefficients; the others are arguments of the level kernels."""
+        enc_level = _enc_mixed_level if rules.models else _enc_direct_level
         before = self._reached() if self.level_bytes else 0
-        self._write(symbols, lambda out: _enc_level(self.state, out, self.model, *arguments))
+        self._write(symbols, lambda out: enc_level(Coder(self.state, out, 0), self.model, rules, blocks, wanted,
+                                                self.scratch, begin, end))
         self.level_bytes.append(self._reached() - before)
 
     def code_residuals(self, walk, symbols):
         """Codes the residuals of a slice after its last level; walk: see residual.code_residuals."""
         self.model = new_residual_model()
-        self._write(symbols, lambda out: walk(True, self.state, out, 0, self.model))
+        self._write(symbols, lambda out: walk(True, Coder(self.state, out, 0), self.model))
 
     def _write(self, symbols, write):
         """Calls write(out). The buffer fits what as many symbols usually take; where it is filled, they are coded again from the
@@ -199,22 +204,21 @@ def enc_attributes(keys, depth, values, qp, tools=None, threads=1, plan=None):
     tools = tools or Tools()
     steps, weights = np.array([step_of(v) for v in qp], np.int64), np.array(tools.kernel, np.int64)
     colour_inverse, lagrangian = inverse_range(tools.colour_range, int(steps[0])), 1 / tools.trade_off
-    trunk = _SliceEncoder(_new_model(tools.models))
+    trunk = _SliceEncoder(_new_model(tools.models), new_scratch(len(qp)))
     coders = active = [trunk]
     with ThreadPoolExecutor(threads) as pool:
         walk = _Descent(levels, root, pool)
         for d in range(depth):
             ranges = _ranges(levels, d, slice_level, slice_first)
             if d == slice_level > 0:
-                active = [_SliceEncoder(copy_model(trunk.model)) for _ in ranges]
+                active = [_SliceEncoder(copy_model(trunk.model), new_scratch(len(qp))) for _ in ranges]
                 coders = [trunk, *active]
-            arrays, energy, child_mean = walk.arrays(d)
-            tail = (_level_class(levels, d), steps, weights, colour_inverse, 256 * lagrangian, _bits_of(), *arrays,
-                    originals[d + 1], child_mean)
+            blocks, wanted = walk.blocks(d), Wanted(originals[d + 1], 256 * lagrangian, _bits_of())
+            rules = Rules(_level_class(levels, d), tools.models, steps, (1 << 32) // steps, weights, colour_inverse)
             children = levels[d].first_child
-            walk.run([partial(coder.code, int(children[end] - children[begin]) * len(qp), (tools.models, begin, end, *tail))
+            walk.run([partial(coder.code, int(children[end] - children[begin]) * len(qp), rules, blocks, wanted, begin, end)
                       for coder, (begin, end) in zip(active, ranges, strict=True)])
-            walk.descend(d, energy, child_mean, ranges)
+            walk.descend(d, blocks, ranges)
         filters = []
         for _ in range(tools.filters if depth else 0):
             stage = fit_stage(levels[-2], walk.table, walk.mean, originals[-1], steps, lagrangian, walk.run)
@@ -250,29 +254,30 @@ def dec_attributes(keys, depth, coded, data, spans, stop_level, threads=1, inver
     data = np.array(data, np.uint8)  # a writable copy: encoder and decoder share kernels
     steps, weights = np.array([step_of(v) for v in coded.qp], np.int64), np.array(coded.kernel, np.int64)
     colour_inverse = inverse_range(coded.colour_range, int(steps[0]))
-    active = [(new_decoder(data, *span), data, span[1], _new_model(coded.models)) for span in spans[:1]]
+    dec_level = _dec_mixed_level if coded.models else _dec_direct_level
+    active = [(Coder(new_decoder(data, *span), data, span[1]), _new_model(coded.models)) for span in spans[:1]]
     with ThreadPoolExecutor(threads) as pool:
         walk = _Descent(levels, coded.root, pool)
         for d in range(stop_level):
             ranges = _ranges(levels, d, coded.slice_level, coded.slice_first)
             if d == coded.slice_level > 0:
                 trunk = active[0][-1]
-                active = [(new_decoder(data, *span), data, span[1], copy_model(trunk)) for span in spans[1:]]
-            arrays, energy, child_mean = walk.arrays(d)
-            tail = (_level_class(levels, d), steps, weights, colour_inverse, *arrays, child_mean)
-            walk.run([partial(_dec_level, *coder, coded.models, begin, end, *tail)
-                      for coder, (begin, end) in zip(active, ranges, strict=True)])
-            walk.descend(d, energy, child_mean, ranges)
+                active = [(Coder(new_decoder(data, *span), data, span[1]), copy_model(trunk)) for span in spans[1:]]
+            blocks = walk.blocks(d)
+            rules = Rules(_level_class(levels, d), coded.models, steps, (1 << 32) // steps, weights, colour_inverse)
+            walk.run([partial(dec_level, coder, model, rules, blocks, new_scratch(len(steps)), begin, end)
+                      for (coder, model), (begin, end) in zip(active, ranges, strict=True)])
+            walk.descend(d, blocks, ranges)
         for stage in coded.filters if 0 < stop_level == depth else ():
             walk.mean = apply_stage(stage, levels[-2], walk.table, walk.mean, int(steps[0]), walk.run)
         made = walk.mean if inverse is None else inverse(walk.mean)
         if inverse is not None and coded.residual and 0 < stop_level == depth:
             parents = _ranges(levels, depth - 1, coded.slice_level, coded.slice_first)
-            readers = [partial(_read_residuals, *coder[:3]) for coder in active]
+            readers = [partial(_read_residuals, coder) for coder, _ in active]
             made = code_residuals(readers, levels[-2], walk.table, parents, made, coded.residual - 1, coded.residual_cross, made,
                                   walk.run)
     return made
 
 
-def _read_residuals(state, data, end, walk, _):
-    walk(False, state, data, end, new_residual_model())
+def _read_residuals(coder, walk, _):
+    walk(False, coder, new_residual_model())

@@ -17,7 +17,7 @@ class Raht(PlaneCodec):
     structures = (RAHT, CODEWORD, FILTER)
     options = frozenset({"rate", "qp", "target_bytes", "target_psnr", "lossless", "max_error", "effort",
                          "chroma_qp_offset"})
-    kernels = ("codecs/raht/coefficients/blocks.py",)
+    kernels = ("codecs/raht/coefficients/mixed.py",)  # of the usual efforts
     small = ({"resolution": 64, "qp": 20}, {"resolution": 16, "max_error": 0})
 
     def enc(self, plane, support, options):

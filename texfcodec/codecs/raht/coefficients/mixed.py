@@ -1,4 +1,5 @@
-"""Coding of a plane of coefficients with mixed contexts (spec clause 7.5.5): one walk for encoder and decoder, and the choice."""
+"""Coding of a level with mixed contexts (spec clauses 7.2 and 7.5.5): one walk over a plane for encoder and decoder, and the
+choice."""
 
 import numpy as np
 
@@ -7,90 +8,175 @@ from ..entropy.contexts import UNARY, _dec_escape, _enc_escape, _escape_cost
 from ..entropy.mixing import _mixed_bit, _mixed_probability
 from ..entropy.range_coder import RANGE, _adapt, _dec_split, _enc_split, _probability
 from ..transform.raht import SPLITS, _is_split
-from .mixed_contexts import SIGN_MODELS, _flag_contexts, _more_contexts, _sign_contexts, _zero_contexts
+from .blocks import _clear_plane, _close_block, _open_block, _plane_energy, _scale_plane
+from .mixed_contexts import (
+    SIGN_MODELS,
+    _features,
+    _flag_contexts,
+    _is_quiet,
+    _more_contexts,
+    _quiet_context,
+    _sign_contexts,
+    _slopes,
+    _zero_contexts,
+)
 
 QUIET_SHIFT = 5  # a rare event: both estimates slow
 
 
-@kernel(forceinline=True)
-def _mixed_flag(encoding, state, buffer, end, model, models, f, quiet, where, sets, inputs, flag):
-    """Codes the flag of a plane, or decodes and returns it. quiet: its direct context where the plane is quiet, else -1."""
-    if quiet >= 0:
-        bound = (state[RANGE] >> 16) * _probability(model.contexts, quiet)
-        if encoding:
-            _enc_split(state, buffer, bound, flag)
-        else:
-            flag = _dec_split(state, buffer, end, bound)
-        _adapt(model.contexts, quiet, flag, QUIET_SHIFT)
-        return flag
-    _flag_contexts(f, where, sets)
-    return _mixed_bit(encoding, state, buffer, end, model, models, where, sets, inputs, flag)
+@kernel(allocates=False)
+def _enc_mixed_level(coder, model, rules, blocks, wanted, s, begin, end):
+    """Codes the children of parents begin..end-1 and leaves their reconstruction in means.child. coder: Coder; model: Model;
+    rules, blocks, wanted, s: Rules, Blocks, Wanted and Scratch of blocks.py. Context numbers are bounded by construction
+    (mixed_contexts.py)."""
+    components, energy, models, chosen = blocks.means.parent.shape[1], blocks.energy, rules.models, s.chosen
+    for p in range(begin, end):
+        splits = _open_block(p, begin, rules, blocks, s)
+        if splits == 0:
+            continue
+        for k in range(min(components, 2)):
+            c0, c1 = k, (1 if k == 0 else components)
+            _clear_plane(c0, c1, s)
+            largest = _scale_plane(blocks.nodes.first_child[p], c0, c1, rules.steps, wanted.original, s)
+            flag, coded = s.flags[0] if k else 0, 0
+            quiet = _quiet_context(s.sums, k, rules.level, splits, flag) if _is_quiet(s.sums, k) else -1
+            if quiet < 0 or largest >= 0.5:
+                _features(p, begin, k, splits, flag, rules, blocks, s)
+            if largest >= 0.5:
+                for c in range(c0, c1):
+                    _slopes(s.tree, s.predicted, c, rules.inverse, s.halves, s.expected, s.down)
+                coded = _choose_mixed_plane(model, models, _flag_probability(model, models, quiet, s), c0, c1, wanted, s)
+            s.flags[k] = coded
+            if quiet >= 0:
+                _quiet_flag(True, coder, model.contexts, quiet, coded)
+            else:
+                _flag_contexts(s.f, chosen.where, chosen.sets)
+                _mixed_bit(True, coder, model, models, chosen, coded)
+            if coded:
+                _enc_mixed_plane(coder, model, models, c0, c1, s)
+            energy[p, k] = _plane_energy(s.q, c0, c1, splits)
+        _close_block(p, rules.steps, blocks, s)
 
 
-@kernel
-def _flag_probability(model, models, f, quiet, where, sets, inputs):
-    """Probability of a one in 2**-16 that _mixed_flag would code with now."""
-    if quiet >= 0:
-        return _probability(model.contexts, quiet)
-    _flag_contexts(f, where, sets)
-    return _mixed_probability(model, models, where, sets, inputs)
+@kernel(allocates=False)
+def _dec_mixed_level(coder, model, rules, blocks, s, begin, end):
+    """Mirror of _enc_mixed_level. The features of a quiet plane are of use only where it has coefficients."""
+    components, energy, models, chosen = blocks.means.parent.shape[1], blocks.energy, rules.models, s.chosen
+    for p in range(begin, end):
+        splits = _open_block(p, begin, rules, blocks, s)
+        if splits == 0:
+            continue
+        for k in range(min(components, 2)):
+            c0, c1 = k, (1 if k == 0 else components)
+            _clear_plane(c0, c1, s)
+            flag, coded = s.flags[0] if k else 0, np.int64(0)
+            quiet = _quiet_context(s.sums, k, rules.level, splits, flag) if _is_quiet(s.sums, k) else -1
+            if quiet >= 0:
+                coded = _quiet_flag(False, coder, model.contexts, quiet, 0)
+            if quiet < 0 or coded:
+                _features(p, begin, k, splits, flag, rules, blocks, s)
+                if quiet < 0:
+                    _flag_contexts(s.f, chosen.where, chosen.sets)
+                    coded = _mixed_bit(False, coder, model, models, chosen, 0)
+            s.flags[k] = coded
+            if coded:
+                for c in range(c0, c1):
+                    _slopes(s.tree, s.predicted, c, rules.inverse, s.halves, s.expected, s.down)
+                _dec_mixed_plane(coder, model, models, c0, c1, s)
+            energy[p, k] = _plane_energy(s.q, c0, c1, splits)
+        _close_block(p, rules.steps, blocks, s)
 
 
-@kernel
-def _mixed_magnitude(encoding, state, buffer, end, model, models, f, c, node, large, luma, expected, where, sets, inputs,
-                     magnitude):
-    """Codes a magnitude >= 1, or decodes and returns it."""
-    for i in range(UNARY + 1):
-        _more_contexts(f, c, node, i, large, luma, expected, where, sets)
-        bit = 1 if magnitude - 1 > i else 0
-        if not _mixed_bit(encoding, state, buffer, end, model, models, where, sets, inputs, bit):
-            return np.int64(1 + i)
+@kernel(inline="always")
+def _quiet_flag(encoding, coder, contexts, quiet, flag):
+    """Codes the flag of a quiet plane with its direct context, or decodes and returns it."""
+    bound = (coder.state[RANGE] >> 16) * _probability(contexts, quiet)
     if encoding:
-        _enc_escape(state, buffer, magnitude - 1 - UNARY)
-        return magnitude
-    return _dec_escape(state, buffer, end) + UNARY + 1
+        _enc_split(coder.state, coder.buffer, bound, flag)
+    else:
+        flag = _dec_split(coder.state, coder.buffer, coder.end, bound)
+    _adapt(contexts, quiet, flag, QUIET_SHIFT)
+    return flag
 
 
-@kernel
-def _mixed_plane(encoding, state, buffer, end, model, models, f, tree, c0, c1, expected, down, where, sets, inputs, q):
-    """Codes the coefficients q int64 [7, C] of components c0..c1-1 of a plane that has any, or decodes them into q."""
+@kernel(forceinline=True, allocates=False)
+def _flag_probability(model, models, quiet, s):
+    """Probability of a one in 2**-16 that the flag would be coded with now. quiet: its direct context, or -1."""
+    if quiet >= 0:
+        p = _probability(model.contexts, quiet)
+    else:
+        _flag_contexts(s.f, s.chosen.where, s.chosen.sets)
+        p = _mixed_probability(model, models, s.chosen)
+    return p
+
+
+@kernel(inline="always")
+def _mixed_magnitude(encoding, coder, model, models, c, node, large, luma, s, magnitude):
+    """Codes a magnitude >= 1, or decodes and returns it."""
+    coded = np.int64(1)
+    while coded <= UNARY + 1:
+        _more_contexts(s.f, c, node, coded - 1, large, luma, s.expected[node, c], s.chosen.where, s.chosen.sets)
+        if not _mixed_bit(encoding, coder, model, models, s.chosen, 1 if magnitude > coded else 0):
+            break
+        coded += 1
+    if coded > UNARY + 1:
+        if encoding:
+            _enc_escape(coder.state, coder.buffer, magnitude - 1 - UNARY)
+            coded = magnitude
+        else:
+            coded = _dec_escape(coder.state, coder.buffer, coder.end) + UNARY + 1
+    return coded
+
+
+@kernel(inline="always")
+def _mixed_plane(encoding, coder, model, models, c0, c1, s):
+    """Codes the coefficients s.q of components c0..c1-1 of a plane that has any, or decodes them into s.q."""
+    q, chosen = s.q, s.chosen
     left = 0
     for node in range(SPLITS):
-        if _is_split(tree, node):
+        if _is_split(s.tree, node):
             left += c1 - c0
     some = False
     for c in range(c0, c1):
         ones, large = 0, 0
         for node in range(SPLITS):
-            if not encoding:
-                q[node, c] = 0
-            if not _is_split(tree, node):
+            if not _is_split(s.tree, node):
                 continue
             left -= 1
-            luma, size = abs(q[node, 0]) if c > 0 else 0, expected[node, c]
+            luma, size = abs(q[node, 0]) if c > 0 else 0, s.expected[node, c]
             nonzero = np.int64(1 if q[node, c] != 0 else 0)
             if left > 0 or some:
-                _zero_contexts(f, c, node, ones, luma, left, size, where, sets)
-                nonzero = _mixed_bit(encoding, state, buffer, end, model, models, where, sets, inputs, nonzero)
+                _zero_contexts(s.f, c, node, ones, luma, left, size, chosen.where, chosen.sets)
+                nonzero = _mixed_bit(encoding, coder, model, models, chosen, nonzero)
             elif not encoding:
                 nonzero = np.int64(1)
             if not nonzero:
                 continue
-            _sign_contexts(f, c, node, q, size, down[node, c], where, sets)
-            negative = _mixed_bit(encoding, state, buffer, end, model, min(models, SIGN_MODELS), where, sets, inputs,
-                                  np.int64(1 if q[node, c] < 0 else 0))
-            magnitude = _mixed_magnitude(encoding, state, buffer, end, model, models, f, c, node, large, luma, size, where, sets,
-                                         inputs, abs(q[node, c]))
+            _sign_contexts(s.f, c, node, q, size, s.down[node, c], chosen.where, chosen.sets)
+            negative = _mixed_bit(encoding, coder, model, min(models, SIGN_MODELS), chosen, np.int64(1 if q[node, c] < 0 else 0))
+            magnitude = _mixed_magnitude(encoding, coder, model, models, c, node, large, luma, s, abs(q[node, c]))
             q[node, c] = -magnitude if negative else magnitude
             some = True
             ones += 1
             large += 1 if magnitude > 1 else 0
 
 
-@kernel
-def _choose_mixed_plane(scaled, tree, model, models, f, p, c0, c1, lagrangian, bits_of, expected, where, sets, inputs, q):
-    """Rate-distortion optimised quantisation of one plane into q, as direct._choose_plane; a sign is taken as one bit. p: 16-bit
-    probability of the flag."""
+@kernel(allocates=False)
+def _enc_mixed_plane(coder, model, models, c0, c1, s):
+    _mixed_plane(True, coder, model, models, c0, c1, s)
+
+
+@kernel(allocates=False)
+def _dec_mixed_plane(coder, model, models, c0, c1, s):
+    _mixed_plane(False, coder, model, models, c0, c1, s)
+
+
+@kernel(forceinline=True, allocates=False)
+def _choose_mixed_plane(model, models, p, c0, c1, wanted, s):
+    """Rate-distortion optimised quantisation of one plane into s.q, as direct._choose_plane; a sign is taken as one bit. p:
+    16-bit probability of the flag."""
+    scaled, tree, q, f, expected, chosen = s.scaled, s.tree, s.q, s.f, s.expected, s.chosen
+    lagrangian, bits_of = wanted.lagrangian, wanted.bits_of
     cost_zero, cost = np.float64(bits_of[(65536 - p) >> 4]), np.float64(bits_of[p >> 4])
     left, any_left = 0, False
     for node in range(SPLITS):
@@ -104,8 +190,8 @@ def _choose_mixed_plane(scaled, tree, model, models, f, p, c0, c1, lagrangian, b
                 continue
             left -= 1
             x, luma, size = abs(scaled[node, c]), abs(q[node, 0]) if c > 0 else 0, expected[node, c]
-            _zero_contexts(f, c, node, ones, luma, left, size, where, sets)
-            p = _mixed_probability(model, models, where, sets, inputs)
+            _zero_contexts(f, c, node, ones, luma, left, size, chosen.where, chosen.sets)
+            p = _mixed_probability(model, models, chosen)
             best = x * x * lagrangian
             cost_zero += best
             best += bits_of[(65536 - p) >> 4]
@@ -114,8 +200,8 @@ def _choose_mixed_plane(scaled, tree, model, models, f, p, c0, c1, lagrangian, b
             magnitude = np.int64(1)
             while magnitude <= rounded:
                 if magnitude - 1 <= UNARY:
-                    _more_contexts(f, c, node, magnitude - 1, large, luma, size, where, sets)
-                    p = _mixed_probability(model, models, where, sets, inputs)
+                    _more_contexts(f, c, node, magnitude - 1, large, luma, size, chosen.where, chosen.sets)
+                    p = _mixed_probability(model, models, chosen)
                 else:  # far out, the nearest is taken
                     magnitude = rounded
                     p = np.int64(0)
@@ -132,9 +218,8 @@ def _choose_mixed_plane(scaled, tree, model, models, f, p, c0, c1, lagrangian, b
                 ones += 1
                 large += 1 if choice > 1 else 0
                 q[node, c] = choice if scaled[node, c] >= 0 else -choice
-    if any_left and cost < cost_zero:
-        return 1
+    kept = 1 if any_left and cost < cost_zero else 0
     for c in range(c0, c1):
         for node in range(SPLITS):
-            q[node, c] = 0
-    return 0
+            q[node, c] *= kept
+    return kept

@@ -37,24 +37,24 @@ def new_mixed_model():
     return new_model(CONTEXTS, WEIGHT_SETS, REFINEMENT_SETS)
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _fine(v):
     return np.int64(FINE_TABLE[min(v, 96)])
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _sixteenths(v, inverse):
     """|v| in sixteenths of a step; inverse: 2**32 // step. |v| < 2**40, inverse < 2**21."""
     return (abs(v) * inverse) >> STEPS_SHIFT
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _per(v, divisor):
     """Min(v, 2**14 - 1) // divisor for 0 <= v, 1 <= divisor < 32, by a multiplication that is exact in this range."""
     return (min(v, (1 << 14) - 1) * RECIPROCAL[divisor]) >> 20
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _half(w):
     """Half the binary digits of w >= 0 but one, rounded down: log2 of its square root."""
     n = 0
@@ -64,17 +64,20 @@ def _half(w):
     return n
 
 
-@kernel(forceinline=True)
-def _features(p, first, table, energy, above, k, sums, parent_mean, predicted, shift, tree, inverse, f):
-    """Fills f int64 [FEATURES] but LEVEL, SPLITS, PLANES, LUMA2 for plane k of block p. sums: of _surroundings; shift: int64 [C],
-    weighted means of the predictions; inverse: int64 [C]; the other arrays are those of the level kernels."""
+@kernel(forceinline=True, allocates=False)
+def _features(p, first, k, splits, flag, rules, blocks, s):
+    """Fills s.f for plane k of block p. flag: whether luma has coefficients; rules, blocks, s: those of blocks.py."""
+    f, sums, tree, predicted, shift = s.f, s.sums, s.tree, s.predicted, s.shift
+    parent_mean, table, energy, inverse = blocks.means.parent, blocks.nodes.table, blocks.energy, rules.inverse
+    f[LEVEL], f[SPLITS], f[PLANES] = rules.level, splits, 2 * k + flag
+    f[LUMA2] = min(_class(np.int64(energy[p, 0])), 5) if k else 0
     near, near_weight, far, far_weight = sums[k], sums[4], sums[2 + k], sums[5]
     f[NEAR] = _class(_per(near + near_weight - 1, near_weight)) if near_weight else 0
     f[FAR] = _class(_per(far + far_weight - 1, far_weight))
     f[STRENGTH] = max(f[NEAR], f[FAR])
     f[NEAR2] = _fine(_per(2 * near + near_weight - 1, near_weight)) if near_weight else 0
     f[FAR2] = _fine(_per(2 * far + far_weight - 1, far_weight))
-    f[OWN] = _fine(2 * np.int64(above[p, k]))
+    f[OWN] = _fine(2 * np.int64(blocks.above[p, k]))
     c0, c1 = k, (1 if k == 0 else parent_mean.shape[1])
     faces, earlier, variation = 0, 0, np.int64(0)
     for i in range(6):
@@ -116,19 +119,19 @@ def _slopes(tree, predicted, c, inverse, sums, expected, down):
             down[node, c] = 1 if slope < 0 else 0
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _is_quiet(sums, k):
     """Whether no block around has coefficients in plane k; sums: of _surroundings."""
     return sums[k] == 0 and sums[2 + k] == 0
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _quiet_context(sums, k, level, splits, flag):
     """The context of the flag of a quiet plane."""
     return QUIET + (((2 * k + flag) * LEVELS + level) * 8 + splits) * 2 + (1 if sums[4] else 0)
 
 
-@kernel(forceinline=True)
+@kernel
 def _flag_contexts(f, where, sets):
     """Contexts of a plane's flag. f[PLANES]: 0 luma, 2 and 3 chroma without and with coefficients in luma."""
     b, level, size = f[PLANES], f[LEVEL], min(f[SPLITS], 3) - 1

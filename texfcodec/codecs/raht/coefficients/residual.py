@@ -3,6 +3,7 @@
 One walk for encoder and decoder. The components of a voxel come in the order of component_order; the first helps the others.
 """
 
+from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -11,8 +12,8 @@ import numpy as np
 
 from ....ground.kernel import kernel
 from ..entropy.contexts import _dec_escape, _enc_escape
-from ..entropy.mixing import MAX_MODELS, _mixed_bit, new_model
-from ..transform.octree import CELLS, CENTRE, _cells
+from ..entropy.mixing import _mixed_bit, new_chosen, new_model
+from ..transform.octree import CELLS, CENTRE, Nodes, _cells
 from .mixed_contexts import FINE, _fine
 
 BITS = 16  # of a magnitude that are coded with contexts, the first tells whether it is zero
@@ -29,6 +30,10 @@ _OFFSETS = [(4 >> (abs(x) + abs(y) + abs(z) - 1), 16 * x + 4 * y + z) for x in (
 NEAR_WEIGHTS, NEAR_CELLS = np.array(_OFFSETS).T.copy()
 # Entries of the rows of a voxel's surroundings, by component
 (ERRORS, MAGNITUDES, LARGEST, VARIATION) = range(4)
+
+# What a walk over the residuals reads and fills. x, original: uint8 [N, C], before the residuals and what is wanted; y uint8
+# [N, C], with them; k int16 [N, C], the residuals; cross: int64 [C]; order: of component_order; delta: largest error
+Values = namedtuple("Values", "x original y k cross order delta")
 
 
 @dataclass
@@ -86,9 +91,9 @@ def _sign_class(v):
 
 
 @kernel
-def _residual_bits(encoding, state, buffer, end, model, c, energy, activity, lead, second, largest, fraction, where, sets,
-                   inputs, k):
+def _residual_bits(encoding, coder, model, chosen, c, energy, activity, lead, second, largest, fraction, k):
     """Codes k of component c, or decodes and returns it. lead, second: k of the components coded before it, or 0."""
+    where, sets = chosen.where, chosen.sets
     sets[1] = 3 * BITS + c * FINE + energy
     size, magnitude, negative = abs(k), np.int64(0), np.int64(0)
     beside = (c * 16 + min(abs(lead), 15)) * (FINE // 2) + (energy >> 1)
@@ -101,7 +106,7 @@ def _residual_bits(encoding, state, buffer, end, model, c, energy, activity, lea
         where[4] = SIZE[4] + ((c * 8 + min(abs(lead), 7)) * 8 + min(abs(second), 7)) * BITS + i
         where[5] = SIZE[5] + ((c * 8 + (fraction >> 1)) * FINE + energy) * BITS + i
         sets[0] = sets[2] = c * BITS + i
-        if not _mixed_bit(encoding, state, buffer, end, model, MODELS, where, sets, inputs, np.int64(1 if size > i else 0)):
+        if not _mixed_bit(encoding, coder, model, MODELS, chosen, np.int64(1 if size > i else 0)):
             break
         magnitude += 1
         if i == 0:
@@ -112,30 +117,28 @@ def _residual_bits(encoding, state, buffer, end, model, c, energy, activity, lea
             sets[0] = 3 * BITS + 3 * FINE + c
             sets[1] = 3 * BITS + 3 * FINE + 3 + fraction
             sets[2] = 3 * BITS + c
-            negative = _mixed_bit(encoding, state, buffer, end, model, SIGN_MODELS, where, sets, inputs,
-                                  np.int64(1 if k < 0 else 0))
+            negative = _mixed_bit(encoding, coder, model, SIGN_MODELS, chosen, np.int64(1 if k < 0 else 0))
             sets[1] = near
     if magnitude == BITS:
         if encoding:
-            _enc_escape(state, buffer, size - BITS + 1)
+            _enc_escape(coder.state, coder.buffer, size - BITS + 1)
             magnitude = size
         else:
-            magnitude = min(_dec_escape(state, buffer, end) + BITS - 1, MAX_MAGNITUDE)
+            magnitude = min(_dec_escape(coder.state, coder.buffer, coder.end) + BITS - 1, MAX_MAGNITUDE)
     return -magnitude if negative else magnitude
 
 
-@kernel
-def _residuals(encoding, state, buffer, end, model, begin, stop, table, first_child, occupancy, x, delta, cross, order, original,
-               y, k):
-    """Codes the children of parents begin..stop-1, a whole slice, or decodes them; fills y uint8 [N, C] and k int16 [N, C].
-    x, original: uint8 [N, C]; cross: int64 [C]; order: of component_order. Predictions are in 0..255, so |k| <= 255."""
+@kernel(inline="always")
+def _residuals(encoding, coder, model, chosen, values, nodes, begin, stop):
+    """Codes the children of parents begin..stop-1, a whole slice, or decodes them; fills values.y and values.k. Predictions are
+    in 0..255, so |k| <= 255."""
+    x, y, k, original, order, delta = values.x, values.y, values.k, values.original, values.order, values.delta
     cells, sums = np.empty(CELLS, np.int64), np.empty((4, x.shape[1]), np.int64)
-    where, sets, inputs = np.empty(MAX_MODELS, np.int64), np.empty(3, np.int64), np.empty(MAX_MODELS, np.int64)
-    first, step = first_child[begin], 2 * delta + 1
+    first, step = nodes.first_child[begin], 2 * delta + 1
     for p in range(begin, stop):
-        _cells(p, 0, occupancy.shape[0], table, first_child, occupancy, cells)
+        _cells(p, 0, nodes.occupancy.shape[0], nodes.table, nodes.first_child, nodes.occupancy, cells)
         for octant in range(8):
-            if not (occupancy[p] >> octant) & 1:
+            if not (nodes.occupancy[p] >> octant) & 1:
                 continue
             v = cells[CENTRE[octant]]
             weight, count = _surroundings(v, first, CENTRE[octant], cells, x, y, k, sums)
@@ -143,7 +146,7 @@ def _residuals(encoding, state, buffer, end, model, begin, stop, table, first_ch
             for j in range(order.shape[0]):
                 c = order[j]
                 base = _base(sums[ERRORS, c], weight)
-                shift = base + ((cross[c] * surprise + 8) >> CROSS_FRACTION) + 8
+                shift = base + ((values.cross[c] * surprise + 8) >> CROSS_FRACTION) + 8
                 predicted = min(max(x[v, c] + (shift >> 4), 0), 255)
                 energy = _fine(4 * sums[MAGNITUDES, c] // weight) if weight else np.int64(0)
                 activity = _fine(sums[VARIATION, c] // max(count, 1))
@@ -152,14 +155,24 @@ def _residuals(encoding, state, buffer, end, model, begin, stop, table, first_ch
                     d = np.int64(original[v, c]) - predicted
                     value = (abs(d) + delta) // step
                     value = -value if d < 0 else value
-                value = _residual_bits(encoding, state, buffer, end, model, c, energy, activity, lead, second,
-                                       _fine(sums[LARGEST, c]), shift & 15, where, sets, inputs, value)
+                value = _residual_bits(encoding, coder, model, chosen, c, energy, activity, lead, second,
+                                       _fine(sums[LARGEST, c]), shift & 15, value)
                 k[v, c] = value
                 y[v, c] = min(max(predicted + value * step, 0), 255)
                 if j == 0:
                     lead, surprise = value, 16 * (np.int64(y[v, c]) - x[v, c]) - base
                 elif j == 1:
                     second = value
+
+
+@kernel
+def _enc_residuals(coder, model, chosen, values, nodes, begin, stop):
+    _residuals(True, coder, model, chosen, values, nodes, begin, stop)
+
+
+@kernel
+def _dec_residuals(coder, model, chosen, values, nodes, begin, stop):
+    _residuals(False, coder, model, chosen, values, nodes, begin, stop)
 
 
 @kernel
@@ -199,14 +212,15 @@ def fit_cross(level, table, x, original, ranges, run):
 
 def code_residuals(coders, level, table, ranges, x, delta, cross, original, run):
     """Codes or decodes the residuals of all slices: the values uint8 [N, C]. coders: for each slice a function of (walk, number
-    of residuals), which calls walk(encoding, state, buffer, end, model); original: what is coded, x again where it is decoded."""
-    y, k = np.empty_like(x), np.empty(x.shape, np.int16)
-    order, cross = component_order(x.shape[1]), np.array(cross, np.int64)
+    of residuals), which calls walk(encoding, Coder, model); original: what is coded, x again where it is decoded."""
+    nodes = Nodes(level.first_child, level.occupancy, level.weight, table)
+    values = Values(x, original, np.empty_like(x), np.empty(x.shape, np.int16), np.array(cross, np.int64),
+                    component_order(x.shape[1]), delta)
 
     def job(coder, begin, stop):
-        walk = lambda *coding: _residuals(*coding, begin, stop, table, level.first_child, level.occupancy, x, delta, cross, order,
-                                          original, y, k)
+        walk = lambda encoding, *coding: (_enc_residuals if encoding else _dec_residuals)(*coding, new_chosen(), values, nodes,
+                                                                                        begin, stop)
         coder(walk, int(level.first_child[stop] - level.first_child[begin]) * x.shape[1])
 
     run([partial(job, coder, *parents) for coder, parents in zip(coders, ranges, strict=True)])
-    return y
+    return values.y

@@ -27,7 +27,7 @@ DIRECTIONS, WEIGHTS = np.array([(i, 3 - away) for i in range(27)
 MAX_PREFIX = 24  # of the Exp-Golomb escape: |q| < 2**25 + 15; clipped when dequantised
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _class(e):
     """Energy class of 0 <= e (16 units per coefficient magnitude)."""
     if e == 0:
@@ -45,7 +45,7 @@ def _class(e):
     return 6
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _surroundings(p, first, table, energy, above, sums):
     """Fills sums int64 [6] with the weighted energies around block p: near (own level, decoded neighbours) of luma and chroma,
     far (level above) of luma and chroma, and the weights near and far.
@@ -72,10 +72,10 @@ def _surroundings(p, first, table, energy, above, sums):
 
 
 @kernel
-def _classes(sums, k, classes):
-    """Fills classes[0] (own level) and classes[1] (level above) for plane k from the sums of _surroundings."""
-    classes[0] = _class((sums[k] + sums[4] - 1) // sums[4]) if sums[4] else 0
-    classes[1] = _class((sums[2 + k] + sums[5] - 1) // sums[5])
+def _classes(sums, k):
+    """Classes of plane k from the sums of _surroundings: of the own level, of the level above."""
+    near = _class((sums[k] + sums[4] - 1) // sums[4]) if sums[4] else 0
+    return near, _class((sums[2 + k] + sums[5] - 1) // sums[5])
 
 
 @kernel

@@ -10,10 +10,13 @@ from itertools import pairwise
 import numpy as np
 
 from ....ground.kernel import kernel
-from .range_coder import PROBABILITY_BITS, _adapt, _dec_split, _enc_split, new_contexts
+from .range_coder import PROBABILITY_BITS, RANGE, _adapt, _dec_split, _enc_split, new_contexts
 
 # contexts: int32 [n, 3] (range_coder); weights: int64 [sets, MAX_MODELS + 1]; uses: int64 [sets]; refinement: int64 [sets, 24]
 Model = namedtuple("Model", "contexts weights uses refinement")
+# What the next bit is coded with, scratch of a walk: where int64 [MAX_MODELS], its contexts; sets int64 [3], two weight sets and
+# a refinement set; inputs int64 [MAX_MODELS], what the contexts say
+Chosen = namedtuple("Chosen", "where sets inputs")
 MAX_MODELS = 8
 LIMIT = 2816  # 11 nats in 1/256
 BIAS = 256
@@ -47,27 +50,31 @@ def new_model(contexts, weight_sets, refinement_sets):
     return Model(new_contexts(contexts), weights, np.zeros(weight_sets, np.int64), np.tile(points, (refinement_sets, 1)))
 
 
+def new_chosen():
+    """Chosen without meaning yet."""
+    return Chosen(np.zeros(MAX_MODELS, np.int64), np.zeros(3, np.int64), np.zeros(MAX_MODELS, np.int64))
+
+
 def copy_model(model):
     """An independent copy."""
     return Model(*(a.copy() for a in model))
 
 
-@kernel(forceinline=True)
-def _weigh(model, m, where, sets, inputs):
-    """Fills inputs int64 [MAX_MODELS] from the contexts where[0..m-1]; returns the sums of the weight sets
-    sets[0] and sets[1]."""
-    a = BIAS * model.weights[sets[0], MAX_MODELS]
-    b = BIAS * model.weights[sets[1], MAX_MODELS]
+@kernel(forceinline=True, allocates=False)
+def _weigh(model, m, chosen):
+    """Fills chosen.inputs from the contexts chosen.where[0..m-1]; returns the sums of the weight sets chosen.sets[0] and [1]."""
+    a = BIAS * model.weights[chosen.sets[0], MAX_MODELS]
+    b = BIAS * model.weights[chosen.sets[1], MAX_MODELS]
     for i in range(m):
-        ctx = where[i]
+        ctx = chosen.where[i]
         s = np.int64(STRETCH[(model.contexts[ctx, 0] + model.contexts[ctx, 1]) >> (PROBABILITY_BITS - 11)])
-        inputs[i] = s
-        a += model.weights[sets[0], i] * s
-        b += model.weights[sets[1], i] * s
+        chosen.inputs[i] = s
+        a += model.weights[chosen.sets[0], i] * s
+        b += model.weights[chosen.sets[1], i] * s
     return min(max(a >> 16, -LIMIT), LIMIT), min(max(b >> 16, -LIMIT), LIMIT)
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _refined(model, s, x):
     """Final probability of a one in 2**-16 from the mixed x and refinement set s."""
     j, r = (x + LIMIT) >> 8, (x + LIMIT) & 255
@@ -75,39 +82,53 @@ def _refined(model, s, x):
     return min(max((SQUASH[x + LIMIT] + refined) >> 1, LEAST), 65536 - LEAST)
 
 
-@kernel(forceinline=True)
-def _learn(model, m, where, sets, inputs, a, b, bit):
+@kernel(forceinline=True, allocates=False)
+def _learn(model, m, chosen, a, b, bit):
     """Moves weights, contexts and refinement towards the symbol."""
     for half in range(2):
-        s = sets[half]
+        s = chosen.sets[half]
         uses = model.uses[s]
         error = ((bit << 16) - SQUASH[(a if half == 0 else b) + LIMIT]) * LEARNING[min(uses, LEARNING.shape[0] - 1)]
         for i in range(m):
-            model.weights[s, i] += (inputs[i] * error + (1 << 19)) >> 20
+            model.weights[s, i] += (chosen.inputs[i] * error + (1 << 19)) >> 20
         model.weights[s, MAX_MODELS] += (BIAS * error + (1 << 19)) >> 20
         model.uses[s] = min(uses + 1, MOST_USES)
     for i in range(m):
-        _adapt(model.contexts, where[i], bit, FAST_SHIFT)
+        _adapt(model.contexts, chosen.where[i], bit, FAST_SHIFT)
     x = ((a + b) >> 1) + LIMIT
     j = (x + 128) >> 8
-    model.refinement[sets[2], j] += (((1 << PROBABILITY_BITS) - 1) * bit - model.refinement[sets[2], j]) >> REFINEMENT_SHIFT
+    model.refinement[chosen.sets[2], j] += (((1 << PROBABILITY_BITS) - 1) * bit - model.refinement[chosen.sets[2], j]
+                                            ) >> REFINEMENT_SHIFT
 
 
-@kernel
-def _mixed_bit(encoding, state, buffer, end, model, m, where, sets, inputs, bit):
-    """Codes `bit`, or decodes and returns it. buffer: output, or the unit's data up to `end`; sets: int64 [3]."""
-    a, b = _weigh(model, m, where, sets, inputs)
-    bound = (state[1] >> 16) * _refined(model, sets[2], (a + b) >> 1)
-    if encoding:
-        _enc_split(state, buffer, bound, bit)
-    else:
-        bit = _dec_split(state, buffer, end, bound)
-    _learn(model, m, where, sets, inputs, a, b, bit)
+@kernel(allocates=False)
+def _enc_mixed_bit(coder, model, m, chosen, bit):
+    a, b = _weigh(model, m, chosen)
+    _enc_split(coder.state, coder.buffer, (coder.state[RANGE] >> 16) * _refined(model, chosen.sets[2], (a + b) >> 1), bit)
+    _learn(model, m, chosen, a, b, bit)
+
+
+@kernel(allocates=False)
+def _dec_mixed_bit(coder, model, m, chosen):
+    a, b = _weigh(model, m, chosen)
+    bound = (coder.state[RANGE] >> 16) * _refined(model, chosen.sets[2], (a + b) >> 1)
+    bit = _dec_split(coder.state, coder.buffer, coder.end, bound)
+    _learn(model, m, chosen, a, b, bit)
     return bit
 
 
-@kernel
-def _mixed_probability(model, m, where, sets, inputs):
+@kernel(inline="always")
+def _mixed_bit(encoding, coder, model, m, chosen, bit):
+    """Codes `bit` with m models, or decodes and returns it."""
+    if encoding:
+        _enc_mixed_bit(coder, model, m, chosen, bit)
+    else:
+        bit = _dec_mixed_bit(coder, model, m, chosen)
+    return bit
+
+
+@kernel(allocates=False)
+def _mixed_probability(model, m, chosen):
     """Probability of a one in 2**-16 that _mixed_bit would code with now."""
-    a, b = _weigh(model, m, where, sets, inputs)
-    return _refined(model, sets[2], (a + b) >> 1)
+    a, b = _weigh(model, m, chosen)
+    return _refined(model, chosen.sets[2], (a + b) >> 1)

@@ -5,6 +5,8 @@ while encoding, [CODE, RANGE, -, -, POS, -] while decoding. A context is one row
 units of 2**-22, a fast and a slow one, and a count of the symbols seen (up to 63): the first steps are those of a running mean.
 """
 
+from collections import namedtuple
+
 import numpy as np
 
 from ....ground.kernel import kernel
@@ -18,6 +20,8 @@ MOST_SEEN = 63
 RATE = np.array([(n + 1).bit_length() for n in range(MOST_SEEN + 1)])  # slow shift by symbols seen: 1, 2, 2, 3, ... 7
 TOP = 1 << 24
 START_BYTES = 4
+# A coder on its way: state int64 [6]; buffer uint8, the output, or the unit's data; end: of the codeword in it while decoding
+Coder = namedtuple("Coder", "state buffer end")
 
 
 def new_contexts(count):

@@ -84,7 +84,7 @@ def _roughness_class(rough, inverse):
 def _filter(begin, end, table, first_child, occupancy, mean, inverse, coefficients, filtered):
     """Filters the children of parents begin..end-1. mean, filtered: int32 [N, C]; inverse: 2**32 // step of component 0.
     |coefficient * ring| < 2**7 * 12 * 2**23."""
-    cells, ring = np.empty(CELLS, np.int64), np.zeros((mean.shape[1], RINGS), np.int64)
+    cells, ring = np.zeros(CELLS, np.int64), np.zeros((mean.shape[1], RINGS), np.int64)
     for p in range(begin, end):
         _cells(p, 0, occupancy.shape[0], table, first_child, occupancy, cells)
         for octant in range(8):
@@ -102,7 +102,7 @@ def _filter(begin, end, table, first_child, occupancy, mean, inverse, coefficien
 @kernel
 def _statistics(begin, end, table, first_child, occupancy, mean, original, inverse, products, targets):
     """Adds up products float64 [CLASSES, C, 3, 3] of the rings and targets float64 [CLASSES, C, 3] of rings times error."""
-    cells, ring = np.empty(CELLS, np.int64), np.zeros((mean.shape[1], RINGS), np.int64)
+    cells, ring = np.zeros(CELLS, np.int64), np.zeros((mean.shape[1], RINGS), np.int64)
     for p in range(begin, end):
         _cells(p, 0, occupancy.shape[0], table, first_child, occupancy, cells)
         for octant in range(8):

@@ -4,6 +4,7 @@ Level 0 is the root, level D = ceil(log2 K) holds the voxels. Nodes of a level a
 first_child[i] .. first_child[i + 1] - 1 of the next level, and occupancy[i] has bit c set when the child with octant c exists.
 """
 
+from collections import namedtuple
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,10 @@ class Level:
 
     def __len__(self):
         return len(self.octant)
+
+
+# The parents of a level's blocks: first_child int64 [n + 1], occupancy uint8 [n], table int32 [n, 27]; weight int64, by child
+Nodes = namedtuple("Nodes", "first_child occupancy weight table")
 
 
 @kernel
@@ -85,7 +90,7 @@ CELLS = 64
 CENTRE = np.array([21 + 16 * (o & 1) + 4 * (o >> 1 & 1) + (o >> 2 & 1) for o in range(8)])  # cells of a node's own children
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _cells(p, begin, end, table, first_child, occupancy, cells):
     """Fills cells int64 [64] with the numbers of the children around and in node p: cell 16 x + 4 y + z with coordinates 0..3,
     the node's own children at 1 and 2; -1 where there is none. Only children of the nodes begin..end-1 are taken."""
@@ -107,7 +112,7 @@ def _neighbours(first_child, occupancy, parent_table, begin, end, table):
 
     parent_table: int32 [parents, 27]; table: int32 [children, 27]. A child's neighbours are 27 of the parent's 64 cells.
     """
-    cells = np.empty(CELLS, np.int64)
+    cells = np.zeros(CELLS, np.int64)
     for p in range(begin, end):
         _cells(p, 0, first_child.shape[0] - 1, parent_table, first_child, occupancy, cells)
         child = first_child[p]

@@ -6,12 +6,13 @@ those have been decoded before, of their children that touch the child. Seven we
 parent's weigh less, the less the farther they are away (a colour range, in steps).
 """
 
+from collections import namedtuple
 from itertools import product
 
 import numpy as np
 
 from ....ground.kernel import kernel
-from .octree import CELLS, _cells
+from .octree import CELLS, NEIGHBOURS, _cells
 
 KERNEL_SIZE = 7
 # From smooth photographs to flat colours with sharp edges. BD-rate RGB against G-PCC over QP 28 and 40 on basket, scissors, cat,
@@ -22,6 +23,15 @@ DEFAULT_KERNEL = KERNELS[1]
 FALLOFF = np.array((64, 64, 63, 62, 60, 58, 56, 53, 50, 47, 43, 40, 36, 33, 30, 27, 24, 21, 18, 16, 13, 11, 10, 8, 7, 6, 5, 4, 3,
                     2, 2))
 FALLOFF_SHIFT = 28
+# Decoded means, int32 with 12 fractional bits: parent [n, C], whole; child [children, C], as far as the walk has come
+Means = namedtuple("Means", "parent child")
+# Scratch of a prediction: weight int64 [27] of the neighbouring parents; cells and cell_weight int64 [64]
+Around = namedtuple("Around", "weight cells cell_weight")
+
+
+def new_around():
+    """Around without meaning yet."""
+    return Around(*(np.zeros(n, np.int64) for n in (NEIGHBOURS, CELLS, CELLS)))
 
 
 def inverse_range(colour_range, step):
@@ -29,14 +39,13 @@ def inverse_range(colour_range, step):
     return (1 << 32) // (colour_range * step) if colour_range else 0
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _falloff(means, node, parent_mean, p, inverse):
     """Weight of a node's means beside those of parent p, in 1/64 (spec 7.3)."""
     difference = np.int64(0)
     for c in range(means.shape[1]):
         difference += abs(np.int64(means[node, c]) - parent_mean[p, c])
     return FALLOFF[min((difference * inverse) >> FALLOFF_SHIFT, FALLOFF.shape[0] - 1)]
-
 
 
 def _touching():
@@ -69,25 +78,26 @@ def _weigh_parents(p, first, table, parent_mean, inverse, weight):
             weight[i] = _falloff(parent_mean, q, parent_mean, p, inverse) if inverse else 64
 
 
-@kernel
-def _predict(p, first, table, first_child, occupancy, parent_mean, child_mean, kernel, inverse, weight, cells, cell_weight,
-             predicted):
+@kernel(forceinline=True, allocates=False)
+def _predict(p, first, nodes, means, kernel, inverse, around, predicted):
     """Fills predicted int64 [8, C] for the children of parent p, 0 where there is none (spec 7.3.2).
 
-    first: first parent of the slice; children of parents first..p-1 are decoded. table: int32 [n, 27] of the parents, whose
-    entries are below n = len(occupancy) = len(parent_mean) by construction. inverse: of inverse_range; weight int64 [27], cells
-    and cell_weight int64 [64]: scratch. |sum| < 27 * 64 * 255 * 2**23 < 2**42.
+    first: first parent of the slice; children of parents first..p-1 are decoded. The table's entries are below
+    len(occupancy) = len(means.parent) by construction. kernel: int64 [7]; inverse: of inverse_range; around: scratch.
+    |sum| < 27 * 64 * 255 * 2**23 < 2**42.
     """
+    table, parent_mean, child_mean = nodes.table, means.parent, means.child
+    weight, cells, cell_weight = around.weight, around.cells, around.cell_weight
     colour = parent_mean.shape[1] > 1
     skipped = 0 if kernel[6] else 1  # the last place of each m is a corner child, m = 7 the corner parent
     directions = 7 if kernel[3] == 0 and kernel[6] == 0 else 8
     _weigh_parents(p, first, table, parent_mean, inverse, weight)
-    _cells(p, first, p, table, first_child, occupancy, cells)
+    _cells(p, first, p, table, nodes.first_child, nodes.occupancy, cells)
     for i in range(CELLS):
         if cells[i] >= 0:
             cell_weight[i] = _falloff(child_mean, cells[i], parent_mean, p, inverse) if inverse else 64
     for octant in range(8):
-        if not (occupancy[p] >> octant) & 1:
+        if not (nodes.occupancy[p] >> octant) & 1:
             predicted[octant] = 0
             continue
         total = 64 * kernel[0]

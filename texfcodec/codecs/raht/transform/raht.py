@@ -16,7 +16,7 @@ SPLITS = 7
 EXACT_BELOW = 1 << 12
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _tree_weights(first, occupancy, weight, tree):
     """Fills tree int64 [15]: weights of the root (0), the halves along z (1, 2), y (3..6) and x (7..14 = octants), 0 where
     nothing is. Octant bit 0 is x, so leaf 7 + octant. first: first child; weight: int64, child weights. Returns the splits."""
@@ -59,7 +59,7 @@ def _forward(tree, residual, component, values, scaled, step):
             values[node] = v1 if w1 else v2
 
 
-@kernel(forceinline=True)
+@kernel(forceinline=True, allocates=False)
 def _weighted_mean(tree, predicted, component):
     """Mean of the children's predictions, weighted by their voxels and rounded (spec 7.4.3). The sum stays < 2**51."""
     acc = np.int64(0)

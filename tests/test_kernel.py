@@ -27,7 +27,7 @@ def test_a_change_in_what_a_kernel_imports_moves_its_cache(tmp_path, monkeypatch
 
     same = now()
     assert same == now() != here
-    for name in (BLOCKS, "codecs/raht/entropy/range_coder.py", "support/morton.py"):  # itself, straight, through others
+    for name in (BLOCKS, "codecs/raht/entropy/range_coder.py", "ground/integer.py"):  # itself, straight, through others
         path = tmp_path / "p" / name
         path.write_text(path.read_text() + "\n")
         assert now() != same

@@ -52,7 +52,7 @@ class Encoded:
     counts: dict
     face_field: np.ndarray
     choices: dict
-    resolution: int
+    resolution: int | None
     qp: int | None
     texels_per_voxel_edge: float
     reconstruction_sha256: str
@@ -112,8 +112,8 @@ def code_prepared(prepared: Prepared, options: EncodeOptions, report: Report) ->
     decoded = _code_jointly if codec.joint else _code_planes
     for part, planes in zip(fields, decoded(codec, stream, prepared, options, report, choices), strict=True):
         for channel in source.channels:
-            reconstruction.update(np.ascontiguousarray(part.support.keys, "<i8"))
-            reconstruction.update(np.ascontiguousarray(planes[channel.name]))
+            reconstruction.update(np.ascontiguousarray(part.support.keys, "<i8").data)
+            reconstruction.update(np.ascontiguousarray(planes[channel.name]).data)
     with report.stage("write"):
         data, sizes = write_stream(stream)
     face_field = np.full(len(scene.faces), -1, np.int64)

@@ -149,8 +149,8 @@ class Texf:
         """As query(), each point asking the field whose number stands in which, int64 [M]."""
         out = np.zeros((len(points), COLUMNS), np.float32)
         for i in range(len(self.fields)):
-            chosen = slice(None) if len(self.fields) == 1 else np.flatnonzero(which == i)
-            if len(self.fields) == 1 or len(chosen):
+            chosen = np.flatnonzero(which == i) if len(self.fields) > 1 else ...
+            if chosen is ... or len(chosen):
                 out[chosen] = self.query_field(i, points[chosen])
         return out
 

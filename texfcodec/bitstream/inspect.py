@@ -7,7 +7,7 @@ from .stream import read_stream
 from .syntax import SIGNATURE, UNIT_ATTRIBUTE, UNIT_END, UNIT_GEOMETRY, UNIT_NAMES
 
 SCHEMA = 1
-NOT_TOLD = {"qp": None, "codeword_bytes": [], "slice_level": None, "level_bytes": None}
+NOT_TOLD: dict = {"qp": None, "codeword_bytes": [], "slice_level": None, "level_bytes": None}
 _KINDS = {UNIT_GEOMETRY: "geometry", UNIT_ATTRIBUTE: "attributes"}
 
 

@@ -241,7 +241,7 @@ def _dry_lines(facts, source):
             yield ("warning: " if name == "warnings" else "not coded: ") + text
 
 
-enc.help = enc.help.replace("SUFFIXES", " ".join(SUFFIXES))
+enc.help = str(enc.help).replace("SUFFIXES", " ".join(SUFFIXES))
 
 
 def main(arguments=None):

@@ -123,7 +123,7 @@ def _lines(facts, other):
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
 
 
-evaluate.help = evaluate.help.replace("SUFFIXES", " ".join(SUFFIXES))
+evaluate.help = str(evaluate.help).replace("SUFFIXES", " ".join(SUFFIXES))
 
 
 def main(arguments=None):

@@ -74,6 +74,10 @@ class Codec(ABC):
         place = f"field {group['field_index']}, group {group['group_index']} ({group['semantic']})"
         yield f"{place}: {group['bytes']} bytes, {self.name}"
 
+    def suits(self, plane: np.ndarray) -> bool:
+        """Whether the encoder should take this codec for the plane whatever was asked for. plane: float32 [N, C], 0..255."""
+        return False
+
     def seconds(self, options) -> float:
         """A guess of what encoding takes beside what it takes with any codec."""
         return 0.0
@@ -83,10 +87,6 @@ class PlaneCodec(Codec):
     """Codes one channel group of one field at a time."""
 
     has_levels = True  # whether dec() can leave out levels by itself; else a decoder takes means of what it gives
-
-    def suits(self, plane: np.ndarray) -> bool:
-        """Whether the encoder should take this codec for the plane whatever was asked for. plane: float32 [N, C], 0..255."""
-        return False
 
     @abstractmethod
     def enc(self, plane: np.ndarray, support, options) -> tuple[dict, np.ndarray]:

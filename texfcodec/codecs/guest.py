@@ -42,7 +42,7 @@ def _checked(name, got, dtype, shape):
 class _Guest:
     """A stranger's codec: its errors become coded ones that name it."""
 
-    TOLD = ("id", "name", "purpose", "structures", "options", "position_bits", "checksum_clause", "small")
+    TOLD: tuple[str, ...] = ("id", "name", "purpose", "structures", "options", "position_bits", "checksum_clause", "small")
 
     def __init__(self, inner):
         self.inner = inner

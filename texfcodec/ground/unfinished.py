@@ -9,7 +9,9 @@ import _thread
 import os
 
 GATE = _thread.allocate_lock()
-_paths, _folders, _children = set(), set(), set()
+_paths: set = set()
+_folders: set = set()
+_children: set = set()
 
 
 class _Stage:

@@ -22,5 +22,6 @@ def to_png(image: np.ndarray) -> bytes:
 
 def thumbnail(texf) -> bytes:
     """PNG of a Texf from the front, a little from above and the side, on white; what notebooks show of one."""
-    camera = orthographic(direction_of_angles(AZIMUTH, ELEVATION), *bounding_sphere(texf.positions), SIDE * TIMES)
+    centre, radius = bounding_sphere(texf.positions)
+    camera = orthographic(direction_of_angles(AZIMUTH, ELEVATION), centre, radius, SIDE * TIMES)
     return to_png(box_down(render_texf(texf, camera, threads=texf.threads).image((255, 255, 255)), TIMES))

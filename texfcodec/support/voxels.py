@@ -68,7 +68,7 @@ class VoxelSupport:
         return query_field(grid, self.size, self.keys, self.brick_map, values, threads)[0]
 
 
-def kept_voxels(surface: tuple, position_bits: int, resolution: int, options) -> tuple[np.ndarray, int]:
+def kept_voxels(surface: tuple[np.ndarray, np.ndarray], position_bits: int, resolution: int, options) -> tuple[np.ndarray, int]:
     """Voxels of a decoded surface (lattice, faces), ascending keys int64 [N], and the area threshold that they are kept by:
     options.area_threshold, unless it would leave more than MOST_DROPPED of the surface without voxels. Encoder only."""
     keys, weights = voxelise(*surface, position_bits, resolution, 0, options.threads, options.limits.voxels)
@@ -80,7 +80,7 @@ def kept_voxels(surface: tuple, position_bits: int, resolution: int, options) ->
 
 def voxels_crc(keys: np.ndarray) -> int:
     """CRC-32 over the Morton keys as 64-bit little-endian numbers (spec 6.4)."""
-    return zlib.crc32(np.ascontiguousarray(keys, "<i8"))
+    return zlib.crc32(np.ascontiguousarray(keys, "<i8").data)
 
 
 def keys_are_sound(keys: np.ndarray, size: int) -> bool:

@@ -7,6 +7,7 @@ table of 2**table_log2 rows that voxels share.
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -48,8 +49,8 @@ class Payload:
     hidden: tuple
     levels: tuple
     components: int
-    halves: np.ndarray = field(default=None, repr=False)
-    codes: np.ndarray = field(default=None, repr=False)
+    halves: np.ndarray | Any = field(default=None, repr=False)
+    codes: np.ndarray | Any = field(default=None, repr=False)
 
     @property
     def widths(self):

@@ -145,3 +145,35 @@ def test_what_trimesh_writes_is_read(tmp_path, suffix, packages):
     np.testing.assert_allclose(found, expected, atol=2e-4)
     a, b, c = (scene.positions[scene.faces[:, k]] for k in range(3))
     assert np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6 == pytest.approx(mesh.volume, rel=1e-4)
+
+
+# Alpha where the format has no modes
+
+
+COLOURED_PLY = """ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+property uchar red
+property uchar green
+property uchar blue
+property uchar alpha
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0 10 20 30 {alpha}
+1 0 0 10 20 30 255
+0 1 0 10 20 30 255
+3 0 1 2
+"""
+COFF = "COFF\n3 1 0\n0 0 0 10 20 30 {alpha}\n1 0 0 10 20 30 255\n0 1 0 10 20 30 255\n3 0 1 2\n"
+
+
+@pytest.mark.parametrize("suffix, text", [("ply", COLOURED_PLY), ("off", COFF)])
+def test_alpha_that_nothing_asks_for_is_named(tmp_path, suffix, text):
+    for alpha, named in ((128, 1), (255, 0)):
+        path = tmp_path / f"a{alpha}.{suffix}"
+        path.write_text(text.format(alpha=alpha))
+        assert sum("alpha" in name for name in load(path).dropped) == named

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..scene import Material
-from .parts import Part, assemble, linear_rgba
+from .parts import Part, assemble, drop_alpha, linear_rgba
 from .polygons import counting, parse_numbers, triangulate
 
 _HEADER = re.compile(rb"\s*(ST)?(C)?(N)?(4)?(n)?OFF\b", re.IGNORECASE)
@@ -39,6 +39,7 @@ def read_off(data, folder, notes):
         color = np.repeat(face_color[polygon][:, None], 3, axis=1)
     elif face_color is not None:
         notes.drop("colours of faces (vertices have colours too)")
+    drop_alpha(color, notes)
     return assemble([Part(table[:, :3], corners[triangles], color=color, label="the OFF file")], [Material("default")], [], notes)
 
 

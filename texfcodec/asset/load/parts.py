@@ -57,6 +57,12 @@ class Part:
     label: str = "mesh"
 
 
+def drop_alpha(color, notes):
+    """Names the alpha of colours of a format that has no alpha modes: nothing asks for it."""
+    if color is not None and (color[..., 3] < 1).any():
+        notes.drop("alpha of the colours (the format says nothing of transparency)")
+
+
 def linear_rgba(coded):
     """[..., 1..4] sRGB-coded colour in [0, 1] (grey, grey + alpha, RGB, RGBA) -> float32 [..., 4] linear, alpha as it is."""
     coded = np.asarray(coded)

@@ -12,7 +12,7 @@ from ...errors import InputError
 from ..scene import WRAP_REPEAT, Material
 from .image_read import TextureShelf, read_texture_file
 from .mtl_read import decode_text
-from .parts import Part, assemble, linear_rgba
+from .parts import Part, assemble, drop_alpha, linear_rgba
 from .polygons import parse_numbers, triangulate
 
 _TYPES = {"char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -306,6 +306,7 @@ def _drop_rest(vertex, face, part, header, notes):
     known.update(name for names in (*_UV_NAMES, *_COLOR_NAMES) for name in names)
     if any(name in vertex for name in _NORMALS):
         notes.drop("NORMAL")
+    drop_alpha(part.color, notes)
     if part.uv is not None and not header.textures:
         notes.drop("texture coordinates (the file names no TextureFile)")
     if part.uv is None and header.textures:

@@ -1,10 +1,12 @@
 """Compiled kernels never outlive the sources they were made from."""
 
 import ast
+import gc
 import shutil
 from pathlib import Path
 
 import numba
+import pytest
 from numba.core.event import Listener as Recorder
 from numba.core.event import install_listener
 
@@ -121,3 +123,29 @@ def test_a_kernel_that_kernels_call_is_compiled_once_whatever_the_constants(tmp_
         assert _next(7) == 8  # still callable from Python
     assert compiled == ["_sum", "_next", "_next"]
     assert {file.name.split("-")[0].rsplit(".", 1)[1] for file in tmp_path.glob("*/*.nbi")} == {"_sum", "_next"}
+
+
+def test_the_collector_rests_while_a_kernel_is_compiled_and_runs_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(kernel_room, "cache_folder", lambda path: tmp_path)
+    collecting = []
+
+    class Listener(Recorder):
+        def on_start(self, event):
+            collecting.append(gc.isenabled())
+
+        def on_end(self, event):
+            pass
+
+    @kernel
+    def _half(v):
+        return v // 2
+
+    @kernel
+    def _broken(v):
+        return v.nothing
+
+    with install_listener("numba:compile", Listener()):
+        assert _half(8) == 4
+        with pytest.raises(numba.TypingError):
+            _broken(1)
+    assert collecting == [False, False] and gc.isenabled()

@@ -3,6 +3,8 @@
 import ast
 import gc
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numba
@@ -149,3 +151,16 @@ def test_the_collector_rests_while_a_kernel_is_compiled_and_runs_again(tmp_path,
         with pytest.raises(numba.TypingError):
             _broken(1)
     assert collecting == [False, False] and gc.isenabled()
+
+
+def test_warming_up_compiles_every_way_of_coding_a_level_and_the_residuals():
+    program = """
+from texfcodec.codecs.raht.coefficients import direct, mixed, residual
+from texfcodec.warmup import warm_up
+warm_up()
+entries = [direct._enc_direct_level, direct._dec_direct_level, mixed._enc_mixed_level, mixed._dec_mixed_level,
+           residual._enc_residuals, residual._dec_residuals]
+print([len(entry.signatures) for entry in entries])
+"""
+    run = subprocess.run([sys.executable, "-c", program], cwd=PACKAGE.parent, capture_output=True, text=True, check=False)
+    assert run.stdout.strip() == "[1, 1, 1, 1, 1, 1]", run.stderr

@@ -28,7 +28,8 @@ def warm_up():
 
     scene, report = small_scene(), Report()
     data, _ = encode_scene(scene, EncodeOptions(resolution=64, qp=20), report)
-    encode_scene(scene, EncodeOptions(resolution=16, max_error=0))
+    for other in (EncodeOptions(resolution=16, max_error=0), EncodeOptions(resolution=16, effort="fast")):
+        decode(encode_scene(scene, other)[0])
     neural = EncodeOptions(codec="3dntc", resolution=16, resident_bytes=40_000, steps=2, transport=True, fit_engine="numba")
     decode(encode_scene(scene, neural)[0])
     texf = decode(data)

@@ -1,10 +1,14 @@
 """Compiled kernels never outlive the sources they were made from."""
 
 import ast
+import gc
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numba
+import pytest
 from numba.core.event import Listener as Recorder
 from numba.core.event import install_listener
 
@@ -121,3 +125,42 @@ def test_a_kernel_that_kernels_call_is_compiled_once_whatever_the_constants(tmp_
         assert _next(7) == 8  # still callable from Python
     assert compiled == ["_sum", "_next", "_next"]
     assert {file.name.split("-")[0].rsplit(".", 1)[1] for file in tmp_path.glob("*/*.nbi")} == {"_sum", "_next"}
+
+
+def test_the_collector_rests_while_a_kernel_is_compiled_and_runs_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(kernel_room, "cache_folder", lambda path: tmp_path)
+    collecting = []
+
+    class Listener(Recorder):
+        def on_start(self, event):
+            collecting.append(gc.isenabled())
+
+        def on_end(self, event):
+            pass
+
+    @kernel
+    def _half(v):
+        return v // 2
+
+    @kernel
+    def _broken(v):
+        return v.nothing
+
+    with install_listener("numba:compile", Listener()):
+        assert _half(8) == 4
+        with pytest.raises(numba.TypingError):
+            _broken(1)
+    assert collecting == [False, False] and gc.isenabled()
+
+
+def test_warming_up_compiles_every_way_of_coding_a_level_and_the_residuals():
+    program = """
+from texfcodec.codecs.raht.coefficients import direct, mixed, residual
+from texfcodec.warmup import warm_up
+warm_up()
+entries = [direct._enc_direct_level, direct._dec_direct_level, mixed._enc_mixed_level, mixed._dec_mixed_level,
+           residual._enc_residuals, residual._dec_residuals]
+print([len(entry.signatures) for entry in entries])
+"""
+    run = subprocess.run([sys.executable, "-c", program], cwd=PACKAGE.parent, capture_output=True, text=True, check=False)
+    assert run.stdout.strip() == "[1, 1, 1, 1, 1, 1]", run.stderr

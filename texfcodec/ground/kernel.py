@@ -5,6 +5,7 @@ Numba renews a cached kernel when its own file changes, not when a function it c
 file and of all that it imports from the package; a change elsewhere compiles nothing again.
 """
 
+import gc
 import hashlib
 import os
 import re
@@ -85,6 +86,7 @@ def kernel(function=None, allocates=True, **options):
     made = _compiled(numba, function, folder, options)
     if not numba.config.DISABLE_JIT:
         _serve_kernels(numba, made, function, folder / "plain", options)
+        made.compile = _without_collection(numba.core.compiler_lock.global_compiler_lock, made.compile)
     return made
 
 
@@ -105,3 +107,19 @@ def _serve_kernels(numba, made, function, folder, options):
     plain = lru_cache(maxsize=1)(lambda: _compiled(numba, function, folder, options))  # at the first call by a kernel
     made.get_call_template = lambda args, kws: plain().get_call_template(tuple(unliteral(a) for a in args), kws)
     made.get_overload = lambda sig: plain().get_overload(sig)
+
+
+def _without_collection(lock, compile_one):
+    """compile_one with the garbage collector at rest: it looks through numba's many objects again and again, a tenth of a first
+    run, and finds little. lock: numba's, which a compiling thread takes anyway; it may be taken twice."""
+    def compiled(signature):
+        with lock:
+            collecting = gc.isenabled()
+            gc.disable()
+            try:
+                return compile_one(signature)
+            finally:
+                if collecting:
+                    gc.enable()
+
+    return compiled

@@ -18,7 +18,7 @@ class Raht(PlaneCodec):
     options = frozenset({"rate", "qp", "target_bytes", "target_psnr", "lossless", "max_error", "effort",
                          "chroma_qp_offset"})
     kernels = ("codecs/raht/coefficients/mixed.py",)  # of the usual efforts
-    small = ({"resolution": 64, "qp": 20}, {"resolution": 16, "max_error": 0})
+    small = ({"resolution": 64, "qp": 20}, {"resolution": 16, "max_error": 0}, {"resolution": 16, "effort": "fast"})
 
     def enc(self, plane, support, options):
         """See PlaneCodec.enc; where options.max_error is set, no rounded value is further off."""

@@ -105,7 +105,8 @@ def _texf(facts, arrays, threads):
                     threads=threads, skipped=list(facts["skipped"]))
         sound = all(_unit_is_sound(u, texf) for u in texf.units) and all(_field_is_sound(f, channels) for f in texf.fields)
         if facts["codec"] is not None:
-            texf.evaluators = _codec(facts["codec"]).unpack(facts["evaluators"], arrays, channels, len(texf.fields))
+            texf.codec = _codec(facts["codec"])
+            texf.evaluators = texf.codec.unpack(facts["evaluators"], arrays, channels, len(texf.fields))
     except (TexfError, KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         raise StreamError("TXF-S40", "the decoder's answer makes no sense", reason=type(error).__name__) from error
     if not sound:

@@ -1,5 +1,9 @@
 """Packages of strangers with codecs of their own, written where a test asks for them: modules, and a real entry_points.txt."""
 
+from shapes import crossing_sheets
+
+from texfcodec import EncodeOptions, encode
+
 # Values as they are, or packed; no levels of its own.
 TOY = '''
 import zlib
@@ -98,3 +102,8 @@ def write_plugin(folder, points, **modules):
     lines = "".join(f"{name} = {value}\n" for name, value in points.items())
     (info / "entry_points.txt").write_text("[texfcodec.codecs]\n" + lines, encoding="utf-8")
     return folder
+
+
+def toy_stream(**options):
+    """Two crossing sheets coded with the plug-in toy, wherever it comes from."""
+    return encode(crossing_sheets(), EncodeOptions(codec="toy", resolution=24, refine="off", **options))

@@ -59,6 +59,14 @@ def test_entry_point_that_leads_nowhere_is_refused_by_name(install, value):
     fault(lambda: EncodeOptions(codec="toy"), value)
 
 
+def test_list_of_entry_points_that_cannot_be_parsed_harms_nobody_else(install, tmp_path):
+    install({"toy": "toy_package:Toy"}, toy_package=TOY)
+    install({"other": "nothing"}, folder="garbled")
+    (tmp_path / "garbled" / "garbled-1.0.dist-info" / "entry_points.txt").write_text("[texfcodec.codecs]\nnonsense\n")
+    codecs._guests.cache_clear()
+    assert codecs.codec_names() == ["raht", "3dntc", "toy"] and EncodeOptions(codec="toy").codec == "toy"
+
+
 def test_name_that_fits_no_unit_is_refused(install):
     name = "toy" + "o" * 253
     install({name: "toy_package:Toy"}, toy_package=TOY.replace('"toy", "to try', f'"{name}", "to try'))

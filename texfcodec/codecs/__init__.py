@@ -4,9 +4,10 @@ A package of somebody else registers a codec as an entry point of the group texf
 class derived from codec.PlaneCodec or codec.JointCodec with an id of PRIVATE_IDS.
 """
 
+from contextlib import suppress
 from functools import lru_cache
 from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import distributions, entry_points
 
 from ..errors import SupportError
 from .codec import PRIVATE_IDS, Codec
@@ -22,11 +23,23 @@ def _ours(name: str) -> Codec:
     return getattr(import_module(f".{module}", __name__), kind)()
 
 
+def _points() -> list:
+    """Entry points of GROUP. One list that cannot be parsed, of whatever package, is passed over: the others stay."""
+    try:
+        return list(entry_points(group=GROUP))
+    except Exception:
+        found = []
+        for package in distributions():
+            with suppress(Exception):
+                found += package.entry_points.select(group=GROUP)
+        return found
+
+
 @lru_cache(maxsize=1)
 def _guests() -> dict:
     """Codecs of other packages by name, as they were registered: nothing of them is loaded yet. A name of ours stays ours."""
     found = {}
-    for point in entry_points(group=GROUP):
+    for point in _points():
         if point.name not in OURS:
             found.setdefault(point.name, {})[point.value] = point  # a package that is installed twice is one plug-in
     return {name: list(points.values()) for name, points in found.items()}

@@ -86,8 +86,7 @@ def read_attribute(reader, header, fields):
         "codec_id": reader.u8("codec_id"),
     }
     if unit["codec_id"] >= PRIVATE:
-        name = reader.utf8(reader.u8("codec_name_length", 1), "codec_name")
-        raise Unsupported(f"the private codec {name}")
+        raise Unsupported(f"the private codec {reader.utf8(reader.u8('codec_name_length', 1), 'codec_name')}")
     unit["values_crc"] = reader.u32("values_crc")
     if unit["codec_id"] > CONSTANT:
         raise Unsupported(f"attribute codec {unit['codec_id']}")

@@ -97,7 +97,7 @@ def _json_dict(told):
 class _Guest:
     """A stranger's codec: its errors become coded ones that name it."""
 
-    TOLD = ("id", "purpose", "structures", "options", "position_bits", "checksum_clause")
+    TOLD: tuple[str, ...] = ("id", "purpose", "structures", "options", "position_bits", "checksum_clause")
 
     def __init__(self, inner, told):
         self.inner, self.name = inner, inner.name

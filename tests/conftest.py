@@ -1,9 +1,12 @@
 """Fixtures for every room. The marker `slow` is declared in pyproject.toml."""
 
+import importlib
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from plugins import write_plugin
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -33,3 +36,27 @@ def sample_scene():
     for array in (scene.positions, scene.faces, scene.face_material, scene.corner_uv, scene.corner_color):
         array.flags.writeable = False
     return scene
+
+
+@pytest.fixture
+def install(tmp_path, monkeypatch):
+    """Puts plug-ins on the path as their packages would: install(points, folder="strangers", module=text, ...)."""
+    from texfcodec import codecs
+
+    before = set(sys.modules)
+
+    def forget():
+        importlib.invalidate_caches()
+        for cached in (codecs._guests, codecs._guest):
+            cached.cache_clear()
+        for name in set(sys.modules) - before:
+            if str(tmp_path) in str(getattr(sys.modules[name], "__file__", "")):
+                del sys.modules[name]
+
+    def put(points, folder="strangers", **modules):
+        monkeypatch.syspath_prepend(str(write_plugin(tmp_path / folder, points, **modules)))
+        forget()
+
+    yield put
+    monkeypatch.undo()
+    forget()

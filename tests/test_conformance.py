@@ -23,6 +23,7 @@ SMALL = [
     "subset/k3/", "subset/two_fields/", "subset/alpha_mask/", "uncommon/one_voxel/", "uncommon/empty/", "uncommon/one_slice/",
     "uncommon/empty_codeword/", "faulty/cut_geometry/", "faulty/codec_id/", "faulty/num_vertices_huge/",
     "subset/neural_hash/", "faulty/neural_code/", "uncommon/filter_slices/", "faulty/filter_left_out/",
+    "subset/constant/", "uncommon/constant_second_field/", "faulty/constant_value/", "faulty/private_codec/",
 ]
 
 # The naive decoder with one thing wrong; `files` is what it would write.
@@ -72,6 +73,13 @@ LAST_FIRST = FILTER + "whole = attributes.filtered_means; " + (
     "attributes.filtered_means = lambda unit, level: whole({**unit, 'filters': unit['filters'][::-1]}, level)")
 TWO_STAGES = FILTER + "whole = attributes.filtered_means; " + (
     "attributes.filtered_means = lambda unit, level: whole({**unit, 'filters': unit['filters'][:2]}, level)")
+# A constant plane that stays as long as the field is, whatever the level of detail.
+FULL_LENGTH = """
+checked = decoder.checked_values
+decoder.checked_values = lambda unit, keys, lod: checked(unit, keys, 0 if unit["codec_id"] == decoder.CONSTANT else lod)
+"""
+NO_CHECKSUM = "decoder.checked_values = lambda unit, keys, lod: unit['plane_value'] * len(keys) if unit['codec_id'] == 2 else b''"
+ANY_NAME = "from naive.bits import Reader; Reader.utf8 = lambda self, count, name: str(self.take(count, name))"
 MIRRORED = """
 import struct
 for unit in (texf := decoder.decode(stream, lod))["units"]:
@@ -138,6 +146,10 @@ def test_wrong_decoder_without_its_fault_is_right(tmp_path):
         ("uncommon/filter_largest/", "lod 0: exit code 3", {"before": FILTER + "wiener.clip = lambda low, high, v: v"}),
         ("uncommon/filter_three_stages/", "lod 0: exit code 3", {"before": LAST_FIRST}),
         ("uncommon/filter_three_stages/", "lod 0: exit code 3", {"before": TWO_STAGES}),
+        ("subset/constant/", "lod 1: field0_group0_values.bin differs", {"before": FULL_LENGTH}),
+        ("uncommon/constant_resolutions/", "lod 4: field0_group0_values.bin differs", {"before": FULL_LENGTH}),
+        ("faulty/constant_value/", "exit code 0, expected 3", {"before": NO_CHECKSUM}),
+        ("faulty/codec_name_not_utf8/", "exit code 5, expected 3", {"before": ANY_NAME}),
     ],
 )
 def test_runner_fails_a_decoder_that_is_wrong(tmp_path, case, complaint, fault):
@@ -197,6 +209,10 @@ def test_vector_holds_what_its_title_and_clauses_promise(claims, name):
         ("uncommon/needle_bits20_k8192", "a triangle whose corners have one grid coordinate",
          "'a triangle whose corners have one grid coordinate' is not there"),
         ("uncommon/neural_waves", "3DNTC: eight octaves, first_wave 16384", "'first_wave 16384' is not there"),
+        ("subset/constant_alpha", "colour constant", "'colour constant' is not there"),
+        ("uncommon/constant_second_field", "two fields, all constant", "'all constant' is not there"),
+        ("uncommon/constant_colour", "values of 0 and 255", "'values of 0 and 255' is not there"),
+        ("subset/k3", "alpha constant beside RAHT colour", "'alpha constant beside RAHT colour' is not there"),
     ],
 )
 def test_title_that_promises_too_much_is_caught(claims, name, title, complaint):
@@ -207,6 +223,7 @@ def test_clause_that_a_vector_does_not_hit_is_caught(claims):
     case = claims.case_at(VECTORS / "uncommon" / "all_tools_slices")
     assert claims.unkept(replace(case, clauses=["7.2", "7.5.5", "7.7"])) == ["nothing of clause 7.7 is there"]
     assert claims.unkept(replace(case, clauses=["11.6"])) == ["nothing of clause 11.6 is there"]
+    assert claims.unkept(replace(case, clauses=["5.7.6"])) == ["nothing of clause 5.7.6 is there"]
 
 
 @pytest.mark.parametrize("name", [name for name in GOOD if "/filter_" in name])

@@ -152,7 +152,12 @@ class EncodeOptions:
         try:
             codec = codec_of(self.codec)
         except SupportError as error:
+            if error.code != "TXF-U06":
+                raise
             raise InputError("TXF-I50", "unknown codec", value=self.codec, allowed=error.details["allowed"]) from None
+        if not codec.chosen:
+            raise InputError("TXF-I50", f"the codec {self.codec} cannot be asked for: the encoder takes it where it suits",
+                             value=self.codec, allowed=", ".join(codec_names()))
         check_options(self)
         self._refuse_strange(codec)
         codec.check_options(self)
@@ -166,6 +171,8 @@ class EncodeOptions:
         for option in fields(self):
             if option.name in strange and getattr(self, option.name) != option.default:
                 raise InputError("TXF-I50", f"{option.name} has no part in codec {self.codec}", value=getattr(self, option.name))
+        if not isinstance(self.codec_options, dict):
+            raise InputError("TXF-I50", "codec_options is not a dict", value=repr(self.codec_options)[:80])
         if self.codec_options and codec in our_codecs():
             raise InputError("TXF-I50", f"codec_options has no part in codec {self.codec}: its options have names of their own",
                              value=", ".join(self.codec_options))

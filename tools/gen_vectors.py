@@ -14,6 +14,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[1:1] = [str(ROOT), str(ROOT / "conformance"), str(ROOT / "tests")]
 
+import vectors_constant  # noqa: E402
 import vectors_filter  # noqa: E402
 import vectors_neural  # noqa: E402
 from decode_texfcodec import arrays  # noqa: E402
@@ -84,9 +85,10 @@ def features(vector):
         "channel_groups": ["alpha" if group["group_semantic"] else "base colour" for group in header["channel_groups"]],
         "resolution": [f["resolution"] for f in fields], "voxels": [f["num_voxels"] for f in fields],
         "area_threshold": [f["area_threshold"] for f in fields],
-        **(neural_features(stream.joint) if stream.joint else {"qp": [a["qp"] for a in attributes],
-                                                                 "slices": [a["NumSlices"] for a in attributes]}),
-        **({"filters": [a["num_filters"] for a in attributes]} if any(a.get("filters") for a in attributes) else {}),
+        **(neural_features(stream.joint) if stream.joint else {"qp": [a.get("qp") for a in attributes],
+                                                                 "slices": [a.get("NumSlices") for a in attributes]}),
+        **({"constant": values} if any(values := [a.get("plane_value") for a in attributes]) else {}),
+        **({"filters": [a.get("num_filters") for a in attributes]} if any(a.get("filters") for a in attributes) else {}),
         "metadata": stream.metadata is not None, "skipped_units": len(stream.skipped),
     }
 
@@ -183,8 +185,10 @@ def write(files):
 
 def every_vector():
     """All vectors, in the order of README.md."""
-    good = [subset(), vectors_neural.subset(), uncommon(), vectors_filter.uncommon(), vectors_neural.uncommon()]
-    return [vector for part in (*good, faulty(), vectors_filter.faulty(), vectors_neural.faulty()) for vector in part]
+    good = [subset(), vectors_constant.subset(), vectors_neural.subset(), uncommon(), vectors_filter.uncommon(),
+            vectors_constant.uncommon(), vectors_neural.uncommon()]
+    bad = [faulty(), vectors_filter.faulty(), vectors_constant.faulty(), vectors_neural.faulty()]
+    return [vector for part in (*good, *bad) for vector in part]
 
 
 def main():

@@ -24,7 +24,9 @@ from texfcodec.codecs.raht.transform.prediction import DEFAULT_KERNEL
 from texfcodec.support.morton import decode_morton
 from texfcodec.support.voxelise import voxelise
 
+RAHT_ID, CONSTANT_ID = 0, 2
 NUMBERS = {"a": 1, "one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6, "eight": 8}
+CHANNELS_OF = {"colour": {BASE_COLOUR.semantic}, "alpha": {ALPHA.semantic}, "both": {BASE_COLOUR.semantic, ALPHA.semantic}}
 LARGEST_MEAN = 1 << 22
 LARGEST_HALF = 0x6BFF  # 4094 as binary16
 
@@ -59,7 +61,8 @@ class Case:
     semantics = property(lambda self: [group["group_semantic"] for group in self.header["channel_groups"]])
     grids = property(lambda self: [field["resolution"] for field in self.stream.fields])
     neural = property(lambda self: self.stream.joint)
-    raht = property(lambda self: [] if self.neural else self.stream.attributes)
+    raht = property(lambda self: [unit for unit in self.stream.attributes if unit["codec_id"] == RAHT_ID])
+    constant = property(lambda self: [unit for unit in self.stream.attributes if unit["codec_id"] == CONSTANT_ID])
     levels = property(lambda self: self.neural["latent_levels"])
     stages = property(lambda self: [unit["filters"] for unit in self.raht])
     codewords = property(lambda self: b"".join(bytes(unit["codeword_data"]) for unit in self.raht)
@@ -103,6 +106,11 @@ def filters_only(case, semantic):
     """The units of one semantic are filtered, those of the others are there and not."""
     of = {unit["group_index"]: bool(unit["filters"]) for unit in case.raht}
     return len(of) > 1 and all(there == (case.semantics[group] == semantic) for group, there in of.items())
+
+
+def groups_of(case, units):
+    """Semantics of some attribute units."""
+    return {case.semantics[unit["group_index"]] for unit in units}
 
 
 def has_component_filter(case, component):
@@ -293,6 +301,14 @@ FILTERS = {
     r"coefficients of -128 and 127": lambda c: {-128, 127} == {t for u in c.stages for s in u for t in s["filter_coefficients"]},
     r"and voxels without a neighbour": lambda c: lonely_voxels(c) > 0,
 }
+CONSTANT = {
+    r"(colour|alpha|both) constant": lambda c, which: groups_of(c, c.constant) == CHANNELS_OF[which],
+    r"(colour|alpha) constant beside RAHT (colour|alpha)": lambda c, which, other:
+        (groups_of(c, c.constant), groups_of(c, c.raht)) == (CHANNELS_OF[which], CHANNELS_OF[other]),
+    r"values of 0 and 255": lambda c: {v for unit in c.constant for v in unit["plane_value"]} == {0, 255},
+    r"the second constant": lambda c: [u["field_index"] for u in c.constant] == [1] and [u["field_index"] for u in c.raht] == [0],
+    r"all constant": lambda c: bool(c.constant) and not c.raht,
+}
 NEURAL = {
     r"3DNTC": lambda c: c.neural is not None,
     r"a grid of latents": lambda c: [level["table_log2"] for level in c.levels] == [0],
@@ -324,7 +340,7 @@ NEURAL = {
     r"all codes -8": lambda c: set(neural_codes(c).ravel().tolist()) == {-8},
     r"a short codeword": lambda c: len(c.codewords) * 8 < neural_codes(c).size,
 }
-PROMISES = HEADER_AND_FIELDS | CODEWORDS | RAHT | FILTERS | NEURAL
+PROMISES = HEADER_AND_FIELDS | CODEWORDS | RAHT | FILTERS | CONSTANT | NEURAL
 # What a scene looks like, and limits that a scene was built to lie on: nothing that the stream says.
 UNSEEN = ("a ribbon", "one inside the other", "areas and heights exactly on a limit", "one colour but for a few spots")
 # Clause -> what a vector that lists it has to hold, for the tools that a stream may do without.
@@ -333,6 +349,7 @@ CLAUSES = {
     "5.7.3": lambda c: any(c.stages),
     "5.7.4": lambda c: c.neural,
     "5.7.5": lambda c: c.neural,
+    "5.7.6": lambda c: c.constant,
     "5.8": lambda c: c.stream.metadata is not None,
     "7.5.2": lambda c: c.each(lambda u: u["num_models"] == 0),
     "7.5.5": lambda c: c.each(lambda u: u["num_models"] > 0),

@@ -59,7 +59,7 @@ def write_stream(stream):
         put(UNIT_GEOMETRY, write_structure(UNITS[UNIT_GEOMETRY], values), "geometry")
     for values in stream.attributes:
         values = {**values, **attribute_variables(stream, values)}
-        payload = write_structure(ATTRIBUTE, values) + write_structure(codec_of_unit(values).parameters, values)
+        payload = write_structure(ATTRIBUTE, values) + codec_of_unit(values).write_parameters(values)
         put(UNIT_ATTRIBUTE, payload, "attributes")
     if stream.metadata is not None:
         put(UNIT_METADATA, write_structure(UNITS[UNIT_METADATA], {"metadata_format": 0, "metadata_json": stream.metadata}))
@@ -88,7 +88,7 @@ def _read_attribute(reader, stream, trace):
     values.update(attribute_variables(stream, values))
     codec = codec_of_unit(values)
     values["offset"] = reader.base + reader.position
-    read_structure(codec.parameters, reader, values, trace)
+    codec.read_parameters(reader, values, trace)
     codec.check(values)
     return values
 

@@ -193,7 +193,7 @@ def _lines(facts, out):
         return
     fields = f"{facts['fields']} field" + ("s" if facts["fields"] != 1 else "")
     bound = "lossless" if facts["max_error"] == 0 else f"error at most {facts['max_error']}"
-    quality = f"QP {facts['qp']}" if facts["max_error"] is None else bound
+    quality = bound if facts["max_error"] is not None else codec.name if facts["qp"] is None else f"QP {facts['qp']}"
     yield (f"K {facts['resolution']}, {quality}, {fields}, {facts['voxels']} voxels, {facts['faces']} faces; "
            f"{8 * sizes['attributes'] / voxels:.3f} attribute bits per voxel")
     if facts["texels_per_voxel_edge"] > COARSE:

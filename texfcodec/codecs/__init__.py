@@ -4,9 +4,10 @@ A package of somebody else registers a codec as an entry point of the group texf
 class derived from codec.PlaneCodec or codec.JointCodec with an id of PRIVATE_IDS.
 """
 
+from contextlib import suppress
 from functools import lru_cache
 from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import distributions, entry_points
 
 from ..errors import SupportError
 from .codec import PRIVATE_IDS, Codec
@@ -22,17 +23,37 @@ def _ours(name: str) -> Codec:
     return getattr(import_module(f".{module}", __name__), kind)()
 
 
+def _points() -> list:
+    """Entry points of GROUP. One list that cannot be parsed, of whatever package, is passed over: the others stay."""
+    try:
+        return list(entry_points(group=GROUP))
+    except Exception:
+        found = []
+        for package in distributions():
+            with suppress(Exception):
+                found += package.entry_points.select(group=GROUP)
+        return found
+
+
 @lru_cache(maxsize=1)
 def _guests() -> dict:
-    """Codecs of other packages by name, as they were registered: nothing of them is loaded yet."""
-    return {point.name: point for point in entry_points(group=GROUP)}
+    """Codecs of other packages by name, as they were registered: nothing of them is loaded yet. A name of ours stays ours."""
+    found = {}
+    for point in _points():
+        if point.name not in OURS:
+            found.setdefault(point.name, {})[point.value] = point  # a package that is installed twice is one plug-in
+    return {name: list(points.values()) for name, points in found.items()}
 
 
 @lru_cache(maxsize=64)
 def _guest(name: str) -> Codec:
     from .guest import welcome
 
-    return welcome(_guests()[name], [(other, id) for other, (id, *_) in OURS.items()])
+    points = _guests()[name]
+    if len(points) > 1:
+        raise SupportError("TXF-U08", f"more than one plug-in registers a codec of the name {name!r}",
+                           value=", ".join(sorted(point.value for point in points)))
+    return welcome(points[0], {id: other for other, (id, *_) in OURS.items()})
 
 
 def our_codecs() -> list[Codec]:
@@ -42,15 +63,16 @@ def our_codecs() -> list[Codec]:
 
 def codec_names() -> list[str]:
     """What --codec takes: the codecs of the specification that a user may choose, then those of plug-ins."""
-    return [codec.name for codec in our_codecs() if codec.chosen] + [name for name in sorted(_guests()) if name not in OURS]
+    return [codec.name for codec in our_codecs() if codec.chosen] + sorted(_guests())
 
 
 def codec_of(name: str) -> Codec:
     """The codec of this name. Raises SupportError for an unknown one and for a plug-in that cannot be used."""
-    if name in OURS:
-        return _ours(name)
-    if name in _guests():
-        return _guest(name)
+    if isinstance(name, str):
+        if name in OURS:
+            return _ours(name)
+        if name in _guests():
+            return _guest(name)
     raise SupportError("TXF-U06", "no codec of this name is installed", value=name, allowed=", ".join(codec_names()))
 
 

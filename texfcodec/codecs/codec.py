@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..ground.structure import Structure
+from ..ground.walk import read_structure, write_structure
 
 PRIVATE_IDS = range(192, 256)  # for codecs of strangers; their units name them (5.7)
 
@@ -56,6 +57,14 @@ class Codec(ABC):
     def parameters(self) -> Structure:
         """Table of what follows the attribute unit's own elements."""
         return self.structures[0]
+
+    def write_parameters(self, values: dict) -> bytes:
+        """Its part of an attribute unit, of the unit's values."""
+        return write_structure(self.parameters, values)
+
+    def read_parameters(self, reader, values: dict, trace: list | None = None) -> None:
+        """Mirror of write_parameters(): adds to values. trace: as read_structure(). Raises StreamError."""
+        read_structure(self.parameters, reader, values, trace)
 
     def check_options(self, options) -> None:
         """Refuses EncodeOptions that do not go together. Raises InputError."""

@@ -1,61 +1,126 @@
 """Codecs of other packages: what they are checked for, so that a fault in one is told as its own."""
 
+import json
+import math
+import operator
+
 import numpy as np
 
 from ..channels import COLUMNS, columns_of
 from ..errors import SupportError, TexfError
+from ..ground.structure import Structure
 from .codec import PRIVATE_IDS, Codec, Joint, JointCodec, PlaneCodec
 
+# What an attribute unit says itself (5.7), and what inspect() does: names that a stranger's table and describe() leave alone.
+UNIT = {"field_index", "group_index", "codec_id", "codec_name_length", "codec_name", "values_crc", "resolution",
+        "NumComponents", "NumOutputs", "num_fields", "offset"}
+INSPECTED = {"field_index", "group_index", "semantic", "components", "codec_id", "codec", "bytes"}
+NAME_BYTES = 255  # codec_name_length is a u8
+ARRAY = "codec."  # before the names of a stranger's arrays, which are not to meet those of an answer
+# What a class may say of itself.
+SOUND = {
+    "id": lambda v: type(v) is int,
+    "purpose": lambda v: isinstance(v, str),
+    "structures": lambda v: isinstance(v, tuple) and len(v) > 0 and all(isinstance(one, Structure) for one in v),
+    "options": lambda v: isinstance(v, frozenset) and all(isinstance(one, str) for one in v),
+    "position_bits": lambda v: type(v) is int and 8 <= v <= 20,
+    "checksum_clause": lambda v: isinstance(v, str),
+    "has_levels": lambda v: isinstance(v, bool),
+}
 
-def welcome(point, taken) -> Codec:
-    """The codec behind an entry point, wrapped so that its faults name it. taken: (name, id) of codecs that stand already.
 
-    Raises SupportError where it cannot be loaded, is no codec, or claims an id that it may not have.
+def welcome(point, taken: dict) -> Codec:
+    """The codec behind an entry point, wrapped so that its faults name it. taken: names of codecs that stand already, by id.
+
+    Raises SupportError TXF-U08 where it cannot be loaded, is no codec, or claims an id that it may not have.
     """
     try:
         codec = point.load()()
-    except Exception as error:
-        raise _fault(point.name, "cannot be loaded", error) from error
-    if not isinstance(codec, (PlaneCodec, JointCodec)) or getattr(codec, "name", None) != point.name or not codec.structures:
+        kind = GuestJoint if isinstance(codec, JointCodec) else GuestPlane
+        told = {name: getattr(codec, name, None) for name in kind.TOLD}
+        name = getattr(codec, "name", None)
+    except (Exception, SystemExit) as error:
+        raise _fault(point.name, f"cannot be loaded from {point.value}", error) from error
+    if not isinstance(codec, (PlaneCodec, JointCodec)) or name != point.name:
         raise SupportError("TXF-U08", f"the plug-in {point.value} does not give a codec of the name {point.name!r}",
-                           value=point.name)
-    owner = next((name for name, number in taken if number == codec.id), None)
-    if owner is not None or codec.id not in PRIVATE_IDS:
-        why = f"claims the id of {owner!r}" if owner else "claims an id outside the private range"
-        raise SupportError("TXF-U08", f"the codec {point.name!r} of a plug-in {why}", value=codec.id,
-                           allowed=f"{PRIVATE_IDS[0]}..{PRIVATE_IDS[-1]}")
-    return GuestJoint(codec) if isinstance(codec, JointCodec) else GuestPlane(codec)
+                           value=str(name)[:NAME_BYTES])
+    if not 0 < len(name.encode()) <= NAME_BYTES:
+        raise _fault(name[:NAME_BYTES], f"has a name that is not 1 to {NAME_BYTES} bytes long")
+    _check_claims(name, told, taken)
+    return kind(codec, told)
 
 
-def _fault(name, what, error=None):
+def _check_claims(name, told, taken):
+    """What a codec says of itself must make sense, and its id and its table must be its own."""
+    for what, value in told.items():
+        if not SOUND[what](value):
+            raise _fault(name, f"has {what} that no codec can have", value=repr(value)[:80])
+    if told["id"] not in PRIVATE_IDS:
+        owner = taken.get(told["id"])
+        why = "claims an id outside the private range" if owner is None else f"claims the id of {owner!r}"
+        raise _fault(name, why, value=told["id"], allowed=f"{PRIVATE_IDS[0]}..{PRIVATE_IDS[-1]}")
+    own = sorted(UNIT.intersection(one.name for one in told["structures"][0].elements))
+    if own:
+        raise _fault(name, "has a table with names of the attribute unit", value=", ".join(own))
+
+
+def _fault(name, what, error=None, **facts):
     reason = None if error is None else f"{type(error).__name__}: {error}"[:300]
-    return SupportError("TXF-U08", f"the codec {name!r} of a plug-in {what}", reason=reason)
+    return SupportError("TXF-U08", f"the codec {name!r} of a plug-in {what}", reason=reason, **facts)
 
 
 def _checked(name, got, dtype, shape):
     if not (isinstance(got, np.ndarray) and got.dtype == dtype and got.shape == shape):
-        kind = f"{getattr(got, 'dtype', type(got).__name__)} {list(np.shape(got))}, not {np.dtype(dtype)} {list(shape)}"
-        raise _fault(name, f"returns values of the wrong kind: {kind}")
-    return got
+        kind = f"{getattr(got, 'dtype', type(got).__name__)} {list(getattr(got, 'shape', []))}"
+        raise _fault(name, f"returns values of the wrong kind: {kind}, not {np.dtype(dtype)} {list(shape)}")
+    return np.ascontiguousarray(got)
+
+
+def _asked(name, inner, what, given, take=lambda got: got):
+    """What a stranger's method returns, after take(); whatever is raised on the way names the codec, unless it is coded."""
+    try:
+        return take(getattr(inner, what)(*given))
+    except TexfError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise _fault(name, f"failed in {what}()", error) from error
+
+
+def _json_dict(told):
+    """A copy of what JSON can hold. Raises TypeError, ValueError."""
+    told = json.loads(json.dumps(told, allow_nan=False))
+    if not isinstance(told, dict):
+        raise TypeError("not a dict")
+    return told
 
 
 class _Guest:
     """A stranger's codec: its errors become coded ones that name it."""
 
-    TOLD: tuple[str, ...] = ("id", "name", "purpose", "structures", "options", "position_bits", "checksum_clause", "small")
+    TOLD: tuple[str, ...] = ("id", "purpose", "structures", "options", "position_bits", "checksum_clause")
 
-    def __init__(self, inner):
-        self.inner = inner
-        for name in self.TOLD:
-            setattr(self, name, getattr(inner, name))
+    def __init__(self, inner, told):
+        self.inner, self.name = inner, inner.name
+        vars(self).update(told)
 
-    def _call(self, what, *given):
+    def _call(self, what, *given, **take):
+        return _asked(self.name, self.inner, what, given, **take)
+
+    def write_parameters(self, values):
+        """As Codec.write_parameters."""
         try:
-            return getattr(self.inner, what)(*given)
+            return super().write_parameters(values)
+        except Exception as error:
+            raise _fault(self.name, "gave values that its table does not hold", error) from error
+
+    def read_parameters(self, reader, values, trace=None):
+        """As Codec.read_parameters."""
+        try:
+            super().read_parameters(reader, values, trace)
         except TexfError:
             raise
         except Exception as error:
-            raise _fault(self.name, f"failed in {what}()", error) from error
+            raise _fault(self.name, "has a table that cannot be read", error) from error
 
     def check_options(self, options):
         """As Codec.check_options."""
@@ -67,15 +132,31 @@ class _Guest:
 
     def describe(self, values):
         """As Codec.describe."""
-        return self._call("describe", values)
+        told = self._call("describe", values, take=_json_dict)
+        if own := sorted(INSPECTED & told.keys()):
+            raise _fault(self.name, "describes what every unit has", value=", ".join(own))
+        return told
 
     def info_lines(self, group):
         """As Codec.info_lines."""
-        return self._call("info_lines", group)
+        return self._lines("info_lines", group)
 
     def seconds(self, options):
         """As Codec.seconds."""
-        return self._call("seconds", options)
+        return self._number("seconds", float, options)
+
+    def _lines(self, what, facts):
+        """Lines of a method that may be a generator, so that it fails here and not where they are printed."""
+        lines = self._call(what, facts, take=list)
+        if not all(isinstance(line, str) for line in lines):
+            raise _fault(self.name, f"returns something else than lines of text from {what}()")
+        return lines
+
+    def _number(self, what, kind, *given):
+        number = self._call(what, *given, take=kind)
+        if not 0 <= number < math.inf:
+            raise _fault(self.name, f"returns a number out of range from {what}()", value=repr(number))
+        return number
 
 
 class GuestPlane(_Guest, PlaneCodec):
@@ -85,10 +166,10 @@ class GuestPlane(_Guest, PlaneCodec):
 
     def enc(self, plane, support, options):
         """As PlaneCodec.enc."""
-        made = self._call("enc", plane, support, options)
+        made = self._call("enc", plane.copy(), support, options)
         if not (isinstance(made, tuple) and len(made) == 2 and isinstance(made[0], dict)):
             raise _fault(self.name, "does not return (values, decoded)")
-        return made[0], _checked(self.name, made[1], np.uint8, plane.shape)
+        return _without(made[0], UNIT), _checked(self.name, made[1], np.uint8, plane.shape)
 
     def dec(self, values, support, levels, threads):
         """As PlaneCodec.dec."""
@@ -102,32 +183,53 @@ class GuestJoint(_Guest, JointCodec):
     def enc(self, source, options, report):
         """As JointCodec.enc."""
         made = self._call("enc", source, options, report)
-        if not isinstance(made, Joint) or len(made.evaluators) != len(source.surfaces):
-            raise _fault(self.name, "does not return a Joint with an evaluator for every field")
-        return made._replace(evaluators=[_Evaluator(self, one, source.channels) for one in made.evaluators])
+        if not isinstance(made, Joint) or not isinstance(made.values, dict):
+            raise _fault(self.name, "does not return a Joint")
+        try:
+            choices = _json_dict(made.choices)
+        except (TypeError, ValueError) as error:
+            raise _fault(self.name, "made choices that JSON cannot hold", error) from error
+        evaluators = self._evaluators(made.evaluators, len(source.surfaces), source.channels)
+        return Joint(_without(made.values, UNIT), evaluators, choices)
 
     def count_samples(self, values, surfaces, position_bits):
         """As JointCodec.count_samples."""
-        return self._call("count_samples", values, surfaces, position_bits)
+        return self._number("count_samples", operator.index, values, surfaces, position_bits)
 
     def dec(self, values, surfaces, position_bits, channels, options, report):
         """As JointCodec.dec."""
         made = self._call("dec", values, surfaces, position_bits, channels, options, report)
-        if len(made) != len(surfaces):
-            raise _fault(self.name, "does not return an evaluator for every field")
-        return [_Evaluator(self, one, channels) for one in made]
+        return self._evaluators(made, len(surfaces), channels)
 
     def pack(self, evaluators):
         """As JointCodec.pack."""
-        return self._call("pack", [one.inner for one in evaluators])
+        return self._call("pack", [one.inner for one in evaluators], take=_packed)
 
     def unpack(self, facts, arrays, channels, fields):
         """As JointCodec.unpack."""
-        return [_Evaluator(self, one, channels) for one in self._call("unpack", facts, arrays, channels, fields)]
+        arrays = {name.removeprefix(ARRAY): array for name, array in arrays.items() if name.startswith(ARRAY)}
+        return self._evaluators(self._call("unpack", facts, arrays, channels, fields), fields, channels)
 
     def result_lines(self, facts):
         """As JointCodec.result_lines."""
-        return self._call("result_lines", facts)
+        return self._lines("result_lines", facts)
+
+    def _evaluators(self, made, fields, channels):
+        if not isinstance(made, list | tuple) or len(made) != fields:
+            raise _fault(self.name, "does not return an evaluator for every field")
+        return [_Evaluator(self, one, channels) for one in made]
+
+
+def _packed(made):
+    """(facts, arrays) of a stranger's pack() as an answer holds them. Raises TypeError, ValueError."""
+    facts, arrays = made
+    if any(not isinstance(array, np.ndarray) or array.dtype.hasobject for array in arrays.values()):
+        raise TypeError("arrays are not plain")
+    return _json_dict(facts), {ARRAY + name: array for name, array in arrays.items()}
+
+
+def _without(values, names):
+    return {name: value for name, value in values.items() if name not in names}
 
 
 class _Evaluator:
@@ -145,10 +247,4 @@ class _Evaluator:
         return self._ask(np.float32, (len(points), COLUMNS), "query", cube, points, threads)
 
     def _ask(self, dtype, shape, what, *given):
-        try:
-            got = getattr(self.inner, what)(*given)
-        except TexfError:
-            raise
-        except Exception as error:
-            raise _fault(self.codec.name, f"failed in {what}()", error) from error
-        return _checked(self.codec.name, got, dtype, shape)
+        return _checked(self.codec.name, _asked(self.codec.name, self.inner, what, given), dtype, shape)

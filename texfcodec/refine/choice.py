@@ -61,7 +61,7 @@ def _predicted_gain(surfaces, fields, options):
     for surface, field in zip(surfaces, fields, strict=True):
         points = surface.sample(PROBE, HELD_OUT_SEED, options.threads)
         error += surface.error(field.planes[COLOUR], *points, options.threads)["y"] * len(field.keys) / voxels
-    floor = coding_mse(options.qp)
+    floor = coding_mse(options.reckoned_qp)
     return decibels(floor + LEFT_BY_FIT * error) - decibels(floor + error)
 
 

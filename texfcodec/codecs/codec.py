@@ -5,12 +5,19 @@ there: syntax, both directions, what texf-info and texf-enc say of it. Modules t
 imported when it is used.
 """
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..ground.structure import Structure
+
+if TYPE_CHECKING:
+    from ..report import Report
+    from ..support.voxels import VoxelSupport
 
 PRIVATE_IDS = range(192, 256)  # for codecs of strangers; their units name them (5.7)
 
@@ -57,7 +64,7 @@ class Codec(ABC):
         """Table of what follows the attribute unit's own elements."""
         return self.structures[0]
 
-    def check_options(self, options) -> None:
+    def check_options(self, options: Any) -> None:
         """Refuses EncodeOptions that do not go together. Raises InputError."""
         return None
 
@@ -69,7 +76,7 @@ class Codec(ABC):
         """What inspect() says of an attribute unit beside what every unit has: JSON-ready."""
         return {}
 
-    def info_lines(self, group: dict):
+    def info_lines(self, group: dict) -> Iterator[str]:
         """Lines of texf-info on an entry of inspect()'s groups."""
         place = f"field {group['field_index']}, group {group['group_index']} ({group['semantic']})"
         yield f"{place}: {group['bytes']} bytes, {self.name}"
@@ -78,7 +85,7 @@ class Codec(ABC):
         """Whether the encoder should take this codec for the plane whatever was asked for. plane: float32 [N, C], 0..255."""
         return False
 
-    def seconds(self, options) -> float:
+    def seconds(self, options: Any) -> float:
         """A guess of what encoding takes beside what it takes with any codec."""
         return 0.0
 
@@ -89,12 +96,12 @@ class PlaneCodec(Codec):
     has_levels = True  # whether dec() can leave out levels by itself; else a decoder takes means of what it gives
 
     @abstractmethod
-    def enc(self, plane: np.ndarray, support, options) -> tuple[dict, np.ndarray]:
+    def enc(self, plane: np.ndarray, support: VoxelSupport, options: Any) -> tuple[dict, np.ndarray]:
         """Codes values. plane: float32 [N, C] in 0..255 on the support's keys; support: VoxelSupport; options: EncodeOptions.
         Returns (values of its syntax elements, what dec() makes of them: uint8 [N, C])."""
 
     @abstractmethod
-    def dec(self, values: dict, support, levels: int, threads: int) -> np.ndarray:
+    def dec(self, values: dict, support: VoxelSupport, levels: int, threads: int) -> np.ndarray:
         """Mirror of enc(). values: of its syntax elements, with NumComponents and the file offset; levels: octree levels to leave
         out. Returns uint8 [n, C] on support.coarser(levels). Raises StreamError."""
 
@@ -108,7 +115,7 @@ class JointCodec(Codec):
     joint = True
 
     @abstractmethod
-    def enc(self, source: Source, options, report) -> Joint:
+    def enc(self, source: Source, options: Any, report: Report) -> Joint:
         """Codes a source. options: EncodeOptions; report: Report."""
 
     def count_samples(self, values: dict, surfaces: list, position_bits: int) -> int:
@@ -116,7 +123,7 @@ class JointCodec(Codec):
         return 0
 
     @abstractmethod
-    def dec(self, values: dict, surfaces: list, position_bits: int, channels: tuple, options, report) -> list:
+    def dec(self, values: dict, surfaces: list, position_bits: int, channels: tuple, options: Any, report: Report) -> list:
         """Evaluators by field. surfaces: decoded (lattice, faces) by field. Raises StreamError, LimitError."""
 
     @abstractmethod
@@ -128,5 +135,5 @@ class JointCodec(Codec):
         """Mirror of pack(); nothing in its arguments is trusted. Raises TexfError, ValueError, KeyError, TypeError."""
 
     @abstractmethod
-    def result_lines(self, facts: dict):
+    def result_lines(self, facts: dict) -> Iterator[str]:
         """Lines of texf-enc on what was made. facts: what --json prints."""

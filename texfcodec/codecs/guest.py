@@ -1,13 +1,23 @@
 """Codecs of other packages: what they are checked for, so that a fault in one is told as its own."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from importlib.metadata import EntryPoint
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from ..channels import COLUMNS, columns_of
 from ..errors import SupportError, TexfError
-from .codec import PRIVATE_IDS, Codec, Joint, JointCodec, PlaneCodec
+from .codec import PRIVATE_IDS, Codec, Joint, JointCodec, PlaneCodec, Source
+
+if TYPE_CHECKING:
+    from ..report import Report
+    from ..support.voxels import VoxelSupport
 
 
-def welcome(point, taken) -> Codec:
+def welcome(point: EntryPoint, taken: Iterable[tuple[str, int]]) -> Codec:
     """The codec behind an entry point, wrapped so that its faults name it. taken: (name, id) of codecs that stand already.
 
     Raises SupportError where it cannot be loaded, is no codec, or claims an id that it may not have.
@@ -83,14 +93,14 @@ class GuestPlane(_Guest, PlaneCodec):
 
     TOLD = (*_Guest.TOLD, "has_levels")
 
-    def enc(self, plane, support, options):
+    def enc(self, plane: np.ndarray, support: VoxelSupport, options: Any) -> tuple[dict, np.ndarray]:
         """As PlaneCodec.enc."""
         made = self._call("enc", plane, support, options)
         if not (isinstance(made, tuple) and len(made) == 2 and isinstance(made[0], dict)):
             raise _fault(self.name, "does not return (values, decoded)")
         return made[0], _checked(self.name, made[1], np.uint8, plane.shape)
 
-    def dec(self, values, support, levels, threads):
+    def dec(self, values: dict, support: VoxelSupport, levels: int, threads: int) -> np.ndarray:
         """As PlaneCodec.dec."""
         shape = (len(support.coarser(levels)), values["NumComponents"])
         return _checked(self.name, self._call("dec", values, support, levels, threads), np.uint8, shape)
@@ -99,33 +109,33 @@ class GuestPlane(_Guest, PlaneCodec):
 class GuestJoint(_Guest, JointCodec):
     """A stranger's JointCodec."""
 
-    def enc(self, source, options, report):
+    def enc(self, source: Source, options: Any, report: Report) -> Joint:
         """As JointCodec.enc."""
         made = self._call("enc", source, options, report)
         if not isinstance(made, Joint) or len(made.evaluators) != len(source.surfaces):
             raise _fault(self.name, "does not return a Joint with an evaluator for every field")
         return made._replace(evaluators=[_Evaluator(self, one, source.channels) for one in made.evaluators])
 
-    def count_samples(self, values, surfaces, position_bits):
+    def count_samples(self, values: dict, surfaces: list, position_bits: int) -> int:
         """As JointCodec.count_samples."""
         return self._call("count_samples", values, surfaces, position_bits)
 
-    def dec(self, values, surfaces, position_bits, channels, options, report):
+    def dec(self, values: dict, surfaces: list, position_bits: int, channels: tuple, options: Any, report: Report) -> list:
         """As JointCodec.dec."""
         made = self._call("dec", values, surfaces, position_bits, channels, options, report)
         if len(made) != len(surfaces):
             raise _fault(self.name, "does not return an evaluator for every field")
         return [_Evaluator(self, one, channels) for one in made]
 
-    def pack(self, evaluators):
+    def pack(self, evaluators: list) -> tuple[dict, dict]:
         """As JointCodec.pack."""
         return self._call("pack", [one.inner for one in evaluators])
 
-    def unpack(self, facts, arrays, channels, fields):
+    def unpack(self, facts: dict, arrays: dict, channels: tuple, fields: int) -> list:
         """As JointCodec.unpack."""
         return [_Evaluator(self, one, channels) for one in self._call("unpack", facts, arrays, channels, fields)]
 
-    def result_lines(self, facts):
+    def result_lines(self, facts: dict) -> Iterator[str]:
         """As JointCodec.result_lines."""
         return self._call("result_lines", facts)
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def angular_error(ref, got, weights=None):
+def angular_error(ref: np.ndarray, got: np.ndarray, weights: np.ndarray | None = None) -> dict:
     """Angles in degrees between directions that belong together.
 
     ref, got: [N, 3] of any length; weights: [N] non-negative, or None for 1 each. Returns {"mean_degrees", "rms_degrees",

@@ -1,6 +1,7 @@
 """A small picture of an asset, and pictures as PNG bytes."""
 
 import io
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ def to_png(image: np.ndarray) -> bytes:
     return data.getvalue()
 
 
-def thumbnail(texf) -> bytes:
+def thumbnail(texf: Any) -> bytes:
     """PNG of a Texf from the front, a little from above and the side, on white; what notebooks show of one."""
     centre, radius = bounding_sphere(texf.positions)
     camera = orthographic(direction_of_angles(AZIMUTH, ELEVATION), centre, radius, SIDE * TIMES)

@@ -26,7 +26,8 @@ def angular_error(ref: np.ndarray, got: np.ndarray, weights: np.ndarray | None =
     a, known = _units(ref)
     b, valid = _units(got)
     degrees = np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("nc,nc->n", a, b)))
-    degrees, weights = np.where(valid, degrees, 180.0)[known], weights[known]
+    degrees = np.where(valid, degrees, 180.0)[known]
+    weights = weights[known]
     total = float(weights.sum())
     if not total > 0:
         raise ValueError("no reference direction (or only weight zero): there is no angle to report")

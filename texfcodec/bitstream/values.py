@@ -1,4 +1,7 @@
-"""Syntax elements from the data at hand: header, materials, metadata."""
+"""Syntax elements from the data at hand: header, materials, metadata.
+
+EncodeOptions stand in a later room, so that signatures here say Any.
+"""
 
 from __future__ import annotations
 

@@ -3,6 +3,8 @@
 A codec is a folder here, or a class of another package that a plug-in registers (codecs/__init__.py). All that knows it stands in
 there: syntax, both directions, what texf-info and texf-enc say of it. Modules that define one load no numba; what does is
 imported when it is used.
+
+Options stand in a later room, so that signatures here say Any.
 """
 
 from __future__ import annotations
@@ -16,6 +18,8 @@ import numpy as np
 from ..ground.structure import Structure
 
 if TYPE_CHECKING:
+    from ..asset.scene import Scene
+    from ..geometry.surface import Surface
     from ..report import Report
     from ..support.voxels import VoxelSupport
 
@@ -26,8 +30,8 @@ class Source(NamedTuple):
     """What a joint codec fits. scene: Scene; surface: geometry.surface.Surface; face_field: int64 [F] over its faces; surfaces:
     decoded (lattice int64 [V, 3], faces int64 [F, 3]) by field; channels: those that are coded."""
 
-    scene: Any
-    surface: Any
+    scene: Scene
+    surface: Surface
     face_field: np.ndarray
     surfaces: list
     channels: tuple

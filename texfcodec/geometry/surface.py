@@ -1,4 +1,7 @@
-"""The source mesh on its lattice: equal positions merged, collapsed faces and idle flat ones left out (encoder only)."""
+"""The source mesh on its lattice: equal positions merged, collapsed faces and idle flat ones left out (encoder only).
+
+Scene and EncodeOptions stand in later rooms, so that signatures here say Any.
+"""
 
 from dataclasses import dataclass
 from typing import Any

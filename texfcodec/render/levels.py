@@ -1,4 +1,7 @@
-"""Coarser versions of a field: what minified pictures ask, as a mip map is for a texture."""
+"""Coarser versions of a field: what minified pictures ask, as a mip map is for a texture.
+
+A Field stands in a later room, so that signatures here say Any.
+"""
 
 from dataclasses import dataclass
 from typing import Any

@@ -1,4 +1,7 @@
-"""Pictures: fragments get their colours, from the source's textures or from decoded fields."""
+"""Pictures: fragments get their colours, from the source's textures or from decoded fields.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A small picture of an asset, and pictures as PNG bytes."""
+"""A small picture of an asset, and pictures as PNG bytes.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
 
 import io
 from typing import Any

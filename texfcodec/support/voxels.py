@@ -1,4 +1,7 @@
-"""Voxels as the support of values: sorted keys, and what a surface point asks of them (spec clauses 6 and 8)."""
+"""Voxels as the support of values: sorted keys, and what a surface point asks of them (spec clauses 6 and 8).
+
+EncodeOptions stand in a later room, so that signatures here say Any.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What a decoded mesh looks like without an image: its colours at vertices or voxels, and the splitting of shared vertices."""
+"""What a decoded mesh looks like without an image: its colours at vertices or voxels, and the splitting of shared vertices.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
 
 from typing import Any
 

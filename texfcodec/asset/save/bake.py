@@ -1,4 +1,7 @@
-"""Baking: a decoded texture field painted into an atlas, texel by texel, in bounded memory."""
+"""Baking: a decoded texture field painted into an atlas, texel by texel, in bounded memory.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
 
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,4 +1,7 @@
-"""Saving a decoded stream as GLB, glTF, OBJ, PLY or NPZ: everything under a temporary name first, then renamed."""
+"""Saving a decoded stream as GLB, glTF, OBJ, PLY or NPZ: everything under a temporary name first, then renamed.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
 
 import errno
 import io

@@ -1,4 +1,7 @@
-"""glTF 2.0 out: one primitive per material, one shared image, GLB or .gltf with files beside it."""
+"""glTF 2.0 out: one primitive per material, one shared image, GLB or .gltf with files beside it.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""PLY and OBJ out: binary little-endian PLY with sRGB vertex colours, OBJ text with an MTL beside it."""
+"""PLY and OBJ out: binary little-endian PLY with sRGB vertex colours, OBJ text with an MTL beside it.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
 
 from collections.abc import Iterator
 from typing import Any

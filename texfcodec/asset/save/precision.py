@@ -1,4 +1,7 @@
-"""How many digits a file needs: written positions must stay within a quarter of the lattice the decoder worked on."""
+"""How many digits a file needs: written positions must stay within a quarter of the lattice the decoder worked on.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
 
 import math
 from typing import Any

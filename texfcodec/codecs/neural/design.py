@@ -1,4 +1,7 @@
-"""Shape of a 3DNTC payload for a budget of resident bytes, or for one of the paper's operating points (encoder only)."""
+"""Shape of a 3DNTC payload for a budget of resident bytes, or for one of the paper's operating points (encoder only).
+
+EncodeOptions stand in a later room, so that signatures here say Any.
+"""
 
 from dataclasses import dataclass
 from typing import Any

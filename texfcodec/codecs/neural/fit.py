@@ -3,6 +3,8 @@
 Descent on squared colour errors at surface samples, with cosine decay; Adam moves the network. A batch is a thinned run along a
 Morton curve over the whole surface: it covers everything evenly, and neighbours in it read the same latents. The same seed
 gives the same payload on one machine with one number of threads.
+
+EncodeOptions stand in a later room, so that signatures here say Any.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 LANES points go side by side, a component a row, so that every inner loop runs along a row. Operands are int32 and sums int64:
 |weight| < 2**28, |activation| <= 2**24, at most 304 inputs and a bias below 2**42 stay below 2**61.
+
+Tables, made by payload.py from what is here, are Any.
 """
 
 from __future__ import annotations

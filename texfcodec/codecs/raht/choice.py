@@ -1,4 +1,7 @@
-"""The encoder's choice of tools: what an effort allows, which prediction suits the field, and which QPs are under residuals."""
+"""The encoder's choice of tools: what an effort allows, which prediction suits the field, and which QPs are under residuals.
+
+EncodeOptions stand in a later room, so that signatures here say Any.
+"""
 
 from __future__ import annotations
 

@@ -43,6 +43,33 @@ def undocumented_functions(tree):
     return [f"{f.name} has no docstring" for f in public if not ast.get_docstring(f)]
 
 
+def incomplete_signatures(tree):
+    """Public functions, and methods of public classes, where a parameter or the result has no type. Kernels get theirs from
+    numba, the parameters of a command from click."""
+    kinds = [n for n in tree.body if isinstance(n, ast.ClassDef) and not n.name.startswith("_")]
+    named = [(f, f.name) for f in _defined(tree.body)]
+    named += [(f, f"{kind.name}.{f.name}") for kind in kinds for f in _defined(kind.body)]
+    untyped = [name for f, name in named if not _is_typed(f, name) and not _decorators(f) & (JIT | {"kernel", "command"})]
+    return [f"{name} has no complete signature" for name in untyped]
+
+
+def _defined(body):
+    functions = [n for n in body if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)]
+    return [f for f in functions if not f.name.startswith("_") or f.name == "__init__"]
+
+
+def _decorators(function):
+    return {name_of(getattr(d, "func", d)) for d in function.decorator_list}
+
+
+def _is_typed(function, name):
+    given = function.args
+    taken = [*given.posonlyargs, *given.args]
+    is_bound = "." in name and "staticmethod" not in _decorators(function)  # self or cls, which needs no type
+    more = [a for a in (given.vararg, *given.kwonlyargs, given.kwarg) if a is not None]
+    return function.returns is not None and all(a.annotation is not None for a in taken[is_bound:] + more)
+
+
 def uncached_kernels(tree):
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and name_of(node.func) in JIT]
     called = {id(call.func) for call in calls}
@@ -102,7 +129,8 @@ def findings(check, folder=PACKAGE):
     return [f"{path.relative_to(REPOSITORY).as_posix()}: {finding}" for path, tree in trees.items() for finding in check(tree)]
 
 
-@pytest.mark.parametrize("check", [long_functions, undocumented_functions, uncached_kernels, fast_maths, drawer_names])
+@pytest.mark.parametrize("check", [long_functions, undocumented_functions, incomplete_signatures, uncached_kernels, fast_maths,
+                                   drawer_names])
 def test_package_has_no(check):
     found = [finding for finding in findings(check) if not (check is fast_maths and finding.startswith(FAST_MATHS))]
     assert not found, "\n".join(found)
@@ -217,6 +245,15 @@ def test_package_is_imported_fast_and_without_numba():
     [
         (long_functions, "def f():\n" + "    x = 1\n" * LONGEST_FUNCTION),
         (undocumented_functions, "def f():\n    return 1"),
+        (incomplete_signatures, "def f(a: int): pass"),
+        (incomplete_signatures, "def f(a) -> int: pass"),
+        (incomplete_signatures, "def f(*a, b: int) -> int: pass"),
+        (incomplete_signatures, "def f(a: int, *, b=1) -> int: pass"),
+        (incomplete_signatures, "def f(**a) -> int: pass"),
+        (incomplete_signatures, "class A:\n    def f(self, a) -> int: pass"),
+        (incomplete_signatures, "class A:\n    def __init__(self): pass"),
+        (incomplete_signatures, "class A:\n    @property\n    def f(self): pass"),
+        (incomplete_signatures, "class A:\n    @staticmethod\n    def f(a) -> int: pass"),
         (uncached_kernels, "@njit\ndef _f(): pass"),
         (uncached_kernels, "@numba.njit\ndef _f(): pass"),
         (uncached_kernels, "@numba.njit(nogil=True)\ndef _f(): pass"),
@@ -239,6 +276,10 @@ def test_check_catches(check, bad):
     [
         (long_functions, "def f():\n" + "    x = 1\n" * (LONGEST_FUNCTION - 1)),
         (undocumented_functions, "def f():\n    'Says what.'\ndef _g(): pass\nclass A:\n    def h(self): pass"),
+        (incomplete_signatures, "def f(a: int, *b: int, c: int = 1, **d: int) -> int: pass\ndef _g(a): pass"),
+        (incomplete_signatures, "class A:\n    def __init__(self, a: int) -> None: pass\n    def _f(self, a): pass"),
+        (incomplete_signatures, "class A:\n    @property\n    def f(self) -> int: pass\nclass _B:\n    def f(self, a): pass"),
+        (incomplete_signatures, "@click.command('x')\ndef f(a): pass\n@kernel\ndef g(a): pass\n@kernel(x=1)\ndef h(a): pass"),
         (uncached_kernels, "from numba import njit\n@njit(cache=True)\ndef _f(): pass\n_jit = nb.njit(cache=True)"),
         (fast_maths, "@njit(cache=True, fastmath=False)\ndef _f(): pass"),
         (drawer_names, "def common_prefix(): pass\nclass Image: pass"),

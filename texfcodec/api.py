@@ -11,16 +11,20 @@ from .options import DecodeOptions, EncodeOptions
 from .report import Report
 
 if TYPE_CHECKING:
+    from .asset.scene import Scene
+    from .limits import Limits
+
+if TYPE_CHECKING:
     from .encoder import Encoded
     from .texf import Texf
 
 
-def encode(mesh_or_path, options: EncodeOptions | None = None, report: Report | None = None) -> bytes:
+def encode(mesh_or_path: object, options: EncodeOptions | None = None, report: Report | None = None) -> bytes:
     """Codes a textured mesh: as encode_to_result(), the .texf stream alone."""
     return encode_to_result(mesh_or_path, options, report).data
 
 
-def encode_to_result(mesh_or_path, options: EncodeOptions | None = None, report: Report | None = None) -> Encoded:
+def encode_to_result(mesh_or_path: object, options: EncodeOptions | None = None, report: Report | None = None) -> Encoded:
     """Codes a textured mesh.
 
     mesh_or_path: path of a mesh file, a trimesh object or a Scene; report: Report that receives seconds by stage, warnings and
@@ -37,7 +41,7 @@ def encode_to_result(mesh_or_path, options: EncodeOptions | None = None, report:
     return encode_loaded(scene, options, report)
 
 
-def encode_loaded(scene, options: EncodeOptions, report: Report) -> Encoded:
+def encode_loaded(scene: Scene, options: EncodeOptions, report: Report) -> Encoded:
     """Codes a Scene: at the rate that was asked for, or by search where a target was; measures it where that was asked for."""
     if options.target_bytes is not None or options.target_psnr is not None:
         from .search import encode_to_target
@@ -53,14 +57,15 @@ def encode_loaded(scene, options: EncodeOptions, report: Report) -> Encoded:
     return made
 
 
-def measure(scene, made: Encoded, threads: int = 1) -> dict:
+def measure(scene: Scene, made: Encoded, threads: int = 1) -> dict:
     """3D-PSNR of a stream against the Scene it came from, in dB; see quality.measure.measure."""
     from .quality.measure import measure as measured
 
     return measured(scene, decode(made.data, DecodeOptions(threads=threads)), threads=threads, face_field=made.face_field)
 
 
-def decode(data_or_path, options: DecodeOptions | None = None, report: Report | None = None) -> Texf:
+def decode(data_or_path: bytes | bytearray | memoryview | str | PathLike, options: DecodeOptions | None = None,
+           report: Report | None = None) -> Texf:
     """Decodes a .texf stream (spec clauses 5 to 8).
 
     data_or_path: the stream as bytes, or the path of a file; report: Report that receives seconds by stage and warnings. Raises
@@ -77,7 +82,7 @@ def decode(data_or_path, options: DecodeOptions | None = None, report: Report | 
     return decode_stream(data, options, report)
 
 
-def inspect(data_or_path, limits=None) -> dict:
+def inspect(data_or_path: bytes | bytearray | memoryview | str | PathLike, limits: Limits | None = None) -> dict:
     """What stands where in a .texf stream, JSON-ready; see bitstream.inspect. data_or_path: bytes, or the path of a file."""
     from .bitstream.inspect import inspect as inspected
     from .limits import Limits

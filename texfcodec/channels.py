@@ -1,6 +1,6 @@
 """What coded values mean: one table of channels (spec clause 5.3.1), read by transfer, syntax, codecs, fields and writers."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,7 +43,7 @@ def channels_of(groups: list) -> tuple[Channel, ...]:
     return tuple(BY_SEMANTIC[group["group_semantic"]] for group in groups)
 
 
-def columns_of(channels) -> list[int]:
+def columns_of(channels: Sequence[Channel]) -> list[int]:
     """The RGBA columns of several channels, one component after the other."""
     return [column for channel in channels for column in channel.columns]
 
@@ -56,7 +56,7 @@ def join_planes(planes: dict, count: int) -> np.ndarray:
     return out
 
 
-def split_values(values: np.ndarray, channels) -> dict:
+def split_values(values: np.ndarray, channels: Sequence[Channel]) -> dict:
     """Planes by channel name of values [N, all components], the channels' components one after the other."""
     ends = np.cumsum([channel.components for channel in channels]).tolist()
     return {c.name: values[:, end - c.components : end] for c, end in zip(channels, ends, strict=True)}

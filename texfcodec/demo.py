@@ -5,13 +5,14 @@
 
 import sys
 import time
+from os import PathLike
 from pathlib import Path
 
 POINTS = {"small": (256, 28), "middle": (512, 28), "r03": (1024, 28)}  # name: (K, QP); the last is the paper's r03
 STAGES = ("load", "partition", "geometry", "voxelise", "transfer", "refine", "attributes")
 
 
-def main(folder="out"):
+def main(folder: str | PathLike = "out") -> None:
     """Writes the sample, three streams and three decoded GLBs into folder and prints what each took."""
     from rich.console import Console
 

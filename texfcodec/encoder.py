@@ -1,8 +1,11 @@
 """Mesh to stream: the whole pipeline on one page. decoder.py is its mirror image."""
 
+from __future__ import annotations
+
 import hashlib
 import zlib
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +24,9 @@ from .geometry.unit import GeometryUnit, field_surface
 from .options import EncodeOptions
 from .refine.choice import refine_fields
 from .report import Report
+
+if TYPE_CHECKING:
+    from .asset.scene import Scene
 
 
 @dataclass
@@ -63,13 +69,13 @@ class Encoded:
         return f"<Encoded: {len(self.data)} bytes, K {self.resolution}, QP {self.qp}, {counts}>"
 
 
-def encode_scene(scene, options: EncodeOptions | None = None, report: Report | None = None) -> Encoded:
+def encode_scene(scene: Scene, options: EncodeOptions | None = None, report: Report | None = None) -> Encoded:
     """Codes a Scene. Raises InputError, LimitError, SupportError."""
     options, report = options or EncodeOptions(), report or Report()
     return code_prepared(prepare(scene, options, report), options, report)
 
 
-def prepare(scene, options: EncodeOptions, report: Report) -> Prepared:
+def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
     """Lattice, partition, geometry, voxels and transfer; may be coded at several QPs."""
     with report.stage("lattice"):
         surface = make_surface(scene, options)

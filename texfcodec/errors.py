@@ -13,7 +13,7 @@ class TexfError(Exception):
 
     exit_code = EXIT_INTERNAL
 
-    def __init__(self, code, message, **details):
+    def __init__(self, code: str, message: str, **details: object) -> None:
         super().__init__(message)
         self.code = code
         self.message = message
@@ -26,7 +26,7 @@ class TexfError(Exception):
     def __reduce__(self):  # keeps code and details when an error crosses a process boundary
         return (_rebuild, (type(self), self.code, self.message, self.details))
 
-    def as_dict(self):
+    def as_dict(self) -> dict:
         return {"code": self.code, "message": self.message, **self.details}
 
 

@@ -15,6 +15,7 @@ from .errors import (
     LimitError,
     StreamError,
     SupportError,
+    TexfError,
 )
 
 COMMAND_LINE = "command line"
@@ -27,21 +28,21 @@ class Finding:
     code of a finding without family."""
 
     code: str
-    family: type | None
+    family: type[TexfError] | None
     clauses: tuple
     text: str
     remedy: str
     told_exit: int | None = None
 
     @property
-    def family_name(self):
+    def family_name(self) -> str:
         return COMMAND_LINE if self.family is None else self.family.__name__
 
     @property
-    def exit_code(self):
+    def exit_code(self) -> int | None:
         return self.told_exit if self.family is None else self.family.exit_code
 
-    def covers(self, clause):
+    def covers(self, clause: str) -> bool:
         """Whether a clause such as "5.7.1" is one of the finding's, or below one of them."""
         return any(clause == one or clause.startswith(one + ".") for one in self.clauses)
 

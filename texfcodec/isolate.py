@@ -32,7 +32,7 @@ FACTS_BYTES = 64 << 20  # the JSON half of an answer is never larger
 _NO_MEMORY = ("bad_alloc", "allocate", "failed to map", "out of memory", "memoryerror", "can't start new thread")
 
 
-def decode_isolated(data, options=None, report=None):
+def decode_isolated(data: bytes, options: DecodeOptions | None = None, report: Report | None = None) -> Texf:
     """As decode(), in a child process capped by limits.isolate_bytes (of address space beyond what the idle decoder has) and
     limits.isolate_seconds.
 

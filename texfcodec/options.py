@@ -2,7 +2,8 @@
 
 import math
 import os
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Iterable
+from dataclasses import Field, dataclass, field, fields
 from typing import Any
 
 from .codecs import codec_names, codec_of, our_codecs
@@ -34,12 +35,12 @@ def default_threads() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def choice(default: Any, allowed, text: str = "", metavar: str | None = None) -> Any:
+def choice(default: Any, allowed: Iterable[str] | Callable[[], Iterable[str]], text: str = "", metavar: str | None = None) -> Any:
     """A field of options that takes one of the words that allowed holds, or that calling it gives."""
     return field(default=default, metadata={"allowed": allowed, "text": text, "metavar": metavar})
 
 
-def ranged(default: Any, low, high, text: str = "", metavar: str = "N") -> Any:
+def ranged(default: Any, low: float, high: float, text: str = "", metavar: str = "N") -> Any:
     """A field of options that takes a number in low..high: a whole one, or any where low is a float."""
     return field(default=default, metadata={"range": (low, high), "text": text, "metavar": metavar})
 
@@ -49,7 +50,7 @@ def switch(text: str = "") -> Any:
     return field(default=False, metadata={"switch": True, "text": text})
 
 
-def words_of(option) -> tuple:
+def words_of(option: Field) -> tuple:
     """The words that a choice() takes."""
     allowed = option.metadata["allowed"]
     return tuple(allowed() if callable(allowed) else allowed)

@@ -1,6 +1,7 @@
 """What a run tells about itself: seconds by stage, peak memory, warnings and dropped properties."""
 
 import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 
@@ -13,25 +14,29 @@ class Report:
     cancels. seconds: by stage; warnings, dropped: sentences; trials: of a search, a dict each; child_peak_memory_bytes: of a
     decoder in a child process; note: what the stage at work has to say of itself, "" for nothing."""
 
-    def __init__(self, on_progress=None):
+    def __init__(self, on_progress: Callable[[str, int, int], object] | None = None) -> None:
         self.on_progress = on_progress
-        self.seconds, self.warnings, self.dropped, self.trials = {}, [], [], []
-        self.note, self.child_peak_memory_bytes = "", None
+        self.seconds: dict[str, float] = {}
+        self.warnings: list[str] = []
+        self.dropped: list[str] = []
+        self.trials: list[dict] = []
+        self.note = ""
+        self.child_peak_memory_bytes: int | None = None
 
     @contextmanager
-    def stage(self, name):
+    def stage(self, name: str) -> Iterator[None]:
         self.progress(name, 0, 1)
         begin = time.perf_counter()
         yield
         self.seconds[name] = round(self.seconds.get(name, 0.0) + time.perf_counter() - begin, 6)
         self.progress(name, 1, 1)
 
-    def progress(self, stage, done, total):
+    def progress(self, stage: str, done: int, total: int) -> None:
         if self.on_progress and self.on_progress(stage, done, total) is False:
             raise Cancelled(f"cancelled in stage {stage}")
 
 
-def peak_memory_bytes():
+def peak_memory_bytes() -> int | None:
     """Largest resident set of this process so far, in bytes; None where the platform does not tell."""
     try:
         import resource

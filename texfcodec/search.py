@@ -1,8 +1,12 @@
 """Rate control by search: the stream that meets a byte budget or a 3D-PSNR, over grid resolution K and QP."""
 
+from __future__ import annotations
+
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,9 +14,12 @@ from .codecs import codec_of
 from .decoder import decode_stream
 from .encoder import Encoded, code_prepared, prepare
 from .errors import InputError
-from .options import DecodeOptions
+from .options import DecodeOptions, EncodeOptions
 from .quality.measure import SourceSamples
 from .report import Report
+
+if TYPE_CHECKING:
+    from .asset.scene import Scene
 
 LADDER = (64, 128, 256, 512, 1024, 1536, 2048)
 FIRST_K, FIRST_QP, LAST_QP = 1024, 28, 63
@@ -32,33 +39,34 @@ class Trial:
     seconds: float
 
     @property
-    def resolution(self):
+    def resolution(self) -> int | None:
         return self.made.resolution
 
     @property
-    def qp(self):
+    def qp(self) -> int | None:
         return self.made.qp
 
     @property
-    def sizes(self):
+    def sizes(self) -> dict:
         return self.made.sizes
 
     @property
-    def psnr(self):
+    def psnr(self) -> dict | None:
         return self.made.psnr_3d
 
     @property
-    def psnr_y(self):
+    def psnr_y(self) -> float:
         """3D-PSNR of Y in dB; infinite for a lossless one."""
+        assert self.psnr is not None
         return math.inf if self.psnr["y"] is None else self.psnr["y"]
 
-    def row(self):
+    def row(self) -> dict:
         """What the report says about this trial."""
         return {"resolution": self.resolution, "qp": self.qp, "bytes": self.sizes["total"],
                 "psnr_y": self.psnr and self.psnr["y"], "seconds": round(self.seconds, 3)}
 
 
-def encode_to_target(scene, options, report):
+def encode_to_target(scene: Scene, options: EncodeOptions, report: Report) -> Encoded:
     """The best 3D-PSNR within options.target_bytes, or the fewest bytes with a 3D-PSNR of Y of options.target_psnr.
 
     scene: Scene; options: EncodeOptions with one of the two targets; report: Report. Returns the Encoded that keeps the target;
@@ -75,8 +83,9 @@ def encode_to_target(scene, options, report):
     return found.made
 
 
-def estimate(scene, options):
+def estimate(scene: Scene, options: EncodeOptions) -> tuple[int, float]:
     """(voxels, seconds) that encoding will need, guessed from the surface area alone."""
+    assert options.resolution is not None  # its __post_init__ fills it in
     corners = scene.positions[scene.faces]
     side = float((scene.positions.max(axis=0) - scene.positions.min(axis=0)).max()) or 1.0
     edges = (corners[:, 1:] - corners[:, :1]) / side
@@ -184,7 +193,7 @@ class _Search:
                           best=round(most["psnr_y"], 2), resolution=most["resolution"], qp=most["qp"])
 
 
-def smallest_root(excess, start, slope, last=LAST_QP):
+def smallest_root(excess: Callable[[int], float], start: int, slope: float, last: int = LAST_QP) -> int | None:
     """Smallest whole x in 0..last with excess(x) <= 0, or None.
 
     excess falls with x, at first by about `slope` a step; start: first guess. Guesses follow the line through the two latest

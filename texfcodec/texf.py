@@ -1,7 +1,11 @@
 """The decoded asset: a mesh without UVs and the fields that colour it."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from functools import cached_property
+from os import PathLike
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +16,10 @@ from .errors import InputError
 from .geometry.canonical import CanonicalCube
 from .support.grid import BrickMap
 from .support.voxels import VoxelSupport
+
+if TYPE_CHECKING:
+    from .asset.save.atlas import Atlas
+    from .asset.save.bake import Baked
 
 
 @dataclass(repr=False)
@@ -85,48 +93,48 @@ class Texf:
         return np.concatenate(parts) if parts else empty
 
     @property
-    def origin(self):
+    def origin(self) -> np.ndarray:
         return np.array(self.cube.origin)
 
     @property
-    def side(self):
+    def side(self) -> float:
         return self.cube.side
 
     @property
-    def position_bits(self):
+    def position_bits(self) -> int:
         return self.cube.position_bits
 
     @property
-    def resolution(self):
+    def resolution(self) -> int:
         """Largest grid resolution over the fields; 1 for an empty asset."""
         return max((f.size for f in self.fields), default=1)
 
     @property
-    def lattice_positions(self):
+    def lattice_positions(self) -> np.ndarray:
         """int64 [V, 3], all units one after the other."""
         return self._joined(lambda u: u.lattice, np.zeros((0, 3), np.int64))
 
     @property
-    def positions(self):
+    def positions(self) -> np.ndarray:
         """float64 [V, 3] in world space."""
         return self.cube.to_world(self.lattice_positions)
 
     @property
-    def faces(self):
+    def faces(self) -> np.ndarray:
         """int64 [F, 3] into positions, in unit order."""
         starts = np.cumsum([0] + [len(u.lattice) for u in self.units])
         parts = [u.faces + s for u, s in zip(self.units, starts[:-1], strict=True)]
         return np.concatenate(parts) if parts else np.zeros((0, 3), np.int64)
 
     @property
-    def face_material(self):
+    def face_material(self) -> np.ndarray:
         return self._joined(lambda u: np.full(len(u.faces), u.material), np.zeros(0, np.int64))
 
     @property
-    def face_field(self):
+    def face_field(self) -> np.ndarray:
         return self._joined(lambda u: np.full(len(u.faces), u.field), np.zeros(0, np.int64))
 
-    def query(self, points, face_index=None) -> np.ndarray:
+    def query(self, points: np.ndarray, face_index: np.ndarray | None = None) -> np.ndarray:
         """Colour of the field at surface points (spec clause 8.2; where an evaluator answers its own clause, exact to the bit).
 
         points: float64 [M, 3] world space; face_index: int64 [M] face that each point lies on, or None for the nearest face.
@@ -145,7 +153,7 @@ class Texf:
             which = self.face_field[self.nearest_face(points) if face_index is None else face_index]
         return self.query_by_field(points, which)
 
-    def query_by_field(self, points, which) -> np.ndarray:
+    def query_by_field(self, points: np.ndarray, which: np.ndarray) -> np.ndarray:
         """As query(), each point asking the field whose number stands in which, int64 [M]."""
         out = np.zeros((len(points), COLUMNS), np.float32)
         for i in range(len(self.fields)):
@@ -154,14 +162,14 @@ class Texf:
                 out[chosen] = self.query_field(i, points[chosen])
         return out
 
-    def query_field(self, number, points) -> np.ndarray:
+    def query_field(self, number: int, points: np.ndarray) -> np.ndarray:
         """What field `number` answers at world points float64 [M, 3]: float32 [M, 4]."""
         if self.evaluators:
             return self.evaluators[number].query(self.cube, points, self.threads)
         part = self.fields[number]
         return part.support.query(self.cube, points, part.rgba, self.threads)
 
-    def nearest_face(self, points):
+    def nearest_face(self, points: np.ndarray) -> np.ndarray:
         """Index of the face nearest to each world point, int64 [M]."""
         import trimesh
 
@@ -170,7 +178,7 @@ class Texf:
         mesh = trimesh.Trimesh((self.positions - self.origin) / (self.side or 1.0), self.faces, process=False)
         return trimesh.proximity.closest_point(mesh, (points - self.origin) / (self.side or 1.0))[2]
 
-    def voxels(self):
+    def voxels(self) -> dict[str, np.ndarray]:
         """All active voxels: {"xyz": int32 [N, 3], "field": int32 [N], "rgba": uint8 [N, 4], "center": float64 [N, 3] world}."""
         xyz = [f.support.xyz() for f in self.fields]
         center = [self._centers(f, v) for f, v in zip(self.fields, xyz, strict=True)]
@@ -186,13 +194,13 @@ class Texf:
         grid = (xyz + 0.5) * (1 << part.level_shift)
         return self.cube.to_world(grid * ((1 << self.position_bits) / part.resolution))
 
-    def bake(self, texture_size=None, atlas="auto"):
+    def bake(self, texture_size: int | None = None, atlas: str | Atlas = "auto") -> Baked:
         """A texture atlas with the field baked in; see asset.save.bake."""
         from .asset.save.bake import bake
 
         return bake(self, texture_size, atlas)
 
-    def save(self, path, **options):
+    def save(self, path: str | PathLike, **options: Any) -> dict:
         """Writes .glb, .gltf, .obj, .ply or .npz; see asset.save.files."""
         from .asset.save.files import save
 

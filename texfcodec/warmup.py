@@ -1,22 +1,28 @@
 """Compiling the kernels ahead of use, and telling without numba whether that has been done."""
 
+from __future__ import annotations
+
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .codecs import codec_of
 from .ground.kernel import PACKAGE, cache_folder
 from .options import DEFAULT_CODEC
 
+if TYPE_CHECKING:
+    from .asset.scene import Scene
+
 ENTRIES = ("support/voxelise.py", *codec_of(DEFAULT_CODEC).kernels)  # every usual encode and decode enters kernels of these
 
 
-def kernels_compiled():
+def kernels_compiled() -> bool:
     """Whether the cache holds kernels of every file of ENTRIES as it stands, for this interpreter."""
     tag = f"py{sys.version_info.major}{sys.version_info.minor}"
     return all(any(cache_folder(PACKAGE / entry).glob(f"*/{Path(entry).stem}.*.{tag}*.nbi")) for entry in ENTRIES)
 
 
-def warm_up():
+def warm_up() -> None:
     """Encodes, measures, decodes, renders, bakes and saves a small mesh, so that every kernel is compiled and cached."""
     import tempfile
 
@@ -38,7 +44,7 @@ def warm_up():
             texf.save(Path(folder) / "a.glb", texture_size=64, atlas=atlas)
 
 
-def small_scene():
+def small_scene() -> Scene:
     """Two crossing sheets, one of them see-through, so that fields split and both channel groups are coded."""
     import numpy as np
 

@@ -44,7 +44,7 @@ def _unit(vectors):
     return out
 
 
-def corner_normals(lattice, faces):
+def corner_normals(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Unit normal of every face corner, float32 [F, 3, 3], rounded to 1/512 so that equal ones merge.
 
     lattice: int64 [V, 3]; faces: int64 [F, 3]. Vertices at the same position count as one.

@@ -5,14 +5,14 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from ..ground.kernel import kernel
-from .scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_REPEAT
+from .scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_REPEAT, Scene
 from .srgb import linear_to_srgb, srgb_to_linear
 
 CURVE_STEPS = 4096
 BLOCK = 1 << 16
 
 
-def pack_source(scene, faces=None):
+def pack_source(scene: Scene, faces: np.ndarray | None = None) -> tuple:
     """The scene's appearance as flat arrays for the kernels.
 
     faces: indices of the scene's faces to keep, int64 [F], or None for all. Returns a tuple: texels uint8 [T, 4], textures int64
@@ -21,7 +21,7 @@ def pack_source(scene, faces=None):
     """
     pick = slice(None) if faces is None else faces
     used = sorted({m.texture for m in scene.materials if m.texture >= 0})
-    images = {}
+    images: dict[int, np.ndarray] = {}
     for t in used:
         images.setdefault(id(scene.textures[t].image), scene.textures[t].image)
     offsets, total = {}, 0
@@ -114,7 +114,7 @@ def _sample(source, face_index, bary, out):
             out[i, c] = np.float32(rgba[c])
 
 
-def sample_source(source, face_index, bary, threads=1):
+def sample_source(source: tuple, face_index: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
     """Source colours. source: from pack_source; face_index: int64 [M] below its face count; bary: float64 [M, 3].
 
     Returns float32 [M, 4], 0..255. Raises IndexError for a face index out of range.

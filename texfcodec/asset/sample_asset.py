@@ -12,6 +12,7 @@ import json
 import os
 import struct
 import sys
+from os import PathLike
 
 import numpy as np
 
@@ -29,7 +30,7 @@ _PLINTH = [(0, 0.030), (0.098, 0.030), (0.108, 0.035), (0.110, 0.040), (0.110, 0
 _PLINTH_ROWS = [GLAZE] + [PLINTH] * 8 + [TRAY]
 
 
-def make_sample():
+def make_sample() -> Scene:
     """The sample as a Scene: seven closed parts, six materials, four textures, about 17,000 faces.
 
     Each part is a closed, consistently oriented surface of its own. All coordinates and colours are multiples of 1e-6 rounded
@@ -188,7 +189,7 @@ def _photograph(name, wrap):
     return Texture(np.concatenate([image, np.full_like(image[..., :1], 255)], axis=2), (wrap, wrap), name)
 
 
-def write_sample(path):
+def write_sample(path: str | PathLike) -> None:
     """Write the sample as a self-contained GLB (glTF 2.0), completely or not at all."""
     part = f"{os.fspath(path)}.part"
     try:

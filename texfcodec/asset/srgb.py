@@ -3,13 +3,13 @@
 import numpy as np
 
 
-def srgb_to_linear(v):
+def srgb_to_linear(v: np.ndarray) -> np.ndarray:
     """sRGB-coded 0..1 to linear 0..1, float64, any shape; values outside are clipped."""
     v = np.clip(np.asarray(v, np.float64), 0.0, 1.0)
     return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
 
 
-def linear_to_srgb(v):
+def linear_to_srgb(v: np.ndarray) -> np.ndarray:
     """Linear to sRGB-coded 0..1, float64, any shape; negative values count as 0."""
     v = np.maximum(np.asarray(v, np.float64), 0.0)
     return np.where(v <= 0.0031308, v * 12.92, 1.055 * np.maximum(v, 0.0031308) ** (1 / 2.4) - 0.055)

@@ -1,11 +1,18 @@
 """Reading a .texf file, never more of it than the limit allows."""
 
+from __future__ import annotations
+
 import sys
+from os import PathLike
+from typing import TYPE_CHECKING
 
 from ..errors import InputError, LimitError
 
+if TYPE_CHECKING:
+    from ..limits import Limits
 
-def read_stream_file(path, limits, head=b"") -> bytes:
+
+def read_stream_file(path: str | PathLike, limits: Limits, head: bytes = b"") -> bytes:
     """Bytes of a .texf file, or of stdin for "-", of which head has been read already. Raises InputError, LimitError."""
     most = -1 if limits.file_bytes is None else max(limits.file_bytes + 1 - len(head), 0)
     try:

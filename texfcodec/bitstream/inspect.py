@@ -11,14 +11,15 @@ NOT_TOLD: dict = {"qp": None, "codeword_bytes": [], "slice_level": None, "level_
 _KINDS = {UNIT_GEOMETRY: "geometry", UNIT_ATTRIBUTE: "attributes"}
 
 
-def inspect(data, limits=None):
+def inspect(data: bytes, limits: Limits | None = None) -> dict:
     """What stands where in a .texf stream.
 
     data: bytes; limits: Limits. Returns a JSON-ready dict: "bytes" by kind, counts, "fields", "groups" (one per attribute unit:
     qp, codewords, bytes by octree level where the stream tells) and "units", whose elements with the signature name every byte of
     the file exactly once. Raises StreamError, LimitError, SupportError.
     """
-    data, trace = bytes(data), []
+    data = bytes(data)
+    trace: list[tuple] = []
     stream = read_stream(data, limits or Limits(), trace)
     units = [_unit(data, unit.type, unit.start, unit.begin, unit.end, rows) for unit, rows in trace]
     units += [_skipped_unit(data, skipped) for skipped in stream.skipped]

@@ -1,6 +1,9 @@
 """The stream as a whole: values of all units in one plain structure, written and read over the tables (spec clause 5)."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from ..channels import BY_SEMANTIC
 from ..codecs import codec_of_unit
@@ -21,6 +24,9 @@ from .syntax import (
 )
 from .units import read_units, write_unit
 
+if TYPE_CHECKING:
+    from ..limits import Limits
+
 
 @dataclass
 class Stream:
@@ -36,12 +42,12 @@ class Stream:
     skipped: list = field(default_factory=list)
 
     @property
-    def joint(self):
+    def joint(self) -> dict | None:
         """Values of the attribute unit that holds all fields and channel groups together (5.7), None where there is none."""
         return next((a for a in self.attributes if codec_of_unit(a).joint), None)
 
 
-def write_stream(stream):
+def write_stream(stream: Stream) -> tuple[bytes, dict[str, int]]:
     """Bytes of a stream, and the byte counts {"geometry", "attributes", "other"}."""
     sizes = {"geometry": 0, "attributes": 0, "other": len(SIGNATURE)}
     out = bytearray(SIGNATURE)
@@ -67,7 +73,7 @@ def write_stream(stream):
     return bytes(out), sizes
 
 
-def attribute_variables(stream, values):
+def attribute_variables(stream: Stream, values: dict) -> dict:
     """Variables that an attribute unit takes from elsewhere: the resolution of its field, the components of its group."""
     if values["field_index"] >= len(stream.fields):
         raise StreamError("TXF-S09", "an attribute unit names a field that is not there", clause="5.7",
@@ -99,7 +105,7 @@ def _check_materials_fit(count, reader):
         raise StreamError("TXF-S02", "the data end inside materials", clause="5.4", value=count)
 
 
-def read_stream(data, limits, trace=None):
+def read_stream(data: bytes, limits: Limits, trace: list | None = None) -> Stream:
     """Parses a whole stream and checks every rule that needs no decoding. data: bytes.
 
     trace: list that receives (unit, [(element, offset, size, value), ...]). Returns Stream. Raises StreamError, LimitError,
@@ -110,7 +116,7 @@ def read_stream(data, limits, trace=None):
     stream.skipped = [{"type": u.type, "offset": u.start, "bytes": u.stop - u.start} for u in skipped]
     view = memoryview(data)
     for unit in units:
-        rows = None
+        rows: list | None = None
         if trace is not None:
             rows = []
             trace.append((unit, rows))

@@ -22,11 +22,11 @@ class Unit:
     stop: int
 
     @property
-    def name(self):
+    def name(self) -> str:
         return UNIT_NAMES.get(self.type, f"unknown ({self.type})")
 
 
-def write_unit(unit_type, payload):
+def write_unit(unit_type: int, payload: bytes) -> bytes:
     """Type, length, payload and CRC-32 over all three."""
     body = bytes([unit_type]) + write_v(len(payload)) + payload
     return body + struct.pack("<I", zlib.crc32(body))
@@ -45,8 +45,8 @@ def _read_unit(data, position):
     return Unit(unit_type, begin, begin + length, position, reader.position)
 
 
-def read_units(data, max_file_bytes=None):
-    """Splits a stream into units. data: bytes. Returns (units in file order without the end unit, names of skipped ones).
+def read_units(data: bytes, max_file_bytes: int | None = None) -> tuple[list[Unit], list[Unit]]:
+    """Splits a stream into units. data: bytes. Returns (units in file order without the end unit, skipped ones).
 
     Raises StreamError for a broken frame, wrong order or trailing bytes, SupportError for an unknown critical unit, LimitError
     for a stream longer than max_file_bytes.
@@ -56,10 +56,11 @@ def read_units(data, max_file_bytes=None):
     if data[: len(SIGNATURE)] != SIGNATURE:
         kind = "is empty" if not data else "does not start with the TexF signature"
         raise StreamError("TXF-S01", f"the stream {kind}", clause="5.1", offset=0)
-    units, skipped, position, last = [], [], len(SIGNATURE), -1
-    data = memoryview(data)
+    units: list[Unit] = []
+    skipped: list[Unit] = []
+    view, position, last = memoryview(data), len(SIGNATURE), -1
     while True:
-        unit = _read_unit(data, position)
+        unit = _read_unit(view, position)
         position = unit.stop
         if not units and unit.type != UNIT_HEADER:
             raise StreamError("TXF-S07", "the first unit is not the sequence header", clause="5.2", offset=unit.start)

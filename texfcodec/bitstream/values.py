@@ -1,14 +1,26 @@
-"""Syntax elements from the data at hand: header, materials, metadata."""
+"""Syntax elements from the data at hand: header, materials, metadata.
+
+EncodeOptions stand in a later room, so that signatures here say Any.
+"""
+
+from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
-from ..asset.scene import ALPHA_MASK
-from ..codecs.codec import PRIVATE_IDS
-from ..support.voxels import voxels_crc
+from ..asset.scene import ALPHA_MASK, Material, Scene
+from ..codecs.codec import PRIVATE_IDS, Codec
+from ..support.voxels import VoxelSupport, voxels_crc
 from .syntax import VERSION
 
+if TYPE_CHECKING:
+    from ..channels import Channel
+    from ..geometry.surface import Surface
+    from ..report import Report
 
-def header_values(scene, surface, geometry, num_fields, channels):
+
+def header_values(scene: Scene, surface: Surface, geometry: list, num_fields: int, channels: Sequence[Channel]) -> dict:
     """Values of the sequence header (spec 5.3). channels: those that are coded."""
     return {
         "version": VERSION, "position_bits": surface.cube.position_bits, "origin": surface.cube.origin, "side": surface.cube.side,
@@ -18,7 +30,7 @@ def header_values(scene, surface, geometry, num_fields, channels):
     }
 
 
-def material_values(material):
+def material_values(material: Material) -> dict:
     """Values of one material (spec 5.4.1)."""
     name = material.name.encode("utf-8", "replace")[:65535].decode("utf-8", "ignore")
     cutoff = round(min(max(material.alpha_cutoff, 0.0), 1.0) * 65535)
@@ -27,20 +39,20 @@ def material_values(material):
             "material_flags": int(material.double_sided) | int(material.unlit) << 1}
 
 
-def field_values(number, support, threshold):
+def field_values(number: int, support: VoxelSupport, threshold: int) -> dict:
     """Values of a field unit (spec 5.5). support: VoxelSupport; threshold: the area threshold that it was kept by."""
     return {"field_index": number, "resolution": support.resolution, "area_threshold": threshold, "num_voxels": len(support),
             "voxels_crc": voxels_crc(support.keys)}
 
 
-def attribute_values(codec, field, group, checksum, values):
+def attribute_values(codec: Codec, field: int, group: int, checksum: int, values: dict) -> dict:
     """Values of an attribute unit (spec 5.7). values: those of the codec's own parameters."""
     name = codec.name if codec.id in PRIVATE_IDS else ""
     return {"field_index": field, "group_index": group, "codec_id": codec.id, "codec_name_length": len(name.encode()),
             "codec_name": name, "values_crc": checksum, **values}
 
 
-def metadata_bytes(metadata, options, report):
+def metadata_bytes(metadata: dict, options: Any, report: Report) -> bytes | None:
     """The metadata unit's JSON, or None where there is nothing or more than the limit."""
     if not metadata:
         return None

@@ -3,10 +3,17 @@
 Two coincident sheets share every edge once equal positions are merged, so that neither components nor directions part them.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from ..asset.scene import ALPHA_OPAQUE
+from ..asset.scene import ALPHA_OPAQUE, Material, Scene
 from .partition import MIN_FOLD
+
+if TYPE_CHECKING:
+    from ..geometry.surface import Surface
 
 
 def _numbered(columns):
@@ -20,7 +27,7 @@ def _numbered(columns):
     return out
 
 
-def corner_looks(scene, picked):
+def corner_looks(scene: Scene, picked: np.ndarray) -> np.ndarray:
     """Number of the material, UV and colour of every corner, int64 [n, 3]; equal ones have equal numbers. picked: int64 [n] into
     the scene's faces. UVs count where there is a texture."""
     material = scene.face_material[picked]
@@ -37,7 +44,7 @@ def _coincident(faces):
     return number, (np.bincount(number) > 1)[number]
 
 
-def layered_components(faces, component, material, materials):
+def layered_components(faces: np.ndarray, component: np.ndarray, material: np.ndarray, materials: list[Material]) -> np.ndarray:
     """Components that may hold layers, bool by component: those with coincident faces, and those in which materials meet of
     which one at least is not opaque. faces: int64 [F, 3] over welded vertices; component, material: int64 [F]."""
     count = int(component.max()) + 1
@@ -73,7 +80,7 @@ def _joined(faces, look, material):
     return np.unique(connected_components(graph, directed=False)[1][:count], return_inverse=True)[1].reshape(-1)
 
 
-def part_layers(scene, surface, component):
+def part_layers(scene: Scene, surface: Surface, component: np.ndarray) -> np.ndarray | None:
     """Component of every face once layers are parted, int64 [F]; None where there are none to part. component: int64 [F], from
     face_components of the Surface."""
     layered = layered_components(surface.faces, component, surface.material, scene.materials)

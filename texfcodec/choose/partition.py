@@ -4,6 +4,7 @@ Faces are first grouped into pieces: edge-connected components, and, where a com
 of the dominant normal component. Pieces that meet in a cell of 2x2x2 voxels get different fields by greedy colouring.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +31,7 @@ class Contacts:
     label: np.ndarray
 
 
-def face_components(faces):
+def face_components(faces: np.ndarray) -> np.ndarray:
     """Edge-connected component of every face: int64 [F]. faces: int64 [F, 3] over welded vertices."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -45,7 +46,7 @@ def face_components(faces):
     return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
-def face_directions(lattice, faces):
+def face_directions(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Dominant direction of every face's normal, int64 [F] in 0..5 (+x -x +y -y +z -z)."""
     p = lattice[faces].astype(np.float64)
     normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
@@ -101,7 +102,8 @@ def _cells(corners, faces, face_label, resolution, keys, labels):
     return entries
 
 
-def find_contacts(lattice, faces, position_bits, resolution, component=None):
+def find_contacts(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolution: int,
+                  component: np.ndarray | None = None) -> Contacts:
     """Contacts of a surface on a grid of resolution K. lattice: int64 [V, 3]; faces: int64 [F, 3] over welded vertices;
     component: int64 [F], of face_components where it is None."""
     component = face_components(faces) if component is None else component
@@ -122,7 +124,7 @@ def _unique_pairs(cell, piece):
     return cell[new], piece[new]
 
 
-def folding_components(contacts):
+def folding_components(contacts: Contacts) -> np.ndarray:
     """Components in which faces of opposite direction share more than MIN_FOLD of the cells: ascending int64 array."""
     component = contacts.label // 6
     bits = 1 << (contacts.label % 6)
@@ -137,7 +139,7 @@ def folding_components(contacts):
     return np.flatnonzero(folded > MIN_FOLD * np.maximum(cells, 1))
 
 
-def pieces_of(contacts, split=()):
+def pieces_of(contacts: Contacts, split: np.ndarray | Sequence[int] = ()) -> tuple[np.ndarray, np.ndarray]:
     """Piece of every face and of every contact label: (int64 [F], int64 [labels]); the components in `split` are cut by the sign
     of the direction. Pieces are numbered 2 * component + sign."""
     cut = np.zeros(int(contacts.component.max()) + 1, np.int64)
@@ -160,13 +162,13 @@ def _meetings(cell, piece):
     return pair // len(sizes), pair % len(sizes), count, sizes
 
 
-def colour_pieces(contacts, split=(), most=MAX_FIELDS):
+def colour_pieces(contacts: Contacts, split: np.ndarray | Sequence[int] = (), most: int = MAX_FIELDS) -> np.ndarray:
     """Field of every face, int64 [F] numbered from 0 without gaps, at most so many: greedy colouring of the pieces, larger ones
     first."""
     face_piece, label_piece = pieces_of(contacts, split)
     a, b, count, sizes = _meetings(contacts.cell, label_piece)
     meets = count > np.maximum(MIN_CONTACT * np.minimum(sizes[a], sizes[b]), 1)
-    weight = {}
+    weight: dict[int, list[tuple[int, int]]] = {}
     for x, y, n in zip(a[meets].tolist(), b[meets].tolist(), count[meets].tolist(), strict=True):
         weight.setdefault(x, []).append((y, n))
         weight.setdefault(y, []).append((x, n))

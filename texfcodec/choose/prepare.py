@@ -1,6 +1,9 @@
 """From geometry and source to a field that can be coded: active voxels, their threshold and their colours (encoder only)."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,6 +12,11 @@ from ..errors import LimitError
 from ..support.transfer import texels_per_edge, transfer
 from ..support.voxelise import SAMPLES_PER_EDGE, count_samples
 from ..support.voxels import VoxelSupport, kept_voxels
+
+if TYPE_CHECKING:
+    from ..codecs.codec import Source
+    from ..limits import Limits
+    from ..options import EncodeOptions
 
 # Two samples per texel along a voxel edge, but no more than this many, by effort; 3 saves 1.2 % of the bits over 2, 4 saves 2 %,
 # 6 saves 2.2 % (basketball player)
@@ -32,8 +40,9 @@ class SourceField:
         return self.support.keys
 
 
-def active_voxels(lattice, faces, position_bits, options) -> SourceField:
+def active_voxels(lattice: np.ndarray, faces: np.ndarray, position_bits: int, options: EncodeOptions) -> SourceField:
     """Voxelises the decoded surface of one field. Raises LimitError."""
+    assert options.resolution is not None  # its __post_init__ fills it in
     total = count_samples(lattice, faces, position_bits, options.resolution)
     if options.limits.samples is not None and total > options.limits.samples:
         raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", value=total,
@@ -42,16 +51,17 @@ def active_voxels(lattice, faces, position_bits, options) -> SourceField:
     return SourceField(VoxelSupport(options.resolution, keys), threshold)
 
 
-def check_voxels(fields, limits):
+def check_voxels(fields: list[SourceField], limits: Limits) -> None:
     """Raises LimitError where SourceFields together have too many voxels."""
     voxels = sum(len(part.support) for part in fields)
     if limits.voxels is not None and voxels > limits.voxels:
         raise LimitError("TXF-L04", "the fields have more voxels than the limit allows", value=voxels, allowed=limits.voxels)
 
 
-def transferred(part, source, number, options):
+def transferred(part: SourceField, source: Source, number: int, options: EncodeOptions) -> None:
     """Fills the planes of a SourceField, number `number` of a codecs.codec.Source, from the scene's textures."""
     surface, mine = source.surface, source.face_field == number
+    assert options.resolution is not None  # its __post_init__ fills it in
     bits, packed = surface.cube.position_bits, pack_source(source.scene, surface.origin_face[mine])
     textured = (surface.lattice, surface.faces[mine], packed, bits, options.resolution)
     part.texels_per_edge = texels_per_edge(*textured)

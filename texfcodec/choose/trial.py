@@ -1,11 +1,14 @@
 """Which partition pays: candidates are tried without coding, and the gain is weighed at the quality the QP will leave."""
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..asset.sample import pack_source, sample_source
-from ..asset.scene import ALPHA_MASK
+from ..asset.scene import ALPHA_MASK, Material, Scene
 from ..channels import ALPHA
 from ..errors import InputError
 from ..ground.areas import face_areas, sample_surface
@@ -17,6 +20,11 @@ from ..support.voxelise import voxelise
 from .layers import part_layers
 from .partition import MAX_FIELDS, colour_pieces, face_components, find_contacts, folding_components
 
+if TYPE_CHECKING:
+    from ..geometry.surface import Surface
+    from ..options import EncodeOptions
+    from ..report import Report
+
 TRIAL_SAMPLES = 1 << 17
 SURE_GAIN = 1.0  # dB at half the resolution that settle the question
 MIN_GAIN = 0.15  # dB at the coded quality; a further field costs about 150 bytes and 0.1 to 0.4 % more voxels
@@ -24,17 +32,17 @@ MANY_FIELDS = 256  # more than a stream may have: what alpha would be like witho
 ROUNDING = 0.5  # levels of alpha that do not count as a change of side
 
 
-def coding_mse(qp):
+def coding_mse(qp: int) -> float:
     """Rough luma error that coding at this QP leaves, for weighing gains: 6.4 at QP 28 (40 dB), growing with step**1.5."""
     return 6.4 * 2.0 ** ((qp - 28) / 4)
 
 
-def bounded_mse(max_error):
+def bounded_mse(max_error: int) -> float:
     """Error of values that are evenly spread over the bound, their rounding included."""
     return (2 * max_error + 1) ** 2 / 12
 
 
-def alpha_mse(reference, got, material, materials):
+def alpha_mse(reference: np.ndarray, got: np.ndarray, material: np.ndarray, materials: list[Material]) -> float:
     """Mean squared error of alpha where it is coded. reference, got: float32 [M] 0..255; material: int64 [M] into materials.
 
     What counts under a mask is only whether the point shows, so a point on the wrong side of the cutoff is PEAK off and any other
@@ -47,13 +55,14 @@ def alpha_mse(reference, got, material, materials):
     return float((np.where(masked, PEAK * wrong, off) ** 2).mean())
 
 
-def uncoded_errors(scene, surface, face_field, options):
+def uncoded_errors(scene: Scene, surface: Surface, face_field: np.ndarray, options: EncodeOptions) -> dict[str, float]:
     """Mean squared errors {"y", "alpha"} of the uncoded fields against the source at TRIAL_SAMPLES surface points; "alpha" only
     where alpha is coded.
 
     surface: encoder's Surface; face_field: int64 [F], numbered from 0 without gaps.
     """
     bits, resolution, threads = surface.cube.position_bits, options.resolution, options.threads
+    assert resolution is not None  # its __post_init__ fills it in
     face, bary = sample_surface(surface.lattice.astype(np.float64), surface.faces, TRIAL_SAMPLES)
     source = pack_source(scene, surface.origin_face)
     reference = sample_source(source, face, bary, threads)
@@ -78,7 +87,7 @@ def uncoded_errors(scene, surface, face_field, options):
     return out
 
 
-def codes_alpha(scene, surface):
+def codes_alpha(scene: Scene, surface: Surface) -> bool:
     """Whether a material in use is not opaque, so that the stream has a plane of alpha."""
     return ALPHA.needed([scene.materials[m] for m in np.unique(surface.material)])
 
@@ -142,7 +151,7 @@ def _unbounded(candidate, split, contacts):
     return [candidate] if more.max() == candidate.max() else [candidate, more]
 
 
-def choose_fields(scene, surface, options, report):
+def choose_fields(scene: Scene, surface: Surface, options: EncodeOptions, report: Report) -> tuple[np.ndarray, dict]:
     """Field number of every face, int64 [F], and what the report says of it. Tries components, then also cut where they fold,
     then layers; takes what pays. Warns where surfaces of different alpha stay in one field (InputError TXF-I52 with strict)."""
     best, off, alpha = np.zeros(len(surface.faces), np.int64), options.partition == "off", codes_alpha(scene, surface)

@@ -1,17 +1,24 @@
 """What the command lines share: exit codes, errors, progress, reading and writing streams, the limits as flags."""
 
+from __future__ import annotations
+
 import json
 import os
 import sys
 import time
-from contextlib import nullcontext
+from collections.abc import Iterable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
 
 import click
 
 from ..errors import EXIT_INTERNAL, EXIT_INTERRUPTED, EXIT_IO, EXIT_LIMIT, EXIT_USAGE, InputError, TexfError
 from ..ground import unfinished
 from . import interrupts
+
+if TYPE_CHECKING:
+    from ..report import Report
 
 SCHEMA = 1
 TRACEBACK = "TEXF_TRACEBACK"  # set to 1 to see where an internal error comes from
@@ -22,21 +29,21 @@ STYLE = {"help_option_names": ["-h", "--help"], "terminal_width": 100}
 class Console:
     """Where a command talks: results on stdout, the rest on stderr; errors go where the results go when they are JSON."""
 
-    def __init__(self, arguments):
+    def __init__(self, arguments: list[str]) -> None:
         self.as_json, self.quiet = "--json" in arguments, "--quiet" in arguments
         interrupts.Talk.errors = 1
         self.results = sys.stdout
 
-    def stdout_is_taken(self):
+    def stdout_is_taken(self) -> None:
         """The output itself goes to stdout: results, and errors as JSON, go to stderr."""
         self.results, interrupts.Talk.errors = sys.stderr, 2
 
-    def note(self, text):
+    def note(self, text: str) -> None:
         """A line of prose on stderr, unless --quiet."""
         if not self.quiet:
             click.echo(printable(text), err=True)
 
-    def result(self, facts, lines):
+    def result(self, facts: dict, lines: Iterable[str]) -> None:
         """The outcome: facts as one JSON object with --json, otherwise the lines, which --quiet silences."""
         unfinished.finish()
         if self.as_json:
@@ -48,14 +55,14 @@ class Console:
         click.echo(text, file=self.results)
         self.results.flush()
 
-    def warnings(self, report):
+    def warnings(self, report: Report) -> None:
         """Warnings and dropped properties, one line each on stderr."""
         for text in report.warnings:
             self.note(f"warning: {text}")
         for text in report.dropped:
             self.note(f"not coded: {text}")
 
-    def fail(self, code, message, exit_code, **details):
+    def fail(self, code: str, message: str, exit_code: int, **details: object) -> int:
         """Prints one error and returns its exit code."""
         unfinished.finish()
         if self.as_json:
@@ -66,7 +73,7 @@ class Console:
             click.echo(printable(f"error {code}: {message}" + (f" ({facts})" if facts else "")), err=True)
         return exit_code
 
-    def progress(self):
+    def progress(self) -> AbstractContextManager[Report]:
         """Context manager: a Report whose stages are shown by a bar where stderr is a terminal, else by a line now and then."""
         from ..report import Report
         from . import progress
@@ -76,7 +83,7 @@ class Console:
         return nullcontext(Report()) if self.quiet or self.as_json else progress.lines()  # JSON: no prose
 
 
-def run(command, arguments=None):
+def run(command: click.Command, arguments: list[str] | None = None) -> NoReturn:
     """Runs a click command and exits with the codes of errors.py; no traceback reaches the user."""
     unfinished.begin()
     if arguments is None:  # the process is this command; otherwise Ctrl-C is its caller's
@@ -119,12 +126,12 @@ def _guarded(command, arguments, console):
         return console.fail("TXF-C04", f"internal error, please report it; {TRACEBACK}=1 shows where", EXIT_INTERNAL, reason=what)
 
 
-def printable(text):
+def printable(text: str) -> str:
     """The text without control characters: names in a file must not steer the terminal."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def check_output(path, inputs=()):
+def check_output(path: str, inputs: Iterable[str] = ()) -> None:
     """Refuses a hopeless path before any work is done, and one of the files that were read; "-" and devices are fine."""
     from ..asset.save.files import check_target
 
@@ -132,7 +139,7 @@ def check_output(path, inputs=()):
         check_target(Path(path), [name for name in inputs if name != "-"])
 
 
-def write_output(path, data, inputs=()):
+def write_output(path: str, data: bytes, inputs: Iterable[str] = ()) -> None:
     """Writes bytes to stdout ("-"), to a device, or to a temporary name beside the path that is then renamed, unless the path is
     one of the files that were read. It is the last step of a command."""
     from ..asset.save.files import as_input_error, write_all
@@ -156,18 +163,18 @@ def write_output(path, data, inputs=()):
     unfinished.finish()
 
 
-def is_device(path):
+def is_device(path: str) -> bool:
     """True for what must not be replaced by a file: a device or a pipe."""
     return os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path)
 
 
-def seconds_of(report):
+def seconds_of(report: Report) -> dict[str, float]:
     """Seconds by stage as a report prints them, with the whole command's under "total"."""
     stages = {name: round(value, 4) for name, value in report.seconds.items()}
     return {**stages, "total": round(time.perf_counter() - BEGIN, 4)}
 
 
-def timing_line(seconds, peak):
+def timing_line(seconds: dict[str, float], peak: int | None) -> str:
     """One line for people: seconds by stage and the largest memory."""
     stages = ", ".join(f"{name} {value:.2f}" for name, value in seconds.items() if name != "total" and value >= 0.005)
     return f"{seconds['total']:.2f} s ({stages})" + (f", {peak / 1e6:.0f} MB at most" if peak else "")

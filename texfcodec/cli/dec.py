@@ -1,5 +1,7 @@
 """texf-dec: a .texf stream becomes a mesh file that viewers open."""
 
+from typing import NoReturn
+
 import click
 
 from .. import __version__
@@ -92,7 +94,7 @@ def _lines(facts, out):
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
 
 
-def main(arguments=None):
+def main(arguments: list[str] | None = None) -> NoReturn:
     """The entry point."""
     run(dec, arguments)
 

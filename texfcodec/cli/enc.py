@@ -1,5 +1,7 @@
 """texf-enc: a textured mesh becomes a .texf stream."""
 
+from typing import NoReturn
+
 import click
 
 from .. import __version__
@@ -244,7 +246,7 @@ def _dry_lines(facts, source):
 enc.help = str(enc.help).replace("SUFFIXES", " ".join(SUFFIXES))
 
 
-def main(arguments=None):
+def main(arguments: list[str] | None = None) -> NoReturn:
     """The entry point."""
     run(enc, arguments)
 

@@ -1,5 +1,7 @@
 """texf-eval: how far a coded mesh is from its source, in rendered views and at points of its surface."""
 
+from typing import NoReturn
+
 import click
 
 from .. import __version__
@@ -126,7 +128,7 @@ def _lines(facts, other):
 evaluate.help = str(evaluate.help).replace("SUFFIXES", " ".join(SUFFIXES))
 
 
-def main(arguments=None):
+def main(arguments: list[str] | None = None) -> NoReturn:
     """The entry point."""
     run(evaluate, arguments)
 

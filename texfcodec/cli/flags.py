@@ -1,6 +1,8 @@
 """Flags of the command lines, made from the tables of options.py and limits.py: range, default and text are said there."""
 
+from collections.abc import Callable
 from dataclasses import fields
+from typing import Any
 
 import click
 
@@ -21,7 +23,7 @@ _LIMIT_TEXT = {
 }
 
 
-def number(low, high, text=""):
+def number(low: float, high: float, text: str = "") -> dict[str, Any]:
     """Keywords of a click option that takes a whole number (or, with a float low, any number) in low..high."""
 
     def check(context, parameter, value):
@@ -32,14 +34,14 @@ def number(low, high, text=""):
     return {"type": type(low), "callback": check, "help": text}
 
 
-def file_names(context, parameter, incomplete):
+def file_names(context: click.Context, parameter: click.Parameter, incomplete: str) -> list:
     """For shell_complete of what names a file: the shell itself completes it."""
     from click.shell_completion import CompletionItem
 
     return [CompletionItem(incomplete, type="file")]
 
 
-def option_flags(kind, *names):
+def option_flags(kind: type, *names: str) -> Callable[[Callable], Callable]:
     """Decorator: a flag for each of these fields of EncodeOptions or DecodeOptions; None, or False, where it is not given."""
     table = {option.name: option for option in fields(kind)}
 
@@ -81,7 +83,7 @@ def _default_text(option):
     return "" if option.default is None or option.default is False else f"  [default: {option.default}]"
 
 
-def limit_flags(*names):
+def limit_flags(*names: str) -> Callable[[Callable], Callable]:
     """Decorator: a flag --max-NAME for each of these fields of Limits; read them back with limits_of."""
 
     def decorate(function):
@@ -95,6 +97,6 @@ def limit_flags(*names):
     return decorate
 
 
-def limits_of(choices):
+def limits_of(choices: dict) -> Limits:
     """Takes the values of limit_flags out of the dict of choices and makes Limits of them."""
     return Limits(**{name[4:]: choices.pop(name) for name in list(choices) if name.startswith("max_")})

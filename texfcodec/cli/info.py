@@ -1,6 +1,7 @@
 """texf-info: what stands where in a stream."""
 
 import json
+from typing import NoReturn
 
 import click
 
@@ -56,7 +57,7 @@ def _lines(file, facts):
         yield "verified: OK"
 
 
-def main(arguments=None):
+def main(arguments: list[str] | None = None) -> NoReturn:
     """The entry point."""
     run(info, arguments)
 

@@ -1,6 +1,9 @@
 """What the tools read: a mesh file, a stream, or "-" for stdin, which is told apart by its first bytes."""
 
+from __future__ import annotations
+
 import sys
+from typing import TYPE_CHECKING
 
 import click
 
@@ -8,23 +11,26 @@ from ..bitstream.file import read_stream_file
 from ..errors import InputError
 from ..limits import Limits
 
+if TYPE_CHECKING:
+    from ..asset.scene import Scene
+
 _GLB_MAGIC = b"glTF"
 
 
-def check_stdin_once(*paths):
+def check_stdin_once(*paths: str | None) -> None:
     """A wrong command line where more than one input is "-"."""
     if paths.count("-") > 1:
         raise click.UsageError("stdin can be read only once, but two inputs are -")
 
 
-def load_mesh(path, strict=False):
+def load_mesh(path: str, strict: bool = False) -> Scene:
     """Scene of a mesh file, or of a GLB on stdin for "-". Errors: as asset.load.files, and TXF-I05 for stdin that is no GLB."""
     from ..asset.load.files import load
 
     return _stdin_mesh(_stdin(), strict) if path == "-" else load(path, strict=strict)
 
 
-def open_asset(path, is_stream, limits=None):
+def open_asset(path: str, is_stream: bool, limits: Limits | None = None) -> tuple[bytes | None, Scene | None]:
     """(bytes of a stream, None) or (None, Scene). is_stream: whether a path that is not "-" names a stream."""
     limits = limits or Limits()
     if path == "-":
@@ -35,7 +41,7 @@ def open_asset(path, is_stream, limits=None):
     return (read_stream_file(path, limits), None) if is_stream else (None, load_mesh(path))
 
 
-def files_of(path, scene):
+def files_of(path: str, scene: Scene | None) -> list[str]:
     """Paths that no output may replace: the files of a Scene, or the file of a stream (scene None)."""
     return [name for name in (scene.files if scene is not None else [path]) if name != "-"]
 

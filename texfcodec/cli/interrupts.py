@@ -25,10 +25,11 @@ class Talk:
     """What the thread needs to know of the command. partly: a pipe or device may have got something; bar: a progress bar is on
     the terminal; errors: the descriptor for errors as JSON, None before the command line is read; installed: it is at work."""
 
-    errors, partly, bar, installed = None, False, False, False
+    errors: int | None = None
+    partly, bar, installed = False, False, False
 
 
-def is_program():
+def is_program() -> bool:
     """Whether this process is one of the tools, by its command line: `texf-enc ...` or `python -m texfcodec.cli.enc ...`."""
     name = sys.argv[0] if sys.argv else ""
     if name == "-m":  # while runpy looks for the module
@@ -36,7 +37,7 @@ def is_program():
     return os.path.basename(name).startswith("texf-")
 
 
-def install():
+def install() -> None:
     """Answers SIGINT from here on, unless the caller of the process ignores it or somebody else handles it."""
     if _signal.getsignal(_signal.SIGINT) is not _signal.default_int_handler:
         return
@@ -54,7 +55,7 @@ def install():
         _signal.signal(_signal.SIGINT, _signal.default_int_handler)
 
 
-def ignore():
+def ignore() -> None:
     """The process is about to end with a code of its own; Python gives SIGINT back to the system then, unless it is ignored."""
     if Talk.installed:
         _signal.signal(_signal.SIGINT, _signal.SIG_IGN)
@@ -77,7 +78,7 @@ def _wait(ear):
         os._exit(EXIT_INTERRUPTED)
 
 
-def error_line(message):
+def error_line(message: str) -> bytes:
     """The line for people, or the JSON object where the command line asks for JSON, as bytes; without the json module."""
     if "--json" in sys.argv[1:]:
         error = f'"code": "{CODE}", "message": "{message}", "exit_code": {EXIT_INTERRUPTED}'

@@ -3,6 +3,7 @@
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from ..report import Report
@@ -12,7 +13,7 @@ LINE_SECONDS = 10.0  # between two lines
 
 
 @contextmanager
-def bar():
+def bar() -> Iterator[Report]:
     """A Report whose stages are bars on the terminal, gone when the block ends."""
     from rich.console import Console as Terminal
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -36,7 +37,7 @@ def bar():
 
 
 @contextmanager
-def lines():
+def lines() -> Iterator[Report]:
     """A Report whose stage at work gets a line every LINE_SECONDS: its name, the share done, the seconds since the beginning."""
     begin, over, at_work = time.perf_counter(), threading.Event(), {}
 

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import NoReturn
 
 import click
 
@@ -215,7 +216,7 @@ def _lines(facts, out):
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
 
 
-def main(arguments=None):
+def main(arguments: list[str] | None = None) -> NoReturn:
     """The entry point."""
     run(render, arguments)
 

@@ -28,7 +28,7 @@ def _points() -> list:
     try:
         return list(entry_points(group=GROUP))
     except Exception:
-        found = []
+        found: list = []
         for package in distributions():
             with suppress(Exception):
                 found += package.entry_points.select(group=GROUP)
@@ -38,7 +38,7 @@ def _points() -> list:
 @lru_cache(maxsize=1)
 def _guests() -> dict:
     """Codecs of other packages by name, as they were registered: nothing of them is loaded yet. A name of ours stays ours."""
-    found = {}
+    found: dict = {}
     for point in _points():
         if point.name not in OURS:
             found.setdefault(point.name, {})[point.value] = point  # a package that is installed twice is one plug-in

@@ -3,15 +3,26 @@
 A codec is a folder here, or a class of another package that a plug-in registers (codecs/__init__.py). All that knows it stands in
 there: syntax, both directions, what texf-info and texf-enc say of it. Modules that define one load no numba; what does is
 imported when it is used.
+
+Options stand in a later room, so that signatures here say Any.
 """
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..ground.structure import Structure
 from ..ground.walk import read_structure, write_structure
+
+if TYPE_CHECKING:
+    from ..asset.scene import Scene
+    from ..geometry.surface import Surface
+    from ..report import Report
+    from ..support.voxels import VoxelSupport
 
 PRIVATE_IDS = range(192, 256)  # for codecs of strangers; their units name them (5.7)
 
@@ -20,8 +31,8 @@ class Source(NamedTuple):
     """What a joint codec fits. scene: Scene; surface: geometry.surface.Surface; face_field: int64 [F] over its faces; surfaces:
     decoded (lattice int64 [V, 3], faces int64 [F, 3]) by field; channels: those that are coded."""
 
-    scene: Any
-    surface: Any
+    scene: Scene
+    surface: Surface
     face_field: np.ndarray
     surfaces: list
     channels: tuple
@@ -62,11 +73,11 @@ class Codec(ABC):
         """Its part of an attribute unit, of the unit's values."""
         return write_structure(self.parameters, values)
 
-    def read_parameters(self, reader, values: dict, trace: list | None = None) -> None:
+    def read_parameters(self, reader: Any, values: dict, trace: list | None = None) -> None:
         """Mirror of write_parameters(): adds to values. trace: as read_structure(). Raises StreamError."""
         read_structure(self.parameters, reader, values, trace)
 
-    def check_options(self, options) -> None:
+    def check_options(self, options: Any) -> None:
         """Refuses EncodeOptions that do not go together. Raises InputError."""
         return None
 
@@ -78,7 +89,7 @@ class Codec(ABC):
         """What inspect() says of an attribute unit beside what every unit has: JSON-ready."""
         return {}
 
-    def info_lines(self, group: dict):
+    def info_lines(self, group: dict) -> Iterator[str]:
         """Lines of texf-info on an entry of inspect()'s groups."""
         place = f"field {group['field_index']}, group {group['group_index']} ({group['semantic']})"
         yield f"{place}: {group['bytes']} bytes, {self.name}"
@@ -87,7 +98,7 @@ class Codec(ABC):
         """Whether the encoder should take this codec for the plane whatever was asked for. plane: float32 [N, C], 0..255."""
         return False
 
-    def seconds(self, options) -> float:
+    def seconds(self, options: Any) -> float:
         """A guess of what encoding takes beside what it takes with any codec."""
         return 0.0
 
@@ -98,12 +109,12 @@ class PlaneCodec(Codec):
     has_levels = True  # whether dec() can leave out levels by itself; else a decoder takes means of what it gives
 
     @abstractmethod
-    def enc(self, plane: np.ndarray, support, options) -> tuple[dict, np.ndarray]:
+    def enc(self, plane: np.ndarray, support: VoxelSupport, options: Any) -> tuple[dict, np.ndarray]:
         """Codes values. plane: float32 [N, C] in 0..255 on the support's keys; support: VoxelSupport; options: EncodeOptions.
         Returns (values of its syntax elements, what dec() makes of them: uint8 [N, C])."""
 
     @abstractmethod
-    def dec(self, values: dict, support, levels: int, threads: int) -> np.ndarray:
+    def dec(self, values: dict, support: VoxelSupport, levels: int, threads: int) -> np.ndarray:
         """Mirror of enc(). values: of its syntax elements, with NumComponents and the file offset; levels: octree levels to leave
         out. Returns uint8 [n, C] on support.coarser(levels). Raises StreamError."""
 
@@ -117,7 +128,7 @@ class JointCodec(Codec):
     joint = True
 
     @abstractmethod
-    def enc(self, source: Source, options, report) -> Joint:
+    def enc(self, source: Source, options: Any, report: Report) -> Joint:
         """Codes a source. options: EncodeOptions; report: Report."""
 
     def count_samples(self, values: dict, surfaces: list, position_bits: int) -> int:
@@ -125,7 +136,7 @@ class JointCodec(Codec):
         return 0
 
     @abstractmethod
-    def dec(self, values: dict, surfaces: list, position_bits: int, channels: tuple, options, report) -> list:
+    def dec(self, values: dict, surfaces: list, position_bits: int, channels: tuple, options: Any, report: Report) -> list:
         """Evaluators by field. surfaces: decoded (lattice, faces) by field. Raises StreamError, LimitError."""
 
     @abstractmethod
@@ -137,5 +148,5 @@ class JointCodec(Codec):
         """Mirror of pack(); nothing in its arguments is trusted. Raises TexfError, ValueError, KeyError, TypeError."""
 
     @abstractmethod
-    def result_lines(self, facts: dict):
+    def result_lines(self, facts: dict) -> Iterator[str]:
         """Lines of texf-enc on what was made. facts: what --json prints."""

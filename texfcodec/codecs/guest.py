@@ -1,15 +1,24 @@
 """Codecs of other packages: what they are checked for, so that a fault in one is told as its own."""
 
+from __future__ import annotations
+
 import json
 import math
 import operator
+from collections.abc import Iterator
+from importlib.metadata import EntryPoint
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..channels import COLUMNS, columns_of
 from ..errors import SupportError, TexfError
 from ..ground.structure import Structure
-from .codec import PRIVATE_IDS, Codec, Joint, JointCodec, PlaneCodec
+from .codec import PRIVATE_IDS, Codec, Joint, JointCodec, PlaneCodec, Source
+
+if TYPE_CHECKING:
+    from ..report import Report
+    from ..support.voxels import VoxelSupport
 
 # What an attribute unit says itself (5.7), and what inspect() does: names that a stranger's table and describe() leave alone.
 UNIT = {"field_index", "group_index", "codec_id", "codec_name_length", "codec_name", "values_crc", "resolution",
@@ -29,7 +38,7 @@ SOUND = {
 }
 
 
-def welcome(point, taken: dict) -> Codec:
+def welcome(point: EntryPoint, taken: dict[int, str]) -> Codec:
     """The codec behind an entry point, wrapped so that its faults name it. taken: names of codecs that stand already, by id.
 
     Raises SupportError TXF-U08 where it cannot be loaded, is no codec, or claims an id that it may not have.
@@ -164,14 +173,14 @@ class GuestPlane(_Guest, PlaneCodec):
 
     TOLD = (*_Guest.TOLD, "has_levels")
 
-    def enc(self, plane, support, options):
+    def enc(self, plane: np.ndarray, support: VoxelSupport, options: Any) -> tuple[dict, np.ndarray]:
         """As PlaneCodec.enc."""
         made = self._call("enc", plane.copy(), support, options)
         if not (isinstance(made, tuple) and len(made) == 2 and isinstance(made[0], dict)):
             raise _fault(self.name, "does not return (values, decoded)")
         return _without(made[0], UNIT), _checked(self.name, made[1], np.uint8, plane.shape)
 
-    def dec(self, values, support, levels, threads):
+    def dec(self, values: dict, support: VoxelSupport, levels: int, threads: int) -> np.ndarray:
         """As PlaneCodec.dec."""
         shape = (len(support.coarser(levels)), values["NumComponents"])
         return _checked(self.name, self._call("dec", values, support, levels, threads), np.uint8, shape)
@@ -180,7 +189,7 @@ class GuestPlane(_Guest, PlaneCodec):
 class GuestJoint(_Guest, JointCodec):
     """A stranger's JointCodec."""
 
-    def enc(self, source, options, report):
+    def enc(self, source: Source, options: Any, report: Report) -> Joint:
         """As JointCodec.enc."""
         made = self._call("enc", source, options, report)
         if not isinstance(made, Joint) or not isinstance(made.values, dict):
@@ -192,27 +201,27 @@ class GuestJoint(_Guest, JointCodec):
         evaluators = self._evaluators(made.evaluators, len(source.surfaces), source.channels)
         return Joint(_without(made.values, UNIT), evaluators, choices)
 
-    def count_samples(self, values, surfaces, position_bits):
+    def count_samples(self, values: dict, surfaces: list, position_bits: int) -> int:
         """As JointCodec.count_samples."""
         return self._number("count_samples", operator.index, values, surfaces, position_bits)
 
-    def dec(self, values, surfaces, position_bits, channels, options, report):
+    def dec(self, values: dict, surfaces: list, position_bits: int, channels: tuple, options: Any, report: Report) -> list:
         """As JointCodec.dec."""
         made = self._call("dec", values, surfaces, position_bits, channels, options, report)
         return self._evaluators(made, len(surfaces), channels)
 
-    def pack(self, evaluators):
+    def pack(self, evaluators: list) -> tuple[dict, dict]:
         """As JointCodec.pack."""
         return self._call("pack", [one.inner for one in evaluators], take=_packed)
 
-    def unpack(self, facts, arrays, channels, fields):
+    def unpack(self, facts: dict, arrays: dict, channels: tuple, fields: int) -> list:
         """As JointCodec.unpack."""
         arrays = {name.removeprefix(ARRAY): array for name, array in arrays.items() if name.startswith(ARRAY)}
         return self._evaluators(self._call("unpack", facts, arrays, channels, fields), fields, channels)
 
-    def result_lines(self, facts):
+    def result_lines(self, facts: dict) -> Iterator[str]:
         """As JointCodec.result_lines."""
-        return self._lines("result_lines", facts)
+        return iter(self._lines("result_lines", facts))
 
     def _evaluators(self, made, fields, channels):
         if not isinstance(made, list | tuple) or len(made) != fields:

@@ -19,22 +19,22 @@ class CanonicalCube:
     position_bits: int
 
     @property
-    def last(self):
+    def last(self) -> int:
         """Largest lattice coordinate, 2**B - 1."""
         return (1 << self.position_bits) - 1
 
-    def to_lattice(self, points):
+    def to_lattice(self, points: np.ndarray) -> np.ndarray:
         """Nearest lattice point. points: float64 [..., 3]. Returns int64 of the same shape in 0..2**B-1. Encoder only."""
         if self.side == 0:
             return np.zeros(np.shape(points), np.int64)
         scaled = (np.asarray(points, np.float64) - self.origin) / self.side * self.last
         return np.clip(np.floor(scaled + 0.5), 0, self.last).astype(np.int64)
 
-    def to_world(self, lattice):
+    def to_world(self, lattice: np.ndarray) -> np.ndarray:
         """origin + side * (p / (2**B - 1)) in binary64 (spec 8.1). lattice: int64 or float64 [..., 3]."""
         return np.asarray(self.origin) + self.side * (np.asarray(lattice, np.float64) / self.last)
 
-    def to_grid(self, points, resolution):
+    def to_grid(self, points: np.ndarray, resolution: int) -> np.ndarray:
         """Grid coordinates of world points for a field of resolution K: lattice coordinate * K / 2**B, float64 [..., 3].
 
         A vertex at lattice position p has grid coordinate p K / 2**B, and voxel v covers [v, v + 1) on every axis.
@@ -45,7 +45,7 @@ class CanonicalCube:
         return (np.asarray(points, np.float64) - self.origin) / self.side * scale
 
 
-def fit_cube(positions, position_bits):
+def fit_cube(positions: np.ndarray, position_bits: int) -> CanonicalCube:
     """Canonical cube of a mesh, of side 0 at the origin where there are no positions. positions: float64 [V, 3], finite. Raises
     InputError for coordinates out of range."""
     if len(positions) == 0:

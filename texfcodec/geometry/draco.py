@@ -12,7 +12,7 @@ COMPRESSION_LEVEL = 10
 _HEADER = b"DRACO\x02\x02\x01\x01\x00\x00"  # magic, version 2.2, mesh, edgebreaker, no flags
 
 
-def enc_geometry(lattice, faces, position_bits):
+def enc_geometry(lattice: np.ndarray, faces: np.ndarray, position_bits: int) -> bytes:
     """Draco bytes of one unit. lattice: int64 [V, 3] in 0..2**position_bits-1 (<= 2**20); faces: int64 [F, 3]."""
     import DracoPy
 
@@ -25,7 +25,7 @@ def enc_geometry(lattice, faces, position_bits):
         raise InputError("TXF-I62", f"Draco cannot code this mesh: {error}") from error
 
 
-def counts_of(data, offset=0):
+def counts_of(data: bytes, offset: int = 0) -> tuple[int, int]:
     """(vertices, faces) as the Draco header names them, which must be of the one form that the specification allows (5.6)."""
     if bytes(data[: len(_HEADER)]) != _HEADER:
         raise StreamError("TXF-S20", "the Draco substream is not an edgebreaker mesh of version 2.2", clause="5.6", offset=offset)
@@ -38,7 +38,7 @@ def counts_of(data, offset=0):
     return coded_vertices, coded_faces
 
 
-def dec_geometry(data, vertices, faces, position_bits, offset=0):
+def dec_geometry(data: bytes, vertices: int, faces: int, position_bits: int, offset: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Decodes one unit: (lattice int64 [vertices, 3], faces int64 [faces, 3]).
 
     Raises StreamError where the substream is not what the unit says, in form, counts or ranges.

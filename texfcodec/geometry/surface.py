@@ -1,6 +1,10 @@
-"""The source mesh on its lattice: equal positions merged, collapsed faces and idle flat ones left out (encoder only)."""
+"""The source mesh on its lattice: equal positions merged, collapsed faces and idle flat ones left out (encoder only).
+
+Scene and EncodeOptions stand in later rooms, so that signatures here say Any.
+"""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +26,7 @@ class Surface:
     material: np.ndarray
 
 
-def make_surface(scene, options):
+def make_surface(scene: Any, options: Any) -> Surface:
     """Puts the scene on the lattice, merges equal positions and leaves out faces that have lost a corner, and flat ones that
     close no gap (Surface)."""
     limits = options.limits
@@ -45,7 +49,7 @@ def make_surface(scene, options):
     return Surface(cube, lattice, faces[keep], keep, np.asarray(scene.face_material)[keep])
 
 
-def flat_faces(lattice, faces):
+def flat_faces(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Faces whose corners are on one line of the lattice, bool [F]. lattice: int64 [V, 3] below 2**20, so that all is exact;
     faces: int64 [F, 3]."""
     u, v = lattice[faces[:, 1]] - lattice[faces[:, 0]], lattice[faces[:, 2]] - lattice[faces[:, 0]]
@@ -55,7 +59,7 @@ def flat_faces(lattice, faces):
     return flat
 
 
-def thin_faces(positions, faces, side):
+def thin_faces(positions: np.ndarray, faces: np.ndarray, side: float) -> np.ndarray:
     """Faces of the source that are less high than LEAST_HEIGHT sides, bool [F]. They have no area to show, but rounding to the
     lattice can give them some. positions: float64 [V, 3]; faces: int64 [F, 3]; side: of the canonical cube, above 0."""
     u, v = ((positions[faces[:, i]] - positions[faces[:, 0]]) / side for i in (1, 2))
@@ -63,7 +67,7 @@ def thin_faces(positions, faces, side):
     return np.linalg.norm(np.cross(u, v), axis=1) <= LEAST_HEIGHT * base
 
 
-def idle_faces(faces, flat):
+def idle_faces(faces: np.ndarray, flat: np.ndarray) -> np.ndarray:
     """Flat faces that close no gap, bool [F]: those whose edge-connected component has no other faces, and those that hang on to
     others by one edge at most, again and again. None where all are flat: then they are all there is to see.
 

@@ -1,15 +1,18 @@
 """Areas of triangles, and points spread evenly by area over a surface."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 
-def face_areas(lattice, faces):
+def face_areas(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Areas of the faces in squared lattice steps, float64 [F]. lattice: int64 [V, 3]; faces: int64 [F, 3]."""
     a, b, c = (lattice[faces[:, i]].astype(np.float64) for i in range(3))
     return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
 
-def sample_surface(positions, faces, count, seed=0, areas=None):
+def sample_surface(positions: np.ndarray, faces: np.ndarray, count: int, seed: int | Sequence[int] = 0,
+                   areas: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Points spread evenly by area over a triangle mesh.
 
     positions: [V, 3] finite; faces: [F, 3] indices. Returns face_index int64 [count], ascending, and bary float64 [count, 3],
@@ -40,7 +43,7 @@ def sample_surface(positions, faces, count, seed=0, areas=None):
     return face_index, np.stack([1 - root, root * (1 - t), root * t], axis=1)
 
 
-def relative_areas(positions, faces):
+def relative_areas(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Face areas float64 [F] in units of the squared largest extent, so that no scale (1e-300 to 1e300) over- or underflows."""
     corners = positions[faces].reshape(-1, 3)
     if not np.isfinite(corners).all():

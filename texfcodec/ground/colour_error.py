@@ -30,12 +30,12 @@ class ColourError:
     bits of the float64 sums.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.samples = 0
         self._weight = 0.0
         self._squares = np.zeros(6)  # y, u, v, r, g, b
 
-    def add(self, ref, got, weights=None):
+    def add(self, ref: np.ndarray, got: np.ndarray, weights: np.ndarray | None = None) -> None:
         """Take in ref, got: [N, 3] RGB in 0..255 (any real dtype); weights: [N] non-negative, or None for 1 each.
 
         Raises ValueError for shapes that do not agree and for values that are not finite.
@@ -60,50 +60,50 @@ class ColourError:
             self._weight += float(w.sum())
         self.samples += len(ref)
 
-    def mse(self):
+    def mse(self) -> dict[str, float]:
         """Weighted mean squared errors {"y", "u", "v", "rgb"}; rgb is the mean over samples and channels."""
         if self._weight <= 0:
             raise ValueError("no samples (or only samples of weight zero): there is no error to report")
         y, u, v, r, g, b = (self._squares / self._weight).tolist()
         return {"y": y, "u": u, "v": v, "rgb": (r + g + b) / 3}
 
-    def result(self):
+    def result(self) -> dict[str, float]:
         """{"samples", "mse_y", "mse_u", "mse_v", "mse_rgb", "psnr_y", "psnr_u", "psnr_v", "psnr_yuv611", "psnr_rgb"}."""
         mse = self.mse()
         return {"samples": self.samples, **{f"mse_{k}": m for k, m in mse.items()}, **psnr_of_mse(mse)}
 
 
-def colour_mse(ref, got, weights=None):
+def colour_mse(ref: np.ndarray, got: np.ndarray, weights: np.ndarray | None = None) -> dict[str, float]:
     """Mean squared errors {"y", "u", "v", "rgb"} of got against ref; arguments as in ColourError.add."""
     error = ColourError()
     error.add(ref, got, weights)
     return error.mse()
 
 
-def psnr_3d(ref, got, weights=None):
+def psnr_3d(ref: np.ndarray, got: np.ndarray, weights: np.ndarray | None = None) -> dict[str, float]:
     """PSNR in dB {"psnr_y", "psnr_u", "psnr_v", "psnr_yuv611", "psnr_rgb"} of got against ref at the same surface points."""
     return psnr_of_mse(colour_mse(ref, got, weights))
 
 
-def psnr_of_mse(mse):
+def psnr_of_mse(mse: dict[str, float]) -> dict[str, float]:
     """PSNR values of a colour_mse() dict; psnr_yuv611 is (6 Y + U + V) / 8 of the three values in dB, not of the errors."""
     y, u, v, rgb = (decibels(mse[k]) for k in ("y", "u", "v", "rgb"))
     return {"psnr_y": y, "psnr_u": u, "psnr_v": v, "psnr_yuv611": (6 * y + u + v) / 8, "psnr_rgb": rgb}
 
 
-def decibels(mse, peak=PEAK):
+def decibels(mse: float, peak: float = PEAK) -> float:
     """10 log10(peak^2 / mse); inf for mse 0."""
     if not mse >= 0:
         raise ValueError(f"a mean squared error cannot be {mse}")
     return math.inf if mse == 0 else 10 * math.log10(peak * peak / mse)
 
 
-def json_ready(result):
+def json_ready(result: dict) -> dict:
     """The dict with infinite values (exact) as None, because JSON has no infinity."""
     return {k: None if isinstance(v, float) and math.isinf(v) else v for k, v in result.items()}
 
 
-def in_decibels(value, digits=2):
+def in_decibels(value: float | None, digits: int = 2) -> str:
     """A PSNR of json_ready() for people: "34.20 dB", or EXACT for None."""
     return EXACT if value is None else f"{value:.{digits}f} dB"
 

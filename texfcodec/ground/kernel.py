@@ -10,8 +10,10 @@ import hashlib
 import os
 import re
 import sys
+from collections.abc import Callable
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
 PACKAGE = Path(__file__).parents[1]
 IMPORT = re.compile(rb"^[ \t]*from[ \t]+(\.+|texfcodec\b\.?)([\w.]*)[ \t]+import[ \t]+(\([^)]*\)|[^\n]+)", re.MULTILINE)
@@ -29,7 +31,7 @@ def _imported(path):
 
 
 @lru_cache(maxsize=256)
-def fingerprint(path):
+def fingerprint(path: Path) -> str:
     """Hash over the place of the package, a file of it and all that the file imports from there, straight or through others: 16
     hexadecimal digits. The place counts because numba does not share kernels between installations either."""
     known, new = set(), {path}
@@ -57,7 +59,7 @@ def _bases():
     yield PACKAGE / "__pycache__"
 
 
-def cache_folder(path):
+def cache_folder(path: Path) -> Path:
     """Where the compiled kernels of a file are kept: a folder of this state of it in NUMBA_CACHE_DIR, else in the user's cache,
     else beside the sources; made where it is not there yet."""
     for base in _bases():
@@ -71,7 +73,7 @@ def cache_folder(path):
     return folder
 
 
-def kernel(function=None, allocates=True, **options):
+def kernel(function: Callable | None = None, allocates: bool = True, **options: Any) -> Any:
     """Decorator: compiled without the interpreter's lock and cached in cache_folder(). options: further ones of numba.njit.
     Divisions are not checked for zero: whoever divides makes sure.
 
@@ -84,7 +86,7 @@ def kernel(function=None, allocates=True, **options):
 
     folder, options = cache_folder(Path(function.__code__.co_filename)), {"_nrt": allocates, **options}
     made = _compiled(numba, function, folder, options)
-    if not numba.config.DISABLE_JIT:
+    if not numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  # numba sets its settings when it is imported
         _serve_kernels(numba, made, function, folder / "plain", options)
         made.compile = _without_collection(numba.core.compiler_lock.global_compiler_lock, made.compile)
     return made

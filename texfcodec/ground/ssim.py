@@ -208,7 +208,7 @@ def _over(threads, function, items):
         return list(pool.map(function, items))
 
 
-def ssim_map(a, b, threads=1):
+def ssim_map(a: np.ndarray, b: np.ndarray, threads: int = 1) -> np.ndarray:
     """SSIM at every pixel and channel.
 
     a, b: uint8, float32 or float64 [H, W, C], 0..255. Returns float32 [H, W, C] (float64 for float64), at most 1.
@@ -220,7 +220,7 @@ def ssim_map(a, b, threads=1):
     return values.reshape(pair.shape)
 
 
-def ssim(a, b, mask=None, threads=1):
+def ssim(a: np.ndarray, b: np.ndarray, mask: np.ndarray | None = None, threads: int = 1) -> float:
     """Mean SSIM over channels and over the pixels of mask, the centres of their windows; outside it the images still count.
 
     a, b: uint8, float32 or float64 [H, W, C], 0..255; mask: bool [H, W] or None for all. Returns float, at most 1.
@@ -229,7 +229,7 @@ def ssim(a, b, mask=None, threads=1):
     return _Pair(a, b, mask).compare(threads)
 
 
-def ssim_gradient(a, b, mask=None, threads=1):
+def ssim_gradient(a: np.ndarray, b: np.ndarray, mask: np.ndarray | None = None, threads: int = 1) -> tuple[float, np.ndarray]:
     """Mean SSIM as ssim() gives it, and its derivative by every value of b.
 
     Returns (float, float32 [H, W, C]; float64 where an image is float64). The derivative is exact, image borders included, and

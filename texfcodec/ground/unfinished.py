@@ -5,8 +5,17 @@ GATE and keeps it, so that nothing new appears while remove_all() runs. What tak
 is there before the first Ctrl-C can be.
 """
 
+from __future__ import annotations
+
 import _thread
 import os
+
+TYPE_CHECKING = False  # to a type checker it is true; the module typing takes long to import
+if TYPE_CHECKING:
+    import subprocess
+    from collections.abc import Iterable
+    from os import PathLike
+    from typing import BinaryIO
 
 GATE = _thread.allocate_lock()
 _paths: set = set()
@@ -20,36 +29,36 @@ class _Stage:
     last = done = False
 
 
-def begin():
+def begin() -> None:
     """A command begins: nothing is written yet."""
     with GATE:
         _Stage.last = _Stage.done = False
 
 
-def last_step():
+def last_step() -> None:
     """What is renamed next is the outcome of the command: once it stands, the command has done its work."""
     _Stage.last = True
 
 
-def finish():
+def finish() -> None:
     """From here on an interrupt comes too late. Blocks for good where one is being answered."""
     with GATE:
         _Stage.done = True
 
 
-def is_finished():
+def is_finished() -> bool:
     """Whether the outcome of the command stands."""
     return _Stage.done
 
 
-def new_file(path):
+def new_file(path: PathLike) -> BinaryIO:
     """Opens a temporary file, which must not be there yet, for binary writing. Path: given to rename_all() or remove() later."""
     with GATE:
         _paths.add(path)
         return open(path, "xb")
 
 
-def rename_all(names):
+def rename_all(names: Iterable[tuple[PathLike, PathLike]]) -> None:
     """Renames temporary files in order. names: [(temporary, final)]."""
     with GATE:
         for temporary, final in names:
@@ -58,7 +67,7 @@ def rename_all(names):
         _Stage.done = _Stage.done or _Stage.last
 
 
-def remove(path):
+def remove(path: PathLike) -> None:
     """Removes a temporary file, if it is there."""
     with GATE:
         _unlink(path)
@@ -68,7 +77,7 @@ def remove(path):
 class Folder:
     """Context manager: a new temporary folder for this user only, as tempfile.TemporaryDirectory; gives its path as text."""
 
-    def __init__(self, prefix):
+    def __init__(self, prefix: str) -> None:
         self.prefix = prefix
 
     def __enter__(self):
@@ -84,7 +93,8 @@ class Folder:
         _folders.discard(self.path)
 
 
-def run_child(command, data, timeout, environment):
+def run_child(command: list[str], data: bytes, timeout: float | None, environment: dict[str, str],
+              ) -> subprocess.CompletedProcess:
     """subprocess.run of a command that reads bytes on stdin: CompletedProcess with bytes stdout and stderr.
 
     data: bytes; timeout: seconds or None. Raises subprocess.TimeoutExpired, OSError. The child ends with this process.
@@ -107,7 +117,7 @@ def run_child(command, data, timeout, environment):
     return subprocess.CompletedProcess(command, child.returncode, out, said)
 
 
-def remove_all():
+def remove_all() -> None:
     """Ends the children and removes the temporaries; the caller holds GATE and ends the process next."""
     for child in list(_children):
         try:

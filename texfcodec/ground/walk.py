@@ -1,14 +1,15 @@
 """Reading, writing and describing any structure of structure.py: three walkers over the same tables."""
 
 import struct
+from typing import Any
 
 from ..errors import StreamError
-from .structure import V_MAX, Derived, Structure
+from .structure import V_MAX, Derived, Element, Structure
 
 _FIXED = {"u8": "<B", "u16": "<H", "u32": "<I", "i8": "<b", "i32": "<i", "f64": "<d"}
 
 
-def write_v(value):
+def write_v(value: int) -> bytes:
     """Unsigned LEB128, shortest form (spec 4.3)."""
     out = bytearray()
     while value > 0x7F:
@@ -21,10 +22,10 @@ def write_v(value):
 class Reader:
     """A bounded view of the stream. data: bytes; [position, end) is what may be read; base: file offset of data[0]."""
 
-    def __init__(self, data, position, end, base=0):
+    def __init__(self, data: bytes | memoryview, position: int, end: int, base: int = 0) -> None:
         self.data, self.position, self.end, self.base = data, position, end, base
 
-    def take(self, count, name, clause):
+    def take(self, count: int, name: str, clause: str) -> bytes | memoryview:
         """The next `count` bytes, or StreamError TXF-S02."""
         if count > self.end - self.position:
             raise StreamError("TXF-S02", f"the data end inside {name}", clause=clause, offset=self.base + self.position,
@@ -33,7 +34,7 @@ class Reader:
         self.position += count
         return self.data[begin : self.position]
 
-    def read_v(self, name, clause):
+    def read_v(self, name: str, clause: str) -> int:
         value = 0
         for i in range(8):
             byte = self.take(1, name, clause)[0]
@@ -52,7 +53,7 @@ def _count_of(element, values):
     return int(element.count) if element.count.isdigit() else values[element.count]
 
 
-def check_range(element, value, offset, clause):
+def check_range(element: Element, value: Any, offset: int | None, clause: str) -> None:
     """Raises StreamError TXF-S04 when a value is outside its element's range."""
     low, high = element.low, element.high
     if (low is not None and not value >= low) or (high is not None and value > high):
@@ -86,7 +87,7 @@ def _read_blob(element, reader, count, clause):
         raise StreamError("TXF-S06", f"{element.name} is not valid UTF-8", clause=clause, offset=offset) from None
 
 
-def read_structure(structure, reader, values, trace=None, prefix=""):
+def read_structure(structure: Structure, reader: Reader, values: dict, trace: list | None = None, prefix: str = "") -> dict:
     """Reads one structure. values: dict of the variables known so far, extended in place; returns it.
 
     trace: list that receives (name, offset, size, value) of every element.
@@ -142,7 +143,7 @@ def _check_length(element, values):
             raise ValueError(f"{element.name} has {length} entries where its count says {count}")
 
 
-def write_structure(structure, values):
+def write_structure(structure: Structure, values: dict) -> bytes:
     """Bytes of one structure from a dict with a value for every element; derived variables are computed on the way."""
     out = bytearray()
     values = dict(values)

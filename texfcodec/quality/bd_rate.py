@@ -1,9 +1,10 @@
 """Bjontegaard delta rate: how many percent more or fewer bytes one codec needs than another for the same quality."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
-def bd_rate(rate_a, psnr_a, rate_b, psnr_b):
+def bd_rate(rate_a: ArrayLike, psnr_a: ArrayLike, rate_b: ArrayLike, psnr_b: ArrayLike) -> float:
     """Mean rate difference of b against the anchor a, in percent; negative means that b needs less.
 
     rate_*: bytes or bits (the unit cancels), psnr_*: dB, each [N >= 2], in any order. log(rate) is interpolated over quality by

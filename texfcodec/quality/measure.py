@@ -1,10 +1,18 @@
 """3D-PSNR of a decoded stream against its source: the same surface points asked on both sides."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..asset.sample import pack_source, sample_source
 from ..ground.areas import sample_surface
 from ..ground.colour_error import ColourError, json_ready
+
+if TYPE_CHECKING:
+    from ..asset.scene import Scene
+    from ..texf import Texf
 
 SAMPLES = 1_000_000
 BLOCK = 1 << 17  # points asked at a time
@@ -16,12 +24,12 @@ class SourceSamples:
     scene: Scene; samples: number of points; threads. face: int64 [M]; colour: uint8-precise float32 [M, 4], 0..255.
     """
 
-    def __init__(self, scene, samples=SAMPLES, threads=1):
+    def __init__(self, scene: Scene, samples: int = SAMPLES, threads: int = 1) -> None:
         self.scene = scene
         self.face, self.bary = sample_surface(scene.positions, scene.faces, samples)
         self.colour = sample_source(pack_source(scene), self.face, self.bary, threads)
 
-    def compare(self, texf, face_field=None):
+    def compare(self, texf: Texf, face_field: np.ndarray | None = None) -> dict:
         """3D-PSNR of texf in dB {"y", "yuv611", "rgb", "samples"}; None means lossless.
 
         face_field: int64 per scene face, the field of texf it asks, -1 for a face that was left out; None: the only field, or
@@ -43,6 +51,6 @@ class SourceSamples:
         return {name: result[f"psnr_{name}"] for name in ("y", "yuv611", "rgb")} | {"samples": error.samples}
 
 
-def measure(scene, texf, samples=SAMPLES, threads=1, face_field=None):
+def measure(scene: Scene, texf: Texf, samples: int = SAMPLES, threads: int = 1, face_field: np.ndarray | None = None) -> dict:
     """3D-PSNR of texf against scene in dB: {"y", "yuv611", "rgb", "samples"}; see SourceSamples.compare."""
     return SourceSamples(scene, samples, threads).compare(texf, face_field)

@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def angular_error(ref, got, weights=None):
+def angular_error(ref: np.ndarray, got: np.ndarray, weights: np.ndarray | None = None) -> dict:
     """Angles in degrees between directions that belong together.
 
     ref, got: [N, 3] of any length; weights: [N] non-negative, or None for 1 each. Returns {"mean_degrees", "rms_degrees",
@@ -26,12 +26,12 @@ def angular_error(ref, got, weights=None):
     a, known = _units(ref)
     b, valid = _units(got)
     degrees = np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("nc,nc->n", a, b)))
-    degrees, weights = np.where(valid, degrees, 180.0)[known], weights[known]
-    total = float(weights.sum())
+    degrees, kept = np.where(valid, degrees, 180.0)[known], weights[known]
+    total = float(kept.sum())
     if not total > 0:
         raise ValueError("no reference direction (or only weight zero): there is no angle to report")
-    return {"mean_degrees": float(weights @ degrees / total), "rms_degrees": float(np.sqrt(weights @ degrees**2 / total)),
-            "p95_degrees": _weighted_quantile(degrees, weights, 0.95), "samples": len(degrees)}
+    return {"mean_degrees": float(kept @ degrees / total), "rms_degrees": float(np.sqrt(kept @ degrees**2 / total)),
+            "p95_degrees": _weighted_quantile(degrees, kept, 0.95), "samples": len(degrees)}
 
 
 def _units(vectors):

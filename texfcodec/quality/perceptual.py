@@ -6,6 +6,7 @@ state dict that torchvision publishes for AlexNet. Nothing is ever downloaded.
 
 import pickle
 import warnings
+from os import PathLike
 
 import numpy as np
 
@@ -18,7 +19,7 @@ class Lpips:
     """Call it with two images, uint8 or float [H, W, 3] in 0..255 (at least 64 x 64), for their distance: float, 0 for equal
     images. weights: path of the AlexNet state dict (.pth). Raises InputError TXF-I96..I98."""
 
-    def __init__(self, weights):
+    def __init__(self, weights: str | PathLike) -> None:
         self._torch, lpips = _packages()
         state = _read_state(self._torch, weights)
         with warnings.catch_warnings():

@@ -9,13 +9,14 @@ are up to 0.6 dB too high.
 Below that stands what 3D-PSNR (measure.py) needs where the source's faces must first be found on the other side.
 """
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..asset.sample import pack_source, sample_source
-from ..asset.scene import ALPHA_OPAQUE
+from ..asset.scene import ALPHA_OPAQUE, Scene
 from ..errors import InputError
 from ..ground.areas import sample_surface
 from ..ground.colour_error import ColourError, decibels, json_ready
@@ -41,7 +42,9 @@ class _View:
     lpips: float | None
 
 
-def compare_views(reference, other, views=VIEWS, size=SIZE, ssim=False, lpips=None, threads=1, on_view=None):
+def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIEWS, size: int = SIZE, ssim: bool = False,
+                  lpips: Callable[[np.ndarray, np.ndarray], float] | None = None, threads: int = 1,
+                  on_view: Callable[[int, int], object] | None = None) -> dict:
     """Image metrics of other against reference, each a Scene or a Texf.
 
     views >= 1; size: pixels a side; ssim: compute SSIM as well; lpips: function of two uint8 images [H, W, 3], such as
@@ -121,7 +124,7 @@ def _pooled(seen):
             "lpips": None if first.lpips is None else float(np.mean([v.lpips for v in seen]))}
 
 
-def fields_of_faces(scene, texf):
+def fields_of_faces(scene: Scene, texf: Texf) -> np.ndarray | None:
     """The field that each face of the source is in: int64 [F], -1 for a face that is not in the stream.
 
     Found by its corners on the lattice, its orientation and its material. None where less than half of the faces are found: then
@@ -144,7 +147,7 @@ def _face_keys(lattice, material):
     return np.column_stack([np.take_along_axis(packed, order, axis=1), material])
 
 
-def mesh_psnr_3d(reference, mesh, samples=NEAREST_SAMPLES, threads=1):
+def mesh_psnr_3d(reference: Scene, mesh: Scene, samples: int = NEAREST_SAMPLES, threads: int = 1) -> dict:
     """3D-PSNR of a decoded mesh, at the points of its surface nearest to points of the reference's; where it has kept the
     reference's vertices and faces, at the same points, because looking for them costs a mesh that is all right up to 0.3 dB.
 
@@ -176,7 +179,7 @@ class MeshColours:
     scene: Scene with a face that has area; threads.
     """
 
-    def __init__(self, scene, threads=1):
+    def __init__(self, scene: Scene, threads: int = 1) -> None:
         from scipy.spatial import cKDTree  # here, as is trimesh below, because it takes long to import
 
         self._source, self._threads = pack_source(scene), threads
@@ -193,7 +196,7 @@ class MeshColours:
         self._turn = 4 * np.sqrt(area / LANDMARKS)  # a normal that is off by 1 counts as four landmarks' spacing
         self._tree = cKDTree(np.hstack([places, self._turn * self._normals[self._face]]))
 
-    def query(self, points, normals):
+    def query(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Colours at world points, float64 [M, 3], of surfaces that face along normals, float64 [M, 3] of length 1 (or 0: any).
 
         Returns float32 [M, 4], 0..255, sRGB-coded, straight alpha. The nearest point is exact on its triangle, and the triangle

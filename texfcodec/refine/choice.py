@@ -1,5 +1,9 @@
 """Which refinement a field gets, whether it pays, and what the report says of it (encoder only)."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from ..asset.sample import pack_source
@@ -8,6 +12,12 @@ from ..choose.trial import coding_mse
 from ..ground.colour_error import decibels
 from .surface_fit import HELD_OUT, HELD_OUT_SEED, FieldSurface, fit_surface
 
+if TYPE_CHECKING:
+    from ..choose.prepare import SourceField
+    from ..codecs.codec import Source
+    from ..options import EncodeOptions
+    from ..report import Report
+
 COLOUR = BASE_COLOUR.name  # what a fit moves
 PROBE = 1 << 14  # surface points that tell how far the transfer is from the source
 LEFT_BY_FIT = 0.6  # share of the transfer's squared error that the fit leaves; 0.39 to 0.85 on seven assets at K 512 and 1024
@@ -15,14 +25,14 @@ LEAST_GAIN = 0.03  # dB at the coded quality; what promised less gained nothing 
 MOST_VOXELS = 10_000_000  # "auto" leaves larger fields alone: a fit takes about 150 bytes a voxel
 
 
-def refine_fields(source, fields, options, report):
+def refine_fields(source: Source, fields: list[SourceField], options: EncodeOptions, report: Report) -> dict:
     """Refines the colours of the SourceFields in place, as options.refine asks; returns what the report says of it.
 
     source: codecs.codec.Source; fields: by number. Each field keeps its transfer where its refined colours are not closer to the
     source at points that the fit has not seen.
     """
     reason = _reason_against(fields, options)
-    facts = {"asked": options.refine, "kind": "off", "reason": reason or "asked for"}
+    facts: dict[str, Any] = {"asked": options.refine, "kind": "off", "reason": reason or "asked for"}
     if reason:
         return facts
     surfaces = [_field_surface(source, i, field, options) for i, field in enumerate(fields)]

@@ -6,6 +6,7 @@ views decide when to stop and which iteration is kept; the start is kept where n
 """
 
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -14,7 +15,7 @@ import numpy as np
 from ..asset.sample import sample_source
 from ..ground.kernel import kernel
 from ..render.pictures import HELD_OUT_SEED, HELD_OUT_VIEWS, ITERATIONS, OPAQUE, SIZE, VIEWS, Cameras, keep_best, picture_loss
-from .surface_fit import BLOCK, _corners
+from .surface_fit import BLOCK, FieldSurface, _corners
 
 RATE = 0.5  # Adam's step in 8-bit levels, falling to a tenth along a cosine; of 0.1 to 3 the best on three assets
 DECAY, SQUARE_DECAY, TINY = 0.9, 0.99, 1e-8
@@ -68,13 +69,13 @@ class View:
     rank: np.ndarray
     weight: np.ndarray
 
-    def colours(self, values):
+    def colours(self, values: np.ndarray) -> np.ndarray:
         """What the field shows, float32 [M, 3]."""
         out = np.empty_like(self.target)
         _blend(self.rank, self.weight, values, out)
         return out
 
-    def loss(self, values, threads):
+    def loss(self, values: np.ndarray, threads: int) -> tuple[float, float, np.ndarray]:
         """(loss, mean squared error, its slope by colours() float32 [M, 3])."""
         return picture_loss(self.size, self.pixel, self.target, self.colours(values), threads)
 
@@ -83,7 +84,7 @@ class Pictures:
     """Draws views of one asset, in a cube of side 1. surfaces: FieldSurfaces, one per field, on one lattice; seed: of the
     cameras; size: pixels a side."""
 
-    def __init__(self, surfaces, seed, threads, size=SIZE):
+    def __init__(self, surfaces: list[FieldSurface], seed: int, threads: int, size: int = SIZE) -> None:
         self.surfaces, self.threads, self.size = surfaces, threads, size
         self.face_field = np.repeat(np.arange(len(surfaces)), [len(s.faces) for s in surfaces])
         self.first_face = np.cumsum([0] + [len(s.faces) for s in surfaces])
@@ -91,7 +92,7 @@ class Pictures:
         faces = np.concatenate([s.faces for s in surfaces])
         self.cameras = Cameras(surfaces[0].lattice, faces, surfaces[0].position_bits, seed, threads, size)
 
-    def view(self):
+    def view(self) -> View:
         """The next View; pixels where no voxel answers or the source is transparent are left out."""
         seen = self.cameras.next()
         target = np.empty((len(seen.face), 4), np.float32)
@@ -113,13 +114,15 @@ class Pictures:
         return View(self.size, seen.pixel[keep], np.ascontiguousarray(target[keep, :3]), rank[keep], weight[keep])
 
 
-def held_out(pictures, count=HELD_OUT_VIEWS):
+def held_out(pictures: Pictures, count: int = HELD_OUT_VIEWS) -> list[View]:
     """The views that decide; drawn from their own Pictures. Those that show nothing are left out."""
     return [v for v in (pictures.view() for _ in range(count)) if len(v.pixel)]
 
 
-def refine_by_rendering(surfaces, colours, threads=1, seed=0, iterations=ITERATIONS, views=VIEWS, size=SIZE,
-                        on_progress=lambda done, total: None):
+def refine_by_rendering(surfaces: list[FieldSurface], colours: list[np.ndarray], threads: int = 1, seed: int = 0,
+                        iterations: int = ITERATIONS, views: int = VIEWS, size: int = SIZE,
+                        on_progress: Callable[[int, int], object] = lambda done, total: None,
+                        ) -> tuple[list[np.ndarray], list[dict], int]:
     """Improves the colours of all fields together.
 
     surfaces: FieldSurfaces, one per field; colours: float32 [N, 3] per field, 0..255. Returns (colours likewise, log: one

@@ -11,6 +11,7 @@ Entries are not negative and the weights of a sample sum to 1, so by Gershgorin 
 sum / (damping * mean diagonal) on any mesh. Solved by conjugate gradients from the transfer.
 """
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -21,7 +22,7 @@ from ..ground.areas import sample_surface
 from ..ground.colour_error import ColourError
 from ..ground.integer import _ones32
 from ..ground.kernel import kernel
-from ..support.grid import _rank_of_voxel
+from ..support.grid import BrickMap, _rank_of_voxel
 from ..support.morton import decode_morton
 from ..support.query import query_field
 from ..support.samples import surface_samples
@@ -48,16 +49,16 @@ class FieldSurface:
     position_bits: int
     resolution: int
     keys: np.ndarray
-    brick_map: object
+    brick_map: BrickMap
 
-    def sample(self, count, seed, threads):
+    def sample(self, count: int, seed: int, threads: int) -> tuple[np.ndarray, np.ndarray]:
         """`count` points spread evenly by area: (float64 [count, 3] grid coordinates, float32 [count, 4] source RGBA 0..255)."""
         face, bary = sample_surface(self.lattice, self.faces, count, seed)
         points = np.einsum("nc,ncd->nd", bary, self.lattice[self.faces[face]])
         points *= self.resolution / (1 << self.position_bits)
         return points, sample_source(self.source, face, bary, threads)
 
-    def error(self, colour, points, rgba, threads):
+    def error(self, colour: np.ndarray, points: np.ndarray, rgba: np.ndarray, threads: int) -> dict[str, float]:
         """Mean squared error of the field with these voxel colours, float32 [N, 3], at points: colour_mse()'s dict."""
         colour = np.ascontiguousarray(colour, np.float32)
         got, _ = query_field(points, self.resolution, self.keys, self.brick_map, colour, threads)
@@ -179,8 +180,9 @@ def _columns_dot(a, b):
     return np.einsum("nc,nc->c", a, b, dtype=np.float64)
 
 
-def fit_surface(surface, colour, threads=1, density=DENSITY, iterations=ITERATIONS, damping=DAMPING,
-                on_progress=lambda done, total: None):
+def fit_surface(surface: FieldSurface, colour: np.ndarray, threads: int = 1, density: float = DENSITY,
+                iterations: int = ITERATIONS, damping: float = DAMPING,
+                on_progress: Callable[[int, int], object] = lambda done, total: None) -> np.ndarray:
     """Voxel colours whose trilinear field is closest to the source.
 
     surface: FieldSurface; colour: float32 [N, 3], the transfer's, 0..255; on_progress: function (done, total). Returns float32

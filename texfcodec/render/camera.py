@@ -9,6 +9,7 @@ import operator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 
@@ -42,12 +43,12 @@ class Camera:
             raise InputError("TXF-I92", "half the visible height is out of range", value=self.half, allowed=f">= {LEAST}")
 
     @property
-    def pixel(self):
+    def pixel(self) -> float:
         """A pixel's side in world units; when perspective, at depth 1."""
         return 2.0 * self.half / self.height
 
 
-def orthographic(direction, centre, radius, size):
+def orthographic(direction: ArrayLike, centre: ArrayLike, radius: float, size: int | tuple[int, int]) -> Camera:
     """Camera that looks from `direction` at `centre`; the largest square that fits the picture spans +-radius.
 
     direction: [3], from centre to camera (unit length; any other is scaled); centre: [3]; radius: world units, 0 (a single point)
@@ -55,31 +56,32 @@ def orthographic(direction, centre, radius, size):
     Raises InputError TXF-I90..I92.
     """
     width, height = _size(size)
-    axes, centre = _axes(_unit(direction)), _place(centre)
-    radius = _radius(radius)
-    return Camera(*axes, centre - radius * axes[2], False, radius * height / min(width, height), width, height)
+    right, up, forward = _axes(_unit(direction))
+    middle, radius = _place(centre), _radius(radius)
+    return Camera(right, up, forward, middle - radius * forward, False, radius * height / min(width, height), width, height)
 
 
-def perspective(eye, target, fov_degrees, size):
+def perspective(eye: ArrayLike, target: ArrayLike, fov_degrees: float, size: int | tuple[int, int]) -> Camera:
     """Camera at `eye` that looks at `target`; fov_degrees: vertical field of view, in 0..180 without the ends.
 
     eye, target: [3] world; size: pixels a side, or (width, height). Raises InputError TXF-I90..I92.
     """
     width, height = _size(size)
-    eye = _place(eye)
-    axes = _axes(_unit(eye - _place(target)))
-    return Camera(*axes, eye, True, math.tan(_half_angle(fov_degrees)), width, height)
+    place = _place(eye)
+    right, up, forward = _axes(_unit(place - _place(target)))
+    return Camera(right, up, forward, place, True, math.tan(_half_angle(fov_degrees)), width, height)
 
 
-def perspective_around(direction, centre, radius, fov_degrees, size):
+def perspective_around(direction: ArrayLike, centre: ArrayLike, radius: float, fov_degrees: float,
+                       size: int | tuple[int, int]) -> Camera:
     """Perspective camera that sees the whole sphere from `direction`; arguments as in orthographic() and perspective()."""
     width, height = _size(size)
-    direction, centre, radius = _unit(direction), _place(centre), _radius(radius)
+    outwards, middle, radius = _unit(direction), _place(centre), _radius(radius)
     narrow = math.atan(math.tan(_half_angle(fov_degrees)) * min(width, height) / height)
-    return perspective(centre + direction * (radius / math.sin(narrow)), centre, fov_degrees, (width, height))
+    return perspective(middle + outwards * (radius / math.sin(narrow)), middle, fov_degrees, (width, height))
 
 
-def fibonacci_direction(i, count):
+def fibonacci_direction(i: int, count: int) -> np.ndarray:
     """Direction of view i of `count`, float64 [3] of length 1, spread evenly over the sphere from +y to -y; one view: the front.
 
     y = 1 - 2 i / (count - 1), turned about y by i pi (3 - sqrt 5), as mpeg-pcc-mmetric does. Raises InputError TXF-I93.
@@ -93,13 +95,13 @@ def fibonacci_direction(i, count):
     return np.array([math.cos(turn) * r, y, math.sin(turn) * r])
 
 
-def direction_of_angles(azimuth, elevation):
+def direction_of_angles(azimuth: float, elevation: float) -> np.ndarray:
     """Unit direction of angles in degrees: azimuth 0 is the front (+z), 90 the right (+x); elevation 90 is the top (+y)."""
     a, e = math.radians(azimuth), math.radians(elevation)
     return np.array([math.sin(a) * math.cos(e), math.sin(e), math.cos(a) * math.cos(e)])
 
 
-def bounding_sphere(positions):
+def bounding_sphere(positions: np.ndarray) -> tuple[np.ndarray, float]:
     """Centre float64 [3] and radius of the sphere round the axis-aligned box: half the box's diagonal.
 
     positions: [V, 3]; points that are not finite do not count. Without points: the origin and 0.
@@ -113,7 +115,7 @@ def bounding_sphere(positions):
     return low / 2 + high / 2, math.hypot(*(high / 2 - low / 2).tolist())
 
 
-def to_camera(camera, points):
+def to_camera(camera: Camera, points: np.ndarray) -> np.ndarray:
     """Points as the camera sees them, float64 [M, 3]: x to the right and y downwards in pixels from the picture's centre (when
     perspective: at depth 1), z the depth along forward in world units. points: float64 [M, 3] world.
 
@@ -126,7 +128,7 @@ def to_camera(camera, points):
     return out
 
 
-def to_screen(camera, seen):
+def to_screen(camera: Camera, seen: np.ndarray) -> np.ndarray:
     """float64 [M, 4] of points from to_camera(): x, y in pixels, depth, and 1 / w (1 when orthographic, 1 / depth when
     perspective; points with depth <= 0 are behind the camera and their x and y mean nothing)."""
     out = np.empty((len(seen), 4))
@@ -138,7 +140,7 @@ def to_screen(camera, seen):
     return out
 
 
-def project(camera, points):
+def project(camera: Camera, points: np.ndarray) -> np.ndarray:
     """World points float64 [M, 3] -> float64 [M, 4]: x, y in pixels, depth along forward, 1 / w; see to_screen()."""
     with np.errstate(all="ignore"):
         return to_screen(camera, to_camera(camera, points))

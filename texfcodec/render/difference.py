@@ -1,8 +1,16 @@
 """Two pictures of one view side by side, with a heat map of their difference and its scale."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..ground.colour_error import ColourError, json_ready
+
+if TYPE_CHECKING:
+    from .shade import Picture
 
 HOTTEST = 32  # coded levels of R, G, B (root mean square) from which on the heat map is at its hottest
 RAMP = np.array([(0, 0, 0), (70, 15, 110), (190, 50, 85), (250, 150, 30), (255, 255, 190)], np.float64)
@@ -13,7 +21,7 @@ NEAR = 24  # coded levels within which a pixel cannot be told from a background
 MOST_NEAR = 0.02  # share of the pixels that may be so near
 
 
-def clear_background(*pictures):
+def clear_background(*pictures: Picture) -> tuple[int, int, int]:
     """(r, g, b), a grey that Pictures stand off from: white unless more than MOST_NEAR of their pixels are as good as white, else
     the grey that is near to the fewest."""
     colours = np.concatenate([_over(p, (128, 128, 128)) for p in pictures])
@@ -21,7 +29,8 @@ def clear_background(*pictures):
     return (GREYS[0 if near[0] <= MOST_NEAR else int(np.argmin(near))],) * 3
 
 
-def compare(first, second, background=(255, 255, 255), around=None):
+def compare(first: Picture, second: Picture, background: tuple[int, int, int] = (255, 255, 255),
+            around: tuple[int, int, int] | None = None) -> tuple[dict, np.ndarray]:
     """How far the second Picture is from the first.
 
     Returns a dict {"pixels_both", "pixels_only_first", "pixels_only_second", "psnr_rgb", "psnr_y"} and the heat map, uint8
@@ -47,14 +56,15 @@ def compare(first, second, background=(255, 255, 255), around=None):
     return counts | psnr, heat.reshape(first.height, first.width, 3)
 
 
-def heat_colour(difference):
+def heat_colour(difference: np.ndarray) -> np.ndarray:
     """uint8 [M, 3] of differences in coded levels, [M]: black at 0, pale yellow from HOTTEST on."""
     place = np.clip(np.nan_to_num(difference, nan=HOTTEST) / HOTTEST, 0, 1) * (len(RAMP) - 1)
     steps = np.arange(len(RAMP))
     return np.stack([np.interp(place, steps, RAMP[:, c]) for c in range(3)], axis=1).round().astype(np.uint8)
 
 
-def sheet(panels, captions, background=(255, 255, 255)):
+def sheet(panels: Sequence[np.ndarray], captions: Sequence[str],
+          background: tuple[int, int, int] = (255, 255, 255)) -> np.ndarray:
     """Panels uint8 [H, W, 3] in a row, a caption under each, the heat map's scale under the last. Returns uint8 [H', W', 3]."""
     height, width = panels[0].shape[:2]
     times = max(1, width // 512)

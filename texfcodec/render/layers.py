@@ -1,21 +1,29 @@
 """Faces that one can see through: layers of the surface, front to back, composited into one colour per pixel."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from ..asset.scene import ALPHA_BLEND, ALPHA_MASK
-from .raster import visible
+from ..asset.scene import ALPHA_BLEND, ALPHA_MASK, Material
+from .raster import Fragments, visible
+
+if TYPE_CHECKING:
+    from .triangles import Triangles
 
 LAYERS = 8  # composited per pixel at most; what lies behind the eighth is not seen
 PASSES = 64  # over the faces at most, layers that a mask cuts away included
 CLOSED = 1 / 1024  # a pixel that lets less than this through is done
 
 
-def see_through(materials, face_material):
+def see_through(materials: list[Material], face_material: np.ndarray) -> bool:
     """Whether any face has a material whose alpha matters. face_material: int64 [F] into materials."""
     return bool(np.array([m.alpha_mode in (ALPHA_MASK, ALPHA_BLEND) for m in materials], np.bool_)[face_material].any())
 
 
-def opacity(materials, material, alpha):
+def opacity(materials: list[Material], material: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     """Opacity 0..1, float32 [M], by alpha mode. material: int64 [M] into materials; alpha: float32 [M], 0..255.
 
     Opaque: 1. Mask: 1 from the cutoff on, 0 below. Blend: alpha. Alpha that is not a number is 0.
@@ -26,7 +34,8 @@ def opacity(materials, material, alpha):
     return np.where(mode == ALPHA_BLEND, share, (mode != ALPHA_MASK) | (share >= cutoff)).astype(np.float32)
 
 
-def composite(triangles, shade, threads=1):
+def composite(triangles: Triangles, shade: Callable[[Fragments], tuple[np.ndarray, np.ndarray]],
+              threads: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Peels the surface front to back. triangles: Triangles; shade: function of Fragments -> (float32 [M, 3] colour 0..255,
     float32 [M] opacity 0..1).
 

@@ -1,6 +1,10 @@
-"""Coarser versions of a field: what minified pictures ask, as a mip map is for a texture."""
+"""Coarser versions of a field: what minified pictures ask, as a mip map is for a texture.
+
+A Field stands in a later room, so that signatures here say Any.
+"""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +27,7 @@ class Level:
     counts: np.ndarray
     brick_map: BrickMap
 
-    def query(self, points):
+    def query(self, points: np.ndarray) -> np.ndarray:
         """float32 [M, 4] at grid coordinates of the field, float64 [M, 3]; see field.query.query_field."""
         points = points if self.level == 0 else points / (1 << self.level)
         return query_field(points, self.size, self.keys, self.brick_map, self.values)[0]
@@ -32,16 +36,16 @@ class Level:
 class Pyramid:
     """The levels of one field, each built when it is first asked for. Threads that ask at once may build one twice, no more."""
 
-    def __init__(self, field):
+    def __init__(self, field: Any) -> None:
         self.rgba = field.rgba
         self._levels = [Level(0, field.size, field.keys, field.rgba, np.ones(len(field.keys), np.int64), field.brick_map)]
 
     @property
-    def last(self):
+    def last(self) -> int:
         """Number of the level that is a single voxel."""
         return (self._levels[0].size - 1).bit_length()
 
-    def level(self, number):
+    def level(self, number: int) -> Level:
         """Level `number`, 0..last."""
         levels = self._levels
         while len(levels) <= number:
@@ -50,7 +54,7 @@ class Pyramid:
         return levels[number]
 
 
-def pyramid_of(field):
+def pyramid_of(field: Any) -> Pyramid:
     """The Pyramid of a Field; kept with it and made anew when its values are another array."""
     if field._pyramid is None or field._pyramid.rgba is not field.rgba:
         field._pyramid = Pyramid(field)

@@ -6,13 +6,14 @@ covered pixels; its gradient goes through SSIM (quality/ssim.py) and is exact.
 """
 
 import time
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ..ground.colour_error import decibels
 from ..ground.ssim import ssim_gradient
 from .camera import perspective
-from .raster import rasterise
+from .raster import Fragments, rasterise
 
 ITERATIONS, VIEWS, SIZE = 30, 8, 1024  # the paper's
 FIELD_OF_VIEW, NEAREST, FARTHEST = 45.0, 1.2, 3.0
@@ -25,13 +26,14 @@ class Cameras:
     """Random views of a mesh in a cube of side 1. lattice: int64 [V, 3]; faces: int64 [F, 3]; position_bits; seed: of the views;
     size: pixels a side."""
 
-    def __init__(self, lattice, faces, position_bits, seed, threads, size=SIZE):
+    def __init__(self, lattice: np.ndarray, faces: np.ndarray, position_bits: int, seed: int, threads: int,
+                 size: int = SIZE) -> None:
         self.positions, self.faces = lattice / float(1 << position_bits), faces
         self.random, self.threads, self.size = np.random.default_rng(seed), threads, size
         used = self.positions[np.unique(faces)]
         self.centre = (used.min(axis=0) + used.max(axis=0)) / 2
 
-    def next(self):
+    def next(self) -> Fragments:
         """What the next random camera sees: render.raster's result for all faces, both sides of them."""
         azimuth, sine = self.random.uniform(0, 2 * np.pi), self.random.uniform(-1, 1)
         flat = np.sqrt(1 - sine * sine)
@@ -41,7 +43,8 @@ class Cameras:
         return rasterise(camera, self.positions, self.faces, cull=False, threads=self.threads)
 
 
-def picture_loss(size, pixel, target, shown, threads):
+def picture_loss(size: int, pixel: np.ndarray, target: np.ndarray, shown: np.ndarray,
+                 threads: int) -> tuple[float, float, np.ndarray]:
     """(loss, mean squared error, slope of the loss by shown float32 [M, 3]).
 
     pixel: int64 [M], the covered ones of a picture of `size` a side, row * size + column; target, shown: float32 [M, 3], 0..255.
@@ -59,7 +62,8 @@ def picture_loss(size, pixel, target, shown, threads):
     return loss, error, np.sign(difference) / np.float32(255 * difference.size) - slope[place]
 
 
-def keep_best(iterate, judge, values, iterations, begin):
+def keep_best(iterate: Callable[[int], float], judge: Callable[[], list[tuple[float, float]]], values: Sequence[np.ndarray],
+              iterations: int, begin: float) -> tuple[list[dict], int]:
     """Iterates while held-out views gain, and leaves what they like best in values.
 
     iterate(n): takes iteration n, from 1, and returns its loss; judge(): (loss, mean squared error) of each held-out view;
@@ -75,7 +79,8 @@ def keep_best(iterate, judge, values, iterations, begin):
                     "held_out_psnr": decibels(error) if error else None})
         return bool(seen)
 
-    log, kept, best = [], 0, [v.copy() for v in values]
+    log: list[dict] = []
+    kept, best = 0, [v.copy() for v in values]
     for n in range(1, iterations + 1) if look(0, None) else ():
         loss = iterate(n)
         if n % HELD_OUT_EVERY and n != iterations:

@@ -5,14 +5,20 @@ its pixels out without overlap or gap (top-left rule). Pixels keep only depth an
 coordinates are computed afterwards, once per visible pixel, from the face as it was before snapping.
 """
 
+from __future__ import annotations
+
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..asset.texel_cover import nearest_on_triangle
 from ..ground.kernel import kernel
-from .triangles import BAND, _first_centre, _last_centre, set_up
+from .triangles import BAND, Triangles, _first_centre, _last_centre, set_up
+
+if TYPE_CHECKING:
+    from .camera import Camera
 
 
 @dataclass
@@ -31,7 +37,8 @@ class Fragments:
     height: int
 
 
-def rasterise(camera, positions, faces, cull=True, two_sided=None, threads=1, beyond=None):
+def rasterise(camera: Camera, positions: np.ndarray, faces: np.ndarray, cull: bool = True, two_sided: np.ndarray | None = None,
+              threads: int = 1, beyond: np.ndarray | None = None) -> Fragments:
     """What the camera sees of a mesh: Fragments, the nearest face of every pixel centre, of equally near ones the lowest number.
 
     positions: float64 [V, 3] world; faces: int64 [F, 3], counter-clockwise seen from outside; cull: leave out back faces;
@@ -42,7 +49,7 @@ def rasterise(camera, positions, faces, cull=True, two_sided=None, threads=1, be
     return visible(set_up(camera, positions, faces, cull, two_sided), threads, beyond)
 
 
-def visible(triangles, threads=1, beyond=None):
+def visible(triangles: Triangles, threads: int = 1, beyond: np.ndarray | None = None) -> Fragments:
     """As rasterise(), of Triangles that set_up() has made; for several passes over the same faces."""
     camera = triangles.camera
     width, height = camera.width, camera.height

@@ -1,7 +1,13 @@
-"""Pictures: fragments get their colours, from the source's textures or from decoded fields."""
+"""Pictures: fragments get their colours, from the source's textures or from decoded fields.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
+
+from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -9,13 +15,17 @@ from ..asset.sample import pack_source, sample_source
 from ..ground.kernel import kernel
 from .layers import composite, opacity, see_through
 from .levels import pyramid_of
-from .raster import visible
+from .raster import Fragments, visible
 from .triangles import set_up
+
+if TYPE_CHECKING:
+    from ..asset.scene import Scene
+    from .camera import Camera
 
 BLOCK = 1 << 16  # fragments shaded at a time
 
 
-def box_down(image, times):
+def box_down(image: np.ndarray, times: int) -> np.ndarray:
     """The picture at 1 / times of its size, each pixel the rounded mean of times x times coded values: uint8 [H, W, 3] ->
     uint8 [H // times, W // times, 3]."""
     height, width = image.shape[0] // times, image.shape[1] // times
@@ -37,7 +47,7 @@ class Picture:
     colour: np.ndarray
     alpha: np.ndarray
 
-    def image(self, background=(255, 255, 255)):
+    def image(self, background: tuple[int, int, int] = (255, 255, 255)) -> np.ndarray:
         """uint8 [height, width, 3] over a background colour 0..255; what is not a number becomes 0."""
         out = np.empty((self.height * self.width, 3), np.uint8)
         out[:] = background
@@ -45,7 +55,7 @@ class Picture:
         return out.reshape(self.height, self.width, 3)
 
 
-def render_scene(scene, camera, cull=True, threads=1, source=None):
+def render_scene(scene: Scene, camera: Camera, cull: bool = True, threads: int = 1, source: tuple | None = None) -> Picture:
     """Picture of a Scene with its own textures (bilinear, as glTF defines them; no lighting).
 
     cull: leave out back faces of materials that are not double-sided; source: pack_source(scene), to use again for other views.
@@ -57,7 +67,7 @@ def render_scene(scene, camera, cull=True, threads=1, source=None):
                    lambda fragments: shade_source(source, fragments, threads))
 
 
-def render_texf(texf, camera, cull=True, filtering=True, threads=1):
+def render_texf(texf: Any, camera: Camera, cull: bool = True, filtering: bool = True, threads: int = 1) -> Picture:
     """Picture of a decoded Texf; arguments as in render_scene() and shade_field(). A Texf without fields has no colour and is an
     empty Picture."""
     if not texf.fields:
@@ -68,14 +78,15 @@ def render_texf(texf, camera, cull=True, filtering=True, threads=1):
                    lambda fragments: shade_field(texf, camera, fragments, positions, faces, filtering, threads))
 
 
-def shade_source(source, fragments, threads=1):
+def shade_source(source: tuple, fragments: Fragments, threads: int = 1) -> np.ndarray:
     """Source colours float32 [M, 4] RGBA, 0..255. source: from pack_source; UVs that are not finite are read as 0."""
     if not np.isfinite(source[6]).all():
         source = (*source[:6], np.nan_to_num(source[6], nan=0.0, posinf=0.0, neginf=0.0), *source[7:])
     return sample_source(source, fragments.face, fragments.bary, threads)
 
 
-def shade_field(texf, camera, fragments, positions, faces, filtering=True, threads=1):
+def shade_field(texf: Any, camera: Camera, fragments: Fragments, positions: np.ndarray, faces: np.ndarray, filtering: bool = True,
+                threads: int = 1) -> np.ndarray:
     """Field colours float32 [M, 4] RGBA, 0..255, each fragment asking the field of its face.
 
     positions: float64 [V, 3] world; faces: int64 [F, 3]: texf's own, or of the same faces in the same order. filtering: where a

@@ -1,6 +1,10 @@
-"""A small picture of an asset, and pictures as PNG bytes."""
+"""A small picture of an asset, and pictures as PNG bytes.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
 
 import io
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +24,7 @@ def to_png(image: np.ndarray) -> bytes:
     return data.getvalue()
 
 
-def thumbnail(texf) -> bytes:
+def thumbnail(texf: Any) -> bytes:
     """PNG of a Texf from the front, a little from above and the side, on white; what notebooks show of one."""
     centre, radius = bounding_sphere(texf.positions)
     camera = orthographic(direction_of_angles(AZIMUTH, ELEVATION), centre, radius, SIDE * TIMES)

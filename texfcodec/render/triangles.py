@@ -39,7 +39,8 @@ class Triangles:
     member: np.ndarray
 
 
-def set_up(camera, positions, faces, cull=True, two_sided=None):
+def set_up(camera: Camera, positions: np.ndarray, faces: np.ndarray, cull: bool = True,
+           two_sided: np.ndarray | None = None) -> Triangles:
     """The faces that may be seen, ready for filling: Triangles.
 
     positions: float64 [V, 3] world; faces: int64 [F, 3]; cull: leave out faces whose corners run clockwise on the screen;

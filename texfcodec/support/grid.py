@@ -26,7 +26,7 @@ class BrickMap:
     ranks: np.ndarray
 
     @property
-    def arrays(self):
+    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         return self.slots, self.bricks, self.words, self.ranks
 
 
@@ -68,7 +68,7 @@ def _rank(key, slots, bricks, words, ranks):
     return ranks[b, word] + _ones32(bits & ((1 << bit) - 1))
 
 
-def build_brick_map(keys):
+def build_brick_map(keys: np.ndarray) -> BrickMap:
     """BrickMap over ascending unique Morton keys, int64 [N]."""
     count = 1 + int(np.count_nonzero(np.diff(keys >> 9))) if len(keys) else 0
     slots = np.full(1 << max(4, (2 * count).bit_length()), -1, np.int64)

@@ -5,7 +5,7 @@ import numpy as np
 
 from ..ground.kernel import kernel
 from ..ground.threads import over_blocks
-from .grid import _rank_of_voxel
+from .grid import BrickMap, _rank_of_voxel
 from .morton import decode_morton
 
 SEARCH_RINGS = 3
@@ -60,7 +60,8 @@ def _query(points, size, slots, bricks, words, ranks, values, out, missed):
             out[i, c] = values[rank, c] if rank >= 0 else 0.0
 
 
-def query_field(points, resolution, keys, brick_map, values, threads=1):
+def query_field(points: np.ndarray, resolution: int, keys: np.ndarray, brick_map: BrickMap, values: np.ndarray,
+                threads: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Values of one field at grid points.
 
     points: float64 [M, 3] grid coordinates (voxel v covers [v, v + 1)); keys: int64 [N], N >= 1; values: uint8 or float32 [N, C].

@@ -1,5 +1,7 @@
 """The samples of the voxelisation (spec 6.3) as arrays, a batch at a time, for whatever looks at the surface evenly by area."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from ..ground.kernel import kernel
@@ -41,7 +43,8 @@ def _next_samples(corners, faces, per_edge, place, points, face, bary, share):
     return n
 
 
-def surface_samples(lattice, faces, position_bits, resolution, per_edge):
+def surface_samples(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolution: int,
+                    per_edge: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
     """Yields (points float64 [M, 3] grid coordinates, face int64 [M], bary float64 [M, 3], share float64 [M] area in voxel faces)
     until the surface is covered. lattice: int64 [V, 3]; faces: int64 [F, 3] in 0..V-1; per_edge: samples per voxel edge."""
     corners, faces = np.ascontiguousarray(grid_coordinates(lattice, position_bits, resolution)), np.ascontiguousarray(faces)

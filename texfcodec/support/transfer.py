@@ -7,7 +7,7 @@ import numpy as np
 from ..asset.sample import _source_at
 from ..ground.areas import face_areas
 from ..ground.kernel import kernel
-from .grid import _rank
+from .grid import BrickMap, _rank
 from .morton import _morton_key
 from .voxelise import (
     SAMPLES_PER_EDGE,
@@ -86,7 +86,7 @@ def _fill_uncoloured(keys, colour, weight):
         empty = empty[~found]
 
 
-def texels_per_edge(lattice, faces, source, position_bits, resolution):
+def texels_per_edge(lattice: np.ndarray, faces: np.ndarray, source: tuple, position_bits: int, resolution: int) -> float:
     """Texels along a voxel edge, in the mean over the surface; 0 where nothing is textured. Arguments as in transfer()."""
     _, textures, material_texture, _, _, face_material, uv, *_ = source
     texture = material_texture[face_material]
@@ -98,7 +98,8 @@ def texels_per_edge(lattice, faces, source, position_bits, resolution):
     return min(float(np.sqrt(texels / max(voxel_faces, 1e-9))), 1e6)
 
 
-def transfer(lattice, faces, source, position_bits, resolution, keys, brick_map, per_edge=SAMPLES_PER_EDGE, threads=1):
+def transfer(lattice: np.ndarray, faces: np.ndarray, source: tuple, position_bits: int, resolution: int, keys: np.ndarray,
+             brick_map: BrickMap, per_edge: int = SAMPLES_PER_EDGE, threads: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Mean source colour and alpha of every active voxel.
 
     lattice: int64 [V, 3]; faces: int64 [F, 3], face i being face i of `source` (from pack_source); keys: int64 [N] ascending

@@ -22,7 +22,7 @@ MAX_VOXELS = 1 << 40  # in place of no limit
 MIN_SLAB_SAMPLES = 1 << 17  # below this a second thread costs more than it brings
 
 
-def grid_coordinates(lattice, position_bits, resolution):
+def grid_coordinates(lattice: np.ndarray, position_bits: int, resolution: int) -> np.ndarray:
     """Fixed grid coordinates of lattice positions (spec 6.1): floor(p * K * 2**16 / 2**B).
 
     lattice: int64 [..., 3] in 0..2**B-1. Returns int64 of the same shape, below K * 2**16 <= 2**29 (product < 2**49).
@@ -246,13 +246,15 @@ def _slabs(corners, faces, counts, resolution, threads):
     return axis, sorted({0, resolution, *(int(c) for c in cuts)})
 
 
-def count_samples(lattice, faces, position_bits, resolution, per_edge=SAMPLES_PER_EDGE):
+def count_samples(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolution: int,
+                  per_edge: int = SAMPLES_PER_EDGE) -> int:
     """Upper bound of the samples that voxelise() will take, in time linear in the faces. Arguments as there."""
     corners = np.ascontiguousarray(grid_coordinates(lattice, position_bits, resolution))
     return int(_count_samples(corners, np.ascontiguousarray(faces, np.int64), per_edge, np.empty(len(faces), np.int64)))
 
 
-def voxelise(lattice, faces, position_bits, resolution, area_threshold=0, threads=1, max_voxels=None):
+def voxelise(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolution: int, area_threshold: int = 0,
+             threads: int = 1, max_voxels: int | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Active voxels of a surface (spec clause 6).
 
     lattice: int64 [V, 3] in 0..2**position_bits-1; faces: int64 [F, 3] in 0..V-1; resolution K: 1..8192.

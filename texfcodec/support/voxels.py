@@ -1,8 +1,14 @@
-"""Voxels as the support of values: sorted keys, and what a surface point asks of them (spec clauses 6 and 8)."""
+"""Voxels as the support of values: sorted keys, and what a surface point asks of them (spec clauses 6 and 8).
+
+EncodeOptions stand in a later room, so that signatures here say Any.
+"""
+
+from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +17,9 @@ from .layout import octree_depth
 from .morton import decode_morton
 from .query import query_field
 from .voxelise import voxelise
+
+if TYPE_CHECKING:
+    from ..geometry.canonical import CanonicalCube
 
 MOST_DROPPED = 0.1  # share of the surface that the area threshold may leave without a voxel of its own
 
@@ -49,7 +58,7 @@ class VoxelSupport:
         """Voxel indices, int32 [N, 3]."""
         return decode_morton(self.keys)
 
-    def coarser(self, levels: int) -> "VoxelSupport":
+    def coarser(self, levels: int) -> VoxelSupport:
         """The support with so many octree levels less, but for the root."""
         shift = min(levels, self.depth)
         return VoxelSupport(self.resolution, np.unique(self.keys >> 3 * shift), self.level_shift + shift) if shift else self
@@ -62,13 +71,14 @@ class VoxelSupport:
         sums = np.add.reduceat(values.astype(np.int64), first, axis=0)
         return ((2 * sums + counts) // (2 * counts)).astype(np.uint8)
 
-    def query(self, cube, points: np.ndarray, values: np.ndarray, threads: int = 1) -> np.ndarray:
+    def query(self, cube: CanonicalCube, points: np.ndarray, values: np.ndarray, threads: int = 1) -> np.ndarray:
         """Values at surface points (8.2): float32 [M, C]. cube: CanonicalCube; points: float64 [M, 3], world; values: [N, C]."""
         grid = cube.to_grid(points, self.resolution) / (1 << self.level_shift)
         return query_field(grid, self.size, self.keys, self.brick_map, values, threads)[0]
 
 
-def kept_voxels(surface: tuple[np.ndarray, np.ndarray], position_bits: int, resolution: int, options) -> tuple[np.ndarray, int]:
+def kept_voxels(surface: tuple[np.ndarray, np.ndarray], position_bits: int, resolution: int,
+                options: Any) -> tuple[np.ndarray, int]:
     """Voxels of a decoded surface (lattice, faces), ascending keys int64 [N], and the area threshold that they are kept by:
     options.area_threshold, unless it would leave more than MOST_DROPPED of the surface without voxels. Encoder only."""
     keys, weights = voxelise(*surface, position_bits, resolution, 0, options.threads, options.limits.voxels)

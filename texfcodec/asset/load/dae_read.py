@@ -6,13 +6,14 @@ leaves out silently what pycollada could not read.
 
 import io
 import re
+from pathlib import Path
 
 import numpy as np
 
 from ...errors import InputError, SupportError
-from ..scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
+from ..scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene
 from .image_read import TextureShelf, read_texture_file
-from .parts import Part, assemble, check_face_count, linear_rgba
+from .parts import Notes, Part, assemble, check_face_count, linear_rgba
 from .polygons import triangulate
 
 _WRAPS = {"WRAP": WRAP_REPEAT, "CLAMP": WRAP_CLAMP, "BORDER": WRAP_CLAMP, "NONE": WRAP_CLAMP, "MIRROR": WRAP_MIRROR}
@@ -20,7 +21,7 @@ _UNUSED = ("emission", "ambient", "specular", "shininess", "reflective", "reflec
 _USED_INPUTS = {"VERTEX", "TEXCOORD", "COLOR", "NORMAL"}
 
 
-def read_dae(data, folder, notes):
+def read_dae(data: bytes, folder: Path, notes: Notes) -> Scene:
     """bytes of a .dae file -> Scene. folder: where its images are. Errors: TXF-I24, SupportError TXF-I35 without pycollada."""
     document = _parse(bytes(data))
     for error in document.errors:

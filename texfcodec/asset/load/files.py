@@ -18,7 +18,7 @@ from .parts import Notes
 _DAMAGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError, RecursionError)
 
 
-def load(source, strict=False):
+def load(source: object, strict: bool = False) -> Scene:
     """A mesh file or mesh object -> Scene in world space.
 
     source: path of a file in one of formats.FORMATS; or a trimesh.Trimesh, trimesh.Scene or Scene (returned as it is, after a
@@ -43,7 +43,7 @@ def load(source, strict=False):
 load_any = load
 
 
-def load_glb(data, strict=False):
+def load_glb(data: bytes, strict: bool = False) -> Scene:
     """bytes of a GLB file that came without a name, such as on stdin -> Scene. Files it names are looked for in the working
     folder. Errors: as load()."""
     from .gltf_read import read_gltf

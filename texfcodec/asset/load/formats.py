@@ -39,6 +39,6 @@ FORMATS = (
 SUFFIXES = tuple(entry.suffix for entry in FORMATS)
 
 
-def format_of(suffix):
+def format_of(suffix: str) -> Format | None:
     """Format of a suffix such as ".obj", or None."""
     return next((entry for entry in FORMATS if entry.suffix == suffix), None)

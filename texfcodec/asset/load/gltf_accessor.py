@@ -3,14 +3,14 @@
 import numpy as np
 
 from ...errors import InputError, LimitError
-from .gltf_document import integer, malformed, part
+from .gltf_document import Document, integer, malformed, part
 
 _DTYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5124: "<i4", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 MAX_IMPLICIT = 1 << 24  # elements an accessor without data may ask for: zeros cost the file nothing, us memory
 
 
-def read_accessor(document, index, kinds):
+def read_accessor(document: Document, index: int, kinds: tuple[str, ...]) -> np.ndarray:
     """Raw array [count, width] in the stored dtype; a view of the file where nothing is sparse.
 
     kinds: allowed types, e.g. ("VEC3",). Errors: TXF-I09 malformed, TXF-I11 outside its buffer, LimitError TXF-I41.
@@ -30,7 +30,7 @@ def read_accessor(document, index, kinds):
     return _with_sparse(document, entry, array, index) if "sparse" in entry else array
 
 
-def read_floats(document, index, kinds, normalized=None):
+def read_floats(document: Document, index: int, kinds: tuple[str, ...], normalized: bool | None = None) -> np.ndarray:
     """read_accessor with integers scaled when normalized (section 3.6.2.2) -> float array [count, width].
 
     normalized: overrides what the accessor says.
@@ -41,7 +41,7 @@ def read_floats(document, index, kinds, normalized=None):
     return normalized_floats(array) if normalized else array
 
 
-def normalized_floats(array):
+def normalized_floats(array: np.ndarray) -> np.ndarray:
     """Integers [n, width] -> float64 in [0, 1] or [-1, 1] by their range; floats as they are."""
     if array.dtype.kind == "f":
         return array

@@ -1,17 +1,25 @@
 """glTF 2.0 containers: GLB chunks, JSON, buffers, URIs; and typed access to the JSON tree."""
 
+from __future__ import annotations
+
 import json
 import math
 import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError, SupportError
 from .image_read import find_file, missing_image
+
+if TYPE_CHECKING:
+    from .parts import Notes
 
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 GLB_MAGIC, CHUNK_JSON, CHUNK_BIN = b"glTF", 0x4E4F534A, 0x004E4942
 
 
-def malformed(what, **details):
+def malformed(what: str, **details: object) -> InputError:
     """The error for a JSON tree that does not follow the glTF schema."""
     return InputError("TXF-I09", f"the glTF structure is malformed: {what}", **details)
 
@@ -22,11 +30,14 @@ class Document:
     root: dict; folder: where relative URIs start; notes: Notes.
     """
 
-    def __init__(self, root, chunk, folder, notes):
+    def __init__(self, root: dict, chunk: memoryview | None, folder: Path, notes: Notes) -> None:
         self.root, self.folder, self.notes = root, folder, notes
-        self._chunk, self._buffers, self._entries, self._decoded = chunk, {}, {}, {}
+        self._chunk = chunk
+        self._buffers: dict[int, memoryview] = {}
+        self._entries: dict[str, list[dict]] = {}
+        self._decoded: dict[int, bytes] = {}
 
-    def entries(self, kind):
+    def entries(self, kind: str) -> list[dict]:
         """Top-level array such as "nodes": list of dict."""
         if kind not in self._entries:
             entries = self.root.get(kind, [])
@@ -35,13 +46,13 @@ class Document:
             self._entries[kind] = entries
         return self._entries[kind]
 
-    def entry(self, kind, index):
+    def entry(self, kind: str, index: Any) -> dict:
         entries = self.entries(kind)
         if not is_index(index) or index >= len(entries):
             raise malformed(f"'{kind}' has no such entry", value=index, entries=len(entries))
         return entries[index]
 
-    def buffer(self, index):
+    def buffer(self, index: Any) -> memoryview:
         """memoryview of buffer index, exactly byteLength long."""
         if index not in self._buffers:
             entry = self.entry("buffers", index)
@@ -61,7 +72,7 @@ class Document:
             return self._chunk
         raise InputError("TXF-I10", f"buffer {index} has no data")
 
-    def view(self, index):
+    def view(self, index: Any) -> tuple[memoryview | bytes, int | None]:
         """(memoryview, byteStride or None) of bufferView index; TXF-I11 when it leaves its buffer."""
         entry = self.entry("bufferViews", index)
         packed = next((part(extensions(entry), name) for name in MESHOPT if name in extensions(entry)), None)
@@ -90,7 +101,7 @@ class Document:
             self._decoded[index] = decode_view(self._slice(packed, index), packed, entry, index)
         return self._decoded[index]
 
-    def uri_bytes(self, uri, missing):
+    def uri_bytes(self, uri: object, missing: Callable[[str], Exception]) -> bytes:
         """bytes behind a data URI or a file name; missing: name -> the error to raise."""
         if not isinstance(uri, str):
             raise malformed("a uri is not a string")
@@ -104,7 +115,7 @@ class Document:
             raise missing(uri) from error
         raise missing(uri)
 
-    def image_bytes(self, index):
+    def image_bytes(self, index: Any) -> memoryview | bytes:
         """Encoded bytes of image index; TXF-I16 where its file is missing or it names none."""
         entry = self.entry("images", index)
         if "bufferView" in entry:
@@ -114,7 +125,7 @@ class Document:
         return self.uri_bytes(entry["uri"], missing_image)
 
 
-def open_document(data, folder, notes):
+def open_document(data: bytes, folder: Path, notes: Notes) -> Document:
     """bytes of a .glb or .gltf file -> Document.
 
     Errors: TXF-I07 broken GLB container, TXF-I08 no JSON, TXF-I09 no object, TXF-I33 not glTF 2.
@@ -182,12 +193,12 @@ def _data_uri(uri):
     raise InputError("TXF-I10", "a data URI has no data")
 
 
-def is_index(value):
+def is_index(value: object) -> bool:
     """True for a JSON integer that may count entries; true and 1.0 are none."""
     return isinstance(value, int) and not isinstance(value, bool) and value >= 0
 
 
-def integer(entry, key, default=None, low=None):
+def integer(entry: dict, key: str, default: int | None = None, low: int | None = None) -> int:
     """entry[key] as int, at least low; without default the key is required."""
     value = entry.get(key, default)
     if not isinstance(value, int) or isinstance(value, bool) or (low is not None and value < low):
@@ -195,12 +206,12 @@ def integer(entry, key, default=None, low=None):
     return value
 
 
-def numbers(entry, key, default):
+def numbers(entry: dict, key: str, default: float | tuple[float, ...]) -> Any:
     """entry[key] as tuple of finite floats, as many as default has; a plain number where default is one."""
     value = entry.get(key, default)
     single = not isinstance(default, (tuple, list))
     items = [value] if single else value
-    wanted = 1 if single else len(default)
+    wanted = len(default) if isinstance(default, (tuple, list)) else 1
     if not isinstance(items, (tuple, list)) or len(items) != wanted or not all(_is_finite(item) for item in items):
         raise malformed(f"'{key}' is not {wanted} finite numbers", value=str(value)[:60])
     return float(value) if single else tuple(float(item) for item in items)
@@ -213,7 +224,7 @@ def _is_finite(value):
         return False
 
 
-def part(entry, key):
+def part(entry: dict, key: str) -> dict:
     """entry[key] as dict, empty when absent."""
     value = entry.get(key)
     if value is None:
@@ -223,17 +234,17 @@ def part(entry, key):
     return value
 
 
-def extensions(entry):
+def extensions(entry: dict) -> dict:
     """The extensions object of an entry, {} when absent."""
     return part(entry, "extensions")
 
 
-def name_of(entry):
+def name_of(entry: dict) -> str:
     """The entry's name, printable; "" when it has none. JSON can spell lone surrogates, which no terminal takes."""
     name = entry.get("name")
     return name.encode("utf-8", "replace").decode() if isinstance(name, str) else ""
 
 
-def title(entry, index):
+def title(entry: dict, index: int) -> str:
     """'name' of an entry, or its number."""
     return f"'{name_of(entry)}'" if name_of(entry) else str(index)

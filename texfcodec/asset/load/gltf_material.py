@@ -1,12 +1,18 @@
 """glTF materials -> Scene materials: the base colour is kept, everything else is named as dropped."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...errors import SupportError
 from ..scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
-from .gltf_document import extensions, integer, malformed, name_of, numbers, part, title
+from .gltf_document import Document, extensions, integer, malformed, name_of, numbers, part, title
+
+if TYPE_CHECKING:
+    from .image_read import TextureShelf
 
 _WRAPS = {10497: WRAP_REPEAT, 33071: WRAP_CLAMP, 33648: WRAP_MIRROR}
 _ALPHA = {"OPAQUE": ALPHA_OPAQUE, "MASK": ALPHA_MASK, "BLEND": ALPHA_BLEND}
@@ -32,7 +38,7 @@ class BaseColor:
     transform: np.ndarray | None = None
 
 
-def read_base_color(document, index):
+def read_base_color(document: Document, index: int | None) -> BaseColor:
     """Material index (None: glTF's default material) -> BaseColor."""
     if index is None:
         return BaseColor(np.ones(4))
@@ -68,7 +74,7 @@ def _texture_coordinates(info):
     return integer(transform, "texCoord", texcoord, low=0), matrix
 
 
-def read_material(document, index, color, shelf):
+def read_material(document: Document, index: int | None, color: BaseColor, shelf: TextureShelf) -> Material:
     """Material index with its BaseColor -> Material; its texture is put on the shelf, its other properties are named."""
     if index is None:
         return Material("default")

@@ -1,11 +1,19 @@
 """glTF meshes -> Parts in mesh space: attributes, indices, strips and fans, Draco, morph defaults."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from ...errors import InputError, SupportError
 from .gltf_accessor import normalized_floats, read_accessor, read_floats
-from .gltf_document import extensions, integer, malformed, part, title
+from .gltf_document import Document, extensions, integer, malformed, part, title
 from .parts import Part
+
+if TYPE_CHECKING:
+    from .gltf_material import BaseColor
 
 _DRACO = "KHR_draco_mesh_compression"
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
@@ -19,12 +27,14 @@ class MeshReader:
     first use (None is glTF's default) and Part.material points into it.
     """
 
-    def __init__(self, document, base_color):
+    def __init__(self, document: Document, base_color: Callable[[Any], BaseColor]) -> None:
         self.document, self.base_color = document, base_color
-        self._slots = {}
-        self._meshes, self._used_uv, self._found_uv = {}, set(), set()
+        self._slots: dict[int | None, int] = {}
+        self._meshes: dict[int, list[Part]] = {}
+        self._used_uv: set[str] = set()
+        self._found_uv: set[str] = set()
 
-    def read(self, index):
+    def read(self, index: int) -> list[Part]:
         """Mesh index -> list of Part in mesh space."""
         if index not in self._meshes:
             entry = self.document.entry("meshes", index)
@@ -36,7 +46,7 @@ class MeshReader:
             self._meshes[index] = [found for found in parts if found is not None]
         return self._meshes[index]
 
-    def drop_unused_uv(self):
+    def drop_unused_uv(self) -> None:
         """Name the UV sets that no base colour asked for."""
         for name in sorted(self._found_uv - self._used_uv):
             self.document.notes.drop(f"{name} (not used by base colour)")
@@ -69,7 +79,7 @@ class MeshReader:
         return self._slots.setdefault(material, len(self._slots))
 
     @property
-    def materials(self):
+    def materials(self) -> list[int | None]:
         return list(self._slots)
 
     def _triangles(self, indices, mode, label):

@@ -16,7 +16,7 @@ _TAIL = 16  # bytes that end an index stream
 _BLOCK_BYTES, _BLOCK_VERTICES = 8192, 256  # of an attribute block: as many vertices as fit, a multiple of 16
 
 
-def decode_view(packed, entry, view, index):
+def decode_view(packed: memoryview, entry: dict, view: dict, index: int) -> bytes:
     """bytes of the compressed bufferView -> bytes of the plain one, count * byteStride of them.
 
     packed: memoryview; entry: the extension's object; view: the bufferView around it; index: its number, for messages.
@@ -83,7 +83,7 @@ def _package():
     return meshoptimizer
 
 
-def is_installed():
+def is_installed() -> bool:
     """True where compressed views can be decoded."""
     from importlib.util import find_spec
 

@@ -1,12 +1,19 @@
 """Images of any kind Pillow reads, and KTX2 textures -> uint8 RGBA arrays, decoded once and only where a base colour asks."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import InputError, LimitError
 from ..scene import Texture
 from .opened import opened
+
+if TYPE_CHECKING:
+    from .parts import Notes
 
 KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
 _STRIP_ROWS = 256  # converting in strips keeps one full-size array beside Pillow's own, not three
@@ -15,12 +22,13 @@ _STRIP_ROWS = 256  # converting in strips keeps one full-size array beside Pillo
 class TextureShelf:
     """Scene.textures under construction: one array per image, one Texture per (image, wrap)."""
 
-    def __init__(self, notes):
+    def __init__(self, notes: Notes) -> None:
         self.notes = notes
-        self.textures = []
-        self._images, self._indices = {}, {}
+        self.textures: list[Texture] = []
+        self._images: dict[Hashable, np.ndarray | None] = {}
+        self._indices: dict[tuple, int] = {}
 
-    def put(self, key, fetch, name, wrap):
+    def put(self, key: Hashable, fetch: Callable[[], Any], name: str, wrap: tuple[int, int]) -> int:
         """Index of the texture, or -1 (with a note) where its image is missing or broken.
 
         key: hashable identity of the image; fetch: () -> its bytes, or InputError; wrap: (s, t).
@@ -45,7 +53,7 @@ class TextureShelf:
             return None
 
 
-def read_image(data, name, notes):
+def read_image(data: Any, name: str, notes: Notes) -> np.ndarray:
     """bytes of an image file, or a PIL image -> uint8 [H, W, 4] RGBA, row 0 at the top.
 
     16-bit samples keep their high byte (with a warning); colour profiles and EXIF rotation are ignored, as glTF says.
@@ -79,12 +87,12 @@ def read_image(data, name, notes):
     return rgba
 
 
-def missing_image(name):
+def missing_image(name: str) -> InputError:
     """The error for a texture file that is not there."""
     return InputError("TXF-I16", f"texture file '{name}' is missing or unreadable")
 
 
-def find_file(folder, name):
+def find_file(folder: Path, name: str) -> Path | None:
     """Path of the file a mesh names, or None: as written, percent-decoded, with backslashes turned, or beside the mesh."""
     from urllib.parse import unquote
 
@@ -100,7 +108,7 @@ def find_file(folder, name):
     return None
 
 
-def read_texture_file(folder, name):
+def read_texture_file(folder: Path, name: str) -> bytes:
     """bytes of an image file named by a mesh; InputError TXF-I16."""
     path = find_file(folder, name)
     try:

@@ -6,12 +6,18 @@ header is checked here all the same, before its sizes take memory: the transcode
 level claims to unpack to.
 """
 
+from __future__ import annotations
+
 import struct
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...errors import InputError, LimitError, SupportError
 from .image_read import KTX2
+
+if TYPE_CHECKING:
+    from .parts import Notes
 
 _HEADER = struct.Struct("<9I4I2Q")  # from vkFormat to the length of the global data; KTX 2.0 section 3
 _LEVEL = struct.Struct("<3Q")
@@ -19,7 +25,7 @@ _NONE, _BASIS_LZ, _ZSTD = 0, 1, 2
 _BLOCK_BYTES = 16  # of UASTC, 4 x 4 pixels
 
 
-def read_ktx2(data, name, notes):
+def read_ktx2(data: bytes | memoryview, name: str, notes: Notes) -> np.ndarray:
     """bytes of a .ktx2 file -> uint8 [H, W, 4] RGBA of its largest level, row 0 at the top.
 
     Errors: InputError TXF-I17 broken, or no Basis Universal data; SupportError TXF-I32 the package is missing;

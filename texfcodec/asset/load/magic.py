@@ -1,6 +1,13 @@
 """What a file is by its first bytes: for the message when the suffix says something else, and for UTF-16 text."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from ...errors import InputError
+
+if TYPE_CHECKING:
+    from .formats import Format
 
 _KINDS = (
     (0, b"glTF", "a binary glTF (.glb)"),
@@ -37,7 +44,7 @@ _BYTE_ORDER_MARKS = (
 )
 
 
-def what_it_is(data):
+def what_it_is(data: bytes) -> str:
     """Words for what the bytes look like, "" where nothing is recognised."""
     head = bytes(data[:64])
     for offset, start, words in _KINDS:
@@ -50,7 +57,7 @@ def what_it_is(data):
     return ""
 
 
-def check_start(data, entry):
+def check_start(data: bytes, entry: Format) -> None:
     """TXF-I06 where the first bytes are not what the Format's suffix promises."""
     seen = what_it_is(data)
     expected = data[: len(entry.starts[0])] in entry.starts if entry.starts else not _belongs_elsewhere(seen, entry)
@@ -65,7 +72,7 @@ def _belongs_elsewhere(seen, entry):
     return bool(seen) and seen != "UTF-16 text" and not (own and seen.startswith(own))
 
 
-def as_utf8(data):
+def as_utf8(data: bytes) -> bytes:
     """Text with a byte order mark -> the same text as UTF-8 bytes without one; other bytes as they are. TXF-I06."""
     for mark, encoding in _BYTE_ORDER_MARKS:
         if bytes(data[: len(mark)]) == mark:

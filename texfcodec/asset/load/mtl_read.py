@@ -1,13 +1,20 @@
 """MTL material libraries: Kd, d/Tr and map_Kd become a base colour, every other statement is named as dropped."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...errors import InputError
-from ..scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_REPEAT, Material
-from .image_read import read_texture_file
+from ..scene import ALPHA_BLEND, ALPHA_OPAQUE, WRAP_CLAMP, WRAP_REPEAT, Material
+from .image_read import TextureShelf, read_texture_file
 from .magic import as_utf8
+
+if TYPE_CHECKING:
+    from .parts import Notes
 
 # Option -> most values it takes; the list of a texture statement ends where its file name begins.
 _OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-mm": 2, "-o": 3, "-s": 3, "-t": 3, "-texres": 1, "-clamp": 1,
@@ -26,9 +33,10 @@ class ObjMaterial:
     uv_offset: tuple = (0.0, 0.0)
 
 
-def read_mtl(data, notes):
+def read_mtl(data: bytes, notes: Notes) -> dict[str, ObjMaterial]:
     """bytes of an .mtl file -> dict name -> ObjMaterial. Errors: TXF-I20 with the line."""
-    found, current = {}, None
+    found: dict[str, ObjMaterial] = {}
+    current = None
     for number, line in enumerate(decode_text(as_utf8(data)).splitlines(), 1):
         key, _, rest = line.strip().partition("#")[0].replace("\t", " ").strip().partition(" ")
         if not key:
@@ -45,7 +53,7 @@ def read_mtl(data, notes):
     return found
 
 
-def decode_text(data):
+def decode_text(data: bytes) -> str:
     """bytes -> str: UTF-8, else Latin-1, which old exporters write and which never fails."""
     try:
         return bytes(data).decode("utf-8-sig")
@@ -126,11 +134,11 @@ def _finish(material, notes):
     np.clip(material.factor, 0.0, 1.0, out=material.factor)
 
 
-def scene_material(material, folder, shelf):
+def scene_material(material: ObjMaterial, folder: Path, shelf: TextureShelf) -> Material:
     """ObjMaterial -> Material, its texture put on the shelf. Kd is taken as linear, like glTF's factor."""
     texture = -1
     if material.texture:
         name = material.texture
         texture = shelf.put(name, lambda: read_texture_file(folder, name), name, material.wrap)
-    mode = {"alpha_mode": ALPHA_BLEND} if material.factor[3] < 1.0 else {}
-    return Material(name=material.name, factor=material.factor, texture=texture, **mode)
+    mode = ALPHA_BLEND if material.factor[3] < 1.0 else ALPHA_OPAQUE
+    return Material(name=material.name, factor=material.factor, texture=texture, alpha_mode=mode)

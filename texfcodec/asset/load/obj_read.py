@@ -4,13 +4,21 @@ Own code rather than trimesh, which rebuilds vertices, knows no texture options 
 Rows of one statement are parsed together by numpy; only their sorting is a Python loop.
 """
 
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ...errors import InputError
 from .image_read import TextureShelf, find_file
 from .mtl_read import ObjMaterial, decode_text, read_mtl, scene_material
-from .parts import Part, assemble, linear_rgba
+from .parts import Notes, Part, assemble, linear_rgba
 from .polygons import counting, parse_numbers, triangulate
+
+if TYPE_CHECKING:
+    from ..scene import Scene
 
 _SILENT = {"g", "s"}
 _DATA = (b"v", b"vt", b"f")
@@ -32,7 +40,7 @@ class _Statements:
         return found[row] if row < len(found) else None
 
 
-def read_obj(data, folder, notes):
+def read_obj(data: bytes, folder: Path, notes: Notes) -> Scene:
     """bytes of an .obj file -> Scene. folder: where its libraries and textures are. Errors: TXF-I20 with the line."""
     rows = _sort(data, notes)
     if not rows.f:

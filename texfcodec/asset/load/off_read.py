@@ -4,18 +4,19 @@ Own code rather than trimesh, which leaves colours out and fans polygons.
 """
 
 import re
+from pathlib import Path
 
 import numpy as np
 
 from ...errors import InputError
-from ..scene import Material
-from .parts import Part, assemble, drop_alpha, linear_rgba
+from ..scene import Material, Scene
+from .parts import Notes, Part, assemble, drop_alpha, linear_rgba
 from .polygons import counting, parse_numbers, triangulate
 
 _HEADER = re.compile(rb"\s*(ST)?(C)?(N)?(4)?(n)?OFF\b", re.IGNORECASE)
 
 
-def read_off(data, folder, notes):
+def read_off(data: bytes, folder: Path, notes: Notes) -> Scene:
     """bytes of an .off file -> Scene. folder: not needed, an OFF names no file. Errors: TXF-I23."""
     data = re.sub(rb"#[^\r\n]*", b"", bytes(data))
     header = _HEADER.match(data)

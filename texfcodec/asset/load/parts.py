@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import InputError, LimitError
-from ..scene import Scene
+from ..scene import Material, Scene, Texture
 from ..srgb import srgb_to_linear
 
 MAX_FACES = 1 << 26  # instancing lets a small file ask for any number; beyond this no machine we know would follow
@@ -15,28 +15,29 @@ UV_OUTLIER = 1e6
 class Notes:
     """What a reader has to tell: warnings (sentences) and dropped (names), each once and in the order of finding."""
 
-    def __init__(self, strict=False):
+    def __init__(self, strict: bool = False) -> None:
         self.strict = strict
-        self._warnings, self._dropped = {}, {}
+        self._warnings: dict[str, None] = {}
+        self._dropped: dict[str, None] = {}
 
-    def warn(self, sentence):
+    def warn(self, sentence: str) -> None:
         self._warnings[sentence] = None
 
-    def drop(self, name):
+    def drop(self, name: str) -> None:
         self._dropped[name] = None
 
-    def fault(self, code, message, **details):
+    def fault(self, code: str, message: str, **details: object) -> None:
         """A fault the reader can repair: InputError when strict, else a warning."""
         if self.strict:
             raise InputError(code, message, **details)
         self.warn(f"{message} ({code})")
 
     @property
-    def warnings(self):
+    def warnings(self) -> list[str]:
         return list(self._warnings)
 
     @property
-    def dropped(self):
+    def dropped(self) -> list[str]:
         return list(self._dropped)
 
 
@@ -57,13 +58,13 @@ class Part:
     label: str = "mesh"
 
 
-def drop_alpha(color, notes):
+def drop_alpha(color: np.ndarray | None, notes: Notes) -> None:
     """Names the alpha of colours of a format that has no alpha modes: nothing asks for it."""
     if color is not None and (color[..., 3] < 1).any():
         notes.drop("alpha of the colours (the format says nothing of transparency)")
 
 
-def linear_rgba(coded):
+def linear_rgba(coded: np.ndarray) -> np.ndarray:
     """[..., 1..4] sRGB-coded colour in [0, 1] (grey, grey + alpha, RGB, RGBA) -> float32 [..., 4] linear, alpha as it is."""
     coded = np.asarray(coded)
     out = np.ones(coded.shape[:-1] + (4,), np.float32)
@@ -74,7 +75,8 @@ def linear_rgba(coded):
     return out
 
 
-def assemble(parts, materials, textures, notes, metadata=None):
+def assemble(parts: list[Part], materials: list[Material], textures: list[Texture], notes: Notes,
+             metadata: dict | None = None) -> Scene:
     """Join parts into one Scene: unreferenced vertices go, indices and numbers are checked.
 
     parts: list of Part; notes: Notes, which also decides strictness.
@@ -104,7 +106,7 @@ def assemble(parts, materials, textures, notes, metadata=None):
     return scene
 
 
-def check_face_count(count):
+def check_face_count(count: int) -> None:
     """LimitError TXF-I41 beyond MAX_FACES."""
     if count > MAX_FACES:
         raise LimitError("TXF-I41", "the input has too many faces", value=int(count), allowed=MAX_FACES)

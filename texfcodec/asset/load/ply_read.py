@@ -5,14 +5,15 @@ An element whose lists all have the same length is read as one structured array;
 """
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from ...errors import InputError
-from ..scene import WRAP_REPEAT, Material
+from ..scene import WRAP_REPEAT, Material, Scene
 from .image_read import TextureShelf, read_texture_file
 from .mtl_read import decode_text
-from .parts import Part, assemble, drop_alpha, linear_rgba
+from .parts import Notes, Part, assemble, drop_alpha, linear_rgba
 from .polygons import parse_numbers, triangulate
 
 _TYPES = {"char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -43,7 +44,7 @@ class _Header:
     size: int
 
 
-def read_ply(data, folder, notes):
+def read_ply(data: bytes, folder: Path, notes: Notes) -> Scene:
     """bytes of a .ply file -> Scene. folder: where its textures are. Errors: TXF-I21."""
     header = _read_header(data)
     tables = _read_elements(data, header)

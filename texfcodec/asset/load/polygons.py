@@ -1,8 +1,14 @@
 """What readers of polygons share: numbers written as text, and polygons that become triangles."""
 
+from __future__ import annotations
+
 import warnings
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from .parts import Notes
 
 MAX_CORNERS = 1 << 14  # of a concave polygon; ear cutting takes seconds a polygon beyond, minutes where it is hostile
 _TOLERANCE = 1e-6  # of the polygon's area: what triangles may cover twice; positions written with 7 digits move by less
@@ -10,7 +16,7 @@ _NO_AREA = 1e-12  # of the square of its size
 _CHUNK = 1 << 18  # corners tested together; bounds the memory of large quad meshes
 
 
-def parse_numbers(text, dtype):
+def parse_numbers(text: bytes, dtype: type) -> np.ndarray | None:
     """bytes of numbers between blanks -> array [n], or None when something in it is no number."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # older numpy deprecates, newer raises, on unmatched text
@@ -20,12 +26,12 @@ def parse_numbers(text, dtype):
             return None
 
 
-def counting(sizes):
+def counting(sizes: np.ndarray) -> np.ndarray:
     """[2, 3] -> [0, 1, 0, 1, 2]"""
     return np.arange(int(sizes.sum())) - np.repeat(np.cumsum(sizes) - sizes, sizes)
 
 
-def triangulate(points, corners, sizes, notes):
+def triangulate(points: np.ndarray, corners: np.ndarray, sizes: np.ndarray, notes: Notes) -> tuple[np.ndarray, np.ndarray]:
     """Polygons in space -> (int64 [F, 3] corner numbers, int64 [F] polygon of each triangle), polygon by polygon.
 
     points: float [V, 3]; corners: int64 [C] point of each corner, one polygon after another; sizes: int64 [P] corners per

@@ -4,13 +4,14 @@ Own code rather than trimesh, which keeps three vertices a facet and knows neith
 """
 
 import re
+from pathlib import Path
 
 import numpy as np
 
 from ...errors import InputError
-from ..scene import Material
+from ..scene import Material, Scene
 from .mtl_read import decode_text
-from .parts import Part, assemble, linear_rgba
+from .parts import Notes, Part, assemble, linear_rgba
 from .polygons import parse_numbers
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -20,7 +21,7 @@ _NORMAL = re.compile(rb"\bnormal\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
 _SOLID = re.compile(rb"^\s*solid\b[ \t]*(.*?)\s*$", re.IGNORECASE | re.MULTILINE)
 
 
-def read_stl(data, folder, notes):
+def read_stl(data: bytes, folder: Path, notes: Notes) -> Scene:
     """bytes of an .stl file -> Scene. folder: not needed, an STL names no file. Errors: TXF-I23."""
     if _is_binary(data):
         corners, color, metadata = _read_binary(data, notes)
@@ -33,7 +34,7 @@ def read_stl(data, folder, notes):
     return assemble([part], [Material("default")], [], notes, metadata)
 
 
-def weld(points):
+def weld(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rows [n, 3] -> (distinct rows, int64 [n] row of each): an STL and its like name no shared vertices."""
     rows = np.ascontiguousarray(points + np.zeros((), points.dtype))  # -0 becomes 0, which is the same place
     keys = rows.view(np.dtype((np.void, rows.itemsize * 3))).reshape(-1)

@@ -1,12 +1,13 @@
 """The XML of a 3MF model part -> plain objects and property groups (3MF core 1.3, materials 1.2, production 1.1)."""
 
 from dataclasses import dataclass, field
+from typing import IO
 from xml.etree import ElementTree
 
 import numpy as np
 
 from ...errors import InputError, LimitError
-from .parts import MAX_FACES
+from .parts import MAX_FACES, Notes
 
 _SILENT = {"model", "resources", "object", "mesh", "vertices", "vertex", "triangles", "triangle", "components", "component",
            "build", "item", "metadata", "metadatagroup", "base", "color", "tex2coord"}
@@ -52,12 +53,12 @@ class Model:
     nearest: list = field(default_factory=list)
 
 
-def malformed(what, **details):
+def malformed(what: str, **details: object) -> InputError:
     """The error for a 3MF package that does not follow its specification."""
     return InputError("TXF-I24", f"the 3MF file is malformed: {what}", **details)
 
 
-def read_model(stream, notes):
+def read_model(stream: IO[bytes], notes: Notes) -> Model:
     """Open binary stream of one model part -> Model. Errors: TXF-I24, LimitError TXF-I41 too many triangles."""
     model = Model()
     try:

@@ -7,14 +7,15 @@ import io
 import posixpath
 import zipfile
 import zlib
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 
 from ...errors import InputError, LimitError
-from ..scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
+from ..scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene
 from .image_read import TextureShelf, missing_image
-from .parts import Part, assemble, check_face_count, linear_rgba
+from .parts import Notes, Part, assemble, check_face_count, linear_rgba
 from .threemf_model import malformed, read_model
 
 MAX_PART = 1 << 29  # bytes of one unpacked part of the archive
@@ -79,7 +80,7 @@ def _key(name):
     return posixpath.normpath(name.replace("\\", "/").lstrip("/")).lower()
 
 
-def read_3mf(data, folder, notes):
+def read_3mf(data: bytes, folder: Path, notes: Notes) -> Scene:
     """bytes of a .3mf file -> Scene. folder: not needed, all is in the archive. Errors: TXF-I24, TXF-I19, TXF-I41."""
     archive = _Archive(data, notes)
     start = archive.root()

@@ -3,24 +3,26 @@
 Works on attributes only, so that trimesh need not be imported here.
 """
 
+from typing import Any
+
 import numpy as np
 
 from ...errors import InputError
-from ..scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, WRAP_REPEAT, Material
+from ..scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, WRAP_REPEAT, Material, Scene
 from .image_read import TextureShelf
-from .parts import Part, assemble, linear_rgba
+from .parts import Notes, Part, assemble, linear_rgba
 
 _ALPHA = {"OPAQUE": ALPHA_OPAQUE, "MASK": ALPHA_MASK, "BLEND": ALPHA_BLEND}
 _PBR_DROPPED = ("metallicRoughnessTexture", "normalTexture", "occlusionTexture", "emissiveTexture")
 
 
-def is_trimesh(thing):
+def is_trimesh(thing: object) -> bool:
     """True for trimesh.Trimesh and trimesh.Scene, without importing trimesh."""
     return any(base.__module__.split(".")[0] == "trimesh" and base.__name__ in ("Trimesh", "Scene")
                for base in type(thing).__mro__)
 
 
-def read_trimesh(thing, notes):
+def read_trimesh(thing: Any, notes: Notes) -> Scene:
     """trimesh.Trimesh or trimesh.Scene -> Scene. trimesh keeps v upwards and colours sRGB-coded in 8 bits."""
     shelf, materials, parts = TextureShelf(notes), [], []
     for label, mesh, matrix in _placed(thing, notes):
@@ -106,7 +108,7 @@ def _factor(factor):
     return np.clip(np.append(values, 1.0)[:4], 0.0, 1.0)
 
 
-def check_scene(scene):
+def check_scene(scene: Scene) -> Scene:
     """The same Scene, when its arrays fit together. Errors: TXF-I13, TXF-I14, TXF-I15, TXF-I22."""
     count, points = len(scene.faces), len(scene.positions)
     shapes = {"positions": (points, 3), "faces": (count, 3), "face_material": (count,), "corner_uv": (count, 3, 2),

@@ -1,11 +1,16 @@
-"""What a decoded mesh looks like without an image: its colours at vertices or voxels, and the splitting of shared vertices."""
+"""What a decoded mesh looks like without an image: its colours at vertices or voxels, and the splitting of shared vertices.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
+
+from typing import Any
 
 import numpy as np
 
 from ..srgb import srgb_to_linear
 
 
-def unique_corners(*keys):
+def unique_corners(*keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Merge corners that agree in every key; the first key is the outermost order of the result.
 
     keys: integer [N] each. Returns (first int64 [U]: a corner standing for each merged vertex; index int64 [N]: its number).
@@ -21,7 +26,7 @@ def unique_corners(*keys):
     return order[new], index
 
 
-def vertex_colours(texf, with_material):
+def vertex_colours(texf: Any, with_material: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Colours at mesh vertices; a vertex is split where fields (and, if asked, materials) meet, as their colours may differ.
 
     Returns (vertex int64 [U] into texf.positions, index int64 [F, 3] into it, material int64 [U], rgba float32 [U, 4] 0..255
@@ -38,7 +43,7 @@ def vertex_colours(texf, with_material):
     return vertex, index.reshape(-1, 3), materials[first], rgba
 
 
-def linear_u16(rgba):
+def linear_u16(rgba: np.ndarray) -> np.ndarray:
     """glTF COLOR_0: sRGB-coded 0..255 (float or uint8 [N, 4]) to linear normalised uint16 [N, 4]; alpha is only rescaled."""
     if rgba.dtype == np.uint8:
         table = linear_u16(np.repeat(np.arange(256, dtype=np.float64)[:, None], 4, 1))

@@ -29,7 +29,8 @@ class Atlas:
     warnings: list = field(default_factory=list)
 
 
-def make_atlas(positions, faces, texture_size=None, method="auto", resolution=None, groups=None):
+def make_atlas(positions: np.ndarray, faces: np.ndarray, texture_size: int | None = None, method: str = "auto",
+               resolution: int | None = None, groups: np.ndarray | None = None) -> Atlas:
     """Unwrap any triangle mesh, however broken, into one square image.
 
     positions: float64 [V, 3], any unit; faces: int64 [F, 3]; texture_size: side in texels, or None for the power of two
@@ -44,7 +45,7 @@ def make_atlas(positions, faces, texture_size=None, method="auto", resolution=No
     side = int(texture_size or default_size(points, faces, resolution or 1024))
     if len(faces) == 0:
         return Atlas(np.zeros((0, 3, 2)), side, side, "fast", 0.0)
-    warnings = []
+    warnings: list[str] = []
     if method == "quality" or (method == "auto" and len(faces) <= QUALITY_FACES):
         flat = _quality(points, faces, side, _QUALITY_SECONDS[method], warnings)
         if flat is not None:
@@ -56,7 +57,7 @@ def make_atlas(positions, faces, texture_size=None, method="auto", resolution=No
     return _finished(flat, roomy, "fast", warnings)
 
 
-def default_size(points, faces, resolution):
+def default_size(points: np.ndarray, faces: np.ndarray, resolution: int) -> int:
     """Side in texels: the power of two in 256..4096 with about one texel per voxel edge (0.8 or more, unless capped).
 
     points: float64 [V, 3] scaled so that the longest side of their box is 1; resolution: voxels along that side.

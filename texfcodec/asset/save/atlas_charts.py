@@ -16,7 +16,8 @@ _ROUNDS = 4
 _GRID = 2048  # side of the overlap grid in cells, a power of two; no chart is larger than this less a rim
 
 
-def grow_charts(points, faces, groups, largest):
+def grow_charts(points: np.ndarray, faces: np.ndarray, groups: np.ndarray,
+                largest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Partition faces into charts that project onto a plane without overlapping themselves.
 
     points: float64 [V, 3] in texels at the intended density; faces: int64 [F, 3]; groups: int64 [F], charts never mix

@@ -17,7 +17,7 @@ _WINDOW = 64  # columns
 _TRIALS = 8  # densities tried; each packs everything once
 
 
-def upright(flat, chart, count):
+def upright(flat: np.ndarray, chart: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Turn each chart so that its box is smallest and stands upright, corner at the origin.
 
     flat: float64 [F, 3, 2]; chart: int64 [F] in 0..count-1. Returns (flat float64 [F, 3, 2], extent float64 [count, 2]).
@@ -38,7 +38,8 @@ def upright(flat, chart, count):
     return np.maximum(turned, 0.0), np.where(wide[:, None], extent[:, ::-1], extent)
 
 
-def pack_charts(flat, chart, extent, side, gutter):
+def pack_charts(flat: np.ndarray, chart: np.ndarray, extent: np.ndarray, side: int,
+                gutter: int) -> tuple[np.ndarray | None, float]:
     """Place upright charts in a side x side square at the largest common scale that fits (charts wider than it shrink alone).
 
     flat, chart, extent: as upright() returns them; side, gutter: texels. Returns (flat float64 [F, 3, 2] in texels of the
@@ -71,7 +72,7 @@ def pack_charts(flat, chart, extent, side, gutter):
     return flat * (sign * own[:, None])[chart, None, :] + origin[chart, None, :], best_scale
 
 
-def flat_areas(flat):
+def flat_areas(flat: np.ndarray) -> np.ndarray:
     """Areas float64 [F] of flat faces [F, 3, 2], in the square of their unit."""
     a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     return np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) * 0.5

@@ -20,7 +20,7 @@ class QualityFailed(Exception):
     """xatlas gave no usable atlas; the message says why. Never leaves the asset room."""
 
 
-def unwrap(points, faces, side, seconds):
+def unwrap(points: np.ndarray, faces: np.ndarray, side: int, seconds: float) -> np.ndarray:
     """Parameterise with xatlas and fit the result into a square.
 
     points: float64 [V, 3] in the unit cube; faces: int64 [F, 3]; side: texels; seconds: time limit.

@@ -1,6 +1,10 @@
-"""Baking: a decoded texture field painted into an atlas, texel by texel, in bounded memory."""
+"""Baking: a decoded texture field painted into an atlas, texel by texel, in bounded memory.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +26,7 @@ class Baked:
     warnings: list = field(default_factory=list)
 
 
-def bake(texf, texture_size=None, atlas="auto"):
+def bake(texf: Any, texture_size: int | None = None, atlas: str | Atlas = "auto") -> Baked:
     """Unwrap a decoded mesh and paint its field into the atlas.
 
     texf: decoded stream (Texf); texture_size: side in texels or None; atlas: "auto", "quality", "fast" or a ready Atlas of the
@@ -49,7 +53,7 @@ def bake(texf, texture_size=None, atlas="auto"):
     return Baked(atlas, image, list(atlas.warnings))
 
 
-def cover(texels, width, height):
+def cover(texels: np.ndarray, width: int, height: int) -> np.ndarray:
     """Which face each texel shows: int32 [height, width], -1 where no face comes within one texel.
 
     texels: float64 [F, 3, 2] corners in texels. A texel centre inside a face is that face's; otherwise the nearest face's.
@@ -60,7 +64,7 @@ def cover(texels, width, height):
     return owner
 
 
-def fill_gaps(image, known):
+def fill_gaps(image: np.ndarray, known: np.ndarray) -> None:
     """Fill texels that are not known from the known ones around them, in place (push-pull; mip levels see no gap).
 
     image: uint8 [H, W, C]; known: bool [H, W]. Without any known texel the image stays as it is.
@@ -95,7 +99,7 @@ def _paint(texf, texels, owner, image):
         image[top + row, col] = to_bytes(texf.query(points, face))
 
 
-def to_bytes(rgba):
+def to_bytes(rgba: np.ndarray) -> np.ndarray:
     """Colours 0..255 rounded to uint8; anything that is not a number becomes 0."""
     return np.nan_to_num(np.rint(np.clip(rgba, 0.0, 255.0)), nan=0.0).astype(np.uint8)
 

@@ -1,11 +1,17 @@
-"""Saving a decoded stream as GLB, glTF, OBJ, PLY or NPZ: everything under a temporary name first, then renamed."""
+"""Saving a decoded stream as GLB, glTF, OBJ, PLY or NPZ: everything under a temporary name first, then renamed.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
 
 import errno
 import io
 import json
 import os
 import secrets
+from collections.abc import Iterable
+from os import PathLike
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -17,7 +23,8 @@ APPEARANCES = ("texture", "vertex", "voxels")
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".npz")
 
 
-def save(texf, path, appearance=None, texture_size=None, atlas="auto", overwrite=False, inputs=()):
+def save(texf: Any, path: str | PathLike, appearance: str | None = None, texture_size: int | None = None, atlas: str = "auto",
+         overwrite: bool = False, inputs: Iterable[str | PathLike] = ()) -> dict:
     """Write a decoded stream; the suffix of path chooses the format.
 
     texf: decoded stream (Texf). appearance: "texture" (an atlas is made and baked; NPZ: every decoded array), "vertex" (colours
@@ -38,7 +45,8 @@ def save(texf, path, appearance=None, texture_size=None, atlas="auto", overwrite
     return {"warnings": warnings, "files": [name for name, _ in files]}
 
 
-def as_glb(texf, appearance=None, texture_size=None, atlas="auto"):
+def as_glb(texf: Any, appearance: str | None = None, texture_size: int | None = None,
+           atlas: str = "auto") -> tuple[bytes, list[str]]:
     """The bytes of the GLB that save() would write, and its warnings: (bytes, [one sentence each])."""
     suffix, appearance, warnings = _checked(Path("stream.glb"), appearance)
     ((_, pieces),) = _WRITERS[suffix](texf, Path("stream.glb"), appearance, (texture_size, atlas), warnings)
@@ -191,7 +199,7 @@ def _png(texf, baked):
     return out.getvalue()
 
 
-def check_target(path, inputs=()):
+def check_target(path: Path, inputs: Iterable[str | PathLike] = ()) -> None:
     """Refuse hopeless paths before minutes of baking, and files that were read. inputs: paths."""
     if not path.parent.is_dir():
         raise InputError("TXF-O01", "no such directory", path=str(path.parent))
@@ -200,7 +208,7 @@ def check_target(path, inputs=()):
     check_no_input(path, inputs)
 
 
-def check_no_input(path, inputs):
+def check_no_input(path: Path, inputs: Iterable[str | PathLike]) -> None:
     """InputError TXF-O07 where path is, by whatever spelling or link, one of the files that were read."""
     for read in inputs:
         try:
@@ -211,7 +219,7 @@ def check_no_input(path, inputs):
             raise InputError("TXF-O07", "the output would replace a file that was read", path=str(path), read=str(read))
 
 
-def check_sides(folder, names, inputs, overwrite):
+def check_sides(folder: Path, names: Iterable[str], inputs: Iterable[str | PathLike], overwrite: bool) -> None:
     """Files that the user did not name: InputError TXF-O07 for one that was read, TXF-O08 for one that is there already."""
     for name in names:
         check_no_input(folder / name, inputs)
@@ -220,7 +228,7 @@ def check_sides(folder, names, inputs, overwrite):
                              path=str(folder / name))
 
 
-def write_all(folder, files, inputs=(), overwrite=True):
+def write_all(folder: Path, files: list[tuple[str, Any]], inputs: Iterable[str | PathLike] = (), overwrite: bool = True) -> None:
     """Write all files under temporary names, then rename them in order (main file last); remove the temporaries on failure.
 
     files: [(name, pieces)], pieces being bytes-like items or a function of the open file. inputs: paths that no file may
@@ -245,7 +253,7 @@ def write_all(folder, files, inputs=(), overwrite=True):
             unfinished.remove(temporary)
 
 
-def as_input_error(error, path):
+def as_input_error(error: OSError, path: Path) -> InputError:
     """The InputError (TXF-O01 to O04) that an OSError while writing path, a Path, stands for."""
     if error.errno in (errno.ENOENT, errno.ENOTDIR):
         return InputError("TXF-O01", "no such directory", path=str(path.parent))

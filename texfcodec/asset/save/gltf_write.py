@@ -1,7 +1,13 @@
-"""glTF 2.0 out: one primitive per material, one shared image, GLB or .gltf with files beside it."""
+"""glTF 2.0 out: one primitive per material, one shared image, GLB or .gltf with files beside it.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
+
+from __future__ import annotations
 
 import json
 import struct
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -9,6 +15,9 @@ from ..normals import corner_normals
 from ..scene import ALPHA_BLEND, ALPHA_MASK
 from .appearance import linear_u16, unique_corners, vertex_colours
 from .precision import local_frame
+
+if TYPE_CHECKING:
+    from .bake import Baked
 
 _ARRAY, _INDEX = 34962, 34963  # bufferView targets
 _COMPONENT = {"f4": 5126, "u2": 5123, "u4": 5125}
@@ -20,22 +29,25 @@ _EXTRAS_LIMIT = 65536  # bytes of metadata that may ride in asset.extras
 class Document:
     """A glTF document under construction: json is the dict, pieces the binary buffer so far (every piece 4-aligned)."""
 
-    def __init__(self, metadata):
+    def __init__(self, metadata: dict) -> None:
         """metadata: JSON-able dict, kept under asset.extras.texf when it is small; warnings says when it is not."""
-        self.json = {"asset": {"version": "2.0", "generator": "texfcodec"}, "scene": 0, "scenes": [{"name": "texf"}]}
-        self.pieces, self.length, self.warnings = [], 0, []
+        self.json: dict[str, Any] = {"asset": {"version": "2.0", "generator": "texfcodec"}, "scene": 0,
+                                     "scenes": [{"name": "texf"}]}
+        self.pieces: list[bytes] = []
+        self.length = 0
+        self.warnings: list[str] = []
         if metadata:
             if len(json.dumps(metadata).encode()) <= _EXTRAS_LIMIT:
                 self.json["asset"]["extras"] = {"texf": metadata}
             else:
                 self.warnings.append(f"metadata above {_EXTRAS_LIMIT} bytes is not written")
 
-    def add(self, kind, item):
+    def add(self, kind: str, item: dict) -> int:
         """Append to one of the document's lists, made when first needed; returns the index."""
         self.json.setdefault(kind, []).append(item)
         return len(self.json[kind]) - 1
 
-    def add_view(self, data, target=None):
+    def add_view(self, data: bytes | memoryview, target: int | None = None) -> int:
         """Append bytes as a bufferView; returns its index."""
         view = {"buffer": 0, "byteOffset": self.length, "byteLength": len(data)}
         if target:
@@ -45,7 +57,8 @@ class Document:
         self.length += len(padded)
         return self.add("bufferViews", view)
 
-    def add_accessor(self, values, kind, target, bounds=False, normalized=False):
+    def add_accessor(self, values: np.ndarray, kind: str, target: int | None, bounds: bool = False,
+                     normalized: bool = False) -> int:
         """Append an array [N] or [N, k] (float32, uint16, uint32) as an accessor; returns its index."""
         values = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
         view = self.add_view(values.tobytes(), target)
@@ -56,9 +69,9 @@ class Document:
             accessor["normalized"] = True
         return self.add("accessors", accessor)
 
-    def add_mesh(self, primitives, translation, scale):
+    def add_mesh(self, primitives: list[dict], translation: list[float] | None, scale: float | None) -> None:
         """Put one mesh on one node of the scene."""
-        node = {"mesh": self.add("meshes", {"name": "texf", "primitives": primitives})}
+        node: dict[str, Any] = {"mesh": self.add("meshes", {"name": "texf", "primitives": primitives})}
         if translation is not None:
             node["translation"] = translation
         if scale is not None:
@@ -68,7 +81,7 @@ class Document:
         self.json["scenes"][0]["nodes"] = [self.add("nodes", node)]
 
 
-def textured(texf, baked, image_uri, png):
+def textured(texf: Any, baked: Baked, image_uri: str | None, png: bytes) -> Document:
     """Document with TEXCOORD_0 and the baked image. image_uri: None to embed png (bytes) in the buffer."""
     document = Document(texf.metadata)
     if len(texf.faces) == 0:
@@ -79,7 +92,7 @@ def textured(texf, baked, image_uri, png):
     first, index = unique_corners(materials, corner, np.ascontiguousarray(uv).view(np.uint64).ravel(), *normal.view(np.int32).T)
     columns = {"NORMAL": (normal[first], "VEC3", False), "TEXCOORD_0": (uv[first], "VEC2", False)}
     _add_surface(document, texf, corner[first], index.reshape(-1, 3), materials[first], columns)
-    image = {"name": "texf", "mimeType": "image/png"}
+    image: dict[str, Any] = {"name": "texf", "mimeType": "image/png"}
     if image_uri is None:
         image["bufferView"] = document.add_view(png)
     else:
@@ -90,7 +103,7 @@ def textured(texf, baked, image_uri, png):
     return document
 
 
-def coloured(texf):
+def coloured(texf: Any) -> Document:
     """Document with COLOR_0 (linear) at vertices."""
     document = Document(texf.metadata)
     if len(texf.faces):
@@ -99,7 +112,7 @@ def coloured(texf):
     return document
 
 
-def points(texf):
+def points(texf: Any) -> Document:
     """Document with the voxel centres as a point cloud, colours in COLOR_0, unlit."""
     document = Document(texf.metadata)
     voxels = texf.voxels()
@@ -119,7 +132,7 @@ def points(texf):
     return document
 
 
-def glb(document):
+def glb(document: Document) -> list:
     """The document as the pieces of a .glb file (list of bytes)."""
     if document.pieces:
         document.json["buffers"] = [{"byteLength": document.length}]
@@ -132,7 +145,7 @@ def glb(document):
     return pieces
 
 
-def gltf(document, buffer_uri):
+def gltf(document: Document, buffer_uri: str) -> tuple[list, list]:
     """The document as the pieces of a .gltf file and of its buffer: (list of bytes, list of bytes)."""
     if document.pieces:
         document.json["buffers"] = [{"byteLength": document.length, "uri": buffer_uri}]

@@ -1,16 +1,22 @@
-"""PLY and OBJ out: binary little-endian PLY with sRGB vertex colours, OBJ text with an MTL beside it."""
+"""PLY and OBJ out: binary little-endian PLY with sRGB vertex colours, OBJ text with an MTL beside it.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
+
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from ..scene import ALPHA_OPAQUE
 from .appearance import vertex_colours
-from .bake import to_bytes
+from .bake import Baked, to_bytes
 from .precision import decimal_digits, float32_is_enough
 
 _CHANNELS = ("red", "green", "blue", "alpha")
 
 
-def ply_surface(texf):
+def ply_surface(texf: Any) -> list:
     """Pieces of a PLY file: mesh with vertex colours (u8 sRGB, alpha only if the stream has any)."""
     vertex, index, _, rgba = vertex_colours(texf, with_material=False)
     faces = np.empty(len(index), np.dtype([("n", "u1"), ("v", "<i4", 3)]))
@@ -20,7 +26,7 @@ def ply_surface(texf):
     return [_ply_header(lines), vertices.data, faces.data]
 
 
-def ply_points(texf):
+def ply_points(texf: Any) -> list:
     """Pieces of a PLY file: voxel centres with colours."""
     voxels = texf.voxels()
     vertices, lines = _ply_vertices(texf, voxels["center"], voxels["rgba"])
@@ -41,7 +47,7 @@ def _ply_header(lines):
     return "\n".join(["ply", "format binary_little_endian 1.0", "comment texfcodec", *lines, "end_header", ""]).encode()
 
 
-def obj_textured(texf, baked, mtl_name):
+def obj_textured(texf: Any, baked: Baked, mtl_name: str) -> Iterator[bytes]:
     """Pieces of an OBJ file with texture coordinates (v up, as OBJ counts)."""
     uv, index = np.unique(baked.atlas.corner_uv.reshape(-1, 2), axis=0, return_inverse=True)
     uv = np.stack([uv[:, 0], 1.0 - uv[:, 1]], 1)
@@ -55,7 +61,7 @@ def obj_textured(texf, baked, mtl_name):
         yield _rows("f %d/%d %d/%d %d/%d\n", corners[face_material == number])
 
 
-def obj_coloured(texf):
+def obj_coloured(texf: Any) -> Iterator[bytes]:
     """Pieces of an OBJ file with colours after the coordinates (sRGB, 0..1), as most tools read them."""
     vertex, index, _, rgba = vertex_colours(texf, with_material=False)
     yield b"# texfcodec\n"
@@ -63,7 +69,7 @@ def obj_coloured(texf):
     yield _rows("f %d %d %d\n", index + 1)
 
 
-def obj_points(texf):
+def obj_points(texf: Any) -> Iterator[bytes]:
     """Pieces of an OBJ file with the voxel centres as points."""
     voxels = texf.voxels()
     yield b"# texfcodec\n"
@@ -71,7 +77,7 @@ def obj_points(texf):
     yield _rows("p %d\n", np.arange(1, len(voxels["rgba"]) + 1)[:, None])
 
 
-def mtl(texf, image_name):
+def mtl(texf: Any, image_name: str) -> list[bytes]:
     """The MTL file: one entry per material, all showing the baked image."""
     lines = ["# texfcodec"]
     for name, material in zip(obj_names(texf), texf.materials, strict=True):
@@ -81,7 +87,7 @@ def mtl(texf, image_name):
     return [("\n".join(lines) + "\n").encode()]
 
 
-def obj_names(texf):
+def obj_names(texf: Any) -> list[str]:
     """One distinct name without blanks per material."""
     return [f"{i}_{'_'.join(material.name.split()) or 'material'}" for i, material in enumerate(texf.materials)]
 

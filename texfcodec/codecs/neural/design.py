@@ -1,6 +1,10 @@
-"""Shape of a 3DNTC payload for a budget of resident bytes, or for one of the paper's operating points (encoder only)."""
+"""Shape of a 3DNTC payload for a budget of resident bytes, or for one of the paper's operating points (encoder only).
+
+EncodeOptions stand in a later room, so that signatures here say Any.
+"""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -34,7 +38,7 @@ class Design:
     resident: dict
 
 
-def choose_design(surfaces, position_bits, components, options):
+def choose_design(surfaces: list, position_bits: int, components: int, options: Any) -> Design:
     """The Design that EncodeOptions ask for. surfaces: as in surface_design; components: 3 or 4."""
     point = options.point or DEFAULT_POINT
     if options.latent_index == "hash":
@@ -43,7 +47,7 @@ def choose_design(surfaces, position_bits, components, options):
     return surface_design(surfaces, position_bits, budget, components, options)
 
 
-def point_bytes(name):
+def point_bytes(name: str) -> int:
     """Resident bytes of one of the paper's points, with three output components."""
     return resident_bytes(_hashed(name, 3))["total"]
 
@@ -54,14 +58,14 @@ def _hashed(name, components):
     return Payload(features, HASHED_OCTAVES, HASHED_WAVE, HIDDEN, levels, components)
 
 
-def hashed_design(name, components, fields):
+def hashed_design(name: str, components: int, fields: int) -> Design:
     """The paper's own form of a point: hash tables over cells of a few voxels of a grid of 2048."""
     payload = _hashed(name, components)
     tables = [Tables(payload, number, [None] * len(payload.levels)) for number in range(fields)]
     return Design(payload, tables, resident_bytes(payload))
 
 
-def surface_design(surfaces, position_bits, budget, components, options):
+def surface_design(surfaces: list, position_bits: int, budget: int, components: int, options: Any) -> Design:
     """The finest surface grid of latents whose payload, with its hash table where options.latent_index is "mixed", stays within
     `budget` resident bytes.
 
@@ -80,6 +84,7 @@ def surface_design(surfaces, position_bits, budget, components, options):
         else:
             high = middle
     if best is None:
+        assert tried is not None
         raise InputError("TXF-I54", "the budget holds no grid of latents", value=budget, allowed=f">= {tried[2]['total']}")
     payload, keys, resident = best
     others = [None] * (len(payload.levels) - 1)

@@ -3,12 +3,18 @@
 Descent on squared colour errors at surface samples, with cosine decay; Adam moves the network. A batch is a thinned run along a
 Morton curve over the whole surface: it covers everything evenly, and neighbours in it read the same latents. The same seed
 gives the same payload on one machine with one number of threads.
+
+EncodeOptions stand in a later room, so that signatures here say Any.
 """
 
+from __future__ import annotations
+
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,9 +24,13 @@ from ...ground.colour_error import decibels
 from ...ground.threads import over_blocks
 from .design import choose_design
 from .infer import BLOCK, CHUNK, infer
-from .payload import join_parameters
-from .samples import Source, cells_of, order_along_curve
+from .payload import Payload, Tables, join_parameters
+from .samples import Samples, Source, cells_of, order_along_curve
 from .train import MOMENTUM, SQUARE_DECAY, TINY, _adam, _evaluate, _move_rows, _round_latents, _train
+
+if TYPE_CHECKING:
+    from ...report import Report
+    from ..codec import Source as CodecSource
 
 BATCH = 4096  # more steps with smaller batches are better
 # For the latents, no momentum and one mean square a row: within 0.05 dB of Adam, with a third of the memory to move.
@@ -41,7 +51,8 @@ class Fit:
     """State of a fit. design: payload.Payload without codes and halves; tables: payload.Tables by field; samples, held_out:
     samples.Samples; batch: samples a step."""
 
-    def __init__(self, design, tables, samples, held_out, seed=0, threads=1, batch=BATCH):
+    def __init__(self, design: Payload, tables: list[Tables], samples: Samples, held_out: Samples, seed: int = 0,
+                 threads: int = 1, batch: int = BATCH) -> None:
         self.design, self.tables, self.seed, self.threads = design, tables, seed, threads
         self.held_out = held_out
         order = order_along_curve(samples.position)
@@ -90,7 +101,8 @@ class Fit:
         self.move(decay, self.step, pool)
         return error / max(self.samples.share[part].sum(dtype=np.int64) / 255, TINY) * 127.5**2
 
-    def learn(self, samples, cells, pool, slope=NO_SLOPE):
+    def learn(self, samples: Samples, cells: tuple[np.ndarray, np.ndarray], pool: ThreadPoolExecutor,
+              slope: np.ndarray = NO_SLOPE) -> float:
         """Adds the gradient at samples: of their squared error, or of what has slopes float32 [M, C] by the outputs. cells: of
         cells_of. Returns the squared error, weighted and summed over components."""
         (_, weight, bias), (cell, corners) = self.values, cells
@@ -105,7 +117,7 @@ class Fit:
 
         return sum(pool.map(one, range(self.threads)))
 
-    def move(self, decay, step, pool):
+    def move(self, decay: float, step: int, pool: ThreadPoolExecutor) -> None:
         """Moves everything against its gradient and clears that. decay: share of the rates; step: number of the move, from 1."""
         latent = self.values[0]
 
@@ -120,12 +132,12 @@ class Fit:
             flat = [a.reshape(-1) for a in (self.values[n], self.means[n - 1], self.squares[n])]
             _adam(flat[0], self.gradients[n].reshape(self.threads, -1), *flat[1:], np.float32(NETWORK_RATE * decay), *scale)
 
-    def forget(self):
+    def forget(self) -> None:
         """Clears what earlier moves have left behind but for the values themselves."""
         for array in (*self.means, *self.squares, self.times):
             array[...] = 0
 
-    def answers(self, samples, cells):
+    def answers(self, samples: Samples, cells: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """What the network says at samples, in float32: [M, C] on the scale 0..255, not clipped. cells: of cells_of."""
         got = np.empty((len(samples), self.design.components), np.float32)
 
@@ -137,14 +149,14 @@ class Fit:
         over_blocks(one, len(samples), BLOCK, self.threads)
         return got
 
-    def upload(self):
+    def upload(self) -> None:
         """Makes whatever follows from the latents anew after they were set from outside."""
         _round_latents(self.values[0], self.codes, self.design.features)
 
-    def download(self):
+    def download(self) -> None:
         """Brings values, means, squares, times and codes up to date, where they are kept elsewhere meanwhile."""
 
-    def psnr(self, exact=False):
+    def psnr(self, exact: bool = False) -> float:
         """3D-PSNR in dB over all colour components at the held-out points: of the float evaluation, or, exact, of the integer
         evaluation of payload()."""
         want, share = self.held_out.target[:, :3], self.held_out.share[:, :1] / 255.0
@@ -159,7 +171,7 @@ class Fit:
         error = (np.clip(got[:, :3], 0, 255) - want) ** 2 * share
         return decibels(float(error.sum(dtype=np.float64) / (3 * share.sum())))
 
-    def payload(self):
+    def payload(self) -> Payload:
         """The design with the codes and parameters as they stand."""
         _, weight, bias = self.values
         sizes = list(zip(self.design.widths[:-1], self.design.widths[1:], strict=True))
@@ -169,7 +181,8 @@ class Fit:
         codes = self.codes[:, : self.design.features] >> 1
         return replace(self.design, codes=codes, halves=flat.astype(np.float16).view(np.uint16))
 
-    def run(self, steps, on_look=lambda fit, steps: None, checkpoint=None):
+    def run(self, steps: int, on_look: Callable[[Fit, int], object] = lambda fit, steps: None,
+            checkpoint: Path | None = None) -> Payload:
         """Takes the remaining of `steps` steps, or fewer where it no longer improves; returns the payload.
 
         on_look(fit, steps): called LOOKS times on the way; log holds {"step", "seconds", "train_psnr", "psnr"} of each.
@@ -252,7 +265,7 @@ def _engine(options):
     return TorchFit if options.fit_engine == "torch" or cuda_is_there() else Fit
 
 
-def fit_payload(source, options, report):
+def fit_payload(source: CodecSource, options: Any, report: Report) -> tuple[Payload, list[Tables], dict]:
     """Fits a payload for all fields of a codec.Source: (payload.Payload, its Tables by field, what was chosen).
 
     The choices are "resident" (bytes on the GPU), "fit" (the log) and "refinement".

@@ -4,6 +4,8 @@ On two processor cores the fused kernels of train.py are several times faster (d
 sees a GPU, or where it is asked for.
 """
 
+from typing import Any
+
 import numpy as np
 
 from ...errors import InputError
@@ -14,7 +16,7 @@ from .train import MOMENTUM, SQUARE_DECAY, TINY
 CUDA_BATCH = 1 << 16  # the paper's; a step of fewer samples would not fill a GPU
 
 
-def cuda_is_there():
+def cuda_is_there() -> bool:
     """Whether torch is installed and sees a GPU."""
     try:
         import torch
@@ -26,7 +28,7 @@ def cuda_is_there():
 class TorchFit(Fit):
     """As Fit; device: "cuda" or "cpu". Raises InputError TXF-I56 where torch is not installed."""
 
-    def __init__(self, *arguments, device=None, **named):
+    def __init__(self, *arguments: Any, device: Any = None, **named: Any) -> None:
         try:
             import torch
         except ImportError:
@@ -45,7 +47,7 @@ class TorchFit(Fit):
         self.rows = on(self.corners.astype(np.int64))
         self.upload()
 
-    def upload(self):
+    def upload(self) -> None:
         """Takes the state of the arrays to the device."""
         super().upload()
         on = lambda array: self.torch.as_tensor(np.array(array), device=self.device)
@@ -53,7 +55,7 @@ class TorchFit(Fit):
         for value in self.state[0]:
             value.requires_grad_()
 
-    def download(self):
+    def download(self) -> None:
         """Brings the state back into the arrays."""
         for kind, arrays in zip(self.state[:3], (self.values, self.means, self.squares), strict=True):
             for tensor, array in zip(kind, arrays, strict=True):

@@ -2,7 +2,13 @@
 
 LANES points go side by side, a component a row, so that every inner loop runs along a row. Operands are int32 and sums int64:
 |weight| < 2**28, |activation| <= 2**24, at most 304 inputs and a bias below 2**42 stay below 2**61.
+
+Tables, made by payload.py from what is here, are Any.
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +17,9 @@ from ...ground.kernel import kernel
 from ...ground.threads import over_blocks
 from ...support.grid import _brick_slot
 from ...support.morton import _spread
+
+if TYPE_CHECKING:
+    from ...geometry.canonical import CanonicalCube
 
 POSITION_BITS = 24  # of a point in the canonical cube
 LOCAL_BITS = 12  # of a point in a latent cell; 8 would cost 0.1 dB where the network is steep
@@ -202,18 +211,18 @@ def _infer(positions, levels, places, slots, bricks, words, ranks, codes, featur
                 out[begin + l, c] = min(max((y * LEVEL_SCALE + (1 << (ONE_BITS - 1))) >> ONE_BITS, 0), 255 << VALUE_BITS)
 
 
-def cube_positions(grid):
+def cube_positions(grid: np.ndarray) -> np.ndarray:
     """Positions that the evaluation takes (11.2). grid: float64 [..., 3] grid coordinates for K = 2**POSITION_BITS; what lies
     outside the cube is moved onto its border. Returns int32 of the same shape."""
     return np.floor(np.clip(grid, 0, (1 << POSITION_BITS) - 1)).astype(np.int32)
 
 
-def voxel_positions(xyz, resolution):
+def voxel_positions(xyz: np.ndarray, resolution: int) -> np.ndarray:
     """Positions of voxel centres (11.2): floor((2 v + 1) 2**23 / K). xyz: integers [N, 3] in 0..K-1. Returns int32 [N, 3]."""
     return (((2 * np.asarray(xyz, np.int64) + 1) << (POSITION_BITS - 1)) // resolution).astype(np.int32)
 
 
-def fixed_weights(halves):
+def fixed_weights(halves: np.ndarray) -> np.ndarray:
     """Network parameters as fixed-point numbers with WEIGHT_BITS fractional bits (11.6).
 
     halves: uint16, binary16 patterns of magnitude below 2**12 (payload.py has checked). Returns int64 of the same shape: exact
@@ -227,7 +236,7 @@ def fixed_weights(halves):
     return np.where(halves >> 15, -value, value)
 
 
-def infer(positions, tables, threads=1):
+def infer(positions: np.ndarray, tables: Any, threads: int = 1) -> np.ndarray:
     """Values of points of one field. positions: int32 [M, 3] from cube_positions or voxel_positions; tables: payload.Tables.
 
     Returns uint16 [M, C]: values 0..255 with VALUE_BITS fractional bits (11.7)."""
@@ -244,20 +253,20 @@ def infer(positions, tables, threads=1):
     return out
 
 
-def answer(cube, points, tables, threads=1):
+def answer(cube: CanonicalCube, points: np.ndarray, tables: Any, threads: int = 1) -> np.ndarray:
     """As infer_rgba(), at world points float64 [M, 3]; what lies outside the CanonicalCube is moved onto its border."""
     low, high = np.array(cube.origin) - cube.side, np.array(cube.origin) + 2 * cube.side  # further out is on the border anyway
     return infer_rgba(cube_positions(cube.to_grid(np.clip(points, low, high), 1 << POSITION_BITS)), tables, threads)
 
 
-def infer_rgba(positions, tables, threads=1):
+def infer_rgba(positions: np.ndarray, tables: Any, threads: int = 1) -> np.ndarray:
     """As infer(), as RGBA on the scale 0..255: float32 [M, 4]; a component that the network does not give is 255."""
     out = np.full((len(positions), 4), 255, np.float32)
     out[:, list(tables.columns)] = infer(positions, tables, threads) * np.float32(1 / (1 << VALUE_BITS))
     return out
 
 
-def voxel_values(xyz, resolution, tables, threads=1):
+def voxel_values(xyz: np.ndarray, resolution: int, tables: Any, threads: int = 1) -> np.ndarray:
     """The values of a field's voxels (11.8): uint8 [N, C], what its centre answers, rounded. xyz: integers [N, 3]."""
     values = infer(voxel_positions(xyz, resolution), tables, threads).astype(np.int64)
     return ((values + (1 << (VALUE_BITS - 1))) >> VALUE_BITS).astype(np.uint8)

@@ -5,9 +5,12 @@ the surface touches at its resolution, found through a brick map that both sides
 table of 2**table_log2 rows that voxels share.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +20,11 @@ from .infer import CHUNK, CODES, HASH_FIELD, answer, fixed_weights, voxel_values
 from .layout import WAVE_INPUTS, parameter_count
 from .syntax import FORM_TRANSPORT
 from .transport import dec_transport, enc_transport
+
+if TYPE_CHECKING:
+    from ...geometry.canonical import CanonicalCube
+    from ...limits import Limits
+    from ...support.voxels import VoxelSupport
 
 MAX_EXPONENT = 26  # biased binary16 exponent: magnitudes below 2**12, so that no sum overflows
 BRICK_BYTES = 24  # resident index (11.10): key, first row, first octant, octants in use, two slots of the table of bricks
@@ -33,7 +41,7 @@ class Level:
     entries: tuple = ()
 
     @property
-    def rows(self):
+    def rows(self) -> int:
         return 1 << self.table_log2 if self.table_log2 else sum(self.entries)
 
 
@@ -53,50 +61,50 @@ class Payload:
     codes: np.ndarray | Any = field(default=None, repr=False)
 
     @property
-    def widths(self):
+    def widths(self) -> tuple[int, ...]:
         """Inputs, hidden layers, outputs."""
         return (len(self.levels) * self.features + WAVE_INPUTS * self.octaves, *self.hidden, self.components)
 
     @property
-    def parameters(self):
+    def parameters(self) -> int:
         return parameter_count(self.widths)
 
     @property
-    def rows(self):
+    def rows(self) -> int:
         return sum(level.rows for level in self.levels)
 
     @cached_property
-    def evaluated(self):
+    def evaluated(self) -> tuple:
         """Codes and network as infer reads them, made once for all fields; see infer._infer for the arrays."""
         codes = np.zeros((len(self.codes), -(-self.features // CHUNK) * CHUNK), np.int8)
         codes[:, : self.features] = 2 * self.codes + np.int8(1)
         return codes, self.features, self.octaves, self.first_wave, *network_arrays(self)
 
-    def first_row(self, number, level):
+    def first_row(self, number: int, level: int) -> int:
         """First row of a level's latents for field `number`."""
         before = sum(one.rows for one in self.levels[:level])
         return before + (0 if self.levels[level].table_log2 else sum(self.levels[level].entries[:number]))
 
 
-def resident_bytes(payload, index=0):
+def resident_bytes(payload: Payload, index: int = 0) -> dict[str, int]:
     """Bytes that a GPU keeps: {"latents", "network", "index", "total"}. index: index_bytes of all fields and levels together."""
     sizes = {"latents": payload.rows * payload.features // 2, "network": 2 * payload.parameters, "index": index}
     return sizes | {"total": sum(sizes.values())}
 
 
-def index_bytes(keys):
+def index_bytes(keys: np.ndarray) -> int:
     """Bytes of the resident index over one voxel set (11.10): BRICK_BYTES per 8x8x8 brick and 8 bytes of occupancy per 4x4x4
     octant in use. keys: ascending int64 Morton keys."""
     return BRICK_BYTES * len(np.unique(keys >> 9)) + 8 * len(np.unique(keys >> 6))
 
 
-def enc_codes(codes):
+def enc_codes(codes: np.ndarray) -> bytes:
     """INT4 codes of a resident payload: two a byte, the first in the low bits. codes: int8 [N, F], F even. Returns bytes."""
     pairs = (codes.reshape(-1, 2).astype(np.int64) & 15).astype(np.uint8)
     return (pairs[:, 0] | pairs[:, 1] << 4).tobytes()
 
 
-def dec_codes(data, features):
+def dec_codes(data: bytes, features: int) -> np.ndarray:
     """Mirror of enc_codes: int8 [N, features]."""
     packed = np.frombuffer(data, np.uint8)
     pairs = np.stack([packed & 15, packed >> 4], axis=1).astype(np.int8)
@@ -111,7 +119,7 @@ def _check_halves(halves, offset):
                           value=f"{int(halves[bad[0]]):#06x}", allowed=f"|w| < {1 << MAX_EXPONENT - 14}")
 
 
-def payload_values(payload, form):
+def payload_values(payload: Payload, form: int) -> dict:
     """Syntax values of neural_parameters (spec 5.7.4)."""
     levels = [{"level_resolution": one.resolution, "table_log2": one.table_log2, "latent_threshold": one.area_threshold,
                "num_latents": list(one.entries)} for one in payload.levels]
@@ -123,7 +131,7 @@ def payload_values(payload, form):
     }
 
 
-def payload_of(values, limits):
+def payload_of(values: dict, limits: Limits) -> Payload:
     """Payload of an attribute unit's syntax values, without its codes, which may be many: they follow with take_codes once the
     levels have been checked against the geometry. Raises StreamError and LimitError."""
     levels = tuple(Level(one["level_resolution"], one["table_log2"], one["latent_threshold"], tuple(one["num_latents"]))
@@ -137,7 +145,7 @@ def payload_of(values, limits):
     return payload
 
 
-def take_codes(payload, values):
+def take_codes(payload: Payload, values: dict) -> None:
     """Unpacks the latents of an attribute unit's syntax values into a payload made of them."""
     if values["form"] == FORM_TRANSPORT:
         payload.codes = dec_transport(values["latent_data"], payload.rows, payload.features)
@@ -149,7 +157,8 @@ class Tables:
     """What infer reads for one field. index: where the latents are (levels, places, slots, bricks, words, ranks), made from keys;
     network: codes and network of payload; see infer._infer for the arrays."""
 
-    def __init__(self, payload, number, keys, columns=(0, 1, 2, 3)):
+    def __init__(self, payload: Payload, number: int, keys: list[np.ndarray | None],
+                 columns: tuple[int, ...] = (0, 1, 2, 3)) -> None:
         """keys: per level, ascending int64 Morton keys of the field's voxels, or None where the level is hashed; columns: of RGBA
         that the outputs are."""
         maps = [build_brick_map(np.zeros(0, np.int64) if k is None else k) for k in keys]
@@ -160,28 +169,30 @@ class Tables:
                       np.concatenate([m.bricks for m in maps]), np.concatenate([m.words for m in maps]),
                       np.concatenate([m.ranks for m in maps]))
         self.components, self.columns, self.keys = payload.components, columns[: payload.components], keys
-        self.payload, self.network = None, None
+        self.payload: Payload | None = None
+        self.network: tuple | None = None
         if payload.codes is not None:
             self.take_values(payload)
 
-    def take_values(self, payload):
+    def take_values(self, payload: Payload) -> None:
         """Codes and network of a payload of the same design."""
         self.payload, self.network = payload, payload.evaluated
 
     @property
-    def arrays(self):
+    def arrays(self) -> tuple:
+        assert self.network is not None  # take_values() comes first
         return *self.index, *self.network
 
-    def values(self, support, threads=1):
+    def values(self, support: VoxelSupport, threads: int = 1) -> np.ndarray:
         """Values of a VoxelSupport's voxels (11.8): uint8 [N, C]."""
         return voxel_values(support.xyz(), support.resolution, self, threads)
 
-    def query(self, cube, points, threads=1):
+    def query(self, cube: CanonicalCube, points: np.ndarray, threads: int = 1) -> np.ndarray:
         """What the network says at world points, float64 [M, 3], in a CanonicalCube: float32 [M, 4] in 0..255."""
         return answer(cube, points, self, threads)
 
 
-def network_arrays(payload):
+def network_arrays(payload: Payload) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The network as infer reads it: widths int64, padded to multiples of 4; weight int32 [layers, rows, rows]; bias int64
     [layers, rows], 30 fractional bits."""
     fixed = fixed_weights(payload.halves)
@@ -194,7 +205,7 @@ def network_arrays(payload):
     return padded, weight, bias
 
 
-def split_parameters(flat, widths):
+def split_parameters(flat: np.ndarray, widths: Sequence[int]) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """(weights [outputs, inputs] by layer, biases [outputs] by layer) of the parameters in stream order."""
     weights, biases, at = [], [], 0
     for i, o in zip(widths[:-1], widths[1:], strict=True):
@@ -204,6 +215,6 @@ def split_parameters(flat, widths):
     return weights, biases
 
 
-def join_parameters(weights, biases):
+def join_parameters(weights: list[np.ndarray], biases: list[np.ndarray]) -> np.ndarray:
     """Mirror of split_parameters."""
     return np.concatenate([np.concatenate([w.reshape(-1), b]) for w, b in zip(weights, biases, strict=True)])

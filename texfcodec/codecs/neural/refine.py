@@ -5,14 +5,22 @@ views decide when to stop and what is kept; the fit's own state is kept where no
 the loss is of colours, and would let alpha drift.
 """
 
+from __future__ import annotations
+
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...render.pictures import HELD_OUT_SEED, HELD_OUT_VIEWS, ITERATIONS, SIZE, VIEWS, Cameras, keep_best, picture_loss
-from .samples import Samples, cells_of
+from .samples import Samples, Source, cells_of
+
+if TYPE_CHECKING:
+    from .fit import Fit
+    from .payload import Tables
 
 RATE = 0.05  # of the fit's rates, falling along a cosine
 SCALE = 1e4  # of the slopes, which a mean over a picture makes small beside train.TINY
@@ -28,7 +36,7 @@ class Picture:
     samples: Samples
     cells: tuple
 
-    def loss(self, fit):
+    def loss(self, fit: Fit) -> tuple[float, float, np.ndarray]:
         """As picture_loss, for what a fit shows."""
         shown = np.clip(fit.answers(self.samples, self.cells), 0, 255)
         return picture_loss(self.size, self.pixel, self.samples.target.astype(np.float32), shown, fit.threads)
@@ -37,19 +45,20 @@ class Picture:
 class Pictures:
     """Draws pictures of a samples.Source; tables: payload.Tables by field; position_bits: of its lattice."""
 
-    def __init__(self, source, tables, position_bits, seed, size=SIZE):
+    def __init__(self, source: Source, tables: list[Tables], position_bits: int, seed: int, size: int = SIZE) -> None:
         self.source, self.tables, self.size = source, tables, size
         self.cameras = Cameras(source.lattice, source.faces, position_bits, seed, source.threads, size)
 
-    def next(self):
+    def next(self) -> Picture:
         """The next Picture."""
         seen = self.cameras.next()
         samples = self.source.at(seen.face, seen.bary, self.source.threads)
         return Picture(self.size, seen.pixel, samples, cells_of(samples, self.tables))
 
 
-def refine_by_pictures(fit, source, position_bits, seed=0, iterations=ITERATIONS, views=VIEWS, size=SIZE,
-                       on_progress=lambda done, total: None):
+def refine_by_pictures(fit: Fit, source: Source, position_bits: int, seed: int = 0, iterations: int = ITERATIONS,
+                       views: int = VIEWS, size: int = SIZE,
+                       on_progress: Callable[[int, int], object] = lambda done, total: None) -> tuple[list[dict], int]:
     """Improves a fit.Fit in place.
 
     source: samples.Source that it was fitted to; views: pictures an iteration. Returns (log, which of its rows was kept)

@@ -1,7 +1,11 @@
 """What a 3DNTC payload is fitted to: points on the source's surface with their colours, and the latents around them."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +15,10 @@ from ...ground.areas import relative_areas, sample_surface
 from ...ground.kernel import kernel
 from ...support.morton import _morton_key
 from .infer import LOCAL_BITS, POSITION_BITS, _local, _rows_around, cube_positions
+
+if TYPE_CHECKING:
+    from ...asset.scene import Scene
+    from ...geometry.surface import Surface
 
 CHUNK = 1 << 20  # points sampled at a time
 MOST_WORKERS = 4  # chunks in memory at a time
@@ -33,7 +41,7 @@ class Samples:
     def __len__(self):
         return len(self.position)
 
-    def taken(self, rows):
+    def taken(self, rows: np.ndarray | slice) -> Samples:
         """The samples of some rows, int64 [m] or slice."""
         return Samples(self.position[rows], self.target[rows], self.share[rows], self.field[rows])
 
@@ -42,7 +50,7 @@ class Source:
     """Where samples come from. surface: geometry.surface.Surface of the scene; face_field: int64 [F] over its faces; components:
     3, or 4 with alpha. Raises InputError TXF-I63 where no face has area."""
 
-    def __init__(self, scene, surface, face_field, components, threads):
+    def __init__(self, scene: Scene, surface: Surface, face_field: np.ndarray, components: int, threads: int) -> None:
         self.lattice, self.faces, self.face_field = surface.lattice.astype(np.float64), surface.faces, face_field
         self.areas = relative_areas(self.lattice, self.faces)
         if not self.areas.sum() > 0:
@@ -50,7 +58,7 @@ class Source:
         self.scale = 2.0 ** (POSITION_BITS - surface.cube.position_bits)
         self.packed, self.components, self.threads = pack_source(scene, surface.origin_face), components, threads
 
-    def at(self, face, bary, threads):
+    def at(self, face: np.ndarray, bary: np.ndarray, threads: int) -> Samples:
         """Samples at places on the surface: face int64 [M]; bary float64 [M, 3]."""
         points = np.einsum("mk,mkc->mc", bary, self.lattice[self.faces[face]])
         rgba = np.rint(sample_source(self.packed, face, bary, threads)).astype(np.uint8)
@@ -60,11 +68,11 @@ class Source:
         return Samples(cube_positions(points * self.scale), np.ascontiguousarray(rgba[:, : self.components]), share,
                        self.face_field[face].astype(np.int16))
 
-    def draw(self, count, seed):
+    def draw(self, count: int, seed: int | Sequence[int]) -> Samples:
         """Samples spread evenly by area over the surface that is coded."""
         return self.at(*sample_surface(self.lattice, self.faces, count, seed, self.areas), self.threads)
 
-    def draw_busy(self, count, seed):
+    def draw_busy(self, count: int, seed: Sequence[int]) -> Samples:
         """As draw, but denser where colours vary, with shares that make up for it on average."""
         chunks = max(1, -(-count * CANDIDATES // CHUNK))
 
@@ -118,14 +126,14 @@ def _corner_rows(position, resolution, log2, first, salt, slots, bricks, words, 
             corner[i, q] = row[q] + first if row[q] >= 0 else -1
 
 
-def order_along_curve(position):
+def order_along_curve(position: np.ndarray) -> np.ndarray:
     """Order of points along a Morton curve of 2048 cells a side: neighbours in it read the same latents."""
     keys = np.empty(len(position), np.int64)
     _keys(position, 2048, keys)
     return np.argsort(keys, kind="stable")
 
 
-def cells_of(samples, tables):
+def cells_of(samples: Samples, tables: list) -> tuple[np.ndarray, np.ndarray]:
     """The latents around each sample: (cell int32 [M, L], corners int32 [cells, 8]); row cell[i, n] of corners names the eight
     latents of level n around sample i, -1 where none is. tables: payload.Tables by field."""
     levels = len(tables[0].index[0])

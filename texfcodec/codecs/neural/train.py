@@ -6,6 +6,8 @@ each step they are put back into the range, or those that left it would never ge
 fastmath lets sums be reordered and fused, which no decoder sees: what is fitted is judged by the integer evaluation.
 """
 
+from typing import Any
+
 import numpy as np
 
 from ...ground.kernel import kernel
@@ -13,7 +15,7 @@ from .infer import CHUNK, CODES, LOCAL_BITS, _local, _phase
 
 LANES = 128
 MOMENTUM, SQUARE_DECAY, TINY = 0.9, 0.99, 1e-8  # a square decay of 0.999 costs 1 dB in 3,000 steps, 0.95 gains nothing
-fused = {"fastmath": True}
+fused: dict[str, Any] = {"fastmath": True}
 
 
 @kernel(**fused)

@@ -47,15 +47,15 @@ def _dec_codes(codes, state, data, contexts):
             codes[row, k] = node - 24
 
 
-def enc_transport(codes):
+def enc_transport(codes: np.ndarray) -> bytes:
     """Codeword of latents. codes: int8 [N, F] in -8..7. Returns bytes."""
     out, state = np.empty(codes.size + 64, np.uint8), new_encoder()
     _enc_codes(np.ascontiguousarray(codes), state, out, new_contexts(codes.shape[1] * CLASSES * CLASSES << CODE_BITS))
     return finish(state, out)
 
 
-def dec_transport(data, rows, features):
+def dec_transport(data: bytes, rows: int, features: int) -> np.ndarray:
     """Mirror of enc_transport: int8 [rows, features]; a short codeword reads as if zeros followed (7.6.2)."""
-    codes, data = np.empty((rows, features), np.int8), np.frombuffer(data, np.uint8)
-    _dec_codes(codes, new_decoder(data, 0, len(data)), data, new_contexts(features * CLASSES * CLASSES << CODE_BITS))
+    codes, packed = np.empty((rows, features), np.int8), np.frombuffer(data, np.uint8)
+    _dec_codes(codes, new_decoder(packed, 0, len(packed)), packed, new_contexts(features * CLASSES * CLASSES << CODE_BITS))
     return codes

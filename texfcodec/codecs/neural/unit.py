@@ -1,12 +1,20 @@
 """3DNTC as a codec of the registry (codec_id 1, spec clauses 5.7.4 and 11)."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from ...errors import InputError, StreamError
 from ...ground.walk import Reader, read_structure, write_structure
 from ...limits import Limits
-from ..codec import Joint, JointCodec
+from ..codec import Joint, JointCodec, Source
 from .syntax import FORM_RESIDENT, FORM_TRANSPORT, LATENT_LEVEL, NEURAL
+
+if TYPE_CHECKING:
+    from ...report import Report
 
 
 class Neural(JointCodec):
@@ -20,7 +28,7 @@ class Neural(JointCodec):
     checksum_clause = "11.8"
     small = ({"resolution": 16, "resident_bytes": 40_000, "steps": 2, "transport": True, "fit_engine": "numba"},)
 
-    def check_options(self, options):
+    def check_options(self, options: Any) -> None:
         """As Codec.check_options."""
         if options.refine == "fit":
             raise InputError("TXF-I50", "refine fit is for voxels; codec 3dntc has auto, off and render", value=options.refine)
@@ -30,11 +38,11 @@ class Neural(JointCodec):
             raise InputError("TXF-I50", "hash tables come with a point; resident_bytes needs latent_index mixed or surface",
                              value=options.resident_bytes)
 
-    def seconds(self, options):
+    def seconds(self, options: Any) -> float:
         """Of the fit, with two threads."""
         return options.steps * 6e-3
 
-    def enc(self, source, options, report):
+    def enc(self, source: Source, options: Any, report: Report) -> Joint:
         """As JointCodec.enc; the choices are "resident" (bytes on the GPU), "fit" (the log) and "refinement"."""
         from .fit import fit_payload
         from .payload import payload_values
@@ -42,14 +50,14 @@ class Neural(JointCodec):
         payload, tables, choices = fit_payload(source, options, report)
         return Joint(payload_values(payload, FORM_TRANSPORT if options.transport else FORM_RESIDENT), tables, choices)
 
-    def count_samples(self, values, surfaces, position_bits):
+    def count_samples(self, values: dict, surfaces: list, position_bits: int) -> int:
         """Of the voxels of latents (11.3)."""
         from ...support.voxelise import count_samples
 
         grids = [level["level_resolution"] for level in values["latent_levels"] if level["table_log2"] == 0]
-        return sum(count_samples(*s, position_bits, grid) for s in surfaces for grid in grids)
+        return sum(count_samples(lattice, faces, position_bits, grid) for lattice, faces in surfaces for grid in grids)
 
-    def dec(self, values, surfaces, position_bits, channels, options, report):
+    def dec(self, values: dict, surfaces: list, position_bits: int, channels: tuple, options: Any, report: Report) -> list:
         """As JointCodec.dec: payload.Tables."""
         from ...channels import columns_of
         from .payload import Tables, payload_of, take_codes
@@ -62,7 +70,7 @@ class Neural(JointCodec):
             take_codes(payload, values)
             return [Tables(payload, i, keys, tuple(columns_of(channels))) for i, keys in enumerate(grids)]
 
-    def check(self, values):
+    def check(self, values: dict) -> None:
         """Relations of clause 5.7.4."""
         if values["num_features"] % 2:
             raise StreamError("TXF-S04", "num_features is odd", clause="5.7.4", offset=values["offset"],
@@ -72,7 +80,7 @@ class Neural(JointCodec):
             raise StreamError("TXF-S10", "the latents do not fill the payload", clause="5.7.4", offset=values["offset"],
                               value=len(values["latent_data"]), allowed=length)
 
-    def describe(self, values):
+    def describe(self, values: dict) -> dict:
         """The form, and the bytes of the resident form without the index that the geometry gives."""
         rows = [level["NumRows"] for level in values["latent_levels"]]
         made = {"form": "transport" if values["form"] == FORM_TRANSPORT else "resident", "features": values["num_features"],
@@ -82,7 +90,7 @@ class Neural(JointCodec):
                 "network_bytes": values["ParameterBytes"]}
         return {"neural": made}
 
-    def info_lines(self, group):
+    def info_lines(self, group: dict) -> Iterator[str]:
         """As Codec.info_lines."""
         made = group["neural"]
         levels = ", ".join(f"{one['rows']} rows at {one['resolution']}" + (" (hashed)" if one["table_log2"] else "")
@@ -91,7 +99,7 @@ class Neural(JointCodec):
                + "-".join(map(str, made["widths"]))
                + f"; on a GPU {made['latent_bytes'] + made['network_bytes']} bytes and an index")
 
-    def pack(self, evaluators):
+    def pack(self, evaluators: list) -> tuple[dict, dict]:
         """As JointCodec.pack: neural_parameters in the resident form, and the voxels of the levels that are not hashed."""
         from .payload import payload_values
 
@@ -101,7 +109,7 @@ class Neural(JointCodec):
         return {}, {"neural": np.frombuffer(write_structure(NEURAL, values), np.uint8),
                     "latent_keys": np.concatenate([np.zeros(0, np.int64), *keys])}
 
-    def unpack(self, facts, arrays, channels, fields):
+    def unpack(self, facts: dict, arrays: dict, channels: tuple, fields: int) -> list:
         """As JointCodec.unpack; the payload is checked like one in a stream."""
         from ...channels import columns_of
         from .payload import Tables, payload_of, take_codes
@@ -118,7 +126,7 @@ class Neural(JointCodec):
         take_codes(payload, values)
         return [Tables(payload, number, keys, columns) for number, keys in enumerate(grids)]
 
-    def result_lines(self, facts):
+    def result_lines(self, facts: dict) -> Iterator[str]:
         """As JointCodec.result_lines."""
         from ...ground.colour_error import in_decibels
 

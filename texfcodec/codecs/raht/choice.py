@@ -1,14 +1,24 @@
-"""The encoder's choice of tools: what an effort allows, which prediction suits the field, and which QPs are under residuals."""
+"""The encoder's choice of tools: what an effort allows, which prediction suits the field, and which QPs are under residuals.
 
+EncodeOptions stand in a later room, so that signatures here say Any.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .codec import Tools, enc_attributes
+from .codec import CodedAttributes, Tools, enc_attributes
 from .coefficients.residual import ResidualPlan
 from .transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
 from .transform.prediction import KERNELS
 from .transform.quantise import step_of
+
+if TYPE_CHECKING:
+    from ...support.voxels import VoxelSupport
 
 EFFORTS = {"fast": Tools(), "balanced": Tools(colour_range=5, models=6, filters=1),
            "best": Tools(colour_range=5, models=8, filters=3)}
@@ -36,7 +46,7 @@ def _lagrangian_cost(keys, depth, values, qp, tools, threads):
     return 8 * sum(len(c) for c in coded.codewords) + (error**2).sum() / tools.trade_off
 
 
-def choose_tools(keys, depth, values, qp, effort, threads=1):
+def choose_tools(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[int], effort: str, threads: int = 1) -> Tools:
     """Tools for a field. keys: int64 [N]; values: int32 [N, C]; qp: [C]; effort: a key of EFFORTS. Candidates of PREDICTIONS
     code a few pieces of the field; the cheapest wins."""
     tools = EFFORTS[effort]
@@ -48,7 +58,8 @@ def choose_tools(keys, depth, values, qp, effort, threads=1):
     return replace(candidates[int(np.argmin(costs))], filters=tools.filters)
 
 
-def choose_base_qp(keys, depth, values, qp_of, plan, effort, threads=1):
+def choose_base_qp(keys: np.ndarray, depth: int, values: np.ndarray, qp_of: Callable[[int], list[int]], plan: ResidualPlan,
+                   effort: str, threads: int = 1) -> list[int]:
     """QPs [C] for values that get residuals. qp_of: function from a QP to those of the components; plan: ResidualPlan; the rest
     as in choose_tools. Candidates of BASE_QPS code a few pieces of the field; the fewest bytes win."""
     if effort == "fast" or len(keys) < LEAST_VOXELS:
@@ -63,7 +74,7 @@ def choose_base_qp(keys, depth, values, qp_of, plan, effort, threads=1):
     return qp_of(min(BASE_QPS, key=size))
 
 
-def code_plane(plane, support, colour, options):
+def code_plane(plane: np.ndarray, support: VoxelSupport, colour: bool, options: Any) -> tuple[CodedAttributes, np.ndarray]:
     """Codes a plane with the tools that options.effort allows: (CodedAttributes, what decodes from them uint8 [N, C]).
 
     plane: float32 [N, C] in 0..255 on the keys of support, a VoxelSupport; colour: whether its components are red, green, blue.

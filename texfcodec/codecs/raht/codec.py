@@ -5,6 +5,7 @@ codeword; below it the nodes are split into slices in Morton order, each with a 
 Slices run in parallel level by level: a block predicts from the whole level above, but on its own level only from its slice.
 """
 
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
@@ -16,7 +17,7 @@ from .coefficients.blocks import Blocks, Rules, Wanted, new_scratch
 from .coefficients.direct import _dec_direct_level, _enc_direct_level
 from .coefficients.mixed import _dec_mixed_level, _enc_mixed_level
 from .coefficients.mixed_contexts import new_mixed_model
-from .coefficients.residual import code_residuals, fit_cross, new_residual_model
+from .coefficients.residual import ResidualPlan, code_residuals, fit_cross, new_residual_model
 from .entropy.contexts import CONTEXTS, LEVELS
 from .entropy.mixing import copy_model, new_model
 from .entropy.range_coder import CACHE, FULL, PENDING, POS, START_BYTES, Coder, finish, new_decoder, new_encoder
@@ -191,7 +192,8 @@ def _new_model(models):
     return new_mixed_model() if models else new_model(CONTEXTS, 0, 0)
 
 
-def enc_attributes(keys, depth, values, qp, tools=None, threads=1, plan=None):
+def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[int], tools: Tools | None = None,
+                   threads: int = 1, plan: ResidualPlan | None = None) -> tuple[CodedAttributes, np.ndarray]:
     """Codes values int32 [N, C] (12 fractional bits) on ascending Morton keys int64 [N]; qp: [C] in 0..63; tools: Tools.
 
     Returns (CodedAttributes, what the decoder will have: int32 [N, C], or with a ResidualPlan uint8 values). The result does not
@@ -216,6 +218,7 @@ def enc_attributes(keys, depth, values, qp, tools=None, threads=1, plan=None):
             blocks, wanted = walk.blocks(d), Wanted(originals[d + 1], 256 * lagrangian, _bits_of())
             rules = Rules(_level_class(levels, d), tools.models, steps, (1 << 32) // steps, weights, colour_inverse)
             children = levels[d].first_child
+            assert children is not None  # only the last level has none
             walk.run([partial(coder.code, int(children[end] - children[begin]) * len(qp), rules, blocks, wanted, begin, end)
                       for coder, (begin, end) in zip(active, ranges, strict=True)])
             walk.descend(d, blocks, ranges)
@@ -239,7 +242,8 @@ def enc_attributes(keys, depth, values, qp, tools=None, threads=1, plan=None):
     return coded, made
 
 
-def dec_attributes(keys, depth, coded, data, spans, stop_level, threads=1, inverse=None):
+def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: np.ndarray, spans: list[tuple[int, int]],
+                   stop_level: int, threads: int = 1, inverse: Callable | None = None) -> np.ndarray:
     """Decodes levels 0..stop_level: means int32 [n, C] of that level's nodes, in Morton order, or where `inverse` is given the
     values uint8 [n, C] that it makes of them, with their residuals.
 

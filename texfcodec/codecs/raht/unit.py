@@ -1,10 +1,18 @@
 """RAHT as a codec of the registry (codec_id 0, spec clauses 5.7.1 and 7)."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from ...errors import StreamError
 from ..codec import PlaneCodec
 from .syntax import CODEWORD, FILTER, RAHT
+
+if TYPE_CHECKING:
+    from ...support.voxels import VoxelSupport
 
 TRANSFORM_NONE, TRANSFORM_BT709 = 0, 1
 
@@ -20,7 +28,7 @@ class Raht(PlaneCodec):
     kernels = ("codecs/raht/coefficients/mixed.py",)  # of the usual efforts
     small = ({"resolution": 64, "qp": 20}, {"resolution": 16, "max_error": 0}, {"resolution": 16, "effort": "fast"})
 
-    def enc(self, plane, support, options):
+    def enc(self, plane: np.ndarray, support: VoxelSupport, options: Any) -> tuple[dict, np.ndarray]:
         """See PlaneCodec.enc; where options.max_error is set, no rounded value is further off."""
         from .choice import code_plane
         from .values import raht_values
@@ -29,7 +37,7 @@ class Raht(PlaneCodec):
         coded, decoded = code_plane(plane, support, colour, options)
         return raht_values(coded, colour), decoded
 
-    def dec(self, values, support, levels, threads):
+    def dec(self, values: dict, support: VoxelSupport, levels: int, threads: int) -> np.ndarray:
         """See PlaneCodec.dec."""
         from .codec import dec_attributes
         from .transform.colour import inverse_colour, inverse_plain
@@ -43,7 +51,7 @@ class Raht(PlaneCodec):
         stop = max(0, support.depth - levels)
         return dec_attributes(support.keys, support.depth, coded, data, spans, stop, threads, inverse)
 
-    def check(self, values):
+    def check(self, values: dict) -> None:
         """Relations of clauses 5.7.1 to 5.7.3."""
         if any(f["filter_mask"] >> 5 * values["NumComponents"] for f in values["filters"]):
             raise StreamError("TXF-S04", "filter_mask is out of range", clause="5.7.3", offset=values["offset"],
@@ -61,12 +69,12 @@ class Raht(PlaneCodec):
             raise StreamError("TXF-S10", "the codeword lengths do not add up to the data", clause="5.7.2", value=total,
                               allowed=len(values["codeword_data"]))
 
-    def describe(self, values):
+    def describe(self, values: dict) -> dict:
         """QPs, bytes of the codewords, and bytes by octree level where the unit has a level index."""
         return {"qp": values["qp"], "codeword_bytes": [c["codeword_length"] for c in values["codewords"]],
                 "slice_level": values["slice_level"], "level_bytes": _level_bytes(values)}
 
-    def info_lines(self, group):
+    def info_lines(self, group: dict) -> Iterator[str]:
         """As Codec.info_lines."""
         yield (f"field {group['field_index']}, group {group['group_index']} ({group['semantic']}): {group['bytes']} bytes, "
                f"qp {group['qp']}, {len(group['codeword_bytes'])} codewords")

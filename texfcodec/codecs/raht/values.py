@@ -9,7 +9,7 @@ from .unit import TRANSFORM_BT709, TRANSFORM_NONE
 LEVEL_INDEX_BYTES = 4096  # smaller attribute units do without their per-level byte counts
 
 
-def raht_values(coded, colour):
+def raht_values(coded: CodedAttributes, colour: bool) -> dict:
     """Syntax values of raht_parameters (spec 5.7.1) for CodedAttributes; colour: whether the BT.709 transform was used."""
     lengths = [len(c) for c in coded.codewords]
     return {
@@ -24,7 +24,7 @@ def raht_values(coded, colour):
     }
 
 
-def coded_of(values):
+def coded_of(values: dict) -> tuple[CodedAttributes, list[tuple[int, int]]]:
     """(CodedAttributes without its codewords, their (begin, end) in codeword_data) of an attribute unit's syntax values."""
     components = len(values["qp"])
     filters = [stage_of(f["filter_mask"], f["filter_coefficients"], components) for f in values["filters"]]

@@ -35,13 +35,13 @@ Scratch = namedtuple("Scratch", "tree q predicted shift flags sums values f halv
                                 "spread")
 
 
-def new_scratch(components):
+def new_scratch(components: int) -> Scratch:
     """Scratch of a walk."""
     whole = [(15,), (SPLITS, components), (8, components), (components,), (2,), (6,), (15, components), (FEATURES,), (15,),
              (SPLITS, components), (SPLITS, components)]
     real = [(8, components), (SPLITS, components), (15,)]
-    return Scratch(*(np.zeros(shape, np.int64) for shape in whole), new_around(), new_chosen(),
-                   *(np.zeros(shape) for shape in real))
+    return Scratch._make([*(np.zeros(shape, np.int64) for shape in whole), new_around(), new_chosen(),
+                          *(np.zeros(shape) for shape in real)])
 
 
 @kernel

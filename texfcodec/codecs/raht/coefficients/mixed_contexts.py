@@ -4,7 +4,7 @@ import numpy as np
 
 from ....ground.kernel import kernel
 from ..entropy.contexts import CLASSES, LEVELS, UNARY, _class
-from ..entropy.mixing import new_model
+from ..entropy.mixing import Model, new_model
 
 FINE = 12
 FINE_BOUNDS = (1, 2, 4, 6, 8, 12, 16, 24, 36, 56, 96)
@@ -32,7 +32,7 @@ CONTEXTS = int(_BASES[-1])
 WEIGHT_SETS, REFINEMENT_SETS = 224, 139
 
 
-def new_mixed_model():
+def new_mixed_model() -> Model:
     """Model of a codeword in its initial state."""
     return new_model(CONTEXTS, WEIGHT_SETS, REFINEMENT_SETS)
 

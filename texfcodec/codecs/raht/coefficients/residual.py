@@ -4,7 +4,7 @@ One walk for encoder and decoder. The components of a voxel come in the order of
 """
 
 from collections import namedtuple
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -12,8 +12,8 @@ import numpy as np
 
 from ....ground.kernel import kernel
 from ..entropy.contexts import _dec_escape, _enc_escape
-from ..entropy.mixing import _mixed_bit, new_chosen, new_model
-from ..transform.octree import CELLS, CENTRE, Nodes, _cells
+from ..entropy.mixing import Model, _mixed_bit, new_chosen, new_model
+from ..transform.octree import CELLS, CENTRE, Level, Nodes, _cells
 from .mixed_contexts import FINE, _fine
 
 BITS = 16  # of a magnitude that are coded with contexts, the first tells whether it is zero
@@ -45,12 +45,12 @@ class ResidualPlan:
     inverse: Callable = field(repr=False)
 
 
-def component_order(components):
+def component_order(components: int) -> np.ndarray:
     """Components of a voxel in the order of their coding: green first, which says most about the others."""
     return np.array([1, 0, 2] if components == 3 else range(components), np.int64)
 
 
-def new_residual_model():
+def new_residual_model() -> Model:
     """Model of a slice's residuals in its initial state."""
     return new_model(CONTEXTS, WEIGHT_SETS, REFINEMENT_SETS)
 
@@ -197,7 +197,7 @@ def _cross_sums(begin, stop, table, first_child, occupancy, x, original, none, o
                 products[c] += surprise * lead
 
 
-def fit_cross(level, table, x, original, ranges, run):
+def fit_cross(level: Level, table: np.ndarray, x: np.ndarray, original: np.ndarray, ranges: list, run: Callable) -> list[int]:
     """residual_cross by least squares over the field, [C]. level, table: of the voxels' parents; ranges: of parents, by slice."""
     order, none = component_order(x.shape[1]), np.zeros(x.shape, np.int16)
     products = np.zeros((len(ranges), x.shape[1]), np.int64)
@@ -210,7 +210,8 @@ def fit_cross(level, table, x, original, ranges, run):
     return cross
 
 
-def code_residuals(coders, level, table, ranges, x, delta, cross, original, run):
+def code_residuals(coders: Sequence[Callable], level: Level, table: np.ndarray, ranges: list, x: np.ndarray, delta: int,
+                   cross: Sequence[int], original: np.ndarray, run: Callable) -> np.ndarray:
     """Codes or decodes the residuals of all slices: the values uint8 [N, C]. coders: for each slice a function of (walk, number
     of residuals), which calls walk(encoding, Coder, model); original: what is coded, x again where it is decoded."""
     nodes = Nodes(level.first_child, level.occupancy, level.weight, table)

@@ -42,7 +42,7 @@ SQUASH = _squash_table()  # probability in 2**-16 of x = index - LIMIT
 STRETCH = (np.searchsorted(SQUASH, 16 * np.arange(4096) + 8).clip(0, 2 * LIMIT) - LIMIT).astype(np.int16)
 
 
-def new_model(contexts, weight_sets, refinement_sets):
+def new_model(contexts: int, weight_sets: int, refinement_sets: int) -> Model:
     """Model in its initial state."""
     weights = np.full((weight_sets, MAX_MODELS + 1), FIRST_WEIGHT, np.int64)
     weights[:, MAX_MODELS] = 0
@@ -50,12 +50,12 @@ def new_model(contexts, weight_sets, refinement_sets):
     return Model(new_contexts(contexts), weights, np.zeros(weight_sets, np.int64), np.tile(points, (refinement_sets, 1)))
 
 
-def new_chosen():
+def new_chosen() -> Chosen:
     """Chosen without meaning yet."""
     return Chosen(np.zeros(MAX_MODELS, np.int64), np.zeros(3, np.int64), np.zeros(MAX_MODELS, np.int64))
 
 
-def copy_model(model):
+def copy_model(model: Model) -> Model:
     """An independent copy."""
     return Model(*(a.copy() for a in model))
 

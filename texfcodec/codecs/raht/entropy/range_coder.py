@@ -24,7 +24,7 @@ START_BYTES = 4
 Coder = namedtuple("Coder", "state buffer end")
 
 
-def new_contexts(count):
+def new_contexts(count: int) -> np.ndarray:
     """Context table in its initial state (spec 7.6.1): int32 [count, 3]."""
     contexts = np.zeros((count, 3), np.int32)
     contexts[:, :2] = 1 << (PROBABILITY_BITS - 1)
@@ -49,7 +49,7 @@ def _adapt(contexts, ctx, bit, fast_shift):
     contexts[ctx, 2] = min(seen + 1, MOST_SEEN)
 
 
-def new_encoder():
+def new_encoder() -> np.ndarray:
     """State of a fresh encoder."""
     state = np.zeros(6, np.int64)
     state[RANGE] = 0xFFFFFFFF
@@ -151,7 +151,7 @@ def _finish(state, out):
         _shift_low(state, out)
 
 
-def finish(state, out):
+def finish(state: np.ndarray, out: np.ndarray) -> bytes:
     """Ends a codeword. Returns its bytes in out without trailing zeros (the decoder reads zeros past the end)."""
     _finish(state, out)
     if state[FULL]:
@@ -159,7 +159,7 @@ def finish(state, out):
     return out[: int(state[POS])].tobytes().rstrip(b"\0")
 
 
-def new_decoder(data, begin, end):
+def new_decoder(data: np.ndarray, begin: int, end: int) -> np.ndarray:
     """State of a decoder for the codeword data[begin:end] (uint8): the first four bytes are in CODE already."""
     state = np.zeros(6, np.int64)
     head = bytes(data[begin : min(end, begin + START_BYTES)]).ljust(START_BYTES, b"\0")

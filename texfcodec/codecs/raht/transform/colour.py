@@ -9,7 +9,7 @@ CR_TO_R, CB_TO_G, CR_TO_G, CB_TO_B = 103206, 12276, 30679, 121608
 _FORWARD = ((0.2126, 0.7152, 0.0722), (-0.2126 / 1.8556, -0.7152 / 1.8556, 0.5), (0.5, -0.7152 / 1.5748, -0.0722 / 1.5748))
 
 
-def forward_colour(rgb):
+def forward_colour(rgb: np.ndarray) -> np.ndarray:
     """Encoder's side. rgb: [N, 3] in 0..255. Returns int32 [N, 3] Y, Cb, Cr with 12 fractional bits.
 
     Element by element, not as a matrix product: no linear-algebra library may decide the last bit of a stream.
@@ -21,7 +21,7 @@ def forward_colour(rgb):
     return out
 
 
-def inverse_colour(means):
+def inverse_colour(means: np.ndarray) -> np.ndarray:
     """Decoder's side (spec 7.8.2). means: int32 [N, 3], 12 fractional bits. Returns uint8 [N, 3] RGB."""
     y = means[:, 0].astype(np.int64) << 16
     cb, cr = means[:, 1].astype(np.int64), means[:, 2].astype(np.int64)
@@ -33,11 +33,11 @@ def inverse_colour(means):
     return rgb
 
 
-def forward_plain(values):
+def forward_plain(values: np.ndarray) -> np.ndarray:
     """TRANSFORM_NONE, encoder's side: [N, C] in 0..255 to int32 with 12 fractional bits."""
     return np.asarray(values).astype(np.int32) << VALUE_FRACTION
 
 
-def inverse_plain(means):
+def inverse_plain(means: np.ndarray) -> np.ndarray:
     """TRANSFORM_NONE, decoder's side: int32 [N, C] to uint8."""
     return np.clip((means + (1 << (VALUE_FRACTION - 1))) >> VALUE_FRACTION, 0, 255).astype(np.uint8)

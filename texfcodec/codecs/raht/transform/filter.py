@@ -4,6 +4,7 @@ A voxel is moved towards the sums of its neighbours' differences across faces, e
 how rough its surroundings are. The encoder takes those that bring the field nearest to the original, by least squares.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from ....ground.kernel import kernel
 from ..coefficients.mixed_contexts import _sixteenths
-from .octree import CELLS, CENTRE, _cells
+from .octree import CELLS, CENTRE, Level, _cells
 from .quantise import MAX_MEAN
 
 CLASSES = 5
@@ -34,14 +35,14 @@ class FilterStage:
     coefficients: np.ndarray = field(repr=False)
 
 
-def stage_of(mask, taps, components):
+def stage_of(mask: int, taps: Sequence[int], components: int) -> FilterStage:
     """FilterStage from the syntax elements of clause 5.7.3."""
     flat = np.zeros((CLASSES * components, RINGS), np.int64)
     flat[[i for i in range(CLASSES * components) if mask >> i & 1]] = np.reshape(taps, (-1, RINGS))
     return FilterStage(mask, flat.reshape(CLASSES, components, RINGS))
 
 
-def taps_of(stage):
+def taps_of(stage: FilterStage) -> list[int]:
     """The coefficients of a stage as they stand in the stream."""
     flat = stage.coefficients.reshape(-1, RINGS)
     return [int(v) for i in range(len(flat)) if stage.mask >> i & 1 for v in flat[i]]
@@ -122,7 +123,8 @@ def _chunks(parents):
     return [(b, min(b + CHUNK, parents)) for b in range(0, parents, CHUNK)]
 
 
-def apply_stage(stage, level, table, mean, step, run):
+def apply_stage(stage: FilterStage, level: Level, table: np.ndarray, mean: np.ndarray, step: int,
+                run: Callable) -> np.ndarray:
     """One stage over all voxels: int32 [N, C]. level, table: of their parents; run: function that runs a list of jobs."""
     filtered = np.empty_like(mean)
     run([partial(_filter, b, e, table, level.first_child, level.occupancy, mean, (1 << 32) // step, stage.coefficients, filtered)
@@ -146,7 +148,8 @@ def _solve(products, targets):
     return x
 
 
-def fit_stage(level, table, mean, original, steps, lagrangian, run):
+def fit_stage(level: Level, table: np.ndarray, mean: np.ndarray, original: np.ndarray, steps: np.ndarray, lagrangian: float,
+              run: Callable) -> FilterStage | None:
     """The stage that brings mean nearest to original, int32 [N, C] both; None where nothing is worth its bits. steps: int64 [C];
     lagrangian: bits per squared step."""
     components = mean.shape[1]

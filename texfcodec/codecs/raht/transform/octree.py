@@ -49,7 +49,7 @@ def _parents(keys, weight, parent_keys, first_child, occupancy, parent_weight):
     return n
 
 
-def build_octree(keys, depth):
+def build_octree(keys: np.ndarray, depth: int) -> list[Level]:
     """Levels 0..depth over ascending unique Morton keys (int64 [N], N >= 1), voxel weight 1."""
     level = Level((keys & 7).astype(np.uint8), np.ones(len(keys), np.int64))
     levels = [level]
@@ -127,7 +127,7 @@ def _neighbours(first_child, occupancy, parent_table, begin, end, table):
             child += 1
 
 
-def root_table():
+def root_table() -> np.ndarray:
     """Neighbour table of the root: int32 [1, 27], only itself."""
     table = np.full((1, NEIGHBOURS), -1, np.int32)
     table[0, 13] = 0

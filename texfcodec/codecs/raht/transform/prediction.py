@@ -29,12 +29,12 @@ Means = namedtuple("Means", "parent child")
 Around = namedtuple("Around", "weight cells cell_weight")
 
 
-def new_around():
+def new_around() -> Around:
     """Around without meaning yet."""
     return Around(*(np.zeros(n, np.int64) for n in (NEIGHBOURS, CELLS, CELLS)))
 
 
-def inverse_range(colour_range, step):
+def inverse_range(colour_range: int, step: int) -> int:
     """Factor from a colour difference to 2**28 entries of FALLOFF; 0 where the colour does not count."""
     return (1 << 32) // (colour_range * step) if colour_range else 0
 

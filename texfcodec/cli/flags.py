@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from ..codecs import codec_names, codec_of, our_codecs
+from ..codecs import our_codecs
 from ..limits import Limits
 from ..options import DEFAULT_CODEC, words_of
 
@@ -74,7 +74,7 @@ def _owner_of(name):
 
 def _default_text(option):
     if option.name == "codec":
-        purposes = "; ".join(f"{name} {codec_of(name).purpose}" for name in codec_names() if codec_of(name).purpose)
+        purposes = "; ".join(f"{codec.name} {codec.purpose}" for codec in our_codecs() if codec.chosen)
         return f" {purposes}.  [default: {option.default}]"
     if option.name == "position_bits":
         usual = {codec.name: codec.position_bits for codec in our_codecs() if codec.chosen}

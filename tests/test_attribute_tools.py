@@ -25,7 +25,6 @@ from texfcodec.api import decode
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE, UNIT_END
 from texfcodec.bitstream.units import read_units, write_unit
-from texfcodec.codecs import codec_of_unit
 from texfcodec.codecs.raht import choice, codec
 from texfcodec.codecs.raht.codec import Tools, enc_attributes
 from texfcodec.codecs.raht.entropy import mixing
@@ -36,11 +35,12 @@ from texfcodec.codecs.raht.transform.octree import NEIGHBOURS, _neighbours, buil
 from texfcodec.codecs.raht.transform.prediction import FALLOFF, _falloff, inverse_range
 from texfcodec.codecs.raht.transform.quantise import MAX_MEAN, step_of
 from texfcodec.codecs.raht.values import raht_values
+from texfcodec.decoder import _decode_plane
 from texfcodec.encoder import encode_scene
 from texfcodec.errors import StreamError, SupportError, TexfError
 from texfcodec.ground.kernel import PACKAGE, fingerprint
 from texfcodec.limits import Limits
-from texfcodec.options import EncodeOptions
+from texfcodec.options import DecodeOptions, EncodeOptions
 from texfcodec.support.morton import decode_morton, encode_morton
 from texfcodec.support.voxels import VoxelSupport
 
@@ -252,7 +252,8 @@ def source(models, filters, resolution=17, max_error=None, slices=False):
     qp = 4 if max_error is None else None
     options = EncodeOptions(resolution=resolution, qp=qp, max_error=max_error, effort="fast", partition="off")
     cut = patch.multiple(codec, WHOLE_VOXELS=whole, SLICE_VOXELS=60, SLICE_NODES=4)
-    with cut, patch.dict(choice.EFFORTS, fast=Tools(colour_range=255, models=models)):
+    tools = patch.dict(choice.EFFORTS, fast=Tools(colour_range=255, models=models))
+    with cut, tools, patch("texfcodec.encoder.codec_for", lambda plane, asked: asked):
         data = encode_scene(crossing_sheets(), options).data
     stream, keys = read_stream(data, Limits()), decode(data).fields[0].keys.tolist()
     for unit in stream.attributes:
@@ -321,7 +322,7 @@ def ending(data, keys):
     """"decoded" or the code of the refusal. The voxels are given, so that their kernels need not be compiled."""
     try:
         for unit in read_stream(data, Limits()).attributes:
-            plane = codec_of_unit(unit).dec(unit, VoxelSupport(1 << unit["Depth"], keys), 0, 1)
+            plane = _decode_plane(unit, VoxelSupport(1 << unit["Depth"], keys), DecodeOptions(threads=1))
             assert plane.shape == (len(keys), len(unit["qp"])) and zlib.crc32(plane) == unit["values_crc"]
     except TexfError as error:
         assert isinstance(error, (StreamError, SupportError)) and str(error)

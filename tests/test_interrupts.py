@@ -83,7 +83,7 @@ print(seen, *many)
 """
     run = subprocess.run([sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, check=True, timeout=600)
     seen, *many = run.stdout.split()
-    assert int(seen) > 60 and set(many) <= {"_grown"}, many  # only another kernel calls that
+    assert int(seen) > 40 and set(many) <= {"_grown"}, many  # only another kernel calls that
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="this system has no kill() of one's own process")

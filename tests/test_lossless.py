@@ -2,6 +2,7 @@
 
 import json
 from itertools import pairwise
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -93,7 +94,8 @@ def test_lossless_gives_back_every_rounded_colour_and_alpha(effort):
 
 def test_lossless_keeps_a_single_voxel():
     prepared, code = prepared_scene(shapes.painted_sphere(), resolution=1)
-    data = code(0)
+    with patch("texfcodec.encoder.codec_for", lambda plane, asked: asked):
+        data = code(0)
     assert read_stream(data, Limits()).attributes[0]["residual"] == 0
     assert (colours(data) == sources(prepared)).all()
 

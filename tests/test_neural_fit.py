@@ -200,8 +200,12 @@ def test_alpha_is_an_output_like_the_others(components):
 
 
 def encoded(scene, **settings):
-    made = encode_scene(scene, EncodeOptions(codec="3dntc", threads=1, **{"resolution": 64, "steps": 60, **settings}))
+    made = fitted(scene, **settings)
     return made.data, made.choices
+
+
+def fitted(scene, **settings):
+    return encode_scene(scene, EncodeOptions(codec="3dntc", threads=1, **{"resolution": 64, "steps": 60, **settings}))
 
 
 @pytest.mark.parametrize("budget", [20_000, 40_000, 100_000])
@@ -226,16 +230,16 @@ def test_points_have_the_papers_sizes():
 def test_more_steps_come_closer(sample_scene):
     closer = []
     for steps in (30, 300):
-        data, facts = encoded(sample_scene, steps=steps, resident_bytes=120_000)
-        closer.append(measure(sample_scene, decode(data), 20_000, face_field=facts["scene_face_field"])["rgb"])
+        made = fitted(sample_scene, steps=steps, resident_bytes=120_000)
+        closer.append(measure(sample_scene, decode(made.data), 20_000, face_field=made.face_field)["rgb"])
     assert closer[1] > closer[0] + 1
 
 
 @pytest.mark.parametrize("settings", [{"latent_index": "hash", "point": "mpeg1"}, {"transport": True, "resident_bytes": 60_000}])
 def test_other_forms_decode_to_what_the_encoder_promised(settings):
     scene = small_scene()
-    data, facts = encoded(scene, steps=10, **settings)
-    texf = decode(data)
+    made = fitted(scene, steps=10, **settings)
+    texf = decode(made.data)
     import hashlib
 
     total = hashlib.sha256()
@@ -243,7 +247,7 @@ def test_other_forms_decode_to_what_the_encoder_promised(settings):
         for channels in (slice(0, 3), slice(3, 4)):
             total.update(np.ascontiguousarray(field.keys, "<i8"))
             total.update(np.ascontiguousarray(field.rgba[:, channels]))
-    assert texf.has_alpha and total.hexdigest() == facts["reconstruction_sha256"]
+    assert texf.has_alpha and total.hexdigest() == made.reconstruction_sha256
 
 
 def test_the_transport_form_is_smaller_and_means_the_same(sample_scene):

@@ -137,7 +137,7 @@ import json, pickle, sys
 import numpy as np
 sys.path.insert(0, "tests")
 from test_neural_stream import ONE_THREAD, outcome, stream
-from texfcodec.codecs.raht.range_coder import new_contexts, new_decoder
+from texfcodec.codecs.raht.entropy.range_coder import new_contexts, new_decoder
 from texfcodec.codecs.neural.transport import _dec_codes
 
 try:

@@ -19,6 +19,7 @@ from texfcodec.cli import render as render_command
 from texfcodec.encoder import encode_scene
 from texfcodec.errors import InputError
 from texfcodec.geometry.canonical import CanonicalCube
+from texfcodec.geometry.unit import GeometryUnit
 from texfcodec.options import EncodeOptions
 from texfcodec.render.camera import (
     VIEWS,
@@ -36,7 +37,8 @@ from texfcodec.render.levels import Pyramid
 from texfcodec.render.raster import rasterise
 from texfcodec.render.shade import box_down, render_scene, render_texf, shade_field, shade_source
 from texfcodec.support.query import query_field
-from texfcodec.texf import Field, GeometryUnit, Texf
+from texfcodec.support.voxels import VoxelSupport
+from texfcodec.texf import Field, Texf
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 RED, GREEN, BLUE = (1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 1, 1)
@@ -478,7 +480,7 @@ def test_double_sided_materials_are_seen_from_behind():
 
 def test_a_view_without_anything_is_background():
     empty = scene_of(np.zeros((0, 3)), np.zeros((0, 3)))
-    bare = Texf(CanonicalCube((0.0, 0.0, 0.0), 0.0, 14), [], [], [])
+    bare = Texf(cube=CanonicalCube((0.0, 0.0, 0.0), 0.0, 14), units=[], fields=[], materials=[])
     camera = orthographic((0, 0, 1), (50, 50, 50), 0.0, (8, 6))
     scene = stack([RED], [0])
     for picture in (render_scene(empty, camera), render_texf(bare, camera), render_scene(scene, camera)):
@@ -507,7 +509,7 @@ def test_levels_are_the_means_of_their_voxels(sphere_texf):
         level, expected = pyramid.level(number), naive.levels(part.keys.tolist(), part.rgba.tolist(), number)
         assert level.keys.tolist() == sorted(expected) and level.size == 64 >> number
         assert np.allclose(level.values, [expected[k] for k in sorted(expected)], atol=1e-3)
-    odd = Pyramid(Field(5, 0, np.array([0, 7, 448]), np.full((3, 4), 9, np.uint8)))
+    odd = Pyramid(Field(VoxelSupport(5, np.array([0, 7, 448])), {"base_colour": np.full((3, 3), 9, np.uint8)}))
     assert [odd.level(i).size for i in range(4)] == [5, 3, 2, 1] and odd.last == 3
 
 
@@ -537,11 +539,11 @@ def checkered(resolution=256):
     keys = encode_morton(xyz)
     order = np.argsort(keys)
     grey = np.where((xyz[:, 0] // 2 + xyz[:, 1] // 2) % 2, 255, 0).astype(np.uint8)
-    rgba = np.column_stack([grey, grey, grey, np.full_like(grey, 255)])[order]
+    part = Field(VoxelSupport(resolution, keys[order]), {"base_colour": np.column_stack([grey, grey, grey])[order]})
     last = (1 << 14) - 1
     lattice = np.array([[0, 0, 0], [last, 0, 0], [last, last, 0], [0, last, 0]])
     unit = GeometryUnit(0, 0, lattice, np.array([[0, 1, 2], [0, 2, 3]]))
-    return Texf(CanonicalCube((0.0, 0.0, 0.0), 1.0, 14), [unit], [Field(resolution, 0, keys[order], rgba)], [Material()])
+    return Texf(cube=CanonicalCube((0.0, 0.0, 0.0), 1.0, 14), units=[unit], fields=[part], materials=[Material()])
 
 
 @pytest.mark.parametrize("size", [100, 60, 37, 20])

@@ -17,7 +17,7 @@ def main(folder: str | PathLike = "out") -> None:
     from rich.console import Console
 
     from .asset.sample_asset import write_sample
-    from .warmup import kernels_compiled
+    from .warmup import FIRST_RUN, kernels_compiled
 
     begin, console, folder = time.perf_counter(), Console(), Path(folder)
     folder.mkdir(exist_ok=True)
@@ -25,7 +25,7 @@ def main(folder: str | PathLike = "out") -> None:
     write_sample(source)
     console.print(f"{source}: {source.stat().st_size:,} bytes, made by code")
     if not kernels_compiled():
-        console.print("first run: compiling kernels, about 30 s, once")
+        console.print(FIRST_RUN)
     rows = []
     for name, point in POINTS.items():
         with console.status(f"{name}: encoding and decoding"):

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 ENTRIES = ("support/voxelise.py", *codec_of(DEFAULT_CODEC).kernels)  # every usual encode and decode enters kernels of these
 
+FIRST_RUN = "first run: compiling kernels, 10 to 20 s, once"
+
 
 def kernels_compiled() -> bool:
     """Whether the cache holds kernels of every file of ENTRIES as it stands, for this interpreter."""

@@ -40,7 +40,7 @@ def dec(console, source, out, overwrite, appearance, texture_size, atlas, as_jso
     """
     from ..api import decode
     from ..asset.save.files import SUFFIXES
-    from ..warmup import kernels_compiled
+    from ..warmup import FIRST_RUN, kernels_compiled
     from .console import check_output
 
     if out == "-":
@@ -52,7 +52,7 @@ def dec(console, source, out, overwrite, appearance, texture_size, atlas, as_jso
     check_output(out, [source])
     data = read_stream_file(source, limits)
     if not kernels_compiled():
-        console.note("first run: compiling kernels, about 30 s, once")
+        console.note(FIRST_RUN)
     with console.progress() as report:
         texf = decode(data, options, report)
         with report.stage("save"):

@@ -122,10 +122,10 @@ def _check_output(out, source):
 
 
 def _say_if_compiling(console):
-    from ..warmup import kernels_compiled
+    from ..warmup import FIRST_RUN, kernels_compiled
 
     if not kernels_compiled():
-        console.note("first run: compiling kernels, about 30 s, once")
+        console.note(FIRST_RUN)
 
 
 def _load(source, options, report):

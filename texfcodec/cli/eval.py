@@ -36,13 +36,13 @@ def evaluate(console, source, other, views, size, ssim, weights, no_3d, threads,
     interrupted.
     """
     from ..options import DecodeOptions
-    from ..warmup import kernels_compiled
+    from ..warmup import FIRST_RUN, kernels_compiled
 
     options = DecodeOptions(threads=threads)
     check_stdin_once(source, other)
     lpips = _load_lpips(weights)
     if not kernels_compiled():
-        console.note("first run: compiling kernels, about 30 s, once")
+        console.note(FIRST_RUN)
     with console.progress() as report:
         with report.stage("load"):
             scene = _named(load_mesh(source), source, report)

@@ -86,7 +86,7 @@ def render(console, source, out, compare, as_json, quiet, **choices):
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 over a limit, 130
     interrupted.
     """
-    from ..warmup import kernels_compiled
+    from ..warmup import FIRST_RUN, kernels_compiled
 
     check_stdin_once(source, compare)
     if out == "-":
@@ -97,7 +97,7 @@ def render(console, source, out, compare, as_json, quiet, **choices):
     check_output(out, inputs)
     choices["threads"] = choices["threads"] or default_threads()
     if not kernels_compiled():
-        console.note("first run: compiling kernels, about 30 s, once")
+        console.note(FIRST_RUN)
     from ..render.thumbnail import to_png
 
     with console.progress() as report:

@@ -24,7 +24,7 @@ PEAK_BYTES, PEAK_4096_BYTES = 600e6, 4 * 2**30
 PICTURES = """
 import statistics, sys, time
 from texfcodec import EncodeOptions, Report, decode
-from texfcodec.asset.load import load
+from texfcodec.asset.load.files import load
 from texfcodec.encoder import encode_scene
 from texfcodec.options import DecodeOptions, default_threads
 from texfcodec.render.camera import bounding_sphere, fibonacci_direction, orthographic

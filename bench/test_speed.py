@@ -11,13 +11,14 @@ from surface import torus
 from texfcodec.api import decode
 from texfcodec.asset.sample import pack_source
 from texfcodec.codecs.raht.codec import dec_attributes, enc_attributes
-from texfcodec.codecs.raht.layout import octree_depth
 from texfcodec.codecs.raht.transform.colour import forward_colour, inverse_colour
 from texfcodec.codecs.raht.transform.octree import build_octree
 from texfcodec.codecs.raht.transform.prediction import DEFAULT_KERNEL
-from texfcodec.encoder import encode_scene, make_surface
+from texfcodec.encoder import encode_scene
+from texfcodec.geometry.surface import make_surface
 from texfcodec.options import EncodeOptions
 from texfcodec.support.grid import build_brick_map
+from texfcodec.support.layout import octree_depth
 from texfcodec.support.morton import decode_morton
 from texfcodec.support.query import query_field
 from texfcodec.support.transfer import transfer
@@ -100,7 +101,7 @@ def test_query(benchmark, field):
 
 
 def test_encode(benchmark, field):
-    data, _ = timed(benchmark, len(field["keys"]), lambda: encode_scene(field["scene"], OPTIONS))
+    data = timed(benchmark, len(field["keys"]), lambda: encode_scene(field["scene"], OPTIONS)).data
     assert len(data) > 1000
 
 

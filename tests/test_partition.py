@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from shapes import scene_of
 
-from texfcodec.api import decode
+from texfcodec.api import decode, encode
 from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, Material
 from texfcodec.asset.srgb import linear_to_srgb
 from texfcodec.encoder import encode_scene
@@ -184,3 +184,12 @@ def test_coincident_layers_that_differ_in_colour_get_fields_of_their_own(count):
     rgba = np.column_stack([np.repeat(greys, 4)] * 3 + [np.ones(4 * count)])
     texf = decode(encode_scene(scene_of(positions, faces, rgba), EncodeOptions(resolution=64, qp=10, effort="fast")).data)
     assert sorted(int(f.rgba[:, 0].mean().round()) for f in texf.fields) == np.rint(linear_to_srgb(greys) * 255).tolist()
+
+
+def test_the_api_refuses_losses_as_the_command_line_does():
+    scene = scene_of(*sheets([0.5]))
+    scene.dropped = ["NORMAL"]
+    assert encode(scene, EncodeOptions(resolution=16, qp=30))
+    with pytest.raises(InputError) as caught:
+        encode(scene, EncodeOptions(resolution=16, qp=30, strict=True))
+    assert caught.value.code == "TXF-I52" and caught.value.details["dropped"] == ["NORMAL"]

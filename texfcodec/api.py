@@ -38,7 +38,15 @@ def encode_to_result(mesh_or_path: object, options: EncodeOptions | None = None,
         scene = load(mesh_or_path, strict=options.strict)
     report.warnings += scene.warnings
     report.dropped += scene.dropped
+    refuse_losses(options, report)
     return encode_loaded(scene, options, report)
+
+
+def refuse_losses(options: EncodeOptions, report: Report) -> None:
+    """Raises InputError TXF-I52 where options are strict and a warning or a dropped property was reported."""
+    if options.strict and (report.warnings or report.dropped):
+        raise InputError("TXF-I52", "something would be lost, and strict forbids it", warnings=report.warnings or None,
+                         dropped=report.dropped or None)
 
 
 def encode_loaded(scene: Scene, options: EncodeOptions, report: Report) -> Encoded:
@@ -54,6 +62,7 @@ def encode_loaded(scene: Scene, options: EncodeOptions, report: Report) -> Encod
     if options.measure and made.psnr_3d is None:
         with report.stage("measure"):
             made.psnr_3d = measure(scene, made, options.threads)
+    refuse_losses(options, report)
     return made
 
 

@@ -182,5 +182,5 @@ def _tell_of_mixed_alpha(fields, options, report):
            if fields == MAX_FIELDS else "parting them would cost more colour than it brings")
     sentence = f"surfaces of different alpha share voxels and stay in one field, so their alpha is mixed: {why}"
     if options.strict:
-        raise InputError("TXF-I52", "something would be lost, and --strict forbids it", warnings=[*report.warnings, sentence])
+        raise InputError("TXF-I52", "something would be lost, and strict forbids it", warnings=[*report.warnings, sentence])
     report.warnings.append(sentence)

@@ -129,18 +129,14 @@ def _say_if_compiling(console):
 
 
 def _load(source, options, report):
+    from ..api import refuse_losses
+
     with report.stage("load"):
         scene = load_mesh(source, options.strict)
     report.warnings += scene.warnings
     report.dropped += scene.dropped
-    _refuse_losses(options, report)
+    refuse_losses(options, report)
     return scene
-
-
-def _refuse_losses(options, report):
-    if options.strict and (report.warnings or report.dropped):
-        raise InputError("TXF-I52", "something would be lost, and --strict forbids it", warnings=report.warnings or None,
-                         dropped=report.dropped or None)
 
 
 def _encode(scene, options, report, out):
@@ -148,7 +144,6 @@ def _encode(scene, options, report, out):
     from ..api import encode_loaded
 
     made = encode_loaded(scene, options, report)
-    _refuse_losses(options, report)
     write_output(out, made.data, scene.files)
     psnr = made.psnr_3d
     facts = {"bytes": made.sizes, **_sizes(scene, len(made.data)), "resolution": made.resolution, "qp": made.qp,

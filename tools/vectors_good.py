@@ -14,13 +14,13 @@ from texfcodec.bitstream.syntax import SIGNATURE, UNIT_END, UNIT_METADATA
 from texfcodec.bitstream.units import read_units, write_unit
 from texfcodec.codecs.raht import codec
 from texfcodec.codecs.raht.coefficients.residual import ResidualPlan
+from texfcodec.codecs.raht.syntax import TRANSFORM_BT709
 from texfcodec.codecs.raht.transform.colour import (
     forward_colour,
     forward_plain,
     inverse_colour,
     inverse_plain,
 )
-from texfcodec.codecs.raht.unit import TRANSFORM_BT709
 from texfcodec.codecs.raht.values import coded_of, raht_values
 from texfcodec.encoder import encode_scene
 from texfcodec.support.layout import octree_depth

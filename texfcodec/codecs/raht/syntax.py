@@ -5,6 +5,8 @@ from ...ground.structure import Element as E
 from ...support.layout import octree_depth
 from .layout import codeword_count, level_count
 
+TRANSFORM_NONE, TRANSFORM_BT709 = 0, 1  # colour_transform
+
 
 def _levels_of_codeword(values, index):
     return {"NumLevels": level_count(values["Depth"], values["slice_level"], index)}

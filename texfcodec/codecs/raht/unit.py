@@ -9,12 +9,10 @@ import numpy as np
 
 from ...errors import StreamError
 from ..codec import PlaneCodec
-from .syntax import CODEWORD, FILTER, RAHT
+from .syntax import CODEWORD, FILTER, RAHT, TRANSFORM_BT709
 
 if TYPE_CHECKING:
     from ...support.voxels import VoxelSupport
-
-TRANSFORM_NONE, TRANSFORM_BT709 = 0, 1
 
 
 class Raht(PlaneCodec):

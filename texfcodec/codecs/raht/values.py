@@ -3,8 +3,8 @@
 import numpy as np
 
 from .codec import CodedAttributes
+from .syntax import TRANSFORM_BT709, TRANSFORM_NONE
 from .transform.filter import stage_of, taps_of
-from .unit import TRANSFORM_BT709, TRANSFORM_NONE
 
 LEVEL_INDEX_BYTES = 4096  # smaller attribute units do without their per-level byte counts
 

@@ -60,3 +60,17 @@ def install(tmp_path, monkeypatch):
     yield put
     monkeypatch.undo()
     forget()
+
+
+@pytest.fixture
+def call(capsys):
+    """call("texf-enc", arguments...) -> (exit code, stdout, stderr), in this process."""
+
+    def run(name, *arguments):
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            importlib.import_module(f"texfcodec.cli.{name.removeprefix('texf-')}").main([str(a) for a in arguments])
+        said = capsys.readouterr()
+        return ended.value.code, said.out, said.err
+
+    return run

@@ -55,20 +55,6 @@ def stream(mesh):
     return encode(mesh, EncodeOptions(resolution=32, qp=24))
 
 
-@pytest.fixture
-def call(capsys):
-    """call("texf-enc", arguments...) -> (exit code, stdout, stderr), in this process."""
-
-    def run(name, *arguments):
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            COMMANDS[name]([str(a) for a in arguments])
-        said = capsys.readouterr()
-        return ended.value.code, said.out, said.err
-
-    return run
-
-
 def process(*arguments, **settings):
     """A command line in a process of its own, as users start it."""
     name, *rest = [str(a) for a in arguments]

@@ -15,27 +15,11 @@ from PIL import Image
 from texfcodec import EncodeOptions, InputError, decode, encode, inspect
 from texfcodec.asset.load.files import load
 from texfcodec.asset.sample_asset import make_sample
-from texfcodec.cli import console, dec, enc, eval, info, progress, render
+from texfcodec.cli import console, progress
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-COMMANDS = {"texf-enc": enc.main, "texf-dec": dec.main, "texf-info": info.main, "texf-render": render.main,
-            "texf-eval": eval.main}
 SMALL = ("--resolution", "32", "--qp", "24")
 OBJ = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n"
-
-
-@pytest.fixture
-def call(capsys):
-    """call("texf-enc", arguments...) -> (exit code, stdout, stderr), in this process."""
-
-    def run(name, *arguments):
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            COMMANDS[name]([str(a) for a in arguments])
-        said = capsys.readouterr()
-        return ended.value.code, said.out, said.err
-
-    return run
 
 
 def process(name, *arguments, **settings):

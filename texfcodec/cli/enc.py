@@ -97,7 +97,7 @@ def _options(choices):
 def _check_codec(choices):
     """Flags of the codec that was not chosen are a mistake, not to be passed over."""
     name = choices.get("codec", DEFAULT_CODEC)
-    for option in strange_options(codec_of(name)) & choices.keys():
+    for option in sorted(strange_options(codec_of(name)) & choices.keys()):
         raise click.UsageError(f"{_flag(option)} has no part in --codec {name}")
     if "near_lossless" in choices and "max_error" in strange_options(codec_of(name)):
         raise click.UsageError(f"--near-lossless has no part in --codec {name}")

@@ -68,9 +68,11 @@ def encode_loaded(scene: Scene, options: EncodeOptions, report: Report) -> Encod
 
 def measure(scene: Scene, made: Encoded, threads: int = 1) -> dict:
     """3D-PSNR of a stream against the Scene it came from, in dB; see quality.measure.measure."""
+    from .decoder import decode_stream
     from .quality.measure import measure as measured
 
-    return measured(scene, decode(made.data, DecodeOptions(threads=threads)), threads=threads, face_field=made.face_field)
+    texf = decode_stream(made.data, DecodeOptions(threads=threads), Report())
+    return measured(scene, texf, threads=threads, face_field=made.face_field)
 
 
 def decode(data_or_path: bytes | bytearray | memoryview | str | PathLike, options: DecodeOptions | None = None,

@@ -71,5 +71,5 @@ $(STAMP): pyproject.toml
 
 clean:
 	@if [ "$(VENV)" = .venv ]; then rm -rf .venv; else echo "$(VENV) is yours: left alone" >&2; fi
-	rm -rf build dist out .pytest_cache .hypothesis .ruff_cache .benchmarks texfcodec.egg-info
+	rm -rf build dist out .pytest_cache .hypothesis .ruff_cache .mypy_cache .benchmarks texfcodec.egg-info
 	find texfcodec tests tools conformance bench -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true

@@ -1,4 +1,4 @@
-"""The neutral in-memory form of a textured mesh: what load.py makes and the encoder takes."""
+"""The neutral in-memory form of a textured mesh: what load/ makes and the encoder takes."""
 
 from dataclasses import dataclass, field
 

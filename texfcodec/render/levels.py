@@ -28,7 +28,7 @@ class Level:
     brick_map: BrickMap
 
     def query(self, points: np.ndarray) -> np.ndarray:
-        """float32 [M, 4] at grid coordinates of the field, float64 [M, 3]; see field.query.query_field."""
+        """float32 [M, 4] at grid coordinates of the field, float64 [M, 3]; see support.query.query_field."""
         points = points if self.level == 0 else points / (1 << self.level)
         return query_field(points, self.size, self.keys, self.brick_map, self.values)[0]
 

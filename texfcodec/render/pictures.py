@@ -2,7 +2,7 @@
 
 Views are drawn as in the paper: perspective, 45 degrees, looking at the object's centre, azimuth and sine of elevation even,
 distance even in 1.2 to 3.0 (sides of the canonical cube). The loss of a view is mean |difference| / 255 + 1 - SSIM over the
-covered pixels; its gradient goes through SSIM (quality/ssim.py) and is exact.
+covered pixels; its gradient goes through SSIM (ground/ssim.py) and is exact.
 """
 
 import time

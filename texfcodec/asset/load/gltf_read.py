@@ -30,7 +30,7 @@ _HARMLESS_WHEN_REQUIRED = ("KHR_materials_", "KHR_lights_punctual", "KHR_xmp", "
 
 
 def read_gltf(data: bytes, folder: Path, notes: Notes) -> Scene:
-    """bytes of a .glb or .gltf file -> Scene. folder: where relative URIs start. Errors: see load.py."""
+    """bytes of a .glb or .gltf file -> Scene. folder: where relative URIs start. Errors: see files.py."""
     document = open_document(data, folder, notes)
     _check_required(document)
     colors = {}

@@ -255,7 +255,7 @@ def small_stream(fields=2):
                  {"name_length": 0, "material_name": "", "alpha_mode": 0, "alpha_cutoff": None, "material_flags": 0}]
     return Stream(
         header, materials,
-        [{"field_index": i, "resolution": 8, "area_threshold": 77, "num_voxels": 30, "voxels_crc": 1} for i in range(fields)],
+        [{"field_index": i, "resolution": 8, "area_threshold": 77, "num_keys": 30, "keys_crc": 1} for i in range(fields)],
         [{"field_index": i, "material_index": i % 2, "unit_vertices": 5, "unit_faces": 4, "draco_data": b"draco"}
          for i in range(fields)],
         [attribute(i, g, GROUPS[g]["group_components"]) for i in range(fields) for g in range(2)], b'{"a": 1}')

@@ -36,7 +36,7 @@ from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions, EncodeOptions
 from texfcodec.report import Report
 from texfcodec.support.voxelise import voxelise
-from texfcodec.support.voxels import voxels_crc
+from texfcodec.support.voxels import keys_crc
 
 SMALL = Limits(voxels=1 << 18, samples=1 << 21)  # a lying resolution may cost a tenth of a second, no more
 FAMILIES = (StreamError, LimitError, SupportError)
@@ -247,10 +247,10 @@ BIG = 1 << 40
     (both(lie("header", num_faces=BIG), lie("geometry", unit_faces=BIG)), "TXF-L03"),
     (both(lie("header", num_faces=1 << 20), lie("geometry", unit_faces=1 << 20)), "TXF-S21"),
     (both(lie("header", num_vertices=3), lie("geometry", unit_vertices=3)), "TXF-S21"),
-    (lie("fields", num_voxels=BIG), "TXF-L04"),
-    (lie("fields", num_voxels=1 << 25), "TXF-S30"),
-    (lie("fields", num_voxels=0), "TXF-S30"),
-    (lie("fields", voxels_crc=0), "TXF-S30"),
+    (lie("fields", num_keys=BIG), "TXF-L04"),
+    (lie("fields", num_keys=1 << 25), "TXF-S30"),
+    (lie("fields", num_keys=0), "TXF-S30"),
+    (lie("fields", keys_crc=0), "TXF-S30"),
     (lie("fields", area_threshold=65535), "TXF-S30"),
     (lie("fields", resolution=13), "TXF-S30"),
     (lie("header", position_bits=8), "TXF-S23"),
@@ -265,13 +265,13 @@ def test_a_count_or_parameter_that_lies_is_refused_with_its_code(change, code):
 
 
 def test_an_area_threshold_that_leaves_nothing_is_refused_even_where_it_is_told_truly():
-    empty = lie("fields", area_threshold=65535, num_voxels=0, voxels_crc=zlib.crc32(b""))
+    empty = lie("fields", area_threshold=65535, num_keys=0, keys_crc=zlib.crc32(b""))
     assert outcome(restated(empty)) == "TXF-S31"
 
 
 @pytest.mark.parametrize("limits,code", [(Limits(samples=1 << 20), "TXF-L05"), (Limits(voxels=50_000), "TXF-L04")])
 def test_a_resolution_that_lies_meets_the_limits(limits, code):
-    huge = lie("fields", resolution=8192 if code == "TXF-L05" else 256, num_voxels=1)
+    huge = lie("fields", resolution=8192 if code == "TXF-L05" else 256, num_keys=1)
 
     def change(stream):
         huge(stream)
@@ -448,4 +448,4 @@ def test_with_bounds_checked_no_damaged_stream_reads_outside_an_array(tmp_path):
 
 def test_the_checksum_of_the_voxels_is_the_one_of_their_keys():
     keys, _ = voxelise(np.array([[0, 0, 0], [255, 0, 0], [0, 255, 0]]), np.array([[0, 1, 2]]), 8, 16)
-    assert voxels_crc(keys) == zlib.crc32(b"".join(k.to_bytes(8, "little") for k in keys.tolist()))
+    assert keys_crc(keys) == zlib.crc32(b"".join(k.to_bytes(8, "little") for k in keys.tolist()))

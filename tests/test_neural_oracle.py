@@ -199,8 +199,8 @@ def carrier(scene):
 def fields_of(triangles, bits, resolution):
     """(Syntax values of the fields, keys by field): field n has n voxels a side more than the first."""
     keys = [active_voxels(own, bits, resolution + n, 2) for n, own in enumerate(triangles)]
-    values = [{"field_index": n, "resolution": resolution + n, "area_threshold": 2, "num_voxels": len(own),
-               "voxels_crc": zlib.crc32(np.array(own, "<i8"))} for n, own in enumerate(keys)]
+    values = [{"field_index": n, "resolution": resolution + n, "area_threshold": 2, "num_keys": len(own),
+               "keys_crc": zlib.crc32(np.array(own, "<i8"))} for n, own in enumerate(keys)]
     return values, keys
 
 

@@ -5,16 +5,20 @@ import zlib
 
 from .asset.scene import Material
 from .bitstream.stream import read_stream
+from .bitstream.syntax import SUPPORT_TEXELS
 from .channels import channels_of, split_values
 from .codecs import codec_of_unit
 from .errors import LimitError, StreamError
 from .geometry.canonical import CanonicalCube
-from .geometry.draco import dec_geometry
-from .geometry.unit import GeometryUnit, field_surface
+from .geometry.draco import UvCoding, dec_geometry, dec_textured
+from .geometry.unit import GeometryUnit, field_surface, field_uv
 from .options import DecodeOptions
 from .report import Report
+from .support.keyed import keys_crc
+from .support.texel_set import asked_texels, count_rows
+from .support.texels import TexelSupport
 from .support.voxelise import count_samples, voxelise
-from .support.voxels import VoxelSupport, voxels_crc
+from .support.voxels import VoxelSupport
 from .texf import Field, Texf
 
 
@@ -35,13 +39,18 @@ def decode_stream(data: bytes, options: DecodeOptions, report: Report) -> Texf:
     texf = Texf(cube=cube, units=units, fields=[], materials=[_material(m) for m in stream.materials],
                 metadata=_metadata(stream.metadata, report), channels=channels_of(header["channel_groups"]),
                 threads=options.threads, skipped=stream.skipped)
-    surfaces = [field_surface(units, i) for i in range(len(stream.fields))]
+    surfaces = [_field_surface(units, f) for f in stream.fields]
     _check_samples(surfaces, stream, cube.position_bits, options.limits)
     (_decode_jointly if stream.joint else _decode_planes)(texf, stream, surfaces, options, report)
     return texf
 
 
 def _decode_unit(values, position_bits):
+    if values["Support"] == SUPPORT_TEXELS:
+        coding = UvCoding(values["uv_bits"], values["uv_range"] or 1)
+        lattice, faces, uv = dec_textured(values["draco_data"], values["unit_vertices"], values["unit_faces"], coding, position_bits,
+                                          values["offset"])
+        return GeometryUnit(values["field_index"], values["material_index"], lattice, faces, uv + values["uv_origin"])
     lattice, faces = dec_geometry(values["draco_data"], values["unit_vertices"], values["unit_faces"], position_bits,
                                   values["offset"])
     return GeometryUnit(values["field_index"], values["material_index"], lattice, faces)
@@ -69,8 +78,11 @@ def _metadata(raw, report):
 
 
 def _check_samples(surfaces, stream, position_bits, limits):
-    """Voxelisation time grows with the samples: refuses the sum over all fields before the first is touched."""
-    total = sum(count_samples(*s, position_bits, f["resolution"]) for s, f in zip(surfaces, stream.fields, strict=True))
+    """The time to derive supports grows with samples and rows: refuses their sum over all fields before the first is touched."""
+    total = 0
+    for surface, field in zip(surfaces, stream.fields, strict=True):
+        total += count_rows(surface[2], surface[1], field["uv_fraction_bits"]) if field["support"] == SUPPORT_TEXELS else \
+            count_samples(*surface, position_bits, field["resolution"])
     if stream.joint:
         total += codec_of_unit(stream.joint).count_samples(stream.joint, surfaces, position_bits)
     if limits.samples is not None and total > limits.samples:
@@ -78,21 +90,39 @@ def _check_samples(surfaces, stream, position_bits, limits):
                          allowed=limits.samples)
 
 
+def _field_surface(units, field):
+    """(lattice, faces) of a field, and the UVs where it is over texels."""
+    surface = field_surface(units, field["field_index"])
+    return (*surface, field_uv(units, field["field_index"])) if field["support"] == SUPPORT_TEXELS else surface
+
+
 def _decode_support(surface, values, position_bits, options):
+    decode = _decode_texels if values["support"] == SUPPORT_TEXELS else _decode_voxels
+    support = decode(surface, values, position_bits, options)
+    if len(support) != values["num_keys"] or keys_crc(support.keys) != values["keys_crc"]:
+        raise StreamError("TXF-S30", "the values' places rebuilt from the geometry are not the ones that were coded",
+                          clause="6.5" if support.planar else "6.4", value=len(support), allowed=values["num_keys"])
+    if len(support) == 0:
+        raise StreamError("TXF-S31", "a field has no values", clause="5.5", value=values["field_index"])
+    return support
+
+
+def _decode_voxels(surface, values, position_bits, options):
     keys, _ = voxelise(*surface, position_bits, values["resolution"], values["area_threshold"], options.threads,
                        options.limits.voxels)
-    if len(keys) != values["num_voxels"] or voxels_crc(keys) != values["voxels_crc"]:
-        raise StreamError("TXF-S30", "the voxels rebuilt from the geometry are not the ones that were coded", clause="6.4",
-                          value=len(keys), allowed=values["num_voxels"])
-    if len(keys) == 0:
-        raise StreamError("TXF-S31", "a field has no voxels", clause="5.5", value=values["field_index"])
     return VoxelSupport(values["resolution"], keys)
+
+
+def _decode_texels(surface, values, position_bits, options):
+    size, wrap = (values["width"], values["height"]), (values["wrap_s"], values["wrap_t"])
+    keys = asked_texels(surface[2], surface[1], values["uv_fraction_bits"], size, wrap, options.limits.voxels)
+    return TexelSupport(keys=keys, width=size[0], height=size[1], wrap=wrap, fraction_bits=values["uv_fraction_bits"])
 
 
 def _decode_planes(texf, stream, surfaces, options, report):
     """Fills texf with fields of which every channel has a unit of its own."""
     for i, field in enumerate(stream.fields):
-        with report.stage("voxelise"):
+        with report.stage("texels" if field["support"] == SUPPORT_TEXELS else "voxelise"):
             support = _decode_support(surfaces[i], field, texf.position_bits, options)
         with report.stage("attributes"):
             coded = [a for a in stream.attributes if a["field_index"] == i]
@@ -115,7 +145,7 @@ def _decode_jointly(texf, stream, surfaces, options, report):
     codec = texf.codec = codec_of_unit(values)
     texf.evaluators = codec.dec(values, surfaces, texf.position_bits, texf.channels, options, report)
     for i, field in enumerate(stream.fields):
-        with report.stage("voxelise"):
+        with report.stage("texels" if field["support"] == SUPPORT_TEXELS else "voxelise"):
             support = _decode_support(surfaces[i], field, texf.position_bits, options)
         with report.stage("attributes"):
             full = texf.evaluators[i].values(support, options.threads)

@@ -14,13 +14,15 @@ from .bitstream.values import attribute_values, field_values, header_values, mat
 from .channels import CHANNELS, split_values
 from .choose.codec import codec_for
 from .choose.prepare import SourceField, active_voxels, check_voxels, transferred
+from .choose.supports import choose_supports, without_faces
+from .choose.texel_field import texel_field
 from .choose.trial import choose_fields
 from .codecs import codec_of
 from .codecs.codec import Source
 from .errors import InputError
-from .geometry.draco import counts_of, dec_geometry, enc_geometry
+from .geometry.draco import UvCoding, counts_of, dec_geometry, dec_textured, enc_geometry, enc_textured
 from .geometry.surface import Surface, make_surface
-from .geometry.unit import GeometryUnit, field_surface
+from .geometry.unit import GeometryUnit, field_surface, field_uv
 from .options import EncodeOptions
 from .refine.choice import refine_fields
 from .report import Report
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Prepared:
-    """All that does not depend on the QP. geometry: syntax values of the geometry units; source: what is coded, by channels and
+    """All that does not depend on the QP, but for what choosing supports took from it. geometry: syntax values of the geometry units; source: what is coded, by channels and
     fields; fields: SourceFields, whose planes are empty where the codec asks the source itself; choices: which partition and
     refinement, and why."""
 
@@ -49,7 +51,7 @@ class Prepared:
 @dataclass(kw_only=True, repr=False)
 class Encoded:
     """A stream and what is known of it. sizes: bytes as {"total", "geometry", "attributes", "other"}; counts: {"fields",
-    "voxels", "faces", "vertices"}; face_field: int64 [F], field of every face of the scene, -1 where it was left out; choices:
+    "voxels", "texels", "faces", "vertices"}; face_field: int64 [F], field of every face of the scene, -1 where it was left out; choices:
     every choice of the encoder by its name, with what was measured for it, JSON-ready; reconstruction_sha256: hash over keys and
     decoded values, field by field and channel by channel; psnr_3d: as quality.measure, where it was measured."""
 
@@ -79,31 +81,52 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
     """Lattice, partition, geometry, voxels and transfer; may be coded at several QPs."""
     with report.stage("lattice"):
         surface = make_surface(scene, options)
+    with report.stage("supports"):
+        plans, supports = choose_supports(scene, surface, options, report)
     with report.stage("partition"):
-        face_field, partition = choose_fields(scene, surface, options, report)
+        face_field, partition = _fields_of_faces(scene, surface, plans, options, report)
+    first = int(face_field.max(initial=-1)) + 1 - len(plans)
     with report.stage("geometry"):
-        geometry, units = _code_geometry(surface, face_field)
-    surfaces = [field_surface(units, i) for i in range(int(face_field.max(initial=-1)) + 1)]
+        geometry, units = _code_geometry(surface, face_field, dict(enumerate(plans, first)))
+    surfaces = [field_surface(units, i) for i in range(first + len(plans))]
     used = [scene.materials[m] for m in np.unique(surface.material)]
     source = Source(scene, surface, face_field, surfaces, tuple(c for c in CHANNELS if c.needed(used)))
     fields = []
-    for one in surfaces:
+    for one in surfaces[:first]:
         with report.stage("voxelise"):
             fields.append(active_voxels(*one, surface.cube.position_bits, options))
+    for number, plan in enumerate(plans, first):
+        with report.stage("texels"):
+            fields.append(texel_field(plan, field_uv(units, number), surfaces[number][1], source, options))
     check_voxels(fields, options.limits)
-    prepared = Prepared(geometry, source, fields, {"partition": partition})
+    prepared = Prepared(geometry, source, fields, {"supports": supports, "partition": partition})
     if not codec_of(options.codec).joint:
-        _fill(prepared, options, report)
+        _fill(prepared, first, options, report)
     return prepared
 
 
-def _fill(prepared, options, report):
-    """Brings the source's values into the voxels of every field."""
-    for number, part in enumerate(prepared.fields):
+def _fields_of_faces(scene, surface, plans, options, report):
+    """Field number of every face, int64 [F], and what the report says of it: voxels first, then a field for each TexelPlan."""
+    face_field, rest = np.empty(len(surface.faces), np.int64), np.ones(len(surface.faces), bool)
+    for plan in plans:
+        rest[plan.group.faces] = False
+    told, fields = {"fields": 0, "reason": "all of the surface is over texels"}, 0
+    if rest.any() or not plans:
+        face_field[rest], told = choose_fields(scene, without_faces(surface, ~rest), options, report)
+        fields = int(face_field[rest].max(initial=-1)) + 1
+    for number, plan in enumerate(plans, fields):
+        face_field[plan.group.faces] = number
+    return face_field, told
+
+
+def _fill(prepared, voxel_fields, options, report):
+    """Brings the source's values into the voxels of the first so many fields."""
+    fields = prepared.fields[:voxel_fields]
+    for number, part in enumerate(fields):
         with report.stage("transfer"):
             transferred(part, prepared.source, number, options)
     with report.stage("refine"):
-        prepared.choices["refinement"] = refine_fields(prepared.source, prepared.fields, options, report)
+        prepared.choices["refinement"] = refine_fields(prepared.source, fields, options, report)
 
 
 def code_prepared(prepared: Prepared, options: EncodeOptions, report: Report) -> Encoded:
@@ -124,7 +147,8 @@ def code_prepared(prepared: Prepared, options: EncodeOptions, report: Report) ->
         data, sizes = write_stream(stream)
     face_field = np.full(len(scene.faces), -1, np.int64)
     face_field[surface.origin_face] = source.face_field
-    counts = {"fields": len(fields), "voxels": sum(len(part.support) for part in fields),
+    texels = sum(len(part.support) for part in fields if part.support.planar)
+    counts = {"fields": len(fields), "voxels": sum(len(part.support) for part in fields) - texels, "texels": texels,
               "faces": stream.header["num_faces"], "vertices": stream.header["num_vertices"]}
     return Encoded(data=data, sizes={"total": len(data), **sizes}, counts=counts, face_field=face_field, choices=choices,
                    resolution=options.resolution, qp=options.qp, reconstruction_sha256=reconstruction.hexdigest(),
@@ -161,19 +185,41 @@ def _code_jointly(codec, stream, prepared, options, report, choices):
     return out
 
 
-def _code_geometry(surface, face_field):
-    """One Draco unit per field and material: (syntax values, decoded GeometryUnits)."""
+def _code_geometry(surface, face_field, plans):
+    """One Draco unit per field and material: (syntax values, decoded GeometryUnits). plans: TexelPlan by field number."""
     values, units = [], []
+    corner_uv = {number: plan.corner_uv() for number, plan in plans.items()}
     groups = face_field * (int(surface.material.max(initial=0)) + 1) + surface.material
     for group in np.unique(groups):
         mine = np.flatnonzero(groups == group)
-        used, local = np.unique(surface.faces[mine], return_inverse=True)
-        data = enc_geometry(surface.lattice[used], local.reshape(-1, 3), surface.cube.position_bits)
         number, material = int(face_field[mine[0]]), int(surface.material[mine[0]])
-        lattice, faces = dec_geometry(data, *counts_of(data), surface.cube.position_bits)
-        if len(faces) != len(mine):
-            raise InputError("TXF-I62", "Draco changed the number of faces", value=len(faces), allowed=len(mine))
-        values.append({"field_index": number, "material_index": material, "unit_vertices": len(lattice), "unit_faces": len(faces),
-                       "draco_data": data})
-        units.append(GeometryUnit(number, material, lattice, faces))
+        code = _code_textured if number in plans else _code_plain
+        uv = corner_uv[number][np.searchsorted(plans[number].group.faces, mine)] if number in plans else None
+        made, decoded = code(surface, mine, uv)
+        if len(decoded[1]) != len(mine):
+            raise InputError("TXF-I62", "Draco changed the number of faces", value=len(decoded[1]), allowed=len(mine))
+        values.append({"field_index": number, "material_index": material, **made})
+        units.append(GeometryUnit(number, material, *decoded))
     return values, units
+
+
+def _code_plain(surface, mine, _):
+    """Syntax values of a unit of positions, and what it decodes to: (lattice, faces)."""
+    bits = surface.cube.position_bits
+    used, local = np.unique(surface.faces[mine], return_inverse=True)
+    data = enc_geometry(surface.lattice[used], local.reshape(-1, 3), bits)
+    counts = counts_of(data)
+    return {"unit_vertices": counts[0], "unit_faces": counts[1], "draco_data": data}, dec_geometry(data, *counts, bits)
+
+
+def _code_textured(surface, mine, uv):
+    """As _code_plain with UVs int64 [F, 3, 2]: (lattice, faces, uv)."""
+    bits, origin = surface.cube.position_bits, uv.min(axis=(0, 1))
+    rows = np.column_stack([surface.faces[mine].reshape(-1), (uv - origin).reshape(-1, 2)])
+    unique, local = np.unique(rows, axis=0, return_inverse=True)
+    data, coding = enc_textured(surface.lattice[unique[:, 0]], local.reshape(-1, 3), unique[:, 1:], bits)
+    counts = counts_of(data)
+    lattice, faces, decoded = dec_textured(data, *counts, UvCoding(coding.bits, coding.range), bits)
+    values = {"unit_vertices": counts[0], "unit_faces": counts[1], "uv_origin": origin.tolist(), "uv_bits": coding.bits,
+              "uv_range": coding.range, "draco_data": data}
+    return values, (lattice, faces, decoded + origin)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 class Limits:
     """Defaults fit a desktop; 0 or None switches a limit off.
 
-    file_bytes: whole stream; vertices, faces: over all units; voxels: over all fields; samples: of voxelisation, over all fields
+    file_bytes: whole stream; vertices, faces: over all units; voxels: over all fields, asked texels with them; texels: of one image, asked or not; samples: of voxelisation and rows of texels, over all fields
     (time grows with it: about 20 million a second and core); latents: numbers of a payload that a network reads, two a byte;
     metadata_bytes;
     isolate_bytes, isolate_seconds: for --isolate.
@@ -17,6 +17,7 @@ class Limits:
     vertices: int | None = 1 << 24
     faces: int | None = 1 << 24
     voxels: int | None = 1 << 26
+    texels: int | None = 1 << 27
     samples: int | None = 1 << 31
     latents: int | None = 1 << 28
     metadata_bytes: int | None = 1 << 20

@@ -25,6 +25,7 @@ DEFAULT_RATE = "r04"
 DEFAULT_CODEC = "raht"
 EFFORTS = ("fast", "balanced", "best")
 PARTITIONS = ("auto", "off")
+SUPPORTS = ("auto", "voxels", "texels")
 REFINEMENTS = ("auto", "off", "fit", "render")
 ATLAS_METHODS = ("auto", "quality", "fast")
 APPEARANCES = ("texture", "vertex", "voxels")
@@ -130,6 +131,8 @@ class EncodeOptions:
                          "top of it (a minute); auto is a fit where it shows, never with --effort fast. 3dntc: render refines "
                          "the fit on pictures (a minute); not in auto.")
     refine_iterations: int = ranged(30, 1, 10_000)
+    support: str = choice("auto", SUPPORTS, "Where values live: voxels, the texels of the source's images, or what is smaller.")
+    texel_size: int | None = ranged(None, 1, 16384, "Texels along the longer side of an image, at most its own.", "N")
     codec: str = choice(DEFAULT_CODEC, codec_names, "How values are coded.")
     codec_options: dict = field(default_factory=dict)
     point: str | None = choice(None, POINTS, f"One of the paper's sizes, mpeg1..mpeg6 or aom1..aom5.  [default: {DEFAULT_POINT}]",

@@ -1,4 +1,4 @@
-"""The decoded asset: a mesh without UVs and the fields that colour it."""
+"""The decoded asset: a mesh and the fields that colour it, over voxels or over the texels of its UVs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from .channels import ALPHA, COLUMNS, Channel, join_planes
 from .codecs.codec import Codec
 from .errors import InputError
 from .geometry.canonical import CanonicalCube
-from .support.grid import BrickMap
+from .support.on_face import texel_positions
+from .support.texels import TexelSupport
 from .support.voxels import VoxelSupport
 
 if TYPE_CHECKING:
@@ -24,21 +25,16 @@ if TYPE_CHECKING:
 
 @dataclass(repr=False)
 class Field:
-    """Values on one voxel set. support: where they are; planes: uint8 [N, C] by channel name, colour sRGB-coded, alpha
-    straight."""
+    """Values on one support. support: where they are, voxels or texels; planes: uint8 [N, C] by channel name, colour sRGB-coded,
+    alpha straight."""
 
-    support: VoxelSupport
+    support: VoxelSupport | TexelSupport
     planes: dict[str, np.ndarray]
     _pyramid: object = None  # coarser levels, once render/levels.py was asked for them
 
     @property
-    def resolution(self) -> int:
-        """K of the full field."""
-        return self.support.resolution
-
-    @property
     def level_shift(self) -> int:
-        """Octree levels that were left out: a voxel here is 2**level_shift of the full ones a side."""
+        """Levels that were left out: a voxel or texel here is 2**level_shift of the full ones a side."""
         return self.support.level_shift
 
     @property
@@ -47,17 +43,12 @@ class Field:
         return self.support.keys
 
     @property
-    def size(self) -> int:
-        """Voxels a side of the grid at hand."""
-        return self.support.size
-
-    @property
-    def brick_map(self) -> BrickMap:
-        """Finds the rank of a voxel."""
-        return self.support.brick_map
+    def over_texels(self) -> bool:
+        """Whether the values are over texels."""
+        return self.support.planar
 
     def __repr__(self):
-        return f"<Field: {len(self.support)} voxels at K {self.size}, {' + '.join(self.planes)}>"
+        return f"<Field over {self.support!r}, {' + '.join(self.planes)}>"
 
     @cached_property
     def rgba(self) -> np.ndarray:
@@ -106,8 +97,8 @@ class Texf:
 
     @property
     def resolution(self) -> int:
-        """Largest grid resolution over the fields; 1 for an empty asset."""
-        return max((f.size for f in self.fields), default=1)
+        """Largest grid resolution over the fields over voxels; 1 where there is none."""
+        return max((f.support.size for f in self.fields if isinstance(f.support, VoxelSupport)), default=1)
 
     @property
     def lattice_positions(self) -> np.ndarray:
@@ -125,6 +116,13 @@ class Texf:
         starts = np.cumsum([0] + [len(u.lattice) for u in self.units])
         parts = [u.faces + s for u, s in zip(self.units, starts[:-1], strict=True)]
         return np.concatenate(parts) if parts else np.zeros((0, 3), np.int64)
+
+    @property
+    def uv(self) -> np.ndarray:
+        """float64 [V, 2], parallel to positions: UVs in texels of the full image of the field; 0 where it is over voxels."""
+        parts = [np.zeros((len(u.lattice), 2)) if u.uv is None else u.uv / float(1 << self.fields[u.field].support.fraction_bits)
+                 for u in self.units]
+        return np.concatenate(parts) if parts else np.zeros((0, 2))
 
     @property
     def face_material(self) -> np.ndarray:
@@ -147,23 +145,31 @@ class Texf:
             raise InputError("TXF-I70", "an empty asset has no colour to ask for")
         if face_index is not None:
             face_index = _faces(face_index, len(points), len(self.faces))
-        if len(self.fields) == 1:
-            which = np.zeros(len(points), np.int64)
-        else:
-            which = self.face_field[self.nearest_face(points) if face_index is None else face_index]
-        return self.query_by_field(points, which)
+        elif len(self.fields) > 1 or self.fields[0].over_texels:
+            face_index = self.nearest_face(points)
+        which = np.zeros(len(points), np.int64) if face_index is None else self.face_field[face_index]
+        return self.query_by_field(points, which, face_index)
 
-    def query_by_field(self, points: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """As query(), each point asking the field whose number stands in which, int64 [M]."""
+    def query_by_field(self, points: np.ndarray, which: np.ndarray, face_index: np.ndarray | None = None) -> np.ndarray:
+        """As query(), each point asking the field whose number stands in which, int64 [M]. face_index: as there, needed for
+        points that ask a field over texels; such points are taken to where their face is nearest."""
         out = np.zeros((len(points), COLUMNS), np.float32)
-        for i in range(len(self.fields)):
+        for i, part in enumerate(self.fields):
             chosen = np.flatnonzero(which == i) if len(self.fields) > 1 else ...
-            if chosen is ... or len(chosen):
+            if chosen is not ... and not len(chosen):
+                continue
+            if part.over_texels:
+                out[chosen] = part.support.query(self._texels(points[chosen], face_index[chosen]), part.rgba, self.threads)
+            else:
                 out[chosen] = self.query_field(i, points[chosen])
         return out
 
+    def _texels(self, points, face_index):
+        """UVs in texels, float64 [M, 2], of world points on faces."""
+        return texel_positions(points, self.positions, self.faces, self.uv, face_index)
+
     def query_field(self, number: int, points: np.ndarray) -> np.ndarray:
-        """What field `number` answers at world points float64 [M, 3]: float32 [M, 4]."""
+        """What field `number`, one over voxels, answers at world points float64 [M, 3]: float32 [M, 4]."""
         if self.evaluators:
             return self.evaluators[number].query(self.cube, points, self.threads)
         part = self.fields[number]
@@ -179,20 +185,21 @@ class Texf:
         return trimesh.proximity.closest_point(mesh, (points - self.origin) / (self.side or 1.0))[2]
 
     def voxels(self) -> dict[str, np.ndarray]:
-        """All active voxels: {"xyz": int32 [N, 3], "field": int32 [N], "rgba": uint8 [N, 4], "center": float64 [N, 3] world}."""
-        xyz = [f.support.xyz() for f in self.fields]
-        center = [self._centers(f, v) for f, v in zip(self.fields, xyz, strict=True)]
-        number = [np.full(len(v), i, np.int32) for i, v in enumerate(xyz)]
+        """All active voxels of fields over voxels: {"xyz": int32 [N, 3], "field": int32 [N], "rgba": uint8 [N, 4], "center": float64 [N, 3] world}."""
+        fields = [(i, f) for i, f in enumerate(self.fields) if not f.over_texels]
+        xyz = [f.support.xyz() for _, f in fields]
+        center = [self._centers(f, v) for (_, f), v in zip(fields, xyz, strict=True)]
+        number = [np.full(len(v), i, np.int32) for (i, _), v in zip(fields, xyz, strict=True)]
         return {
             "xyz": np.concatenate([np.zeros((0, 3), np.int32), *xyz]),
             "field": np.concatenate([np.zeros(0, np.int32), *number]),
-            "rgba": np.concatenate([np.zeros((0, COLUMNS), np.uint8), *(f.rgba for f in self.fields)]),
+            "rgba": np.concatenate([np.zeros((0, COLUMNS), np.uint8), *(f.rgba for _, f in fields)]),
             "center": np.concatenate([np.zeros((0, 3)), *center]),
         }
 
     def _centers(self, part, xyz):
         grid = (xyz + 0.5) * (1 << part.level_shift)
-        return self.cube.to_world(grid * ((1 << self.position_bits) / part.resolution))
+        return self.cube.to_world(grid * ((1 << self.position_bits) / part.support.resolution))
 
     def bake(self, texture_size: int | None = None, atlas: str | Atlas = "auto") -> Baked:
         """A texture atlas with the field baked in; see asset.save.bake."""
@@ -207,9 +214,15 @@ class Texf:
         return save(self, path, **options)
 
     def __repr__(self):
-        voxels = sum(len(f.support) for f in self.fields)
-        return (f"<Texf: {len(self.faces)} faces, {len(self.fields)} field{'s' * (len(self.fields) != 1)}, {voxels} voxels at K "
-                f"{self.resolution}, {' + '.join(c.name for c in self.channels)}>")
+        return (f"<Texf: {len(self.faces)} faces, {len(self.fields)} field{'s' * (len(self.fields) != 1)}, {self.counted()}, "
+                f"{' + '.join(c.name for c in self.channels)}>")
+
+    def counted(self) -> str:
+        """Voxels and texels in words."""
+        texels = sum(len(f.support) for f in self.fields if f.over_texels)
+        voxels = sum(len(f.support) for f in self.fields) - texels
+        parts = [f"{voxels} voxels at K {self.resolution}"] * (voxels > 0 or not texels) + [f"{texels} texels"] * (texels > 0)
+        return " and ".join(parts)
 
     def _repr_png_(self):
         """A small picture for notebooks, PNG bytes; None for an empty asset."""

@@ -83,7 +83,7 @@ def features(vector):
         "bytes": len(vector.data), "position_bits": header["position_bits"], "faces": header["num_faces"],
         "materials": header["num_materials"], "geometry_units": header["num_geometry_units"],
         "channel_groups": ["alpha" if group["group_semantic"] else "base colour" for group in header["channel_groups"]],
-        "resolution": [f["resolution"] for f in fields], "voxels": [f["num_voxels"] for f in fields],
+        "resolution": [f["resolution"] for f in fields], "voxels": [f["num_keys"] for f in fields],
         "area_threshold": [f["area_threshold"] for f in fields],
         **(neural_features(stream.joint) if stream.joint else {"qp": [a.get("qp") for a in attributes],
                                                                  "slices": [a.get("NumSlices") for a in attributes]}),

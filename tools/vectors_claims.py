@@ -133,7 +133,7 @@ def drops_voxels(case):
     """Fewer voxels than the geometry touches."""
     (field,), (unit,) = case.stream.fields, case.texf.units
     touched, _ = voxelise(unit.lattice, unit.faces, case.header["position_bits"], field["resolution"], 0)
-    return field["num_voxels"] < len(touched)
+    return field["num_keys"] < len(touched)
 
 
 def lonely_voxels(case):

@@ -246,14 +246,14 @@ def header_and_materials():
     unsupported = [("version", "version 1", "5.3", with_element(base, H, "version", b"\1"), "TXF-U04"),
                    ("alpha_components", "an alpha group of two components", "5.3.1", _two_alphas(base), "TXF-U03")]
     limit = [("num_vertices_huge", "2^50 vertices", "10", with_header(base, num_vertices=1 << 50), "TXF-L02"),
-             ("num_voxels_huge", "2^50 voxels", "10", with_element(simple, F, "num_voxels", write_v(1 << 50)), "TXF-L04")]
+             ("num_keys_huge", "2^50 voxels", "10", with_element(simple, F, "num_keys", write_v(1 << 50)), "TXF-L04")]
     return [*as_faulty(lines), *as_faulty(unsupported, "unsupported"), *as_faulty(limit, "limit")]
 
 
 def fields_and_geometry():
     """Clauses 5.5, 5.6 and 6.4."""
     base, simple = base_stream(), simple_stream()
-    voxels = parsed(simple).fields[0]["num_voxels"]
+    voxels = parsed(simple).fields[0]["num_keys"]
     lines = [
         ("resolution_0", "K = 0", "5.5", with_element(simple, F, "resolution", b"\0\0"), "TXF-S04"),
         ("resolution_8193", "K = 8193", "5.5", with_element(simple, F, "resolution", b"\1\x20"), "TXF-S04"),
@@ -261,9 +261,9 @@ def fields_and_geometry():
          "TXF-S30"),
         ("area_threshold", "another area_threshold than the voxels were kept by", "6.4",
          with_element(simple, F, "area_threshold", b"\xff\xff"), "TXF-S30"),
-        ("num_voxels", "num_voxels is one too many", "6.4", with_element(simple, F, "num_voxels", write_v(voxels + 1)),
+        ("num_keys", "num_keys is one too many", "6.4", with_element(simple, F, "num_keys", write_v(voxels + 1)),
          "TXF-S30"),
-        ("voxels_crc", "a wrong voxels_crc", "6.4", with_element(simple, F, "voxels_crc", b"\1\2\3\4"), "TXF-S30"),
+        ("keys_crc", "a wrong keys_crc", "6.4", with_element(simple, F, "keys_crc", b"\1\2\3\4"), "TXF-S30"),
         ("field_order", "field_index 1 before 0", "5.5", with_values(base, lambda stream: stream.fields.reverse()), "TXF-S11"),
         ("field_without_geometry", "both geometry units belong to field 0", "5.5", with_element(base, G, "field_index", b"\0", 1),
          "TXF-S11"),

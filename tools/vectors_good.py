@@ -117,7 +117,7 @@ def split_by_material(data):
         keys, _ = voxelise(geometry.lattice, geometry.faces, bits, old["resolution"], old["area_threshold"])
         mine = [rank[key] for key in keys.tolist()]
         stream.geometry[i]["field_index"] = i
-        stream.fields.append(old | {"field_index": i, "num_voxels": len(keys), "voxels_crc": zlib.crc32(keys.astype("<i8"))})
+        stream.fields.append(old | {"field_index": i, "num_keys": len(keys), "keys_crc": zlib.crc32(keys.astype("<i8"))})
         for unit, plane in zip(units, values, strict=True):
             stream.attributes.append(unit | {"field_index": i} | raht(plane[mine], keys, old["resolution"], unit["qp"]))
     stream.header["num_fields"] = len(texf.units)
@@ -132,7 +132,7 @@ def one_voxel():
     stream = parsed(encoded(scene_of(*torus(8, 5)), resolution=2, qp=30))
     keys = np.zeros(1, np.int64)
     (values,), (unit,) = stream.fields, stream.attributes
-    values.update(resolution=1, num_voxels=1, voxels_crc=zlib.crc32(keys.astype("<i8")))
+    values.update(resolution=1, num_keys=1, keys_crc=zlib.crc32(keys.astype("<i8")))
     unit.update(codewords=[], codeword_data=b"", values_crc=zlib.crc32(inverse_colour(np.array([unit["root_mean"]], np.int32))))
     return written(stream)
 

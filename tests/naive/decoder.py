@@ -77,10 +77,10 @@ def decode_geometry(unit, position_bits):
 
 
 def field_keys(field, triangles, position_bits):
-    """Clause 6.4, with the check of num_voxels and voxels_crc."""
+    """Clause 6.4, with the check of num_keys and keys_crc."""
     keys = active_voxels(triangles, position_bits, field["resolution"], field["area_threshold"])
-    require(len(keys) == field["num_voxels"], f"{len(keys)} voxels are active, num_voxels is {field['num_voxels']}")
-    require(zlib.crc32(struct.pack(f"<{len(keys)}Q", *keys)) == field["voxels_crc"], "voxels_crc does not match")
+    require(len(keys) == field["num_keys"], f"{len(keys)} voxels are active, num_keys is {field['num_keys']}")
+    require(zlib.crc32(struct.pack(f"<{len(keys)}Q", *keys)) == field["keys_crc"], "keys_crc does not match")
     return keys
 
 

@@ -56,8 +56,8 @@ def read_field(reader, expected_index):
     return {
         "resolution": reader.u16("resolution", 1, 8192),
         "area_threshold": reader.u16("area_threshold"),
-        "num_voxels": reader.v("num_voxels", low=1),
-        "voxels_crc": reader.u32("voxels_crc"),
+        "num_keys": reader.v("num_keys", low=1),
+        "keys_crc": reader.u32("keys_crc"),
     }
 
 

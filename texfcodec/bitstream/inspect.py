@@ -31,7 +31,7 @@ def inspect(data: bytes, limits: Limits | None = None) -> dict:
         sizes[_KINDS.get(unit["type"], "other")] += unit["size"]
     return {
         "schema": SCHEMA, "bytes": sizes, "version": header["version"], "position_bits": header["position_bits"],
-        "vertices": header["num_vertices"], "faces": header["num_faces"], "voxels": sum(f["num_voxels"] for f in stream.fields),
+        "vertices": header["num_vertices"], "faces": header["num_faces"], "voxels": sum(f["num_keys"] for f in stream.fields),
         "resolution": max((f["resolution"] for f in stream.fields), default=None),
         "fields": [{**f, "geometry_units": sum(g["field_index"] == i for g in stream.geometry)}
                    for i, f in enumerate(stream.fields)],

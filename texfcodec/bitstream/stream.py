@@ -12,6 +12,7 @@ from ..ground.walk import Reader, read_structure, write_structure
 from .syntax import (
     ATTRIBUTE,
     SIGNATURE,
+    SUPPORT_TEXELS,
     UNIT_ATTRIBUTE,
     UNIT_END,
     UNIT_FIELD,
@@ -61,8 +62,9 @@ def write_stream(stream: Stream) -> tuple[bytes, dict[str, int]]:
     put(UNIT_MATERIALS, write_structure(UNITS[UNIT_MATERIALS], {**stream.header, "materials": stream.materials}))
     for values in stream.fields:
         put(UNIT_FIELD, write_structure(UNITS[UNIT_FIELD], values))
+    supports = {"supports": [f["support"] for f in stream.fields]}
     for values in stream.geometry:
-        put(UNIT_GEOMETRY, write_structure(UNITS[UNIT_GEOMETRY], values), "geometry")
+        put(UNIT_GEOMETRY, write_structure(UNITS[UNIT_GEOMETRY], {**values, **supports}), "geometry")
     for values in stream.attributes:
         values = {**values, **attribute_variables(stream, values)}
         payload = write_structure(ATTRIBUTE, values) + codec_of_unit(values).write_parameters(values)
@@ -71,6 +73,11 @@ def write_stream(stream: Stream) -> tuple[bytes, dict[str, int]]:
         put(UNIT_METADATA, write_structure(UNITS[UNIT_METADATA], {"metadata_format": 0, "metadata_json": stream.metadata}))
     put(UNIT_END, b"")
     return bytes(out), sizes
+
+
+def cells_a_side(field: dict) -> int:
+    """Cells along the longest side of a field's grid or image. field: syntax values of a field unit."""
+    return max(field["width"], field["height"]) if field["support"] == SUPPORT_TEXELS else field["resolution"]
 
 
 def attribute_variables(stream: Stream, values: dict) -> dict:
@@ -83,7 +90,7 @@ def attribute_variables(stream: Stream, values: dict) -> dict:
         raise StreamError("TXF-S09", "an attribute unit names a channel group that is not there", clause="5.7",
                           value=values["group_index"], allowed=f"< {len(groups)}")
     return {
-        "resolution": stream.fields[values["field_index"]]["resolution"],
+        "resolution": cells_a_side(stream.fields[values["field_index"]]), "Planar": stream.fields[values["field_index"]]["support"],
         "NumComponents": groups[values["group_index"]]["group_components"],
         "NumOutputs": sum(g["group_components"] for g in groups), "num_fields": len(stream.fields),
     }
@@ -143,11 +150,12 @@ def _read_unit_payload(unit, reader, stream, limits, rows):
         stream.materials += read_structure(UNITS[UNIT_MATERIALS], reader, dict(stream.header), rows)["materials"]
     elif unit.type == UNIT_FIELD:
         stream.fields.append(read_structure(UNITS[UNIT_FIELD], reader, {}, rows))
-        if limits.voxels is not None and sum(f["num_voxels"] for f in stream.fields) > limits.voxels:
-            raise LimitError("TXF-L04", "the stream has more voxels than the limit allows", clause="5.5",
-                             value=sum(f["num_voxels"] for f in stream.fields), allowed=limits.voxels)
+        if limits.voxels is not None and sum(f["num_keys"] for f in stream.fields) > limits.voxels:
+            raise LimitError("TXF-L04", "the stream has more values than the limit allows", clause="5.5",
+                             value=sum(f["num_keys"] for f in stream.fields), allowed=limits.voxels)
+        _check_image(stream.fields[-1], limits)
     elif unit.type == UNIT_GEOMETRY:
-        values = read_structure(UNITS[UNIT_GEOMETRY], reader, {}, rows)
+        values = read_structure(UNITS[UNIT_GEOMETRY], reader, {"supports": [f["support"] for f in stream.fields]}, rows)
         values["offset"] = unit.end - len(values["draco_data"])
         stream.geometry.append(values)
     elif unit.type == UNIT_ATTRIBUTE:
@@ -157,6 +165,18 @@ def _read_unit_payload(unit, reader, stream, limits, rows):
             raise LimitError("TXF-L06", "the metadata unit is larger than the limit", clause="5.8",
                              value=unit.end - unit.begin, allowed=limits.metadata_bytes)
         stream.metadata = bytes(read_structure(UNITS[UNIT_METADATA], reader, {}, rows)["metadata_json"])
+
+
+def _check_image(field, limits):
+    """A table of the whole image is made before its texels are counted."""
+    if field["support"] != SUPPORT_TEXELS:
+        return
+    texels = field["width"] * field["height"]
+    if limits.texels is not None and texels > limits.texels:
+        raise LimitError("TXF-L11", "an image has more texels than the limit allows", clause="5.5", value=texels,
+                         allowed=limits.texels)
+    if field["num_keys"] > texels:
+        raise StreamError("TXF-S04", "num_keys is out of range", clause="5.5", value=field["num_keys"], allowed=f"0..{texels}")
 
 
 def _check_groups(groups):

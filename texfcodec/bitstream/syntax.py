@@ -2,13 +2,17 @@
 
 from ..codecs import our_codecs
 from ..codecs.codec import PRIVATE_IDS
+from ..geometry.draco import MAX_UV_BITS
+from ..ground.structure import Derived, Structure
 from ..ground.structure import Element as E
-from ..ground.structure import Structure
+from ..support.layout import MAX_SIDE
 
 SIGNATURE = b"\x89TXF\r\n\x1a\n"
 VERSION = 0
 
 UNIT_HEADER, UNIT_MATERIALS, UNIT_FIELD, UNIT_GEOMETRY, UNIT_ATTRIBUTE, UNIT_END = range(6)
+SUPPORT_VOXELS, SUPPORT_TEXELS = range(2)
+MAX_UV_ORIGIN = 1 << 25  # steps
 ANCILLARY = 128  # unit types from here on may be skipped
 UNIT_METADATA = 128
 UNIT_NAMES = {
@@ -51,12 +55,23 @@ MATERIAL = Structure("material", "5.4.1", (
 
 MATERIALS = Structure("materials", "5.4", (E("materials", MATERIAL, count="num_materials"),))
 
+_VOXELS = ("support == 0", lambda v: v["support"] == SUPPORT_VOXELS)
+_TEXELS = ("support == 1", lambda v: v["support"] == SUPPORT_TEXELS)
+_WITH_UV = ("Support == 1", lambda v: v["Support"] == SUPPORT_TEXELS)
+_QUANTISED = ("Support == 1 and uv_bits > 0", lambda v: v["Support"] == SUPPORT_TEXELS and v["uv_bits"] > 0)
+
 FIELD = Structure("field", "5.5", (
     E("field_index", "v", 0),
-    E("resolution", "u16", 1, 8192),
-    E("area_threshold", "u16"),
-    E("num_voxels", "v", 0),
-    E("voxels_crc", "u32"),
+    E("support", "u8", 0, 1),
+    E("resolution", "u16", 1, 8192, when=_VOXELS),
+    E("area_threshold", "u16", when=_VOXELS),
+    E("width", "u16", 1, MAX_SIDE, when=_TEXELS),
+    E("height", "u16", 1, MAX_SIDE, when=_TEXELS),
+    E("wrap_s", "u8", 0, 2, when=_TEXELS),
+    E("wrap_t", "u8", 0, 2, when=_TEXELS),
+    E("uv_fraction_bits", "u8", 0, 8, when=_TEXELS),
+    E("num_keys", "v", 0),
+    E("keys_crc", "u32"),
 ))
 
 GEOMETRY = Structure("geometry", "5.6", (
@@ -64,6 +79,10 @@ GEOMETRY = Structure("geometry", "5.6", (
     E("material_index", "v", 0),
     E("unit_vertices", "v", 3),
     E("unit_faces", "v", 1),
+    Derived("Support", "support of field field_index", lambda v: dict(enumerate(v["supports"])).get(v["field_index"], 0)),
+    E("uv_origin", "i32", 1 - MAX_UV_ORIGIN, MAX_UV_ORIGIN - 1, count="2", when=_WITH_UV),
+    E("uv_bits", "u8", 0, MAX_UV_BITS, when=_WITH_UV),
+    E("uv_range", "v", 1, (1 << MAX_UV_BITS) - 1, when=_QUANTISED),
     E("draco_data", "bytes"),
 ))
 

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 from ..asset.scene import ALPHA_MASK, Material, Scene
 from ..codecs.codec import PRIVATE_IDS, Codec
-from ..support.voxels import VoxelSupport, voxels_crc
-from .syntax import VERSION
+from ..support.keyed import keys_crc
+from ..support.texels import TexelSupport
+from ..support.voxels import VoxelSupport
+from .syntax import SUPPORT_TEXELS, SUPPORT_VOXELS, VERSION
 
 if TYPE_CHECKING:
     from ..channels import Channel
@@ -39,10 +41,13 @@ def material_values(material: Material) -> dict:
             "material_flags": int(material.double_sided) | int(material.unlit) << 1}
 
 
-def field_values(number: int, support: VoxelSupport, threshold: int) -> dict:
-    """Values of a field unit (spec 5.5). support: VoxelSupport; threshold: the area threshold that it was kept by."""
-    return {"field_index": number, "resolution": support.resolution, "area_threshold": threshold, "num_voxels": len(support),
-            "voxels_crc": voxels_crc(support.keys)}
+def field_values(number: int, support: VoxelSupport | TexelSupport, threshold: int) -> dict:
+    """Values of a field unit (spec 5.5). threshold: the area threshold that voxels were kept by."""
+    values = {"field_index": number, "num_keys": len(support), "keys_crc": keys_crc(support.keys)}
+    if isinstance(support, VoxelSupport):
+        return values | {"support": SUPPORT_VOXELS, "resolution": support.resolution, "area_threshold": threshold}
+    return values | {"support": SUPPORT_TEXELS, "width": support.width, "height": support.height, "wrap_s": support.wrap[0],
+                     "wrap_t": support.wrap[1], "uv_fraction_bits": support.fraction_bits}
 
 
 def attribute_values(codec: Codec, field: int, group: int, checksum: int, values: dict) -> dict:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..asset.sample import pack_source
 from ..errors import LimitError
+from ..support.texels import TexelSupport
 from ..support.transfer import texels_per_edge, transfer
 from ..support.voxelise import SAMPLES_PER_EDGE, count_samples
 from ..support.voxels import VoxelSupport, kept_voxels
@@ -26,10 +27,10 @@ FITTED_DENSITY = 2  # where a surface fit follows; 4 gains nothing then (BD-rate
 
 @dataclass
 class SourceField:
-    """A field before coding. support: its voxels; threshold: the area threshold they were kept by; planes: float32 [N, C] in
+    """A field before coding. support: its voxels or texels; threshold: the area threshold they were kept by; planes: float32 [N, C] in
     0..255 by channel name, colour sRGB-coded; texels_per_edge: how much finer than the voxels the textures are."""
 
-    support: VoxelSupport
+    support: VoxelSupport | TexelSupport
     threshold: int
     planes: dict = field(default_factory=dict)
     texels_per_edge: float = 0.0

@@ -45,7 +45,7 @@ def _lines(file, facts):
     yield f"{file}: {sizes['total']} bytes; {kinds}"
     yield f"{facts['vertices']} vertices, {facts['faces']} faces, {facts['voxels']} voxels, {facts['position_bits']} bits{bits}"
     for field in facts["fields"]:
-        yield f"field {field['field_index']}: K {field['resolution']}, {field['num_voxels']} voxels"
+        yield f"field {field['field_index']}: K {field['resolution']}, {field['num_keys']} voxels"
     for group in facts["groups"]:
         yield from codec_of(group["codec"]).info_lines(group)
     yield f"{'offset':>10} {'size':>9}  element"

@@ -7,12 +7,14 @@ import numpy as np
 
 @dataclass
 class GeometryUnit:
-    """lattice: int64 [V, 3]; faces: int64 [F, 3] into lattice."""
+    """lattice: int64 [V, 3]; faces: int64 [F, 3] into lattice; uv: int64 [V, 2] in steps of 2**-uv_fraction_bits texels of its
+    field, None where the field is over voxels. With uv, a lattice position stands there once for every chart that it is in."""
 
     field: int
     material: int
     lattice: np.ndarray
     faces: np.ndarray
+    uv: np.ndarray | None = None
 
 
 def field_surface(units: list, number: int) -> tuple[np.ndarray, np.ndarray]:
@@ -21,3 +23,8 @@ def field_surface(units: list, number: int) -> tuple[np.ndarray, np.ndarray]:
     starts = np.cumsum([0] + [len(u.lattice) for u in mine])
     faces = [u.faces + s for u, s in zip(mine, starts[:-1], strict=True)]
     return np.concatenate([u.lattice for u in mine]), np.concatenate(faces)
+
+
+def field_uv(units: list, number: int) -> np.ndarray:
+    """UVs of all geometry units of one field over texels, int64 [V, 2], parallel to the lattice of field_surface()."""
+    return np.concatenate([u.uv for u in units if u.field == number])

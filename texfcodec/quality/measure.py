@@ -9,6 +9,7 @@ import numpy as np
 from ..asset.sample import pack_source, sample_source
 from ..ground.areas import sample_surface
 from ..ground.colour_error import ColourError, json_ready
+from .faces import decoded_faces
 
 if TYPE_CHECKING:
     from ..asset.scene import Scene
@@ -36,12 +37,14 @@ class SourceSamples:
         the field of the nearest decoded face. Errors weigh by the source's alpha where texf has alpha. Points on faces that were
         left out ask the first field.
         """
-        error = ColourError()
+        error, asked = ColourError(), self._on_faces(texf)
         for begin in range(0, len(self.face), BLOCK):
             part = slice(begin, begin + BLOCK)
             corners = self.scene.positions[self.scene.faces[self.face[part]]]
             points = np.einsum("mk,mkc->mc", self.bary[part], corners)
-            if face_field is None or len(texf.fields) == 1:
+            if asked is not None:
+                got = asked(part, points)
+            elif face_field is None or len(texf.fields) == 1:
                 got = texf.query(points)
             else:
                 got = texf.query_by_field(points, np.maximum(np.asarray(face_field)[self.face[part]], 0))
@@ -49,6 +52,27 @@ class SourceSamples:
             error.add(self.colour[part, :3], got[:, :3], weights)
         result = json_ready(error.result())
         return {name: result[f"psnr_{name}"] for name in ("y", "yuv611", "rgb")} | {"samples": error.samples}
+
+    def _on_faces(self, texf):
+        """Function (samples, their world points) -> colours, where texf has fields over texels: these ask the same corner weights of
+        the decoded face. None where it has none."""
+        if not any(part.over_texels for part in texf.fields):
+            return None
+        found, turn = decoded_faces(self.scene, texf)
+        positions, faces, face_field = texf.positions, texf.faces, texf.face_field
+
+        def asked(part, points):
+            face = found[self.face[part]]
+            there = np.flatnonzero(face >= 0)
+            order = (np.arange(3) - turn[self.face[part]][there, None]) % 3
+            weights = np.take_along_axis(self.bary[part][there], order, axis=1)
+            points[there] = np.einsum("mk,mkc->mc", weights, positions[faces[face[there]]])
+            lost = np.flatnonzero(face < 0)
+            if len(lost):
+                face[lost] = texf.nearest_face(points[lost])
+            return texf.query_by_field(points, face_field[face], face)
+
+        return asked
 
 
 def measure(scene: Scene, texf: Texf, samples: int = SAMPLES, threads: int = 1, face_field: np.ndarray | None = None) -> dict:

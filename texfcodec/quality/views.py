@@ -24,6 +24,7 @@ from ..ground.ssim import ssim as mean_ssim
 from ..render.camera import bounding_sphere, fibonacci_direction, orthographic
 from ..render.shade import render_scene, render_texf
 from ..texf import Texf
+from .faces import decoded_faces
 from .measure import SourceSamples
 
 VIEWS, SIZE = 16, 2048
@@ -125,26 +126,14 @@ def _pooled(seen):
 
 
 def fields_of_faces(scene: Scene, texf: Texf) -> np.ndarray | None:
-    """The field that each face of the source is in: int64 [F], -1 for a face that is not in the stream.
+    """The field that each face of the source is in: int64 [F], -1 for a face that is not in the stream; see faces.decoded_faces.
 
-    Found by its corners on the lattice, its orientation and its material. None where less than half of the faces are found: then
-    the stream was made from something else.
+    None where less than half of the faces are found: then the stream was made from something else.
     """
-    lattice = texf.lattice_positions[texf.faces]
-    rows = np.concatenate([_face_keys(texf.cube.to_lattice(scene.positions)[scene.faces], scene.face_material),
-                           _face_keys(lattice, texf.face_material)])
-    number = np.unique(rows, axis=0, return_inverse=True)[1].reshape(-1)
-    field = np.full(len(rows), -1, np.int64)
-    field[number[len(scene.faces) :]] = texf.face_field
-    found = field[number[: len(scene.faces)]]
-    return found if 2 * np.count_nonzero(found >= 0) >= len(found) else None
-
-
-def _face_keys(lattice, material):
-    """int64 [F, 4]: three packed corners, lattice int64 [F, 3, 3], the smallest first and orientation kept; and the material."""
-    packed = lattice[:, :, 0] | lattice[:, :, 1] << 20 | lattice[:, :, 2] << 40
-    order = (packed.argmin(axis=1)[:, None] + np.arange(3)) % 3
-    return np.column_stack([np.take_along_axis(packed, order, axis=1), material])
+    face, _ = decoded_faces(scene, texf)
+    if 2 * np.count_nonzero(face >= 0) < len(face):
+        return None
+    return np.where(face >= 0, texf.face_field[np.maximum(face, 0)], -1) if len(texf.faces) else face
 
 
 def mesh_psnr_3d(reference: Scene, mesh: Scene, samples: int = NEAREST_SAMPLES, threads: int = 1) -> dict:

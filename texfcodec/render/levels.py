@@ -8,29 +8,29 @@ from typing import Any
 
 import numpy as np
 
-from ..support.grid import BrickMap, build_brick_map
 from ..support.query import query_field
 
 
 @dataclass
 class Level:
-    """One level of a field: a voxel is 2**level of the field's own a side.
+    """One level of a field: a cell is 2**level of the field's own a side.
 
-    size: voxels a side; keys: int64 [N] ascending Morton keys; values: uint8 (level 0) or float32 [N, 4], the plain means of the
-    field's voxels in each (what a decoder that leaves levels out has there, but for rounding); counts: int64 [N], how many.
+    support: where its values are; values: uint8 (level 0) or float32 [N, 4], the plain means of the field's values in each cell
+    (what a decoder that leaves levels out has there, but for rounding); counts: int64 [N], how many.
     """
 
     level: int
-    size: int
-    keys: np.ndarray
+    support: Any
     values: np.ndarray
     counts: np.ndarray
-    brick_map: BrickMap
 
-    def query(self, points: np.ndarray) -> np.ndarray:
-        """float32 [M, 4] at grid coordinates of the field, float64 [M, 3]; see support.query.query_field."""
-        points = points if self.level == 0 else points / (1 << self.level)
-        return query_field(points, self.size, self.keys, self.brick_map, self.values)[0]
+    def query(self, places: np.ndarray) -> np.ndarray:
+        """float32 [M, 4] at places of the field: grid coordinates float64 [M, 3] over voxels, see support.query.query_field; texels
+        of the full image float64 [M, 2] over texels."""
+        if self.support.planar:
+            return self.support.query(places, self.values)
+        places = places if self.level == 0 else places / (1 << self.level)
+        return query_field(places, self.support.size, self.support.keys, self.support.brick_map, self.values)[0]
 
 
 class Pyramid:
@@ -38,12 +38,12 @@ class Pyramid:
 
     def __init__(self, field: Any) -> None:
         self.rgba = field.rgba
-        self._levels = [Level(0, field.size, field.keys, field.rgba, np.ones(len(field.keys), np.int64), field.brick_map)]
+        self._levels = [Level(0, field.support, field.rgba, np.ones(len(field.keys), np.int64))]
 
     @property
     def last(self) -> int:
-        """Number of the level that is a single voxel."""
-        return (self._levels[0].size - 1).bit_length()
+        """Number of the level that is a single cell."""
+        return self._levels[0].support.depth
 
     def level(self, number: int) -> Level:
         """Level `number`, 0..last."""
@@ -62,10 +62,8 @@ def pyramid_of(field: Any) -> Pyramid:
 
 
 def _coarser(fine):
-    parents = fine.keys >> 3
+    parents = fine.support.keys >> 3
     first = np.flatnonzero(np.diff(parents, prepend=-1))
     counts = np.add.reduceat(fine.counts, first)
     sums = np.add.reduceat(fine.values * fine.counts[:, None].astype(np.float64), first, axis=0)
-    keys = parents[first]
-    values = (sums / counts[:, None]).astype(np.float32)
-    return Level(fine.level + 1, -(-fine.size >> 1), keys, values, counts, build_brick_map(keys))
+    return Level(fine.level + 1, fine.support.coarser(1), (sums / counts[:, None]).astype(np.float32), counts)

@@ -100,61 +100,101 @@ def shade_field(texf: Any, camera: Camera, fragments: Fragments, positions: np.n
         raise IndexError("face index outside the mesh")
     which = texf.face_field[fragments.face] if len(texf.fields) > 1 else None
     deepest = fragments.depth.max(initial=0.0)
-    for number in range(len(texf.fields)):
+    for number, part in enumerate(texf.fields):
         chosen = np.arange(0) if which is None else np.flatnonzero(which == number)
-        ask = _questions(texf, number, camera, deepest, filtering)
+        questions = _texel_questions if part.over_texels else _voxel_questions
+        ask = questions(texf, number, camera, deepest if filtering else None, positions, faces)
 
         def one(begin, chosen=chosen, ask=ask):
             place = slice(begin, begin + BLOCK) if which is None else chosen[begin : begin + BLOCK]
-            points = _surface_points(fragments.face[place], fragments.bary[place], positions, faces)
-            out[place] = ask(points, fragments.depth[place])
+            out[place] = ask(fragments.face[place], fragments.bary[place], fragments.depth[place])
 
         with ThreadPoolExecutor(max(threads, 1)) as pool:
             list(pool.map(one, range(0, len(out) if which is None else len(chosen), BLOCK)))
     return out
 
 
-def _questions(texf, number, camera, deepest, filtering):
-    """Function (world points float64 [M, 3], depth float64 [M], at most deepest) -> float32 [M, 4] colour of one field."""
+def _voxel_questions(texf, number, camera, deepest, positions, faces):
+    """Function (face int64 [M], bary float64 [M, 3], depth float64 [M], at most deepest) -> float32 [M, 4] colour of a field over
+    voxels. deepest: None without filtering."""
     part = texf.fields[number]
     pyramid, step = pyramid_of(part), 1 << part.level_shift
-    width = camera.pixel * _voxels_per_unit(texf, part) if filtering else 0.0
-    widest = width * (deepest if camera.perspective else 1.0)
-    if widest > 1:
-        pyramid.level(min(int(np.log2(widest)) + 1, pyramid.last))  # built now, so that the threads only read
+    width = 0.0 if deepest is None else camera.pixel * _voxels_per_unit(texf, part)
+    _build(pyramid, 0.0 if deepest is None else width * (deepest if camera.perspective else 1.0))
 
     def finest(points, grid):
         return texf.query_field(number, points) if texf.evaluators else pyramid.level(0).query(grid)
 
-    def ask(points, depth):
-        grid = texf.cube.to_grid(points, part.resolution) / step
+    def ask(face, bary, depth):
+        points = _surface_points(face, bary, positions, faces)
+        grid = texf.cube.to_grid(points, part.support.resolution) / step
         wide = width * depth if camera.perspective else width
         if not np.any(wide > 1):
             return finest(points, grid)
-        return _mixed(pyramid, finest, points, grid, np.minimum(np.log2(np.maximum(wide, 1)), pyramid.last))
+        return _mixed(pyramid, lambda chosen: finest(points[chosen], grid[chosen]), grid, _fineness(wide, pyramid))
 
     return ask
 
 
-def _mixed(pyramid, finest, points, grid, fineness):
-    """Colours mixed between the two levels around `fineness`, float64 scalar or [M]. finest: answers of level 0 at points float64
-    [M, 3], world; grid: the same points on the grid."""
-    fineness = np.broadcast_to(fineness, len(grid))
-    out = np.zeros((len(grid), 4), np.float32)
+def _texel_questions(texf, number, camera, deepest, positions, faces):
+    """As _voxel_questions for a field over texels: how many texels a pixel covers differs from face to face."""
+    part, uv = texf.fields[number], np.ascontiguousarray(texf.uv)
+    pyramid = pyramid_of(part)
+    pyramid.level(0).support.rank  # noqa: B018  built now, so that the threads only read
+    density = np.zeros(len(faces)) if deepest is None else _texels_per_unit(positions, faces, uv) * camera.pixel
+    density /= 1 << part.level_shift
+    mine = texf.face_field == number
+    _build(pyramid, 0.0 if deepest is None else density[mine].max(initial=0.0) * (deepest if camera.perspective else 1.0))
+
+    def ask(face, bary, depth):
+        texel = np.einsum("mk,mkc->mc", bary, uv[faces[face]])
+        wide = density[face] * depth if camera.perspective else density[face]
+        if not np.any(wide > 1):
+            return pyramid.level(0).query(texel)
+        return _mixed(pyramid, lambda chosen: pyramid.level(0).query(texel[chosen]), texel, _fineness(wide, pyramid))
+
+    return ask
+
+
+def _build(pyramid, widest):
+    """Builds the levels that pixels of up to so many cells ask, before threads do."""
+    if widest > 1:
+        for number in range(min(int(np.log2(widest)) + 1, pyramid.last) + 1):
+            support = pyramid.level(number).support
+            if support.planar:
+                support.rank  # noqa: B018
+
+
+def _fineness(wide, pyramid):
+    return np.minimum(np.log2(np.maximum(wide, 1)), pyramid.last)
+
+
+def _mixed(pyramid, finest, places, fineness):
+    """Colours mixed between the two levels around `fineness`, float64 scalar or [M]. finest: function of numbers of places ->
+    answers of level 0; places: what Level.query takes, [M, ...]."""
+    fineness = np.broadcast_to(fineness, len(places))
+    out = np.zeros((len(places), 4), np.float32)
     for number in range(int(fineness.min()), int(np.ceil(fineness.max())) + 1):
         share = np.maximum(1 - np.abs(fineness - number), 0).astype(np.float32)
         chosen = np.flatnonzero(share)
         if len(chosen):
-            level = pyramid.level(number).query(grid[chosen]) if number else finest(points[chosen], grid[chosen])
+            level = pyramid.level(number).query(places[chosen]) if number else finest(chosen)
             out[chosen] += share[chosen, None] * level
     return out
+
+
+def _texels_per_unit(positions, faces, uv):
+    """Texels along one unit of length in the world, of every face: float64 [F]; 0 where a face has no area."""
+    world, flat = (np.linalg.norm(np.cross(p[faces[:, 1]] - p[faces[:, 0]], p[faces[:, 2]] - p[faces[:, 0]]), axis=1)
+                   for p in (positions, np.column_stack([uv, np.zeros(len(uv))])))
+    return np.sqrt(np.divide(flat, world, out=np.zeros(len(faces)), where=world > 0))
 
 
 def _voxels_per_unit(texf, part):
     """Voxels of the field along one unit of length in the world."""
     if texf.side == 0:
         return 0.0
-    return float(texf.cube.to_grid(texf.origin + texf.side, part.resolution).max()) / texf.side / (1 << part.level_shift)
+    return float(texf.cube.to_grid(texf.origin + texf.side, part.support.resolution).max()) / texf.side / (1 << part.level_shift)
 
 
 def _render(triangles, materials, face_material, threads, shade):

@@ -1,4 +1,6 @@
-"""Counts that follow from a grid's resolution; no numba here, so that texf-info stays quick."""
+"""Counts that follow from a grid's resolution, and the bound of an image; no numba here, so that texf-info stays quick."""
+
+MAX_SIDE = 1 << 14  # of an image, in texels
 
 
 def octree_depth(resolution: int) -> int:

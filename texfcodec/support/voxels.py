@@ -5,7 +5,6 @@ EncodeOptions stand in a later room, so that signatures here say Any.
 
 from __future__ import annotations
 
-import zlib
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .grid import BrickMap, build_brick_map
+from .keyed import Keyed
 from .layout import octree_depth
 from .morton import decode_morton
 from .query import query_field
@@ -25,9 +25,8 @@ MOST_DROPPED = 0.1  # share of the surface that the area threshold may leave wit
 
 
 @dataclass(repr=False)
-class VoxelSupport:
-    """Voxels that values live in. resolution: K of the full grid; keys: int64 [N] ascending Morton keys; level_shift: octree
-    levels that were left out, a voxel here being 2**level_shift of the full ones a side."""
+class VoxelSupport(Keyed):
+    """Voxels that values live in. resolution: K of the full grid; keys, level_shift: as Keyed has them."""
 
     resolution: int
     keys: np.ndarray
@@ -35,9 +34,6 @@ class VoxelSupport:
 
     def __repr__(self) -> str:
         return f"<VoxelSupport: {len(self.keys)} voxels of {self.size} a side>"
-
-    def __len__(self) -> int:
-        return len(self.keys)
 
     @property
     def depth(self) -> int:
@@ -58,19 +54,6 @@ class VoxelSupport:
         """Voxel indices, int32 [N, 3]."""
         return decode_morton(self.keys)
 
-    def coarser(self, levels: int) -> VoxelSupport:
-        """The support with so many octree levels less, but for the root."""
-        shift = min(levels, self.depth)
-        return VoxelSupport(self.resolution, np.unique(self.keys >> 3 * shift), self.level_shift + shift) if shift else self
-
-    def mean(self, values: np.ndarray, levels: int) -> np.ndarray:
-        """Rounded means of values uint8 [N, C] over the voxels of coarser(levels), uint8 [n, C] (spec clause 8.3)."""
-        parents = self.keys >> 3 * min(levels, self.depth)
-        first = np.flatnonzero(np.diff(parents, prepend=-1))
-        counts = np.diff(np.append(first, len(parents)))[:, None]
-        sums = np.add.reduceat(values.astype(np.int64), first, axis=0)
-        return ((2 * sums + counts) // (2 * counts)).astype(np.uint8)
-
     def query(self, cube: CanonicalCube, points: np.ndarray, values: np.ndarray, threads: int = 1) -> np.ndarray:
         """Values at surface points (8.2): float32 [M, C]. cube: CanonicalCube; points: float64 [M, 3], world; values: [N, C]."""
         grid = cube.to_grid(points, self.resolution) / (1 << self.level_shift)
@@ -86,11 +69,6 @@ def kept_voxels(surface: tuple[np.ndarray, np.ndarray], position_bits: int, reso
     if weights[~keep].sum(dtype=np.float64) > MOST_DROPPED * weights.sum(dtype=np.float64) or not keep.any():
         return keys, 0
     return keys[keep], options.area_threshold
-
-
-def voxels_crc(keys: np.ndarray) -> int:
-    """CRC-32 over the Morton keys as 64-bit little-endian numbers (spec 6.4)."""
-    return zlib.crc32(np.ascontiguousarray(keys, "<i8").data)
 
 
 def keys_are_sound(keys: np.ndarray, size: int) -> bool:

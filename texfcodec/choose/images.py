@@ -1,0 +1,95 @@
+"""Images that the surface shows through its UVs: what may become fields over texels (encoder only)."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..asset.sample import CURVE_STEPS
+from ..asset.scene import ALPHA_OPAQUE
+from ..asset.srgb import linear_to_srgb, srgb_to_linear
+from ..bitstream.syntax import MAX_UV_ORIGIN
+from ..geometry.draco import MAX_UV_BITS
+from ..support.layout import MAX_SIDE
+
+if TYPE_CHECKING:
+    from ..asset.scene import Scene
+    from ..geometry.surface import Surface
+
+
+@dataclass(frozen=True)
+class ImageGroup:
+    """Faces that one image colours. faces: int64 [F] into the surface's; image: uint8 [H, W, 4]; wrap: (s, t); factor: float64 [4],
+    linear; opaque: whether alpha counts as 255; uv: float64 [F, 3, 2] of their corners, in texels of the image."""
+
+    faces: np.ndarray
+    image: np.ndarray
+    wrap: tuple[int, int]
+    factor: np.ndarray
+    opaque: bool
+    uv: np.ndarray
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the image."""
+        return self.image.shape[1], self.image.shape[0]
+
+    def values(self) -> np.ndarray:
+        """The image with its factor, float32 [H, W, 4] in 0..255, colour sRGB-coded, straight alpha; whole numbers where the factor
+        is 1."""
+        out = np.empty(self.image.shape, np.float32)
+        for c in range(4):
+            out[..., c] = self._curve(c)[self.image[..., c]]
+        return out
+
+    def _curve(self, channel):
+        """What each of the 256 coded values becomes, by the rule of asset.sample."""
+        coded, gain = np.arange(256) / 255, self.factor[channel]
+        if channel == 3:
+            return np.full(256, 255.0) if self.opaque else np.clip(255 * coded * gain, 0, 255)
+        if gain == 1.0:
+            return 255 * coded
+        place = np.clip(srgb_to_linear(coded) * gain, 0, 1) * CURVE_STEPS
+        return np.interp(place, np.arange(CURVE_STEPS + 1), linear_to_srgb(np.arange(CURVE_STEPS + 1) / CURVE_STEPS) * 255)
+
+
+def image_groups(scene: Scene, surface: Surface) -> list[ImageGroup]:
+    """The groups of a surface: faces whose image (by content), wrap modes, factor and use of alpha are the same. Faces without an
+    image, with vertex colours of their own, or with UVs that are not finite or too far out are in none."""
+    groups: dict[tuple, list[np.ndarray]] = {}
+    plain = _plain_faces(scene, surface)
+    digests = {t: _digest(texture.image) for t, texture in enumerate(scene.textures)}
+    for number in np.unique(surface.material):
+        material = scene.materials[number]
+        if material.texture < 0 or max(scene.textures[material.texture].image.shape[:2]) > MAX_SIDE:
+            continue
+        texture = scene.textures[material.texture]
+        opaque = material.alpha_mode == ALPHA_OPAQUE
+        sees_through = not opaque or texture.image[..., 3].min() == 255
+        key = (digests[material.texture], tuple(texture.wrap), material.factor.tobytes(), not sees_through)
+        groups.setdefault(key, []).append((np.flatnonzero(plain & (surface.material == number)), texture, material))
+    found = (_group(scene, surface, parts, key[3]) for key, parts in groups.items())
+    return [group for group in found if len(group.faces)]
+
+
+def _group(scene, surface, parts, opaque):
+    faces = np.sort(np.concatenate([mine for mine, _, _ in parts]))
+    _, texture, material = parts[0]
+    uv = scene.corner_uv[surface.origin_face[faces]] * np.array([texture.image.shape[1], texture.image.shape[0]], np.float64)
+    with np.errstate(all="ignore"):
+        near = (np.abs(uv) < MAX_UV_ORIGIN / 2).all(axis=(1, 2)) & (np.ptp(uv, axis=1) < 1 << MAX_UV_BITS - 1).all(axis=1)
+    return ImageGroup(faces[near], texture.image, tuple(texture.wrap), material.factor, opaque, uv[near])
+
+
+def _plain_faces(scene, surface):
+    """Faces without vertex colours, or with white ones."""
+    if scene.corner_color is None:
+        return np.ones(len(surface.faces), bool)
+    return (scene.corner_color[surface.origin_face] == 1).all(axis=(1, 2))
+
+
+def _digest(image):
+    return hashlib.sha256(repr(image.shape).encode() + np.ascontiguousarray(image).tobytes()).digest()

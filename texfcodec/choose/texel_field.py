@@ -1,0 +1,68 @@
+"""From an image group to a field over texels: integer UVs, the texels they ask, and their values (encoder only)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..bitstream.syntax import MAX_UV_ORIGIN
+from ..errors import LimitError
+from ..geometry.draco import MAX_UV_BITS
+from ..ground.colour_error import RGB_TO_YUV
+from ..support.texel_set import asked_texels, count_rows
+from ..support.texels import TexelSupport
+from .prepare import SourceField
+from .trial import coding_mse
+
+if TYPE_CHECKING:
+    from ..codecs.codec import Source
+    from ..options import EncodeOptions
+    from .images import ImageGroup
+
+MOST_FRACTION_BITS = 8
+UV_SHARE = 0.1  # of the coding error: what rounding the UVs may add to it
+
+
+@dataclass(frozen=True)
+class TexelPlan:
+    """A field over texels to come. group: ImageGroup; size: (width, height) that it is coded at; fraction_bits: of its UVs."""
+
+    group: ImageGroup
+    size: tuple[int, int]
+    fraction_bits: int
+
+    def corner_uv(self) -> np.ndarray:
+        """UVs of the group's faces, int64 [F, 3, 2], in steps of 2**-fraction_bits texels of the coded size."""
+        scale = np.array(self.size, np.float64) / self.group.size * (1 << self.fraction_bits)
+        return np.floor(self.group.uv * scale + 0.5).astype(np.int64)
+
+
+def fraction_bits_for(group: ImageGroup, size: tuple[int, int], qp: int | None) -> int:
+    """Bits of a UV below the texel: as few as leave UV_SHARE of the coding error at a QP (None: lossless), where steps of the UVs
+    move the picture by its own slope; fewer where the UVs reach too far for the stream."""
+    rows, columns = group.image[::4], group.image[:, ::4]
+    slope = sum(float(((np.diff(part[..., :3].astype(np.float32), axis=axis) @ RGB_TO_YUV[0]) ** 2).mean())
+                for part, axis in ((rows, 1), (columns, 0)) if part.shape[axis] > 1)
+    slope *= group.size[0] / size[0] * group.size[1] / size[1]
+    allowed = UV_SHARE * coding_mse(0 if qp is None else qp)
+    bits = next((k for k in range(MOST_FRACTION_BITS) if slope / 24 / 4**k <= allowed), MOST_FRACTION_BITS)
+    reach = np.abs(group.uv).max() * max(size[0] / group.size[0], size[1] / group.size[1])
+    span = np.ptp(group.uv.reshape(-1, 2), axis=0).max() * max(size[0] / group.size[0], size[1] / group.size[1])
+    while bits and (reach * 2**bits >= MAX_UV_ORIGIN - 1 or span * 2**bits >= (1 << MAX_UV_BITS) - 2):
+        bits -= 1
+    return bits
+
+
+def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Source, options: EncodeOptions) -> SourceField:
+    """The SourceField of a plan over its decoded surface. uv: int64 [V, 2]; faces: int64 [F, 3]. Raises LimitError."""
+    rows = count_rows(uv, faces, plan.fraction_bits)
+    if options.limits.samples is not None and rows > options.limits.samples:
+        raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", value=rows, allowed=options.limits.samples)
+    keys = asked_texels(uv, faces, plan.fraction_bits, plan.size, plan.group.wrap, options.limits.voxels)
+    support = TexelSupport(keys=keys, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap,
+                           fraction_bits=plan.fraction_bits)
+    xy, image = support.xy(), plan.group.values()
+    values = image[xy[:, 1], xy[:, 0]]
+    return SourceField(support, 0, {c.name: np.ascontiguousarray(values[:, list(c.columns)]) for c in source.channels})

@@ -1,0 +1,47 @@
+"""What all supports share: sorted Morton keys with a tree of levels above them (spec clauses 7.1 and 8.3)."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import replace
+from typing import Self
+
+import numpy as np
+
+
+class Keyed:
+    """A set of cells that values live in; a dataclass derives from it. keys: int64 [N] ascending Morton keys; level_shift: levels
+    that were left out, a cell here being 2**level_shift of the full ones a side; planar: whether every z is 0."""
+
+    keys: np.ndarray
+    level_shift: int
+    planar = False
+
+    @property
+    def depth(self) -> int:
+        """Levels of the tree over the cells at hand."""
+        raise NotImplementedError
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def coarser(self, levels: int) -> Self:
+        """The support with so many levels less, but for the root."""
+        shift = min(levels, self.depth)
+        if not shift:
+            return self
+        keys = np.unique(self.keys >> 3 * shift)
+        return replace(self, keys=keys, level_shift=self.level_shift + shift)  # type: ignore[type-var]  # a dataclass derives
+
+    def mean(self, values: np.ndarray, levels: int) -> np.ndarray:
+        """Rounded means of values uint8 [N, C] over the cells of coarser(levels), uint8 [n, C] (spec clause 8.3)."""
+        parents = self.keys >> 3 * min(levels, self.depth)
+        first = np.flatnonzero(np.diff(parents, prepend=-1))
+        counts = np.diff(np.append(first, len(parents)))[:, None]
+        sums = np.add.reduceat(values.astype(np.int64), first, axis=0)
+        return ((2 * sums + counts) // (2 * counts)).astype(np.uint8)
+
+
+def keys_crc(keys: np.ndarray) -> int:
+    """CRC-32 over Morton keys as 64-bit little-endian numbers (spec 6.4 and 6.5)."""
+    return zlib.crc32(np.ascontiguousarray(keys, "<i8").data)

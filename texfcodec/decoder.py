@@ -48,8 +48,8 @@ def decode_stream(data: bytes, options: DecodeOptions, report: Report) -> Texf:
 def _decode_unit(values, position_bits):
     if values["Support"] == SUPPORT_TEXELS:
         coding = UvCoding(values["uv_bits"], values["uv_range"] or 1)
-        lattice, faces, uv = dec_textured(values["draco_data"], values["unit_vertices"], values["unit_faces"], coding, position_bits,
-                                          values["offset"])
+        lattice, faces, uv = dec_textured(values["draco_data"], values["unit_vertices"], values["unit_faces"], coding,
+                                          position_bits, values["offset"])
         return GeometryUnit(values["field_index"], values["material_index"], lattice, faces, uv + values["uv_origin"])
     lattice, faces = dec_geometry(values["draco_data"], values["unit_vertices"], values["unit_faces"], position_bits,
                                   values["offset"])

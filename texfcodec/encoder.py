@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 
 @dataclass
 class Prepared:
-    """All that does not depend on the QP, but for what choosing supports took from it. geometry: syntax values of the geometry units; source: what is coded, by channels and
-    fields; fields: SourceFields, whose planes are empty where the codec asks the source itself; choices: which partition and
-    refinement, and why."""
+    """All that does not depend on the QP, but for what choosing supports took from it. geometry: syntax values of the geometry
+    units; source: what is coded, by channels and fields; fields: SourceFields, whose planes are empty where the codec asks the
+    source itself; choices: which partition and refinement, and why."""
 
     geometry: list
     source: Source
@@ -51,9 +51,9 @@ class Prepared:
 @dataclass(kw_only=True, repr=False)
 class Encoded:
     """A stream and what is known of it. sizes: bytes as {"total", "geometry", "attributes", "other"}; counts: {"fields",
-    "voxels", "texels", "faces", "vertices"}; face_field: int64 [F], field of every face of the scene, -1 where it was left out; choices:
-    every choice of the encoder by its name, with what was measured for it, JSON-ready; reconstruction_sha256: hash over keys and
-    decoded values, field by field and channel by channel; psnr_3d: as quality.measure, where it was measured."""
+    "voxels", "texels", "faces", "vertices"}; face_field: int64 [F], field of every face of the scene, -1 where it was left out;
+    choices: every choice of the encoder by its name, with what was measured for it, JSON-ready; reconstruction_sha256: hash over
+    keys and decoded values, field by field and channel by channel; psnr_3d: as quality.measure, where it was measured."""
 
     data: bytes
     sizes: dict

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 class Limits:
     """Defaults fit a desktop; 0 or None switches a limit off.
 
-    file_bytes: whole stream; vertices, faces: over all units; voxels: over all fields, asked texels with them; texels: of one image, asked or not; samples: of voxelisation and rows of texels, over all fields
-    (time grows with it: about 20 million a second and core); latents: numbers of a payload that a network reads, two a byte;
-    metadata_bytes;
-    isolate_bytes, isolate_seconds: for --isolate.
-    """
+    file_bytes: whole stream; vertices, faces: over all units; voxels: over all fields, asked texels with them; texels: of one
+    image, asked or not; samples: of voxelisation and rows of texels, over all fields (time grows with it: about 20 million a
+    second and core); latents: numbers of a payload that a network reads, two a byte; metadata_bytes; isolate_bytes,
+    isolate_seconds: for --isolate. """
 
     file_bytes: int | None = 256 << 20
     vertices: int | None = 1 << 24

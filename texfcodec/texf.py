@@ -185,7 +185,8 @@ class Texf:
         return trimesh.proximity.closest_point(mesh, (points - self.origin) / (self.side or 1.0))[2]
 
     def voxels(self) -> dict[str, np.ndarray]:
-        """All active voxels of fields over voxels: {"xyz": int32 [N, 3], "field": int32 [N], "rgba": uint8 [N, 4], "center": float64 [N, 3] world}."""
+        """All active voxels of fields over voxels: {"xyz": int32 [N, 3], "field": int32 [N], "rgba": uint8 [N, 4], "center":
+        float64 [N, 3] world}."""
         fields = [(i, f) for i, f in enumerate(self.fields) if not f.over_texels]
         xyz = [f.support.xyz() for _, f in fields]
         center = [self._centers(f, v) for (_, f), v in zip(fields, xyz, strict=True)]

@@ -89,8 +89,9 @@ def attribute_variables(stream: Stream, values: dict) -> dict:
     if values["group_index"] >= len(groups):
         raise StreamError("TXF-S09", "an attribute unit names a channel group that is not there", clause="5.7",
                           value=values["group_index"], allowed=f"< {len(groups)}")
+    field = stream.fields[values["field_index"]]
     return {
-        "resolution": cells_a_side(stream.fields[values["field_index"]]), "Planar": stream.fields[values["field_index"]]["support"],
+        "resolution": cells_a_side(field), "Planar": field["support"],
         "NumComponents": groups[values["group_index"]]["group_components"],
         "NumOutputs": sum(g["group_components"] for g in groups), "num_fields": len(stream.fields),
     }

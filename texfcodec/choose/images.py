@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ImageGroup:
-    """Faces that one image colours. faces: int64 [F] into the surface's; image: uint8 [H, W, 4]; wrap: (s, t); factor: float64 [4],
-    linear; opaque: whether alpha counts as 255; uv: float64 [F, 3, 2] of their corners, in texels of the image."""
+    """Faces that one image colours. faces: int64 [F] into the surface's; image: uint8 [H, W, 4]; wrap: (s, t); factor: float64
+    [4], linear; opaque: whether alpha counts as 255; uv: float64 [F, 3, 2] of their corners, in texels of the image."""
 
     faces: np.ndarray
     image: np.ndarray
@@ -38,8 +38,8 @@ class ImageGroup:
         return self.image.shape[1], self.image.shape[0]
 
     def values(self) -> np.ndarray:
-        """The image with its factor, float32 [H, W, 4] in 0..255, colour sRGB-coded, straight alpha; whole numbers where the factor
-        is 1."""
+        """The image with its factor, float32 [H, W, 4] in 0..255, colour sRGB-coded, straight alpha; whole numbers where the
+        factor is 1."""
         out = np.empty(self.image.shape, np.float32)
         for c in range(4):
             out[..., c] = self._curve(c)[self.image[..., c]]

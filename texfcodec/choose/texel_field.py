@@ -59,7 +59,8 @@ def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Sour
     """The SourceField of a plan over its decoded surface. uv: int64 [V, 2]; faces: int64 [F, 3]. Raises LimitError."""
     rows = count_rows(uv, faces, plan.fraction_bits)
     if options.limits.samples is not None and rows > options.limits.samples:
-        raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", value=rows, allowed=options.limits.samples)
+        raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", value=rows,
+                         allowed=options.limits.samples)
     keys = asked_texels(uv, faces, plan.fraction_bits, plan.size, plan.group.wrap, options.limits.voxels)
     support = TexelSupport(keys=keys, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap,
                            fraction_bits=plan.fraction_bits)

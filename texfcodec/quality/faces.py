@@ -20,7 +20,9 @@ def decoded_faces(scene: Scene, texf: Texf) -> tuple[np.ndarray, np.ndarray]:
     face = np.full(len(number), -1, np.int64)
     face[number[len(here) :]] = np.arange(len(there))
     found = face[number[: len(here)]]
-    return found, np.where(found >= 0, (turned[np.maximum(found, 0)] - turn) % 3, 0) if len(there) else np.zeros(len(here), np.int64)
+    if not len(there):
+        return found, np.zeros(len(here), np.int64)
+    return found, np.where(found >= 0, (turned[np.maximum(found, 0)] - turn) % 3, 0)
 
 
 def _face_keys(lattice, material):

@@ -54,8 +54,8 @@ class SourceSamples:
         return {name: result[f"psnr_{name}"] for name in ("y", "yuv611", "rgb")} | {"samples": error.samples}
 
     def _on_faces(self, texf):
-        """Function (samples, their world points) -> colours, where texf has fields over texels: these ask the same corner weights of
-        the decoded face. None where it has none."""
+        """Function (samples, their world points) -> colours, where texf has fields over texels: these ask the same corner weights
+        of the decoded face. None where it has none."""
         if not any(part.over_texels for part in texf.fields):
             return None
         found, turn = decoded_faces(self.scene, texf)

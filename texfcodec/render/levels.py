@@ -25,8 +25,8 @@ class Level:
     counts: np.ndarray
 
     def query(self, places: np.ndarray) -> np.ndarray:
-        """float32 [M, 4] at places of the field: grid coordinates float64 [M, 3] over voxels, see support.query.query_field; texels
-        of the full image float64 [M, 2] over texels."""
+        """float32 [M, 4] at places of the field: grid coordinates float64 [M, 3] over voxels, see support.query.query_field;
+        texels of the full image float64 [M, 2] over texels."""
         if self.support.planar:
             return self.support.query(places, self.values)
         places = places if self.level == 0 else places / (1 << self.level)

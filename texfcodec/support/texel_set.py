@@ -1,8 +1,8 @@
 """Which texels a textured surface asks: an exact rasterisation with wrap (spec clause 6.5).
 
-A texel is asked where bilinear interpolation at some point of a face weighs it: where the face meets the open square of two texels
-a side around its centre. Row by row, the columns of these squares are a range; ranges are added to a table of differences, so that
-neither the order of the faces nor their number of turns around a tiled image matters.
+A texel is asked where bilinear interpolation at some point of a face weighs it: where the face meets the open square of two
+texels a side around its centre. Row by row, the columns of these squares are a range; ranges are added to a table of differences,
+so that neither the order of the faces nor their number of turns around a tiled image matters.
 """
 
 import numpy as np
@@ -146,7 +146,8 @@ def asked_texels(uv: np.ndarray, faces: np.ndarray, fraction_bits: int, size: tu
     """Ascending Morton keys, int64 [N], of the texels that a surface asks.
 
     uv: int64 [V, 2] in steps of 2**-fraction_bits texels, of magnitude below MAX_UV; faces: int64 [F, 3] in 0..V-1; size: (width,
-    height), at most layout.MAX_SIDE each; wrap: modes (s, t) of asset.scene. Raises LimitError TXF-L04 where they are more than `most`.
+    height), at most layout.MAX_SIDE each; wrap: modes (s, t) of asset.scene. Raises LimitError TXF-L04 where they are more than
+    `most`.
     """
     table = np.zeros((size[1], size[0] + 1), np.int32)
     _rasterise(np.ascontiguousarray(uv), np.ascontiguousarray(faces), fraction_bits, *wrap, table)

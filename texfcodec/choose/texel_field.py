@@ -10,18 +10,22 @@ import numpy as np
 from ..bitstream.syntax import MAX_UV_ORIGIN
 from ..errors import LimitError
 from ..geometry.draco import MAX_UV_BITS
+from ..ground.areas import face_areas
 from ..ground.colour_error import RGB_TO_YUV
-from ..support.texel_set import asked_texels, count_rows
+from ..support.texel_set import asked_texels, count_rows, shown_area
 from ..support.texels import TexelSupport
 from .prepare import SourceField
+from .resample import resampled
 from .trial import coding_mse
 
 if TYPE_CHECKING:
     from ..codecs.codec import Source
+    from ..geometry.surface import Surface
     from ..options import EncodeOptions
     from .images import ImageGroup
 
 MOST_FRACTION_BITS = 8
+FULL_BITS = 2  # of UVs where only the weights of texels are at stake
 UV_SHARE = 0.1  # of the coding error: what rounding the UVs may add to it
 
 
@@ -37,6 +41,18 @@ class TexelPlan:
         """UVs of the group's faces, int64 [F, 3, 2], in steps of 2**-fraction_bits texels of the coded size."""
         scale = np.array(self.size, np.float64) / self.group.size * (1 << self.fraction_bits)
         return np.floor(self.group.uv * scale + 0.5).astype(np.int64)
+
+
+    def image(self, surface: Surface) -> np.ndarray:
+        """The group's values at the coded size, float32 [height, width, 4]."""
+        group = self.group
+        if self.size == group.size:
+            return group.values()
+        steps = np.floor(group.uv * (1 << FULL_BITS) + 0.5).astype(np.int64).reshape(-1, 2)
+        corners = np.arange(len(steps)).reshape(-1, 3)
+        area = face_areas(surface.lattice, surface.faces[group.faces])
+        shown = shown_area(steps, corners, FULL_BITS, group.size, group.wrap, area)
+        return resampled(group.values(), shown, self.size, group.wrap)
 
 
 def fraction_bits_for(group: ImageGroup, size: tuple[int, int], qp: int | None) -> int:
@@ -64,6 +80,6 @@ def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Sour
     keys = asked_texels(uv, faces, plan.fraction_bits, plan.size, plan.group.wrap, options.limits.voxels)
     support = TexelSupport(keys=keys, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap,
                            fraction_bits=plan.fraction_bits)
-    xy, image = support.xy(), plan.group.values()
+    xy, image = support.xy(), plan.image(source.surface)
     values = image[xy[:, 1], xy[:, 0]]
     return SourceField(support, 0, {c.name: np.ascontiguousarray(values[:, list(c.columns)]) for c in source.channels})

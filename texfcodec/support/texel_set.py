@@ -56,17 +56,17 @@ def _edge_columns(xa, ya, xb, yb, low, high, half):
 
 
 @kernel
-def _add_range(row, first, last, size, mode, table):
-    """Adds columns first..last, wrapped into 0..size-1, to row `row` of the differences."""
+def _add_range(row, first, last, size, mode, share, table):
+    """Adds share to columns first..last, wrapped into 0..size-1, of row `row` of the differences."""
     count = last - first + 1
     if mode == WRAP_CLAMP:
-        table[row, min(max(first, 0), size - 1)] += 1
-        table[row, min(max(last, 0), size - 1) + 1] -= 1
+        table[row, min(max(first, 0), size - 1)] += share
+        table[row, min(max(last, 0), size - 1) + 1] -= share
         return
     period = size if mode == WRAP_REPEAT else 2 * size
     if count >= period:
-        table[row, 0] += 1
-        table[row, size] -= 1
+        table[row, 0] += share
+        table[row, size] -= share
         return
     begin = first % period
     end = begin + count
@@ -76,8 +76,8 @@ def _add_range(row, first, last, size, mode, table):
             continue
         if mode != WRAP_REPEAT and turn & 1:
             low, high = size - high, size - low
-        table[row, low] += 1
-        table[row, high] -= 1
+        table[row, low] += share
+        table[row, high] -= share
 
 
 @kernel
@@ -91,8 +91,9 @@ def _wrapped_row(row, size, mode):
 
 
 @kernel
-def _rasterise(uv, faces, fraction, wrap_s, wrap_t, table):
-    """Adds the columns of every row of every face to table, int32 [height, width + 1]. Faces index uv by the caller's check."""
+def _rasterise(uv, faces, fraction, wrap_s, wrap_t, shares, table):
+    """Adds the share of every face to the columns of each of its rows in table, [height, width + 1]. shares: [F], of table's type.
+    Faces index uv by the caller's check."""
     height, width = table.shape[0], table.shape[1] - 1
     half = np.int64(1) << fraction
     for f in range(faces.shape[0]):
@@ -107,7 +108,7 @@ def _rasterise(uv, faces, fraction, wrap_s, wrap_t, table):
             first2, last2 = _edge_columns(cx, cy, ax, ay, low, high, half)
             first, last = min(first0, first1, first2), max(last0, last1, last2)
             if first <= last:
-                _add_range(_wrapped_row(row, height, wrap_t), first, last, width, wrap_s, table)
+                _add_range(_wrapped_row(row, height, wrap_t), first, last, width, wrap_s, shares[f], table)
 
 
 @kernel
@@ -150,8 +151,20 @@ def asked_texels(uv: np.ndarray, faces: np.ndarray, fraction_bits: int, size: tu
     `most`.
     """
     table = np.zeros((size[1], size[0] + 1), np.int32)
-    _rasterise(np.ascontiguousarray(uv), np.ascontiguousarray(faces), fraction_bits, *wrap, table)
+    _rasterise(np.ascontiguousarray(uv), np.ascontiguousarray(faces), fraction_bits, *wrap, np.ones(len(faces), np.int32), table)
     count = int(_count_asked(table))
     if most is not None and count > most:
         raise LimitError("TXF-L04", "the fields have more values than the limit allows", clause="6.5", value=count, allowed=most)
     return np.sort(_keys_of(table, count))
+
+
+def shown_area(uv: np.ndarray, faces: np.ndarray, fraction_bits: int, size: tuple[int, int], wrap: tuple[int, int],
+               area: np.ndarray) -> np.ndarray:
+    """How much of the surface each texel shows, float64 [height, width], roughly: a face spreads its area evenly over the texels
+    that it asks. area: float64 [F]; the others as in asked_texels(). Encoder only."""
+    table = np.zeros((size[1], size[0] + 1))
+    corners = uv[faces].astype(np.float64) / (1 << fraction_bits)
+    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    texels = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2
+    _rasterise(np.ascontiguousarray(uv), np.ascontiguousarray(faces), fraction_bits, *wrap, area / np.maximum(texels, 1.0), table)
+    return np.maximum(np.cumsum(table[:, :-1], axis=1), 0.0)

@@ -6,8 +6,6 @@ A Texf stands in a later room, so that signatures here say Any.
 import json
 from typing import Any
 
-import numpy as np
-
 from .appearance import vertex_colours
 from .bake import to_bytes
 from .texel_image import texel_image
@@ -54,8 +52,8 @@ def _surface(texf):
 def _field(support):
     if not support.planar:
         return {"support": "voxels", "resolution": int(support.resolution), "level_shift": int(support.level_shift)}
-    return {"support": "texels", "width": int(support.width), "height": int(support.height), "wrap": [int(w) for w in support.wrap],
-            "level_shift": int(support.level_shift)}
+    return {"support": "texels", "width": int(support.width), "height": int(support.height),
+            "wrap": [int(mode) for mode in support.wrap], "level_shift": int(support.level_shift)}
 
 
 def _material(material):

@@ -100,7 +100,7 @@ def _map(look, number, name, warnings):
     beyond = ((uv < 0) | (uv > 1)).any(axis=(0, 1))
     needed = {mode for mode, reached in zip(look.textures[number].wrap, beyond, strict=True) if reached}
     if WRAP_MIRROR in needed or len(needed) > 1:
-        warnings.append(f"OBJ can only repeat {name}: mirrored images, and those that repeat along one side only, are shown wrong")
+        warnings.append(f"OBJ can neither mirror an image nor repeat it along one side only: {name} repeats along both")
     return f"-clamp on {name}" if needed == {WRAP_CLAMP} else name
 
 

@@ -22,7 +22,8 @@ def arrays(texf: Any, appearance: str) -> dict[str, Any]:
     "texture": lattice_positions int64 [V, 3], faces int64 [F, 3], face_material, face_field int64 [F]; where a field is over
     texels also uv float64 [V, 2], in texels of the full image of the field (fields has its width and height; 0 where a field is
     over voxels), and for every such field, number n: field<n>_xy int32 [N, 2], column and row of the texels at hand,
-    field<n>_rgba uint8 [N, 4], and field<n>_image uint8 [H, W, 3 or 4], what other formats get as PNG.
+    field<n>_rgba uint8 [N, 4], and field<n>_image uint8 [H, W, 3 or 4], their image with its gaps filled; a texel at hand is
+    2**level_shift of the full ones a side (level_shift stands in fields).
     """
     if appearance == "vertex":
         vertex, index, material, rgba = vertex_colours(texf, with_material=True)

@@ -11,7 +11,7 @@ import numpy as np
 from ..scene import WRAP_CLAMP, Texture
 from .atlas import check_arguments
 from .bake import bake
-from .texel_image import texel_image
+from .texel_image import texel_image_and_uv
 
 
 @dataclass(kw_only=True)
@@ -53,10 +53,9 @@ def textured(texf: Any, texture_size: int | None = None, atlas: str = "auto") ->
     elif count and (texture_size is not None or atlas != "auto"):
         warnings.append("every field is over texels and keeps its image: texture size and atlas method have no part")
     for number in np.flatnonzero(over_texels):
-        support, mine = texf.fields[number].support, np.flatnonzero(fields == number)
-        corner_uv[mine] = texf.uv[texf.faces[mine]] / (support.width, support.height)
-        face_image[mine] = len(textures)
-        textures.append(Texture(texel_image(texf, number), tuple(support.wrap)))
+        image, corner_uv[fields == number] = texel_image_and_uv(texf, number)
+        face_image[fields == number] = len(textures)
+        textures.append(Texture(image, tuple(texf.fields[number].support.wrap)))
     return Textured(corner_uv=corner_uv, textures=textures, warnings=warnings, **_looks(texf, face_image))
 
 

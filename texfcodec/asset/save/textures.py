@@ -52,7 +52,7 @@ def textured(texf: Any, texture_size: int | None = None, atlas: str = "auto") ->
         warnings += baked.warnings
     elif count and (texture_size is not None or atlas != "auto"):
         warnings.append("every field is over texels and keeps its image: texture size and atlas method have no part")
-    for number in np.flatnonzero(over_texels):
+    for number in np.flatnonzero(over_texels).tolist():
         image, corner_uv[fields == number] = texel_image_and_uv(texf, number)
         face_image[fields == number] = len(textures)
         textures.append(Texture(image, tuple(texf.fields[number].support.wrap)))

@@ -309,7 +309,7 @@ def test_decoder_writes_and_reports(call, stream, tmp_path, suffix, flags):
     code, out, err = call("texf-dec", path, target, *flags, "--json")
     facts = json.loads(out)
     assert code == 0 and err == "" and target.stat().st_size > 100
-    assert set(facts) == {"schema", "bytes", "resolution", "voxels", "faces", "vertices", "fields", "files", "seconds",
+    assert set(facts) == {"schema", "bytes", "resolution", "voxels", "texels", "faces", "vertices", "fields", "files", "seconds",
                           "peak_memory_bytes", "warnings"}
     assert facts["faces"] == 4 and facts["bytes"]["total"] == len(stream) and facts["files"] == [target.name]
     assert facts["resolution"] == (8 if "--lod" in flags else 32)

@@ -46,6 +46,14 @@ def made(tmp_path_factory):
     return folder / "s.glb", folder / "s.texf"
 
 
+@pytest.fixture(scope="module")
+def atlas_stream(tmp_path_factory):
+    """The path of a stream without fields over texels: one image goes with its mesh, the atlas."""
+    path = tmp_path_factory.mktemp("atlas") / "s.texf"
+    path.write_bytes(encode(make_sample(), EncodeOptions(resolution=32, qp=30, support="voxels")))
+    return path
+
+
 def held(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
@@ -89,8 +97,8 @@ def test_encoder_replaces_an_old_stream_and_takes_devices(call, house):
         assert call("texf-enc", house / "a.obj", "/dev/null", *SMALL)[0] == 0
 
 
-def test_a_gltf_with_its_buffer_is_protected(call, made, tmp_path):
-    decode(made[1].read_bytes()).save(tmp_path / "b.gltf", texture_size=64, atlas="fast")
+def test_a_gltf_with_its_buffer_is_protected(call, atlas_stream, tmp_path):
+    decode(atlas_stream.read_bytes()).save(tmp_path / "b.gltf", texture_size=64, atlas="fast")
     for name in ("b.bin", "b.png"):
         (tmp_path / (name + ".texf")).symlink_to(name)
         code, said, _ = call("texf-enc", tmp_path / "b.gltf", tmp_path / (name + ".texf"), *SMALL, "--json")
@@ -117,7 +125,7 @@ def test_picture_does_not_replace_what_is_drawn(call, house):
 
 
 @pytest.mark.parametrize("out, sides", [("a.obj", ("a.mtl", "a.png")), ("a.gltf", ("a.bin", "a.png"))])
-def test_files_beside_the_output_stay_unless_asked(call, made, tmp_path, out, sides):
+def test_files_beside_the_output_stay_unless_asked(call, atlas_stream, tmp_path, out, sides):
     flags = ("--texture-size", "64", "--atlas", "fast")
     for side in sides:
         for path in tmp_path.iterdir():
@@ -125,13 +133,13 @@ def test_files_beside_the_output_stay_unless_asked(call, made, tmp_path, out, si
         (tmp_path / side).write_bytes(b"mine")
         (tmp_path / out).write_bytes(b"old")
         before = held(tmp_path)
-        code, said, _ = call("texf-dec", made[1], tmp_path / out, *flags, "--json")
+        code, said, _ = call("texf-dec", atlas_stream, tmp_path / out, *flags, "--json")
         error = json.loads(said)["error"]
         assert (code, error["code"]) == (2, "TXF-O08") and error["path"].endswith(side) and held(tmp_path) == before
         with pytest.raises(InputError) as raised:
-            decode(made[1].read_bytes()).save(tmp_path / out, texture_size=64, atlas="fast")
+            decode(atlas_stream.read_bytes()).save(tmp_path / out, texture_size=64, atlas="fast")
         assert raised.value.code == "TXF-O08" and held(tmp_path) == before
-    code, said, _ = call("texf-dec", made[1], tmp_path / out, *flags, "--json", "--overwrite")
+    code, said, _ = call("texf-dec", atlas_stream, tmp_path / out, *flags, "--json", "--overwrite")
     assert code == 0 and set(json.loads(said)["files"]) == set(held(tmp_path)) == {out, *sides}
     assert not {b"mine", b"old"} & set(held(tmp_path).values())
 

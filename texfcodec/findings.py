@@ -198,6 +198,8 @@ FINDINGS = (
     Finding("TXF-O11", InputError, (), "an atlas is asked for a mesh with broken faces or coordinates", "repair the mesh"),
     Finding("TXF-O12", InputError, (), "the mesh has too many separate pieces for one atlas",
             "write --appearance vertex or voxels"),
+    Finding("TXF-O13", InputError, (), "voxels are asked for, and every field of the stream is over texels",
+            "write --appearance texture or vertex"),
     # Command lines.
     Finding("TXF-C01", None, (), "the command line is wrong", "see --help of the tool", EXIT_USAGE),
     Finding("TXF-C02", None, (), "the command was interrupted; no file is half-written", "start it again", EXIT_INTERRUPTED),

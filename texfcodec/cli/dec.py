@@ -17,10 +17,11 @@ from .flags import file_names, limit_flags, limits_of, number, option_flags
 @click.option("--overwrite", is_flag=True, help="Replace files beside OUT (.mtl, .png, .bin) that are there already; OUT itself "
               "always is.")
 @click.option("--appearance", type=click.Choice(APPEARANCES),
-              help="A fresh texture, colours at vertices, or the voxels as points.  [default: texture; vertex for .ply]")
-@click.option("--texture-size", metavar="N", **number(1, 16384, "Side of the texture in texels.  [default: by the field]"))
+              help="Textures, colours at vertices, or the voxels as points.  [default: texture; vertex for .ply]")
+@click.option("--texture-size", metavar="N", **number(1, 16384, "Side of the atlas in texels. An atlas is made for fields over "
+              "voxels; fields over texels keep their image and UVs.  [default: by the field]"))
 @click.option("--atlas", type=click.Choice(ATLAS_METHODS), default=ATLAS_METHODS[0],
-              help="How the texture is laid out; quality may take minutes.  [default: auto]")
+              help="How the atlas is laid out; quality may take minutes.  [default: auto]")
 @option_flags(DecodeOptions, "lod", "isolate")
 @limit_flags("file_bytes", "vertices", "faces", "voxels", "samples", "latents", "metadata_bytes", "isolate_bytes",
              "isolate_seconds")
@@ -62,7 +63,7 @@ def dec(console, source, out, overwrite, appearance, texture_size, atlas, as_jso
     if not console.as_json:
         console.warnings(report)
     facts = _facts(data, texf, report, files)
-    console.result(facts, _lines(facts, out))
+    console.result(facts, _lines(facts, out, texf.counted()))
 
 
 def _save(texf, source, out, overwrite, look):
@@ -83,14 +84,16 @@ def _facts(data, texf, report, files):
     from ..report import peak_memory_bytes
 
     peaks = [p for p in (peak_memory_bytes(), report.child_peak_memory_bytes) if p]
-    return {"bytes": {"total": len(data)}, "resolution": texf.resolution, "voxels": sum(len(f.keys) for f in texf.fields),
+    values = {True: 0, False: 0}
+    for part in texf.fields:
+        values[part.over_texels] += len(part.keys)
+    return {"bytes": {"total": len(data)}, "resolution": texf.resolution, "voxels": values[False], "texels": values[True],
             "faces": len(texf.faces), "vertices": len(texf.lattice_positions), "fields": len(texf.fields), "files": files,
             "seconds": seconds_of(report), "peak_memory_bytes": max(peaks, default=None), "warnings": report.warnings}
 
 
-def _lines(facts, out):
-    yield (f"{out}: {facts['faces']} faces, {facts['vertices']} vertices, {facts['voxels']} voxels at K {facts['resolution']} "
-           f"from {facts['bytes']['total']} bytes")
+def _lines(facts, out, counted):
+    yield f"{out}: {facts['faces']} faces, {facts['vertices']} vertices, {counted} from {facts['bytes']['total']} bytes"
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
 
 

@@ -39,8 +39,7 @@ def make_atlas(positions: np.ndarray, faces: np.ndarray, texture_size: int | Non
     Returns Atlas. Raises InputError TXF-O10 (arguments), TXF-O11 (mesh), TXF-O12 (more charts than any atlas can hold).
     """
     positions, faces = _checked_mesh(positions, faces)
-    if method not in METHODS or (texture_size is not None and not 16 <= texture_size <= MAX_SIZE):
-        raise InputError("TXF-O10", "atlas method or texture size not known", method=method, texture_size=texture_size)
+    check_arguments(texture_size, method)
     points = _unit_points(positions, faces)
     side = int(texture_size or default_size(points, faces, resolution or 1024))
     if len(faces) == 0:
@@ -55,6 +54,12 @@ def make_atlas(positions: np.ndarray, faces: np.ndarray, texture_size: int | Non
     if roomy != side:
         warnings.append(f"{side} texels a side cannot hold the mesh's charts; the atlas has {roomy}")
     return _finished(flat, roomy, "fast", warnings)
+
+
+def check_arguments(texture_size: int | None, method: str) -> None:
+    """InputError TXF-O10 for a texture size or a method that make_atlas() does not take."""
+    if method not in METHODS or (texture_size is not None and not 16 <= texture_size <= MAX_SIZE):
+        raise InputError("TXF-O10", "atlas method or texture size not known", method=method, texture_size=texture_size)
 
 
 def default_size(points: np.ndarray, faces: np.ndarray, resolution: int) -> int:

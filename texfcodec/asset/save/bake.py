@@ -26,27 +26,30 @@ class Baked:
     warnings: list = field(default_factory=list)
 
 
-def bake(texf: Any, texture_size: int | None = None, atlas: str | Atlas = "auto") -> Baked:
-    """Unwrap a decoded mesh and paint its field into the atlas.
+def bake(texf: Any, texture_size: int | None = None, atlas: str | Atlas = "auto", chosen: np.ndarray | None = None) -> Baked:
+    """Unwrap a decoded mesh and paint its fields into the atlas.
 
     texf: decoded stream (Texf); texture_size: side in texels or None; atlas: "auto", "quality", "fast" or a ready Atlas of the
-    same faces. Returns Baked. Raises InputError TXF-O10..O12 (see make_atlas). At 4096 x 4096 it needs about 300 MB.
+    same faces; chosen: int64 [n], numbers of the faces to paint, or None for all. Returns Baked, its atlas over the chosen faces.
+    Raises InputError TXF-O10..O12 (see make_atlas). At 4096 x 4096 it needs about 300 MB.
 
     A texel shows the surface point under its centre; texels within one texel of a face show that face's nearest point, so that
     bilinear lookups at chart edges stay on the surface; all others carry on the neighbouring colours, so mip levels stay clean.
     """
+    chosen = np.arange(len(texf.faces)) if chosen is None else np.asarray(chosen, np.int64)
     if isinstance(atlas, Atlas):
-        _check_atlas(atlas, len(texf.faces))
+        _check_atlas(atlas, len(chosen))
     else:
-        atlas = make_atlas(texf.positions, texf.faces, texture_size, atlas, texf.resolution, groups=texf.face_field)
+        faces, resolution = texf.faces[chosen], _resolution(texf, chosen)
+        atlas = make_atlas(texf.positions, faces, texture_size, atlas, resolution, groups=texf.face_field[chosen])
     texels = np.ascontiguousarray(atlas.corner_uv * np.array([atlas.width, atlas.height], np.float64))
     owner = cover(texels, atlas.width, atlas.height)
     image = np.zeros((atlas.height, atlas.width, 4), np.uint8)
-    _paint(texf, texels, owner, image)
+    _paint(texf, chosen, texels, owner, image)
     covered = owner >= 0
     if texf.has_alpha:
         fill_gaps(image[..., 3:], covered)
-        fill_gaps(image[..., :3], covered & ~_invisible(texf, owner, image))
+        fill_gaps(image[..., :3], covered & ~_invisible(texf, chosen, owner, image))
     else:
         image[..., 3] = 255
         fill_gaps(image[..., :3], covered)
@@ -85,9 +88,17 @@ def _check_atlas(atlas, count):
         raise InputError("TXF-O10", "the atlas does not belong to this mesh", faces=count, value=str(uv.shape))
 
 
-def _paint(texf, texels, owner, image):
-    """Ask the field for every covered texel, a band of rows at a time."""
-    positions, faces = np.ascontiguousarray(texf.positions, np.float64), np.ascontiguousarray(texf.faces, np.int64)
+def _resolution(texf, chosen):
+    """Voxels along the longest side of the chosen faces."""
+    if len(chosen) == len(texf.faces) or not texf.side > 0:
+        return texf.resolution
+    longest = np.ptp(texf.positions[texf.faces[chosen]].reshape(-1, 3), axis=0).max(initial=0.0)
+    return max(int(np.ceil(texf.resolution * min(longest / texf.side, 1.0))), 1)
+
+
+def _paint(texf, chosen, texels, owner, image):
+    """Ask the fields of the chosen faces for every covered texel, a band of rows at a time."""
+    positions, faces = np.ascontiguousarray(texf.positions, np.float64), np.ascontiguousarray(texf.faces[chosen], np.int64)
     rows = max(BLOCK // owner.shape[1], 1)
     for top in range(0, owner.shape[0], rows):
         band = owner[top : top + rows]
@@ -96,7 +107,7 @@ def _paint(texf, texels, owner, image):
             continue
         face = band[row, col].astype(np.int64)
         points = _surface_points(col + 0.5, row + (top + 0.5), face, texels, faces, positions)
-        image[top + row, col] = to_bytes(texf.query(points, face))
+        image[top + row, col] = to_bytes(texf.query(points, chosen[face]))
 
 
 def to_bytes(rgba: np.ndarray) -> np.ndarray:
@@ -104,10 +115,10 @@ def to_bytes(rgba: np.ndarray) -> np.ndarray:
     return np.nan_to_num(np.rint(np.clip(rgba, 0.0, 255.0)), nan=0.0).astype(np.uint8)
 
 
-def _invisible(texf, owner, image):
+def _invisible(texf, chosen, owner, image):
     """Texels whose colour nobody can see (alpha 0 on a blended or masked face) and which therefore say nothing about it."""
     sees_alpha = np.array([m.alpha_mode != ALPHA_OPAQUE for m in texf.materials] + [True])
-    face_sees = np.append(sees_alpha[np.asarray(texf.face_material, np.int64)], False)  # last entry answers for owner -1
+    face_sees = np.append(sees_alpha[np.asarray(texf.face_material, np.int64)[chosen]], False)  # last: what owner -1 asks
     return (image[..., 3] == 0) & face_sees[owner]
 
 

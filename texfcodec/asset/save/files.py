@@ -5,7 +5,6 @@ A Texf stands in a later room, so that signatures here say Any.
 
 import errno
 import io
-import json
 import os
 import secrets
 from collections.abc import Iterable
@@ -27,17 +26,19 @@ def save(texf: Any, path: str | PathLike, appearance: str | None = None, texture
          overwrite: bool = False, inputs: Iterable[str | PathLike] = ()) -> dict:
     """Write a decoded stream; the suffix of path chooses the format.
 
-    texf: decoded stream (Texf). appearance: "texture" (an atlas is made and baked; NPZ: every decoded array), "vertex" (colours
-    at vertices), "voxels" (point cloud of voxel centres); None means texture, but vertex for PLY, which has no texture.
-    texture_size: side in texels or None; atlas: "auto", "quality" or "fast". Side files (.bin, .png, .mtl) take the name of path.
+    texf: decoded stream (Texf). appearance: "texture", "vertex" (colours at vertices), "voxels" (point cloud of voxel centres);
+    None means texture, but vertex for PLY, which has no texture. With texture a field over texels keeps its image and its UVs,
+    and all fields over voxels are baked into one atlas; an NPZ holds every decoded array, see npz_write.arrays().
+    texture_size: side of the atlas in texels or None; atlas: "auto", "quality" or "fast"; fields over texels have no part in
+    them. Side files (.bin, .png, .mtl) take the name of path; several images are numbered from 0, the atlas first.
     overwrite: whether side files may replace what is there; path itself always may. inputs: paths that nothing may replace.
     Returns {"warnings": [one sentence each], "files": [names written]}.
     Raises InputError: TXF-O01 no such directory, TXF-O02 not writable, TXF-O03 disk full, TXF-O04 other operating system error,
     TXF-O05 suffix, TXF-O06 appearance, TXF-O07 a file would replace an input, TXF-O08 a side file is there already, TXF-O10..O12
-    atlas. After an error nothing half-written remains.
+    atlas, TXF-O13 no voxels. After an error nothing half-written remains.
     """
     path = Path(path)
-    suffix, appearance, warnings = _checked(path, appearance)
+    suffix, appearance, warnings = _checked(texf, path, appearance)
     check_target(path, inputs)
     check_sides(path.parent, _side_names(texf, path, suffix, appearance), inputs, overwrite)
     files = _WRITERS[suffix](texf, path, appearance, (texture_size, atlas), warnings)
@@ -48,12 +49,12 @@ def save(texf: Any, path: str | PathLike, appearance: str | None = None, texture
 def as_glb(texf: Any, appearance: str | None = None, texture_size: int | None = None,
            atlas: str = "auto") -> tuple[bytes, list[str]]:
     """The bytes of the GLB that save() would write, and its warnings: (bytes, [one sentence each])."""
-    suffix, appearance, warnings = _checked(Path("stream.glb"), appearance)
+    suffix, appearance, warnings = _checked(texf, Path("stream.glb"), appearance)
     ((_, pieces),) = _WRITERS[suffix](texf, Path("stream.glb"), appearance, (texture_size, atlas), warnings)
     return b"".join(pieces), warnings
 
 
-def _checked(path, appearance):
+def _checked(texf, path, appearance):
     """(suffix, appearance, warnings) of what save() was asked for."""
     suffix, warnings = path.suffix.lower(), []
     if suffix not in SUFFIXES:
@@ -62,17 +63,35 @@ def _checked(path, appearance):
         raise InputError("TXF-O06", "appearance not known", value=appearance, allowed=" ".join(APPEARANCES))
     if suffix == ".ply" and appearance == "texture":
         warnings.append("PLY has no texture here: vertex colours are written")
+    if appearance == "voxels":
+        _name_what_has_no_voxels(texf, warnings)
     return suffix, ("vertex" if suffix == ".ply" else "texture") if appearance is None else appearance, warnings
+
+
+def _name_what_has_no_voxels(texf, warnings):
+    """What appearance "voxels" leaves out: a warning, or InputError TXF-O13 where nothing would be left."""
+    bare = [number for number, part in enumerate(texf.fields) if part.over_texels]
+    if bare and len(bare) == len(texf.fields):
+        raise InputError("TXF-O13", "every field of the stream is over texels: there are no voxels to write", value=len(bare))
+    if bare:
+        faces = int(np.isin(texf.face_field, bare).sum())
+        warnings.append(f"{faces} of {len(texf.faces)} faces have their colours in texels and no voxels: they are not written")
 
 
 def _side_names(texf, path, suffix, appearance):
     """Names of the files that the writers put beside path, known before the work."""
-    textured = appearance == "texture" and len(texf.faces) > 0
     if suffix == ".gltf":
-        return [path.stem + ".png"] * textured + [path.stem + ".bin"]
-    if suffix == ".obj" and textured:
-        return [_without_blanks(path.stem) + ".png", _without_blanks(path.stem) + ".mtl"]
-    return []
+        return [*_image_names(texf, path.stem, appearance), path.stem + ".bin"]
+    images = _image_names(texf, _without_blanks(path.stem), appearance) if suffix == ".obj" else []
+    return [*images, _without_blanks(path.stem) + ".mtl"] if images else []
+
+
+def _image_names(texf, stem, appearance):
+    """Names of the images that go with a mesh file of that stem."""
+    from .textures import image_count
+
+    count = image_count(texf) if appearance == "texture" else 0
+    return [stem + ".png"] if count == 1 else [f"{stem}_{number}.png" for number in range(count)]
 
 
 def _without_blanks(stem):
@@ -84,8 +103,8 @@ def _glb(texf, path, appearance, bake_options, warnings):
     from texfcodec.asset.save import gltf_write
 
     if appearance == "texture":
-        baked = _baked(texf, bake_options, warnings)
-        document = gltf_write.textured(texf, baked, None, _png(texf, baked))
+        look = _textured(texf, bake_options, warnings)
+        document = gltf_write.textured(texf, look, [_png(t.image) for t in look.textures])
     else:
         document = gltf_write.coloured(texf) if appearance == "vertex" else gltf_write.points(texf)
     warnings += document.warnings
@@ -97,10 +116,9 @@ def _gltf(texf, path, appearance, bake_options, warnings):
 
     files = []
     if appearance == "texture":
-        baked = _baked(texf, bake_options, warnings)
-        if len(texf.faces):
-            files.append((path.stem + ".png", [_png(texf, baked)]))
-        document = gltf_write.textured(texf, baked, quote(path.stem + ".png"), None)
+        look, names = _textured(texf, bake_options, warnings), _image_names(texf, path.stem, appearance)
+        files += _image_files(look, names)
+        document = gltf_write.textured(texf, look, [quote(name) for name in names])
     else:
         document = gltf_write.coloured(texf) if appearance == "vertex" else gltf_write.points(texf)
     warnings += document.warnings
@@ -118,12 +136,12 @@ def _obj(texf, path, appearance, bake_options, warnings):
         return [(path.name, ply_write.obj_points(texf))]
     if appearance == "vertex" or len(texf.faces) == 0:
         return [(path.name, ply_write.obj_coloured(texf))]
-    baked = _baked(texf, bake_options, warnings)
-    stem = _without_blanks(path.stem)
+    stem, look = _without_blanks(path.stem), _textured(texf, bake_options, warnings)
+    names = _image_names(texf, stem, appearance)
     return [
-        (stem + ".png", [_png(texf, baked)]),
-        (stem + ".mtl", ply_write.mtl(texf, stem + ".png")),
-        (path.name, ply_write.obj_textured(texf, baked, stem + ".mtl")),
+        *_image_files(look, names),
+        (stem + ".mtl", ply_write.mtl(texf, look, names, warnings)),
+        (path.name, ply_write.obj_textured(texf, look, stem + ".mtl")),
     ]
 
 
@@ -135,36 +153,13 @@ def _ply(texf, path, appearance, bake_options, warnings):
 
 
 def _npz(texf, path, appearance, bake_options, warnings):
-    from .appearance import vertex_colours
-    from .bake import to_bytes
+    from .npz_write import arrays
 
-    header = {"origin": texf.origin, "side": texf.side, "position_bits": texf.position_bits, "resolution": texf.resolution}
-    if appearance == "vertex":
-        vertex, index, material, rgba = vertex_colours(texf, with_material=True)
-        arrays = {"positions": texf.positions[vertex], "faces": index, "vertex_material": material, "rgba": to_bytes(rgba)}
-    else:
-        voxels = texf.voxels()
-        arrays = {f"voxel_{name}": voxels[name] for name in ("xyz", "field", "rgba")}
-        if appearance == "voxels":
-            arrays["voxel_center"] = voxels["center"]
-        else:
-            arrays |= {"lattice_positions": texf.lattice_positions, "faces": texf.faces}
-            arrays |= {"face_material": texf.face_material, "face_field": texf.face_field}
-    arrays |= header | {"materials": json.dumps([_described(m) for m in texf.materials]), "metadata": json.dumps(texf.metadata)}
-    return [(path.name, lambda file: np.savez(file, **arrays))]
+    held = arrays(texf, appearance)
+    return [(path.name, lambda file: np.savez(file, **held))]
 
 
 _WRITERS = {".glb": _glb, ".gltf": _gltf, ".obj": _obj, ".ply": _ply, ".npz": _npz}
-
-
-def _described(material):
-    return {
-        "name": material.name,
-        "alpha_mode": int(material.alpha_mode),
-        "alpha_cutoff": float(material.alpha_cutoff),
-        "double_sided": bool(material.double_sided),
-        "unlit": bool(material.unlit),
-    }
 
 
 def _name_losses(texf, warnings, form, appearance):
@@ -181,20 +176,23 @@ def _name_losses(texf, warnings, form, appearance):
         warnings.append(f"{form} with vertex colours has no materials: the mesh becomes one surface")
 
 
-def _baked(texf, bake_options, warnings):
-    from .bake import bake
+def _textured(texf, bake_options, warnings):
+    from .textures import textured
 
-    baked = bake(texf, *bake_options)
-    warnings += baked.warnings
-    return baked
+    look = textured(texf, *bake_options)
+    warnings += look.warnings
+    return look
 
 
-def _png(texf, baked):
-    """The baked image as PNG bytes, without the alpha channel when the stream has none."""
+def _image_files(look, names):
+    return [(name, [_png(texture.image)]) for name, texture in zip(names, look.textures, strict=True)]
+
+
+def _png(image):
+    """An image, uint8 [H, W, 3] or [H, W, 4], as PNG bytes."""
     from PIL import Image
 
     out = io.BytesIO()
-    image = baked.image if texf.has_alpha else np.ascontiguousarray(baked.image[..., :3])
     Image.fromarray(image).save(out, "PNG", compress_level=3)
     return out.getvalue()
 

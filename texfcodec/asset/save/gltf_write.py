@@ -1,4 +1,4 @@
-"""glTF 2.0 out: one primitive per material, one shared image, GLB or .gltf with files beside it.
+"""glTF 2.0 out: one primitive per material and image, GLB or .gltf with files beside it.
 
 A Texf stands in a later room, so that signatures here say Any.
 """
@@ -7,20 +7,21 @@ from __future__ import annotations
 
 import json
 import struct
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..normals import corner_normals
-from ..scene import ALPHA_BLEND, ALPHA_MASK
+from ..scene import ALPHA_BLEND, ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
 from .appearance import linear_u16, unique_corners, vertex_colours
 from .precision import local_frame
 
 if TYPE_CHECKING:
-    from .bake import Baked
+    from .textures import Textured
 
 _ARRAY, _INDEX = 34962, 34963  # bufferView targets
 _COMPONENT = {"f4": 5126, "u2": 5123, "u4": 5125}
+_WRAPS = {WRAP_REPEAT: 10497, WRAP_CLAMP: 33071, WRAP_MIRROR: 33648}
 _POINTS = 0
 _UNLIT = "KHR_materials_unlit"
 _EXTRAS_LIMIT = 65536  # bytes of metadata that may ride in asset.extras
@@ -81,26 +82,34 @@ class Document:
         self.json["scenes"][0]["nodes"] = [self.add("nodes", node)]
 
 
-def textured(texf: Any, baked: Baked, image_uri: str | None, png: bytes) -> Document:
-    """Document with TEXCOORD_0 and the baked image. image_uri: None to embed png (bytes) in the buffer."""
+def textured(texf: Any, look: Textured, images: list[str | bytes]) -> Document:
+    """Document with TEXCOORD_0 and images. images: for each of look.textures its URI, or its PNG for the buffer."""
     document = Document(texf.metadata)
     if len(texf.faces) == 0:
         return document
-    uv = baked.atlas.corner_uv.astype(np.float32).reshape(-1, 2)
-    corner, materials = texf.faces.ravel(), np.repeat(texf.face_material, 3)
+    uv = look.corner_uv.astype(np.float32).reshape(-1, 2)
+    corner, looks = texf.faces.ravel(), np.repeat(look.face_look, 3)
     normal = corner_normals(texf.lattice_positions, texf.faces).reshape(-1, 3)
-    first, index = unique_corners(materials, corner, np.ascontiguousarray(uv).view(np.uint64).ravel(), *normal.view(np.int32).T)
+    first, index = unique_corners(looks, corner, np.ascontiguousarray(uv).view(np.uint64).ravel(), *normal.view(np.int32).T)
     columns = {"NORMAL": (normal[first], "VEC3", False), "TEXCOORD_0": (uv[first], "VEC2", False)}
-    _add_surface(document, texf, corner[first], index.reshape(-1, 3), materials[first], columns)
-    image: dict[str, Any] = {"name": "texf", "mimeType": "image/png"}
-    if image_uri is None:
-        image["bufferView"] = document.add_view(png)
-    else:
-        image = {"name": "texf", "uri": image_uri}
-    # linear, linear-mipmap-linear, clamp to edge: the atlas is never tiled
-    sampler = document.add("samplers", {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071})
-    document.add("textures", {"sampler": sampler, "source": document.add("images", image)})
+    groups = _Groups(looks[first], look.face_look, [_material(texf.materials[m], int(image)) for m, image in look.looks])
+    _add_surface(document, texf, corner[first], index.reshape(-1, 3), groups, columns)
+    for number, (texture, image) in enumerate(zip(look.textures, images, strict=True)):
+        _add_texture(document, texture.wrap, "texf" if len(images) == 1 else f"texf_{number}", image)
     return document
+
+
+def _add_texture(document, wrap, name, image):
+    """A texture of its own for an image (URI or PNG bytes); images that wrap alike share a sampler."""
+    if isinstance(image, str):
+        entry = {"name": name, "uri": image}
+    else:
+        entry = {"name": name, "mimeType": "image/png", "bufferView": document.add_view(image)}
+    # linear, linear-mipmap-linear
+    sampler = {"magFilter": 9729, "minFilter": 9987, "wrapS": _WRAPS[wrap[0]], "wrapT": _WRAPS[wrap[1]]}
+    known = document.json.get("samplers", [])
+    at = known.index(sampler) if sampler in known else document.add("samplers", sampler)
+    document.add("textures", {"sampler": at, "source": document.add("images", entry)})
 
 
 def coloured(texf: Any) -> Document:
@@ -108,7 +117,8 @@ def coloured(texf: Any) -> Document:
     document = Document(texf.metadata)
     if len(texf.faces):
         vertex, index, material, rgba = vertex_colours(texf, with_material=True)
-        _add_surface(document, texf, vertex, index, material, {"COLOR_0": (linear_u16(rgba), "VEC4", True)})
+        groups = _Groups(material, texf.face_material, [_material(m, None) for m in texf.materials])
+        _add_surface(document, texf, vertex, index, groups, {"COLOR_0": (linear_u16(rgba), "VEC4", True)})
     return document
 
 
@@ -156,25 +166,34 @@ def _text(document):
     return json.dumps(document.json, ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
 
 
-def _add_surface(document, texf, vertex, index, material, columns):
-    """Primitives, one per material in use, each with accessors of its own: vertices come sorted by material.
+class _Groups(NamedTuple):
+    """What becomes a primitive each. vertex: int64 [U] ascending and face: int64 [F], numbers of materials; materials: glTF
+    dicts."""
 
-    vertex, material: int64 [U]; index: int64 [F, 3]; columns: attribute name -> (array [U, k], glTF type, normalized).
+    vertex: np.ndarray
+    face: np.ndarray
+    materials: list[dict]
+
+
+def _add_surface(document, texf, vertex, index, groups, columns):
+    """Primitives, one per group in use, each with accessors of its own: vertices come sorted by group.
+
+    vertex: int64 [U]; index: int64 [F, 3]; columns: attribute name -> (array [U, k], glTF type, normalized).
     """
     local, translation, scale = local_frame(texf, texf.positions[vertex])
-    face_material, primitives = texf.face_material, []
-    for number in np.unique(material):
-        low, high = np.searchsorted(material, (number, number + 1))
+    primitives = []
+    for number in np.unique(groups.vertex):
+        low, high = np.searchsorted(groups.vertex, (number, number + 1))
         attributes = {"POSITION": document.add_accessor(local[low:high], "VEC3", _ARRAY, bounds=True)}
         for name, (values, kind, normalized) in columns.items():
             attributes[name] = document.add_accessor(values[low:high], kind, _ARRAY, normalized=normalized)
-        corners = (index[face_material == number] - low).ravel()
+        corners = (index[groups.face == number] - low).ravel()
         indices = corners.astype(np.uint16 if high - low <= 65535 else np.uint32)  # 65535 itself is the restart value
         primitives.append(
             {"attributes": attributes, "indices": document.add_accessor(indices, "SCALAR", _INDEX), "material": int(number)}
         )
-    for item in texf.materials:
-        document.add("materials", _material(item, 0 if "TEXCOORD_0" in columns else None))
+    for item in groups.materials:
+        document.add("materials", item)
     if any(item.unlit for item in texf.materials):
         document.json["extensionsUsed"] = [_UNLIT]
     document.add_mesh(primitives, translation, scale)

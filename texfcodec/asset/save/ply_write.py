@@ -3,15 +3,20 @@
 A Texf stands in a later room, so that signatures here say Any.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..scene import ALPHA_OPAQUE
+from ..scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR
 from .appearance import vertex_colours
-from .bake import Baked, to_bytes
+from .bake import to_bytes
 from .precision import decimal_digits, float32_is_enough
+
+if TYPE_CHECKING:
+    from .textures import Textured
 
 _CHANNELS = ("red", "green", "blue", "alpha")
 
@@ -47,18 +52,18 @@ def _ply_header(lines):
     return "\n".join(["ply", "format binary_little_endian 1.0", "comment texfcodec", *lines, "end_header", ""]).encode()
 
 
-def obj_textured(texf: Any, baked: Baked, mtl_name: str) -> Iterator[bytes]:
+def obj_textured(texf: Any, look: Textured, mtl_name: str) -> Iterator[bytes]:
     """Pieces of an OBJ file with texture coordinates (v up, as OBJ counts)."""
-    uv, index = np.unique(baked.atlas.corner_uv.reshape(-1, 2), axis=0, return_inverse=True)
+    uv, index = np.unique(look.corner_uv.reshape(-1, 2), axis=0, return_inverse=True)
     uv = np.stack([uv[:, 0], 1.0 - uv[:, 1]], 1)
     yield f"# texfcodec\nmtllib {mtl_name}\n".encode()
     yield _rows(f"v {_number(texf)} {_number(texf)} {_number(texf)}\n", texf.positions)
     yield _rows("vt %.8g %.8g\n", uv)
     corners = np.stack([texf.faces + 1, index.reshape(-1, 3) + 1], 2).reshape(-1, 6)
-    names, face_material = obj_names(texf), texf.face_material
-    for number in np.unique(face_material):
+    names = obj_names(texf, look)
+    for number in np.unique(look.face_look):
         yield f"usemtl {names[number]}\n".encode()
-        yield _rows("f %d/%d %d/%d %d/%d\n", corners[face_material == number])
+        yield _rows("f %d/%d %d/%d %d/%d\n", corners[look.face_look == number])
 
 
 def obj_coloured(texf: Any) -> Iterator[bytes]:
@@ -77,19 +82,33 @@ def obj_points(texf: Any) -> Iterator[bytes]:
     yield _rows("p %d\n", np.arange(1, len(voxels["rgba"]) + 1)[:, None])
 
 
-def mtl(texf: Any, image_name: str) -> list[bytes]:
-    """The MTL file: one entry per material, all showing the baked image."""
-    lines = ["# texfcodec"]
-    for name, material in zip(obj_names(texf), texf.materials, strict=True):
-        lines += [f"newmtl {name}", "Ka 1 1 1", "Kd 1 1 1", "Ks 0 0 0", "d 1", "illum 1", f"map_Kd {image_name}"]
-        if texf.has_alpha and material.alpha_mode != ALPHA_OPAQUE:
-            lines.append(f"map_d {image_name}")
+def mtl(texf: Any, look: Textured, image_names: list[str], warnings: list[str]) -> list[bytes]:
+    """The MTL file: one entry per material and image. image_names: of the files of look.textures; warnings: gets a sentence
+    where OBJ cannot wrap an image as its UVs need."""
+    maps, lines = [_map(look, n, name, warnings) for n, name in enumerate(image_names)], ["# texfcodec"]
+    for name, (material, image) in zip(obj_names(texf, look), look.looks, strict=True):
+        lines += [f"newmtl {name}", "Ka 1 1 1", "Kd 1 1 1", "Ks 0 0 0", "d 1", "illum 1", f"map_Kd {maps[image]}"]
+        if look.textures[image].image.shape[2] == 4 and texf.materials[material].alpha_mode != ALPHA_OPAQUE:
+            lines.append(f"map_d {maps[image]}")
     return [("\n".join(lines) + "\n").encode()]
 
 
-def obj_names(texf: Any) -> list[str]:
-    """One distinct name without blanks per material."""
-    return [f"{i}_{'_'.join(material.name.split()) or 'material'}" for i, material in enumerate(texf.materials)]
+def _map(look, number, name, warnings):
+    """What stands behind map_Kd. An image repeats in OBJ, or is clamped both ways; where UVs stay within it neither matters, and
+    the option, which some readers take for a part of the name, is left out."""
+    uv = look.corner_uv[look.looks[look.face_look, 1] == number]
+    beyond = ((uv < 0) | (uv > 1)).any(axis=(0, 1))
+    needed = {mode for mode, reached in zip(look.textures[number].wrap, beyond, strict=True) if reached}
+    if WRAP_MIRROR in needed or len(needed) > 1:
+        warnings.append(f"OBJ can neither mirror an image nor repeat it along one side only: {name} repeats along both")
+    return f"-clamp on {name}" if needed == {WRAP_CLAMP} else name
+
+
+def obj_names(texf: Any, look: Textured) -> list[str]:
+    """One distinct name without blanks per pair of material and image, of look.looks."""
+    shared = np.bincount(look.looks[:, 0], minlength=len(texf.materials)) > 1
+    return [f"{i}_{'_'.join(texf.materials[i].name.split()) or 'material'}" + f"_{image}" * bool(shared[i])
+            for i, image in look.looks]
 
 
 def _number(texf):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,6 +40,7 @@ class Prepared:
     geometry: list
     source: Source
     fields: list[SourceField]
+    resolution: int | None = None
     choices: dict = field(default_factory=dict)
 
     @property
@@ -82,7 +83,9 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
     with report.stage("lattice"):
         surface = make_surface(scene, options)
     with report.stage("supports"):
-        plans, supports = choose_supports(scene, surface, options, report)
+        supports = choose_supports(scene, surface, options, report)
+    surface, plans = supports.surface, supports.plans
+    options = replace(options, resolution=supports.resolution, position_bits=surface.cube.position_bits)
     with report.stage("partition"):
         face_field, partition = _fields_of_faces(scene, surface, plans, options, report)
     first = int(face_field.max(initial=-1)) + 1 - len(plans)
@@ -99,7 +102,8 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
         with report.stage("texels"):
             fields.append(texel_field(plan, field_uv(units, number), surfaces[number][1], source, options))
     check_voxels(fields, options.limits)
-    prepared = Prepared(geometry, source, fields, {"supports": supports, "partition": partition})
+    resolution = options.resolution if first else None
+    prepared = Prepared(geometry, source, fields, resolution, {"supports": supports.told, "partition": partition})
     if not codec_of(options.codec).joint:
         _fill(prepared, first, options, report)
     return prepared
@@ -151,19 +155,19 @@ def code_prepared(prepared: Prepared, options: EncodeOptions, report: Report) ->
     counts = {"fields": len(fields), "voxels": sum(len(part.support) for part in fields) - texels, "texels": texels,
               "faces": stream.header["num_faces"], "vertices": stream.header["num_vertices"]}
     return Encoded(data=data, sizes={"total": len(data), **sizes}, counts=counts, face_field=face_field, choices=choices,
-                   resolution=options.resolution, qp=options.qp, reconstruction_sha256=reconstruction.hexdigest(),
+                   resolution=prepared.resolution, qp=options.qp, reconstruction_sha256=reconstruction.hexdigest(),
                    texels_per_voxel_edge=max((part.texels_per_edge for part in fields), default=0.0))
 
 
 def _code_planes(codec, stream, prepared, options, report, choices):
     """One attribute unit per field and channel: the decoded planes of each field, by channel name."""
-    out = []
+    out, exactly = [], replace(options, qp=None, max_error=0) if any(part.exact for part in prepared.fields) else options
     for i, part in enumerate(prepared.fields):
         with report.stage("attributes"):
-            planes = {}
+            planes, chosen_options = {}, exactly if part.exact else options
             for k, channel in enumerate(prepared.source.channels):
                 chosen = codec_for(part.planes[channel.name], codec)
-                values, planes[channel.name] = chosen.enc(part.planes[channel.name], part.support, options)
+                values, planes[channel.name] = chosen.enc(part.planes[channel.name], part.support, chosen_options)
                 stream.attributes.append(attribute_values(chosen, i, k, zlib.crc32(planes[channel.name]), values))
             out.append(planes)
     return out

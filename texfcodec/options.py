@@ -132,6 +132,7 @@ class EncodeOptions:
                          "the fit on pictures (a minute); not in auto.")
     refine_iterations: int = ranged(30, 1, 10_000)
     support: str = choice("auto", SUPPORTS, "Where values live: voxels, the texels of the source's images, or what is smaller.")
+    exact_rate: bool = switch("Voxels at the rate's own K, whatever would be smaller.")
     texel_size: int | None = ranged(None, 1, 16384, "Texels along the longer side of an image, at most its own.", "N")
     codec: str = choice(DEFAULT_CODEC, codec_names, "How values are coded.")
     codec_options: dict = field(default_factory=dict)
@@ -166,6 +167,8 @@ class EncodeOptions:
         self._refuse_strange(codec)
         codec.check_options(self)
         self.threads = self.threads or default_threads()
+        self.rate_is_free = self.resolution is None and not self.exact_rate and self.max_error is None and not self.lossless
+        self.position_bits_are_free = self.position_bits is None
         self.position_bits = codec.position_bits if self.position_bits is None else self.position_bits
         self._set_rate()
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .choose.probe import VOXELS_PER_AREA
 from .codecs import codec_of
 from .decoder import decode_stream
 from .encoder import Encoded, code_prepared, prepare
@@ -25,7 +26,6 @@ LADDER = (64, 128, 256, 512, 1024, 1536, 2048)
 FIRST_K, FIRST_QP, LAST_QP = 1024, 28, 63
 FINER_BELOW, COARSER_ABOVE = 30, 38  # QPs where the next K of LADDER may beat this one; measured on bball_0001, K 256..2048
 BITS_PER_QP, DECIBELS_PER_QP = 0.17, 0.42  # first guesses: log2 of attribute bytes and dB lost with each QP
-VOXELS_PER_AREA = 1.05  # voxels over surface in voxel faces; 1.015 to 1.071 on seven assets at K 512
 SECONDS, SECONDS_PER_VOXEL = 0.8, 2.4e-6  # of an encode with two threads
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..asset.sample import CURVE_STEPS
-from ..asset.scene import ALPHA_OPAQUE
+from ..asset.scene import ALPHA_OPAQUE, WRAP_CLAMP
 from ..asset.srgb import linear_to_srgb, srgb_to_linear
 from ..bitstream.syntax import MAX_UV_ORIGIN
 from ..geometry.draco import MAX_UV_BITS
@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class ImageGroup:
     """Faces that one image colours. faces: int64 [F] into the surface's; image: uint8 [H, W, 4]; wrap: (s, t); factor: float64
-    [4], linear; opaque: whether alpha counts as 255; uv: float64 [F, 3, 2] of their corners, in texels of the image."""
+    [4], linear; opaque: whether alpha counts as 255; uv: float64 [F, 3, 2] of their corners, in texels of the image; palette: whether
+    it is one texel for each colour."""
 
     faces: np.ndarray
     image: np.ndarray
@@ -31,6 +32,7 @@ class ImageGroup:
     factor: np.ndarray
     opaque: bool
     uv: np.ndarray
+    palette: bool = False
 
     @property
     def size(self) -> tuple[int, int]:
@@ -57,8 +59,9 @@ class ImageGroup:
 
 
 def image_groups(scene: Scene, surface: Surface) -> list[ImageGroup]:
-    """The groups of a surface: faces whose image (by content), wrap modes, factor and use of alpha are the same. Faces without an
-    image, with vertex colours of their own, or with UVs that are not finite or too far out are in none."""
+    """The groups of a surface: faces whose image (by content), wrap modes, factor and use of alpha are the same; and one palette for
+    the faces of materials without an image. Faces with vertex colours of their own, or with UVs that are not finite or too far out
+    are in none."""
     groups: dict[tuple, list[np.ndarray]] = {}
     plain = _plain_faces(scene, surface)
     digests = {t: _digest(texture.image) for t, texture in enumerate(scene.textures)}
@@ -71,8 +74,28 @@ def image_groups(scene: Scene, surface: Surface) -> list[ImageGroup]:
         sees_through = not opaque or texture.image[..., 3].min() == 255
         key = (digests[material.texture], tuple(texture.wrap), material.factor.tobytes(), not sees_through)
         groups.setdefault(key, []).append((np.flatnonzero(plain & (surface.material == number)), texture, material))
-    found = (_group(scene, surface, parts, key[3]) for key, parts in groups.items())
-    return [group for group in found if len(group.faces)]
+    found = [_group(scene, surface, parts, key[3]) for key, parts in groups.items()]
+    return [group for group in [*found, _palette(scene, surface, plain)] if group is not None and len(group.faces)]
+
+
+def _palette(scene, surface, plain):
+    """The group of the faces that show a material's factor alone, each at the centre of its material's texel; None without any."""
+    flat = np.array([m.texture < 0 for m in scene.materials], bool)
+    faces = np.flatnonzero(plain & flat[surface.material])
+    used, number = np.unique(surface.material[faces], return_inverse=True)
+    if not 0 < len(used) <= MAX_SIDE:
+        return None
+    colours = np.array([_shown(scene.materials[m]) for m in used], np.float64)
+    unique, place = np.unique(np.rint(colours).astype(np.uint8), axis=0, return_inverse=True)
+    uv = np.full((len(faces), 3, 2), 0.5)
+    uv[:, :, 0] += place.reshape(-1)[number][:, None]
+    return ImageGroup(faces, unique[None], (WRAP_CLAMP, WRAP_CLAMP), np.ones(4), False, uv, palette=True)
+
+
+def _shown(material):
+    """What a material without an image shows: RGBA in 0..255, colour sRGB-coded."""
+    rgb = linear_to_srgb(np.clip(material.factor[:3], 0, 1)) * 255
+    return [*rgb, 255.0 if material.alpha_mode == ALPHA_OPAQUE else float(np.clip(material.factor[3], 0, 1)) * 255]
 
 
 def _group(scene, surface, parts, opaque):

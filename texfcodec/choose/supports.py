@@ -1,15 +1,25 @@
-"""Which parts of the surface become fields over texels, which over voxels (encoder only)."""
+"""Which parts of the surface become fields over texels, which over voxels, how fine both are, and how exact positions and UVs: by
+what each would cost at equal quality (encoder only).
+
+The QP is the quality that was asked for. A support that looks better at this QP may spend more bytes: bytes at equal quality are
+those of the values times (error / error of the other) ** SLOPE, which is what coding at another QP would give, and the geometry.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..codecs import codec_of
-from .images import image_groups
-from .texel_field import TexelPlan, fraction_bits_for
+from ..geometry.draco import enc_geometry, enc_textured
+from ..geometry.surface import make_surface
+from ..ground.areas import face_areas
+from ..support.texel_set import asked_texels
+from .images import ImageGroup, image_groups
+from .probe import Patch, Probe, probe_texels, probe_voxels
+from .texel_field import TexelPlan, most_fraction_bits, slope_of
 
 if TYPE_CHECKING:
     from ..asset.scene import Scene
@@ -17,21 +27,235 @@ if TYPE_CHECKING:
     from ..options import EncodeOptions
     from ..report import Report
 
+SLOPE = 1.2  # bytes of the values ~ error ** -SLOPE around the usual QPs: 0.17 bits of log2 bytes with 0.42 dB
+LEAST_MSE = 0.1  # 58 dB: below, nobody sees a difference
+COARSE = 0.7  # texels per voxel edge under which a smaller K is tried
+USUAL_K, FINEST_POSITIONS = 64, 18
+ROUNDED = 1 / 24  # variance of a rounded coordinate between corners, in squared steps
+UNIT_BYTES = 60  # of a further field
+LOSSLESS_FRACTION = 4
 
-def choose_supports(scene: Scene, surface: Surface, options: EncodeOptions, report: Report) -> tuple[list[TexelPlan], dict]:
-    """The fields over texels to make, and what the report says of it; the rest of the surface goes into voxels."""
-    if options.support == "voxels" or codec_of(options.codec).joint:
-        return [], {"reason": "asked for"}
-    groups = image_groups(scene, surface)
-    plans = [_plan(group, options) for group in groups]
-    return plans, {"reason": "asked for"}
+
+@dataclass
+class Supports:
+    """What was chosen. surface: on the lattice that was; plans: TexelPlans; resolution: K of the rest; told: for the report."""
+
+    surface: Surface
+    plans: list[TexelPlan]
+    resolution: int
+    told: dict[str, Any]
 
 
-def _plan(group, options):
+@dataclass
+class _Candidate:
+    """An image group, what it would cost over texels at its full size and, once asked, over voxels."""
+
+    plan: TexelPlan
+    texels: Probe
+    points: int
+    voxels: Probe | None = None
+    resolution: int | None = None
+
+
+def choose_supports(scene: Scene, surface: Surface, options: EncodeOptions, report: Report) -> Supports:
+    """Supports for a surface on the usual lattice. Raises InputError, LimitError."""
+    told: dict[str, Any] = {"asked": options.support, "groups": []}
+    reason = _reason_for_voxels(options)
+    if reason:
+        return Supports(surface, [], options.resolution, told | {"reason": reason})
+    found = [_candidate(scene, surface, group, options) for group in image_groups(scene, surface)]
+    chosen = [c for c in found if _goes_over_texels(c, scene, surface, options, told["groups"])]
+    bits = _position_bits(chosen, surface, options)
+    resolution = _resolution(scene, surface, chosen, options, told)
+    plans = [c.plan for c in chosen]
+    if bits != options.position_bits:
+        told["position_bits"] = bits
+        surface = make_surface(scene, replace(options, position_bits=bits))
+        plans = _moved(plans, image_groups(scene, surface))
+    return Supports(surface, plans, resolution, told)
+
+
+def _reason_for_voxels(options):
+    if codec_of(options.codec).joint:
+        return "the codec has no part in texels"
+    if options.support == "texels":
+        return ""
+    if options.support == "voxels" and options.rate_is_free:
+        return ""
+    if options.support == "auto" and options.rate_is_free:
+        return ""
+    return "asked for" if options.support == "voxels" else "K or an error bound was asked for, which are about voxels"
+
+
+def _candidate(scene, surface, group, options):
+    """The _Candidate of an image group."""
+    size = _coded_size(group, options)
+    plan = TexelPlan(group, size, min(2, most_fraction_bits(size, group)))
+    uv = plan.corner_uv().reshape(-1, 2)
+    keys = asked_texels(uv, np.arange(len(uv)).reshape(-1, 3), plan.fraction_bits, size, group.wrap, options.limits.voxels)
+    points = len(np.unique(np.column_stack([surface.faces[group.faces].reshape(-1), uv]), axis=0))
+    patch = _patch(scene, surface, group.faces, options)
+    if group.palette or patch is None or options.max_error is not None:
+        return _Candidate(_with_bits(plan, LOSSLESS_FRACTION), Probe(len(keys), 24.0, LEAST_MSE), points)
+    probe = probe_texels(patch, plan, plan.image(surface), keys, options)
+    return _Candidate(_with_bits(plan, _fraction_bits(plan, probe, points)), probe, points)
+
+
+def _coded_size(group, options):
     longest = max(group.size)
-    wanted = longest if options.texel_size is None else min(options.texel_size, longest)
-    size = tuple(max(1, round(side * wanted / longest)) for side in group.size)
-    return TexelPlan(group, size, fraction_bits_for(group, size, options.qp))
+    wanted = longest if options.texel_size is None or group.palette else min(options.texel_size, longest)
+    return tuple(max(1, round(side * wanted / longest)) for side in group.size)
+
+
+def _with_bits(plan, bits):
+    return replace(plan, fraction_bits=1 if plan.group.palette else min(bits, most_fraction_bits(plan.size, plan.group)))
+
+
+def _fraction_bits(plan, probe, points):
+    """Bits of UVs below the texel: where a further one costs more bytes than the error it takes away."""
+    slope = slope_of(plan.size, plan.group)
+    return _cheapest(range(9), probe, lambda k: slope * ROUNDED / 4**k, 2 / 8 * points)
+
+
+def _cheapest(choices, probe, added, bytes_a_bit):
+    """The number of bits at which values and coordinates take the fewest bytes at equal quality. added: error at so many bits."""
+    mse = max(probe.mse, LEAST_MSE)
+    return min(choices, key=lambda k: probe.attributes * (1 + added(k) / mse) ** SLOPE + bytes_a_bit * k)
+
+
+def _position_bits(chosen, surface, options):
+    """Bits of positions: a surface that is off moves its image. Never fewer than usual."""
+    if not options.position_bits_are_free or not chosen or options.max_error is not None:
+        return options.position_bits
+    usual = options.position_bits
+
+    def cost(bits):
+        total = 3 / 8 * len(np.unique(surface.faces)) * bits
+        for one in chosen:
+            total += one.texels.attributes * (1 + _shift(one, surface) / 4 ** (bits - usual) / max(one.texels.mse, LEAST_MSE)) ** SLOPE
+        return total
+
+    return min(range(usual, FINEST_POSITIONS + 1), key=cost)
+
+
+def _shift(one, surface):
+    """Error that rounding positions to the lattice adds."""
+    plan, faces = one.plan, surface.faces[one.plan.group.faces]
+    if plan.group.palette:
+        return 0.0
+    u, v = plan.group.uv[:, 1] - plan.group.uv[:, 0], plan.group.uv[:, 2] - plan.group.uv[:, 0]
+    texels = float(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).sum()) / 2 * plan.size[0] * plan.size[1]
+    area = float(face_areas(surface.lattice, faces).sum()) * plan.group.size[0] * plan.group.size[1]
+    return slope_of(plan.size, plan.group) * ROUNDED * texels / max(area, 1.0)
+
+
+def _goes_over_texels(one, scene, surface, options, told):
+    """Whether a candidate is smaller over texels, at equal quality; says why in told."""
+    entry = {"faces": len(one.plan.group.faces), "image": list(one.plan.group.size), "texels": one.texels.told()}
+    told.append(entry)
+    if options.support == "texels":
+        entry |= {"chosen": "texels", "reason": "asked for"}
+        return True
+    if options.support == "voxels":
+        entry |= {"chosen": "voxels", "reason": "asked for"}
+        return False
+    patch = _patch(scene, surface, one.plan.group.faces, options)
+    if patch is None:
+        entry |= {"chosen": "voxels", "reason": "the surface has no area"}
+        return False
+    plain, textured = _geometry_bytes(one.plan, surface)
+    one.texels = replace(one.texels, fixed=textured + UNIT_BYTES)
+    per_edge = _texels_per_edge(one.plan, surface, options.resolution)
+    one.resolution, one.voxels = _best_voxels(patch, per_edge, options)
+    entry |= {"texels": one.texels.told(), "voxels": {"resolution": one.resolution, **one.voxels.told()}}
+    texels, voxels = _bytes_at(one.texels, one.voxels.mse) + textured + UNIT_BYTES, _bytes_at(one.voxels, one.voxels.mse) + plain
+    entry |= {"chosen": "texels" if texels < voxels else "voxels",
+              "reason": f"{round(texels)} bytes over texels, {round(voxels)} over voxels at their quality"}
+    return texels < voxels
+
+
+def _bytes_at(probe, mse):
+    """Bytes of a probe's values at another error."""
+    return probe.attributes * (max(probe.mse, LEAST_MSE) / max(mse, LEAST_MSE)) ** SLOPE
+
+
+def _best_voxels(patch, per_edge, options):
+    """(K, Probe): the K of the rate, or where texels are coarser than its voxels the one that takes the fewest bytes."""
+    choices = _resolutions(per_edge, options.resolution)
+    probes = [probe_voxels(patch, k, _density(per_edge * options.resolution / k), options) for k in choices]
+    costs = [_bytes_at(probe, probes[0].mse) for probe in probes]
+    best = int(np.argmin(costs))
+    return choices[best], probes[best]
+
+
+def _resolutions(per_edge, usual):
+    """Values of K to try, the rate's own only where the texels are not coarser. per_edge: texels along an edge of its voxels."""
+    if per_edge >= COARSE:
+        return [usual]
+    return sorted({min(max(round(usual * per_edge * factor), USUAL_K), usual) for factor in (1.0, 1.5, 2.0)}, reverse=True)
+
+
+def _density(per_edge):
+    """Samples per voxel edge of a probe's transfer."""
+    return int(np.clip(np.ceil(2 * per_edge), 2, 4))
+
+
+def _texels_per_edge(plan, surface, resolution):
+    u, v = plan.group.uv[:, 1] - plan.group.uv[:, 0], plan.group.uv[:, 2] - plan.group.uv[:, 0]
+    texels = float(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).sum()) / 2
+    area = float(face_areas(surface.lattice, surface.faces[plan.group.faces]).sum())
+    return float(np.sqrt(texels / max(area * (resolution / (1 << surface.cube.position_bits)) ** 2, 1e-9)))
+
+
+def _geometry_bytes(plan, surface):
+    """(bytes of the group's geometry alone, with its UVs), as one Draco unit."""
+    faces, bits = surface.faces[plan.group.faces], surface.cube.position_bits
+    used, local = np.unique(faces, return_inverse=True)
+    plain = len(enc_geometry(surface.lattice[used], local.reshape(-1, 3), bits))
+    uv = plan.corner_uv().reshape(-1, 2)
+    rows = np.column_stack([faces.reshape(-1), uv - uv.min(axis=0)])
+    unique, local = np.unique(rows, axis=0, return_inverse=True)
+    return plain, len(enc_textured(surface.lattice[unique[:, 0]], local.reshape(-1, 3), unique[:, 1:], bits)[0])
+
+
+def _resolution(scene, surface, chosen, options, told):
+    """K of what stays over voxels: the rate's, or a smaller one where it gives the same picture for less."""
+    rest = np.ones(len(surface.faces), bool)
+    for one in chosen:
+        rest[one.plan.group.faces] = False
+    patch = _patch(scene, surface, np.flatnonzero(rest), options) if rest.any() else None
+    if not options.rate_is_free or patch is None or patch.texels_per_edge(options.resolution) >= COARSE:
+        return options.resolution
+    probes = [(options.resolution, probe_voxels(patch, options.resolution, 2, options))]
+    while probes[-1][0] > 2 * USUAL_K:
+        k = round(probes[-1][0] / np.sqrt(2))
+        probe = probe_voxels(patch, k, 2, options)
+        if _bytes_at(probe, probes[0][1].mse) >= _bytes_at(probes[-1][1], probes[0][1].mse):
+            break
+        probes.append((k, probe))
+    told["voxels"] = [{"resolution": k, **probe.told()} for k, probe in probes]
+    return probes[-1][0]
+
+
+def _patch(scene, surface, faces, options):
+    if not face_areas(surface.lattice, surface.faces[faces]).any():
+        return None
+    return Patch(scene, surface, faces, options.threads)
+
+
+def _moved(plans, groups):
+    """The plans on another lattice, where the same groups may have other faces."""
+    out = []
+    for plan in plans:
+        same = next((g for g in groups if _is_same(plan.group, g)), None)
+        if same is not None:
+            out.append(replace(plan, group=same))
+    return out
+
+
+def _is_same(a: ImageGroup, b: ImageGroup) -> bool:
+    return (a.wrap, a.opaque, a.palette) == (b.wrap, b.opaque, b.palette) and np.array_equal(a.factor, b.factor) and (
+        a.image is b.image or np.array_equal(a.image, b.image))
 
 
 def without_faces(surface: Surface, gone: np.ndarray) -> Surface:

@@ -16,7 +16,6 @@ from ..support.texel_set import asked_texels, count_rows, shown_area
 from ..support.texels import TexelSupport
 from .prepare import SourceField
 from .resample import resampled
-from .trial import coding_mse
 
 if TYPE_CHECKING:
     from ..codecs.codec import Source
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
 
 MOST_FRACTION_BITS = 8
 FULL_BITS = 2  # of UVs where only the weights of texels are at stake
-UV_SHARE = 0.1  # of the coding error: what rounding the UVs may add to it
 
 
 @dataclass(frozen=True)
@@ -55,17 +53,19 @@ class TexelPlan:
         return resampled(group.values(), shown, self.size, group.wrap)
 
 
-def fraction_bits_for(group: ImageGroup, size: tuple[int, int], qp: int | None) -> int:
-    """Bits of a UV below the texel: as few as leave UV_SHARE of the coding error at a QP (None: lossless), where steps of the UVs
-    move the picture by its own slope; fewer where the UVs reach too far for the stream."""
+def slope_of(plan_size: tuple[int, int], group: ImageGroup) -> float:
+    """Mean squared change of Y from a texel of the coded size to the next, both ways added: what a shift by a texel costs."""
     rows, columns = group.image[::4], group.image[:, ::4]
     slope = sum(float(((np.diff(part[..., :3].astype(np.float32), axis=axis) @ RGB_TO_YUV[0]) ** 2).mean())
                 for part, axis in ((rows, 1), (columns, 0)) if part.shape[axis] > 1)
-    slope *= group.size[0] / size[0] * group.size[1] / size[1]
-    allowed = UV_SHARE * coding_mse(0 if qp is None else qp)
-    bits = next((k for k in range(MOST_FRACTION_BITS) if slope / 24 / 4**k <= allowed), MOST_FRACTION_BITS)
-    reach = np.abs(group.uv).max() * max(size[0] / group.size[0], size[1] / group.size[1])
-    span = np.ptp(group.uv.reshape(-1, 2), axis=0).max() * max(size[0] / group.size[0], size[1] / group.size[1])
+    return slope * group.size[0] / plan_size[0] * group.size[1] / plan_size[1]
+
+
+def most_fraction_bits(size: tuple[int, int], group: ImageGroup) -> int:
+    """Bits of a UV below the texel that the stream can hold."""
+    scale = max(size[0] / group.size[0], size[1] / group.size[1])
+    reach, span = np.abs(group.uv).max() * scale, np.ptp(group.uv.reshape(-1, 2), axis=0).max() * scale
+    bits = MOST_FRACTION_BITS
     while bits and (reach * 2**bits >= MAX_UV_ORIGIN - 1 or span * 2**bits >= (1 << MAX_UV_BITS) - 2):
         bits -= 1
     return bits
@@ -82,4 +82,5 @@ def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Sour
                            fraction_bits=plan.fraction_bits)
     xy, image = support.xy(), plan.image(source.surface)
     values = image[xy[:, 1], xy[:, 0]]
-    return SourceField(support, 0, {c.name: np.ascontiguousarray(values[:, list(c.columns)]) for c in source.channels})
+    planes = {c.name: np.ascontiguousarray(values[:, list(c.columns)]) for c in source.channels}
+    return SourceField(support, 0, planes, exact=plan.group.palette)

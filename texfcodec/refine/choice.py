@@ -8,6 +8,7 @@ import numpy as np
 
 from ..asset.sample import pack_source
 from ..channels import BASE_COLOUR
+from ..choose.probe import LEFT_BY_FIT
 from ..choose.trial import coding_mse
 from ..ground.colour_error import decibels
 from .surface_fit import HELD_OUT, HELD_OUT_SEED, FieldSurface, fit_surface
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 
 COLOUR = BASE_COLOUR.name  # what a fit moves
 PROBE = 1 << 14  # surface points that tell how far the transfer is from the source
-LEFT_BY_FIT = 0.6  # share of the transfer's squared error that the fit leaves; 0.39 to 0.85 on seven assets at K 512 and 1024
 LEAST_GAIN = 0.03  # dB at the coded quality; what promised less gained nothing after coding (QP 46 to 58, two assets)
 MOST_VOXELS = 10_000_000  # "auto" leaves larger fields alone: a fit takes about 150 bytes a voxel
 

@@ -1,0 +1,177 @@
+"""What a support would cost and how well it would look, measured on small pieces of the surface (encoder only).
+
+Around a few points spread evenly by area, cells of the support are cut out, filled from the source, coded and decoded at the QP at
+hand. Bits per value and the error at surface points well inside these cells stand for the whole: within 15 % of what the finished
+stream has on the assets where both were measured (docs/texels.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..asset.sample import pack_source, sample_source
+from ..asset.scene import WRAP_CLAMP, WRAP_REPEAT
+from ..codecs import codec_of
+from ..ground.areas import face_areas, sample_surface
+from ..ground.colour_error import ColourError, decibels
+from ..support.grid import build_brick_map
+from ..support.morton import decode_morton
+from ..support.query import query_field
+from ..support.texels import TexelSupport
+from ..support.transfer import texels_per_edge, transfer
+from ..support.voxelise import voxelise
+from ..support.voxels import VoxelSupport
+
+if TYPE_CHECKING:
+    from ..asset.scene import Scene
+    from ..geometry.surface import Surface
+    from ..options import EncodeOptions
+    from .texel_field import TexelPlan
+
+VOXELS_PER_AREA = 1.05  # voxels over surface in voxel faces; 1.015 to 1.071 on seven assets at K 512
+CELLS = 24
+VOXEL_CELL, TEXEL_CELL = 5, 6  # log2 of a cell's side
+POINTS = 1 << 16
+LEFT_BY_FIT = 0.6  # share of the transfer's squared error that a fit leaves; 0.39 to 0.85 on seven assets at K 512 and 1024
+
+
+@dataclass(frozen=True)
+class Probe:
+    """values: of the whole; bits: per value; mse: of Y at surface points, after coding; fixed: bytes beside the values."""
+
+    values: int
+    bits: float
+    mse: float
+    fixed: int = 0
+
+    @property
+    def attributes(self) -> float:
+        """Bytes of the values."""
+        return self.values * self.bits / 8
+
+    def told(self) -> dict:
+        """What the report says of it."""
+        return {"values": self.values, "attribute_bytes": round(self.attributes), "geometry_bytes": self.fixed,
+                "psnr_y": round(decibels(max(self.mse, 1e-4)), 2)}
+
+
+class Patch:
+    """The part of a surface that is asked: a scene's faces with evenly spread points on them. faces: int64 [F] into surface's."""
+
+    def __init__(self, scene: Scene, surface: Surface, faces: np.ndarray, threads: int) -> None:
+        self.scene, self.surface, self.faces, self.threads = scene, surface, faces, threads
+        self.face, self.bary = sample_surface(surface.lattice.astype(np.float64), surface.faces[faces], POINTS)
+        source = pack_source(scene, surface.origin_face[faces])
+        self.colour = sample_source(source, self.face, self.bary, threads)
+        corners = surface.lattice[surface.faces[faces[self.face]]]
+        self.points = np.einsum("nc,ncd->nd", self.bary, corners)  # on the lattice
+
+    @property
+    def area(self) -> float:
+        """In squared lattice steps."""
+        return float(face_areas(self.surface.lattice, self.surface.faces[self.faces]).sum())
+
+    def texels_per_edge(self, resolution: int) -> float:
+        """Texels along an edge of a voxel, as support.transfer.texels_per_edge."""
+        surface, packed = self.surface, pack_source(self.scene, self.surface.origin_face[self.faces])
+        return texels_per_edge(surface.lattice, surface.faces[self.faces], packed, surface.cube.position_bits, resolution)
+
+    def mse(self, chosen: np.ndarray, got: np.ndarray) -> float:
+        """Mean squared error of Y at chosen points. got: float32 [n, 3]."""
+        error, weights = ColourError(), self.colour[chosen, 3] / 255
+        error.add(self.colour[chosen, :3], got, weights if weights.any() else None)
+        return error.mse()["y"]
+
+
+def _coded(plane, support, options):
+    """(bits per value, decoded plane) of a plane of colours."""
+    codec = codec_of(options.codec)
+    values, decoded = codec.enc(plane, support, options)  # type: ignore[attr-defined]  # only codecs of planes get here
+    variables = {"NumComponents": plane.shape[1], "resolution": 1 << support.depth, "Planar": int(support.planar)}
+    return 8 * len(codec.write_parameters({**values, **variables})) / len(plane), decoded
+
+
+def _cells_at(places, cell):
+    """The first CELLS different cells of places, int64 [M, d], taken in a fixed shuffled order; and the cell of each place."""
+    own = places >> cell
+    order = np.random.default_rng(0).permutation(len(own))[: 8 * CELLS]
+    _, first = np.unique(own[order], axis=0, return_index=True)
+    return own[order[np.sort(first)[:CELLS]]], own
+
+
+def _members(own, cells):
+    """Which rows of own, int64 [N, d], are one of the cells, bool [N]."""
+    inside = np.zeros(len(own), bool)
+    for cell in cells:
+        inside |= (own == cell).all(axis=1)
+    return inside
+
+
+def _well_inside(place, cell, cells):
+    """Numbers of the places, float64 [M, d], that are in one of the cells with all that interpolation asks around them."""
+    whole = np.floor(place).astype(np.int64)
+    rest = place - (whole >> cell << cell)
+    inner = ((rest >= 1) & (rest <= (1 << cell) - 1)).all(axis=1)
+    return np.flatnonzero(inner & _members(whole >> cell, cells))
+
+
+def probe_texels(patch: Patch, plan: TexelPlan, image: np.ndarray, keys: np.ndarray, options: EncodeOptions) -> Probe:
+    """Probe of a TexelPlan. image: float32 [H, W, 4], its values; keys: int64 [N], the texels that it asks."""
+    texel = np.einsum("nc,ncd->nd", patch.bary, plan.group.uv[patch.face]) * np.array(plan.size) / plan.group.size
+    place = np.column_stack([_wrapped(texel[:, i], plan.size[i], plan.group.wrap[i]) for i in range(2)])
+    cells, _ = _cells_at(place.astype(np.int64), TEXEL_CELL)
+    xy = decode_morton(keys)[:, :2].astype(np.int64)
+    mine = keys[_members(xy >> TEXEL_CELL, cells)]
+    support = TexelSupport(keys=mine, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap, fraction_bits=0)
+    own = support.xy()
+    bits, decoded = _coded(np.ascontiguousarray(image[own[:, 1], own[:, 0], :3]), support, options)
+    chosen = _well_inside(place, TEXEL_CELL, cells)
+    got = support.query(texel[chosen], decoded, patch.threads)
+    return Probe(len(keys), bits, patch.mse(chosen, got) if len(chosen) else 0.0)
+
+
+def _wrapped(place, size, mode):
+    """Coordinates in texels brought into 0..size."""
+    if mode == WRAP_CLAMP:
+        return np.clip(place, 0, size)
+    if mode == WRAP_REPEAT:
+        return place % size
+    return size - np.abs(place % (2 * size) - size)
+
+
+def probe_voxels(patch: Patch, resolution: int, density: int, options: EncodeOptions) -> Probe:
+    """Probe of voxels at a resolution. density: samples per voxel edge of the transfer."""
+    surface, bits = patch.surface, patch.surface.cube.position_bits
+    grid = patch.points * (resolution / (1 << bits))
+    cells, _ = _cells_at(grid.astype(np.int64), VOXEL_CELL)
+    near = _faces_near(surface.lattice[surface.faces[patch.faces]] * (resolution / (1 << bits)), cells)
+    faces = surface.faces[patch.faces[near]]
+    keys, _ = voxelise(surface.lattice, faces, bits, resolution, options.area_threshold, options.threads)
+    keys = keys[_members(decode_morton(keys).astype(np.int64) >> VOXEL_CELL, cells)]
+    values = round(patch.area * (resolution / (1 << bits)) ** 2 * VOXELS_PER_AREA)
+    if not len(keys):
+        return Probe(values, 24.0, 0.0)
+    support, brick_map = VoxelSupport(resolution, keys), build_brick_map(keys)
+    packed = pack_source(patch.scene, surface.origin_face[patch.faces[near]])
+    colour, _ = transfer(surface.lattice, faces, packed, bits, resolution, keys, brick_map, density, options.threads)
+    coded, decoded = _coded(np.ascontiguousarray(colour), support, options)
+    chosen = _well_inside(grid, VOXEL_CELL, cells)
+    if not len(chosen):
+        return Probe(values, coded, 0.0)
+    mse, uncoded = (patch.mse(chosen, query_field(grid[chosen], resolution, keys, brick_map, plane, patch.threads)[0])
+                    for plane in (decoded, colour))
+    saved = (1 - LEFT_BY_FIT) * uncoded if options.may_fit else 0.0
+    return Probe(values, coded, max(mse - saved, 0.0))
+
+
+def _faces_near(corners, cells):
+    """Numbers of the faces whose boxes reach into one of the cells. corners: float64 [F, 3, 3], grid coordinates."""
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    near = np.zeros(len(corners), bool)
+    for cell in cells:
+        near |= ((high >= (cell << VOXEL_CELL) - 1) & (low <= (cell + 1 << VOXEL_CELL) + 1)).all(axis=1)
+    return np.flatnonzero(near)
+

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class ImageGroup:
     """Faces that one image colours. faces: int64 [F] into the surface's; image: uint8 [H, W, 4]; wrap: (s, t); factor: float64
-    [4], linear; opaque: whether alpha counts as 255; uv: float64 [F, 3, 2] of their corners, in texels of the image; palette: whether
-    it is one texel for each colour."""
+    [4], linear; opaque: whether alpha counts as 255; uv: float64 [F, 3, 2] of their corners, in texels of the image; palette:
+    whether it is one texel for each colour."""
 
     faces: np.ndarray
     image: np.ndarray
@@ -59,9 +59,9 @@ class ImageGroup:
 
 
 def image_groups(scene: Scene, surface: Surface) -> list[ImageGroup]:
-    """The groups of a surface: faces whose image (by content), wrap modes, factor and use of alpha are the same; and one palette for
-    the faces of materials without an image. Faces with vertex colours of their own, or with UVs that are not finite or too far out
-    are in none."""
+    """The groups of a surface: faces whose image (by content), wrap modes, factor and use of alpha are the same; and one palette
+    for the faces of materials without an image. Faces with vertex colours of their own, or with UVs that are not finite or too
+    far out are in none."""
     groups: dict[tuple, list[np.ndarray]] = {}
     plain = _plain_faces(scene, surface)
     digests = {t: _digest(texture.image) for t, texture in enumerate(scene.textures)}
@@ -79,7 +79,8 @@ def image_groups(scene: Scene, surface: Surface) -> list[ImageGroup]:
 
 
 def _palette(scene, surface, plain):
-    """The group of the faces that show a material's factor alone, each at the centre of its material's texel; None without any."""
+    """The group of the faces that show a material's factor alone, each at the centre of its material's texel; None without
+    any."""
     flat = np.array([m.texture < 0 for m in scene.materials], bool)
     faces = np.flatnonzero(plain & flat[surface.material])
     used, number = np.unique(surface.material[faces], return_inverse=True)

@@ -1,9 +1,8 @@
 """A smaller image whose bilinear picture on the surface is closest to that of the source's (encoder only).
 
 With B the matrix that takes the small image's texels to the centres of the source's, s the source and W the surface that each of
-its texels shows, this minimises |B t - s|^2 weighed by W, with some damping towards the mean of what a texel shows. B is the product
-of one matrix for rows and one for columns, so that nothing larger than the source is ever made.
-"""
+its texels shows, this minimises |B t - s|^2 weighed by W, with some damping towards the mean of what a texel shows. B is the
+product of one matrix for rows and one for columns, so that nothing larger than the source is ever made. """
 
 from __future__ import annotations
 

@@ -127,12 +127,13 @@ def _position_bits(chosen, surface, options):
     """Bits of positions: a surface that is off moves its image. Never fewer than usual."""
     if not options.position_bits_are_free or not chosen or options.max_error is not None:
         return options.position_bits
-    usual = options.position_bits
+    usual, vertices = options.position_bits, len(np.unique(surface.faces))
+    shifts = [(one, _shift(one, surface)) for one in chosen]
 
     def cost(bits):
-        total = 3 / 8 * len(np.unique(surface.faces)) * bits
-        for one in chosen:
-            total += one.texels.attributes * (1 + _shift(one, surface) / 4 ** (bits - usual) / max(one.texels.mse, LEAST_MSE)) ** SLOPE
+        total = 3 / 8 * vertices * bits
+        for one, shift in shifts:
+            total += one.texels.attributes * (1 + shift / 4 ** (bits - usual) / max(one.texels.mse, LEAST_MSE)) ** SLOPE
         return total
 
     return min(range(usual, FINEST_POSITIONS + 1), key=cost)

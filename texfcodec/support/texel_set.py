@@ -92,8 +92,8 @@ def _wrapped_row(row, size, mode):
 
 @kernel
 def _rasterise(uv, faces, fraction, wrap_s, wrap_t, shares, table):
-    """Adds the share of every face to the columns of each of its rows in table, [height, width + 1]. shares: [F], of table's type.
-    Faces index uv by the caller's check."""
+    """Adds the share of every face to the columns of each of its rows in table, [height, width + 1]. shares: [F], of table's
+    type. Faces index uv by the caller's check."""
     height, width = table.shape[0], table.shape[1] - 1
     half = np.int64(1) << fraction
     for f in range(faces.shape[0]):

@@ -44,6 +44,11 @@ class Prepared:
     choices: dict = field(default_factory=dict)
 
     @property
+    def over_voxels(self) -> bool:
+        """Whether every field is over voxels."""
+        return not any(part.support.planar for part in self.fields)
+
+    @property
     def surface(self) -> Surface:
         """The source on its lattice."""
         return self.source.surface

@@ -22,6 +22,7 @@ from .report import Report
 if TYPE_CHECKING:
     from .asset.scene import Scene
 
+FREE = 0  # in place of a K: the encoder chooses supports
 LADDER = (64, 128, 256, 512, 1024, 1536, 2048)
 FIRST_K, FIRST_QP, LAST_QP = 1024, 28, 63
 FINER_BELOW, COARSER_ABOVE = 30, 38  # QPs where the next K of LADDER may beat this one; measured on bball_0001, K 256..2048
@@ -104,6 +105,18 @@ class _Search:
         self.trials, self._samples, self._prepared = [], None, (None, None)
 
     def climb(self):
+        """The best Trial or None: at the supports that the encoder chooses where texels are among them, else on the ladder."""
+        if self.options.rate_is_free and self.options.support != "voxels":
+            report = Report(self.report.on_progress)
+            over_voxels = self._prepare(FREE, FIRST_QP, report).over_voxels
+            self._add_seconds(report)
+            best = None if over_voxels else self.best_at(FREE, FIRST_QP)
+            if best:
+                self.report.warnings += report.warnings
+                return best
+        return self._climb_ladder()
+
+    def _climb_ladder(self):
         """Walks the ladder from FIRST_K to finer or coarser K for as long as that is better; the best Trial or None."""
         best = self.best_at(FIRST_K, FIRST_QP)
         coarser = best.qp >= COARSER_ABOVE if best else self.budget is not None
@@ -156,13 +169,19 @@ class _Search:
 
     def _encode(self, resolution, qp):
         begin, report = time.perf_counter(), Report(self.report.on_progress)
-        options = replace(self.options, target_bytes=None, target_psnr=None, resolution=resolution, qp=qp)
-        if self._prepared[0] != resolution:
-            self._prepared = resolution, prepare(self.scene, options, report)
-        made = code_prepared(self._prepared[1], options, report)
+        made = code_prepared(self._prepare(resolution, qp, report), self._options(resolution, qp), report)
         self._add_seconds(report)
         self.trials.append(Trial(made, report, time.perf_counter() - begin))
         return self.trials[-1]
+
+    def _options(self, resolution, qp):
+        return replace(self.options, target_bytes=None, target_psnr=None, resolution=resolution or None, qp=qp)
+
+    def _prepare(self, resolution, qp, report):
+        """What prepare() made for a K, or with the encoder's choice of supports for FREE; kept until the next K."""
+        if self._prepared[0] != resolution:
+            self._prepared = resolution, prepare(self.scene, self._options(resolution, qp), report)
+        return self._prepared[1]
 
     def _measured(self, trial):
         if trial.psnr is None:

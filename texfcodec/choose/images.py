@@ -39,12 +39,12 @@ class ImageGroup:
         """(width, height) of the image."""
         return self.image.shape[1], self.image.shape[0]
 
-    def values(self) -> np.ndarray:
-        """The image with its factor, float32 [H, W, 4] in 0..255, colour sRGB-coded, straight alpha; whole numbers where the
-        factor is 1."""
-        out = np.empty(self.image.shape, np.float32)
+    def values(self, texels: np.ndarray) -> np.ndarray:
+        """Texels of the image with its factor. texels: uint8 [..., 4]. Returns float32 [..., 4] in 0..255, colour sRGB-coded,
+        straight alpha; whole numbers where the factor is 1."""
+        out = np.empty(texels.shape, np.float32)
         for c in range(4):
-            out[..., c] = self._curve(c)[self.image[..., c]]
+            out[..., c] = self._curve(c)[texels[..., c]]
         return out
 
     def _curve(self, channel):
@@ -64,7 +64,7 @@ def image_groups(scene: Scene, surface: Surface) -> list[ImageGroup]:
     far out are in none."""
     groups: dict[tuple, list[np.ndarray]] = {}
     plain = _plain_faces(scene, surface)
-    digests = {t: _digest(texture.image) for t, texture in enumerate(scene.textures)}
+    digests = _digests(scene.textures)
     for number in np.unique(surface.material):
         material = scene.materials[number]
         if material.texture < 0 or max(scene.textures[material.texture].image.shape[:2]) > MAX_SIDE:
@@ -115,5 +115,14 @@ def _plain_faces(scene, surface):
     return (scene.corner_color[surface.origin_face] == 1).all(axis=(1, 2))
 
 
+def _digests(textures):
+    """What tells images apart by their content; a single one needs no look."""
+    if len(textures) == 1:
+        return [b""]
+    return [_digest(t.image) for t in textures]
+
+
 def _digest(image):
-    return hashlib.sha256(repr(image.shape).encode() + np.ascontiguousarray(image).tobytes()).digest()
+    total = hashlib.sha256(repr(image.shape).encode())
+    total.update(np.ascontiguousarray(image).data)
+    return total.digest()

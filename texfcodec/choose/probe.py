@@ -6,6 +6,7 @@ finished stream has on the assets where both were measured (docs/texels.md). """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 VOXELS_PER_AREA = 1.05  # voxels over surface in voxel faces; 1.015 to 1.071 on seven assets at K 512
 CELLS = 24
 VOXEL_CELL, TEXEL_CELL = 5, 6  # log2 of a cell's side
-POINTS = 1 << 16
+POINTS, LEAST_POINTS = 1 << 16, 100
 LEFT_BY_FIT = 0.6  # share of the transfer's squared error that a fit leaves; 0.39 to 0.85 on seven assets at K 512 and 1024
 
 
@@ -110,23 +111,24 @@ def _members(own, cells):
 
 
 def _well_inside(place, cell, cells):
-    """Numbers of the places, float64 [M, d], that are in one of the cells with all that interpolation asks around them."""
+    """Numbers of the places, float64 [M, d], that are in one of the cells, with all that interpolation asks around them where
+    there are such."""
     whole = np.floor(place).astype(np.int64)
-    rest = place - (whole >> cell << cell)
-    inner = ((rest >= 1) & (rest <= (1 << cell) - 1)).all(axis=1)
-    return np.flatnonzero(inner & _members(whole >> cell, cells))
+    rest, there = place - (whole >> cell << cell), _members(whole >> cell, cells)
+    inner = np.flatnonzero(((rest >= 1) & (rest <= (1 << cell) - 1)).all(axis=1) & there)
+    return inner if len(inner) > LEAST_POINTS else np.flatnonzero(there)
 
 
-def probe_texels(patch: Patch, plan: TexelPlan, image: np.ndarray, keys: np.ndarray, options: EncodeOptions) -> Probe:
-    """Probe of a TexelPlan. image: float32 [H, W, 4], its values; keys: int64 [N], the texels that it asks."""
+def probe_texels(patch: Patch, plan: TexelPlan, values: Callable[[np.ndarray], np.ndarray], keys: np.ndarray,
+                 options: EncodeOptions) -> Probe:
+    """Probe of a TexelPlan. values: of plan.values(); keys: int64 [N], the texels that it asks."""
     texel = np.einsum("nc,ncd->nd", patch.bary, plan.group.uv[patch.face]) * np.array(plan.size) / plan.group.size
     place = np.column_stack([_wrapped(texel[:, i], plan.size[i], plan.group.wrap[i]) for i in range(2)])
     cells, _ = _cells_at(place.astype(np.int64), TEXEL_CELL)
     xy = decode_morton(keys)[:, :2].astype(np.int64)
     mine = keys[_members(xy >> TEXEL_CELL, cells)]
     support = TexelSupport(keys=mine, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap, fraction_bits=0)
-    own = support.xy()
-    bits, decoded = _coded(np.ascontiguousarray(image[own[:, 1], own[:, 0], :3]), support, options)
+    bits, decoded = _coded(np.ascontiguousarray(values(support.xy())[:, :3]), support, options)
     chosen = _well_inside(place, TEXEL_CELL, cells)
     got = support.query(texel[chosen], decoded, patch.threads)
     return Probe(len(keys), bits, patch.mse(chosen, got) if len(chosen) else 0.0)

@@ -97,7 +97,7 @@ def _candidate(scene, surface, group, options):
     patch = _patch(scene, surface, group.faces, options)
     if group.palette or patch is None or options.max_error is not None:
         return _Candidate(_with_bits(plan, LOSSLESS_FRACTION), Probe(len(keys), 24.0, LEAST_MSE), points)
-    probe = probe_texels(patch, plan, plan.image(surface), keys, options)
+    probe = probe_texels(patch, plan, plan.values(surface), keys, options)
     return _Candidate(_with_bits(plan, _fraction_bits(plan, probe, points)), probe, points)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -41,16 +42,17 @@ class TexelPlan:
         return np.floor(self.group.uv * scale + 0.5).astype(np.int64)
 
 
-    def image(self, surface: Surface) -> np.ndarray:
-        """The group's values at the coded size, float32 [height, width, 4]."""
+    def values(self, surface: Surface) -> Callable[[np.ndarray], np.ndarray]:
+        """Function (columns and rows int32 [N, 2]) -> values of these texels of the coded size, float32 [N, 4]."""
         group = self.group
         if self.size == group.size:
-            return group.values()
+            return lambda xy: group.values(group.image[xy[:, 1], xy[:, 0]])
         steps = np.floor(group.uv * (1 << FULL_BITS) + 0.5).astype(np.int64).reshape(-1, 2)
         corners = np.arange(len(steps)).reshape(-1, 3)
         area = face_areas(surface.lattice, surface.faces[group.faces])
         shown = shown_area(steps, corners, FULL_BITS, group.size, group.wrap, area)
-        return resampled(group.values(), shown, self.size, group.wrap)
+        smaller = resampled(group.values(group.image), shown, self.size, group.wrap)
+        return lambda xy: smaller[xy[:, 1], xy[:, 0]]
 
 
 def slope_of(plan_size: tuple[int, int], group: ImageGroup) -> float:
@@ -80,7 +82,6 @@ def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Sour
     keys = asked_texels(uv, faces, plan.fraction_bits, plan.size, plan.group.wrap, options.limits.voxels)
     support = TexelSupport(keys=keys, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap,
                            fraction_bits=plan.fraction_bits)
-    xy, image = support.xy(), plan.image(source.surface)
-    values = image[xy[:, 1], xy[:, 0]]
+    values = plan.values(source.surface)(support.xy())
     planes = {c.name: np.ascontiguousarray(values[:, list(c.columns)]) for c in source.channels}
     return SourceField(support, 0, planes, exact=plan.group.palette)

@@ -18,7 +18,7 @@ from ..codecs import codec_of
 from ..ground.areas import face_areas, sample_surface
 from ..ground.colour_error import ColourError, decibels
 from ..support.grid import build_brick_map
-from ..support.morton import decode_morton
+from ..support.morton import decode_morton, encode_morton
 from ..support.query import query_field
 from ..support.texels import TexelSupport
 from ..support.transfer import texels_per_edge, transfer
@@ -95,26 +95,32 @@ def _coded(plane, support, options):
 
 
 def _cells_at(places, cell):
-    """The first CELLS different cells of places, int64 [M, d], taken in a fixed shuffled order; and the cell of each place."""
-    own = places >> cell
-    order = np.random.default_rng(0).permutation(len(own))[: 8 * CELLS]
-    _, first = np.unique(own[order], axis=0, return_index=True)
-    return own[order[np.sort(first)[:CELLS]]], own
+    """Morton keys of up to CELLS different cells that places, int64 [M, d], are in, ascending; taken in a fixed shuffled
+    order."""
+    order = np.random.default_rng(0).permutation(len(places))[: 8 * CELLS]
+    keys = _cell_keys(places[order], cell)
+    _, first = np.unique(keys, return_index=True)
+    return np.sort(keys[np.sort(first)[:CELLS]])
 
 
-def _members(own, cells):
-    """Which rows of own, int64 [N, d], are one of the cells, bool [N]."""
-    inside = np.zeros(len(own), bool)
-    for cell in cells:
-        inside |= (own == cell).all(axis=1)
-    return inside
+def _cell_keys(places, cell):
+    """Morton keys of the cells of places, int64 [M, 2 or 3]."""
+    flat = np.zeros((len(places), 3), np.int64)
+    flat[:, : places.shape[1]] = places >> cell
+    return encode_morton(flat)
+
+
+def _within(keys, cells, cell):
+    """Those of ascending keys that are in one of the cells: each is a run of keys."""
+    ends = np.searchsorted(keys, np.concatenate([cells, cells + 1]) << 3 * cell)
+    return np.concatenate([keys[a:b] for a, b in zip(ends[: len(cells)], ends[len(cells) :], strict=True)])
 
 
 def _well_inside(place, cell, cells):
     """Numbers of the places, float64 [M, d], that are in one of the cells, with all that interpolation asks around them where
     there are such."""
     whole = np.floor(place).astype(np.int64)
-    rest, there = place - (whole >> cell << cell), _members(whole >> cell, cells)
+    rest, there = place - (whole >> cell << cell), np.isin(_cell_keys(whole, cell), cells)
     inner = np.flatnonzero(((rest >= 1) & (rest <= (1 << cell) - 1)).all(axis=1) & there)
     return inner if len(inner) > LEAST_POINTS else np.flatnonzero(there)
 
@@ -124,9 +130,8 @@ def probe_texels(patch: Patch, plan: TexelPlan, values: Callable[[np.ndarray], n
     """Probe of a TexelPlan. values: of plan.values(); keys: int64 [N], the texels that it asks."""
     texel = np.einsum("nc,ncd->nd", patch.bary, plan.group.uv[patch.face]) * np.array(plan.size) / plan.group.size
     place = np.column_stack([_wrapped(texel[:, i], plan.size[i], plan.group.wrap[i]) for i in range(2)])
-    cells, _ = _cells_at(place.astype(np.int64), TEXEL_CELL)
-    xy = decode_morton(keys)[:, :2].astype(np.int64)
-    mine = keys[_members(xy >> TEXEL_CELL, cells)]
+    cells = _cells_at(place.astype(np.int64), TEXEL_CELL)
+    mine = _within(keys, cells, TEXEL_CELL)
     support = TexelSupport(keys=mine, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap, fraction_bits=0)
     bits, decoded = _coded(np.ascontiguousarray(values(support.xy())[:, :3]), support, options)
     chosen = _well_inside(place, TEXEL_CELL, cells)
@@ -147,11 +152,11 @@ def probe_voxels(patch: Patch, resolution: int, density: int, options: EncodeOpt
     """Probe of voxels at a resolution. density: samples per voxel edge of the transfer."""
     surface, bits = patch.surface, patch.surface.cube.position_bits
     grid = patch.points * (resolution / (1 << bits))
-    cells, _ = _cells_at(grid.astype(np.int64), VOXEL_CELL)
+    cells = _cells_at(grid.astype(np.int64), VOXEL_CELL)
     near = _faces_near(surface.lattice[surface.faces[patch.faces]] * (resolution / (1 << bits)), cells)
     faces = surface.faces[patch.faces[near]]
     keys, _ = voxelise(surface.lattice, faces, bits, resolution, options.area_threshold, options.threads)
-    keys = keys[_members(decode_morton(keys).astype(np.int64) >> VOXEL_CELL, cells)]
+    keys = _within(keys, cells, VOXEL_CELL)
     values = round(patch.area * (resolution / (1 << bits)) ** 2 * VOXELS_PER_AREA)
     if not len(keys):
         return Probe(values, 24.0, 0.0)
@@ -172,7 +177,7 @@ def _faces_near(corners, cells):
     """Numbers of the faces whose boxes reach into one of the cells. corners: float64 [F, 3, 3], grid coordinates."""
     low, high = corners.min(axis=1), corners.max(axis=1)
     near = np.zeros(len(corners), bool)
-    for cell in cells:
+    for cell in decode_morton(cells).astype(np.int64):
         near |= ((high >= (cell << VOXEL_CELL) - 1) & (low <= (cell + 1 << VOXEL_CELL) + 1)).all(axis=1)
     return np.flatnonzero(near)
 

@@ -57,7 +57,8 @@ class TexelPlan:
 
 def slope_of(plan_size: tuple[int, int], group: ImageGroup) -> float:
     """Mean squared change of Y from a texel of the coded size to the next, both ways added: what a shift by a texel costs."""
-    rows, columns = group.image[::4], group.image[:, ::4]
+    step = max(1, min(group.size) // 64)
+    rows, columns = group.image[::step], group.image[:, ::step]
     slope = sum(float(((np.diff(part[..., :3].astype(np.float32), axis=axis) @ RGB_TO_YUV[0]) ** 2).mean())
                 for part, axis in ((rows, 1), (columns, 0)) if part.shape[axis] > 1)
     return slope * group.size[0] / plan_size[0] * group.size[1] / plan_size[1]

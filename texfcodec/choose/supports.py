@@ -18,6 +18,7 @@ from ..geometry.surface import make_surface
 from ..ground.areas import face_areas
 from ..support.texel_set import asked_texels
 from .images import ImageGroup, image_groups
+from .position import rounding_mse
 from .probe import Patch, Probe, probe_texels, probe_voxels
 from .texel_field import TexelPlan, most_fraction_bits, slope_of
 
@@ -65,7 +66,7 @@ def choose_supports(scene: Scene, surface: Surface, options: EncodeOptions, repo
         return Supports(surface, [], options.resolution, told | {"reason": reason})
     found = [_candidate(scene, surface, group, options) for group in image_groups(scene, surface)]
     chosen = [c for c in found if _goes_over_texels(c, scene, surface, options, told["groups"])]
-    bits = _position_bits(chosen, surface, options)
+    bits = _position_bits(chosen, scene, surface, options)
     resolution = _resolution(scene, surface, chosen, options, told)
     plans = [c.plan for c in chosen]
     if bits != options.position_bits:
@@ -123,31 +124,16 @@ def _cheapest(choices, probe, added, bytes_a_bit):
     return min(choices, key=lambda k: probe.attributes * (1 + added(k) / mse) ** SLOPE + bytes_a_bit * k)
 
 
-def _position_bits(chosen, surface, options):
-    """Bits of positions: a surface that is off moves its image. Never fewer than usual."""
-    if not options.position_bits_are_free or not chosen or options.max_error is not None:
-        return options.position_bits
+def _position_bits(chosen, scene, surface, options):
+    """Bits of positions: rounding them moves what is seen. Never fewer than usual."""
     usual, vertices = options.position_bits, len(np.unique(surface.faces))
-    shifts = [(one, _shift(one, surface)) for one in chosen]
-
-    def cost(bits):
-        total = 3 / 8 * vertices * bits
-        for one, shift in shifts:
-            total += one.texels.attributes * (1 + shift / 4 ** (bits - usual) / max(one.texels.mse, LEAST_MSE)) ** SLOPE
-        return total
-
-    return min(range(usual, FINEST_POSITIONS + 1), key=cost)
-
-
-def _shift(one, surface):
-    """Error that rounding positions to the lattice adds."""
-    plan, faces = one.plan, surface.faces[one.plan.group.faces]
-    if plan.group.palette:
-        return 0.0
-    u, v = plan.group.uv[:, 1] - plan.group.uv[:, 0], plan.group.uv[:, 2] - plan.group.uv[:, 0]
-    texels = float(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).sum()) / 2 * plan.size[0] * plan.size[1]
-    area = float(face_areas(surface.lattice, faces).sum()) * plan.group.size[0] * plan.group.size[1]
-    return slope_of(plan.size, plan.group) * ROUNDED * texels / max(area, 1.0)
+    attributes = sum(one.texels.attributes for one in chosen)
+    if not options.position_bits_are_free or not attributes or options.max_error is not None:
+        return usual
+    mse = sum(one.texels.attributes * max(one.texels.mse, LEAST_MSE) for one in chosen) / attributes
+    whole = Probe(1, 8 * attributes, mse)
+    moved = rounding_mse(scene, surface.cube, options.threads)
+    return _cheapest(range(usual, FINEST_POSITIONS + 1), whole, lambda bits: moved / 2 ** (bits - usual), 3 / 8 * vertices)
 
 
 def _goes_over_texels(one, scene, surface, options, told):

@@ -75,8 +75,7 @@ def run_measure(args):
 
 def run_compare(args):
     """The command compare."""
-    rivals, ours = read_records(args.anchors), read_records([args.points])
-    ours = {name: record for name, record in ours.items() if record.get(args.key)}
+    rivals, ours = read_records(args.anchors, "codec"), read_records([args.points], "rate", args.key)
     if not set(rivals) & set(ours):
         raise SystemExit("no asset has both rival curves and points of ours")
     for name in sorted(set(ours) - set(rivals)):

@@ -99,14 +99,16 @@ def compacted(record):
     return record | {"points": [p for p in record["points"] if tuple(p.get(name) for name in CURVE) in kept]}
 
 
-def read_records(paths):
-    """{asset: record} of JSON files and of folders with them; a file holds one record, or several by asset. Of an asset that
-    comes twice the later stands."""
+def read_records(paths, word, key="points"):
+    """{asset: record} of JSON files and of folders with them; a file holds one record, or several by asset. Kept are those that
+    have points under the key, of which each holds the word: "codec" for rivals, "rate" for ours, so that both may lie in one
+    folder. Of an asset that comes twice the later stands."""
     records = {}
     for path in paths:
         for file in sorted(path.glob("*.json")) if path.is_dir() else [path]:
             held = json.loads(file.read_text(encoding="utf-8"))
-            records |= {held["asset"]: held} if "asset" in held else held
+            held = {held["asset"]: held} if "asset" in held else held
+            records |= {name: one for name, one in held.items() if one.get(key) and all(word in p for p in one[key])}
     return records
 
 

@@ -181,8 +181,12 @@ def dequantise_uv(rival, uv, bits):
 
 
 def quantise_colour(rival, bits):
-    """Vertex colours as int64 [F, 3, 4] in 0..2**bits - 1: linear, as a GLB has them."""
-    return np.rint(np.clip(rival.scene.corner_color, 0, 1).astype(np.float64) * ((1 << bits) - 1)).astype(np.int64)
+    """Vertex colours as int64 [F, 3, 4] in 0..2**bits - 1: linear, as a GLB has them; alpha 1 where nobody sees it."""
+    scene, most = rival.scene, (1 << bits) - 1
+    colour = np.rint(np.clip(scene.corner_color, 0, 1).astype(np.float64) * most).astype(np.int64)
+    opaque = np.array([m.alpha_mode == ALPHA_OPAQUE for m in scene.materials])[scene.face_material]
+    colour[opaque, :, 3] = most
+    return colour
 
 
 def colours_fit(rival, bits):

@@ -74,6 +74,12 @@ def test_a_chord_over_a_knee_is_nobodys():
     assert at == pytest.approx([4]) and at > 1  # the chord from 30 to 36 dB is at 5/6
 
 
+def test_a_smaller_and_better_point_of_another_curve_serves_below_its_own_range():
+    curves = curves_of(rival_points((STEEP, [(400, 28.0), (800, 34.0)]), (SHALLOW, [(100, 30.0), (900, 33.0)])), "y")
+    psnr = np.array([28.0, 29.0, 30.0, 34.0, 34.1])
+    np.testing.assert_allclose(np.exp(envelope(curves, psnr)[0]), [100, 100, 100, 800, np.inf])
+
+
 def test_points_that_are_larger_and_not_better_are_left_out():
     ours = line(-1, 1)
     worse = [(ours[3][0] * 1.5, ours[3][1] - 0.1), (ours[5][0] * 1.1, ours[5][1])]

@@ -1,11 +1,13 @@
 """How a stream stands against what everyday.py's rivals can do: bytes at equal image PSNR.
 
-The envelope is, at each PSNR, the least bytes over all curves; a curve is one codec at one scale with one choice of UV bits.
-Every curve, ours too, is its lower-left front (points that are larger and not better than another are left out) with the
-logarithm of the bytes interpolated over PSNR by PCHIP, as bd_rate() does. The convex hull of the points is not taken: nobody can
-encode what lies on its chords. This rule gives -28.4, +28.3, +330.1, +0.9, -16.5 and -20.5 % on the six curves that were there
-before this tool, whose table says -28, +28, +330, +1, -17 and -20, and the same figures at single points (helmet +167 to +505 %);
-piecewise linear ("linear") it is -27.7, +29.6, +317.1, 0.0, -17.6 and -19.7.
+The envelope is, at each PSNR, the least bytes over all curves; a curve is one codec at one scale with one choice of UV bits, and
+its first point serves for less than its PSNR as well, so that the envelope nowhere falls. Every curve, ours too, is its
+lower-left front (points that are larger and not better than another are left out) with the logarithm of the bytes interpolated
+over PSNR by PCHIP, as bd_rate() does. The convex hull of the points is not taken: nobody can encode what lies on its chords.
+
+This rule gives -28.4, +28.3, +330.1, +0.9, -16.5 and -20.5 % on the six curves that were there before this tool, whose table says
+-28, +28, +330, +1, -17 and -20, and the same figures at single points (helmet +167 to +505 %). Piecewise linear ("linear") it is
+-27.7, +29.6, +317.1, 0.0, -17.6 and -19.7, and +161 to +504.
 """
 
 import json
@@ -29,13 +31,13 @@ def front(points):
 
 
 def log_bytes(points, psnr, interpolation):
-    """Logarithm of the bytes that a curve needs at each PSNR, float64 [N]; inf above its range and nan below. points: (bytes,
-    PSNR) pairs of a front; psnr: float64 [N]."""
+    """Logarithm of the bytes that a curve needs at each PSNR, float64 [N]: those of its first point below its range, inf above.
+    points: (bytes, PSNR) pairs of a front; psnr: float64 [N]."""
     quality, sizes = np.array([p[1] for p in points]), np.log([p[0] for p in points])
     inside = np.clip(psnr, quality[0], quality[-1])
     smooth = interpolation == "pchip" and len(points) > 1
     out = PchipInterpolator(quality, sizes)(inside) if smooth else np.interp(inside, quality, sizes)
-    return np.where(psnr > quality[-1], np.inf, np.where(psnr < quality[0], np.nan, out))
+    return np.where(psnr > quality[-1], np.inf, out)
 
 
 def curves_of(points, measure):
@@ -47,12 +49,10 @@ def curves_of(points, measure):
     return [(key, front(pairs)) for key, pairs in groups.items()]
 
 
-def envelope(curves, psnr, interpolation=INTERPOLATIONS[0], below=False):
+def envelope(curves, psnr, interpolation=INTERPOLATIONS[0]):
     """(logarithm of the least bytes float64 [N], number of the curve that has them int64 [N]) at each PSNR, float64 [N]; inf
-    where no curve has it. below: a curve's first point also serves for less than its PSNR."""
+    where no curve goes so far."""
     table = np.array([log_bytes(points, psnr, interpolation) for _, points in curves])
-    first = np.log([points[0][0] for _, points in curves])[:, None]
-    table = np.where(np.isnan(table), first if below else np.inf, table)
     return table.min(axis=0), table.argmin(axis=0)
 
 
@@ -67,11 +67,8 @@ def bd_rate_against(curves, ours, interpolation=INTERPOLATIONS[0]):
     if not low < high:
         return None
     psnr = np.linspace(low, high, STEPS + 1)
-    rival = envelope(curves, psnr, interpolation)[0]
-    difference = (log_bytes(ours, psnr, interpolation) - rival)[np.isfinite(rival)]  # between two curves there may be a gap
-    weights = np.ones(len(difference))
-    weights[[0, -1]] = 0.5
-    return float(np.expm1(np.average(difference, weights=weights)) * 100)
+    difference = log_bytes(ours, psnr, interpolation) - envelope(curves, psnr, interpolation)[0]
+    return float(np.expm1(np.trapezoid(difference, dx=1 / STEPS)) * 100)
 
 
 def point_differences(curves, points, measure, interpolation=INTERPOLATIONS[0]):
@@ -80,7 +77,7 @@ def point_differences(curves, points, measure, interpolation=INTERPOLATIONS[0]):
     out = []
     for p in points:
         exact = p[measure] is None
-        rival = np.inf if exact else envelope(curves, np.array([p[measure]]), interpolation, below=True)[0][0]
+        rival = np.inf if exact else envelope(curves, np.array([p[measure]]), interpolation)[0][0]
         out.append(float(np.expm1(np.log(p["total"]) - rival) * 100) if np.isfinite(rival) else None)
     return out
 
@@ -94,8 +91,7 @@ def compacted(record):
             continue
         low, high = min(points[0][1] for _, points in curves), max(points[-1][1] for _, points in curves)
         for interpolation in INTERPOLATIONS:
-            for below in (False, True):
-                kept |= {curves[i][0] for i in envelope(curves, np.linspace(low, high, STEPS + 1), interpolation, below)[1]}
+            kept |= {curves[i][0] for i in envelope(curves, np.linspace(low, high, STEPS + 1), interpolation)[1]}
     return record | {"points": [p for p in record["points"] if tuple(p.get(name) for name in CURVE) in kept]}
 
 

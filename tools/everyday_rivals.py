@@ -22,8 +22,8 @@ from tools.everyday_views import MetricViews
 POSITION_BITS, UV_BITS = 14, (10, 12, 14)
 # {codec: {scale: qualities}}; scale 2 is half the width and height. Spread as in the curves that were there before this tool.
 CODECS = {
-    "avif": {1: (3, 15, 30, 45, 60, 72, 84), 2: (12, 30, 50, 70, 85), 4: (30, 60, 85)},
-    "webp": {1: (5, 20, 45, 70, 88), 2: (20, 60, 88), 4: (50, 90)},
+    "avif": {1: (3, 15, 30, 45, 60, 72, 84, 92), 2: (12, 30, 50, 70, 85), 4: (30, 60, 85)},
+    "webp": {1: (5, 20, 45, 70, 88, 95), 2: (20, 60, 88), 4: (50, 90)},
     "jpeg": {1: (12, 30, 55, 75, 88), 2: (35, 75)},
 }
 COLOUR_BITS, TEXTURED_COLOUR_BITS, FINE_COLOUR_BITS = (3, 4, 5, 6, 7, 8), (5, 8), (10, 12)

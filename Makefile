@@ -7,7 +7,7 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
 
 .DELETE_ON_ERROR:
-.PHONY: demo test interrupts bench anchor attribute-tools rate-points accuracy-time neural conformance vectors spec-tables install clean
+.PHONY: demo test interrupts bench anchor attribute-tools everyday rate-points accuracy-time neural conformance vectors spec-tables install clean
 
 demo: install
 	$(PY) -m texfcodec.demo
@@ -33,6 +33,13 @@ anchor: install
 # What each tool of the attribute codec is worth, a Markdown table: make attribute-tools CLOUDS=folder [EFFORT=best] [OUT=file]
 attribute-tools: install
 	@$(PY) tools/attribute_tools.py --clouds "$(CLOUDS)" $(if $(EFFORT),--effort $(EFFORT)) $(if $(OUT),--out "$(OUT)")
+
+# Against Draco with AVIF, WebP or JPEG at equal image PSNR, a Markdown table; an hour, and curves of other assets are made with
+# tools/everyday.py curves: make everyday ASSETS=folder [ANCHORS=folder] [OUT=file]
+everyday: install
+	@mkdir -p "$(dir $(or $(OUT),out/everyday.json))"
+	$(PY) tools/everyday.py measure "$(ASSETS)"/*.glb --out "$(or $(OUT),out/everyday.json)"
+	@$(PY) tools/everyday.py compare --anchors bench/everyday $(if $(ANCHORS),--anchors "$(ANCHORS)") --points "$(or $(OUT),out/everyday.json)"
 
 # Every asset at every setting of a condition file, then tables: make rate-points [CONDITIONS=file] [ASSETS=folder] [JOBS=n] [OUT=folder]
 rate-points: install

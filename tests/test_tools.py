@@ -16,7 +16,7 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 SPEEDS = {"enc_mpts", "dec_mpts"}
 RATES = {"bd_y", "bd_yuv611", "bd_rgb", "bd_y_area"}
 QPS = "22,34,46"
-COMMANDS = ("accuracy_time", "anchor_bdrate", "attribute_tools", "collect", "neural_time", "pictures", "rate_points")
+COMMANDS = ("accuracy_time", "anchor_bdrate", "attribute_tools", "collect", "everyday", "neural_time", "pictures", "rate_points")
 
 
 @pytest.fixture(scope="module")

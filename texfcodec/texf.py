@@ -165,8 +165,9 @@ class Texf:
         return out
 
     def _texels(self, points, face_index):
-        """UVs in texels, float64 [M, 2], of world points on faces."""
-        return texel_positions(points, self.positions, self.faces, self.uv, face_index)
+        """UVs in texels, float64 [M, 2], of world points on faces; found on the lattice, whose numbers are of one size."""
+        lattice = (points - self.origin) / (self.side or 1.0) * self.cube.last
+        return texel_positions(lattice, self.lattice_positions.astype(np.float64), self.faces, self.uv, face_index)
 
     def query_field(self, number: int, points: np.ndarray) -> np.ndarray:
         """What field `number`, one over voxels, answers at world points float64 [M, 3]: float32 [M, 4]."""

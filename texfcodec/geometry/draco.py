@@ -34,16 +34,31 @@ def enc_geometry(lattice: np.ndarray, faces: np.ndarray, position_bits: int) -> 
 
 
 def enc_textured(lattice: np.ndarray, faces: np.ndarray, uv: np.ndarray, position_bits: int) -> tuple[bytes, UvCoding]:
-    """As enc_geometry() with uv, int64 [V, 2], at least 0 and below 2**MAX_UV_BITS: (bytes, how the UVs stand in them). Draco
-    predicts quantised texture coordinates from the positions, which suits scans, and integers from their neighbours, which suits
+    """As enc_geometry() with uv, int64 [V, 2], of which the least is 0 in both columns and the largest below 2**MAX_UV_BITS:
+    (bytes, how the UVs stand in them). Draco predicts quantised texture coordinates from the positions, which suits scans, and integers from their neighbours, which suits
     charts that were drawn by hand (UV bytes -22 to +92 % on seven assets): the smaller is taken."""
-    if lattice.min() < 0 or lattice.max() >= 1 << position_bits or uv.min() < 0 or uv.max() >= 1 << MAX_UV_BITS:
+    if lattice.min() < 0 or lattice.max() >= 1 << position_bits or uv.min(axis=0).any() or uv.max() >= 1 << MAX_UV_BITS:
         raise ValueError("lattice position or UV out of range")
     longest = max(int(uv.max()), 1)
-    bits = longest.bit_length()
-    quantised = _encode(lattice, faces, tex_coord=uv.astype(np.float64), tex_coord_quantization_bits=bits)
     plain = _encode(lattice, faces, generic_attributes={PLAIN_ID: uv.astype(np.uint32)})
-    return (quantised, UvCoding(bits, longest)) if len(quantised) <= len(plain) else (plain, UvCoding(0, longest))
+    bits = _exact_bits(longest)
+    if bits <= MAX_UV_BITS:
+        quantised = _encode(lattice, faces, tex_coord=uv.astype(np.float64), tex_coord_quantization_bits=bits)
+        if len(quantised) <= len(plain):
+            return quantised, UvCoding(bits, longest)
+    return plain, UvCoding(0, longest)
+
+
+def _exact_bits(longest):
+    """Least bits of a quantisation of 0..longest after which every whole number comes back.
+
+    Draco scales by 2**bits - 1 over longest in 32-bit floats, which moves a number by up to 2**(bits - 22) steps beside the half
+    that rounding takes; where the scale is 1 nothing moves.
+    """
+    bits = longest.bit_length()
+    last = (1 << bits) - 1
+    safe = longest == last or longest * ((1 << 22) + (2 << bits)) < last << 22
+    return bits if safe else bits + 1
 
 
 def _encode(lattice, faces, **attributes):
@@ -139,7 +154,11 @@ def _uv_of(mesh, count, coding, offset):
 
 
 def _unquantised(data, coding):
+    """UVs of 32-bit floats, -1 where they stand for no whole number. Draco's own rounding moves them by an eighth of a step at
+    most, so that a quarter leaves no doubt which one is meant."""
     last = (1 << coding.bits) - 1
-    number = np.nan_to_num(np.floor(data.astype(np.float64) * (last / coding.range) + 0.5), nan=-1.0)
-    number = np.clip(number, -1, last + 1).astype(np.int64)
-    return np.where((number >= 0) & (number <= last), (2 * number * coding.range + last) // (2 * last), -1)
+    steps = np.nan_to_num(data.astype(np.float64) * (last / coding.range), nan=-1.0)
+    number = np.floor(steps + 0.5)
+    sound = (np.abs(steps - number) <= 0.25) & (number >= 0) & (number <= last)
+    number = np.where(sound, number, 0).astype(np.int64)
+    return np.where(sound, (2 * number * coding.range + last) // (2 * last), -1)

@@ -18,6 +18,7 @@ import vectors_constant  # noqa: E402
 import vectors_filter  # noqa: E402
 import vectors_neural  # noqa: E402
 import vectors_texels  # noqa: E402
+import vectors_texels_faulty  # noqa: E402
 from decode_texfcodec import arrays  # noqa: E402
 from naive import decoder as naive  # noqa: E402
 from vectors_claims import Case, unkept  # noqa: E402
@@ -51,7 +52,7 @@ header, and no others:
 |---|---|
 | `geometry.bin` | 64-bit rows (field, material, nine lattice coordinates) of all triangles, canonical as in clause 9 |
 | `field{{i}}_keys.bin` | 64-bit Morton keys of field i, ascending |
-| `field{{i}}_uv.bin` | where field i is over texels: 64-bit rows (field, material, three corners of lattice position and UV) of its triangles, canonical as in clause 9 |
+| `field{{i}}_uv.bin` | only where field i is over texels: 64-bit rows of its triangles with UVs, as in clause 9 |
 | `field{{i}}_group{{g}}_values.bin` | one byte per component, voxel after voxel or texel after texel, of channel group g |
 
 It exits with 0, or refuses: 3 the stream is invalid, 5 it is not supported, 6 it is over one of the decoder's limits. A stream of
@@ -202,9 +203,9 @@ def write(files):
 
 def every_vector():
     """All vectors, in the order of README.md."""
-    good = [subset(), vectors_constant.subset(), vectors_neural.subset(), vectors_texels.subset(), uncommon(), vectors_filter.uncommon(),
-            vectors_constant.uncommon(), vectors_neural.uncommon(), vectors_texels.uncommon()]
-    bad = [faulty(), vectors_filter.faulty(), vectors_constant.faulty(), vectors_neural.faulty(), vectors_texels.faulty()]
+    good = [subset(), vectors_constant.subset(), vectors_neural.subset(), vectors_texels.subset(), uncommon(),
+            vectors_filter.uncommon(), vectors_constant.uncommon(), vectors_neural.uncommon(), vectors_texels.uncommon()]
+    bad = [faulty(), vectors_filter.faulty(), vectors_constant.faulty(), vectors_neural.faulty(), vectors_texels_faulty.faulty()]
     return [vector for part in (*good, *bad) for vector in part]
 
 

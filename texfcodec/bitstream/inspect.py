@@ -14,8 +14,8 @@ _KINDS = {UNIT_GEOMETRY: "geometry", UNIT_ATTRIBUTE: "attributes"}
 def inspect(data: bytes, limits: Limits | None = None) -> dict:
     """What stands where in a .texf stream.
 
-    data: bytes; limits: Limits. Returns a JSON-ready dict: "bytes" by kind, counts ("voxels" of fields over voxels, "texels" of the
-    others), "fields" (an element that a field does not have is None), "groups" (one per attribute unit:
+    data: bytes; limits: Limits. Returns a JSON-ready dict: "bytes" by kind, counts ("voxels" of fields over voxels, "texels" of
+    the others), "fields" (an element that a field does not have is None), "groups" (one per attribute unit:
     qp, codewords, bytes by octree level where the stream tells) and "units", whose elements with the signature name every byte of
     the file exactly once. Raises StreamError, LimitError, SupportError.
     """

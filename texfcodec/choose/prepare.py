@@ -27,8 +27,9 @@ FITTED_DENSITY = 2  # where a surface fit follows; 4 gains nothing then (BD-rate
 
 @dataclass
 class SourceField:
-    """A field before coding. support: its voxels or texels; threshold: the area threshold that voxels were kept by; planes: float32
-    [N, C] in 0..255 by channel name, colour sRGB-coded; texels_per_edge: how much finer than the voxels the textures are."""
+    """A field before coding. support: its voxels or texels; threshold: the area threshold that voxels were kept by; planes:
+    float32 [N, C] in 0..255 by channel name, colour sRGB-coded; texels_per_edge: how much finer than the voxels the textures
+    are."""
 
     support: VoxelSupport | TexelSupport
     threshold: int

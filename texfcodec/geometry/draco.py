@@ -14,7 +14,8 @@ from ..ground.walk import Reader
 COMPRESSION_LEVEL = 10
 MAX_UV_BITS = 20  # of a UV before its unit's origin is added, in steps
 PLAIN_ID = 1  # of the integer attribute; decoders find it by its type
-_TEX_COORD, _GENERIC = 3, 4  # Draco's attribute types
+_POSITION, _TEX_COORD, _GENERIC = 0, 3, 4  # Draco's attribute types
+_UINT32, _FLOAT32 = 6, 9  # and data types
 _HEADER = b"DRACO\x02\x02\x01\x01\x00\x00"  # magic, version 2.2, mesh, edgebreaker, no flags
 
 
@@ -35,8 +36,9 @@ def enc_geometry(lattice: np.ndarray, faces: np.ndarray, position_bits: int) -> 
 
 def enc_textured(lattice: np.ndarray, faces: np.ndarray, uv: np.ndarray, position_bits: int) -> tuple[bytes, UvCoding]:
     """As enc_geometry() with uv, int64 [V, 2], of which the least is 0 in both columns and the largest below 2**MAX_UV_BITS:
-    (bytes, how the UVs stand in them). Draco predicts quantised texture coordinates from the positions, which suits scans, and integers from their neighbours, which suits
-    charts that were drawn by hand (UV bytes -22 to +92 % on seven assets): the smaller is taken."""
+    (bytes, how the UVs stand in them). Draco predicts quantised texture coordinates from the positions, which suits scans, and
+    integers from their neighbours, which suits charts that were drawn by hand (UV bytes -22 to +92 % on seven assets): the
+    smaller is taken."""
     if lattice.min() < 0 or lattice.max() >= 1 << position_bits or uv.min(axis=0).any() or uv.max() >= 1 << MAX_UV_BITS:
         raise ValueError("lattice position or UV out of range")
     longest = max(int(uv.max()), 1)
@@ -89,7 +91,7 @@ def dec_geometry(data: bytes, vertices: int, faces: int, position_bits: int, off
 
     Raises StreamError where the substream is not what the unit says, in form, counts or ranges.
     """
-    mesh = _decode(data, (vertices, faces), 1, offset)
+    mesh = _decode(data, (vertices, faces), [(_POSITION, _UINT32, 3)], offset)
     lattice, triangles = _surface_of(mesh, faces, position_bits, offset)
     if len(lattice) != vertices:
         raise _other_counts(len(lattice), vertices, offset)
@@ -100,7 +102,8 @@ def dec_textured(data: bytes, vertices: int, faces: int, uv: UvCoding, position_
                  offset: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Decodes one unit with UVs: (lattice int64 [P, 3], faces int64 [faces, 3], uv int64 [P, 2] below 2**MAX_UV_BITS). A vertex
     is there once for every chart that it is in. Raises StreamError as dec_geometry()."""
-    mesh = _decode(data, (vertices, faces), 2, offset)
+    kind = (_TEX_COORD, _FLOAT32, 2) if uv.bits else (_GENERIC, _UINT32, 2)
+    mesh = _decode(data, (vertices, faces), [(_POSITION, _UINT32, 3), kind], offset)
     lattice, triangles = _surface_of(mesh, faces, position_bits, offset)
     if not vertices <= len(lattice) <= 3 * faces:
         raise _other_counts(len(lattice), [vertices, 3 * faces], offset)
@@ -108,7 +111,8 @@ def dec_textured(data: bytes, vertices: int, faces: int, uv: UvCoding, position_
 
 
 def _decode(data, counts, attributes, offset):
-    """DracoPy's mesh, once its counts (vertices, faces) and its number of attributes are those of the unit."""
+    """DracoPy's mesh, once its counts (vertices, faces) and its attributes (type, data type, components), which are sorted here,
+    are those of the unit."""
     import DracoPy
 
     said = counts_of(data, offset)
@@ -119,9 +123,10 @@ def _decode(data, counts, attributes, offset):
         mesh = DracoPy.decode(bytes(data))
     except Exception as error:
         raise StreamError("TXF-S22", f"Draco refuses its substream: {error}", clause="5.6", offset=offset) from error
-    if len(mesh.attributes) != attributes:
+    found = sorted((a["attribute_type"], a["data_type"], a["num_components"]) for a in mesh.attributes)
+    if found != attributes:
         raise StreamError("TXF-S20", "the Draco substream has other attributes than it should", clause="5.6", offset=offset,
-                          value=len(mesh.attributes), allowed=attributes)
+                          value=found, allowed=attributes)
     return mesh
 
 
@@ -142,10 +147,10 @@ def _surface_of(mesh, faces, position_bits, offset):
 
 def _uv_of(mesh, count, coding, offset):
     """UVs int64 [count, 2]. Quantised ones come back as n / (2**bits - 1) of the range, n whole, which integers then undo."""
-    kind, dtype = (_TEX_COORD, np.float32) if coding.bits else (_GENERIC, np.uint32)
-    data = next((np.asarray(a["data"]) for a in mesh.attributes if a["attribute_type"] == kind), np.zeros(0))
-    if data.shape != (count, 2) or data.dtype != dtype:
-        raise StreamError("TXF-S20", "the Draco substream has no UVs of the kind that the unit says", clause="5.6", offset=offset)
+    data = next(np.asarray(a["data"]) for a in mesh.attributes if a["attribute_type"] != _POSITION)
+    if data.shape != (count, 2):
+        raise StreamError("TXF-S20", "the Draco substream has other UVs than vertices", clause="5.6", offset=offset,
+                          value=list(data.shape), allowed=[count, 2])
     uv = data.astype(np.int64) if coding.bits == 0 else _unquantised(data, coding)
     if uv.min() < 0 or uv.max() >= 1 << MAX_UV_BITS:
         raise StreamError("TXF-S23", "the Draco substream has a UV out of range", clause="5.6", offset=offset,

@@ -63,8 +63,8 @@ def texel_positions(points: np.ndarray, positions: np.ndarray, faces: np.ndarray
                     face_index: np.ndarray) -> np.ndarray:
     """UVs, float64 [M, 2], of the points of faces nearest to given ones.
 
-    points: float64 [M, 3]; positions: float64 [V, 3], whole numbers below 2**20; faces: int64 [F, 3] into them; uv: float64 [V, 2]; face_index: int64 [M]
-    into faces, checked by the caller.
+    points: float64 [M, 3]; positions: float64 [V, 3], whole numbers below 2**20; faces: int64 [F, 3] into them; uv: float64
+    [V, 2]; face_index: int64 [M] into faces, checked by the caller.
     """
     out = np.empty((len(points), 2))
     _texel_positions(np.ascontiguousarray(points), positions, faces, uv, np.ascontiguousarray(face_index), out)

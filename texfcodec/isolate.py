@@ -177,7 +177,7 @@ def _uv_is_sound(unit, part):
     """A unit has UVs where its field is over texels, one for each vertex, and only there."""
     if unit.uv is None or not part.over_texels:
         return unit.uv is None and not part.over_texels
-    return unit.uv.shape == (len(unit.lattice), 2) and bool((np.abs(unit.uv) < MAX_UV).all())
+    return unit.uv.shape == (len(unit.lattice), 2) and bool(((unit.uv > -MAX_UV) & (unit.uv < MAX_UV)).all())
 
 
 def _field_is_sound(part, channels):

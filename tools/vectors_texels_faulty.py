@@ -27,6 +27,7 @@ def fields():
     """Clauses 5.5, 6.5.4 and 10."""
     base = base_stream()
     keys = parsed(base).fields[0]["num_keys"]
+    above = stream_of_parts([Image(picture(*SIZE))], [ring(SIZE, 4, (1, 0.3), (0, -2))])
     u16 = lambda value: value.to_bytes(2, "little")
 
     def one(name, title, element, raw, code="TXF-S04"):
@@ -49,8 +50,9 @@ def fields():
         one("texels_width", "another width than the texels were made for", "width", u16(9), "TXF-S30"),
         one("texels_fraction", "other uv_fraction_bits than the texels were made for", "uv_fraction_bits", b"\5", "TXF-S30"),
         ("texels_wrap", "another wrap_t than the texels were made for", "6.5.4",
-         with_element(stream_of_parts([Image(picture(*SIZE))], [ring(SIZE, 4, (1, 0.3), (0, -2))]), F, "wrap_t", b"\1"), "TXF-S30"),
-        ("texels_cut", "a field unit that ends after height", "5.5", with_units(base, lambda units: _cut(units, F, 6)), "TXF-S02"),
+         with_element(above, F, "wrap_t", b"\1"), "TXF-S30"),
+        ("texels_cut", "a field unit that ends after height", "5.5", with_units(base, lambda units: _cut(units, F, 6)),
+         "TXF-S02"),
         ("texels_as_voxels", "support 0 before the elements of texels", "5.5", with_element(base, F, "support", b"\0"),
          "TXF-S08"),
     ]

@@ -628,7 +628,8 @@ def test_shading_can_be_asked_for_chosen_fragments(sphere_texf):
 def test_a_coarse_level_asks_its_own_grid(sphere_texf):
     level = Pyramid(sphere_texf.fields[0]).level(2)
     points = np.random.default_rng(0).uniform(0, 64, (200, 3))
-    assert np.array_equal(level.query(points), query_field(points / 4, 16, level.support.keys, level.support.brick_map, level.values)[0])
+    support = level.support
+    assert np.array_equal(level.query(points), query_field(points / 4, 16, support.keys, support.brick_map, level.values)[0])
 
 
 # Differences

@@ -8,7 +8,7 @@ from conftest import REPOSITORY
 from shapes import crossing_sheets
 
 from texfcodec import EncodeOptions, decode, inspect
-from texfcodec.asset.load import load
+from texfcodec.asset.load.files import load
 from texfcodec.asset.scene import Material, Scene, Texture
 from texfcodec.encoder import encode_scene
 from texfcodec.geometry import draco
@@ -105,7 +105,7 @@ def test_info_says_of_a_field_over_texels_what_it_is(call, tmp_path):
 
 @pytest.mark.parametrize("name", ["cat_webp", "damaged_helmet", "avocado", "vintage_fan", "house_mask"])
 def test_uvs_of_real_assets_come_back_exactly(shared_dir, name):
-    """Both codings, a unit per material, UVs in 1/16 of a texel of an image of 2048 as their charts, seams and turns have them."""
+    """Both codings, a unit per material, UVs in 1/16 of a texel of an image of 2048, with their charts, seams and turns."""
     path = shared_dir / "assets" / f"{name}.glb"
     if not path.is_file():
         pytest.skip(f"{path.name} is not among the shared assets")
@@ -137,8 +137,7 @@ def test_uvs_of_real_assets_come_back_exactly(shared_dir, name):
 
 def faces_of(corners):
     """Rows [F, 15] of faces of corners int64 [F, 3, 5], each from its least corner on, in ascending order."""
-    packed = corners @ np.array([1, 1 << 14, 1 << 28, 0, 0]) * 4 + 0
-    order = np.lexsort((corners[:, :, 4].ravel(), corners[:, :, 3].ravel(), packed.ravel()))
+    order = np.lexsort(corners.reshape(-1, 5).T)
     rank = np.empty(len(order), np.int64)
     rank[order] = np.arange(len(order))
     values = corners.reshape(-1, 5)[order]

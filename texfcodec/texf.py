@@ -158,7 +158,8 @@ class Texf:
             chosen = np.flatnonzero(which == i) if len(self.fields) > 1 else ...
             if chosen is not ... and not len(chosen):
                 continue
-            if part.over_texels:
+            if isinstance(part.support, TexelSupport):
+                assert face_index is not None  # the caller's part
                 out[chosen] = part.support.query(self._texels(points[chosen], face_index[chosen]), part.rgba, self.threads)
             else:
                 out[chosen] = self.query_field(i, points[chosen])
@@ -174,6 +175,7 @@ class Texf:
         if self.evaluators:
             return self.evaluators[number].query(self.cube, points, self.threads)
         part = self.fields[number]
+        assert isinstance(part.support, VoxelSupport)
         return part.support.query(self.cube, points, part.rgba, self.threads)
 
     def nearest_face(self, points: np.ndarray) -> np.ndarray:
@@ -189,7 +191,7 @@ class Texf:
         """All active voxels of fields over voxels: {"xyz": int32 [N, 3], "field": int32 [N], "rgba": uint8 [N, 4], "center":
         float64 [N, 3] world}."""
         fields = [(i, f) for i, f in enumerate(self.fields) if not f.over_texels]
-        xyz = [f.support.xyz() for _, f in fields]
+        xyz = [f.support.xyz() for f in self.fields if isinstance(f.support, VoxelSupport)]
         center = [self._centers(f, v) for (_, f), v in zip(fields, xyz, strict=True)]
         number = [np.full(len(v), i, np.int32) for (i, _), v in zip(fields, xyz, strict=True)]
         return {

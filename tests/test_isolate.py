@@ -208,6 +208,7 @@ TEXEL_LIES = {  # of two fields over texels, numbers 0 and 2, and one over voxel
     "no width": number_of_field(0, 0, 0),
     "negative height": number_of_field(0, 1, -9),
     "a width of 2^30": number_of_field(0, 0, 1 << 30),
+    "an image over the limit": lambda facts, arrays: facts["fields"][0][0].__setitem__(slice(0, 2), [16384, 16384]),
     "an image that the keys leave": number_of_field(0, 1, 8),
     "unknown wrap": number_of_field(2, 2, 3),
     "negative wrap": number_of_field(2, 3, -1),

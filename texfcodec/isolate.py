@@ -31,6 +31,7 @@ from .support.voxels import VoxelSupport, keys_are_sound
 from .texf import Field, Texf
 
 ANSWER, FACTS = "answer.npz", "facts.json"
+_USUAL = Limits()
 FACTS_BYTES = 64 << 20  # the JSON half of an answer is never larger
 _NO_MEMORY = ("bad_alloc", "allocate", "failed to map", "out of memory", "memoryerror", "can't start new thread")
 
@@ -48,7 +49,7 @@ def decode_isolated(data: bytes, options: DecodeOptions | None = None, report: R
     report.warnings += [str(w) for w in facts["warnings"]]
     report.seconds |= {f"child {name}": value for name, value in facts["seconds"].items()}
     report.child_peak_memory_bytes = facts["peak_memory_bytes"]
-    return _texf(facts, arrays, options.threads)
+    return _texf(facts, arrays, options.threads, options.limits)
 
 
 def _run_child(data, options, folder):
@@ -95,7 +96,7 @@ def _memory_error(limits):
     return LimitError("TXF-L07", "decoding needs more memory than the limit allows", allowed=limits.isolate_bytes)
 
 
-def _texf(facts, arrays, threads):
+def _texf(facts, arrays, threads, limits=_USUAL):
     """The Texf of an answer. The child may have been taken over: every index is checked again."""
     try:
         cube = CanonicalCube(tuple(float(x) for x in facts["origin"]), float(facts["side"]), facts["position_bits"])
@@ -106,7 +107,8 @@ def _texf(facts, arrays, threads):
                     fields=[_field(numbers, parts, channels) for numbers, parts in fields],
                     materials=[Material(**m) for m in facts["materials"]], metadata=dict(facts["metadata"]), channels=channels,
                     threads=threads, skipped=list(facts["skipped"]))
-        sound = all(_unit_is_sound(u, texf) for u in texf.units) and all(_field_is_sound(f, channels) for f in texf.fields)
+        sound = all(_unit_is_sound(u, texf) for u in texf.units)
+        sound = sound and all(_field_is_sound(f, channels, limits) for f in texf.fields)
         if facts["codec"] is not None:
             texf.codec = _codec(facts["codec"])
             texf.evaluators = texf.codec.unpack(facts["evaluators"], arrays, channels, len(texf.fields))
@@ -180,17 +182,19 @@ def _uv_is_sound(unit, part):
     return unit.uv.shape == (len(unit.lattice), 2) and bool(((unit.uv > -MAX_UV) & (unit.uv < MAX_UV)).all())
 
 
-def _field_is_sound(part, channels):
-    return _support_is_sound(part.support) and all(part.planes[c.name].shape == (len(part.keys), c.components) for c in channels)
+def _field_is_sound(part, channels, limits):
+    shapes = all(part.planes[c.name].shape == (len(part.keys), c.components) for c in channels)
+    return _support_is_sound(part.support, limits) and shapes
 
 
-def _support_is_sound(support):
+def _support_is_sound(support, limits):
     if not support.planar:
         return 1 <= support.resolution <= 8192 and 0 <= support.level_shift <= 13 and keys_are_sound(support.keys, support.size)
     numbers = (support.width, support.height, *support.wrap, support.fraction_bits, support.level_shift)
     least, most = (1, 1, 0, 0, 0, 0), (MAX_SIDE, MAX_SIDE, 2, 2, 8, 14)
     within = all(low <= number <= high for low, number, high in zip(least, numbers, most, strict=True))
-    return within and texels_are_sound(support.keys, support.size)
+    few = limits.texels is None or support.width * support.height <= limits.texels
+    return within and few and texels_are_sound(support.keys, support.size)
 
 
 def _within(values, end):

@@ -14,9 +14,19 @@ from texfcodec.errors import TexfError  # noqa: E402
 
 def geometry_rows(units):
     """Clause 9: int64 [F, 11], one row (field, material, corners) per triangle, canonical and sorted."""
-    rows = [np.empty((0, 11), np.int64)]
-    for unit in units:
-        turns = [unit.lattice[np.roll(unit.faces, turn, axis=1)].reshape(-1, 9) for turn in range(3)]
+    return _rows([(unit, unit.lattice) for unit in units], 3)
+
+
+def uv_rows(units, number):
+    """Clause 9: int64 [F, 17], one row (field, material, corners with UVs) per triangle of a field over texels."""
+    return _rows([(unit, np.column_stack([unit.lattice, unit.uv])) for unit in units if unit.field == number], 5)
+
+
+def _rows(corners, columns):
+    """Canonical and sorted rows of pairs of a unit and what stands at its vertices, int64 [V, columns]."""
+    rows = [np.empty((0, 2 + 3 * columns), np.int64)]
+    for unit, vertex in corners:
+        turns = [vertex[np.roll(unit.faces, turn, axis=1)].reshape(-1, 3 * columns) for turn in range(3)]
         least = turns[0]
         for turn in turns[1:]:
             least = np.where(_less(turn, least)[:, None], turn, least)
@@ -37,6 +47,8 @@ def arrays(data, lod=0, threads=0):
     files = {"geometry": geometry_rows(texf.units).astype("<i8").tobytes()}
     for i, field in enumerate(texf.fields):
         files[f"field{i}_keys"] = field.keys.astype("<i8").tobytes()
+        if field.over_texels:
+            files[f"field{i}_uv"] = uv_rows(texf.units, i).astype("<i8").tobytes()
         for g, channel in enumerate(texf.channels):
             files[f"field{i}_group{g}_values"] = field.planes[channel.name].tobytes()
     return files

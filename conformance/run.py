@@ -2,9 +2,10 @@
 
     python conformance/run.py [--decoder "<command>"] [CASE ...]
 
-The command is called as  <command> IN.texf OUT_DIR [--lod L]  and writes geometry.bin, field{i}_keys.bin and
-field{i}_group{g}_values.bin into OUT_DIR. Exit codes: 0 decoded, 3 invalid stream, 5 not supported, 6 over a limit. Without a
-command our own decoder runs in this process. CASE is a part of a case's path, such as faulty/ or subset/k33. Exits 0 or 7.
+The command is called as  <command> IN.texf OUT_DIR [--lod L]  and writes geometry.bin, field{i}_keys.bin,
+field{i}_group{g}_values.bin and, of fields over texels, field{i}_uv.bin into OUT_DIR. Exit codes: 0 decoded, 3 invalid stream, 5
+not supported, 6 over a limit. Without a command our own decoder runs in this process. CASE is a part of a case's path, such as
+faulty/ or subset/k33. Exits 0 or 7.
 """
 
 import argparse

@@ -35,8 +35,8 @@ from texfcodec.limits import Limits
 
 FIXED = {"u8": (0, 255), "u16": (0, 65535), "u32": (0, 2**32 - 1), "i8": (-128, 127), "i32": (-(2**31), 2**31 - 1),
          "v": (0, V_MAX)}
-GIVEN = {"num_materials": 3, "num_channel_groups": 2, "resolution": 40, "NumComponents": 3, "level_index": 1, "NumLevels": 4,
-         "NumOutputs": 3, "num_fields": 2}
+GIVEN = {"num_materials": 3, "supports": [0, 1], "num_channel_groups": 2, "resolution": 40, "NumComponents": 3,
+         "level_index": 1, "NumLevels": 4, "NumOutputs": 3, "num_fields": 2}
 COUNTS = {"num_materials", "num_channel_groups", "num_slices", "name_length", "slice_level", "num_hidden",
           "num_levels", "hidden_width", "num_features", "wave_octaves"}  # kept small: they make arrays
 CHARACTERS = st.characters(exclude_categories=["Cs"])
@@ -247,7 +247,15 @@ def attribute(field, group, components, codewords=((5, (4, 1, 0)),)):
             "codeword_data": bytes(sum(n for n, _ in codewords))}
 
 
+OVER_VOXELS = {"support": 0, "resolution": 8, "area_threshold": 77, "width": None, "height": None, "wrap_s": None, "wrap_t": None,
+               "uv_fraction_bits": None}
+OVER_TEXELS = {"support": 1, "resolution": None, "area_threshold": None, "width": 8, "height": 6, "wrap_s": 2, "wrap_t": 1,
+               "uv_fraction_bits": 5}
+WITH_UV = {"uv_origin": [-3, 70000], "uv_bits": 4, "uv_range": 15}
+
+
 def small_stream(fields=2):
+    """The first field is over voxels, the second over texels."""
     header = {"version": 0, "position_bits": 14, "origin": [0.5, -1.0, 2.0], "side": 3.25, "num_vertices": 5 * fields,
               "num_faces": 4 * fields, "num_materials": 2, "num_fields": fields, "num_geometry_units": fields,
               "num_channel_groups": 2, "channel_groups": GROUPS}
@@ -255,9 +263,9 @@ def small_stream(fields=2):
                  {"name_length": 0, "material_name": "", "alpha_mode": 0, "alpha_cutoff": None, "material_flags": 0}]
     return Stream(
         header, materials,
-        [{"field_index": i, "resolution": 8, "area_threshold": 77, "num_keys": 30, "keys_crc": 1} for i in range(fields)],
-        [{"field_index": i, "material_index": i % 2, "unit_vertices": 5, "unit_faces": 4, "draco_data": b"draco"}
-         for i in range(fields)],
+        [{"field_index": i, **(OVER_TEXELS if i % 2 else OVER_VOXELS), "num_keys": 30, "keys_crc": 1} for i in range(fields)],
+        [{"field_index": i, "material_index": i % 2, "unit_vertices": 5, "unit_faces": 4, **(WITH_UV if i % 2 else {}),
+          "draco_data": b"draco"} for i in range(fields)],
         [attribute(i, g, GROUPS[g]["group_components"]) for i in range(fields) for g in range(2)], b'{"a": 1}')
 
 
@@ -392,17 +400,18 @@ def test_the_second_of_two_metadata_units_is_refused():
     (Limits(faces=7), "TXF-L03"),
     (Limits(voxels=59), "TXF-L04"),
     (Limits(metadata_bytes=8), "TXF-L06"),
+    (Limits(texels=47), "TXF-L11"),
 ])
 def test_each_limit_that_needs_no_decoding_refuses_with_its_code(limits, code):
     data = write_stream(small_stream())[0]
     with pytest.raises(LimitError) as caught:
         read_stream(data, limits)
     assert caught.value.code == code and caught.value.exit_code == 6
-    read_stream(data, Limits(file_bytes=len(data), vertices=10, faces=8, voxels=60, metadata_bytes=9))
+    read_stream(data, Limits(file_bytes=len(data), vertices=10, faces=8, voxels=60, texels=48, metadata_bytes=9))
 
 
 def test_a_limit_of_zero_or_none_is_off():
-    off = Limits(file_bytes=0, vertices=None, faces=0, voxels=None, samples=0, latents=0, metadata_bytes=0)
+    off = Limits(file_bytes=0, vertices=None, faces=0, voxels=None, texels=0, samples=0, latents=0, metadata_bytes=0)
     assert set(vars(off).values()) == {None, 4 << 30, 120}
     assert read_stream(write_stream(small_stream())[0], off).fields
 

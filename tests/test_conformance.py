@@ -24,6 +24,8 @@ SMALL = [
     "uncommon/empty_codeword/", "faulty/cut_geometry/", "faulty/codec_id/", "faulty/num_vertices_huge/",
     "subset/neural_hash/", "faulty/neural_code/", "uncommon/filter_slices/", "faulty/filter_left_out/",
     "subset/constant/", "uncommon/constant_second_field/", "faulty/constant_value/", "faulty/private_codec/",
+    "subset/texels_alpha/", "uncommon/texels_mixed/", "uncommon/texels_flat/", "uncommon/texels_rounded/",
+    "faulty/texels_uv_16/", "faulty/neural_texels/", "faulty/texels_num_keys_huge/",
 ]
 
 # The naive decoder with one thing wrong; `files` is what it would write.
@@ -80,6 +82,17 @@ decoder.checked_values = lambda unit, keys, lod: checked(unit, keys, 0 if unit["
 """
 NO_CHECKSUM = "decoder.checked_values = lambda unit, keys, lod: unit['plane_value'] * len(keys) if unit['codec_id'] == 2 else b''"
 ANY_NAME = "from naive.bits import Reader; Reader.utf8 = lambda self, count, name: str(self.take(count, name))"
+TEXELS = "from naive import texels; "
+# Squares with their borders, which ask texels of no weight.
+CLOSED_SQUARES = TEXELS + "import inspect; " + (
+    "exec(inspect.getsource(texels.meet).replace('<=', '<').replace('>=', '>'), vars(texels))")
+MIRROR_AT_CENTRES = TEXELS + "fold = lambda i, n: min(i % (2 * n - 2), -i % (2 * n - 2)); whole = texels.wrap; " + (
+    "texels.wrap = lambda mode, i, n: fold(i, n) if mode == 2 else whole(mode, i, n)")
+NO_LINES = TEXELS + "area = lambda a, b, c: (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]); " + (
+    "places = texels.places; texels.places = lambda triangle, one: places(triangle, one) if area(*triangle) else []")
+ROUNDED_DOWN = "import math; decoder.whole_number = lambda v, bits, most: math.floor(v)"
+NO_ORIGIN = "whole = decoder.decode_uv; " + (
+    "decoder.decode_uv = lambda unit, numbers: whole({**unit, 'uv_origin': [-7 * 16, 0]}, numbers)")
 MIRRORED = """
 import struct
 for unit in (texf := decoder.decode(stream, lod))["units"]:
@@ -150,6 +163,14 @@ def test_wrong_decoder_without_its_fault_is_right(tmp_path):
         ("uncommon/constant_resolutions/", "lod 4: field0_group0_values.bin differs", {"before": FULL_LENGTH}),
         ("faulty/constant_value/", "exit code 0, expected 3", {"before": NO_CHECKSUM}),
         ("faulty/codec_name_not_utf8/", "exit code 5, expected 3", {"before": ANY_NAME}),
+        # texels: keys_crc finds most of them first
+        ("uncommon/texels_centres/", "lod 0: exit code 3", {"before": CLOSED_SQUARES}),
+        ("uncommon/texels_flat/", "lod 0: exit code 3", {"before": NO_LINES}),
+        ("uncommon/texels_mirror/", "lod 0: exit code 3", {"before": MIRROR_AT_CENTRES}),
+        ("uncommon/texels_rounded/", "field0_uv.bin differs", {"before": ROUNDED_DOWN}),
+        ("uncommon/texels_low/", "field0_uv.bin differs", {"before": NO_ORIGIN}),
+        ("subset/texels_alpha/", "field0_uv.bin is missing", {"after": "del files['field0_uv']"}),
+        ("uncommon/texels_mixed/", "field1_uv.bin is unexpected", {"after": "files['field1_uv'] = b''"}),
     ],
 )
 def test_runner_fails_a_decoder_that_is_wrong(tmp_path, case, complaint, fault):
@@ -212,6 +233,16 @@ def test_vector_holds_what_its_title_and_clauses_promise(claims, name):
         ("subset/constant_alpha", "colour constant", "'colour constant' is not there"),
         ("uncommon/constant_second_field", "two fields, all constant", "'all constant' is not there"),
         ("uncommon/constant_colour", "values of 0 and 255", "'values of 0 and 255' is not there"),
+        ("uncommon/texels_mirror", "an image of 10 x 22, clamp", "'clamp' is not there"),
+        ("uncommon/texels_mirror", "an image of 22 x 10, mirror", "'an image of 22 x 10' is not there"),
+        ("uncommon/texels_repeat_mirror", "mirror x repeat", "'mirror x repeat' is not there"),
+        ("subset/texels_repeat", "texels that no face asks", "'texels that no face asks' is not there"),
+        ("subset/texels_repeat", "UVs beside the image", "'UVs beside the image' is not there"),
+        ("uncommon/texels_borders", "all UVs on borders of texels, seams", "'seams' is not there"),
+        ("uncommon/texels_centres", "all UVs on borders of texels", "'all UVs on borders of texels' is not there"),
+        ("uncommon/texels_whole", "UVs quantised to 9 bits", "'UVs quantised to 9 bits' is not there"),
+        ("uncommon/texels_mixed", "two fields", "'two fields' is not there"),
+        ("subset/k3", "a field over texels", "'a field over texels' is not there"),
         ("subset/k3", "alpha constant beside RAHT colour", "'alpha constant beside RAHT colour' is not there"),
     ],
 )

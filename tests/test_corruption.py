@@ -35,8 +35,8 @@ from texfcodec.ground.walk import write_v
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions, EncodeOptions
 from texfcodec.report import Report
+from texfcodec.support.keyed import keys_crc
 from texfcodec.support.voxelise import voxelise
-from texfcodec.support.voxels import keys_crc
 
 SMALL = Limits(voxels=1 << 18, samples=1 << 21)  # a lying resolution may cost a tenth of a second, no more
 FAMILIES = (StreamError, LimitError, SupportError)
@@ -45,9 +45,12 @@ END = write_unit(UNIT_END, b"")
 
 @lru_cache
 def small(kind="sphere"):
-    """A stream of under a kilobyte, or one with two materials, alpha, metadata and textures."""
+    """A stream of under a kilobyte, or one with two materials, alpha, metadata and textures, over voxels or ("texels") texels."""
     scene, resolution = (painted_sphere(3), 12) if kind == "sphere" else (crossing_sheets(), 20)
-    data = encode_scene(scene, EncodeOptions(resolution=resolution, qp=34, partition="off")).data
+    support = "texels" if kind == "texels" else "voxels"
+    scene.corner_uv = scene.corner_uv * 0.5 + 0.7 if kind == "texels" else scene.corner_uv  # beside the image, and not all of it
+    data = encode_scene(scene, EncodeOptions(resolution=resolution, qp=34, partition="off", support=support)).data
+    assert any(f.over_texels for f in decode(data).fields) == (kind == "texels")
     assert decode(data).fields  # and the decoder's kernels are compiled before anything is timed
     return data
 
@@ -81,7 +84,7 @@ def outcome(data, options=None):
 # Whole streams
 
 
-@pytest.mark.parametrize("kind", ["sphere", "sheets"])
+@pytest.mark.parametrize("kind", ["sphere", "sheets", "texels"])
 def test_decoder_refuses_every_prefix(kind):
     data = small(kind)
     for end in range(len(data)):
@@ -89,7 +92,7 @@ def test_decoder_refuses_every_prefix(kind):
             decode(data[:end])
 
 
-@pytest.mark.parametrize("kind", ["sphere", "sheets"])
+@pytest.mark.parametrize("kind", ["sphere", "sheets", "texels"])
 def test_decoder_refuses_every_appended_byte(kind):
     data = small(kind)
     for byte in range(256):
@@ -98,7 +101,7 @@ def test_decoder_refuses_every_appended_byte(kind):
         assert caught.value.code == "TXF-S08" and caught.value.details["offset"] == len(data)
 
 
-@pytest.mark.parametrize("kind", ["sphere", "sheets"])
+@pytest.mark.parametrize("kind", ["sphere", "sheets", "texels"])
 def test_decoder_refuses_a_flipped_bit_in_any_byte(kind):
     for damaged in with_a_bit_flipped(small(kind)):
         with pytest.raises((StreamError, SupportError)):
@@ -162,7 +165,7 @@ def test_a_draco_substream_without_points_is_refused():
     assert outcome(repacked(small("sheets"), change)) == "TXF-S20"
 
 
-@pytest.mark.parametrize("kind", ["sphere", "sheets"])
+@pytest.mark.parametrize("kind", ["sphere", "sheets", "texels"])
 @settings(deadline=None, max_examples=250)
 @given(data=st.data())
 def test_bent_payloads_with_right_checksums_end_in_a_result_or_a_coded_error(kind, data):
@@ -215,9 +218,9 @@ def test_every_flipped_codeword_bit_that_changes_a_value_is_caught():
     assert caught >= 0.9 * 8 * min(40, length)
 
 
-def restated(change):
+def restated(change, kind="sphere"):
     """The small stream with its parsed values changed and written again."""
-    stream = read_stream(small(), Limits())
+    stream = read_stream(small(kind), Limits())
     for unit in (*stream.geometry, *stream.attributes):
         for name, value in unit.items():
             unit[name] = bytes(value) if isinstance(value, memoryview) else value
@@ -225,8 +228,9 @@ def restated(change):
     return write_stream(stream)[0]
 
 
-def test_restating_without_a_change_gives_the_same_bytes():
-    assert restated(lambda s: None) == small()
+@pytest.mark.parametrize("kind", ["sphere", "sheets", "texels"])
+def test_restating_without_a_change_gives_the_same_bytes(kind):
+    assert restated(lambda s: None, kind) == small(kind)
 
 
 def lie(where, index=0, **values):
@@ -262,6 +266,39 @@ BIG = 1 << 40
 ])
 def test_a_count_or_parameter_that_lies_is_refused_with_its_code(change, code):
     assert outcome(restated(change), DecodeOptions(threads=1)) == code
+
+
+@pytest.mark.parametrize("change,code", [
+    (lie("fields", num_keys=BIG), "TXF-L04"),
+    (lie("fields", num_keys=16 * 16 + 1), "TXF-S04"),
+    (lie("fields", num_keys=9), "TXF-S30"),
+    (lie("fields", num_keys=0), "TXF-S30"),
+    (lie("fields", keys_crc=0), "TXF-S30"),
+    (lie("fields", width=15), "TXF-S30"),
+    (lie("fields", width=5), "TXF-S04"),
+    (lie("fields", width=16384, height=16384), "TXF-L11"),
+    (lie("fields", wrap_s=1), "TXF-S30"),
+    (lie("fields", uv_fraction_bits=0), "TXF-S30"),
+    (lie("geometry", uv_origin=[99, 0]), "TXF-S30"),
+    (lie("geometry", uv_bits=3, uv_range=7), "TXF-S20"),
+    (lie("attributes", values_crc=1), "TXF-S32"),
+    (lie("fields", support=0, resolution=20, area_threshold=0), "TXF-S20"),
+])
+def test_what_a_stream_over_texels_lies_about_is_refused_with_its_code(change, code):
+    assert read_stream(small("texels"), Limits()).geometry[0]["uv_bits"] == 0
+    assert outcome(restated(change, "texels"), DecodeOptions(threads=1)) == code
+
+
+@pytest.mark.parametrize("limits,code", [(Limits(samples=30), "TXF-L05"), (Limits(voxels=90), "TXF-L04"),
+                                         (Limits(texels=255), "TXF-L11")])
+def test_a_field_over_texels_meets_the_limits(limits, code):
+    assert outcome(small("texels"), DecodeOptions(limits=limits, threads=1)) == code
+
+
+def test_images_that_nobody_needs_count_as_samples():
+    """Many fields of large images with a face each would take long without a sample."""
+    large = lie("fields", width=16384, height=8192)
+    assert outcome(restated(large, "texels"), DecodeOptions(limits=Limits(samples=1 << 22), threads=1)) == "TXF-L05"
 
 
 def test_an_area_threshold_that_leaves_nothing_is_refused_even_where_it_is_told_truly():
@@ -403,7 +440,7 @@ try:
     raise SystemExit("bounds are not checked")
 except IndexError:
     pass
-small(), small("sheets")
+small(), small("sheets"), small("texels")
 print(json.dumps([outcome(s) for s in pickle.load(open(sys.argv[1], "rb"))]))
 """
 
@@ -420,7 +457,7 @@ def corpus():
     finally:
         codec.WHOLE_VOXELS, codec.SLICE_VOXELS, codec.SLICE_NODES = before
     assert len(inspect(sliced)["groups"][0]["codeword_bytes"]) > 3
-    for source in (small(), small("sheets"), sliced):
+    for source in (small(), small("sheets"), small("texels"), sliced):
         for kind in (UNIT_ATTRIBUTE, UNIT_ATTRIBUTE, UNIT_FIELD, UNIT_GEOMETRY, UNIT_HEADER):
             for _ in range(12):
                 def change(unit_type, payload, kind=kind):

@@ -358,7 +358,7 @@ def test_every_level_of_detail_has_the_parents_voxels_and_the_mean_within_two(lo
     shift = min(lod, 6)
     keys, weight = np.unique(full.keys >> 3 * shift, return_counts=True)
     np.testing.assert_array_equal(part.keys, keys)
-    assert (part.level_shift, part.size) == (shift, -(-50 >> shift))
+    assert (part.level_shift, part.support.size) == (shift, -(-50 >> shift))
     mean = (part.rgba * weight[:, None]).sum(axis=0) / len(full.keys)
     assert np.abs(mean - full.rgba.mean(axis=0)).max() <= 2
 

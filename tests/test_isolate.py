@@ -35,7 +35,7 @@ def test_isolated_result_is_the_plain_one(stream, lod):
     assert np.array_equal(ours.lattice_positions, plain.lattice_positions) and np.array_equal(ours.faces, plain.faces)
     assert np.array_equal(ours.face_material, plain.face_material) and np.array_equal(ours.face_field, plain.face_field)
     for a, b in zip(ours.fields, plain.fields, strict=True):
-        assert (a.resolution, a.level_shift) == (b.resolution, b.level_shift)
+        assert (repr(a.support), a.level_shift) == (repr(b.support), b.level_shift)
         assert np.array_equal(a.keys, b.keys) and np.array_equal(a.rgba, b.rgba)
     assert ours.cube == plain.cube and ours.metadata == plain.metadata and ours.has_alpha == plain.has_alpha
     assert [m.name for m in ours.materials] == [m.name for m in plain.materials]
@@ -75,7 +75,8 @@ def assert_same(ours, plain, place="texf"):
 
 
 @pytest.mark.parametrize("lod", [0, 2])
-@pytest.mark.parametrize("name", ["uncommon/strange_units", "uncommon/alpha_first", "uncommon/neural_two_fields"])
+@pytest.mark.parametrize("name", ["uncommon/strange_units", "uncommon/alpha_first", "uncommon/neural_two_fields",
+                                  "uncommon/texels_mixed", "subset/texels_alpha", "uncommon/texels_low"])
 def test_every_field_of_the_result_is_the_plain_one(name, lod):
     plain = decode(vector(name), DecodeOptions(lod=lod))
     assert_same(decode(vector(name), DecodeOptions(lod=lod, isolate=True)), plain)
@@ -190,6 +191,58 @@ def test_answer_is_checked_again(stream, lie):
     facts, arrays = room._answer(decode(stream), Report())
     room._texf(facts, arrays, 1)
     LIES[lie](facts, arrays)
+    with pytest.raises(StreamError) as raised:
+        room._texf(facts, arrays, 1)
+    assert raised.value.code == "TXF-S40"
+
+
+def number_of_field(field, place, value):
+    return lambda facts, arrays: facts["fields"][field][0].__setitem__(place, value)
+
+
+def less(name):
+    return lambda facts, arrays: arrays.__setitem__(name, arrays[name][:-1])
+
+
+TEXEL_LIES = {  # of two fields over texels, numbers 0 and 2, and one over voxels; the units stand as 2, 1, 0
+    "no width": number_of_field(0, 0, 0),
+    "negative height": number_of_field(0, 1, -9),
+    "a width of 2^30": number_of_field(0, 0, 1 << 30),
+    "an image over the limit": lambda facts, arrays: facts["fields"][0][0].__setitem__(slice(0, 2), [16384, 16384]),
+    "an image that the keys leave": number_of_field(0, 1, 8),
+    "unknown wrap": number_of_field(2, 2, 3),
+    "negative wrap": number_of_field(2, 3, -1),
+    "fraction bits": number_of_field(2, 4, 9),
+    "a level too many": number_of_field(0, 5, 15),
+    "a negative level": number_of_field(0, 5, -1),
+    "a coarser level with the keys of a finer one": number_of_field(0, 5, 1),
+    "a number too few": lambda facts, arrays: facts["fields"][0][0].pop(),
+    "texels as voxels": lambda facts, arrays: facts["fields"].__setitem__(0, ([16, 0], facts["fields"][0][1])),
+    "voxels as texels": lambda facts, arrays: facts["fields"].__setitem__(1, ([16, 16, 0, 0, 4, 0], facts["fields"][1][1])),
+    "keys out of order": lambda facts, arrays: arrays["keys"].__setitem__(1, 0),
+    "a key beside the plane": lambda facts, arrays: arrays["keys"].__setitem__(0, 4),
+    "fewer keys": less("keys"),
+    "fewer values": less("plane_base_colour"),
+    "fewer UVs": less("uv"),
+    "no UVs": lambda facts, arrays: arrays.pop("uv"),
+    "UVs of three numbers": lambda facts, arrays: arrays.__setitem__("uv", np.column_stack([arrays["uv"], arrays["uv"][:, 0]])),
+    "a UV of 2^26": lambda facts, arrays: arrays["uv"].__setitem__((3, 1), 1 << 26),
+    "the least number there is as a UV": lambda facts, arrays: arrays["uv"].__setitem__((3, 1), -(1 << 63)),
+    "a unit over texels without UVs": lambda facts, arrays: facts["units"][0][0].__setitem__(2, 0),
+    "a unit over voxels with UVs": lambda facts, arrays: facts["units"][1][0].__setitem__(2, 1),
+    "UVs of another unit": lambda facts, arrays: (facts["units"][0][1].__setitem__(2, facts["units"][0][1][2] - 1)),
+    "a unit of another field": lambda facts, arrays: facts["units"][1][0].__setitem__(0, 0),
+    "a unit of a field that is not there": lambda facts, arrays: facts["units"][1][0].__setitem__(0, 3),
+}
+
+
+@pytest.mark.parametrize("lie", TEXEL_LIES)
+def test_texels_of_an_answer_are_checked_again(lie):
+    plain = decode(vector("uncommon/texels_mixed"))
+    assert [f.over_texels for f in plain.fields] == [True, False, True] and [u.field for u in plain.units] == [2, 1, 0]
+    facts, arrays = room._answer(plain, Report())
+    assert_same(room._texf(facts, arrays, plain.threads), plain)
+    TEXEL_LIES[lie](facts, arrays)
     with pytest.raises(StreamError) as raised:
         room._texf(facts, arrays, 1)
     assert raised.value.code == "TXF-S40"

@@ -228,7 +228,7 @@ def assert_naive_agrees(data, lod=0):
     ours, naive = decode(data, DecodeOptions(lod=lod, threads=1)), naive_decode(data, lod)
     columns = [slice(0, 3) if group["semantic"] == 0 else slice(3, 4) for group in naive["header"]["channel_groups"]]
     for mine, theirs in zip(ours.fields, naive["fields"], strict=True):
-        assert (mine.size, mine.keys.tolist()) == (theirs["resolution"], theirs["keys"])
+        assert (mine.support.size, mine.keys.tolist()) == (theirs["resolution"], theirs["keys"])
         assert [mine.rgba[:, column].tobytes() for column in columns] == theirs["values"]
     return ours, naive
 
@@ -261,7 +261,7 @@ def test_encoded_stream_is_decoded_and_asked_like_by_the_oracle(name, fields, gr
 @pytest.mark.parametrize("lod", [1, 2, 13])
 def test_coarser_levels_are_the_oracles_rounded_means(lod):
     ours, naive = assert_naive_agrees(coded("two"), lod)
-    assert ours.fields[0].size == -(-24 // 2 ** min(lod, 5))
+    assert ours.fields[0].support.size == -(-24 // 2 ** min(lod, 5))
     assert_queries_agree(ours, naive, count=10)  # the network answers at any level of detail
 
 

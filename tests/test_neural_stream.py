@@ -210,7 +210,7 @@ def test_voxels_hold_what_the_query_answers_at_their_centres(name):
     texf = decode(stream(name))
     for number, part in enumerate(texf.fields):
         grid = texf.voxels()["xyz"][texf.voxels()["field"] == number]
-        answer = infer(voxel_positions(grid, part.resolution), texf.evaluators[number])
+        answer = infer(voxel_positions(grid, part.support.resolution), texf.evaluators[number])
         columns = list(texf.evaluators[number].columns)
         assert np.array_equal((answer.astype(np.int64) + 128) >> 8, part.rgba[:, columns])
 
@@ -252,7 +252,7 @@ def test_points_without_any_latent_are_still_answered():
         arrays = [array[rows] for array, rows in zip(maps, cut, strict=True)]
         resolution, log2, _, salt = levels[n]
         totals = []
-        for position in voxel_positions(texf.voxels()["xyz"], part.resolution):
+        for position in voxel_positions(texf.voxels()["xyz"], part.support.resolution):
             u, v, w = (_local(c, resolution) for c in position)
             rows = np.empty(8, np.int64)
             _rows_around(u >> LOCAL_BITS, v >> LOCAL_BITS, w >> LOCAL_BITS, resolution, log2, salt, *arrays, rows)
@@ -267,8 +267,8 @@ def test_points_without_any_latent_are_still_answered():
 def test_levels_of_detail_are_rounded_means_and_leave_the_query_as_it_is(name, lod):
     texf, coarse = decode(stream(name)), decode(stream(name), DecodeOptions(lod=lod))
     for fine, part in zip(texf.fields, coarse.fields, strict=True):
-        shift = min(lod, (fine.resolution - 1).bit_length())
-        assert (part.resolution, part.level_shift) == (fine.resolution, shift)
+        shift = min(lod, (fine.support.resolution - 1).bit_length())
+        assert (part.support.resolution, part.level_shift) == (fine.support.resolution, shift)
         for key, value in zip(part.keys, part.rgba.astype(int), strict=True):
             below = fine.rgba[fine.keys >> 3 * shift == key].astype(int)
             assert (value == (2 * below.sum(axis=0) + len(below)) // (2 * len(below))).all()

@@ -507,10 +507,10 @@ def test_levels_are_the_means_of_their_voxels(sphere_texf):
     assert pyramid.last == 6
     for number in range(pyramid.last + 1):
         level, expected = pyramid.level(number), naive.levels(part.keys.tolist(), part.rgba.tolist(), number)
-        assert level.keys.tolist() == sorted(expected) and level.size == 64 >> number
+        assert level.support.keys.tolist() == sorted(expected) and level.support.size == 64 >> number
         assert np.allclose(level.values, [expected[k] for k in sorted(expected)], atol=1e-3)
     odd = Pyramid(Field(VoxelSupport(5, np.array([0, 7, 448])), {"base_colour": np.full((3, 3), 9, np.uint8)}))
-    assert [odd.level(i).size for i in range(4)] == [5, 3, 2, 1] and odd.last == 3
+    assert [odd.level(i).support.size for i in range(4)] == [5, 3, 2, 1] and odd.last == 3
 
 
 def test_without_filtering_a_picture_is_the_plain_query(sphere_texf):
@@ -628,7 +628,8 @@ def test_shading_can_be_asked_for_chosen_fragments(sphere_texf):
 def test_a_coarse_level_asks_its_own_grid(sphere_texf):
     level = Pyramid(sphere_texf.fields[0]).level(2)
     points = np.random.default_rng(0).uniform(0, 64, (200, 3))
-    assert np.array_equal(level.query(points), query_field(points / 4, 16, level.keys, level.brick_map, level.values)[0])
+    support = level.support
+    assert np.array_equal(level.query(points), query_field(points / 4, 16, support.keys, support.brick_map, level.values)[0])
 
 
 # Differences

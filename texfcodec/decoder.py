@@ -81,13 +81,18 @@ def _check_samples(surfaces, stream, position_bits, limits):
     """The time to derive supports grows with samples and rows: refuses their sum over all fields before the first is touched."""
     total = 0
     for surface, field in zip(surfaces, stream.fields, strict=True):
-        total += count_rows(surface[2], surface[1], field["uv_fraction_bits"]) if field["support"] == SUPPORT_TEXELS else \
+        total += _count_rows(surface, field) if field["support"] == SUPPORT_TEXELS else \
             count_samples(*surface, position_bits, field["resolution"])
     if stream.joint:
         total += codec_of_unit(stream.joint).count_samples(stream.joint, surfaces, position_bits)
     if limits.samples is not None and total > limits.samples:
         raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", clause="6.3", value=total,
                          allowed=limits.samples)
+
+
+def _count_rows(surface, field):
+    """Rows of texels of a field's faces, and its image as a whole: 16 texels are looked through in the time of a sample."""
+    return count_rows(surface[2], surface[1], field["uv_fraction_bits"]) + (field["width"] * field["height"] >> 4)
 
 
 def _field_surface(units, field):

@@ -24,10 +24,14 @@ from .ground import unfinished
 from .limits import Limits
 from .options import DecodeOptions
 from .report import Report, peak_memory_bytes
+from .support.layout import MAX_SIDE
+from .support.texel_set import MAX_UV
+from .support.texels import TexelSupport, texels_are_sound
 from .support.voxels import VoxelSupport, keys_are_sound
 from .texf import Field, Texf
 
 ANSWER, FACTS = "answer.npz", "facts.json"
+_USUAL = Limits()
 FACTS_BYTES = 64 << 20  # the JSON half of an answer is never larger
 _NO_MEMORY = ("bad_alloc", "allocate", "failed to map", "out of memory", "memoryerror", "can't start new thread")
 
@@ -45,7 +49,7 @@ def decode_isolated(data: bytes, options: DecodeOptions | None = None, report: R
     report.warnings += [str(w) for w in facts["warnings"]]
     report.seconds |= {f"child {name}": value for name, value in facts["seconds"].items()}
     report.child_peak_memory_bytes = facts["peak_memory_bytes"]
-    return _texf(facts, arrays, options.threads)
+    return _texf(facts, arrays, options.threads, options.limits)
 
 
 def _run_child(data, options, folder):
@@ -92,18 +96,19 @@ def _memory_error(limits):
     return LimitError("TXF-L07", "decoding needs more memory than the limit allows", allowed=limits.isolate_bytes)
 
 
-def _texf(facts, arrays, threads):
+def _texf(facts, arrays, threads, limits=_USUAL):
     """The Texf of an answer. The child may have been taken over: every index is checked again."""
     try:
         cube = CanonicalCube(tuple(float(x) for x in facts["origin"]), float(facts["side"]), facts["position_bits"])
         channels = tuple(BY_NAME[name] for name in facts["channels"])
-        units = _split(facts["units"], arrays, {"lattice": np.int64, "faces": np.int64})
+        units = _split(facts["units"], arrays, {"lattice": np.int64, "faces": np.int64, "uv": np.int64})
         fields = _split(facts["fields"], arrays, {"keys": np.int64, **{_plane(c): np.uint8 for c in channels}})
-        texf = Texf(cube=cube, units=[GeometryUnit(*numbers, *parts) for numbers, parts in units],
+        texf = Texf(cube=cube, units=[_unit(numbers, parts) for numbers, parts in units],
                     fields=[_field(numbers, parts, channels) for numbers, parts in fields],
                     materials=[Material(**m) for m in facts["materials"]], metadata=dict(facts["metadata"]), channels=channels,
                     threads=threads, skipped=list(facts["skipped"]))
-        sound = all(_unit_is_sound(u, texf) for u in texf.units) and all(_field_is_sound(f, channels) for f in texf.fields)
+        sound = all(_unit_is_sound(u, texf) for u in texf.units)
+        sound = sound and all(_field_is_sound(f, channels, limits) for f in texf.fields)
         if facts["codec"] is not None:
             texf.codec = _codec(facts["codec"])
             texf.evaluators = texf.codec.unpack(facts["evaluators"], arrays, channels, len(texf.fields))
@@ -119,10 +124,28 @@ def _plane(channel):
     return f"plane_{channel.name}"
 
 
+def _unit(numbers, parts):
+    """The GeometryUnit of (field, material, whether it has UVs) and its arrays."""
+    field, material, textured = numbers
+    return GeometryUnit(field, material, parts[0], parts[1], parts[2] if textured else None)
+
+
 def _field(numbers, parts, channels):
-    resolution, shift = numbers
+    """The Field of its support's numbers, two over voxels and six over texels, and its arrays."""
     planes = {channel.name: plane for channel, plane in zip(channels, parts[1:], strict=True)}
-    return Field(VoxelSupport(resolution, parts[0], shift), planes)
+    if len(numbers) == len(_support_numbers(VoxelSupport(1, parts[0]))):
+        return Field(VoxelSupport(numbers[0], parts[0], numbers[1]), planes)
+    width, height, wrap_s, wrap_t, fraction_bits, shift = numbers
+    support = TexelSupport(keys=parts[0], level_shift=shift, width=width, height=height, wrap=(wrap_s, wrap_t),
+                           fraction_bits=fraction_bits)
+    return Field(support, planes)
+
+
+def _support_numbers(support):
+    """What makes a support beside its keys."""
+    if support.planar:
+        return [support.width, support.height, *support.wrap, support.fraction_bits, support.level_shift]
+    return [support.resolution, support.level_shift]
 
 
 def _codec(name):
@@ -133,7 +156,7 @@ def _codec(name):
 
 
 def _split(rows, arrays, dtypes):
-    """Cuts arrays that were joined end to end. rows: ([two numbers], [length of each array]) per part."""
+    """Cuts arrays that were joined end to end. rows: ([numbers], [length of each array]) per part."""
     at, out = dict.fromkeys(dtypes, 0), []
     for numbers, lengths in rows:
         parts = []
@@ -149,14 +172,29 @@ def _split(rows, arrays, dtypes):
 def _unit_is_sound(unit, texf):
     named = 0 <= unit.field < len(texf.fields) and 0 <= unit.material < len(texf.materials)
     return named and unit.lattice.shape[1:] == (3,) and unit.faces.shape[1:] == (3,) and _within(unit.faces, len(unit.lattice)) \
-        and _within(unit.lattice, 1 << texf.position_bits)
+        and _within(unit.lattice, 1 << texf.position_bits) and _uv_is_sound(unit, texf.fields[unit.field])
 
 
-def _field_is_sound(part, channels):
-    if not (1 <= part.resolution <= 8192 and 0 <= part.level_shift <= 13):
-        return False
-    return keys_are_sound(part.keys, part.size) and all(part.planes[c.name].shape == (len(part.keys), c.components)
-                                                        for c in channels)
+def _uv_is_sound(unit, part):
+    """A unit has UVs where its field is over texels, one for each vertex, and only there."""
+    if unit.uv is None or not part.over_texels:
+        return unit.uv is None and not part.over_texels
+    return unit.uv.shape == (len(unit.lattice), 2) and bool(((unit.uv > -MAX_UV) & (unit.uv < MAX_UV)).all())
+
+
+def _field_is_sound(part, channels, limits):
+    shapes = all(part.planes[c.name].shape == (len(part.keys), c.components) for c in channels)
+    return _support_is_sound(part.support, limits) and shapes
+
+
+def _support_is_sound(support, limits):
+    if not support.planar:
+        return 1 <= support.resolution <= 8192 and 0 <= support.level_shift <= 13 and keys_are_sound(support.keys, support.size)
+    numbers = (support.width, support.height, *support.wrap, support.fraction_bits, support.level_shift)
+    least, most = (1, 1, 0, 0, 0, 0), (MAX_SIDE, MAX_SIDE, 2, 2, 8, 14)
+    within = all(low <= number <= high for low, number, high in zip(least, numbers, most, strict=True))
+    few = limits.texels is None or support.width * support.height <= limits.texels
+    return within and few and texels_are_sound(support.keys, support.size)
 
 
 def _within(values, end):
@@ -195,14 +233,16 @@ def _answer(texf, report):
         "origin": list(texf.cube.origin), "side": texf.side, "position_bits": texf.position_bits, "metadata": texf.metadata,
         "channels": [c.name for c in texf.channels], "skipped": texf.skipped, "warnings": report.warnings,
         "seconds": report.seconds, "peak_memory_bytes": peak_memory_bytes(), "codec": None,
-        "units": [([u.field, u.material], [len(u.lattice), len(u.faces)]) for u in texf.units],
-        "fields": [([f.resolution, f.level_shift], [len(f.keys)] * (1 + len(texf.channels))) for f in texf.fields],
+        "units": [([u.field, u.material, int(u.uv is not None)], [len(u.lattice), len(u.faces), _length(u.uv)])
+                  for u in texf.units],
+        "fields": [(_support_numbers(f.support), [len(f.keys)] * (1 + len(texf.channels))) for f in texf.fields],
         "materials": [{"name": m.name, "alpha_mode": m.alpha_mode, "alpha_cutoff": m.alpha_cutoff,
                        "double_sided": m.double_sided, "unlit": m.unlit} for m in texf.materials],
     }
     arrays = {
         "lattice": np.concatenate([np.zeros((0, 3), np.int64), *(u.lattice for u in texf.units)]),
         "faces": np.concatenate([np.zeros((0, 3), np.int64), *(u.faces for u in texf.units)]),
+        "uv": np.concatenate([np.zeros((0, 2), np.int64), *(u.uv for u in texf.units if u.uv is not None)]),
         "keys": np.concatenate([np.zeros(0, np.int64), *(f.keys for f in texf.fields)]),
     }
     for channel in texf.channels:
@@ -213,6 +253,10 @@ def _answer(texf, report):
         facts["evaluators"], packed = texf.codec.pack(texf.evaluators)
         arrays |= packed
     return facts, arrays
+
+
+def _length(array):
+    return 0 if array is None else len(array)
 
 
 def _cap_memory(size):

@@ -216,7 +216,7 @@ class EncodeOptions:
 class DecodeOptions:
     """lod: octree levels to stop early (0 = full field); isolate: decode in a child process with capped memory and time."""
 
-    lod: int = ranged(0, 0, 13, "Stop L octree levels early.", "L")
+    lod: int = ranged(0, 0, 14, "Stop L octree levels early.", "L")
     threads: int = ranged(0, 0, 1024, "Most threads; 0: all processors.")
     isolate: bool = switch("Decode in a child process with capped memory and time.")
     limits: Limits = field(default_factory=Limits)

@@ -158,21 +158,24 @@ class Texf:
             chosen = np.flatnonzero(which == i) if len(self.fields) > 1 else ...
             if chosen is not ... and not len(chosen):
                 continue
-            if part.over_texels:
+            if isinstance(part.support, TexelSupport):
+                assert face_index is not None  # the caller's part
                 out[chosen] = part.support.query(self._texels(points[chosen], face_index[chosen]), part.rgba, self.threads)
             else:
                 out[chosen] = self.query_field(i, points[chosen])
         return out
 
     def _texels(self, points, face_index):
-        """UVs in texels, float64 [M, 2], of world points on faces."""
-        return texel_positions(points, self.positions, self.faces, self.uv, face_index)
+        """UVs in texels, float64 [M, 2], of world points on faces; found on the lattice, whose numbers are of one size."""
+        lattice = (points - self.origin) / (self.side or 1.0) * self.cube.last
+        return texel_positions(lattice, self.lattice_positions.astype(np.float64), self.faces, self.uv, face_index)
 
     def query_field(self, number: int, points: np.ndarray) -> np.ndarray:
         """What field `number`, one over voxels, answers at world points float64 [M, 3]: float32 [M, 4]."""
         if self.evaluators:
             return self.evaluators[number].query(self.cube, points, self.threads)
         part = self.fields[number]
+        assert isinstance(part.support, VoxelSupport)
         return part.support.query(self.cube, points, part.rgba, self.threads)
 
     def nearest_face(self, points: np.ndarray) -> np.ndarray:
@@ -188,7 +191,7 @@ class Texf:
         """All active voxels of fields over voxels: {"xyz": int32 [N, 3], "field": int32 [N], "rgba": uint8 [N, 4], "center":
         float64 [N, 3] world}."""
         fields = [(i, f) for i, f in enumerate(self.fields) if not f.over_texels]
-        xyz = [f.support.xyz() for _, f in fields]
+        xyz = [f.support.xyz() for f in self.fields if isinstance(f.support, VoxelSupport)]
         center = [self._centers(f, v) for (_, f), v in zip(fields, xyz, strict=True)]
         number = [np.full(len(v), i, np.int32) for (i, _), v in zip(fields, xyz, strict=True)]
         return {

@@ -17,12 +17,16 @@ sys.path[1:1] = [str(ROOT), str(ROOT / "conformance"), str(ROOT / "tests")]
 import vectors_constant  # noqa: E402
 import vectors_filter  # noqa: E402
 import vectors_neural  # noqa: E402
+import vectors_texels  # noqa: E402
+import vectors_texels_faulty  # noqa: E402
 from decode_texfcodec import arrays  # noqa: E402
 from naive import decoder as naive  # noqa: E402
 from vectors_claims import Case, unkept  # noqa: E402
 from vectors_faulty import faulty  # noqa: E402
 from vectors_good import parsed, subset, uncommon  # noqa: E402
 
+from texfcodec.asset.scene import WRAP_NAMES  # noqa: E402
+from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS  # noqa: E402
 from texfcodec.errors import TexfError  # noqa: E402
 
 HOME = ROOT / "conformance"
@@ -48,7 +52,8 @@ header, and no others:
 |---|---|
 | `geometry.bin` | 64-bit rows (field, material, nine lattice coordinates) of all triangles, canonical as in clause 9 |
 | `field{{i}}_keys.bin` | 64-bit Morton keys of field i, ascending |
-| `field{{i}}_group{{g}}_values.bin` | one byte per component, voxel after voxel, of channel group g |
+| `field{{i}}_uv.bin` | only where field i is over texels: 64-bit rows of its triangles with UVs, as in clause 9 |
+| `field{{i}}_group{{g}}_values.bin` | one byte per component, voxel after voxel or texel after texel, of channel group g |
 
 It exits with 0, or refuses: 3 the stream is invalid, 5 it is not supported, 6 it is over one of the decoder's limits. A stream of
 `"expect": "limit"` may be found invalid instead, since limits are the decoder's own. With `--lod L` it decodes L levels less.
@@ -79,17 +84,30 @@ def features(vector):
     """What a good stream contains, read from it."""
     stream = parsed(vector.data)
     header, fields, attributes = stream.header, stream.fields, stream.attributes
+    grids = [f for f in fields if f["support"] == SUPPORT_VOXELS]
     return {
         "bytes": len(vector.data), "position_bits": header["position_bits"], "faces": header["num_faces"],
         "materials": header["num_materials"], "geometry_units": header["num_geometry_units"],
         "channel_groups": ["alpha" if group["group_semantic"] else "base colour" for group in header["channel_groups"]],
-        "resolution": [f["resolution"] for f in fields], "voxels": [f["num_keys"] for f in fields],
-        "area_threshold": [f["area_threshold"] for f in fields],
+        "resolution": [f["resolution"] for f in grids], "voxels": [f["num_keys"] for f in grids],
+        "area_threshold": [f["area_threshold"] for f in grids],
+        **(texel_features(stream) if len(grids) < len(fields) else {}),
         **(neural_features(stream.joint) if stream.joint else {"qp": [a.get("qp") for a in attributes],
                                                                  "slices": [a.get("NumSlices") for a in attributes]}),
         **({"constant": values} if any(values := [a.get("plane_value") for a in attributes]) else {}),
         **({"filters": [a.get("num_filters") for a in attributes]} if any(a.get("filters") for a in attributes) else {}),
         "metadata": stream.metadata is not None, "skipped_units": len(stream.skipped),
+    }
+
+
+def texel_features(stream):
+    """What fields over texels contain, and their geometry units."""
+    images = [f for f in stream.fields if f["support"] == SUPPORT_TEXELS]
+    units = [g for g in stream.geometry if g["Support"] == SUPPORT_TEXELS]
+    return {
+        "images": [[f["width"], f["height"]] for f in images], "texels": [f["num_keys"] for f in images],
+        "wrap": [[WRAP_NAMES[f["wrap_s"]], WRAP_NAMES[f["wrap_t"]]] for f in images],
+        "uv_fraction_bits": [f["uv_fraction_bits"] for f in images], "uv_bits": [g["uv_bits"] for g in units],
     }
 
 
@@ -185,9 +203,9 @@ def write(files):
 
 def every_vector():
     """All vectors, in the order of README.md."""
-    good = [subset(), vectors_constant.subset(), vectors_neural.subset(), uncommon(), vectors_filter.uncommon(),
-            vectors_constant.uncommon(), vectors_neural.uncommon()]
-    bad = [faulty(), vectors_filter.faulty(), vectors_constant.faulty(), vectors_neural.faulty()]
+    good = [subset(), vectors_constant.subset(), vectors_neural.subset(), vectors_texels.subset(), uncommon(),
+            vectors_filter.uncommon(), vectors_constant.uncommon(), vectors_neural.uncommon(), vectors_texels.uncommon()]
+    bad = [faulty(), vectors_filter.faulty(), vectors_constant.faulty(), vectors_neural.faulty(), vectors_texels_faulty.faulty()]
     return [vector for part in (*good, *bad) for vector in part]
 
 

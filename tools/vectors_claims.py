@@ -11,12 +11,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from vectors_claims_texels import TEXELS
 from vectors_good import parsed, units_of, values_of
 from vectors_trace import traced
 
 from texfcodec import decode
 from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE
-from texfcodec.bitstream.syntax import UNIT_MATERIALS, UNIT_METADATA
+from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS, UNIT_MATERIALS, UNIT_METADATA
 from texfcodec.channels import ALPHA, BASE_COLOUR
 from texfcodec.codecs.neural.syntax import FORM_RESIDENT, FORM_TRANSPORT
 from texfcodec.codecs.neural.transport import dec_transport
@@ -59,7 +60,11 @@ class Case:
 
     header = property(lambda self: self.stream.header)
     semantics = property(lambda self: [group["group_semantic"] for group in self.header["channel_groups"]])
-    grids = property(lambda self: [field["resolution"] for field in self.stream.fields])
+    grids = property(lambda self: [f["resolution"] for f in self.stream.fields if f["support"] == SUPPORT_VOXELS])
+    images = property(lambda self: [f for f in self.stream.fields if f["support"] == SUPPORT_TEXELS])
+    textured = property(lambda self: [u for u in self.texf.units if u.uv is not None])
+    uv_units = property(lambda self: [u for u in self.stream.geometry if u["Support"] == SUPPORT_TEXELS])
+    corners = property(lambda self: np.concatenate([u.uv[u.faces] for u in self.textured]))
     neural = property(lambda self: self.stream.joint)
     raht = property(lambda self: [unit for unit in self.stream.attributes if unit["codec_id"] == RAHT_ID])
     constant = property(lambda self: [unit for unit in self.stream.attributes if unit["codec_id"] == CONSTANT_ID])
@@ -219,7 +224,7 @@ HEADER_AND_FIELDS = {
         not drops_voxels(c) and c.stream.fields[0]["area_threshold"] == int(n),
     r"area_threshold (\d+) drops some": lambda c, n: drops_voxels(c) and c.stream.fields[0]["area_threshold"] == int(n),
     r"five materials in one field": lambda c: (c.header["num_materials"], len(c.grids)) == (5, 1),
-    r"two fields": lambda c: len(c.grids) == 2,
+    r"two fields": lambda c: len(c.stream.fields) == 2,
     r"(two )?fields of different K( on two grids)?": lambda c, _, grids:
         len(set(c.grids)) == 2 and (not grids or [level["table_log2"] for level in c.levels] == [0, 0]),
     r"geometry units out of field order": lambda c: (order := [u["field_index"] for u in c.stream.geometry]) != sorted(order),
@@ -340,11 +345,16 @@ NEURAL = {
     r"all codes -8": lambda c: set(neural_codes(c).ravel().tolist()) == {-8},
     r"a short codeword": lambda c: len(c.codewords) * 8 < neural_codes(c).size,
 }
-PROMISES = HEADER_AND_FIELDS | CODEWORDS | RAHT | FILTERS | CONSTANT | NEURAL
+PROMISES = HEADER_AND_FIELDS | CODEWORDS | RAHT | FILTERS | TEXELS | CONSTANT | NEURAL
 # What a scene looks like, and limits that a scene was built to lie on: nothing that the stream says.
 UNSEEN = ("a ribbon", "one inside the other", "areas and heights exactly on a limit", "one colour but for a few spots")
 # Clause -> what a vector that lists it has to hold, for the tools that a stream may do without.
 CLAUSES = {
+    "5.6.1": lambda c: c.grids,
+    "5.6.2": lambda c: c.images,
+    **dict.fromkeys(("6.1", "6.2", "6.3", "6.4"), lambda c: c.grids),
+    **dict.fromkeys(("6.5", "6.5.1", "6.5.2", "6.5.4"), lambda c: c.images),
+    "6.5.3": lambda c: PROMISES["UVs beside the image"](c),
     "5.7.2": lambda c: c.each(lambda u: u["Depth"] > 0),
     "5.7.3": lambda c: any(c.stages),
     "5.7.4": lambda c: c.neural,

@@ -296,7 +296,7 @@ def draco_cases(simple):
         case("draco_version", "Draco bitstream 2.1", good[:6] + b"\1" + good[7:], "TXF-S20"),
         case("draco_traversal", "traversal type 1", good[:11] + b"\1" + good[12:], "TXF-S20"),
         case("draco_quantised", "quantised positions", DracoPy.encode(points.astype(np.float32), faces, compression_level=10),
-             "TXF-S21"),
+             "TXF-S20"),
         case("draco_two_attributes", "colours beside the positions",
              DracoPy.encode(points, faces, compression_level=10, colors=colours),
              "TXF-S20"),

@@ -49,7 +49,8 @@ class Vector:
 
 def encoded(scene, **choices):
     """The scene's stream. choices: EncodeOptions."""
-    options = EncodeOptions(**({"threads": 1, "partition": "off", "effort": "fast", "refine": "off"} | choices))
+    usual = {"threads": 1, "support": "voxels", "partition": "off", "effort": "fast", "refine": "off"}
+    options = EncodeOptions(**(usual | choices))
     return encode_scene(scene, options).data
 
 

@@ -19,20 +19,21 @@ if __package__ in (None, ""):  # run as a command: this folder's own modules are
 from naive.attributes import decode_values
 from naive.bits import Invalid, Unsupported, require, units_of
 from naive.neural import Neural, coarse_values, latent_keys
-from naive.syntax import CONSTANT, NEURAL, read_stream
+from naive.syntax import CONSTANT, NEURAL, TEXELS, read_stream
+from naive.texels import asked_texels, whole_number
 from naive.voxels import active_voxels
 
-UINT32, POSITION = 6, 0  # Draco's own numbers
+FLOAT32, UINT32, POSITION, TEX_COORD, GENERIC = 9, 6, 0, 3, 4  # Draco's own numbers
 
 
 def decode(data, lod=0):
-    """Stream bytes -> dict of header, materials, units (field, material, lattice, faces), fields (keys, values by group) and
+    """Stream bytes -> dict of header, materials, units (field, material, lattice, uv, faces), fields (keys, values by group) and
     neural: what answers any position of a field, None without 3DNTC."""
     stream = read_stream(units_of(data))
     header, attributes = stream["header"], stream["attributes"]
     units = [decode_geometry(unit, header["position_bits"]) for unit in stream["geometry"]]
     triangles = [triangles_of_field(units, index) for index in range(len(stream["fields"]))]
-    keys = [field_keys(*pair, header["position_bits"]) for pair in zip(stream["fields"], triangles, strict=True)]
+    keys = [field_keys(field, index, units, header["position_bits"]) for index, field in enumerate(stream["fields"])]
     neural = None
     if [unit["codec_id"] for unit in attributes] == [NEURAL]:
         neural = Neural(attributes[0], latent_keys(attributes[0], triangles, header["position_bits"]))
@@ -45,7 +46,8 @@ def decode(data, lod=0):
     for index, field in enumerate(stream["fields"]):
         left_out = levels_left_out(field, lod)
         coarse = sorted({key >> 3 * left_out for key in keys[index]})
-        fields.append({"resolution": -(-field["resolution"] >> left_out), "keys": coarse, "values": values[index]})
+        fields.append({"resolution": -(-field["resolution"] >> left_out), "keys": coarse, "values": values[index],
+                       "support": field["support"]})
     return {"header": header, "materials": stream["materials"], "units": units, "fields": fields,
             "metadata": stream["metadata"], "neural": neural}
 
@@ -55,31 +57,47 @@ def levels_left_out(field, lod):
     return min(lod, (field["resolution"] - 1).bit_length())
 
 
-def triangles_of_field(units, index):
-    """Corner triples of lattice positions of the faces of a field."""
-    return [[unit["lattice"][corner] for corner in face] for unit in units if unit["field"] == index for face in unit["faces"]]
+def triangles_of_field(units, index, of="lattice"):
+    """Corner triples of lattice positions, or of UVs, of the faces of a field."""
+    return [[unit[of][corner] for corner in face] for unit in units if unit["field"] == index for face in unit["faces"]]
 
 
 def decode_geometry(unit, position_bits):
-    """Clause 5.6: lattice positions and faces as lists of integer triples."""
+    """Clause 5.6: lattice positions, UVs and faces as lists of integer tuples."""
     try:
         mesh = DracoPy.decode(unit["draco_data"])
-        (attribute,) = mesh.attributes
-        kind = (attribute["attribute_type"], attribute["data_type"], attribute["num_components"])
-        lattice, faces = attribute["data"].tolist(), mesh.faces.tolist()
+        found = {(a["attribute_type"], a["data_type"], a["num_components"]): a["data"].tolist() for a in mesh.attributes}
+        faces = mesh.faces.tolist()
     except Exception as error:  # whatever the Draco decoder or a mesh without these parts raises
-        raise Invalid(f"draco_data does not decode to a mesh with one attribute: {error}") from error
-    require(kind == (POSITION, UINT32, 3), "the Draco attribute is not a position of three unsigned 32-bit integers")
-    require(len(lattice) == unit["unit_vertices"], "draco_data decodes to another number of vertices")
+        raise Invalid(f"draco_data does not decode to a mesh: {error}") from error
+    textured = unit["support"] == TEXELS
+    uv_kind = (TEX_COORD, FLOAT32, 2) if unit.get("uv_bits") else (GENERIC, UINT32, 2)
+    wanted = {(POSITION, UINT32, 3), uv_kind} if textured else {(POSITION, UINT32, 3)}
+    require(set(found) == wanted and len(mesh.attributes) == len(wanted), f"the Draco attributes are {sorted(found)}")
+    lattice = found[POSITION, UINT32, 3]
+    most = 3 * unit["unit_faces"] if textured else unit["unit_vertices"]
+    require(unit["unit_vertices"] <= len(lattice) <= most, "draco_data decodes to another number of vertices")
     require(len(faces) == unit["unit_faces"], "draco_data decodes to another number of faces")
+    uv = decode_uv(unit, found[uv_kind]) if textured else None
     require(all(p < 1 << position_bits for vertex in lattice for p in vertex), "a position is not below 2^position_bits")
-    return {"field": unit["field_index"], "material": unit["material_index"], "lattice": lattice, "faces": faces}
+    return {"field": unit["field_index"], "material": unit["material_index"], "lattice": lattice, "faces": faces, "uv": uv}
 
 
-def field_keys(field, triangles, position_bits):
-    """Clause 6.4, with the check of num_keys and keys_crc."""
-    keys = active_voxels(triangles, position_bits, field["resolution"], field["area_threshold"])
-    require(len(keys) == field["num_keys"], f"{len(keys)} voxels are active, num_keys is {field['num_keys']}")
+def decode_uv(unit, numbers):
+    """Clause 5.6.2: UVs as pairs of integers."""
+    if unit["uv_bits"] > 0:
+        numbers = [[whole_number(v, unit["uv_bits"], unit["uv_range"]) for v in vertex] for vertex in numbers]
+    require(all(n is not None and n < 2**20 for vertex in numbers for n in vertex), "a UV is out of range")
+    return [[n + origin for n, origin in zip(vertex, unit["uv_origin"], strict=True)] for vertex in numbers]
+
+
+def field_keys(field, index, units, position_bits):
+    """Clauses 6.4 and 6.5, with the check of num_keys and keys_crc."""
+    if field["support"] == TEXELS:
+        keys = asked_texels(triangles_of_field(units, index, "uv"), field)
+    else:
+        keys = active_voxels(triangles_of_field(units, index), position_bits, field["resolution"], field["area_threshold"])
+    require(len(keys) == field["num_keys"], f"{len(keys)} voxels or texels are there, num_keys is {field['num_keys']}")
     require(zlib.crc32(struct.pack(f"<{len(keys)}Q", *keys)) == field["keys_crc"], "keys_crc does not match")
     return keys
 
@@ -120,12 +138,25 @@ def geometry_rows(units):
     return sorted(rows)
 
 
+def uv_rows(units, index):
+    """Clause 9: (field, material, corners with their UVs) of all triangles of a field over texels, canonical and sorted."""
+    rows = []
+    for unit in units:
+        for face in unit["faces"] if unit["field"] == index else []:
+            a, b, c = (unit["lattice"][corner] + unit["uv"][corner] for corner in face)
+            rows.append([unit["field"], unit["material"], *min(a + b + c, b + c + a, c + a + b)])
+    return sorted(rows)
+
+
 def arrays(texf):
     """Clause 9: file name -> bytes, for every decoded array."""
     numbers = [number for row in geometry_rows(texf["units"]) for number in row]
     files = {"geometry": struct.pack(f"<{len(numbers)}q", *numbers)}
     for i, field in enumerate(texf["fields"]):
         files[f"field{i}_keys"] = struct.pack(f"<{len(field['keys'])}q", *field["keys"])
+        if field["support"] == TEXELS:
+            corners = [number for row in uv_rows(texf["units"], i) for number in row]
+            files[f"field{i}_uv"] = struct.pack(f"<{len(corners)}q", *corners)
         files |= {f"field{i}_group{g}_values": values for g, values in enumerate(field["values"])}
     return files
 

@@ -6,6 +6,7 @@ from naive.bits import Reader, Unsupported, require
 
 HEADER, MATERIALS, FIELD, GEOMETRY, ATTRIBUTE, END, METADATA = 0, 1, 2, 3, 4, 5, 128
 COMPONENTS = {0: 3, 1: 1}  # of a group_semantic
+VOXELS, TEXELS = 0, 1  # support
 NEURAL, CONSTANT, PRIVATE = 1, 2, 192  # codec_id
 DRACO_START = bytes.fromhex("445241434F020201010000")
 
@@ -53,15 +54,19 @@ def read_materials(reader, header):
 def read_field(reader, expected_index):
     """Clause 5.5."""
     require(reader.v("field_index") == expected_index, "field_index does not count up from 0")
-    return {
-        "resolution": reader.u16("resolution", 1, 8192),
-        "area_threshold": reader.u16("area_threshold"),
-        "num_keys": reader.v("num_keys", low=1),
-        "keys_crc": reader.u32("keys_crc"),
-    }
+    field = {"support": reader.u8("support", 0, 1)}
+    if field["support"] == VOXELS:
+        field |= {"resolution": reader.u16("resolution", 1, 8192), "area_threshold": reader.u16("area_threshold")}
+    else:
+        field |= {name: reader.u16(name, 1, 16384) for name in ("width", "height")}
+        field |= {name: reader.u8(name, 0, 2) for name in ("wrap_s", "wrap_t")}
+        field |= {"uv_fraction_bits": reader.u8("uv_fraction_bits", 0, 8), "resolution": max(field["width"], field["height"])}
+    field |= {"num_keys": reader.v("num_keys", low=1), "keys_crc": reader.u32("keys_crc")}
+    require(field["support"] == VOXELS or field["num_keys"] <= field["width"] * field["height"], "num_keys is more than texels")
+    return field
 
 
-def read_geometry(reader, header):
+def read_geometry(reader, header, fields):
     """Clause 5.6: the elements and what can be said of draco_data without decoding it."""
     unit = {
         "field_index": reader.v("field_index", high=header["num_fields"] - 1),
@@ -69,6 +74,12 @@ def read_geometry(reader, header):
         "unit_vertices": reader.v("unit_vertices", low=3),
         "unit_faces": reader.v("unit_faces", low=1),
     }
+    unit["support"] = fields[unit["field_index"]]["support"]
+    if unit["support"] == TEXELS:
+        unit["uv_origin"] = [reader.i32("uv_origin", 1 - 2**25, 2**25 - 1) for _ in range(2)]
+        unit["uv_bits"] = reader.u8("uv_bits", 0, 20)
+        if unit["uv_bits"] > 0:
+            unit["uv_range"] = reader.v("uv_range", 1, min(2**20, 2 ** unit["uv_bits"]) - 1)
     unit["draco_data"] = reader.rest()
     draco = Reader(unit["draco_data"])
     require(draco.take(11, "Draco header") == DRACO_START, "draco_data does not begin as 5.6 says")
@@ -216,7 +227,7 @@ def read_stream(units):
         require(len(of_type(unit_type)) == count, f"{len(of_type(unit_type))} {name} units where the header asks for {count}")
     materials = filled(read_materials, of_type(MATERIALS)[0], header)
     fields = [filled(read_field, payload, index) for index, payload in enumerate(of_type(FIELD))]
-    geometry = [filled(read_geometry, payload, header) for payload in of_type(GEOMETRY)]
+    geometry = [filled(read_geometry, payload, header, fields) for payload in of_type(GEOMETRY)]
     require({unit["field_index"] for unit in geometry} == set(range(len(fields))), "a field has no geometry unit")
     require(sum(unit["unit_vertices"] for unit in geometry) == header["num_vertices"], "unit_vertices do not add up")
     require(sum(unit["unit_faces"] for unit in geometry) == header["num_faces"], "unit_faces do not add up")
@@ -225,6 +236,7 @@ def read_stream(units):
     wanted = [(field, group) for field in range(len(fields)) for group in range(header["num_channel_groups"])]
     if any(unit["codec_id"] == NEURAL for unit in attributes):
         wanted = [(0, 0)]
+        require(all(field["support"] == VOXELS for field in fields), "a 3DNTC unit in a stream with a field over texels")
     require(pairs == wanted, "the attribute units are not one of each field and group, in order")
     metadata = [filled(read_metadata, payload) for payload in of_type(METADATA)]
     skipped = [unit_type for unit_type, _ in units if unit_type > METADATA]

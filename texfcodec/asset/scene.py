@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 WRAP_REPEAT, WRAP_CLAMP, WRAP_MIRROR = 0, 1, 2
+WRAP_NAMES = ("repeat", "clamp", "mirror")
 ALPHA_OPAQUE, ALPHA_MASK, ALPHA_BLEND = 0, 1, 2
 
 

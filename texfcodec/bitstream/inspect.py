@@ -4,7 +4,7 @@ from ..channels import BY_SEMANTIC
 from ..codecs import codec_of_unit
 from ..limits import Limits
 from .stream import read_stream
-from .syntax import SIGNATURE, UNIT_ATTRIBUTE, UNIT_END, UNIT_GEOMETRY, UNIT_NAMES
+from .syntax import SIGNATURE, SUPPORT_TEXELS, UNIT_ATTRIBUTE, UNIT_END, UNIT_GEOMETRY, UNIT_NAMES
 
 SCHEMA = 1
 NOT_TOLD: dict = {"qp": None, "codeword_bytes": [], "slice_level": None, "level_bytes": None}
@@ -14,7 +14,8 @@ _KINDS = {UNIT_GEOMETRY: "geometry", UNIT_ATTRIBUTE: "attributes"}
 def inspect(data: bytes, limits: Limits | None = None) -> dict:
     """What stands where in a .texf stream.
 
-    data: bytes; limits: Limits. Returns a JSON-ready dict: "bytes" by kind, counts, "fields", "groups" (one per attribute unit:
+    data: bytes; limits: Limits. Returns a JSON-ready dict: "bytes" by kind, counts ("voxels" of fields over voxels, "texels" of
+    the others), "fields" (an element that a field does not have is None), "groups" (one per attribute unit:
     qp, codewords, bytes by octree level where the stream tells) and "units", whose elements with the signature name every byte of
     the file exactly once. Raises StreamError, LimitError, SupportError.
     """
@@ -26,13 +27,15 @@ def inspect(data: bytes, limits: Limits | None = None) -> dict:
     end = len(data) - 6  # type, length 0 and CRC-32: read_stream has made sure of it
     units.append(_unit(data, UNIT_END, end, end + 2, end + 2, []))
     units.sort(key=lambda unit: unit["offset"])
+    grids = [f for f in stream.fields if f["support"] != SUPPORT_TEXELS]
     header, sizes = stream.header, {"total": len(data), "geometry": 0, "attributes": 0, "other": len(SIGNATURE)}
     for unit in units:
         sizes[_KINDS.get(unit["type"], "other")] += unit["size"]
     return {
         "schema": SCHEMA, "bytes": sizes, "version": header["version"], "position_bits": header["position_bits"],
-        "vertices": header["num_vertices"], "faces": header["num_faces"], "voxels": sum(f["num_keys"] for f in stream.fields),
-        "resolution": max((f["resolution"] for f in stream.fields), default=None),
+        "vertices": header["num_vertices"], "faces": header["num_faces"], "voxels": sum(f["num_keys"] for f in grids),
+        "texels": sum(f["num_keys"] for f in stream.fields) - sum(f["num_keys"] for f in grids),
+        "resolution": max((f["resolution"] for f in grids), default=None),
         "fields": [{**f, "geometry_units": sum(g["field_index"] == i for g in stream.geometry)}
                    for i, f in enumerate(stream.fields)],
         "groups": _groups(stream, [u["size"] for u in units if u["type"] == UNIT_ATTRIBUTE]),

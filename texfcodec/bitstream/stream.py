@@ -104,6 +104,9 @@ def _read_attribute(reader, stream, trace):
     values["offset"] = reader.base + reader.position
     codec.read_parameters(reader, values, trace)
     codec.check(values)
+    if codec.joint and any(field["support"] == SUPPORT_TEXELS for field in stream.fields):
+        raise StreamError("TXF-S13", "a unit of all fields together, in a stream with a field over texels", clause="5.7",
+                          offset=values["offset"], value=values["codec_id"])
     return values
 
 
@@ -158,6 +161,7 @@ def _read_unit_payload(unit, reader, stream, limits, rows):
     elif unit.type == UNIT_GEOMETRY:
         values = read_structure(UNITS[UNIT_GEOMETRY], reader, {"supports": [f["support"] for f in stream.fields]}, rows)
         values["offset"] = unit.end - len(values["draco_data"])
+        _check_uv_range(values)
         stream.geometry.append(values)
     elif unit.type == UNIT_ATTRIBUTE:
         stream.attributes.append(_read_attribute(reader, stream, rows))
@@ -178,6 +182,13 @@ def _check_image(field, limits):
                          allowed=limits.texels)
     if field["num_keys"] > texels:
         raise StreamError("TXF-S04", "num_keys is out of range", clause="5.5", value=field["num_keys"], allowed=f"0..{texels}")
+
+
+def _check_uv_range(unit):
+    """Quantised UVs have no more steps than their range, so that every one of them comes back exactly."""
+    if unit["uv_bits"] and unit["uv_range"] >= 1 << unit["uv_bits"]:
+        raise StreamError("TXF-S04", "uv_range is out of range", clause="5.6", offset=unit["offset"], value=unit["uv_range"],
+                          allowed=f"1..{(1 << unit['uv_bits']) - 1}")
 
 
 def _check_groups(groups):

@@ -79,7 +79,7 @@ GEOMETRY = Structure("geometry", "5.6", (
     E("material_index", "v", 0),
     E("unit_vertices", "v", 3),
     E("unit_faces", "v", 1),
-    Derived("Support", "support of field field_index", lambda v: dict(enumerate(v["supports"])).get(v["field_index"], 0)),
+    Derived("Support", "support of field field_index", lambda v: (v["supports"][v["field_index"] :] or [SUPPORT_VOXELS])[0]),
     E("uv_origin", "i32", 1 - MAX_UV_ORIGIN, MAX_UV_ORIGIN - 1, count="2", when=_WITH_UV),
     E("uv_bits", "u8", 0, MAX_UV_BITS, when=_WITH_UV),
     E("uv_range", "v", 1, (1 << MAX_UV_BITS) - 1, when=_QUANTISED),

@@ -23,7 +23,7 @@ from .flags import file_names, limit_flags, limits_of, number, option_flags
 @click.option("--atlas", type=click.Choice(ATLAS_METHODS), default=ATLAS_METHODS[0],
               help="How the atlas is laid out; quality may take minutes.  [default: auto]")
 @option_flags(DecodeOptions, "lod", "isolate")
-@limit_flags("file_bytes", "vertices", "faces", "voxels", "samples", "latents", "metadata_bytes", "isolate_bytes",
+@limit_flags("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "latents", "metadata_bytes", "isolate_bytes",
              "isolate_seconds")
 @option_flags(DecodeOptions, "threads")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")

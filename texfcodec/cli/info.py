@@ -6,7 +6,9 @@ from typing import NoReturn
 import click
 
 from .. import __version__
+from ..asset.scene import WRAP_NAMES
 from ..bitstream.file import read_stream_file
+from ..bitstream.syntax import SUPPORT_TEXELS
 from ..codecs import codec_of
 from ..limits import Limits
 from .console import STYLE, run
@@ -39,13 +41,15 @@ def info(console, file, as_json, quiet, verify):
 
 
 def _lines(file, facts):
-    sizes = facts["bytes"]
-    bits = f", {8 * sizes['attributes'] / facts['voxels']:.3f} attribute bits per voxel" if facts["voxels"] else ""
+    sizes, places = facts["bytes"], [name for name in ("voxels", "texels") if facts[name]]
+    total, one = sum(facts[name] for name in places), " or ".join(name.removesuffix("s") for name in places)
+    bits = f", {8 * sizes['attributes'] / total:.3f} attribute bits per {one}" if total else ""
+    counted = ", ".join(f"{facts[name]} {name}" for name in places or ["voxels"])
     kinds = ", ".join(f"{kind} {sizes[kind]}" for kind in ("geometry", "attributes", "other"))
     yield f"{file}: {sizes['total']} bytes; {kinds}"
-    yield f"{facts['vertices']} vertices, {facts['faces']} faces, {facts['voxels']} voxels, {facts['position_bits']} bits{bits}"
+    yield f"{facts['vertices']} vertices, {facts['faces']} faces, {counted}, {facts['position_bits']} bits{bits}"
     for field in facts["fields"]:
-        yield f"field {field['field_index']}: K {field['resolution']}, {field['num_keys']} voxels"
+        yield f"field {field['field_index']}: {_field_in_words(field)}"
     for group in facts["groups"]:
         yield from codec_of(group["codec"]).info_lines(group)
     yield f"{'offset':>10} {'size':>9}  element"
@@ -55,6 +59,14 @@ def _lines(file, facts):
             yield f"{element['offset']:>10} {element['size']:>9}    {element['name']} = {json.dumps(element['value'])}"
     if facts.get("verified"):
         yield "verified: OK"
+
+
+def _field_in_words(field):
+    """What a field is over, from its syntax elements."""
+    if field["support"] != SUPPORT_TEXELS:
+        return f"K {field['resolution']}, {field['num_keys']} voxels"
+    return (f"{field['num_keys']} texels of {field['width']} x {field['height']}, {WRAP_NAMES[field['wrap_s']]} x "
+            f"{WRAP_NAMES[field['wrap_t']]}, UVs in 1/{1 << field['uv_fraction_bits']} texel")
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:

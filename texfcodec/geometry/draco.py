@@ -14,7 +14,8 @@ from ..ground.walk import Reader
 COMPRESSION_LEVEL = 10
 MAX_UV_BITS = 20  # of a UV before its unit's origin is added, in steps
 PLAIN_ID = 1  # of the integer attribute; decoders find it by its type
-_TEX_COORD, _GENERIC = 3, 4  # Draco's attribute types
+_POSITION, _TEX_COORD, _GENERIC = 0, 3, 4  # Draco's attribute types
+_UINT32, _FLOAT32 = 6, 9  # and data types
 _HEADER = b"DRACO\x02\x02\x01\x01\x00\x00"  # magic, version 2.2, mesh, edgebreaker, no flags
 
 
@@ -34,16 +35,32 @@ def enc_geometry(lattice: np.ndarray, faces: np.ndarray, position_bits: int) -> 
 
 
 def enc_textured(lattice: np.ndarray, faces: np.ndarray, uv: np.ndarray, position_bits: int) -> tuple[bytes, UvCoding]:
-    """As enc_geometry() with uv, int64 [V, 2], at least 0 and below 2**MAX_UV_BITS: (bytes, how the UVs stand in them). Draco
-    predicts quantised texture coordinates from the positions, which suits scans, and integers from their neighbours, which suits
-    charts that were drawn by hand (UV bytes -22 to +92 % on seven assets): the smaller is taken."""
-    if lattice.min() < 0 or lattice.max() >= 1 << position_bits or uv.min() < 0 or uv.max() >= 1 << MAX_UV_BITS:
+    """As enc_geometry() with uv, int64 [V, 2], of which the least is 0 in both columns and the largest below 2**MAX_UV_BITS:
+    (bytes, how the UVs stand in them). Draco predicts quantised texture coordinates from the positions, which suits scans, and
+    integers from their neighbours, which suits charts that were drawn by hand (UV bytes -22 to +92 % on seven assets): the
+    smaller is taken."""
+    if lattice.min() < 0 or lattice.max() >= 1 << position_bits or uv.min(axis=0).any() or uv.max() >= 1 << MAX_UV_BITS:
         raise ValueError("lattice position or UV out of range")
     longest = max(int(uv.max()), 1)
-    bits = longest.bit_length()
-    quantised = _encode(lattice, faces, tex_coord=uv.astype(np.float64), tex_coord_quantization_bits=bits)
     plain = _encode(lattice, faces, generic_attributes={PLAIN_ID: uv.astype(np.uint32)})
-    return (quantised, UvCoding(bits, longest)) if len(quantised) <= len(plain) else (plain, UvCoding(0, longest))
+    bits = _exact_bits(longest)
+    if bits <= MAX_UV_BITS:
+        quantised = _encode(lattice, faces, tex_coord=uv.astype(np.float64), tex_coord_quantization_bits=bits)
+        if len(quantised) <= len(plain):
+            return quantised, UvCoding(bits, longest)
+    return plain, UvCoding(0, longest)
+
+
+def _exact_bits(longest):
+    """Least bits of a quantisation of 0..longest after which every whole number comes back.
+
+    Draco scales by 2**bits - 1 over longest in 32-bit floats, which moves a number by up to 2**(bits - 22) steps beside the half
+    that rounding takes; where the scale is 1 nothing moves.
+    """
+    bits = longest.bit_length()
+    last = (1 << bits) - 1
+    safe = longest == last or longest * ((1 << 22) + (2 << bits)) < last << 22
+    return bits if safe else bits + 1
 
 
 def _encode(lattice, faces, **attributes):
@@ -74,7 +91,7 @@ def dec_geometry(data: bytes, vertices: int, faces: int, position_bits: int, off
 
     Raises StreamError where the substream is not what the unit says, in form, counts or ranges.
     """
-    mesh = _decode(data, (vertices, faces), 1, offset)
+    mesh = _decode(data, (vertices, faces), [(_POSITION, _UINT32, 3)], offset)
     lattice, triangles = _surface_of(mesh, faces, position_bits, offset)
     if len(lattice) != vertices:
         raise _other_counts(len(lattice), vertices, offset)
@@ -85,7 +102,8 @@ def dec_textured(data: bytes, vertices: int, faces: int, uv: UvCoding, position_
                  offset: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Decodes one unit with UVs: (lattice int64 [P, 3], faces int64 [faces, 3], uv int64 [P, 2] below 2**MAX_UV_BITS). A vertex
     is there once for every chart that it is in. Raises StreamError as dec_geometry()."""
-    mesh = _decode(data, (vertices, faces), 2, offset)
+    kind = (_TEX_COORD, _FLOAT32, 2) if uv.bits else (_GENERIC, _UINT32, 2)
+    mesh = _decode(data, (vertices, faces), [(_POSITION, _UINT32, 3), kind], offset)
     lattice, triangles = _surface_of(mesh, faces, position_bits, offset)
     if not vertices <= len(lattice) <= 3 * faces:
         raise _other_counts(len(lattice), [vertices, 3 * faces], offset)
@@ -93,7 +111,8 @@ def dec_textured(data: bytes, vertices: int, faces: int, uv: UvCoding, position_
 
 
 def _decode(data, counts, attributes, offset):
-    """DracoPy's mesh, once its counts (vertices, faces) and its number of attributes are those of the unit."""
+    """DracoPy's mesh, once its counts (vertices, faces) and its attributes (type, data type, components), which are sorted here,
+    are those of the unit."""
     import DracoPy
 
     said = counts_of(data, offset)
@@ -104,9 +123,10 @@ def _decode(data, counts, attributes, offset):
         mesh = DracoPy.decode(bytes(data))
     except Exception as error:
         raise StreamError("TXF-S22", f"Draco refuses its substream: {error}", clause="5.6", offset=offset) from error
-    if len(mesh.attributes) != attributes:
+    found = sorted((a["attribute_type"], a["data_type"], a["num_components"]) for a in mesh.attributes)
+    if found != attributes:
         raise StreamError("TXF-S20", "the Draco substream has other attributes than it should", clause="5.6", offset=offset,
-                          value=len(mesh.attributes), allowed=attributes)
+                          value=found, allowed=attributes)
     return mesh
 
 
@@ -127,10 +147,10 @@ def _surface_of(mesh, faces, position_bits, offset):
 
 def _uv_of(mesh, count, coding, offset):
     """UVs int64 [count, 2]. Quantised ones come back as n / (2**bits - 1) of the range, n whole, which integers then undo."""
-    kind, dtype = (_TEX_COORD, np.float32) if coding.bits else (_GENERIC, np.uint32)
-    data = next((np.asarray(a["data"]) for a in mesh.attributes if a["attribute_type"] == kind), np.zeros(0))
-    if data.shape != (count, 2) or data.dtype != dtype:
-        raise StreamError("TXF-S20", "the Draco substream has no UVs of the kind that the unit says", clause="5.6", offset=offset)
+    data = next(np.asarray(a["data"]) for a in mesh.attributes if a["attribute_type"] != _POSITION)
+    if data.shape != (count, 2):
+        raise StreamError("TXF-S20", "the Draco substream has other UVs than vertices", clause="5.6", offset=offset,
+                          value=list(data.shape), allowed=[count, 2])
     uv = data.astype(np.int64) if coding.bits == 0 else _unquantised(data, coding)
     if uv.min() < 0 or uv.max() >= 1 << MAX_UV_BITS:
         raise StreamError("TXF-S23", "the Draco substream has a UV out of range", clause="5.6", offset=offset,
@@ -139,7 +159,11 @@ def _uv_of(mesh, count, coding, offset):
 
 
 def _unquantised(data, coding):
+    """UVs of 32-bit floats, -1 where they stand for no whole number. Draco's own rounding moves them by an eighth of a step at
+    most, so that a quarter leaves no doubt which one is meant."""
     last = (1 << coding.bits) - 1
-    number = np.nan_to_num(np.floor(data.astype(np.float64) * (last / coding.range) + 0.5), nan=-1.0)
-    number = np.clip(number, -1, last + 1).astype(np.int64)
-    return np.where((number >= 0) & (number <= last), (2 * number * coding.range + last) // (2 * last), -1)
+    steps = np.nan_to_num(data.astype(np.float64) * (last / coding.range), nan=-1.0)
+    number = np.floor(steps + 0.5)
+    sound = (np.abs(steps - number) <= 0.25) & (number >= 0) & (number <= last)
+    number = np.where(sound, number, 0).astype(np.int64)
+    return np.where(sound, (2 * number * coding.range + last) // (2 * last), -1)

@@ -18,15 +18,19 @@ def _along(px, py, pz, ax, ay, az, bx, by, bz):
 
 @kernel
 def _weights(px, py, pz, corner, out):
-    """Weights of the three corners, float64 [3, 3], at the point of the face that is nearest to p, into out float64 [3]."""
-    uu, uv, vv, pu, pv = 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(3):
-        u, v = corner[1, k] - corner[0, k], corner[2, k] - corner[0, k]
-        d = (px if k == 0 else (py if k == 1 else pz)) - corner[0, k]
-        uu, uv, vv, pu, pv = uu + u * u, uv + u * v, vv + v * v, pu + d * u, pv + d * v
-    area = uu * vv - uv * uv
+    """Weights of the three corners, float64 [3, 3], at the point of the face that is nearest to p, into out float64 [3].
+
+    Corners are whole numbers below 2**20, so that the cross product n of two edges is exact, and a sliver's area does not drown
+    in rounding.
+    """
+    ux, uy, uz = corner[1, 0] - corner[0, 0], corner[1, 1] - corner[0, 1], corner[1, 2] - corner[0, 2]
+    vx, vy, vz = corner[2, 0] - corner[0, 0], corner[2, 1] - corner[0, 1], corner[2, 2] - corner[0, 2]
+    dx, dy, dz = px - corner[0, 0], py - corner[0, 1], pz - corner[0, 2]
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    area = nx * nx + ny * ny + nz * nz
     if area > 0.0:
-        out[1], out[2] = (vv * pu - uv * pv) / area, (uu * pv - uv * pu) / area
+        out[1] = ((dy * vz - dz * vy) * nx + (dz * vx - dx * vz) * ny + (dx * vy - dy * vx) * nz) / area
+        out[2] = ((uy * dz - uz * dy) * nx + (uz * dx - ux * dz) * ny + (ux * dy - uy * dx) * nz) / area
         out[0] = 1.0 - out[1] - out[2]
         if out[0] >= 0.0 and out[1] >= 0.0 and out[2] >= 0.0:
             return
@@ -42,6 +46,7 @@ def _weights(px, py, pz, corner, out):
 
 @kernel
 def _texel_positions(points, positions, faces, uv, face_index, out):
+    """UVs of the points into out float64 [M, 2]. Bounds: the caller has checked face_index, and faces against positions."""
     corner, weight = np.empty((3, 3)), np.zeros(3)
     for i in range(points.shape[0]):
         f = face_index[i]
@@ -58,8 +63,8 @@ def texel_positions(points: np.ndarray, positions: np.ndarray, faces: np.ndarray
                     face_index: np.ndarray) -> np.ndarray:
     """UVs, float64 [M, 2], of the points of faces nearest to given ones.
 
-    points: float64 [M, 3]; positions: float64 [V, 3]; faces: int64 [F, 3] into them; uv: float64 [V, 2]; face_index: int64 [M]
-    into faces, checked by the caller.
+    points: float64 [M, 3]; positions: float64 [V, 3], whole numbers below 2**20; faces: int64 [F, 3] into them; uv: float64
+    [V, 2]; face_index: int64 [M] into faces, checked by the caller.
     """
     out = np.empty((len(points), 2))
     _texel_positions(np.ascontiguousarray(points), positions, faces, uv, np.ascontiguousarray(face_index), out)

@@ -12,6 +12,7 @@ from ..errors import LimitError
 from ..ground.kernel import kernel
 from .morton import _morton_key
 
+MOST_IN_32_BITS = 1 << 30  # rows; each adds at most 2 to a texel
 MAX_UV = 1 << 26  # of a coordinate in steps: products of the rasterisation stay below 2**61
 
 
@@ -82,6 +83,7 @@ def _add_range(row, first, last, size, mode, share, table):
 
 @kernel
 def _wrapped_row(row, size, mode):
+    """Row 0..size-1 that a row beside the image shows."""
     if mode == WRAP_CLAMP:
         return min(max(row, 0), size - 1)
     if mode == WRAP_REPEAT:
@@ -93,7 +95,7 @@ def _wrapped_row(row, size, mode):
 @kernel
 def _rasterise(uv, faces, fraction, wrap_s, wrap_t, shares, table):
     """Adds the share of every face to the columns of each of its rows in table, [height, width + 1]. shares: [F], of table's
-    type. Faces index uv by the caller's check."""
+    type, which holds twice their sum. Faces index uv by the caller's check. |uv| < MAX_UV: coordinates below 2**27."""
     height, width = table.shape[0], table.shape[1] - 1
     half = np.int64(1) << fraction
     for f in range(faces.shape[0]):
@@ -128,6 +130,7 @@ def _keys_of(table, count):
 
 @kernel
 def _count_asked(table):
+    """How many running sums are not zero."""
     n = np.int64(0)
     for y in range(table.shape[0]):
         total = np.int64(0)
@@ -150,8 +153,10 @@ def asked_texels(uv: np.ndarray, faces: np.ndarray, fraction_bits: int, size: tu
     height), at most layout.MAX_SIDE each; wrap: modes (s, t) of asset.scene. Raises LimitError TXF-L04 where they are more than
     `most`.
     """
-    table = np.zeros((size[1], size[0] + 1), np.int32)
-    _rasterise(np.ascontiguousarray(uv), np.ascontiguousarray(faces), fraction_bits, *wrap, np.ones(len(faces), np.int32), table)
+    rows = count_rows(uv, faces, fraction_bits)
+    table = np.zeros((size[1], size[0] + 1), np.int32 if rows < MOST_IN_32_BITS else np.int64)
+    shares = np.ones(len(faces), table.dtype)
+    _rasterise(np.ascontiguousarray(uv), np.ascontiguousarray(faces), fraction_bits, *wrap, shares, table)
     count = int(_count_asked(table))
     if most is not None and count > most:
         raise LimitError("TXF-L04", "the fields have more values than the limit allows", clause="6.5", value=count, allowed=most)

@@ -14,6 +14,7 @@ from ..ground.threads import over_blocks
 from .keyed import Keyed
 from .layout import octree_depth
 from .morton import decode_morton
+from .voxels import keys_are_sound
 
 BLOCK = 1 << 16
 
@@ -119,3 +120,8 @@ def _bilinear(texel, size, wrap_s, wrap_t, shift, rank, values, out):
                     sums[c] += w * values[at, c]
         for c in range(values.shape[1]):
             out[i, c] = np.float32(sums[c] / total) if total > 0.0 else 0.0
+
+
+def texels_are_sound(keys: np.ndarray, size: tuple[int, int]) -> bool:
+    """Whether these are Morton keys of texels of an image of size (width, height), ascending, at least one."""
+    return keys_are_sound(keys, max(size)) and bool((decode_morton(keys).max(axis=0) < [*size, 1]).all())

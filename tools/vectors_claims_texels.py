@@ -1,0 +1,44 @@
+"""What titles of good conformance vectors promise of fields over texels; vectors_claims.py reads them."""
+
+import numpy as np
+
+from texfcodec.asset.scene import WRAP_NAMES
+
+
+def uv_in_texels(case):
+    """(UVs in texels float64 [V, 2], size of the image) of every unit over texels."""
+    fields = [case.stream.fields[u.field] for u in case.textured]
+    return [(u.uv / (1 << f["uv_fraction_bits"]), (f["width"], f["height"])) for u, f in zip(case.textured, fields, strict=True)]
+
+
+def flat_kind(corner):
+    """"point" or "line" where the UVs of a face, int64 [3, 2], are no more."""
+    (ux, uy), (vx, vy) = (corner[1:] - corner[0]).tolist()
+    return "point" if not np.any(corner != corner[0]) else "line" if ux * vy == uy * vx else None
+
+
+# Phrase (all of it, case ignored) -> predicate of the Case of vectors_claims.py and the phrase's groups.
+TEXELS = {
+    r"a field over texels": lambda c: len(c.images) == 1 and not c.grids,
+    r"two fields over texels": lambda c: len(c.images) == 2,
+    r"one over voxels": lambda c: len(c.grids) == 1,
+    r"an image of (\d+) x (\d+)": lambda c, w, h: [(f["width"], f["height"]) for f in c.images] == [(int(w), int(h))],
+    r"(repeat|clamp|mirror)(?: x (repeat|clamp|mirror))?": lambda c, s, t:
+        [(WRAP_NAMES[f["wrap_s"]], WRAP_NAMES[f["wrap_t"]]) for f in c.images] == [(s, t or s)],
+    r"and all its levels of detail": lambda c: {*range(c.texf.fields[0].support.depth + 1)} <= {*c.lods},
+    r"every texel asked": lambda c: bool(c.images) and all(f["num_keys"] == f["width"] * f["height"] for f in c.images),
+    r"texels that no face asks": lambda c: any(f["num_keys"] < f["width"] * f["height"] for f in c.images),
+    r"seams": lambda c: any(len(u.lattice) > len(np.unique(u.lattice, axis=0)) for u in c.textured),
+    r"UVs beside the image": lambda c: any((texel < 0).any() or (texel > size).any() for texel, size in uv_in_texels(c)),
+    r"UVs in whole texels": lambda c: [f["uv_fraction_bits"] for f in c.images] == [0],
+    r"UVs in 1/(\d+) of a texel": lambda c, n: [1 << f["uv_fraction_bits"] for f in c.images] == [int(n)],
+    r"plain UVs": lambda c: {u["uv_bits"] for u in c.uv_units} == {0},
+    r"UVs quantised to (\d+) bits": lambda c, n: {u["uv_bits"] for u in c.uv_units} == {int(n)},
+    r"many of which stand for one number": lambda c: all(1 << u["uv_bits"] > 100 * u["uv_range"] for u in c.uv_units),
+    r"uv_origin (-?\d+)": lambda c, n: any(int(n) in u["uv_origin"] for u in c.uv_units),
+    r"all UVs on (centres|borders) of texels": lambda c, what: all((texel % 1 == (0.5 if what == "centres" else 0)).all()
+                                                                   for texel, _ in uv_in_texels(c)),
+    r"a face whose UVs are a (line|point)": lambda c, what: any(flat_kind(corner) == what for corner in c.corners),
+    r"three materials in one field over texels": lambda c: len(c.images) == 1 and not c.grids
+        and len({u["material_index"] for u in c.uv_units}) == 3,
+}

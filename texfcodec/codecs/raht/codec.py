@@ -30,6 +30,7 @@ SLICE_VOXELS = 1 << 19  # encoder's choice: at most so many voxels a slice, and 
 WHOLE_VOXELS = 1 << 18  # ... but one slice for fewer than this
 MAX_SLICES = 64
 SLICE_NODES = 1 << 10  # encoder's choice: slices start at the first level with this many nodes
+EXP = np.zeros(32, np.int64)
 FIRST_ROOM = 64  # bytes of a level buffer beside one per coefficient; no level starts with less
 
 
@@ -216,7 +217,7 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
                 active = [_SliceEncoder(copy_model(trunk.model), new_scratch(len(qp))) for _ in ranges]
                 coders = [trunk, *active]
             blocks, wanted = walk.blocks(d), Wanted(originals[d + 1], 256 * lagrangian, _bits_of())
-            rules = Rules(_level_class(levels, d), tools.models, steps, (1 << 32) // steps, weights, colour_inverse)
+            rules = Rules(_level_class(levels, d), tools.models, steps, (1 << 32) // steps, weights, colour_inverse, EXP.copy())
             children = levels[d].first_child
             assert children is not None  # only the last level has none
             walk.run([partial(coder.code, int(children[end] - children[begin]) * len(qp), rules, blocks, wanted, begin, end)
@@ -268,7 +269,7 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
                 trunk = active[0][-1]
                 active = [(Coder(new_decoder(data, *span), data, span[1]), copy_model(trunk)) for span in spans[1:]]
             blocks = walk.blocks(d)
-            rules = Rules(_level_class(levels, d), coded.models, steps, (1 << 32) // steps, weights, colour_inverse)
+            rules = Rules(_level_class(levels, d), coded.models, steps, (1 << 32) // steps, weights, colour_inverse, EXP.copy())
             walk.run([partial(dec_level, coder, model, rules, blocks, new_scratch(len(steps)), begin, end)
                       for (coder, model), (begin, end) in zip(active, ranges, strict=True)])
             walk.descend(d, blocks, ranges)

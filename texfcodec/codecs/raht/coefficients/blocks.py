@@ -10,7 +10,7 @@ from ..entropy.contexts import _surroundings
 from ..entropy.mixing import new_chosen
 from ..transform.prediction import _predict, new_around
 from ..transform.quantise import MAX_MEAN
-from ..transform.raht import SPLITS, _forward, _inverse, _tree_weights, _weighted_mean
+from ..transform.raht import SPLITS, _forward, _inverse, _is_split, _tree_weights, _weighted_mean
 from .mixed_contexts import FEATURES
 
 ENERGY_SCALE = 16
@@ -19,7 +19,7 @@ SURELY_ZERO = 0.24
 
 # What holds for a level. level: its class; models: 0 for direct contexts; steps, inverse: int64 [C], inverse 2**32 // step;
 # kernel: int64 [7]; colour_inverse: of inverse_range
-Rules = namedtuple("Rules", "level models steps inverse kernel colour_inverse")
+Rules = namedtuple("Rules", "level models steps inverse kernel colour_inverse planar")
 # The blocks of a level, one per parent. nodes: Nodes; means: Means; above, energy: uint8 [n, 2], energies of the block that each
 # parent came from, and of the blocks themselves, as far as the walk has come. All indices come from the octree, none from the
 # stream.
@@ -70,8 +70,41 @@ def _open_block(p, first, rules, blocks, s):
     return splits
 
 
+@kernel
+def _cross(p, rules, blocks, s):
+    """Chroma predictions follow the luma innovation."""
+    if rules.planar[1] == 0 or s.flags[0] == 0:
+        return
+    mean, child_mean, table, tree = blocks.means.parent, blocks.means.child, blocks.nodes.table, s.tree
+    _inverse(tree, s.q, 0, np.int64(0), rules.steps[0], s.values, rules.planar[0])
+    xx = rules.planar[2] * ((rules.steps[0] * rules.steps[0]) >> 4)
+    xy = s.halves
+    for c in range(1, 3):
+        xy[c] = (rules.planar[3 + c - 1] * xx) >> 4
+    for i in range(27):
+        q = table[p, i]
+        if q >= 0 and s.around.weight[i]:
+            d = np.int64(mean[q, 0]) - mean[p, 0]
+            xx += d * d
+            for c in range(1, 3):
+                xy[c] += d * (np.int64(mean[q, c]) - mean[p, c])
+    if rules.planar[5]:
+        for i in range(64):
+            q = s.around.cells[i]
+            if q >= 0:
+                d = np.int64(child_mean[q, 0]) - mean[p, 0]
+                xx += d * d
+                for c in range(1, 3):
+                    xy[c] += d * (np.int64(child_mean[q, c]) - mean[p, c])
+    for c in range(1, 3):
+        k = min(max((xy[c] * rules.planar[1] * 16) // max(xx, 1), -512), 512)
+        for octant in range(8):
+            if tree[7 + octant]:
+                s.predicted[octant, c] += (k * s.values[7 + octant, 0] + 128) >> 8
+
+
 @kernel(forceinline=True, allocates=False)
-def _scale_plane(child, c0, c1, steps, original, s):
+def _scale_plane(child, c0, c1, steps, original, s, planar):
     """Fills scaled for components c0..c1-1 of the block whose first child is `child`; returns the largest coefficient, in
     steps."""
     largest, tree, residual, scaled = 0.0, s.tree, s.residual, s.scaled
@@ -86,6 +119,10 @@ def _scale_plane(child, c0, c1, steps, original, s):
             scaled[node, c] = 0.0
         if power >= SURELY_ZERO * np.float64(steps[c]) ** 2:
             _forward(tree, residual, c, s.spread, scaled, np.float64(steps[c]))
+            if planar[0] and _is_split(tree, 3) and _is_split(tree, 4):
+                a, b = scaled[3, c], scaled[4, c]
+                scaled[3, c] = (a + b) * 0.7071067811865476
+                scaled[4, c] = (b - a) * 0.7071067811865476
             for node in range(SPLITS):
                 largest = max(largest, abs(scaled[node, c]))
     return largest
@@ -101,14 +138,14 @@ def _clear_plane(c0, c1, s):
 
 
 @kernel(forceinline=True, allocates=False)
-def _close_block(p, steps, blocks, s):
+def _close_block(p, steps, blocks, s, planar):
     """Writes the decoded means of the children of block p (spec 7.4.3)."""
     mean, child_mean, child, tree = blocks.means.parent, blocks.means.child, blocks.nodes.first_child[p], s.tree
     components = mean.shape[1]
     for c in range(components):
         s.shift[c] = mean[p, c] - s.shift[c]
         if s.flags[min(c, 1)]:
-            _inverse(tree, s.q, c, s.shift[c], steps[c], s.values)
+            _inverse(tree, s.q, c, s.shift[c], steps[c], s.values, planar[0])
     for octant in range(8):
         if tree[7 + octant]:
             for c in range(components):

@@ -14,7 +14,7 @@ from ..entropy.contexts import (
 )
 from ..entropy.range_coder import _dec_bit, _enc_bit
 from ..transform.raht import SPLITS, _is_split
-from .blocks import _clear_plane, _close_block, _open_block, _plane_energy, _scale_plane
+from .blocks import _clear_plane, _close_block, _cross, _open_block, _plane_energy, _scale_plane
 
 
 @kernel(allocates=False)
@@ -29,8 +29,10 @@ def _enc_direct_level(coder, model, rules, blocks, wanted, s, begin, end):
             continue
         for k in range(min(components, 2)):
             c0, c1 = k, (1 if k == 0 else components)
+            if k == 1:
+                _cross(p, rules, blocks, s)
             _clear_plane(c0, c1, s)
-            largest = _scale_plane(blocks.nodes.first_child[p], c0, c1, rules.steps, wanted.original, s)
+            largest = _scale_plane(blocks.nodes.first_child[p], c0, c1, rules.steps, wanted.original, s, rules.planar)
             near, far = _classes(s.sums, k)
             strength, coded = max(near, far), 0
             flag_ctx = _block_context(k, rules.level, splits, s.flags[0] if k else 0, near, far)
@@ -41,7 +43,7 @@ def _enc_direct_level(coder, model, rules, blocks, wanted, s, begin, end):
             if coded:
                 _enc_plane(coder, contexts, splits, c0, c1, rules.level, strength, s.tree, s.q)
             energy[p, k] = _plane_energy(s.q, c0, c1, splits)
-        _close_block(p, rules.steps, blocks, s)
+        _close_block(p, rules.steps, blocks, s, rules.planar)
 
 
 @kernel(allocates=False)
@@ -54,6 +56,8 @@ def _dec_direct_level(coder, model, rules, blocks, s, begin, end):
             continue
         for k in range(min(components, 2)):
             c0, c1 = k, (1 if k == 0 else components)
+            if k == 1:
+                _cross(p, rules, blocks, s)
             _clear_plane(c0, c1, s)
             near, far = _classes(s.sums, k)
             flag_ctx = _block_context(k, rules.level, splits, s.flags[0] if k else 0, near, far)
@@ -61,7 +65,7 @@ def _dec_direct_level(coder, model, rules, blocks, s, begin, end):
             if s.flags[k]:
                 _dec_plane(coder, contexts, splits, c0, c1, rules.level, max(near, far), s.tree, s.q)
             energy[p, k] = _plane_energy(s.q, c0, c1, splits)
-        _close_block(p, rules.steps, blocks, s)
+        _close_block(p, rules.steps, blocks, s, rules.planar)
 
 
 @kernel

@@ -8,7 +8,7 @@ from ..entropy.contexts import UNARY, _dec_escape, _enc_escape, _escape_cost
 from ..entropy.mixing import _mixed_bit, _mixed_probability
 from ..entropy.range_coder import RANGE, _adapt, _dec_split, _enc_split, _probability
 from ..transform.raht import SPLITS, _is_split
-from .blocks import _clear_plane, _close_block, _open_block, _plane_energy, _scale_plane
+from .blocks import _clear_plane, _close_block, _cross, _open_block, _plane_energy, _scale_plane
 from .mixed_contexts import (
     SIGN_MODELS,
     _features,
@@ -36,15 +36,17 @@ def _enc_mixed_level(coder, model, rules, blocks, wanted, s, begin, end):
             continue
         for k in range(min(components, 2)):
             c0, c1 = k, (1 if k == 0 else components)
+            if k == 1:
+                _cross(p, rules, blocks, s)
             _clear_plane(c0, c1, s)
-            largest = _scale_plane(blocks.nodes.first_child[p], c0, c1, rules.steps, wanted.original, s)
+            largest = _scale_plane(blocks.nodes.first_child[p], c0, c1, rules.steps, wanted.original, s, rules.planar)
             flag, coded = s.flags[0] if k else 0, 0
             quiet = _quiet_context(s.sums, k, rules.level, splits, flag) if _is_quiet(s.sums, k) else -1
             if quiet < 0 or largest >= 0.5:
                 _features(p, begin, k, splits, flag, rules, blocks, s)
             if largest >= 0.5:
                 for c in range(c0, c1):
-                    _slopes(s.tree, s.predicted, c, rules.inverse, s.halves, s.expected, s.down)
+                    _slopes(s.tree, s.predicted, c, rules.inverse, s.halves, s.expected, s.down, rules.planar)
                 coded = _choose_mixed_plane(model, models, _flag_probability(model, models, quiet, s), c0, c1, wanted, s)
             s.flags[k] = coded
             if quiet >= 0:
@@ -55,7 +57,7 @@ def _enc_mixed_level(coder, model, rules, blocks, wanted, s, begin, end):
             if coded:
                 _enc_mixed_plane(coder, model, models, c0, c1, s)
             energy[p, k] = _plane_energy(s.q, c0, c1, splits)
-        _close_block(p, rules.steps, blocks, s)
+        _close_block(p, rules.steps, blocks, s, rules.planar)
 
 
 @kernel(allocates=False)
@@ -68,6 +70,8 @@ def _dec_mixed_level(coder, model, rules, blocks, s, begin, end):
             continue
         for k in range(min(components, 2)):
             c0, c1 = k, (1 if k == 0 else components)
+            if k == 1:
+                _cross(p, rules, blocks, s)
             _clear_plane(c0, c1, s)
             flag, coded = s.flags[0] if k else 0, np.int64(0)
             quiet = _quiet_context(s.sums, k, rules.level, splits, flag) if _is_quiet(s.sums, k) else -1
@@ -81,10 +85,10 @@ def _dec_mixed_level(coder, model, rules, blocks, s, begin, end):
             s.flags[k] = coded
             if coded:
                 for c in range(c0, c1):
-                    _slopes(s.tree, s.predicted, c, rules.inverse, s.halves, s.expected, s.down)
+                    _slopes(s.tree, s.predicted, c, rules.inverse, s.halves, s.expected, s.down, rules.planar)
                 _dec_mixed_plane(coder, model, models, c0, c1, s)
             energy[p, k] = _plane_energy(s.q, c0, c1, splits)
-        _close_block(p, rules.steps, blocks, s)
+        _close_block(p, rules.steps, blocks, s, rules.planar)
 
 
 @kernel(inline="always")

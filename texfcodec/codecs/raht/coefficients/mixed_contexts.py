@@ -5,6 +5,7 @@ import numpy as np
 from ....ground.kernel import kernel
 from ..entropy.contexts import CLASSES, LEVELS, UNARY, _class
 from ..entropy.mixing import Model, new_model
+from ..transform.raht import _is_split
 
 FINE = 12
 FINE_BOUNDS = (1, 2, 4, 6, 8, 12, 16, 24, 36, 56, 96)
@@ -105,9 +106,10 @@ def _features(p, first, k, splits, flag, rules, blocks, s):
 
 
 @kernel
-def _slopes(tree, predicted, c, inverse, sums, expected, down):
+def _slopes(tree, predicted, c, inverse, sums, expected, down, planar):
     """Fills expected and down, int64 [7, C], for the splits of component c: size and sign of the coefficients that the prediction
     itself would have. sums: int64 [15], scratch."""
+    lower = np.int64(0)
     for octant in range(8):
         sums[7 + octant] = tree[7 + octant] * predicted[octant, c]
     for node in range(6, -1, -1):
@@ -117,6 +119,14 @@ def _slopes(tree, predicted, c, inverse, sums, expected, down):
             slope = (sums[2 * node + 2] // w2 - sums[2 * node + 1] // w1) << _half(min(w1, w2))
             expected[node, c] = _fine(_sixteenths(slope, inverse[c]))
             down[node, c] = 1 if slope < 0 else 0
+            if planar[0] and node == 4:
+                lower = slope
+            if planar[0] and node == 3 and _is_split(tree, 4):
+                a, b = ((lower + slope) * 181) >> 8, ((lower - slope) * 181) >> 8
+                expected[3, c] = _fine(_sixteenths(a, inverse[c]))
+                down[3, c] = 1 if a < 0 else 0
+                expected[4, c] = _fine(_sixteenths(b, inverse[c]))
+                down[4, c] = 1 if b < 0 else 0
 
 
 @kernel(forceinline=True, allocates=False)

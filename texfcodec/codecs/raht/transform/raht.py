@@ -69,17 +69,23 @@ def _weighted_mean(tree, predicted, component):
 
 
 @kernel
-def _inverse(tree, q, component, mean, step, values):
+def _inverse(tree, q, component, mean, step, values, rotated):
     """What a block's coefficients add to the predictions of its children, in one component of values int64 [15, C] (spec 7.4.3).
 
     mean: of the node, less the weighted mean of the predictions; tree: int64 [15]; q: int64 [7, C]. weights < 2**27 and values <
     2**32, so sums stay < 2**62.
     """
     values[0, component] = mean
+    rotated = rotated and _is_split(tree, 3) and _is_split(tree, 4)
     for node in range(7):
         w1, w2, v = tree[2 * node + 1], tree[2 * node + 2], values[node, component]
-        if w1 and w2 and q[node, component]:
-            d = _dequantise(q[node, component], step, w1, w2)
+        level = q[node, component]
+        if rotated and node == 3:
+            level -= q[4, component]
+        elif rotated and node == 4:
+            level += q[3, component]
+        if w1 and w2 and level:
+            d = _dequantise(level, step, w1, w2, 1 if rotated and node >= 3 else 0)
             v -= (2 * w2 * d + w1 + w2) // (2 * (w1 + w2))
             values[2 * node + 1, component] = v
             values[2 * node + 2, component] = v + d

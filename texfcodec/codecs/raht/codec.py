@@ -216,8 +216,9 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
             if d == slice_level > 0:
                 active = [_SliceEncoder(copy_model(trunk.model), new_scratch(len(qp))) for _ in ranges]
                 coders = [trunk, *active]
+            lsteps = np.array([step_of(min(max(v + int(EXP[8 + _level_class(levels, d)]), 0), 63)) for v in qp], np.int64)
             blocks, wanted = walk.blocks(d), Wanted(originals[d + 1], 256 * lagrangian, _bits_of())
-            rules = Rules(_level_class(levels, d), tools.models, steps, (1 << 32) // steps, weights, colour_inverse, EXP.copy())
+            rules = Rules(_level_class(levels, d), tools.models, lsteps, (1 << 32) // lsteps, weights, colour_inverse, EXP.copy())
             children = levels[d].first_child
             assert children is not None  # only the last level has none
             walk.run([partial(coder.code, int(children[end] - children[begin]) * len(qp), rules, blocks, wanted, begin, end)

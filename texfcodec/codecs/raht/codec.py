@@ -115,13 +115,17 @@ class _Descent:
         energy = np.zeros((len(level), 2), np.uint8)
         child_mean = np.empty((len(below), self.mean.shape[1]), np.int32)
         nodes = Nodes(level.first_child, level.occupancy, below.weight, self.table)
-        return Blocks(nodes, Means(self.mean, child_mean), self.above, energy)
+        coefs = np.zeros((len(level), 3, self.mean.shape[1]), np.int8)
+        if depth == 0:
+            self.coefs_above = coefs
+        return Blocks(nodes, Means(self.mean, child_mean), self.above, energy, coefs, self.coefs_above)
 
     def descend(self, depth, blocks, ranges):
         """Moves to the level below `depth`; `ranges` are the node ranges of the slices, for parallel table building."""
         level = self.levels[depth]
         self.mean = blocks.means.child
         self.above = np.repeat(blocks.energy, np.diff(level.first_child), axis=0)
+        self.coefs_above = np.repeat(blocks.coefs, np.diff(level.first_child), axis=0)
         if depth + 2 < len(self.levels):
             table = np.empty((len(self.mean), NEIGHBOURS), np.int32)
             self.run([lambda b=b, e=e: _neighbours(level.first_child, level.occupancy, self.table, b, e, table)

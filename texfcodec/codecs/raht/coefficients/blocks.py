@@ -23,7 +23,7 @@ Rules = namedtuple("Rules", "level models steps inverse kernel colour_inverse pl
 # The blocks of a level, one per parent. nodes: Nodes; means: Means; above, energy: uint8 [n, 2], energies of the block that each
 # parent came from, and of the blocks themselves, as far as the walk has come. All indices come from the octree, none from the
 # stream.
-Blocks = namedtuple("Blocks", "nodes means above energy")
+Blocks = namedtuple("Blocks", "nodes means above energy coefs coefs_above")
 # The encoder's side. original: int32 [children, C], the means to be coded; lagrangian: 256 / lambda; bits_of: int64 [4097],
 # -256 log2(i / 4096)
 Wanted = namedtuple("Wanted", "original lagrangian bits_of")
@@ -31,13 +31,13 @@ Wanted = namedtuple("Wanted", "original lagrangian bits_of")
 # means of the predictions; flags int64 [2], whether a plane has coefficients; sums int64 [6], of _surroundings; values int64
 # [15, C]; f int64 [FEATURES]; halves int64 [15], expected, down int64 [7, C], of _slopes; around: Around; chosen: Chosen;
 # residual float64 [8, C], scaled float64 [7, C], spread float64 [15]: the encoder's
-Scratch = namedtuple("Scratch", "tree q predicted shift flags sums values f halves expected down around chosen residual scaled "
+Scratch = namedtuple("Scratch", "pattern signs tree q predicted shift flags sums values f halves expected down around chosen residual scaled "
                                 "spread")
 
 
 def new_scratch(components: int) -> Scratch:
     """Scratch of a walk."""
-    whole = [(15,), (SPLITS, components), (8, components), (components,), (2,), (6,), (15, components), (FEATURES,), (15,),
+    whole = [(SPLITS, components), (SPLITS, components), (15,), (SPLITS, components), (8, components), (components,), (2,), (6,), (15, components), (FEATURES,), (15,),
              (SPLITS, components), (SPLITS, components)]
     real = [(8, components), (SPLITS, components), (15,)]
     return Scratch._make([*(np.zeros(shape, np.int64) for shape in whole), new_around(), new_chosen(),
@@ -68,6 +68,40 @@ def _open_block(p, first, rules, blocks, s):
         _predict(p, first, nodes, means, rules.kernel, rules.colour_inverse, s.around, s.predicted)
         _surroundings(p, first, nodes.table, blocks.energy, blocks.above, s.sums)
     return splits
+
+
+@kernel(forceinline=True, allocates=False)
+def _patterns(p, first, c0, c1, blocks, s):
+    table, coefs = blocks.nodes.table, blocks.coefs
+    for c in range(c0, c1):
+        for j in range(3):
+            node = (1, 3, 4)[j]
+            w = n = d = np.int64(0)
+            q = table[p, 4]
+            if q >= first:
+                w = np.int64(coefs[q, j, c])
+            q = table[p, 10]
+            if q >= first:
+                n = np.int64(coefs[q, j, c])
+            q = table[p, 1]
+            if q >= first:
+                d += abs(np.int64(coefs[q, j, c]))
+            q = table[p, 7]
+            if first <= q < p:
+                d += abs(np.int64(coefs[q, j, c]))
+            q = table[p, 19]
+            if first <= q < p:
+                d += abs(np.int64(coefs[q, j, c]))
+            a = abs(np.int64(blocks.coefs_above[p, j, c]))
+            s.pattern[node, c] = min(abs(w), 2) * 27 + min(abs(n), 2) * 9 + min(d, 2) * 3 + min(a, 2)
+            s.signs[node, c] = 3 * (1 if w > 0 else (2 if w < 0 else 0)) + (1 if n > 0 else (2 if n < 0 else 0))
+
+
+@kernel(forceinline=True, allocates=False)
+def _keep(p, blocks, s):
+    for c in range(s.q.shape[1]):
+        for j in range(3):
+            blocks.coefs[p, j, c] = min(max(s.q[(1, 3, 4)[j], c], -100), 100)
 
 
 @kernel
@@ -142,6 +176,7 @@ def _close_block(p, steps, blocks, s, planar):
     """Writes the decoded means of the children of block p (spec 7.4.3)."""
     mean, child_mean, child, tree = blocks.means.parent, blocks.means.child, blocks.nodes.first_child[p], s.tree
     components = mean.shape[1]
+    _keep(p, blocks, s)
     for c in range(components):
         s.shift[c] = mean[p, c] - s.shift[c]
         if s.flags[min(c, 1)]:

@@ -29,7 +29,10 @@ SIGN_MODELS = len(SIGN_SIZES)
 QUIET_SIZE = 4 * LEVELS * 8 * 2
 _BASES = np.cumsum([0, *FLAG_SIZES, *ZERO_SIZES, *MORE_SIZES, *SIGN_SIZES, QUIET_SIZE])
 FLAG, ZERO, MORE, SIGN, QUIET = _BASES[:8], _BASES[8:16], _BASES[16:24], _BASES[24:28], int(_BASES[28])
-CONTEXTS = int(_BASES[-1])
+ZERO2 = int(_BASES[-1])
+MORE2 = ZERO2 + 3 * 7 * 81 * 3
+SIGN2 = MORE2 + 3 * _I * 81 * 3
+CONTEXTS = SIGN2 + 3 * 7 * 27
 WEIGHT_SETS, REFINEMENT_SETS = 224, 139
 
 
@@ -160,7 +163,7 @@ def _flag_contexts(f, where, sets):
 
 
 @kernel
-def _zero_contexts(f, c, node, ones, luma, left, expected, where, sets):
+def _zero_contexts(f, c, node, ones, luma, left, expected, where, sets, pattern, planar):
     """Contexts of "this coefficient is not zero"; ones, luma, left: see clause 7.5.3."""
     level, stage, z = f[LEVEL], 0 if node == 0 else (1 if node < 3 else 2), min(ones, 2)
     cl = c * LEVELS + level
@@ -172,13 +175,15 @@ def _zero_contexts(f, c, node, ones, luma, left, expected, where, sets):
     where[5] = ZERO[5] + (((c * 4 + min(luma, 3)) * 6 + f[LUMA2]) * 7 + node) * 3 + z
     where[6] = ZERO[6] + ((c * FINE + f[ROUGH]) * FINE + f[ACTIVE]) * 3 + z
     where[7] = ZERO[7] + (cl * 16 + f[AROUND]) * FINE + expected
+    if planar[12]:
+        where[7] = ZERO2 + ((c * 7 + node) * 81 + pattern) * 3 + z
     sets[0] = 16 + cl * 3 + z
     sets[1] = 128 + (c * 3 + stage) * CLASSES + f[STRENGTH]
     sets[2] = 28 + (c * 3 + z) * CLASSES + f[STRENGTH]
 
 
 @kernel
-def _more_contexts(f, c, node, i, large, luma, expected, where, sets):
+def _more_contexts(f, c, node, i, large, luma, expected, where, sets, pattern, planar):
     """Contexts of bit i of a magnitude, i <= UNARY."""
     level, ci, i3 = f[LEVEL], c * _I + i, c * 4 + min(i, 3)
     where[0] = MORE[0] + (ci * CLASSES + f[STRENGTH]) * 3 + min(large, 2)
@@ -188,6 +193,8 @@ def _more_contexts(f, c, node, i, large, luma, expected, where, sets):
     where[4] = MORE[4] + (i3 * FINE + f[ACTIVE]) * FINE + f[ROUGH]
     where[5] = MORE[5] + (ci * 6 + f[LUMA2]) * 4 + min(luma, 3)
     where[6] = MORE[6] + ci * 16 + f[AROUND]
+    if planar[13]:
+        where[6] = MORE2 + (ci * 3 + (node >> 1)) * 81 + pattern
     where[7] = MORE[7] + (ci * LEVELS + level) * 3 + min(large, 2)
     sets[0] = 52 + ci
     sets[1] = 191 + c * CLASSES + f[STRENGTH]
@@ -203,11 +210,13 @@ def _sign_class(q, node, c, before):
 
 
 @kernel
-def _sign_contexts(f, c, node, q, expected, down, where, sets):
+def _sign_contexts(f, c, node, q, expected, down, where, sets, signs, planar):
     """Contexts of a sign; q: int64 [7, C], the coefficients so far."""
     s0, s1 = _sign_class(q, node, 0, c), _sign_class(q, node, 1, c)
     where[0] = SIGN[0] + ((c * 2 + down) * FINE + expected) * LEVELS + f[LEVEL]
     where[1] = SIGN[1] + (c * 3 + s0) * 3 + s1
+    if planar[14]:
+        where[1] = SIGN2 + ((c * 7 + node) * 9 + signs) * 3 + s0
     where[2] = SIGN[2] + ((c * 7 + node) * 3 + s0) * 2 + down
     where[3] = SIGN[3] + (((c * 3 + s0) * 3 + s1) * 2 + down) * FINE + expected
     sets[0] = 97 + c

@@ -17,6 +17,7 @@ from .coefficients.blocks import Blocks, Rules, Wanted, new_scratch
 from .coefficients.direct import _dec_direct_level, _enc_direct_level
 from .coefficients.mixed import _dec_mixed_level, _enc_mixed_level
 from .coefficients.mixed_contexts import new_mixed_model
+from .coefficients.planar import new_kept
 from .coefficients.residual import ResidualPlan, code_residuals, fit_cross, new_residual_model
 from .entropy.contexts import CONTEXTS, LEVELS
 from .entropy.mixing import copy_model, new_model
@@ -30,7 +31,6 @@ SLICE_VOXELS = 1 << 19  # encoder's choice: at most so many voxels a slice, and 
 WHOLE_VOXELS = 1 << 18  # ... but one slice for fewer than this
 MAX_SLICES = 64
 SLICE_NODES = 1 << 10  # encoder's choice: slices start at the first level with this many nodes
-EXP = np.zeros(32, np.int64)
 FIRST_ROOM = 64  # bytes of a level buffer beside one per coefficient; no level starts with less
 
 
@@ -38,18 +38,21 @@ FIRST_ROOM = 64  # bytes of a level buffer beside one per coefficient; no level 
 class Tools:
     """What the attribute coder may use. kernel, colour_range: prediction (clause 7.3); models: 0 for direct contexts, else how
     many are mixed (7.5.5), at most 8; filters: stages of the filter (7.7), at most 3; trade_off: squared steps that are worth a
-    bit."""
+    bit. planar: whether z = 0 for all voxels; planar_transform, component_cross: 0..1, 0..32, 0 where it is not (7.11)."""
 
     kernel: tuple = DEFAULT_KERNEL
     colour_range: int = 0
     models: int = 0
     filters: int = 0
     trade_off: float = 0.05
+    planar: int = 0
+    planar_transform: int = 0
+    component_cross: int = 0
 
 
 @dataclass
 class CodedAttributes:
-    """Everything the attribute unit carries. colour_range, models, filters: see Tools and FilterStage; residual: 0 or the largest
+    """Everything the attribute unit carries. colour_range, models, filters, planar and what follows: see Tools and FilterStage; residual: 0 or the largest
     error plus 1; residual_cross: [C] where there are residuals; root: [C] means;
     slice_first: first node of each slice at slice_level; codewords: trunk first (only where slice_level > 0), then one per slice;
     level_bytes: per codeword, the bytes a decoder has read when it has finished each of its levels, as increments."""
@@ -66,6 +69,9 @@ class CodedAttributes:
     level_bytes: list
     residual: int = 0
     residual_cross: list = field(default_factory=list)
+    planar: int = 0
+    planar_transform: int = 0
+    component_cross: int = 0
 
 
 @lru_cache(maxsize=1)
@@ -100,10 +106,10 @@ def _plan_slices(levels):
 class _Descent:
     """What encoder and decoder keep while walking down: the neighbour table, the energies and the means of one level."""
 
-    def __init__(self, levels, root, pool):
-        self.levels, self.pool = levels, pool
+    def __init__(self, levels, root, planar, pool):
+        self.levels, self.planar, self.pool = levels, planar, pool
         self.table = root_table()
-        self.above = np.zeros((1, 2), np.uint8)
+        self.above, self.kept_above = np.zeros((1, 2), np.uint8), new_kept(1, len(root), planar)
         self.mean = np.array([root], np.int32)
 
     def run(self, jobs):
@@ -115,17 +121,15 @@ class _Descent:
         energy = np.zeros((len(level), 2), np.uint8)
         child_mean = np.empty((len(below), self.mean.shape[1]), np.int32)
         nodes = Nodes(level.first_child, level.occupancy, below.weight, self.table)
-        coefs = np.zeros((len(level), 3, self.mean.shape[1]), np.int8)
-        if depth == 0:
-            self.coefs_above = coefs
-        return Blocks(nodes, Means(self.mean, child_mean), self.above, energy, coefs, self.coefs_above)
+        kept = new_kept(len(level), self.mean.shape[1], self.planar)
+        return Blocks(nodes, Means(self.mean, child_mean), self.above, energy, self.kept_above, kept)
 
     def descend(self, depth, blocks, ranges):
         """Moves to the level below `depth`; `ranges` are the node ranges of the slices, for parallel table building."""
         level = self.levels[depth]
         self.mean = blocks.means.child
         self.above = np.repeat(blocks.energy, np.diff(level.first_child), axis=0)
-        self.coefs_above = np.repeat(blocks.coefs, np.diff(level.first_child), axis=0)
+        self.kept_above = np.repeat(blocks.kept, np.diff(level.first_child), axis=0) if self.planar else blocks.kept
         if depth + 2 < len(self.levels):
             table = np.empty((len(self.mean), NEIGHBOURS), np.int32)
             self.run([lambda b=b, e=e: _neighbours(level.first_child, level.occupancy, self.table, b, e, table)
@@ -193,6 +197,11 @@ class _SliceEncoder:
         return b"".join([*self.chunks, finish(self.state, out)]).rstrip(b"\0")
 
 
+def _planar_rules(tools, components):
+    """planar, rotated and cross of Rules from Tools or CodedAttributes."""
+    return tools.planar, tools.planar_transform, tools.component_cross if components > 1 else 0
+
+
 def _new_model(models):
     return new_mixed_model() if models else new_model(CONTEXTS, 0, 0)
 
@@ -214,15 +223,15 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
     trunk = _SliceEncoder(_new_model(tools.models), new_scratch(len(qp)))
     coders = active = [trunk]
     with ThreadPoolExecutor(threads) as pool:
-        walk = _Descent(levels, root, pool)
+        walk = _Descent(levels, root, tools.planar, pool)
         for d in range(depth):
             ranges = _ranges(levels, d, slice_level, slice_first)
             if d == slice_level > 0:
                 active = [_SliceEncoder(copy_model(trunk.model), new_scratch(len(qp))) for _ in ranges]
                 coders = [trunk, *active]
-            lsteps = np.array([step_of(min(max(v + int(EXP[8 + _level_class(levels, d)]), 0), 63)) for v in qp], np.int64)
             blocks, wanted = walk.blocks(d), Wanted(originals[d + 1], 256 * lagrangian, _bits_of())
-            rules = Rules(_level_class(levels, d), tools.models, lsteps, (1 << 32) // lsteps, weights, colour_inverse, EXP.copy())
+            rules = Rules(_level_class(levels, d), tools.models, steps, (1 << 32) // steps, weights, colour_inverse,
+                          *_planar_rules(tools, len(qp)))
             children = levels[d].first_child
             assert children is not None  # only the last level has none
             walk.run([partial(coder.code, int(children[end] - children[begin]) * len(qp), rules, blocks, wanted, begin, end)
@@ -244,7 +253,7 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
     codewords = [coder.codeword() for coder in coders] if depth else []
     level_bytes = [coder.level_bytes for coder in coders] if depth else []
     coded = CodedAttributes(list(qp), list(tools.kernel), tools.colour_range, tools.models, filters, root, slice_level,
-                            slice_first, codewords, level_bytes, residual, cross)
+                            slice_first, codewords, level_bytes, residual, cross, *_planar_rules(tools, len(qp)))
     return coded, made
 
 
@@ -267,14 +276,15 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
     dec_level = _dec_mixed_level if coded.models else _dec_direct_level
     active = [(Coder(new_decoder(data, *span), data, span[1]), _new_model(coded.models)) for span in spans[:1]]
     with ThreadPoolExecutor(threads) as pool:
-        walk = _Descent(levels, coded.root, pool)
+        walk = _Descent(levels, coded.root, coded.planar, pool)
         for d in range(stop_level):
             ranges = _ranges(levels, d, coded.slice_level, coded.slice_first)
             if d == coded.slice_level > 0:
                 trunk = active[0][-1]
                 active = [(Coder(new_decoder(data, *span), data, span[1]), copy_model(trunk)) for span in spans[1:]]
             blocks = walk.blocks(d)
-            rules = Rules(_level_class(levels, d), coded.models, steps, (1 << 32) // steps, weights, colour_inverse, EXP.copy())
+            rules = Rules(_level_class(levels, d), coded.models, steps, (1 << 32) // steps, weights, colour_inverse,
+                          *_planar_rules(coded, len(steps)))
             walk.run([partial(dec_level, coder, model, rules, blocks, new_scratch(len(steps)), begin, end)
                       for (coder, model), (begin, end) in zip(active, ranges, strict=True)])
             walk.descend(d, blocks, ranges)

@@ -10,35 +10,37 @@ from ..entropy.contexts import _surroundings
 from ..entropy.mixing import new_chosen
 from ..transform.prediction import _predict, new_around
 from ..transform.quantise import MAX_MEAN
-from ..transform.raht import SPLITS, _forward, _inverse, _is_split, _tree_weights, _weighted_mean
+from ..transform.raht import SPLITS, _forward, _inverse, _is_square, _rotate, _tree_weights, _weighted_mean
 from .mixed_contexts import FEATURES
+from .planar import _follow, _keep
 
 ENERGY_SCALE = 16
 # A transform keeps power: below this, in squared steps, no coefficient rounds to 1 (0.25, less what the gain's rounding is worth)
 SURELY_ZERO = 0.24
 
 # What holds for a level. level: its class; models: 0 for direct contexts; steps, inverse: int64 [C], inverse 2**32 // step;
-# kernel: int64 [7]; colour_inverse: of inverse_range
-Rules = namedtuple("Rules", "level models steps inverse kernel colour_inverse planar")
+# kernel: int64 [7]; colour_inverse: of inverse_range; planar: 1 where the support is; rotated, cross: planar_transform and
+# component_cross
+Rules = namedtuple("Rules", "level models steps inverse kernel colour_inverse planar rotated cross")
 # The blocks of a level, one per parent. nodes: Nodes; means: Means; above, energy: uint8 [n, 2], energies of the block that each
-# parent came from, and of the blocks themselves, as far as the walk has come. All indices come from the octree, none from the
-# stream.
-Blocks = namedtuple("Blocks", "nodes means above energy coefs coefs_above")
+# parent came from, and of the blocks themselves, as far as the walk has come; kept_above, kept: of new_kept, likewise. All indices
+# come from the octree, none from the stream.
+Blocks = namedtuple("Blocks", "nodes means above energy kept_above kept")
 # The encoder's side. original: int32 [children, C], the means to be coded; lagrangian: 256 / lambda; bits_of: int64 [4097],
 # -256 log2(i / 4096)
 Wanted = namedtuple("Wanted", "original lagrangian bits_of")
 # A block in the making. tree: of _tree_weights; q int64 [7, C], coefficients; predicted int64 [8, C]; shift int64 [C], weighted
 # means of the predictions; flags int64 [2], whether a plane has coefficients; sums int64 [6], of _surroundings; values int64
-# [15, C]; f int64 [FEATURES]; halves int64 [15], expected, down int64 [7, C], of _slopes; around: Around; chosen: Chosen;
-# residual float64 [8, C], scaled float64 [7, C], spread float64 [15]: the encoder's
-Scratch = namedtuple("Scratch", "pattern signs tree q predicted shift flags sums values f halves expected down around chosen residual scaled "
-                                "spread")
+# [15, C]; f int64 [FEATURES]; halves int64 [15], expected, down int64 [7, C], of _slopes; alike, alike_signs int64 [7, C], of _look_around; products
+# int64 [C], of _follow; around: Around; chosen: Chosen; residual float64 [8, C], scaled float64 [7, C], spread float64 [15]: the encoder's
+Scratch = namedtuple("Scratch", "tree q predicted shift flags sums values f halves expected down alike alike_signs products "
+                                "around chosen residual scaled spread")
 
 
 def new_scratch(components: int) -> Scratch:
     """Scratch of a walk."""
-    whole = [(SPLITS, components), (SPLITS, components), (15,), (SPLITS, components), (8, components), (components,), (2,), (6,), (15, components), (FEATURES,), (15,),
-             (SPLITS, components), (SPLITS, components)]
+    whole = [(15,), (SPLITS, components), (8, components), (components,), (2,), (6,), (15, components), (FEATURES,), (15,),
+             *4 * [(SPLITS, components)], (components,)]
     real = [(8, components), (SPLITS, components), (15,)]
     return Scratch._make([*(np.zeros(shape, np.int64) for shape in whole), new_around(), new_chosen(),
                           *(np.zeros(shape) for shape in real)])
@@ -71,74 +73,7 @@ def _open_block(p, first, rules, blocks, s):
 
 
 @kernel(forceinline=True, allocates=False)
-def _patterns(p, first, c0, c1, blocks, s):
-    table, coefs = blocks.nodes.table, blocks.coefs
-    for c in range(c0, c1):
-        for j in range(3):
-            node = (1, 3, 4)[j]
-            w = n = d = np.int64(0)
-            q = table[p, 4]
-            if q >= first:
-                w = np.int64(coefs[q, j, c])
-            q = table[p, 10]
-            if q >= first:
-                n = np.int64(coefs[q, j, c])
-            q = table[p, 1]
-            if q >= first:
-                d += abs(np.int64(coefs[q, j, c]))
-            q = table[p, 7]
-            if first <= q < p:
-                d += abs(np.int64(coefs[q, j, c]))
-            q = table[p, 19]
-            if first <= q < p:
-                d += abs(np.int64(coefs[q, j, c]))
-            a = abs(np.int64(blocks.coefs_above[p, j, c]))
-            s.pattern[node, c] = min(abs(w), 2) * 27 + min(abs(n), 2) * 9 + min(d, 2) * 3 + min(a, 2)
-            s.signs[node, c] = 3 * (1 if w > 0 else (2 if w < 0 else 0)) + (1 if n > 0 else (2 if n < 0 else 0))
-
-
-@kernel(forceinline=True, allocates=False)
-def _keep(p, blocks, s):
-    for c in range(s.q.shape[1]):
-        for j in range(3):
-            blocks.coefs[p, j, c] = min(max(s.q[(1, 3, 4)[j], c], -100), 100)
-
-
-@kernel
-def _cross(p, rules, blocks, s):
-    """Chroma predictions follow the luma innovation."""
-    if rules.planar[1] == 0 or s.flags[0] == 0:
-        return
-    mean, child_mean, table, tree = blocks.means.parent, blocks.means.child, blocks.nodes.table, s.tree
-    _inverse(tree, s.q, 0, np.int64(0), rules.steps[0], s.values, rules.planar[0])
-    xx = rules.planar[2] * ((rules.steps[0] * rules.steps[0]) >> 4)
-    xy = s.halves
-    for c in range(1, 3):
-        xy[c] = (rules.planar[3 + c - 1] * xx) >> 4
-    for i in range(27):
-        q = table[p, i]
-        if q >= 0 and s.around.weight[i]:
-            d = np.int64(mean[q, 0]) - mean[p, 0]
-            xx += d * d
-            for c in range(1, 3):
-                xy[c] += d * (np.int64(mean[q, c]) - mean[p, c])
-    if rules.planar[5]:
-        for i in range(64):
-            q = s.around.cells[i]
-            if q >= 0:
-                d = np.int64(child_mean[q, 0]) - mean[p, 0]
-                xx += d * d
-                for c in range(1, 3):
-                    xy[c] += d * (np.int64(child_mean[q, c]) - mean[p, c])
-    for c in range(1, 3):
-        k = min(max((xy[c] * rules.planar[1] * 16) // max(xx, 1), -512), 512)
-        for octant in range(8):
-            if tree[7 + octant]:
-                s.predicted[octant, c] += (k * s.values[7 + octant, 0] + 128) >> 8
-
-
-@kernel(forceinline=True, allocates=False)
-def _scale_plane(child, c0, c1, steps, original, s, planar):
+def _scale_plane(child, c0, c1, rules, original, s):
     """Fills scaled for components c0..c1-1 of the block whose first child is `child`; returns the largest coefficient, in
     steps."""
     largest, tree, residual, scaled = 0.0, s.tree, s.residual, s.scaled
@@ -151,36 +86,37 @@ def _scale_plane(child, c0, c1, steps, original, s, planar):
                 n += 1
         for node in range(SPLITS):
             scaled[node, c] = 0.0
-        if power >= SURELY_ZERO * np.float64(steps[c]) ** 2:
-            _forward(tree, residual, c, s.spread, scaled, np.float64(steps[c]))
-            if planar[0] and _is_split(tree, 3) and _is_split(tree, 4):
-                a, b = scaled[3, c], scaled[4, c]
-                scaled[3, c] = (a + b) * 0.7071067811865476
-                scaled[4, c] = (b - a) * 0.7071067811865476
+        if power >= SURELY_ZERO * np.float64(rules.steps[c]) ** 2:
+            _forward(tree, residual, c, s.spread, scaled, np.float64(rules.steps[c]))
+            if rules.rotated and _is_square(tree):
+                _rotate(scaled, c)
             for node in range(SPLITS):
                 largest = max(largest, abs(scaled[node, c]))
     return largest
 
 
 @kernel(forceinline=True, allocates=False)
-def _clear_plane(c0, c1, s):
-    """No coefficients yet, and the weighted means of the predictions."""
-    for c in range(c0, c1):
+def _clear_plane(p, first, k, c1, rules, blocks, s):
+    """No coefficients yet in components k..c1-1 of plane k, and the weighted means of the predictions."""
+    if k and rules.cross and s.flags[0]:
+        _follow(p, first, rules, blocks, s)
+    for c in range(k, c1):
         s.shift[c] = _weighted_mean(s.tree, s.predicted, c)
         for node in range(SPLITS):
             s.q[node, c] = 0
 
 
 @kernel(forceinline=True, allocates=False)
-def _close_block(p, steps, blocks, s, planar):
+def _close_block(p, rules, blocks, s):
     """Writes the decoded means of the children of block p (spec 7.4.3)."""
     mean, child_mean, child, tree = blocks.means.parent, blocks.means.child, blocks.nodes.first_child[p], s.tree
     components = mean.shape[1]
-    _keep(p, blocks, s)
+    if rules.planar and rules.models:
+        _keep(p, blocks, s)
     for c in range(components):
         s.shift[c] = mean[p, c] - s.shift[c]
         if s.flags[min(c, 1)]:
-            _inverse(tree, s.q, c, s.shift[c], steps[c], s.values, planar[0])
+            _inverse(tree, s.q, c, s.shift[c], rules.steps[c], s.values, rules.rotated)
     for octant in range(8):
         if tree[7 + octant]:
             for c in range(components):

@@ -8,7 +8,7 @@ from ..entropy.contexts import UNARY, _dec_escape, _enc_escape, _escape_cost
 from ..entropy.mixing import _mixed_bit, _mixed_probability
 from ..entropy.range_coder import RANGE, _adapt, _dec_split, _enc_split, _probability
 from ..transform.raht import SPLITS, _is_split
-from .blocks import _clear_plane, _close_block, _cross, _open_block, _patterns, _plane_energy, _scale_plane
+from .blocks import _clear_plane, _close_block, _open_block, _plane_energy, _scale_plane
 from .mixed_contexts import (
     SIGN_MODELS,
     _features,
@@ -20,6 +20,7 @@ from .mixed_contexts import (
     _slopes,
     _zero_contexts,
 )
+from .planar import _look_around
 
 QUIET_SHIFT = 5  # a rare event: both estimates slow
 
@@ -30,26 +31,24 @@ def _enc_mixed_level(coder, model, rules, blocks, wanted, s, begin, end):
     rules, blocks, wanted, s: Rules, Blocks, Wanted and Scratch of blocks.py. Context numbers are bounded by construction
     (mixed_contexts.py)."""
     components, energy, models, chosen = blocks.means.parent.shape[1], blocks.energy, rules.models, s.chosen
-    planar = rules.planar
     for p in range(begin, end):
         splits = _open_block(p, begin, rules, blocks, s)
         if splits == 0:
             continue
         for k in range(min(components, 2)):
             c0, c1 = k, (1 if k == 0 else components)
-            if k == 1:
-                _cross(p, rules, blocks, s)
-            _clear_plane(c0, c1, s)
-            largest = _scale_plane(blocks.nodes.first_child[p], c0, c1, rules.steps, wanted.original, s, rules.planar)
+            _clear_plane(p, begin, k, c1, rules, blocks, s)
+            largest = _scale_plane(blocks.nodes.first_child[p], c0, c1, rules, wanted.original, s)
             flag, coded = s.flags[0] if k else 0, 0
             quiet = _quiet_context(s.sums, k, rules.level, splits, flag) if _is_quiet(s.sums, k) else -1
             if quiet < 0 or largest >= 0.5:
                 _features(p, begin, k, splits, flag, rules, blocks, s)
-                _patterns(p, begin, c0, c1, blocks, s)
             if largest >= 0.5:
+                if rules.planar:
+                    _look_around(p, begin, c0, c1, blocks, s)
                 for c in range(c0, c1):
-                    _slopes(s.tree, s.predicted, c, rules.inverse, s.halves, s.expected, s.down, rules.planar)
-                coded = _choose_mixed_plane(model, models, _flag_probability(model, models, quiet, s), c0, c1, wanted, s, planar)
+                    _slopes(s.tree, s.predicted, c, rules.inverse, s.halves, s.expected, s.down, rules.rotated)
+                coded = _choose_mixed_plane(model, models, _flag_probability(model, models, quiet, s), c0, c1, wanted, s)
             s.flags[k] = coded
             if quiet >= 0:
                 _quiet_flag(True, coder, model.contexts, quiet, coded)
@@ -57,42 +56,40 @@ def _enc_mixed_level(coder, model, rules, blocks, wanted, s, begin, end):
                 _flag_contexts(s.f, chosen.where, chosen.sets)
                 _mixed_bit(True, coder, model, models, chosen, coded)
             if coded:
-                _enc_mixed_plane(coder, model, models, c0, c1, s, planar)
+                _enc_mixed_plane(coder, model, models, c0, c1, s)
             energy[p, k] = _plane_energy(s.q, c0, c1, splits)
-        _close_block(p, rules.steps, blocks, s, rules.planar)
+        _close_block(p, rules, blocks, s)
 
 
 @kernel(allocates=False)
 def _dec_mixed_level(coder, model, rules, blocks, s, begin, end):
     """Mirror of _enc_mixed_level. The features of a quiet plane are of use only where it has coefficients."""
     components, energy, models, chosen = blocks.means.parent.shape[1], blocks.energy, rules.models, s.chosen
-    planar = rules.planar
     for p in range(begin, end):
         splits = _open_block(p, begin, rules, blocks, s)
         if splits == 0:
             continue
         for k in range(min(components, 2)):
             c0, c1 = k, (1 if k == 0 else components)
-            if k == 1:
-                _cross(p, rules, blocks, s)
-            _clear_plane(c0, c1, s)
+            _clear_plane(p, begin, k, c1, rules, blocks, s)
             flag, coded = s.flags[0] if k else 0, np.int64(0)
             quiet = _quiet_context(s.sums, k, rules.level, splits, flag) if _is_quiet(s.sums, k) else -1
             if quiet >= 0:
                 coded = _quiet_flag(False, coder, model.contexts, quiet, 0)
             if quiet < 0 or coded:
                 _features(p, begin, k, splits, flag, rules, blocks, s)
-                _patterns(p, begin, c0, c1, blocks, s)
                 if quiet < 0:
                     _flag_contexts(s.f, chosen.where, chosen.sets)
                     coded = _mixed_bit(False, coder, model, models, chosen, 0)
             s.flags[k] = coded
             if coded:
+                if rules.planar:
+                    _look_around(p, begin, c0, c1, blocks, s)
                 for c in range(c0, c1):
-                    _slopes(s.tree, s.predicted, c, rules.inverse, s.halves, s.expected, s.down, rules.planar)
-                _dec_mixed_plane(coder, model, models, c0, c1, s, planar)
+                    _slopes(s.tree, s.predicted, c, rules.inverse, s.halves, s.expected, s.down, rules.rotated)
+                _dec_mixed_plane(coder, model, models, c0, c1, s)
             energy[p, k] = _plane_energy(s.q, c0, c1, splits)
-        _close_block(p, rules.steps, blocks, s, rules.planar)
+        _close_block(p, rules, blocks, s)
 
 
 @kernel(inline="always")
@@ -119,11 +116,12 @@ def _flag_probability(model, models, quiet, s):
 
 
 @kernel(inline="always")
-def _mixed_magnitude(encoding, coder, model, models, c, node, large, luma, s, planar, magnitude):
+def _mixed_magnitude(encoding, coder, model, models, c, node, large, luma, s, magnitude):
     """Codes a magnitude >= 1, or decodes and returns it."""
     coded = np.int64(1)
     while coded <= UNARY + 1:
-        _more_contexts(s.f, c, node, coded - 1, large, luma, s.expected[node, c], s.chosen.where, s.chosen.sets, s.pattern[node, c], planar)
+        _more_contexts(s.f, c, node, coded - 1, large, luma, s.expected[node, c], s.alike[node, c], s.chosen.where,
+                       s.chosen.sets)
         if not _mixed_bit(encoding, coder, model, models, s.chosen, 1 if magnitude > coded else 0):
             break
         coded += 1
@@ -137,7 +135,7 @@ def _mixed_magnitude(encoding, coder, model, models, c, node, large, luma, s, pl
 
 
 @kernel(inline="always")
-def _mixed_plane(encoding, coder, model, models, c0, c1, s, planar):
+def _mixed_plane(encoding, coder, model, models, c0, c1, s):
     """Codes the coefficients s.q of components c0..c1-1 of a plane that has any, or decodes them into s.q."""
     q, chosen = s.q, s.chosen
     left = 0
@@ -154,15 +152,15 @@ def _mixed_plane(encoding, coder, model, models, c0, c1, s, planar):
             luma, size = abs(q[node, 0]) if c > 0 else 0, s.expected[node, c]
             nonzero = np.int64(1 if q[node, c] != 0 else 0)
             if left > 0 or some:
-                _zero_contexts(s.f, c, node, ones, luma, left, size, chosen.where, chosen.sets, s.pattern[node, c], planar)
+                _zero_contexts(s.f, c, node, ones, luma, left, size, s.alike[node, c], chosen.where, chosen.sets)
                 nonzero = _mixed_bit(encoding, coder, model, models, chosen, nonzero)
             elif not encoding:
                 nonzero = np.int64(1)
             if not nonzero:
                 continue
-            _sign_contexts(s.f, c, node, q, size, s.down[node, c], chosen.where, chosen.sets, s.signs[node, c], planar)
+            _sign_contexts(s.f, c, node, q, size, s.down[node, c], s.alike_signs[node, c], chosen.where, chosen.sets)
             negative = _mixed_bit(encoding, coder, model, min(models, SIGN_MODELS), chosen, np.int64(1 if q[node, c] < 0 else 0))
-            magnitude = _mixed_magnitude(encoding, coder, model, models, c, node, large, luma, s, planar, abs(q[node, c]))
+            magnitude = _mixed_magnitude(encoding, coder, model, models, c, node, large, luma, s, abs(q[node, c]))
             q[node, c] = -magnitude if negative else magnitude
             some = True
             ones += 1
@@ -170,17 +168,17 @@ def _mixed_plane(encoding, coder, model, models, c0, c1, s, planar):
 
 
 @kernel(allocates=False)
-def _enc_mixed_plane(coder, model, models, c0, c1, s, planar):
-    _mixed_plane(True, coder, model, models, c0, c1, s, planar)
+def _enc_mixed_plane(coder, model, models, c0, c1, s):
+    _mixed_plane(True, coder, model, models, c0, c1, s)
 
 
 @kernel(allocates=False)
-def _dec_mixed_plane(coder, model, models, c0, c1, s, planar):
-    _mixed_plane(False, coder, model, models, c0, c1, s, planar)
+def _dec_mixed_plane(coder, model, models, c0, c1, s):
+    _mixed_plane(False, coder, model, models, c0, c1, s)
 
 
 @kernel(forceinline=True, allocates=False)
-def _choose_mixed_plane(model, models, p, c0, c1, wanted, s, planar):
+def _choose_mixed_plane(model, models, p, c0, c1, wanted, s):
     """Rate-distortion optimised quantisation of one plane into s.q, as direct._choose_plane; a sign is taken as one bit. p:
     16-bit probability of the flag."""
     scaled, tree, q, f, expected, chosen = s.scaled, s.tree, s.q, s.f, s.expected, s.chosen
@@ -198,7 +196,7 @@ def _choose_mixed_plane(model, models, p, c0, c1, wanted, s, planar):
                 continue
             left -= 1
             x, luma, size = abs(scaled[node, c]), abs(q[node, 0]) if c > 0 else 0, expected[node, c]
-            _zero_contexts(f, c, node, ones, luma, left, size, chosen.where, chosen.sets, s.pattern[node, c], planar)
+            _zero_contexts(f, c, node, ones, luma, left, size, s.alike[node, c], chosen.where, chosen.sets)
             p = _mixed_probability(model, models, chosen)
             best = x * x * lagrangian
             cost_zero += best
@@ -208,7 +206,7 @@ def _choose_mixed_plane(model, models, p, c0, c1, wanted, s, planar):
             magnitude = np.int64(1)
             while magnitude <= rounded:
                 if magnitude - 1 <= UNARY:
-                    _more_contexts(f, c, node, magnitude - 1, large, luma, size, chosen.where, chosen.sets, s.pattern[node, c], planar)
+                    _more_contexts(f, c, node, magnitude - 1, large, luma, size, s.alike[node, c], chosen.where, chosen.sets)
                     p = _mixed_probability(model, models, chosen)
                 else:  # far out, the nearest is taken
                     magnitude = rounded

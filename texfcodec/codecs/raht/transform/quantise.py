@@ -21,6 +21,7 @@ def step_of(qp: int) -> int:
 @kernel
 def _gain(w1, w2, half=0):
     """Difference per unit of coefficient, sqrt((w1 + w2) / (w1 w2)), with 17 fractional bits, rounded down; below 2**17.6.
+    half: 1 for that times sqrt(1/2).
 
     w1 + w2 < 2**27, so the shifted sum is < 2**61.
     """
@@ -29,7 +30,7 @@ def _gain(w1, w2, half=0):
 
 @kernel
 def _dequantise(q, step, w1, w2, half=0):
-    """Difference (second minus first mean, 12 fractional bits) that coefficient q stands for (spec 7.4.2).
+    """Difference (second minus first mean, 12 fractional bits) that coefficient q stands for (spec 7.4.2); half: of _gain.
 
     The orthonormal coefficient is difference * sqrt(w1 w2 / (w1 + w2)). |q| < 2**22, step < 2**22, gain < 2**17.6, so the
     product is < 2**62. The result is limited to 22 bits so that no stream

@@ -85,7 +85,7 @@ def attribute_variables(stream: Stream, values: dict) -> dict:
     return {
         "resolution": stream.fields[values["field_index"]]["resolution"],
         "NumComponents": groups[values["group_index"]]["group_components"],
-        "NumOutputs": sum(g["group_components"] for g in groups), "num_fields": len(stream.fields),
+        "NumOutputs": sum(g["group_components"] for g in groups), "num_fields": len(stream.fields), "Planar": 0,
     }
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import zlib
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -32,6 +32,7 @@ class VoxelSupport:
     resolution: int
     keys: np.ndarray
     level_shift: int = 0
+    planar: ClassVar[bool] = False
 
     def __repr__(self) -> str:
         return f"<VoxelSupport: {len(self.keys)} voxels of {self.size} a side>"

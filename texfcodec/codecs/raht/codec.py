@@ -38,7 +38,7 @@ FIRST_ROOM = 64  # bytes of a level buffer beside one per coefficient; no level 
 class Tools:
     """What the attribute coder may use. kernel, colour_range: prediction (clause 7.3); models: 0 for direct contexts, else how
     many are mixed (7.5.5), at most 8; filters: stages of the filter (7.7), at most 3; trade_off: squared steps that are worth a
-    bit. planar: whether z = 0 for all voxels; planar_transform, component_cross: 0..1, 0..32, 0 where it is not (7.11)."""
+    bit. planar: whether z = 0 for all voxels; planar_transform, component_cross: 0..1, 0..16, 0 where it is not (7.11)."""
 
     kernel: tuple = DEFAULT_KERNEL
     colour_range: int = 0

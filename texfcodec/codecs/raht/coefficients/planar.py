@@ -9,7 +9,7 @@ import numpy as np
 from ....ground.kernel import kernel
 from ..transform.octree import CELLS, NEIGHBOURS
 from ..transform.quantise import MAX_MEAN
-from ..transform.raht import PLANAR_NODES, _inverse, _is_split
+from ..transform.raht import PLANAR_NODES, _inverse
 
 LEAST_SPREAD = 2  # a spread of so many quarter steps squared, log2, draws the factor to 0
 CROSS_FRACTION = 8

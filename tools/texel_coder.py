@@ -1,6 +1,7 @@
 """The attribute coder on the texels that a surface uses, against AVIF on the whole image.
 
-python tools/texel_coder.py ASSET.glb... [--effort balanced|best] [--qp 22,28,34,40] [--crop N] [--tools | --lossless] [--out FILE]
+python tools/texel_coder.py ASSET.glb... [--effort balanced|best] [--qp 22,28,34,40] [--crop N] [--tools | --lossless]
+    [--out FILE]
 
 Of each asset the largest base-colour image is taken. Its used texels are those that bilinear interpolation can ask at any point
 of a face; they are coded as voxels (x, y, 0). AVIF codes the whole image (Pillow, speed 6, 4:2:0). PSNR is that over the used

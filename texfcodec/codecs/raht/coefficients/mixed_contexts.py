@@ -17,7 +17,8 @@ ROOT_HALF = 181  # sqrt(1/2) in 1/256
 FACES = np.array((4, 10, 12, 14, 16, 22))
 EARLIER = 3  # the first three faces come before the block
 # Entries of the array of features
-(LEVEL, SPLITS, NEAR, FAR, STRENGTH, NEAR2, FAR2, OWN, AROUND, EARLIER_FACES, ROUGH, ACTIVE, PEAK, PLANES, LUMA2, PLANAR) = range(16)
+(LEVEL, SPLITS, NEAR, FAR, STRENGTH, NEAR2, FAR2, OWN, AROUND, EARLIER_FACES, ROUGH, ACTIVE, PEAK, PLANES, LUMA2,
+ PLANAR) = range(16)
 FEATURES = 16
 _I = UNARY + 1  # bits of a magnitude that are coded with contexts
 FLAG_SIZES = (4 * LEVELS * 3 * CLASSES * CLASSES, 4 * LEVELS * FINE * CLASSES, 4 * FINE * FINE * 8, 4 * LEVELS * 64 * 3,
@@ -29,7 +30,8 @@ MORE_SIZES = (3 * _I * CLASSES * 3, 3 * _I * FINE * LEVELS, 3 * 4 * FINE * FINE,
 SIGN_SIZES = (3 * 2 * FINE * LEVELS, 3 * 3 * 3, 3 * 7 * 3 * 2, 3 * 3 * 3 * 2 * FINE)
 SIGN_MODELS = len(SIGN_SIZES)
 QUIET_SIZE = 4 * LEVELS * 8 * 2
-ALIKE_SIZES = (3 * 7 * ALIKE * 3, 3 * _I * 3 * ALIKE, 3 * 7 * ALIKE_SIGNS * 3)  # of the models that are others in planar supports
+# Of the models that are others in planar supports (7.11.3)
+ALIKE_SIZES = (3 * 7 * ALIKE * 3, 3 * _I * 3 * ALIKE, 3 * 7 * ALIKE_SIGNS * 3)
 _BASES = np.cumsum([0, *FLAG_SIZES, *ZERO_SIZES, *MORE_SIZES, *SIGN_SIZES, QUIET_SIZE, *ALIKE_SIZES])
 FLAG, ZERO, MORE, SIGN, QUIET = _BASES[:8], _BASES[8:16], _BASES[16:24], _BASES[24:28], int(_BASES[28])
 ALIKE_ZERO, ALIKE_MORE, ALIKE_SIGN = (int(base) for base in _BASES[29:32])

@@ -75,7 +75,7 @@ def test_planar_fields_decode_as_by_the_naive_decoder(components, rotated, cross
     tools = Tools(colour_range=4, models=models, filters=1, planar=1, planar_transform=rotated, component_cross=cross)
     with sliced():
         coded, means = coded_image(keys, depth, texture(keys, components), tools)
-    assert len(coded.slice_first) > 2 and coded.planar_transform == rotated and coded.component_cross == cross
+    assert coded.filters and len(coded.slice_first) > 2 and coded.planar_transform == rotated and coded.component_cross == cross
     theirs = decode_values(naive_unit(coded, depth), keys.tolist())
     assert decoded_image(keys, depth, coded, threads=2).tobytes() == theirs
     assert (inverse_colour if components == 3 else inverse_plain)(means).tobytes() == theirs

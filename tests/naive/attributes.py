@@ -145,7 +145,7 @@ def filtered_means(unit, level):
     """Clause 7.7: the means of the voxels, in their order, after all stages."""
     means = dict(zip(level.coordinates, level.mean, strict=True))
     for stage in unit["filters"]:
-        means = filter_stage(means, stage["mask"], stage["coefficients"], step(unit["qp"][0]))
+        means = filter_stage(means, stage["mask"], stage["coefficients"], [step(qp) for qp in unit["qp"]], unit["planar"])
     return list(means.values())
 
 

@@ -22,7 +22,7 @@ from .coefficients.residual import ResidualPlan, code_residuals, fit_cross, new_
 from .entropy.contexts import CONTEXTS, LEVELS
 from .entropy.mixing import copy_model, new_model
 from .entropy.range_coder import CACHE, FULL, PENDING, POS, START_BYTES, Coder, finish, new_decoder, new_encoder
-from .transform.filter import apply_stage, fit_stage
+from .transform.filter import PLANAR_TAPS, RINGS, apply_stage, fit_stage
 from .transform.octree import NEIGHBOURS, Nodes, _neighbours, build_octree, root_table
 from .transform.prediction import DEFAULT_KERNEL, Means, inverse_range
 from .transform.quantise import step_of
@@ -239,11 +239,12 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
             walk.descend(d, blocks, ranges)
         filters = []
         for _ in range(tools.filters if depth else 0):
-            stage = fit_stage(levels[-2], walk.table, walk.mean, originals[-1], steps, lagrangian, walk.run)
+            stage = fit_stage(levels[-2], walk.table, walk.mean, originals[-1], steps, lagrangian, walk.run,
+                              PLANAR_TAPS if tools.planar else RINGS)
             if stage is None:
                 break
             filters.append(stage)
-            walk.mean = apply_stage(stage, levels[-2], walk.table, walk.mean, int(steps[0]), walk.run)
+            walk.mean = apply_stage(stage, levels[-2], walk.table, walk.mean, steps, walk.run)
         made, residual, cross = walk.mean if plan is None else plan.inverse(walk.mean), 0, []
         if plan is not None and depth:
             parents, residual = _ranges(levels, depth - 1, slice_level, slice_first), plan.delta + 1
@@ -289,7 +290,7 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
                       for (coder, model), (begin, end) in zip(active, ranges, strict=True)])
             walk.descend(d, blocks, ranges)
         for stage in coded.filters if 0 < stop_level == depth else ():
-            walk.mean = apply_stage(stage, levels[-2], walk.table, walk.mean, int(steps[0]), walk.run)
+            walk.mean = apply_stage(stage, levels[-2], walk.table, walk.mean, steps, walk.run)
         made = walk.mean if inverse is None else inverse(walk.mean)
         if inverse is not None and coded.residual and 0 < stop_level == depth:
             parents = _ranges(levels, depth - 1, coded.slice_level, coded.slice_first)

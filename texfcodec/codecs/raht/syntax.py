@@ -19,7 +19,8 @@ CODEWORD = Structure("codeword_header", "5.7.2", (
 
 FILTER = Structure("filter_stage", "5.7.3", (
     E("filter_mask", "u16", 0, (1 << 15) - 1),
-    Derived("NumTaps", "3 * (number of set bits of filter_mask)", lambda v: 3 * v["filter_mask"].bit_count()),
+    Derived("NumTaps", "(Planar > 0 ? 5 : 3) * (number of set bits of filter_mask)",
+            lambda v: (5 if v["Planar"] else 3) * v["filter_mask"].bit_count()),
     E("filter_coefficients", "i8", count="NumTaps"),
 ))
 

@@ -52,8 +52,8 @@ class Tools:
 
 @dataclass
 class CodedAttributes:
-    """Everything the attribute unit carries. colour_range, models, filters, planar and what follows: see Tools and FilterStage; residual: 0 or the largest
-    error plus 1; residual_cross: [C] where there are residuals; root: [C] means;
+    """Everything the attribute unit carries. colour_range, models, filters, planar, planar_transform, component_cross: see Tools
+    and FilterStage; residual: 0 or the largest error plus 1; residual_cross: [C] where there are residuals; root: [C] means;
     slice_first: first node of each slice at slice_level; codewords: trunk first (only where slice_level > 0), then one per slice;
     level_bytes: per codeword, the bytes a decoder has read when it has finished each of its levels, as increments."""
 

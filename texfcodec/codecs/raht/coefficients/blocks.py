@@ -23,16 +23,17 @@ SURELY_ZERO = 0.24
 # component_cross
 Rules = namedtuple("Rules", "level models steps inverse kernel colour_inverse planar rotated cross")
 # The blocks of a level, one per parent. nodes: Nodes; means: Means; above, energy: uint8 [n, 2], energies of the block that each
-# parent came from, and of the blocks themselves, as far as the walk has come; kept_above, kept: of new_kept, likewise. All indices
-# come from the octree, none from the stream.
+# parent came from, and of the blocks themselves, as far as the walk has come; kept_above, kept: of new_kept, likewise. All
+# indices come from the octree, none from the stream.
 Blocks = namedtuple("Blocks", "nodes means above energy kept_above kept")
 # The encoder's side. original: int32 [children, C], the means to be coded; lagrangian: 256 / lambda; bits_of: int64 [4097],
 # -256 log2(i / 4096)
 Wanted = namedtuple("Wanted", "original lagrangian bits_of")
 # A block in the making. tree: of _tree_weights; q int64 [7, C], coefficients; predicted int64 [8, C]; shift int64 [C], weighted
 # means of the predictions; flags int64 [2], whether a plane has coefficients; sums int64 [6], of _surroundings; values int64
-# [15, C]; f int64 [FEATURES]; halves int64 [15], expected, down int64 [7, C], of _slopes; alike, alike_signs int64 [7, C], of _look_around; products
-# int64 [C], of _follow; around: Around; chosen: Chosen; residual float64 [8, C], scaled float64 [7, C], spread float64 [15]: the encoder's
+# [15, C]; f int64 [FEATURES]; halves int64 [15], expected, down int64 [7, C], of _slopes; alike, alike_signs int64 [7, C], of
+# _look_around; products int64 [C], of _follow; around: Around; chosen: Chosen; residual float64 [8, C], scaled float64 [7, C],
+# spread float64 [15]: the encoder's
 Scratch = namedtuple("Scratch", "tree q predicted shift flags sums values f halves expected down alike alike_signs products "
                                 "around chosen residual scaled spread")
 

@@ -172,7 +172,8 @@ def _chunks(parents):
 
 def apply_stage(stage: FilterStage, level: Level, table: np.ndarray, mean: np.ndarray, steps: np.ndarray,
                 run: Callable) -> np.ndarray:
-    """One stage over all voxels: int32 [N, C]. level, table: of their parents; steps: int64 [C]; run: function that runs a list of jobs."""
+    """One stage over all voxels: int32 [N, C]. level, table: of their parents; steps: int64 [C]; run: function that runs a
+    list of jobs."""
     filtered = np.empty_like(mean)
     factors = (1 << 32) // int(steps[0]), steps >> LIMIT_SHIFT, stage.coefficients
     run([partial(_filter, b, e, table, level.first_child, level.occupancy, mean, *factors, filtered)

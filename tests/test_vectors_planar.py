@@ -15,6 +15,7 @@ from texfcodec.errors import StreamError
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tools"))
 import vectors_planar
+from vectors_good import parsed, raht, values_of, written
 
 VOXELS = stream_room.attribute_variables
 
@@ -36,11 +37,10 @@ def sheet():
 def planar(sheet):
     """The sheet as a planar stream."""
     with patch.object(stream_room, "attribute_variables", VOXELS):
-        stream, fields = vectors_planar.parsed(sheet), decode(sheet).fields
-        from vectors_good import raht, values_of
+        stream, fields = parsed(sheet), decode(sheet).fields
         (unit,) = stream.attributes
         unit.update(raht(values_of(unit, fields[0].keys), fields[0].keys, 24, unit["qp"], **vectors_planar.ALL))
-    return vectors_planar.written(stream)
+    return written(stream)
 
 
 def test_good_vectors_decode_and_differ(planar):

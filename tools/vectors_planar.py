@@ -1,9 +1,9 @@
-"""The conformance vectors of planar supports (clause 7.11), good and faulty, all made from a stream whose only field is planar."""
+"""The conformance vectors of planar supports (clause 7.11), good and faulty, made from a stream whose only field is planar."""
 
 import numpy as np
 from vectors_faulty import as_faulty, with_values
 from vectors_filter import SLICES, every, filtered, out_of_range
-from vectors_good import Vector, parsed, recoded, with_codeword, written
+from vectors_good import Vector, parsed, recoded, with_codeword
 
 from texfcodec.codecs.raht.transform.filter import PLANAR_TAPS, stage_of
 
@@ -23,11 +23,14 @@ def good(data):
     stages = {3: [drawn_stage(80 + n) for n in range(2)]}
     lines = [
         ("planar_plain", "a planar support, all of its tools off", ("7.11",), recoded(data, models=8, planar=1)),
-        ("planar_direct", "rotated splits and components that follow, direct contexts", ("7.11.1", "7.11.2"), recoded(data, **ALL)),
-        ("planar_mixed", "the same, mixed contexts", ("7.11.1", "7.11.2", "7.11.3"), recoded(data, models=8, colour_range=4, **ALL)),
+        ("planar_direct", "rotated splits and components that follow, direct contexts", ("7.11.1", "7.11.2"),
+         recoded(data, **ALL)),
+        ("planar_mixed", "the same, mixed contexts", ("7.11.1", "7.11.2", "7.11.3"),
+         recoded(data, models=8, colour_range=4, **ALL)),
         ("planar_cross_1", "component_cross 1, no transform", ("7.11.2", "7.8.1"),
          recoded(data, models=6, plain=True, planar=1, component_cross=1)),
-        ("planar_slices", "slices with the level index", ("7.2", "7.11"), recoded(data, models=8, slices=SLICES, index=True, **ALL)),
+        ("planar_slices", "slices with the level index", ("7.2", "7.11"),
+         recoded(data, models=8, slices=SLICES, index=True, **ALL)),
         ("planar_filter", "two filter stages of five taps, with slices", ("5.7.3", "7.11.4"),
          filtered(data, stages, slices=SLICES, models=6, **ALL)),
         ("planar_lossless", "lossless", ("7.9", "7.11"), recoded(data, models=6, max_error=0, **ALL)),
@@ -51,8 +54,11 @@ def faulty(data):
          out_of_range(mixed, "planar_transform", b"\2", planar_transform=2), "TXF-S04"),
         ("component_cross_17", "component_cross 17", "5.7.1",
          out_of_range(mixed, "component_cross", b"\21", component_cross=17), "TXF-S04"),
-        ("planar_transform_off", "planar_transform is 0 for what was coded with 1", "7.11.1", with_values(mixed, turned), "TXF-S32"),
-        ("component_cross_15", "component_cross is 15 for what was coded with 16", "7.11.2", with_values(mixed, weaker), "TXF-S32"),
-        ("planar_filter_tap", "another fifth filter coefficient of the roughest class", "7.11.4", with_values(last, tap), "TXF-S32"),
+        ("planar_transform_off", "planar_transform is 0 for what was coded with 1", "7.11.1",
+         with_values(mixed, turned), "TXF-S32"),
+        ("component_cross_15", "component_cross is 15 for what was coded with 16", "7.11.2",
+         with_values(mixed, weaker), "TXF-S32"),
+        ("planar_filter_tap", "another fifth filter coefficient of the roughest class", "7.11.4",
+         with_values(last, tap), "TXF-S32"),
     ]
     return as_faulty(lines)

@@ -13,7 +13,7 @@ from texfcodec.codecs.raht.codec import CodedAttributes, Tools, dec_attributes, 
 from texfcodec.codecs.raht.coefficients.residual import ResidualPlan
 from texfcodec.codecs.raht.syntax import RAHT
 from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
-from texfcodec.codecs.raht.transform.filter import taps_of
+from texfcodec.codecs.raht.transform.filter import CLASSES, PLANAR_TAPS, stage_of, taps_of
 from texfcodec.codecs.raht.transform.quantise import MAX_MEAN, _dequantise, step_of
 from texfcodec.codecs.raht.values import coded_of, raht_values
 from texfcodec.errors import StreamError
@@ -70,10 +70,11 @@ def naive_unit(coded: CodedAttributes, depth):
 @pytest.mark.parametrize("models", [0, 1, 2, 8])
 @pytest.mark.parametrize("components, rotated, cross", [(3, 1, 16), (3, 0, 5), (3, 1, 0), (1, 1, 0)])
 def test_planar_fields_decode_as_by_the_naive_decoder(components, rotated, cross, models):
-    """With slices, a filter and a colour range; coarser levels too."""
-    keys, depth = island_keys(5), 5
+    """With slices, a filter of any taps and a colour range; coarser levels too."""
+    keys, depth, mask = island_keys(5), 5, (1 << CLASSES * components) - 1
+    stage = stage_of(mask, np.random.default_rng(7).integers(-128, 128, PLANAR_TAPS * mask.bit_count()), components)
     tools = Tools(colour_range=4, models=models, filters=1, planar=1, planar_transform=rotated, component_cross=cross)
-    with sliced():
+    with sliced(), patch.object(codec, "fit_stage", lambda *_: stage):
         coded, means = coded_image(keys, depth, texture(keys, components), tools)
     assert coded.filters and len(coded.slice_first) > 2 and coded.planar_transform == rotated and coded.component_cross == cross
     theirs = decode_values(naive_unit(coded, depth), keys.tolist())

@@ -163,20 +163,22 @@ def with_table(keys, depth):
     return levels[-2], table
 
 
-def random_stage(rng, components):
+def random_stage(rng, components, of_each=filter_room.RINGS):
     """(filter_mask, filter_coefficients) of clause 5.7.3, often at the ends of their ranges."""
     full = (1 << filter_room.CLASSES * components) - 1
     mask = int(rng.choice([0, 1, full, full, int(rng.integers(full))]))
-    return mask, rng.choice([-128, 127, *rng.integers(-99, 99, 4)], filter_room.RINGS * mask.bit_count()).tolist()
+    return mask, rng.choice([-128, 127, *rng.integers(-99, 99, 4)], of_each * mask.bit_count()).tolist()
 
 
 @pytest.mark.parametrize("depth, count, base", [(1, 3, 0), (2, 60, 0), (4, 300, 0), (13, 90, 8187)])
 @pytest.mark.parametrize("components", [1, 3])
-def test_filter_stages_are_the_oracles_on_random_and_extreme_means(depth, count, base, components, monkeypatch):
+@pytest.mark.parametrize("planar", [False, True])
+def test_filter_stages_are_the_oracles_on_random_and_extreme_means(depth, count, base, components, planar, monkeypatch):
     """Three stages on top of each other, in pieces of a few parents, up to the last corner of the largest grid."""
     monkeypatch.setattr(filter_room, "CHUNK", 5)
     rng, changed = np.random.default_rng(depth), 0
-    keys = np.unique(encode_morton(rng.integers(base, 1 << depth, (count, 3))))
+    of_each, xyz = filter_room.PLANAR_TAPS if planar else filter_room.RINGS, rng.integers(base, 1 << depth, (count, 3))
+    keys = np.unique(encode_morton(xyz * [1, 1, not planar]))
     (level, table), voxels = with_table(keys, depth), [tuple(v) for v in decode_morton(keys).tolist()]
     for qp, extreme in ((0, 0.0), (28, 0.0), (28, 0.1), (63, 0.0), (63, 1.0), (0, 1.0)):
         step, shape = step_of(qp), (len(keys), components)
@@ -185,10 +187,10 @@ def test_filter_stages_are_the_oracles_on_random_and_extreme_means(depth, count,
         mean = mean.clip(-MAX_MEAN, MAX_MEAN).astype(np.int32)
         plain = dict(zip(voxels, mean.tolist(), strict=True))
         for _ in range(3):
-            (mask, taps), before = random_stage(rng, components), mean
-            plain = oracles.filter_stage(plain, mask, taps, step)
+            (mask, taps), before = random_stage(rng, components, of_each), mean
+            plain = oracles.filter_stage(plain, mask, taps, [step] * components, planar)
             stage, run = filter_room.stage_of(mask, taps, components), lambda jobs: [job() for job in jobs]
-            mean = filter_room.apply_stage(stage, level, table, mean, step, run)
+            mean = filter_room.apply_stage(stage, level, table, mean, np.full(components, step), run)
             assert mean.tolist() == [plain[v] for v in voxels]
             changed += (mean != before).any()
     assert changed >= 6

@@ -36,7 +36,7 @@ from texfcodec.limits import Limits
 FIXED = {"u8": (0, 255), "u16": (0, 65535), "u32": (0, 2**32 - 1), "i8": (-128, 127), "i32": (-(2**31), 2**31 - 1),
          "v": (0, V_MAX)}
 GIVEN = {"num_materials": 3, "supports": [0, 1], "num_channel_groups": 2, "resolution": 40, "NumComponents": 3,
-         "level_index": 1, "NumLevels": 4, "NumOutputs": 3, "num_fields": 2}
+         "level_index": 1, "NumLevels": 4, "NumOutputs": 3, "num_fields": 2, "Planar": 1}
 COUNTS = {"num_materials", "num_channel_groups", "num_slices", "name_length", "slice_level", "num_hidden",
           "num_levels", "hidden_width", "num_features", "wave_octaves"}  # kept small: they make arrays
 CHARACTERS = st.characters(exclude_categories=["Cs"])
@@ -239,7 +239,8 @@ GROUPS = [{"group_semantic": 0, "group_transfer": 1, "group_components": 3},
 def attribute(field, group, components, codewords=((5, (4, 1, 0)),)):
     """Values of an attribute unit on a field of resolution 8 without slices."""
     return {"field_index": field, "group_index": group, "codec_id": 0, "values_crc": 7, "colour_transform": 0,
-            "qp": [20] * components, "kernel": [9, 0, 1, 2, 3, 4, 5], "colour_range": 5, "num_models": 6, "num_filters": 1,
+            "qp": [20] * components, "kernel": [9, 0, 1, 2, 3, 4, 5], "colour_range": 5, "num_models": 6,
+            "planar_transform": None, "component_cross": None, "num_filters": 1,
             "filters": [{"filter_mask": 0b10010, "filter_coefficients": [-128, 127, 0, 1, -1, 3]}],
             "residual": 128, "residual_cross": [16] * components, "root_mean": [-5] * components, "slice_level": 0,
             "num_slices": None, "slice_step": [], "level_index": 1,
@@ -453,7 +454,7 @@ def test_raht_parameters_with_slices_come_back_with_each_codewords_own_levels(da
               "slice_step": data.draw(st.lists(st.integers(1, V_MAX), min_size=slices - 1, max_size=slices - 1)),
               "codewords": [{"codeword_length": n, "level_bytes": [7] * (level if i == 0 else depth - level)}
                             for i, n in enumerate(lengths)], "codeword_data": bytes(sum(lengths))}
-    known = {"resolution": 64, "NumComponents": 3}
+    known = {"resolution": 64, "NumComponents": 3, "Planar": 0}
     coded = write_structure(RAHT, {**values, **known})
     reader = Reader(coded, 0, len(coded))
     got = read_structure(RAHT, reader, dict(known))

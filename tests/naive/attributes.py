@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from naive.bits import require
 from naive.filter import filter_stage
 from naive.mixing import MixedBits, MixedTable, adapted
+from naive.planar import followed
 from naive.residual import with_residuals
 from naive.scales import falloff, step, surrounding_classes
 from naive.voxels import clip
@@ -32,6 +33,7 @@ class Level:
         self.weight = [1] * len(values)
         self.mean = [None] * len(values)
         self.energy = [(0, 0)] * len(values)
+        self.q = [None] * len(values)  # of blocks: by component, by split
 
     def neighbour(self, node, dx, dy, dz):
         x, y, z = self.coordinates[node]
@@ -143,7 +145,7 @@ def filtered_means(unit, level):
     """Clause 7.7: the means of the voxels, in their order, after all stages."""
     means = dict(zip(level.coordinates, level.mean, strict=True))
     for stage in unit["filters"]:
-        means = filter_stage(means, stage["mask"], stage["coefficients"], step(unit["qp"][0]))
+        means = filter_stage(means, stage["mask"], stage["coefficients"], [step(qp) for qp in unit["qp"]], unit["planar"])
     return list(means.values())
 
 
@@ -217,10 +219,13 @@ class LevelDecoder:
         block = Block(node, children, predicted, child_weight, self.components)
         planes = [[0]] if self.components == 1 else [[0], list(range(1, self.components))]
         for k, plane in enumerate(planes):
+            if k == 1 and self.unit["component_cross"] > 0 and block.flag[0] == 1:
+                followed(self, block)
             self.parse_plane(block, k, plane)
             total = sum(abs(block.q[c][n]) for c in plane for n in block.splits)
             block.energy[k] = min(255, 16 * total // (len(block.splits) * len(plane)))
         self.level.energy[node] = tuple(block.energy)
+        self.level.q[node] = block.q
         means = [self.reconstruct(block, c) for c in range(self.components)]
         for octant, child in children.items():
             self.lower.mean[child] = [of_octant[octant] for of_octant in means]
@@ -252,20 +257,34 @@ class LevelDecoder:
     # Clause 7.4
 
     def reconstruct(self, block, c):
-        weights, q = block.weights, block.q[c]
-        v = [None] * 15
-        v[0] = self.level.mean[block.node][c] - block.shift(c)
+        v = self.spread_mean(block, c, self.level.mean[block.node][c] - block.shift(c))
+        return {octant: clip(-LARGEST, LARGEST, v[7 + octant] + block.predicted[octant][c]) for octant in block.children}
+
+    def spread_mean(self, block, c, mean):
+        """V of clause 7.4.3, of which V(0) is given."""
+        weights, v = block.weights, [None] * 15
+        v[0] = mean
         for n in range(7):
             w1, w2 = weights[2 * n + 1], weights[2 * n + 2]
             if n in block.splits:
-                d = dequantise(q[n], self.unit["qp"][c], w1, w2)
+                d = dequantise(*self.rotated(block, c, n), self.unit["qp"][c], w1, w2)
                 v[2 * n + 1] = v[n] - (2 * w2 * d + w1 + w2) // (2 * (w1 + w2))
                 v[2 * n + 2] = v[2 * n + 1] + d
             elif w1 > 0:
                 v[2 * n + 1] = v[n]
             elif w2 > 0:
                 v[2 * n + 2] = v[n]
-        return {octant: clip(-LARGEST, LARGEST, v[7 + octant] + block.predicted[octant][c]) for octant in block.children}
+        return v
+
+    def rotated(self, block, c, n):
+        """(q, half) of a split: clause 7.11.1."""
+        q = block.q[c]
+        if n < 3 or not self.is_rotated(block):
+            return q[n], 0
+        return (q[3] - q[4] if n == 3 else q[3] + q[4]), 1
+
+    def is_rotated(self, block):
+        return self.unit["planar_transform"] == 1 and 3 in block.splits and 4 in block.splits
 
     # Clause 7.5
 
@@ -354,8 +373,8 @@ def tree_weights(weight_of_octant):
     return weights
 
 
-def dequantise(q, qp, w1, w2):
-    """Clause 7.4.2."""
-    gain = isqrt(((w1 + w2) << 34) // (w1 * w2))
+def dequantise(q, half, qp, w1, w2):
+    """Clauses 7.4.2 and 7.11.1; half: 1 for a coefficient that was rotated."""
+    gain = isqrt(((w1 + w2) << (34 - half)) // (w1 * w2))
     difference = min(LARGEST - 1, (min(abs(q), LARGEST - 1) * step(qp) * gain + 2**16) >> 17)
     return -difference if q < 0 else difference

@@ -1,5 +1,6 @@
 """Clauses 7.5.5 and 7.6.4 in plain Python: bits whose probability several models give together, and the flags of quiet planes."""
 
+from naive.planar import alike
 from naive.scales import energy_class, fine, half, sixteenths, surrounding_classes
 from naive.voxels import clip
 
@@ -160,10 +161,20 @@ class MixedBits:
     def expect(self, c, n):
         """(expected, down) of a coefficient."""
         if (c, n) not in self.expectations:
-            w = min(self.block.weights[2 * n + 1], self.block.weights[2 * n + 2])
-            slope = (self.block.predicted_mean(2 * n + 2, c) - self.block.predicted_mean(2 * n + 1, c)) << half(w)
+            slope = self.slope(c, n)
+            if n > 2 and self.nodes.is_rotated(self.block):
+                upper, lower = self.slope(c, 3), self.slope(c, 4)
+                slope = (181 * (lower + upper if n == 3 else lower - upper)) >> 8
             self.expectations[c, n] = fine(sixteenths(slope, self.nodes.steps[c])), int(slope < 0)
         return self.expectations[c, n]
+
+    def slope(self, c, n):
+        w = min(self.block.weights[2 * n + 1], self.block.weights[2 * n + 2])
+        return (self.block.predicted_mean(2 * n + 2, c) - self.block.predicted_mean(2 * n + 1, c)) << half(w)
+
+    def alike(self, at):
+        """alike and alikeSigns of clause 7.11.3, or None where the support is not planar."""
+        return alike(self.nodes, self.block.node, at.c, at.n) if self.nodes.unit["planar"] else None
 
     def earlier_sign(self, c, n, component):
         """s0 and s1 of coefficient n of component c."""
@@ -206,6 +217,8 @@ class MixedBits:
             ((c * 4 + L) * 16 + self.around) * 12 + expected,
         ]
         sets = 16 + (c * 4 + L) * 3 + z, 128 + (c * 3 + at.stage) * 7 + st, 28 + (c * 3 + z) * 7 + st
+        if (planar := self.alike(at)) is not None:
+            numbers[7] = ((c * 7 + n) * 81 + planar[0]) * 3 + z
         return self.decode(ZERO, numbers, *sets)
 
     def sign(self, at):
@@ -218,6 +231,8 @@ class MixedBits:
             ((c * 7 + n) * 3 + s0) * 2 + down,
             (((c * 3 + s0) * 3 + s1) * 2 + down) * 12 + expected,
         ]
+        if (planar := self.alike(at)) is not None:
+            numbers[1] = ((c * 7 + n) * 9 + planar[1]) * 3 + s0
         return self.decode(SIGN, numbers, 97 + c, 212 + expected, 136 + c)
 
     def more(self, at, i):
@@ -233,4 +248,6 @@ class MixedBits:
             (c * 15 + i) * 16 + self.around,
             ((c * 15 + i) * 4 + L) * 3 + g,
         ]
+        if (planar := self.alike(at)) is not None:
+            numbers[6] = ((c * 15 + i) * 3 + n // 2) * 81 + planar[0]
         return self.decode(MORE, numbers, 52 + c * 15 + i, 191 + c * 7 + self.strength, 91 + c * 15 + i)

@@ -124,7 +124,11 @@ def read_raht(reader, unit, header, fields):
     require(unit["kernel"][0] >= 1, "kernel[0] is 0")
     unit["colour_range"] = reader.u8("colour_range")
     unit["num_models"] = reader.u8("num_models", 0, 8)
-    unit["filters"] = [read_filter(reader, components) for _ in range(reader.u8("num_filters", 0, 3))]
+    unit["planar"] = 0  # no support of this version is planar
+    unit["planar_transform"] = reader.u8("planar_transform", 0, 1) if unit["planar"] > 0 else 0
+    cross = unit["planar"] > 0 and components > 1
+    unit["component_cross"] = reader.u8("component_cross", 0, 16) if cross else 0
+    unit["filters"] = [read_filter(reader, components, 5 if unit["planar"] else 3) for _ in range(reader.u8("num_filters", 0, 3))]
     unit["residual"] = reader.u8("residual", 0, 128 if depth > 0 else 0)
     unit["residual_cross"] = [reader.u8("residual_cross", 0, 16) for _ in range(components if unit["residual"] > 0 else 0)]
     unit["root_mean"] = [reader.i32("root_mean", -1048576, 1048576) for _ in range(components)]
@@ -137,11 +141,11 @@ def read_raht(reader, unit, header, fields):
     read_codewords(reader, unit, num_slices)
 
 
-def read_filter(reader, components):
+def read_filter(reader, components, taps):
     """Clause 5.7.3."""
     mask = reader.u16("filter_mask", 0, 32767)
     require(mask >> (5 * components) == 0, "filter_mask has a bit for a component that is not there")
-    return {"mask": mask, "coefficients": [reader.i8("filter_coefficients") for _ in range(3 * mask.bit_count())]}
+    return {"mask": mask, "coefficients": [reader.i8("filter_coefficients") for _ in range(taps * mask.bit_count())]}
 
 
 def read_codewords(reader, unit, num_slices):

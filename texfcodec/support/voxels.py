@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -31,6 +31,7 @@ class VoxelSupport(Keyed):
     resolution: int
     keys: np.ndarray
     level_shift: int = 0
+    planar: ClassVar[bool] = False
 
     def __repr__(self) -> str:
         return f"<VoxelSupport: {len(self.keys)} voxels of {self.size} a side>"

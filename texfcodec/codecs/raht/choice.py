@@ -25,11 +25,18 @@ EFFORTS = {"fast": Tools(), "balanced": Tools(colour_range=5, models=6, filters=
 # Kernel and colour range, from natural textures to flat colours; fast has no time for colour ranges
 _WITH_RANGES = ((KERNELS[1], 10), (KERNELS[1], 5), (KERNELS[2], 5), (KERNELS[3], 3))
 PREDICTIONS = {"fast": ((KERNELS[1], 0), (KERNELS[3], 0)), "balanced": _WITH_RANGES, "best": _WITH_RANGES}
+PLANAR_TOOLS = {"planar": 1, "planar_transform": 1, "component_cross": 16, "trade_off": 0.08}
+PLANAR_CHANGES = ({"component_cross": 10}, {"planar_transform": 0})
 BASE_QPS = (16, 22, 28, 34, 40)  # of the levels under residuals (7.9)
 USUAL_BASE_QP = 28  # within 1 % of the best of them on four assets at K 512, lossless
 PIECES = 4
 LEAST_VOXELS = 64  # below, nothing is tried
 PIECE_VOXELS = {"fast": 1 << 11, "balanced": 1 << 12, "best": 1 << 16}  # per piece
+
+
+def tools_of(effort: str, planar: bool) -> Tools:
+    """What an effort may use, before anything is tried."""
+    return replace(EFFORTS[effort], **PLANAR_TOOLS) if planar else EFFORTS[effort]
 
 
 def _pieces(count, voxels):
@@ -46,25 +53,34 @@ def _lagrangian_cost(keys, depth, values, qp, tools, threads):
     return 8 * sum(len(c) for c in coded.codewords) + (error**2).sum() / tools.trade_off
 
 
-def choose_tools(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[int], effort: str, threads: int = 1) -> Tools:
+def choose_tools(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[int], effort: str, threads: int = 1,
+                 planar: bool = False) -> Tools:
     """Tools for a field. keys: int64 [N]; values: int32 [N, C]; qp: [C]; effort: a key of EFFORTS. Candidates of PREDICTIONS
-    code a few pieces of the field; the cheapest wins."""
-    tools = EFFORTS[effort]
+    code a few pieces of the field; the cheapest wins. Then, where the support is planar, each of PLANAR_CHANGES is kept that
+    makes it cheaper still."""
+    tools = tools_of(effort, planar)
     if len(keys) < LEAST_VOXELS:
         return tools
     pieces = _pieces(len(keys), PIECE_VOXELS[effort])
     candidates = [replace(tools, kernel=kernel, colour_range=reach, filters=0) for kernel, reach in PREDICTIONS[effort]]
-    costs = [sum(_lagrangian_cost(keys[p], depth, values[p], qp, c, threads) for p in pieces) for c in candidates]
-    return replace(candidates[int(np.argmin(costs))], filters=tools.filters)
+    cost_of = lambda candidate: sum(_lagrangian_cost(keys[p], depth, values[p], qp, candidate, threads) for p in pieces)
+    costs = [cost_of(candidate) for candidate in candidates]
+    best, least = candidates[int(np.argmin(costs))], min(costs)
+    for change in PLANAR_CHANGES if planar else ():
+        changed = replace(best, **change)
+        cost = cost_of(changed)
+        if cost < least:
+            best, least = changed, cost
+    return replace(best, filters=tools.filters)
 
 
 def choose_base_qp(keys: np.ndarray, depth: int, values: np.ndarray, qp_of: Callable[[int], list[int]], plan: ResidualPlan,
-                   effort: str, threads: int = 1) -> list[int]:
+                   effort: str, threads: int = 1, planar: bool = False) -> list[int]:
     """QPs [C] for values that get residuals. qp_of: function from a QP to those of the components; plan: ResidualPlan; the rest
     as in choose_tools. Candidates of BASE_QPS code a few pieces of the field; the fewest bytes win."""
     if effort == "fast" or len(keys) < LEAST_VOXELS:
         return qp_of(USUAL_BASE_QP)
-    tools = EFFORTS[effort]
+    tools = tools_of(effort, planar)
     pieces = [(keys[p], values[p], replace(plan, original=plan.original[p])) for p in _pieces(len(keys), PIECE_VOXELS[effort])]
 
     def size(qp):
@@ -83,7 +99,7 @@ def code_plane(plane: np.ndarray, support: VoxelSupport, colour: bool, options: 
     if options.max_error is not None:
         return _code_bounded(plane, support, colour, options)
     values, qp = forward_colour(plane) if colour else forward_plain(np.rint(plane)), _qp_of(options.qp, plane.shape[1], options)
-    tools = choose_tools(support.keys, support.depth, values, qp, options.effort, options.threads)
+    tools = choose_tools(support.keys, support.depth, values, qp, options.effort, options.threads, support.planar)
     coded, means = enc_attributes(support.keys, support.depth, values, qp, tools, options.threads)
     return coded, inverse_colour(means) if colour else inverse_plain(means)
 
@@ -93,8 +109,9 @@ def _code_bounded(plane, support, colour, options):
     values = forward_colour(original) if colour else forward_plain(original)
     plan = ResidualPlan(options.max_error, original, inverse_colour if colour else inverse_plain)
     field = support.keys, support.depth, values
-    qp = choose_base_qp(*field, lambda qp: _qp_of(qp, plane.shape[1], options), plan, options.effort, options.threads)
-    tools = choose_tools(*field, qp, options.effort, options.threads)
+    qp = choose_base_qp(*field, lambda qp: _qp_of(qp, plane.shape[1], options), plan, options.effort, options.threads,
+                        support.planar)
+    tools = choose_tools(*field, qp, options.effort, options.threads, support.planar)
     return enc_attributes(*field, qp, tools, options.threads, plan)
 
 

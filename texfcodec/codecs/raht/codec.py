@@ -17,11 +17,12 @@ from .coefficients.blocks import Blocks, Rules, Wanted, new_scratch
 from .coefficients.direct import _dec_direct_level, _enc_direct_level
 from .coefficients.mixed import _dec_mixed_level, _enc_mixed_level
 from .coefficients.mixed_contexts import new_mixed_model
+from .coefficients.planar import new_kept
 from .coefficients.residual import ResidualPlan, code_residuals, fit_cross, new_residual_model
 from .entropy.contexts import CONTEXTS, LEVELS
 from .entropy.mixing import copy_model, new_model
 from .entropy.range_coder import CACHE, FULL, PENDING, POS, START_BYTES, Coder, finish, new_decoder, new_encoder
-from .transform.filter import apply_stage, fit_stage
+from .transform.filter import PLANAR_TAPS, RINGS, apply_stage, fit_stage
 from .transform.octree import NEIGHBOURS, Nodes, _neighbours, build_octree, root_table
 from .transform.prediction import DEFAULT_KERNEL, Means, inverse_range
 from .transform.quantise import step_of
@@ -37,19 +38,22 @@ FIRST_ROOM = 64  # bytes of a level buffer beside one per coefficient; no level 
 class Tools:
     """What the attribute coder may use. kernel, colour_range: prediction (clause 7.3); models: 0 for direct contexts, else how
     many are mixed (7.5.5), at most 8; filters: stages of the filter (7.7), at most 3; trade_off: squared steps that are worth a
-    bit."""
+    bit. planar: whether z = 0 for all voxels; planar_transform, component_cross: 0..1, 0..16, 0 where it is not (7.11)."""
 
     kernel: tuple = DEFAULT_KERNEL
     colour_range: int = 0
     models: int = 0
     filters: int = 0
     trade_off: float = 0.05
+    planar: int = 0
+    planar_transform: int = 0
+    component_cross: int = 0
 
 
 @dataclass
 class CodedAttributes:
-    """Everything the attribute unit carries. colour_range, models, filters: see Tools and FilterStage; residual: 0 or the largest
-    error plus 1; residual_cross: [C] where there are residuals; root: [C] means;
+    """Everything the attribute unit carries. colour_range, models, filters, planar, planar_transform, component_cross: see Tools
+    and FilterStage; residual: 0 or the largest error plus 1; residual_cross: [C] where there are residuals; root: [C] means;
     slice_first: first node of each slice at slice_level; codewords: trunk first (only where slice_level > 0), then one per slice;
     level_bytes: per codeword, the bytes a decoder has read when it has finished each of its levels, as increments."""
 
@@ -65,6 +69,9 @@ class CodedAttributes:
     level_bytes: list
     residual: int = 0
     residual_cross: list = field(default_factory=list)
+    planar: int = 0
+    planar_transform: int = 0
+    component_cross: int = 0
 
 
 @lru_cache(maxsize=1)
@@ -99,10 +106,10 @@ def _plan_slices(levels):
 class _Descent:
     """What encoder and decoder keep while walking down: the neighbour table, the energies and the means of one level."""
 
-    def __init__(self, levels, root, pool):
-        self.levels, self.pool = levels, pool
+    def __init__(self, levels, root, planar, pool):
+        self.levels, self.planar, self.pool = levels, planar, pool
         self.table = root_table()
-        self.above = np.zeros((1, 2), np.uint8)
+        self.above, self.kept_above = np.zeros((1, 2), np.uint8), new_kept(1, len(root), planar)
         self.mean = np.array([root], np.int32)
 
     def run(self, jobs):
@@ -114,13 +121,15 @@ class _Descent:
         energy = np.zeros((len(level), 2), np.uint8)
         child_mean = np.empty((len(below), self.mean.shape[1]), np.int32)
         nodes = Nodes(level.first_child, level.occupancy, below.weight, self.table)
-        return Blocks(nodes, Means(self.mean, child_mean), self.above, energy)
+        kept = new_kept(len(level), self.mean.shape[1], self.planar)
+        return Blocks(nodes, Means(self.mean, child_mean), self.above, energy, self.kept_above, kept)
 
     def descend(self, depth, blocks, ranges):
         """Moves to the level below `depth`; `ranges` are the node ranges of the slices, for parallel table building."""
         level = self.levels[depth]
         self.mean = blocks.means.child
         self.above = np.repeat(blocks.energy, np.diff(level.first_child), axis=0)
+        self.kept_above = np.repeat(blocks.kept, np.diff(level.first_child), axis=0) if self.planar else blocks.kept
         if depth + 2 < len(self.levels):
             table = np.empty((len(self.mean), NEIGHBOURS), np.int32)
             self.run([lambda b=b, e=e: _neighbours(level.first_child, level.occupancy, self.table, b, e, table)
@@ -188,6 +197,11 @@ class _SliceEncoder:
         return b"".join([*self.chunks, finish(self.state, out)]).rstrip(b"\0")
 
 
+def _planar_rules(tools, components):
+    """planar, rotated and cross of Rules from Tools or CodedAttributes."""
+    return tools.planar, tools.planar_transform, tools.component_cross if components > 1 else 0
+
+
 def _new_model(models):
     return new_mixed_model() if models else new_model(CONTEXTS, 0, 0)
 
@@ -209,14 +223,15 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
     trunk = _SliceEncoder(_new_model(tools.models), new_scratch(len(qp)))
     coders = active = [trunk]
     with ThreadPoolExecutor(threads) as pool:
-        walk = _Descent(levels, root, pool)
+        walk = _Descent(levels, root, tools.planar, pool)
         for d in range(depth):
             ranges = _ranges(levels, d, slice_level, slice_first)
             if d == slice_level > 0:
                 active = [_SliceEncoder(copy_model(trunk.model), new_scratch(len(qp))) for _ in ranges]
                 coders = [trunk, *active]
             blocks, wanted = walk.blocks(d), Wanted(originals[d + 1], 256 * lagrangian, _bits_of())
-            rules = Rules(_level_class(levels, d), tools.models, steps, (1 << 32) // steps, weights, colour_inverse)
+            rules = Rules(_level_class(levels, d), tools.models, steps, (1 << 32) // steps, weights, colour_inverse,
+                          *_planar_rules(tools, len(qp)))
             children = levels[d].first_child
             assert children is not None  # only the last level has none
             walk.run([partial(coder.code, int(children[end] - children[begin]) * len(qp), rules, blocks, wanted, begin, end)
@@ -224,11 +239,12 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
             walk.descend(d, blocks, ranges)
         filters = []
         for _ in range(tools.filters if depth else 0):
-            stage = fit_stage(levels[-2], walk.table, walk.mean, originals[-1], steps, lagrangian, walk.run)
+            stage = fit_stage(levels[-2], walk.table, walk.mean, originals[-1], steps, lagrangian, walk.run,
+                              PLANAR_TAPS if tools.planar else RINGS)
             if stage is None:
                 break
             filters.append(stage)
-            walk.mean = apply_stage(stage, levels[-2], walk.table, walk.mean, int(steps[0]), walk.run)
+            walk.mean = apply_stage(stage, levels[-2], walk.table, walk.mean, steps, walk.run)
         made, residual, cross = walk.mean if plan is None else plan.inverse(walk.mean), 0, []
         if plan is not None and depth:
             parents, residual = _ranges(levels, depth - 1, slice_level, slice_first), plan.delta + 1
@@ -238,7 +254,7 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
     codewords = [coder.codeword() for coder in coders] if depth else []
     level_bytes = [coder.level_bytes for coder in coders] if depth else []
     coded = CodedAttributes(list(qp), list(tools.kernel), tools.colour_range, tools.models, filters, root, slice_level,
-                            slice_first, codewords, level_bytes, residual, cross)
+                            slice_first, codewords, level_bytes, residual, cross, *_planar_rules(tools, len(qp)))
     return coded, made
 
 
@@ -261,19 +277,20 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
     dec_level = _dec_mixed_level if coded.models else _dec_direct_level
     active = [(Coder(new_decoder(data, *span), data, span[1]), _new_model(coded.models)) for span in spans[:1]]
     with ThreadPoolExecutor(threads) as pool:
-        walk = _Descent(levels, coded.root, pool)
+        walk = _Descent(levels, coded.root, coded.planar, pool)
         for d in range(stop_level):
             ranges = _ranges(levels, d, coded.slice_level, coded.slice_first)
             if d == coded.slice_level > 0:
                 trunk = active[0][-1]
                 active = [(Coder(new_decoder(data, *span), data, span[1]), copy_model(trunk)) for span in spans[1:]]
             blocks = walk.blocks(d)
-            rules = Rules(_level_class(levels, d), coded.models, steps, (1 << 32) // steps, weights, colour_inverse)
+            rules = Rules(_level_class(levels, d), coded.models, steps, (1 << 32) // steps, weights, colour_inverse,
+                          *_planar_rules(coded, len(steps)))
             walk.run([partial(dec_level, coder, model, rules, blocks, new_scratch(len(steps)), begin, end)
                       for (coder, model), (begin, end) in zip(active, ranges, strict=True)])
             walk.descend(d, blocks, ranges)
         for stage in coded.filters if 0 < stop_level == depth else ():
-            walk.mean = apply_stage(stage, levels[-2], walk.table, walk.mean, int(steps[0]), walk.run)
+            walk.mean = apply_stage(stage, levels[-2], walk.table, walk.mean, steps, walk.run)
         made = walk.mean if inverse is None else inverse(walk.mean)
         if inverse is not None and coded.residual and 0 < stop_level == depth:
             parents = _ranges(levels, depth - 1, coded.slice_level, coded.slice_first)

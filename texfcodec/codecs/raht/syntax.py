@@ -19,7 +19,8 @@ CODEWORD = Structure("codeword_header", "5.7.2", (
 
 FILTER = Structure("filter_stage", "5.7.3", (
     E("filter_mask", "u16", 0, (1 << 15) - 1),
-    Derived("NumTaps", "3 * (number of set bits of filter_mask)", lambda v: 3 * v["filter_mask"].bit_count()),
+    Derived("NumTaps", "(Planar > 0 ? 5 : 3) * (number of set bits of filter_mask)",
+            lambda v: (5 if v["Planar"] else 3) * v["filter_mask"].bit_count()),
     E("filter_coefficients", "i8", count="NumTaps"),
 ))
 
@@ -29,6 +30,9 @@ RAHT = Structure("raht_parameters", "5.7.1", (
     E("kernel", "u8", count="7"),
     E("colour_range", "u8"),
     E("num_models", "u8", 0, 8),
+    E("planar_transform", "u8", 0, 1, when=("Planar > 0", lambda v: v["Planar"])),
+    E("component_cross", "u8", 0, 16,
+      when=("Planar > 0 and NumComponents > 1", lambda v: v["Planar"] and v["NumComponents"] > 1)),
     E("num_filters", "u8", 0, 3),
     E("filters", FILTER, count="num_filters"),
     E("residual", "u8", 0, 128),

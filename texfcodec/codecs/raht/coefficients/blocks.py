@@ -10,35 +10,38 @@ from ..entropy.contexts import _surroundings
 from ..entropy.mixing import new_chosen
 from ..transform.prediction import _predict, new_around
 from ..transform.quantise import MAX_MEAN
-from ..transform.raht import SPLITS, _forward, _inverse, _tree_weights, _weighted_mean
+from ..transform.raht import SPLITS, _forward, _inverse, _is_square, _rotate, _tree_weights, _weighted_mean
 from .mixed_contexts import FEATURES
+from .planar import _follow, _keep
 
 ENERGY_SCALE = 16
 # A transform keeps power: below this, in squared steps, no coefficient rounds to 1 (0.25, less what the gain's rounding is worth)
 SURELY_ZERO = 0.24
 
 # What holds for a level. level: its class; models: 0 for direct contexts; steps, inverse: int64 [C], inverse 2**32 // step;
-# kernel: int64 [7]; colour_inverse: of inverse_range
-Rules = namedtuple("Rules", "level models steps inverse kernel colour_inverse")
+# kernel: int64 [7]; colour_inverse: of inverse_range; planar: 1 where the support is; rotated, cross: planar_transform and
+# component_cross
+Rules = namedtuple("Rules", "level models steps inverse kernel colour_inverse planar rotated cross")
 # The blocks of a level, one per parent. nodes: Nodes; means: Means; above, energy: uint8 [n, 2], energies of the block that each
-# parent came from, and of the blocks themselves, as far as the walk has come. All indices come from the octree, none from the
-# stream.
-Blocks = namedtuple("Blocks", "nodes means above energy")
+# parent came from, and of the blocks themselves, as far as the walk has come; kept_above, kept: of new_kept, likewise. All
+# indices come from the octree, none from the stream.
+Blocks = namedtuple("Blocks", "nodes means above energy kept_above kept")
 # The encoder's side. original: int32 [children, C], the means to be coded; lagrangian: 256 / lambda; bits_of: int64 [4097],
 # -256 log2(i / 4096)
 Wanted = namedtuple("Wanted", "original lagrangian bits_of")
 # A block in the making. tree: of _tree_weights; q int64 [7, C], coefficients; predicted int64 [8, C]; shift int64 [C], weighted
 # means of the predictions; flags int64 [2], whether a plane has coefficients; sums int64 [6], of _surroundings; values int64
-# [15, C]; f int64 [FEATURES]; halves int64 [15], expected, down int64 [7, C], of _slopes; around: Around; chosen: Chosen;
-# residual float64 [8, C], scaled float64 [7, C], spread float64 [15]: the encoder's
-Scratch = namedtuple("Scratch", "tree q predicted shift flags sums values f halves expected down around chosen residual scaled "
-                                "spread")
+# [15, C]; f int64 [FEATURES]; halves int64 [15], expected, down int64 [7, C], of _slopes; alike, alike_signs int64 [7, C], of
+# _look_around; products int64 [C], of _follow; around: Around; chosen: Chosen; residual float64 [8, C], scaled float64 [7, C],
+# spread float64 [15]: the encoder's
+Scratch = namedtuple("Scratch", "tree q predicted shift flags sums values f halves expected down alike alike_signs products "
+                                "around chosen residual scaled spread")
 
 
 def new_scratch(components: int) -> Scratch:
     """Scratch of a walk."""
     whole = [(15,), (SPLITS, components), (8, components), (components,), (2,), (6,), (15, components), (FEATURES,), (15,),
-             (SPLITS, components), (SPLITS, components)]
+             *4 * [(SPLITS, components)], (components,)]
     real = [(8, components), (SPLITS, components), (15,)]
     return Scratch._make([*(np.zeros(shape, np.int64) for shape in whole), new_around(), new_chosen(),
                           *(np.zeros(shape) for shape in real)])
@@ -71,7 +74,7 @@ def _open_block(p, first, rules, blocks, s):
 
 
 @kernel(forceinline=True, allocates=False)
-def _scale_plane(child, c0, c1, steps, original, s):
+def _scale_plane(child, c0, c1, rules, original, s):
     """Fills scaled for components c0..c1-1 of the block whose first child is `child`; returns the largest coefficient, in
     steps."""
     largest, tree, residual, scaled = 0.0, s.tree, s.residual, s.scaled
@@ -84,31 +87,37 @@ def _scale_plane(child, c0, c1, steps, original, s):
                 n += 1
         for node in range(SPLITS):
             scaled[node, c] = 0.0
-        if power >= SURELY_ZERO * np.float64(steps[c]) ** 2:
-            _forward(tree, residual, c, s.spread, scaled, np.float64(steps[c]))
+        if power >= SURELY_ZERO * np.float64(rules.steps[c]) ** 2:
+            _forward(tree, residual, c, s.spread, scaled, np.float64(rules.steps[c]))
+            if rules.rotated and _is_square(tree):
+                _rotate(scaled, c)
             for node in range(SPLITS):
                 largest = max(largest, abs(scaled[node, c]))
     return largest
 
 
 @kernel(forceinline=True, allocates=False)
-def _clear_plane(c0, c1, s):
-    """No coefficients yet, and the weighted means of the predictions."""
-    for c in range(c0, c1):
+def _clear_plane(p, first, k, c1, rules, blocks, s):
+    """No coefficients yet in components k..c1-1 of plane k, and the weighted means of the predictions."""
+    if k and rules.cross and s.flags[0]:
+        _follow(p, first, rules, blocks, s)
+    for c in range(k, c1):
         s.shift[c] = _weighted_mean(s.tree, s.predicted, c)
         for node in range(SPLITS):
             s.q[node, c] = 0
 
 
 @kernel(forceinline=True, allocates=False)
-def _close_block(p, steps, blocks, s):
+def _close_block(p, rules, blocks, s):
     """Writes the decoded means of the children of block p (spec 7.4.3)."""
     mean, child_mean, child, tree = blocks.means.parent, blocks.means.child, blocks.nodes.first_child[p], s.tree
     components = mean.shape[1]
+    if rules.planar and rules.models:
+        _keep(p, blocks, s)
     for c in range(components):
         s.shift[c] = mean[p, c] - s.shift[c]
         if s.flags[min(c, 1)]:
-            _inverse(tree, s.q, c, s.shift[c], steps[c], s.values)
+            _inverse(tree, s.q, c, s.shift[c], rules.steps[c], s.values, rules.rotated)
     for octant in range(8):
         if tree[7 + octant]:
             for c in range(components):

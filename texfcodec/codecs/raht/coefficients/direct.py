@@ -29,8 +29,8 @@ def _enc_direct_level(coder, model, rules, blocks, wanted, s, begin, end):
             continue
         for k in range(min(components, 2)):
             c0, c1 = k, (1 if k == 0 else components)
-            _clear_plane(c0, c1, s)
-            largest = _scale_plane(blocks.nodes.first_child[p], c0, c1, rules.steps, wanted.original, s)
+            _clear_plane(p, begin, k, c1, rules, blocks, s)
+            largest = _scale_plane(blocks.nodes.first_child[p], c0, c1, rules, wanted.original, s)
             near, far = _classes(s.sums, k)
             strength, coded = max(near, far), 0
             flag_ctx = _block_context(k, rules.level, splits, s.flags[0] if k else 0, near, far)
@@ -41,7 +41,7 @@ def _enc_direct_level(coder, model, rules, blocks, wanted, s, begin, end):
             if coded:
                 _enc_plane(coder, contexts, splits, c0, c1, rules.level, strength, s.tree, s.q)
             energy[p, k] = _plane_energy(s.q, c0, c1, splits)
-        _close_block(p, rules.steps, blocks, s)
+        _close_block(p, rules, blocks, s)
 
 
 @kernel(allocates=False)
@@ -54,14 +54,14 @@ def _dec_direct_level(coder, model, rules, blocks, s, begin, end):
             continue
         for k in range(min(components, 2)):
             c0, c1 = k, (1 if k == 0 else components)
-            _clear_plane(c0, c1, s)
+            _clear_plane(p, begin, k, c1, rules, blocks, s)
             near, far = _classes(s.sums, k)
             flag_ctx = _block_context(k, rules.level, splits, s.flags[0] if k else 0, near, far)
             s.flags[k] = _dec_bit(coder.state, coder.buffer, coder.end, contexts, flag_ctx)
             if s.flags[k]:
                 _dec_plane(coder, contexts, splits, c0, c1, rules.level, max(near, far), s.tree, s.q)
             energy[p, k] = _plane_energy(s.q, c0, c1, splits)
-        _close_block(p, rules.steps, blocks, s)
+        _close_block(p, rules, blocks, s)
 
 
 @kernel

@@ -20,6 +20,7 @@ from .mixed_contexts import (
     _slopes,
     _zero_contexts,
 )
+from .planar import _look_around
 
 QUIET_SHIFT = 5  # a rare event: both estimates slow
 
@@ -36,15 +37,17 @@ def _enc_mixed_level(coder, model, rules, blocks, wanted, s, begin, end):
             continue
         for k in range(min(components, 2)):
             c0, c1 = k, (1 if k == 0 else components)
-            _clear_plane(c0, c1, s)
-            largest = _scale_plane(blocks.nodes.first_child[p], c0, c1, rules.steps, wanted.original, s)
+            _clear_plane(p, begin, k, c1, rules, blocks, s)
+            largest = _scale_plane(blocks.nodes.first_child[p], c0, c1, rules, wanted.original, s)
             flag, coded = s.flags[0] if k else 0, 0
             quiet = _quiet_context(s.sums, k, rules.level, splits, flag) if _is_quiet(s.sums, k) else -1
             if quiet < 0 or largest >= 0.5:
                 _features(p, begin, k, splits, flag, rules, blocks, s)
             if largest >= 0.5:
+                if rules.planar:
+                    _look_around(p, begin, c0, c1, blocks, s)
                 for c in range(c0, c1):
-                    _slopes(s.tree, s.predicted, c, rules.inverse, s.halves, s.expected, s.down)
+                    _slopes(s.tree, s.predicted, c, rules.inverse, s.halves, s.expected, s.down, rules.rotated)
                 coded = _choose_mixed_plane(model, models, _flag_probability(model, models, quiet, s), c0, c1, wanted, s)
             s.flags[k] = coded
             if quiet >= 0:
@@ -55,7 +58,7 @@ def _enc_mixed_level(coder, model, rules, blocks, wanted, s, begin, end):
             if coded:
                 _enc_mixed_plane(coder, model, models, c0, c1, s)
             energy[p, k] = _plane_energy(s.q, c0, c1, splits)
-        _close_block(p, rules.steps, blocks, s)
+        _close_block(p, rules, blocks, s)
 
 
 @kernel(allocates=False)
@@ -68,7 +71,7 @@ def _dec_mixed_level(coder, model, rules, blocks, s, begin, end):
             continue
         for k in range(min(components, 2)):
             c0, c1 = k, (1 if k == 0 else components)
-            _clear_plane(c0, c1, s)
+            _clear_plane(p, begin, k, c1, rules, blocks, s)
             flag, coded = s.flags[0] if k else 0, np.int64(0)
             quiet = _quiet_context(s.sums, k, rules.level, splits, flag) if _is_quiet(s.sums, k) else -1
             if quiet >= 0:
@@ -80,11 +83,13 @@ def _dec_mixed_level(coder, model, rules, blocks, s, begin, end):
                     coded = _mixed_bit(False, coder, model, models, chosen, 0)
             s.flags[k] = coded
             if coded:
+                if rules.planar:
+                    _look_around(p, begin, c0, c1, blocks, s)
                 for c in range(c0, c1):
-                    _slopes(s.tree, s.predicted, c, rules.inverse, s.halves, s.expected, s.down)
+                    _slopes(s.tree, s.predicted, c, rules.inverse, s.halves, s.expected, s.down, rules.rotated)
                 _dec_mixed_plane(coder, model, models, c0, c1, s)
             energy[p, k] = _plane_energy(s.q, c0, c1, splits)
-        _close_block(p, rules.steps, blocks, s)
+        _close_block(p, rules, blocks, s)
 
 
 @kernel(inline="always")
@@ -115,7 +120,8 @@ def _mixed_magnitude(encoding, coder, model, models, c, node, large, luma, s, ma
     """Codes a magnitude >= 1, or decodes and returns it."""
     coded = np.int64(1)
     while coded <= UNARY + 1:
-        _more_contexts(s.f, c, node, coded - 1, large, luma, s.expected[node, c], s.chosen.where, s.chosen.sets)
+        _more_contexts(s.f, c, node, coded - 1, large, luma, s.expected[node, c], s.alike[node, c], s.chosen.where,
+                       s.chosen.sets)
         if not _mixed_bit(encoding, coder, model, models, s.chosen, 1 if magnitude > coded else 0):
             break
         coded += 1
@@ -146,13 +152,13 @@ def _mixed_plane(encoding, coder, model, models, c0, c1, s):
             luma, size = abs(q[node, 0]) if c > 0 else 0, s.expected[node, c]
             nonzero = np.int64(1 if q[node, c] != 0 else 0)
             if left > 0 or some:
-                _zero_contexts(s.f, c, node, ones, luma, left, size, chosen.where, chosen.sets)
+                _zero_contexts(s.f, c, node, ones, luma, left, size, s.alike[node, c], chosen.where, chosen.sets)
                 nonzero = _mixed_bit(encoding, coder, model, models, chosen, nonzero)
             elif not encoding:
                 nonzero = np.int64(1)
             if not nonzero:
                 continue
-            _sign_contexts(s.f, c, node, q, size, s.down[node, c], chosen.where, chosen.sets)
+            _sign_contexts(s.f, c, node, q, size, s.down[node, c], s.alike_signs[node, c], chosen.where, chosen.sets)
             negative = _mixed_bit(encoding, coder, model, min(models, SIGN_MODELS), chosen, np.int64(1 if q[node, c] < 0 else 0))
             magnitude = _mixed_magnitude(encoding, coder, model, models, c, node, large, luma, s, abs(q[node, c]))
             q[node, c] = -magnitude if negative else magnitude
@@ -190,7 +196,7 @@ def _choose_mixed_plane(model, models, p, c0, c1, wanted, s):
                 continue
             left -= 1
             x, luma, size = abs(scaled[node, c]), abs(q[node, 0]) if c > 0 else 0, expected[node, c]
-            _zero_contexts(f, c, node, ones, luma, left, size, chosen.where, chosen.sets)
+            _zero_contexts(f, c, node, ones, luma, left, size, s.alike[node, c], chosen.where, chosen.sets)
             p = _mixed_probability(model, models, chosen)
             best = x * x * lagrangian
             cost_zero += best
@@ -200,7 +206,7 @@ def _choose_mixed_plane(model, models, p, c0, c1, wanted, s):
             magnitude = np.int64(1)
             while magnitude <= rounded:
                 if magnitude - 1 <= UNARY:
-                    _more_contexts(f, c, node, magnitude - 1, large, luma, size, chosen.where, chosen.sets)
+                    _more_contexts(f, c, node, magnitude - 1, large, luma, size, s.alike[node, c], chosen.where, chosen.sets)
                     p = _mixed_probability(model, models, chosen)
                 else:  # far out, the nearest is taken
                     magnitude = rounded

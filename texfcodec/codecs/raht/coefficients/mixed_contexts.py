@@ -5,17 +5,21 @@ import numpy as np
 from ....ground.kernel import kernel
 from ..entropy.contexts import CLASSES, LEVELS, UNARY, _class
 from ..entropy.mixing import Model, new_model
+from ..transform.raht import _is_square
+from .planar import ALIKE, ALIKE_SIGNS
 
 FINE = 12
 FINE_BOUNDS = (1, 2, 4, 6, 8, 12, 16, 24, 36, 56, 96)
 FINE_TABLE = np.searchsorted(FINE_BOUNDS, np.arange(FINE_BOUNDS[-1] + 1), side="right").astype(np.uint8)
 RECIPROCAL = np.array([0, *(-((-1 << 20) // d) for d in range(1, 32))])
 STEPS_SHIFT = 28  # of |v| * (2**32 // step) to sixteenths of a step
+ROOT_HALF = 181  # sqrt(1/2) in 1/256
 FACES = np.array((4, 10, 12, 14, 16, 22))
 EARLIER = 3  # the first three faces come before the block
 # Entries of the array of features
-(LEVEL, SPLITS, NEAR, FAR, STRENGTH, NEAR2, FAR2, OWN, AROUND, EARLIER_FACES, ROUGH, ACTIVE, PEAK, PLANES, LUMA2) = range(15)
-FEATURES = 15
+(LEVEL, SPLITS, NEAR, FAR, STRENGTH, NEAR2, FAR2, OWN, AROUND, EARLIER_FACES, ROUGH, ACTIVE, PEAK, PLANES, LUMA2,
+ PLANAR) = range(16)
+FEATURES = 16
 _I = UNARY + 1  # bits of a magnitude that are coded with contexts
 FLAG_SIZES = (4 * LEVELS * 3 * CLASSES * CLASSES, 4 * LEVELS * FINE * CLASSES, 4 * FINE * FINE * 8, 4 * LEVELS * 64 * 3,
               4 * LEVELS * FINE * FINE, 4 * FINE * 8 * 6, 4 * LEVELS * FINE * FINE, 4 * 16 * FINE * CLASSES)
@@ -26,8 +30,11 @@ MORE_SIZES = (3 * _I * CLASSES * 3, 3 * _I * FINE * LEVELS, 3 * 4 * FINE * FINE,
 SIGN_SIZES = (3 * 2 * FINE * LEVELS, 3 * 3 * 3, 3 * 7 * 3 * 2, 3 * 3 * 3 * 2 * FINE)
 SIGN_MODELS = len(SIGN_SIZES)
 QUIET_SIZE = 4 * LEVELS * 8 * 2
-_BASES = np.cumsum([0, *FLAG_SIZES, *ZERO_SIZES, *MORE_SIZES, *SIGN_SIZES, QUIET_SIZE])
+# Of the models that are others in planar supports (7.11.3)
+ALIKE_SIZES = (3 * 7 * ALIKE * 3, 3 * _I * 3 * ALIKE, 3 * 7 * ALIKE_SIGNS * 3)
+_BASES = np.cumsum([0, *FLAG_SIZES, *ZERO_SIZES, *MORE_SIZES, *SIGN_SIZES, QUIET_SIZE, *ALIKE_SIZES])
 FLAG, ZERO, MORE, SIGN, QUIET = _BASES[:8], _BASES[8:16], _BASES[16:24], _BASES[24:28], int(_BASES[28])
+ALIKE_ZERO, ALIKE_MORE, ALIKE_SIGN = (int(base) for base in _BASES[29:32])
 CONTEXTS = int(_BASES[-1])
 WEIGHT_SETS, REFINEMENT_SETS = 224, 139
 
@@ -69,7 +76,7 @@ def _features(p, first, k, splits, flag, rules, blocks, s):
     """Fills s.f for plane k of block p. flag: whether luma has coefficients; rules, blocks, s: those of blocks.py."""
     f, sums, tree, predicted, shift = s.f, s.sums, s.tree, s.predicted, s.shift
     parent_mean, table, energy, inverse = blocks.means.parent, blocks.nodes.table, blocks.energy, rules.inverse
-    f[LEVEL], f[SPLITS], f[PLANES] = rules.level, splits, 2 * k + flag
+    f[LEVEL], f[SPLITS], f[PLANES], f[PLANAR] = rules.level, splits, 2 * k + flag, rules.planar
     f[LUMA2] = min(_class(np.int64(energy[p, 0])), 5) if k else 0
     near, near_weight, far, far_weight = sums[k], sums[4], sums[2 + k], sums[5]
     f[NEAR] = _class(_per(near + near_weight - 1, near_weight)) if near_weight else 0
@@ -105,9 +112,10 @@ def _features(p, first, k, splits, flag, rules, blocks, s):
 
 
 @kernel
-def _slopes(tree, predicted, c, inverse, sums, expected, down):
+def _slopes(tree, predicted, c, inverse, sums, expected, down, rotated):
     """Fills expected and down, int64 [7, C], for the splits of component c: size and sign of the coefficients that the prediction
-    itself would have. sums: int64 [15], scratch."""
+    itself would have. sums: int64 [15], scratch; rotated: planar_transform. A slope is < 2**37."""
+    rotated, other = 1 if rotated and _is_square(tree) else 0, np.int64(0)
     for octant in range(8):
         sums[7 + octant] = tree[7 + octant] * predicted[octant, c]
     for node in range(6, -1, -1):
@@ -115,6 +123,13 @@ def _slopes(tree, predicted, c, inverse, sums, expected, down):
         w1, w2 = tree[2 * node + 1], tree[2 * node + 2]
         if w1 and w2:
             slope = (sums[2 * node + 2] // w2 - sums[2 * node + 1] // w1) << _half(min(w1, w2))
+            if rotated and node == 4:
+                other = slope
+                continue
+            if rotated and node == 3:
+                slope, other = ((other + slope) * ROOT_HALF) >> 8, ((other - slope) * ROOT_HALF) >> 8
+                expected[4, c] = _fine(_sixteenths(other, inverse[c]))
+                down[4, c] = 1 if other < 0 else 0
             expected[node, c] = _fine(_sixteenths(slope, inverse[c]))
             down[node, c] = 1 if slope < 0 else 0
 
@@ -150,7 +165,7 @@ def _flag_contexts(f, where, sets):
 
 
 @kernel
-def _zero_contexts(f, c, node, ones, luma, left, expected, where, sets):
+def _zero_contexts(f, c, node, ones, luma, left, expected, alike, where, sets):
     """Contexts of "this coefficient is not zero"; ones, luma, left: see clause 7.5.3."""
     level, stage, z = f[LEVEL], 0 if node == 0 else (1 if node < 3 else 2), min(ones, 2)
     cl = c * LEVELS + level
@@ -161,14 +176,17 @@ def _zero_contexts(f, c, node, ones, luma, left, expected, where, sets):
     where[4] = ZERO[4] + ((c * FINE + f[ACTIVE]) * FINE + expected) * LEVELS + level
     where[5] = ZERO[5] + (((c * 4 + min(luma, 3)) * 6 + f[LUMA2]) * 7 + node) * 3 + z
     where[6] = ZERO[6] + ((c * FINE + f[ROUGH]) * FINE + f[ACTIVE]) * 3 + z
-    where[7] = ZERO[7] + (cl * 16 + f[AROUND]) * FINE + expected
+    if f[PLANAR]:
+        where[7] = ALIKE_ZERO + ((c * 7 + node) * ALIKE + alike) * 3 + z
+    else:
+        where[7] = ZERO[7] + (cl * 16 + f[AROUND]) * FINE + expected
     sets[0] = 16 + cl * 3 + z
     sets[1] = 128 + (c * 3 + stage) * CLASSES + f[STRENGTH]
     sets[2] = 28 + (c * 3 + z) * CLASSES + f[STRENGTH]
 
 
 @kernel
-def _more_contexts(f, c, node, i, large, luma, expected, where, sets):
+def _more_contexts(f, c, node, i, large, luma, expected, alike, where, sets):
     """Contexts of bit i of a magnitude, i <= UNARY."""
     level, ci, i3 = f[LEVEL], c * _I + i, c * 4 + min(i, 3)
     where[0] = MORE[0] + (ci * CLASSES + f[STRENGTH]) * 3 + min(large, 2)
@@ -177,7 +195,7 @@ def _more_contexts(f, c, node, i, large, luma, expected, where, sets):
     where[3] = MORE[3] + (ci * 7 + node) * 4 + min(luma, 3)
     where[4] = MORE[4] + (i3 * FINE + f[ACTIVE]) * FINE + f[ROUGH]
     where[5] = MORE[5] + (ci * 6 + f[LUMA2]) * 4 + min(luma, 3)
-    where[6] = MORE[6] + ci * 16 + f[AROUND]
+    where[6] = ALIKE_MORE + (ci * 3 + (node >> 1)) * ALIKE + alike if f[PLANAR] else MORE[6] + ci * 16 + f[AROUND]
     where[7] = MORE[7] + (ci * LEVELS + level) * 3 + min(large, 2)
     sets[0] = 52 + ci
     sets[1] = 191 + c * CLASSES + f[STRENGTH]
@@ -193,11 +211,11 @@ def _sign_class(q, node, c, before):
 
 
 @kernel
-def _sign_contexts(f, c, node, q, expected, down, where, sets):
+def _sign_contexts(f, c, node, q, expected, down, alike, where, sets):
     """Contexts of a sign; q: int64 [7, C], the coefficients so far."""
     s0, s1 = _sign_class(q, node, 0, c), _sign_class(q, node, 1, c)
     where[0] = SIGN[0] + ((c * 2 + down) * FINE + expected) * LEVELS + f[LEVEL]
-    where[1] = SIGN[1] + (c * 3 + s0) * 3 + s1
+    where[1] = ALIKE_SIGN + ((c * 7 + node) * ALIKE_SIGNS + alike) * 3 + s0 if f[PLANAR] else SIGN[1] + (c * 3 + s0) * 3 + s1
     where[2] = SIGN[2] + ((c * 7 + node) * 3 + s0) * 2 + down
     where[3] = SIGN[3] + (((c * 3 + s0) * 3 + s1) * 2 + down) * FINE + expected
     sets[0] = 97 + c

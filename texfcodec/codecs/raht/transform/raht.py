@@ -12,6 +12,7 @@ from ....ground.kernel import kernel
 from .quantise import GAIN_FRACTION, _dequantise, _gain
 
 SPLITS = 7
+PLANAR_NODES = np.array((1, 3, 4))  # the splits of a block whose children all have z = 0
 # Voxels from which on the encoder divides by the gain as the decoder rounds it: 0.02 % off here, 1.8 % at 30 million
 EXACT_BELOW = 1 << 12
 
@@ -38,6 +39,12 @@ def _is_split(tree, node):
 
 
 @kernel
+def _is_square(tree):
+    """Whether a block with z = 0 has all of its four children."""
+    return _is_split(tree, 3) and _is_split(tree, 4)
+
+
+@kernel
 def _forward(tree, residual, component, values, scaled, step):
     """Encoder's transform of one component: residual float64 [8, C] -> scaled float64 [7, C], coefficients in steps.
 
@@ -59,6 +66,13 @@ def _forward(tree, residual, component, values, scaled, step):
             values[node] = v1 if w1 else v2
 
 
+@kernel
+def _rotate(scaled, component):
+    """Encoder's side of planar_transform: the splits along x become their sum and their difference (spec 7.11.1)."""
+    a, b = scaled[3, component], scaled[4, component]
+    scaled[3, component], scaled[4, component] = (a + b) * np.sqrt(0.5), (b - a) * np.sqrt(0.5)
+
+
 @kernel(forceinline=True, allocates=False)
 def _weighted_mean(tree, predicted, component):
     """Mean of the children's predictions, weighted by their voxels and rounded (spec 7.4.3). The sum stays < 2**51."""
@@ -69,17 +83,22 @@ def _weighted_mean(tree, predicted, component):
 
 
 @kernel
-def _inverse(tree, q, component, mean, step, values):
+def _inverse(tree, q, component, mean, step, values, rotated=0):
     """What a block's coefficients add to the predictions of its children, in one component of values int64 [15, C] (spec 7.4.3).
 
-    mean: of the node, less the weighted mean of the predictions; tree: int64 [15]; q: int64 [7, C]. weights < 2**27 and values <
+    mean: of the node, less the weighted mean of the predictions; tree: int64 [15]; q: int64 [7, C]; rotated: planar_transform,
+    by which the splits along x of a square block come as their sum and difference (spec 7.11.1). weights < 2**27 and values <
     2**32, so sums stay < 2**62.
     """
     values[0, component] = mean
+    rotated = 1 if rotated and _is_square(tree) else 0
     for node in range(7):
         w1, w2, v = tree[2 * node + 1], tree[2 * node + 2], values[node, component]
-        if w1 and w2 and q[node, component]:
-            d = _dequantise(q[node, component], step, w1, w2)
+        level, half = q[node, component], 0
+        if rotated and node > 2:
+            level, half = (q[3, component] - q[4, component] if node == 3 else q[3, component] + q[4, component]), 1
+        if w1 and w2 and level:
+            d = _dequantise(level, step, w1, w2, half)
             v -= (2 * w2 * d + w1 + w2) // (2 * (w1 + w2))
             values[2 * node + 1, component] = v
             values[2 * node + 2, component] = v + d

@@ -96,11 +96,12 @@ class EncodeOptions:
     lossless: code the voxels' rounded values exactly; max_error: None for lossy, 0 the same as lossless, 1..127 for values that
     are at most so far off; the encoder then sets the QPs, and qp stays None.
 
-    chroma_qp_offset: added to the QP of both chroma components. area_threshold: voxels holding less surface than this many
-    1/256 voxel faces are dropped where coverage allows. partition: "auto" splits the mesh into fields where surfaces meet,
-    "off" keeps one. refine: what brings the voxels' colours closer to the source before they are coded: "fit" least squares on
-    the surface, "render" inverse rendering on top of it with so many refine_iterations, "auto" a fit where it will show and
-    effort is not fast. allow_empty: code a mesh whose faces all collapse as an empty stream instead of refusing it.
+    chroma_qp_offset: added to the QP of both chroma components; None: -1 over voxels, 2 over texels. area_threshold: voxels
+    holding less surface than this many 1/256 voxel faces are dropped where coverage allows. partition: "auto" splits the mesh
+    into fields where surfaces meet, "off" keeps one. refine: what brings the voxels' colours closer to the source before they are
+    coded: "fit" least squares on the surface, "render" inverse rendering on top of it with so many refine_iterations, "auto" a
+    fit where it will show and effort is not fast. allow_empty: code a mesh whose faces all collapse as an empty stream instead of
+    refusing it.
 
     codec "3dntc" fits latents and a network for GPU-resident use instead; resolution is then only that of the voxels which a
     decoder makes of it, and refine "render" improves the fit on pictures, which "auto" leaves out. point: one of the paper's;
@@ -124,7 +125,7 @@ class EncodeOptions:
     max_error: int | None = ranged(None, 0, 127, "As --lossless, but each value may be off by D, 1..127.", "D")
     position_bits: int | None = ranged(None, 8, 20, "Bits of a vertex coordinate, 8..20.", "B")
     effort: str = choice("balanced", EFFORTS, "Time spent on a smaller stream.")
-    chroma_qp_offset: int = ranged(-1, -63, 63)
+    chroma_qp_offset: int | None = ranged(None, -63, 63)
     area_threshold: int = ranged(77, 0, 65535)
     partition: str = choice("auto", PARTITIONS)
     refine: str = choice("auto", REFINEMENTS, "Colours closer to the source before coding: surface fit, or inverse rendering on "

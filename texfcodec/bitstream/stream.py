@@ -93,7 +93,7 @@ def attribute_variables(stream: Stream, values: dict) -> dict:
     return {
         "resolution": cells_a_side(field), "Planar": field["support"],
         "NumComponents": groups[values["group_index"]]["group_components"],
-        "NumOutputs": sum(g["group_components"] for g in groups), "num_fields": len(stream.fields), "Planar": 0,
+        "NumOutputs": sum(g["group_components"] for g in groups), "num_fields": len(stream.fields),
     }
 
 

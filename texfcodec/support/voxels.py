@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,7 +31,6 @@ class VoxelSupport(Keyed):
     resolution: int
     keys: np.ndarray
     level_shift: int = 0
-    planar: ClassVar[bool] = False
 
     def __repr__(self) -> str:
         return f"<VoxelSupport: {len(self.keys)} voxels of {self.size} a side>"

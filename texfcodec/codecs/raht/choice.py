@@ -27,6 +27,7 @@ _WITH_RANGES = ((KERNELS[1], 10), (KERNELS[1], 5), (KERNELS[2], 5), (KERNELS[3],
 PREDICTIONS = {"fast": ((KERNELS[1], 0), (KERNELS[3], 0)), "balanced": _WITH_RANGES, "best": _WITH_RANGES}
 PLANAR_TOOLS = {"planar": 1, "planar_transform": 1, "component_cross": 16, "trade_off": 0.08}
 PLANAR_CHANGES = ({"component_cross": 10}, {"planar_transform": 0})
+CHROMA_OFFSETS = {False: -1, True: 2}  # by whether the support is planar
 BASE_QPS = (16, 22, 28, 34, 40)  # of the levels under residuals (7.9)
 USUAL_BASE_QP = 28  # within 1 % of the best of them on four assets at K 512, lossless
 PIECES = 4
@@ -98,10 +99,10 @@ def code_plane(plane: np.ndarray, support: VoxelSupport, colour: bool, options: 
     """
     if options.max_error is not None:
         return _code_bounded(plane, support, colour, options)
-    values, qp = forward_colour(plane) if colour else forward_plain(np.rint(plane)), _qp_of(options.qp, plane.shape[1], options)
-    tools = choose_tools(support.keys, support.depth, values, qp, options.effort, options.threads, support.planar)
-    coded, means = enc_attributes(support.keys, support.depth, values, qp, tools, options.threads)
-    return coded, inverse_colour(means) if colour else inverse_plain(means)
+    values, qp = forward_colour(plane) if colour else forward_plain(np.rint(plane)), _qp_of(options.qp, plane.shape[1], support,
+    options) tools = choose_tools(support.keys, support.depth, values, qp, options.effort, options.threads, support.planar) coded,
+    means = enc_attributes(support.keys, support.depth, values, qp, tools, options.threads) return coded, inverse_colour(means) if
+    colour else inverse_plain(means)
 
 
 def _code_bounded(plane, support, colour, options):
@@ -109,11 +110,12 @@ def _code_bounded(plane, support, colour, options):
     values = forward_colour(original) if colour else forward_plain(original)
     plan = ResidualPlan(options.max_error, original, inverse_colour if colour else inverse_plain)
     field = support.keys, support.depth, values
-    qp = choose_base_qp(*field, lambda qp: _qp_of(qp, plane.shape[1], options), plan, options.effort, options.threads,
+    qp = choose_base_qp(*field, lambda qp: _qp_of(qp, plane.shape[1], support, options), plan, options.effort, options.threads,
                         support.planar)
     tools = choose_tools(*field, qp, options.effort, options.threads, support.planar)
     return enc_attributes(*field, qp, tools, options.threads, plan)
 
 
-def _qp_of(qp, components, options):
-    return [min(max(qp + (options.chroma_qp_offset if c else 0), 0), 63) for c in range(components)]
+def _qp_of(qp, components, support, options):
+    offset = CHROMA_OFFSETS[support.planar] if options.chroma_qp_offset is None else options.chroma_qp_offset
+    return [min(max(qp + (offset if c else 0), 0), 63) for c in range(components)]

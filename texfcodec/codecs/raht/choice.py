@@ -99,10 +99,11 @@ def code_plane(plane: np.ndarray, support: VoxelSupport, colour: bool, options: 
     """
     if options.max_error is not None:
         return _code_bounded(plane, support, colour, options)
-    values, qp = forward_colour(plane) if colour else forward_plain(np.rint(plane)), _qp_of(options.qp, plane.shape[1], support,
-    options) tools = choose_tools(support.keys, support.depth, values, qp, options.effort, options.threads, support.planar) coded,
-    means = enc_attributes(support.keys, support.depth, values, qp, tools, options.threads) return coded, inverse_colour(means) if
-    colour else inverse_plain(means)
+    values = forward_colour(plane) if colour else forward_plain(np.rint(plane))
+    qp = _qp_of(options.qp, plane.shape[1], support, options)
+    tools = choose_tools(support.keys, support.depth, values, qp, options.effort, options.threads, support.planar)
+    coded, means = enc_attributes(support.keys, support.depth, values, qp, tools, options.threads)
+    return coded, inverse_colour(means) if colour else inverse_plain(means)
 
 
 def _code_bounded(plane, support, colour, options):

@@ -349,7 +349,7 @@ def test_info_passes_over_unknown_ancillary_units_and_says_so(stream):
 def test_info_tells_bytes_by_level(sample_scene):
     from texfcodec.encoder import encode_scene
 
-    made = encode_scene(sample_scene, EncodeOptions(resolution=128, qp=20, partition="off"))
+    made = encode_scene(sample_scene, EncodeOptions(resolution=128, qp=20, partition="off", support="voxels"))
     data, sizes = made.data, made.sizes
     (group,) = inspect(data)["groups"]
     assert group["semantic"] == "base_colour" and len(group["level_bytes"]) == 7 and min(group["level_bytes"]) > 0

@@ -96,7 +96,7 @@ def test_the_asset_with_huge_coordinates_keeps_every_position(shared_dir):
 def test_a_flat_square_is_one_layer_of_voxels_and_a_linear_gradient_survives(axis):
     positions, faces = square(0.0)
     scene = scene_of(np.roll(positions, axis, axis=1), faces, [[0, 0, 0, 1], [1, 0, 0, 1], [1, 1, 0, 1], [0, 1, 0, 1]])
-    texf, _ = coded(scene, qp=4)
+    texf, _ = coded(scene, qp=4, support="voxels")
     voxels = decode_morton(texf.fields[0].keys)
     assert len(voxels) == 64 * 64 and (voxels[:, (2 + axis) % 3] == 0).all()
     assert_positions_are_within_half_a_lattice_step(scene, texf)
@@ -343,7 +343,7 @@ def test_faces_vertices_start_corners_and_orientation_in_any_order_decode_to_the
 
 def test_crossing_sheets_keep_their_alpha_materials_and_metadata():
     scene = crossing_sheets()
-    texf, _ = coded(scene, qp=4)
+    texf, _ = coded(scene, qp=4, support="voxels")
     assert texf.has_alpha and [m.name for m in texf.materials] == ["stone", "glass"]
     assert texf.materials[1].alpha_mode == 2 and texf.metadata == {"copyright": "none"}
     assert sorted(texf.face_material.tolist()) == [0, 0, 1, 1]

@@ -189,7 +189,7 @@ def coded(name):
 def carrier(scene):
     """(Stream of a small scene, for the oracle: triangles by field, position_bits); two crossing sheets have a field each."""
     made = {"sphere": lambda: painted_sphere(3), "sheets": small_scene, "flat": lambda: scene_of(*square())}[scene]()
-    data = encode_scene(made, EncodeOptions(resolution=24, effort="fast", threads=1)).data
+    data = encode_scene(made, EncodeOptions(resolution=24, effort="fast", support="voxels", threads=1)).data
     plain = naive_stream(units_of(data))
     bits = plain["header"]["position_bits"]
     units = [decode_geometry(unit, bits) for unit in plain["geometry"]]
@@ -199,7 +199,7 @@ def carrier(scene):
 def fields_of(triangles, bits, resolution):
     """(Syntax values of the fields, keys by field): field n has n voxels a side more than the first."""
     keys = [active_voxels(own, bits, resolution + n, 2) for n, own in enumerate(triangles)]
-    values = [{"field_index": n, "resolution": resolution + n, "area_threshold": 2, "num_keys": len(own),
+    values = [{"field_index": n, "support": 0, "resolution": resolution + n, "area_threshold": 2, "num_keys": len(own),
                "keys_crc": zlib.crc32(np.array(own, "<i8"))} for n, own in enumerate(keys)]
     return values, keys
 

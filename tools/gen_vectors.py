@@ -17,6 +17,7 @@ sys.path[1:1] = [str(ROOT), str(ROOT / "conformance"), str(ROOT / "tests")]
 import vectors_constant  # noqa: E402
 import vectors_filter  # noqa: E402
 import vectors_neural  # noqa: E402
+import vectors_planar  # noqa: E402
 import vectors_texels  # noqa: E402
 import vectors_texels_faulty  # noqa: E402
 from decode_texfcodec import arrays  # noqa: E402
@@ -204,8 +205,10 @@ def write(files):
 def every_vector():
     """All vectors, in the order of README.md."""
     good = [subset(), vectors_constant.subset(), vectors_neural.subset(), vectors_texels.subset(), uncommon(),
-            vectors_filter.uncommon(), vectors_constant.uncommon(), vectors_neural.uncommon(), vectors_texels.uncommon()]
-    bad = [faulty(), vectors_filter.faulty(), vectors_constant.faulty(), vectors_neural.faulty(), vectors_texels_faulty.faulty()]
+            vectors_filter.uncommon(), vectors_constant.uncommon(), vectors_neural.uncommon(), vectors_texels.uncommon(),
+            vectors_planar.uncommon()]
+    bad = [faulty(), vectors_filter.faulty(), vectors_constant.faulty(), vectors_neural.faulty(), vectors_texels_faulty.faulty(),
+           vectors_planar.faulty()]
     return [vector for part in (*good, *bad) for vector in part]
 
 

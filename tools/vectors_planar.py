@@ -4,6 +4,7 @@ import numpy as np
 from vectors_faulty import as_faulty, with_values
 from vectors_filter import SLICES, every, filtered, out_of_range
 from vectors_good import Vector, parsed, recoded, with_codeword
+from vectors_texels import Image, picture, ring, stream_of_parts
 
 from texfcodec.codecs.raht.transform.filter import PLANAR_TAPS, stage_of
 
@@ -17,8 +18,14 @@ def drawn_stage(seed):
     return stage_of(mask, taps, 3)
 
 
-def good(data):
-    """Vectors of each tool. data: a stream of colour alone on one planar field of some hundred texels."""
+def sheet_of_texels():
+    """A stream of colour alone on one planar field of some hundred texels."""
+    return stream_of_parts([Image(picture(24, 16))], [ring((24, 16))])
+
+
+def uncommon():
+    """Vectors of each tool."""
+    data = sheet_of_texels()
     noise = np.random.default_rng(81).bytes(6000)
     stages = {3: [drawn_stage(80 + n) for n in range(2)]}
     lines = [
@@ -40,8 +47,9 @@ def good(data):
     return [Vector(f"uncommon/{name}", *rest, (0, 1)) for name, *rest in lines]
 
 
-def faulty(data):
-    """Clauses 5.7.1 and 7.11. data: as of good."""
+def faulty():
+    """Clauses 5.7.1 and 7.11."""
+    data = sheet_of_texels()
     mixed = recoded(data, models=6, **ALL)
     (unit,) = parsed(mixed).attributes
     turned = lambda stream: stream.attributes[0].update(planar_transform=0)

@@ -174,7 +174,7 @@ def _unit(field, number, group, plane, keys, syntax, qp, tools):
     resolution = syntax.get("resolution") or max(syntax["width"], syntax["height"])
     steps = [qp] * plane.shape[1]
     return {"field_index": number, "group_index": group, "codec_id": 0, "codec_name_length": 0, "codec_name": "",
-            **raht(plane, keys, resolution, steps, **tools)}
+            **raht(plane, keys, resolution, steps, **{"planar": syntax["support"], **tools})}
 
 
 # The good ones

@@ -124,7 +124,7 @@ def read_raht(reader, unit, header, fields):
     require(unit["kernel"][0] >= 1, "kernel[0] is 0")
     unit["colour_range"] = reader.u8("colour_range")
     unit["num_models"] = reader.u8("num_models", 0, 8)
-    unit["planar"] = 0  # no support of this version is planar
+    unit["planar"] = fields[unit["field_index"]]["support"]
     unit["planar_transform"] = reader.u8("planar_transform", 0, 1) if unit["planar"] > 0 else 0
     cross = unit["planar"] > 0 and components > 1
     unit["component_cross"] = reader.u8("component_cross", 0, 16) if cross else 0

@@ -62,7 +62,7 @@ def image_groups(scene: Scene, surface: Surface) -> list[ImageGroup]:
     """The groups of a surface: faces whose image (by content), wrap modes, factor and use of alpha are the same; and one palette
     for the faces of materials without an image. Faces with vertex colours of their own, or with UVs that are not finite or too
     far out are in none."""
-    groups: dict[tuple, list[np.ndarray]] = {}
+    groups: dict[tuple, list[tuple]] = {}
     plain = _plain_faces(scene, surface)
     digests = _digests(scene.textures)
     for number in np.unique(surface.material):

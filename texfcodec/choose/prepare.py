@@ -65,6 +65,7 @@ def transferred(part: SourceField, source: Source, number: int, options: EncodeO
     """Fills the planes of a SourceField, number `number` of a codecs.codec.Source, from the scene's textures."""
     surface, mine = source.surface, source.face_field == number
     assert options.resolution is not None  # its __post_init__ fills it in
+    assert isinstance(part.support, VoxelSupport)
     bits, packed = surface.cube.position_bits, pack_source(source.scene, surface.origin_face[mine])
     textured = (surface.lattice, surface.faces[mine], packed, bits, options.resolution)
     part.texels_per_edge = texels_per_edge(*textured)

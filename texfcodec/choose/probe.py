@@ -59,10 +59,11 @@ class Probe:
 
 
 class Patch:
-    """The part of a surface that is asked: a scene's faces with evenly spread points on them. faces: int64 [F] into surface's."""
+    """The part of a surface that is asked: a scene's faces with evenly spread points on them. faces: int64 [F] into surface's;
+    least: the error below which nothing is worth more bytes."""
 
-    def __init__(self, scene: Scene, surface: Surface, faces: np.ndarray, threads: int) -> None:
-        self.scene, self.surface, self.faces, self.threads = scene, surface, faces, threads
+    def __init__(self, scene: Scene, surface: Surface, faces: np.ndarray, least: float, threads: int) -> None:
+        self.scene, self.surface, self.faces, self.least, self.threads = scene, surface, faces, least, threads
         self.face, self.bary = sample_surface(surface.lattice.astype(np.float64), surface.faces[faces], POINTS)
         source = pack_source(scene, surface.origin_face[faces])
         self.colour = sample_source(source, self.face, self.bary, threads)
@@ -80,18 +81,31 @@ class Patch:
         return texels_per_edge(surface.lattice, surface.faces[self.faces], packed, surface.cube.position_bits, resolution)
 
     def mse(self, chosen: np.ndarray, got: np.ndarray) -> float:
-        """Mean squared error of Y at chosen points. got: float32 [n, 3]."""
+        """Mean squared error at chosen points, of Y and, where it is there, of alpha; at least self.least. got: float32 [n, 3 or
+        4]."""
+        if not len(chosen):
+            return self.least
         error, weights = ColourError(), self.colour[chosen, 3] / 255
-        error.add(self.colour[chosen, :3], got, weights if weights.any() else None)
-        return error.mse()["y"]
+        error.add(self.colour[chosen, :3], got[:, :3], weights if weights.any() else None)
+        alpha = float(((self.colour[chosen, 3:] - got[:, 3:]) ** 2).mean()) if got.shape[1] == 4 else 0.0
+        return max(error.mse()["y"] + alpha, self.least)
+
+    @property
+    def columns(self) -> int:
+        """4 where some of the surface can be seen through, else 3."""
+        return 3 if self.colour[:, 3].min() == 255 else 4
 
 
 def _coded(plane, support, options):
-    """(bits per value, decoded plane) of a plane of colours."""
-    codec = codec_of(options.codec)
-    values, decoded = codec.enc(plane, support, options)  # type: ignore[attr-defined]  # only codecs of planes get here
-    variables = {"NumComponents": plane.shape[1], "resolution": 1 << support.depth, "Planar": int(support.planar)}
-    return 8 * len(codec.write_parameters({**values, **variables})) / len(plane), decoded
+    """(bits per value, decoded) of float32 [N, 3 or 4]: colour, and alpha where it is there, by itself."""
+    codec, made, size = codec_of(options.codec), [], 0
+    for part in np.split(plane, [3], axis=1)[: plane.shape[1] - 2]:
+        part = np.ascontiguousarray(part)
+        values, decoded = codec.enc(part, support, options)  # type: ignore[attr-defined]  # only codecs of planes get here
+        variables = {"NumComponents": part.shape[1], "resolution": 1 << support.depth, "Planar": int(support.planar)}
+        size += len(codec.write_parameters({**values, **variables}))
+        made.append(decoded)
+    return 8 * size / len(plane), np.concatenate(made, axis=1)
 
 
 def _cells_at(places, cell):
@@ -133,10 +147,10 @@ def probe_texels(patch: Patch, plan: TexelPlan, values: Callable[[np.ndarray], n
     cells = _cells_at(place.astype(np.int64), TEXEL_CELL)
     mine = _within(keys, cells, TEXEL_CELL)
     support = TexelSupport(keys=mine, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap, fraction_bits=0)
-    bits, decoded = _coded(np.ascontiguousarray(values(support.xy())[:, :3]), support, options)
+    bits, decoded = _coded(values(support.xy())[:, : patch.columns], support, options)
     chosen = _well_inside(place, TEXEL_CELL, cells)
     got = support.query(texel[chosen], decoded, patch.threads)
-    return Probe(len(keys), bits, patch.mse(chosen, got) if len(chosen) else 0.0)
+    return Probe(len(keys), bits, patch.mse(chosen, got))
 
 
 def _wrapped(place, size, mode):
@@ -159,18 +173,17 @@ def probe_voxels(patch: Patch, resolution: int, density: int, options: EncodeOpt
     keys = _within(keys, cells, VOXEL_CELL)
     values = round(patch.area * (resolution / (1 << bits)) ** 2 * VOXELS_PER_AREA)
     if not len(keys):
-        return Probe(values, 24.0, 0.0)
+        return Probe(values, 24.0, patch.least)
     support, brick_map = VoxelSupport(resolution, keys), build_brick_map(keys)
     packed = pack_source(patch.scene, surface.origin_face[patch.faces[near]])
-    colour, _ = transfer(surface.lattice, faces, packed, bits, resolution, keys, brick_map, density, options.threads)
-    coded, decoded = _coded(np.ascontiguousarray(colour), support, options)
+    values_there = np.column_stack(transfer(surface.lattice, faces, packed, bits, resolution, keys, brick_map, density,
+                                            options.threads))[:, : patch.columns]
+    coded, decoded = _coded(values_there, support, options)
     chosen = _well_inside(grid, VOXEL_CELL, cells)
-    if not len(chosen):
-        return Probe(values, coded, 0.0)
     mse, uncoded = (patch.mse(chosen, query_field(grid[chosen], resolution, keys, brick_map, plane, patch.threads)[0])
-                    for plane in (decoded, colour))
+                    for plane in (decoded, np.ascontiguousarray(values_there)))
     saved = (1 - LEFT_BY_FIT) * uncoded if options.may_fit else 0.0
-    return Probe(values, coded, max(mse - saved, 0.0))
+    return Probe(values, coded, max(mse - saved, patch.least))
 
 
 def _faces_near(corners, cells):

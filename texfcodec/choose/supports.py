@@ -21,6 +21,7 @@ from .images import ImageGroup, image_groups
 from .position import rounding_mse
 from .probe import Patch, Probe, probe_texels, probe_voxels
 from .texel_field import TexelPlan, most_fraction_bits, slope_of
+from .trial import coding_mse
 
 if TYPE_CHECKING:
     from ..asset.scene import Scene
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from ..report import Report
 
 SLOPE = 1.2  # bytes of the values ~ error ** -SLOPE around the usual QPs: 0.17 bits of log2 bytes with 0.42 dB
-LEAST_MSE = 0.1  # 58 dB: below, nobody sees a difference
+ENOUGH = 0.25  # of the usual error at a QP: smooth images that are closer to the source than that are close enough
 COARSE = 0.7  # texels per voxel edge under which a smaller K is tried
 USUAL_K, FINEST_POSITIONS = 64, 18
 ROUNDED = 1 / 24  # variance of a rounded coordinate between corners, in squared steps
@@ -97,7 +98,7 @@ def _candidate(scene, surface, group, options):
     points = len(np.unique(np.column_stack([surface.faces[group.faces].reshape(-1), uv]), axis=0))
     patch = _patch(scene, surface, group.faces, options)
     if group.palette or patch is None or options.max_error is not None:
-        return _Candidate(_with_bits(plan, LOSSLESS_FRACTION), Probe(len(keys), 24.0, LEAST_MSE), points)
+        return _Candidate(_with_bits(plan, LOSSLESS_FRACTION), Probe(len(keys), 24.0, _least_mse(options)), points)
     probe = probe_texels(patch, plan, plan.values(surface), keys, options)
     return _Candidate(_with_bits(plan, _fraction_bits(plan, probe, points)), probe, points)
 
@@ -120,7 +121,7 @@ def _fraction_bits(plan, probe, points):
 
 def _cheapest(choices, probe, added, bytes_a_bit):
     """The number of bits at which values and coordinates take the fewest bytes at equal quality. added: error at so many bits."""
-    mse = max(probe.mse, LEAST_MSE)
+    mse = probe.mse
     return min(choices, key=lambda k: probe.attributes * (1 + added(k) / mse) ** SLOPE + bytes_a_bit * k)
 
 
@@ -130,7 +131,7 @@ def _position_bits(chosen, scene, surface, options):
     attributes = sum(one.texels.attributes for one in chosen)
     if not options.position_bits_are_free or not attributes or options.max_error is not None:
         return usual
-    mse = sum(one.texels.attributes * max(one.texels.mse, LEAST_MSE) for one in chosen) / attributes
+    mse = sum(one.texels.attributes * one.texels.mse for one in chosen) / attributes
     whole = Probe(1, 8 * attributes, mse)
     moved = rounding_mse(scene, surface.cube, options.threads)
     return _cheapest(range(usual, FINEST_POSITIONS + 1), whole, lambda bits: moved / 2 ** (bits - usual), 3 / 8 * vertices)
@@ -163,7 +164,7 @@ def _goes_over_texels(one, scene, surface, options, told):
 
 def _bytes_at(probe, mse):
     """Bytes of a probe's values at another error."""
-    return probe.attributes * (max(probe.mse, LEAST_MSE) / max(mse, LEAST_MSE)) ** SLOPE
+    return probe.attributes * (probe.mse / mse) ** SLOPE
 
 
 def _best_voxels(patch, per_edge, options):
@@ -227,7 +228,11 @@ def _resolution(scene, surface, chosen, options, told):
 def _patch(scene, surface, faces, options):
     if not face_areas(surface.lattice, surface.faces[faces]).any():
         return None
-    return Patch(scene, surface, faces, options.threads)
+    return Patch(scene, surface, faces, _least_mse(options), options.threads)
+
+
+def _least_mse(options):
+    return ENOUGH * coding_mse(options.reckoned_qp)
 
 
 def _moved(plans, groups):

@@ -28,7 +28,7 @@ if not __package__:  # called as a file
 from texfcodec.asset.load.files import load
 from texfcodec.asset.scene import WRAP_CLAMP, WRAP_MIRROR, Scene
 from texfcodec.asset.texel_cover import span_in_band
-from texfcodec.codecs.raht.choice import EFFORTS, choose_base_qp, choose_tools
+from texfcodec.codecs.raht.choice import CHROMA_OFFSETS, EFFORTS, choose_base_qp, choose_tools
 from texfcodec.codecs.raht.codec import dec_attributes, enc_attributes
 from texfcodec.codecs.raht.coefficients.residual import ResidualPlan
 from texfcodec.codecs.raht.syntax import RAHT
@@ -41,7 +41,7 @@ from texfcodec.quality.bd_rate import bd_rate
 from texfcodec.support.layout import octree_depth
 from texfcodec.support.morton import encode_morton
 
-CHROMA_OFFSET = -1
+CHROMA_OFFSET = CHROMA_OFFSETS[True]  # the encoder's own
 QPS = "22,28,34,40"
 AVIF_QUALITIES = (5, 10, 20, 30, 40, 50, 60, 70, 80, 88, 94)
 MEASURES = ("psnr_y", "psnr_rgb")

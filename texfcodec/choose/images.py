@@ -14,6 +14,7 @@ from ..asset.srgb import linear_to_srgb, srgb_to_linear
 from ..bitstream.syntax import MAX_UV_ORIGIN
 from ..geometry.draco import MAX_UV_BITS
 from ..support.layout import MAX_SIDE
+from .resample import resampled
 
 if TYPE_CHECKING:
     from ..asset.scene import Scene
@@ -46,6 +47,16 @@ class ImageGroup:
         for c in range(4):
             out[..., c] = self._curve(c)[texels[..., c]]
         return out
+
+    def resampled(self, image: np.ndarray, weight: np.ndarray, size: tuple[int, int], wrap: tuple[int, int],
+                  threads: int = 1) -> np.ndarray:
+        """A part of the image with its factor at another size; see resample.resampled. Constant alpha needs no fit."""
+        values = self.values(image)
+        if values[..., 3].min() == values[..., 3].max():
+            out = np.full((size[1], size[0], 4), values[0, 0, 3], np.float32)
+            out[..., :3] = resampled(values[..., :3], weight, size, wrap, threads)
+            return out
+        return resampled(values, weight, size, wrap, threads)
 
     def _curve(self, channel):
         """What each of the 256 coded values becomes, by the rule of asset.sample."""

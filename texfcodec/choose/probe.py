@@ -6,7 +6,6 @@ finished stream has on the assets where both were measured (docs/texels.md). """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -139,18 +138,30 @@ def _well_inside(place, cell, cells):
     return inner if len(inner) > LEAST_POINTS else np.flatnonzero(there)
 
 
-def probe_texels(patch: Patch, plan: TexelPlan, values: Callable[[np.ndarray], np.ndarray], keys: np.ndarray,
-                 options: EncodeOptions) -> Probe:
-    """Probe of a TexelPlan. values: of plan.values(); keys: int64 [N], the texels that it asks."""
+def probe_texels(patch: Patch, plan: TexelPlan, keys: np.ndarray, options: EncodeOptions) -> Probe:
+    """Probe of a TexelPlan. keys: int64 [N], the texels that it asks."""
     texel = np.einsum("nc,ncd->nd", patch.bary, plan.group.uv[patch.face]) * np.array(plan.size) / plan.group.size
     place = np.column_stack([_wrapped(texel[:, i], plan.size[i], plan.group.wrap[i]) for i in range(2)])
     cells = _cells_at(place.astype(np.int64), TEXEL_CELL)
     mine = _within(keys, cells, TEXEL_CELL)
     support = TexelSupport(keys=mine, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap, fraction_bits=0)
-    bits, decoded = _coded(values(support.xy())[:, : patch.columns], support, options)
+    bits, decoded = _coded(_texels_of(plan, patch, support, cells)[:, : patch.columns], support, options)
     chosen = _well_inside(place, TEXEL_CELL, cells)
     got = support.query(texel[chosen], decoded, patch.threads)
     return Probe(len(keys), bits, patch.mse(chosen, got))
+
+
+def _texels_of(plan, patch, support, cells):
+    """Values of the texels of a support that has these cells alone, float32 [N, 4]."""
+    xy = support.xy()
+    if plan.size == plan.group.size or plan.group.size[0] % plan.size[0]:
+        return plan.values(patch.surface, xy, patch.threads)
+    out, own = np.empty((len(xy), 4), np.float32), _cell_keys(xy, TEXEL_CELL)
+    for key in cells:
+        corner, mine = decode_morton(np.array([key]))[0, :2].astype(np.int64) << TEXEL_CELL, np.flatnonzero(own == key)
+        place = xy[mine] - corner
+        out[mine] = plan.values_of_cell(corner, 1 << TEXEL_CELL)[place[:, 1], place[:, 0]]
+    return out
 
 
 def _wrapped(place, size, mode):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..asset.scene import WRAP_CLAMP, WRAP_REPEAT
 from ..bitstream.syntax import MAX_UV_ORIGIN
 from ..errors import LimitError
 from ..geometry.draco import MAX_UV_BITS
@@ -16,7 +16,6 @@ from ..ground.colour_error import RGB_TO_YUV
 from ..support.texel_set import asked_texels, count_rows, shown_area
 from ..support.texels import TexelSupport
 from .prepare import SourceField
-from .resample import resampled
 
 if TYPE_CHECKING:
     from ..codecs.codec import Source
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from .images import ImageGroup
 
 MOST_FRACTION_BITS = 8
+MARGIN = 4  # texels around a cell that is resampled by itself
 FULL_BITS = 2  # of UVs where only the weights of texels are at stake
 
 
@@ -42,17 +42,37 @@ class TexelPlan:
         return np.floor(self.group.uv * scale + 0.5).astype(np.int64)
 
 
-    def values(self, surface: Surface) -> Callable[[np.ndarray], np.ndarray]:
-        """Function (columns and rows int32 [N, 2]) -> values of these texels of the coded size, float32 [N, 4]."""
+    def values(self, surface: Surface, xy: np.ndarray, threads: int) -> np.ndarray:
+        """Values of texels of the coded size, float32 [N, 4]. xy: columns and rows, int32 [N, 2]."""
         group = self.group
         if self.size == group.size:
-            return lambda xy: group.values(group.image[xy[:, 1], xy[:, 0]])
+            return group.values(group.image[xy[:, 1], xy[:, 0]])
         steps = np.floor(group.uv * (1 << FULL_BITS) + 0.5).astype(np.int64).reshape(-1, 2)
         corners = np.arange(len(steps)).reshape(-1, 3)
         area = face_areas(surface.lattice, surface.faces[group.faces])
         shown = shown_area(steps, corners, FULL_BITS, group.size, group.wrap, area)
-        smaller = resampled(group.values(group.image), shown, self.size, group.wrap)
-        return lambda xy: smaller[xy[:, 1], xy[:, 0]]
+        return group.resampled(group.image, shown, self.size, group.wrap, threads)[xy[:, 1], xy[:, 0]]
+
+    def values_of_cell(self, corner: np.ndarray, side: int) -> np.ndarray:
+        """Values of a square of texels of the coded size, resampled from what is around it alone: float32 [side, side, 4]. corner:
+        its first column and row; the coded size divides the image's."""
+        group, factor = self.group, self.group.size[0] // self.size[0]
+        columns, rows = (_wrapped_line(np.arange(c - MARGIN, c + side + MARGIN), factor, size, mode)
+                         for c, size, mode in zip(corner, group.size, group.wrap, strict=True))
+        window = group.image[rows[:, None], columns]
+        whole = (side + 2 * MARGIN, side + 2 * MARGIN)
+        out = group.resampled(window, np.ones(window.shape[:2]), whole, (WRAP_CLAMP, WRAP_CLAMP))
+        return out[MARGIN : MARGIN + side, MARGIN : MARGIN + side]
+
+
+def _wrapped_line(cells, factor, size, mode):
+    """Texels of the image below those of a line of the coded size, by the wrap mode."""
+    line = (cells[:, None] * factor + np.arange(factor)).ravel()
+    if mode == WRAP_CLAMP:
+        return np.clip(line, 0, size - 1)
+    if mode == WRAP_REPEAT:
+        return line % size
+    return size - 1 - np.abs(line % (2 * size) - size + (line % (2 * size) < size))
 
 
 def slope_of(plan_size: tuple[int, int], group: ImageGroup) -> float:
@@ -83,6 +103,6 @@ def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Sour
     keys = asked_texels(uv, faces, plan.fraction_bits, plan.size, plan.group.wrap, options.limits.voxels)
     support = TexelSupport(keys=keys, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap,
                            fraction_bits=plan.fraction_bits)
-    values = plan.values(source.surface)(support.xy())
+    values = plan.values(source.surface, support.xy(), options.threads)
     planes = {c.name: np.ascontiguousarray(values[:, list(c.columns)]) for c in source.channels}
     return SourceField(support, 0, planes, exact=plan.group.palette)

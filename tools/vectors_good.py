@@ -9,7 +9,7 @@ from vectors_scenes import many_materials, noise_sheet, ribbon, scene_of, torus,
 
 from texfcodec import EncodeOptions, Limits, decode
 from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, Material
-from texfcodec.bitstream.stream import read_stream, write_stream, cells_a_side
+from texfcodec.bitstream.stream import cells_a_side, read_stream, write_stream
 from texfcodec.bitstream.syntax import SIGNATURE, UNIT_END, UNIT_METADATA
 from texfcodec.bitstream.units import read_units, write_unit
 from texfcodec.codecs.raht import codec

@@ -41,7 +41,6 @@ class TexelPlan:
         scale = np.array(self.size, np.float64) / self.group.size * (1 << self.fraction_bits)
         return np.floor(self.group.uv * scale + 0.5).astype(np.int64)
 
-
     def values(self, surface: Surface) -> Callable[[np.ndarray], np.ndarray]:
         """Function (columns and rows int32 [N, 2]) -> values of these texels of the coded size, float32 [N, 4]."""
         group = self.group

@@ -1,4 +1,6 @@
-"""The main job on the bundled sample: encode at three rates, decode to GLB, show a table. `make demo` runs this.
+"""The main job on the bundled sample: encode at three settings, decode to GLB, show a table. `make demo` runs this.
+
+The settings: few voxels, the paper's r03, and r03 with the encoder's own choice of texels and voxels.
 
     python -m texfcodec.demo [FOLDER]
 """

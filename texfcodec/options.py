@@ -26,6 +26,7 @@ DEFAULT_CODEC = "raht"
 EFFORTS = ("fast", "balanced", "best")
 PARTITIONS = ("auto", "off")
 SUPPORTS = ("auto", "voxels", "texels")
+FINEST_POSITIONS = 18  # bits of a coordinate that "auto" goes up to
 OF_PLANES = frozenset({"support", "exact_rate", "texel_size"})  # no part in codecs that code all fields together
 REFINEMENTS = ("auto", "off", "fit", "render")
 ATLAS_METHODS = ("auto", "quality", "fast")
@@ -213,6 +214,11 @@ class EncodeOptions:
     def reckoned_qp(self) -> int:
         """The QP whose error the choices before coding reckon with."""
         return RATES[self.rate][1] if self.qp is None else self.qp
+
+    @property
+    def may_choose_texels(self) -> bool:
+        """Whether fields over texels may come of these options."""
+        return not codec_of(self.codec).joint and (self.support == "texels" or (self.support == "auto" and self.rate_is_free))
 
     @property
     def may_fit(self) -> bool:

@@ -17,6 +17,7 @@ from ..errors import LimitError
 from ..geometry.draco import enc_geometry, enc_textured
 from ..geometry.surface import make_surface
 from ..ground.areas import face_areas
+from ..options import FINEST_POSITIONS
 from ..support.texel_set import asked_texels, count_rows
 from .images import ImageGroup, image_groups
 from .position import rounding_mse
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 SLOPE = 1.2  # bytes of the values ~ error ** -SLOPE around the usual QPs: 0.17 bits of log2 bytes with 0.42 dB
 LEAST_MSE = 0.1  # 58 dB: below, nobody sees a difference
 COARSE = 0.7  # texels per voxel edge under which a smaller K is tried
-USUAL_K, FINEST_POSITIONS = 64, 18
+USUAL_K = 64
 ROUNDED = 1 / 24  # variance of a rounded coordinate between corners, in squared steps
 UNIT_BYTES = 60  # of a further field
 LOSSLESS_FRACTION = 4

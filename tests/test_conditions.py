@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from texfcodec.options import EncodeOptions
 from tools.conditions import read_conditions
 from tools.rate_points import main
 
@@ -44,4 +45,8 @@ def test_committed_conditions_are_sound():
     for path in sorted((REPOSITORY / "conditions").glob("*.toml")):
         conditions = read_conditions(path)
         assert "sample" in conditions["assets"] and conditions["settings"]
-    assert len(read_conditions(REPOSITORY / "conditions/paper.toml")["settings"]) == 18
+        for setting in conditions["settings"]:
+            if setting["method"] == "texf":
+                EncodeOptions(**setting["options"])
+    paper = read_conditions(REPOSITORY / "conditions/paper.toml")["settings"]
+    assert len(paper) == 18 and all(s["options"]["exact_rate"] for s in paper)

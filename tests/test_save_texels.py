@@ -41,18 +41,17 @@ def wall(image, wrap=(WRAP_REPEAT, WRAP_REPEAT), low=0.0, high=1.0, n=6, **mater
 
 
 def mixed(image, shared_material=False, **material):
-    """A wall over texels, and a small plain square beside it over voxels. shared_material: the square has the wall's material,
-    and colours of its own, which no image holds."""
+    """A wall over texels, and a small plain square beside it over voxels, because it has colours of its own, which no image
+    holds. shared_material: it has the wall's material, else one without an image."""
     scene = wall(image, **material)
     count = len(scene.positions)
     scene.positions = np.concatenate([scene.positions, [[1.1, 0, 0], [1.3, 0, 0], [1.3, 0.2, 0], [1.1, 0.2, 0]]])
     square = np.array([[0, 1, 2], [0, 2, 3]])
     scene.faces = np.concatenate([scene.faces, square + count])
     scene.corner_uv = np.concatenate([scene.corner_uv, np.zeros((2, 3, 2))])
-    if shared_material:
-        scene.corner_color = np.ones((len(scene.faces), 3, 4), np.float32)
-        scene.corner_color[-2:, :, :3] = 0.25
-    else:
+    scene.corner_color = np.ones((len(scene.faces), 3, 4), np.float32)
+    scene.corner_color[-2:, :, :3] = 0.25
+    if not shared_material:
         scene.materials.append(Material("plain", factor=np.array([0.5, 0.2, 0.1, 1.0]), double_sided=True))
     scene.face_material = np.append(scene.face_material, [0 if shared_material else 1] * 2)
     return scene
@@ -251,7 +250,7 @@ def test_charts_do_not_break_the_shading(tmp_path):
     scene, found = wall(smooth_image(64, 64), n=8), {}
     scene.corner_uv[...] = np.array([[0.1, 0.1], [0.3, 0.1], [0.1, 0.3]]) + np.arange(len(scene.faces))[:, None, None] * 0.003
     for support in ("texels", "voxels"):
-        texf = decode(encode(scene, EncodeOptions(support=support, resolution=64, qp=20)))
+        texf = decode(encode(scene, EncodeOptions(support=support, resolution=64, qp=20, position_bits=14)))
         save(texf, tmp_path / "a.glb", texture_size=64, atlas="fast")
         document, binary = read_glb(tmp_path / "a.glb")
         (primitive,) = document["meshes"][0]["primitives"]

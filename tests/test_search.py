@@ -11,7 +11,7 @@ from texfcodec.asset.scene import Material, Scene, Texture
 from texfcodec.channels import ALPHA, BASE_COLOUR
 from texfcodec.encoder import encode_scene
 from texfcodec.quality.measure import SourceSamples, measure
-from texfcodec.search import LAST_QP, encode_to_target, estimate, smallest_root
+from texfcodec.search import FIRST_QP, LADDER, LAST_QP, encode_to_target, estimate, smallest_root
 
 SAMPLES = 20_000
 
@@ -61,26 +61,42 @@ def test_quality_is_met_at_the_fewest_bytes_tried(ribbon, target):
     assert len(made.data) == min(r["bytes"] for r in made.choices["search"] if r["psnr_y"] >= target)
 
 
+@pytest.mark.parametrize("support", ["auto", "voxels"])
 @pytest.mark.parametrize("options", [{"target_bytes": 60}, {"target_psnr": 99.0}])
-def test_unreachable_target_names_the_best(ribbon, options):
+def test_unreachable_target_names_the_best(ribbon, options, support):
     report = Report()
     with pytest.raises(InputError) as raised:
-        encode_to_target(ribbon, EncodeOptions(**options), report)
-    error = raised.value
-    assert error.code == "TXF-I51" and {"value", "best", "resolution", "qp"} <= set(error.details)
-    assert report.trials and error.details["resolution"] in {r["resolution"] for r in report.trials}
+        encode_to_target(ribbon, EncodeOptions(support=support, **options), report)
+    error, told = raised.value, raised.value.details
+    assert error.code == "TXF-I51" and {"value", "best", "qp"} <= set(told) and "None" not in str(error)
+    measure, best = ("bytes", min) if "target_bytes" in options else ("psnr_y", max)
+    row = best(report.trials, key=lambda r: r[measure])
+    assert told["best"] == round(row[measure], 2) and told["qp"] == row["qp"] and told.get("resolution") == row["resolution"]
+    assert support == "auto" or told["resolution"] in LADDER
 
 
-def test_search_stops_when_cancelled(ribbon):
+@pytest.mark.parametrize("support, stage", [("voxels", "transfer"), ("auto", "attributes")])
+def test_search_stops_when_cancelled(ribbon, support, stage):
     stages = []
 
-    def watch(stage, done, total):
-        stages.append(stage)
-        return stages.count("transfer") < 3
+    def watch(name, done, total):
+        stages.append(name)
+        return stages.count(stage) < 3
 
     with pytest.raises(KeyboardInterrupt):
-        encode_to_target(ribbon, EncodeOptions(target_psnr=35.0), Report(watch))
-    assert stages[-1] == "transfer"
+        encode_to_target(ribbon, EncodeOptions(target_psnr=35.0, support=support), Report(watch))
+    assert stages[-1] == stage
+
+
+def test_search_leaves_the_choice_what_was_left_free(ribbon):
+    """Texels at whatever position bits the encoder chooses for them, unless they were asked for."""
+    free = encode_scene(ribbon, EncodeOptions(qp=FIRST_QP))
+    made = encode_to_target(ribbon, EncodeOptions(target_bytes=len(free.data)), Report())
+    chosen = [decode(one.data).position_bits for one in (free, made)]
+    assert free.counts["voxels"] == made.counts["voxels"] == 0 and chosen[0] == chosen[1] > 14
+    assert all(r["resolution"] is None for r in made.choices["search"])
+    told = encode_to_target(ribbon, EncodeOptions(target_bytes=len(free.data), position_bits=13), Report())
+    assert decode(told.data).position_bits == 13
 
 
 @pytest.mark.parametrize("curve", [lambda x: 30.2 - x, lambda x: 4 * math.log2(60 / (x + 1)), lambda x: 50 - 0.05 * x * x])

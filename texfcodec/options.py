@@ -26,6 +26,8 @@ DEFAULT_CODEC = "raht"
 EFFORTS = ("fast", "balanced", "best")
 PARTITIONS = ("auto", "off")
 SUPPORTS = ("auto", "voxels", "texels")
+FINEST_POSITIONS = 18  # bits of a coordinate that "auto" goes up to
+OF_PLANES = frozenset({"support", "exact_rate", "texel_size"})  # no part in codecs that code all fields together
 REFINEMENTS = ("auto", "off", "fit", "render")
 ATLAS_METHODS = ("auto", "quality", "fast")
 APPEARANCES = ("texture", "vertex", "voxels")
@@ -86,7 +88,8 @@ def _check_number(name, value, low, high):
 
 def strange_options(codec: Codec) -> frozenset[str]:
     """Names of those EncodeOptions that other codecs read and this one does not."""
-    return frozenset().union(*(one.options for one in our_codecs())) - codec.options
+    others = frozenset().union(*(one.options for one in our_codecs())) - codec.options
+    return others | OF_PLANES if codec.joint else others
 
 
 @dataclass(kw_only=True)
@@ -102,6 +105,9 @@ class EncodeOptions:
     coded: "fit" least squares on the surface, "render" inverse rendering on top of it with so many refine_iterations, "auto" a
     fit where it will show and effort is not fast. allow_empty: code a mesh whose faces all collapse as an empty stream instead of
     refusing it.
+
+    support: "auto" takes the texels of an image, a smaller K or more position bits than were asked for where that takes fewer
+    bytes at equal quality, and only where resolution, max_error and exact_rate leave it free to.
 
     codec "3dntc" fits latents and a network for GPU-resident use instead; resolution is then only that of the voxels which a
     decoder makes of it, and refine "render" improves the fit on pictures, which "auto" leaves out. point: one of the paper's;
@@ -121,7 +127,7 @@ class EncodeOptions:
     qp: int | None = ranged(None, 0, 63, "Quantisation, 0..63: step 2^((QP-4)/6); with --resolution.")
     target_bytes: int | None = ranged(None, 1, 1 << 62, "Best 3D-PSNR in at most B bytes; searches K and QP.", "B")
     target_psnr: float | None = ranged(None, 1.0, 100.0, "Fewest bytes with this 3D-PSNR of Y; searches K and QP.", "DB")
-    lossless: bool = switch("Code the voxels' 8-bit colours exactly; with --rate or --resolution for K.")
+    lossless: bool = switch("Code the 8-bit colours of voxels, or texels, exactly; with --rate or --resolution for K.")
     max_error: int | None = ranged(None, 0, 127, "As --lossless, but each value may be off by D, 1..127.", "D")
     position_bits: int | None = ranged(None, 8, 20, "Bits of a vertex coordinate, 8..20.", "B")
     effort: str = choice("balanced", EFFORTS, "Time spent on a smaller stream.")
@@ -132,9 +138,11 @@ class EncodeOptions:
                          "top of it (a minute); auto is a fit where it shows, never with --effort fast. 3dntc: render refines "
                          "the fit on pictures (a minute); not in auto.")
     refine_iterations: int = ranged(30, 1, 10_000)
-    support: str = choice("auto", SUPPORTS, "Where values live: voxels, the texels of the source's images, or what is smaller.")
-    exact_rate: bool = switch("Voxels at the rate's own K, whatever would be smaller.")
-    texel_size: int | None = ranged(None, 1, 16384, "Texels along the longer side of an image, at most its own.", "N")
+    support: str = choice("auto", SUPPORTS, "Where colours are kept: in voxels, in the texels of the mesh's own images, or "
+                          "for every image where it takes fewer bytes; auto is voxels where K or an error bound is given.")
+    exact_rate: bool = switch("Voxels at the rate's own K, as in the paper, though texels or a smaller K take fewer bytes.")
+    texel_size: int | None = ranged(None, 1, 16384, "Shrink images that are kept as texels to N along their longer side, "
+                                    "1..16384.", "N")
     codec: str = choice(DEFAULT_CODEC, codec_names, "How values are coded.")
     codec_options: dict = field(default_factory=dict)
     point: str | None = choice(None, POINTS, f"One of the paper's sizes, mpeg1..mpeg6 or aom1..aom5.  [default: {DEFAULT_POINT}]",
@@ -206,6 +214,11 @@ class EncodeOptions:
     def reckoned_qp(self) -> int:
         """The QP whose error the choices before coding reckon with."""
         return RATES[self.rate][1] if self.qp is None else self.qp
+
+    @property
+    def may_choose_texels(self) -> bool:
+        """Whether fields over texels may come of these options."""
+        return not codec_of(self.codec).joint and (self.support == "texels" or (self.support == "auto" and self.rate_is_free))
 
     @property
     def may_fit(self) -> bool:

@@ -175,7 +175,9 @@ class _Search:
         return self.trials[-1]
 
     def _options(self, resolution, qp):
-        return replace(self.options, target_bytes=None, target_psnr=None, resolution=resolution or None, qp=qp)
+        bits = None if self.options.position_bits_are_free else self.options.position_bits
+        return replace(self.options, target_bytes=None, target_psnr=None, resolution=resolution or None, qp=qp,
+                       position_bits=bits)
 
     def _prepare(self, resolution, qp, report):
         """What prepare() made for a K, or with the encoder's choice of supports for FREE; kept until the next K."""

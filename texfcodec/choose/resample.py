@@ -1,9 +1,8 @@
 """A smaller image whose bilinear picture on the surface is closest to that of the source's (encoder only).
 
 With B the matrix that takes the small image's texels to the centres of the source's, s the source and W the surface that each of
-its texels shows, this minimises |B t - s|^2 weighed by W, with some damping towards the mean of what a texel shows. B is bilinear in
-rows and columns, so that each step is one walk over the source's rows and nothing larger than the source is ever made.
-"""
+its texels shows, this minimises |B t - s|^2 weighed by W, with some damping towards the mean of what a texel shows. B is bilinear
+in rows and columns, so that each step is one walk over the source's rows and nothing larger than the source is ever made. """
 
 from __future__ import annotations
 
@@ -19,10 +18,11 @@ DAMPING = 0.02
 ITERATIONS = 6
 
 
-def resampled(image: np.ndarray, weight: np.ndarray, size: tuple[int, int], wrap: tuple[int, int], threads: int = 1) -> np.ndarray:
+def resampled(image: np.ndarray, weight: np.ndarray, size: tuple[int, int], wrap: tuple[int, int],
+              threads: int = 1) -> np.ndarray:
     """The image at another size. image: uint8 or float32 [H, W, C]; weight: float64 [H, W], at least 0, how much of the surface a
-    texel shows; size: (width, height), at most the image's. Returns float32 [height, width, C] in 0..255; 0 where nothing is shown.
-    The result does not depend on threads."""
+    texel shows; size: (width, height), at most the image's. Returns float32 [height, width, C] in 0..255; 0 where nothing is
+    shown. The result does not depend on threads."""
     lines = (*_lines(image.shape[0], size[1], wrap[1]), *_lines(image.shape[1], size[0], wrap[0]))
     weight = (weight / max(weight.mean(), 1e-30)).astype(np.float32)
     out = np.empty((size[1], size[0], image.shape[2]), np.float32)
@@ -36,7 +36,7 @@ def resampled(image: np.ndarray, weight: np.ndarray, size: tuple[int, int], wrap
 
 
 def _lines(fine, coarse, mode):
-    """Where the centres of `fine` texels lie between `coarse` ones: the one before int64 [fine], the one after, its share float32."""
+    """Where the centres of `fine` texels lie between `coarse` ones: the one before int64 [fine], the one after, its share."""
     place = (np.arange(fine) + 0.5) * coarse / fine - 0.5
     low = np.floor(place).astype(np.int64)
     both = np.stack([low, low + 1])

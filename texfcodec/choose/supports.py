@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..codecs import codec_of
+from ..errors import LimitError
 from ..geometry.draco import enc_geometry, enc_textured
 from ..geometry.surface import make_surface
 from ..ground.areas import face_areas
-from ..support.texel_set import asked_texels
+from ..options import FINEST_POSITIONS
+from ..support.texel_set import asked_texels, count_rows
 from .images import ImageGroup, image_groups
 from .position import rounding_mse
 from .probe import Patch, Probe, probe_texels, probe_voxels
@@ -32,10 +34,11 @@ if TYPE_CHECKING:
 SLOPE = 1.2  # bytes of the values ~ error ** -SLOPE around the usual QPs: 0.17 bits of log2 bytes with 0.42 dB
 ENOUGH = 0.25  # of the usual error at a QP: smooth images that are closer to the source than that are close enough
 COARSE = 0.7  # texels per voxel edge under which a smaller K is tried
-USUAL_K, FINEST_POSITIONS = 64, 18
+USUAL_K = 64
 ROUNDED = 1 / 24  # variance of a rounded coordinate between corners, in squared steps
 UNIT_BYTES = 60  # of a further field
 LOSSLESS_FRACTION = 4
+MOST_ROWS = 1 << 27  # of texels that the faces of an image go over, a few seconds; more than a million faces have elsewhere
 
 
 @dataclass
@@ -61,12 +64,14 @@ class _Candidate:
 
 def choose_supports(scene: Scene, surface: Surface, options: EncodeOptions, report: Report) -> Supports:
     """Supports for a surface on the usual lattice. Raises InputError, LimitError."""
+    assert options.resolution is not None  # its __post_init__ fills it in
     told: dict[str, Any] = {"asked": options.support, "groups": []}
     reason = _reason_for_voxels(options)
     if reason:
         return Supports(surface, [], options.resolution, told | {"reason": reason})
-    found = [_candidate(scene, surface, group, options) for group in image_groups(scene, surface)]
-    chosen = [c for c in found if _goes_over_texels(c, scene, surface, options, told["groups"])]
+    groups = [] if options.support == "voxels" else image_groups(scene, surface)
+    found = [_candidate(scene, surface, group, options, told["groups"]) for group in groups]
+    chosen = [c for c in found if c and _goes_over_texels(c, scene, surface, options, told["groups"])]
     bits = _position_bits(chosen, scene, surface, options)
     resolution = _resolution(scene, surface, chosen, options, told)
     plans = [c.plan for c in chosen]
@@ -80,27 +85,40 @@ def choose_supports(scene: Scene, surface: Surface, options: EncodeOptions, repo
 def _reason_for_voxels(options):
     if codec_of(options.codec).joint:
         return "the codec has no part in texels"
-    if options.support == "texels":
-        return ""
-    if options.support == "voxels" and options.rate_is_free:
-        return ""
-    if options.support == "auto" and options.rate_is_free:
+    if options.support == "texels" or options.rate_is_free:
         return ""
     return "asked for" if options.support == "voxels" else "K or an error bound was asked for, which are about voxels"
 
 
-def _candidate(scene, surface, group, options):
-    """The _Candidate of an image group."""
+def _candidate(scene, surface, group, options, told):
+    """The _Candidate of an image group; None, and why in told, where its texels are over a limit and voxels will do."""
     size = _coded_size(group, options)
     plan = TexelPlan(group, size, min(2, most_fraction_bits(size, group)))
     uv = plan.corner_uv().reshape(-1, 2)
-    keys = asked_texels(uv, np.arange(len(uv)).reshape(-1, 3), plan.fraction_bits, size, group.wrap, options.limits.voxels)
+    try:
+        keys = _asked(plan, uv, options)
+    except LimitError as error:
+        if options.support == "texels":
+            raise
+        told.append({"faces": len(group.faces), "image": list(group.size), "chosen": "voxels", "reason": str(error)})
+        return None
     points = len(np.unique(np.column_stack([surface.faces[group.faces].reshape(-1), uv]), axis=0))
     patch = _patch(scene, surface, group.faces, options)
     if group.palette or patch is None or options.max_error is not None:
         return _Candidate(_with_bits(plan, LOSSLESS_FRACTION), Probe(len(keys), 24.0, _least_mse(options)), points)
     probe = probe_texels(patch, plan, plan.values(surface), keys, options)
     return _Candidate(_with_bits(plan, _fraction_bits(plan, probe, points)), probe, points)
+
+
+def _asked(plan, uv, options):
+    """Keys of the texels that a plan asks. Raises LimitError, where voxels would do even before the limit on samples."""
+    corners, most = np.arange(len(uv)).reshape(-1, 3), options.limits.samples
+    if options.support == "auto":
+        most = min(most or MOST_ROWS, MOST_ROWS)
+    rows = count_rows(uv, corners, plan.fraction_bits)
+    if most is not None and rows > most:
+        raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", value=rows, allowed=most)
+    return asked_texels(uv, corners, plan.fraction_bits, plan.size, plan.group.wrap, options.limits.voxels)
 
 
 def _coded_size(group, options):
@@ -144,9 +162,6 @@ def _goes_over_texels(one, scene, surface, options, told):
     if options.support == "texels":
         entry |= {"chosen": "texels", "reason": "asked for"}
         return True
-    if options.support == "voxels":
-        entry |= {"chosen": "voxels", "reason": "asked for"}
-        return False
     patch = _patch(scene, surface, one.plan.group.faces, options)
     if patch is None:
         entry |= {"chosen": "voxels", "reason": "the surface has no area"}
@@ -241,12 +256,16 @@ def _moved(plans, groups):
     for plan in plans:
         same = next((g for g in groups if _is_same(plan.group, g)), None)
         if same is not None:
-            out.append(replace(plan, group=same))
+            size = same.size if same.palette else plan.size
+            bits = min(plan.fraction_bits, most_fraction_bits(size, same))
+            out.append(replace(plan, group=same, size=size, fraction_bits=bits))
     return out
 
 
 def _is_same(a: ImageGroup, b: ImageGroup) -> bool:
-    return (a.wrap, a.opaque, a.palette) == (b.wrap, b.opaque, b.palette) and np.array_equal(a.factor, b.factor) and (
+    if a.palette or b.palette:
+        return a.palette and b.palette
+    return (a.wrap, a.opaque) == (b.wrap, b.opaque) and np.array_equal(a.factor, b.factor) and (
         a.image is b.image or np.array_equal(a.image, b.image))
 
 

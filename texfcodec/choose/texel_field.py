@@ -41,7 +41,6 @@ class TexelPlan:
         scale = np.array(self.size, np.float64) / self.group.size * (1 << self.fraction_bits)
         return np.floor(self.group.uv * scale + 0.5).astype(np.int64)
 
-
     def values(self, surface: Surface, xy: np.ndarray, threads: int) -> np.ndarray:
         """Values of texels of the coded size, float32 [N, 4]. xy: columns and rows, int32 [N, 2]."""
         group = self.group
@@ -54,8 +53,8 @@ class TexelPlan:
         return group.resampled(group.image, shown, self.size, group.wrap, threads)[xy[:, 1], xy[:, 0]]
 
     def values_of_cell(self, corner: np.ndarray, side: int) -> np.ndarray:
-        """Values of a square of texels of the coded size, resampled from what is around it alone: float32 [side, side, 4]. corner:
-        its first column and row; the coded size divides the image's."""
+        """Values of a square of texels of the coded size, resampled from what is around it alone: float32 [side, side, 4].
+        corner: its first column and row; the coded size divides the image's."""
         group, factor = self.group, self.group.size[0] // self.size[0]
         columns, rows = (_wrapped_line(np.arange(c - MARGIN, c + side + MARGIN), factor, size, mode)
                          for c, size, mode in zip(corner, group.size, group.wrap, strict=True))

@@ -28,10 +28,10 @@ def _warm_up(context, parameter, value):
 @click.command("texf-enc", context_settings=STYLE)
 @click.argument("source", metavar="INPUT", shell_complete=file_names)
 @click.argument("out", metavar="OUT.texf", required=False, shell_complete=file_names)
-@option_flags(EncodeOptions, "rate", "resolution", "qp", "target_bytes", "target_psnr", "lossless")
+@option_flags(EncodeOptions, "rate", "resolution", "qp", "target_bytes", "target_psnr", "exact_rate", "lossless")
 @click.option("--near-lossless", metavar="D", **number(1, 127, "As --lossless, but each value may be off by D, 1..127."))
-@option_flags(EncodeOptions, "position_bits", "effort", "refine", "codec", "point", "resident_bytes", "steps", "seed",
-              "latent_index", "transport", "checkpoint")
+@option_flags(EncodeOptions, "support", "texel_size", "position_bits", "effort", "refine", "codec", "point", "resident_bytes",
+              "steps", "seed", "latent_index", "transport", "checkpoint")
 @click.option("--codec-option", "codec_options", metavar="NAME=VALUE", multiple=True,
               help="A setting of a codec that a plug-in brings; as often as needed.")
 @option_flags(EncodeOptions, "threads")
@@ -48,7 +48,10 @@ def enc(console, source, out, dry_run, as_json, quiet, **choices):
     """Code the textured mesh INPUT (SUFFIXES; "-": a GLB on stdin) as OUT.texf ("-": stdout, with the report on stderr).
 
     One of --rate, --resolution with --qp, --target-bytes and --target-psnr sets the rate; K or QP alone keeps the other of r04.
-    --lossless and --near-lossless bound the error of the voxels' colours instead; the geometry is coded as ever.
+    --lossless and --near-lossless bound the error of the coded colours instead; the geometry is coded as ever.
+
+    Where K is not given, the encoder keeps the texels of an image in place of voxels, or fewer voxels than the rate says, if the
+    picture is as good in fewer bytes; --support and --exact-rate say otherwise.
 
     --codec 3dntc fits a payload for the GPU: --point or --resident-bytes sets its size, --steps the time it takes, and K only the
     voxels that a decoder makes of it.
@@ -168,7 +171,8 @@ def _estimate(scene, options, report):
     return {"dry_run": True, "bytes": None, **_sizes(scene, None),
             "resolution": options.resolution, "qp": options.qp, "voxels": None,
             "faces": len(scene.faces), "vertices": len(scene.positions), "materials": len(scene.materials),
-            "textures": len(scene.textures), "estimated": {"voxels": voxels, "seconds": seconds}, "psnr_3d": None}
+            "textures": len(scene.textures), "estimated": {"voxels": voxels, "seconds": seconds}, "psnr_3d": None,
+            "support": options.support, "rate_is_free": options.rate_is_free and not codec_of(options.codec).joint}
 
 
 def _run_facts(report):
@@ -179,7 +183,7 @@ def _run_facts(report):
 
 
 def _lines(facts, out):
-    sizes, voxels = facts["bytes"], max(facts["voxels"], 1)
+    sizes = facts["bytes"]
     yield f"{out}: {sizes['total']} bytes; geometry {sizes['geometry']}, attributes {sizes['attributes']}, other {sizes['other']}"
     yield from _size_lines(facts)
     codec = codec_of(facts["codec"])
@@ -191,16 +195,42 @@ def _lines(facts, out):
     fields = f"{facts['fields']} field" + ("s" if facts["fields"] != 1 else "")
     bound = "lossless" if facts["max_error"] == 0 else f"error at most {facts['max_error']}"
     quality = bound if facts["max_error"] is not None else codec.name if facts["qp"] is None else f"QP {facts['qp']}"
-    yield (f"K {facts['resolution']}, {quality}, {fields}, {facts['voxels']} voxels, {facts['faces']} faces; "
-           f"{8 * sizes['attributes'] / voxels:.3f} attribute bits per voxel")
+    yield f"{_grid(facts['resolution'])}{quality}, {fields}, {_counted(facts)}"
+    yield from _support_lines(facts["supports"])
     if facts["texels_per_voxel_edge"] > COARSE:
         yield f"the textures are {facts['texels_per_voxel_edge']:.1f} times finer than the voxels: a larger K keeps more of them"
     yield from _psnr_lines(facts)
     yield from _refinement_lines(facts["refinement"])
     for trial in facts.get("search", []):
         psnr = "" if trial["psnr_y"] is None else f", {trial['psnr_y']:.2f} dB"
-        yield f"  tried K {trial['resolution']}, QP {trial['qp']}: {trial['bytes']} bytes{psnr}, {trial['seconds']:.1f} s"
+        yield f"  tried {_grid(trial['resolution'])}QP {trial['qp']}: {trial['bytes']} bytes{psnr}, {trial['seconds']:.1f} s"
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
+
+
+def _grid(resolution):
+    """K, where anything is over voxels."""
+    return "texels, " if resolution is None else f"K {resolution}, "
+
+
+def _counted(facts):
+    """Voxels, texels and faces, and what a value takes."""
+    places = [name for name in ("voxels", "texels") if facts[name]] or ["voxels"]
+    counts, one = [f"{facts[name]} {name}" for name in places], " or ".join(name.removesuffix("s") for name in places)
+    bits = 8 * facts["bytes"]["attributes"] / max(sum(facts[name] for name in places), 1)
+    return f"{', '.join(counts)}, {facts['faces']} faces; {bits:.3f} attribute bits per {one}"
+
+
+def _support_lines(told):
+    """What was chosen that was not asked for."""
+    groups = [group for group in told["groups"] if told["asked"] == "auto"]
+    texels = [group for group in groups if group["chosen"] == "texels"]
+    if texels:
+        yield f"smaller over texels: {len(texels)} of {len(groups)} image" + ("s" if len(groups) != 1 else "")
+    if "position_bits" in told:
+        yield f"positions of {told['position_bits']} bits: fewer would show more than the coded colours do"
+    tried = told.get("voxels", [])
+    if tried and (first := tried[0]["resolution"]) != (last := tried[-1]["resolution"]):
+        yield f"K {last} in place of {first}: the same picture in fewer bytes"
 
 
 def _size_lines(facts):
@@ -232,7 +262,8 @@ def _dry_lines(facts, source):
     size = facts["source"]["bytes"]
     yield f"{source}: {size} bytes, {facts['vertices']} vertices, {facts['faces']} faces, {facts['materials']} materials"
     guess = facts["estimated"]
-    yield f"K {facts['resolution']}: about {guess['voxels']} voxels and {guess['seconds']:.0f} s; nothing was written"
+    free = "; the encoder may find texels or a smaller K to be smaller" if facts["rate_is_free"] else ""
+    yield f"K {facts['resolution']}: about {guess['voxels']} voxels and {guess['seconds']:.0f} s{free}; nothing was written"
     for name in ("warnings", "dropped"):
         for text in facts[name]:
             yield ("warning: " if name == "warnings" else "not coded: ") + text

@@ -8,7 +8,7 @@ import click
 
 from ..codecs import our_codecs
 from ..limits import Limits
-from ..options import DEFAULT_CODEC, words_of
+from ..options import DEFAULT_CODEC, FINEST_POSITIONS, words_of
 
 _LIMIT_TEXT = {
     "file_bytes": "bytes of the stream",
@@ -80,7 +80,7 @@ def _default_text(option):
     if option.name == "position_bits":
         usual = {codec.name: codec.position_bits for codec in our_codecs() if codec.chosen}
         others = "".join(f"; {name} {bits}" for name, bits in usual.items() if name != DEFAULT_CODEC)
-        return f"  [default: {usual[DEFAULT_CODEC]}{others}]"
+        return f"  [default: {usual[DEFAULT_CODEC]}, or up to {FINEST_POSITIONS} with texels{others}]"
     return "" if option.default is None or option.default is False else f"  [default: {option.default}]"
 
 

@@ -23,7 +23,7 @@ class TexfMethod(Method):
 
     def warm_up(self, options, threads):
         """Codes and decodes two small sheets under the same options, but with few voxels, without a target, and with a fit where
-        the asset may get one."""
+        the asset may get one; and over texels, where the asset may get them."""
         from texfcodec.api import decode, encode
         from texfcodec.warmup import small_scene
 
@@ -34,6 +34,8 @@ class TexfMethod(Method):
         elif kept.get("refine", "auto") == "auto" and kept.get("effort") != "fast":
             kept["refine"] = "fit"
         decode(encode(small_scene(), EncodeOptions(**kept)))
+        if EncodeOptions(**options).may_choose_texels:
+            decode(encode(small_scene(), EncodeOptions(**kept | {"support": "texels"})))
 
     def encode(self, scene, options, folder, threads, report):
         """Writes STREAM and FACE_FIELD."""

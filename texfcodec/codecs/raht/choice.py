@@ -25,8 +25,8 @@ EFFORTS = {"fast": Tools(), "balanced": Tools(colour_range=5, models=6, filters=
 # Kernel and colour range, from natural textures to flat colours; fast has no time for colour ranges
 _WITH_RANGES = ((KERNELS[1], 10), (KERNELS[1], 5), (KERNELS[2], 5), (KERNELS[3], 3))
 PREDICTIONS = {"fast": ((KERNELS[1], 0), (KERNELS[3], 0)), "balanced": _WITH_RANGES, "best": _WITH_RANGES}
-PLANAR_TOOLS = {"planar": 1, "planar_transform": 1, "component_cross": 16, "trade_off": 0.08}
-PLANAR_CHANGES = ({"component_cross": 10}, {"planar_transform": 0})
+PLANAR_TOOLS: dict[str, Any] = {"planar": 1, "planar_transform": 1, "component_cross": 16, "trade_off": 0.08}
+PLANAR_CHANGES: tuple[dict[str, Any], ...] = ({"component_cross": 10}, {"planar_transform": 0})
 CHROMA_OFFSETS = {False: -1, True: 2}  # by whether the support is planar
 BASE_QPS = (16, 22, 28, 34, 40)  # of the levels under residuals (7.9)
 USUAL_BASE_QP = 28  # within 1 % of the best of them on four assets at K 512, lossless

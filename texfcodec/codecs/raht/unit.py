@@ -24,7 +24,8 @@ class Raht(PlaneCodec):
     options = frozenset({"rate", "qp", "target_bytes", "target_psnr", "lossless", "max_error", "effort",
                          "chroma_qp_offset"})
     kernels = ("codecs/raht/coefficients/mixed.py",)  # of the usual efforts
-    small = ({"resolution": 64, "qp": 20}, {"resolution": 16, "max_error": 0}, {"resolution": 16, "effort": "fast"})
+    small = ({"resolution": 64, "qp": 20}, {"resolution": 16, "max_error": 0}, {"resolution": 16, "effort": "fast"},
+             {"support": "texels", "texel_size": 8})
 
     def enc(self, plane: np.ndarray, support: VoxelSupport, options: Any) -> tuple[dict, np.ndarray]:
         """See PlaneCodec.enc; where options.max_error is set, no rounded value is further off."""

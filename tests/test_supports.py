@@ -1,0 +1,291 @@
+"""Which supports the encoder chooses, how finely, and what it says of it; and that odd images and UVs break none of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from shapes import painted_sphere, scene_of
+from test_save_texels import smooth_image, wall
+
+from texfcodec import EncodeOptions, InputError, LimitError, Limits, Report, decode
+from texfcodec.asset.scene import WRAP_CLAMP, WRAP_REPEAT, Material, Scene, Texture
+from texfcodec.asset.srgb import linear_to_srgb
+from texfcodec.choose.supports import choose_supports
+from texfcodec.codecs import codec_of
+from texfcodec.encoder import encode_scene
+from texfcodec.geometry.surface import make_surface
+from texfcodec.quality.measure import measure
+from texfcodec.warmup import small_scene
+
+R03 = 1024
+
+
+def chosen(scene, **options):
+    """Supports of a scene, nothing coded."""
+    options = EncodeOptions(**{"rate": "r03", **options})
+    return choose_supports(scene, make_surface(scene, options), options, Report())
+
+
+def psnr_y(scene, **options):
+    """(Encoded, Texf, 3D-PSNR of Y in dB) of a scene over texels; 100 for no error."""
+    made = encode_scene(scene, EncodeOptions(**{"support": "texels", **options}))
+    texf = decode(made.data)
+    y = measure(scene, texf, 20_000, face_field=made.face_field)["y"]
+    return made, texf, 100.0 if y is None else y
+
+
+def noise_image(width, height, seed=0):
+    """Opaque noise, uint8 [height, width, 4]."""
+    image = np.random.default_rng(seed).integers(0, 256, (height, width, 4), np.uint8)
+    image[..., 3] = 255
+    return image
+
+
+def detailed_image(size, seed=0):
+    """Waves with some noise on them: what a smaller image keeps, and what it does not."""
+    image = smooth_image(size, size, 3, seed).astype(float)
+    image[..., :3] += np.random.default_rng(seed).normal(0, 12, (size, size, 3))
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+def scan(image, n=100):
+    """A bumpy wall of 2 n^2 faces, each a chart of its own, charts in no order."""
+    scene = wall(image, n=n)
+    count = len(scene.faces)
+    side = int(np.ceil(np.sqrt(count)))
+    place = np.random.default_rng(0).permutation(side * side)[:count]
+    corner = np.stack([place % side, place // side], 1)[:, None]
+    scene.corner_uv = (corner + np.array([[0.05, 0.05], [0.95, 0.05], [0.05, 0.95]])) / side
+    return scene
+
+
+def tiles(*factors, image=None, wraps=None):
+    """A square for each factor, each of its own material; with an image each has its own copy of it."""
+    count = len(factors)
+    corners = np.array([[0, 0, 0], [0.9, 0, 0], [0.9, 1, 0.2], [0, 1, 0.2]])
+    positions = np.concatenate([corners + [i, 0, 0] for i in range(count)])
+    faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * i for i in range(count)])
+    uv = np.tile(corners[:, :2][np.array([[0, 1, 2], [0, 2, 3]])], (count, 1, 1))
+    textures = [] if image is None else [Texture(image.copy(), wrap) for wrap in wraps or [(0, 0)] * count]
+    materials = [Material(f"m{i}", factor=np.array([*f, 1.0]), texture=-1 if image is None else i) for i, f in enumerate(factors)]
+    return Scene(positions, faces, np.repeat(np.arange(count), 2), uv, None, materials, textures)
+
+
+# Which one
+
+
+def test_an_image_that_is_tiled_goes_over_texels_and_the_report_says_why():
+    found = chosen(wall(smooth_image(64, 64), low=0, high=8))
+    (plan,), (told,) = found.plans, found.told["groups"]
+    assert plan.size == (64, 64) and found.told["asked"] == "auto"
+    assert (told["chosen"], told["image"], told["faces"]) == ("texels", [64, 64], 72)
+    assert told["texels"]["values"] == 64 * 64 and told["voxels"]["values"] > 50 * told["texels"]["values"]
+    over_texels, over_voxels = (int(word) for word in told["reason"].split() if word.isdigit())
+    assert 0 < over_texels < over_voxels and told["texels"]["geometry_bytes"] > 0
+
+
+def test_a_scan_with_a_noisy_image_stays_over_voxels():
+    found = chosen(scan(noise_image(512, 512)), rate="r01")
+    (told,) = found.told["groups"]
+    assert found.plans == [] and told["chosen"] == "voxels"
+    assert told["texels"]["geometry_bytes"] + told["texels"]["attribute_bytes"] > told["voxels"]["attribute_bytes"]
+
+
+def test_vertex_colours_stay_over_voxels_and_get_fewer_of_them():
+    made = encode_scene(painted_sphere(8), EncodeOptions(rate="r03"))
+    tried = made.choices["supports"]["voxels"]
+    assert made.counts["texels"] == 0 < made.counts["voxels"] and made.choices["supports"]["groups"] == []
+    assert made.resolution == tried[-1]["resolution"] < tried[0]["resolution"] == R03
+    assert tried[-1]["attribute_bytes"] < tried[0]["attribute_bytes"] / 2 and decode(made.data).resolution == made.resolution
+
+
+def test_both_kinds_in_one_mesh():
+    scene = wall(smooth_image(64, 64), low=0, high=8)
+    scene.corner_color = np.ones((len(scene.faces), 3, 4), np.float32)
+    scene.corner_color[:30, :, 1] = np.linspace(0, 1, 30)[:, None]
+    found = chosen(scene)
+    assert [len(plan.group.faces) for plan in found.plans] == [42] and found.resolution < R03
+
+
+@pytest.mark.parametrize("asked", [{"exact_rate": True}, {"rate": "r01", "resolution": R03}, {"lossless": True}, {"max_error": 2}])
+@pytest.mark.parametrize("make", [lambda: wall(smooth_image(64, 64), low=0, high=8), lambda: painted_sphere(8)])
+def test_what_asks_for_voxels_keeps_those_of_the_rate(make, asked):
+    found = chosen(make(), **asked)
+    assert found.plans == [] and found.resolution == R03 and "voxels" in found.told["reason"] and found.told["groups"] == []
+
+
+def test_voxels_on_request_at_a_k_of_the_encoders_choice():
+    found = chosen(painted_sphere(8), support="voxels")
+    assert found.plans == [] and found.resolution < R03 and found.told["groups"] == []
+    assert chosen(wall(noise_image(256, 256), high=8.0), support="voxels").resolution == R03  # finer than the voxels
+
+
+def test_a_codec_of_all_fields_together_never_gets_texels():
+    options = EncodeOptions(codec="3dntc")
+    scene = wall(smooth_image(64, 64), low=0, high=8)
+    found = choose_supports(scene, make_surface(scene, options), options, Report())
+    assert found.plans == [] and "codec" in found.told["reason"] and not options.may_choose_texels
+    for asked in ({"support": "texels"}, {"texel_size": 64}, {"exact_rate": True}):
+        with pytest.raises(InputError, match="no part in codec 3dntc"):
+            EncodeOptions(codec="3dntc", **asked)
+
+
+# How fine
+
+
+def test_a_smaller_image_is_closer_than_one_with_texels_left_out():
+    image, options = detailed_image(128), {"texel_size": 32, "qp": 8}
+    made, texf, ours = psnr_y(wall(image), **options)
+    assert (texf.fields[0].support.width, texf.fields[0].support.height) == (32, 32) and made.counts["texels"] == 32 * 32
+    source = wall(image)
+    left_out = encode_scene(wall(np.ascontiguousarray(image[2::4, 2::4])), EncodeOptions(support="texels", qp=8))
+    theirs = measure(source, decode(left_out.data), 20_000, face_field=left_out.face_field)["y"]
+    assert ours > theirs + 2
+
+
+def test_sides_keep_their_ratio_and_no_image_grows():
+    sizes = {size: chosen(wall(smooth_image(96, 24)), support="texels", texel_size=size).plans[0].size for size in (1, 12, 48, 500)}
+    assert sizes == {1: (1, 1), 12: (12, 3), 48: (48, 12), 500: (96, 24)}
+
+
+def layers(count=40, gap=3e-5):
+    """Walls close behind each other with different noise: rounding positions shows one through the other."""
+    one = wall(noise_image(64, 64), n=6)
+    positions = np.concatenate([one.positions + [0, 0, i * gap] for i in range(count)])
+    faces = np.concatenate([one.faces + i * len(one.positions) for i in range(count)])
+    uv = np.concatenate([one.corner_uv + i * 0.37 for i in range(count)])
+    return replace(one, positions=positions, faces=faces, corner_uv=uv, face_material=np.zeros(len(faces), np.int64))
+
+
+def test_position_bits_go_up_only_where_it_pays_and_nobody_asked():
+    flat = tiles((1, 1, 1), image=smooth_image(64, 64))
+    flat.positions = np.round(flat.positions * 10) / 10 * (1, 1, 0)
+    before, after = chosen(flat).surface.cube.position_bits, chosen(layers())
+    assert before == 14 < after.surface.cube.position_bits == after.told["position_bits"] <= 18
+    asked = chosen(layers(), position_bits=14)
+    assert asked.plans and asked.surface.cube.position_bits == 14 and "position_bits" not in asked.told
+
+
+# Palettes, groups
+
+
+def test_flat_materials_become_one_field_of_exact_colours():
+    factors = [(0.5, 0.2, 0.1), (0.05, 0.6, 0.3), (0.9, 0.9, 0.02)]
+    made = encode_scene(tiles(*factors), EncodeOptions(rate="r01"))
+    texf = decode(made.data)
+    assert made.counts["texels"] == 3 and made.counts["fields"] == 1 and made.counts["voxels"] == 0
+    wanted = {tuple(np.rint(255 * linear_to_srgb(np.array(f))).astype(int)) for f in factors}
+    assert {tuple(rgba[:3]) for rgba in texf.fields[0].rgba.astype(int)} == wanted
+    centres = texf.positions[texf.faces].mean(axis=1)
+    got = texf.query(centres, np.arange(len(centres)))[:, :3]
+    right = [np.rint(255 * linear_to_srgb(np.array(factors[m]))) for m in texf.face_material]
+    assert np.array_equal(got, right)
+
+
+def test_a_material_that_finer_positions_bring_to_light_is_in_the_palette(monkeypatch):
+    """At 14 bits its only face collapses, at those that are chosen it does not."""
+    scene = tiles((0.5, 0.2, 0.1), (0.1, 0.2, 0.5))
+    scene.positions[4:] = scene.positions[4:] * 4e-5 + [0.3, 0.3, 0.5]
+    scene.positions = np.concatenate([scene.positions, [[0, 0, 1.0], [1, 0, 1], [1, 1, 1]]])
+    scene.faces = np.concatenate([scene.faces, [[8, 9, 10]]])
+    scene.corner_uv = np.concatenate([scene.corner_uv, np.zeros((1, 3, 2))])
+    scene.face_material = np.append(scene.face_material, 2)
+    scene.materials.append(Material("third"))
+    usual = make_surface(scene, EncodeOptions())
+    monkeypatch.setattr("texfcodec.choose.supports._position_bits", lambda *_: 18)
+    made = encode_scene(scene, EncodeOptions(support="texels"))
+    assert 1 not in usual.material and made.counts["faces"] == 5
+    assert made.counts["texels"] == 3 and made.counts["voxels"] == 0
+
+
+def test_images_that_are_equal_share_a_field_and_others_do_not():
+    image, white = smooth_image(32, 32), (1, 1, 1)
+    same = chosen(tiles(white, white, image=image), support="texels").plans
+    assert [len(plan.group.faces) for plan in same] == [4]
+    wrapped = chosen(tiles(white, white, image=image, wraps=[(WRAP_REPEAT,) * 2, (WRAP_CLAMP,) * 2]), support="texels").plans
+    tinted = chosen(tiles(white, (1, 0.5, 1), image=image), support="texels").plans
+    assert len(wrapped) == len(tinted) == 2
+
+
+# What breaks nothing
+
+ODD_UVS = {
+    "not a number": lambda uv: uv * np.nan, "infinite": lambda uv: uv + np.inf, "huge": lambda uv: uv * 1e30,
+    "far away": lambda uv: uv + 1e9, "far apart": lambda uv: uv * 1e5,
+    "one not a number": lambda uv: np.where(np.arange(uv.size).reshape(uv.shape) == 0, np.nan, uv),
+}
+
+
+@pytest.mark.parametrize("name", ODD_UVS)
+@pytest.mark.parametrize("support", ["auto", "texels"])
+def test_odd_uvs_go_over_voxels_or_are_a_coded_error(name, support):
+    scene = tiles((1, 1, 1), (1, 1, 1), image=smooth_image(32, 32))
+    scene.corner_uv[:2] = ODD_UVS[name](scene.corner_uv[:2])
+    scene.positions *= 0.01
+    scene.positions[8:] = 1  # of no face
+    try:
+        made = encode_scene(scene, EncodeOptions(support=support, rate="r01", effort="fast", partition="off", area_threshold=0))
+    except (InputError, LimitError):
+        return
+    texf = decode(made.data)
+    assert made.counts["faces"] == 4 and made.counts["texels"] > 0 and len(texf.faces) == 4
+
+
+@pytest.mark.parametrize("name", ["no area", "one point", "flipped", "overlapping"])
+def test_odd_charts_keep_their_colours(name):
+    scene = wall(smooth_image(64, 64), n=4)
+    uv = scene.corner_uv
+    if name == "no area":
+        uv[..., 1] = uv[..., 0]
+    elif name == "one point":
+        uv[...] = 0.3
+    elif name == "flipped":
+        uv[::2] = 1 - uv[::2]
+    else:
+        uv[...] = uv[:2].repeat(len(uv) // 2, axis=0)
+    _, texf, psnr = psnr_y(scene, qp=12)
+    assert texf.fields[0].over_texels and psnr > 38
+    assert chosen(scene).plans  # and auto takes it as well
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 7), (16384, 1), (1, 16384)])
+def test_images_of_a_single_line_or_texel(size):
+    image = smooth_image(*size)
+    _, texf, psnr = psnr_y(wall(image, n=2), qp=12)
+    assert texf.fields[0].support.size == size and psnr > 38
+
+
+def test_what_is_over_a_limit_goes_over_voxels_unless_texels_were_asked_for():
+    scene = wall(smooth_image(64, 64))
+    for limits, code in ((Limits(voxels=1000), "TXF-L04"), (Limits(samples=1000), "TXF-L05")):
+        found = chosen(scene, limits=limits)
+        (told,) = found.told["groups"]
+        assert found.plans == [] and told["chosen"] == "voxels" and code in told["reason"]
+        assert chosen(scene, limits=limits, support="voxels").plans == []
+        with pytest.raises(LimitError, match=code):
+            chosen(scene, limits=limits, support="texels")
+
+
+def test_uvs_over_millions_of_tiles_take_no_time():
+    scene = wall(smooth_image(64, 64), n=40)
+    scene.corner_uv *= 1 + 1e6 * (np.arange(len(scene.faces)) % 2)[:, None, None]
+    (told,) = chosen(scene).told["groups"]
+    assert told["chosen"] == "voxels" and "TXF-L05" in told["reason"]
+
+
+def test_the_stream_is_the_same_on_any_number_of_threads():
+    scene = wall(detailed_image(64), low=0, high=3, n=12)
+    scene.corner_color = np.ones((len(scene.faces), 3, 4), np.float32)
+    scene.corner_color[:6, :, 1] = 0.5
+    streams = {encode_scene(scene, EncodeOptions(rate="r01", threads=threads)).data for threads in (1, 2, 5)}
+    assert len(streams) == 1
+
+
+def test_warming_up_goes_over_texels_too():
+    settings = [EncodeOptions(**small) for small in codec_of("raht").small]
+    assert [encode_scene(small_scene(), one).counts["texels"] > 0 for one in settings].count(True) == 1
+
+
+def test_a_flat_mesh_without_images_or_area_is_as_before():
+    made = encode_scene(scene_of([[0, 0, 0], [1, 2, 3], [2, 4, 6]], [[0, 1, 2]]), EncodeOptions(rate="r01"))
+    assert made.counts["texels"] + made.counts["voxels"] > 0 and decode(made.data).faces.shape == (1, 3)

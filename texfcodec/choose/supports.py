@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 SLOPE = 1.2  # bytes of the values ~ error ** -SLOPE around the usual QPs: 0.17 bits of log2 bytes with 0.42 dB
 ENOUGH = 0.25  # of the usual error at a QP: smooth images that are closer to the source than that are close enough
+LEAST_SIDE = 256  # images from this side on are tried smaller
+LOST = 1.1  # how much error may grow by that: a smaller image loses detail, and no QP brings it back
 COARSE = 0.7  # texels per voxel edge under which a smaller K is tried
 USUAL_K = 64
 ROUNDED = 1 / 24  # variance of a rounded coordinate between corners, in squared steps
@@ -92,26 +94,42 @@ def _reason_for_voxels(options):
 
 def _candidate(scene, surface, group, options, told):
     """The _Candidate of an image group; None, and why in told, where its texels are over a limit and voxels will do."""
-    size = _coded_size(group, options)
-    plan = TexelPlan(group, size, min(2, most_fraction_bits(size, group)))
-    uv = plan.corner_uv().reshape(-1, 2)
+    plan = _plan(group, _coded_size(group, options))
     try:
-        keys = _asked(plan, uv, options)
+        keys = _asked(plan, options)
     except LimitError as error:
         if options.support == "texels":
             raise
         told.append({"faces": len(group.faces), "image": list(group.size), "chosen": "voxels", "reason": str(error)})
         return None
+    uv = plan.corner_uv().reshape(-1, 2)
     points = len(np.unique(np.column_stack([surface.faces[group.faces].reshape(-1), uv]), axis=0))
     patch = _patch(scene, surface, group.faces, options)
     if group.palette or patch is None or options.max_error is not None:
         return _Candidate(_with_bits(plan, LOSSLESS_FRACTION), Probe(len(keys), 24.0, _least_mse(options)), points)
-    probe = probe_texels(patch, plan, plan.values(surface), keys, options)
+    plan, probe = _smallest(plan, probe_texels(patch, plan, keys, options), patch, options)
     return _Candidate(_with_bits(plan, _fraction_bits(plan, probe, points)), probe, points)
 
 
-def _asked(plan, uv, options):
+def _plan(group, size):
+    return TexelPlan(group, size, min(2, most_fraction_bits(size, group)))
+
+
+def _smallest(plan, probe, patch, options):
+    """(plan, probe) at half the size again and again for as long as that is smaller at equal quality, and good enough."""
+    most = LOST * probe.mse
+    while options.texel_size is None and min(plan.size) >= LEAST_SIDE and not (plan.size[0] | plan.size[1]) & 1:
+        half = _plan(plan.group, (plan.size[0] // 2, plan.size[1] // 2))
+        tried = probe_texels(patch, half, _asked(half, options), options)
+        if tried.mse > most or _bytes_at(tried, probe.mse) >= probe.attributes:
+            break
+        plan, probe = half, tried
+    return plan, probe
+
+
+def _asked(plan, options):
     """Keys of the texels that a plan asks. Raises LimitError, where voxels would do even before the limit on samples."""
+    uv = plan.corner_uv().reshape(-1, 2)
     corners, most = np.arange(len(uv)).reshape(-1, 3), options.limits.samples
     if options.support == "auto":
         most = min(most or MOST_ROWS, MOST_ROWS)
@@ -157,7 +175,8 @@ def _position_bits(chosen, scene, surface, options):
 
 def _goes_over_texels(one, scene, surface, options, told):
     """Whether a candidate is smaller over texels, at equal quality; says why in told."""
-    entry = {"faces": len(one.plan.group.faces), "image": list(one.plan.group.size), "texels": one.texels.told()}
+    entry = {"faces": len(one.plan.group.faces), "image": list(one.plan.group.size), "size": list(one.plan.size),
+             "texels": one.texels.told()}
     told.append(entry)
     if options.support == "texels":
         entry |= {"chosen": "texels", "reason": "asked for"}

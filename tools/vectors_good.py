@@ -9,7 +9,7 @@ from vectors_scenes import many_materials, noise_sheet, ribbon, scene_of, torus,
 
 from texfcodec import EncodeOptions, Limits, decode
 from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, Material
-from texfcodec.bitstream.stream import read_stream, write_stream, cells_a_side
+from texfcodec.bitstream.stream import cells_a_side, read_stream, write_stream
 from texfcodec.bitstream.syntax import SIGNATURE, UNIT_END, UNIT_METADATA
 from texfcodec.bitstream.units import read_units, write_unit
 from texfcodec.codecs.raht import codec
@@ -99,11 +99,12 @@ def raht(values, keys, resolution, qp, kernel=KERNEL, plain=False, index=False, 
 
 
 def recoded(data, **choices):
-    """The stream with its attribute units coded anew (raht), from the values that they decode to."""
+    """The stream with its attribute units coded anew (raht), from the values that they decode to; planar where they were."""
     stream, fields = parsed(data), decode(data).fields
     for unit in stream.attributes:
         number, keys = unit["field_index"], fields[unit["field_index"]].keys
-        unit.update(raht(values_of(unit, keys), keys, cells_a_side(stream.fields[number]), unit["qp"], **choices))
+        tools = {"planar": unit["Planar"], **choices}
+        unit.update(raht(values_of(unit, keys), keys, cells_a_side(stream.fields[number]), unit["qp"], **tools))
     return written(stream)
 
 

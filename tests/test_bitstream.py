@@ -236,12 +236,13 @@ GROUPS = [{"group_semantic": 0, "group_transfer": 1, "group_components": 3},
           {"group_semantic": 1, "group_transfer": 0, "group_components": 1}]
 
 
-def attribute(field, group, components, codewords=((5, (4, 1, 0)),)):
+def attribute(field, group, components, codewords=((5, (4, 1, 0)),), planar=False):
     """Values of an attribute unit on a field of resolution 8 without slices."""
     return {"field_index": field, "group_index": group, "codec_id": 0, "values_crc": 7, "colour_transform": 0,
             "qp": [20] * components, "kernel": [9, 0, 1, 2, 3, 4, 5], "colour_range": 5, "num_models": 6,
-            "planar_transform": None, "component_cross": None, "num_filters": 1,
-            "filters": [{"filter_mask": 0b10010, "filter_coefficients": [-128, 127, 0, 1, -1, 3]}],
+            "planar_transform": 1 if planar else None, "component_cross": 11 if planar and components > 1 else None,
+            "num_filters": 1,
+            "filters": [{"filter_mask": 0b10010, "filter_coefficients": [-128, 127, 0, 1, -1, 3, *([7, -9, 5, 2] * planar)]}],
             "residual": 128, "residual_cross": [16] * components, "root_mean": [-5] * components, "slice_level": 0,
             "num_slices": None, "slice_step": [], "level_index": 1,
             "codewords": [{"codeword_length": n, "level_bytes": list(b)} for n, b in codewords],
@@ -267,7 +268,7 @@ def small_stream(fields=2):
         [{"field_index": i, **(OVER_TEXELS if i % 2 else OVER_VOXELS), "num_keys": 30, "keys_crc": 1} for i in range(fields)],
         [{"field_index": i, "material_index": i % 2, "unit_vertices": 5, "unit_faces": 4, **(WITH_UV if i % 2 else {}),
           "draco_data": b"draco"} for i in range(fields)],
-        [attribute(i, g, GROUPS[g]["group_components"]) for i in range(fields) for g in range(2)], b'{"a": 1}')
+        [attribute(i, g, GROUPS[g]["group_components"], planar=i % 2 > 0) for i in range(fields) for g in range(2)], b'{"a": 1}')
 
 
 def plain(values, like):

@@ -26,6 +26,8 @@ SMALL = [
     "subset/constant/", "uncommon/constant_second_field/", "faulty/constant_value/", "faulty/private_codec/",
     "subset/texels_alpha/", "uncommon/texels_mixed/", "uncommon/texels_flat/", "uncommon/texels_rounded/",
     "faulty/texels_uv_16/", "faulty/neural_texels/", "faulty/texels_num_keys_huge/",
+    "uncommon/planar_mixed/", "uncommon/planar_alpha/", "uncommon/planar_filter/", "faulty/component_cross_17/",
+    "faulty/planar_transform_off/",
 ]
 
 # The naive decoder with one thing wrong; `files` is what it would write.
@@ -93,6 +95,13 @@ NO_LINES = TEXELS + "area = lambda a, b, c: (b[0] - a[0]) * (c[1] - a[1]) - (b[1
 ROUNDED_DOWN = "import math; decoder.whole_number = lambda v, bits, most: math.floor(v)"
 NO_ORIGIN = "whole = decoder.decode_uv; " + (
     "decoder.decode_uv = lambda unit, numbers: whole({**unit, 'uv_origin': [-7 * 16, 0]}, numbers)")
+PLANAR = "from naive import attributes, mixing, planar, filter as wiener; "
+NOT_ROTATED = PLANAR + "attributes.LevelDecoder.is_rotated = lambda *_: False"
+NOT_FOLLOWED = PLANAR + "attributes.followed = lambda *_: None"
+CONTEXTS_OF_VOXELS = PLANAR + "mixing.alike = lambda *_: None"
+WITHOUT_CORNERS = PLANAR + "planar.CORNERS = ()"
+UNLIMITED_RINGS = PLANAR + "rings = wiener.planar_rings; wiener.planar_rings = lambda m, v, c, _: rings(m, v, c, 1 << 30)"
+UNLIMITED_FACTORS = PLANAR + "cut = planar.clip; planar.clip = lambda low, high, v: v if high == 512 else cut(low, high, v)"
 MIRRORED = """
 import struct
 for unit in (texf := decoder.decode(stream, lod))["units"]:
@@ -171,6 +180,13 @@ def test_wrong_decoder_without_its_fault_is_right(tmp_path):
         ("uncommon/texels_low/", "field0_uv.bin differs", {"before": NO_ORIGIN}),
         ("subset/texels_alpha/", "field0_uv.bin is missing", {"after": "del files['field0_uv']"}),
         ("uncommon/texels_mixed/", "field1_uv.bin is unexpected", {"after": "files['field1_uv'] = b''"}),
+        # planar supports: values_crc finds them first
+        ("uncommon/planar_direct/", "lod 0: exit code 3", {"before": NOT_ROTATED}),
+        ("uncommon/planar_cross_1/", "lod 0: exit code 3", {"before": NOT_FOLLOWED}),
+        ("uncommon/planar_plain/", "lod 0: exit code 3", {"before": CONTEXTS_OF_VOXELS}),
+        ("uncommon/planar_mixed/", "lod 0: exit code 3", {"before": WITHOUT_CORNERS}),
+        ("uncommon/planar_filter/", "lod 0: exit code 3", {"before": UNLIMITED_RINGS}),
+        ("uncommon/planar_random/", "lod 0: exit code 3", {"before": UNLIMITED_FACTORS}),
     ],
 )
 def test_runner_fails_a_decoder_that_is_wrong(tmp_path, case, complaint, fault):
@@ -243,6 +259,14 @@ def test_vector_holds_what_its_title_and_clauses_promise(claims, name):
         ("uncommon/texels_whole", "UVs quantised to 9 bits", "'UVs quantised to 9 bits' is not there"),
         ("uncommon/texels_mixed", "two fields", "'two fields' is not there"),
         ("subset/k3", "a field over texels", "'a field over texels' is not there"),
+        ("uncommon/planar_plain", "rotated splits", "'rotated splits' is not there"),
+        ("uncommon/planar_mixed", "no rotated splits", "'no rotated splits' is not there"),
+        ("uncommon/planar_plain", "components that follow", "'components that follow' is not there"),
+        ("uncommon/planar_cross_1", "no components that follow", "'no components that follow' is not there"),
+        ("uncommon/planar_cross_1", "component_cross 2", "'component_cross 2' is not there"),
+        ("uncommon/planar_mixed", "factors at their bounds", "'factors at their bounds' is not there"),
+        ("uncommon/filter_classes", "two filter stages of five taps", "'two filter stages of five taps' is not there"),
+        ("uncommon/all_tools", "a planar support", "'a planar support' is not there"),
         ("subset/k3", "alpha constant beside RAHT colour", "'alpha constant beside RAHT colour' is not there"),
     ],
 )
@@ -255,17 +279,30 @@ def test_clause_that_a_vector_does_not_hit_is_caught(claims):
     assert claims.unkept(replace(case, clauses=["7.2", "7.5.5", "7.7"])) == ["nothing of clause 7.7 is there"]
     assert claims.unkept(replace(case, clauses=["11.6"])) == ["nothing of clause 11.6 is there"]
     assert claims.unkept(replace(case, clauses=["5.7.6"])) == ["nothing of clause 5.7.6 is there"]
+    of_planar = ["7.11", "7.11.1", "7.11.2", "7.11.3", "7.11.4"]
+    assert claims.unkept(replace(case, clauses=of_planar)) == [f"nothing of clause {c} is there" for c in of_planar]
 
 
-@pytest.mark.parametrize("name", [name for name in GOOD if "/filter_" in name])
-def test_naive_decoder_agrees_on_filters(name):
+def test_vectors_of_planar_supports_are_over_texels(claims):
+    """Good and faulty ones: a sheet of voxels could stand in for them without a word, since it has z = 0 as well."""
+    import vectors_planar
+    from vectors_good import units_of
+
+    for vector in [*vectors_planar.uncommon(), *vectors_planar.faulty()]:
+        for data in (vector.data, (VECTORS / vector.name / "in.texf").read_bytes()):
+            assert [payload[1] for kind, payload in units_of(data) if kind == syntax.FIELD] == [syntax.TEXELS], vector.name
+
+
+@pytest.mark.parametrize("name", [name for name in GOOD if "/filter_" in name or "/planar_" in name])
+def test_naive_decoder_agrees_on_filters_and_planar_supports(name):
     data, case = (VECTORS / name / "in.texf").read_bytes(), json.loads((VECTORS / name / "case.json").read_text())
     for lod, wanted in case["lods"].items():
         files = naive.arrays(naive.decode(data, int(lod)))
         assert {array: hashlib.sha256(content).hexdigest() for array, content in files.items()} == wanted
 
 
-@pytest.mark.parametrize("name", ["filter_four_stages", "filter_mask_bit_15", "residual_cross_17"])
+@pytest.mark.parametrize("name", ["filter_four_stages", "filter_mask_bit_15", "residual_cross_17", "planar_transform_2",
+                                  "component_cross_17"])
 def test_faulty_vector_has_no_fault_but_the_range(monkeypatch, name):
     """Without checks of ranges it decodes, and its values_crc is right: no other error stands in for the one it is there for."""
     data = (VECTORS / "faulty" / name / "in.texf").read_bytes()

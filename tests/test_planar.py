@@ -8,6 +8,7 @@ import pytest
 from naive.attributes import decode_values
 
 from texfcodec.bitstream.stream import Stream, attribute_variables
+from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS
 from texfcodec.codecs.raht import choice, codec
 from texfcodec.codecs.raht.codec import CodedAttributes, Tools, dec_attributes, enc_attributes
 from texfcodec.codecs.raht.coefficients.residual import ResidualPlan
@@ -161,9 +162,11 @@ def test_parameters_out_of_range_are_refused(name, value):
     assert caught.value.code == "TXF-S04"
 
 
-def test_units_of_voxels_are_not_planar():
-    stream = Stream({"channel_groups": [{"group_components": 3, "group_semantic": 0}]}, fields=[{"resolution": 4}])
-    assert attribute_variables(stream, {"field_index": 0, "group_index": 0})["Planar"] == 0
+def test_units_are_planar_where_their_field_is_over_texels():
+    fields = [{"support": SUPPORT_VOXELS, "resolution": 4}, {"support": SUPPORT_TEXELS, "width": 5, "height": 9}]
+    stream = Stream({"channel_groups": [{"group_components": 3, "group_semantic": 0}]}, fields=fields)
+    voxels, texels = (attribute_variables(stream, {"field_index": i, "group_index": 0}) for i in range(2))
+    assert (voxels["Planar"], voxels["resolution"], texels["Planar"], texels["resolution"]) == (0, 4, 1, 9)
 
 
 def test_halved_gain_gives_sum_and_difference_of_a_rotated_pair():

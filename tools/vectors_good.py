@@ -99,11 +99,12 @@ def raht(values, keys, resolution, qp, kernel=KERNEL, plain=False, index=False, 
 
 
 def recoded(data, **choices):
-    """The stream with its attribute units coded anew (raht), from the values that they decode to."""
+    """The stream with its attribute units coded anew (raht), from the values that they decode to; planar where they were."""
     stream, fields = parsed(data), decode(data).fields
     for unit in stream.attributes:
         number, keys = unit["field_index"], fields[unit["field_index"]].keys
-        unit.update(raht(values_of(unit, keys), keys, cells_a_side(stream.fields[number]), unit["qp"], **choices))
+        tools = {"planar": unit["Planar"], **choices}
+        unit.update(raht(values_of(unit, keys), keys, cells_a_side(stream.fields[number]), unit["qp"], **tools))
     return written(stream)
 
 

@@ -8,41 +8,47 @@ from vectors_texels import Image, picture, ring, stream_of_parts
 
 from texfcodec.codecs.raht.transform.filter import PLANAR_TAPS, stage_of
 
-ALL = {"planar": 1, "planar_transform": 1, "component_cross": 16}
+ALL = {"planar_transform": 1, "component_cross": 16}
 
 
 def drawn_stage(seed):
-    """A FilterStage of every class of three components, all its taps drawn."""
+    """A FilterStage of every class of three components, all its taps drawn, none of them 0."""
     mask = every(3)
-    taps = np.random.default_rng(seed).integers(-30, 31, PLANAR_TAPS * mask.bit_count())
+    taps = np.random.default_rng(seed).choice([t for t in range(-40, 41) if t], PLANAR_TAPS * mask.bit_count())
     return stage_of(mask, taps, 3)
 
 
-def sheet_of_texels():
-    """A stream of colour alone on one planar field of some hundred texels."""
-    return stream_of_parts([Image(picture(24, 16))], [ring((24, 16))])
+def sheet_of_texels(alpha=False):
+    """A stream of one field over texels, whose picture goes from flat to noise: texels of every class of roughness (7.7)."""
+    size = (48, 32)
+    smooth, noisy = (picture(*size, 4 if alpha else 3, noise=noise).astype(float) for noise in (0, 60))
+    share = np.linspace(0, 1, size[0])[None, :, None] ** 2
+    image = np.round(smooth + share * (noisy - smooth)).astype(np.uint8)
+    return stream_of_parts([Image(image)], [ring(size)], alpha=alpha, qp=34)
 
 
 def uncommon():
     """Vectors of each tool."""
     data = sheet_of_texels()
-    noise = np.random.default_rng(81).bytes(6000)
+    noise = np.random.default_rng(81).bytes(600)
     stages = {3: [drawn_stage(80 + n) for n in range(2)]}
     lines = [
-        ("planar_plain", "a planar support, all of its tools off", ("7.11",), recoded(data, models=8, planar=1)),
-        ("planar_direct", "rotated splits and components that follow, direct contexts", ("7.11.1", "7.11.2"),
-         recoded(data, **ALL)),
-        ("planar_mixed", "the same, mixed contexts", ("7.11.1", "7.11.2", "7.11.3"),
+        ("planar_plain", "a planar support, eight models, no rotated splits, no components that follow", ("7.11", "7.11.3"),
+         recoded(data, models=8)),
+        ("planar_direct", "rotated splits, components that follow, direct contexts", ("7.11.1", "7.11.2"), recoded(data, **ALL)),
+        ("planar_mixed", "rotated splits, components that follow, eight models, colour range", ("7.11.1", "7.11.2", "7.11.3"),
          recoded(data, models=8, colour_range=4, **ALL)),
+        ("planar_alpha", "a planar support, colour and alpha, rotated splits, components that follow",
+         ("5.7.1", "7.11.1", "7.11.2"), recoded(sheet_of_texels(alpha=True), models=6, **ALL)),
         ("planar_cross_1", "component_cross 1, no transform", ("7.11.2", "7.8.1"),
-         recoded(data, models=6, plain=True, planar=1, component_cross=1)),
-        ("planar_slices", "slices with the level index", ("7.2", "7.11"),
+         recoded(data, models=6, plain=True, component_cross=1)),
+        ("planar_slices", "a planar support, slices with the level index", ("7.2", "7.11", "7.11.3"),
          recoded(data, models=8, slices=SLICES, index=True, **ALL)),
         ("planar_filter", "two filter stages of five taps, with slices", ("5.7.3", "7.11.4"),
          filtered(data, stages, slices=SLICES, models=6, **ALL)),
-        ("planar_lossless", "lossless", ("7.9", "7.11"), recoded(data, models=6, max_error=0, **ALL)),
-        ("planar_random", "a random codeword, means and factors at their bounds", ("7.11.1", "7.11.2"),
-         with_codeword(recoded(data, models=8, **ALL), noise, [40, 50, 40])),
+        ("planar_lossless", "a planar support, lossless", ("7.9", "7.11"), recoded(data, models=6, max_error=0, **ALL)),
+        ("planar_random", "a planar support, random bytes as a codeword, means at their bounds, factors at their bounds",
+         ("7.11.1", "7.11.2", "7.11.3"), with_codeword(recoded(data, models=8, **ALL), noise, [40, 63, 63])),
     ]
     return [Vector(f"uncommon/{name}", *rest, (0, 1)) for name, *rest in lines]
 

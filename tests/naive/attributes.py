@@ -284,7 +284,7 @@ class LevelDecoder:
         return (q[3] - q[4] if n == 3 else q[3] + q[4]), 1
 
     def is_rotated(self, block):
-        return self.unit["planar_transform"] == 1 and 3 in block.splits and 4 in block.splits
+        return self.unit["planar_transform"] > 0 and 3 in block.splits and 4 in block.splits
 
     # Clause 7.5
 

@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     from ..options import EncodeOptions
     from ..report import Report
 
-SLOPE = 1.2  # bytes of the values ~ error ** -SLOPE around the usual QPs: 0.17 bits of log2 bytes with 0.42 dB
+SLOPE = 0.8  # bytes of the values ~ error ** -SLOPE from r01 to r04: 0.4 to 0.7 on detailed images, 0.9 to 1.7 on smooth ones
 ENOUGH = 0.25  # of the usual error at a QP: smooth images that are closer to the source than that are close enough
 LEAST_SIDE = 256  # images from this side on are tried smaller
-LOST = 1.1  # how much error may grow by that: a smaller image loses detail, and no QP brings it back
+LOST = 1.1  # how much error may grow by a smaller image or K: they lose detail, and no QP brings it back
 COARSE = 0.7  # texels per voxel edge under which a smaller K is tried
 USUAL_K = 64
 ROUNDED = 1 / 24  # variance of a rounded coordinate between corners, in squared steps
@@ -205,8 +205,8 @@ def _best_voxels(patch, per_edge, options):
     """(K, Probe): the K of the rate, or where texels are coarser than its voxels the one that takes the fewest bytes."""
     choices = _resolutions(per_edge, options.resolution)
     probes = [probe_voxels(patch, k, _density(per_edge * options.resolution / k), options) for k in choices]
-    costs = [_bytes_at(probe, probes[0].mse) for probe in probes]
-    best = int(np.argmin(costs))
+    good = [i for i, probe in enumerate(probes) if probe.mse <= LOST * probes[0].mse]
+    best = min(good, key=lambda i: _bytes_at(probes[i], probes[0].mse))
     return choices[best], probes[best]
 
 
@@ -252,7 +252,8 @@ def _resolution(scene, surface, chosen, options, told):
     while probes[-1][0] > 2 * USUAL_K:
         k = round(probes[-1][0] / np.sqrt(2))
         probe = probe_voxels(patch, k, 2, options)
-        if _bytes_at(probe, probes[0][1].mse) >= _bytes_at(probes[-1][1], probes[0][1].mse):
+        worse = probe.mse > LOST * probes[0][1].mse
+        if worse or _bytes_at(probe, probes[0][1].mse) >= _bytes_at(probes[-1][1], probes[0][1].mse):
             break
         probes.append((k, probe))
     told["voxels"] = [{"resolution": k, **probe.told()} for k, probe in probes]

@@ -49,7 +49,7 @@ def _reason_against(fields, options):
     if options.refine == "off":
         return "switched off"
     if not fields:
-        return "there is no field"
+        return "there is no field over voxels"
     if options.max_error is not None:
         return "the voxels' own values were asked for"
     if options.refine == "auto" and options.effort == "fast":

@@ -40,12 +40,14 @@ LEFT_BY_FIT = 0.6  # share of the transfer's squared error that a fit leaves; 0.
 
 @dataclass(frozen=True)
 class Probe:
-    """values: of the whole; bits: per value; mse: of Y at surface points, after coding; fixed: bytes beside the values."""
+    """values: of the whole; bits: per value; mse: of Y at surface points, after coding; fixed: bytes beside the values; floor:
+    mse that is there before coding, which no QP takes away."""
 
     values: int
     bits: float
     mse: float
     fixed: int = 0
+    floor: float = 0.0
 
     @property
     def attributes(self) -> float:
@@ -170,7 +172,8 @@ def probe_voxels(patch: Patch, resolution: int, density: int, options: EncodeOpt
     mse, uncoded = (patch.mse(chosen, query_field(grid[chosen], resolution, keys, brick_map, plane, patch.threads)[0])
                     for plane in (decoded, colour))
     saved = (1 - LEFT_BY_FIT) * uncoded if options.may_fit else 0.0
-    return Probe(values, coded, max(mse - saved, 0.0))
+    mse = max(mse - saved, 0.0)
+    return Probe(values, coded, mse, floor=min(uncoded - saved, mse))
 
 
 def _faces_near(corners, cells):

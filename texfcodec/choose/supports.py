@@ -7,6 +7,7 @@ those of the values times (error / error of the other) ** SLOPE, which is what c
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -177,7 +178,9 @@ def _goes_over_texels(one, scene, surface, options, told):
 
 
 def _bytes_at(probe, mse):
-    """Bytes of a probe's values at another error."""
+    """Bytes of a probe's values at another error; endless where no QP brings it down to that."""
+    if probe.floor > max(mse, LEAST_MSE):
+        return math.inf
     return probe.attributes * (max(probe.mse, LEAST_MSE) / max(mse, LEAST_MSE)) ** SLOPE
 
 

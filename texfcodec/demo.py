@@ -83,7 +83,7 @@ def _table(rows):
 def _head(made):
     """What the columns differ in: QP, and K where anything is over voxels."""
     grid = [f"K {made.resolution}"] * (made.counts["voxels"] > 0) + ["texels"] * (made.counts["texels"] > 0)
-    return f"{' + '.join(grid)}, QP {made.qp}"
+    return f"{' + '.join(grid)}\nQP {made.qp}"
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ LEFT_BY_FIT = 0.6  # share of the transfer's squared error that a fit leaves; 0.
 
 @dataclass(frozen=True)
 class Probe:
-    """values: of the whole; bits: per value; mse: of Y at surface points, after coding; fixed: bytes beside the values."""
+    """values: of the whole; bits: per value; mse: at surface points, after coding; fixed: bytes beside the values."""
 
     values: int
     bits: float

@@ -200,7 +200,7 @@ def _lines(facts, out):
     if facts["texels_per_voxel_edge"] > COARSE:
         yield f"the textures are {facts['texels_per_voxel_edge']:.1f} times finer than the voxels: a larger K keeps more of them"
     yield from _psnr_lines(facts)
-    yield from _refinement_lines(facts["refinement"])
+    yield from _refinement_lines(facts["refinement"]) if facts["voxels"] else ()
     for trial in facts.get("search", []):
         psnr = "" if trial["psnr_y"] is None else f", {trial['psnr_y']:.2f} dB"
         yield f"  tried {_grid(trial['resolution'])}QP {trial['qp']}: {trial['bytes']} bytes{psnr}, {trial['seconds']:.1f} s"
@@ -225,12 +225,13 @@ def _support_lines(told):
     groups = [group for group in told["groups"] if told["asked"] == "auto"]
     texels = [group for group in groups if group["chosen"] == "texels"]
     if texels:
-        yield f"smaller over texels: {len(texels)} of {len(groups)} image" + ("s" if len(groups) != 1 else "")
+        what = "images" if len(groups) > 1 else "image"
+        yield f"over texels, which is smaller: {len(texels)} of {len(groups)} {what}, flat colours counted as one"
     if "position_bits" in told:
-        yield f"positions of {told['position_bits']} bits: fewer would show more than the coded colours do"
+        yield f"positions of {told['position_bits']} bits: coarser ones would lose more than they save"
     tried = told.get("voxels", [])
     if tried and (first := tried[0]["resolution"]) != (last := tried[-1]["resolution"]):
-        yield f"K {last} in place of {first}: the same picture in fewer bytes"
+        yield f"K {last} in place of {first}: fewer bytes at equal quality, by the encoder's reckoning"
 
 
 def _size_lines(facts):

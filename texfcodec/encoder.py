@@ -20,7 +20,7 @@ from .choose.trial import choose_fields
 from .codecs import codec_of
 from .codecs.codec import Source
 from .errors import InputError
-from .geometry.draco import UvCoding, counts_of, dec_geometry, dec_textured, enc_geometry, enc_textured
+from .geometry.draco import UvCoding, counts_of, dec_geometry, dec_textured, enc_geometry, enc_textured, split_corners
 from .geometry.surface import Surface, make_surface
 from .geometry.unit import GeometryUnit, field_surface, field_uv
 from .options import EncodeOptions
@@ -224,9 +224,8 @@ def _code_plain(surface, mine, _):
 def _code_textured(surface, mine, uv):
     """As _code_plain with UVs int64 [F, 3, 2]: (lattice, faces, uv)."""
     bits, origin = surface.cube.position_bits, uv.min(axis=(0, 1))
-    rows = np.column_stack([surface.faces[mine].reshape(-1), (uv - origin).reshape(-1, 2)])
-    unique, local = np.unique(rows, axis=0, return_inverse=True)
-    data, coding = enc_textured(surface.lattice[unique[:, 0]], local.reshape(-1, 3), unique[:, 1:], bits)
+    vertex, uv, faces = split_corners(surface.faces[mine], uv - origin)
+    data, coding = enc_textured(surface.lattice[vertex], faces, uv, bits)
     counts = counts_of(data)
     lattice, faces, decoded = dec_textured(data, *counts, UvCoding(coding.bits, coding.range), bits)
     values = {"unit_vertices": counts[0], "unit_faces": counts[1], "uv_origin": origin.tolist(), "uv_bits": coding.bits,

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..codecs import codec_of
 from ..errors import LimitError
-from ..geometry.draco import enc_geometry, enc_textured
+from ..geometry.draco import enc_geometry, enc_textured, split_corners
 from ..geometry.surface import make_surface
 from ..ground.areas import face_areas
 from ..options import FINEST_POSITIONS
@@ -102,8 +102,7 @@ def _candidate(scene, surface, group, options, told):
             raise
         told.append({"faces": len(group.faces), "image": list(group.size), "chosen": "voxels", "reason": str(error)})
         return None
-    uv = plan.corner_uv().reshape(-1, 2)
-    points = len(np.unique(np.column_stack([surface.faces[group.faces].reshape(-1), uv]), axis=0))
+    points = len(split_corners(surface.faces[group.faces], plan.corner_uv())[0])
     patch = _patch(scene, surface, group.faces, options)
     if group.palette or patch is None or options.max_error is not None:
         return _Candidate(_with_bits(plan, LOSSLESS_FRACTION), Probe(len(keys), 24.0, _least_mse(options)), points)
@@ -234,10 +233,9 @@ def _geometry_bytes(plan, surface):
     faces, bits = surface.faces[plan.group.faces], surface.cube.position_bits
     used, local = np.unique(faces, return_inverse=True)
     plain = len(enc_geometry(surface.lattice[used], local.reshape(-1, 3), bits))
-    uv = plan.corner_uv().reshape(-1, 2)
-    rows = np.column_stack([faces.reshape(-1), uv - uv.min(axis=0)])
-    unique, local = np.unique(rows, axis=0, return_inverse=True)
-    return plain, len(enc_textured(surface.lattice[unique[:, 0]], local.reshape(-1, 3), unique[:, 1:], bits)[0])
+    uv = plan.corner_uv()
+    vertex, uv, corners = split_corners(faces, uv - uv.min(axis=(0, 1)))
+    return plain, len(enc_textured(surface.lattice[vertex], corners, uv, bits)[0])
 
 
 def _resolution(scene, surface, chosen, options, told):

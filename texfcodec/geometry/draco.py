@@ -34,6 +34,13 @@ def enc_geometry(lattice: np.ndarray, faces: np.ndarray, position_bits: int) -> 
     return _encode(lattice, faces)
 
 
+def split_corners(faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Corners with their UVs as points: (vertex of every point int64 [P], its UV int64 [P, 2], faces int64 [F, 3] of points).
+    faces: int64 [F, 3]; uv: int64 [F, 3, 2]. A vertex is there once for every UV that it has."""
+    points, local = np.unique(np.column_stack([faces.reshape(-1), uv.reshape(-1, 2)]), axis=0, return_inverse=True)
+    return points[:, 0], points[:, 1:], local.reshape(-1, 3)
+
+
 def enc_textured(lattice: np.ndarray, faces: np.ndarray, uv: np.ndarray, position_bits: int) -> tuple[bytes, UvCoding]:
     """As enc_geometry() with uv, int64 [V, 2], of which the least is 0 in both columns and the largest below 2**MAX_UV_BITS:
     (bytes, how the UVs stand in them). Draco predicts quantised texture coordinates from the positions, which suits scans, and

@@ -39,11 +39,13 @@ LEFT_BY_FIT = 0.6  # share of the transfer's squared error that a fit leaves; 0.
 
 @dataclass(frozen=True)
 class Probe:
-    """values: of the whole; bits: per value; mse: at surface points, after coding; fixed: bytes beside the values."""
+    """values: of the whole; bits: per value; mse: at surface points, after coding, at least what the rate asks; exact_mse: the
+    same without that bound; fixed: bytes beside the values."""
 
     values: int
     bits: float
     mse: float
+    exact_mse: float = 0.0
     fixed: int = 0
 
     @property
@@ -80,14 +82,17 @@ class Patch:
         return texels_per_edge(surface.lattice, surface.faces[self.faces], packed, surface.cube.position_bits, resolution)
 
     def mse(self, chosen: np.ndarray, got: np.ndarray) -> float:
-        """Mean squared error at chosen points, of Y and, where it is there, of alpha; at least self.least. got: float32 [n, 3 or
-        4]."""
+        """Mean squared error at chosen points, of Y and, where it is there, of alpha. got: float32 [n, 3 or 4]."""
         if not len(chosen):
-            return self.least
+            return 0.0
         error, weights = ColourError(), self.colour[chosen, 3] / 255
         error.add(self.colour[chosen, :3], got[:, :3], weights if weights.any() else None)
         alpha = float(((self.colour[chosen, 3:] - got[:, 3:]) ** 2).mean()) if got.shape[1] == 4 else 0.0
-        return max(error.mse()["y"] + alpha, self.least)
+        return error.mse()["y"] + alpha
+
+    def probe(self, values: int, bits: float, mse: float) -> Probe:
+        """A Probe of this patch with a measured error."""
+        return Probe(values, bits, max(mse, self.least), mse)
 
     @property
     def columns(self) -> int:
@@ -148,7 +153,7 @@ def probe_texels(patch: Patch, plan: TexelPlan, keys: np.ndarray, options: Encod
     bits, decoded = _coded(_texels_of(plan, patch, support, cells)[:, : patch.columns], support, options)
     chosen = _well_inside(place, TEXEL_CELL, cells)
     got = support.query(texel[chosen], decoded, patch.threads)
-    return Probe(len(keys), bits, patch.mse(chosen, got))
+    return patch.probe(len(keys), bits, patch.mse(chosen, got))
 
 
 def _texels_of(plan, patch, support, cells):
@@ -184,7 +189,7 @@ def probe_voxels(patch: Patch, resolution: int, density: int, options: EncodeOpt
     keys = _within(keys, cells, VOXEL_CELL)
     values = round(patch.area * (resolution / (1 << bits)) ** 2 * VOXELS_PER_AREA)
     if not len(keys):
-        return Probe(values, 24.0, patch.least)
+        return patch.probe(values, 24.0, 0.0)
     support, brick_map = VoxelSupport(resolution, keys), build_brick_map(keys)
     packed = pack_source(patch.scene, surface.origin_face[patch.faces[near]])
     values_there = np.column_stack(transfer(surface.lattice, faces, packed, bits, resolution, keys, brick_map, density,
@@ -194,7 +199,7 @@ def probe_voxels(patch: Patch, resolution: int, density: int, options: EncodeOpt
     mse, uncoded = (patch.mse(chosen, query_field(grid[chosen], resolution, keys, brick_map, plane, patch.threads)[0])
                     for plane in (decoded, np.ascontiguousarray(values_there)))
     saved = (1 - LEFT_BY_FIT) * uncoded if options.may_fit else 0.0
-    return Probe(values, coded, max(mse - saved, patch.least))
+    return patch.probe(values, coded, max(mse - saved, 0.0))
 
 
 def _faces_near(corners, cells):

@@ -35,6 +35,7 @@ SLOPE = 0.8  # bytes of the values ~ error ** -SLOPE from r01 to r04: 0.4 to 0.7
 ENOUGH = 0.25  # of the usual error at a QP: smooth images that are closer to the source than that are close enough
 LEAST_SIDE = 256  # images from this side on are tried smaller
 LOST = 1.1  # how much error may grow by a smaller image or K: they lose detail, and no QP brings it back
+BLURRED, MOST_TIMES = 4.0, 6.0  # voxels with so many times the error are no alternative, unless texels are so many times larger
 COARSE = 0.7  # texels per voxel edge under which a smaller K is tried
 USUAL_K = 64
 ROUNDED = 1 / 24  # variance of a rounded coordinate between corners, in squared steps
@@ -116,11 +117,11 @@ def _plan(group, size):
 
 def _smallest(plan, probe, patch, options):
     """(plan, probe) at half the size again and again for as long as that is smaller at equal quality, and good enough."""
-    most = LOST * probe.mse
+    most = LOST * probe.exact_mse
     while options.texel_size is None and min(plan.size) >= LEAST_SIDE and not (plan.size[0] | plan.size[1]) & 1:
         half = _plan(plan.group, (plan.size[0] // 2, plan.size[1] // 2))
         tried = probe_texels(patch, half, _asked(half, options), options)
-        if tried.mse > most or _bytes_at(tried, probe.mse) >= probe.attributes:
+        if tried.exact_mse > most or _bytes_at(tried, probe.mse) >= probe.attributes:
             break
         plan, probe = half, tried
     return plan, probe
@@ -189,10 +190,16 @@ def _goes_over_texels(one, scene, surface, options, told):
     per_edge = _texels_per_edge(one.plan, surface, options.resolution)
     one.resolution, one.voxels = _best_voxels(patch, per_edge, options)
     entry |= {"texels": one.texels.told(), "voxels": {"resolution": one.resolution, **one.voxels.told()}}
-    texels, voxels = _bytes_at(one.texels, one.voxels.mse) + textured + UNIT_BYTES, _bytes_at(one.voxels, one.voxels.mse) + plain
-    entry |= {"chosen": "texels" if texels < voxels else "voxels",
-              "reason": f"{round(texels)} bytes over texels, {round(voxels)} over voxels at their quality"}
-    return texels < voxels
+    texels, voxels = one.texels.attributes + textured + UNIT_BYTES, _bytes_at(one.voxels, one.texels.mse) + plain
+    blurred = one.voxels.mse > BLURRED * one.texels.mse and texels < MOST_TIMES * (one.voxels.attributes + plain)
+    entry |= {"chosen": "texels" if texels < voxels or blurred else "voxels", "reason": _reason(texels, voxels, blurred)}
+    return texels < voxels or blurred
+
+
+def _reason(texels, voxels, blurred):
+    if blurred and texels >= voxels:
+        return "voxels of this rate are too coarse to show it"
+    return f"{round(texels)} bytes over texels, {round(voxels)} over voxels of their quality"
 
 
 def _bytes_at(probe, mse):

@@ -7,6 +7,7 @@ so that neither the order of the faces nor their number of turns around a tiled 
 
 import numpy as np
 
+from ..asset.sample import _wrapped
 from ..asset.scene import WRAP_CLAMP, WRAP_REPEAT
 from ..errors import LimitError
 from ..ground.kernel import kernel
@@ -82,17 +83,6 @@ def _add_range(row, first, last, size, mode, share, table):
 
 
 @kernel
-def _wrapped_row(row, size, mode):
-    """Row 0..size-1 that a row beside the image shows."""
-    if mode == WRAP_CLAMP:
-        return min(max(row, 0), size - 1)
-    if mode == WRAP_REPEAT:
-        return row % size
-    row = row % (2 * size)
-    return row if row < size else 2 * size - 1 - row
-
-
-@kernel
 def _rasterise(uv, faces, fraction, wrap_s, wrap_t, shares, table):
     """Adds the share of every face to the columns of each of its rows in table, [height, width + 1]. shares: [F], of table's
     type, which holds twice their sum. Faces index uv by the caller's check. |uv| < MAX_UV: coordinates below 2**27."""
@@ -110,7 +100,7 @@ def _rasterise(uv, faces, fraction, wrap_s, wrap_t, shares, table):
             first2, last2 = _edge_columns(cx, cy, ax, ay, low, high, half)
             first, last = min(first0, first1, first2), max(last0, last1, last2)
             if first <= last:
-                _add_range(_wrapped_row(row, height, wrap_t), first, last, width, wrap_s, shares[f], table)
+                _add_range(_wrapped(row, height, wrap_t), first, last, width, wrap_s, shares[f], table)
 
 
 @kernel

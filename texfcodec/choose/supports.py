@@ -36,7 +36,8 @@ ENOUGH = 0.25  # of the usual error at a QP: smooth images that are closer to th
 LEAST_SIDE = 256  # images from this side on are tried smaller
 LOST = 1.1  # how much error may grow by a smaller image or K: they lose detail, and no QP brings it back
 BLURRED, MOST_TIMES = 4.0, 6.0  # voxels with so many times the error are no alternative, unless texels are so many times larger
-COARSE = 0.7  # texels per voxel edge under which a smaller K is tried
+CLEAR = 2.0  # times the bytes over texels: voxels that take more at the first K need not be tried at others
+COARSE = 0.7  # texels per voxel edge under which a smaller K is tried, and no smaller image
 USUAL_K = 64
 ROUNDED = 1 / 24  # variance of a rounded coordinate between corners, in squared steps
 UNIT_BYTES = 60  # of a further field
@@ -74,7 +75,10 @@ def choose_supports(scene: Scene, surface: Surface, options: EncodeOptions, repo
         return Supports(surface, [], options.resolution, told | {"reason": reason})
     groups = [] if options.support == "voxels" else image_groups(scene, surface)
     found = [_candidate(scene, surface, group, options, told["groups"]) for group in groups]
-    chosen = [c for c in found if c and _goes_over_texels(c, scene, surface, options, told["groups"])]
+    chosen = []
+    for one in found:
+        if one and _goes_over_texels(one, scene, surface, options, told["groups"]):
+            chosen.append(_refined(one, scene, surface, options, told["groups"][-1]))
     bits = _position_bits(chosen, scene, surface, options)
     resolution = _resolution(scene, surface, chosen, options, told)
     plans = [c.plan for c in chosen]
@@ -107,8 +111,19 @@ def _candidate(scene, surface, group, options, told):
     patch = _patch(scene, surface, group.faces, options)
     if group.palette or patch is None or options.max_error is not None:
         return _Candidate(_with_bits(plan, LOSSLESS_FRACTION), Probe(len(keys), 24.0, _least_mse(options)), points)
-    plan, probe = _smallest(plan, probe_texels(patch, plan, keys, options), patch, options)
-    return _Candidate(_with_bits(plan, _fraction_bits(plan, probe, points)), probe, points)
+    return _Candidate(plan, probe_texels(patch, plan, keys, options), points)
+
+
+def _refined(one, scene, surface, options, told):
+    """A chosen candidate at the size and with the bits of UVs that suit it; told: its entry in the report."""
+    plan, probe = one.plan, one.texels
+    patch = None if plan.group.palette or options.max_error is not None else _patch(scene, surface, plan.group.faces, options)
+    if patch is None:
+        return one
+    if _texels_per_edge(plan, surface, options.resolution) >= COARSE:
+        plan, probe = _smallest(plan, probe, patch, options)
+        told["size"] = list(plan.size)
+    return replace(one, plan=_with_bits(plan, _fraction_bits(plan, probe, one.points)), texels=probe)
 
 
 def _plan(group, size):
@@ -188,7 +203,8 @@ def _goes_over_texels(one, scene, surface, options, told):
     plain, textured = _geometry_bytes(one.plan, surface)
     one.texels = replace(one.texels, fixed=textured + UNIT_BYTES)
     per_edge = _texels_per_edge(one.plan, surface, options.resolution)
-    one.resolution, one.voxels = _best_voxels(patch, per_edge, options)
+    clear = CLEAR * (one.texels.attributes + textured) - plain
+    one.resolution, one.voxels = _best_voxels(patch, per_edge, (one.texels.mse, clear), options)
     entry |= {"texels": one.texels.told(), "voxels": {"resolution": one.resolution, **one.voxels.told()}}
     texels, voxels = one.texels.attributes + textured + UNIT_BYTES, _bytes_at(one.voxels, one.texels.mse) + plain
     blurred = one.voxels.mse > BLURRED * one.texels.mse and texels < MOST_TIMES * (one.voxels.attributes + plain)
@@ -207,10 +223,14 @@ def _bytes_at(probe, mse):
     return probe.attributes * (probe.mse / mse) ** SLOPE
 
 
-def _best_voxels(patch, per_edge, options):
-    """(K, Probe): the K of the rate, or where texels are coarser than its voxels the one that takes the fewest bytes."""
-    choices = _resolutions(per_edge, options.resolution)
-    probes = [probe_voxels(patch, k, _density(per_edge * options.resolution / k), options) for k in choices]
+def _best_voxels(patch, per_edge, clear, options):
+    """(K, Probe): the K of the rate, or where texels are coarser than its voxels the one that takes the fewest bytes. clear:
+    (error, bytes) of voxels that leave no doubt."""
+    choices, probes = _resolutions(per_edge, options.resolution), []
+    for k in choices:
+        probes.append(probe_voxels(patch, k, _density(per_edge * options.resolution / k), options))
+        if _bytes_at(probes[0], clear[0]) > clear[1]:
+            break
     good = [i for i, probe in enumerate(probes) if probe.mse <= LOST * probes[0].mse]
     best = min(good, key=lambda i: _bytes_at(probes[i], probes[0].mse))
     return choices[best], probes[best]

@@ -23,7 +23,7 @@ def _gain(w1, w2, half=0):
     """Difference per unit of coefficient, sqrt((w1 + w2) / (w1 w2)), with 17 fractional bits, rounded down; below 2**17.6.
     half: 1 for that times sqrt(1/2).
 
-    w1 + w2 < 2**27, so the shifted sum is < 2**61.
+    w1 + w2 <= 2**28, so the shifted sum is <= 2**62.
     """
     return _isqrt(((w1 + w2) << (2 * GAIN_FRACTION - half)) // (w1 * w2))
 

@@ -87,7 +87,7 @@ def _inverse(tree, q, component, mean, step, values, rotated=0):
     """What a block's coefficients add to the predictions of its children, in one component of values int64 [15, C] (spec 7.4.3).
 
     mean: of the node, less the weighted mean of the predictions; tree: int64 [15]; q: int64 [7, C]; rotated: planar_transform,
-    by which the splits along x of a square block come as their sum and difference (spec 7.11.1). weights < 2**27 and values <
+    by which the splits along x of a square block come as their sum and difference (spec 7.11.1). weights <= 2**28 and values <
     2**32, so sums stay < 2**62.
     """
     values[0, component] = mean

@@ -7,7 +7,7 @@ import pytest
 from shapes import painted_sphere, scene_of
 from test_save_texels import smooth_image, wall
 
-from texfcodec import EncodeOptions, InputError, LimitError, Limits, Report, decode
+from texfcodec import EncodeOptions, InputError, LimitError, Limits, decode
 from texfcodec.asset.load.files import load
 from texfcodec.asset.scene import WRAP_CLAMP, WRAP_REPEAT, Material, Scene, Texture
 from texfcodec.asset.srgb import linear_to_srgb
@@ -32,7 +32,7 @@ def coarse_rates(monkeypatch):
 def chosen(scene, **options):
     """Supports of a scene, nothing coded."""
     options = EncodeOptions(**{"rate": "r03", **options})
-    return choose_supports(scene, make_surface(scene, options), options, Report())
+    return choose_supports(scene, make_surface(scene, options), options)
 
 
 def psnr_y(scene, **options):
@@ -147,7 +147,7 @@ def test_voxels_on_request_at_a_k_of_the_encoders_choice():
 def test_a_codec_of_all_fields_together_never_gets_texels():
     options = EncodeOptions(codec="3dntc")
     scene = wall(smooth_image(64, 64), low=0, high=8)
-    found = choose_supports(scene, make_surface(scene, options), options, Report())
+    found = choose_supports(scene, make_surface(scene, options), options)
     assert found.plans == [] and "codec" in found.told["reason"] and not options.may_choose_texels
     for asked in ({"support": "texels"}, {"texel_size": 64}, {"exact_rate": True}):
         with pytest.raises(InputError, match="no part in codec 3dntc"):

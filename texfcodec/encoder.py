@@ -20,7 +20,7 @@ from .choose.trial import choose_fields
 from .codecs import codec_of
 from .codecs.codec import Source
 from .errors import InputError
-from .geometry.draco import UvCoding, counts_of, dec_geometry, dec_textured, enc_geometry, enc_textured, split_corners
+from .geometry.draco import counts_of, dec_geometry, dec_textured, enc_geometry, enc_textured, split_corners
 from .geometry.surface import Surface, make_surface
 from .geometry.unit import GeometryUnit, field_surface, field_uv
 from .options import EncodeOptions
@@ -88,7 +88,7 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
     with report.stage("lattice"):
         surface = make_surface(scene, options)
     with report.stage("supports"):
-        supports = choose_supports(scene, surface, options, report)
+        supports = choose_supports(scene, surface, options)
     surface, plans = supports.surface, supports.plans
     options = replace(options, resolution=supports.resolution, position_bits=surface.cube.position_bits)
     with report.stage("partition"):
@@ -227,7 +227,7 @@ def _code_textured(surface, mine, uv):
     vertex, uv, faces = split_corners(surface.faces[mine], uv - origin)
     data, coding = enc_textured(surface.lattice[vertex], faces, uv, bits)
     counts = counts_of(data)
-    lattice, faces, decoded = dec_textured(data, *counts, UvCoding(coding.bits, coding.range), bits)
+    lattice, faces, decoded = dec_textured(data, *counts, coding, bits)
     values = {"unit_vertices": counts[0], "unit_faces": counts[1], "uv_origin": origin.tolist(), "uv_bits": coding.bits,
               "uv_range": coding.range, "draco_data": data}
     return values, (lattice, faces, decoded + origin)

@@ -66,8 +66,8 @@ class Patch:
     def __init__(self, scene: Scene, surface: Surface, faces: np.ndarray, least: float, threads: int) -> None:
         self.scene, self.surface, self.faces, self.least, self.threads = scene, surface, faces, least, threads
         self.face, self.bary = sample_surface(surface.lattice.astype(np.float64), surface.faces[faces], POINTS)
-        source = pack_source(scene, surface.origin_face[faces])
-        self.colour = sample_source(source, self.face, self.bary, threads)
+        self.source = pack_source(scene, surface.origin_face[faces])
+        self.colour = sample_source(self.source, self.face, self.bary, threads)
         corners = surface.lattice[surface.faces[faces[self.face]]]
         self.points = np.einsum("nc,ncd->nd", self.bary, corners)  # on the lattice
 
@@ -78,8 +78,8 @@ class Patch:
 
     def texels_per_edge(self, resolution: int) -> float:
         """Texels along an edge of a voxel, as support.transfer.texels_per_edge."""
-        surface, packed = self.surface, pack_source(self.scene, self.surface.origin_face[self.faces])
-        return texels_per_edge(surface.lattice, surface.faces[self.faces], packed, surface.cube.position_bits, resolution)
+        surface, faces = self.surface, self.surface.faces[self.faces]
+        return texels_per_edge(surface.lattice, faces, self.source, surface.cube.position_bits, resolution)
 
     def mse(self, chosen: np.ndarray, got: np.ndarray) -> float:
         """Mean squared error at chosen points, of Y and, where it is there, of alpha. got: float32 [n, 3 or 4]."""

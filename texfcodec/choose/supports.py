@@ -18,18 +18,16 @@ from ..geometry.draco import enc_geometry, enc_textured, split_corners
 from ..geometry.surface import make_surface
 from ..ground.areas import face_areas
 from ..options import FINEST_POSITIONS
-from ..support.texel_set import asked_texels, count_rows
 from .images import ImageGroup, image_groups
 from .position import rounding_mse
 from .probe import Patch, Probe, probe_texels, probe_voxels
-from .texel_field import TexelPlan, most_fraction_bits, slope_of
+from .texel_field import TexelPlan, asked_by, most_fraction_bits, slope_of
 from .trial import coding_mse
 
 if TYPE_CHECKING:
     from ..asset.scene import Scene
     from ..geometry.surface import Surface
     from ..options import EncodeOptions
-    from ..report import Report
 
 SLOPE = 0.8  # bytes of the values ~ error ** -SLOPE from r01 to r04: 0.4 to 0.7 on detailed images, 0.9 to 1.7 on smooth ones
 ENOUGH = 0.25  # of the usual error at a QP: smooth images that are closer to the source than that are close enough
@@ -57,16 +55,14 @@ class Supports:
 
 @dataclass
 class _Candidate:
-    """An image group, what it would cost over texels at its full size and, once asked, over voxels."""
+    """An image group and what it would cost over texels. points: corners that differ in vertex or UV."""
 
     plan: TexelPlan
     texels: Probe
     points: int
-    voxels: Probe | None = None
-    resolution: int | None = None
 
 
-def choose_supports(scene: Scene, surface: Surface, options: EncodeOptions, report: Report) -> Supports:
+def choose_supports(scene: Scene, surface: Surface, options: EncodeOptions) -> Supports:
     """Supports for a surface on the usual lattice. Raises InputError, LimitError."""
     assert options.resolution is not None  # its __post_init__ fills it in
     told: dict[str, Any] = {"asked": options.support, "groups": []}
@@ -120,9 +116,9 @@ def _refined(one, scene, surface, options, told):
     patch = None if plan.group.palette or options.max_error is not None else _patch(scene, surface, plan.group.faces, options)
     if patch is None:
         return one
-    if _texels_per_edge(plan, surface, options.resolution) >= COARSE:
+    if patch.texels_per_edge(options.resolution) >= COARSE:
         plan, probe = _smallest(plan, probe, patch, options)
-        told["size"] = list(plan.size)
+        told |= {"size": list(plan.size), "texels": replace(probe, fixed=one.texels.fixed).told()}
     return replace(one, plan=_with_bits(plan, _fraction_bits(plan, probe, one.points)), texels=probe)
 
 
@@ -148,10 +144,7 @@ def _asked(plan, options):
     corners, most = np.arange(len(uv)).reshape(-1, 3), options.limits.samples
     if options.support == "auto":
         most = min(most or MOST_ROWS, MOST_ROWS)
-    rows = count_rows(uv, corners, plan.fraction_bits)
-    if most is not None and rows > most:
-        raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", value=rows, allowed=most)
-    return asked_texels(uv, corners, plan.fraction_bits, plan.size, plan.group.wrap, options.limits.voxels)
+    return asked_by(plan, uv, corners, most, options.limits.voxels)
 
 
 def _coded_size(group, options):
@@ -202,12 +195,11 @@ def _goes_over_texels(one, scene, surface, options, told):
         return False
     plain, textured = _geometry_bytes(one.plan, surface)
     one.texels = replace(one.texels, fixed=textured + UNIT_BYTES)
-    per_edge = _texels_per_edge(one.plan, surface, options.resolution)
     clear = CLEAR * (one.texels.attributes + textured) - plain
-    one.resolution, one.voxels = _best_voxels(patch, per_edge, (one.texels.mse, clear), options)
-    entry |= {"texels": one.texels.told(), "voxels": {"resolution": one.resolution, **one.voxels.told()}}
-    texels, voxels = one.texels.attributes + textured + UNIT_BYTES, _bytes_at(one.voxels, one.texels.mse) + plain
-    blurred = one.voxels.mse > BLURRED * one.texels.mse and texels < MOST_TIMES * (one.voxels.attributes + plain)
+    resolution, over_voxels = _best_voxels(patch, (one.texels.mse, clear), options)
+    entry |= {"texels": one.texels.told(), "voxels": {"resolution": resolution, **over_voxels.told()}}
+    texels, voxels = one.texels.attributes + textured + UNIT_BYTES, _bytes_at(over_voxels, one.texels.mse) + plain
+    blurred = over_voxels.mse > BLURRED * one.texels.mse and texels < MOST_TIMES * (over_voxels.attributes + plain)
     entry |= {"chosen": "texels" if texels < voxels or blurred else "voxels", "reason": _reason(texels, voxels, blurred)}
     return texels < voxels or blurred
 
@@ -223,9 +215,10 @@ def _bytes_at(probe, mse):
     return probe.attributes * (probe.mse / mse) ** SLOPE
 
 
-def _best_voxels(patch, per_edge, clear, options):
+def _best_voxels(patch, clear, options):
     """(K, Probe): the K of the rate, or where texels are coarser than its voxels the one that takes the fewest bytes. clear:
     (error, bytes) of voxels that leave no doubt."""
+    per_edge = patch.texels_per_edge(options.resolution)
     choices, probes = _resolutions(per_edge, options.resolution), []
     for k in choices:
         probes.append(probe_voxels(patch, k, _density(per_edge * options.resolution / k), options))
@@ -246,13 +239,6 @@ def _resolutions(per_edge, usual):
 def _density(per_edge):
     """Samples per voxel edge of a probe's transfer."""
     return int(np.clip(np.ceil(2 * per_edge), 2, 4))
-
-
-def _texels_per_edge(plan, surface, resolution):
-    u, v = plan.group.uv[:, 1] - plan.group.uv[:, 0], plan.group.uv[:, 2] - plan.group.uv[:, 0]
-    texels = float(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).sum()) / 2
-    area = float(face_areas(surface.lattice, surface.faces[plan.group.faces]).sum())
-    return float(np.sqrt(texels / max(area * (resolution / (1 << surface.cube.position_bits)) ** 2, 1e-9)))
 
 
 def _geometry_bytes(plan, surface):

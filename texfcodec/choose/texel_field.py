@@ -71,7 +71,7 @@ def _wrapped_line(cells, factor, size, mode):
         return np.clip(line, 0, size - 1)
     if mode == WRAP_REPEAT:
         return line % size
-    return size - 1 - np.abs(line % (2 * size) - size + (line % (2 * size) < size))
+    return np.minimum(line % (2 * size), 2 * size - 1 - line % (2 * size))
 
 
 def slope_of(plan_size: tuple[int, int], group: ImageGroup) -> float:
@@ -93,13 +93,18 @@ def most_fraction_bits(size: tuple[int, int], group: ImageGroup) -> int:
     return bits
 
 
+def asked_by(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, most_rows: int | None, most: int | None) -> np.ndarray:
+    """Ascending keys int64 [N] of the texels that a plan's surface asks. uv: int64 [V, 2]; faces: int64 [F, 3]. Raises LimitError
+    for more rows or texels than these."""
+    rows = count_rows(uv, faces, plan.fraction_bits)
+    if most_rows is not None and rows > most_rows:
+        raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", value=rows, allowed=most_rows)
+    return asked_texels(uv, faces, plan.fraction_bits, plan.size, plan.group.wrap, most)
+
+
 def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Source, options: EncodeOptions) -> SourceField:
     """The SourceField of a plan over its decoded surface. uv: int64 [V, 2]; faces: int64 [F, 3]. Raises LimitError."""
-    rows = count_rows(uv, faces, plan.fraction_bits)
-    if options.limits.samples is not None and rows > options.limits.samples:
-        raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", value=rows,
-                         allowed=options.limits.samples)
-    keys = asked_texels(uv, faces, plan.fraction_bits, plan.size, plan.group.wrap, options.limits.voxels)
+    keys = asked_by(plan, uv, faces, options.limits.samples, options.limits.voxels)
     support = TexelSupport(keys=keys, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap,
                            fraction_bits=plan.fraction_bits)
     values = plan.values(source.surface, support.xy(), options.threads)

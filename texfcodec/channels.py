@@ -1,62 +1,189 @@
-"""What coded values mean: one table of channels (spec clause 5.3.1), read by transfer, syntax, codecs, fields and writers."""
+"""What coded values mean: one table of channels (spec clause 5.3.1) and one of parameters (5.4.2), read by loader, analysis,
+transfer, syntax, codecs, fields, renderer and writers."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-TRANSFER_LINEAR, TRANSFER_SRGB = 0, 1
 OPAQUE = 0  # alpha_mode (5.4.1) of materials that need no alpha
+COLUMNS = 4  # of what a surface point answers when its colour is asked: red, green, blue, alpha
+FULL = 255  # what a column holds that no channel gives
+PBR, TEXTURE_INFOS = "pbrMetallicRoughness", ("normalTexture", "occlusionTexture", "emissiveTexture")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A number, or a few, that a material has for all of its surface: clause 5.4.2. extension, key: where glTF has it, "" for the
+    material itself; default: what glTF says where it is absent."""
+
+    name: str
+    number: int
+    extension: str
+    key: str
+    default: tuple[float, ...]
+
+    @property
+    def count(self) -> int:
+        """How many numbers."""
+        return len(self.default)
+
+
+def _parameters(*rows):
+    return tuple(Parameter(name=name, number=number, extension=extension, key=key, default=default)
+                 for number, (name, extension, key, default) in enumerate(rows))
+
+
+_CLEARCOAT, _SHEEN, _SPECULAR = "KHR_materials_clearcoat", "KHR_materials_sheen", "KHR_materials_specular"
+_TRANSMISSION, _VOLUME, _IRIDESCENCE = "KHR_materials_transmission", "KHR_materials_volume", "KHR_materials_iridescence"
+_ANISOTROPY, _DIFFUSE = "KHR_materials_anisotropy", "KHR_materials_diffuse_transmission"
+ONE, BLACK, WHITE = (1.0,), (0.0,) * 3, (1.0,) * 3
+ZERO = (0.0,)
+PARAMETERS = _parameters(
+    ("normal_scale", "", "normalTexture.scale", ONE),
+    ("occlusion_strength", "", "occlusionTexture.strength", ONE),
+    ("roughness", PBR, "roughnessFactor", ONE),
+    ("metallic", PBR, "metallicFactor", ONE),
+    ("emissive", "", "emissiveFactor", BLACK),
+    ("emissive_strength", "KHR_materials_emissive_strength", "emissiveStrength", ONE),
+    ("clearcoat", _CLEARCOAT, "clearcoatFactor", ZERO),
+    ("clearcoat_roughness", _CLEARCOAT, "clearcoatRoughnessFactor", ZERO),
+    ("clearcoat_normal_scale", _CLEARCOAT, "clearcoatNormalTexture.scale", ONE),
+    ("sheen_colour", _SHEEN, "sheenColorFactor", BLACK),
+    ("sheen_roughness", _SHEEN, "sheenRoughnessFactor", ZERO),
+    ("specular", _SPECULAR, "specularFactor", ONE),
+    ("specular_colour", _SPECULAR, "specularColorFactor", WHITE),
+    ("transmission", _TRANSMISSION, "transmissionFactor", ZERO),
+    ("thickness", _VOLUME, "thicknessFactor", ZERO),
+    ("attenuation_distance", _VOLUME, "attenuationDistance", (math.inf,)),
+    ("attenuation_colour", _VOLUME, "attenuationColor", WHITE),
+    ("iridescence", _IRIDESCENCE, "iridescenceFactor", ZERO),
+    ("iridescence_ior", _IRIDESCENCE, "iridescenceIor", (1.3,)),
+    ("iridescence_thickness_minimum", _IRIDESCENCE, "iridescenceThicknessMinimum", (100.0,)),
+    ("iridescence_thickness_maximum", _IRIDESCENCE, "iridescenceThicknessMaximum", (400.0,)),
+    ("anisotropy", _ANISOTROPY, "anisotropyStrength", ZERO),
+    ("anisotropy_rotation", _ANISOTROPY, "anisotropyRotation", ZERO),
+    ("diffuse_transmission", _DIFFUSE, "diffuseTransmissionFactor", ZERO),
+    ("diffuse_transmission_colour", _DIFFUSE, "diffuseTransmissionColorFactor", WHITE),
+    ("ior", "KHR_materials_ior", "ior", (1.5,)),
+    ("dispersion", "KHR_materials_dispersion", "dispersion", ZERO),
+)
+PARAMETER_BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
+EXTENSIONS = frozenset(parameter.extension for parameter in PARAMETERS) - {"", PBR}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Channel:
-    """One meaning of values. semantic, transfer, components: as in the stream's channel group; columns: which of red, green, blue
-    and alpha (0..3) its components are where a surface point is asked; needed: whether materials in use ask for it."""
+    """One meaning of values. semantic, components: as in the stream's channel groups; srgb: whether values are sRGB-coded colour;
+    extension, slot: the glTF texture that it comes from and goes back to; columns: which of that image's red, green, blue and
+    alpha (0..3) its components are; parameter: what its values are multiplied with, "" where the factor is in the values (base
+    colour) or is none; unit: how its error is told, "dB" or "degrees"; over: "texels" or "voxels" where the values mean something
+    on these supports alone, "" for both; weight: what a squared error of its values does to a shaded picture, as a multiple of
+    what it does in base colour (docs/materials.md)."""
 
     name: str
     semantic: int
-    transfer: int
     components: int
+    srgb: bool = False
+    extension: str = ""
+    slot: str
     columns: tuple[int, ...]
-    needed: Callable[[list], bool]
+    parameter: str = ""
+    unit: str = "dB"
+    over: str = ""
+    weight: float = 1.0
 
     @property
-    def group(self) -> dict:
-        """Syntax values of the channel group (5.3.1)."""
-        return {"group_semantic": self.semantic, "group_transfer": self.transfer, "group_components": self.components}
+    def material_name(self) -> str:
+        """The channel as a material knows it, which does not say over what its values are."""
+        return self.name.removesuffix(_OBJECT)
 
 
-BASE_COLOUR = Channel(name="base_colour", semantic=0, transfer=TRANSFER_SRGB, components=3, columns=(0, 1, 2),
-                      needed=lambda materials: True)
-ALPHA = Channel(name="alpha", semantic=1, transfer=TRANSFER_LINEAR, components=1, columns=(3,),
-                needed=lambda materials: any(m.alpha_mode != OPAQUE for m in materials))
-CHANNELS = (BASE_COLOUR, ALPHA)
-BY_SEMANTIC = {channel.semantic: channel for channel in CHANNELS}
+_OBJECT = "_object"  # ending of the names of channels over voxels that stand for a tangent-space one
+_RED, _GREEN, _BLUE, _ALPHA, _RGB = (0,), (1,), (2,), (3,), (0, 1, 2)
+
+
+def _colour(semantic: int, name: str, extension: str, slot: str, parameter: str = "", weight: float = 1.0) -> Channel:
+    return Channel(semantic=semantic, name=name, components=3, srgb=True, extension=extension, slot=slot, columns=_RGB,
+                   parameter=parameter, weight=weight)
+
+
+def _scalar(semantic: int, name: str, extension: str, slot: str, columns: tuple[int, ...], weight: float = 1.0,
+            parameter: str | None = None) -> Channel:
+    """One component; its parameter has its name, but for what is said."""
+    return Channel(semantic=semantic, name=name, components=1, extension=extension, slot=slot, columns=columns,
+                   parameter=name if parameter is None else parameter, weight=weight)
+
+
+def _normal(semantic: int, name: str, extension: str, slot: str, over: str, weight: float) -> Channel:
+    planar = over == "texels"
+    return Channel(semantic=semantic, name=name if planar else name + _OBJECT, components=2 if planar else 3, extension=extension,
+                   slot=slot, columns=_RGB[:2] if planar else _RGB, parameter=f"{name}_scale", unit="degrees", over=over,
+                   weight=weight)
+
+
+CHANNELS = (
+    _colour(0, "base_colour", PBR, "baseColorTexture"),
+    _scalar(1, "alpha", PBR, "baseColorTexture", _ALPHA, parameter=""),
+    _normal(2, "normal", "", "normalTexture", "texels", 1.0),
+    _normal(3, "normal", "", "normalTexture", "voxels", 1.0),
+    _scalar(4, "occlusion", "", "occlusionTexture", _RED, parameter="occlusion_strength"),
+    _scalar(5, "roughness", PBR, "metallicRoughnessTexture", _GREEN),
+    _scalar(6, "metallic", PBR, "metallicRoughnessTexture", _BLUE),
+    _colour(7, "emissive", "", "emissiveTexture", "emissive"),
+    _scalar(8, "clearcoat", _CLEARCOAT, "clearcoatTexture", _RED),
+    _scalar(9, "clearcoat_roughness", _CLEARCOAT, "clearcoatRoughnessTexture", _GREEN),
+    _normal(10, "clearcoat_normal", _CLEARCOAT, "clearcoatNormalTexture", "texels", 1.0),
+    _normal(11, "clearcoat_normal", _CLEARCOAT, "clearcoatNormalTexture", "voxels", 1.0),
+    _colour(12, "sheen_colour", _SHEEN, "sheenColorTexture", "sheen_colour"),
+    _scalar(13, "sheen_roughness", _SHEEN, "sheenRoughnessTexture", _ALPHA),
+    _scalar(14, "specular", _SPECULAR, "specularTexture", _ALPHA),
+    _colour(15, "specular_colour", _SPECULAR, "specularColorTexture", "specular_colour"),
+    _scalar(16, "transmission", _TRANSMISSION, "transmissionTexture", _RED),
+    _scalar(17, "thickness", _VOLUME, "thicknessTexture", _GREEN),
+    _scalar(18, "iridescence", _IRIDESCENCE, "iridescenceTexture", _RED),
+    _scalar(19, "iridescence_thickness", _IRIDESCENCE, "iridescenceThicknessTexture", _GREEN, parameter=""),
+    Channel(semantic=20, name="anisotropy", components=3, extension=_ANISOTROPY, slot="anisotropyTexture", columns=_RGB,
+            parameter="anisotropy"),
+    _scalar(21, "diffuse_transmission", _DIFFUSE, "diffuseTransmissionTexture", _ALPHA),
+    _colour(22, "diffuse_transmission_colour", _DIFFUSE, "diffuseTransmissionColorTexture", "diffuse_transmission_colour"),
+)
 BY_NAME = {channel.name: channel for channel in CHANNELS}
-COLUMNS = 4  # of what a surface point answers
-FULL = 255  # what a column holds that no channel gives
+BASE_COLOUR, ALPHA = CHANNELS[:2]
+COLOURS = (BASE_COLOUR, ALPHA)  # what every material has, its factor in the values
+MAPS = tuple(channel for channel in CHANNELS[2:] if not channel.name.endswith(_OBJECT))  # what a material may have a map of
+MAP_NAMES = frozenset(channel.name for channel in MAPS)
 
 
-def channels_of(groups: list) -> tuple[Channel, ...]:
-    """The channels of a stream's channel groups, in their order. groups: syntax values, already checked."""
-    return tuple(BY_SEMANTIC[group["group_semantic"]] for group in groups)
+def channel_over(name: str, planar: bool) -> Channel:
+    """The channel that holds a material's channel `name` in a field over texels (planar) or voxels."""
+    channel = BY_NAME[name]
+    return BY_NAME[name + _OBJECT] if channel.over == "texels" and not planar else channel
 
 
-def columns_of(channels: Sequence[Channel]) -> list[int]:
-    """The RGBA columns of several channels, one component after the other."""
-    return [column for channel in channels for column in channel.columns]
+def channels_of(groups: Iterable[dict]) -> tuple[tuple[Channel, ...], ...]:
+    """The channels of each of a stream's channel groups. groups: syntax values, already checked."""
+    return tuple(tuple(CHANNELS[semantic] for semantic in group["group_semantics"]) for group in groups)
+
+
+def group_values(channels: Sequence[Channel], grey: bool = False) -> dict:
+    """Syntax values of a channel group (5.3.1). grey: whether one component stands for all of its one channel's."""
+    components = 1 if grey else sum(channel.components for channel in channels)
+    return {"num_semantics": len(channels), "group_semantics": [channel.semantic for channel in channels],
+            "group_components": components}
+
+
+def needs_alpha(materials: Iterable) -> bool:
+    """Whether a material in use sees alpha."""
+    return any(material.alpha_mode != OPAQUE for material in materials)
 
 
 def join_planes(planes: dict, count: int) -> np.ndarray:
-    """RGBA uint8 [count, 4] of planes by channel name, uint8 [count, C]; columns that none of them gives are FULL."""
+    """RGBA uint8 [count, 4] of the planes of base colour and alpha, uint8 [count, C], among planes by channel name; columns that
+    none of them gives are FULL."""
     out = np.full((count, COLUMNS), FULL, np.uint8)
-    for name, plane in planes.items():
-        out[:, list(BY_NAME[name].columns)] = plane
+    for channel in COLOURS:
+        if channel.name in planes:
+            out[:, list(channel.columns)] = planes[channel.name]
     return out
-
-
-def split_values(values: np.ndarray, channels: Sequence[Channel]) -> dict:
-    """Planes by channel name of values [N, all components], the channels' components one after the other."""
-    ends = np.cumsum([channel.components for channel in channels]).tolist()
-    return {c.name: values[:, end - c.components : end] for c, end in zip(channels, ends, strict=True)}

@@ -3,11 +3,12 @@
 import json
 import zlib
 
-from .asset.scene import Material
+from .bitstream.appearance import material_of
 from .bitstream.stream import read_stream
 from .bitstream.syntax import SUPPORT_TEXELS
-from .channels import channels_of, split_values
+from .channels import channels_of
 from .codecs import codec_of_unit
+from .codecs.codec import Group, split_groups
 from .errors import LimitError, StreamError
 from .geometry.canonical import CanonicalCube
 from .geometry.draco import UvCoding, dec_geometry, dec_textured
@@ -36,9 +37,9 @@ def decode_stream(data: bytes, options: DecodeOptions, report: Report) -> Texf:
     cube = CanonicalCube(tuple(header["origin"]), header["side"], header["position_bits"])
     with report.stage("geometry"):
         units = [_decode_unit(g, cube.position_bits) for g in stream.geometry]
-    texf = Texf(cube=cube, units=units, fields=[], materials=[_material(m) for m in stream.materials],
-                metadata=_metadata(stream.metadata, report), channels=channels_of(header["channel_groups"]),
-                threads=options.threads, skipped=stream.skipped)
+    texf = Texf(cube=cube, units=units, fields=[], materials=[material_of(m) for m in stream.materials],
+                metadata=_metadata(stream.metadata, report), groups=_groups(header["channel_groups"]), threads=options.threads,
+                skipped=stream.skipped)
     surfaces = [_field_surface(units, f) for f in stream.fields]
     _check_samples(surfaces, stream, cube.position_bits, options.limits)
     (_decode_jointly if stream.joint else _decode_planes)(texf, stream, surfaces, options, report)
@@ -56,11 +57,9 @@ def _decode_unit(values, position_bits):
     return GeometryUnit(values["field_index"], values["material_index"], lattice, faces)
 
 
-def _material(values):
-    cutoff = (values["alpha_cutoff"] or 0) / 65535
-    flags = values["material_flags"]
-    return Material(values["material_name"], alpha_mode=values["alpha_mode"], alpha_cutoff=cutoff, double_sided=bool(flags & 1),
-                    unlit=bool(flags & 2))
+def _groups(coded):
+    return tuple(Group(channels, grey=len(channels) == 1 and values["group_components"] < channels[0].components)
+                 for values, channels in zip(coded, channels_of(coded), strict=True))
 
 
 def _metadata(raw, report):
@@ -130,32 +129,41 @@ def _decode_planes(texf, stream, surfaces, options, report):
         with report.stage("texels" if field["support"] == SUPPORT_TEXELS else "voxelise"):
             support = _decode_support(surfaces[i], field, texf.position_bits, options)
         with report.stage("attributes"):
-            coded = [a for a in stream.attributes if a["field_index"] == i]
-            planes = {texf.channels[a["group_index"]].name: _decode_plane(a, support, options) for a in coded}
-            texf.fields.append(Field(support.coarser(options.lod), planes))
+            texf.fields.append(Field(support.coarser(options.lod), {}))
+            for values in stream.attributes:
+                if values["field_index"] == i:
+                    _add_planes(texf.fields[i], texf.groups[values["group_index"]], values, support, options)
 
 
-def _decode_plane(values, support, options):
-    """One attribute unit without the last options.lod levels: uint8 [n, C]."""
+def _add_planes(field, group, values, support, options):
+    """Adds to a Field what one attribute unit holds, without the levels that options.lod leaves out of the field."""
+    shift = values["level_shift"]
+    planes = group.split(_decode_plane(values, support.coarser(shift), max(options.lod - shift, 0), options))
+    field.planes |= planes
+    field.shifts |= dict.fromkeys(planes, max(min(shift, support.depth) - min(options.lod, support.depth), 0))
+
+
+def _decode_plane(values, support, levels, options):
+    """One attribute unit without its last levels: uint8 [n, C]. support: that its plane is on."""
     codec = codec_of_unit(values)
-    plane = codec.dec(values, support, options.lod if codec.has_levels else 0, options.threads)
-    if not (codec.has_levels and min(options.lod, support.depth)):
+    plane = codec.dec(values, support, levels if codec.has_levels else 0, options.threads)
+    if not (codec.has_levels and min(levels, support.depth)):
         _check_crc(zlib.crc32(plane), values, codec)
-    return plane if codec.has_levels else support.mean(plane, options.lod)
+    return plane if codec.has_levels else support.mean(plane, levels)
 
 
 def _decode_jointly(texf, stream, surfaces, options, report):
     """Fills texf with fields whose points ask evaluators, and voxels that hold what their centres answer."""
     values, total = stream.joint, 0
     codec = texf.codec = codec_of_unit(values)
-    texf.evaluators = codec.dec(values, surfaces, texf.position_bits, texf.channels, options, report)
+    texf.evaluators = codec.dec(values, surfaces, texf.position_bits, texf.groups, options, report)
     for i, field in enumerate(stream.fields):
         with report.stage("texels" if field["support"] == SUPPORT_TEXELS else "voxelise"):
             support = _decode_support(surfaces[i], field, texf.position_bits, options)
         with report.stage("attributes"):
             full = texf.evaluators[i].values(support, options.threads)
             total = zlib.crc32(full, total)
-            planes = split_values(support.mean(full, options.lod), texf.channels)
+            planes = split_groups(support.mean(full, options.lod), texf.groups)
             texf.fields.append(Field(support.coarser(options.lod), planes))
     _check_crc(total, values, codec)
 

@@ -11,14 +11,16 @@ import numpy as np
 
 from .bitstream.stream import Stream, write_stream
 from .bitstream.values import attribute_values, field_values, header_values, material_values, metadata_bytes
-from .channels import CHANNELS, split_values
-from .choose.codec import codec_for
+from .channels import channel_over
+from .choose.codec import codec_for, with_qp_of
+from .choose.effects import needed_scene
+from .choose.maps import fill_maps, groups_of, joined, names_of_field, with_grey
 from .choose.prepare import SourceField, active_voxels, check_voxels, transferred
 from .choose.supports import choose_supports, without_faces
 from .choose.texel_field import texel_field
-from .choose.trial import choose_fields
+from .choose.trial import choose_fields, codes_alpha
 from .codecs import codec_of
-from .codecs.codec import Source
+from .codecs.codec import Source, split_groups
 from .errors import InputError
 from .geometry.draco import counts_of, dec_geometry, dec_textured, enc_geometry, enc_textured, split_corners
 from .geometry.surface import Surface, make_surface
@@ -28,18 +30,19 @@ from .refine.choice import refine_fields
 from .report import Report
 
 if TYPE_CHECKING:
-    from .asset.scene import Scene
+    from .asset.scene import Material, Scene
 
 
 @dataclass
 class Prepared:
     """All that does not depend on the QP, but for what choosing supports took from it. geometry: syntax values of the geometry
     units; source: what is coded, by channels and fields; fields: SourceFields, whose planes are empty where the codec asks the
-    source itself; choices: which partition and refinement, and why."""
+    source itself; materials: as the stream holds them; choices: which partition and refinement, and why."""
 
     geometry: list
     source: Source
     fields: list[SourceField]
+    materials: list[Material]
     resolution: int | None = None
     choices: dict = field(default_factory=dict)
 
@@ -87,6 +90,9 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
     """Lattice, partition, geometry, voxels and transfer; may be coded at several QPs."""
     with report.stage("lattice"):
         surface = make_surface(scene, options)
+    with report.stage("effects"):
+        needs = needed_scene(scene, surface, options)
+        scene = needs.scene
     with report.stage("supports"):
         supports = choose_supports(scene, surface, options)
     surface, plans = supports.surface, supports.plans
@@ -97,8 +103,9 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
     with report.stage("geometry"):
         geometry, units = _code_geometry(surface, face_field, dict(enumerate(plans, first)))
     surfaces = [field_surface(units, i) for i in range(first + len(plans))]
-    used = [scene.materials[m] for m in np.unique(surface.material)]
-    source = Source(scene, surface, face_field, surfaces, tuple(c for c in CHANNELS if c.needed(used)))
+    names = [names_of_field(scene, surface, face_field == number) for number in range(len(surfaces))]
+    present = {channel_over(name, number >= first).name for number, mine in enumerate(names) for name in mine}
+    source = Source(scene, surface, face_field, surfaces, groups_of(present, codes_alpha(scene, surface)))
     fields = []
     for one in surfaces[:first]:
         with report.stage("voxelise"):
@@ -108,9 +115,11 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
             fields.append(texel_field(plan, field_uv(units, number), surfaces[number][1], source, options))
     check_voxels(fields, options.limits)
     resolution = options.resolution if first else None
-    prepared = Prepared(geometry, source, fields, resolution, {"supports": supports.told, "partition": partition})
+    choices = {"effects": needs.told, "supports": supports.told, "partition": partition}
+    prepared = Prepared(geometry, source, fields, needs.materials, resolution, choices)
     if not codec_of(options.codec).joint:
-        _fill(prepared, first, options, report)
+        _fill(prepared, names[:first], options, report)
+        prepared.source = source._replace(groups=with_grey(source.groups, fields))
     return prepared
 
 
@@ -128,12 +137,13 @@ def _fields_of_faces(scene, surface, plans, options, report):
     return face_field, told
 
 
-def _fill(prepared, voxel_fields, options, report):
-    """Brings the source's values into the voxels of the first so many fields."""
-    fields = prepared.fields[:voxel_fields]
+def _fill(prepared, names, options, report):
+    """Brings the source's values into the voxels of the first fields. names: by field, the channels that it has maps of."""
+    fields = prepared.fields[: len(names)]
     for number, part in enumerate(fields):
         with report.stage("transfer"):
             transferred(part, prepared.source, number, options)
+            fill_maps(part, prepared.source, number, names[number], options)
     with report.stage("refine"):
         prepared.choices["refinement"] = refine_fields(prepared.source, fields, options, report)
 
@@ -142,16 +152,16 @@ def code_prepared(prepared: Prepared, options: EncodeOptions, report: Report) ->
     """Codes the attributes at options.qp and writes the stream: as encode_scene."""
     source, fields, choices = prepared.source, prepared.fields, dict(prepared.choices)
     scene, surface = source.scene, source.surface
-    stream = Stream(header_values(scene, surface, prepared.geometry, len(fields), source.channels))
-    stream.geometry, stream.materials = prepared.geometry, [material_values(m) for m in scene.materials]
+    stream = Stream(header_values(prepared.materials, surface, prepared.geometry, len(fields), source.groups))
+    stream.geometry, stream.materials = prepared.geometry, [material_values(m) for m in prepared.materials]
     stream.fields = [field_values(i, part.support, part.threshold) for i, part in enumerate(fields)]
     stream.metadata = metadata_bytes(scene.metadata, options, report)
     codec, reconstruction = codec_of(options.codec), hashlib.sha256()
     decoded = _code_jointly if codec.joint else _code_planes
     for part, planes in zip(fields, decoded(codec, stream, prepared, options, report, choices), strict=True):
-        for channel in source.channels:
+        for plane in planes.values():
             reconstruction.update(np.ascontiguousarray(part.support.keys, "<i8").data)
-            reconstruction.update(np.ascontiguousarray(planes[channel.name]).data)
+            reconstruction.update(np.ascontiguousarray(plane).data)
     with report.stage("write"):
         data, sizes = write_stream(stream)
     face_field = np.full(len(scene.faces), -1, np.int64)
@@ -169,13 +179,22 @@ def _code_planes(codec, stream, prepared, options, report, choices):
     out, exactly = [], replace(options, qp=None, max_error=0) if any(part.exact for part in prepared.fields) else options
     for i, part in enumerate(prepared.fields):
         with report.stage("attributes"):
-            planes, chosen_options = {}, exactly if part.exact else options
-            for k, channel in enumerate(prepared.source.channels):
-                chosen = codec_for(part.planes[channel.name], codec)
-                values, planes[channel.name] = chosen.enc(part.planes[channel.name], part.support, chosen_options)
-                stream.attributes.append(attribute_values(chosen, i, k, zlib.crc32(planes[channel.name]), values))
-            out.append(planes)
+            out.append({})
+            for number, group in enumerate(prepared.source.groups):
+                if any(channel.name in part.planes for channel in group.channels):
+                    unit, decoded = _code_group(codec, part, group, exactly if part.exact else options)
+                    stream.attributes.append(attribute_values(field=i, group=number, **unit))
+                    out[i] |= group.split(decoded)
     return out
+
+
+def _code_group(codec, part, group, options):
+    """A channel group of one field: (codec, checksum, levels that its plane is coarser than the field, its syntax values; what it
+    decodes to)."""
+    plane, shift = joined(part, group)
+    chosen = codec_for(plane, codec)
+    values, decoded = chosen.enc(plane, part.support.coarser(shift), with_qp_of(group, options))
+    return {"codec": chosen, "checksum": zlib.crc32(decoded), "values": values, "shift": shift}, decoded
 
 
 def _code_jointly(codec, stream, prepared, options, report, choices):
@@ -189,7 +208,7 @@ def _code_jointly(codec, stream, prepared, options, report, choices):
     for part, evaluator in zip(prepared.fields, made.evaluators, strict=True):
         values = evaluator.values(part.support, options.threads)
         total = zlib.crc32(values, total)
-        out.append(split_values(values, source.channels))
+        out.append(split_groups(values, source.groups))
     stream.attributes.append(attribute_values(codec, 0, 0, total, made.values))
     return out
 

@@ -140,6 +140,8 @@ class EncodeOptions:
     refine_iterations: int = ranged(30, 1, 10_000)
     support: str = choice("auto", SUPPORTS, "Where colours are kept: in voxels, in the texels of the mesh's own images, or "
                           "for every image where it takes fewer bytes; auto is voxels where K or an error bound is given.")
+    effects: str = field(default="auto", metadata={"text": "Which maps of materials are coded: auto (those that show), all, none "
+                                                   "(base colour and alpha alone), or a list of effects.", "metavar": "LIST"})
     exact_rate: bool = switch("Voxels at the rate's own K, as in the paper, though texels or a smaller K take fewer bytes.")
     texel_size: int | None = ranged(None, 1, 16384, "Shrink images that are kept as texels to N along their longer side, "
                                     "1..16384.", "N")

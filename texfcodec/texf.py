@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
@@ -10,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .asset.scene import Material
-from .channels import ALPHA, COLUMNS, Channel, join_planes
-from .codecs.codec import Codec
+from .channels import ALPHA, COLOURS, COLUMNS, FULL, Channel, join_planes
+from .codecs.codec import Codec, Group, split_groups
 from .errors import InputError
 from .geometry.canonical import CanonicalCube
 from .support.on_face import texel_positions
@@ -26,10 +27,12 @@ if TYPE_CHECKING:
 @dataclass(repr=False)
 class Field:
     """Values on one support. support: where they are, voxels or texels; planes: uint8 [N, C] by channel name, colour sRGB-coded,
-    alpha straight."""
+    alpha straight, a map's values without its material's factor; shifts: by channel name, levels that a plane is coarser than
+    the support, 0 for base colour and alpha."""
 
     support: VoxelSupport | TexelSupport
     planes: dict[str, np.ndarray]
+    shifts: dict[str, int] = field(default_factory=dict)
     _pyramid: object = None  # coarser levels, once render/levels.py was asked for them
 
     @property
@@ -50,6 +53,15 @@ class Field:
     def __repr__(self):
         return f"<Field over {self.support!r}, {' + '.join(self.planes)}>"
 
+    def support_of(self, name: str) -> VoxelSupport | TexelSupport:
+        """The support of a channel's plane."""
+        shift = self.shifts.get(name, 0)
+        return self._coarser.setdefault(shift, self.support.coarser(shift)) if shift else self.support
+
+    @cached_property
+    def _coarser(self) -> dict:
+        return {}
+
     @cached_property
     def rgba(self) -> np.ndarray:
         """uint8 [N, 4]: the channels that a viewer shows; 255 where one is absent."""
@@ -58,8 +70,8 @@ class Field:
 
 @dataclass(kw_only=True, repr=False)
 class Texf:
-    """What decode() returns. cube: the canonical cube; units, fields, materials: see their classes (materials keep alpha mode,
-    cutoff, sidedness; their colour is in the fields); metadata: dict that travelled along; channels: those that were coded;
+    """What decode() returns. cube: the canonical cube; units, fields, materials: see their classes (the base colour of
+    materials is in the fields); metadata: dict that travelled along; groups: the channel groups;
     skipped: unknown ancillary units that were passed over; codec, evaluators: where points ask evaluators and not the voxels, the
     codec that made them and one for each field (codecs.codec.JointCodec)."""
 
@@ -68,11 +80,16 @@ class Texf:
     fields: list[Field]
     materials: list[Material]
     metadata: dict = field(default_factory=dict)
-    channels: tuple[Channel, ...] = ()
+    groups: tuple[Group, ...] = ()
     threads: int = 1
     codec: Codec | None = None
     evaluators: list | None = None
     skipped: list = field(default_factory=list)
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Those that were coded."""
+        return tuple(channel for group in self.groups for channel in group.channels)
 
     @property
     def has_alpha(self) -> bool:
@@ -173,10 +190,30 @@ class Texf:
     def query_field(self, number: int, points: np.ndarray) -> np.ndarray:
         """What field `number`, one over voxels, answers at world points float64 [M, 3]: float32 [M, 4]."""
         if self.evaluators:
-            return self.evaluators[number].query(self.cube, points, self.threads)
+            answers = split_groups(self.evaluators[number].query(self.cube, points, self.threads), self.groups)
+            out = np.full((len(points), COLUMNS), FULL, np.float32)
+            for channel in COLOURS:
+                if channel.name in answers:
+                    out[:, list(channel.columns)] = answers[channel.name]
+            return out
         part = self.fields[number]
         assert isinstance(part.support, VoxelSupport)
         return part.support.query(self.cube, points, part.rgba, self.threads)
+
+    def query_planes(self, number: int, names: Sequence[str], points: np.ndarray, face_index: np.ndarray) -> dict:
+        """What field `number` answers for channels that it has, by their names in channels.CHANNELS: float32 [M, C] in 0..255 by
+        name, values of maps without factors. points: float64 [M, 3], world; face_index: int64 [M], the face that each is on."""
+        part = self.fields[number]
+        if self.evaluators:
+            answers = split_groups(self.evaluators[number].query(self.cube, points, self.threads), self.groups)
+            return {name: answers[name] for name in names}
+        texel = self._texels(points, face_index) if part.over_texels else None
+        return {name: self._ask(part.support_of(name), part.planes[name], points, texel) for name in names}
+
+    def _ask(self, support, values, points, texel):
+        if texel is not None:
+            return support.query(texel, values, self.threads)
+        return support.query(self.cube, points, values, self.threads)
 
     def nearest_face(self, points: np.ndarray) -> np.ndarray:
         """Index of the face nearest to each world point, int64 [M]."""

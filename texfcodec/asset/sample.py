@@ -1,9 +1,10 @@
-"""The source's colour at surface points: bilinear texture, wrap mode, factor and vertex colour, as glTF defines them."""
+"""The source at surface points: bilinear texture, wrap mode, and base colour with factor and vertex colour, as glTF has them."""
 
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from ..channels import BY_NAME
 from ..ground.kernel import kernel
 from .scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_REPEAT, Scene
 from .srgb import linear_to_srgb, srgb_to_linear
@@ -13,17 +14,47 @@ BLOCK = 1 << 16
 
 
 def pack_source(scene: Scene, faces: np.ndarray | None = None) -> tuple:
-    """The scene's appearance as flat arrays for the kernels.
+    """The scene's base colour as flat arrays for the kernels.
 
-    faces: indices of the scene's faces to keep, int64 [F], or None for all. Returns a tuple: texels uint8 [T, 4], textures int64
-    [n, 5] (offset, width, height, wrap s, wrap t), material_texture int64 [m], factor float64 [m, 4], opaque uint8 [m],
-    face_material int64 [F], corner_uv float64 [F, 3, 2], corner_colour float32 [F or 0, 3, 4], and both curves.
+    faces: indices of the scene's faces to keep, int64 [F], or None for all. Returns a tuple, the source: texels uint8 [T, 4],
+    textures int64 [n, 5] (offset, width, height, wrap s, wrap t), material_texture int64 [m], factor float64 [m, 4], opaque uint8
+    [m], face_material int64 [F], corner_uv float64 [F, 3, 2], corner_colour float32 [F or 0, 3, 4], and both curves.
     """
-    pick = slice(None) if faces is None else faces
-    used = sorted({m.texture for m in scene.materials if m.texture >= 0})
+    colour = np.zeros((0, 3, 4), np.float32) if scene.corner_color is None else scene.corner_color[_rows(faces)]
+    factor = np.array([m.factor for m in scene.materials], np.float64).reshape(-1, 4)
+    opaque = np.array([m.alpha_mode == ALPHA_OPAQUE for m in scene.materials], np.uint8)
+    return _pack(scene, faces, [m.texture for m in scene.materials], scene.corner_uv, (factor, opaque, colour))
+
+
+def pack_map(scene: Scene, name: str, faces: np.ndarray | None = None) -> tuple:
+    """The map of a channel (channels.MAPS) as pack_source() gives base colour: values without factors, 255 where a material has
+    no map; the channel's components stand in its columns, and in the first where that is alpha."""
+    count = len(scene.materials)
+    plain = np.ones((count, 4)), np.ones(count, np.uint8), np.zeros((0, 3, 4), np.float32)
+    spread = BY_NAME[name].columns == (3,)
+    return _pack(scene, faces, [m.maps.get(name, -1) for m in scene.materials], scene.map_uv.get(name, scene.corner_uv), plain,
+                 spread)
+
+
+def map_columns(name: str) -> list[int]:
+    """Where pack_map() has the components of a channel."""
+    columns = BY_NAME[name].columns
+    return [0] if columns == (3,) else list(columns)
+
+
+def _rows(faces):
+    return slice(None) if faces is None else faces
+
+
+def _pack(scene, faces, texture_of, corner_uv, plain, spread=False):
+    """A source of the images that materials have. texture_of: index by material, -1 for none; plain: (factor, opaque, corner
+    colours); spread: whether alpha takes the place of the other columns."""
+    factor, opaque, colour = plain
+    used = sorted({t for t in texture_of if t >= 0})
     images: dict[int, np.ndarray] = {}
     for t in used:
-        images.setdefault(id(scene.textures[t].image), scene.textures[t].image)
+        image = scene.textures[t].image
+        images.setdefault(id(image), np.repeat(image[..., 3:], 4, axis=2) if spread else image)
     offsets, total = {}, 0
     for key, image in images.items():
         offsets[key] = total
@@ -37,14 +68,10 @@ def pack_source(scene: Scene, faces: np.ndarray | None = None) -> tuple:
         texture = scene.textures[t]
         height, width = texture.image.shape[:2]
         table[t] = (offsets[id(texture.image)], width, height, *texture.wrap)
-    colour = np.zeros((0, 3, 4), np.float32) if scene.corner_color is None else scene.corner_color[pick]
     return (
-        texels, table,
-        np.array([m.texture for m in scene.materials], np.int64),
-        np.array([m.factor for m in scene.materials], np.float64).reshape(-1, 4),
-        np.array([m.alpha_mode == ALPHA_OPAQUE for m in scene.materials], np.uint8),
-        np.ascontiguousarray(scene.face_material[pick], np.int64),
-        np.ascontiguousarray(scene.corner_uv[pick], np.float64),
+        texels, table, np.array(texture_of, np.int64), factor, opaque,
+        np.ascontiguousarray(scene.face_material[_rows(faces)], np.int64),
+        np.ascontiguousarray(corner_uv[_rows(faces)], np.float64),
         np.ascontiguousarray(colour, np.float32),
         srgb_to_linear(np.arange(256) / 255),
         np.round(linear_to_srgb(np.arange(CURVE_STEPS + 2) / CURVE_STEPS) * 255, 6),

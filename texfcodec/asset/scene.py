@@ -11,9 +11,9 @@ ALPHA_OPAQUE, ALPHA_MASK, ALPHA_BLEND = 0, 1, 2
 
 @dataclass
 class Texture:
-    """One base-colour image.
+    """One image.
 
-    image: uint8 [H, W, 4] RGBA, colour sRGB-coded, alpha straight, row 0 at v = 0 (glTF convention).
+    image: uint8 [H, W, 4] RGBA, colour sRGB-coded, alpha straight, data as they stand, row 0 at v = 0 (glTF convention).
     wrap: (s, t), each one of WRAP_*.
     """
 
@@ -24,7 +24,9 @@ class Texture:
 
 @dataclass
 class Material:
-    """factor: float64 [4] linear RGBA multiplier (glTF baseColorFactor); texture: index into Scene.textures or -1."""
+    """factor: float64 [4] linear RGBA multiplier (glTF baseColorFactor); texture: index of the base colour into Scene.textures or
+    -1; maps: the same of other channels by name (channels.MAPS), where there is one, -1 in a decoded material, whose faces
+    have it in their field; parameters: by name (channels.PARAMETERS), those that are not the default."""
 
     name: str = ""
     factor: np.ndarray = field(default_factory=lambda: np.ones(4))
@@ -33,6 +35,8 @@ class Material:
     alpha_cutoff: float = 0.5
     double_sided: bool = False
     unlit: bool = False
+    maps: dict[str, int] = field(default_factory=dict)
+    parameters: dict[str, tuple[float, ...]] = field(default_factory=dict)
 
 
 @dataclass(repr=False)
@@ -40,7 +44,9 @@ class Scene:
     """A triangle soup with shared positions, everything in world space.
 
     positions: float64 [V, 3]; faces: int64 [F, 3] into positions; face_material: int64 [F] into materials.
-    corner_uv: float64 [F, 3, 2], texture transform already applied, v downwards (glTF); zeros where unused.
+    corner_uv: float64 [F, 3, 2], texture transform already applied, v downwards (glTF); zeros where unused. Those of the base
+    colour, or of a material's first map where it has no image of its own.
+    map_uv: the same by channel, for channels whose maps have other UVs on some face.
     corner_color: float32 [F, 3, 4] linear RGBA multiplier, or None where no face has vertex colours.
     metadata: JSON-able dict (names, extras) that travels opaquely.
     warnings / dropped: one sentence each / names of the maps and properties that are not coded.
@@ -58,6 +64,7 @@ class Scene:
     warnings: list = field(default_factory=list)
     dropped: list = field(default_factory=list)
     files: dict = field(default_factory=dict)
+    map_uv: dict = field(default_factory=dict)
 
     def __repr__(self):
         return f"<Scene: {len(self.faces)} faces, {len(self.materials)} materials, {len(self.textures)} textures>"

@@ -1,7 +1,8 @@
 """A stream described by the names of its syntax elements, without decoding it and without numba."""
 
-from ..channels import BY_SEMANTIC
+from ..channels import channels_of
 from ..codecs import codec_of_unit
+from ..effects import in_words
 from ..limits import Limits
 from .stream import read_stream
 from .syntax import SIGNATURE, SUPPORT_TEXELS, UNIT_ATTRIBUTE, UNIT_END, UNIT_GEOMETRY, UNIT_NAMES
@@ -39,7 +40,7 @@ def inspect(data: bytes, limits: Limits | None = None) -> dict:
         "fields": [{**f, "geometry_units": sum(g["field_index"] == i for g in stream.geometry)}
                    for i, f in enumerate(stream.fields)],
         "groups": _groups(stream, [u["size"] for u in units if u["type"] == UNIT_ATTRIBUTE]),
-        "materials": stream.materials, "skipped": stream.skipped, "units": units,
+        "effects": in_words(header["effects"]), "materials": stream.materials, "skipped": stream.skipped, "units": units,
     }
 
 
@@ -69,7 +70,8 @@ def _groups(stream, unit_bytes):
     for values, size in zip(stream.attributes, unit_bytes, strict=True):
         group, codec = stream.header["channel_groups"][values["group_index"]], codec_of_unit(values)
         entry = {"field_index": values["field_index"], "group_index": values["group_index"],
-                 "semantic": BY_SEMANTIC[group["group_semantic"]].name, "components": group["group_components"],
+                 "semantic": " + ".join(channel.name for channel in channels_of([group])[0]),
+                 "components": group["group_components"], "level_shift": values["level_shift"],
                  "codec_id": values["codec_id"], "codec": codec.name, "bytes": size, **NOT_TOLD}
         if codec.joint:
             entry |= {"semantic": "all fields and groups", "components": values["NumOutputs"]}

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from ..channels import BY_SEMANTIC
 from ..codecs import codec_of_unit
 from ..errors import LimitError, StreamError, SupportError
 from ..ground.walk import Reader, read_structure, write_structure
+from ..support.layout import octree_depth
+from .appearance import check_appearance, check_groups, check_material, needed_groups
 from .syntax import (
     ATTRIBUTE,
     SIGNATURE,
@@ -91,7 +92,7 @@ def attribute_variables(stream: Stream, values: dict) -> dict:
                           value=values["group_index"], allowed=f"< {len(groups)}")
     field = stream.fields[values["field_index"]]
     return {
-        "resolution": cells_a_side(field), "Planar": field["support"],
+        "resolution": -(-cells_a_side(field) >> values["level_shift"]), "Planar": field["support"],
         "NumComponents": groups[values["group_index"]]["group_components"],
         "NumOutputs": sum(g["group_components"] for g in groups), "num_fields": len(stream.fields),
     }
@@ -104,6 +105,9 @@ def _read_attribute(reader, stream, trace):
     values["offset"] = reader.base + reader.position
     codec.read_parameters(reader, values, trace)
     codec.check(values)
+    if values["level_shift"] > octree_depth(cells_a_side(stream.fields[values["field_index"]])) * (not codec.joint):
+        raise StreamError("TXF-S04", "level_shift is out of range", clause="5.7", offset=values["offset"],
+                          value=values["level_shift"])
     if codec.joint and any(field["support"] == SUPPORT_TEXELS for field in stream.fields):
         raise StreamError("TXF-S13", "a unit of all fields together, in a stream with a field over texels", clause="5.7",
                           offset=values["offset"], value=values["codec_id"])
@@ -148,10 +152,12 @@ def _read_unit_payload(unit, reader, stream, limits, rows):
                                value=reader.data[unit.begin], allowed=VERSION)
         stream.header = read_structure(UNITS[UNIT_HEADER], reader, {}, rows)
         _check_limits(stream.header, limits)
-        _check_groups(stream.header["channel_groups"])
+        check_groups(stream.header["channel_groups"])
     elif unit.type == UNIT_MATERIALS:
         _check_materials_fit(stream.header["num_materials"], reader)
         stream.materials += read_structure(UNITS[UNIT_MATERIALS], reader, dict(stream.header), rows)["materials"]
+        for material in stream.materials:
+            check_material(material)
     elif unit.type == UNIT_FIELD:
         stream.fields.append(read_structure(UNITS[UNIT_FIELD], reader, {}, rows))
         if limits.voxels is not None and sum(f["num_keys"] for f in stream.fields) > limits.voxels:
@@ -191,18 +197,6 @@ def _check_uv_range(unit):
                           allowed=f"1..{(1 << unit['uv_bits']) - 1}")
 
 
-def _check_groups(groups):
-    """Each semantic once, with its own number of components (spec 5.3.1)."""
-    semantics = [g["group_semantic"] for g in groups]
-    if len(set(semantics)) != len(semantics):
-        raise StreamError("TXF-S04", "two channel groups have the same group_semantic", clause="5.3.1", value=semantics)
-    for group in groups:
-        components = BY_SEMANTIC[group["group_semantic"]].components
-        if group["group_components"] != components:
-            raise SupportError("TXF-U03", "a channel group with this number of components", clause="5.3.1",
-                               value=group["group_components"], allowed=components)
-
-
 def _check_limits(header, limits):
     for code, name, limit in (("TXF-L02", "num_vertices", limits.vertices), ("TXF-L03", "num_faces", limits.faces)):
         if limit is not None and header[name] > limit:
@@ -223,12 +217,6 @@ def _check_counts(stream):
     _expect("the sum of unit_vertices", sum(g["unit_vertices"] for g in stream.geometry), header["num_vertices"], "5.6")
     _expect("the sum of unit_faces", sum(g["unit_faces"] for g in stream.geometry), header["num_faces"], "5.6")
     _expect("the order of field indices", [f["field_index"] for f in stream.fields], list(range(len(stream.fields))), "5.5")
-    pairs = [(a["field_index"], a["group_index"]) for a in stream.attributes]
-    groups = range(header["num_channel_groups"])
-    expected = [(f, g) for f in range(len(stream.fields)) for g in groups]
-    if stream.joint:
-        expected = expected[:1]
-    _expect("the order of attribute units", pairs, expected, "5.7")
     for unit in stream.geometry:
         for name, count in (("field_index", len(stream.fields)), ("material_index", len(stream.materials))):
             if unit[name] >= count:
@@ -236,4 +224,10 @@ def _check_counts(stream):
                                   value=unit[name], allowed=f"< {count}")
     if set(range(len(stream.fields))) - {unit["field_index"] for unit in stream.geometry}:
         raise StreamError("TXF-S11", "a field has no geometry", clause="5.5")
+    pairs = [(a["field_index"], a["group_index"]) for a in stream.attributes]
+    expected = [(f, g) for f, groups in enumerate(needed_groups(stream)) for g in groups]
+    if stream.joint:
+        expected = [(0, 0)]
+    _expect("the order of attribute units", pairs, expected, "5.7")
+    check_appearance(stream)
 

@@ -1,7 +1,9 @@
 """Every syntax structure of the bitstream but those of the codecs, which stand with these, as tables (ground/structure.py)."""
 
+from ..channels import CHANNELS, PARAMETERS
 from ..codecs import our_codecs
 from ..codecs.codec import PRIVATE_IDS
+from ..effects import EFFECTS
 from ..geometry.draco import MAX_UV_BITS
 from ..ground.structure import Derived, Structure
 from ..ground.structure import Element as E
@@ -26,8 +28,8 @@ UNIT_NAMES = {
 }
 
 CHANNEL_GROUP = Structure("channel_group", "5.3.1", (
-    E("group_semantic", "u8", 0, 1),
-    E("group_transfer", "u8", 0, 1),
+    E("num_semantics", "u8", 1, 3),
+    E("group_semantics", "u8", 0, len(CHANNELS) - 1, count="num_semantics"),
     E("group_components", "u8", 1, 3),
 ))
 
@@ -41,8 +43,15 @@ SEQUENCE_HEADER = Structure("sequence_header", "5.3", (
     E("num_materials", "v", 0, 65536),
     E("num_fields", "v", 0, 256),
     E("num_geometry_units", "v", 0, 1 << 24),
-    E("num_channel_groups", "u8", 1, 16),
+    E("effects", "u64", 0, (1 << len(EFFECTS)) - 1),
+    E("num_channel_groups", "u8", 1, len(CHANNELS)),
     E("channel_groups", CHANNEL_GROUP, count="num_channel_groups"),
+))
+
+PARAMETER = Structure("parameter", "5.4.2", (
+    E("parameter_id", "u8", 0, len(PARAMETERS) - 1),
+    Derived("NumValues", "number of values of parameter parameter_id", lambda v: PARAMETERS[v["parameter_id"]].count),
+    E("parameter_value", "f32", count="NumValues"),
 ))
 
 MATERIAL = Structure("material", "5.4.1", (
@@ -51,6 +60,9 @@ MATERIAL = Structure("material", "5.4.1", (
     E("alpha_mode", "u8", 0, 2),
     E("alpha_cutoff", "u16", when=("alpha_mode == 1", lambda v: v["alpha_mode"] == 1)),
     E("material_flags", "u8", 0, 3),
+    E("material_channels", "v", 0, (1 << len(CHANNELS)) - 1),
+    E("num_parameters", "u8", 0, len(PARAMETERS)),
+    E("parameters", PARAMETER, count="num_parameters"),
 ))
 
 MATERIALS = Structure("materials", "5.4", (E("materials", MATERIAL, count="num_materials"),))
@@ -89,11 +101,12 @@ GEOMETRY = Structure("geometry", "5.6", (
 
 ATTRIBUTE = Structure("attribute", "5.7", (
     E("field_index", "v", 0),
-    E("group_index", "u8", 0, 15),
+    E("group_index", "u8", 0, len(CHANNELS) - 1),
     E("codec_id", "u8"),
     E("codec_name_length", "u8", 1, when=("codec_id >= 192", lambda v: v["codec_id"] >= PRIVATE_IDS[0])),
     E("codec_name", "utf8", count="codec_name_length",
       when=("codec_id >= 192", lambda v: v["codec_id"] >= PRIVATE_IDS[0])),
+    E("level_shift", "u8", 0, 13),
     E("values_crc", "u32"),
 ))
 
@@ -117,5 +130,5 @@ UNITS = {
 
 def structures() -> list[Structure]:
     """Every syntax structure, those of our codecs among them, in the order of their clauses."""
-    before = [SEQUENCE_HEADER, CHANNEL_GROUP, MATERIALS, MATERIAL, FIELD, GEOMETRY, ATTRIBUTE]
+    before = [SEQUENCE_HEADER, CHANNEL_GROUP, MATERIALS, MATERIAL, PARAMETER, FIELD, GEOMETRY, ATTRIBUTE]
     return [*before, *(one for codec in our_codecs() for one in codec.structures), METADATA]

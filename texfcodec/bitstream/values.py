@@ -9,26 +9,31 @@ import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..asset.scene import ALPHA_MASK, Material, Scene
+from ..asset.scene import ALPHA_MASK, Material
+from ..channels import group_values
 from ..codecs.codec import PRIVATE_IDS, Codec
+from ..effects import effects_mask
 from ..support.keyed import keys_crc
 from ..support.texels import TexelSupport
 from ..support.voxels import VoxelSupport
+from .appearance import channel_bits, parameter_values
 from .syntax import SUPPORT_TEXELS, SUPPORT_VOXELS, VERSION
 
 if TYPE_CHECKING:
-    from ..channels import Channel
+    from ..codecs.codec import Group
     from ..geometry.surface import Surface
     from ..report import Report
 
 
-def header_values(scene: Scene, surface: Surface, geometry: list, num_fields: int, channels: Sequence[Channel]) -> dict:
-    """Values of the sequence header (spec 5.3). channels: those that are coded."""
+def header_values(materials: list[Material], surface: Surface, geometry: list, num_fields: int, groups: Sequence[Group]) -> dict:
+    """Values of the sequence header (spec 5.3). materials: of the stream; groups: those
+    that are coded."""
     return {
         "version": VERSION, "position_bits": surface.cube.position_bits, "origin": surface.cube.origin, "side": surface.cube.side,
         "num_vertices": sum(g["unit_vertices"] for g in geometry), "num_faces": len(surface.faces),
-        "num_materials": len(scene.materials), "num_fields": num_fields,
-        "num_geometry_units": len(geometry), "num_channel_groups": len(channels), "channel_groups": [c.group for c in channels],
+        "num_materials": len(materials), "num_fields": num_fields,
+        "num_geometry_units": len(geometry), "effects": effects_mask(materials), "num_channel_groups": len(groups),
+        "channel_groups": [group_values(g.channels, g.grey) for g in groups],
     }
 
 
@@ -38,7 +43,9 @@ def material_values(material: Material) -> dict:
     cutoff = round(min(max(material.alpha_cutoff, 0.0), 1.0) * 65535)
     return {"name_length": len(name.encode("utf-8")), "material_name": name, "alpha_mode": material.alpha_mode,
             "alpha_cutoff": cutoff if material.alpha_mode == ALPHA_MASK else None,
-            "material_flags": int(material.double_sided) | int(material.unlit) << 1}
+            "material_flags": int(material.double_sided) | int(material.unlit) << 1,
+            "material_channels": channel_bits(material), "num_parameters": len(material.parameters),
+            "parameters": parameter_values(material)}
 
 
 def field_values(number: int, support: VoxelSupport | TexelSupport, threshold: int) -> dict:
@@ -50,11 +57,12 @@ def field_values(number: int, support: VoxelSupport | TexelSupport, threshold: i
                      "wrap_t": support.wrap[1], "uv_fraction_bits": support.fraction_bits}
 
 
-def attribute_values(codec: Codec, field: int, group: int, checksum: int, values: dict) -> dict:
-    """Values of an attribute unit (spec 5.7). values: those of the codec's own parameters."""
+def attribute_values(codec: Codec, field: int, group: int, checksum: int, values: dict, shift: int = 0) -> dict:
+    """Values of an attribute unit (spec 5.7). values: of the codec's own parameters; shift: levels that the plane is coarser
+    than its field."""
     name = codec.name if codec.id in PRIVATE_IDS else ""
     return {"field_index": field, "group_index": group, "codec_id": codec.id, "codec_name_length": len(name.encode()),
-            "codec_name": name, "values_crc": checksum, **values}
+            "codec_name": name, "level_shift": shift, "values_crc": checksum, **values}
 
 
 def metadata_bytes(metadata: dict, options: Any, report: Report) -> bytes | None:

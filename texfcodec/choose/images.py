@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 class ImageGroup:
     """Faces that one image colours. faces: int64 [F] into the surface's; image: uint8 [H, W, 4]; wrap: (s, t); factor: float64
     [4], linear; opaque: whether alpha counts as 255; uv: float64 [F, 3, 2] of their corners, in texels of the image; palette:
-    whether it is one texel for each colour."""
+    whether it is one texel for each colour; maps: uint8 [h, w, 4] of further channels by name, with the same UVs, none larger;
+    key: what tells it from others."""
 
     faces: np.ndarray
     image: np.ndarray
@@ -34,6 +35,8 @@ class ImageGroup:
     opaque: bool
     uv: np.ndarray
     palette: bool = False
+    maps: dict[str, np.ndarray] = field(default_factory=dict)
+    key: tuple = ()
 
     @property
     def size(self) -> tuple[int, int]:
@@ -70,29 +73,46 @@ class ImageGroup:
 
 
 def image_groups(scene: Scene, surface: Surface) -> list[ImageGroup]:
-    """The groups of a surface: faces whose image (by content), wrap modes, factor and use of alpha are the same; and one palette
-    for the faces of materials without an image. Faces with vertex colours of their own, or with UVs that are not finite or too
-    far out are in none."""
+    """The groups of a surface: faces whose images (by content), wrap modes, factor and use of alpha are the same; and one palette
+    for the faces of materials without an image. Faces with vertex colours of their own, with UVs that are not finite or too far
+    out, or whose images differ in UVs or wrap modes are in none."""
     groups: dict[tuple, list[tuple]] = {}
     plain = _plain_faces(scene, surface)
     digests = _digests(scene.textures)
     for number in np.unique(surface.material):
-        material = scene.materials[number]
-        if material.texture < 0 or max(scene.textures[material.texture].image.shape[:2]) > MAX_SIDE:
+        material, faces = scene.materials[number], np.flatnonzero(plain & (surface.material == number))
+        used = _textures_of(material)
+        if not used or not _goes_together(scene, surface, material, faces):
             continue
-        texture = scene.textures[material.texture]
         opaque = material.alpha_mode == ALPHA_OPAQUE
-        sees_through = not opaque or texture.image[..., 3].min() == 255
-        key = (digests[material.texture], tuple(texture.wrap), material.factor.tobytes(), not sees_through)
-        groups.setdefault(key, []).append((np.flatnonzero(plain & (surface.material == number)), texture, material))
-    found = [_group(scene, surface, parts, key[3]) for key, parts in groups.items()]
+        image = scene.textures[material.texture].image if material.texture >= 0 else None
+        sees_through = not opaque or image is None or image[..., 3].min() == 255
+        key = (tuple((name, digests[t]) for name, t in sorted(used.items())), tuple(scene.textures[min(used.values())].wrap),
+               material.factor.tobytes(), not sees_through)
+        groups.setdefault(key, []).append((faces, material))
+    found = [_group(scene, surface, parts, key) for key, parts in groups.items()]
     return [group for group in [*found, _palette(scene, surface, plain)] if group is not None and len(group.faces)]
+
+
+def _textures_of(material):
+    """Textures of a material by channel name, "" standing for the base colour."""
+    return {**({"": material.texture} if material.texture >= 0 else {}), **material.maps}
+
+
+def _goes_together(scene, surface, material, faces):
+    """Whether the images of a material can be one field: none too large, the same wrap modes and UVs."""
+    textures = [scene.textures[t] for t in _textures_of(material).values()]
+    if any(max(t.image.shape[:2]) > MAX_SIDE or tuple(t.wrap) != tuple(textures[0].wrap) for t in textures):
+        return False
+    rows = surface.origin_face[faces]
+    others = [scene.map_uv[name] for name in material.maps if name in scene.map_uv]
+    return all(np.array_equal(uv[rows], scene.corner_uv[rows]) for uv in others)
 
 
 def _palette(scene, surface, plain):
     """The group of the faces that show a material's factor alone, each at the centre of its material's texel; None without
     any."""
-    flat = np.array([m.texture < 0 for m in scene.materials], bool)
+    flat = np.array([not _textures_of(m) for m in scene.materials], bool)
     faces = np.flatnonzero(plain & flat[surface.material])
     used, number = np.unique(surface.material[faces], return_inverse=True)
     if not 0 < len(used) <= MAX_SIDE:
@@ -101,7 +121,7 @@ def _palette(scene, surface, plain):
     unique, place = np.unique(np.rint(colours).astype(np.uint8), axis=0, return_inverse=True)
     uv = np.full((len(faces), 3, 2), 0.5)
     uv[:, :, 0] += place.reshape(-1)[number][:, None]
-    return ImageGroup(faces, unique[None], (WRAP_CLAMP, WRAP_CLAMP), np.ones(4), False, uv, palette=True)
+    return ImageGroup(faces, unique[None], (WRAP_CLAMP, WRAP_CLAMP), np.ones(4), False, uv, palette=True, key=("palette",))
 
 
 def _shown(material):
@@ -110,13 +130,29 @@ def _shown(material):
     return [*rgb, 255.0 if material.alpha_mode == ALPHA_OPAQUE else float(np.clip(material.factor[3], 0, 1)) * 255]
 
 
-def _group(scene, surface, parts, opaque):
-    faces = np.sort(np.concatenate([mine for mine, _, _ in parts]))
-    _, texture, material = parts[0]
-    uv = scene.corner_uv[surface.origin_face[faces]] * np.array([texture.image.shape[1], texture.image.shape[0]], np.float64)
+def _group(scene, surface, parts, key):
+    faces = np.sort(np.concatenate([mine for mine, _ in parts]))
+    _, material = parts[0]
+    maps = {name: scene.textures[t].image for name, t in material.maps.items()}
+    image, factor = _leading_image(scene, material, maps)
+    uv = scene.corner_uv[surface.origin_face[faces]] * np.array([image.shape[1], image.shape[0]], np.float64)
     with np.errstate(all="ignore"):
         near = (np.abs(uv) < MAX_UV_ORIGIN / 2).all(axis=(1, 2)) & (np.ptp(uv, axis=1) < 1 << MAX_UV_BITS - 1).all(axis=1)
-    return ImageGroup(faces[near], texture.image, tuple(texture.wrap), material.factor, opaque, uv[near])
+    return ImageGroup(faces[near], image, key[1], factor, key[3], uv[near], maps=maps, key=key)
+
+
+def _leading_image(scene, material, maps):
+    """(base colour image uint8 [H, W, 4], its factor), not smaller than any of the maps; where there is none, of one colour."""
+    sizes = [image.shape[:2] for image in maps.values()]
+    if material.texture < 0:
+        return np.broadcast_to(np.rint(_shown(material)).astype(np.uint8), (*np.max(sizes, axis=0).tolist(), 4)), np.ones(4)
+    image = scene.textures[material.texture].image
+    height, width = np.max([image.shape[:2], *sizes], axis=0).tolist()
+    if (height, width) != image.shape[:2]:
+        from PIL import Image
+
+        image = np.asarray(Image.fromarray(image).resize((width, height), Image.Resampling.BILINEAR))
+    return image, material.factor
 
 
 def _plain_faces(scene, surface):

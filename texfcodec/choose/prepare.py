@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..asset.sample import pack_source
+from ..channels import COLOURS
 from ..errors import LimitError
 from ..support.texels import TexelSupport
 from ..support.transfer import texels_per_edge, transfer
@@ -28,12 +29,14 @@ FITTED_DENSITY = 2  # where a surface fit follows; 4 gains nothing then (BD-rate
 @dataclass
 class SourceField:
     """A field before coding. support: its voxels or texels; threshold: the area threshold that voxels were kept by; planes:
-    float32 [N, C] in 0..255 by channel name, colour sRGB-coded; texels_per_edge: how much finer than the voxels the textures are;
+    float32 [N, C] in 0..255 by channel name, colour sRGB-coded; shifts: by channel name, levels that a plane is coarser than the
+    support; texels_per_edge: how much finer than the voxels the textures are;
     exact: whether values are worth their bits whatever was asked for, being few."""
 
     support: VoxelSupport | TexelSupport
     threshold: int
     planes: dict = field(default_factory=dict)
+    shifts: dict = field(default_factory=dict)
     texels_per_edge: float = 0.0
     exact: bool = False
 
@@ -41,6 +44,12 @@ class SourceField:
     def keys(self) -> np.ndarray:
         """int64 [N], ascending Morton keys."""
         return self.support.keys
+
+
+def colour_planes(rgba: np.ndarray, source: Source) -> dict:
+    """Planes of base colour and, where it is coded, alpha, by channel name, of values float32 [N, 4]."""
+    coded = [channel for channel in source.channels if channel in COLOURS]
+    return {channel.name: np.ascontiguousarray(rgba[:, list(channel.columns)]) for channel in coded}
 
 
 def active_voxels(lattice: np.ndarray, faces: np.ndarray, position_bits: int, options: EncodeOptions) -> SourceField:
@@ -72,4 +81,4 @@ def transferred(part: SourceField, source: Source, number: int, options: EncodeO
     most = FITTED_DENSITY if options.may_fit else TRANSFER_DENSITY[options.effort]
     density = int(np.clip(np.ceil(2 * part.texels_per_edge), SAMPLES_PER_EDGE, most))
     rgba = np.column_stack(transfer(*textured, part.keys, part.support.brick_map, density, options.threads))
-    part.planes = {c.name: np.ascontiguousarray(rgba[:, list(c.columns)]) for c in source.channels}
+    part.planes = colour_planes(rgba, source)

@@ -18,7 +18,7 @@ from ..geometry.draco import enc_geometry, enc_textured, split_corners
 from ..geometry.surface import make_surface
 from ..ground.areas import face_areas
 from ..options import FINEST_POSITIONS
-from .images import ImageGroup, image_groups
+from .images import image_groups
 from .position import rounding_mse
 from .probe import Patch, Probe, probe_texels, probe_voxels
 from .texel_field import TexelPlan, asked_by, most_fraction_bits, slope_of
@@ -285,19 +285,12 @@ def _moved(plans, groups):
     """The plans on another lattice, where the same groups may have other faces."""
     out = []
     for plan in plans:
-        same = next((g for g in groups if _is_same(plan.group, g)), None)
+        same = next((g for g in groups if g.key == plan.group.key), None)
         if same is not None:
             size = same.size if same.palette else plan.size
             bits = min(plan.fraction_bits, most_fraction_bits(size, same))
             out.append(replace(plan, group=same, size=size, fraction_bits=bits))
     return out
-
-
-def _is_same(a: ImageGroup, b: ImageGroup) -> bool:
-    if a.palette or b.palette:
-        return a.palette and b.palette
-    return (a.wrap, a.opaque) == (b.wrap, b.opaque) and np.array_equal(a.factor, b.factor) and (
-        a.image is b.image or np.array_equal(a.image, b.image))
 
 
 def without_faces(surface: Surface, gone: np.ndarray) -> Surface:

@@ -15,7 +15,9 @@ from ..ground.areas import face_areas
 from ..ground.colour_error import RGB_TO_YUV
 from ..support.texel_set import asked_texels, count_rows, shown_area
 from ..support.texels import TexelSupport
-from .prepare import SourceField
+from .maps import values_of_map
+from .prepare import SourceField, colour_planes
+from .resample import resampled
 
 if TYPE_CHECKING:
     from ..codecs.codec import Source
@@ -46,11 +48,34 @@ class TexelPlan:
         group = self.group
         if self.size == group.size:
             return group.values(group.image[xy[:, 1], xy[:, 0]])
-        steps = np.floor(group.uv * (1 << FULL_BITS) + 0.5).astype(np.int64).reshape(-1, 2)
-        corners = np.arange(len(steps)).reshape(-1, 3)
-        area = face_areas(surface.lattice, surface.faces[group.faces])
-        shown = shown_area(steps, corners, FULL_BITS, group.size, group.wrap, area)
+        shown = self._shown(surface, group.size)
         return group.resampled(group.image, shown, self.size, group.wrap, threads)[xy[:, 1], xy[:, 0]]
+
+    def values_of_map(self, name: str, surface: Surface, support: TexelSupport, threads: int) -> tuple[np.ndarray, int]:
+        """A further channel of the field: (values float32 [n, C] of the texels of support.coarser(levels), levels). A map that is
+        smaller than the field by a power of two keeps its own texels."""
+        image = self.group.maps[name]
+        size, shift = (image.shape[1], image.shape[0]), 0
+        while size != self.size and (size[0] << shift, size[1] << shift) != self.size and size[0] << shift < self.size[0]:
+            shift += 1
+        if (size[0] << shift, size[1] << shift) == self.size:
+            xy = support.coarser(shift).xy()
+            return values_of_map(name, image[xy[:, 1], xy[:, 0]]), shift
+        values = values_of_map(name, image)
+        if size[0] < self.size[0] or size[1] < self.size[1]:
+            values = _stretched(values, self.size)
+        else:
+            values = resampled(values, self._shown(surface, size), self.size, self.group.wrap, threads)
+        xy = support.xy()
+        return np.ascontiguousarray(values[xy[:, 1], xy[:, 0]]), 0
+
+    def _shown(self, surface, size):
+        """How much of the surface each texel shows of an image of `size` with the group's UVs, float64 [H, W]."""
+        group = self.group
+        scale = (1 << FULL_BITS) * np.array(size, np.float64) / group.size
+        steps = np.floor(group.uv * scale + 0.5).astype(np.int64).reshape(-1, 2)
+        area = face_areas(surface.lattice, surface.faces[group.faces])
+        return shown_area(steps, np.arange(len(steps)).reshape(-1, 3), FULL_BITS, size, group.wrap, area)
 
     def values_of_cell(self, corner: np.ndarray, side: int) -> np.ndarray:
         """Values of a square of texels of the coded size, resampled from what is around it alone: float32 [side, side, 4].
@@ -62,6 +87,15 @@ class TexelPlan:
         whole = (side + 2 * MARGIN, side + 2 * MARGIN)
         out = group.resampled(window, np.ones(window.shape[:2]), whole, (WRAP_CLAMP, WRAP_CLAMP))
         return out[MARGIN : MARGIN + side, MARGIN : MARGIN + side]
+
+
+def _stretched(values, size):
+    """An image float32 [H, W, C] at a size that is larger on one side at least, bilinear."""
+    from PIL import Image
+
+    parts = [Image.fromarray(np.ascontiguousarray(values[..., c])).resize(size, Image.Resampling.BILINEAR)
+             for c in range(values.shape[2])]
+    return np.stack([np.asarray(part) for part in parts], axis=-1)
 
 
 def _wrapped_line(cells, factor, size, mode):
@@ -108,5 +142,7 @@ def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Sour
     support = TexelSupport(keys=keys, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap,
                            fraction_bits=plan.fraction_bits)
     values = plan.values(source.surface, support.xy(), options.threads)
-    planes = {c.name: np.ascontiguousarray(values[:, list(c.columns)]) for c in source.channels}
-    return SourceField(support, 0, planes, exact=plan.group.palette)
+    part = SourceField(support, 0, colour_planes(values, source), exact=plan.group.palette)
+    for name in plan.group.maps:
+        part.planes[name], part.shifts[name] = plan.values_of_map(name, source.surface, support, options.threads)
+    return part

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..asset.sample import pack_source, sample_source
 from ..asset.scene import ALPHA_MASK, Material, Scene
-from ..channels import ALPHA
+from ..channels import needs_alpha
 from ..errors import InputError
 from ..ground.areas import face_areas, sample_surface
 from ..ground.colour_error import PEAK, ColourError, decibels
@@ -89,7 +89,7 @@ def uncoded_errors(scene: Scene, surface: Surface, face_field: np.ndarray, optio
 
 def codes_alpha(scene: Scene, surface: Surface) -> bool:
     """Whether a material in use is not opaque, so that the stream has a plane of alpha."""
-    return ALPHA.needed([scene.materials[m] for m in np.unique(surface.material)])
+    return needs_alpha([scene.materials[m] for m in np.unique(surface.material)])
 
 
 class _Trials:

@@ -10,7 +10,7 @@ Options stand in a later room, so that signatures here say Any.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ from ..ground.walk import read_structure, write_structure
 
 if TYPE_CHECKING:
     from ..asset.scene import Scene
+    from ..channels import Channel
     from ..geometry.surface import Surface
     from ..report import Report
     from ..support.voxels import VoxelSupport
@@ -27,15 +28,51 @@ if TYPE_CHECKING:
 PRIVATE_IDS = range(192, 256)  # for codecs of strangers; their units name them (5.7)
 
 
+class Group(NamedTuple):
+    """Channels that are coded together. channels: of channels.CHANNELS; grey: whether one component stands for all of them."""
+
+    channels: tuple[Channel, ...]
+    grey: bool = False
+
+    @property
+    def components(self) -> int:
+        """Values of a cell."""
+        return 1 if self.grey else sum(channel.components for channel in self.channels)
+
+    def join(self, planes: dict) -> np.ndarray:
+        """Values [N, components] of planes [N, C] by channel name."""
+        joined = np.concatenate([planes[channel.name] for channel in self.channels], axis=1)
+        return np.ascontiguousarray(joined[:, : self.components])
+
+    def split(self, values: np.ndarray) -> dict:
+        """Mirror of join(): planes by channel name."""
+        if self.grey:
+            return {self.channels[0].name: np.repeat(values, self.channels[0].components, axis=1)}
+        ends = np.cumsum([channel.components for channel in self.channels]).tolist()
+        return {c.name: values[:, end - c.components : end] for c, end in zip(self.channels, ends, strict=True)}
+
+
 class Source(NamedTuple):
     """What a joint codec fits. scene: Scene; surface: geometry.surface.Surface; face_field: int64 [F] over its faces; surfaces:
-    decoded (lattice int64 [V, 3], faces int64 [F, 3]) by field; channels: those that are coded."""
+    decoded (lattice int64 [V, 3], faces int64 [F, 3]) by field; groups: what is coded."""
 
     scene: Scene
     surface: Surface
     face_field: np.ndarray
     surfaces: list
-    channels: tuple
+    groups: tuple[Group, ...]
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """The channels of all groups."""
+        return tuple(channel for group in self.groups for channel in group.channels)
+
+
+def split_groups(values: np.ndarray, groups: Sequence[Group]) -> dict:
+    """Planes by channel name of values [N, components of all groups], the groups' components one after the other."""
+    ends = np.cumsum([group.components for group in groups]).tolist()
+    parts = [group.split(values[:, end - group.components : end]) for group, end in zip(groups, ends, strict=True)]
+    return {name: plane for planes in parts for name, plane in planes.items()}
 
 
 class Joint(NamedTuple):
@@ -123,7 +160,7 @@ class JointCodec(Codec):
     """Codes all fields and channel groups in one unit; a surface point then asks its evaluators instead of the voxels.
 
     An evaluator has values(support, threads) -> uint8 [N, all components] of a VoxelSupport's voxels, and query(cube, points,
-    threads) -> float32 [M, 4] RGBA on 0..255 of world points."""
+    threads) -> float32 [M, all components] on 0..255 of world points."""
 
     joint = True
 
@@ -136,15 +173,15 @@ class JointCodec(Codec):
         return 0
 
     @abstractmethod
-    def dec(self, values: dict, surfaces: list, position_bits: int, channels: tuple, options: Any, report: Report) -> list:
-        """Evaluators by field. surfaces: decoded (lattice, faces) by field. Raises StreamError, LimitError."""
+    def dec(self, values: dict, surfaces: list, position_bits: int, groups: tuple, options: Any, report: Report) -> list:
+        """Evaluators by field. surfaces: decoded (lattice, faces) by field; groups: of Group. Raises StreamError, LimitError."""
 
     @abstractmethod
     def pack(self, evaluators: list) -> tuple[dict, dict]:
         """(JSON-ready facts, arrays) that evaluators can be made of again in another process."""
 
     @abstractmethod
-    def unpack(self, facts: dict, arrays: dict, channels: tuple, fields: int) -> list:
+    def unpack(self, facts: dict, arrays: dict, groups: tuple, fields: int) -> list:
         """Mirror of pack(); nothing in its arguments is trusted. Raises TexfError, ValueError, KeyError, TypeError."""
 
     @abstractmethod

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..channels import COLUMNS, columns_of
 from ..errors import SupportError, TexfError
 from ..ground.structure import Structure
 from .codec import PRIVATE_IDS, Codec, Joint, JointCodec, PlaneCodec, Source
@@ -198,35 +197,35 @@ class GuestJoint(_Guest, JointCodec):
             choices = _json_dict(made.choices)
         except (TypeError, ValueError) as error:
             raise _fault(self.name, "made choices that JSON cannot hold", error) from error
-        evaluators = self._evaluators(made.evaluators, len(source.surfaces), source.channels)
+        evaluators = self._evaluators(made.evaluators, len(source.surfaces), source.groups)
         return Joint(_without(made.values, UNIT), evaluators, choices)
 
     def count_samples(self, values: dict, surfaces: list, position_bits: int) -> int:
         """As JointCodec.count_samples."""
         return self._number("count_samples", operator.index, values, surfaces, position_bits)
 
-    def dec(self, values: dict, surfaces: list, position_bits: int, channels: tuple, options: Any, report: Report) -> list:
+    def dec(self, values: dict, surfaces: list, position_bits: int, groups: tuple, options: Any, report: Report) -> list:
         """As JointCodec.dec."""
-        made = self._call("dec", values, surfaces, position_bits, channels, options, report)
-        return self._evaluators(made, len(surfaces), channels)
+        made = self._call("dec", values, surfaces, position_bits, groups, options, report)
+        return self._evaluators(made, len(surfaces), groups)
 
     def pack(self, evaluators: list) -> tuple[dict, dict]:
         """As JointCodec.pack."""
         return self._call("pack", [one.inner for one in evaluators], take=_packed)
 
-    def unpack(self, facts: dict, arrays: dict, channels: tuple, fields: int) -> list:
+    def unpack(self, facts: dict, arrays: dict, groups: tuple, fields: int) -> list:
         """As JointCodec.unpack."""
         arrays = {name.removeprefix(ARRAY): array for name, array in arrays.items() if name.startswith(ARRAY)}
-        return self._evaluators(self._call("unpack", facts, arrays, channels, fields), fields, channels)
+        return self._evaluators(self._call("unpack", facts, arrays, groups, fields), fields, groups)
 
     def result_lines(self, facts: dict) -> Iterator[str]:
         """As JointCodec.result_lines."""
         return iter(self._lines("result_lines", facts))
 
-    def _evaluators(self, made, fields, channels):
+    def _evaluators(self, made, fields, groups):
         if not isinstance(made, list | tuple) or len(made) != fields:
             raise _fault(self.name, "does not return an evaluator for every field")
-        return [_Evaluator(self, one, channels) for one in made]
+        return [_Evaluator(self, one, groups) for one in made]
 
 
 def _packed(made):
@@ -244,8 +243,8 @@ def _without(values, names):
 class _Evaluator:
     """A stranger's evaluator, its answers checked."""
 
-    def __init__(self, codec, inner, channels):
-        self.codec, self.inner, self.components = codec, inner, len(columns_of(channels))
+    def __init__(self, codec, inner, groups):
+        self.codec, self.inner, self.components = codec, inner, sum(group.components for group in groups)
 
     def values(self, support, threads):
         """As the evaluators of JointCodec."""
@@ -253,7 +252,7 @@ class _Evaluator:
 
     def query(self, cube, points, threads):
         """As the evaluators of JointCodec."""
-        return self._ask(np.float32, (len(points), COLUMNS), "query", cube, points, threads)
+        return self._ask(np.float32, (len(points), self.components), "query", cube, points, threads)
 
     def _ask(self, dtype, shape, what, *given):
         return _checked(self.codec.name, _asked(self.codec.name, self.inner, what, given), dtype, shape)

@@ -6,7 +6,9 @@ from typing import Any
 from ..errors import StreamError
 from .structure import V_MAX, Derived, Element, Structure
 
-_FIXED = {"u8": "<B", "u16": "<H", "u32": "<I", "i8": "<b", "i32": "<i", "f64": "<d"}
+_FIXED = {"u8": "<B", "u16": "<H", "u32": "<I", "i8": "<b", "u64": "<Q", "i32": "<i", "f32": "<f", "f64": "<d"}
+
+_REALS = {"f32": 3e38, "f64": 1e300}  # largest of a real number
 
 
 def write_v(value: int) -> bytes:
@@ -70,7 +72,7 @@ def _read_scalar(element, reader, clause):
     else:
         fmt = _FIXED[kind]
         (value,) = struct.unpack(fmt, reader.take(struct.calcsize(fmt), element.name, clause))
-        if kind == "f64" and not abs(value) <= 1e300:
+        if kind in _REALS and not abs(value) <= _REALS[kind]:
             raise StreamError("TXF-S04", f"{element.name} is not a finite number in range", clause=clause, offset=offset)
     check_range(element, value, offset, clause)
     return value

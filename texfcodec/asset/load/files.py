@@ -36,7 +36,7 @@ def load(source: object, strict: bool = False) -> Scene:
     if isinstance(source, Scene):
         return check_scene(source)
     if is_trimesh(source):
-        return _guarded(lambda: read_trimesh(source, Notes(strict)), "TXF-I22")
+        return no_metal(_guarded(lambda: read_trimesh(source, Notes(strict)), "TXF-I22"))
     raise InputError("TXF-I05", "only paths, trimesh objects and Scenes can be loaded", value=type(source).__name__)
 
 
@@ -65,7 +65,15 @@ def _load_file(path, notes):
         data = as_utf8(data)
     check_start(data, entry)
     read = getattr(import_module(f".{entry.module}", __package__), entry.function)
-    return _guarded(lambda: read(data, path.parent, notes), entry.code)
+    scene = _guarded(lambda: read(data, path.parent, notes), entry.code)
+    return scene if entry.function == "read_gltf" else no_metal(scene)
+
+
+def no_metal(scene: Scene) -> Scene:
+    """The Scene, of a format that knows no metal, with materials that are none: glTF's own default is one."""
+    for material in scene.materials:
+        material.parameters.setdefault("metallic", (0.0,))
+    return scene
 
 
 def _read_file(path):

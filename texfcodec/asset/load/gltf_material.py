@@ -1,12 +1,15 @@
-"""glTF materials -> Scene materials: the base colour is kept, everything else is named as dropped."""
+"""glTF materials -> Scene materials: maps and parameters of the core and of extensions by the tables of channels.py; everything
+else is named as dropped."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...channels import BASE_COLOUR, MAPS, PARAMETERS, PBR
 from ...errors import SupportError
 from ..scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
 from .gltf_document import Document, extensions, integer, malformed, name_of, numbers, part, title
@@ -19,42 +22,97 @@ _ALPHA = {"OPAQUE": ALPHA_OPAQUE, "MASK": ALPHA_MASK, "BLEND": ALPHA_BLEND}
 _READABLE_SOURCES = ("EXT_texture_webp", "EXT_texture_avif")
 _SPECULAR_GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
 _NEAREST = 9728
-_HANDLED = {"name", "extras", "extensions", "pbrMetallicRoughness", "alphaMode", "alphaCutoff", "doubleSided"}
-_DEFAULTS = {"metallicFactor": 1, "roughnessFactor": 1, "emissiveFactor": [0, 0, 0]}  # saying these says nothing
-_HANDLED_PBR = {"baseColorFactor", "baseColorTexture", "extras", "extensions"}
+_OF_MATERIAL = ("name", PBR, "alphaMode", "alphaCutoff", "doubleSided")
+MOST = 3e38  # of a parameter that a stream can hold
 
 
 @dataclass
-class BaseColor:
-    """Where one material's base colour comes from.
+class TextureInfo:
+    """Where a material finds one of its images. texture: index into the file's textures; texcoord: UV set; transform: float64
+    [2, 3] applied to (u, v, 1), or None for identity."""
 
-    factor: float64 [4] linear; texture: index into the file's textures or None; texcoord: UV set;
-    transform: float64 [2, 3] applied to (u, v, 1), or None for identity.
-    """
-
-    factor: np.ndarray
-    texture: int | None = None
+    texture: int
     texcoord: int = 0
     transform: np.ndarray | None = None
 
+    def same_uv(self, other: TextureInfo) -> bool:
+        """Whether both find the same UVs."""
+        if self.transform is None or other.transform is None:
+            return self.texcoord == other.texcoord and self.transform is other.transform
+        return self.texcoord == other.texcoord and bool(np.array_equal(self.transform, other.transform))
 
-def read_base_color(document: Document, index: int | None) -> BaseColor:
-    """Material index (None: glTF's default material) -> BaseColor."""
+
+@dataclass
+class Look:
+    """What a glTF material says of its surface. factor: float64 [4] linear, of the base colour; images: TextureInfo by channel
+    name, base colour among them, in the order of channels.CHANNELS; parameters: as asset.scene.Material has them."""
+
+    factor: np.ndarray
+    images: dict[str, TextureInfo]
+    parameters: dict[str, tuple[float, ...]]
+
+    @property
+    def leading(self) -> TextureInfo | None:
+        """The image whose UVs are the material's."""
+        return next(iter(self.images.values()), None)
+
+    def others(self) -> dict[str, TextureInfo]:
+        """Images with other UVs than the leading one's, by channel name."""
+        first = self.leading
+        return {name: info for name, info in self.images.items() if first is not None and not info.same_uv(first)}
+
+
+def read_look(document: Document, index: int | None) -> Look:
+    """Material index (None: glTF's default material) -> Look."""
     if index is None:
-        return BaseColor(np.ones(4))
+        return Look(np.ones(4), {}, {})
     entry = document.entry("materials", index)
     glossy = part(extensions(entry), _SPECULAR_GLOSSINESS)
-    pbr = part(entry, "pbrMetallicRoughness")
+    images = {channel.name: _texture_info(info) for channel in (BASE_COLOUR, *MAPS) if (info := _slot(entry, channel))}
     if "diffuseFactor" in glossy or "diffuseTexture" in glossy:
         document.notes.warn(f"material {title(entry, index)} uses {_SPECULAR_GLOSSINESS}; its diffuse becomes base colour")
-        factor, info = numbers(glossy, "diffuseFactor", (1.0,) * 4), part(glossy, "diffuseTexture")
+        factor = numbers(glossy, "diffuseFactor", (1.0,) * 4)
+        images.pop(BASE_COLOUR.name, None)
+        if glossy.get("diffuseTexture"):
+            images = {BASE_COLOUR.name: _texture_info(part(glossy, "diffuseTexture")), **images}
+        parameters = _parameters(entry) | {"metallic": (0.0,)}
     else:
-        factor, info = numbers(pbr, "baseColorFactor", (1.0,) * 4), part(pbr, "baseColorTexture")
-    color = BaseColor(np.array(factor))
-    if info:
-        color.texture = integer(info, "index", low=0)
-        color.texcoord, color.transform = _texture_coordinates(info)
-    return color
+        factor, parameters = numbers(part(entry, PBR), "baseColorFactor", (1.0,) * 4), _parameters(entry)
+    return Look(np.array(factor), images, parameters)
+
+
+def _part_of(entry, extension):
+    """Where a material holds what belongs to an extension, to pbrMetallicRoughness or, "", to itself."""
+    if not extension:
+        return entry
+    return part(entry, PBR) if extension == PBR else part(extensions(entry), extension)
+
+
+def _slot(entry, channel):
+    """The textureInfo of a channel, {} without one."""
+    return part(_part_of(entry, channel.extension), channel.slot)
+
+
+def _parameters(entry):
+    """Values of all parameters that are not the default, by name; what an extension that is not there would say is not said."""
+    found = {}
+    for parameter in PARAMETERS:
+        owner, key = _part_of(entry, parameter.extension), parameter.key
+        if "." in key:
+            owner, key = part(owner, key.partition(".")[0]), key.partition(".")[2]
+        if key not in owner:
+            continue
+        default = parameter.default if parameter.count > 1 else parameter.default[0]
+        value = numbers(owner, key, default)
+        value = tuple(float(np.float32(v)) for v in (value if parameter.count > 1 else (value,)))
+        if value != parameter.default and all(abs(v) <= MOST for v in value):
+            found[parameter.name] = value
+    return found
+
+
+def _texture_info(info):
+    texcoord, transform = _texture_coordinates(info)
+    return TextureInfo(integer(info, "index", low=0), texcoord, transform)
 
 
 def _texture_coordinates(info):
@@ -74,24 +132,24 @@ def _texture_coordinates(info):
     return integer(transform, "texCoord", texcoord, low=0), matrix
 
 
-def read_material(document: Document, index: int | None, color: BaseColor, shelf: TextureShelf) -> Material:
-    """Material index with its BaseColor -> Material; its texture is put on the shelf, its other properties are named."""
+def read_material(document: Document, index: int | None, look: Look, shelf: TextureShelf) -> Material:
+    """Material index with its Look -> Material; its textures are put on the shelf, what is not kept is named."""
     if index is None:
         return Material("default")
     entry = document.entry("materials", index)
     name = f"material {title(entry, index)}"
     _drop_properties(document, entry, name)
-    texture = -1
-    if color.texture is not None:
-        texture = _put_texture(document, color.texture, shelf)
+    placed = {channel: _put_texture(document, info.texture, shelf) for channel, info in look.images.items()}
     return Material(
         name=name_of(entry),
-        factor=np.clip(color.factor, 0.0, 1.0),
-        texture=texture,
+        factor=np.clip(look.factor, 0.0, 1.0),
+        texture=placed.pop(BASE_COLOUR.name, -1),
         alpha_mode=_alpha_mode(document, entry, name),
         alpha_cutoff=numbers(entry, "alphaCutoff", 0.5),
         double_sided=entry.get("doubleSided") is True,
         unlit="KHR_materials_unlit" in extensions(entry),
+        maps={channel: texture for channel, texture in placed.items() if texture >= 0},
+        parameters=look.parameters,
     )
 
 
@@ -141,17 +199,25 @@ def _wrap(document, entry, name):
 
 def _drop_properties(document, entry, name):
     """Name every property of a material that is not coded."""
-    drop = document.notes.drop
-    for table, handled in ((part(entry, "pbrMetallicRoughness"), _HANDLED_PBR), (entry, _HANDLED)):
-        for key, value in table.items():
-            if key not in handled and _DEFAULTS.get(key) != value:
-                drop(f"{key} of {name}")
-    for extension in extensions(entry):
-        if extension == "KHR_materials_unlit":
-            continue
-        handled = ("diffuseFactor", "diffuseTexture") if extension == _SPECULAR_GLOSSINESS else ()
-        if extension != _SPECULAR_GLOSSINESS:
+    drop, kept = document.notes.drop, _kept_keys()
+    tables = {"": entry, PBR: part(entry, PBR)} | {e: part(extensions(entry), e) for e in extensions(entry)}
+    for extension, table in tables.items():
+        if extension not in kept:
             drop(f"extension {extension} of {name}")
-        for key in part(extensions(entry), extension):
-            if key not in handled and (handled or key.endswith("Texture")):
+        for key in table:
+            if extension in kept and key not in kept[extension]:
+                drop(f"{extension + '.' if extension not in ('', PBR) else ''}{key} of {name}")
+            elif extension not in kept and key.endswith("Texture"):
                 drop(f"{extension}.{key} of {name}")
+
+
+@lru_cache(maxsize=1)
+def _kept_keys():
+    """Keys of a material that are read, by where they stand."""
+    kept = {"": set(_OF_MATERIAL), PBR: {"baseColorFactor"}, "KHR_materials_unlit": set(),
+            _SPECULAR_GLOSSINESS: {"diffuseFactor", "diffuseTexture"}}
+    for parameter in PARAMETERS:
+        kept.setdefault(parameter.extension, set()).add(parameter.key.partition(".")[0])
+    for channel in (BASE_COLOUR, *MAPS):
+        kept.setdefault(channel.extension, set()).add(channel.slot)
+    return {place: keys | {"extras", "extensions"} for place, keys in kept.items()}

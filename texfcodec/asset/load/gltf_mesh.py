@@ -13,7 +13,7 @@ from .gltf_document import Document, extensions, integer, malformed, part, title
 from .parts import Part
 
 if TYPE_CHECKING:
-    from .gltf_material import BaseColor
+    from .gltf_material import Look, TextureInfo
 
 _DRACO = "KHR_draco_mesh_compression"
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
@@ -23,12 +23,12 @@ _MODE_NAMES = {0: "points", 1: "lines", 2: "line loop", 3: "line strip"}
 class MeshReader:
     """Reads each mesh once, however many nodes show it.
 
-    base_color: material index or None -> BaseColor; after reading, `materials` lists the ones in use in order of
+    look_of: material index or None -> Look; after reading, `materials` lists the ones in use in order of
     first use (None is glTF's default) and Part.material points into it.
     """
 
-    def __init__(self, document: Document, base_color: Callable[[Any], BaseColor]) -> None:
-        self.document, self.base_color = document, base_color
+    def __init__(self, document: Document, look_of: Callable[[Any], Look]) -> None:
+        self.document, self.look_of = document, look_of
         self._slots: dict[int | None, int] = {}
         self._meshes: dict[int, list[Part]] = {}
         self._used_uv: set[str] = set()
@@ -47,9 +47,9 @@ class MeshReader:
         return self._meshes[index]
 
     def drop_unused_uv(self) -> None:
-        """Name the UV sets that no base colour asked for."""
+        """Name the UV sets that no image asked for."""
         for name in sorted(self._found_uv - self._used_uv):
-            self.document.notes.drop(f"{name} (not used by base colour)")
+            self.document.notes.drop(f"{name} (not used by any image)")
 
     def _primitive(self, mesh, primitive, label):
         mode = integer(primitive, "mode", _TRIANGLES)
@@ -66,11 +66,12 @@ class MeshReader:
             indices = np.arange(len(positions), dtype=np.int64)
         faces = self._triangles(indices, mode if not source.is_triangles else _TRIANGLES, label)
         material = primitive.get("material")
-        color = self.base_color(material)
+        look = self.look_of(material)
         self._drop_attributes(primitive, label)
         result = Part(self._morphed(mesh, primitive, positions), faces, self._slot(material),
-                      self._uv(source, color, label), self._vertex_color(source, label), label)
-        for values in (result.uv, result.color):
+                      self._uv(source, look.leading, label), self._vertex_color(source, label), label,
+                      {name: self._uv(source, info, label) for name, info in look.others().items()})
+        for values in (result.uv, result.color, *result.map_uv.values()):
             if values is not None and len(values) != len(positions):
                 raise malformed(f"{label} has attributes of different counts")
         return result
@@ -93,19 +94,19 @@ class MeshReader:
             return np.stack([indices[i], indices[i + 1 + i % 2], indices[i + 2 - i % 2]], axis=1)
         return np.stack([indices[i + 1], indices[i + 2], indices[np.zeros_like(i)]], axis=1)
 
-    def _uv(self, source, color, label):
-        """float [V, 2] for the base colour texture, transformed; None when there is none."""
-        if color.texture is None:
+    def _uv(self, source, info: TextureInfo | None, label):
+        """float [V, 2] for a texture, transformed; None when there is none."""
+        if info is None:
             return None
-        name = f"TEXCOORD_{color.texcoord}"
+        name = f"TEXCOORD_{info.texcoord}"
         if not source.has(name):
             self.document.notes.warn(f"{label} has no {name} for its texture; UV (0, 0) is used")
             return None
         self._used_uv.add(name)
         uv = source.floats(name, ("VEC2",))
-        if color.transform is None:
+        if info.transform is None:
             return uv
-        return np.asarray(uv, np.float64) @ color.transform[:, :2].T + color.transform[:, 2]
+        return np.asarray(uv, np.float64) @ info.transform[:, :2].T + info.transform[:, 2]
 
     def _vertex_color(self, source, label):
         """float32 linear RGBA [V, 4], or None."""

@@ -7,6 +7,7 @@ costs 0.9 s to import.
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,10 +15,10 @@ import numpy as np
 
 from ...errors import InputError, SupportError
 from .gltf_document import extensions, integer, is_index, malformed, name_of, numbers, open_document, title
-from .gltf_material import read_base_color, read_material
+from .gltf_material import read_look, read_material
 from .gltf_mesh import MeshReader
 from .image_read import TextureShelf
-from .parts import Notes, Part, assemble, check_face_count
+from .parts import Notes, assemble, check_face_count
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -33,20 +34,20 @@ def read_gltf(data: bytes, folder: Path, notes: Notes) -> Scene:
     """bytes of a .glb or .gltf file -> Scene. folder: where relative URIs start. Errors: see files.py."""
     document = open_document(data, folder, notes)
     _check_required(document)
-    colors = {}
+    looks = {}
 
-    def base_color(material):
+    def look_of(material):
         if material is not None and not is_index(material):
             raise malformed("a material reference is not an index", value=str(material)[:40])
-        if material not in colors:
-            colors[material] = read_base_color(document, material)
-        return colors[material]
+        if material not in looks:
+            looks[material] = read_look(document, material)
+        return looks[material]
 
-    meshes = MeshReader(document, base_color)
+    meshes = MeshReader(document, look_of)
     parts, shown = _read_nodes(document, meshes)
     meshes.drop_unused_uv()
     shelf = TextureShelf(notes)
-    materials = [read_material(document, index, colors[index], shelf) for index in meshes.materials]
+    materials = [read_material(document, index, looks[index], shelf) for index in meshes.materials]
     _drop_rest(document, meshes.materials)
     metadata = _metadata(document, shown)
     return assemble(parts, materials, shelf.textures, notes, metadata)
@@ -138,7 +139,7 @@ def _place(part, world):
         points = points @ world[:3, :3].T + world[:3, 3]
     if np.linalg.det(world[:3, :3]) < 0:
         faces = faces[:, [0, 2, 1]]
-    return Part(points, faces, part.material, part.uv, part.color, part.label)
+    return replace(part, positions=points, faces=faces)
 
 
 def _drop_node_properties(document, node, index):

@@ -1,6 +1,6 @@
 """Parts and their assembly: what every reader produces, and the checks every mesh passes on its way to a Scene."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -47,7 +47,7 @@ class Part:
 
     positions: float [V, 3]; faces: integer [F, 3]; material: index, or integer [F];
     uv: float [V, 2] or [F, 3, 2] in glTF convention, or None; color: float32 linear RGBA [V, 4] or [F, 3, 4], or None;
-    label: how messages call it.
+    label: how messages call it; map_uv: as uv, by channel name, for channels with other UVs.
     """
 
     positions: np.ndarray
@@ -56,6 +56,7 @@ class Part:
     uv: np.ndarray | None = None
     color: np.ndarray | None = None
     label: str = "mesh"
+    map_uv: dict = field(default_factory=dict)
 
 
 def drop_alpha(color: np.ndarray | None, notes: Notes) -> None:
@@ -99,6 +100,7 @@ def assemble(parts: list[Part], materials: list[Material], textures: list[Textur
         row, base = rows.stop, base + len(kept)
         unused, broken = unused + left_out, broken + left_out_broken
     scene.positions = np.concatenate(points)
+    _fill_map_uv(scene, parts)
     _repair_uv(scene, notes)
     _repair_color(scene, notes)
     _report_geometry(scene, unused, broken, notes)
@@ -153,24 +155,41 @@ def _fill_attributes(scene, part, rows):
         scene.corner_color[rows] = _at_corners(part.color, part.faces)
 
 
+def _fill_map_uv(scene, parts):
+    """UVs of channels whose maps have others than the material's own on some face; those of the other faces are as there."""
+    row = 0
+    for part in parts:
+        rows = slice(row, row + len(part.faces))
+        for name, uv in part.map_uv.items():
+            if name not in scene.map_uv:
+                scene.map_uv[name] = scene.corner_uv.copy()
+            scene.map_uv[name][rows] = 0 if uv is None else _at_corners(uv, part.faces)
+        row = rows.stop
+
+
 def _at_corners(values, faces):
     return values[faces] if values.ndim == 2 else values
 
 
 def _repair_uv(scene, notes):
     """UVs without a texture become zero, broken ones too (named), far ones stay (named)."""
-    textured = np.array([material.texture >= 0 for material in scene.materials], bool)
-    if not textured.all():
-        scene.corner_uv[~textured[scene.face_material]] = 0.0
-    low, high = scene.corner_uv.min(), scene.corner_uv.max()
+    textured = np.array([material.texture >= 0 or bool(material.maps) for material in scene.materials], bool)
+    for uv in (scene.corner_uv, *scene.map_uv.values()):
+        if not textured.all():
+            uv[~textured[scene.face_material]] = 0.0
+        _repair_one_uv(uv, notes)
+
+
+def _repair_one_uv(corner_uv, notes):
+    low, high = corner_uv.min(), corner_uv.max()
     if not (np.isfinite(low) and np.isfinite(high)):
-        bad = ~np.isfinite(scene.corner_uv).all(axis=2)
+        bad = ~np.isfinite(corner_uv).all(axis=2)
         notes.fault("TXF-I18", f"{int(bad.sum())} face corners have NaN or infinite UVs; (0, 0) takes their place",
                     count=int(bad.sum()))
-        scene.corner_uv[bad] = 0.0
-        low, high = scene.corner_uv.min(), scene.corner_uv.max()
+        corner_uv[bad] = 0.0
+        low, high = corner_uv.min(), corner_uv.max()
     if max(-low, high) > UV_OUTLIER:
-        far = int((np.abs(scene.corner_uv) > UV_OUTLIER).any(axis=2).sum())
+        far = int((np.abs(corner_uv) > UV_OUTLIER).any(axis=2).sum())
         notes.warn(f"{far} face corners have UVs beyond {UV_OUTLIER:.0e}; they are kept, but sampling there is imprecise")
 
 

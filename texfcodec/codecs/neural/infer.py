@@ -254,16 +254,14 @@ def infer(positions: np.ndarray, tables: Any, threads: int = 1) -> np.ndarray:
 
 
 def answer(cube: CanonicalCube, points: np.ndarray, tables: Any, threads: int = 1) -> np.ndarray:
-    """As infer_rgba(), at world points float64 [M, 3]; what lies outside the CanonicalCube is moved onto its border."""
+    """As infer_values(), at world points float64 [M, 3]; what lies outside the CanonicalCube is moved onto its border."""
     low, high = np.array(cube.origin) - cube.side, np.array(cube.origin) + 2 * cube.side  # further out is on the border anyway
-    return infer_rgba(cube_positions(cube.to_grid(np.clip(points, low, high), 1 << POSITION_BITS)), tables, threads)
+    return infer_values(cube_positions(cube.to_grid(np.clip(points, low, high), 1 << POSITION_BITS)), tables, threads)
 
 
-def infer_rgba(positions: np.ndarray, tables: Any, threads: int = 1) -> np.ndarray:
-    """As infer(), as RGBA on the scale 0..255: float32 [M, 4]; a component that the network does not give is 255."""
-    out = np.full((len(positions), 4), 255, np.float32)
-    out[:, list(tables.columns)] = infer(positions, tables, threads) * np.float32(1 / (1 << VALUE_BITS))
-    return out
+def infer_values(positions: np.ndarray, tables: Any, threads: int = 1) -> np.ndarray:
+    """As infer(), on the scale 0..255: float32 [M, C]."""
+    return infer(positions, tables, threads) * np.float32(1 / (1 << VALUE_BITS))
 
 
 def voxel_values(xyz: np.ndarray, resolution: int, tables: Any, threads: int = 1) -> np.ndarray:

@@ -157,10 +157,8 @@ class Tables:
     """What infer reads for one field. index: where the latents are (levels, places, slots, bricks, words, ranks), made from keys;
     network: codes and network of payload; see infer._infer for the arrays."""
 
-    def __init__(self, payload: Payload, number: int, keys: list[np.ndarray | None],
-                 columns: tuple[int, ...] = (0, 1, 2, 3)) -> None:
-        """keys: per level, ascending int64 Morton keys of the field's voxels, or None where the level is hashed; columns: of RGBA
-        that the outputs are."""
+    def __init__(self, payload: Payload, number: int, keys: list[np.ndarray | None]) -> None:
+        """keys: per level, ascending int64 Morton keys of the field's voxels, or None where the level is hashed."""
         maps = [build_brick_map(np.zeros(0, np.int64) if k is None else k) for k in keys]
         levels = [(level.resolution, level.table_log2, payload.first_row(number, n), number * HASH_FIELD)
                   for n, level in enumerate(payload.levels)]
@@ -168,7 +166,7 @@ class Tables:
         self.index = (np.array(levels, np.int64), places.astype(np.int64), np.concatenate([m.slots for m in maps]),
                       np.concatenate([m.bricks for m in maps]), np.concatenate([m.words for m in maps]),
                       np.concatenate([m.ranks for m in maps]))
-        self.components, self.columns, self.keys = payload.components, columns[: payload.components], keys
+        self.components, self.keys = payload.components, keys
         self.payload: Payload | None = None
         self.network: tuple | None = None
         if payload.codes is not None:
@@ -188,7 +186,7 @@ class Tables:
         return voxel_values(support.xyz(), support.resolution, self, threads)
 
     def query(self, cube: CanonicalCube, points: np.ndarray, threads: int = 1) -> np.ndarray:
-        """What the network says at world points, float64 [M, 3], in a CanonicalCube: float32 [M, 4] in 0..255."""
+        """What the network says at world points, float64 [M, 3], in a CanonicalCube: float32 [M, C] in 0..255."""
         return answer(cube, points, self, threads)
 
 

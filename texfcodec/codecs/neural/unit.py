@@ -57,9 +57,8 @@ class Neural(JointCodec):
         grids = [level["level_resolution"] for level in values["latent_levels"] if level["table_log2"] == 0]
         return sum(count_samples(lattice, faces, position_bits, grid) for lattice, faces in surfaces for grid in grids)
 
-    def dec(self, values: dict, surfaces: list, position_bits: int, channels: tuple, options: Any, report: Report) -> list:
+    def dec(self, values: dict, surfaces: list, position_bits: int, groups: tuple, options: Any, report: Report) -> list:
         """As JointCodec.dec: payload.Tables."""
-        from ...channels import columns_of
         from .payload import Tables, payload_of, take_codes
 
         payload = payload_of(values, options.limits)
@@ -68,7 +67,7 @@ class Neural(JointCodec):
                      for i, one in enumerate(surfaces)]
         with report.stage("attributes"):
             take_codes(payload, values)
-            return [Tables(payload, i, keys, tuple(columns_of(channels))) for i, keys in enumerate(grids)]
+            return [Tables(payload, i, keys) for i, keys in enumerate(grids)]
 
     def check(self, values: dict) -> None:
         """Relations of clause 5.7.4."""
@@ -109,14 +108,12 @@ class Neural(JointCodec):
         return {}, {"neural": np.frombuffer(write_structure(NEURAL, values), np.uint8),
                     "latent_keys": np.concatenate([np.zeros(0, np.int64), *keys])}
 
-    def unpack(self, facts: dict, arrays: dict, channels: tuple, fields: int) -> list:
+    def unpack(self, facts: dict, arrays: dict, groups: tuple, fields: int) -> list:
         """As JointCodec.unpack; the payload is checked like one in a stream."""
-        from ...channels import columns_of
         from .payload import Tables, payload_of, take_codes
 
-        columns = tuple(columns_of(channels))
         data = np.ascontiguousarray(arrays["neural"], np.uint8).tobytes()
-        values = {"num_fields": fields, "NumOutputs": len(columns), "offset": 0}
+        values = {"num_fields": fields, "NumOutputs": sum(group.components for group in groups), "offset": 0}
         read_structure(NEURAL, Reader(data, 0, len(data)), values)
         self.check(values)
         if values["form"] != FORM_RESIDENT:
@@ -124,7 +121,7 @@ class Neural(JointCodec):
         payload = payload_of(values, Limits(latents=None))
         grids = _split_keys(payload, arrays["latent_keys"], fields)
         take_codes(payload, values)
-        return [Tables(payload, number, keys, columns) for number, keys in enumerate(grids)]
+        return [Tables(payload, number, keys) for number, keys in enumerate(grids)]
 
     def result_lines(self, facts: dict) -> Iterator[str]:
         """As JointCodec.result_lines."""

@@ -16,6 +16,7 @@ from .choose.codec import codec_for, with_qp_of
 from .choose.effects import needed_scene
 from .choose.maps import fill_maps, groups_of, joined, names_of_field, with_grey
 from .choose.prepare import SourceField, active_voxels, check_voxels, transferred
+from .choose.sizes import coarsen_maps
 from .choose.supports import choose_supports, without_faces
 from .choose.texel_field import texel_field
 from .choose.trial import choose_fields, codes_alpha
@@ -120,6 +121,8 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
     if not codec_of(options.codec).joint:
         _fill(prepared, names[:first], options, report)
         prepared.source = source._replace(groups=with_grey(source.groups, fields))
+        with report.stage("sizes"):
+            choices["sizes"] = [coarsen_maps(part, prepared.source.groups, codec_of(options.codec), options) for part in fields]
     return prepared
 
 

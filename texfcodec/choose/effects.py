@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..asset.factors import TOLERANCE, absorb, says_nothing
 from ..asset.scene import ALPHA_OPAQUE, Material, Scene
-from ..asset.srgb import srgb_to_linear
-from ..channels import BY_NAME, COLOURS, MAPS, PARAMETER_BY_NAME
+from ..channels import BY_NAME, COLOURS, MAPS
 from ..effects import BY_NAME as EFFECT_BY_NAME
 from ..effects import EFFECT_OF, EFFECTS
 from ..errors import InputError
@@ -26,10 +26,7 @@ if TYPE_CHECKING:
     from ..geometry.surface import Surface
     from ..options import EncodeOptions
 
-TOLERANCE = 2.0  # levels of 255 that a value may be off its mean and count as the same
-FLAT = 127.5  # of a normal map where the normal is the surface's own
 MOST_ROWS = 1 << 26  # of texels that the faces of a material go over; beyond, the whole image is looked at
-NEUTRAL = {"anisotropy": (255.0, 127.5, 255.0)}  # values, but 255, of a map that says as much as none
 KEPT = ("lit", "mask", "blend", "double_sided")  # effects that are flags and no channel's
 
 
@@ -84,11 +81,11 @@ def _needed(material, number, looks, asked, told):
         value = None if reason or mode == "all" else looks.constant(number, name)
         if reason:
             _tell(told, name, "absent", reason)
-        elif value is None or not _absorb(parameters, BY_NAME[name], value):
+        elif value is None or not absorb(parameters, BY_NAME[name], value):
             maps[name] = texture
             _tell(told, name, "coded", "it varies" if value is None else "constant, and no parameter can say it")
         else:
-            _tell(told, name, "constant" if np.abs(value - 255).max() > TOLERANCE else "absent", _constant_reason(value))
+            _tell(told, name, "absent" if says_nothing(BY_NAME[name], value) else "constant", _constant_reason(value))
     return replace(material, maps=maps, parameters=parameters)
 
 
@@ -113,34 +110,6 @@ def _idle_reason(material, name):
         return "the material is unlit"
     effect = EFFECT_OF[name]
     return "" if effect.used(material) else f"no {effect.name.replace('_', ' ')}: its factor is 0"
-
-
-def _absorb(parameters, channel, value):
-    """Brings a map's one value, float64 [C] in 0..255, into the parameters where they can say it: whether they can."""
-    name = channel.name
-    if name in ("normal", "clearcoat_normal"):
-        return bool(np.abs(value - FLAT).max() <= TOLERANCE)
-    if name in NEUTRAL:
-        return bool(np.abs(value - NEUTRAL[name]).max() <= TOLERANCE)
-    if name == "iridescence_thickness":
-        low, high = (parameters.get(end, PARAMETER_BY_NAME[end].default)[0] for end in (f"{name}_minimum", f"{name}_maximum"))
-        _set(parameters, f"{name}_maximum", (low + (high - low) * float(value[0]) / 255,))
-        return True
-    if np.abs(value - 255).max() <= TOLERANCE / 2:
-        return True
-    if name == "occlusion":
-        return False
-    share = srgb_to_linear(value / 255) if channel.srgb else value / 255
-    factor = parameters.get(channel.parameter, PARAMETER_BY_NAME[channel.parameter].default)
-    _set(parameters, channel.parameter, tuple(float(f * s) for f, s in zip(factor, share, strict=True)))
-    return True
-
-
-def _set(parameters, name, value):
-    value = tuple(float(np.float32(v)) for v in value)
-    parameters.pop(name, None)
-    if value != PARAMETER_BY_NAME[name].default:
-        parameters[name] = value
 
 
 def _tell(told, name, decision, reason):

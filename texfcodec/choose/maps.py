@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..asset.factors import FLAT
 from ..asset.sample import map_columns, pack_map
 from ..channels import ALPHA, BASE_COLOUR, BY_NAME, CHANNELS, FULL, channel_over
 from ..codecs.codec import Group
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
 TOGETHER = ("roughness", "metallic")  # one group where both are coded: 4 to 6 % fewer bytes than apart (helmet, bottle), with
 # occlusion as a third 2 % more
-FLAT = 127.5  # component of a tangent-space normal that is 0
 
 
 def map_names(materials: Iterable[Material]) -> set[str]:

@@ -156,6 +156,13 @@ MAPS = tuple(channel for channel in CHANNELS[2:] if not channel.name.endswith(_O
 MAP_NAMES = frozenset(channel.name for channel in MAPS)
 
 
+# Channels that share an image in glTF; a component of it that no channel fills is 255
+SHEETS = (("base_colour", "alpha"), ("occlusion", "roughness", "metallic"), ("normal",), ("emissive",),
+          ("clearcoat", "clearcoat_roughness"), ("clearcoat_normal",), ("sheen_colour", "sheen_roughness"),
+          ("specular_colour", "specular"), ("transmission", "thickness"), ("iridescence", "iridescence_thickness"),
+          ("anisotropy",), ("diffuse_transmission_colour", "diffuse_transmission"))
+
+
 def channel_over(name: str, planar: bool) -> Channel:
     """The channel that holds a material's channel `name` in a field over texels (planar) or voxels."""
     channel = BY_NAME[name]

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..support.voxels import VoxelSupport
     from .prepare import SourceField
 
-PIECES = 6
+PIECES, MOST_LEVELS = 6, 3
 PIECE_CELLS = 1 << 12  # of a piece: 64 x 64 texels
 LEAST_CELLS = 1 << 12  # a field that is smaller stays as it is
 MOST_MORE, ROUNDING = 2.0, 1 / 12  # the whole field may lose so many times what a piece does: pieces may miss a small detail
@@ -58,7 +58,7 @@ def _levels(plane, support, codec, options):
         return 0, []
     pieces = list(_pieces(plane, support))
     costs, levels = [_cost(pieces, 0, codec, options)], 0
-    while levels < support.depth - 4:
+    while levels < min(support.depth - 4, MOST_LEVELS):
         costs.append(_cost(pieces, levels + 1, codec, options))
         if costs[-1] >= costs[-2]:
             break

@@ -13,6 +13,8 @@ from ..scene import ALPHA_OPAQUE
 from .atlas import Atlas, make_atlas
 from .atlas_system import AtlasSystem
 from .gaps import fill_gaps
+from .gutters import continue_over_borders
+SEAM=True
 
 
 @dataclass
@@ -49,6 +51,8 @@ def bake(texf: Any, texture_size: int | None = None, atlas: str | Atlas = "auto"
     if texf.has_alpha:
         fill_gaps(image[..., 3:], known)
         known = known & ~_invisible(texf, chosen, system.owner, image)
+    if SEAM:
+        known = known | continue_over_borders(image[..., :3], system.owner, texf.positions, texf.faces[chosen], system.texels)
     fill_gaps(image[..., :3], known)
     return Baked(atlas, image, list(atlas.warnings))
 

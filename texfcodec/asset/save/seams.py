@@ -39,6 +39,19 @@ def border_edges(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray
     """Edges of the surface that lie at two places of the images: (half-edges int64 [2, n], number 3 f + i from corner i of face f to
     the next, of one side and of the other; their UVs float64 [2, n, 2, 2], the same vertex first on both sides). Where more than
     two faces share an edge, each is compared with the next."""
+    half, ends = _shared_edges(positions, faces, corner_uv)
+    apart = _apart(ends) | (face_image[half[0] // 3] != face_image[half[1] // 3])
+    return half[:, apart], ends[:, apart]
+
+
+def inner_edges(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray) -> np.ndarray:
+    """Pairs of half-edges int64 [2, n], as of border_edges(), that lie at one place of the image: those inside its charts."""
+    half, ends = _shared_edges(positions, faces, corner_uv)
+    return half[:, ~_apart(ends)]
+
+
+def _shared_edges(positions, faces, corner_uv):
+    """All pairs of half-edges that are one edge of the surface, and their UVs: as border_edges()."""
     vertex = _welded(positions)[faces]
     start, end = vertex.ravel(), np.roll(vertex, -1, axis=1).ravel()
     low, high = np.minimum(start, end), np.maximum(start, end)
@@ -47,9 +60,11 @@ def border_edges(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray
     half = np.stack([order[:-1][shared], order[1:][shared]])
     face, corner = half // 3, half % 3
     ends = np.stack([corner_uv[face, corner], corner_uv[face, (corner + 1) % 3]], axis=2)
-    ends = np.where((start > end)[half][..., None, None], ends[:, :, ::-1], ends)
-    apart = (np.abs(ends[0] - ends[1]) > 1e-9).any(axis=(1, 2)) | (face_image[face[0]] != face_image[face[1]])
-    return half[:, apart], ends[:, apart]
+    return half, np.where((start > end)[half][..., None, None], ends[:, :, ::-1], ends)
+
+
+def _apart(ends):
+    return (np.abs(ends[0] - ends[1]) > 1e-9).any(axis=(1, 2))
 
 
 def _welded(positions):

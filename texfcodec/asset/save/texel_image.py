@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR
-from .bake import BLOCK, fill_gaps, to_bytes
+from .atlas_system import BLOCK
+from .bake import to_bytes
+from .gaps import fill_gaps
 
 
 def texel_image(texf: Any, number: int) -> np.ndarray:

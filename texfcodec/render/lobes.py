@@ -52,14 +52,41 @@ def fifth_power(cosine: np.ndarray) -> np.ndarray:
 
 def ggx_lights(n: np.ndarray, v: np.ndarray, nv: np.ndarray, alpha: np.ndarray, lights: Sequence[Light]) -> LightSums:
     """LightSums of GGX. alpha: [M], roughness squared."""
+    signed = dot(n, v)
+
     def lobe(light, towards, nl, along):
-        square = alpha * alpha + np.float32(max(light.radius / 2, MIN_ALPHA) ** 2)
-        nh = np.minimum((dot(n, v) + nl) / along, np.float32(1))
-        stretched = (1 - nh) * (1 + nh) + nh * nh * square
-        seen = nl * np.sqrt(nv * nv * (1 - square) + square) + nv * np.sqrt(nl * nl * (1 - square) + square)
-        return square * nl * (np.float32(0.5) * INV_PI) / (stretched * stretched * np.maximum(seen, np.float32(1e-7)))
+        return _ggx(_widened(alpha, light), (signed + nl) / along, nl, nv)
 
     return _summed(n, v, lights, lobe)
+
+
+def ggx_lights_through(n: np.ndarray, v: np.ndarray, nv: np.ndarray, alpha: np.ndarray, lights: Sequence[Light]) -> np.ndarray:
+    """Light [3, M] from behind a thin sheet, rough on this side: what GGX reflects of lights mirrored to the eye's side, before
+    Fresnel's law."""
+    out, signed = np.zeros((3, n.shape[1]), np.float32), dot(n, v)
+    for light in lights:
+        towards = light.direction.astype(np.float32)
+        behind = -dot(n, towards)
+        along = np.sqrt(np.maximum(2 + 2 * (dot(v, towards) + 2 * behind * signed), np.float32(1e-6)))
+        nl = np.maximum(behind, np.float32(0))
+        value = _ggx(_widened(alpha, light), (signed + nl) / along, nl, nv)
+        for channel, colour in zip(out, light.irradiance.astype(np.float32), strict=True):
+            channel += colour * value
+    return out
+
+
+def _widened(alpha, light):
+    """alpha squared, widened by the light: half its radius, because the half vector turns half as fast as the light."""
+    return alpha * alpha + np.float32(max(light.radius / 2, MIN_ALPHA) ** 2)
+
+
+def _ggx(square, nh, nl, nv):
+    """Distribution, masking and the light's cosine in one. The masking's denominator is at least alpha nv; it is kept from 0/0
+    where the light is below the surface."""
+    nh = np.minimum(nh, np.float32(1))
+    stretched = (1 - nh) * (1 + nh) + nh * nh * square
+    seen = nl * np.sqrt(nv * nv * (1 - square) + square) + nv * np.sqrt(nl * nl * (1 - square) + square)
+    return square * nl * (np.float32(0.5) * INV_PI) / (stretched * stretched * np.maximum(seen, np.float32(1e-7)))
 
 
 def ggx_lights_stretched(n: np.ndarray, v: np.ndarray, nv: np.ndarray, tangents: tuple, alphas: tuple,
@@ -69,7 +96,7 @@ def ggx_lights_stretched(n: np.ndarray, v: np.ndarray, nv: np.ndarray, tangents:
     tv, bv = (dot(direction, v) for direction in tangents)
 
     def lobe(light, towards, nl, along):
-        a, b = (np.sqrt(alpha * alpha + np.float32(max(light.radius / 2, MIN_ALPHA) ** 2)) for alpha in alphas)
+        a, b = (np.sqrt(_widened(alpha, light)) for alpha in alphas)
         tl, bl = (dot(direction, towards) for direction in tangents)
         nh, th, bh = (dot(n, v) + nl) / along, (tv + tl) / along, (bv + bl) / along
         stretched = (th / a) ** 2 + (bh / b) ** 2 + nh * nh

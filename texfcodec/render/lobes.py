@@ -25,12 +25,11 @@ SLICES = 48  # strata a side of the integrals behind each node
 @dataclass
 class LightSums:
     """What all lights give a point, summed with weights 1 - f and f, where f is Schlick's fifth power at the half vector: whatever
-    Fresnel's ends are, the lights are walked once. spec, spec_edge: the lobe; flat, flat_edge: cosine over pi; float32 [3, M]."""
+    Fresnel's ends are, the lights are walked once. spec, spec_edge: of the lobe; flat: cosine over pi, unweighed; float32 [3, M]."""
 
     spec: np.ndarray
     spec_edge: np.ndarray
     flat: np.ndarray
-    flat_edge: np.ndarray
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -107,19 +106,19 @@ def ggx_lights_stretched(n: np.ndarray, v: np.ndarray, nv: np.ndarray, tangents:
 
 
 def _summed(n, v, lights, lobe):
-    sums = np.zeros((4, 3, n.shape[1]), np.float32)
+    spec, spec_edge, flat = (np.zeros((3, n.shape[1]), np.float32) for _ in range(3))
     for light in lights:
         towards, colour = light.direction.astype(np.float32), light.irradiance.astype(np.float32)
         nl = np.maximum(dot(n, towards), np.float32(0))
         along = np.sqrt(np.maximum(2 + 2 * dot(v, towards), np.float32(1e-6)))  # of v + l: twice its cosine to either
-        edge = fifth_power(along * np.float32(0.5))
-        for pair, value in ((sums[:2], lobe(light, towards, nl, along)), (sums[2:], nl * INV_PI)):
-            weight = value * edge
-            value = value - weight
-            for channel in range(3):
-                pair[0, channel] += colour[channel] * value
-                pair[1, channel] += colour[channel] * weight
-    return LightSums(*sums)
+        value = lobe(light, towards, nl, along)
+        weight = value * fifth_power(along * np.float32(0.5))
+        value -= weight
+        for channel in range(3):
+            spec[channel] += colour[channel] * value
+            spec_edge[channel] += colour[channel] * weight
+            flat[channel] += colour[channel] * INV_PI * nl
+    return LightSums(spec, spec_edge, flat)
 
 
 def charlie_lights(n: np.ndarray, v: np.ndarray, nv: np.ndarray, alpha: np.ndarray, lights: Sequence[Light]) -> np.ndarray:

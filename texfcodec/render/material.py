@@ -82,9 +82,10 @@ def _base(surface, effects, environment):
         straight = f0 = terms.iridescence(surface, f0)
     lobe = terms.anisotropic_gloss(surface, environment) if "anisotropy" in effects else terms.gloss(surface, environment)
     strongest = straight.max(axis=0) if straight.ndim else straight
-    under = surface.base * terms.diffuse(surface, environment, lobe, strongest, f90)
+    lost = lobe.albedo(strongest, f90)
+    under = surface.base * terms.diffuse(surface, environment, lobe, lost)
     if not effects.isdisjoint(("transmission", "diffuse_transmission")):
-        under = _from_behind(surface, effects, environment, under, lobe.albedo(strongest, f90))
+        under = _from_behind(surface, effects, environment, under, lost)
     return (1 - surface.metallic) * under + lobe.light(f0, f90 + (1 - f90) * surface.metallic)
 
 

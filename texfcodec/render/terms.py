@@ -116,10 +116,10 @@ def iridescence(surface: Surface, f0: np.ndarray) -> np.ndarray:
     return f0 + (film - f0) * surface.scalar("iridescence")
 
 
-def diffuse(surface: Surface, environment: Environment, lobe: Gloss, f0: np.ndarray, f90: np.ndarray) -> np.ndarray:
-    """Light [3, m] that a white diffuse surface gives under a dielectric interface. f0: [m], the strongest channel; f90: [m]."""
-    sky = environment.irradiance(surface.normal) * (surface.sky_share * (1 - lobe.albedo(f0, f90)))
-    return sky + (1 - f0) * lobe.lights.flat + (1 - f90) * lobe.lights.flat_edge
+def diffuse(surface: Surface, environment: Environment, lobe: Gloss, lost: np.ndarray) -> np.ndarray:
+    """Light [3, m] that a white diffuse surface gives under a dielectric interface. lost: [m], what the interface reflects of a white
+    sky. glTF takes Fresnel's law at each half vector for it, which gives more light than there is where views are steep."""
+    return (environment.irradiance(surface.normal) * surface.sky_share + lobe.lights.flat) * (1 - lost)
 
 
 def diffuse_transmission(surface: Surface, environment: Environment, under: np.ndarray, lost: np.ndarray,

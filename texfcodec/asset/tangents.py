@@ -1,0 +1,77 @@
+"""Tangents of face corners, for normal maps of files that bring none: what glTF asks for, MikkTSpace, up to how it splits groups.
+
+A corner's tangent is the direction along which u grows, laid into the plane of its normal, averaged over the faces that meet there
+with the same position, UV and normal, weighed by their angles. Charts seen from behind (mirrored) are averaged on their own.
+"""
+
+import numpy as np
+
+FLAT = 1e-30  # what is shorter, in world units or products of UVs, has no direction
+
+
+def corner_tangents(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, corner_normal: np.ndarray) -> np.ndarray:
+    """Unit tangents float32 [F, 3, 4] of every face corner, orthogonal to its normal; the last column is the bitangent's sign, 1 or
+    -1: the bitangent is cross(normal, tangent) times it and points where v falls, as glTF counts v downwards.
+
+    positions: float64 [V, 3]; faces: int64 [F, 3]; corner_uv: float64 [F, 3, 2]; corner_normal: float32 [F, 3, 3], unit. Where the
+    UVs give no direction (no area, not finite) a corner has some tangent orthogonal to its normal and sign 1.
+    """
+    corners = _finite(positions)[faces]
+    uv, normal = _finite(corner_uv), _unit(_finite(corner_normal).reshape(-1, 3))[0]
+    along, sign = _face_tangents(corners, uv)
+    flat, is_direction = _unit(_within(np.repeat(along, 3, axis=0), normal))
+    weight = np.where(is_direction, _angles(corners, normal), 0)
+    group = _groups(corners.reshape(-1, 3), uv.reshape(-1, 2), normal, np.repeat(sign, 3))
+    total = np.stack([np.bincount(group, weight * flat[:, k]) for k in range(3)], axis=1) if len(group) else np.zeros((0, 3))
+    tangent, is_direction = _unit(_within(total[group], normal))
+    tangent[~is_direction] = _across(normal[~is_direction])
+    handed = np.where(is_direction & (np.repeat(sign, 3) < 0), -1.0, 1.0)
+    return np.column_stack([tangent, handed]).astype(np.float32).reshape(-1, 3, 4)
+
+
+def _finite(values):
+    return np.nan_to_num(np.asarray(values, np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+
+
+def _face_tangents(corners, uv):
+    """Directions [F, 3] along which u grows, unit or zero, and the sign [F] of the chart with v upwards: 1, -1, 0 without area."""
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    (u1, v1), (u2, v2) = (uv[:, 1] - uv[:, 0]).T, (uv[:, 2] - uv[:, 0]).T
+    sign = np.sign(u2 * v1 - u1 * v2)
+    along, is_direction = _unit((v2[:, None] * first - v1[:, None] * second) * -sign[:, None])
+    return along, np.where(is_direction, sign, 0)
+
+
+def _angles(corners, normal):
+    """Angles [3 F] at the corners, between the edges laid into the plane of the normal."""
+    normal = normal.reshape(-1, 3, 3)
+    edges = [_unit(_within(np.roll(corners, -turn, axis=1) - corners, normal))[0] for turn in (1, 2)]
+    return np.arccos(np.clip(np.einsum("fck,fck->fc", *edges), -1, 1)).ravel()
+
+
+def _groups(*columns):
+    """Number int64 [N] of each row's group: rows of all columns are equal by value."""
+    group = np.zeros(len(columns[0]), np.int64)
+    for column in np.column_stack(columns).T:
+        group = np.unique(group * (len(group) + 1) + np.unique(column, return_inverse=True)[1], return_inverse=True)[1]
+    return group
+
+
+def _within(vectors, normal):
+    """What is left of vectors in the plane of the normals."""
+    return vectors - np.sum(vectors * normal, axis=-1, keepdims=True) * normal
+
+
+def _unit(vectors):
+    """Vectors of length 1, or 0 for those too short for a direction, and whether each has one."""
+    largest = np.abs(vectors).max(axis=-1, keepdims=True)  # first, so that no square is out of range
+    scaled = vectors / np.where(largest > FLAT, largest, 1)
+    length = np.sqrt(np.sum(scaled * scaled, axis=-1, keepdims=True))
+    is_direction = (largest > FLAT) & (length > 0)
+    return np.where(is_direction, scaled / np.where(is_direction, length, 1), 0.0), is_direction[..., 0]
+
+
+def _across(normal):
+    """Some unit direction orthogonal to each normal [N, 3]; x for a normal without length."""
+    axis = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
+    return _unit(_within(axis, normal))[0]

@@ -1,0 +1,208 @@
+"""How a rough surface reflects: microfacet lobes under directional lights, and their integrals under a sky.
+
+Arrays are float32, [M] or [3, M], one column per point. n: unit normal, v: unit direction to the eye, nv: their cosine kept above
+LEAST. GGX with the height-correlated masking of Smith and Fresnel's law after Schlick is the model of glTF 2.0, appendix B; Charlie
+with the visibility of Neubelt and Pettineo is that of KHR_materials_sheen. Both are what the tables below integrate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from .environment import MIN_ALPHA, Light
+from .look_up import look_up
+
+LEAST = np.float32(1e-3)  # cosine of the steepest view; steeper ones, and normals that face away, count as this
+INV_PI = np.float32(1 / np.pi)
+COSINES, ROUGHNESSES = 48, 32  # nodes of the tables; cosines stand at squares, close together where views are steep
+SLICES = 48  # strata a side of the integrals behind each node
+
+
+@dataclass
+class LightSums:
+    """What all lights give a point, summed with weights 1 - f and f, where f is Schlick's fifth power at the half vector: whatever
+    Fresnel's ends are, the lights are walked once. spec, spec_edge: of the lobe; flat: cosine over pi, unweighed; float32 [3, M]."""
+
+    spec: np.ndarray
+    spec_edge: np.ndarray
+    flat: np.ndarray
+
+
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Scalar products [M] of [3, M] and [3, M] or [3]."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def reflected(n: np.ndarray, v: np.ndarray, cosine: np.ndarray) -> np.ndarray:
+    """Directions [3, M] of mirrors; cosine: n . v [M], signed."""
+    return 2 * cosine * n - v
+
+
+def fifth_power(cosine: np.ndarray) -> np.ndarray:
+    """(1 - cosine)^5, cosine clamped to 0..1: Schlick's weight of the reflectance at grazing angles."""
+    rest = 1 - np.minimum(np.maximum(cosine, np.float32(0)), np.float32(1))
+    square = rest * rest
+    return square * square * rest
+
+
+def ggx_lights(n: np.ndarray, v: np.ndarray, nv: np.ndarray, alpha: np.ndarray, lights: Sequence[Light]) -> LightSums:
+    """LightSums of GGX. alpha: [M], roughness squared."""
+    signed = dot(n, v)
+
+    def lobe(light, towards, nl, along):
+        return _ggx(_widened(alpha, light), (signed + nl) / along, nl, nv)
+
+    return _summed(n, v, lights, lobe)
+
+
+def ggx_lights_through(n: np.ndarray, v: np.ndarray, nv: np.ndarray, alpha: np.ndarray, lights: Sequence[Light]) -> np.ndarray:
+    """Light [3, M] from behind a thin sheet, rough on this side: what GGX reflects of lights mirrored to the eye's side, before
+    Fresnel's law."""
+    out, signed = np.zeros((3, n.shape[1]), np.float32), dot(n, v)
+    for light in lights:
+        towards = light.direction.astype(np.float32)
+        behind = -dot(n, towards)
+        along = np.sqrt(np.maximum(2 + 2 * (dot(v, towards) + 2 * behind * signed), np.float32(1e-6)))
+        nl = np.maximum(behind, np.float32(0))
+        value = _ggx(_widened(alpha, light), (signed + nl) / along, nl, nv)
+        for channel, colour in zip(out, light.irradiance.astype(np.float32), strict=True):
+            channel += colour * value
+    return out
+
+
+def _widened(alpha, light):
+    """alpha squared, widened by the light: half its radius, because the half vector turns half as fast as the light."""
+    return alpha * alpha + np.float32(max(light.radius / 2, MIN_ALPHA) ** 2)
+
+
+def _ggx(square, nh, nl, nv):
+    """Distribution, masking and the light's cosine in one. The masking's denominator is at least alpha nv; it is kept from 0/0
+    where the light is below the surface."""
+    nh = np.minimum(nh, np.float32(1))
+    stretched = (1 - nh) * (1 + nh) + nh * nh * square
+    seen = nl * np.sqrt(nv * nv * (1 - square) + square) + nv * np.sqrt(nl * nl * (1 - square) + square)
+    return square * nl * (np.float32(0.5) * INV_PI) / (stretched * stretched * np.maximum(seen, np.float32(1e-7)))
+
+
+def ggx_lights_stretched(n: np.ndarray, v: np.ndarray, nv: np.ndarray, tangents: tuple, alphas: tuple,
+                         lights: Sequence[Light]) -> LightSums:
+    """As ggx_lights() with an alpha of its own along each of two tangents. tangents: two unit directions [3, M], orthogonal to n and
+    to each other; alphas: two [M]."""
+    tv, bv = (dot(direction, v) for direction in tangents)
+
+    def lobe(light, towards, nl, along):
+        a, b = (np.sqrt(_widened(alpha, light)) for alpha in alphas)
+        tl, bl = (dot(direction, towards) for direction in tangents)
+        nh, th, bh = (dot(n, v) + nl) / along, (tv + tl) / along, (bv + bl) / along
+        stretched = (th / a) ** 2 + (bh / b) ** 2 + nh * nh
+        seen = nl * np.sqrt((a * tv) ** 2 + (b * bv) ** 2 + nv * nv) + nv * np.sqrt((a * tl) ** 2 + (b * bl) ** 2 + nl * nl)
+        return nl * (np.float32(0.5) * INV_PI) / (a * b * stretched * stretched * np.maximum(seen, np.float32(1e-7)))
+
+    return _summed(n, v, lights, lobe)
+
+
+def _summed(n, v, lights, lobe):
+    spec, spec_edge, flat = (np.zeros((3, n.shape[1]), np.float32) for _ in range(3))
+    for light in lights:
+        towards, colour = light.direction.astype(np.float32), light.irradiance.astype(np.float32)
+        nl = np.maximum(dot(n, towards), np.float32(0))
+        along = np.sqrt(np.maximum(2 + 2 * dot(v, towards), np.float32(1e-6)))  # of v + l: twice its cosine to either
+        value = lobe(light, towards, nl, along)
+        weight = value * fifth_power(along * np.float32(0.5))
+        value -= weight
+        for channel in range(3):
+            spec[channel] += colour[channel] * value
+            spec_edge[channel] += colour[channel] * weight
+            flat[channel] += colour[channel] * INV_PI * nl
+    return LightSums(spec, spec_edge, flat)
+
+
+def charlie_lights(n: np.ndarray, v: np.ndarray, nv: np.ndarray, alpha: np.ndarray, lights: Sequence[Light]) -> np.ndarray:
+    """Light [3, M] that Charlie's lobe of white cloth sends to the eye. alpha: [M], at least MIN_CHARLIE squared."""
+    out = np.zeros((3, n.shape[1]), np.float32)
+    inverse = 1 / alpha
+    for light in lights:
+        towards = light.direction.astype(np.float32)
+        nl = np.maximum(dot(n, towards), np.float32(0))
+        along = np.sqrt(np.maximum(2 + 2 * dot(v, towards), np.float32(1e-6)))
+        value = _charlie(np.minimum((dot(n, v) + nl) / along, np.float32(1)), inverse, nl, nv) * nl
+        for channel, colour in zip(out, light.irradiance.astype(np.float32), strict=True):
+            channel += colour * value
+    return out
+
+
+MIN_CHARLIE = 0.1  # sheen roughness below this counts as this: the lobe is a rim of less than a pixel
+
+
+def _charlie(nh, inverse, nl, nv):
+    sine = np.sqrt(np.maximum((1 - nh) * (1 + nh), 1e-8))
+    return (2 + inverse) * sine**inverse / (2 * np.pi) / np.maximum(4 * (nl + nv - nl * nv), 1e-6)
+
+
+def ggx_integral(nv: np.ndarray, roughness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(a, b) float32 [M] each: under a white sky GGX reflects f0 a + f90 b. nv: cosine of the view; roughness: of glTF, 0..1."""
+    a, b = look_up(_ggx_table(), np.sqrt(nv), roughness)
+    return a, b
+
+
+def charlie_integral(nv: np.ndarray, roughness: np.ndarray) -> np.ndarray:
+    """The share float32 [M] of a white sky that white cloth reflects; at most 1."""
+    return look_up(_charlie_table(), np.sqrt(nv), roughness)[0]
+
+
+def build_tables() -> None:
+    """Makes the tables now, so that threads only read."""
+    _ = _ggx_table(), _charlie_table()
+
+
+@lru_cache(maxsize=1)
+def _ggx_table():
+    """[COSINES, ROUGHNESSES, 2]. Half vectors come from the distribution of those the eye sees, drawn as Heitz does (Sampling the
+    GGX distribution of visible normals, 2018): a disc, lifted on a half sphere, stretched. Weights are then the masking of the
+    light alone, times Schlick's."""
+    u, phi = _strata()
+    side, up = np.sqrt(u) * np.cos(phi - np.pi / 2), np.sqrt(u) * np.sin(phi - np.pi / 2)
+    table = np.empty((COSINES, ROUGHNESSES, 2))
+    for i, nv in enumerate(_node_cosines()):
+        for j, roughness in enumerate(np.linspace(0, 1, ROUGHNESSES)):
+            alpha, flat = max(roughness**2, MIN_ALPHA), np.sqrt(1 - nv * nv)
+            x, z = np.array([alpha * flat, nv]) / np.hypot(alpha * flat, nv)
+            lifted = (1 - z) / 2 * np.sqrt(1 - side * side) + (1 + z) / 2 * up
+            high = np.sqrt(np.maximum(1 - side * side - lifted * lifted, 0))
+            half = np.array([alpha * (high * x - lifted * z), alpha * side, np.maximum(lifted * x + high * z, 0)])
+            half /= np.linalg.norm(half, axis=0)
+            vh = half[0] * flat + half[2] * nv
+            nl = np.clip(2 * vh * half[2] - nv, 1e-9, 1)
+            eye, light = (0.5 * np.sqrt(1 + alpha**2 * (1 / c**2 - 1)) + 0.5 for c in (nv, nl))  # 1 + Smith's lambda
+            weight = np.where(2 * vh * half[2] > nv, eye / (eye + light - 1), 0)
+            edge = (1 - np.clip(vh, 0, 1)) ** 5
+            table[i, j] = np.mean(weight * (1 - edge)), np.mean(weight * edge)
+    return table.astype(np.float32)
+
+
+@lru_cache(maxsize=1)
+def _charlie_table():
+    """[COSINES, ROUGHNESSES, 1], by strata over the hemisphere of lights whose cosine is a square: the lobe lies at its rim."""
+    t, phi = _strata()
+    nl, sine = t * t, np.sqrt(1 - t**4)
+    table = np.empty((COSINES, ROUGHNESSES, 1))
+    for i, nv in enumerate(_node_cosines()):
+        along = np.sqrt(2 + 2 * (nv * nl + np.sqrt(1 - nv * nv) * sine * np.cos(phi)))
+        nh = np.minimum((nv + nl) / along, 1)
+        for j, roughness in enumerate(np.linspace(0, 1, ROUGHNESSES)):
+            table[i, j] = min(np.mean(_charlie(nh, 1 / max(roughness, MIN_CHARLIE) ** 2, nl, nv) * 4 * np.pi * t**3), 1)
+    return table.astype(np.float32)
+
+
+def _strata():
+    """Even squares of u in 0..1 and phi in 0..pi, as two rows; the other half turn is their mirror image."""
+    u, phi = np.meshgrid((np.arange(SLICES) + 0.5) / SLICES, (np.arange(SLICES // 2) + 0.5) / (SLICES // 2) * np.pi)
+    return u.ravel(), phi.ravel()
+
+
+def _node_cosines():
+    return np.maximum(np.linspace(0, 1, COSINES) ** 2, float(LEAST))

@@ -1,0 +1,31 @@
+"""Smooth functions of two variables as small tables: made once by quadrature, asked by bilinear interpolation."""
+
+import numpy as np
+
+from ..ground.kernel import kernel
+
+
+@kernel(allocates=False)
+def _bilinear(table, x, y, out):
+    """out [K, M] of table [X, Y, K] at x, y in 0..1; what is outside counts as the border, NaN as 0."""
+    last_x, last_y = table.shape[0] - 1, table.shape[1] - 1
+    for i in range(x.shape[0]):
+        u, v = x[i] * np.float32(last_x), y[i] * np.float32(last_y)
+        u = min(u, np.float32(last_x)) if u > 0 else np.float32(0)
+        v = min(v, np.float32(last_y)) if v > 0 else np.float32(0)
+        a, b = min(np.int64(u), last_x - 1), min(np.int64(v), last_y - 1)
+        fu, fv = u - np.float32(a), v - np.float32(b)
+        for k in range(table.shape[2]):
+            low = table[a, b, k] + fu * (table[a + 1, b, k] - table[a, b, k])
+            high = table[a, b + 1, k] + fu * (table[a + 1, b + 1, k] - table[a, b + 1, k])
+            out[k, i] = low + fv * (high - low)
+
+
+def look_up(table: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Bilinear values float32 [K, M]. table: float32 [X, Y, K], X and Y at least 2, its ends at 0 and 1; x, y: float32 [M], clamped
+    to 0..1, NaN counts as 0. Raises ValueError for shapes that do not fit."""
+    if table.ndim != 3 or min(table.shape[:2]) < 2 or x.ndim != 1 or x.shape != y.shape:
+        raise ValueError(f"table {table.shape} and places {x.shape}, {y.shape} do not fit")
+    out = np.empty((table.shape[2], len(x)), np.float32)
+    _bilinear(table, np.ascontiguousarray(x, np.float32), np.ascontiguousarray(y, np.float32), out)
+    return out

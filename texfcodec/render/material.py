@@ -1,0 +1,98 @@
+"""Lit colours of surface points: glTF's metallic-roughness model with the effects that each material uses, and their coding.
+
+Points are walked in groups whose materials use the same effects, and a group calls only the terms of its effects: what no material
+in view uses is never computed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..asset.srgb import linear_to_srgb
+from ..ground.threads import over_blocks
+from . import terms
+from .effects import UNLIT, ShadingTable
+from .environment import Environment
+from .lobes import build_tables
+from .surface import Points, Surface
+
+BLOCK = 1 << 14  # points at a time: the columns of one term stay in the cache
+
+
+def shade(points: Points, table: ShadingTable, environment: Environment, threads: int = 1) -> np.ndarray:
+    """Linear RGB radiance float32 [M, 3], finite and not negative, of points towards the eye.
+
+    Unlit materials give their base colour over the environment's exposure, so that expose() gives it back. The result does not
+    depend on threads. Raises IndexError for a material that the table does not hold.
+    """
+    material = points.material
+    if len(material) and (material.min() < 0 or material.max() >= len(table.effects)):
+        raise IndexError("material index outside the table")
+    out = np.empty((len(material), 3), np.float32)
+    if table.is_lit:
+        environment.build()
+        build_tables()
+    kinds = sorted({tuple(sorted(effects)) for effects in table.effects})
+    kind_of = np.array([kinds.index(tuple(sorted(effects))) for effects in table.effects], np.int64)
+    which = kind_of[material] if len(kinds) > 1 else None
+    for number, kind in enumerate(kinds):
+        members = None if which is None else np.flatnonzero(which == number)
+
+        def one(begin, kind=frozenset(kind), members=members):
+            chosen = slice(begin, begin + BLOCK) if members is None else members[begin : begin + BLOCK]
+            out[chosen] = _radiance(Surface(points, table, chosen), kind, environment).T
+
+        over_blocks(one, len(material) if members is None else len(members), BLOCK, threads)
+    return out
+
+
+def expose(radiance: np.ndarray, exposure: float = 1.0) -> np.ndarray:
+    """Radiance [M, 3] as sRGB-coded colour float32 [M, 3], 0..255: multiplied with exposure, clamped at 1, coded; no film curve, so
+    that a difference of pictures is one of light. NaN counts as 0."""
+    out = np.empty(radiance.shape, np.float32)
+    for begin in range(0, len(radiance), BLOCK):
+        part = slice(begin, begin + BLOCK)
+        light = np.fmin(np.fmax(radiance[part] * np.float32(exposure), np.float32(0)), np.float32(1))
+        out[part] = 255 * linear_to_srgb(light)
+    return out
+
+
+def _radiance(surface, effects, environment):
+    """Radiance [3, m] of points with the same effects."""
+    if effects == UNLIT:
+        return surface.base / np.float32(environment.exposure)
+    surface.stand()
+    if "occlusion" in effects:
+        terms.occlusion(surface)
+    total = _base(surface, effects, environment)
+    if "sheen" in effects:
+        total = terms.sheen(surface, environment, total)
+    if "emission" in effects:
+        total = terms.emission(surface, total)
+    if "clearcoat" in effects:
+        total = terms.clearcoat(surface, environment, total)
+    return total
+
+
+def _base(surface, effects, environment):
+    """The base layer: metal and what is no metal, mixed."""
+    straight, f90 = terms.specular(surface) if "specular" in effects else (terms.DIELECTRIC, np.float32(1))
+    f0 = straight + (surface.base - straight) * surface.metallic
+    if "iridescence" in effects:
+        straight = f0 = terms.iridescence(surface, f0)
+    lobe = terms.anisotropic_gloss(surface, environment) if "anisotropy" in effects else terms.gloss(surface, environment)
+    strongest = straight.max(axis=0) if straight.ndim else straight
+    lost = lobe.albedo(strongest, f90)
+    under = surface.base * terms.diffuse(surface, environment, lobe, lost)
+    if not effects.isdisjoint(("transmission", "diffuse_transmission")):
+        under = _from_behind(surface, effects, environment, under, lost)
+    return (1 - surface.metallic) * under + lobe.light(f0, f90 + (1 - f90) * surface.metallic)
+
+
+def _from_behind(surface, effects, environment, under, lost):
+    tint = terms.volume(surface) if "volume" in effects else None
+    if "diffuse_transmission" in effects:
+        under = terms.diffuse_transmission(surface, environment, under, lost, tint)
+    if "transmission" in effects:
+        under = terms.transmission(surface, environment, under, lost, tint, "dispersion" in effects)
+    return under

@@ -1,0 +1,120 @@
+"""Points to be shaded: as a caller hands them over, and one run of them as the terms take them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .effects import LARGEST, ShadingTable
+from .lobes import LEAST, dot
+
+UNBOUNDED = frozenset({"emissive", "thickness"})  # channels whose final values may be above 1
+
+
+@dataclass(kw_only=True)
+class Points:
+    """M surface points that a camera sees.
+
+    material: int64 [M] into the table; normal: float32 [M, 3] world, of shading, with the normal map; view: float32 [M, 3] from the
+    point to the eye; values: channel name -> float32 [M, C], final (ShadingTable.final), linear; a channel that is not there holds
+    ShadingTable.constant everywhere; of a channel that is, the caller fills in the constant where a material has no map.
+    tangent: float32 [M, 4] world and handedness, asked only for anisotropy; coat_normal: float32 [M, 3] of the clear coat, which glTF
+    leaves without the base's normal map; without it the coat takes normal.
+    Directions of any length; one that is zero or not finite counts as the view, and such a view as +z. In values, NaN and what is
+    negative count as 0, what is above 1 as 1 (emissive and thickness as LARGEST).
+    """
+
+    material: np.ndarray
+    normal: np.ndarray
+    view: np.ndarray
+    values: dict[str, np.ndarray] = field(default_factory=dict)
+    tangent: np.ndarray | None = None
+    coat_normal: np.ndarray | None = None
+
+
+class Surface:
+    """A run of points whose materials use the same effects: float32, one column per point.
+
+    normal, view: [3, m] unit; cosine: [m] between them, signed; nv: the same, at least LEAST; base: [3, m]; metallic, roughness: [m].
+    """
+
+    def __init__(self, points: Points, table: ShadingTable, chosen: slice | np.ndarray) -> None:
+        self._points, self._table, self._chosen = points, table, chosen
+        self.material = points.material[chosen]
+        self.base = self.value("base_colour")
+
+    def stand(self) -> None:
+        """Reads what every lit point needs beyond its colour."""
+        up = np.zeros((3, len(self.material)), np.float32)
+        up[2] = 1
+        self.view = unit(self._points.view[self._chosen], up)
+        self.normal = unit(self._points.normal[self._chosen], self.view)
+        self.cosine = dot(self.normal, self.view)
+        self.nv = np.maximum(self.cosine, LEAST)
+        self.metallic, self.roughness = self.scalar("metallic"), self.scalar("roughness")
+        self.sky_share: np.ndarray | np.float32 = np.float32(1)
+
+    def value(self, name: str) -> np.ndarray:
+        """A channel's values [C, m]."""
+        given = self._points.values.get(name)
+        if given is None:
+            return np.ascontiguousarray(self._table.constant(name, self.material).T)
+        columns = np.ascontiguousarray(given[self._chosen].T, np.float32)
+        return np.fmin(np.fmax(columns, np.float32(0)), np.float32(LARGEST if name in UNBOUNDED else 1))
+
+    def scalar(self, name: str) -> np.ndarray:
+        """The only component [m] of a channel."""
+        return self.value(name)[0]
+
+    def parameter(self, name: str) -> np.ndarray:
+        """A parameter's values [C, m]."""
+        return self._table.values[name][self.material].T
+
+    def coat_normal(self) -> np.ndarray:
+        """Unit normals [3, m] of the clear coat."""
+        given = self._points.coat_normal
+        return self.normal if given is None else unit(given[self._chosen], self.view)
+
+    def tangents(self) -> tuple[np.ndarray, np.ndarray]:
+        """Unit tangent and bitangent [3, m], orthogonal to the normal; any such pair where the points have no usable tangent."""
+        given = self._points.tangent
+        n = self.normal
+        side = _across(n)
+        if given is None:
+            return side, cross(n, side)
+        columns = np.ascontiguousarray(given[self._chosen].T, np.float32)
+        raw = unit(columns[:3].T, np.zeros_like(n))
+        flat = raw - dot(n, raw) * n
+        tangent = np.where(dot(flat, flat) > 1e-6, flat, side)
+        tangent /= np.sqrt(dot(tangent, tangent))
+        return tangent, cross(n, tangent) * np.where(columns[3] < 0, np.float32(-1), np.float32(1))
+
+
+def unit(rows: np.ndarray, instead: np.ndarray) -> np.ndarray:
+    """Rows [m, 3] as unit columns float32 [3, m]; where a row is zero or not finite, the column of `instead` [3, m]."""
+    columns = np.ascontiguousarray(rows.T, np.float32)
+    with np.errstate(over="ignore", invalid="ignore"):
+        square = dot(columns, columns)
+        odd = ~((square > 1e-20) & (square < 1e20))
+        columns = columns / np.sqrt(np.where(odd, np.float32(1), square))
+    if odd.any():
+        place = np.flatnonzero(odd)
+        exact = rows[place].astype(np.float64)
+        length = np.linalg.norm(np.where(np.isfinite(exact), exact, 0), axis=1)
+        good = np.isfinite(exact).all(axis=1) & (length > 0)
+        exact = np.divide(exact, length[:, None], out=instead[:, place].T.astype(np.float64), where=good[:, None])
+        columns[:, place] = exact.T
+    return columns
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Vector products [3, M]."""
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def _across(n):
+    """Some unit direction [3, m] orthogonal to each normal."""
+    axis = np.where(np.abs(n[0]) < 0.7, np.array([[1], [0], [0]], np.float32), np.array([[0], [1], [0]], np.float32))
+    side = axis - dot(n, axis) * n
+    return side / np.sqrt(dot(side, side))

@@ -42,6 +42,9 @@ class Scene:
     positions: float64 [V, 3]; faces: int64 [F, 3] into positions; face_material: int64 [F] into materials.
     corner_uv: float64 [F, 3, 2], texture transform already applied, v downwards (glTF); zeros where unused.
     corner_color: float32 [F, 3, 4] linear RGBA multiplier, or None where no face has vertex colours.
+    corner_normal: float32 [F, 3, 3] shading normals of length 1, or None where the file says nothing of them; flat: what that means
+    then, faces that are shaded flat (glTF), or smooth ones (all other formats).
+    corner_tangent: float32 [F, 3, 4] of glTF's TANGENT, zero where there is none, or None.
     metadata: JSON-able dict (names, extras) that travels opaquely.
     warnings / dropped: one sentence each / names of the maps and properties that are not coded.
     files: {path: bytes} of every file it was read from, the mesh file first; empty for one made in memory.
@@ -58,6 +61,9 @@ class Scene:
     warnings: list = field(default_factory=list)
     dropped: list = field(default_factory=list)
     files: dict = field(default_factory=dict)
+    corner_normal: np.ndarray | None = None
+    corner_tangent: np.ndarray | None = None
+    flat: bool = False
 
     def __repr__(self):
         return f"<Scene: {len(self.faces)} faces, {len(self.materials)} materials, {len(self.textures)} textures>"

@@ -1,63 +1,34 @@
 """Shading normals by rule: which faces around a vertex a corner's normal is made of, and how much each counts (spec clause 8.4).
 
-A rule looks at the lattice alone, across the borders of units, fields and materials, which are no creases. Where vertices carry
-smoothing groups of their own (geometry.unit), these say which faces belong together, and the rule only how they are weighed.
+A rule looks across the borders of units, fields and materials, which are no creases.
 """
 
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
+from ..geometry.edges import Edges, shared_edges, weld
 from ..ground.kernel import kernel
+from .normal_rule import AREA, JOINED, MARKED, MOST_ANGLE, PAIRS, USUAL, NormalRule
 
-PAIRS, JOINED = range(2)
-AREA, ANGLE, BOTH = range(3)
-WEIGHT_NAMES = ("area", "corner angle", "area and corner angle")
 MOST_FACES = 256  # at a vertex, for pairs: their time grows with the square; beyond that every face keeps its own normal
-MOST_AT_EDGE = 8  # faces; an edge of more joins none
 STEPS = 2048  # of a component of a normal, so that equal ones merge
 _CANCELLED = 1e-9  # of the weight that a sum keeps, below which it has no direction
 
 
-class NormalRule(NamedTuple):
-    """kind: PAIRS, a corner's normal is the mean over the faces around its vertex that are within the angle of its own; or JOINED,
-    over those that it reaches over edges at which faces are within the angle. weight: AREA of a face, ANGLE of its corner at the
-    vertex, or BOTH as a product. angle: whole degrees 0..180; 0 is flat."""
-
-    kind: int
-    weight: int
-    angle: int
-
-    @property
-    def cosine(self) -> float:
-        """Least cosine of two normals that are within the angle; a little below it, so that 90 means right angles too."""
-        return float(np.cos(np.radians(self.angle))) - 1e-9
-
-    def __str__(self) -> str:
-        if self.angle == 0:
-            return "flat"
-        how = "pairs of faces" if self.kind == PAIRS else "faces joined over edges"
-        return f"{how} within {self.angle} degrees, by {WEIGHT_NAMES[self.weight]}"
-
-
-FLAT = NormalRule(PAIRS, AREA, 0)
-USUAL = NormalRule(PAIRS, AREA, 45)
-
-
 @kernel
-def _paired(corners, vertex, ring, face_unit, weights, rules, out):
-    """out float64 [N, 3]: for each of `corners`, the weighed sum of the normals around its vertex that are within its rule's angle.
+def _paired(corners, vertex, ring, face_unit, weight, cosine, out):
+    """out float64 [N, 4]: for each of `corners`, the weighed sum of the normals around its vertex that are within the angle, and of
+    their weights.
 
-    ring: (first int64 [V + 1], ranges of corner_of int64 [C], the corners 3 f + c around each vertex); rules: (least cosine
-    float64 [N], weight int64 [N]) of each corner; weights: float64 [3, C].
+    ring: (first int64 [V + 1], ranges of corner_of int64 [C], the corners 3 f + c around each vertex); weight: float64 [C]; cosine:
+    the least of two normals that are within the angle.
     """
     first, corner_of = ring
-    cosine, weight = rules
     for i in range(corners.shape[0]):
-        a, kind = corners[i] // 3, weight[i]
+        a = corners[i] // 3
         low, high = first[vertex[corners[i]]], first[vertex[corners[i]] + 1]
-        few = high - low <= MOST_FACES or cosine[i] <= -1.0
+        few = high - low <= MOST_FACES or cosine <= -1.0  # then every other face counts, whatever its normal
         for j in range(low, high):
             c = corner_of[j]
             b = c // 3
@@ -66,10 +37,11 @@ def _paired(corners, vertex, ring, face_unit, weights, rules, out):
                 dot = 0.0
                 for k in range(3):
                     dot += face_unit[a, k] * face_unit[b, k]
-                near = dot >= cosine[i]
+                near = dot >= cosine
             if near:
                 for k in range(3):
-                    out[i, k] += weights[kind, c] * face_unit[b, k]
+                    out[i, k] += weight[c] * face_unit[b, k]
+                out[i, 3] += weight[c]
 
 
 @kernel
@@ -95,12 +67,11 @@ class Fans:
     """The corners 3 f + c around each vertex of a surface, and what rules ask of them. Vertices at one position count as one.
 
     lattice: int64 [V, 3] below 2**20; faces: int64 [F, 3]. vertex: int64 [3 F]; unit: float64 [F, 3] normals, 0 without area;
-    weights: float64 [3, 3 F] by AREA, ANGLE, BOTH.
+    weights: float64 [3, 3 F] by AREA, ANGLE and BOTH; area: float64 [F], doubled.
     """
 
     def __init__(self, lattice: np.ndarray, faces: np.ndarray) -> None:
-        packed = lattice[:, 0] | (lattice[:, 1] << 21) | (lattice[:, 2] << 42)
-        self.vertex = np.unique(packed, return_inverse=True)[1].reshape(-1)[faces].ravel()
+        self.vertex = weld(lattice)[faces].ravel()
         corners = lattice[faces].astype(np.float64)
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         area = np.linalg.norm(normal, axis=1)
@@ -117,63 +88,64 @@ class Fans:
         return first, corner_of
 
     @cached_property
-    def links(self) -> tuple[np.ndarray, np.ndarray]:
-        """(pairs of corners at one end of an edge that two faces share, int64 [L, 2], the cosine between their normals [L])."""
-        start = np.arange(len(self.vertex))
-        stop = start - start % 3 + (start + 1) % 3
-        a, b = self.vertex[start], self.vertex[stop]
-        key = np.minimum(a, b) * (int(self.vertex.max(initial=0)) + 1) + np.maximum(a, b)
-        order = np.argsort(key, kind="stable")
-        key = key[order]
-        at = np.searchsorted(key, key, "left")
-        few = np.searchsorted(key, key, "right") - at <= MOST_AT_EDGE
-        found = []
-        for step in range(1, MOST_AT_EDGE):
-            one = np.flatnonzero((key[step:] == key[:-step]) & few[step:]) if step < len(key) else np.zeros(0, np.int64)
+    def edges(self) -> Edges:
+        """Edges that faces share."""
+        return shared_edges(self.vertex.reshape(-1, 3))
+
+    @cached_property
+    def links(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(pairs of corners at one end of an edge that two faces share, int64 [L, 2]; the cosine between their normals, float64
+        [L]; the edge, int64 [L]). All pairs of faces at an edge are there, so that their order has no influence."""
+        half, edge, found, at = self.edges.half, self.edges.edge, [np.zeros((0, 2), np.int64)], [np.zeros(0, np.int64)]
+        other = half - half % 3 + (half + 1) % 3
+        for step in range(1, len(half)):
+            one = np.flatnonzero(edge[step:] == edge[:-step])
             if not len(one):
                 break
-            left, right = order[one], order[one + step]
-            same = self.vertex[left] == self.vertex[right]
-            found.append(np.stack([left, np.where(same, right, stop[right])], 1))
-            found.append(np.stack([stop[left], np.where(same, stop[right], right)], 1))
-        pairs = np.concatenate([np.zeros((0, 2), np.int64), *found])
-        return pairs, np.einsum("nk,nk->n", self.unit[pairs[:, 0] // 3], self.unit[pairs[:, 1] // 3])
+            left, right, same = half[one], half[one + step], self.vertex[half[one]] == self.vertex[half[one + step]]
+            found.append(np.stack([left, np.where(same, right, other[one + step])], 1))
+            found.append(np.stack([other[one], np.where(same, other[one + step], right)], 1))
+            at += [edge[one], edge[one]]
+        pairs = np.concatenate(found)
+        cosine = np.einsum("nk,nk->n", self.unit[pairs[:, 0] // 3], self.unit[pairs[:, 1] // 3])
+        return pairs, cosine, np.concatenate(at)
 
-    def normals(self, rule: NormalRule, chosen: np.ndarray | None = None) -> np.ndarray:
-        """Normals of corners by one rule, float32 [N, 3] of length 1. chosen: int64 [N], None for all."""
+    def normals(self, rule: NormalRule, chosen: np.ndarray | None = None, sharp: np.ndarray | None = None) -> np.ndarray:
+        """Normals of corners by one rule, float32 [N, 3] of length 1. chosen: int64 [N], None for all; sharp: bool [E], the edges
+        that are marked."""
         chosen = np.arange(len(self.vertex)) if chosen is None else chosen
         if rule.angle == 0:
-            return self._rounded(np.zeros((len(chosen), 3)), chosen)
-        if rule.kind == JOINED:
-            return self.of_sets(self.joined(rule.angle), rule.weight, chosen)
-        total = np.zeros((len(chosen), 3))
-        least = -2.0 if rule.angle == 180 else rule.cosine
-        rules = np.full(len(chosen), least), np.full(len(chosen), rule.weight, np.int64)
-        _paired(chosen, self.vertex, self.ring, self.unit, self.weights, rules, total)
+            return self._rounded(np.zeros((len(chosen), 4)), chosen)
+        if rule.kind != PAIRS:
+            return self.of_sets(self.joined(rule.angle, sharp if rule.kind == MARKED else None), rule.weight, chosen)
+        total, least = np.zeros((len(chosen), 4)), -2.0 if rule.angle == MOST_ANGLE else rule.cosine
+        _paired(chosen, self.vertex, self.ring, self.unit, self.weights[rule.weight], least, total)
         return self._rounded(total, chosen)
 
-    def joined(self, angle: int) -> np.ndarray:
-        """The set of every corner, int64 [3 F], where those at one end of an edge are in one if its faces are within the angle."""
-        pairs, cosine = self.links
+    def joined(self, angle: int, sharp: np.ndarray | None = None) -> np.ndarray:
+        """The set of every corner, int64 [3 F], where those at one end of an edge are in one if its faces are within the angle and
+        the edge is not among the sharp ones, bool [E]."""
+        pairs, cosine, edge = self.links
+        linked = cosine >= NormalRule(JOINED, AREA, angle).cosine
+        if sharp is not None:
+            linked &= ~sharp[edge]
         parent = np.arange(len(self.vertex))
-        _joined(pairs[cosine >= NormalRule(JOINED, AREA, angle).cosine], parent)
+        _joined(pairs[linked], parent)
         return parent
 
     def of_sets(self, sets: np.ndarray, weight: int, chosen: np.ndarray) -> np.ndarray:
         """Normals of corners that are means over sets, float32 [N, 3]. sets: int64 [3 F], a number below 3 F for every corner, of
         corners at one vertex; chosen: int64 [N]."""
-        weighed = self.weights[weight][:, None] * self.unit[np.arange(len(sets)) // 3]
-        total = np.stack([np.bincount(sets, weighed[:, k], len(sets)) for k in range(3)], axis=1)
+        weights, unit = self.weights[weight], np.repeat(self.unit, 3, axis=0)
+        summed = [*(weights * unit[:, k] for k in range(3)), weights]
+        total = np.stack([np.bincount(sets, one, len(sets)) for one in summed], axis=1)
         return self._rounded(total[sets[chosen]], chosen)
 
     def _rounded(self, total, chosen):
-        """Sums as unit vectors; the face's own normal where they cancel, z where it has none either."""
-        length = np.linalg.norm(total, axis=1)
-        own = self.unit[chosen // 3]
-        most = self.weights[BOTH].max(initial=0.0)
-        total = np.where((length > _CANCELLED * most)[:, None], total, own) if most else own
-        rounded = np.rint(_unit(total) * STEPS)
-        return _unit(rounded).astype(np.float32)
+        """Sums [N, 4] as unit vectors; the face's own normal where they cancel, z where it has none either."""
+        clear = np.linalg.norm(total[:, :3], axis=1) > _CANCELLED * total[:, 3]
+        direction = _unit(np.where(clear[:, None], total[:, :3], self.unit[chosen // 3]))
+        return _unit(np.rint(direction * STEPS)).astype(np.float32)
 
 
 def _corner_angles(corners):
@@ -195,10 +167,11 @@ def _unit(vectors):
 
 
 def corner_normals(lattice: np.ndarray, faces: np.ndarray, rules: list[NormalRule] | None = None,
-                   face_rule: np.ndarray | None = None) -> np.ndarray:
+                   face_rule: np.ndarray | None = None, sharp: np.ndarray | None = None) -> np.ndarray:
     """Unit normal of every face corner, float32 [F, 3, 3], components in steps of about 1/2048 so that equal ones merge.
 
-    lattice: int64 [V, 3]; faces: int64 [F, 3]; rules: by number, the usual one alone where there are none; face_rule: int64 [F].
+    lattice: int64 [V, 3]; faces: int64 [F, 3]; rules: by number, the usual one alone where there are none; face_rule: int64 [F];
+    sharp: bool [E] over the edges of geometry.edges.shared_edges(), where a rule asks for marks.
     """
     rules = [USUAL] if rules is None else rules
     of_corner = np.zeros(3 * len(faces), np.int64) if face_rule is None else np.repeat(face_rule, 3)
@@ -209,5 +182,5 @@ def corner_normals(lattice: np.ndarray, faces: np.ndarray, rules: list[NormalRul
     for rule, numbers in same.items():
         chosen = np.flatnonzero(np.isin(of_corner, numbers))
         if len(chosen):
-            out[chosen] = fans.normals(rule, chosen)
+            out[chosen] = fans.normals(rule, chosen, sharp)
     return out.reshape(-1, 3, 3)

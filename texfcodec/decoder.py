@@ -3,6 +3,9 @@
 import json
 import zlib
 
+import numpy as np
+
+from .asset.normal_rule import MARKED, USUAL, rule_of
 from .asset.scene import Material
 from .bitstream.stream import read_stream
 from .bitstream.syntax import SUPPORT_TEXELS
@@ -11,6 +14,7 @@ from .codecs import codec_of_unit
 from .errors import LimitError, StreamError
 from .geometry.canonical import CanonicalCube
 from .geometry.draco import UvCoding, dec_geometry, dec_textured
+from .geometry.edges import coded_edges
 from .geometry.unit import GeometryUnit, field_surface, field_uv
 from .options import DecodeOptions
 from .report import Report
@@ -39,6 +43,9 @@ def decode_stream(data: bytes, options: DecodeOptions, report: Report) -> Texf:
     texf = Texf(cube=cube, units=units, fields=[], materials=[_material(m) for m in stream.materials],
                 metadata=_metadata(stream.metadata, report), channels=channels_of(header["channel_groups"]),
                 threads=options.threads, skipped=stream.skipped)
+    if stream.sharp_edges:
+        with report.stage("normals"):
+            texf.sharp_edges = _decode_sharp_edges(stream.sharp_edges, texf)
     surfaces = [_field_surface(units, f) for f in stream.fields]
     _check_samples(surfaces, stream, cube.position_bits, options.limits)
     (_decode_jointly if stream.joint else _decode_planes)(texf, stream, surfaces, options, report)
@@ -58,9 +65,25 @@ def _decode_unit(values, position_bits):
 
 def _material(values):
     cutoff = (values["alpha_cutoff"] or 0) / 65535
-    flags = values["material_flags"]
+    flags, lit = values["material_flags"], values["normal_rule"] is not None
     return Material(values["material_name"], alpha_mode=values["alpha_mode"], alpha_cutoff=cutoff, double_sided=bool(flags & 1),
-                    unlit=bool(flags & 2))
+                    unlit=bool(flags & 2), normals=rule_of(values["normal_rule"], values["normal_angle"]) if lit else USUAL)
+
+
+def _decode_sharp_edges(values, texf):
+    """Marks of the edges that the geometry has at marked materials, bool [E]."""
+    from .codecs.sharp_edges import dec_marks
+
+    marked = np.array([m.normals.kind == MARKED for m in texf.materials], bool)
+    ends, fold = coded_edges(texf.lattice_positions, texf.faces, marked[texf.face_material])
+    if len(ends) != values["num_edges"]:
+        raise StreamError("TXF-S30", "the edges rebuilt from the geometry are not the ones that were coded", clause="8.4.2",
+                          offset=values["offset"], value=len(ends), allowed=values["num_edges"])
+    marks = dec_marks(values["marks_data"], ends, fold)
+    if zlib.crc32(marks) != values["marks_crc"]:
+        raise StreamError("TXF-S32", "the decoded marks do not have the checksum that was sent", clause="8.4.2",
+                          offset=values["offset"])
+    return marks
 
 
 def _metadata(raw, report):

@@ -13,6 +13,7 @@ from .bitstream.stream import Stream, write_stream
 from .bitstream.values import attribute_values, field_values, header_values, material_values, metadata_bytes
 from .channels import CHANNELS, split_values
 from .choose.codec import codec_for
+from .choose.normals import Shading, choose_normals
 from .choose.prepare import SourceField, active_voxels, check_voxels, transferred
 from .choose.supports import choose_supports, without_faces
 from .choose.texel_field import texel_field
@@ -35,11 +36,12 @@ if TYPE_CHECKING:
 class Prepared:
     """All that does not depend on the QP, but for what choosing supports took from it. geometry: syntax values of the geometry
     units; source: what is coded, by channels and fields; fields: SourceFields, whose planes are empty where the codec asks the
-    source itself; choices: which partition and refinement, and why."""
+    source itself; shading: how normals are made again; choices: which partition and refinement, and why."""
 
     geometry: list
     source: Source
     fields: list[SourceField]
+    shading: Shading
     resolution: int | None = None
     choices: dict = field(default_factory=dict)
 
@@ -91,6 +93,8 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
         supports = choose_supports(scene, surface, options)
     surface, plans = supports.surface, supports.plans
     options = replace(options, resolution=supports.resolution, position_bits=surface.cube.position_bits)
+    with report.stage("normals"):
+        shading = choose_normals(scene, surface, report)
     with report.stage("partition"):
         face_field, partition = _fields_of_faces(scene, surface, plans, options, report)
     first = int(face_field.max(initial=-1)) + 1 - len(plans)
@@ -108,7 +112,8 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
             fields.append(texel_field(plan, field_uv(units, number), surfaces[number][1], source, options))
     check_voxels(fields, options.limits)
     resolution = options.resolution if first else None
-    prepared = Prepared(geometry, source, fields, resolution, {"supports": supports.told, "partition": partition})
+    choices = {"supports": supports.told, "partition": partition, "normals": shading.told}
+    prepared = Prepared(geometry, source, fields, shading, resolution, choices)
     if not codec_of(options.codec).joint:
         _fill(prepared, first, options, report)
     return prepared
@@ -143,7 +148,10 @@ def code_prepared(prepared: Prepared, options: EncodeOptions, report: Report) ->
     source, fields, choices = prepared.source, prepared.fields, dict(prepared.choices)
     scene, surface = source.scene, source.surface
     stream = Stream(header_values(scene, surface, prepared.geometry, len(fields), source.channels))
-    stream.geometry, stream.materials = prepared.geometry, [material_values(m) for m in scene.materials]
+    rules = prepared.shading.rules
+    stream.geometry = prepared.geometry
+    stream.materials = [material_values(m, rule) for m, rule in zip(scene.materials, rules, strict=True)]
+    stream.sharp_edges = prepared.shading.values
     stream.fields = [field_values(i, part.support, part.threshold) for i, part in enumerate(fields)]
     stream.metadata = metadata_bytes(scene.metadata, options, report)
     codec, reconstruction = codec_of(options.codec), hashlib.sha256()

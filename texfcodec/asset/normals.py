@@ -171,11 +171,15 @@ def corner_normals(lattice: np.ndarray, faces: np.ndarray, rules: list[NormalRul
     """Unit normal of every face corner, float32 [F, 3, 3], components in steps of about 1/2048 so that equal ones merge.
 
     lattice: int64 [V, 3]; faces: int64 [F, 3]; rules: by number, the usual one alone where there are none; face_rule: int64 [F];
-    sharp: bool [E] over the edges of geometry.edges.shared_edges(), where a rule asks for marks.
+    sharp: bool over the edges of faces whose rule asks for marks (spec 8.4.2), None where none does.
     """
     rules = [USUAL] if rules is None else rules
     of_corner = np.zeros(3 * len(faces), np.int64) if face_rule is None else np.repeat(face_rule, 3)
     fans, out = Fans(lattice, faces), np.empty((3 * len(faces), 3), np.float32)
+    if sharp is not None:
+        of_edge = np.zeros(len(fans.edges), bool)
+        of_edge[fans.edges.touching(np.array([r.kind == MARKED for r in rules], bool)[of_corner[::3]])] = sharp
+        sharp = of_edge
     same: dict[NormalRule, list[int]] = {}
     for number, rule in enumerate(rules):
         same.setdefault(rule, []).append(number)

@@ -4,6 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .normal_rule import USUAL, NormalRule
+
 WRAP_REPEAT, WRAP_CLAMP, WRAP_MIRROR = 0, 1, 2
 WRAP_NAMES = ("repeat", "clamp", "mirror")
 ALPHA_OPAQUE, ALPHA_MASK, ALPHA_BLEND = 0, 1, 2
@@ -24,7 +26,8 @@ class Texture:
 
 @dataclass
 class Material:
-    """factor: float64 [4] linear RGBA multiplier (glTF baseColorFactor); texture: index into Scene.textures or -1."""
+    """factor: float64 [4] linear RGBA multiplier (glTF baseColorFactor); texture: index into Scene.textures or -1; normals: the rule
+    of a decoded one's shading normals, which the encoder chooses."""
 
     name: str = ""
     factor: np.ndarray = field(default_factory=lambda: np.ones(4))
@@ -33,6 +36,7 @@ class Material:
     alpha_cutoff: float = 0.5
     double_sided: bool = False
     unlit: bool = False
+    normals: NormalRule = USUAL
 
 
 @dataclass(repr=False)

@@ -1,5 +1,6 @@
 """Every syntax structure of the bitstream but those of the codecs, which stand with these, as tables (ground/structure.py)."""
 
+from ..asset.normal_rule import KINDS, MOST_ANGLE, WEIGHTS
 from ..codecs import our_codecs
 from ..codecs.codec import PRIVATE_IDS
 from ..geometry.draco import MAX_UV_BITS
@@ -14,7 +15,7 @@ UNIT_HEADER, UNIT_MATERIALS, UNIT_FIELD, UNIT_GEOMETRY, UNIT_ATTRIBUTE, UNIT_END
 SUPPORT_VOXELS, SUPPORT_TEXELS = range(2)
 MAX_UV_ORIGIN = 1 << 25  # steps
 ANCILLARY = 128  # unit types from here on may be skipped
-UNIT_METADATA = 128
+UNIT_METADATA, UNIT_SHARP_EDGES = 128, 129
 UNIT_NAMES = {
     UNIT_HEADER: "sequence_header",
     UNIT_MATERIALS: "materials",
@@ -23,6 +24,7 @@ UNIT_NAMES = {
     UNIT_ATTRIBUTE: "attribute",
     UNIT_END: "end",
     UNIT_METADATA: "metadata",
+    UNIT_SHARP_EDGES: "sharp_edges",
 }
 
 CHANNEL_GROUP = Structure("channel_group", "5.3.1", (
@@ -45,12 +47,17 @@ SEQUENCE_HEADER = Structure("sequence_header", "5.3", (
     E("channel_groups", CHANNEL_GROUP, count="num_channel_groups"),
 ))
 
+FLAG_UNLIT = 2
+_LIT = ("(material_flags & 2) == 0", lambda v: not v["material_flags"] & FLAG_UNLIT)
+
 MATERIAL = Structure("material", "5.4.1", (
     E("name_length", "v", 0, 65535),
     E("material_name", "utf8", count="name_length"),
     E("alpha_mode", "u8", 0, 2),
     E("alpha_cutoff", "u16", when=("alpha_mode == 1", lambda v: v["alpha_mode"] == 1)),
     E("material_flags", "u8", 0, 3),
+    E("normal_rule", "u8", 0, KINDS * WEIGHTS - 1, when=_LIT),
+    E("normal_angle", "u8", 0, MOST_ANGLE, when=_LIT),
 ))
 
 MATERIALS = Structure("materials", "5.4", (E("materials", MATERIAL, count="num_materials"),))
@@ -102,6 +109,12 @@ METADATA = Structure("metadata", "5.8", (
     E("metadata_json", "bytes"),
 ))
 
+SHARP_EDGES = Structure("sharp_edges", "5.10", (
+    E("num_edges", "v", 1),
+    E("marks_crc", "u32"),
+    E("marks_data", "bytes"),
+))
+
 END = Structure("end", "5.9", ())
 
 UNITS = {
@@ -112,10 +125,11 @@ UNITS = {
     UNIT_ATTRIBUTE: ATTRIBUTE,
     UNIT_END: END,
     UNIT_METADATA: METADATA,
+    UNIT_SHARP_EDGES: SHARP_EDGES,
 }
 
 
 def structures() -> list[Structure]:
     """Every syntax structure, those of our codecs among them, in the order of their clauses."""
     before = [SEQUENCE_HEADER, CHANNEL_GROUP, MATERIALS, MATERIAL, FIELD, GEOMETRY, ATTRIBUTE]
-    return [*before, *(one for codec in our_codecs() for one in codec.structures), METADATA]
+    return [*before, *(one for codec in our_codecs() for one in codec.structures), METADATA, SHARP_EDGES]

@@ -6,12 +6,13 @@ marked: 0.1 to 0.5 bits an edge, a thirtieth of what normals at vertices take th
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..asset.normal_rule import FLAT, JOINED, MARKED, PAIRS, USUAL, WEIGHTS, NormalRule
+from ..asset.normal_rule import FLAT, JOINED, KINDS, MARKED, MOST_ANGLE, PAIRS, USUAL, WEIGHTS, NormalRule
 from ..asset.normals import Fans
 from ..codecs.sharp_edges import enc_marks
 from ..geometry.edges import folds
@@ -19,6 +20,7 @@ from ..geometry.edges import folds
 if TYPE_CHECKING:
     from ..asset.scene import Scene
     from ..geometry.surface import Surface
+    from ..report import Report
 
 ANGLES = (15, 30, 45, 60, 75, 90, 120, 180)
 CLOSER = (8, 4, 2, 1)  # degrees around the best of ANGLES
@@ -41,9 +43,17 @@ class Shading:
     data: bytes | None = None
     told: dict[str, Any] = field(default_factory=dict)
 
+    @property
+    def values(self) -> dict | None:
+        """Syntax values of the sharp_edges unit, None where there is none."""
+        if self.marks is None:
+            return None
+        return {"num_edges": len(self.marks), "marks_crc": zlib.crc32(self.marks), "marks_data": self.data}
 
-def choose_normals(scene: Scene, surface: Surface) -> Shading:
-    """The Shading of a scene on its lattice. Materials without light need none: theirs is the usual rule."""
+
+def choose_normals(scene: Scene, surface: Surface, report: Report) -> Shading:
+    """The Shading of a scene on its lattice. Materials without light need none: theirs is the usual rule. What is left over of errors
+    is a warning in the report."""
     usual = FLAT if scene.flat else USUAL
     shading = Shading([USUAL if m.unlit else usual for m in scene.materials])
     used = np.zeros(len(scene.materials), bool)
@@ -59,6 +69,10 @@ def choose_normals(scene: Scene, surface: Surface) -> Shading:
     if far:
         error = _mark(shading, far, target, error)
     shading.told = _told(shading, lit, target, error, scene)
+    median, most, _ = shading.told["degrees"]
+    if median > ENOUGH[0] or most > ENOUGH[1]:
+        report.warnings.append(f"no rule makes the shading normals again: half of the surface is off by {median} degrees or more, "
+                               f"a twentieth by {most}")
     return shading
 
 
@@ -97,29 +111,48 @@ def _tried(surface, lit):
 
 
 def _search(rules, lit, whole, tried):
-    """Puts the rule with the least error into rules, for each of the lit materials."""
-    best = np.full(whole.materials, np.inf)
+    """Puts the rule with the least error into rules, for each of the lit materials: among all at the tried corners, then the best
+    of every kind and weight on the whole surface."""
+    best = np.full((KINDS - 1, WEIGHTS, whole.materials), np.inf)
+    found = np.zeros(best.shape, np.int64)  # angles
 
     def attempt(kind, angle, wanted):
-        sets = tried.fans.joined(angle) if kind == JOINED else None
+        sets = tried.fans.joined(angle) if kind == JOINED and angle else None
         for weight in range(WEIGHTS):
             rule = NormalRule(kind, weight, angle)
-            found = tried.scores(tried.fans.normals(rule) if sets is None else tried.fans.of_sets(sets, weight, tried.all))
-            for m in wanted[found[wanted] < best[wanted] - 1e-3]:
-                best[m], rules[m] = found[m], rule
+            scores = tried.scores(tried.fans.normals(rule) if sets is None else tried.fans.of_sets(sets, weight, tried.all))
+            better = wanted[scores[wanted] < best[kind, weight, wanted] - 1e-3]
+            best[kind, weight, better], found[kind, weight, better] = scores[better], angle
 
-    found = tried.scores(tried.fans.normals(FLAT))
-    for m in lit:
-        best[m], rules[m] = found[m], FLAT
     for kind in (PAIRS, JOINED):
-        for angle in ANGLES:
+        for angle in (0, *ANGLES):
             attempt(kind, angle, lit)
     for step in CLOSER:
-        centres = {(rules[m].kind, rules[m].angle) for m in lit if 0 < rules[m].angle < 180 and best[m] > 1e-2}
-        for kind, angle in sorted(centres):
-            near = np.array([m for m in lit if rules[m][::2] == (kind, angle)])
+        of_best = _least(best, found)
+        for kind, angle in sorted({of_best[m][::2] for m in lit if 0 < of_best[m].angle < MOST_ANGLE}):
+            near = np.array([m for m in lit if of_best[m][::2] == (kind, angle)])
             for other in (angle - step, angle + step):
-                attempt(kind, min(max(other, 1), 180), near)
+                attempt(kind, min(max(other, 1), MOST_ANGLE), near)
+    for m in lit:
+        if len(tried.all) < len(whole.all) and (whole.material == m).sum() > (tried.material == m).sum():
+            best[:, :, m] = [[_score_of(NormalRule(kind, weight, int(found[kind, weight, m])), whole, m) for weight in range(WEIGHTS)]
+                             for kind in (PAIRS, JOINED)]
+    for m, rule in enumerate(_least(best, found)):
+        rules[m] = rule if m in lit else rules[m]
+
+
+def _least(best, found):
+    """The best rule of every material; the simplest where several are as good."""
+    flat = best.reshape(-1, best.shape[2])
+    first = (flat < flat.min(axis=0) + 1e-3).argmax(axis=0)
+    angles = found.reshape(flat.shape)
+    return [NormalRule(int(i) // WEIGHTS, int(i) % WEIGHTS, int(angles[i, m])) for m, i in enumerate(first)]
+
+
+def _score_of(rule, target, material):
+    chosen = np.flatnonzero(target.material == material)
+    error = np.minimum(target.errors(target.fans.normals(rule, chosen), chosen), CLIP)
+    return float(error @ target.weight[chosen] / max(target.weight[chosen].sum(), 1e-300))
 
 
 def _errors_of(shading, target, sharp=None):
@@ -155,11 +188,11 @@ def _mark(shading, far, target, error):
                 score = _score(found, target, m)
                 if score < best[m] - 1e-3:
                     best[m], chosen[m] = score, NormalRule(MARKED, weight, angle)
-    if not chosen:
+    coded = fans.edges.touching(np.isin(surface.material, list(chosen)))
+    if not coded.any():
         return error
     for m, rule in chosen.items():
         shading.rules[m] = rule
-    coded = fans.edges.touching(np.isin(surface.material, list(chosen)))
     shading.marks = sharp[coded]
     fold = folds(fans.edges, surface.lattice, surface.faces)
     shading.data = enc_marks(shading.marks, fans.edges.ends[coded], fold[coded])

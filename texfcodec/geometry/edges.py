@@ -75,6 +75,14 @@ def folds(edges: Edges, lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return out
 
 
+def coded_edges(lattice: np.ndarray, faces: np.ndarray, marked: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Edges that have a mark, in order: (ends int64 [E, 2], fold int64 [E]). lattice: int64 [V, 3]; faces: int64 [F, 3]; marked: bool
+    [F], faces whose material asks for marks."""
+    edges = shared_edges(weld(lattice)[faces])
+    coded = edges.touching(marked)
+    return edges.ends[coded], folds(edges, lattice, faces)[coded]
+
+
 def _normals(lattice, faces):
     """Normals of faces as int64 [N, 3] whose largest component has NORMAL_BITS bits; 0 where a face has no area."""
     u, v = (lattice[faces[:, k]] - lattice[faces[:, 0]] for k in (1, 2))

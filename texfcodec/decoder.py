@@ -3,6 +3,9 @@
 import json
 import zlib
 
+import numpy as np
+
+from .asset.normal_rule import MARKED
 from .bitstream.appearance import material_of
 from .bitstream.stream import read_stream
 from .bitstream.syntax import SUPPORT_TEXELS
@@ -12,6 +15,7 @@ from .codecs.codec import Group, split_groups
 from .errors import LimitError, StreamError
 from .geometry.canonical import CanonicalCube
 from .geometry.draco import UvCoding, dec_geometry, dec_textured
+from .geometry.edges import coded_edges
 from .geometry.unit import GeometryUnit, field_surface, field_uv
 from .options import DecodeOptions
 from .report import Report
@@ -40,6 +44,9 @@ def decode_stream(data: bytes, options: DecodeOptions, report: Report) -> Texf:
     texf = Texf(cube=cube, units=units, fields=[], materials=[material_of(m) for m in stream.materials],
                 metadata=_metadata(stream.metadata, report), groups=_groups(header["channel_groups"]), threads=options.threads,
                 skipped=stream.skipped)
+    if stream.sharp_edges:
+        with report.stage("normals"):
+            texf.sharp_edges = _decode_sharp_edges(stream.sharp_edges, texf)
     surfaces = [_field_surface(units, f) for f in stream.fields]
     _check_samples(surfaces, stream, cube.position_bits, options.limits)
     (_decode_jointly if stream.joint else _decode_planes)(texf, stream, surfaces, options, report)
@@ -60,6 +67,22 @@ def _decode_unit(values, position_bits):
 def _groups(coded):
     return tuple(Group(channels, grey=len(channels) == 1 and values["group_components"] < channels[0].components)
                  for values, channels in zip(coded, channels_of(coded), strict=True))
+
+
+def _decode_sharp_edges(values, texf):
+    """Marks of the edges that the geometry has at marked materials, bool [E]."""
+    from .codecs.sharp_edges import dec_marks
+
+    marked = np.array([m.normals.kind == MARKED for m in texf.materials], bool)
+    ends, fold = coded_edges(texf.lattice_positions, texf.faces, marked[texf.face_material])
+    if len(ends) != values["num_edges"]:
+        raise StreamError("TXF-S30", "the edges rebuilt from the geometry are not the ones that were coded", clause="8.4.2",
+                          offset=values["offset"], value=len(ends), allowed=values["num_edges"])
+    marks = dec_marks(values["marks_data"], ends, fold)
+    if zlib.crc32(marks) != values["marks_crc"]:
+        raise StreamError("TXF-S32", "the decoded marks do not have the checksum that was sent", clause="8.4.2",
+                          offset=values["offset"])
+    return marks
 
 
 def _metadata(raw, report):

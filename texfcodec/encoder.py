@@ -15,6 +15,7 @@ from .channels import channel_over
 from .choose.codec import codec_for, with_qp_of
 from .choose.effects import needed_scene
 from .choose.maps import fill_maps, groups_of, joined, names_of_field, with_grey
+from .choose.normals import Shading, choose_normals
 from .choose.prepare import SourceField, active_voxels, check_voxels, transferred
 from .choose.sizes import coarsen_maps
 from .choose.supports import choose_supports, without_faces
@@ -38,12 +39,14 @@ if TYPE_CHECKING:
 class Prepared:
     """All that does not depend on the QP, but for what choosing supports took from it. geometry: syntax values of the geometry
     units; source: what is coded, by channels and fields; fields: SourceFields, whose planes are empty where the codec asks the
-    source itself; materials: as the stream holds them; choices: which partition and refinement, and why."""
+    source itself; materials: as the stream holds them; shading: how normals are made again; choices: which partition and
+    refinement, and why."""
 
     geometry: list
     source: Source
     fields: list[SourceField]
     materials: list[Material]
+    shading: Shading
     resolution: int | None = None
     choices: dict = field(default_factory=dict)
 
@@ -98,6 +101,8 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
         supports = choose_supports(scene, surface, options)
     surface, plans = supports.surface, supports.plans
     options = replace(options, resolution=supports.resolution, position_bits=surface.cube.position_bits)
+    with report.stage("normals"):
+        shading = choose_normals(scene, surface, report)
     with report.stage("partition"):
         face_field, partition = _fields_of_faces(scene, surface, plans, options, report)
     first = int(face_field.max(initial=-1)) + 1 - len(plans)
@@ -116,8 +121,8 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
             fields.append(texel_field(plan, field_uv(units, number), surfaces[number][1], source, options))
     check_voxels(fields, options.limits)
     resolution = options.resolution if first else None
-    choices = {"effects": needs.told, "supports": supports.told, "partition": partition}
-    prepared = Prepared(geometry, source, fields, needs.materials, resolution, choices)
+    choices = {"effects": needs.told, "supports": supports.told, "partition": partition, "normals": shading.told}
+    prepared = Prepared(geometry, source, fields, needs.materials, shading, resolution, choices)
     if not codec_of(options.codec).joint:
         _fill(prepared, names[:first], options, report)
         prepared.source = source._replace(groups=with_grey(source.groups, fields))
@@ -156,7 +161,10 @@ def code_prepared(prepared: Prepared, options: EncodeOptions, report: Report) ->
     source, fields, choices = prepared.source, prepared.fields, dict(prepared.choices)
     scene, surface = source.scene, source.surface
     stream = Stream(header_values(prepared.materials, surface, prepared.geometry, len(fields), source.groups))
-    stream.geometry, stream.materials = prepared.geometry, [material_values(m) for m in prepared.materials]
+    rules = prepared.shading.rules
+    stream.geometry = prepared.geometry
+    stream.materials = [material_values(m, rule) for m, rule in zip(prepared.materials, rules, strict=True)]
+    stream.sharp_edges = prepared.shading.values
     stream.fields = [field_values(i, part.support, part.threshold) for i, part in enumerate(fields)]
     stream.metadata = metadata_bytes(scene.metadata, options, report)
     codec, reconstruction = codec_of(options.codec), hashlib.sha256()

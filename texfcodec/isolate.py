@@ -14,11 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from . import errors
+from .asset.normal_rule import KINDS, MARKED, MOST_ANGLE, WEIGHTS, NormalRule
 from .asset.scene import Material
 from .channels import BY_NAME
 from .codecs import codec_names, codec_of
 from .errors import LimitError, StreamError, TexfError
 from .geometry.canonical import CanonicalCube
+from .geometry.edges import coded_edges
 from .geometry.unit import GeometryUnit
 from .ground import unfinished
 from .limits import Limits
@@ -105,9 +107,12 @@ def _texf(facts, arrays, threads, limits=_USUAL):
         fields = _split(facts["fields"], arrays, {"keys": np.int64, **{_plane(c): np.uint8 for c in channels}})
         texf = Texf(cube=cube, units=[_unit(numbers, parts) for numbers, parts in units],
                     fields=[_field(numbers, parts, channels) for numbers, parts in fields],
-                    materials=[Material(**m) for m in facts["materials"]], metadata=dict(facts["metadata"]), channels=channels,
+                    materials=[_material(**m) for m in facts["materials"]], metadata=dict(facts["metadata"]), channels=channels,
                     threads=threads, skipped=list(facts["skipped"]))
         sound = all(_unit_is_sound(u, texf) for u in texf.units)
+        if sound and facts["sharp_edges"]:
+            texf.sharp_edges = np.ascontiguousarray(arrays["sharp_edges"], bool)
+            sound = _marks_are_sound(texf)
         sound = sound and all(_field_is_sound(f, channels, limits) for f in texf.fields)
         if facts["codec"] is not None:
             texf.codec = _codec(facts["codec"])
@@ -122,6 +127,18 @@ def _texf(facts, arrays, threads, limits=_USUAL):
 def _plane(channel):
     """Name of the array that holds a channel's planes of all fields, end to end."""
     return f"plane_{channel.name}"
+
+
+def _material(normals, **more):
+    kind, weight, angle = (int(n) for n in normals)
+    if not (0 <= kind < KINDS and 0 <= weight < WEIGHTS and 0 <= angle <= MOST_ANGLE):
+        raise ValueError("normals")
+    return Material(normals=NormalRule(kind, weight, angle), **more)
+
+
+def _marks_are_sound(texf):
+    marked = np.array([m.normals.kind == MARKED for m in texf.materials], bool)[texf.face_material]
+    return texf.sharp_edges.shape == (len(coded_edges(texf.lattice_positions, texf.faces, marked)[0]),)
 
 
 def _unit(numbers, parts):
@@ -237,7 +254,8 @@ def _answer(texf, report):
                   for u in texf.units],
         "fields": [(_support_numbers(f.support), [len(f.keys)] * (1 + len(texf.channels))) for f in texf.fields],
         "materials": [{"name": m.name, "alpha_mode": m.alpha_mode, "alpha_cutoff": m.alpha_cutoff,
-                       "double_sided": m.double_sided, "unlit": m.unlit} for m in texf.materials],
+                       "double_sided": m.double_sided, "unlit": m.unlit, "normals": m.normals} for m in texf.materials],
+        "sharp_edges": texf.sharp_edges is not None,
     }
     arrays = {
         "lattice": np.concatenate([np.zeros((0, 3), np.int64), *(u.lattice for u in texf.units)]),
@@ -245,6 +263,8 @@ def _answer(texf, report):
         "uv": np.concatenate([np.zeros((0, 2), np.int64), *(u.uv for u in texf.units if u.uv is not None)]),
         "keys": np.concatenate([np.zeros(0, np.int64), *(f.keys for f in texf.fields)]),
     }
+    if texf.sharp_edges is not None:
+        arrays["sharp_edges"] = texf.sharp_edges
     for channel in texf.channels:
         empty = np.zeros((0, channel.components), np.uint8)
         arrays[_plane(channel)] = np.concatenate([empty, *(f.planes[channel.name] for f in texf.fields)])

@@ -70,9 +70,10 @@ class Field:
 
 @dataclass(kw_only=True, repr=False)
 class Texf:
-    """What decode() returns. cube: the canonical cube; units, fields, materials: see their classes (the base colour of
-    materials is in the fields); metadata: dict that travelled along; groups: the channel groups;
-    skipped: unknown ancillary units that were passed over; codec, evaluators: where points ask evaluators and not the voxels, the
+    """What decode() returns. cube: the canonical cube; units, fields, materials: see their classes (the base colour of materials is
+    in the fields); metadata: dict that travelled along; groups: the channel groups; skipped: unknown ancillary units that were
+    passed over; sharp_edges: bool over the edges that are marked or not (spec 8.4.2), None without marks; codec, evaluators: where
+    points ask evaluators and not the voxels, the
     codec that made them and one for each field (codecs.codec.JointCodec)."""
 
     cube: CanonicalCube
@@ -85,6 +86,7 @@ class Texf:
     codec: Codec | None = None
     evaluators: list | None = None
     skipped: list = field(default_factory=list)
+    sharp_edges: np.ndarray | None = None
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -148,6 +150,13 @@ class Texf:
     @property
     def face_field(self) -> np.ndarray:
         return self._joined(lambda u: np.full(len(u.faces), u.field), np.zeros(0, np.int64))
+
+    def shading_normals(self) -> np.ndarray:
+        """Normals of face corners by the rules of the materials (spec clause 8.4): float32 [F, 3, 3] of length 1."""
+        from .asset.normals import corner_normals
+
+        rules = [m.normals for m in self.materials]
+        return corner_normals(self.lattice_positions, self.faces, rules, self.face_material, self.sharp_edges)
 
     def query(self, points: np.ndarray, face_index: np.ndarray | None = None) -> np.ndarray:
         """Colour of the field at surface points (spec clause 8.2; where an evaluator answers its own clause, exact to the bit).

@@ -4,6 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .normal_rule import USUAL, NormalRule
+
 WRAP_REPEAT, WRAP_CLAMP, WRAP_MIRROR = 0, 1, 2
 WRAP_NAMES = ("repeat", "clamp", "mirror")
 ALPHA_OPAQUE, ALPHA_MASK, ALPHA_BLEND = 0, 1, 2
@@ -26,7 +28,8 @@ class Texture:
 class Material:
     """factor: float64 [4] linear RGBA multiplier (glTF baseColorFactor); texture: index of the base colour into Scene.textures or
     -1; maps: the same of other channels by name (channels.MAPS), where there is one, -1 in a decoded material, whose faces
-    have it in their field; parameters: by name (channels.PARAMETERS), those that are not the default."""
+    have it in their field; parameters: by name (channels.PARAMETERS), those that are not the default; normals: the rule of a
+    decoded one's shading normals, which the encoder chooses."""
 
     name: str = ""
     factor: np.ndarray = field(default_factory=lambda: np.ones(4))
@@ -37,6 +40,7 @@ class Material:
     unlit: bool = False
     maps: dict[str, int] = field(default_factory=dict)
     parameters: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    normals: NormalRule = USUAL
 
 
 @dataclass(repr=False)
@@ -48,6 +52,9 @@ class Scene:
     colour, or of a material's first map where it has no image of its own.
     map_uv: the same by channel, for channels whose maps have other UVs on some face.
     corner_color: float32 [F, 3, 4] linear RGBA multiplier, or None where no face has vertex colours.
+    corner_normal: float32 [F, 3, 3] shading normals of length 1, or None where the file says nothing of them; flat: what that means
+    then, faces that are shaded flat (glTF), or smooth ones (all other formats).
+    corner_tangent: float32 [F, 3, 4] of glTF's TANGENT, zero where there is none, or None.
     metadata: JSON-able dict (names, extras) that travels opaquely.
     warnings / dropped: one sentence each / names of the maps and properties that are not coded.
     files: {path: bytes} of every file it was read from, the mesh file first; empty for one made in memory.
@@ -65,6 +72,9 @@ class Scene:
     dropped: list = field(default_factory=list)
     files: dict = field(default_factory=dict)
     map_uv: dict = field(default_factory=dict)
+    corner_normal: np.ndarray | None = None
+    corner_tangent: np.ndarray | None = None
+    flat: bool = False
 
     def __repr__(self):
         return f"<Scene: {len(self.faces)} faces, {len(self.materials)} materials, {len(self.textures)} textures>"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ..asset.normal_rule import USUAL, rule_of
 from ..asset.scene import Material
 from ..channels import CHANNELS, COLOURS, MAPS, PARAMETER_BY_NAME, PARAMETERS, channel_over, channels_of
 from ..effects import effects_mask
@@ -18,8 +19,9 @@ def material_of(values: dict) -> Material:
     """The Material of one material's values (5.4.1); -1 stands for the texture of a map that its faces have in their field."""
     flags, maps = values["material_flags"], values["material_channels"]
     parameters = {PARAMETERS[p["parameter_id"]].name: tuple(p["parameter_value"]) for p in values["parameters"]}
+    rule = USUAL if values["normal_rule"] is None else rule_of(values["normal_rule"], values["normal_angle"])
     return Material(values["material_name"], alpha_mode=values["alpha_mode"], alpha_cutoff=(values["alpha_cutoff"] or 0) / 65535,
-                    double_sided=bool(flags & 1), unlit=bool(flags & 2), parameters=parameters,
+                    double_sided=bool(flags & 1), unlit=bool(flags & 2), parameters=parameters, normals=rule,
                     maps={channel.name: -1 for channel in MAPS if maps >> channel.semantic & 1})
 
 

@@ -5,11 +5,11 @@ from ..codecs import codec_of_unit
 from ..effects import in_words
 from ..limits import Limits
 from .stream import read_stream
-from .syntax import SIGNATURE, SUPPORT_TEXELS, UNIT_ATTRIBUTE, UNIT_END, UNIT_GEOMETRY, UNIT_NAMES
+from .syntax import SIGNATURE, SUPPORT_TEXELS, UNIT_ATTRIBUTE, UNIT_END, UNIT_GEOMETRY, UNIT_NAMES, UNIT_SHARP_EDGES
 
 SCHEMA = 1
 NOT_TOLD: dict = {"qp": None, "codeword_bytes": [], "slice_level": None, "level_bytes": None}
-_KINDS = {UNIT_GEOMETRY: "geometry", UNIT_ATTRIBUTE: "attributes"}
+_KINDS = {UNIT_GEOMETRY: "geometry", UNIT_ATTRIBUTE: "attributes", UNIT_SHARP_EDGES: "geometry"}
 
 
 def inspect(data: bytes, limits: Limits | None = None) -> dict:

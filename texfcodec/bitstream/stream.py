@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from ..asset.normal_rule import MARKED, rule_of
 from ..codecs import codec_of_unit
 from ..errors import LimitError, StreamError, SupportError
 from ..ground.walk import Reader, read_structure, write_structure
@@ -21,6 +22,7 @@ from .syntax import (
     UNIT_HEADER,
     UNIT_MATERIALS,
     UNIT_METADATA,
+    UNIT_SHARP_EDGES,
     UNITS,
     VERSION,
 )
@@ -32,7 +34,8 @@ if TYPE_CHECKING:
 
 @dataclass
 class Stream:
-    """Values by syntax element name: header, materials, one dict per field, geometry unit and attribute unit; metadata or None.
+    """Values by syntax element name: header, materials, one dict per field, geometry unit and attribute unit; sharp_edges and
+    metadata or None.
     offsets: file offset of the payload, parallel to geometry. skipped: unknown ancillary units that were passed over."""
 
     header: dict
@@ -40,6 +43,7 @@ class Stream:
     fields: list = field(default_factory=list)
     geometry: list = field(default_factory=list)
     attributes: list = field(default_factory=list)
+    sharp_edges: dict | None = None
     metadata: bytes | None = None
     skipped: list = field(default_factory=list)
 
@@ -70,6 +74,8 @@ def write_stream(stream: Stream) -> tuple[bytes, dict[str, int]]:
         values = {**values, **attribute_variables(stream, values)}
         payload = write_structure(ATTRIBUTE, values) + codec_of_unit(values).write_parameters(values)
         put(UNIT_ATTRIBUTE, payload, "attributes")
+    if stream.sharp_edges is not None:
+        put(UNIT_SHARP_EDGES, write_structure(UNITS[UNIT_SHARP_EDGES], stream.sharp_edges), "geometry")
     if stream.metadata is not None:
         put(UNIT_METADATA, write_structure(UNITS[UNIT_METADATA], {"metadata_format": 0, "metadata_json": stream.metadata}))
     put(UNIT_END, b"")
@@ -176,6 +182,14 @@ def _read_unit_payload(unit, reader, stream, limits, rows):
             raise LimitError("TXF-L06", "the metadata unit is larger than the limit", clause="5.8",
                              value=unit.end - unit.begin, allowed=limits.metadata_bytes)
         stream.metadata = bytes(read_structure(UNITS[UNIT_METADATA], reader, {}, rows)["metadata_json"])
+    elif unit.type == UNIT_SHARP_EDGES:
+        stream.sharp_edges = read_structure(UNITS[UNIT_SHARP_EDGES], reader, {}, rows)
+        stream.sharp_edges["offset"] = unit.begin
+
+
+def has_marks(materials: list[dict]) -> bool:
+    """Whether a material asks for marks of sharp edges. materials: syntax values."""
+    return any(m["normal_rule"] is not None and rule_of(m["normal_rule"], 0).kind == MARKED for m in materials)
 
 
 def _check_image(field, limits):
@@ -217,6 +231,7 @@ def _check_counts(stream):
     _expect("the sum of unit_vertices", sum(g["unit_vertices"] for g in stream.geometry), header["num_vertices"], "5.6")
     _expect("the sum of unit_faces", sum(g["unit_faces"] for g in stream.geometry), header["num_faces"], "5.6")
     _expect("the order of field indices", [f["field_index"] for f in stream.fields], list(range(len(stream.fields))), "5.5")
+    _expect("the number of sharp_edges units", int(stream.sharp_edges is not None), int(has_marks(stream.materials)), "5.10")
     for unit in stream.geometry:
         for name, count in (("field_index", len(stream.fields)), ("material_index", len(stream.materials))):
             if unit[name] >= count:

@@ -1,5 +1,6 @@
 """Every syntax structure of the bitstream but those of the codecs, which stand with these, as tables (ground/structure.py)."""
 
+from ..asset.normal_rule import KINDS, MOST_ANGLE, WEIGHTS
 from ..channels import CHANNELS, PARAMETERS
 from ..codecs import our_codecs
 from ..codecs.codec import PRIVATE_IDS
@@ -16,7 +17,7 @@ UNIT_HEADER, UNIT_MATERIALS, UNIT_FIELD, UNIT_GEOMETRY, UNIT_ATTRIBUTE, UNIT_END
 SUPPORT_VOXELS, SUPPORT_TEXELS = range(2)
 MAX_UV_ORIGIN = 1 << 25  # steps
 ANCILLARY = 128  # unit types from here on may be skipped
-UNIT_METADATA = 128
+UNIT_METADATA, UNIT_SHARP_EDGES = 128, 129
 UNIT_NAMES = {
     UNIT_HEADER: "sequence_header",
     UNIT_MATERIALS: "materials",
@@ -25,6 +26,7 @@ UNIT_NAMES = {
     UNIT_ATTRIBUTE: "attribute",
     UNIT_END: "end",
     UNIT_METADATA: "metadata",
+    UNIT_SHARP_EDGES: "sharp_edges",
 }
 
 CHANNEL_GROUP = Structure("channel_group", "5.3.1", (
@@ -53,6 +55,8 @@ PARAMETER = Structure("parameter", "5.4.2", (
     Derived("NumValues", "number of values of parameter parameter_id", lambda v: PARAMETERS[v["parameter_id"]].count),
     E("parameter_value", "f32", count="NumValues"),
 ))
+FLAG_UNLIT = 2
+_LIT = ("(material_flags & 2) == 0", lambda v: not v["material_flags"] & FLAG_UNLIT)
 
 MATERIAL = Structure("material", "5.4.1", (
     E("name_length", "v", 0, 65535),
@@ -60,6 +64,8 @@ MATERIAL = Structure("material", "5.4.1", (
     E("alpha_mode", "u8", 0, 2),
     E("alpha_cutoff", "u16", when=("alpha_mode == 1", lambda v: v["alpha_mode"] == 1)),
     E("material_flags", "u8", 0, 3),
+    E("normal_rule", "u8", 0, KINDS * WEIGHTS - 1, when=_LIT),
+    E("normal_angle", "u8", 0, MOST_ANGLE, when=_LIT),
     E("material_channels", "v", 0, (1 << len(CHANNELS)) - 1),
     E("num_parameters", "u8", 0, len(PARAMETERS)),
     E("parameters", PARAMETER, count="num_parameters"),
@@ -115,6 +121,12 @@ METADATA = Structure("metadata", "5.8", (
     E("metadata_json", "bytes"),
 ))
 
+SHARP_EDGES = Structure("sharp_edges", "5.10", (
+    E("num_edges", "v", 1),
+    E("marks_crc", "u32"),
+    E("marks_data", "bytes"),
+))
+
 END = Structure("end", "5.9", ())
 
 UNITS = {
@@ -125,10 +137,11 @@ UNITS = {
     UNIT_ATTRIBUTE: ATTRIBUTE,
     UNIT_END: END,
     UNIT_METADATA: METADATA,
+    UNIT_SHARP_EDGES: SHARP_EDGES,
 }
 
 
 def structures() -> list[Structure]:
     """Every syntax structure, those of our codecs among them, in the order of their clauses."""
     before = [SEQUENCE_HEADER, CHANNEL_GROUP, MATERIALS, MATERIAL, PARAMETER, FIELD, GEOMETRY, ATTRIBUTE]
-    return [*before, *(one for codec in our_codecs() for one in codec.structures), METADATA]
+    return [*before, *(one for codec in our_codecs() for one in codec.structures), METADATA, SHARP_EDGES]

@@ -6,9 +6,19 @@ from dataclasses import dataclass
 
 from ..errors import LimitError, StreamError, SupportError
 from ..ground.walk import Reader, write_v
-from .syntax import ANCILLARY, SIGNATURE, UNIT_END, UNIT_HEADER, UNIT_MATERIALS, UNIT_METADATA, UNIT_NAMES, UNITS
+from .syntax import (
+    ANCILLARY,
+    SIGNATURE,
+    UNIT_END,
+    UNIT_HEADER,
+    UNIT_MATERIALS,
+    UNIT_METADATA,
+    UNIT_NAMES,
+    UNIT_SHARP_EDGES,
+    UNITS,
+)
 
-ONE_AT_MOST = (UNIT_HEADER, UNIT_MATERIALS, UNIT_METADATA)
+ONE_AT_MOST = (UNIT_HEADER, UNIT_MATERIALS, UNIT_METADATA, UNIT_SHARP_EDGES)
 
 
 @dataclass

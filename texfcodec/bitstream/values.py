@@ -20,6 +20,7 @@ from .appearance import channel_bits, parameter_values
 from .syntax import SUPPORT_TEXELS, SUPPORT_VOXELS, VERSION
 
 if TYPE_CHECKING:
+    from ..asset.normal_rule import NormalRule
     from ..codecs.codec import Group
     from ..geometry.surface import Surface
     from ..report import Report
@@ -37,15 +38,15 @@ def header_values(materials: list[Material], surface: Surface, geometry: list, n
     }
 
 
-def material_values(material: Material) -> dict:
-    """Values of one material (spec 5.4.1)."""
+def material_values(material: Material, rule: NormalRule) -> dict:
+    """Values of one material (spec 5.4.1). rule: of its shading normals, which those without light have no use for."""
     name = material.name.encode("utf-8", "replace")[:65535].decode("utf-8", "ignore")
     cutoff = round(min(max(material.alpha_cutoff, 0.0), 1.0) * 65535)
     return {"name_length": len(name.encode("utf-8")), "material_name": name, "alpha_mode": material.alpha_mode,
             "alpha_cutoff": cutoff if material.alpha_mode == ALPHA_MASK else None,
-            "material_flags": int(material.double_sided) | int(material.unlit) << 1,
-            "material_channels": channel_bits(material), "num_parameters": len(material.parameters),
-            "parameters": parameter_values(material)}
+            "material_flags": int(material.double_sided) | int(material.unlit) << 1, "normal_rule": rule.code,
+            "normal_angle": rule.angle, "material_channels": channel_bits(material),
+            "num_parameters": len(material.parameters), "parameters": parameter_values(material)}
 
 
 def field_values(number: int, support: VoxelSupport | TexelSupport, threshold: int) -> dict:

@@ -13,6 +13,7 @@ import numpy as np
 from ...errors import InputError, SupportError
 from ..scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene
 from .image_read import TextureShelf, read_texture_file
+from .normals import place_normals
 from .parts import Notes, Part, assemble, check_face_count, linear_rgba
 from .polygons import triangulate
 
@@ -86,15 +87,13 @@ def _part(source, geometry, look, notes):
     triangles, _ = triangulate(points, corners, sizes, notes)
     row, texcoord = look.of(geometry.materialnodebysymbol.get(source.material))
     uv, color = _uv(source, texcoord, triangles, label, notes), _color(source, triangles, label, notes)
-    faces = corners[triangles]
+    faces, normal = corners[triangles], _normal(source, triangles, matrix[:3, :3], label)
     if np.linalg.det(matrix[:3, :3]) < 0:
-        faces, uv, color = (None if values is None else values[:, [0, 2, 1]] for values in (faces, uv, color))
+        faces, uv, color, normal = (None if values is None else values[:, [0, 2, 1]] for values in (faces, uv, color, normal))
     for name in source.sources:
         if name not in _USED_INPUTS and source.sources[name]:
             notes.drop(f"COLLADA input '{name[:40]}'")
-    if source.sources.get("NORMAL"):
-        notes.drop("NORMAL")
-    return Part(points, faces, row, uv, color, label)
+    return Part(points, faces, row, uv, color, label, normal)
 
 
 def _values(source, kind, number, triangles, label):
@@ -120,6 +119,13 @@ def _uv(source, texcoord, triangles, label, notes):
     if chosen is None:
         return None
     return _values(source, "TEXCOORD", chosen, triangles, label)[..., :2] * [1.0, -1.0] + [0.0, 1.0]
+
+
+def _normal(source, triangles, linear, label):
+    """float64 [F, 3, 3] in world space or None. linear: float64 [3, 3] of the node."""
+    if not source.sources.get("NORMAL"):
+        return None
+    return place_normals(_values(source, "NORMAL", 0, triangles, label)[..., :3], linear)
 
 
 def _color(source, triangles, label, notes):

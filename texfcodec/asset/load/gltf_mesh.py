@@ -71,7 +71,10 @@ class MeshReader:
         result = Part(self._morphed(mesh, primitive, positions), faces, self._slot(material),
                       self._uv(source, look.leading, label), self._vertex_color(source, label), label,
                       {name: self._uv(source, info, label) for name, info in look.others().items()})
-        for values in (result.uv, result.color, *result.map_uv.values()):
+        if source.has("NORMAL"):  # without it, TANGENT says nothing (section 3.7.2.1)
+            result.normal = self._morphed(mesh, primitive, source.floats("NORMAL", ("VEC3",)), "NORMAL")
+            result.tangent = source.floats("TANGENT", ("VEC4",)) if source.has("TANGENT") else None
+        for values in (result.uv, result.color, result.normal, result.tangent, *result.map_uv.values()):
             if values is not None and len(values) != len(positions):
                 raise malformed(f"{label} has attributes of different counts")
         return result
@@ -122,28 +125,28 @@ class MeshReader:
         for name in names:
             if name.startswith("TEXCOORD_"):
                 self._found_uv.add(name)
-            elif name not in ("POSITION", "COLOR_0"):
+            elif name not in ("POSITION", "COLOR_0", "NORMAL", "TANGENT"):
                 self.document.notes.drop(name)
         for name in extensions(primitive):
             if name != _DRACO:
                 self.document.notes.drop(f"extension {name} of {label}")
 
-    def _morphed(self, mesh, primitive, positions):
-        """Positions with the mesh's default morph weights (section 3.7.2.2); the targets themselves are dropped."""
+    def _morphed(self, mesh, primitive, values, name="POSITION"):
+        """Values of an attribute with the mesh's default morph weights (section 3.7.2.2); the targets themselves are dropped."""
         targets = primitive.get("targets")
         if not targets:
-            return positions
+            return values
         self.document.notes.drop("morph targets")
         weights = mesh.get("weights", [])
         if not isinstance(targets, list) or not isinstance(weights, list):
             raise malformed("morph targets or weights are not arrays")
         for target, weight in zip(targets, weights, strict=False):
-            if weight and isinstance(target, dict) and "POSITION" in target:
-                delta = read_floats(self.document, target["POSITION"], ("VEC3",))
-                if len(delta) != len(positions):
+            if weight and isinstance(target, dict) and name in target:
+                delta = read_floats(self.document, target[name], ("VEC3",))
+                if len(delta) != len(values):
                     raise malformed("a morph target differs in count from its mesh")
-                positions = positions + float(weight) * np.asarray(delta, np.float64)
-        return positions
+                values = values + float(weight) * np.asarray(delta, np.float64)
+        return values
 
 
 class _Plain:

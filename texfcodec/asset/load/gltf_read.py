@@ -18,6 +18,7 @@ from .gltf_document import extensions, integer, is_index, malformed, name_of, nu
 from .gltf_material import read_look, read_material
 from .gltf_mesh import MeshReader
 from .image_read import TextureShelf
+from .normals import place_normals, place_tangents
 from .parts import Notes, assemble, check_face_count
 
 if TYPE_CHECKING:
@@ -50,7 +51,9 @@ def read_gltf(data: bytes, folder: Path, notes: Notes) -> Scene:
     materials = [read_material(document, index, looks[index], shelf) for index in meshes.materials]
     _drop_rest(document, meshes.materials)
     metadata = _metadata(document, shown)
-    return assemble(parts, materials, shelf.textures, notes, metadata)
+    scene = assemble(parts, materials, shelf.textures, notes, metadata)
+    scene.flat = True  # section 3.7.2.1: what has no normals is flat
+    return scene
 
 
 def _check_required(document):
@@ -139,7 +142,8 @@ def _place(part, world):
         points = points @ world[:3, :3].T + world[:3, 3]
     if np.linalg.det(world[:3, :3]) < 0:
         faces = faces[:, [0, 2, 1]]
-    return replace(part, positions=points, faces=faces)
+    return replace(part, positions=points, faces=faces, normal=place_normals(part.normal, world[:3, :3]),
+                   tangent=place_tangents(part.tangent, world[:3, :3]))
 
 
 def _drop_node_properties(document, node, index):

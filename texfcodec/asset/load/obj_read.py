@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..scene import Scene
 
 _SILENT = {"g", "s"}
-_DATA = (b"v", b"vt", b"f")
+_DATA = (b"v", b"vt", b"vn", b"f")
 
 
 class _Statements:
@@ -29,8 +29,8 @@ class _Statements:
 
     def __init__(self, lines):
         self.lines = lines
-        self.v, self.vt, self.f = [], [], []
-        self.relative = {}  # face row with a minus sign -> (v rows, vt rows before it)
+        self.v, self.vt, self.vn, self.f = [], [], [], []
+        self.relative = {}  # face row with a minus sign -> (v, vt and vn rows before it)
         self.runs = []  # (first face row, material name): usemtl holds until the next one
         self.libraries, self.objects = [], []
 
@@ -54,7 +54,8 @@ def read_obj(data: bytes, folder: Path, notes: Notes) -> Scene:
     chosen = [_find_material(name, library, notes) for name in names]
     materials = [scene_material(item, folder, shelf) for item in chosen]
     faces, texels, material = corners[triangles, 0], corners[triangles, 1], material[polygon]
-    part = Part(vertices[:, :3], faces, material, _uv(rows, texels, material, chosen), _vertex_color(vertices), "the OBJ file")
+    part = Part(vertices[:, :3], faces, material, _uv(rows, texels, material, chosen), _vertex_color(vertices), "the OBJ file",
+                _normal(rows, corners[triangles, 2]))
     if not any(item.texture for item in chosen) and rows.vt:
         notes.drop("vt (no texture uses it)")
     metadata = {"objects": rows.objects} if rows.objects else {}
@@ -64,19 +65,19 @@ def read_obj(data: bytes, folder: Path, notes: Notes) -> Scene:
 def _sort(data, notes):
     lines = _clean(data).split(b"\n")
     rows = _Statements(lines)
-    v, vt, f = rows.v, rows.vt, rows.f
+    v, vt, vn, f = rows.v, rows.vt, rows.vn, rows.f
     for line in lines:
         head = line[:2]
         if head == b"v ":
             v.append(line[2:])
         elif head == b"f ":
             if b"-" in line:
-                rows.relative[len(f)] = len(v), len(vt)
+                rows.relative[len(f)] = len(v), len(vt), len(vn)
             f.append(line[2:])
         elif head == b"vt":
             vt.append(line[3:])
         elif head == b"vn":
-            notes.drop("NORMAL")
+            vn.append(line[3:])
         elif head[:1] not in (b"#", b""):
             head, _, rest = line.partition(b" ")
             _other(rows, decode_text(head), decode_text(rest).strip(), notes)
@@ -158,14 +159,14 @@ def _unreadable(rows, statement, row, text):
 
 
 def _corners(rows):
-    """(int64 [C, 2] position and UV indices from 0, UV below 0 where absent; int64 [rows] corners per face)."""
+    """(int64 [C, 3] position, UV and normal indices from 0, the last two below 0 where absent; int64 [rows] corners per face)."""
     texts = rows.f
     joined = b"\n".join(texts) + b"\n"
     if any(hole in joined for hole in (b"//", b"/ ", b"/\n")):
         texts = [(text + b" ").replace(b"//", b"/0/").replace(b"/ ", b"/0 ") for text in texts]
     sizes = np.array([len(text.split()) for text in texts])
     slashes = np.array([text.count(b"/") for text in texts])
-    out = np.zeros((int(sizes.sum()), 2), np.int64)
+    out = np.zeros((int(sizes.sum()), 3), np.int64)
     starts = np.cumsum(sizes) - sizes
     left = sizes > 0
     for depth in (0, 1, 2):  # v, v/vt, v/vt/vn
@@ -176,7 +177,7 @@ def _corners(rows):
         if values is None or len(values) != sizes[chosen].sum():
             raise _bad_face(rows, texts)
         where = np.repeat(starts[chosen], sizes[chosen]) + counting(sizes[chosen])
-        out[where, : min(depth + 1, 2)] = values[:, :2]
+        out[where, : depth + 1] = values
         left[chosen] = False
     if left.any():
         raise _bad_face(rows, texts)
@@ -198,12 +199,12 @@ def _index_tuples(texts, depth):
 
 
 def _from_zero(rows, corners, sizes):
-    """OBJ counts from 1, and from the end so far with a minus sign -> indices from 0; an absent UV becomes -1."""
+    """OBJ counts from 1, and from the end so far with a minus sign -> indices from 0; an absent UV or normal becomes -1."""
     bad = np.flatnonzero(corners[:, 0] == 0)
     if len(bad):
         row = int(np.searchsorted(np.cumsum(sizes), bad[0], "right"))
         raise _unreadable(rows, b"f", row, rows.f[row])
-    seen = np.zeros((len(sizes), 2), np.int64)
+    seen = np.zeros((len(sizes), 3), np.int64)
     if rows.relative:
         seen[list(rows.relative)] = list(rows.relative.values())
     before = np.repeat(seen, sizes, axis=0)
@@ -234,6 +235,16 @@ def _uv(rows, indices, material, chosen):
     uv[..., 1] = 1.0 - uv[..., 1]
     uv[indices < 0] = 0.0
     return uv
+
+
+def _normal(rows, indices):
+    """float64 [F, 3, 3], zero where a corner has none; None where no corner has one."""
+    if not rows.vn or (indices < 0).all():
+        return None
+    table = _floats(rows, b"vn", rows.vn, 3)[:, :3]
+    if indices.max() >= len(table) or indices.min() < -1:
+        raise InputError("TXF-I13", "a face of the OBJ file names a normal that does not exist", allowed=len(table))
+    return np.where((indices < 0)[..., None], 0.0, table[indices])
 
 
 def _vertex_color(vertices):

@@ -41,7 +41,9 @@ def read_off(data: bytes, folder: Path, notes: Notes) -> Scene:
     elif face_color is not None:
         notes.drop("colours of faces (vertices have colours too)")
     drop_alpha(color, notes)
-    return assemble([Part(table[:, :3], corners[triangles], color=color, label="the OFF file")], [Material("default")], [], notes)
+    normal = table[:, 3:6] if has_normal and table.shape[1] >= 6 else None
+    part = Part(table[:, :3], corners[triangles], color=color, label="the OFF file", normal=normal)
+    return assemble([part], [Material("default")], [], notes)
 
 
 def _bad(what, **details):
@@ -96,8 +98,6 @@ def _vertex_color(table, has_color, has_normal, has_uv, notes):
     """float32 linear RGBA [V, 4] or None. Columns stand in the order position, normal, colour, texture coordinates."""
     at = 3 + (3 if has_normal else 0)
     last = table.shape[1] - (2 if has_uv else 0)
-    if has_normal:
-        notes.drop("NORMAL")
     if has_uv:
         notes.drop("texture coordinates (an OFF file names no texture)")
     columns = last - at

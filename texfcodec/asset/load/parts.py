@@ -7,6 +7,7 @@ import numpy as np
 from ...errors import InputError, LimitError
 from ..scene import Material, Scene, Texture
 from ..srgb import srgb_to_linear
+from .normals import fill_normals
 
 MAX_FACES = 1 << 26  # instancing lets a small file ask for any number; beyond this no machine we know would follow
 UV_OUTLIER = 1e6
@@ -47,7 +48,8 @@ class Part:
 
     positions: float [V, 3]; faces: integer [F, 3]; material: index, or integer [F];
     uv: float [V, 2] or [F, 3, 2] in glTF convention, or None; color: float32 linear RGBA [V, 4] or [F, 3, 4], or None;
-    label: how messages call it; map_uv: as uv, by channel name, for channels with other UVs.
+    label: how messages call it; map_uv: as uv, by channel name, for channels with other UVs; normal: float [V, 3] or [F, 3, 3] of
+    any length, or None; tangent: float [V, 4] or [F, 3, 4], or None.
     """
 
     positions: np.ndarray
@@ -57,6 +59,8 @@ class Part:
     color: np.ndarray | None = None
     label: str = "mesh"
     map_uv: dict = field(default_factory=dict)
+    normal: np.ndarray | None = None
+    tangent: np.ndarray | None = None
 
 
 def drop_alpha(color: np.ndarray | None, notes: Notes) -> None:
@@ -103,6 +107,7 @@ def assemble(parts: list[Part], materials: list[Material], textures: list[Textur
     _fill_map_uv(scene, parts)
     _repair_uv(scene, notes)
     _repair_color(scene, notes)
+    fill_normals(scene, parts, notes)
     _report_geometry(scene, unused, broken, notes)
     scene.warnings, scene.dropped = notes.warnings, notes.dropped
     return scene

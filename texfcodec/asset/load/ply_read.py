@@ -61,7 +61,7 @@ def read_ply(data: bytes, folder: Path, notes: Notes) -> Scene:
     shelf = TextureShelf(notes)
     materials = _materials(header, folder, shelf)
     part = Part(points, indices[corners], _face_material(face, row_of, materials), _uv(vertex, face, corners, row_of),
-                _color(vertex, face, row_of), "the PLY file")
+                _color(vertex, face, row_of), "the PLY file", _normal(vertex))
     _drop_rest(vertex, face, part, header, notes)
     metadata = {"comments": header.comments} if header.comments else {}
     return assemble([part], materials, shelf.textures, notes, metadata)
@@ -294,6 +294,13 @@ def _color(vertex, face, row_of):
     return None
 
 
+def _normal(vertex):
+    """float64 [V, 3], or None."""
+    if any(name not in vertex or isinstance(vertex[name], tuple) for name in _NORMALS):
+        return None
+    return np.stack([np.asarray(vertex[name], np.float64) for name in _NORMALS], axis=1)
+
+
 def _unit(values):
     """Colour samples to [0, 1]: by type for integers, as they are for floats."""
     values = np.asarray(values)
@@ -305,8 +312,6 @@ def _unit(values):
 def _drop_rest(vertex, face, part, header, notes):
     known = {"x", "y", "z", "vertex_indices", "vertex_index", "texnumber", "texcoord", *_NORMALS}
     known.update(name for names in (*_UV_NAMES, *_COLOR_NAMES) for name in names)
-    if any(name in vertex for name in _NORMALS):
-        notes.drop("NORMAL")
     drop_alpha(part.color, notes)
     if part.uv is not None and not header.textures:
         notes.drop("texture coordinates (the file names no TextureFile)")

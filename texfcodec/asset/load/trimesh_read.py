@@ -112,10 +112,10 @@ def check_scene(scene: Scene) -> Scene:
     """The same Scene, when its arrays fit together. Errors: TXF-I13, TXF-I14, TXF-I15, TXF-I22."""
     count, points = len(scene.faces), len(scene.positions)
     shapes = {"positions": (points, 3), "faces": (count, 3), "face_material": (count,), "corner_uv": (count, 3, 2),
-              "corner_color": (count, 3, 4)}
+              "corner_color": (count, 3, 4), "corner_normal": (count, 3, 3), "corner_tangent": (count, 3, 4)}
     for name, shape in shapes.items():
         values = getattr(scene, name)
-        if (values is not None or name != "corner_color") and np.shape(values) != shape:
+        if (values is not None or name not in ("corner_color", "corner_normal", "corner_tangent")) and np.shape(values) != shape:
             raise InputError("TXF-I22", f"Scene.{name} has the wrong shape", value=str(np.shape(values)), allowed=str(shape))
     if not count:
         raise InputError("TXF-I15", "the input has no triangles")
@@ -130,4 +130,6 @@ def check_scene(scene: Scene) -> Scene:
     factors = [material.factor for material in scene.materials]
     if not np.isfinite(factors).all() or not (scene.corner_color is None or np.isfinite(scene.corner_color).all()):
         raise InputError("TXF-I14", "colours or factors of the Scene are NaN or infinite")
+    if not all(values is None or np.isfinite(values).all() for values in (scene.corner_normal, scene.corner_tangent)):
+        raise InputError("TXF-I14", "normals or tangents of the Scene are NaN or infinite")
     return scene

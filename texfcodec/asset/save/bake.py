@@ -14,6 +14,7 @@ from .atlas import Atlas, make_atlas
 from .atlas_system import AtlasSystem
 from .gaps import fill_gaps
 from .gutters import continue_over_borders
+
 SEAM=True
 
 

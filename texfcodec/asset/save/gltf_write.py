@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..normals import corner_normals
 from ..scene import ALPHA_BLEND, ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
 from .appearance import linear_u16, unique_corners, vertex_colours
 from .precision import local_frame
@@ -89,7 +88,7 @@ def textured(texf: Any, look: Textured, images: list[str | bytes]) -> Document:
         return document
     uv = look.corner_uv.astype(np.float32).reshape(-1, 2)
     corner, looks = texf.faces.ravel(), np.repeat(look.face_look, 3)
-    normal = corner_normals(texf.lattice_positions, texf.faces).reshape(-1, 3)
+    normal = _written_normals(texf).reshape(-1, 3)
     first, index = unique_corners(looks, corner, np.ascontiguousarray(uv).view(np.uint64).ravel(), *normal.view(np.int32).T)
     columns = {"NORMAL": (normal[first], "VEC3", False), "TEXCOORD_0": (uv[first], "VEC2", False)}
     groups = _Groups(looks[first], look.face_look, [_material(texf.materials[m], int(image)) for m, image in look.looks])
@@ -97,6 +96,14 @@ def textured(texf: Any, look: Textured, images: list[str | bytes]) -> Document:
     for number, (texture, image) in enumerate(zip(look.textures, images, strict=True)):
         _add_texture(document, texture.wrap, "texf" if len(images) == 1 else f"texf_{number}", image)
     return document
+
+
+def _written_normals(texf):
+    """Normals of corners, float32 [F, 3, 3]; 0 where the material is flat, which glTF says by leaving them out."""
+    normal = texf.shading_normals()
+    flat = np.array([m.normals.angle == 0 for m in texf.materials], bool)
+    normal[flat[texf.face_material]] = 0.0
+    return normal
 
 
 def _add_texture(document, wrap, name, image):
@@ -186,6 +193,8 @@ def _add_surface(document, texf, vertex, index, groups, columns):
         low, high = np.searchsorted(groups.vertex, (number, number + 1))
         attributes = {"POSITION": document.add_accessor(local[low:high], "VEC3", _ARRAY, bounds=True)}
         for name, (values, kind, normalized) in columns.items():
+            if name == "NORMAL" and not values[low:high].any():
+                continue
             attributes[name] = document.add_accessor(values[low:high], kind, _ARRAY, normalized=normalized)
         corners = (index[groups.face == number] - low).ravel()
         indices = corners.astype(np.uint16 if high - low <= 65535 else np.uint32)  # 65535 itself is the restart value

@@ -1,0 +1,48 @@
+"""What a rule of shading normals says (spec clause 8.4.1). normals.py makes normals by it."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+PAIRS, JOINED, MARKED = range(3)
+AREA, ANGLE, BOTH = range(3)
+KINDS, WEIGHTS = 3, 3
+_WEIGHT_NAMES = ("area", "corner angle", "area and corner angle")
+_KIND_NAMES = ("pairs of faces", "faces joined over edges", "faces joined over edges that are not marked as sharp,")
+
+
+class NormalRule(NamedTuple):
+    """kind: a corner's normal is the mean over the faces around its vertex that are within the angle of its own (PAIRS), or over
+    those that it reaches over edges at which faces are within the angle (JOINED) and that the stream does not mark as sharp
+    (MARKED). weight: AREA of a face, ANGLE of its corner at the vertex, or BOTH as a product. angle: whole degrees 0..180; 0 is
+    flat."""
+
+    kind: int
+    weight: int
+    angle: int
+
+    @property
+    def code(self) -> int:
+        """normal_rule in the stream."""
+        return WEIGHTS * self.kind + self.weight
+
+    @property
+    def cosine(self) -> float:
+        """Least cosine of two normals that are within the angle; a little below it, so that 90 means right angles too."""
+        return math.cos(math.radians(self.angle)) - 1e-9
+
+    def __str__(self) -> str:
+        if self.angle == 0:
+            return "flat"
+        return f"{_KIND_NAMES[self.kind]} within {self.angle} degrees, weighed by {_WEIGHT_NAMES[self.weight]}"
+
+
+FLAT = NormalRule(PAIRS, AREA, 0)
+USUAL = NormalRule(PAIRS, AREA, 45)
+MOST_ANGLE = 180
+
+
+def rule_of(code: int, angle: int) -> NormalRule:
+    """The rule of normal_rule and normal_angle."""
+    return NormalRule(code // WEIGHTS, code % WEIGHTS, angle)

@@ -117,10 +117,11 @@ def _scalar(semantic: int, name: str, extension: str, slot: str, columns: tuple[
 
 
 def _normal(semantic: int, name: str, extension: str, slot: str, over: str, weight: float) -> Channel:
+    """Over voxels the parameter is in the values."""
     planar = over == "texels"
     return Channel(semantic=semantic, name=name if planar else name + _OBJECT, components=2 if planar else 3, extension=extension,
-                   slot=slot, columns=_RGB[:2] if planar else _RGB, parameter=f"{name}_scale", unit="degrees", over=over,
-                   weight=weight)
+                   slot=slot, columns=_RGB[:2] if planar else _RGB, parameter=f"{name}_scale" if planar else "", unit="degrees",
+                   over=over, weight=weight)
 
 
 CHANNELS = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import zlib
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ from .bitstream.values import attribute_values, field_values, header_values, mat
 from .channels import channel_over
 from .choose.codec import codec_for, with_qp_of
 from .choose.effects import needed_scene
+from .choose.frames import Frames
 from .choose.maps import fill_maps, groups_of, joined, names_of_field, with_grey
 from .choose.normals import Shading, choose_normals
 from .choose.prepare import SourceField, active_voxels, check_voxels, transferred
@@ -147,11 +149,12 @@ def _fields_of_faces(scene, surface, plans, options, report):
 
 def _fill(prepared, names, options, report):
     """Brings the source's values into the voxels of the first fields. names: by field, the channels that it has maps of."""
-    fields = prepared.fields[: len(names)]
+    fields, source = prepared.fields[: len(names)], prepared.source
+    frames = cache(lambda: Frames(source.scene, source.surface, prepared.shading))
     for number, part in enumerate(fields):
         with report.stage("transfer"):
             transferred(part, prepared.source, number, options)
-            fill_maps(part, prepared.source, number, names[number], options)
+            fill_maps(part, prepared.source, number, names[number], frames, options)
     with report.stage("refine"):
         prepared.choices["refinement"] = refine_fields(prepared.source, fields, options, report)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +11,9 @@ from ..asset.factors import FLAT
 from ..asset.sample import map_columns, pack_map
 from ..channels import ALPHA, BASE_COLOUR, BY_NAME, CHANNELS, FULL, channel_over
 from ..codecs.codec import Group
-from ..support.transfer import transfer
+from ..support.morton import encode_morton
+from ..support.samples import surface_samples
+from ..support.transfer import LEAST_WEIGHT, fill_uncoloured, transfer
 from ..support.voxelise import SAMPLES_PER_EDGE
 
 if TYPE_CHECKING:
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from ..codecs.codec import Source
     from ..geometry.surface import Surface
     from ..options import EncodeOptions
+    from .frames import Frames
     from .prepare import SourceField
 
 TOGETHER = ("roughness", "metallic")  # one group where both are coded: 4 to 6 % fewer bytes than apart (helmet, bottle), with
@@ -83,7 +86,7 @@ def joined(part: SourceField, group: Group) -> tuple[np.ndarray, int]:
 
 
 def values_of_map(name: str, texels: np.ndarray) -> np.ndarray:
-    """A channel's values of texels of its image. texels: uint8 [..., 4]. Returns float32 [..., C] in 0..255; normals have been
+    """A channel's values of texels of its image. texels: uint8 or float32 [..., 4]. Returns float32 [..., C] in 0..255; normals have been
     made unit vectors, of which x and y are kept."""
     if BY_NAME[name].unit != "degrees":
         return np.ascontiguousarray(texels[..., list(BY_NAME[name].columns)], np.float32)
@@ -94,24 +97,46 @@ def values_of_map(name: str, texels: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray((vector[..., :2] + 1) * FLAT, np.float32)
 
 
-def fill_maps(part: SourceField, source: Source, number: int, names: set[str], options: EncodeOptions) -> None:
+def fill_maps(part: SourceField, source: Source, number: int, names: set[str], frames: Callable[[], Frames],
+              options: EncodeOptions) -> None:
     """Adds to the planes of a SourceField over voxels, number `number` of the source, what the maps of its faces show. names:
-    of the channels, as materials know them."""
+    of the channels, as materials know them; frames: the Frames that normal maps need."""
     for name in sorted(names):
         channel = channel_over(name, planar=False)
-        if channel.name != name:
-            raise NotImplementedError(name)
-        part.planes[name] = _transferred(part, source, number, name, options)
+        mapped = np.array([name in m.maps for m in source.scene.materials], bool)
+        mine = (source.face_field == number) & mapped[source.surface.material]
+        if channel.name == name:
+            part.planes[name] = _transferred(part, source, mine, name, options)
+        else:
+            part.planes[channel.name] = _deviations(part, source, mine, lambda *at, n=name: frames().deviations(n, *at), options)
 
 
-def _transferred(part, source, number, name, options):
+def _transferred(part, source, mine, name, options):
     """Mean of a map over the surface in each voxel, float32 [N, C]; voxels that only faces without the map touch carry on what is
-    around them."""
+    around them. mine: bool [F], faces of the field with the map."""
     surface = source.surface
-    mapped = np.array([name in m.maps for m in source.scene.materials], bool)
-    mine = (source.face_field == number) & mapped[surface.material]
     packed = pack_map(source.scene, name, surface.origin_face[mine])
     density = int(np.clip(np.ceil(2 * part.texels_per_edge), SAMPLES_PER_EDGE, 4))
     colour, _ = transfer(surface.lattice, surface.faces[mine], packed, surface.cube.position_bits, options.resolution, part.keys,
                          part.support.brick_map, density, options.threads)
     return np.ascontiguousarray(colour[:, map_columns(name)])
+
+
+def _deviations(part, source, mine, ask, options):
+    """As _transferred, for what a function of (faces, weights of corners, threads) answers, float32 [M, 3]."""
+    surface, rows = source.surface, np.flatnonzero(mine)
+    sums = np.zeros((len(part.keys), 4))
+    for points, face, bary, share in surface_samples(surface.lattice, surface.faces[rows], surface.cube.position_bits,
+                                                     options.resolution, SAMPLES_PER_EDGE):
+        cell = np.clip(np.floor(points).astype(np.int64), 0, options.resolution - 1)
+        key = encode_morton(cell)
+        rank = np.minimum(np.searchsorted(part.keys, key), len(part.keys) - 1)
+        there = part.keys[rank] == key
+        values = ask(rows[face[there]], bary[there], options.threads)
+        weight = share[there] + LEAST_WEIGHT
+        for c in range(3):
+            sums[:, c] += np.bincount(rank[there], weight * values[:, c], len(sums))
+        sums[:, 3] += np.bincount(rank[there], weight, len(sums))
+    colour = (sums[:, :3] / np.maximum(sums[:, 3:], 1e-30)).astype(np.float32)
+    fill_uncoloured(part.keys, colour, sums[:, 3])
+    return colour

@@ -71,8 +71,9 @@ def _gather(corners, faces, source, per_edge, resolution, low, high, axis, only_
                 sums[rank, 5] += np.float32(share)
 
 
-def _fill_uncoloured(keys, colour, weight):
-    """Gives voxels of weight 0 (fully transparent) the mean colour of the nearest octree ancestor that has one."""
+def fill_uncoloured(keys: np.ndarray, colour: np.ndarray, weight: np.ndarray) -> None:
+    """Gives voxels of weight 0 (fully transparent) the mean colour of the nearest octree ancestor that has one, in place. keys:
+    int64 [N]; colour: float32 [N, C]; weight: [N]."""
     empty = np.flatnonzero(weight <= 0)
     for shift in range(3, 42, 3):
         if len(empty) == 0:
@@ -123,5 +124,5 @@ def transfer(lattice: np.ndarray, faces: np.ndarray, source: tuple, position_bit
         gather(SAMPLES_PER_EDGE, True)
     weight = sums[:, 3]
     colour = sums[:, :3] / np.maximum(weight, 1e-30)[:, None]
-    _fill_uncoloured(keys, colour, weight)
+    fill_uncoloured(keys, colour, weight)
     return colour, sums[:, 4] / np.maximum(sums[:, 5], 1e-30)

@@ -1,0 +1,66 @@
+"""Normal maps without UVs: what a map says of the surface, as a deviation from the shading normals that a decoder makes again
+(encoder only; spec clause 8.5)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..asset.factors import FLAT, factor_of
+from ..asset.normals import corner_normals
+from ..asset.sample import pack_map, sample_source
+from ..asset.tangents import corner_tangents
+from ..channels import BY_NAME
+from ..render.frames import interpolate_corners, tangent_space_normals
+from .maps import values_of_map
+
+if TYPE_CHECKING:
+    from ..asset.scene import Scene
+    from ..geometry.surface import Surface
+    from .normals import Shading
+
+
+class Frames:
+    """Normals of a surface's corners: as the source has them and as a decoder makes them again; tangents where a map asks.
+
+    normal, rebuilt: float32 [F, 3, 3]; geometric: float32 [F, 3] of the faces.
+    """
+
+    def __init__(self, scene: Scene, surface: Surface, shading: Shading) -> None:
+        self.scene, self.surface = scene, surface
+        self.rebuilt = corner_normals(surface.lattice, surface.faces, shading.rules, surface.material, shading.marks)
+        self.normal = self.rebuilt if scene.corner_normal is None else scene.corner_normal[surface.origin_face]
+        corners = surface.lattice[surface.faces].astype(np.float32)
+        self.geometric = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        self._tangents: dict[int, np.ndarray] = {}
+        self._sources: dict[str, tuple] = {}
+
+    def deviations(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
+        """How far a normal map turns the surface's normals from those that are made again, float32 [M, 3] in 0..255, FLAT being
+        0. name: of the channel; face: int64 [M] of the surface, of materials with the map; bary: float64 [M, 3]."""
+        if name not in self._sources:
+            self._sources[name] = pack_map(self.scene, name, self.surface.origin_face)
+        texel = values_of_map(name, sample_source(self._sources[name], face, bary, threads))
+        scale = np.array([factor_of(m.parameters, BY_NAME[name].parameter)[0] for m in self.scene.materials], np.float32)
+        tangent = interpolate_corners(self._tangent(name), face, bary)
+        normal, geometric = interpolate_corners(self.normal, face, bary), self.geometric[face]
+        bent = tangent_space_normals(texel, scale[self.surface.material[face]], normal, tangent, geometric)
+        flat = interpolate_corners(self.rebuilt, face, bary)
+        flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-12)
+        return np.clip((bent - flat + 1) * FLAT, 0, 255).astype(np.float32)
+
+    def _tangent(self, name):
+        """Tangents of the corners, float32 [F, 3, 4]: the source's, or made of the UVs of a map."""
+        rows, uv = self.surface.origin_face, self.scene.map_uv.get(name, self.scene.corner_uv)
+        key = id(uv)
+        if key not in self._tangents:
+            made = self.scene.corner_tangent[rows] if self._has_tangents(uv) else None
+            if made is None:
+                made = corner_tangents(self.surface.lattice.astype(np.float64), self.surface.faces, uv[rows], self.normal)
+            self._tangents[key] = made
+        return self._tangents[key]
+
+    def _has_tangents(self, uv):
+        tangent = self.scene.corner_tangent
+        return tangent is not None and uv is self.scene.corner_uv and tangent.any(axis=2).all()

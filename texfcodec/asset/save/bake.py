@@ -20,10 +20,12 @@ SEAM=True
 
 @dataclass
 class Baked:
-    """image: uint8 [H, W, 4] RGBA, sRGB-coded, straight alpha, row 0 at v = 0; every texel filled. warnings: sentences."""
+    """image: uint8 [H, W, 4] RGBA, sRGB-coded, straight alpha, row 0 at v = 0; every texel filled; system: what it was fitted with;
+    warnings: sentences."""
 
     atlas: Atlas
     image: np.ndarray
+    system: AtlasSystem
     warnings: list = field(default_factory=list)
 
 
@@ -55,7 +57,7 @@ def bake(texf: Any, texture_size: int | None = None, atlas: str | Atlas = "auto"
     if SEAM:
         known = known | continue_over_borders(image[..., :3], system.owner, texf.positions, texf.faces[chosen], system.texels)
     fill_gaps(image[..., :3], known)
-    return Baked(atlas, image, list(atlas.warnings))
+    return Baked(atlas, image, system, list(atlas.warnings))
 
 
 def threads_of(texf: Any) -> int:

@@ -25,8 +25,9 @@ def texel_image(texf: Any, number: int) -> np.ndarray:
     return _filled(texf, number, support.image(texf.fields[number].rgba), support.rank >= 0)
 
 
-def texel_image_and_uv(texf: Any, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """An image as texel_image() gives it, and the UVs of the field's faces in it, float64 [F, 3, 2], v downwards (glTF).
+def texel_image_and_uv(texf: Any, number: int) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """An image as texel_image() gives it, the UVs of the field's faces in it, float64 [F, 3, 2], v downwards (glTF), and where the
+    centres of its columns and rows are, float64 [W] and [H], in texels of the full image.
 
     Where levels were left out and do not divide the full image evenly, its last texels at hand reach over its border.
     Faces that lie within one tile of the image each get UVs that stop short of these; where one does not, the image is written
@@ -37,8 +38,20 @@ def texel_image_and_uv(texf: Any, number: int) -> tuple[np.ndarray, np.ndarray]:
     extent = [side << support.level_shift for side in support.size]
     axes = [(texel[..., k], full[k], extent[k], support.wrap[k]) for k in range(2)]
     if all(_ends_evenly(*axis) for axis in axes):
-        return texel_image(texf, number), np.stack([_shares(*axis) for axis in axes], axis=-1)
-    return _filled(texf, number, *_finer(texf.fields[number], texf.threads)), texel / full
+        uv = np.stack([_shares(*axis) for axis in axes], axis=-1)
+        return texel_image(texf, number), uv, tuple(_centres(size, support.level_shift) for size in support.size)
+    shifts = _even_shifts(support)
+    image = _filled(texf, number, *_finer(texf.fields[number], shifts, texf.threads))
+    return image, texel / full, (_centres(image.shape[1], shifts[0]), _centres(image.shape[0], shifts[1]))
+
+
+def _centres(count, shift):
+    return (np.arange(count) + 0.5) * (1 << shift)
+
+
+def _even_shifts(support):
+    """Levels by which both sides of the full image can be halved, down to those at hand."""
+    return tuple(min(support.level_shift, (side & -side).bit_length() - 1) for side in (support.width, support.height))
 
 
 def _ends_evenly(texel, side, extent, wrap):
@@ -59,11 +72,11 @@ def _shares(texel, side, extent, wrap):
     return tile + np.where(backwards, 1 - side / extent + share, share)
 
 
-def _finer(part, threads):
+def _finer(part, shifts, threads):
     """Image uint8 [H, W, 4] of the nearest finer level that ends with the full image, 0 where no face asks, and which texels any
     asks, bool [H, W]."""
     support, shift = part.support, part.support.level_shift
-    across, down = (min(shift, (side & -side).bit_length() - 1) for side in (support.width, support.height))
+    across, down = shifts
     width, height = support.width >> across, support.height >> down
     asked = support.rank[np.ix_((np.arange(height) << down) >> shift, (np.arange(width) << across) >> shift)] >= 0
     image = np.zeros((height, width, 4), np.uint8)

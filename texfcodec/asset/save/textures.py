@@ -8,61 +8,83 @@ from typing import Any
 
 import numpy as np
 
+from ...channels import BASE_COLOUR
 from ..scene import WRAP_CLAMP, Texture
+from ..tangents import corner_tangents
 from .atlas import check_arguments
+from .atlas_maps import AtlasMaps
 from .bake import bake
+from .looks import Looks, looks_of, names_in
+from .sheets import texel_sheet
 from .texel_image import texel_image_and_uv
+
+NORMALS = ("normal", "clearcoat_normal")
 
 
 @dataclass(kw_only=True)
 class Textured:
     """corner_uv: float64 [F, 3, 2], v downwards (glTF), beyond 0..1 where an image wraps; textures: Texture of each image, uint8
-    [H, W, 3] or [H, W, 4]; looks: int64 [P, 2], (material, image) of every pair to write, in ascending order; face_look: int64
-    [F] into looks; warnings: one sentence each."""
+    [H, W, 3] or [H, W, 4]; looks: what each primitive is made of; images: for each look, the texture of each channel by name;
+    corner_tangent: float32 [F, 3, 4], None where no normal map is; warnings: one sentence each."""
 
     corner_uv: np.ndarray
     textures: list[Texture]
-    looks: np.ndarray
-    face_look: np.ndarray
+    looks: Looks
+    images: list[dict[str, int]]
+    corner_tangent: np.ndarray | None
     warnings: list[str]
 
 
-def image_count(texf: Any) -> int:
-    """How many images textured() will have, known before the work."""
-    if not len(texf.faces):
-        return 0
-    over_texels = [part.over_texels for part in texf.fields]
-    return sum(over_texels) + (not all(over_texels))
-
-
-def textured(texf: Any, texture_size: int | None = None, atlas: str = "auto") -> Textured:
-    """Images and UVs of a decoded stream (Texf). texture_size, atlas: of the atlas of fields over voxels, see bake(); it is the
-    first image. Raises InputError TXF-O10..O12."""
+def textured(texf: Any, texture_size: int | None = None, atlas: str = "auto", base_colour_alone: bool = False) -> Textured:
+    """Images and UVs of a decoded stream (Texf). texture_size, atlas: of the atlas of fields over voxels, see bake(); its images
+    come first. base_colour_alone: as looks_of(). Raises InputError TXF-O10..O12."""
     check_arguments(texture_size, atlas)
-    over_texels = np.array([part.over_texels for part in texf.fields], bool)
-    fields, count = texf.face_field, len(texf.faces)
-    corner_uv, face_image = np.zeros((count, 3, 2)), np.zeros(count, np.int64)
-    textures, warnings = [], []
-    baked_faces = np.flatnonzero(~over_texels[fields])
-    if len(baked_faces):
-        baked = bake(texf, texture_size, atlas, baked_faces)
-        corner_uv[baked_faces] = baked.atlas.corner_uv
-        image = baked.image if texf.has_alpha else np.ascontiguousarray(baked.image[..., :3])
-        textures.append(Texture(image, (WRAP_CLAMP, WRAP_CLAMP)))
-        warnings += baked.warnings
-    elif count and (texture_size is not None or atlas != "auto"):
+    looks, normal = looks_of(texf, base_colour_alone), None
+    corner_uv, textures, warnings, of_skin = np.zeros((len(texf.faces), 3, 2)), [], [], []
+    if names_in(looks, NORMALS):
+        normal = texf.shading_normals()
+    for skin in looks.skins:
+        make = _of_atlas if skin.field is None else _of_texels
+        found, uv, said = make(texf, skin, normal, (texture_size, atlas))
+        faces = _faces_of(texf, skin)
+        corner_uv[faces] = uv
+        of_skin.append({name: len(textures) + n for n, (names, _) in enumerate(found) for name in names})
+        textures += [texture for _, texture in found]
+        warnings += said
+    if texf.fields and not any(skin.field is None for skin in looks.skins) and (texture_size is not None or atlas != "auto"):
         warnings.append("every field is over texels and keeps its image: texture size and atlas method have no part")
-    for number in np.flatnonzero(over_texels).tolist():
-        image, corner_uv[fields == number] = texel_image_and_uv(texf, number)
-        face_image[fields == number] = len(textures)
-        textures.append(Texture(image, tuple(texf.fields[number].support.wrap)))
-    return Textured(corner_uv=corner_uv, textures=textures, warnings=warnings, **_looks(texf, face_image))
+    images = [{name: of_skin[look.skin][name] for name in look.mapped} for look in looks.looks]
+    tangent = None if normal is None else corner_tangents(texf.positions, texf.faces, corner_uv, normal)
+    return Textured(corner_uv=corner_uv, textures=textures, looks=looks, images=images, corner_tangent=tangent, warnings=warnings)
 
 
-def _looks(texf, face_image):
-    """Pairs of material and image that faces have; a material that no face has stands there once."""
-    used = np.column_stack([texf.face_material, face_image])
-    idle = np.setdiff1d(np.arange(len(texf.materials)), texf.face_material)
-    pairs = np.concatenate([used, np.column_stack([idle, np.zeros_like(idle)])])
-    looks, number = np.unique(pairs, axis=0, return_inverse=True)
-    return {"looks": looks, "face_look": number.reshape(-1)[: len(used)]}
+def _faces_of(texf, skin):
+    if skin.field is not None:
+        return np.flatnonzero(texf.face_field == skin.field)
+    over_texels = np.array([part.over_texels for part in texf.fields], bool)
+    return np.flatnonzero(~over_texels[texf.face_field])
+
+
+def _of_texels(texf, skin, _, __):
+    """([(channel names, Texture)], UVs float64 [F, 3, 2], warnings) of a field over texels."""
+    image, uv, centres = texel_image_and_uv(texf, skin.field)
+    wrap = tuple(texf.fields[skin.field].support.wrap)
+    found = [((BASE_COLOUR.name,), Texture(image, wrap, BASE_COLOUR.name))] * skin.has_base
+    for sheet in skin.sheets:
+        found.append((sheet, Texture(texel_sheet(texf, skin.field, sheet, centres), wrap, "_".join(sheet))))
+    return found, uv, []
+
+
+def _of_atlas(texf, skin, normal, arguments):
+    """As _of_texels, of the atlas that all fields over voxels share."""
+    faces = _faces_of(texf, skin)
+    if not skin.has_base and not skin.sheets:
+        return [], np.zeros((len(faces), 3, 2)), []
+    baked = bake(texf, *arguments, faces)
+    image = baked.image if texf.has_alpha else np.ascontiguousarray(baked.image[..., :3])
+    wrap = (WRAP_CLAMP, WRAP_CLAMP)
+    found = [((BASE_COLOUR.name,), Texture(image, wrap, BASE_COLOUR.name))] * skin.has_base
+    if skin.sheets:
+        maps = AtlasMaps(texf, faces, baked, None if normal is None else normal[faces])
+        found += [(sheet, Texture(maps.image(sheet), wrap, "_".join(sheet))) for sheet in skin.sheets]
+    return found, baked.atlas.corner_uv, baked.warnings

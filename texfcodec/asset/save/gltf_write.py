@@ -1,4 +1,4 @@
-"""glTF 2.0 out: one primitive per material and image, GLB or .gltf with files beside it.
+"""glTF 2.0 out: one primitive per material and image, GLB or .gltf with files beside it, plain or packed.
 
 A Texf stands in a later room, so that signatures here say Any.
 """
@@ -14,13 +14,14 @@ import numpy as np
 from ..normals import corner_normals
 from ..scene import ALPHA_BLEND, ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
 from .appearance import linear_u16, unique_corners, vertex_colours
+from .gltf_pack import ARRAY, MESHOPT, Column, Plain
 from .precision import local_frame
 
 if TYPE_CHECKING:
+    from .image_write import ImageFormat
     from .textures import Textured
 
-_ARRAY, _INDEX = 34962, 34963  # bufferView targets
-_COMPONENT = {"f4": 5126, "u2": 5123, "u4": 5125}
+_COMPONENT = {"f4": 5126, "u2": 5123, "u4": 5125, "i2": 5122, "u1": 5121}
 _WRAPS = {WRAP_REPEAT: 10497, WRAP_CLAMP: 33071, WRAP_MIRROR: 33648}
 _POINTS = 0
 _UNLIT = "KHR_materials_unlit"
@@ -36,6 +37,7 @@ class Document:
                                      "scenes": [{"name": "texf"}]}
         self.pieces: list[bytes] = []
         self.length = 0
+        self.unpacked = 0  # bytes of what packed views unpack to
         self.warnings: list[str] = []
         if metadata:
             if len(json.dumps(metadata).encode()) <= _EXTRAS_LIMIT:
@@ -62,13 +64,45 @@ class Document:
                      normalized: bool = False) -> int:
         """Append an array [N] or [N, k] (float32, uint16, uint32) as an accessor; returns its index."""
         values = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
-        view = self.add_view(values.tobytes(), target)
-        accessor = {"bufferView": view, "componentType": _COMPONENT[values.dtype.str[1:]], "count": len(values), "type": kind}
+        return self.add_description(values, kind, bounds, normalized, self.add_view(values.tobytes(), target))
+
+    def add_description(self, values: np.ndarray, kind: str, bounds: bool = False, normalized: bool = False,
+                        view: int | None = None) -> int:
+        """An accessor that describes an array as add_accessor() does, whose bytes are in a view made elsewhere, or in none."""
+        accessor = {"componentType": _COMPONENT[values.dtype.str[1:]], "count": len(values), "type": kind}
+        if view is not None:
+            accessor["bufferView"] = view
         if bounds:
             accessor["min"], accessor["max"] = values.min(0).tolist(), values.max(0).tolist()
         if normalized:
             accessor["normalized"] = True
         return self.add("accessors", accessor)
+
+    def add_packed_view(self, packed: bytes, count: int, stride: int, told: dict, target: int) -> int:
+        """A bufferView of count elements of stride bytes that meshopt has packed. told: mode and filter of the extension."""
+        inner = {"buffer": 0, "byteOffset": self.length, "byteLength": len(packed), "byteStride": stride, "count": count} | told
+        self.pieces.append(packed + b"\0" * (-len(packed) % 4))
+        self.length += len(self.pieces[-1])
+        view = {"buffer": 1, "byteOffset": self.unpacked, "byteLength": count * stride, "target": target,
+                "extensions": {MESHOPT: inner}}
+        if target == ARRAY:
+            view["byteStride"] = stride
+        self.unpacked += count * stride + -count * stride % 4
+        self.use_extension(MESHOPT, required=True)
+        return self.add("bufferViews", view)
+
+    def use_extension(self, name: str, required: bool = False) -> None:
+        """Name an extension among those that are used, and among those that a reader has to know."""
+        for kind in ("extensionsUsed", "extensionsRequired")[: 1 + required]:
+            if name not in self.json.get(kind, ()):
+                self.add(kind, name)
+
+    def finish(self, uri: str | None = None) -> None:
+        """Describe the buffer, its file where it has one, and the one that packed views unpack to."""
+        if self.pieces:
+            self.json["buffers"] = [{"byteLength": self.length} | ({} if uri is None else {"uri": uri})]
+        if self.unpacked:
+            self.add("buffers", {"byteLength": self.unpacked, "extensions": {MESHOPT: {"fallback": True}}})
 
     def add_mesh(self, primitives: list[dict], translation: list[float] | None, scale: float | None) -> None:
         """Put one mesh on one node of the scene."""
@@ -82,43 +116,49 @@ class Document:
         self.json["scenes"][0]["nodes"] = [self.add("nodes", node)]
 
 
-def textured(texf: Any, look: Textured, images: list[str | bytes]) -> Document:
-    """Document with TEXCOORD_0 and images. images: for each of look.textures its URI, or its PNG for the buffer."""
-    document = Document(texf.metadata)
+def textured(texf: Any, look: Textured, images: list[tuple[ImageFormat, str | bytes]], packing: Any = None) -> Document:
+    """Document with TEXCOORD_0 and images. images: for each of look.textures its format, and its URI or its bytes for the buffer;
+    packing: one of gltf_pack, or None for plain accessors."""
+    document, packing = Document(texf.metadata), packing or Plain()
     if len(texf.faces) == 0:
         return document
     uv = look.corner_uv.astype(np.float32).reshape(-1, 2)
     corner, looks = texf.faces.ravel(), np.repeat(look.face_look, 3)
     normal = corner_normals(texf.lattice_positions, texf.faces).reshape(-1, 3)
     first, index = unique_corners(looks, corner, np.ascontiguousarray(uv).view(np.uint64).ravel(), *normal.view(np.int32).T)
-    columns = {"NORMAL": (normal[first], "VEC3", False), "TEXCOORD_0": (uv[first], "VEC2", False)}
+    columns = {"NORMAL": Column(normal[first], "VEC3"), "TEXCOORD_0": Column(uv[first], "VEC2")}
     groups = _Groups(looks[first], look.face_look, [_material(texf.materials[m], int(image)) for m, image in look.looks])
-    _add_surface(document, texf, corner[first], index.reshape(-1, 3), groups, columns)
-    for number, (texture, image) in enumerate(zip(look.textures, images, strict=True)):
-        _add_texture(document, texture.wrap, "texf" if len(images) == 1 else f"texf_{number}", image)
+    _add_surface(document, texf, corner[first], index.reshape(-1, 3), groups, columns, packing)
+    for number, (texture, (form, image)) in enumerate(zip(look.textures, images, strict=True)):
+        _add_texture(document, texture.wrap, "texf" if len(images) == 1 else f"texf_{number}", form, image)
     return document
 
 
-def _add_texture(document, wrap, name, image):
-    """A texture of its own for an image (URI or PNG bytes); images that wrap alike share a sampler."""
+def _add_texture(document, wrap, name, form, image):
+    """A texture of its own for an image (URI or bytes) of a format; images that wrap alike share a sampler."""
     if isinstance(image, str):
         entry = {"name": name, "uri": image}
     else:
-        entry = {"name": name, "mimeType": "image/png", "bufferView": document.add_view(image)}
+        entry = {"name": name, "mimeType": form.mime, "bufferView": document.add_view(image)}
     # linear, linear-mipmap-linear
     sampler = {"magFilter": 9729, "minFilter": 9987, "wrapS": _WRAPS[wrap[0]], "wrapT": _WRAPS[wrap[1]]}
     known = document.json.get("samplers", [])
     at = known.index(sampler) if sampler in known else document.add("samplers", sampler)
-    document.add("textures", {"sampler": at, "source": document.add("images", entry)})
+    source = {"source": document.add("images", entry)}
+    if form.extension is not None:
+        document.use_extension(form.extension, required=True)
+        source = {"extensions": {form.extension: source}}
+    document.add("textures", {"sampler": at} | source)
 
 
-def coloured(texf: Any) -> Document:
-    """Document with COLOR_0 (linear) at vertices."""
+def coloured(texf: Any, packing: Any = None) -> Document:
+    """Document with COLOR_0 (linear) at vertices. packing: as in textured()."""
     document = Document(texf.metadata)
     if len(texf.faces):
         vertex, index, material, rgba = vertex_colours(texf, with_material=True)
         groups = _Groups(material, texf.face_material, [_material(m, None) for m in texf.materials])
-        _add_surface(document, texf, vertex, index, groups, {"COLOR_0": (linear_u16(rgba), "VEC4", True)})
+        _add_surface(document, texf, vertex, index, groups, {"COLOR_0": Column(linear_u16(rgba), "VEC4", True)},
+                     packing or Plain())
     return document
 
 
@@ -130,13 +170,13 @@ def points(texf: Any) -> Document:
         return document
     local, translation, scale = local_frame(texf, voxels["center"])
     attributes = {
-        "POSITION": document.add_accessor(local, "VEC3", _ARRAY, bounds=True),
-        "COLOR_0": document.add_accessor(linear_u16(voxels["rgba"]), "VEC4", _ARRAY, normalized=True),
+        "POSITION": document.add_accessor(local, "VEC3", ARRAY, bounds=True),
+        "COLOR_0": document.add_accessor(linear_u16(voxels["rgba"]), "VEC4", ARRAY, normalized=True),
     }
     material = {"name": "voxels", "pbrMetallicRoughness": _base_colour(None), "extensions": {_UNLIT: {}}}
     if texf.has_alpha:
         material["alphaMode"] = "BLEND"
-    document.json["extensionsUsed"] = [_UNLIT]
+    document.use_extension(_UNLIT)
     primitive = {"attributes": attributes, "mode": _POINTS, "material": document.add("materials", material)}
     document.add_mesh([primitive], translation, scale)
     return document
@@ -144,8 +184,7 @@ def points(texf: Any) -> Document:
 
 def glb(document: Document) -> list:
     """The document as the pieces of a .glb file (list of bytes)."""
-    if document.pieces:
-        document.json["buffers"] = [{"byteLength": document.length}]
+    document.finish()
     text = _text(document)
     text += b" " * (-len(text) % 4)
     total = 12 + 8 + len(text) + (8 + document.length if document.pieces else 0)
@@ -157,8 +196,7 @@ def glb(document: Document) -> list:
 
 def gltf(document: Document, buffer_uri: str) -> tuple[list, list]:
     """The document as the pieces of a .gltf file and of its buffer: (list of bytes, list of bytes)."""
-    if document.pieces:
-        document.json["buffers"] = [{"byteLength": document.length, "uri": buffer_uri}]
+    document.finish(buffer_uri)
     return [_text(document)], document.pieces
 
 
@@ -175,27 +213,23 @@ class _Groups(NamedTuple):
     materials: list[dict]
 
 
-def _add_surface(document, texf, vertex, index, groups, columns):
+def _add_surface(document, texf, vertex, index, groups, columns, packing):
     """Primitives, one per group in use, each with accessors of its own: vertices come sorted by group.
 
-    vertex: int64 [U]; index: int64 [F, 3]; columns: attribute name -> (array [U, k], glTF type, normalized).
+    vertex: int64 [U]; index: int64 [F, 3]; columns: attribute name -> Column of [U, k]; packing: of gltf_pack.
     """
-    local, translation, scale = local_frame(texf, texf.positions[vertex])
+    local, translation, scale = packing.positions(texf, vertex)
+    columns = {"POSITION": Column(local, "VEC3")} | columns
     primitives = []
     for number in np.unique(groups.vertex):
         low, high = np.searchsorted(groups.vertex, (number, number + 1))
-        attributes = {"POSITION": document.add_accessor(local[low:high], "VEC3", _ARRAY, bounds=True)}
-        for name, (values, kind, normalized) in columns.items():
-            attributes[name] = document.add_accessor(values[low:high], kind, _ARRAY, normalized=normalized)
+        part = {name: column._replace(values=column.values[low:high]) for name, column in columns.items()}
         corners = (index[groups.face == number] - low).ravel()
-        indices = corners.astype(np.uint16 if high - low <= 65535 else np.uint32)  # 65535 itself is the restart value
-        primitives.append(
-            {"attributes": attributes, "indices": document.add_accessor(indices, "SCALAR", _INDEX), "material": int(number)}
-        )
+        primitives.append(packing.primitive(document, part, corners) | {"material": int(number)})
     for item in groups.materials:
         document.add("materials", item)
     if any(item.unlit for item in texf.materials):
-        document.json["extensionsUsed"] = [_UNLIT]
+        document.use_extension(_UNLIT)
     document.add_mesh(primitives, translation, scale)
 
 

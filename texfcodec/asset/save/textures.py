@@ -18,12 +18,13 @@ from .texel_image import texel_image_and_uv
 class Textured:
     """corner_uv: float64 [F, 3, 2], v downwards (glTF), beyond 0..1 where an image wraps; textures: Texture of each image, uint8
     [H, W, 3] or [H, W, 4]; looks: int64 [P, 2], (material, image) of every pair to write, in ascending order; face_look: int64
-    [F] into looks; warnings: one sentence each."""
+    [F] into looks; face_image: int64 [F] into textures; warnings: one sentence each."""
 
     corner_uv: np.ndarray
     textures: list[Texture]
     looks: np.ndarray
     face_look: np.ndarray
+    face_image: np.ndarray
     warnings: list[str]
 
 
@@ -56,7 +57,7 @@ def textured(texf: Any, texture_size: int | None = None, atlas: str = "auto") ->
         image, corner_uv[fields == number] = texel_image_and_uv(texf, number)
         face_image[fields == number] = len(textures)
         textures.append(Texture(image, tuple(texf.fields[number].support.wrap)))
-    return Textured(corner_uv=corner_uv, textures=textures, warnings=warnings, **_looks(texf, face_image))
+    return Textured(corner_uv=corner_uv, textures=textures, face_image=face_image, warnings=warnings, **_looks(texf, face_image))
 
 
 def _looks(texf, face_image):

@@ -15,8 +15,10 @@ from texfcodec.asset.save import atlas as atlas_room
 from texfcodec.asset.save import files as save_room
 from texfcodec.asset.save.appearance import linear_u16
 from texfcodec.asset.save.atlas import make_atlas
-from texfcodec.asset.save.bake import bake, cover, fill_gaps
+from texfcodec.asset.save.atlas_system import cover
+from texfcodec.asset.save.bake import bake
 from texfcodec.asset.save.files import save
+from texfcodec.asset.save.gaps import fill_gaps
 from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, Material
 from texfcodec.errors import InputError
 
@@ -335,7 +337,7 @@ def test_glb_carries_mesh_image_and_materials(tmp_path):
     texf = two_materials(decoded(*grid_mesh(10, 0.3)))
     report = save(texf, tmp_path / "a.glb", texture_size=256, atlas="fast")
     document, binary = read_glb(tmp_path / "a.glb")
-    assert report == {"warnings": [], "files": ["a.glb"]}
+    assert report["warnings"] == [] and report["files"] == ["a.glb"] and len(report["seams"]["mean"]) == 5
     assert [m.get("alphaMode", "OPAQUE") for m in document["materials"]] == ["MASK", "OPAQUE", "BLEND"]
     assert document["materials"][0]["alphaCutoff"] == 0.25 and document["materials"][0]["doubleSided"]
     assert "KHR_materials_unlit" in document["materials"][1]["extensions"] and document["extensionsUsed"]

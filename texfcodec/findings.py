@@ -203,6 +203,11 @@ FINDINGS = (
             "write --appearance vertex or voxels"),
     Finding("TXF-O13", InputError, (), "voxels are asked for, and every field of the stream is over texels",
             "write --appearance texture or vertex"),
+    Finding("TXF-O14", InputError, (),
+            "texture format, its quality or the mesh compression are unknown, or do not go with what is written",
+            "take what the message allows"),
+    Finding("TXF-O15", SupportError, (), "the texture format or compression needs a package that is not installed",
+            "pip install \"texfcodec[formats]\""),
     # Command lines.
     Finding("TXF-C01", None, (), "the command line is wrong", "see --help of the tool", EXIT_USAGE),
     Finding("TXF-C02", None, (), "the command was interrupted; no file is half-written", "start it again", EXIT_INTERRUPTED),

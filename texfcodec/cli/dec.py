@@ -6,22 +6,31 @@ import click
 
 from .. import __version__
 from ..bitstream.file import read_stream_file
-from ..options import APPEARANCES, ATLAS_METHODS, DecodeOptions
+from ..options import APPEARANCES, ATLAS_METHODS, COMPRESSIONS, TEXTURE_FORMATS, DecodeOptions
 from .console import STYLE, run, seconds_of, timing_line, write_output
 from .flags import file_names, limit_flags, limits_of, number, option_flags
+
+_LOOK = ("appearance", "texture_size", "atlas", "texture_format", "texture_quality", "compress")
 
 
 @click.command("texf-dec", context_settings=STYLE)
 @click.argument("source", metavar="IN.texf", shell_complete=file_names)
 @click.argument("out", metavar="OUT.{glb,gltf,obj,ply,npz}", shell_complete=file_names)
-@click.option("--overwrite", is_flag=True, help="Replace files beside OUT (.mtl, .png, .bin) that are there already; OUT itself "
-              "always is.")
+@click.option("--overwrite", is_flag=True, help="Replace files beside OUT (.mtl, images, .bin) that are there already; OUT "
+              "itself always is.")
 @click.option("--appearance", type=click.Choice(APPEARANCES),
               help="Textures, colours at vertices, or the voxels as points.  [default: texture; vertex for .ply]")
 @click.option("--texture-size", metavar="N", **number(1, 16384, "Side of the atlas in texels. An atlas is made for fields over "
               "voxels; fields over texels keep their image and UVs.  [default: by the field]"))
 @click.option("--atlas", type=click.Choice(ATLAS_METHODS), default=ATLAS_METHODS[0],
               help="How the atlas is laid out; quality may take minutes.  [default: auto]")
+@click.option("--texture-format", type=click.Choice(TEXTURE_FORMATS), default=TEXTURE_FORMATS[0],
+              help="Format of images. webp, avif and ktx2 are for GLB and glTF, whose viewers may not know them; ktx2 stays "
+              "compressed on the GPU.  [default: png]")
+@click.option("--texture-quality", metavar="Q", **number(1, 100, "Quality of jpeg, webp, avif and ktx2, 1..100.  [default: by "
+              "the format]"))
+@click.option("--compress", type=click.Choice(COMPRESSIONS), default=COMPRESSIONS[0],
+              help="Pack the mesh of a GLB or glTF: KHR_draco_mesh_compression or EXT_meshopt_compression.  [default: none]")
 @option_flags(DecodeOptions, "lod", "isolate")
 @limit_flags("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "latents", "metadata_bytes", "isolate_bytes",
              "isolate_seconds")
@@ -30,7 +39,7 @@ from .flags import file_names, limit_flags, limits_of, number, option_flags
 @click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
-def dec(console, source, out, overwrite, appearance, texture_size, atlas, as_json, quiet, **choices):
+def dec(console, source, out, overwrite, as_json, quiet, **choices):
     """Decode IN.texf ("-": stdin) to a mesh file; the suffix of OUT chooses the format ("-": GLB on stdout,
     with the report on stderr).
 
@@ -49,6 +58,7 @@ def dec(console, source, out, overwrite, appearance, texture_size, atlas, as_jso
     elif not out.lower().endswith(SUFFIXES):
         raise click.UsageError(f"{out} must end in one of {' '.join(SUFFIXES)}")
     limits = limits_of(choices)
+    look = {name: choices.pop(name) for name in _LOOK}
     options = DecodeOptions(**{name: value for name, value in choices.items() if value is not None}, limits=limits)
     check_output(out, [source])
     data = read_stream_file(source, limits)
@@ -57,30 +67,28 @@ def dec(console, source, out, overwrite, appearance, texture_size, atlas, as_jso
     with console.progress() as report:
         texf = decode(data, options, report)
         with report.stage("save"):
-            look = {"appearance": appearance, "texture_size": texture_size, "atlas": atlas}
-            files, warnings = _save(texf, source, out, overwrite, look)
-    report.warnings += warnings
+            saved = _save(texf, source, out, overwrite, look)
+    report.warnings += saved["warnings"]
     if not console.as_json:
         console.warnings(report)
-    facts = _facts(data, texf, report, files)
+    facts = _facts(data, texf, report, saved)
     console.result(facts, _lines(facts, out, texf.counted()))
 
 
 def _save(texf, source, out, overwrite, look):
-    """Writes OUT and what belongs beside it; ([names of the files], [warnings])."""
+    """Writes OUT and what belongs beside it; what save() tells."""
     from ..asset.save.files import as_glb, save
     from ..ground import unfinished
 
     if out == "-":
-        data, warnings = as_glb(texf, **look)
+        data, told = as_glb(texf, **look)
         write_output(out, data)
-        return [], warnings
+        return {"files": []} | told
     unfinished.last_step()
-    saved = save(texf, out, **look, overwrite=overwrite, inputs=[] if source == "-" else [source])
-    return saved["files"], saved["warnings"]
+    return save(texf, out, **look, overwrite=overwrite, inputs=[] if source == "-" else [source])
 
 
-def _facts(data, texf, report, files):
+def _facts(data, texf, report, saved):
     from ..report import peak_memory_bytes
 
     peaks = [p for p in (peak_memory_bytes(), report.child_peak_memory_bytes) if p]
@@ -88,13 +96,21 @@ def _facts(data, texf, report, files):
     for part in texf.fields:
         values[part.over_texels] += len(part.keys)
     return {"bytes": {"total": len(data)}, "resolution": texf.resolution, "voxels": values[False], "texels": values[True],
-            "faces": len(texf.faces), "vertices": len(texf.lattice_positions), "fields": len(texf.fields), "files": files,
-            "seconds": seconds_of(report), "peak_memory_bytes": max(peaks, default=None), "warnings": report.warnings}
+            "faces": len(texf.faces), "vertices": len(texf.lattice_positions), "fields": len(texf.fields),
+            "files": saved["files"], "seams": saved["seams"], "seconds": seconds_of(report),
+            "peak_memory_bytes": max(peaks, default=None), "warnings": report.warnings}
 
 
 def _lines(facts, out, counted):
     yield f"{out}: {facts['faces']} faces, {facts['vertices']} vertices, {counted} from {facts['bytes']['total']} bytes"
+    if facts["seams"] and facts["seams"]["border_edges"]:
+        yield _seams_line(facts["seams"])
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
+
+
+def _seams_line(seams):
+    mean, largest = (" ".join(f"{value:.1f}" for value in seams[name]) for name in ("mean", "largest"))
+    return f"seams: jumps across {seams['border_edges']} edges at mip levels 0 to 4: mean {mean}; largest {largest} of 255"
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:

@@ -15,8 +15,6 @@ from .atlas_system import AtlasSystem
 from .gaps import fill_gaps
 from .gutters import continue_over_borders
 
-SEAM=True
-
 
 @dataclass
 class Baked:
@@ -46,22 +44,37 @@ def bake(texf: Any, texture_size: int | None = None, atlas: str | Atlas = "auto"
         faces, resolution = texf.faces[chosen], _resolution(texf, chosen)
         atlas = make_atlas(texf.positions, faces, texture_size, atlas, resolution, groups=texf.face_field[chosen])
     system = AtlasSystem(atlas, texf.positions, texf.faces[chosen])
-    columns = 4 if texf.has_alpha else 3
-    values = system.fitted(lambda points, face: texf.query(points, chosen[face])[:, :columns], columns, threads=threads_of(texf))
     image = np.full((atlas.height, atlas.width, 4), 255, np.uint8)
-    image[system.covered, :columns] = to_bytes(values)
-    known = system.covered
-    if texf.has_alpha:
-        fill_gaps(image[..., 3:], known)
-        known = known & ~_invisible(texf, chosen, system.owner, image)
-    if SEAM:
-        known = known | continue_over_borders(image[..., :3], system.owner, texf.positions, texf.faces[chosen], system.texels)
-    fill_gaps(image[..., :3], known)
+    (_bake_blended if texf.has_alpha else _bake_opaque)(texf, chosen, system, image)
     return Baked(atlas, image, system, list(atlas.warnings))
 
 
-def threads_of(texf: Any) -> int:
-    """Threads that a decoded stream may use."""
+def _bake_opaque(texf, chosen, system, image):
+    """Fills in the colours of an image, uint8 [H, W, 4]."""
+    values = system.fitted(lambda points, face: texf.query(points, chosen[face])[:, :3], 3, threads=_threads(texf))
+    image[system.covered, :3] = to_bytes(values)
+    fill_gaps(image[..., :3], system.covered | continue_over_borders(image[..., :3], system))
+
+
+def _bake_blended(texf, chosen, system, image):
+    """Alpha and colours. Colours that nobody can see, where alpha is 0 on a blended or masked face, count for nothing."""
+    sees_alpha = np.array([m.alpha_mode != ALPHA_OPAQUE for m in texf.materials])[texf.face_material[chosen]]
+
+    def colours(points, face):
+        rgba = texf.query(points, chosen[face])
+        return np.column_stack([rgba[:, :3], np.where((rgba[:, 3] <= 0) & sees_alpha[face], 0, 1)])
+
+    alpha = system.fitted(lambda points, face: texf.query(points, chosen[face])[:, 3:], 1, threads=_threads(texf))
+    image[system.covered, 3:] = to_bytes(alpha)
+    image[system.covered, :3] = to_bytes(system.fitted(colours, 3, weighted=True, threads=_threads(texf)))
+    known = system.covered.copy()
+    known[known] = (alpha[:, 0] >= 0.5) | ~sees_alpha[system.owner[known]]
+    beyond = continue_over_borders(image, system)
+    fill_gaps(image[..., 3:], system.covered | beyond)
+    fill_gaps(image[..., :3], known | (beyond & (image[..., 3] > 0)))
+
+
+def _threads(texf):
     return getattr(texf, "threads", 1)
 
 
@@ -83,10 +96,3 @@ def _resolution(texf, chosen):
 def to_bytes(rgba: np.ndarray) -> np.ndarray:
     """Colours 0..255 rounded to uint8; anything that is not a number becomes 0."""
     return np.nan_to_num(np.rint(np.clip(rgba, 0.0, 255.0)), nan=0.0).astype(np.uint8)
-
-
-def _invisible(texf, chosen, owner, image):
-    """Texels whose colour nobody can see (alpha 0 on a blended or masked face) and which therefore say nothing about it."""
-    sees_alpha = np.array([m.alpha_mode != ALPHA_OPAQUE for m in texf.materials] + [True])
-    face_sees = np.append(sees_alpha[np.asarray(texf.face_material, np.int64)[chosen]], False)  # last: what owner -1 asks
-    return (image[..., 3] == 0) & face_sees[owner]

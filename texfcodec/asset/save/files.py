@@ -4,10 +4,10 @@ A Texf stands in a later room, so that signatures here say Any.
 """
 
 import errno
-import io
 import os
 import secrets
 from collections.abc import Iterable
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -17,46 +17,78 @@ import numpy as np
 
 from ...errors import InputError
 from ...ground import unfinished
+from .gltf_pack import check_compression, packing_of
+from .image_write import FORMATS, check_image_format, encode_image, format_for
+from .seams import measure_seams
 
 APPEARANCES = ("texture", "vertex", "voxels")
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".npz")
 
 
+_IN_OBJ = ("png", "jpeg")  # what readers of MTL take
+
+
+@dataclass(kw_only=True)
+class SaveOptions:
+    """How a stream is written. appearance: "texture", "vertex" (colours at vertices), "voxels" (point cloud of voxel centres) or
+    None; texture_size: side of the atlas in texels or None; atlas: "auto", "quality" or "fast"; texture_format: "png", "jpeg",
+    "webp", "avif" or "ktx2"; texture_quality: 1..100, or None for the format's own; compress: "none", "draco" or "meshopt"."""
+
+    appearance: str | None = None
+    texture_size: int | None = None
+    atlas: str = "auto"
+    texture_format: str = "png"
+    texture_quality: int | None = None
+    compress: str = "none"
+
+
+@dataclass
+class _Told:
+    """What save() has to tell."""
+
+    warnings: list[str] = field(default_factory=list)
+    seams: dict | None = None
+
+
 def save(texf: Any, path: str | PathLike, appearance: str | None = None, texture_size: int | None = None, atlas: str = "auto",
-         overwrite: bool = False, inputs: Iterable[str | PathLike] = ()) -> dict:
+         overwrite: bool = False, inputs: Iterable[str | PathLike] = (), **options: Any) -> dict:
     """Write a decoded stream; the suffix of path chooses the format.
 
     texf: decoded stream (Texf). appearance: "texture", "vertex" (colours at vertices), "voxels" (point cloud of voxel centres);
     None means texture, but vertex for PLY, which has no texture. With texture a field over texels keeps its image and its UVs,
     and all fields over voxels are baked into one atlas; an NPZ holds every decoded array, see npz_write.arrays().
     texture_size: side of the atlas in texels or None; atlas: "auto", "quality" or "fast"; fields over texels have no part in
-    them. Side files (.bin, .png, .mtl) take the name of path; several images are numbered from 0, the atlas first.
+    them. options: the rest of SaveOptions; texture_format is for textures, other than PNG and JPEG for glTF, and compress for
+    glTF's meshes. Side files (.bin, .png, .mtl) take the name of path; several images are numbered from 0, the atlas first.
     overwrite: whether side files may replace what is there; path itself always may. inputs: paths that nothing may replace.
-    Returns {"warnings": [one sentence each], "files": [names written]}.
+    Returns {"warnings": [one sentence each], "files": [names written], "seams": measure_seams() of its textures or None}.
     Raises InputError: TXF-O01 no such directory, TXF-O02 not writable, TXF-O03 disk full, TXF-O04 other operating system error,
     TXF-O05 suffix, TXF-O06 appearance, TXF-O07 a file would replace an input, TXF-O08 a side file is there already, TXF-O10..O12
-    atlas, TXF-O13 no voxels. After an error nothing half-written remains.
+    atlas, TXF-O13 no voxels, TXF-O14 texture format, quality or compression; SupportError TXF-O15 their package is missing.
+    After an error nothing half-written remains.
     """
     path = Path(path)
-    suffix, appearance, warnings = _checked(texf, path, appearance)
+    asked = SaveOptions(appearance=appearance, texture_size=texture_size, atlas=atlas, **options)
+    told = _Told()
+    suffix = _checked(texf, path, asked, told.warnings)
     check_target(path, inputs)
-    check_sides(path.parent, _side_names(texf, path, suffix, appearance), inputs, overwrite)
-    files = _WRITERS[suffix](texf, path, appearance, (texture_size, atlas), warnings)
+    check_sides(path.parent, _side_names(texf, path, suffix, asked), inputs, overwrite)
+    files = _WRITERS[suffix](texf, path, asked, told)
     write_all(path.parent, files, inputs, overwrite)
-    return {"warnings": warnings, "files": [name for name, _ in files]}
+    return {"warnings": told.warnings, "files": [name for name, _ in files], "seams": told.seams}
 
 
-def as_glb(texf: Any, appearance: str | None = None, texture_size: int | None = None,
-           atlas: str = "auto") -> tuple[bytes, list[str]]:
-    """The bytes of the GLB that save() would write, and its warnings: (bytes, [one sentence each])."""
-    suffix, appearance, warnings = _checked(texf, Path("stream.glb"), appearance)
-    ((_, pieces),) = _WRITERS[suffix](texf, Path("stream.glb"), appearance, (texture_size, atlas), warnings)
-    return b"".join(pieces), warnings
+def as_glb(texf: Any, **options: Any) -> tuple[bytes, dict]:
+    """The bytes of the GLB that save() would write, and what it would return without files: (bytes, {"warnings", "seams"}).
+    options: SaveOptions."""
+    path, asked, told = Path("stream.glb"), SaveOptions(**options), _Told()
+    ((_, pieces),) = _WRITERS[_checked(texf, path, asked, told.warnings)](texf, path, asked, told)
+    return b"".join(pieces), {"warnings": told.warnings, "seams": told.seams}
 
 
-def _checked(texf, path, appearance):
-    """(suffix, appearance, warnings) of what save() was asked for."""
-    suffix, warnings = path.suffix.lower(), []
+def _checked(texf, path, asked, warnings):
+    """The suffix that save() was asked for. Checks what was asked, and sets an appearance that was left open."""
+    suffix, appearance = path.suffix.lower(), asked.appearance
     if suffix not in SUFFIXES:
         raise InputError("TXF-O05", "the file name must end in a known suffix", value=path.suffix, allowed=" ".join(SUFFIXES))
     if appearance not in (None, *APPEARANCES):
@@ -65,7 +97,25 @@ def _checked(texf, path, appearance):
         warnings.append("PLY has no texture here: vertex colours are written")
     if appearance == "voxels":
         _name_what_has_no_voxels(texf, warnings)
-    return suffix, ("vertex" if suffix == ".ply" else "texture") if appearance is None else appearance, warnings
+    asked.appearance = ("vertex" if suffix == ".ply" else "texture") if appearance is None else appearance
+    _check_packing(suffix, asked)
+    return suffix
+
+
+def _check_packing(suffix, asked):
+    """InputError TXF-O14, or SupportError TXF-O15, where texture format and compression do not fit what is written."""
+    check_image_format(asked.texture_format, asked.texture_quality)
+    check_compression(asked.compress)
+    gltf, chosen = suffix in (".glb", ".gltf"), asked.texture_format != "png"
+    if asked.compress != "none" and (not gltf or asked.appearance == "voxels"):
+        raise InputError("TXF-O14", "only meshes in GLB and glTF can be compressed", value=asked.compress, suffix=suffix,
+                         appearance=asked.appearance)
+    if chosen and (asked.appearance != "texture" or suffix in (".ply", ".npz")):
+        raise InputError("TXF-O14", "a texture format is asked for, and no texture is written", value=asked.texture_format,
+                         suffix=suffix, appearance=asked.appearance)
+    if suffix == ".obj" and asked.texture_format not in _IN_OBJ:
+        raise InputError("TXF-O14", "readers of OBJ do not take textures of this format", value=asked.texture_format,
+                         allowed=" ".join(_IN_OBJ))
 
 
 def _name_what_has_no_voxels(texf, warnings):
@@ -78,20 +128,21 @@ def _name_what_has_no_voxels(texf, warnings):
         warnings.append(f"{faces} of {len(texf.faces)} faces have their colours in texels and no voxels: they are not written")
 
 
-def _side_names(texf, path, suffix, appearance):
-    """Names of the files that the writers put beside path, known before the work."""
+def _side_names(texf, path, suffix, asked):
+    """Names of the files that the writers put beside path, known before the work, but for images that have to be PNG."""
+    from .looks import looks_of
+
+    stem = path.stem if suffix == ".gltf" else _without_blanks(path.stem)
+    count = looks_of(texf, suffix == ".obj").image_count if asked.appearance == "texture" and suffix in (".gltf", ".obj") else 0
+    images = _image_names(stem, [FORMATS[asked.texture_format]] * count)
     if suffix == ".gltf":
-        return [*_image_names(texf, path.stem, appearance), path.stem + ".bin"]
-    images = _image_names(texf, _without_blanks(path.stem), appearance) if suffix == ".obj" else []
-    return [*images, _without_blanks(path.stem) + ".mtl"] if images else []
+        return [*images, stem + ".bin"]
+    return [*images, stem + ".mtl"] if images else []
 
 
-def _image_names(texf, stem, appearance):
-    """Names of the images that go with a mesh file of that stem."""
-    from .textures import image_count
-
-    count = image_count(texf) if appearance == "texture" else 0
-    return [stem + ".png"] if count == 1 else [f"{stem}_{number}.png" for number in range(count)]
+def _image_names(stem, forms):
+    """Names of the images, of these formats, that go with a mesh file of that stem."""
+    return [stem + ("" if len(forms) == 1 else f"_{number}") + form.suffix for number, form in enumerate(forms)]
 
 
 def _without_blanks(stem):
@@ -99,63 +150,70 @@ def _without_blanks(stem):
     return "_".join(stem.split())
 
 
-def _glb(texf, path, appearance, bake_options, warnings):
+def _glb(texf, path, asked, told):
     from texfcodec.asset.save import gltf_write
 
-    if appearance == "texture":
-        look = _textured(texf, bake_options, warnings)
-        document = gltf_write.textured(texf, look, [_png(t.image) for t in look.textures])
+    if asked.appearance == "texture":
+        look, images = _textured(texf, asked, told)
+        document = gltf_write.textured(texf, look, images, packing_of(asked.compress))
     else:
-        document = gltf_write.coloured(texf) if appearance == "vertex" else gltf_write.points(texf)
-    warnings += document.warnings
+        document = _without_texture(texf, asked)
+    told.warnings += document.warnings
     return [(path.name, gltf_write.glb(document))]
 
 
-def _gltf(texf, path, appearance, bake_options, warnings):
+def _without_texture(texf, asked):
+    from texfcodec.asset.save import gltf_write
+
+    return gltf_write.coloured(texf, packing_of(asked.compress)) if asked.appearance == "vertex" else gltf_write.points(texf)
+
+
+def _gltf(texf, path, asked, told):
     from texfcodec.asset.save import gltf_write
 
     files = []
-    if appearance == "texture":
-        look, names = _textured(texf, bake_options, warnings), _image_names(texf, path.stem, appearance)
-        files += _image_files(look, names)
-        document = gltf_write.textured(texf, look, [quote(name) for name in names])
+    if asked.appearance == "texture":
+        look, images = _textured(texf, asked, told)
+        files += _image_files(path.stem, images)
+        named = [(form, quote(name)) for (form, _), (name, _) in zip(images, files, strict=True)]
+        document = gltf_write.textured(texf, look, named, packing_of(asked.compress))
     else:
-        document = gltf_write.coloured(texf) if appearance == "vertex" else gltf_write.points(texf)
-    warnings += document.warnings
+        document = _without_texture(texf, asked)
+    told.warnings += document.warnings
     main, buffer = gltf_write.gltf(document, quote(path.stem + ".bin"))
     if buffer:
         files.append((path.stem + ".bin", buffer))
     return [*files, (path.name, main)]
 
 
-def _obj(texf, path, appearance, bake_options, warnings):
+def _obj(texf, path, asked, told):
     from texfcodec.asset.save import ply_write
 
-    _name_losses(texf, warnings, "OBJ", appearance)
-    if appearance == "voxels":
+    _name_losses(texf, told.warnings, "OBJ", asked.appearance)
+    if asked.appearance == "voxels":
         return [(path.name, ply_write.obj_points(texf))]
-    if appearance == "vertex" or len(texf.faces) == 0:
+    if asked.appearance == "vertex" or len(texf.faces) == 0:
         return [(path.name, ply_write.obj_coloured(texf))]
-    stem, look = _without_blanks(path.stem), _textured(texf, bake_options, warnings)
-    names = _image_names(texf, stem, appearance)
+    stem, (look, images) = _without_blanks(path.stem), _textured(texf, asked, told, base_colour_alone=True)
+    files = _image_files(stem, images)
     return [
-        *_image_files(look, names),
-        (stem + ".mtl", ply_write.mtl(texf, look, names, warnings)),
+        *files,
+        (stem + ".mtl", ply_write.mtl(texf, look, [name for name, _ in files], told.warnings)),
         (path.name, ply_write.obj_textured(texf, look, stem + ".mtl")),
     ]
 
 
-def _ply(texf, path, appearance, bake_options, warnings):
+def _ply(texf, path, asked, told):
     from texfcodec.asset.save import ply_write
 
-    _name_losses(texf, warnings, "PLY", appearance)
-    return [(path.name, ply_write.ply_points(texf) if appearance == "voxels" else ply_write.ply_surface(texf))]
+    _name_losses(texf, told.warnings, "PLY", asked.appearance)
+    return [(path.name, ply_write.ply_points(texf) if asked.appearance == "voxels" else ply_write.ply_surface(texf))]
 
 
-def _npz(texf, path, appearance, bake_options, warnings):
+def _npz(texf, path, asked, told):
     from .npz_write import arrays
 
-    held = arrays(texf, appearance)
+    held = arrays(texf, asked.appearance)
     return [(path.name, lambda file: np.savez(file, **held))]
 
 
@@ -176,25 +234,27 @@ def _name_losses(texf, warnings, form, appearance):
         warnings.append(f"{form} with vertex colours has no materials: the mesh becomes one surface")
 
 
-def _textured(texf, bake_options, warnings):
+def _textured(texf, asked, told, base_colour_alone=False):
+    """(Textured, [(ImageFormat, bytes) of each of its textures]); tells of warnings and seams."""
     from .textures import textured
 
-    look = textured(texf, *bake_options)
-    warnings += look.warnings
-    return look
+    look, images = textured(texf, asked.texture_size, asked.atlas, base_colour_alone), []
+    told.warnings += look.warnings
+    shown = np.flatnonzero(look.face_image >= 0)
+    if len(shown):
+        told.seams = measure_seams(texf.lattice_positions, texf.faces[shown], look.corner_uv[shown], look.textures,
+                                   look.face_image[shown])
+    for texture in look.textures:
+        form = format_for(texture.image, FORMATS[asked.texture_format], told.warnings)
+        quality = asked.texture_quality if form.quality is not None else None
+        images.append((form, encode_image(texture.image, form, quality)))
+    return look, images
 
 
-def _image_files(look, names):
-    return [(name, [_png(texture.image)]) for name, texture in zip(names, look.textures, strict=True)]
-
-
-def _png(image):
-    """An image, uint8 [H, W, 3] or [H, W, 4], as PNG bytes."""
-    from PIL import Image
-
-    out = io.BytesIO()
-    Image.fromarray(image).save(out, "PNG", compress_level=3)
-    return out.getvalue()
+def _image_files(stem, images):
+    """[(name, pieces)] of images (ImageFormat, bytes) beside a mesh file of that stem."""
+    names = _image_names(stem, [form for form, _ in images])
+    return [(name, [data]) for name, (_, data) in zip(names, images, strict=True)]
 
 
 def check_target(path: Path, inputs: Iterable[str | PathLike] = ()) -> None:

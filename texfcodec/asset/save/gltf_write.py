@@ -1,4 +1,4 @@
-"""glTF 2.0 out: one primitive per material and image, GLB or .gltf with files beside it.
+"""glTF 2.0 out: one primitive per material and image, GLB or .gltf with files beside it, plain or packed.
 
 A Texf stands in a later room, so that signatures here say Any.
 """
@@ -11,18 +11,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..scene import ALPHA_BLEND, ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
+from ..scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
 from .appearance import linear_u16, unique_corners, vertex_colours
+from .gltf_material import UNLIT, extensions_of, material_entry
+from .gltf_pack import ARRAY, MESHOPT, Column, Plain
 from .precision import local_frame
 
 if TYPE_CHECKING:
+    from .image_write import ImageFormat
     from .textures import Textured
 
-_ARRAY, _INDEX = 34962, 34963  # bufferView targets
-_COMPONENT = {"f4": 5126, "u2": 5123, "u4": 5125}
+_COMPONENT = {"f4": 5126, "u2": 5123, "u4": 5125, "i2": 5122, "u1": 5121}
 _WRAPS = {WRAP_REPEAT: 10497, WRAP_CLAMP: 33071, WRAP_MIRROR: 33648}
 _POINTS = 0
-_UNLIT = "KHR_materials_unlit"
+_COLUMNS = (("TEXCOORD_0", "VEC2"), ("NORMAL", "VEC3"), ("TANGENT", "VEC4"))
+OPTIONAL = {"NORMAL", "TANGENT"}  # left out of primitives that have none
 _EXTRAS_LIMIT = 65536  # bytes of metadata that may ride in asset.extras
 
 
@@ -35,6 +38,7 @@ class Document:
                                      "scenes": [{"name": "texf"}]}
         self.pieces: list[bytes] = []
         self.length = 0
+        self.unpacked = 0  # bytes of what packed views unpack to
         self.warnings: list[str] = []
         if metadata:
             if len(json.dumps(metadata).encode()) <= _EXTRAS_LIMIT:
@@ -61,13 +65,45 @@ class Document:
                      normalized: bool = False) -> int:
         """Append an array [N] or [N, k] (float32, uint16, uint32) as an accessor; returns its index."""
         values = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
-        view = self.add_view(values.tobytes(), target)
-        accessor = {"bufferView": view, "componentType": _COMPONENT[values.dtype.str[1:]], "count": len(values), "type": kind}
+        return self.add_description(values, kind, bounds, normalized, self.add_view(values.tobytes(), target))
+
+    def add_description(self, values: np.ndarray, kind: str, bounds: bool = False, normalized: bool = False,
+                        view: int | None = None) -> int:
+        """An accessor that describes an array as add_accessor() does, whose bytes are in a view made elsewhere, or in none."""
+        accessor = {"componentType": _COMPONENT[values.dtype.str[1:]], "count": len(values), "type": kind}
+        if view is not None:
+            accessor["bufferView"] = view
         if bounds:
             accessor["min"], accessor["max"] = values.min(0).tolist(), values.max(0).tolist()
         if normalized:
             accessor["normalized"] = True
         return self.add("accessors", accessor)
+
+    def add_packed_view(self, packed: bytes, count: int, stride: int, told: dict, target: int) -> int:
+        """A bufferView of count elements of stride bytes that meshopt has packed. told: mode and filter of the extension."""
+        inner = {"buffer": 0, "byteOffset": self.length, "byteLength": len(packed), "byteStride": stride, "count": count} | told
+        self.pieces.append(packed + b"\0" * (-len(packed) % 4))
+        self.length += len(self.pieces[-1])
+        view = {"buffer": 1, "byteOffset": self.unpacked, "byteLength": count * stride, "target": target,
+                "extensions": {MESHOPT: inner}}
+        if target == ARRAY:
+            view["byteStride"] = stride
+        self.unpacked += count * stride + -count * stride % 4
+        self.use_extension(MESHOPT, required=True)
+        return self.add("bufferViews", view)
+
+    def use_extension(self, name: str, required: bool = False) -> None:
+        """Name an extension among those that are used, and among those that a reader has to know."""
+        for kind in ("extensionsUsed", "extensionsRequired")[: 1 + required]:
+            if name not in self.json.get(kind, ()):
+                self.add(kind, name)
+
+    def finish(self, uri: str | None = None) -> None:
+        """Describe the buffer, its file where it has one, and the one that packed views unpack to."""
+        if self.pieces:
+            self.json["buffers"] = [{"byteLength": self.length} | ({} if uri is None else {"uri": uri})]
+        if self.unpacked:
+            self.add("buffers", {"byteLength": self.unpacked, "extensions": {MESHOPT: {"fallback": True}}})
 
     def add_mesh(self, primitives: list[dict], translation: list[float] | None, scale: float | None) -> None:
         """Put one mesh on one node of the scene."""
@@ -81,21 +117,31 @@ class Document:
         self.json["scenes"][0]["nodes"] = [self.add("nodes", node)]
 
 
-def textured(texf: Any, look: Textured, images: list[str | bytes]) -> Document:
-    """Document with TEXCOORD_0 and images. images: for each of look.textures its URI, or its PNG for the buffer."""
-    document = Document(texf.metadata)
+def textured(texf: Any, look: Textured, images: list[tuple[ImageFormat, str | bytes]], packing: Any = None) -> Document:
+    """Document with TEXCOORD_0 and images. images: for each of look.textures its format, and its URI or its bytes for the buffer;
+    packing: one of gltf_pack, or None for plain accessors."""
+    document, packing = Document(texf.metadata), packing or Plain()
     if len(texf.faces) == 0:
         return document
     uv = look.corner_uv.astype(np.float32).reshape(-1, 2)
-    corner, looks = texf.faces.ravel(), np.repeat(look.face_look, 3)
-    normal = _written_normals(texf).reshape(-1, 3)
-    first, index = unique_corners(looks, corner, np.ascontiguousarray(uv).view(np.uint64).ravel(), *normal.view(np.int32).T)
-    columns = {"NORMAL": (normal[first], "VEC3", False), "TEXCOORD_0": (uv[first], "VEC2", False)}
-    groups = _Groups(looks[first], look.face_look, [_material(texf.materials[m], int(image)) for m, image in look.looks])
-    _add_surface(document, texf, corner[first], index.reshape(-1, 3), groups, columns)
-    for number, (texture, image) in enumerate(zip(look.textures, images, strict=True)):
-        _add_texture(document, texture.wrap, "texf" if len(images) == 1 else f"texf_{number}", image)
+    corner, looks = texf.faces.ravel(), np.repeat(look.looks.face_look, 3)
+    keys = [uv, _written_normals(texf).reshape(-1, 3)]
+    if look.corner_tangent is not None:
+        keys.append(_written_tangents(look).reshape(-1, 4))
+    first, index = unique_corners(looks, corner, *(np.ascontiguousarray(k).view(np.int32).T[n] for k in keys for n in range(k.shape[1])))
+    columns = {name: Column(key[first], kind) for (name, kind), key in zip(_COLUMNS, keys, strict=False)}
+    entries = [material_entry(one.material, images) for one, images in zip(look.looks.looks, look.images, strict=True)]
+    groups = _Groups(looks[first], look.looks.face_look, entries)
+    _add_surface(document, texf, corner[first], index.reshape(-1, 3), groups, columns, packing)
+    for texture, (form, image) in zip(look.textures, images, strict=True):
+        _add_texture(document, texture, form, image)
     return document
+
+
+def _written_tangents(look):
+    """Tangents of corners, float32 [F, 3, 4]; 0 where the material has no normal map."""
+    mapped = np.array([bool({"normal", "clearcoat_normal"} & {*images}) for images in look.images], bool)
+    return np.where(mapped[look.looks.face_look, None, None], look.corner_tangent, np.float32(0))
 
 
 def _written_normals(texf):
@@ -106,26 +152,32 @@ def _written_normals(texf):
     return normal
 
 
-def _add_texture(document, wrap, name, image):
-    """A texture of its own for an image (URI or PNG bytes); images that wrap alike share a sampler."""
+def _add_texture(document, texture, form, image):
+    """A texture of its own for an image (URI or bytes) of a format; images that wrap alike share a sampler."""
+    wrap, name = texture.wrap, texture.name
     if isinstance(image, str):
         entry = {"name": name, "uri": image}
     else:
-        entry = {"name": name, "mimeType": "image/png", "bufferView": document.add_view(image)}
+        entry = {"name": name, "mimeType": form.mime, "bufferView": document.add_view(image)}
     # linear, linear-mipmap-linear
     sampler = {"magFilter": 9729, "minFilter": 9987, "wrapS": _WRAPS[wrap[0]], "wrapT": _WRAPS[wrap[1]]}
     known = document.json.get("samplers", [])
     at = known.index(sampler) if sampler in known else document.add("samplers", sampler)
-    document.add("textures", {"sampler": at, "source": document.add("images", entry)})
+    source = {"source": document.add("images", entry)}
+    if form.extension is not None:
+        document.use_extension(form.extension, required=True)
+        source = {"extensions": {form.extension: source}}
+    document.add("textures", {"sampler": at} | source)
 
 
-def coloured(texf: Any) -> Document:
-    """Document with COLOR_0 (linear) at vertices."""
+def coloured(texf: Any, packing: Any = None) -> Document:
+    """Document with COLOR_0 (linear) at vertices. packing: as in textured()."""
     document = Document(texf.metadata)
     if len(texf.faces):
         vertex, index, material, rgba = vertex_colours(texf, with_material=True)
-        groups = _Groups(material, texf.face_material, [_material(m, None) for m in texf.materials])
-        _add_surface(document, texf, vertex, index, groups, {"COLOR_0": (linear_u16(rgba), "VEC4", True)})
+        groups = _Groups(material, texf.face_material, [material_entry(m, {}) for m in texf.materials])
+        _add_surface(document, texf, vertex, index, groups, {"COLOR_0": Column(linear_u16(rgba), "VEC4", True)},
+                     packing or Plain())
     return document
 
 
@@ -137,13 +189,13 @@ def points(texf: Any) -> Document:
         return document
     local, translation, scale = local_frame(texf, voxels["center"])
     attributes = {
-        "POSITION": document.add_accessor(local, "VEC3", _ARRAY, bounds=True),
-        "COLOR_0": document.add_accessor(linear_u16(voxels["rgba"]), "VEC4", _ARRAY, normalized=True),
+        "POSITION": document.add_accessor(local, "VEC3", ARRAY, bounds=True),
+        "COLOR_0": document.add_accessor(linear_u16(voxels["rgba"]), "VEC4", ARRAY, normalized=True),
     }
-    material = {"name": "voxels", "pbrMetallicRoughness": _base_colour(None), "extensions": {_UNLIT: {}}}
+    material = {"name": "voxels", "extensions": {UNLIT: {}}}
     if texf.has_alpha:
         material["alphaMode"] = "BLEND"
-    document.json["extensionsUsed"] = [_UNLIT]
+    document.use_extension(UNLIT)
     primitive = {"attributes": attributes, "mode": _POINTS, "material": document.add("materials", material)}
     document.add_mesh([primitive], translation, scale)
     return document
@@ -151,8 +203,7 @@ def points(texf: Any) -> Document:
 
 def glb(document: Document) -> list:
     """The document as the pieces of a .glb file (list of bytes)."""
-    if document.pieces:
-        document.json["buffers"] = [{"byteLength": document.length}]
+    document.finish()
     text = _text(document)
     text += b" " * (-len(text) % 4)
     total = 12 + 8 + len(text) + (8 + document.length if document.pieces else 0)
@@ -164,8 +215,7 @@ def glb(document: Document) -> list:
 
 def gltf(document: Document, buffer_uri: str) -> tuple[list, list]:
     """The document as the pieces of a .gltf file and of its buffer: (list of bytes, list of bytes)."""
-    if document.pieces:
-        document.json["buffers"] = [{"byteLength": document.length, "uri": buffer_uri}]
+    document.finish(buffer_uri)
     return [_text(document)], document.pieces
 
 
@@ -182,50 +232,22 @@ class _Groups(NamedTuple):
     materials: list[dict]
 
 
-def _add_surface(document, texf, vertex, index, groups, columns):
+def _add_surface(document, texf, vertex, index, groups, columns, packing):
     """Primitives, one per group in use, each with accessors of its own: vertices come sorted by group.
 
-    vertex: int64 [U]; index: int64 [F, 3]; columns: attribute name -> (array [U, k], glTF type, normalized).
+    vertex: int64 [U]; index: int64 [F, 3]; columns: attribute name -> Column of [U, k]; packing: of gltf_pack.
     """
-    local, translation, scale = local_frame(texf, texf.positions[vertex])
+    local, translation, scale = packing.positions(texf, vertex)
+    columns = {"POSITION": Column(local, "VEC3")} | columns
     primitives = []
     for number in np.unique(groups.vertex):
         low, high = np.searchsorted(groups.vertex, (number, number + 1))
-        attributes = {"POSITION": document.add_accessor(local[low:high], "VEC3", _ARRAY, bounds=True)}
-        for name, (values, kind, normalized) in columns.items():
-            if name == "NORMAL" and not values[low:high].any():
-                continue
-            attributes[name] = document.add_accessor(values[low:high], kind, _ARRAY, normalized=normalized)
+        part = {name: column._replace(values=column.values[low:high]) for name, column in columns.items()}
+        part = {name: column for name, column in part.items() if name not in OPTIONAL or column.values.any()}
         corners = (index[groups.face == number] - low).ravel()
-        indices = corners.astype(np.uint16 if high - low <= 65535 else np.uint32)  # 65535 itself is the restart value
-        primitives.append(
-            {"attributes": attributes, "indices": document.add_accessor(indices, "SCALAR", _INDEX), "material": int(number)}
-        )
+        primitives.append(packing.primitive(document, part, corners) | {"material": int(number)})
     for item in groups.materials:
         document.add("materials", item)
-    if any(item.unlit for item in texf.materials):
-        document.json["extensionsUsed"] = [_UNLIT]
+    for name in extensions_of(groups.materials):
+        document.use_extension(name)
     document.add_mesh(primitives, translation, scale)
-
-
-def _material(material, texture):
-    """glTF material dict of a scene.Material; texture: index or None."""
-    out = {"pbrMetallicRoughness": _base_colour(texture)}
-    if material.name:
-        out["name"] = material.name
-    if material.alpha_mode == ALPHA_MASK:
-        out["alphaMode"], out["alphaCutoff"] = "MASK", float(material.alpha_cutoff)
-    if material.alpha_mode == ALPHA_BLEND:
-        out["alphaMode"] = "BLEND"
-    if material.double_sided:
-        out["doubleSided"] = True
-    if material.unlit:
-        out["extensions"] = {_UNLIT: {}}
-    return out
-
-
-def _base_colour(texture):
-    surface = {"metallicFactor": 0.0, "roughnessFactor": 1.0}
-    if texture is not None:
-        surface["baseColorTexture"] = {"index": texture}
-    return surface

@@ -1,45 +1,29 @@
 """What stands between the charts of an atlas: the surface goes on over a chart's border as it does in the chart beyond it.
 
-A texel of a mip level that lies on a border averages texels inside and outside the chart. Where those outside show what is beyond the
-border, both charts of a seam average the same piece of the surface and agree; where they repeat the chart's own colours, each shows
-what is half such a texel inside it (measured: jumps at level 2 fall from 5.1 to X, see docs).
+A texel of a mip level that lies on a border averages texels inside and outside the chart. Where those outside show what is beyond
+the border, both charts of a seam average the same piece of the surface and agree; where they repeat the chart's own colours, each
+shows what lies half such a texel inside it. Measured on bball_0001, cat_webp and ycb_scissors at the usual sizes: mean jumps at
+levels 2 and 3 fall from 4.6..7.0 and 7.1..9.4 to 1.8..3.2 and 2.5..4.0; charts twice as far apart without this gain nothing.
 """
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ...ground.kernel import kernel
-from .seams import border_edges, inner_edges
+from .atlas_system import AtlasSystem
 
 REACH = 16  # texels
 
 
-def continue_over_borders(image: np.ndarray, owner: np.ndarray, positions: np.ndarray, faces: np.ndarray,
-                          texels: np.ndarray) -> np.ndarray:
-    """Give texels outside the charts, up to REACH from a border, the colour of the surface beyond it, in place.
+def continue_over_borders(image: np.ndarray, system: AtlasSystem) -> np.ndarray:
+    """Give texels that no face comes near, up to REACH from a border, the values of the surface beyond it, in place.
 
-    image: uint8 [H, W, C]; owner: int32 [H, W], the face a texel shows or -1, as cover() gives it; positions: [V, 3], equal where
-    vertices are one on the surface; faces: int64 [F, 3]; texels: float64 [F, 3, 2], corners in texels. Returns which texels are
-    known now, bool [H, W]: those with an owner, and those that were given a colour.
+    image: uint8 [H, W, C], its covered texels baked. Returns which texels were given values: bool [H, W].
     """
-    one_image = np.zeros(len(faces), np.int64)
-    half, ends = border_edges(positions, faces, texels, one_image)
-    known = owner >= 0
-    if not half.shape[1]:
-        return known
-    third = texels[half // 3, (half % 3 + 2) % 3]
-    nearness = np.full(owner.shape, np.inf, np.float32)
-    chart = _charts(positions, faces, texels)
-    _continue(ends, third, chart[half // 3], owner, chart, image, nearness)
-    return known | np.isfinite(nearness)
-
-
-def _charts(positions, faces, texels):
-    """Number of the chart that each face is in: int64 [F]."""
-    half = inner_edges(positions, faces, texels)
-    links = coo_array((np.ones(half.shape[1], np.bool_), (half[0] // 3, half[1] // 3)), shape=(len(faces),) * 2)
-    return connected_components(links, directed=False)[1].astype(np.int64)
+    half, ends = system.borders
+    nearness = np.full(system.owner.shape, np.inf, np.float32)
+    third = system.texels[half // 3, (half % 3 + 2) % 3]
+    _continue(ends, third, system.charts[half // 3], system.owner, system.charts, image, nearness)
+    return np.isfinite(nearness)
 
 
 @kernel

@@ -61,9 +61,9 @@ def obj_textured(texf: Any, look: Textured, mtl_name: str) -> Iterator[bytes]:
     yield _rows("vt %.8g %.8g\n", uv)
     corners = np.stack([texf.faces + 1, index.reshape(-1, 3) + 1], 2).reshape(-1, 6)
     names = obj_names(texf, look)
-    for number in np.unique(look.face_look):
+    for number in np.unique(look.looks.face_look):
         yield f"usemtl {names[number]}\n".encode()
-        yield _rows("f %d/%d %d/%d %d/%d\n", corners[look.face_look == number])
+        yield _rows("f %d/%d %d/%d %d/%d\n", corners[look.looks.face_look == number])
 
 
 def obj_coloured(texf: Any) -> Iterator[bytes]:
@@ -86,17 +86,19 @@ def mtl(texf: Any, look: Textured, image_names: list[str], warnings: list[str]) 
     """The MTL file: one entry per material and image. image_names: of the files of look.textures; warnings: gets a sentence
     where OBJ cannot wrap an image as its UVs need."""
     maps, lines = [_map(look, n, name, warnings) for n, name in enumerate(image_names)], ["# texfcodec"]
-    for name, (material, image) in zip(obj_names(texf, look), look.looks, strict=True):
-        lines += [f"newmtl {name}", "Ka 1 1 1", "Kd 1 1 1", "Ks 0 0 0", "d 1", "illum 1", f"map_Kd {maps[image]}"]
-        if look.textures[image].image.shape[2] == 4 and texf.materials[material].alpha_mode != ALPHA_OPAQUE:
-            lines.append(f"map_d {maps[image]}")
+    for name, one, images in zip(obj_names(texf, look), look.looks.looks, look.images, strict=True):
+        lines += [f"newmtl {name}", "Ka 1 1 1", "Kd 1 1 1", "Ks 0 0 0", "d 1", "illum 1"]
+        for image in images.values():  # the base colour's
+            lines.append(f"map_Kd {maps[image]}")
+            if look.textures[image].image.shape[2] == 4 and one.material.alpha_mode != ALPHA_OPAQUE:
+                lines.append(f"map_d {maps[image]}")
     return [("\n".join(lines) + "\n").encode()]
 
 
 def _map(look, number, name, warnings):
     """What stands behind map_Kd. An image repeats in OBJ, or is clamped both ways; where UVs stay within it neither matters, and
     the option, which some readers take for a part of the name, is left out."""
-    uv = look.corner_uv[look.looks[look.face_look, 1] == number]
+    uv = look.corner_uv[look.face_image == number]
     beyond = ((uv < 0) | (uv > 1)).any(axis=(0, 1))
     needed = {mode for mode, reached in zip(look.textures[number].wrap, beyond, strict=True) if reached}
     if WRAP_MIRROR in needed or len(needed) > 1:
@@ -106,9 +108,9 @@ def _map(look, number, name, warnings):
 
 def obj_names(texf: Any, look: Textured) -> list[str]:
     """One distinct name without blanks per pair of material and image, of look.looks."""
-    shared = np.bincount(look.looks[:, 0], minlength=len(texf.materials)) > 1
-    return [f"{i}_{'_'.join(texf.materials[i].name.split()) or 'material'}" + f"_{image}" * bool(shared[i])
-            for i, image in look.looks]
+    shared = np.bincount([one.number for one in look.looks.looks], minlength=len(texf.materials)) > 1
+    names = ["_".join(material.name.split()) or "material" for material in texf.materials]
+    return [f"{one.number}_{names[one.number]}" + f"_{one.skin}" * bool(shared[one.number]) for one in look.looks.looks]
 
 
 def _number(texf):

@@ -20,25 +20,24 @@ def measure_seams(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarra
     positions: any [V, 3], equal where vertices are one on the surface; faces: int64 [F, 3]; corner_uv: float64 [F, 3, 2];
     textures: sRGB-coded, uint8 [H, W, 3 or 4]; face_image: int64 [F] into textures. Points stand evenly along the borders, as far
     apart as the texels of level 0 unless they were more than POINTS. Levels are made as viewers make them, halved by a box in
-    linear light, and looked up in linear light. A jump is that of the channel of R, G and B that jumps furthest, in steps of 8-bit
-    sRGB values. Returns {"border_edges": int, "points": int, "mean": [float at every level], "largest": [float at every level]}.
+    linear light, and looked up in linear light. A jump is that of the channel of R, G and B that jumps furthest, in steps of
+    8-bit sRGB values. Returns {"border_edges": int, "points": int, "mean": [float at every level], "largest": [float ...]}.
     """
     sizes = np.array([texture.image.shape[1::-1] for texture in textures], np.int64).reshape(-1, 2)
     half, ends = border_edges(positions, np.asarray(faces, np.int64), np.asarray(corner_uv, np.float64), face_image)
     image, uv = _points_along(face_image[half // 3], ends, sizes)
-    told: dict[str, Any] = {"border_edges": half.shape[1], "points": uv.shape[1], "mean": [0.0] * LEVELS, "largest": [0.0] * LEVELS}
+    mean, largest = [0.0] * LEVELS, [0.0] * LEVELS
     if uv.shape[1]:
-        jumps = np.stack([np.abs(a - b).max(axis=1) for a, b in _shown(textures, image, uv)])
-        told["mean"] = np.round(jumps.mean(axis=1), 3).tolist()
-        told["largest"] = np.round(jumps.max(axis=1), 3).tolist()
-    return told
+        jumps = [np.abs(a - b).max(axis=1) for a, b in _shown(textures, image, uv)]
+        mean, largest = [round(float(j.mean()), 3) for j in jumps], [round(float(j.max()), 3) for j in jumps]
+    return {"border_edges": half.shape[1], "points": uv.shape[1], "mean": mean, "largest": largest}
 
 
 def border_edges(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray,
                  face_image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Edges of the surface that lie at two places of the images: (half-edges int64 [2, n], number 3 f + i from corner i of face f to
-    the next, of one side and of the other; their UVs float64 [2, n, 2, 2], the same vertex first on both sides). Where more than
-    two faces share an edge, each is compared with the next."""
+    """Edges of the surface that lie at two places of the images: (half-edges int64 [2, n], number 3 f + i from corner i of face f
+    to the next, of one side and of the other; their UVs float64 [2, n, 2, 2], the same vertex first on both sides). Where more
+    than two faces share an edge, each is compared with the next."""
     half, ends = _shared_edges(positions, faces, corner_uv)
     apart = _apart(ends) | (face_image[half[0] // 3] != face_image[half[1] // 3])
     return half[:, apart], ends[:, apart]

@@ -34,6 +34,11 @@ class Textured:
     corner_tangent: np.ndarray | None
     warnings: list[str]
 
+    @property
+    def face_image(self) -> np.ndarray:
+        """Texture of every face's base colour, int64 [F], -1 where it has none."""
+        return np.array([images.get(BASE_COLOUR.name, -1) for images in self.images], np.int64)[self.looks.face_look]
+
 
 def textured(texf: Any, texture_size: int | None = None, atlas: str = "auto", base_colour_alone: bool = False) -> Textured:
     """Images and UVs of a decoded stream (Texf). texture_size, atlas: of the atlas of fields over voxels, see bake(); its images

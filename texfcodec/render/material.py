@@ -75,18 +75,21 @@ def _radiance(surface, effects, environment):
 
 
 def _base(surface, effects, environment):
-    """The base layer: metal and what is no metal, mixed."""
+    """The base layer, metal and what is no metal, mixed; a run of points that is all of one kind pays for that alone."""
     straight, f90 = terms.specular(surface) if "specular" in effects else (terms.DIELECTRIC, np.float32(1))
-    f0 = straight + (surface.base - straight) * surface.metallic
-    if "iridescence" in effects:
-        straight = f0 = terms.iridescence(surface, f0)
+    coloured = (lambda f0: terms.iridescence(surface, f0)) if "iridescence" in effects else (lambda f0: f0)
     lobe = terms.anisotropic_gloss(surface, environment) if "anisotropy" in effects else terms.gloss(surface, environment)
-    strongest = straight.max(axis=0) if straight.ndim else straight
-    lost = lobe.albedo(strongest, f90)
-    under = surface.base * terms.diffuse(surface, environment, lobe, lost)
-    if not effects.isdisjoint(("transmission", "diffuse_transmission")):
-        under = _from_behind(surface, effects, environment, under, lost)
-    return (1 - surface.metallic) * under + lobe.light(f0, f90 + (1 - f90) * surface.metallic)
+    total, metallic = np.zeros_like(surface.base), surface.metallic
+    if (metallic > 0).any():
+        total += metallic * lobe.light(coloured(surface.base), np.float32(1))
+    if (metallic < 1).any():
+        straight = coloured(straight)
+        lost = lobe.albedo(straight.max(axis=0) if straight.ndim else straight, f90)
+        under = surface.base * terms.diffuse(surface, environment, lobe, lost)
+        if not effects.isdisjoint(("transmission", "diffuse_transmission")):
+            under = _from_behind(surface, effects, environment, under, lost)
+        total += (1 - metallic) * (under + lobe.light(straight, f90))
+    return total
 
 
 def _from_behind(surface, effects, environment, under, lost):

@@ -58,9 +58,8 @@ class Surface:
     def value(self, name: str) -> np.ndarray:
         """A channel's values [C, m]."""
         given = self._points.values.get(name)
-        if given is None:
-            return np.ascontiguousarray(self._table.constant(name, self.material).T)
-        columns = np.ascontiguousarray(given[self._chosen].T, np.float32)
+        rows = self._table.constant(name, self.material) if given is None else given[self._chosen]
+        columns = np.ascontiguousarray(rows.T, np.float32)
         return np.fmin(np.fmax(columns, np.float32(0)), np.float32(LARGEST if name in UNBOUNDED else 1))
 
     def scalar(self, name: str) -> np.ndarray:

@@ -89,7 +89,7 @@ def anisotropic_gloss(surface: Surface, environment: Environment) -> Gloss:
     keep = (1 - strength * (1 - surface.roughness)) ** 4
     bent = plane + (surface.normal - plane) * keep
     bent = bent / np.sqrt(np.maximum(dot(bent, bent), np.float32(1e-12)))
-    mirror = reflected(bent, surface.view, dot(bent, surface.view))
+    mirror = _leaning(reflected(bent, surface.view, dot(bent, surface.view)), surface.normal, surface.roughness)
     sky = environment.prefiltered(mirror, surface.roughness) * surface.sky_share
     return Gloss(lights, sky, *ggx_integral(surface.nv, surface.roughness))
 

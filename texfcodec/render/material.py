@@ -1,7 +1,7 @@
 """Lit colours of surface points: glTF's metallic-roughness model with the effects that each material uses, and their coding.
 
-Points are walked in groups whose materials use the same effects, and a group calls only the terms of its effects: what no material
-in view uses is never computed.
+Points are walked in groups whose materials use the same effects, and a group calls only the terms of its effects: what no
+material in view uses is never computed.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ def shade(points: Points, table: ShadingTable, environment: Environment, threads
 
 
 def expose(radiance: np.ndarray, exposure: float = 1.0) -> np.ndarray:
-    """Radiance [M, 3] as sRGB-coded colour float32 [M, 3], 0..255: multiplied with exposure, clamped at 1, coded; no film curve, so
-    that a difference of pictures is one of light. NaN counts as 0."""
+    """Radiance [M, 3] as sRGB-coded colour float32 [M, 3], 0..255: multiplied with exposure, clamped at 1, coded; no film curve,
+    so that a difference of pictures is one of light. NaN counts as 0."""
     out = np.empty(radiance.shape, np.float32)
     for begin in range(0, len(radiance), BLOCK):
         part = slice(begin, begin + BLOCK)

@@ -132,7 +132,8 @@ def test_a_material_that_is_not_there_is_an_error():
 
 
 WIDTHS = {"base_colour": 3, "roughness": 1, "metallic": 1, "occlusion": 1, "emissive": 3, "clearcoat": 1,
-          "clearcoat_roughness": 1, "sheen_colour": 3, "sheen_roughness": 1, "specular": 1, "specular_colour": 3, "transmission": 1, "thickness": 1,
+          "clearcoat_roughness": 1, "sheen_colour": 3, "sheen_roughness": 1, "specular": 1,
+          "specular_colour": 3, "transmission": 1, "thickness": 1,
           "iridescence": 1, "iridescence_thickness": 1, "anisotropy": 3, "diffuse_transmission": 1,
           "diffuse_transmission_colour": 3}
 

@@ -104,7 +104,8 @@ def test_table_of_charlie_stays_within_five_thousandths_of_brute_force(roughness
 
 
 def test_no_lobe_reflects_more_than_it_gets():
-    nv, roughness = (grid.ravel().astype(np.float32) for grid in np.meshgrid(np.linspace(float(LEAST), 1, 200), np.linspace(0, 1, 200)))
+    grid = np.meshgrid(np.linspace(float(LEAST), 1, 200), np.linspace(0, 1, 200))
+    nv, roughness = (axis.ravel().astype(np.float32) for axis in grid)
     a, b = ggx_integral(nv, roughness)
     assert (a >= 0).all() and (b >= 0).all() and (a + b).max() <= 1 + 1e-6
     cloth = charlie_integral(nv, np.maximum(roughness, MIN_CHARLIE).astype(np.float32))

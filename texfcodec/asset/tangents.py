@@ -1,7 +1,8 @@
 """Tangents of face corners, for normal maps of files that bring none: what glTF asks for, MikkTSpace, up to how it splits groups.
 
-A corner's tangent is the direction along which u grows, laid into the plane of its normal, averaged over the faces that meet there
-with the same position, UV and normal, weighed by their angles. Charts seen from behind (mirrored) are averaged on their own.
+A corner's tangent is the direction along which u grows, laid into the plane of its normal, averaged over the faces that meet
+there with the same position, UV and normal, weighed by their angles. Charts seen from behind (mirrored) are averaged on their
+own.
 """
 
 import numpy as np
@@ -10,11 +11,11 @@ FLAT = 1e-30  # what is shorter, in world units or products of UVs, has no direc
 
 
 def corner_tangents(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, corner_normal: np.ndarray) -> np.ndarray:
-    """Unit tangents float32 [F, 3, 4] of every face corner, orthogonal to its normal; the last column is the bitangent's sign, 1 or
-    -1: the bitangent is cross(normal, tangent) times it and points where v falls, as glTF counts v downwards.
+    """Unit tangents float32 [F, 3, 4] of every face corner, orthogonal to its normal; the last column is the bitangent's sign, 1
+    or -1: the bitangent is cross(normal, tangent) times it and points where v falls, as glTF counts v downwards.
 
-    positions: float64 [V, 3]; faces: int64 [F, 3]; corner_uv: float64 [F, 3, 2]; corner_normal: float32 [F, 3, 3], unit. Where the
-    UVs give no direction (no area, not finite) a corner has some tangent orthogonal to its normal and sign 1.
+    positions: float64 [V, 3]; faces: int64 [F, 3]; corner_uv: float64 [F, 3, 2]; corner_normal: float32 [F, 3, 3], unit. Where
+    the UVs give no direction (no area, not finite) a corner has some tangent orthogonal to its normal and sign 1.
     """
     corners = _finite(positions)[faces]
     uv, normal = _finite(corner_uv), _unit(_finite(corner_normal).reshape(-1, 3))[0]
@@ -34,7 +35,8 @@ def _finite(values):
 
 
 def _face_tangents(corners, uv):
-    """Directions [F, 3] along which u grows, unit or zero, and the sign [F] of the chart with v upwards: 1, -1, 0 without area."""
+    """Directions [F, 3] along which u grows, unit or zero, and the sign [F] of the chart with v upwards: 1, -1, 0 without
+    area."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     (u1, v1), (u2, v2) = (uv[:, 1] - uv[:, 0]).T, (uv[:, 2] - uv[:, 0]).T
     sign = np.sign(u2 * v1 - u1 * v2)

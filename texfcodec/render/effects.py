@@ -9,13 +9,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 LARGEST = 65504.0  # of any parameter; what is beyond counts as this
+TURN = "anisotropy_rotation"  # the one parameter that may be negative
 # Parameters of a material by name, as glTF leaves them where a file says nothing.
 DEFAULTS: dict[str, tuple[float, ...]] = {
-    "roughness": (1,), "metallic": (1,), "occlusion_strength": (1,), "emissive": (0, 0, 0), "emissive_strength": (1,), "ior": (1.5,),
-    "specular": (1,), "specular_colour": (1, 1, 1), "clearcoat": (0,), "clearcoat_roughness": (0,), "sheen_colour": (0, 0, 0),
-    "sheen_roughness": (0,), "transmission": (0,), "thickness": (0,), "attenuation_distance": (math.inf,),
-    "attenuation_colour": (1, 1, 1), "dispersion": (0,), "iridescence": (0,), "iridescence_ior": (1.3,),
-    "iridescence_thickness": (100, 400), "anisotropy": (0,), "anisotropy_rotation": (0,), "diffuse_transmission": (0,),
+    "roughness": (1,), "metallic": (1,), "occlusion_strength": (1,), "emissive": (0, 0, 0), "emissive_strength": (1,),
+    "ior": (1.5,), "specular": (1,), "specular_colour": (1, 1, 1), "clearcoat": (0,), "clearcoat_roughness": (0,),
+    "sheen_colour": (0, 0, 0), "sheen_roughness": (0,), "transmission": (0,), "thickness": (0,), "dispersion": (0,),
+    "attenuation_distance": (math.inf,), "attenuation_colour": (1, 1, 1), "iridescence": (0,), "iridescence_ior": (1.3,),
+    "iridescence_thickness": (100, 400), "anisotropy": (0,), TURN: (0,), "diffuse_transmission": (0,),
     "diffuse_transmission_colour": (1, 1, 1),
 }
 CONSTANTS = {"base_colour": (1.0, 1.0, 1.0), "occlusion": (1.0,), "iridescence_thickness": (1.0,)}  # of channels without a factor
@@ -23,8 +24,8 @@ CONSTANTS = {"base_colour": (1.0, 1.0, 1.0), "occlusion": (1.0,), "iridescence_t
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """channels: what it reads beyond base_colour, metallic and roughness; used: function of a material's parameters (all of them) and
-    the names of the channels that it has maps of."""
+    """channels: what it reads beyond base_colour, metallic and roughness; used: function of a material's parameters (all of them)
+    and the names of the channels that it has maps of."""
 
     name: str
     channels: tuple[str, ...]
@@ -36,8 +37,10 @@ def _any(*names):
 
 
 EFFECTS = (
-    Effect(name="occlusion", channels=("occlusion",), used=lambda p, channels: "occlusion" in channels and p["occlusion_strength"][0] > 0),
-    Effect(name="emission", channels=("emissive",), used=lambda p, channels: max(p["emissive"]) > 0 and p["emissive_strength"][0] > 0),
+    Effect(name="occlusion", channels=("occlusion",),
+           used=lambda p, channels: "occlusion" in channels and p["occlusion_strength"][0] > 0),
+    Effect(name="emission", channels=("emissive",),
+           used=lambda p, channels: max(p["emissive"]) > 0 and p["emissive_strength"][0] > 0),
     Effect(name="specular", channels=("specular", "specular_colour"),
            used=lambda p, channels: any(p[n] != DEFAULTS[n] for n in ("ior", "specular", "specular_colour"))
            or not {"specular", "specular_colour"}.isdisjoint(channels)),
@@ -46,7 +49,8 @@ EFFECTS = (
     Effect(name="transmission", channels=("transmission",), used=_any("transmission")),
     Effect(name="volume", channels=("thickness",),
            used=lambda p, channels: p["thickness"][0] > 0 and (p["transmission"][0] > 0 or p["diffuse_transmission"][0] > 0)),
-    Effect(name="dispersion", channels=(), used=lambda p, channels: min(p["dispersion"] + p["thickness"] + p["transmission"]) > 0),
+    Effect(name="dispersion", channels=(),
+           used=lambda p, channels: min(p["dispersion"] + p["thickness"] + p["transmission"]) > 0),
     Effect(name="iridescence", channels=("iridescence", "iridescence_thickness"), used=_any("iridescence")),
     Effect(name="anisotropy", channels=("anisotropy",), used=_any("anisotropy")),
     Effect(name="diffuse_transmission", channels=("diffuse_transmission", "diffuse_transmission_colour"),
@@ -62,7 +66,7 @@ def full_parameters(parameters: Mapping[str, Sequence[float]]) -> dict[str, tupl
     for name, default in DEFAULTS.items():
         given = tuple(float(value) for value in parameters.get(name, default))
         if len(given) == len(default) and not any(math.isnan(value) for value in given):
-            low, high = (-LARGEST if name == "anisotropy_rotation" else 0.0), (math.inf if default == (math.inf,) else LARGEST)
+            low, high = (-LARGEST if name == TURN else 0.0), (math.inf if default == (math.inf,) else LARGEST)
             out[name] = tuple(min(max(value, low), high) for value in given)
     return out
 
@@ -77,8 +81,8 @@ def effects_of(parameters: Mapping[str, Sequence[float]], channels: Collection[s
 
 @dataclass(kw_only=True)
 class ShadingTable:
-    """What shading asks of materials. parameters: of each one, those that differ from DEFAULTS; channels: names of the channels that
-    each has maps of; unlit: bool each. Made from these: effects, one frozenset each; values: parameter -> float32 [K, C]."""
+    """What shading asks of materials. parameters: of each one, those that differ from DEFAULTS; channels: names of the channels
+    that each has maps of; unlit: bool each. Made from these: effects, one frozenset each; values: parameter -> float32 [K, C]."""
 
     parameters: Sequence[Mapping[str, Sequence[float]]]
     channels: Sequence[Collection[str]]
@@ -90,7 +94,8 @@ class ShadingTable:
         each = zip(self.parameters, self.channels, self.unlit, strict=True)
         self.effects = [effects_of(*one) for one in each]
         full = [full_parameters(one) for one in self.parameters]
-        self.values = {name: np.array([p[name] for p in full], np.float32).reshape(len(full), len(DEFAULTS[name])) for name in DEFAULTS}
+        self.values = {name: np.array([p[name] for p in full], np.float32).reshape(len(full), len(default))
+                       for name, default in DEFAULTS.items()}
 
     @property
     def is_lit(self) -> bool:
@@ -108,7 +113,8 @@ class ShadingTable:
         return frozenset(wanted)
 
     def constant(self, name: str, material: np.ndarray) -> np.ndarray:
-        """Values float32 [M, C] of a channel that has no map, of materials [M]: the factor, or what glTF says a missing map holds."""
+        """Values float32 [M, C] of a channel that has no map, of materials [M]: the factor, or what glTF says a missing map
+        holds."""
         if name in CONSTANTS:
             return np.broadcast_to(np.array(CONSTANTS[name], np.float32), (len(material), len(CONSTANTS[name])))
         if name == "anisotropy":

@@ -1,10 +1,10 @@
 """The light that shaded pictures stand in: an analytic sky and a few directional lights, in linear radiance.
 
-The sky's colour depends only on the height y of a direction (y is up, as in glTF): a Bezier curve of degree DEGREE over
-(1 + y) / 2 from the nadir to the zenith. A polynomial in y of that degree is a sum of as many Legendre polynomials, and averaging
-a sky with a lobe that is round about an axis multiplies each of them by one number of the lobe (Funk and Hecke). So the irradiance
-of every normal is a polynomial again, exactly, and the radiance averaged with the lobe of GGX is a function of height and
-roughness alone: a small table, exact at its nodes.
+The sky's colour depends only on the height y of a direction (y is up, as in glTF): a Bezier curve of degree DEGREE over (1 + y) /
+2 from the nadir to the zenith. A polynomial in y of that degree is a sum of as many Legendre polynomials, and averaging a sky
+with a lobe that is round about an axis multiplies each of them by one number of the lobe (Funk and Hecke). So the irradiance of
+every normal is a polynomial again, exactly, and the radiance averaged with the lobe of GGX is a function of height and roughness
+alone: a small table, exact at its nodes.
 
 Lights send parallel light; the angular radius that each has widens highlights, so that they cover more than a pixel.
 """
@@ -37,8 +37,8 @@ class Light:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Environment:
-    """gradient: float64 [DEGREE + 1, 3] linear RGB, the sky's control colours from the nadir to the zenith; lights: tuple of Light;
-    exposure: what radiance is multiplied with before it is coded."""
+    """gradient: float64 [DEGREE + 1, 3] linear RGB, the sky's control colours from the nadir to the zenith; lights: tuple of
+    Light; exposure: what radiance is multiplied with before it is coded."""
 
     gradient: np.ndarray
     lights: tuple[Light, ...] = ()
@@ -63,7 +63,8 @@ class Environment:
 
     @cached_property
     def _zonal(self):
-        """Coefficients [DEGREE + 1, 3] of the sky in Legendre polynomials of the height. Gauss's nodes make the integral exact."""
+        """Coefficients [DEGREE + 1, 3] of the sky in Legendre polynomials of the height. Gauss's nodes make the integral
+        exact."""
         nodes, weights = legendre.leggauss(DEGREE + 1)
         sky = _bernstein((1 + nodes) / 2) @ np.asarray(self.gradient, np.float64)
         basis = legendre.legvander(nodes, DEGREE)
@@ -122,8 +123,8 @@ def cosine_lobe() -> np.ndarray:
 def ggx_lobe(alpha: float) -> np.ndarray:
     """As cosine_lobe() for the light that GGX of this alpha reflects when seen straight on, weighted by the light's cosine.
 
-    With u uniform, cos^2 of the half vector is (1 - u) / (1 + (alpha^2 - 1) u), and the light is twice as far from the axis; u ends
-    at 1 / (1 + alpha^2), where the light sinks below the surface.
+    With u uniform, cos^2 of the half vector is (1 - u) / (1 + (alpha^2 - 1) u), and the light is twice as far from the axis; u
+    ends at 1 / (1 + alpha^2), where the light sinks below the surface.
     """
     square = max(alpha, MIN_ALPHA) ** 2
     nodes, weights = _gauss_nodes(200)
@@ -141,7 +142,8 @@ def furnace(radiance: Sequence[float] = (1.0, 1.0, 1.0)) -> Environment:
 
 def _light(direction, colour, strength, radius):
     towards = np.asarray(direction, np.float64)
-    return Light(direction=towards / np.linalg.norm(towards), irradiance=np.pi * strength * np.asarray(colour, np.float64), radius=radius)
+    irradiance = np.pi * strength * np.asarray(colour, np.float64)
+    return Light(direction=towards / np.linalg.norm(towards), irradiance=irradiance, radius=radius)
 
 
 _GROUND, _HORIZON, _ZENITH = np.array([0.16, 0.14, 0.12]), np.array([0.78, 0.80, 0.82]), np.array([0.24, 0.36, 0.62])

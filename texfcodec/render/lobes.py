@@ -1,8 +1,8 @@
 """How a rough surface reflects: microfacet lobes under directional lights, and their integrals under a sky.
 
 Arrays are float32, [M] or [3, M], one column per point. n: unit normal, v: unit direction to the eye, nv: their cosine kept above
-LEAST. GGX with the height-correlated masking of Smith and Fresnel's law after Schlick is the model of glTF 2.0, appendix B; Charlie
-with the visibility of Neubelt and Pettineo is that of KHR_materials_sheen. Both are what the tables below integrate.
+LEAST. GGX with the height-correlated masking of Smith and Fresnel's law after Schlick is the model of glTF 2.0, appendix B;
+Charlie with the visibility of Neubelt and Pettineo is that of KHR_materials_sheen. Both are what the tables below integrate.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ SLICES = 48  # strata a side of the integrals behind each node
 
 @dataclass
 class LightSums:
-    """What all lights give a point, summed with weights 1 - f and f, where f is Schlick's fifth power at the half vector: whatever
-    Fresnel's ends are, the lights are walked once. spec, spec_edge: of the lobe; flat: cosine over pi, unweighed; float32 [3, M]."""
+    """What all lights give a point, summed with weights 1 - f and f, where f is Schlick's fifth power at the half vector:
+    whatever Fresnel's ends are, the lights are walked once. spec, spec_edge: of the lobe; flat: cosine over pi, unweighed;
+    float32 [3, M]."""
 
     spec: np.ndarray
     spec_edge: np.ndarray
@@ -90,8 +91,8 @@ def _ggx(square, nh, nl, nv):
 
 def ggx_lights_stretched(n: np.ndarray, v: np.ndarray, nv: np.ndarray, tangents: tuple, alphas: tuple,
                          lights: Sequence[Light]) -> LightSums:
-    """As ggx_lights() with an alpha of its own along each of two tangents. tangents: two unit directions [3, M], orthogonal to n and
-    to each other; alphas: two [M]."""
+    """As ggx_lights() with an alpha of its own along each of two tangents. tangents: two unit directions [3, M], orthogonal to n
+    and to each other; alphas: two [M]."""
     tv, bv = (dot(direction, v) for direction in tangents)
 
     def lobe(light, towards, nl, along):

@@ -22,8 +22,8 @@ def _bilinear(table, x, y, out):
 
 
 def look_up(table: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Bilinear values float32 [K, M]. table: float32 [X, Y, K], X and Y at least 2, its ends at 0 and 1; x, y: float32 [M], clamped
-    to 0..1, NaN counts as 0. Raises ValueError for shapes that do not fit."""
+    """Bilinear values float32 [K, M]. table: float32 [X, Y, K], X and Y at least 2, its ends at 0 and 1; x, y: float32 [M],
+    clamped to 0..1, NaN counts as 0. Raises ValueError for shapes that do not fit."""
     if table.ndim != 3 or min(table.shape[:2]) < 2 or x.ndim != 1 or x.shape != y.shape:
         raise ValueError(f"table {table.shape} and places {x.shape}, {y.shape} do not fit")
     out = np.empty((table.shape[2], len(x)), np.float32)

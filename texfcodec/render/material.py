@@ -1,7 +1,7 @@
 """Lit colours of surface points: glTF's metallic-roughness model with the effects that each material uses, and their coding.
 
-Points are walked in groups whose materials use the same effects, and a group calls only the terms of its effects: what no material
-in view uses is never computed.
+Points are walked in groups whose materials use the same effects, and a group calls only the terms of its effects: what no
+material in view uses is never computed.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ def shade(points: Points, table: ShadingTable, environment: Environment, threads
 
 
 def expose(radiance: np.ndarray, exposure: float = 1.0) -> np.ndarray:
-    """Radiance [M, 3] as sRGB-coded colour float32 [M, 3], 0..255: multiplied with exposure, clamped at 1, coded; no film curve, so
-    that a difference of pictures is one of light. NaN counts as 0."""
+    """Radiance [M, 3] as sRGB-coded colour float32 [M, 3], 0..255: multiplied with exposure, clamped at 1, coded; no film curve,
+    so that a difference of pictures is one of light. NaN counts as 0."""
     out = np.empty(radiance.shape, np.float32)
     for begin in range(0, len(radiance), BLOCK):
         part = slice(begin, begin + BLOCK)
@@ -75,18 +75,21 @@ def _radiance(surface, effects, environment):
 
 
 def _base(surface, effects, environment):
-    """The base layer: metal and what is no metal, mixed."""
+    """The base layer, metal and what is no metal, mixed; a run of points that is all of one kind pays for that alone."""
     straight, f90 = terms.specular(surface) if "specular" in effects else (terms.DIELECTRIC, np.float32(1))
-    f0 = straight + (surface.base - straight) * surface.metallic
-    if "iridescence" in effects:
-        straight = f0 = terms.iridescence(surface, f0)
+    coloured = (lambda f0: terms.iridescence(surface, f0)) if "iridescence" in effects else (lambda f0: f0)
     lobe = terms.anisotropic_gloss(surface, environment) if "anisotropy" in effects else terms.gloss(surface, environment)
-    strongest = straight.max(axis=0) if straight.ndim else straight
-    lost = lobe.albedo(strongest, f90)
-    under = surface.base * terms.diffuse(surface, environment, lobe, lost)
-    if not effects.isdisjoint(("transmission", "diffuse_transmission")):
-        under = _from_behind(surface, effects, environment, under, lost)
-    return (1 - surface.metallic) * under + lobe.light(f0, f90 + (1 - f90) * surface.metallic)
+    total, metallic = np.zeros_like(surface.base), surface.metallic
+    if (metallic > 0).any():
+        total += metallic * lobe.light(coloured(surface.base), np.float32(1))
+    if (metallic < 1).any():
+        straight = coloured(straight)
+        lost = lobe.albedo(straight.max(axis=0) if straight.ndim else straight, f90)
+        under = surface.base * terms.diffuse(surface, environment, lobe, lost)
+        if not effects.isdisjoint(("transmission", "diffuse_transmission")):
+            under = _from_behind(surface, effects, environment, under, lost)
+        total += (1 - metallic) * (under + lobe.light(straight, f90))
+    return total
 
 
 def _from_behind(surface, effects, environment, under, lost):

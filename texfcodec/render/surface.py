@@ -16,13 +16,13 @@ UNBOUNDED = frozenset({"emissive", "thickness"})  # channels whose final values 
 class Points:
     """M surface points that a camera sees.
 
-    material: int64 [M] into the table; normal: float32 [M, 3] world, of shading, with the normal map; view: float32 [M, 3] from the
-    point to the eye; values: channel name -> float32 [M, C], final (ShadingTable.final), linear; a channel that is not there holds
-    ShadingTable.constant everywhere; of a channel that is, the caller fills in the constant where a material has no map.
-    tangent: float32 [M, 4] world and handedness, asked only for anisotropy; coat_normal: float32 [M, 3] of the clear coat, which glTF
-    leaves without the base's normal map; without it the coat takes normal.
-    Directions of any length; one that is zero or not finite counts as the view, and such a view as +z. In values, NaN and what is
-    negative count as 0, what is above 1 as 1 (emissive and thickness as LARGEST).
+    material: int64 [M] into the table; normal: float32 [M, 3] world, of shading, with the normal map; view: float32 [M, 3] from
+    the point to the eye; values: channel name -> float32 [M, C], final (ShadingTable.final), linear; a channel that is not there
+    holds ShadingTable.constant everywhere; of a channel that is, the caller fills in the constant where a material has no map.
+    tangent: float32 [M, 4] world and handedness, asked only for anisotropy; coat_normal: float32 [M, 3] of the clear coat, which
+    glTF leaves without the base's normal map; without it the coat takes normal. Directions of any length; one that is zero or not
+    finite counts as the view, and such a view as +z. In values, NaN and what is negative count as 0, what is above 1 as 1
+    (emissive and thickness as LARGEST).
     """
 
     material: np.ndarray
@@ -36,7 +36,8 @@ class Points:
 class Surface:
     """A run of points whose materials use the same effects: float32, one column per point.
 
-    normal, view: [3, m] unit; cosine: [m] between them, signed; nv: the same, at least LEAST; base: [3, m]; metallic, roughness: [m].
+    normal, view: [3, m] unit; cosine: [m] between them, signed; nv: the same, at least LEAST; base: [3, m]; metallic, roughness:
+    [m].
     """
 
     def __init__(self, points: Points, table: ShadingTable, chosen: slice | np.ndarray) -> None:
@@ -58,9 +59,8 @@ class Surface:
     def value(self, name: str) -> np.ndarray:
         """A channel's values [C, m]."""
         given = self._points.values.get(name)
-        if given is None:
-            return np.ascontiguousarray(self._table.constant(name, self.material).T)
-        columns = np.ascontiguousarray(given[self._chosen].T, np.float32)
+        rows = self._table.constant(name, self.material) if given is None else given[self._chosen]
+        columns = np.ascontiguousarray(rows.T, np.float32)
         return np.fmin(np.fmax(columns, np.float32(0)), np.float32(LARGEST if name in UNBOUNDED else 1))
 
     def scalar(self, name: str) -> np.ndarray:
@@ -93,7 +93,7 @@ class Surface:
 
 def unit(rows: np.ndarray, instead: np.ndarray) -> np.ndarray:
     """Rows [m, 3] as unit columns float32 [3, m]; where a row is zero or not finite, the column of `instead` [3, m]."""
-    columns = np.ascontiguousarray(rows.T, np.float32)
+    columns: np.ndarray = np.ascontiguousarray(rows.T, np.float32)
     with np.errstate(over="ignore", invalid="ignore"):
         square = dot(columns, columns)
         odd = ~((square > 1e-20) & (square < 1e20))

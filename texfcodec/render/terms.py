@@ -1,8 +1,8 @@
 """The terms of glTF's materials, each a function of its own that takes a Surface and an Environment.
 
 Every result is float32, one column per point. Layers lie on each other as glTF puts them: the base, sheen over it, emission, the
-clear coat over all. What a layer keeps from those below is its own reflectance under a white sky, so that no stack of layers gives
-more light than it gets. Occlusion darkens what comes from the sky, not the lights.
+clear coat over all. What a layer keeps from those below is its own reflectance under a white sky, so that no stack of layers
+gives more light than it gets. Occlusion darkens what comes from the sky, not the lights.
 """
 
 from __future__ import annotations
@@ -29,31 +29,32 @@ from .lobes import (
 from .surface import Surface, cross
 from .thin_film import film_f0
 
+Reflectance = np.ndarray | np.float32
 DIELECTRIC = np.float32(0.04)  # reflectance seen straight on at ior 1.5
-DISPERSION_SPREAD = np.float32(0.025)  # half the spread of ior over (ior - 1) at dispersion 1: 1 / (2 * 20), KHR_materials_dispersion
+DISPERSION_SPREAD = np.float32(0.025)  # half the spread of ior over (ior - 1) at dispersion 1, an Abbe number of 20
 
 
 @dataclass
 class Gloss:
-    """A point's GGX lobe before Fresnel's law. lights: of the lights; sky: [3, m] prefiltered, occluded; a, b: [m], its reflectance
-    under a white sky at Fresnel's two ends."""
+    """A point's GGX lobe before Fresnel's law. lights: of the lights; sky: [3, m] prefiltered, occluded; a, b: [m], its
+    reflectance under a white sky at Fresnel's two ends."""
 
     lights: LightSums
     sky: np.ndarray
     a: np.ndarray
     b: np.ndarray
 
-    def gain(self, f0: np.ndarray) -> np.ndarray:
+    def gain(self, f0: Reflectance) -> np.ndarray:
         """What light that bounces more than once within the roughness adds, as a factor (Turquin, Practical multiple scattering
         compensation for microfacet models, 2019)."""
         return 1 + f0 * (1 / (self.a + self.b) - 1)
 
-    def albedo(self, f0: np.ndarray, f90: np.ndarray) -> np.ndarray:
+    def albedo(self, f0: Reflectance, f90: Reflectance) -> np.ndarray:
         """Share of a white sky that is reflected, at most 1."""
         return np.minimum(self.gain(f0) * (f0 * self.a + f90 * self.b), np.float32(1))
 
-    def light(self, f0: np.ndarray, f90: np.ndarray) -> np.ndarray:
-        """Reflected radiance [3, m]. f0: [3, m] or [m]; f90: [m]."""
+    def light(self, f0: Reflectance, f90: Reflectance) -> np.ndarray:
+        """Reflected radiance [3, m]. f0: [3, m], [m] or one; f90: [m] or one."""
         seen = self.sky * (f0 * self.a + f90 * self.b) + f0 * self.lights.spec + f90 * self.lights.spec_edge
         return self.gain(f0) * seen
 
@@ -72,16 +73,9 @@ def gloss(surface: Surface, environment: Environment) -> Gloss:
 
 
 def anisotropic_gloss(surface: Surface, environment: Environment) -> Gloss:
-    """The base's lobe, wider along a direction of the surface (KHR_materials_anisotropy): exact under the lights. Under the sky the
-    round lobe is used, about the mirror direction of a normal that is bent towards the plane across that direction."""
-    coded, turn = surface.value("anisotropy"), surface.parameter("anisotropy_rotation")[0]
-    strength, x, y = coded[2], 2 * coded[0] - 1, 2 * coded[1] - 1
-    length = np.sqrt(x * x + y * y)
-    x, y = np.where(length > 1e-3, x, 1), np.where(length > 1e-3, y, 0)
-    length = np.where(length > 1e-3, length, 1)
-    x, y = ((np.cos(turn) * x - np.sin(turn) * y) / length).astype(np.float32), ((np.sin(turn) * x + np.cos(turn) * y) / length).astype(np.float32)
-    t, b = surface.tangents()
-    along, across = x * t + y * b, x * b - y * t
+    """The base's lobe, wider along a direction of the surface (KHR_materials_anisotropy): exact under the lights. Under the sky
+    the round lobe is used, about the mirror direction of a normal that is bent towards the plane across that direction."""
+    strength, along, across = _stretch(surface)
     alpha = surface.roughness**2
     wide = alpha + (1 - alpha) * strength * strength
     lights = ggx_lights_stretched(surface.normal, surface.view, surface.nv, (along, across), (wide, alpha), environment.lights)
@@ -89,9 +83,22 @@ def anisotropic_gloss(surface: Surface, environment: Environment) -> Gloss:
     keep = (1 - strength * (1 - surface.roughness)) ** 4
     bent = plane + (surface.normal - plane) * keep
     bent = bent / np.sqrt(np.maximum(dot(bent, bent), np.float32(1e-12)))
-    mirror = reflected(bent, surface.view, dot(bent, surface.view))
+    mirror = _leaning(reflected(bent, surface.view, dot(bent, surface.view)), surface.normal, surface.roughness)
     sky = environment.prefiltered(mirror, surface.roughness) * surface.sky_share
     return Gloss(lights, sky, *ggx_integral(surface.nv, surface.roughness))
+
+
+def _stretch(surface):
+    """Strength [m] of the anisotropy, the direction [3, m] along which the lobe is wider, and the one across. A map's direction
+    without a length counts as the tangent."""
+    coded, turn = surface.value("anisotropy"), surface.parameter("anisotropy_rotation")[0]
+    x, y = 2 * coded[0] - 1, 2 * coded[1] - 1
+    length = np.sqrt(x * x + y * y)
+    is_direction = length > 1e-3
+    x, y = (np.divide(part, length, out=np.full_like(length, instead), where=is_direction) for part, instead in ((x, 1), (y, 0)))
+    x, y = np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y
+    t, b = surface.tangents()
+    return coded[2], x * t + y * b, x * b - y * t
 
 
 def _leaning(mirror, normal, roughness):
@@ -107,7 +114,7 @@ def specular(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
     return np.minimum(straight * surface.value("specular_colour"), np.float32(1)) * strength, strength
 
 
-def iridescence(surface: Surface, f0: np.ndarray) -> np.ndarray:
+def iridescence(surface: Surface, f0: Reflectance) -> np.ndarray:
     """Reflectance straight on [3, m], mixed with that under a thin film (KHR_materials_iridescence)."""
     least, most = surface.parameter("iridescence_thickness")
     thickness = least + (most - least) * surface.scalar("iridescence_thickness")
@@ -117,15 +124,15 @@ def iridescence(surface: Surface, f0: np.ndarray) -> np.ndarray:
 
 
 def diffuse(surface: Surface, environment: Environment, lobe: Gloss, lost: np.ndarray) -> np.ndarray:
-    """Light [3, m] that a white diffuse surface gives under a dielectric interface. lost: [m], what the interface reflects of a white
-    sky. glTF takes Fresnel's law at each half vector for it, which gives more light than there is where views are steep."""
+    """Light [3, m] that a white diffuse surface gives under a dielectric interface. lost: [m], what the interface reflects of a
+    white sky. glTF takes Fresnel's law at each half vector for it, which gives more light than there is where views are steep."""
     return (environment.irradiance(surface.normal) * surface.sky_share + lobe.lights.flat) * (1 - lost)
 
 
 def diffuse_transmission(surface: Surface, environment: Environment, under: np.ndarray, lost: np.ndarray,
                          tint: np.ndarray | None) -> np.ndarray:
-    """Diffuse light [3, m] of which a share comes from behind (KHR_materials_diffuse_transmission). under: what the base gives back;
-    lost: [m], reflected before it goes in; tint: [3, m] of the volume, or None."""
+    """Diffuse light [3, m] of which a share comes from behind (KHR_materials_diffuse_transmission). under: what the base gives
+    back; lost: [m], reflected before it goes in; tint: [3, m] of the volume, or None."""
     light = environment.irradiance(-surface.normal)
     for one in environment.lights:
         behind = np.maximum(-dot(surface.normal, one.direction.astype(np.float32)), np.float32(0)) * INV_PI
@@ -139,8 +146,8 @@ def diffuse_transmission(surface: Surface, environment: Environment, under: np.n
 def transmission(surface: Surface, environment: Environment, under: np.ndarray, lost: np.ndarray, tint: np.ndarray | None,
                  disperses: bool) -> np.ndarray:
     """Light [3, m] of which a share is seen through the surface (KHR_materials_transmission): the sky and the lights only, never
-    other surfaces. tint: None for a thin sheet, which is looked through straight; else of the volume, and the sky is looked at along
-    the ray that is refracted where it enters, as if it left unbent. lost: [m], reflected."""
+    other surfaces. tint: None for a thin sheet, which is looked through straight; else of the volume, and the sky is looked at
+    along the ray that is refracted where it enters, as if it left unbent. lost: [m], reflected."""
     ior = np.maximum(surface.parameter("ior")[0], np.float32(1))
     roughness = surface.roughness * np.minimum(2 * ior - 2, np.float32(1))
     if tint is None:
@@ -176,8 +183,8 @@ def volume(surface: Surface) -> np.ndarray:
 
 
 def sheen(surface: Surface, environment: Environment, below: np.ndarray) -> np.ndarray:
-    """Light [3, m] of cloth fibres over what is below (KHR_materials_sheen); its lobe is so wide that the sky counts with its mean
-    about the normal."""
+    """Light [3, m] of cloth fibres over what is below (KHR_materials_sheen); its lobe is so wide that the sky counts with its
+    mean about the normal."""
     colour = surface.value("sheen_colour")
     roughness = np.maximum(surface.scalar("sheen_roughness"), np.float32(MIN_CHARLIE))
     share = charlie_integral(surface.nv, roughness)

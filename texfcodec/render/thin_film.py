@@ -32,7 +32,7 @@ def film_reflectance(cosine: np.ndarray, base: np.ndarray, ior: np.ndarray, thic
     base_ior = (1 + root) / (1 - root)
     inner_normal = ((base_ior - ior) / (base_ior + ior)) ** 2
     inner = inner_normal + (1 - inner_normal) * fifth_power(inside)
-    turned = np.where(base_ior < ior, np.float32(1), np.float32(-1))  # phase at both borders: half a turn, and one more if the base is rarer
+    turned = np.where(base_ior < ior, np.float32(1), np.float32(-1))  # half a turn where the base is the denser one
     through = 1 - outer
     both = np.clip(outer * inner, np.float32(1e-5), np.float32(0.9999))
     mean = through * through * inner / (1 - both)

@@ -21,6 +21,33 @@ if TYPE_CHECKING:
     from .normals import Shading
 
 
+SAME_FRAME = 0.05  # of a matrix: three degrees, which averaging over vertices explains
+
+
+def turned(values: np.ndarray, turn: np.ndarray | None) -> np.ndarray:
+    """x and y of tangent-space normals, float32 [N, 2] in 0..255, in another frame. turn: as turn_of() gives it."""
+    return values if turn is None else ((values / FLAT - 1) @ turn.T.astype(np.float32) + 1) * np.float32(FLAT)
+
+
+def turn_of(scene: Scene, surface: Surface, faces: np.ndarray) -> np.ndarray | None:
+    """How the frame that the source's own tangents make lies in the one that its UVs make, which a decoder takes: an orthogonal
+    matrix float64 [2, 2] for x and y of a normal map, the best one for the surface of faces, int64 [F]; None where they are the
+    same, or nothing is known. Files whose tangents were made for v upwards, or before a texture transform, have another."""
+    if scene.corner_tangent is None or scene.corner_normal is None or not len(faces):
+        return None
+    rows = surface.origin_face[faces]
+    tangent, normal = scene.corner_tangent[rows, 0].astype(np.float64), scene.corner_normal[rows, 0].astype(np.float64)
+    corners = scene.positions[scene.faces[rows]]
+    made = corner_tangents(corners.reshape(-1, 3), np.arange(3 * len(rows)).reshape(-1, 3), scene.corner_uv[rows],
+                           np.repeat(normal[:, None], 3, axis=1).astype(np.float32))[:, 0].astype(np.float64)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    frames = [(t[:, :3], np.cross(normal, t[:, :3]) * np.sign(t[:, 3:])) for t in (made, tangent)]
+    lies = np.array([[(area * (a * b).sum(axis=1)).sum() for b in frames[1]] for a in frames[0]])
+    left, _, right = np.linalg.svd(lies)
+    turn = left @ right
+    return None if np.abs(turn - np.eye(2)).max() <= SAME_FRAME else turn
+
+
 class Frames:
     """Normals of a surface's corners: as the source has them and as a decoder makes them again; tangents where a map asks.
 

@@ -9,12 +9,14 @@ import numpy as np
 
 from ..asset.scene import WRAP_CLAMP, WRAP_REPEAT
 from ..bitstream.syntax import MAX_UV_ORIGIN
+from ..channels import BY_NAME
 from ..errors import LimitError
 from ..geometry.draco import MAX_UV_BITS
 from ..ground.areas import face_areas
 from ..ground.colour_error import RGB_TO_YUV
 from ..support.texel_set import asked_texels, count_rows, shown_area
 from ..support.texels import TexelSupport
+from .frames import turn_of, turned
 from .maps import values_of_map
 from .prepare import SourceField, colour_planes
 from .resample import resampled
@@ -143,6 +145,10 @@ def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Sour
                            fraction_bits=plan.fraction_bits)
     values = plan.values(source.surface, support.xy(), options.threads)
     part = SourceField(support, 0, colour_planes(values, source), exact=plan.group.palette)
+    normals = [name for name in plan.group.maps if BY_NAME[name].unit == "degrees"]
+    turn = turn_of(source.scene, source.surface, plan.group.faces) if normals else None
     for name in plan.group.maps:
         part.planes[name], part.shifts[name] = plan.values_of_map(name, source.surface, support, options.threads)
+    for name in normals:
+        part.planes[name] = turned(part.planes[name], turn)
     return part

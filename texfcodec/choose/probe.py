@@ -6,14 +6,16 @@ to 13 % too high on five assets, where the two supports differ by more, or by so
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..asset.sample import pack_source, sample_source
+from ..asset.sample import map_columns, pack_map, pack_source, sample_source
 from ..asset.scene import WRAP_CLAMP, WRAP_REPEAT
+from ..channels import BY_NAME
 from ..codecs import codec_of
+from ..codecs.codec import Group
 from ..ground.areas import face_areas, sample_surface
 from ..ground.colour_error import ColourError, decibels
 from ..support.grid import build_brick_map
@@ -23,6 +25,7 @@ from ..support.texels import TexelSupport
 from ..support.transfer import texels_per_edge, transfer
 from ..support.voxelise import voxelise
 from ..support.voxels import VoxelSupport
+from .codec import with_qp_of
 
 if TYPE_CHECKING:
     from ..asset.scene import Scene
@@ -34,42 +37,77 @@ VOXELS_PER_AREA = 1.05  # voxels over surface in voxel faces; 1.015 to 1.071 on 
 CELLS = 24
 VOXEL_CELL, TEXEL_CELL = 5, 6  # log2 of a cell's side
 POINTS, LEAST_POINTS = 1 << 16, 100
+SLOPE = 0.8  # bytes of the values ~ error ** -SLOPE from r01 to r04: 0.4 to 0.7 on detailed images, 0.9 to 1.7 on smooth ones
+LEAST_EXACT = 0.01  # of an error that is compared with another
 LEFT_BY_FIT = 0.6  # share of the transfer's squared error that a fit leaves; 0.39 to 0.85 on seven assets at K 512 and 1024
 
 
 @dataclass(frozen=True)
 class Probe:
     """values: of the whole; bits: per value; mse: at surface points, after coding, at least what the rate asks; exact_mse: the
-    same without that bound; fixed: bytes beside the values."""
+    same without that bound; fixed: bytes beside the values; maps: Probes of further channels, by name."""
 
     values: int
     bits: float
     mse: float
     exact_mse: float = 0.0
     fixed: int = 0
+    maps: dict = field(default_factory=dict)
 
     @property
     def attributes(self) -> float:
-        """Bytes of the values."""
-        return self.values * self.bits / 8
+        """Bytes of the values of all channels."""
+        return self.values * self.bits / 8 + sum(one.attributes for one in self.maps.values())
+
+    def bytes_at(self, other: Probe) -> float:
+        """Bytes of the values at the errors that another Probe of the same channels has."""
+        own = self.values * self.bits / 8 * (self.mse / other.mse) ** SLOPE
+        return own + sum(one.bytes_at(other.maps[name]) for name, one in self.maps.items())
+
+    def lost(self, other: Probe) -> float:
+        """How many times the error of another Probe it has, in the channel that is worst."""
+        return max([self.mse / other.mse, *(one.lost(other.maps[name]) for name, one in self.maps.items())])
+
+    def exact(self) -> Probe:
+        """Itself with the errors that were measured, where they are above nothing."""
+        maps = {name: one.exact() for name, one in self.maps.items()}
+        return replace(self, mse=max(self.exact_mse, LEAST_EXACT), maps=maps)
 
     def told(self) -> dict:
         """What the report says of it."""
+        channels = {name: round(decibels(max(one.mse, 1e-4)), 2) for name, one in self.maps.items()}
         return {"values": self.values, "attribute_bytes": round(self.attributes), "geometry_bytes": self.fixed,
-                "psnr_y": round(decibels(max(self.mse, 1e-4)), 2)}
+                "psnr_y": round(decibels(max(self.mse, 1e-4)), 2)} | ({"psnr_of_maps": channels} if channels else {})
 
 
 class Patch:
     """The part of a surface that is asked: a scene's faces with evenly spread points on them. faces: int64 [F] into surface's;
-    least: the error below which nothing is worth more bytes."""
+    least: the error below which nothing is worth more bytes; name: of the channel, None for base colour and alpha; maps: the
+    patches of further channels by name."""
 
-    def __init__(self, scene: Scene, surface: Surface, faces: np.ndarray, least: float, threads: int) -> None:
-        self.scene, self.surface, self.faces, self.least, self.threads = scene, surface, faces, least, threads
+    def __init__(self, scene: Scene, surface: Surface, faces: np.ndarray, least: float, threads: int,
+                 name: str | None = None) -> None:
+        self.scene, self.surface, self.faces, self.least, self.threads, self.name = scene, surface, faces, least, threads, name
         self.face, self.bary = sample_surface(surface.lattice.astype(np.float64), surface.faces[faces], POINTS)
-        self.source = pack_source(scene, surface.origin_face[faces])
+        self.source = self.packed(faces)
         self.colour = sample_source(self.source, self.face, self.bary, threads)
+        self.maps: dict[str, Patch] = {}
+        if name is None:
+            names = {n for m in np.unique(surface.material[faces]) for n in scene.materials[m].maps}
+            self.maps = {n: Patch(scene, surface, faces, least, threads, n) for n in sorted(names)}
         corners = surface.lattice[surface.faces[faces[self.face]]]
         self.points = np.einsum("nc,ncd->nd", self.bary, corners)  # on the lattice
+
+    def packed(self, faces: np.ndarray) -> tuple:
+        """The source of the channel on some faces of the surface, int64 [F]."""
+        rows = self.surface.origin_face[faces]
+        return pack_source(self.scene, rows) if self.name is None else pack_map(self.scene, self.name, rows)
+
+    def values(self, rgba: np.ndarray) -> np.ndarray:
+        """What is coded of colours float32 [N, 4] of packed()."""
+        if self.name is None:
+            return np.ascontiguousarray(rgba[:, : 3 if self.colour[:, 3].min() == 255 else 4])
+        return np.ascontiguousarray(rgba[:, map_columns(self.name)])
 
     @property
     def area(self) -> float:
@@ -77,14 +115,18 @@ class Patch:
         return float(face_areas(self.surface.lattice, self.surface.faces[self.faces]).sum())
 
     def texels_per_edge(self, resolution: int) -> float:
-        """Texels along an edge of a voxel, as support.transfer.texels_per_edge."""
+        """Texels along an edge of a voxel, as support.transfer.texels_per_edge, of the finest channel."""
         surface, faces = self.surface, self.surface.faces[self.faces]
-        return texels_per_edge(surface.lattice, faces, self.source, surface.cube.position_bits, resolution)
+        own = texels_per_edge(surface.lattice, faces, self.source, surface.cube.position_bits, resolution)
+        return max([own, *(one.texels_per_edge(resolution) for one in self.maps.values())])
 
     def mse(self, chosen: np.ndarray, got: np.ndarray) -> float:
-        """Mean squared error at chosen points, of Y and, where it is there, of alpha. got: float32 [n, 3 or 4]."""
+        """Mean squared error at chosen points, of Y and, where it is there, of alpha; of a map the mean over its components by its
+        weight. got: float32 [n, C], of values()."""
         if not len(chosen):
             return 0.0
+        if self.name is not None:
+            return BY_NAME[self.name].weight * float(((self.values(self.colour[chosen]) - got) ** 2).mean())
         error, weights = ColourError(), self.colour[chosen, 3] / 255
         error.add(self.colour[chosen, :3], got[:, :3], weights if weights.any() else None)
         alpha = float(((self.colour[chosen, 3:] - got[:, 3:]) ** 2).mean()) if got.shape[1] == 4 else 0.0
@@ -94,16 +136,13 @@ class Patch:
         """A Probe of this patch with a measured error."""
         return Probe(values, bits, max(mse, self.least), mse)
 
-    @property
-    def columns(self) -> int:
-        """4 where some of the surface can be seen through, else 3."""
-        return 3 if self.colour[:, 3].min() == 255 else 4
 
-
-def _coded(plane, support, options):
-    """(bits per value, decoded) of float32 [N, 3 or 4]: colour, and alpha where it is there, by itself."""
+def _coded(plane, support, name, options):
+    """(bits per value, decoded) of float32 [N, C]: a map, or colour, and alpha where it is there, by itself."""
     codec, made, size = codec_of(options.codec), [], 0
-    for part in np.split(plane, [3], axis=1)[: plane.shape[1] - 2]:
+    parts = [plane] if name is not None else np.split(plane, [3], axis=1)[: plane.shape[1] - 2]
+    options = options if name is None else with_qp_of(Group((BY_NAME[name],)), options)
+    for part in parts:
         part = np.ascontiguousarray(part)
         values, decoded = codec.enc(part, support, options)  # type: ignore[attr-defined]  # only codecs of planes get here
         variables = {"NumComponents": part.shape[1], "resolution": 1 << support.depth, "Planar": int(support.planar)}
@@ -150,14 +189,37 @@ def probe_texels(patch: Patch, plan: TexelPlan, keys: np.ndarray, options: Encod
     cells = _cells_at(place.astype(np.int64), TEXEL_CELL)
     mine = _within(keys, cells, TEXEL_CELL)
     support = TexelSupport(keys=mine, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap, fraction_bits=0)
-    bits, decoded = _coded(_texels_of(plan, patch, support, cells)[:, : patch.columns], support, options)
-    chosen = _well_inside(place, TEXEL_CELL, cells)
-    got = support.query(texel[chosen], decoded, patch.threads)
-    return patch.probe(len(keys), bits, patch.mse(chosen, got))
+    chosen, maps = _well_inside(place, TEXEL_CELL, cells), {}
+    for one in (*patch.maps.values(), patch):
+        bits, decoded = _coded(_texels_of(plan, one, support, cells), support, one.name, options)
+        made = one.probe(len(keys), bits, one.mse(chosen, support.query(texel[chosen], decoded, patch.threads)))
+        if one.name is not None:
+            maps[one.name] = made
+    return replace(made, maps=maps)
 
 
 def _texels_of(plan, patch, support, cells):
-    """Values of the texels of a support that has these cells alone, float32 [N, 4]."""
+    """Values of the texels of a support that has these cells alone, float32 [N, C]."""
+    if patch.name is not None:
+        return _texels_of_map(plan, patch, support)
+    return patch.values(_colours_of(plan, patch, support, cells))
+
+
+def _texels_of_map(plan, patch, support):
+    """As _texels_of: means of the texels of the image that are in each, or the one that its centre is in."""
+    image, xy = plan.group.maps[patch.name], support.xy()
+    ratio = image.shape[1] / plan.size[0]
+    steps = max(int(ratio), 1)
+    total = np.zeros((len(xy), 4), np.float32)
+    for dx, dy in np.ndindex(steps, steps):
+        place = np.floor((xy + (np.array([dx, dy]) + 0.5) / steps) / plan.size * (image.shape[1], image.shape[0])).astype(np.int64)
+        total += image[place[:, 1], place[:, 0]]
+    rgba = total / steps**2
+    return np.ascontiguousarray(rgba[:, list(BY_NAME[patch.name].columns)])
+
+
+def _colours_of(plan, patch, support, cells):
+    """RGBA of the texels of a support that has these cells alone, float32 [N, 4]."""
     xy = support.xy()
     if plan.size == plan.group.size or plan.group.size[0] % plan.size[0]:
         return plan.values(patch.surface, xy, patch.threads)
@@ -189,17 +251,21 @@ def probe_voxels(patch: Patch, resolution: int, density: int, options: EncodeOpt
     keys = _within(keys, cells, VOXEL_CELL)
     values = round(patch.area * (resolution / (1 << bits)) ** 2 * VOXELS_PER_AREA)
     if not len(keys):
-        return patch.probe(values, 24.0, 0.0)
+        return replace(patch.probe(values, 24.0, 0.0), maps={n: one.probe(values, 8.0, 0.0) for n, one in patch.maps.items()})
     support, brick_map = VoxelSupport(resolution, keys), build_brick_map(keys)
-    packed = pack_source(patch.scene, surface.origin_face[patch.faces[near]])
-    values_there = np.column_stack(transfer(surface.lattice, faces, packed, bits, resolution, keys, brick_map, density,
-                                            options.threads))[:, : patch.columns]
-    coded, decoded = _coded(values_there, support, options)
-    chosen = _well_inside(grid, VOXEL_CELL, cells)
-    mse, uncoded = (patch.mse(chosen, query_field(grid[chosen], resolution, keys, brick_map, plane, patch.threads)[0])
-                    for plane in (decoded, np.ascontiguousarray(values_there)))
-    saved = (1 - LEFT_BY_FIT) * uncoded if options.may_fit else 0.0
-    return patch.probe(values, coded, max(mse - saved, 0.0))
+    chosen, maps = _well_inside(grid, VOXEL_CELL, cells), {}
+    for one in (*patch.maps.values(), patch):
+        rgba = np.column_stack(transfer(surface.lattice, faces, one.packed(patch.faces[near]), bits, resolution, keys, brick_map,
+                                        density, options.threads))
+        values_there = one.values(rgba)
+        coded, decoded = _coded(values_there, support, one.name, options)
+        mse, uncoded = (one.mse(chosen, query_field(grid[chosen], resolution, keys, brick_map, plane, patch.threads)[0])
+                        for plane in (decoded, values_there))
+        saved = (1 - LEFT_BY_FIT) * uncoded if options.may_fit and one is patch else 0.0
+        made = one.probe(values, coded, max(mse - saved, 0.0))
+        if one is not patch:
+            maps[one.name] = made
+    return replace(made, maps=maps)
 
 
 def _faces_near(corners, cells):

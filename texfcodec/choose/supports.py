@@ -20,7 +20,7 @@ from ..ground.areas import face_areas
 from ..options import FINEST_POSITIONS
 from .images import image_groups
 from .position import rounding_mse
-from .probe import Patch, Probe, probe_texels, probe_voxels
+from .probe import SLOPE, Patch, Probe, probe_texels, probe_voxels
 from .texel_field import TexelPlan, asked_by, most_fraction_bits, slope_of
 from .trial import coding_mse
 
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from ..geometry.surface import Surface
     from ..options import EncodeOptions
 
-SLOPE = 0.8  # bytes of the values ~ error ** -SLOPE from r01 to r04: 0.4 to 0.7 on detailed images, 0.9 to 1.7 on smooth ones
 ENOUGH = 0.25  # of the usual error at a QP: smooth images that are closer to the source than that are close enough
 LEAST_SIDE = 256  # images from this side on are tried smaller
 LOST = 1.1  # how much error may grow by a smaller image or K: they lose detail, and no QP brings it back
@@ -106,7 +105,8 @@ def _candidate(scene, surface, group, options, told):
     points = len(split_corners(surface.faces[group.faces], plan.corner_uv())[0])
     patch = _patch(scene, surface, group.faces, options)
     if group.palette or patch is None or options.max_error is not None:
-        return _Candidate(_with_bits(plan, LOSSLESS_FRACTION), Probe(len(keys), 24.0, _least_mse(options)), points)
+        maps = {name: Probe(len(keys), 8.0, _least_mse(options)) for name in group.maps}
+        return _Candidate(_with_bits(plan, LOSSLESS_FRACTION), Probe(len(keys), 24.0, _least_mse(options), maps=maps), points)
     return _Candidate(plan, probe_texels(patch, plan, keys, options), points)
 
 
@@ -128,11 +128,11 @@ def _plan(group, size):
 
 def _smallest(plan, probe, patch, options):
     """(plan, probe) at half the size again and again for as long as that is smaller at equal quality, and good enough."""
-    most = LOST * probe.exact_mse
+    first = probe.exact()
     while options.texel_size is None and min(plan.size) >= LEAST_SIDE and not (plan.size[0] | plan.size[1]) & 1:
         half = _plan(plan.group, (plan.size[0] // 2, plan.size[1] // 2))
         tried = probe_texels(patch, half, _asked(half, options), options)
-        if tried.exact_mse > most or _bytes_at(tried, probe.mse) >= probe.attributes:
+        if tried.exact().lost(first) > LOST or tried.bytes_at(probe) >= probe.attributes:
             break
         plan, probe = half, tried
     return plan, probe
@@ -196,10 +196,10 @@ def _goes_over_texels(one, scene, surface, options, told):
     plain, textured = _geometry_bytes(one.plan, surface)
     one.texels = replace(one.texels, fixed=textured + UNIT_BYTES)
     clear = CLEAR * (one.texels.attributes + textured) - plain
-    resolution, over_voxels = _best_voxels(patch, (one.texels.mse, clear), options)
+    resolution, over_voxels = _best_voxels(patch, (one.texels, clear), options)
     entry |= {"texels": one.texels.told(), "voxels": {"resolution": resolution, **over_voxels.told()}}
-    texels, voxels = one.texels.attributes + textured + UNIT_BYTES, _bytes_at(over_voxels, one.texels.mse) + plain
-    blurred = over_voxels.mse > BLURRED * one.texels.mse and texels < MOST_TIMES * (over_voxels.attributes + plain)
+    texels, voxels = one.texels.attributes + textured + UNIT_BYTES, over_voxels.bytes_at(one.texels) + plain
+    blurred = over_voxels.lost(one.texels) > BLURRED and texels < MOST_TIMES * (over_voxels.attributes + plain)
     entry |= {"chosen": "texels" if texels < voxels or blurred else "voxels", "reason": _reason(texels, voxels, blurred)}
     return texels < voxels or blurred
 
@@ -210,22 +210,17 @@ def _reason(texels, voxels, blurred):
     return f"{round(texels)} bytes over texels, {round(voxels)} over voxels of their quality"
 
 
-def _bytes_at(probe, mse):
-    """Bytes of a probe's values at another error."""
-    return probe.attributes * (probe.mse / mse) ** SLOPE
-
-
 def _best_voxels(patch, clear, options):
     """(K, Probe): the K of the rate, or where texels are coarser than its voxels the one that takes the fewest bytes. clear:
-    (error, bytes) of voxels that leave no doubt."""
+    (the Probe to match, bytes of voxels that leave no doubt)."""
     per_edge = patch.texels_per_edge(options.resolution)
     choices, probes = _resolutions(per_edge, options.resolution), []
     for k in choices:
         probes.append(probe_voxels(patch, k, _density(per_edge * options.resolution / k), options))
-        if _bytes_at(probes[0], clear[0]) > clear[1]:
+        if probes[0].bytes_at(clear[0]) > clear[1]:
             break
-    good = [i for i, probe in enumerate(probes) if probe.mse <= LOST * probes[0].mse]
-    best = min(good, key=lambda i: _bytes_at(probes[i], probes[0].mse))
+    good = [i for i, probe in enumerate(probes) if probe.lost(probes[0]) <= LOST]
+    best = min(good, key=lambda i: probes[i].bytes_at(probes[0]))
     return choices[best], probes[best]
 
 
@@ -263,8 +258,8 @@ def _resolution(scene, surface, chosen, options, told):
     while probes[-1][0] > 2 * USUAL_K:
         k = round(probes[-1][0] / np.sqrt(2))
         probe = probe_voxels(patch, k, 2, options)
-        worse = probe.mse > LOST * probes[0][1].mse
-        if worse or _bytes_at(probe, probes[0][1].mse) >= _bytes_at(probes[-1][1], probes[0][1].mse):
+        worse = probe.lost(probes[0][1]) > LOST
+        if worse or probe.bytes_at(probes[0][1]) >= probes[-1][1].bytes_at(probes[0][1]):
             break
         probes.append((k, probe))
     told["voxels"] = [{"resolution": k, **probe.told()} for k, probe in probes]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import time
 import zlib
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -16,7 +17,7 @@ from .channels import channel_over
 from .choose.codec import codec_for, with_qp_of
 from .choose.effects import needed_scene
 from .choose.frames import Frames
-from .choose.maps import fill_maps, groups_of, joined, names_of_field, with_grey
+from .choose.maps import errors_of, fill_maps, groups_of, joined, names_of_field, with_grey
 from .choose.normals import Shading, choose_normals
 from .choose.prepare import SourceField, active_voxels, check_voxels, transferred
 from .choose.sizes import coarsen_maps
@@ -190,25 +191,30 @@ def code_prepared(prepared: Prepared, options: EncodeOptions, report: Report) ->
 
 def _code_planes(codec, stream, prepared, options, report, choices):
     """One attribute unit per field and channel: the decoded planes of each field, by channel name."""
+    choices["channels"] = []
     out, exactly = [], replace(options, qp=None, max_error=0) if any(part.exact for part in prepared.fields) else options
     for i, part in enumerate(prepared.fields):
         with report.stage("attributes"):
             out.append({})
             for number, group in enumerate(prepared.source.groups):
                 if any(channel.name in part.planes for channel in group.channels):
-                    unit, decoded = _code_group(codec, part, group, exactly if part.exact else options)
+                    begin = time.perf_counter()
+                    unit, plane, decoded = _code_group(codec, part, group, exactly if part.exact else options)
                     stream.attributes.append(attribute_values(field=i, group=number, **unit))
                     out[i] |= group.split(decoded)
+                    told = {"field": i, "codec": unit["codec"].name, "level_shift": unit["shift"],
+                            "encode_ms": round(1000 * (time.perf_counter() - begin), 1)}
+                    choices["channels"].append(told | errors_of(group, plane, decoded))
     return out
 
 
 def _code_group(codec, part, group, options):
-    """A channel group of one field: (codec, checksum, levels that its plane is coarser than the field, its syntax values; what it
-    decodes to)."""
+    """A channel group of one field: (codec, checksum, levels that its plane is coarser than the field and syntax values; what was
+    coded; what it decodes to)."""
     plane, shift = joined(part, group)
     chosen = codec_for(plane, codec)
     values, decoded = chosen.enc(plane, part.support.coarser(shift), with_qp_of(group, options))
-    return {"codec": chosen, "checksum": zlib.crc32(decoded), "values": values, "shift": shift}, decoded
+    return {"codec": chosen, "checksum": zlib.crc32(decoded), "values": values, "shift": shift}, plane, decoded
 
 
 def _code_jointly(codec, stream, prepared, options, report, choices):

@@ -11,6 +11,7 @@ from ..asset.factors import FLAT
 from ..asset.sample import map_columns, pack_map
 from ..channels import ALPHA, BASE_COLOUR, BY_NAME, CHANNELS, FULL, channel_over
 from ..codecs.codec import Group
+from ..ground.colour_error import decibels
 from ..support.morton import encode_morton
 from ..support.samples import surface_samples
 from ..support.transfer import LEAST_WEIGHT, fill_uncoloured, transfer
@@ -85,9 +86,20 @@ def joined(part: SourceField, group: Group) -> tuple[np.ndarray, int]:
     return group.join(planes), shift
 
 
+def errors_of(group: Group, plane: np.ndarray, decoded: np.ndarray) -> dict:
+    """What the report says of a coded group: {"channels": names, "psnr": dB by name, None where it is exact}. plane: float32 [n,
+    components]; decoded: uint8 of that shape."""
+    told, begin = {}, 0
+    for channel in group.channels:
+        columns = slice(begin, begin + (1 if group.grey else channel.components))
+        error = float(((decoded[:, columns] - plane[:, columns]) ** 2).mean())
+        told[channel.name], begin = round(decibels(error), 2) if error else None, columns.stop
+    return {"channels": list(told), "psnr": told}
+
+
 def values_of_map(name: str, texels: np.ndarray) -> np.ndarray:
-    """A channel's values of texels of its image. texels: uint8 or float32 [..., 4]. Returns float32 [..., C] in 0..255; normals have been
-    made unit vectors, of which x and y are kept."""
+    """A channel's values of texels of its image. texels: uint8 or float32 [..., 4]. Returns float32 [..., C] in 0..255; normals
+    have been made unit vectors, of which x and y are kept."""
     if BY_NAME[name].unit != "degrees":
         return np.ascontiguousarray(texels[..., list(BY_NAME[name].columns)], np.float32)
     vector = texels[..., :3].astype(np.float32) / FLAT - 1

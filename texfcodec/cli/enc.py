@@ -10,6 +10,7 @@ from ..codecs import codec_of
 from ..errors import InputError
 from ..options import DEFAULT_CODEC, EncodeOptions, strange_options
 from .console import STYLE, check_output, is_device, run, seconds_of, timing_line, write_output
+from .effects import decision_lines
 from .flags import file_names, limit_flags, limits_of, number, option_flags
 from .inputs import load_mesh
 
@@ -30,7 +31,7 @@ def _warm_up(context, parameter, value):
 @click.argument("out", metavar="OUT.texf", required=False, shell_complete=file_names)
 @option_flags(EncodeOptions, "rate", "resolution", "qp", "target_bytes", "target_psnr", "exact_rate", "lossless")
 @click.option("--near-lossless", metavar="D", **number(1, 127, "As --lossless, but each value may be off by D, 1..127."))
-@option_flags(EncodeOptions, "support", "texel_size", "position_bits", "effort", "refine", "codec", "point", "resident_bytes",
+@option_flags(EncodeOptions, "support", "texel_size", "effects", "position_bits", "effort", "refine", "codec", "point", "resident_bytes",
               "steps", "seed", "latent_index", "transport", "checkpoint")
 @click.option("--codec-option", "codec_options", metavar="NAME=VALUE", multiple=True,
               help="A setting of a codec that a plug-in brings; as often as needed.")
@@ -145,6 +146,7 @@ def _load(source, options, report):
 def _encode(scene, options, report, out):
     """Encodes, measures where asked, writes; returns what the stream is like."""
     from ..api import encode_loaded
+    from ..bitstream.inspect import inspect
 
     made = encode_loaded(scene, options, report)
     write_output(out, made.data, scene.files)
@@ -153,7 +155,10 @@ def _encode(scene, options, report, out):
              "max_error": options.max_error, **made.counts, "codec": options.codec,
              "texels_per_voxel_edge": round(made.texels_per_voxel_edge, 3),
              "psnr_3d": psnr and {name: psnr[name] for name in ("y", "yuv611", "rgb")}, "psnr_samples": psnr and psnr["samples"]}
-    return facts | made.choices
+    facts |= made.choices
+    for told, group in zip(facts.get("channels", []), inspect(made.data)["groups"], strict=False):
+        told["bytes"] = group["bytes"]
+    return facts
 
 
 def _sizes(scene, total):
@@ -164,11 +169,15 @@ def _sizes(scene, total):
 
 def _estimate(scene, options, report):
     """What --dry-run reports: counts as they stand in the source, voxels and seconds as a guess."""
+    from ..choose.effects import needed_scene
+    from ..geometry.surface import make_surface
     from ..search import estimate
 
     with report.stage("estimate"):
         voxels, seconds = estimate(scene, options)
-    return {"dry_run": True, "bytes": None, **_sizes(scene, None),
+    with report.stage("effects"):
+        effects = needed_scene(scene, make_surface(scene, options), options).told
+    return {"effects": effects, "dry_run": True, "bytes": None, **_sizes(scene, None),
             "resolution": options.resolution, "qp": options.qp, "voxels": None,
             "faces": len(scene.faces), "vertices": len(scene.positions), "materials": len(scene.materials),
             "textures": len(scene.textures), "estimated": {"voxels": voxels, "seconds": seconds}, "psnr_3d": None,
@@ -197,6 +206,7 @@ def _lines(facts, out):
     quality = bound if facts["max_error"] is not None else codec.name if facts["qp"] is None else f"QP {facts['qp']}"
     yield f"{_grid(facts['resolution'])}{quality}, {fields}, {_counted(facts)}"
     yield from _support_lines(facts["supports"])
+    yield from decision_lines(facts["effects"], facts["channels"])
     if facts["texels_per_voxel_edge"] > COARSE:
         yield f"the textures are {facts['texels_per_voxel_edge']:.1f} times finer than the voxels: a larger K keeps more of them"
     yield from _psnr_lines(facts)
@@ -265,6 +275,7 @@ def _dry_lines(facts, source):
     guess = facts["estimated"]
     free = "; the encoder may find texels or a smaller K to be smaller" if facts["rate_is_free"] else ""
     yield f"K {facts['resolution']}: about {guess['voxels']} voxels and {guess['seconds']:.0f} s{free}; nothing was written"
+    yield from decision_lines(facts["effects"], [])
     for name in ("warnings", "dropped"):
         for text in facts[name]:
             yield ("warning: " if name == "warnings" else "not coded: ") + text

@@ -1,0 +1,255 @@
+"""Whole materials against what a user would pick instead: every map as AVIF, with Draco's UVs.
+
+    python -m tools.materials rivals ASSET.glb ... --out FOLDER     the curves of AVIF, slow, once
+    python -m tools.materials ours ASSET.glb ... --out FOLDER       our streams at some QPs
+    python -m tools.materials compare FOLDER                        tables, Markdown
+
+Both sides are looked at twice: map by map, PSNR of a map's used columns over the texels that the surface asks, bytes of that map
+alone; and all together, PSNR of shaded pictures, bytes of all maps and of what the UVs add to the positions. Images that a file
+uses for several maps are coded once. AVIF is Pillow's at the better of 4:2:0 and 4:4:4, at every size of SCALES.
+"""
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from texfcodec.api import decode, encode_to_result
+from texfcodec.asset.load.files import load
+from texfcodec.asset.save.sheets import sheet_colours
+from texfcodec.bitstream.inspect import inspect
+from texfcodec.channels import BASE_COLOUR, BY_NAME, channel_over
+from texfcodec.choose.effects import needed_scene
+from texfcodec.choose.maps import values_of_map
+from texfcodec.geometry.surface import make_surface
+from texfcodec.ground.colour_error import decibels
+from texfcodec.options import EncodeOptions
+from texfcodec.quality.bd_rate import bd_rate
+from texfcodec.support.morton import decode_morton
+from texfcodec.support.texel_set import asked_texels
+from tools.everyday_rivals import dec_image, draco_bytes, enc_mesh, quantise_uv, rival_of, shrunk
+
+SCALES = {1: (10, 25, 40, 55, 70, 82, 90), 2: (25, 50, 75, 90), 4: (50, 85)}
+UV_BITS, SPEED = 12, 6
+QPS = (20, 24, 28, 32, 36, 40)
+VIEWS, SIZE = 8, 1024
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("what", choices=("rivals", "ours", "compare"))
+    parser.add_argument("paths", nargs="+", type=Path)
+    parser.add_argument("--out", type=Path, default=Path("bench/materials"))
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--maps-only", action="store_true", help="no shaded pictures")
+    given = parser.parse_args()
+    if given.what == "compare":
+        print("\n".join(compared(given.paths[0])))
+        return
+    given.out.mkdir(parents=True, exist_ok=True)
+    for path in given.paths:
+        looked = _Looked(path, given.threads, not given.maps_only)
+        record = (rival_record if given.what == "rivals" else our_record)(looked)
+        (given.out / f"{path.stem}.{given.what}.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+
+
+class _Looked:
+    """An asset, what of it is coded, and how it is looked at."""
+
+    def __init__(self, path, threads, shaded):
+        self.name, self.threads, self.scene = path.stem, threads, load(str(path))
+        self.surface = make_surface(self.scene, EncodeOptions())
+        self.needed = needed_scene(self.scene, self.surface, EncodeOptions()).scene
+        self.shaded = shaded
+        self._texels = {}
+
+    def psnr(self, other):
+        """PSNR of shaded pictures in dB, None where they are exact or not wanted."""
+        if not self.shaded:
+            return None
+        from texfcodec.quality.shaded import compare_shaded
+
+        return compare_shaded(self.scene, other, views=VIEWS, size=SIZE, threads=self.threads)["psnr"]["rgb"]
+
+    def maps(self):
+        """(material number, channel name, Texture) of all that is coded, base colour first."""
+        for number in np.unique(self.surface.material).tolist():
+            material = self.needed.materials[number]
+            if material.texture >= 0:
+                yield number, BASE_COLOUR.name, material.texture
+            for name, texture in material.maps.items():
+                yield number, name, texture
+
+    def texels(self, number, texture):
+        """Columns and rows of the texels that a material's faces ask of an image, int64 [N, 2]."""
+        image = self.scene.textures[texture].image
+        key = number, image.shape[:2]
+        if key not in self._texels:
+            mine = self.surface.origin_face[self.surface.material == number]
+            size = (image.shape[1], image.shape[0])
+            steps = np.floor(self.scene.corner_uv[mine] * size * 4 + 0.5).astype(np.int64).reshape(-1, 2)
+            keys = asked_texels(steps, np.arange(len(steps)).reshape(-1, 3), 2, size, tuple(self.scene.textures[texture].wrap))
+            self._texels[key] = decode_morton(keys)[:, :2]
+        return self._texels[key]
+
+    def map_psnr(self, images):
+        """{channel name: PSNR in dB} of decoded images uint8 [H, W, 4] by (material, channel)."""
+        errors = {}
+        for number, name, texture in self.maps():
+            xy = self.texels(number, texture)
+            a, b = (_values(name, image[xy[:, 1], xy[:, 0]]) for image in (self.scene.textures[texture].image, images[number, name]))
+            errors.setdefault(name, []).append((float(((a - b) ** 2).mean()), len(xy)))
+        return {name: decibels(max(np.average([e for e, _ in found], weights=[n for _, n in found]), 1e-4))
+                for name, found in errors.items()}
+
+
+def _values(name, texels):
+    if name == BASE_COLOUR.name:
+        return texels[:, :3].astype(np.float32)
+    return values_of_map(name, texels)
+
+
+def rival_record(looked):
+    """The curves of AVIF: {"asset", "uv_bytes", "points", "maps"}."""
+    rival = rival_of(looked.scene)
+    plain = draco_bytes(rival, None, None)
+    uv = len(enc_mesh(rival.lattice, rival.scene.faces, quantise_uv_of_all(rival), UV_BITS, None)) - plain
+    used = sorted({texture for _, _, texture in looked.maps()})
+    points, maps = [], {}
+    for scale, qualities in SCALES.items():
+        for quality in qualities:
+            coded = {t: coded_avif(looked.scene.textures[t].image, _columns(looked, t), scale, quality, looked.threads) for t in used}
+            images = {(number, name): coded[t][0] for number, name, t in looked.maps()}
+            for t in used:
+                mine = [name for _, name, texture in looked.maps() if texture == t]
+                psnr = looked.map_psnr(images)
+                maps.setdefault(" + ".join(dict.fromkeys(mine)), []).append(
+                    {"scale": scale, "quality": quality, "bytes": coded[t][1], **{n: psnr[n] for n in mine}})
+            textures = [replace(x, image=coded[t][0]) if t in coded else x for t, x in enumerate(looked.scene.textures)]
+            point = {"scale": scale, "quality": quality, "map_bytes": sum(size for _, size in coded.values()),
+                     "psnr": looked.psnr(replace(looked.scene, textures=textures))}
+            points.append(point)
+            print(looked.name, point, flush=True)
+    return {"asset": looked.name, "uv_bytes": uv, "points": points, "maps": maps}
+
+
+def quantise_uv_of_all(rival):
+    """As everyday_rivals.quantise_uv, for materials that have maps and no base colour too."""
+    materials = [replace(m, texture=max(m.texture, *m.maps.values(), -1)) if m.maps else m for m in rival.scene.materials]
+    return quantise_uv(replace(rival, scene=replace(rival.scene, materials=materials)), UV_BITS)
+
+
+def _columns(looked, texture):
+    """Columns of an image that anything asks."""
+    names = {name for _, name, t in looked.maps() if t == texture}
+    normal = any(BY_NAME[name].unit == "degrees" for name in names)
+    return [0, 1, 2] if normal else sorted({c for name in names for c in channel_over(name, True).columns} & {0, 1, 2})
+
+
+def coded_avif(image, columns, scale, quality, threads):
+    """(decoded uint8 [H, W, 4], bytes) at the better of both subsamplings: the smaller one at the same quality setting is kept
+    where it loses no more than it saves. Columns that nothing asks are flat; one alone is grey."""
+    import io
+
+    kept = image.copy()
+    kept[..., [c for c in (0, 1, 2) if c not in columns]] = 0
+    if len(columns) == 1:
+        kept[..., :3] = image[..., columns]
+    picture = shrunk(kept, scale, False)
+    best = None
+    for subsampling in ("4:0:0",) if picture.mode == "L" else ("4:2:0", "4:4:4"):
+        out = io.BytesIO()
+        picture.save(out, "AVIF", quality=quality, speed=SPEED, subsampling=subsampling, max_threads=threads)
+        decoded = dec_image(out.getvalue())
+        if scale > 1:
+            from PIL import Image
+
+            decoded = np.asarray(Image.fromarray(decoded).resize(image.shape[1::-1], Image.Resampling.BICUBIC))
+        error = float(((decoded[..., columns].astype(np.float32) - image[..., columns]) ** 2).mean())
+        cost = len(out.getvalue()) * max(error, 1e-3) ** 0.8
+        if best is None or cost < best[0]:
+            best = cost, decoded, len(out.getvalue())
+    return best[1], best[2]
+
+
+def our_record(looked):
+    """Our streams: {"asset", "points", "maps"}."""
+    points, maps = [], {}
+    for qp in QPS:
+        made = encode_to_result(looked.scene, EncodeOptions(rate="r03", qp=qp, threads=looked.threads))
+        texf, told = decode(made.data), inspect(made.data)
+        groups = {}
+        for group in told["groups"]:
+            groups[group["semantic"]] = groups.get(group["semantic"], 0) + group["bytes"]
+        psnr = looked.map_psnr(_our_images(looked, texf)) if all(f.over_texels for f in texf.fields) else {}
+        for semantic, size in groups.items():
+            names = [name.removesuffix("_object") for name in semantic.split(" + ")]
+            maps.setdefault(semantic, []).append({"qp": qp, "bytes": size, **{n: psnr[n] for n in names if n in psnr}})
+        plain = draco_bytes(rival_of(looked.scene), None, None)
+        point = {"qp": qp, "total": len(made.data), "map_bytes": made.sizes["attributes"],
+                 "uv_bytes": made.sizes["geometry"] - plain, "psnr": looked.psnr(texf), "groups": groups}
+        points.append(point)
+        print(looked.name, point, flush=True)
+    return {"asset": looked.name, "points": points, "maps": maps}
+
+
+def _our_images(looked, texf):
+    """Decoded images uint8 [H, W, 4], at the size of the source's, by (material, channel)."""
+    out = {}
+    for number, name, texture in looked.maps():
+        source, xy = looked.scene.textures[texture].image, looked.texels(number, texture)
+        image, channel = np.zeros_like(source), channel_over(name, True)
+        for n, part in enumerate(texf.fields):
+            faces = (texf.face_field == n) & (texf.face_material == number)
+            if not faces.any():
+                continue
+            scale = np.array([part.support.width, part.support.height]) / (source.shape[1], source.shape[0])
+            values = part.support_of(channel.name).query((xy + 0.5) * scale, part.planes[channel.name], looked.threads)
+            if name == BASE_COLOUR.name:
+                image[xy[:, 1], xy[:, 0], :3] = np.rint(values)
+            else:
+                image[xy[:, 1], xy[:, 0]] = sheet_colours({name: values})
+        out[number, name] = image
+    return out
+
+
+def compared(folder):
+    """Lines of Markdown: every asset, map by map and all together."""
+    yield "| asset | map | ours of AVIF, bytes at equal PSNR |"
+    yield "|---|---|---|"
+    for path in sorted(folder.glob("*.ours.json")):
+        ours, rival = json.loads(path.read_text()), json.loads((folder / path.name.replace(".ours.", ".rivals.")).read_text())
+        for semantic, points in ours["maps"].items():
+            names = [n for n in semantic.split(" + ") if n in points[0]]
+            for other, theirs in rival["maps"].items():
+                shared = [n for n in names if n in other.split(" + ")]
+                if shared:
+                    yield f"| {ours['asset']} | {semantic} ({other}) | {_ratio(points, theirs, shared)} |"
+        if ours["points"][0]["psnr"] is not None:
+            mine = [{"bytes": p["map_bytes"] + p["uv_bytes"], "all": p["psnr"]} for p in ours["points"]]
+            theirs = [{"bytes": p["map_bytes"] + rival["uv_bytes"], "all": p["psnr"]} for p in rival["points"]]
+            yield f"| {ours['asset']} | **all, shaded** | {_ratio(mine, theirs, ['all'])} |"
+
+
+def _ratio(points, theirs, names):
+    """Our bytes in percent of the rival's at equal mean PSNR, over the range that both have."""
+    a, b = (_envelope([(p["bytes"], float(np.mean([p[n] for n in names]))) for p in one]) for one in (theirs, points))
+    try:
+        return f"{100 + bd_rate(*zip(*a, strict=True), *zip(*b, strict=True)):.0f} %"
+    except ValueError as error:
+        return f"no common range: {error}"[:90]
+
+
+def _envelope(points):
+    """The points that no other beats, by bytes."""
+    kept = []
+    for size, psnr in sorted(points):
+        if not kept or psnr > kept[-1][1] + 1e-6:
+            kept += [(size, psnr)] if not kept or size > kept[-1][0] else []
+    return kept
+
+
+if __name__ == "__main__":
+    main()

@@ -324,7 +324,7 @@ def ending(data, keys):
     """"decoded" or the code of the refusal. The voxels are given, so that their kernels need not be compiled."""
     try:
         for unit in read_stream(data, Limits()).attributes:
-            plane = _decode_plane(unit, VoxelSupport(1 << unit["Depth"], keys), DecodeOptions(threads=1))
+            plane = _decode_plane(unit, VoxelSupport(1 << unit["Depth"], keys), 0, DecodeOptions(threads=1))
             assert plane.shape == (len(keys), len(unit["qp"])) and zlib.crc32(plane) == unit["values_crc"]
     except TexfError as error:
         assert isinstance(error, (StreamError, SupportError)) and str(error)

@@ -211,7 +211,7 @@ def with_payload(scene, resolution, shape, groups, form=0, kinds=("usual",), cha
     payload = random_payload(shape, sum(group["group_components"] for group in groups), entries, kinds)
     stream = replace(stream, header=stream.header | {"channel_groups": groups, "num_channel_groups": len(groups)})
     stream.fields, keys = fields_of(triangles, bits, resolution)
-    unit = {"field_index": 0, "group_index": 0, "codec_id": 1, "values_crc": 0, **payload_values(payload, form)}
+    unit = {"field_index": 0, "group_index": 0, "codec_id": 1, "level_shift": 0, "values_crc": 0, **payload_values(payload, form)}
     unit |= change(unit) if change else {}
     stream.attributes = [unit]
     (plain,) = naive_stream(units_of(write_stream(stream)[0]))["attributes"]

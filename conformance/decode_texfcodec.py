@@ -49,8 +49,9 @@ def arrays(data, lod=0, threads=0):
         files[f"field{i}_keys"] = field.keys.astype("<i8").tobytes()
         if field.over_texels:
             files[f"field{i}_uv"] = uv_rows(texf.units, i).astype("<i8").tobytes()
-        for g, channel in enumerate(texf.channels):
-            files[f"field{i}_group{g}_values"] = field.planes[channel.name].tobytes()
+        for g, group in enumerate(texf.groups):
+            if group.channels[0].name in field.planes:
+                files[f"field{i}_group{g}_values"] = group.join(field.planes).tobytes()
     return files
 
 

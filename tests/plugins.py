@@ -49,21 +49,19 @@ JOINT = '''
 import numpy as np
 
 from texfcodec import JointCodec
-from texfcodec.channels import columns_of
 from texfcodec.codecs.codec import Joint
 from texfcodec.ground.structure import Element, Structure
 
 
 class Tint:
-    def __init__(self, tint, columns):
-        self.tint, self.columns = np.array(tint, np.uint8), columns
+    def __init__(self, tint):
+        self.tint = np.array(tint, np.uint8)
 
     def values(self, support, threads):
         return np.tile(self.tint, (len(support), 1))
 
     def query(self, cube, points, threads):
-        out = np.full((len(points), 4), 255, np.float32)
-        out[:, self.columns] = self.tint
+        out = np.tile(self.tint, (len(points), 1)).astype(np.float32)
         return out
 
 
@@ -73,18 +71,17 @@ class Tinted(JointCodec):
     TINT = (200, 100, 50, 25)
 
     def enc(self, source, options, report):
-        columns = columns_of(source.channels)
-        tint = [self.TINT[c] for c in columns]
-        return Joint({"tint": tint}, [Tint(tint, columns) for _ in source.surfaces], {"tint": tint})
+        tint = list(self.TINT[:sum(group.components for group in source.groups)])
+        return Joint({"tint": tint}, [Tint(tint) for _ in source.surfaces], {"tint": tint})
 
-    def dec(self, values, surfaces, position_bits, channels, options, report):
-        return [Tint(values["tint"], columns_of(channels)) for _ in surfaces]
+    def dec(self, values, surfaces, position_bits, groups, options, report):
+        return [Tint(values["tint"]) for _ in surfaces]
 
     def pack(self, evaluators):
         return {"count": len(evaluators)}, {"keys": np.array([one.tint for one in evaluators])}
 
-    def unpack(self, facts, arrays, channels, fields):
-        return [Tint(tint, columns_of(channels)) for tint in arrays["keys"]]
+    def unpack(self, facts, arrays, groups, fields):
+        return [Tint(tint) for tint in arrays["keys"]]
 
     def result_lines(self, facts):
         yield f"tinted {facts['tint']}"

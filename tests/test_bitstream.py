@@ -34,16 +34,19 @@ from texfcodec.ground.walk import Reader, read_structure, write_structure, write
 from texfcodec.limits import Limits
 
 FIXED = {"u8": (0, 255), "u16": (0, 65535), "u32": (0, 2**32 - 1), "i8": (-128, 127), "i32": (-(2**31), 2**31 - 1),
-         "v": (0, V_MAX)}
+         "u64": (0, 2**64 - 1), "v": (0, V_MAX)}
 GIVEN = {"num_materials": 3, "supports": [0, 1], "num_channel_groups": 2, "resolution": 40, "NumComponents": 3,
          "level_index": 1, "NumLevels": 4, "NumOutputs": 3, "num_fields": 2, "Planar": 1}
 COUNTS = {"num_materials", "num_channel_groups", "num_slices", "name_length", "slice_level", "num_hidden",
-          "num_levels", "hidden_width", "num_features", "wave_octaves"}  # kept small: they make arrays
+          "num_levels", "hidden_width", "num_features", "wave_octaves", "num_parameters",
+          "num_semantics"}  # kept small: they make arrays
 CHARACTERS = st.characters(exclude_categories=["Cs"])
 
 
 def scalars(element):
     """Values of one element: the whole range, its ends more often."""
+    if element.descriptor == "f32":
+        return st.floats(width=32, allow_nan=False, allow_infinity=False)
     if element.descriptor == "f64":
         low = 0.0 if element.low == 0 else -1e300
         return st.floats(low, 1e300)
@@ -232,13 +235,14 @@ def test_a_broken_frame_is_refused(data, error, code):
 # The stream
 
 
-GROUPS = [{"group_semantic": 0, "group_transfer": 1, "group_components": 3},
-          {"group_semantic": 1, "group_transfer": 0, "group_components": 1}]
+GROUPS = [{"num_semantics": 1, "group_semantics": [0], "group_components": 3},
+          {"num_semantics": 1, "group_semantics": [1], "group_components": 1}]
+NO_MAPS = {"material_channels": 0, "num_parameters": 0, "parameters": []}
 
 
 def attribute(field, group, components, codewords=((5, (4, 1, 0)),), planar=False):
     """Values of an attribute unit on a field of resolution 8 without slices."""
-    return {"field_index": field, "group_index": group, "codec_id": 0, "values_crc": 7, "colour_transform": 0,
+    return {"field_index": field, "group_index": group, "codec_id": 0, "level_shift": 0, "values_crc": 7, "colour_transform": 0,
             "qp": [20] * components, "kernel": [9, 0, 1, 2, 3, 4, 5], "colour_range": 5, "num_models": 6,
             "planar_transform": 1 if planar else None, "component_cross": 11 if planar and components > 1 else None,
             "num_filters": 1,
@@ -260,9 +264,9 @@ def small_stream(fields=2):
     """The first field is over voxels, the second over texels."""
     header = {"version": 0, "position_bits": 14, "origin": [0.5, -1.0, 2.0], "side": 3.25, "num_vertices": 5 * fields,
               "num_faces": 4 * fields, "num_materials": 2, "num_fields": fields, "num_geometry_units": fields,
-              "num_channel_groups": 2, "channel_groups": GROUPS}
-    materials = [{"name_length": 2, "material_name": "é", "alpha_mode": 1, "alpha_cutoff": 9, "material_flags": 3},
-                 {"name_length": 0, "material_name": "", "alpha_mode": 0, "alpha_cutoff": None, "material_flags": 0}]
+              "effects": 0b11011, "num_channel_groups": 2, "channel_groups": GROUPS}
+    materials = [{"name_length": 2, "material_name": "é", "alpha_mode": 1, "alpha_cutoff": 9, "material_flags": 3, **NO_MAPS},
+                 {"name_length": 0, "material_name": "", "alpha_mode": 0, "alpha_cutoff": None, "material_flags": 0, **NO_MAPS}]
     return Stream(
         header, materials,
         [{"field_index": i, **(OVER_TEXELS if i % 2 else OVER_VOXELS), "num_keys": 30, "keys_crc": 1} for i in range(fields)],
@@ -309,7 +313,8 @@ def test_inspect_names_every_byte_exactly_once():
 
 def test_an_empty_stream_is_valid():
     stream = small_stream(0)
-    stream.header["num_materials"], stream.materials = 0, []
+    stream.header.update(num_materials=0, effects=0)
+    stream.materials = []
     assert read_stream(write_stream(stream)[0], Limits()).fields == []
 
 

@@ -57,9 +57,9 @@ def test_settings_of_a_plug_in_have_no_part_in_our_codecs():
 
 
 def test_names_that_a_stranger_may_not_take_are_those_that_stand_beside_its_own():
-    stream = Stream({"channel_groups": [{"group_components": 3, "group_semantic": 0}]},
+    stream = Stream({"channel_groups": [{"group_components": 3, "group_semantics": [0]}]},
                     fields=[{"support": 0, "resolution": 4}])
-    values = {"field_index": 0, "group_index": 0, "codec_id": 2, "plane_value": [1, 2, 3]}
+    values = {"field_index": 0, "group_index": 0, "level_shift": 0, "codec_id": 2, "plane_value": [1, 2, 3]}
     there = {element.name for element in ATTRIBUTE.elements} | attribute_variables(stream, values).keys() | {"offset"}
     assert there == guest.UNIT
     stream.attributes = [values]

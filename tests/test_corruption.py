@@ -330,17 +330,17 @@ def test_slices_that_lie_are_refused():
 
 def test_a_transform_of_three_components_on_one_is_refused():
     def change(stream):
-        stream.header["channel_groups"] = [{"group_semantic": 1, "group_transfer": 0, "group_components": 1}]
+        stream.header["channel_groups"] = [{"num_semantics": 1, "group_semantics": [1], "group_components": 1}]
         stream.attributes[0].update(qp=[20], root_mean=[0], colour_transform=1)
 
     assert outcome(restated(change)) == "TXF-S04"
 
 
-@pytest.mark.parametrize("semantic,components", [(0, 1), (0, 2), (1, 2), (1, 3)])
+@pytest.mark.parametrize("semantic,components", [(0, 2), (1, 2), (1, 3), (20, 1)])
 def test_groups_with_another_number_of_components_are_unsupported(semantic, components):
     """Whatever the values: a decoder of this version has no use for them."""
     def change(stream):
-        stream.header["channel_groups"] = [{"group_semantic": semantic, "group_transfer": 0, "group_components": components}]
+        stream.header["channel_groups"] = [{"num_semantics": 1, "group_semantics": [semantic], "group_components": components}]
         stream.attributes[0].update(qp=[20] * components, root_mean=[0] * components, colour_transform=0)
 
     assert outcome(restated(change)) in ("TXF-U03", "TXF-S32")

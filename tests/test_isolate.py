@@ -10,8 +10,10 @@ from conftest import REPOSITORY
 from texfcodec import DecodeOptions, EncodeOptions, LimitError, Limits, Report, StreamError, TexfError, decode
 from texfcodec import isolate as room
 from texfcodec.bitstream.stream import read_stream, write_stream
+from texfcodec.channels import ALPHA, group_values
 from texfcodec.codecs.neural.payload import Tables
 from texfcodec.encoder import encode_scene
+from texfcodec.ground.walk import Reader, read_structure, write_structure
 from texfcodec.isolate import decode_isolated
 
 
@@ -69,14 +71,16 @@ def assert_same(ours, plain, place="texf"):
             assert_same(ours[key], plain[key], f"{place}[{key!r}]")
     elif isinstance(ours, Tables):
         assert_same(ours.arrays, plain.arrays, place)
-        assert (ours.components, ours.columns) == (plain.components, plain.columns), place
+        assert ours.components == plain.components, place
     else:
         assert ours == plain, place
 
 
 @pytest.mark.parametrize("lod", [0, 2])
 @pytest.mark.parametrize("name", ["uncommon/strange_units", "uncommon/alpha_first", "uncommon/neural_two_fields",
-                                  "uncommon/texels_mixed", "subset/texels_alpha", "uncommon/texels_low"])
+                                  "uncommon/texels_mixed", "subset/texels_alpha", "uncommon/texels_low", "uncommon/maps_some",
+                                  "uncommon/maps_shift_texels", "uncommon/maps_grey", "uncommon/maps_parameters",
+                                  "uncommon/maps_neural", "uncommon/maps_with_alpha"])
 def test_every_field_of_the_result_is_the_plain_one(name, lod):
     plain = decode(vector(name), DecodeOptions(lod=lod))
     assert_same(decode(vector(name), DecodeOptions(lod=lod, isolate=True)), plain)
@@ -104,7 +108,7 @@ def test_isolated_network_answers_as_the_plain_one(name, lod):
 def assert_same_network(ours, plain):
     """The tables are the same to the bit, and so are the answers."""
     for a, b in zip(ours.evaluators, plain.evaluators, strict=True):
-        assert (a.components, a.columns) == (b.components, b.columns)
+        assert a.components == b.components
         assert all(np.array_equal(x, y) and np.asarray(x).dtype == np.asarray(y).dtype
                    for x, y in zip(a.arrays, b.arrays, strict=True))
     assert np.array_equal(ours.voxels()["rgba"], plain.voxels()["rgba"])
@@ -196,12 +200,93 @@ def test_answer_is_checked_again(stream, lie):
     assert raised.value.code == "TXF-S40"
 
 
-def number_of_field(field, place, value):
-    return lambda facts, arrays: facts["fields"][field][0].__setitem__(place, value)
-
-
 def less(name):
     return lambda facts, arrays: arrays.__setitem__(name, arrays[name][:-1])
+
+
+def with_appearance(change):
+    """A lie about channel groups and materials."""
+    def lie(facts, arrays):
+        data = arrays["appearance"].tobytes()
+        values = read_structure(room.APPEARANCE, Reader(data, 0, len(data)), {})
+        change(values)
+        arrays["appearance"] = np.frombuffer(write_structure(room.APPEARANCE, values), np.uint8)
+
+    return lie
+
+
+def more_groups(looks, group):
+    looks["channel_groups"].append(group)
+    looks["num_channel_groups"] += 1
+
+
+def of_material(number, **changes):
+    return with_appearance(lambda looks: looks["materials"][number].update(changes))
+
+
+def of_group(number, **changes):
+    return with_appearance(lambda looks: looks["channel_groups"][number].update(changes))
+
+
+def shift_of(field, name, levels):
+    return lambda facts, arrays: facts["shifts"][field].__setitem__(name, levels)
+
+
+def without_plane(name):
+    """The last field with a plane of this channel lacks it."""
+    def lie(facts, arrays):
+        groups, _ = room._appearance(arrays["appearance"])
+        at = 1 + [channel.name for group in groups for channel in group.channels].index(name)
+        field = max(n for n, (_, lengths) in enumerate(facts["fields"]) if lengths[at])
+        arrays[f"plane_{name}"] = arrays[f"plane_{name}"][: -facts["fields"][field][1][at]]
+        facts["fields"][field][1][at] = 0
+        facts["shifts"][field].pop(name, None)
+
+    return lie
+
+
+# Of three fields: over texels with maps, over voxels with the same, over voxels without; the material of the maps is the first.
+# Groups: base colour, normal with occlusion, normal_object, roughness, which is a level coarser in the second field.
+MAP_LIES = {
+    "a plane less": without_plane("roughness"),
+    "no normals over voxels": without_plane("normal_object"),
+    "no base colour": without_plane("base_colour"),
+    "fewer values": less("plane_roughness"),
+    "a shift that the values have not": shift_of(1, "roughness", 0),
+    "a shift of base colour": shift_of(0, "base_colour", 1),
+    "a negative shift": shift_of(1, "roughness", -1),
+    "a shift beyond the root": shift_of(1, "roughness", 9),
+    "a shift of a channel that is not there": shift_of(2, "metallic", 0),
+    "text for a shift": shift_of(1, "roughness", "coarse"),
+    "shifts of a field less": lambda facts, arrays: facts["shifts"].pop(),
+    "a channel that no group holds": of_material(0, material_channels=0b1000110100),
+    "a channel that its field has not": of_material(1, material_channels=0b100000),
+    "a channel that cannot be named": of_material(1, material_channels=1),
+    "a parameter that is the default": of_material(1, num_parameters=1,
+                                                   parameters=[{"parameter_id": 2, "parameter_value": [1.0]}]),
+    "grey where it is not": of_group(3, group_components=3),
+    "channels in another order": of_group(1, group_semantics=[4, 5]),
+    "a channel twice": of_group(3, group_semantics=[4]),
+    "appearance cut": less("appearance"),
+    "appearance with more": lambda facts, arrays: arrays.__setitem__("appearance", np.append(arrays["appearance"], np.uint8(0))),
+    "no appearance": lambda facts, arrays: arrays.pop("appearance"),
+}
+
+
+@pytest.mark.parametrize("lie", MAP_LIES)
+def test_maps_of_an_answer_are_checked_again(lie):
+    plain = decode(vector("uncommon/maps_some"))
+    assert [f.shifts.get("roughness") for f in plain.fields] == [0, 1, None]
+    facts, arrays = room._answer(plain, Report())
+    assert_same(room._texf(facts, arrays, plain.threads), plain)
+    MAP_LIES[lie](facts, arrays)
+    with pytest.raises(StreamError) as raised:
+        room._texf(facts, arrays, 1)
+    assert raised.value.code == "TXF-S40"
+
+
+def number_of_field(field, place, value):
+    return lambda facts, arrays: facts["fields"][field][0].__setitem__(place, value)
 
 
 TEXEL_LIES = {  # of two fields over texels, numbers 0 and 2, and one over voxels; the units stand as 2, 1, 0
@@ -266,10 +351,10 @@ NEURAL_LIES = {
     "parameter not a number": lambda facts, arrays: set_byte(arrays, slice(40, 60), 0x7E),
     "fewer latents": lambda facts, arrays: arrays.__setitem__("neural", arrays["neural"][:-1]),
     "no payload": lambda facts, arrays: arrays.__setitem__("neural", arrays["neural"][:0]),
-    "another channel": lambda facts, arrays: facts["channels"].__setitem__(0, "roughness"),
-    "a channel twice": lambda facts, arrays: facts["channels"].append("base_colour"),
-    "a channel more": lambda facts, arrays: facts["channels"].append("alpha"),
-    "a number for channels": lambda facts, arrays: facts.__setitem__("channels", 3),
+    "another channel": with_appearance(lambda looks: looks["channel_groups"][0].update(group_semantics=[7])),
+    "a channel twice": with_appearance(lambda looks: more_groups(looks, looks["channel_groups"][0])),
+    "a channel more": with_appearance(lambda looks: more_groups(looks, group_values([ALPHA]))),
+    "a number for channels": lambda facts, arrays: arrays.__setitem__("appearance", np.uint8(3)),
     "no word of a codec": lambda facts, arrays: facts.pop("codec"),
     "another codec": lambda facts, arrays: facts.__setitem__("codec", "raht"),
     "a codec that is not there": lambda facts, arrays: facts.__setitem__("codec", "os"),

@@ -30,8 +30,8 @@ from texfcodec.encoder import encode_scene
 from texfcodec.ground.walk import write_structure
 from texfcodec.warmup import small_scene
 
-COLOUR = {"group_semantic": 0, "group_transfer": 1, "group_components": 3}
-ALPHA = {"group_semantic": 1, "group_transfer": 0, "group_components": 1}
+COLOUR = {"num_semantics": 1, "group_semantics": [0], "group_components": 3}
+ALPHA = {"num_semantics": 1, "group_semantics": [1], "group_components": 1}
 LAST = 2**24 - 1
 KINDS = ("usual", "subnormal", "large", "any")
 # Payload but for components: features, octaves, first wave, hidden, levels as (resolution, table_log2)
@@ -211,7 +211,7 @@ def with_payload(scene, resolution, shape, groups, form=0, kinds=("usual",), cha
     payload = random_payload(shape, sum(group["group_components"] for group in groups), entries, kinds)
     stream = replace(stream, header=stream.header | {"channel_groups": groups, "num_channel_groups": len(groups)})
     stream.fields, keys = fields_of(triangles, bits, resolution)
-    unit = {"field_index": 0, "group_index": 0, "codec_id": 1, "values_crc": 0, **payload_values(payload, form)}
+    unit = {"field_index": 0, "group_index": 0, "codec_id": 1, "level_shift": 0, "values_crc": 0, **payload_values(payload, form)}
     unit |= change(unit) if change else {}
     stream.attributes = [unit]
     (plain,) = naive_stream(units_of(write_stream(stream)[0]))["attributes"]
@@ -226,10 +226,10 @@ def with_payload(scene, resolution, shape, groups, form=0, kinds=("usual",), cha
 def assert_naive_agrees(data, lod=0):
     """Keys and values of all fields; returns what both decoders made of the stream."""
     ours, naive = decode(data, DecodeOptions(lod=lod, threads=1)), naive_decode(data, lod)
-    columns = [slice(0, 3) if group["semantic"] == 0 else slice(3, 4) for group in naive["header"]["channel_groups"]]
+    columns = [slice(0, 3) if group["semantics"] == [0] else slice(3, 4) for group in naive["header"]["channel_groups"]]
     for mine, theirs in zip(ours.fields, naive["fields"], strict=True):
         assert (mine.support.size, mine.keys.tolist()) == (theirs["resolution"], theirs["keys"])
-        assert [mine.rgba[:, column].tobytes() for column in columns] == theirs["values"]
+        assert [mine.rgba[:, column].tobytes() for column in columns] == [*theirs["values"].values()]
     return ours, naive
 
 
@@ -237,7 +237,7 @@ def assert_queries_agree(ours, naive, count=60, seed=0):
     """Points on the surface, in and around the cube, and far away, each asking the field of a random face."""
     rng, columns = np.random.default_rng(seed), []
     for group in naive["header"]["channel_groups"]:
-        columns += [0, 1, 2] if group["semantic"] == 0 else [3]
+        columns += [0, 1, 2] if group["semantics"] == [0] else [3]
     faces = rng.integers(0, len(ours.faces), count)
     points = ours.origin + ours.side * rng.uniform(-0.2, 1.2, (count, 3))
     on_surface = np.arange(count) % 3 == 0

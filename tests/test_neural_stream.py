@@ -18,7 +18,8 @@ from texfcodec import DecodeOptions, InputError, LimitError, Limits, StreamError
 from texfcodec.bitstream.stream import read_stream
 from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE
 from texfcodec.bitstream.units import read_units
-from texfcodec.codecs.neural.infer import BLOCK, LOCAL_BITS, _local, _rows_around, _weights, infer, infer_rgba, voxel_positions
+from texfcodec.codecs.codec import split_groups
+from texfcodec.codecs.neural.infer import BLOCK, LOCAL_BITS, _local, _rows_around, _weights, infer, infer_values, voxel_positions
 from texfcodec.codecs.neural.payload import Tables
 from texfcodec.support.voxels import VoxelSupport
 
@@ -211,8 +212,8 @@ def test_voxels_hold_what_the_query_answers_at_their_centres(name):
     for number, part in enumerate(texf.fields):
         grid = texf.voxels()["xyz"][texf.voxels()["field"] == number]
         answer = infer(voxel_positions(grid, part.support.resolution), texf.evaluators[number])
-        columns = list(texf.evaluators[number].columns)
-        assert np.array_equal((answer.astype(np.int64) + 128) >> 8, part.rgba[:, columns])
+        planes = split_groups((answer.astype(np.int64) + 128) >> 8, texf.groups)
+        assert planes.keys() == part.planes.keys() and all(np.array_equal(planes[name], part.planes[name]) for name in planes)
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -229,7 +230,9 @@ def test_points_are_answered_at_their_position_and_outside_the_grid_on_its_borde
     answers = texf.query_by_field(points, which)
     for number, tables in enumerate(texf.evaluators):
         mine = which == number
-        assert np.array_equal(answers[mine], infer_rgba(positions[mine], tables))
+        planes = split_groups(infer_values(positions[mine], tables), texf.groups)
+        assert np.array_equal(answers[mine, :3], planes["base_colour"])
+        assert np.array_equal(answers[mine, 3:], planes.get("alpha", np.full((mine.sum(), 1), 255)))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])

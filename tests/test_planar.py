@@ -164,8 +164,8 @@ def test_parameters_out_of_range_are_refused(name, value):
 
 def test_units_are_planar_where_their_field_is_over_texels():
     fields = [{"support": SUPPORT_VOXELS, "resolution": 4}, {"support": SUPPORT_TEXELS, "width": 5, "height": 9}]
-    stream = Stream({"channel_groups": [{"group_components": 3, "group_semantic": 0}]}, fields=fields)
-    voxels, texels = (attribute_variables(stream, {"field_index": i, "group_index": 0}) for i in range(2))
+    stream = Stream({"channel_groups": [{"group_components": 3, "group_semantics": [0]}]}, fields=fields)
+    voxels, texels = (attribute_variables(stream, {"field_index": i, "group_index": 0, "level_shift": 0}) for i in range(2))
     assert (voxels["Planar"], voxels["resolution"], texels["Planar"], texels["resolution"]) == (0, 4, 1, 9)
 
 

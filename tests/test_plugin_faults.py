@@ -196,7 +196,7 @@ def asked(data):
     return decode(data).query([[0, 0, 0]])
 
 
-LAST = "[Tint(tint, columns) for _ in source.surfaces], {\"tint\": tint})"
+LAST = "[Tint(tint) for _ in source.surfaces], {\"tint\": tint})"
 
 
 @pytest.mark.parametrize("old, new, names", [
@@ -220,7 +220,7 @@ def test_joint_plug_in_that_fails_in_coding_is_named(install, old, new, names):
 @pytest.mark.parametrize("old, new, call, names", [
     ("return [Tint(values[", "return [] and [Tint(values[", decode, ("an evaluator for every field",)),
     ("return [Tint(values[", "return 5 or [Tint(values[", decode, ("an evaluator for every field",)),
-    ("        return out", "        return out[:, :3]", asked, ("wrong kind", "float32")),
+    ("        return out", "        return out[:, :2]", asked, ("wrong kind", "float32")),
     ("        return out", "        return out + 1j", asked, ("wrong kind", "complex")),
     ("        return out", "        raise ValueError('lost')", asked, ("failed in query()", "lost")),
     ("    def enc(", "    def count_samples(self, values, surfaces, bits):\n        return -1\n\n    def enc(", decode,

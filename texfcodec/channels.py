@@ -10,13 +10,14 @@ import numpy as np
 OPAQUE = 0  # alpha_mode (5.4.1) of materials that need no alpha
 COLUMNS = 4  # of what a surface point answers when its colour is asked: red, green, blue, alpha
 FULL = 255  # what a column holds that no channel gives
+LARGEST = float(np.finfo(np.float32).max)  # finite parameter
 PBR, TEXTURE_INFOS = "pbrMetallicRoughness", ("normalTexture", "occlusionTexture", "emissiveTexture")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
     """A number, or a few, that a material has for all of its surface: clause 5.4.2. extension, key: where glTF has it, "" for the
-    material itself; default: what glTF says where it is absent."""
+    material itself; default: what glTF says where it is absent, in binary32."""
 
     name: str
     number: int
@@ -30,8 +31,13 @@ class Parameter:
         return len(self.default)
 
 
+def binary32(values: Iterable[float]) -> tuple[float, ...]:
+    """Numbers as a stream holds them, finite ones that it cannot hold as the largest that it can; NaN and infinity stay."""
+    return tuple(float(np.float32(v if math.isinf(v) else min(max(v, -LARGEST), LARGEST))) for v in values)
+
+
 def _parameters(*rows):
-    return tuple(Parameter(name=name, number=number, extension=extension, key=key, default=default)
+    return tuple(Parameter(name=name, number=number, extension=extension, key=key, default=binary32(default))
                  for number, (name, extension, key, default) in enumerate(rows))
 
 

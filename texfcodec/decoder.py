@@ -6,12 +6,11 @@ import zlib
 import numpy as np
 
 from .asset.normal_rule import MARKED
-from .bitstream.appearance import material_of
+from .bitstream.appearance import groups_of, material_of
 from .bitstream.stream import read_stream
 from .bitstream.syntax import SUPPORT_TEXELS
-from .channels import channels_of
 from .codecs import codec_of_unit
-from .codecs.codec import Group, split_groups
+from .codecs.codec import split_groups
 from .errors import LimitError, StreamError
 from .geometry.canonical import CanonicalCube
 from .geometry.draco import UvCoding, dec_geometry, dec_textured
@@ -42,7 +41,7 @@ def decode_stream(data: bytes, options: DecodeOptions, report: Report) -> Texf:
     with report.stage("geometry"):
         units = [_decode_unit(g, cube.position_bits) for g in stream.geometry]
     texf = Texf(cube=cube, units=units, fields=[], materials=[material_of(m) for m in stream.materials],
-                metadata=_metadata(stream.metadata, report), groups=_groups(header["channel_groups"]), threads=options.threads,
+                metadata=_metadata(stream.metadata, report), groups=groups_of(header["channel_groups"]), threads=options.threads,
                 skipped=stream.skipped)
     if stream.sharp_edges:
         with report.stage("normals"):
@@ -62,11 +61,6 @@ def _decode_unit(values, position_bits):
     lattice, faces = dec_geometry(values["draco_data"], values["unit_vertices"], values["unit_faces"], position_bits,
                                   values["offset"])
     return GeometryUnit(values["field_index"], values["material_index"], lattice, faces)
-
-
-def _groups(coded):
-    return tuple(Group(channels, grey=len(channels) == 1 and values["group_components"] < channels[0].components)
-                 for values, channels in zip(coded, channels_of(coded), strict=True))
 
 
 def _decode_sharp_edges(values, texf):

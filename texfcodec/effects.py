@@ -9,6 +9,18 @@ from .channels import PARAMETER_BY_NAME
 ALPHA_MASK, ALPHA_BLEND = 1, 2
 
 
+@dataclass(frozen=True)
+class Condition:
+    """What a material, asset.scene.Material, has to be: as text for the specification, and as code."""
+
+    text: str
+    holds: Callable[[Any], bool]
+
+    def __call__(self, material: Any) -> bool:
+        """Whether it holds."""
+        return self.holds(material)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Effect:
     """One bit of the stream's effects. used: whether a material, asset.scene.Material, needs it; channels: those whose maps it
@@ -16,7 +28,7 @@ class Effect:
 
     name: str
     bit: int
-    used: Callable[[Any], bool]
+    used: Condition
     channels: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
 
@@ -31,55 +43,65 @@ def parameter(material: Any, name: str) -> tuple[float, ...]:
     return material.parameters.get(name, PARAMETER_BY_NAME[name].default)
 
 
+_LIT = Condition("not unlit", lambda m: not m.unlit)
+
+
 def _above_zero(name):
-    return lambda m: not m.unlit and max(parameter(m, name)) > 0
+    several = "a value of " if PARAMETER_BY_NAME[name].count > 1 else ""
+    return Condition(f"{several}{name} > 0", lambda m: max(parameter(m, name)) > 0)
 
 
 def _mapped(name, scale):
-    return lambda m: not m.unlit and name in m.maps and parameter(m, scale) != (0.0,)
+    return Condition(f"{name} is named, {scale} is not 0", lambda m: name in m.maps and parameter(m, scale) != (0.0,))
 
 
-def _set(*names):
-    return lambda m: not m.unlit and any(name in m.parameters for name in names)
+def _given(*names, maps=()):
+    there = lambda m: any(name in m.parameters for name in names) or any(name in m.maps for name in maps)
+    named = "" if not maps else f", or {' or '.join(maps)} is named"
+    return Condition(f"{' or '.join(names)} is there{named}", there)
 
 
-def _with(first, second):
-    return lambda m: first(m) and second(m)
+def _all(*conditions):
+    return Condition("; ".join(c.text for c in conditions), lambda m: all(c(m) for c in conditions))
 
 
-_CLEARCOAT, _THICK = _above_zero("clearcoat"), _above_zero("thickness")
+_MASK = Condition("alpha_mode is 1", lambda m: m.alpha_mode == ALPHA_MASK)
+_BLEND = Condition("alpha_mode is 2", lambda m: m.alpha_mode == ALPHA_BLEND)
+_DOUBLE_SIDED = Condition("double-sided", lambda m: m.double_sided)
+_CLEARCOAT, _THICK = _all(_LIT, _above_zero("clearcoat")), _all(_LIT, _above_zero("thickness"))
 EFFECTS = tuple(Effect(bit=bit, **row) for bit, row in enumerate((
-    {"name": "lit", "used": lambda m: not m.unlit, "channels": ("roughness",), "parameters": ("roughness",)},
-    {"name": "mask", "used": lambda m: m.alpha_mode == ALPHA_MASK},
-    {"name": "blend", "used": lambda m: m.alpha_mode == ALPHA_BLEND},
-    {"name": "double_sided", "used": lambda m: m.double_sided},
-    {"name": "metal", "used": _above_zero("metallic"), "channels": ("metallic",), "parameters": ("metallic",)},
-    {"name": "normal_map", "used": _mapped("normal", "normal_scale"), "channels": ("normal",), "parameters": ("normal_scale",)},
-    {"name": "occlusion", "used": _mapped("occlusion", "occlusion_strength"), "channels": ("occlusion",),
+    {"name": "lit", "used": _LIT, "channels": ("roughness",), "parameters": ("roughness",)},
+    {"name": "mask", "used": _MASK},
+    {"name": "blend", "used": _BLEND},
+    {"name": "double_sided", "used": _DOUBLE_SIDED},
+    {"name": "metal", "used": _all(_LIT, _above_zero("metallic")), "channels": ("metallic",), "parameters": ("metallic",)},
+    {"name": "normal_map", "used": _all(_LIT, _mapped("normal", "normal_scale")), "channels": ("normal",),
+     "parameters": ("normal_scale",)},
+    {"name": "occlusion", "used": _all(_LIT, _mapped("occlusion", "occlusion_strength")), "channels": ("occlusion",),
      "parameters": ("occlusion_strength",)},
-    {"name": "emission", "used": _with(_above_zero("emissive"), _above_zero("emissive_strength")), "channels": ("emissive",),
-     "parameters": ("emissive", "emissive_strength")},
+    {"name": "emission", "used": _all(_LIT, _above_zero("emissive"), _above_zero("emissive_strength")),
+     "channels": ("emissive",), "parameters": ("emissive", "emissive_strength")},
     {"name": "clearcoat", "used": _CLEARCOAT, "channels": ("clearcoat", "clearcoat_roughness"),
      "parameters": ("clearcoat", "clearcoat_roughness")},
-    {"name": "clearcoat_normal_map", "used": _with(_CLEARCOAT, _mapped("clearcoat_normal", "clearcoat_normal_scale")),
+    {"name": "clearcoat_normal_map", "used": _all(_CLEARCOAT, _mapped("clearcoat_normal", "clearcoat_normal_scale")),
      "channels": ("clearcoat_normal",), "parameters": ("clearcoat_normal_scale",)},
-    {"name": "sheen", "used": _above_zero("sheen_colour"), "channels": ("sheen_colour", "sheen_roughness"),
+    {"name": "sheen", "used": _all(_LIT, _above_zero("sheen_colour")), "channels": ("sheen_colour", "sheen_roughness"),
      "parameters": ("sheen_colour", "sheen_roughness")},
-    {"name": "specular", "used": lambda m: not m.unlit and bool({"specular", "specular_colour"} & {*m.parameters, *m.maps}),
+    {"name": "specular", "used": _all(_LIT, _given("specular", "specular_colour", maps=("specular", "specular_colour"))),
      "channels": ("specular", "specular_colour"), "parameters": ("specular", "specular_colour")},
-    {"name": "transmission", "used": _above_zero("transmission"), "channels": ("transmission",),
+    {"name": "transmission", "used": _all(_LIT, _above_zero("transmission")), "channels": ("transmission",),
      "parameters": ("transmission",)},
     {"name": "volume", "used": _THICK, "channels": ("thickness",),
      "parameters": ("thickness", "attenuation_distance", "attenuation_colour")},
-    {"name": "iridescence", "used": _above_zero("iridescence"), "channels": ("iridescence", "iridescence_thickness"),
+    {"name": "iridescence", "used": _all(_LIT, _above_zero("iridescence")), "channels": ("iridescence", "iridescence_thickness"),
      "parameters": ("iridescence", "iridescence_ior", "iridescence_thickness_minimum", "iridescence_thickness_maximum")},
-    {"name": "anisotropy", "used": _above_zero("anisotropy"), "channels": ("anisotropy",),
+    {"name": "anisotropy", "used": _all(_LIT, _above_zero("anisotropy")), "channels": ("anisotropy",),
      "parameters": ("anisotropy", "anisotropy_rotation")},
-    {"name": "diffuse_transmission", "used": _above_zero("diffuse_transmission"),
+    {"name": "diffuse_transmission", "used": _all(_LIT, _above_zero("diffuse_transmission")),
      "channels": ("diffuse_transmission", "diffuse_transmission_colour"),
      "parameters": ("diffuse_transmission", "diffuse_transmission_colour")},
-    {"name": "dispersion", "used": _with(_THICK, _above_zero("dispersion")), "parameters": ("dispersion",)},
-    {"name": "ior", "used": _set("ior"), "parameters": ("ior",)},
+    {"name": "dispersion", "used": _all(_THICK, _above_zero("dispersion")), "parameters": ("dispersion",)},
+    {"name": "ior", "used": _all(_LIT, _given("ior")), "parameters": ("ior",)},
 )))
 BY_NAME = {effect.name: effect for effect in EFFECTS}
 EFFECT_OF = {name: effect for effect in EFFECTS for name in effect.channels}  # by channel

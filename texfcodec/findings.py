@@ -69,6 +69,8 @@ FINDINGS = (
     Finding("TXF-S12", StreamError, ("5.7.1",), "a slice begins past the last node", _REPAIR),
     Finding("TXF-S13", StreamError, ("5.7",), "an attribute unit of all fields together, in a stream with a field over texels",
             _REPAIR),
+    Finding("TXF-S14", StreamError, ("5.3.1", "5.3.2", "5.4.1"),
+            "materials, channel groups and effects of the stream do not go together", _REPAIR),
     Finding("TXF-S20", StreamError, ("5.6",), "the Draco data are not a mesh of the one kind that is allowed", _REPAIR),
     Finding("TXF-S21", StreamError, ("5.6",), "the Draco data have other counts than their unit", _REPAIR),
     Finding("TXF-S22", StreamError, ("5.6",), "the Draco data cannot be decoded", _REPAIR),

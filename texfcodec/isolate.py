@@ -14,15 +14,19 @@ from pathlib import Path
 import numpy as np
 
 from . import errors
-from .asset.normal_rule import KINDS, MARKED, MOST_ANGLE, WEIGHTS, NormalRule
-from .asset.scene import Material
-from .channels import BY_NAME
+from .asset.normal_rule import MARKED
+from .bitstream.appearance import check_groups, check_material, groups_of, material_of
+from .bitstream.syntax import CHANNEL_GROUP, MATERIAL, MAX_GROUPS
+from .bitstream.values import material_values
+from .channels import COLOURS, channel_over, group_values
 from .codecs import codec_names, codec_of
 from .errors import LimitError, StreamError, TexfError
 from .geometry.canonical import CanonicalCube
 from .geometry.edges import coded_edges
 from .geometry.unit import GeometryUnit
 from .ground import unfinished
+from .ground.structure import Element, Structure
+from .ground.walk import Reader, read_structure, write_structure
 from .limits import Limits
 from .options import DecodeOptions
 from .report import Report, peak_memory_bytes
@@ -33,6 +37,12 @@ from .support.voxels import VoxelSupport, keys_are_sound
 from .texf import Field, Texf
 
 ANSWER, FACTS = "answer.npz", "facts.json"
+APPEARANCE = Structure("appearance", "5.4", (  # channel groups and materials of an answer, as in a stream
+    Element("num_channel_groups", "u8", 1, MAX_GROUPS),
+    Element("channel_groups", CHANNEL_GROUP, count="num_channel_groups"),
+    Element("num_materials", "v", 0, 65536),
+    Element("materials", MATERIAL, count="num_materials"),
+))
 _USUAL = Limits()
 FACTS_BYTES = 64 << 20  # the JSON half of an answer is never larger
 _NO_MEMORY = ("bad_alloc", "allocate", "failed to map", "out of memory", "memoryerror", "can't start new thread")
@@ -102,21 +112,22 @@ def _texf(facts, arrays, threads, limits=_USUAL):
     """The Texf of an answer. The child may have been taken over: every index is checked again."""
     try:
         cube = CanonicalCube(tuple(float(x) for x in facts["origin"]), float(facts["side"]), facts["position_bits"])
-        channels = tuple(BY_NAME[name] for name in facts["channels"])
+        groups, materials = _appearance(arrays["appearance"])
+        channels = tuple(channel for group in groups for channel in group.channels)
         units = _split(facts["units"], arrays, {"lattice": np.int64, "faces": np.int64, "uv": np.int64})
         fields = _split(facts["fields"], arrays, {"keys": np.int64, **{_plane(c): np.uint8 for c in channels}})
         texf = Texf(cube=cube, units=[_unit(numbers, parts) for numbers, parts in units],
-                    fields=[_field(numbers, parts, channels) for numbers, parts in fields],
-                    materials=[_material(**m) for m in facts["materials"]], metadata=dict(facts["metadata"]), channels=channels,
-                    threads=threads, skipped=list(facts["skipped"]))
-        sound = all(_unit_is_sound(u, texf) for u in texf.units)
+                    fields=[_field(*one, channels, shifts) for one, shifts in zip(fields, facts["shifts"], strict=True)],
+                    materials=materials, metadata=dict(facts["metadata"]), groups=groups, threads=threads,
+                    skipped=list(facts["skipped"]))
+        sound = all(_field_is_sound(f, channels, limits) for f in texf.fields)
+        sound = sound and all(_unit_is_sound(u, texf) for u in texf.units)
         if sound and facts["sharp_edges"]:
             texf.sharp_edges = np.ascontiguousarray(arrays["sharp_edges"], bool)
             sound = _marks_are_sound(texf)
-        sound = sound and all(_field_is_sound(f, channels, limits) for f in texf.fields)
         if facts["codec"] is not None:
             texf.codec = _codec(facts["codec"])
-            texf.evaluators = texf.codec.unpack(facts["evaluators"], arrays, channels, len(texf.fields))
+            texf.evaluators = texf.codec.unpack(facts["evaluators"], arrays, groups, len(texf.fields))
     except (TexfError, KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         raise StreamError("TXF-S40", "the decoder's answer makes no sense", reason=type(error).__name__) from error
     if not sound:
@@ -124,16 +135,29 @@ def _texf(facts, arrays, threads, limits=_USUAL):
     return texf
 
 
+def _pack_appearance(texf):
+    """What _appearance() reads: uint8 [n]."""
+    groups, materials = [group_values(g.channels, g.grey) for g in texf.groups], [material_values(m, m.normals) for m in texf.materials]
+    return np.frombuffer(write_structure(APPEARANCE, {"num_channel_groups": len(groups), "channel_groups": groups,
+                                                      "num_materials": len(materials), "materials": materials}), np.uint8)
+
+
+def _appearance(packed):
+    """Channel groups and materials, checked like those of a stream."""
+    data = np.ascontiguousarray(packed, np.uint8).tobytes()
+    reader = Reader(data, 0, len(data))
+    values = read_structure(APPEARANCE, reader, {})
+    check_groups(values["channel_groups"])
+    for material in values["materials"]:
+        check_material(material)
+    if reader.position != reader.end:
+        raise ValueError("appearance")
+    return groups_of(values["channel_groups"]), [material_of(material) for material in values["materials"]]
+
+
 def _plane(channel):
-    """Name of the array that holds a channel's planes of all fields, end to end."""
+    """Name of the array that holds a channel's planes of the fields that have one, end to end."""
     return f"plane_{channel.name}"
-
-
-def _material(normals, **more):
-    kind, weight, angle = (int(n) for n in normals)
-    if not (0 <= kind < KINDS and 0 <= weight < WEIGHTS and 0 <= angle <= MOST_ANGLE):
-        raise ValueError("normals")
-    return Material(normals=NormalRule(kind, weight, angle), **more)
 
 
 def _marks_are_sound(texf):
@@ -147,15 +171,16 @@ def _unit(numbers, parts):
     return GeometryUnit(field, material, parts[0], parts[1], parts[2] if textured else None)
 
 
-def _field(numbers, parts, channels):
-    """The Field of its support's numbers, two over voxels and six over texels, and its arrays."""
-    planes = {channel.name: plane for channel, plane in zip(channels, parts[1:], strict=True)}
+def _field(numbers, parts, channels, shifts):
+    """The Field of its support's numbers, two over voxels and six over texels, its arrays and the shifts of its planes."""
+    planes = {channel.name: plane for channel, plane in zip(channels, parts[1:], strict=True) if len(plane)}
+    shifts = {str(name): int(shift) for name, shift in shifts.items()}
     if len(numbers) == len(_support_numbers(VoxelSupport(1, parts[0]))):
-        return Field(VoxelSupport(numbers[0], parts[0], numbers[1]), planes)
+        return Field(VoxelSupport(numbers[0], parts[0], numbers[1]), planes, shifts)
     width, height, wrap_s, wrap_t, fraction_bits, shift = numbers
     support = TexelSupport(keys=parts[0], level_shift=shift, width=width, height=height, wrap=(wrap_s, wrap_t),
                            fraction_bits=fraction_bits)
-    return Field(support, planes)
+    return Field(support, planes, shifts)
 
 
 def _support_numbers(support):
@@ -189,7 +214,13 @@ def _split(rows, arrays, dtypes):
 def _unit_is_sound(unit, texf):
     named = 0 <= unit.field < len(texf.fields) and 0 <= unit.material < len(texf.materials)
     return named and unit.lattice.shape[1:] == (3,) and unit.faces.shape[1:] == (3,) and _within(unit.faces, len(unit.lattice)) \
-        and _within(unit.lattice, 1 << texf.position_bits) and _uv_is_sound(unit, texf.fields[unit.field])
+        and _within(unit.lattice, 1 << texf.position_bits) and _uv_is_sound(unit, texf.fields[unit.field]) \
+        and _has_maps(texf.fields[unit.field], texf.materials[unit.material])
+
+
+def _has_maps(part, material):
+    """Whether a field has planes of all channels that a material of its faces names."""
+    return all(channel_over(name, part.over_texels).name in part.planes for name in material.maps)
 
 
 def _uv_is_sound(unit, part):
@@ -200,8 +231,16 @@ def _uv_is_sound(unit, part):
 
 
 def _field_is_sound(part, channels, limits):
-    shapes = all(part.planes[c.name].shape == (len(part.keys), c.components) for c in channels)
-    return _support_is_sound(part.support, limits) and shapes
+    whole = all(c.name in part.planes for c in channels if c in COLOURS) and part.shifts.keys() <= part.planes.keys()
+    return whole and _support_is_sound(part.support, limits) \
+        and all(_plane_is_sound(part, c) for c in channels if c.name in part.planes)
+
+
+def _plane_is_sound(part, channel):
+    """Whether a plane is as long as its support, which is that of the field for what every viewer shows."""
+    shift = part.shifts.get(channel.name, 0)
+    within = 0 <= shift <= (0 if channel in COLOURS else part.support.depth)
+    return within and part.planes[channel.name].shape == (len(part.support_of(channel.name)), channel.components)
 
 
 def _support_is_sound(support, limits):
@@ -248,26 +287,27 @@ def _answer(texf, report):
     """(facts, arrays) of a decoded Texf; arrays of all units and fields joined end to end."""
     facts = {
         "origin": list(texf.cube.origin), "side": texf.side, "position_bits": texf.position_bits, "metadata": texf.metadata,
-        "channels": [c.name for c in texf.channels], "skipped": texf.skipped, "warnings": report.warnings,
+        "skipped": texf.skipped, "warnings": report.warnings,
         "seconds": report.seconds, "peak_memory_bytes": peak_memory_bytes(), "codec": None,
         "units": [([u.field, u.material, int(u.uv is not None)], [len(u.lattice), len(u.faces), _length(u.uv)])
                   for u in texf.units],
-        "fields": [(_support_numbers(f.support), [len(f.keys)] * (1 + len(texf.channels))) for f in texf.fields],
-        "materials": [{"name": m.name, "alpha_mode": m.alpha_mode, "alpha_cutoff": m.alpha_cutoff,
-                       "double_sided": m.double_sided, "unlit": m.unlit, "normals": m.normals} for m in texf.materials],
-        "sharp_edges": texf.sharp_edges is not None,
+        "fields": [(_support_numbers(f.support), [len(f.keys), *(_length(f.planes.get(c.name)) for c in texf.channels)])
+                   for f in texf.fields],
+        "shifts": [f.shifts for f in texf.fields], "sharp_edges": texf.sharp_edges is not None,
     }
     arrays = {
         "lattice": np.concatenate([np.zeros((0, 3), np.int64), *(u.lattice for u in texf.units)]),
         "faces": np.concatenate([np.zeros((0, 3), np.int64), *(u.faces for u in texf.units)]),
         "uv": np.concatenate([np.zeros((0, 2), np.int64), *(u.uv for u in texf.units if u.uv is not None)]),
         "keys": np.concatenate([np.zeros(0, np.int64), *(f.keys for f in texf.fields)]),
+        "appearance": _pack_appearance(texf),
     }
     if texf.sharp_edges is not None:
         arrays["sharp_edges"] = texf.sharp_edges
     for channel in texf.channels:
         empty = np.zeros((0, channel.components), np.uint8)
-        arrays[_plane(channel)] = np.concatenate([empty, *(f.planes[channel.name] for f in texf.fields)])
+        arrays[_plane(channel)] = np.concatenate([empty, *(f.planes[channel.name] for f in texf.fields
+                                                              if channel.name in f.planes)])
     if texf.evaluators:
         facts["codec"] = texf.codec.name
         facts["evaluators"], packed = texf.codec.pack(texf.evaluators)

@@ -1,11 +1,15 @@
-"""Writes the generated blocks of the documents: the syntax tables of bitstream_spec.md of the package, its
-list of findings and that of docs/guide.md from texfcodec/findings.py. With --check: exit 7 when they differ."""
+"""Writes the generated blocks of the documents: the syntax tables of bitstream_spec.md of the package, its tables of channels,
+effects and parameters (channels.py, effects.py), its list of findings and that of docs/guide.md from texfcodec/findings.py. With
+--check: exit 7 when they differ."""
 
+import math
 import re
 import sys
 from pathlib import Path
 
 from texfcodec.bitstream.syntax import structures
+from texfcodec.channels import BY_NAME, CHANNELS, COLOURS, PARAMETERS
+from texfcodec.effects import EFFECTS
 from texfcodec.findings import FINDINGS
 from texfcodec.ground.structure import Derived, Structure
 
@@ -28,6 +32,44 @@ def table_of(structure):
     """Markdown table of one structure."""
     head = "| element | descriptor | range | count | condition |\n|---|---|---|---|---|"
     return "\n".join([head, *(_row(e) for e in structure.elements)])
+
+
+def _place(extension, key):
+    """Where glTF has something; what stands in the material itself has no extension."""
+    return ".".join(filter(None, [extension, key]))
+
+
+def _values_are(channel):
+    """What a channel's values are, in the words of 8.4.2."""
+    if channel.unit == "degrees":
+        return "tangent x, y" if channel.over == "texels" else "deviation x, y, z"
+    return "sRGB colour" if channel.srgb else "linear" if channel.components == 1 else "direction x, y, and strength"
+
+
+def channels():
+    """Markdown table of the channels."""
+    head = "| number | channel | components | values | over | named by bit | factor | in glTF |\n" + "|---" * 8 + "|"
+    rows = []
+    for c in CHANNELS:
+        bit = "" if c in COLOURS else BY_NAME[c.material_name].semantic
+        place = f"{_place(c.extension, c.slot)} {''.join('RGBA'[n] for n in c.columns)}"
+        rows.append(f"| {c.semantic} | {c.name} | {c.components} | {_values_are(c)} | {c.over or 'both'} | {bit} | {c.parameter} "
+                    f"| {place} |")
+    return "\n".join([head, *rows])
+
+
+def effects():
+    """Markdown table of the effects."""
+    head = "| bit | effect | set where a material of the stream is as said |\n|---|---|---|"
+    return "\n".join([head, *(f"| {e.bit} | {e.name} | {e.used.text} |" for e in EFFECTS)])
+
+
+def parameters():
+    """Markdown table of the parameters."""
+    head = "| number | parameter | values | default | in glTF |\n|---|---|---|---|---|"
+    shown = lambda p: "infinity" if p.default == (math.inf,) else ", ".join(f"{v:g}" for v in p.default)
+    rows = [f"| {p.number} | {p.name} | {p.count} | {shown(p)} | {_place(p.extension, p.key)} |" for p in PARAMETERS]
+    return "\n".join([head, *rows])
 
 
 def findings_of_streams():
@@ -56,7 +98,10 @@ def with_tables(text):
     """The specification with every generated block renewed."""
     for structure in structures():
         text = with_block(text, f"table: {structure.name}", table_of(structure), SPEC.name)
-    return with_block(text, "findings: stream", findings_of_streams(), SPEC.name)
+    for mark, block in (("channels", channels()), ("effects", effects()), ("parameters", parameters()),
+                        ("findings: stream", findings_of_streams())):
+        text = with_block(text, mark, block, SPEC.name)
+    return text
 
 
 def with_findings(text):

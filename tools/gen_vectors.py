@@ -16,6 +16,8 @@ sys.path[1:1] = [str(ROOT), str(ROOT / "conformance"), str(ROOT / "tests")]
 
 import vectors_constant  # noqa: E402
 import vectors_filter  # noqa: E402
+import vectors_materials  # noqa: E402
+import vectors_materials_faulty  # noqa: E402
 import vectors_neural  # noqa: E402
 import vectors_planar  # noqa: E402
 import vectors_texels  # noqa: E402
@@ -28,6 +30,8 @@ from vectors_good import parsed, subset, uncommon  # noqa: E402
 
 from texfcodec.asset.scene import WRAP_NAMES  # noqa: E402
 from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS  # noqa: E402
+from texfcodec.channels import CHANNELS  # noqa: E402
+from texfcodec.effects import in_words  # noqa: E402
 from texfcodec.errors import TexfError  # noqa: E402
 
 HOME = ROOT / "conformance"
@@ -89,7 +93,8 @@ def features(vector):
     return {
         "bytes": len(vector.data), "position_bits": header["position_bits"], "faces": header["num_faces"],
         "materials": header["num_materials"], "geometry_units": header["num_geometry_units"],
-        "channel_groups": ["alpha" if group["group_semantic"] else "base colour" for group in header["channel_groups"]],
+        "channel_groups": [" + ".join(CHANNELS[n].name for n in g["group_semantics"]) for g in header["channel_groups"]],
+        "effects": in_words(header["effects"]),
         "resolution": [f["resolution"] for f in grids], "voxels": [f["num_keys"] for f in grids],
         "area_threshold": [f["area_threshold"] for f in grids],
         **(texel_features(stream) if len(grids) < len(fields) else {}),
@@ -204,11 +209,11 @@ def write(files):
 
 def every_vector():
     """All vectors, in the order of README.md."""
-    good = [subset(), vectors_constant.subset(), vectors_neural.subset(), vectors_texels.subset(), uncommon(),
-            vectors_filter.uncommon(), vectors_constant.uncommon(), vectors_neural.uncommon(), vectors_texels.uncommon(),
-            vectors_planar.uncommon()]
+    good = [subset(), vectors_constant.subset(), vectors_neural.subset(), vectors_texels.subset(), vectors_materials.subset(),
+            uncommon(), vectors_filter.uncommon(), vectors_constant.uncommon(), vectors_neural.uncommon(),
+            vectors_texels.uncommon(), vectors_planar.uncommon(), vectors_materials.uncommon()]
     bad = [faulty(), vectors_filter.faulty(), vectors_constant.faulty(), vectors_neural.faulty(), vectors_texels_faulty.faulty(),
-           vectors_planar.faulty()]
+           vectors_planar.faulty(), vectors_materials_faulty.faulty()]
     return [vector for part in (*good, *bad) for vector in part]
 
 

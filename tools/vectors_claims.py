@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from vectors_claims_materials import MATERIAL_CLAUSES, MATERIALS
 from vectors_claims_planar import PLANAR, PLANAR_CLAUSES
 from vectors_claims_texels import TEXELS
 from vectors_good import parsed, units_of, values_of
@@ -60,7 +61,7 @@ class Case:
         return [silent_taps(unit, self.texf.fields[unit["field_index"]].keys) for unit in self.raht]
 
     header = property(lambda self: self.stream.header)
-    semantics = property(lambda self: [group["group_semantic"] for group in self.header["channel_groups"]])
+    semantics = property(lambda self: [group["group_semantics"][0] for group in self.header["channel_groups"]])
     grids = property(lambda self: [f["resolution"] for f in self.stream.fields if f["support"] == SUPPORT_VOXELS])
     images = property(lambda self: [f for f in self.stream.fields if f["support"] == SUPPORT_TEXELS])
     textured = property(lambda self: [u for u in self.texf.units if u.uv is not None])
@@ -235,7 +236,6 @@ HEADER_AND_FIELDS = {
         and {m["alpha_mode"] for m in c.stream.materials} == {ALPHA_BLEND},
     r"colour and alpha": lambda c: c.semantics == [BASE_COLOUR.semantic, ALPHA.semantic],
     r"the alpha group first|alpha before colour": lambda c: c.semantics == [ALPHA.semantic, BASE_COLOUR.semantic],
-    r"linear colour": lambda c: c.header["channel_groups"][c.semantics.index(BASE_COLOUR.semantic)]["group_transfer"] == 0,
     r"a metadata unit": lambda c: c.stream.metadata is not None,
     r"metadata early": metadata_is_early,
     r"unknown ancillary units": lambda c: len(c.stream.skipped) > 1,
@@ -346,7 +346,7 @@ NEURAL = {
     r"all codes -8": lambda c: set(neural_codes(c).ravel().tolist()) == {-8},
     r"a short codeword": lambda c: len(c.codewords) * 8 < neural_codes(c).size,
 }
-PROMISES = HEADER_AND_FIELDS | CODEWORDS | RAHT | FILTERS | TEXELS | PLANAR | CONSTANT | NEURAL
+PROMISES = HEADER_AND_FIELDS | CODEWORDS | RAHT | FILTERS | TEXELS | PLANAR | CONSTANT | NEURAL | MATERIALS
 # What a scene looks like, and limits that a scene was built to lie on: nothing that the stream says.
 UNSEEN = ("a ribbon", "one inside the other", "areas and heights exactly on a limit", "one colour but for a few spots")
 # Clause -> what a vector that lists it has to hold, for the tools that a stream may do without.
@@ -370,7 +370,7 @@ CLAUSES = {
     "7.8.2": lambda c: any(u["colour_transform"] == 1 for u in c.raht),
     "7.9": lambda c: c.each(lambda u: u["residual"] > 0),
     "11.9": lambda c: c.neural["form"] == FORM_TRANSPORT,
-} | PLANAR_CLAUSES
+} | PLANAR_CLAUSES | MATERIAL_CLAUSES
 
 
 def phrases_of(title):

@@ -224,10 +224,8 @@ def header_and_materials():
         ("num_fields", "num_fields is more than there are", "5.2", more("num_fields"), "TXF-S11"),
         ("num_geometry_units", "num_geometry_units is less than there are", "5.2", more("num_geometry_units", -1), "TXF-S11"),
         ("num_channel_groups_0", "no channel group", "5.3", with_element(base, H, "num_channel_groups", b"\0"), "TXF-S04"),
-        ("group_semantic", "a group_semantic out of range", "5.3.1",
-         with_element(base, H, "channel_groups[0].group_semantic", b"\2"), "TXF-S04"),
-        ("group_transfer_2", "group_transfer 2", "5.3.1", with_element(base, H, "channel_groups[1].group_transfer", b"\2"),
-         "TXF-S04"),
+        ("group_semantics", "an entry of group_semantics out of range", "5.3.1",
+         with_element(base, H, "channel_groups[0].group_semantics", b"\x17"), "TXF-S04"),
         ("group_components_4", "four components", "5.3.1", with_element(base, H, "channel_groups[0].group_components", b"\4"),
          "TXF-S04"),
         ("alpha_mode", "alpha_mode 3", "5.4.1", with_element(base, M, "materials[0].alpha_mode", b"\3"), "TXF-S04"),
@@ -241,8 +239,8 @@ def header_and_materials():
          with_element(simple, H, "num_vertices", b"\xc8\x80\0"), "TXF-S05"),
         ("metadata_format", "metadata_format 1", "5.8", with_element(base, UNIT_METADATA, "metadata_format", b"\1"), "TXF-S04"),
     ]
-    twice = with_element(base, H, "channel_groups[1].group_semantic", b"\0")
-    lines.append(("group_semantic_twice", "two base colours", "5.3.1", twice, "TXF-S04"))
+    twice = with_element(base, H, "channel_groups[1].group_semantics", b"\0")
+    lines.append(("group_semantics_twice", "two base colours", "5.3.1", twice, "TXF-S04"))
     unsupported = [("version", "version 1", "5.3", with_element(base, H, "version", b"\1"), "TXF-U04"),
                    ("alpha_components", "an alpha group of two components", "5.3.1", _two_alphas(base), "TXF-U03")]
     limit = [("num_vertices_huge", "2^50 vertices", "10", with_header(base, num_vertices=1 << 50), "TXF-L02"),
@@ -369,7 +367,7 @@ def attributes():
 
 def _no_materials(stream):
     stream.materials = []
-    stream.header["num_materials"] = 0
+    stream.header.update(num_materials=0, effects=0)
 
 
 def _two_alphas(data):

@@ -75,8 +75,14 @@ def stream_of(units):
     return SIGNATURE + b"".join(write_unit(unit_type, payload) for unit_type, payload in units)
 
 
+def plane_keys(unit, keys):
+    """Keys of what an attribute unit has values of. keys: of its field."""
+    return np.unique(keys >> 3 * unit["level_shift"])
+
+
 def values_of(unit, keys):
-    """Decoded values of an attribute unit whatever its values_crc says: uint8 [N, C]."""
+    """Decoded values of an attribute unit whatever its values_crc says: uint8 [n, C]. keys: of its field."""
+    keys = plane_keys(unit, keys)
     coded, spans = coded_of(unit)
     data = np.frombuffer(bytes(unit["codeword_data"]), np.uint8)
     inverse = inverse_colour if unit["colour_transform"] == TRANSFORM_BT709 else inverse_plain
@@ -104,7 +110,8 @@ def recoded(data, **choices):
     for unit in stream.attributes:
         number, keys = unit["field_index"], fields[unit["field_index"]].keys
         tools = {"planar": unit["Planar"], **choices}
-        unit.update(raht(values_of(unit, keys), keys, cells_a_side(stream.fields[number]), unit["qp"], **tools))
+        cells = -(-cells_a_side(stream.fields[number]) >> unit["level_shift"])
+        unit.update(raht(values_of(unit, keys), plane_keys(unit, keys), cells, unit["qp"], **tools))
     return written(stream)
 
 
@@ -177,10 +184,9 @@ def mixed_resolutions():
 
 
 def alpha_first():
-    """The alpha group before the colour group, and colour that is linear."""
+    """The alpha group before the colour group."""
     stream = parsed(encoded(scene_of(*torus(12, 6), [Material("veil", alpha_mode=ALPHA_BLEND)]), resolution=18, qp=34))
     stream.header["channel_groups"].reverse()
-    stream.header["channel_groups"][1]["group_transfer"] = 0
     colour, alpha = stream.attributes
     colour["group_index"], alpha["group_index"] = 1, 0
     stream.attributes = [alpha, colour]
@@ -347,7 +353,7 @@ def uncommon():
         ("mixed_resolutions", "fields of different K, geometry units out of field order", ("5.5", "5.6", "8.3"),
          mixed_resolutions(),
          (0, 1, 4, 5)),
-        ("alpha_first", "the alpha group first, linear colour", ("5.3.1", "5.7"), alpha_first(), (0,)),
+        ("alpha_first", "the alpha group first", ("5.3.1", "5.7"), alpha_first(), (0,)),
         ("strange_units", "unknown ancillary units, metadata early", ("5.2", "5.8"), with_strange_units(), (0,)),
         ("voxel_boundaries", "B = 8, all vertices but three on voxel corners", ("6.1", "6.2", "6.3"), on_voxel_boundaries(),
          (0,)),

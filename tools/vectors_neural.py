@@ -126,7 +126,8 @@ def neural(data, seed, levels, features=8, hidden=(12, 8), waves=(2, 8), form=FO
         payload.codes = random.choice(np.array(range(-8, 8) if codes is None else codes, np.int8), (payload.rows, features))
     else:
         payload.codes = dec_transport(latent_data, payload.rows, features)
-    unit = {"field_index": 0, "group_index": 0, "codec_id": Neural.id, "values_crc": crc_of(payload, stream, texf, keys),
+    unit = {"field_index": 0, "group_index": 0, "codec_id": Neural.id, "level_shift": 0,
+            "values_crc": crc_of(payload, stream, texf, keys),
             **payload_values(payload, form)}
     stream.attributes = [unit | ({} if latent_data is None else {"latent_data": latent_data})]
     return written(stream)

@@ -11,16 +11,21 @@ import numpy as np
 from vectors_good import Vector, encoded, raht, torus, written
 
 from texfcodec.asset.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
+from texfcodec.bitstream.appearance import material_of, needed_groups
 from texfcodec.bitstream.stream import Stream
 from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS
 from texfcodec.bitstream.values import attribute_values, material_values
-from texfcodec.channels import ALPHA, BASE_COLOUR
+from texfcodec.channels import ALPHA, BASE_COLOUR, group_values
 from texfcodec.codecs import codec_of
+from texfcodec.codecs.codec import Group
+from texfcodec.effects import effects_mask
 from texfcodec.geometry.draco import counts_of
 from texfcodec.support.keyed import keys_crc
 from texfcodec.support.morton import decode_morton
 from texfcodec.support.texel_set import asked_texels
+from texfcodec.support.texels import TexelSupport
 from texfcodec.support.voxelise import voxelise
+from texfcodec.support.voxels import VoxelSupport
 
 BITS = 10  # of a lattice coordinate
 REPEATED, CLAMPED, MIRRORED = (WRAP_REPEAT,) * 2, (WRAP_CLAMP,) * 2, (WRAP_MIRROR,) * 2
@@ -68,7 +73,7 @@ def draco_of(lattice, faces, uv, bits):
 
 @dataclass
 class Image:
-    """A field over texels to be. pixels: uint8 [H, W, C] of all groups; fraction: bits of a UV below the texel."""
+    """A field over texels to be. pixels: uint8 [H, W, C] of base colour and alpha; fraction: bits of a UV below the texel."""
 
     pixels: np.ndarray
     wrap: tuple = REPEATED
@@ -113,28 +118,37 @@ def sheet(uv, **more):
 # Streams
 
 
-def stream_of_parts(fields, patches, materials=1, alpha=False, qp=30, **tools):
-    """Bytes of a stream of Images and Grids and the Patches on them. tools: as raht(); the checksums are right."""
-    channels = (BASE_COLOUR, ALPHA) if alpha else (BASE_COLOUR,)
+def stream_of_parts(fields, patches, materials=1, alpha=False, qp=30, groups=None, shifts=None, constants=(), **tools):
+    """Bytes of a stream of Images and Grids and the Patches on them; the checksums are right.
+
+    materials: Materials, or how many plain ones; groups: what is coded, beside the usual base colour and alpha waves in every
+    channel; shifts: level_shift by (field, group), constants: pairs of them that are constant; tools: as raht().
+    """
+    groups = groups or [Group((BASE_COLOUR,))] + [Group((ALPHA,))] * alpha
+    if isinstance(materials, int):
+        materials = [Material(f"m{n}", alpha_mode=ALPHA_BLEND * alpha) for n in range(materials)]
+    written_materials = [material_values(material) for material in materials]
     units = [patch.values(isinstance(fields[patch.field], Image)) for patch in patches]
     stream = Stream({
         "version": 0, "position_bits": BITS, "origin": [-1.0, 0.0, 2.0], "side": 3.0,
         "num_vertices": sum(u["unit_vertices"] for u in units), "num_faces": sum(u["unit_faces"] for u in units),
-        "num_materials": materials, "num_fields": len(fields), "num_geometry_units": len(units),
-        "num_channel_groups": len(channels), "channel_groups": [c.group for c in channels]})
-    stream.geometry = units
-    stream.materials = [material_values(Material(f"m{n}", alpha_mode=ALPHA_BLEND * alpha)) for n in range(materials)]
+        "num_materials": len(materials), "num_fields": len(fields), "num_geometry_units": len(units),
+        "effects": effects_mask(map(material_of, written_materials)),
+        "num_channel_groups": len(groups), "channel_groups": [group_values(*group) for group in groups]})
+    stream.geometry, stream.materials, shown = units, written_materials, []
     for number, field in enumerate(fields):
         mine = [patch for patch in patches if patch.field == number]
-        keys, values = _texels(field, mine, stream, number) if isinstance(field, Image) else _voxels(field, mine, stream, number)
-        for group, channel in enumerate(channels):
-            plane = np.ascontiguousarray(values[:, list(channel.columns)])
-            stream.attributes.append(_unit(field, number, group, plane, keys, stream.fields[number], qp, tools))
+        shown.append((_texels if isinstance(field, Image) else _voxels)(field, mine, stream, number))
+    for number, mine in enumerate(needed_groups(stream)):
+        for group in mine:
+            shift, constant = (shifts or {}).get((number, group), 0), fields[number].constant or (number, group) in constants
+            unit = _unit(groups[group], *shown[number], shift, qp, None if constant else tools)
+            stream.attributes.append({**unit, "field_index": number, "group_index": group})
     return written(stream)
 
 
 def _texels(field, patches, stream, number):
-    """Adds a field over texels to the stream: its keys and values."""
+    """Adds a field over texels to the stream: its support and pixels."""
     height, width = field.pixels.shape[:2]
     uv = np.concatenate([_whole_uv(patch).reshape(-1, 2) for patch in patches])
     keys = asked_texels(uv, np.arange(len(uv)).reshape(-1, 3), field.fraction, (width, height), field.wrap)
@@ -142,7 +156,8 @@ def _texels(field, patches, stream, number):
                           "wrap_s": field.wrap[0], "wrap_t": field.wrap[1], "uv_fraction_bits": field.fraction,
                           "num_keys": len(keys), "keys_crc": keys_crc(keys)})
     xy = decode_morton(keys)
-    return keys, field.pixels[xy[:, 1], xy[:, 0]]
+    support = TexelSupport(keys=keys, width=width, height=height, wrap=field.wrap, fraction_bits=field.fraction)
+    return support, field.pixels[xy[:, 1], xy[:, 0]]
 
 
 def _whole_uv(patch):
@@ -156,25 +171,38 @@ def _whole_uv(patch):
 
 
 def _voxels(field, patches, stream, number):
-    """Adds a field over voxels to the stream: its keys and values."""
+    """Adds a field over voxels to the stream: its support and colours."""
     starts = np.cumsum([0] + [len(patch.lattice) for patch in patches])
     faces = np.concatenate([patch.faces + start for patch, start in zip(patches, starts[:-1], strict=True)])
     keys, _ = voxelise(np.concatenate([patch.lattice for patch in patches]), faces, BITS, field.resolution, 0)
     stream.fields.append({"field_index": number, "support": SUPPORT_VOXELS, "resolution": field.resolution, "area_threshold": 0,
                           "num_keys": len(keys), "keys_crc": keys_crc(keys)})
-    return keys, np.repeat(np.array([[*field.colour, 255]], np.uint8), len(keys), axis=0)
+    return VoxelSupport(field.resolution, keys), np.repeat(np.array([[*field.colour, 255]], np.uint8), len(keys), axis=0)
 
 
-def _unit(field, number, group, plane, keys, syntax, qp, tools):
-    """Syntax values of an attribute unit, RAHT, or constant where the field is."""
-    if field.constant:
+def waves(channel, support):
+    """Values of a channel that is neither base colour nor alpha, uint8 [n, C]."""
+    place = decode_morton(support.keys).astype(np.float64) / np.max(support.size)
+    phases = [place @ np.array([c + 1, 2 - c, 1]) * 2 * np.pi + c + channel.semantic for c in range(channel.components)]
+    return np.round(128 + 100 * np.sin(np.stack(phases, -1))).astype(np.uint8)
+
+
+def plane_of(group, support, pixels):
+    """Values of a group on a support, uint8 [n, components]. pixels: uint8 [n, 3 or 4] of base colour and alpha."""
+    visible = {BASE_COLOUR: slice(0, 3), ALPHA: slice(3, 4)}
+    return group.join({c.name: pixels[:, visible[c]] if c in visible else waves(c, support) for c in group.channels})
+
+
+def _unit(group, support, pixels, shift, qp, tools):
+    """Syntax values of an attribute unit but for field and group: RAHT, or constant where tools are None."""
+    support = support.coarser(shift)
+    plane = plane_of(group, support, pixels)
+    if tools is None:
         value = plane[0].tolist()
-        crc = zlib.crc32(bytes(value) * len(plane))
-        return attribute_values(codec_of("constant"), number, group, crc, {"plane_value": value})
-    resolution = syntax.get("resolution") or max(syntax["width"], syntax["height"])
-    steps = [qp] * plane.shape[1]
-    return {"field_index": number, "group_index": group, "codec_id": 0, "codec_name_length": 0, "codec_name": "",
-            **raht(plane, keys, resolution, steps, **{"planar": syntax["support"], **tools})}
+        return attribute_values(codec_of("constant"), 0, 0, zlib.crc32(bytes(value) * len(plane)), {"plane_value": value}, shift)
+    usual = {"planar": int(support.planar), "plain": not group.channels[0].srgb}
+    made = raht(plane, support.keys, int(np.max(support.size)), [qp] * plane.shape[1], **usual | tools)
+    return attribute_values(codec_of("raht"), 0, 0, 0, made, shift)
 
 
 # The good ones

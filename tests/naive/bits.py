@@ -63,6 +63,14 @@ class Reader:
         require(math.isfinite(value) and low <= value <= 1e300, f"{name} is {value}")
         return value
 
+    def u64(self, name, high):
+        return self.number(8, name, 0, high)
+
+    def f32(self, name):
+        (value,) = struct.unpack("<f", self.take(4, name))
+        require(math.isfinite(value), f"{name} is {value}")
+        return value
+
     def v(self, name, low=0, high=2**56 - 1):
         value = 0
         for i in range(8):

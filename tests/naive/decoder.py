@@ -27,7 +27,7 @@ FLOAT32, UINT32, POSITION, TEX_COORD, GENERIC = 9, 6, 0, 3, 4  # Draco's own num
 
 
 def decode(data, lod=0):
-    """Stream bytes -> dict of header, materials, units (field, material, lattice, uv, faces), fields (keys, values by group) and
+    """Stream bytes -> dict of header, materials, units (field, material, lattice, uv, faces), fields (keys, bytes by group) and
     neural: what answers any position of a field, None without 3DNTC."""
     stream = read_stream(units_of(data))
     header, attributes = stream["header"], stream["attributes"]
@@ -39,9 +39,9 @@ def decode(data, lod=0):
         neural = Neural(attributes[0], latent_keys(attributes[0], triangles, header["position_bits"]))
         values = neural_values(neural, stream, keys, lod)
     else:
-        values = [[] for _ in keys]
+        values = [{} for _ in keys]
         for unit in attributes:
-            values[unit["field_index"]].append(checked_values(unit, keys[unit["field_index"]], lod))
+            values[unit["field_index"]][unit["group_index"]] = checked_values(unit, keys[unit["field_index"]], lod)
     fields = []
     for index, field in enumerate(stream["fields"]):
         left_out = levels_left_out(field, lod)
@@ -103,7 +103,9 @@ def field_keys(field, index, units, position_bits):
 
 
 def checked_values(unit, keys, lod):
-    """Clauses 5.7.6 and 7, with the check of 7.10 where all levels are decoded."""
+    """Clauses 5.7.6 and 7 on the cells of the plane, with the check of 7.10 where all its levels are decoded."""
+    keys = sorted({key >> 3 * unit["level_shift"] for key in keys})
+    lod = max(lod - unit["level_shift"], 0)
     if unit["codec_id"] == CONSTANT:
         values = unit["plane_value"] * len({key >> 3 * min(lod, unit["depth"]) for key in keys})
     else:
@@ -119,10 +121,10 @@ def neural_values(neural, stream, keys, lod):
     require(crc == stream["attributes"][0]["values_crc"], "values_crc does not match")
     values = []
     for i, field in enumerate(stream["fields"]):
-        nodes, first, of_groups = coarse_values(keys[i], voxels[i], levels_left_out(field, lod)), 0, []
-        for group in stream["header"]["channel_groups"]:
+        nodes, first, of_groups = coarse_values(keys[i], voxels[i], levels_left_out(field, lod)), 0, {}
+        for number, group in enumerate(stream["header"]["channel_groups"]):
             last = first + group["components"]
-            of_groups.append(bytes(value for of_node in nodes for value in of_node[first:last]))
+            of_groups[number] = bytes(value for of_node in nodes for value in of_node[first:last])
             first = last
         values.append(of_groups)
     return values
@@ -157,7 +159,7 @@ def arrays(texf):
         if field["support"] == TEXELS:
             corners = [number for row in uv_rows(texf["units"], i) for number in row]
             files[f"field{i}_uv"] = struct.pack(f"<{len(corners)}q", *corners)
-        files |= {f"field{i}_group{g}_values": values for g, values in enumerate(field["values"])}
+        files |= {f"field{i}_group{g}_values": values for g, values in field["values"].items()}
     return files
 
 

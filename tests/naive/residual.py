@@ -27,7 +27,7 @@ class ResidualSlice:
         self.refinements = [new_refinement() for _ in range(REFINEMENT_SETS)]
 
     def run(self, first, end):
-        order = [1, 0, 2] if len(self.cross) == 3 else [0]
+        order = [1, 0, 2] if len(self.cross) == 3 else [*range(len(self.cross))]
         for v in range(first, end):
             near = [(self.level.neighbour(v, *d), w) for d, w in DIRECTIONS]
             near = [(u, w) for u, w in near if u is not None]

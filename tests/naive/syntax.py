@@ -3,9 +3,9 @@
 import struct
 
 from naive.bits import Reader, Unsupported, require
+from naive.materials import check_appearance, needed_groups, read_channel_group, read_material
 
 HEADER, MATERIALS, FIELD, GEOMETRY, ATTRIBUTE, END, METADATA = 0, 1, 2, 3, 4, 5, 128
-COMPONENTS = {0: 3, 1: 1}  # of a group_semantic
 VOXELS, TEXELS = 0, 1  # support
 NEURAL, CONSTANT, PRIVATE = 1, 2, 192  # codec_id
 DRACO_START = bytes.fromhex("445241434F020201010000")
@@ -24,31 +24,20 @@ def read_header(reader):
     header["num_materials"] = reader.v("num_materials", high=65536)
     header["num_fields"] = reader.v("num_fields", high=256)
     header["num_geometry_units"] = reader.v("num_geometry_units", high=16777216)
-    header["num_channel_groups"] = reader.u8("num_channel_groups", 1, 16)
-    groups = []
-    for _ in range(header["num_channel_groups"]):
-        semantic, transfer = reader.u8("group_semantic", 0, 1), reader.u8("group_transfer", 0, 1)
-        groups.append({"semantic": semantic, "transfer": transfer, "components": reader.u8("group_components", 1, 3)})
-    header["channel_groups"] = groups
-    semantics = [group["semantic"] for group in groups]
-    require(len(semantics) == len(set(semantics)), "two groups have the same group_semantic")
-    for group in groups:
-        if COMPONENTS[group["semantic"]] != group["components"]:
-            raise Unsupported(f"{group['components']} components for semantic {group['semantic']}")
+    header["effects"] = reader.u64("effects", 2**19 - 1)
+    header["num_channel_groups"] = reader.u8("num_channel_groups", 1, 23)
+    header["channel_groups"] = [read_channel_group(reader) for _ in range(header["num_channel_groups"])]
+    semantics = [semantic for group in header["channel_groups"] for semantic in group["semantics"]]
+    require(len(semantics) == len(set(semantics)), "two channels have the same group_semantics")
+    for group in header["channel_groups"]:
+        if group["components"] not in group["possible"]:
+            raise Unsupported(f"{group['components']} components for the semantics {group['semantics']}")
     return header
 
 
 def read_materials(reader, header):
     """Clause 5.4."""
-    materials = []
-    for _ in range(header["num_materials"]):
-        material = {"name": reader.utf8(reader.v("name_length", high=65535), "material_name")}
-        material["alpha_mode"] = reader.u8("alpha_mode", 0, 2)
-        if material["alpha_mode"] == 1:
-            material["alpha_cutoff"] = reader.u16("alpha_cutoff")
-        material["flags"] = reader.u8("material_flags", 0, 3)
-        materials.append(material)
-    return materials
+    return [read_material(reader) for _ in range(header["num_materials"])]
 
 
 def read_field(reader, expected_index):
@@ -98,15 +87,19 @@ def read_attribute(reader, header, fields):
     }
     if unit["codec_id"] >= PRIVATE:
         raise Unsupported(f"the private codec {reader.utf8(reader.u8('codec_name_length', 1), 'codec_name')}")
+    unit["level_shift"] = reader.u8("level_shift", 0, 13)
     unit["values_crc"] = reader.u32("values_crc")
     if unit["codec_id"] > CONSTANT:
         raise Unsupported(f"attribute codec {unit['codec_id']}")
+    group, resolution = header["channel_groups"][unit["group_index"]], fields[unit["field_index"]]["resolution"]
+    most = 0 if unit["codec_id"] == NEURAL or {0, 1} & set(group["semantics"]) else (resolution - 1).bit_length()
+    require(unit["level_shift"] <= most, f"level_shift is {unit['level_shift']}, at most {most}")
+    unit["depth"] = (-(-resolution // 2 ** unit["level_shift"]) - 1).bit_length()
     if unit["codec_id"] == NEURAL:
         require(unit["field_index"] == unit["group_index"] == 0, "a 3DNTC unit is not that of field 0 and group 0")
         read_neural(reader, unit, header)
     elif unit["codec_id"] == CONSTANT:
         components = header["channel_groups"][unit["group_index"]]["components"]
-        unit["depth"] = (fields[unit["field_index"]]["resolution"] - 1).bit_length()
         unit["plane_value"] = bytes(reader.u8("plane_value") for _ in range(components))
     else:
         read_raht(reader, unit, header, fields)
@@ -116,8 +109,8 @@ def read_attribute(reader, header, fields):
 def read_raht(reader, unit, header, fields):
     """Clause 5.7.1, with 5.7.2 and 5.7.3."""
     components = header["channel_groups"][unit["group_index"]]["components"]
-    depth = (fields[unit["field_index"]]["resolution"] - 1).bit_length()
-    unit.update(components=components, depth=depth)
+    depth = unit["depth"]
+    unit.update(components=components)
     unit["colour_transform"] = reader.u8("colour_transform", 0, 1 if components == 3 else 0)
     unit["qp"] = [reader.u8("qp", 0, 63) for _ in range(components)]
     unit["kernel"] = [reader.u8("kernel") for _ in range(7)]
@@ -237,11 +230,12 @@ def read_stream(units):
     require(sum(unit["unit_faces"] for unit in geometry) == header["num_faces"], "unit_faces do not add up")
     attributes = [filled(read_attribute, payload, header, fields) for payload in of_type(ATTRIBUTE)]
     pairs = [(unit["field_index"], unit["group_index"]) for unit in attributes]
-    wanted = [(field, group) for field in range(len(fields)) for group in range(header["num_channel_groups"])]
+    wanted = needed_groups(header, materials, fields, geometry)
     if any(unit["codec_id"] == NEURAL for unit in attributes):
         wanted = [(0, 0)]
         require(all(field["support"] == VOXELS for field in fields), "a 3DNTC unit in a stream with a field over texels")
-    require(pairs == wanted, "the attribute units are not one of each field and group, in order")
+    require(pairs == wanted, "the attribute units are not those that the fields need, in order")
+    check_appearance(header, materials, fields, geometry)
     metadata = [filled(read_metadata, payload) for payload in of_type(METADATA)]
     skipped = [unit_type for unit_type, _ in units if unit_type > METADATA]
     return {

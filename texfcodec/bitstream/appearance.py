@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from ..asset.normal_rule import USUAL, rule_of
 from ..asset.scene import Material
-from ..channels import CHANNELS, COLOURS, MAPS, PARAMETER_BY_NAME, PARAMETERS, channel_over, channels_of
+from ..channels import CHANNELS, COLOURS, MAPS, PARAMETERS, binary32, channel_over, channels_of
+from ..codecs.codec import Group
 from ..effects import effects_mask
-from ..errors import StreamError, SupportError
+from ..errors import InputError, StreamError, SupportError
 from .syntax import SUPPORT_TEXELS
 
 if TYPE_CHECKING:
@@ -25,6 +27,12 @@ def material_of(values: dict) -> Material:
                     maps={channel.name: -1 for channel in MAPS if maps >> channel.semantic & 1})
 
 
+def groups_of(coded: list[dict]) -> tuple[Group, ...]:
+    """The channel groups of their values (5.3.1), already checked."""
+    return tuple(Group(channels, grey=len(channels) == 1 and values["group_components"] < channels[0].components)
+                 for values, channels in zip(coded, channels_of(coded), strict=True))
+
+
 def check_groups(groups: list[dict]) -> None:
     """Each semantic once, and every group with the components of its semantics, or one of a grey colour (5.3.1)."""
     semantics = [semantic for group in groups for semantic in group["group_semantics"]]
@@ -38,15 +46,32 @@ def check_groups(groups: list[dict]) -> None:
                                value=group["group_components"], allowed=components)
 
 
+def check_level_shift(values: dict, groups: list[dict], most: int) -> None:
+    """The plane of a unit is at most so many levels coarser than its field, and not at all where it shows (5.7)."""
+    if {channel.semantic for channel in COLOURS} & {*groups[values["group_index"]]["group_semantics"]}:
+        most = 0
+    if values["level_shift"] > most:
+        raise StreamError("TXF-S04", "level_shift is out of range", clause="5.7", offset=values["offset"],
+                          value=values["level_shift"], allowed=f"0..{most}")
+
+
 def check_material(values: dict) -> None:
-    """Channels that a material may name, and parameters that stand in order, each once and none of them a default (5.4.1)."""
+    """Channels that a material may name (5.4.1), and its parameters."""
     allowed = sum(1 << channel.semantic for channel in MAPS)
     if values["material_channels"] & ~allowed:
         raise StreamError("TXF-S04", "material_channels names a channel that no material has", clause="5.4.1",
                           value=values["material_channels"], allowed=f"bits of {allowed:#x}")
-    ids = [p["parameter_id"] for p in values["parameters"]]
+    _check_parameters(values["parameters"])
+
+
+def _check_parameters(parameters):
+    """In ascending order, each once, and none that says what it would be without it: a material is written one way (5.4.2)."""
+    ids = [p["parameter_id"] for p in parameters]
     if any(a >= b for a, b in zip(ids, ids[1:], strict=False)):
         raise StreamError("TXF-S04", "the parameters of a material are not in ascending order", clause="5.4.2", value=ids)
+    for p in parameters:
+        if tuple(p["parameter_value"]) == PARAMETERS[p["parameter_id"]].default:
+            raise StreamError("TXF-S04", "a parameter of a material is the default", clause="5.4.2", value=p["parameter_id"])
 
 
 def needed_groups(stream: Stream) -> list[list[int]]:
@@ -88,9 +113,15 @@ def check_appearance(stream: Stream) -> None:
 
 
 def parameter_values(material: Material) -> list[dict]:
-    """Syntax values of a material's parameters (5.4.2), in the order of their numbers."""
-    named = sorted((PARAMETER_BY_NAME[name].number, value) for name, value in material.parameters.items())
-    return [{"parameter_id": number, "parameter_value": [float(v) for v in value]} for number, value in named]
+    """Syntax values of a material's parameters (5.4.2), in the order of their numbers; those that are the default in binary32 are
+    left out. Raises InputError."""
+    named = [(p, binary32(material.parameters[p.name])) for p in PARAMETERS if p.name in material.parameters]
+    named = [(parameter, value) for parameter, value in named if value != parameter.default]
+    for parameter, value in named:
+        if len(value) != parameter.count or not all(map(math.isfinite, value)):
+            raise InputError("TXF-I14", f"{parameter.name} of a material is not {parameter.count} finite numbers",
+                             value=list(value), material=material.name)
+    return [{"parameter_id": parameter.number, "parameter_value": list(value)} for parameter, value in named]
 
 
 def channel_bits(material: Material) -> int:

@@ -10,7 +10,7 @@ from ..codecs import codec_of_unit
 from ..errors import LimitError, StreamError, SupportError
 from ..ground.walk import Reader, read_structure, write_structure
 from ..support.layout import octree_depth
-from .appearance import check_appearance, check_groups, check_material, needed_groups
+from .appearance import check_appearance, check_groups, check_level_shift, check_material, needed_groups
 from .syntax import (
     ATTRIBUTE,
     SIGNATURE,
@@ -109,20 +109,23 @@ def _read_attribute(reader, stream, trace):
     values.update(attribute_variables(stream, values))
     codec = codec_of_unit(values)
     values["offset"] = reader.base + reader.position
+    check_level_shift(values, stream.header["channel_groups"], _most_levels(codec, stream.fields[values["field_index"]]))
     codec.read_parameters(reader, values, trace)
     codec.check(values)
-    if values["level_shift"] > octree_depth(cells_a_side(stream.fields[values["field_index"]])) * (not codec.joint):
-        raise StreamError("TXF-S04", "level_shift is out of range", clause="5.7", offset=values["offset"],
-                          value=values["level_shift"])
     if codec.joint and any(field["support"] == SUPPORT_TEXELS for field in stream.fields):
         raise StreamError("TXF-S13", "a unit of all fields together, in a stream with a field over texels", clause="5.7",
                           offset=values["offset"], value=values["codec_id"])
     return values
 
 
+def _most_levels(codec, field):
+    """How many levels the plane of a unit may be coarser than its field: as many as this has, none where it holds all fields."""
+    return 0 if codec.joint else octree_depth(cells_a_side(field))
+
+
 def _check_materials_fit(count, reader):
-    """Each material takes at least three bytes; refuses a count that cannot be true before anything is built from it."""
-    if 3 * count > reader.end - reader.position:
+    """Each material takes at least five bytes; refuses a count that cannot be true before anything is built from it."""
+    if 5 * count > reader.end - reader.position:
         raise StreamError("TXF-S02", "the data end inside materials", clause="5.4", value=count)
 
 

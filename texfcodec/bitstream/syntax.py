@@ -29,6 +29,8 @@ UNIT_NAMES = {
     UNIT_SHARP_EDGES: "sharp_edges",
 }
 
+MAX_GROUPS = len(CHANNELS)
+
 CHANNEL_GROUP = Structure("channel_group", "5.3.1", (
     E("num_semantics", "u8", 1, 3),
     E("group_semantics", "u8", 0, len(CHANNELS) - 1, count="num_semantics"),
@@ -46,7 +48,7 @@ SEQUENCE_HEADER = Structure("sequence_header", "5.3", (
     E("num_fields", "v", 0, 256),
     E("num_geometry_units", "v", 0, 1 << 24),
     E("effects", "u64", 0, (1 << len(EFFECTS)) - 1),
-    E("num_channel_groups", "u8", 1, len(CHANNELS)),
+    E("num_channel_groups", "u8", 1, MAX_GROUPS),
     E("channel_groups", CHANNEL_GROUP, count="num_channel_groups"),
 ))
 
@@ -107,7 +109,7 @@ GEOMETRY = Structure("geometry", "5.6", (
 
 ATTRIBUTE = Structure("attribute", "5.7", (
     E("field_index", "v", 0),
-    E("group_index", "u8", 0, len(CHANNELS) - 1),
+    E("group_index", "u8", 0, MAX_GROUPS - 1),
     E("codec_id", "u8"),
     E("codec_name_length", "u8", 1, when=("codec_id >= 192", lambda v: v["codec_id"] >= PRIVATE_IDS[0])),
     E("codec_name", "utf8", count="codec_name_length",

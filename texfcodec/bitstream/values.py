@@ -16,7 +16,7 @@ from ..effects import effects_mask
 from ..support.keyed import keys_crc
 from ..support.texels import TexelSupport
 from ..support.voxels import VoxelSupport
-from .appearance import channel_bits, parameter_values
+from .appearance import channel_bits, material_of, parameter_values
 from .syntax import SUPPORT_TEXELS, SUPPORT_VOXELS, VERSION
 
 if TYPE_CHECKING:
@@ -27,26 +27,28 @@ if TYPE_CHECKING:
 
 
 def header_values(materials: list[Material], surface: Surface, geometry: list, num_fields: int, groups: Sequence[Group]) -> dict:
-    """Values of the sequence header (spec 5.3). materials: of the stream; groups: those
-    that are coded."""
+    """Values of the sequence header (spec 5.3). materials: of the stream; groups: those that are coded. Raises InputError."""
+    effects = effects_mask(material_of(material_values(material)) for material in materials)  # of what a decoder will see
     return {
         "version": VERSION, "position_bits": surface.cube.position_bits, "origin": surface.cube.origin, "side": surface.cube.side,
         "num_vertices": sum(g["unit_vertices"] for g in geometry), "num_faces": len(surface.faces),
         "num_materials": len(materials), "num_fields": num_fields,
-        "num_geometry_units": len(geometry), "effects": effects_mask(materials), "num_channel_groups": len(groups),
+        "num_geometry_units": len(geometry), "effects": effects, "num_channel_groups": len(groups),
         "channel_groups": [group_values(g.channels, g.grey) for g in groups],
     }
 
 
 def material_values(material: Material, rule: NormalRule) -> dict:
-    """Values of one material (spec 5.4.1). rule: of its shading normals, which those without light have no use for."""
+    """Values of one material (spec 5.4.1). rule: of its shading normals, which those without light have no use for. Raises
+    InputError."""
     name = material.name.encode("utf-8", "replace")[:65535].decode("utf-8", "ignore")
+    parameters = parameter_values(material)
     cutoff = round(min(max(material.alpha_cutoff, 0.0), 1.0) * 65535)
     return {"name_length": len(name.encode("utf-8")), "material_name": name, "alpha_mode": material.alpha_mode,
             "alpha_cutoff": cutoff if material.alpha_mode == ALPHA_MASK else None,
             "material_flags": int(material.double_sided) | int(material.unlit) << 1, "normal_rule": rule.code,
-            "normal_angle": rule.angle, "material_channels": channel_bits(material),
-            "num_parameters": len(material.parameters), "parameters": parameter_values(material)}
+            "normal_angle": rule.angle, "material_channels": channel_bits(material), "num_parameters": len(parameters),
+            "parameters": parameters}
 
 
 def field_values(number: int, support: VoxelSupport | TexelSupport, threshold: int) -> dict:

@@ -49,7 +49,8 @@ class Group(NamedTuple):
         if self.grey:
             return {self.channels[0].name: np.repeat(values, self.channels[0].components, axis=1)}
         ends = np.cumsum([channel.components for channel in self.channels]).tolist()
-        return {c.name: values[:, end - c.components : end] for c, end in zip(self.channels, ends, strict=True)}
+        return {c.name: np.ascontiguousarray(values[:, end - c.components : end])
+                for c, end in zip(self.channels, ends, strict=True)}
 
 
 class Source(NamedTuple):

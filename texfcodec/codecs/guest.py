@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from ..support.voxels import VoxelSupport
 
 # What an attribute unit says itself (5.7), and what inspect() does: names that a stranger's table and describe() leave alone.
-UNIT = {"field_index", "group_index", "codec_id", "codec_name_length", "codec_name", "values_crc", "resolution",
+UNIT = {"field_index", "group_index", "codec_id", "codec_name_length", "codec_name", "level_shift", "values_crc", "resolution",
         "NumComponents", "NumOutputs", "num_fields", "Planar", "offset"}
-INSPECTED = {"field_index", "group_index", "semantic", "components", "codec_id", "codec", "bytes"}
+INSPECTED = {"field_index", "group_index", "semantic", "components", "level_shift", "codec_id", "codec", "bytes"}
 NAME_BYTES = 255  # codec_name_length is a u8
 ARRAY = "codec."  # before the names of a stranger's arrays, which are not to meet those of an answer
 # What a class may say of itself.

@@ -8,7 +8,7 @@ from .structure import V_MAX, Derived, Element, Structure
 
 _FIXED = {"u8": "<B", "u16": "<H", "u32": "<I", "i8": "<b", "u64": "<Q", "i32": "<i", "f32": "<f", "f64": "<d"}
 
-_REALS = {"f32": 3e38, "f64": 1e300}  # largest of a real number
+_REALS = {"f32": (2 - 2**-23) * 2.0**127, "f64": 1e300}  # largest magnitude of a real number
 
 
 def write_v(value: int) -> bytes:

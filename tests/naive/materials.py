@@ -1,0 +1,95 @@
+"""Clauses 5.3.1, 5.3.2, 5.4 and the last part of 5.7 in plain Python: channel groups, materials, what each field needs."""
+
+import struct
+
+from naive.bits import require
+
+# Semantic -> components, of 5.3.1; those that may be grey.
+COMPONENTS = (3, 1, 2, 3, 1, 1, 1, 3, 1, 1, 2, 3, 3, 1, 1, 3, 1, 1, 1, 1, 3, 1, 3)
+COLOURED = {0, 7, 12, 15, 22}
+EVERYWHERE = {0, 1}  # base colour and alpha
+OVER_VOXELS = {2: 3, 10: 11}  # what a channel over voxels stands for over texels
+NAMEABLE = sum(1 << semantic for semantic in range(23) if semantic not in (0, 1, 3, 11))
+NORMAL, OCCLUSION, CLEARCOAT_NORMAL, SPECULAR, SPECULAR_COLOUR = 2, 4, 10, 14, 15
+
+# parameter_id -> values where it is not there, of 5.4.2.
+DEFAULTS = [
+    [1], [1], [1], [1], [0, 0, 0], [1], [0], [0], [1], [0, 0, 0], [0], [1], [1, 1, 1], [0], [0], [float("inf")], [1, 1, 1], [0],
+    list(struct.unpack("<f", struct.pack("<f", 1.3))), [100], [400], [0], [0], [0], [1, 1, 1], [1.5], [0],
+]
+
+
+def read_channel_group(reader):
+    """Clause 5.3.1; possible: the numbers of components that its semantics allow."""
+    semantics = [reader.u8("group_semantics", 0, 22) for _ in range(reader.u8("num_semantics", 1, 3))]
+    grey = {1} if len(semantics) == 1 and semantics[0] in COLOURED else set()
+    return {"semantics": semantics, "components": reader.u8("group_components", 1, 3),
+            "possible": grey | {sum(COMPONENTS[semantic] for semantic in semantics)}}
+
+
+def read_material(reader):
+    """Clauses 5.4.1 and 5.4.2."""
+    material = {"name": reader.utf8(reader.v("name_length", high=65535), "material_name")}
+    material["alpha_mode"] = reader.u8("alpha_mode", 0, 2)
+    if material["alpha_mode"] == 1:
+        material["alpha_cutoff"] = reader.u16("alpha_cutoff")
+    material["flags"] = reader.u8("material_flags", 0, 3)
+    named = reader.v("material_channels", high=2**23 - 1)
+    require(named & ~NAMEABLE == 0, f"material_channels is {named:#x}")
+    material["channels"] = {semantic for semantic in range(23) if named >> semantic & 1}
+    material["parameters"], last = {}, -1
+    for _ in range(reader.u8("num_parameters", 0, len(DEFAULTS))):
+        number = reader.u8("parameter_id", 0, len(DEFAULTS) - 1)
+        value = [reader.f32("parameter_value") for _ in DEFAULTS[number]]
+        require(number > last, "parameter_id does not grow")
+        require(value != DEFAULTS[number], f"parameter {number} is the default")
+        material["parameters"][number], last = value, number
+    return material
+
+
+def effects_of(material):
+    """Clause 5.3.2: the bits that a material sets."""
+    value = lambda number: material["parameters"].get(number, DEFAULTS[number])
+    above = lambda number: max(value(number)) > 0
+    mapped = lambda semantic, scale: semantic in material["channels"] and value(scale) != [0]
+    lit = material["flags"] & 2 == 0
+    of_light = (
+        (0, True), (4, above(3)), (5, mapped(NORMAL, 0)), (6, mapped(OCCLUSION, 1)), (7, above(4) and above(5)), (8, above(6)),
+        (9, above(6) and mapped(CLEARCOAT_NORMAL, 8)), (10, above(9)),
+        (11, {11, 12} & material["parameters"].keys() or {SPECULAR, SPECULAR_COLOUR} & material["channels"]), (12, above(13)),
+        (13, above(14)), (14, above(17)), (15, above(21)), (16, above(23)), (17, above(14) and above(26)),
+        (18, 25 in material["parameters"]),
+    )
+    always = ((1, material["alpha_mode"] == 1), (2, material["alpha_mode"] == 2), (3, material["flags"] & 1))
+    return {bit for bit, on in always if on} | {bit for bit, on in of_light if lit and on}
+
+
+def channels_on(material, support):
+    """Clause 5.3.1: semantics of the channels that faces of a material have in a field over voxels (0) or texels."""
+    return {OVER_VOXELS.get(semantic, semantic) if support == 0 else semantic for semantic in material["channels"]}
+
+
+def named_by_field(materials, fields, geometry):
+    """Semantics that the materials of each field's faces name."""
+    named = [set() for _ in fields]
+    for unit in geometry:
+        number = unit["field_index"]
+        named[number] |= channels_on(materials[unit["material_index"]], fields[number]["support"])
+    return named
+
+
+def needed_groups(header, materials, fields, geometry):
+    """Clause 5.7: the pairs (field_index, group_index) that have an attribute unit, in order."""
+    groups = [set(group["semantics"]) for group in header["channel_groups"]]
+    named = named_by_field(materials, fields, geometry)
+    return [(i, g) for i, mine in enumerate(named) for g, group in enumerate(groups) if group & (mine | EVERYWHERE)]
+
+
+def check_appearance(header, materials, fields, geometry):
+    """Clauses 5.3.1, 5.3.2 and 5.4.1: channels that are named are there, others are not; effects are those of the materials."""
+    there = {semantic for group in header["channel_groups"] for semantic in group["semantics"]}
+    named = set().union(*named_by_field(materials, fields, geometry))
+    require(named <= there, f"materials name the channels {sorted(named - there)}, which no group holds")
+    require(not fields or there <= named | EVERYWHERE, f"nobody names the channels {sorted(there - named - EVERYWHERE)}")
+    bits = set().union(*map(effects_of, materials))
+    require(header["effects"] == sum(1 << bit for bit in bits), f"effects are {header['effects']:#x}, not bits {sorted(bits)}")

@@ -1,0 +1,95 @@
+"""What titles and clauses of good conformance vectors promise of whole materials; vectors_claims.py reads them."""
+
+import numpy as np
+
+from texfcodec.bitstream.appearance import material_of
+from texfcodec.bitstream.syntax import SUPPORT_TEXELS
+from texfcodec.channels import BY_NAME, CHANNELS, LARGEST, MAPS, PARAMETERS
+from texfcodec.effects import EFFECTS, in_words
+
+NORMALS = {"texels": "normal", "voxels": "normal_object"}
+
+
+def groups_of(case):
+    """By group: names of its channels, joined by +."""
+    return [" + ".join(channel.name for channel in group.channels) for group in case.texf.groups]
+
+
+def materials_of(case):
+    """Materials that are as they were read, those of no face too."""
+    return [material_of(values) for values in case.stream.materials]
+
+
+def has_every_channel(case, where):
+    """All channels that a field on such a support may have are there, of one field on such a support."""
+    wanted = {c.name for c in CHANNELS if c.over in ("", where) and c.name != "alpha"}
+    (field,) = case.texf.fields
+    return field.planes.keys() == wanted and field.over_texels == (where == "texels")
+
+
+def lacks_maps(case, number):
+    """It is the last field; no material of its faces names a map, and those of all fields before it do."""
+    mapped = [{m for u in case.texf.units if u.field == n for m in case.texf.materials[u.material].maps}
+              for n in range(len(case.texf.fields))]
+    return len(mapped) == number + 1 and not mapped[number] and all(mapped[:number])
+
+
+def numbers_of(case):
+    """Every value of every parameter."""
+    return [v for m in materials_of(case) for value in m.parameters.values() for v in value]
+
+
+def is_shifted(case, levels):
+    """A plane is so many levels coarser than its field, and has as many values as there are cells."""
+    units = [u for u in case.stream.attributes if u["level_shift"] == levels]
+    channels = [(case.texf.fields[u["field_index"]], c) for u in units for c in case.texf.groups[u["group_index"]].channels]
+    counts = lambda field: len(np.unique(field.keys >> 3 * levels))
+    return bool(units) and all(len(field.planes[c.name]) == counts(field) < len(field.keys) for field, c in channels)
+
+
+def idle_names(case):
+    """Channels that materials of no face name and no group holds."""
+    there, seen = {c.name.removesuffix("_object") for c in case.texf.channels}, {u.material for u in case.texf.units}
+    return {name for n, m in enumerate(materials_of(case)) if n not in seen for name in m.maps} - there
+
+
+def is_grey(case, name):
+    """The group of a channel has one component, which stands for three."""
+    at = groups_of(case).index(name)
+    planes = [field.planes[name] for field in case.texf.fields if name in field.planes]
+    return case.header["channel_groups"][at]["group_components"] == 1 and BY_NAME[name].components == 3 \
+        and all((plane == plane[:, :1]).all() and len(np.unique(plane)) > 1 for plane in planes)
+
+
+# Phrase (all of it, case ignored) -> predicate of the Case of vectors_claims.py and the phrase's groups.
+MATERIALS = {
+    r"maps of occlusion, roughness and metallic": lambda c: {"occlusion", "roughness", "metallic"} == {
+        name for m in materials_of(c) for name in m.maps} and c.header["effects"] & 1 << 6,
+    r"every channel that (texels|voxels) may have": has_every_channel,
+    r"a group of ([a-z_+ ]+)": lambda c, names: names in groups_of(c),
+    r"groups of ([a-z_+ ]+) and of ([a-z_+ ]+)": lambda c, one, other: {one, other} < {*groups_of(c)},
+    r"groups of maps before base colour": lambda c: groups_of(c)[-1] == "base_colour" != groups_of(c)[0],
+    r"grey ([a-z_]+)": is_grey,
+    r"three fields": lambda c: len(c.stream.fields) == 3,
+    r"the (second|third) without maps": lambda c, which: lacks_maps(c, {"second": 1, "third": 2}[which]),
+    r"normals over texels and over voxels": lambda c: {*NORMALS.values()} <= {channel.name for channel in c.texf.channels}
+        and {f["support"] == SUPPORT_TEXELS for f in c.stream.fields} == {True, False},
+    r"a group whose channels are those of two materials": lambda c: any(
+        len(g.channels) > 1 and not any({ch.name for ch in g.channels} <= m.maps.keys() for m in materials_of(c))
+        for g in c.texf.groups),
+    r"a material of no face names a channel that no group holds": lambda c: bool(idle_names(c)),
+    r"level_shift (\d+)": lambda c, n: is_shifted(c, int(n)),
+    r"maps that are constant": lambda c: bool(c.constant) and not any(
+        c.semantics[u["group_index"]] < 2 for u in c.constant),
+    r"every parameter": lambda c: any(m.parameters.keys() == {p.name for p in PARAMETERS} for m in materials_of(c)),
+    r"the largest and the least number of binary32": lambda c: {LARGEST, -LARGEST, 2.0**-149} <= {*numbers_of(c)},
+    r"every effect": lambda c: len(in_words(c.header["effects"])) == len(EFFECTS),
+    r"no effect": lambda c: c.header["effects"] == 0,
+    r"an unlit material with maps": lambda c: any(m.unlit and m.maps for m in c.texf.materials),
+    r"nine outputs": lambda c: c.neural["NumOutputs"] == 9,
+}
+# Clause -> what a vector that lists it has to hold.
+MATERIAL_CLAUSES = {
+    "5.4.2": lambda c: any(m.parameters for m in materials_of(c)),
+}
+assert len(MAPS) == len(CHANNELS) - 4  # base colour, alpha and the channels over voxels are no maps of a material

@@ -60,9 +60,9 @@ class Field:
 class Texf:
     """What decode() returns. cube: the canonical cube; units, fields, materials: see their classes (materials keep alpha mode,
     cutoff, sidedness; their colour is in the fields); metadata: dict that travelled along; channels: those that were coded;
-    skipped: unknown ancillary units that were passed over; sharp_edges: bool over the edges that are marked or not (spec 8.4.2), None
-    without marks; codec, evaluators: where points ask evaluators and not the voxels, the
-    codec that made them and one for each field (codecs.codec.JointCodec)."""
+    skipped: unknown ancillary units that were passed over; sharp_edges: bool over the edges that have a mark (spec 8.4.2), None
+    without marks; codec, evaluators: where points ask evaluators and not the voxels, the codec that made them and one for each
+    field (codecs.codec.JointCodec)."""
 
     cube: CanonicalCube
     units: list

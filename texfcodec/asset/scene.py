@@ -26,8 +26,8 @@ class Texture:
 
 @dataclass
 class Material:
-    """factor: float64 [4] linear RGBA multiplier (glTF baseColorFactor); texture: index into Scene.textures or -1; normals: the rule
-    of a decoded one's shading normals, which the encoder chooses."""
+    """factor: float64 [4] linear RGBA multiplier (glTF baseColorFactor); texture: index into Scene.textures or -1; normals: the
+    rule of a decoded one's shading normals, which the encoder chooses."""
 
     name: str = ""
     factor: np.ndarray = field(default_factory=lambda: np.ones(4))
@@ -46,8 +46,8 @@ class Scene:
     positions: float64 [V, 3]; faces: int64 [F, 3] into positions; face_material: int64 [F] into materials.
     corner_uv: float64 [F, 3, 2], texture transform already applied, v downwards (glTF); zeros where unused.
     corner_color: float32 [F, 3, 4] linear RGBA multiplier, or None where no face has vertex colours.
-    corner_normal: float32 [F, 3, 3] shading normals of length 1, or None where the file says nothing of them; flat: what that means
-    then, faces that are shaded flat (glTF), or smooth ones (all other formats).
+    corner_normal: float32 [F, 3, 3] shading normals of length 1, or None where the file says nothing of them; flat: what that
+    means then, faces that are shaded flat (glTF), or smooth ones (all other formats).
     corner_tangent: float32 [F, 3, 4] of glTF's TANGENT, zero where there is none, or None.
     metadata: JSON-able dict (names, extras) that travels opaquely.
     warnings / dropped: one sentence each / names of the maps and properties that are not coded.

@@ -33,8 +33,9 @@ def header_values(scene: Scene, surface: Surface, geometry: list, num_fields: in
     }
 
 
-def material_values(material: Material, rule: NormalRule) -> dict:
-    """Values of one material (spec 5.4.1). rule: of its shading normals, which those without light have no use for."""
+def material_values(material: Material, rule: NormalRule | None = None) -> dict:
+    """Values of one material (spec 5.4.1). rule: of its shading normals, None for the material's own."""
+    rule = material.normals if rule is None else rule
     name = material.name.encode("utf-8", "replace")[:65535].decode("utf-8", "ignore")
     cutoff = round(min(max(material.alpha_cutoff, 0.0), 1.0) * 65535)
     return {"name_length": len(name.encode("utf-8")), "material_name": name, "alpha_mode": material.alpha_mode,

@@ -45,6 +45,8 @@ def arrays(data, lod=0, threads=0):
     """Clause 9: {array name: bytes} of a stream. Raises TexfError."""
     texf = decode(data, DecodeOptions(lod=lod, threads=threads))
     files = {"geometry": geometry_rows(texf.units).astype("<i8").tobytes()}
+    if texf.sharp_edges is not None:
+        files["sharp_edges"] = texf.sharp_edges.tobytes()
     for i, field in enumerate(texf.fields):
         files[f"field{i}_keys"] = field.keys.astype("<i8").tobytes()
         if field.over_texels:

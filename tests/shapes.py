@@ -75,3 +75,21 @@ def triangles_of(texf):
     corners = np.sort(packed[texf.faces], axis=1)
     rows = np.column_stack([texf.face_material, corners])
     return rows[np.lexsort(rows.T[::-1])]
+
+
+def hand(rings=64, fingers=((0.0, 0.15), (0.35, 0.08), (0.7, 0.05), (1.05, 0.08), (1.9, 0.2))):
+    """A smooth closed model with five fingers, without texture: (positions [V, 3], faces [F, 3], unit normals [V, 3]).
+
+    A ball that bulges towards each of the fingers, (angle in the palm's plane, lift out of it); the normals are exact.
+    """
+    directions, faces = sphere(rings)
+    angles, lift = np.array(fingers).T
+    towards = np.stack([np.cos(angles), np.sin(angles), lift], axis=1)
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    bulges = 1.6 * np.exp(28.0 * (directions @ towards.T - 1.0))
+    radius = 1.0 + bulges.sum(axis=1)
+    # f(x) = |x| - r(x / |x|): its gradient is d - (slope of r along the ball) / r
+    slope = 28.0 * bulges @ towards
+    along = slope - (slope * directions).sum(axis=1, keepdims=True) * directions
+    normals = directions - along / radius[:, None]
+    return directions * radius[:, None], faces, normals / np.linalg.norm(normals, axis=1, keepdims=True)

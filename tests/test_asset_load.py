@@ -252,7 +252,7 @@ def test_material_properties_are_kept_and_the_rest_is_named_once(loaded):
     assert material.factor.tolist() == [0.5, 0.25, 1, 0.75] and material.name == "bottle"
     assert (material.alpha_mode, material.alpha_cutoff, material.double_sided, material.unlit) == (ALPHA_MASK, 0.25, True, True)
     assert sorted(scene.dropped) == sorted([
-        "NORMAL", "_HEAT", "normalTexture of material 'bottle'", "metallicRoughnessTexture of material 'bottle'",
+        "_HEAT", "normalTexture of material 'bottle'", "metallicRoughnessTexture of material 'bottle'",
         "emissiveFactor of material 'bottle'", "extension KHR_materials_clearcoat of material 'bottle'",
         "KHR_materials_clearcoat.clearcoatTexture of material 'bottle'", "material 'spare' (not used)", "skin", "cameras",
         "animation 'walk'", "KHR_lights_punctual"])
@@ -562,7 +562,7 @@ def test_obj_with_materials_polygons_and_negative_indices(obj):
     assert paint.factor.tolist() == [0.5, 0.25, 1, 0.5] and paint.alpha_mode == ALPHA_BLEND and paint.name == "paint"
     assert plain.factor.tolist() == [0, 0, 1, 1] and plain.texture == -1
     assert scene.textures[0].wrap == (WRAP_CLAMP, WRAP_CLAMP) and scene.textures[0].name == "my tex.png"
-    assert scene.dropped == ["NORMAL", "OBJ statement 'l'", "Ns of material 'paint'", "map_Bump of material 'paint'"]
+    assert scene.dropped == ["OBJ statement 'l'", "Ns of material 'paint'", "map_Bump of material 'paint'"]
     assert scene.metadata == {"objects": ["thing"]}
 
 

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from texfcodec.asset.normals import corner_normals
 from texfcodec.asset.save import atlas as atlas_room
 from texfcodec.asset.save import files as save_room
 from texfcodec.asset.save.appearance import linear_u16
@@ -83,6 +84,7 @@ def decoded(positions, faces, **changes):
     )  # fmt: skip
     texf.query = lambda points, face_index=None: smooth_colour((points - texf.origin) / (texf.side or 1.0))
     texf.voxels = lambda: voxel_arrays(texf)
+    texf.shading_normals = lambda: corner_normals(texf.lattice_positions, texf.faces)
     for name, value in changes.items():
         setattr(texf, name, value)
     return texf

@@ -265,8 +265,10 @@ def small_stream(fields=2):
     header = {"version": 0, "position_bits": 14, "origin": [0.5, -1.0, 2.0], "side": 3.25, "num_vertices": 5 * fields,
               "num_faces": 4 * fields, "num_materials": 2, "num_fields": fields, "num_geometry_units": fields,
               "effects": 0b11011, "num_channel_groups": 2, "channel_groups": GROUPS}
-    materials = [{"name_length": 2, "material_name": "é", "alpha_mode": 1, "alpha_cutoff": 9, "material_flags": 3, **NO_MAPS},
-                 {"name_length": 0, "material_name": "", "alpha_mode": 0, "alpha_cutoff": None, "material_flags": 0, **NO_MAPS}]
+    materials = [{"name_length": 2, "material_name": "é", "alpha_mode": 1, "alpha_cutoff": 9, "material_flags": 3,
+                  "normal_rule": None, "normal_angle": None, **NO_MAPS},
+                 {"name_length": 0, "material_name": "", "alpha_mode": 0, "alpha_cutoff": None, "material_flags": 0,
+                  "normal_rule": 4, "normal_angle": 30, **NO_MAPS}]
     return Stream(
         header, materials,
         [{"field_index": i, **(OVER_TEXELS if i % 2 else OVER_VOXELS), "num_keys": 30, "keys_crc": 1} for i in range(fields)],

@@ -119,7 +119,9 @@ def test_what_is_not_carried_is_named(scene_of):
     effect = "<specular><color>0.5 0.5 0.5 1</color></specular>"
     scene = scene_of(surface=TRIANGLES.format(inputs=inputs, indices="0 1 2 0 2 3"), more=more, effect=effect,
                      diffuse="<color>1 1 1 1</color>")
-    assert {"NORMAL", "lights", "cameras", "specular of material 'paint'"} <= set(scene.dropped)
+    assert {"lights", "cameras", "specular of material 'paint'"} <= set(scene.dropped) and "NORMAL" not in scene.dropped
+    corners = scene.positions[scene.faces]  # which are its normals too
+    np.testing.assert_allclose(scene.corner_normal[0, 1], corners[0, 1] / np.linalg.norm(corners[0, 1]), atol=1e-6)
 
 
 def test_missing_textures_and_lines(scene_of, tmp_path):

@@ -137,7 +137,8 @@ def _texf(facts, arrays, threads, limits=_USUAL):
 
 def _pack_appearance(texf):
     """What _appearance() reads: uint8 [n]."""
-    groups, materials = [group_values(g.channels, g.grey) for g in texf.groups], [material_values(m, m.normals) for m in texf.materials]
+    groups = [group_values(g.channels, g.grey) for g in texf.groups]
+    materials = [material_values(m) for m in texf.materials]
     return np.frombuffer(write_structure(APPEARANCE, {"num_channel_groups": len(groups), "channel_groups": groups,
                                                       "num_materials": len(materials), "materials": materials}), np.uint8)
 

@@ -72,9 +72,8 @@ class Field:
 class Texf:
     """What decode() returns. cube: the canonical cube; units, fields, materials: see their classes (the base colour of materials is
     in the fields); metadata: dict that travelled along; groups: the channel groups; skipped: unknown ancillary units that were
-    passed over; sharp_edges: bool over the edges that are marked or not (spec 8.4.2), None without marks; codec, evaluators: where
-    points ask evaluators and not the voxels, the
-    codec that made them and one for each field (codecs.codec.JointCodec)."""
+    passed over; sharp_edges: bool over the edges that have a mark (spec 8.4.2), None without marks; codec, evaluators: where
+    points ask evaluators and not the voxels, the codec that made them and one for each field (codecs.codec.JointCodec)."""
 
     cube: CanonicalCube
     units: list

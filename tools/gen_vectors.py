@@ -19,6 +19,7 @@ import vectors_filter  # noqa: E402
 import vectors_materials  # noqa: E402
 import vectors_materials_faulty  # noqa: E402
 import vectors_neural  # noqa: E402
+import vectors_normals  # noqa: E402
 import vectors_planar  # noqa: E402
 import vectors_texels  # noqa: E402
 import vectors_texels_faulty  # noqa: E402
@@ -58,6 +59,7 @@ header, and no others:
 | `geometry.bin` | 64-bit rows (field, material, nine lattice coordinates) of all triangles, canonical as in clause 9 |
 | `field{{i}}_keys.bin` | 64-bit Morton keys of field i, ascending |
 | `field{{i}}_uv.bin` | only where field i is over texels: 64-bit rows of its triangles with UVs, as in clause 9 |
+| `sharp_edges.bin` | only where there is such a unit: one byte, 0 or 1, for every edge, in the order of clause 8.4.2 |
 | `field{{i}}_group{{g}}_values.bin` | one byte per component, voxel after voxel or texel after texel, of channel group g |
 
 It exits with 0, or refuses: 3 the stream is invalid, 5 it is not supported, 6 it is over one of the decoder's limits. A stream of
@@ -102,8 +104,16 @@ def features(vector):
                                                                  "slices": [a.get("NumSlices") for a in attributes]}),
         **({"constant": values} if any(values := [a.get("plane_value") for a in attributes]) else {}),
         **({"filters": [a.get("num_filters") for a in attributes]} if any(a.get("filters") for a in attributes) else {}),
+        **({"normals": rules} if (rules := normal_features(stream)) else {}),
         "metadata": stream.metadata is not None, "skipped_units": len(stream.skipped),
     }
+
+
+def normal_features(stream):
+    """Rules of shading normals other than the usual one, and marks of edges."""
+    rules = [[m["normal_rule"], m["normal_angle"]] for m in stream.materials]
+    marks = {"edges": stream.sharp_edges["num_edges"]} if stream.sharp_edges else {}
+    return {"rules": rules, **marks} if any(rule not in ([0, 45], [None, None]) for rule in rules) else {}
 
 
 def texel_features(stream):
@@ -211,9 +221,9 @@ def every_vector():
     """All vectors, in the order of README.md."""
     good = [subset(), vectors_constant.subset(), vectors_neural.subset(), vectors_texels.subset(), vectors_materials.subset(),
             uncommon(), vectors_filter.uncommon(), vectors_constant.uncommon(), vectors_neural.uncommon(),
-            vectors_texels.uncommon(), vectors_planar.uncommon(), vectors_materials.uncommon()]
+            vectors_texels.uncommon(), vectors_planar.uncommon(), vectors_materials.uncommon(), vectors_normals.uncommon()]
     bad = [faulty(), vectors_filter.faulty(), vectors_constant.faulty(), vectors_neural.faulty(), vectors_texels_faulty.faulty(),
-           vectors_planar.faulty(), vectors_materials_faulty.faulty()]
+           vectors_planar.faulty(), vectors_materials_faulty.faulty(), vectors_normals.faulty()]
     return [vector for part in (*good, *bad) for vector in part]
 
 

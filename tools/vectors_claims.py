@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 from vectors_claims_materials import MATERIAL_CLAUSES, MATERIALS
+from vectors_claims_normals import NORMALS, NORMALS_CLAUSES
 from vectors_claims_planar import PLANAR, PLANAR_CLAUSES
 from vectors_claims_texels import TEXELS
 from vectors_good import parsed, units_of, values_of
@@ -346,7 +347,7 @@ NEURAL = {
     r"all codes -8": lambda c: set(neural_codes(c).ravel().tolist()) == {-8},
     r"a short codeword": lambda c: len(c.codewords) * 8 < neural_codes(c).size,
 }
-PROMISES = HEADER_AND_FIELDS | CODEWORDS | RAHT | FILTERS | TEXELS | PLANAR | CONSTANT | NEURAL | MATERIALS
+PROMISES = HEADER_AND_FIELDS | CODEWORDS | RAHT | FILTERS | TEXELS | PLANAR | CONSTANT | NEURAL | MATERIALS | NORMALS
 # What a scene looks like, and limits that a scene was built to lie on: nothing that the stream says.
 UNSEEN = ("a ribbon", "one inside the other", "areas and heights exactly on a limit", "one colour but for a few spots")
 # Clause -> what a vector that lists it has to hold, for the tools that a stream may do without.
@@ -370,7 +371,7 @@ CLAUSES = {
     "7.8.2": lambda c: any(u["colour_transform"] == 1 for u in c.raht),
     "7.9": lambda c: c.each(lambda u: u["residual"] > 0),
     "11.9": lambda c: c.neural["form"] == FORM_TRANSPORT,
-} | PLANAR_CLAUSES | MATERIAL_CLAUSES
+} | PLANAR_CLAUSES | MATERIAL_CLAUSES | NORMALS_CLAUSES
 
 
 def phrases_of(title):

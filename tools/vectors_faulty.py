@@ -166,7 +166,7 @@ def framing():
         ("trailing_byte", "a byte after the end unit", "5.1", base + b"\0", "TXF-S08"),
         ("trailing_unit", "a unit after the end unit", "5.1", base + write_unit(STRANGER, b""), "TXF-S08"),
         *((f"crc_{UNIT_NAMES[kind]}", f"a flipped bit in a unit of type {kind}", "5.2", flipped(base, kind), "TXF-S03")
-          for kind in UNIT_NAMES),
+          for kind in (H, M, F, G, A, E, UNIT_METADATA)),
         ("crc_unknown", "a flipped bit in an unknown ancillary unit", "5.2", flipped(strange, STRANGER), "TXF-S03"),
         ("no_header", "the first unit is not the sequence header", "5.2", with_units(base, lambda units: units.pop(0)),
          "TXF-S07"),

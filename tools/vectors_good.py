@@ -197,7 +197,7 @@ def with_strange_units():
     """Ancillary units of unknown types, one of them empty, and metadata before the materials."""
     units = units_of(encoded(scene_of(*torus(12, 6)), resolution=14, qp=36))
     metadata = (UNIT_METADATA, b"\0" + '{"name":"Würfel"}'.encode())
-    return stream_of([units[0], metadata, (200, b"what a later version has to say"), *units[1:3], (129, b""), *units[3:-1],
+    return stream_of([units[0], metadata, (200, b"what a later version has to say"), *units[1:3], (199, b""), *units[3:-1],
                       (255, bytes(range(256))), units[-1]])
 
 

@@ -18,6 +18,7 @@ if __package__ in (None, ""):  # run as a command: this folder's own modules are
 
 from naive.attributes import decode_values
 from naive.bits import Invalid, Unsupported, require, units_of
+from naive.edges import decode_marks
 from naive.neural import Neural, coarse_values, latent_keys
 from naive.syntax import CONSTANT, NEURAL, TEXELS, read_stream
 from naive.texels import asked_texels, whole_number
@@ -32,6 +33,7 @@ def decode(data, lod=0):
     stream = read_stream(units_of(data))
     header, attributes = stream["header"], stream["attributes"]
     units = [decode_geometry(unit, header["position_bits"]) for unit in stream["geometry"]]
+    marks = decode_marks(stream["sharp_edges"], units, stream["materials"]) if stream["sharp_edges"] else None
     triangles = [triangles_of_field(units, index) for index in range(len(stream["fields"]))]
     keys = [field_keys(field, index, units, header["position_bits"]) for index, field in enumerate(stream["fields"])]
     neural = None
@@ -49,7 +51,7 @@ def decode(data, lod=0):
         fields.append({"resolution": -(-field["resolution"] >> left_out), "keys": coarse, "values": values[index],
                        "support": field["support"]})
     return {"header": header, "materials": stream["materials"], "units": units, "fields": fields,
-            "metadata": stream["metadata"], "neural": neural}
+            "metadata": stream["metadata"], "neural": neural, "sharp_edges": marks}
 
 
 def levels_left_out(field, lod):
@@ -154,6 +156,8 @@ def arrays(texf):
     """Clause 9: file name -> bytes, for every decoded array."""
     numbers = [number for row in geometry_rows(texf["units"]) for number in row]
     files = {"geometry": struct.pack(f"<{len(numbers)}q", *numbers)}
+    if texf["sharp_edges"] is not None:
+        files["sharp_edges"] = texf["sharp_edges"]
     for i, field in enumerate(texf["fields"]):
         files[f"field{i}_keys"] = struct.pack(f"<{len(field['keys'])}q", *field["keys"])
         if field["support"] == TEXELS:

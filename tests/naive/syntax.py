@@ -5,7 +5,7 @@ import struct
 from naive.bits import Reader, Unsupported, require
 from naive.materials import check_appearance, needed_groups, read_channel_group, read_material
 
-HEADER, MATERIALS, FIELD, GEOMETRY, ATTRIBUTE, END, METADATA = 0, 1, 2, 3, 4, 5, 128
+HEADER, MATERIALS, FIELD, GEOMETRY, ATTRIBUTE, END, METADATA, SHARP_EDGES = 0, 1, 2, 3, 4, 5, 128, 129
 VOXELS, TEXELS = 0, 1  # support
 NEURAL, CONSTANT, PRIVATE = 1, 2, 192  # codec_id
 DRACO_START = bytes.fromhex("445241434F020201010000")
@@ -191,6 +191,11 @@ def read_metadata(reader):
     return reader.rest()
 
 
+def read_sharp_edges(reader):
+    """Clause 5.10."""
+    return {"num_edges": reader.v("num_edges", 1), "marks_crc": reader.u32("marks_crc"), "marks_data": reader.rest()}
+
+
 def filled(read, payload, *context):
     """The structure read from a payload, which it must fill."""
     reader = Reader(payload)
@@ -209,6 +214,7 @@ def check_order(types):
     require(known == sorted(known), "units are out of order")
     require(types.count(HEADER) == 1 and types.count(MATERIALS) == 1, "not exactly one header and one materials unit")
     require(types.count(METADATA) <= 1, "more than one metadata unit")
+    require(types.count(SHARP_EDGES) <= 1, "more than one sharp edges unit")
 
 
 def read_stream(units):
@@ -237,7 +243,10 @@ def read_stream(units):
     require(pairs == wanted, "the attribute units are not those that the fields need, in order")
     check_appearance(header, materials, fields, geometry)
     metadata = [filled(read_metadata, payload) for payload in of_type(METADATA)]
-    skipped = [unit_type for unit_type, _ in units if unit_type > METADATA]
+    sharp = [filled(read_sharp_edges, payload) for payload in of_type(SHARP_EDGES)]
+    wants_marks = any(material["normal_rule"] >= 6 for material in materials)
+    require(wants_marks == bool(sharp), "a sharp edges unit is there without a rule that asks for it, or the other way round")
+    skipped = [unit_type for unit_type, _ in units if unit_type > SHARP_EDGES]
     return {
         "header": header,
         "materials": materials,
@@ -245,5 +254,6 @@ def read_stream(units):
         "geometry": geometry,
         "attributes": attributes,
         "metadata": metadata[0] if metadata else None,
+        "sharp_edges": sharp[0] if sharp else None,
         "skipped_units": skipped,
     }

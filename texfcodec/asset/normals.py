@@ -18,11 +18,11 @@ _CANCELLED = 1e-9  # of the weight that a sum keeps, below which it has no direc
 
 @kernel
 def _paired(corners, vertex, ring, face_unit, weight, cosine, out):
-    """out float64 [N, 4]: for each of `corners`, the weighed sum of the normals around its vertex that are within the angle, and of
-    their weights.
+    """out float64 [N, 4]: for each of `corners`, the weighed sum of the normals around its vertex that are within the angle, and
+    of their weights.
 
-    ring: (first int64 [V + 1], ranges of corner_of int64 [C], the corners 3 f + c around each vertex); weight: float64 [C]; cosine:
-    the least of two normals that are within the angle.
+    ring: (first int64 [V + 1], ranges of corner_of int64 [C], the corners 3 f + c around each vertex); weight: float64 [C];
+    cosine: the least of two normals that are within the angle.
     """
     first, corner_of = ring
     for i in range(corners.shape[0]):
@@ -46,7 +46,8 @@ def _paired(corners, vertex, ring, face_unit, weight, cosine, out):
 
 @kernel
 def _joined(links, parent):
-    """Joins corners, int64 [L, 2], that are linked: parent int64 [C], at first its own number each, is then the least of its set."""
+    """Joins corners, int64 [L, 2], that are linked: parent int64 [C], at first each corner's own number, is then the least of
+    its set."""
     for i in range(links.shape[0]):
         a, b = links[i, 0], links[i, 1]
         while parent[a] != a:
@@ -123,8 +124,8 @@ class Fans:
         return self._rounded(total, chosen)
 
     def joined(self, angle: int, sharp: np.ndarray | None = None) -> np.ndarray:
-        """The set of every corner, int64 [3 F], where those at one end of an edge are in one if its faces are within the angle and
-        the edge is not among the sharp ones, bool [E]."""
+        """The set of every corner, int64 [3 F], where those at one end of an edge are in one if its faces are within the angle
+        and the edge is not among the sharp ones, bool [E]."""
         pairs, cosine, edge = self.links
         linked = cosine >= NormalRule(JOINED, AREA, angle).cosine
         if sharp is not None:

@@ -52,8 +52,8 @@ class Scene:
     colour, or of a material's first map where it has no image of its own.
     map_uv: the same by channel, for channels whose maps have other UVs on some face.
     corner_color: float32 [F, 3, 4] linear RGBA multiplier, or None where no face has vertex colours.
-    corner_normal: float32 [F, 3, 3] shading normals of length 1, or None where the file says nothing of them; flat: what that means
-    then, faces that are shaded flat (glTF), or smooth ones (all other formats).
+    corner_normal: float32 [F, 3, 3] shading normals of length 1, or None where the file says nothing of them; flat: what that
+    means then, faces that are shaded flat (glTF), or smooth ones (all other formats).
     corner_tangent: float32 [F, 3, 4] of glTF's TANGENT, zero where there is none, or None.
     metadata: JSON-able dict (names, extras) that travels opaquely.
     warnings / dropped: one sentence each / names of the maps and properties that are not coded.

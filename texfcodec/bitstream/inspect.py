@@ -40,8 +40,15 @@ def inspect(data: bytes, limits: Limits | None = None) -> dict:
         "fields": [{**f, "geometry_units": sum(g["field_index"] == i for g in stream.geometry)}
                    for i, f in enumerate(stream.fields)],
         "groups": _groups(stream, [u["size"] for u in units if u["type"] == UNIT_ATTRIBUTE]),
-        "effects": in_words(header["effects"]), "materials": stream.materials, "skipped": stream.skipped, "units": units,
+        "effects": in_words(header["effects"]), "materials": stream.materials, "sharp_edges": _sharp_edges(stream),
+        "skipped": stream.skipped, "units": units,
     }
+
+
+def _sharp_edges(stream):
+    """Marked edges and the bytes of their marks, None where there are none."""
+    unit = stream.sharp_edges
+    return unit and {"num_edges": unit["num_edges"], "bytes": len(unit["marks_data"])}
 
 
 def _unit(data, unit_type, start, begin, end, rows):

@@ -34,18 +34,18 @@ if TYPE_CHECKING:
 
 @dataclass
 class Stream:
-    """Values by syntax element name: header, materials, one dict per field, geometry unit and attribute unit; sharp_edges and
-    metadata or None.
-    offsets: file offset of the payload, parallel to geometry. skipped: unknown ancillary units that were passed over."""
+    """Values by syntax element name: header, materials, one dict per field, geometry unit and attribute unit; metadata and
+    sharp_edges or None. offsets: file offset of the payload, parallel to geometry. skipped: unknown ancillary units that were
+    passed over."""
 
     header: dict
     materials: list = field(default_factory=list)
     fields: list = field(default_factory=list)
     geometry: list = field(default_factory=list)
     attributes: list = field(default_factory=list)
-    sharp_edges: dict | None = None
     metadata: bytes | None = None
     skipped: list = field(default_factory=list)
+    sharp_edges: dict | None = None
 
     @property
     def joint(self) -> dict | None:

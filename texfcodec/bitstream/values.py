@@ -38,9 +38,9 @@ def header_values(materials: list[Material], surface: Surface, geometry: list, n
     }
 
 
-def material_values(material: Material, rule: NormalRule) -> dict:
-    """Values of one material (spec 5.4.1). rule: of its shading normals, which those without light have no use for. Raises
-    InputError."""
+def material_values(material: Material, rule: NormalRule | None = None) -> dict:
+    """Values of one material (spec 5.4.1). rule: of its shading normals, None for the material's own. Raises InputError."""
+    rule = material.normals if rule is None else rule
     name = material.name.encode("utf-8", "replace")[:65535].decode("utf-8", "ignore")
     parameters = parameter_values(material)
     cutoff = round(min(max(material.alpha_cutoff, 0.0), 1.0) * 65535)

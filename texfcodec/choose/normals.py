@@ -1,4 +1,4 @@
-"""Which rule makes each material's shading normals again, at what angle, and where edges have to be marked as sharp (encoder only).
+"""Which rule makes each material's shading normals again, at what angle, and where edges are marked as sharp (encoder only).
 
 A rule costs two bytes a material and nothing more. Where none comes near the source, the edges at which its normals differ are
 marked: 0.1 to 0.5 bits an edge, a thirtieth of what normals at vertices take through Draco (266 to 10,600 bytes on vintage_fan).
@@ -52,8 +52,8 @@ class Shading:
 
 
 def choose_normals(scene: Scene, surface: Surface, report: Report) -> Shading:
-    """The Shading of a scene on its lattice. Materials without light need none: theirs is the usual rule. What is left over of errors
-    is a warning in the report."""
+    """The Shading of a scene on its lattice. Materials without light need none: theirs is the usual rule. Where errors stay large
+    the report has a warning."""
     usual = FLAT if scene.flat else USUAL
     shading = Shading([USUAL if m.unlit else usual for m in scene.materials])
     used = np.zeros(len(scene.materials), bool)
@@ -71,8 +71,8 @@ def choose_normals(scene: Scene, surface: Surface, report: Report) -> Shading:
     shading.told = _told(shading, lit, target, error, scene)
     median, most, _ = shading.told["degrees"]
     if median > ENOUGH[0] or most > ENOUGH[1]:
-        report.warnings.append(f"no rule makes the shading normals again: half of the surface is off by {median} degrees or more, "
-                               f"a twentieth by {most}")
+        report.warnings.append(f"no rule makes the shading normals again: half of the surface is off by {median} degrees or "
+                               f"more, a twentieth by {most}")
     return shading
 
 
@@ -135,8 +135,8 @@ def _search(rules, lit, whole, tried):
                 attempt(kind, min(max(other, 1), MOST_ANGLE), near)
     for m in lit:
         if len(tried.all) < len(whole.all) and (whole.material == m).sum() > (tried.material == m).sum():
-            best[:, :, m] = [[_score_of(NormalRule(kind, weight, int(found[kind, weight, m])), whole, m) for weight in range(WEIGHTS)]
-                             for kind in (PAIRS, JOINED)]
+            for kind, weight in np.ndindex(best.shape[:2]):
+                best[kind, weight, m] = _score_of(NormalRule(kind, weight, int(found[kind, weight, m])), whole, m)
     for m, rule in enumerate(_least(best, found)):
         rules[m] = rule if m in lit else rules[m]
 

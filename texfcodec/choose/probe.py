@@ -121,8 +121,8 @@ class Patch:
         return max([own, *(one.texels_per_edge(resolution) for one in self.maps.values())])
 
     def mse(self, chosen: np.ndarray, got: np.ndarray) -> float:
-        """Mean squared error at chosen points, of Y and, where it is there, of alpha; of a map the mean over its components by its
-        weight. got: float32 [n, C], of values()."""
+        """Mean squared error at chosen points, of Y and, where it is there, of alpha; of a map the mean over its components by
+        its weight. got: float32 [n, C], of values()."""
         if not len(chosen):
             return 0.0
         if self.name is not None:
@@ -212,7 +212,8 @@ def _texels_of_map(plan, patch, support):
     steps = max(int(ratio), 1)
     total = np.zeros((len(xy), 4), np.float32)
     for dx, dy in np.ndindex(steps, steps):
-        place = np.floor((xy + (np.array([dx, dy]) + 0.5) / steps) / plan.size * (image.shape[1], image.shape[0])).astype(np.int64)
+        centre = (xy + (np.array([dx, dy]) + 0.5) / steps) / plan.size * (image.shape[1], image.shape[0])
+        place = np.floor(centre).astype(np.int64)
         total += image[place[:, 1], place[:, 0]]
     rgba = total / steps**2
     return np.ascontiguousarray(rgba[:, list(BY_NAME[patch.name].columns)])

@@ -207,6 +207,7 @@ def _lines(facts, out):
     yield f"{_grid(facts['resolution'])}{quality}, {fields}, {_counted(facts)}"
     yield from _support_lines(facts["supports"])
     yield from decision_lines(facts["effects"], facts["channels"])
+    yield from _normal_lines(facts["normals"])
     if facts["texels_per_voxel_edge"] > COARSE:
         yield f"the textures are {facts['texels_per_voxel_edge']:.1f} times finer than the voxels: a larger K keeps more of them"
     yield from _psnr_lines(facts)
@@ -228,6 +229,13 @@ def _counted(facts):
     counts, one = [f"{facts[name]} {name}" for name in places], " or ".join(name.removesuffix("s") for name in places)
     bits = 8 * facts["bytes"]["attributes"] / max(sum(facts[name] for name in places), 1)
     return f"{', '.join(counts)}, {facts['faces']} faces; {bits:.3f} attribute bits per {one}"
+
+
+def _normal_lines(told):
+    """How far shading normals are off, and what marks of edges take."""
+    if "degrees" in told:
+        marks = f", {told['marks_bytes']} bytes of marked edges" if "marks_bytes" in told else ""
+        yield f"shading normals within {told['degrees'][0]} degrees on half of the surface, {told['degrees'][1]} on 95 %{marks}"
 
 
 def _support_lines(told):

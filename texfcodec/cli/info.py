@@ -1,11 +1,13 @@
 """texf-info: what stands where in a stream."""
 
 import json
+from collections import Counter
 from typing import NoReturn
 
 import click
 
 from .. import __version__
+from ..asset.normal_rule import rule_of
 from ..asset.scene import WRAP_NAMES
 from ..bitstream.file import read_stream_file
 from ..bitstream.syntax import SUPPORT_TEXELS
@@ -50,6 +52,7 @@ def _lines(file, facts):
     yield f"{facts['vertices']} vertices, {facts['faces']} faces, {counted}, {facts['position_bits']} bits{bits}"
     for field in facts["fields"]:
         yield f"field {field['field_index']}: {_field_in_words(field)}"
+    yield from _normals_in_words(facts)
     for group in facts["groups"]:
         yield from codec_of(group["codec"]).info_lines(group)
     yield f"{'offset':>10} {'size':>9}  element"
@@ -67,6 +70,15 @@ def _field_in_words(field):
         return f"K {field['resolution']}, {field['num_keys']} voxels"
     return (f"{field['num_keys']} texels of {field['width']} x {field['height']}, {WRAP_NAMES[field['wrap_s']]} x "
             f"{WRAP_NAMES[field['wrap_t']]}, UVs in 1/{1 << field['uv_fraction_bits']} texel")
+
+
+def _normals_in_words(facts):
+    """How shading normals are made, a line for every rule, and the marks that it asks for."""
+    rules = Counter(str(rule_of(m["normal_rule"], m["normal_angle"])) for m in facts["materials"] if m["normal_rule"] is not None)
+    for rule, count in rules.items():
+        yield f"normals of {count} material{'s' * (count != 1)}: {rule}"
+    if facts["sharp_edges"]:
+        yield f"marks of sharp edges: {facts['sharp_edges']['num_edges']} edges in {facts['sharp_edges']['bytes']} bytes"
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:

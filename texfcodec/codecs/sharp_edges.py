@@ -38,7 +38,7 @@ def _enc_marks(coder, contexts, ends, fold, met, marks):
 
 @kernel(allocates=False)
 def _dec_marks(coder, contexts, ends, fold, met, marks):
-    """Mirror of _enc_marks. ends and fold come from the geometry, below the lengths of met and of the contexts; nothing else indexes."""
+    """Mirror of _enc_marks. All indices come from the geometry: ends are below the length of met, folds below NUM_FOLDS."""
     for i in range(ends.shape[0]):
         bit = _dec_bit(coder.state, coder.buffer, coder.end, contexts, _context(ends, fold, met, i))
         marks[i] = bit

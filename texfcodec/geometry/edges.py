@@ -13,8 +13,9 @@ NUM_FOLDS = MANY + 1
 
 @dataclass
 class Edges:
-    """Edges of two to MOST_AT_EDGE faces, ascending by their ends. ends: int64 [E, 2] numbers of welded vertices, the lower first;
-    half: int64 [H], the sides 3 f + i of faces, from corner i to the next, edge after edge; edge: int64 [H], whose side each is."""
+    """Edges of two to MOST_AT_EDGE faces, ascending by their ends. ends: int64 [E, 2] numbers of welded vertices, the lower
+    first; half: int64 [H], the sides 3 f + i of faces, from corner i to the next, edge after edge; edge: int64 [H], whose side
+    each is."""
 
     ends: np.ndarray
     half: np.ndarray
@@ -37,11 +38,12 @@ def weld(lattice: np.ndarray) -> np.ndarray:
 
 
 def shared_edges(corners: np.ndarray) -> Edges:
-    """Edges of faces whose corners are welded vertices, int64 [F, 3]. A side between two equal corners is none."""
+    """Edges of faces whose corners are welded vertices, int64 [F, 3]. A face with two equal corners has none."""
     start, stop = corners.reshape(-1), np.roll(corners, -1, axis=1).reshape(-1)
     low, high = np.minimum(start, stop), np.maximum(start, stop)
     order = np.lexsort((high, low))  # stable: sides of an edge in the order of the faces
-    order = order[low[order] < high[order]]
+    whole = (corners != np.roll(corners, -1, axis=1)).all(axis=1)
+    order = order[whole[order // 3]]
     low, high = low[order], high[order]
     fresh = np.ones(len(order), bool)
     fresh[1:] = (low[1:] != low[:-1]) | (high[1:] != high[:-1])
@@ -76,8 +78,8 @@ def folds(edges: Edges, lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def coded_edges(lattice: np.ndarray, faces: np.ndarray, marked: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Edges that have a mark, in order: (ends int64 [E, 2], fold int64 [E]). lattice: int64 [V, 3]; faces: int64 [F, 3]; marked: bool
-    [F], faces whose material asks for marks."""
+    """Edges that have a mark, in order: (ends int64 [E, 2], fold int64 [E]). lattice: int64 [V, 3]; faces: int64 [F, 3]; marked:
+    bool [F], faces whose material asks for marks."""
     edges = shared_edges(weld(lattice)[faces])
     coded = edges.touching(marked)
     return edges.ends[coded], folds(edges, lattice, faces)[coded]

@@ -44,7 +44,8 @@ def fill_normals(scene: Scene, parts: list[Part], notes: Notes) -> None:
     if any(part.normal is not None for part in parts):
         scene.corner_normal, broken = _normals(scene, parts)
         if broken:
-            notes.warn(f"{broken} face corners have normals that are zero, NaN or infinite; those of their faces take their place")
+            notes.warn(f"{broken} face corners have normals that are zero, NaN or infinite; those of their faces take their "
+                       "place")
     if any(part.tangent is not None for part in parts):
         scene.corner_tangent = _tangents(scene, parts)
 
@@ -96,7 +97,8 @@ def _directions(vectors):
 
 
 def face_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Unit normals of faces, float64 [F, 3]; (0, 0, 1) where a face has no area. positions: float64 [V, 3]; faces: int64 [F, 3]."""
+    """Unit normals of faces, float64 [F, 3]; (0, 0, 1) where a face has no area. positions: float64 [V, 3]; faces: int64 [F,
+    3]."""
     u, v = (positions[faces[:, i]] - positions[faces[:, 0]] for i in (1, 2))
     longest = np.maximum(np.abs(u).max(axis=1), np.abs(v).max(axis=1))[:, None]
     scale = np.where(longest > 0, longest, 1.0)

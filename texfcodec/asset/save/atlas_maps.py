@@ -44,8 +44,8 @@ class AtlasMaps:
         fill_gaps(image, self.system.covered)
         return image
 
-    def _ask(self, name, components=None):
-        """Function (points float64 [M, 3], face int64 [M] of the atlas) -> values [M, C]; 255 where a field has no such channel."""
+    def _ask(self, name):
+        """Function (points float64 [M, 3], face int64 [M] of the atlas) -> values [M, C]; 255 where a field lacks the channel."""
         channel = channel_over(name, planar=False)
 
         def ask(points, face):

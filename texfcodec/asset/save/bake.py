@@ -18,8 +18,8 @@ from .gutters import continue_over_borders
 
 @dataclass
 class Baked:
-    """image: uint8 [H, W, 4] RGBA, sRGB-coded, straight alpha, row 0 at v = 0; every texel filled; system: what it was fitted with;
-    warnings: sentences."""
+    """image: uint8 [H, W, 4] RGBA, sRGB-coded, straight alpha, row 0 at v = 0; every texel filled; system: what it was fitted
+    with; warnings: sentences."""
 
     atlas: Atlas
     image: np.ndarray

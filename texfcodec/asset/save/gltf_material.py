@@ -12,8 +12,8 @@ UNLIT = "KHR_materials_unlit"
 
 
 def material_entry(material: Material, textures: dict[str, int]) -> dict:
-    """glTF dict of a material. textures: index of the glTF texture by channel name, base colour among them, for those that have an
-    image; the material's factor and parameters say the rest."""
+    """glTF dict of a material. textures: index of the glTF texture by channel name, base colour among them, for those that have
+    an image; the material's factor and parameters say the rest."""
     out: dict[str, Any] = {PBR: {}}
     if material.name:
         out["name"] = material.name
@@ -51,7 +51,7 @@ def _place(out, extension):
 
 
 def _write_parameter(out, parameter, value):
-    """Puts a parameter where glTF has it; one of a texture that is not there has nothing to say, nor has what glTF cannot hold."""
+    """Puts a parameter where glTF has it; one of a texture that is not there says nothing, nor does what JSON cannot hold."""
     if not all(math.isfinite(v) for v in value):
         return
     entry: Any = [float(v) for v in value] if parameter.count > 1 else float(value[0])

@@ -128,7 +128,7 @@ def textured(texf: Any, look: Textured, images: list[tuple[ImageFormat, str | by
     keys = [uv, _written_normals(texf).reshape(-1, 3)]
     if look.corner_tangent is not None:
         keys.append(_written_tangents(look).reshape(-1, 4))
-    first, index = unique_corners(looks, corner, *(np.ascontiguousarray(k).view(np.int32).T[n] for k in keys for n in range(k.shape[1])))
+    first, index = unique_corners(looks, corner, *(row for key in keys for row in np.ascontiguousarray(key).view(np.int32).T))
     columns = {name: Column(key[first], kind) for (name, kind), key in zip(_COLUMNS, keys, strict=False)}
     entries = [material_entry(one.material, images) for one, images in zip(look.looks.looks, look.images, strict=True)]
     groups = _Groups(looks[first], look.looks.face_look, entries)

@@ -20,8 +20,8 @@ from .sheets import sheets_of
 
 @dataclass
 class Skin:
-    """Faces with images of their own. field: number of their field, one over texels; None for the atlas that all fields over voxels
-    share. has_base: whether any of its looks needs the image of the base colour; sheets: channels of each further image."""
+    """Faces with images of their own. field: number of their field, one over texels; None for the atlas that all fields over
+    voxels share. has_base: whether any of its looks needs the image of the base colour; sheets: channels of each further image."""
 
     field: int | None
     has_base: bool = False
@@ -115,7 +115,7 @@ def _base_factor(texf, skin, faces, material):
 
 
 def _one_value(texf, skin, faces, name):
-    """The one value of a channel, as fields know it, that faces show, float64 [C] in 0..255; None where there is more than one."""
+    """The one value of a channel, as fields know it, that faces show, float64 [C] in 0..255; None where there are more."""
     fields = np.unique(texf.face_field[faces]).tolist()
     if texf.evaluators:
         return None

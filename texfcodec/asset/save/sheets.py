@@ -24,8 +24,8 @@ def sheets_of(names: Iterable[str]) -> list[tuple[str, ...]]:
 def texel_sheet(texf: Any, number: int, sheet: tuple[str, ...], texels: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """The image of a sheet of field `number`, one over texels: uint8 [H, W, 3], or [H, W, 4] where a channel is in alpha.
 
-    texels: where the centres of the base colour's image lie, in texels of the full image: float64 [W] and [H]. Where every channel
-    is coarser by a power of two, so is the image. Texels that no face asks carry on the values beside them.
+    texels: where the centres of the base colour's image lie, in texels of the full image: float64 [W] and [H]. Where every
+    channel is coarser by a power of two, so is the image. Texels that no face asks carry on the values beside them.
     """
     part = texf.fields[number]
     columns, rows = _thinned(part, sheet, *texels)
@@ -67,7 +67,7 @@ def sheet_colours(values: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def with_z(xy: np.ndarray) -> np.ndarray:
-    """Texels float32 [N, 3] of a tangent-space normal map of its x and y, float32 [N, 2] in 0..255: z by the rule of clause 8.5."""
+    """Texels float32 [N, 3] of a tangent-space normal map of its x and y, float32 [N, 2] in 0..255: z by clause 8.5."""
     flat = xy / np.float32(FLAT) - 1
     length = np.sqrt(np.maximum((flat**2).sum(axis=1, keepdims=True), 1))
     flat = flat / length

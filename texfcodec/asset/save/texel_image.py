@@ -26,8 +26,8 @@ def texel_image(texf: Any, number: int) -> np.ndarray:
 
 
 def texel_image_and_uv(texf: Any, number: int) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """An image as texel_image() gives it, the UVs of the field's faces in it, float64 [F, 3, 2], v downwards (glTF), and where the
-    centres of its columns and rows are, float64 [W] and [H], in texels of the full image.
+    """An image as texel_image() gives it, the UVs of the field's faces in it, float64 [F, 3, 2], v downwards (glTF), and where
+    the centres of its columns and rows are, float64 [W] and [H], in texels of the full image.
 
     Where levels were left out and do not divide the full image evenly, its last texels at hand reach over its border.
     Faces that lie within one tile of the image each get UVs that stop short of these; where one does not, the image is written

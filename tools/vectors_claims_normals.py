@@ -1,0 +1,40 @@
+"""What titles and clauses of good conformance vectors promise of shading normals (8.4); vectors_claims.py reads them."""
+
+import numpy as np
+
+from texfcodec.asset.normal_rule import MARKED
+from texfcodec.geometry.edges import BACK, MANY, coded_edges
+
+
+def rules_of(case):
+    """(normal_rule, normal_angle) of every material that has them."""
+    return [(m["normal_rule"], m["normal_angle"]) for m in case.stream.materials if m["normal_rule"] is not None]
+
+
+def has_marks(case):
+    """Some edges are sharp and some are not."""
+    return case.texf.sharp_edges is not None and 0 < case.texf.sharp_edges.sum() < len(case.texf.sharp_edges)
+
+
+def folds_of(case):
+    """Classes of the edges that are marked."""
+    texf = case.texf
+    marked = np.array([m.normals.kind == MARKED for m in texf.materials])[texf.face_material]
+    return set(coded_edges(texf.lattice_positions, texf.faces, marked)[1].tolist())
+
+
+# Phrase (all of it, case ignored) -> predicate of the Case of vectors_claims.py and the phrase's groups.
+NORMALS = {
+    r"all kinds and weights of rules": lambda c: {rule // 3 for rule, _ in rules_of(c)} == {0, 1}
+        and {rule % 3 for rule, _ in rules_of(c)} == {0, 1, 2} and {0, 180} <= {angle for _, angle in rules_of(c)},
+    r"an unlit material without a rule": lambda c: len(rules_of(c)) < len(c.stream.materials),
+    r"marks of sharp edges": has_marks,
+    r"many classes of folds": lambda c: len(folds_of(c)) >= 10 and (BACK in folds_of(c) or MANY in folds_of(c)),
+    r"marks at one of the materials": lambda c: has_marks(c) and sum(rule >= 6 for rule, _ in rules_of(c)) == 1,
+    r"every edge sharp": lambda c: c.texf.sharp_edges is not None and bool(c.texf.sharp_edges.all()),
+}
+# Clause -> what a vector that lists it has to hold.
+NORMALS_CLAUSES = {
+    "5.10": lambda c: c.stream.sharp_edges is not None,
+    "8.4.2": lambda c: c.stream.sharp_edges is not None,
+}

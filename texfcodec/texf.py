@@ -70,8 +70,8 @@ class Field:
 
 @dataclass(kw_only=True, repr=False)
 class Texf:
-    """What decode() returns. cube: the canonical cube; units, fields, materials: see their classes (the base colour of materials is
-    in the fields); metadata: dict that travelled along; groups: the channel groups; skipped: unknown ancillary units that were
+    """What decode() returns. cube: the canonical cube; units, fields, materials: see their classes (the base colour of materials
+    is in the fields); metadata: dict that travelled along; groups: the channel groups; skipped: unknown ancillary units that were
     passed over; sharp_edges: bool over the edges that have a mark (spec 8.4.2), None without marks; codec, evaluators: where
     points ask evaluators and not the voxels, the codec that made them and one for each field (codecs.codec.JointCodec)."""
 

@@ -99,7 +99,8 @@ class _Looked:
         errors = {}
         for number, name, texture in self.maps():
             xy = self.texels(number, texture)
-            a, b = (_values(name, image[xy[:, 1], xy[:, 0]]) for image in (self.scene.textures[texture].image, images[number, name]))
+            both = self.scene.textures[texture].image, images[number, name]
+            a, b = (_values(name, image[xy[:, 1], xy[:, 0]]) for image in both)
             errors.setdefault(name, []).append((float(((a - b) ** 2).mean()), len(xy)))
         return {name: decibels(max(np.average([e for e, _ in found], weights=[n for _, n in found]), 1e-4))
                 for name, found in errors.items()}

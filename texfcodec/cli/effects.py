@@ -8,8 +8,8 @@ DECISIONS = ("coded", "constant", "absent")
 
 
 def decision_lines(told: list[dict], channels: list[dict]) -> Iterator[str]:
-    """One line for each channel that any material in use has. told: of choose.effects; channels: one entry for each group that was
-    coded, with its bytes, or none where nothing was."""
+    """One line for each channel that any material in use has. told: of choose.effects; channels: one entry for each group that
+    was coded, with its bytes, or none where nothing was."""
     for entry in told:
         name = entry["channel"]
         counts = ", ".join(f"{decision} in {entry[decision]}" if sum(entry[d] > 0 for d in DECISIONS) > 1 else decision

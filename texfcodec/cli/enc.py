@@ -31,8 +31,8 @@ def _warm_up(context, parameter, value):
 @click.argument("out", metavar="OUT.texf", required=False, shell_complete=file_names)
 @option_flags(EncodeOptions, "rate", "resolution", "qp", "target_bytes", "target_psnr", "exact_rate", "lossless")
 @click.option("--near-lossless", metavar="D", **number(1, 127, "As --lossless, but each value may be off by D, 1..127."))
-@option_flags(EncodeOptions, "support", "texel_size", "effects", "position_bits", "effort", "refine", "codec", "point", "resident_bytes",
-              "steps", "seed", "latent_index", "transport", "checkpoint")
+@option_flags(EncodeOptions, "support", "texel_size", "effects", "position_bits", "effort", "refine", "codec", "point",
+              "resident_bytes", "steps", "seed", "latent_index", "transport", "checkpoint")
 @click.option("--codec-option", "codec_options", metavar="NAME=VALUE", multiple=True,
               help="A setting of a codec that a plug-in brings; as often as needed.")
 @option_flags(EncodeOptions, "threads")

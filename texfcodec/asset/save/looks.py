@@ -21,7 +21,7 @@ from .sheets import sheets_of
 @dataclass
 class Skin:
     """Faces with images of their own. field: number of their field, one over texels; None for the atlas that all fields over
-    voxels share. has_base: whether any of its looks needs the image of the base colour; sheets: channels of each further image."""
+    voxels share. has_base: whether any of its looks needs the image of the base colour; sheets: channels of each further one."""
 
     field: int | None
     has_base: bool = False

@@ -121,7 +121,7 @@ def rival_record(looked):
     points, maps = [], {}
     for scale, qualities in SCALES.items():
         for quality in qualities:
-            coded = {t: coded_avif(looked.scene.textures[t].image, _columns(looked, t), scale, quality, looked.threads) for t in used}
+            coded = {t: coded_avif(looked, t, scale, quality) for t in used}
             images = {(number, name): coded[t][0] for number, name, t in looked.maps()}
             for t in used:
                 mine = [name for _, name, texture in looked.maps() if texture == t]
@@ -149,11 +149,12 @@ def _columns(looked, texture):
     return [0, 1, 2] if normal else sorted({c for name in names for c in channel_over(name, True).columns} & {0, 1, 2})
 
 
-def coded_avif(image, columns, scale, quality, threads):
+def coded_avif(looked, texture, scale, quality):
     """(decoded uint8 [H, W, 4], bytes) at the better of both subsamplings: the smaller one at the same quality setting is kept
     where it loses no more than it saves. Columns that nothing asks are flat; one alone is grey."""
     import io
 
+    image, columns = looked.scene.textures[texture].image, _columns(looked, texture)
     kept = image.copy()
     kept[..., [c for c in (0, 1, 2) if c not in columns]] = 0
     if len(columns) == 1:
@@ -162,7 +163,7 @@ def coded_avif(image, columns, scale, quality, threads):
     best = None
     for subsampling in ("4:0:0",) if picture.mode == "L" else ("4:2:0", "4:4:4"):
         out = io.BytesIO()
-        picture.save(out, "AVIF", quality=quality, speed=SPEED, subsampling=subsampling, max_threads=threads)
+        picture.save(out, "AVIF", quality=quality, speed=SPEED, subsampling=subsampling, max_threads=looked.threads)
         decoded = dec_image(out.getvalue())
         if scale > 1:
             from PIL import Image

@@ -49,7 +49,7 @@ class Shading:
         """Syntax values of the sharp_edges unit, None where there is none."""
         if self.marks is None:
             return None
-        return {"num_edges": len(self.marks), "marks_crc": zlib.crc32(self.marks), "marks_data": self.data}
+        return {"num_edges": len(self.marks), "marks_crc": zlib.crc32(self.marks.tobytes()), "marks_data": self.data}
 
 
 def choose_normals(scene: Scene, surface: Surface, report: Report) -> Shading:

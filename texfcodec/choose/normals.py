@@ -160,7 +160,7 @@ def _score_of(rule, target, material):
 def _errors_of(shading, target, sharp=None):
     """Degrees at every corner under the rules of a Shading."""
     out = np.zeros(len(target.source))
-    by_rule: dict[NormalRule, list[int]] = {}
+    by_rule = {}
     for m, rule in enumerate(shading.rules):
         by_rule.setdefault(rule, []).append(m)
     for rule, materials in by_rule.items():

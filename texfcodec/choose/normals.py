@@ -28,8 +28,9 @@ MARKED_ANGLES = (180, 90, 60)
 CLIP = 10.0  # degrees: an error that is larger is as bad as this
 ENOUGH = (0.5, 5.0)  # degrees at the median and at 95 % of the surface: what a rule has to reach
 WORTH = 0.9  # of the mean clipped error: what marks have to bring it down to
+NEAR = 1.5  # times the least error at the tried corners: what is looked at on the whole surface
 SAME = 2.0  # degrees between normals that count as one
-TRIED_VERTICES, TRIED_AT_LEAST = 4096, 64  # that rules are tried at, over all materials and for each
+TRIED_VERTICES, TRIED_AT_LEAST = 2048, 64  # that rules are tried at, over all materials and for each
 POINTS = (0.5, 0.95, 0.99)
 
 
@@ -48,7 +49,7 @@ class Shading:
         """Syntax values of the sharp_edges unit, None where there is none."""
         if self.marks is None:
             return None
-        return {"num_edges": len(self.marks), "marks_crc": zlib.crc32(self.marks), "marks_data": self.data}
+        return {"num_edges": len(self.marks), "marks_crc": zlib.crc32(self.marks.tobytes()), "marks_data": self.data}
 
 
 def choose_normals(scene: Scene, surface: Surface, report: Report) -> Shading:
@@ -88,8 +89,9 @@ class _Target:
 
     def errors(self, normals, chosen=...):
         """Degrees between normals [N, 3] and the source's at chosen corners."""
-        normals, source = normals.astype(np.float64), self.source[chosen]
-        return np.degrees(np.arctan2(np.linalg.norm(np.cross(normals, source), axis=1), np.einsum("nk,nk->n", normals, source)))
+        apart = normals - self.source[chosen]
+        chord = np.sqrt(np.einsum("nk,nk->n", apart, apart))
+        return np.degrees(2 * np.arcsin(np.minimum(chord / 2, 1.0)))
 
     def scores(self, normals):
         """Mean clipped error by material, float64 [M]; 0 where it has no surface."""
@@ -135,7 +137,7 @@ def _search(rules, lit, whole, tried):
                 attempt(kind, min(max(other, 1), MOST_ANGLE), near)
     for m in lit:
         if len(tried.all) < len(whole.all) and (whole.material == m).sum() > (tried.material == m).sum():
-            for kind, weight in np.ndindex(best.shape[:2]):
+            for kind, weight in np.argwhere(best[:, :, m] <= NEAR * best[:, :, m].min() + 1e-3).tolist():
                 best[kind, weight, m] = _score_of(NormalRule(kind, weight, int(found[kind, weight, m])), whole, m)
     for m, rule in enumerate(_least(best, found)):
         rules[m] = rule if m in lit else rules[m]
@@ -158,7 +160,7 @@ def _score_of(rule, target, material):
 def _errors_of(shading, target, sharp=None):
     """Degrees at every corner under the rules of a Shading."""
     out = np.zeros(len(target.source))
-    by_rule: dict[NormalRule, list[int]] = {}
+    by_rule = {}
     for m, rule in enumerate(shading.rules):
         by_rule.setdefault(rule, []).append(m)
     for rule, materials in by_rule.items():

@@ -41,8 +41,8 @@ def with_parameters(**parameters):
 
 @pytest.mark.parametrize("name, value, kept", [
     ("ior", 1.5, None), ("ior", 1.5 + 1e-9, None), ("ior", 1.25, 1.25), ("iridescence_ior", 1.3, None),
-    ("dispersion", -0.0, None), ("attenuation_distance", math.inf, None), ("attenuation_distance", 1e60, LARGEST), ("thickness", 1e-60, None),
-    ("normal_scale", -1e300, -LARGEST), ("roughness", 0.1, float(np.float32(0.1))),
+    ("dispersion", -0.0, None), ("attenuation_distance", math.inf, None), ("attenuation_distance", 1e60, LARGEST),
+    ("thickness", 1e-60, None), ("normal_scale", -1e300, -LARGEST), ("roughness", 0.1, float(np.float32(0.1))),
 ])
 def test_parameters_are_kept_in_binary32_and_their_defaults_are_not(name, value, kept):
     (material, *_) = decode(encode(with_parameters(**{name: value}), SMALL)).materials

@@ -93,7 +93,8 @@ def test_encoder_reports_by_the_schema(call, mesh, tmp_path):
     code, out, err = call("texf-enc", mesh, out_path, *SMALL, "--json", "--measure")
     facts = json.loads(out)
     assert code == 0 and err == "" and out.count("\n") == 1
-    assert set(facts) == {"schema", "bytes", "resolution", "qp", "max_error", "voxels", "faces", "vertices", "fields", "dropped",
+    assert set(facts) == {"schema", "bytes", "resolution", "qp", "max_error", "voxels", "faces", "vertices", "fields",
+                          "effects", "dropped",
                           "refinement", "codec", "seconds", "peak_memory_bytes", "psnr_3d", "psnr_samples", "warnings",
                           "texels_per_voxel_edge", "source", "ratio", "partition", "supports", "texels", "normals"}
     assert facts["supports"]["asked"] == "auto" and facts["supports"]["groups"] == [] and facts["texels"] == 0

@@ -107,7 +107,7 @@ def test_one_colour_makes_the_attributes_a_few_bytes():
     ours = encode_to_result(scene, options).sizes
     with patch("texfcodec.encoder.codec_for", lambda plane, asked: asked):
         before = encode_to_result(scene, options).sizes
-    assert ours["attributes"] == 6 + 10 <= before["attributes"] // 3  # frame and unit
+    assert ours["attributes"] == 6 + 11 <= before["attributes"] // 3  # frame and unit
     assert {name: ours[name] for name in ("geometry", "other")} == {name: before[name] for name in ("geometry", "other")}
 
 

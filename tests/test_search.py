@@ -9,6 +9,7 @@ import pytest
 from texfcodec import EncodeOptions, InputError, Report, decode, inspect
 from texfcodec.asset.scene import Material, Scene, Texture
 from texfcodec.channels import ALPHA, BASE_COLOUR
+from texfcodec.codecs.codec import Group
 from texfcodec.encoder import encode_scene
 from texfcodec.quality.measure import SourceSamples, measure
 from texfcodec.search import FIRST_QP, LADDER, LAST_QP, encode_to_target, estimate, smallest_root
@@ -135,5 +136,6 @@ def test_measurement_of_a_known_error():
     texf.fields[0].rgba[:] -= 1
     off = measure(scene, texf, 5000)
     assert math.isclose(off["rgb"], 20 * math.log10(255), rel_tol=1e-6) and math.isclose(off["y"], off["rgb"], rel_tol=1e-6)
-    scene.materials[0].factor[3], scene.materials[0].alpha_mode, texf.channels = 0.5, 2, (BASE_COLOUR, ALPHA)
+    scene.materials[0].factor[3], scene.materials[0].alpha_mode = 0.5, 2
+    texf.groups = (Group((BASE_COLOUR,)), Group((ALPHA,)))
     assert math.isclose(measure(scene, texf, 5000)["rgb"], off["rgb"], rel_tol=1e-6)

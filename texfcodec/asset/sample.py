@@ -51,7 +51,7 @@ def _pack(scene, faces, texture_of, corner_uv, plain, spread=False):
     colours); spread: whether alpha takes the place of the other columns."""
     factor, opaque, colour = plain
     used = sorted({t for t in texture_of if t >= 0})
-    images: dict[int, np.ndarray] = {}
+    images = {}
     for t in used:
         image = scene.textures[t].image
         images.setdefault(id(image), np.repeat(image[..., 3:], 4, axis=2) if spread else image)

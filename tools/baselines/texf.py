@@ -61,13 +61,13 @@ class TexfMethod(Method):
         return decode((folder / STREAM).read_bytes(), DecodeOptions(threads=threads), report)
 
     def values_sha256(self, decoded):
-        """As Encoded.reconstruction_sha256 of the encoder: field by field and channel group by channel group, the keys
+        """As Encoded.reconstruction_sha256 of the encoder: field by field and channel by channel, the keys
         as 64-bit little-endian numbers, then the uint8 values [N, C]."""
         total = hashlib.sha256()
         for field in decoded.fields:
-            for channel in decoded.channels:
+            for plane in field.planes.values():
                 total.update(np.ascontiguousarray(field.keys, "<i8"))
-                total.update(np.ascontiguousarray(field.planes[channel.name]))
+                total.update(np.ascontiguousarray(plane))
         return total.hexdigest()
 
     def face_field(self, folder):

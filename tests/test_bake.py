@@ -165,13 +165,20 @@ def test_gutters_show_what_lies_beyond_the_border():
     image[system.covered] = system.fitted(lambda p, f: colour(p).astype(np.float32), 1)
     beyond = continue_over_borders(image, system)
     row, column = np.nonzero(beyond)
-    assert len(row) > 100 and not (beyond & system.covered).any()
+    assert len(row) > 80 and not (beyond & system.covered).any()
     x = (column + 0.5) / 128
     right_of_the_first = x < 0.5  # the first square's gutter: its x axis goes on to the right
     wanted = 40 + 80 * (x - 0.05) / 0.35
     assert np.abs(image[row, column, 0] - wanted)[right_of_the_first].max() < 4
     y = (row + 0.5) / 128
     assert np.abs(image[row, column, 0] - (120 + 80 * (y - 0.55) / 0.35))[~right_of_the_first].max() < 4
+
+
+def test_gutters_do_not_show_what_lies_around_a_sharp_edge():
+    atlas, positions, faces = two_squares(128)
+    positions[4:] = [[1, 0, 1], [1, 1, 1]]
+    system = AtlasSystem(atlas, positions, faces)
+    assert not continue_over_borders(np.full((128, 128, 1), 9, np.uint8), system).any()
 
 
 def test_gutters_never_show_another_chart_than_the_one_beyond():
@@ -190,7 +197,7 @@ def test_fit_and_gutters_make_charts_agree(monkeypatch):
     monkeypatch.setattr(system_room, "SWEEPS", 0)
     before = seams_of(texf, atlas)
     assert after["mean"][0] < 0.7 * before["mean"][0] and without_gutters["mean"][0] == after["mean"][0]
-    assert all(a < 0.7 * b for a, b in zip(after["mean"][1:4], without_gutters["mean"][1:4], strict=True))
+    assert all(a < 0.85 * b for a, b in zip(after["mean"][1:3], without_gutters["mean"][1:3], strict=True))
 
 
 def seams_of(texf, atlas):

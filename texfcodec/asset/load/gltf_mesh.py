@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from .gltf_material import Look, TextureInfo
 
 _DRACO = "KHR_draco_mesh_compression"
+# Types of Draco's values, which DracoPy hands out as 32 bits: what is normalised goes by the number of its bits.
+_DRACO_TYPES = {1: np.int8, 2: np.uint8, 3: np.int16, 4: np.uint16, 5: np.int32, 6: np.uint32, 9: np.float32, 10: np.float64}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _MODE_NAMES = {0: "points", 1: "lines", 2: "line loop", 3: "line strip"}
 
@@ -190,7 +192,7 @@ class _Draco(_Plain):
         found = [entry for entry in self.mesh.attributes if entry["unique_id"] == self.ids[name]]
         if not found:
             raise InputError("TXF-I12", f"the Draco data has no attribute {name}")
-        data = np.asarray(found[0]["data"])
+        data = np.asarray(found[0]["data"]).astype(_DRACO_TYPES.get(found[0]["data_type"], np.float32))
         if data.ndim != 2 or f"VEC{data.shape[1]}" not in kinds:
             raise InputError("TXF-I12", f"the Draco attribute {name} has an unexpected shape")
         if normalized is None:

@@ -54,6 +54,14 @@ class AtlasSystem:
         return border_edges(positions, faces, self.texels, np.zeros(len(faces), np.int64))
 
     @cached_property
+    def normals(self) -> np.ndarray:
+        """Unit normals of the faces, 0 without area: float64 [F, 3]."""
+        faces, positions = self._mesh
+        cross = np.cross(positions[faces[:, 1]] - positions[faces[:, 0]], positions[faces[:, 2]] - positions[faces[:, 0]])
+        length = np.linalg.norm(cross, axis=1, keepdims=True)
+        return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
+
+    @cached_property
     def charts(self) -> np.ndarray:
         """Number of the chart that each face is in: int64 [F]."""
         faces, positions = self._mesh

@@ -44,13 +44,14 @@ def bake(texf: Any, texture_size: int | None = None, atlas: str | Atlas = "auto"
         faces, resolution = texf.faces[chosen], _resolution(texf, chosen)
         atlas = make_atlas(texf.positions, faces, texture_size, atlas, resolution, groups=texf.face_field[chosen])
     system = AtlasSystem(atlas, texf.positions, texf.faces[chosen])
-    image = np.full((atlas.height, atlas.width, 4), 255, np.uint8)
+    image = np.zeros((atlas.height, atlas.width, 4), np.uint8)
     (_bake_blended if texf.has_alpha else _bake_opaque)(texf, chosen, system, image)
     return Baked(atlas, image, system, list(atlas.warnings))
 
 
 def _bake_opaque(texf, chosen, system, image):
-    """Fills in the colours of an image, uint8 [H, W, 4]."""
+    """Fills in the colours of an image, uint8 [H, W, 4], and alpha 255."""
+    image[..., 3] = 255
     values = system.fitted(lambda points, face: texf.query(points, chosen[face])[:, :3], 3, threads=_threads(texf))
     image[system.covered, :3] = to_bytes(values)
     fill_gaps(image[..., :3], system.covered | continue_over_borders(image[..., :3], system))

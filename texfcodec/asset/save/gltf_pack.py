@@ -68,8 +68,14 @@ class Draco(Plain):
     def primitive(self, document: Any, columns: dict[str, Column], corners: np.ndarray) -> dict:
         import DracoPy
 
-        packed = self._packed(columns, corners)
+        try:
+            packed = self._packed(columns, corners)
+        except Exception as error:  # DracoPy derives its errors from Exception directly
+            document.warnings.append(f"Draco cannot pack a part of the mesh, which is written as it is: {str(error)[:200]}")
+            return super().primitive(document, columns, corners)
         mesh = DracoPy.decode(packed)
+        if len(mesh.faces) * 3 != len(corners):
+            document.warnings.append(f"Draco leaves out {len(corners) // 3 - len(mesh.faces)} faces without area")
         found = {one["unique_id"]: np.asarray(one["data"]) for one in mesh.attributes}
         ids = _draco_ids(mesh, columns)
         attributes = {name: document.add_description(found[ids[name]], c.kind, name == "POSITION", c.normalized)
@@ -88,22 +94,22 @@ class Draco(Plain):
         told = {"quantization_range": float(side), "quantization_origin": [float(x) for x in origin]} if side > 0 else {}
         more = {"normals": "NORMAL", "tex_coord": "TEXCOORD_0"}
         told |= {word: columns[name].values.astype(np.float64) for word, name in more.items() if name in columns}
-        rest = {number: np.ascontiguousarray(columns[name].values) for number, name in enumerate(_generic(columns))}
+        rest = {number: np.ascontiguousarray(columns[name].values) for number, name in _generic(columns)}
         return DracoPy.encode(columns["POSITION"].values.astype(np.float32), corners.reshape(-1, 3).astype(np.uint32),
                               quantization_bits=bits, compression_level=_DRACO_LEVEL, generic_attributes=rest or None,
                               normal_quantization_bits=_NORMAL_BITS, tex_coord_quantization_bits=_UV_BITS, **told)
 
 
 def _generic(columns):
-    """Names of columns that Draco has no kind of its own for."""
-    return [name for name in columns if name not in _DRACO_KINDS]
+    """Columns that Draco has no kind of its own for: [(number, name)], the numbers beyond those that it gives to the others."""
+    return [(8 + i, name) for i, name in enumerate(name for name in columns if name not in _DRACO_KINDS)]
 
 
 def _draco_ids(mesh, columns):
     """Draco's number of every column; those without a kind of their own were numbered by _packed()."""
     ids = {one["attribute_type"]: one["unique_id"] for one in mesh.attributes if one["attribute_type"] in _DRACO_KINDS.values()}
     named = {name: ids[kind] for name, kind in _DRACO_KINDS.items() if name in columns}
-    return named | {name: number for number, name in enumerate(_generic(columns))}
+    return named | {name: number for number, name in _generic(columns)}
 
 
 class Meshopt(Plain):

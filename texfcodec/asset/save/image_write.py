@@ -36,7 +36,7 @@ FORMATS = {one.name: one for one in (
 def check_image_format(name: str, quality: int | None) -> None:
     """InputError TXF-O14 for a format or a quality that encode_image() does not take, SupportError TXF-O15 for one whose package
     is missing."""
-    if name not in FORMATS:
+    if not isinstance(name, str) or name not in FORMATS:
         raise InputError("TXF-O14", "texture format not known", value=str(name)[:40], allowed=" ".join(FORMATS))
     if quality is not None:
         if FORMATS[name].quality is None:

@@ -43,9 +43,9 @@ def test_a_faint_effect_is_hardly_seen_and_one_that_is_off_is_absent(name):
         assert_array_equal(lit(metallic=metallic, roughness=roughness, **off), bare)
 
 
-TERMS = {"occlusion": "occlusion", "emission": "emission", "specular": "specular", "ior": "specular",
-         "clearcoat": "clearcoat", "sheen": "sheen", "transmission": "transmission", "volume": "volume", "dispersion": "dispersed", "iridescence": "iridescence",
-         "anisotropy": "anisotropic_gloss", "diffuse_transmission": "diffuse_transmission"}
+TERMS = {"occlusion": "occlusion", "emission": "emission", "specular": "specular", "ior": "specular", "clearcoat": "clearcoat",
+         "sheen": "sheen", "transmission": "transmission", "volume": "volume", "dispersion": "dispersed",
+         "iridescence": "iridescence", "anisotropy": "anisotropic_gloss", "diffuse_transmission": "diffuse_transmission"}
 
 
 @pytest.mark.parametrize("name", TERMS)
@@ -178,7 +178,8 @@ def test_extreme_input_gives_finite_colours(seed):
 @pytest.mark.parametrize("parameters", [
     {"ior": 0}, {"ior": 65504, "transmission": 1, "thickness": 1, "dispersion": 65504},
     {"attenuation_distance": 0, "transmission": 1, "thickness": 65504},
-    {"iridescence": 1, "iridescence_ior": 0, "iridescence_thickness_minimum": 65504, "iridescence_thickness_maximum": 0}, {"iridescence": 1, "iridescence_ior": 65504},
+    {"iridescence": 1, "iridescence_ior": 0, "iridescence_thickness_minimum": 65504, "iridescence_thickness_maximum": 0},
+    {"iridescence": 1, "iridescence_ior": 65504},
     {"emissive": (65504,) * 3, "emissive_strength": 65504}, {"sheen_colour": (65504,) * 3},
     {"specular": 65504, "specular_colour": (65504,) * 3}, {"anisotropy": 65504, "anisotropy_rotation": 65504},
     {"clearcoat": 65504, "clearcoat_roughness": 65504}, {"roughness": 65504, "metallic": 65504},

@@ -44,8 +44,8 @@ def map_columns(name: str) -> list[int]:
 
 
 def values_of_map(name: str, texels: np.ndarray) -> np.ndarray:
-    """A channel's values of texels of its image. texels: uint8 or float32 [..., 4]. Returns float32 [..., C] in 0..255; normals have
-    been made unit vectors, of which x and y are kept."""
+    """A channel's values of texels of its image. texels: uint8 or float32 [..., 4]. Returns float32 [..., C] in 0..255; normals
+    have been made unit vectors, of which x and y are kept."""
     if BY_NAME[name].unit != "degrees":
         return np.ascontiguousarray(texels[..., list(BY_NAME[name].columns)], np.float32)
     vector = texels[..., :3].astype(np.float32) / FLAT - 1

@@ -16,9 +16,9 @@ from ..effects import effects_of
 
 LARGEST = 65504.0  # of any parameter; what is beyond counts as this
 TURN = "anisotropy_rotation"  # the one parameter that may be negative
-# Effects that change which terms are called; "lit" is all that an unlit material lacks. The others are values, normals or alpha.
-TERMS = frozenset({"lit", "occlusion", "emission", "clearcoat", "sheen", "specular", "ior", "transmission", "volume", "dispersion",
-                   "iridescence", "anisotropy", "diffuse_transmission"})
+# Effects that change which terms are called, an unlit material having none; the others are in values, normals or alpha.
+TERMS = frozenset({"lit", "occlusion", "emission", "clearcoat", "sheen", "specular", "ior", "transmission", "volume",
+                   "dispersion", "iridescence", "anisotropy", "diffuse_transmission"})
 
 
 def sound_parameters(parameters: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]]:
@@ -51,8 +51,8 @@ class ShadingTable:
     def __init__(self, materials: Sequence[Material]) -> None:
         self.materials = [replace(m, parameters=sound_parameters(m.parameters)) for m in materials]
         self.effects = [shading_effects(m) for m in self.materials]
-        self.values = {p.name: np.array([factor_of(m.parameters, p.name) for m in self.materials], np.float32).reshape(-1, p.count)
-                       for p in PARAMETERS}
+        self.values = {p.name: np.array([factor_of(m.parameters, p.name) for m in self.materials], np.float32)
+                       .reshape(-1, p.count) for p in PARAMETERS}
 
     @property
     def is_lit(self) -> bool:

@@ -5,6 +5,7 @@ A Texf stands in a later room, so that signatures here say Any.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -136,9 +137,17 @@ class Lighting:
         return (camera.eye - surface_points(face, bary, self.positions, self.faces)).astype(np.float32)
 
 
-    def normals(self, face: np.ndarray, bary: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """World shading normals of surface points without and with the normal map, float32 [M, 3] each. face: int64 [M]; bary:
-        float64 [M, 3]."""
+    def normals(self, name: str, face: np.ndarray, bary: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """World shading normals of surface points without and with a normal map, float32 [M, 3] each. name: "normal" or
+        "clearcoat_normal"; face: int64 [M]; bary: float64 [M, 3]."""
         plain, at = interpolate_corners(self.maps.corner_normal, face, bary), (face, bary, np.zeros(len(face)))
-        wanted = self.table.wanted_channels() & {"normal"}
-        return plain, self._bent("normal", self.maps.asker(None, 0.0, wanted, False)(wanted, *at), at, plain)
+        wanted = self.table.wanted_channels() & {name}
+        return plain, self._bent(name, self.maps.asker(None, 0.0, wanted, False)(wanted, *at), at, plain)
+
+    def finals(self, names: Collection[str], face: np.ndarray, bary: np.ndarray) -> dict[str, np.ndarray]:
+        """Final values float32 [M, C], linear, of channels at surface points, whether there is a map or not. names: of channels
+        that are no normals."""
+        material, mapped = self.face_material[face], frozenset(names) & self.table.wanted_channels()
+        answers = self.maps.asker(None, 0.0, mapped, False)(mapped, face, bary, np.zeros(len(face)))
+        return {name: self._final(name, answers[name], material) if name in mapped else self.table.constant(name, material)
+                for name in names}

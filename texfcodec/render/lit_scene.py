@@ -34,8 +34,8 @@ class SceneMaps:
 
     @cached_property
     def corner_normal(self) -> np.ndarray:
-        """Normals of face corners, float32 [F, 3, 3]: the file's; the faces' where a file without any means that; else made by the
-        usual rule."""
+        """Normals of face corners, float32 [F, 3, 3]: the file's; the faces' where a file without any means that; else made by
+        the usual rule."""
         scene = self.scene
         if scene.corner_normal is not None:
             return scene.corner_normal

@@ -23,8 +23,9 @@ class Questions:
     """Asks fields of a Texf for one picture.
 
     positions: float64 [V, 3] world; faces: int64 [F, 3]: texf's own, or of the same faces in the same order; deepest: depth that
-    no fragment exceeds, None without filtering, which needs no camera. Filtering asks, where a pixel is wider than a voxel or texel, the coarser levels
-    around the pixel's width, mixed between the nearest two; elsewhere the answer is exactly that of the Texf at the point.
+    no fragment exceeds, None without filtering, which needs no camera. Filtering asks, where a pixel is wider than a voxel or
+    texel, the coarser levels around the pixel's width, mixed between the nearest two; elsewhere the answer is exactly that of the
+    Texf at the point.
     """
 
     def __init__(self, texf: Any, camera: Camera | None, deepest: float | None, positions: np.ndarray,
@@ -106,8 +107,8 @@ def _answered(pyramid: Pyramid, finest, places, wide):
 
 
 def mixed(level: Callable[[int, np.ndarray], np.ndarray], fineness: np.ndarray) -> np.ndarray:
-    """Values float32 [M, C] mixed between the two levels around `fineness`, float64 [M]. level: function of the level's number and
-    the places that ask it, int64 [m], -> values [m, C]."""
+    """Values float32 [M, C] mixed between the two levels around `fineness`, float64 [M]. level: function of the level's number
+    and the places that ask it, int64 [m], -> values [m, C]."""
     out = None
     for number in range(int(fineness.min()), int(np.ceil(fineness.max())) + 1):
         share = np.maximum(1 - np.abs(fineness - number), 0).astype(np.float32)

@@ -24,15 +24,15 @@ BLOCK = 1 << 16  # fragments at a time
 class Textures:
     """What `pack` (asset.sample.pack_source, or pack_map of a channel) makes of a Scene, asked at fragments.
 
-    mips: MipScenes of the scene, or None for its images alone. colour: whether the images' first three columns are sRGB-coded. The
-    pixel's footprint on a face is its area there, as for fields over texels (render/questions.py): no face asks another level for
-    standing aslant. A level's texels are means of 2 x 2 of the level below in linear light, rounded to 8 bits, as graphics
+    mips: MipScenes of the scene, or None for its images alone. colour: whether the images' first three columns are sRGB-coded.
+    The pixel's footprint on a face is its area there, as for fields over texels (render/questions.py): no face asks another level
+    for standing aslant. A level's texels are means of 2 x 2 of the level below in linear light, rounded to 8 bits, as graphics
     libraries make them.
     """
 
     def __init__(self, scene: Scene, pack: Callable[[Scene], tuple], mips: MipScenes | None = None, colour: bool = True) -> None:
         self.scene, self.pack, self.mips, self.colour = scene, pack, mips, colour
-        self.sources = [with_finite_uvs(pack(scene))]
+        self.sources = {0: with_finite_uvs(pack(scene))}  # by level
         self._density = None if mips is None else self._texels_per_unit()
 
     def _texels_per_unit(self):
@@ -46,17 +46,18 @@ class Textures:
             return
         widest = self._density.max(initial=0.0) * camera.pixel * (deepest if camera.perspective else 1.0)
         most = int(np.ceil(min(np.log2(max(widest, 1.0)), self.mips.last)))
-        while len(self.sources) <= most:
-            self.sources.append(with_finite_uvs(self.pack(self.mips.level(len(self.sources), self.colour))))
+        for number in range(1, most + 1):
+            if number not in self.sources:  # threads that ask at once may make one twice, no more
+                self.sources[number] = with_finite_uvs(self.pack(self.mips.level(number, self.colour)))
 
     def ask(self, camera: Camera | None, face: np.ndarray, bary: np.ndarray, depth: np.ndarray) -> np.ndarray:
         """Values float32 [M, 4], 0..255, at points of faces; build() was called for such depths."""
-        if self._density is None or camera is None:
+        if self.mips is None or self._density is None or camera is None:
             return sample_source(self.sources[0], face, bary)
         wide = self._density[face] * (camera.pixel * depth if camera.perspective else camera.pixel)
         if not np.any(wide > 1):
             return sample_source(self.sources[0], face, bary)
-        fineness = np.minimum(np.log2(np.maximum(wide, 1)), len(self.sources) - 1)
+        fineness = np.minimum(np.log2(np.maximum(wide, 1)), self.mips.last)
         return mixed(lambda number, chosen: sample_source(self.sources[number], face[chosen], bary[chosen]), fineness)
 
     def colours(self, camera: Camera, fragments: Fragments, threads: int = 1) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from texfcodec.asset.scene import Material
 from texfcodec.render.effects import ShadingTable
 from texfcodec.render.environment import DAYLIGHT
 from texfcodec.render.material import shade
@@ -10,10 +11,15 @@ from texfcodec.render.surface import Points
 COUNT = 300
 
 
+def material_of(parameters=None, channels=(), unlit=False):
+    """A material; a parameter of one component may be a number; channels: names of its maps."""
+    full = {name: tuple(np.atleast_1d(value).tolist()) for name, value in (parameters or {}).items()}
+    return Material(parameters=full, maps=dict.fromkeys(channels, -1), unlit=unlit)
+
+
 def table_of(parameters=None, channels=(), unlit=False):
-    """The table of one material; a parameter of one component may be a number."""
-    full = {name: np.atleast_1d(value) for name, value in (parameters or {}).items()}
-    return ShadingTable(parameters=[full], channels=[set(channels)], unlit=[unlit])
+    """The table of one material."""
+    return ShadingTable([material_of(parameters, channels, unlit)])
 
 
 def directions(count=COUNT, seed=0, steepest=0.05):

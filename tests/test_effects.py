@@ -4,13 +4,15 @@ import math
 
 import numpy as np
 import pytest
-from lit import COUNT, directions, lit, table_of
+from lit import COUNT, directions, lit, material_of, table_of
 from numpy.testing import assert_allclose, assert_array_equal
 
 from texfcodec.asset.srgb import linear_to_srgb
+from texfcodec.channels import BY_NAME, PARAMETERS
 from texfcodec.render import material as shading
 from texfcodec.render import terms
-from texfcodec.render.effects import DEFAULTS, EFFECTS, ShadingTable, effects_of, full_parameters
+from texfcodec.render.effects import TERMS as CALLED
+from texfcodec.render.effects import ShadingTable, shading_effects, sound_parameters
 from texfcodec.render.environment import DAYLIGHT, Environment, furnace
 from texfcodec.render.material import expose, shade
 from texfcodec.render.surface import Points
@@ -18,15 +20,16 @@ from texfcodec.render.surface import Points
 # What is off is absent, and costs nothing.
 
 FAINT = {"occlusion": ({"occlusion": [1 - 1e-5]}, {}), "emission": ({}, {"emissive": (1e-5,) * 3}),
-         "specular": ({}, {"ior": 1.50001}),
+         "specular": ({}, {"specular": 1 - 1e-5}), "ior": ({}, {"ior": 1.50001}),
          "clearcoat": ({}, {"clearcoat": 1e-5}), "sheen": ({}, {"sheen_colour": (1e-5,) * 3, "sheen_roughness": 0.3}),
          "transmission": ({}, {"transmission": 1e-5}), "volume": ({}, {"transmission": 1e-5, "thickness": 1}),
          "dispersion": ({}, {"transmission": 1e-5, "thickness": 1, "dispersion": 1}), "iridescence": ({}, {"iridescence": 1e-5}),
          "anisotropy": ({}, {"anisotropy": 1e-4}), "diffuse_transmission": ({}, {"diffuse_transmission": 1e-5})}
+DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
 
 
 def test_every_effect_has_a_faint_form():
-    assert set(FAINT) == {effect.name for effect in EFFECTS}
+    assert set(FAINT) == CALLED - {"lit"}
 
 
 @pytest.mark.parametrize("name", FAINT)
@@ -36,13 +39,13 @@ def test_a_faint_effect_is_hardly_seen_and_one_that_is_off_is_absent(name):
         bare = lit(metallic=metallic, roughness=roughness)
         # the stretched lobe takes its squares of lengths in another order: its highlight differs by rounding, hence the share
         assert_allclose(lit(channels=channels, metallic=metallic, roughness=roughness, **parameters), bare, atol=1e-3, rtol=2e-3)
-        off = {p: np.zeros(len(DEFAULTS[p])) for p in parameters if p != "ior"}
+        off = {p: np.zeros(len(DEFAULTS[p])) for p in parameters if p not in ("ior", "specular")}
         assert_array_equal(lit(metallic=metallic, roughness=roughness, **off), bare)
 
 
-TERMS = {"occlusion": "occlusion", "emission": "emission", "specular": "specular", "clearcoat": "clearcoat", "sheen": "sheen",
-         "transmission": "transmission", "volume": "volume", "dispersion": "dispersed", "iridescence": "iridescence",
-         "anisotropy": "anisotropic_gloss", "diffuse_transmission": "diffuse_transmission"}
+TERMS = {"occlusion": "occlusion", "emission": "emission", "specular": "specular", "ior": "specular", "clearcoat": "clearcoat",
+         "sheen": "sheen", "transmission": "transmission", "volume": "volume", "dispersion": "dispersed",
+         "iridescence": "iridescence", "anisotropy": "anisotropic_gloss", "diffuse_transmission": "diffuse_transmission"}
 
 
 @pytest.mark.parametrize("name", TERMS)
@@ -61,12 +64,11 @@ def test_a_term_is_evaluated_only_at_points_whose_material_uses_it(name, monkeyp
     channels, parameters = FAINT[name]
     n, v = directions()
     material = np.arange(COUNT) % 3
-    user = {"metallic": (0,), **{k: np.atleast_1d(p) for k, p in parameters.items()}}
-    table = ShadingTable(parameters=[{"metallic": (0.5,)}, user, {"clearcoat": (1,)}],
-                         channels=[set(), set(channels), set()], unlit=[False, False, True])
+    user = material_of({"metallic": 0, **parameters}, channels)
+    table = ShadingTable([material_of({"metallic": 0.5}), user, material_of({"clearcoat": 1}, unlit=True)])
     values = {c: np.broadcast_to(np.float32(x), (COUNT, len(x))) for c, x in channels.items()}
     shade(Points(material=material, normal=n, view=v, values=values), table, DAYLIGHT)
-    used = {TERMS[effect] for effect in table.effects[1]}
+    used = {TERMS[effect] for effect in table.effects[1] & set(TERMS)}
     users = int((material == 1).sum())
     assert asked["gloss"] + asked["anisotropic_gloss"] == asked["diffuse"] == int((material < 2).sum())
     assert {term: asked[term] for term in TERMS.values()} == {term: users if term in used else 0 for term in TERMS.values()}
@@ -85,40 +87,49 @@ def test_unlit_materials_give_their_base_colour_and_ask_nothing(monkeypatch):
 # Effects and their table.
 
 
+def seen(parameters=None, channels=(), unlit=False):
+    return shading_effects(material_of(parameters, channels, unlit)) - {"lit", "metal"}
+
+
 def test_only_what_shows_is_an_effect():
-    assert effects_of({}) == frozenset()
-    assert effects_of({"clearcoat": (1,), "emissive": (1, 1, 1)}, {"occlusion"}, unlit=True) == {"unlit"}
-    off = {"clearcoat": (0,), "sheen_roughness": (1,), "iridescence_ior": (2,)}
-    assert effects_of(off, {"clearcoat", "sheen_colour"}) == frozenset()
-    assert effects_of({"thickness": (1,), "dispersion": (1,)}) == frozenset()  # nothing goes through
-    assert effects_of({"thickness": (1,), "diffuse_transmission": (1,)}) == {"volume", "diffuse_transmission"}
-    assert effects_of({"occlusion_strength": (0,)}, {"occlusion"}) == frozenset()
-    assert effects_of({}, {"specular_colour"}) == {"specular"}
+    assert seen() == frozenset() and shading_effects(material_of()) == {"lit", "metal"}
+    assert shading_effects(material_of({"clearcoat": 1, "emissive": (1, 1, 1)}, {"occlusion"}, unlit=True)) == frozenset()
+    off = {"clearcoat": 0, "sheen_roughness": 1, "iridescence_ior": 2}
+    assert seen(off, {"clearcoat", "sheen_colour"}) == frozenset()
+    assert seen({"thickness": 1, "dispersion": 1}) == frozenset()  # nothing goes through
+    assert seen({"thickness": 1, "dispersion": 1, "diffuse_transmission": 1}) == {"volume", "diffuse_transmission"}
+    assert seen({"thickness": 1, "dispersion": 1, "transmission": 1}) == {"volume", "transmission", "dispersion"}
+    assert seen({"occlusion_strength": 0}, {"occlusion"}) == frozenset()
+    assert seen({}, {"specular_colour"}) == {"specular"} and seen({"ior": 1.3}) == {"ior"}
 
 
 def test_parameters_that_make_no_sense_count_as_something_that_does():
-    full = full_parameters({"clearcoat": (math.nan,), "ior": (1, 2), "emissive_strength": (1e9,), "transmission": (-1,),
-                            "anisotropy_rotation": (-1.5,), "attenuation_distance": (math.inf,), "unheard_of": (1,)})
-    assert full == {**DEFAULTS, "emissive_strength": (65504.0,), "transmission": (0.0,), "anisotropy_rotation": (-1.5,)}
+    got = sound_parameters({"clearcoat": (math.nan,), "ior": (1, 2), "emissive_strength": (1e9,), "transmission": (-1,),
+                            "anisotropy_rotation": (-1.5,), "attenuation_distance": (math.inf,), "unheard_of": (1,),
+                            "metallic": (-1,)})
+    assert got == {"emissive_strength": (65504.0,), "anisotropy_rotation": (-1.5,), "metallic": (0.0,)}
 
 
 def test_table_wants_the_channels_of_its_effects_and_no_others():
-    maps = {"base_colour", "roughness", "normal", "emissive", "clearcoat", "sheen_roughness", "occlusion"}
-    table = ShadingTable(parameters=[{"emissive": (1, 1, 1)}, {"clearcoat": (1,)}], channels=[maps, maps], unlit=[False, True])
-    assert table.wanted_channels() == {"base_colour", "roughness", "normal", "emissive", "occlusion"}
+    maps = {"roughness", "normal", "emissive", "clearcoat", "sheen_roughness", "occlusion", "thickness"}
+    lit_one, plain = material_of({"emissive": (1, 1, 1), "thickness": 1}, maps), material_of({"clearcoat": 1}, maps, unlit=True)
+    table = ShadingTable([lit_one, plain, material_of({"clearcoat": 1}, {"clearcoat", "clearcoat_normal", "metallic"})])
+    assert table.wanted_channels([0, 1]) == {"roughness", "normal", "emissive", "occlusion"}
+    assert table.wanted_channels() == {*table.wanted_channels([0]), "clearcoat", "clearcoat_normal", "metallic"}
     assert table.is_lit
-    dark = ShadingTable(parameters=[{}], channels=[maps], unlit=[True])
-    assert dark.wanted_channels() == {"base_colour"} and not dark.is_lit
+    dark = ShadingTable([plain])
+    assert dark.wanted_channels() == frozenset() and not dark.is_lit
 
 
 def test_final_values_are_map_times_factor():
-    halved = {"roughness": (0.5,), "occlusion_strength": (0.25,), "anisotropy": (0.5,)}
-    table = ShadingTable(parameters=[{}, halved], channels=[(), ()], unlit=[False, False])
+    table = ShadingTable([material_of(), material_of({"roughness": 0.5, "occlusion_strength": 0.25, "anisotropy": 0.5})])
     material = np.array([0, 1])
     assert table.final("roughness", material, np.full((2, 1), 0.5)).tolist() == [[0.5], [0.25]]
     assert table.final("occlusion", material, np.zeros((2, 1))).tolist() == [[0.0], [0.75]]
     assert table.final("anisotropy", material, np.full((2, 3), 0.5)).tolist() == [[0.5, 0.5, 0.0], [0.5, 0.5, 0.25]]
+    assert table.final("iridescence_thickness", material, np.full((2, 1), 0.5)).tolist() == [[0.5], [0.5]]
     assert table.constant("roughness", material).tolist() == [[1.0], [0.5]]
+    assert table.constant("occlusion", material).tolist() == [[1.0], [1.0]]
     assert table.constant("anisotropy", material).tolist() == [[1.0, 0.5, 0.0], [1.0, 0.5, 0.5]]
 
 
@@ -131,19 +142,18 @@ def test_a_material_that_is_not_there_is_an_error():
 # Bad input and threads.
 
 
-WIDTHS = {"base_colour": 3, "roughness": 1, "metallic": 1, "occlusion": 1, "emissive": 3, "clearcoat": 1,
-          "clearcoat_roughness": 1, "sheen_colour": 3, "sheen_roughness": 1, "specular": 1,
-          "specular_colour": 3, "transmission": 1, "thickness": 1,
-          "iridescence": 1, "iridescence_thickness": 1, "anisotropy": 3, "diffuse_transmission": 1,
-          "diffuse_transmission_colour": 3}
+WIDTHS = {name: BY_NAME[name].components for name in (
+    "base_colour", "roughness", "metallic", "occlusion", "emissive", "clearcoat", "clearcoat_roughness", "sheen_colour",
+    "sheen_roughness", "specular", "specular_colour", "transmission", "thickness", "iridescence", "iridescence_thickness",
+    "anisotropy", "diffuse_transmission", "diffuse_transmission_colour")}
 
 
 def everything(rng, count):
     """Points and a table of materials that use all effects, none, and some."""
     every = {name: tuple(2 * rng.random(len(default))) for name, default in DEFAULTS.items()}
-    glass = {"dispersion": (1,), "transmission": (1,), "thickness": (1,)}
-    table = ShadingTable(parameters=[every, {}, {"clearcoat": (1,)}, glass, glass],
-                         channels=[set(WIDTHS), set(), {"occlusion"}, set(), set()], unlit=[False, False, False, False, True])
+    glass = {"dispersion": 1, "transmission": 1, "thickness": 1}
+    table = ShadingTable([material_of(every, set(WIDTHS)), material_of(), material_of({"clearcoat": 1}, {"occlusion"}),
+                          material_of(glass), material_of(glass, unlit=True)])
     values = {name: rng.random((count, width)).astype(np.float32) for name, width in WIDTHS.items()}
     n, v, coat = (rng.normal(size=(count, 3)).astype(np.float32) for _ in range(3))
     tangent = rng.normal(size=(count, 4)).astype(np.float32)
@@ -168,7 +178,8 @@ def test_extreme_input_gives_finite_colours(seed):
 @pytest.mark.parametrize("parameters", [
     {"ior": 0}, {"ior": 65504, "transmission": 1, "thickness": 1, "dispersion": 65504},
     {"attenuation_distance": 0, "transmission": 1, "thickness": 65504},
-    {"iridescence": 1, "iridescence_ior": 0, "iridescence_thickness": (65504, 0)}, {"iridescence": 1, "iridescence_ior": 65504},
+    {"iridescence": 1, "iridescence_ior": 0, "iridescence_thickness_minimum": 65504, "iridescence_thickness_maximum": 0},
+    {"iridescence": 1, "iridescence_ior": 65504},
     {"emissive": (65504,) * 3, "emissive_strength": 65504}, {"sheen_colour": (65504,) * 3},
     {"specular": 65504, "specular_colour": (65504,) * 3}, {"anisotropy": 65504, "anisotropy_rotation": 65504},
     {"clearcoat": 65504, "clearcoat_roughness": 65504}, {"roughness": 65504, "metallic": 65504},

@@ -57,7 +57,7 @@ def assert_same(ours, plain, place="texf"):
     assert type(ours) is type(plain), place
     if is_dataclass(ours):
         for one in fields(ours):
-            if one.name != "_pyramid":
+            if one.name != "_pyramids":
                 assert_same(getattr(ours, one.name), getattr(plain, one.name), f"{place}.{one.name}")
     elif isinstance(ours, np.ndarray):
         assert ours.dtype == plain.dtype and np.array_equal(ours, plain), place

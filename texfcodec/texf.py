@@ -33,7 +33,7 @@ class Field:
     support: VoxelSupport | TexelSupport
     planes: dict[str, np.ndarray]
     shifts: dict[str, int] = field(default_factory=dict)
-    _pyramid: object = None  # coarser levels, once render/levels.py was asked for them
+    _pyramids: dict = field(default_factory=dict)  # coarser levels, once render/levels.py was asked for them
 
     @property
     def level_shift(self) -> int:

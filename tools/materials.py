@@ -18,11 +18,11 @@ import numpy as np
 
 from texfcodec.api import decode, encode_to_result
 from texfcodec.asset.load.files import load
+from texfcodec.asset.sample import values_of_map
 from texfcodec.asset.save.sheets import sheet_colours
 from texfcodec.bitstream.inspect import inspect
 from texfcodec.channels import BASE_COLOUR, BY_NAME, channel_over
 from texfcodec.choose.effects import needed_scene
-from texfcodec.choose.maps import values_of_map
 from texfcodec.geometry.surface import make_surface
 from texfcodec.ground.colour_error import decibels
 from texfcodec.options import EncodeOptions

@@ -51,18 +51,25 @@ def absorb(parameters: dict, channel: Channel, value: np.ndarray) -> bool:
     return True
 
 
-def final_values(parameters: dict, name: str, values: np.ndarray) -> np.ndarray:
-    """What a material has where its map of a channel has values, float32 [M, C] in 0..255: float32 [M, C], linear, its factor
-    multiplied in. Normals, anisotropy's direction and iridescence's thickness are 0..1 as they are."""
+def neutral_values(name: str) -> tuple[float, ...]:
+    """Values 0..255 of a map, of a channel as a material names it, that says as much as none."""
     channel = BY_NAME[name]
+    return (FLAT,) * channel.components if channel.unit == "degrees" else NEUTRAL.get(name, (255.0,) * channel.components)
+
+
+def linear_values(name: str, values: np.ndarray) -> np.ndarray:
+    """A map's values, float32 [M, C] in 0..255, as 0..1, linear."""
     share = values / np.float32(255)
-    if channel.srgb:
-        share = srgb_to_linear(share).astype(np.float32)
-    if name == "occlusion":
-        strength = np.float32(factor_of(parameters, "occlusion_strength")[0])
-        return 1 + strength * (share - 1)
-    if name == "anisotropy":
-        return share * np.array([1, 1, factor_of(parameters, name)[0]], np.float32)
-    if channel.unit == "degrees" or not channel.parameter:
+    return srgb_to_linear(share).astype(np.float32) if BY_NAME[name].srgb else share
+
+
+def with_factor(name: str, share: np.ndarray, factor: np.ndarray | None) -> np.ndarray:
+    """What a material has where its map of a channel has share, float32 [M, C], linear, 0..1. factor: float32 [M, c] or [c] of
+    the channel's parameter, None where it has none. Occlusion is mixed with 1; of anisotropy only the strength has a factor."""
+    if factor is None:
         return share
-    return share * np.array(factor_of(parameters, channel.parameter), np.float32)
+    if name == "occlusion":
+        return 1 + factor * (share - 1)
+    if name == "anisotropy":
+        return np.concatenate([share[..., :2], share[..., 2:] * factor], axis=-1)
+    return share * factor

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..channels import BY_NAME
 from ..ground.kernel import kernel
+from .factors import FLAT
 from .scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_REPEAT, Scene
 from .srgb import linear_to_srgb, srgb_to_linear
 
@@ -40,6 +41,23 @@ def map_columns(name: str) -> list[int]:
     """Where pack_map() has the components of a channel."""
     columns = BY_NAME[name].columns
     return [0] if columns == (3,) else list(columns)
+
+
+def values_of_map(name: str, texels: np.ndarray) -> np.ndarray:
+    """A channel's values of texels of its image. texels: uint8 or float32 [..., 4]. Returns float32 [..., C] in 0..255; normals
+    have been made unit vectors, of which x and y are kept."""
+    if BY_NAME[name].unit != "degrees":
+        return np.ascontiguousarray(texels[..., list(BY_NAME[name].columns)], np.float32)
+    vector = texels[..., :3].astype(np.float32) / FLAT - 1
+    vector[..., 2] = np.maximum(vector[..., 2], 0)
+    length = np.sqrt((vector * vector).sum(axis=-1, keepdims=True))
+    vector = np.where(length > 1e-3, vector / np.maximum(length, 1e-3), np.array([0, 0, 1], np.float32))
+    return np.ascontiguousarray((vector[..., :2] + 1) * FLAT, np.float32)
+
+
+def sampled_values(name: str, sampled: np.ndarray) -> np.ndarray:
+    """A channel's values, as values_of_map() has them, of what sample_source() found in its pack_map(), float32 [M, 4]."""
+    return values_of_map(name, sampled) if BY_NAME[name].unit == "degrees" else sampled[:, map_columns(name)]
 
 
 def _rows(faces):

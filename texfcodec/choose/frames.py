@@ -9,11 +9,10 @@ import numpy as np
 
 from ..asset.factors import FLAT, factor_of
 from ..asset.normals import corner_normals
-from ..asset.sample import pack_map, sample_source
+from ..asset.sample import pack_map, sample_source, values_of_map
 from ..asset.tangents import corner_tangents
 from ..channels import BY_NAME
 from ..render.frames import interpolate_corners, tangent_space_normals
-from .maps import values_of_map
 
 if TYPE_CHECKING:
     from ..asset.scene import Scene

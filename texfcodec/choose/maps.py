@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..asset.factors import FLAT
 from ..asset.sample import map_columns, pack_map
 from ..channels import ALPHA, BASE_COLOUR, BY_NAME, CHANNELS, FULL, channel_over
 from ..codecs.codec import Group
@@ -95,18 +94,6 @@ def errors_of(group: Group, plane: np.ndarray, decoded: np.ndarray) -> dict:
         error = float(((decoded[:, columns] - plane[:, columns]) ** 2).mean())
         told[channel.name], begin = round(decibels(error), 2) if error else None, columns.stop
     return {"channels": list(told), "psnr": told}
-
-
-def values_of_map(name: str, texels: np.ndarray) -> np.ndarray:
-    """A channel's values of texels of its image. texels: uint8 or float32 [..., 4]. Returns float32 [..., C] in 0..255; normals
-    have been made unit vectors, of which x and y are kept."""
-    if BY_NAME[name].unit != "degrees":
-        return np.ascontiguousarray(texels[..., list(BY_NAME[name].columns)], np.float32)
-    vector = texels[..., :3].astype(np.float32) / FLAT - 1
-    vector[..., 2] = np.maximum(vector[..., 2], 0)
-    length = np.sqrt((vector * vector).sum(axis=-1, keepdims=True))
-    vector = np.where(length > 1e-3, vector / np.maximum(length, 1e-3), np.array([0, 0, 1], np.float32))
-    return np.ascontiguousarray((vector[..., :2] + 1) * FLAT, np.float32)
 
 
 def fill_maps(part: SourceField, source: Source, number: int, names: set[str], frames: Callable[[], Frames],

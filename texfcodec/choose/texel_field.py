@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..asset.sample import values_of_map
 from ..asset.scene import WRAP_CLAMP, WRAP_REPEAT
 from ..bitstream.syntax import MAX_UV_ORIGIN
 from ..channels import BY_NAME
@@ -17,7 +18,6 @@ from ..ground.colour_error import RGB_TO_YUV
 from ..support.texel_set import asked_texels, count_rows, shown_area
 from ..support.texels import TexelSupport
 from .frames import turn_of, turned
-from .maps import values_of_map
 from .prepare import SourceField, colour_planes
 from .resample import resampled
 

@@ -19,13 +19,16 @@ from .inputs import check_stdin_once, load_mesh, open_asset
 @click.option("--ssim/--no-ssim", default=True, help="SSIM of the views.  [default: ssim]")
 @click.option("--lpips", "weights", metavar="WEIGHTS", shell_complete=file_names,
               help="LPIPS of the views; WEIGHTS is torchvision's AlexNet state dict (.pth), and texfcodec[lpips] is needed.")
+@click.option("--shaded", is_flag=True, help="Also PSNR of the views in light, with all maps of the materials, the error of "
+                                             "every channel, and angles of the shading normals (docs/shading.md).")
+@click.option("--mipmaps", is_flag=True, help="Views ask minified images and fields as viewers do, between two mip levels.")
 @click.option("--no-3d", is_flag=True, help="Leave out PSNR at points of the surface.")
 @click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
 @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
 @click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
-def evaluate(console, source, other, views, size, ssim, weights, no_3d, threads, as_json, quiet):
+def evaluate(console, source, other, views, size, ssim, weights, shaded, mipmaps, no_3d, threads, as_json, quiet):
     """Compare DECODED, a .texf stream or a mesh (SUFFIXES), with the mesh SOURCE it was made from. One of them may be "-": a
     stream or a GLB on stdin.
 
@@ -47,7 +50,8 @@ def evaluate(console, source, other, views, size, ssim, weights, no_3d, threads,
         with report.stage("load"):
             scene = _named(load_mesh(source), source, report)
         decoded = _open(other, options, report)
-        facts = _views(scene, decoded, (views, size, ssim, lpips), options.threads, report)
+        facts = _views(scene, decoded, (views, size, ssim, lpips), mipmaps, options.threads, report) | {"mipmaps": mipmaps}
+        facts["shaded"] = _shaded(scene, decoded, (views, size, options.threads, mipmaps), report) if shaded else None
         facts["psnr_3d"] = None if no_3d else _psnr_3d(scene, decoded, options.threads, report)
     if not console.as_json:
         console.warnings(report)
@@ -82,11 +86,19 @@ def _open(path, options, report):
     return decode(data, options, report) if scene is None else _named(scene, path, report)
 
 
-def _views(scene, decoded, settings, threads, report):
-    from ..quality.views import compare_views
+def _views(scene, decoded, settings, mipmaps, threads, report):
+    from ..quality.views import Look, compare_views
 
     with report.stage("views"):
-        return compare_views(scene, decoded, *settings, threads=threads, on_view=lambda n, of: report.progress("views", n, of))
+        return compare_views(scene, decoded, *settings, threads=threads, look=Look(mipmaps=mipmaps),
+                             on_view=lambda n, of: report.progress("views", n, of))
+
+
+def _shaded(scene, decoded, settings, report):
+    from ..quality.shaded import compare_shaded
+
+    with report.stage("shaded"):
+        return compare_shaded(scene, decoded, *settings, on_view=lambda n, of: report.progress("shaded", n, of))
 
 
 def _psnr_3d(scene, decoded, threads, report):
@@ -115,6 +127,8 @@ def _lines(facts, other):
     yield f"{other}: {facts['views']} views of {facts['size']} x {facts['size']}, {facts['pixels']} pixels compared"
     shown = {name: in_decibels(value, 3) for name, value in facts["psnr"].items()}
     yield f"PSNR: RGB {shown['rgb']}, Y {shown['y']}, U {shown['u']}, V {shown['v']}, YUV {shown['yuv']}"
+    if facts["shaded"]:
+        yield from _shaded_lines(facts["shaded"])
     others = [f"{name.upper()} {facts[name]:.5f}" for name in ("ssim", "lpips") if facts[name] is not None]
     if others:
         yield ", ".join(others)
@@ -123,6 +137,24 @@ def _lines(facts, other):
         shown = {name: in_decibels(points[name], 3) for name in ("y", "yuv611", "rgb")}
         yield f"3D-PSNR: Y {shown['y']}, YUV 6:1:1 {shown['yuv611']}, RGB {shown['rgb']} at {points['samples']} points"
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
+
+
+def _shaded_lines(found):
+    from ..ground.colour_error import in_decibels
+
+    shown = {name: in_decibels(value, 3) for name, value in found["psnr"].items()}
+    yield f"shaded PSNR: RGB {shown['rgb']}, Y {shown['y']}, YUV {shown['yuv']}"
+    for name, error in found["channels"].items():
+        words = {"dB": lambda e: in_decibels(e["psnr"]), "degrees": _angles,
+                 "coverage": lambda e: f"{100 * e['lost']:.3f} % lost, {100 * e['gained']:.3f} % gained"}[error["unit"]](error)
+        yield f"{name.replace('_', ' ')}: {words} at {error['samples']} points"
+    if found["normals"]:
+        yield f"shading normals: {_angles(found['normals']['with_map'])}"
+        yield f"without normal maps: {_angles(found['normals']['without_map'])}"
+
+
+def _angles(error):
+    return f"median {error['median_degrees']:.2f}, 95 % {error['p95_degrees']:.2f}, 99 % {error['p99_degrees']:.2f} degrees"
 
 
 evaluate.help = str(evaluate.help).replace("SUFFIXES", " ".join(SUFFIXES))

@@ -67,6 +67,7 @@ def _direction_of(context, parameter, value):
 @click.option("--anti-alias", metavar="N", default=1,
               **number(1, 8, "Render N times as large and average N x N pixels.  [default: 1]"))
 @click.option("--no-filter", is_flag=True, help="Streams: ask the field as the metrics do, never its coarser levels.")
+@click.option("--shaded", is_flag=True, help="In light, with all maps of the materials, not base colour alone (docs/shading.md).")
 @click.option("--no-cull", is_flag=True, help="Draw back faces too.")
 @click.option("--background", metavar="C", callback=_background_of,
               help="white, black or r,g,b in 0..255.  [default: white; with --compare grey where the models are white]")
@@ -78,7 +79,7 @@ def _direction_of(context, parameter, value):
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
 def render(console, source, out, compare, as_json, quiet, **choices):
-    """Draw a stream or mesh, base colour without lighting, as OUT.png ("-": stdout, with the report on stderr).
+    """Draw a stream or mesh, base colour without lighting or --shaded, as OUT.png ("-": stdout, with the report on stderr).
 
     IN or OTHER may be "-": a stream or a GLB on stdin. The camera is set by IN's bounding sphere, for OTHER too. PSNR is taken
     over the pixels that both cover, laid over white where --background is not given.
@@ -153,13 +154,14 @@ def _camera(asset, choices):
 def _draw(asset, camera, choices, report):
     """Picture of a Scene or a Texf."""
     from ..asset.scene import Scene
+    from ..render.environment import DAYLIGHT
     from ..render.shade import render_scene, render_texf
 
-    cull, threads = not choices["no_cull"], choices["threads"]
+    cull, threads, light = not choices["no_cull"], choices["threads"], DAYLIGHT if choices["shaded"] else None
     with report.stage("render"):
         if isinstance(asset, Scene):
-            return render_scene(asset, camera, cull, threads)
-        return render_texf(asset, camera, cull, not choices["no_filter"], threads)
+            return render_scene(asset, camera, cull, threads, shaded=light)
+        return render_texf(asset, camera, cull, not choices["no_filter"], threads, shaded=light)
 
 
 def _image(picture, choices):
@@ -196,9 +198,9 @@ def _facts(image, picture, choices, compared, report):
     from ..report import peak_memory_bytes
 
     return {"width": image.shape[1], "height": image.shape[0], "direction": [round(float(v), 6) for v in choices["view"]],
-            "perspective": choices["perspective"], "pixels": picture.width * picture.height, "covered": len(picture.pixel),
-            "background": list(choices["background"]), "compare": compared, "seconds": seconds_of(report),
-            "peak_memory_bytes": peak_memory_bytes(), "warnings": report.warnings, "dropped": report.dropped}
+            "perspective": choices["perspective"], "shaded": choices["shaded"], "pixels": picture.width * picture.height,
+            "covered": len(picture.pixel), "background": list(choices["background"]), "compare": compared,
+            "seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(), "warnings": report.warnings, "dropped": report.dropped}
 
 
 def _lines(facts, out):

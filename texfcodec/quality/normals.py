@@ -7,7 +7,8 @@ def angular_error(ref: np.ndarray, got: np.ndarray, weights: np.ndarray | None =
     """Angles in degrees between directions that belong together.
 
     ref, got: [N, 3] of any length; weights: [N] non-negative, or None for 1 each. Returns {"mean_degrees", "rms_degrees",
-    "p95_degrees", "samples"}; p95 is the smallest angle that at least 95 % of the weight does not exceed.
+    "median_degrees", "p95_degrees", "p99_degrees", "samples"}; p95 is the smallest angle that at least 95 % of the weight does
+    not exceed.
 
     A reference that is zero, NaN or infinite says nothing, so its pair is left out, and samples counts the others. A result that
     is zero, NaN or infinite counts 180 degrees: a codec must not gain by writing none. The angle is atan2(|cross|, dot) of unit
@@ -31,7 +32,8 @@ def angular_error(ref: np.ndarray, got: np.ndarray, weights: np.ndarray | None =
     if not total > 0:
         raise ValueError("no reference direction (or only weight zero): there is no angle to report")
     return {"mean_degrees": float(kept @ degrees / total), "rms_degrees": float(np.sqrt(kept @ degrees**2 / total)),
-            "p95_degrees": _weighted_quantile(degrees, kept, 0.95), "samples": len(degrees)}
+            "median_degrees": _weighted_quantile(degrees, kept, 0.5), "p95_degrees": _weighted_quantile(degrees, kept, 0.95),
+            "p99_degrees": _weighted_quantile(degrees, kept, 0.99), "samples": len(degrees)}
 
 
 def _units(vectors):

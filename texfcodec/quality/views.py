@@ -18,19 +18,20 @@ import numpy as np
 from ..asset.sample import pack_source, sample_source
 from ..asset.scene import ALPHA_OPAQUE, Scene
 from ..errors import InputError
-from ..ground.areas import sample_surface
 from ..ground.colour_error import ColourError, decibels, json_ready
 from ..ground.ssim import ssim as mean_ssim
 from ..render.camera import bounding_sphere, fibonacci_direction, orthographic
+from ..render.environment import Environment
+from ..render.lighting import Lighting
 from ..render.shade import render_scene, render_texf
+from ..render.textures import MipScenes, Textures
 from ..texf import Texf
 from .faces import decoded_faces
 from .measure import SourceSamples
+from .nearest import NearestFaces, face_normals
 
 VIEWS, SIZE = 16, 2048
 NEAREST_SAMPLES = 100_000  # points of 3D-PSNR where each has to look for its nearest face
-LANDMARKS, NEIGHBOURS = 500_000, 8
-BLOCK = 1 << 15  # points asked at a time, each with its NEIGHBOURS triangles
 
 
 @dataclass
@@ -43,14 +44,23 @@ class _View:
     lpips: float | None
 
 
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """How views are drawn. environment: the light, None for the base colour as it is; mipmaps: ask minified images and fields as
+    viewers do, between two mip levels or levels of the field, and not at points alone."""
+
+    environment: Environment | None = None
+    mipmaps: bool = False
+
+
 def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIEWS, size: int = SIZE, ssim: bool = False,
                   lpips: Callable[[np.ndarray, np.ndarray], float] | None = None, threads: int = 1,
-                  on_view: Callable[[int, int], object] | None = None) -> dict:
+                  on_view: Callable[[int, int], object] | None = None, look: Look | None = None) -> dict:
     """Image metrics of other against reference, each a Scene or a Texf.
 
     views >= 1; size: pixels a side; ssim: compute SSIM as well; lpips: function of two uint8 images [H, W, 3], such as
-    perceptual.Lpips, or None; threads: views at a time; on_view: called with (views done, views) after each, in order. The
-    result does not depend on threads.
+    perceptual.Lpips, or None; threads: views at a time; on_view: called with (views done, views) after each, in order; look: how
+    both are drawn, the protocol's way where it is None. The result does not depend on threads.
 
     Returns {"psnr": {"rgb", "y", "u", "v", "yuv"} in dB, "ssim", "lpips", "views", "size", "pixels"}. Rendered values are rounded
     to 8 bits and PSNR has peak 255. psnr rgb is of the mean of the three errors, yuv of (6 Y + U + V) / 8 of the mean squared
@@ -61,7 +71,7 @@ def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIE
     if views < 1 or size < 1:
         raise ValueError(f"there must be at least one view of one pixel, not {views} of {size}")
     centre, radius = bounding_sphere(reference.positions)
-    render_reference, render_other = _renderer(reference), _renderer(other)
+    render_reference, render_other = _renderer(reference, look or Look()), _renderer(other, look or Look())
 
     def one(i):
         camera = orthographic(fibonacci_direction(i, views), centre, radius, size)
@@ -78,13 +88,14 @@ def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIE
     return {**_pooled(seen), "views": views, "size": size, "pixels": sum(v.pixels for v in seen)}
 
 
-def _renderer(side):
+def _renderer(side, look):
     """Function Camera -> Picture of a Scene or Texf with every back face culled."""
     side = replace(side, materials=[replace(m, double_sided=False) for m in side.materials])
+    light = None if look.environment is None else Lighting(side, look.environment, look.mipmaps)
     if isinstance(side, Texf):
-        return lambda camera: render_texf(side, camera, filtering=False)
-    source = pack_source(side)
-    return lambda camera: render_scene(side, camera, source=source)
+        return lambda camera: render_texf(side, camera, filtering=look.mipmaps, shaded=light)
+    source = Textures(side, pack_source, MipScenes(side)) if look.mipmaps else pack_source(side)
+    return lambda camera: render_scene(side, camera, source=source, shaded=light)
 
 
 def _compare(a, b, ssim, lpips):
@@ -149,7 +160,7 @@ def mesh_psnr_3d(reference: Scene, mesh: Scene, samples: int = NEAREST_SAMPLES, 
     else:
         corners = reference.positions[reference.faces[asked.face]]
         points = np.einsum("mk,mkc->mc", asked.bary, corners)
-        got = MeshColours(mesh, threads).query(points, _normals(corners))
+        got = MeshColours(mesh, threads).query(points, face_normals(corners))
     error = ColourError()
     error.add(asked.colour[:, :3], got[:, :3], asked.colour[:, 3] / 255.0 if _has_alpha(mesh) else None)
     result = json_ready(error.result())
@@ -162,71 +173,13 @@ def _has_alpha(scene):
 
 
 class MeshColours:
-    """The colours of a mesh at its points nearest to given ones. Of surfaces that lie on each other, the one that faces the given
-    way answers: without that, the lining of a garment would answer for its outside.
-
-    scene: Scene with a face that has area; threads.
-    """
+    """The colours of a mesh at its points nearest to given ones; see NearestFaces. scene: Scene with a face that has area."""
 
     def __init__(self, scene: Scene, threads: int = 1) -> None:
-        from scipy.spatial import cKDTree  # here, as is trimesh below, because it takes long to import
-
         self._source, self._threads = pack_source(scene), threads
-        self._origin = scene.positions.min(axis=0)
-        self._side = float((scene.positions - self._origin).max())
-        self._corners = ((scene.positions - self._origin) / self._side)[scene.faces]
-        self._normals = _normals(self._corners)
-        face, bary = sample_surface(scene.positions, scene.faces, LANDMARKS)
-        places = np.einsum("mk,mkc->mc", bary, self._corners[face])
-        self._face = np.concatenate([face, np.arange(len(scene.faces))])  # a centroid each: no face is too small to be found
-        places = np.concatenate([places, self._corners.mean(axis=1)])
-        edges = self._corners[:, 1:] - self._corners[:, :1]
-        area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum() / 2
-        self._turn = 4 * np.sqrt(area / LANDMARKS)  # a normal that is off by 1 counts as four landmarks' spacing
-        self._tree = cKDTree(np.hstack([places, self._turn * self._normals[self._face]]))
+        self._places = NearestFaces(scene.positions, scene.faces, threads)
 
     def query(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Colours at world points, float64 [M, 3], of surfaces that face along normals, float64 [M, 3] of length 1 (or 0: any).
-
-        Returns float32 [M, 4], 0..255, sRGB-coded, straight alpha. The nearest point is exact on its triangle, and the triangle
-        is the nearest of those around the NEIGHBOURS nearest of LANDMARKS points spread over the mesh.
-        """
-        out = np.empty((len(points), 4), np.float32)
-        for begin in range(0, len(points), BLOCK):
-            part = slice(begin, begin + BLOCK)
-            face, bary = self._nearest((points[part] - self._origin) / self._side, normals[part])
-            out[part] = sample_source(self._source, face, bary, self._threads)
-        return out
-
-    def _nearest(self, points, normals):
-        """(face int64 [M], bary float64 [M, 3]) of points in units of the mesh's side."""
-        from trimesh.triangles import closest_point, points_to_barycentric
-
-        keys = np.hstack([points, self._turn * normals])
-        faces = self._face[self._tree.query(keys, NEIGHBOURS, workers=self._threads)[1]]
-        every = np.repeat(points, NEIGHBOURS, axis=0)
-        with np.errstate(all="ignore"):  # triangles without area
-            near = closest_point(self._corners[faces.ravel()], every)
-            distance = np.linalg.norm(near - every, axis=1).reshape(faces.shape)
-        against = np.einsum("mkc,mc->mk", self._normals[faces], normals) < 0
-        best = np.argmin(np.where(np.isfinite(distance), distance, np.inf) + self._turn * against, axis=1)
-        row = np.arange(len(points))
-        face = faces[row, best]
-        with np.errstate(all="ignore"):
-            return face, _inside(points_to_barycentric(self._corners[face], near.reshape(*faces.shape, 3)[row, best]))
-
-
-def _normals(corners):
-    """Unit normals float64 [M, 3] of triangles [M, 3, 3]; zero where a triangle has no area."""
-    edges = corners[:, 1:] - corners[:, :1]
-    edges = edges / np.maximum(np.abs(edges).max(axis=(1, 2), initial=0.0, keepdims=True), 1e-300)
-    normals = np.cross(edges[:, 0], edges[:, 1])
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return normals / np.where(length > 0, length, 1.0)
-
-
-def _inside(bary):
-    """Barycentric coordinates that are of this triangle; a triangle without area answers with its first corner."""
-    bary = np.clip(np.where(np.isfinite(bary), bary, 0.0), 0.0, 1.0)
-    total = bary.sum(axis=1, keepdims=True)
-    return np.where(total > 0, bary / np.where(total > 0, total, 1.0), (1.0, 0.0, 0.0))
+        Returns float32 [M, 4], 0..255, sRGB-coded, straight alpha."""
+        return sample_source(self._source, *self._places.find(points, normals), self._threads)

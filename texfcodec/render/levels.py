@@ -3,6 +3,7 @@
 A Field stands in a later room, so that signatures here say Any.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,7 @@ from ..support.query import query_field
 class Level:
     """One level of a field: a cell is 2**level of the field's own a side.
 
-    support: where its values are; values: uint8 (level 0) or float32 [N, 4], the plain means of the field's values in each cell
+    support: where its values are; values: uint8 (level 0) or float32 [N, C], the plain means of the field's values in each cell
     (what a decoder that leaves levels out has there, but for rounding); counts: int64 [N], how many.
     """
 
@@ -25,7 +26,7 @@ class Level:
     counts: np.ndarray
 
     def query(self, places: np.ndarray) -> np.ndarray:
-        """float32 [M, 4] at places of the field: grid coordinates float64 [M, 3] over voxels, see support.query.query_field;
+        """float32 [M, C] at places of the field: grid coordinates float64 [M, 3] over voxels, see support.query.query_field;
         texels of the full image float64 [M, 2] over texels."""
         if self.support.planar:
             return self.support.query(places, self.values)
@@ -34,11 +35,17 @@ class Level:
 
 
 class Pyramid:
-    """The levels of one field, each built when it is first asked for. Threads that ask at once may build one twice, no more."""
+    """The levels of planes of one field, each built when it is first asked for. Threads that ask at once may build one twice, no
+    more.
 
-    def __init__(self, field: Any) -> None:
-        self.rgba = field.rgba
-        self._levels = [Level(0, field.support, field.rgba, np.ones(len(field.keys), np.int64))]
+    names: of planes that have one support, side by side in the values; none: the colours that a viewer shows without light.
+    """
+
+    def __init__(self, field: Any, names: Sequence[str] = ()) -> None:
+        self.arrays = _arrays(field, names)
+        support = field.support_of(names[0]) if names else field.support
+        values = self.arrays[0] if len(self.arrays) == 1 else np.hstack(self.arrays)
+        self._levels = [Level(0, support, values, np.ones(len(support), np.int64))]
 
     @property
     def last(self) -> int:
@@ -54,11 +61,16 @@ class Pyramid:
         return levels[number]
 
 
-def pyramid_of(field: Any) -> Pyramid:
-    """The Pyramid of a Field; kept with it and made anew when its values are another array."""
-    if field._pyramid is None or field._pyramid.rgba is not field.rgba:
-        field._pyramid = Pyramid(field)
-    return field._pyramid
+def pyramid_of(field: Any, names: Sequence[str] = ()) -> Pyramid:
+    """The Pyramid of planes of a Field; kept with it and made anew when their values are other arrays."""
+    kept = field._pyramids.get(tuple(names))
+    if kept is None or any(a is not b for a, b in zip(kept.arrays, _arrays(field, names), strict=True)):
+        kept = field._pyramids[tuple(names)] = Pyramid(field, names)
+    return kept
+
+
+def _arrays(field, names):
+    return [field.planes[name] for name in names] if names else [field.rgba]
 
 
 def _coarser(fine):

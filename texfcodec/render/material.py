@@ -11,7 +11,7 @@ import numpy as np
 from ..asset.srgb import linear_to_srgb
 from ..ground.threads import over_blocks
 from . import terms
-from .effects import UNLIT, ShadingTable
+from .effects import TERMS, ShadingTable
 from .environment import Environment
 from .lobes import build_tables
 from .surface import Points, Surface
@@ -32,8 +32,9 @@ def shade(points: Points, table: ShadingTable, environment: Environment, threads
     if table.is_lit:
         environment.build()
         build_tables()
-    kinds = sorted({tuple(sorted(effects)) for effects in table.effects})
-    kind_of = np.array([kinds.index(tuple(sorted(effects))) for effects in table.effects], np.int64)
+    called = [tuple(sorted(effects & TERMS)) for effects in table.effects]
+    kinds = sorted(set(called))
+    kind_of = np.array([kinds.index(one) for one in called], np.int64)
     which = kind_of[material] if len(kinds) > 1 else None
     for number, kind in enumerate(kinds):
         members = None if which is None else np.flatnonzero(which == number)
@@ -59,7 +60,7 @@ def expose(radiance: np.ndarray, exposure: float = 1.0) -> np.ndarray:
 
 def _radiance(surface, effects, environment):
     """Radiance [3, m] of points with the same effects."""
-    if effects == UNLIT:
+    if "lit" not in effects:
         return surface.base / np.float32(environment.exposure)
     surface.stand()
     if "occlusion" in effects:
@@ -76,7 +77,7 @@ def _radiance(surface, effects, environment):
 
 def _base(surface, effects, environment):
     """The base layer, metal and what is no metal, mixed; a run of points that is all of one kind pays for that alone."""
-    straight, f90 = terms.specular(surface) if "specular" in effects else (terms.DIELECTRIC, np.float32(1))
+    straight, f90 = terms.specular(surface) if effects & {"specular", "ior"} else (terms.DIELECTRIC, np.float32(1))
     coloured = (lambda f0: terms.iridescence(surface, f0)) if "iridescence" in effects else (lambda f0: f0)
     lobe = terms.anisotropic_gloss(surface, environment) if "anisotropy" in effects else terms.gloss(surface, environment)
     total, metallic = np.zeros_like(surface.base), surface.metallic

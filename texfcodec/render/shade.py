@@ -5,7 +5,6 @@ A Texf stands in a later room, so that signatures here say Any.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +12,13 @@ import numpy as np
 
 from ..asset.sample import pack_source, sample_source
 from ..ground.kernel import kernel
+from ..ground.threads import over_blocks
+from .environment import Environment
 from .layers import composite, opacity, see_through
-from .levels import pyramid_of
+from .lighting import Lighting
+from .questions import Questions
 from .raster import Fragments, visible
+from .textures import Textures, with_finite_uvs
 from .triangles import set_up
 
 if TYPE_CHECKING:
@@ -55,34 +58,56 @@ class Picture:
         return out.reshape(self.height, self.width, 3)
 
 
-def render_scene(scene: Scene, camera: Camera, cull: bool = True, threads: int = 1, source: tuple | None = None) -> Picture:
-    """Picture of a Scene with its own textures (bilinear, as glTF defines them; no lighting).
+def render_scene(scene: Scene, camera: Camera, cull: bool = True, threads: int = 1, source: tuple | Textures | None = None,
+                 shaded: Lighting | Environment | None = None) -> Picture:
+    """Picture of a Scene with its own textures (bilinear, as glTF defines them).
 
-    cull: leave out back faces of materials that are not double-sided; source: pack_source(scene), to use again for other views.
-    Alpha: see layers.composite. A scene of which nothing is seen is an empty Picture.
+    cull: leave out back faces of materials that are not double-sided; source: pack_source(scene), or Textures of it, which may
+    have mip levels, to use again for other views; shaded: the light, or the scene's Lighting to use again; None shows the base
+    colour as it is. Alpha: see layers.composite. A scene of which nothing is seen is an empty Picture.
     """
     source = pack_source(scene) if source is None else source
+    light = _lighting(scene, shaded)
     triangles = set_up(camera, scene.positions, scene.faces, cull, _two_sided(scene.materials, scene.face_material))
-    return _render(triangles, scene.materials, scene.face_material, threads,
-                   lambda fragments: shade_source(source, fragments, threads))
+
+    def shade(fragments):
+        has_levels = isinstance(source, Textures)
+        rgba = source.colours(camera, fragments, threads) if has_levels else shade_source(source, fragments, threads)
+        return _in_light(light, camera, fragments, rgba, True, threads)
+
+    return _render(triangles, scene.materials, scene.face_material, threads, shade)
 
 
-def render_texf(texf: Any, camera: Camera, cull: bool = True, filtering: bool = True, threads: int = 1) -> Picture:
+def render_texf(texf: Any, camera: Camera, cull: bool = True, filtering: bool = True, threads: int = 1,
+                shaded: Lighting | Environment | None = None) -> Picture:
     """Picture of a decoded Texf; arguments as in render_scene() and shade_field(). A Texf without fields has no colour and is an
     empty Picture."""
     if not texf.fields:
         return Picture(camera.width, camera.height, np.zeros(0, np.int64), np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
-    positions, faces, face_material = texf.positions, texf.faces, texf.face_material
+    positions, faces, face_material, light = texf.positions, texf.faces, texf.face_material, _lighting(texf, shaded)
     triangles = set_up(camera, positions, faces, cull, _two_sided(texf.materials, face_material))
-    return _render(triangles, texf.materials, face_material, threads,
-                   lambda fragments: shade_field(texf, camera, fragments, positions, faces, filtering, threads))
+
+    def shade(fragments):
+        rgba = shade_field(texf, camera, fragments, positions, faces, filtering, threads)
+        return _in_light(light, camera, fragments, rgba, filtering, threads)
+
+    return _render(triangles, texf.materials, face_material, threads, shade)
+
+
+def _lighting(asset, shaded):
+    return Lighting(asset, shaded) if isinstance(shaded, Environment) else shaded
+
+
+def _in_light(light, camera, fragments, rgba, filtering, threads):
+    """Base colour and alpha as they are without light; else the colour in light, and alpha."""
+    if light is not None:
+        rgba[:, :3] = light.coded(camera, fragments, rgba, filtering, threads)
+    return rgba
 
 
 def shade_source(source: tuple, fragments: Fragments, threads: int = 1) -> np.ndarray:
     """Source colours float32 [M, 4] RGBA, 0..255. source: from pack_source; UVs that are not finite are read as 0."""
-    if not np.isfinite(source[6]).all():
-        source = (*source[:6], np.nan_to_num(source[6], nan=0.0, posinf=0.0, neginf=0.0), *source[7:])
-    return sample_source(source, fragments.face, fragments.bary, threads)
+    return sample_source(with_finite_uvs(source), fragments.face, fragments.bary, threads)
 
 
 def shade_field(texf: Any, camera: Camera, fragments: Fragments, positions: np.ndarray, faces: np.ndarray, filtering: bool = True,
@@ -95,106 +120,20 @@ def shade_field(texf: Any, camera: Camera, fragments: Fragments, positions: np.n
     closer than a coarse voxel, filtering mixes them, as lower levels of detail do.
     """
     out = np.zeros((len(fragments.face), 4), np.float32)
-    positions, faces = np.ascontiguousarray(positions, np.float64), np.ascontiguousarray(faces, np.int64)
     if len(fragments.face) and (fragments.face.min() < 0 or fragments.face.max() >= len(faces)):
         raise IndexError("face index outside the mesh")
     which = texf.face_field[fragments.face] if len(texf.fields) > 1 else None
-    deepest = fragments.depth.max(initial=0.0)
-    for number, part in enumerate(texf.fields):
+    questions = Questions(texf, camera, fragments.depth.max(initial=0.0) if filtering else None, positions, faces)
+    for number in range(len(texf.fields)):
         chosen = np.arange(0) if which is None else np.flatnonzero(which == number)
-        questions = _texel_questions if part.over_texels else _voxel_questions
-        ask = questions(texf, number, camera, deepest if filtering else None, positions, faces)
+        ask = questions.of_field(number)
 
         def one(begin, chosen=chosen, ask=ask):
             place = slice(begin, begin + BLOCK) if which is None else chosen[begin : begin + BLOCK]
             out[place] = ask(fragments.face[place], fragments.bary[place], fragments.depth[place])
 
-        with ThreadPoolExecutor(max(threads, 1)) as pool:
-            list(pool.map(one, range(0, len(out) if which is None else len(chosen), BLOCK)))
+        over_blocks(one, len(out) if which is None else len(chosen), BLOCK, threads)
     return out
-
-
-def _voxel_questions(texf, number, camera, deepest, positions, faces):
-    """Function (face int64 [M], bary float64 [M, 3], depth float64 [M], at most deepest) -> float32 [M, 4] colour of a field over
-    voxels. deepest: None without filtering."""
-    part = texf.fields[number]
-    pyramid, step = pyramid_of(part), 1 << part.level_shift
-    width = 0.0 if deepest is None else camera.pixel * _voxels_per_unit(texf, part)
-    _build(pyramid, 0.0 if deepest is None else width * (deepest if camera.perspective else 1.0))
-
-    def finest(points, grid):
-        return texf.query_field(number, points) if texf.evaluators else pyramid.level(0).query(grid)
-
-    def ask(face, bary, depth):
-        points = _surface_points(face, bary, positions, faces)
-        grid = texf.cube.to_grid(points, part.support.resolution) / step
-        wide = width * depth if camera.perspective else width
-        if not np.any(wide > 1):
-            return finest(points, grid)
-        return _mixed(pyramid, lambda chosen: finest(points[chosen], grid[chosen]), grid, _fineness(wide, pyramid))
-
-    return ask
-
-
-def _texel_questions(texf, number, camera, deepest, positions, faces):
-    """As _voxel_questions for a field over texels: how many texels a pixel covers differs from face to face."""
-    part, uv = texf.fields[number], np.ascontiguousarray(texf.uv)
-    pyramid = pyramid_of(part)
-    pyramid.level(0).support.rank  # noqa: B018  built now, so that the threads only read
-    density = np.zeros(len(faces)) if deepest is None else _texels_per_unit(positions, faces, uv) * camera.pixel
-    density /= 1 << part.level_shift
-    mine = texf.face_field == number
-    _build(pyramid, 0.0 if deepest is None else density[mine].max(initial=0.0) * (deepest if camera.perspective else 1.0))
-
-    def ask(face, bary, depth):
-        texel = np.einsum("mk,mkc->mc", bary, uv[faces[face]])
-        wide = density[face] * depth if camera.perspective else density[face]
-        if not np.any(wide > 1):
-            return pyramid.level(0).query(texel)
-        return _mixed(pyramid, lambda chosen: pyramid.level(0).query(texel[chosen]), texel, _fineness(wide, pyramid))
-
-    return ask
-
-
-def _build(pyramid, widest):
-    """Builds the levels that pixels of up to so many cells ask, before threads do."""
-    if widest > 1:
-        for number in range(min(int(np.log2(widest)) + 1, pyramid.last) + 1):
-            support = pyramid.level(number).support
-            if support.planar:
-                support.rank  # noqa: B018
-
-
-def _fineness(wide, pyramid):
-    return np.minimum(np.log2(np.maximum(wide, 1)), pyramid.last)
-
-
-def _mixed(pyramid, finest, places, fineness):
-    """Colours mixed between the two levels around `fineness`, float64 scalar or [M]. finest: function of numbers of places ->
-    answers of level 0; places: what Level.query takes, [M, ...]."""
-    fineness = np.broadcast_to(fineness, len(places))
-    out = np.zeros((len(places), 4), np.float32)
-    for number in range(int(fineness.min()), int(np.ceil(fineness.max())) + 1):
-        share = np.maximum(1 - np.abs(fineness - number), 0).astype(np.float32)
-        chosen = np.flatnonzero(share)
-        if len(chosen):
-            level = pyramid.level(number).query(places[chosen]) if number else finest(chosen)
-            out[chosen] += share[chosen, None] * level
-    return out
-
-
-def _texels_per_unit(positions, faces, uv):
-    """Texels along one unit of length in the world, of every face: float64 [F]; 0 where a face has no area."""
-    world, flat = (np.linalg.norm(np.cross(p[faces[:, 1]] - p[faces[:, 0]], p[faces[:, 2]] - p[faces[:, 0]]), axis=1)
-                   for p in (positions, np.column_stack([uv, np.zeros(len(uv))])))
-    return np.sqrt(np.divide(flat, world, out=np.zeros(len(faces)), where=world > 0))
-
-
-def _voxels_per_unit(texf, part):
-    """Voxels of the field along one unit of length in the world."""
-    if texf.side == 0:
-        return 0.0
-    return float(texf.cube.to_grid(texf.origin + texf.side, part.support.resolution).max()) / texf.side / (1 << part.level_shift)
 
 
 def _render(triangles, materials, face_material, threads, shade):
@@ -213,18 +152,6 @@ def _render(triangles, materials, face_material, threads, shade):
 
 def _two_sided(materials, face_material):
     return np.array([m.double_sided for m in materials], np.bool_)[face_material]
-
-
-@kernel
-def _surface_points(face, bary, positions, faces):
-    """World points float64 [M, 3] of fragments. Bounds: shade_field has checked face against faces, set_up faces against
-    positions."""
-    out = np.empty((face.shape[0], 3))
-    for i in range(face.shape[0]):
-        a, b, c = faces[face[i], 0], faces[face[i], 1], faces[face[i], 2]
-        for k in range(3):
-            out[i, k] = bary[i, 0] * positions[a, k] + bary[i, 1] * positions[b, k] + bary[i, 2] * positions[c, k]
-    return out
 
 
 @kernel

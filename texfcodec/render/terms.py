@@ -116,7 +116,7 @@ def specular(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
 
 def iridescence(surface: Surface, f0: Reflectance) -> np.ndarray:
     """Reflectance straight on [3, m], mixed with that under a thin film (KHR_materials_iridescence)."""
-    least, most = surface.parameter("iridescence_thickness")
+    least, most = (surface.parameter(f"iridescence_thickness_{end}")[0] for end in ("minimum", "maximum"))
     thickness = least + (most - least) * surface.scalar("iridescence_thickness")
     ior = np.maximum(surface.parameter("iridescence_ior")[0], np.float32(1))
     film = film_f0(surface.nv, np.broadcast_to(f0, surface.base.shape), ior, thickness)

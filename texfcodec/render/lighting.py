@@ -1,0 +1,153 @@
+"""Light on what a picture shows of a Scene or a Texf: maps, normals and views of fragments for render/material.py.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..asset.factors import FLAT, linear_values, neutral_values
+from ..asset.scene import Scene
+from ..channels import BY_NAME
+from ..ground.threads import over_blocks
+from .effects import ShadingTable
+from .environment import DAYLIGHT, Environment
+from .frames import deviated_normals, interpolate_corners, tangent_space_normals, towards_viewer
+from .lit_field import FieldMaps
+from .lit_scene import SceneMaps
+from .lobes import build_tables
+from .material import expose, shade
+from .questions import surface_points
+from .surface import Points
+
+if TYPE_CHECKING:
+    from .camera import Camera
+    from .raster import Fragments
+
+BLOCK = 1 << 15  # fragments at a time
+
+
+class Lighting:
+    """How one asset is lit; made once, for any number of pictures.
+
+    asset: Scene or Texf; mipmaps: whether a Scene's maps are asked at mip levels (render/textures.py). Only the channels that the
+    materials of a run of fragments use are asked; an asset without a lit material costs nothing.
+    """
+
+    def __init__(self, asset: Any, environment: Environment = DAYLIGHT, mipmaps: bool = False) -> None:
+        self.environment = environment
+        self.maps: Any = SceneMaps(asset, mipmaps) if isinstance(asset, Scene) else FieldMaps(asset)
+        self.table = ShadingTable(asset.materials)
+        self.positions, self.faces = np.ascontiguousarray(asset.positions), np.ascontiguousarray(asset.faces)
+        self.face_material = asset.face_material
+        self._lit = np.array(["lit" in effects for effects in self.table.effects], bool)
+        self._mapped = {name: np.array([name in m.maps for m in self.table.materials], bool)
+                        for name in self.table.wanted_channels()}
+
+    @cached_property
+    def geometric(self) -> np.ndarray:
+        """Normals of the faces, float32 [F, 3], of length 1, or 0 where a face has no area."""
+        corners = self.positions[self.faces]
+        u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        longest = np.maximum(np.abs(u).max(axis=1, initial=0), np.abs(v).max(axis=1, initial=0))[:, None]
+        normal = np.cross(u / np.where(longest > 0, longest, 1), v / np.where(longest > 0, longest, 1))
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        return (normal / np.where(length > 0, length, 1)).astype(np.float32)
+
+    def coded(self, camera: Camera, fragments: Fragments, rgba: np.ndarray, filtering: bool = True,
+              threads: int = 1) -> np.ndarray:
+        """Colours float32 [M, 3], 0..255, sRGB-coded, of fragments in light. rgba: float32 [M, 4], 0..255, their base colour and
+        alpha; unlit materials keep it. filtering: as of render_texf(). The result does not depend on threads."""
+        out = np.array(rgba[:, :3], np.float32)
+        material = self.face_material[fragments.face]
+        seen = np.bincount(material, minlength=len(self._lit)) > 0
+        if not (seen & self._lit).any():
+            return out
+        wanted = self.table.wanted_channels(np.flatnonzero(seen))
+        self.environment.build()
+        build_tables()
+        _ = self.geometric, self.maps.corner_normal
+        ask = self.maps.asker(camera, fragments.depth.max(initial=0.0), wanted, filtering)
+        rows = None if self._lit[seen].all() else np.flatnonzero(self._lit[material])
+
+        def one(begin):
+            part = slice(begin, begin + BLOCK) if rows is None else rows[begin : begin + BLOCK]
+            at = fragments.face[part], fragments.bary[part], fragments.depth[part]
+            points = self._points(camera, ask, at, out[part])
+            out[part] = expose(shade(points, self.table, self.environment), self.environment.exposure)
+
+        over_blocks(one, len(out) if rows is None else len(rows), BLOCK, threads)
+        return out
+
+    def _points(self, camera, ask, at, colour):
+        """Points of fragments (face, bary, depth) and their base colour."""
+        face, bary, _ = at
+        material = self.face_material[face]
+        numbers = np.flatnonzero(np.bincount(material, minlength=len(self._lit)))
+        wanted = self.table.wanted_channels(numbers)
+        effects = frozenset().union(*(self.table.effects[number] for number in numbers))
+        answers = ask(wanted, *at)
+        values = {name: self._final(name, answers[name], material) for name in wanted if BY_NAME[name].unit != "degrees"}
+        values["base_colour"] = linear_values("base_colour", colour)
+        view = self._view(camera, face, bary)
+        geometric, plain = self.geometric[face], interpolate_corners(self.maps.corner_normal, face, bary)
+        turned = lambda name: towards_viewer(self._bent(name, answers, at, plain), geometric, view)
+        normal, coat = turned("normal"), None
+        if "clearcoat" in effects and not wanted.isdisjoint(("normal", "clearcoat_normal")):
+            coat = turned("clearcoat_normal")
+        tangent = self.maps.tangents("anisotropy", face, bary) if "anisotropy" in effects else None
+        return Points(material=material, normal=normal, view=view, values=values, tangent=tangent, coat_normal=coat)
+
+    def _final(self, name, values, material):
+        """Final values of a channel; a material without the map has what says nothing there."""
+        mapped = self._mapped[name]
+        if not mapped.all():
+            values[~mapped[material]] = neutral_values(name)
+        return self.table.final(name, material, linear_values(name, values))
+
+    def _bent(self, name, answers, at, plain):
+        """Normals [m, 3], plain ones turned by the maps of channel `name`, in tangent or object space, where there are any."""
+        face, bary, _ = at
+        out = plain
+        for key in (name, f"{name}_object"):
+            if key not in answers:
+                continue
+            rows = np.flatnonzero(self._mapped[name][self.face_material[face]])
+            if not len(rows):
+                continue
+            out = plain.copy() if out is plain else out
+            material, where = self.face_material[face[rows]], (face[rows], bary[rows])
+            base, geometric, values = out[rows], self.geometric[face[rows]], answers[key][rows]
+            if key == name:
+                scale = self.table.values[BY_NAME[name].parameter][material, 0]
+                out[rows] = tangent_space_normals(values, scale, base, self.maps.tangents(name, *where), geometric)
+            else:
+                out[rows] = deviated_normals(values / np.float32(FLAT) - 1, base, geometric)
+        return out
+
+    def _view(self, camera, face, bary):
+        """From the points to the eye, float32 [m, 3]: in perspective to where it stands, else against the line of sight."""
+        if not camera.perspective:
+            return np.broadcast_to(-camera.forward.astype(np.float32), (len(face), 3))
+        return (camera.eye - surface_points(face, bary, self.positions, self.faces)).astype(np.float32)
+
+
+    def normals(self, name: str, face: np.ndarray, bary: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """World shading normals of surface points without and with a normal map, float32 [M, 3] each. name: "normal" or
+        "clearcoat_normal"; face: int64 [M]; bary: float64 [M, 3]."""
+        plain, at = interpolate_corners(self.maps.corner_normal, face, bary), (face, bary, np.zeros(len(face)))
+        wanted = self.table.wanted_channels() & {name}
+        return plain, self._bent(name, self.maps.asker(None, 0.0, wanted, False)(wanted, *at), at, plain)
+
+    def finals(self, names: Collection[str], face: np.ndarray, bary: np.ndarray) -> dict[str, np.ndarray]:
+        """Final values float32 [M, C], linear, of channels at surface points, whether there is a map or not. names: of channels
+        that are no normals."""
+        material, mapped = self.face_material[face], frozenset(names) & self.table.wanted_channels()
+        answers = self.maps.asker(None, 0.0, mapped, False)(mapped, face, bary, np.zeros(len(face)))
+        return {name: self._final(name, answers[name], material) if name in mapped else self.table.constant(name, material)
+                for name in names}

@@ -1,0 +1,96 @@
+"""Maps and corners of a Scene for render/lighting.py."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from functools import cached_property, partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..asset.normals import corner_normals
+from ..asset.sample import pack_map, sampled_values
+from ..asset.scene import Scene
+from ..asset.tangents import corner_tangents
+from ..channels import BY_NAME
+from ..geometry.canonical import fit_cube
+from .frames import interpolate_corners
+from .textures import MipScenes, Textures
+
+if TYPE_CHECKING:
+    from .camera import Camera
+
+LATTICE_BITS = 20  # of positions where normals have to be made: the most that the rules take
+
+
+class SceneMaps:
+    """Answers of a Scene's maps at points of its faces; channels that share images and UVs are asked at once."""
+
+    def __init__(self, scene: Scene, mipmaps: bool = False) -> None:
+        self.scene = scene
+        self._mips = MipScenes(scene) if mipmaps else None
+        self._textures: dict[tuple, Textures] = {}
+        self._tangents: dict[int, np.ndarray] = {}
+
+    @cached_property
+    def corner_normal(self) -> np.ndarray:
+        """Normals of face corners, float32 [F, 3, 3]: the file's; the faces' where a file without any means that; else made by
+        the usual rule."""
+        scene = self.scene
+        if scene.corner_normal is not None:
+            return scene.corner_normal
+        if scene.flat:
+            corners = scene.positions[scene.faces]
+            normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            longest = np.abs(normal).max(axis=1, initial=0, keepdims=True)
+            return np.repeat((normal / np.where(longest > 0, longest, 1)).astype(np.float32)[:, None], 3, axis=1)
+        return corner_normals(fit_cube(scene.positions, LATTICE_BITS).to_lattice(scene.positions), scene.faces)
+
+    def asker(self, camera: Camera | None, deepest: float, wanted: Collection[str], filtering: bool) -> Callable:
+        """Function (names among wanted, face, bary, depth) -> values float32 [M, C], 0..255, by channel; normals as x and y.
+        Without mip levels there need be no camera."""
+        for name in sorted(wanted):
+            self._of(name).build(camera, deepest)
+            if BY_NAME[name].unit == "degrees":
+                self._tangent(name)
+        return lambda names, face, bary, depth: self._answers(names, lambda one: one.ask(camera, face, bary, depth))
+
+    def _answers(self, names, ask):
+        found: dict[int, np.ndarray] = {}
+        out = {}
+        for name in sorted(names):
+            one = self._of(name)
+            if id(one) not in found:
+                found[id(one)] = ask(one)
+            out[name] = sampled_values(name, found[id(one)])
+        return out
+
+    def _of(self, name):
+        """The Textures of a channel."""
+        scene, channel = self.scene, BY_NAME[name]
+        images = tuple(m.maps.get(name, -1) for m in scene.materials)
+        key = images, id(scene.map_uv.get(name, scene.corner_uv)), channel.columns == (3,), channel.srgb
+        if key not in self._textures:
+            self._textures[key] = Textures(scene, partial(_packed, name=name), self._mips, channel.srgb)
+        return self._textures[key]
+
+    def tangents(self, name: str, face: np.ndarray, bary: np.ndarray) -> np.ndarray:
+        """Tangents float32 [M, 4] at points of faces, of the UVs of a normal map; those of anisotropy are the base's."""
+        return interpolate_corners(self._tangent("normal" if name == "anisotropy" else name), face, bary)
+
+    def _tangent(self, name):
+        """Tangents of corners, float32 [F, 3, 4]: the file's where it has some for these UVs, else made of them."""
+        scene = self.scene
+        uv = scene.map_uv.get(name, scene.corner_uv)
+        if id(uv) not in self._tangents:
+            given = scene.corner_tangent if uv is scene.corner_uv else None
+            has = np.zeros(len(scene.faces), bool) if given is None else given.any(axis=2).all(axis=1)
+            made = np.zeros((len(scene.faces), 3, 4), np.float32) if given is None else np.array(given, np.float32)
+            if not has.all():
+                made[~has] = corner_tangents(scene.positions, scene.faces[~has], uv[~has], self.corner_normal[~has])
+            self._tangents[id(uv)] = made
+        return self._tangents[id(uv)]
+
+
+def _packed(scene, name):
+    return pack_map(scene, name)

@@ -1,0 +1,156 @@
+"""What the fragments of a picture ask of decoded fields.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..ground.kernel import kernel
+from .levels import Pyramid, pyramid_of
+
+if TYPE_CHECKING:
+    from .camera import Camera
+
+Question = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+class Questions:
+    """Asks fields of a Texf for one picture.
+
+    positions: float64 [V, 3] world; faces: int64 [F, 3]: texf's own, or of the same faces in the same order; deepest: depth that
+    no fragment exceeds, None without filtering, which needs no camera. Filtering asks, where a pixel is wider than a voxel or
+    texel, the coarser levels around the pixel's width, mixed between the nearest two; elsewhere the answer is exactly that of the
+    Texf at the point.
+    """
+
+    def __init__(self, texf: Any, camera: Camera | None, deepest: float | None, positions: np.ndarray,
+                 faces: np.ndarray) -> None:
+        self.texf, self.deepest = texf, 0.0 if deepest is None else deepest
+        self._pixel = 0.0 if deepest is None or camera is None else camera.pixel
+        self._perspective = camera is not None and camera.perspective
+        self.positions, self.faces = np.ascontiguousarray(positions, np.float64), np.ascontiguousarray(faces, np.int64)
+        self._uv = np.ascontiguousarray(texf.uv)
+        self._density = None
+
+    def of_field(self, number: int, names: Sequence[str] = ()) -> Question:
+        """Function (face int64 [M], bary float64 [M, 3], depth float64 [M]) -> values float32 [M, C], 0..255, of field `number`.
+        names: of planes that have one support, whose values stand side by side; none: colour and alpha, four columns."""
+        pyramid = pyramid_of(self.texf.fields[number], names)
+        if self.texf.fields[number].over_texels:
+            return self._of_texels(number, pyramid)
+        return self._of_voxels(number, pyramid, names)
+
+    def _of_voxels(self, number, pyramid, names):
+        texf, support = self.texf, pyramid.level(0).support
+        width = self._pixel * _voxels_per_unit(texf, support)
+        self._build(pyramid, width)
+
+        def ask(face, bary, depth):
+            points = surface_points(face, bary, self.positions, self.faces)
+            grid = texf.cube.to_grid(points, support.resolution) / (1 << support.level_shift)
+
+            def finest(chosen):
+                if not texf.evaluators:
+                    return pyramid.level(0).query(grid[chosen])
+                if not names:
+                    return texf.query_field(number, points[chosen])
+                answers = texf.query_planes(number, names, points[chosen], face[chosen])
+                return np.hstack([answers[name] for name in names])
+
+            return _answered(pyramid, finest, grid, width * depth if self._perspective else width)
+
+        return ask
+
+    def _of_texels(self, number, pyramid):
+        """How many texels a pixel covers differs from face to face."""
+        support = pyramid.level(0).support
+        support.rank  # noqa: B018  built now, so that the threads only read
+        if self._density is None:
+            self._density = self._texels_per_pixel() if self._pixel else np.zeros(len(self.faces))
+        density = self._density / (1 << support.level_shift)
+        self._build(pyramid, density[self.texf.face_field == number].max(initial=0.0))
+
+        def ask(face, bary, depth):
+            texel = np.einsum("mk,mkc->mc", bary, self._uv[self.faces[face]])
+            wide = density[face] * depth if self._perspective else density[face]
+            return _answered(pyramid, lambda chosen: pyramid.level(0).query(texel[chosen]), texel, wide)
+
+        return ask
+
+    def _texels_per_pixel(self):
+        return texels_per_unit(self.positions[self.faces], self._uv[self.faces]) * self._pixel
+
+    def _build(self, pyramid, widest):
+        """Builds the levels that pixels of up to so many cells (at depth 1 in perspective) ask, before threads do."""
+        if self._perspective:
+            widest *= self.deepest
+        if widest > 1:
+            for number in range(min(int(np.log2(widest)) + 1, pyramid.last) + 1):
+                support = pyramid.level(number).support
+                if support.planar:
+                    support.rank  # noqa: B018
+
+
+def _answered(pyramid: Pyramid, finest, places, wide):
+    """Values at places that are `wide` cells wide, float64 scalar or [M]. finest: function of numbers of places -> answers of
+    level 0; places: what Level.query takes, [M, ...]."""
+    if not np.any(wide > 1):
+        return finest(slice(None))
+    fineness = np.minimum(np.log2(np.maximum(wide, 1)), pyramid.last)
+    return mixed(lambda number, chosen: pyramid.level(number).query(places[chosen]) if number else finest(chosen),
+                 np.broadcast_to(fineness, len(places)))
+
+
+def mixed(level: Callable[[int, np.ndarray], np.ndarray], fineness: np.ndarray) -> np.ndarray:
+    """Values float32 [M, C] mixed between the two levels around `fineness`, float64 [M]. level: function of the level's number
+    and the places that ask it, int64 [m], -> values [m, C]."""
+    out = None
+    for number in range(int(fineness.min()), int(np.ceil(fineness.max())) + 1):
+        share = np.maximum(1 - np.abs(fineness - number), 0).astype(np.float32)
+        chosen = np.flatnonzero(share)
+        if len(chosen):
+            values = level(number, chosen)
+            out = np.zeros((len(fineness), values.shape[1]), np.float32) if out is None else out
+            out[chosen] += share[chosen, None] * values
+    assert out is not None  # there is a place, and some level is near it
+    return out
+
+
+def texels_per_unit(corners: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """Texels along one unit of length in the world, of every face: float64 [F]; 0 where a face has no area. corners: float64 [F,
+    3, 3], world; uv: float64 [F, 3, 2], texels."""
+    world = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    u, v = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    flat = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+    return np.sqrt(np.divide(flat, world, out=np.zeros(len(corners)), where=world > 0))
+
+
+def _voxels_per_unit(texf, support):
+    """Voxels of a support along one unit of length in the world."""
+    if texf.side == 0:
+        return 0.0
+    return float(texf.cube.to_grid(texf.origin + texf.side, support.resolution).max()) / texf.side / (1 << support.level_shift)
+
+
+def surface_points(face: np.ndarray, bary: np.ndarray, positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """World points float64 [M, 3] of faces int64 [M] at barycentric coordinates float64 [M, 3]. positions: float64 [V, 3]; faces:
+    int64 [F, 3] below V; both contiguous. Raises IndexError for a face that is not there."""
+    if len(face) and (face.min() < 0 or face.max() >= len(faces)):
+        raise IndexError("face index outside the mesh")
+    return _surface_points(face, bary, positions, faces)
+
+
+@kernel
+def _surface_points(face, bary, positions, faces):
+    """Bounds: surface_points has checked face against faces, set_up faces against positions."""
+    out = np.empty((face.shape[0], 3))
+    for i in range(face.shape[0]):
+        a, b, c = faces[face[i], 0], faces[face[i], 1], faces[face[i], 2]
+        for k in range(3):
+            out[i, k] = bary[i, 0] * positions[a, k] + bary[i, 1] * positions[b, k] + bary[i, 2] * positions[c, k]
+    return out

@@ -1,0 +1,125 @@
+"""The images of a Scene as renderers ask them: bilinear, or between two mip levels where a pixel is wider than a texel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..asset.sample import sample_source
+from ..asset.srgb import linear_to_srgb, srgb_to_linear
+from ..ground.threads import over_blocks
+from .questions import mixed, texels_per_unit
+
+if TYPE_CHECKING:
+    from ..asset.scene import Scene
+    from .camera import Camera
+    from .raster import Fragments
+
+BLOCK = 1 << 16  # fragments at a time
+
+
+class Textures:
+    """What `pack` (asset.sample.pack_source, or pack_map of a channel) makes of a Scene, asked at fragments.
+
+    mips: MipScenes of the scene, or None for its images alone. colour: whether the images' first three columns are sRGB-coded.
+    The pixel's footprint on a face is its area there, as for fields over texels (render/questions.py): no face asks another level
+    for standing aslant. A level's texels are means of 2 x 2 of the level below in linear light, rounded to 8 bits, as graphics
+    libraries make them.
+    """
+
+    def __init__(self, scene: Scene, pack: Callable[[Scene], tuple], mips: MipScenes | None = None, colour: bool = True) -> None:
+        self.scene, self.pack, self.mips, self.colour = scene, pack, mips, colour
+        self.sources = {0: with_finite_uvs(pack(scene))}  # by level
+        self._density = None if mips is None else self._texels_per_unit()
+
+    def _texels_per_unit(self):
+        _, table, texture_of, _, _, material, uv = self.sources[0][:7]
+        size = np.where(texture_of[material] >= 0, 1, 0)[:, None] * table[texture_of[material], 1:3]
+        return texels_per_unit(self.scene.positions[self.scene.faces], uv * size[:, None].astype(np.float64))
+
+    def build(self, camera: Camera | None, deepest: float) -> None:
+        """Makes the levels that fragments no deeper than that ask, before threads do."""
+        if self.mips is None or self._density is None or camera is None:
+            return
+        widest = self._density.max(initial=0.0) * camera.pixel * (deepest if camera.perspective else 1.0)
+        most = int(np.ceil(min(np.log2(max(widest, 1.0)), self.mips.last)))
+        for number in range(1, most + 1):
+            if number not in self.sources:  # threads that ask at once may make one twice, no more
+                self.sources[number] = with_finite_uvs(self.pack(self.mips.level(number, self.colour)))
+
+    def ask(self, camera: Camera | None, face: np.ndarray, bary: np.ndarray, depth: np.ndarray) -> np.ndarray:
+        """Values float32 [M, 4], 0..255, at points of faces; build() was called for such depths."""
+        if self.mips is None or self._density is None or camera is None:
+            return sample_source(self.sources[0], face, bary)
+        wide = self._density[face] * (camera.pixel * depth if camera.perspective else camera.pixel)
+        if not np.any(wide > 1):
+            return sample_source(self.sources[0], face, bary)
+        fineness = np.minimum(np.log2(np.maximum(wide, 1)), self.mips.last)
+        return mixed(lambda number, chosen: sample_source(self.sources[number], face[chosen], bary[chosen]), fineness)
+
+    def colours(self, camera: Camera, fragments: Fragments, threads: int = 1) -> np.ndarray:
+        """Values float32 [M, 4], 0..255, of fragments."""
+        self.build(camera, fragments.depth.max(initial=0.0))
+        out = np.empty((len(fragments.face), 4), np.float32)
+
+        def one(begin):
+            part = slice(begin, begin + BLOCK)
+            out[part] = self.ask(camera, fragments.face[part], fragments.bary[part], fragments.depth[part])
+
+        over_blocks(one, len(out), BLOCK, threads)
+        return out
+
+
+class MipScenes:
+    """A Scene with its images at 1 / 2**level of their size, for textures that share it; made when first asked for."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scenes = {(0, True): scene, (0, False): scene}
+        self.last = max((max(t.image.shape[:2]) for t in scene.textures), default=1).bit_length() - 1
+
+    def level(self, number: int, colour: bool) -> Scene:
+        """The Scene of a level; colour: whether the images are sRGB-coded."""
+        if (number, colour) not in self._scenes:
+            finer = self.level(number - 1, colour)
+            made: dict[int, np.ndarray] = {}  # several textures may be one image
+            for texture in finer.textures:
+                if id(texture.image) not in made:
+                    made[id(texture.image)] = halved(texture.image, colour)
+            textures = [replace(texture, image=made[id(texture.image)]) for texture in finer.textures]
+            self._scenes[number, colour] = replace(finer, textures=textures)
+        return self._scenes[number, colour]
+
+
+def halved(image: np.ndarray, colour: bool) -> np.ndarray:
+    """An image uint8 [H, W, 4] at half its size, rounded down but at least 1: means over the area of each texel. colour: means of
+    the first three columns are of light."""
+    values = image.astype(np.float32)
+    if colour:
+        values[..., :3] = (255 * srgb_to_linear(np.arange(256) / 255)).astype(np.float32)[image[..., :3]]
+    values = _shrunk(_shrunk(values, 0), 1)
+    if colour:
+        values[..., :3] = 255 * linear_to_srgb(values[..., :3] / 255)
+    return np.rint(np.clip(values, 0, 255)).astype(np.uint8)
+
+
+def _shrunk(values, axis):
+    """Half as many rows along an axis; where they are odd, each is the mean over three with weights that keep its place."""
+    count = values.shape[axis]
+    if count == 1:
+        return values
+    half, rows = count // 2, np.moveaxis(values, axis, 0)
+    if count % 2 == 0:
+        return np.moveaxis((rows[::2] + rows[1::2]) / 2, 0, axis)
+    i = np.arange(half, dtype=np.float32).reshape(-1, *(1,) * (rows.ndim - 1))
+    taps = (half - i) * rows[0:-1:2] + half * rows[1::2] + (i + 1) * rows[2::2]
+    return np.moveaxis(taps / count, 0, axis)
+
+
+def with_finite_uvs(source: tuple) -> tuple:
+    """A source whose UVs that are not finite are 0."""
+    if np.isfinite(source[6]).all():
+        return source
+    return (*source[:6], np.nan_to_num(source[6], nan=0.0, posinf=0.0, neginf=0.0), *source[7:])

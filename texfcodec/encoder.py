@@ -24,8 +24,9 @@ from .choose.sizes import coarsen_maps
 from .choose.supports import choose_supports, without_faces
 from .choose.texel_field import texel_field
 from .choose.trial import choose_fields, codes_alpha
+from .choose.weights import measured_weights
 from .codecs import codec_of
-from .codecs.codec import Source, split_groups
+from .codecs.codec import PlaneCodec, Source, split_groups
 from .errors import InputError
 from .geometry.draco import counts_of, dec_geometry, dec_textured, enc_geometry, enc_textured, split_corners
 from .geometry.surface import Surface, make_surface
@@ -100,6 +101,8 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
     with report.stage("effects"):
         needs = needed_scene(scene, surface, options)
         scene = needs.scene
+        if options.effort != "fast":
+            scene = replace(scene, weights=measured_weights(scene, options.threads))
     with report.stage("supports"):
         supports = choose_supports(scene, surface, options)
     surface, plans = supports.surface, supports.plans
@@ -126,11 +129,12 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
     resolution = options.resolution if first else None
     choices = {"effects": needs.told, "supports": supports.told, "partition": partition, "normals": shading.told}
     prepared = Prepared(geometry, source, fields, needs.materials, shading, resolution, choices)
-    if not codec_of(options.codec).joint:
+    codec = codec_of(options.codec)
+    if isinstance(codec, PlaneCodec):
         _fill(prepared, names[:first], options, report)
         prepared.source = source._replace(groups=with_grey(source.groups, fields))
         with report.stage("sizes"):
-            choices["sizes"] = [coarsen_maps(part, prepared.source.groups, codec_of(options.codec), options) for part in fields]
+            choices["sizes"] = [coarsen_maps(part, prepared.source, codec, options) for part in fields]
     return prepared
 
 
@@ -199,7 +203,8 @@ def _code_planes(codec, stream, prepared, options, report, choices):
             for number, group in enumerate(prepared.source.groups):
                 if any(channel.name in part.planes for channel in group.channels):
                     begin = time.perf_counter()
-                    unit, plane, decoded = _code_group(codec, part, group, exactly if part.exact else options)
+                    chosen = exactly if part.exact else options
+                    unit, plane, decoded = _code_group(codec, part, group, chosen, prepared.source.scene.weights)
                     stream.attributes.append(attribute_values(field=i, group=number, **unit))
                     out[i] |= group.split(decoded)
                     told = {"field": i, "codec": unit["codec"].name, "level_shift": unit["shift"],
@@ -208,12 +213,12 @@ def _code_planes(codec, stream, prepared, options, report, choices):
     return out
 
 
-def _code_group(codec, part, group, options):
+def _code_group(codec, part, group, options, weights):
     """A channel group of one field: (codec, checksum, levels that its plane is coarser than the field and syntax values; what was
     coded; what it decodes to)."""
     plane, shift = joined(part, group)
     chosen = codec_for(plane, codec)
-    values, decoded = chosen.enc(plane, part.support.coarser(shift), with_qp_of(group, options))
+    values, decoded = chosen.enc(plane, part.support.coarser(shift), with_qp_of(group, options, weights))
     return {"codec": chosen, "checksum": zlib.crc32(decoded), "values": values, "shift": shift}, plane, decoded
 
 

@@ -27,6 +27,8 @@ from texfcodec.geometry.surface import make_surface
 from texfcodec.ground.colour_error import decibels
 from texfcodec.options import EncodeOptions
 from texfcodec.quality.bd_rate import bd_rate
+from texfcodec.quality.views import Look, compare_views
+from texfcodec.render.environment import DAYLIGHT
 from texfcodec.support.morton import decode_morton
 from texfcodec.support.texel_set import asked_texels
 from tools.everyday_rivals import dec_image, draco_bytes, enc_mesh, quantise_uv, rival_of, shrunk
@@ -69,9 +71,8 @@ class _Looked:
         """PSNR of shaded pictures in dB, None where they are exact or not wanted."""
         if not self.shaded:
             return None
-        from texfcodec.quality.shaded import compare_shaded
-
-        return compare_shaded(self.scene, other, views=VIEWS, size=SIZE, threads=self.threads)["psnr"]["rgb"]
+        look = Look(environment=DAYLIGHT)
+        return compare_views(self.scene, other, VIEWS, SIZE, threads=self.threads, look=look)["psnr"]["rgb"]
 
     def maps(self):
         """(material number, channel name, Texture) of all that is coded, base colour first."""

@@ -55,6 +55,7 @@ class Scene:
     corner_normal: float32 [F, 3, 3] shading normals of length 1, or None where the file says nothing of them; flat: what that
     means then, faces that are shaded flat (glTF), or smooth ones (all other formats).
     corner_tangent: float32 [F, 3, 4] of glTF's TANGENT, zero where there is none, or None.
+    weights: what a squared error of a channel's values does to the shaded picture, by name; empty where it was not measured.
     metadata: JSON-able dict (names, extras) that travels opaquely.
     warnings / dropped: one sentence each / names of the maps and properties that are not coded.
     files: {path: bytes} of every file it was read from, the mesh file first; empty for one made in memory.
@@ -72,6 +73,7 @@ class Scene:
     dropped: list = field(default_factory=list)
     files: dict = field(default_factory=dict)
     map_uv: dict = field(default_factory=dict)
+    weights: dict = field(default_factory=dict)
     corner_normal: np.ndarray | None = None
     corner_tangent: np.ndarray | None = None
     flat: bool = False

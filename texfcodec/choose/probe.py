@@ -126,7 +126,8 @@ class Patch:
         if not len(chosen):
             return 0.0
         if self.name is not None:
-            return BY_NAME[self.name].weight * float(((self.values(self.colour[chosen]) - got) ** 2).mean())
+            weight = self.scene.weights.get(self.name, BY_NAME[self.name].weight)
+            return weight * float(((self.values(self.colour[chosen]) - got) ** 2).mean())
         error, weights = ColourError(), self.colour[chosen, 3] / 255
         error.add(self.colour[chosen, :3], got[:, :3], weights if weights.any() else None)
         alpha = float(((self.colour[chosen, 3:] - got[:, 3:]) ** 2).mean()) if got.shape[1] == 4 else 0.0
@@ -137,11 +138,11 @@ class Patch:
         return Probe(values, bits, max(mse, self.least), mse)
 
 
-def _coded(plane, support, name, options):
+def _coded(plane, support, name, weights, options):
     """(bits per value, decoded) of float32 [N, C]: a map, or colour, and alpha where it is there, by itself."""
     codec, made, size = codec_of(options.codec), [], 0
     parts = [plane] if name is not None else np.split(plane, [3], axis=1)[: plane.shape[1] - 2]
-    options = options if name is None else with_qp_of(Group((BY_NAME[name],)), options)
+    options = options if name is None else with_qp_of(Group((BY_NAME[name],)), options, weights)
     for part in parts:
         part = np.ascontiguousarray(part)
         values, decoded = codec.enc(part, support, options)  # type: ignore[attr-defined]  # only codecs of planes get here
@@ -191,7 +192,7 @@ def probe_texels(patch: Patch, plan: TexelPlan, keys: np.ndarray, options: Encod
     support = TexelSupport(keys=mine, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap, fraction_bits=0)
     chosen, maps = _well_inside(place, TEXEL_CELL, cells), {}
     for one in (*patch.maps.values(), patch):
-        bits, decoded = _coded(_texels_of(plan, one, support, cells), support, one.name, options)
+        bits, decoded = _coded(_texels_of(plan, one, support, cells), support, one.name, patch.scene.weights, options)
         made = one.probe(len(keys), bits, one.mse(chosen, support.query(texel[chosen], decoded, patch.threads)))
         if one.name is not None:
             maps[one.name] = made
@@ -259,7 +260,7 @@ def probe_voxels(patch: Patch, resolution: int, density: int, options: EncodeOpt
         rgba = np.column_stack(transfer(surface.lattice, faces, one.packed(patch.faces[near]), bits, resolution, keys, brick_map,
                                         density, options.threads))
         values_there = one.values(rgba)
-        coded, decoded = _coded(values_there, support, one.name, options)
+        coded, decoded = _coded(values_there, support, one.name, patch.scene.weights, options)
         mse, uncoded = (one.mse(chosen, query_field(grid[chosen], resolution, keys, brick_map, plane, patch.threads)[0])
                         for plane in (decoded, values_there))
         saved = (1 - LEFT_BY_FIT) * uncoded if options.may_fit and one is patch else 0.0

@@ -32,6 +32,20 @@ if TYPE_CHECKING:
 BLOCK = 1 << 15  # fragments at a time
 
 
+def _disturbed(ask, channel, most):
+    """An asker whose answers for a channel are off by up to `most` levels, the same for the same fragments."""
+
+    def asked(names, face, bary, depth):
+        answers = ask(names, face, bary, depth)
+        if channel in answers and len(face):
+            random = np.random.default_rng([len(face), int(face[0])])
+            off = random.uniform(-most, most, answers[channel].shape).astype(np.float32)
+            answers[channel] = np.clip(answers[channel] + off, 0, 255)
+        return answers
+
+    return asked
+
+
 class Lighting:
     """How one asset is lit; made once, for any number of pictures.
 
@@ -60,9 +74,10 @@ class Lighting:
         return (normal / np.where(length > 0, length, 1)).astype(np.float32)
 
     def coded(self, camera: Camera, fragments: Fragments, rgba: np.ndarray, filtering: bool = True,
-              threads: int = 1) -> np.ndarray:
+              threads: int = 1, noise: tuple[str, float] | None = None) -> np.ndarray:
         """Colours float32 [M, 3], 0..255, sRGB-coded, of fragments in light. rgba: float32 [M, 4], 0..255, their base colour and
-        alpha; unlit materials keep it. filtering: as of render_texf(). The result does not depend on threads."""
+        alpha; unlit materials keep it. filtering: as of render_texf(); noise: a channel whose values, on 0..255, are
+        disturbed evenly by up to so much, as coding would. The result does not depend on threads."""
         out = np.array(rgba[:, :3], np.float32)
         material = self.face_material[fragments.face]
         seen = np.bincount(material, minlength=len(self._lit)) > 0
@@ -78,7 +93,7 @@ class Lighting:
         def one(begin):
             part = slice(begin, begin + BLOCK) if rows is None else rows[begin : begin + BLOCK]
             at = fragments.face[part], fragments.bary[part], fragments.depth[part]
-            points = self._points(camera, ask, at, out[part])
+            points = self._points(camera, ask if noise is None else _disturbed(ask, *noise), at, out[part])
             out[part] = expose(shade(points, self.table, self.environment), self.environment.exposure)
 
         over_blocks(one, len(out) if rows is None else len(rows), BLOCK, threads)

@@ -1,7 +1,7 @@
 """What a renderer has to evaluate: one table of effects (spec clause 5.3.2), read by syntax, analysis, renderer and reports."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from .channels import PARAMETER_BY_NAME
@@ -110,6 +110,13 @@ EFFECT_OF = {name: effect for effect in EFFECTS for name in effect.channels}  # 
 def effects_of(material: Any) -> tuple[Effect, ...]:
     """What a material, asset.scene.Material, needs."""
     return tuple(effect for effect in EFFECTS if effect.used(material))
+
+
+def without(material: Any, effect: Effect) -> Any:
+    """A copy of a material, a dataclass, with no map and no parameter that an effect reads."""
+    maps = {name: texture for name, texture in material.maps.items() if name not in effect.channels}
+    parameters = {name: value for name, value in material.parameters.items() if name not in effect.parameters}
+    return replace(material, maps=maps, parameters=parameters)
 
 
 def effects_mask(materials: Iterable[Any]) -> int:

@@ -15,7 +15,7 @@ from ..asset.factors import TOLERANCE, absorb, says_nothing
 from ..asset.scene import ALPHA_OPAQUE, Material, Scene
 from ..channels import BY_NAME, COLOURS, MAPS
 from ..effects import BY_NAME as EFFECT_BY_NAME
-from ..effects import EFFECT_OF, EFFECTS
+from ..effects import EFFECT_OF, EFFECTS, without
 from ..errors import InputError
 from ..geometry.draco import MAX_UV_BITS
 from ..support.layout import MAX_SIDE
@@ -95,13 +95,12 @@ def _constant_reason(value):
 
 def _without_effects(material, wanted, told):
     """A Material without the maps and parameters of effects that are not wanted."""
-    gone = [effect for effect in EFFECTS if effect.name not in wanted]
-    names = {name for effect in gone for name in effect.channels}
-    for name in names & {*material.maps}:
-        _tell(told, name, "absent", "not asked for")
-    parameters = {name for effect in gone for name in effect.parameters}
-    return replace(material, maps={name: t for name, t in material.maps.items() if name not in names},
-                   parameters={name: v for name, v in material.parameters.items() if name not in parameters})
+    for effect in EFFECTS:
+        if effect.name not in wanted:
+            for name in set(effect.channels) & {*material.maps}:
+                _tell(told, name, "absent", "not asked for")
+            material = without(material, effect)
+    return material
 
 
 def _idle_reason(material, name):

@@ -21,10 +21,11 @@ from .flags import file_names
 @click.argument("file", metavar="FILE", shell_complete=file_names)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
 @click.option("--quiet", is_flag=True, help="No listing; only errors and the exit code.")
+@click.option("--effects", is_flag=True, help="What each channel and effect takes: bytes, decoding, drawing; decodes everything.")
 @click.option("--verify", is_flag=True, help="Decode everything and compare all checksums.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
-def info(console, file, as_json, quiet, verify):
+def info(console, file, as_json, quiet, effects, verify):
     """Name every syntax element of the .texf FILE ("-": stdin) with its offset and size, without decoding it.
 
     Exit codes: 0 valid, 1 command line, 2 input or output, 3 invalid stream, 5 not supported, 6 over a limit, 130
@@ -39,7 +40,38 @@ def info(console, file, as_json, quiet, verify):
 
         decode(data)
         facts["verified"] = True
+    if effects:
+        facts |= _effect_facts(data, facts)
     console.result(facts, _lines(file, facts))
+
+
+def _effect_facts(data, facts):
+    """What channels and effects take: {"channels": one entry for each attribute unit, "drawing": of quality.effect_times}."""
+    from ..decoder import decode_stream
+    from ..options import DecodeOptions
+    from ..quality.effect_times import effect_times
+    from ..report import Report
+
+    report, options = Report(), DecodeOptions()
+    texf = decode_stream(data, options, report)
+    sizes = {(group["field_index"], group["group_index"]): group["bytes"] for group in facts["groups"]}
+    numbers = {tuple(channel.name for channel in group.channels): number for number, group in enumerate(texf.groups)}
+    channels = [told | {"bytes": sizes[told["field"], numbers[tuple(told["channels"])]]} for told in report.channels]
+    drawing = effect_times(texf, threads=options.threads) if texf.fields and len(texf.faces) else None
+    return {"channels": channels, "drawing": drawing}
+
+
+def _effect_lines(facts):
+    yield f"effects: {', '.join(facts['effects']) or 'none'}"
+    for told in facts["channels"]:
+        names = " + ".join(told["channels"])
+        yield f"  field {told['field']}, {names}: {told['bytes']} bytes, decoded in {told['decode_ms']:.0f} ms"
+    drawing = facts["drawing"]
+    if drawing:
+        yield (f"a shaded picture of {drawing['size']} x {drawing['size']}: {drawing['picture_ms']:.0f} ms; without light "
+               f"{drawing['unlit_ms']:.0f} ms")
+        for name, milliseconds in drawing["without_ms"].items():
+            yield f"  without {name.replace('_', ' ')}: {milliseconds:.0f} ms"
 
 
 def _lines(file, facts):
@@ -55,6 +87,9 @@ def _lines(file, facts):
     yield from _normals_in_words(facts)
     for group in facts["groups"]:
         yield from codec_of(group["codec"]).info_lines(group)
+    if "drawing" in facts:
+        yield from _effect_lines(facts)
+        return
     yield f"{'offset':>10} {'size':>9}  element"
     for unit in facts["units"]:
         yield f"{unit['offset']:>10} {unit['size']:>9}  {unit['name']}"

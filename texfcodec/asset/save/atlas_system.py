@@ -57,7 +57,10 @@ class AtlasSystem:
     def normals(self) -> np.ndarray:
         """Unit normals of the faces, 0 without area: float64 [F, 3]."""
         faces, positions = self._mesh
-        cross = np.cross(positions[faces[:, 1]] - positions[faces[:, 0]], positions[faces[:, 2]] - positions[faces[:, 0]])
+        corner = (positions / max(np.abs(positions).max(initial=0.0), 1e-300))[faces]  # no square overflows or vanishes
+        corner -= corner[:1, :1].copy()
+        corner /= max(np.abs(corner).max(initial=0.0), 1e-30)
+        cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         length = np.linalg.norm(cross, axis=1, keepdims=True)
         return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
 

@@ -96,7 +96,7 @@ class Document:
         """Name an extension among those that are used, and among those that a reader has to know."""
         for kind in ("extensionsUsed", "extensionsRequired")[: 1 + required]:
             if name not in self.json.get(kind, ()):
-                self.add(kind, name)
+                self.json.setdefault(kind, []).append(name)
 
     def finish(self, uri: str | None = None) -> None:
         """Describe the buffer, its file where it has one, and the one that packed views unpack to."""

@@ -16,12 +16,13 @@ class Texture:
     """One image.
 
     image: uint8 [H, W, 4] RGBA, colour sRGB-coded, alpha straight, data as they stand, row 0 at v = 0 (glTF convention).
-    wrap: (s, t), each one of WRAP_*.
+    wrap: (s, t), each one of WRAP_*; srgb: whether it is written as colour.
     """
 
     image: np.ndarray
     wrap: tuple = (WRAP_REPEAT, WRAP_REPEAT)
     name: str = ""
+    srgb: bool = True
 
 
 @dataclass

@@ -247,7 +247,7 @@ def _textured(texf, asked, told, base_colour_alone=False):
     for texture in look.textures:
         form = format_for(texture.image, FORMATS[asked.texture_format], told.warnings)
         quality = asked.texture_quality if form.quality is not None else None
-        images.append((form, encode_image(texture.image, form, quality)))
+        images.append((form, encode_image(texture.image, form, quality, texture.srgb)))
     return look, images
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...channels import BASE_COLOUR
+from ...channels import BASE_COLOUR, BY_NAME
 from ..scene import WRAP_CLAMP, Texture
 from ..tangents import corner_tangents
 from .atlas import check_arguments
@@ -76,8 +76,12 @@ def _of_texels(texf, skin, _, __):
     wrap = tuple(texf.fields[skin.field].support.wrap)
     found = [((BASE_COLOUR.name,), Texture(image, wrap, BASE_COLOUR.name))] * skin.has_base
     for sheet in skin.sheets:
-        found.append((sheet, Texture(texel_sheet(texf, skin.field, sheet, centres), wrap, "_".join(sheet))))
+        found.append((sheet, _of_sheet(texel_sheet(texf, skin.field, sheet, centres), wrap, sheet)))
     return found, uv, []
+
+
+def _of_sheet(image, wrap, sheet):
+    return Texture(image, wrap, "_".join(sheet), any(BY_NAME[name].srgb for name in sheet))
 
 
 def _of_atlas(texf, skin, normal, arguments):
@@ -91,5 +95,5 @@ def _of_atlas(texf, skin, normal, arguments):
     found = [((BASE_COLOUR.name,), Texture(image, wrap, BASE_COLOUR.name))] * skin.has_base
     if skin.sheets:
         maps = AtlasMaps(texf, faces, baked, None if normal is None else normal[faces])
-        found += [(sheet, Texture(maps.image(sheet), wrap, "_".join(sheet))) for sheet in skin.sheets]
+        found += [(sheet, _of_sheet(maps.image(sheet), wrap, sheet)) for sheet in skin.sheets]
     return found, baked.atlas.corner_uv, baked.warnings

@@ -487,7 +487,7 @@ def test_json_follows_the_schema(call, files, monkeypatch, other, samples):
     code, out, err = call(files / "ball.ply", files / other, *SMALL, "--json")
     facts = json.loads(out)
     assert (code, err, out.count("\n")) == (0, "", 1)
-    assert set(facts) == {"schema", "psnr", "ssim", "lpips", "psnr_3d", "views", "size", "pixels", "seconds",
+    assert set(facts) == {"schema", "psnr", "ssim", "lpips", "psnr_3d", "views", "size", "pixels", "seconds", "shaded", "mipmaps",
                           "peak_memory_bytes", "warnings"}  # fmt: skip
     assert set(facts["psnr"]) == {"rgb", "y", "u", "v", "yuv"} and all(v > 20 for v in facts["psnr"].values())
     assert set(facts["psnr_3d"]) == {"y", "yuv611", "rgb", "samples"} and facts["psnr_3d"]["samples"] == samples

@@ -79,7 +79,8 @@ def _direction_of(context, parameter, value):
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
 def render(console, source, out, compare, as_json, quiet, **choices):
-    """Draw a stream or mesh, base colour without lighting or --shaded, as OUT.png ("-": stdout, with the report on stderr).
+    """Draw a stream or mesh, its base colour or, with --shaded, its materials in light, as OUT.png ("-": stdout, with the report
+    on stderr).
 
     IN or OTHER may be "-": a stream or a GLB on stdin. The camera is set by IN's bounding sphere, for OTHER too. PSNR is taken
     over the pixels that both cover, laid over white where --background is not given.

@@ -68,7 +68,8 @@ class SceneMaps:
     def _of(self, name):
         """The Textures of a channel."""
         scene, channel = self.scene, BY_NAME[name]
-        images = tuple(m.maps.get(name, -1) for m in scene.materials)
+        looks = [(id(t.image), tuple(t.wrap)) for t in scene.textures]  # several textures may be one image
+        images = tuple(looks[m.maps[name]] if m.maps.get(name, -1) >= 0 else None for m in scene.materials)
         key = images, id(scene.map_uv.get(name, scene.corner_uv)), channel.columns == (3,), channel.srgb
         if key not in self._textures:
             self._textures[key] = Textures(scene, partial(_packed, name=name), self._mips, channel.srgb)

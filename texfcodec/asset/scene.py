@@ -56,7 +56,8 @@ class Scene:
     means then, faces that are shaded flat (glTF), or smooth ones (all other formats).
     corner_tangent: float32 [F, 3, 4] of glTF's TANGENT, zero where there is none, or None.
     metadata: JSON-able dict (names, extras) that travels opaquely.
-    warnings / dropped: one sentence each / names of the maps and properties that are not coded.
+    warnings / dropped: what will look different, one sentence each / names of the maps and properties that are not coded.
+    remarks: one sentence each on what is left out or mended and changes no picture.
     files: {path: bytes} of every file it was read from, the mesh file first; empty for one made in memory.
     """
 
@@ -70,6 +71,7 @@ class Scene:
     metadata: dict = field(default_factory=dict)
     warnings: list = field(default_factory=list)
     dropped: list = field(default_factory=list)
+    remarks: list = field(default_factory=list)
     files: dict = field(default_factory=dict)
     map_uv: dict = field(default_factory=dict)
     corner_normal: np.ndarray | None = None

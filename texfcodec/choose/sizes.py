@@ -34,8 +34,7 @@ TRADE_OFF = 0.08  # squared steps that are worth a bit, as in the quantiser
 
 def coarsen_maps(part: SourceField, groups: tuple[Group, ...], codec: Codec, options: EncodeOptions) -> list[dict]:
     """Brings the planes of a SourceField's maps to the level that suits each, and tells what was tried. groups: of the stream;
-    base colour and alpha stay. codec: one that codes
-    planes."""
+    base colour and alpha stay. codec: one that codes planes."""
     told = []
     for group in groups:
         names = [channel.name for channel in group.channels if channel.name in part.planes]

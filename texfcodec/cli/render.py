@@ -200,7 +200,8 @@ def _facts(image, picture, choices, compared, report):
     return {"width": image.shape[1], "height": image.shape[0], "direction": [round(float(v), 6) for v in choices["view"]],
             "perspective": choices["perspective"], "shaded": choices["shaded"], "pixels": picture.width * picture.height,
             "covered": len(picture.pixel), "background": list(choices["background"]), "compare": compared,
-            "seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(), "warnings": report.warnings, "dropped": report.dropped}
+            "seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(), "warnings": report.warnings,
+            "dropped": report.dropped}
 
 
 def _lines(facts, out):

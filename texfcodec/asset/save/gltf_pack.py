@@ -52,7 +52,7 @@ class Plain:
         """Accessors for columns by name and for corners, int64 [3 F] into them: the glTF primitive."""
         attributes = {name: document.add_accessor(c.values, c.kind, ARRAY, name == "POSITION", c.normalized)
                       for name, c in columns.items()}
-        indices = corners.astype(index_type(len(columns["POSITION"].values)))
+        indices: np.ndarray = corners.astype(index_type(len(columns["POSITION"].values)))
         return {"attributes": attributes, "indices": document.add_accessor(indices, "SCALAR", INDEX)}
 
 

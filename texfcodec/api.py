@@ -38,12 +38,14 @@ def encode_to_result(mesh_or_path: object, options: EncodeOptions | None = None,
         scene = load(mesh_or_path, strict=options.strict)
     report.warnings += scene.warnings
     report.dropped += scene.dropped
+    report.remarks += scene.remarks
     refuse_losses(options, report)
     return encode_loaded(scene, options, report)
 
 
 def refuse_losses(options: EncodeOptions, report: Report) -> None:
-    """Raises InputError TXF-I52 where options are strict and a warning or a dropped property was reported."""
+    """Raises InputError TXF-I52 where options are strict and something was reported that will look different: a warning or a
+    dropped property. Remarks refuse nothing."""
     if options.strict and (report.warnings or report.dropped):
         raise InputError("TXF-I52", "something would be lost, and strict forbids it", warnings=report.warnings or None,
                          dropped=report.dropped or None)

@@ -162,7 +162,7 @@ class EncodeOptions:
     fit_engine: str = choice("auto", FIT_ENGINES)
     threads: int = ranged(0, 0, 1024, "Most threads; 0: all processors.")
     measure: bool = switch("Decode and report 3D-PSNR at 1,000,000 surface points.")
-    strict: bool = switch("Refuse a mesh of which anything would be dropped or warned about.")
+    strict: bool = switch("Refuse a mesh that would look different: a warning, or something that is not coded.")
     allow_empty: bool = switch()
     limits: Limits = field(default_factory=Limits)
 

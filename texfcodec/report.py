@@ -11,8 +11,9 @@ class Cancelled(KeyboardInterrupt):
 
 class Report:
     """What happened on the way, whatever came of it. on_progress: function (stage, done, total) called at every stage; False
-    cancels. seconds: by stage; warnings, dropped: sentences; trials: of a search, a dict each; channels: of a decoder, a dict for
-    each attribute unit, {"field", "channels", "decode_ms"}; child_peak_memory_bytes: of a
+    cancels. seconds: by stage; warnings, dropped: what will look different, in sentences; remarks: what changes no picture;
+    trials: of a search, a dict each; channels: of a decoder, a dict for each attribute unit, {"field", "channels", "decode_ms"};
+    child_peak_memory_bytes: of a
     decoder in a child process; note: what the stage at work has to say of itself, "" for nothing."""
 
     def __init__(self, on_progress: Callable[[str, int, int], object] | None = None) -> None:
@@ -20,6 +21,7 @@ class Report:
         self.seconds: dict[str, float] = {}
         self.warnings: list[str] = []
         self.dropped: list[str] = []
+        self.remarks: list[str] = []
         self.trials: list[dict] = []
         self.channels: list[dict] = []
         self.note = ""

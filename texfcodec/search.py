@@ -81,6 +81,7 @@ def encode_to_target(scene: Scene, options: EncodeOptions, report: Report) -> En
     found.made.choices["search"] = rows
     report.warnings += found.report.warnings
     report.dropped += found.report.dropped
+    report.remarks += found.report.remarks
     return found.made
 
 

@@ -58,7 +58,8 @@ class Scene:
     corner_tangent: float32 [F, 3, 4] of glTF's TANGENT, zero where there is none, or None.
     weights: what a squared error of a channel's values does to the shaded picture, by name; empty where it was not measured.
     metadata: JSON-able dict (names, extras) that travels opaquely.
-    warnings / dropped: one sentence each / names of the maps and properties that are not coded.
+    warnings / dropped: what will look different, one sentence each / names of the maps and properties that are not coded.
+    remarks: one sentence each on what is left out or mended and changes no picture.
     files: {path: bytes} of every file it was read from, the mesh file first; empty for one made in memory.
     """
 
@@ -72,6 +73,7 @@ class Scene:
     metadata: dict = field(default_factory=dict)
     warnings: list = field(default_factory=list)
     dropped: list = field(default_factory=list)
+    remarks: list = field(default_factory=list)
     files: dict = field(default_factory=dict)
     map_uv: dict = field(default_factory=dict)
     weights: dict = field(default_factory=dict)

@@ -74,7 +74,6 @@ def metadata_bytes(metadata: dict, options: Any, report: Report) -> bytes | None
         return None
     raw = json.dumps(metadata, ensure_ascii=False, separators=(",", ":"), sort_keys=True).encode("utf-8", "replace")
     if options.limits.metadata_bytes is not None and len(raw) > options.limits.metadata_bytes:
-        report.warnings.append(f"metadata of {len(raw)} bytes are over the limit and were left out")
-        report.dropped.append("metadata")
+        report.remarks.append(f"metadata of {len(raw)} bytes are over the limit and were left out")
         return None
     return raw

@@ -20,7 +20,7 @@ from .codec import codec_for, with_qp_of
 from .maps import joined
 
 if TYPE_CHECKING:
-    from ..codecs.codec import PlaneCodec, Source
+    from ..codecs.codec import Codec, Source
     from ..options import EncodeOptions
     from ..support.voxels import VoxelSupport
     from .prepare import SourceField
@@ -32,9 +32,9 @@ MOST_MORE, ROUNDING = 2.0, 1 / 12  # the whole field may lose so many times what
 TRADE_OFF = 0.08  # squared steps that are worth a bit, as in the quantiser
 
 
-def coarsen_maps(part: SourceField, source: Source, codec: PlaneCodec, options: EncodeOptions) -> list[dict]:
-    """Brings the planes of a SourceField's maps to the level that suits each, and tells what was tried. source: what is
-    coded; base colour and alpha stay. codec: of codecs.codec.PlaneCodec."""
+def coarsen_maps(part: SourceField, source: Source, codec: Codec, options: EncodeOptions) -> list[dict]:
+    """Brings the planes of a SourceField's maps to the level that suits each, and tells what was tried. source: what is coded;
+    base colour and alpha stay. codec: one that codes planes."""
     told = []
     for group in source.groups:
         names = [channel.name for channel in group.channels if channel.name in part.planes]

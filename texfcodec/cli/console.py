@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ..report import Report
 
 SCHEMA = 1
+SIGNS = {"warnings": "warning", "dropped": "not coded", "remarks": "note"}  # what the lines of a report begin with
 TRACEBACK = "TEXF_TRACEBACK"  # set to 1 to see where an internal error comes from
 BEGIN = time.perf_counter()
 STYLE = {"help_option_names": ["-h", "--help"], "terminal_width": 100}
@@ -56,11 +57,10 @@ class Console:
         self.results.flush()
 
     def warnings(self, report: Report) -> None:
-        """Warnings and dropped properties, one line each on stderr."""
-        for text in report.warnings:
-            self.note(f"warning: {text}")
-        for text in report.dropped:
-            self.note(f"not coded: {text}")
+        """Warnings, dropped properties and remarks, one line each on stderr."""
+        for name, sign in SIGNS.items():
+            for text in getattr(report, name):
+                self.note(f"{sign}: {text}")
 
     def fail(self, code: str, message: str, exit_code: int, **details: object) -> int:
         """Prints one error and returns its exit code."""

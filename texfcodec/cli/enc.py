@@ -9,7 +9,7 @@ from ..asset.load.formats import SUFFIXES
 from ..codecs import codec_of
 from ..errors import InputError
 from ..options import DEFAULT_CODEC, EncodeOptions, strange_options
-from .console import STYLE, check_output, is_device, run, seconds_of, timing_line, write_output
+from .console import SIGNS, STYLE, check_output, is_device, run, seconds_of, timing_line, write_output
 from .effects import decision_lines
 from .flags import file_names, limit_flags, limits_of, number, option_flags
 from .inputs import load_mesh
@@ -139,6 +139,7 @@ def _load(source, options, report):
         scene = load_mesh(source, options.strict)
     report.warnings += scene.warnings
     report.dropped += scene.dropped
+    report.remarks += scene.remarks
     refuse_losses(options, report)
     return scene
 
@@ -188,7 +189,7 @@ def _run_facts(report):
     from ..report import peak_memory_bytes
 
     return {"seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(), "warnings": report.warnings,
-            "dropped": report.dropped}
+            "dropped": report.dropped, "remarks": report.remarks}
 
 
 def _lines(facts, out):
@@ -284,9 +285,9 @@ def _dry_lines(facts, source):
     free = "; the encoder may find texels or a smaller K to be smaller" if facts["rate_is_free"] else ""
     yield f"K {facts['resolution']}: about {guess['voxels']} voxels and {guess['seconds']:.0f} s{free}; nothing was written"
     yield from decision_lines(facts["effects"], [])
-    for name in ("warnings", "dropped"):
+    for name, sign in SIGNS.items():
         for text in facts[name]:
-            yield ("warning: " if name == "warnings" else "not coded: ") + text
+            yield f"{sign}: {text}"
 
 
 enc.help = str(enc.help).replace("SUFFIXES", " ".join(SUFFIXES))

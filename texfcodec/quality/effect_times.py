@@ -16,7 +16,7 @@ SIZE, RUNS = 512, 3
 
 def effect_times(texf: Texf, size: int = SIZE, threads: int = 1) -> dict:
     """{"size", "picture_ms": of a shaded picture from the front with everything, "unlit_ms": without light, "without_ms":
-    {effect: of the picture without it}}, each the fastest of RUNS, for effects that a material uses and that are not flags. texf: Texf."""
+    {effect: of the picture without it}}, each the fastest of RUNS, for effects that a material uses and that are not flags."""
     centre, radius = bounding_sphere(texf.positions)
     camera = orthographic(VIEWS["front"], centre, radius, size)
     used = [effect for effect in EFFECTS if effect.mask & effects_mask(texf.materials) and effect.parameters]

@@ -56,7 +56,7 @@ class SceneMaps:
         return lambda names, face, bary, depth: self._answers(names, lambda one: one.ask(camera, face, bary, depth))
 
     def _answers(self, names, ask):
-        found: dict[int, np.ndarray] = {}
+        found = {}
         out = {}
         for name in sorted(names):
             one = self._of(name)

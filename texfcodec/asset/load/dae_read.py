@@ -92,7 +92,7 @@ def _part(source, geometry, look, notes):
         faces, uv, color, normal = (None if values is None else values[:, [0, 2, 1]] for values in (faces, uv, color, normal))
     for name in source.sources:
         if name not in _USED_INPUTS and source.sources[name]:
-            notes.drop(f"COLLADA input '{name[:40]}'")
+            notes.remark(f"COLLADA input '{name[:40]}' is left out")
     return Part(points, faces, row, uv, color, label, normal)
 
 
@@ -115,7 +115,7 @@ def _uv(source, texcoord, triangles, label, notes):
         notes.warn(f"{label} has no TEXCOORD for its texture; UV (0, 0) is used")
     for number in range(len(inputs)):
         if number != chosen:
-            notes.drop(f"TEXCOORD_{number} (not used by base colour)")
+            notes.remark(f"TEXCOORD_{number} is used by no image and left out")
     if chosen is None:
         return None
     return _values(source, "TEXCOORD", chosen, triangles, label)[..., :2] * [1.0, -1.0] + [0.0, 1.0]
@@ -134,7 +134,7 @@ def _color(source, triangles, label, notes):
     if not inputs:
         return None
     if len(inputs) > 1:
-        notes.drop("COLOR_1")
+        notes.remark("COLOR_1 is left out")
     stored = _values(source, "COLOR", 0, triangles, label)
     return linear_rgba(stored[..., :4])
 
@@ -202,8 +202,10 @@ def _wrap(sampler):
 
 
 def _drop_rest(document, notes):
-    for name in ("animations", "lights", "cameras"):
+    for name in ("animations", "lights"):
         if len(getattr(document, name)):
             notes.drop(name)
+    if len(document.cameras):
+        notes.remark("cameras are left out")
     if len(document.scenes) > 1:
-        notes.drop("scenes beside the default one")
+        notes.remark("scenes beside the default one are left out")

@@ -154,7 +154,7 @@ def _read_glb(data, notes):
     if length > len(data):
         raise InputError("TXF-I07", "the GLB file is truncated", value=len(data), allowed=length)
     if length < len(data):
-        notes.warn(f"{len(data) - length} bytes after the end of the GLB container are ignored")
+        notes.remark(f"{len(data) - length} bytes after the end of the GLB container are ignored")
     chunks = list(_chunks(memoryview(data)[:length]))
     if not chunks or chunks[0][0] != CHUNK_JSON:
         raise InputError("TXF-I07", "the first GLB chunk is not JSON", offset=12)

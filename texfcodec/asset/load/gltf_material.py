@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...channels import BASE_COLOUR, MAPS, PARAMETERS, PBR
+from ...channels import BASE_COLOUR, MAPS, PARAMETERS, PBR, binary32
 from ...errors import SupportError
 from ..scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
 from .gltf_document import Document, extensions, integer, malformed, name_of, numbers, part, title
@@ -23,7 +23,6 @@ _READABLE_SOURCES = ("EXT_texture_webp", "EXT_texture_avif")
 _SPECULAR_GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
 _NEAREST = 9728
 _OF_MATERIAL = ("name", PBR, "alphaMode", "alphaCutoff", "doubleSided")
-MOST = 3e38  # of a parameter that a stream can hold
 
 
 @dataclass
@@ -104,8 +103,8 @@ def _parameters(entry):
             continue
         default = parameter.default if parameter.count > 1 else parameter.default[0]
         value = numbers(owner, key, default)
-        value = tuple(float(np.float32(v)) for v in (value if parameter.count > 1 else (value,)))
-        if value != parameter.default and all(abs(v) <= MOST for v in value):
+        value = binary32(value if parameter.count > 1 else (value,))
+        if value != parameter.default:
             found[parameter.name] = value
     return found
 
@@ -139,7 +138,7 @@ def read_material(document: Document, index: int | None, look: Look, shelf: Text
     entry = document.entry("materials", index)
     name = f"material {title(entry, index)}"
     _drop_properties(document, entry, name)
-    placed = {channel: _put_texture(document, info.texture, shelf) for channel, info in look.images.items()}
+    placed = {channel: _put_texture(document, info.texture, channel, shelf) for channel, info in look.images.items()}
     return Material(
         name=name_of(entry),
         factor=np.clip(look.factor, 0.0, 1.0),
@@ -160,7 +159,7 @@ def _alpha_mode(document, entry, name):
     return _ALPHA.get(mode if isinstance(mode, str) else "", ALPHA_OPAQUE)
 
 
-def _put_texture(document, index, shelf):
+def _put_texture(document, index, channel, shelf):
     entry = document.entry("textures", index)
     image = _source_image(document, entry, index)
     source = document.entry("images", image)
@@ -168,7 +167,7 @@ def _put_texture(document, index, shelf):
     fallback = uri if isinstance(uri, str) and uri[:5].lower() != "data:" else f"image {image}"
     name = name_of(source) or name_of(entry) or fallback
     wrap = _wrap(document, entry, name)
-    return shelf.put(image, lambda: document.image_bytes(image), name, wrap)
+    return shelf.put(image, lambda: document.image_bytes(image), name, wrap, channel)
 
 
 def _source_image(document, entry, index):

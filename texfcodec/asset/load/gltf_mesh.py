@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 _DRACO = "KHR_draco_mesh_compression"
 # Types of Draco's values, which DracoPy hands out as 32 bits: what is normalised goes by the number of its bits.
 _DRACO_TYPES = {1: np.int8, 2: np.uint8, 3: np.int16, 4: np.uint16, 5: np.int32, 6: np.uint32, 9: np.float32, 10: np.float64}
+VARIANTS = "KHR_materials_variants"  # the file's own materials are what is shown
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _MODE_NAMES = {0: "points", 1: "lines", 2: "line loop", 3: "line strip"}
 
@@ -51,7 +52,7 @@ class MeshReader:
     def drop_unused_uv(self) -> None:
         """Name the UV sets that no image asked for."""
         for name in sorted(self._found_uv - self._used_uv):
-            self.document.notes.drop(f"{name} (not used by any image)")
+            self.document.notes.remark(f"{name} is used by no image and left out")
 
     def _primitive(self, mesh, primitive, label):
         mode = integer(primitive, "mode", _TRIANGLES)
@@ -60,7 +61,7 @@ class MeshReader:
             return None
         source = _Draco(self.document, primitive) if _DRACO in extensions(primitive) else _Plain(self.document, primitive)
         if not source.has("POSITION"):
-            self.document.notes.warn(f"{label} has no POSITION; it is left out")
+            self.document.notes.remark(f"{label} has no POSITION; it is left out")
             return None
         positions = source.floats("POSITION", ("VEC3",))
         indices = source.indices()
@@ -92,7 +93,7 @@ class MeshReader:
         """Index list -> [F, 3]; glTF 2.0 section 3.7.2.1 gives the order of strips and fans."""
         if mode == _TRIANGLES:
             if len(indices) % 3:
-                self.document.notes.warn(f"{label} ends in an incomplete triangle; it is left out")
+                self.document.notes.remark(f"{label} ends in an incomplete triangle; it is left out")
             return indices[: len(indices) // 3 * 3].reshape(-1, 3)
         i = np.arange(max(len(indices) - 2, 0))
         if mode == _STRIP:
@@ -128,9 +129,9 @@ class MeshReader:
             if name.startswith("TEXCOORD_"):
                 self._found_uv.add(name)
             elif name not in ("POSITION", "COLOR_0", "NORMAL", "TANGENT"):
-                self.document.notes.drop(name)
+                self.document.notes.remark(f"attribute {name} is left out")
         for name in extensions(primitive):
-            if name != _DRACO:
+            if name not in (_DRACO, VARIANTS):
                 self.document.notes.drop(f"extension {name} of {label}")
 
     def _morphed(self, mesh, primitive, values, name="POSITION"):

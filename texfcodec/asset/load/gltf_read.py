@@ -16,7 +16,7 @@ import numpy as np
 from ...errors import InputError, SupportError
 from .gltf_document import extensions, integer, is_index, malformed, name_of, numbers, open_document, title
 from .gltf_material import read_look, read_material
-from .gltf_mesh import MeshReader
+from .gltf_mesh import VARIANTS, MeshReader
 from .image_read import TextureShelf
 from .normals import place_normals, place_tangents
 from .parts import Notes, assemble, check_face_count
@@ -25,9 +25,11 @@ if TYPE_CHECKING:
     from ..scene import Scene
 
 MAX_METADATA = 1 << 16  # bytes of JSON; larger extras are left behind with a name
+CAMERAS = "cameras are left out"
 _HONOURED = {"KHR_texture_transform", "EXT_texture_webp", "EXT_texture_avif", "KHR_draco_mesh_compression",
              "KHR_mesh_quantization", "KHR_materials_unlit", "KHR_materials_pbrSpecularGlossiness",
              "KHR_texture_basisu", "MSFT_texture_dds", "EXT_meshopt_compression", "KHR_meshopt_compression"}
+_UNSEEN = (VARIANTS, "KHR_xmp")
 _HARMLESS_WHEN_REQUIRED = ("KHR_materials_", "KHR_lights_punctual", "KHR_xmp", "EXT_lights_", "KHR_animation_pointer")
 
 
@@ -99,7 +101,7 @@ def _roots(document):
     chosen = integer(document.root, "scene", 0, low=0)
     for index, scene in enumerate(scenes):
         if index != chosen:
-            document.notes.drop(f"scene {title(scene, index)} (not the default scene)")
+            document.notes.remark(f"scene {title(scene, index)} is not the default one and left out")
     return _references(document.entry("scenes", chosen), "nodes")
 
 
@@ -152,7 +154,7 @@ def _drop_node_properties(document, node, index):
         document.notes.drop("skin")
         document.notes.warn(f"the skin of {name} is not applied; its mesh is taken as stored, placed by the node")
     if "camera" in node:
-        document.notes.drop("cameras")
+        document.notes.remark(CAMERAS)
     if "weights" in node:
         document.notes.drop(f"morph weights of {name}")
     for extension in extensions(node):
@@ -165,14 +167,17 @@ def _drop_rest(document, used_materials):
     for index, animation in enumerate(document.entries("animations")):
         drop(f"animation {title(animation, index)}")
     if document.entries("cameras"):
-        drop("cameras")
+        document.notes.remark(CAMERAS)
     if document.entries("skins"):
         drop("skin")
     used = set(used_materials)
     for index, material in enumerate(document.entries("materials")):
         if index not in used:
-            drop(f"material {title(material, index)} (not used)")
+            document.notes.remark(f"material {title(material, index)} is used by no face and left out")
     for extension in extensions(document.root):
+        if extension.startswith(_UNSEEN):
+            document.notes.remark(f"extension {extension} of the file is left out")
+            continue
         drop(extension if extension == "KHR_lights_punctual" else f"extension {extension} of the file")
 
 
@@ -192,7 +197,7 @@ def _metadata(document, shown):
     for key in ("extras", "nodes", "meshes", "copyright", "generator"):
         if key in metadata and len(json.dumps(metadata)) > MAX_METADATA:
             del metadata[key]
-            document.notes.drop(f"{key} (larger than {MAX_METADATA} bytes)")
+            document.notes.remark(f"{key} is left out: the metadata are larger than {MAX_METADATA} bytes")
     return metadata
 
 

@@ -1,4 +1,4 @@
-"""Images of any kind Pillow reads, and KTX2 textures -> uint8 RGBA arrays, decoded once and only where a base colour asks."""
+"""Images of any kind Pillow reads, and KTX2 textures -> uint8 RGBA arrays, decoded once and only where a material asks."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...channels import BASE_COLOUR
 from ...errors import InputError, LimitError
 from ..scene import Texture
 from .opened import opened
@@ -25,18 +26,20 @@ class TextureShelf:
     def __init__(self, notes: Notes) -> None:
         self.notes = notes
         self.textures: list[Texture] = []
-        self._images: dict[Hashable, np.ndarray | None] = {}
+        self._images: dict[Hashable, np.ndarray | InputError] = {}
         self._indices: dict[tuple, int] = {}
 
-    def put(self, key: Hashable, fetch: Callable[[], Any], name: str, wrap: tuple[int, int]) -> int:
+    def put(self, key: Hashable, fetch: Callable[[], Any], name: str, wrap: tuple[int, int],
+            channel: str = BASE_COLOUR.name) -> int:
         """Index of the texture, or -1 (with a note) where its image is missing or broken.
 
-        key: hashable identity of the image; fetch: () -> its bytes, or InputError; wrap: (s, t).
+        key: hashable identity of the image; fetch: () -> its bytes, or InputError; wrap: (s, t); channel: what it is for.
         """
         if key not in self._images:
             self._images[key] = self._decode(fetch, name)
         image = self._images[key]
-        if image is None:
+        if isinstance(image, InputError):
+            self.notes.fault(str(image.code), f"{image.message}; {channel.replace('_', ' ')} goes without it", **image.details)
             return -1
         if (key, wrap) not in self._indices:
             self._indices[key, wrap] = len(self.textures)
@@ -49,8 +52,7 @@ class TextureShelf:
         except InputError as error:
             if error.code not in ("TXF-I16", "TXF-I17"):
                 raise
-            self.notes.fault(error.code, f"{error.message}; only the base colour factor is used", **error.details)
-            return None
+            return error
 
 
 def read_image(data: Any, name: str, notes: Notes) -> np.ndarray:
@@ -81,7 +83,7 @@ def read_image(data: Any, name: str, notes: Notes) -> np.ndarray:
         except Exception as error:  # Pillow's plugins raise whatever their parsers meet
             raise InputError("TXF-I17", f"image '{name}' cannot be decoded", reason=str(error)[:200] or None) from error
     if _sample_bits(data) == 16 or image.mode.startswith("I"):
-        notes.warn(f"image '{name}' has 16-bit samples; the high 8 bits are used")
+        notes.remark(f"image '{name}' has 16-bit samples; the high 8 bits are used")
     if image.mode in ("CMYK", "YCCK"):
         notes.warn(f"image '{name}' is CMYK; it is converted to RGB without its colour profile")
     return rgba

@@ -44,8 +44,8 @@ def fill_normals(scene: Scene, parts: list[Part], notes: Notes) -> None:
     if any(part.normal is not None for part in parts):
         scene.corner_normal, broken = _normals(scene, parts)
         if broken:
-            notes.warn(f"{broken} face corners have normals that are zero, NaN or infinite; those of their faces take their "
-                       "place")
+            notes.remark(f"{broken} face corners have normals that are zero, NaN or infinite; those of their faces take their "
+                         "place")
     if any(part.tangent is not None for part in parts):
         scene.corner_tangent = _tangents(scene, parts)
 

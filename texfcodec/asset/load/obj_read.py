@@ -57,7 +57,7 @@ def read_obj(data: bytes, folder: Path, notes: Notes) -> Scene:
     part = Part(vertices[:, :3], faces, material, _uv(rows, texels, material, chosen), _vertex_color(vertices), "the OBJ file",
                 _normal(rows, corners[triangles, 2]))
     if not any(item.texture for item in chosen) and rows.vt:
-        notes.drop("vt (no texture uses it)")
+        notes.remark("vt is used by no texture and left out")
     metadata = {"objects": rows.objects} if rows.objects else {}
     return assemble([part], materials, shelf.textures, notes, metadata)
 

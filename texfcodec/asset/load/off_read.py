@@ -75,7 +75,7 @@ def _faces(lines, notes):
     if (rest == 1).any():
         notes.drop("indices into a colour map")
     if ((rest == 2) | (rest > 4)).any():
-        notes.drop("numbers after the corners of faces")
+        notes.remark("numbers after the corners of faces are left out")
     colored = (rest == 3) | (rest == 4)
     if not colored.any():
         return corners, sizes, None
@@ -99,11 +99,11 @@ def _vertex_color(table, has_color, has_normal, has_uv, notes):
     at = 3 + (3 if has_normal else 0)
     last = table.shape[1] - (2 if has_uv else 0)
     if has_uv:
-        notes.drop("texture coordinates (an OFF file names no texture)")
+        notes.remark("texture coordinates are left out: an OFF file names no texture")
     columns = last - at
     if not has_color:
         if columns > 0:
-            notes.drop(f"{columns} numbers after the position of each vertex")
+            notes.remark(f"{columns} numbers after the position of each vertex are left out")
         return None
     if columns not in (3, 4):
         raise _bad("a vertex line has no colour of three or four numbers", value=columns)

@@ -14,12 +14,17 @@ UV_OUTLIER = 1e6
 
 
 class Notes:
-    """What a reader has to tell: warnings (sentences) and dropped (names), each once and in the order of finding."""
+    """What a reader has to tell, each once and in the order of finding: what will look different, as warnings (sentences) and
+    dropped (names), and remarks (sentences) on what changes no picture."""
 
     def __init__(self, strict: bool = False) -> None:
         self.strict = strict
         self._warnings: dict[str, None] = {}
         self._dropped: dict[str, None] = {}
+        self._remarks: dict[str, None] = {}
+
+    def remark(self, sentence: str) -> None:
+        self._remarks[sentence] = None
 
     def warn(self, sentence: str) -> None:
         self._warnings[sentence] = None
@@ -40,6 +45,10 @@ class Notes:
     @property
     def dropped(self) -> list[str]:
         return list(self._dropped)
+
+    @property
+    def remarks(self) -> list[str]:
+        return list(self._remarks)
 
 
 @dataclass
@@ -109,7 +118,7 @@ def assemble(parts: list[Part], materials: list[Material], textures: list[Textur
     _repair_color(scene, notes)
     fill_normals(scene, parts, notes)
     _report_geometry(scene, unused, broken, notes)
-    scene.warnings, scene.dropped = notes.warnings, notes.dropped
+    scene.warnings, scene.dropped, scene.remarks = notes.warnings, notes.dropped, notes.remarks
     return scene
 
 
@@ -213,8 +222,8 @@ def _repair_color(scene, notes):
 def _report_geometry(scene, unused, broken, notes):
     if unused:
         tail = f", {broken} of them NaN or infinite" if broken else ""
-        notes.warn(f"{unused} vertices that no face uses are left out{tail}")
+        notes.remark(f"{unused} vertices that no face uses are left out{tail}")
     a, b, c = scene.faces.T
     degenerate = int(((a == b) | (b == c) | (c == a)).sum())
     if degenerate:
-        notes.warn(f"{degenerate} faces name the same vertex twice (degenerate)")
+        notes.remark(f"{degenerate} faces name the same vertex twice (degenerate)")

@@ -50,7 +50,7 @@ def read_ply(data: bytes, folder: Path, notes: Notes) -> Scene:
     tables = _read_elements(data, header)
     vertex, face = tables.get("vertex", {}), tables.get("face", {})
     for name in tables.keys() - {"vertex", "face"}:
-        notes.drop(f"PLY element '{name}'")
+        notes.remark(f"PLY element '{name}' is left out")
     if any(axis not in vertex for axis in "xyz"):
         raise InputError("TXF-I21", "the PLY file has no vertices with x, y and z")
     lists = face.get("vertex_indices", face.get("vertex_index"))
@@ -314,10 +314,10 @@ def _drop_rest(vertex, face, part, header, notes):
     known.update(name for names in (*_UV_NAMES, *_COLOR_NAMES) for name in names)
     drop_alpha(part.color, notes)
     if part.uv is not None and not header.textures:
-        notes.drop("texture coordinates (the file names no TextureFile)")
+        notes.remark("texture coordinates are left out: the file names no TextureFile")
     if part.uv is None and header.textures:
         notes.warn("the file names a texture but has no texture coordinates; UV (0, 0) is used")
     for table, kind in ((vertex, "vertex"), (face, "face")):
         for name in table:
             if name not in known:
-                notes.drop(f"PLY property '{name}' of {kind}")
+                notes.remark(f"PLY property '{name}' of {kind} is left out")

@@ -64,7 +64,7 @@ def _read_binary(data, notes):
     if needed > len(data):
         raise _bad("it ends before its last facet", value=len(data), allowed=needed)
     if needed < len(data):
-        notes.warn(f"{len(data) - needed} bytes after the last facet are ignored")
+        notes.remark(f"{len(data) - needed} bytes after the last facet are ignored")
     facets = np.frombuffer(data, _FACET, count, _START)
     if facets["normal"].any():
         notes.drop("NORMAL")

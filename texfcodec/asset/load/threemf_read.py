@@ -73,7 +73,7 @@ class _Archive:
         """Name the parts that nothing asked for: print settings, thumbnails, slices."""
         for key in self.entries.keys() - self.used:
             if not key.endswith(".rels") and key != "[content_types].xml":
-                self.notes.drop(f"3MF part '{self.entries[key].filename[:100]}'")
+                self.notes.remark(f"3MF part '{self.entries[key].filename[:100]}' is left out")
 
 
 def _key(name):

@@ -29,7 +29,7 @@ def read_trimesh(thing: Any, notes: Notes) -> Scene:
         materials.append(_material(mesh, shelf, notes, label))
         parts.append(_part(mesh, matrix, len(materials) - 1, label))
         for name in (*mesh.vertex_attributes, *mesh.face_attributes):
-            notes.drop(f"attribute '{name}' of {label}")
+            notes.remark(f"attribute '{name}' of {label} is left out")
     names = [name for name in getattr(thing, "geometry", {})]
     return assemble(parts, materials, shelf.textures, notes, {"meshes": names} if names else {})
 

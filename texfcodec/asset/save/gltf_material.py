@@ -54,7 +54,7 @@ def _write_parameter(out, parameter, value):
     """Puts a parameter where glTF has it; one of a texture that is not there says nothing, nor does what JSON cannot hold."""
     if not all(math.isfinite(v) for v in value):
         return
-    entry: Any = [float(v) for v in value] if parameter.count > 1 else float(value[0])
+    entry = [float(v) for v in value] if parameter.count > 1 else float(value[0])
     slot, _, key = parameter.key.rpartition(".")
     if not slot:
         _place(out, parameter.extension)[key] = entry

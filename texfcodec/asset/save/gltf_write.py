@@ -46,7 +46,7 @@ class Document:
             else:
                 self.warnings.append(f"metadata above {_EXTRAS_LIMIT} bytes is not written")
 
-    def add(self, kind: str, item: dict) -> int:
+    def add(self, kind: str, item: dict | str) -> int:
         """Append to one of the document's lists, made when first needed; returns the index."""
         self.json.setdefault(kind, []).append(item)
         return len(self.json[kind]) - 1

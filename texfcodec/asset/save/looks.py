@@ -6,7 +6,8 @@ A Texf stands in a later room, so that signatures here say Any.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from dataclasses import field as made_by
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ class Skin:
 
     field: int | None
     has_base: bool = False
-    sheets: list[tuple[str, ...]] = field(default_factory=list)
+    sheets: list[tuple[str, ...]] = made_by(default_factory=list)
 
 
 @dataclass

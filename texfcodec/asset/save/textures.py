@@ -45,7 +45,8 @@ def textured(texf: Any, texture_size: int | None = None, atlas: str = "auto", ba
     come first. base_colour_alone: as looks_of(). Raises InputError TXF-O10..O12."""
     check_arguments(texture_size, atlas)
     looks, normal = looks_of(texf, base_colour_alone), None
-    corner_uv, textures, warnings, of_skin = np.zeros((len(texf.faces), 3, 2)), [], [], []
+    corner_uv, warnings, of_skin = np.zeros((len(texf.faces), 3, 2)), [], []
+    textures: list[Texture] = []
     if names_in(looks, NORMALS):
         normal = texf.shading_normals()
     for skin in looks.skins:

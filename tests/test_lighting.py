@@ -11,7 +11,6 @@ from shapes import crossing_sheets, painted_sphere
 from texfcodec import EncodeOptions, decode
 from texfcodec.asset.sample import pack_source
 from texfcodec.asset.scene import ALPHA_MASK, WRAP_CLAMP, Material, Scene, Texture
-from texfcodec.asset.tangents import tangents_oppose
 from texfcodec.channels import BY_NAME, MAPS, PARAMETER_BY_NAME
 from texfcodec.encoder import encode_scene
 from texfcodec.ground.colour_error import decibels
@@ -116,18 +115,6 @@ def test_normals_of_maps_come_back_within_degrees(options):
     found = compare_channels(scene, decode(encode_scene(scene, options).data), 5000)
     assert found["normals"]["with_map"]["p95_degrees"] < 1 and found["normals"]["without_map"]["p99_degrees"] < 0.1
     assert found["channels"]["normal"]["median_degrees"] < 0.4
-
-
-def test_tangents_of_a_file_that_turn_green_over_are_told_apart():
-    scene = dome(["normal"])
-    made = Lighting(scene).maps._tangent("normal")
-    turned, mirrored = made * [1, 1, 1, -1], scene.corner_uv * [-1, 1]
-    surface = scene.positions, scene.faces
-    assert tangents_oppose(turned, *surface, scene.corner_uv) and not tangents_oppose(made, *surface, scene.corner_uv)
-    assert not tangents_oppose(turned, *surface, mirrored) and tangents_oppose(made, *surface, mirrored)
-    assert not tangents_oppose(np.zeros_like(made), *surface, scene.corner_uv)
-    few = np.where(np.arange(len(made))[:, None, None] < len(made) // 4, turned, made)
-    assert not tangents_oppose(few, *surface, scene.corner_uv)
 
 
 # What is asked, and what is left alone.

@@ -701,7 +701,8 @@ def test_the_command_draws_meshes_and_streams(call, files, tmp_path):
         code, said, err = call(source, out, "--size", "96x64", "--json")
         facts = json.loads(said)
         assert code == 0 and err == "" and facts["schema"] == 1 and facts["files"] == [out.name]
-        assert set(facts) == {"schema", "width", "height", "direction", "perspective", "pixels", "covered", "background",
+        assert set(facts) == {"schema", "width", "height", "direction", "perspective", "shaded", "pixels", "covered",
+                              "background",
                               "compare", "seconds", "peak_memory_bytes", "warnings", "dropped", "files"}
         assert (facts["width"], facts["height"], facts["pixels"], facts["compare"]) == (96, 64, 96 * 64, None)
         image = np.asarray(Image.open(out))

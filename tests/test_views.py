@@ -146,7 +146,7 @@ def test_angles_by_hand_and_by_weight():
     ref, got = [[1, 0, 0]] * 4, [[1, 0, 0], [0, 2, 0], [-1, 0, 0], [1, 1, 0]]
     plain = angular_error(ref, got)
     assert plain == {"mean_degrees": pytest.approx(78.75), "rms_degrees": pytest.approx(math.sqrt((90**2 + 180**2 + 45**2) / 4)),
-                     "median_degrees": pytest.approx(90), "p95_degrees": pytest.approx(180),
+                     "median_degrees": pytest.approx(45), "p95_degrees": pytest.approx(180),
                      "p99_degrees": pytest.approx(180), "samples": 4}  # fmt: skip
     weighted = angular_error(ref, got, [96, 2, 1, 1])
     assert weighted["mean_degrees"] == pytest.approx((2 * 90 + 180 + 45) / 100) and weighted["p95_degrees"] == 0

@@ -30,16 +30,6 @@ def corner_tangents(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndar
     return np.column_stack([tangent, handed]).astype(np.float32).reshape(-1, 3, 4)
 
 
-def tangents_oppose(tangent: np.ndarray, positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray) -> bool:
-    """Whether a file's tangents, float32 [F, 3, 4], turn the bitangent the other way than corner_tangents() on more than half of
-    the surface that has both. Then the file's green falls where that of tangents made again grows: a map that is to be seen with
-    the latter needs its green turned over. The other arrays are those of corner_tangents()."""
-    corners = _finite(positions)[faces]
-    made, given = _face_tangents(corners, _finite(corner_uv))[1], np.sign(_finite(tangent)[..., 3].sum(axis=1))
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    return bool((area * made * given).sum() < 0)
-
-
 def _finite(values):
     return np.nan_to_num(np.asarray(values, np.float64), nan=0.0, posinf=0.0, neginf=0.0)
 

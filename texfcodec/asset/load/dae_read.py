@@ -93,7 +93,7 @@ def _part(source, geometry, look, notes):
     for name in source.sources:
         if name not in _USED_INPUTS and source.sources[name]:
             notes.remark(f"COLLADA input '{name[:40]}' is left out")
-    return Part(points, faces, row, uv, color, label, normal)
+    return Part(points, faces, row, uv, color, label, normal=normal)
 
 
 def _values(source, kind, number, triangles, label):

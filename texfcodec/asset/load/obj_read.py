@@ -55,7 +55,7 @@ def read_obj(data: bytes, folder: Path, notes: Notes) -> Scene:
     materials = [scene_material(item, folder, shelf) for item in chosen]
     faces, texels, material = corners[triangles, 0], corners[triangles, 1], material[polygon]
     part = Part(vertices[:, :3], faces, material, _uv(rows, texels, material, chosen), _vertex_color(vertices), "the OBJ file",
-                _normal(rows, corners[triangles, 2]))
+                normal=_normal(rows, corners[triangles, 2]))
     if not any(item.texture for item in chosen) and rows.vt:
         notes.remark("vt is used by no texture and left out")
     metadata = {"objects": rows.objects} if rows.objects else {}

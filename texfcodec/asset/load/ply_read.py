@@ -61,7 +61,7 @@ def read_ply(data: bytes, folder: Path, notes: Notes) -> Scene:
     shelf = TextureShelf(notes)
     materials = _materials(header, folder, shelf)
     part = Part(points, indices[corners], _face_material(face, row_of, materials), _uv(vertex, face, corners, row_of),
-                _color(vertex, face, row_of), "the PLY file", _normal(vertex))
+                _color(vertex, face, row_of), "the PLY file", normal=_normal(vertex))
     _drop_rest(vertex, face, part, header, notes)
     metadata = {"comments": header.comments} if header.comments else {}
     return assemble([part], materials, shelf.textures, notes, metadata)

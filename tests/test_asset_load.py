@@ -15,6 +15,7 @@ from PIL import Image
 
 from texfcodec.asset.load.files import load, load_any
 from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Scene
+from texfcodec.channels import MAPS
 from texfcodec.errors import InputError, LimitError, SupportError, TexfError
 
 
@@ -42,7 +43,7 @@ def test_square_arrives_as_declared(loaded):
     assert scene.textures[0].image[0].tolist() == [[255, 0, 0, 255], [0, 0, 255, 255]]
     assert scene.face_material.tolist() == [0, 0] and scene.materials[0].texture == 0 and scene.corner_color is None
     assert scene.metadata == {"generator": "test", "nodes": ["node"], "meshes": ["mesh"]}
-    assert scene.warnings == [] and scene.dropped == []
+    assert scene.warnings == [] and scene.dropped == [] and scene.remarks == []
 
 
 @pytest.mark.parametrize("mode, indices, faces", [
@@ -56,7 +57,7 @@ def test_strips_fans_and_missing_indices(loaded, mode, indices, faces):
     builder.primitive(indices=None if indices is None else np.array(indices, np.uint8), mode=mode)
     scene = loaded(builder)
     assert scene.faces.tolist() == faces
-    assert bool(scene.warnings) == (mode == 4)
+    assert bool(scene.remarks) == (mode == 4) and scene.warnings == []
 
 
 def test_points_and_lines_are_left_out_with_a_warning(loaded):
@@ -138,7 +139,8 @@ def test_only_the_default_scene_is_loaded(loaded):
     builder.tree["nodes"] = [{"mesh": 0}, {"mesh": 0, "translation": [7, 0, 0]}]
     builder.tree |= {"scenes": [{"nodes": [0]}, {"nodes": [1], "name": "second"}], "scene": 1}
     scene = loaded(builder)
-    assert scene.positions[0].tolist() == [7, 0, 0] and "scene 0 (not the default scene)" in scene.dropped
+    assert scene.positions[0].tolist() == [7, 0, 0]
+    assert scene.remarks == ["scene 0 is not the default one and left out"] and scene.dropped == []
     del builder.tree["scene"], builder.tree["scenes"]
     assert len(loaded(builder).faces) == 4
 
@@ -206,10 +208,11 @@ def test_texture_transform_may_choose_the_uv_set(loaded):
     attributes = builder.tree["meshes"][0]["primitives"][0]["attributes"]
     attributes["TEXCOORD_1"] = builder.accessor(SQUARE_UV * 3)
     info = builder.tree["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]
-    assert loaded(builder).dropped == ["TEXCOORD_1 (not used by base colour)"]
+    scene = loaded(builder)
+    assert scene.remarks == ["TEXCOORD_1 is used by no image and left out"] and scene.dropped == []
     info["texCoord"] = 1
     scene = loaded(builder)
-    assert scene.corner_uv.max() == 3 and scene.dropped == ["TEXCOORD_0 (not used by base colour)"]
+    assert scene.corner_uv.max() == 3 and scene.remarks == ["TEXCOORD_0 is used by no image and left out"]
     info |= {"texCoord": 0, "extensions": {"KHR_texture_transform": {"texCoord": 1}}}
     assert loaded(builder).corner_uv.max() == 3
 
@@ -237,25 +240,30 @@ def test_material_properties_are_kept_and_the_rest_is_named_once(loaded):
     extra = builder.texture(encoded(RED_BLUE))
     builder.tree["materials"][0] |= {
         "name": "bottle", "alphaMode": "MASK", "alphaCutoff": 0.25, "doubleSided": True, "normalTexture": {"index": extra},
-        "emissiveFactor": [1, 0, 0], "extras": {"shelf": 7},
-        "extensions": {"KHR_materials_unlit": {}, "KHR_materials_clearcoat": {"clearcoatTexture": {"index": extra}}}}
+        "emissiveFactor": [1, 0, 0], "extras": {"shelf": 7}, "gloss": 1,
+        "extensions": {"KHR_materials_unlit": {}, "KHR_materials_clearcoat": {"clearcoatTexture": {"index": extra}, "wax": 2},
+                       "ACME_paint": {"paintTexture": {"index": extra}}}}
     builder.tree["materials"][0]["pbrMetallicRoughness"] |= {
         "baseColorFactor": [0.5, 0.25, 1, 0.75], "metallicRoughnessTexture": {"index": extra}, "metallicFactor": 1}
     builder.add("materials", {"name": "spare"})
     attributes = builder.tree["meshes"][0]["primitives"][0]["attributes"]
     attributes |= {"NORMAL": attributes["POSITION"], "_HEAT": attributes["POSITION"]}
     builder.tree |= {"animations": [{"name": "walk"}], "skins": [{}], "cameras": [{}],
-                     "extensions": {"KHR_lights_punctual": {"lights": []}}}
+                     "extensions": {"KHR_lights_punctual": {"lights": []}, "KHR_materials_variants": {"variants": []}}}
     builder.tree["nodes"][0] |= {"skin": 0, "camera": 0, "extensions": {"KHR_lights_punctual": {"light": 0}}}
     scene = loaded(builder)
     material = scene.materials[0]
     assert material.factor.tolist() == [0.5, 0.25, 1, 0.75] and material.name == "bottle"
     assert (material.alpha_mode, material.alpha_cutoff, material.double_sided, material.unlit) == (ALPHA_MASK, 0.25, True, True)
+    assert material.maps == {"normal": 1, "roughness": 1, "metallic": 1, "clearcoat": 1}
+    assert material.parameters == {"emissive": (1.0, 0.0, 0.0)}  # factors that are the default are none
     assert sorted(scene.dropped) == sorted([
-        "_HEAT", "normalTexture of material 'bottle'", "metallicRoughnessTexture of material 'bottle'",
-        "emissiveFactor of material 'bottle'", "extension KHR_materials_clearcoat of material 'bottle'",
-        "KHR_materials_clearcoat.clearcoatTexture of material 'bottle'", "material 'spare' (not used)", "skin", "cameras",
-        "animation 'walk'", "KHR_lights_punctual"])
+        "gloss of material 'bottle'", "KHR_materials_clearcoat.wax of material 'bottle'",
+        "extension ACME_paint of material 'bottle'", "ACME_paint.paintTexture of material 'bottle'", "skin", "animation 'walk'",
+        "KHR_lights_punctual"])
+    assert sorted(scene.remarks[:-1]) == sorted([
+        "attribute _HEAT is left out", "material 'spare' is used by no face and left out", "cameras are left out",
+        "extension KHR_materials_variants of the file is left out"]) and "normals that are zero" in scene.remarks[-1]
     assert scene.metadata["extras"] == {"materials": {"bottle": {"shelf": 7}}}
 
 
@@ -295,7 +303,7 @@ def test_images_become_rgba(loaded, kind):
     builder.primitive(uv=SQUARE_UV, material=builder.material(builder.texture(data)))
     scene = loaded(builder, strict=True)
     assert scene.textures[0].image[0].tolist() == expected
-    assert any("16-bit" in warning for warning in scene.warnings) == (kind == "grey 16")
+    assert any("16-bit" in remark for remark in scene.remarks) == (kind == "grey 16") and scene.warnings == []
 
 
 def test_large_images_pass_through_the_strips_whole(loaded):
@@ -317,7 +325,7 @@ def test_webp_extension_is_preferred_and_dds_alone_is_refused(loaded, refused):
 
 def test_unused_images_are_not_decoded(loaded):
     builder = textured()
-    builder.tree["materials"][0]["normalTexture"] = {"index": builder.texture(b"not an image at all")}
+    builder.material(builder.texture(b"not an image at all"))
     assert loaded(builder, strict=True).warnings == []
 
 
@@ -355,12 +363,25 @@ def test_missing_and_broken_images_leave_the_factor(loaded, refused, data):
     assert isinstance(error, InputError) and error.code == code
 
 
+def test_a_broken_map_is_named_with_each_channel_that_goes_without(loaded, refused):
+    builder = textured()
+    packed = builder.texture(b"not an image at all")
+    builder.tree["materials"][0] |= {"occlusionTexture": {"index": packed}, "normalTexture": {"index": 0}}
+    builder.tree["materials"][0]["pbrMetallicRoughness"] |= {"metallicRoughnessTexture": {"index": packed}, "roughnessFactor": 0.5}
+    scene = loaded(builder)
+    assert [text.partition("; ")[2] for text in scene.warnings] == [
+        f"{name} goes without it (TXF-I17)" for name in ("occlusion", "roughness", "metallic")]
+    assert scene.materials[0].maps == {"normal": 0} and scene.materials[0].parameters == {"roughness": (0.5,)}
+    assert scene.materials[0].texture == 0 and scene.dropped == []
+    assert refused(builder, strict=True).code == "TXF-I17"
+
+
 def test_broken_vertices_count_only_where_faces_use_them(loaded, refused):
     positions = np.vstack([SQUARE, [[np.nan, 0, 0], [np.inf, 0, 0]]]).astype(np.float32)
     builder = Builder()
     builder.primitive(positions=positions)
     scene = loaded(builder, strict=True)
-    assert len(scene.positions) == 4 and "2 vertices that no face uses" in scene.warnings[0]
+    assert len(scene.positions) == 4 and "2 vertices that no face uses" in scene.remarks[0]
     builder = Builder()
     builder.primitive(positions=positions, indices=np.array([[0, 1, 5], [0, 4, 5]], np.uint16))
     error = refused(builder)
@@ -383,7 +404,7 @@ def test_degenerate_and_duplicate_faces_stay(loaded):
     builder.primitive(indices=np.array([[0, 1, 2], [0, 1, 2], [1, 1, 2]], np.uint16))
     scene = loaded(builder)
     assert scene.faces.tolist() == [[0, 1, 2], [0, 1, 2], [1, 1, 2]]
-    assert any("1 faces name the same" in text for text in scene.warnings)
+    assert any("1 faces name the same" in text for text in scene.remarks) and scene.warnings == []
 
 
 def bent(**changes):
@@ -623,7 +644,8 @@ def test_ply_with_colors_and_texture(tmp_path, loaded, form, uv):
     np.testing.assert_array_equal(scene.positions[scene.faces], SQUARE[TWO])
     np.testing.assert_allclose(scene.corner_uv, SQUARE_UV[TWO], atol=1e-6)
     np.testing.assert_allclose(scene.corner_color[0, 0], [1, 0.5029, 0, 1], atol=1e-4)
-    assert scene.materials[0].texture == 0 and scene.dropped == ["PLY property 'quality' of vertex"]
+    assert scene.materials[0].texture == 0 and scene.dropped == []
+    assert scene.remarks == ["PLY property 'quality' of vertex is left out"]
     assert scene.metadata == {"comments": ["made here"]}
 
 
@@ -631,7 +653,7 @@ def test_ply_with_colors_and_texture(tmp_path, loaded, form, uv):
 def test_ply_polygons_of_mixed_size_and_no_texture(loaded, form):
     scene = loaded(ply(form, texture="", faces=[[0, 1, 2], [0, 1, 2, 3]]), "a.ply")
     assert scene.faces.tolist() == [[0, 1, 2], [0, 1, 2], [0, 2, 3]]
-    assert scene.dropped[0].startswith("texture coordinates") and not scene.corner_uv.any()
+    assert scene.remarks[0].startswith("texture coordinates") and scene.dropped == [] and not scene.corner_uv.any()
 
 
 def test_ply_texture_coordinates_and_colors_per_face(tmp_path, loaded):
@@ -719,14 +741,14 @@ def test_all_assets_have_the_counts_of_their_index(shared_dir):
         assert len(scene.faces) == expected["faces"], expected["name"]
         assert len(scene.positions) == expected["vertices"] - unused, expected["name"]
         assert len(scene.materials) == max(expected["materials"], 1), expected["name"]
-        assert len(scene.textures) == len(set(expected["textures"].get("baseColor", []))), expected["name"]
+        assert len(scene.textures) == len({image for images in expected["textures"].values() for image in images}), expected["name"]
         assert (scene.corner_color is not None) == ("COLOR_0" in expected["attributes"]), expected["name"]
         if not unused:  # the index counts unused vertices into the box
             np.testing.assert_allclose([scene.positions.min(axis=0), scene.positions.max(axis=0)], expected["bbox"], rtol=1e-6,
                                        atol=1e-9)
 
 
-def test_assets_keep_their_uv_range_and_name_their_maps(shared_dir):
+def test_assets_keep_their_uv_range_and_all_of_their_maps(shared_dir):
     for expected in assets(shared_dir):
         scene = load(shared_dir / "assets" / f"{expected['name']}.glb")
         whole = all(material.texture >= 0 for material in scene.materials)
@@ -734,9 +756,11 @@ def test_assets_keep_their_uv_range_and_name_their_maps(shared_dir):
             found = scene.corner_uv.reshape(-1, 2)
             np.testing.assert_allclose([found.min(axis=0), found.max(axis=0)], expected["uv_range"], atol=6e-5)
         for kind in expected["textures"].keys() - {"baseColor"}:
-            name = kind if "." in kind else f"{kind}Texture"
-            assert any(dropped.startswith(f"{name} of material") for dropped in scene.dropped), (expected["name"], kind)
-        assert len(scene.dropped) == len(set(scene.dropped))
+            slot = kind if "." in kind else f"{kind}Texture"
+            names = {c.name for c in MAPS if slot in (c.slot, f"{c.extension}.{c.slot}")}
+            assert names and names <= {name for material in scene.materials for name in material.maps}, (expected["name"], kind)
+        assert scene.dropped == [] and scene.warnings == [], expected["name"]
+        assert len(scene.remarks) == len(set(scene.remarks))
         json.dumps(scene.metadata)
 
 

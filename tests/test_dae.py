@@ -64,14 +64,14 @@ def test_a_textured_square_keeps_its_unit_and_axes(scene_of):
     assert scene.materials[0].name == "paint" and scene.materials[0].factor.tolist() == [1] * 4
     assert scene.textures[0].image[0, 1].tolist() == [0, 0, 255, 255] and scene.textures[0].wrap == (WRAP_REPEAT,) * 2
     assert scene.metadata == {"up_axis": "Z_UP", "unit_in_metres": 0.01}
-    assert scene.dropped == ["TEXCOORD_1 (not used by base colour)"] and scene.warnings == []
+    assert scene.remarks == ["TEXCOORD_1 is used by no image and left out"] and scene.dropped == scene.warnings == []
 
 
 def test_the_uv_set_that_the_material_binds_is_taken(scene_of):
     bound = '<bind_vertex_input semantic="UV0" input_semantic="TEXCOORD" input_set="3"/>'
     scene = scene_of(bound=bound, sampler="<wrap_s>CLAMP</wrap_s><wrap_t>WRAP</wrap_t>")
     assert scene.corner_uv[..., 0].max() == 0.5 and scene.textures[0].wrap == (WRAP_CLAMP, WRAP_REPEAT)
-    assert scene.dropped == ["TEXCOORD_0 (not used by base colour)"]
+    assert scene.remarks == ["TEXCOORD_0 is used by no image and left out"] and scene.dropped == []
 
 
 def test_nodes_place_and_mirror(scene_of):
@@ -119,7 +119,8 @@ def test_what_is_not_carried_is_named(scene_of):
     effect = "<specular><color>0.5 0.5 0.5 1</color></specular>"
     scene = scene_of(surface=TRIANGLES.format(inputs=inputs, indices="0 1 2 0 2 3"), more=more, effect=effect,
                      diffuse="<color>1 1 1 1</color>")
-    assert {"lights", "cameras", "specular of material 'paint'"} <= set(scene.dropped) and "NORMAL" not in scene.dropped
+    assert {"lights", "specular of material 'paint'"} <= set(scene.dropped) and "NORMAL" not in scene.dropped
+    assert "cameras are left out" in scene.remarks
     corners = scene.positions[scene.faces]  # which are its normals too
     np.testing.assert_allclose(scene.corner_normal[0, 1], corners[0, 1] / np.linalg.norm(corners[0, 1]), atol=1e-6)
 

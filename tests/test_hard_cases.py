@@ -376,11 +376,12 @@ def test_each_limit_refuses_a_mesh_that_is_over_it(limits, code):
     assert caught.value.code == code
 
 
-def test_metadata_over_the_limit_are_left_out_with_a_warning():
+def test_metadata_over_the_limit_are_left_out_with_a_remark():
     scene, report = crossing_sheets(), Report()
     scene.metadata["extras"] = "x" * 1000
     data = encode_scene(scene, EncodeOptions(resolution=16, limits=Limits(metadata_bytes=500)), report).data
-    assert decode(data).metadata == {} and "metadata" in report.dropped and any("limit" in w for w in report.warnings)
+    assert decode(data).metadata == {} and any("metadata" in text and "limit" in text for text in report.remarks)
+    assert report.warnings == report.dropped == []
 
 
 @pytest.mark.parametrize("values", [{"resolution": 0}, {"resolution": 8193}, {"qp": -1}, {"qp": 64}, {"position_bits": 7},

@@ -188,8 +188,11 @@ def test_coincident_layers_that_differ_in_colour_get_fields_of_their_own(count):
 
 def test_the_api_refuses_losses_as_the_command_line_does():
     scene = scene_of(*sheets([0.5]))
-    scene.dropped = ["NORMAL"]
+    scene.dropped, scene.remarks = ["NORMAL"], ["a vertex is left out"]
     assert encode(scene, EncodeOptions(resolution=16, qp=30))
     with pytest.raises(InputError) as caught:
         encode(scene, EncodeOptions(resolution=16, qp=30, strict=True))
-    assert caught.value.code == "TXF-I52" and caught.value.details["dropped"] == ["NORMAL"]
+    assert caught.value.code == "TXF-I52" and caught.value.details == {"dropped": ["NORMAL"]}
+    scene.dropped, report = [], Report()
+    assert encode(scene, EncodeOptions(resolution=16, qp=30, strict=True), report)  # a remark refuses nothing
+    assert report.remarks == scene.remarks and report.warnings == report.dropped == []

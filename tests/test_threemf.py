@@ -109,8 +109,9 @@ def test_print_data_and_unknown_groups_are_named(tmp_path):
     data = package(model(resources + mesh('pid="9" p1="0"', ""), head=head),
                    **{"Metadata_slash_slic3r_dot_config": b"layers", "Metadata_slash_thumbnail_dot_png": b"x"})
     scene = load_bytes(tmp_path, data, "a.3mf")
-    assert sorted(scene.dropped) == ["3MF element 'composite'", "3MF element 'compositematerials'",
-                                     "3MF part 'Metadata/slic3r.config'", "3MF part 'Metadata/thumbnail.png'"]
+    assert sorted(scene.dropped) == ["3MF element 'composite'", "3MF element 'compositematerials'"]
+    assert sorted(scene.remarks) == ["3MF part 'Metadata/slic3r.config' is left out",
+                                     "3MF part 'Metadata/thumbnail.png' is left out"]
     assert "property group '9'" in scene.warnings[0] and scene.metadata == {"unit": "inch", "3mf": {"Title": "Vase"}}
 
 

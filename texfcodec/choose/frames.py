@@ -1,15 +1,16 @@
 """Normal maps without UVs: what a map says of the surface, as a deviation from the shading normals that a decoder makes again
-(encoder only; spec clause 8.5)."""
+(encoder only; spec clause 8.5); and what all maps say where a codec asks the surface itself."""
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..asset.factors import FLAT, factor_of
 from ..asset.normals import corner_normals
-from ..asset.sample import pack_map, sample_source
+from ..asset.sample import map_columns, pack_map, sample_source
 from ..asset.tangents import corner_tangents
 from ..channels import BY_NAME
 from ..render.frames import interpolate_corners, tangent_space_normals
@@ -64,3 +65,25 @@ class Frames:
     def _has_tangents(self, uv):
         tangent = self.scene.corner_tangent
         return tangent is not None and uv is self.scene.corner_uv and tangent.any(axis=2).all()
+
+
+class ShownMaps:
+    """What maps say at places on a surface: a codecs.codec.Source's `maps`. Arguments as those of Frames."""
+
+    def __init__(self, scene: Scene, surface: Surface, shading: Shading) -> None:
+        self.scene, self.surface, self.shading = scene, surface, shading
+        self._packed: dict[str, tuple] = {}
+
+    def __call__(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
+        """Values of a channel over voxels, float32 [M, C] in 0..255. name: in channels.CHANNELS; face: int64 [M] of the surface,
+        of materials with the map; bary: float64 [M, 3]."""
+        material_name = BY_NAME[name].material_name
+        if material_name != name:
+            return self._frames.deviations(material_name, face, bary, threads)
+        if name not in self._packed:
+            self._packed[name] = pack_map(self.scene, name, self.surface.origin_face)
+        return sample_source(self._packed[name], face, bary, threads)[:, map_columns(name)]
+
+    @cached_property
+    def _frames(self):
+        return Frames(self.scene, self.surface, self.shading)

@@ -40,16 +40,19 @@ class Frames:
     def deviations(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
         """How far a normal map turns the surface's normals from those that are made again, float32 [M, 3] in 0..255, FLAT being
         0. name: of the channel; face: int64 [M] of the surface, of materials with the map; bary: float64 [M, 3]."""
+        bent, flat = self.bent(name, face, bary, threads), interpolate_corners(self.rebuilt, face, bary)
+        flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-12)
+        return np.clip((bent - flat + 1) * FLAT, 0, 255).astype(np.float32)
+
+    def bent(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
+        """The source's shading normals as a normal map turns them, float32 [M, 3] of length 1; arguments as in deviations()."""
         if name not in self._sources:
             self._sources[name] = pack_map(self.scene, name, self.surface.origin_face)
         texel = values_of_map(name, sample_source(self._sources[name], face, bary, threads))
         scale = np.array([factor_of(m.parameters, BY_NAME[name].parameter)[0] for m in self.scene.materials], np.float32)
         tangent = interpolate_corners(self._tangent(name), face, bary)
         normal, geometric = interpolate_corners(self.normal, face, bary), self.geometric[face]
-        bent = tangent_space_normals(texel, scale[self.surface.material[face]], normal, tangent, geometric)
-        flat = interpolate_corners(self.rebuilt, face, bary)
-        flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-12)
-        return np.clip((bent - flat + 1) * FLAT, 0, 255).astype(np.float32)
+        return tangent_space_normals(texel, scale[self.surface.material[face]], normal, tangent, geometric)
 
     def _tangent(self, name):
         """Tangents of the corners, float32 [F, 3, 4]: the source's, or made of the UVs of a map."""

@@ -65,7 +65,7 @@ class TexfMethod(Method):
         as 64-bit little-endian numbers, then the uint8 values [N, C]."""
         total = hashlib.sha256()
         for field in decoded.fields:
-            for channel in decoded.channels:
+            for channel in (c for c in decoded.channels if c.name in field.planes):
                 total.update(np.ascontiguousarray(field.keys, "<i8"))
                 total.update(np.ascontiguousarray(field.planes[channel.name]))
         return total.hexdigest()

@@ -91,8 +91,9 @@ class TexfMaps:
 
 
 def map_errors(scene, decoded, face_field, samples, threads=1):
-    """{"pooled": dB, "channels": {name: {"psnr": dB, "weight", and of normals "mean_degrees", "p95_degrees"}}, "samples"} of
-    what was decoded of a Scene, a Texf or a Scene with the same faces. None: no error at all. face_field: as in TexfMaps."""
+    """{"pooled": dB, "plain": the same with weights of 1, "channels": {name: {"psnr": dB, "weight", and of normals
+    "mean_degrees", "p95_degrees"}}, "samples"} of what was decoded of a Scene, a Texf or a Scene with the same faces. None: no
+    error at all. face_field: as in TexfMaps."""
     scene, surface = needed_maps(scene)
     source = SceneMaps(scene, surface, threads)
     if isinstance(decoded, Texf):
@@ -100,7 +101,7 @@ def map_errors(scene, decoded, face_field, samples, threads=1):
     else:
         other = SceneMaps(replace(decoded, corner_normal=scene.corner_normal, corner_tangent=scene.corner_tangent), surface, threads)
     places = sample_surface(surface.lattice.astype(np.float64), surface.faces, samples, 0)
-    found, pooled = {}, np.zeros(2)
+    found, pooled, plain = {}, np.zeros(2), np.zeros(2)
     for name in [BASE_COLOUR.name, *(c.name for c in MAPS)]:
         mapped = np.array([name == BASE_COLOUR.name or name in m.maps for m in scene.materials], bool)
         mine = np.flatnonzero(mapped[surface.material[places[0]]])
@@ -108,11 +109,13 @@ def map_errors(scene, decoded, face_field, samples, threads=1):
             continue
         want, got = (np.concatenate(parts) for parts in zip(*_asked(name, source, other, places, mine), strict=True))
         error, weight = (got.astype(np.float64) - want) ** 2, channel_over(name, planar=False).weight
-        pooled += weight * np.array([error.sum(), error.size])
+        plain += (error.sum(), error.size)
+        pooled += (weight * error.sum(), weight * error.size)
         found[name] = json_ready({"psnr": decibels(float(error.mean())), "weight": weight})
         if BY_NAME[name].unit == "degrees":
             found[name] |= _angles(want, got)
-    return json_ready({"pooled": decibels(pooled[0] / pooled[1])}) | {"channels": found, "samples": samples}
+    told = json_ready({"pooled": decibels(pooled[0] / pooled[1]), "plain": decibels(plain[0] / plain[1])})
+    return told | {"channels": found, "samples": samples}
 
 
 def _asked(name, source, other, places, mine):

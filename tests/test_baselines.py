@@ -256,7 +256,8 @@ def test_a_scene_is_its_own_equal_and_errors_are_told_by_channel():
     assert same["channels"]["normal"]["p95_degrees"] < 1e-3
     other = scene.textures[1].image.copy()
     other[..., 1] = np.where(other[..., 1] < 128, other[..., 1] + 10, other[..., 1] - 10)
-    off = map_errors(scene, dataclasses.replace(scene, textures=[scene.textures[0], Texture(other), scene.textures[2]]), None, 2000)
+    textures = [scene.textures[0], Texture(other), scene.textures[2]]
+    off = map_errors(scene, dataclasses.replace(scene, textures=textures), None, 2000)
     assert off["channels"]["base_colour"]["psnr"] is None and 28 < off["channels"]["roughness"]["psnr"] < 40
     assert off["plain"] == pytest.approx(off["channels"]["roughness"]["psnr"] + 10 * np.log10(7), abs=1e-6)  # one of 7 components
 

@@ -55,8 +55,8 @@ class SceneMaps:
 
 
 class TexfMaps:
-    """What a Texf, its fields over voxels, says at the same places of the Scene that it was made of. face_field: int64 per face of
-    the scene, as Texf numbers fields. ValueError: a field is over texels."""
+    """What a Texf, its fields over voxels, says at the same places of the Scene that it was made of. face_field: int64 per face
+    of the scene, as Texf numbers fields. ValueError: a field is over texels."""
 
     def __init__(self, texf, scene, surface, face_field):
         if any(field.over_texels for field in texf.fields):
@@ -99,7 +99,8 @@ def map_errors(scene, decoded, face_field, samples, threads=1):
     if isinstance(decoded, Texf):
         other = TexfMaps(decoded, scene, surface, face_field)
     else:
-        other = SceneMaps(replace(decoded, corner_normal=scene.corner_normal, corner_tangent=scene.corner_tangent), surface, threads)
+        decoded = replace(decoded, corner_normal=scene.corner_normal, corner_tangent=scene.corner_tangent)
+        other = SceneMaps(decoded, surface, threads)
     places = sample_surface(surface.lattice.astype(np.float64), surface.faces, samples, 0)
     found, pooled, plain = {}, np.zeros(2), np.zeros(2)
     for name in [BASE_COLOUR.name, *(c.name for c in MAPS)]:

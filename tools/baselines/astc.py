@@ -21,9 +21,9 @@ from texfcodec.asset.scene import Material, Scene, Texture
 
 DEFAULTS = {"block": "6x6", "quality": 98, "uv_bytes": "uint16", "profile": "ldr", "maps": "none", "normals": "xy"}
 BLOCKS = ("4x4", "5x4", "5x5", "6x5", "6x6", "8x5", "8x6", "8x8", "10x5", "10x6", "10x8", "10x10", "12x10", "12x12")
-# Texels of colours stay sRGB-coded either way. The linear profile meets the figures known for bball_0001 best (3D-PSNR Y 44.5, 46.0, 47.7,
-# 50.2 at 12x12, 10x10, 8x8, 6x6; at the same surface points it has 44.53, 45.92, 47.66, 50.24). The sRGB profile, always decoded
-# to 8 bits, is the stronger rival: 44.63, 46.06, 47.86, 50.64.
+# Texels of colours stay sRGB-coded either way. The linear profile meets the figures known for bball_0001 best (3D-PSNR Y 44.5, 46.0,
+# 47.7, 50.2 at 12x12, 10x10, 8x8, 6x6; at the same surface points it has 44.53, 45.92, 47.66, 50.24). The sRGB profile, always
+# decoded to 8 bits, is the stronger rival: 44.63, 46.06, 47.86, 50.64.
 PROFILES = {"ldr": "LDR", "srgb": "LDR_SRGB"}
 BLOCK_BYTES, UV_STEPS = 16, 65535
 SOURCE, LAYOUT, UVS, IMAGE = "source.npz", "layout.json", "uv.uint16", "image{}.blocks"
@@ -73,7 +73,8 @@ class Astc(Method):
             (folder / UVS).write_bytes(steps.tobytes())
             vertex_uv, sizes["uv"] = dequantise_uv(steps, box), steps.nbytes
         with report.stage("reconstruction"):
-            decoded = [codec.dec_image(data, *size, kind) for data, size, kind in zip(coded, layout["images"], kinds, strict=True)]
+            decoded = [codec.dec_image(data, *size, kind)
+                       for data, size, kind in zip(coded, layout["images"], kinds, strict=True)]
         for number, data in enumerate(coded):
             (folder / IMAGE.format(number)).write_bytes(data)
         (folder / LAYOUT).write_text(json.dumps(layout), encoding="utf-8")

@@ -61,7 +61,8 @@ def _sheet(names, maps):
 
 
 def two_components(image):
-    """A normal map, uint8 [H, W, 4], as formats of two components take it: x in red, green and blue, y in alpha, of unit normals."""
+    """A normal map, uint8 [H, W, 4], as formats of two components take it: of unit normals x in red, green and blue, y in
+    alpha."""
     xy = np.rint(values_of_map("normal", image)).astype(np.uint8)
     return np.ascontiguousarray(xy[..., [0, 0, 0, 1]])
 

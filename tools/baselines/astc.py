@@ -21,9 +21,9 @@ from texfcodec.asset.scene import Material, Scene, Texture
 
 DEFAULTS = {"block": "6x6", "quality": 98, "uv_bytes": "uint16", "profile": "ldr", "maps": "none", "normals": "xy"}
 BLOCKS = ("4x4", "5x4", "5x5", "6x5", "6x6", "8x5", "8x6", "8x8", "10x5", "10x6", "10x8", "10x10", "12x10", "12x12")
-# Texels of colours stay sRGB-coded either way. The linear profile meets the figures known for bball_0001 best (3D-PSNR Y 44.5, 46.0,
-# 47.7, 50.2 at 12x12, 10x10, 8x8, 6x6; at the same surface points it has 44.53, 45.92, 47.66, 50.24). The sRGB profile, always
-# decoded to 8 bits, is the stronger rival: 44.63, 46.06, 47.86, 50.64.
+# Texels of colours stay sRGB-coded either way. The linear profile meets the figures known for bball_0001 best (3D-PSNR Y 44.5,
+# 46.0, 47.7, 50.2 at 12x12, 10x10, 8x8, 6x6; at the same surface points it has 44.53, 45.92, 47.66, 50.24). The sRGB profile,
+# always decoded to 8 bits, is the stronger rival: 44.63, 46.06, 47.86, 50.64.
 PROFILES = {"ldr": "LDR", "srgb": "LDR_SRGB"}
 BLOCK_BYTES, UV_STEPS = 16, 65535
 SOURCE, LAYOUT, UVS, IMAGE = "source.npz", "layout.json", "uv.uint16", "image{}.blocks"
@@ -37,6 +37,10 @@ class Astc(Method):
 
     options = tuple(DEFAULTS)
 
+    def codec(self, options, threads):
+        """What codes one image. LookupError, ValueError: as Codec."""
+        return Codec(options, threads)
+
     def version(self):
         """The version of astc-encoder-py; "" where it is not installed."""
         try:
@@ -46,17 +50,18 @@ class Astc(Method):
 
     def warm_up(self, options, threads):
         """Loads the library. LookupError says that it is not installed."""
-        codec = Codec(options, threads)
+        codec = self.codec(options, threads)
         codec.dec_image(codec.enc_image(np.zeros((16, 16, 4), np.uint8)), 16, 16)
 
     def encode(self, scene, options, folder, threads, report):
         """Writes IMAGE for each image and, if they count, UVS: files of just the bytes that are counted; LAYOUT and SOURCE hold
         what is handed through. LookupError: no face of the scene has a texture. ValueError: an option is out of range."""
-        codec, scene = Codec(options, threads), _asked_scene(scene, DEFAULTS | options)
+        codec = self.codec(options, threads)
+        scene = _asked_scene(scene, codec.options)
         images, textures = used_textures(scene)
         sheets, placed = map_sheets(scene)
         kinds = [COLOUR] * len(images) + [sheet.kind for sheet in sheets]
-        first, images = len(textures), images + [sheet.image for sheet in sheets]
+        first, images = len(textures), [codec.shipped(image) for image in (*images, *(sheet.image for sheet in sheets))]
         textures += [{"image": len(images) - len(sheets) + n, "wrap": list(sheet.wrap), "name": "+".join(sheet.names)}
                      for n, sheet in enumerate(sheets)]
         vertex_uv, corner_vertex = textured_vertices(scene)
@@ -87,7 +92,7 @@ class Astc(Method):
 
     def decode(self, folder, options, threads, report):
         """The Scene with the decoded textures and the UVs that were counted."""
-        codec, layout = Codec(options, threads), json.loads((folder / LAYOUT).read_text(encoding="utf-8"))
+        codec, layout = self.codec(options, threads), json.loads((folder / LAYOUT).read_text(encoding="utf-8"))
         with report.stage("textures"):
             images = [codec.dec_image((folder / IMAGE.format(number)).read_bytes(), *size, kind)
                       for number, (size, kind) in enumerate(zip(layout["images"], layout["kinds"], strict=True))]
@@ -155,6 +160,10 @@ class Codec:
 
     def _is_xy(self, kind):
         return kind == NORMAL and self.options["normals"] == "xy"
+
+    def shipped(self, image):
+        """The image that is coded in the place of one of the source."""
+        return image
 
     def enc_image(self, image, kind=COLOUR):
         """The blocks, bytes, of an RGBA image uint8 [H, W, 4] of one of the kinds of sheets."""

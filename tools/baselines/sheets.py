@@ -54,7 +54,7 @@ def _sheet(names, maps):
     first = maps[names[0]]
     image = np.full_like(first.image, 255)
     for name in names:
-        columns = list(BY_NAME[name].columns)
+        columns = slice(0, 3) if BY_NAME[name].unit == "degrees" else list(BY_NAME[name].columns)  # z does not always follow
         image[..., columns] = maps[name].image[..., columns]
     kinds = {NORMAL if BY_NAME[name].unit == "degrees" else COLOUR if BY_NAME[name].srgb else DATA for name in names}
     return Sheet(names, image, tuple(first.wrap), NORMAL if NORMAL in kinds else COLOUR if COLOUR in kinds else DATA)

@@ -202,3 +202,119 @@ def test_batch_tool_measures_astc_in_processes_of_its_own(needs_astc, tmp_path):
     made = json.loads((tmp_path / "out/sample/12x12/metrics.json").read_text())
     assert made["bytes"]["total"] == made["bytes"]["texture"] + made["bytes"]["uv"] and made["bytes"]["geometry"] == 0
     assert made["psnr_3d"]["y"] > 20 and made["image"]["psnr"]["yuv"] > 20 and made["seconds"]["encode"]["textures"] > 0
+
+
+# Maps of whole materials.
+
+
+def material_sheet(**maps):
+    """A square whose base colour is image 0; maps: image by channel, 1 for data and 2 for normals."""
+    side, faces = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float64), np.array([[0, 1, 2], [0, 2, 3]])
+    random = np.random.default_rng(8)
+    images = [random.integers(0, 256, (32, 32, 4), np.uint8), random.integers(0, 256, (32, 32, 4), np.uint8)]
+    slope = np.stack(np.meshgrid(np.linspace(-0.5, 0.5, 32), np.linspace(-0.4, 0.6, 32)), axis=-1)
+    normal = np.concatenate([slope, np.sqrt(1 - (slope**2).sum(axis=2, keepdims=True)), np.ones((32, 32, 1))], axis=2)
+    images.append(np.rint((normal + 1) * 127.5).astype(np.uint8))
+    return Scene(np.insert(side, 2, 0.5, axis=1), faces, np.zeros(2, np.int64), side[faces], None,
+                 [Material("rich", texture=0, maps=maps)], [Texture(image) for image in images])
+
+
+def test_maps_are_packed_as_gltf_packs_them():
+    from baselines.sheets import COLOUR, DATA, NORMAL, map_sheets
+
+    scene = material_sheet(occlusion=1, roughness=0, metallic=1, normal=2, emissive=1)
+    sheets, placed = map_sheets(scene)
+    assert [(s.names, s.kind) for s in sheets] == [(("occlusion", "roughness", "metallic"), DATA), (("normal",), NORMAL),
+                                                   (("emissive",), COLOUR)]
+    assert placed == [{"occlusion": 0, "roughness": 0, "metallic": 0, "normal": 1, "emissive": 2}]
+    images = [t.image for t in scene.textures]
+    np.testing.assert_array_equal(sheets[0].image[..., :3], np.dstack([images[1][..., 0], images[0][..., 1], images[1][..., 2]]))
+    assert (sheets[0].image[..., 3] == 255).all()
+    np.testing.assert_array_equal(sheets[1].image, images[2])
+    scene.textures[0] = Texture(images[0][:16])
+    assert [s.names for s in map_sheets(scene)[0]][:2] == [("occlusion", "metallic"), ("roughness",)]  # of one size no more
+    scene.materials.append(Material("unused", maps={"clearcoat": 1}))
+    assert len(map_sheets(scene)[0]) == 4
+    with pytest.raises(ValueError, match="UVs of their own"):
+        map_sheets(dataclasses.replace(scene, map_uv={"normal": scene.corner_uv}))
+
+
+def test_two_components_hold_a_normal_map():
+    from baselines.sheets import three_components, two_components
+
+    image = material_sheet().textures[2].image
+    packed = two_components(image)
+    assert (packed[..., 0] == packed[..., 1]).all() and (packed[..., 0] == packed[..., 2]).all()
+    assert np.abs(three_components(packed).astype(int) - image).max() <= 1
+
+
+def test_a_scene_is_its_own_equal_and_errors_are_told_by_channel():
+    from tools.material_quality import map_errors
+
+    scene = material_sheet(roughness=1, normal=2)
+    same = map_errors(scene, dataclasses.replace(scene), None, 2000)
+    assert same["pooled"] is None and list(same["channels"]) == ["base_colour", "normal", "roughness"]
+    assert same["channels"]["normal"]["p95_degrees"] < 1e-3
+    other = scene.textures[1].image.copy()
+    other[..., 1] = np.where(other[..., 1] < 128, other[..., 1] + 10, other[..., 1] - 10)
+    textures = [scene.textures[0], Texture(other), scene.textures[2]]
+    off = map_errors(scene, dataclasses.replace(scene, textures=textures), None, 2000)
+    assert off["channels"]["base_colour"]["psnr"] is None and 28 < off["channels"]["roughness"]["psnr"] < 40
+    assert off["plain"] == pytest.approx(off["channels"]["roughness"]["psnr"] + 10 * np.log10(7), abs=1e-6)  # one of 7 components
+
+
+def test_normals_of_a_payload_are_those_that_a_viewer_shades_with():
+    from texfcodec import EncodeOptions, decode
+    from texfcodec.encoder import encode_scene
+    from tools.material_quality import map_errors
+
+    scene = material_sheet(normal=2)
+    made = encode_scene(scene, EncodeOptions(codec="3dntc", threads=1, resolution=32, resident_bytes=40_000, steps=1000,
+                                             fit_engine="numba"))
+    told = map_errors(scene, decode(made.data), made.face_field, 4000)["channels"]["normal"]
+    assert told["mean_degrees"] < 2 and told["psnr"] > 35
+
+
+@pytest.mark.parametrize("normals, closest", [("xy", 0.1), ("rgb", 1.5)])
+def test_astc_of_all_maps_counts_and_keeps_them(needs_astc, tmp_path, normals, closest):
+    from tools.material_quality import map_errors
+
+    scene = material_sheet(roughness=1, metallic=1, normal=2)
+    options = {"block": "4x4", "maps": "all", "normals": normals}
+    facts, decoded, sha256 = coded(scene, tmp_path / "a", **options)
+    assert facts["reconstruction_sha256"] == sha256
+    assert facts["bytes"]["texture"] == 3 * 16 * 64 and facts["bytes"]["uv"] == 4 * 4  # base, roughness with metallic, normal
+    told = map_errors(scene, decoded, None, 2000)
+    assert list(told["channels"]) == ["base_colour", "normal", "roughness", "metallic"]
+    assert told["channels"]["normal"]["mean_degrees"] < closest and told["channels"]["roughness"]["psnr"] > 15
+    bare, plain, _ = coded(scene, tmp_path / "b", block="4x4")
+    assert bare["bytes"]["texture"] == 16 * 64 and plain.materials[0].maps == {}
+
+
+def test_bc7_and_bc5_of_all_maps_count_and_keep_them(tmp_path):
+    pytest.importorskip("etcpak", reason="etcpak is not installed: pip install \"texfcodec[baselines]\"")
+    from baselines import find
+    from tools.material_quality import map_errors
+
+    scene, sizes, found = material_sheet(metallic=1, normal=2), [], []
+    scene.textures[0] = Texture(scene.textures[2].image)
+    for halvings in (0, 1):
+        folder, options = tmp_path / str(halvings), {"halvings": halvings, "maps": "all"}
+        folder.mkdir()
+        facts = find("bc7").encode(scene, options, folder, 1, Report())
+        decoded = find("bc7").decode(folder, options, 1, Report())
+        assert find("bc7").values_sha256(decoded) == facts["reconstruction_sha256"]
+        sizes.append(facts["bytes"])
+        found.append(map_errors(scene, decoded, None, 2000)["channels"])
+    assert sizes[0] == {"total": 3 * 16 * 64 + 16, "geometry": 0, "texture": 3 * 16 * 64, "uv": 16}
+    assert sizes[1]["texture"] == 3 * 16 * 16
+    assert found[0]["base_colour"]["psnr"] > 40 and found[0]["normal"]["mean_degrees"] < 0.6
+    assert found[1]["metallic"]["psnr"] < found[0]["metallic"]["psnr"]
+
+
+@pytest.mark.parametrize("name, value", [("halvings", -1), ("uber", 5), ("uber", True), ("uv_bytes", "float"), ("maps", "some")])
+def test_options_of_bc7_out_of_range_are_refused(name, value):
+    from baselines.bc7 import Codec
+
+    with pytest.raises(ValueError, match=f"{name} must be"):
+        Codec({name: value})

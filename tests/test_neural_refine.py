@@ -5,6 +5,8 @@ import pytest
 from shapes import painted_sphere
 
 from texfcodec.asset.scene import Material, Scene, Texture
+from texfcodec.choose.maps import groups_of
+from texfcodec.codecs.codec import Source as CodecSource
 from texfcodec.codecs.neural import refine
 from texfcodec.codecs.neural import samples as samples_module
 from texfcodec.codecs.neural.design import choose_design
@@ -33,7 +35,11 @@ def half_busy():
 
 def source_of(scene, components=3):
     surface = make_surface(scene, OPTIONS)
-    return Source(scene, surface, np.zeros(len(surface.faces), np.int64), components, 2), surface
+    return shown(scene, surface, np.zeros(len(surface.faces), np.int64), components), surface
+
+
+def shown(scene, surface, face_field, components=3):
+    return Source(CodecSource(scene, surface, face_field, [], groups_of(set(), components == 4)), 2)
 
 
 @pytest.mark.parametrize("count", [1000, 12_345])
@@ -137,7 +143,7 @@ def test_pictures_show_all_fields():
     face_field = np.array([0, 0, 1, 1])
     design = choose_design([(surface.lattice, surface.faces[face_field == i]) for i in (0, 1)], surface.cube.position_bits, 3,
                            OPTIONS)
-    source = Source(scene, surface, face_field, 3, 2)
+    source = shown(scene, surface, face_field)
     drawing = refine.Pictures(source, design.tables, surface.cube.position_bits, 0, 64)
     seen = [drawing.next() for _ in range(6)]
     assert {f for p in seen for f in p.samples.field.tolist()} == {0, 1}

@@ -16,7 +16,7 @@ from .bitstream.values import attribute_values, field_values, header_values, mat
 from .channels import channel_over
 from .choose.codec import codec_for, with_qp_of
 from .choose.effects import needed_scene
-from .choose.frames import Frames
+from .choose.frames import Frames, ShownMaps
 from .choose.maps import errors_of, fill_maps, groups_of, joined, names_of_field, with_grey
 from .choose.normals import Shading, choose_normals
 from .choose.prepare import SourceField, active_voxels, check_voxels, transferred
@@ -117,7 +117,8 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
     surfaces = [field_surface(units, i) for i in range(first + len(plans))]
     names = [names_of_field(scene, surface, face_field == number) for number in range(len(surfaces))]
     present = {channel_over(name, number >= first).name for number, mine in enumerate(names) for name in mine}
-    source = Source(scene, surface, face_field, surfaces, groups_of(present, codes_alpha(scene, surface)))
+    groups = groups_of(present, codes_alpha(scene, surface))
+    source = Source(scene, surface, face_field, surfaces, groups, ShownMaps(scene, surface, shading) if present else None)
     fields = []
     for one in surfaces[:first]:
         with report.stage("voxelise"):

@@ -10,7 +10,7 @@ from baselines import find
 
 SAMPLE = "sample"
 SUFFIXES = ("", ".glb", ".gltf", ".obj", ".ply")
-EVALUATION = {"samples": 1_000_000, "views": 16, "size": 2048, "ssim": False}
+EVALUATION = {"samples": 1_000_000, "views": 16, "size": 2048, "ssim": False, "maps": False}
 LEAST = {"samples": 1, "views": 0, "size": 16}
 NAME = re.compile(r"\w[\w.+-]*")
 
@@ -61,7 +61,7 @@ def _evaluation(table):
     _check_keys("[evaluation]", table, set(EVALUATION))
     for key, value in table.items():
         if type(value) is not type(EVALUATION[key]) or value < LEAST.get(key, 0):
-            kind = "true or false" if key == "ssim" else f"a whole number, {LEAST[key]} or more"
+            kind = "true or false" if isinstance(EVALUATION[key], bool) else f"a whole number, {LEAST[key]} or more"
             raise ValueError(f"[evaluation] {key} must be {kind}, not {value!r}")
     return EVALUATION | table
 

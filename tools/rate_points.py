@@ -12,6 +12,7 @@ CONDITIONS.toml (see conditions/):
     views = 16                                        # rendered views; 0: no image measures
     size = 2048
     ssim = false
+    maps = false                                      # errors of the maps of materials
     [[settings]]                                      # any number of them
     name = "{effort}_{rate}"                          # a folder name
     group = "{effort}"                                # optional (the method): settings that form one curve

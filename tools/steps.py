@@ -83,7 +83,7 @@ def decode_step(folder, job):
 
 
 def measures(scene, decoded, face_field, evaluation, threads):
-    """{"psnr_3d", "image"} of what was decoded, a Texf or a Scene; image is None where no views are asked for."""
+    """{"psnr_3d", "image", "maps"} of what was decoded, a Texf or a Scene; the last two are None where they are not asked for."""
     from texfcodec.quality.measure import SourceSamples
     from texfcodec.quality.views import compare_views, mesh_psnr_3d
     from texfcodec.texf import Texf
@@ -92,7 +92,11 @@ def measures(scene, decoded, face_field, evaluation, threads):
         psnr = SourceSamples(scene, evaluation["samples"], threads).compare(decoded, face_field)
     else:
         psnr = mesh_psnr_3d(scene, decoded, evaluation["samples"], threads)
-    measured = {"psnr_3d": psnr, "image": None}
+    measured = {"psnr_3d": psnr, "image": None, "maps": None}
+    if evaluation["maps"]:
+        from tools.material_quality import map_errors
+
+        measured["maps"] = map_errors(scene, decoded, face_field, evaluation["samples"], threads)
     if evaluation["views"]:
         measured["image"] = compare_views(scene, decoded, views=evaluation["views"], size=evaluation["size"],
                                           ssim=evaluation["ssim"], threads=threads)

@@ -1,15 +1,16 @@
 """Normal maps without UVs: what a map says of the surface, as a deviation from the shading normals that a decoder makes again
-(encoder only; spec clause 8.5)."""
+(encoder only; spec clause 8.5); and what all maps say where a codec asks the surface itself."""
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..asset.factors import FLAT, factor_of
 from ..asset.normals import corner_normals
-from ..asset.sample import pack_map, sample_source, values_of_map
+from ..asset.sample import map_columns, pack_map, sample_source, values_of_map
 from ..asset.tangents import corner_tangents
 from ..channels import BY_NAME
 from ..render.frames import interpolate_corners, tangent_space_normals
@@ -65,16 +66,19 @@ class Frames:
     def deviations(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
         """How far a normal map turns the surface's normals from those that are made again, float32 [M, 3] in 0..255, FLAT being
         0. name: of the channel; face: int64 [M] of the surface, of materials with the map; bary: float64 [M, 3]."""
+        bent, flat = self.bent(name, face, bary, threads), interpolate_corners(self.rebuilt, face, bary)
+        flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-12)
+        return np.clip((bent - flat + 1) * FLAT, 0, 255).astype(np.float32)
+
+    def bent(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
+        """The source's shading normals as a normal map turns them, float32 [M, 3] of length 1; arguments as in deviations()."""
         if name not in self._sources:
             self._sources[name] = pack_map(self.scene, name, self.surface.origin_face)
         texel = values_of_map(name, sample_source(self._sources[name], face, bary, threads))
         scale = np.array([factor_of(m.parameters, BY_NAME[name].parameter)[0] for m in self.scene.materials], np.float32)
         tangent = interpolate_corners(self._tangent(name), face, bary)
         normal, geometric = interpolate_corners(self.normal, face, bary), self.geometric[face]
-        bent = tangent_space_normals(texel, scale[self.surface.material[face]], normal, tangent, geometric)
-        flat = interpolate_corners(self.rebuilt, face, bary)
-        flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-12)
-        return np.clip((bent - flat + 1) * FLAT, 0, 255).astype(np.float32)
+        return tangent_space_normals(texel, scale[self.surface.material[face]], normal, tangent, geometric)
 
     def _tangent(self, name):
         """Tangents of the corners, float32 [F, 3, 4]: the source's, or made of the UVs of a map."""
@@ -90,3 +94,25 @@ class Frames:
     def _has_tangents(self, uv):
         tangent = self.scene.corner_tangent
         return tangent is not None and uv is self.scene.corner_uv and tangent.any(axis=2).all()
+
+
+class ShownMaps:
+    """What maps say at places on a surface: a codecs.codec.Source's `maps`. Arguments as those of Frames."""
+
+    def __init__(self, scene: Scene, surface: Surface, shading: Shading) -> None:
+        self.scene, self.surface, self.shading = scene, surface, shading
+        self._packed: dict[str, tuple] = {}
+
+    def __call__(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
+        """Values of a channel over voxels, float32 [M, C] in 0..255. name: in channels.CHANNELS; face: int64 [M] of the surface,
+        of materials with the map; bary: float64 [M, 3]."""
+        material_name = BY_NAME[name].material_name
+        if material_name != name:
+            return self._frames.deviations(material_name, face, bary, threads)
+        if name not in self._packed:
+            self._packed[name] = pack_map(self.scene, name, self.surface.origin_face)
+        return sample_source(self._packed[name], face, bary, threads)[:, map_columns(name)]
+
+    @cached_property
+    def _frames(self):
+        return Frames(self.scene, self.surface, self.shading)

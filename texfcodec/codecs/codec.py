@@ -10,7 +10,7 @@ Options stand in a later room, so that signatures here say Any.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -55,18 +55,25 @@ class Group(NamedTuple):
 
 class Source(NamedTuple):
     """What a joint codec fits. scene: Scene; surface: geometry.surface.Surface; face_field: int64 [F] over its faces; surfaces:
-    decoded (lattice int64 [V, 3], faces int64 [F, 3]) by field; groups: what is coded."""
+    decoded (lattice int64 [V, 3], faces int64 [F, 3]) by field; groups: what is coded; maps: what the maps of materials say, a
+    function of (name of a channel, faces int64 [M] that have it, weights of their corners float64 [M, 3], threads) that returns
+    float32 [M, C] in 0..255; None where no material has a map."""
 
     scene: Scene
     surface: Surface
     face_field: np.ndarray
     surfaces: list
     groups: tuple[Group, ...]
+    maps: Callable[[str, np.ndarray, np.ndarray, int], np.ndarray] | None = None
 
     @property
     def channels(self) -> tuple[Channel, ...]:
         """The channels of all groups."""
         return tuple(channel for group in self.groups for channel in group.channels)
+
+    def mapped(self, channel: Channel) -> np.ndarray:
+        """The surface's faces whose material has a map of a channel, bool [F]."""
+        return np.array([channel.material_name in m.maps for m in self.scene.materials], bool)[self.surface.material]
 
 
 def split_groups(values: np.ndarray, groups: Sequence[Group]) -> dict:

@@ -1,4 +1,5 @@
-"""The GPU-resident rival UV-Source/ASTC: the source's own UVs and its base-colour textures in ASTC blocks, as a GPU holds them.
+"""The GPU-resident rival UV-Source/ASTC: the source's own UVs and its textures in ASTC blocks, as a GPU holds them: those of the
+base colour, or the maps of whole materials with them, packed as glTF packs them (sheets.py).
 
 What counts is what a GPU would have to hold beside the geometry: 16 bytes a block of every image that a face uses, without mips
 and file headers, and two 16-bit numbers per vertex of a textured face. What is counted is what the decoder works with: it gets
@@ -9,19 +10,20 @@ Needs astc-encoder-py, `pip install "texfcodec[baselines]"`; its "thorough" pres
 
 import hashlib
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
 from baselines import Method, method
+from baselines.sheets import COLOUR, NORMAL, map_sheets, three_components, two_components
 from texfcodec.asset.scene import Material, Scene, Texture
 
-DEFAULTS = {"block": "6x6", "quality": 98, "uv_bytes": "uint16", "profile": "ldr"}
+DEFAULTS = {"block": "6x6", "quality": 98, "uv_bytes": "uint16", "profile": "ldr", "maps": "none", "normals": "xy"}
 BLOCKS = ("4x4", "5x4", "5x5", "6x5", "6x6", "8x5", "8x6", "8x8", "10x5", "10x6", "10x8", "10x10", "12x10", "12x12")
-# Texels stay sRGB-coded either way. The linear profile meets the figures known for bball_0001 best (3D-PSNR Y 44.5, 46.0, 47.7,
-# 50.2 at 12x12, 10x10, 8x8, 6x6; at the same surface points it has 44.53, 45.92, 47.66, 50.24). The sRGB profile, always decoded
-# to 8 bits, is the stronger rival: 44.63, 46.06, 47.86, 50.64.
+# Texels of colours stay sRGB-coded either way. The linear profile meets the figures known for bball_0001 best (3D-PSNR Y 44.5,
+# 46.0, 47.7, 50.2 at 12x12, 10x10, 8x8, 6x6; at the same surface points it has 44.53, 45.92, 47.66, 50.24). The sRGB profile,
+# always decoded to 8 bits, is the stronger rival: 44.63, 46.06, 47.86, 50.64.
 PROFILES = {"ldr": "LDR", "srgb": "LDR_SRGB"}
 BLOCK_BYTES, UV_STEPS = 16, 65535
 SOURCE, LAYOUT, UVS, IMAGE = "source.npz", "layout.json", "uv.uint16", "image{}.blocks"
@@ -30,9 +32,14 @@ SOURCE, LAYOUT, UVS, IMAGE = "source.npz", "layout.json", "uv.uint16", "image{}.
 @method("astc")
 class Astc(Method):
     """Options and their defaults stand in DEFAULTS: block is one of BLOCKS; quality 0 to 100; uv_bytes "uint16", or "none" for
-    UVs as they are that count nothing; profile one of PROFILES."""
+    UVs as they are that count nothing; profile one of PROFILES, for colours; maps "none", base colour alone, or "all" that show
+    more than one value; normals "xy", two components with the encoder's own measure of angles, or "rgb"."""
 
     options = tuple(DEFAULTS)
+
+    def codec(self, options, threads):
+        """What codes one image. LookupError, ValueError: as Codec."""
+        return Codec(options, threads)
 
     def version(self):
         """The version of astc-encoder-py; "" where it is not installed."""
@@ -43,20 +50,27 @@ class Astc(Method):
 
     def warm_up(self, options, threads):
         """Loads the library. LookupError says that it is not installed."""
-        codec = Codec(options, threads)
+        codec = self.codec(options, threads)
         codec.dec_image(codec.enc_image(np.zeros((16, 16, 4), np.uint8)), 16, 16)
 
     def encode(self, scene, options, folder, threads, report):
         """Writes IMAGE for each image and, if they count, UVS: files of just the bytes that are counted; LAYOUT and SOURCE hold
         what is handed through. LookupError: no face of the scene has a texture. ValueError: an option is out of range."""
-        codec, images, textures = Codec(options, threads), *used_textures(scene)
+        codec = self.codec(options, threads)
+        scene = _asked_scene(scene, codec.options)
+        images, textures = used_textures(scene)
+        sheets, placed = map_sheets(scene)
+        kinds = [COLOUR] * len(images) + [sheet.kind for sheet in sheets]
+        first, images = len(textures), [codec.shipped(image) for image in (*images, *(sheet.image for sheet in sheets))]
+        textures += [{"image": len(images) - len(sheets) + n, "wrap": list(sheet.wrap), "name": "+".join(sheet.names)}
+                     for n, sheet in enumerate(sheets)]
         vertex_uv, corner_vertex = textured_vertices(scene)
         if scene.corner_color is not None and (scene.corner_color != 1).any():
             report.warnings.append("vertex colours are handed through as they are and not counted")
-        layout = {"images": [image.shape[1::-1] for image in images], "textures": textures, "uv_box": None,
-                  "materials": [asdict(m) | {"factor": m.factor.tolist()} for m in scene.materials]}
+        layout = {"images": [image.shape[1::-1] for image in images], "kinds": kinds, "textures": textures,
+                  "uv_box": None, "materials": [_told(m, placed[n], first) for n, m in enumerate(scene.materials)]}
         with report.stage("textures"):
-            coded = [codec.enc_image(image) for image in images]
+            coded = [codec.enc_image(image, kind) for image, kind in zip(images, kinds, strict=True)]
         sizes = {"texture": sum(map(len, coded)), "uv": 0}
         if codec.options["uv_bytes"] == "uint16":
             layout["uv_box"] = box = uv_box(vertex_uv)
@@ -64,7 +78,8 @@ class Astc(Method):
             (folder / UVS).write_bytes(steps.tobytes())
             vertex_uv, sizes["uv"] = dequantise_uv(steps, box), steps.nbytes
         with report.stage("reconstruction"):
-            decoded = [codec.dec_image(data, *size) for data, size in zip(coded, layout["images"], strict=True)]
+            decoded = [codec.dec_image(data, *size, kind)
+                       for data, size, kind in zip(coded, layout["images"], kinds, strict=True)]
         for number, data in enumerate(coded):
             (folder / IMAGE.format(number)).write_bytes(data)
         (folder / LAYOUT).write_text(json.dumps(layout), encoding="utf-8")
@@ -77,10 +92,10 @@ class Astc(Method):
 
     def decode(self, folder, options, threads, report):
         """The Scene with the decoded textures and the UVs that were counted."""
-        codec, layout = Codec(options, threads), json.loads((folder / LAYOUT).read_text(encoding="utf-8"))
+        codec, layout = self.codec(options, threads), json.loads((folder / LAYOUT).read_text(encoding="utf-8"))
         with report.stage("textures"):
-            images = [codec.dec_image((folder / IMAGE.format(number)).read_bytes(), *size)
-                      for number, size in enumerate(layout["images"])]
+            images = [codec.dec_image((folder / IMAGE.format(number)).read_bytes(), *size, kind)
+                      for number, (size, kind) in enumerate(zip(layout["images"], layout["kinds"], strict=True))]
         with np.load(folder / SOURCE) as file:
             source = dict(file)
         vertex_uv = source["vertex_uv"]
@@ -99,13 +114,28 @@ class Astc(Method):
         return hash_of(images.values(), decoded.corner_uv[textured_faces(decoded)])
 
 
+def _asked_scene(scene, options):
+    """A Scene with the maps that options ask for."""
+    if options["maps"] == "none":
+        return replace(scene, materials=[replace(m, maps={}) for m in scene.materials])
+    from tools.material_quality import needed_maps
+
+    return needed_maps(scene)[0]
+
+
+def _told(material, placed, first):
+    """A Material for LAYOUT. placed: numbers of sheets by channel; first: of their textures."""
+    return asdict(material) | {"factor": material.factor.tolist(), "maps": {name: first + n for name, n in placed.items()}}
+
+
 class Codec:
     """ASTC under a method's options. options: dict with keys of DEFAULTS; threads. LookupError says that the library is not
     installed, ValueError that an option is out of range."""
 
     def __init__(self, options, threads):
         self.options = DEFAULTS | options
-        for name, known in (("block", BLOCKS), ("uv_bytes", ("uint16", "none")), ("profile", tuple(PROFILES))):
+        for name, known in (("block", BLOCKS), ("uv_bytes", ("uint16", "none")), ("profile", tuple(PROFILES)),
+                            ("maps", ("none", "all")), ("normals", ("xy", "rgb"))):
             if self.options[name] not in known:
                 raise ValueError(f"{name} must be one of {', '.join(known)}, not {self.options[name]!r}")
         quality = self.options["quality"]
@@ -116,26 +146,43 @@ class Codec:
         except ImportError as error:
             raise LookupError(f"astc needs astc-encoder-py, pip install \"texfcodec[baselines]\" brings it: {error}") from error
         self._lib, self._block = astc_encoder, block_of(self.options["block"])
-        profile = astc_encoder.ASTCProfile[PROFILES[self.options["profile"]]]
-        self._context = astc_encoder.ASTCContext(astc_encoder.ASTCConfig(profile, *self._block, 1, quality), threads)
-        self._rgba = astc_encoder.ASTCSwizzle.from_str("RGBA")
+        self._threads, self._contexts, self._rgba = threads, {}, astc_encoder.ASTCSwizzle.from_str("RGBA")
+        self._context(COLOUR)
 
-    def enc_image(self, image):
-        """The blocks, bytes, of an RGBA image uint8 [H, W, 4]."""
+    def _context(self, kind):
+        """The encoder's state for one kind of image."""
+        if kind not in self._contexts:
+            flags = self._lib.ASTCConfigFlags.MAP_NORMAL if self._is_xy(kind) else self._lib.ASTCConfigFlags(0)
+            profile = self._lib.ASTCProfile[PROFILES[self.options["profile"] if kind == COLOUR else "ldr"]]
+            config = self._lib.ASTCConfig(profile, *self._block, 1, self.options["quality"], flags)
+            self._contexts[kind] = self._lib.ASTCContext(config, self._threads)
+        return self._contexts[kind]
+
+    def _is_xy(self, kind):
+        return kind == NORMAL and self.options["normals"] == "xy"
+
+    def shipped(self, image):
+        """The image that is coded in the place of one of the source."""
+        return image
+
+    def enc_image(self, image, kind=COLOUR):
+        """The blocks, bytes, of an RGBA image uint8 [H, W, 4] of one of the kinds of sheets."""
         height, width = image.shape[:2]
+        image = two_components(image) if self._is_xy(kind) else image
         data = np.ascontiguousarray(image, np.uint8).tobytes()
-        blocks = self._context.compress(self._lib.ASTCImage(self._lib.ASTCType.U8, width, height, data=data), self._rgba)
+        blocks = self._context(kind).compress(self._lib.ASTCImage(self._lib.ASTCType.U8, width, height, data=data), self._rgba)
         if len(blocks) != texture_bytes(width, height, self._block):
             raise ValueError(f"the encoder made {len(blocks)} bytes of an image of {width} x {height}")
         return blocks
 
-    def dec_image(self, blocks, width, height):
+    def dec_image(self, blocks, width, height, kind=COLOUR):
         """The RGBA image, uint8 [H, W, 4], of its blocks, bytes. ValueError: they are not as many as it has."""
         if len(blocks) != texture_bytes(width, height, self._block):
             raise ValueError(f"{len(blocks)} bytes are no image of {width} x {height} in blocks of {self.options['block']}")
         image = self._lib.ASTCImage(self._lib.ASTCType.U8, width, height)
-        self._context.decompress(blocks, image, self._rgba)
-        return np.frombuffer(image.data, np.uint8).reshape(height, width, 4)
+        self._context(kind).decompress(blocks, image, self._rgba)
+        decoded = np.frombuffer(image.data, np.uint8).reshape(height, width, 4)
+        return three_components(decoded) if self._is_xy(kind) else decoded
 
 
 def block_of(text):
@@ -149,8 +196,8 @@ def texture_bytes(width, height, block):
 
 
 def textured_faces(scene):
-    """bool [F]: the faces whose material has a texture."""
-    return np.array([m.texture >= 0 for m in scene.materials], bool)[scene.face_material]
+    """bool [F]: the faces whose material has a texture, of base colour or a map."""
+    return np.array([m.texture >= 0 or bool(m.maps) for m in scene.materials], bool)[scene.face_material]
 
 
 def used_textures(scene):

@@ -1,8 +1,8 @@
 """Fits a 3DNTC payload to the source (encoder only; paper, section on 3DNTC).
 
-Descent on squared colour errors at surface samples, with cosine decay; Adam moves the network. A batch is a thinned run along a
-Morton curve over the whole surface: it covers everything evenly, and neighbours in it read the same latents. The same seed
-gives the same payload on one machine with one number of threads.
+Descent on squared errors of all channels at surface samples, with cosine decay; Adam moves the network. A batch is a thinned run
+along a Morton curve over the whole surface: it covers everything evenly, and neighbours in it read the same latents. The same
+seed gives the same payload on one machine with one number of threads.
 
 EncodeOptions stand in a later room, so that signatures here say Any.
 """
@@ -10,7 +10,7 @@ EncodeOptions stand in a later room, so that signatures here say Any.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -18,9 +18,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...channels import ALPHA, BASE_COLOUR, COLOURS
 from ...errors import InputError
 from ...ground import unfinished
-from ...ground.colour_error import decibels
+from ...ground.colour_error import decibels, json_ready
 from ...ground.threads import over_blocks
 from .design import choose_design
 from .infer import BLOCK, CHUNK, infer
@@ -29,6 +30,7 @@ from .samples import Samples, Source, cells_of, order_along_curve
 from .train import MOMENTUM, SQUARE_DECAY, TINY, _adam, _evaluate, _move_rows, _round_latents, _train
 
 if TYPE_CHECKING:
+    from ...channels import Channel
     from ...report import Report
     from ..codec import Source as CodecSource
 
@@ -49,12 +51,12 @@ NO_SLOPE = np.zeros((0, 0), np.float32)
 
 class Fit:
     """State of a fit. design: payload.Payload without codes and halves; tables: payload.Tables by field; samples, held_out:
-    samples.Samples; batch: samples a step."""
+    samples.Samples; batch: samples a step; judged: components whose PSNR says whether it still improves."""
 
     def __init__(self, design: Payload, tables: list[Tables], samples: Samples, held_out: Samples, seed: int = 0,
-                 threads: int = 1, batch: int = BATCH) -> None:
+                 threads: int = 1, batch: int = BATCH, judged: Sequence[int] = (0, 1, 2)) -> None:
         self.design, self.tables, self.seed, self.threads = design, tables, seed, threads
-        self.held_out = held_out
+        self.held_out, self.judged = held_out, list(judged)
         order = order_along_curve(samples.position)
         self.batches = max(1, len(order) // batch)
         self.samples = samples.taken(order[: len(order) // self.batches * self.batches].reshape(-1, self.batches).T.reshape(-1))
@@ -156,10 +158,10 @@ class Fit:
     def download(self) -> None:
         """Brings values, means, squares, times and codes up to date, where they are kept elsewhere meanwhile."""
 
-    def psnr(self, exact: bool = False) -> float:
-        """3D-PSNR in dB over all colour components at the held-out points: of the float evaluation, or, exact, of the integer
-        evaluation of payload()."""
-        want, share = self.held_out.target[:, :3], self.held_out.share[:, :1] / 255.0
+    def errors(self, exact: bool = False) -> np.ndarray:
+        """Sums over the held-out points by component, float64 [2, C]: of squared errors times weights, and of weights. exact: of
+        the integer evaluation of payload(), not the float one."""
+        want, share = self.held_out.target, self.held_out.share / 255.0
         if exact:
             payload, got = self.payload(), np.empty((len(want), self.design.components), np.float32)
             for number, table in enumerate(self.tables):
@@ -168,8 +170,12 @@ class Fit:
                 got[mine] = infer(self.held_out.position[mine], table, self.threads) / 256.0
         else:
             got = self.answers(self.held_out, self.held_cells)
-        error = (np.clip(got[:, :3], 0, 255) - want) ** 2 * share
-        return decibels(float(error.sum(dtype=np.float64) / (3 * share.sum())))
+        error = (np.clip(got, 0, 255) - want) ** 2 * share
+        return np.stack([error.sum(axis=0), share.sum(axis=0)])
+
+    def psnr(self, exact: bool = False) -> float:
+        """PSNR in dB over all judged components at the held-out points; exact as in errors()."""
+        return pooled_psnr(self.errors(exact), self.judged)
 
     def payload(self) -> Payload:
         """The design with the codes and parameters as they stand."""
@@ -248,6 +254,12 @@ class Fit:
         self.upload()
 
 
+def pooled_psnr(errors: np.ndarray, components: Sequence[int]) -> float:
+    """PSNR in dB over some components, of sums as errors() gives them; infinite where nothing counts."""
+    error, weight = errors[:, list(components)].sum(axis=1)
+    return decibels(float(error / max(weight, TINY)))
+
+
 def _aligned(shape):
     """Zeros float32 that begin on a cache line, so that a row of 16 latents is one."""
     size = int(np.prod(shape))
@@ -275,8 +287,10 @@ def fit_payload(source: CodecSource, options: Any, report: Report) -> tuple[Payl
         design = choose_design(source.surfaces, surface.cube.position_bits, components, options)
     wanted = int(np.clip(options.steps * BATCH // 8, LEAST_SAMPLES, MOST_SAMPLES))
     with report.stage("samples"):
-        shown = Source(source.scene, surface, source.face_field, components, options.threads)
+        shown = Source(source, options.threads)
         drawn = shown.draw_busy(wanted, [options.seed, 0]), shown.draw(HELD_OUT, [options.seed, 1])
+    places = components_of(shown.channels)
+    judged = [c for channel, mine in places.items() if channel is not ALPHA for c in mine]
 
     def look(fit, steps):
         row = fit.log[-1]
@@ -286,25 +300,39 @@ def fit_payload(source: CodecSource, options: Any, report: Report) -> tuple[Payl
         report.note = ""
 
     with report.stage("fit"):
-        fit = _engine(options)(design.payload, design.tables, *drawn, options.seed, options.threads)
+        fit = _engine(options)(design.payload, design.tables, *drawn, options.seed, options.threads, judged=judged)
         checkpoint = None if options.checkpoint is None else Path(options.checkpoint)
         fit.run(options.steps, look, checkpoint)
-        exact = fit.psnr(exact=True)
+        reached = _reached(fit, places)
     with report.stage("refine"):
         refinement = _refined(fit, shown, surface.cube.position_bits, options, report)
     payload = fit.payload()
     told = {"engine": type(fit).__name__, "steps": fit.step, "asked_steps": options.steps,
-            "seconds": round(fit.seconds, 2), "samples": len(fit.samples), "psnr_rgb": round(exact, 3),
-            "log": fit.log,
+            "seconds": round(fit.seconds, 2), "samples": len(fit.samples), **reached, "log": fit.log,
             "levels": [{"resolution": one.resolution, "rows": one.rows} for one in payload.levels]}
     return payload, design.tables, {"resident": design.resident, "fit": told, "refinement": refinement}
+
+
+def components_of(channels: Sequence[Channel]) -> dict[Channel, range]:
+    """Where the components of each channel stand among all of them."""
+    ends = np.cumsum([channel.components for channel in channels]).tolist()
+    return {channel: range(end - channel.components, end) for channel, end in zip(channels, ends, strict=True)}
+
+
+def _reached(fit, places):
+    """What the report says of a fit's errors: PSNR of the integer evaluation, of base colour, of all that is judged and by
+    channel, None where there is no error."""
+    errors = fit.errors(exact=True)
+    psnr = json_ready({c.name: round(pooled_psnr(errors, mine), 3) for c, mine in places.items()})
+    return {"psnr_rgb": psnr[BASE_COLOUR.name], "psnr_channels": psnr,
+            **json_ready({"psnr_judged": round(pooled_psnr(errors, fit.judged), 3)})}
 
 
 def _refined(fit, source, position_bits, options, report):
     """Refines a fit on pictures where that is asked for; what the report says of it."""
     reason = {"auto": "more steps of the fit gain more in the same time", "off": "switched off"}.get(options.refine, "")
-    if not reason and source.components == 4:
-        reason = "the asset has alpha, which the loss of pictures leaves out"
+    if not reason:
+        reason = _unseen_by_pictures(source.channels)
     facts = {"asked": options.refine, "kind": "off", "reason": reason}
     if reason:
         return facts
@@ -313,5 +341,13 @@ def _refined(fit, source, position_bits, options, report):
     log, kept = refine_by_pictures(fit, source, position_bits, options.seed, iterations=options.refine_iterations,
                                    on_progress=lambda *n: report.progress("refine", *n))
     facts |= {"iterations": log, "kept_iteration": log[kept]["iteration"]}
-    return facts | ({"kind": "render", "reason": "asked for", "psnr_rgb": round(fit.psnr(exact=True), 3)} if kept else
-                    {"reason": "no held-out view gained"})
+    if not kept:
+        return facts | {"reason": "no held-out view gained"}
+    return facts | {"kind": "render", "reason": "asked for", **_reached(fit, components_of(source.channels))}
+
+
+def _unseen_by_pictures(channels):
+    """Why a refinement on pictures of base colour would let other outputs drift; "" where there are none."""
+    if not set(channels) <= set(COLOURS):
+        return "the asset has maps, which the pictures do not show"
+    return "the asset has alpha, which the loss of pictures leaves out" if ALPHA in channels else ""

@@ -132,7 +132,11 @@ class Neural(JointCodec):
         yield (f"resident {kept['total']} bytes: latents {kept['latents']} ({grids}), network {kept['network']}, "
                f"index {kept['index']}; {facts['fields']} field" + ("s" if facts["fields"] != 1 else ""))
         early = "" if fit["steps"] == fit["asked_steps"] else f" of {fit['asked_steps']}, then nothing improved"
-        yield f"fit: {fit['steps']} steps{early}, {fit['seconds']:.0f} s, RGB {fit['psnr_rgb']:.2f} dB at points it has not seen"
+        yield (f"fit: {fit['steps']} steps{early}, {fit['seconds']:.0f} s, RGB {in_decibels(fit['psnr_rgb'])} at points it has "
+               "not seen")
+        others = [f"{name} {in_decibels(psnr)}" for name, psnr in fit["psnr_channels"].items()][1:]
+        if others:
+            yield "there, in 0 to 255: " + ", ".join(others)
         if told["kind"] == "render":
             psnr = {row["iteration"]: row["held_out_psnr"] for row in told["iterations"]}
             shown = [in_decibels(psnr[n]) for n in (0, told["kept_iteration"])]

@@ -62,7 +62,7 @@ def _wanted(asked):
     """Effects of options.effects, None for all that are used."""
     if asked in ("auto", "all"):
         return None
-    names = [name.strip() for name in asked.split(",") if name.strip()]
+    names = [name.strip() for name in str(asked).split(",") if name.strip()]
     unknown = [name for name in names if name not in EFFECT_BY_NAME and name != "none"]
     if unknown:
         raise InputError("TXF-I50", "unknown effect", value=", ".join(unknown),

@@ -367,7 +367,8 @@ def test_a_broken_map_is_named_with_each_channel_that_goes_without(loaded, refus
     builder = textured()
     packed = builder.texture(b"not an image at all")
     builder.tree["materials"][0] |= {"occlusionTexture": {"index": packed}, "normalTexture": {"index": 0}}
-    builder.tree["materials"][0]["pbrMetallicRoughness"] |= {"metallicRoughnessTexture": {"index": packed}, "roughnessFactor": 0.5}
+    pbr = builder.tree["materials"][0]["pbrMetallicRoughness"]
+    pbr |= {"metallicRoughnessTexture": {"index": packed}, "roughnessFactor": 0.5}
     scene = loaded(builder)
     assert [text.partition("; ")[2] for text in scene.warnings] == [
         f"{name} goes without it (TXF-I17)" for name in ("occlusion", "roughness", "metallic")]

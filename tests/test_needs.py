@@ -157,7 +157,7 @@ GIVEN = {"emissive": (1.0,) * 3, "ior": (1.25,)}
 @pytest.mark.parametrize("asked, maps, parameters", [
     ("auto", {"roughness", "metallic", "normal"}, {"emissive", "ior"}),
     ("all", set(FULL), {"emissive", "ior"}),
-    ("none", {"roughness"}, {"metallic"}),
+    ("none", set(), {"metallic"}),
     ("metal", {"roughness", "metallic"}, set()),
     (" normal_map , emission ", {"roughness", "normal"}, {"emissive", "metallic"}),
     ("ior,lit", {"roughness"}, {"ior", "metallic"}),

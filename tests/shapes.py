@@ -93,3 +93,31 @@ def hand(rings=64, fingers=((0.0, 0.15), (0.35, 0.08), (0.7, 0.05), (1.05, 0.08)
     along = slope - (slope * directions).sum(axis=1, keepdims=True) * directions
     normals = directions - along / radius[:, None]
     return directions * radius[:, None], faces, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def noise(seed, height=32, width=32):
+    """An image of random texels, uint8 [height, width, 4], opaque."""
+    image = np.random.default_rng(seed).integers(0, 256, (height, width, 4), np.uint8)
+    image[..., 3] = 255
+    return image
+
+
+def mapped_sheet(maps, colour=None, cells=4, wrap=(0, 0), span=1.0, **material):
+    """A wavy sheet over the unit square, UVs 0..span, whose one material has an image of its base colour (noise) and the images
+    maps, uint8 [h, w, 4] by channel name. material: more of its fields."""
+    line = np.linspace(0, 1, cells + 1)
+    x, y = (a.ravel() for a in np.meshgrid(line, line))
+    positions = np.stack([x, y, 0.05 * np.sin(5 * x) * np.cos(4 * y)], axis=1)
+    a = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
+    faces = np.concatenate([np.stack([a, a + 1, a + cells + 2], 1), np.stack([a, a + cells + 2, a + cells + 1], 1)])
+    images = [noise(0) if colour is None else colour, *maps.values()]
+    whole = {"texture": 0, "maps": {name: i for i, name in enumerate(maps, 1)}} | material
+    return Scene(positions=positions, faces=faces, face_material=np.zeros(len(faces), np.int64),
+                 corner_uv=span * np.stack([x, 1 - y], axis=1)[faces], corner_color=None, materials=[Material("sheet", **whole)],
+                 textures=[Texture(image, wrap, f"image {i}") for i, image in enumerate(images)])
+
+
+def plain_image(*values, size=8):
+    """An image of one colour, uint8 [size, size, 4]; one value counts for red, green and blue."""
+    values = values if len(values) > 1 else values * 3
+    return np.broadcast_to(np.array([*values, 255][:4], np.uint8), (size, size, 4)).copy()

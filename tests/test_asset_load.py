@@ -367,8 +367,8 @@ def test_a_broken_map_is_named_with_each_channel_that_goes_without(loaded, refus
     builder = textured()
     packed = builder.texture(b"not an image at all")
     builder.tree["materials"][0] |= {"occlusionTexture": {"index": packed}, "normalTexture": {"index": 0}}
-    more = {"metallicRoughnessTexture": {"index": packed}, "roughnessFactor": 0.5}
-    builder.tree["materials"][0]["pbrMetallicRoughness"] |= more
+    pbr = builder.tree["materials"][0]["pbrMetallicRoughness"]
+    pbr |= {"metallicRoughnessTexture": {"index": packed}, "roughnessFactor": 0.5}
     scene = loaded(builder)
     assert [text.partition("; ")[2] for text in scene.warnings] == [
         f"{name} goes without it (TXF-I17)" for name in ("occlusion", "roughness", "metallic")]
@@ -742,7 +742,8 @@ def test_all_assets_have_the_counts_of_their_index(shared_dir):
         assert len(scene.faces) == expected["faces"], expected["name"]
         assert len(scene.positions) == expected["vertices"] - unused, expected["name"]
         assert len(scene.materials) == max(expected["materials"], 1), expected["name"]
-        assert len(scene.textures) == len({image for images in expected["textures"].values() for image in images}), expected["name"]
+        images = {image for images in expected["textures"].values() for image in images}
+        assert len(scene.textures) == len(images), expected["name"]
         assert (scene.corner_color is not None) == ("COLOR_0" in expected["attributes"]), expected["name"]
         if not unused:  # the index counts unused vertices into the box
             np.testing.assert_allclose([scene.positions.min(axis=0), scene.positions.max(axis=0)], expected["bbox"], rtol=1e-6,

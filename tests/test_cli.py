@@ -94,7 +94,7 @@ def test_encoder_reports_by_the_schema(call, mesh, tmp_path):
     facts = json.loads(out)
     assert code == 0 and err == "" and out.count("\n") == 1
     assert set(facts) == {"schema", "bytes", "resolution", "qp", "max_error", "voxels", "faces", "vertices", "fields",
-                          "effects", "dropped",
+                          "effects", "dropped", "remarks", "channels", "sizes",
                           "refinement", "codec", "seconds", "peak_memory_bytes", "psnr_3d", "psnr_samples", "warnings",
                           "texels_per_voxel_edge", "source", "ratio", "partition", "supports", "texels", "normals"}
     assert facts["supports"]["asked"] == "auto" and facts["supports"]["groups"] == [] and facts["texels"] == 0
@@ -104,15 +104,19 @@ def test_encoder_reports_by_the_schema(call, mesh, tmp_path):
     assert total == sum(facts["bytes"].values()) == out_path.stat().st_size
     assert (facts["resolution"], facts["qp"], facts["faces"], facts["schema"]) == (32, 24, 4, 1)
     assert set(facts["psnr_3d"]) == {"y", "yuv611", "rgb"} and facts["psnr_3d"]["y"] > 30
+    assert facts["dropped"] == facts["warnings"] == facts["effects"] == [] and facts["sizes"] == [[]]
+    (channel,) = facts["channels"]
+    assert set(channel) == {"field", "codec", "level_shift", "encode_ms", "channels", "psnr", "bytes"}
+    assert channel["channels"] == ["base_colour"] and 0 < channel["bytes"] <= facts["bytes"]["attributes"]
     assert facts["psnr_samples"] == 1_000_000 and facts["peak_memory_bytes"] > 1 << 20
     assert {"load", "geometry", "voxelise", "transfer", "attributes", "measure", "total"} <= set(facts["seconds"])
-    assert facts["dropped"] == ["PLY property 'quality' of vertex"] and list(tmp_path.iterdir()) == [out_path]
+    assert facts["remarks"] == ["PLY property 'quality' of vertex is left out"] and list(tmp_path.iterdir()) == [out_path]
 
 
 def test_encoder_says_what_it_did_and_what_it_left_out(call, mesh, tmp_path):
     code, out, err = call("texf-enc", mesh, tmp_path / "a.texf", *SMALL)
     assert code == 0 and "K 32, QP 24" in out and "attribute bits per voxel" in out
-    assert "not coded: " in err
+    assert "note: PLY property 'quality' of vertex is left out\n" in err
     assert call("texf-enc", mesh, tmp_path / "a.texf", *SMALL, "--quiet") == (0, "", "")
 
 
@@ -145,16 +149,32 @@ def test_dry_run_estimates_and_writes_nothing(call, mesh, tmp_path):
     facts = json.loads(out)
     real = encode_to_result(mesh, EncodeOptions(resolution=32))
     assert code == 0 and list(tmp_path.iterdir()) == [] and facts["dry_run"] and facts["bytes"] is None
-    assert (facts["faces"], facts["vertices"], facts["materials"]) == (4, 4, 1) and facts["dropped"]
+    assert (facts["faces"], facts["vertices"], facts["materials"]) == (4, 4, 1) and facts["remarks"]
     assert 0.4 < facts["estimated"]["voxels"] / real.counts["voxels"] < 2.5
     code, out, _ = call("texf-enc", mesh, "--dry-run")
-    assert code == 0 and "nothing was written" in out and "not coded: " in out
+    assert code == 0 and "nothing was written" in out and "note: PLY property" in out
 
 
 def test_strict_refuses_what_would_be_lost_before_writing(call, mesh, tmp_path):
+    path = tmp_path / "line.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nl 1 2\n")
+    for more in ([tmp_path / "a.texf"], ["--dry-run"]):
+        code, out, _ = call("texf-enc", path, *more, *SMALL, "--strict", "--json")
+        error = json.loads(out)["error"]
+        assert (code, error["code"]) == (2, "TXF-I52") and error["dropped"] == ["OBJ statement 'l'"]
+        assert list(tmp_path.iterdir()) == [path]
+
+
+def test_strict_passes_what_no_picture_shows(call, mesh, tmp_path):
     code, out, _ = call("texf-enc", mesh, tmp_path / "a.texf", *SMALL, "--strict", "--json")
-    error = json.loads(out)["error"]
-    assert (code, error["code"]) == (2, "TXF-I52") and error["dropped"] and list(tmp_path.iterdir()) == []
+    assert code == 0 and json.loads(out)["remarks"]
+
+
+def test_strict_refuses_none_of_the_assets(shared_dir, call):
+    for path in sorted((shared_dir / "assets").glob("*.glb")):
+        code, out, _ = call("texf-enc", path, "--strict", "--dry-run", "--json")
+        facts = json.loads(out)
+        assert code == 0 and facts["warnings"] == facts["dropped"] == [], path.name
 
 
 # Output that cannot be
@@ -312,7 +332,8 @@ def test_decoder_writes_and_reports(call, stream, tmp_path, suffix, flags):
     facts = json.loads(out)
     assert code == 0 and err == "" and target.stat().st_size > 100
     assert set(facts) == {"schema", "bytes", "resolution", "voxels", "texels", "faces", "vertices", "fields", "files", "seconds",
-                          "peak_memory_bytes", "warnings"}
+                          "peak_memory_bytes", "warnings", "seams"}
+    assert (facts["seams"] is None) == ("--texture-size" not in flags)
     assert facts["faces"] == 4 and facts["bytes"]["total"] == len(stream) and facts["files"] == [target.name]
     assert facts["resolution"] == (8 if "--lod" in flags else 32)
 

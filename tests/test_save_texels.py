@@ -50,7 +50,7 @@ def mixed(image, shared_material=False, **material):
     scene.faces = np.concatenate([scene.faces, square + count])
     scene.corner_uv = np.concatenate([scene.corner_uv, np.zeros((2, 3, 2))])
     scene.corner_color = np.ones((len(scene.faces), 3, 4), np.float32)
-    scene.corner_color[-2:, :, :3] = 0.25
+    scene.corner_color[-2:, :, :3] = 0.2 + 0.1 * square[..., None]  # one colour would be a factor and no image
     if not shared_material:
         scene.materials.append(Material("plain", factor=np.array([0.5, 0.2, 0.1, 1.0]), double_sided=True))
     scene.face_material = np.append(scene.face_material, [0 if shared_material else 1] * 2)

@@ -113,10 +113,14 @@ def effects_of(material: Any) -> tuple[Effect, ...]:
 
 
 def without(material: Any, effect: Effect) -> Any:
-    """A copy of a material, a dataclass, with no map and no parameter that an effect reads."""
+    """A copy of a material, a dataclass, with no map and no parameter that an effect reads; glTF's default is all metal, so that
+    without metal a factor of 0 has to say so."""
     maps = {name: texture for name, texture in material.maps.items() if name not in effect.channels}
     parameters = {name: value for name, value in material.parameters.items() if name not in effect.parameters}
-    return replace(material, maps=maps, parameters=parameters)
+    bare = replace(material, maps=maps, parameters=parameters)
+    if "metallic" in effect.parameters and effect.used(bare):
+        bare.parameters["metallic"] = (0.0,)
+    return bare
 
 
 def effects_mask(materials: Iterable[Any]) -> int:

@@ -3,6 +3,7 @@
     python -m tools.materials rivals ASSET.glb ... --out FOLDER     the curves of AVIF, slow, once
     python -m tools.materials ours ASSET.glb ... --out FOLDER       our streams at some QPs
     python -m tools.materials compare FOLDER                        tables, Markdown
+    python -m tools.materials effects ASSET.glb ...                 what is coded of every asset, and what it costs, Markdown
 
 Both sides are looked at twice: map by map, PSNR of a map's used columns over the texels that the surface asks, bytes of that map
 alone; and all together, PSNR of shaded pictures, bytes of all maps and of what the UVs add to the positions. Images that a file
@@ -23,12 +24,16 @@ from texfcodec.asset.save.sheets import sheet_colours
 from texfcodec.bitstream.inspect import inspect
 from texfcodec.channels import BASE_COLOUR, BY_NAME, channel_over
 from texfcodec.choose.effects import needed_scene
+from texfcodec.decoder import decode_stream
+from texfcodec.effects import EFFECT_OF
 from texfcodec.geometry.surface import make_surface
-from texfcodec.ground.colour_error import decibels
-from texfcodec.options import EncodeOptions
+from texfcodec.ground.colour_error import decibels, in_decibels
+from texfcodec.options import DecodeOptions, EncodeOptions
 from texfcodec.quality.bd_rate import bd_rate
+from texfcodec.quality.effect_times import effect_times
 from texfcodec.quality.views import Look, compare_views
 from texfcodec.render.environment import DAYLIGHT
+from texfcodec.report import Report
 from texfcodec.support.morton import decode_morton
 from texfcodec.support.texel_set import asked_texels
 from tools.everyday_rivals import dec_image, draco_bytes, enc_mesh, quantise_uv, rival_of, shrunk
@@ -41,7 +46,7 @@ VIEWS, SIZE = 8, 1024
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=("rivals", "ours", "compare"))
+    parser.add_argument("what", choices=("rivals", "ours", "compare", "effects"))
     parser.add_argument("paths", nargs="+", type=Path)
     parser.add_argument("--out", type=Path, default=Path("bench/materials"))
     parser.add_argument("--threads", type=int, default=2)
@@ -49,6 +54,12 @@ def main():
     given = parser.parse_args()
     if given.what == "compare":
         print("\n".join(compared(given.paths[0])))
+        return
+    if given.what == "effects":
+        print("| asset | channel | decision | bytes | error | encode, decode ms | picture of 512^2 with / without, ms |")
+        print("|---|---|---|---|---|---|---|")
+        for path in given.paths:
+            print("\n".join(effect_rows(path, given.threads)), flush=True)
         return
     given.out.mkdir(parents=True, exist_ok=True)
     for path in given.paths:
@@ -209,13 +220,41 @@ def _our_images(looked, texf):
             if not faces.any():
                 continue
             scale = np.array([part.support.width, part.support.height]) / (source.shape[1], source.shape[0])
-            values = part.support_of(channel.name).query((xy + 0.5) * scale, part.planes[channel.name], looked.threads)
+            place = np.minimum(((xy + 0.5) * scale).astype(np.int64) >> part.level_shift, np.array(part.support.size) - 1)
+            there = part.support.rank[place[:, 1], place[:, 0]] >= 0  # the decoded UVs ask a few texels less along borders
+            image[xy[:, 1], xy[:, 0]] = source[xy[:, 1], xy[:, 0]]
+            mine = xy[there]
+            values = part.support_of(channel.name).query((mine + 0.5) * scale, part.planes[channel.name], looked.threads)
             if name == BASE_COLOUR.name:
-                image[xy[:, 1], xy[:, 0], :3] = np.rint(values)
+                image[mine[:, 1], mine[:, 0], :3] = np.rint(values)
             else:
-                image[xy[:, 1], xy[:, 0]] = sheet_colours({name: values})
+                image[mine[:, 1], mine[:, 0]] = sheet_colours({name: values})
         out[number, name] = image
     return out
+
+
+def effect_rows(path, threads):
+    """Lines of Markdown: the channels of an asset at r03."""
+    made = encode_to_result(load(str(path)), EncodeOptions(rate="r03", threads=threads))
+    report = Report()
+    texf = decode_stream(made.data, DecodeOptions(threads=threads), report)
+    times = effect_times(texf, threads=threads)
+    units = [one | {"bytes": group["bytes"], "decode_ms": told["decode_ms"]} for one, group, told in
+             zip(made.choices["channels"], inspect(made.data)["groups"], report.channels, strict=True)]
+    told = {entry["channel"]: entry for entry in made.choices["effects"]}
+    for name in ("base_colour", *told):
+        mine = [unit for unit in units if {name, f"{name}_object"} & set(unit["channels"])]
+        entry = told.get(name, {"coded": len(texf.materials), "constant": 0, "absent": 0})
+        decision = ", ".join(f"{entry[word]} {word}" for word in ("coded", "constant", "absent") if entry[word])
+        psnr = [unit["psnr"].get(name, unit["psnr"].get(f"{name}_object")) for unit in mine]
+        worst = min((value for value in psnr if value is not None), default=None)
+        others = [n for n in mine[0]["channels"] if n != name] if mine else []
+        shared = f" (with {', '.join(others)})" if others and len(mine[0]["channels"]) > 1 else ""
+        without = times["without_ms"].get(EFFECT_OF[name].name) if name in EFFECT_OF else times["unlit_ms"]
+        cost = f"{sum(u['encode_ms'] for u in mine):.0f}, {sum(u['decode_ms'] for u in mine):.0f}" if mine else ""
+        yield (f"| {path.stem} | {name} | {decision} | {sum(u['bytes'] for u in mine) or ''}{shared} | "
+               f"{in_decibels(worst) if mine else ''} | {cost} | "
+               + (f"{times['picture_ms']:.0f} / {without:.0f} |" if without is not None and mine else "|"))
 
 
 def compared(folder):

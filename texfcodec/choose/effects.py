@@ -59,15 +59,15 @@ def needed_scene(scene: Scene, surface: Surface, options: EncodeOptions) -> Need
 
 
 def _wanted(asked):
-    """Effects of options.effects, None for all that are used."""
+    """Effects of options.effects, None for all that are used; "none" leaves out the map of roughness, too, though light stays."""
     if asked in ("auto", "all"):
         return None
-    names = [name.strip() for name in asked.split(",") if name.strip()]
+    names = [name.strip() for name in str(asked).split(",") if name.strip()]
     unknown = [name for name in names if name not in EFFECT_BY_NAME and name != "none"]
     if unknown:
         raise InputError("TXF-I50", "unknown effect", value=", ".join(unknown),
                          allowed="auto, all, none, " + ", ".join(effect.name for effect in EFFECTS if effect.name not in KEPT))
-    return {*names, *KEPT}
+    return {*names, *KEPT} - ({"lit"} if names == ["none"] else set())
 
 
 def _needed(material, number, looks, asked, told):

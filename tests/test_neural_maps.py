@@ -14,6 +14,7 @@ from texfcodec.asset.sample import pack_source, sample_source
 from texfcodec.asset.scene import Material, Scene, Texture
 from texfcodec.channels import BASE_COLOUR, BY_NAME
 from texfcodec.choose.maps import groups_of
+from texfcodec.codecs import codec_of
 from texfcodec.codecs.codec import Source as CodecSource
 from texfcodec.codecs.neural import samples as samples_module
 from texfcodec.codecs.neural.fit import Fit
@@ -215,6 +216,8 @@ def test_the_report_tells_of_every_channel(made):
     assert list(told["psnr_channels"]) == ["base_colour", "normal_object", "occlusion", "roughness", "metallic"]
     assert told["psnr_rgb"] == told["psnr_channels"]["base_colour"] and told["psnr_channels"]["roughness"] > 45
     assert told["psnr_judged"] == pytest.approx(told["log"][-1]["psnr"], abs=0.1)
+    lines = list(codec_of("3dntc").result_lines({**made.choices, **made.counts}))
+    assert any("normal_object" in line and "metallic" in line and "base_colour" not in line for line in lines)
 
 
 def test_pictures_leave_payloads_with_maps_alone_and_the_report_says_why():

@@ -104,10 +104,12 @@ def test_encoder_reports_by_the_schema(call, mesh, tmp_path):
     assert total == sum(facts["bytes"].values()) == out_path.stat().st_size
     assert (facts["resolution"], facts["qp"], facts["faces"], facts["schema"]) == (32, 24, 4, 1)
     assert set(facts["psnr_3d"]) == {"y", "yuv611", "rgb"} and facts["psnr_3d"]["y"] > 30
-    assert facts["dropped"] == facts["warnings"] == facts["effects"] == [] and facts["sizes"] == [[]]
-    (channel,) = facts["channels"]
-    assert set(channel) == {"field", "codec", "level_shift", "encode_ms", "channels", "psnr", "bytes"}
-    assert channel["channels"] == ["base_colour"] and 0 < channel["bytes"] <= facts["bytes"]["attributes"]
+    assert facts["dropped"] == facts["warnings"] == facts["effects"] == [] and not any(facts["sizes"])
+    for number, channel in enumerate(facts["channels"]):
+        assert set(channel) == {"field", "codec", "level_shift", "encode_ms", "channels", "psnr", "bytes"}
+        assert (channel["field"], channel["channels"]) == (number, ["base_colour"]) and channel["bytes"] > 0
+    assert sum(channel["bytes"] for channel in facts["channels"]) <= facts["bytes"]["attributes"]
+    assert len(facts["channels"]) == facts["fields"]
     assert facts["psnr_samples"] == 1_000_000 and facts["peak_memory_bytes"] > 1 << 20
     assert {"load", "geometry", "voxelise", "transfer", "attributes", "measure", "total"} <= set(facts["seconds"])
     assert facts["remarks"] == ["PLY property 'quality' of vertex is left out"] and list(tmp_path.iterdir()) == [out_path]

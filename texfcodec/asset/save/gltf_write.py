@@ -125,7 +125,7 @@ def textured(texf: Any, look: Textured, images: list[tuple[ImageFormat, str | by
         return document
     uv = look.corner_uv.astype(np.float32).reshape(-1, 2)
     corner, looks = texf.faces.ravel(), np.repeat(look.looks.face_look, 3)
-    keys = [uv, _written_normals(texf).reshape(-1, 3)]
+    keys = [uv, _written_normals(texf, look).reshape(-1, 3)]
     if look.corner_tangent is not None:
         keys.append(_written_tangents(look).reshape(-1, 4))
     first, index = unique_corners(looks, corner, *(row for key in keys for row in np.ascontiguousarray(key).view(np.int32).T))
@@ -140,15 +140,20 @@ def textured(texf: Any, look: Textured, images: list[tuple[ImageFormat, str | by
 
 def _written_tangents(look):
     """Tangents of corners, float32 [F, 3, 4]; 0 where the material has no normal map."""
-    mapped = np.array([bool({"normal", "clearcoat_normal"} & {*images}) for images in look.images], bool)
-    return np.where(mapped[look.looks.face_look, None, None], look.corner_tangent, np.float32(0))
+    return np.where(_has_normal_map(look)[:, None, None], look.corner_tangent, np.float32(0))
 
 
-def _written_normals(texf):
-    """Normals of corners, float32 [F, 3, 3]; 0 where the material is flat, which glTF says by leaving them out."""
+def _has_normal_map(look):
+    """Whether the look of each face has one, bool [F]."""
+    return np.array([bool({"normal", "clearcoat_normal"} & {*images}) for images in look.images], bool)[look.looks.face_look]
+
+
+def _written_normals(texf, look):
+    """Normals of corners, float32 [F, 3, 3]; 0 where the material is flat, which glTF says by leaving them out. Tangents say
+    nothing without normals (section 3.7.2.1), so that faces with a normal map have theirs."""
     normal = texf.shading_normals()
     flat = np.array([m.normals.angle == 0 for m in texf.materials], bool)
-    normal[flat[texf.face_material]] = 0.0
+    normal[flat[texf.face_material] & ~_has_normal_map(look)] = 0.0
     return normal
 
 

@@ -280,6 +280,7 @@ def test_astc_of_all_maps_counts_and_keeps_them(needs_astc, tmp_path, normals, c
     from tools.material_quality import map_errors
 
     scene = material_sheet(roughness=1, metallic=1, normal=2)
+    scene.corner_normal = np.broadcast_to(np.float32([0, 0.6, 0.8]), (2, 3, 3)).copy()
     options = {"block": "4x4", "maps": "all", "normals": normals}
     facts, decoded, sha256 = coded(scene, tmp_path / "a", **options)
     assert facts["reconstruction_sha256"] == sha256

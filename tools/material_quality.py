@@ -7,8 +7,6 @@ ground as deviations over voxels. The pooled error is the mean over all componen
 (channels.Channel.weight), at the points whose material has the map.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from texfcodec.asset.factors import FLAT
@@ -99,7 +97,6 @@ def map_errors(scene, decoded, face_field, samples, threads=1):
     if isinstance(decoded, Texf):
         other = TexfMaps(decoded, scene, surface, face_field)
     else:
-        decoded = replace(decoded, corner_normal=scene.corner_normal, corner_tangent=scene.corner_tangent)
         other = SceneMaps(decoded, surface, threads)
     places = sample_surface(surface.lattice.astype(np.float64), surface.faces, samples, 0)
     found, pooled, plain = {}, np.zeros(2), np.zeros(2)

@@ -26,6 +26,7 @@ BLOCKS = ("4x4", "5x4", "5x5", "6x5", "6x6", "8x5", "8x6", "8x8", "10x5", "10x6"
 # always decoded to 8 bits, is the stronger rival: 44.63, 46.06, 47.86, 50.64.
 PROFILES = {"ldr": "LDR", "srgb": "LDR_SRGB"}
 BLOCK_BYTES, UV_STEPS = 16, 65535
+FRAMES = ("corner_normal", "corner_tangent")  # handed through, as geometry is
 SOURCE, LAYOUT, UVS, IMAGE = "source.npz", "layout.json", "uv.uint16", "image{}.blocks"
 
 
@@ -85,7 +86,8 @@ class Astc(Method):
         (folder / LAYOUT).write_text(json.dumps(layout), encoding="utf-8")
         colour = np.zeros((0, 3, 4), np.float32) if scene.corner_color is None else scene.corner_color
         np.savez(folder / SOURCE, positions=scene.positions, faces=scene.faces, face_material=scene.face_material,
-                 corner_color=colour, corner_vertex=corner_vertex, vertex_uv=vertex_uv[: 0 if layout["uv_box"] else None])
+                 corner_color=colour, corner_vertex=corner_vertex, vertex_uv=vertex_uv[: 0 if layout["uv_box"] else None],
+                 **{name: frame for name in FRAMES if (frame := getattr(scene, name)) is not None})
         return {"bytes": {"total": sum(sizes.values()), "geometry": 0, **sizes},
                 "reconstruction_sha256": hash_of(decoded, vertex_uv[corner_vertex]), **codec.options, "images": layout["images"],
                 "uv_vertices": len(vertex_uv), "uv_box": layout["uv_box"]}
@@ -106,6 +108,7 @@ class Astc(Method):
         scene = Scene(source["positions"], source["faces"], source["face_material"], np.zeros((len(source["faces"]), 3, 2)),
                       source["corner_color"] if len(source["corner_color"]) else None, materials, textures)
         scene.corner_uv[textured_faces(scene)] = vertex_uv[source["corner_vertex"]]
+        scene.corner_normal, scene.corner_tangent = (source.get(name) for name in FRAMES)
         return scene
 
     def values_sha256(self, decoded):

@@ -11,7 +11,7 @@ import zlib
 
 import numpy as np
 import pytest
-from mesh_files import RED_BLUE, SQUARE_UV, Builder, encoded, load_bytes, refusal
+from mesh_files import RED_BLUE, SQUARE_UV, Builder, encoded, load_bytes, refusal, textured
 
 from texfcodec.asset.load.image_read import read_image
 from texfcodec.asset.load.parts import Notes
@@ -83,13 +83,21 @@ def test_a_png_beside_the_ktx2_source_is_taken(tmp_path):
     assert load_bytes(tmp_path, builder, strict=True).textures[0].image.shape == (1, 2, 4)
 
 
-def test_linear_textures_are_named(basisu):
+def test_textures_are_named_whose_mark_is_not_that_of_their_use(tmp_path, basisu):
     data = bytearray(ktx2("UASTC"))
     assert data[104 + 4 + 8 + 2] == 2  # transferFunction in the data format descriptor: sRGB
     data[104 + 4 + 8 + 2] = 1
     notes = Notes()
     read_image(bytes(data), "t", notes)
     assert "marked as linear" in notes.warnings[0]
+    for source, named in ((bytes(data), False), (ktx2("UASTC"), True)):
+        builder = textured()
+        image = builder.add("images", {"bufferView": builder.view(source)})
+        builder.tree["materials"][0]["occlusionTexture"] = {
+            "index": builder.add("textures", {"extensions": {"KHR_texture_basisu": {"source": image}}})}
+        scene = load_bytes(tmp_path, builder)
+        assert scene.materials[0].maps == {"occlusion": 1} and len(scene.warnings) == named
+        assert not named or "marked as sRGB-coded" in scene.warnings[0]
 
 
 def test_without_the_package_the_error_names_the_remedy(tmp_path, monkeypatch):

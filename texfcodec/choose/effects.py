@@ -13,7 +13,7 @@ import numpy as np
 
 from ..asset.factors import TOLERANCE, absorb, says_nothing
 from ..asset.scene import ALPHA_OPAQUE, Material, Scene
-from ..channels import BY_NAME, COLOURS, MAPS
+from ..channels import BY_NAME, COLOURS, MAPS, binary32
 from ..effects import BY_NAME as EFFECT_BY_NAME
 from ..effects import EFFECT_OF, EFFECTS, without
 from ..errors import InputError
@@ -47,9 +47,9 @@ def needed_scene(scene: Scene, surface: Surface, options: EncodeOptions) -> Need
     told: dict[str, dict] = {}
     coded, stream = [], []
     for number, material in enumerate(scene.materials):
-        kept = material
+        kept = replace(material, parameters={name: binary32(value) for name, value in material.parameters.items()})
         if number in used:
-            kept = _needed(material, number, looks, (options.effects, wanted), told)
+            kept = _needed(kept, number, looks, (options.effects, wanted), told)
         stream.append(kept)
         seen = number in used and kept.alpha_mode != ALPHA_OPAQUE and looks.alpha_is_full(number)
         if number in used and kept.alpha_mode != ALPHA_OPAQUE:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...channels import BASE_COLOUR
+from ...channels import BASE_COLOUR, BY_NAME
 from ...errors import InputError, LimitError
 from ..scene import Texture
 from .opened import opened
@@ -36,7 +36,7 @@ class TextureShelf:
         key: hashable identity of the image; fetch: () -> its bytes, or InputError; wrap: (s, t); channel: what it is for.
         """
         if key not in self._images:
-            self._images[key] = self._decode(fetch, name)
+            self._images[key] = self._decode(fetch, name, BY_NAME[channel].srgb)
         image = self._images[key]
         if isinstance(image, InputError):
             self.notes.fault(str(image.code), f"{image.message}; {channel.replace('_', ' ')} goes without it", **image.details)
@@ -46,19 +46,19 @@ class TextureShelf:
             self.textures.append(Texture(image, wrap, name))
         return self._indices[key, wrap]
 
-    def _decode(self, fetch, name):
+    def _decode(self, fetch, name, is_colour):
         try:
-            return read_image(fetch(), name, self.notes)
+            return read_image(fetch(), name, self.notes, is_colour)
         except InputError as error:
             if error.code not in ("TXF-I16", "TXF-I17"):
                 raise
             return error
 
 
-def read_image(data: Any, name: str, notes: Notes) -> np.ndarray:
-    """bytes of an image file, or a PIL image -> uint8 [H, W, 4] RGBA, row 0 at the top.
+def read_image(data: Any, name: str, notes: Notes, is_colour: bool = True) -> np.ndarray:
+    """bytes of an image file, or a PIL image -> uint8 [H, W, 4] RGBA, row 0 at the top. is_colour: whether colour asks for it.
 
-    16-bit samples keep their high byte (with a warning); colour profiles and EXIF rotation are ignored, as glTF says.
+    16-bit samples keep their high byte (with a remark); colour profiles and EXIF rotation are ignored, as glTF says.
     Errors: TXF-I17 Pillow, or for KTX2 opengl_basisu, cannot decode it; LimitError TXF-I40 Pillow's pixel limit;
     SupportError TXF-I32 KTX2 without opengl_basisu.
     """
@@ -69,7 +69,7 @@ def read_image(data: Any, name: str, notes: Notes) -> np.ndarray:
     if isinstance(data, (bytes, memoryview)) and bytes(data[: len(KTX2)]) == KTX2:
         from .ktx2_read import read_ktx2
 
-        return read_ktx2(data, name, notes)
+        return read_ktx2(data, name, notes, is_colour)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # large but allowed sizes, odd palettes: none of these changes a pixel
         try:

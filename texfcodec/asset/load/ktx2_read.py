@@ -25,8 +25,9 @@ _NONE, _BASIS_LZ, _ZSTD = 0, 1, 2
 _BLOCK_BYTES = 16  # of UASTC, 4 x 4 pixels
 
 
-def read_ktx2(data: bytes | memoryview, name: str, notes: Notes) -> np.ndarray:
-    """bytes of a .ktx2 file -> uint8 [H, W, 4] RGBA of its largest level, row 0 at the top.
+def read_ktx2(data: bytes | memoryview, name: str, notes: Notes, is_colour: bool = True) -> np.ndarray:
+    """bytes of a .ktx2 file -> uint8 [H, W, 4] RGBA of its largest level, row 0 at the top. is_colour: whether its values are
+    to be sRGB-coded; a file that says otherwise is named.
 
     Errors: InputError TXF-I17 broken, or no Basis Universal data; SupportError TXF-I32 the package is missing;
     LimitError TXF-I40 more pixels than Pillow allows an image.
@@ -45,8 +46,10 @@ def read_ktx2(data: bytes | memoryview, name: str, notes: Notes) -> np.ndarray:
         pixels = texture.transcode("rgba8").data
     except (ValueError, IndexError, RuntimeError) as error:
         raise _broken(name, str(error)[:200]) from error
-    if not texture.srgb:
-        notes.warn(f"image '{name}' is marked as linear; as a base colour its values are taken as sRGB-coded")
+    if is_colour and not texture.srgb:
+        notes.warn(f"image '{name}' is marked as linear; as a colour its values are taken as sRGB-coded")
+    if texture.srgb and not is_colour:
+        notes.warn(f"image '{name}' is marked as sRGB-coded; as no colour its values are taken as they are")
     return np.ascontiguousarray(pixels, np.uint8)
 
 

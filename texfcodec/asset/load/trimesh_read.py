@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ...channels import MAP_NAMES, PARAMETER_BY_NAME
 from ...errors import InputError
 from ..scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, WRAP_REPEAT, Material, Scene
 from .image_read import TextureShelf
@@ -108,8 +109,28 @@ def _factor(factor):
     return np.clip(np.append(values, 1.0)[:4], 0.0, 1.0)
 
 
+def _check_maps(material, textures):
+    for name, index in material.maps.items():
+        if name not in MAP_NAMES or not isinstance(index, int | np.integer) or not 0 <= index < textures:
+            raise InputError("TXF-I22", "a map of a material of the Scene is of no channel or names no texture",
+                             value=f"{name!s:.40}: {index!s:.40}", material=material.name)
+
+
+def _check_parameters(material):
+    """Numbers, as many as each parameter has; only what is infinite by default may be."""
+    for name, value in material.parameters.items():
+        default = PARAMETER_BY_NAME[name].default if name in PARAMETER_BY_NAME else ()
+        whole = isinstance(value, tuple | list) and len(value) == len(default) > 0
+        if not whole or not all(isinstance(v, int | float | np.number) for v in value):
+            raise InputError("TXF-I22", "a parameter of a material of the Scene is unknown, or not as many numbers as it has",
+                             value=f"{name!s:.40}: {value!s:.80}", material=material.name)
+        if not np.isfinite(value).all() and tuple(value) != default:
+            raise InputError("TXF-I14", "a parameter of a material of the Scene is NaN or infinite", value=name,
+                             material=material.name)
+
+
 def check_scene(scene: Scene) -> Scene:
-    """The same Scene, when its arrays fit together. Errors: TXF-I13, TXF-I14, TXF-I15, TXF-I22."""
+    """The same Scene, when its arrays and materials fit together. Errors: TXF-I13, TXF-I14, TXF-I15, TXF-I22."""
     count, points = len(scene.faces), len(scene.positions)
     shapes = {"positions": (points, 3), "faces": (count, 3), "face_material": (count,), "corner_uv": (count, 3, 2),
               "corner_color": (count, 3, 4), "corner_normal": (count, 3, 3), "corner_tangent": (count, 3, 4)}
@@ -125,7 +146,13 @@ def check_scene(scene: Scene) -> Scene:
         raise InputError("TXF-I22", "a face of the Scene names a material that does not exist")
     if any(not -1 <= material.texture < len(scene.textures) for material in scene.materials):
         raise InputError("TXF-I22", "a material of the Scene names a texture that does not exist")
-    if not np.isfinite(scene.positions).all() or not np.isfinite(scene.corner_uv).all():
+    for material in scene.materials:
+        _check_maps(material, len(scene.textures))
+        _check_parameters(material)
+    for name, uv in scene.map_uv.items():
+        if name not in MAP_NAMES or np.shape(uv) != (count, 3, 2):
+            raise InputError("TXF-I22", "Scene.map_uv is of no channel or has the wrong shape", value=str(name)[:40])
+    if not all(np.isfinite(values).all() for values in (scene.positions, scene.corner_uv, *scene.map_uv.values())):
         raise InputError("TXF-I14", "positions or UVs of the Scene are NaN or infinite")
     factors = [material.factor for material in scene.materials]
     if not np.isfinite(factors).all() or not (scene.corner_color is None or np.isfinite(scene.corner_color).all()):

@@ -315,10 +315,16 @@ def test_isolated_decoding_gives_the_same_normals_and_checks_what_the_child_says
             _texf(facts, arrays | lie, 1)
         assert caught.value.code == "TXF-S40"
     looks = read_structure(APPEARANCE, Reader(arrays["appearance"].tobytes(), 0, arrays["appearance"].size), {})
-    for bad in ({"normal_rule": 255}, {"normal_angle": 181}):
-        told = looks | {"materials": [looks["materials"][0] | bad]}
+
+    def packed(rule, angle):
+        material = looks["materials"][0] | {"normal_rule": rule, "normal_angle": angle}
+        return np.frombuffer(write_structure(APPEARANCE, looks | {"materials": [material]}), np.uint8)
+
+    right = packed(1, 2)
+    for other, bad in ((packed(0, 2), 255), (packed(1, 3), 181)):  # where the rule stands, and the angle
+        assert (right != other).sum() == 1
         with pytest.raises(StreamError) as caught:
-            _texf(facts, arrays | {"appearance": np.frombuffer(write_structure(APPEARANCE, told), np.uint8)}, 1)
+            _texf(facts, arrays | {"appearance": np.where(right != other, np.uint8(bad), right)}, 1)
         assert caught.value.code == "TXF-S40"
 
 

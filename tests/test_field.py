@@ -346,7 +346,7 @@ def test_transfer_does_not_depend_on_threads(threads, monkeypatch):
 def test_fully_transparent_voxels_take_the_colour_of_the_nearest_ancestor():
     keys = np.array([0, 7, 8, 64])
     colour, weight = np.array([[10.0], [0], [0], [30]], np.float32), np.array([2.0, 0, 0, 6], np.float32)
-    transfer_room._fill_uncoloured(keys, colour, weight)
+    transfer_room.fill_uncoloured(keys, colour, weight)
     assert colour[:, 0].tolist() == [10, 10, 10, 30]
 
 

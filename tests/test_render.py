@@ -711,11 +711,14 @@ def test_the_command_draws_meshes_and_streams(call, files, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["glb.png", "texf.png"]
 
 
-def test_what_is_no_base_colour_is_counted(call, files, tmp_path):
-    said = call(files[0], tmp_path / "a.png", "--size", "16")[2]
-    assert "6 properties are no base colour" in said and said.count("\n") == 1
-    assert len(json.loads(call(files[0], tmp_path / "a.png", "--size", "16", "--json")[1])["dropped"]) == 6
-    assert call(files[0], tmp_path / "a.png", "--size", "16", "--quiet") == (0, "", "")
+def test_what_is_not_drawn_is_counted(call, files, tmp_path):
+    assert call(files[0], tmp_path / "a.png", "--size", "16")[2] == ""  # all of the sample is kept
+    path = tmp_path / "a.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\nl 1 2\ncurv 1 2\n")
+    said = call(path, tmp_path / "a.png", "--size", "16")[2]
+    assert "2 properties are not read and not drawn" in said and said.count("\n") == 1
+    assert len(json.loads(call(path, tmp_path / "a.png", "--size", "16", "--json")[1])["dropped"]) == 2
+    assert call(path, tmp_path / "a.png", "--size", "16", "--quiet") == (0, "", "")
 
 
 def test_the_command_compares(call, files, tmp_path):

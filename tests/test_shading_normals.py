@@ -19,6 +19,7 @@ from texfcodec.codecs.sharp_edges import dec_marks, enc_marks
 from texfcodec.encoder import encode_scene
 from texfcodec.geometry.edges import MANY, NUM_FOLDS, coded_edges, folds, shared_edges, weld
 from texfcodec.geometry.surface import make_surface
+from texfcodec.ground.walk import Reader, read_structure, write_structure
 
 SMALL = EncodeOptions(resolution=32, qp=40, threads=1)
 
@@ -306,16 +307,24 @@ def test_isolated_decoding_gives_the_same_normals_and_checks_what_the_child_says
     ours, plain = decode(data, DecodeOptions(isolate=True)), decode(data)
     assert np.array_equal(ours.sharp_edges, plain.sharp_edges) and ours.materials[0].normals == plain.materials[0].normals
     assert np.array_equal(ours.shading_normals(), plain.shading_normals())
-    from texfcodec.isolate import _answer, _texf
+    from texfcodec.isolate import APPEARANCE, _answer, _texf
 
     facts, arrays = _answer(plain, Report())
     for lie in ({"sharp_edges": plain.sharp_edges[:-1]}, {"sharp_edges": plain.sharp_edges[None]}):
         with pytest.raises(StreamError) as caught:
             _texf(facts, arrays | lie, 1)
         assert caught.value.code == "TXF-S40"
-    for bad in ([3, 0, 9], [0, 3, 9], [0, 0, 181], [0, 0]):
+    looks = read_structure(APPEARANCE, Reader(arrays["appearance"].tobytes(), 0, arrays["appearance"].size), {})
+
+    def packed(rule, angle):
+        material = looks["materials"][0] | {"normal_rule": rule, "normal_angle": angle}
+        return np.frombuffer(write_structure(APPEARANCE, looks | {"materials": [material]}), np.uint8)
+
+    right = packed(1, 2)
+    for other, bad in ((packed(0, 2), 255), (packed(1, 3), 181)):  # where the rule stands, and the angle
+        assert (right != other).sum() == 1
         with pytest.raises(StreamError) as caught:
-            _texf(facts | {"materials": [facts["materials"][0] | {"normals": bad}]}, arrays, 1)
+            _texf(facts, arrays | {"appearance": np.where(right != other, np.uint8(bad), right)}, 1)
         assert caught.value.code == "TXF-S40"
 
 

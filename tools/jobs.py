@@ -34,6 +34,12 @@ class Job:
         return found if same and (keep_old or found.get("code") == self.facts["code"]) else None
 
 
+def _identity(settled):
+    """What tells a job from others. An evaluation of maps that was not asked for is none, as it was before there were any."""
+    evaluation = {key: value for key, value in settled["evaluation"].items() if key != "maps" or value}
+    return settled | {"evaluation": evaluation}
+
+
 def jobs_of(conditions, assets, out, threads):
     """All jobs, asset by asset. assets: {name as given: path}."""
     code = {name: code_of(name, conditions["plugins"]) for name in {s["method"] for s in conditions["settings"]}}
@@ -48,7 +54,7 @@ def jobs_of(conditions, assets, out, threads):
                 continue
             settled = {"schema": SCHEMA, "asset": name, "asset_sha256": asset_sha256, "evaluation": conditions["evaluation"],
                        **{key: setting[key] for key in ("setting", "group", "method", "options")}}
-            facts = {**settled, "settings_sha256": _sha256(json.dumps(settled, sort_keys=True).encode()),
+            facts = {**settled, "settings_sha256": _sha256(json.dumps(_identity(settled), sort_keys=True).encode()),
                      "code": code[setting["method"]], "package": texfcodec.__version__, "asset_path": str(path),
                      "plugins": conditions["plugins"], "threads": threads}
             jobs.append(Job(out / name / setting["setting"], facts))

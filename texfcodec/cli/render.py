@@ -187,12 +187,12 @@ def _compared(source, compare, picture, other, choices, report):
 
 
 def _say_losses(console, report):
-    """Warnings one by one; of what is no base colour only the number, as none of it was promised."""
+    """Warnings one by one; of what is not read only the number."""
     if not console.as_json:
         for text in report.warnings:
             console.note(f"warning: {text}")
         if report.dropped:
-            console.note(f"{len(report.dropped)} properties are no base colour and are not drawn; --json names them")
+            console.note(f"{len(report.dropped)} properties are not read and not drawn; --json names them")
 
 
 def _facts(image, picture, choices, compared, report):

@@ -24,6 +24,7 @@ from texfcodec.asset.save.sheets import sheet_colours
 from texfcodec.bitstream.inspect import inspect
 from texfcodec.channels import BASE_COLOUR, BY_NAME, channel_over
 from texfcodec.choose.effects import needed_scene
+from texfcodec.choose.frames import turn_of, turned
 from texfcodec.decoder import decode_stream
 from texfcodec.effects import EFFECT_OF
 from texfcodec.geometry.surface import make_surface
@@ -93,6 +94,11 @@ class _Looked:
                 yield number, BASE_COLOUR.name, material.texture
             for name, texture in material.maps.items():
                 yield number, name, texture
+
+    def turn_back(self, number):
+        """From the frame that a decoder makes of the UVs to that of a material's own tangents; None where they agree."""
+        turn = turn_of(self.scene, self.surface, np.flatnonzero(self.surface.material == number))
+        return None if turn is None else turn.T
 
     def texels(self, number, texture):
         """Columns and rows of the texels that a material's faces ask of an image, int64 [N, 2]."""
@@ -225,6 +231,8 @@ def _our_images(looked, texf):
             image[xy[:, 1], xy[:, 0]] = source[xy[:, 1], xy[:, 0]]
             mine = xy[there]
             values = part.support_of(channel.name).query((mine + 0.5) * scale, part.planes[channel.name], looked.threads)
+            if channel.unit == "degrees":
+                values = turned(values, looked.turn_back(number))
             if name == BASE_COLOUR.name:
                 image[mine[:, 1], mine[:, 0], :3] = np.rint(values)
             else:

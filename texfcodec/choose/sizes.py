@@ -1,8 +1,8 @@
 """How fine the maps of a field have to be: a smooth one takes fewer bytes, and less time, on a coarser level of its support
 (encoder only).
 
-Rarely: the coder spends next to nothing on the fine levels of a smooth map, so that only effort "best" looks. Of some forty maps of
-seven assets, at r01 and r03, two went coarser, for less than 100 bytes; looking took a tenth of the encoding.
+Rarely: the coder spends next to nothing on the fine levels of a smooth map, so that only effort "best" looks. Of some forty maps
+of seven assets, at r01 and r03, two went coarser, for less than 100 bytes; looking took a tenth of the encoding.
 
 A few pieces of the field are coded at its own fineness and a level coarser, and asked where the finer values are; bits and error
 are weighed as the quantiser weighs them.

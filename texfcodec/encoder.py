@@ -6,7 +6,6 @@ import hashlib
 import time
 import zlib
 from dataclasses import dataclass, field, replace
-from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +15,7 @@ from .bitstream.values import attribute_values, field_values, header_values, mat
 from .channels import channel_over
 from .choose.codec import codec_for, with_qp_of
 from .choose.effects import needed_scene
-from .choose.frames import Frames, ShownMaps
+from .choose.frames import ShownMaps
 from .choose.maps import errors_of, fill_maps, groups_of, joined, names_of_field, with_grey
 from .choose.normals import Shading, choose_normals
 from .choose.prepare import SourceField, active_voxels, check_voxels, transferred
@@ -156,13 +155,14 @@ def _fields_of_faces(scene, surface, plans, options, report):
 def _fill(prepared, names, options, report):
     """Brings the source's values into the voxels of the first fields. names: by field, the channels that it has maps of."""
     fields, source = prepared.fields[: len(names)], prepared.source
-    frames = cache(lambda: Frames(source.scene, source.surface, prepared.shading))
     for number, part in enumerate(fields):
         with report.stage("transfer"):
-            transferred(part, prepared.source, number, options)
-            fill_maps(part, prepared.source, number, names[number], frames, options)
+            transferred(part, source, number, options)
+            fill_maps(part, source, number, names[number], options)
+    if any("anisotropy" in mine for mine in names):
+        report.warnings.append("directions of anisotropy mean nothing over voxels, which have no UVs: only its strength stays")
     with report.stage("refine"):
-        prepared.choices["refinement"] = refine_fields(prepared.source, fields, options, report)
+        prepared.choices["refinement"] = refine_fields(source, fields, options, report)
 
 
 def code_prepared(prepared: Prepared, options: EncodeOptions, report: Report) -> Encoded:

@@ -15,7 +15,7 @@ from ..codecs.codec import Codec, Group
 if TYPE_CHECKING:
     from ..options import EncodeOptions
 
-LEAST_QP, LAST_QP = 4, 51  # of a map: a step of one level, and of 2**8
+LEAST_QP, LAST_QP = 4, 51  # of a map: a step of one level, and of 228
 QP_PER_DECIBEL = 6 / (20 * math.log10(2))  # a step twice as large is 6 QP
 
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from ..options import EncodeOptions
 
 MOST_ROWS = 1 << 26  # of texels that the faces of a material go over; beyond, the whole image is looked at
+MOST_REASONS = 4  # told of one channel
 KEPT = ("lit", "mask", "blend", "double_sided")  # effects that are flags and no channel's
 
 
@@ -117,9 +118,6 @@ def _tell(told, name, decision, reason):
     entry[decision] += 1
     if reason not in entry["reasons"] and len(entry["reasons"]) < MOST_REASONS:
         entry["reasons"].append(reason)
-
-
-MOST_REASONS = 4
 
 
 def _in_order(told):

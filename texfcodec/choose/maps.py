@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,11 +21,10 @@ if TYPE_CHECKING:
     from ..codecs.codec import Source
     from ..geometry.surface import Surface
     from ..options import EncodeOptions
-    from .frames import Frames
     from .prepare import SourceField
 
-TOGETHER = ("roughness", "metallic")  # one group where both are coded: 4 to 6 % fewer bytes than apart (helmet, bottle), with
-# occlusion as a third 2 % more
+TOGETHER = ("roughness", "metallic")  # one group where both are coded: 0 to 6 % fewer bytes than apart (helmet, bottle), with
+# occlusion as a third 2 to 6 % more
 
 
 def map_names(materials: Iterable[Material]) -> set[str]:
@@ -96,10 +95,9 @@ def errors_of(group: Group, plane: np.ndarray, decoded: np.ndarray) -> dict:
     return {"channels": list(told), "psnr": told}
 
 
-def fill_maps(part: SourceField, source: Source, number: int, names: set[str], frames: Callable[[], Frames],
-              options: EncodeOptions) -> None:
+def fill_maps(part: SourceField, source: Source, number: int, names: set[str], options: EncodeOptions) -> None:
     """Adds to the planes of a SourceField over voxels, number `number` of the source, what the maps of its faces show. names:
-    of the channels, as materials know them; frames: the Frames that normal maps need."""
+    of the channels, as materials know them."""
     for name in sorted(names):
         channel = channel_over(name, planar=False)
         mapped = np.array([name in m.maps for m in source.scene.materials], bool)
@@ -107,7 +105,7 @@ def fill_maps(part: SourceField, source: Source, number: int, names: set[str], f
         if channel.name == name:
             part.planes[name] = _transferred(part, source, mine, name, options)
         else:
-            part.planes[channel.name] = _deviations(part, source, mine, lambda *at, n=name: frames().deviations(n, *at), options)
+            part.planes[channel.name] = _deviations(part, source, mine, channel.name, options)
 
 
 def _transferred(part, source, mine, name, options):
@@ -121,8 +119,8 @@ def _transferred(part, source, mine, name, options):
     return np.ascontiguousarray(colour[:, map_columns(name)])
 
 
-def _deviations(part, source, mine, ask, options):
-    """As _transferred, for what a function of (faces, weights of corners, threads) answers, float32 [M, 3]."""
+def _deviations(part, source, mine, name, options):
+    """As _transferred, for what source.maps answers for a channel that no image holds as it is."""
     surface, rows = source.surface, np.flatnonzero(mine)
     sums = np.zeros((len(part.keys), 4))
     for points, face, bary, share in surface_samples(surface.lattice, surface.faces[rows], surface.cube.position_bits,
@@ -131,7 +129,7 @@ def _deviations(part, source, mine, ask, options):
         key = encode_morton(cell)
         rank = np.minimum(np.searchsorted(part.keys, key), len(part.keys) - 1)
         there = part.keys[rank] == key
-        values = ask(rows[face[there]], bary[there], options.threads)
+        values = source.maps(name, rows[face[there]], bary[there], options.threads)
         weight = share[there] + LEAST_WEIGHT
         for c in range(3):
             sums[:, c] += np.bincount(rank[there], weight * values[:, c], len(sums))

@@ -57,9 +57,8 @@ class TexelPlan:
         """A further channel of the field: (values float32 [n, C] of the texels of support.coarser(levels), levels). A map that is
         smaller than the field by a power of two keeps its own texels."""
         image = self.group.maps[name]
-        size, shift = (image.shape[1], image.shape[0]), 0
-        while size != self.size and (size[0] << shift, size[1] << shift) != self.size and size[0] << shift < self.size[0]:
-            shift += 1
+        size = (image.shape[1], image.shape[0])
+        shift = max((self.size[0] // size[0]).bit_length() - 1, 0)
         if (size[0] << shift, size[1] << shift) == self.size:
             xy = support.coarser(shift).xy()
             return values_of_map(name, image[xy[:, 1], xy[:, 0]]), shift

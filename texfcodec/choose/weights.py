@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..asset.sample import pack_source
-from ..channels import BASE_COLOUR, BY_NAME
+from ..channels import BY_NAME
 from ..render.camera import bounding_sphere, fibonacci_direction, orthographic
 from ..render.lighting import Lighting
 from ..render.raster import visible
@@ -24,6 +24,7 @@ VIEWS, SIZE = 4, 256
 NOISE = 6.0  # levels of 255
 USUAL_GAIN = 0.34  # of base colour: squared error of the picture over that of the values; 0.16 to 0.47 on seven assets
 LEAST, MOST = 0.01, 16.0  # weights: between them are 32 QP
+ALONG = 2 / 3  # of the squared error of a deviation: the third along the normal is lost when its length is made 1
 Weights = dict[str, float]
 
 
@@ -60,7 +61,3 @@ def measured_weights(scene: Scene, threads: int) -> Weights:
         weight = min(max(gain / USUAL_GAIN, LEAST), MOST)
         weights |= {name: weight} | ({f"{name}_object": ALONG * weight} if BY_NAME[name].over else {})
     return weights
-
-
-ALONG = 2 / 3  # of the squared error of a deviation: the third along the normal is lost when its length is made 1
-assert BASE_COLOUR.weight == 1

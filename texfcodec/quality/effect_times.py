@@ -27,9 +27,7 @@ def effect_times(texf: Texf, size: int = SIZE, threads: int = 1) -> dict:
 
 
 def _stripped(texf: Texf, effect: Effect) -> Texf:
-    neutral = {"metallic": (0.0,)} if effect.name == "metal" else {}
-    materials = [without(m, effect) for m in texf.materials]
-    return replace(texf, materials=[replace(m, parameters=m.parameters | neutral) for m in materials])
+    return replace(texf, materials=[without(m, effect) for m in texf.materials])
 
 
 def _fastest(texf, camera, lit, threads):

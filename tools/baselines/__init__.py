@@ -30,6 +30,10 @@ class Method(ABC):
         """What results depend on beside the files of this package and of tools/baselines: outside programs, libraries."""
         return ""
 
+    def missing(self, options):
+        """A sentence: what is not installed here that these options need, and how to get it; None where all is there."""
+        return None
+
     def warm_up(self, options, threads):
         """Loads kernels and libraries, so that neither the seconds nor the memory of the job count them."""
         return

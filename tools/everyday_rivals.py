@@ -54,9 +54,9 @@ class Rival:
         return colour is not None and bool((colour != 1).any())
 
 
-def rival_of(scene):
+def rival_of(scene, position_bits=POSITION_BITS):
     """The Rival of a Scene."""
-    surface = make_surface(scene, EncodeOptions(position_bits=POSITION_BITS))
+    surface = make_surface(scene, EncodeOptions(position_bits=position_bits))
     pick = surface.origin_face
     colour = None if scene.corner_color is None else scene.corner_color[pick]
     placed = replace(scene, positions=surface.cube.to_world(surface.lattice), faces=surface.faces,

@@ -65,7 +65,7 @@ def choose_supports(scene: Scene, surface: Surface, options: EncodeOptions) -> S
     """Supports for a surface on the usual lattice. Raises InputError, LimitError."""
     assert options.resolution is not None  # its __post_init__ fills it in
     told: dict[str, Any] = {"asked": options.support, "groups": []}
-    reason = _reason_for_voxels(options)
+    reason = reason_for_voxels(options)
     if reason:
         return Supports(surface, [], options.resolution, told | {"reason": reason})
     groups = [] if options.support == "voxels" else image_groups(scene, surface)
@@ -84,7 +84,8 @@ def choose_supports(scene: Scene, surface: Surface, options: EncodeOptions) -> S
     return Supports(surface, plans, resolution, told)
 
 
-def _reason_for_voxels(options):
+def reason_for_voxels(options: EncodeOptions) -> str:
+    """Why nothing but voxels comes into question; "" where texels do."""
     if codec_of(options.codec).joint:
         return "the codec has no part in texels"
     if options.support == "texels" or options.rate_is_free:

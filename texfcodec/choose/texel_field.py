@@ -82,7 +82,7 @@ class TexelPlan:
         """Values of a square of texels of the coded size, resampled from what is around it alone: float32 [side, side, 4].
         corner: its first column and row; the coded size divides the image's."""
         group, factor = self.group, self.group.size[0] // self.size[0]
-        columns, rows = (_wrapped_line(np.arange(c - MARGIN, c + side + MARGIN), factor, size, mode)
+        columns, rows = (wrapped_line(np.arange(c - MARGIN, c + side + MARGIN), factor, size, mode)
                          for c, size, mode in zip(corner, group.size, group.wrap, strict=True))
         window = group.image[rows[:, None], columns]
         whole = (side + 2 * MARGIN, side + 2 * MARGIN)
@@ -99,8 +99,8 @@ def _stretched(values, size):
     return np.stack([np.asarray(part) for part in parts], axis=-1)
 
 
-def _wrapped_line(cells, factor, size, mode):
-    """Texels of the image below those of a line of the coded size, by the wrap mode."""
+def wrapped_line(cells: np.ndarray, factor: int, size: int, mode: int) -> np.ndarray:
+    """Texels of an image of `size` texels below those of a line of the coded size, `factor` to one, by the wrap mode; int64."""
     line = (cells[:, None] * factor + np.arange(factor)).ravel()
     if mode == WRAP_CLAMP:
         return np.clip(line, 0, size - 1)

@@ -9,6 +9,7 @@ from ..asset.load.formats import SUFFIXES
 from ..codecs import codec_of
 from ..errors import InputError
 from ..options import DEFAULT_CODEC, EncodeOptions, strange_options
+from .advice import advice_lines
 from .console import SIGNS, STYLE, check_output, is_device, run, seconds_of, timing_line, write_output
 from .effects import decision_lines
 from .flags import file_names, limit_flags, limits_of, number, option_flags
@@ -39,13 +40,14 @@ def _warm_up(context, parameter, value):
 @limit_flags("vertices", "faces", "voxels", "samples", "metadata_bytes")
 @option_flags(EncodeOptions, "measure", "strict")
 @click.option("--dry-run", is_flag=True, help="Load, estimate and report; write nothing. OUT may be left out.")
+@click.option("--advise", "advised", is_flag=True, help="As --dry-run, and say what the encoder will probably choose.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
 @click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")
 @click.option("--warmup", is_flag=True, is_eager=True, expose_value=False, callback=_warm_up,
               help="Compile all kernels ahead of the first use, then exit.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
-def enc(console, source, out, dry_run, as_json, quiet, **choices):
+def enc(console, source, out, dry_run, advised, as_json, quiet, **choices):
     """Code the textured mesh INPUT (SUFFIXES; "-": a GLB on stdin) as OUT.texf ("-": stdout, with the report on stderr).
 
     One of --rate, --resolution with --qp, --target-bytes and --target-psnr sets the rate; K or QP alone keeps the other of r04.
@@ -59,7 +61,7 @@ def enc(console, source, out, dry_run, as_json, quiet, **choices):
 
     Exit codes: 0 done, 1 command line, 2 input or output, 4 internal, 5 not supported, 6 over a limit, 130 interrupted.
     """
-    options = _options(choices)
+    options, dry_run = _options(choices), dry_run or advised
     if out is None and not dry_run:
         raise click.UsageError("Missing argument 'OUT.texf'")
     if out == "-":
@@ -72,6 +74,7 @@ def enc(console, source, out, dry_run, as_json, quiet, **choices):
         if not dry_run:
             check_output(out, scene.files)
         facts = _estimate(scene, options, report) if dry_run else _encode(scene, options, report, out)
+        facts |= {"advice": _advice(scene, options, report)} if advised else {}
     if not (console.as_json or dry_run):
         console.warnings(report)
     facts |= _run_facts(report)
@@ -185,6 +188,13 @@ def _estimate(scene, options, report):
             "support": options.support, "rate_is_free": options.rate_is_free and not codec_of(options.codec).joint}
 
 
+def _advice(scene, options, report):
+    from ..choose.advise import advise
+
+    with report.stage("advise"):
+        return advise(scene, options)
+
+
 def _run_facts(report):
     from ..report import peak_memory_bytes
 
@@ -285,6 +295,7 @@ def _dry_lines(facts, source):
     free = "; the encoder may find texels or a smaller K to be smaller" if facts["rate_is_free"] else ""
     yield f"K {facts['resolution']}: about {guess['voxels']} voxels and {guess['seconds']:.0f} s{free}; nothing was written"
     yield from decision_lines(facts["effects"], [])
+    yield from advice_lines(facts["advice"]) if "advice" in facts else ()
     for name, sign in SIGNS.items():
         for text in facts[name]:
             yield f"{sign}: {text}"

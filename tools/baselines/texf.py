@@ -9,7 +9,7 @@ from baselines import Method, method
 from texfcodec.codecs import codec_of
 from texfcodec.options import DEFAULT_CODEC, EncodeOptions
 
-STREAM, FACE_FIELD = "stream.texf", "face_field.npz"
+STREAM, FACE_FIELD, BAKED = "stream.texf", "face_field.npz", "baked.glb"
 NOT_SETTINGS = {"threads", "measure", "limits", "checkpoint"}
 WARM_RESOLUTION = 64
 
@@ -17,7 +17,8 @@ WARM_RESOLUTION = 64
 @method("texf")
 class TexfMethod(Method):
     """Options are the fields of EncodeOptions; the defaults are the package's. Bytes are those of the stream, of a 3DNTC payload
-    those that a GPU keeps."""
+    those that a GPU keeps. "geometry" is what positions alone would take, as it is for rivals that need UVs; what the stream's
+    geometry takes beyond, for UVs, finer positions and further units, is "placement" and counts with the texture."""
 
     options = tuple(f.name for f in fields(EncodeOptions) if f.name not in NOT_SETTINGS)
 
@@ -50,6 +51,9 @@ class TexfMethod(Method):
             asked = {"resolution": made.resolution, "fit": made.choices["fit"], "file_bytes": sizes}
             sizes = {"geometry": sizes["geometry"], **made.choices["resident"]}
             sizes["total"] += sizes["geometry"]
+        elif made.counts["texels"] or made.counts["fields"] > 1:
+            alone = min(positions_alone(scene, settings.position_bits), sizes["geometry"])
+            sizes = sizes | {"geometry": alone, "placement": sizes["geometry"] - alone}
         return {"bytes": sizes, "reconstruction_sha256": made.reconstruction_sha256, **made.counts,
                 "texels_per_voxel_edge": made.texels_per_voxel_edge, "refinement": made.choices["refinement"], **asked}
 
@@ -74,3 +78,33 @@ class TexfMethod(Method):
         """What the encoder said."""
         with np.load(folder / FACE_FIELD) as file:
             return file["face_field"]
+
+
+@method("texf_baked")
+class TexfBakedMethod(TexfMethod):
+    """The same stream as a viewer shows it that knows images alone: baked into a GLB with an atlas of its own, which costs
+    nothing, because the receiver makes it."""
+
+    def decode(self, folder, options, threads, report):
+        """The Scene of the baked GLB."""
+        from texfcodec.asset.load.files import load
+
+        self._texf = super().decode(folder, options, threads, report)
+        with report.stage("bake"):
+            self._texf.save(folder / BAKED)
+        return load(str(folder / BAKED))
+
+    def values_sha256(self, decoded):
+        """Of what was decoded before it was baked."""
+        return super().values_sha256(self._texf)
+
+    def face_field(self, folder):
+        """None: a mesh has no fields."""
+        return None
+
+
+def positions_alone(scene, position_bits):
+    """Draco bytes of a Scene's positions and faces without UVs and colours: one mesh, or one per material, whichever is less."""
+    from tools.everyday_rivals import draco_bytes, rival_of
+
+    return draco_bytes(rival_of(scene, position_bits), None, None)

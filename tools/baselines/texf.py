@@ -55,7 +55,8 @@ class TexfMethod(Method):
             alone = min(positions_alone(scene, settings.position_bits), sizes["geometry"])
             sizes = sizes | {"geometry": alone, "placement": sizes["geometry"] - alone}
         return {"bytes": sizes, "reconstruction_sha256": made.reconstruction_sha256, **made.counts,
-                "texels_per_voxel_edge": made.texels_per_voxel_edge, "refinement": made.choices["refinement"], **asked}
+                "texels_per_voxel_edge": made.texels_per_voxel_edge, "refinement": made.choices["refinement"],
+                "supports": [group["chosen"] for group in made.choices["supports"]["groups"]], **asked}
 
     def decode(self, folder, options, threads, report):
         """The Texf of STREAM."""

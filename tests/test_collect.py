@@ -3,12 +3,15 @@
 import csv
 import json
 import sys
+import types
 
 import numpy as np
 import pytest
 
 from texfcodec.quality.bd_rate import bd_rate
 from tools import collect
+from tools.differences import Difference, pairs_of, rate_difference, summary
+from tools.results import published_rows, quality_of, read_missing, read_results
 
 
 def metrics(asset, group, number, total, y, rgb=None):
@@ -41,17 +44,19 @@ def write_results(folder, only=None):
 @pytest.mark.parametrize("kind, less", [("texture", 100), ("total", 0)])
 def test_differences_are_those_of_bd_rate(tmp_path, kind, less):
     write_results(tmp_path)
-    (name, anchor, ours), = collect.pairs_of(collect.read_results(tmp_path), None, anchor_group="old")
-    table, notes = collect.differences(anchor, ours, kind)
+    pair, = pairs_of(read_results(tmp_path), None, anchor_group="old")
+    table = pair.differences(kind)
     texture = {key: ([s - less for s in sizes], psnr) for key, (sizes, psnr) in CURVES.items()}
     old_cup = [v[:2] for v in texture["cup", "old"]]  # without the lossless point
     expected = {"vase": bd_rate(*texture["vase", "old"], *texture["vase", "new"]),
                 "cup": bd_rate(*old_cup, *texture["cup", "new"])}
-    assert name == "new against old"
-    assert {a: table[a]["3D-PSNR Y"] for a in expected} == expected and table["lid"]["3D-PSNR Y"] is None
-    assert collect.mean_of(table)["3D-PSNR Y"] == (pytest.approx(np.mean(list(expected.values()))), 2)
-    assert any("lid: the curves share no quality range" in note for note in notes)
-    assert collect.mean_of(table)["image PSNR Y"] == (None, 0)
+    found = {asset: row["3D-PSNR Y"] for asset, row in table.items()}
+    assert (pair.name, pair.other) == ("new", "old")
+    assert {asset: found[asset].percent for asset in expected} == expected and found["lid"].percent is None
+    assert summary(found.values()) == (pytest.approx(np.mean(list(expected.values()))), 2)
+    assert "share no quality range" in found["lid"].reason and found["lid"].overlap == 0
+    assert found["vase"].overlap == pytest.approx((39.0 - 30.2) / (39.0 - 30.0)) and found["vase"].reason is None
+    assert list(table["vase"]) == ["3D-PSNR Y", "3D-PSNR RGB"]  # what nobody has measured is no column
 
 
 def test_collect_writes_tables_and_does_without_matplotlib(tmp_path, monkeypatch, capsys):
@@ -82,3 +87,76 @@ def test_unknown_groups_and_empty_folders_are_named(tmp_path):
     write_results(tmp_path)
     with pytest.raises(SystemExit, match="no group 'newest', only new, old"):
         collect.main([str(tmp_path), "--out", str(tmp_path / "out"), "--anchor-group", "newest"])
+
+
+def test_median_is_that_of_the_assets_that_have_a_value():
+    found = [Difference(percent, 1.0, None) for percent in (-40.0, 10.0, None, -30.0, 90.0)]
+    assert summary(found) == (7.5, 4) and summary(found, np.median) == (-10.0, 4)
+    assert summary([Difference(None, None, "why")], np.median) == (None, 0)
+
+
+def image_row(total, **image):
+    measured = {"psnr": {"y": 30.0, "rgb": None}, "ssim": None, "lpips": None, **image}
+    return metrics("vase", "g", 0, total, 30.0) | {"image": measured}
+
+
+def test_ssim_is_compared_by_its_distance_from_one_in_decibels():
+    """Of two curves that lose the same at half the bytes, -50 %; on SSIM itself the curve between the points would be another."""
+    losses = (0.2, 0.05, 0.0125)
+    anchor, ours = ([image_row(100 + size * 4**i, ssim=1 - loss, lpips=loss / 2) for i, loss in enumerate(losses)]
+                    for size in (1000, 500))
+    assert [quality_of(row, "SSIM") for row in ours] == pytest.approx([-10 * np.log10(loss) for loss in losses])
+    assert rate_difference(anchor, ours, "SSIM") == pytest.approx(-50)
+    assert rate_difference(anchor, ours, "LPIPS") == pytest.approx(-50)
+    assert quality_of(image_row(9, ssim=1.0), "SSIM") == np.inf and quality_of(image_row(9), "SSIM") is None
+    assert quality_of(image_row(9), "image PSNR RGB") == np.inf
+
+
+def test_against_several_groups_makes_a_table_of_groups_by_assets_for_each(tmp_path):
+    write_results(tmp_path)
+    for number, total in enumerate((150, 260, 460)):
+        place = tmp_path / f"vase/third{number}"
+        place.mkdir()
+        (place / "metrics.json").write_text(json.dumps(metrics("vase", "third", number, total, 30.5 + 3 * number)))
+    collect.main([str(tmp_path), "--out", str(tmp_path / "out"), "--against", "old", "--anchor-group", "third"])
+    text = (tmp_path / "out/results.md").read_text()
+    assert "## BD-rate against old" in text and "## BD-rate against third" in text
+    table = text.partition("## BD-rate against old")[2].partition("### 3D-PSNR Y")[2].splitlines()[2:6]
+    assert table[0] == "| group | cup | lid | vase | mean | median |"
+    assert [line.split(" | ")[0] for line in table[2:]] == ["| new", "| third"] and table[3].split(" | ")[1:3] == ["-", "-"]
+    third = next(pair for pair in pairs_of(read_results(tmp_path), None, None, "old") if pair.name == "third")
+    found = third.differences("texture")["vase"]["3D-PSNR Y"]
+    assert f"{found.percent:+.2f} ({100 * found.overlap:.0f} %)" in table[3]
+    assert "- none for new, lid: the curves share no quality range" in text
+
+
+def test_missing_rows_are_listed_with_their_reason(tmp_path):
+    write_results(tmp_path)
+    told = {"setting": "q1", "group": "rival", "method": "elic", "asset": "cup", "reason": "elic is not here; | name it"}
+    for place, name, text in (("cup/q1", "missing.json", json.dumps(told)), ("cup/q2", "job.json", json.dumps({"group": "mine"})),
+                              ("cup/q2", "log.txt", "Traceback\nValueError: no luck\n\n"), ("cup/new0", "missing.json", "{}")):
+        (tmp_path / place).mkdir(exist_ok=True)
+        (tmp_path / place / name).write_text(text)
+    collect.main([str(tmp_path), "--out", str(tmp_path / "out")])
+    assert read_missing(tmp_path) == [told, {"asset": "cup", "setting": "q2", "group": "mine", "method": "",
+                                             "reason": "not finished: ValueError: no luck"}]
+    lines = (tmp_path / "out/results.md").read_text().partition("## Missing")[2].strip().splitlines()
+    assert lines[2] == "| cup | q1 | rival | elic | elic is not here; \\| name it |" and len(lines) == 4
+
+
+def test_published_points_are_marked_and_compared_on_the_same_asset_only(tmp_path, monkeypatch):
+    write_results(tmp_path)
+    points = [{"method": "Net", "asset": asset, "rate": 200.0 * 2**i, "measure": "3d-psnr y", "quality": 30.0 + 3 * i,
+               "source": "Somebody 2025, table 3"} for asset in ("vase", "basket") for i in range(3)]
+    module = types.SimpleNamespace(read_published=lambda path: points)
+    monkeypatch.setitem(sys.modules, "tools.baselines.published", module)
+    collect.main([str(tmp_path), "--out", str(tmp_path / "out"), "--published", "x.csv", "--against", "old"])
+    text = (tmp_path / "out/results.md").read_text()
+    assert "## basket (published, other material)" in text and "| Net 400 (Somebody 2025, table 3) | Net, published |" in text
+    line = next(line for line in text.partition("### 3D-PSNR Y")[2].splitlines() if line.startswith("| Net, published"))
+    compared = rate_difference([r for r in read_results(tmp_path) if r["setting"].startswith("old") and r["asset"] == "vase"],
+                               published_rows(points[:3]), "3D-PSNR Y")
+    assert f"{compared:+.2f} (" in line and "basket" not in text.partition("## BD-rate")[2]
+    monkeypatch.setattr(module, "read_published", lambda path: [points[0] | {"measure": "VMAF"}])
+    with pytest.raises(SystemExit, match="'VMAF' is none of the measures 3D-PSNR Y, "):
+        collect.main([str(tmp_path), "--out", str(tmp_path / "out"), "--published", "x.csv"])

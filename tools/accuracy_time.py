@@ -41,10 +41,11 @@ from texfcodec.choose.prepare import TRANSFER_DENSITY
 from texfcodec.options import EFFORTS, RATES, REFINEMENTS, DecodeOptions, EncodeOptions, default_threads
 from texfcodec.quality.measure import SourceSamples
 from tools.batch import resumable, warm_cache
-from tools.collect import markdown_table, rate_of
 from tools.conditions import SAMPLE
 from tools.jobs import code_of
 from tools.plots import load_pyplot, logarithmic
+from tools.result_tables import markdown_table
+from tools.results import rate_of
 
 NOISE = 0.05  # seconds that differ by no more count as equal
 RUNS = 3

@@ -10,8 +10,10 @@ from baselines import find
 
 SAMPLE = "sample"
 SUFFIXES = ("", ".glb", ".gltf", ".obj", ".ply")
-EVALUATION = {"samples": 1_000_000, "views": 16, "size": 2048, "ssim": False, "maps": False}
-LEAST = {"samples": 1, "views": 0, "size": 16}
+EVALUATION = {"samples": 1_000_000, "views": 16, "size": 2048, "ssim": False, "maps": False, "lpips": "", "pictures": 0,
+              "picture_size": 512}
+LEAST = {"samples": 1, "views": 0, "size": 16, "pictures": 0, "picture_size": 16}
+KINDS = {bool: "true or false", str: "the path of a file", int: "a whole number"}
 NAME = re.compile(r"\w[\w.+-]*")
 
 
@@ -28,7 +30,7 @@ def read_conditions(path):
         if not assets:
             raise ValueError("assets is empty")
         found = {"assets": assets, "plugins": [str(Path(path).parent.resolve() / p) for p in plugins],
-                 "evaluation": _evaluation(given.get("evaluation", {}))}
+                 "evaluation": _evaluation(given.get("evaluation", {}), Path(path).parent)}
         tables = given.get("settings")
         if not isinstance(tables, list) or not tables:
             raise ValueError("there is no [[settings]] table")
@@ -57,13 +59,22 @@ def _names(table, key):
     return values
 
 
-def _evaluation(table):
+def _evaluation(table, folder):
     _check_keys("[evaluation]", table, set(EVALUATION))
     for key, value in table.items():
-        if type(value) is not type(EVALUATION[key]) or value < LEAST.get(key, 0):
-            kind = "true or false" if isinstance(EVALUATION[key], bool) else f"a whole number, {LEAST[key]} or more"
-            raise ValueError(f"[evaluation] {key} must be {kind}, not {value!r}")
-    return EVALUATION | table
+        kind = type(EVALUATION[key])
+        if type(value) is not kind or kind is int and value < LEAST[key]:
+            wanted = KINDS[kind] + (f", {LEAST[key]} or more" if kind is int else "")
+            raise ValueError(f"[evaluation] {key} must be {wanted}, not {value!r}")
+    found = EVALUATION | table
+    if found["lpips"]:
+        weights = folder.resolve() / found["lpips"]
+        if not weights.is_file():
+            raise ValueError(f"[evaluation] lpips: there is no file {weights}")
+        if not found["views"]:
+            raise ValueError("[evaluation] lpips compares views, and there are none")
+        found["lpips"] = str(weights)
+    return found
 
 
 def _expanded(number, table, conditions):

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import texfcodec
 from baselines import find
-from tools.conditions import SAMPLE
+from tools.conditions import EVALUATION, SAMPLE
 
 SCHEMA = 1
+LATER = {"maps", "lpips", "pictures", "picture_size"}  # keys of an evaluation that it has not always had
 JOB, ENCODED, METRICS, LOG = "job.json", "encode.json", "metrics.json", "log.txt"
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -35,8 +36,11 @@ class Job:
 
 
 def _identity(settled):
-    """What tells a job from others. An evaluation of maps that was not asked for is none, as it was before there were any."""
-    evaluation = {key: value for key, value in settled["evaluation"].items() if key != "maps" or value}
+    """What tells a job from others. What an evaluation has not always had and is not asked for does not count. Weights
+    are known by their file's name, wherever they lie."""
+    evaluation = {key: value for key, value in settled["evaluation"].items() if key not in LATER or value != EVALUATION[key]}
+    if "lpips" in evaluation:
+        evaluation["lpips"] = Path(evaluation["lpips"]).name
     return settled | {"evaluation": evaluation}
 
 

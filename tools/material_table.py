@@ -15,7 +15,8 @@ if not __package__:  # called as a file
 
 from texfcodec.ground.colour_error import in_decibels
 from texfcodec.quality.bd_rate import bd_rate
-from tools.collect import at, grouped, markdown_table, rate_of, read_results
+from tools.result_tables import markdown_table
+from tools.results import at, grouped, rate_of, read_results
 
 POOLED = ("pooled", "plain")
 

@@ -16,8 +16,9 @@ if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from texfcodec.options import DEFAULT_STEPS
-from tools.collect import MEASURES, at, grouped, rate_difference, rate_of, read_results
+from tools.differences import rate_difference
 from tools.plots import load_pyplot
+from tools.results import PSNRS, at, grouped, rate_of, read_results
 
 FIT = ("facts", "fit")
 STAGES = ("design", "samples", "fit", "refine")
@@ -34,14 +35,14 @@ def seconds_of(row):
 
 
 def table_of(rows):
-    """Markdown: one line per fit or rival, with all MEASURES."""
-    yield "| | resident bytes | steps | fit, s | " + " | ".join(MEASURES) + " |"
-    yield "|---|---|---|---|" + "---|" * len(MEASURES)
+    """Markdown: one line per fit or rival, with all PSNRS."""
+    yield "| | resident bytes | steps | fit, s | " + " | ".join(PSNRS) + " |"
+    yield "|---|---|---|---|" + "---|" * len(PSNRS)
     for row in rows:
         fit = at(row, FIT)
         spent = (f"{fit['steps']:,}", f"{seconds_of(row):.0f}") if fit else ("", "")
         told = [row["setting"], f"{rate_of(row, 'texture'):,}", *spent]
-        yield "| " + " | ".join(told + [f"{at(row, path):.2f}" for path in MEASURES.values()]) + " |"
+        yield "| " + " | ".join(told + [f"{at(row, path):.2f}" for path in PSNRS.values()]) + " |"
 
 
 def of_equal_steps(rows):
@@ -55,11 +56,11 @@ def of_equal_steps(rows):
 
 def differences(ours, rivals):
     """Markdown: BD-rate in percent of ours, by steps, against each group of rivals, by measure."""
-    yield "| steps | against | " + " | ".join(MEASURES) + " |"
-    yield "|---|---|" + "---|" * len(MEASURES)
+    yield "| steps | against | " + " | ".join(PSNRS) + " |"
+    yield "|---|---|" + "---|" * len(PSNRS)
     for steps, mine in ours.items():
         for group, rows in rivals.items():
-            told = [_difference(rows, mine, measure) for measure in MEASURES]
+            told = [_difference(rows, mine, measure) for measure in PSNRS]
             yield f"| {steps:,} | {group} | " + " | ".join(told) + " |"
 
 
@@ -87,7 +88,7 @@ def plot(assets, path):
     figure, axes = pyplot.subplots(1, len(drawn), figsize=(6 * len(drawn), 4), squeeze=False)
     for ax, (asset, sizes) in zip(axes[0], drawn.items(), strict=True):
         for size, mine in sizes.items():
-            seconds, psnr = [seconds_of(r) for r in mine], [at(r, MEASURES["3D-PSNR Y"]) for r in mine]
+            seconds, psnr = [seconds_of(r) for r in mine], [at(r, PSNRS["3D-PSNR Y"]) for r in mine]
             (line,) = ax.plot(seconds, psnr, "o-", label=f"{int(size) // 1000} kB")
             chosen = [i for i, r in enumerate(mine) if at(r, FIT)["asked_steps"] == DEFAULT_STEPS]
             ax.plot([seconds[i] for i in chosen], [psnr[i] for i in chosen], "s", ms=12, mfc="none", mec=line.get_color())

@@ -13,6 +13,9 @@ CONDITIONS.toml (see conditions/):
     size = 2048
     ssim = false
     maps = false                                      # errors of the maps of materials
+    lpips = "alexnet.pth"                             # weights of AlexNet, beside this file; "", as without the line: no LPIPS
+    pictures = 0                                      # of the views, as many, of source and decoded, for the page of collect.py
+    picture_size = 512
     [[settings]]                                      # any number of them
     name = "{effort}_{rate}"                          # a folder name
     group = "{effort}"                                # optional (the method): settings that form one curve

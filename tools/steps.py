@@ -10,6 +10,7 @@ from pathlib import Path
 from baselines import find
 from texfcodec.errors import EXIT_DIFFERS
 from tools.jobs import ENCODED, JOB, METRICS, code_of, read_json, write_json
+from tools.measures import measure_job
 from tools.memory import Memory
 
 
@@ -71,7 +72,7 @@ def decode_step(folder, job):
     if sent != values:
         raise Differs(f"the decoder's values are not those of the encoder's reconstruction: {values} is not {sent}")
     begin = time.perf_counter()
-    measured = measures(load(job["asset_path"]), decoded, method.face_field(folder), job["evaluation"], job["threads"])
+    measured = measure_job(load(job["asset_path"]), decoded, method.face_field(folder), job, folder)
     write_json(folder / METRICS, {
         **{k: job[k] for k in ("schema", "asset", "setting", "group", "method", "options", "settings_sha256", "code", "package")},
         "bytes": facts.pop("bytes"), **measured, "facts": facts,
@@ -80,24 +81,3 @@ def decode_step(folder, job):
         "memory": {"encode": encoded["memory"], "decode": peaks}, "threads": job["threads"],
         "warnings": encoded["warnings"], "dropped": encoded["dropped"],
         "reconstruction_sha256": sent, "decoded_sha256": values})
-
-
-def measures(scene, decoded, face_field, evaluation, threads):
-    """{"psnr_3d", "image", "maps"} of what was decoded, a Texf or a Scene; the last two are None where they are not asked for."""
-    from texfcodec.quality.measure import SourceSamples
-    from texfcodec.quality.views import compare_views, mesh_psnr_3d
-    from texfcodec.texf import Texf
-
-    if isinstance(decoded, Texf):
-        psnr = SourceSamples(scene, evaluation["samples"], threads).compare(decoded, face_field)
-    else:
-        psnr = mesh_psnr_3d(scene, decoded, evaluation["samples"], threads)
-    measured = {"psnr_3d": psnr, "image": None, "maps": None}
-    if evaluation["maps"]:
-        from tools.material_quality import map_errors
-
-        measured["maps"] = map_errors(scene, decoded, face_field, evaluation["samples"], threads)
-    if evaluation["views"]:
-        measured["image"] = compare_views(scene, decoded, views=evaluation["views"], size=evaluation["size"],
-                                          ssim=evaluation["ssim"], threads=threads)
-    return measured

@@ -1,0 +1,115 @@
+"""What rate_points.py has left in a folder: its rows, the rows that are missing, published rows, and the curves they form."""
+
+import json
+import math
+from pathlib import Path
+
+from tools.jobs import JOB, LOG, METRICS, read_json
+
+# What is compared, by name: the path to it in metrics.json.
+PSNRS = {
+    "3D-PSNR Y": ("psnr_3d", "y"),
+    "3D-PSNR RGB": ("psnr_3d", "rgb"),
+    "image PSNR Y": ("image", "psnr", "y"),
+    "image PSNR RGB": ("image", "psnr", "rgb"),
+}
+MEASURES = {**PSNRS, "SSIM": ("image", "ssim"), "LPIPS": ("image", "lpips")}
+LOSS = {"SSIM": lambda value: 1 - value, "LPIPS": lambda value: value}  # compared as -10 log10 of these
+MISSING = "missing.json"
+
+
+def read_results(folder):
+    """The metrics of all finished jobs of a folder of rate_points.py, in the order of their paths."""
+    rows = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(Path(folder).glob(f"*/*/{METRICS}"))]
+    if not rows:
+        raise SystemExit(f"{folder}: no job is finished there (ASSET/SETTING/metrics.json)")
+    return rows
+
+
+def read_missing(folder):
+    """[{"asset", "setting", "group", "method", "reason"}] of jobs without metrics.json: what missing.json says, or the last line
+    of the log."""
+    found = []
+    for job in sorted({path.parent for name in (JOB, MISSING) for path in Path(folder).glob(f"*/*/{name}")}):
+        told = read_json(job / MISSING)
+        if (job / METRICS).exists():
+            continue
+        facts = told or {**(read_json(job / JOB) or {}), "reason": f"not finished: {_last_words(job / LOG)}"}
+        named = {"asset": job.parent.name, "setting": job.name, **facts}
+        found.append({key: str(named.get(key, "")) for key in ("asset", "setting", "group", "method", "reason")})
+    return found
+
+
+def _last_words(path):
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
+    except OSError:
+        lines = []
+    return next((line.strip() for line in reversed(lines) if line.strip()), "it said nothing")[:300]
+
+
+def published_rows(points):
+    """Rows of what baselines.published.read_published() has read, each with one measure of MEASURES.
+
+    Their "published" is the source; bytes are all of their rate, without geometry.
+    """
+    rows = []
+    for number, point in enumerate(points, 1):
+        names = {name.lower(): name for name in MEASURES}
+        measure = names.get(point["measure"].strip().lower())
+        if measure is None:
+            raise SystemExit(f"published row {number}: {point['measure']!r} is none of the measures {', '.join(MEASURES)}")
+        rows.append({"asset": point["asset"], "group": f"{point['method']}, published", "method": point["method"],
+                     "setting": f"{point['method']} {point['rate']:g}", "published": point["source"], "bytes":
+                     {"total": point["rate"]}, "quality": {measure: point["quality"]}})
+    return rows
+
+
+def at(row, path):
+    """The value at a path of keys; None where the path ends early."""
+    for key in path:
+        row = row.get(key) if isinstance(row, dict) else None
+    return row
+
+
+def value_of(row, measure):
+    """What a row has of one of MEASURES, as it stands there: a PSNR in dB, SSIM or LPIPS; None: not measured; inf: exact."""
+    if "published" in row:
+        return row["quality"].get(measure)
+    value = at(row, MEASURES[measure])
+    is_exact = measure in PSNRS and value is None and at(row, MEASURES[measure][:-1]) is not None
+    return math.inf if is_exact else value
+
+
+def quality_of(row, measure):
+    """value_of() in decibels, the unit in which curves are compared: SSIM as -10 log10(1 - SSIM), LPIPS as -10 log10(LPIPS)."""
+    value = value_of(row, measure)
+    if value is None or measure in PSNRS:
+        return value
+    loss = LOSS[measure](value)
+    return -10 * math.log10(loss) if loss > 0 else math.inf
+
+
+def measures_of(rows):
+    """Those of MEASURES that at least one row has, in their order."""
+    return [measure for measure in MEASURES if any(value_of(row, measure) is not None for row in rows)]
+
+
+def rate_of(row, kind):
+    """Bytes of a row: "total", or "texture", all but geometry."""
+    return row["bytes"]["total"] - (row["bytes"].get("geometry", 0) if kind == "texture" else 0)
+
+
+def grouped(rows):
+    """{group: {asset: its rows}} in the order in which they come."""
+    found = {}
+    for row in rows:
+        found.setdefault(row["group"], {}).setdefault(row["asset"], []).append(row)
+    return found
+
+
+def curve_of(rows, measure, kind):
+    """([bytes], [dB]) by bytes, without exact rows and those that were not measured so."""
+    points = [(rate_of(row, kind), quality_of(row, measure)) for row in rows]
+    points = sorted((rate, quality) for rate, quality in points if quality is not None and math.isfinite(quality))
+    return [rate for rate, _ in points], [quality for _, quality in points]

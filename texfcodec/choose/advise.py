@@ -69,7 +69,7 @@ class _Measures:
 
 def advise(scene: Scene, options: EncodeOptions) -> dict:
     """What choose_supports() would probably do with a Scene, JSON-ready: {"asked", "reason", "images": [{"image", "faces",
-    "maps", "predicted", "times", "sure", "reasons", "texels", "voxels", "texels_per_voxel_edge"}], "refinement"}.
+    "maps", "predicted", "times", "sure", "reasons", "texels", "shown_times", "voxels", "texels_per_voxel_edge"}], "refinement"}.
 
     times: bytes over voxels to bytes over texels at equal quality; sure: whether that is clear of 1. Raises InputError."""
     surface = make_surface(scene, options)
@@ -96,7 +96,8 @@ def _advice(group, surface, options):
     predicted = "texels" if score > 0 else "voxels"
     return entry | {"predicted": predicted, "times": round(float(np.exp(score)), 3),
                     "sure": bool(abs(score) > UNSURE), "reasons": list(_reasons(measures, texels, group, predicted)),
-                    "texels": round(measures.texels), "voxels": round(measures.voxels),
+                    "texels": round(measures.texels), "shown_times": round(measures.shown / measures.texels, 3),
+                    "voxels": round(measures.voxels),
                     "texels_per_voxel_edge": round(measures.per_edge, 3)}
 
 

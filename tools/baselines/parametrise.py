@@ -7,18 +7,23 @@ least squares over four points a texel and more along chart borders. Texels off 
 and are then filled with the means of what is known around them, so that blocks of codecs see no edges there.
 """
 
+import hashlib
 import io
 import math
 import os
+import shutil
 import subprocess
 import sys
+import time
 import zipfile
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+import texfcodec
 from texfcodec.asset.sample import pack_source, sample_source
 from texfcodec.asset.save.atlas import Atlas
 from texfcodec.asset.save.atlas_quality import QualityFailed, unwrap
@@ -38,6 +43,14 @@ _CHILD = "from baselines.parametrise import _child; _child()"
 
 class NoAtlas(Exception):
     """A parametrisation could not be made; the message is a sentence that says why."""
+
+
+class Request(NamedTuple):
+    """parametrisation: "uvatlas" or "xatlas"; side: of the square image in texels; seconds: time limit of the child process."""
+
+    parametrisation: str
+    side: int
+    seconds: float = SECONDS
 
 
 def missing(parametrisation):
@@ -77,34 +90,74 @@ def side_of(scene):
     return int(np.clip(2 * round(math.sqrt(used_texels(scene)) / 2), LEAST_SIDE, MOST_SIDE))
 
 
-def reparametrised(scene, parametrisation, side, threads=1, seconds=SECONDS):
-    """The Scene with a new parametrisation and its base colour, factors and vertex colours included, in one image.
+def reparametrised(scene, request, keep, threads=1):
+    """(the Scene with a new parametrisation and its base colour, factors and vertex colours included, in one image; the seconds
+    that this took).
 
-    scene: Scene; parametrisation: "uvatlas" or "xatlas"; side: of the image in texels; seconds: time limit of the child process.
-    Geometry is that on the lattice of POSITION_BITS; alpha modes and sides of materials stay, maps do not. NoAtlas, LookupError.
+    scene: Scene; request: Request; keep: folder where atlases stay for further jobs of the same asset, since UVAtlas takes long
+    and gives another atlas each time: rate points of a curve should differ in their rate alone. Geometry is that on the lattice
+    of POSITION_BITS; alpha modes and sides of materials stay, maps do not. NoAtlas, LookupError.
     """
-    if sentence := missing(parametrisation):
+    if sentence := missing(request.parametrisation):
         raise LookupError(sentence)
     surface = make_surface(scene, EncodeOptions(position_bits=POSITION_BITS))
-    corner_uv = new_uv(surface.lattice, surface.faces, parametrisation, side, seconds)
     materials, number = _plain_materials(scene)
-    positions, material = surface.cube.to_world(surface.lattice), number[surface.material]
-    placed = Scene(positions, surface.faces, material, corner_uv, None, materials, [])
-    shown = _Source(placed, scene, surface.origin_face, threads)
-    baked = bake(shown, atlas=Atlas(corner_uv, side, side, parametrisation, 0.0))
-    return replace(placed, textures=[Texture(baked.image, (WRAP_CLAMP, WRAP_CLAMP), parametrisation)])
+    placed = Scene(surface.cube.to_world(surface.lattice), surface.faces, number[surface.material],
+                   np.zeros((len(surface.faces), 3, 2)), None, materials, [])
+
+    def make():
+        begin = time.perf_counter()
+        corner_uv = new_uv(surface.lattice, surface.faces, request)
+        shown = _Source(placed, scene, surface.origin_face, threads)
+        baked = bake(shown, atlas=Atlas(corner_uv, request.side, request.side, request.parametrisation, 0.0))
+        return {"corner_uv": corner_uv, "image": baked.image, "seconds": time.perf_counter() - begin}
+
+    made = _kept(keep / f"atlas-{_key(scene, request)}.npz", make)
+    textures = [Texture(made["image"], (WRAP_CLAMP, WRAP_CLAMP), request.parametrisation)]
+    return replace(placed, corner_uv=made["corner_uv"], textures=textures), round(float(made["seconds"]), 6)
 
 
-def new_uv(lattice, faces, parametrisation, side, seconds=SECONDS):
-    """UVs of a mesh, float64 [F, 3, 2] in 0..1. lattice: int64 [V, 3] of POSITION_BITS, no two alike; faces: int64 [F, 3]."""
+def _kept(path, make):
+    """What make() gives, a dict of arrays, from a file where an earlier call has left it. Of two that make it at a time, both
+    take what was first there."""
+    if not path.exists():
+        part = path.with_name(f"{path.name}.{os.getpid()}.part")
+        with open(part, "wb") as file:
+            np.savez_compressed(file, **make())
+        try:
+            os.link(part, path)
+        except FileExistsError:
+            pass
+        except OSError:  # a file system without links
+            shutil.copyfile(part, path)
+        part.unlink()
+    with np.load(path) as file:
+        return dict(file)
+
+
+def _key(scene, request):
+    """16 digits over all that an atlas depends on."""
+    total = hashlib.sha256(repr((request.parametrisation, request.side, versions(), texfcodec.__version__)).encode())
+    total.update(Path(__file__).read_bytes())
+    used = np.unique(scene.face_material)
+    total.update(repr([(m, scene.materials[m]) for m in used]).encode())
+    for values in (scene.positions, scene.faces, scene.face_material, scene.corner_uv, scene.corner_color,
+                   *(t.image for t in scene.textures)):
+        total.update(b"" if values is None else np.ascontiguousarray(values))
+    return total.hexdigest()[:16]
+
+
+def new_uv(lattice, faces, request):
+    """UVs of a mesh, float64 [F, 3, 2] in 0..1. lattice: int64 [V, 3] of POSITION_BITS, no two alike; faces: int64 [F, 3];
+    request: Request. NoAtlas says why there are none."""
     from tools.everyday_rivals import enc_mesh
 
     points, decoded = draco_mesh(enc_mesh(lattice, faces, None, 0, None))
     face, turn = matched(lattice[faces], points[decoded])
     unit = points / (1 << POSITION_BITS)
-    uv = _UNWRAP[parametrisation](unit, decoded, side, seconds)
+    uv = _UNWRAP[request.parametrisation](unit, decoded, request.side, request.seconds)
     if uv.shape != (len(faces), 3, 2) or not np.isfinite(uv).all():
-        raise NoAtlas(f"{parametrisation} gave UVs that are no numbers")
+        raise NoAtlas(f"{request.parametrisation} gave UVs that are no numbers")
     uv, out = np.clip(uv, 0, 1), np.empty((len(faces), 3, 2))
     out[face[:, None], (np.arange(3) + turn[:, None]) % 3] = uv
     return out

@@ -64,11 +64,12 @@ class Uv(Method):
         from tools.everyday_rivals import enc_mesh, rival_of
 
         options = checked(options)
-        texels = parametrise.used_texels(scene)
+        texels, seconds = parametrise.used_texels(scene), 0.0
         if options["parametrisation"] != parametrise.SOURCE:
             with report.stage("parametrisation"):
                 side = max(round((options["size"] or parametrise.side_of(scene)) * options["scale"]), parametrise.LEAST_SIDE)
-                scene = parametrise.reparametrised(scene, options["parametrisation"], side, threads, options["seconds"])
+                request = parametrise.Request(options["parametrisation"], side, options["seconds"])
+                scene, seconds = parametrise.reparametrised(scene, request, folder.parent, threads)
         rival, cube = rival_of(scene), fit_cube(scene.positions, parametrise.POSITION_BITS)
         with report.stage("mesh"):
             bits = uv_bits_of(rival, options)
@@ -89,7 +90,7 @@ class Uv(Method):
             sha256 = self.values_sha256(decoded(folder))
         return {"bytes": {"total": total + texture, "geometry": positions, "uv": total - positions, "texture": texture},
                 "reconstruction_sha256": sha256, **options, "uv_bits": bits, "meshes": len(meshes), "images": sizes["images"],
-                "source_texels": texels}
+                "source_texels": texels, "parametrisation_seconds": seconds}
 
     def decode(self, folder, options, threads, report):
         """The Scene with decoded positions, UVs and images."""

@@ -2,7 +2,8 @@
 
 export const EXACT = "exact";
 
-// A copy of rows ordered by key(row): numbers by size (EXACT above all), text as people order it; what is missing comes last both ways.
+// A copy of rows ordered by key(row): numbers by size (EXACT above all), text as people order it; what is missing comes last, both
+// ways.
 export function sorted(rows, key, isDescending) {
   const words = new Intl.Collator("en", { numeric: true });
   const known = (value) => value !== null && value !== undefined && value !== "";

@@ -144,10 +144,10 @@ def test_missing_rows_are_listed_with_their_reason(tmp_path, without_plots):
         (tmp_path / place).mkdir(exist_ok=True)
         (tmp_path / place / name).write_text(text)
     collect.main([str(tmp_path), "--out", str(tmp_path / "out")])
-    assert read_missing(tmp_path) == [told, {"asset": "cup", "setting": "q2", "group": "mine", "method": "",
-                                             "reason": "not finished: ValueError: no luck"}]
+    assert read_missing(tmp_path) == [told | {"state": "missing"}, {
+        "asset": "cup", "setting": "q2", "group": "mine", "method": "", "state": "not finished", "reason": "ValueError: no luck"}]
     lines = (tmp_path / "out/results.md").read_text().partition("## Missing")[2].strip().splitlines()
-    assert lines[2] == "| cup | q1 | rival | elic | elic is not here; \\| name it |" and len(lines) == 4
+    assert lines[2] == "| cup | q1 | rival | elic | missing | elic is not here; \\| name it |" and len(lines) == 4
 
 
 def test_published_points_are_marked_and_compared_on_the_same_asset_only(tmp_path, monkeypatch, without_plots):

@@ -226,5 +226,5 @@ def test_table_of_differences_and_missing_rows_are_drawn(tmp_path, shown):
     pair, = pairs_of(read_results(tmp_path), None, "new", "old")
     expected = pair.differences("texture")["vase"]["image PSNR Y"].percent
     assert row["group"] == "new" and row["cup"] == "–" and row["vase"] == f"{expected:.1f}".replace("-", "−")
-    assert row["mean"] == f"{row['vase']} (1)" and found[2] == ["cup", "q", "", "", "tmc3 is not here"]
+    assert row["mean"] == f"{row['vase']} (1)" and found[2] == ["cup", "q", "", "", "missing", "tmc3 is not here"]
     assert "at least two points" in found[3][0] and "1 missing" in found[4]

@@ -7,7 +7,7 @@ import numpy as np
 
 from texfcodec.ground.colour_error import EXACT
 from tools.differences import summary
-from tools.results import LOSS, at, measures_of, rate_of, value_of
+from tools.results import LOSS, TOLD, at, measures_of, rate_of, value_of
 
 SUMMARIES = {"mean": np.mean, "median": np.median}
 OTHER_MATERIAL = "published, other material"
@@ -53,8 +53,7 @@ def report(rows, missing, pairs, kind):
     for other in dict.fromkeys(pair.other for pair in pairs):
         lines += comparison([pair for pair in pairs if pair.other == other], kind)
     if missing:
-        told = [[row[key] for key in ("asset", "setting", "group", "method", "reason")] for row in missing]
-        lines += ["## Missing", "", *markdown_table(["asset", "setting", "group", "method", "reason"], told, 5), ""]
+        lines += ["## Missing", "", *markdown_table(TOLD, [row.values() for row in missing], len(TOLD)), ""]
     return "\n".join(lines)
 
 

@@ -120,7 +120,7 @@ function begin() {
   get("comparison").hidden = !data.comparisons.length;
   get("missing").hidden = !data.missing.length;
   get("missing-count").textContent = String(data.missing.length);
-  const reasons = ["asset", "setting", "group", "method", "reason"].map((head) => ({ head, key: (row) => row[head], is_text: true }));
+  const reasons = ["asset", "setting", "group", "method", "state", "reason"].map((head) => ({ head, key: (row) => row[head], is_text: true }));
   fillTable(get("missing-table"), reasons, data.missing, byMissing);
   for (const link of document.querySelectorAll("nav a")) {
     const has = { "#comparison": data.comparisons.length, "#compared": data.images.length, "#missing": data.missing.length };

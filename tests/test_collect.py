@@ -147,7 +147,7 @@ def test_missing_rows_are_listed_with_their_reason(tmp_path, without_plots):
     assert read_missing(tmp_path) == [told | {"state": "missing"}, {
         "asset": "cup", "setting": "q2", "group": "mine", "method": "", "state": "not finished", "reason": "ValueError: no luck"}]
     lines = (tmp_path / "out/results.md").read_text().partition("## Missing")[2].strip().splitlines()
-    assert lines[2] == "| cup | q1 | rival | elic | missing | elic is not here; \\| name it |" and len(lines) == 4
+    assert lines[2] == "| rival | elic | missing | cup | 1 | elic is not here; \\| name it |" and len(lines) == 4
 
 
 def test_published_points_are_marked_and_compared_on_the_same_asset_only(tmp_path, monkeypatch, without_plots):

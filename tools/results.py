@@ -59,9 +59,10 @@ def published_rows(points):
         measure = names.get(point["measure"].strip().lower())
         if measure is None:
             raise SystemExit(f"published row {number}: {point['measure']!r} is none of the measures {', '.join(MEASURES)}")
-        rows.append({"asset": point["asset"], "group": f"{point['method']}, published", "method": point["method"],
-                     "setting": f"{point['method']} {point['rate']:g}", "published": point["source"], "bytes":
-                     {"total": point["rate"]}, "quality": {measure: point["quality"]}})
+        rate = int(point["rate"]) if point["rate"] == int(point["rate"]) else point["rate"]
+        rows.append({"asset": point["asset"], "group": f"{point['method']}, published", "method": point["method"], "setting":
+                     f"{point['method']} {rate}", "published": point["source"], "bytes": {"total": rate}, "quality":
+                     {measure: point["quality"]}})
     return rows
 
 

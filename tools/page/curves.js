@@ -24,15 +24,18 @@ function styles(groups) {
   return new Map(groups.map((group, i) => [group, { colour: COLOURS[i % COLOURS.length], mark: MARKS[i % MARKS.length] }]));
 }
 
-// [{group, other (the asset, if it is another), is_published, points: [{row, rate, quality}]}] of an asset, each by rate; withOthers: published ones of others too.
+// [{group, other, is_published, points: [{row, rate, quality}]}] of an asset, each by rate. withOthers: the published ones of
+// other assets too; other: the name of such an asset.
 function curvesOf(rows, asset, measure, withOthers) {
   const curves = new Map();
   for (const row of rows) {
     const quality = row.decibels[measure], isOther = row.asset !== asset;
     if (typeof quality !== "number" || (isOther && !(withOthers && row.published))) continue;
     const name = JSON.stringify([row.group, isOther ? row.asset : ""]);
-    if (!curves.has(name)) curves.set(name, { group: row.group, other: isOther ? row.asset : null, is_published: Boolean(row.published), points: [] });
-    curves.get(name).points.push({ row, rate: row.rate, quality });
+    const made = { group: row.group, other: isOther ? row.asset : null, is_published: Boolean(row.published), points: [] };
+    const curve = curves.get(name) ?? made;
+    curve.points.push({ row, rate: row.rate, quality });
+    curves.set(name, curve);
   }
   for (const curve of curves.values()) curve.points.sort((a, b) => a.rate - b.rate);
   return [...curves.values()];
@@ -108,8 +111,7 @@ function curveSection(shared) {
     if (point === null) return;
     drawn(svg, "path", { class: "halo", d: MARKS[0](point.x, point.y, 9) });
     const lines = toldOf(point.row, state.measure, data.kind);
-    const cells = lines.flatMap(([name, value]) => [element("span", { textContent: name }), element("b", { textContent: value })]);
-    tip.replaceChildren(...cells);
+    tip.replaceChildren(...lines.flatMap(([name, value]) => [element("span", {}, name), element("b", {}, value)]));
     document.getElementById("readout").textContent = isByKey ? lines.map((line) => line.join(" ")).join(", ") : "";
     const box = svg.getBoundingClientRect(), x = box.left + point.x + 16, y = box.top + point.y + 16;
     tip.style.left = `${Math.max(4, x + tip.offsetWidth > innerWidth - 8 ? x - tip.offsetWidth - 32 : x)}px`;
@@ -162,7 +164,7 @@ function curveSection(shared) {
     document.getElementById("curves-title").textContent = `${state.measure} of ${state.asset}`;
     const width = Math.max(svg.parentNode.clientWidth, 240);
     size = { ...LARGE, width, height: Math.min(Math.max(width * 0.48, 240), 440) };
-    drawCurves(svg, curves, size, look, { x: `${data.kind} bytes`, y: `${state.measure}, dB` });
+    drawCurves(svg, curves, size, look, { x: `${data.kind} bytes`, y: `${LOSS[state.measure] ?? state.measure}, dB` });
     drawLegend(all);
     const exact = data.rows.filter((row) => row.asset === state.asset && row.decibels[state.measure] === EXACT);
     document.getElementById("exact").textContent = exact.length

@@ -1,9 +1,5 @@
 // The page: what is shown, and its sections drawn again when that changes.
 
-const DECIBELS = {
-  SSIM: "SSIM is compared in decibels, −10 log10(1 − SSIM).", LPIPS: "LPIPS is compared in decibels, −10 log10(LPIPS).",
-};
-
 function choices(select, values, current) {
   select.replaceChildren(...values.map((value) => element("option", { value, textContent: value, selected: value === current })));
 }
@@ -82,9 +78,9 @@ function begin() {
   function drawComparison() {
     const found = data.comparisons[get("against").selectedIndex];
     if (!found) return;
-    const lines = found.measures[state.measure] ?? [];
+    const lines = found.measures[state.measure] ?? [], loss = LOSS[state.measure];
     get("comparison-note").textContent = lines.length
-      ? `Percent of ${data.kind} bytes at equal ${state.measure}; negative needs fewer. ${DECIBELS[state.measure] ?? ""}`
+      ? `Percent of ${data.kind} bytes at equal ${loss ?? state.measure}; negative needs fewer.`
       : `There is no ${state.measure} on both sides.`;
     listReasons(get("none"), lines);
     fillTable(get("comparison-table"), comparisonColumns(lines, look), lines, byComparison);
@@ -120,15 +116,16 @@ function begin() {
   get("comparison").hidden = !data.comparisons.length;
   get("missing").hidden = !data.missing.length;
   get("missing-count").textContent = String(data.missing.length);
-  const reasons = ["asset", "setting", "group", "method", "state", "reason"].map((head) => ({ head, key: (row) => row[head], is_text: true }));
+  const reasons = Object.keys(data.missing[0] ?? {}).map((head) => ({ head, key: (row) => row[head], is_text: true }));
   fillTable(get("missing-table"), reasons, data.missing, byMissing);
   for (const link of document.querySelectorAll("nav a")) {
     const has = { "#comparison": data.comparisons.length, "#compared": data.images.length, "#missing": data.missing.length };
     link.hidden = has[link.hash] === 0;
   }
   const measured = data.rows.filter((row) => !row.published).length;
-  const counts = [[measured, "job"], [ours.size, "asset"], [look.size, "group"], [data.rows.length - measured, "published point"]];
-  const told = counts.filter(([count]) => count).map(([count, word]) => `${count} ${word}${count === 1 ? "" : "s"}`);
+  const counts = { job: measured, asset: ours.size, group: look.size, "published point": data.rows.length - measured };
+  const there = Object.entries(counts).filter(([, count]) => count);
+  const told = there.map(([word, count]) => `${count} ${word}${count === 1 ? "" : "s"}`);
   if (data.missing.length) told.push(`${data.missing.length} missing`);
   const mixed = data.code.length > 1 ? " (not all by the same code)" : "";
   get("summary").textContent = `${told.join(", ")}; code ${data.code.join(", ")}${mixed}.`;

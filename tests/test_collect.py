@@ -14,6 +14,12 @@ from tools.differences import Difference, pairs_of, rate_difference, summary
 from tools.results import published_rows, quality_of, read_missing, read_results
 
 
+@pytest.fixture
+def without_plots(monkeypatch):
+    """They take a second an asset."""
+    monkeypatch.setattr(collect, "draw", lambda *arguments: False)
+
+
 def metrics(asset, group, number, total, y, rgb=None):
     return {"asset": asset, "group": group, "setting": f"{group}{number}", "package": "0", "code": "c", "bytes":
             {"total": total, "geometry": 100, "attributes": total - 100}, "psnr_3d": {"y": y, "rgb": rgb or y - 1, "samples": 9},
@@ -112,7 +118,7 @@ def test_ssim_is_compared_by_its_distance_from_one_in_decibels():
     assert quality_of(image_row(9), "image PSNR RGB") == np.inf
 
 
-def test_against_several_groups_makes_a_table_of_groups_by_assets_for_each(tmp_path):
+def test_against_several_groups_makes_a_table_of_groups_by_assets_for_each(tmp_path, without_plots):
     write_results(tmp_path)
     for number, total in enumerate((150, 260, 460)):
         place = tmp_path / f"vase/third{number}"
@@ -130,7 +136,7 @@ def test_against_several_groups_makes_a_table_of_groups_by_assets_for_each(tmp_p
     assert "- none for new, lid: the curves share no quality range" in text
 
 
-def test_missing_rows_are_listed_with_their_reason(tmp_path):
+def test_missing_rows_are_listed_with_their_reason(tmp_path, without_plots):
     write_results(tmp_path)
     told = {"setting": "q1", "group": "rival", "method": "elic", "asset": "cup", "reason": "elic is not here; | name it"}
     for place, name, text in (("cup/q1", "missing.json", json.dumps(told)), ("cup/q2", "job.json", json.dumps({"group": "mine"})),
@@ -138,13 +144,13 @@ def test_missing_rows_are_listed_with_their_reason(tmp_path):
         (tmp_path / place).mkdir(exist_ok=True)
         (tmp_path / place / name).write_text(text)
     collect.main([str(tmp_path), "--out", str(tmp_path / "out")])
-    assert read_missing(tmp_path) == [told, {"asset": "cup", "setting": "q2", "group": "mine", "method": "",
-                                             "reason": "not finished: ValueError: no luck"}]
+    assert read_missing(tmp_path) == [told | {"state": "missing"}, {
+        "asset": "cup", "setting": "q2", "group": "mine", "method": "", "state": "not finished", "reason": "ValueError: no luck"}]
     lines = (tmp_path / "out/results.md").read_text().partition("## Missing")[2].strip().splitlines()
-    assert lines[2] == "| cup | q1 | rival | elic | elic is not here; \\| name it |" and len(lines) == 4
+    assert lines[2] == "| rival | elic | missing | cup | 1 | elic is not here; \\| name it |" and len(lines) == 4
 
 
-def test_published_points_are_marked_and_compared_on_the_same_asset_only(tmp_path, monkeypatch):
+def test_published_points_are_marked_and_compared_on_the_same_asset_only(tmp_path, monkeypatch, without_plots):
     write_results(tmp_path)
     points = [{"method": "Net", "asset": asset, "rate": 200.0 * 2**i, "measure": "3d-psnr y", "quality": 30.0 + 3 * i,
                "source": "Somebody 2025, table 3"} for asset in ("vase", "basket") for i in range(3)]

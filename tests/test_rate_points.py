@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 from shapes import painted_sphere
 
+from tools import collect
 from tools.batch import Children, only_run, run_job
 from tools.conditions import read_conditions
 from tools.jobs import Job, jobs_of
 from tools.rate_points import main
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-EVALUATION = "[evaluation]\nsamples = 2000\nviews = 2\nsize = 48\nssim = true\n"
+EVALUATION = "[evaluation]\nsamples = 2000\nviews = 2\nsize = 48\nssim = true\npictures = 1\npicture_size = 32\n"
 PLUGIN = '''
 import pickle
 
@@ -139,6 +140,18 @@ def test_method_that_decodes_to_a_mesh_is_measured_too(batch):
     made = json.loads((batch[0] / "out/ball/carbon/metrics.json").read_text())
     assert made["psnr_3d"]["y"] is None or made["psnr_3d"]["y"] > 50
     assert made["image"]["psnr"]["rgb"] is None and made["facts"] == {"colour": "red"}
+
+
+def test_collect_shows_what_a_batch_has_left_and_what_it_has_not(batch, tmp_path):
+    made, metrics = batch[0] / "out", json.loads((batch[0] / "out/ball/carbon/metrics.json").read_text())
+    pictures = {path.name for path in (made / "ball/carbon").glob("*.webp")}
+    assert metrics["pictures"] == [1] and pictures == {"picture_01.webp", "source_01.webp"}
+    collect.main([str(made), "--out", str(tmp_path)])
+    text = (tmp_path / "results.html").read_text(encoding="utf-8")
+    data = json.loads(text.partition('id="data">')[2].partition("</script>")[0])
+    assert {row["setting"] for row in data["rows"]} == {"qp24", "qp36", "carbon", "small"} and len(data["images"]) >= 5
+    assert {row["setting"]: row["reason"] for row in data["missing"]}.keys() == {"small", "unheard", "lie"}
+    assert any("not those of the encoder" in row["reason"] for row in data["missing"])
 
 
 def test_same_command_redoes_only_what_is_not_finished_or_was_asked_otherwise(batch, capsys):

@@ -62,7 +62,8 @@ def main(arguments=None):
     args.out.mkdir(parents=True, exist_ok=True)
     write_csv(every, args.out / "results.csv")
     (args.out / "results.md").write_text(report(every, missing, pairs, args.rate) + "\n", encoding="utf-8")
-    size = write_page(args.out / "results.html", every, missing, pairs, args.rate, None if args.no_pictures else args.results)
+    shown = every + [row | {"group": f"{row['group']} (anchor)"} for row in anchors or []]
+    size = write_page(args.out / "results.html", shown, missing, pairs, args.rate, None if args.no_pictures else args.results)
     drawn = draw(rows, anchors, args.rate, args.out)
     print(f"{args.out}: results.csv, results.md, results.html ({size / 1e6:.1f} MB)" + (", a plot per asset" if drawn else ""))
 

@@ -53,8 +53,7 @@ def report(rows, missing, pairs, kind):
     for other in dict.fromkeys(pair.other for pair in pairs):
         lines += comparison([pair for pair in pairs if pair.other == other], kind)
     if missing:
-        told = [[row[key] for key in ("asset", "setting", "group", "method", "reason")] for row in missing]
-        lines += ["## Missing", "", *markdown_table(["asset", "setting", "group", "method", "reason"], told, 5), ""]
+        lines += ["## Missing", "", *missing_table(missing), ""]
     return "\n".join(lines)
 
 
@@ -71,6 +70,16 @@ def asset_table(rows):
         quality = [_measured(row, measure) for measure in measures]
         lines.append([name, row["group"], *(f"{size:,}" for size in sizes), *quality, *seconds, *memory])
     return markdown_table(head, lines, 2)
+
+
+def missing_table(missing):
+    """Markdown lines of results.read_missing(): jobs of one group that miss the same stand in one line."""
+    jobs = {}
+    for row in missing:
+        jobs.setdefault(tuple(row[key] for key in ("group", "method", "state", "reason")), []).append(row)
+    lines = [[group, method, state, ", ".join(dict.fromkeys(row["asset"] for row in rows)), len(rows), reason]
+             for (group, method, state, reason), rows in jobs.items()]
+    return markdown_table(["group", "method", "state", "assets", "jobs", "reason"], lines, 6)
 
 
 def _measured(row, measure):

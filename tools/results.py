@@ -4,7 +4,7 @@ import json
 import math
 from pathlib import Path
 
-from tools.jobs import JOB, LOG, METRICS, read_json
+from tools.jobs import JOB, METRICS, read_json
 
 # What is compared, by name: the path to it in metrics.json.
 PSNRS = {
@@ -15,7 +15,8 @@ PSNRS = {
 }
 MEASURES = {**PSNRS, "SSIM": ("image", "ssim"), "LPIPS": ("image", "lpips")}
 LOSS = {"SSIM": lambda value: 1 - value, "LPIPS": lambda value: value}  # compared as -10 log10 of these
-MISSING = "missing.json"
+MISSING, LOG = "missing.json", "log.txt"
+TOLD = ("asset", "setting", "group", "method", "state", "reason")  # of a row that is missing
 
 
 def read_results(folder):
@@ -27,16 +28,15 @@ def read_results(folder):
 
 
 def read_missing(folder):
-    """[{"asset", "setting", "group", "method", "reason"}] of jobs without metrics.json: what missing.json says, or the last line
-    of the log."""
+    """[{TOLD: text}] of jobs without metrics.json: what missing.json says, or "not finished" and the last line of the log."""
     found = []
     for job in sorted({path.parent for name in (JOB, MISSING) for path in Path(folder).glob(f"*/*/{name}")}):
-        told = read_json(job / MISSING)
         if (job / METRICS).exists():
             continue
-        facts = told or {**(read_json(job / JOB) or {}), "reason": f"not finished: {_last_words(job / LOG)}"}
-        named = {"asset": job.parent.name, "setting": job.name, **facts}
-        found.append({key: str(named.get(key, "")) for key in ("asset", "setting", "group", "method", "reason")})
+        facts = {"asset": job.parent.name, "setting": job.name, **(read_json(job / JOB) or {})}
+        told = read_json(job / MISSING)
+        facts |= {"state": "not finished", "reason": _last_words(job / LOG)} if told is None else {"state": "missing", **told}
+        found.append({key: str(facts.get(key, "")) for key in TOLD})
     return found
 
 
@@ -59,9 +59,10 @@ def published_rows(points):
         measure = names.get(point["measure"].strip().lower())
         if measure is None:
             raise SystemExit(f"published row {number}: {point['measure']!r} is none of the measures {', '.join(MEASURES)}")
-        rows.append({"asset": point["asset"], "group": f"{point['method']}, published", "method": point["method"],
-                     "setting": f"{point['method']} {point['rate']:g}", "published": point["source"], "bytes":
-                     {"total": point["rate"]}, "quality": {measure: point["quality"]}})
+        rate = int(point["rate"]) if point["rate"] == int(point["rate"]) else point["rate"]
+        rows.append({"asset": point["asset"], "group": f"{point['method']}, published", "method": point["method"], "setting":
+                     f"{point['method']} {rate}", "published": point["source"], "bytes": {"total": rate}, "quality":
+                     {measure: point["quality"]}})
     return rows
 
 

@@ -36,6 +36,7 @@ def page_of(data):
     policy = f"default-src 'none'; img-src data:; style-src '{_digest(style)}'; script-src '{_digest(script)}'"
     parts = {"policy": policy, "style": style, "script": script, "data": _harmless(json.dumps(data, allow_nan=False))}
     template = (PART / "page.html").read_text(encoding="utf-8")
+    parts["megabytes"] = f"{sum(map(len, (template, *parts.values()))) / 1e6:.1f}"
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template).encode()
 
 

@@ -8,7 +8,7 @@ const MARKS = [
   (x, y, r) => `M${x} ${y - 1.2 * r}l${1.2 * r} ${2.2 * r}h${-2.4 * r}z`,
   (x, y, r) => `M${x} ${y - 1.4 * r}l${1.4 * r} ${1.4 * r}l${-1.4 * r} ${1.4 * r}l${-1.4 * r} ${-1.4 * r}z`,
 ];
-const LARGE = { width: 900, height: 480, left: 62, right: 18, top: 14, bottom: 46, mark: 4.5, has_axes: true };
+const LARGE = { left: 62, right: 14, top: 10, bottom: 46, mark: 4.5, has_axes: true };
 const SMALL = { width: 190, height: 110, left: 6, right: 6, top: 6, bottom: 6, mark: 1.6, has_axes: false };
 
 function drawn(svg, name, attributes, text) {
@@ -24,15 +24,18 @@ function styles(groups) {
   return new Map(groups.map((group, i) => [group, { colour: COLOURS[i % COLOURS.length], mark: MARKS[i % MARKS.length] }]));
 }
 
-// [{group, is_other, points: [{row, rate, quality}]}] of an asset, each by rate; withOthers: published ones of all other assets too.
+// [{group, other, is_published, points: [{row, rate, quality}]}] of an asset, each by rate. withOthers: the published ones of
+// other assets too; other: the name of such an asset.
 function curvesOf(rows, asset, measure, withOthers) {
   const curves = new Map();
   for (const row of rows) {
     const quality = row.decibels[measure], isOther = row.asset !== asset;
     if (typeof quality !== "number" || (isOther && !(withOthers && row.published))) continue;
     const name = JSON.stringify([row.group, isOther ? row.asset : ""]);
-    if (!curves.has(name)) curves.set(name, { group: row.group, is_other: isOther, is_published: Boolean(row.published), points: [] });
-    curves.get(name).points.push({ row, rate: row.rate, quality });
+    const made = { group: row.group, other: isOther ? row.asset : null, is_published: Boolean(row.published), points: [] };
+    const curve = curves.get(name) ?? made;
+    curve.points.push({ row, rate: row.rate, quality });
+    curves.set(name, curve);
   }
   for (const curve of curves.values()) curve.points.sort((a, b) => a.rate - b.rate);
   return [...curves.values()];
@@ -44,12 +47,15 @@ function drawCurves(svg, curves, size, look, axes) {
   svg.setAttribute("viewBox", `0 0 ${size.width} ${size.height}`);
   const points = curves.flatMap((curve) => curve.points);
   if (!points.length) {
-    drawn(svg, "text", { x: size.width / 2, y: size.height / 2, "text-anchor": "middle", class: "tick" }, size.has_axes ? "nothing was measured so" : "–");
+    const place = { x: size.width / 2, y: size.height / 2, "text-anchor": "middle", class: "tick" };
+    drawn(svg, "text", place, size.has_axes ? "nothing to show" : "–");
     return;
   }
-  const [low, high] = range(points.map((p) => Math.log10(p.rate)), 0.04), [least, most] = range(points.map((p) => p.quality), 0.06);
-  const x = (rate) => size.left + ((Math.log10(rate) - low) / (high - low)) * (size.width - size.left - size.right);
-  const y = (quality) => size.height - size.bottom - ((quality - least) / (most - least)) * (size.height - size.top - size.bottom);
+  const [low, high] = range(points.map((point) => Math.log10(point.rate)), 0.04);
+  const [least, most] = range(points.map((point) => point.quality), 0.06);
+  const wide = size.width - size.left - size.right, tall = size.height - size.top - size.bottom;
+  const x = (rate) => size.left + ((Math.log10(rate) - low) / (high - low)) * wide;
+  const y = (quality) => size.top + ((most - quality) / (most - least)) * tall;
   if (size.has_axes) drawAxes(svg, size, { x, y, low: 10 ** low, high: 10 ** high, least, most }, axes);
   for (const curve of curves) {
     const { colour, mark } = look.get(curve.group);
@@ -57,16 +63,14 @@ function drawCurves(svg, curves, size, look, axes) {
     const line = curve.points.map((p, i) => `${i ? "L" : "M"}${p.x.toFixed(2)} ${p.y.toFixed(2)}`).join("");
     const drawing = drawn(svg, "g", { class: curve.is_published ? "curve published" : "curve", stroke: colour, fill: colour });
     curve.node = drawing;
-    for (const [kind, d] of [["line", line], ["marks", curve.points.map((p) => mark(p.x, p.y, size.mark)).join("")]]) {
-      const path = drawn(svg, "path", { class: kind, d });
-      drawing.append(path);
-    }
+    const marks = curve.points.map((p) => mark(p.x, p.y, size.mark)).join("");
+    drawing.append(drawn(svg, "path", { class: "line", d: line }), drawn(svg, "path", { class: "marks", d: marks }));
   }
 }
 
 function drawAxes(svg, size, to, axes) {
   const right = size.width - size.right, bottom = size.height - size.bottom;
-  for (const rate of logarithmicTicks(to.low, to.high, 12)) {
+  for (const rate of logarithmicTicks(to.low, to.high, size.width / 70)) {
     drawn(svg, "path", { class: "grid", d: `M${to.x(rate)} ${size.top}V${bottom}` });
     drawn(svg, "text", { class: "tick", x: to.x(rate), y: bottom + 17, "text-anchor": "middle" }, short(rate));
   }
@@ -75,7 +79,8 @@ function drawAxes(svg, size, to, axes) {
     drawn(svg, "text", { class: "tick", x: size.left - 8, y: to.y(quality) + 4, "text-anchor": "end" }, String(quality));
   }
   drawn(svg, "text", { class: "axis", x: (size.left + right) / 2, y: size.height - 8, "text-anchor": "middle" }, axes.x);
-  drawn(svg, "text", { class: "axis", transform: `translate(15 ${(size.top + bottom) / 2}) rotate(-90)`, "text-anchor": "middle" }, axes.y);
+  const middle = (size.top + bottom) / 2;
+  drawn(svg, "text", { class: "axis", transform: `translate(15 ${middle}) rotate(-90)`, "text-anchor": "middle" }, axes.y);
 }
 
 // What is said of a point: [[name, value]].
@@ -96,7 +101,7 @@ function curveSection(shared) {
   const { data, look, state } = shared;
   const svg = document.getElementById("chart"), tip = document.getElementById("tip");
   const hidden = new Set();
-  let curves = [], current = null;
+  let curves = [], current = null, size = null;
 
   function show(point, isByKey) {
     current = point;
@@ -106,17 +111,16 @@ function curveSection(shared) {
     if (point === null) return;
     drawn(svg, "path", { class: "halo", d: MARKS[0](point.x, point.y, 9) });
     const lines = toldOf(point.row, state.measure, data.kind);
-    tip.replaceChildren(...lines.flatMap(([name, value]) => [element("span", { textContent: name }), element("b", { textContent: value })]));
+    tip.replaceChildren(...lines.flatMap(([name, value]) => [element("span", {}, name), element("b", {}, value)]));
     document.getElementById("readout").textContent = isByKey ? lines.map((line) => line.join(" ")).join(", ") : "";
-    const box = svg.getBoundingClientRect(), scale = box.width / LARGE.width;
-    const x = box.left + point.x * scale + 16, y = box.top + point.y * scale + 16;
+    const box = svg.getBoundingClientRect(), x = box.left + point.x + 16, y = box.top + point.y + 16;
     tip.style.left = `${Math.max(4, x + tip.offsetWidth > innerWidth - 8 ? x - tip.offsetWidth - 32 : x)}px`;
     tip.style.top = `${Math.max(4, Math.min(y, innerHeight - tip.offsetHeight - 8))}px`;
   }
 
   function place(event) {
-    const box = svg.getBoundingClientRect(), scale = LARGE.width / box.width;
-    return nearest(curves.flatMap((c) => c.points), (event.clientX - box.left) * scale, (event.clientY - box.top) * scale, 40);
+    const box = svg.getBoundingClientRect();
+    return nearest(curves.flatMap((curve) => curve.points), event.clientX - box.left, event.clientY - box.top, 40);
   }
 
   svg.addEventListener("pointermove", (event) => show(place(event), false));
@@ -132,20 +136,22 @@ function curveSection(shared) {
   });
 
   function drawLegend(all) {
-    const buttons = [...new Set(all.map((curve) => curve.group))].map((group) => {
+    const groups = [...new Set(all.map((curve) => curve.group))], buttons = groups.map((group) => {
       const button = element("button", { type: "button", "aria-pressed": String(!hidden.has(group)) });
       const icon = document.createElementNS(svg.namespaceURI, "svg");
       icon.setAttribute("viewBox", "0 0 20 12");
       drawn(icon, "path", { d: "M0 6H20", stroke: look.get(group).colour, "stroke-width": 2 });
       drawn(icon, "path", { d: look.get(group).mark(10, 6, 3.6), fill: look.get(group).colour });
-      button.append(icon, element("span", { textContent: group }));
+      const others = new Set(all.filter((curve) => curve.group === group && curve.other).map((curve) => curve.other));
+      button.append(icon, element("span", { textContent: [group, ...others].join(", ") }));
       button.addEventListener("click", () => {
         if (!hidden.delete(group)) hidden.add(group);
         draw();
-        [...document.querySelectorAll("#legend button")].find((b) => b.textContent === group)?.focus();
+        document.querySelectorAll("#legend button")[groups.indexOf(group)].focus();
       });
-      button.addEventListener("pointerenter", () => curves.forEach((c) => c.node.classList.toggle("dim", c.group !== group)));
-      button.addEventListener("pointerleave", () => curves.forEach((c) => c.node.classList.remove("dim")));
+      const dim = (others) => curves.forEach((curve) => curve.node.classList.toggle("dim", others && curve.group !== group));
+      button.addEventListener("pointerenter", () => dim(true));
+      button.addEventListener("pointerleave", () => dim(false));
       return button;
     });
     document.getElementById("legend").replaceChildren(...buttons);
@@ -156,7 +162,9 @@ function curveSection(shared) {
     const all = curvesOf(data.rows, state.asset, state.measure, document.getElementById("others").checked);
     curves = all.filter((curve) => !hidden.has(curve.group));
     document.getElementById("curves-title").textContent = `${state.measure} of ${state.asset}`;
-    drawCurves(svg, curves, LARGE, look, { x: `${data.kind} bytes`, y: `${state.measure}, dB` });
+    const width = Math.max(svg.parentNode.clientWidth, 240);
+    size = { ...LARGE, width, height: Math.min(Math.max(width * 0.48, 240), 440) };
+    drawCurves(svg, curves, size, look, { x: `${data.kind} bytes`, y: `${LOSS[state.measure] ?? state.measure}, dB` });
     drawLegend(all);
     const exact = data.rows.filter((row) => row.asset === state.asset && row.decibels[state.measure] === EXACT);
     document.getElementById("exact").textContent = exact.length
@@ -169,17 +177,28 @@ function curveSection(shared) {
     box.hidden = assets.length < 2;
     box.replaceChildren(...assets.map((asset) => {
       const small = document.createElementNS(svg.namespaceURI, "svg");
-      drawCurves(small, curvesOf(data.rows, asset, state.measure, false).filter((c) => !hidden.has(c.group)), SMALL, look, null);
-      const button = element("button", { type: "button", "aria-pressed": String(asset === state.asset) }, small, element("span", { textContent: asset }));
+      const shown = curvesOf(data.rows, asset, state.measure, false).filter((curve) => !hidden.has(curve.group));
+      drawCurves(small, shown, SMALL, look, null);
+      const name = element("span", { textContent: asset });
+      const button = element("button", { type: "button", "aria-pressed": String(asset === state.asset) }, small, name);
       button.addEventListener("click", () => {
         state.asset = asset;
         shared.changed();
-        [...box.children].find((other) => other.textContent.endsWith(asset))?.focus();
+        box.querySelector("[aria-pressed=true]").focus();
       });
       return button;
     }));
   }
 
+  for (const [name, groups] of [["show-all", []], ["show-none", look.keys()]]) {
+    const all = [...groups];
+    document.getElementById(name).addEventListener("click", () => {
+      hidden.clear();
+      all.forEach((group) => hidden.add(group));
+      draw();
+    });
+  }
+  new ResizeObserver(() => size && size.width !== Math.max(svg.parentNode.clientWidth, 240) && draw()).observe(svg.parentNode);
   document.getElementById("others").addEventListener("change", draw);
   document.getElementById("others-label").hidden = !data.rows.some((row) => row.published);
   return draw;

@@ -1,8 +1,9 @@
 // Figures: how they are ordered, written and placed. Nothing here knows the page.
 
 export const EXACT = "exact";
+export const LOSS = { SSIM: "−10 log10(1 − SSIM)", LPIPS: "−10 log10(LPIPS)" }; // what stands for decibels that are none
 
-// A copy of rows ordered by key(row): numbers by size (EXACT above all), text as people order it; what is missing comes last both ways.
+// A copy of rows ordered by key(row): numbers by size (EXACT above all), text as people order it, what is missing always last.
 export function sorted(rows, key, isDescending) {
   const words = new Intl.Collator("en", { numeric: true });
   const known = (value) => value !== null && value !== undefined && value !== "";

@@ -4,50 +4,63 @@ function choices(select, values, current) {
   select.replaceChildren(...values.map((value) => element("option", { value, textContent: value, selected: value === current })));
 }
 
+// The name of a group with its colour.
+function named(group, look) {
+  const dot = element("span", { class: "dot" });
+  dot.style.background = look.get(group)?.colour ?? "transparent";
+  return element("span", {}, dot, group);
+}
+
 function rowColumns(data, look) {
-  const number = (head, key, digits) => ({ head, key, cell: (row) => (digits === undefined ? grouped(key(row)) : written(key(row), digits)) });
-  const name = (row) => {
-    const dot = element("span", { class: "dot" });
-    dot.style.background = look.get(row.group).colour;
-    return element("span", {}, dot, row.group);
-  };
+  const text = (head, key, cell) => ({ head, key, cell, is_text: true });
+  const figure = (value, digits) => (digits === undefined ? grouped(value) : written(value, digits));
+  const number = (head, key, digits) => ({ head, key, cell: (row) => figure(key(row), digits) });
+  const badge = (row) => element("em", { class: "badge", title: row.published, textContent: row.badge });
+  const setting = (row) => (row.published ? element("span", {}, row.setting, " ", badge(row)) : row.setting);
+  const quality = ({ name, is_psnr }) => number(is_psnr ? `${name}, dB` : name, (row) => row.values[name], is_psnr ? 2 : 4);
+  const sides = (key) => ["encode", "decode"].map(key);
   return [
-    { head: "asset", key: (row) => row.asset, is_text: true },
-    { head: "setting", key: (row) => row.setting, is_text: true, title: (row) => row.published ?? "",
-      cell: (row) => (row.published ? element("span", {}, row.setting, " ", element("em", { class: "badge", textContent: row.badge })) : row.setting) },
-    { head: "group", key: (row) => row.group, is_text: true, cell: name },
-    number("bytes", (row) => row.bytes), number("geometry", (row) => row.geometry), number("texture", (row) => row.bytes - row.geometry),
-    ...data.measures.map((measure) => number(measure.is_psnr ? `${measure.name}, dB` : measure.name,
-      (row) => row.values[measure.name], measure.is_psnr ? 2 : 4)),
-    number("encode, s", (row) => row.encode_seconds, 2), number("decode, s", (row) => row.decode_seconds, 2),
-    number("encode, MB", (row) => row.encode_memory && row.encode_memory / 1e6), number("decode, MB", (row) => row.decode_memory && row.decode_memory / 1e6),
+    text("asset", (row) => row.asset), text("setting", (row) => row.setting, setting),
+    text("group", (row) => row.group, (row) => named(row.group, look)),
+    number("bytes", (row) => row.bytes), number("geometry", (row) => row.geometry),
+    number("texture", (row) => row.bytes - row.geometry),
+    ...data.measures.map(quality),
+    ...sides((side) => number(`${side}, s`, (row) => row[`${side}_seconds`], 2)),
+    ...sides((side) => number(`${side}, MB`, (row) => row[`${side}_memory`] && row[`${side}_memory`] / 1e6)),
   ];
 }
 
-// Columns of the table of BD-rates: its assets, mean and median.
+// Columns of the table of BD-rates: mean, median, and each asset's [percent, overlap, reason].
 function comparisonColumns(lines, look) {
   const assets = [...new Set(lines.flatMap((line) => Object.keys(line.assets)))];
-  const coloured = (percent, share) => (percent === null || percent === undefined ? "none" : `${percent < 0 ? "fewer" : "more"}${share < 0.5 ? " faint" : ""}`);
-  const strength = (percent) => Math.min(Math.abs(percent ?? 0), 60) / 60;
+  const column = (head, of, more) => ({
+    head, key: (line) => of(line)[0], strength: (line) => Math.min(Math.abs(of(line)[0] ?? 0), 60) / 60,
+    cell: (line) => signed(of(line)[0], 1), ...more,
+    look: (line) => (of(line)[0] === null ? "none" : of(line)[0] < 0 ? "fewer" : "more") + more.look(line),
+  });
+  const sums = ["mean", "median"].map((name) => column(name, (line) => line[name], {
+    look: () => " sum", title: (line) => `over ${line[name][1]} of ${assets.length} assets`,
+    cell: (line) => element("b", {}, signed(line[name][0], 1), line[name][1] < assets.length ? ` (${line[name][1]})` : ""),
+  }));
+  const share = (overlap) => `${Math.round(100 * overlap)} % of both curves' range overlaps`;
   const percents = assets.map((asset) => {
     const of = (line) => line.assets[asset] ?? [null, null, "not measured on both sides"];
-    return {
-      head: asset, key: (line) => of(line)[0], cell: (line) => signed(of(line)[0], 1), look: (line) => coloured(...of(line)),
-      strength: (line) => strength(of(line)[0]),
-      title: (line) => of(line)[2] ?? `${signed(of(line)[0], 2)} %; ${Math.round(100 * of(line)[1])} % of both curves overlaps`,
-    };
+    return column(asset, of, {
+      look: (line) => (of(line)[1] < 0.5 ? " faint" : ""),
+      title: (line) => of(line)[2] ?? `${signed(of(line)[0], 2)} %; ${share(of(line)[1])}`,
+    });
   });
-  const summaries = ["mean", "median"].map((name) => ({
-    head: name, key: (line) => line[name][0], look: (line) => `sum ${coloured(line[name][0], 1)}`, strength: (line) => strength(line[name][0]),
-    cell: (line) => element("b", { textContent: signed(line[name][0], 1) + (line[name][1] < assets.length ? ` (${line[name][1]})` : "") }),
-    title: (line) => `over ${line[name][1]} of ${assets.length} assets`,
-  }));
-  const group = { head: "group", key: (line) => line.group, is_text: true, cell: (line) => {
-    const dot = element("span", { class: "dot" });
-    dot.style.background = look.get(line.group)?.colour ?? "transparent";
-    return element("span", {}, dot, line.group);
-  } };
-  return [group, ...summaries, ...percents];
+  const group = { head: "group", key: (line) => line.group, is_text: true, cell: (line) => named(line.group, look) };
+  return [group, ...sums, ...percents];
+}
+
+// Why cells of the table of BD-rates are empty.
+function listReasons(box, lines) {
+  const told = lines.flatMap((line) => Object.entries(line.assets).filter(([, cell]) => cell[2])
+    .map(([asset, cell]) => `${line.group}, ${asset}: ${cell[2]}`));
+  box.hidden = !told.length;
+  box.querySelector("summary").textContent = `Why ${told.length === 1 ? "a cell is" : `${told.length} cells are`} empty`;
+  box.querySelector("ul").replaceChildren(...told.map((textContent) => element("li", { textContent })));
 }
 
 function begin() {
@@ -58,19 +71,19 @@ function begin() {
   const look = styles([...new Set(data.rows.map((row) => row.group))]);
   const preferred = data.measures.find((m) => m.name === "image PSNR Y") ?? data.measures[0];
   const state = { asset: assets[0], measure: preferred?.name ?? "" };
-  const sorts = { comparison: { column: null, isDescending: false }, rows: { column: null, isDescending: false }, missing: { column: null, isDescending: false } };
+  const [byComparison, byRow, byMissing] = [0, 1, 2].map(() => ({ column: null, isDescending: false }));
   const shared = { data, look, state, changed: draw, picked: (row) => pictures.show(row) };
   const curves = curveSection(shared), pictures = pictureSection(shared);
 
   function drawComparison() {
     const found = data.comparisons[get("against").selectedIndex];
     if (!found) return;
-    const lines = found.measures[state.measure] ?? [];
+    const lines = found.measures[state.measure] ?? [], loss = LOSS[state.measure];
     get("comparison-note").textContent = lines.length
-      ? `Percent of ${data.kind} bytes at equal ${state.measure}; negative needs fewer. What is in a cell's mean, and why one is empty, is told by pointing at it.`
-      + (data.measures.find((m) => m.name === state.measure).is_psnr ? "" : ` ${state.measure} is compared in decibels, −10 log10(${state.measure === "SSIM" ? "1 − SSIM" : "LPIPS"}).`)
+      ? `Percent of ${data.kind} bytes at equal ${loss ?? state.measure}; negative needs fewer.`
       : `There is no ${state.measure} on both sides.`;
-    fillTable(get("comparison-table"), comparisonColumns(lines, look), lines, sorts.comparison);
+    listReasons(get("none"), lines);
+    fillTable(get("comparison-table"), comparisonColumns(lines, look), lines, byComparison);
   }
 
   function drawRows() {
@@ -78,7 +91,7 @@ function begin() {
     const rows = data.rows.filter((row) => (get("every").checked || row.asset === state.asset)
       && words.every((word) => `${row.asset} ${row.setting} ${row.group}`.toLowerCase().includes(word)));
     get("row-count").textContent = `${rows.length} of ${data.rows.length}`;
-    fillTable(get("row-table"), rowColumns(data, look), rows, sorts.rows);
+    fillTable(get("row-table"), rowColumns(data, look), rows, byRow);
   }
 
   function draw() {
@@ -103,17 +116,19 @@ function begin() {
   get("comparison").hidden = !data.comparisons.length;
   get("missing").hidden = !data.missing.length;
   get("missing-count").textContent = String(data.missing.length);
-  const told = ["asset", "setting", "group", "method", "reason"].map((name) => ({ head: name, key: (row) => row[name], is_text: true }));
-  fillTable(get("missing-table"), told, data.missing, sorts.missing);
+  const reasons = Object.keys(data.missing[0] ?? {}).map((head) => ({ head, key: (row) => row[head], is_text: true }));
+  fillTable(get("missing-table"), reasons, data.missing, byMissing);
   for (const link of document.querySelectorAll("nav a")) {
     const has = { "#comparison": data.comparisons.length, "#compared": data.images.length, "#missing": data.missing.length };
     link.hidden = has[link.hash] === 0;
   }
-  const measured = data.rows.filter((row) => !row.published).length, megabytes = (document.documentElement.innerHTML.length / 1e6).toFixed(1);
-  get("summary").textContent = `${measured} jobs, ${ours.size} assets, ${look.size} groups`
-    + (measured < data.rows.length ? `, ${data.rows.length - measured} published points` : "")
-    + (data.missing.length ? `, ${data.missing.length} missing` : "") + `; code ${data.code.join(", ")}`
-    + (data.code.length > 1 ? " (not all by the same code)" : "") + `; this page has ${megabytes} MB and loads nothing.`;
+  const measured = data.rows.filter((row) => !row.published).length;
+  const counts = { job: measured, asset: ours.size, group: look.size, "published point": data.rows.length - measured };
+  const there = Object.entries(counts).filter(([, count]) => count);
+  const told = there.map(([word, count]) => `${count} ${word}${count === 1 ? "" : "s"}`);
+  if (data.missing.length) told.push(`${data.missing.length} missing`);
+  const mixed = data.code.length > 1 ? " (not all by the same code)" : "";
+  get("summary").textContent = `${told.join(", ")}; code ${data.code.join(", ")}${mixed}.`;
   draw();
 }
 

@@ -36,8 +36,9 @@ function pictureSection(shared) {
   function caption(side) {
     if (!side.row) return "source";
     const quality = side.row.decibels[state.measure];
-    const told = quality === undefined ? "" : quality === EXACT ? `, ${state.measure} exact` : `, ${state.measure} ${written(quality, 2)} dB`;
-    return `${side.name}: ${grouped(side.row.rate)} ${data.kind} bytes${told}`;
+    const told = `${side.name}: ${grouped(side.row.rate)} ${data.kind} bytes`;
+    if (quality === undefined) return told;
+    return `${told}, ${state.measure} ${quality === EXACT ? EXACT : `${written(quality, 2)} dB`}`;
   }
 
   function draw() {

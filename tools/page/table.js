@@ -15,7 +15,8 @@ function element(name, properties = {}, ...inside) {
 // look: row => class, is_text, title: row => text}]; at: {column, isDescending}, kept in it as the reader changes it.
 function fillTable(table, columns, rows, at) {
   const heads = columns.map((column, number) => {
-    const button = element("button", { type: "button", textContent: column.head });
+    const words = column.head.split("_").flatMap((word, i) => (i ? [element("wbr"), `_${word}`] : [word]));
+    const button = element("button", { type: "button" }, ...words);
     button.addEventListener("click", () => {
       at.isDescending = at.column === number ? !at.isDescending : false;
       at.column = number;

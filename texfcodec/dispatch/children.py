@@ -15,6 +15,7 @@ from ..ground import unfinished
 
 ROOT = Path(__file__).resolve().parents[2]  # where the package is imported from
 WARM_UP = ("-m", "texfcodec.cli.enc", "--warmup")  # compiles the kernels
+SLOWING = ("MALLOC_TRIM_THRESHOLD_",)  # Dask sets it for its workers; in a child it doubles the time in the system
 POLL_SECONDS = 0.25  # how long a child may outlive the wish to stop it
 
 
@@ -46,12 +47,13 @@ class Children:
         """
         names = {f"{name}_NUM_THREADS": str(caps.threads) for name in ("OMP", "OPENBLAS", "MKL")}
         paths = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+        inherited = {name: value for name, value in os.environ.items() if name not in SLOWING}
         command = [sys.executable, "-m", f"{__package__}.child", str(caps.memory or 0), *words]
         with self._lock:
             if self.stopped:
                 return None
             child = unfinished.hold(lambda: _Group(command, stdin=subprocess.PIPE, stdout=out, stderr=log,
-                                                   start_new_session=True, env={**os.environ, **names, "PYTHONPATH": paths}))
+                                                   start_new_session=True, env={**inherited, **names, "PYTHONPATH": paths}))
             self._alive.add(child)
         try:
             return self._wait(child, caps.end)
@@ -60,7 +62,7 @@ class Children:
             child.wait()
             raise
         finally:
-            child.stdin.close()
+            child.hang_up()
             with self._lock:
                 self._alive.discard(child)
             unfinished.drop(child)
@@ -87,6 +89,10 @@ class Children:
 
 class _Group(subprocess.Popen):
     """A process that leads a group of its own; killed, it takes the group with it."""
+
+    def hang_up(self) -> None:
+        if self.stdin is not None:
+            self.stdin.close()
 
     def kill(self) -> None:
         if self.poll() is None:

@@ -13,7 +13,7 @@ import pytest
 from shapes import painted_sphere
 
 from tools import collect
-from tools.batch import Children, only_run, run_job
+from tools.batch import not_ours, only_run
 from tools.conditions import read_conditions
 from tools.jobs import Job, jobs_of
 from tools.rate_points import main
@@ -171,7 +171,7 @@ def test_identities_of_jobs_stay_what_they_were(tmp_path):
     """Else what was measured before would be measured again."""
     (tmp_path / "vase.ply").write_bytes(b"ply of a vase")
     (tmp_path / "c.toml").write_text('assets = ["vase"]\n[evaluation]\nviews = 2\n[[settings]]\nname = "q{qp}"\nqp = [24, 36]\n')
-    jobs = jobs_of(read_conditions(tmp_path / "c.toml"), {"vase": tmp_path / "vase.ply"}, tmp_path, 1)
+    jobs = jobs_of(read_conditions(tmp_path / "c.toml"), {"vase": tmp_path / "vase.ply"}, tmp_path)
     assert {job.name: job.facts["settings_sha256"] for job in jobs} == {
         "vase/q24": "161caba32d78982db6dd6e186c4427b110e0df15a6fefba31ebb5851011f75eb",
         "vase/q36": "1a271f7a47a5738a2bbf6e0cc5514a0fd4c775e6bd111336deffb1137066fd46"}
@@ -203,7 +203,7 @@ def test_killed_and_interrupted_batches_leave_no_child_and_are_resumed(tmp_path,
     for number, awaited, code in kinds:
         run = subprocess.Popen([sys.executable, REPOSITORY / "tools/rate_points.py", *arguments], stderr=subprocess.DEVNULL,
                                env=environment(), preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
-        wait_for(lambda awaited=awaited: (out / "ball" / awaited / "job.json").exists() and children_in(out))
+        wait_for(lambda awaited=awaited: any(f'"setting": "{awaited}"' in text for text in job_texts(out)) and children_in(out))
         run.send_signal(number)
         assert run.wait(60) == code
         wait_for(lambda: not children_in(out))
@@ -218,6 +218,11 @@ def wait_for(condition, seconds=120):
     while not condition():
         assert time.monotonic() < end, "waited in vain"
         time.sleep(0.02)
+
+
+def job_texts(out):
+    """job.json of the jobs that are at work."""
+    return [path.read_text() for path in out.glob(".work/*/*/job.json")]
 
 
 def children_in(out):
@@ -236,7 +241,7 @@ def children_in(out):
 def test_folder_of_somebody_else_is_left_alone(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine/thesis.txt").write_text("years of work")
-    reason = run_job(Job(tmp_path / "mine", {}), Children())
+    reason = not_ours(tmp_path / "mine")
     assert "left alone" in reason and (tmp_path / "mine/thesis.txt").exists()
 
 

@@ -18,18 +18,20 @@ NAME = re.compile(r"\w[\w.+-]*")
 
 
 def read_conditions(path):
-    """{"assets", "plugins", "evaluation", "settings"} of a condition file, checked; ends the program with a sentence."""
+    """{"assets", "plugins", "limit_seconds", "evaluation", "settings"} of a condition file, checked; or the program ends with a
+    sentence."""
     try:
         with open(path, "rb") as file:
             given = tomllib.load(file)
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise SystemExit(f"{path}: {error}") from None
     try:
-        _check_keys("the file", given, {"title", "assets", "plugins", "evaluation", "settings"})
+        _check_keys("the file", given, {"title", "assets", "plugins", "limit_seconds", "evaluation", "settings"})
         assets, plugins = _names(given, "assets"), _names({"plugins": [], **given}, "plugins")
         if not assets:
             raise ValueError("assets is empty")
         found = {"assets": assets, "plugins": [str(Path(path).parent.resolve() / p) for p in plugins],
+                 "limit_seconds": _seconds(given.get("limit_seconds")),
                  "evaluation": _evaluation(given.get("evaluation", {}), Path(path).parent)}
         tables = given.get("settings")
         if not isinstance(tables, list) or not tables:
@@ -57,6 +59,12 @@ def _names(table, key):
     if not isinstance(values, list) or not all(isinstance(v, str) and v for v in values):
         raise ValueError(f"{key} must be a list of names, as in {key} = [\"a\", \"b\"]")
     return values
+
+
+def _seconds(value):
+    if value is not None and (isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf):
+        raise ValueError(f"limit_seconds must be a number above 0, not {value!r}")
+    return value
 
 
 def _evaluation(table, folder):

@@ -13,16 +13,17 @@ from tools.conditions import EVALUATION, SAMPLE
 
 SCHEMA = 1
 LATER = {"maps", "lpips", "pictures", "picture_size"}  # keys of an evaluation that it has not always had
-JOB, ENCODED, METRICS, LOG = "job.json", "encode.json", "metrics.json", "log.txt"
+JOB, ENCODED, METRICS, MISSING = "job.json", "encode.json", "metrics.json", "missing.json"
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 
 @dataclass
 class Job:
-    """One asset at one setting. facts: what job.json holds."""
+    """One asset at one setting. facts: what job.json holds; path: the asset's file."""
 
     folder: Path
     facts: dict
+    path: Path | None = None
 
     @property
     def name(self):
@@ -30,7 +31,19 @@ class Job:
 
     def metrics(self, keep_old=False):
         """The finished job's metrics, or None; those of other code count with keep_old only."""
-        found = read_json(self.folder / METRICS) or {}
+        return self._of_this(METRICS, keep_old)
+
+    def row(self):
+        """What MISSING says of this job, by this code: {"state": "missing" or "does not apply", "reason"}, or None."""
+        return self._of_this(MISSING, False)
+
+    def is_finished(self, keep_old=False):
+        """Whether there is nothing more to do; a program that was not installed is looked for again."""
+        row = self.row()
+        return bool(self.metrics(keep_old)) or row is not None and row["state"] != "missing"
+
+    def _of_this(self, name, keep_old):
+        found = read_json(self.folder / name) or {}
         same = found.get("settings_sha256") == self.facts["settings_sha256"]
         return found if same and (keep_old or found.get("code") == self.facts["code"]) else None
 
@@ -44,7 +57,7 @@ def _identity(settled):
     return settled | {"evaluation": evaluation}
 
 
-def jobs_of(conditions, assets, out, threads):
+def jobs_of(conditions, assets, out):
     """All jobs, asset by asset. assets: {name as given: path}."""
     code = {name: code_of(name, conditions["plugins"]) for name in {s["method"] for s in conditions["settings"]}}
     jobs, names = [], {}
@@ -60,8 +73,8 @@ def jobs_of(conditions, assets, out, threads):
                        **{key: setting[key] for key in ("setting", "group", "method", "options")}}
             facts = {**settled, "settings_sha256": _sha256(json.dumps(_identity(settled), sort_keys=True).encode()),
                      "code": code[setting["method"]], "package": texfcodec.__version__, "asset_path": str(path),
-                     "plugins": conditions["plugins"], "threads": threads}
-            jobs.append(Job(out / name / setting["setting"], facts))
+                     "plugins": conditions["plugins"]}
+            jobs.append(Job(out / name / setting["setting"], facts, path))
     return jobs
 
 
@@ -89,5 +102,10 @@ def read_json(path):
 def write_json(path, value):
     """Writes beside the path and renames, so that a file of this name is always whole."""
     part = path.with_name(path.name + ".part")
-    part.write_text(json.dumps(value, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    part.write_text(as_text(value), encoding="utf-8")
     os.replace(part, path)
+
+
+def as_text(value):
+    """The text of a JSON file."""
+    return json.dumps(value, indent=1, allow_nan=False) + "\n"

@@ -1,12 +1,14 @@
 """Rate points: every asset coded by every method at every setting and measured, a folder per job; may be stopped at any moment.
 
-python tools/rate_points.py CONDITIONS.toml --out DIR [--jobs N] [--assets FOLDER] [--keep-old]
+python tools/rate_points.py CONDITIONS.toml --out DIR [--jobs N | --scheduler tcp://HOST:PORT] [--assets FOLDER] [--keep-old]
+                            [--limit-seconds S] [--memory-limit BYTES]
 
 CONDITIONS.toml (see conditions/):
 
     title = "what this is for"                        # optional
     assets = ["sample", "bball_0001", "meshes/a.obj"] # in FOLDER, else beside this file; "sample" is the package's own
     plugins = ["my_codec.py"]                         # optional: further methods, beside this file; see tools/baselines
+    limit_seconds = 3600                              # optional: a job that takes longer is killed and has failed
     [evaluation]                                      # optional, as is each line
     samples = 1000000                                 # surface points of 3D-PSNR
     views = 16                                        # rendered views; 0: no image measures
@@ -25,14 +27,20 @@ CONDITIONS.toml (see conditions/):
     rate = ["r01", "r02"]                             # lists one of each pair, and {NAME} stands for the value
 
 A job is one asset at one setting in DIR/ASSET/SETTING: job.json (what was asked for, by which code), the method's own files
-(ours: stream.texf), encode.json, log.txt (what the two processes said) and metrics.json, written last and by rename. Encoding
-and decoding run in fresh processes of their own, warmed up on a tiny mesh before clock and memory count, with cores / N threads
-each. The same command does only what is not finished: jobs whose settings, asset and code are those of their metrics.json stay
-as they are (--keep-old: of whatever code). Where the decoder's values are not those of the encoder's reconstruction the job
-fails. A failed job stops no other and is tried again by the next run; assets that are not there are named and passed over.
+(ours: stream.texf), encode.json, log.txt (what the two processes said) and metrics.json, written last. The folder appears whole,
+by rename, when its job has ended. Encoding and decoding run in fresh processes of their own, warmed up on a tiny mesh before
+clock and memory count, with cores / N threads each. The same command does only what is not finished: jobs whose settings, asset
+and code are those of their metrics.json stay as they are (--keep-old: of whatever code). Where the decoder's values are not those
+of the encoder's reconstruction the job fails. A failed job stops no other and is tried again by the next run; assets that are not
+there are named and passed over. missing.json in place of metrics.json is a row of its own, no failure: "missing", what is not
+installed and how to get it, tried again by the next run; or "does not apply", the asset has nothing that the method could code.
 
-Exit code: 0 all jobs are finished, 1 the conditions are wrong, 2 the command line is, or there is nothing to do, 7 a job failed
-or differs, 130 interrupted. Tables and plots are made by collect.py.
+With --scheduler the jobs run on a Dask cluster, by workers that have the same code; they see DIR, or results and assets are sent
+to and fro (at most 1 GiB each). A worker's threads and memory limit are shared out among the jobs that it works at, as many as it
+has threads, or N of them where it was started with --resources texf=N. What a lost worker had begun is begun again by others.
+
+Exit code: 0 all jobs are finished, 1 the conditions are wrong, 2 the command line is, there is nothing to do, a disk is full or
+the cluster cannot be reached, 7 a job failed or differs, 130 interrupted. Tables and plots are made by collect.py.
 """
 
 import argparse
@@ -55,9 +63,18 @@ def main(arguments=None):
     parser.add_argument("conditions", type=Path, metavar="CONDITIONS.toml")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="jobs at a time")
+    parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="run them on this Dask cluster")
     parser.add_argument("--assets", type=Path, metavar="FOLDER", help="where the assets are")
     parser.add_argument("--keep-old", action="store_true", help="keep what other states of the code have finished")
+    parser.add_argument("--limit-seconds", type=_above_zero, metavar="S", help="longest time of a job")
+    parser.add_argument("--memory-limit", type=int, metavar="BYTES", help="most data that a process of a job may hold")
     return resumable(run_conditions, parser.parse_args(arguments))
+
+
+def _above_zero(text):
+    if not 0 < float(text) < float("inf"):
+        raise ValueError(text)
+    return float(text)
 
 
 if __name__ == "__main__":

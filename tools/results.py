@@ -4,7 +4,8 @@ import json
 import math
 from pathlib import Path
 
-from tools.jobs import JOB, METRICS, read_json
+from texfcodec.dispatch.tasks import LOG
+from tools.jobs import JOB, METRICS, MISSING, read_json
 
 # What is compared, by name: the path to it in metrics.json.
 PSNRS = {
@@ -15,7 +16,6 @@ PSNRS = {
 }
 MEASURES = {**PSNRS, "SSIM": ("image", "ssim"), "LPIPS": ("image", "lpips")}
 LOSS = {"SSIM": lambda value: 1 - value, "LPIPS": lambda value: value}  # compared as -10 log10 of these
-MISSING, LOG = "missing.json", "log.txt"
 TOLD = ("asset", "setting", "group", "method", "state", "reason")  # of a row that is missing
 
 

@@ -1,60 +1,67 @@
 """What a child process does in a job's folder: encode, or decode, compare and measure."""
 
-import os
-import signal
-import threading
 import time
 import traceback
 from pathlib import Path
 
 from baselines import find
-from texfcodec.errors import EXIT_DIFFERS
-from tools.jobs import ENCODED, JOB, METRICS, code_of, read_json, write_json
+from texfcodec.errors import EXIT_DIFFERS, EXIT_SUPPORT
+from tools.jobs import ENCODED, JOB, METRICS, MISSING, code_of, read_json, write_json
 from tools.measures import measure_job
 from tools.memory import Memory
+
+KNOWN_BY = ("schema", "asset", "setting", "group", "method", "options", "settings_sha256", "code", "package")
 
 
 class Differs(Exception):
     """The decoder's values are not the encoder's."""
 
 
-def run_step(step, folder):
-    """The whole life of a child process; its exit code. It ends with its parent, whose end of stdin closes then."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+class OtherCode(Exception):
+    """The code here is not that of the batch."""
+
+
+def run_step(step, folder, asset, threads):
+    """The whole life of a child process; its exit code. asset: path; threads: a number, as text."""
     folder = Path(folder)
     try:
-        job = read_json(folder / JOB)
+        job = read_json(folder / JOB) | {"asset_path": asset, "threads": int(threads)}
         if code_of(job["method"], job["plugins"]) != job["code"]:
-            raise RuntimeError("the code has changed since the batch began")
+            raise OtherCode("the code here is not that of the batch: it has changed since, or is another version")
         (encode_step if step == "encode" else decode_step)(folder, job)
     except Exception as error:
         traceback.print_exc()
-        return EXIT_DIFFERS if isinstance(error, Differs) else 1
+        return EXIT_DIFFERS if isinstance(error, Differs) else EXIT_SUPPORT if isinstance(error, OtherCode) else 1
     return 0
 
 
-def _end_with_parent():
-    os.read(0, 1)
-    if hasattr(os, "killpg") and os.getpgid(0) == os.getpid():  # with whatever the method has started
-        os.killpg(0, signal.SIGKILL)
-    os._exit(1)
-
-
 def encode_step(folder, job):
-    """Codes the asset; leaves the method's files and encode.json."""
+    """Codes the asset; leaves the method's files and encode.json, or missing.json where a program is not installed or the method
+    finds nothing to code."""
     from texfcodec.asset.load.files import load
     from texfcodec.report import Report
 
     method, report = find(job["method"], job["plugins"]), Report()
+    if reason := method.missing(job["options"]):
+        return _write_row(folder, job, "missing", reason)
     method.warm_up(job["options"], job["threads"])
     memory, begin = Memory(), time.perf_counter()
     scene = load(job["asset_path"])
     loaded = time.perf_counter()
-    facts = method.encode(scene, job["options"], folder, job["threads"], report)
+    try:
+        facts = method.encode(scene, job["options"], folder, job["threads"], report)
+    except LookupError as error:
+        if type(error) is not LookupError:  # a key or an index that is not there is a fault of the method
+            raise
+        return _write_row(folder, job, "does not apply", str(error))
     seconds = {"total": round(time.perf_counter() - loaded, 6), **report.seconds}
     write_json(folder / ENCODED, {"load_seconds": round(loaded - begin, 6), "seconds": seconds, "memory": memory.result(),
                                   "warnings": list(dict.fromkeys([*scene.warnings, *report.warnings])),
                                   "dropped": list(dict.fromkeys([*scene.dropped, *report.dropped])), "facts": facts})
+
+
+def _write_row(folder, job, state, reason):
+    write_json(folder / MISSING, {**{k: job[k] for k in KNOWN_BY}, "state": state, "reason": reason})
 
 
 def decode_step(folder, job):
@@ -74,7 +81,7 @@ def decode_step(folder, job):
     begin = time.perf_counter()
     measured = measure_job(load(job["asset_path"]), decoded, method.face_field(folder), job, folder)
     write_json(folder / METRICS, {
-        **{k: job[k] for k in ("schema", "asset", "setting", "group", "method", "options", "settings_sha256", "code", "package")},
+        **{k: job[k] for k in KNOWN_BY},
         "bytes": facts.pop("bytes"), **measured, "facts": facts,
         "seconds": {"load": encoded["load_seconds"], "encode": encoded["seconds"], "decode": seconds,
                     "measure": round(time.perf_counter() - begin, 6)},

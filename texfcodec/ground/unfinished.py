@@ -13,9 +13,11 @@ import os
 TYPE_CHECKING = False  # to a type checker it is true; the module typing takes long to import
 if TYPE_CHECKING:
     import subprocess
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
     from os import PathLike
-    from typing import BinaryIO
+    from typing import BinaryIO, TypeVar
+
+    Child = TypeVar("Child")
 
 GATE = _thread.allocate_lock()
 _paths: set = set()
@@ -93,6 +95,29 @@ class Folder:
         _folders.discard(self.path)
 
 
+def hold_folder(path: PathLike | str) -> None:
+    """A folder that goes with this process, with all that is in it, unless it is dropped before."""
+    _folders.add(path)
+
+
+def drop_folder(path: PathLike | str) -> None:
+    """The folder is gone, or stays."""
+    _folders.discard(path)
+
+
+def hold(start: Callable[[], Child]) -> Child:
+    """The child process that start() begins, which has kill() and pid; it ends with this process, unless it is dropped."""
+    with GATE:
+        child = start()
+        _children.add(child)
+    return child
+
+
+def drop(child: object) -> None:
+    """The child has ended."""
+    _children.discard(child)
+
+
 def run_child(command: list[str], data: bytes, timeout: float | None, environment: dict[str, str],
               ) -> subprocess.CompletedProcess:
     """subprocess.run of a command that reads bytes on stdin: CompletedProcess with bytes stdout and stderr.
@@ -139,10 +164,13 @@ def _unlink(path):
 
 
 def _empty(folder):
-    """Removes a folder and the files in it; there are no folders in ours."""
+    """Removes a folder with all that is in it."""
     try:
-        for name in os.listdir(folder):
-            _unlink(os.path.join(folder, name))
+        for place, folders, names in os.walk(folder, topdown=False):
+            for name in names:
+                _unlink(os.path.join(place, name))
+            for name in folders:
+                os.rmdir(os.path.join(place, name))
         os.rmdir(folder)
     except OSError:
         pass

@@ -1,0 +1,46 @@
+"""The folder in which attempts are made, inside the one for results: one run at a time, and nothing of it stays behind."""
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ..errors import InputError
+from ..ground import unfinished
+
+WORK, LOCK, PROBE = ".work", ".lock", "probe"
+
+
+@contextmanager
+def only_run(out: Path) -> Iterator[None]:
+    """Makes the folder for results, and keeps others out of it; the system drops the lock with its process. Raises InputError
+    TXF-O17 where another run is at work there."""
+    out.mkdir(parents=True, exist_ok=True)
+    with open(out / LOCK, "wb") as lock:
+        try:
+            import fcntl
+
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except ImportError:  # not a POSIX system: nobody looks after it there
+            pass
+        except OSError:
+            raise InputError("TXF-O17", f"another run is at work in {out}", path=str(out)) from None
+        yield
+
+
+@contextmanager
+def work_room(out: Path) -> Iterator[Path]:
+    """A new folder below a folder that only_run() holds, on the same file system. PROBE in it holds its name, by which others
+    know that they see the same folder. What killed runs have left goes first."""
+    shutil.rmtree(out / WORK, ignore_errors=True)
+    name = os.urandom(8).hex()
+    room = out.resolve() / WORK / name
+    unfinished.hold_folder(room.parent)
+    try:
+        room.mkdir(parents=True)
+        (room / PROBE).write_text(name, encoding="utf-8")
+        yield room
+    finally:
+        shutil.rmtree(room.parent, ignore_errors=True)
+        unfinished.drop_folder(room.parent)

@@ -1,0 +1,104 @@
+"""A task: commands that run one after the other in a folder of their own, and what came of them.
+
+Tasks and outcomes travel to workers and back, so they hold nothing but numbers, texts and paths. Whoever runs a task makes a new
+folder for each attempt; the folder becomes a result only when the one who asked has renamed it, or what is in it.
+"""
+
+import errno
+import shutil
+import time
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from ..errors import EXIT_SUPPORT
+from .children import ROOT, Caps, Children, Overdue
+
+LOG = "log.txt"
+DONE, FAILED, FULL, INTERRUPTED, OVERDUE, UNSUITED = "done", "failed", "full", "interrupted", "overdue", "unsuited"
+FULL_BYTES = 1 << 16  # a disk with less than this to spare is full
+_FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """name: for people, unlike those of other tasks. commands: [(step, words for Python)], where {root}, {folder}, {input} and
+    {threads} stand for where the code is, the folder of the attempt, the asset and a number. input: the asset; files: {name:
+    text} that the folder holds to begin with; out: the file that gets stdout, LOG unless it is named; enough: a file that makes
+    the commands after it needless; threads, memory, seconds: caps, the last for all commands together."""
+
+    name: str
+    commands: tuple[tuple[str, tuple[str, ...]], ...]
+    input: Path
+    files: dict[str, str] = field(default_factory=dict)
+    out: str = LOG
+    enough: str = ""
+    threads: int = 1
+    memory: int | None = None
+    seconds: float | None = None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """state: one of DONE, FAILED, ...; reason: a sentence, "" where all is well."""
+
+    state: str
+    reason: str = ""
+
+
+def perform(task: Task, folder: Path, children: Children) -> Outcome:
+    """Runs the commands of a task in a folder that is not there yet; what they leave, LOG among it, stays there."""
+    try:
+        folder.mkdir()
+        for name, text in task.files.items():
+            (folder / name).write_text(text, encoding="utf-8")
+        return _run_commands(task, folder, children)
+    except OSError as error:
+        return Outcome(FULL, "the disk is full") if is_full(error) else Outcome(FAILED, f"{type(error).__name__}: {error}")
+
+
+def _run_commands(task, folder, children):
+    caps = Caps(task.threads, task.memory, None if task.seconds is None else time.monotonic() + task.seconds)
+    places = {"root": ROOT, "folder": folder, "input": task.input, "threads": task.threads}
+    with open(folder / LOG, "ab") as log, open(folder / task.out, "ab") as out:
+        for step, words in task.commands:
+            try:
+                code = children.run([word.format(**places) for word in words], out, log, caps)
+            except Overdue:
+                return Outcome(OVERDUE, f"{step}: took longer than {task.seconds:g} s")
+            if code is None or children.stopped:
+                return Outcome(INTERRUPTED, "interrupted")
+            if code:
+                return _failure(step, code, folder, task.memory)
+            if task.enough and (folder / task.enough).exists():
+                break
+    return Outcome(DONE)
+
+
+def _failure(step, code, folder, memory):
+    if shutil.disk_usage(folder).free < FULL_BYTES:
+        return Outcome(FULL, f"{step}: the disk is full")
+    capped = f", of {memory} bytes of memory at most" if memory and code < 0 else ""
+    reason = f"ended by signal {-code}{capped}" if code < 0 else last_line(folder / LOG)
+    return Outcome(UNSUITED if code == EXIT_SUPPORT else FAILED, f"{step}: {reason}")
+
+
+def last_line(path: Path) -> str:
+    """The last line of a log that is not blank, at most 300 characters."""
+    lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
+    return next((line for line in reversed(lines) if line.strip()), "it said nothing")[:300]
+
+
+def is_full(error: BaseException) -> bool:
+    """Whether an error says that the disk, or what the user may have of it, is full."""
+    return isinstance(error, OSError) and error.errno in _FULL
+
+
+def moved(task: Task, input: Path) -> Task:
+    """The task with its asset at another place."""
+    return replace(task, input=input)
+
+
+def remove_folder(folder: Path) -> None:
+    """Removes the folder of an attempt, if it is there."""
+    shutil.rmtree(folder, ignore_errors=True)
+

@@ -46,7 +46,7 @@ def explain_lines(told: dict) -> Iterator[str]:
     for row in rows:
         cells = [cell.rjust(width) if i else cell.ljust(width) for i, (cell, width) in enumerate(zip(row, widths, strict=False))]
         yield "  " + "  ".join([*cells, row[7]]).rstrip()
-    yield f"whole stream; 3D-PSNR of Y at {told['samples']} points; one run each, with warm kernels; seconds bought are the processor's"
+    yield f"whole stream; 3D-PSNR of Y at {told['samples']} points; one run each, warm; seconds bought are the processor's"
     if told["not_tried"]:
         yield f"no time for {', '.join(told['not_tried'])}: --explain-seconds gives more than {told['budget']:.0f}"
 

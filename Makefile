@@ -46,9 +46,11 @@ rate-points: install
 	$(PY) tools/rate_points.py "$(or $(CONDITIONS),conditions/smoke.toml)" --out "$(or $(OUT),out/rate_points)" $(if $(ASSETS),--assets "$(ASSETS)") $(if $(JOBS),--jobs $(JOBS))
 	$(PY) tools/collect.py "$(or $(OUT),out/rate_points)" --out "$(or $(OUT),out/rate_points)"
 
-# Which settings of the encoder pay: make accuracy-time [ASSET=file] [QUICK=1] [OUT=folder]
+# Which settings of the encoder pay, and what a second buys: make accuracy-time [ASSET="file or name ..."] [ASSETS=folder]
+# [KNOB="name ..."] [QUICK=1] [REPEATS=n] [JOBS=n] [OUT=folder] [PAGE=docs/accuracy_time.md]. Without ASSET the four of the page
+# where ASSETS names their folder, else the sample.
 accuracy-time: install
-	$(PY) tools/accuracy_time.py --asset "$(or $(ASSET),sample)" $(if $(QUICK),--quick) --out "$(or $(OUT),out/accuracy_time)"
+	$(PY) tools/accuracy_time.py $(if $(ASSETS),--assets "$(ASSETS)") $(if $(or $(ASSET),$(if $(ASSETS),,sample)),--asset $(or $(ASSET),sample)) $(if $(KNOB),--knob $(KNOB)) $(if $(QUICK),--quick) $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out "$(or $(OUT),out/accuracy_time)" $(if $(PAGE),--page "$(PAGE)")
 
 # 3DNTC payloads against ASTC, and what their fitting time buys; about an hour: make neural [ASSETS=folder] [OUT=folder]
 neural: install

@@ -12,6 +12,7 @@ from ..options import DEFAULT_CODEC, EncodeOptions, strange_options
 from .advice import advice_lines
 from .console import SIGNS, STYLE, check_output, is_device, run, seconds_of, timing_line, write_output
 from .effects import decision_lines
+from .explain import explain_flags, explain_lines, seconds_to_explain
 from .flags import file_names, limit_flags, limits_of, number, option_flags
 from .inputs import load_mesh
 
@@ -39,6 +40,7 @@ def _warm_up(context, parameter, value):
 @option_flags(EncodeOptions, "threads")
 @limit_flags("vertices", "faces", "voxels", "samples", "metadata_bytes")
 @option_flags(EncodeOptions, "measure", "strict")
+@explain_flags
 @click.option("--dry-run", is_flag=True, help="Load, estimate and report; write nothing. OUT may be left out.")
 @click.option("--advise", "advised", is_flag=True, help="As --dry-run, and say what the encoder will probably choose.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
@@ -61,7 +63,9 @@ def enc(console, source, out, dry_run, advised, as_json, quiet, **choices):
 
     Exit codes: 0 done, 1 command line, 2 input or output, 4 internal, 5 not supported, 6 over a limit, 130 interrupted.
     """
-    options, dry_run = _options(choices), dry_run or advised
+    dry_run = dry_run or advised
+    explained = seconds_to_explain(choices, dry_run)
+    options = _options(choices)
     if out is None and not dry_run:
         raise click.UsageError("Missing argument 'OUT.texf'")
     if out == "-":
@@ -73,7 +77,7 @@ def enc(console, source, out, dry_run, advised, as_json, quiet, **choices):
         scene = _load(source, options, report)
         if not dry_run:
             check_output(out, scene.files)
-        facts = _estimate(scene, options, report) if dry_run else _encode(scene, options, report, out)
+        facts = _estimate(scene, options, report) if dry_run else _encode(scene, options, report, out, explained)
         facts |= {"advice": _advice(scene, options, report)} if advised else {}
     if not (console.as_json or dry_run):
         console.warnings(report)
@@ -147,22 +151,31 @@ def _load(source, options, report):
     return scene
 
 
-def _encode(scene, options, report, out):
-    """Encodes, measures where asked, writes; returns what the stream is like."""
+def _encode(scene, options, report, out, explained=None):
+    """Encodes, measures where asked, writes; returns what the stream is like. explained: as of seconds_to_explain."""
     from ..api import encode_loaded
     from ..bitstream.inspect import inspect
 
     made = encode_loaded(scene, options, report)
+    more = {} if explained is None else {"explained": _explain(scene, options, made, report, explained)}
     write_output(out, made.data, scene.files)
     psnr = made.psnr_3d
     facts = {"bytes": made.sizes, **_sizes(scene, len(made.data)), "resolution": made.resolution, "qp": made.qp,
              "max_error": options.max_error, **made.counts, "codec": options.codec,
              "texels_per_voxel_edge": round(made.texels_per_voxel_edge, 3),
              "psnr_3d": psnr and {name: psnr[name] for name in ("y", "yuv611", "rgb")}, "psnr_samples": psnr and psnr["samples"]}
-    facts |= made.choices
+    facts |= made.choices | more
     for told, group in zip(facts.get("channels", []), inspect(made.data)["groups"], strict=False):
         told["bytes"] = group["bytes"]
     return facts
+
+
+def _explain(scene, options, made, report, seconds):
+    from ..explain import explain_time
+
+    stages = dict(report.seconds)
+    with report.stage("explain"):
+        return explain_time(scene, options, made, stages, seconds or None)
 
 
 def _sizes(scene, total):
@@ -204,6 +217,7 @@ def _run_facts(report):
 
 def _lines(facts, out):
     sizes = facts["bytes"]
+    yield from explain_lines(facts["explained"]) if "explained" in facts else ()
     yield f"{out}: {sizes['total']} bytes; geometry {sizes['geometry']}, attributes {sizes['attributes']}, other {sizes['other']}"
     yield from _size_lines(facts)
     codec = codec_of(facts["codec"])

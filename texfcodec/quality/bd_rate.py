@@ -45,3 +45,21 @@ def _integral(quality, log_rate, low, high):
     from scipy.interpolate import PchipInterpolator  # here, because scipy takes long to import and eval is rare
 
     return float(PchipInterpolator(quality, log_rate).integrate(low, high))
+
+
+def difference_at(rate_a: ArrayLike, psnr_a: ArrayLike, rate: float, psnr: float) -> float:
+    """How many percent more bytes than the curve a one point takes, at the point's own quality; negative means fewer.
+
+    rate_a, psnr_a: as of bd_rate; rate, psnr: of the point. Within the curve's quality log(rate) is interpolated by PCHIP, beyond
+    its ends it goes on along the outermost straight line, which is a guess. Raises ValueError as bd_rate.
+    """
+    from scipy.interpolate import PchipInterpolator
+
+    quality, log_rate = _curve("a", rate_a, psnr_a)
+    if quality[0] <= psnr <= quality[-1]:
+        there = float(PchipInterpolator(quality, log_rate)(psnr))
+    else:
+        first = 0 if psnr < quality[0] else len(quality) - 2
+        slope = (log_rate[first + 1] - log_rate[first]) / (quality[first + 1] - quality[first])
+        there = log_rate[first] + slope * (psnr - quality[first])
+    return float(np.expm1(np.log(rate) - there) * 100)

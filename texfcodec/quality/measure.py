@@ -22,12 +22,13 @@ BLOCK = 1 << 17  # points asked at a time
 class SourceSamples:
     """Points spread evenly by area over the source, with its colours there; ask several streams with the same ones.
 
-    scene: Scene; samples: number of points; threads. face: int64 [M]; colour: uint8-precise float32 [M, 4], 0..255.
+    scene: Scene; samples: number of points; threads; seed: of where they fall. face: int64 [M]; colour: uint8-precise
+    float32 [M, 4], 0..255.
     """
 
-    def __init__(self, scene: Scene, samples: int = SAMPLES, threads: int = 1) -> None:
+    def __init__(self, scene: Scene, samples: int = SAMPLES, threads: int = 1, seed: int = 0) -> None:
         self.scene = scene
-        self.face, self.bary = sample_surface(scene.positions, scene.faces, samples)
+        self.face, self.bary = sample_surface(scene.positions, scene.faces, samples, seed)
         self.colour = sample_source(pack_source(scene), self.face, self.bary, threads)
 
     def compare(self, texf: Texf, face_field: np.ndarray | None = None) -> dict:

@@ -64,7 +64,7 @@ class Gltfpack(GlbMethod):
             return (f"{NAME} is not installed: take a build of meshoptimizer's releases, or `npm install -g gltfpack`, which "
                     f"codes no images; {VARIABLE} may name it")
         if reason := refused(program, tuple(WORDS[options["texture"]])):
-            return f"this {NAME} codes no images as {options['texture']}, builds of meshoptimizer's releases do: {reason}"
+            return f"this {NAME} cannot code images as {options['texture']}, builds of meshoptimizer's releases can: {reason}"
         return meshopt_missing() or (ktx2_missing() if "-tc" in WORDS[options["texture"]] else None)
 
     def encode(self, scene, options, folder, threads, report):
@@ -110,7 +110,7 @@ def refused(program, words):
     scene = Scene(np.eye(3), np.array([[0, 1, 2]]), np.zeros(1, np.int64), corners, None, [Material(texture=0)],
                   [Texture(np.full((4, 4, 4), 255, np.uint8))])
     source = source_of(scene)
-    with tempfile.TemporaryDirectory(prefix="texf-gltfpack-") as folder:
+    with tempfile.TemporaryDirectory(prefix="texf-trial-") as folder:
         path = Path(folder) / SOURCE
         write_document(document_of(source, coded_images(source, "png")), path)
         try:

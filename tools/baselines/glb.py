@@ -26,6 +26,15 @@ WRAPS = {WRAP_REPEAT: 10497, WRAP_CLAMP: 33071, WRAP_MIRROR: 33648}
 class GlbMethod(Method):
     """A method whose encode leaves WHOLE, what is counted and decoded, and BARE, the same without looks."""
 
+    def encoder(self):
+        """The name and version of what codes; "" where it is not installed."""
+        return ""
+
+    def version(self):
+        """encoder(), and a hash of the files that these methods share."""
+        shared = b"".join(path.read_bytes() for path in (Path(__file__), Path(__file__).with_name("programs.py")))
+        return f"{self.encoder()} {hashlib.sha256(shared).hexdigest()[:16]}"
+
     def decode(self, folder, options, threads, report):
         """The Scene of WHOLE, by our loader."""
         return checked(folder / WHOLE)

@@ -51,7 +51,7 @@ class Gltfpack(GlbMethod):
 
     options = tuple(DEFAULTS)
 
-    def version(self):
+    def encoder(self):
         """What the program says of itself; "" where it is not there."""
         program = program_of({}, VARIABLE, NAME)
         return version_of((*program, "-v")) if program else ""

@@ -39,7 +39,7 @@ class Ktx2(GlbMethod):
 
     options = tuple(DEFAULTS)
 
-    def version(self):
+    def encoder(self):
         """The version of alktx2; "" where it is not installed."""
         try:
             return version("alktx2")

@@ -28,11 +28,12 @@ CODECS = {
 }
 COLOUR_BITS, TEXTURED_COLOUR_BITS, FINE_COLOUR_BITS = (3, 4, 5, 6, 7, 8), (5, 8), (10, 12)
 SPEED, METHOD = 6, 4  # of AVIF and WebP
+FRAMES = ("corner_normal", "corner_tangent")
 
 
 @dataclass
 class Rival:
-    """One asset on its lattice. scene: with the lattice's positions and faces, and the source's UVs and colours; lattice: int64
+    """One asset on its lattice. scene: with the lattice's positions and faces, and all else of the source; lattice: int64
     [V, 3]; images: {content: uint8 [H, W, 4]} of what faces use, each once; content: that of each texture, None where unused;
     with_alpha: contents whose alpha shows."""
 
@@ -59,8 +60,10 @@ def rival_of(scene, position_bits=POSITION_BITS):
     surface = make_surface(scene, EncodeOptions(position_bits=position_bits))
     pick = surface.origin_face
     colour = None if scene.corner_color is None else scene.corner_color[pick]
+    frames = {name: None if (frame := getattr(scene, name)) is None else frame[pick] for name in FRAMES}
     placed = replace(scene, positions=surface.cube.to_world(surface.lattice), faces=surface.faces,
-                     face_material=surface.material, corner_uv=scene.corner_uv[pick], corner_color=colour)
+                     face_material=surface.material, corner_uv=scene.corner_uv[pick], corner_color=colour,
+                     map_uv={name: uv[pick] for name, uv in scene.map_uv.items()}, **frames)
     images, content, with_alpha = {}, [None] * len(scene.textures), set()
     for material in (scene.materials[m] for m in np.unique(surface.material)):
         if material.texture < 0:

@@ -37,7 +37,7 @@ from texfcodec.render.environment import DAYLIGHT
 from texfcodec.report import Report
 from texfcodec.support.morton import decode_morton
 from texfcodec.support.texel_set import asked_texels
-from tools.everyday_rivals import dec_image, draco_bytes, enc_mesh, quantise_uv, rival_of, shrunk
+from tools.everyday_rivals import dec_image, dequantise_uv, draco_bytes, enc_mesh, quantise_uv, rival_of, shrunk
 
 SCALES = {1: (10, 25, 40, 55, 70, 82, 90), 2: (25, 50, 75, 90), 4: (50, 85)}
 UV_BITS, SPEED = 12, 6
@@ -132,9 +132,10 @@ def _values(name, texels):
 
 def rival_record(looked):
     """The curves of AVIF: {"asset", "uv_bytes", "points", "maps"}."""
-    rival = rival_of(looked.scene)
-    plain = draco_bytes(rival, None, None)
-    uv = len(enc_mesh(rival.lattice, rival.scene.faces, quantise_uv_of_all(rival), UV_BITS, None)) - plain
+    rival = with_maps_in_view(rival_of(looked.scene))
+    plain, steps = draco_bytes(rival, None, None), quantise_uv(rival, UV_BITS)
+    uv = len(enc_mesh(rival.lattice, rival.scene.faces, steps, UV_BITS, None)) - plain
+    mesh = replace(rival.scene, materials=looked.scene.materials, corner_uv=dequantise_uv(rival, steps, UV_BITS))
     used = sorted({texture for _, _, texture in looked.maps()})
     points, maps = [], {}
     for scale, qualities in SCALES.items():
@@ -148,16 +149,16 @@ def rival_record(looked):
                     {"scale": scale, "quality": quality, "bytes": coded[t][1], **{n: psnr[n] for n in mine}})
             textures = [replace(x, image=coded[t][0]) if t in coded else x for t, x in enumerate(looked.scene.textures)]
             point = {"scale": scale, "quality": quality, "map_bytes": sum(size for _, size in coded.values()),
-                     "psnr": looked.psnr(replace(looked.scene, textures=textures))}
+                     "psnr": looked.psnr(replace(mesh, textures=textures))}
             points.append(point)
             print(looked.name, point, flush=True)
     return {"asset": looked.name, "uv_bytes": uv, "points": points, "maps": maps}
 
 
-def quantise_uv_of_all(rival):
-    """As everyday_rivals.quantise_uv, for materials that have maps and no base colour too."""
+def with_maps_in_view(rival):
+    """A Rival whose UVs are rounded on materials that have maps and no base colour too."""
     materials = [replace(m, texture=max(m.texture, *m.maps.values(), -1)) if m.maps else m for m in rival.scene.materials]
-    return quantise_uv(replace(rival, scene=replace(rival.scene, materials=materials)), UV_BITS)
+    return replace(rival, scene=replace(rival.scene, materials=materials))
 
 
 def _columns(looked, texture):

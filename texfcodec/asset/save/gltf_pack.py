@@ -59,6 +59,9 @@ class Plain:
 class Draco(Plain):
     """Positions on the lattice that the stream has, UVs in 16 bits, normals in 10; other attributes as they are."""
 
+    def __init__(self, uv_bits: int = _UV_BITS) -> None:
+        self._uv_bits = uv_bits
+
     def positions(self, texf: Any, vertex: np.ndarray) -> tuple:
         local, translation, scale = super().positions(texf, vertex)
         origin = texf.origin if translation is None else np.zeros(3)
@@ -97,7 +100,7 @@ class Draco(Plain):
         rest = {number: np.ascontiguousarray(columns[name].values) for number, name in _generic(columns)}
         return DracoPy.encode(columns["POSITION"].values.astype(np.float32), corners.reshape(-1, 3).astype(np.uint32),
                               quantization_bits=bits, compression_level=_DRACO_LEVEL, generic_attributes=rest or None,
-                              normal_quantization_bits=_NORMAL_BITS, tex_coord_quantization_bits=_UV_BITS, **told)
+                              normal_quantization_bits=_NORMAL_BITS, tex_coord_quantization_bits=self._uv_bits, **told)
 
 
 def _generic(columns):

@@ -14,8 +14,8 @@ CODECS names them with what `quality` means, the range it may have and the step 
 
 HEVC gets BT.709 with full range; Pillow's AVIF writes BT.601 with full range. Matrices are applied in float32; chroma is halved
 and doubled by Pillow's Lanczos filter with samples in the middle of their four (47.41 dB on a crop of bball_0001 that is not
-coded, against 47.01 with means and bilinear look-ups). AV1's chroma is halved by libavif, and doubled as here. Sides that are odd,
-or shorter than what an encoder takes, are continued by repetition of the border.
+coded, against 47.01 with means and bilinear look-ups). AV1's chroma is halved by libavif, and doubled as here. Sides that are
+odd, or shorter than what an encoder takes, are continued by repetition of the border.
 
 Alpha of hevc, av1, jpeg and jxl is a grey image of its own, of the same codec and quality: RGBA_MARK, the length of the colour
 as 32-bit little-endian number, colour, alpha. All of these count.
@@ -33,7 +33,7 @@ RIVALS = 'pip install "texfcodec[rivals]" brings it'
 
 
 class Codec(NamedTuple):
-    """quality: what the number means; low, high: its range; needs: what codes, a key of _missing; alpha: whether it has its own."""
+    """quality: what the number means; low, high: its range; needs: what codes; alpha: whether it has its own."""
 
     quality: str
     low: float

@@ -2,8 +2,8 @@
 a square image along the same curve in two dimensions, which is coded by HEVC or, for GPUs, in ASTC blocks.
 
 The voxels and their colours are those that our encoder would code (voxel_values.py), all fields of a mesh one after the other.
-The decoder has the mesh and so the voxels; what counts beside the geometry is the image, alpha as a grey image of its own where
-HEVC codes it, and what a stream without values takes (materials, counts, checksums: some 100 bytes).
+The decoder has the mesh and so the voxels; what counts beside the geometry is the image, alpha included where there is any, and
+what a stream without values takes (materials, counts, checksums: some 100 bytes).
 
 A GPU looks a voxel up without walking the mesh, so that ASTC's image needs a structure that gives the rank of a voxel: the DAG
 that the paper names, or the octree, both in addressing.py and built for every field. By default the smaller one counts, because a
@@ -25,16 +25,16 @@ from texfcodec.support.layout import octree_depth
 DEFAULTS = {"resolution": 2048, "curve": "hilbert", "fill": "blocks", "tile": 64, "codec": "hevc", "qp": 31, "chroma": "444",
             "block": "6x6", "quality": 98, "profile": "ldr", "addressing": "smallest", "position_bits": None}
 ASTC_OPTIONS = ("block", "quality", "profile")
-CODECS, CHROMA, TILES = ("hevc", "astc"), ("444", "420"), tuple(1 << bits for bits in range(3, 11))
-IMAGE, ALPHA, ADDRESSES = "image.bin", "alpha.bin", "addresses{}.bin"
+CODECS, CHROMA, TILES = ("hevc", "av1", "astc"), ("444", "420"), tuple(1 << bits for bits in range(3, 11))
+IMAGE, ADDRESSES = "image.bin", "addresses{}.bin"
 WARM_SIDE = 64
 
 
 @method("serialized")
 class Serialized(TexfMethod):
     """Options and their defaults stand in DEFAULTS: resolution K of the voxels; curve one of CURVES; fill "blocks", tiles of
-    `tile` pixels a side along the curve, or "rows"; codec one of CODECS with its qp and chroma, or with block, quality and
-    profile as astc has them and addressing "dag", "octree" or "smallest"; position_bits as our encoder has them."""
+    `tile` pixels a side along the curve, or "rows"; codec one of CODECS, with qp (of av1 the CQ level) and chroma, or with block,
+    quality and profile as astc has them and addressing "dag", "octree" or "smallest"; position_bits as our encoder has them."""
 
     options = tuple(DEFAULTS)
 
@@ -43,7 +43,7 @@ class Serialized(TexfMethod):
         from baselines import image_codecs
         from baselines.astc import Astc
 
-        return f"{Astc().version()} {image_codecs.version()}"
+        return " ".join([Astc().version(), *(image_codecs.versions(codec) for codec in CODECS if codec != "astc")])
 
     def missing(self, options):
         """As Method.missing: of the image codec."""
@@ -67,8 +67,8 @@ class Serialized(TexfMethod):
         voxel_values(small_scene(), {"resolution": WARM_SIDE, "threads": threads}, Report())
 
     def encode(self, scene, options, folder, threads, report):
-        """Writes STREAM without values, IMAGE, ALPHA where HEVC has one to code and ADDRESSES of every field for ASTC; FACE_FIELD
-        tells which field the measures ask. ValueError: an option is out of range, or the image came back in another size."""
+        """Writes STREAM without values, IMAGE, and for ASTC ADDRESSES of every field; FACE_FIELD is what measures ask.
+        ValueError: an option is out of range, or the image came back in another size."""
         asked = checked(options)
         given = {"resolution": asked["resolution"], "threads": threads, "position_bits": asked["position_bits"]}
         prepared, settings = voxel_values(scene, given, report)
@@ -81,9 +81,8 @@ class Serialized(TexfMethod):
             values = np.concatenate([rgba_of(part)[along] for part, (along, _) in zip(prepared.fields, order, strict=True)])
             image = to_image(values, asked["tile"], asked["curve"], asked["fill"])
         with report.stage("image"):
-            coded = {IMAGE: coder.enc(image)}
-            if asked["codec"] != "astc" and any("alpha" in part.planes for part in prepared.fields):
-                coded[ALPHA] = coder.enc(np.repeat(image[..., 3:], 4, axis=2))
+            has_alpha = asked["codec"] == "astc" or any("alpha" in part.planes for part in prepared.fields)
+            coded = {IMAGE: coder.enc(image if has_alpha else image[..., :3])}
         told = {"dag_bytes": 0, "octree_bytes": 0}
         if asked["codec"] == "astc":
             with report.stage("addressing"):
@@ -93,7 +92,7 @@ class Serialized(TexfMethod):
             (folder / name).write_bytes(data)
         with report.stage("reconstruction"):
             fields = self._fields(prepared.fields, folder, asked, coder)
-        sizes["texture"] = sum(len(data) for name, data in coded.items() if name in (IMAGE, ALPHA))
+        sizes["texture"] = len(coded[IMAGE])
         sizes["addressing"] = sum(map(len, coded.values())) - sizes["texture"]
         return {"bytes": {"total": sum(sizes.values()), **sizes}, **asked, **told,
                 "reconstruction_sha256": self.values_sha256(SimpleNamespace(fields=fields)), "image": list(image.shape[1::-1]),
@@ -111,11 +110,7 @@ class Serialized(TexfMethod):
         layout = asked["tile"], asked["curve"], asked["fill"]
         count = sum(len(part.support) for part in parts)
         size = image_size(count, asked["tile"])
-        values = np.array(from_image(coder.dec((folder / IMAGE).read_bytes(), *size), count, *layout))
-        if asked["codec"] != "astc":
-            values[:, 3] = 255
-        if (folder / ALPHA).exists():
-            values[:, 3] = from_image(coder.dec((folder / ALPHA).read_bytes(), *size), count, *layout)[:, 0]
+        values = from_image(coder.dec((folder / IMAGE).read_bytes(), *size), count, *layout)
         rgba, begin = [], 0
         for along, _ in orders(parts, asked["curve"]):
             rgba.append(np.empty((len(along), 4), np.uint8))

@@ -52,4 +52,16 @@ def test_committed_conditions_are_sound():
             if setting["method"] == "texf":
                 EncodeOptions(**setting["options"])
     paper = read_conditions(REPOSITORY / "conditions/paper.toml")["settings"]
-    assert len(paper) == 18 and all(s["options"]["exact_rate"] for s in paper)
+    assert all(s["options"]["effects"] == "none" for s in paper if s["method"].startswith("texf"))
+    assert all(s["options"].get("exact_rate") for s in paper if s["method"] == "texf" and s["group"].startswith("TexF voxels"))
+
+
+def test_the_command_line_takes_the_place_of_the_evaluation_and_picks_assets():
+    path = REPOSITORY / "conditions/paper.toml"
+    whole, part = read_conditions(path), read_conditions(path, ["size=256", "ssim=false"], ["bball_0001"])
+    assert part["evaluation"] == whole["evaluation"] | {"size": 256, "ssim": False} and part["assets"] == ["bball_0001"]
+    for wrong in (["size"], ["sice=3"], ["size=true"]):
+        with pytest.raises(SystemExit, match="paper.toml"):
+            read_conditions(path, wrong)
+    with pytest.raises(SystemExit, match="no_such is none of its assets"):
+        read_conditions(path, (), ["no_such"])

@@ -117,7 +117,7 @@ def warm_cache():
 
 def run_conditions(args):
     """The batch of the command line; its exit code."""
-    conditions = read_conditions(args.conditions)
+    conditions = read_conditions(args.conditions, args.evaluation, args.asset)
     args.jobs = min(max(args.jobs, 1), 256)
     seconds = conditions["limit_seconds"] if args.limit_seconds is None else args.limit_seconds
     caps = {"threads": max(default_threads() // args.jobs, 1), "memory": args.memory_limit, "seconds": seconds}

@@ -17,9 +17,9 @@ KINDS = {bool: "true or false", str: "the path of a file", int: "a whole number"
 NAME = re.compile(r"\w[\w.+-]*")
 
 
-def read_conditions(path):
+def read_conditions(path, changed=(), only=()):
     """{"assets", "plugins", "limit_seconds", "evaluation", "settings"} of a condition file, checked; or the program ends with a
-    sentence."""
+    sentence. changed: words KEY=VALUE in the place of lines of [evaluation]; only: names of its assets, all where it is empty."""
     try:
         with open(path, "rb") as file:
             given = tomllib.load(file)
@@ -32,7 +32,7 @@ def read_conditions(path):
             raise ValueError("assets is empty")
         found = {"assets": assets, "plugins": [str(Path(path).parent.resolve() / p) for p in plugins],
                  "limit_seconds": _seconds(given.get("limit_seconds")),
-                 "evaluation": _evaluation(given.get("evaluation", {}), Path(path).parent)}
+                 "evaluation": _evaluation(given.get("evaluation", {}) | _changes(changed), Path(path).parent)}
         tables = given.get("settings")
         if not isinstance(tables, list) or not tables:
             raise ValueError("there is no [[settings]] table")
@@ -41,6 +41,9 @@ def read_conditions(path):
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"two settings are called {name!r}")
+        if unknown := [name for name in only if name not in assets]:
+            raise ValueError(f"{', '.join(unknown)} is none of its assets: {', '.join(assets)}")
+        found["assets"] = [name for name in assets if name in only or not only]
     except ValueError as error:
         raise SystemExit(f"{path}: {error}") from None
     return found
@@ -65,6 +68,14 @@ def _seconds(value):
     if value is not None and (isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf):
         raise ValueError(f"limit_seconds must be a number above 0, not {value!r}")
     return value
+
+
+def _changes(words):
+    """{key: value} of KEY=VALUE words, values as TOML has them."""
+    try:
+        return tomllib.loads("\n".join(words))
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{' '.join(words)}: {error}") from None
 
 
 def _evaluation(table, folder):

@@ -1,7 +1,7 @@
 """Rate points: every asset coded by every method at every setting and measured, a folder per job; may be stopped at any moment.
 
 python tools/rate_points.py CONDITIONS.toml --out DIR [--jobs N | --scheduler tcp://HOST:PORT] [--assets FOLDER] [--keep-old]
-                            [--limit-seconds S] [--memory-limit BYTES]
+                            [--limit-seconds S] [--memory-limit BYTES] [--asset NAME ...] [--evaluation KEY=VALUE ...]
 
 CONDITIONS.toml (see conditions/):
 
@@ -65,6 +65,9 @@ def main(arguments=None):
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="jobs at a time")
     parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="run them on this Dask cluster")
     parser.add_argument("--assets", type=Path, metavar="FOLDER", help="where the assets are")
+    parser.add_argument("--asset", action="append", default=[], metavar="NAME", help="of the file's assets this one; repeatable")
+    parser.add_argument("--evaluation", action="append", default=[], metavar="KEY=VALUE",
+                        help="in the place of a line of [evaluation], such as size=1024; repeatable")
     parser.add_argument("--keep-old", action="store_true", help="keep what other states of the code have finished")
     parser.add_argument("--limit-seconds", type=_above_zero, metavar="S", help="longest time of a job")
     parser.add_argument("--memory-limit", type=int, metavar="BYTES", help="most data that a process of a job may hold")

@@ -3,7 +3,8 @@ base colour, or the maps of whole materials with them, packed as glTF packs them
 
 What counts is what a GPU would have to hold beside the geometry: 16 bytes a block of every image that a face uses, without mips
 and file headers, and two 16-bit numbers per vertex of a textured face. What is counted is what the decoder works with: it gets
-the decoded blocks and the rounded UVs. Geometry is the source's and costs nothing.
+the decoded blocks and the rounded UVs. Geometry is the source's and costs nothing. UV-Reparam/ASTC is the same with a new
+parametrisation and one image of as many texels (parametrise.py), on geometry of 14 bits, which costs nothing either.
 
 Needs astc-encoder-py, `pip install "texfcodec[baselines]"`; its "thorough" preset is quality 98.
 """
@@ -16,10 +17,12 @@ from importlib.metadata import PackageNotFoundError, version
 import numpy as np
 
 from baselines import Method, method
+from baselines.parametrise import PARAMETRISATIONS, SOURCE_UVS, Request, reparametrised, side_of
 from baselines.sheets import COLOUR, NORMAL, map_sheets, three_components, two_components
 from texfcodec.asset.scene import Material, Scene, Texture
 
-DEFAULTS = {"block": "6x6", "quality": 98, "uv_bytes": "uint16", "profile": "ldr", "maps": "none", "normals": "xy"}
+DEFAULTS = {"block": "6x6", "quality": 98, "uv_bytes": "uint16", "profile": "ldr", "maps": "none", "normals": "xy",
+            "parametrisation": "source"}
 BLOCKS = ("4x4", "5x4", "5x5", "6x5", "6x6", "8x5", "8x6", "8x8", "10x5", "10x6", "10x8", "10x10", "12x10", "12x12")
 # Texels of colours stay sRGB-coded either way. The linear profile meets the figures known for bball_0001 best (3D-PSNR Y 44.5,
 # 46.0, 47.7, 50.2 at 12x12, 10x10, 8x8, 6x6; at the same surface points it has 44.53, 45.92, 47.66, 50.24). The sRGB profile,
@@ -34,7 +37,8 @@ SOURCE, LAYOUT, UVS, IMAGE = "source.npz", "layout.json", "uv.uint16", "image{}.
 class Astc(Method):
     """Options and their defaults stand in DEFAULTS: block is one of BLOCKS; quality 0 to 100; uv_bytes "uint16", or "none" for
     UVs as they are that count nothing; profile one of PROFILES, for colours; maps "none", base colour alone, or "all" that show
-    more than one value; normals "xy", two components with the encoder's own measure of angles, or "rgb"."""
+    more than one value; normals "xy", two components with the encoder's own measure of angles, or "rgb";
+    parametrisation one of PARAMETRISATIONS."""
 
     options = tuple(DEFAULTS)
 
@@ -58,7 +62,8 @@ class Astc(Method):
         """Writes IMAGE for each image and, if they count, UVS: files of just the bytes that are counted; LAYOUT and SOURCE hold
         what is handed through. LookupError: no face of the scene has a texture. ValueError: an option is out of range."""
         codec = self.codec(options, threads)
-        scene = _asked_scene(scene, codec.options)
+        with report.stage("parametrisation"):
+            scene = _asked_scene(scene, codec.options, folder.parent, threads)
         images, textures = used_textures(scene)
         sheets, placed = map_sheets(scene)
         kinds = [COLOUR] * len(images) + [sheet.kind for sheet in sheets]
@@ -117,8 +122,12 @@ class Astc(Method):
         return hash_of(images.values(), decoded.corner_uv[textured_faces(decoded)])
 
 
-def _asked_scene(scene, options):
-    """A Scene with the maps that options ask for."""
+def _asked_scene(scene, options, keep, threads):
+    """A Scene with the maps and the parametrisation that options ask for. keep: folder for new parametrisations."""
+    if options["parametrisation"] != SOURCE_UVS:
+        if options["maps"] != "none":
+            raise ValueError("a new parametrisation has the base colour alone, so that maps must be \"none\"")
+        return reparametrised(scene, Request(options["parametrisation"], side_of(scene)), keep, threads)[0]
     if options["maps"] == "none":
         return replace(scene, materials=[replace(m, maps={}) for m in scene.materials])
     from tools.material_quality import needed_maps
@@ -138,7 +147,7 @@ class Codec:
     def __init__(self, options, threads):
         self.options = DEFAULTS | options
         for name, known in (("block", BLOCKS), ("uv_bytes", ("uint16", "none")), ("profile", tuple(PROFILES)),
-                            ("maps", ("none", "all")), ("normals", ("xy", "rgb"))):
+                            ("maps", ("none", "all")), ("normals", ("xy", "rgb")), ("parametrisation", PARAMETRISATIONS)):
             if self.options[name] not in known:
                 raise ValueError(f"{name} must be one of {', '.join(known)}, not {self.options[name]!r}")
         quality = self.options["quality"]

@@ -12,9 +12,10 @@ from PIL import Image
 
 from baselines import method
 from baselines.astc import Astc, texture_bytes
+from baselines.parametrise import PARAMETRISATIONS
 from baselines.sheets import COLOUR, NORMAL, three_components, two_components
 
-DEFAULTS = {"halvings": 0, "uber": 4, "uv_bytes": "uint16", "maps": "none"}
+DEFAULTS = {"halvings": 0, "uber": 4, "uv_bytes": "uint16", "maps": "none", "parametrisation": "source"}
 BLOCK = (4, 4)
 BC5, BC7 = 5, 7  # as Pillow numbers them
 UBERS, HALVINGS = range(5), range(8)
@@ -22,8 +23,8 @@ UBERS, HALVINGS = range(5), range(8)
 
 @method("bc7")
 class Bc7(Astc):
-    """Options and their defaults stand in DEFAULTS: halvings of the images' sides; uber 0 to 4, the encoder's effort; uv_bytes
-    and maps as astc has them."""
+    """Options and their defaults stand in DEFAULTS: halvings of the images' sides; uber 0 to 4, the encoder's effort; uv_bytes,
+    maps and parametrisation as astc has them."""
 
     options = tuple(DEFAULTS)
 
@@ -45,7 +46,8 @@ class Codec:
 
     def __init__(self, options):
         self.options = DEFAULTS | options
-        for name, known in (("halvings", HALVINGS), ("uber", UBERS), ("uv_bytes", ("uint16", "none")), ("maps", ("none", "all"))):
+        for name, known in (("halvings", HALVINGS), ("uber", UBERS), ("uv_bytes", ("uint16", "none")), ("maps", ("none", "all")),
+                            ("parametrisation", PARAMETRISATIONS)):
             if self.options[name] not in known or isinstance(self.options[name], bool):
                 raise ValueError(f"{name} must be one of {', '.join(map(str, known))}, not {self.options[name]!r}")
         try:

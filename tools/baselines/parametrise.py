@@ -8,6 +8,7 @@ and are then filled with the means of what is known around them, so that blocks 
 """
 
 import hashlib
+import importlib.util
 import io
 import math
 import os
@@ -24,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 import texfcodec
+from baselines.image_codecs import RIVALS
 from texfcodec.asset.sample import pack_source, sample_source
 from texfcodec.asset.save.atlas import Atlas
 from texfcodec.asset.save.atlas_quality import QualityFailed, unwrap
@@ -33,11 +35,12 @@ from texfcodec.geometry.surface import make_surface
 from texfcodec.ground import unfinished
 from texfcodec.options import EncodeOptions
 
-SOURCE, PARAMETRISATIONS = "source", ("source", "uvatlas", "xatlas")
+SOURCE_UVS, PARAMETRISATIONS = "source", ("source", "uvatlas", "xatlas")
 POSITION_BITS = 14
 SECONDS = 1800.0
 GUTTER = 4  # texels between charts, as atlas_quality asks xatlas for
 LEAST_SIDE, MOST_SIDE = 16, 16384
+NOT_LOADED = 3  # status of the child process
 _CHILD = "from baselines.parametrise import _child; _child()"
 
 
@@ -55,13 +58,8 @@ class Request(NamedTuple):
 
 def missing(parametrisation):
     """A sentence: what is not installed that a parametrisation needs, and how to get it; None where all is there."""
-    if parametrisation != "uvatlas":
-        return None
-    try:
-        import open3d  # noqa: F401
-    except (ImportError, OSError) as error:
-        return ('uvatlas needs open3d, pip install "texfcodec[rivals]" brings it, and the system libraries libusb-1.0, libGL and '
-                f"libgomp that it loads: {error}")
+    if parametrisation == "uvatlas" and importlib.util.find_spec("open3d") is None:  # to import it takes seconds
+        return f"uvatlas needs open3d; {RIVALS}"
     return None
 
 
@@ -254,9 +252,12 @@ def _by_uvatlas(points, faces, side, seconds):
     environment = dict(os.environ, PYTHONPATH=os.pathsep.join([here, *(p for p in sys.path if p)]))
     try:
         done = unfinished.run_child([sys.executable, "-c", _CHILD], request.getvalue(), seconds, environment)
+        said = (done.stderr.decode(errors="replace").strip().splitlines() or ["it said nothing"])[-1].strip()
+        if done.returncode == NOT_LOADED:
+            raise LookupError(f"uvatlas needs open3d, which cannot be loaded (it wants libusb-1.0 and libGL): {said}")
         if done.returncode:
-            said = done.stderr.decode(errors="replace").strip().splitlines() or ["it said nothing"]
-            raise NoAtlas(f"UVAtlas ended with status {done.returncode} on {len(faces)} faces: {said[-1].strip()}")
+            raise NoAtlas(f"UVAtlas ended with status {done.returncode} on {len(faces)} faces, as it does where they are no "
+                          f"manifold: {said}")
         with np.load(io.BytesIO(done.stdout)) as reply:
             return reply["uv"].astype(np.float64)
     except subprocess.TimeoutExpired:
@@ -269,8 +270,12 @@ def _child():
     """Entry point of the child process: an npz request on stdin, an npz reply on stdout."""
     replies = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever native code prints must not reach the reply
-    import open3d
-
+    try:
+        import open3d
+    except (ImportError, OSError) as error:
+        print(error, file=sys.stderr)
+        sys.exit(NOT_LOADED)
+    open3d.utility.set_verbosity_level(open3d.utility.VerbosityLevel.Error)
     with np.load(io.BytesIO(sys.stdin.buffer.read())) as request:
         points, faces, side = request["points"], request["faces"], int(request["side"])
     mesh = open3d.t.geometry.TriangleMesh(open3d.core.Tensor(points), open3d.core.Tensor(faces))

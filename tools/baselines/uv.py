@@ -65,7 +65,7 @@ class Uv(Method):
 
         options = checked(options)
         texels, seconds = parametrise.used_texels(scene), 0.0
-        if options["parametrisation"] != parametrise.SOURCE:
+        if options["parametrisation"] != parametrise.SOURCE_UVS:
             with report.stage("parametrisation"):
                 side = max(round((options["size"] or parametrise.side_of(scene)) * options["scale"]), parametrise.LEAST_SIDE)
                 request = parametrise.Request(options["parametrisation"], side, options["seconds"])
@@ -192,7 +192,7 @@ def dec_meshes(folder, layout, handed):
 def enc_images(rival, options, threads):
     """(bytes of each image, {"images": their [width, height]})."""
     kind, out, sizes = (options["codec"], options["quality"], options["chroma"], threads), [], []
-    scale = options["scale"] if options["parametrisation"] == parametrise.SOURCE else 1
+    scale = options["scale"] if options["parametrisation"] == parametrise.SOURCE_UVS else 1
     for key, image in rival.images.items():
         image = image if key in rival.with_alpha else np.ascontiguousarray(image[..., :3])
         if scale != 1:

@@ -166,13 +166,19 @@ def test_tables_are_sorted_by_the_head_that_is_pressed(tmp_path, shown):
           orders.push([...table.querySelectorAll("tbody tr")].map((row) => row.cells[1].textContent));
           orders.push(table.querySelector("th:not([aria-sort=none])").getAttribute("aria-sort"));
         }
+        const long = element("table"), text = (row) => String(row);
+        fillTable(long, [{ head: "n", key: text }], [...Array(600).keys()], { column: null, isDescending: false });
+        const counts = [long.rows.length, long.rows[251].textContent];
+        long.rows[251].querySelector("button").click();
+        orders.push([...counts, long.rows.length]);
         const key = (row) => row, mixed = [3, null, "exact", 20, undefined, 100];
         orders.push(sorted(mixed, key, false), sorted(mixed, key, true), sorted(["r10", "r9", "R1"], key, false));
         return orders;''')
     rising = ["new0", "new1", "new2", "old0", "old1"]
     assert found[:4] == [rising, "ascending", rising[::-1], "descending"]
     assert found[4][-1] == "new2" == found[6][0]  # the exact one
-    assert found[8:] == [[3, 20, 100, "exact", None, None], ["exact", 100, 20, 3, None, None], ["R1", "r9", "r10"]]
+    assert found[8] == [252, "350 more", 601]
+    assert found[9:] == [[3, 20, 100, "exact", None, None], ["exact", 100, 20, 3, None, None], ["R1", "r9", "r10"]]
 
 
 def test_curves_are_walked_by_keys_and_tell_the_metrics(tmp_path, shown):

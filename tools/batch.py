@@ -171,5 +171,6 @@ def resumable(run, args):
     try:
         return run(args)
     except KeyboardInterrupt:
+        import traceback; traceback.print_exc()
         print("interrupted; the same command goes on from here", file=sys.stderr)
         return EXIT_INTERRUPTED

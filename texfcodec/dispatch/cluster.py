@@ -59,7 +59,7 @@ def work(task: Task, size: int, room: str, sent: tuple[str, Packed] | None) -> A
     worker = get_worker()
     if task.package and task.package != package_code():
         return Answer(Outcome(UNSUITED, "its texfcodec is not that of the client"), worker.address)
-    shared, seen = _sees(Path(room)), task.input.is_file() and task.input.stat().st_size == size
+    shared, seen = _sees(Path(room)), _has(task.input, size)
     if not seen and sent is None:
         return Answer(Outcome(BLIND), worker.address)
     children = Children(_unwanted_task(worker))
@@ -83,6 +83,10 @@ def _sees(room):
         return (room / PROBE).read_text(encoding="utf-8") == room.name
     except OSError:
         return False
+
+
+def _has(path, size):
+    return path.is_file() and path.stat().st_size == size
 
 
 def _unwanted_task(worker):

@@ -98,7 +98,7 @@ def test_encoder_reports_by_the_schema(call, mesh, tmp_path):
                           "refinement", "codec", "seconds", "peak_memory_bytes", "psnr_3d", "psnr_samples", "warnings",
                           "texels_per_voxel_edge", "source", "ratio", "partition", "supports", "texels", "normals"}
     assert facts["supports"]["asked"] == "auto" and facts["supports"]["groups"] == [] and facts["texels"] == 0
-    assert facts["source"] == {"bytes": mesh.stat().st_size, "files": 1}
+    assert facts["source"] == {"bytes": mesh.stat().st_size, "files": 1, "names": [str(mesh)]}
     assert set(facts["bytes"]) == {"total", "geometry", "attributes", "other"}
     total = facts["bytes"].pop("total")
     assert total == sum(facts["bytes"].values()) == out_path.stat().st_size

@@ -116,6 +116,9 @@ FINDINGS = (
             "free memory, or take a smaller --resolution or --lod", EXIT_LIMIT),
     Finding("TXF-L10", LimitError, ("5.7.4",), "the payload has more latents than the limit allows", "raise --max-latents"),
     Finding("TXF-L11", LimitError, ("5.5",), "an image has more texels than the limit allows", "raise --max-texels"),
+    Finding("TXF-L12", LimitError, (), "coding an asset of a batch takes longer than it may", "raise --limit-seconds"),
+    Finding("TXF-L13", LimitError, (), "an asset is too large to be sent to workers that do not see its folder",
+            "start the workers where they see it"),
     # Loading.
     Finding("TXF-I01", InputError, (), "the input does not exist", "check the path"),
     Finding("TXF-I02", InputError, (), "the input is a directory", "name a file"),
@@ -169,6 +172,8 @@ FINDINGS = (
     Finding("TXF-I55", InputError, (), "the checkpoint is of another fit, or cannot be read",
             "name another file, or delete it and begin again"),
     Finding("TXF-I56", InputError, (), "fitting with torch needs an optional extra", "pip install texfcodec[ntc]"),
+    Finding("TXF-I57", InputError, (), "a batch names no asset, or its manifest cannot be read",
+            "compare the manifest with texf-enc --help"),
     Finding("TXF-I60", InputError, (), "the mesh has coordinates that are too large", "scale the mesh down"),
     Finding("TXF-I61", InputError, (), "the mesh is too small to be scaled", "scale the mesh up"),
     Finding("TXF-I62", InputError, (), "Draco cannot code the mesh", "report the mesh"),
@@ -211,10 +216,18 @@ FINDINGS = (
             "take what the message allows"),
     Finding("TXF-O15", SupportError, (), "the texture format or compression needs a package that is not installed",
             "pip install \"texfcodec[formats]\""),
+    Finding("TXF-O16", InputError, (), "two assets of a batch would become the same stream",
+            "rename one, or name its stream in a manifest"),
+    Finding("TXF-O17", InputError, (), "another run is at work in the folder for results",
+            "wait for its end, or name another folder"),
     # Command lines.
     Finding("TXF-C01", None, (), "the command line is wrong", "see --help of the tool", EXIT_USAGE),
     Finding("TXF-C02", None, (), "the command was interrupted; no file is half-written", "start it again", EXIT_INTERRUPTED),
     Finding("TXF-C03", InputError, (), "nobody reads the output any more", "look at the next command of the pipe"),
     Finding("TXF-C04", None, (), "internal error", "set TEXF_TRACEBACK=1, run it again and report what is shown", EXIT_INTERNAL),
+    Finding("TXF-C05", InputError, (), "no Dask scheduler answers, or it is gone", "check the address, and start the cluster"),
+    Finding("TXF-C06", InputError, (), "the client of Dask clusters is not installed", "pip install \"texfcodec[cluster]\""),
+    Finding("TXF-C07", SupportError, (), "the process that coded an asset of a batch ended without an answer",
+            "code the asset alone, and report what is shown"),
 )
 BY_CODE = {finding.code: finding for finding in FINDINGS}

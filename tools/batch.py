@@ -11,8 +11,8 @@ from texfcodec.dispatch.local import run_here
 from texfcodec.dispatch.progress import progress
 from texfcodec.dispatch.room import only_run as only_run_of_package
 from texfcodec.dispatch.room import work_room
-from texfcodec.dispatch.tasks import FULL, LOG, Task
-from texfcodec.errors import EXIT_DIFFERS, EXIT_INTERRUPTED, EXIT_IO, InputError
+from texfcodec.dispatch.tasks import FULL, LOG, Task, package_code
+from texfcodec.errors import EXIT_DIFFERS, EXIT_INTERRUPTED, EXIT_IO, EXIT_SUPPORT, InputError
 from texfcodec.ground.colour_error import in_decibels
 from texfcodec.options import default_threads
 from tools.conditions import find_assets, read_conditions
@@ -24,7 +24,8 @@ COMMAND, STEPS = "{root}/tools/rate_points.py", ("encode", "decode")
 def task_of(job, caps):
     """The Task of a job. caps: Task's threads, memory and seconds."""
     commands = tuple((step, (COMMAND, "--step", step, "{folder}", "{input}", "{threads}")) for step in STEPS)
-    return Task(name=job.name, commands=commands, input=job.path, files={JOB: as_text(job.facts)}, enough=MISSING, **caps)
+    return Task(name=job.name, commands=commands, input=job.path, files={JOB: as_text(job.facts)}, enough=MISSING,
+                unsuited=EXIT_SUPPORT, package=package_code(), **caps)
 
 
 def not_ours(folder):

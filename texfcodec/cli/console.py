@@ -32,7 +32,7 @@ class Console:
 
     def __init__(self, arguments: list[str]) -> None:
         self.as_json, self.quiet = "--json" in arguments, "--quiet" in arguments
-        interrupts.Talk.errors = 1
+        interrupts.Talk.errors, interrupts.Talk.kept = 1, False
         self.results = sys.stdout
 
     def stdout_is_taken(self) -> None:
@@ -113,8 +113,7 @@ def _guarded(command, arguments, console):
     except TexfError as error:
         return console.fail(error.code, error.message, error.exit_code, **error.details)
     except (click.Abort, KeyboardInterrupt):
-        message = interrupts.INCOMPLETE if interrupts.Talk.partly else interrupts.NOTHING_WRITTEN
-        return console.fail(interrupts.CODE, message, EXIT_INTERRUPTED)
+        return console.fail(interrupts.CODE, interrupts.message(), EXIT_INTERRUPTED)
     except BrokenPipeError:
         return EXIT_IO
     except MemoryError:

@@ -10,6 +10,7 @@ from ..codecs import codec_of
 from ..errors import InputError
 from ..options import DEFAULT_CODEC, EncodeOptions, strange_options
 from .advice import advice_lines
+from .batch import batch_flags, batch_of, encode_batch
 from .console import SIGNS, STYLE, check_output, is_device, run, seconds_of, timing_line, write_output
 from .effects import decision_lines
 from .explain import explain_flags, explain_lines, seconds_to_explain
@@ -29,7 +30,7 @@ def _warm_up(context, parameter, value):
 
 
 @click.command("texf-enc", context_settings=STYLE)
-@click.argument("source", metavar="INPUT", shell_complete=file_names)
+@click.argument("source", metavar="INPUT", required=False, shell_complete=file_names)
 @click.argument("out", metavar="OUT.texf", required=False, shell_complete=file_names)
 @option_flags(EncodeOptions, "rate", "resolution", "qp", "target_bytes", "target_psnr", "exact_rate", "lossless")
 @click.option("--near-lossless", metavar="D", **number(1, 127, "As --lossless, but each value may be off by D, 1..127."))
@@ -41,6 +42,7 @@ def _warm_up(context, parameter, value):
 @limit_flags("vertices", "faces", "voxels", "samples", "metadata_bytes")
 @option_flags(EncodeOptions, "measure", "strict")
 @explain_flags
+@batch_flags
 @click.option("--dry-run", is_flag=True, help="Load, estimate and report; write nothing. OUT may be left out.")
 @click.option("--advise", "advised", is_flag=True, help="As --dry-run, and say what the encoder will probably choose.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
@@ -61,11 +63,20 @@ def enc(console, source, out, dry_run, advised, as_json, quiet, **choices):
     --codec 3dntc fits a payload for the GPU: --point or --resident-bytes sets its size, --steps the time it takes, and K only the
     voxels that a decoder makes of it.
 
-    Exit codes: 0 done, 1 command line, 2 input or output, 4 internal, 5 not supported, 6 over a limit, 130 interrupted.
+    --batch codes a whole catalogue into the folder of --out: a folder of meshes, whose names the streams keep; a list of paths,
+    one a line; or a TOML file of [[asset]] tables with path, out and options, and [options] for all. Each asset gets a JSON line
+    on stdout and in results.jsonl. A failed one stops no other; the same command again codes what is not finished or has changed.
+
+    Exit codes: 0 done, 1 command line, 2 input or output, 4 internal, 5 not supported, 6 over a limit, 7 an asset of a batch
+    failed, 130 interrupted.
     """
-    dry_run = dry_run or advised
+    batch, dry_run = batch_of(choices, source, out), dry_run or advised
     explained = seconds_to_explain(choices, dry_run)
+    if batch is not None and (advised or explained is not None):
+        raise click.UsageError("--advise and --explain-time are about one asset, not a batch")
     options = _options(choices)
+    if batch is not None:
+        return encode_batch(console, batch, options.checkpoint, dry_run)
     if out is None and not dry_run:
         raise click.UsageError("Missing argument 'OUT.texf'")
     if out == "-":
@@ -181,7 +192,8 @@ def _explain(scene, options, made, report, seconds):
 def _sizes(scene, total):
     """What the scene was read from, in bytes, and how many times smaller the stream is; total: bytes of the stream, or None."""
     source = sum(scene.files.values())
-    return {"source": {"bytes": source, "files": len(scene.files)}, "ratio": total and round(source / total, 3)}
+    told = {"bytes": source, "files": len(scene.files), "names": list(scene.files)}
+    return {"source": told, "ratio": total and round(source / total, 3)}
 
 
 def _estimate(scene, options, report):

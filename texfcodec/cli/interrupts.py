@@ -18,15 +18,17 @@ from ..ground import unfinished
 
 CODE = "TXF-C02"
 NOTHING_WRITTEN = "interrupted; nothing was written"
+KEPT = "interrupted; what is finished stays, and the same command goes on from here"
 INCOMPLETE = "interrupted; what was written is not complete"
 
 
 class Talk:
-    """What the thread needs to know of the command. partly: a pipe or device may have got something; bar: a progress bar is on
+    """What the thread needs to know of the command. partly: a pipe or device may have got something; kept: what is
+    finished stays; bar: a progress bar is on
     the terminal; errors: the descriptor for errors as JSON, None before the command line is read; installed: it is at work."""
 
     errors: int | None = None
-    partly, bar, installed = False, False, False
+    partly, kept, bar, installed = False, False, False, False
 
 
 def is_program() -> bool:
@@ -86,8 +88,13 @@ def error_line(message: str) -> bytes:
     return f"error {CODE}: {message}\n".encode()
 
 
+def message() -> str:
+    """What has become of the output."""
+    return KEPT if Talk.kept else INCOMPLETE if Talk.partly else NOTHING_WRITTEN
+
+
 def _say():
-    line, target = error_line(INCOMPLETE if Talk.partly else NOTHING_WRITTEN), 2
+    line, target = error_line(message()), 2
     if "--json" in sys.argv[1:]:
         target = Talk.errors or _guessed_target()
     elif Talk.bar:

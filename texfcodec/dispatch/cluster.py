@@ -21,11 +21,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError
+from ..errors import InputError, LimitError, TexfError
 from .children import WARM_UP, Caps, Children
 from .local import Ended, terminated_as_interrupted
 from .room import PROBE
-from .tasks import FAILED, INTERRUPTED, LOG, UNSUITED, Outcome, Task, moved, perform, remove_folder
+from .tasks import FAILED, INTERRUPTED, LOG, UNSUITED, Outcome, Task, moved, package_code, perform, remove_folder
 
 CONNECT_SECONDS = 5
 SENT_BYTES = 1 << 30  # an asset or the files of a result are larger only where all see the same folder
@@ -57,7 +57,9 @@ def work(task: Task, size: int, room: str, sent: tuple[str, Packed] | None) -> A
     from distributed import get_worker
 
     worker = get_worker()
-    shared, seen = _sees(Path(room)), task.input.is_file() and task.input.stat().st_size == size
+    if task.package and task.package != package_code():
+        return Answer(Outcome(UNSUITED, "its texfcodec is not that of the client"), worker.address)
+    shared, seen = _sees(Path(room)), _has(task.input, size)
     if not seen and sent is None:
         return Answer(Outcome(BLIND), worker.address)
     children = Children(_unwanted_task(worker))
@@ -81,6 +83,10 @@ def _sees(room):
         return (room / PROBE).read_text(encoding="utf-8") == room.name
     except OSError:
         return False
+
+
+def _has(path, size):
+    return path.is_file() and path.stat().st_size == size
 
 
 def _unwanted_task(worker):
@@ -170,8 +176,7 @@ def _connected(address: str) -> Iterator[Any]:
         import dask
         from distributed import Client
     except ImportError:
-        raise InputError("TXF-C06", "the client of Dask clusters is not installed",
-                         remedy='pip install "texfcodec[cluster]"') from None
+        raise InputError("TXF-C06", 'the client of Dask clusters is not installed: pip install "texfcodec[cluster]"') from None
     logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)
     dask.config.set({"distributed.admin.large-graph-warning-threshold": f"{2 * SENT_BYTES}B"})
     try:
@@ -231,7 +236,7 @@ class Run:
         if task.input in self.blind:
             try:
                 sent = self._sent(task.input)
-            except (InputError, OSError) as error:
+            except (TexfError, OSError) as error:
                 return self._ended(task, Outcome(FAILED, str(error)))
         known = self.client.scheduler_info()["workers"]
         suited = [address for address in known if address not in self.unsuited] if self.unsuited else []
@@ -249,8 +254,8 @@ class Run:
             top, names = files_of(path)
             total = sum((top / name).stat().st_size for name in names)
             if total > SENT_BYTES:
-                raise InputError("TXF-L12", f"{path.name} has {total} bytes; without a folder that all see, {SENT_BYTES} are "
-                                            "sent at most")
+                raise LimitError("TXF-L13", f"{path.name} has {total} bytes; to workers that do not see it, at most {SENT_BYTES} "
+                                            "are sent")
             sent = path.relative_to(top).as_posix(), _pack([top / name for name in names], top)
             self.assets[path] = self.client.submit(same, sent, key=f"texf-asset-{uuid.uuid4().hex}", pure=False)
         return self.assets[path]

@@ -5,12 +5,13 @@ folder for each attempt; the folder becomes a result only when the one who asked
 """
 
 import errno
+import hashlib
 import shutil
 import time
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 
-from ..errors import EXIT_SUPPORT
 from .children import ROOT, Caps, Children, Overdue
 
 LOG = "log.txt"
@@ -24,7 +25,8 @@ class Task:
     """name: for people, unlike those of other tasks. commands: [(step, words for Python)], where {root}, {folder}, {input} and
     {threads} stand for where the code is, the folder of the attempt, the asset and a number. input: the asset; files: {name:
     text} that the folder holds to begin with; out: the file that gets stdout, LOG unless it is named; enough: a file that makes
-    the commands after it needless; threads, memory, seconds: caps, the last for all commands together."""
+    the commands after it needless; unsuited: the exit code by which a command says that it is not at its place here; package:
+    package_code() of who asks; threads, memory, seconds: caps, the last for all commands together."""
 
     name: str
     commands: tuple[tuple[str, tuple[str, ...]], ...]
@@ -32,6 +34,8 @@ class Task:
     files: dict[str, str] = field(default_factory=dict)
     out: str = LOG
     enough: str = ""
+    unsuited: int | None = None
+    package: str = ""
     threads: int = 1
     memory: int | None = None
     seconds: float | None = None
@@ -68,18 +72,27 @@ def _run_commands(task, folder, children):
             if code is None or children.stopped:
                 return Outcome(INTERRUPTED, "interrupted")
             if code:
-                return _failure(step, code, folder, task.memory)
+                return _failure(task, step, code, folder)
             if task.enough and (folder / task.enough).exists():
                 break
     return Outcome(DONE)
 
 
-def _failure(step, code, folder, memory):
+def _failure(task, step, code, folder):
     if shutil.disk_usage(folder).free < FULL_BYTES:
         return Outcome(FULL, f"{step}: the disk is full")
-    capped = f", of {memory} bytes of memory at most" if memory and code < 0 else ""
+    capped = f", with {task.memory} bytes of memory at most" if task.memory and code < 0 else ""
     reason = f"ended by signal {-code}{capped}" if code < 0 else last_line(folder / LOG)
-    return Outcome(UNSUITED if code == EXIT_SUPPORT else FAILED, f"{step}: {reason}")
+    return Outcome(UNSUITED if code == task.unsuited else FAILED, f"{step}: {reason}")
+
+
+@cache
+def package_code() -> str:
+    """16 digits over the sources of the package from which this process runs."""
+    total = hashlib.sha256()
+    for path in sorted((ROOT / "texfcodec").rglob("*.py")):
+        total.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    return total.hexdigest()[:16]
 
 
 def last_line(path: Path) -> str:

@@ -1,0 +1,231 @@
+"""texf-enc --batch: every asset of a catalogue becomes a stream, in processes of their own, here or on a Dask cluster."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .. import __version__
+from ..errors import EXIT_DIFFERS, EXIT_IO, InputError, LimitError, SupportError, TexfError
+from ..ground import unfinished
+from ..options import default_threads
+from . import interrupts
+from .catalogue import Asset, read_catalogue, words_given
+from .flags import file_names, number
+from .results import Results, sha256_of
+
+if TYPE_CHECKING:
+    from .console import Console
+
+SCHEMA = 1
+FLAGS = ("batch", "batch_out", "jobs", "scheduler", "limit_seconds", "memory_limit")
+STREAM, ANSWER = "stream.texf", "answer.json"
+MOST_JOBS = 256
+NAMES = {"shell_complete": file_names}
+
+
+def batch_flags(function: Callable) -> Callable:
+    """Decorator: the flags of a batch; take their values out of the choices with batch_of()."""
+    told = {
+        "batch": ("CATALOGUE", {"help": "Code every mesh of a folder and the folders in it, or of a manifest.", **NAMES}),
+        "out": ("DIR", {"help": "--batch: Where streams and results go.", **NAMES}),
+        "jobs": ("N", number(1, MOST_JOBS, "--batch: Assets at a time, with cores / N threads each; 1..256.  [default: 1]")),
+        "scheduler": ("ADDRESS", {"help": "--batch: Code on the Dask cluster at tcp://HOST:PORT."}),
+        "limit_seconds": ("S", number(0.001, 1e9, "--batch: Longest time for an asset.")),
+        "memory_limit": ("BYTES", number(1 << 20, 1 << 62, "--batch: Most data that the process of an asset may hold.")),
+    }
+    for name, (metavar, keywords) in reversed(told.items()):
+        function = click.option(_flag(name), f"batch_{name}" if name == "out" else name, metavar=metavar, **keywords)(function)
+    return function
+
+
+def _flag(name):
+    return "--" + name.removeprefix("batch_").replace("_", "-")
+
+
+def batch_of(choices: dict[str, Any], source: str | None, out: str | None) -> dict[str, Any] | None:
+    """Takes the values of batch_flags out of the choices: as a dict, or None where no batch is asked for."""
+    asked = {name: choices.pop(name) for name in FLAGS}
+    given = [_flag(name) for name, value in asked.items() if value is not None]
+    if asked["batch"] is None:
+        if given:
+            raise click.UsageError(f"{' and '.join(given)} only go with --batch")
+        if source is None:
+            raise click.UsageError("Missing argument 'INPUT'")
+        return None
+    if source is not None or out is not None:
+        raise click.UsageError("--batch takes no INPUT and no OUT.texf; its --out names a folder")
+    if asked["batch_out"] is None:
+        raise click.UsageError("--batch needs --out DIR")
+    if asked["jobs"] is not None and asked["scheduler"] is not None:
+        raise click.UsageError("--jobs has no part in --scheduler: the workers' threads say how many at a time")
+    return asked
+
+
+def encode_batch(console: Console, asked: dict[str, Any], checkpoint: str | None, dry_run: bool) -> int:
+    """Codes them all and returns the exit code: 0, EXIT_DIFFERS where an asset failed, EXIT_IO where the disk is full."""
+    from ..dispatch.progress import progress
+    from ..dispatch.room import only_run, work_room
+
+    if dry_run or checkpoint is not None:
+        raise click.UsageError(f"{'--dry-run' if dry_run else '--checkpoint'} has no part in --batch")
+    words = words_given(click.get_current_context(), (*FLAGS, "as_json", "quiet", "dry_run"))
+    out, source = Path(asked["batch_out"]), Path(asked["batch"])
+    assets = read_catalogue(source, out, console.note)
+    interrupts.Talk.kept = True
+    with only_run(_made(out)), work_room(out) as room:
+        batch = Batch(console, out, words, asked)
+        todo = [asset for asset in assets if not batch.is_finished(asset)]
+        if console.quiet:
+            batch.run(todo, room, lambda name, line, is_bad: None)
+        else:
+            with progress(len(todo)) as show:
+                batch.run(todo, room, show)
+    console.note(batch.summary(len(assets), len(todo)))
+    unfinished.finish()
+    return EXIT_IO if batch.is_full else EXIT_DIFFERS if batch.failed else 0
+
+
+def _made(out):
+    from ..asset.save.files import as_input_error
+
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise as_input_error(error, out) from None
+    return out
+
+
+class Batch:
+    """A batch at work. failed: how many assets; is_full: whether a disk was full."""
+
+    def __init__(self, console: Console, out: Path, words: tuple[str, ...], asked: dict[str, Any]) -> None:
+        self.console, self.out, self.words, self.asked = console, out, words, asked
+        self.results, self.failed, self.is_full, self.begin = Results(out), 0, False, time.perf_counter()
+
+    def is_finished(self, asset: Asset) -> bool:
+        """Whether there is nothing to do; its old line is told then."""
+        row = self.results.finished(asset, self._words(asset))
+        if row is not None:
+            self._tell(row | {"passed_over": True})
+        return row is not None
+
+    def _words(self, asset):
+        return (*self.words, *asset.words)
+
+    def run(self, assets: list[Asset], room: Path, show: Callable[[str, str, bool], None]) -> None:
+        """Codes assets, in processes here or on a cluster, and tells of each as it ends."""
+        from ..dispatch.local import run_here
+
+        self.show, self.assets = show, {asset.name: asset for asset in assets if asset.error is None}
+        for asset in assets:
+            if asset.error is not None:
+                self._fail(asset, asset.error)
+        workers = self.asked["jobs"] or 1
+        tasks = [self._task(asset, max(default_threads() // workers, 1)) for asset in self.assets.values()]
+        if not tasks:
+            return
+        if self.asked["scheduler"]:
+            from ..dispatch.cluster import run_there
+
+            run_there(tasks, self.asked["scheduler"], room, self._ended, self.console.note)
+        else:
+            self._warm_up()
+            run_here(tasks, workers, room, self._ended)
+
+    def _warm_up(self):
+        """Compiles the kernels once, before many processes would all do it."""
+        from ..dispatch.children import WARM_UP, Caps, Children
+        from ..warmup import FIRST_RUN, kernels_compiled
+
+        if not kernels_compiled():
+            self.console.note(FIRST_RUN)
+            Children().run(WARM_UP, subprocess.DEVNULL, subprocess.DEVNULL, Caps(default_threads()))
+
+    def _task(self, asset, threads):
+        from ..dispatch.tasks import Task, package_code
+
+        words = [word.replace("{", "{{").replace("}", "}}") for word in self._words(asset)]
+        command = ("-m", "texfcodec.cli.enc", "{input}", "{folder}/" + STREAM, "--json", "--threads", "{threads}", *words)
+        return Task(name=asset.name, commands=(("encode", command),), input=asset.path.absolute(), out=ANSWER, threads=threads,
+                    package=package_code(), memory=self.asked["memory_limit"], seconds=self.asked["limit_seconds"])
+
+    def _ended(self, task, outcome, folder):
+        from ..asset.save.files import as_input_error
+        from ..dispatch.tasks import DONE, FULL, is_full
+
+        asset = self.assets[task.name]
+        if outcome.state == FULL:
+            self.is_full = True
+            return self._fail(asset, InputError("TXF-O03", outcome.reason))
+        facts = _answer_of(folder)
+        if outcome.state != DONE or facts is None or "error" in facts:
+            return self._fail(asset, _error_of(outcome, facts, task))
+        try:
+            self._keep(asset, folder, facts)
+        except OSError as error:
+            self.is_full = self.is_full or is_full(error)
+            self._fail(asset, as_input_error(error, self.out / asset.out))
+
+    def _keep(self, asset, folder, facts):
+        """The stream at its place, and then its line."""
+        names, stream, target = facts["source"].pop("names"), folder / STREAM, self.out / asset.out
+        home = os.path.dirname(names[0])  # the first is the asset itself, wherever it was read
+        files = {Path(os.path.relpath(name, home)).as_posix() for name in names}
+        row = {**self._row(asset), "files": {name: sha256_of(asset.path.parent / name) for name in sorted(files)},
+               "stream": {"bytes": stream.stat().st_size, "sha256": sha256_of(stream)}, "result": facts}
+        target.parent.mkdir(parents=True, exist_ok=True)
+        unfinished.rename_all([(stream, target)])
+        self.results.append(row)
+        self._tell(row)
+        self.show(asset.name, f"{asset.name}: {row['stream']['bytes']} bytes, {facts['seconds']['total']:.2f} s", False)
+
+    def _row(self, asset):
+        return {"schema": SCHEMA, "asset": asset.name, "out": asset.out, "options": list(self._words(asset)),
+                "package": __version__}
+
+    def _fail(self, asset, error):
+        told = error.as_dict() | {"exit_code": error.exit_code} if isinstance(error, TexfError) else error
+        row = {**self._row(asset), "error": json.loads(json.dumps(told, default=str))}
+        self.failed += 1
+        try:
+            self.results.append(row)
+        except OSError:  # a full disk: what has failed is tried again without a line as well
+            self.is_full = True
+        self._tell(row)
+        self.show(asset.name, f"{asset.name}: failed: {told['code']}: {told['message']}", True)
+
+    def _tell(self, row):
+        click.echo(json.dumps(row, allow_nan=False), file=self.console.results)
+
+    def summary(self, count: int, tried: int) -> str:
+        """One line about all."""
+        seconds = time.perf_counter() - self.begin
+        return f"{count} assets: {tried - self.failed} coded in {seconds:.0f} s, {count - tried} were coded before, " \
+               f"{self.failed} failed; see {self.out / 'results.jsonl'}"
+
+
+def _answer_of(folder):
+    """The one JSON object that the encoder printed, or None."""
+    try:
+        return json.loads((folder / ANSWER).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+
+
+def _error_of(outcome, facts, task):
+    """What went wrong: the encoder's own error as a dict, or one of ours."""
+    from ..dispatch.tasks import OVERDUE
+
+    if facts is not None and "error" in facts:
+        return facts["error"]
+    if outcome.state == OVERDUE:
+        return LimitError("TXF-L12", "coding took longer than the limit allows", allowed=task.seconds)
+    return SupportError("TXF-C07", f"the process that coded the asset gave no answer; {outcome.reason}", memory_limit=task.memory)

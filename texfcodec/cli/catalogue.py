@@ -1,0 +1,143 @@
+"""What texf-enc --batch codes: the mesh files of a folder, or those of a manifest, each with the name of its stream."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ..asset.load.formats import SUFFIXES
+from ..errors import InputError
+
+KEYS = ("path", "out", "options")
+
+
+@dataclass(frozen=True)
+class Asset:
+    """name: as results call it; path: its file; out: of its stream, below the folder for results; words: flags of its own;
+    error: why it cannot be coded, or None."""
+
+    name: str
+    path: Path
+    out: str
+    words: tuple[str, ...] = ()
+    error: InputError | None = None
+
+
+def read_catalogue(source: Path, out: Path, note: Callable[[str], object]) -> list[Asset]:
+    """Assets of a folder with the folders in it, sorted by name, or of a manifest, in its order. out: the folder for results,
+    which is passed over; note(text): what else is. Raises InputError TXF-I57, and TXF-I01 for what is not there."""
+    if source.is_dir():
+        assets = _of_folder(source, out, note)
+    else:
+        assets = _of_toml(source) if source.suffix.lower() == ".toml" else _of_lines(source)
+    if not assets:
+        raise InputError("TXF-I57", f"the batch names no asset; meshes end in {' '.join(SUFFIXES)}", path=str(source))
+    return _without_clashes(assets)
+
+
+def _of_folder(top, out, note):
+    assets = []
+
+    def unreadable(error):
+        name = Path(error.filename).relative_to(top).as_posix()
+        reason = InputError("TXF-I03", "the folder cannot be read", path=error.filename, reason=error.strerror)
+        assets.append(Asset(name, Path(error.filename), name, error=reason))
+
+    for place, folders, names in os.walk(top, onerror=unreadable):
+        for name in [name for name in folders if os.path.islink(os.path.join(place, name))]:
+            note(f"{os.path.join(place, name)} is a link to a folder, passed over")
+        folders[:] = sorted(name for name in folders if (Path(place) / name).resolve() != out.resolve())
+        for name in sorted(names):
+            if name.lower().endswith(SUFFIXES):
+                path = Path(place) / name
+                assets.append(Asset(path.relative_to(top).as_posix(), path, _stream_name(path.relative_to(top))))
+    return sorted(assets, key=lambda asset: asset.name)
+
+
+def _stream_name(path):
+    """The stream of an asset, by its path below the catalogue's folder; one from elsewhere keeps its own name only."""
+    inside = Path(path.name) if path.is_absolute() or ".." in path.parts else path
+    return inside.with_suffix(".texf").as_posix()
+
+
+def _read(source):
+    try:
+        return source.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputError("TXF-I01", "the file does not exist", path=str(source)) from None
+    except (OSError, ValueError) as error:
+        raise InputError("TXF-I57", "the manifest cannot be read", path=str(source), reason=str(error)[:200]) from None
+
+
+def _of_lines(source):
+    lines = [line.strip() for line in _read(source).splitlines()]
+    return [Asset(line, source.parent / line, _stream_name(Path(line))) for line in lines if line and not line.startswith("#")]
+
+
+def _of_toml(source):
+    try:
+        given = tomllib.loads(_read(source))
+        tables, own = given.pop("asset", []), given.pop("options", {})
+        _check(not given and isinstance(tables, list), "a manifest holds [[asset]] tables, and [options] for all of them")
+        return [_of_table(table, own, source.parent) for table in tables]
+    except (tomllib.TOMLDecodeError, ValueError) as error:
+        raise InputError("TXF-I57", "the manifest is malformed", path=str(source), reason=str(error)[:200]) from None
+
+
+def _of_table(table, own, folder):
+    _check(isinstance(table, dict) and isinstance(table.get("path"), str), "an [[asset]] has no path")
+    strange = sorted(table.keys() - set(KEYS))
+    _check(not strange, f"an [[asset]] has path, out and options, not {', '.join(strange)}")
+    name, out = table["path"], table.get("out", _stream_name(Path(table["path"])))
+    _check(isinstance(out, str) and out.lower().endswith(".texf") and not Path(out).is_absolute() and ".." not in Path(out).parts,
+           f"out of {name} is no path of a .texf file below the folder for results")
+    options = table.get("options", {})
+    _check(isinstance(own, dict) and isinstance(options, dict), "options are a table of names and values")
+    return Asset(name, folder / name, Path(out).as_posix(), words_of(own | options))
+
+
+def _check(is_fine, text):
+    if not is_fine:
+        raise ValueError(text)
+
+
+def words_of(options: dict[str, Any]) -> tuple[str, ...]:
+    """Options as flags: {"qp": 24, "measure": true} is --qp 24 --measure. Raises ValueError for other values than these."""
+    words = []
+    for name, value in options.items():
+        _check(isinstance(value, str | int | float), f"the option {name} is no text, number, true or false")
+        flag = "--" + name.replace("_", "-")
+        words += [flag] if value is True else [] if value is False else [flag, str(value)]
+    return tuple(words)
+
+
+def _without_clashes(assets):
+    """The assets; those with a stream of the same name, on systems that know no case too, with an error."""
+    count = Counter(asset.out.casefold() for asset in assets)
+    return [asset if asset.error or count[asset.out.casefold()] == 1 else _clashing(asset) for asset in assets]
+
+
+def _clashing(asset):
+    error = InputError("TXF-O16", "another asset of the batch would become the same stream", value=asset.out)
+    return Asset(asset.name, asset.path, asset.out, asset.words, error)
+
+
+def words_given(context: click.Context, without: tuple[str, ...]) -> tuple[str, ...]:
+    """The flags of a command line as words, without parameters of these names."""
+    words: list[str] = []
+    for parameter in context.command.params:
+        name = str(parameter.name)
+        given = context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
+        if not given or name in without or not isinstance(parameter, click.Option):
+            continue
+        value, flag = context.params[name], parameter.opts[0]
+        values = value if parameter.multiple else [value]
+        words += [flag] if parameter.is_flag else [word for one in values for word in (flag, str(one))]
+    return tuple(words)

@@ -1,0 +1,65 @@
+"""results.jsonl of texf-enc --batch: a line an asset, appended whole, and whether an asset needs no more work."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from .. import __version__
+from .catalogue import Asset
+
+RESULTS = "results.jsonl"
+
+
+class Results:
+    """The results in a folder; the last line of an asset counts. A line that was cut short is passed over."""
+
+    def __init__(self, out: Path) -> None:
+        self.out, self.path = out, out / RESULTS
+        self.lines: dict[str, dict[str, Any]] = {}
+        data = self.path.read_bytes() if self.path.exists() else b""
+        for line in data.split(b"\n"):
+            try:
+                row = json.loads(line)
+                self.lines[row["asset"]] = row
+            except (ValueError, KeyError, TypeError):
+                continue
+        self._is_whole = data.endswith(b"\n") or not data
+
+    def append(self, row: dict[str, Any]) -> None:
+        """Adds a line, or raises OSError and leaves the file as it was."""
+        line = json.dumps(row, allow_nan=False).encode() + b"\n"
+        line, number = line if self._is_whole else b"\n" + line, os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
+        try:
+            size = os.fstat(number).st_size
+            if os.write(number, line) != len(line):
+                os.ftruncate(number, size)
+                os.write(number, line)  # says what is wrong
+                raise OSError(f"{self.path} takes no more")
+        finally:
+            os.close(number)
+        self._is_whole = True
+        self.lines[row["asset"]] = row
+
+    def finished(self, asset: Asset, words: tuple[str, ...]) -> dict[str, Any] | None:
+        """The line of an asset that is coded already: of the same files, options and version, its stream still as it was."""
+        row = self.lines.get(asset.name)
+        if row is None or "stream" not in row or asset.error:
+            return None
+        asked = (row.get("options"), row.get("package"), row.get("out")) == (list(words), __version__, asset.out)
+        stream = self.out / asset.out
+        try:
+            same = asked and stream.stat().st_size == row["stream"]["bytes"] and sha256_of(stream) == row["stream"]["sha256"] \
+                and all(sha256_of(asset.path.parent / name) == digest for name, digest in row["files"].items())
+        except (OSError, KeyError, TypeError, AttributeError):
+            return None
+        return row if same else None
+
+
+def sha256_of(path: Path) -> str:
+    """Of a file's bytes. Raises OSError."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

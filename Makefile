@@ -7,7 +7,7 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
 
 .DELETE_ON_ERROR:
-.PHONY: demo test interrupts bench anchor attribute-tools everyday rate-points accuracy-time neural conformance vectors spec-tables install clean
+.PHONY: demo test interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural conformance vectors spec-tables install clean
 
 demo: install
 	$(PY) -m texfcodec.demo
@@ -45,6 +45,13 @@ everyday: install
 rate-points: install
 	$(PY) tools/rate_points.py "$(or $(CONDITIONS),conditions/smoke.toml)" --out "$(or $(OUT),out/rate_points)" $(if $(ASSETS),--assets "$(ASSETS)") $(if $(JOBS),--jobs $(JOBS))
 	$(PY) tools/collect.py "$(or $(OUT),out/rate_points)" --out "$(or $(OUT),out/rate_points)"
+
+# docs/results.md: every asset and the paper's rows against rivals; hours, resumable: make results ASSETS=folder [JOBS=n] [OUT=folder]
+results: install
+	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[rivals,baselines]"
+	for part in all_assets paper resident lossy_geometry; do $(PY) tools/rate_points.py conditions/$$part.toml --out "$(or $(OUT),out/results)/$$part" --assets "$(ASSETS)" $(if $(JOBS),--jobs $(JOBS)) || exit $$?; done
+	$(PY) tools/collect.py "$(or $(OUT),out/results)/paper" --against "UV-Source HEVC" --out "$(or $(OUT),out/results)"
+	$(PY) tools/paper_table.py --all "$(or $(OUT),out/results)/all_assets" --paper "$(or $(OUT),out/results)/paper" --resident "$(or $(OUT),out/results)/resident" --geometry "$(or $(OUT),out/results)/lossy_geometry" --assets "$(ASSETS)" --out docs/results.md
 
 # Which settings of the encoder pay, and what a second buys: make accuracy-time [ASSET="file or name ..."] [ASSETS=folder]
 # [KNOB="name ..."] [QUICK=1] [REPEATS=n] [JOBS=n] [OUT=folder] [PAGE=docs/accuracy_time.md]. Without ASSET the four of the page

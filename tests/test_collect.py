@@ -138,13 +138,14 @@ def test_against_several_groups_makes_a_table_of_groups_by_assets_for_each(tmp_p
 
 def test_missing_rows_are_listed_with_their_reason(tmp_path, without_plots):
     write_results(tmp_path)
-    told = {"setting": "q1", "group": "rival", "method": "elic", "asset": "cup", "reason": "elic is not here; | name it"}
+    told = {"setting": "q1", "group": "rival", "method": "elic", "asset": "cup", "state": "missing",
+            "reason": "elic is not here; | name it"}
     for place, name, text in (("cup/q1", "missing.json", json.dumps(told)), ("cup/q2", "job.json", json.dumps({"group": "mine"})),
                               ("cup/q2", "log.txt", "Traceback\nValueError: no luck\n\n"), ("cup/new0", "missing.json", "{}")):
         (tmp_path / place).mkdir(exist_ok=True)
         (tmp_path / place / name).write_text(text)
     collect.main([str(tmp_path), "--out", str(tmp_path / "out")])
-    assert read_missing(tmp_path) == [told | {"state": "missing"}, {
+    assert read_missing(tmp_path) == [told, {
         "asset": "cup", "setting": "q2", "group": "mine", "method": "", "state": "not finished", "reason": "ValueError: no luck"}]
     lines = (tmp_path / "out/results.md").read_text().partition("## Missing")[2].strip().splitlines()
     assert lines[2] == "| rival | elic | missing | cup | 1 | elic is not here; \\| name it |" and len(lines) == 4

@@ -62,6 +62,6 @@ def test_weights_are_looked_for_beside_the_conditions_and_known_by_their_name(tm
         (tmp_path / place / "c.toml").write_text(f'assets = ["vase"]\n[evaluation]\n{lpips}\n[[settings]]\nname = "q"\n')
         conditions = read_conditions(tmp_path / place / "c.toml")
         assert conditions["evaluation"]["lpips"] == (str(weights) if lpips else "")
-        job, = jobs_of(conditions, {"vase": weights}, tmp_path, 1)
+        job, = jobs_of(conditions, {"vase": weights}, tmp_path)
         identities.append(job.facts["settings_sha256"])
     assert identities[0] == identities[1] and len(set(identities)) == 3

@@ -222,7 +222,8 @@ def test_table_of_differences_and_missing_rows_are_drawn(tmp_path, shown):
     write_rows(tmp_path, "cup", "old")
     write_rows(tmp_path, "cup", "new", count=1)
     (tmp_path / "x/q").mkdir(parents=True)
-    (tmp_path / "x/q/missing.json").write_text(json.dumps({"asset": "cup", "setting": "q", "reason": "tmc3 is not here"}))
+    told = {"asset": "cup", "setting": "q", "state": "missing", "reason": "tmc3 is not here"}
+    (tmp_path / "x/q/missing.json").write_text(json.dumps(told))
     found = shown('''
         const text = (place) => [...document.querySelectorAll(place)].map((cell) => cell.textContent);
         return [text("#comparison-table th"), text("#comparison-table td"), text("#missing-table td"), text("#none li"),

@@ -4,7 +4,7 @@ import json
 import math
 from pathlib import Path
 
-from texfcodec.dispatch.tasks import LOG
+from texfcodec.dispatch.tasks import LOG, last_line
 from tools.jobs import JOB, METRICS, MISSING, read_json
 
 # What is compared, by name: the path to it in metrics.json.
@@ -34,18 +34,10 @@ def read_missing(folder):
         if (job / METRICS).exists():
             continue
         facts = {"asset": job.parent.name, "setting": job.name, **(read_json(job / JOB) or {})}
-        told = read_json(job / MISSING)
-        facts |= {"state": "not finished", "reason": _last_words(job / LOG)} if told is None else {"state": "missing", **told}
+        told, log = read_json(job / MISSING), job / LOG
+        facts |= told or {"state": "not finished", "reason": last_line(log) if log.exists() else "it has not begun"}
         found.append({key: str(facts.get(key, "")) for key in TOLD})
     return found
-
-
-def _last_words(path):
-    try:
-        lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
-    except OSError:
-        lines = []
-    return next((line.strip() for line in reversed(lines) if line.strip()), "it said nothing")[:300]
 
 
 def published_rows(points):

@@ -40,7 +40,7 @@ function comparisonColumns(lines, look) {
   });
   const sums = ["mean", "median"].map((name) => column(name, (line) => line[name], {
     look: () => " sum", title: (line) => `over ${line[name][1]} of ${assets.length} assets`,
-    cell: (line) => element("b", {}, signed(line[name][0], 1), line[name][1] < assets.length ? ` (${line[name][1]})` : ""),
+    cell: (line) => element("b", {}, signed(line[name][0], 1), line[name][1] % assets.length ? ` (${line[name][1]})` : ""),
   }));
   const share = (overlap) => `${Math.round(100 * overlap)} % of both curves' range overlaps`;
   const percents = assets.map((asset) => {

@@ -10,13 +10,14 @@ A sheet has no inside: a scene of which more than MOST_LOST of the surface is se
 """
 
 import struct
+from importlib.metadata import version
 
 import numpy as np
 
-from baselines import method
+from baselines import distance_field, method, texf, voxel_values
 from baselines.distance_field import PAD, Winding, dec_distances, enc_distances, lost_share, quantised, signed_distances
 from baselines.texf import TexfMethod
-from baselines.voxel_values import PREPARED
+from baselines.voxel_values import PREPARED, source_hash
 from texfcodec.asset.scene import ALPHA_OPAQUE, Material, Scene
 from texfcodec.choose.maps import with_grey
 from texfcodec.choose.prepare import colour_planes
@@ -48,10 +49,9 @@ class Sdf(TexfMethod):
     options = tuple(DEFAULTS)
 
     def version(self):
-        """The version of scikit-image, whose marching cubes both sides run."""
-        from importlib.metadata import version
-
-        return f"scikit-image {version('scikit-image')}"
+        """The version of scikit-image, whose marching cubes both sides run, and a hash of further files that results depend
+        on."""
+        return f"scikit-image {version('scikit-image')} {source_hash(distance_field, texf, voxel_values)}"
 
     def warm_up(self, options, threads):
         """Loads kernels and libraries with a coarse ball."""

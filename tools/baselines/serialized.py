@@ -3,7 +3,7 @@ a square image along the same curve in two dimensions, which is coded by HEVC or
 
 The voxels and their colours are those that our encoder would code (voxel_values.py), all fields of a mesh one after the other.
 The decoder has the mesh and so the voxels; what counts beside the geometry is the image, alpha included where there is any, and
-what a stream without values takes (materials, counts, checksums: some 100 bytes).
+what a stream without values takes (materials, counts, checksums: 100 to 300 bytes).
 
 A GPU looks a voxel up without walking the mesh, so that ASTC's image needs a structure that gives the rank of a voxel: the DAG
 that the paper names, or the octree, both in addressing.py and built for every field. By default the smaller one counts, because a
@@ -11,15 +11,18 @@ careful user would take it: on smooth surfaces that is the octree, whose node is
 for each child, and few of its subtrees are alike. Results tell the bytes of both.
 """
 
+from importlib.util import find_spec
 from types import SimpleNamespace
 
 import numpy as np
 
-from baselines import method
+from baselines import addressing, astc, image_codecs, method, space_filling, texf
+from baselines import voxel_values as voxels
 from baselines.addressing import STRUCTURES
+from baselines.astc import Astc, Codec
 from baselines.space_filling import CURVES, FILLS, curve_keys, from_image, image_size, to_image
 from baselines.texf import FACE_FIELD, TexfMethod
-from baselines.voxel_values import face_fields, rgba_of, voxel_values, with_values, write_mesh
+from baselines.voxel_values import face_fields, rgba_of, source_hash, voxel_values, with_values, write_mesh
 from texfcodec.support.layout import octree_depth
 
 DEFAULTS = {"resolution": 2048, "curve": "hilbert", "fill": "blocks", "tile": 64, "codec": "hevc", "qp": 31, "chroma": "444",
@@ -39,22 +42,17 @@ class Serialized(TexfMethod):
     options = tuple(DEFAULTS)
 
     def version(self):
-        """The versions of the image codecs."""
-        from baselines import image_codecs
-        from baselines.astc import Astc
-
-        return " ".join([Astc().version(), *(image_codecs.versions(codec) for codec in CODECS if codec != "astc")])
+        """The versions of the image codecs, and a hash of further files that results depend on."""
+        found = [image_codecs.versions(codec) for codec in CODECS if codec != "astc"]
+        return " ".join([Astc().version(), *found, source_hash(addressing, astc, image_codecs, space_filling, texf, voxels)])
 
     def missing(self, options):
         """As Method.missing: of the image codec."""
         options = DEFAULTS | options
-        if options["codec"] == "astc":
-            from baselines.astc import Astc
-
-            return Astc().missing(options)
-        from baselines import image_codecs
-
-        return image_codecs.missing(options["codec"])
+        if options["codec"] != "astc":
+            return image_codecs.missing(options["codec"]) if options["codec"] in CODECS else None
+        found = find_spec("astc_encoder")
+        return None if found else "astc needs astc-encoder-py; pip install \"texfcodec[baselines]\" brings it"
 
     def warm_up(self, options, threads):
         """Loads the image codec and the kernels that voxels need."""
@@ -100,10 +98,10 @@ class Serialized(TexfMethod):
 
     def decode(self, folder, options, threads, report):
         """The Texf of STREAM with the image's values in its voxels."""
-        texf, asked = super().decode(folder, options, threads, report), checked(options)
+        decoded, asked = super().decode(folder, options, threads, report), checked(options)
         with report.stage("image"):
-            texf.fields = self._fields(texf.fields, folder, asked, image_coder(asked, threads))
-        return texf
+            decoded.fields = self._fields(decoded.fields, folder, asked, image_coder(asked, threads))
+        return decoded
 
     def _fields(self, parts, folder, asked, coder):
         """Fields over the supports of parts with what the coded images hold."""
@@ -152,11 +150,7 @@ def image_coder(asked, threads):
     """What codes an image: enc(image uint8 [H, W, 4]) -> bytes, dec(bytes, width, height) -> image. LookupError says what is not
     installed."""
     if asked["codec"] == "astc":
-        from baselines.astc import Codec
-
-        astc = Codec({name: asked[name] for name in ASTC_OPTIONS}, threads)
-        return SimpleNamespace(enc=astc.enc_image, dec=astc.dec_image)
-    from baselines.image_codecs import dec_image, enc_image
-
-    return SimpleNamespace(enc=lambda image: enc_image(image, asked["codec"], asked["qp"], asked["chroma"], threads),
-                           dec=lambda data, width, height: dec_image(data, asked["codec"], width, height))
+        blocks = Codec({name: asked[name] for name in ASTC_OPTIONS}, threads)
+        return SimpleNamespace(enc=blocks.enc_image, dec=blocks.dec_image)
+    return SimpleNamespace(enc=lambda image: image_codecs.enc_image(image, asked["codec"], asked["qp"], asked["chroma"], threads),
+                           dec=lambda data, width, height: image_codecs.dec_image(data, asked["codec"], width, height))

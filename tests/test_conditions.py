@@ -1,5 +1,7 @@
 """Condition files: mistakes are named, what is committed is sound."""
 
+import pkgutil
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -65,3 +67,20 @@ def test_the_command_line_takes_the_place_of_the_evaluation_and_picks_assets():
             read_conditions(path, wrong)
     with pytest.raises(SystemExit, match="no_such is none of its assets"):
         read_conditions(path, (), ["no_such"])
+
+
+def test_smoke_has_every_method_and_each_can_say_what_it_misses(monkeypatch, tmp_path):
+    from baselines import METHODS, __path__, find
+
+    for module in pkgutil.iter_modules(__path__):
+        import_module(f"baselines.{module.name}")
+    ours = {name for name, kind in METHODS.items() if kind.__module__.startswith("baselines.")}  # plug-ins of other tests aside
+    settings = read_conditions(REPOSITORY / "conditions/smoke.toml")["settings"]
+    assert {s["method"] for s in settings} == ours
+    assert len({s["group"] for s in settings}) >= 12
+    monkeypatch.setenv("PATH", str(tmp_path))
+    for variable in ("TEXFCODEC_GLTF_TRANSFORM", "TEXFCODEC_GLTFPACK"):
+        monkeypatch.delenv(variable, raising=False)
+    said = {s["setting"]: find(s["method"]).missing(s["options"]) for s in settings}
+    assert all(reason is None or len(reason) > 20 for reason in said.values())
+    assert "npm install" in said["draco_webp"] and "npm install" in said["gltfpack_etc1s"] and said["texels_r01"] is None

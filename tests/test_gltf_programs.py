@@ -245,6 +245,8 @@ def assert_let_go(reader):
 
 @pytest.mark.parametrize("method", PROGRAMS)
 def test_missing_programs_are_told_and_how_to_get_them(monkeypatch, tmp_path, method):
+    from baselines.programs import ProgramError
+
     name, variable = PROGRAMS[method]
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv(variable, raising=False)
@@ -252,7 +254,7 @@ def test_missing_programs_are_told_and_how_to_get_them(monkeypatch, tmp_path, me
     told = rival.missing({})
     assert told.startswith(f"{name} is not installed") and "npm install" in told and variable in told
     assert rival.encoder() == "" != rival.version()
-    with pytest.raises(LookupError, match="is not installed"):
+    with pytest.raises(ProgramError, match="is not installed"):
         rival.encode(mapped_sheet({}), {}, tmp_path, 1, Report())
     monkeypatch.setenv(variable, str(tmp_path / "nowhere"))
     assert rival.missing({}) == told
@@ -285,5 +287,5 @@ def test_options_out_of_range_are_refused(tmp_path, method, name, value):
 
 
 def test_jpeg_is_refused_where_alpha_shows(tmp_path):
-    with pytest.raises(ValueError, match="JPEG has no alpha"):
+    with pytest.raises(LookupError, match="JPEG has no alpha"):
         coded("gltf_transform", crossing_sheets(), tmp_path / "a", texture="jpeg", program=sys.executable)

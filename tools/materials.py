@@ -7,7 +7,10 @@
 
 Both sides are looked at twice: map by map, PSNR of a map's used columns over the texels that the surface asks, bytes of that map
 alone; and all together, PSNR of shaded pictures, bytes of all maps and of what the UVs add to the positions. Images that a file
-uses for several maps are coded once. AVIF is Pillow's at the better of 4:2:0 and 4:4:4, at every size of SCALES.
+uses for several maps are coded once. AVIF is Pillow's at the better of 4:2:0 and 4:4:4, at every size of SCALES. Its pictures are
+of the mesh that its bytes pay for, positions on Draco's lattice and UVs of 12 bits; normals, tangents and further sets of UVs are
+the source's. The records of bench/materials are older: theirs are of the source's own mesh, kinder to AVIF (at quality 70
+by 0.2 dB on the water bottle, 0.4 on the cat, 2.8 on the damaged helmet, 3.9 on the fan).
 """
 
 import argparse

@@ -26,7 +26,7 @@ from baselines.glb import (
     source_of,
     write_document,
 )
-from baselines.programs import program_of, run_program, version_of
+from baselines.programs import ProgramError, program_of, run_program, version_of
 
 DEFAULTS = {"mesh": "draco", "texture": "webp", "quality": 80, "shrink": 1, "position_bits": 14, "uv_bits": 12, "speed": 5,
             "program": "", "seconds": 600}
@@ -64,12 +64,12 @@ class GltfTransform(GlbMethod):
 
     def encode(self, scene, options, folder, threads, report):
         """Writes WHOLE and BARE. ValueError: an option is out of range, or a file is not what it should be. ProgramError: a step
-        failed or took too long. LookupError: there is no such program."""
+        failed, took too long or is not there. LookupError: JPEG has no alpha."""
         options, source = checked_options(options, DEFAULTS, RANGES, CHOICES), source_of(scene)
         if options["texture"] == "jpeg" and any(image.shape[2] == 4 for image in source.images.values()):
-            raise ValueError("JPEG has no alpha, and an image has some that shows")
+            raise LookupError("JPEG has no alpha, and an image has some that shows")
         if reason := self.missing(options):
-            raise LookupError(reason)
+            raise ProgramError(reason)
         steps = [mesh_step(options)]
         with report.stage("programs"):
             write_document(document_of(source), folder / SOURCE)

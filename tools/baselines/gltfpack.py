@@ -69,10 +69,10 @@ class Gltfpack(GlbMethod):
 
     def encode(self, scene, options, folder, threads, report):
         """Writes WHOLE and BARE. ValueError: an option is out of range, or a file is not what it should be. ProgramError: a run
-        failed or took too long. LookupError: there is no such program."""
+        failed, took too long or is not there."""
         options, source = checked_options(options, DEFAULTS, RANGES, CHOICES), source_of(scene)
         if reason := self.missing(options):
-            raise LookupError(reason)
+            raise ProgramError(reason)
         kept = options["texture"] == "kept_webp"
         if kept and options["shrink"] > 1:
             raise ValueError("images that are kept as they are cannot be made smaller: shrink must be 1")

@@ -53,14 +53,11 @@ class Ktx2(GlbMethod):
         return ktx2_missing()
 
     def encode(self, scene, options, folder, threads, report):
-        """Writes WHOLE and BARE. ValueError: an option is out of range, or the file is not what it should be. LookupError: a
-        package is not installed."""
+        """Writes WHOLE and BARE. ValueError: an option is out of range, or the file is not what it should be."""
         from texfcodec.asset.save.gltf_pack import Draco
         from texfcodec.asset.save.image_write import FORMATS
 
         options = checked_options(options, DEFAULTS, RANGES, CHOICES)
-        if reason := self.missing(options):
-            raise LookupError(reason)
         source = source_of(scene)
         source.images = {content: fitted(image, options["shrink"], report.warnings) for content, image in source.images.items()}
         with report.stage("textures"):

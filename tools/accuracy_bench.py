@@ -28,13 +28,14 @@ USUAL_K, SMALL_K, MANY_VOXELS = 1024, 512, 2_000_000  # K at which voxels are tr
 WARM_K = 128
 
 
-def place_of(scene, threads=1, neural=False):
-    """The Place of a scene: over texels where the encoder by itself puts most faces there."""
+def place_of(scene, threads=1, neural=False, quick=False):
+    """The Place of a scene: over texels where the encoder by itself puts most faces there; quick: with half the K."""
     options = EncodeOptions(threads=threads)
     surface = make_surface(scene, options)
     supports = choose_supports(needed_scene(scene, surface, options).scene, surface, options)
     planar = sum(len(plan.group.faces) for plan in supports.plans)
     k = SMALL_K if estimate(scene, EncodeOptions(resolution=USUAL_K))[0] > MANY_VOXELS else USUAL_K
+    k = k // 2 if quick else k
     side = max((max(texture.image.shape[:2]) for texture in scene.textures), default=0)
     return Place(TEXELS if 2 * planar > len(scene.faces) else VOXELS, k, side, neural)
 
@@ -53,14 +54,20 @@ def transfer_density(density):
         prepare.FITTED_DENSITY = fitted
 
 
+def reference_of(quick=False):
+    """(views, pixels a side, samples) of what the metrics are compared with."""
+    if quick:
+        return REFERENCE_VIEWS // 2, REFERENCE_SIZE // 4, REFERENCE_SAMPLES // 8
+    return REFERENCE_VIEWS, REFERENCE_SIZE, REFERENCE_SAMPLES
+
+
 class Bench:
     """Runs settings on one scene. samples: of 3D-PSNR; quick: smaller references for the metrics."""
 
     def __init__(self, scene, place, samples, threads=1, quick=False):
         self.scene, self.place, self.threads, self.warm, self._made = scene, place, threads, set(), {}
         self.samples = SourceSamples(scene, samples, threads)
-        self.reference = (REFERENCE_VIEWS // 2, REFERENCE_SIZE // 4, REFERENCE_SAMPLES // 8) if quick else \
-            (REFERENCE_VIEWS, REFERENCE_SIZE, REFERENCE_SAMPLES)
+        self.reference = reference_of(quick)
 
     def run(self, setting, turn):
         """One run: {"wall", "processor", ...} in seconds; of an encode also "bytes", "geometry" and, on the first turn, "psnr_y"

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from texfcodec.explain import BETTER, DOMINATED, NOISE, per_second, verdict
 from texfcodec.quality.bd_rate import difference_at
 from tools.accuracy_bench import PROCESSOR, WALL, Measured, key_of
-from tools.accuracy_knobs import KNOBS, QP, STREAM, Knob, Place, curve_settings, encode_setting, name_of
+from tools.accuracy_knobs import AUTO, KNOBS, QP, STREAM, Knob, Place, curve_settings, encode_setting, name_of
 
 SECONDS, BYTES, DECIBELS = (math.log1p(NOISE), math.log1p(NOISE)), (0.0, 0.001), (0.0, 0.01)  # (slack, gain); logarithms, -dB
 PERCENT, ERROR = (0.0, 0.1), (0.0, 0.005)  # of bytes at equal quality; dB off the reference
@@ -99,21 +99,32 @@ def _fill(rows, place, measured, quick):
             row.error = math.sqrt(statistics.fmean(e * e for e in errors)) if errors else None
         else:
             row.percent = percent_at(curve, row)
-    key = "error" if knob.over == STREAM else "percent"
-    known = [row for row in rows if getattr(row, key) is not None]
-    if knob.name == "QP" or not known:
+    if knob.name == "QP":  # it is the curve
         return
-    axes = (SECONDS, ERROR if knob.over == STREAM else PERCENT)
-    for row, beaten in zip(known, dominators([(math.log(r.seconds[0]), getattr(r, key)) for r in known], axes), strict=True):
+    known, costs, axes = _costs(rows)
+    for row, beaten in zip(known, dominators(costs, axes), strict=True):
         row.by = [known[i].name for i in beaten]
 
 
+def _costs(rows):
+    """(rows that can be compared, their costs, the axes of these): seconds with a metric's error, or with bytes at equal quality;
+    where no curve says these, with bytes and dB."""
+    key, axis = ("error", ERROR) if rows[0].knob.over == STREAM else ("percent", PERCENT)
+    known = [row for row in rows if getattr(row, key) is not None]
+    if known or key == "error":
+        return known, [(math.log(r.seconds[0]), getattr(r, key)) for r in known], (SECONDS, axis)
+    known = [row for row in rows if row.quality is not None]
+    costs = [(math.log(r.seconds[0]), math.log(r.measured.bytes), -r.quality) for r in known]
+    return known, costs, (SECONDS, BYTES, DECIBELS)
+
+
 def _curve(knob, place, measured, quick):
-    """[(bytes, dB)] of the defaults over QP, for a knob; empty where there is none."""
+    """[(bytes, dB)] of the defaults over QP, for a knob, less what another QP beats in both; empty where there is none."""
     over = place.curve(knob.over)
     found = [measured.get(key_of(setting)) for setting in curve_settings(place, over, quick)] if over else []
     points = [(m.bytes, m.image_y if knob.image else m.psnr_y) for m in found if m]
-    return [(size, quality) for size, quality in points if quality is not None and math.isfinite(quality)]
+    points = sorted((size, quality) for size, quality in points if quality is not None and math.isfinite(quality))
+    return [point for i, point in enumerate(points) if all(quality < point[1] for _, quality in points[:i])]
 
 
 def percent_at(curve, row):
@@ -128,9 +139,8 @@ def percent_at(curve, row):
 
 
 def beaten_presets(asset):
-    """{preset: names of settings that dominate it in seconds, bytes and dB}, over all encodes of the asset by 3D-PSNR."""
-    rows = [row for rows in asset.rows.values() for row in rows
-            if row.knob.over not in (STREAM,) and row.measured.psnr_y is not None]
+    """{preset: names of settings that dominate it in seconds, bytes and dB}, among those that leave as much to the encoder."""
+    rows = [row for rows in asset.rows.values() for row in rows if row.knob.over == AUTO and not row.knob.hindsight]
     costs = [(math.log(r.seconds[0]), math.log(r.measured.bytes), -r.measured.psnr_y) for r in rows]
     found = dominators(costs, (SECONDS, BYTES, DECIBELS))
     return {row.value: sorted({f"{rows[i].knob.name} {rows[i].name}" for i in by}) for row, by in zip(rows, found, strict=True)
@@ -144,7 +154,7 @@ def to_change(assets):
     for asset in assets:
         judged = {f"preset {name}": by for name, by in beaten_presets(asset).items()}
         judged |= {f"{name}: {row.name}": row.by for name, rows in asset.rows.items() if name != "preset"
-                   for row in rows if row.is_default}
+                   for row in rows if row.is_default and not row.knob.hindsight}
         for what, by in judged.items():
             asked[what] += 1
             if by:

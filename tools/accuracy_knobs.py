@@ -45,9 +45,9 @@ class Place:
 @dataclass(frozen=True)
 class Knob:
     """One row. values: what it is turned to, from cheap to dear, those of --quick in quick; default: the package's own; over:
-    AUTO, HOME, VOXELS, TEXELS, NEURAL or STREAM; change: function (value, Place) -> what it changes in the base; options: EncodeOptions
-    that it stands for; image: quality is image PSNR, not 3D-PSNR; costly: not turned where over is not the asset's home; asked:
-    measured only where it is named."""
+    AUTO, HOME, VOXELS, TEXELS, NEURAL or STREAM; change: function (value, Place) -> what it changes in the base; options:
+    EncodeOptions that it stands for; image: quality is image PSNR, not 3D-PSNR; costly: not turned where over is not the asset's
+    home; asked: measured only where it is named; hindsight: the default chooses among the other values, and pays for it."""
 
     name: str
     text: str
@@ -60,6 +60,7 @@ class Knob:
     image: bool = False
     costly: bool = False
     asked: bool = False
+    hindsight: bool = False
 
     def applies(self, place):
         """Whether the knob has a part in an asset."""
@@ -108,11 +109,14 @@ def _views(value, place):
     return {"kind": "views", "views": views, "size": size}
 
 
-QPS = Knob("QP", "quantisation", (36, 32, 28, 24, 20, 12), (36, 32, 28, 24), QP, HOME, _option("qp"), ("qp",), image=True)
+QPS = Knob("QP", "quantisation", (44, 36, 32, 28, 24, 20, 12), (44, 36, 28, 24), QP, HOME, _option("qp"), ("qp",), image=True)
+PRESETS_WITH_EFFORT = ("r02 fast", "r04 fast", "r05 fast", "r06 fast", "r02 best", "r04 best")
 VIEW_VALUES = tuple((views, size) for size in (512, 1024, 2048) for views in (4, 8, 16, 32))
 KNOBS = (
     Knob("preset", "rate preset, all else left to the encoder", tuple(RATES), ("r02", "r04"), DEFAULT_RATE, AUTO, _option("rate"),
          ("rate", "exact_rate")),
+    Knob("preset with effort", "as the presets, at another effort", PRESETS_WITH_EFFORT, ("r04 fast",), None, AUTO,
+         lambda value, place: dict(zip(("rate", "effort"), value.split(), strict=True))),
     Knob("effort", "tools of the coder, partition and weights", EFFORTS, EFFORTS, DEFAULTS.effort, HOME, _option("effort"),
          ("effort",)),
     QPS,
@@ -122,7 +126,7 @@ KNOBS = (
          lambda value, place: {} if value == 1 else {"texel_size": max(round(place.side * value), 1)}, ("texel_size",),
          costly=True),
     Knob("support", "voxels or texels, at r03", ("voxels", "texels", "auto"), ("voxels", "auto"), DEFAULTS.support, AUTO,
-         lambda value, place: {"rate": "r03"} | ({} if value == "auto" else {"support": value}), ("support",)),
+         lambda value, place: {"rate": "r03"} | ({} if value == "auto" else {"support": value}), ("support",), hindsight=True),
     Knob("refinement", "of the colours before coding", ("off", "auto", "render"), ("off", "auto"), DEFAULTS.refine, VOXELS,
          _refined, ("refine",)),
     Knob("iterations", "of inverse rendering", (10, 30, 100), (), DEFAULTS.refine_iterations, VOXELS,
@@ -140,7 +144,7 @@ KNOBS = (
          ("position_bits",), image=True),
     Knob("near-lossless D", "largest error of a coded value, 0: lossless; no fit", (8, 4, 2, 1, 0), (4,), None, HOME, _bounded,
          ("max_error", "lossless")),
-    Knob("3DNTC steps", f"of the fit, {DEFAULT_POINT}", (250, 1000, 4000, DEFAULT_STEPS), (100,), DEFAULT_STEPS, NEURAL,
+    Knob("3DNTC steps", f"of the fit, {DEFAULT_POINT}", (250, 1000, 4000, DEFAULT_STEPS), (), DEFAULT_STEPS, NEURAL,
          _option("steps"), ("codec", "steps")),
     Knob("3DNTC size", "points of the paper, 1000 steps", ("mpeg1", "mpeg3", "mpeg6"), (), DEFAULT_POINT, NEURAL,
          lambda value, place: {} if value == DEFAULT_POINT else {"point": value}, ("point", "resident_bytes")),
@@ -150,7 +154,7 @@ KNOBS = (
     Knob("threads", "most threads; read the wall clock", tuple(dict.fromkeys((1, default_threads()))), (), 1, HOME,
          _option("threads"), ("threads",), asked=True),
 )
-BY_NAME = {knob.name: knob for knob in KNOBS}
+BY_NAME = {knob.name.replace(" ", "-"): knob for knob in KNOBS}  # as a command line names them
 # Every other field of EncodeOptions, and why it has no row.
 NO_KNOB = {
     "target_bytes": "searches K and QP, whose rows say what they cost",

@@ -5,43 +5,52 @@ from pathlib import Path
 
 from texfcodec.explain import BETTER, BUYS, DOMINATED, EQUAL, NOISE, SAVES
 from texfcodec.options import default_threads
-from tools.accuracy_bench import IMAGE_SIZE, IMAGE_VIEWS, PROCESSOR, SPENT, WALL
+from tools.accuracy_bench import IMAGE_SIZE, IMAGE_VIEWS, PROCESSOR, SMALL_K, SPENT, USUAL_K, WALL, reference_of
 from tools.accuracy_fronts import beaten_presets, steps_of, to_change
-from tools.accuracy_knobs import KNOBS, QP, REFERENCE_SAMPLES, REFERENCE_SIZE, REFERENCE_VIEWS, STREAM, name_of
+from tools.accuracy_knobs import KNOBS, QP, STREAM, name_of
 from tools.result_tables import markdown_table
 
 SAID = {BETTER: "**better than the default**", BUYS: "buys bytes", SAVES: "saves time", DOMINATED: "no gain", EQUAL: "the same"}
+CLOCKS = {WALL: "by the wall clock",
+          PROCESSOR: f"in processor seconds, because the wall clock varied by more than {100 * NOISE:.0f} %"}
+PICTURE = ("The green line is the front: no setting is both faster and smaller. Blue squares are the rate presets, grey crosses "
+           f"what others beat, bars the fastest and slowest run. *default* is QP {QP} with all texels, or with K {USUAL_K} "
+           f"({SMALL_K} where that is millions of voxels).")
+CELLS = ("Seconds, bytes, dB, and in bold the bytes above the defaults' curve at equal quality; ~ marks what another value of "
+         "the same knob dominates.")
 
 
 def page_of(assets, args, picture):
     """The whole page as Markdown. assets: [Asset]; args: of the command line; picture: path of the plot from the page."""
-    lines = ["# What accuracy costs in time", "", *_introduction(assets, args), "",
-             f"![bytes saved at equal quality against seconds, an asset a panel]({picture})", "",
-             "The green line is the front: no setting is both faster and smaller. Blue squares are the rate presets, grey crosses "
-             "what others beat, bars the fastest and slowest run.", "", "## What one more second buys", "", *_steps(assets), "",
-             "## To change", "", *_changes(assets), "", "## Presets", "", *_presets(assets), "", "## Knob by knob", ""]
+    lines = ["# What accuracy costs in time", "", _conditions_of(assets, args), "", _measures(assets), "",
+             f"![bytes saved at equal quality against seconds, an asset a panel]({picture})", "", PICTURE, "",
+             "## What one more second buys", "", *_steps(assets), "", "## To change", "", *_changes(assets), "",
+             "## Presets", "", *_presets(assets), "", "## Knob by knob", "", CELLS, ""]
     for knob in KNOBS:
-        lines += _knob(knob, assets)
+        lines += _knob(knob, assets, args.quick)
     return "\n".join(_wrapped(lines)) + "\n"
 
 
-def _introduction(assets, args):
+def _conditions_of(assets, args):
+    """A paragraph on what was measured, on which machine, and by which clock."""
     spreads = ", ".join(f"{asset.name} {100 * asset.spread:.0f} %" for asset in assets)
-    clocks = {asset.clock for asset in assets}
-    said = {WALL: "by the wall clock", PROCESSOR: "in processor seconds, because the wall clock varied by more than "
-            f"{100 * NOISE:.0f} %"}
-    quick = " With `--quick`: few values, small references." if args.quick else ""
+    told = " or ".join(CLOCKS[clock] for clock in sorted({asset.clock for asset in assets}))
     many = f"{args.threads} thread{'s' * (args.threads != 1)}, {args.jobs} asset{'s' * (args.jobs != 1)} at a time"
-    yield (f"{', '.join(asset.name for asset in assets)}; {machine()}, {many}, warm kernels; an encode without loading, the median "
-           f"of up to {args.repeats} runs (what has taken {SPENT:.0f} s is not repeated). Seconds are told "
-           f"{' or '.join(said[clock] for clock in sorted(clocks))}: the slowest run by the wall clock takes longer than the "
-           f"fastest by {spreads} (median over settings). Made by `make accuracy-time` (tools/accuracy_time.py), which writes this "
-           f"page for any assets.{quick}")
-    yield ""
+    quick = " With `--quick`: few values, small references." if args.quick else ""
+    names = ", ".join(asset.name for asset in assets)
+    return (f"{names}; {machine()}, {many}, warm kernels; an encode without loading, the "
+            f"median of up to {args.repeats} runs (what has taken {SPENT:.0f} s is not repeated). Seconds are told {told}: the "
+            f"slowest run by the wall clock takes longer than the fastest by {spreads} (median over settings). Made by "
+            f"`make accuracy-time` (tools/accuracy_time.py), which writes this page for any assets.{quick}")
+
+
+def _measures(assets):
+    """A paragraph on what the words mean."""
     shares = ", ".join(f"{asset.name} {100 * asset.geometry:.0f} %" for asset in assets)
-    yield (f"Bytes are those of the whole stream (geometry at QP {QP}: {shares}). *Bytes at equal quality* compares a setting "
-           "with the curve that the defaults have over QP, at the setting's own 3D-PSNR of Y. A setting is dominated where another "
-           f"is no worse and better in one thing, by more than {100 * NOISE:.0f} % of seconds, 0.1 % of bytes or 0.01 dB.")
+    return (f"Bytes are those of the whole stream (geometry at QP {QP}: {shares}). *Bytes at equal quality* compares a setting "
+            "with the curve that the defaults have over QP, at the setting's own 3D-PSNR of Y. A setting is dominated where "
+            f"another is no worse and better in one thing, by more than {100 * NOISE:.0f} % of seconds, 0.1 % of bytes or "
+            "0.01 dB.")
 
 
 def machine():
@@ -61,9 +70,10 @@ def _steps(assets):
     for step in steps_of(assets):
         cells = [_trade(*step.trades[name][:2]) if name in step.trades else "" for name in names]
         bought = "" if step.bought is None else f"{step.bought:.1f} %"
-        rows.append([step.knob.name, f"{name_of(step.knob.default)} to {name_of(step.value)}", *cells, _trade(step.seconds, step.percent), bought,
-                     SAID[step.verdict]])
-    yield "A step from the default, up or down: seconds, and bytes at equal quality. The verdict is what most assets say."
+        rows.append([step.knob.name, f"{name_of(step.knob.default)} to {name_of(step.value)}", *cells,
+                     _trade(step.seconds, step.percent), bought, "hindsight" if step.knob.hindsight else SAID[step.verdict]])
+    yield ("A step from the default, up or down: seconds, and bytes at equal quality. The verdict is what most assets say; "
+           "*hindsight* is a value that the default may choose by itself, and pays for finding out.")
     yield ""
     yield from markdown_table(head, rows, 2)
 
@@ -93,13 +103,13 @@ def _presets(assets):
             yield f"- {asset.name}: {'; '.join(told)}"
 
 
-def _knob(knob, assets):
+def _knob(knob, assets, quick):
     """A table of one knob: a line per value, a column per asset."""
     mine = [asset for asset in assets if knob.name in asset.rows]
     if not mine:
         return []
     metric = knob.over == STREAM
-    note = _note(knob)
+    note = _note(knob, quick)
     values = [value for value in knob.values if any(row.value == value for asset in mine for row in asset.rows[knob.name])]
     rows = []
     for value in values:
@@ -111,11 +121,12 @@ def _knob(knob, assets):
     return [f"### {knob.name}", "", f"{knob.text[0].upper()}{knob.text[1:]}.{note}", "", *table, ""]
 
 
-def _note(knob):
+def _note(knob, quick):
+    views, size, samples = reference_of(quick)
     if knob.name.startswith("views"):
-        return f" Error against {REFERENCE_VIEWS} views of {REFERENCE_SIZE} pixels, image PSNR of Y."
+        return f" Error against {views} views of {size} pixels, image PSNR of Y."
     if knob.name.startswith("samples"):
-        return f" Root mean square error over seeds against {REFERENCE_SAMPLES:,} samples, 3D-PSNR of Y."
+        return f" Root mean square error over seeds against {samples:,} samples, 3D-PSNR of Y."
     if knob.image and knob.name != "QP":
         return (f" Quality is image PSNR of Y over {IMAGE_VIEWS} views of {IMAGE_SIZE} pixels, because 3D-PSNR does not see "
                 "where the surface has moved.")

@@ -6,8 +6,9 @@ Each knob is turned against the package's defaults. An encode is timed in this p
 bytes are those of the whole stream; its quality is 3D-PSNR of Y, for position bits image PSNR of Y. Metrics are compared with a
 reference of many more views or samples. Writes accuracy_time.md, accuracy_time.png (where matplotlib is installed), points.csv
 and NAME.jsonl, a line per run: the same command goes on from there, and measures again what other code, another asset or another
-number of threads has measured. --quick takes a few values and fewer samples. --jobs runs so many assets at a time, each in a
-process of its own. --page FILE writes the page there as well, with its picture in pictures/ beside it.
+number of threads has measured. --quick takes a few values, half the K and fewer samples, and is for trying. --jobs
+runs so many assets at a time, each in a process of its own. --page FILE writes the page there as well, with its picture in
+pictures/ beside it.
 
 With one thread processor seconds are the encoder's own work, whatever else the machine does; claims are made from them where the
 slowest run of a setting takes over 5 % longer by the wall clock than the fastest, in the median.
@@ -62,7 +63,7 @@ def measure(name, path, args):
             made.append(Bench(load(path), place, samples, args.threads, args.quick))
         return made[0]
 
-    place = known_place(cache, conditions, lambda: place_of(load(path), args.threads, name in NEURAL_ASSETS))
+    place = known_place(cache, conditions, lambda: place_of(load(path), args.threads, name in NEURAL_ASSETS, args.quick))
     measured = run_settings(settings_of(place, knobs, args.quick), bench, cache, conditions, args.repeats)
     return asset_of(name, place, measured, args.quick)
 
@@ -139,14 +140,16 @@ def main(arguments=None):
     parser.add_argument("--assets", type=Path, metavar="FOLDER", help="where assets are that are given by name")
     parser.add_argument("--asset", nargs="+", default=list(ASSETS), metavar="NAME", help="a name, a path or \"sample\"")
     parser.add_argument("--knob", nargs="+", choices=sorted(BY_NAME), metavar="NAME", help=", ".join(BY_NAME))
-    parser.add_argument("--quick", action="store_true", help="a few values, in three minutes an asset")
-    parser.add_argument("--repeats", type=int, default=3, metavar="N")
+    parser.add_argument("--quick", action="store_true", help="a few values, half the K, fewer samples, once")
+    parser.add_argument("--repeats", type=int, metavar="N", help="runs of a setting  [default: 3, or 1 with --quick]")
     parser.add_argument("--threads", type=int, default=1, metavar="N", help="of every encode; 1 for processor seconds")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="assets at a time")
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER")
     parser.add_argument("--page", type=Path, metavar="FILE", help="write the page here too")
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
-    return resumable(run, parser.parse_args(arguments))
+    args = parser.parse_args(arguments)
+    args.repeats = args.repeats or (1 if args.quick else 3)
+    return resumable(run, args)
 
 
 if __name__ == "__main__":

@@ -2,8 +2,9 @@
 its best compression of vertices (-cc), no simplification, and images as KTX2 (ETC1S, UASTC) or WebP, whose sides it makes
 multiples of 4.
 
-Bytes are those of glb.facts_of. Decoded is the file that was counted, by our loader. gltfpack -cc is made to be compressed once
-more on its way, by the server; gzip says what it then has ("gzip_bytes" among the facts), and does not count.
+Bytes are those of glb.facts_of; its KTX2 files have all mip levels, a third more texels, and no option leaves them out. Decoded
+is the file that was counted, by our loader. gltfpack -cc is made to be compressed once more on its way, by the server; gzip says
+what it then has ("gzip_bytes" among the facts), and does not count.
 
 Needs gltfpack, on PATH or named by TEXFCODEC_GLTFPACK or by the option program. `npm install gltfpack` (tried: 1.3.0) gives a
 build that leaves images as they are, which is what the texture "kept_webp" is for: images that Pillow has coded before. Builds

@@ -11,10 +11,11 @@ import pytest
 from interrupts import TETRAHEDRON
 from test_rate_points import environment, wait_for
 
+from texfcodec.cli.batch import Batch
 from texfcodec.cli.catalogue import read_catalogue, words_of
 from texfcodec.cli.enc import main
 from texfcodec.cli.results import Results
-from texfcodec.dispatch.room import only_run
+from texfcodec.dispatch.room import LOCK, WORK, only_run
 from texfcodec.errors import InputError
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -66,7 +67,7 @@ def test_a_folder_is_coded_and_coded_again_only_where_something_changed(call, ca
                                                                                             "gone.stl": "TXF-I01"}
     new, stamps = changed(out, {})
     assert new == {"a.texf", "deep/er/b.texf", "deep/c.texf"} and "5 assets: 3 coded" in err and "2 failed" in err
-    assert "deep/again is a link to a folder, passed over" in err and not (out / ".work").exists()
+    assert "deep/again is a link to a folder, passed over" in err and not (out / WORK).exists()
     assert made["a.ply"]["stream"]["bytes"] == (out / "a.texf").stat().st_size == made["a.ply"]["result"]["bytes"]["total"]
     assert set(made["deep/c.obj"]["files"]) == {"c.obj", "c.mtl"} and made["a.ply"]["options"] == list(SMALL)
     assert [json.loads(line)["asset"] for line in (out / "results.jsonl").read_text().splitlines()] == [r["asset"] for r in rows]
@@ -81,8 +82,9 @@ def test_a_folder_is_coded_and_coded_again_only_where_something_changed(call, ca
         (catalogue / name).unlink()
     code, rows, _ = call(*words, *SMALL)
     assert code == 0 and changed(out, stamps)[0] == {"a.texf", "deep/c.texf"} and len(rows) == 3
+    (catalogue / "deep/er/b.PLY").unlink()
     code, rows, _ = call(*words, "--resolution", "16", "--qp", "31", "--quiet")
-    assert code == 0 and not any("passed_over" in row for row in rows)
+    assert code == 0 and ["passed_over" in row for row in rows] == [False, False]
 
 
 def test_a_manifest_gives_options_and_names_and_bad_ones_are_told(call, catalogue, tmp_path):
@@ -93,19 +95,49 @@ def test_a_manifest_gives_options_and_names_and_bad_ones_are_told(call, catalogu
     assert [(a.out, a.words) for a in assets] == [("first/{x}.texf", ("--effort", "fast")),
                                                   ("meshes/a.texf", ("--effort", "fast", "--qp", "99"))]
     lines = tmp_path / "all.txt"
-    lines.write_text(f"# of everything\nmeshes/a.ply\n\n{catalogue / 'a.ply'}\n{catalogue / 'deep/c.obj'}\n")
+    lines.write_text(f"\ufeff# of everything\nmeshes/a.ply\n\n{catalogue / 'a.ply'}\n{catalogue / 'deep/c.obj'}\n")
     assets = read_catalogue(lines, tmp_path / "out", print)
     assert [(a.out, a.error and a.error.code) for a in assets] == [("meshes/a.texf", None), ("a.texf", None), ("c.texf", None)]
-    for text in ("[[asset]]\n", "[[asset]]\npath = 3\n", "x = 1\n", '[[asset]]\npath = "a"\nout = "../a.texf"\n', "[[asset",
+    for text in ("[options]\ndry-run = true\n[[asset]]\npath = 'a'\n", "[[asset]]\npath = '/'\n", "[[asset]]\n",
+                 "[[asset]]\npath = 3\n", "x = 1\n", '[[asset]]\npath = "a"\nout = "../a.texf"\n', "[[asset",
                  '[[asset]]\npath = "a"\nrate = 1\n', '[[asset]]\npath = "a"\noptions = {a = [1]}\n', "", "asset = 3\n"):
         manifest.write_text(text)
         with pytest.raises(InputError) as refused:
             read_catalogue(manifest, tmp_path / "out", print)
         assert refused.value.code == "TXF-I57"
+    for name, text in (("all.txt", "/\n"), ("all.txt", "\udcff"), ("all.obj", "v 0 0 0\n")):
+        (tmp_path / name).write_bytes(text.encode(errors="surrogateescape"))
+        with pytest.raises(InputError) as refused:
+            read_catalogue(tmp_path / name, tmp_path / "out", print)
+        assert refused.value.code == "TXF-I57"
     assert words_of({"qp": 3, "measure": True, "strict": False}) == ("--qp", "3", "--measure")
     (tmp_path / "empty").mkdir()
     assert call("--batch", tmp_path / "empty", "--out", tmp_path / "out")[0] == 2
     assert call("--batch", tmp_path / "nowhere", "--out", tmp_path / "out")[0] == 2
+
+
+def test_an_asset_may_become_two_streams_and_names_are_taken_as_they_are(call, tmp_path):
+    (tmp_path / "a {x}[b].ply").write_text(TETRAHEDRON)
+    (tmp_path / "all.toml").write_text('[options]\nresolution = 16\n' + "".join(
+        f'[[asset]]\npath = "a {{x}}[b].ply"\nout = "é/{{q}} {qp}.texf"\noptions = {{qp = {qp}}}\n' for qp in (30, 40)))
+    for is_old in (False, True):
+        code, rows, _ = call("--batch", tmp_path / "all.toml", "--out", tmp_path / "out", "--effort", "fast", "--jobs", "2")
+        assert code == 0 and sorted(row["out"] for row in rows) == ["é/{q} 30.texf", "é/{q} 40.texf"]
+        assert all((tmp_path / "out" / row["out"]).stat().st_size == row["stream"]["bytes"] for row in rows)
+        assert [row.get("passed_over", False) for row in rows] == [is_old] * 2
+
+
+def test_an_asset_stays_coded_where_nobody_reads_its_line(call, tmp_path, monkeypatch):
+    (tmp_path / "a.ply").write_text(TETRAHEDRON)
+    (tmp_path / "all.txt").write_text("a.ply\n")
+
+    def closed(*_):
+        raise BrokenPipeError
+
+    monkeypatch.setattr(Batch, "_tell", closed)
+    code, _, err = call("--batch", tmp_path / "all.txt", "--out", tmp_path / "out", *SMALL)
+    rows = [json.loads(line) for line in (tmp_path / "out/results.jsonl").read_text().splitlines()]
+    assert code == 2 and ["stream" in row for row in rows] == [True] and (tmp_path / "out/a.texf").exists()
 
 
 def test_two_assets_of_one_stream_are_refused_and_no_other(call, tmp_path):
@@ -137,27 +169,27 @@ def test_time_and_memory_limits_fail_an_asset_with_a_sentence(call, catalogue, t
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes are looked up in /proc")
-def test_an_interrupt_keeps_what_is_finished_and_leaves_nothing_half(tmp_path):
+def test_an_interrupt_keeps_what_is_finished_and_leaves_nothing_half(call, tmp_path):
     folder, out = tmp_path / "meshes", tmp_path / "out"
     folder.mkdir()
-    for name in "abc":
+    for name in "ab":
         (folder / f"{name}.ply").write_text(TETRAHEDRON)
-    words = [sys.executable, "-m", "texfcodec.cli.enc", "--batch", folder, "--out", out, *SMALL]
-    run = subprocess.Popen(words, cwd=REPOSITORY, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    words = ["--batch", folder, "--out", out, *SMALL]
+    run = subprocess.Popen([sys.executable, "-m", "texfcodec.cli.enc", *words], cwd=REPOSITORY, env=environment(), text=True,
+                           stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
     first = json.loads(run.stdout.readline())
     wait_for(lambda: encoders_in(out))
-    second = subprocess.run(words, cwd=REPOSITORY, env=environment(), capture_output=True, text=True, check=False)
-    assert second.returncode == 2 and "TXF-O17" in second.stderr
+    code, rows, err = call(*words)
+    assert code == 2 and not rows and "TXF-O17" in err
     run.send_signal(signal.SIGINT)
     said = run.communicate(timeout=60)[1]
     assert run.returncode == 130 and "what is finished stays" in said
     wait_for(lambda: not encoders_in(out))
     done = [json.loads(line) for line in (out / "results.jsonl").read_text().splitlines()]
-    assert done[0] == first and {path.name for path in out.iterdir()} <= {".lock", "results.jsonl", *(row["out"] for row in done)}
-    again = subprocess.run(words, cwd=REPOSITORY, env=environment(), capture_output=True, text=True, check=False)
-    rows = [json.loads(line) for line in again.stdout.splitlines()]
-    assert again.returncode == 0 and len(rows) == 3 and sum("passed_over" in row for row in rows) == len(done)
+    assert done[0] == first and {path.name for path in out.iterdir()} <= {LOCK, "results.jsonl", *(row["out"] for row in done)}
+    code, rows, _ = call(*words)
+    assert code == 0 and len(rows) == 2 and sum("passed_over" in row for row in rows) == len(done)
 
 
 def encoders_in(out):
@@ -165,16 +197,16 @@ def encoders_in(out):
     found = []
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         try:
-            found += [path.parent.name] if os.fsencode(out / ".work") in path.read_bytes() else []
+            found += [path.parent.name] if os.fsencode(out / WORK) in path.read_bytes() else []
         except OSError:
             continue
     return found
 
 
 def test_results_survive_a_line_that_was_cut_short(tmp_path):
-    (tmp_path / "results.jsonl").write_text('{"asset": "a", "n": 1}\n{"asset": "b"')
+    (tmp_path / "results.jsonl").write_text('{"out": "a", "n": 1}\n{"out": "b"')
     results = Results(tmp_path)
-    results.append({"asset": "c"})
+    results.append({"out": "c"})
     assert set(Results(tmp_path).lines) == {"a", "c"}
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from shapes import painted_sphere
 
+from texfcodec.dispatch.room import WORK
 from tools import collect
 from tools.batch import not_ours, only_run
 from tools.conditions import read_conditions
@@ -222,7 +223,7 @@ def wait_for(condition, seconds=120):
 
 def job_texts(out):
     """job.json of the jobs that are at work."""
-    return [path.read_text() for path in out.glob(".work/*/*/job.json")]
+    return [path.read_text() for path in out.glob(f"{WORK}/*/*/job.json")]
 
 
 def children_in(out):

@@ -40,7 +40,7 @@ def settle(job, outcome, folder):
     """Makes the folder of an attempt the job's own, in place of what was there: None, or a sentence about why the job failed. A
     full disk leaves what was there."""
     if outcome.state == FULL or not folder.exists():
-        return outcome.reason
+        return outcome.reason or f"{folder} is not here"
     try:
         job.folder.parent.mkdir(parents=True, exist_ok=True)
         old = folder.with_name(folder.name + ".old")

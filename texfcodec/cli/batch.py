@@ -8,7 +8,7 @@ import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -18,11 +18,9 @@ from ..ground import unfinished
 from ..options import default_threads
 from . import interrupts
 from .catalogue import Asset, read_catalogue, words_given
+from .console import Console, printable
 from .flags import file_names, number
 from .results import Results, sha256_of
-
-if TYPE_CHECKING:
-    from .console import Console
 
 SCHEMA = 1
 FLAGS = ("batch", "batch_out", "jobs", "scheduler", "limit_seconds", "memory_limit")
@@ -34,12 +32,14 @@ NAMES = {"shell_complete": file_names}
 def batch_flags(function: Callable) -> Callable:
     """Decorator: the flags of a batch; take their values out of the choices with batch_of()."""
     told = {
-        "batch": ("CATALOGUE", {"help": "Code every mesh of a folder and the folders in it, or of a manifest.", **NAMES}),
+        "batch": ("CATALOGUE", {"help": "Code every mesh of a folder and the folders in it, or of a manifest; with --out.",
+                                **NAMES}),
         "out": ("DIR", {"help": "--batch: Where streams and results go.", **NAMES}),
         "jobs": ("N", number(1, MOST_JOBS, "--batch: Assets at a time, with cores / N threads each; 1..256.  [default: 1]")),
         "scheduler": ("ADDRESS", {"help": "--batch: Code on the Dask cluster at tcp://HOST:PORT."}),
         "limit_seconds": ("S", number(0.001, 1e9, "--batch: Longest time for an asset.")),
-        "memory_limit": ("BYTES", number(1 << 20, 1 << 62, "--batch: Most data that the process of an asset may hold.")),
+        "memory_limit": ("BYTES", number(1 << 20, 1 << 62, "--batch: Most data that the process of an asset may hold, where "
+                                         "the system caps it (Linux).")),
     }
     for name, (metavar, keywords) in reversed(told.items()):
         function = click.option(_flag(name), f"batch_{name}" if name == "out" else name, metavar=metavar, **keywords)(function)
@@ -80,7 +80,7 @@ def encode_batch(console: Console, asked: dict[str, Any], checkpoint: str | None
     out, source = Path(asked["batch_out"]), Path(asked["batch"])
     assets = read_catalogue(source, out, console.note)
     interrupts.Talk.kept = True
-    with only_run(_made(out)), work_room(out) as room:
+    with only_run(out), work_room(out) as room:
         batch = Batch(console, out, words, asked)
         todo = [asset for asset in assets if not batch.is_finished(asset)]
         if console.quiet:
@@ -91,16 +91,6 @@ def encode_batch(console: Console, asked: dict[str, Any], checkpoint: str | None
     console.note(batch.summary(len(assets), len(todo)))
     unfinished.finish()
     return EXIT_IO if batch.is_full else EXIT_DIFFERS if batch.failed else 0
-
-
-def _made(out):
-    from ..asset.save.files import as_input_error
-
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise as_input_error(error, out) from None
-    return out
 
 
 class Batch:
@@ -124,7 +114,7 @@ class Batch:
         """Codes assets, in processes here or on a cluster, and tells of each as it ends."""
         from ..dispatch.local import run_here
 
-        self.show, self.assets = show, {asset.name: asset for asset in assets if asset.error is None}
+        self.show, self.assets = show, {asset.out: asset for asset in assets if asset.error is None}
         for asset in assets:
             if asset.error is not None:
                 self._fail(asset, asset.error)
@@ -154,7 +144,7 @@ class Batch:
 
         words = [word.replace("{", "{{").replace("}", "}}") for word in self._words(asset)]
         command = ("-m", "texfcodec.cli.enc", "{input}", "{folder}/" + STREAM, "--json", "--threads", "{threads}", *words)
-        return Task(name=asset.name, commands=(("encode", command),), input=asset.path.absolute(), out=ANSWER, threads=threads,
+        return Task(name=asset.out, commands=(("encode", command),), input=asset.path.absolute(), out=ANSWER, threads=threads,
                     package=package_code(), memory=self.asked["memory_limit"], seconds=self.asked["limit_seconds"])
 
     def _ended(self, task, outcome, folder):
@@ -169,13 +159,15 @@ class Batch:
         if outcome.state != DONE or facts is None or "error" in facts:
             return self._fail(asset, _error_of(outcome, facts, task))
         try:
-            self._keep(asset, folder, facts)
+            row = self._kept(asset, folder, facts)
         except OSError as error:
             self.is_full = self.is_full or is_full(error)
-            self._fail(asset, as_input_error(error, self.out / asset.out))
+            return self._fail(asset, as_input_error(error, self.out / asset.out))
+        self._tell(row)
+        self._show(asset, f"{row['stream']['bytes']} bytes, {facts['seconds']['total']:.2f} s", False)
 
-    def _keep(self, asset, folder, facts):
-        """The stream at its place, and then its line."""
+    def _kept(self, asset, folder, facts):
+        """Puts the stream at its place, and then its line, which is returned."""
         names, stream, target = facts["source"].pop("names"), folder / STREAM, self.out / asset.out
         home = os.path.dirname(names[0])  # the first is the asset itself, wherever it was read
         files = {Path(os.path.relpath(name, home)).as_posix() for name in names}
@@ -184,8 +176,7 @@ class Batch:
         target.parent.mkdir(parents=True, exist_ok=True)
         unfinished.rename_all([(stream, target)])
         self.results.append(row)
-        self._tell(row)
-        self.show(asset.name, f"{asset.name}: {row['stream']['bytes']} bytes, {facts['seconds']['total']:.2f} s", False)
+        return row
 
     def _row(self, asset):
         return {"schema": SCHEMA, "asset": asset.name, "out": asset.out, "options": list(self._words(asset)),
@@ -200,7 +191,11 @@ class Batch:
         except OSError:  # a full disk: what has failed is tried again without a line as well
             self.is_full = True
         self._tell(row)
-        self.show(asset.name, f"{asset.name}: failed: {told['code']}: {told['message']}", True)
+        self._show(asset, f"failed: {told['code']}: {told['message']}", True)
+
+    def _show(self, asset, text, is_bad):
+        name = printable(asset.name)
+        self.show(name, f"{name}: {printable(text)}", is_bad)
 
     def _tell(self, row):
         click.echo(json.dumps(row, allow_nan=False), file=self.console.results)

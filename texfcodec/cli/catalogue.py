@@ -13,9 +13,12 @@ from typing import Any
 import click
 
 from ..asset.load.formats import SUFFIXES
+from ..dispatch.room import WORK
 from ..errors import InputError
 
 KEYS = ("path", "out", "options")
+NOT_OF_AN_ASSET = {"advise", "batch", "checkpoint", "dry_run", "help", "jobs", "json", "limit_seconds", "memory_limit", "out",
+                   "quiet", "scheduler", "version", "warmup"}  # flags that are no part of how an asset is coded
 
 
 @dataclass(frozen=True)
@@ -33,10 +36,13 @@ class Asset:
 def read_catalogue(source: Path, out: Path, note: Callable[[str], object]) -> list[Asset]:
     """Assets of a folder with the folders in it, sorted by name, or of a manifest, in its order. out: the folder for results,
     which is passed over; note(text): what else is. Raises InputError TXF-I57, and TXF-I01 for what is not there."""
-    if source.is_dir():
-        assets = _of_folder(source, out, note)
-    else:
-        assets = _of_toml(source) if source.suffix.lower() == ".toml" else _of_lines(source)
+    try:
+        if source.is_dir():
+            assets = _of_folder(source, out, note)
+        else:
+            assets = _of_toml(source) if source.suffix.lower() == ".toml" else _of_lines(source)
+    except ValueError as error:  # of TOML, UTF-8, or what is in there
+        raise InputError("TXF-I57", "the manifest cannot be read", path=str(source), reason=str(error)[:200]) from None
     if not assets:
         raise InputError("TXF-I57", f"the batch names no asset; meshes end in {' '.join(SUFFIXES)}", path=str(source))
     return _without_clashes(assets)
@@ -53,7 +59,7 @@ def _of_folder(top, out, note):
     for place, folders, names in os.walk(top, onerror=unreadable):
         for name in [name for name in folders if os.path.islink(os.path.join(place, name))]:
             note(f"{os.path.join(place, name)} is a link to a folder, passed over")
-        folders[:] = sorted(name for name in folders if (Path(place) / name).resolve() != out.resolve())
+        folders[:] = sorted(name for name in folders if name != WORK and (Path(place) / name).resolve() != out.resolve())
         for name in sorted(names):
             if name.lower().endswith(SUFFIXES):
                 path = Path(place) / name
@@ -68,27 +74,25 @@ def _stream_name(path):
 
 
 def _read(source):
+    _check(not source.name.lower().endswith(SUFFIXES), "it is a mesh; without --batch it is coded alone")
     try:
-        return source.read_text(encoding="utf-8")
+        return source.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise InputError("TXF-I01", "the file does not exist", path=str(source)) from None
-    except (OSError, ValueError) as error:
-        raise InputError("TXF-I57", "the manifest cannot be read", path=str(source), reason=str(error)[:200]) from None
+    except OSError as error:
+        raise InputError("TXF-I03", "the file cannot be read", path=str(source), reason=error.strerror) from None
 
 
 def _of_lines(source):
-    lines = [line.strip() for line in _read(source).splitlines()]
+    lines = [line.strip() for line in _read(source).split("\n")]
     return [Asset(line, source.parent / line, _stream_name(Path(line))) for line in lines if line and not line.startswith("#")]
 
 
 def _of_toml(source):
-    try:
-        given = tomllib.loads(_read(source))
-        tables, own = given.pop("asset", []), given.pop("options", {})
-        _check(not given and isinstance(tables, list), "a manifest holds [[asset]] tables, and [options] for all of them")
-        return [_of_table(table, own, source.parent) for table in tables]
-    except (tomllib.TOMLDecodeError, ValueError) as error:
-        raise InputError("TXF-I57", "the manifest is malformed", path=str(source), reason=str(error)[:200]) from None
+    given = tomllib.loads(_read(source))
+    tables, own = given.pop("asset", []), given.pop("options", {})
+    _check(not given and isinstance(tables, list), "a manifest holds [[asset]] tables, and [options] for all of them")
+    return [_of_table(table, own, source.parent) for table in tables]
 
 
 def _of_table(table, own, folder):
@@ -112,6 +116,7 @@ def words_of(options: dict[str, Any]) -> tuple[str, ...]:
     """Options as flags: {"qp": 24, "measure": true} is --qp 24 --measure. Raises ValueError for other values than these."""
     words = []
     for name, value in options.items():
+        _check(name.replace("-", "_") not in NOT_OF_AN_ASSET, f"{name} is no option of an asset")
         _check(isinstance(value, str | int | float), f"the option {name} is no text, number, true or false")
         flag = "--" + name.replace("_", "-")
         words += [flag] if value is True else [] if value is False else [flag, str(value)]

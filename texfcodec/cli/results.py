@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import io
 import json
 import os
 from pathlib import Path
@@ -15,19 +17,17 @@ RESULTS = "results.jsonl"
 
 
 class Results:
-    """The results in a folder; the last line of an asset counts. A line that was cut short is passed over."""
+    """The results in a folder; the last line of a stream counts. lines: {stream: line of JSON}, as they were at the beginning. A
+    line that was cut short is passed over."""
 
     def __init__(self, out: Path) -> None:
-        self.out, self.path = out, out / RESULTS
-        self.lines: dict[str, dict[str, Any]] = {}
-        data = self.path.read_bytes() if self.path.exists() else b""
-        for line in data.split(b"\n"):
-            try:
-                row = json.loads(line)
-                self.lines[row["asset"]] = row
-            except (ValueError, KeyError, TypeError):
-                continue
-        self._is_whole = data.endswith(b"\n") or not data
+        self.out, self.path, line = out, out / RESULTS, b"\n"
+        self.lines: dict[str, bytes] = {}
+        with open(self.path, "rb") if self.path.exists() else io.BytesIO() as file:
+            for line in file:
+                with contextlib.suppress(ValueError, KeyError, TypeError):
+                    self.lines[json.loads(line)["out"]] = line
+        self._is_whole = line.endswith(b"\n")
 
     def append(self, row: dict[str, Any]) -> None:
         """Adds a line, or raises OSError and leaves the file as it was."""
@@ -42,14 +42,13 @@ class Results:
         finally:
             os.close(number)
         self._is_whole = True
-        self.lines[row["asset"]] = row
 
     def finished(self, asset: Asset, words: tuple[str, ...]) -> dict[str, Any] | None:
         """The line of an asset that is coded already: of the same files, options and version, its stream still as it was."""
-        row = self.lines.get(asset.name)
-        if row is None or "stream" not in row or asset.error:
+        row = json.loads(self.lines.get(asset.out, b"{}"))
+        if "stream" not in row or asset.error:
             return None
-        asked = (row.get("options"), row.get("package"), row.get("out")) == (list(words), __version__, asset.out)
+        asked = (row.get("options"), row.get("package"), row.get("asset")) == (list(words), __version__, asset.name)
         stream = self.out / asset.out
         try:
             same = asked and stream.stat().st_size == row["stream"]["bytes"] and sha256_of(stream) == row["stream"]["sha256"] \

@@ -1,5 +1,6 @@
 """Child processes that Python runs: started, waited for, capped in time and memory, and all of them stopped at once."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -96,7 +97,5 @@ class _Group(subprocess.Popen):
 
     def kill(self) -> None:
         if self.poll() is None:
-            if hasattr(os, "killpg"):
-                os.killpg(self.pid, signal.SIGKILL)
-            else:
-                super().kill()
+            with contextlib.suppress(ProcessLookupError, PermissionError):  # it has ended since: no reason to spare others
+                os.killpg(self.pid, signal.SIGKILL) if hasattr(os, "killpg") else super().kill()

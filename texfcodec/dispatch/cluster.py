@@ -21,11 +21,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, LimitError, TexfError
+from ..errors import InputError, LimitError
 from .children import WARM_UP, Caps, Children
 from .local import Ended, terminated_as_interrupted
 from .room import PROBE
-from .tasks import FAILED, INTERRUPTED, LOG, UNSUITED, Outcome, Task, moved, package_code, perform, remove_folder
+from .tasks import FAILED, INTERRUPTED, LOG, UNSUITED, Outcome, Task, package_code, perform, remove_folder
 
 CONNECT_SECONDS = 5
 SENT_BYTES = 1 << 30  # an asset or the files of a result are larger only where all see the same folder
@@ -66,7 +66,7 @@ def work(task: Task, size: int, room: str, sent: tuple[str, Packed] | None) -> A
     with _own_folder(worker) as own:
         _warm_up(children)
         if not seen:
-            task = moved(task, _unpack(own / "asset", sent[1]) / sent[0])  # type: ignore[index]
+            task = replace(task, input=_unpack(own / "asset", sent[1]) / sent[0])  # type: ignore[index]
         folder = (Path(room) if shared else own) / uuid.uuid4().hex
         try:
             outcome = perform(_shared_out(task, worker), folder, children)
@@ -131,12 +131,9 @@ def _answer(outcome, address, folder, shared):
     total = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) if folder.is_dir() else 0
     if total > SENT_BYTES:
         outcome = Outcome(FAILED, f"the result has {total} bytes; without a folder that all see, {SENT_BYTES} are sent at most")
-        return Answer(outcome, address, files=_pack([folder / LOG], folder))
-    return Answer(outcome, address, files=_pack(folder.rglob("*"), folder))
-
-
-def _pack(paths, folder):
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths if path.is_file()}
+        return Answer(outcome, address, files={LOG: (folder / LOG).read_bytes()})
+    files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return Answer(outcome, address, files=files)
 
 
 def _unpack(folder: Path, files: Packed) -> Path:
@@ -236,11 +233,11 @@ class Run:
         if task.input in self.blind:
             try:
                 sent = self._sent(task.input)
-            except (TexfError, OSError) as error:
+            except (LimitError, OSError, ValueError) as error:
                 return self._ended(task, Outcome(FAILED, str(error)))
-        known = self.client.scheduler_info()["workers"]
-        suited = [address for address in known if address not in self.unsuited] if self.unsuited else []
-        resources = {RESOURCE: 1} if any(RESOURCE in worker["resources"] for worker in known.values()) else None
+        suited = [address for address in self.client.nthreads() if address not in self.unsuited] if self.unsuited else []
+        known = self.client.scheduler_info()["workers"].values()
+        resources = {RESOURCE: 1} if any(RESOURCE in worker["resources"] for worker in known) else None
         size = task.input.stat().st_size if task.input.is_file() else -1
         future = self.client.submit(work, task, size, str(self.room), sent, key=f"texf-{uuid.uuid4().hex}", pure=False,
                                     retries=RETRIES, resources=resources, workers=suited or None,
@@ -249,14 +246,15 @@ class Run:
         future.add_done_callback(self.over.put)
 
     def _sent(self, path):
-        """The future of an asset's files. InputError: they are too large, or cannot be read."""
+        """The future of an asset's files. LimitError: they are too large."""
         if path not in self.assets:
-            top, names = files_of(path)
-            total = sum((top / name).stat().st_size for name in names)
+            named = files_of(path)
+            files = {name: file for name, file in named.items() if file.is_file()}
+            total = sum(file.stat().st_size for file in files.values())
             if total > SENT_BYTES:
                 raise LimitError("TXF-L13", f"{path.name} has {total} bytes; to workers that do not see it, at most {SENT_BYTES} "
                                             "are sent")
-            sent = path.relative_to(top).as_posix(), _pack([top / name for name in names], top)
+            sent = next(iter(named)), {name: file.read_bytes() for name, file in files.items()}
             self.assets[path] = self.client.submit(same, sent, key=f"texf-asset-{uuid.uuid4().hex}", pure=False)
         return self.assets[path]
 
@@ -312,13 +310,15 @@ class Run:
         return state in (BLIND, INTERRUPTED)
 
 
-def files_of(path: Path) -> tuple[Path, list[str]]:
-    """(folder, names in it) of the files that an asset is read from: what the loader opens. InputError: as the loader's."""
+def files_of(path: Path) -> dict[str, Path]:
+    """{name from a common folder: path} of the files that an asset is read from, itself first. One that cannot be loaded is
+    alone: the encoder, to which it is sent, says why."""
     from ..asset.load.files import load
 
-    if path.suffix.lower() in (".stl", ".off", ".3mf"):
-        return path.parent, [path.name]
-    files = [Path(name).resolve() for name in load(path).files]
-    top = Path(os.path.commonpath([path.resolve().parent, *(name.parent for name in files)]))
-    return top, [name.relative_to(top).as_posix() for name in files]
-
+    try:
+        names = [] if path.suffix.lower() in (".stl", ".off", ".3mf") else list(load(path).files)
+    except Exception:
+        names = []
+    files = {os.path.abspath(name): Path(name) for name in (path, *names)}
+    top = os.path.commonpath([os.path.dirname(name) for name in files])
+    return {Path(name).relative_to(top).as_posix(): file for name, file in files.items()}

@@ -16,7 +16,7 @@ def progress(total: int) -> Iterator[Callable[[str, str, bool], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = TextColumn("{task.description:32}"), BarColumn(24), MofNCompleteColumn(), TimeRemainingColumn()
+    columns = TextColumn("{task.description:32}", markup=False), BarColumn(24), MofNCompleteColumn(), TimeRemainingColumn()
     with Progress(*columns, console=Console(stderr=True), speed_estimate_period=1e9) as bar:
         task = bar.add_task("", total=total)
 

@@ -9,23 +9,29 @@ from pathlib import Path
 from ..errors import InputError
 from ..ground import unfinished
 
-WORK, LOCK, PROBE = ".work", ".lock", "probe"
+WORK, LOCK, PROBE = ".texf-work", ".texf-lock", "probe"  # the first two are nobody else's: WORK is emptied
 
 
 @contextmanager
 def only_run(out: Path) -> Iterator[None]:
     """Makes the folder for results, and keeps others out of it; the system drops the lock with its process. Raises InputError
-    TXF-O17 where another run is at work there."""
-    out.mkdir(parents=True, exist_ok=True)
-    with open(out / LOCK, "wb") as lock:
+    TXF-O17 where another run is at work there, TXF-O01 to O04 where there can be no such folder."""
+    from ..asset.save.files import as_input_error
+
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        lock = open(out / LOCK, "wb")
+    except OSError as error:
+        raise as_input_error(error, out / LOCK) from None
+    with lock:
         try:
             import fcntl
 
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except ImportError:  # not a POSIX system: nobody looks after it there
-            pass
-        except OSError:
+        except BlockingIOError:
             raise InputError("TXF-O17", f"another run is at work in {out}", path=str(out)) from None
+        except (ImportError, OSError):  # not a POSIX system, or a disk without locks: nobody looks after it there
+            pass
         yield
 
 

@@ -8,7 +8,7 @@ import errno
 import hashlib
 import shutil
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
@@ -56,7 +56,7 @@ def perform(task: Task, folder: Path, children: Children) -> Outcome:
         for name, text in task.files.items():
             (folder / name).write_text(text, encoding="utf-8")
         return _run_commands(task, folder, children)
-    except OSError as error:
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
         return Outcome(FULL, "the disk is full") if is_full(error) else Outcome(FAILED, f"{type(error).__name__}: {error}")
 
 
@@ -104,11 +104,6 @@ def last_line(path: Path) -> str:
 def is_full(error: BaseException) -> bool:
     """Whether an error says that the disk, or what the user may have of it, is full."""
     return isinstance(error, OSError) and error.errno in _FULL
-
-
-def moved(task: Task, input: Path) -> Task:
-    """The task with its asset at another place."""
-    return replace(task, input=input)
 
 
 def remove_folder(folder: Path) -> None:

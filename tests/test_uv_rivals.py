@@ -214,6 +214,32 @@ def test_source_comes_back_through_files_that_count(tmp_path):
     assert mesh_psnr_3d(scene, decoded, 4000)["y"] > 35
 
 
+def test_geometry_is_the_same_bytes_whatever_codes_the_texture(tmp_path):
+    scene, counted = globe(), {}
+    scene.materials.append(dataclasses.replace(scene.materials[0], double_sided=True))
+    scene.face_material = np.arange(len(scene.faces)) % 2  # units of ours apart, meshes of others perhaps
+    for name, options in {"texf": {"resolution": 16, "support": "voxels", "effects": "none", "refine": "off"},
+                          "uv": {"codec": "jpeg"}, "vertex_colours": {"density": 1}}.items():
+        folder = tmp_path / name
+        folder.mkdir()
+        counted[name] = find(name).encode(scene, options, folder, 1, Report())["bytes"]
+    assert len({sizes["geometry"] for sizes in counted.values()}) == 1
+    ours = counted["texf"]
+    assert ours["total"] == sum(size for part, size in ours.items() if part != "total")
+    assert ours["placement"] > ours["geometry"] / 9
+
+
+def test_results_are_of_other_code_when_a_shared_file_changes(monkeypatch, tmp_path):
+    names = ("uv", "texf", "astc", "bc7", "external_image", "vertex_colours", "serialized", "sdf", "external")
+    before = {name: find(name).version() for name in names}
+    from tools import everyday_rivals
+
+    changed = tmp_path / "everyday_rivals.py"
+    changed.write_text("# other code")
+    monkeypatch.setattr(everyday_rivals, "__file__", str(changed))
+    assert not [name for name in names if find(name).version() == before[name]]
+
+
 def test_more_uv_bits_cost_more_and_are_closer(tmp_path):
     scene, found = globe(), []
     for bits in (6, 12):

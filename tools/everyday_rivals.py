@@ -213,6 +213,12 @@ def draco_bytes(rival, uv, colour):
     return together if len(used) == 1 else min(together, sum(size(material == m) for m in used))
 
 
+def positions_alone(lattice, faces):
+    """Draco bytes of positions and faces alone, int64 [V, 3] and [F, 3], as one mesh: what every method that is compared by its
+    texture bytes counts as geometry."""
+    return len(enc_mesh(lattice, faces, None, 0, None))
+
+
 def enc_mesh(lattice, faces, uv, uv_bits, colour):
     """One Draco mesh. lattice: int64 [V, 3]; faces: int64 [F, 3]; uv: int64 [F, 3, 2] of uv_bits, or None; colour: int64 [F, 3,
     4] or None, without its alpha where that is constant. Draco's vertices are the distinct corners."""

@@ -11,11 +11,13 @@ folder. A file of this folder imports at its top only what every installation ha
 method.
 """
 
+import hashlib
 import importlib.util
 import pkgutil
 import sys
 from abc import ABC, abstractmethod
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 METHODS = {}  # name: class
@@ -84,6 +86,35 @@ def find(name, plugins=()):
     if name not in METHODS:
         raise LookupError(f"there is no method {name!r}, only {', '.join(sorted(METHODS))}{''.join(missing)}")
     return METHODS[name]()
+
+
+def versions_of(*packages):
+    """Names and versions of installed packages, for Method.version(); of one that is not installed the name alone."""
+    found = []
+    for name in packages:
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            found.append(name)
+    return " ".join(found)
+
+
+def source_hash(*files):
+    """16 digits over source files that a method takes from: its version() tells what its own file does not."""
+    return hashlib.sha256(b"".join(Path(path).read_bytes() for path in files)).hexdigest()[:16]
+
+
+def checked_options(options, defaults, ranges, choices):
+    """The options over their defaults. ranges: {name: (least, most)} of whole numbers; choices: {name: values}. ValueError names
+    one that is out of range."""
+    options = defaults | options
+    for name, values in choices.items():
+        if options[name] not in values or isinstance(options[name], bool):
+            raise ValueError(f"{name} must be one of {', '.join(map(str, values))}, not {options[name]!r}")
+    for name, (least, most) in ranges.items():
+        if type(options[name]) is not int or not least <= options[name] <= most:
+            raise ValueError(f"{name} must be a whole number from {least} to {most}, not {options[name]!r}")
+    return options
 
 
 def _import_file(path):

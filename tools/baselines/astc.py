@@ -12,11 +12,10 @@ Needs astc-encoder-py, `pip install "texfcodec[baselines]"`; its "thorough" pres
 import hashlib
 import json
 from dataclasses import asdict, replace
-from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
-from baselines import Method, method
+from baselines import Method, checked_options, method, parametrise, sheets, source_hash, versions_of
 from baselines.parametrise import PARAMETRISATIONS, SOURCE_UVS, Request, reparametrised, side_of
 from baselines.sheets import COLOUR, NORMAL, map_sheets, three_components, two_components
 from texfcodec.asset.scene import Material, Scene, Texture
@@ -29,6 +28,8 @@ BLOCKS = ("4x4", "5x4", "5x5", "6x5", "6x6", "8x5", "8x6", "8x8", "10x5", "10x6"
 # always decoded to 8 bits, is the stronger rival: 44.63, 46.06, 47.86, 50.64.
 PROFILES = {"ldr": "LDR", "srgb": "LDR_SRGB"}
 BLOCK_BYTES, UV_STEPS = 16, 65535
+HANDLING = {"uv_bytes": ("uint16", "none"), "maps": ("none", "all"), "parametrisation": PARAMETRISATIONS}  # of any image codec
+CHOICES = {"block": BLOCKS, "profile": tuple(PROFILES), "normals": ("xy", "rgb"), **HANDLING}
 FRAMES = ("corner_normal", "corner_tangent")  # handed through, as geometry is
 SOURCE, LAYOUT, UVS, IMAGE = "source.npz", "layout.json", "uv.uint16", "image{}.blocks"
 
@@ -41,17 +42,18 @@ class Astc(Method):
     parametrisation one of PARAMETRISATIONS."""
 
     options = tuple(DEFAULTS)
+    packages = ("astc-encoder-py",)  # what codes
 
     def codec(self, options, threads):
         """What codes one image. LookupError, ValueError: as Codec."""
         return Codec(options, threads)
 
     def version(self):
-        """The version of astc-encoder-py; "" where it is not installed."""
-        try:
-            return version("astc-encoder-py")
-        except PackageNotFoundError:
-            return ""
+        """The versions of what codes and of new parametrisations, and a hash of further files that results depend on."""
+        from tools import everyday_rivals
+
+        files = (module.__file__ for module in (parametrise, sheets, everyday_rivals))
+        return f"{versions_of(*self.packages)} {parametrise.versions()} {source_hash(__file__, *files)}"
 
     def warm_up(self, options, threads):
         """Loads the library. LookupError says that it is not installed."""
@@ -145,11 +147,7 @@ class Codec:
     installed, ValueError that an option is out of range."""
 
     def __init__(self, options, threads):
-        self.options = DEFAULTS | options
-        for name, known in (("block", BLOCKS), ("uv_bytes", ("uint16", "none")), ("profile", tuple(PROFILES)),
-                            ("maps", ("none", "all")), ("normals", ("xy", "rgb")), ("parametrisation", PARAMETRISATIONS)):
-            if self.options[name] not in known:
-                raise ValueError(f"{name} must be one of {', '.join(known)}, not {self.options[name]!r}")
+        self.options = checked_options(options, DEFAULTS, {}, CHOICES)
         quality = self.options["quality"]
         if isinstance(quality, bool | str) or not 0 <= quality <= 100:
             raise ValueError(f"quality must be a number from 0 to 100, not {quality!r}")

@@ -5,20 +5,17 @@ A block of 4 x 4 texels takes 16 bytes in either, whatever is in it; smaller pay
 Needs etcpak, `pip install "texfcodec[baselines]"`. Its own decoders of version 0.9.15 end the process, so Pillow decodes.
 """
 
-from importlib.metadata import PackageNotFoundError, version
-
 import numpy as np
 from PIL import Image
 
-from baselines import method
-from baselines.astc import Astc, texture_bytes
-from baselines.parametrise import PARAMETRISATIONS
+from baselines import checked_options, method
+from baselines.astc import HANDLING, Astc, texture_bytes
 from baselines.sheets import COLOUR, NORMAL, three_components, two_components
 
 DEFAULTS = {"halvings": 0, "uber": 4, "uv_bytes": "uint16", "maps": "none", "parametrisation": "source"}
 BLOCK = (4, 4)
 BC5, BC7 = 5, 7  # as Pillow numbers them
-UBERS, HALVINGS = range(5), range(8)
+RANGES = {"halvings": (0, 7), "uber": (0, 4)}
 
 
 @method("bc7")
@@ -27,17 +24,11 @@ class Bc7(Astc):
     maps and parametrisation as astc has them."""
 
     options = tuple(DEFAULTS)
+    packages = ("etcpak", "pillow")
 
     def codec(self, options, threads):
         """As Astc.codec."""
         return Codec(options)
-
-    def version(self):
-        """The version of etcpak; "" where it is not installed."""
-        try:
-            return version("etcpak")
-        except PackageNotFoundError:
-            return ""
 
 
 class Codec:
@@ -45,11 +36,7 @@ class Codec:
     of range."""
 
     def __init__(self, options):
-        self.options = DEFAULTS | options
-        for name, known in (("halvings", HALVINGS), ("uber", UBERS), ("uv_bytes", ("uint16", "none")), ("maps", ("none", "all")),
-                            ("parametrisation", PARAMETRISATIONS)):
-            if self.options[name] not in known or isinstance(self.options[name], bool):
-                raise ValueError(f"{name} must be one of {', '.join(map(str, known))}, not {self.options[name]!r}")
+        self.options = checked_options(options, DEFAULTS, RANGES, HANDLING)
         try:
             import etcpak
         except ImportError as error:

@@ -25,12 +25,12 @@ from types import SimpleNamespace
 import numpy as np
 from PIL import Image
 
-from baselines import method, programs, texf
+from baselines import checked_options, method, programs, source_hash, texf
 from baselines import voxel_values as voxels
-from baselines.astc import Astc
+from baselines.astc import HANDLING, Astc
 from baselines.programs import program_of, run_program
 from baselines.texf import FACE_FIELD, TexfMethod
-from baselines.voxel_values import face_fields, rgba_of, source_hash, voxel_values, with_values, write_mesh
+from baselines.voxel_values import face_fields, rgba_of, voxel_values, with_values, write_mesh
 from texfcodec.support.morton import encode_morton
 
 DEFAULTS = {"codec": "tmc13", "resolution": 1024, "qp": 34, "transform": "raht", "program": "", "config": "", "command": "",
@@ -75,7 +75,7 @@ class External(TexfMethod):
         """The path and time of TMC13, whose own version needs a run, and a hash of further files that results depend on."""
         program = program_of({}, VARIABLE, NAME)
         found = f"{program[0]} {os.path.getmtime(program[0])} " if program else ""
-        return found + source_hash(texf, voxels, programs)
+        return f"{found}{super().version()} " + source_hash(texf.__file__, voxels.__file__, programs.__file__)
 
     def missing(self, options):
         """As Method.missing."""
@@ -138,10 +138,8 @@ class External(TexfMethod):
 
 def checked(options, defaults, codecs):
     """All options. ValueError says which is out of range."""
-    asked = defaults | options
-    for name, known in (("codec", codecs), ("transform", tuple(TRANSFORMS))):
-        if name in defaults and asked[name] not in known:
-            raise ValueError(f"{name} must be one of {', '.join(known)}, not {asked[name]!r}")
+    choices = {"codec": codecs, "transform": tuple(TRANSFORMS), **HANDLING}
+    asked = checked_options(options, defaults, {}, {name: known for name, known in choices.items() if name in defaults})
     if isinstance(asked["seconds"], bool | str) or not asked["seconds"] > 0:
         raise ValueError(f"seconds must be a number above 0, not {asked['seconds']!r}")
     return asked
@@ -259,14 +257,15 @@ class ExternalImage(Astc):
     astc has them."""
 
     options = tuple(IMAGE_DEFAULTS)
+    packages = ()
 
     def codec(self, options, threads):
         """As Astc.codec."""
         return ImageProgram(options)
 
     def version(self):
-        """Nothing is known of the program."""
-        return ""
+        """As Astc.version, and a hash of what runs the program, of which itself nothing is known."""
+        return f"{super().version()} {source_hash(programs.__file__)}"
 
     def missing(self, options):
         """As Method.missing."""

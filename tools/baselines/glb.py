@@ -15,7 +15,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from baselines import Method
+from baselines import Method, programs, source_hash
 from texfcodec.asset.scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
 
 POSITION_BITS = 14
@@ -32,8 +32,7 @@ class GlbMethod(Method):
 
     def version(self):
         """encoder(), and a hash of the files that these methods share."""
-        shared = b"".join(path.read_bytes() for path in (Path(__file__), Path(__file__).with_name("programs.py")))
-        return f"{self.encoder()} {hashlib.sha256(shared).hexdigest()[:16]}"
+        return f"{self.encoder()} {source_hash(__file__, programs.__file__)}"
 
     def decode(self, folder, options, threads, report):
         """The Scene of WHOLE, by our loader."""
@@ -42,19 +41,6 @@ class GlbMethod(Method):
     def values_sha256(self, decoded):
         """As facts_of has it."""
         return scene_sha256(decoded)
-
-
-def checked_options(options, defaults, ranges, choices):
-    """The options over their defaults. ranges: {name: (least, most)} of whole numbers; choices: {name: words}. ValueError names
-    one that is out of range."""
-    options = defaults | options
-    for name, words in choices.items():
-        if options[name] not in words:
-            raise ValueError(f"{name} must be one of {', '.join(words)}, not {options[name]!r}")
-    for name, (least, most) in ranges.items():
-        if type(options[name]) is not int or not least <= options[name] <= most:
-            raise ValueError(f"{name} must be a whole number from {least} to {most}, not {options[name]!r}")
-    return options
 
 
 def meshopt_missing():

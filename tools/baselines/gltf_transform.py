@@ -11,13 +11,12 @@ program; for ETC1S and UASTC also the command ktx of KTX-Software on PATH.
 
 import shutil
 
-from baselines import method
+from baselines import checked_options, method
 from baselines.glb import (
     BARE,
     WHOLE,
     GlbMethod,
     checked,
-    checked_options,
     coded_images,
     document_of,
     facts_of,

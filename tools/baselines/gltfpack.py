@@ -18,13 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
-from baselines import method
+from baselines import checked_options, method
 from baselines.glb import (
     BARE,
     WHOLE,
     GlbMethod,
     checked,
-    checked_options,
     coded_images,
     document_of,
     facts_of,

@@ -25,11 +25,12 @@ as 32-bit little-endian number, colour, alpha. All of these count.
 
 import io
 from fractions import Fraction
-from importlib.metadata import PackageNotFoundError, version
 from typing import NamedTuple
 
 import numpy as np
 from PIL import Image, features
+
+from baselines import versions_of
 
 RIVALS = 'pip install "texfcodec[rivals]" brings it'
 
@@ -92,15 +93,9 @@ def _encodes_by_aom():
 
 
 def versions(codec):
-    """What the bytes of a codec depend on, in words; "" of what is not installed."""
-    packages = {"x265": ("av",), "aom and dav1d": ("pillow", "av"), "jxl": ("imagecodecs",)}.get(CODECS[codec].needs, ("pillow",))
-    found = []
-    for name in packages:
-        try:
-            found.append(f"{name} {version(name)}")
-        except PackageNotFoundError:
-            found.append("")
-    return " ".join(found)
+    """What the bytes of a codec depend on, in words."""
+    packages = {"x265": ("av",), "aom and dav1d": ("pillow", "av"), "jxl": ("imagecodecs",)}
+    return versions_of(*packages.get(CODECS[codec].needs, ("pillow",)))
 
 
 def check(codec, quality, chroma="420"):

@@ -8,18 +8,16 @@ other rivals have none. Bytes are those of glb.facts_of; a loader that transcode
 Needs `pip install "texfcodec[formats]"`.
 """
 
-from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 
 import numpy as np
 
-from baselines import method
+from baselines import checked_options, method, versions_of
 from baselines.glb import (
     BARE,
     WHOLE,
     GlbMethod,
     checked,
-    checked_options,
     document_of,
     facts_of,
     ktx2_missing,
@@ -40,11 +38,8 @@ class Ktx2(GlbMethod):
     options = tuple(DEFAULTS)
 
     def encoder(self):
-        """The version of alktx2; "" where it is not installed."""
-        try:
-            return version("alktx2")
-        except PackageNotFoundError:
-            return ""
+        """The versions of alktx2 and DracoPy."""
+        return versions_of("alktx2", "DracoPy")
 
     def missing(self, options):
         """A sentence: which package is not there."""

@@ -18,13 +18,13 @@ import sys
 import time
 import zipfile
 from dataclasses import dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 import texfcodec
+from baselines import versions_of
 from baselines.image_codecs import RIVALS
 from texfcodec.asset.sample import pack_source, sample_source
 from texfcodec.asset.save.atlas import Atlas
@@ -64,14 +64,8 @@ def missing(parametrisation):
 
 
 def versions():
-    """What new parametrisations depend on, in words; "" of what is not installed."""
-    found = []
-    for name in ("open3d", "xatlas"):
-        try:
-            found.append(f"{name} {version(name)}")
-        except PackageNotFoundError:
-            found.append("")
-    return " ".join(found)
+    """What new parametrisations depend on, in words."""
+    return versions_of("open3d", "xatlas", "DracoPy")
 
 
 def used_texels(scene):

@@ -10,14 +10,13 @@ A sheet has no inside: a scene of which more than MOST_LOST of the surface is se
 """
 
 import struct
-from importlib.metadata import version
 
 import numpy as np
 
-from baselines import distance_field, method, texf, voxel_values
+from baselines import checked_options, distance_field, method, source_hash, texf, versions_of, voxel_values
 from baselines.distance_field import PAD, Winding, dec_distances, enc_distances, lost_share, quantised, signed_distances
 from baselines.texf import TexfMethod
-from baselines.voxel_values import PREPARED, source_hash
+from baselines.voxel_values import PREPARED
 from texfcodec.asset.scene import ALPHA_OPAQUE, Material, Scene
 from texfcodec.choose.maps import with_grey
 from texfcodec.choose.prepare import colour_planes
@@ -32,7 +31,7 @@ from texfcodec.support.samples import surface_samples
 from texfcodec.support.transfer import fill_uncoloured
 
 DEFAULTS = {"grid": 128, "steps": 8, "resolution": 1024, "qp": 28, "position_bits": 14, "effort": "balanced"}
-GRIDS, STEPS = (16, 512), (2, 60)
+RANGES = {"grid": (16, 512), "steps": (2, 60)}
 HEAD = struct.Struct("<4d3HB")  # corner of the grid and side of a cell, points along the axes, steps
 PLACE = struct.Struct("<I")
 DISTANCES, FIELD = "distances.bin", "field.bin"
@@ -51,7 +50,8 @@ class Sdf(TexfMethod):
     def version(self):
         """The version of scikit-image, whose marching cubes both sides run, and a hash of further files that results depend
         on."""
-        return f"scikit-image {version('scikit-image')} {source_hash(distance_field, texf, voxel_values)}"
+        files = (module.__file__ for module in (distance_field, texf, voxel_values))
+        return f"{versions_of('scikit-image')} {super().version()} {source_hash(*files)}"
 
     def warm_up(self, options, threads):
         """Loads kernels and libraries with a coarse ball."""
@@ -111,11 +111,7 @@ class Sdf(TexfMethod):
 
 def checked(options):
     """All options. ValueError says which is out of range."""
-    asked = DEFAULTS | options
-    for name, (least, most) in (("grid", GRIDS), ("steps", STEPS)):
-        if type(asked[name]) is not int or not least <= asked[name] <= most:
-            raise ValueError(f"{name} must be a whole number from {least} to {most}, not {asked[name]!r}")
-    return asked
+    return checked_options(options, DEFAULTS, RANGES, {})
 
 
 def settings_of(asked, threads):

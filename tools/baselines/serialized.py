@@ -3,7 +3,7 @@ a square image along the same curve in two dimensions, which is coded by HEVC or
 
 The voxels and their colours are those that our encoder would code (voxel_values.py), all fields of a mesh one after the other.
 The decoder has the mesh and so the voxels; what counts beside the geometry is the image, alpha included where there is any, and
-what a stream without values takes (materials, counts, checksums: 100 to 300 bytes).
+what a stream without values takes (materials, counts, checksums, one mesh more per field and material: from 100 bytes on).
 
 A GPU looks a voxel up without walking the mesh, so that ASTC's image needs a structure that gives the rank of a voxel: the DAG
 that the paper names, or the octree, both in addressing.py and built for every field. By default the smaller one counts, because a
@@ -16,13 +16,13 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from baselines import addressing, astc, image_codecs, method, space_filling, texf
+from baselines import addressing, checked_options, image_codecs, method, source_hash, space_filling, texf
 from baselines import voxel_values as voxels
 from baselines.addressing import STRUCTURES
 from baselines.astc import Astc, Codec
 from baselines.space_filling import CURVES, FILLS, curve_keys, from_image, image_size, to_image
 from baselines.texf import FACE_FIELD, TexfMethod
-from baselines.voxel_values import face_fields, rgba_of, source_hash, voxel_values, with_values, write_mesh
+from baselines.voxel_values import face_fields, rgba_of, voxel_values, with_values, write_mesh
 from texfcodec.support.layout import octree_depth
 
 DEFAULTS = {"resolution": 2048, "curve": "hilbert", "fill": "blocks", "tile": 64, "codec": "hevc", "qp": 31, "chroma": "444",
@@ -44,7 +44,8 @@ class Serialized(TexfMethod):
     def version(self):
         """The versions of the image codecs, and a hash of further files that results depend on."""
         found = [image_codecs.versions(codec) for codec in CODECS if codec != "astc"]
-        return " ".join([Astc().version(), *found, source_hash(addressing, astc, image_codecs, space_filling, texf, voxels)])
+        files = (module.__file__ for module in (addressing, image_codecs, space_filling, texf, voxels))
+        return " ".join([Astc().version(), *found, source_hash(*files)])
 
     def missing(self, options):
         """As Method.missing: of the image codec."""
@@ -119,12 +120,8 @@ class Serialized(TexfMethod):
 
 def checked(options):
     """All options. ValueError says which is out of range."""
-    asked = DEFAULTS | options
-    for name, known in (("curve", CURVES), ("fill", FILLS), ("tile", TILES), ("codec", CODECS), ("chroma", CHROMA),
-                        ("addressing", (*STRUCTURES, "smallest"))):
-        if asked[name] not in known:
-            raise ValueError(f"{name} must be one of {', '.join(map(str, known))}, not {asked[name]!r}")
-    return asked
+    return checked_options(options, DEFAULTS, {}, {"curve": CURVES, "fill": FILLS, "tile": TILES, "codec": CODECS,
+                                                   "chroma": CHROMA, "addressing": (*STRUCTURES, "smallest")})
 
 
 def orders(parts, curve):

@@ -5,8 +5,9 @@ from dataclasses import fields
 
 import numpy as np
 
-from baselines import Method, method
+from baselines import Method, method, source_hash, versions_of
 from texfcodec.codecs import codec_of
+from texfcodec.geometry.surface import make_surface
 from texfcodec.options import DEFAULT_CODEC, EncodeOptions
 
 STREAM, FACE_FIELD, BAKED = "stream.texf", "face_field.npz", "baked.glb"
@@ -17,10 +18,17 @@ WARM_RESOLUTION = 64
 @method("texf")
 class TexfMethod(Method):
     """Options are the fields of EncodeOptions; the defaults are the package's. Bytes are those of the stream, of a 3DNTC payload
-    those that a GPU keeps. "geometry" is what positions alone would take, as it is for rivals that need UVs; what the stream's
-    geometry takes beyond, for UVs, finer positions and further units, is "placement" and counts with the texture."""
+    those that a GPU keeps. "geometry" is what positions alone take as one mesh at the bits asked for, as for UV rivals; what the
+    stream's geometry takes beyond, for UVs, finer positions and further units, is "placement" and counts with the texture. A GPU
+    keeps its mesh in no stream: beside a 3DNTC payload all of the stream's geometry is "geometry"."""
 
     options = tuple(f.name for f in fields(EncodeOptions) if f.name not in NOT_SETTINGS)
+
+    def version(self):
+        """The version of DracoPy, and a hash of the file that counts positions."""
+        from tools import everyday_rivals
+
+        return f"{versions_of('DracoPy')} {source_hash(everyday_rivals.__file__)}"
 
     def warm_up(self, options, threads):
         """Codes and decodes two small sheets under the same options, but with few voxels, without a target, and with a fit where
@@ -51,8 +59,8 @@ class TexfMethod(Method):
             asked = {"resolution": made.resolution, "fit": made.choices["fit"], "file_bytes": sizes}
             sizes = {"geometry": sizes["geometry"], **made.choices["resident"]}
             sizes["total"] += sizes["geometry"]
-        elif made.counts["texels"] or made.counts["fields"] > 1:
-            alone = min(positions_alone(scene, settings.position_bits), sizes["geometry"])
+        elif made.counts["faces"]:
+            alone = min(geometry_bytes(scene, settings.position_bits), sizes["geometry"])
             sizes = sizes | {"geometry": alone, "placement": sizes["geometry"] - alone}
         return {"bytes": sizes, "reconstruction_sha256": made.reconstruction_sha256, **made.counts,
                 "texels_per_voxel_edge": made.texels_per_voxel_edge, "refinement": made.choices["refinement"],
@@ -104,8 +112,9 @@ class TexfBakedMethod(TexfMethod):
         return None
 
 
-def positions_alone(scene, position_bits):
-    """Draco bytes of a Scene's positions and faces without UVs and colours: one mesh, or one per material, whichever is less."""
-    from tools.everyday_rivals import draco_bytes, rival_of
+def geometry_bytes(scene, position_bits):
+    """everyday_rivals.positions_alone() of a Scene."""
+    from tools.everyday_rivals import positions_alone
 
-    return draco_bytes(rival_of(scene, position_bits), None, None)
+    surface = make_surface(scene, EncodeOptions(position_bits=position_bits))
+    return positions_alone(surface.lattice, surface.faces)

@@ -1,6 +1,6 @@
 """The rivals UV-Source and UV-Reparam: UVs by Draco, images by HEVC, AV1, AVIF, WebP, JPEG or JPEG XL. Base colour alone.
 
-Bytes: "geometry" is what Draco needs for the positions alone at 14 bits, one mesh, as our own streams hold them; "uv" is what it
+Bytes: "geometry" is what Draco needs for the positions alone at 14 bits, one mesh, as it is of our own streams; "uv" is what it
 needs more with UVs, one mesh per material or one of all, whichever is smaller; "texture" are the images that faces use, each
 content once. The total is the size of the files MESH and IMAGE, and the decoder has nothing else but what costs a file format a
 few bytes: the box of the mesh and those of the UVs, sizes of images, the materials' names, factors and wrap modes. Handed through
@@ -16,12 +16,11 @@ which has as many texels as the source's images together unless `size` says othe
 import hashlib
 import json
 from dataclasses import asdict
-from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from baselines import Method, image_codecs, method, parametrise
+from baselines import Method, image_codecs, method, parametrise, source_hash
 from texfcodec.asset.scene import Material, Scene, Texture
 from texfcodec.geometry.canonical import CanonicalCube, fit_cube
 
@@ -41,10 +40,11 @@ class Uv(Method):
 
     def version(self):
         """The versions of all encoders, of open3d and of xatlas, and a hash of further files that results depend on."""
-        found = {codec: image_codecs.versions(codec) for codec in image_codecs.CODECS}
-        beside = [Path(module.__file__) for module in (image_codecs, parametrise)]
-        code = hashlib.sha256(b"".join(path.read_bytes() for path in [*beside, beside[0].parents[1] / "everyday_rivals.py"]))
-        return " ".join([*dict.fromkeys(found.values()), parametrise.versions(), code.hexdigest()[:16]])
+        from tools import everyday_rivals
+
+        found = dict.fromkeys(image_codecs.versions(codec) for codec in image_codecs.CODECS)
+        code = source_hash(*(module.__file__ for module in (image_codecs, parametrise, everyday_rivals)))
+        return " ".join([*found, parametrise.versions(), code])
 
     def missing(self, options):
         """As Method.missing."""
@@ -61,7 +61,7 @@ class Uv(Method):
     def encode(self, scene, options, folder, threads, report):
         """Writes MESH, IMAGE, LAYOUT and HANDED. LookupError: nothing has a texture. ValueError: an option is out of range.
         NoAtlas: there is no new parametrisation."""
-        from tools.everyday_rivals import enc_mesh, rival_of
+        from tools.everyday_rivals import positions_alone, rival_of
 
         options = checked(options)
         texels, seconds = parametrise.used_texels(scene), 0.0
@@ -74,7 +74,7 @@ class Uv(Method):
         with report.stage("mesh"):
             bits = uv_bits_of(rival, options)
             meshes, handed, facts = enc_meshes(rival, bits)
-            positions = len(enc_mesh(rival.lattice, rival.scene.faces, None, 0, None))
+            positions = positions_alone(rival.lattice, rival.scene.faces)
         with report.stage("textures"):
             coded, sizes = enc_images(rival, options, threads)
         if rival.is_coloured:

@@ -6,7 +6,7 @@ nothing cracks. A vertex gets the mean of the source around it, weighted by area
 give, which a few steps of a least-squares fit sharpen (8 dB on noise, 10 on a smooth ball, against the mean alone). Colours stay
 sRGB-coded, which suits few bits, and are made linear before they are interpolated, as glTF's are.
 
-What a user pays beside geometry is all that Draco needs more than for the positions of the mesh as it was.
+What a user pays beside geometry is all that Draco needs more than for the positions of the mesh as it was, as one mesh.
 """
 
 import hashlib
@@ -16,12 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baselines import Method, method
+from baselines import Method, method, source_hash, versions_of
 from texfcodec.asset.sample import pack_source, sample_source
 from texfcodec.asset.scene import ALPHA_OPAQUE, Material, Scene
 from texfcodec.asset.srgb import srgb_to_linear
 from texfcodec.geometry.canonical import CanonicalCube
-from texfcodec.geometry.draco import enc_geometry
 from texfcodec.geometry.surface import make_surface
 from texfcodec.options import EncodeOptions
 
@@ -42,10 +41,10 @@ class VertexColours(Method):
     options = tuple(DEFAULTS)
 
     def version(self):
-        """The version of DracoPy."""
-        from importlib.metadata import version
+        """The version of DracoPy, and a hash of the file that codes meshes."""
+        from tools import everyday_rivals
 
-        return f"DracoPy {version('DracoPy')}"
+        return f"{versions_of('DracoPy')} {source_hash(everyday_rivals.__file__)}"
 
     def warm_up(self, options, threads):
         """Loads kernels and Draco."""
@@ -56,12 +55,14 @@ class VertexColours(Method):
 
     def encode(self, scene, options, folder, threads, report):
         """Writes MESH. ValueError: an option is out of range, or there would be more than MOST_FACES faces."""
+        from tools.everyday_rivals import positions_alone
+
         asked = checked(options)
         with report.stage("subdivide"):
             surface = surface_of(scene, asked["position_bits"])
             made = painted(scene, surface, asked, threads)
         with report.stage("draco"):
-            data, plain = enc_parts(made), plain_bytes(scene, surface)
+            data, plain = enc_parts(made), positions_alone(surface.lattice, surface.faces)
         (folder / MESH).write_bytes(data)
         return {"bytes": {"total": len(data), "geometry": plain, "colours": len(data) - plain}, **asked,
                 "faces": sum(len(faces) for _, _, faces, _ in made.parts), "source_faces": len(scene.faces),
@@ -247,16 +248,6 @@ def looks_of(scene, material):
     of = [Look(m.alpha_mode, m.double_sided, float(np.float32(m.alpha_cutoff))) for m in scene.materials]
     looks = sorted({of[m] for m in np.unique(material)})
     return np.array([looks.index(look) if look in looks else -1 for look in of])[material], looks
-
-
-def plain_bytes(scene, surface):
-    """Bytes of the geometry alone, as it was: Draco, one mesh for every look."""
-    look, looks = looks_of(scene, surface.material)
-    total = 0
-    for number in range(len(looks)):
-        used, local = np.unique(surface.faces[look == number], return_inverse=True)
-        total += len(enc_geometry(surface.lattice[used], local.reshape(-1, 3), surface.cube.position_bits))
-    return total
 
 
 def painted(scene, surface, asked, threads):

@@ -4,9 +4,6 @@ Mesh and voxels travel in a stream of ours whose values are all 0, which takes a
 the decoded mesh as ours does, and puts the rival's values in the place of the zeros.
 """
 
-import hashlib
-from pathlib import Path
-
 import numpy as np
 
 from baselines.texf import STREAM
@@ -32,7 +29,9 @@ def rgba_of(part):
 
 
 def write_mesh(prepared, settings, folder, report):
-    """Writes STREAM with the values 0; (bytes of its geometry, all its other bytes)."""
+    """Writes STREAM with the values 0; (bytes of its positions alone, as texf counts them, and all its other bytes)."""
+    from tools.everyday_rivals import positions_alone
+
     kept = [part.planes for part in prepared.fields]
     for part in prepared.fields:
         part.planes = {name: np.zeros_like(plane) for name, plane in part.planes.items()}
@@ -40,7 +39,8 @@ def write_mesh(prepared, settings, folder, report):
     for part, planes in zip(prepared.fields, kept, strict=True):
         part.planes = planes
     (folder / STREAM).write_bytes(made.data)
-    return made.sizes["geometry"], len(made.data) - made.sizes["geometry"]
+    geometry = min(positions_alone(prepared.surface.lattice, prepared.surface.faces), made.sizes["geometry"])
+    return geometry, len(made.data) - geometry
 
 
 def with_values(parts, rgba):
@@ -57,9 +57,3 @@ def face_fields(prepared, faces):
     out = np.full(faces, -1, np.int64)
     out[prepared.surface.origin_face] = prepared.source.face_field
     return out
-
-
-def source_hash(*modules):
-    """16 digits over the sources of modules of this folder that a method takes from: its version() tells what its own file does
-    not."""
-    return hashlib.sha256(b"".join(Path(module.__file__).read_bytes() for module in modules)).hexdigest()[:16]

@@ -13,8 +13,9 @@ import pytest
 from shapes import painted_sphere
 
 from texfcodec.dispatch.room import WORK
+from texfcodec.dispatch.tasks import DONE, Outcome
 from tools import collect
-from tools.batch import not_ours, only_run
+from tools.batch import not_ours, only_run, settle
 from tools.conditions import read_conditions
 from tools.jobs import Job, jobs_of
 from tools.rate_points import main
@@ -196,8 +197,8 @@ def heeded_interrupt():
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="children are looked up in /proc")
 def test_killed_and_interrupted_batches_leave_no_child_and_are_resumed(tmp_path, heeded_interrupt, capsys):
     write_ball(tmp_path)
-    (tmp_path / "c.toml").write_text('assets = ["ball"]\n' + EVALUATION + '[[settings]]\nname = "q{qp}"\nresolution = 32\n'
-                                     "qp = [24, 36]\n")
+    (tmp_path / "c.toml").write_text('assets = ["ball"]\n[evaluation]\nsamples = 100\nviews = 0\n[[settings]]\nname = "q{qp}"\n'
+                                     'resolution = 16\neffort = "fast"\nqp = [24, 36]\n')
     out = tmp_path / "out"
     arguments = [str(tmp_path / "c.toml"), "--out", str(out)]
     kinds = (signal.SIGKILL, "q24", -signal.SIGKILL), (signal.SIGINT, "q36", 130)
@@ -244,6 +245,10 @@ def test_folder_of_somebody_else_is_left_alone(tmp_path):
     (tmp_path / "mine/thesis.txt").write_text("years of work")
     reason = not_ours(tmp_path / "mine")
     assert "left alone" in reason and (tmp_path / "mine/thesis.txt").exists()
+
+
+def test_a_result_that_is_not_here_fails_its_job(tmp_path):
+    assert "not here" in settle(Job(tmp_path / "a", {}), Outcome(DONE), tmp_path / "gone")
 
 
 def test_two_runs_in_one_folder_are_refused(tmp_path):

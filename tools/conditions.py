@@ -119,7 +119,7 @@ def _expanded(number, table, conditions):
         chosen = dict(zip(options, values, strict=True))
         try:
             name, group = (str(table.get(key, default)).format(**chosen) for key, default in (("name", ""), ("group", method)))
-        except (KeyError, IndexError, ValueError) as error:
+        except (LookupError, AttributeError, ValueError) as error:
             raise ValueError(f"{where}: name and group may only use {{...}} for a key of the table, not {error}") from None
         if not NAME.fullmatch(name):
             raise ValueError(f"{where}: the name {name!r} is no folder name of letters, digits and . _ + -")

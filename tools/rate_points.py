@@ -69,12 +69,13 @@ def main(arguments=None):
     parser.add_argument("--evaluation", action="append", default=[], metavar="KEY=VALUE",
                         help="in the place of a line of [evaluation], such as size=1024; repeatable")
     parser.add_argument("--keep-old", action="store_true", help="keep what other states of the code have finished")
-    parser.add_argument("--limit-seconds", type=_above_zero, metavar="S", help="longest time of a job")
+    parser.add_argument("--limit-seconds", type=seconds, metavar="S", help="longest time of a job")
     parser.add_argument("--memory-limit", type=int, metavar="BYTES", help="most data that a process of a job may hold")
     return resumable(run_conditions, parser.parse_args(arguments))
 
 
-def _above_zero(text):
+def seconds(text):
+    """A number above 0, of a flag; ValueError for any other text. argparse tells its name."""
     if not 0 < float(text) < float("inf"):
         raise ValueError(text)
     return float(text)

@@ -74,14 +74,14 @@ def advise(scene: Scene, options: EncodeOptions) -> dict:
     times: bytes over voxels to bytes over texels at equal quality; sure: whether that is clear of 1. Raises InputError."""
     surface = make_surface(scene, options)
     scene = needed_scene(scene, surface, options).scene
-    told: dict = {"asked": options.support, "reason": reason_for_voxels(options), "images": []}
+    reason = reason_for_voxels(options) or ("asked for" if options.support == "voxels" else "")
+    told: dict = {"asked": options.support, "reason": reason, "images": []}
     rest = np.ones(len(surface.faces), bool)
-    groups = [] if told["reason"] or options.support == "voxels" else image_groups(scene, surface)
-    for group in groups:
+    for group in [] if reason else image_groups(scene, surface):
         told["images"].append(_advice(group, surface, options))
         rest[group.faces] &= told["images"][-1]["predicted"] == "voxels"
-    voxels = options.max_error is None and options.refine == "auto" and options.effort != "fast" and bool(rest.any())
-    return told | {"refinement": "fit" if voxels else "off" if options.refine == "auto" else options.refine}
+    fitted = "fit" if options.may_fit and rest.any() else "off"
+    return told | {"refinement": fitted if options.refine == "auto" else options.refine}
 
 
 def _advice(group, surface, options):

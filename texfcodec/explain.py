@@ -65,8 +65,8 @@ def neighbours_of(options: EncodeOptions, made: Encoded) -> Iterator[Neighbour]:
     3D-PSNR asks both sides at the same places of the surface, and does not see where it has moved."""
     codec, place = codec_of(options.codec), EFFORTS.index(options.effort)
     if not codec.joint:
-        efforts = ((EFFORTS[i : i + 1], factor) for i, factor in ((place + 1, 1.5), (place - 1, 0.6)) if i >= 0)
-        yield from (Neighbour({"effort": effort}, factor) for found, factor in efforts for effort in found)
+        steps = ((place + 1, 1.5), (place - 1, 0.6))
+        yield from (Neighbour({"effort": EFFORTS[at]}, factor) for at, factor in steps if 0 <= at < len(EFFORTS))
         fitted = made.choices.get("refinement", {}).get("kind", "off") != "off"
         if options.max_error is None and (fitted or options.refine == "off"):
             yield Neighbour({"refine": "off"}, 0.7) if fitted else Neighbour({"refine": "fit"}, 1.8)

@@ -22,7 +22,7 @@ def only_run(out: Path) -> Iterator[None]:
         out.mkdir(parents=True, exist_ok=True)
         lock = open(out / LOCK, "wb")
     except OSError as error:
-        raise as_input_error(error, out / LOCK) from None
+        raise as_input_error(error, out) from None
     with lock:
         try:
             import fcntl

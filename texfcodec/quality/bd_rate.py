@@ -37,7 +37,7 @@ def _curve(name, rate, psnr):
     order = np.argsort(rate, kind="stable")
     rate, psnr = rate[order], psnr[order]
     if not ((np.diff(rate) > 0).all() and (np.diff(psnr) > 0).all()):
-        raise ValueError(f"curve {name}: quality must rise strictly with rate, but by rate it is {psnr.tolist()}")
+        raise ValueError(f"curve {name}: quality must rise strictly with rate, but by rate it is {np.round(psnr, 2).tolist()}")
     return psnr, np.log(rate)
 
 

@@ -17,7 +17,7 @@ if not __package__:  # called as a file
 
 from tools.advice_hits import hit_lines
 from tools.differences import Pair, summary
-from tools.result_tables import markdown_table
+from tools.result_tables import markdown_table, missing_table
 from tools.results import grouped, quality_of, rate_of, read_missing, read_results
 
 ANCHOR, AUTO, VERTEX_ANCHOR = "UV-Source HEVC", "TexF auto", "vertex colours, Draco"
@@ -178,7 +178,7 @@ def page(args):
         found = read_results(folder)
         missing = read_missing(folder)
         out += [f"Against {anchor}. {_evaluation(found)}", "", *paper_lines(found, wanted, anchor), ""]
-        out += [*(f"- {m['asset']}, {m['setting']}: {m['reason']}" for m in missing), ""] if missing else []
+        out += [*missing_table(missing), ""] if missing else []
     out += ["## What --advise foretells", "", *hit_lines(rows, paths), ""]
     if args.geometry:
         found = read_results(args.geometry)

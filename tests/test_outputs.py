@@ -206,7 +206,9 @@ def test_encoder_compares_the_stream_with_all_it_read(call, house):
     total = sum((house / name).stat().st_size for name in ("a.obj", "a.mtl", "a.png"))
     code, out, _ = call("texf-enc", house / "a.obj", house / "a.texf", *SMALL, "--json")
     facts, size = json.loads(out), (house / "a.texf").stat().st_size
-    assert code == 0 and facts["source"] == {"bytes": total, "files": 3} and facts["ratio"] == round(total / size, 3)
+    names = [str(house / name) for name in ("a.obj", "a.mtl", "a.png")]
+    assert code == 0 and facts["source"] == {"bytes": total, "files": 3, "names": names}
+    assert facts["ratio"] == round(total / size, 3)
     Image.fromarray(np.random.default_rng(0).integers(0, 256, (4, 4, 3), np.uint8)).save(house / "a.png")
     total = sum((house / name).stat().st_size for name in ("a.obj", "a.mtl", "a.png"))
     code, out, _ = call("texf-enc", house / "a.obj", house / "a.texf", *SMALL, "--json")

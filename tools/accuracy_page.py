@@ -18,7 +18,7 @@ PICTURE = ("The green line is the front: no setting is both faster and smaller. 
            f"what others beat, bars the fastest and slowest run. *default* is QP {QP} with all texels, or with K {USUAL_K} "
            f"({SMALL_K} where that is millions of voxels).")
 CELLS = ("Seconds, bytes, dB, and in bold the bytes above the defaults' curve at equal quality; ~ marks what another value of "
-         "the same knob dominates.")
+         "the same knob dominates. An empty cell was not measured, or has no meaning for the asset.")
 
 
 def page_of(assets, args, picture):

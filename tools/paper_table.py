@@ -188,7 +188,9 @@ def page(args):
 
 def _evaluation(rows):
     image = rows[0]["image"] or {}
-    return f"{len(rows)} points; {image.get('views', 0)} views of {image.get('size', 0)} pixels a side."
+    states = len({(row["method"], row["code"]) for row in rows}) - len({row["method"] for row in rows})
+    mixed = "; **not all by the same state of the code**" if states else ""
+    return f"{len(rows)} points{mixed}; {image.get('views', 0)} views of {image.get('size', 0)} pixels a side."
 
 
 def main(arguments=None):

@@ -21,6 +21,7 @@ RATES = {
     "r05": (1536, 26),
     "r06": (2048, 26),
 }
+FREE_QPS = {"r05": 22, "r06": 20}  # where the encoder may take texels or a smaller K: a finer K alone would buy nothing there
 DEFAULT_RATE = "r04"
 DEFAULT_CODEC = "raht"
 EFFORTS = ("fast", "balanced", "best")
@@ -124,7 +125,9 @@ class EncodeOptions:
     """
 
     rate: str = choice(DEFAULT_RATE, RATES, "The paper's rate points: "
-                       + ", ".join(f"{name} K {k} QP {qp}" for name, (k, qp) in RATES.items()) + ".")
+                       + ", ".join(f"{name} K {k} QP {qp}" for name, (k, qp) in RATES.items())
+                       + "; " + ", ".join(f"{name} QP {qp}" for name, qp in FREE_QPS.items())
+                       + " where the encoder may take texels or a smaller K.")
     resolution: int | None = ranged(None, 1, 8192, "Voxels along the longest side, 1..8192; with --qp.", "K")
     qp: int | None = ranged(None, 0, 63, "Quantisation, 0..63: step 2^((QP-4)/6); with --resolution.")
     target_bytes: int | None = ranged(None, 1, 1 << 62, "Best 3D-PSNR in at most B bytes; searches K and QP.", "B")
@@ -203,21 +206,22 @@ class EncodeOptions:
             raise InputError("TXF-I50", "lossless and max_error exclude each other", value=self.max_error)
         if self.lossless:
             self.max_error = 0
-        preset = RATES[self.rate]
         if self.max_error is not None:
             for name in ("qp", "target_bytes", "target_psnr"):
                 if getattr(self, name) is not None:
                     raise InputError("TXF-I50", f"max_error and {name} exclude each other: an error bound sets the QP by itself",
                                      value=getattr(self, name))
         elif "qp" in codec_of(self.codec).options:
-            self.qp = preset[1] if self.qp is None else self.qp
-        self.resolution = preset[0] if self.resolution is None else self.resolution
+            self.qp = self.reckoned_qp
+        self.resolution = RATES[self.rate][0] if self.resolution is None else self.resolution
         self.lossless = self.max_error == 0
 
     @property
     def reckoned_qp(self) -> int:
         """The QP whose error the choices before coding reckon with."""
-        return RATES[self.rate][1] if self.qp is None else self.qp
+        if self.qp is not None:
+            return self.qp
+        return FREE_QPS.get(self.rate, RATES[self.rate][1]) if self.rate_is_free else RATES[self.rate][1]
 
     @property
     def may_choose_texels(self) -> bool:

@@ -151,6 +151,18 @@ def test_missing_rows_are_listed_with_their_reason(tmp_path, without_plots):
     assert lines[2] == "| rival | elic | missing | cup | 1 | elic is not here; \\| name it |" and len(lines) == 4
 
 
+def test_kept_rows_make_the_same_tables(tmp_path, without_plots):
+    write_results(tmp_path)
+    (tmp_path / "cup/gone").mkdir(parents=True)
+    (tmp_path / "cup/gone/missing.json").write_text(json.dumps({"state": "missing", "reason": "not here"}))
+    kept, first, second = (tmp_path / name for name in ("rows.jsonl", "first", "second"))
+    collect.main([str(tmp_path), "--out", str(first), "--against", "old", "--keep", str(kept)])
+    collect.main([str(kept), "--out", str(second), "--against", "old", "--no-pictures"])
+    assert "not here" in (first / "results.md").read_text()
+    for name in ("results.md", "results.csv"):
+        assert (first / name).read_text() == (second / name).read_text(), name
+
+
 def test_published_points_are_marked_and_compared_on_the_same_asset_only(tmp_path, monkeypatch, without_plots):
     write_results(tmp_path)
     points = [{"method": "Net", "asset": asset, "rate": 200.0 * 2**i, "measure": "3D-PSNR Y", "quality": 30.0 + 3 * i,

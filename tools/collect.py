@@ -28,7 +28,7 @@ from tools.differences import pairs_of
 from tools.page import write_page
 from tools.plots import draw
 from tools.result_tables import report, write_csv
-from tools.results import published_rows, read_missing, read_results
+from tools.results import keep_rows, published_rows, read_missing, read_results
 
 
 def read_published_rows(path):
@@ -54,12 +54,16 @@ def main(arguments=None):
     parser.add_argument("--rate", choices=("texture", "total"), default="texture", help="which bytes count")
     parser.add_argument("--published", type=Path, metavar="FILE.csv", help="points that others have published")
     parser.add_argument("--no-pictures", action="store_true", help="leave the pictures out of the page")
+    parser.add_argument("--keep", type=Path, metavar="FILE.jsonl", help="also keep the rows in one file, which stands for DIR "
+                        "here and in paper_table.py, pictures left out")
     args = parser.parse_args(arguments)
     rows, anchors = read_results(args.results), read_results(args.anchor) if args.anchor else None
     missing, every = read_missing(args.results), rows + read_published_rows(args.published)
     compared = args.against or ([None] if anchors is not None else [])
     pairs = [pair for anchor_group in compared for pair in pairs_of(every, anchors, args.group, anchor_group)]
     args.out.mkdir(parents=True, exist_ok=True)
+    if args.keep:
+        keep_rows(args.keep, rows, missing)
     write_csv(every, args.out / "results.csv")
     (args.out / "results.md").write_text(report(every, missing, pairs, args.rate) + "\n", encoding="utf-8")
     shown = every + [row | {"group": f"{row['group']} (anchor)"} for row in anchors or []]

@@ -20,15 +20,28 @@ TOLD = ("asset", "setting", "group", "method", "state", "reason")  # of a row th
 
 
 def read_results(folder):
-    """The metrics of all finished jobs of a folder of rate_points.py, in the order of their paths."""
+    """The metrics of all finished jobs of a folder of rate_points.py, in the order of their paths, or of a file of keep_rows()."""
+    if Path(folder).is_file():
+        return [row for row in _kept_rows(folder) if "state" not in row]
     rows = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(Path(folder).glob(f"*/*/{METRICS}"))]
     if not rows:
         raise SystemExit(f"{folder}: no job is finished there (ASSET/SETTING/metrics.json)")
     return rows
 
 
+def keep_rows(path, rows, missing):
+    """Writes what read_results() and read_missing() gave to a file of JSON lines."""
+    Path(path).write_text("".join(json.dumps(row) + "\n" for row in rows + missing), encoding="utf-8")
+
+
+def _kept_rows(path):
+    return [json.loads(line) for line in Path(path).read_text(encoding="utf-8").splitlines()]
+
+
 def read_missing(folder):
     """[{TOLD: text}] of jobs without metrics.json: what missing.json says, or "not finished" and the last line of the log."""
+    if Path(folder).is_file():
+        return [row for row in _kept_rows(folder) if "state" in row]
     found = []
     for job in sorted({path.parent for name in (JOB, MISSING) for path in Path(folder).glob(f"*/*/{name}")}):
         if (job / METRICS).exists():

@@ -187,7 +187,7 @@ def units_of(*units):
 
 
 END = write_unit(UNIT_END, b"")
-PLAIN = [write_unit(t, b"abc") for t in (UNIT_HEADER, UNIT_MATERIALS, UNIT_FIELD, UNIT_GEOMETRY, UNIT_ATTRIBUTE)]
+PLAIN = [write_unit(t, b"\0bc") for t in (UNIT_HEADER, UNIT_MATERIALS, UNIT_FIELD, UNIT_GEOMETRY, UNIT_ATTRIBUTE)]
 
 
 @settings(deadline=None)
@@ -204,7 +204,7 @@ def test_units_are_found_where_they_stand():
     units, skipped = read_units(data)
     assert [u.type for u in units] == [0, 1, 2, 3, 4, UNIT_METADATA]
     assert [(u.type, data[u.begin : u.end]) for u in skipped] == [(200, b"hello")]
-    assert all(data[u.begin : u.end] == b"abc" for u in units[:-1])
+    assert all(data[u.begin : u.end] == b"\0bc" for u in units[:-1])
     assert [u.start for u in units][1] == skipped[0].stop
 
 
@@ -215,6 +215,7 @@ def test_units_are_found_where_they_stand():
     (units_of(END), StreamError, "TXF-S07"),
     (units_of(PLAIN[1], PLAIN[0], END), StreamError, "TXF-S07"),
     (units_of(write_unit(200, b""), PLAIN[0], END), StreamError, "TXF-S07"),
+    (units_of(write_unit(UNIT_HEADER, b"\1"), PLAIN[1][:-1] + b"\0"), SupportError, "TXF-U04"),
     (units_of(PLAIN[0], PLAIN[2], PLAIN[1], END), StreamError, "TXF-S07"),
     (units_of(PLAIN[0], PLAIN[0], END), StreamError, "TXF-S07"),
     (units_of(PLAIN[0], write_unit(6, b""), END), SupportError, "TXF-U01"),
@@ -273,7 +274,7 @@ def small_stream(fields=2):
         header, materials,
         [{"field_index": i, **(OVER_TEXELS if i % 2 else OVER_VOXELS), "num_keys": 30, "keys_crc": 1} for i in range(fields)],
         [{"field_index": i, "material_index": i % 2, "unit_vertices": 5, "unit_faces": 4, **(WITH_UV if i % 2 else {}),
-          "draco_data": b"draco"} for i in range(fields)],
+          "geometry_crc": 7, "draco_data": b"draco"} for i in range(fields)],
         [attribute(i, g, GROUPS[g]["group_components"], planar=i % 2 > 0) for i in range(fields) for g in range(2)], b'{"a": 1}')
 
 

@@ -1,5 +1,7 @@
 """The geometry room: the canonical cube and the Draco unit."""
 
+import zlib
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,6 +10,7 @@ from shapes import sphere
 
 from texfcodec.errors import InputError, StreamError
 from texfcodec.geometry.canonical import MAX_COORDINATE, CanonicalCube, fit_cube
+from texfcodec.geometry.checksum import geometry_crc
 from texfcodec.geometry.draco import _HEADER, dec_geometry, enc_geometry
 from texfcodec.ground.walk import write_v
 
@@ -185,3 +188,30 @@ def test_flipped_bits_behind_the_draco_header_end_in_a_mesh_or_a_stream_error(da
         assert error.code in ("TXF-S20", "TXF-S21", "TXF-S22", "TXF-S23")
     else:
         assert got.shape == lattice.shape and got_faces.shape == faces.shape and got_faces.max() < len(got)
+
+
+# The checksum of what was decoded
+
+
+@pytest.mark.parametrize("textured", [False, True])
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(deadline=None, max_examples=30)
+def test_the_checksum_is_of_the_faces_and_not_of_their_order(textured, seed):
+    rng = np.random.default_rng(seed)
+    lattice, faces = rng.integers(0, 4, (9, 3)) * [1, 300, 349525], rng.integers(0, 9, (7, 3))
+    uv = rng.integers(-(1 << 26), 1 << 26, (9, 2)) if textured else None
+    corners = lattice if uv is None else np.hstack([lattice, uv])
+    rows = [min(corners[np.roll(face, turn)].ravel().tolist() for turn in range(3)) for face in faces]
+    crc = geometry_crc(lattice, faces, uv)
+    assert crc == sum(zlib.crc32(np.array(row, "<i4").tobytes()) for row in rows) % 2**32
+    place, turned = rng.permutation(9), np.stack([np.roll(face, rng.integers(3)) for face in faces])[rng.permutation(7)]
+    assert geometry_crc(lattice[place], np.argsort(place)[turned], None if uv is None else uv[place]) == crc
+    moved = corners.copy()
+    moved[faces[0, 0], 0] += 1
+    assert geometry_crc(moved[:, :3], faces, moved[:, 3:] if textured else None) != crc
+
+
+def test_the_checksum_refuses_a_corner_that_is_not_there():
+    for corner in (3, -1):
+        with pytest.raises(IndexError):
+            geometry_crc(np.zeros((3, 3), np.int64), np.array([[0, 1, corner]]))

@@ -14,6 +14,7 @@ from .codecs import codec_of_unit
 from .codecs.codec import split_groups
 from .errors import LimitError, StreamError
 from .geometry.canonical import CanonicalCube
+from .geometry.checksum import geometry_crc
 from .geometry.draco import UvCoding, dec_geometry, dec_textured
 from .geometry.edges import coded_edges
 from .geometry.unit import GeometryUnit, field_surface, field_uv
@@ -54,14 +55,21 @@ def decode_stream(data: bytes, options: DecodeOptions, report: Report) -> Texf:
 
 
 def _decode_unit(values, position_bits):
+    decoded = _decode_draco(values, position_bits)
+    if geometry_crc(*decoded) != values["geometry_crc"]:
+        raise StreamError("TXF-S24", "the decoded faces do not have the checksum that was sent", clause="5.6.3",
+                          offset=values["offset"])
+    return GeometryUnit(values["field_index"], values["material_index"], *decoded)
+
+
+def _decode_draco(values, position_bits):
+    """(lattice, faces) of a geometry unit, and UVs where its field is over texels."""
     if values["Support"] == SUPPORT_TEXELS:
         coding = UvCoding(values["uv_bits"], values["uv_range"] or 1)
         lattice, faces, uv = dec_textured(values["draco_data"], values["unit_vertices"], values["unit_faces"], coding,
                                           position_bits, values["offset"])
-        return GeometryUnit(values["field_index"], values["material_index"], lattice, faces, uv + values["uv_origin"])
-    lattice, faces = dec_geometry(values["draco_data"], values["unit_vertices"], values["unit_faces"], position_bits,
-                                  values["offset"])
-    return GeometryUnit(values["field_index"], values["material_index"], lattice, faces)
+        return lattice, faces, uv + values["uv_origin"]
+    return dec_geometry(values["draco_data"], values["unit_vertices"], values["unit_faces"], position_bits, values["offset"])
 
 
 def _decode_sharp_edges(values, texf):

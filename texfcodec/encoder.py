@@ -27,6 +27,7 @@ from .choose.weights import measured_weights
 from .codecs import codec_of
 from .codecs.codec import PlaneCodec, Source, split_groups
 from .errors import InputError
+from .geometry.checksum import geometry_crc
 from .geometry.draco import counts_of, dec_geometry, dec_textured, enc_geometry, enc_textured, split_corners
 from .geometry.surface import Surface, make_surface
 from .geometry.unit import GeometryUnit, field_surface, field_uv
@@ -252,7 +253,7 @@ def _code_geometry(surface, face_field, plans):
         made, decoded = code(surface, mine, uv)
         if len(decoded[1]) != len(mine):
             raise InputError("TXF-I62", "Draco changed the number of faces", value=len(decoded[1]), allowed=len(mine))
-        values.append({"field_index": number, "material_index": material, **made})
+        values.append({"field_index": number, "material_index": material, "geometry_crc": geometry_crc(*decoded), **made})
         units.append(GeometryUnit(number, material, *decoded))
     return values, units
 

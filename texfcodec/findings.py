@@ -75,6 +75,7 @@ FINDINGS = (
     Finding("TXF-S21", StreamError, ("5.6",), "the Draco data have other counts than their unit", _REPAIR),
     Finding("TXF-S22", StreamError, ("5.6",), "the Draco data cannot be decoded", _REPAIR),
     Finding("TXF-S23", StreamError, ("5.6",), "the Draco data have an index, a position or a UV out of range", _REPAIR),
+    Finding("TXF-S24", StreamError, ("5.6.3",), "the decoded faces do not have the checksum that was sent", _REPAIR),
     Finding("TXF-S30", StreamError, ("6.4", "6.5", "8.4.2", "11.3"),
             "the voxels, texels or edges rebuilt from the geometry are not those that were coded", _REPAIR),
     Finding("TXF-S31", StreamError, ("5.5",), "a field has no voxels or texels", _REPAIR),

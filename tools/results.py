@@ -20,7 +20,7 @@ TOLD = ("asset", "setting", "group", "method", "state", "reason")  # of a row th
 
 
 def read_results(folder):
-    """The metrics of all finished jobs of a folder of rate_points.py, in the order of their paths, or of a file of keep_rows()."""
+    """The metrics of all finished jobs of a folder of rate_points.py, in the order of their paths, or of keep_rows()'s file."""
     if Path(folder).is_file():
         return [row for row in _kept_rows(folder) if "state" not in row]
     rows = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(Path(folder).glob(f"*/*/{METRICS}"))]

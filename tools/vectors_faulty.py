@@ -17,6 +17,7 @@ from vectors_good import (
     two_sheets,
     units_of,
     values_of,
+    with_checksum,
     written,
 )
 
@@ -125,6 +126,11 @@ def with_draco(data, substream, **changes):
         stream.header.update(num_vertices=unit["unit_vertices"], num_faces=unit["unit_faces"])
 
     return with_values(data, edit)
+
+
+def with_right_crc(data):
+    """The stream with the geometry_crc of what its only geometry unit decodes to."""
+    return with_values(data, lambda stream: stream.geometry[0].update(with_checksum(stream.geometry[0])))
 
 
 def draco_counts(substream, vertices=0, faces=0):
@@ -241,10 +247,18 @@ def header_and_materials():
     ]
     twice = with_element(base, H, "channel_groups[1].group_semantics", b"\0")
     lines.append(("group_semantics_twice", "two base colours", "5.3.1", twice, "TXF-S04"))
-    unsupported = [("version", "version 1", "5.3", with_element(base, H, "version", b"\1"), "TXF-U04"),
+    newer, stop = with_element(base, H, "version", b"\1"), place(base, F)[1]
+    broken = newer[: stop - 1] + bytes([newer[stop - 1] ^ 1]) + newer[stop:]
+    header_stop = place(base, H)[1]
+    lines.append(("version_crc", "version 1 and a wrong checksum of the sequence header", "9.2",
+                  newer[: header_stop - 1] + bytes([newer[header_stop - 1] ^ 1]) + newer[header_stop:], "TXF-S03"))
+    lines.append(("reserved_first", "the first unit is of a reserved type", "9.2",
+                  with_units(base, lambda units: units.insert(0, (6, b""))), "TXF-S07"))
+    unsupported = [("version", "version 1", "5.3", newer, "TXF-U04"),
+                   ("version_broken", "version 1 and a wrong checksum of a unit after the header", "9.2", broken, "TXF-U04"),
                    ("alpha_components", "an alpha group of two components", "5.3.1", _two_alphas(base), "TXF-U03")]
     limit = [("num_vertices_huge", "2^50 vertices", "10", with_header(base, num_vertices=1 << 50), "TXF-L02"),
-             ("num_keys_huge", "2^50 voxels", "10", with_element(simple, F, "num_keys", write_v(1 << 50)), "TXF-L04")]
+             ("num_keys_huge", "2^28 voxels", "10", with_element(simple, F, "num_keys", write_v(1 << 28)), "TXF-L04")]
     return [*as_faulty(lines), *as_faulty(unsupported, "unsupported"), *as_faulty(limit, "limit")]
 
 
@@ -259,6 +273,7 @@ def fields_and_geometry():
          "TXF-S30"),
         ("area_threshold", "another area_threshold than the voxels were kept by", "6.4",
          with_element(simple, F, "area_threshold", b"\xff\xff"), "TXF-S30"),
+        ("num_keys_over", "2^28 + 1 voxels", "5.5", with_element(simple, F, "num_keys", write_v((1 << 28) + 1)), "TXF-S04"),
         ("num_keys", "num_keys is one too many", "6.4", with_element(simple, F, "num_keys", write_v(voxels + 1)),
          "TXF-S30"),
         ("keys_crc", "a wrong keys_crc", "6.4", with_element(simple, F, "keys_crc", b"\1\2\3\4"), "TXF-S30"),
@@ -304,9 +319,21 @@ def draco_cases(simple):
         ("draco_many_faces", "2^40 faces in Draco's own header", "5.6", with_draco(simple, lied(faces=1 << 40)["substream"]),
          "TXF-S21"),
         ("draco_vertices", "one vertex more than is coded, everywhere", "5.6", with_draco(simple, **lied(vertices=1)), "TXF-S21"),
+        ("geometry_crc", "a wrong geometry_crc", "5.6.3", with_element(simple, G, "geometry_crc", b"\1\2\3\4"), "TXF-S24"),
+        ("geometry_moved", "a position is one step off and no voxel tells", "5.6.3", with_draco(simple, _moved(points, faces)),
+         "TXF-S24"),
         ("draco_position", "a position that is not below 2^position_bits", "5.6", with_header(simple, position_bits=13),
          "TXF-S23"),
     ]
+
+
+def _moved(points, faces):
+    """Draco data of a mesh of which one position is a step away, so little that its voxels stay."""
+    import DracoPy
+
+    points = points.copy()
+    points[len(points) // 2, 0] += 1
+    return DracoPy.encode(points, faces, compression_level=10, create_metadata=False)
 
 
 def attributes():

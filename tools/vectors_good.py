@@ -23,6 +23,8 @@ from texfcodec.codecs.raht.transform.colour import (
 )
 from texfcodec.codecs.raht.values import coded_of, raht_values
 from texfcodec.encoder import encode_scene
+from texfcodec.geometry.checksum import geometry_crc
+from texfcodec.geometry.draco import UvCoding, dec_geometry, dec_textured
 from texfcodec.support.layout import octree_depth
 from texfcodec.support.voxelise import voxelise
 
@@ -52,6 +54,15 @@ def encoded(scene, **choices):
     usual = {"threads": 1, "support": "voxels", "partition": "off", "effort": "fast", "refine": "off"}
     options = EncodeOptions(**(usual | choices))
     return encode_scene(scene, options).data
+
+
+def with_checksum(unit):
+    """Syntax values of a geometry unit with the geometry_crc of what it decodes to."""
+    data, counts = bytes(unit["draco_data"]), (unit["unit_vertices"], unit["unit_faces"])
+    if unit.get("uv_origin"):
+        lattice, faces, uv = dec_textured(data, *counts, UvCoding(unit["uv_bits"], unit["uv_range"] or 1), 20)
+        return unit | {"geometry_crc": geometry_crc(lattice, faces, uv + unit["uv_origin"])}
+    return unit | {"geometry_crc": geometry_crc(*dec_geometry(data, *counts, 20))}
 
 
 def parsed(data):

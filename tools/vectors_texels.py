@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import DracoPy
 import numpy as np
-from vectors_good import Vector, encoded, raht, torus, written
+from vectors_good import Vector, encoded, raht, torus, with_checksum, written
 
 from texfcodec.asset.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
 from texfcodec.bitstream.appearance import material_of, needed_groups
@@ -60,8 +60,8 @@ class Patch:
             data = draco_of(unique[:, :3], local.reshape(-1, 3), unique[:, 3:], self.bits)
             more = {"uv_origin": origin.tolist(), "uv_bits": self.bits, "uv_range": self.range or int(unique[:, 3:].max())}
         counts = counts_of(data)
-        return {"field_index": self.field, "material_index": self.material, "unit_vertices": counts[0], "unit_faces": counts[1],
-                **more, "draco_data": data}
+        return with_checksum({"field_index": self.field, "material_index": self.material, "unit_vertices": counts[0],
+                              "unit_faces": counts[1], **more, "draco_data": data})
 
 
 def draco_of(lattice, faces, uv, bits):

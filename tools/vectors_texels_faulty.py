@@ -3,7 +3,7 @@
 import DracoPy
 import numpy as np
 import vectors_neural
-from vectors_faulty import F, G, as_faulty, with_element, with_units, with_values
+from vectors_faulty import F, G, as_faulty, with_element, with_right_crc, with_units, with_values
 from vectors_good import parsed
 from vectors_texels import CLAMPED, Grid, Image, Patch, picture, quantised, ring, stream_of_parts
 
@@ -58,7 +58,7 @@ def fields():
     ]
     beside = stream_of_parts([Image(picture(*SIZE))], [ring(SIZE, shift=(-3, -2))])
     huge = with_values(beside, lambda stream: stream.fields[0].update(width=16384, height=16384))
-    limit = [("texels_num_keys_huge", "2^50 texels", "10", with_element(base, F, "num_keys", write_v(1 << 50)), "TXF-L04"),
+    limit = [("texels_num_keys_huge", "2^28 texels", "10", with_element(base, F, "num_keys", write_v(1 << 28)), "TXF-L04"),
              ("texels_image_huge", "an image of 2^28 texels", "10", huge, "TXF-L11")]
     return [*as_faulty(lines), *as_faulty(limit, "limit")]
 
@@ -130,8 +130,12 @@ def uv_elements():
         ("texels_geometry_cut", "a geometry unit that ends in uv_origin", with_units(base, lambda units: _cut(units, G, 9)),
          "TXF-S02"),
     ]
-    moved = ("texels_uv_moved", "another uv_origin than the texels were made for", "6.5.4", origin(x + 64, y), "TXF-S30")
-    return as_faulty([*((name, title, "5.6.2", data, code) for name, title, data, code in lines), moved])
+    others = [
+        ("texels_uv_crc", "another uv_origin than geometry_crc was made for", "5.6.3", origin(x + 64, y), "TXF-S24"),
+        ("texels_uv_moved", "another uv_origin than the texels were made for", "6.5.4", with_right_crc(origin(x + 64, y)),
+         "TXF-S30"),
+    ]
+    return as_faulty([*((name, title, "5.6.2", data, code) for name, title, data, code in lines), *others])
 
 
 def neural():

@@ -82,7 +82,15 @@ def decode_geometry(unit, position_bits):
     require(len(faces) == unit["unit_faces"], "draco_data decodes to another number of faces")
     uv = decode_uv(unit, found[uv_kind]) if textured else None
     require(all(p < 1 << position_bits for vertex in lattice for p in vertex), "a position is not below 2^position_bits")
+    require(geometry_crc(lattice, faces, uv) == unit["geometry_crc"], "the faces do not have the checksum geometry_crc")
     return {"field": unit["field_index"], "material": unit["material_index"], "lattice": lattice, "faces": faces, "uv": uv}
+
+
+def geometry_crc(lattice, faces, uv):
+    """Clause 5.6.3."""
+    corners = [position + (uv[i] if uv else []) for i, position in enumerate(lattice)]
+    rows = [min(sum((corners[face[(turn + i) % 3]] for i in range(3)), []) for turn in range(3)) for face in faces]
+    return sum(zlib.crc32(b"".join(n.to_bytes(4, "little", signed=True) for n in row)) for row in rows) % 2**32
 
 
 def decode_uv(unit, numbers):

@@ -13,10 +13,7 @@ DRACO_START = bytes.fromhex("445241434F020201010000")
 
 def read_header(reader):
     """Clause 5.3."""
-    header = {"version": reader.u8("version")}
-    if header["version"] != 0:
-        raise Unsupported(f"version {header['version']}")
-    header |= {"position_bits": reader.u8("position_bits", 8, 20)}
+    header = {"version": reader.u8("version", high=0), "position_bits": reader.u8("position_bits", 8, 20)}
     header["origin"] = [reader.f64("origin") for _ in range(3)]
     header["side"] = reader.f64("side", low=0)
     header["num_vertices"] = reader.v("num_vertices")
@@ -50,7 +47,7 @@ def read_field(reader, expected_index):
         field |= {name: reader.u16(name, 1, 16384) for name in ("width", "height")}
         field |= {name: reader.u8(name, 0, 2) for name in ("wrap_s", "wrap_t")}
         field |= {"uv_fraction_bits": reader.u8("uv_fraction_bits", 0, 8), "resolution": max(field["width"], field["height"])}
-    field |= {"num_keys": reader.v("num_keys", low=1), "keys_crc": reader.u32("keys_crc")}
+    field |= {"num_keys": reader.v("num_keys", 1, 2**28), "keys_crc": reader.u32("keys_crc")}
     require(field["support"] == VOXELS or field["num_keys"] <= field["width"] * field["height"], "num_keys is more than texels")
     return field
 
@@ -69,6 +66,7 @@ def read_geometry(reader, header, fields):
         unit["uv_bits"] = reader.u8("uv_bits", 0, 20)
         if unit["uv_bits"] > 0:
             unit["uv_range"] = reader.v("uv_range", 1, min(2**20, 2 ** unit["uv_bits"]) - 1)
+    unit["geometry_crc"] = reader.u32("geometry_crc")
     unit["draco_data"] = reader.rest()
     draco = Reader(unit["draco_data"])
     require(draco.take(11, "Draco header") == DRACO_START, "draco_data does not begin as 5.6 says")

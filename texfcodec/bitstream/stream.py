@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..asset.normal_rule import MARKED, rule_of
 from ..codecs import codec_of_unit
-from ..errors import LimitError, StreamError, SupportError
+from ..errors import LimitError, StreamError
 from ..ground.walk import Reader, read_structure, write_structure
 from ..support.layout import octree_depth
 from .appearance import check_appearance, check_groups, check_level_shift, check_material, needed_groups
@@ -24,7 +24,6 @@ from .syntax import (
     UNIT_METADATA,
     UNIT_SHARP_EDGES,
     UNITS,
-    VERSION,
 )
 from .units import read_units, write_unit
 
@@ -156,9 +155,6 @@ def read_stream(data: bytes, limits: Limits, trace: list | None = None) -> Strea
 
 def _read_unit_payload(unit, reader, stream, limits, rows):
     if unit.type == UNIT_HEADER:
-        if reader.data[unit.begin : unit.end] and reader.data[unit.begin] != VERSION:
-            raise SupportError("TXF-U04", "the stream is of another version of the format", clause="5.3", offset=unit.begin,
-                               value=reader.data[unit.begin], allowed=VERSION)
         stream.header = read_structure(UNITS[UNIT_HEADER], reader, {}, rows)
         _check_limits(stream.header, limits)
         check_groups(stream.header["channel_groups"])

@@ -16,6 +16,7 @@ VERSION = 0
 UNIT_HEADER, UNIT_MATERIALS, UNIT_FIELD, UNIT_GEOMETRY, UNIT_ATTRIBUTE, UNIT_END = range(6)
 SUPPORT_VOXELS, SUPPORT_TEXELS = range(2)
 MAX_UV_ORIGIN = 1 << 25  # steps
+MAX_KEYS = 1 << 28  # of a field: what 64 bits suffice for (clause 10)
 ANCILLARY = 128  # unit types from here on may be skipped
 UNIT_METADATA, UNIT_SHARP_EDGES = 128, 129
 UNIT_NAMES = {
@@ -90,7 +91,7 @@ FIELD = Structure("field", "5.5", (
     E("wrap_s", "u8", 0, 2, when=_TEXELS),
     E("wrap_t", "u8", 0, 2, when=_TEXELS),
     E("uv_fraction_bits", "u8", 0, 8, when=_TEXELS),
-    E("num_keys", "v", 0),
+    E("num_keys", "v", 0, MAX_KEYS),
     E("keys_crc", "u32"),
 ))
 
@@ -103,6 +104,7 @@ GEOMETRY = Structure("geometry", "5.6", (
     E("uv_origin", "i32", 1 - MAX_UV_ORIGIN, MAX_UV_ORIGIN - 1, count="2", when=_WITH_UV),
     E("uv_bits", "u8", 0, MAX_UV_BITS, when=_WITH_UV),
     E("uv_range", "v", 1, (1 << MAX_UV_BITS) - 1, when=_QUANTISED),
+    E("geometry_crc", "u32"),
     E("draco_data", "bytes"),
 ))
 

@@ -16,6 +16,7 @@ from .syntax import (
     UNIT_NAMES,
     UNIT_SHARP_EDGES,
     UNITS,
+    VERSION,
 )
 
 ONE_AT_MOST = (UNIT_HEADER, UNIT_MATERIALS, UNIT_METADATA, UNIT_SHARP_EDGES)
@@ -55,11 +56,18 @@ def _read_unit(data, position):
     return Unit(unit_type, begin, begin + length, position, reader.position)
 
 
+def _check_version(data, header):
+    """Before anything that follows is looked at: another version may have other units."""
+    if header.begin < header.end and data[header.begin] != VERSION:
+        raise SupportError("TXF-U04", "the stream is of another version of the format", clause="5.3", offset=header.begin,
+                           value=data[header.begin], allowed=VERSION)
+
+
 def read_units(data: bytes, max_file_bytes: int | None = None) -> tuple[list[Unit], list[Unit]]:
     """Splits a stream into units. data: bytes. Returns (units in file order without the end unit, skipped ones).
 
-    Raises StreamError for a broken frame, wrong order or trailing bytes, SupportError for an unknown critical unit, LimitError
-    for a stream longer than max_file_bytes.
+    Raises StreamError for a broken frame, wrong order or trailing bytes, SupportError for another version and for an unknown
+    critical unit, LimitError for a stream longer than max_file_bytes.
     """
     if max_file_bytes is not None and len(data) > max_file_bytes:
         raise LimitError("TXF-L01", "the stream is larger than the limit", value=len(data), allowed=max_file_bytes)
@@ -74,6 +82,8 @@ def read_units(data: bytes, max_file_bytes: int | None = None) -> tuple[list[Uni
         position = unit.stop
         if not units and unit.type != UNIT_HEADER:
             raise StreamError("TXF-S07", "the first unit is not the sequence header", clause="5.2", offset=unit.start)
+        if not units:
+            _check_version(data, unit)
         if unit.type in ONE_AT_MOST and any(u.type == unit.type for u in units):
             raise StreamError("TXF-S07", f"there is a second {unit.name} unit", clause="5.2", offset=unit.start)
         if unit.type >= ANCILLARY:

@@ -59,7 +59,7 @@ def random_model(rng):
     ends = rng.choice([[0, 1, TOP], rng.integers(TOP + 1, size=3)])
     model.contexts[:] = np.column_stack([rng.choice(ends, (MAX_MODELS, 2)), rng.choice([0, 1, 30, 62, 63], MAX_MODELS)])
     model.weights[:] = rng.integers(-reach, reach + 1, model.weights.shape)
-    model.uses[:] = rng.choice([0, 1, 15, 16, 1503, 1504, 1520, 1521, 1522, 59999, 60000], 2)
+    model.uses[:] = rng.choice([0, 1, 15, 16, 1503, 1504, 1519, 1520, 1521], 2)
     model.refinement[:] = rng.choice([0, TOP, int(rng.integers(TOP))], model.refinement.shape)
     return model
 

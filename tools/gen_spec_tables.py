@@ -1,11 +1,13 @@
 """Writes the generated blocks of the documents: the syntax tables of bitstream_spec.md of the package, its tables of channels,
-effects and parameters (channels.py, effects.py), its list of findings and that of docs/guide.md from texfcodec/findings.py. With
---check: exit 7 when they differ."""
+effects and parameters (channels.py, effects.py), its example, its list of findings and that of docs/guide.md from
+texfcodec/findings.py. With --check: exit 7 when they differ."""
 
 import math
 import re
 import sys
 from pathlib import Path
+
+from spec_example import example
 
 from texfcodec.bitstream.syntax import structures
 from texfcodec.channels import BY_NAME, CHANNELS, COLOURS, PARAMETERS
@@ -16,6 +18,7 @@ from texfcodec.ground.structure import Derived, Structure
 REPOSITORY = Path(__file__).resolve().parent.parent
 SPEC = REPOSITORY / "bitstream_spec.md"
 GUIDE = REPOSITORY / "docs" / "guide.md"
+EXAMPLE = "uncommon/point_triangle"
 OF_STREAMS = ("TXF-S", "TXF-U", "TXF-L")
 
 
@@ -98,8 +101,9 @@ def with_tables(text):
     """The specification with every generated block renewed."""
     for structure in structures():
         text = with_block(text, f"table: {structure.name}", table_of(structure), SPEC.name)
+    stream = (REPOSITORY / "conformance" / EXAMPLE / "in.texf").read_bytes()
     for mark, block in (("channels", channels()), ("effects", effects()), ("parameters", parameters()),
-                        ("findings: stream", findings_of_streams())):
+                        ("findings: stream", findings_of_streams()), ("example", example(stream))):
         text = with_block(text, mark, block, SPEC.name)
     return text
 

@@ -57,7 +57,7 @@ class WeightSet:
         error = (65536 * bit - squash(y)) * (16 + 1536 // (16 + self.count))
         for i, at in enumerate([*range(len(s) - 1), -1]):
             self.weight[at] += (s[i] * error + 2**19) >> 20
-        self.count = min(self.count + 1, 60000)
+        self.count = min(self.count + 1, 1521)
 
 
 def new_refinement():
@@ -153,7 +153,7 @@ class MixedBits:
         variation = sum(abs(mean[c] - own[c]) for mean in faces for c in plane)
         deviations = [abs(block.predicted[octant][c] - block.shift(c)) for octant in block.children for c in plane]
         self.around = len(faces) + (8 if near_weight > 0 else 0)
-        share = lambda total, terms: fine(min(sixteenths(total, scale), 2**14 - 1) // (terms * len(plane)))
+        share = lambda total, terms: fine(sixteenths(total, scale) // (terms * len(plane)))
         self.rough = share(variation << h, max(len(faces), 1))
         self.active = share(sum(deviations) << (h + 1), self.splits + 1)
         self.peak = fine(sixteenths(max(deviations) << h, scale))

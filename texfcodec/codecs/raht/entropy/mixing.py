@@ -25,8 +25,8 @@ LEAST = 8  # 2**-16: no probability is below
 FAST_SHIFT = 4
 REFINEMENT_SHIFT = 6
 REFINEMENT_POINTS = 24
-MOST_USES = 60000
-LEARNING = 16 + 1536 // (16 + np.arange(1522))  # by uses; a division here took a tenth of the decoder's time
+MOST_USES = 1521  # from here on the rate of learning stays
+LEARNING = 16 + 1536 // (16 + np.arange(MOST_USES + 1))  # by uses; a division here took a tenth of the decoder's time
 # round(65536 / (1 + exp(-x))) for x = -11, -10.5, ..., 11
 SQUASH_POINTS = (1, 2, 3, 5, 8, 13, 22, 36, 60, 98, 162, 267, 439, 720, 1179, 1921, 3108, 4971, 7812, 11955, 17625, 24743, 32768,
                  40793, 47911, 53581, 57724, 60565, 62428, 63615, 64357, 64816, 65097, 65269, 65374, 65438, 65476, 65500, 65514,
@@ -88,7 +88,7 @@ def _learn(model, m, chosen, a, b, bit):
     for half in range(2):
         s = chosen.sets[half]
         uses = model.uses[s]
-        error = ((bit << 16) - SQUASH[(a if half == 0 else b) + LIMIT]) * LEARNING[min(uses, LEARNING.shape[0] - 1)]
+        error = ((bit << 16) - SQUASH[(a if half == 0 else b) + LIMIT]) * LEARNING[uses]
         for i in range(m):
             model.weights[s, i] += (chosen.inputs[i] * error + (1 << 19)) >> 20
         model.weights[s, MAX_MODELS] += (BIAS * error + (1 << 19)) >> 20

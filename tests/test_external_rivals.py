@@ -220,7 +220,7 @@ def test_sdf_counts_its_files_and_decodes_to_the_encoders_field(tmp_path):
 
 @pytest.mark.parametrize("scene", [scene_of(*square()), crossing_sheets()])
 def test_sdf_refuses_sheets_with_a_sentence(tmp_path, scene):
-    with pytest.raises(ValueError, match="% of the surface is seen from outside and has no inside behind it"):
+    with pytest.raises(LookupError, match="% of the surface is seen from outside and has no inside behind it"):
         Sdf().encode(scene, {"grid": 32}, tmp_path, 1, Report())
 
 

@@ -19,6 +19,7 @@ from tools.batch import not_ours, only_run, settle
 from tools.conditions import read_conditions
 from tools.jobs import Job, jobs_of
 from tools.rate_points import main
+from tools.results import keep_rows, read_missing, read_results
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 EVALUATION = "[evaluation]\nsamples = 2000\nviews = 2\nsize = 48\nssim = true\npictures = 1\npicture_size = 32\n"
@@ -184,6 +185,20 @@ def test_jobs_of_other_code_are_redone_unless_kept(batch):
     job = Job(folder, json.loads((folder / "job.json").read_text()))
     other = Job(folder, job.facts | {"code": "another"})
     assert job.metrics() and not other.metrics() and other.metrics(keep_old=True)
+
+
+def test_kept_rows_stand_for_finished_jobs_elsewhere(batch, tmp_path, capsys):
+    folder, rows = batch[0], tmp_path / "rows.jsonl"
+    keep_rows(rows, read_results(folder / "out"), read_missing(folder / "out"))
+    (folder / "one.toml").write_text('assets = ["ball"]\nplugins = ["more.py"]\n' + EVALUATION + """
+[[settings]]
+name = "carbon"
+method = "carbon"
+colour = "red"
+""")
+    assert main([str(folder / "one.toml"), "--out", str(tmp_path / "out"), "--rows", str(rows)]) == 0
+    assert "0 done" in capsys.readouterr().out and read_results(tmp_path / "out") == read_results(rows)
+    assert not_ours(tmp_path / "out/ball/carbon") is None
 
 
 @pytest.fixture

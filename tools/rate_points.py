@@ -2,6 +2,7 @@
 
 python tools/rate_points.py CONDITIONS.toml --out DIR [--jobs N | --scheduler tcp://HOST:PORT] [--assets FOLDER] [--keep-old]
                             [--limit-seconds S] [--memory-limit BYTES] [--asset NAME ...] [--evaluation KEY=VALUE ...]
+                            [--rows FILE.jsonl]
 
 CONDITIONS.toml (see conditions/):
 
@@ -51,6 +52,7 @@ if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from tools.batch import resumable, run_conditions
+from tools.results import unpack_rows
 from tools.steps import run_step
 
 
@@ -71,7 +73,12 @@ def main(arguments=None):
     parser.add_argument("--keep-old", action="store_true", help="keep what other states of the code have finished")
     parser.add_argument("--limit-seconds", type=seconds, metavar="S", help="longest time of a job")
     parser.add_argument("--memory-limit", type=int, metavar="BYTES", help="most data that a process of a job may hold")
-    return resumable(run_conditions, parser.parse_args(arguments))
+    parser.add_argument("--rows", type=Path, metavar="FILE.jsonl", help="begin with the jobs that collect.py --keep has kept "
+                        "there, where DIR does not have them; with --keep-old, if code has changed since")
+    args = parser.parse_args(arguments)
+    if args.rows:
+        unpack_rows(args.rows, args.out)
+    return resumable(run_conditions, args)
 
 
 def seconds(text):

@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 
 from texfcodec.dispatch.tasks import LOG, last_line
-from tools.jobs import JOB, METRICS, MISSING, read_json
+from tools.jobs import JOB, METRICS, MISSING, read_json, write_json
 
 # What is compared, by name: the path to it in metrics.json.
 PSNRS = {
@@ -32,6 +32,16 @@ def read_results(folder):
 def keep_rows(path, rows, missing):
     """Writes what read_results() and read_missing() gave to a file of JSON lines."""
     Path(path).write_text("".join(json.dumps(row) + "\n" for row in rows + missing), encoding="utf-8")
+
+
+def unpack_rows(path, folder):
+    """Makes finished jobs of the measured rows of a file of keep_rows(), in a folder of rate_points.py that lacks them."""
+    for row in read_results(path):
+        place = Path(folder) / row["asset"] / row["setting"]
+        if not place.exists():
+            place.mkdir(parents=True)
+            for name in (JOB, METRICS):
+                write_json(place / name, row)
 
 
 def _kept_rows(path):

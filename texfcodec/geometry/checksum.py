@@ -2,8 +2,9 @@
 
 import zlib
 
-import numba
 import numpy as np
+
+from ..ground.kernel import kernel
 
 # What a byte makes of a register of 0: with all ones before and after, zlib's CRC-32 of byte b is _TABLE[b ^ 255] ^ 0xFF000000.
 _TABLE = np.array([zlib.crc32(bytes([byte ^ 0xFF])) ^ 0xFF000000 for byte in range(256)], np.int64)
@@ -18,7 +19,7 @@ def geometry_crc(lattice: np.ndarray, faces: np.ndarray, uv: np.ndarray | None =
     return int(_sum_of_faces(np.ascontiguousarray(corners, np.int64), np.ascontiguousarray(faces, np.int64), _TABLE))
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _sum_of_faces(corners, faces, table):
     total = np.int64(0)
     for f in range(faces.shape[0]):
@@ -33,7 +34,7 @@ def _sum_of_faces(corners, faces, table):
     return total & np.int64(0xFFFFFFFF)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _least_turn(corners, face):
     """The corner that a face begins with so that its row is lexicographically least."""
     best = 0

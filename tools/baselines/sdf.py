@@ -127,19 +127,19 @@ def scene_of(positions, faces):
 
 
 def enc_solid(scene, cells, steps):
-    """(bytes of the distances of a Scene on a grid of so many cells along its longest side; lost_share() of it). ValueError: it
-    has no inside."""
+    """(bytes of the distances of a Scene on a grid of so many cells along its longest side; lost_share() of it). LookupError:
+    it has no inside, so that there is nothing to code."""
     low, high = scene.positions[scene.faces].min(axis=(0, 1)), scene.positions[scene.faces].max(axis=(0, 1))
     side = float((high - low).max()) / cells
     if not side > 0:
-        raise ValueError("the scene is a single point, which has no inside")
+        raise LookupError("the scene is a single point, which has no inside")
     shape = tuple(int(n) for n in np.ceil((high - low) / side).astype(int) + 1 + 2 * PAD)
     corner = low - PAD * side
     placed = (scene.positions - corner) / side
     winding = Winding(placed[scene.faces])
     lost = lost_share(placed, scene.faces, winding, LOOK)
     if lost > MOST_LOST:
-        raise ValueError(f"{100 * lost:.0f} % of the surface is seen from outside and has no inside behind it: sheets and open "
+        raise LookupError(f"{100 * lost:.0f} % of the surface is seen from outside and has no inside behind it: sheets and open "
                          "meshes are no solids, and signed distances cannot hold them")
     values, needed = quantised(signed_distances(placed[scene.faces], shape, winding), steps)
     return HEAD.pack(*corner, side, *shape, steps) + enc_distances(values, needed, steps), lost

@@ -7,7 +7,7 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
 
 .DELETE_ON_ERROR:
-.PHONY: demo test interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural conformance vectors spec-tables install clean
+.PHONY: demo test interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural mutants conformance vectors spec-tables install clean
 
 demo: install
 	$(PY) -m texfcodec.demo
@@ -65,6 +65,10 @@ neural: install
 	$(PY) tools/rate_points.py conditions/resident.toml --out "$(or $(OUT),out/resident)" $(if $(ASSETS),--assets "$(ASSETS)")
 	$(PY) tools/rate_points.py conditions/neural_time.toml --out "$(or $(OUT),out/resident)" --keep-old $(if $(ASSETS),--assets "$(ASSETS)")
 	$(PY) tools/neural_time.py "$(or $(OUT),out/resident)" --out "$(or $(OUT),out/resident)"
+
+# Rules of the naive decoder that no vector holds, an hour or more: make mutants [STATE=file.jsonl] [PAGE=docs/mutants.md]
+mutants: install
+	$(PY) tools/mutants.py --state "$(or $(STATE),out/mutants.jsonl)" $(if $(PAGE),--page "$(PAGE)")
 
 # The two targets below rewrite committed files; nothing else does.
 vectors: install

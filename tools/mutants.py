@@ -1,0 +1,348 @@
+"""Mutants of the naive decoder: one rule changed at a time, to see whether a conformance vector notices.
+
+python tools/mutants.py [--module NAME ...] [--every N] [--jobs N] [--seconds S] [--state FILE.jsonl] [--page docs/mutants.md]
+
+A mutant has one operator, comparison, constant or condition of tests/naive changed. It is *killed* when a vector of conformance/
+is decoded to something else, refused otherwise, or takes too long. A *survivor* is a rule that no vector holds, or a change
+that means the same: tests/naive/equivalents.json says of which mutants this was shown, and why. --state keeps what was found, so
+that a run goes on where it was stopped. Exit code 7: there are survivors that are not said to be equivalent.
+"""
+
+import argparse
+import ast
+import hashlib
+import importlib.abc
+import importlib.util
+import json
+import os
+import re
+import signal
+import sys
+import time
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+NAIVE, VECTORS = REPOSITORY / "tests" / "naive", REPOSITORY / "conformance"
+EQUIVALENTS = NAIVE / "equivalents.json"
+MODULES = ("attributes", "bits", "decoder", "edges", "filter", "materials", "mixing", "neural", "planar", "residual", "scales",
+           "syntax", "texels", "voxels")
+SLOWEST = 5.0  # seconds that a vector may take
+PATIENCE = 10.0  # how much longer a mutant may take
+COMPARISONS = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
+               ast.In: ast.NotIn, ast.NotIn: ast.In, ast.Is: ast.IsNot, ast.IsNot: ast.Is}
+OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Add, ast.LShift: ast.RShift, ast.RShift: ast.LShift,
+             ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd, ast.BitXor: ast.BitOr, ast.Mod: ast.FloorDiv, ast.Pow: ast.Mult,
+             ast.FloorDiv: ast.Mult}
+TOP = "module"  # the place of what stands in no function: it runs when the module is imported
+SWAPPED = {"min": "max", "max": "min", "sorted": "list", "any": "all", "all": "any"}
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One change. number: of the module's changes; function: where it is; before, after: the expression as source."""
+
+    module: str
+    number: int
+    function: str
+    line: int
+    before: str
+    after: str
+
+    @property
+    def key(self):
+        """A name that holds while the function's own text does, wherever it moves."""
+        return f"{self.module}.{self.function}: {self.before} -> {self.after}"
+
+
+# What is changed
+
+
+def alternatives(node):
+    """Other expressions that may stand in the place of a node, each a small mistake of somebody who writes a decoder."""
+    if isinstance(node, ast.Constant) and type(node.value) is int:
+        return [ast.Constant(node.value + 1), *([ast.Constant(node.value - 1)] if node.value > 0 else [])]
+    if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in COMPARISONS:
+        return [ast.Compare(node.left, [COMPARISONS[type(node.ops[0])]()], node.comparators)]
+    if isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
+        rounded_up = [ast.UnaryOp(ast.USub(), ast.BinOp(ast.UnaryOp(ast.USub(), node.left), node.op, node.right))]
+        return [ast.BinOp(node.left, OPERATORS[type(node.op)](), node.right),
+                *(rounded_up if isinstance(node.op, ast.FloorDiv | ast.RShift) else [])]
+    if isinstance(node, ast.BoolOp):
+        return [ast.BoolOp(ast.Or() if isinstance(node.op, ast.And) else ast.And(), node.values)]
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.USub):
+        return [node.operand]
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        if node.func.id in SWAPPED:
+            return [ast.Call(ast.Name(SWAPPED[node.func.id], ast.Load()), node.args, node.keywords)]
+        if node.func.id == "require":
+            return [ast.Constant(None)]
+    return []
+
+
+class _Changer(ast.NodeTransformer):
+    """Counts the changes of a module in the order in which they stand; makes the one of a number."""
+
+    def __init__(self, wanted=None):
+        self.wanted, self.count, self.found, self.where = wanted, 0, [], [TOP]
+
+    def visit_FunctionDef(self, node):
+        self.where.append(node.name)
+        node.body = [self.visit(part) for part in node.body]
+        self.where.pop()
+        return node
+
+    def visit_ClassDef(self, node):
+        return self.visit_FunctionDef(node)
+
+    def visit_JoinedStr(self, node):
+        return node  # words to a person
+
+    def generic_visit(self, node):
+        for other in alternatives(node):
+            place = ".".join(self.where[1:]) or TOP
+            self.found.append((self.count, place, node.lineno, ast.unparse(node), ast.unparse(other)))
+            self.count += 1
+            if self.count - 1 == self.wanted:
+                return ast.copy_location(other, node)
+        return super().generic_visit(node)
+
+
+def mutants_of(module):
+    """Every Mutant of a module of tests/naive."""
+    changer = _Changer()
+    changer.visit(ast.parse((NAIVE / f"{module}.py").read_text(encoding="utf-8")))
+    return [Mutant(module, *found) for found in changer.found if found[1] not in ("main", "arrays")]
+
+
+def changed_code(mutant):
+    """The compiled module with the change."""
+    tree = _Changer(mutant.number).visit(ast.parse((NAIVE / f"{mutant.module}.py").read_text(encoding="utf-8")))
+    return compile(ast.fix_missing_locations(tree), f"{mutant.module} changed", "exec")
+
+
+class _Importer(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    """Gives the changed module wherever naive asks for it."""
+
+    def __init__(self, mutant):
+        self.name, self.code = f"naive.{mutant.module}", changed_code(mutant)
+
+    def find_spec(self, name, path=None, target=None):
+        return importlib.util.spec_from_loader(name, self) if name == self.name else None
+
+    def exec_module(self, module):
+        exec(self.code, module.__dict__)
+
+
+# What vectors say
+
+
+@dataclass
+class Case:
+    """A vector at one level of detail. said: hashes of its arrays, or how it is refused; functions: those that it calls."""
+
+    name: str
+    data: bytes
+    lod: int
+    said: object = None
+    seconds: float = 0.0
+    functions: frozenset = frozenset()
+
+    def runs(self, mutant):
+        """Whether the case calls the function of a mutant; of what runs at import, whether it calls one of the module."""
+        if mutant.function == TOP:
+            return any(module == mutant.module for module, _ in self.functions)
+        return (mutant.module, mutant.function) in self.functions
+
+
+def cases_of():
+    """Every vector that does not ask for a limit, at every level of detail that it has."""
+    found = []
+    for path in sorted(VECTORS.glob("*/*/case.json")):
+        told, data = json.loads(path.read_text(encoding="utf-8")), (path.parent / "in.texf").read_bytes()
+        name = f"{path.parent.parent.name}/{path.parent.name}"
+        if told.get("expect") != "limit":
+            found += [Case(name, data, int(lod)) for lod in told.get("lods", {"0": None})]
+    return found
+
+
+def answer(case):
+    """What the naive decoder that is loaded makes of a case: array hashes, or the name of its refusal. What else is raised is a
+    wrong answer, whatever it is."""
+    from naive import decoder
+    from naive.bits import Invalid, Unsupported
+
+    try:
+        files = decoder.arrays(decoder.decode(case.data, case.lod))
+    except Invalid:
+        return "Invalid"
+    except Unsupported:
+        return "Unsupported"
+    except Exception as error:
+        return f"raised {type(error).__name__}"
+    return {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())}
+
+
+def traced(case):
+    """The case with its answer, its seconds and the functions that it calls; one that takes more than SLOWEST has none."""
+    called, folder = set(), str(NAIVE)
+
+    def note(frame, event, _):
+        if frame.f_code.co_filename.startswith(folder):
+            called.add(frame.f_code)
+
+    signal.signal(signal.SIGALRM, _too_slow)
+    signal.setitimer(signal.ITIMER_REAL, SLOWEST)
+    begin = time.perf_counter()
+    sys.settrace(note)
+    case.said = answer(case)
+    sys.settrace(None)
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    case.seconds = time.perf_counter() - begin
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    if case.said != "raised TimeoutError":
+        case.functions = frozenset((Path(c.co_filename).stem, c.co_qualname.replace(".<locals>", "")) for c in called)
+    return case
+
+
+def _too_slow(*_):
+    raise TimeoutError
+
+
+def killer_of(mutant, cases):
+    """The name of the first case, the quickest first, that tells a mutant from the decoder; None for a survivor. In a process of
+    its own, which may hang or fall."""
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(reading)
+        _try_cases(mutant, cases, writing)
+    os.close(writing)
+    with os.fdopen(reading) as pipe:
+        said = pipe.read().splitlines()
+    os.waitpid(child, 0)
+    last = said[-1] if said else "import"
+    return None if last == "survived" else last
+
+
+def _try_cases(mutant, cases, writing):
+    """In the child: writes the name of every case before it is tried, "survived" after the last."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    try:
+        for name in [name for name in sys.modules if name.split(".")[0] == "naive"]:
+            del sys.modules[name]
+        sys.meta_path.insert(0, _Importer(mutant))
+        for case in cases:
+            os.write(writing, f"{case.name}\n".encode())
+            signal.setitimer(signal.ITIMER_REAL, PATIENCE * case.seconds + 2)  # the signal ends the child
+            if answer(case) != case.said:
+                os._exit(0)
+        os.write(writing, b"survived\n")
+    finally:
+        os._exit(0)
+
+
+# The run and its page
+
+
+def clauses_of(module):
+    """{function: the clauses that its docstring, or that of what it stands in, names} of a module."""
+    found = {}
+
+    def walk(node, place, clauses):
+        for part in node.body:
+            if isinstance(part, ast.FunctionDef | ast.ClassDef):
+                said = re.findall(r"\d+(?:\.\d+)+|(?<=[Cc]lause )\d+", ast.get_docstring(part) or "")
+                own = said or clauses
+                found[".".join([*place, part.name])] = own
+                walk(part, [*place, part.name], own)
+
+    tree = ast.parse((NAIVE / f"{module}.py").read_text(encoding="utf-8"))
+    walk(tree, [], re.findall(r"\d+(?:\.\d+)+|(?<=[Cc]lause )\d+", ast.get_docstring(tree) or ""))
+    return found
+
+
+def page_of(found, equivalents):
+    """docs/mutants.md. found: {Mutant: killer or None}."""
+    modules = list(dict.fromkeys(m.module for m in found))
+    survivors = [m for m, killer in found.items() if killer is None and m.key not in equivalents]
+    settled = len(found) - len(survivors)
+    share = f"{settled / max(len(found), 1):.1%}"
+    out = ["# Mutants of the naive decoder", "", "Made by `make mutants` (tools/mutants.py): one rule of tests/naive changed at "
+           "a time, every conformance vector that runs the line asked.", "",
+           f"{len(found)} mutants, {settled} killed or equivalent ({share}), {len(survivors)} survivors.", "",
+           "| module | mutants | killed | equivalent | survivors |", "|---|---:|---:|---:|---:|"]
+    for module in modules:
+        mine = {m: killer for m, killer in found.items() if m.module == module}
+        dead = sum(killer is not None for killer in mine.values())
+        same = sum(killer is None and m.key in equivalents for m, killer in mine.items())
+        out.append(f"| {module} | {len(mine)} | {dead} | {same} | {len(mine) - dead - same} |")
+    out += ["", "## Survivors", "", *(f"- `{m.key}`" for m in survivors)] if survivors else []
+    out += ["", "## Equivalent", "", "| mutant | why nothing changes |", "|---|---|"]
+    out += [f"| `{m.key}`".replace("|", "\\|").replace("\\|", "|", 1) + f" | {equivalents[m.key]} |"
+            for m, killer in found.items() if killer is None and m.key in equivalents]
+    out += ["", "## Which vector kills which rule", "", "The quickest that does, by clause; a vector may kill many more.", "",
+            "| clause | mutants killed | by |", "|---|---:|---|"]
+    by_clause = {}
+    for m, killer in found.items():
+        for clause in clauses_of(m.module).get(m.function, ["none named"]) if killer else []:
+            by_clause.setdefault(clause, Counter())[killer] += 1
+    number = lambda clause: [int(part) if part.isdigit() else 0 for part in clause.split(".")]
+    for clause in sorted(by_clause, key=number):
+        killers = ", ".join(f"{name} {count}" for name, count in by_clause[clause].most_common(6))
+        out.append(f"| {clause} | {by_clause[clause].total()} | {killers} |")
+    return "\n".join(out) + "\n"
+
+
+def _arguments(arguments):
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--module", action="append", choices=MODULES, help="of these modules only; repeatable")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="every N-th mutant only")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N")
+    parser.add_argument("--seconds", type=float, default=0, metavar="S", help="begin no more mutants after so long")
+    parser.add_argument("--state", type=Path, metavar="FILE.jsonl", help="what was found: read first, then added to")
+    parser.add_argument("--page", type=Path, metavar="FILE.md")
+    return parser.parse_args(arguments)
+
+
+def main(arguments=None):
+    """Command line of the tool."""
+    args = _arguments(arguments)
+    sys.path.insert(0, str(REPOSITORY / "tests"))
+    wanted = [m for module in args.module or MODULES for m in mutants_of(module)][:: args.every]
+    known = {}
+    if args.state and args.state.exists():
+        known = {tuple(row["mutant"]): row["killer"] for row in map(json.loads, args.state.read_text().splitlines())}
+    identity = lambda m: (m.module, m.number, m.key)
+    cases = sorted((case for case in map(traced, cases_of()) if case.functions), key=lambda case: case.seconds)
+    print(f"{len(wanted)} mutants, {len(cases)} cases, {sum(case.seconds for case in cases):.0f} s", flush=True)
+    begin = time.monotonic()
+
+    def one(mutant):
+        if identity(mutant) in known:
+            return known[identity(mutant)]
+        if args.seconds and time.monotonic() - begin > args.seconds:
+            return "not run"
+        killer = killer_of(mutant, [case for case in cases if case.runs(mutant)])
+        if args.state:
+            args.state.parent.mkdir(parents=True, exist_ok=True)
+            with args.state.open("a") as file:
+                file.write(json.dumps({"mutant": identity(mutant), "killer": killer}) + "\n")
+        return killer
+
+    with ThreadPoolExecutor(args.jobs) as pool:
+        found = dict(zip(wanted, pool.map(one, wanted), strict=True))
+    found = {mutant: killer for mutant, killer in found.items() if killer != "not run"}
+    equivalents = json.loads(EQUIVALENTS.read_text(encoding="utf-8")) if EQUIVALENTS.exists() else {}
+    survivors = [m for m, killer in found.items() if killer is None and m.key not in equivalents]
+    print("\n".join([*(f"survivor {m.key} (line {m.line})" for m in survivors),
+                     f"{len(found)} of {len(wanted)} mutants run, {len(survivors)} survivors"]))
+    if args.page:
+        args.page.write_text(page_of(found, equivalents), encoding="utf-8")
+    return 7 if survivors else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

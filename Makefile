@@ -7,7 +7,7 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
 
 .DELETE_ON_ERROR:
-.PHONY: demo test interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural mutants conformance vectors spec-tables install clean
+.PHONY: demo test interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural mutants conformance vectors spec-tables promise install clean
 
 demo: install
 	$(PY) -m texfcodec.demo
@@ -70,12 +70,16 @@ neural: install
 mutants: install
 	$(PY) tools/mutants.py --state "$(or $(STATE),out/mutants.jsonl)" $(if $(PAGE),--page "$(PAGE)")
 
-# The two targets below rewrite committed files; nothing else does.
+# The three targets below rewrite committed files; nothing else does.
 vectors: install
 	$(PY) tools/gen_vectors.py --write
 
 spec-tables: install
 	$(PY) tools/gen_spec_tables.py
+
+# Streams that every later release decodes to the same values: new vectors join; ANEW=1 begins again, while the format has version 0
+promise: install
+	$(PY) tools/promise.py $(if $(ANEW),--anew,--add)
 
 install: $(STAMP)
 

@@ -26,3 +26,21 @@ class Limits:
     def __post_init__(self):
         for name in self.__dataclass_fields__:
             object.__setattr__(self, name, getattr(self, name) or None)
+
+
+_MI = 1 << 20
+LEVELS = {  # bitstream_spec.md 10.1, whose table is made from this one; 3 is what this decoder promises by default
+    1: Limits(file_bytes=16 * _MI, vertices=_MI // 4, faces=_MI // 4, voxels=2 * _MI, texels=4 * _MI, samples=64 * _MI,
+              latents=8 * _MI, metadata_bytes=1 << 16),
+    2: Limits(file_bytes=64 * _MI, vertices=2 * _MI, faces=2 * _MI, voxels=16 * _MI, texels=16 * _MI, samples=512 * _MI,
+              latents=64 * _MI, metadata_bytes=1 << 18),
+    3: Limits(),
+}
+
+
+def level_of(needs: dict[str, int]) -> int | None:
+    """The lowest level (spec 10.1) whose bounds hold, None where that of the last does not. needs: by names of Limits' fields."""
+    for level, bounds in LEVELS.items():
+        if all(count <= getattr(bounds, name) for name, count in needs.items()):
+            return level
+    return None

@@ -14,6 +14,7 @@ from texfcodec.channels import BY_NAME, CHANNELS, COLOURS, PARAMETERS
 from texfcodec.effects import EFFECTS
 from texfcodec.findings import FINDINGS
 from texfcodec.ground.structure import Derived, Structure
+from texfcodec.limits import LEVELS
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 SPEC = REPOSITORY / "bitstream_spec.md"
@@ -75,6 +76,16 @@ def parameters():
     return "\n".join([head, *rows])
 
 
+def levels():
+    """Markdown table of the levels."""
+    names = {"file_bytes": "bytes of the stream", "vertices": "vertices", "faces": "faces", "voxels": "voxels and texels",
+             "texels": "texels of an image", "samples": "samples", "latents": "latents", "metadata_bytes": "bytes of metadata"}
+    power = lambda count: f"2^{count.bit_length() - 1}"
+    rows = [f"| {text} | " + " | ".join(power(getattr(bounds, name)) for bounds in LEVELS.values()) + " |"
+            for name, text in names.items()]
+    return "\n".join(["| at most | " + " | ".join(f"level {n}" for n in LEVELS) + " |", "|---" * (1 + len(LEVELS)) + "|", *rows])
+
+
 def findings_of_streams():
     """Markdown table of the codes with which a stream is refused."""
     head = "| code | class | clause | finding |\n|---|---|---|---|"
@@ -102,7 +113,7 @@ def with_tables(text):
     for structure in structures():
         text = with_block(text, f"table: {structure.name}", table_of(structure), SPEC.name)
     stream = (REPOSITORY / "conformance" / EXAMPLE / "in.texf").read_bytes()
-    for mark, block in (("channels", channels()), ("effects", effects()), ("parameters", parameters()),
+    for mark, block in (("channels", channels()), ("effects", effects()), ("parameters", parameters()), ("levels", levels()),
                         ("findings: stream", findings_of_streams()), ("example", example(stream))):
         text = with_block(text, mark, block, SPEC.name)
     return text

@@ -3,7 +3,7 @@
 from ..channels import channels_of
 from ..codecs import codec_of_unit
 from ..effects import in_words
-from ..limits import Limits
+from ..limits import Limits, level_of
 from .stream import read_stream
 from .syntax import SIGNATURE, SUPPORT_TEXELS, UNIT_ATTRIBUTE, UNIT_END, UNIT_GEOMETRY, UNIT_NAMES, UNIT_SHARP_EDGES
 
@@ -15,10 +15,10 @@ _KINDS = {UNIT_GEOMETRY: "geometry", UNIT_ATTRIBUTE: "attributes", UNIT_SHARP_ED
 def inspect(data: bytes, limits: Limits | None = None) -> dict:
     """What stands where in a .texf stream.
 
-    data: bytes; limits: Limits. Returns a JSON-ready dict: "bytes" by kind, counts ("voxels" of fields over voxels, "texels" of
-    the others), "fields" (an element that a field does not have is None), "groups" (one per attribute unit:
-    qp, codewords, bytes by octree level where the stream tells) and "units", whose elements with the signature name every byte of
-    the file exactly once. Raises StreamError, LimitError, SupportError.
+    data: bytes; limits: Limits. Returns a JSON-ready dict: "bytes" by kind, counts ("voxels" of fields over voxels, "texels"
+    of the others), "level" and the "needs" that it follows from (spec 10.1), "fields" (an element that a field does not have
+    is None), "groups" (one per attribute unit: qp, codewords, bytes by octree level where the stream tells) and "units",
+    whose elements with the signature name every byte of the file exactly once. Raises StreamError, LimitError, SupportError.
     """
     data = bytes(data)
     trace: list[tuple] = []
@@ -29,11 +29,13 @@ def inspect(data: bytes, limits: Limits | None = None) -> dict:
     units.append(_unit(data, UNIT_END, end, end + 2, end + 2, []))
     units.sort(key=lambda unit: unit["offset"])
     grids = [f for f in stream.fields if f["support"] != SUPPORT_TEXELS]
+    needs = _needs(stream, len(data))
     header, sizes = stream.header, {"total": len(data), "geometry": 0, "attributes": 0, "other": len(SIGNATURE)}
     for unit in units:
         sizes[_KINDS.get(unit["type"], "other")] += unit["size"]
     return {
-        "schema": SCHEMA, "bytes": sizes, "version": header["version"], "position_bits": header["position_bits"],
+        "schema": SCHEMA, "bytes": sizes, "version": header["version"], "level": level_of(needs), "needs": needs,
+        "position_bits": header["position_bits"],
         "vertices": header["num_vertices"], "faces": header["num_faces"], "voxels": sum(f["num_keys"] for f in grids),
         "texels": sum(f["num_keys"] for f in stream.fields) - sum(f["num_keys"] for f in grids),
         "resolution": max((f["resolution"] for f in grids), default=None),
@@ -43,6 +45,15 @@ def inspect(data: bytes, limits: Limits | None = None) -> dict:
         "effects": in_words(header["effects"]), "materials": stream.materials, "sharp_edges": _sharp_edges(stream),
         "skipped": stream.skipped, "units": units,
     }
+
+
+def _needs(stream, size):
+    """What a level bounds (spec 10.1), by names of Limits' fields; samples and touched voxels are known later."""
+    images = [f["width"] * f["height"] for f in stream.fields if f["support"] == SUPPORT_TEXELS]
+    return {"file_bytes": size, "vertices": stream.header["num_vertices"], "faces": stream.header["num_faces"],
+            "voxels": sum(f["num_keys"] for f in stream.fields), "texels": max(images, default=0),
+            "latents": sum(codec_of_unit(a).count_latents(a) for a in stream.attributes),
+            "metadata_bytes": 0 if stream.metadata is None else 1 + len(stream.metadata)}
 
 
 def _sharp_edges(stream):

@@ -134,6 +134,10 @@ class Codec(ABC):
         """What inspect() says of an attribute unit beside what every unit has: JSON-ready."""
         return {}
 
+    def count_latents(self, values: dict) -> int:
+        """Latents of an attribute unit (spec 10.1)."""
+        return 0
+
     def info_lines(self, group: dict) -> Iterator[str]:
         """Lines of texf-info on an entry of inspect()'s groups."""
         place = f"field {group['field_index']}, group {group['group_index']} ({group['semantic']})"

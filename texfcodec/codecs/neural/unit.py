@@ -57,6 +57,10 @@ class Neural(JointCodec):
         grids = [level["level_resolution"] for level in values["latent_levels"] if level["table_log2"] == 0]
         return sum(count_samples(lattice, faces, position_bits, grid) for lattice, faces in surfaces for grid in grids)
 
+    def count_latents(self, values: dict) -> int:
+        """Rows times latents of a row."""
+        return sum(level["NumRows"] for level in values["latent_levels"]) * values["num_features"]
+
     def dec(self, values: dict, surfaces: list, position_bits: int, groups: tuple, options: Any, report: Report) -> list:
         """As JointCodec.dec: payload.Tables."""
         from .payload import Tables, payload_of, take_codes

@@ -7,13 +7,17 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
 
 .DELETE_ON_ERROR:
-.PHONY: demo test interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural mutants conformance vectors spec-tables promise install clean
+.PHONY: demo test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural mutants conformance vectors spec-tables promise install clean
 
 demo: install
 	$(PY) -m texfcodec.demo
 
 test: conformance
-	$(PY) -m pytest -q -n 2 --dist loadfile
+	$(PY) -m pytest -q -n 2 --dist loadfile -m "not slow"
+
+# What test leaves out: bounds checked, without the JIT, many random moments, real assets; twenty minutes or more
+sweeps: install
+	$(PY) -m pytest -q -n 2 --dist loadfile -m slow
 
 # Any decoder can be put through the vectors: make conformance DECODER="other-decoder --flag"
 conformance: install

@@ -161,6 +161,7 @@ def test_sweep_goes_on_from_its_lines_and_measures_again_under_other_conditions(
     assert known_place(cache, {"asset": "a"}, lambda: SCAN) == SCAN == known_place(cache, {"asset": "a"}, lambda: HOUSE)
 
 
+@pytest.mark.slow
 def test_bench_measures_every_kind_of_setting_and_sets_the_density_back():
     usual, scene = (dict(prepare.TRANSFER_DENSITY), prepare.FITTED_DENSITY), painted_sphere(8)
     place = place_of(scene)

@@ -53,6 +53,7 @@ def test_where_nothing_is_to_choose_it_says_why(chosen, reason):
         assert told["images"] == [] and reason in told["reason"]
 
 
+@pytest.mark.slow
 def test_advice_comes_true_on_real_assets(shared_dir):
     hits, sure = [], []
     for name in TEXTURED:

@@ -228,6 +228,7 @@ def test_a_filter_is_signalled_only_where_its_gain_is_worth_its_bits(kind, compo
     assert (signalled[46] > 0) == (kind != "constant") and (kind != "noise" or signalled[4] == signalled[28] == 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effort", list(choice.EFFORTS))
 def test_2_to_18_voxels_in_two_slices_are_the_same_bytes_and_values_for_1_and_2_threads(effort):
     """The smallest cloud that the encoder slices, its tools chosen by trial, decoded by as many threads."""

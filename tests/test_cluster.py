@@ -100,6 +100,7 @@ def begin_batch(folder, cluster):
                             env=environment(), preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
 
 
+@pytest.mark.slow
 @LINUX
 def test_a_killed_worker_costs_only_its_own_job_and_an_interrupt_its_children(cluster, tmp_path):
     """The second client, in a folder of its own, is interrupted in the middle; the first sees nothing of it."""

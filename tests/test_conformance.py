@@ -131,11 +131,13 @@ def test_our_decoder_passes_every_vector():
     assert int(lines[-1].split()[0]) == len(lines) - 1 >= 32
 
 
+@pytest.mark.slow
 def test_naive_decoder_passes_the_small_vectors():
     code, lines = run(NAIVE, *SMALL)
     assert (code, lines[-1]) == (0, f"{len(SMALL)} passed, 0 failed"), "\n".join(lines)
 
 
+@pytest.mark.slow
 def test_wrong_decoder_without_its_fault_is_right(tmp_path):
     code, lines = run(wrong_decoder(tmp_path), *SMALL)
     assert code == 0, "\n".join(lines)

@@ -119,6 +119,7 @@ def test_points_of_a_constant_field_have_its_colour():
     assert (coarse.query(coarse.positions) == [*coarse.fields[0].rgba[0, :3], 255]).all()
 
 
+@pytest.mark.slow
 def test_search_ends_with_a_constant_stream():
     scene = scene_of(*square(), np.tile(np.array([0.2, 0.3, 0.4, 1], np.float32), (4, 1)))
     made = encode_to_result(scene, EncodeOptions(target_bytes=400))

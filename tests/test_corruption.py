@@ -470,6 +470,7 @@ def corpus():
     return streams
 
 
+@pytest.mark.slow
 def test_with_bounds_checked_no_damaged_stream_reads_outside_an_array(tmp_path):
     """The checked code is compiled into a cache of its own, so that it meets nobody else; unchecked code ends the same way."""
     streams = corpus()

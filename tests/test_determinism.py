@@ -79,6 +79,7 @@ def jit_off_cases():
     return out
 
 
+@pytest.mark.slow
 def test_without_the_jit_the_bytes_and_arrays_are_the_same():
     """Plain Python integers do not wrap and numpy's warn: warnings are errors here, so nothing overflows either."""
     run = subprocess.run([sys.executable, "-W", "error::RuntimeWarning", "-c", PLAIN_PYTHON, "off"], cwd=REPOSITORY,

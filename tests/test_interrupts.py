@@ -46,6 +46,7 @@ main()
 """
 
 
+@pytest.mark.slow
 @LINUX
 def test_every_tool_ends_as_it_should_at_random_moments(tmp_path):
     counts, found = interrupts.interrupt_all(tmp_path, 6)
@@ -63,6 +64,7 @@ def test_an_interrupt_that_waits_for_a_kernel_is_a_keyboard_interrupt(module, fu
     assert run.returncode == 130, run.stderr[-500:]
 
 
+@pytest.mark.slow
 def test_no_kernel_that_python_calls_returns_two_arrays():
     program = """
 import sys, inspect

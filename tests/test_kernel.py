@@ -153,6 +153,7 @@ def test_the_collector_rests_while_a_kernel_is_compiled_and_runs_again(tmp_path,
     assert collecting == [False, False] and gc.isenabled()
 
 
+@pytest.mark.slow
 def test_warming_up_compiles_every_way_of_coding_a_level_and_the_residuals():
     program = """
 from texfcodec.codecs.raht.coefficients import direct, mixed, residual

@@ -227,6 +227,7 @@ def test_points_have_the_papers_sizes():
     assert set(POINTS) == {f"mpeg{n}" for n in range(1, 7)} | {f"aom{n}" for n in range(1, 6)}
 
 
+@pytest.mark.slow
 def test_more_steps_come_closer(sample_scene):
     closer = []
     for steps in (30, 300):

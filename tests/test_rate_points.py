@@ -209,6 +209,7 @@ def heeded_interrupt():
     signal.signal(signal.SIGINT, usual)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="children are looked up in /proc")
 def test_killed_and_interrupted_batches_leave_no_child_and_are_resumed(tmp_path, heeded_interrupt, capsys):
     write_ball(tmp_path)

@@ -167,6 +167,7 @@ def test_a_smaller_image_is_closer_than_one_with_texels_left_out():
     assert ours > theirs + 2
 
 
+@pytest.mark.slow
 def test_sides_keep_their_ratio_and_no_image_grows():
     scene = wall(smooth_image(96, 24))
     sizes = {size: chosen(scene, support="texels", texel_size=size).plans[0].size for size in (1, 12, 48, 500)}

@@ -92,9 +92,9 @@ def test_info_says_of_a_field_over_texels_what_it_is(call, tmp_path):
     mixed = lines["uncommon/texels_mixed"]
     assert mixed[1].startswith("180 vertices") or "4 voxels, 181 texels, 10 bits" in mixed[1]
     assert "attribute bits per voxel or texel" in mixed[1]
-    assert mixed[2] == "field 0: 117 texels of 13 x 9, clamp x clamp, UVs in 1/16 texel"
-    assert mixed[3] == "field 1: K 6, 4 voxels"
-    assert mixed[4] == "field 2: 64 texels of 8 x 8, mirror x mirror, UVs in 1/4 texel"
+    assert mixed[3] == "field 0: 117 texels of 13 x 9, clamp x clamp, UVs in 1/16 texel"
+    assert mixed[4] == "field 1: K 6, 4 voxels"
+    assert mixed[5] == "field 2: 64 texels of 8 x 8, mirror x mirror, UVs in 1/4 texel"
     assert "384 texels, 10 bits" in lines["subset/texels_repeat"][1] and "per texel" in lines["subset/texels_repeat"][1]
     assert "voxels, 14 bits" in lines["subset/k3"][1] and "per voxel" in lines["subset/k3"][1]
     assert "0 voxels, " in lines["uncommon/empty"][1] and "per" not in lines["uncommon/empty"][1]

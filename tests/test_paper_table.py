@@ -1,6 +1,6 @@
 """The page of results: whom our curves stand against, and what the page says of it."""
 
-from tools.paper_table import ANCHOR, AUTO, VERTEX_ANCHOR, asset_lines, paper_lines
+from tools.paper_table import ANCHOR, AUTO, VERTEX_ANCHOR, asset_lines, by_asset_lines, paper_lines
 
 
 def rows_of(group, asset, factor, uv=None):
@@ -35,3 +35,11 @@ def test_rows_of_the_paper_that_were_not_run_are_said():
                         (("ours", "TexF", (-1, 2)), ("theirs", "Serialized", (112, 21))), "uv")
     assert cells(lines, "ours")[2:5] == ["-1 / +2", "-50.0", "-50.0"]
     assert cells(lines, "theirs")[2:] == ["+112 / +21", *["not run"] * 5]
+
+
+def test_every_group_has_a_figure_for_every_asset_that_both_have():
+    rows = [*rows_of(ANCHOR, "fish", 2.0), *rows_of(ANCHOR, "cloth", 2.0), *rows_of("ours", "cloth", 1.0),
+            *rows_of("theirs", "fish", 3.0)]
+    lines = by_asset_lines(rows, ANCHOR)
+    assert cells(lines, "group") == ["group", "cloth", "fish"]
+    assert cells(lines, "ours") == ["ours", "-50.0", "-"] and cells(lines, "theirs") == ["theirs", "-", "+50.0"]

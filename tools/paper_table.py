@@ -72,6 +72,14 @@ def paper_lines(rows, wanted, anchor):
     return markdown_table(head, lines, 2)
 
 
+def by_asset_lines(rows, anchor):
+    """Every group against the anchor asset by asset, by image PSNR of Y, Markdown lines."""
+    tables = {group: differences_of(rows, group, anchor) for group in grouped(rows) if group != anchor}
+    assets = sorted({row["asset"] for row in rows})
+    lines = [[group, *(percent(table.get(asset, {}).get(SHOWN[0])) for asset in assets)] for group, table in tables.items()]
+    return markdown_table(["group", *assets], sorted(lines), 1)
+
+
 def asset_lines(rows, facts):
     """What auto does on every asset against the source's UVs with HEVC, or against vertex colours where those were run, Markdown
     lines. facts: {asset: asset_facts()}."""
@@ -177,7 +185,8 @@ def page(args):
             continue
         found = read_results(folder)
         missing = read_missing(folder)
-        out += [f"Against {anchor}. {_evaluation(found)}", "", *paper_lines(found, wanted, anchor), ""]
+        out += [f"Against {anchor}. {_evaluation(found)}", "", *paper_lines(found, wanted, anchor), "",
+                f"{SHOWN[0]}, asset by asset:", "", *by_asset_lines(found, anchor), ""]
         out += [*missing_table(missing), ""] if missing else []
     out += ["## What --advise foretells", "", *hit_lines(rows, paths), ""]
     if args.geometry:

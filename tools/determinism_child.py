@@ -1,4 +1,4 @@
-"""The part of tools/determinism.py that runs under one configuration: it codes and decodes what it is told and says what came out.
+"""What tools/determinism.py runs under each configuration: it codes and decodes what it is told, and says what comes out.
 
 python tools/determinism_child.py < job.json, where the job is {"threads", "cases": [{"name", "source", "options", "decode",
 "stream", "keep"}]}: source a mesh file, the name of a scene of SCENES, or null where nothing is coded; decode further

@@ -8,7 +8,7 @@ from tools.result_tables import markdown_table
 SAME, STREAM, ARRAYS, FAILS, NOT_RUN = "same", "**stream differs**", "**ARRAYS DIFFER**", "**fails**", "not run"
 ORDER = (SAME, NOT_RUN, STREAM, FAILS, ARRAYS)  # of several cases in a row the last one counts
 INTRODUCTION = (
-    "A stream is the same bytes, and what is decoded of it the same arrays, whatever the number of threads, the versions beneath, "
+    "A stream is the same bytes, and what is decoded of it the same arrays, whatever the number of threads, the versions below, "
     "the processor's registers, the locale or the folder. Each column is a configuration in a process of its own, which is "
     "compared with the reference: the SHA-256 of the stream that it codes, and of every array that it decodes, at all levels and "
     "without the finest two, from the stream *that the reference has coded*; the colours asked at 1000 points are among them. "

@@ -67,7 +67,8 @@ def python_of(environment, top, make, given=()):
     interpreter = interpreter_of(environment.python, given)
     shutil.rmtree(folder, ignore_errors=True)
     _call([interpreter, "-m", "venv", str(folder)])
-    _call([str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *requirements(environment.pins)])
+    _call([str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-compile",
+           *requirements(environment.pins)])
     (folder / MADE).touch()
     return python
 

@@ -54,8 +54,8 @@ def test_a_process_that_answers_something_else_or_falls_is_told():
 
 @pytest.fixture
 def day(tmp_path):
-    """A load_batch.Day of one good asset that is done, and of the bad ones."""
-    load_batch.write_catalogue(tmp_path / "meshes", 1)
+    """A load_batch.Day of which one good asset is done, and the bad ones are told."""
+    load_batch.write_catalogue(tmp_path / "meshes", 2)
     made = load_batch.Day(tmp_path / "meshes", tmp_path / "out")
     place = tmp_path / "out" / "part 0"
     place.mkdir(parents=True)

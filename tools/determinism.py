@@ -30,7 +30,7 @@ from tools.determinism_page import page_of, verdicts_of
 from tools.environments import Environment, NotMade, python_of
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-SMALL_VALUES = 900  # voxels and texels of a vector that interpreted kernels decode in a second
+SMALL_VALUES = 300  # voxels and texels of a vector that interpreted kernels decode in a second
 SLOW_PYTHON = "interpreted code is 100 times slower: tiny scenes and small vectors alone"
 SETTLED = {"LC_ALL": "C.UTF-8", "TZ": "UTC", "PYTHONHASHSEED": "0"}
 CLEARED = ("NUMBA_", "NPY_", "OPENBLAS_", "GLIBC_", "LC_", "LANG", "TZ", "PYTHONUTF8", "PYTHONHASHSEED", "LOCPATH")

@@ -51,7 +51,8 @@ def tiny_maps():
     """A wavy sheet with maps of normals, roughness and occlusion."""
     from shapes import mapped_sheet, noise, plain_image
 
-    return mapped_sheet({"normal": plain_image(140, 120, 250), "roughness": noise(3), "occlusion": noise(4)}, cells=3)
+    maps = {"normal": plain_image(140, 120, 250), "roughness": noise(3, 8, 8), "occlusion": noise(4, 8, 8)}
+    return mapped_sheet(maps, noise(0, 8, 8), cells=3)
 
 
 def bundled_sample():

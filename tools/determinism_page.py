@@ -117,8 +117,7 @@ def _rows(reference, cases, options):
     for name in names:
         mine = [reference.rows.get(case.key, {}) for case in cases if case.name == name]
         given = ", ".join(f"{key} {value}" for key, value in options.get(name, {}).items()) or "decoded alone"
-        rows.append([name, given, f"{sum(row.get('bytes', 0) for row in mine):,}",
-                     f"{sum(row.get('seconds', 0) for row in mine):.1f}"])
-    yield "Options of the encoder, bytes of the stream, and seconds of the reference for coding once and decoding twice."
+        rows.append([name, given, f"{sum(row.get('bytes', 0) for row in mine):,}"])
+    yield "Options of the encoder, and bytes of the reference's stream."
     yield ""
-    yield from markdown_table(["row", "options", "bytes", "seconds"], rows, 2)
+    yield from markdown_table(["row", "options", "bytes"], rows, 2)

@@ -15,6 +15,7 @@ from tools.load_slope import measured, slope_of
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="memory of processes is looked up in /proc")
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_over_60_encodes_and_decodes():
     found = measured("encode and decode", 60)
     assert found["calls"] == 60 and found["bytes a call"] < 100_000, found  # of so few calls the slope is known to 50 kB

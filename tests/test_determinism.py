@@ -1,12 +1,10 @@
 """The same bytes and arrays whatever the number of threads, and with the JIT off."""
 
-import hashlib
 import json
 import os
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 from conftest import REPOSITORY
 from shapes import crossing_sheets, painted_sphere
@@ -16,12 +14,9 @@ from texfcodec.codecs.raht import codec as codec_room
 from texfcodec.encoder import encode_scene
 from texfcodec.options import DecodeOptions, EncodeOptions
 from texfcodec.support import voxelise as voxelise_room
-
-
-def fingerprint(texf):
-    """SHA-256 of every decoded array."""
-    arrays = [texf.lattice_positions, texf.faces, texf.face_material, *(a for f in texf.fields for a in (f.keys, f.rgba))]
-    return [hashlib.sha256(np.ascontiguousarray(a).tobytes()).hexdigest() for a in arrays]
+from tools import determinism
+from tools.determinism_child import fingerprint
+from tools.determinism_page import ARRAYS, FAILS, NOT_RUN, SAME, STREAM, verdicts_of
 
 
 @pytest.fixture
@@ -94,3 +89,73 @@ def test_without_the_jit_morton_keys_are_made_too():
     run = subprocess.run([sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, check=False,
                          env={**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(REPOSITORY)})
     assert run.stdout.strip() == "[[7, 7, 7]]", run.stderr[-500:]
+
+
+# The matrix of tools/determinism.py
+
+
+def doctored(path, **changes):
+    """Changes the last row that a configuration has left behind."""
+    *rows, last = path.read_text().splitlines()
+    path.write_text("\n".join([*rows, json.dumps(json.loads(last) | changes)]) + "\n")
+
+
+def test_the_quick_matrix_is_all_the_same_and_a_doctored_difference_is_told(tmp_path, capsys):
+    call = ["--quick", "--out", str(tmp_path), "--page", str(tmp_path / "page.md")]
+    assert determinism.main(call) == 0
+    page = (tmp_path / "page.md").read_text()
+    assert "| tiny maps | same | " in page and STREAM not in page
+    place = next(one for one in determinism.CONFIGURATIONS if one.name == determinism.QUICK[1])
+    kept = tmp_path / f"{place.slug}.jsonl"
+    if kept.exists():  # where the system has the locale
+        assert json.loads(kept.read_text().splitlines()[0])["facts"]["decimal point"] == ","
+    begun = capsys.readouterr().out
+    doctored(tmp_path / "7_threads.jsonl", stream="0" * 64)
+    assert determinism.main(call) == 7
+    said = capsys.readouterr().out
+    assert "7 threads: tiny" in begun and "7 threads: tiny" not in said.split("# Determinism")[0]  # nothing was coded again
+    assert f"| tiny maps | {STREAM} (" in said
+    doctored(tmp_path / "7_threads.jsonl", arrays={})
+    assert determinism.main(call) == 7 and f"| tiny maps | {ARRAYS} (" in capsys.readouterr().out
+
+
+def run_of(configuration, rows, reason=""):
+    """A determinism.Run as it ends."""
+    run = determinism.Run.__new__(determinism.Run)
+    run.configuration, run.facts, run.rows, run.reason = configuration, None, rows, reason
+    return run
+
+
+def test_every_verdict_says_why_and_the_worst_of_a_row_counts():
+    sound = {"stream": "a", "bytes": 3, "arrays": {"keys": "k"}}
+    cases = [determinism.Case(key, "both", tiny=key == "one") for key in ("one", "two")]
+    reference = run_of(determinism.REFERENCE, {"one": sound, "two": sound})
+
+    def verdict(rows, reason="", name="2 threads"):
+        configuration = next(one for one in determinism.CONFIGURATIONS if one.name == name)
+        return verdicts_of([reference, run_of(configuration, rows, reason)], cases)["both"][name]
+
+    assert verdict({"one": sound, "two": sound}).text == SAME
+    other = verdict({"one": sound, "two": sound | {"stream": "b", "bytes": 4}})
+    assert other.text == STREAM and other.differs and "two: 4 bytes, where the reference has 3" in other.why
+    assert verdict({"one": sound | {"arrays": {"keys": "l"}}, "two": sound | {"stream": "b"}}).text == ARRAYS
+    assert verdict({"one": {"error": "ValueError: no"}, "two": sound}).text == FAILS
+    missing = verdict({"one": sound}, "its process ended with -9 at two")
+    assert missing.text == NOT_RUN and "-9" in missing.why and not missing.differs
+    assert verdict({"one": sound}, name="JIT off").why == determinism.SLOW_PYTHON
+
+
+def test_a_configuration_that_is_not_what_it_says_is_not_run(tmp_path):
+    lie = determinism.Configuration("a lie", "", {"decimal point": ";"})
+    args = type("Arguments", (), {"out": tmp_path, "environments": False, "python": []})
+    run = determinism.run(lie, determinism.cases_of(None, True)[:1], args, {})
+    assert not run.rows and run.reason == "decimal point is '.', not ';'"
+    environment = next(one for one in determinism.CONFIGURATIONS if one.environment)
+    assert "--environments" in determinism.run(environment, determinism.cases_of(None, True)[:1], args, {}).reason
+
+
+def test_cases_have_keys_of_their_own_and_assets_ways_of_their_own(tmp_path):
+    cases = determinism.cases_of(tmp_path, False)
+    assert len({case.key for case in cases}) == len(cases) > 150 and len(determinism.ASSETS) == 12
+    assert len({json.dumps(options) for options in determinism.ASSETS.values()}) == 12
+    assert any("small vectors" in case.name and case.tiny for case in cases)

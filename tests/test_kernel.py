@@ -1,10 +1,12 @@
 """Compiled kernels never outlive the sources they were made from."""
 
 import ast
+import errno
 import gc
 import shutil
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numba
@@ -151,6 +153,64 @@ def test_the_collector_rests_while_a_kernel_is_compiled_and_runs_again(tmp_path,
         with pytest.raises(numba.TypingError):
             _broken(1)
     assert collecting == [False, False] and gc.isenabled()
+
+
+@pytest.fixture
+def twice(tmp_path, monkeypatch):
+    """A function: a kernel that doubles, as a process that begins has it, with its cache in tmp_path."""
+    monkeypatch.setattr(kernel_room, "cache_folder", lambda path: tmp_path)
+
+    def _twice(v):
+        return 2 * v
+
+    return lambda: kernel(_twice)
+
+
+def file_of(folder, ending):
+    return next(folder.rglob(f"*{ending}"))
+
+
+def test_code_of_other_types_under_a_kernels_name_is_not_run(twice, tmp_path):
+    """What numba leaves behind where two processes at once take the same number for the code of different types."""
+    first = twice()
+    assert [first(21), first(1.5)] == [42, 3.0]
+    shutil.copy(file_of(tmp_path, ".2.nbc"), file_of(tmp_path, ".1.nbc"))
+    later = twice()
+    assert isinstance(later(21), int) and later.stats.cache_misses.total() == 1
+    again = twice()
+    assert [again(21), again(1.5)] == [42, 3.0] and again.stats.cache_hits.total() == 2
+
+
+@pytest.mark.parametrize("ending", [".nbi", ".1.nbc"])
+@pytest.mark.parametrize("left", [0, 40, None])
+def test_a_cache_file_that_was_cut_short_costs_a_compilation(twice, tmp_path, ending, left):
+    assert twice()(21) == 42
+    path = file_of(tmp_path, ending)
+    path.write_bytes(b"no cache at all" if left is None else path.read_bytes()[:left])
+    assert twice()(21) == 42
+    whole = twice()
+    assert whole(21) == 42 and whole.stats.cache_hits.total() == 1
+
+
+def test_a_kernel_runs_where_its_code_cannot_be_kept(twice, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "no space left on device")
+
+    monkeypatch.setattr(numba.core.caching.IndexDataCacheFile, "_save_data", full)
+    assert twice()(21) == 42 and not list(tmp_path.rglob("*.nbc"))
+
+
+def test_one_process_at_a_time_reads_or_writes_the_cache_of_a_kernel(twice, tmp_path):
+    fcntl = pytest.importorskip("fcntl")
+    told, made = [], twice()
+    waiting = threading.Thread(target=lambda: told.append(made(21)))
+    with open(tmp_path / "_twice.lock", "wb") as other:
+        fcntl.flock(other, fcntl.LOCK_EX)
+        waiting.start()
+        waiting.join(1)
+        assert waiting.is_alive() and not told
+    waiting.join(60)
+    assert told == [42]
 
 
 @pytest.mark.slow

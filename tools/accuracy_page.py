@@ -29,7 +29,7 @@ def page_of(assets, args, picture):
              "## Presets", "", *_presets(assets), "", "## Knob by knob", "", CELLS, ""]
     for knob in KNOBS:
         lines += _knob(knob, assets, args.quick)
-    return "\n".join(_wrapped(lines)) + "\n"
+    return "\n".join(wrapped(lines)) + "\n"
 
 
 def _conditions_of(assets, args):
@@ -148,7 +148,7 @@ def _cell(row, metric):
     return f"{'~ ' if row.by else ''}{seconds}, {told}"
 
 
-def _wrapped(lines):
+def wrapped(lines):
     """Prose wrapped at 130 columns; tables, pictures and headings as they are."""
     import textwrap
 

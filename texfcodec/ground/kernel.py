@@ -3,6 +3,10 @@
 Numba renews a cached kernel when its own file changes, not when a function it calls in another file does: after an upgrade or a
 `git pull` an old decoder could run under a new source tree. So the cache folder of a file's kernels carries a fingerprint of that
 file and of all that it imports from the package; a change elsewhere compiles nothing again.
+
+Nor does numba keep processes apart that first compile a kernel for different types at the same moment: both number their file 1,
+and whoever comes next runs the code of one for the types of the other. So a lock goes with every kernel's files, what is loaded
+is looked at, and a file that cannot be read or written costs a compilation, no more.
 """
 
 import gc
@@ -10,7 +14,8 @@ import hashlib
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -97,9 +102,53 @@ def _compiled(numba, function, folder, options):
     # Read while the decorator runs; other packages keep theirs.
     numba.config.CACHE_DIR = str(folder)
     try:
-        return numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+        made = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     finally:
         numba.config.CACHE_DIR = usual
+    if not numba.config.DISABLE_JIT:
+        _share(made._cache, folder / f"{function.__name__}.lock")
+    return made
+
+
+def _share(cache, lock):
+    """Makes numba's cache of a kernel safe to share with other processes, and its files safe to lose. lock: path of a file."""
+    load, save = cache.load_overload, cache.save_overload
+
+    def load_ours(sig, target):
+        try:
+            with _alone(lock):
+                found = load(sig, target)
+        except Exception:  # whatever unpickling makes of a file that was cut short
+            return None
+        return found if found is not None and found.signature.args == tuple(getattr(sig, "args", sig)) else None
+
+    def save_ours(sig, made):
+        with suppress(OSError), _alone(lock):  # a full disk: compiled again the next time
+            try:
+                save(sig, made)
+            except OSError:
+                raise
+            except Exception:  # the index is no index
+                cache.flush()
+                save(sig, made)
+
+    cache.load_overload, cache.save_overload = load_ours, save_ours
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """One process at a time, where the system locks files."""
+    try:
+        import fcntl
+
+        file = open(path, "wb")
+    except (ImportError, OSError):
+        yield
+        return
+    with file:
+        with suppress(OSError):  # a disk without locks
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 def _serve_kernels(numba, made, function, folder, options):

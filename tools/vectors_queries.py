@@ -7,7 +7,7 @@ pass are a few: so close to centres and borders that rounding decides, that is l
 import json
 import random
 from fractions import Fraction
-from itertools import product
+from itertools import islice, product
 from math import floor
 
 from naive import decoder
@@ -58,7 +58,7 @@ class Places:
         return self.random.sample(things, min(count, len(things)))
 
 
-# Candidates: (why, how many are wanted, [(field, triangle, point)]).
+# Candidates: (why, how many are wanted, (field, triangle, point), as many as there are).
 
 
 def of_voxels(places, index):
@@ -68,16 +68,16 @@ def of_voxels(places, index):
     cells, rng = places.asked.cells[index][0], places.random
     at = lambda x: (index, 0, places.of_grid([v * scale for v in x], size))
     wide = -(-size // scale)
-    raster = [[Fraction(rng.randrange(-3, 2 * wide + 4), 2) for _ in range(3)] for _ in range(300)]
-    ties = [x for x in raster if trilinear(x, cells) is None and len(nearest(x, cells)) > 1]
+    raster = [[Fraction(rng.randrange(-3, 2 * wide + 4), 2) for _ in range(3)] for _ in range(100)]
     on_faces = lambda count: [places.world(blend(places.weights(), face[0])) for face in places.some(faces, count)]
     alone = [x for x in raster if trilinear(x, cells) is None]
+    ties = (x for x in alone if len(nearest(x, cells)) > 1)
     return [
         ("the centre of a voxel", 3, [at([v + Fraction(1, 2) for v in voxel]) for voxel in places.some(sorted(cells), 3)]),
         *((f"midway between {2**n} centres", 3, [at(x) for x in midways(places, cells, n)]) for n in (1, 2, 3)),
         ("on the surface", 8, [(index, 0, point) for point in on_faces(8)]),
         ("a corner of a face", 2, [(index, 0, places.world(face[0][0])) for face in places.some(faces, 2)]),
-        ("as near to several centres", 3, [at(x) for x in ties[:30]]),
+        ("as near to several centres", 3, map(at, ties)),
         ("beside the surface", 3, [at([v + Fraction(3, 16) for v in x]) for x in alone[:30]]),
         ("a corner of the grid", 2, [at([0, 0, 0]), at([wide, wide, wide])]),
         ("far outside", 4, [at([v * wide for v in x]) for x in ((-5, 1, 9), (900, -700, 33), (2e4, 1e4, 0), (-1, 3, 1e4))]),
@@ -227,14 +227,11 @@ def queries_at(data, lod, seed):
     """Queries of a stream at one level of detail, as queries.json has them."""
     asked, out = Asked(decoder.decode(data, lod)), []
     for why, wanted, questions in candidates(Places(asked, seed)):
-        taken = 0
-        for field, triangle, point in questions:
-            answers = settled(asked, field, triangle, point) if taken < wanted else None
-            if answers is not None:
-                taken += 1
-                rounded = [[None if v is None else round(float(v), DECIMALS + 2) for v in answer] for answer in answers]
-                out.append({"why": why, "field": field, "triangle": triangle, "point": [p.hex() for p in point],
-                            "answers": rounded})
+        known = ((question, answers) for question in questions if (answers := settled(asked, *question)) is not None)
+        for (field, triangle, point), answers in islice(known, wanted):
+            rounded = [[None if v is None else round(float(v), DECIMALS + 2) for v in answer] for answer in answers]
+            out.append({"why": why, "field": field, "triangle": triangle, "point": [p.hex() for p in point],
+                        "answers": rounded})
     return asked, out
 
 

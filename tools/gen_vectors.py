@@ -92,8 +92,8 @@ that no face is known. The decoder writes `group{{g}}_answers.bin` of every chan
 components as they are coded (one where it is grey) on the scale 0..255, binary64, little endian; anything where the field that is
 asked has no values of the group.
 
-In `queries.json`, `components` has the number of each group. Each of a query's `answers` holds those of all groups, one after the
-other, `null` where nothing is asked; all have to be within `tolerance` of the same answer. `why` says what the point is there for.
+In `queries.json`, `components` has the number of each group. Each of a query's `answers` holds those of all groups, one after
+the other, `null` where nothing is asked; all have to be within `tolerance` of the same answer. `why` says what the point is for.
 
 ## Vectors by clause
 

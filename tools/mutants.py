@@ -7,7 +7,8 @@ A mutant has one operator, comparison, constant or condition of tests/naive chan
 is decoded to something else, refused otherwise, answers a query wrong, or takes too long. A *survivor* is a rule that no vector
 holds, or a change that means the same: tests/naive/equivalents.json says of which mutants this was shown, and why. --only takes
 functions (split, neural.waves) and clauses (7.6, with all below). --state keeps what was found, so that a run goes on where it
-was stopped. Exit code 7: there are survivors that are not said to be equivalent.
+was stopped, with what vectors call beside it (FILE.cases.json). Exit code 7: there are survivors that are not said to be
+equivalent.
 """
 
 import argparse
@@ -224,6 +225,24 @@ def traced(case):
     return case
 
 
+def known_cases(cases, path):
+    """The cases traced; what was found before is read from a file, and written there, by all that it depends on."""
+    before = json.loads(path.read_text(encoding="utf-8")) if path and path.exists() else {}
+    sources = b"".join(file.read_bytes() for file in sorted(NAIVE.glob("*.py")))
+    for case in cases:
+        mark = hashlib.sha256(sources + case.data + json.dumps([case.lod, case.told]).encode()).hexdigest()
+        if mark in before:
+            case.said, case.seconds, functions = before[mark]
+            case.functions = frozenset(map(tuple, functions))
+            continue
+        traced(case)
+        before[mark] = case.said, case.seconds, sorted(case.functions)
+    if path:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(before), encoding="utf-8")
+    return [case for case in cases if case.functions]
+
+
 def _too_slow(*_):
     raise TimeoutError
 
@@ -308,7 +327,8 @@ def main(arguments=None):
     wanted, chosen = wanted_mutants(args)
     known, spent = known_of(args.state), {}
     identity = lambda m: (m.module, m.number, m.key)
-    cases = sorted((case for case in map(traced, cases_of()) if case.functions), key=lambda case: case.seconds)
+    traces = args.state.with_suffix(".cases.json") if args.state else None
+    cases = sorted(known_cases(cases_of(), traces), key=lambda case: case.seconds)
     print(f"{len(wanted)} mutants, {len(cases)} cases, {sum(case.seconds for case in cases):.0f} s", flush=True)
     begin = time.monotonic()
 

@@ -14,11 +14,18 @@ GREY = [Group((BASE_COLOUR,), True)]
 
 
 def spotted(size, every):
-    """A picture of one colour, uint8 [H, W, 3], with spots that are so many texels apart."""
-    out = np.full((size[1], size[0], 3), 90, np.uint8)
-    place = np.arange(0, size[0] * size[1], every)
-    out.reshape(-1, 3)[place] = np.array([20, 240, 130], np.uint8)[place % 3, None]
-    return out
+    """A picture of one colour, uint8 [H, W, 3], with spots of three greys that are so many texels apart."""
+    out = np.full((size[1] * size[0], 3), 90, np.uint8)
+    place = np.arange(0, len(out), every)
+    out[place] = np.array([20, 240, 130], np.uint8)[place % 3, None]
+    return out.reshape(size[1], size[0], 3)
+
+
+def nearly_flat(size, every):
+    """A picture of 90, uint8 [H, W, 3], with spots of 91: too little for their neighbours to expect anything of it."""
+    out = np.full((size[1] * size[0], 3), 90, np.uint8)
+    out[every // 2 :: every] = 91
+    return out.reshape(size[1], size[0], 3)
 
 
 def two_values(size, every):
@@ -63,8 +70,10 @@ def uncommon():
     lines = [
         ("rules_quiet", "a planar support, eight models, one colour but for a few spots", ("7.5.5", "7.6.3"),
          on_ring(spotted((64, 48), 211), qp=20, models=8), (0,)),
+        ("rules_slopes", "a planar support, eight models", ("7.5.5",),
+         on_ring(picture(64, 48, noise=1), qp=2, models=8), (0,)),
         ("rules_zeros", "grey base_colour, lossless, one colour but for a few spots", ("7.6.4", "7.9"),
-         on_ring(spotted((96, 64), 397), groups=GREY, qp=63, models=6, max_error=0), (0,)),
+         on_ring(nearly_flat((128, 96), 331), groups=GREY, qp=63, models=6, max_error=0), (0,)),
         ("rules_ones", "grey base_colour, lossless, two values but for a few spots", ("7.6.4", "7.9"),
          on_ring(two_values((48, 32), 97), groups=GREY, qp=63, models=6, max_error=0), (0,)),
         ("rules_leads", "an image of 20 x 14, repeat, noise with errors of at most 0 from a coarse field", ("7.9",),

@@ -233,6 +233,18 @@ def claims(monkeypatch):
     return vectors_claims
 
 
+def test_vectors_stand_as_their_readme_says(monkeypatch):
+    monkeypatch.syspath_prepend(str(REPOSITORY / "tools"))
+    import gen_vectors
+
+    standing = gen_vectors.standing()
+    assert gen_vectors.differences(gen_vectors.files_of(standing, [])) == []
+    first, last = standing[0], standing[-1]
+    changed = [first, last]
+    gen_vectors.put_in(changed, [replace(first, title="new"), replace(first, name="subset/more")])
+    assert [v.name for v in changed] == [first.name, "subset/more", last.name] and changed[0].title == "new"
+
+
 @pytest.mark.parametrize("name", GOOD)
 def test_vector_holds_what_its_title_and_clauses_promise(claims, name):
     assert claims.unkept(claims.case_at(VECTORS / name)) == []

@@ -80,8 +80,8 @@ HELD = [
     ("uncommon/filter_slices", "filter", "(4, 8, 16, 32)", "(3, 8, 16, 32)"),
     ("uncommon/filter_three_stages", "attributes", 'for stage in unit["filters"]:', 'for stage in unit["filters"][:2]:'),
     *(("uncommon/rules_zeros", "mixing", "    1, 2, 3, 5", f"    {n}, 2, 3, 5") for n in (0, 2)),
-    *(("uncommon/rules_ones", "mixing", ENDS, ENDS.replace(str(n), str(n + d))) for n, d in product(
-        (65523, 65528, 65531, 65533, 65534, 65535), (-1, 1))),
+    *(("uncommon/rules_ones", "mixing", ENDS, ENDS.replace(str(n), str(n + d))) for n, d in (
+        *product((65523, 65528, 65531, 65533), (-1, 1)), (65534, 1), (65535, -1))),
 ]
 
 

@@ -28,7 +28,7 @@ ASKED = {
     "uncommon/texels_clamp": (0, 1), "uncommon/texels_mirror": (0, 1), "uncommon/texels_repeat_mirror": (0,),
     "uncommon/texels_parts": (0, 2), "uncommon/texels_flat": (0,), "uncommon/texels_mixed": (0, 3),
     "uncommon/texels_low": (0,), "uncommon/maps_shift_texels": (0, 2), "uncommon/neural_two_fields": (0,),
-    "uncommon/maps_neural": (0,), "uncommon/queries_sheets": (0, 1),
+    "uncommon/maps_neural": (0,), "uncommon/neural_shortest_waves": (0,), "uncommon/queries_sheets": (0, 1),
 }
 
 
@@ -152,20 +152,22 @@ def of_networks(places, index):
                for voxel in places.some(voxels, 3)]
     corners = [places.world(corner) for face in places.some(faces, 200) for corner in face[0]]
     outside = [(-1, 3, 1), (9, Fraction(1, 3), -2), (1, 1, 1), (Fraction(1, 2), 2**40, 0)]
-    named = lambda points: [(index, 0, point) for point in points]
+    named = lambda points: ((index, 0, point) for point in points)
+    decides = lambda point: order_decides(places.asked.texf["neural"], index, point, places.header)
     return [
         ("the centre of a voxel", 3, named(centres)),
         ("on the surface", 5, named(places.world(blend(places.weights(), face[0])) for face in places.some(faces, 5))),
-        ("where the order of 8.1 decides", 3, named(p for p in corners if order_decides(p, places.header))),
+        ("where the order of 8.1 decides", 3, named(filter(decides, corners))),
         ("anywhere", 4, named(places.world([rng.randrange(places.cells) for _ in range(3)]) for _ in range(4))),
         ("outside", 4, named(places.world([Fraction(v) * places.last for v in x]) for x in outside)),
     ]
 
 
-def order_decides(point, header):
-    """Whether binary64 and exact arithmetic give other positions (11.2)."""
+def order_decides(neural, index, point, header):
+    """Whether binary64 and exact arithmetic give other positions (11.2), and these other answers."""
     exact = [floor(v) for v in grid_point(lattice_point(point, header), header["position_bits"], 2**24)]
-    return position_of(point, header) != tuple(min(max(v, 0), 2**24 - 1) for v in exact)
+    both = position_of(point, header), tuple(min(max(v, 0), 2**24 - 1) for v in exact)
+    return both[0] != both[1] and neural.answer(index, both[0]) != neural.answer(index, both[1])
 
 
 def of_nobody(places):

@@ -52,6 +52,12 @@ def test_the_page_counts_and_names_survivors_and_clauses():
     assert "A sample of two." in page_of({first: "subset/a", second: None}, {}, "A sample of two.")
 
 
+def test_what_is_called_equivalent_is_one_mutant_each():
+    keys = [m.key for module in mutants.MODULES for m in mutants_of(module)]
+    told = json.loads(mutants.EQUIVALENTS.read_text(encoding="utf-8"))
+    assert told and all(keys.count(key) == 1 and reason.endswith(".") for key, reason in told.items())
+
+
 def test_a_part_is_a_function_or_a_clause_with_what_is_below():
     (split, *_), (waves, *_) = ([m for m in mutants_of(module) if m.function == function]
                                 for module, function in (("attributes", "RangeDecoder.split"), ("neural", "waves")))

@@ -1,4 +1,7 @@
-"""Our own decoder as conformance/run.py asks of any:  python conformance/decode_texfcodec.py IN.texf OUT_DIR [--lod L]"""
+"""Our own decoder as conformance/run.py asks of any.
+
+    python conformance/decode_texfcodec.py IN.texf OUT_DIR [--lod L] [--queries FILE]
+"""
 
 import argparse
 import sys
@@ -11,19 +14,26 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the checkout thi
 from texfcodec import DecodeOptions, decode  # noqa: E402
 from texfcodec.errors import TexfError  # noqa: E402
 
+QUERY = np.dtype([("field", "<i8"), ("triangle", "<i8"), ("point", "<f8", 3)])
+
 
 def geometry_rows(units):
     """Clause 9: int64 [F, 11], one row (field, material, corners) per triangle, canonical and sorted."""
-    return _rows([(unit, unit.lattice) for unit in units], 3)
+    return _sorted(_rows([(unit, unit.lattice) for unit in units], 3))
 
 
 def uv_rows(units, number):
     """Clause 9: int64 [F, 17], one row (field, material, corners with UVs) per triangle of a field over texels."""
+    return _sorted(_uv_rows(units, number))
+
+
+def _uv_rows(units, number):
+    """The same in the order of the units' faces."""
     return _rows([(unit, np.column_stack([unit.lattice, unit.uv])) for unit in units if unit.field == number], 5)
 
 
 def _rows(corners, columns):
-    """Canonical and sorted rows of pairs of a unit and what stands at its vertices, int64 [V, columns]."""
+    """Canonical rows of pairs of a unit and what stands at its vertices, int64 [V, columns]."""
     rows = [np.empty((0, 2 + 3 * columns), np.int64)]
     for unit, vertex in corners:
         turns = [vertex[np.roll(unit.faces, turn, axis=1)].reshape(-1, 3 * columns) for turn in range(3)]
@@ -31,7 +41,10 @@ def _rows(corners, columns):
         for turn in turns[1:]:
             least = np.where(_less(turn, least)[:, None], turn, least)
         rows.append(np.column_stack([np.full(len(least), unit.field), np.full(len(least), unit.material), least]))
-    rows = np.concatenate(rows)
+    return np.concatenate(rows)
+
+
+def _sorted(rows):
     return rows[np.lexsort(rows.T[::-1])]
 
 
@@ -41,8 +54,8 @@ def _less(a, b):
     return np.take_along_axis(a, first, 1)[:, 0] < np.take_along_axis(b, first, 1)[:, 0]
 
 
-def arrays(data, lod=0, threads=0):
-    """Clause 9: {array name: bytes} of a stream. Raises TexfError."""
+def arrays(data, lod=0, threads=0, queries=b""):
+    """Clause 9: {array name: bytes} of a stream, and of the answers to queries, if there are any. Raises TexfError."""
     texf = decode(data, DecodeOptions(lod=lod, threads=threads))
     files = {"geometry": geometry_rows(texf.units).astype("<i8").tobytes()}
     if texf.sharp_edges is not None:
@@ -54,7 +67,29 @@ def arrays(data, lod=0, threads=0):
         for g, group in enumerate(texf.groups):
             if group.channels[0].name in field.planes:
                 files[f"field{i}_group{g}_values"] = group.join(field.planes).tobytes()
-    return files
+    return files | (answers(texf, np.frombuffer(queries, QUERY)) if queries else {})
+
+
+def answers(texf, queries):
+    """Clause 8.2: {array name: bytes}, binary64 [M, C] of every group, not a number where a field has no values of it. queries:
+    QUERY [M]."""
+    field, face = queries["field"].copy(), np.zeros(len(queries), np.int64)
+    unknown = field < 0
+    if unknown.any():
+        face[unknown] = texf.nearest_face(queries["point"][unknown])
+        field[unknown] = texf.face_field[face[unknown]]
+    out = [np.full((len(queries), group.components), np.nan) for group in texf.groups]
+    for i, part in enumerate(texf.fields):
+        if part.over_texels:
+            mine = np.flatnonzero(texf.face_field == i)[np.lexsort(_uv_rows(texf.units, i).T[::-1])]
+            named = (field == i) & ~unknown
+            face[named] = mine[queries["triangle"][named]]
+        chosen, known = np.flatnonzero(field == i), [c.name for c in texf.channels if c.name in part.planes]
+        planes = texf.query_planes(i, known, queries["point"][chosen], face[chosen]) if len(chosen) else {}
+        for g, group in enumerate(texf.groups):
+            if group.channels[0].name in planes:
+                out[g][chosen] = group.join(planes)
+    return {f"group{g}_answers": values.astype("<f8").tobytes() for g, values in enumerate(out)}
 
 
 def main():
@@ -63,9 +98,11 @@ def main():
     parser.add_argument("stream", type=Path)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--lod", type=int, default=0)
+    parser.add_argument("--queries", type=Path)
     arguments = parser.parse_args()
     try:
-        files = arrays(arguments.stream.read_bytes(), arguments.lod)
+        queries = arguments.queries.read_bytes() if arguments.queries else b""
+        files = arrays(arguments.stream.read_bytes(), arguments.lod, queries=queries)
     except TexfError as error:
         print(error, file=sys.stderr)
         return error.exit_code

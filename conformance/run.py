@@ -1,17 +1,19 @@
 """Puts a decoder through the conformance vectors: every array of clause 9 by its SHA-256, every faulty stream by its exit code.
 
-    python conformance/run.py [--decoder "<command>"] [CASE ...]
+    python conformance/run.py [--decoder "<command>" [--queries]] [CASE ...]
 
 The command is called as  <command> IN.texf OUT_DIR [--lod L]  and writes geometry.bin, field{i}_keys.bin,
 field{i}_group{g}_values.bin and, of fields over texels, field{i}_uv.bin into OUT_DIR. Exit codes: 0 decoded, 3 invalid stream, 5
-not supported, 6 over a limit. Without a command our own decoder runs in this process. CASE is a part of a case's path, such as
-faulty/ or subset/k33. Exits 0 or 7.
+not supported, 6 over a limit. With --queries, vectors that ask points (clause 8.2) give it  --queries FILE  as well, for which
+it writes group{g}_answers.bin; README.md says how. Without a command our own decoder runs in this process. CASE is a part of a
+case's path, such as faulty/ or subset/k33. Exits 0 or 7.
 """
 
 import argparse
 import hashlib
 import json
 import shlex
+import struct
 import subprocess
 import sys
 import tempfile
@@ -25,42 +27,49 @@ EXIT_CODES = {"invalid": (3,), "unsupported": (5,), "limit": (6, 3)}
 
 
 class CommandDecoder:
-    """Any decoder as a command. Called with a stream's path and lod: (exit code, {array name: SHA-256}, last line of stderr)."""
+    """Any decoder as a command. Called with a stream's path, lod and queries (bytes, may be none): (exit code, {file name:
+    bytes}, last line of stderr). asks: whether it knows --queries."""
 
-    def __init__(self, command, seconds):
-        self.command, self.seconds = shlex.split(command), seconds
+    def __init__(self, command, seconds, asks=False):
+        self.command, self.seconds, self.asks = shlex.split(command), seconds, asks
 
-    def __call__(self, stream, lod):
-        with tempfile.TemporaryDirectory() as folder:
+    def __call__(self, stream, lod, queries=b""):
+        with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as apart:
             call = [*self.command, str(stream), folder, *(["--lod", str(lod)] if lod else [])]
+            if queries:
+                asked = Path(apart) / "queries.bin"
+                asked.write_bytes(queries)
+                call += ["--queries", str(asked)]
             try:
                 run = subprocess.run(call, capture_output=True, text=True, errors="replace", timeout=self.seconds, check=False)
             except subprocess.TimeoutExpired:
                 return None, {}, f"no answer in {self.seconds} seconds"
             files = [path for path in Path(folder).rglob("*") if path.is_file()]
-            hashes = {path.relative_to(folder).as_posix(): _sha256(path.read_bytes()) for path in files}
+            written = {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
         said = run.stderr.strip().splitlines()
-        return run.returncode, hashes, said[-1] if said else ""
+        return run.returncode, written, said[-1] if said else ""
 
 
 class OwnDecoder:
     """texfcodec in this process, with the same answers as a command; `code` keeps the error code of the last stream."""
+
+    asks = True
 
     def __init__(self):
         import decode_texfcodec
 
         self.ours, self.code = decode_texfcodec, None
 
-    def __call__(self, stream, lod):
+    def __call__(self, stream, lod, queries=b""):
         self.code = None
         try:
-            files = self.ours.arrays(stream.read_bytes(), lod)
+            files = self.ours.arrays(stream.read_bytes(), lod, queries=queries)
         except self.ours.TexfError as error:
             self.code = error.code
             return error.exit_code, {}, str(error)
         except Exception as error:  # a decoder raises nothing but coded errors; the other cases still get their turn
             return None, {}, f"{type(error).__name__}: {error}"
-        return 0, {f"{name}.bin": _sha256(content) for name, content in files.items()}, ""
+        return 0, {f"{name}.bin": content for name, content in files.items()}, ""
 
 
 def _sha256(content):
@@ -72,8 +81,17 @@ def faults_of(decoder, folder):
     case = json.loads((folder / "case.json").read_text(encoding="utf-8"))
     if "expect" in case:
         return _faults_of_refusal(decoder, folder / "in.texf", case)
-    lods = case["lods"].items()
-    return [fault for lod, arrays in lods for fault in _faults_of_arrays(decoder, folder / "in.texf", int(lod), arrays)]
+    told, faults = queries_of(folder), []
+    for lod, arrays in case["lods"].items():
+        asked = told["lods"].get(lod, []) if decoder.asks else []
+        exit_code, files, said = decoder(folder / "in.texf", int(lod), packed(asked))
+        if exit_code != 0:
+            faults.append(f"lod {lod}: exit code {exit_code}: {said}")
+            continue
+        answers = {name: files.pop(name, b"") for name in [name for name in files if asked and name.endswith("_answers.bin")]}
+        found = _faults_of_arrays(files, arrays) + (faults_of_answers(answers, asked, told) if asked else [])
+        faults += [f"lod {lod}: {fault}" for fault in found]
+    return faults
 
 
 def _faults_of_refusal(decoder, stream, case):
@@ -86,15 +104,48 @@ def _faults_of_refusal(decoder, stream, case):
     return []
 
 
-def _faults_of_arrays(decoder, stream, lod, arrays):
-    exit_code, hashes, said = decoder(stream, lod)
-    if exit_code != 0:
-        return [f"lod {lod}: exit code {exit_code}: {said}"]
+def _faults_of_arrays(files, arrays):
     wanted = {f"{name}.bin": digest for name, digest in arrays.items()}
-    missing = [f"lod {lod}: {name} is missing" for name in sorted(wanted.keys() - hashes.keys())]
-    unexpected = [f"lod {lod}: {name} is unexpected" for name in sorted(hashes.keys() - wanted.keys())]
-    both = sorted(wanted.keys() & hashes.keys())
-    return missing + unexpected + [f"lod {lod}: {name} differs" for name in both if hashes[name] != wanted[name]]
+    missing = [f"{name} is missing" for name in sorted(wanted.keys() - files.keys())]
+    unexpected = [f"{name} is unexpected" for name in sorted(files.keys() - wanted.keys())]
+    both = sorted(wanted.keys() & files.keys())
+    return missing + unexpected + [f"{name} differs" for name in both if _sha256(files[name]) != wanted[name]]
+
+
+# Queries
+
+
+def queries_of(folder):
+    """Content of queries.json: components, tolerance and queries by lod; nothing is asked where there is no such file."""
+    path = folder / "queries.json"
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"lods": {}}
+
+
+def packed(queries):
+    """40 bytes a query: field and triangle as 64-bit integers, the point as three binary64, little endian."""
+    return b"".join(struct.pack("<2q3d", q["field"], q["triangle"], *map(float.fromhex, q["point"])) for q in queries)
+
+
+def faults_of_answers(files, queries, told):
+    """One sentence for the first query whose answers are none of those that are right, and for files of a wrong size."""
+    columns = []
+    for group, count in enumerate(told["components"]):
+        content = files.get(f"group{group}_answers.bin", b"")
+        if len(content) != 8 * count * len(queries):
+            return [f"group{group}_answers.bin has {len(content)} bytes, not {8 * count * len(queries)}"]
+        columns.append(list(struct.iter_unpack(f"<{count}d", content)))
+    answers = [[number for part in parts for number in part] for parts in zip(*columns, strict=True)]
+    wrong = [n for n, answer in enumerate(answers) if not _is_one_of(answer, queries[n]["answers"], told["tolerance"])]
+    if not wrong:
+        return []
+    first = queries[wrong[0]]
+    return [f"{len(wrong)} of {len(queries)} queries are answered wrong, the first is {wrong[0]} ({first['why']}): "
+            f"{answers[wrong[0]]} instead of {' or '.join(map(str, first['answers']))}"]
+
+
+def _is_one_of(answer, right, tolerance):
+    """Whether all components that are asked are right at once. right: lists of components, None for those that are not asked."""
+    return any(all(v is None or abs(a - v) <= tolerance for a, v in zip(answer, one, strict=True)) for one in right)
 
 
 def cases(wanted):
@@ -107,20 +158,23 @@ def main():
     """The command of the module's description."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--decoder", help="command, called as <command> IN.texf OUT_DIR [--lod L]; default: our own")
+    parser.add_argument("--queries", action="store_true", help="the command knows --queries FILE (clause 8.2)")
     parser.add_argument("--seconds", type=float, default=600, help="time that a command has for one stream (default 600)")
     parser.add_argument("cases", nargs="*", metavar="CASE", help="parts of the paths of the cases to run (default all)")
     arguments = parser.parse_args()
     folders = cases(arguments.cases)
     if not folders:
         parser.error("no case has such a path")
-    decoder = CommandDecoder(arguments.decoder, arguments.seconds) if arguments.decoder else OwnDecoder()
+    decoder = CommandDecoder(arguments.decoder, arguments.seconds, arguments.queries) if arguments.decoder else OwnDecoder()
     failed = 0
     for folder in folders:
         start = time.perf_counter()
         faults = faults_of(decoder, folder)
         failed += bool(faults)
         name, seconds = folder.relative_to(HERE).as_posix(), time.perf_counter() - start
-        print(f"FAIL {name}: {'; '.join(faults)}" if faults else f"pass {name} ({seconds:.2f} s)", flush=True)
+        left = 0 if decoder.asks else sum(map(len, queries_of(folder)["lods"].values()))
+        passed = f"pass {name} ({seconds:.2f} s)" + (f", {left} queries not asked" if left else "")
+        print(f"FAIL {name}: {'; '.join(faults)}" if faults else passed, flush=True)
     print(f"{len(folders) - failed} passed, {failed} failed")
     return 7 if failed else 0
 

@@ -197,6 +197,21 @@ def test_runner_fails_a_decoder_that_is_wrong(tmp_path, case, complaint, fault):
     assert (code, last) == (7, "0 passed, 1 failed")
 
 
+def test_command_that_answers_no_points_is_not_asked():
+    code, (line, last) = run(NAIVE, "subset/k3/")
+    assert code == 0 and line.endswith("queries not asked") and last == "1 passed, 0 failed"
+
+
+def test_naive_decoder_answers_points_as_a_command():
+    code, (*lines, last) = run(NAIVE, "--queries", "subset/k3/", "uncommon/texels_one/", "uncommon/maps_neural/")
+    assert code == 0 and not any("not asked" in line for line in lines) and last == "3 passed, 0 failed"
+
+
+def test_runner_fails_a_command_that_promised_answers_and_gives_none(tmp_path):
+    code, (line, _) = run(wrong_decoder(tmp_path, before="lod = 0"), "--queries", "uncommon/texels_one/")
+    assert code == 7 and "group0_answers.bin has 0 bytes" in line
+
+
 def test_runner_fails_a_decoder_that_hangs(tmp_path):
     command = wrong_decoder(tmp_path, before="import time; time.sleep(60)")
     code, lines = run(command, "--seconds", "0.5", "faulty/magic/")
@@ -218,6 +233,18 @@ def claims(monkeypatch):
     import vectors_claims
 
     return vectors_claims
+
+
+def test_vectors_stand_as_their_readme_says(monkeypatch):
+    monkeypatch.syspath_prepend(str(REPOSITORY / "tools"))
+    import gen_vectors
+
+    standing = gen_vectors.standing()
+    assert gen_vectors.differences(gen_vectors.files_of(standing, [])) == []
+    first, last = standing[0], standing[-1]
+    changed = [first, last]
+    gen_vectors.put_in(changed, [replace(first, title="new"), replace(first, name="subset/more")])
+    assert [v.name for v in changed] == [first.name, "subset/more", last.name] and changed[0].title == "new"
 
 
 @pytest.mark.parametrize("name", GOOD)

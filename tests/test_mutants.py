@@ -2,11 +2,12 @@
 
 import json
 import os
+from itertools import product
 
 import pytest
 
 from tools import mutants
-from tools.mutants import Case, cases_of, killer_of, mutants_of, page_of, traced
+from tools.mutants import Case, Mutant, cases_of, is_of, killer_of, mutants_of, page_of, traced, wanted_mutants
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="mutants run in forked processes")
 
@@ -45,8 +46,65 @@ def test_a_mutant_that_hangs_or_cannot_be_imported_is_killed(empty, monkeypatch)
 def test_the_page_counts_and_names_survivors_and_clauses():
     first, second, third, *_ = [m for m in mutants_of("filter") if m.function == "filter_stage"]
     text = page_of({first: "subset/a", second: None, third: None}, {third.key: "it means the same"})
-    assert "3 mutants, 2 killed or equivalent (66.7%), 1 survivors." in text and f"- `{second.key}`" in text
+    assert "3 mutants, 2 killed or equivalent (66.7%), 1 survivors." in text
+    assert f"| tests/naive/filter.py:{second.line} | filter_stage | 7.7 | `{second.before}` -> `{second.after}` |" in text
     assert "it means the same" in text and "| 7.7 | 1 | subset/a 1 |" in text
+    assert "A sample of two." in page_of({first: "subset/a", second: None}, {}, "A sample of two.")
+
+
+def test_what_is_called_equivalent_is_one_mutant_each():
+    keys = [m.key for module in mutants.MODULES for m in mutants_of(module)]
+    told = json.loads(mutants.EQUIVALENTS.read_text(encoding="utf-8"))
+    assert told and all(keys.count(key) == 1 and reason.endswith(".") for key, reason in told.items())
+
+
+def test_a_part_is_a_function_or_a_clause_with_what_is_below():
+    (split, *_), (waves, *_) = ([m for m in mutants_of(module) if m.function == function]
+                                for module, function in (("attributes", "RangeDecoder.split"), ("neural", "waves")))
+    assert all(is_of(split, part) for part in ("split", "RangeDecoder.split", "attributes.RangeDecoder.split", "7.6.2", "7"))
+    assert not any(is_of(split, part) for part in ("7.5", "7.6.3", "bit", "1")) and is_of(waves, "11") and not is_of(waves, "1")
+
+
+def test_a_sample_is_the_same_for_the_same_seed():
+    drawn = lambda *call: wanted_mutants(mutants._arguments(["--module", "mixing", "--sample", "9", *call]))
+    (first, told), (again, _), (other, _) = drawn(), drawn("--seed", "0"), drawn("--seed", "1")
+    assert first == again != other and len(set(first)) == 9 and told.startswith("A sample: 9 of ")
+
+
+# Rules that once no vector held, by the vector that was made for them, as (module, text, what stands there instead).
+ENDS = "65523, 65528, 65531, 65533, 65534, 65535"  # of SQUASH_TABLE
+HELD = [
+    ("uncommon/rules_quiet", "mixing", "largest_rate=5", "largest_rate=4"),
+    ("uncommon/rules_quiet", "mixing", "largest_rate=5", "largest_rate=6"),
+    ("uncommon/rules_leads", "residual", "min(abs(lead), 15)", "min(abs(lead), 14)"),
+    ("uncommon/rules_leads", "residual", "min(abs(lead), 15)", "min(abs(lead), 16)"),
+    ("uncommon/rules_half", "voxels", "((((e - s) * left) // (2 * rows)) << 16) // (2 * count)",
+     "(((e - s) * left) << 16) // (4 * rows * count)"),
+    ("uncommon/rules_slopes", "attributes", "self.weighted(c, octants) // self.weights[i]",
+     "(2 * self.weighted(c, octants) + self.weights[i]) // (2 * self.weights[i])"),
+    ("uncommon/filter_alpha", "filter", "(4, 8, 16, 32)", "(5, 8, 16, 32)"),
+    ("uncommon/filter_slices", "filter", "(4, 8, 16, 32)", "(3, 8, 16, 32)"),
+    ("uncommon/filter_three_stages", "attributes", 'for stage in unit["filters"]:', 'for stage in unit["filters"][:2]:'),
+    *(("uncommon/rules_zeros", "mixing", "    1, 2, 3, 5", f"    {n}, 2, 3, 5") for n in (0, 2)),
+    *(("uncommon/rules_ones", "mixing", ENDS, ENDS.replace(str(n), str(n + d))) for n, d in (
+        *product((65523, 65528, 65531, 65533), (-1, 1)), (65534, 1), (65535, -1))),
+]
+
+
+@pytest.fixture(scope="module")
+def held():
+    """By name, the vectors that HELD names, with what the naive decoder says of them."""
+    names = {name for name, *_ in HELD}
+    return {case.name: traced(case) for case in cases_of() if case.name in names and case.lod == 0}
+
+
+@pytest.mark.parametrize("name, module, text, other", HELD)
+def test_vector_holds_the_rule_that_it_was_made_for(held, monkeypatch, name, module, text, other):
+    source = (mutants.NAIVE / f"{module}.py").read_text(encoding="utf-8")
+    assert source.count(text) == 1 and isinstance(held[name].said, dict)
+    changed = compile(source.replace(text, other), f"{module} changed", "exec")
+    monkeypatch.setattr(mutants, "changed_code", lambda mutant: changed)
+    assert killer_of(Mutant(module, -1, "", 0, text, other), [held[name]]) == name
 
 
 def test_a_run_goes_on_where_it_was_stopped(tmp_path, monkeypatch, capsys, empty):

@@ -1,4 +1,5 @@
-"""Makes the conformance vectors: --write rewrites conformance/ (streams, case.json, README.md), --check says what would differ.
+"""Makes the conformance vectors: --write rewrites conformance/ (streams, case.json, queries.json, README.md), --check says what
+would differ. --module and --only make a part of them and leave the others as they stand.
 
 Every good stream is decoded by our decoder and by the naive one of tests/naive first; nothing is written where they differ, nor
 where a title or a list of clauses promises what is not in the stream (vectors_claims.py).
@@ -7,6 +8,7 @@ where a title or a list of clauses promises what is not in the stream (vectors_c
 import argparse
 import hashlib
 import json
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -15,19 +17,22 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[1:1] = [str(ROOT), str(ROOT / "conformance"), str(ROOT / "tests")]
 
 import vectors_constant  # noqa: E402
+import vectors_faulty  # noqa: E402
 import vectors_filter  # noqa: E402
+import vectors_good  # noqa: E402
 import vectors_materials  # noqa: E402
 import vectors_materials_faulty  # noqa: E402
 import vectors_neural  # noqa: E402
 import vectors_normals  # noqa: E402
 import vectors_planar  # noqa: E402
+import vectors_rules  # noqa: E402
 import vectors_texels  # noqa: E402
 import vectors_texels_faulty  # noqa: E402
 from decode_texfcodec import arrays  # noqa: E402
 from naive import decoder as naive  # noqa: E402
 from vectors_claims import Case, unkept  # noqa: E402
-from vectors_faulty import faulty  # noqa: E402
-from vectors_good import parsed, subset, uncommon  # noqa: E402
+from vectors_good import Vector, parsed  # noqa: E402
+from vectors_queries import queries_file  # noqa: E402
 
 from texfcodec.asset.scene import WRAP_NAMES  # noqa: E402
 from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS  # noqa: E402
@@ -37,6 +42,12 @@ from texfcodec.errors import TexfError  # noqa: E402
 
 HOME = ROOT / "conformance"
 LARGEST = 1 << 16
+# Makers of vectors, in the order of README.md.
+GOOD = ("subset", (vectors_good, vectors_constant, vectors_neural, vectors_texels, vectors_materials))
+SELDOM = ("uncommon", (vectors_good, vectors_filter, vectors_constant, vectors_neural, vectors_texels, vectors_planar,
+                       vectors_materials, vectors_normals, vectors_rules))
+FAULTY = ("faulty", (vectors_faulty, vectors_filter, vectors_constant, vectors_neural, vectors_texels_faulty, vectors_planar,
+                     vectors_materials_faulty, vectors_normals))
 README = """# Conformance vectors
 
 Small streams with the SHA-256 of everything that is decoded from them (clause 9 of [the specification](../bitstream_spec.md)):
@@ -68,10 +79,21 @@ The runner compares every array at every listed level of detail; a missing or un
 nothing else. It prints one line a case and exits with 0, or with 7 where a case has failed. `tests/test_conformance.py` puts
 decoders that are wrong on purpose through it.
 
-`case.json` holds `title`, `clauses`, `features` and, by level of detail, the SHA-256 of every array; in `faulty/`, `expect` and
-the `code` of our own decoder's error. What a title and its clauses promise is looked up in the stream (`tools/vectors_claims.py`)
-whenever the vectors are made or tested. Everything here but the two programs is made by `python tools/gen_vectors.py --write`;
-`--check` makes it again in memory and says what differs.
+## Points that ask
+
+Some vectors have a `queries.json`: points, and all answers to them that clauses 8.2 and 11.2 let pass. A decoder that answers
+points is called with `--queries FILE` as well, where the runner is told so; others are not asked, and do not fail for it:
+
+    python conformance/run.py --decoder "<command>" --queries
+
+FILE holds 40 bytes a query, little endian: two 64-bit integers, field and triangle, and the point as three binary64. Where the
+field is over texels, triangle is the row of `field{{i}}_uv` that the point's face is, counted from 0, otherwise 0. Field -1 means
+that no face is known. The decoder writes `group{{g}}_answers.bin` of every channel group g: for query after query the group's
+components as they are coded (one where it is grey) on the scale 0..255, binary64, little endian; anything where the field that is
+asked has no values of the group.
+
+In `queries.json`, `components` has the number of each group. Each of a query's `answers` holds those of all groups, one after
+the other, `null` where nothing is asked; all have to be within `tolerance` of the same answer. `why` says what the point is for.
 
 ## Vectors by clause
 
@@ -81,8 +103,8 @@ whenever the vectors are made or tested. Everything here but the two programs is
 
 ## All vectors
 
-| vector | what it is | bytes |
-|---|---|---|
+| vector | what it is | bytes | queries |
+|---|---|---|---|
 {vectors}
 """
 
@@ -171,7 +193,7 @@ def refusal(data):
     return "no error"
 
 
-def readme(vectors):
+def readme(vectors, files):
     """Text of conformance/README.md."""
     by_number = lambda clause: [int(part) for part in clause.split(".")]
     rows = []
@@ -179,19 +201,48 @@ def readme(vectors):
         mine = [v for v in vectors if clause in v.clauses]
         names = lambda refused, mine=mine: ", ".join(v.name.split("/")[1] for v in mine if bool(v.expect) == refused)
         rows.append(f"| {clause} | {names(False)} | {names(True)} |")
-    every = [f"| {v.name} | {v.title} | {len(v.data)} |" for v in vectors]
+    asked = lambda v: sum(map(len, json.loads(files.get(f"{v.name}/queries.json", '{"lods": {}}'))["lods"].values())) or ""
+    every = [f"| {v.name} | {v.title} | {len(v.data)} | {asked(v)} |" for v in vectors]
     return README.format(clauses="\n".join(rows), vectors="\n".join(every))
 
 
-def files_of(vectors):
-    """Path below conformance/ -> bytes, of everything that is generated."""
-    files = {"README.md": readme(vectors).encode()}
+def made(vector):
+    """File name -> bytes, of one vector."""
+    if len(vector.data) >= LARGEST:
+        raise SystemExit(f"{vector.name} has {len(vector.data)} bytes")
+    case, queries = case_of(vector), queries_file(vector)
+    files = {"in.texf": vector.data, "case.json": (json.dumps(case, indent=1, ensure_ascii=False) + "\n").encode()}
+    return files | ({"queries.json": queries} if queries else {})
+
+
+def files_of(vectors, chosen):
+    """Path below conformance/ -> bytes, of everything that is generated; of vectors that are not chosen, as they stand."""
+    files = {}
     for vector in vectors:
-        if len(vector.data) >= LARGEST:
-            raise SystemExit(f"{vector.name} has {len(vector.data)} bytes")
-        files[f"{vector.name}/in.texf"] = vector.data
-        files[f"{vector.name}/case.json"] = (json.dumps(case_of(vector), indent=1, ensure_ascii=False) + "\n").encode()
-    return files
+        stands = {path.name: path.read_bytes() for path in sorted((HOME / vector.name).glob("*"))}
+        files |= {f"{vector.name}/{name}": content for name, content in (made(vector) if vector in chosen else stands).items()}
+    return {"README.md": readme(vectors, files).encode()} | files
+
+
+def standing():
+    """The vectors of conformance/, in the order of README.md."""
+    out = []
+    for name in re.findall(r"^\| ((?:subset|uncommon|faulty)/\w+) \|", (HOME / "README.md").read_text(encoding="utf-8"), re.M):
+        case, data = json.loads((HOME / name / "case.json").read_text(encoding="utf-8")), (HOME / name / "in.texf").read_bytes()
+        lods = tuple(map(int, case.get("lods", {"0": None})))
+        out.append(Vector(name, case["title"], tuple(case["clauses"]), data, lods, case.get("expect", ""), case.get("code", "")))
+    return out
+
+
+def put_in(vectors, new):
+    """Puts new vectors into the places of those of their names, or behind the last of their kind."""
+    for vector in new:
+        names = [other.name for other in vectors]
+        if vector.name in names:
+            vectors[names.index(vector.name)] = vector
+        else:
+            kind = vector.name.split("/")[0]
+            vectors.insert(1 + max(i for i, name in enumerate(names) if name.startswith(kind)), vector)
 
 
 def present():
@@ -217,14 +268,10 @@ def write(files):
         (HOME / name).write_bytes(content)
 
 
-def every_vector():
-    """All vectors, in the order of README.md."""
-    good = [subset(), vectors_constant.subset(), vectors_neural.subset(), vectors_texels.subset(), vectors_materials.subset(),
-            uncommon(), vectors_filter.uncommon(), vectors_constant.uncommon(), vectors_neural.uncommon(),
-            vectors_texels.uncommon(), vectors_planar.uncommon(), vectors_materials.uncommon(), vectors_normals.uncommon()]
-    bad = [faulty(), vectors_filter.faulty(), vectors_constant.faulty(), vectors_neural.faulty(), vectors_texels_faulty.faulty(),
-           vectors_planar.faulty(), vectors_materials_faulty.faulty(), vectors_normals.faulty()]
-    return [vector for part in (*good, *bad) for vector in part]
+def vectors_made(module=None):
+    """All vectors, in the order of README.md, or those of one module."""
+    return [vector for kind, makers in (GOOD, SELDOM, FAULTY) for maker in makers if module in (None, maker.__name__)
+            for vector in getattr(maker, kind)()]
 
 
 def main():
@@ -233,12 +280,19 @@ def main():
     mode = parser.add_mutually_exclusive_group(required=True)
     mode.add_argument("--write", action="store_true", help="rewrite conformance/")
     mode.add_argument("--check", action="store_true", help="exit 7 where conformance/ is not what would be written")
+    parser.add_argument("--module", metavar="NAME", help="make the vectors of this module, such as vectors_rules")
+    parser.add_argument("--only", metavar="PART", help="ask the streams that stand there, of whose names this is a part, anew")
     arguments = parser.parse_args()
-    vectors = every_vector()
-    files = files_of(vectors)
+    if arguments.module or arguments.only:
+        vectors, chosen = standing(), vectors_made(arguments.module) if arguments.module else []
+        put_in(vectors, chosen)
+        chosen += [vector for vector in vectors if arguments.only and arguments.only in vector.name and vector not in chosen]
+    else:
+        vectors = chosen = vectors_made()
+    files = files_of(vectors, chosen)
     found = differences(files)
-    print("\n".join([*found, f"{len(vectors)} vectors, {len(found)} files differ"]))
-    for vector in vectors:
+    print("\n".join([*found, f"{len(vectors)} vectors, {len(chosen)} made anew, {len(found)} files differ"]))
+    for vector in chosen:
         if vector.expect and refusal(vector.data) != vector.code:
             print(f"{vector.name}: {refusal(vector.data)} instead of {vector.code}", file=sys.stderr)
     if arguments.write:

@@ -1,11 +1,14 @@
 """Mutants of the naive decoder: one rule changed at a time, to see whether a conformance vector notices.
 
-python tools/mutants.py [--module NAME ...] [--every N] [--jobs N] [--seconds S] [--state FILE.jsonl] [--page docs/mutants.md]
+python tools/mutants.py [--module NAME ...] [--only PART ...] [--every N | --sample N [--seed S]] [--jobs N] [--seconds S]
+                        [--state FILE.jsonl] [--page docs/mutants.md]
 
 A mutant has one operator, comparison, constant or condition of tests/naive changed. It is *killed* when a vector of conformance/
-is decoded to something else, refused otherwise, or takes too long. A *survivor* is a rule that no vector holds, or a change
-that means the same: tests/naive/equivalents.json says of which mutants this was shown, and why. --state keeps what was found, so
-that a run goes on where it was stopped. Exit code 7: there are survivors that are not said to be equivalent.
+is decoded to something else, refused otherwise, answers a query wrong, or takes too long. A *survivor* is a rule that no vector
+holds, or a change that means the same: tests/naive/equivalents.json says of which mutants this was shown, and why. --only takes
+functions (split, neural.waves) and clauses (7.6, with all below). --state keeps what was found, so that a run goes on where it
+was stopped, with what vectors call beside it (FILE.cases.json). Exit code 7: there are survivors that are not said to be
+equivalent.
 """
 
 import argparse
@@ -15,21 +18,27 @@ import importlib.abc
 import importlib.util
 import json
 import os
-import re
+import random
 import signal
 import sys
 import time
-from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-NAIVE, VECTORS = REPOSITORY / "tests" / "naive", REPOSITORY / "conformance"
+if str(REPOSITORY) not in sys.path:  # run as a command
+    sys.path.insert(0, str(REPOSITORY))
+
+from conformance import run as runner  # noqa: E402
+from tools.mutants_page import NAIVE, clauses_of, page_of  # noqa: E402
+
+VECTORS = REPOSITORY / "conformance"
 EQUIVALENTS = NAIVE / "equivalents.json"
-MODULES = ("attributes", "bits", "decoder", "edges", "filter", "materials", "mixing", "neural", "planar", "residual", "scales",
-           "syntax", "texels", "voxels")
-SLOWEST = 5.0  # seconds that a vector may take
+MODULES = ("attributes", "bits", "decoder", "edges", "filter", "materials", "mixing", "neural", "planar", "queries", "residual",
+           "scales", "syntax", "texels", "voxels")
+UNRUN = ("main", "arrays", "answer_files", "read_queries")  # what is no rule of a decoder, but how it is called
+SLOWEST = 20.0  # seconds that a vector may take
 PATIENCE = 10.0  # how much longer a mutant may take
 COMPARISONS = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
                ast.In: ast.NotIn, ast.NotIn: ast.In, ast.Is: ast.IsNot, ast.IsNot: ast.Is}
@@ -114,7 +123,7 @@ def mutants_of(module):
     """Every Mutant of a module of tests/naive."""
     changer = _Changer()
     changer.visit(ast.parse((NAIVE / f"{module}.py").read_text(encoding="utf-8")))
-    return [Mutant(module, *found) for found in changer.found if found[1] not in ("main", "arrays")]
+    return [Mutant(module, *found) for found in changer.found if found[1] not in UNRUN]
 
 
 def changed_code(mutant):
@@ -141,7 +150,8 @@ class _Importer(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 @dataclass
 class Case:
-    """A vector at one level of detail. said: hashes of its arrays, or how it is refused; functions: those that it calls."""
+    """A vector at one level of detail. told: its queries, as queries.json has them; said: hashes of its arrays and what is wrong
+    with its answers, or how it is refused; functions: those that it calls."""
 
     name: str
     data: bytes
@@ -149,6 +159,7 @@ class Case:
     said: object = None
     seconds: float = 0.0
     functions: frozenset = frozenset()
+    told: dict | None = None
 
     def runs(self, mutant):
         """Whether the case calls the function of a mutant; of what runs at import, whether it calls one of the module."""
@@ -164,7 +175,7 @@ def cases_of():
         told, data = json.loads(path.read_text(encoding="utf-8")), (path.parent / "in.texf").read_bytes()
         name = f"{path.parent.parent.name}/{path.parent.name}"
         if told.get("expect") != "limit":
-            found += [Case(name, data, int(lod)) for lod in told.get("lods", {"0": None})]
+            found += [Case(name, data, int(lod), told=runner.queries_of(path.parent)) for lod in told.get("lods", {"0": None})]
     return found
 
 
@@ -174,15 +185,22 @@ def answer(case):
     from naive import decoder
     from naive.bits import Invalid, Unsupported
 
+    queries = case.told["lods"].get(str(case.lod), []) if case.told else []
     try:
-        files = decoder.arrays(decoder.decode(case.data, case.lod))
+        texf = decoder.decode(case.data, case.lod)
+        files, faults = decoder.arrays(texf), []
+        if queries:
+            from naive.queries import answer_files, read_queries
+
+            answers = answer_files(texf, read_queries(runner.packed(queries)))
+            faults = runner.faults_of_answers({f"{name}.bin": content for name, content in answers.items()}, queries, case.told)
     except Invalid:
         return "Invalid"
     except Unsupported:
         return "Unsupported"
     except Exception as error:
         return f"raised {type(error).__name__}"
-    return {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())}
+    return {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())} | {"queries": bool(faults)}
 
 
 def traced(case):
@@ -205,6 +223,24 @@ def traced(case):
     if case.said != "raised TimeoutError":
         case.functions = frozenset((Path(c.co_filename).stem, c.co_qualname.replace(".<locals>", "")) for c in called)
     return case
+
+
+def known_cases(cases, path):
+    """The cases traced; what was found before is read from a file, and written there, by all that it depends on."""
+    before = json.loads(path.read_text(encoding="utf-8")) if path and path.exists() else {}
+    sources = b"".join(file.read_bytes() for file in sorted(NAIVE.glob("*.py")))
+    for case in cases:
+        mark = hashlib.sha256(sources + case.data + json.dumps([case.lod, case.told]).encode()).hexdigest()
+        if mark in before:
+            case.said, case.seconds, functions = before[mark]
+            case.functions = frozenset(map(tuple, functions))
+            continue
+        traced(case)
+        before[mark] = case.said, case.seconds, sorted(case.functions)
+    if path:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(before), encoding="utf-8")
+    return [case for case in cases if case.functions]
 
 
 def _too_slow(*_):
@@ -244,62 +280,23 @@ def _try_cases(mutant, cases, writing):
         os._exit(0)
 
 
-# The run and its page
+# The run
 
 
-def clauses_of(module):
-    """{function: the clauses that its docstring, or that of what it stands in, names} of a module."""
-    found = {}
-
-    def walk(node, place, clauses):
-        for part in node.body:
-            if isinstance(part, ast.FunctionDef | ast.ClassDef):
-                said = re.findall(r"\d+(?:\.\d+)+|(?<=[Cc]lause )\d+", ast.get_docstring(part) or "")
-                own = said or clauses
-                found[".".join([*place, part.name])] = own
-                walk(part, [*place, part.name], own)
-
-    tree = ast.parse((NAIVE / f"{module}.py").read_text(encoding="utf-8"))
-    walk(tree, [], re.findall(r"\d+(?:\.\d+)+|(?<=[Cc]lause )\d+", ast.get_docstring(tree) or ""))
-    return found
-
-
-def page_of(found, equivalents):
-    """docs/mutants.md. found: {Mutant: killer or None}."""
-    modules = list(dict.fromkeys(m.module for m in found))
-    survivors = [m for m, killer in found.items() if killer is None and m.key not in equivalents]
-    settled = len(found) - len(survivors)
-    share = f"{settled / max(len(found), 1):.1%}"
-    out = ["# Mutants of the naive decoder", "", "Made by `make mutants` (tools/mutants.py): one rule of tests/naive changed at "
-           "a time, every conformance vector that runs the line asked.", "",
-           f"{len(found)} mutants, {settled} killed or equivalent ({share}), {len(survivors)} survivors.", "",
-           "| module | mutants | killed | equivalent | survivors |", "|---|---:|---:|---:|---:|"]
-    for module in modules:
-        mine = {m: killer for m, killer in found.items() if m.module == module}
-        dead = sum(killer is not None for killer in mine.values())
-        same = sum(killer is None and m.key in equivalents for m, killer in mine.items())
-        out.append(f"| {module} | {len(mine)} | {dead} | {same} | {len(mine) - dead - same} |")
-    out += ["", "## Survivors", "", *(f"- `{m.key}`" for m in survivors)] if survivors else []
-    out += ["", "## Equivalent", "", "| mutant | why nothing changes |", "|---|---|"]
-    out += [f"| `{m.key}`".replace("|", "\\|").replace("\\|", "|", 1) + f" | {equivalents[m.key]} |"
-            for m, killer in found.items() if killer is None and m.key in equivalents]
-    out += ["", "## Which vector kills which rule", "", "The quickest that does, by clause; a vector may kill many more.", "",
-            "| clause | mutants killed | by |", "|---|---:|---|"]
-    by_clause = {}
-    for m, killer in found.items():
-        for clause in clauses_of(m.module).get(m.function, ["none named"]) if killer else []:
-            by_clause.setdefault(clause, Counter())[killer] += 1
-    number = lambda clause: [int(part) if part.isdigit() else 0 for part in clause.split(".")]
-    for clause in sorted(by_clause, key=number):
-        killers = ", ".join(f"{name} {count}" for name, count in by_clause[clause].most_common(6))
-        out.append(f"| {clause} | {by_clause[clause].total()} | {killers} |")
-    return "\n".join(out) + "\n"
+def is_of(mutant, part):
+    """Whether a mutant is in a function, or in one that stands for a clause or what is below it."""
+    clauses = clauses_of(mutant.module).get(mutant.function, [])
+    return part in (mutant.function, mutant.function.split(".")[-1], f"{mutant.module}.{mutant.function}") or any(
+        f"{clause}.".startswith(f"{part}.") for clause in clauses)
 
 
 def _arguments(arguments):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--module", action="append", choices=MODULES, help="of these modules only; repeatable")
+    parser.add_argument("--only", action="append", metavar="PART", help="of this function or clause only; repeatable")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="every N-th mutant only")
+    parser.add_argument("--sample", type=int, metavar="N", help="so many, drawn at random")
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the drawing (default 0)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N")
     parser.add_argument("--seconds", type=float, default=0, metavar="S", help="begin no more mutants after so long")
     parser.add_argument("--state", type=Path, metavar="FILE.jsonl", help="what was found: read first, then added to")
@@ -307,29 +304,47 @@ def _arguments(arguments):
     return parser.parse_args(arguments)
 
 
+def wanted_mutants(args):
+    """(those that are asked for, how they were chosen as a sentence)."""
+    every = [m for module in args.module or MODULES for m in mutants_of(module)]
+    found = [m for m in every if not args.only or any(is_of(m, part) for part in args.only)][:: args.every]
+    if args.sample is None or args.sample >= len(found):
+        return found, f"{len(found)} of {len(every)} mutants." if len(found) < len(every) else "Every mutant."
+    return random.Random(args.seed).sample(found, args.sample), (
+        f"A sample: {args.sample} of {len(found)} mutants, drawn at random with seed {args.seed}.")
+
+
+def known_of(state):
+    """{identity of a mutant: its row} of what earlier runs found."""
+    rows = map(json.loads, state.read_text(encoding="utf-8").splitlines()) if state and state.exists() else ()
+    return {tuple(row["mutant"]): row for row in rows}
+
+
 def main(arguments=None):
     """Command line of the tool."""
     args = _arguments(arguments)
     sys.path.insert(0, str(REPOSITORY / "tests"))
-    wanted = [m for module in args.module or MODULES for m in mutants_of(module)][:: args.every]
-    known = {}
-    if args.state and args.state.exists():
-        known = {tuple(row["mutant"]): row["killer"] for row in map(json.loads, args.state.read_text().splitlines())}
+    wanted, chosen = wanted_mutants(args)
+    known, spent = known_of(args.state), {}
     identity = lambda m: (m.module, m.number, m.key)
-    cases = sorted((case for case in map(traced, cases_of()) if case.functions), key=lambda case: case.seconds)
+    traces = args.state.with_suffix(".cases.json") if args.state else None
+    cases = sorted(known_cases(cases_of(), traces), key=lambda case: case.seconds)
     print(f"{len(wanted)} mutants, {len(cases)} cases, {sum(case.seconds for case in cases):.0f} s", flush=True)
     begin = time.monotonic()
 
     def one(mutant):
-        if identity(mutant) in known:
-            return known[identity(mutant)]
-        if args.seconds and time.monotonic() - begin > args.seconds:
+        if row := known.get(identity(mutant)):
+            spent[mutant] = row.get("seconds", 0.0)
+            return row["killer"]
+        start = time.monotonic()
+        if args.seconds and start - begin > args.seconds:
             return "not run"
         killer = killer_of(mutant, [case for case in cases if case.runs(mutant)])
+        spent[mutant] = time.monotonic() - start
         if args.state:
             args.state.parent.mkdir(parents=True, exist_ok=True)
-            with args.state.open("a") as file:
-                file.write(json.dumps({"mutant": identity(mutant), "killer": killer}) + "\n")
+            with args.state.open("a", encoding="utf-8") as file:
+                file.write(json.dumps({"mutant": identity(mutant), "killer": killer, "seconds": round(spent[mutant], 2)}) + "\n")
         return killer
 
     with ThreadPoolExecutor(args.jobs) as pool:
@@ -340,7 +355,8 @@ def main(arguments=None):
     print("\n".join([*(f"survivor {m.key} (line {m.line})" for m in survivors),
                      f"{len(found)} of {len(wanted)} mutants run, {len(survivors)} survivors"]))
     if args.page:
-        args.page.write_text(page_of(found, equivalents), encoding="utf-8")
+        told = f"{chosen} {len(found)} were run in {sum(spent.values()):.0f} s, on {len(cases)} vectors and levels of detail."
+        args.page.write_text(page_of(found, equivalents, told), encoding="utf-8")
     return 7 if survivors else 0
 
 

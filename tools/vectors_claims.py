@@ -349,7 +349,8 @@ NEURAL = {
 }
 PROMISES = HEADER_AND_FIELDS | CODEWORDS | RAHT | FILTERS | TEXELS | PLANAR | CONSTANT | NEURAL | MATERIALS | NORMALS
 # What a scene looks like, and limits that a scene was built to lie on: nothing that the stream says.
-UNSEEN = ("a ribbon", "one inside the other", "areas and heights exactly on a limit", "one colour but for a few spots")
+UNSEEN = ("a ribbon", "one inside the other", "areas and heights exactly on a limit", "one colour but for a few spots",
+          "two values but for a few spots", "a sample that one rounding would move")
 # Clause -> what a vector that lists it has to hold, for the tools that a stream may do without.
 CLAUSES = {
     "5.6.1": lambda c: c.grids,

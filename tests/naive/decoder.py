@@ -1,8 +1,9 @@
 """A whole decoder in plain Python, written from bitstream_spec.md and a Draco decoder alone: slow, and readable beside the text.
 
-    python tests/naive/decoder.py IN.texf OUT_DIR [--lod L]
+    python tests/naive/decoder.py IN.texf OUT_DIR [--lod L] [--queries FILE]
 
-writes the arrays of clause 9 for conformance/run.py. Exit codes: 3 for an invalid stream, 5 for one it does not support.
+writes the arrays of clause 9, and the answers to queries, for conformance/run.py. Exit codes: 3 for an invalid stream, 5 for one
+it does not support.
 """
 
 import argparse
@@ -28,8 +29,8 @@ FLOAT32, UINT32, POSITION, TEX_COORD, GENERIC = 9, 6, 0, 3, 4  # Draco's own num
 
 
 def decode(data, lod=0):
-    """Stream bytes -> dict of header, materials, units (field, material, lattice, uv, faces), fields (keys, bytes by group) and
-    neural: what answers any position of a field, None without 3DNTC."""
+    """Stream bytes -> dict of header, materials, units (field, material, lattice, uv, faces), fields (its unit, levels left out,
+    keys, bytes and level_shift by group) and neural: what answers any position of a field, None without 3DNTC."""
     stream = read_stream(units_of(data))
     header, attributes = stream["header"], stream["attributes"]
     units = [decode_geometry(unit, header["position_bits"]) for unit in stream["geometry"]]
@@ -48,8 +49,9 @@ def decode(data, lod=0):
     for index, field in enumerate(stream["fields"]):
         left_out = levels_left_out(field, lod)
         coarse = sorted({key >> 3 * left_out for key in keys[index]})
+        shifts = {unit["group_index"]: unit["level_shift"] for unit in attributes if unit["field_index"] == index}
         fields.append({"resolution": -(-field["resolution"] >> left_out), "keys": coarse, "values": values[index],
-                       "support": field["support"]})
+                       "support": field["support"], "unit": field, "left_out": left_out, "shifts": shifts})
     return {"header": header, "materials": stream["materials"], "units": units, "fields": fields,
             "metadata": stream["metadata"], "neural": neural, "sharp_edges": marks}
 
@@ -181,9 +183,15 @@ def main():
     parser.add_argument("stream", type=Path)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--lod", type=int, default=0)
+    parser.add_argument("--queries", type=Path)
     arguments = parser.parse_args()
     try:
-        files = arrays(decode(arguments.stream.read_bytes(), arguments.lod))
+        texf = decode(arguments.stream.read_bytes(), arguments.lod)
+        files = arrays(texf)
+        if arguments.queries:
+            from naive.queries import answer_files, read_queries  # it stands on this module
+
+            files |= answer_files(texf, read_queries(arguments.queries.read_bytes()))
     except (Invalid, Unsupported) as error:
         print(f"{type(error).__name__}: {error}", file=sys.stderr)
         return 3 if isinstance(error, Invalid) else 5

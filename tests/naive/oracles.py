@@ -10,6 +10,7 @@ from math import isqrt
 
 from naive import mixing
 from naive.filter import filter_stage as filter_stage  # 7.7, one stage: (dict of voxels, mask, coefficients, luma step) -> dict
+from naive.queries import voxel_answers
 from naive.scales import falloff as falloff  # 7.3: (mean, centre, colour range, luma step) -> 0..64
 
 STEPS = (2580, 2896, 3251, 3649, 4096, 4598)
@@ -86,25 +87,9 @@ def voxelise(lattice, faces, bits, resolution, threshold=0):
 
 
 def query(point, values):
-    """Exact answer at a grid point. values: dict from voxel to a number. Trilinear over active voxels, else the nearest centres.
-
-    Returns (lowest, highest) admissible answer: voxels whose centres are equally near may both answer.
-    """
-    x = [Fraction(v) - Fraction(1, 2) for v in point]
-    base = [v.__floor__() for v in x]
-    total, acc = Fraction(0), Fraction(0)
-    for corner in product((0, 1), repeat=3):
-        voxel = tuple(b + c for b, c in zip(base, corner, strict=True))
-        weight = Fraction(1)
-        for v, b, c in zip(x, base, corner, strict=True):
-            weight *= (v - b) if c else 1 - (v - b)
-        if weight > 0 and voxel in values:
-            total, acc = total + weight, acc + weight * values[voxel]
-    if total > 0:
-        return acc / total, acc / total
-    distance = {v: sum((Fraction(c) - p) ** 2 for c, p in zip(v, x, strict=True)) for v in values}
-    nearest = [values[v] for v, d in distance.items() if d <= min(distance.values()) * (1 + Fraction(1, 10**12))]
-    return min(nearest), max(nearest)
+    """(lowest, highest) admissible answer at a grid point. values: dict from voxel to a number."""
+    found = [answer for (answer,) in voxel_answers([Fraction(v) for v in point], {v: [n] for v, n in values.items()})]
+    return min(found), max(found)
 
 
 # Octree (7.1)

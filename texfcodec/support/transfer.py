@@ -31,8 +31,8 @@ NOT_CROWDED = np.zeros(0, np.int32), np.zeros((0, 6))
 @kernel
 def _gather(corners, faces, source, per_edge, resolution, low, high, axis, only_empty, slots, bricks, words, ranks, sums, row,
             exact):
-    """Adds the samples of one slab to sums float32 [N, 7]: alpha-weighted red, green, blue and weight, then alpha, weight, and how
-    many they are. Where exact float64 [M, 6] is not empty, to the rows of that instead which row int32 [N] names, -1 for none.
+    """Adds the samples of one slab to sums float32 [N, 7]: alpha-weighted red, green, blue and weight, then alpha, weight, and
+    how many they are. Where exact float64 [M, 6] is not empty, to its rows instead, which row int32 [N] names, -1 for none.
 
     With only_empty, voxels that have a weight already are left alone. Every voxel gets its samples in face order, whatever the
     slabs are, so the sums do not depend on the thread count.

@@ -106,7 +106,7 @@ def run_of(draw: Draws) -> tuple:
 def long_mixing(draw: Draws) -> float:
     """Bits of the largest sum of nine products in a long run; infinite where a bit comes back otherwise or a state leaves its
     range."""
-    n, m = draw.size(1 << 12, 1 << 26, 1 << 31), draw.integer(1, MAX_MODELS)
+    n, m = draw.size(1 << 12, 1 << 24, 1 << 31), draw.integer(1, MAX_MODELS)
     place, regimes, length = run_of(draw)
     out = np.empty(n // 4 + 4096, np.uint8)
     coder, model = Coder(new_encoder(), out, 0), new_model(CONTEXTS * m, 4, 2)
@@ -128,7 +128,7 @@ def long_mixing(draw: Draws) -> float:
 def long_coding(draw: Draws) -> float:
     """Bits a symbol that a codeword is longer than its bits' probabilities say, less 40 for its end; infinite where a bit comes
     back otherwise."""
-    n = draw.size(1 << 12, 1 << 26, 1 << 31)
+    n = draw.size(1 << 12, 1 << 24, 1 << 31)
     place, regimes, length = run_of(draw)
     out, state, information = np.empty(n // 4 + 4096, np.uint8), new_encoder(), np.zeros(1)
     if _plain_run(True, n, state, out, 0, new_contexts(CONTEXTS), place(), regimes, length, information) or state[FULL]:
@@ -183,14 +183,14 @@ def mixed_alike(draw: Draws) -> float:
 RUNS = "constant, skewed, alternating and even bits and changes between them"
 CASES = (
     Case("mixing, long runs", GROUP,
-         f"2^26 bits a run (2^31 with --most), {RUNS}, one to eight models, encoded and decoded",
+         f"2^24 bits a run (2^31 with --most), {RUNS}, one to eight models, encoded and decoded",
          61, "bits of a sum",
          "A weight moves by less than 2^15 a bit (7.6.4), so after 2^31 bits nine products of 2^46 and 2816 stay below 2^61. "
          "That is far from what happens: the better a set foretells, the smaller its error. Contexts and refinements move "
          "towards 0 or 2^22 - 1 by a part of the way and stay between; coder and decoder end in one state.",
          long_mixing, 12, True, True),
     Case("range coder, long runs", GROUP,
-         f"2^26 bits a run (2^31 with --most), {RUNS}",
+         f"2^24 bits a run (2^31 with --most), {RUNS}",
          LOST, "bits a symbol",
          "range >> 16 is at least 256 and rounded down, so a bit loses at most one part in 256 of its share (7.6.2): 0.00565 "
          "bits. The end of a codeword takes 40 bits at most.",

@@ -175,7 +175,7 @@ FINDINGS = (
     Finding("TXF-I56", InputError, (), "fitting with torch needs an optional extra", "pip install texfcodec[ntc]"),
     Finding("TXF-I57", InputError, (), "a batch names no asset, or its manifest cannot be read",
             "compare the manifest with texf-enc --help"),
-    Finding("TXF-I58", InputError, (), "the fit of a 3DNTC payload has diverged: its numbers are none any more",
+    Finding("TXF-I58", InputError, (), "the fit of a payload has diverged: its numbers are none any more",
             "take another --seed, or delete the checkpoint"),
     Finding("TXF-I60", InputError, (), "the mesh has coordinates that are too large", "scale the mesh down"),
     Finding("TXF-I61", InputError, (), "the mesh is too small to be scaled", "scale the mesh up"),

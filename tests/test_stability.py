@@ -62,6 +62,15 @@ def test_a_case_that_is_worse_than_its_bound_is_found_and_ends_with_7(monkeypatc
     assert command.main(["--case", name, "--trials", "2"]) == 0
 
 
+def test_a_run_goes_on_where_it_was_stopped(tmp_path, monkeypatch, capsys):
+    name, state = next(iter(CASES)), tmp_path / "found" / "state.jsonl"
+    words = ["--case", name, "--trials", "3", "--small", "--state", str(state)]
+    assert command.main(words) == 0
+    first = capsys.readouterr().out
+    monkeypatch.setattr(command, "worst_of", lambda *_: pytest.fail("known already"))
+    assert command.main(words) == 0 and capsys.readouterr().out == first and len(state.read_text().splitlines()) == 1
+
+
 def test_the_search_finds_a_planted_peak_that_seeds_miss():
     seeds, search = worst_of(replace(PLANTED, search=False), trials=400), worst_of(PLANTED, trials=400)
     assert seeds.by == "seeds" and seeds.value < 0.99

@@ -2,9 +2,9 @@
 
 python tools/stability [--case NAME...] [--seconds 5] [--trials N] [--small | --most] [--state FILE.jsonl] [--page FILE.md]
 
-Ends with 7 where a bound is broken. --state keeps a line per case: the same command goes on after the last of them, so that a run
-may be stopped; without the file it begins anew. --page, which goes with all cases, writes the page, with its pictures in pictures/
-beside it where matplotlib is installed.
+Ends with 7 where a bound is broken. --state keeps a line per case: the same command goes on after the last of them, so that a
+run may be stopped; without the file it begins anew. --page, which goes with all cases, writes the page, with its pictures in
+pictures/ beside it where matplotlib is installed.
 """
 
 import argparse

@@ -83,13 +83,15 @@ class Case:
 
 @dataclass(frozen=True)
 class Worst:
-    """The worst trial of a case. value; answers: its Draws' answers; by: "seeds" or "search"; trials, seconds: of all."""
+    """The worst trial of a case. value; answers: its Draws' answers; by: "seeds" or "search"; trials, seconds: of all; size: as
+    Draws has it."""
 
     value: float
     answers: tuple
     by: str
     trials: int
     seconds: float
+    size: int = TEST
 
 
 def value_of(case: Case, answers: Sequence[float], rng: np.random.Generator, size: int = TEST) -> tuple[float, tuple]:
@@ -134,4 +136,4 @@ def worst_of(case: Case, trials: int | None = None, seconds: float | None = None
             best, at, by = value, answers, "search" if searching else "seeds"
         elif value == best and searching:
             at = answers
-    return Worst(best, at, by, n, time.perf_counter() - begin)
+    return Worst(best, at, by, n, time.perf_counter() - begin, size)

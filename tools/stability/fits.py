@@ -126,7 +126,7 @@ def surface_fit(draw: Draws) -> float:
         return np.inf
     if not all(np.array_equal(fitted, fit_surface(surface, start, threads)) for threads in (2, 5)):
         return np.inf
-    return error_on_samples(surface, fitted) - error_on_samples(surface, start)
+    return max(0.0, error_on_samples(surface, fitted) - error_on_samples(surface, start))
 
 
 def inverse_rendering(draw: Draws) -> float:

@@ -12,10 +12,13 @@ Made by `make stability` (tools/stability) from a table of cases that is also wh
 stresses one thing, says how large the error may be and why, and measures it against exact fractions, the naive decoder of
 tests/naive, or a formula. Half of the trials are random, by seed; every other one is a step of a search that changes some of
 the choices of the worst trial so far and keeps what is worse. *By* says which of them found the worst. A bound of 0 means that
-nothing differs.
+nothing differs. Of heavy cases the size is told beside the trials: *small* as in the tests, *usual* as the case says, *most* with
+--most.
 """
+SIZES = ("small", "usual", "most")
 TABLE = ("| case | bound | worst | share | by | trials | seconds |", "|---|---:|---:|---:|---|---:|---:|")
-ROW = re.compile(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \| [^|]+ \| (?:seeds|search) \| [\d,]+ \| [\d.]+ \|$", re.MULTILINE)
+ROW = re.compile(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \| [^|]+ \| (?:seeds|search) \| [\d,]+(?: small| usual| most)? \| [\d.]+ \|$",
+                 re.MULTILINE)
 
 
 def number(value: float) -> str:
@@ -30,8 +33,9 @@ def bound_of(case: Case) -> str:
 
 def row_of(case: Case, worst: Worst) -> str:
     """A case's row."""
+    size = f" {SIZES[worst.size]}" if case.heavy else ""
     share = f"{100 * worst.value / case.bound:.3g} %" if case.bound else "none"
-    return (f"| {case.name} | {bound_of(case)} | {number(worst.value)} | {share} | {worst.by} | {worst.trials:,} | "
+    return (f"| {case.name} | {bound_of(case)} | {number(worst.value)} | {share} | {worst.by} | {worst.trials:,}{size} | "
             f"{worst.seconds:.1f} |")
 
 

@@ -196,11 +196,11 @@ CASES = (
          "The digits of the root are found one by one in integers (4.1), so no float rounds.",
          area_of_crossed_edges, 200),
     Case("coplanar duplicates", GROUP,
-         "a million copies of a face, one upon the other, in a grid of two voxels a side",
-         0.05, "levels",
-         "Weights are exact: 2^31 samples of at most 2^31 stay below 2^62 (6.3). Colours are sums of binary32 numbers up to "
-         "4096 samples a voxel, off by at most 4096 / 2^24 of themselves, 0.06 levels; with more samples they are summed in "
-         "binary64.",
+         "a million copies of a face (ten with --most), one upon the other, in a grid of two voxels a side",
+         0.0625, "levels",
+         "Weights are exact: 2^31 samples of at most 2^31 stay below 2^62 (6.3). A colour is a quotient of two sums in binary32 up "
+         "to 2048 samples a voxel, each off by at most 2048 / 2^24 of itself: 0.0625 of 256 levels; from there on they are "
+         "summed in binary64.",
          coplanar_duplicates, 2, False, True),
     Case("voxels asked on boundaries", GROUP,
          "answers on faces, edges, corners and centres of voxels and an ulp beside them",

@@ -17,8 +17,7 @@ nothing differs. Of heavy cases the size is told beside the trials: *small* as i
 """
 SIZES = ("small", "usual", "most")
 TABLE = ("| case | bound | worst | share | by | trials | seconds |", "|---|---:|---:|---:|---|---:|---:|")
-ROW = re.compile(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \| [^|]+ \| (?:seeds|search) \| [\d,]+(?: small| usual| most)? \| [\d.]+ \|$",
-                 re.MULTILINE)
+ROW = re.compile(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \| [^|]+ \| (?:seeds|search) \| [\d,]+(?: \w+)? \| [\d.]+ \|$", re.MULTILINE)
 
 
 def number(value: float) -> str:

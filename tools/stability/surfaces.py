@@ -198,8 +198,8 @@ CASES = (
     Case("coplanar duplicates", GROUP,
          "a million copies of a face (ten with --most), one upon the other, in a grid of two voxels a side",
          0.0625, "levels",
-         "Weights are exact: 2^31 samples of at most 2^31 stay below 2^62 (6.3). A colour is a quotient of two sums in binary32 up "
-         "to 2048 samples a voxel, each off by at most 2048 / 2^24 of itself: 0.0625 of 256 levels; from there on they are "
+         "Weights are exact: 2^31 samples of at most 2^31 stay below 2^62 (6.3). A colour is a quotient of two sums in binary32 "
+         "up to 2048 samples a voxel, each off by at most 2048 / 2^24 of itself: 0.0625 of 256 levels; from there on they are "
          "summed in binary64.",
          coplanar_duplicates, 2, False, True),
     Case("voxels asked on boundaries", GROUP,

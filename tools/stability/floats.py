@@ -93,7 +93,7 @@ def either_side(draw: Draws) -> float:
 CASES = (
     Case("input of the quantiser", GROUP,
          "coefficients of any block before rounding, against 50 digits",
-         20, "2^-53 of the residual",
+         20, "times 2^-53 of the residual",
          "Two means of means and a difference are at most 12 roundings of numbers no larger than the largest residual, square "
          "root, product and quotient 8 more. So a tie is decided otherwise than exactly only within 2^-48 or so of it, and no "
          "other machine decides: the coefficient is sent.",

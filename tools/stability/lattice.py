@@ -20,7 +20,7 @@ PLAIN = {"resolution": 16, "qp": 28, "effort": "fast", "refine": "off", "threads
 def placed(draw: Draws, unit: np.ndarray, smallest: float = -289, largest: float = 149, reach: float = 14) -> np.ndarray:
     """Positions in 0..1 at some scale, from a place that is up to 10^reach times as far from the origin as they are large."""
     scale = draw.power(smallest, largest)
-    offset = min(scale * draw.power(-3, reach), 0.9 * MAX_COORDINATE) * draw.pick((-1, 0, 1))
+    offset = min(scale * draw.power(-3, reach), 0.8 * MAX_COORDINATE) * draw.pick((-1, 0, 1))
     return unit * scale + offset
 
 

@@ -19,7 +19,7 @@ def draw_scales(panel: object) -> None:
         for exponent in SCALES:
             rng, scale = np.random.default_rng(exponent + 1000), 10.0**exponent
             unit = np.concatenate([[[0] * 3, [1] * 3], rng.random((20, 3))])
-            offset = min(scale * away, 0.9 * lattice.MAX_COORDINATE)
+            offset = min(scale * away, 0.8 * lattice.MAX_COORDINATE)
             worst.append(lattice.rounding_of(unit * scale + offset, 20))
         panel.plot(list(SCALES), worst, ".", markersize=3, label=name)
     panel.axhline(1, color="black", linewidth=0.8)

@@ -210,7 +210,7 @@ CASES = (
          partial(thirteen_levels, BEYOND, in_plain_integers)),
     Case("gain of large weights", GROUP,
          "differences that coefficients stand for, weights to 2^27 each, all QPs",
-         1, "1 / gain",
+         1, "parts of 1 / gain",
          "gain is rounded down (7.4.2), so a difference is short by less than one part in gain, and half an ulp. With 2^28 "
          "voxels gain is 16 at least; at 2^40 it would be 0, one more reason for the limit of num_keys.",
          difference_of_halves, 60),

@@ -169,6 +169,13 @@ def test_a_fit_that_no_longer_improves_ends_early():
     assert 300 <= fit.step < 400 and len(fit.log) < 20
 
 
+def test_a_fit_that_diverges_is_named_and_writes_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr("texfcodec.codecs.neural.fit.NETWORK_RATE", 1e30)
+    with pytest.raises(InputError) as error, np.errstate(all="ignore"):
+        plane_fit(1024).run(6, checkpoint=tmp_path / "fit.ckpt")
+    assert error.value.code == "TXF-I58" and list(tmp_path.iterdir()) == []
+
+
 def test_integers_cost_next_to_nothing_against_floats():
     fit = plane_fit(threads=2)
     payload = fit.run(600)

@@ -10,6 +10,7 @@ from texfcodec.options import EncodeOptions
 from texfcodec.refine import inverse_render
 from texfcodec.refine.inverse_render import Pictures, View, held_out, refine_by_rendering
 from texfcodec.refine.surface_fit import DAMPING, HELD_OUT, HELD_OUT_SEED, FieldSurface, _normal_equations, fit_surface
+from texfcodec.render.pictures import keep_best
 from texfcodec.report import Report
 from texfcodec.support.grid import build_brick_map
 
@@ -171,3 +172,10 @@ def test_inverse_rendering_keeps_the_start_where_steps_only_harm(textured, monke
     monkeypatch.setattr(inverse_render, "RATE", 1e4)
     refined, log, kept = refine_by_rendering(surfaces, colours, 2, iterations=5, views=1, size=64)
     assert kept == 0 and np.array_equal(refined[0], colours[0]) and len(log) > 1
+
+
+def test_looks_at_what_is_no_number_are_never_kept():
+    looks, values = iter([[(1.0, 4.0)], [(np.nan, np.inf)], [(np.inf, np.nan)]]), np.zeros(2)
+    log, kept = keep_best(lambda n: float(values.__iadd__(np.nan)[0]), lambda: next(looks), [values], 10, 0.0)
+    assert kept == 0 and values.tolist() == [0, 0] and len(log) == 3
+    assert [row[name] for row in log[1:] for name in ("loss", "held_out_loss", "held_out_psnr")] == [None] * 6

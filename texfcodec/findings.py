@@ -175,6 +175,8 @@ FINDINGS = (
     Finding("TXF-I56", InputError, (), "fitting with torch needs an optional extra", "pip install texfcodec[ntc]"),
     Finding("TXF-I57", InputError, (), "a batch names no asset, or its manifest cannot be read",
             "compare the manifest with texf-enc --help"),
+    Finding("TXF-I58", InputError, (), "the fit of a payload has diverged: its numbers are none any more",
+            "take another --seed, or delete the checkpoint"),
     Finding("TXF-I60", InputError, (), "the mesh has coordinates that are too large", "scale the mesh down"),
     Finding("TXF-I61", InputError, (), "the mesh is too small to be scaled", "scale the mesh up"),
     Finding("TXF-I62", InputError, (), "Draco cannot code the mesh", "report the mesh"),

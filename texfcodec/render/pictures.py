@@ -69,14 +69,14 @@ def keep_best(iterate: Callable[[int], float], judge: Callable[[], list[tuple[fl
     iterate(n): takes iteration n, from 1, and returns its loss; judge(): (loss, mean squared error) of each held-out view;
     values: arrays that iterate changes; begin: of the refinement, by time.perf_counter. Returns (log: {"iteration", "seconds",
     "loss", "held_out_loss", "held_out_psnr"} of each look, which of them was kept); where no view shows anything nothing is done.
+    What is not finite is None there, and never the best.
     """
 
     def look(n, loss):
         seen = judge()
-        error = np.mean([mse for _, mse in seen]) if seen else 0.0
-        log.append({"iteration": n, "seconds": round(time.perf_counter() - begin, 3), "loss": loss,
-                    "held_out_loss": float(np.mean([one for one, _ in seen])) if seen else None,
-                    "held_out_psnr": decibels(error) if error else None})
+        held, error = np.mean(seen, axis=0).tolist() if seen else (None, None)
+        log.append({"iteration": n, "seconds": round(time.perf_counter() - begin, 3), "loss": _finite(loss),
+                    "held_out_loss": _finite(held), "held_out_psnr": decibels(error) if _finite(error) else None})
         return bool(seen)
 
     log: list[dict] = []
@@ -86,10 +86,15 @@ def keep_best(iterate: Callable[[int], float], judge: Callable[[], list[tuple[fl
         if n % HELD_OUT_EVERY and n != iterations:
             continue
         look(n, loss)
-        if log[-1]["held_out_loss"] < log[kept]["held_out_loss"]:
+        held = log[-1]["held_out_loss"]
+        if held is not None and held < log[kept]["held_out_loss"]:
             kept, best = len(log) - 1, [v.copy() for v in values]
         elif len(log) - 1 - kept >= PATIENCE:
             break
     for value, array in zip(values, best, strict=True):
         value[...] = array
     return log, kept
+
+
+def _finite(v):
+    return v if v is not None and np.isfinite(v) else None

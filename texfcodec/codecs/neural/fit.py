@@ -204,6 +204,7 @@ class Fit:
                     continue
                 self.seconds = time.perf_counter() - begin
                 self.download()
+                self._check_finite(errors)
                 trained = decibels(max(float(np.mean(errors)), 1e-9))
                 self.log.append({"step": self.step, "seconds": round(self.seconds, 2), "train_psnr": round(trained, 3),
                                  "psnr": round(self.psnr(), 3)})
@@ -215,6 +216,11 @@ class Fit:
                 if self._decay(steps) < SETTLED_DECAY and self._settled():
                     break
         return self.payload()
+
+    def _check_finite(self, errors):
+        """Raises InputError TXF-I58 where the errors of the last steps or a value is not a number or infinite."""
+        if not (np.isfinite(errors).all() and all(np.isfinite(v).all() for v in self.values)):
+            raise InputError("TXF-I58", "the fit has diverged", value=f"step {self.step}", allowed="finite numbers")
 
     def _settled(self):
         psnr = [row["psnr"] for row in self.log]

@@ -1,0 +1,27 @@
+"""Calls of the system that fail, arrays that find no memory, folders that vanish."""
+
+import errno
+import os
+
+import pytest
+
+from texfcodec.asset.save import files as save_room
+from texfcodec.errors import InputError
+
+
+def failing(call, number, only):
+    """The call, which fails where only(arguments)."""
+    def run(*arguments, **more):
+        if only(*arguments):
+            raise OSError(number, os.strerror(number))
+        return call(*arguments, **more)
+
+    return run
+
+
+def test_a_rename_that_fails_takes_the_new_files_before_it_away_again(tmp_path, monkeypatch):
+    (tmp_path / "a.gltf").write_bytes(b"old")
+    monkeypatch.setattr(os, "replace", failing(os.replace, errno.EIO, lambda _, final: str(final).endswith(".gltf")))
+    with pytest.raises(InputError, match="TXF-O04"):
+        save_room.write_all(tmp_path, [("a.bin", [b"new"]), ("a.gltf", [b"new"])])
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"a.gltf": b"old"}

@@ -2,6 +2,7 @@
 
 import errno
 import os
+from pathlib import Path
 
 import pytest
 
@@ -25,3 +26,10 @@ def test_a_rename_that_fails_takes_the_new_files_before_it_away_again(tmp_path, 
     with pytest.raises(InputError, match="TXF-O04"):
         save_room.write_all(tmp_path, [("a.bin", [b"new"]), ("a.gltf", [b"new"])])
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"a.gltf": b"old"}
+
+
+@pytest.mark.parametrize("number, code", [(errno.EACCES, "TXF-O02"), (errno.EIO, "TXF-O04")])
+def test_an_output_that_cannot_be_looked_at_is_refused_by_its_code(tmp_path, monkeypatch, number, code):
+    monkeypatch.setattr(Path, "is_dir", failing(Path.is_dir, number, lambda path: path == tmp_path / "closed"))
+    with pytest.raises(InputError, match=code):
+        save_room.check_target(tmp_path / "closed" / "a.glb")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from texfcodec.asset.load.files import load
 from texfcodec.asset.save import files as save_room
 from texfcodec.errors import InputError
 
@@ -33,3 +34,12 @@ def test_an_output_that_cannot_be_looked_at_is_refused_by_its_code(tmp_path, mon
     monkeypatch.setattr(Path, "is_dir", failing(Path.is_dir, number, lambda path: path == tmp_path / "closed"))
     with pytest.raises(InputError, match=code):
         save_room.check_target(tmp_path / "closed" / "a.glb")
+
+
+def test_a_material_library_that_cannot_be_read_is_missing(tmp_path, monkeypatch):
+    (tmp_path / "a.mtl").write_text("newmtl m\n")
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n")
+    monkeypatch.setattr(Path, "read_bytes", failing(Path.read_bytes, errno.EACCES, lambda path: path.suffix == ".mtl"))
+    assert "TXF-I16" in load(tmp_path / "a.obj").warnings[0]
+    with pytest.raises(InputError, match="TXF-I16"):
+        load(tmp_path / "a.obj", strict=True)

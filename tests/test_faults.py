@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from texfcodec import warmup
 from texfcodec.asset.load.files import load
 from texfcodec.asset.save import files as save_room
 from texfcodec.errors import InputError
@@ -43,3 +44,8 @@ def test_a_material_library_that_cannot_be_read_is_missing(tmp_path, monkeypatch
     assert "TXF-I16" in load(tmp_path / "a.obj").warnings[0]
     with pytest.raises(InputError, match="TXF-I16"):
         load(tmp_path / "a.obj", strict=True)
+
+
+def test_a_cache_of_kernels_that_cannot_be_listed_is_an_empty_one(monkeypatch):
+    monkeypatch.setattr(os, "scandir", failing(os.scandir, errno.EIO, lambda *_: True))
+    assert warmup.kernels_compiled() is False

@@ -11,6 +11,7 @@ from fuzz import faults
 from texfcodec import warmup
 from texfcodec.asset.load.files import load
 from texfcodec.asset.save import files as save_room
+from texfcodec.bitstream import inspect as inspection
 from texfcodec.errors import InputError
 
 EVERY = {"memory": 41}  # arrays are many; each run takes another slice of them
@@ -53,6 +54,16 @@ def test_a_material_library_that_cannot_be_read_is_missing(tmp_path, monkeypatch
 def test_a_cache_of_kernels_that_cannot_be_listed_is_an_empty_one(monkeypatch):
     monkeypatch.setattr(os, "scandir", failing(os.scandir, errno.EIO, lambda *_: True))
     assert warmup.kernels_compiled() is False
+
+
+def test_the_stream_is_written_when_nothing_else_may_fail(call, tmp_path, monkeypatch):
+    def no_memory(*_):
+        raise MemoryError
+
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    monkeypatch.setattr(inspection, "inspect", no_memory)  # what the report asks for, last of all
+    code, _, said = call("texf-enc", tmp_path / "a.obj", tmp_path / "a.texf", *faults.SMALL)
+    assert code == 6 and "TXF-L09" in said and [path.name for path in tmp_path.iterdir()] == ["a.obj"]
 
 
 # Sweeps

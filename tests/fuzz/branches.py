@@ -33,12 +33,13 @@ class Branch:
 
 @lru_cache(maxsize=256)
 def branches_of(module: str) -> tuple[Branch, ...]:
-    """Branches of a module, a path in the package such as "ground/walk.py"."""
-    path = PACKAGE / module
+    """Branches of a module, a path in the package such as "ground/walk.py", or of some of its functions and classes:
+    "ground/walk.py#Reader#write_v"."""
+    module, *names = module.split("#")
     found: list[Branch] = []
 
     def visit(node):
-        if isinstance(node, ast.FunctionDef | ast.ClassDef) and OTHER_SIDE.match(node.name):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and OTHER_SIDE.match(node.name) and node.name not in names:
             return
         if isinstance(node, ast.If | ast.For | ast.While):
             last = node.iter if isinstance(node, ast.For) else node.test
@@ -49,8 +50,9 @@ def branches_of(module: str) -> tuple[Branch, ...]:
         for child in ast.iter_child_nodes(node):
             visit(child)
 
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.FunctionDef | ast.ClassDef):  # what runs at import is over before anything is traced
+    for node in ast.parse((PACKAGE / module).read_text(encoding="utf-8")).body:
+        wanted = isinstance(node, ast.FunctionDef | ast.ClassDef) and (not names or node.name in names)
+        if wanted:  # what runs at import is over before anything is traced
             visit(node)
     return tuple(found)
 
@@ -60,7 +62,7 @@ def taken(modules: tuple, arcs: dict[str, set]) -> tuple[list[str], list[str]]:
     went: list[str] = []
     missed: list[str] = []
     for module in modules:
-        seen = arcs.get(module, set())
+        seen = arcs.get(module.partition("#")[0], set())
         for branch in branches_of(module):
             (went if branch.is_taken(seen) else missed).append(branch.place)
     return went, missed

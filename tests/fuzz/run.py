@@ -1,11 +1,12 @@
 """Fuzzes every target: compiled at full speed, guided by coverage without the compiler, what was kept with indices checked.
 
     python tests/fuzz/run.py [--seconds 20] [--target NAME ...] [--out out/fuzz] [--state FILE.jsonl] [--page docs/fuzzing.md]
-                             [--mode plain|guided|checked ...] [--engine auto|own|atheris]
+                             [--mode plain|guided|checked ...] [--engine auto|own|atheris] [--floors]
 
 Each target takes so many seconds in each mode. Inputs that reach new code are kept in OUT/corpus and taken up by the next run;
 findings are files in OUT/findings. --state adds a line for each run, and --page writes the table of all lines. Exit code 7: there
-is a finding, or a target reaches less of its modules than its floor says; floors hold from FLOOR_SECONDS on.
+is a finding, or a target reaches less of its modules than its floor in floors.json says; floors hold from FLOOR_SECONDS on, and
+--floors sets them anew.
 """
 
 import argparse
@@ -20,12 +21,13 @@ if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from fuzz.execution import Answer, Request  # noqa: E402
-from fuzz.page import write_page  # noqa: E402
+from fuzz.page import read_state, write_page  # noqa: E402
 from fuzz.supervision import WITHOUT_JIT, checked, confirm, is_real, supervise  # noqa: E402
-from fuzz.targets import TARGETS, Target  # noqa: E402
+from fuzz.targets import FLOORS, FLOORS_FILE, TARGETS, Target  # noqa: E402
 
 MODES = ("plain", "guided", "checked")
 FLOOR_SECONDS = 5.0  # a shorter run is not held against the floors
+MARGIN = 5  # per cent of the branches, between what was reached and a floor
 FAILED = 7
 
 
@@ -83,6 +85,13 @@ def fuzz(target: Target, arguments: argparse.Namespace, seed: int) -> tuple[list
     return rows, faults
 
 
+def write_floors(state: Path) -> None:
+    """Sets the floor of every target that the state tells of to MARGIN points under what its last guided run reached."""
+    reached = {row["target"]: row["coverage"] for row in read_state(state) if row["coverage"] is not None}
+    floors = {name: int(reached[name]) - MARGIN if name in reached else FLOORS[name] for name in TARGETS}
+    FLOORS_FILE.write_text(json.dumps(floors, indent=1) + "\n", encoding="utf-8")
+
+
 def parse(words: list[str] | None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -93,6 +102,7 @@ def parse(words: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--out", type=Path, default=Path("out/fuzz"))
     parser.add_argument("--state", type=Path, help="default: state.jsonl in OUT")
     parser.add_argument("--page", type=Path, help="write this page from the state; with --seconds 0 nothing runs before")
+    parser.add_argument("--floors", action="store_true", help="set the floors by the state; with --seconds 0 nothing runs before")
     parser.add_argument("--seed", type=int, help="default: another one each time")
     arguments = parser.parse_args(words)
     arguments.mode, arguments.target = arguments.mode or list(MODES), arguments.target or list(TARGETS)
@@ -111,6 +121,8 @@ def main(words: list[str] | None = None) -> int:
         faults += found
         with open(arguments.state, "a", encoding="utf-8") as file:
             file.writelines(json.dumps(row) + "\n" for row in rows)
+    if arguments.floors:
+        write_floors(arguments.state)
     if arguments.page:
         write_page(arguments.page, arguments.state)
     print(*(faults or ["no findings"]), sep="\n")

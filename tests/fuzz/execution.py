@@ -6,6 +6,7 @@ when the child has died or does not come back.
     python tests/fuzz/execution.py PANEL REQUEST     REQUEST: JSON, see Request
 """
 
+import itertools
 import json
 import mmap
 import os
@@ -86,7 +87,7 @@ class Loop:
         self.request, self.panel, self.target = request, panel, TARGETS[request.target]
         self.answer, self.chance, self.known = Answer(), random.Random(request.seed), set()
         self.peak = 0
-        self.began = time.monotonic()
+        self.began = time.process_time()
 
     def warm_up(self) -> None:
         """Lets kernels be compiled and seeds be read, then caps the memory."""
@@ -100,7 +101,7 @@ class Loop:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         resource.setrlimit(resource.RLIMIT_AS, (present + ADDRESS_SPACE, present + ADDRESS_SPACE))
         self.peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        self.began = time.monotonic()
+        self.began = time.process_time()
 
     def random_input(self) -> bytes:
         """Bytes of any length that the target makes use of; half of them are mostly zeros, which is what is legal and plain."""
@@ -137,7 +138,12 @@ class Loop:
             self.answer.findings.append(keep_finding(Path(self.request.found), self.request.target, kind, place, data, said))
 
     def is_over(self) -> bool:
-        return time.monotonic() - self.began > self.request.seconds
+        return self.seconds > self.request.seconds
+
+    @property
+    def seconds(self) -> float:
+        """Of the processor: a busy machine takes longer and does as much."""
+        return time.process_time() - self.began
 
 
 def keep_finding(folder: Path, target: str, kind: str, place: str, data: bytes, said: str) -> dict:
@@ -171,14 +177,9 @@ def guided(loop: Loop) -> None:
     folder = Path(loop.request.corpus)
     folder.mkdir(parents=True, exist_ok=True)
     kept = [path.read_bytes() for path in sorted(folder.glob("*.bin"))]
-    waiting = [b"", *kept, *(loop.random_input() for _ in range(20))]
     loop.warm_up()
     with Tracer() as tracer:
-        while waiting or not loop.is_over():
-            if waiting and loop.is_over() and len(waiting) > len(kept):
-                waiting = []
-                continue
-            data = waiting.pop(0) if waiting else mutated(loop.chance.choice(kept or [b""]), loop, kept)
+        for data in itertools.chain([b"", *kept], _tried(loop, kept)):
             tracer.fresh = False
             loop.execute(data)
             if tracer.fresh and data not in kept:
@@ -186,6 +187,13 @@ def guided(loop: Loop) -> None:
                 (folder / f"{len(kept):05d}-{loop.request.seed}.bin").write_bytes(data)
     loop.answer.kept = len(kept)
     loop.answer.taken, loop.answer.missed = taken(loop.target.modules, tracer.arcs)
+
+
+def _tried(loop, kept):
+    """New inputs until the time is over, most of them changed ones of those that are kept by then."""
+    while not loop.is_over():
+        alone = len(kept) < 2 or loop.chance.random() < 0.2
+        yield loop.random_input() if alone else mutated(loop.chance.choice(kept), loop, kept)
 
 
 def replay(loop: Loop) -> None:
@@ -226,7 +234,7 @@ def main() -> None:
     panel, request = Panel(sys.argv[1]), Request(**json.loads(sys.argv[2]))
     loop = Loop(request, panel)
     MODES[request.mode](loop)
-    loop.answer.seconds = time.monotonic() - loop.began
+    loop.answer.seconds = loop.seconds
     print(json.dumps(vars(loop.answer)))
 
 

@@ -20,6 +20,11 @@ every index checked. *Coverage* is the share of the branches (`if`, `for`, `whil
 that guided runs reached, without functions of the encoder's side; a run that stays under the *floor* fails, so that no target can
 stop reaching what it is for without anybody noticing.
 """
+FAULTS = """Every call to the system that a run of a tool makes, and every array that the package asks numpy for, fails once, one
+after the other: a full disk, an input or output error, missing rights, a read-only disk, too many open files, no memory, an
+output folder that vanishes (`make faults`). A run has to end with 0 and the whole output, or with a documented exit code and the one TXF
+code that says what is wrong, without a traceback, a temporary or a partial output.
+"""
 
 
 def read_state(path: Path) -> list[dict]:
@@ -63,13 +68,25 @@ def _mended_lines(mended: Iterable[dict]):
         yield _line([one["target"], one["found"], one["mended"]])
 
 
+def _fault_lines(rows):
+    """The table of the last sweep of each run and kind of fault."""
+    last = {(row["run"], row["kind"]): row for row in rows}
+    yield _line(["run", "calls and arrays that failed", "ended with 0", "with a code", "badly"])
+    yield "|---|---:|---:|---:|---:|"
+    for name in dict.fromkeys(run for run, _ in last):
+        mine = [row for (run, _), row in last.items() if run == name]
+        whole = sum(row["codes"].get("0", 0) for row in mine)
+        yield _line([name, f"{_sum(mine, 'faults'):,}", f"{whole:,}", f"{_sum(mine, 'faults') - whole:,}", _sum(mine, "bad")])
+
+
 def page(rows: list[dict]) -> str:
-    """The page as Markdown."""
-    rows = [row for row in rows if row["target"] in TARGETS]
+    """The page as Markdown. rows: of fuzz/run.py and of fuzz/faults.py."""
+    faults, rows = [row for row in rows if "run" in row], [row for row in rows if row.get("target") in TARGETS]
     total = _sum(rows, "executions")
     heads = ["target", "plain", "guided", "checked", "seconds", "coverage", "floor", "open findings"]
     lines = [HEAD, _line(heads), "|---|" + "---:|" * (len(heads) - 1), *(_target_line(name, rows) for name in TARGETS), "",
              f"{total:,} executions of {len(TARGETS)} targets in {_sum(rows, 'seconds') / 60:,.0f} minutes.", "",
+             "## Faults", "", FAULTS, *_fault_lines(faults), "",
              "## What was found, and mended", "", *_mended_lines(json.loads(MENDED.read_text(encoding="utf-8"))), "",
              "## Branches that no guided run has taken", "",
              "By the line of the statement, which was never entered, or with *not* never passed by.", ""]

@@ -1,12 +1,13 @@
 """Fuzzes every target: compiled at full speed, guided by coverage without the compiler, what was kept with indices checked.
 
     python tests/fuzz/run.py [--seconds 20] [--target NAME ...] [--out out/fuzz] [--state FILE.jsonl] [--page docs/fuzzing.md]
-                             [--mode plain|guided|checked ...] [--engine auto|own|atheris] [--floors]
+                             [--mode plain|guided|checked ...] [--engine auto|own|atheris]
+                             [--floors]
 
-Each target takes so many seconds in each mode. Inputs that reach new code are kept in OUT/corpus and taken up by the next run;
-findings are files in OUT/findings. --state adds a line for each run, and --page writes the table of all lines. Exit code 7: there
-is a finding, or a target reaches less of its modules than its floor in floors.json says; floors hold from FLOOR_SECONDS on, and
---floors sets them anew.
+Each target takes so many seconds of the processor in each mode. Inputs that reach new code are kept in OUT/corpus and taken up by
+the next run; findings are files in OUT/findings. --state adds a line for each run, and --page writes the table of all lines. Exit
+code 7: there is a finding, or a target reaches less of its modules than its floor in floors.json says. Floors hold from
+FLOOR_SECONDS on; --floors sets them anew.
 """
 
 import argparse
@@ -95,7 +96,7 @@ def write_floors(state: Path) -> None:
 def parse(words: list[str] | None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=20.0, help="of each target in each mode")
+    parser.add_argument("--seconds", type=float, default=20.0, help="of the processor, for each target in each mode")
     parser.add_argument("--target", action="append", choices=list(TARGETS), help="only this one; may be repeated")
     parser.add_argument("--mode", action="append", choices=MODES, help="only this one; may be repeated")
     parser.add_argument("--engine", choices=("auto", "own", "atheris"), default="auto", help="what guides")

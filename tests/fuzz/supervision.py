@@ -76,8 +76,8 @@ def supervise(request: Request, environment: dict[str, str] | None = None) -> An
             return _joined(whole, ended.answer)
         whole.executions += ended.executions
         whole.findings.append(keep_finding(Path(request.found), request.target, ended.kind, "", ended.data, ended.said))
-        spent = time.monotonic() - begin
-        whole.seconds += min(spent, left)
+        spent = min(time.monotonic() - begin, left)
+        whole.seconds += spent
         left, seed = left - spent, seed + 1000
         if left <= 1 or request.mode == "replay":
             return whole

@@ -185,7 +185,8 @@ def test_a_target_under_its_floor_and_a_finding_fail_the_run(tmp_path, monkeypat
     assert "| numbers | 0 | 10 | 0 | 18 | 99.0 % |" in text and "10 executions of" in text
 
 
-def test_a_hang_without_the_compiler_alone_is_none():
+def test_a_hang_without_the_compiler_and_memory_for_compiling_are_none():
+    assert not supervision.is_real({"kind": "memory", "checked": "TXF-S04"})
     assert not supervision.is_real({"kind": "hang", "checked": "value"})
     assert supervision.is_real({"kind": "hang", "checked": "hang"})
     assert supervision.is_real({"kind": "exception", "checked": "value"})

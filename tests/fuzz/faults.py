@@ -312,6 +312,8 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--every", type=int, default=1, help="only each N-th call")
     parser.add_argument("--state", type=Path, help="add a line for each sweep to this file")
     chosen, bad = parser.parse_args(words), 0
+    if chosen.state:
+        chosen.state.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(Path(folder))
         for name in chosen.tool or RUNS:

@@ -22,8 +22,8 @@ stop reaching what it is for without anybody noticing.
 """
 FAULTS = """Every call to the system that a run of a tool makes, and every array that the package asks numpy for, fails once, one
 after the other: a full disk, an input or output error, missing rights, a read-only disk, too many open files, no memory, an
-output folder that vanishes (`make faults`). A run has to end with 0 and the whole output, or with a documented exit code and the one TXF
-code that says what is wrong, without a traceback, a temporary or a partial output.
+output folder that vanishes (`make faults`). A run has to end with 0 and the whole output, or with a documented exit code and the
+one TXF code that says what is wrong, without a traceback, a temporary or a partial output.
 """
 
 

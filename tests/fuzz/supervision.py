@@ -108,5 +108,5 @@ def confirm(finding: dict, found: Path, cache: Path) -> dict:
 
 
 def is_real(finding: dict) -> bool:
-    """A hang of traced Python that the compiled code does not share is none."""
-    return finding["kind"] != "hang" or finding.get("checked", "hang") == "hang"
+    """A hang of traced Python that the compiled code does not share is none, nor is memory that compiling took."""
+    return finding["kind"] not in ("hang", "memory") or finding.get("checked", finding["kind"]) == finding["kind"]

@@ -149,6 +149,19 @@ def test_maps_that_name_no_texture_or_no_channel_are_refused(maps):
     assert error.code == "TXF-I22" and "map" in error.message
 
 
+@pytest.mark.parametrize("name", ["positions", "faces", "face_material", "corner_uv", "corner_color", "corner_normal"])
+@pytest.mark.parametrize("change", [lambda a: 3, lambda a: "a", lambda a: a.tolist(), lambda a: a.astype("U3"),
+                                    lambda a: a.astype(complex), lambda a: a.astype(object), lambda a: np.float64(1)],
+                         ids=range(7))
+def test_what_is_no_array_of_numbers_is_refused_by_its_name(name, change):
+    scene = mapped_sheet({})
+    corners = (len(scene.faces), 3)
+    scene.corner_color, scene.corner_normal = np.ones((*corners, 4), np.float32), np.zeros((*corners, 3), np.float32)
+    setattr(scene, name, change(getattr(scene, name)))
+    error = refused(scene)
+    assert error.code == "TXF-I22" and name in error.message
+
+
 def test_uvs_of_maps_have_to_fit_the_faces():
     scene = mapped_sheet({"roughness": noise(1)})
     scene.map_uv = {"roughness": scene.corner_uv[:-1]}

@@ -187,6 +187,13 @@ LIES = {
     "no fields": lambda facts, arrays: facts.pop("fields"),
     "negative resolution": lambda facts, arrays: facts["fields"][0][0].__setitem__(0, -5),
     "text for bits": lambda facts, arrays: facts.__setitem__("position_bits", "14"),
+    "no bits": lambda facts, arrays: facts.__setitem__("position_bits", 0),
+    "an origin in the plane": lambda facts, arrays: facts["origin"].pop(),
+    "an origin without end": lambda facts, arrays: facts["origin"].__setitem__(0, float("inf")),
+    "no number for the side": lambda facts, arrays: facts.__setitem__("side", float("nan")),
+    "a side below zero": lambda facts, arrays: facts.__setitem__("side", -1.0),
+    "complex faces": lambda facts, arrays: arrays.__setitem__("faces", arrays["faces"].astype(complex)),
+    "colours in eighths": lambda facts, arrays: arrays.__setitem__("plane_base_colour", arrays["plane_base_colour"] / 8),
 }
 
 

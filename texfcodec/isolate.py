@@ -21,12 +21,12 @@ from .bitstream.values import material_values
 from .channels import COLOURS, channel_over, group_values
 from .codecs import codec_names, codec_of
 from .errors import LimitError, StreamError, TexfError
-from .geometry.canonical import CanonicalCube
+from .geometry.canonical import MAX_BITS, MIN_BITS, CanonicalCube
 from .geometry.edges import coded_edges
 from .geometry.unit import GeometryUnit
 from .ground import unfinished
 from .ground.structure import Element, Structure
-from .ground.walk import Reader, read_structure, write_structure
+from .ground.walk import REALS, Reader, read_structure, write_structure
 from .limits import Limits
 from .options import DecodeOptions
 from .report import Report, peak_memory_bytes
@@ -111,7 +111,7 @@ def _memory_error(limits):
 def _texf(facts, arrays, threads, limits=_USUAL):
     """The Texf of an answer. The child may have been taken over: every index is checked again."""
     try:
-        cube = CanonicalCube(tuple(float(x) for x in facts["origin"]), float(facts["side"]), facts["position_bits"])
+        cube = _cube(facts)
         groups, materials = _appearance(arrays["appearance"])
         channels = tuple(channel for group in groups for channel in group.channels)
         units = _split(facts["units"], arrays, {"lattice": np.int64, "faces": np.int64, "uv": np.int64})
@@ -123,7 +123,7 @@ def _texf(facts, arrays, threads, limits=_USUAL):
         sound = all(_field_is_sound(f, channels, limits) for f in texf.fields)
         sound = sound and all(_unit_is_sound(u, texf) for u in texf.units)
         if sound and facts["sharp_edges"]:
-            texf.sharp_edges = np.ascontiguousarray(arrays["sharp_edges"], bool)
+            texf.sharp_edges = _typed(arrays["sharp_edges"], bool)
             sound = _marks_are_sound(texf)
         if facts["codec"] is not None:
             texf.codec = _codec(facts["codec"])
@@ -133,6 +133,22 @@ def _texf(facts, arrays, threads, limits=_USUAL):
     if not sound:
         raise StreamError("TXF-S40", "the decoder's answer has an index out of range")
     return texf
+
+
+def _cube(facts):
+    """The canonical cube, in the ranges of a sequence header (5.3)."""
+    cube = CanonicalCube(tuple(float(x) for x in facts["origin"]), float(facts["side"]), facts["position_bits"])
+    finite = all(abs(x) <= REALS["f64"] for x in (*cube.origin, cube.side))
+    if len(cube.origin) != 3 or not finite or cube.side < 0 or not MIN_BITS <= cube.position_bits <= MAX_BITS:
+        raise ValueError("cube")
+    return cube
+
+
+def _typed(array, kind):
+    """The array without gaps, which must hold this kind of numbers: others are not converted."""
+    if array.dtype != kind:
+        raise ValueError("kind of numbers")
+    return np.ascontiguousarray(array)
 
 
 def _pack_appearance(texf):
@@ -204,7 +220,7 @@ def _split(rows, arrays, dtypes):
     for numbers, lengths in rows:
         parts = []
         for (name, dtype), length in zip(dtypes.items(), lengths, strict=True):
-            parts.append(np.ascontiguousarray(arrays[name][at[name] : at[name] + length], dtype))
+            parts.append(_typed(arrays[name][at[name] : at[name] + length], dtype))
             if len(parts[-1]) != length:
                 raise ValueError(name)
             at[name] += length

@@ -21,7 +21,10 @@ FIRST_RUN = "first run: compiling kernels, 10 to 20 s, once"
 def kernels_compiled() -> bool:
     """Whether the cache holds kernels of every file of ENTRIES as it stands, for this interpreter."""
     tag = f"py{sys.version_info.major}{sys.version_info.minor}"
-    return all(any(cache_folder(PACKAGE / entry).glob(f"*/{Path(entry).stem}.*.{tag}*.nbi")) for entry in ENTRIES)
+    try:
+        return all(any(cache_folder(PACKAGE / entry).glob(f"*/{Path(entry).stem}.*.{tag}*.nbi")) for entry in ENTRIES)
+    except OSError:  # a cache that cannot be listed has nothing to give
+        return False
 
 
 def warm_up() -> None:

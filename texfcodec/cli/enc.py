@@ -170,7 +170,6 @@ def _encode(scene, options, report, out, explained=None):
 
     made = encode_loaded(scene, options, report)
     more = {} if explained is None else {"explained": _explain(scene, options, made, report, explained)}
-    write_output(out, made.data, scene.files)
     psnr = made.psnr_3d
     facts = {"bytes": made.sizes, **_sizes(scene, len(made.data)), "resolution": made.resolution, "qp": made.qp,
              "max_error": options.max_error, **made.counts, "codec": options.codec,
@@ -179,6 +178,7 @@ def _encode(scene, options, report, out, explained=None):
     facts |= made.choices | more
     for told, group in zip(facts.get("channels", []), inspect(made.data)["groups"], strict=False):
         told["bytes"] = group["bytes"]
+    write_output(out, made.data, scene.files)  # the last that may fail
     return facts
 
 

@@ -61,10 +61,19 @@ def new_file(path: PathLike) -> BinaryIO:
 
 
 def rename_all(names: Iterable[tuple[PathLike, PathLike]]) -> None:
-    """Renames temporary files in order. names: [(temporary, final)]."""
+    """Renames temporary files in order. names: [(temporary, final)]. Where one cannot be renamed, those before it that are new go
+    again: a part of the files is nobody's wish."""
     with GATE:
-        for temporary, final in names:
-            os.replace(temporary, final)
+        new = []
+        try:
+            for temporary, final in names:
+                is_new = not os.path.lexists(final)
+                os.replace(temporary, final)
+                new += [final] * is_new
+        except OSError:
+            for final in new:
+                _unlink(final)
+            raise
         _paths.difference_update(temporary for temporary, _ in names)
         _Stage.done = _Stage.done or _Stage.last
 

@@ -8,7 +8,7 @@ from .structure import V_MAX, Derived, Element, Structure
 
 _FIXED = {"u8": "<B", "u16": "<H", "u32": "<I", "i8": "<b", "u64": "<Q", "i32": "<i", "f32": "<f", "f64": "<d"}
 
-_REALS = {"f32": (2 - 2**-23) * 2.0**127, "f64": 1e300}  # largest magnitude of a real number
+REALS = {"f32": (2 - 2**-23) * 2.0**127, "f64": 1e300}  # largest magnitude of a real number
 
 
 def write_v(value: int) -> bytes:
@@ -72,7 +72,7 @@ def _read_scalar(element, reader, clause):
     else:
         fmt = _FIXED[kind]
         (value,) = struct.unpack(fmt, reader.take(struct.calcsize(fmt), element.name, clause))
-        if kind in _REALS and not abs(value) <= _REALS[kind]:
+        if kind in REALS and not abs(value) <= REALS[kind]:
             raise StreamError("TXF-S04", f"{element.name} is not a finite number in range", clause=clause, offset=offset)
     check_range(element, value, offset, clause)
     return value

@@ -264,11 +264,20 @@ def _libraries(names, folder, notes):
     for name in dict.fromkeys(names):
         paths = [find_file(folder, name)] if find_file(folder, name) else [find_file(folder, item) for item in name.split()]
         for path in paths:
-            if path is None:
-                notes.fault("TXF-I16", f"material file '{name}' is missing; its materials are white")
+            data = _library_bytes(path)
+            if data is None:
+                notes.fault("TXF-I16", f"material file '{name}' is missing or unreadable; its materials are white")
                 continue
-            found.update(read_mtl(path.read_bytes(), notes))
+            found.update(read_mtl(data, notes))
     return found
+
+
+def _library_bytes(path):
+    """bytes of a material file, or None where it is not there or cannot be read."""
+    try:
+        return None if path is None else path.read_bytes()
+    except OSError:
+        return None
 
 
 def _find_material(name, library, notes):

@@ -129,8 +129,22 @@ def _check_parameters(material):
                              material=material.name)
 
 
+def _check_arrays(scene):
+    """Arrays of the kinds of numbers that Scene names; those that it may go without may be None."""
+    optional = ("corner_color", "corner_normal", "corner_tangent")
+    named = {name: getattr(scene, name) for name in ("positions", "faces", "face_material", "corner_uv", *optional)}
+    for name, values in (*named.items(), *((f"map_uv[{name!s:.40}]", uv) for name, uv in scene.map_uv.items())):
+        kinds = "iu" if name in ("faces", "face_material") else "fiu"
+        if values is None and name in optional:
+            continue
+        if not isinstance(values, np.ndarray) or values.dtype.kind not in kinds or not values.ndim:
+            raise InputError("TXF-I22", f"Scene.{name} is no array of {'whole ' if kinds == 'iu' else ''}numbers",
+                             value=str(getattr(values, "dtype", type(values).__name__)))
+
+
 def check_scene(scene: Scene) -> Scene:
     """The same Scene, when its arrays and materials fit together. Errors: TXF-I13, TXF-I14, TXF-I15, TXF-I22."""
+    _check_arrays(scene)
     count, points = len(scene.faces), len(scene.positions)
     shapes = {"positions": (points, 3), "faces": (count, 3), "face_material": (count,), "corner_uv": (count, 3, 2),
               "corner_color": (count, 3, 4), "corner_normal": (count, 3, 3), "corner_tangent": (count, 3, 4)}

@@ -259,10 +259,13 @@ def _image_files(stem, images):
 
 def check_target(path: Path, inputs: Iterable[str | PathLike] = ()) -> None:
     """Refuse hopeless paths before minutes of baking, and files that were read. inputs: paths."""
-    if not path.parent.is_dir():
-        raise InputError("TXF-O01", "no such directory", path=str(path.parent))
-    if path.is_dir() or not os.access(path.parent, os.W_OK):
-        raise InputError("TXF-O02", "cannot write there", path=str(path))
+    try:
+        if not path.parent.is_dir():
+            raise InputError("TXF-O01", "no such directory", path=str(path.parent))
+        if path.is_dir() or not os.access(path.parent, os.W_OK):
+            raise InputError("TXF-O02", "cannot write there", path=str(path))
+    except OSError as error:  # a folder on the way that nobody may look into, or a disk that does not answer
+        raise as_input_error(error, path) from error
     check_no_input(path, inputs)
 
 

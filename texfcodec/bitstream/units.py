@@ -83,7 +83,9 @@ def check_place(unit: Unit, seen: set[int]) -> None:
         raise StreamError("TXF-S07", "the first unit is not the sequence header", clause="5.2", offset=unit.start)
     if unit.type in ONE_AT_MOST and unit.type in seen:
         raise StreamError("TXF-S07", f"there is a second {unit.name} unit", clause="5.2", offset=unit.start)
-    if unit.type < ANCILLARY and unit.type not in UNITS:
+    if unit.type >= ANCILLARY:
+        return
+    if unit.type not in UNITS:
         raise SupportError("TXF-U01", "unknown critical unit", clause="5.2", offset=unit.start, value=unit.type)
     if unit.type < max((other for other in seen if other in UNITS and other < ANCILLARY), default=0):
         raise StreamError("TXF-S07", f"the {unit.name} unit is out of order", clause="5.2", offset=unit.start)

@@ -27,7 +27,7 @@ def decode_contents(parsed: Parsed, options: DecodeOptions, report: Report) -> N
 
 
 class _Contents:
-    """units: decoded geometry units, None for those that are not to be had; numbers, note: of the listing."""
+    """units: decoded geometry units, None for those that are not to be had."""
 
     def __init__(self, parsed, options, report):
         self.parsed, self.options, self.report = parsed, options, report
@@ -94,10 +94,10 @@ class _Contents:
         parts, fields = self.stream.geometry, self.stream.fields
         if not (self.parsed.has_all(UNIT_FIELD) and self.parsed.has_all(UNIT_GEOMETRY)):
             return []
-        named = [{part["field_index"] for part in parts}, {part["field_index"] for part, unit in
-                 zip(parts, self.units, strict=True) if unit is None}]
-        whole = [index for index in range(len(fields)) if index in named[0] - named[1]]
-        surfaces = {index: surface_of_field(self.units, fields[index]) for index in whole}
+        short = {part["field_index"] for part, unit in zip(parts, self.units, strict=True) if unit is None}
+        whole = [index for index in range(len(fields)) if index not in short]  # each has a unit: has_all() sees to it
+        decoded = [unit for unit in self.units if unit is not None]
+        surfaces = {index: surface_of_field(decoded, fields[index]) for index in whole}
         known = replace(self.stream, fields=[fields[index] for index in whole],
                         attributes=self._attributes() if len(whole) == len(fields) else [])
         counted = self._try(None, lambda: [check_samples(list(surfaces.values()), known, self.position_bits,

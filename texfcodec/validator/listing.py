@@ -52,14 +52,19 @@ class Listing:
         if self.of_code[code] > MOST_OF_A_CODE:
             return
         row = BY_CODE[code]
+        offset = details.get("offset")
+        number = self._unit_at(offset) if number is None else number
         unit = None if number is None else self.units[number]
-        offset = details.get("offset", None if unit is None else unit.start)
         self.rows[row.severity].append({
             "code": code, "severity": row.severity, "clause": details.get("clause"), "unit": number,
             "unit_type": unit and unit.type, "unit_name": unit and unit.name,
             "offset": unit.start if offset is None and unit is not None else offset,
             "value": _plain(details.get("value")), "allowed": _plain(details.get("allowed")), "message": message,
             "remedy": row.remedy})
+
+    def _unit_at(self, offset):
+        """Number of the unit that an offset is in, None where it is in none that is whole."""
+        return next((n for n, u in enumerate(self.units) if offset is not None and u.start <= offset < u.stop), None)
 
     @property
     def findings(self) -> list[dict]:

@@ -54,8 +54,8 @@ class Parsed:
     @property
     def unchecked(self) -> list[int]:
         """Numbers of units that were not looked into, though nothing is wrong with them that is known."""
-        known = (number for number, unit in enumerate(self.frames.units) if unit.type in UNITS and unit.type != UNIT_END)
-        return [number for number in known if number not in self.checked | self.listing.blamed]
+        known = {number for number, unit in enumerate(self.frames.units) if unit.type in UNITS and unit.type != UNIT_END}
+        return sorted(known - self.checked - self.listing.blamed)
 
 
 def parse(data: bytes, limits: Limits) -> Parsed:

@@ -278,7 +278,8 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
     colour_inverse = inverse_range(coded.colour_range, int(steps[0]))
     dec_level = _dec_mixed_level if coded.models else _dec_direct_level
     active = [(Coder(new_decoder(data, *span), data, span[1]), _new_model(coded.models)) for span in spans[:1]]
-    watched, first = [[] for _ in spans], 0
+    watched: list[list[int]] = [[] for _ in spans]
+    first = 0  # codeword that the first of the active coders reads
     with ThreadPoolExecutor(threads) as pool:
         walk = _Descent(levels, coded.root, coded.planar, pool)
         for d in range(stop_level):

@@ -1,4 +1,4 @@
-"""Interrupts the five tools at random moments of their runs and says where one of them does not end as it should.
+"""Interrupts the six tools at random moments of their runs and says where one of them does not end as it should.
 
     python tests/interrupts.py [--moments 300] [--jobs 2] [--seed 0] [--tool texf-enc] [--cold]
 
@@ -51,6 +51,7 @@ RUNS = {
     "texf-dec": [("{stream}", "{out}/a.glb"), ("{stream}", "{out}/a.obj", "--isolate", "--overwrite"),
                  ("{stream}", "{out}/a.gltf", "--atlas", "quality", "--overwrite")],
     "texf-info": [("{stream}",), ("{stream}", "--verify")],
+    "texf-validate": [("{stream}",), ("{stream}", "--isolate")],
     "texf-render": [("{stream}", "{out}/a.png", "--size", "256"),
                     ("{stream}", "{out}/a.png", "--size", "256", "--compare", "{mesh}")],
     "texf-eval": [("{mesh}", "{stream}", "--views", "2", "--size", "128")],

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-TOOLS = ("texf-enc", "texf-dec", "texf-info", "texf-render", "texf-eval")
+TOOLS = ("texf-enc", "texf-dec", "texf-info", "texf-render", "texf-eval", "texf-validate")
 
 
 def ask(tool, instruction, words=""):
@@ -39,7 +39,7 @@ def test_options_and_their_values_are_completed():
 
 @pytest.mark.parametrize("tool, words", [
     ("texf-enc", "sam"), ("texf-enc", "a.glb b.te"), ("texf-enc", "--checkpoint f"), ("texf-dec", "a.te"),
-    ("texf-dec", "a.texf b.g"), ("texf-info", "a.te"), ("texf-render", "sam"),
+    ("texf-dec", "a.texf b.g"), ("texf-info", "a.te"), ("texf-validate", "a.te"), ("texf-render", "sam"),
     ("texf-render", "a.glb b.p"), ("texf-render", "--compare b"),
     ("texf-eval", "sam"), ("texf-eval", "a.glb b.te"), ("texf-eval", "--lpips w"),
 ])  # fmt: skip

@@ -1,7 +1,8 @@
 """findings.py against the package: every code that is raised has its row, every row is raised, and the documents are current.
 
-The source is read as syntax trees. A site is a call of an error class (or of Console.fail) whose code is written out, or reaches
-it through a parameter of the function around it, a loop over tuples or a constant of a module.
+The source is read as syntax trees. A site is a call of an error class (or of Console.fail, or of the validator's Oddity, which
+alone says what is no error) whose code is written out, or reaches it through a parameter of the function around it, a loop over
+tuples or a constant of a module.
 """
 
 import ast
@@ -15,13 +16,15 @@ from pathlib import Path
 import pytest
 
 from texfcodec import errors
-from texfcodec.findings import COMMAND_LINE, FINDINGS, Finding
+from texfcodec.findings import COMMAND_LINE, ERROR, FINDINGS, SEVERITIES, WARNING, Finding
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 PACKAGE = REPOSITORY / "texfcodec"
 CODE = re.compile(r"TXF-[A-Z]\d\d")
 FAMILIES = ("InputError", "StreamError", "LimitError", "SupportError")
 CLAUSE = re.compile(r"\d+(\.\d+)*")
+ODDITY = "Oddity"  # warnings and notes
+OTHER_CALLS = {"fail": COMMAND_LINE, ODDITY: ODDITY}
 
 
 @dataclass(frozen=True)
@@ -102,9 +105,10 @@ class Source:
         """Every Site of the modules."""
         found = []
         for name, call in self.calls:
-            family = self.families.get(called(call.func), COMMAND_LINE if called(call.func) == "fail" else None)
+            family = self.families.get(called(call.func), OTHER_CALLS.get(called(call.func)))
             codes = [one for one in self.literals(call.args[0]) if CODE.fullmatch(str(one.value))] if family and call.args else []
             clause = next((k.value for k in call.keywords if k.arg == "clause"), None)
+            clause = call.args[2] if clause is None and family == ODDITY and len(call.args) > 2 else clause
             written = [one.value for one in self.literals(clause) if CLAUSE.fullmatch(str(one.value))]
             clauses = [None] if clause is None else written or ["?"]
             told = called(call.args[2]) if family == COMMAND_LINE and len(call.args) > 2 else None
@@ -145,6 +149,8 @@ def row_to_add(site):
     """The row of findings.py for a site that has none."""
     clause = f'("{site.clause}",)' if site.clause not in (None, "?") else "()"
     family, told = (site.family, "") if site.family != COMMAND_LINE else ("None", f", {site.told_exit}")
+    if site.family == ODDITY:
+        family, told = "None", ", EXIT_OK, WARNING"
     return (f'texfcodec/findings.py lacks the row of {site.place}; add\n    Finding("{site.code}", {family}, {clause}, '
             f'"<what is wrong, in general>", "<what to do>"{told}),  # said there: {site.message}')
 
@@ -157,7 +163,7 @@ def faults(source, table):
     told = list(missing.values())
     for site in (site for site in sites if site.code in rows):
         row = rows[site.code]
-        if site.family != row.family_name:
+        if site.family != (row.family_name if row.severity == ERROR else ODDITY):
             told.append(f"{site.place}: {site.code} is raised as {site.family}; findings.py says {row.family_name}")
         if site.clause == "?" and not row.clauses or site.clause not in (None, "?") and not row.covers(site.clause):
             told.append(f"{site.place}: {site.code} names clause {site.clause}; findings.py has {row.clauses}: add it there")
@@ -187,6 +193,8 @@ def test_the_table_is_sound():
     for row in FINDINGS:
         assert row.family is None or row.family.__name__ in FAMILIES, row.code
         assert isinstance(row.exit_code, int) and isinstance(row.clauses, tuple), row.code
+        assert row.severity in SEVERITIES and (row.severity == ERROR) == (row.exit_code != errors.EXIT_OK), row.code
+        assert row.code.startswith("TXF-W") == (row.severity != ERROR), row.code
         assert all(CLAUSE.fullmatch(clause) for clause in row.clauses), row.code
         for words in (row.text, row.remedy):
             assert words and words == words.strip() and not words.endswith(".") and "|" not in words, row.code
@@ -225,6 +233,7 @@ def test_the_documents_carry_the_table_as_it_is(monkeypatch, document, renew, ro
 
 
 ROW = Finding("TXF-S90", errors.StreamError, ("5.7",), "something is wrong", "mend it")
+ODD = Finding("TXF-W90", None, ("5.7",), "something is odd", "mend it", errors.EXIT_OK, WARNING)
 TOLD = Finding("TXF-S90", None, (), "something is wrong", "mend it", errors.EXIT_USAGE)
 
 
@@ -240,6 +249,7 @@ TOLD = Finding("TXF-S90", None, (), "something is wrong", "mend it", errors.EXIT
     (ROW, "CODE, WORD = 'TXF-S90', 'x'\ndef f():\n    raise StreamError(CODE, WORD)"),
     (TOLD, "CODE = 'TXF-S90'\nconsole.fail(place.CODE, 'x', place.EXIT_USAGE)"),
     (TOLD, "console.fail('TXF-S90', 'x', EXIT_USAGE)\nconsole.fail(error.code, error.message, error.exit_code)"),
+    (ODD, "yield Oddity('TXF-W90', 'x', '5.7.1', 3)"), (ODD, "Oddity('TXF-W90', 'x', clause='5.7')"),
 ])  # fmt: skip
 def test_check_lets_pass(row, text):
     assert faults(Source({"a.py": text}), (row,)) == []
@@ -260,6 +270,8 @@ RAISED = "raise StreamError('TXF-S90', 'x')\n"
     (ROW, "raise StreamError('TXF-S90', 'x', clause='5.71')", "names clause 5.71"),
     (ROW, "def f(where):\n    raise StreamError('TXF-S90', 'x', clause=where)\nf('6')", "names clause 6"),
     (TOLD, "console.fail('TXF-S90', 'x', EXIT_IO)", "ends with EXIT_IO"),
+    (ODD, "raise StreamError('TXF-W90', 'x')", "raised as StreamError"), (ROW, "Oddity('TXF-S90', 'x')", "raised as Oddity"),
+    (ODD, "Oddity('TXF-W90', 'x', '6.1')", "names clause 6.1"), (ODD, "Oddity('TXF-W91', 'x', '5')", '("5",), "<what'),
     (TOLD, "CODE = 'TXF-S90'\nconsole.fail(place.CODE, 'x', place.EXIT_IO)", "ends with EXIT_IO"),
     (ROW, RAISED + "CODE = 'TXF-S91'", "reaches no error"),
     (ROW, RAISED + "table = {'TXF-S91': 3}", "reaches no error"),

@@ -170,6 +170,7 @@ def test_a_dash_is_stdin_and_stdout_in_every_tool(made, tmp_path):
     dec_ = process("texf-dec", "-", "-", "--appearance", "vertex", "--json", input=stream)
     assert dec_.stdout[:4] == b"glTF" and dec_.stdout == glb and json.loads(dec_.stderr)["files"] == []
     assert b"sequence_header" in process("texf-info", "-", input=stream).stdout
+    assert process("texf-validate", "-", input=stream).stdout.startswith(b"valid: 0 errors, ")
     for data, other in ((stream, made[0]), (glb, made[1])):
         drawn = process("texf-render", "-", "-", "--size", "64", "--compare", other, input=data)
         assert np.asarray(Image.open(io.BytesIO(drawn.stdout))).shape[2] == 3 and b"-: " in drawn.stderr

@@ -8,16 +8,17 @@ import numpy as np
 
 from .asset.normal_rule import MARKED
 from .bitstream.appearance import groups_of, material_of
-from .bitstream.stream import read_stream
+from .bitstream.stream import Stream, read_stream
 from .bitstream.syntax import SUPPORT_TEXELS
 from .codecs import codec_of_unit
-from .codecs.codec import split_groups
+from .codecs.codec import Codec, split_groups
 from .errors import LimitError, StreamError
 from .geometry.canonical import CanonicalCube
 from .geometry.checksum import geometry_crc
 from .geometry.draco import UvCoding, dec_geometry, dec_textured
 from .geometry.edges import coded_edges
 from .geometry.unit import GeometryUnit, field_surface, field_uv
+from .limits import Limits
 from .options import DecodeOptions
 from .report import Report
 from .support.keyed import keys_crc
@@ -41,20 +42,21 @@ def decode_stream(data: bytes, options: DecodeOptions, report: Report) -> Texf:
     header = stream.header
     cube = CanonicalCube(tuple(header["origin"]), header["side"], header["position_bits"])
     with report.stage("geometry"):
-        units = [_decode_unit(g, cube.position_bits) for g in stream.geometry]
+        units = [decode_unit(g, cube.position_bits) for g in stream.geometry]
     texf = Texf(cube=cube, units=units, fields=[], materials=[material_of(m) for m in stream.materials],
                 metadata=_metadata(stream.metadata, report), groups=groups_of(header["channel_groups"]), threads=options.threads,
                 skipped=stream.skipped)
     if stream.sharp_edges:
         with report.stage("normals"):
-            texf.sharp_edges = _decode_sharp_edges(stream.sharp_edges, texf)
-    surfaces = [_field_surface(units, f) for f in stream.fields]
-    _check_samples(surfaces, stream, cube.position_bits, options.limits)
+            texf.sharp_edges = decode_sharp_edges(stream.sharp_edges, texf)
+    surfaces = [surface_of_field(units, f) for f in stream.fields]
+    check_samples(surfaces, stream, cube.position_bits, options.limits)
     (_decode_jointly if stream.joint else _decode_planes)(texf, stream, surfaces, options, report)
     return texf
 
 
-def _decode_unit(values, position_bits):
+def decode_unit(values: dict, position_bits: int) -> GeometryUnit:
+    """One geometry unit of its syntax values. Raises StreamError."""
     decoded = _decode_draco(values, position_bits)
     if geometry_crc(*decoded) != values["geometry_crc"]:
         raise StreamError("TXF-S24", "the decoded faces do not have the checksum that was sent", clause="5.6.3",
@@ -72,8 +74,8 @@ def _decode_draco(values, position_bits):
     return dec_geometry(values["draco_data"], values["unit_vertices"], values["unit_faces"], position_bits, values["offset"])
 
 
-def _decode_sharp_edges(values, texf):
-    """Marks of the edges that the geometry has at marked materials, bool [E]."""
+def decode_sharp_edges(values: dict, texf: Texf) -> np.ndarray:
+    """Marks of the edges that the geometry has at marked materials, bool [E]. Raises StreamError."""
     from .codecs.sharp_edges import dec_marks
 
     marked = np.array([m.normals.kind == MARKED for m in texf.materials], bool)
@@ -90,19 +92,22 @@ def _decode_sharp_edges(values, texf):
 
 def _metadata(raw, report):
     """The metadata unit is ancillary: one that is not JSON is passed over with a warning."""
-    if raw is None:
-        return {}
+    value = {} if raw is None else json_object(raw)
+    if value is None:
+        report.warnings.append("the metadata unit does not hold a JSON object and was passed over")
+    return value or {}
+
+
+def json_object(raw: bytes) -> dict | None:
+    """The JSON object that bytes hold, None where they hold none."""
     try:
         value = json.loads(raw)
     except (ValueError, RecursionError):
-        value = None
-    if not isinstance(value, dict):
-        report.warnings.append("the metadata unit does not hold a JSON object and was passed over")
-        return {}
-    return value
+        return None
+    return value if isinstance(value, dict) else None
 
 
-def _check_samples(surfaces, stream, position_bits, limits):
+def check_samples(surfaces: list, stream: Stream, position_bits: int, limits: Limits) -> None:
     """The time to derive supports grows with samples and rows: refuses their sum over all fields before the first is touched."""
     total = 0
     for surface, field in zip(surfaces, stream.fields, strict=True):
@@ -120,13 +125,14 @@ def _count_rows(surface, field):
     return count_rows(surface[2], surface[1], field["uv_fraction_bits"]) + (field["width"] * field["height"] >> 4)
 
 
-def _field_surface(units, field):
+def surface_of_field(units: list, field: dict) -> tuple:
     """(lattice, faces) of a field, and the UVs where it is over texels."""
     surface = field_surface(units, field["field_index"])
     return (*surface, field_uv(units, field["field_index"])) if field["support"] == SUPPORT_TEXELS else surface
 
 
-def _decode_support(surface, values, position_bits, options):
+def decode_support(surface: tuple, values: dict, position_bits: int, options: DecodeOptions) -> VoxelSupport | TexelSupport:
+    """The support of a field of its syntax values, rebuilt from its surface. Raises StreamError, LimitError."""
     decode = _decode_texels if values["support"] == SUPPORT_TEXELS else _decode_voxels
     support = decode(surface, values, position_bits, options)
     if len(support) != values["num_keys"] or keys_crc(support.keys) != values["keys_crc"]:
@@ -153,7 +159,7 @@ def _decode_planes(texf, stream, surfaces, options, report):
     """Fills texf with fields of which every channel has a unit of its own."""
     for i, field in enumerate(stream.fields):
         with report.stage("texels" if field["support"] == SUPPORT_TEXELS else "voxelise"):
-            support = _decode_support(surfaces[i], field, texf.position_bits, options)
+            support = decode_support(surfaces[i], field, texf.position_bits, options)
         with report.stage("attributes"):
             texf.fields.append(Field(support.coarser(options.lod), {}))
             for values in stream.attributes:
@@ -177,7 +183,7 @@ def _decode_plane(values, support, levels, options):
     codec = codec_of_unit(values)
     plane = codec.dec(values, support, levels if codec.has_levels else 0, options.threads)
     if not (codec.has_levels and min(levels, support.depth)):
-        _check_crc(zlib.crc32(plane), values, codec)
+        check_values(zlib.crc32(plane), values, codec)
     return plane if codec.has_levels else support.mean(plane, levels)
 
 
@@ -188,16 +194,17 @@ def _decode_jointly(texf, stream, surfaces, options, report):
     texf.evaluators = codec.dec(values, surfaces, texf.position_bits, texf.groups, options, report)
     for i, field in enumerate(stream.fields):
         with report.stage("texels" if field["support"] == SUPPORT_TEXELS else "voxelise"):
-            support = _decode_support(surfaces[i], field, texf.position_bits, options)
+            support = decode_support(surfaces[i], field, texf.position_bits, options)
         with report.stage("attributes"):
             full = texf.evaluators[i].values(support, options.threads)
             total = zlib.crc32(full, total)
             planes = split_groups(support.mean(full, options.lod), texf.groups)
             texf.fields.append(Field(support.coarser(options.lod), planes))
-    _check_crc(total, values, codec)
+    check_values(total, values, codec)
 
 
-def _check_crc(found, values, codec):
+def check_values(found: int, values: dict, codec: Codec) -> None:
+    """Raises StreamError where decoded values have another checksum than values_crc."""
     if found != values["values_crc"]:
         raise StreamError("TXF-S32", "the decoded values do not have the checksum that was sent", clause=codec.checksum_clause,
                           offset=values["offset"])

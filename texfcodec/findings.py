@@ -1,4 +1,5 @@
-"""Every error code of the package, in one table: what is wrong, where the specification says so, and what to do.
+"""Every code of the package, in one table: what is wrong, where the specification says so, and what to do. Most are errors;
+texf-validate also warns of what is odd about a valid stream, and notes what costs bytes or is seldom meant.
 
 The sites that raise an error say its code themselves; tests/test_findings.py holds both against each other. bitstream_spec.md
 and docs/guide.md carry this table as generated blocks (`make spec-tables`).
@@ -10,6 +11,7 @@ from .errors import (
     EXIT_INTERNAL,
     EXIT_INTERRUPTED,
     EXIT_LIMIT,
+    EXIT_OK,
     EXIT_USAGE,
     InputError,
     LimitError,
@@ -19,13 +21,14 @@ from .errors import (
 )
 
 COMMAND_LINE = "command line"
+ERROR, WARNING, NOTE = SEVERITIES = ("error", "warning", "note")
 
 
 @dataclass(frozen=True)
 class Finding:
     """One code. family: its class, or None where only the command lines report it and no exception carries it; clauses: those of
-    bitstream_spec.md that are broken, each with the clauses below it; text: what is wrong; remedy: what to do; told_exit: exit
-    code of a finding without family."""
+    bitstream_spec.md that are broken or at stake, each with the clauses below it; text: what is wrong; remedy: what to do;
+    told_exit: exit code of a finding without family; severity: one of SEVERITIES, less than an error in a valid stream."""
 
     code: str
     family: type[TexfError] | None
@@ -33,9 +36,12 @@ class Finding:
     text: str
     remedy: str
     told_exit: int | None = None
+    severity: str = ERROR
 
     @property
     def family_name(self) -> str:
+        if self.severity != ERROR:
+            return self.severity
         return COMMAND_LINE if self.family is None else self.family.__name__
 
     @property
@@ -49,6 +55,16 @@ class Finding:
 
 _REPAIR = "ask for the file again; it is damaged or was made by a faulty encoder"
 _EXPORT = "repair the file in the tool that wrote it, and export it again"
+_ENCODER = "tell whoever wrote the encoder"
+
+
+def _warning(code, clause, text, remedy):
+    return Finding(code, None, (clause,), text, remedy, EXIT_OK, WARNING)
+
+
+def _note(code, clause, text, remedy):
+    return Finding(code, None, (clause,), text, remedy, EXIT_OK, NOTE)
+
 
 FINDINGS = (
     # The stream is invalid.
@@ -120,6 +136,46 @@ FINDINGS = (
     Finding("TXF-L12", LimitError, (), "coding an asset of a batch takes longer than it may", "raise --limit-seconds"),
     Finding("TXF-L13", LimitError, (), "an asset is too large to be sent to workers that do not see its folder",
             "start the workers where they see it"),
+    Finding("TXF-L14", LimitError, (), "the stream has more units than texf-validate looks into",
+            "decode it: texf-dec has no such limit"),
+    # Valid and odd; texf-validate says so.
+    _warning("TXF-W01", "5.2", "an ancillary unit is of a type that this version does not know, and is passed over",
+             "decode with a newer version if you miss what it holds"),
+    _warning("TXF-W02", "5.8", "the metadata are not a JSON object, and are passed over", _ENCODER),
+    _warning("TXF-W03", "5.6", "the Draco data go on where Draco has stopped reading",
+             "cut the data off, unless somebody keeps something of their own there; " + _ENCODER),
+    _warning("TXF-W04", "5.7", "the stream needs a codec of a plug-in, which other decoders do not have",
+             "encode with a codec of the specification for everybody else"),
+    _warning("TXF-W05", "7.6.2", "a codeword goes on where its last symbol has been read", "cut the bytes off; " + _ENCODER),
+    _warning("TXF-W06", "5.7.2", "the counts of bytes by level are not those that a decoder reads",
+             "do not fetch coarse levels alone by them; " + _ENCODER),
+    _warning("TXF-W07", "12", "a name has control characters, which may steer a terminal or hide what follows",
+             "rename the material in the source, and encode it again"),
+    _note("TXF-W08", "12", "a name has a path separator, or would be a place above a folder",
+          "do not make the name of a file of it unchanged"),
+    _note("TXF-W09", "5.4.1", "several materials have the same name", "rename them in the source if somebody tells them apart"),
+    _note("TXF-W10", "5.6", "no geometry unit is of a material", "leave the material out of the source"),
+    _note("TXF-W11", "5.4.1", "a material names channels that no effect of it reads",
+          "leave the maps out, or set the factors that bring them to bear"),
+    _note("TXF-W12", "5.3.1", "alpha is coded, and every material is opaque", "leave alpha out"),
+    _note("TXF-W13", "5.4.1", "alpha_cutoff of a masked material is 0, which cuts nothing off", "make the material opaque"),
+    _note("TXF-W14", "5.6", "several geometry units are of the same field and material",
+          "code them as one, which takes fewer bytes"),
+    _note("TXF-W15", "5.6", "faces have no area", "leave them out, or take more --position-bits"),
+    _note("TXF-W16", "5.6", "faces are there more than once, with the same corners in the same order",
+          "leave all but one of them out: which of them is seen is left to chance"),
+    _note("TXF-W17", "5.3", "the positions use half of the lattice or less along every axis",
+          "fit origin and side to the mesh: coarser positions than need be were coded"),
+    _warning("TXF-W18", "5.3", "side is 0 though there are faces, which puts them all in one point of the world", _ENCODER),
+    _note("TXF-W19", "5.5", "a field has one voxel or texel, so that all of its surface has one colour",
+          "encode with a larger --resolution if it should have more"),
+    _note("TXF-W20", "5.5", "less than a sixteenth of a field's image is asked by the surface",
+          "crop or pack the image: its memory grows with the whole"),
+    _note("TXF-W21", "5.7", "level_shift leaves a plane of one cell on a field of several",
+          "code one value (codec 2), or a factor"),
+    _note("TXF-W22", "5.3", "the stream is an empty mesh", "look whether the encoder was given the right file"),
+    _note("TXF-W23", "5.5", "a field has more voxels a side than the positions have steps",
+          "take a smaller --resolution or more --position-bits"),
     # Loading.
     Finding("TXF-I01", InputError, (), "the input does not exist", "check the path"),
     Finding("TXF-I02", InputError, (), "the input is a directory", "name a file"),

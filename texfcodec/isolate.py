@@ -45,6 +45,7 @@ APPEARANCE = Structure("appearance", "5.4", (  # channel groups and materials of
 ))
 _USUAL = Limits()
 FACTS_BYTES = 64 << 20  # the JSON half of an answer is never larger
+NO_CAP = "this system cannot cap the memory of a process: only the time was capped"
 _NO_MEMORY = ("bad_alloc", "allocate", "failed to map", "out of memory", "memoryerror", "can't start new thread")
 
 
@@ -66,20 +67,9 @@ def decode_isolated(data: bytes, options: DecodeOptions | None = None, report: R
 
 def _run_child(data, options, folder):
     """Starts the child, waits, and returns its answer (facts, arrays), or raises what became of it."""
-    package = str(Path(__file__).parent.parent)
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))}
-    environment |= {"MALLOC_ARENA_MAX": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each takes address space
-    request = json.dumps(asdict(options))
-    command = [sys.executable, "-P", "-m", "texfcodec.isolate", str(folder), request]  # -P: nothing from the working folder
+    child = run_child("texfcodec.isolate", data, asdict(options), options.limits, folder)
     try:
-        child = unfinished.run_child(command, data, options.limits.isolate_seconds, environment)
-    except subprocess.TimeoutExpired:
-        most = options.limits.isolate_seconds
-        raise LimitError("TXF-L08", "decoding took longer than the limit allows", allowed=most) from None
-    try:
-        if (folder / FACTS).stat().st_size > FACTS_BYTES:
-            raise ValueError("too long")
-        facts = json.loads((folder / FACTS).read_bytes())
+        facts = read_facts(folder)
         if "error" in facts:
             raise _error_of(facts["error"])
         with np.load(folder / ANSWER, allow_pickle=False) as file:
@@ -87,7 +77,27 @@ def _run_child(data, options, folder):
     except TexfError:
         raise
     except Exception as error:  # no answer, or one that a broken child made up
-        raise _crash(child, options) from error
+        raise crash_of(child, options.limits) from error
+
+
+def run_child(module: str, data: bytes, request: dict, limits: Limits, folder: Path) -> subprocess.CompletedProcess:
+    """Runs a module of the package in a process that gets data on stdin, a folder for its answer and a JSON-ready request as
+    arguments, and waits for its end. Raises LimitError where that takes too long."""
+    package = str(Path(__file__).parent.parent)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))}
+    environment |= {"MALLOC_ARENA_MAX": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each takes address space
+    command = [sys.executable, "-P", "-m", module, str(folder), json.dumps(request)]  # -P: nothing from the working folder
+    try:
+        return unfinished.run_child(command, data, limits.isolate_seconds, environment)
+    except subprocess.TimeoutExpired:
+        raise LimitError("TXF-L08", "decoding took longer than the limit allows", allowed=limits.isolate_seconds) from None
+
+
+def read_facts(folder: Path) -> dict:
+    """The JSON half of a child's answer. Raises OSError, ValueError."""
+    if (folder / FACTS).stat().st_size > FACTS_BYTES:
+        raise ValueError("too long")
+    return json.loads((folder / FACTS).read_bytes())
 
 
 def _error_of(facts):
@@ -97,14 +107,16 @@ def _error_of(facts):
     return family.get(facts["family"], StreamError)(str(facts["code"]), str(facts["message"]), **details)
 
 
-def _crash(child, options):
+def crash_of(child: subprocess.CompletedProcess, limits: Limits) -> TexfError:
+    """What became of a child that left no answer."""
     said = child.stderr.decode("utf-8", "replace")[-2000:].lower()
     if any(word in said for word in _NO_MEMORY) or child.returncode == -9:  # SIGKILL: the system ran short
-        return _memory_error(options.limits)
+        return memory_error(limits)
     return StreamError("TXF-S40", "the decoder crashed on this stream", status=child.returncode)
 
 
-def _memory_error(limits):
+def memory_error(limits: Limits) -> LimitError:
+    """The child may not have as much memory as it needs."""
     return LimitError("TXF-L07", "decoding needs more memory than the limit allows", allowed=limits.isolate_bytes)
 
 
@@ -284,15 +296,15 @@ def _child(folder, request):
     request["isolate"] = False
     data, report = sys.stdin.buffer.read(), Report()
     try:
-        capped = _cap_memory(limits.isolate_bytes)
+        capped = cap_memory(limits.isolate_bytes)
         texf = decode_stream(data, DecodeOptions(**request, limits=limits), report)
         if not capped:
-            report.warnings.append("this system cannot cap the memory of a process: only the time was capped")
+            report.warnings.append(NO_CAP)
         facts, arrays = _answer(texf, report)
         np.savez(folder / ANSWER, **arrays)
     except Exception as error:
-        if _is_memory(error):
-            error = _memory_error(limits)
+        if is_memory(error):
+            error = memory_error(limits)
         elif not isinstance(error, TexfError):
             raise
         facts = {"error": {"family": type(error).__name__, "code": error.code, "message": error.message,
@@ -336,7 +348,7 @@ def _length(array):
     return 0 if array is None else len(array)
 
 
-def _cap_memory(size):
+def cap_memory(size: int | None) -> bool:
     """Caps this process's address space at what it has now plus size bytes; False where the system cannot."""
     try:
         import resource
@@ -351,7 +363,7 @@ def _cap_memory(size):
     return True
 
 
-def _is_memory(error):
+def is_memory(error: BaseException | None) -> bool:
     """Whether running out of memory is behind an error, which libraries wrap in their own."""
     while error is not None:
         if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:

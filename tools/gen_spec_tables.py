@@ -20,7 +20,7 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 SPEC = REPOSITORY / "bitstream_spec.md"
 GUIDE = REPOSITORY / "docs" / "guide.md"
 EXAMPLE = "uncommon/point_triangle"
-OF_STREAMS = ("TXF-S", "TXF-U", "TXF-L")
+OF_STREAMS = ("TXF-S", "TXF-U", "TXF-L", "TXF-W")
 
 
 def _row(element):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from ..asset.normal_rule import USUAL, rule_of
@@ -90,9 +91,9 @@ def needed_groups(stream: Stream) -> list[list[int]]:
     return out
 
 
-def check_appearance(stream: Stream) -> None:
+def faults_of_appearance(stream: Stream) -> Iterator[StreamError]:
     """What materials name is there for every field that has faces of them, nothing is there that none names, and the effects are
-    those of the materials (5.3, 5.4.1). Attribute units have been checked against needed_groups()."""
+    those of the materials (5.3, 5.4.1): the rules that are broken, as errors."""
     groups = channels_of(stream.header["channel_groups"])
     present = {channel.name for channels in groups for channel in channels}
     used = set()
@@ -101,14 +102,14 @@ def check_appearance(stream: Stream) -> None:
         maps = material_of(stream.materials[unit["material_index"]]).maps
         used |= {channel_over(name, planar).name for name in maps}
     if used - present:
-        raise StreamError("TXF-S14", "a material names a channel that no group holds", clause="5.4.1",
+        yield StreamError("TXF-S14", "a material names a channel that no group holds", clause="5.4.1",
                           value=sorted(used - present))
     idle = present - used - {channel.name for channel in COLOURS}
     if stream.fields and idle:
-        raise StreamError("TXF-S14", "a channel group holds a channel that no material names", clause="5.3.1", value=sorted(idle))
+        yield StreamError("TXF-S14", "a channel group holds a channel that no material names", clause="5.3.1", value=sorted(idle))
     named = effects_mask(material_of(values) for values in stream.materials)
     if stream.header["effects"] != named:
-        raise StreamError("TXF-S14", "effects are not those of the materials", clause="5.3.2", value=stream.header["effects"],
+        yield StreamError("TXF-S14", "effects are not those of the materials", clause="5.3.2", value=stream.header["effects"],
                           allowed=named)
 
 

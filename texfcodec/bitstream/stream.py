@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..asset.normal_rule import MARKED, rule_of
 from ..codecs import codec_of_unit
 from ..errors import LimitError, StreamError
 from ..ground.walk import Reader, read_structure, write_structure
 from ..support.layout import octree_depth
-from .appearance import check_appearance, check_groups, check_level_shift, check_material, needed_groups
+from .appearance import check_groups, check_level_shift, check_material, faults_of_appearance, needed_groups
 from .syntax import (
     ATTRIBUTE,
     SIGNATURE,
@@ -29,6 +30,7 @@ from .units import read_units, write_unit
 
 if TYPE_CHECKING:
     from ..limits import Limits
+    from .units import Unit
 
 
 @dataclass
@@ -143,17 +145,23 @@ def read_stream(data: bytes, limits: Limits, trace: list | None = None) -> Strea
         if trace is not None:
             rows = []
             trace.append((unit, rows))
-        reader = Reader(view, unit.begin, unit.end)
-        _read_unit_payload(unit, reader, stream, limits, rows)
-        if reader.position != reader.end:
-            raise StreamError("TXF-S08", f"the {unit.name} unit has bytes left over", clause="5.2", offset=reader.position,
-                              value=reader.end - reader.position, allowed=0)
-    _expect("the number of materials units", sum(u.type == UNIT_MATERIALS for u in units), 1, "5.2")
-    _check_counts(stream)
+        read_payload(view, unit, stream, limits, rows)
+    for fault in faults_over_units(stream, sum(u.type == UNIT_MATERIALS for u in units)):
+        raise fault
     return stream
 
 
-def _read_unit_payload(unit, reader, stream, limits, rows):
+def read_payload(view: memoryview, unit: Unit, stream: Stream, limits: Limits, rows: list | None = None) -> None:
+    """Adds what a unit holds to the stream of the units before it. rows: as trace of ground.walk.read_structure(). Raises
+    StreamError, LimitError, SupportError."""
+    reader = Reader(view, unit.begin, unit.end)
+    _read_elements(unit, reader, stream, limits, rows)
+    if reader.position != reader.end:
+        raise StreamError("TXF-S08", f"the {unit.name} unit has bytes left over", clause="5.2", offset=reader.position,
+                          value=reader.end - reader.position, allowed=0)
+
+
+def _read_elements(unit, reader, stream, limits, rows):
     if unit.type == UNIT_HEADER:
         stream.header = read_structure(UNITS[UNIT_HEADER], reader, {}, rows)
         _check_limits(stream.header, limits)
@@ -216,32 +224,75 @@ def _check_limits(header, limits):
             raise LimitError(code, f"{name} is over the limit", clause="5.3", value=header[name], allowed=limit)
 
 
-def _expect(what, value, allowed, clause):
-    if value != allowed:
-        raise StreamError("TXF-S11", f"{what} is not what the sequence header says", clause=clause, value=value, allowed=allowed)
+class _Number(NamedTuple):
+    """A number that two places of a stream tell. needs: types of units that tell it; owner: whose number it is, so that nothing
+    more can be said of units of that type where it is wrong; pair: function of (Stream, number of materials units) that returns
+    what is there and what should be."""
+
+    what: str
+    clause: str
+    needs: frozenset[int]
+    owner: int | None
+    pair: Callable[[Stream, int], tuple]
 
 
-def _check_counts(stream):
-    """Counts and cross references over the whole stream (spec 5.2)."""
-    header = stream.header
-    _expect("the number of materials", len(stream.materials), header["num_materials"], "5.4")
-    _expect("the number of fields", len(stream.fields), header["num_fields"], "5.5")
-    _expect("the number of geometry units", len(stream.geometry), header["num_geometry_units"], "5.6")
-    _expect("the sum of unit_vertices", sum(g["unit_vertices"] for g in stream.geometry), header["num_vertices"], "5.6")
-    _expect("the sum of unit_faces", sum(g["unit_faces"] for g in stream.geometry), header["num_faces"], "5.6")
-    _expect("the order of field indices", [f["field_index"] for f in stream.fields], list(range(len(stream.fields))), "5.5")
-    _expect("the number of sharp_edges units", int(stream.sharp_edges is not None), int(has_marks(stream.materials)), "5.10")
-    for unit in stream.geometry:
-        for name, count in (("field_index", len(stream.fields)), ("material_index", len(stream.materials))):
-            if unit[name] >= count:
-                raise StreamError("TXF-S09", f"a geometry unit's {name} names nothing", clause="5.6", offset=unit["offset"],
-                                  value=unit[name], allowed=f"< {count}")
-    if set(range(len(stream.fields))) - {unit["field_index"] for unit in stream.geometry}:
-        raise StreamError("TXF-S11", "a field has no geometry", clause="5.5")
-    pairs = [(a["field_index"], a["group_index"]) for a in stream.attributes]
-    expected = [(f, g) for f, groups in enumerate(needed_groups(stream)) for g in groups]
-    if stream.joint:
-        expected = [(0, 0)]
-    _expect("the order of attribute units", pairs, expected, "5.7")
-    check_appearance(stream)
+_HEADER_AND = lambda *types: frozenset((UNIT_HEADER, *types))
+_NUMBERS = (
+    _Number("the number of materials units", "5.2", _HEADER_AND(UNIT_MATERIALS), UNIT_MATERIALS, lambda s, n: (n, 1)),
+    _Number("the number of materials", "5.4", _HEADER_AND(UNIT_MATERIALS), UNIT_MATERIALS,
+            lambda s, n: (len(s.materials), s.header["num_materials"])),
+    _Number("the number of fields", "5.5", _HEADER_AND(), UNIT_FIELD, lambda s, n: (len(s.fields), s.header["num_fields"])),
+    _Number("the number of geometry units", "5.6", _HEADER_AND(), UNIT_GEOMETRY,
+            lambda s, n: (len(s.geometry), s.header["num_geometry_units"])),
+    _Number("the sum of unit_vertices", "5.6", _HEADER_AND(UNIT_GEOMETRY), None,
+            lambda s, n: (sum(g["unit_vertices"] for g in s.geometry), s.header["num_vertices"])),
+    _Number("the sum of unit_faces", "5.6", _HEADER_AND(UNIT_GEOMETRY), None,
+            lambda s, n: (sum(g["unit_faces"] for g in s.geometry), s.header["num_faces"])),
+    _Number("the order of field indices", "5.5", frozenset((UNIT_FIELD,)), UNIT_FIELD,
+            lambda s, n: ([f["field_index"] for f in s.fields], list(range(len(s.fields))))),
+    _Number("the number of sharp_edges units", "5.10", frozenset((UNIT_MATERIALS, UNIT_SHARP_EDGES)), UNIT_SHARP_EDGES,
+            lambda s, n: (int(s.sharp_edges is not None), int(has_marks(s.materials)))),
+)
 
+
+def _other_number(what, value, allowed, clause):
+    return StreamError("TXF-S11", f"{what} is not what the sequence header says", clause=clause, value=value, allowed=allowed)
+
+
+def faults_over_units(stream: Stream, materials_units: int = 1, broken: set[int] | None = None) -> Iterator[StreamError]:
+    """Counts and cross references over the whole stream (spec 9.2, step 5): each rule that is broken as its error, in order.
+
+    materials_units: how many there are. broken: for whoever goes on after an error, types of units of which one is not as it
+    should be; rules that need them are left out, and it receives those that are found here.
+    """
+    broken = set() if broken is None else broken
+    for number in _NUMBERS:
+        if not broken & number.needs:
+            value, allowed = number.pair(stream, materials_units)
+            if value != allowed:
+                yield _other_number(number.what, value, allowed, number.clause)
+                broken |= set() if number.owner is None else {number.owner}
+    if broken & _HEADER_AND(UNIT_MATERIALS, UNIT_FIELD, UNIT_GEOMETRY):
+        return
+    wrong = [error for unit in stream.geometry for error in _faults_of_names(unit, stream)]
+    yield from wrong
+    if not wrong and set(range(len(stream.fields))) - {unit["field_index"] for unit in stream.geometry}:
+        wrong = [StreamError("TXF-S11", "a field has no geometry", clause="5.5")]
+        yield wrong[0]
+    if wrong:
+        broken.add(UNIT_GEOMETRY)
+        return
+    if UNIT_ATTRIBUTE not in broken:
+        pairs = [(a["field_index"], a["group_index"]) for a in stream.attributes]
+        expected = [(f, g) for f, groups in enumerate(needed_groups(stream)) for g in groups]
+        expected = [(0, 0)] if stream.joint else expected
+        if pairs != expected:
+            yield _other_number("the order of attribute units", pairs, expected, "5.7")
+    yield from faults_of_appearance(stream)
+
+
+def _faults_of_names(unit, stream):
+    for name, count in (("field_index", len(stream.fields)), ("material_index", len(stream.materials))):
+        if unit[name] >= count:
+            yield StreamError("TXF-S09", f"a geometry unit's {name} names nothing", clause="5.6", offset=unit["offset"],
+                              value=unit[name], allowed=f"< {count}")

@@ -43,24 +43,61 @@ def write_unit(unit_type: int, payload: bytes) -> bytes:
     return body + struct.pack("<I", zlib.crc32(body))
 
 
-def _read_unit(data, position):
+def read_frame(data: memoryview, position: int) -> tuple[Unit, bool]:
+    """The unit at a position, and whether its checksum is right. Raises StreamError where its length is none or
+    runs past the end."""
     reader = Reader(data, position, len(data))
     unit_type = reader.take(1, "unit_type", "5.2")[0]
     length = reader.read_v("unit_length", "5.2")
     begin = reader.position
     reader.take(length, UNIT_NAMES.get(unit_type, "an unknown unit"), "5.2")
     (crc,) = struct.unpack("<I", reader.take(4, "unit_crc", "5.2"))
-    if zlib.crc32(data[position : begin + length]) != crc:
-        raise StreamError("TXF-S03", f"the checksum of the {UNIT_NAMES.get(unit_type, 'unknown')} unit does not match",
-                          clause="5.2", offset=position)
-    return Unit(unit_type, begin, begin + length, position, reader.position)
+    return Unit(unit_type, begin, begin + length, position, reader.position), zlib.crc32(data[position : begin + length]) == crc
 
 
-def _check_version(data, header):
-    """Before anything that follows is looked at: another version may have other units."""
+def wrong_checksum(unit: Unit) -> StreamError:
+    """What is wrong with a unit whose checksum is."""
+    return StreamError("TXF-S03", f"the checksum of the {UNIT_NAMES.get(unit.type, 'unknown')} unit does not match",
+                       clause="5.2", offset=unit.start)
+
+
+def check_start(data: bytes, max_file_bytes: int | None = None) -> None:
+    """Before any unit is looked at (spec 9.2, step 1). Raises LimitError, StreamError."""
+    if max_file_bytes is not None and len(data) > max_file_bytes:
+        raise LimitError("TXF-L01", "the stream is larger than the limit", value=len(data), allowed=max_file_bytes)
+    if data[: len(SIGNATURE)] != SIGNATURE:
+        kind = "is empty" if not data else "does not start with the TexF signature"
+        raise StreamError("TXF-S01", f"the stream {kind}", clause="5.1", offset=0)
+
+
+def check_version(data: bytes | memoryview, header: Unit) -> None:
+    """Before anything that follows is looked at: another version may have other units. Raises SupportError."""
     if header.begin < header.end and data[header.begin] != VERSION:
         raise SupportError("TXF-U04", "the stream is of another version of the format", clause="5.3", offset=header.begin,
                            value=data[header.begin], allowed=VERSION)
+
+
+def check_place(unit: Unit, seen: set[int]) -> None:
+    """Whether a unit may stand behind units of the types seen (spec 5.2). Raises StreamError, SupportError."""
+    if not seen and unit.type != UNIT_HEADER:
+        raise StreamError("TXF-S07", "the first unit is not the sequence header", clause="5.2", offset=unit.start)
+    if unit.type in ONE_AT_MOST and unit.type in seen:
+        raise StreamError("TXF-S07", f"there is a second {unit.name} unit", clause="5.2", offset=unit.start)
+    if unit.type >= ANCILLARY:
+        return
+    if unit.type not in UNITS:
+        raise SupportError("TXF-U01", "unknown critical unit", clause="5.2", offset=unit.start, value=unit.type)
+    if unit.type < max((other for other in seen if other in UNITS and other < ANCILLARY), default=0):
+        raise StreamError("TXF-S07", f"the {unit.name} unit is out of order", clause="5.2", offset=unit.start)
+
+
+def check_end(unit: Unit, length: int) -> None:
+    """Whether an end unit is empty, and the last of so many bytes of a stream (spec 5.9). Raises StreamError."""
+    if unit.end != unit.begin:
+        raise StreamError("TXF-S08", "the end unit has a payload", clause="5.9", offset=unit.begin)
+    if unit.stop != length:
+        raise StreamError("TXF-S08", "there are bytes after the end unit", clause="5.9", offset=unit.stop,
+                          value=length - unit.stop, allowed=0)
 
 
 def read_units(data: bytes, max_file_bytes: int | None = None) -> tuple[list[Unit], list[Unit]]:
@@ -69,36 +106,21 @@ def read_units(data: bytes, max_file_bytes: int | None = None) -> tuple[list[Uni
     Raises StreamError for a broken frame, wrong order or trailing bytes, SupportError for another version and for an unknown
     critical unit, LimitError for a stream longer than max_file_bytes.
     """
-    if max_file_bytes is not None and len(data) > max_file_bytes:
-        raise LimitError("TXF-L01", "the stream is larger than the limit", value=len(data), allowed=max_file_bytes)
-    if data[: len(SIGNATURE)] != SIGNATURE:
-        kind = "is empty" if not data else "does not start with the TexF signature"
-        raise StreamError("TXF-S01", f"the stream {kind}", clause="5.1", offset=0)
+    check_start(data, max_file_bytes)
     units: list[Unit] = []
     skipped: list[Unit] = []
-    view, position, last = memoryview(data), len(SIGNATURE), -1
+    seen: set[int] = set()
+    view, position = memoryview(data), len(SIGNATURE)
     while True:
-        unit = _read_unit(view, position)
+        unit, right = read_frame(view, position)
+        if not right:
+            raise wrong_checksum(unit)
+        check_place(unit, seen)
+        if not seen:
+            check_version(view, unit)
+        seen.add(unit.type)
         position = unit.stop
-        if not units and unit.type != UNIT_HEADER:
-            raise StreamError("TXF-S07", "the first unit is not the sequence header", clause="5.2", offset=unit.start)
-        if not units:
-            _check_version(data, unit)
-        if unit.type in ONE_AT_MOST and any(u.type == unit.type for u in units):
-            raise StreamError("TXF-S07", f"there is a second {unit.name} unit", clause="5.2", offset=unit.start)
-        if unit.type >= ANCILLARY:
-            (units if unit.type in UNITS else skipped).append(unit)
-            continue
-        if unit.type not in UNITS:
-            raise SupportError("TXF-U01", "unknown critical unit", clause="5.2", offset=unit.start, value=unit.type)
-        if unit.type < last:
-            raise StreamError("TXF-S07", f"the {unit.name} unit is out of order", clause="5.2", offset=unit.start)
-        last = unit.type
         if unit.type == UNIT_END:
-            if unit.end != unit.begin:
-                raise StreamError("TXF-S08", "the end unit has a payload", clause="5.9", offset=unit.begin)
-            if position != len(data):
-                raise StreamError("TXF-S08", "there are bytes after the end unit", clause="5.9", offset=position,
-                                  value=len(data) - position, allowed=0)
+            check_end(unit, len(data))
             return units, skipped
-        units.append(unit)
+        (units if unit.type in UNITS else skipped).append(unit)

@@ -83,6 +83,14 @@ def split_groups(values: np.ndarray, groups: Sequence[Group]) -> dict:
     return {name: plane for planes in parts for name, plane in planes.items()}
 
 
+class Reading(NamedTuple):
+    """What decoding a unit has shown beside its values. unread: bytes of codewords that no symbol needed (7.6.2); wrong_levels:
+    counts of bytes by level (5.7.2) that are not those that were read."""
+
+    unread: int = 0
+    wrong_levels: int = 0
+
+
 class Joint(NamedTuple):
     """What a joint codec made. values: of its syntax elements; evaluators: one per field; choices: what the report says of it."""
 
@@ -166,6 +174,10 @@ class PlaneCodec(Codec):
     def dec(self, values: dict, support: VoxelSupport, levels: int, threads: int) -> np.ndarray:
         """Mirror of enc(). values: of its syntax elements, with NumComponents and the file offset; levels: octree levels to leave
         out. Returns uint8 [n, C] on support.coarser(levels). Raises StreamError."""
+
+    def dec_watched(self, values: dict, support: VoxelSupport, threads: int) -> tuple[np.ndarray, Reading]:
+        """dec() of all levels, and what has been seen of the unit on the way, for whoever validates it."""
+        return self.dec(values, support, 0, threads), Reading()
 
 
 class JointCodec(Codec):

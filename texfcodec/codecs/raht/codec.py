@@ -259,13 +259,15 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
 
 
 def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: np.ndarray, spans: list[tuple[int, int]],
-                   stop_level: int, threads: int = 1, inverse: Callable | None = None) -> np.ndarray:
+                   stop_level: int, threads: int = 1, inverse: Callable | None = None,
+                   reached: list[list[int]] | None = None) -> np.ndarray:
     """Decodes levels 0..stop_level: means int32 [n, C] of that level's nodes, in Morton order, or where `inverse` is given the
     values uint8 [n, C] that it makes of them, with their residuals.
 
     keys: int64 [N] of all active voxels; coded: CodedAttributes without codewords; data: uint8, the unit's payload;
-    spans: (begin, end) of each codeword in data, checked by the caller against len(data). Raises StreamError for slices that
-    begin past the nodes of their level.
+    spans: (begin, end) of each codeword in data, checked by the caller against len(data). reached: list that receives, for each
+    codeword, how many of its bytes have been read after each of its levels, and after its residuals. Raises StreamError for
+    slices that begin past the nodes of their level.
     """
     levels = build_octree(keys, depth)
     if coded.slice_first[-1] >= len(levels[coded.slice_level]):
@@ -276,6 +278,8 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
     colour_inverse = inverse_range(coded.colour_range, int(steps[0]))
     dec_level = _dec_mixed_level if coded.models else _dec_direct_level
     active = [(Coder(new_decoder(data, *span), data, span[1]), _new_model(coded.models)) for span in spans[:1]]
+    watched: list[list[int]] = [[] for _ in spans]
+    first = 0  # codeword that the first of the active coders reads
     with ThreadPoolExecutor(threads) as pool:
         walk = _Descent(levels, coded.root, coded.planar, pool)
         for d in range(stop_level):
@@ -283,12 +287,14 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
             if d == coded.slice_level > 0:
                 trunk = active[0][-1]
                 active = [(Coder(new_decoder(data, *span), data, span[1]), copy_model(trunk)) for span in spans[1:]]
+                first = 1
             blocks = walk.blocks(d)
             rules = Rules(_level_class(levels, d), coded.models, steps, (1 << 32) // steps, weights, colour_inverse,
                           *_planar_rules(coded, len(steps)))
             walk.run([partial(dec_level, coder, model, rules, blocks, new_scratch(len(steps)), begin, end)
                       for (coder, model), (begin, end) in zip(active, ranges, strict=True)])
             walk.descend(d, blocks, ranges)
+            _watch(watched[first:], spans[first:], active)
         for stage in coded.filters if 0 < stop_level == depth else ():
             walk.mean = apply_stage(stage, levels[-2], walk.table, walk.mean, steps, walk.run)
         made = walk.mean if inverse is None else inverse(walk.mean)
@@ -297,7 +303,16 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
             readers = [partial(_read_residuals, coder) for coder, _ in active]
             made = code_residuals(readers, levels[-2], walk.table, parents, made, coded.residual - 1, coded.residual_cross, made,
                                   walk.run)
+            _watch(watched[first:], spans[first:], active)
+    if reached is not None:
+        reached += watched
     return made
+
+
+def _watch(watched, spans, coders):
+    """Notes how far coders have read, each in its list of watched."""
+    for rows, (begin, _), (coder, _) in zip(watched, spans, coders, strict=False):
+        rows.append(int(coder.state[POS]) - begin)
 
 
 def _read_residuals(coder, walk, _):

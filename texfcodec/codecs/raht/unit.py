@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import StreamError
-from ..codec import PlaneCodec
+from ..codec import PlaneCodec, Reading
 from .syntax import CODEWORD, FILTER, RAHT, TRANSFORM_BT709
 
 if TYPE_CHECKING:
@@ -38,6 +38,15 @@ class Raht(PlaneCodec):
 
     def dec(self, values: dict, support: VoxelSupport, levels: int, threads: int) -> np.ndarray:
         """See PlaneCodec.dec."""
+        return self._dec(values, support, levels, threads)
+
+    def dec_watched(self, values: dict, support: VoxelSupport, threads: int) -> tuple[np.ndarray, Reading]:
+        """See PlaneCodec.dec_watched."""
+        reached: list[list[int]] = []
+        return self._dec(values, support, 0, threads, reached), _reading(values["codewords"], reached)
+
+    def _dec(self, values, support, levels, threads, reached=None):
+        """reached: as that of codec.dec_attributes()."""
         from .codec import dec_attributes
         from .transform.colour import inverse_colour, inverse_plain
         from .values import coded_of
@@ -48,7 +57,7 @@ class Raht(PlaneCodec):
             raise StreamError("TXF-S04", "colour_transform needs three components", clause="5.7.1", offset=values["offset"])
         data, inverse = np.frombuffer(values["codeword_data"], np.uint8), inverse_colour if bt709 else inverse_plain
         stop = max(0, support.depth - levels)
-        return dec_attributes(support.keys, support.depth, coded, data, spans, stop, threads, inverse)
+        return dec_attributes(support.keys, support.depth, coded, data, spans, stop, threads, inverse, reached)
 
     def check(self, values: dict) -> None:
         """Relations of clauses 5.7.1 to 5.7.3."""
@@ -79,6 +88,13 @@ class Raht(PlaneCodec):
                f"qp {group['qp']}, {len(group['codeword_bytes'])} codewords")
         if group["level_bytes"] is not None:
             yield "  bytes by level, coarse to fine: " + " ".join(map(str, group["level_bytes"]))
+
+
+def _reading(codewords, reached):
+    """The Reading of codewords' syntax values. reached: as that of codec.dec_attributes()."""
+    unread = sum(max(0, word["codeword_length"] - ends[-1]) for word, ends in zip(codewords, reached, strict=True) if ends)
+    said = [(word["level_bytes"], np.diff(ends, prepend=0).tolist()) for word, ends in zip(codewords, reached, strict=True)]
+    return Reading(unread, sum(a != b for told, read in said for a, b in zip(told, read, strict=False)))
 
 
 def _level_bytes(values):

@@ -1,0 +1,97 @@
+"""texf-validate: everything that is wrong or odd in a stream."""
+
+from typing import NoReturn
+
+import click
+
+from .. import __version__
+from ..bitstream.file import read_stream_file
+from ..errors import EXIT_DIFFERS, EXIT_LIMIT, EXIT_OK, EXIT_STREAM, EXIT_SUPPORT
+from ..options import DecodeOptions
+from .console import STYLE, run
+from .flags import file_names, limit_flags, limits_of, option_flags
+
+_IN_A_WORD = {EXIT_OK: "valid", EXIT_DIFFERS: "valid, with warnings", EXIT_STREAM: "invalid", EXIT_SUPPORT: "not supported",
+              EXIT_LIMIT: "over a limit"}
+
+
+@click.command("texf-validate", context_settings=STYLE)
+@click.argument("file", metavar="FILE", shell_complete=file_names)
+@click.option("--strict", is_flag=True, help="Exit code 7 where there are warnings and no errors.")
+@option_flags(DecodeOptions, "isolate")
+@limit_flags("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "latents", "metadata_bytes", "isolate_bytes",
+             "isolate_seconds")
+@option_flags(DecodeOptions, "threads")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
+@click.option("--quiet", is_flag=True, help="No findings; only the exit code.")
+@click.version_option(__version__, message="%(prog)s %(version)s")
+@click.pass_obj
+def validate(console, file, strict, as_json, quiet, **choices):
+    """Name everything that is wrong or odd in the .texf FILE ("-": stdin), not the first error alone: decodes what can be
+    decoded, compares all checksums, and goes on behind errors.
+
+    Files from strangers: use --isolate and lower the limits.
+
+    Exit codes, by the worst finding: 0 valid, 3 invalid, 5 not supported, 6 over a limit, 7 valid with warnings (--strict); 1
+    command line, 2 input or output, 4 internal, 130 interrupted.
+    """
+    from ..validator.isolated import validate_isolated
+    from ..validator.validate import validate as validated
+    from ..warmup import FIRST_RUN, kernels_compiled
+
+    limits, isolate = limits_of(choices), choices.pop("isolate")
+    options = DecodeOptions(**{name: value for name, value in choices.items() if value is not None}, limits=limits)
+    data = read_stream_file(file, limits)
+    if not kernels_compiled():
+        console.note(FIRST_RUN)
+    with console.progress() as report:
+        outcome = (validate_isolated if isolate else validated)(data, limits, options.threads, report)
+    if not console.as_json:
+        console.warnings(report)
+    code = outcome.pop("strict_exit_code" if strict else "exit_code")
+    outcome.pop("exit_code" if strict else "strict_exit_code")
+    console.result({**outcome, "exit_code": code, "warnings": report.warnings}, _lines(outcome, code))
+    return code
+
+
+def _lines(outcome, code):
+    for row in outcome["findings"]:
+        yield _line(row)
+    for finding, count in outcome["left_out"].items():
+        yield f"... and {count} more of {finding}"
+    if outcome["not_checked"]:
+        yield "not checked, for the errors above: " + ", ".join(_names(outcome["not_checked"]))
+    counts = ", ".join(f"{count} {name}{'s' * (count != 1)}" for name, count in outcome["counts"].items())
+    yield f"{_IN_A_WORD[code]}: {counts}"
+
+
+def _line(row):
+    """One finding: what, where, and what to do."""
+    unit = None if row["unit"] is None else f"unit {row['unit']} ({row['unit_name']})"
+    byte, clause = ((None if row[name] is None else f"{word} {row[name]}") for name, word in (("offset", "at byte"),
+                                                                                             ("clause", "clause")))
+    facts = ", ".join(f"{name} {row[name]}" for name in ("value", "allowed") if row[name] is not None)
+    place = ", ".join(filter(None, (byte, unit, clause)))
+    return f"{row['severity']} {row['code']}{' ' * bool(place)}{place}: {row['message']}" + (f" ({facts})" if facts else "") + \
+        f"; {row['remedy']}"
+
+
+def _names(units):
+    """Units in words, those of one type that follow each other together."""
+    runs: list = []
+    for unit in units:
+        if runs and runs[-1][0] == unit["unit_name"] and runs[-1][2] == unit["unit"] - 1:
+            runs[-1][2] = unit["unit"]
+        else:
+            runs.append([unit["unit_name"], unit["unit"], unit["unit"]])
+    for name, first, last in runs:
+        yield f"unit {first} ({name})" if first == last else f"units {first} to {last} ({name})"
+
+
+def main(arguments: list[str] | None = None) -> NoReturn:
+    """The entry point."""
+    run(validate, arguments)
+
+
+if __name__ == "__main__":
+    main()

@@ -7,7 +7,7 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
 
 .DELETE_ON_ERROR:
-.PHONY: demo test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural mutants conformance vectors spec-tables promise install clean
+.PHONY: demo test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural stability determinism load fuzz faults mutants conformance vectors spec-tables promise install clean
 
 demo: install
 	$(PY) -m texfcodec.demo
@@ -19,9 +19,9 @@ test: conformance
 sweeps: install
 	$(PY) -m pytest -q -n 2 --dist loadfile -m slow
 
-# Any decoder can be put through the vectors: make conformance DECODER="other-decoder --flag"
+# Any decoder can be put through the vectors: make conformance DECODER="other-decoder --flag" [QUERIES=1]
 conformance: install
-	$(PY) conformance/run.py $(if $(DECODER),--decoder "$(DECODER)")
+	$(PY) conformance/run.py $(if $(DECODER),--decoder "$(DECODER)") $(if $(QUERIES),--queries)
 
 # Every tool, interrupted at random moments of its run: make interrupts [MOMENTS=300] [JOBS=n]
 interrupts: install
@@ -70,7 +70,30 @@ neural: install
 	$(PY) tools/rate_points.py conditions/neural_time.toml --out "$(or $(OUT),out/resident)" --keep-old $(if $(ASSETS),--assets "$(ASSETS)")
 	$(PY) tools/neural_time.py "$(or $(OUT),out/resident)" --out "$(or $(OUT),out/resident)"
 
-# Rules of the naive decoder that no vector holds, an hour or more: make mutants [STATE=file.jsonl] [PAGE=docs/mutants.md]
+# How far off hard cases can get: make stability [SECONDS=5] [CASE="name"] [MOST=1] [STATE=file.jsonl] [PAGE=docs/stability.md]
+stability: install
+	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[plots]"
+	$(PY) tools/stability --seconds $(or $(SECONDS),5) $(if $(CASE),--case "$(CASE)") $(if $(MOST),--most) $(if $(STATE),--state "$(STATE)") $(if $(PAGE),--page "$(PAGE)")
+
+# Streams and decoded arrays over threads, versions, processors, locales and folders, a Markdown table:
+# make determinism [ASSETS=folder] [ENVIRONMENTS=1] [PYTHONS="file ..."] [OUT=folder] [PAGE=docs/determinism.md]
+determinism: install
+	$(PY) tools/determinism.py $(if $(ASSETS),--assets "$(ASSETS)") $(if $(ENVIRONMENTS),--environments) $(foreach p,$(PYTHONS),--python "$(p)") --out "$(or $(OUT),out/determinism)" $(if $(PAGE),--page "$(PAGE)")
+
+# Memory over 500 calls, 8 processes at once, a batch with faults, memory of refused files:
+# make load [PART="slope ..."] [OUT=folder] [PAGE=docs/load.md]
+load: install
+	$(PY) tools/load.py $(foreach p,$(PART),--part $(p)) --out "$(or $(OUT),out/load)" $(if $(PAGE),--page "$(PAGE)")
+
+# Fuzz targets of the decoder and the loaders: make fuzz [SECONDS=20] [TARGET="name ..."] [OUT=folder] [PAGE=docs/fuzzing.md]
+fuzz: install
+	$(PY) tests/fuzz/run.py --seconds $(or $(SECONDS),20) $(foreach name,$(TARGET),--target $(name)) --out "$(or $(OUT),out/fuzz)" $(if $(PAGE),--page "$(PAGE)")
+
+# Every call to the system and every array of a run of a tool fails once: make faults [OUT=folder]
+faults: install
+	$(PY) tests/fuzz/faults.py --state "$(or $(OUT),out/fuzz)/state.jsonl"
+
+# Rules of the naive decoder that no vector holds, an hour or more (a part: tools/mutants.py --only 7.6, a sample: --sample 400): make mutants [STATE=file.jsonl] [PAGE=docs/mutants.md]
 mutants: install
 	$(PY) tools/mutants.py --state "$(or $(STATE),out/mutants.jsonl)" $(if $(PAGE),--page "$(PAGE)")
 

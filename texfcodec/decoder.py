@@ -84,7 +84,7 @@ def decode_sharp_edges(values: dict, texf: Texf) -> np.ndarray:
         raise StreamError("TXF-S30", "the edges rebuilt from the geometry are not the ones that were coded", clause="8.4.2",
                           offset=values["offset"], value=len(ends), allowed=values["num_edges"])
     marks = dec_marks(values["marks_data"], ends, fold)
-    if zlib.crc32(marks) != values["marks_crc"]:
+    if zlib.crc32(marks.tobytes()) != values["marks_crc"]:
         raise StreamError("TXF-S32", "the decoded marks do not have the checksum that was sent", clause="8.4.2",
                           offset=values["offset"])
     return marks
@@ -109,15 +109,21 @@ def json_object(raw: bytes) -> dict | None:
 
 def check_samples(surfaces: list, stream: Stream, position_bits: int, limits: Limits) -> None:
     """The time to derive supports grows with samples and rows: refuses their sum over all fields before the first is touched."""
+    total = _count_samples(surfaces, stream, position_bits)
+    if limits.samples is not None and total > limits.samples:
+        raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", clause="6.3", value=total,
+                         allowed=limits.samples)
+
+
+def _count_samples(surfaces, stream, position_bits):
+    """Samples and rows of all fields (spec 10.1)."""
     total = 0
     for surface, field in zip(surfaces, stream.fields, strict=True):
         total += _count_rows(surface, field) if field["support"] == SUPPORT_TEXELS else \
             count_samples(*surface, position_bits, field["resolution"])
     if stream.joint:
         total += codec_of_unit(stream.joint).count_samples(stream.joint, surfaces, position_bits)
-    if limits.samples is not None and total > limits.samples:
-        raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", clause="6.3", value=total,
-                         allowed=limits.samples)
+    return total
 
 
 def _count_rows(surface, field):

@@ -33,7 +33,7 @@ class _Contents:
         self.parsed, self.options, self.report = parsed, options, report
         self.stream, self.listing = parsed.stream, parsed.listing
         self.position_bits = self.stream.header["position_bits"]
-        self.units: list = []
+        self.units = []
 
     def decode(self):
         """All of it, in the decoder's order."""

@@ -90,7 +90,7 @@ def _read_unit(view, number, parsed, limits):
         parsed.listing.oddity(told, number)
         return
     lists = {UNIT_FIELD: stream.fields, UNIT_GEOMETRY: stream.geometry, UNIT_ATTRIBUTE: stream.attributes}
-    held: list = lists.get(unit.type, [])
+    held = lists.get(unit.type, [])
     before = len(held)
     parsed.numbers[unit.type].append(number)
     if number not in parsed.frames.wrong and not _needs_lost(view, unit, parsed):

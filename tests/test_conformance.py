@@ -37,7 +37,8 @@ from pathlib import Path
 sys.path.insert(0, {tests!r})
 from naive import decoder
 from naive.bits import Invalid, Unsupported
-stream, folder, lod = Path(sys.argv[1]).read_bytes(), Path(sys.argv[2]), int(sys.argv[4]) if len(sys.argv) > 3 else 0
+stream, folder, more = Path(sys.argv[1]).read_bytes(), Path(sys.argv[2]), sys.argv[3:]
+lod = int(more[more.index("--lod") + 1]) if "--lod" in more else 0
 {before}
 try:
     files = decoder.arrays(decoder.decode(stream, lod))
@@ -208,7 +209,7 @@ def test_naive_decoder_answers_points_as_a_command():
 
 
 def test_runner_fails_a_command_that_promised_answers_and_gives_none(tmp_path):
-    code, (line, _) = run(wrong_decoder(tmp_path, before="lod = 0"), "--queries", "uncommon/texels_one/")
+    code, (line, _) = run(wrong_decoder(tmp_path), "--queries", "uncommon/texels_one/")
     assert code == 7 and "group0_answers.bin has 0 bytes" in line
 
 

@@ -166,7 +166,7 @@ def test_what_goes_wrong_is_found_and_kept(tmp_path, monkeypatch, which, kind):
 
 
 def test_a_target_under_its_floor_and_a_finding_fail_the_run(tmp_path, monkeypatch, capsys):
-    answers = [Answer(5, 9.0, {"value": 5}, ["a"] * 30, ["ground/walk.py:9"] * 70, 3, [])]
+    answers = [Answer(5, 9.0, {"value": 5}, ["a"] * 10, ["ground/walk.py:9"] * 90, 3, [])]
     monkeypatch.setattr(run, "supervise", lambda *_: answers[0])
     words = ["--seconds", "9", "--target", "numbers", "--mode", "guided", "--engine", "own", "--out", str(tmp_path)]
     assert run.main(words) == 7 and "less than its floor" in capsys.readouterr().out
@@ -177,7 +177,7 @@ def test_a_target_under_its_floor_and_a_finding_fail_the_run(tmp_path, monkeypat
     monkeypatch.setattr(run, "confirm", lambda one, *_: {**one, "checked": "value"})
     assert run.main(words) == 7 and "numbers-crash-1.bin" in capsys.readouterr().out
     rows = page.read_state(tmp_path / "state.jsonl")
-    assert [row["coverage"] for row in rows] == [30.0, 99.0, 99.0] and len(rows[2]["findings"]) == 1
+    assert [row["coverage"] for row in rows] == [10.0, 99.0, 99.0] and len(rows[2]["findings"]) == 1
     text = (tmp_path / "page.md").read_text()
     monkeypatch.setattr(run, "FLOORS_FILE", tmp_path / "floors.json")
     assert run.main(["--seconds", "0", "--floors", "--out", str(tmp_path)]) == 0

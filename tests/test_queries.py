@@ -77,7 +77,6 @@ def rounded_once(point, header):
 @pytest.mark.parametrize("name, module, rule, wrong", [
     ("subset/k3", queries, "trilinear", lambda x, cells: None),
     ("subset/k3", queries, "nearest", lambda x, cells: [max(cells.values())]),
-    ("subset/k3", queries, "FAR", 10**12),
     ("uncommon/queries_sheets", queries, "FACES_EQUALLY_NEAR", 10),
     ("uncommon/texels_flat", queries, "on_plane", lambda point, corners: [1, 1, 1]),
     ("uncommon/texels_clamp", texels, "fold", lambda mode, u, size: u - size * (u // size)),

@@ -100,6 +100,7 @@ def doctored(path, **changes):
     path.write_text("\n".join([*rows, json.dumps(json.loads(last) | changes)]) + "\n")
 
 
+@pytest.mark.slow
 def test_the_quick_matrix_is_all_the_same_and_a_doctored_difference_is_told(tmp_path, capsys):
     call = ["--quick", "--out", str(tmp_path), "--page", str(tmp_path / "page.md")]
     assert determinism.main(call) == 0

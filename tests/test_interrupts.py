@@ -55,6 +55,7 @@ def test_every_tool_ends_as_it_should_at_random_moments(tmp_path):
     assert all(codes[130] > 1 for codes in counts.values())
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="this system has no kill() of one's own process")
 @pytest.mark.parametrize("module, function", [("choose.partition", "find_contacts"), ("support.voxelise", "voxelise")])
 def test_an_interrupt_that_waits_for_a_kernel_is_a_keyboard_interrupt(module, function):

@@ -221,6 +221,7 @@ def test_coarser_levels_of_odd_images_keep_all_slots(tmp_path, lod):
     assert np.sqrt(((rough - np.array(means)) ** 2).mean()) < 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("support", ["texels", "voxels"])
 def test_the_validator_finds_nothing(tmp_path, support):
     if shutil.which("node") is None:

@@ -62,6 +62,7 @@ def test_quality_is_met_at_the_fewest_bytes_tried(ribbon, target):
     assert len(made.data) == min(r["bytes"] for r in made.choices["search"] if r["psnr_y"] >= target)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("support", ["auto", "voxels"])
 @pytest.mark.parametrize("options", [{"target_bytes": 60}, {"target_psnr": 99.0}])
 def test_unreachable_target_names_the_best(ribbon, options, support):

@@ -201,14 +201,14 @@ def _run_child(found, todo, args, streams):
         job = {"threads": configuration.threads,
                "cases": [_told(case, place, configuration, streams, args.out) for case in todo]}
         python, variables = _process_of(configuration, args)
-        with (args.out / f"{configuration.slug}.log").open("w") as log:
-            child = subprocess.Popen([python, REPOSITORY / "tools" / "determinism_child.py"], stdin=subprocess.PIPE, cwd=place,
-                                     stdout=subprocess.PIPE, stderr=log, env=variables, text=True, encoding="utf-8")
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "encoding": "utf-8"}
+        with ((args.out / f"{configuration.slug}.log").open("w") as log,
+              subprocess.Popen([python, REPOSITORY / "tools" / "determinism_child.py"], cwd=place, stderr=log, env=variables,
+                               **pipes) as child):
             try:
                 _listen(child, json.dumps(job), found, todo)
             finally:
                 child.kill()
-                child.wait()
 
 
 def _told(case, place, configuration, streams, out):

@@ -204,10 +204,10 @@ class Fit:
                     continue
                 self.seconds = time.perf_counter() - begin
                 self.download()
-                self._check_finite(errors)
+                reached = self._checked_psnr(errors)
                 trained = decibels(max(float(np.mean(errors)), 1e-9))
                 self.log.append({"step": self.step, "seconds": round(self.seconds, 2), "train_psnr": round(trained, 3),
-                                 "psnr": round(self.psnr(), 3)})
+                                 "psnr": round(reached, 3)})
                 errors = []
                 on_look(self, steps)
                 if checkpoint is not None and (time.perf_counter() - saved > SAVE_SECONDS or self.step == steps):
@@ -217,10 +217,14 @@ class Fit:
                     break
         return self.payload()
 
-    def _check_finite(self, errors):
-        """Raises InputError TXF-I58 where the errors of the last steps or a value is not a number or infinite."""
-        if not (np.isfinite(errors).all() and all(np.isfinite(v).all() for v in self.values)):
-            raise InputError("TXF-I58", "the fit has diverged", value=f"step {self.step}", allowed="finite numbers")
+    def _checked_psnr(self, errors):
+        """psnr(). Raises InputError TXF-I58 where it, an error of the last steps or a value is no number or infinite."""
+        try:
+            if np.isfinite(errors).all() and all(np.isfinite(v).all() for v in self.values):
+                return self.psnr()
+        except ValueError:  # values whose products are no numbers
+            pass
+        raise InputError("TXF-I58", "the fit has diverged", value=f"step {self.step}", allowed="finite numbers")
 
     def _settled(self):
         psnr = [row["psnr"] for row in self.log]

@@ -160,7 +160,7 @@ def test_what_goes_wrong_is_found_and_kept(tmp_path, monkeypatch, which, kind):
     monkeypatch.setattr(supervision, "HERE", tmp_path)
     monkeypatch.setattr(supervision, "HANG_SECONDS", 0.7 if kind == "hang" else 60.0)
     monkeypatch.chdir(REPOSITORY)
-    answer = supervise(request(tmp_path, "rotten", "plain", 0.3))
+    answer = supervise(request(tmp_path, "rotten", "plain", 3.0 if kind == "memory" else 0.3))
     found = answer.findings[0]
     assert found["kind"] == kind and len((tmp_path / "findings" / found["file"]).read_bytes()) > 4
 

@@ -98,6 +98,7 @@ def held():
     return {case.name: traced(case) for case in cases_of() if case.name in names and case.lod == 0}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name, module, text, other", HELD)
 def test_vector_holds_the_rule_that_it_was_made_for(held, monkeypatch, name, module, text, other):
     source = (mutants.NAIVE / f"{module}.py").read_text(encoding="utf-8")

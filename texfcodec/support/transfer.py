@@ -22,20 +22,15 @@ from .voxelise import (
 )
 
 LEAST_WEIGHT = 1e-9  # of a sample without area, in voxel faces: lines and slivers get a colour too
-# Samples of a voxel from which on its sums are made again in binary64: those in binary32 are up to 0.06 levels off there, and 13
-# levels under a million coplanar faces
-CROWDED = 1 << 11
-NOT_CROWDED = np.zeros(0, np.int32), np.zeros((0, 6))
 
 
 @kernel
-def _gather(corners, faces, source, per_edge, resolution, low, high, axis, only_empty, slots, bricks, words, ranks, sums, row,
-            exact):
-    """Adds the samples of one slab to sums float32 [N, 7]: alpha-weighted red, green, blue and weight, then alpha, weight, and
-    how many they are. Where exact float64 [M, 6] is not empty, to its rows instead, which row int32 [N] names, -1 for none.
+def _gather(corners, faces, source, per_edge, resolution, low, high, axis, only_empty, slots, bricks, words, ranks, sums):
+    """Adds the samples of one slab to sums float64 [N, 6]: alpha-weighted red, green, blue and weight, then alpha, weight.
 
-    With only_empty, voxels that have a weight already are left alone. Every voxel gets its samples in face order, whatever the
-    slabs are, so the sums do not depend on the thread count.
+    Sums in binary32 were 13 levels off in voxels under a million coplanar faces. With only_empty, voxels that have a weight
+    already are left alone. Every voxel gets its samples in face order, whatever the slabs are, so the sums do not depend on
+    the thread count.
     """
     g, order = np.empty((3, 3), np.int64), np.empty(3, np.int64)
     start, half = np.empty(3, np.int64), np.empty(3, np.int64)
@@ -63,26 +58,18 @@ def _gather(corners, faces, source, per_edge, resolution, low, high, axis, only_
                 if not low <= along < high:
                     continue
                 rank = _rank(_morton_key(vx, vy, vz), slots, bricks, words, ranks)
-                if rank < 0 or (only_empty and sums[rank, 5] > 0.0) or (exact.shape[0] > 0 and row[rank] < 0):
+                if rank < 0 or (only_empty and sums[rank, 5] > 0.0):
                     continue
                 bary[order[1]] = (2 * i + 1) / (2.0 * count) * (1.0 - t)
                 bary[order[2]] = t
                 bary[order[0]] = 1.0 - bary[order[1]] - t
                 _source_at(source, f, bary[0], bary[1], bary[2], rgba)
                 solid = share * rgba[3] / 255.0
-                if exact.shape[0] > 0:
-                    for c in range(3):
-                        exact[row[rank], c] += solid * rgba[c]
-                    exact[row[rank], 3] += solid
-                    exact[row[rank], 4] += share * rgba[3]
-                    exact[row[rank], 5] += share
-                    continue
                 for c in range(3):
-                    sums[rank, c] += np.float32(solid * rgba[c])
-                sums[rank, 3] += np.float32(solid)
-                sums[rank, 4] += np.float32(share * rgba[3])
-                sums[rank, 5] += np.float32(share)
-                sums[rank, 6] += np.float32(1.0)
+                    sums[rank, c] += solid * rgba[c]
+                sums[rank, 3] += solid
+                sums[rank, 4] += share * rgba[3]
+                sums[rank, 5] += share
 
 
 def fill_uncoloured(keys: np.ndarray, colour: np.ndarray, weight: np.ndarray) -> None:
@@ -125,26 +112,18 @@ def transfer(lattice: np.ndarray, faces: np.ndarray, source: tuple, position_bit
     counts = np.empty(len(faces), np.int64)
     _count_samples(corners, faces, per_edge, counts)
     axis, bounds = _slabs(corners, faces, counts, resolution, threads)
-    sums = np.zeros((len(keys), 7), np.float32)
+    sums = np.zeros((len(keys), 6))
 
-    def gather(density, only_empty, row, exact):
+    def gather(density, only_empty):
         jobs = list(zip(bounds[:-1], bounds[1:], strict=True))
         with ThreadPoolExecutor(len(jobs)) as pool:
             list(pool.map(lambda s: _gather(corners, faces, source, density, resolution, s[0], s[1], axis, only_empty,
-                                            *brick_map.arrays, sums, row, exact), jobs))
+                                            *brick_map.arrays, sums), jobs))
 
-    gather(per_edge, False, *NOT_CROWDED)
+    gather(per_edge, False)
     if per_edge != SAMPLES_PER_EDGE and (sums[:, 5] <= 0).any():
-        gather(SAMPLES_PER_EDGE, True, *NOT_CROWDED)
+        gather(SAMPLES_PER_EDGE, True)
     weight = sums[:, 3]
-    colour = sums[:, :3] / np.maximum(weight, 1e-30)[:, None]
-    alpha = sums[:, 4] / np.maximum(sums[:, 5], 1e-30)
-    crowded = np.flatnonzero(sums[:, 6] >= CROWDED)
-    if len(crowded):
-        row, exact = np.full(len(keys), -1, np.int32), np.zeros((len(crowded), 6))
-        row[crowded] = np.arange(len(crowded))
-        gather(per_edge, False, row, exact)
-        colour[crowded] = exact[:, :3] / np.maximum(exact[:, 3:4], 1e-30)
-        weight[crowded], alpha[crowded] = exact[:, 3], exact[:, 4] / np.maximum(exact[:, 5], 1e-30)
+    colour = (sums[:, :3] / np.maximum(weight, 1e-30)[:, None]).astype(np.float32)
     fill_uncoloured(keys, colour, weight)
-    return colour, alpha
+    return colour, (sums[:, 4] / np.maximum(sums[:, 5], 1e-30)).astype(np.float32)

@@ -23,9 +23,9 @@ sweeps: install
 conformance: install
 	$(PY) conformance/run.py $(if $(DECODER),--decoder "$(DECODER)") $(if $(QUERIES),--queries)
 
-# Every tool, interrupted at random moments of its run: make interrupts [MOMENTS=300] [JOBS=n]
+# Every tool, interrupted (or killed) at random moments of its run: make interrupts [MOMENTS=300] [JOBS=n] [KILL=1]
 interrupts: install
-	$(PY) tests/interrupts.py --moments $(or $(MOMENTS),300) $(if $(JOBS),--jobs $(JOBS))
+	$(PY) tests/interrupts.py --moments $(or $(MOMENTS),300) $(if $(JOBS),--jobs $(JOBS)) $(if $(KILL),--kill)
 
 bench: install
 	$(PY) -m pytest -q bench --benchmark-only

@@ -1,6 +1,6 @@
 """Interrupts the six tools at random moments of their runs and says where one of them does not end as it should.
 
-    python tests/interrupts.py [--moments 300] [--jobs 2] [--seed 0] [--tool texf-enc] [--cold]
+    python tests/interrupts.py [--moments 300] [--jobs 2] [--seed 0] [--tool texf-enc] [--cold] [--kill]
 
 A run must end with 130, one line on stderr (with --json one object on stdout), no child, no temporary and an untouched OUT; or
 with 0 and the whole result, where it had finished. Moments count from the first line of texfcodec.cli on, which the script knows
@@ -44,6 +44,7 @@ end_header
 3 0 3 2
 3 1 2 3
 """
+CHILD_SECONDS = 20.0  # after which children of a killed process must be gone
 COLD_SECONDS = 20.0  # of a run that compiles its kernels, the part that is tried
 SMALL = ("--resolution", "64", "--qp", "24")
 RUNS = {
@@ -62,7 +63,7 @@ class Ended:
     """How one run ended: code, out and said (stderr without progress lines), seconds from its first line on, what its output
     folder held before and after, names of temporaries it left, whether children outlived it."""
 
-    def __init__(self, subject, folder, moment=None, flags=()):
+    def __init__(self, subject, folder, moment=None, flags=(), sent=signal.SIGINT):
         top = Path(tempfile.mkdtemp(dir=folder))
         place, scratch = top / "out", top / "scratch"
         place.mkdir()
@@ -74,11 +75,19 @@ class Ended:
         begin = wait_for_first_line(run)
         if moment is not None:
             time.sleep(moment)
-            run.send_signal(signal.SIGINT)
+            run.send_signal(sent)
         self.out, said = run.communicate(timeout=600)
         self.code, self.seconds = run.returncode, time.monotonic() - begin
         self.said = b"".join(line for line in said.splitlines(True) if not line.startswith(b"progress: "))
+        deadline = time.monotonic() + (CHILD_SECONDS if sent == signal.SIGKILL else 0)
+        while group_lives(run.pid) and time.monotonic() < deadline:
+            time.sleep(0.05)
         self.after, self.left, self.children = contents(place), [path.name for path in scratch.iterdir()], group_lives(run.pid)
+        self.again = None
+        if self.code == -signal.SIGKILL:
+            second = subject.start(folder, place, scratch, () if "--overwrite" in subject.arguments else subject.overwrite)
+            second.communicate(timeout=600)
+            self.again = second.returncode, contents(place)
         shutil.rmtree(top)
 
 
@@ -91,7 +100,12 @@ class Subject:
             whole = Ended(self, folder)
             if whole.code != 0:
                 raise SystemExit(f"{self.name} fails without any interrupt: {whole.said.decode()}")
-        self.files, self.seconds = list(whole.after), whole.seconds
+        self.files, self.seconds = whole.after, whole.seconds
+
+    @property
+    def overwrite(self):
+        """What lets the command run again where its output stands."""
+        return ("--overwrite",) if self.tool == "texf-dec" else ()
 
     @property
     def name(self):
@@ -105,6 +119,19 @@ class Subject:
         return subprocess.Popen(program, cwd=REPOSITORY, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                                 env=self.environment | {"TMPDIR": str(scratch)}, start_new_session=True,
                                 preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+
+    def faults_of_killed(self, ended):
+        """What is wrong after a run that could not see its end coming: sentences."""
+        if ended.children:
+            yield "leaves a child process"
+        for name in sorted(set(self.files) & ended.after.keys()):
+            if ended.after[name] not in (self.files[name], b"old"):
+                yield f"leaves a part of {name}"
+        if strange := sorted(name for name in ended.after if name not in self.files and not name.startswith(".")):
+            yield f"leaves {strange} in sight"
+        code, files = ended.again
+        if code or any(files.get(name) != data for name, data in self.files.items()):
+            yield f"cannot be run again: it ends with {code}"
 
     def faults(self, ended, as_json):
         """What is wrong with the end of an interrupted run: sentences."""
@@ -166,17 +193,17 @@ def prepare(folder):
     (folder / "stream.texf").write_bytes(encode(folder / "mesh.ply", EncodeOptions(resolution=64, qp=24)))
 
 
-def interrupt_all(folder, moments, seed=0, tools=tuple(RUNS), cold=False, jobs=2):
-    """Interrupts each tool at so many random moments: ({tool: Counter of exit codes}, [one sentence for each fault])."""
+def interrupt_all(folder, moments, seed=0, tools=tuple(RUNS), cold=False, jobs=2, sent=signal.SIGINT):
+    """Sends each tool a signal at so many random moments: ({tool: Counter of exit codes}, [one sentence for each fault])."""
     prepare(folder)
     environment = dict(os.environ) | {"PYTHONPATH": str(REPOSITORY)}
     chance, found, counts = random.Random(seed), [], {}
 
     def one(subject, share, as_json):
         moment = share * subject.seconds
-        ended = Ended(subject, folder, moment, ("--json",) if as_json else ())
-        return subject, ended.code, [f"{subject.name} at {moment:.4f} s of {subject.seconds:.2f} {fault}"
-                                     for fault in subject.faults(ended, as_json)]
+        ended = Ended(subject, folder, moment, ("--json",) if as_json else (), sent)
+        found = subject.faults_of_killed(ended) if ended.again else subject.faults(ended, as_json)
+        return subject, ended.code, [f"{subject.name} at {moment:.4f} s of {subject.seconds:.2f} {fault}" for fault in found]
 
     with ThreadPoolExecutor(jobs) as pool:
         for tool in tools:
@@ -197,14 +224,16 @@ def main():
     parser.add_argument("--jobs", type=int, default=2, help="runs at a time")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--tool", choices=RUNS, action="append", help="only this one; may be repeated")
+    parser.add_argument("--kill", action="store_true", help="SIGKILL in place of Ctrl-C")
     parser.add_argument("--cold", action="store_true", help="with an empty kernel cache: interrupts while kernels are compiled")
     chosen = parser.parse_args()
+    sent = signal.SIGKILL if chosen.kill else signal.SIGINT
     with tempfile.TemporaryDirectory() as folder:
         faults = 0
         for tool in chosen.tool or RUNS:
-            counts, found = interrupt_all(Path(folder), chosen.moments, chosen.seed, (tool,), chosen.cold, chosen.jobs)
+            counts, found = interrupt_all(Path(folder), chosen.moments, chosen.seed, (tool,), chosen.cold, chosen.jobs, sent)
             ended = ", ".join(f"{times} with {code}" for code, times in sorted(counts[tool].items(), reverse=True))
-            print(f"{tool}: {chosen.moments} interrupts, ended {ended}; {len(found)} faults", *found, sep="\n", flush=True)
+            print(f"{tool}: {chosen.moments} times {sent.name}, ended {ended}; {len(found)} faults", *found, sep="\n", flush=True)
             faults += len(found)
     return 1 if faults else 0
 

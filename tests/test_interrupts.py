@@ -56,6 +56,14 @@ def test_every_tool_ends_as_it_should_at_random_moments(tmp_path):
 
 
 @pytest.mark.slow
+@LINUX
+def test_a_tool_that_is_killed_leaves_whole_files_and_runs_again(tmp_path):
+    counts, found = interrupts.interrupt_all(tmp_path, 3, sent=signal.SIGKILL)
+    assert not found, "\n".join(found)
+    assert all(codes[-signal.SIGKILL] > 0 for codes in counts.values()) and len(counts) == 6
+
+
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="this system has no kill() of one's own process")
 @pytest.mark.parametrize("module, function", [("choose.partition", "find_contacts"), ("support.voxelise", "voxelise")])
 def test_an_interrupt_that_waits_for_a_kernel_is_a_keyboard_interrupt(module, function):

@@ -400,18 +400,18 @@ def test_draco_counts_of_2_to_40_in_both_headers_are_refused_at_once():
 
 
 WITNESS = """
-import resource, sys
 import numpy as np
 from texfcodec.errors import LimitError
+from texfcodec.report import peak_memory_bytes
 from texfcodec.support.voxelise import voxelise
 corners = np.array([[0, 0, 0], [16383, 0, 0], [16383, 16383, 0], [0, 16383, 0]])
 faces = np.array([[0, 1, 2], [0, 2, 3]])
 voxelise(corners, faces, 14, 8)
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+before = peak_memory_bytes()
 try:
     voxelise(corners, faces, 14, 2048, max_voxels=1000)
 except LimitError:
-    print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) // 1024)
+    print((peak_memory_bytes() - before) >> 20)
 """
 
 

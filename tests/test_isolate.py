@@ -1,5 +1,6 @@
 """Decoding in a child process: the same result, and every way it can end badly is a coded error."""
 
+import subprocess
 import sys
 from dataclasses import fields, is_dataclass
 
@@ -376,3 +377,11 @@ def test_network_of_an_answer_is_checked_again(lie):
     with pytest.raises(StreamError) as raised:
         room._texf(facts, arrays, 1)
     assert raised.value.code == "TXF-S40"
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems do not count a parent's memory")
+def test_a_peak_is_that_of_the_process_and_not_of_the_one_that_began_it():
+    program = "from texfcodec.report import peak_memory_bytes\nprint(peak_memory_bytes())"
+    held = bytearray(b"x" * (300 << 20))
+    run = subprocess.run([sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, check=True)
+    assert 1 << 20 < int(run.stdout) < 200 << 20 < len(held)

@@ -14,10 +14,7 @@ def resident(field):
 
 
 def forget_peak():
-    """Sets the record of the highest resident memory back to what is held now. OSError: the system does not let us.
-
-    getrusage cannot do it: its value holds all that was before, the parent's past as well.
-    """
+    """Sets the record of the highest resident memory back to what is held now. OSError: the system does not let us."""
     RECORD.write_text("5")
 
 
@@ -33,7 +30,7 @@ class Memory:
 
     def result(self):
         """{"peak", "idle"}: the highest since, and what the process held before; None where the system does not tell."""
-        return {"peak": _told("VmHWM") or peak_memory_bytes(), "idle": self.idle}
+        return {"peak": peak_memory_bytes(), "idle": self.idle}
 
 
 def _told(field):

@@ -28,6 +28,8 @@ from fuzz.branches import Tracer, taken  # noqa: E402
 from fuzz.choices import ODD_NUMBERS  # noqa: E402
 from fuzz.targets import TARGETS  # noqa: E402
 
+from texfcodec.report import peak_of_status  # noqa: E402
+
 PANEL = struct.Struct("<QdI")  # executions, when the present one began (0 before the first), length of its input
 PANEL_BYTES = 1 << 16
 ADDRESS_SPACE = 3 << 30  # beyond what the process has before its first input
@@ -89,7 +91,7 @@ class Loop:
     def __init__(self, request: Request, panel: Panel) -> None:
         self.request, self.panel, self.target = request, panel, TARGETS[request.target]
         self.answer, self.chance, self.known = Answer(), random.Random(request.seed), set()
-        self.peak = 0
+        self.status, self.peak = os.open("/proc/self/status", os.O_RDONLY), 0
         self.began = time.process_time()
 
     def warm_up(self) -> None:
@@ -100,7 +102,7 @@ class Loop:
             present = int(file.read().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         resource.setrlimit(resource.RLIMIT_AS, (present + ADDRESS_SPACE, present + ADDRESS_SPACE))
-        self.peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        self.peak = self.peak_bytes()
         self.began = time.process_time()
 
     def compile_for(self, data: bytes) -> None:
@@ -124,7 +126,11 @@ class Loop:
         """The largest memory so far no longer counts: compiling took it."""
         with contextlib.suppress(OSError), open("/proc/self/clear_refs", "w") as file:
             file.write("5")
-        self.peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        self.peak = self.peak_bytes()
+
+    def peak_bytes(self) -> int:
+        """Largest resident memory of this process since it began or forgot."""
+        return peak_of_status(os.pread(self.status, 4096, 0))
 
     def execute(self, data: bytes) -> None:
         """Runs one input, counts it, and keeps what it should not have done."""
@@ -137,10 +143,10 @@ class Loop:
             self.find(data, "exception", _place_of(error), "".join(traceback.format_exception(error)))
         answer.executions += 1
         answer.outcomes[outcome] = answer.outcomes.get(outcome, 0) + 1
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        peak = self.peak_bytes()
         if peak > self.peak:
-            if (peak - self.peak) << 10 > MOST_MEMORY:
-                self.find(data, "memory", "", f"{(peak - self.peak) >> 10} MB more than before")
+            if peak - self.peak > MOST_MEMORY:
+                self.find(data, "memory", "", f"{(peak - self.peak) >> 20} MB more than before")
             self.peak = peak
         self.panel.rest(answer.executions)
 

@@ -1,6 +1,7 @@
 """Targets of the loaders: files of every format with something odd in them go by the front door, from a folder of their own."""
 
 import atexit
+import contextlib
 import io
 import json
 import shutil
@@ -379,7 +380,9 @@ def _odd(array, choices):
     if kind == 2:
         return choices.pick((None, "a", [], 3, array.tolist()))
     if kind == 3:
-        return array.astype(choices.pick((np.float64, np.int8, "U3", bool, np.complex64, object)))
+        with contextlib.suppress(ValueError, TypeError):  # what is text already may be no number
+            return array.astype(choices.pick((np.float64, np.int8, "U3", bool, np.complex64, object)))
+        return array
     real = array.dtype.kind == "f"
     array = array.astype(np.float64) if real else array.copy()
     if array.size:

@@ -7,13 +7,18 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
 
 .DELETE_ON_ERROR:
-.PHONY: demo test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural stability determinism load fuzz faults mutants conformance vectors spec-tables promise install clean
+.PHONY: demo check test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural stability determinism load fuzz faults mutants conformance vectors spec-tables promise install clean
 
 demo: install
 	$(PY) -m texfcodec.demo
 
 test: conformance
 	$(PY) -m pytest -q -n 2 --dist loadfile -m "not slow"
+
+# Before a commit, less than three minutes: lint, every vector, and the tests that are quick
+check: conformance
+	$(PY) -m ruff check
+	$(PY) -m pytest -q -n 2 --dist loadfile -m "not slow and not long"
 
 # What test leaves out: bounds checked, without the JIT, many random moments, real assets; twenty minutes or more
 sweeps: install

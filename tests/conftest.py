@@ -1,7 +1,9 @@
-"""Fixtures for every room. The marker `slow` is declared in pyproject.toml."""
+"""Fixtures for every room, and which tests `make check`, `make test` and `make sweeps` take. Markers: see pyproject.toml."""
 
 import importlib
 import sys
+import tomllib
+from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,20 @@ import pytest
 from plugins import write_plugin
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+LONG_TESTS = tomllib.loads((Path(__file__).parent / "long_tests.toml").read_text(encoding="utf-8"))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Tests of long_tests.toml are marked `long`; of their cases as many as it says, evenly spread, and the others `slow`."""
+    cases = defaultdict(list)
+    for item in items:
+        cases[item.path.stem, getattr(item, "originalname", item.name)].append(item)
+    for (module, name), found in cases.items():
+        wanted = LONG_TESTS.get(module, {}).get(name)
+        kept = {i * len(found) // wanted for i in range(wanted)} if wanted else set()
+        for i, item in enumerate(found if wanted is not None else ()):
+            item.add_marker("long" if i in kept or wanted >= len(found) else "slow")
 
 
 def with_a_bit_flipped(data):

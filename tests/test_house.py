@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from conftest import LONG_TESTS
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 PACKAGE = REPOSITORY / "texfcodec"
@@ -139,6 +140,12 @@ def test_package_has_no(check):
 def test_every_test_claims_something():
     found = findings(claimless_tests, REPOSITORY / "tests")
     assert not found, "\n".join(found)
+
+
+def test_long_tests_are_tests():
+    found = {(path.stem, node.name) for path in (REPOSITORY / "tests").glob("test_*.py")
+             for node in ast.parse(path.read_text(encoding="utf-8")).body if isinstance(node, ast.FunctionDef)}
+    assert [name for module, names in LONG_TESTS.items() for name in names if (module, name) not in found] == []
 
 
 def test_no_file_of_the_package_is_too_long():

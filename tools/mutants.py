@@ -326,6 +326,7 @@ def main(arguments=None):
     sys.path.insert(0, str(REPOSITORY / "tests"))
     wanted, chosen = wanted_mutants(args)
     known, spent = known_of(args.state), {}
+    equivalents = json.loads(EQUIVALENTS.read_text(encoding="utf-8")) if EQUIVALENTS.exists() else {}
     identity = lambda m: (m.module, m.number, m.key)
     traces = args.state.with_suffix(".cases.json") if args.state else None
     cases = sorted(known_cases(cases_of(), traces), key=lambda case: case.seconds)
@@ -333,6 +334,8 @@ def main(arguments=None):
     begin = time.monotonic()
 
     def one(mutant):
+        if mutant.key in equivalents:
+            return None
         if row := known.get(identity(mutant)):
             spent[mutant] = row.get("seconds", 0.0)
             return row["killer"]
@@ -350,7 +353,6 @@ def main(arguments=None):
     with ThreadPoolExecutor(args.jobs) as pool:
         found = dict(zip(wanted, pool.map(one, wanted), strict=True))
     found = {mutant: killer for mutant, killer in found.items() if killer != "not run"}
-    equivalents = json.loads(EQUIVALENTS.read_text(encoding="utf-8")) if EQUIVALENTS.exists() else {}
     survivors = [m for m, killer in found.items() if killer is None and m.key not in equivalents]
     print("\n".join([*(f"survivor {m.key} (line {m.line})" for m in survivors),
                      f"{len(found)} of {len(wanted)} mutants run, {len(survivors)} survivors"]))

@@ -222,8 +222,8 @@ CASES = (
     Case("texels asked on boundaries", GROUP,
          "answers on sides and centres of texels and an ulp beside them, at four levels of detail",
          0.01, "levels",
-         "As for voxels (8.2.2). A point beside the asked one counts as well (8.2): coarse levels jump where a tiled image of odd "
-         "width begins again, and rounding brings -5e-324 to one side of that. A point of the face always weighs a texel that is "
-         "there, and where an ulp has left none the answer is not compared.",
+         "As for voxels (8.2.2). A point beside the asked one counts as well (8.2): coarse levels jump where a tiled image of "
+         "odd width begins again, and rounding brings -5e-324 to one side of that. A point of the face always weighs a texel "
+         "that is there, and where an ulp has left none the answer is not compared.",
          answers_of_texels, 40),
 )

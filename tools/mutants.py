@@ -38,7 +38,7 @@ EQUIVALENTS = NAIVE / "equivalents.json"
 MODULES = ("attributes", "bits", "decoder", "edges", "filter", "materials", "mixing", "neural", "planar", "queries", "residual",
            "scales", "syntax", "texels", "voxels")
 UNRUN = ("main", "arrays", "answer_files", "read_queries")  # what is no rule of a decoder, but how it is called
-SLOWEST = 20.0  # seconds that a vector may take
+SLOWEST = 20.0  # seconds of the processor that a vector may take
 PATIENCE = 10.0  # how much longer a mutant may take
 COMPARISONS = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
                ast.In: ast.NotIn, ast.NotIn: ast.In, ast.Is: ast.IsNot, ast.IsNot: ast.Is}
@@ -211,15 +211,15 @@ def traced(case):
         if frame.f_code.co_filename.startswith(folder):
             called.add(frame.f_code)
 
-    signal.signal(signal.SIGALRM, _too_slow)
-    signal.setitimer(signal.ITIMER_REAL, SLOWEST)
-    begin = time.perf_counter()
+    signal.signal(signal.SIGPROF, _too_slow)
+    signal.setitimer(signal.ITIMER_PROF, SLOWEST)
+    begin = time.process_time()
     sys.settrace(note)
     case.said = answer(case)
     sys.settrace(None)
-    signal.setitimer(signal.ITIMER_REAL, 0)
-    case.seconds = time.perf_counter() - begin
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_PROF, 0)
+    case.seconds = time.process_time() - begin
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)
     if case.said != "raised TimeoutError":
         case.functions = frozenset((Path(c.co_filename).stem, c.co_qualname.replace(".<locals>", "")) for c in called)
     return case
@@ -272,7 +272,7 @@ def _try_cases(mutant, cases, writing):
         sys.meta_path.insert(0, _Importer(mutant))
         for case in cases:
             os.write(writing, f"{case.name}\n".encode())
-            signal.setitimer(signal.ITIMER_REAL, PATIENCE * case.seconds + 2)  # the signal ends the child
+            signal.setitimer(signal.ITIMER_PROF, PATIENCE * case.seconds + 2)  # the signal ends the child
             if answer(case) != case.said:
                 os._exit(0)
         os.write(writing, b"survived\n")

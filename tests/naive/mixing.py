@@ -104,7 +104,7 @@ class MixedTable:
         return other
 
     def bit(self, split, kind, numbers, first, second, refinement):
-        """numbers: of the contexts of all models; first, second, refinement: numbers of the sets."""
+        """numbers: what the context number of each model is made of; first, second, refinement: numbers of the sets."""
         keys = [(kind, model, number) for model, number in enumerate(numbers[: self.num_models])]
         contexts = [self.contexts.get(key, (2**21, 2**21, 0)) for key in keys]
         bit = mixed_bit(split, contexts, self.weight_sets[first], self.weight_sets[second], self.refinements[refinement])
@@ -192,14 +192,14 @@ class MixedBits:
             number = ((b * 4 + L) * 8 + self.splits) * 2 + self.near_exists
             return self.nodes.decoder.bit(self.nodes.table.quiet, number, largest_rate=5)
         numbers = [
-            (((b * 4 + L) * 3 + self.size) * 7 + near) * 7 + far,
-            ((b * 4 + L) * 12 + self.active) * 7 + near,
-            ((b * 12 + self.far2) * 12 + self.near2) * 8 + self.splits,
-            ((b * 4 + L) * 64 + self.earlier) * 3 + self.size,
-            ((b * 4 + L) * 12 + self.rough) * 12 + self.active,
-            ((b * 12 + self.own) * 8 + self.splits) * 6 + self.luma2,
-            ((b * 4 + L) * 12 + self.peak) * 12 + self.far2,
-            ((b * 16 + self.around) * 12 + self.active) * 7 + near,
+            (b, L, self.size, near, far),
+            (b, L, self.active, near),
+            (b, self.far2, self.near2, self.splits),
+            (b, L, self.earlier, self.size),
+            (b, L, self.rough, self.active),
+            (b, self.own, self.splits, self.luma2),
+            (b, L, self.peak, self.far2),
+            (b, self.around, self.active, near),
         ]
         return self.decode(FLAG, numbers, (self.k * 4 + L) * 2 + b % 2, 100 + b * 7 + near, b * 7 + far)
 
@@ -207,18 +207,18 @@ class MixedBits:
         c, n, z, L, st, luma2 = at.c, at.n, min(at.ones, 2), self.L, self.strength, self.luma2
         expected, _ = self.expect(c, n)
         numbers = [
-            ((((c * 4 + L) * 3 + at.stage) * 3 + z) * 7 + st) * 3 + min(at.luma, 2),
-            (((c * 7 + n) * 12 + expected) * 3 + z) * 7 + self.near_class,
-            ((c * 12 + self.far2) * 12 + self.near2) * 3 + z,
-            (((c * 8 + self.splits) * 8 + min(at.left, 7)) * 3 + z) * 4 + L,
-            ((c * 12 + self.active) * 12 + expected) * 4 + L,
-            (((c * 4 + min(at.luma, 3)) * 6 + luma2) * 7 + n) * 3 + z,
-            ((c * 12 + self.rough) * 12 + self.active) * 3 + z,
-            ((c * 4 + L) * 16 + self.around) * 12 + expected,
+            (c, L, at.stage, z, st, min(at.luma, 2)),
+            (c, n, expected, z, self.near_class),
+            (c, self.far2, self.near2, z),
+            (c, self.splits, min(at.left, 7), z, L),
+            (c, self.active, expected, L),
+            (c, min(at.luma, 3), luma2, n, z),
+            (c, self.rough, self.active, z),
+            (c, L, self.around, expected),
         ]
         sets = 16 + (c * 4 + L) * 3 + z, 128 + (c * 3 + at.stage) * 7 + st, 28 + (c * 3 + z) * 7 + st
         if (planar := self.alike(at)) is not None:
-            numbers[7] = ((c * 7 + n) * 81 + planar[0]) * 3 + z
+            numbers[7] = (c, n, planar[0], z)
         return self.decode(ZERO, numbers, *sets)
 
     def sign(self, at):
@@ -226,28 +226,28 @@ class MixedBits:
         expected, down = self.expect(c, n)
         s0, s1 = (self.earlier_sign(c, n, component) for component in (0, 1))
         numbers = [
-            ((c * 2 + down) * 12 + expected) * 4 + self.L,
-            (c * 3 + s0) * 3 + s1,
-            ((c * 7 + n) * 3 + s0) * 2 + down,
-            (((c * 3 + s0) * 3 + s1) * 2 + down) * 12 + expected,
+            (c, down, expected, self.L),
+            (c, s0, s1),
+            (c, n, s0, down),
+            (c, s0, s1, down, expected),
         ]
         if (planar := self.alike(at)) is not None:
-            numbers[1] = ((c * 7 + n) * 9 + planar[1]) * 3 + s0
+            numbers[1] = (c, n, planar[1], s0)
         return self.decode(SIGN, numbers, 97 + c, 212 + expected, 136 + c)
 
     def more(self, at, i):
         c, n, g, L, i3, l3 = at.c, at.n, min(at.large, 2), self.L, min(i, 3), min(at.luma, 3)
         expected, _ = self.expect(c, n)
         numbers = [
-            ((c * 15 + i) * 7 + self.strength) * 3 + g,
-            ((c * 15 + i) * 12 + expected) * 4 + L,
-            ((c * 4 + i3) * 12 + self.far2) * 12 + self.near2,
-            ((c * 15 + i) * 7 + n) * 4 + l3,
-            ((c * 4 + i3) * 12 + self.active) * 12 + self.rough,
-            ((c * 15 + i) * 6 + self.luma2) * 4 + l3,
-            (c * 15 + i) * 16 + self.around,
-            ((c * 15 + i) * 4 + L) * 3 + g,
+            (c, i, self.strength, g),
+            (c, i, expected, L),
+            (c, i3, self.far2, self.near2),
+            (c, i, n, l3),
+            (c, i3, self.active, self.rough),
+            (c, i, self.luma2, l3),
+            (c, i, self.around),
+            (c, i, L, g),
         ]
         if (planar := self.alike(at)) is not None:
-            numbers[6] = ((c * 15 + i) * 3 + n // 2) * 81 + planar[0]
+            numbers[6] = (c, i, n // 2, planar[0])
         return self.decode(MORE, numbers, 52 + c * 15 + i, 191 + c * 7 + self.strength, 91 + c * 15 + i)

@@ -62,21 +62,21 @@ class ResidualSlice:
         while magnitude < 16:
             i = magnitude
             numbers = [
-                (c * 12 + energy) * 16 + i,
-                (c * 12 + activity) * 16 + i,
-                ((c * 16 + min(abs(lead), 15)) * 6 + (energy >> 1)) * 16 + i,
-                (c * 12 + largest) * 16 + i,
-                ((c * 8 + l7) * 8 + s7) * 16 + i,
-                ((c * 8 + (fraction >> 1)) * 12 + energy) * 16 + i,
+                (c, energy, i),
+                (c, activity, i),
+                (c, min(abs(lead), 15), energy >> 1, i),
+                (c, largest, i),
+                (c, l7, s7, i),
+                (c, fraction >> 1, energy, i),
             ]
             if self.bit(SIZE, numbers, c * 16 + i, 48 + c * 12 + energy, c * 16 + i) == 0:
                 break
             magnitude += 1
             if magnitude == 1:
                 numbers = [
-                    (c * 3 + sign_of(lead)) * 3 + sign_of(second),
-                    c * 16 + fraction,
-                    (c * 3 + sign_of(lead)) * 16 + fraction,
+                    (c, sign_of(lead), sign_of(second)),
+                    (c, fraction),
+                    (c, sign_of(lead), fraction),
                 ]
                 negative = self.bit(SIGN, numbers, 84 + c, 87 + fraction, 48 + c)
         if magnitude == 16:

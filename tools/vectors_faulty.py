@@ -36,6 +36,7 @@ from texfcodec.bitstream.syntax import (
     UNIT_NAMES,
 )
 from texfcodec.bitstream.units import write_unit
+from texfcodec.codecs.raht.syntax import RAHT
 from texfcodec.ground.walk import write_v
 
 STRANGER = 200  # an ancillary unit that nobody knows
@@ -59,6 +60,18 @@ def sliced_stream():
     """One field in several slices."""
     return recoded(encoded(scene_of(*torus(12, 6)), resolution=18, qp=46),
                    slices={"WHOLE_VOXELS": 1, "SLICE_VOXELS": 100, "SLICE_NODES": 12})
+
+
+def stream_of_slices(number):
+    """The same in so many slices, even where that is more than num_slices allows."""
+    (element,) = [element for element in RAHT.elements if element.name == "num_slices"]
+    allowed = element.high
+    object.__setattr__(element, "high", number)
+    try:
+        return recoded(encoded(scene_of(*torus(12, 6)), resolution=18, qp=46),
+                       slices={"_plan_slices": lambda levels: (4, [i * len(levels[4]) // number for i in range(number)])})
+    finally:
+        object.__setattr__(element, "high", allowed)
 
 
 # Ways of spoiling a stream
@@ -374,7 +387,7 @@ def attributes():
          "TXF-S04"),
         ("colour_transform_2", "colour_transform 2", "5.7.1", with_element(simple, A, "colour_transform", b"\2"), "TXF-S04"),
         ("slice_level", "slice_level is Depth", "5.7.1", with_element(sliced, A, "slice_level", b"\5"), "TXF-S04"),
-        ("num_slices_65", "65 slices", "5.7.1", with_element(sliced, A, "num_slices", b"\x41"), "TXF-S04"),
+        ("num_slices_65", "65 slices", "5.7.1", stream_of_slices(65), "TXF-S04"),
         ("num_slices_0", "no slice", "5.7.1", with_element(sliced, A, "num_slices", b"\0"), "TXF-S04"),
         ("slice_step_0", "a slice without nodes", "5.7.1",
          with_element(sliced, A, "slice_step", b"\0" + b"".join(map(write_v, steps[1:]))), "TXF-S04"),

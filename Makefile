@@ -7,7 +7,7 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
 
 .DELETE_ON_ERROR:
-.PHONY: demo check test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural stability determinism load fuzz faults mutants conformance vectors spec-tables promise install clean
+.PHONY: demo check test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural stability determinism load fuzz faults mutants coverage conformance vectors spec-tables promise install clean
 
 demo: install
 	$(PY) -m texfcodec.demo
@@ -101,6 +101,11 @@ faults: install
 # Rules of the naive decoder that no vector holds, an hour or more (a part: tools/mutants.py --only 7.6, a sample: --sample 400): make mutants [STATE=file.jsonl] [PAGE=docs/mutants.md]
 mutants: install
 	$(PY) tools/mutants.py --state "$(or $(STATE),out/mutants.jsonl)" $(if $(PAGE),--page "$(PAGE)")
+
+# Branches of all that a decode imports, the JIT off, and those that nothing takes: make coverage [PART="name ..."] [OUT=folder] [PAGE=docs/coverage.md]
+coverage: install
+	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
+	$(PY) tools/coverage_table.py $(foreach p,$(PART),--part $(p)) --out "$(or $(OUT),out/coverage)" $(if $(PAGE),--page "$(PAGE)")
 
 # The three targets below rewrite committed files; nothing else does.
 vectors: install

@@ -31,7 +31,7 @@ from texfcodec.codecs.raht.entropy import mixing
 from texfcodec.codecs.raht.entropy.mixing import MAX_MODELS, _mixed_bit, _mixed_probability, new_chosen, new_model
 from texfcodec.codecs.raht.entropy.range_coder import Coder, finish, new_decoder, new_encoder
 from texfcodec.codecs.raht.transform import filter as filter_room
-from texfcodec.codecs.raht.transform.octree import NEIGHBOURS, _neighbours, build_octree, root_table
+from texfcodec.codecs.raht.transform.octree import CELLS, NEIGHBOURS, _neighbours, build_octree, root_table
 from texfcodec.codecs.raht.transform.prediction import FALLOFF, _falloff, inverse_range
 from texfcodec.codecs.raht.transform.quantise import MAX_MEAN, step_of
 from texfcodec.codecs.raht.values import raht_values
@@ -171,7 +171,7 @@ def random_stage(rng, components, of_each=filter_room.RINGS):
 
 
 @pytest.mark.parametrize("depth, count, base", [(1, 3, 0), (2, 60, 0), (4, 300, 0), (13, 90, 8187)])
-@pytest.mark.parametrize("components", [1, 3])
+@pytest.mark.parametrize("components", [1, 2, 3])
 @pytest.mark.parametrize("planar", [False, True])
 def test_filter_stages_are_the_oracles_on_random_and_extreme_means(depth, count, base, components, planar, monkeypatch):
     """Three stages on top of each other, in pieces of a few parents, up to the last corner of the largest grid."""
@@ -194,6 +194,14 @@ def test_filter_stages_are_the_oracles_on_random_and_extreme_means(depth, count,
             assert mean.tolist() == [plain[v] for v in voxels]
             changed += (mean != before).any()
     assert changed >= 6
+
+
+@pytest.mark.parametrize("components", [1, 2, 3])
+def test_rings_are_written_nowhere_else(components):
+    rng, ring = np.random.default_rng(components), np.full((components + 1, filter_room.RINGS), -99, np.int64)
+    mean = rng.integers(-MAX_MEAN, MAX_MEAN + 1, (20, components)).astype(np.int32)
+    filter_room._rings(rng.integers(-1, 20, CELLS).clip(0), 3, mean, ring[:components])
+    assert (ring[components] == -99).all() and (ring[:components] != -99).all()
 
 
 def plane_keys(side):

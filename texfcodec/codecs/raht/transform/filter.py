@@ -58,7 +58,7 @@ def taps_of(stage: FilterStage) -> list[int]:
 def _rings(cells, octant, mean, ring):
     """Fills ring int64 [C, 3] for the child at `octant`; returns (its number, mean absolute luma difference)."""
     centre = CENTRE[octant]
-    v = cells[centre]
+    v, last = cells[centre], mean.shape[1] - 1  # of two components, the second is summed twice
     rough, count = np.int64(0), np.int64(0)
     for r in range(RINGS):
         a = b = c = np.int64(0)
@@ -69,13 +69,13 @@ def _rings(cells, octant, mean, ring):
             difference = np.int64(mean[u, 0]) - mean[v, 0]
             a += difference
             rough += abs(difference)
-            if mean.shape[1] > 1:
+            if last:
                 b += np.int64(mean[u, 1]) - mean[v, 1]
-                c += np.int64(mean[u, 2]) - mean[v, 2]
+                c += np.int64(mean[u, last]) - mean[v, last]
         ring[0, r] = a
-        if mean.shape[1] > 1:
+        if last:
             ring[1, r] = b
-            ring[2, r] = c
+            ring[last, r] = c
     return v, rough // max(1, count)
 
 

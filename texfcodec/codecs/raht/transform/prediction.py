@@ -88,7 +88,7 @@ def _predict(p, first, nodes, means, kernel, inverse, around, predicted):
     """
     table, parent_mean, child_mean = nodes.table, means.parent, means.child
     weight, cells, cell_weight = around.weight, around.cells, around.cell_weight
-    colour = parent_mean.shape[1] > 1
+    last = parent_mean.shape[1] - 1  # of two components, the second is summed twice: quicker than a loop over components
     skipped = 0 if kernel[6] else 1  # the last place of each m is a corner child, m = 7 the corner parent
     directions = 7 if kernel[3] == 0 and kernel[6] == 0 else 8
     _weigh_parents(p, first, table, parent_mean, inverse, weight)
@@ -102,17 +102,17 @@ def _predict(p, first, nodes, means, kernel, inverse, around, predicted):
             continue
         total = 64 * kernel[0]
         a, b, c = total * parent_mean[p, 0], np.int64(0), np.int64(0)
-        if colour:
-            b, c = total * parent_mean[p, 1], total * parent_mean[p, 2]
+        if last:
+            b, c = total * parent_mean[p, 1], total * parent_mean[p, last]
         for m in range(1, directions):
             i = ACROSS[octant, m]
             if weight[i]:
                 w, q = kernel[(m & 1) + ((m >> 1) & 1) + (m >> 2)] * weight[i], table[p, i]
                 total += w
                 a += w * parent_mean[q, 0]
-                if colour:
+                if last:
                     b += w * parent_mean[q, 1]
-                    c += w * parent_mean[q, 2]
+                    c += w * parent_mean[q, last]
                 continue
             for j in range(TOUCHING[m] - skipped):
                 cell = TOUCHING_CELL[octant, m, j]
@@ -122,10 +122,10 @@ def _predict(p, first, nodes, means, kernel, inverse, around, predicted):
                 w = kernel[TOUCHING_ENTRY[octant, m, j]] * cell_weight[cell]
                 total += w
                 a += w * child_mean[child, 0]
-                if colour:
+                if last:
                     b += w * child_mean[child, 1]
-                    c += w * child_mean[child, 2]
+                    c += w * child_mean[child, last]
         predicted[octant, 0] = (2 * a + total) // (2 * total)
-        if colour:
+        if last:
             predicted[octant, 1] = (2 * b + total) // (2 * total)
-            predicted[octant, 2] = (2 * c + total) // (2 * total)
+            predicted[octant, last] = (2 * c + total) // (2 * total)

@@ -7,9 +7,11 @@ import sys
 import pytest
 from shapes import painted_sphere
 
+from texfcodec.api import decode
 from texfcodec.encoder import encode_scene
-from texfcodec.options import EncodeOptions
-from tools import load, load_batch, load_together
+from texfcodec.limits import Limits
+from texfcodec.options import DecodeOptions, EncodeOptions
+from tools import load, load_batch, load_levels, load_together
 from tools.load_refused import FAULTY, TARGET, by_tool, in_forks, refused_faults
 from tools.load_slope import measured, slope_of
 
@@ -92,3 +94,18 @@ def test_the_page_is_made_of_the_parts_that_were_measured(tmp_path, capsys):
     text = (tmp_path / "page.md").read_text()
     assert "| decode | 500 | 30,000 ± 10 | 1.0 | 2.0 |" in text and "- decode: 30,000 bytes a call" in text
     assert "at once" not in text and text == capsys.readouterr().out[:-1]
+
+
+def test_a_stream_that_is_not_near_its_bound_is_told():
+    row = {"level": 1, "kind": "faces", "count": 200, "bound": 262144}
+    assert list(load_levels.levels_faults({"rows": [row]})) == ["the stream for faces of level 1 has 200 of 262,144"]
+    assert list(load_levels.levels_faults({"rows": [row | {"count": 222720}]})) == []
+
+
+def test_streams_come_near_a_bound_by_what_they_are_for():
+    bounds = Limits(voxels=20_000, samples=200_000)
+    small, large = load_levels.streams_of("samples", bounds)
+    made = decode(large, DecodeOptions(limits=bounds))
+    assert 0.5 < load_levels.samples_of(made, made.fields[0].support.size) / bounds.samples <= 1 and len(small) < len(large)
+    bounds = Limits(faces=4096)
+    assert 0.5 < len(decode(load_levels.streams_of("faces", bounds)[1], DecodeOptions(limits=bounds)).faces) / bounds.faces <= 1

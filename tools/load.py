@@ -1,6 +1,7 @@
-"""What holds under load: memory over hundreds of calls, processes at once, a batch with faults, memory of refused files.
+"""What holds under load: memory over hundreds of calls, processes at once, a batch with faults, memory of refused files, and what
+streams at the bounds of a level take.
 
-python tools/load.py [--part slope|together|batch|refused ...] [--out FOLDER] [--page docs/load.md] [--calls N] [--every]
+python tools/load.py [--part slope|together|batch|refused|levels ...] [--out FOLDER] [--page docs/load.md] [--calls N] [--every]
 
 Each part leaves a file in the folder; the page is made of all that lie there, so that parts may be measured one by one. --every
 puts every faulty vector through texf-dec, and not the worst ten alone. Exit code 7: a part of the folder misses its target.
@@ -16,12 +17,14 @@ if not __package__:  # called as a file
 
 from texfcodec.errors import EXIT_DIFFERS
 from tools.load_batch import GOOD, batch_faults, run_batch
+from tools.load_levels import levels_faults, run_levels
 from tools.load_page import page_of
 from tools.load_refused import refused_faults, run_refused
 from tools.load_slope import CALLS, run_slopes, slope_faults
 from tools.load_together import PROCESSES, run_together, together_faults
 
-PARTS = {"slope": slope_faults, "together": together_faults, "batch": batch_faults, "refused": refused_faults}
+PARTS = {"slope": slope_faults, "together": together_faults, "batch": batch_faults, "refused": refused_faults,
+         "levels": levels_faults}
 
 
 def main(arguments=None):
@@ -38,7 +41,8 @@ def main(arguments=None):
     args = parser.parse_args(arguments)
     args.out.mkdir(parents=True, exist_ok=True)
     measures = {"slope": lambda: run_slopes(args.calls), "together": lambda: run_together(args.processes),
-                "batch": lambda: run_batch(args.assets), "refused": lambda: run_refused(args.every)}
+                "batch": lambda: run_batch(args.assets), "refused": lambda: run_refused(args.every),
+                "levels": run_levels}
     for part in [] if args.page_only else args.part or PARTS:
         (args.out / f"{part}.json").write_text(json.dumps(measures[part](), indent=1), encoding="utf-8")
     found = {part: json.loads((args.out / f"{part}.json").read_text(encoding="utf-8")) for part in PARTS

@@ -55,7 +55,8 @@ def _in_forks():
     for line in sys.stdin:
         child = os.fork()
         if child == 0:
-            told = {"path": line.strip(), "code": refuse(Path(line.strip())), "peak": resident("VmHWM")}
+            began = resident("VmRSS")  # less than the parent's: pages of files are mapped when they are touched
+            told = {"path": line.strip(), "code": refuse(Path(line.strip())), "peak": resident("VmHWM"), "began": began}
             os.write(1, json.dumps(told).encode() + b"\n")
             os._exit(0)
         os.waitpid(child, 0)
@@ -65,7 +66,7 @@ def _in_forks():
 
 
 def in_forks(paths):
-    """(memory of the warm process in bytes, {path: {"code", "peak"}}); a child that fell has no answer."""
+    """(memory of the warm process in bytes, {path: {"code", "peak", "began"}}); a child that fell has no answer."""
     run = _child((), "\n".join(map(str, paths)))
     head, *rows = map(json.loads, run.splitlines())
     return head["idle"], {Path(row.pop("path")): row for row in rows}

@@ -201,11 +201,12 @@ def _counted_array(make, name, injector):
 
 
 @contextlib.contextmanager
-def injected(kind: str, at: int | None, folder: Path) -> Iterator[Injector]:
-    """The block with one fault in it."""
-    injector = Injector(kind, at, folder)
-    before = [(holder, name, getattr(holder, name)) for holder, name, _ in _patches(injector)]
-    for holder, name, counted in list(_patches(injector)):
+def injected(kind: str | None, at: int | None, folder: Path) -> Iterator[Injector]:
+    """The block with one fault in it, or with nothing counted where kind is None."""
+    injector = Injector(kind or "", at, folder)
+    patches = list(_patches(injector)) if kind else []
+    before = [(holder, name, getattr(holder, name)) for holder, name, _ in patches]
+    for holder, name, counted in patches:
         setattr(holder, name, counted)
     try:
         yield injector
@@ -230,8 +231,8 @@ class Bench:
         for name, vector in STREAMS.items():
             shutil.copy(VECTORS / vector / "in.texf", top / f"in/{name}.texf")
 
-    def run(self, name: str, kind: str, at: int | None) -> Ended:
-        """One run of RUNS with one fault, or with none."""
+    def run(self, name: str, kind: str | None, at: int | None) -> Ended:
+        """One run of RUNS with one fault, or with none; where kind is None, nothing stands between the tool and its calls."""
         tool, words = RUNS[name]
         out, scratch = self.top / "out", self.top / "scratch"
         for folder in (out, scratch):
@@ -258,8 +259,8 @@ class Bench:
     def usual(self, name: str) -> dict:
         """Files of the run without a fault."""
         if name not in self.whole:
-            for _ in range(2):  # the first may import and compile
-                ended = self.run(name, "memory", None)
+            for kind in (None, "memory"):  # the first may import and compile
+                ended = self.run(name, kind, None)
             assert ended.code == 0, ended.said
             self.whole[name] = ended.files
         return self.whole[name]

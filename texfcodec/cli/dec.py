@@ -96,7 +96,8 @@ def _facts(data, texf, report, saved):
     for part in texf.fields:
         values[part.over_texels] += len(part.keys)
     return {"bytes": {"total": len(data)}, "resolution": texf.resolution, "voxels": values[False], "texels": values[True],
-            "faces": len(texf.faces), "vertices": len(texf.lattice_positions), "fields": len(texf.fields),
+            "faces": sum(len(unit.faces) for unit in texf.units), "vertices": sum(len(unit.lattice) for unit in texf.units),
+            "fields": len(texf.fields),
             "files": saved["files"], "seams": saved["seams"], "seconds": seconds_of(report),
             "peak_memory_bytes": max(peaks, default=None), "warnings": report.warnings}
 

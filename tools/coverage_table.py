@@ -50,18 +50,25 @@ JIT_OFF, JIT_ON = {"NUMBA_DISABLE_JIT": "1"}, {"NUMBA_DISABLE_JIT": "0"}
 PYTEST = ("-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider")
 # Tests of kernels, both sides, that are quick in plain Python
 PLAIN = (
-    "tiny_fields", "geometry",
+    "tiny_fields", "tiny_surfaces", "geometry", "normals",
     "attribute::test_forward_coefficients_are_orthonormal_to_a_billionth_and_large_ones_in_units_of_the_decoders_gain",
     "attribute::test_an_encoder_that_runs_out_of_room_says_so",
     "field::test_no_faces_touch_no_voxels", "field::test_voxelise_refuses_faces_outside_the_vertex_list",
     "texels::test_asked_texels_of_points_and_lines", "texels::test_limit_is_kept_before_keys_are_made",
     "texels::test_a_point_is_taken_to_the_nearest_place_of_its_face",
-    "neural_oracle::test_a_position_outside_the_cube_is_no_question")
+    "neural_oracle::test_a_position_outside_the_cube_is_no_question",
+    "bake::test_values_stay_in_range_where_the_least_squares_would_leave_it",
+    "bake::test_weighted_fit_agrees_with_a_dense_least_squares_solution",
+    "bake::test_faces_without_area_and_meshes_without_faces_bake",
+    "bake::test_gutters_show_what_lies_beyond_the_border", "bake::test_gutters_do_not_show_what_lies_around_a_sharp_edge",
+    "bake::test_gaps_keep_what_is_known", "asset_save::test_gaps_are_filled_with_what_mip_levels_average",
+    "asset_save::test_cover_agrees_with_brute_force")
 # Tests of the Python around them: units, their checks, the child process, files that are written, the command
 COMPILED = ("appearance", "asset_save", "bake", "bitstream", "cli", "codecs", "completion", "constant", "corruption", "effects",
-            "field", "findings", "house", "interrupts", "isolate", "kernel", "ktx2", "levels", "maps", "materials_back",
+            "field", "findings", "interrupts", "isolate", "kernel", "ktx2", "levels", "maps", "materials_back",
             "meshopt", "needs", "neural_oracle", "neural_stream", "outputs", "plugin_faults", "queries", "sample_asset",
-            "save_formats", "save_texels", "shading_normals", "tangents", "texel_fields", "texels", "validate")
+            "save_formats", "save_texels", "shading_normals", "tangents", "texel_fields", "texels", "validate",
+            "house::test_a_name_that_the_package_does_not_have_is_an_attribute_error")
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ def charts(count, width, height):
 
 
 @pytest.mark.parametrize("searched", [2, 1000])
-@pytest.mark.parametrize("count, width, height", [(1, 1, 1), (5, 1, 3), (30, 0.001, 2)])
+@pytest.mark.parametrize("count, width, height", [(1, 1, 1), (5, 1, 3), (30, 0.2, 2)])
 def test_charts_are_packed_into_the_square_beside_each_other(monkeypatch, searched, count, width, height):
     monkeypatch.setattr(atlas_pack, "_SEARCHED", searched)
     flat, chart, extent = charts(count, width, height)

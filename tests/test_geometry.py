@@ -1,6 +1,7 @@
 """The geometry room: the canonical cube and the Draco unit."""
 
 import zlib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -173,6 +174,19 @@ def test_a_draco_mesh_with_a_second_attribute_is_refused():
     data = DracoPy.encode(lattice.astype(np.uint32), faces=faces.astype(np.uint32), create_metadata=False,
                           colors=np.zeros((len(lattice), 3), np.uint8))
     assert refused(data, len(lattice), len(faces)).startswith("TXF-S")
+
+
+def test_an_answer_of_another_shape_than_asked_is_refused(monkeypatch):
+    """Draco's library is not ours: what it says is looked at before it is used."""
+    import DracoPy
+
+    lattice, faces, data = unit()
+    mesh = DracoPy.decode(data)
+    for points, triangles in ((mesh.points[:, :2], mesh.faces), (mesh.points.astype(np.int64), mesh.faces),
+                              (mesh.points, mesh.faces[1:]), (mesh.points, None)):
+        answer = SimpleNamespace(points=points, faces=triangles, attributes=mesh.attributes)
+        monkeypatch.setattr(DracoPy, "decode", lambda data, answer=answer: answer)
+        assert refused(data, len(lattice), len(faces)) == "TXF-S21"
 
 
 @settings(deadline=None, max_examples=200)

@@ -244,6 +244,13 @@ def test_package_is_imported_fast_and_without_numba():
     assert statistics.median(seconds for _, seconds in runs) < IMPORT_SECONDS
 
 
+def test_a_name_that_the_package_does_not_have_is_an_attribute_error():
+    import texfcodec
+
+    for name, there in (("decode", True), ("transcode", False)):
+        assert hasattr(texfcodec, name) == there
+
+
 # The checks themselves, against what they must catch and must let pass.
 
 

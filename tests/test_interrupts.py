@@ -1,14 +1,17 @@
 """Ctrl-C at random moments of every tool, in a pending kernel, and where files are made and renamed."""
 
+import json
 import os
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import interrupts
 import pytest
 
+from texfcodec.cli import interrupts as answering
 from texfcodec.ground import unfinished
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -139,7 +142,8 @@ def test_what_is_unfinished_is_removed(tmp_path):
     with unfinished.new_file(tmp_path / "half") as file:
         file.write(b"half")
     with unfinished.Folder("texf-test-") as folder:
-        (Path(folder) / "answer").write_bytes(b"x")
+        (Path(folder) / "deeper").mkdir()
+        (Path(folder) / "deeper" / "answer").write_bytes(b"x")
         unfinished.remove_all()
         assert not os.path.exists(folder)
     assert list(tmp_path.iterdir()) == []
@@ -152,3 +156,108 @@ def test_a_child_gets_its_input_and_is_ended_when_it_takes_too_long():
     with pytest.raises(subprocess.TimeoutExpired):
         unfinished.run_child([sys.executable, "-c", "import time; time.sleep(60)"], b"", 0.3, dict(os.environ))
     assert not unfinished._children
+
+
+def test_a_child_that_is_held_ends_with_the_process():
+    child = unfinished.hold(lambda: subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"]))
+    unfinished.remove_all()
+    unfinished.drop(child)
+    with pytest.raises(ProcessLookupError):
+        os.kill(child.pid, 0)
+    child.wait()
+
+
+def test_of_files_that_are_renamed_together_none_that_is_new_stays_alone(tmp_path):
+    for name in ("new.tmp", "other.tmp", "old"):
+        (tmp_path / name).write_text(name)
+    pairs = [("new.tmp", "new"), ("other.tmp", "old"), ("missing.tmp", "third")]
+    with pytest.raises(OSError):
+        unfinished.rename_all([(tmp_path / a, tmp_path / b) for a, b in pairs])
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"old": "other.tmp"}
+
+
+# The thread that answers an interrupt, called as a function
+
+
+INTERRUPT = bytes([signal.SIGINT])
+
+
+@pytest.fixture
+def answer(monkeypatch):
+    """answer(bytes, ...): what the thread has written, (descriptor, line), once it has read these and ended the process."""
+
+    class Ended(BaseException):
+        pass
+
+    def end(code):
+        raise Ended(code)
+
+    def run(*heard):
+        left, written = list(heard), []
+        calls = SimpleNamespace(read=lambda *_: left.pop(0), write=lambda *what: written.append(what), _exit=end)
+        monkeypatch.setattr(answering, "os", calls)
+        try:
+            with pytest.raises(Ended, match="130"):
+                answering._wait(7)
+        finally:
+            unfinished.GATE.release()
+            unfinished.begin()
+        assert not left
+        return written
+
+    unfinished.begin()
+    return run
+
+
+def test_an_interrupt_removes_what_is_unfinished_and_says_so(answer, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["texf-enc", "a.glb", "a.texf"])
+    unfinished.new_file(tmp_path / "half").close()
+    assert answer(bytes([signal.SIGTERM]), INTERRUPT) == [(2, b"error TXF-C02: interrupted; nothing was written\n")]
+    assert list(tmp_path.iterdir()) == []
+    unfinished.remove(tmp_path / "half")
+
+
+def test_once_the_outcome_stands_only_a_second_interrupt_ends_the_process(answer):
+    unfinished.finish()
+    assert answer(INTERRUPT, INTERRUPT) == []
+
+
+@pytest.mark.parametrize("told, errors, target", [(["a", "--json"], None, 1), (["-", "--json"], None, 1),
+                                                  (["a", "-", "--json"], None, 2), (["a", "--json"], 5, 5)])
+def test_an_interrupt_is_json_where_json_is_asked_for(answer, monkeypatch, told, errors, target):
+    monkeypatch.setattr(sys, "argv", ["texf-info", *told])
+    monkeypatch.setattr(answering.Talk, "errors", errors)
+    ((where, line),) = answer(INTERRUPT)
+    assert where == target and json.loads(line)["error"] == {
+        "code": "TXF-C02", "message": "interrupted; nothing was written", "exit_code": 130}
+
+
+def test_an_interrupt_gives_back_the_cursor_that_a_progress_bar_hides(answer, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["texf-enc", "a.glb", "a.texf"])
+    monkeypatch.setattr(answering.Talk, "bar", True)
+    ((_, line),) = answer(INTERRUPT)
+    assert line.startswith(b"\x1b[?25h\n")
+
+
+@pytest.mark.parametrize("command, original, ours", [
+    (["texf-dec", "a.texf"], [], True), (["-m"], ["python", "-m", "texfcodec.cli.dec"], True), ([], [], False),
+    (["-m"], ["python", "-m", "pytest"], False), (["some/other.py"], [], False)])
+def test_a_process_is_one_of_the_tools_by_its_command_line(monkeypatch, command, original, ours):
+    monkeypatch.setattr(sys, "argv", command)
+    monkeypatch.setattr(sys, "orig_argv", original)
+    assert answering.is_program() == ours
+
+
+def test_a_handler_of_somebody_else_stays_and_ours_is_ignored_at_the_end(monkeypatch):
+    usual = signal.signal(signal.SIGINT, lambda *_: None)
+    try:
+        theirs = signal.getsignal(signal.SIGINT)
+        answering.install()
+        monkeypatch.setattr(answering.Talk, "installed", False)
+        answering.ignore()
+        assert signal.getsignal(signal.SIGINT) is theirs
+        monkeypatch.setattr(answering.Talk, "installed", True)
+        answering.ignore()
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, usual)

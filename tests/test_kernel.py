@@ -94,6 +94,11 @@ def test_a_cache_that_cannot_be_made_is_passed_over(tmp_path, monkeypatch):
     assert cache_folder(PACKAGE / BLOCKS) == tmp_path / "next" / "texfcodec" / fingerprint(PACKAGE / BLOCKS)
 
 
+def test_where_no_place_may_be_written_the_cache_is_the_packages_own(monkeypatch):
+    monkeypatch.setattr(kernel_room.os, "access", lambda *_: False)
+    assert PACKAGE in cache_folder(PACKAGE / BLOCKS).parents
+
+
 def test_only_the_kernel_room_asks_numba():
     asking = [path for path in PACKAGE.rglob("*.py") for node in ast.walk(ast.parse(path.read_text()))
               if isinstance(node, ast.Import | ast.ImportFrom)

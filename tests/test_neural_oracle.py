@@ -132,6 +132,13 @@ def test_hash_tells_256_fields_apart_like_the_oracle():
     assert len(answers) == 3
 
 
+@pytest.mark.parametrize("outside", [-1, LAST + 1])
+def test_a_position_outside_the_cube_is_no_question(outside):
+    tables = Tables(random_payload("wide", 3, [()]), 0, [None])
+    with pytest.raises(IndexError, match="outside the cube"):
+        infer(np.array([[0, outside, 0]]), tables)
+
+
 @pytest.mark.parametrize("signs", [0, 1 << 15], ids=["positive", "negative"])
 def test_largest_parameters_and_latents_are_summed_like_by_the_oracle(signs):
     payload = random_payload("largest", 4, [[1], [8], [1], []])

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -330,3 +331,21 @@ def test_uvs_of_the_other_kind_are_refused():
         with pytest.raises(StreamError) as caught:
             dec_textured(data, *counts_of(data), other, 14)
         assert caught.value.code in ("TXF-S20", "TXF-S23")
+
+
+def test_an_answer_with_other_uvs_or_vertices_than_there_should_be_is_refused(monkeypatch):
+    import DracoPy
+
+    lattice, faces = shape("sphere")
+    data, coding = enc_textured(lattice, faces, lattice[:, :2] - lattice[:, :2].min(axis=0), 14)
+    mesh, counts = DracoPy.decode(data), counts_of(data)
+    fewer = mesh.points[: counts[0] - 1]
+    short = [attribute if attribute["attribute_type"] == 0 else attribute | {"data": attribute["data"][1:]}
+             for attribute in mesh.attributes]
+    for points, triangles, attributes, code in ((mesh.points, mesh.faces, short, "TXF-S20"),
+                                                (fewer, mesh.faces * 0, mesh.attributes, "TXF-S21")):
+        answer = SimpleNamespace(points=points, faces=triangles, attributes=attributes)
+        monkeypatch.setattr(DracoPy, "decode", lambda data, answer=answer: answer)
+        with pytest.raises(StreamError) as caught:
+            dec_textured(data, *counts, coding, 14)
+        assert caught.value.code == code

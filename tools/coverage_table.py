@@ -48,13 +48,27 @@ open(sys.argv[1], "w").write(json.dumps([name for name in sys.modules if name.pa
 SECONDS = "seconds.json"
 JIT_OFF, JIT_ON = {"NUMBA_DISABLE_JIT": "1"}, {"NUMBA_DISABLE_JIT": "0"}
 PYTEST = ("-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider")
-# Tests of small kernels, both sides, and of what is quick without the JIT
-PLAIN = ("attribute", "planar", "lossless", "bitstream", "geometry", "texels", "queries", "neural_oracle")
+# Tests of kernels, both sides, that are quick in plain Python
+PLAIN = (
+    "tiny_fields", "tiny_surfaces", "geometry", "normals",
+    "attribute::test_forward_coefficients_are_orthonormal_to_a_billionth_and_large_ones_in_units_of_the_decoders_gain",
+    "attribute::test_an_encoder_that_runs_out_of_room_says_so",
+    "field::test_no_faces_touch_no_voxels", "field::test_voxelise_refuses_faces_outside_the_vertex_list",
+    "texels::test_asked_texels_of_points_and_lines", "texels::test_limit_is_kept_before_keys_are_made",
+    "texels::test_a_point_is_taken_to_the_nearest_place_of_its_face",
+    "neural_oracle::test_a_position_outside_the_cube_is_no_question",
+    "bake::test_values_stay_in_range_where_the_least_squares_would_leave_it",
+    "bake::test_weighted_fit_agrees_with_a_dense_least_squares_solution",
+    "bake::test_faces_without_area_and_meshes_without_faces_bake",
+    "bake::test_gutters_show_what_lies_beyond_the_border", "bake::test_gutters_do_not_show_what_lies_around_a_sharp_edge",
+    "bake::test_gaps_keep_what_is_known", "asset_save::test_gaps_are_filled_with_what_mip_levels_average",
+    "asset_save::test_cover_agrees_with_brute_force")
 # Tests of the Python around them: units, their checks, the child process, files that are written, the command
-COMPILED = ("appearance", "asset_save", "bake", "cli", "codecs", "completion", "constant", "corruption", "effects", "field",
-            "findings", "isolate", "kernel", "ktx2", "levels", "maps", "materials_back", "meshopt", "needs", "neural_stream",
-            "outputs", "plugin_faults", "sample_asset", "save_formats", "save_texels", "shading_normals", "tangents",
-            "texel_fields")
+COMPILED = ("appearance", "asset_save", "bake", "bitstream", "cli", "codecs", "completion", "constant", "corruption", "effects",
+            "field", "findings", "interrupts", "isolate", "kernel", "ktx2", "levels", "maps", "materials_back",
+            "meshopt", "needs", "neural_oracle", "neural_stream", "outputs", "plugin_faults", "queries", "sample_asset",
+            "save_formats", "save_texels", "shading_normals", "tangents", "texel_fields", "texels", "validate",
+            "house::test_a_name_that_the_package_does_not_have_is_an_attribute_error")
 
 
 @dataclass(frozen=True)
@@ -67,15 +81,21 @@ class Part:
     told: str
 
 
-def tests_of(names):
-    """Arguments of the interpreter that run the quick tests of these files."""
-    return (*PYTEST, *(f"tests/test_{name}.py" for name in names))
+def tests_of(chosen):
+    """Arguments of the interpreter that run quick tests: "file" or "file::test" of tests/test_file.py."""
+    parts = [name.partition("::") for name in chosen]
+    return (*PYTEST, *(f"tests/test_{file}.py{between}{test}" for file, between, test in parts))
+
+
+def told_of(chosen):
+    """The same in words."""
+    return "quick tests of " + ", ".join(dict.fromkeys(name.partition("::")[0] for name in chosen))
 
 
 PARTS = (
     Part("conformance", ("conformance/run.py",), JIT_OFF, "every vector, at every level of detail, with its queries; no JIT"),
-    Part("plain", tests_of(PLAIN), JIT_OFF, f"quick tests of {', '.join(PLAIN)}; no JIT"),
-    Part("compiled", tests_of(COMPILED), JIT_ON, f"quick tests of {', '.join(COMPILED)}; with the JIT"),
+    Part("plain", tests_of(PLAIN), JIT_OFF, told_of(PLAIN) + "; no JIT"),
+    Part("compiled", tests_of(COMPILED), JIT_ON, told_of(COMPILED) + "; with the JIT"),
 )
 
 
@@ -137,7 +157,7 @@ def settings(folder, source=REPOSITORY / "texfcodec"):
     file = folder / "coveragerc"
     (folder / "data").mkdir(parents=True, exist_ok=True)
     file.write_text(f"[run]\nbranch = true\nparallel = true\ndata_file = {folder / 'data' / 'coverage'}\n"
-                    f"source = {source}\npatch = subprocess\nsigterm = true\n"
+                    f"source = {source}\npatch =\n    subprocess\n    _exit\nsigterm = true\n"
                     "[report]\nexclude_lines = ^if TYPE_CHECKING:\npartial_branches =\n", encoding="utf-8")
     return file
 

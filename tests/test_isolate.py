@@ -1,7 +1,9 @@
 """Decoding in a child process: the same result, and every way it can end badly is a coded error."""
 
+import errno
 import subprocess
 import sys
+import tempfile
 from dataclasses import fields, is_dataclass
 
 import numpy as np
@@ -385,3 +387,13 @@ def test_a_peak_is_that_of_the_process_and_not_of_the_one_that_began_it():
     held = bytearray(b"x" * (300 << 20))
     run = subprocess.run([sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, check=True)
     assert 1 << 20 < int(run.stdout) < 200 << 20 < len(held)
+
+
+def test_a_system_that_starts_no_child_is_a_limit(monkeypatch):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device", "a path")
+
+    for place, name in ((tempfile, "mkdtemp"), (subprocess, "Popen")):
+        with monkeypatch.context() as patched, pytest.raises(LimitError, match="TXF-L15.*No space left on device"):
+            patched.setattr(place, name, full)
+            decode_isolated(vector("uncommon/one_voxel"))

@@ -138,6 +138,8 @@ FINDINGS = (
             "start the workers where they see it"),
     Finding("TXF-L14", LimitError, (), "the stream has more units than texf-validate looks into",
             "decode it: texf-dec has no such limit"),
+    Finding("TXF-L15", LimitError, (), "the system starts no child process for --isolate, or has no room for its folder",
+            "make room where temporary files go, or end other processes"),
     # Valid and odd; texf-validate says so.
     _warning("TXF-W01", "5.2", "an ancillary unit is of a type that this version does not know, and is passed over",
              "decode with a newer version if you miss what it holds"),

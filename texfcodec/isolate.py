@@ -8,6 +8,8 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
@@ -54,15 +56,25 @@ def decode_isolated(data: bytes, options: DecodeOptions | None = None, report: R
     limits.isolate_seconds.
 
     data: bytes; options: DecodeOptions; report: Report, which gets the child's seconds, warnings and peak memory. Where the
-    system has no cap on memory, a warning says so. Raises what decode() raises, and TXF-S40, TXF-L07, TXF-L08.
+    system has no cap on memory, a warning says so. Raises what decode() raises, and TXF-S40, TXF-L07, TXF-L08, TXF-L15.
     """
     options, report = options or DecodeOptions(), report or Report()
-    with unfinished.Folder("texf-") as folder, report.stage("isolate"):
-        facts, arrays = _run_child(bytes(data), options, Path(folder))
+    with child_folder() as folder, report.stage("isolate"):
+        facts, arrays = _run_child(bytes(data), options, folder)
     report.warnings += [str(w) for w in facts["warnings"]]
     report.seconds |= {f"child {name}": value for name, value in facts["seconds"].items()}
     report.child_peak_memory_bytes = facts["peak_memory_bytes"]
     return _texf(facts, arrays, options.threads, options.limits)
+
+
+@contextmanager
+def child_folder() -> Iterator[Path]:
+    """A temporary folder for what a child answers. Raises LimitError TXF-L15 where the system has none, or starts no child."""
+    try:
+        with unfinished.Folder("texf-") as folder:
+            yield Path(folder)
+    except OSError as error:
+        raise LimitError("TXF-L15", "no child process can be started", reason=error.strerror) from error
 
 
 def _run_child(data, options, folder):

@@ -9,8 +9,7 @@ from pathlib import Path
 
 from ..errors import TexfError
 from ..findings import SEVERITIES
-from ..ground import unfinished
-from ..isolate import FACTS, NO_CAP, cap_memory, crash_of, is_memory, memory_error, read_facts, run_child
+from ..isolate import FACTS, NO_CAP, cap_memory, child_folder, crash_of, is_memory, memory_error, read_facts, run_child
 from ..limits import Limits
 from ..report import Report
 from .validate import OUTCOME, ROW, validate
@@ -21,8 +20,8 @@ def validate_isolated(data: bytes, limits: Limits | None = None, threads: int = 
     the child breaks, the findings are those of the syntax, and what became of the child."""
     limits, report = limits or Limits(), report or Report()
     try:
-        with unfinished.Folder("texf-") as folder, report.stage("isolate"):
-            return _asked(bytes(data), limits, threads, report, Path(folder))
+        with child_folder() as folder, report.stage("isolate"):
+            return _asked(bytes(data), limits, threads, report, folder)
     except TexfError as error:
         return validate(data, limits, threads, report, failure=error)
 

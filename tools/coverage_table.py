@@ -47,10 +47,12 @@ open(sys.argv[1], "w").write(json.dumps([name for name in sys.modules if name.pa
 """
 SECONDS = "seconds.json"
 JIT_OFF, JIT_ON = {"NUMBA_DISABLE_JIT": "1"}, {"NUMBA_DISABLE_JIT": "0"}
-PYTEST = ("-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider")
+PYTEST = ("-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider", "--deselect",
+          "tests/test_cli.py::test_info_is_quick_and_knows_no_numba")  # traced, it is not quick
 # Tests of kernels, both sides, that are quick in plain Python
 PLAIN = (
-    "tiny_fields", "tiny_surfaces", "geometry", "normals",
+    "tiny_fields", "tiny_surfaces", "geometry", "normals", "refusals::test_a_joined_rule_goes_round_a_prism",
+    "refusals::test_edges_that_nothing_shares_have_no_fold",
     "attribute::test_forward_coefficients_are_orthonormal_to_a_billionth_and_large_ones_in_units_of_the_decoders_gain",
     "attribute::test_an_encoder_that_runs_out_of_room_says_so",
     "field::test_no_faces_touch_no_voxels", "field::test_voxelise_refuses_faces_outside_the_vertex_list",
@@ -67,7 +69,8 @@ PLAIN = (
 COMPILED = ("appearance", "asset_save", "bake", "bitstream", "cli", "codecs", "completion", "constant", "corruption", "effects",
             "field", "findings", "interrupts", "isolate", "kernel", "ktx2", "levels", "maps", "materials_back",
             "meshopt", "needs", "neural_oracle", "neural_stream", "outputs", "plugin_faults", "queries", "sample_asset",
-            "save_formats", "save_texels", "shading_normals", "tangents", "texel_fields", "texels", "validate",
+            "lossless", "neural_cli", "neural_fit", "refusals", "save_formats", "save_texels", "search", "shading_normals", "tangents",
+            "texel_fields", "texels", "validate",
             "house::test_a_name_that_the_package_does_not_have_is_an_attribute_error")
 
 

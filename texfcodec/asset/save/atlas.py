@@ -93,11 +93,9 @@ def _unit_points(positions, faces):
     if len(used) == 0:
         return points
     low, high = positions[used].min(0), positions[used].max(0)
-    longest = float((high * 0.5 - low * 0.5).max()) * 2.0 if np.isfinite(high).all() else 0.0
-    if longest > 0 and math.isfinite(longest):
-        points[used] = (positions[used] - low) / longest
-    elif longest > 0:
-        points[used] = positions[used] / 4 / (longest / 4) - low / 4 / (longest / 4)
+    half = float((high * 0.5 - low * 0.5).max()) if np.isfinite(high).all() else 0.0  # the whole may be too much for a float
+    if half > 0:
+        points[used] = (positions[used] * 0.5 - low * 0.5) / half
     return points
 
 

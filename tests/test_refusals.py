@@ -1,0 +1,142 @@
+"""What the library's functions refuse, each with its code, and the small cases around them."""
+
+import errno
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from shapes import painted_sphere, scene_of, square
+
+from texfcodec import EncodeOptions, InputError, Limits, Report, SupportError, decode
+from texfcodec.api import inspect
+from texfcodec.asset.factors import set_factor
+from texfcodec.asset.normal_rule import ANGLE, JOINED, NormalRule
+from texfcodec.asset.normals import corner_normals
+from texfcodec.asset.save import image_write
+from texfcodec.asset.save.atlas import _unit_points
+from texfcodec.asset.save.files import as_input_error
+from texfcodec.asset.scene import Material
+from texfcodec.bitstream.appearance import parameter_values
+from texfcodec.bitstream.values import metadata_bytes
+from texfcodec.encoder import encode_scene
+from texfcodec.geometry.canonical import fit_cube
+from texfcodec.geometry.edges import folds, shared_edges
+from texfcodec.isolate import FACTS, FACTS_BYTES, cap_memory, is_memory, read_facts
+
+
+@pytest.fixture(scope="module")
+def texf():
+    return decode(encode_scene(painted_sphere(4), EncodeOptions(resolution=8, qp=40, threads=1)).data)
+
+
+@pytest.mark.parametrize("options", [
+    {"resolution": "wide"}, {"resolution": 2.5}, {"qp": True}, {"qp": float("nan")}, {"qp": 64}, {"resolution": 0},
+    {"lossless": 1}, {"effort": "great"}, {"lossless": True, "max_error": 2}, {"max_error": 2, "qp": 20},
+    {"max_error": 2, "target_psnr": 40.0}, {"codec": "3dntc", "refine": "fit"},
+    {"codec": "3dntc", "point": "mpeg1", "resident_bytes": 40_000},
+    {"codec": "3dntc", "resident_bytes": 40_000, "latent_index": "hash"}], ids=str)
+def test_options_that_mean_nothing_are_refused(options):
+    with pytest.raises(InputError, match="TXF-I50"):
+        encode_scene(painted_sphere(4), EncodeOptions(**options))
+
+
+def test_questions_that_have_no_answer_are_refused(texf):
+    points = texf.positions[:3]
+    for wrong in ("here", [[1, 2]], [1, 2, 3, 4], object()):
+        with pytest.raises(InputError, match="TXF-I72"):
+            texf.query(wrong)
+    for faces in ([0, 1], [0.0, 1.0, 2.0], [0, 1, len(texf.faces)], [0, 1, -1]):
+        with pytest.raises(InputError, match="TXF-I72"):
+            texf.query(points, faces)
+    with pytest.raises(InputError, match="TXF-I71"):
+        texf.query([[0, 0, np.inf]])
+    assert texf.query(np.zeros((0, 3))).shape == (0, 4) and texf.query(points, [0, 1, 2]).shape == (3, 4)
+
+
+def test_an_empty_asset_answers_nothing():
+    empty = decode(encode_scene(scene_of(np.zeros((0, 3)), np.zeros((0, 3), np.int64)), EncodeOptions(allow_empty=True)).data)
+    for ask in (empty.query, empty.nearest_face):
+        with pytest.raises(InputError, match="TXF-I70"):
+            ask(np.zeros((1, 3)))
+    assert fit_cube(np.zeros((0, 3)), 12).side == 0 and empty.side == 0
+
+
+@pytest.mark.parametrize("given", [None, 3, {"a": 1}, object()], ids=str)
+def test_what_is_neither_bytes_nor_a_path_is_refused(given):
+    for read in (inspect, decode):
+        with pytest.raises(InputError, match="TXF-I05"):
+            read(given)
+
+
+def test_parameters_that_are_no_numbers_of_their_count_are_refused():
+    for value in ((1.0, 2.0), (float("inf"),), (float("nan"),)):
+        with pytest.raises(InputError, match="TXF-I14"):
+            parameter_values(Material("skin", parameters={"roughness": value}))
+    parameters = {"roughness": (0.5,)}
+    set_factor(parameters, "roughness", (1.0,))
+    assert parameters == {}  # the default is not kept
+
+
+def test_metadata_over_the_limit_are_left_out_and_said():
+    report, options = Report(), EncodeOptions(limits=Limits(metadata_bytes=10))
+    assert metadata_bytes({"copyright": "somebody"}, options, report) is None and "left out" in report.remarks[0]
+    assert metadata_bytes({}, options, report) is None and metadata_bytes({"a": 1}, options, report) == b'{"a":1}'
+
+
+def test_an_answer_that_is_too_long_is_not_read(tmp_path):
+    with open(tmp_path / FACTS, "wb") as file:
+        file.truncate(FACTS_BYTES + 1)
+    with pytest.raises(ValueError, match="too long"):
+        read_facts(tmp_path)
+
+
+def test_want_of_memory_is_known_in_whatever_it_is_wrapped():
+    wrapped = ValueError("no")
+    wrapped.__cause__ = OSError(errno.ENOMEM, "x")
+    assert is_memory(MemoryError()) and is_memory(wrapped) and is_memory(RuntimeError("std::bad_alloc"))
+    assert not is_memory(None) and not is_memory(ValueError("no"))
+    assert cap_memory(None)
+
+
+@pytest.mark.parametrize("number, code", [(errno.ENOENT, "TXF-O01"), (errno.ENOTDIR, "TXF-O01"), (errno.EROFS, "TXF-O02"),
+                                          (errno.ENOSPC, "TXF-O03"), (errno.EIO, "TXF-O04")])
+def test_an_output_that_fails_has_a_code(number, code):
+    assert as_input_error(OSError(number, "no"), Path("folder/a.glb")).code == code
+
+
+def test_a_pillow_without_a_format_is_told(monkeypatch):
+    from PIL import features
+
+    monkeypatch.setattr(features, "check", lambda name: False)
+    with pytest.raises(SupportError, match="TXF-O15"):
+        image_write.check_image_format("webp", None)
+
+
+def test_edges_that_nothing_shares_have_no_fold():
+    faces = np.array([[0, 1, 2]])
+    assert len(folds(shared_edges(faces), np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0]]), faces)) == 0
+
+
+def test_a_joined_rule_goes_round_a_prism():
+    prism = trimesh.creation.cylinder(1, 2, sections=6)
+    lattice = np.rint(prism.vertices * 1000).astype(np.int64) + 3000
+    hard, soft = (corner_normals(lattice, prism.faces, [NormalRule(JOINED, ANGLE, angle)]) for angle in (20, 80))
+    turned = np.degrees(np.arccos(np.clip((hard * soft).sum(-1), -1, 1))).ravel()
+    assert np.isclose(hard[..., None, :] @ soft[..., None], 1, atol=1e-5).any() and 25 < turned.max() < 35
+
+
+def test_points_of_any_scale_come_into_the_unit_cube():
+    faces = np.array([[0, 1, 2]])
+    for scale in (1e-300, 1.0, 1.7e308):
+        points = _unit_points(np.array([[-1, -1, 0], [1, 0, 0], [0, 1, 0]]) * scale, faces)
+        assert points.min() == 0 and 0.99 < points.max() <= 1
+    assert not _unit_points(np.ones((3, 3)), faces).any() and not _unit_points(np.ones((3, 3)), faces[:0]).any()
+
+
+def test_vertex_colours_with_alpha_lose_it_in_an_obj(tmp_path):
+    positions, faces = square()[:2]
+    colours = np.tile([0.5, 0.4, 0.3, 0.5], (len(positions), 1))
+    made = decode(encode_scene(scene_of(positions, faces, colours, materials=[Material("a", alpha_mode=2)]),
+                               EncodeOptions(resolution=8, qp=30)).data)
+    assert any("no alpha" in text for text in made.save(tmp_path / "a.obj", appearance="vertex")["warnings"])

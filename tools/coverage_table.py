@@ -69,8 +69,8 @@ PLAIN = (
 COMPILED = ("appearance", "asset_save", "bake", "bitstream", "cli", "codecs", "completion", "constant", "corruption", "effects",
             "field", "findings", "interrupts", "isolate", "kernel", "ktx2", "levels", "maps", "materials_back",
             "meshopt", "needs", "neural_oracle", "neural_stream", "outputs", "plugin_faults", "queries", "sample_asset",
-            "lossless", "neural_cli", "neural_fit", "refusals", "save_formats", "save_texels", "search", "shading_normals", "tangents",
-            "texel_fields", "texels", "validate",
+            "lossless", "neural_cli", "neural_fit", "refusals", "save_formats", "save_texels", "search", "shading_normals",
+            "tangents", "texel_fields", "texels", "validate",
             "house::test_a_name_that_the_package_does_not_have_is_an_attribute_error")
 
 

@@ -65,7 +65,7 @@ class _Archive:
             for element in ElementTree.fromstring(data or b"<none/>"):
                 if element.get("Type", "").endswith("/3dmodel") and element.get("Target"):
                     return element.get("Target")
-        except ElementTree.ParseError as error:
+        except (ElementTree.ParseError, LookupError, ValueError) as error:  # the last two: encodings that are none, or not read
             raise malformed("its relationships are not XML", reason=str(error)[:100]) from error
         return _ROOT
 

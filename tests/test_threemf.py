@@ -116,7 +116,8 @@ def test_print_data_and_unknown_groups_are_named(tmp_path):
 
 
 @pytest.mark.parametrize("text, code", [
-    ("not XML", "TXF-I24"), ("<?xml version='1.0' encoding='nan'?><model/>", "TXF-I24"), (model(""), "TXF-I24"), (model(mesh(), ""), "TXF-I15"), (model(mesh(), "<item/>"), "TXF-I24"),
+    ("not XML", "TXF-I24"), ("<?xml version='1.0' encoding='nan'?><model/>", "TXF-I24"), (model(""), "TXF-I24"),
+    (model(mesh(), ""), "TXF-I15"), (model(mesh(), "<item/>"), "TXF-I24"),
     (model(mesh(), '<item objectid="1" transform="1 2 3"/>'), "TXF-I24"), (model(mesh('pid="8" p1="x"')), "TXF-I24"),
     (model(mesh().replace('x="1.0"', 'x="one"')), "TXF-I24"), (model(mesh().replace('v3="3"', 'v3="9"')), "TXF-I13"),
     (model(mesh().replace('v3="3"', f'v3="{10**30}"')), "TXF-I24"), (model(mesh().replace('x="1.0"', 'x="nan"')), "TXF-I14"),

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from itertools import product
 
 import pytest
@@ -45,7 +46,7 @@ def test_a_mutant_that_hangs_or_cannot_be_imported_is_killed(empty, monkeypatch)
 
 def test_the_page_counts_and_names_survivors_and_clauses():
     first, second, third, *_ = [m for m in mutants_of("filter") if m.function == "filter_stage"]
-    text = page_of({first: "subset/a", second: None, third: None}, {third.key: "it means the same"})
+    text = page_of({first: "subset/a", second: None, third: None}, {third.name: "it means the same"})
     assert "3 mutants, 2 killed or equivalent (66.7%), 1 survivors." in text
     assert f"| tests/naive/filter.py:{second.line} | filter_stage | 7.7 | `{second.before}` -> `{second.after}` |" in text
     assert "it means the same" in text and "| 7.7 | 1 | subset/a 1 |" in text
@@ -53,9 +54,14 @@ def test_the_page_counts_and_names_survivors_and_clauses():
 
 
 def test_what_is_called_equivalent_is_one_mutant_each():
-    keys = [m.key for module in mutants.MODULES for m in mutants_of(module)]
+    names = [m.name for module in mutants.MODULES for m in mutants_of(module)]
     told = json.loads(mutants.EQUIVALENTS.read_text(encoding="utf-8"))
-    assert told and all(keys.count(key) == 1 and reason.endswith(".") for key, reason in told.items())
+    assert told and all(names.count(name) == 1 and reason.endswith(".") for name, reason in told.items())
+
+
+def test_tolerances_are_no_rules():
+    of_queries = [m for m in mutants_of("queries") if m.function == mutants.TOP]
+    assert of_queries and all(m.before in ("10 ** 6", "10", "6") for m in of_queries)
 
 
 def test_a_part_is_a_function_or_a_clause_with_what_is_below():
@@ -72,6 +78,7 @@ def test_a_sample_is_the_same_for_the_same_seed():
 
 
 # Rules that once no vector held, by the vector that was made for them, as (module, text, what stands there instead).
+FOLDS = "4090, 4065, 3973, 3617, 3072, 2404, 1692, 1024, 274, 4"
 ENDS = "65523, 65528, 65531, 65533, 65534, 65535"  # of SQUASH_TABLE
 HELD = [
     ("uncommon/rules_quiet", "mixing", "largest_rate=5", "largest_rate=4"),
@@ -88,6 +95,21 @@ HELD = [
     *(("uncommon/rules_zeros", "mixing", "    1, 2, 3, 5", f"    {n}, 2, 3, 5") for n in (0, 2)),
     *(("uncommon/rules_ones", "mixing", ENDS, ENDS.replace(str(n), str(n + d))) for n, d in (
         *product((65523, 65528, 65531, 65533), (-1, 1)), (65534, 1), (65535, -1))),
+    *(("uncommon/rules_folds", "edges", FOLDS, re.sub(rf"\b{n}\b", str(n + d), FOLDS))
+      for n, d in product((4090, 4065, 3973, 3617, 3072, 2404, 1692, 1024, 274, 4), (-1, 1))),
+    *(("uncommon/rules_folds", "edges", text, other) for text, other in (
+        ("dot(m, m) >> 12", "dot(m, m) + 4095 >> 12"), ("else found\n", "else found + 1\n"), ("found < 10", "found < 9"),
+        ("return 12", "return 11"), ("return 13", "return 12"), ("* 2016", "* 2015"),
+        ("triangles_at[edge]) <= 8", "triangles_at[edge]) <= 7"), ("triangles_at[edge]) <= 8", "triangles_at[edge]) <= 9"), ('"normal_rule"] >= 6', '"normal_rule"] >= 5'))),
+    ("uncommon/rules_hair", "voxels", "    shift = 0", "    shift = 1"),
+    ("uncommon/rules_hair", "voxels", "(n >> shift)", "(-(-n >> shift))"),
+    ("uncommon/rules_hair", "voxels", ">= 2**30", "> 2**30"),
+    ("uncommon/rules_quarter", "texels", "abs(s - n) <= 0.25", "abs(s - n) < 0.25"),
+    ("uncommon/rules_bound", "attributes", "self.code < bound", "self.code <= bound"),
+    ("uncommon/rules_loose", "syntax", "128 if depth > 0", "127 if depth > 0"),
+    ("uncommon/rules_checksums", "bits", "0, 2**32 - 1", "1, 2**32 - 1"),
+    ("uncommon/rules_checksums", "bits", "0, 2**32 - 1", "0, 2**32 - 2"),
+    ("uncommon/rules_long_numbers", "bits", "for i in range(8)", "for i in range(7)"),
 ]
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[1:1] = [str(ROOT), str(ROOT / "conformance"), str(ROOT / "tests")]
 
+import vectors_borders  # noqa: E402
 import vectors_constant  # noqa: E402
 import vectors_faulty  # noqa: E402
 import vectors_filter  # noqa: E402
@@ -45,7 +46,7 @@ LARGEST = 1 << 16
 # Makers of vectors, in the order of README.md.
 GOOD = ("subset", (vectors_good, vectors_constant, vectors_neural, vectors_texels, vectors_materials))
 SELDOM = ("uncommon", (vectors_good, vectors_filter, vectors_constant, vectors_neural, vectors_texels, vectors_planar,
-                       vectors_materials, vectors_normals, vectors_rules))
+                       vectors_materials, vectors_normals, vectors_rules, vectors_borders))
 FAULTY = ("faulty", (vectors_faulty, vectors_filter, vectors_constant, vectors_neural, vectors_texels_faulty, vectors_planar,
                      vectors_materials_faulty, vectors_normals))
 README = """# Conformance vectors

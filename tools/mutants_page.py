@@ -32,7 +32,7 @@ def statements_of(module):
 
 def page_of(found, equivalents, told=""):
     """docs/mutants.md. found: {Mutant: killer or None}; told: what was run, a sentence or more."""
-    survivors = [m for m, killer in found.items() if killer is None and m.key not in equivalents]
+    survivors = [m for m, killer in found.items() if killer is None and m.name not in equivalents]
     settled = len(found) - len(survivors)
     share = f"{settled / max(len(found), 1):.1%}"
     out = ["# Mutants of the naive decoder", "", "Made by `make mutants` (tools/mutants.py): one rule of tests/naive changed at "
@@ -44,8 +44,8 @@ def page_of(found, equivalents, told=""):
         out += [f"| tests/naive/{m.module}.py:{m.line} | {m.function} | {', '.join(_clauses(m))} | {_change(m)} |"
                 for m in survivors]
     out += ["", "## Equivalent", "", "| rule | change | why nothing changes |", "|---|---|---|"]
-    out += [f"| {m.module}.{m.function} | {_change(m)} | {equivalents[m.key]} |"
-            for m, killer in found.items() if killer is None and m.key in equivalents]
+    out += [f"| {m.module}.{m.function} | {_change(m)} | {equivalents[m.name]} |"
+            for m, killer in found.items() if killer is None and m.name in equivalents]
     return "\n".join(out + ["", *_by_clause(found)]) + "\n"
 
 
@@ -63,7 +63,7 @@ def _by_module(found, equivalents):
     for module in dict.fromkeys(m.module for m in found):
         mine = {m: killer for m, killer in found.items() if m.module == module}
         dead = sum(killer is not None for killer in mine.values())
-        same = sum(killer is None and m.key in equivalents for m, killer in mine.items())
+        same = sum(killer is None and m.name in equivalents for m, killer in mine.items())
         out.append(f"| {module} | {statements_of(module)} | {len(mine)} | {dead} | {same} | {len(mine) - dead - same} |")
     return out
 

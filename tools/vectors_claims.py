@@ -21,6 +21,7 @@ from vectors_trace import traced
 from texfcodec import decode
 from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE
 from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS, UNIT_MATERIALS, UNIT_METADATA
+from texfcodec.bitstream.units import write_unit
 from texfcodec.channels import ALPHA, BASE_COLOUR
 from texfcodec.codecs.neural.syntax import FORM_RESIDENT, FORM_TRANSPORT
 from texfcodec.codecs.neural.transport import dec_transport
@@ -240,12 +241,16 @@ HEADER_AND_FIELDS = {
     r"a metadata unit": lambda c: c.stream.metadata is not None,
     r"metadata early": metadata_is_early,
     r"unknown ancillary units": lambda c: len(c.stream.skipped) > 1,
+    r"checksums of 0 and of 2\^32 - 1": lambda c:
+        {bytes(4), b"\xff" * 4} <= {write_unit(*unit)[-4:] for unit in units_of(c.data)},
 }
 CODEWORDS = {
     r"no level": lambda c: c.each(lambda u: u["Depth"] == 0),
     r"no codeword": lambda c: c.each(lambda u: not u["codewords"]),
     r"a codeword of no bytes": lambda c: (not c.raht or c.each(lambda u: u["codewords"])) and c.codewords == b"",
     r"a codeword that begins above every range": lambda c: c.codewords[:4] == b"\xff" * 4,
+    r"a codeword that begins with the bound of its first bit": lambda c: c.codewords[:4] == (65535 * 32768).to_bytes(4, "big"),
+    r"numbers of eight bytes": lambda c: c.each(lambda u: min(min(word["level_bytes"]) for word in u["codewords"]) >> 49 > 0),
     r"random bytes": lambda c: is_noise(c.codewords),
     r"zeros": lambda c: c.codewords[:20] == bytes(20),
     r"then random bytes": lambda c: is_noise(c.codewords.lstrip(b"\0")),
@@ -284,7 +289,7 @@ RAHT = {
     r"a trunk with a single slice": lambda c: c.each(lambda u: u["slice_level"] > 0 and u["NumSlices"] == 1),
     r"the level index without slices": lambda c: c.each(lambda u: u["level_index"] and u["slice_level"] == 0),
     r"lossless( with slices)?": lambda c, slices: c.each(lambda u: u["residual"] == 1) and (not slices or has_slices(c)),
-    r"noise with errors of at most (\d) from a coarse field": lambda c, n:
+    r"noise with errors of at most (\d+) from a coarse field": lambda c, n:
         c.each(lambda u: u["residual"] == int(n) + 1 and min(u["qp"]) >= 30),
 }
 FILTERS = {
@@ -350,7 +355,8 @@ NEURAL = {
 PROMISES = HEADER_AND_FIELDS | CODEWORDS | RAHT | FILTERS | TEXELS | PLANAR | CONSTANT | NEURAL | MATERIALS | NORMALS
 # What a scene looks like, and limits that a scene was built to lie on: nothing that the stream says.
 UNSEEN = ("a ribbon", "one inside the other", "areas and heights exactly on a limit", "one colour but for a few spots",
-          "two values but for a few spots", "a sample that one rounding would move")
+          "two values but for a few spots", "a sample that one rounding would move", "folds on both sides of every step",
+          "area weights exactly at area_threshold and just below it", "floats a quarter beside their numbers")
 # Clause -> what a vector that lists it has to hold, for the tools that a stream may do without.
 CLAUSES = {
     "5.6.1": lambda c: c.grids,

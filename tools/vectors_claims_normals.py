@@ -3,7 +3,7 @@
 import numpy as np
 
 from texfcodec.asset.normal_rule import MARKED
-from texfcodec.geometry.edges import BACK, MANY, coded_edges
+from texfcodec.geometry.edges import BACK, MANY, coded_edges, weld
 
 
 def rules_of(case):
@@ -23,6 +23,13 @@ def folds_of(case):
     return set(coded_edges(texf.lattice_positions, texf.faces, marked)[1].tolist())
 
 
+def most_faces(case):
+    """Number of faces on the edge that has most of them."""
+    corners = weld(case.texf.lattice_positions)[case.texf.faces]
+    sides = np.sort(np.concatenate([corners[:, [i, i - 1]] for i in range(3)]), axis=1)
+    return int(np.unique(sides, axis=0, return_counts=True)[1].max())
+
+
 # Phrase (all of it, case ignored) -> predicate of the Case of vectors_claims.py and the phrase's groups.
 NORMALS = {
     r"all kinds and weights of rules": lambda c: {rule // 3 for rule, _ in rules_of(c)} == {0, 1}
@@ -30,6 +37,7 @@ NORMALS = {
     r"an unlit material without a rule": lambda c: len(rules_of(c)) < len(c.stream.materials),
     r"marks of sharp edges": has_marks,
     r"many classes of folds": lambda c: len(folds_of(c)) >= 10 and (BACK in folds_of(c) or MANY in folds_of(c)),
+    r"an edge of nine faces": lambda c: most_faces(c) == 9,
     r"marks at one of the materials": lambda c: has_marks(c) and sum(rule >= 6 for rule, _ in rules_of(c)) == 1,
     r"every edge sharp": lambda c: c.texf.sharp_edges is not None and bool(c.texf.sharp_edges.all()),
 }

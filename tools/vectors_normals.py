@@ -11,7 +11,7 @@ from texfcodec import decode
 from texfcodec.asset.scene import Material
 from texfcodec.bitstream.syntax import UNIT_SHARP_EDGES
 from texfcodec.codecs.sharp_edges import enc_marks
-from texfcodec.geometry.edges import coded_edges
+from texfcodec.geometry.edges import NUM_FOLDS, coded_edges
 from texfcodec.ground.walk import write_v
 
 S = UNIT_SHARP_EDGES
@@ -27,11 +27,11 @@ def ruled(data, rules):
 
 
 def marked(data, rules, share=0.2, seed=0):
-    """The same with random marks, of which so large a share are sharp."""
+    """The same with random marks, of which so large a share are sharp; it may differ by class of folds."""
     texf, stream = decode(data), parsed(data)
     wants = np.array([rule >= MARKED_BY_AREA for rule, _ in rules])
     ends, fold = coded_edges(texf.lattice_positions, texf.faces, wants[texf.face_material])
-    marks = np.random.default_rng(seed).random(len(ends)) < share
+    marks = np.random.default_rng(seed).random(len(ends)) < np.broadcast_to(share, NUM_FOLDS)[fold]
     for material, (rule, angle) in zip(stream.materials, rules, strict=True):
         material.update(normal_rule=rule, normal_angle=angle)
     stream.sharp_edges = {"num_edges": len(marks), "marks_crc": zlib.crc32(marks), "marks_data": enc_marks(marks, ends, fold)}

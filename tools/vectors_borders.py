@@ -94,15 +94,16 @@ def hinges():
         long = 2 if number < len(groups) - len(rows) else 900
         tips = [base + [x, y, long // 2] for x, y in group]
         patches.append((np.array([base, base + [0, 0, long], *tips]), [(0, 1, 2 + i) for i in range(len(tips))]))
-    right = np.array([500, 500, 900])  # an angle of exactly 60 degrees, whose odd normals another rounding of q would move
-    patches.append((right + [(0, 0, 0), (93, -93, -93), (-45, 45, -46), (45, 46, -45)], [(0, 1, 2), (0, 1, 3)]))
+    for n in range(3):  # an angle of exactly 60 degrees, whose odd normals another rounding of q would move
+        hinge = np.array([(0, 0, 0), (93, -93, -93), (-45, 45, -46), (45, 46, -45)])
+        patches.append((hinge + [500, 500, 600 + 100 * n], [(0, 1, 2), (0, 1, 3)]))
     whole = np.random.default_rng(4).integers(0, 62, (7, 3)) + [930, 930, 900]
     patches.append((whole, list(combinations(range(7), 3))))
     starts = np.cumsum([0] + [len(lattice) for lattice, _ in patches])
     faces = [np.array(mine) + start for (_, mine), start in zip(patches, starts[:-1], strict=True)]
     lattice, unmarked = np.concatenate([lattice for lattice, _ in patches]), len(groups) - 2
-    parts = [Patch(lattice, np.concatenate(faces[:unmarked] + faces[-1:])),
-             Patch(lattice, np.concatenate(faces[unmarked:-1]), material=1)]
+    parts = [Patch(lattice, np.concatenate(faces[:unmarked] + faces[len(groups) :])),
+             Patch(lattice, np.concatenate(faces[unmarked : len(groups)]), material=1)]
     share = np.where(np.arange(NUM_FOLDS) % 2, 0.9, 0.1)
     return marked(stream_of_parts([Grid(4)], parts, materials=2), [(MARKED_BY_AREA, 180), (MARKED_BY_AREA - 1, 45)], share)
 

@@ -20,6 +20,7 @@ from vectors_good import (
     with_checksum,
     written,
 )
+from vectors_texels import Grid, Image, Patch, picture, ring, sheet, stream_of_parts
 
 from texfcodec import Limits, decode
 from texfcodec.asset.scene import ALPHA_BLEND, Material
@@ -60,6 +61,19 @@ def sliced_stream():
     """One field in several slices."""
     return recoded(encoded(scene_of(*torus(12, 6)), resolution=18, qp=46),
                    slices={"WHOLE_VOXELS": 1, "SLICE_VOXELS": 100, "SLICE_NODES": 12})
+
+
+def flat_stream(**tools):
+    """One field of one colour, coded by RAHT: no coefficient and no residual is there, whatever steps and kernels are."""
+    patch = ring((8, 8))
+    return stream_of_parts([Grid(9, constant=False)], [Patch(patch.lattice, patch.faces)], **tools)
+
+
+def narrow_stream():
+    """One field over texels, on positions below 128, which may have any position_bits."""
+    patch = sheet([(0, 0), (99, 8), (90, 70), (0, 0), (90, 70), (3, 66)])
+    patch.lattice = patch.lattice // 8
+    return stream_of_parts([Image(picture(9, 7))], [patch])
 
 
 def stream_of_slices(number):
@@ -224,14 +238,14 @@ def framing():
 
 def header_and_materials():
     """Clauses 5.3 and 5.4."""
-    base, simple = base_stream(), simple_stream()
+    base, simple, narrow = base_stream(), simple_stream(), narrow_stream()
     header = parsed(base).header
     more = lambda name, by=1: with_header(base, **{name: header[name] + by})
     nan, minus = np.array([np.nan], "<f8").tobytes(), np.array([-1.0], "<f8").tobytes()
     material = parsed(base).materials[0]["material_name"].encode()
     lines = [
-        ("position_bits_7", "position_bits 7", "5.3", with_element(base, H, "position_bits", b"\7"), "TXF-S04"),
-        ("position_bits_21", "position_bits 21", "5.3", with_element(base, H, "position_bits", b"\x15"), "TXF-S04"),
+        ("position_bits_7", "position_bits 7", "5.3", with_element(narrow, H, "position_bits", b"\7"), "TXF-S04"),
+        ("position_bits_21", "position_bits 21", "5.3", with_element(narrow, H, "position_bits", b"\x15"), "TXF-S04"),
         ("origin_nan", "an origin that is not a number", "4.3", with_element(base, H, "origin", nan * 3), "TXF-S04"),
         ("side_negative", "a negative side", "5.3", with_element(base, H, "side", minus), "TXF-S04"),
         ("num_vertices", "num_vertices is not the sum", "5.3", more("num_vertices"), "TXF-S11"),
@@ -242,7 +256,7 @@ def header_and_materials():
          "TXF-S04"),
         ("num_fields", "num_fields is more than there are", "5.2", more("num_fields"), "TXF-S11"),
         ("num_geometry_units", "num_geometry_units is less than there are", "5.2", more("num_geometry_units", -1), "TXF-S11"),
-        ("num_channel_groups_0", "no channel group", "5.3", with_element(base, H, "num_channel_groups", b"\0"), "TXF-S04"),
+        ("num_channel_groups_0", "no channel group", "5.3", with_units(narrow, _no_groups), "TXF-S04"),
         ("group_semantics", "an entry of group_semantics out of range", "5.3.1",
          with_element(base, H, "channel_groups[0].group_semantics", b"\x17"), "TXF-S04"),
         ("group_components_4", "four components", "5.3.1", with_element(base, H, "channel_groups[0].group_components", b"\4"),
@@ -357,7 +371,8 @@ def attributes():
     one = lambda edit: with_values(simple, lambda stream: edit(stream.attributes[0]))
     many = lambda edit: with_values(sliced, lambda stream: edit(stream.attributes[0]))
     longer = lambda unit: unit["codewords"][0].update(codeword_length=unit["codewords"][0]["codeword_length"] + 1)
-    kernel, steps = parsed(simple).attributes[0]["kernel"], parsed(sliced).attributes[0]["slice_step"]
+    flat = flat_stream()
+    kernel, steps = parsed(flat).attributes[0]["kernel"], parsed(sliced).attributes[0]["slice_step"]
     root = np.array([1 << 21, 0, 0], "<i4").tobytes()
     lines = [
         ("attribute_order", "the last two attribute units change places", "5.7", with_units(base, swap), "TXF-S11"),
@@ -371,13 +386,14 @@ def attributes():
          with_element(simple, A, "group_index", b"\1"), "TXF-S09"),
         ("values_crc", "a wrong values_crc", "7.10", with_element(simple, A, "values_crc", b"\1\2\3\4"), "TXF-S32"),
         ("codeword_bit", "a flipped bit in a codeword", "7.10", one(_flip_codeword), "TXF-S32"),
-        ("qp_64", "qp 64", "5.7.1", with_element(simple, A, "qp", b"\x40\0\0"), "TXF-S04"),
-        ("kernel_0", "kernel[0] = 0", "5.7.1", with_element(simple, A, "kernel", bytes([0, *kernel[1:]])), "TXF-S04"),
+        ("qp_64", "qp 64", "5.7.1", with_element(flat, A, "qp", b"\x40\0\0"), "TXF-S04"),
+        ("kernel_0", "kernel[0] = 0", "5.7.1", with_element(flat, A, "kernel", bytes([0, *kernel[1:]])), "TXF-S04"),
         ("num_models_9", "num_models 9", "5.7.1", with_element(simple, A, "num_models", b"\11"), "TXF-S04"),
-        ("residual_129", "residual 129", "5.7.1", with_element(simple, A, "residual", b"\x81"), "TXF-S04"),
+        ("residual_129", "residual 129", "5.7.1", with_element(flat_stream(models=6, max_error=127), A, "residual", b"\x81"),
+         "TXF-S04"),
         ("residual_without_levels", "a residual where K is 1", "5.7.1",
          with_values(one_voxel(), lambda stream: stream.attributes[0].update(residual=1, residual_cross=[0, 0, 0])), "TXF-S04"),
-        ("num_filters_4", "num_filters 4", "5.7.1", with_element(simple, A, "num_filters", b"\4"), "TXF-S04"),
+        ("num_filters_4", "num_filters 4", "5.7.1", with_element(flat, A, "num_filters", b"\4" + bytes(8)), "TXF-S04"),
         ("filter_of_no_component", "a filter_mask bit of a component that is not there", "5.7.3",
          with_values(base, lambda stream: stream.attributes[1].update(
              num_filters=1, filters=[{"filter_mask": 1 << 5, "filter_coefficients": [1, 2, 3]}])), "TXF-S04"),
@@ -395,7 +411,7 @@ def attributes():
             unit["slice_step"].pop() + 1000)), "TXF-S12"),
         ("slice_far_past_the_end", "slices that begin beyond 2^60", "5.7.1",
          many(lambda unit: unit.update(slice_step=[(1 << 56) - 1] * len(unit["slice_step"]))), "TXF-S12"),
-        ("level_index_2", "level_index 2", "5.7.1", with_element(simple, A, "level_index", b"\2"), "TXF-S04"),
+        ("level_index_2", "level_index 2", "5.7.1", with_element(one_voxel(), A, "level_index", b"\2"), "TXF-S04"),
         ("codeword_length", "codeword lengths that do not add up", "5.7.2", one(longer), "TXF-S10"),
         ("codeword_length_huge", "a codeword of 2^55 bytes", "5.7.2",
          one(lambda unit: unit["codewords"][0].update(codeword_length=1 << 55)), "TXF-S10"),
@@ -403,6 +419,12 @@ def attributes():
     codec_id = with_element(base, A, "codec_id", b"\x07", 1)
     unsupported = [("codec_id", "an unknown attribute codec", "5.7", codec_id, "TXF-U02")]
     return [*as_faulty(lines), *as_faulty(unsupported, "unsupported")]
+
+
+def _no_groups(units):
+    """Takes the only channel group, of four bytes with their number, off the header, and its attribute unit."""
+    units[0] = (H, units[0][1][:-4] + b"\0")
+    del units[[kind for kind, _ in units].index(A)]
 
 
 def _no_materials(stream):

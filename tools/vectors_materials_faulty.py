@@ -29,9 +29,11 @@ def channel_groups():
     semantics = lambda group, *numbers: with_element(base, H, f"channel_groups[{group}].group_semantics", bytes(numbers))
     lines = [
         ("num_semantics_0", "a channel group of no channels", "5.3.1",
-         with_element(base, H, "channel_groups[1].num_semantics", b"\0"), "TXF-S04"),
+         with_units(base, lambda units: units.__setitem__(0, (H, units[0][1][:-3] + b"\0\1"))), "TXF-S04"),
         ("num_semantics_4", "a channel group of four channels", "5.3.1",
-         with_element(base, H, "channel_groups[1].num_semantics", b"\4"), "TXF-S04"),
+         with_element(base, H, "channel_groups[1].num_semantics", bytes([4, 8, 9])), "TXF-S04"),
+        ("group_components_0", "a channel group of no components", "5.3.1",
+         with_element(base, H, "channel_groups[1].group_components", b"\0"), "TXF-S04"),
         ("semantics_23", "a channel that nobody knows", "5.3.1", semantics(1, 5, 23), "TXF-S04"),
         ("semantics_twice", "one channel twice in a group", "5.3.1", semantics(1, 5, 5), "TXF-S04"),
         ("semantics_in_two", "one channel in two groups", "5.3.1", semantics(1, 5, 7), "TXF-S04"),
@@ -131,8 +133,9 @@ def planes():
     """Clause 5.7: which attribute units there are, and how coarse they may be."""
     base = base_stream()
     units = lambda data, edit: with_values(data, lambda stream: edit(stream.attributes))
-    veil = over_voxels([Material("veil", alpha_mode=ALPHA_BLEND)], [*groups(), *groups("alpha")[1:]], 9)
-    alpha_with = [*groups(), *groups("alpha+roughness")[1:]]
+    veil, roughness = Material("veil", alpha_mode=ALPHA_BLEND), painted("roughness")
+    alpha, alpha_with = groups("alpha"), groups("alpha+roughness")
+    shifted_one = lambda material, coded, group: over_voxels([material], coded, 9, shifts={(0, group): 1})
     small = ring((8, 8))
     two = stream_of_parts([Grid(9), Grid(6)], [bare(small), bare(small, field=1, material=1)],
                           [painted("roughness"), Material("plain")], groups=groups("roughness"))
@@ -148,10 +151,11 @@ def planes():
          units(two, lambda mine: mine.append(mine.pop(1) | {"field_index": 1})), "TXF-S11"),
         ("level_shift_14", "level_shift 14", "5.7", shift(base, 14, 1), "TXF-S04"),
         ("level_shift_over", "level_shift is more than the levels of the field", "5.7", shift(base, 5, 1), "TXF-S04"),
-        ("level_shift_colour", "level_shift 1 of base colour", "5.7", shift(base, 1, 0), "TXF-S04"),
-        ("level_shift_alpha", "level_shift 1 of alpha", "5.7", shift(veil, 1, 1), "TXF-S04"),
+        ("level_shift_colour", "level_shift 1 of base colour", "5.7", shifted_one(roughness, groups("roughness"), 0),
+         "TXF-S04"),
+        ("level_shift_alpha", "level_shift 1 of alpha", "5.7", shifted_one(veil, alpha, 1), "TXF-S04"),
         ("level_shift_with_alpha", "level_shift 1 of a group of alpha and roughness", "5.7",
-         shift(over_voxels([painted("roughness")], alpha_with, 9), 1, 1), "TXF-S04"),
+         shifted_one(roughness, alpha_with, 1), "TXF-S04"),
         ("level_shift_0", "level_shift is 0 for what was coded with 1", "7.10", shift(shifted, 0, 1), "TXF-S32"),
         ("neural_level_shift", "3DNTC: level_shift 1", "5.7", shift(with_networks()[0][3], 1, 0), "TXF-S04"),
     ]

@@ -78,7 +78,7 @@ def faulty():
     base, plain = marked(ring(), [(MARKED_BY_BOTH, 180)]), ring()
     (unit,) = [payload for kind, payload in units_of(base) if kind == S]
     edges = parsed(base).sharp_edges["num_edges"]
-    rule = lambda number: with_element(plain, M, "materials[0].normal_rule", bytes([number]))
+    rule = lambda number, data=plain: with_element(data, M, "materials[0].normal_rule", bytes([number]))
     angle = lambda number: with_element(plain, M, "materials[0].normal_angle", bytes([number]))
 
     other_edges = lambda count: with_element(base, S, "num_edges", write_v(count))
@@ -92,7 +92,7 @@ def faulty():
         stream.sharp_edges["marks_data"] = bytes(data)
 
     lines = [
-        ("normal_rule_9", "normal_rule 9", "5.4.1", rule(9), "TXF-S04"),
+        ("normal_rule_9", "normal_rule 9", "5.4.1", rule(9, base), "TXF-S04"),
         ("normal_angle_181", "normal_angle 181", "5.4.1", angle(181), "TXF-S04"),
         ("marks_missing", "a rule that asks for marks, and no sharp edges unit", "5.10", rule(MARKED_BY_AREA), "TXF-S11"),
         ("marks_unasked", "a sharp edges unit that no rule asks for", "5.10",

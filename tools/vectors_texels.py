@@ -196,7 +196,7 @@ def plane_of(group, support, pixels):
 def _unit(group, support, pixels, shift, qp, tools):
     """Syntax values of an attribute unit but for field and group: RAHT, or constant where tools are None."""
     support = support.coarser(shift)
-    plane = plane_of(group, support, pixels)
+    plane = plane_of(group, support, pixels[: len(support.keys)])
     if tools is None:
         value = plane[0].tolist()
         return attribute_values(codec_of("constant"), 0, 0, zlib.crc32(bytes(value) * len(plane)), {"plane_value": value}, shift)

@@ -26,6 +26,7 @@ def quantised_stream():
 def fields():
     """Clauses 5.5, 6.5.4 and 10."""
     base = base_stream()
+    constant = stream_of_parts([Image(picture(*SIZE), CLAMPED, constant=True)], [ring(SIZE, 4, (0.5, 0.4), (2, 3))])
     keys = parsed(base).fields[0]["num_keys"]
     above = stream_of_parts([Image(picture(*SIZE))], [ring(SIZE, 4, (1, 0.3), (0, -2))])
     u16 = lambda value: value.to_bytes(2, "little")
@@ -40,7 +41,7 @@ def fields():
         one("texels_fraction_9", "uv_fraction_bits 9", "uv_fraction_bits", b"\x09"),
         one("texels_width_0", "width 0", "width", u16(0)),
         one("texels_height_0", "height 0", "height", u16(0)),
-        one("texels_width_16385", "width 16385", "width", u16(16385)),
+        ("texels_width_16385", "width 16385", "5.5", with_element(constant, F, "width", u16(16385)), "TXF-S04"),
         one("texels_height_65535", "height 65535", "height", u16(65535)),
         one("texels_num_keys_over", "num_keys is more than the image has texels", "num_keys", write_v(SIZE[0] * SIZE[1] + 1)),
         one("texels_num_keys_0", "num_keys is 0", "num_keys", b"\0", "TXF-S30"),

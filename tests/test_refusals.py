@@ -1,15 +1,22 @@
 """What the library's functions refuse, each with its code, and the small cases around them."""
 
+import contextlib
 import errno
+import io
+import json
+import sys
+from dataclasses import asdict
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import trimesh
+from conftest import REPOSITORY
 from shapes import painted_sphere, scene_of, square
 
-from texfcodec import EncodeOptions, InputError, Limits, Report, SupportError, decode
-from texfcodec.api import inspect
+from texfcodec import EncodeOptions, InputError, Limits, Report, SupportError, decode, isolate
+from texfcodec.api import encode_loaded, inspect
 from texfcodec.asset.factors import set_factor
 from texfcodec.asset.normal_rule import ANGLE, JOINED, NormalRule
 from texfcodec.asset.normals import corner_normals
@@ -19,6 +26,8 @@ from texfcodec.asset.save.files import as_input_error
 from texfcodec.asset.scene import Material
 from texfcodec.bitstream.appearance import parameter_values
 from texfcodec.bitstream.values import metadata_bytes
+from texfcodec.cli.info import main as run_info
+from texfcodec.codecs import codec_of
 from texfcodec.encoder import encode_scene
 from texfcodec.geometry.canonical import fit_cube
 from texfcodec.geometry.edges import folds, shared_edges
@@ -62,7 +71,7 @@ def test_an_empty_asset_answers_nothing():
     assert fit_cube(np.zeros((0, 3)), 12).side == 0 and empty.side == 0
 
 
-@pytest.mark.parametrize("given", [None, 3, {"a": 1}, object()], ids=str)
+@pytest.mark.parametrize("given", [None, 3, {"a": 1}, ()], ids=str)
 def test_what_is_neither_bytes_nor_a_path_is_refused(given):
     for read in (inspect, decode):
         with pytest.raises(InputError, match="TXF-I05"):
@@ -134,9 +143,82 @@ def test_points_of_any_scale_come_into_the_unit_cube():
     assert not _unit_points(np.ones((3, 3)), faces).any() and not _unit_points(np.ones((3, 3)), faces[:0]).any()
 
 
-def test_vertex_colours_with_alpha_lose_it_in_an_obj(tmp_path):
-    positions, faces = square()[:2]
-    colours = np.tile([0.5, 0.4, 0.3, 0.5], (len(positions), 1))
-    made = decode(encode_scene(scene_of(positions, faces, colours, materials=[Material("a", alpha_mode=2)]),
-                               EncodeOptions(resolution=8, qp=30)).data)
-    assert any("no alpha" in text for text in made.save(tmp_path / "a.obj", appearance="vertex")["warnings"])
+@pytest.fixture(scope="module")
+def veil():
+    """A decoded square of a material without a name that is see-through here and there."""
+    positions, faces = square()
+    colours = np.array([[0.5, 0.4, 0.3, 0.5], [0.5, 0.1, 0.3, 1.0], [0.1, 0.4, 0.3, 0.0], [0.9, 0.4, 0.3, 0.7]])
+    scene = scene_of(positions, faces, colours, materials=[Material("", alpha_mode=2)])
+    return decode(encode_scene(scene, EncodeOptions(resolution=8, qp=30)).data)
+
+
+def test_vertex_colours_with_alpha_lose_it_in_an_obj(veil, tmp_path):
+    assert any("no alpha" in text for text in veil.save(tmp_path / "a.obj", appearance="vertex")["warnings"])
+
+
+def test_alpha_is_kept_by_a_texture_of_an_obj_and_by_points(veil, tmp_path):
+    veil.save(tmp_path / "a.obj", texture_size=16)
+    assert "map_d a" in (tmp_path / "a.mtl").read_text()
+    veil.save(tmp_path / "a.gltf", appearance="voxels")
+    (points,) = json.loads((tmp_path / "a.gltf").read_text())["materials"]
+    assert points["alphaMode"] == "BLEND"
+    veil.save(tmp_path / "b.gltf", texture_size=16, overwrite=True)
+    (material,) = json.loads((tmp_path / "b.gltf").read_text())["materials"]
+    assert "name" not in material and material["alphaMode"] == "BLEND"
+
+
+def test_a_child_says_what_went_wrong_in_it(monkeypatch, tmp_path):
+    """In this process, whose memory is not capped."""
+    request = {"limits": asdict(Limits(isolate_bytes=1 << 20))}
+    stream = io.BytesIO((REPOSITORY / "conformance/uncommon/one_voxel/in.texf").read_bytes())
+    monkeypatch.setattr(isolate, "cap_memory", lambda size: False)
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=stream))
+    isolate._child(tmp_path, dict(request))
+    assert read_facts(tmp_path)["warnings"] == [isolate.NO_CAP]
+
+    def fails(error):
+        def decode_stream(*_):
+            raise error
+
+        monkeypatch.setattr("texfcodec.decoder.decode_stream", decode_stream)
+        isolate._child(tmp_path, dict(request))
+
+    fails(MemoryError())
+    assert read_facts(tmp_path)["error"]["code"] == "TXF-L07"
+    with pytest.raises(ZeroDivisionError):
+        fails(ZeroDivisionError())
+
+
+RESIDENT = {"resident": {"total": 9, "latents": 5, "network": 3, "index": 1}, "fields": 2, "fit": {
+    "levels": [{"rows": 3, "resolution": 8}], "steps": 5, "asked_steps": 9, "seconds": 1.0, "psnr_rgb": 30.0,
+    "psnr_channels": {"base_colour": 30.0, "roughness": 41.0}}}
+
+
+@pytest.mark.parametrize("told, last", [
+    ({"kind": "render", "asked": "auto", "iterations": [{"iteration": 0, "held_out_psnr": 30.0},
+                                                        {"iteration": 4, "held_out_psnr": 33.0}],
+      "kept_iteration": 4, "psnr_rgb": 31.0}, "refined on pictures: 30.00 dB to 33.00 dB"),
+    ({"kind": "off", "asked": "render", "reason": "it gained nothing"}, "not refined on pictures: it gained nothing"),
+    ({"kind": "off", "asked": "off"}, "there, in 0 to 255: roughness 41.00 dB")])
+def test_a_fit_is_told_in_lines(told, last):
+    lines = list(codec_of("3dntc").result_lines(RESIDENT | {"refinement": told}))
+    assert "2 fields" in lines[0] and "5 steps of 9" in lines[1] and lines[-1].startswith(last)
+
+
+def test_bytes_by_level_are_told(call):
+    code, out, _ = call("texf-info", REPOSITORY / "conformance/uncommon/level_index/in.texf")
+    assert code == 0 and "bytes by level, coarse to fine: " in out
+
+
+def test_a_first_run_is_said_and_streams_of_any_kind_take_text(call, monkeypatch, tmp_path):
+    monkeypatch.setattr("texfcodec.warmup.kernels_compiled", lambda: False)
+    code, _, said = call("texf-dec", REPOSITORY / "conformance/uncommon/one_voxel/in.texf", tmp_path / "a.ply")
+    assert code == 0 and "compil" in said
+    with contextlib.redirect_stdout(io.StringIO()) as out, pytest.raises(SystemExit) as ended:
+        run_info([str(REPOSITORY / "conformance/uncommon/one_voxel/in.texf")])
+    assert ended.value.code == 0 and "1 field" in out.getvalue()
+
+
+def test_a_budget_of_bytes_is_searched_for():
+    made = encode_loaded(painted_sphere(4), EncodeOptions(target_bytes=3000, resolution=16, threads=1), Report())
+    assert len(made.data) <= 3000

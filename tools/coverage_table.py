@@ -99,6 +99,7 @@ PARTS = (
     Part("conformance", ("conformance/run.py",), JIT_OFF, "every vector, at every level of detail, with its queries; no JIT"),
     Part("plain", tests_of(PLAIN), JIT_OFF, told_of(PLAIN) + "; no JIT"),
     Part("compiled", tests_of(COMPILED), JIT_ON, told_of(COMPILED) + "; with the JIT"),
+    Part("warmup", ("-m", "texfcodec.cli.enc", "--warmup"), JIT_ON, "`texf-enc --warmup`"),
 )
 
 

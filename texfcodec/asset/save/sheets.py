@@ -48,7 +48,7 @@ def _cells(centres, shift, size):
 def _thinned(part, sheet, columns, rows):
     """Centres of the texels of a sheet's image, by those of the base colour's."""
     shift = min(part.shifts.get(name, 0) for name in sheet)
-    while shift and not len(columns) % (1 << shift) and not len(rows) % (1 << shift):
+    if shift and not len(columns) % (1 << shift) and not len(rows) % (1 << shift):
         return tuple(line.reshape(-1, 1 << shift).mean(axis=1) for line in (columns, rows))
     return columns, rows
 

@@ -10,8 +10,8 @@ INTRODUCTION = (
     "TYPE_CHECKING`) do not. A branch is a way out of an `if`, `for` or `while`; a condition inside one line (`a if b else c`, "
     "`and`, `or`) is none.")
 COMPILED = (
-    "A compiled kernel cannot be watched: what runs with the JIT counts for the Python around the kernels alone, and every "
-    "branch of a kernel was taken by plain Python.")
+    "A compiled kernel cannot be watched: what runs with the JIT counts for the Python around the kernels alone, and the "
+    "branches of kernels are those that plain Python takes.")
 
 
 def page_of(modules, reasons, runs):

@@ -98,8 +98,8 @@ def test_the_page_is_made_of_the_parts_that_were_measured(tmp_path, capsys):
 
 def test_a_stream_that_is_not_near_its_bound_is_told():
     row = {"level": 1, "kind": "faces", "count": 200, "bound": 262144}
-    assert list(load_levels.levels_faults({"rows": [row]})) == ["the stream for faces of level 1 has 200 of 262,144"]
-    assert list(load_levels.levels_faults({"rows": [row | {"count": 222720}]})) == []
+    assert load_levels.levels_faults({"rows": [row]}) == ["the stream for faces of level 1 has 200 of 262,144"]
+    assert load_levels.levels_faults({"rows": [row | {"count": 222720}]}) == []
 
 
 def test_streams_come_near_a_bound_by_what_they_are_for():

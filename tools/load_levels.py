@@ -95,9 +95,8 @@ def run_levels(levels=LEVELS_RUN):
 
 def levels_faults(found):
     """What misses the target: sentences."""
-    for row in found["rows"]:
-        if not 0.5 < row["count"] / row["bound"] <= 1:
-            yield f"the stream for {row['kind']} of level {row['level']} has {row['count']:,} of {row['bound']:,}"
+    return [f"the stream for {row['kind']} of level {row['level']} has {row['count']:,} of {row['bound']:,}"
+            for row in found["rows"] if not 0.5 < row["count"] / row["bound"] <= 1]
 
 
 def main():

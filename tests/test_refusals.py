@@ -203,6 +203,8 @@ RESIDENT = {"resident": {"total": 9, "latents": 5, "network": 3, "index": 1}, "f
 def test_a_fit_is_told_in_lines(told, last):
     lines = list(codec_of("3dntc").result_lines(RESIDENT | {"refinement": told}))
     assert "2 fields" in lines[0] and "5 steps of 9" in lines[1] and lines[-1].startswith(last)
+    alone = RESIDENT | {"fit": RESIDENT["fit"] | {"psnr_channels": {"base_colour": 30.0}}, "refinement": told}
+    assert not any(line.startswith("there, ") for line in codec_of("3dntc").result_lines(alone))
 
 
 def test_bytes_by_level_are_told(call):

@@ -52,7 +52,7 @@ PYTEST = ("-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider", "--d
 # Tests of kernels, both sides, that are quick in plain Python
 PLAIN = (
     "tiny_fields", "tiny_surfaces", "geometry", "normals", "refusals::test_a_joined_rule_goes_round_a_prism",
-    "refusals::test_edges_that_nothing_shares_have_no_fold",
+    "refusals::test_edges_that_nothing_shares_have_no_fold", "refusals::test_a_fit_is_told_in_lines",
     "attribute::test_forward_coefficients_are_orthonormal_to_a_billionth_and_large_ones_in_units_of_the_decoders_gain",
     "attribute::test_an_encoder_that_runs_out_of_room_says_so",
     "field::test_no_faces_touch_no_voxels", "field::test_voxelise_refuses_faces_outside_the_vertex_list",

@@ -85,7 +85,7 @@ class Ended:
         self.after, self.left, self.children = contents(place), [path.name for path in scratch.iterdir()], group_lives(run.pid)
         self.again = None
         if self.code == -signal.SIGKILL:
-            second = subject.start(folder, place, scratch, () if "--overwrite" in subject.arguments else subject.overwrite)
+            second = subject.start(folder, place, scratch, subject.overwrite)
             second.communicate(timeout=600)
             self.again = second.returncode, contents(place)
         shutil.rmtree(top)
@@ -104,8 +104,8 @@ class Subject:
 
     @property
     def overwrite(self):
-        """What lets the command run again where its output stands."""
-        return ("--overwrite",) if self.tool == "texf-dec" else ()
+        """What the command lacks to run again where its output stands."""
+        return ("--overwrite",) if self.tool == "texf-dec" and "--overwrite" not in self.arguments else ()
 
     @property
     def name(self):

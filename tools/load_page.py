@@ -82,8 +82,7 @@ def _levels(found):
     yield ""
     yield ("Decoding, with kernels compiled and two threads, of streams that come near one bound of bitstream_spec.md 10.1 each: "
            "tori of vertex colours over voxels, a sheet with waves and noise over texels. Memory is what the process held at "
-           "most beyond the idle decoder. Both are proportional to the counts, of which level 2 allows eight times as many as "
-           "level 1, and level 3 thirty-two times as many. Latents were not measured.")
+           "most beyond the idle decoder. Both are proportional to the counts (10.1). Latents were not measured.")
     yield ""
     rows = [[row["level"], row["kind"], f"{row['count']:,}", f"{row['bound']:,}", f"{row['bytes']:,}", f"{row['seconds']:.1f}",
              f"{row['memory'] / MB:,.0f}", f"{row['memory'] / row['count']:.0f}"] for row in found["rows"]]

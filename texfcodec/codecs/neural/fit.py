@@ -2,7 +2,7 @@
 
 Descent on squared errors of all channels at surface samples, with cosine decay; Adam moves the network. A batch is a thinned run
 along a Morton curve over the whole surface: it covers everything evenly, and neighbours in it read the same latents. The same
-seed gives the same payload on one machine with one number of threads.
+seed gives the same payload for every number of threads.
 
 EncodeOptions stand in a later room, so that signatures here say Any.
 """
@@ -46,6 +46,7 @@ SETTLED_DECAY = 0.15  # but not while the rates are higher than that: most of th
 LARGEST = 4092.0  # parameters in the stream are below 2**12
 WARMING = (1 / (1 - SQUARE_DECAY ** np.maximum(np.arange(2048), 1))).astype(np.float32)
 SAVE_SECONDS = 30.0  # between checkpoints
+PARTS = 4  # of a batch, whose gradients are added up in order, so that the number of threads changes nothing
 NO_SLOPE = np.zeros((0, 0), np.float32)
 
 
@@ -77,7 +78,7 @@ class Fit:
         self.values = [latent, weight, bias]
         self.means = [np.zeros_like(v) for v in self.values[1:]]
         self.squares = [np.zeros(len(latent), np.float32), *(np.zeros_like(v) for v in self.values[1:])]
-        self.gradients = [_aligned((self.threads, *v.shape)) for v in self.values]
+        self.gradients = [_aligned((PARTS, *v.shape)) for v in self.values]
         self.times, self.codes = np.zeros(len(latent), np.int32), np.empty(latent.shape, np.int8)
         self.upload()
         self.step, self.seconds, self.log, self._order = 0, 0.0, [], (None, None)
@@ -109,7 +110,7 @@ class Fit:
         cells_of. Returns the squared error, weighted and summed over components."""
         (_, weight, bias), (cell, corners) = self.values, cells
         turned = np.ascontiguousarray(weight.transpose(0, 2, 1))
-        cuts = np.linspace(0, len(samples), self.threads + 1).astype(np.int64)
+        cuts = np.linspace(0, len(samples), PARTS + 1).astype(np.int64)
 
         def one(k):
             part = slice(cuts[k], cuts[k + 1])
@@ -117,7 +118,7 @@ class Fit:
                           self.codes, self.design.features, self.resolutions, self.design.octaves, self.design.first_wave,
                           self.widths, weight, turned, bias, *(g[k] for g in self.gradients))
 
-        return sum(pool.map(one, range(self.threads)))
+        return sum(pool.map(one, range(PARTS)))
 
     def move(self, decay: float, step: int, pool: ThreadPoolExecutor) -> None:
         """Moves everything against its gradient and clears that. decay: share of the rates; step: number of the move, from 1."""
@@ -132,7 +133,7 @@ class Fit:
         scale = np.float32(1 / (1 - MOMENTUM**step)), np.float32(1 / (1 - SQUARE_DECAY**step))
         for n in (1, 2):
             flat = [a.reshape(-1) for a in (self.values[n], self.means[n - 1], self.squares[n])]
-            _adam(flat[0], self.gradients[n].reshape(self.threads, -1), *flat[1:], np.float32(NETWORK_RATE * decay), *scale)
+            _adam(flat[0], self.gradients[n].reshape(PARTS, -1), *flat[1:], np.float32(NETWORK_RATE * decay), *scale)
 
     def forget(self) -> None:
         """Clears what earlier moves have left behind but for the values themselves."""
@@ -233,7 +234,7 @@ class Fit:
     def _identity(self, steps):
         """What a checkpoint must agree with to be taken up."""
         colours = int(self.samples.target.sum(dtype=np.int64))
-        return repr((steps, self.seed, self.threads, self.design, len(self.samples), colours))
+        return repr((steps, self.seed, self.design, len(self.samples), colours))
 
     def _save(self, path, steps):
         arrays = {f"{kind}{n}": a for kind in ("values", "means", "squares") for n, a in enumerate(getattr(self, kind))}

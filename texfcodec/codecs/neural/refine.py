@@ -62,7 +62,7 @@ def refine_by_pictures(fit: Fit, source: Source, position_bits: int, seed: int =
     """Improves a fit.Fit in place.
 
     source: samples.Source that it was fitted to; views: pictures an iteration. Returns (log, which of its rows was kept)
-    as keep_best does. The same for a seed and a number of threads.
+    as keep_best does. The same for a seed.
     """
     begin, pictures = time.perf_counter(), Pictures(source, fit.tables, position_bits, seed, size)
     judging = Pictures(source, fit.tables, position_bits, seed + HELD_OUT_SEED, size)

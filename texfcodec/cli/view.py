@@ -53,6 +53,8 @@ def _camera_of(context, parameter, value):
               help="Pixels of the screenshot, 1..8192 a side.  [default: 1024]")
 @click.option("--perspective", metavar="FOV", **number(1.0, 170.0, "Perspective with this vertical field of view in degrees, "
                                                                      "1..170.  [default: orthographic]"))
+@click.option("--anti-alias", metavar="N", default=1,
+              **number(1, 8, "Draw the screenshot N times as large and average N x N pixels.  [default: 1]"))
 @click.option("--shaded", is_flag=True, help="In light, with all maps of the materials, not base colour alone (docs/shading.md).")
 @click.option("--mode", type=click.Choice(MODES),
               help="How two are compared: a slider between them, their difference, or side by side.  [default: split; single "
@@ -93,7 +95,8 @@ def view(console, source, other, export, screenshot, as_json, quiet, **choices):
         console.note(FIRST_RUN)
     with console.progress() as report:
         containers = _containers(options, inputs, report)
-        outputs = _outputs(containers, export, screenshot, start, choices["size"], report)
+        drawn = {"size": list(choices["size"]), "anti_alias": choices["anti_alias"]}
+        outputs = _outputs(containers, export, screenshot, start, drawn, report)
         for path, data in outputs.items():
             check_output(path, inputs)
             with report.stage("save"):
@@ -149,8 +152,8 @@ def _containers(options, inputs, report):
     return out
 
 
-def _outputs(containers, export, screenshot, start, size, report):
-    """{path: bytes} of what is to be written."""
+def _outputs(containers, export, screenshot, start, drawn, report):
+    """{path: bytes} of what is to be written. drawn: "size" and "anti_alias" of the screenshot."""
     data, outputs = [container for _, _, container in containers], {}
     if export is not None:
         from ..view.page import export_page
@@ -161,7 +164,7 @@ def _outputs(containers, export, screenshot, start, size, report):
         from ..view.headless import run_jobs
 
         with report.stage("browser"):
-            (picture,) = run_jobs(data, [{"kind": "picture", "size": list(size), **start}])
+            (picture,) = run_jobs(data, [{"kind": "picture", **drawn, **start}])
         if not picture.startswith(PNG):
             raise SupportError("TXF-C11", "the page in the browser has drawn no picture")
         outputs[screenshot] = picture

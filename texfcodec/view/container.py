@@ -23,9 +23,9 @@ class Blobs:
         self._at = 0
 
     def add(self, array: np.ndarray, differences: bool = False) -> dict[str, Any]:
-        """A reference {"at", "type", "shape", "differences"} to a copy of an array of one of TYPES. differences: store an unsigned
-        array's differences from row to row, folded so that small ones of either sign have small numbers, byte by byte: it is
-        shorter once it is deflated."""
+        """A reference {"at", "type", "shape", "differences"} to a copy of an array of one of TYPES. differences: store an
+        unsigned array's differences from row to row, folded so that small ones of either sign have small numbers, byte by
+        byte: it is shorter once it is deflated."""
         array = np.ascontiguousarray(array)
         data = _differences(array) if differences else array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes()
         told = {"at": self._at, "type": TYPES[array.dtype.name], "shape": list(array.shape), "differences": differences}
@@ -43,7 +43,7 @@ class Blobs:
 
 def _differences(array):
     """Rows minus the rows before, modulo the type's range, folded (0, -1, 1, -2, ...), the low bytes of all first."""
-    rows = array.reshape(len(array), -1)
+    rows = array.reshape(len(array), int(np.prod(array.shape[1:])))
     steps = np.diff(rows, axis=0, prepend=np.zeros((1, rows.shape[1]), rows.dtype))
     sign = steps >> (8 * array.itemsize - 1)
     folded = (steps << 1) ^ (np.zeros_like(steps) - sign)

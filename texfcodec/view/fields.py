@@ -1,4 +1,4 @@
-"""Fields of a Texf for the GPU: voxels by bricks of 8 x 8 x 8, texels as images, 3DNTC as it stands in the stream."""
+"""Fields of a Texf for the GPU: voxels by bricks of 8 x 8 x 8, texels as images, what else answers as it is kept."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ import numpy as np
 
 from ..channels import BY_NAME
 from ..codecs.codec import split_groups
-from ..codecs.neural.infer import HASH_FIELD, POSITION_BITS
-from ..codecs.neural.payload import enc_codes
 from ..render.levels import Pyramid
 from .container import Blobs
 
@@ -17,13 +15,13 @@ WORDS = 16  # of 32 voxels, a brick
 
 
 def pack_fields(texf: Any, blobs: Blobs) -> dict[str, Any]:
-    """The header's "fields", and "payload" where points ask a network."""
-    header: dict[str, Any] = {"channels": [channel.name for channel in texf.channels], "payload": None}
-    header["fields"] = [_texels(part, blobs) if part.over_texels else _voxels(texf, number, blobs)
-                        for number, part in enumerate(texf.fields)]
-    if texf.evaluators and texf.evaluators[0].payload is not None:
-        header["payload"] = _payload(texf, blobs)
-    return header
+    """The header's "fields", and "payload" where a shader can ask what the stream's evaluators are made of."""
+    resident = texf.codec.resident(texf.evaluators) if texf.evaluators else None
+    facts, arrays, keys = resident or (None, {}, [None] * len(texf.fields))
+    fields = [_texels(part, blobs) if part.over_texels else _voxels(texf, number, keys[number], blobs)
+              for number, part in enumerate(texf.fields)]
+    payload = None if facts is None else facts | _payload(texf, facts["position_bits"], arrays, blobs)
+    return {"channels": [channel.name for channel in texf.channels], "fields": fields, "payload": payload}
 
 
 def _by_shift(part):
@@ -37,25 +35,29 @@ def _channels(names):
     return [[name, BY_NAME[name].components] for name in names]
 
 
-def _voxels(texf, number, blobs):
-    """A field over voxels. With a network the finest level is not there: it answers in its place."""
-    part, cube = texf.fields[number], texf.cube
-    first = 1 if texf.evaluators and part.support.depth else 0
-    scale = cube.last * (part.support.resolution / (1 << cube.position_bits)) / cube.last / (1 << part.level_shift)
+def _voxels(texf, number, latents, blobs):
+    """A field over voxels. latents: keys by table of what answers in the place of the finest level, which then is not there; None
+    where nothing does."""
+    part = texf.fields[number]
+    first = 1 if latents is not None and part.support.depth else 0
     planes = []
     for shift, names in _by_shift(part):
-        pyramid = Pyramid(part, tuple(names))
-        level = pyramid.level(first if shift == 0 else 0)
-        counts = level.counts if level.level else None
+        level = Pyramid(part, tuple(names)).level(first if shift == 0 else 0)
         planes.append({"channels": _channels(names), "level": shift + level.level,
                        "values": blobs.add(np.rint(level.values).astype(np.uint8), differences=True),
-                       "counts": None if counts is None else blobs.add(counts.astype(np.uint8))})
-    told = {"kind": "neural" if texf.evaluators else "voxels", "size": part.support.size, "depth": part.support.depth,
-            "full_size": part.support.resolution, "count": len(part.support), "first": first, "grid_scale": scale,
-            "planes": planes, **_bricks(part.support.coarser(first).keys, blobs)}
-    if texf.evaluators:
-        told["latents"] = [None if keys is None else _bricks(keys, blobs) for keys in texf.evaluators[number].keys]
+                       "counts": blobs.add(level.counts.astype(np.uint8)) if level.level else None})
+    told = {"kind": "voxels", "size": part.support.size, "depth": part.support.depth, "full_size": part.support.resolution,
+            "count": len(part.support), "first": first, "planes": planes,
+            "grid_scale": _grid_scale(texf.cube, part.support.resolution) / (1 << part.level_shift),
+            **_bricks(part.support.coarser(first).keys, blobs)}
+    if latents is not None:
+        told |= {"kind": "latents", "latents": [None if keys is None else _bricks(keys, blobs) for keys in latents]}
     return told
+
+
+def _grid_scale(cube, resolution):
+    """What a lattice coordinate is multiplied with to be one of a grid (6.2)."""
+    return resolution / (1 << cube.position_bits)
 
 
 def _bricks(keys, blobs):
@@ -85,22 +87,12 @@ def _mask(support, blobs):
     return blobs.add(np.packbits(support.rank >= 0, bitorder="little"))
 
 
-def _payload(texf, blobs):
-    """The 3DNTC payload as a GPU keeps it: latents of 4 bits, parameters of 16."""
-    payload = texf.evaluators[0].payload
-    at = np.arange(payload.components)[None]
-    return {
-        "features": payload.features, "octaves": payload.octaves, "first_wave": payload.first_wave,
-        "widths": list(payload.widths), "position_bits": POSITION_BITS,
-        "grid_scale": texf.cube.last * ((1 << POSITION_BITS) / (1 << texf.cube.position_bits)) / texf.cube.last,
-        "levels": [{"resolution": one.resolution, "log2": one.table_log2,
-                    "first_rows": [payload.first_row(number, n) for number in range(len(texf.fields))]}
-                   for n, one in enumerate(payload.levels)],
-        "salts": [number * HASH_FIELD & 0xFFFFFFFF for number in range(len(texf.fields))],
-        "outputs": {name: columns[0].tolist() for name, columns in split_groups(at, texf.groups).items()},
-        "codes": blobs.add(np.frombuffer(enc_codes(payload.codes), np.uint8)),
-        "network": blobs.add(np.asarray(payload.halves, np.uint16)), "rows": payload.rows,
-    }
+def _payload(texf, position_bits, arrays, blobs):
+    """Arrays of what a shader asks, how it counts places, and which of its outputs belong to which channel."""
+    at = np.arange(sum(group.components for group in texf.groups))[None]
+    outputs = {name: columns[0].tolist() for name, columns in split_groups(at, texf.groups).items()}
+    return {"grid_scale": _grid_scale(texf.cube, 1 << position_bits), "outputs": outputs,
+            **{name: blobs.add(array) for name, array in arrays.items()}}
 
 
 def resident_bytes(header: dict[str, Any]) -> int:

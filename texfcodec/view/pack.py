@@ -53,8 +53,8 @@ def _light(blobs):
 
 
 def _defaults():
-    """What `?effects=all` takes where an asset says nothing: every effect, and every parameter's default, but that what has no metal
-    in it does not become one."""
+    """What `?effects=all` takes where an asset says nothing: every effect, and every parameter's default, but that what has no
+    metal in it does not become one."""
     most = float(np.finfo(np.float32).max)
     return {"effects": [effect.name for effect in EFFECTS],
             "parameters": {p.name: [min(v, most) for v in p.default] for p in PARAMETERS} | {"metallic": [0.0]},

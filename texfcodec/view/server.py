@@ -227,6 +227,7 @@ class _Visit(BaseHTTPRequestHandler):
         """Answers a GET. Every place is matched as a whole: nothing of it ever becomes a path."""
         view = self.server.view
         asset = re.fullmatch(r"asset/([0-9]{1,6})", place)
+        place = "" if place.startswith("?") else place  # how the page is to begin, which it reads itself
         name = "index.html" if place == "" else place.removeprefix("web/") if place.startswith("web/") else ""
         if place == "about":
             self._answer_json(200, view.about())

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from ..asset.scene import Scene
+from ..asset.scene import WRAP_CLAMP, WRAP_MIRROR, Scene
 from ..render.effects import ShadingTable
 from ..render.lit_field import FieldMaps
 from ..render.lit_scene import SceneMaps
 from .container import Blobs
 
 SHORT = 32767
+EXACT = 1 << 15  # texels up to which binary32 has 8 fractional bits
 
 
 @dataclass
@@ -30,15 +31,15 @@ class Corners:
 
 
 def texf_corners(texf: Any, table: ShadingTable) -> Corners:
-    """Corners of a Texf, sorted by field and material; normals and tangents only where its materials are lit and ask for them."""
-    order, parts = _sorted(texf.face_field, texf.face_material)
+    """Corners of a Texf; normals and tangents only where its materials are lit and ask for them."""
+    order, parts = _in_parts(texf.face_field, texf.face_material)
     maps, others = FieldMaps(texf), {}
     if table.is_lit and len(order):
         others["normal"] = maps.corner_normal[order]
         if _ask_tangents(table) and any(part.over_texels for part in texf.fields):
             others["tangent"] = maps._tangent[order]
     if any(part.over_texels for part in texf.fields):
-        others["uv0"] = texf.uv[texf.faces[order]].astype(np.float32)
+        others["uv0"] = _uvs(texf, order)
     centre, radius = _sphere(texf)
     scale = texf.side / texf.cube.last / radius
     place = scale, ((texf.origin - centre) / radius).tolist()
@@ -46,8 +47,8 @@ def texf_corners(texf: Any, table: ShadingTable) -> Corners:
 
 
 def scene_corners(scene: Scene, table: ShadingTable) -> Corners:
-    """Corners of a Scene, sorted by material; see uv_sets for its UVs."""
-    order, parts = _sorted(np.zeros(len(scene.faces), np.int64), scene.face_material)
+    """Corners of a Scene; see uv_sets for its UVs."""
+    order, parts = _in_parts(np.zeros(len(scene.faces), np.int64), scene.face_material)
     maps, others = SceneMaps(scene), {}
     if table.is_lit and len(order):
         others["normal"] = maps.corner_normal[order]
@@ -72,6 +73,21 @@ def uv_sets(scene: Scene) -> list[np.ndarray]:
     return found
 
 
+def _uvs(texf, order):
+    """UVs of corners in texels, float32 [F, 3, 2]; of faces so far off that binary32 would not do, those of the same texels near
+    the origin."""
+    uv, which = texf.uv[texf.faces[order]], texf.face_field[order]
+    for number, part in enumerate(texf.fields):
+        if not part.over_texels:
+            continue
+        for axis, size in enumerate((part.support.width, part.support.height)):
+            far = (which == number) & (np.abs(uv[:, :, axis]).max(axis=1) > EXACT)
+            if part.support.wrap[axis] != WRAP_CLAMP and far.any():
+                period = size * (2 if part.support.wrap[axis] == WRAP_MIRROR else 1)
+                uv[far, :, axis] -= np.floor(uv[far, :, axis].min(axis=1, keepdims=True) / period) * period
+    return uv.astype(np.float32)
+
+
 def _sphere(asset):
     from ..render.camera import bounding_sphere
 
@@ -83,19 +99,21 @@ def _ask_tangents(table):
     return bool(table.wanted_channels() & {"normal", "clearcoat_normal"}) or any("anisotropy" in e for e in table.effects)
 
 
-def _sorted(face_field, face_material):
-    """(faces in drawing order, parts)."""
-    order = np.lexsort((face_material, face_field))
+def _in_parts(face_field, face_material):
+    """(faces in drawing order, parts): the last come first, for where two are equally near the page shows the one that it draws
+    last, and texf-render the first."""
+    order = np.arange(len(face_field))[::-1]
     keys = np.stack([face_field[order], face_material[order]], axis=1)
     first = np.flatnonzero((np.diff(keys, axis=0, prepend=-1) != 0).any(axis=1))
-    ends = np.append(first[1:], len(order))
+    ends = np.append(first, len(order))[1:]
     return order, [[int(a), int(b - a), *map(int, keys[a])] for a, b in zip(first, ends, strict=True)]
 
 
 def pack_mesh(corners: Corners, blobs: Blobs) -> dict[str, Any]:
     """The header's "mesh": references to vertices and triangles."""
     kinds = {"normal": _oct, "tangent": lambda rows: np.hstack([_oct(rows[:, :3]), _signs(rows[:, 3:])])}
-    columns = {name: kinds.get(name, np.float32)(rows.reshape(-1, rows.shape[-1])) for name, rows in corners.others.items()}
+    columns = {name: kinds.get(name, np.float32)(rows.reshape(3 * len(rows), rows.shape[-1]))
+               for name, rows in corners.others.items()}
     vertex = corners.vertex.reshape(-1)
     keys = np.hstack([np.ascontiguousarray(vertex[:, None]).view(np.uint8)] +
                      [np.ascontiguousarray(c).view(np.uint8) for c in columns.values()])

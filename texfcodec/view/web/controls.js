@@ -6,15 +6,15 @@ const LINE_HEIGHT = 16, PAGE_HEIGHT = 400; // pixels, where a wheel counts in li
 const NEAR_LINE = { mouse: 8, pen: 14, touch: 24 }; // pixels
 
 /**
- * Listens to a canvas. hands: { orbit(), moved(), frame(), line(), slide(share) }; line() is where the line stands, a share of
- * the width, or null where there is none.
+ * Listens to a canvas. viewer: what turns, { orbit, moved(), frame(), line, slide(share) }; line is where the line between two
+ * pictures stands, a share of the width, or null where there is none.
  */
 export class Controls {
-  constructor(canvas, hands) {
-    Object.assign(this, { canvas, hands, fingers: new Map(), slides: false });
+  constructor(canvas, viewer) {
+    Object.assign(this, { canvas, viewer, fingers: new Map(), slides: false });
     const listeners = {
-      pointerdown: (e) => this.down(e), pointermove: (e) => this.move(e), pointerup: (e) => this.up(e), pointercancel: (e) => this.up(e),
-      dblclick: () => hands.frame(), contextmenu: (e) => e.preventDefault(),
+      pointerdown: (event) => this.down(event), pointermove: (event) => this.move(event), pointerup: (event) => this.up(event),
+      pointercancel: (event) => this.up(event), dblclick: () => viewer.frame(), contextmenu: (event) => event.preventDefault(),
     };
     Object.entries(listeners).forEach(([kind, listener]) => canvas.addEventListener(kind, listener));
     canvas.addEventListener('wheel', (event) => this.wheel(event), { passive: false });
@@ -22,7 +22,7 @@ export class Controls {
 
   /** Whether a pointer is at the line. */
   atLine(event) {
-    const line = this.hands.line(), { left, width } = this.canvas.getBoundingClientRect();
+    const line = this.viewer.line, { left, width } = this.canvas.getBoundingClientRect();
     return line !== null && Math.abs(event.clientX - left - line * width) < (NEAR_LINE[event.pointerType] ?? NEAR_LINE.mouse);
   }
 
@@ -47,11 +47,11 @@ export class Controls {
     const before = this.grip(), { left, width } = this.canvas.getBoundingClientRect();
     const [x, y] = [event.clientX - finger.x, event.clientY - finger.y];
     Object.assign(finger, { x: event.clientX, y: event.clientY });
-    if (this.slides) this.hands.slide((event.clientX - left) / width);
+    if (this.slides) this.viewer.slide((event.clientX - left) / width);
     else if (this.fingers.size > 1) this.pinch(before, this.grip());
     else if (finger.pans) this.pan(x, y);
-    else this.hands.orbit().turn(-x * DEGREES, y * DEGREES);
-    if (!this.slides) this.hands.moved();
+    else this.viewer.orbit.turn(-x * DEGREES, y * DEGREES);
+    if (!this.slides) this.viewer.moved();
   }
 
   /** Middle of the first two fingers, and how far they are apart. */
@@ -61,19 +61,19 @@ export class Controls {
   }
 
   pinch(before, after) {
-    this.hands.orbit().zoom(before.apart / after.apart);
+    this.viewer.orbit.zoom(before.apart / after.apart);
     this.pan(after.x - before.x, after.y - before.y);
   }
 
   pan(x, y) {
     const { height } = this.canvas.getBoundingClientRect();
-    this.hands.orbit().pan(x / height, -y / height);
+    this.viewer.orbit.pan(x / height, -y / height);
   }
 
   wheel(event) {
     event.preventDefault();
     const pixels = event.deltaY * [1, LINE_HEIGHT, PAGE_HEIGHT][event.deltaMode];
-    this.hands.orbit().zoom(Math.exp(pixels * (event.ctrlKey ? PINCH_WHEEL : WHEEL)));
-    this.hands.moved();
+    this.viewer.orbit.zoom(Math.exp(pixels * (event.ctrlKey ? PINCH_WHEEL : WHEEL)));
+    this.viewer.moved();
   }
 }

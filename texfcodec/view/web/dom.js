@@ -12,11 +12,6 @@ export function element(tag, properties = {}, ...children) {
   return out;
 }
 
-/** A row of a list of facts: what it is, and the fact, which may be an element. */
-export function fact(name, value) {
-  return [element('dt', {}, name), element('dd', {}, value)];
-}
-
 /** A labelled tick. */
 export function tick(text, properties) {
   const box = element('input', { type: 'checkbox', ...properties });

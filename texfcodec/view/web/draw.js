@@ -8,13 +8,13 @@ import { setShading } from './shading.js';
 const LAYERS_DEEP = 8; // of what is seen through; what lies behind the eighth is not seen
 const OPAQUE = 0, BLEND = 2;
 const PALETTE = [[0.3, 0.55, 0.9], [0.95, 0.6, 0.2], [0.35, 0.75, 0.4], [0.85, 0.35, 0.4], [0.6, 0.45, 0.8], [0.55, 0.55, 0.5]];
-const SUPPORT_COLOURS = { voxels: PALETTE[0], texels: PALETTE[1], neural: PALETTE[2], images: PALETTE[5] };
+const SUPPORT_COLOURS = { voxels: PALETTE[0], texels: PALETTE[1], latents: PALETTE[2], images: PALETTE[5] };
 const SIZES = { position: [3, 'FLOAT'], normal: [2, 'SHORT'], tangent: [4, 'SHORT'], colour: [4, 'FLOAT'] };
 
 /** An unpacked container, uploaded. Throws a DeviceError for what the device cannot hold. */
 export class Asset {
   constructor(gl, header) {
-    Object.assign(this, { gl, header, programs: new Map(), bytes: 0 });
+    Object.assign(this, { gl, header, texts: new Map(), programs: new Map(), bytes: 0 });
     this.fields = header.fields.map((_, number) => uploadField(gl, header, number));
     this.bytes += this.fields.reduce((sum, field) => sum + field.bytes, 0);
     this.vertices = this.upload(header.mesh);
@@ -70,12 +70,11 @@ export class Asset {
     const look = lookOf(material, options, this.header.defaults);
     const key = JSON.stringify([field.told.kind === 'images' ? field.material : field.number, look.effects, look.maps,
       Object.keys(look.parameters), look.alpha_mode, options.layer, options.lit, options.peels]);
-    if (!this.programs.has(key)) {
-      const attributes = this.header.mesh.attributes;
-      const fragment = fragmentSource({ ...options, field, material: look, attributes });
-      this.programs.set(key, new Program(this.gl, VERTEX(attributes), fragment));
-    }
-    return [this.programs.get(key), look];
+    const { attributes } = this.header.mesh;
+    if (!this.texts.has(key)) this.texts.set(key, fragmentSource({ ...options, field, material: look, attributes }));
+    const fragment = this.texts.get(key);
+    if (!this.programs.has(fragment)) this.programs.set(fragment, new Program(this.gl, VERTEX(attributes), fragment));
+    return [this.programs.get(fragment), look];
   }
 }
 
@@ -107,11 +106,14 @@ export class Painter {
     gl.depthFunc(gl.LEQUAL);
     gl.disable(gl.BLEND);
     if (options.layer === 'cubes') this.cubes(asset, camera, home);
-    else {
-      this.depths(asset, camera, home);
-      this.parts(asset, camera, { ...options, peels: false }, home, null);
-    }
+    else this.solid(asset, camera, options, home);
     gl.bindVertexArray(null);
+  }
+
+  /** What is not seen through; or, of a layer that shows no alpha, everything. */
+  solid(asset, camera, options, home, chosen = () => true) {
+    this.depths(asset, camera, home);
+    this.parts(asset, camera, { ...options, peels: false }, home, chosen);
   }
 
   clear() {
@@ -122,15 +124,17 @@ export class Painter {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
   }
 
-  parts(asset, camera, options, home, before) {
+  /** Draws parts whose material is chosen. textures: by name, of what a program reads beside its field and terms. */
+  parts(asset, camera, options, home, chosen, textures = {}) {
     const { gl } = this, { header } = asset;
     gl.bindVertexArray(asset.vertices);
     for (const [first, count, number, m] of header.mesh.parts) {
+      if (!chosen(header.materials[m])) continue;
       const field = asset.fields[number], [program, look] = asset.program(field, header.materials[m], options);
       gl.useProgram(program.handle);
       gl[look.double_sided ? 'disable' : 'enable'](gl.CULL_FACE);
       let unit = 0;
-      if (before) program.texture('u_before', before, unit++);
+      for (const [name, texture] of Object.entries(textures)) program.texture(name, texture, unit++);
       if (look.effects.includes('lit') && (options.lit || LAYERS[options.layer]?.normal)) {
         unit = setShading(gl, program.handle, header.light, { ...look, parameters: look.parameters }, unit);
       }
@@ -164,35 +168,51 @@ export class Painter {
     program.setInteger('u_perspective', camera.perspective ? 1 : 0);
   }
 
-  /** Front to back, a pass for each layer, as render/layers.py does; coded colours are mixed. */
+  /**
+   * What is seen through front to back, a pass for each layer, as render/layers.py does, and behind it what is not; coded colours
+   * are mixed.
+   */
   peel(asset, camera, target, options, home) {
-    const { gl } = this, [a, b] = this.layers(target.width, target.height);
+    const { gl } = this, [solid, a, b] = this.layers(target.width, target.height);
+    solid.bind();
+    this.clear();
+    gl.enable(gl.DEPTH_TEST);
+    gl.depthFunc(gl.LEQUAL);
+    gl.disable(gl.BLEND);
+    this.solid(asset, camera, options, home, (material) => material.alpha_mode !== BLEND);
     target.bind();
-    gl.clearColor(0, 0, 0, 0);
-    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    this.clear();
     for (let layer = 0; layer < LAYERS_DEEP; layer++) {
       const [to, from] = layer % 2 ? [b, a] : [a, b];
       to.bind();
       this.clear();
       gl.enable(gl.DEPTH_TEST);
-      gl.depthFunc(gl.LESS);
+      gl.depthFunc(gl.LEQUAL);
       gl.disable(gl.BLEND);
-      this.parts(asset, camera, { ...options, peels: layer > 0 }, home, from.depth);
-      target.bind();
-      gl.disable(gl.DEPTH_TEST);
-      gl.disable(gl.CULL_FACE);
-      gl.enable(gl.BLEND);
-      gl.blendFunc(gl.ONE_MINUS_DST_ALPHA, gl.ONE);
-      this.copy(to.colour);
+      const textures = layer > 0 ? { u_solid: solid.depth, u_before: from.depth } : { u_solid: solid.depth };
+      this.parts(asset, camera, { ...options, peels: layer > 0 ? 2 : 1 }, home, (material) => material.alpha_mode === BLEND, textures);
+      this.under(target, to);
     }
-    gl.disable(gl.BLEND);
+    this.under(target, solid);
     gl.bindVertexArray(null);
+  }
+
+  /** Puts a picture under what a target shows. */
+  under(target, picture) {
+    const { gl } = this;
+    target.bind();
+    gl.disable(gl.DEPTH_TEST);
+    gl.disable(gl.CULL_FACE);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE_MINUS_DST_ALPHA, gl.ONE);
+    this.copy(picture.colour);
+    gl.disable(gl.BLEND);
   }
 
   layers(width, height) {
     if (!this.spare || this.spare[0].width !== width || this.spare[0].height !== height) {
       this.spare?.forEach((one) => one.free());
-      this.spare = [new Target(this.gl, width, height), new Target(this.gl, width, height)];
+      this.spare = [0, 1, 2].map(() => new Target(this.gl, width, height));
     }
     return this.spare;
   }

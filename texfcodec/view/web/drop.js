@@ -1,5 +1,6 @@
 // Files that are dropped on the page; the server reads them.
 
+import { element } from './dom.js';
 import { isExported } from './inlined.js';
 import { unpack } from './data.js';
 
@@ -26,20 +27,30 @@ async function refusalOf(answer) {
   }
 }
 
-/** Calls onFile(file, isSecond) for a file that is dropped anywhere on the page; onHover(null, or isSecond) while one is over it. */
-export function listenToDrops(canSecond, onFile, onHover) {
-  const isSecond = (event) => canSecond() && (event.shiftKey || event.clientX > innerWidth / 2);
+/** Shows what is dropped anywhere on the page; viewer: of viewer.js. */
+export function listenToDrops(viewer) {
+  const place = element('div', { id: 'drop', hidden: true }), hasFirst = () => viewer.stage?.filled.length > 0;
+  const area = () => viewer.canvas.getBoundingClientRect();
+  const isSecond = ({ shiftKey, clientX }) => hasFirst() && (shiftKey || clientX > area().left + area().width / 2);
   const holdsFile = (event) => event.dataTransfer?.types.includes('Files');
+  document.body.append(place);
   document.addEventListener('dragover', (event) => {
     if (!holdsFile(event)) return;
     event.preventDefault();
-    onHover(isSecond(event));
+    mark(place, area(), isSecond(event), hasFirst());
   });
-  document.addEventListener('dragleave', (event) => { if (event.relatedTarget === null) onHover(null); });
+  document.addEventListener('dragleave', (event) => { place.hidden ||= event.relatedTarget === null; });
   document.addEventListener('drop', (event) => {
     if (!holdsFile(event)) return;
     event.preventDefault();
-    onHover(null);
-    if (event.dataTransfer.files.length) onFile(event.dataTransfer.files[0], isSecond(event));
+    place.hidden = true;
+    if (event.dataTransfer.files.length) viewer.open(event.dataTransfer.files[0], isSecond(event) ? 1 : 0);
   });
+}
+
+/** Shows where a file falls that is over the page: on a half of the picture, or on all of it. */
+function mark(place, { left, width }, isSecond, isHalf) {
+  const half = width / 2;
+  Object.assign(place.style, { left: `${left + (isSecond ? half : 0)}px`, width: `${isHalf ? half : width}px` });
+  Object.assign(place, { hidden: false, textContent: isSecond ? 'Compare with this' : 'Show this' });
 }

@@ -3,6 +3,7 @@
 import { element, tick } from './dom.js';
 import { timeText } from './facts.js';
 import { termsOf, worded } from './look.js';
+import { measureTerms } from './measure.js';
 
 export class EffectsPanel {
   constructor(viewer) {
@@ -10,7 +11,8 @@ export class EffectsPanel {
     this.names = termsOf(viewer.headers.filter(Boolean));
     this.ticks = this.names.map((name) => tick(worded(name), { on: { change: () => this.change() } }));
     this.costs = this.names.map(() => element('td'));
-    this.all = tick('All terms there are, for comparison', { on: { change: () => viewer.change({ effects: this.all.box.checked ? 'all' : 'scene' }) } });
+    this.all = tick('All terms there are, for comparison', {});
+    this.all.box.addEventListener('change', () => viewer.change({ effects: this.all.box.checked ? 'all' : 'scene' }));
     this.button = element('button', { type: 'button', on: { click: () => this.measure() } }, 'Measure');
     this.told = element('p', { className: 'faint' });
     const rows = this.ticks.map(({ label }, n) => element('tr', {}, element('td', {}, label), this.costs[n]));
@@ -36,10 +38,10 @@ export class EffectsPanel {
     this.button.disabled = true;
     this.told.textContent = 'Measuring …';
     try {
-      const { size, frame, all } = await this.viewer.measure(this.names, (name, milliseconds) => {
+      const { size, frame, all } = await measureTerms(this.viewer, this.names, (name, milliseconds) => {
         this.costs[this.names.indexOf(name)].textContent = `without: ${timeText(milliseconds)}`;
       });
-      this.told.textContent = `Frame ${timeText(frame)} with the scene's, ${timeText(all)} with all there are, at ${size.join(' × ')}`;
+      this.told.textContent = `Frame with the scene's: ${timeText(frame)}, with all: ${timeText(all)}, ${size.join(' × ')}`;
     } catch (error) {
       this.told.textContent = error.message;
     }

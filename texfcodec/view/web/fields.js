@@ -102,7 +102,7 @@ export class VoxelField extends Field {
     this.lookUp = { table: tableTexture(gl, 'rg32ui', table, 'A field'), bits: tableTexture(gl, 'rg32ui', bits, 'A field'), log2 };
     this.bytes += table.byteLength + bits.byteLength;
     told.planes.forEach((one, i) => this.fill(this.planes[i], one));
-    this.network = header.payload && told.kind === 'neural' ? new Network(gl, header, number) : null;
+    this.network = header.payload && told.kind === 'latents' ? new Network(gl, header, number) : null;
     if (this.network) this.bytes += this.network.bytes;
   }
 

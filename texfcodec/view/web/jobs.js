@@ -1,10 +1,10 @@
 // What a program asks of the page: pictures as PNG, numbers as bytes. Each kind is a function of the context, assets and the job.
 
 import { Orbit } from './camera.js';
-import { Painter } from './draw.js';
+import { Painter, SCREEN } from './draw.js';
 import { Program, tableTexture, Target } from './gl.js';
+import { hasLayer, layersOf } from './look.js';
 import { Presenter, psnrOf } from './present.js';
-import { SCREEN } from './draw.js';
 
 /** A Blob with the answer of a job. */
 export async function doJob(gl, assets, job) {
@@ -23,13 +23,20 @@ function optionsOf(job) {
   return { lit: Boolean(job.shaded), layer: job.layer ?? 'picture', effects: job.effects ?? 'scene', without: job.without ?? [] };
 }
 
+function checkLayer(headers, layer) {
+  if (headers.some((header) => hasLayer(header, layer))) return;
+  const names = Object.values(layersOf(headers)).flat().map(([key]) => key);
+  throw new Error(`there is no layer ${layer}; there are ${names.join(', ')}`);
+}
+
 /** Targets with the pictures of the assets that a job names. */
 function drawn(gl, assets, job) {
-  const [width, height] = job.size, home = assets[0].header, painter = new Painter(gl);
-  const wide = job.mode === 'side' ? Math.max(1, width >> 1) : width;
-  const reach = Math.max(...assets.map((asset) => asset.reachIn(home)));
-  const camera = Orbit.of(job.camera, wide, height).camera(wide, height, reach);
   const shown = job.mode && job.mode !== 'single' ? assets : [assets[job.asset ?? 0]];
+  checkLayer(shown.map((asset) => asset.header), job.layer ?? 'picture');
+  const [width, height] = job.size, home = shown[0].header, painter = new Painter(gl);
+  const wide = job.mode === 'side' ? Math.max(1, width >> 1) : width;
+  const reach = Math.max(...shown.map((asset) => asset.reachIn(home)));
+  const camera = Orbit.of(job.camera, wide, height).camera(wide, height, reach);
   return shown.map((asset) => {
     const target = new Target(gl, wide, height);
     painter.draw(asset, camera, target, optionsOf(job), home);
@@ -38,20 +45,26 @@ function drawn(gl, assets, job) {
 }
 
 async function picture(gl, assets, job) {
-  const [width, height] = job.size, targets = drawn(gl, assets, job), sheet = new Target(gl, width, height);
+  const times = job.anti_alias ?? 1, [width, height] = job.size.map((side) => side * times);
+  const targets = drawn(gl, assets, { ...job, size: [width, height] }), sheet = new Target(gl, width, height);
   sheet.bind();
   new Presenter(gl).show(targets[0], targets[1], { ...job, mode: job.mode ?? 'single', width, height });
-  const png = await pngOf(sheet);
+  const png = await pngOf(sheet, times);
   [...targets, sheet].forEach((one) => one.free());
   return png;
 }
 
-async function pngOf(target) {
-  const { width, height } = target, pixels = target.read(), canvas = document.createElement('canvas');
-  const image = new ImageData(width, height);
-  for (let row = 0; row < height; row++) {
-    image.data.set(pixels.subarray(row * width * 4, (row + 1) * width * 4), (height - 1 - row) * width * 4);
+/** A target as a PNG, each pixel the rounded mean of times x times of its. */
+async function pngOf(target, times) {
+  const [width, height] = [target.width / times, target.height / times], pixels = target.read();
+  const image = new ImageData(width, height), canvas = document.createElement('canvas'), sums = new Float64Array(width * height * 4);
+  for (let row = 0; row < target.height; row++) {
+    const to = (height - 1 - Math.floor(row / times)) * width;
+    for (let i = 0; i < 4 * target.width; i++) {
+      sums[4 * (to + Math.floor((i >> 2) / times)) + (i & 3)] += pixels[4 * row * target.width + i];
+    }
   }
+  image.data.set(sums.map((sum) => Math.floor(sum / times ** 2 + 0.5)));
   Object.assign(canvas, { width, height });
   canvas.getContext('2d').putImageData(image, 0, 0);
   return new Promise((done) => { canvas.toBlob(done, 'image/png'); });
@@ -97,7 +110,8 @@ void main() {
 function times(gl, assets, job) {
   const [width, height] = job.size, asset = assets[job.asset ?? 0], painter = new Painter(gl), target = new Target(gl, width, height);
   const camera = Orbit.of(job.camera, width, height).camera(width, height);
-  const measured = (without) => frameTime(gl, () => painter.draw(asset, camera, target, { ...optionsOf(job), without }), target, job.frames);
+  const picture = (without) => painter.draw(asset, camera, target, { ...optionsOf(job), without });
+  const measured = (without) => frameTime(gl, () => picture(without), target, job.frames);
   const frame = measured([]), without = Object.fromEntries((job.leave_out ?? []).map((name) => [name, measured([name])]));
   return json({ frame, without, resident: asset.bytes, renderer: rendererOf(gl) });
 }
@@ -128,7 +142,8 @@ function compile(gl, assets, job) {
     for (const layer of job.layers ?? ['picture']) {
       for (const [, , number, m] of asset.header.mesh.parts) {
         const begin = performance.now(), known = asset.programs.size;
-        asset.program(asset.fields[number], asset.header.materials[m], { ...optionsOf({ ...job, layer }), peels: asset.blends });
+        const material = asset.header.materials[m], options = optionsOf({ ...job, layer });
+        asset.program(asset.fields[number], material, { ...options, peels: material.alpha_mode === 2 ? 2 : 0 });
         if (asset.programs.size > known) {
           found.push({ asset: asset.header.name, kind: asset.fields[number].told.kind, layer, effects: asset.header.materials[m].effects,
             milliseconds: performance.now() - begin });

@@ -16,43 +16,44 @@ const HELP = [
   ['A', 'both, side by side'], ['D', 'their difference'], ['P', 'panel'], ['H, ?', 'this help'],
 ];
 
-/**
- * Listens to the keys of the page. hands: { orbit(), moved(), frame(), view(number), flip(), and what ACTIONS name }.
- */
-export function listenToKeys(hands) {
-  const letters = {
-    f: hands.frame, o: hands.switchProjection, l: hands.switchLight, ' ': hands.flip, s: () => hands.switchMode('split'),
-    a: () => hands.switchMode('side'), d: () => hands.switchMode('difference'), c: hands.copyCamera, h: hands.help, '?': hands.help,
-    p: hands.switchPanel, '+': () => zoomed(hands, CLOSER), '=': () => zoomed(hands, CLOSER), '-': () => zoomed(hands, 1 / CLOSER),
-    ...Object.fromEntries([1, 2, 3, 4, 5, 6].map((number) => [String(number), () => hands.view(number - 1)])),
+/** Listens to the keys of the page. viewer: of viewer.js. */
+export function listenToKeys(viewer) {
+  const closer = () => zoomed(viewer, CLOSER);
+  const actions = {
+    f: () => viewer.frame(), o: () => viewer.switchProjection(), l: () => viewer.switchLight(), c: () => viewer.copyCamera(),
+    h: () => viewer.help(), '?': () => viewer.help(), p: () => viewer.panel.toggle(), ' ': () => viewer.flip(),
+    s: () => viewer.switchMode('split'), a: () => viewer.switchMode('side'), d: () => viewer.switchMode('difference'),
+    '+': closer, '=': closer, '-': () => zoomed(viewer, 1 / CLOSER),
+    ...Object.fromEntries([1, 2, 3, 4, 5, 6].map((number) => [String(number), () => viewer.view(number - 1)])),
   };
   document.addEventListener('keydown', (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented || document.querySelector('dialog[open]')) return;
-    const { target, key } = event, isControl = target.closest?.(OWN), action = letters[key.toLowerCase()];
+    if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector('dialog[open]')) return;
+    const { target, key } = event, isControl = target.closest?.(OWN), action = actions[key.toLowerCase()];
     if (target.closest?.(TYPED) || (isControl && (key in ARROWS || key === ' '))) return;
     if (!(key in ARROWS) && !action) return;
     event.preventDefault();
-    if (key in ARROWS) arrow(hands, ARROWS[key], event.shiftKey);
+    if (key in ARROWS) arrow(viewer, ARROWS[key], event.shiftKey);
     else if (!event.repeat || '+=-'.includes(key)) action();
   });
 }
 
-function arrow(hands, [right, up], isShifted) {
-  if (isShifted) hands.orbit().pan(right * SHIFTED, up * SHIFTED);
-  else hands.orbit().turn(right * STEP, up * STEP);
-  hands.moved();
+function arrow(viewer, [right, up], isShifted) {
+  if (isShifted) viewer.orbit.pan(right * SHIFTED, up * SHIFTED);
+  else viewer.orbit.turn(right * STEP, up * STEP);
+  viewer.moved();
 }
 
-function zoomed(hands, factor) {
-  hands.orbit().zoom(factor);
-  hands.moved();
+function zoomed(viewer, factor) {
+  viewer.orbit.zoom(factor);
+  viewer.moved();
 }
 
 /** The page of help, closed. */
 export function helpBox() {
   const rows = HELP.map(([keys, does]) => element('tr', {}, element('th', { scope: 'row' }, keys), element('td', {}, does)));
   const close = element('button', { type: 'button', textContent: 'Close', autofocus: true });
-  const box = element('dialog', { id: 'help', 'aria-label': 'Help' }, element('h2', {}, 'How to look'), element('table', {}, ...rows), close);
+  const box = element('dialog', { id: 'help', 'aria-label': 'Help' },
+    element('h2', {}, 'How to look'), element('table', {}, ...rows), close);
   close.addEventListener('click', () => box.close());
   box.addEventListener('click', (event) => { if (event.target === box) box.close(); });
   return box;

@@ -3,7 +3,9 @@
 import { LAYERS } from './shaders.js';
 import { HOTTEST } from './present.js';
 
-export const BACKGROUNDS = { White: [255, 255, 255], Light: [221, 223, 226], Middle: [128, 130, 134], Dark: [30, 32, 36], Black: [0, 0, 0] };
+export const BACKGROUNDS = {
+  White: [255, 255, 255], Light: [221, 223, 226], Middle: [128, 130, 134], Dark: [30, 32, 36], Black: [0, 0, 0],
+};
 const NOTHING = 'nothing'; // no layer's name: all of an asset is grey
 const NO_TERMS = ['mask', 'blend', 'double_sided']; // effects that are no terms of shading
 
@@ -12,7 +14,8 @@ export class Look {
   constructor(start, search, isDark) {
     const effects = new URLSearchParams(search).get('effects') ?? start?.effects;
     Object.assign(this, {
-      mode: start?.mode ?? 'single', layer: start?.layer ?? 'picture', lit: Boolean(start?.shaded), effects: effects === 'all' ? 'all' : 'scene',
+      mode: start?.mode ?? 'single', layer: start?.layer ?? 'picture', lit: Boolean(start?.shaded),
+      effects: effects === 'all' ? 'all' : 'scene',
       without: new Set(), slider: 0.5, hottest: HOTTEST,
       background: isDark ? BACKGROUNDS.Dark : start?.background ?? BACKGROUNDS.White,
     });
@@ -31,9 +34,14 @@ export function channelsOf(header) {
   return [...new Set(['base_colour', ...alpha, ...header.image_maps.flatMap(Object.keys)])];
 }
 
+/** Where the values of a field live; a network answers in place of the finest voxels. */
+export function supportOf({ kind }) {
+  return kind === 'latents' ? 'voxels' : kind;
+}
+
 export function hasLayer(header, layer) {
   if (layer === 'picture') return true;
-  if (layer === 'cubes') return header.fields.some((field) => field.kind === 'voxels' || field.kind === 'neural');
+  if (layer === 'cubes') return header.fields.some((field) => supportOf(field) === 'voxels');
   if (layer in LAYERS) return !LAYERS[layer].uv || 'uv0' in header.mesh.attributes;
   return channelsOf(header).includes(layer);
 }

@@ -34,4 +34,9 @@ export class Pace {
   get full() {
     return this.times?.[0] ?? MOST;
   }
+
+  /** What a frame takes whose pixels cost next to nothing. */
+  get least() {
+    return this.times?.at(-1) ?? 0;
+  }
 }

@@ -1,14 +1,13 @@
 // The panel beside the picture: what is shown, and how.
 
+import { assetsSection } from './assets_panel.js';
 import { ComparePanel } from './compare_panel.js';
-import { element } from './dom.js';
+import { element, tick } from './dom.js';
 import { EffectsPanel } from './effects_panel.js';
-import { factsOf, fieldLines, timeText } from './facts.js';
-import { fact, tick } from './dom.js';
+import { timeText } from './facts.js';
 import { BACKGROUNDS, layersOf } from './look.js';
 
 const NARROW = '(max-width: 700px)'; // where the panel would hide what it tells of
-const ORDINALS = ['First', 'Second'];
 
 /**
  * viewer: of viewer.js; the panel reads its look, headers and sizes, and calls its change(), frame(), copyCamera(), help(),
@@ -35,23 +34,10 @@ export class Panel {
     this.compare = headers.length > 1 ? new ComparePanel(viewer) : null;
     this.effects = isLit ? new EffectsPanel(viewer) : null;
     this.body.replaceChildren(...[
-      ...viewer.headers.map((header, slot) => header && this.asset(header, slot)), this.opening(),
+      assetsSection(viewer), this.opening(),
       this.compare?.root, this.picture(headers, isLit), this.effects?.root, this.buttons(), this.timing, this.renderer,
     ].filter(Boolean));
     this.follow();
-  }
-
-  asset(header, slot) {
-    const bytes = this.viewer.bytesOnGpu(slot), several = this.viewer.headers.filter(Boolean).length > 1;
-    const lines = fieldLines(header), warnings = header.warnings ?? [];
-    const folded = (title, rows) => rows.length > 1 && element('details', { className: 'rows' }, element('summary', {}, title),
-      element('ul', {}, ...rows.map((row) => element('li', {}, row))));
-    return element('section', { className: 'asset' },
-      element('h2', { title: header.name }, several ? element('small', {}, ORDINALS[slot]) : null, header.name || 'without a name'),
-      this.viewer.problems[slot] ? element('p', { className: 'problem' }, this.viewer.problems[slot]) : null,
-      element('dl', {}, ...factsOf(header, bytes).flatMap(([name, text]) => fact(name, text))),
-      folded('Every field', lines) || null,
-      warnings.length ? folded(`${warnings.length} warnings`, warnings) || element('p', { className: 'faint' }, warnings[0]) : null);
   }
 
   /** Where files are opened from; a page that stands alone has no server that could read them. */
@@ -64,15 +50,18 @@ export class Panel {
       return element('button', { type: 'button', on: { click: () => input.click() } }, text, input);
     };
     const both = viewer.headers.some(Boolean);
-    return element('section', {}, element('div', { className: 'buttons' }, opener('Open …', 0), both ? opener('Compare with …', 1) : null),
-      element('p', { className: 'faint' }, 'Or drop a .texf or .glb on the picture; on its right half, or with Shift, to compare.'));
+    const hint = `Or drop a .texf or .glb on the picture${both ? '; on its right half, or with Shift, to compare' : ''}.`;
+    return element('section', {},
+      element('div', { className: 'buttons' }, opener('Open …', 0), both ? opener('Compare with …', 1) : null),
+      element('p', { className: 'faint' }, hint));
   }
 
   picture(headers, isLit) {
     const { viewer } = this, groups = Object.entries(layersOf(headers));
     const options = (rows) => rows.map(([value, textContent]) => element('option', { value, textContent }));
-    this.layer = element('select', { id: 'layer', on: { change: () => viewer.change({ layer: this.layer.value }) } });
-    this.layer.append(...groups.flatMap(([name, rows]) => (name ? [element('optgroup', { label: name }, ...options(rows))] : options(rows))));
+    const grouped = groups.map(([label, rows]) => (label ? [element('optgroup', { label }, ...options(rows))] : options(rows)));
+    this.layer = element('select', { id: 'layer' }, ...grouped.flat());
+    this.layer.addEventListener('change', () => viewer.change({ layer: this.layer.value }));
     this.light = tick('In light', { on: { change: () => viewer.change({ lit: this.light.box.checked }) } });
     this.light.box.disabled = !isLit;
     if (!isLit) this.light.label.title = 'No material here is lit.';
@@ -85,7 +74,8 @@ export class Panel {
 
   backgrounds() {
     const swatches = Object.entries(BACKGROUNDS).map(([name, colour]) => {
-      const input = element('input', { type: 'radio', name: 'background', value: colour.join(), 'aria-label': name, title: name });
+      const told = { 'aria-label': name, title: name };
+      const input = element('input', { type: 'radio', name: 'background', value: colour.join(), ...told });
       input.addEventListener('change', () => this.viewer.change({ background: colour }));
       input.style.backgroundColor = `rgb(${colour.join(' ')})`;
       return input;

@@ -40,7 +40,7 @@ function uvSets(attributes) {
   return Object.keys(attributes).filter((name) => name.startsWith('uv'));
 }
 
-/** What all fragments share. peels: whether what lies before the last layer's depth is passed over. */
+/** What all fragments share. peels: 1 where what lies behind solid surfaces is passed over, 2 where layers before are, too. */
 const HEAD = (attributes, peels) => `#version 300 es
 precision highp float;
 precision highp int;
@@ -53,7 +53,8 @@ ${attributes.colour ? 'in vec4 v_colour;' : ''}
 uniform vec3 u_eye, u_forward, u_flat;
 uniform float u_pixel, u_cutoff, u_cells;
 uniform bool u_perspective;
-${peels ? 'uniform sampler2D u_before;' : ''}
+${peels ? 'uniform sampler2D u_solid;' : ''}
+${peels > 1 ? 'uniform sampler2D u_before;' : ''}
 out vec4 o_colour;
 float pixelWidth() { return u_perspective ? u_pixel * dot(v_world - u_eye, u_forward) : u_pixel; }
 ivec2 place(int i) { return ivec2(i & ${(1 << ROW_LOG2) - 1}, i >> ${ROW_LOG2}); }
@@ -93,7 +94,7 @@ export function fragmentSource({ field, material, attributes, layer, lit, peels 
     HEAD(attributes, peels), needsNormal ? shadingSource(look.effects, maps, look.parameters) : '',
     asks ? field.source(wanted) : '', LAYERS[layer]?.uv && !(asks && field.told.kind !== 'voxels') ? densityGlsl() : '', HUE, GEOMETRIC,
     needsNormal ? normalSource(field, maps, attributes, look) : '',
-    mainSource({ field, material, layer, isLit, maps, asks, needsAlpha, peels, wanted, look }),
+    mainSource({ field, material, attributes, layer, isLit, maps, asks, needsAlpha, peels, wanted, look }),
   ].join('\n');
 }
 
@@ -115,7 +116,9 @@ function shownLook(material, field) {
 
 /** What a field calls a material's channel: normal maps over voxels are deviations in object space. */
 function fieldChannel(field, name) {
-  return [name, `${name}_object`].find((one) => field.channels.includes(one) && (field.told.kind !== 'images' || name in field.maps));
+  const inVoxels = field.told.kind === 'voxels' || field.told.kind === 'latents';
+  const channel = inVoxels && name.endsWith('normal') ? `${name}_object` : name;
+  return field.channels.includes(channel) && (field.told.kind !== 'images' || name in field.maps) ? channel : undefined;
 }
 
 const GEOMETRIC = `
@@ -139,17 +142,19 @@ vec3 shadingNormal() { return ${facing(turned('normal', plain))}; }
 vec3 coatNormal() { return ${facing(turned('clearcoat_normal', plain))}; }`;
 }
 
-function mainSource({ field, material, layer, isLit, maps, asks, needsAlpha, peels, wanted, look }) {
+function mainSource({ field, material, attributes, layer, isLit, maps, asks, needsAlpha, peels, wanted, look }) {
   const base = field.told.kind === 'images' || field.channels.includes('base_colour') ? 'f_base_colour' : 'vec3(1.0)';
   const finals = maps.filter((name) => !name.endsWith('normal'))
     .map((name) => `values.${name} = final_${name}(f_${fieldChannel(field, name)});`);
+  const tangent = attributes.tangent && look.effects.includes('anisotropy') ? 'v_tangent' : 'vec4(0.0)';
   const lit = `Values values = constantValues(${base});
   ${finals.join(' ')}
-  colour = exposed(radiance(values, shadingNormal(), coatNormal(), ${look.effects.includes('anisotropy') ? 'v_tangent' : 'vec4(0.0)'}, toEye()));`;
+  colour = exposed(radiance(values, shadingNormal(), coatNormal(), ${tangent}, toEye()));`;
   const shown = isLit ? lit : layer === 'picture' ? `colour = ${base};` : LAYERS[layer]?.source ?? channelShown(field, layer, wanted);
   return `
 void main() {
-  ${peels ? 'if (gl_FragCoord.z <= texelFetch(u_before, ivec2(gl_FragCoord.xy), 0).r) discard;' : ''}
+  ${peels ? 'if (gl_FragCoord.z > texelFetch(u_solid, ivec2(gl_FragCoord.xy), 0).r) discard;' : ''}
+  ${peels > 1 ? 'if (gl_FragCoord.z <= texelFetch(u_before, ivec2(gl_FragCoord.xy), 0).r) discard;' : ''}
   ${asks ? 'ask();' : ''}
   float alpha = ${needsAlpha ? 'f_alpha' : '1.0'};
   ${material.alpha_mode === 1 ? 'if (alpha < u_cutoff) discard;\n  alpha = 1.0;' : ''}

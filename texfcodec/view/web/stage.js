@@ -1,11 +1,12 @@
 // What stands on the GPU: one or two assets, the pictures of both from one camera, and what of them is on the canvas.
 
 import { Asset, Painter } from './draw.js';
-import { Target } from './gl.js';
+import { DeviceError, Target } from './gl.js';
 import { Presenter, psnrOf } from './present.js';
 
-const STRIP = 60; // milliseconds of drawing between two looks at what the user does
-const MOST_STRIPS = 16; // every strip goes through all vertices again
+const STRIP = 100; // milliseconds of drawing between two looks at what the user does
+const MOST_STRIPS = 16;
+const DOUBLES = 1.5; // a strip that took less than so many times the last was not dear for its pixels
 
 export class Stage {
   constructor(gl) {
@@ -14,12 +15,15 @@ export class Stage {
     this.presenter = new Presenter(gl);
   }
 
-  /** Puts an asset, or nothing for null, into slot 0 or 1. Throws a DeviceError, and leaves the slot empty, where it is too large. */
+  /** Puts an asset, or nothing for null, into slot 0 or 1. Throws, and leaves it empty, where the device has no room. */
   load(slot, header) {
     if (this.slots[slot]) freeAll(this.gl, this.slots[slot].asset);
     this.slots[slot] = null;
     if (header?.payload) delete header.payload.uploaded; // which may be of another context
-    if (header) this.slots[slot] = { asset: new Asset(this.gl, header), serial: ++this.serial };
+    if (!header) return;
+    const asset = new Asset(this.gl, header);
+    if (this.gl.getError() === this.gl.OUT_OF_MEMORY) throw new DeviceError('The device has no memory left for it.');
+    this.slots[slot] = { asset, serial: ++this.serial };
   }
 
   /** Numbers of the slots that hold something. */
@@ -49,7 +53,8 @@ export class Stage {
     const reach = Math.max(...this.assets.map((asset) => asset.reachIn(this.home)));
     const camera = orbit.camera(width, height, reach), { serial, asset } = this.slots[slot];
     const options = { lit: look.lit, layer: look.layerOf(asset.header), effects: look.effects, without: [...look.without] };
-    return { asset, slot, camera, options, width, height, key: JSON.stringify([serial, this.slots[this.filled[0]].serial, camera, options]) };
+    const key = JSON.stringify([serial, this.slots[this.filled[0]].serial, camera, options]);
+    return { asset, slot, camera, options, width, height, key };
   }
 
   /** The Target of a wish, and the key of what was last drawn into it. */
@@ -57,6 +62,16 @@ export class Stage {
     const name = `${slot} ${width} ${height}`;
     if (!this.pictures.has(name)) this.pictures.set(name, { target: new Target(this.gl, width, height), key: '' });
     return this.pictures.get(name);
+  }
+
+  /** Whether the picture of a wish is there. */
+  stands(wish) {
+    return this.pictures.get(`${wish.slot} ${wish.width} ${wish.height}`)?.key === wish.key;
+  }
+
+  /** Programs that have been compiled. */
+  get programs() {
+    return this.assets.reduce((sum, asset) => sum + asset.programs.size, 0);
   }
 
   /** Frees all pictures: the canvas or the mode has another size. */
@@ -83,14 +98,21 @@ export class Stage {
     return performance.now() - begin;
   }
 
-  /** Draws a wish from above to below, strip after strip; yields the milliseconds of each. */
-  *drawn(wish, expected) {
-    const picture = this.target(wish), strips = Math.min(MOST_STRIPS, Math.max(1, Math.ceil(expected / STRIP)));
+  /**
+   * Draws a wish from above to below, strip after strip; yields the milliseconds of each. pace: what frames may take.
+   * Every strip goes through all vertices, so that strips grow where that is what costs.
+   */
+  *drawn(wish, { full, least }) {
+    const picture = this.target(wish), strips = Math.min(MOST_STRIPS, Math.max(1, Math.ceil(full / Math.max(STRIP, least))));
     if (picture.key === wish.key) return;
-    const step = Math.ceil(wish.height / strips);
-    for (let top = wish.height; top > 0; top -= step) {
-      const first = Math.max(0, top - step);
-      yield this.draw(wish, first, top - first);
+    let rows = Math.ceil(wish.height / strips), last = 0;
+    for (let top = wish.height; top > 0;) {
+      const first = Math.max(0, top - rows), milliseconds = this.draw(wish, first, top - first);
+      yield milliseconds;
+      top = first;
+      if (milliseconds < DOUBLES * last) rows *= 2;
+      else if (milliseconds > 2 * STRIP) rows = Math.ceil(rows / 2);
+      last = milliseconds;
     }
     picture.key = wish.key;
   }

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from browser import needs_browser
 from devtools import Page
-from shapes import mapped_sheet, noise, painted_sphere, scene_of
+from shapes import mapped_sheet, noise, painted_sphere, scene_of, square
 
 from texfcodec import EncodeOptions, decode, encode
 from texfcodec.view.container import MAGIC, parse
 from texfcodec.view.dropped import container_of_dropped
 from texfcodec.view.pack import pack
+from texfcodec.view.page import export_page
 from texfcodec.view.server import ViewServer
 
 pytestmark = needs_browser
@@ -27,7 +28,8 @@ def containers():
     """A sphere as a stream and as its source, and a sheet with maps that is lit: containers by name, and the stream's bytes."""
     source = painted_sphere(10)
     stream = encode(source, EncodeOptions(resolution=32, qp=40))
-    sheet = mapped_sheet({"roughness": noise(1), "emissive": noise(2)}, double_sided=True, parameters={"emissive": (1.0, 0.5, 1.0)})
+    sheet = mapped_sheet({"roughness": noise(1), "emissive": noise(2)}, double_sided=True,
+                         parameters={"emissive": (1.0, 0.5, 1.0)})
     return {"stream": pack(decode(stream), "ball.texf", len(stream)), "source": pack(source, "ball.glb", 1000),
             "sheet": pack(sheet, "sheet.glb", 2000), "bytes": stream}
 
@@ -198,6 +200,14 @@ def test_an_asset_equals_itself(show):
     assert set(map(tuple, page.pixels().reshape(-1, 3).tolist())) == {(0, 0, 0), (255, 255, 255)}
 
 
+def test_two_that_stand_in_different_places_are_framed_each_by_itself(show):
+    far = scene_of(*square(side=1e4))
+    alone = show(pack(far, "far.glb", 1)).pixels()
+    page = show("stream", pack(far, "far.glb", 1), start={**START, "mode": "other"})
+    assert page.run("!viewer.panel.compare.apart.hidden") and differ(alone, page.pixels()) == 0
+    assert show("stream", "source").run("viewer.panel.compare.apart.hidden")
+
+
 # Layers and light
 
 
@@ -288,6 +298,27 @@ def test_what_the_device_cannot_hold_is_said_and_the_other_is_shown(show):
     assert (page.pixels() != 255).any() and page.run("document.querySelector('.problem').textContent") == page.message()
 
 
+def test_a_browser_without_webgl2_is_told_so(show, browser):
+    script = "HTMLCanvasElement.prototype.getContext = () => null;"
+    number = browser.call("Page.addScriptToEvaluateOnNewDocument", source=script)["identifier"]
+    try:
+        assert "no WebGL2" in show("stream").message()
+    finally:
+        browser.call("Page.removeScriptToEvaluateOnNewDocument", identifier=number)
+
+
+def test_an_exported_page_shows_the_same_and_reads_no_files(show, containers, tmp_path):
+    page = show("stream", "source")
+    before = page.pixels()
+    (tmp_path / "page.html").write_bytes(export_page([containers["stream"], containers["source"]], "two", START, "1"))
+    page.open((tmp_path / "page.html").as_uri())
+    assert differ(before, page.pixels()) == 0 and "Open" not in page.run("viewer.panel.root.textContent")
+    page.drop(tmp_path / "page.html", 100, 200)
+    page.until("document.querySelector('#message span')?.textContent.includes('open them with texf-view')")
+    page.press("ArrowRight")
+    assert differ(before, page.pixels()) > 100
+
+
 def test_an_empty_asset_shows_the_background(show):
     page = show(pack(scene_of(np.zeros((0, 3)), np.zeros((0, 3))), "empty.glb", 0))
     assert (page.pixels() == 255).all() and page.message() == ""
@@ -321,7 +352,8 @@ def in_a_hundred_fields(container):
 def test_the_panel_tells_figures_of_the_asset(show, containers):
     page = show("stream")
     header, _ = parse(containers["stream"])
-    facts = dict(page.run("[...document.querySelectorAll('.facts tr')].map((row) => [...row.cells].map((cell) => cell.textContent))"))
+    rows = "[...document.querySelectorAll('.facts tr')]"
+    facts = dict(page.run(f"{rows}.map((row) => [...row.cells].map((cell) => cell.textContent))"))
     assert facts["File"] == f"{header['bytes']:,} B" and facts["Faces"] == f"{header['faces']:,}" and facts["K"] == "32"
     assert facts["Voxels"] == f"{header['fields'][0]['count']:,}" and facts["Channels"] == "base colour"
     assert re.fullmatch(r"Frame [\d.]+ ms, 640 × 400", page.run("document.querySelector('.timing').textContent"))
@@ -333,9 +365,10 @@ def test_a_moving_picture_is_coarse_when_it_is_slow_and_stands_in_full_at_rest(s
     page.run("(viewer.pace.took(1, 4000), viewer.stage.forget(), viewer.touch())")
     page.until("viewer.isSettled")
     assert differ(whole, page.pixels()) == 0
-    scales = page.run("""import('./web/pace.js').then(({ Pace }) => { const pace = new Pace(), out = [];
-        for (const [scale, time] of [[1, 30], [1, 90], [0.5, 80], [0.25, 75], [1, 12]]) { pace.took(scale, time); out.push(pace.scale); }
-        return out; })""")
+    scales = page.run("""import('./web/pace.js').then(({ Pace }) => {
+        const pace = new Pace();
+        return [[1, 30], [1, 90], [0.5, 80], [0.25, 75], [1, 12]].map((told) => (pace.took(...told), pace.scale));
+    })""")
     assert scales[:2] == [1, 0.5] and scales[-1] == 1 and scales[2] < 0.5
 
 

@@ -4,7 +4,8 @@ python tools/view_check.py ASSETS [--pictures FOLDER] [--only NAME ...] [--shade
 
 ASSETS is a folder of GLB files. Needs a Chromium (texfcodec/view/headless.py), which draws in software. Pictures are drawn at
 three times the size and averaged on both sides: a graphics API places corners on a grid of 1/16 to 1/256 of a pixel, so that
-pixels on edges may show another surface. --pictures keeps each view of the page beside texf-render's. Exit code 7: a target is missed.
+pixels on edges may show another surface. --pictures keeps each view of the page beside texf-render's. Exit code 7: a target is
+missed.
 """
 
 import argparse
@@ -80,7 +81,8 @@ def cameras(texf):
 
 
 def agreement(texf, container, lit, keep=None):
-    """PSNR in dB of the page's pictures against texf-render's by view, over the pixels that that covers; and what a frame takes.
+    """PSNR in dB of the page's pictures against texf-render's by view, over the pixels that that covers in
+    full; and what a frame takes.
     keep: function of (number of the view, the two side by side)."""
     from PIL import Image
 
@@ -94,7 +96,7 @@ def agreement(texf, container, lit, keep=None):
         drawn = render_texf(texf, camera, threads=2, shaded=DAYLIGHT if lit else None)
         covered = np.zeros((SIZE * AVERAGED) ** 2, bool)
         covered[drawn.pixel] = True
-        covered = covered.reshape(SIZE, AVERAGED, SIZE, AVERAGED).any(axis=(1, 3))
+        covered = covered.reshape(SIZE, AVERAGED, SIZE, AVERAGED).all(axis=(1, 3))
         want, got = box_down(drawn.image(WHITE), AVERAGED), np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
         error = (want.astype(np.float64) - got)[covered] ** 2
         found.append(float(10 * np.log10(255**2 / error.mean())) if error.any() else np.inf)

@@ -41,7 +41,8 @@ export class Orbit {
   static of(camera, width, height) {
     if (camera.link) return Orbit.fromLink(camera.link);
     const [azimuth, elevation] = anglesOf(camera.direction), fov = camera.perspective ?? 0;
-    const orbit = new Orbit({ azimuth, elevation, fov, distance: fov ? distanceAround(fov, width, height) : height / Math.min(width, height) });
+    const distance = fov ? distanceAround(fov, width, height) : height / Math.min(width, height);
+    const orbit = new Orbit({ azimuth, elevation, fov, distance });
     orbit.exact = camera.direction;
     return orbit;
   }
@@ -92,7 +93,8 @@ export class Orbit {
     const half = perspective ? Math.tan((this.fov * DEGREE) / 2) : this.distance;
     const back = perspective ? this.distance : Math.hypot(...this.target) + reach + this.distance;
     const eye = plus(this.target, scaled(forward, -back)), middle = dot(scaled(eye, -1), forward);
-    const far = middle + 1.01 * reach, near = perspective ? Math.max(middle - 1.01 * reach, 1e-3 * Math.max(far, 1e-6)) : middle - 1.01 * reach;
+    const far = middle + 1.01 * reach, before = middle - 1.01 * reach;
+    const near = perspective ? Math.max(before, 1e-3 * Math.max(far, 1e-6)) : before;
     const pixel = (2 * half) / height, wide = (half * width) / height;
     const rows = [
       [...scaled(right, 1 / wide), -dot(right, eye) / wide], [...scaled(up, 1 / half), -dot(up, eye) / half],

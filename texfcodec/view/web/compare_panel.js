@@ -18,9 +18,11 @@ export class ComparePanel {
     });
     this.figures = PSNR.map(() => element('td'));
     this.pixels = element('p', { className: 'faint' });
+    this.apart = element('p', { className: 'problem', textContent: 'They stand in different places: each is framed by itself.' });
     const labels = this.modes.map(({ label }) => label), heads = PSNR.map((name) => element('th', { scope: 'col' }, name));
     this.root = element('section', {}, element('h2', {}, 'Compare'),
-      element('div', { className: 'modes', role: 'radiogroup', 'aria-label': 'Comparison' }, ...labels), this.line(), this.heat(),
+      element('div', { className: 'modes', role: 'radiogroup', 'aria-label': 'Comparison' }, ...labels),
+      this.apart, this.line(), this.heat(),
       element('table', { id: 'psnr' }, element('tr', {}, ...heads), element('tr', {}, ...this.figures)), this.pixels);
   }
 
@@ -51,6 +53,7 @@ export class ComparePanel {
     const { look } = this.viewer;
     this.modes.forEach(({ input }) => { input.checked = input.value === look.mode; });
     this.slider.value = look.slider;
+    this.apart.hidden = !this.viewer.stage?.apart;
     this.lineRow.hidden = look.mode !== 'split';
     this.heatRows.hidden = look.mode !== 'difference';
     this.scale.value = Math.max(0, HOT.findLastIndex((scale) => scale <= look.hottest));

@@ -21,7 +21,8 @@ function withArrays(node, buffer, start) {
 
 function arrayOf({ at, type, shape, differences }, buffer, start) {
   const count = shape.reduce((a, b) => a * b, 1);
-  const array = differences ? summed(buffer, start + at, ARRAYS[type], shape, count) : new ARRAYS[type](buffer, start + at, count);
+  const Type = ARRAYS[type], place = start + at;
+  const array = differences ? summed(buffer, place, Type, shape, count) : new Type(buffer, place, count);
   array.shape = shape;
   return array;
 }

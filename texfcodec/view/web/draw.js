@@ -58,6 +58,11 @@ export class Asset {
     return [...mesh.offset.map((o, i) => o * ratio + (centre[i] - other.centre[i]) / other.radius), mesh.scale * ratio];
   }
 
+  /** Another header's radius in this asset's. */
+  unitsOf(other) {
+    return other.radius / this.header.radius;
+  }
+
   /** Radius about another header's centre, in its radii, that holds all of this asset. */
   reachIn(other) {
     const { centre, radius } = this.header;
@@ -95,11 +100,15 @@ export class Painter {
 
   /**
    * A picture of an asset, premultiplied, into a Target. camera: of Orbit.camera(); options: { lit, layer, effects: 'scene' or
-   * 'all', without: effects left out }; home: the header whose centre and radius the camera is in.
+   * 'all', without: effects left out, atOnce: for few pixels, no depths before the colours };
+   * home: the header whose centre and radius the camera is in.
    */
   draw(asset, camera, target, options, home = asset.header) {
     const { gl } = this;
-    if (asset.blends && ['picture', 'base_colour'].includes(options.layer)) return this.peel(asset, camera, target, options, home);
+    if (asset.blends && ['picture', 'base_colour'].includes(options.layer)) {
+      this.peel(asset, camera, target, options, home);
+      return;
+    }
     target.bind();
     this.clear();
     gl.enable(gl.DEPTH_TEST);
@@ -112,7 +121,7 @@ export class Painter {
 
   /** What is not seen through; or, of a layer that shows no alpha, everything. */
   solid(asset, camera, options, home, chosen = () => true) {
-    this.depths(asset, camera, home);
+    if (!options.atOnce) this.depths(asset, camera, home);
     this.parts(asset, camera, { ...options, peels: false }, home, chosen);
   }
 
@@ -136,11 +145,12 @@ export class Painter {
       let unit = 0;
       for (const [name, texture] of Object.entries(textures)) program.texture(name, texture, unit++);
       if (look.effects.includes('lit') && (options.lit || LAYERS[options.layer]?.normal)) {
-        unit = setShading(gl, program.handle, header.light, { ...look, parameters: look.parameters }, unit);
+        unit = setShading(gl, program.handle, header.light, look, unit);
       }
       field.bind(program, unit);
       this.settle(program, camera, asset.placeIn(home), look);
-      program.set({ u_flat: flatColour(options.layer, field, number), u_cells: cellsOf(field, header) });
+      program.set({ u_flat: flatColour(options.layer, field, number), u_cells: cellsOf(field, header) * asset.unitsOf(home) });
+      if (field.perUnit) program.set({ u_perUnit: field.perUnit * asset.unitsOf(home) });
       gl.drawElements(gl.TRIANGLES, 3 * count, gl.UNSIGNED_INT, 12 * first);
     }
   }
@@ -164,7 +174,8 @@ export class Painter {
   settle(program, camera, place, look) {
     const { gl } = this;
     gl.uniformMatrix4fv(program.place('u_camera'), false, camera.matrix);
-    program.set({ u_place: place, u_eye: camera.eye, u_forward: camera.forward, u_pixel: camera.pixel, u_cutoff: look.alpha_cutoff });
+    const { eye, forward, pixel } = camera;
+    program.set({ u_place: place, u_eye: eye, u_forward: forward, u_pixel: pixel, u_cutoff: look.alpha_cutoff });
     program.setInteger('u_perspective', camera.perspective ? 1 : 0);
   }
 
@@ -190,7 +201,8 @@ export class Painter {
       gl.depthFunc(gl.LEQUAL);
       gl.disable(gl.BLEND);
       const textures = layer > 0 ? { u_solid: solid.depth, u_before: from.depth } : { u_solid: solid.depth };
-      this.parts(asset, camera, { ...options, peels: layer > 0 ? 2 : 1 }, home, (material) => material.alpha_mode === BLEND, textures);
+      const isSeenThrough = (material) => material.alpha_mode === BLEND;
+      this.parts(asset, camera, { ...options, peels: layer > 0 ? 2 : 1 }, home, isSeenThrough, textures);
       this.under(target, to);
     }
     this.under(target, solid);
@@ -237,9 +249,12 @@ void main() { o_colour = texelFetch(u_picture, ivec2(gl_FragCoord.xy), 0); }`);
     gl.enable(gl.CULL_FACE);
     gl.bindVertexArray(null);
     for (const field of asset.fields.filter((one) => one.cubes)) {
-      const { places, values, count, side } = field.cubes();
+      const depth = camera.perspective ? Math.hypot(...camera.eye) : 1;
+      const wide = camera.pixel * depth * field.perUnit * asset.unitsOf(home);
+      const { places, values, row, count, side } = field.cubes(wide);
       this.settle(this.cuber, camera, asset.placeIn(home), { alpha_cutoff: 0 });
       this.cuber.set({ u_side: side });
+      this.cuber.setInteger('u_row', row);
       this.cuber.texture('u_places', places, 0);
       this.cuber.texture('u_values', values, 1);
       gl.drawArraysInstanced(gl.TRIANGLES, 0, 36, count);
@@ -259,11 +274,12 @@ uniform sampler2D u_values;
 uniform mat4 u_camera;
 uniform vec4 u_place;
 uniform float u_side;
+uniform int u_row;
 flat out vec3 v_colour;
 void main() {
   ivec2 at = ivec2(gl_InstanceID & 2047, gl_InstanceID >> 11);
   int face = gl_VertexID / 6, axis = face >> 1, corner = gl_VertexID % 6;
-  vec2 uv = corner == 0 ? vec2(0, 0) : corner == 1 || corner == 3 ? vec2(1, 0) : corner == 2 || corner == 5 ? vec2(0, 1) : vec2(1, 1);
+  vec2 uv = vec2(corner == 1 || corner == 3 || corner == 4, corner == 2 || corner == 4 || corner == 5);
   bool far = (face & 1) == 1;
   if (!far) uv = uv.yx;
   vec3 place;
@@ -271,7 +287,8 @@ void main() {
   place[(axis + 1) % 3] = uv.x;
   place[(axis + 2) % 3] = uv.y;
   vec3 position = (vec3(texelFetch(u_places, at, 0).xyz) + place) * u_side;
-  v_colour = texelFetch(u_values, at, 0).rgb * (axis == 1 ? 1.0 : axis == 0 ? 0.92 : 0.84);
+  int row = u_row + gl_InstanceID;
+  v_colour = texelFetch(u_values, ivec2(row & 2047, row >> 11), 0).rgb * (axis == 1 ? 1.0 : axis == 0 ? 0.92 : 0.84);
   gl_Position = u_camera * vec4(position * u_place.w + u_place.xyz, 1.0);
 }`;
 

@@ -98,8 +98,10 @@ export class VoxelField extends Field {
     this.scale = told.grid_scale;
     this.perUnit = header.mesh.scale > 0 ? told.grid_scale / header.mesh.scale : 0;
     this.tree = levelsOf(told);
+    this.places = new Map(); // of cubes, by level
     const { table, log2, bits } = lookUpOf(this.tree);
-    this.lookUp = { table: tableTexture(gl, 'rg32ui', table, 'A field'), bits: tableTexture(gl, 'rg32ui', bits, 'A field'), log2 };
+    const [tableKept, bitsKept] = [table, bits].map((rows) => tableTexture(gl, 'rg32ui', rows, 'A field'));
+    this.lookUp = { table: tableKept, bits: bitsKept, log2 };
     this.bytes += table.byteLength + bits.byteLength;
     told.planes.forEach((one, i) => this.fill(this.planes[i], one));
     this.network = header.payload && told.kind === 'latents' ? new Network(gl, header, number) : null;
@@ -140,7 +142,7 @@ ${body}`;
     program.setInteger('u_size', this.told.size);
     program.setInteger('u_last', this.told.depth);
     for (const plane of this.planes) program.setInteger(`u_base_${plane.level}`, plane.base);
-    program.set({ u_grid: this.scale, u_perUnit: this.perUnit });
+    program.set({ u_grid: this.scale });
     const next = super.bind(program, unit);
     return this.checkUnits(this.network ? this.network.bind(program, next) : next);
   }
@@ -150,15 +152,21 @@ ${body}`;
     return `${BITS_GLSL}${this.network.source()}`;
   }
 
-  /** What draws the voxels of the finest level as cubes: places, values and how many. */
-  cubes() {
-    if (!this.places) {
-      const level = this.tree.levels[0], xyz = voxelsOf(level), padded = new Uint16Array(level.count * 4);
+  /**
+   * What draws the voxels as cubes of at least a pixel, or of the finest level: places, values, the row of the first, how many,
+   * and their side. wide: finest voxels to a pixel.
+   */
+  cubes(wide) {
+    const { first, levels } = this.tree, [plane] = this.planes;
+    const number = Math.min(Math.max(plane.level, Math.ceil(Math.log2(Math.max(wide, 1)))), first + levels.length - 1);
+    const level = levels[number - first];
+    if (!this.places.has(number)) {
+      const xyz = voxelsOf(level), padded = new Uint16Array(level.count * 4);
       for (let i = 0; i < level.count; i++) padded.set(xyz.subarray(3 * i, 3 * i + 3), 4 * i);
-      this.places = tableTexture(this.gl, 'rgb16ui', padded, 'The voxels');
+      this.places.set(number, tableTexture(this.gl, 'rgb16ui', padded, 'The voxels'));
     }
-    const side = 2 ** this.tree.first / (this.scale || 1), plane = this.planes[0];
-    return { places: this.places, values: plane.kept[0], count: this.tree.levels[0].count, side, components: plane.components };
+    const side = 2 ** number / (this.scale || 1);
+    return { places: this.places.get(number), values: plane.kept[0], row: level.base - plane.base, count: level.count, side };
   }
 }
 
@@ -175,7 +183,8 @@ class Network {
   lookUp(kept) {
     const { table, log2, bits } = lookUpOf(levelsOf({ ...kept, first: 0, depth: 0 }));
     this.bytes += table.byteLength + bits.byteLength;
-    return { table: tableTexture(this.gl, 'rg32ui', table, 'Latents'), bits: tableTexture(this.gl, 'rg32ui', bits, 'Latents'), log2 };
+    const [tableKept, bitsKept] = [table, bits].map((rows) => tableTexture(this.gl, 'rg32ui', rows, 'Latents'));
+    return { table: tableKept, bits: bitsKept, log2 };
   }
 
   upload(payload) {

@@ -10,7 +10,7 @@ export function networkGlsl(payload, kept) {
   const { features, octaves, widths } = payload;
   const padded = widths.map((w) => Math.ceil(w / 4)), outputs = padded[padded.length - 1];
   const words = Math.ceil(features / 8), most = Math.max(...padded) + 2 * words + 2;
-  const outs = [...Array(outputs).keys()].map((t) => `out vec4 v${t}`).join(', ');
+  const outs = [...Array(outputs).keys()].map((t) => `out vec4 v${t}`).join(', '), last = padded.length % 2 ? 'a' : 'b';
   const reads = payload.levels.map((level, n) => readGlsl(n, level, words, kept[n], 4 * most));
   return `
 uniform highp usampler2D u_codes;
@@ -34,19 +34,23 @@ void network(ivec3 position, ${outs}) {
   vec4 a[${most}], b[${most}];
   for (int i = 0; i < ${padded[0]}; i++) a[i] = vec4(inputs[4 * i], inputs[4 * i + 1], inputs[4 * i + 2], inputs[4 * i + 3]);
 ${layersGlsl(padded)}
-  ${[...Array(outputs).keys()].map((t) => `v${t} = clamp((${padded.length % 2 ? 'a' : 'b'}[${t}] + 1.0) * 0.5, 0.0, 1.0);`).join(' ')}
+  ${[...Array(outputs).keys()].map((t) => `v${t} = clamp((${last}[${t}] + 1.0) * 0.5, 0.0, 1.0);`).join(' ')}
 }
 `;
 }
 
+const HASHED = `
+uniform highp uint u_salt;
+uint hashed(uvec3 v) { return v.x ^ (v.y * 2654435761u) ^ (v.z * 805459861u) ^ u_salt; }`;
+
 /** Latents of one level around a point, weighted by where it stands in their cell, into inputs[at..]. */
 function readGlsl(n, { resolution, log2 }, words, isKept, size) {
   const row = log2 > 0
-    ? `int((uint(voxel.x + 1) ^ (uint(voxel.y + 1) * 2654435761u) ^ (uint(voxel.z + 1) * 805459861u) ^ u_salt) & ${2 ** log2 - 1}u)`
+    ? `int(hashed(uvec3(voxel + 1)) & ${2 ** log2 - 1}u)`
     : `row_latents${n}(0, voxel, ${resolution})`;
   return `${isKept ? lookUpGlsl(`latents${n}`) : ''}
 uniform int u_first_${n};
-${n === 0 ? 'uniform highp uint u_salt;' : ''}
+${n === 0 ? HASHED : ''}
 void latents_${n}(ivec3 position, inout float inputs[${size}], int at) {
   ivec3 local = ivec3(localOf(position.x, ${resolution}), localOf(position.y, ${resolution}), localOf(position.z, ${resolution}));
   ivec3 cell = local >> 12;
@@ -82,6 +86,9 @@ function matricesGlsl(padded) {
   return `layout(std140) uniform Network { mat4 u_matrix[${matrices}]; vec4 u_bias[${biases}]; };`;
 }
 
+const HARD_GELU = `vec4 bent = clamp(sum, -1.5, 1.5);
+    sum = mix(bent * (bent + 1.5) / 3.0, sum, vec4(greaterThan(sum, vec4(1.5))));`;
+
 function layersGlsl(padded) {
   let matrix = 0, bias = 0;
   return padded.slice(1).map((outputs, n) => {
@@ -90,7 +97,7 @@ function layersGlsl(padded) {
     vec4 sum = u_bias[${bias} + o];
     for (int i = 0; i < ${inputs}; i++) sum += u_matrix[${matrix} + o * ${inputs} + i] * ${from}[i];
     sum = clamp(sum, -1024.0, 1024.0);
-    ${last ? '' : 'vec4 bent = clamp(sum, -1.5, 1.5); sum = mix(bent * (bent + 1.5) / 3.0, sum, vec4(greaterThan(sum, vec4(1.5))));'}
+    ${last ? '' : HARD_GELU}
     ${to}[o] = sum;
   }`;
     matrix += outputs * inputs;

@@ -94,8 +94,8 @@ void voxels_${plane}(int level, vec3 grid, ${outs}) {
 export const NEAREST_GLSL = `
 uniform int u_size, u_last;
 int sizeOf(int level) { return max((u_size + (1 << level) - 1) >> level, 1); }
-// Whether any voxel may be within three and a half: a box of seven touches at most two cells of eight voxels along each axis. Most
-// places that get here are the idle corners of pixel quads, which lie off the surface.
+// Whether any voxel may be within three and a half: a box of seven touches at most two cells of eight voxels along each axis.
+// Most places that get here are the idle corners of pixel quads, which lie off the surface.
 bool somethingNear(int level, vec3 grid) {
   if (level + 3 > u_last) return true;
   for (int q = 0; q < 8; q++) {

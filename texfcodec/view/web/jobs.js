@@ -4,7 +4,7 @@ import { Orbit } from './camera.js';
 import { Painter, SCREEN } from './draw.js';
 import { Program, tableTexture, Target } from './gl.js';
 import { hasLayer, layersOf } from './look.js';
-import { Presenter, psnrOf } from './present.js';
+import { Presenter } from './present.js';
 
 /** A Blob with the answer of a job. */
 export async function doJob(gl, assets, job) {
@@ -57,7 +57,8 @@ async function picture(gl, assets, job) {
 /** A target as a PNG, each pixel the rounded mean of times x times of its. */
 async function pngOf(target, times) {
   const [width, height] = [target.width / times, target.height / times], pixels = target.read();
-  const image = new ImageData(width, height), canvas = document.createElement('canvas'), sums = new Float64Array(width * height * 4);
+  const image = new ImageData(width, height), canvas = document.createElement('canvas');
+  const sums = new Float64Array(width * height * 4);
   for (let row = 0; row < target.height; row++) {
     const to = (height - 1 - Math.floor(row / times)) * width;
     for (let i = 0; i < 4 * target.width; i++) {
@@ -72,7 +73,8 @@ async function pngOf(target, times) {
 
 /** What the network of field job.field answers at job.positions, flat integers of 24 bits: float32 on 0..255, four a place. */
 function probeNetwork(gl, assets, job) {
-  const field = assets[0].fields[job.field ?? 0], count = job.positions.length / 3, width = 1024, height = Math.ceil(count / width);
+  const field = assets[0].fields[job.field ?? 0], count = job.positions.length / 3;
+  const width = 1024, height = Math.ceil(count / width);
   const places = new Uint32Array(4 * count);
   for (let i = 0; i < count; i++) places.set(job.positions.slice(3 * i, 3 * i + 3), 4 * i);
   const outputs = Math.ceil(assets[0].header.payload.widths.at(-1) / 4);
@@ -108,7 +110,8 @@ void main() {
 
 /** Milliseconds a frame of a view, and with each of job.leave_out left out: { frame, without: { effect: ms } }. */
 function times(gl, assets, job) {
-  const [width, height] = job.size, asset = assets[job.asset ?? 0], painter = new Painter(gl), target = new Target(gl, width, height);
+  const [width, height] = job.size, asset = assets[job.asset ?? 0];
+  const painter = new Painter(gl), target = new Target(gl, width, height);
   const camera = Orbit.of(job.camera, width, height).camera(width, height);
   const picture = (without) => painter.draw(asset, camera, target, { ...optionsOf(job), without });
   const measured = (without) => frameTime(gl, () => picture(without), target, job.frames);
@@ -145,19 +148,12 @@ function compile(gl, assets, job) {
         const material = asset.header.materials[m], options = optionsOf({ ...job, layer });
         asset.program(asset.fields[number], material, { ...options, peels: material.alpha_mode === 2 ? 2 : 0 });
         if (asset.programs.size > known) {
-          found.push({ asset: asset.header.name, kind: asset.fields[number].told.kind, layer, effects: asset.header.materials[m].effects,
-            milliseconds: performance.now() - begin });
+          const { kind } = asset.fields[number].told;
+          const milliseconds = performance.now() - begin;
+          found.push({ asset: asset.header.name, kind, layer, effects: material.effects, milliseconds });
         }
       }
     }
   }
   return json(found);
-}
-
-/** PSNR of two assets' pictures of a job's view. */
-export function comparison(gl, assets, job) {
-  const [first, second] = drawn(gl, assets, { ...job, mode: 'difference' });
-  const found = psnrOf(first.read(), second.read(), job.background);
-  [first, second].forEach((one) => one.free());
-  return found;
 }

@@ -58,4 +58,6 @@ async function start() {
   }
 }
 
-start().catch((error) => say(error instanceof DeviceError ? error.message : `The page cannot be shown: ${error.message ?? error}`));
+start().catch((error) => {
+  say(error instanceof DeviceError ? error.message : `The page cannot be shown: ${error.message ?? error}`);
+});

@@ -18,7 +18,7 @@ export async function measureTerms(viewer, names, told) {
     await new Promise((done) => { setTimeout(done, 0); }); // so that the page shows what was told
     const own = { mode: 'single', lit: true, effects: 'scene', without: [], layerOf: () => 'picture', ...changes };
     const wish = stage.wish(slot, orbit, size, own, 1);
-    return frameTime(gl, () => stage.painter.draw(wish.asset, wish.camera, target, wish.options, stage.home), target, FRAMES);
+    return frameTime(gl, () => stage.painter.draw(wish.asset, wish.camera, target, wish.options, wish.home), target, FRAMES);
   };
   try {
     const frame = await time({});

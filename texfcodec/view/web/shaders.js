@@ -1,6 +1,7 @@
 // Shaders of a part of an asset: what its field answers, its material's terms, and the layer that is shown, nothing else.
 
 import { ROW_LOG2 } from './gl.js';
+import { DENSITY_GLSL } from './glsl_texels.js';
 import { shadingSource } from './shading.js';
 import { channelsRead } from './shading_values.js';
 
@@ -67,7 +68,9 @@ export const LAYERS = {
   fields: { text: 'Fields', source: 'colour = u_flat;' },
   supports: { text: 'Supports', source: 'colour = u_flat;' },
   levels: { text: 'Levels asked', source: 'colour = hue(clamp(log2(max(pixelWidth() * u_cells, 1.0)) / 6.0, 0.0, 1.0));' },
-  density: { text: 'Texels per voxel', source: 'colour = hue(0.5 + 0.125 * log2(max(texelsPerUnit(v_uv0) / u_cells, 1e-6)));', uv: true },
+  density: {
+    text: 'Texels per voxel', source: 'colour = hue(0.5 + 0.125 * log2(max(texelsPerUnit(v_uv0) / u_cells, 1e-6)));', uv: true,
+  },
 };
 
 const HUE = `
@@ -92,19 +95,11 @@ export function fragmentSource({ field, material, attributes, layer, lit, peels 
   const asks = field.channels.some((name) => wanted.has(name)) || field.told.kind === 'images';
   return [
     HEAD(attributes, peels), needsNormal ? shadingSource(look.effects, maps, look.parameters) : '',
-    asks ? field.source(wanted) : '', LAYERS[layer]?.uv && !(asks && field.told.kind !== 'voxels') ? densityGlsl() : '', HUE, GEOMETRIC,
+    asks ? field.source(wanted) : '', LAYERS[layer]?.uv && !(asks && field.told.kind !== 'voxels') ? DENSITY_GLSL : '', HUE,
+    GEOMETRIC,
     needsNormal ? normalSource(field, maps, attributes, look) : '',
     mainSource({ field, material, attributes, layer, isLit, maps, asks, needsAlpha, peels, wanted, look }),
   ].join('\n');
-}
-
-function densityGlsl() {
-  return `
-float texelsPerUnit(vec2 texel) {
-  vec2 s = dFdx(texel), t = dFdy(texel);
-  float area = length(cross(dFdx(v_world), dFdy(v_world)));
-  return area > 0.0 ? sqrt(abs(s.x * t.y - s.y * t.x) / area) : 0.0;
-}`;
 }
 
 /** A material's look for shadingSource(): a layer of normals asks for what turns them alone. */
@@ -133,7 +128,8 @@ function normalSource(field, maps, attributes, look) {
     const channel = maps.includes(name) ? fieldChannel(field, name) : null;
     if (channel === null) return plain;
     if (channel.endsWith('_object')) return `deviatedNormal(f_${channel}, ${plain}, geometric())`;
-    return `tangentSpaceNormal(f_${channel}, u_${name}_scale.x, ${plain}, ${attributes.tangent ? 'v_tangent' : 'vec4(0.0)'}, geometric())`;
+    const tangent = attributes.tangent ? 'v_tangent' : 'vec4(0.0)';
+    return `tangentSpaceNormal(f_${channel}, u_${name}_scale.x, ${plain}, ${tangent}, geometric())`;
   };
   const plain = attributes.normal ? 'v_normal' : 'geometric()', towards = look.effects.includes('lit') ? 'towardsViewer' : '';
   const facing = (text) => (towards ? `${towards}(${text}, geometric(), toEye())` : `(${text})`);
@@ -150,7 +146,8 @@ function mainSource({ field, material, attributes, layer, isLit, maps, asks, nee
   const lit = `Values values = constantValues(${base});
   ${finals.join(' ')}
   colour = exposed(radiance(values, shadingNormal(), coatNormal(), ${tangent}, toEye()));`;
-  const shown = isLit ? lit : layer === 'picture' ? `colour = ${base};` : LAYERS[layer]?.source ?? channelShown(field, layer, wanted);
+  const other = layer === 'picture' ? `colour = ${base};` : LAYERS[layer]?.source ?? channelShown(field, layer, wanted);
+  const shown = isLit ? lit : other;
   return `
 void main() {
   ${peels ? 'if (gl_FragCoord.z > texelFetch(u_solid, ivec2(gl_FragCoord.xy), 0).r) discard;' : ''}

@@ -5,6 +5,8 @@ import { DeviceError, Target } from './gl.js';
 import { Presenter, psnrOf } from './present.js';
 
 const STRIP = 100; // milliseconds of drawing between two looks at what the user does
+const FEW = 1 / 4; // scale from which on a picture has few pixels for its vertices
+const APART = 3; // radii of one that hold all of the other
 const MOST_STRIPS = 16;
 const DOUBLES = 1.5; // a strip that took less than so many times the last was not dear for its pixels
 
@@ -35,9 +37,15 @@ export class Stage {
     return this.filled.map((slot) => this.slots[slot].asset);
   }
 
-  /** The header whose centre and radius the camera is in. */
-  get home() {
-    return this.assets[0].header;
+  /** Whether there are two that are no versions of one thing: they stand elsewhere, or in other units. */
+  get apart() {
+    const [first, second] = this.assets;
+    return Boolean(second) && Math.max(first.reachIn(second.header), second.reachIn(first.header)) > APART;
+  }
+
+  /** The header whose centre and radius the camera of an asset's picture is in: the first's, where both stand in one place. */
+  homeOf(asset) {
+    return this.apart ? asset.header : this.assets[0].header;
   }
 
   /** Slots that a mode shows, of those that hold something. */
@@ -50,11 +58,13 @@ export class Stage {
   wish(slot, orbit, size, look, scale) {
     const wide = look.mode === 'side' && this.filled.length > 1 ? size[0] >> 1 : size[0];
     const [width, height] = [wide, size[1]].map((length) => Math.max(1, Math.round(length * scale)));
-    const reach = Math.max(...this.assets.map((asset) => asset.reachIn(this.home)));
-    const camera = orbit.camera(width, height, reach), { serial, asset } = this.slots[slot];
+    const { serial, asset } = this.slots[slot], home = this.homeOf(asset);
+    const reach = Math.max(...(this.apart ? [asset] : this.assets).map((one) => one.reachIn(home)));
+    const camera = orbit.camera(width, height, reach);
     const options = { lit: look.lit, layer: look.layerOf(asset.header), effects: look.effects, without: [...look.without] };
-    const key = JSON.stringify([serial, this.slots[this.filled[0]].serial, camera, options]);
-    return { asset, slot, camera, options, width, height, key };
+    options.atOnce = scale <= FEW; // where vertices cost more than what hidden fragments ask
+    const key = JSON.stringify([serial, asset.placeIn(home), camera, options]);
+    return { asset, slot, home, camera, options, width, height, key };
   }
 
   /** The Target of a wish, and the key of what was last drawn into it. */
@@ -89,7 +99,7 @@ export class Stage {
     if (!isWhole) gl.enable(gl.SCISSOR_TEST);
     gl.scissor(0, first, wish.width, rows);
     try {
-      this.painter.draw(wish.asset, wish.camera, picture.target, wish.options, this.home);
+      this.painter.draw(wish.asset, wish.camera, picture.target, wish.options, wish.home);
     } finally {
       gl.disable(gl.SCISSOR_TEST);
     }

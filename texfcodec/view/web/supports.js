@@ -5,7 +5,7 @@
 const WORDS = 16, VOXELS = 512;
 export const HASH_FACTOR = 2654435769;
 
-/** Voxels of one level in Morton order: bricks Uint32Array [B], words Uint32Array [B * 16], base: number of voxels before them. */
+/** Voxels of one level in Morton order: bricks Uint32Array [B], words Uint32Array [B * 16], base: how many come before. */
 function levelOf(bricks, words, base) {
   const ranks = new Uint32Array(words.length);
   let rank = base;
@@ -92,7 +92,8 @@ export function pyramidOf({ values, counts, level }, components, { first, levels
   const start = level - first, rows = levels.slice(start).reduce((sum, one) => sum + one.count, 0);
   const out = new Uint8Array(rows * components);
   out.set(values.subarray(0, levels[start].count * components));
-  let sums = Float64Array.from(values), weights = counts ? Float64Array.from(counts) : new Float64Array(levels[start].count).fill(1);
+  let sums = Float64Array.from(values);
+  let weights = counts ? Float64Array.from(counts) : new Float64Array(levels[start].count).fill(1);
   sums.forEach((_, i) => { sums[i] *= weights[Math.floor(i / components)]; });
   let at = levels[start].count * components;
   for (let number = start; number < parents.length; number++) {

@@ -205,8 +205,8 @@ def test_screenshot_is_what_the_page_answers_to_one_job(call, made, browser, tmp
     data = out.read_bytes()
     job = json.loads(data.removeprefix(PNG))
     assert job.pop("camera") == {"direction": pytest.approx([1, 0, 0]), "perspective": 40.0}
-    assert job == {"kind": "picture", "size": [64, 48], "shaded": False, "mode": "single", "layer": "normals", "effects": "all",
-                   "background": [255, 255, 255]}
+    assert job == {"kind": "picture", "size": [64, 48], "anti_alias": 1, "shaded": False, "mode": "single", "layer": "normals",
+                   "effects": "all", "background": [255, 255, 255]}
 
 
 @POSIX

@@ -50,6 +50,9 @@ def _child(folder, request):
     """The child's side: reads a GLB on stdin and leaves its container in the folder, or what is wrong with it."""
     import DracoPy  # noqa: F401  native code is loaded before the cap
 
+    from ..asset.load import files  # noqa: F401
+    from . import pack  # noqa: F401
+
     limits, data, facts = Limits(**request["limits"]), sys.stdin.buffer.read(), None
     os.chdir(folder)  # where no file is that the mesh could name
     try:

@@ -37,6 +37,13 @@ def test_a_vector_tells_what_it_calls_and_kills_what_it_sees(empty):
     assert not [m for m in mutants_of("planar") if empty.runs(m) and m.function != mutants.TOP]
 
 
+def test_a_function_that_makes_a_table_is_asked_of_all_that_read_it():
+    (mutant, *_) = [m for m in mutants_of("mixing") if m.function == "stretch_table"]
+    reads, other = (Case("a", b"", 0, functions=frozenset(called)) for called in ({("mixing", "squash")}, {("bits", "units_of")}))
+    assert reads.runs(mutant) and not other.runs(mutant)
+    assert not reads.runs(next(m for m in mutants_of("mixing") if m.function == "adapted"))
+
+
 def test_a_mutant_that_hangs_or_cannot_be_imported_is_killed(empty, monkeypatch):
     monkeypatch.setattr(mutants, "changed_code", lambda mutant: compile("while True: pass", "bits changed", "exec"))
     assert killer_of(mutants_of("bits")[0], [Case("a", empty.data, 0, empty.said, 0.01)]) == "a"

@@ -37,6 +37,13 @@ def test_a_vector_tells_what_it_calls_and_kills_what_it_sees(empty):
     assert not [m for m in mutants_of("planar") if empty.runs(m) and m.function != mutants.TOP]
 
 
+def test_a_function_that_makes_a_table_is_asked_of_all_that_read_it():
+    (mutant, *_) = [m for m in mutants_of("mixing") if m.function == "stretch_table"]
+    reads, other = (Case("a", b"", 0, functions=frozenset(called)) for called in ({("mixing", "squash")}, {("bits", "units_of")}))
+    assert reads.runs(mutant) and not other.runs(mutant)
+    assert not reads.runs(next(m for m in mutants_of("mixing") if m.function == "adapted"))
+
+
 def test_a_mutant_that_hangs_or_cannot_be_imported_is_killed(empty, monkeypatch):
     monkeypatch.setattr(mutants, "changed_code", lambda mutant: compile("while True: pass", "bits changed", "exec"))
     assert killer_of(mutants_of("bits")[0], [Case("a", empty.data, 0, empty.said, 0.01)]) == "a"
@@ -111,7 +118,19 @@ HELD = [
     ("uncommon/rules_checksums", "bits", "0, 2**32 - 1", "1, 2**32 - 1"),
     ("uncommon/rules_checksums", "bits", "0, 2**32 - 1", "0, 2**32 - 2"),
     ("uncommon/rules_long_numbers", "bits", "for i in range(8)", "for i in range(7)"),
+    ("uncommon/rules_slice_level", "syntax", '"slice_level", 0, 12', '"slice_level", 0, 11'),
+    ("uncommon/rules_groups", "syntax", '"num_channel_groups", 1, 23', '"num_channel_groups", 1, 22'),
+    ("uncommon/rules_groups", "materials", "{11, 12} &", "{11} &"),
+    ("uncommon/rules_defaults", "materials", "[1.5], [0],", "[1.5], [1],"),
+    ("uncommon/rules_defaults", "materials", "[100], [400]", "[100], [399]"),
+    ("uncommon/queries_no_side", "queries", "else Fraction(0)", "else Fraction(1)"),
     *((f"faulty/{name}", "syntax", text, other) for name, text, other in (
+        ("slice_level_13", '"slice_level", 0, 12', '"slice_level", 0, 13'),
+        ("num_models_9", '"num_models", 0, 8', '"num_models", 0, 9'),
+        ("neural_first_wave_0", '"first_wave", 1', '"first_wave", 0'),
+        ("neural_first_wave_16385", '"first_wave", 1, 16384', '"first_wave", 1, 16385'),
+        ("texels_uv_range_over", '2 ** unit["uv_bits"]) - 1', '2 ** unit["uv_bits"])'),
+        ("codec_id_192", "1, 2, 192", "1, 2, 193"), ("effects_before_components", "2**19 - 1", "2**19"),
         ("position_bits_7", '"position_bits", 8', '"position_bits", 7'),
         ("position_bits_21", '"position_bits", 8, 20', '"position_bits", 8, 21'),
         ("num_channel_groups_0", '"num_channel_groups", 1', '"num_channel_groups", 0'), ("qp_64", '"qp", 0, 63', '"qp", 0, 64'),

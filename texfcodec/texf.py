@@ -191,8 +191,9 @@ class Texf:
         return out
 
     def _texels(self, points, face_index):
-        """UVs in texels, float64 [M, 2], of world points on faces; found on the lattice, whose numbers are of one size."""
-        lattice = (points - self.origin) / (self.side or 1.0) * self.cube.last
+        """UVs in texels, float64 [M, 2], of world points on faces; found on the lattice, whose numbers are of one size. Where
+        side is 0, every point is at the lattice's 0 (8.2.2)."""
+        lattice = (points - self.origin) / self.side * self.cube.last if self.side else np.zeros(points.shape)
         return texel_positions(lattice, self.lattice_positions.astype(np.float64), self.faces, self.uv, face_index)
 
     def query_field(self, number: int, points: np.ndarray) -> np.ndarray:

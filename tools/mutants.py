@@ -25,6 +25,7 @@ import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -141,6 +142,14 @@ def mutants_of(module):
     return out
 
 
+@cache
+def called_at_import(module):
+    """Names that a module calls to make its constants: no case that finds the module loaded is seen to call them."""
+    statements = ast.parse((NAIVE / f"{module}.py").read_text(encoding="utf-8")).body
+    calls = [node for made in statements if isinstance(made, ast.Assign) for node in ast.walk(made) if isinstance(node, ast.Call)]
+    return {node.func.id for node in calls if isinstance(node.func, ast.Name)}
+
+
 def changed_code(mutant):
     """The compiled module with the change."""
     tree = _Changer(mutant.number).visit(ast.parse((NAIVE / f"{mutant.module}.py").read_text(encoding="utf-8")))
@@ -178,7 +187,7 @@ class Case:
 
     def runs(self, mutant):
         """Whether the case calls the function of a mutant; of what runs at import, whether it calls one of the module."""
-        if mutant.function == TOP:
+        if mutant.function == TOP or mutant.function in called_at_import(mutant.module):
             return any(module == mutant.module for module, _ in self.functions)
         return (mutant.module, mutant.function) in self.functions
 

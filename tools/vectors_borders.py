@@ -6,11 +6,18 @@ import zlib
 from itertools import combinations
 
 import numpy as np
-from vectors_good import Vector, encoded, parsed, recoded, scene_of, stream_of, torus, units_of, with_codeword, written
+from vectors_faulty import slices_from
+from vectors_good import Vector, empty, encoded, parsed, recoded, scene_of, stream_of, torus, units_of, with_codeword, written
+from vectors_materials import painted
 from vectors_normals import MARKED_BY_AREA, marked
 from vectors_rules import on_ring
 from vectors_texels import Grid, Image, Patch, picture, sheet, stream_of_parts
 
+from texfcodec.bitstream.appearance import material_of
+from texfcodec.bitstream.values import material_values
+from texfcodec.channels import CHANNELS, PARAMETERS, group_values
+from texfcodec.codecs.codec import Group
+from texfcodec.effects import effects_mask
 from texfcodec.geometry.edges import FOLDS, NORMAL_BITS, NUM_FOLDS
 
 
@@ -65,6 +72,36 @@ def long_numbers():
     stream = parsed(recoded(encoded(scene_of(*torus(12, 6)), resolution=6, qp=46), index=True))
     for codeword in stream.attributes[0]["codewords"]:
         codeword["level_bytes"] = [(1 << 56) - 1] * len(codeword["level_bytes"])
+    return written(stream)
+
+
+def of_nothing(materials, **header):
+    """An empty mesh with materials, which no face has."""
+    stream = parsed(empty())
+    stream.materials = [material_values(material) for material in materials]
+    stream.header.update(num_materials=len(materials), effects=effects_mask(map(material_of, stream.materials)), **header)
+    return written(stream)
+
+
+def beside_defaults():
+    """Materials whose parameters have a value that is by one more, or by one less, than its default."""
+    beside = lambda values, at, by: tuple(v + by * (i == min(at, len(values) - 1)) for i, v in enumerate(values))
+    return of_nothing([painted(**{p.name: beside(p.default, at, by) for p in PARAMETERS if np.isfinite(p.default).all()})
+                       for at in range(3) for by in (1, -1)])
+
+
+def every_group():
+    """A group for every channel, which no field asks for."""
+    groups = [group_values(*Group((channel,))) for channel in CHANNELS]
+    return of_nothing([painted(specular_colour=(1.0, 0.5, 1.0))], num_channel_groups=len(groups), channel_groups=groups)
+
+
+def without_side():
+    """A surface of ten steps of the lattice, all of which is in one point of the world."""
+    small = sheet([(0, 0), (9 * 16, 8), (8 * 16, 7 * 16), (0, 0), (8 * 16, 7 * 16), (3, 6 * 16)])
+    small.lattice = small.lattice // 100
+    stream = parsed(stream_of_parts([Image(picture(9, 7))], [small]))
+    stream.header["side"] = 0.0
     return written(stream)
 
 
@@ -125,5 +162,12 @@ def uncommon():
          (0, 1)),
         ("rules_folds", "marks of sharp edges, folds on both sides of every step, many classes of folds, an edge of nine faces",
          ("8.4.2",), hinges(), (0,)),
+        ("rules_slice_level", "an image of 9000 x 1, repeat, slices from level 12 on", ("5.7.1", "7.2"), slices_from(12),
+         (0, 1, 2)),
+        ("rules_defaults", "an empty mesh, parameters one more and one less than their defaults", ("5.3.2", "5.4.2"),
+         beside_defaults(), (0,)),
+        ("rules_groups", "an empty mesh, 23 channel groups, a material with specular_colour alone", ("5.3", "5.3.1", "5.3.2"),
+         every_group(), (0,)),
+        ("queries_no_side", "an image of 9 x 7, repeat, side 0", ("8.1", "8.2.2"), without_side(), (0,)),
     ]
     return [Vector(f"uncommon/{name}", *rest) for name, *rest in lines]

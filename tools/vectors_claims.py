@@ -216,6 +216,8 @@ HEADER_AND_FIELDS = {
     r"no power of two": lambda c: all(k & (k - 1) for k in c.grids),
     r"K = (\d+) and all its levels of detail": lambda c, k:
         c.grids == [int(k)] and {*range((int(k) - 1).bit_length() + 1)} < {*c.lods},
+    r"side (\d+)": lambda c, n: c.header["side"] == int(n),
+    r"(\d+) channel groups": lambda c, n: c.header["num_channel_groups"] == int(n),
     r"an empty mesh": lambda c: c.header["num_faces"] == 0,
     r"one triangle": lambda c: c.header["num_faces"] == 1,
     r"a triangle thinner than a voxel": lambda c: c.header["num_faces"] == 1
@@ -286,6 +288,7 @@ RAHT = {
     r"(?:with )?slices with the level index": lambda c: has_slices(c) and c.each(lambda u: u["level_index"]),
     r"with slices and the level index": lambda c: has_slices(c) and c.each(lambda u: u["level_index"]),
     r"(?:with )?slices of colour and alpha": lambda c: has_slices(c) and len(c.raht) == len(c.semantics) == 2,
+    r"slices from level (\d+) on": lambda c, n: has_slices(c) and c.each(lambda u: u["slice_level"] == int(n)),
     r"a trunk with a single slice": lambda c: c.each(lambda u: u["slice_level"] > 0 and u["NumSlices"] == 1),
     r"the level index without slices": lambda c: c.each(lambda u: u["level_index"] and u["slice_level"] == 0),
     r"lossless( with slices)?": lambda c, slices: c.each(lambda u: u["residual"] == 1) and (not slices or has_slices(c)),

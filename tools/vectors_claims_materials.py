@@ -39,6 +39,14 @@ def numbers_of(case):
     return [v for m in materials_of(case) for value in m.parameters.values() for v in value]
 
 
+def has_neighbours_of_defaults(case):
+    """Of every finite default, there are values that differ from it by one, up and down, in one number at a time."""
+    there = {(name, value) for m in materials_of(case) for name, value in m.parameters.items()}
+    beside = lambda p, at, by: tuple(float(np.float32(v + by * (i == at))) for i, v in enumerate(p.default))
+    return all((p.name, beside(p, at, by)) in there for p in PARAMETERS if np.isfinite(p.default).all()
+               for at in range(p.count) for by in (1, -1))
+
+
 def is_shifted(case, levels):
     """A plane is so many levels coarser than its field, and has as many values as there are cells."""
     units = [u for u in case.stream.attributes if u["level_shift"] == levels]
@@ -82,6 +90,8 @@ MATERIALS = {
     r"maps that are constant": lambda c: bool(c.constant) and not any(
         c.semantics[u["group_index"]] < 2 for u in c.constant),
     r"every parameter": lambda c: any(m.parameters.keys() == {p.name for p in PARAMETERS} for m in materials_of(c)),
+    r"parameters one more and one less than their defaults": has_neighbours_of_defaults,
+    r"a material with ([a-z_]+) alone": lambda c, name: [{*m.parameters} for m in materials_of(c)] == [{name}],
     r"the largest and the least number of binary32": lambda c: {LARGEST, -LARGEST, 2.0**-149} <= {*numbers_of(c)},
     r"every effect": lambda c: len(in_words(c.header["effects"])) == len(EFFECTS),
     r"no effect": lambda c: c.header["effects"] == 0,

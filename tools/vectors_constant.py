@@ -115,6 +115,8 @@ def faulty():
     unknown = [
         ("private_codec", "a private codec that nobody has", "5.7", strange("nobody's, ü".encode()), "TXF-U07"),
         ("private_codec_letter", "a private codec whose name is one letter", "5.7", strange(b"x"), "TXF-U07"),
+        ("codec_id_192", "the first codec_id that has a name", "5.7",
+         with_element(one, A, "codec_id", b"\xc0\x12a name of 18 bytes"), "TXF-U07"),
         ("codec_id_191", "the last codec_id that has no name", "5.7", with_element(one, A, "codec_id", b"\xbf"), "TXF-U02"),
     ]
     return [*as_faulty(lines), *as_faulty(unknown, "unsupported")]

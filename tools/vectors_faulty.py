@@ -1,6 +1,7 @@
 """The faulty conformance vectors: good streams, each with one lie and correct checksums (or with the one checksum that lies)."""
 
 import zlib
+from contextlib import contextmanager
 
 import numpy as np
 from vectors_good import (
@@ -26,6 +27,7 @@ from texfcodec import Limits, decode
 from texfcodec.asset.scene import ALPHA_BLEND, Material
 from texfcodec.bitstream.stream import read_stream
 from texfcodec.bitstream.syntax import (
+    SEQUENCE_HEADER,
     SIGNATURE,
     UNIT_ATTRIBUTE,
     UNIT_END,
@@ -76,16 +78,32 @@ def narrow_stream():
     return stream_of_parts([Image(picture(9, 7))], [patch])
 
 
-def stream_of_slices(number):
-    """The same in so many slices, even where that is more than num_slices allows."""
-    (element,) = [element for element in RAHT.elements if element.name == "num_slices"]
+@contextmanager
+def allowing(structure, name, high):
+    """While it lasts, an element may be as large as `high`, so that a stream is written that is in order but for that."""
+    (element,) = [element for element in structure.elements if element.name == name]
     allowed = element.high
-    object.__setattr__(element, "high", number)
+    object.__setattr__(element, "high", high)
     try:
-        return recoded(encoded(scene_of(*torus(12, 6)), resolution=18, qp=46),
-                       slices={"_plan_slices": lambda levels: (4, [i * len(levels[4]) // number for i in range(number)])})
+        yield
     finally:
         object.__setattr__(element, "high", allowed)
+
+
+def stream_of_slices(number):
+    """A sliced stream in so many slices, even where that is more than num_slices allows."""
+    with allowing(RAHT, "num_slices", number):
+        return recoded(encoded(scene_of(*torus(12, 6)), resolution=18, qp=46),
+                       slices={"_plan_slices": lambda levels: (4, [i * len(levels[4]) // number for i in range(number)])})
+
+
+def slices_from(level):
+    """An image so wide that it has 14 levels, a few of its texels in slices that begin at a level, even one beyond slice_level's
+    range."""
+    uv = [(8, 3), (300, 8), (120, 0), (143000, 8), (143900, 3), (143500, 0)]
+    with allowing(RAHT, "slice_level", level):
+        return stream_of_parts([Image(picture(9000, 1, noise=9))], [sheet(uv)],
+                               slices={"_plan_slices": lambda levels: (level, [0, len(levels[level]) // 2])})
 
 
 # Ways of spoiling a stream
@@ -284,6 +302,8 @@ def header_and_materials():
     unsupported = [("version", "version 1", "5.3", newer, "TXF-U04"),
                    ("version_broken", "version 1 and a wrong checksum of a unit after the header", "9.2", broken, "TXF-U04"),
                    ("alpha_components", "an alpha group of two components", "5.3.1", _two_alphas(base), "TXF-U03")]
+    lines.append(("effects_before_components", "an effect that nobody knows and an alpha group of two components", "9.2",
+                  _two_alphas(base, 1 << 19), "TXF-S04"))
     limit = [("num_vertices_huge", "2^50 vertices", "10", with_header(base, num_vertices=1 << 50), "TXF-L02"),
              ("num_keys_huge", "2^28 voxels", "10", with_element(simple, F, "num_keys", write_v(1 << 28)), "TXF-L04")]
     return [*as_faulty(lines), *as_faulty(unsupported, "unsupported"), *as_faulty(limit, "limit")]
@@ -388,7 +408,7 @@ def attributes():
         ("codeword_bit", "a flipped bit in a codeword", "7.10", one(_flip_codeword), "TXF-S32"),
         ("qp_64", "qp 64", "5.7.1", with_element(flat, A, "qp", b"\x40\0\0"), "TXF-S04"),
         ("kernel_0", "kernel[0] = 0", "5.7.1", with_element(flat, A, "kernel", bytes([0, *kernel[1:]])), "TXF-S04"),
-        ("num_models_9", "num_models 9", "5.7.1", with_element(simple, A, "num_models", b"\11"), "TXF-S04"),
+        ("num_models_9", "num_models 9", "5.7.1", with_element(recoded(simple, models=8), A, "num_models", b"\11"), "TXF-S04"),
         ("residual_129", "residual 129", "5.7.1", with_element(flat_stream(models=6, max_error=127), A, "residual", b"\x81"),
          "TXF-S04"),
         ("residual_without_levels", "a residual where K is 1", "5.7.1",
@@ -403,6 +423,7 @@ def attributes():
          "TXF-S04"),
         ("colour_transform_2", "colour_transform 2", "5.7.1", with_element(simple, A, "colour_transform", b"\2"), "TXF-S04"),
         ("slice_level", "slice_level is Depth", "5.7.1", with_element(sliced, A, "slice_level", b"\5"), "TXF-S04"),
+        ("slice_level_13", "slice_level 13", "5.7.1", slices_from(13), "TXF-S04"),
         ("num_slices_65", "65 slices", "5.7.1", stream_of_slices(65), "TXF-S04"),
         ("num_slices_0", "no slice", "5.7.1", with_element(sliced, A, "num_slices", b"\0"), "TXF-S04"),
         ("slice_step_0", "a slice without nodes", "5.7.1",
@@ -432,14 +453,16 @@ def _no_materials(stream):
     stream.header.update(num_materials=0, effects=0)
 
 
-def _two_alphas(data):
-    """Alpha of two components, in order but for what the header says of it."""
+def _two_alphas(data, effects=0):
+    """Alpha of two components, in order but for what the header says of it. effects: other ones than the header's."""
     stream = parsed(data)
+    stream.header["effects"] = effects or stream.header["effects"]
     stream.header["channel_groups"][1]["group_components"] = 2
     for unit, number in ((stream.attributes[1], 0), (stream.attributes[3], 1)):
         unit.update(qp=unit["qp"] * 2, root_mean=unit["root_mean"] * 2)
         unit["values_crc"] = zlib.crc32(values_of(unit, decode(data).fields[number].keys))
-    return written(stream)
+    with allowing(SEQUENCE_HEADER, "effects", stream.header["effects"]):
+        return written(stream)
 
 
 def _flip_codeword(unit):

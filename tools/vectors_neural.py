@@ -250,8 +250,6 @@ def faulty_elements(data):
         ("form_2", "form 2", "5.7.4", "form", b"\2"), ("features_0", "no features", "5.7.4", "num_features", b"\0"),
         ("features_66", "66 features", "5.7.4", "num_features", b"\x42"),
         ("octaves_9", "nine octaves", "5.7.4", "wave_octaves", b"\t"),
-        ("first_wave_0", "first_wave 0", "5.7.4", "first_wave", u16(0)),
-        ("first_wave_16385", "first_wave 16385", "5.7.4", "first_wave", u16(16385)),
         ("hidden_0", "no hidden layer", "5.7.4", "num_hidden", b"\0"),
         ("hidden_5", "five hidden layers", "5.7.4", "num_hidden", b"\5"),
         ("width_0", "a hidden layer of no units", "5.7.4", "hidden_width", b"\6\0"),
@@ -262,8 +260,11 @@ def faulty_elements(data):
         ("table_log2_25", "a hash table of 2^25 rows", "5.7.5", level + "table_log2", b"\x19"),
         ("num_latents_0", "a grid without latents", "5.7.5", level + "num_latents", b"\0"),
     ]
+    still = neural(ring(12), 41, [(6, 0, 77)], **QUICK | {"waves": (0, 1)})  # without waves the first one moves nothing
+    wave = lambda n: with_element(still, A, "first_wave", u16(n))
+    waves = [(f"neural_first_wave_{n}", f"3DNTC: first_wave {n}", "5.7.4", wave(n), "TXF-S04") for n in (0, 16385)]
     return [(f"neural_{name}", f"3DNTC: {title}", clause, with_element(data, A, element, raw), "TXF-S04")
-            for name, title, clause, element, raw in lines]
+            for name, title, clause, element, raw in lines] + waves
 
 
 def faulty_payloads(resident, transport, two):

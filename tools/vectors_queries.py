@@ -29,6 +29,7 @@ ASKED = {
     "uncommon/texels_parts": (0, 2), "uncommon/texels_flat": (0,), "uncommon/texels_mixed": (0, 3),
     "uncommon/texels_low": (0,), "uncommon/maps_shift_texels": (0, 2), "uncommon/neural_two_fields": (0,),
     "uncommon/maps_neural": (0,), "uncommon/neural_shortest_waves": (0,), "uncommon/queries_sheets": (0, 1),
+    "uncommon/queries_no_side": (0,),
 }
 
 
@@ -170,6 +171,16 @@ def order_decides(neural, index, point, header):
     return both[0] != both[1] and neural.answer(index, both[0]) != neural.answer(index, both[1])
 
 
+def of_no_side(places, index):
+    """Points that ask faces of a stream whose side is 0, which are all one point of its lattice."""
+    origin, count = places.header["origin"], len(places.asked.faces[index])
+    at = lambda n, *by: (index, n, tuple(o + d for o, d in zip(origin, by, strict=True)))
+    return [
+        ("the origin, side 0", 2, [at(n, 0, 0, 0) for n in range(count)]),
+        ("beside the origin, side 0", 3, [at(n, 1, -2.5, 0.25) for n in range(count)]),
+    ]
+
+
 def of_nobody(places):
     """Points of which no face is known."""
     every, half = [face for faces in places.asked.faces for face in faces], Fraction(1, 2)
@@ -219,6 +230,8 @@ def settled(asked, field, triangle, point):
 def candidates(places):
     """Those of all fields, and without a face."""
     asked, out = places.asked, []
+    if places.header["side"] == 0:
+        return [line for index in range(len(asked.faces)) for line in of_no_side(places, index)]
     for index, field in enumerate(asked.texf["fields"]):
         kind = of_networks if asked.texf["neural"] is not None else of_texels if field["support"] == TEXELS else of_voxels
         out += kind(places, index)

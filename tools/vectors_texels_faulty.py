@@ -5,7 +5,7 @@ import numpy as np
 import vectors_neural
 from vectors_faulty import F, G, as_faulty, with_element, with_right_crc, with_units, with_values
 from vectors_good import parsed
-from vectors_texels import CLAMPED, Grid, Image, Patch, picture, quantised, ring, stream_of_parts
+from vectors_texels import CLAMPED, Grid, Image, Patch, picture, quantised, ring, sheet, stream_of_parts
 
 from texfcodec.geometry.draco import counts_of
 from texfcodec.ground.walk import write_v
@@ -21,6 +21,12 @@ def base_stream():
 def quantised_stream():
     """The same with UVs quantised to eight bits."""
     return stream_of_parts([Image(picture(*SIZE), CLAMPED)], [quantised(ring(SIZE, 4, (0.5, 0.4), (2, 3)), 8)])
+
+
+def reaching_256():
+    """UVs of 0 to 256 quantised to eight bits, for which eight bits are one too few."""
+    uv = [(0, 0), (256, 8), (190, 100), (0, 0), (190, 100), (9, 112)]
+    return stream_of_parts([Image(picture(*SIZE), CLAMPED)], [quantised(sheet(uv), 8)])
 
 
 def fields():
@@ -122,7 +128,7 @@ def uv_elements():
         ("texels_uv_range_less", "uv_range less than the UVs reach", lies(uv_range=reach - 40), "TXF-S23"),
         ("texels_uv_range_more", "a uv_range that the UVs were not quantised for", lies(uv_range=reach + 5), "TXF-S23"),
         ("texels_uv_bits_7", "fewer uv_bits than the UVs were quantised to", lies(uv_bits=7, uv_range=127), "TXF-S23"),
-        ("texels_uv_range_over", "uv_range 256 with eight bits", with_element(coarse, G, "uv_range", write_v(256)), "TXF-S04"),
+        ("texels_uv_range_over", "uv_range 256 with eight bits", reaching_256(), "TXF-S04"),
         ("texels_uv_range_0", "uv_range 0", with_element(coarse, G, "uv_range", b"\0"), "TXF-S04"),
         ("texels_uv_range_2_20", "uv_range 2^20", wide, "TXF-S04"),
         ("texels_uv_bits_21", "uv_bits 21", with_element(coarse, G, "uv_bits", b"\x15"), "TXF-S04"),

@@ -1,19 +1,18 @@
 // GLSL: voxels found by brick and bits, and the trilinear answer of spec clause 8.2.
 
-/** Number of bits that are set; part of every look-up. */
+/** Number of bits that are set, and where a voxel is in its brick; part of every look-up. */
 export const BITS_GLSL = `
 int ones(uint x) {
   x -= (x >> 1) & 0x55555555u;
   x = (x & 0x33333333u) + ((x >> 2) & 0x33333333u);
   return int((((x + (x >> 4)) & 0x0f0f0f0fu) * 0x01010101u) >> 24);
 }
-uint spread(uint x) {
-  x = (x | (x << 16)) & 0x030000ffu;
-  x = (x | (x << 8)) & 0x0300f00fu;
-  x = (x | (x << 4)) & 0x030c30c3u;
-  return (x | (x << 2)) & 0x09249249u;
+// Three bits of each coordinate, as they alternate in a Morton key.
+uint inBrick(ivec3 v) {
+  uvec3 u = uvec3(v & 7);
+  u = (u & 1u) | ((u & 2u) << 2) | ((u & 4u) << 4);
+  return u.x | (u.y << 1) | (u.z << 2);
 }
-uint morton(uvec3 v) { return spread(v.x) | (spread(v.y) << 1) | (spread(v.z) << 2); }
 `;
 
 /** `int row_NAME(int level, ivec3 voxel, int size)`: the row of a voxel among all levels, -1 where it is not active. */
@@ -35,14 +34,15 @@ int find_${name}(uint code) {
 }
 int row_${name}(int level, ivec3 voxel, int size) {
   if (any(lessThan(voxel, ivec3(0))) || any(greaterThanEqual(voxel, ivec3(size)))) return -1;
-  uint code = morton(uvec3(voxel >> 3));
-  if (level > 0) code |= 0x80000000u | (uint(level) << 27);
+  uvec3 brick = uvec3(voxel >> 3);
+  uint code = level == 0 ? brick.x | (brick.y << 10) | (brick.z << 20)
+    : brick.x | (brick.y << 9) | (brick.z << 18) | (uint(level) << 27) | 0x80000000u;
   if (code != last_${name}) {
     last_${name} = code;
     brick_${name} = find_${name}(code);
   }
   if (brick_${name} < 0) return -1;
-  uint inside = morton(uvec3(voxel & 7)), bit = inside & 31u;
+  uint inside = inBrick(voxel), bit = inside & 31u;
   uvec2 word = texelFetch(u_${name}_bits, place(brick_${name} * 16 + int(inside >> 5)), 0).rg;
   if (((word.x >> bit) & 1u) == 0u) return -1;
   return int(word.y) + ones(word.x & ((1u << bit) - 1u));

@@ -82,9 +82,10 @@ export function lookUpOf({ first, levels }) {
   return { table, log2, bits };
 }
 
-/** One number for a brick of a level; brick keys have 30 bits on level 0 and 27 above it. */
+/** One number for a brick of a level: coordinates of 10 bits on level 0, of 9 above it. */
 function codeOf(level, key) {
-  return level === 0 ? key : (0x80000000 | (level << 27) | key) >>> 0;
+  const [x, y, z] = [0, 1, 2].map((axis) => compact(key >>> axis));
+  return (level === 0 ? x | (y << 10) | (z << 20) : 0x80000000 | (level << 27) | x | (y << 9) | (z << 18)) >>> 0;
 }
 
 /** Values of a plane on its own level and all above, Uint8Array [rows * components], and the number of rows. */

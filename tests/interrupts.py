@@ -1,4 +1,4 @@
-"""Interrupts the six tools at random moments of their runs and says where one of them does not end as it should.
+"""Interrupts the seven tools at random moments of their runs and says where one of them does not end as it should.
 
     python tests/interrupts.py [--moments 300] [--jobs 2] [--seed 0] [--tool texf-enc] [--cold] [--kill]
 
@@ -56,6 +56,7 @@ RUNS = {
     "texf-render": [("{stream}", "{out}/a.png", "--size", "256"),
                     ("{stream}", "{out}/a.png", "--size", "256", "--compare", "{mesh}")],
     "texf-eval": [("{mesh}", "{stream}", "--views", "2", "--size", "128")],
+    "texf-view": [("{stream}", "--export", "{out}/a.html")],
 }  # fmt: skip
 
 

@@ -17,13 +17,13 @@ import pytest
 from texfcodec import EncodeOptions, InputError, Limits, Report, encode, encode_to_result, inspect
 from texfcodec.bitstream.stream import write_stream
 from texfcodec.bitstream.units import write_unit
-from texfcodec.cli import dec, enc, eval, info, render, validate
+from texfcodec.cli import dec, enc, eval, info, render, validate, view
 from texfcodec.report import Cancelled
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 GOLDEN = Path(__file__).parent / "golden"
 COMMANDS = {"texf-enc": enc.main, "texf-dec": dec.main, "texf-info": info.main, "texf-render": render.main,
-            "texf-eval": eval.main, "texf-validate": validate.main}
+            "texf-eval": eval.main, "texf-validate": validate.main, "texf-view": view.main}
 SMALL = ("--resolution", "32", "--qp", "24")
 
 
@@ -72,7 +72,7 @@ def test_help_is_the_golden_text(call, name):
     assert out.split() == (GOLDEN / f"{name}.txt").read_text(encoding="utf-8").split()
 
 
-@pytest.mark.parametrize("tool", ["texf-dec", "texf-validate"])
+@pytest.mark.parametrize("tool", ["texf-dec", "texf-validate", "texf-view"])
 def test_help_of_the_decoder_shows_every_limit(call, tool):
     _, out, _ = call(tool, "--help")
     text = " ".join(out.split())

@@ -10,13 +10,13 @@ import pytest
 from texfcodec import errors
 from texfcodec.asset.load.files import SUFFIXES as READ
 from texfcodec.asset.save.files import SUFFIXES as WRITTEN
-from texfcodec.cli import dec, enc, eval, info, render, validate
+from texfcodec.cli import dec, enc, eval, info, render, validate, view
 from texfcodec.options import RATES
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 GUIDE = REPOSITORY / "docs" / "guide.md"
 COMMANDS = {"texf-enc": enc.enc, "texf-dec": dec.dec, "texf-info": info.info, "texf-render": render.render,
-            "texf-eval": eval.evaluate, "texf-validate": validate.validate}
+            "texf-eval": eval.evaluate, "texf-validate": validate.validate, "texf-view": view.view}
 FLAG = re.compile(r"--[a-z][a-z-]*[a-z]")
 
 

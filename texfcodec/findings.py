@@ -290,5 +290,13 @@ FINDINGS = (
     Finding("TXF-C06", InputError, (), "the client of Dask clusters is not installed", "pip install \"texfcodec[cluster]\""),
     Finding("TXF-C07", SupportError, (), "the process that coded an asset of a batch ended without an answer",
             "code the asset alone, and report what is shown"),
+    Finding("TXF-C08", InputError, (), "the page cannot be served at this port",
+            "leave --port out, which takes any that is free"),
+    Finding("TXF-C09", SupportError, (), "a browser is needed, and none is found",
+            "install Chromium, or name a browser of its kind in TEXF_BROWSER"),
+    Finding("TXF-C10", SupportError, (), "the browser ends or takes too long before the page has done its work",
+            "try again on a machine that is less busy, or with another browser in TEXF_BROWSER"),
+    Finding("TXF-C11", SupportError, (), "the page in the browser cannot do what was asked",
+            "do what the message says, or take another browser"),
 )
 BY_CODE = {finding.code: finding for finding in FINDINGS}

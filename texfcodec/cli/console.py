@@ -32,7 +32,7 @@ class Console:
 
     def __init__(self, arguments: list[str]) -> None:
         self.as_json, self.quiet = "--json" in arguments, "--quiet" in arguments
-        interrupts.Talk.errors, interrupts.Talk.kept = 1, False
+        interrupts.Talk.errors, interrupts.Talk.kept, interrupts.Talk.closes = 1, False, False
         self.results = sys.stdout
 
     def stdout_is_taken(self) -> None:

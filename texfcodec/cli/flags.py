@@ -1,5 +1,6 @@
 """Flags of the command lines, made from the tables of options.py and limits.py: range, default and text are said there."""
 
+import math
 from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
@@ -10,6 +11,8 @@ from ..codecs import our_codecs
 from ..limits import Limits
 from ..options import DEFAULT_CODEC, FINEST_POSITIONS, words_of
 
+MOST_PIXELS = 8192  # a side of a picture
+FIBONACCI = 16  # views of the image metric
 _LIMIT_TEXT = {
     "file_bytes": "bytes of the stream",
     "vertices": "vertices over all geometry units",
@@ -101,3 +104,29 @@ def limit_flags(*names: str) -> Callable[[Callable], Callable]:
 def limits_of(choices: dict) -> Limits:
     """Takes the values of limit_flags out of the dict of choices and makes Limits of them."""
     return Limits(**{name[4:]: choices.pop(name) for name in list(choices) if name.startswith("max_")})
+
+
+def size_of(context: click.Context, parameter: click.Parameter, value: str) -> tuple[int, int]:
+    """(width, height) of N or WxH: callback of a --size in pixels."""
+    parts = value.lower().split("x")
+    if len(parts) > 2 or not all(p.isascii() and p.isdigit() and 1 <= int(p) <= MOST_PIXELS for p in parts):
+        raise click.BadParameter(f"{value} is neither N nor WxH with sides in 1..{MOST_PIXELS}.")
+    return int(parts[0]), int(parts[-1])
+
+
+def direction_of(context: click.Context, parameter: click.Parameter, value: str) -> tuple[float, ...]:
+    """Direction from the object to the camera of a view's name: callback of a --view."""
+    from ..render.camera import VIEWS, direction_of_angles, fibonacci_direction
+
+    name, _, index = value.partition(":")
+    if value in VIEWS:
+        return VIEWS[value]
+    if name == "fibonacci" and index.isascii() and index.isdigit() and int(index) < FIBONACCI:
+        return tuple(fibonacci_direction(int(index), FIBONACCI))
+    try:
+        angles = [float(part) for part in value.split(",")]
+    except ValueError:
+        angles = []
+    if len(angles) != 2 or not all(map(math.isfinite, angles)):
+        raise click.BadParameter(f"{value} is no view: {', '.join(VIEWS)}, fibonacci:0..{FIBONACCI - 1} or AZIMUTH,ELEVATION.")
+    return tuple(direction_of_angles(*angles))

@@ -13,6 +13,9 @@ from ..limits import Limits
 
 if TYPE_CHECKING:
     from ..asset.scene import Scene
+    from ..options import DecodeOptions
+    from ..report import Report
+    from ..texf import Texf
 
 _GLB_MAGIC = b"glTF"
 
@@ -62,3 +65,24 @@ def _stdin_mesh(data, strict):
         raise InputError("TXF-I05", "a mesh on stdin must be a GLB; any other format needs a file name with its suffix",
                          value=bytes(data[:4]).hex(), allowed="GLB")
     return load_glb(data, strict)
+
+
+def load_asset(path: str, options: DecodeOptions, inputs: list[str], report: Report) -> tuple[Scene | Texf, int]:
+    """What is to be drawn, a Texf of a stream or a Scene of a mesh, and how many bytes it was read from. inputs: gets the names
+    of the files that were read; report: times, warnings, and what of a mesh is not read."""
+    from ..api import decode
+    from ..report import Report
+
+    with report.stage("load"):
+        data, scene = open_asset(path, path.lower().endswith(".texf"), options.limits)
+    inputs += files_of(path, scene)
+    if scene is None:
+        assert data is not None
+        within = Report()  # its stages are parts of this one
+        with report.stage("decode"):
+            texf = decode(data, options, within)
+        report.warnings += within.warnings
+        return texf, len(data)
+    report.warnings += scene.warnings
+    report.dropped += scene.dropped
+    return scene, sum(scene.files.values())

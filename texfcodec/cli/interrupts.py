@@ -13,22 +13,23 @@ import _thread
 import os
 import sys
 
-from ..errors import EXIT_INTERRUPTED
+from ..errors import EXIT_INTERRUPTED, EXIT_OK
 from ..ground import unfinished
 
 CODE = "TXF-C02"
 NOTHING_WRITTEN = "interrupted; nothing was written"
 KEPT = "interrupted; what is finished stays, and the same command goes on from here"
 INCOMPLETE = "interrupted; what was written is not complete"
+CLOSED = "closed"
 
 
 class Talk:
     """What the thread needs to know of the command. partly: a pipe or device may have got something; kept: what is
-    finished stays; bar: a progress bar is on
-    the terminal; errors: the descriptor for errors as JSON, None before the command line is read; installed: it is at work."""
+    finished stays; bar: a progress bar is on the terminal; closes: Ctrl-C is how the command is meant to end; quiet: it says
+    nothing then; errors: the descriptor for errors as JSON, None before the command line is read; installed: it is at work."""
 
     errors: int | None = None
-    partly, kept, bar, installed = False, False, False, False
+    partly, kept, bar, closes, quiet, installed = False, False, False, False, False, False
 
 
 def is_program() -> bool:
@@ -71,6 +72,10 @@ def _wait(ear):
             continue
         asked += 1
         unfinished.GATE.acquire()
+        if Talk.closes:
+            unfinished.remove_all()
+            _say_closed()
+            os._exit(EXIT_OK)
         if not unfinished.is_finished():
             unfinished.remove_all()
             _say()
@@ -103,6 +108,14 @@ def _say():
         os.write(target, line)
     except OSError:
         pass
+
+
+def _say_closed():
+    if not Talk.quiet:
+        try:
+            os.write(2, f"{CLOSED}\n".encode())
+        except OSError:
+            pass
 
 
 def _guessed_target():

@@ -1,28 +1,17 @@
 """texf-render: a picture of a stream or a mesh, or of two of them and their difference."""
 
-import math
 from pathlib import Path
 from typing import NoReturn
 
 import click
 
 from .. import __version__
-from ..options import default_threads
+from ..options import DecodeOptions, default_threads
 from .console import STYLE, check_output, run, seconds_of, timing_line, write_output
-from .flags import file_names, number
-from .inputs import check_stdin_once, files_of, open_asset
+from .flags import direction_of, file_names, number, size_of
+from .inputs import check_stdin_once, load_asset
 
-MOST_PIXELS = 8192  # a side
-FIBONACCI = 16  # views of the image metric
 BACKGROUNDS = {"white": (255, 255, 255), "black": (0, 0, 0)}
-
-
-def _size_of(context, parameter, value):
-    """(width, height) of N or WxH."""
-    parts = value.lower().split("x")
-    if len(parts) > 2 or not all(p.isascii() and p.isdigit() and 1 <= int(p) <= MOST_PIXELS for p in parts):
-        raise click.BadParameter(f"{value} is neither N nor WxH with sides in 1..{MOST_PIXELS}.")
-    return int(parts[0]), int(parts[-1])
 
 
 def _background_of(context, parameter, value):
@@ -37,31 +26,13 @@ def _background_of(context, parameter, value):
     return tuple(int(p) for p in parts)
 
 
-def _direction_of(context, parameter, value):
-    """Direction from the object to the camera of a view's name."""
-    from ..render.camera import VIEWS, direction_of_angles, fibonacci_direction
-
-    name, _, index = value.partition(":")
-    if value in VIEWS:
-        return VIEWS[value]
-    if name == "fibonacci" and index.isascii() and index.isdigit() and int(index) < FIBONACCI:
-        return tuple(fibonacci_direction(int(index), FIBONACCI))
-    try:
-        angles = [float(part) for part in value.split(",")]
-    except ValueError:
-        angles = []
-    if len(angles) != 2 or not all(map(math.isfinite, angles)):
-        raise click.BadParameter(f"{value} is no view: {', '.join(VIEWS)}, fibonacci:0..{FIBONACCI - 1} or AZIMUTH,ELEVATION.")
-    return tuple(direction_of_angles(*angles))
-
-
 @click.command("texf-render", context_settings=STYLE)
 @click.argument("source", metavar="IN.{texf,glb,gltf,obj,ply}", shell_complete=file_names)
 @click.argument("out", metavar="OUT.png", shell_complete=file_names)
-@click.option("--view", metavar="V", default="front", callback=_direction_of,
+@click.option("--view", metavar="V", default="front", callback=direction_of,
               help="front, back, left, right, top, bottom, fibonacci:I (of the image metric's 16), or AZIMUTH,ELEVATION in "
                    "degrees; front looks along -z with y up, azimuth 90 is the right side.  [default: front]")
-@click.option("--size", metavar="N|WxH", default="1024", callback=_size_of, help="Pixels, 1..8192 a side.  [default: 1024]")
+@click.option("--size", metavar="N|WxH", default="1024", callback=size_of, help="Pixels, 1..8192 a side.  [default: 1024]")
 @click.option("--perspective", metavar="FOV", **number(1.0, 170.0, "Perspective with this vertical field of view in degrees, "
                                                                      "1..170.  [default: orthographic]"))
 @click.option("--anti-alias", metavar="N", default=1,
@@ -114,7 +85,7 @@ def render(console, source, out, compare, as_json, quiet, **choices):
 
 def _pictures(source, compare, choices, inputs, report):
     """(Picture of the source, what compare() found or None, image to write); adds the files that were read to inputs."""
-    first = _load(source, choices["threads"], inputs, report)
+    first = load_asset(source, DecodeOptions(threads=choices["threads"]), inputs, report)[0]
     camera = _camera(first, choices)
     picture = _draw(first, camera, choices, report)
     if not len(picture.pixel):
@@ -122,24 +93,9 @@ def _pictures(source, compare, choices, inputs, report):
     if compare is None:
         choices["background"] = choices["background"] or BACKGROUNDS["white"]
         return picture, None, _image(picture, choices)
-    other = _draw(_load(compare, choices["threads"], inputs, report), camera, choices, report)
+    other = load_asset(compare, DecodeOptions(threads=choices["threads"]), inputs, report)[0]
+    other = _draw(other, camera, choices, report)
     return picture, *_compared(source, compare, picture, other, choices, report)
-
-
-def _load(path, threads, inputs, report):
-    """A Texf of a stream, a Scene of a mesh; adds the files that were read to inputs."""
-    from ..api import decode
-    from ..options import DecodeOptions
-
-    with report.stage("load"):
-        data, scene = open_asset(path, path.lower().endswith(".texf"))
-    inputs += files_of(path, scene)
-    if scene is None:
-        with report.stage("decode"):
-            return decode(data, DecodeOptions(threads=threads))
-    report.warnings += scene.warnings
-    report.dropped += scene.dropped
-    return scene
 
 
 def _camera(asset, choices):

@@ -46,20 +46,20 @@ class Environment:
 
     def radiance(self, direction: np.ndarray) -> np.ndarray:
         """The sky without the lights, seen along unit directions [3, M]: float32 [3, M]."""
-        return _horner(self._powers, direction[1])
+        return _horner(self.powers, direction[1])
 
     def irradiance(self, normal: np.ndarray) -> np.ndarray:
         """The sky's irradiance over pi on unit normals [3, M], without the lights: float32 [3, M], exact."""
-        return _horner(self._diffuse_powers, normal[1])
+        return _horner(self.diffuse_powers, normal[1])
 
     def prefiltered(self, direction: np.ndarray, roughness: np.ndarray) -> np.ndarray:
         """The sky averaged with the lobe of GGX about unit directions [3, M], seen straight on; roughness: [M] of glTF, 0..1.
         Returns float32 [3, M]."""
-        return look_up(self._prefiltered, 0.5 + 0.5 * direction[1], roughness)
+        return look_up(self.prefiltered_table, 0.5 + 0.5 * direction[1], roughness)
 
     def build(self) -> None:
         """Makes the tables now, so that threads only read."""
-        _ = self._powers, self._diffuse_powers, self._prefiltered
+        _ = self.powers, self.diffuse_powers, self.prefiltered_table
 
     @cached_property
     def _zonal(self):
@@ -71,15 +71,18 @@ class Environment:
         return (basis * weights[:, None]).T @ sky * (np.arange(DEGREE + 1) + 0.5)[:, None]
 
     @cached_property
-    def _powers(self):
+    def powers(self) -> np.ndarray:
+        """Coefficients float32 [DEGREE + 1, 3] of the sky's radiance in powers of the height."""
         return _in_powers(self._zonal)
 
     @cached_property
-    def _diffuse_powers(self):
+    def diffuse_powers(self) -> np.ndarray:
+        """Coefficients float32 [DEGREE + 1, 3] of the sky's irradiance over pi in powers of the normal's height."""
         return _in_powers(self._zonal * cosine_lobe()[:, None])
 
     @cached_property
-    def _prefiltered(self):
+    def prefiltered_table(self) -> np.ndarray:
+        """What prefiltered() looks up, float32 [HEIGHTS, ROUGHNESSES, 3]."""
         basis = legendre.legvander(np.linspace(-1, 1, HEIGHTS), DEGREE)
         lobes = np.array([ggx_lobe(r * r) for r in np.linspace(0, 1, ROUGHNESSES)])
         return np.ascontiguousarray(np.einsum("hl,rl,lc->hrc", basis, lobes, self._zonal), np.float32)

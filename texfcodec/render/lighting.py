@@ -146,10 +146,12 @@ class Lighting:
         return out
 
     def _view(self, camera, face, bary):
-        """From the points to the eye, float32 [m, 3]: in perspective to where it stands, else against the line of sight."""
+        """From the points to the eye, float32 [m, 3], of any length: in perspective to where it stands, else against the line of
+        sight."""
         if not camera.perspective:
             return np.broadcast_to(-camera.forward.astype(np.float32), (len(face), 3))
-        return (camera.eye - surface_points(face, bary, self.positions, self.faces)).astype(np.float32)
+        away = camera.eye - surface_points(face, bary, self.positions, self.faces)
+        return (away / (np.abs(away).max(initial=0.0) or 1.0)).astype(np.float32)  # which binary32 holds, in any world
 
 
     def normals(self, name: str, face: np.ndarray, bary: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -146,25 +146,25 @@ def _charlie(nh, inverse, nl, nv):
 
 def ggx_integral(nv: np.ndarray, roughness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(a, b) float32 [M] each: under a white sky GGX reflects f0 a + f90 b. nv: cosine of the view; roughness: of glTF, 0..1."""
-    a, b = look_up(_ggx_table(), np.sqrt(nv), roughness)
+    a, b = look_up(ggx_table(), np.sqrt(nv), roughness)
     return a, b
 
 
 def charlie_integral(nv: np.ndarray, roughness: np.ndarray) -> np.ndarray:
     """The share float32 [M] of a white sky that white cloth reflects; at most 1."""
-    return look_up(_charlie_table(), np.sqrt(nv), roughness)[0]
+    return look_up(charlie_table(), np.sqrt(nv), roughness)[0]
 
 
 def build_tables() -> None:
     """Makes the tables now, so that threads only read."""
-    _ = _ggx_table(), _charlie_table()
+    _ = ggx_table(), charlie_table()
 
 
 @lru_cache(maxsize=1)
-def _ggx_table():
-    """[COSINES, ROUGHNESSES, 2]. Half vectors come from the distribution of those the eye sees, drawn as Heitz does (Sampling the
-    GGX distribution of visible normals, 2018): a disc, lifted on a half sphere, stretched. Weights are then the masking of the
-    light alone, times Schlick's."""
+def ggx_table() -> np.ndarray:
+    """What ggx_integral() looks up, float32 [COSINES, ROUGHNESSES, 2]. Half vectors come from the distribution of those the eye
+    sees, drawn as Heitz does (Sampling the GGX distribution of visible normals, 2018): a disc, lifted on a half sphere,
+    stretched. Weights are then the masking of the light alone, times Schlick's."""
     u, phi = _strata()
     side, up = np.sqrt(u) * np.cos(phi - np.pi / 2), np.sqrt(u) * np.sin(phi - np.pi / 2)
     table = np.empty((COSINES, ROUGHNESSES, 2))
@@ -186,8 +186,9 @@ def _ggx_table():
 
 
 @lru_cache(maxsize=1)
-def _charlie_table():
-    """[COSINES, ROUGHNESSES, 1], by strata over the hemisphere of lights whose cosine is a square: the lobe lies at its rim."""
+def charlie_table() -> np.ndarray:
+    """What charlie_integral() looks up, float32 [COSINES, ROUGHNESSES, 1], by strata over the hemisphere of lights whose cosine
+    is a square: the lobe lies at its rim."""
     t, phi = _strata()
     nl, sine = t * t, np.sqrt(1 - t**4)
     table = np.empty((COSINES, ROUGHNESSES, 1))

@@ -1,0 +1,393 @@
+"""The page as a person uses it: keys, pointers, files and what goes wrong, in headless Chromium."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from browser import needs_browser
+from devtools import Page
+from shapes import mapped_sheet, noise, painted_sphere, scene_of, square
+
+from texfcodec import EncodeOptions, decode, encode
+from texfcodec.view.container import MAGIC, parse
+from texfcodec.view.dropped import container_of_dropped
+from texfcodec.view.pack import pack
+from texfcodec.view.page import export_page
+from texfcodec.view.server import ViewServer
+
+pytestmark = needs_browser
+FRONT = {"direction": [0.0, 0.0, 1.0], "perspective": None}
+START = {"camera": FRONT, "shaded": False, "mode": "single", "layer": None, "effects": "scene", "background": [255, 255, 255]}
+MIDDLE = (320, 200)
+CONTEXT = "document.getElementById('view').getContext('webgl2')"
+
+
+@pytest.fixture(scope="module")
+def containers():
+    """A sphere as a stream and as its source, and a sheet with maps that is lit: containers by name, and the stream's bytes."""
+    source = painted_sphere(10)
+    stream = encode(source, EncodeOptions(resolution=32, qp=40))
+    sheet = mapped_sheet({"roughness": noise(1), "emissive": noise(2)}, double_sided=True,
+                         parameters={"emissive": (1.0, 0.5, 1.0)})
+    return {"stream": pack(decode(stream), "ball.texf", len(stream)), "source": pack(source, "ball.glb", 1000),
+            "sheet": pack(sheet, "sheet.glb", 2000), "bytes": stream}
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with Page(tmp_path_factory.mktemp("page") / "profile") as page:
+        page.call("Emulation.setDeviceMetricsOverride", width=640, height=400, deviceScaleFactor=1, mobile=False)
+        yield page
+
+
+@pytest.fixture
+def show(browser, containers):
+    """show(name, ..., query, start): the browser's page of these assets, once their picture stands. Afterwards it must have
+    complained of nothing that the test has not taken out of its errors."""
+    servers = []
+
+    def opened(*names, query="", start=START):
+        chosen = [containers[name] if isinstance(name, str) else name for name in names]
+        servers.append(ViewServer(chosen, drop=container_of_dropped, start=start))
+        servers[-1].__enter__()
+        browser.errors.clear()
+        browser.open(servers[-1].address + query)
+        return browser
+
+    yield opened
+    browser.call("Page.navigate", url="about:blank")
+    for server in servers:
+        server.__exit__()
+    assert browser.errors == []
+
+
+def camera(page):
+    """Azimuth, elevation, distance, target and field of view, as the page copies them."""
+    return np.array([float(number) for number in page.run("viewer.orbit.link").split(",")])
+
+
+def mode(page):
+    return page.run("document.querySelector('input[name=mode]:checked').value")
+
+
+def differ(one, two):
+    """How many pixels of two pictures differ."""
+    return int((one != two).any(axis=2).sum())
+
+
+# The camera
+
+
+def test_arrows_and_numbers_turn_the_camera_and_the_picture(show):
+    page = show("stream")
+    before = page.pixels()
+    page.press("ArrowRight")
+    page.press("ArrowUp")
+    assert camera(page)[:2].tolist() == [5, 5] and differ(before, page.pixels()) > 1000
+    for number, angles in enumerate(((0, 0), (180, 0), (-90, 0), (90, 0), (0, 90), (0, -90)), 1):
+        page.press(str(number))
+        assert camera(page)[:2] == pytest.approx(angles, abs=1e-4)
+    page.press("1")
+    assert differ(before, page.pixels()) == 0
+
+
+def test_keys_zoom_move_and_frame(show):
+    page = show("stream")
+    before = camera(page)
+    page.press("+")
+    page.press("ArrowLeft", shift=True)
+    assert camera(page)[2] < before[2] and camera(page)[3] > 0
+    page.press("f")
+    assert camera(page) == pytest.approx(before)
+
+
+def test_projection_changes_and_what_is_seen_keeps_its_size(show):
+    page = show("stream")
+    size = int((page.pixels() != 255).any(axis=2).sum())
+    page.press("o")
+    page.press("+")
+    page.press("-")
+    assert camera(page)[6] == 40 and page.run("viewer.panel.deep.box.checked")
+    assert int((page.pixels() != 255).any(axis=2).sum()) == pytest.approx(size, rel=0.1)
+    page.press("o")
+    assert camera(page)[6] == 0
+
+
+def test_a_mouse_turns_moves_and_zooms(show):
+    page = show("stream")
+    page.drag(MIDDLE, (370, 220))
+    turned = camera(page)
+    assert turned[:2] == pytest.approx([-20, 8])
+    page.drag(MIDDLE, (370, 200), button="right")
+    page.drag(MIDDLE, (320, 250), shift=True)
+    moved = camera(page)
+    assert moved[:3] == pytest.approx(turned[:3]) and np.abs(moved[3:6]).max() > 0.1
+    page.mouse("mouseWheel", *MIDDLE, deltaX=0, deltaY=-200)
+    page.until(f"viewer.orbit.distance < {0.9 * moved[2]}")
+    page.run("document.getElementById('view').dispatchEvent(new MouseEvent('dblclick'))")
+    page.settle()
+    assert camera(page)[2:6] == pytest.approx([1, 0, 0, 0])
+
+
+def test_two_fingers_pinch(show):
+    page = show("stream")
+    page.touch([(300, 200), (340, 200)], [(280, 200), (360, 200)], [(260, 200), (380, 200)])
+    assert camera(page)[2] == pytest.approx(40 / 120, rel=0.01)
+    page.touch([(320, 200)], [(345, 200)])
+    assert camera(page)[0] == pytest.approx(-10)
+
+
+def test_the_address_sets_the_camera_and_a_key_writes_it_there(show):
+    page = show("stream", query="#camera=30,20,2.5,0.1,0.2,0.3,35")
+    assert camera(page).tolist() == [30, 20, 2.5, 0.1, 0.2, 0.3, 35]
+    page.press("ArrowRight")
+    page.press("c")
+    assert page.run("location.hash") == "#camera=35,20,2.5,0.1,0.2,0.3,35" and "camera" in page.message()
+    page.run("void (location.hash = '#camera=1,2,3,0,0,0,0')")
+    page.until("viewer.orbit.link === '1,2,3,0,0,0,0'")
+    page.run("void (location.hash = '#camera=1,2')")
+    page.until("document.querySelector('#message span').textContent.includes('no camera')")
+    assert camera(page).tolist() == [1, 2, 3, 0, 0, 0, 0]
+
+
+# Two assets
+
+
+def test_keys_choose_how_two_are_compared(show):
+    page = show("stream", "source")
+    seen = {mode(page): page.pixels()}
+    for key, name in ((" ", "other"), ("s", "split"), ("d", "difference"), ("a", "side")):
+        page.press(key)
+        assert mode(page) == name
+        seen[name] = page.pixels()
+    page.press("a")
+    assert mode(page) == "single" and differ(seen["single"], page.pixels()) == 0
+    assert len({picture.tobytes() for picture in seen.values()}) == 5
+    page.press("s")
+    half = seen["split"].shape[1] // 2
+    for part, name in ((slice(0, half - 1), "single"), (slice(half + 1, None), "other")):
+        assert differ(seen["split"][:, part], seen[name][:, part]) == 0
+
+
+def test_the_line_between_two_is_dragged(show):
+    page = show("stream", "source", start={**START, "mode": "split"})
+    before = camera(page)
+    page.drag((320, 50), (200, 60))
+    assert page.run("viewer.look.slider") == pytest.approx(200 / 640, abs=0.01) and (camera(page) == before).all()
+    split = page.pixels()
+    page.press(" ")
+    assert differ(page.pixels()[:, 202:], split[:, 202:]) == 0
+    page.drag((200, 200), (220, 200))
+    assert camera(page)[0] == pytest.approx(-8), "there is no line where one is shown alone"
+
+
+@pytest.mark.parametrize("how", ["single", "split", "side"])
+def test_psnr_that_is_told_is_that_of_the_two_pictures(show, how):
+    page = show("stream", "source", start={**START, "mode": how})
+    page.press("o")
+    told = page.run("[...document.querySelectorAll('#psnr td')].map((cell) => cell.textContent)")
+    found = page.run("""(async () => { const { psnrOf } = await import('./web/present.js');
+        const found = psnrOf(...viewer.wishes([0, 1], 1).map((wish) => viewer.stage.target(wish).target.read()), [255, 255, 255]);
+        return [found.rgb, ...found.channels, found.both]; })()""")
+    assert told == [f"{value:.2f}" for value in found[:4]] and 15 < found[0] < 60
+    assert f"{found[4]:,}" in page.run("document.querySelector('#psnr + p').textContent")
+
+
+def test_an_asset_equals_itself(show):
+    page = show("stream", "stream", start={**START, "mode": "difference"})
+    assert page.run("document.querySelector('#psnr td').textContent") == "equal"
+    assert set(map(tuple, page.pixels().reshape(-1, 3).tolist())) == {(0, 0, 0), (255, 255, 255)}
+
+
+def test_two_that_stand_in_different_places_are_framed_each_by_itself(show):
+    far = scene_of(*square(side=1e4))
+    alone = show(pack(far, "far.glb", 1)).pixels()
+    page = show("stream", pack(far, "far.glb", 1), start={**START, "mode": "other"})
+    assert page.run("!viewer.panel.compare.apart.hidden") and differ(alone, page.pixels()) == 0
+    assert show("stream", "source").run("viewer.panel.compare.apart.hidden")
+
+
+# Layers and light
+
+
+def test_every_layer_of_the_list_is_drawn(show):
+    page = show("sheet", "stream")
+    layers = page.run("[...document.getElementById('layer').options].map((option) => option.value)")
+    assert {"picture", "base_colour", "roughness", "emissive", "normals", "faces", "cubes", "density"} <= set(layers)
+    for layer in layers:
+        page.run(f"viewer.change({{ layer: '{layer}' }})")
+        page.settle()
+        assert page.message() == "" and page.run("document.getElementById('layer').value") == layer
+    page.run("viewer.change({ layer: 'roughness' })")
+    page.settle()
+    assert page.run("viewer.panel.missing.textContent") == "ball.texf: no such layer, shown in grey."
+
+
+def test_light_is_switched_where_a_material_is_lit(show):
+    page = show("sheet")
+    before = page.pixels()
+    page.press("l")
+    assert differ(before, page.pixels()) > 1000 and page.run("viewer.panel.light.box.checked")
+    lit = page.pixels()
+    page.run("viewer.change({ without: new Set(['emission']) })")
+    page.settle()
+    assert differ(lit, page.pixels()) > 1000 and page.message() == ""
+    page.run("viewer.change({ without: new Set() })")
+    page.settle()
+    assert differ(lit, page.pixels()) == 0
+
+
+def test_all_terms_show_the_same_picture_and_each_is_measured(show):
+    page = show("sheet", start={**START, "shaded": True})
+    scene = page.pixels()
+    page = show("sheet", query="?effects=all", start={**START, "shaded": True})
+    assert page.message() == "" and page.run("viewer.panel.effects.all.box.checked")
+    assert np.abs(scene.astype(int) - page.pixels()).max() <= 2
+    page.run("viewer.panel.effects.measure()")
+    rows = page.run("viewer.panel.effects.costs.map((cell) => cell.textContent)")
+    assert len(rows) >= 2 and all(re.fullmatch(r"without: [\d.]+ ms", text) for text in rows)
+
+
+# Files
+
+
+def test_a_dropped_stream_is_shown_and_another_beside_it(show, containers, tmp_path):
+    (tmp_path / "new.texf").write_bytes(containers["bytes"])
+    page = show("sheet")
+    page.drop(tmp_path / "new.texf", 100, 200)
+    page.until("viewer.headers[0].name === 'new.texf'")
+    page.drop(tmp_path / "new.texf", 500, 200)
+    page.until("viewer.headers[1]?.name === 'new.texf'")
+    page.settle()
+    assert mode(page) == "split" and page.run("document.title") == "new.texf · new.texf · texf-view"
+    assert page.run("document.querySelector('#psnr td').textContent") == "equal" and page.message() == ""
+
+
+def test_a_refused_file_is_told_by_its_code_and_the_page_goes_on(show, containers, tmp_path):
+    (tmp_path / "broken.texf").write_bytes(containers["bytes"][:40])
+    page = show("stream")
+    before = page.pixels()
+    page.drop(tmp_path / "broken.texf", 100, 200)
+    page.until("/TXF-S/.test(document.querySelector('#message span')?.textContent)")
+    assert re.search(r"broken\.texf is not shown\. TXF-S\d\d: the data end", page.message())
+    page.press("ArrowRight")
+    assert differ(before, page.pixels()) > 100
+    page.errors[:] = [text for text in page.errors if "422" not in text]  # the console tells of answers too
+
+
+# What goes wrong
+
+
+def test_a_lost_context_comes_back_with_the_same_picture(show):
+    page = show("stream", "source", start={**START, "mode": "split"})
+    before = page.pixels()
+    page.run(f"void (globalThis.loss = {CONTEXT}.getExtension('WEBGL_lose_context'), loss.loseContext())")
+    page.until("viewer.stage === null")
+    assert "lost" in page.message()
+    page.run("void (viewer.flip(), viewer.frame(), viewer.switchMode('split'))")  # which a person may do meanwhile
+    page.run("void loss.restoreContext()")
+    page.until("viewer.stage !== null && viewer.isSettled")
+    assert page.message() == "" and differ(before, page.pixels()) == 0
+
+
+def test_what_the_device_cannot_hold_is_said_and_the_other_is_shown(show):
+    long = mapped_sheet({}, colour=np.full((1, 40000, 4), 200, np.uint8))
+    page = show(pack(long, "long.glb", 1), "stream")
+    assert re.search(r"long\.glb cannot be shown\. .*40000 x 1; this device takes at most \d+", page.message())
+    assert (page.pixels() != 255).any() and page.run("document.querySelector('.problem').textContent") == page.message()
+
+
+def test_a_browser_without_webgl2_is_told_so(show, browser):
+    script = "HTMLCanvasElement.prototype.getContext = () => null;"
+    number = browser.call("Page.addScriptToEvaluateOnNewDocument", source=script)["identifier"]
+    try:
+        assert "no WebGL2" in show("stream").message()
+    finally:
+        browser.call("Page.removeScriptToEvaluateOnNewDocument", identifier=number)
+
+
+def test_an_exported_page_shows_the_same_and_reads_no_files(show, containers, tmp_path):
+    page = show("stream", "source")
+    before = page.pixels()
+    (tmp_path / "page.html").write_bytes(export_page([containers["stream"], containers["source"]], "two", START, "1"))
+    page.open((tmp_path / "page.html").as_uri())
+    assert differ(before, page.pixels()) == 0 and "Open" not in page.run("viewer.panel.root.textContent")
+    page.drop(tmp_path / "page.html", 100, 200)
+    page.until("document.querySelector('#message span')?.textContent.includes('open them with texf-view')")
+    page.press("ArrowRight")
+    assert differ(before, page.pixels()) > 100
+
+
+def test_an_empty_asset_shows_the_background(show):
+    page = show(pack(scene_of(np.zeros((0, 3)), np.zeros((0, 3))), "empty.glb", 0))
+    assert (page.pixels() == 255).all() and page.message() == ""
+    page.press("ArrowRight")
+    assert page.run("document.querySelector('.facts').textContent").startswith("KindMesh")
+
+
+def test_a_hundred_fields_share_their_programs(show, containers):
+    one = show("stream").pixels()
+    page = show(in_a_hundred_fields(containers["stream"]))
+    assert page.run("viewer.stage.slots[0].asset.fields.length") == 100 and page.run("viewer.stage.programs") <= 2
+    assert differ(one, page.pixels()) == 0
+    assert page.run("document.querySelectorAll('.rows li').length") == 100
+
+
+def in_a_hundred_fields(container):
+    """The same asset, its faces dealt to a hundred fields that are all like its one."""
+    header, arrays = parse(container)
+    (_, faces, _, material), *_ = header["mesh"]["parts"]
+    ends = [faces * number // 100 for number in range(101)]
+    header["fields"] *= 100
+    header["mesh"]["parts"] = [[a, b - a, number, material] for number, (a, b) in enumerate(zip(ends, ends[1:], strict=False))]
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % 4)
+    return MAGIC + len(text).to_bytes(4, "little") + text + bytes(arrays)
+
+
+# The panel
+
+
+def test_the_panel_tells_figures_of_the_asset(show, containers):
+    page = show("stream")
+    header, _ = parse(containers["stream"])
+    rows = "[...document.querySelectorAll('.facts tr')]"
+    facts = dict(page.run(f"{rows}.map((row) => [...row.cells].map((cell) => cell.textContent))"))
+    assert facts["File"] == f"{header['bytes']:,} B" and facts["Faces"] == f"{header['faces']:,}" and facts["K"] == "32"
+    assert facts["Voxels"] == f"{header['fields'][0]['count']:,}" and facts["Channels"] == "base colour"
+    assert re.fullmatch(r"Frame [\d.]+ ms, 640 × 400", page.run("document.querySelector('.timing').textContent"))
+
+
+def test_a_moving_picture_is_coarse_when_it_is_slow_and_stands_in_full_at_rest(show):
+    page = show("stream")
+    whole = page.pixels()
+    page.run("(viewer.pace.took(1, 4000), viewer.stage.forget(), viewer.touch())")
+    page.until("viewer.isSettled")
+    assert differ(whole, page.pixels()) == 0
+    scales = page.run("""import('./web/pace.js').then(({ Pace }) => {
+        const pace = new Pace();
+        return [[1, 30], [1, 90], [0.5, 80], [0.25, 75], [1, 12]].map((told) => (pace.took(...told), pace.scale));
+    })""")
+    assert scales[:2] == [1, 0.5] and scales[-1] == 1 and scales[2] < 0.5
+
+
+def test_a_dark_scheme_darkens_page_and_picture(show, browser):
+    browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
+    try:
+        page = show("stream")
+        assert page.pixels()[0, 0].tolist() == [30, 32, 36]
+        assert page.run("getComputedStyle(document.getElementById('panel')).color") == "rgb(230, 232, 235)"
+    finally:
+        browser.call("Emulation.setEmulatedMedia", features=[])
+
+
+def test_help_tells_every_key_and_is_closed(show):
+    page = show("stream")
+    page.press("h")
+    assert page.run("viewer.helper.open") and "Space" in page.run("viewer.helper.textContent")
+    before = camera(page)
+    page.press("ArrowRight")
+    assert (camera(page) == before).all()
+    page.press("Escape")
+    page.until("!viewer.helper.open")

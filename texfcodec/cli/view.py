@@ -1,0 +1,236 @@
+"""texf-view: a page that shows a stream or a mesh, or two of them, in a browser; also as one file, or as a picture."""
+
+import math
+import threading
+import webbrowser
+from pathlib import Path
+from typing import NoReturn
+
+import click
+
+from .. import __version__
+from ..errors import SupportError
+from ..options import DecodeOptions
+from . import interrupts
+from .console import STYLE, check_output, run, seconds_of, timing_line, write_output
+from .flags import direction_of, file_names, limit_flags, limits_of, number, option_flags, size_of
+from .inputs import check_stdin_once, load_asset
+
+MODES = ("single", "split", "difference", "side")
+EFFECTS = ("scene", "all")
+LINK = 7  # numbers of a camera that the page's link holds
+BACKGROUND = (255, 255, 255)
+PAGES, PICTURES = (".html", ".htm"), (".png",)
+PNG = b"\x89PNG\r\n\x1a\n"
+_LOOK = ("shaded", "mode", "layer", "effects")
+
+
+def _camera_of(context, parameter, value):
+    """{"link": text} of the seven numbers of a link, else {"direction": [x, y, z]}."""
+    if value.count(",") != LINK - 1:
+        return {"direction": [float(v) for v in direction_of(context, parameter, value)]}
+    try:
+        numbers = [float(part) for part in value.split(",")]
+    except ValueError:
+        numbers = [math.nan]
+    if not all(map(math.isfinite, numbers)):
+        raise click.BadParameter(f"{value} is no camera: the page copies one as {LINK} numbers.")
+    return {"link": ",".join(f"{v:.9g}" for v in numbers)}
+
+
+@click.command("texf-view", context_settings=STYLE)
+@click.argument("source", metavar="FILE.{texf,glb,gltf,obj,ply}", shell_complete=file_names)
+@click.argument("other", metavar="[OTHER]", required=False, shell_complete=file_names)
+@click.option("--export", metavar="PAGE.html", shell_complete=file_names,
+              help="Write the page with all that it shows as one file, which needs no server and no network.")
+@click.option("--screenshot", metavar="OUT.png", shell_complete=file_names,
+              help="Write the page's picture, drawn by a browser without a window: Chromium or one of its kind, the first on the "
+                   "PATH or the one that TEXF_BROWSER names.")
+@click.option("--camera", metavar="C", default="front", callback=_camera_of,
+              help="front, back, left, right, top, bottom, fibonacci:I (of the image metric's 16), AZIMUTH,ELEVATION in degrees, "
+                   "or the seven numbers that the page copies.  [default: front]")
+@click.option("--size", metavar="N|WxH", default="1024", callback=size_of,
+              help="Pixels of the screenshot, 1..8192 a side.  [default: 1024]")
+@click.option("--perspective", metavar="FOV", **number(1.0, 170.0, "Perspective with this vertical field of view in degrees, "
+                                                                     "1..170.  [default: orthographic]"))
+@click.option("--anti-alias", metavar="N", default=1,
+              **number(1, 8, "Draw the screenshot N times as large and average N x N pixels.  [default: 1]"))
+@click.option("--shaded", is_flag=True, help="In light, with all maps of the materials, not base colour alone (docs/shading.md).")
+@click.option("--mode", type=click.Choice(MODES),
+              help="How two are compared: a slider between them, their difference, or side by side.  [default: split; single "
+                   "without OTHER]")
+@click.option("--layer", metavar="NAME", help="What is shown in place of the colour, by its name on the page, such as normals.")
+@click.option("--effects", type=click.Choice(EFFECTS), default=EFFECTS[0],
+              help="The terms of shading that the scene asks for, or all.  [default: scene]")
+@click.option("--port", metavar="N", default=0,
+              **number(0, 65535, "Where the page is served; 0: any that is free.  [default: 0]"))
+@click.option("--no-browser", is_flag=True, help="Print the address of the page, and open no browser.")
+@option_flags(DecodeOptions, "isolate")
+@limit_flags("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "latents", "metadata_bytes", "isolate_bytes",
+             "isolate_seconds")
+@option_flags(DecodeOptions, "threads")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
+@click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors, and the address of the page.")
+@click.version_option(__version__, message="%(prog)s %(version)s")
+@click.pass_obj
+def view(console, source, other, export, screenshot, as_json, quiet, **choices):
+    """Show a stream or mesh, or two of them to compare, in a browser, with WebGL2 and without baking. The page is served to this
+    machine alone, at the address that is printed, until Ctrl-C; more files can be dropped on it, which are read as with
+    --isolate.
+
+    FILE or OTHER may be "-": a stream or a GLB on stdin. With --export or --screenshot ("-": stdout, with the report on stderr)
+    nothing is served.
+
+    Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 over a limit, 130
+    interrupted.
+    """
+    from ..warmup import FIRST_RUN, kernels_compiled
+
+    check_stdin_once(source, other)
+    inputs = [name for name in (source, other) if name is not None]
+    _check(console, other, export, screenshot, choices, inputs)
+    start = _start(choices, other)
+    options = DecodeOptions(threads=choices["threads"] or 0, isolate=choices["isolate"], limits=limits_of(choices))
+    if not kernels_compiled():
+        console.note(FIRST_RUN)
+    with console.progress() as report:
+        containers = _containers(options, inputs, report)
+        drawn = {"size": list(choices["size"]), "anti_alias": choices["anti_alias"]}
+        outputs = _outputs(containers, export, screenshot, start, drawn, report)
+        for path, data in outputs.items():
+            check_output(path, inputs)
+            with report.stage("save"):
+                write_output(path, data, inputs)
+    _say_losses(console, report)
+    facts = _facts(containers, report)
+    if outputs:
+        facts |= {"files": [Path(path).name for path in outputs if path != "-"]}
+        console.result(facts, _lines(facts, outputs))
+    else:
+        _serve(console, containers, start, choices, options, facts)
+
+
+def _check(console, other, export, screenshot, choices, inputs):
+    """Refuses what cannot be done before any work is."""
+    for path, suffixes in ((export, PAGES), (screenshot, PICTURES)):
+        if path == "-":
+            console.stdout_is_taken()
+        elif path is not None and not path.lower().endswith(suffixes):
+            raise click.UsageError(f"{path} must end in {' or '.join(suffixes)}")
+    if export == screenshot == "-":
+        raise click.UsageError("page and picture cannot both go to stdout")
+    if other is None and choices["mode"] not in (None, "single"):
+        raise click.UsageError(f"--mode {choices['mode']} compares two files, and there is one")
+    if choices["perspective"] is not None and "link" in choices["camera"]:
+        raise click.UsageError("--camera has a field of view already, and --perspective names one")
+    for path in (export, screenshot):
+        if path is not None:
+            check_output(path, inputs)
+    if screenshot is not None:
+        from ..view.headless import needed_browser
+
+        needed_browser()
+
+
+def _start(choices, other):
+    """How the page begins, JSON-ready; takes it out of the choices."""
+    camera, fov = choices.pop("camera"), choices.pop("perspective")
+    look = {name: choices.pop(name) for name in _LOOK}
+    look["mode"] = look["mode"] or ("single" if other is None else "split")
+    return {"camera": camera if "link" in camera else {**camera, "perspective": fov}, **look, "background": list(BACKGROUND)}
+
+
+def _containers(options, inputs, report):
+    """[(name, bytes of the file, container)] of the inputs, in their order; adds the other files that were read to inputs."""
+    from ..view.pack import pack
+
+    out = []
+    for path in list(inputs):
+        asset, size = load_asset(path, options, inputs, report)
+        with report.stage("pack"):
+            out.append((Path(path).name, size, pack(asset, Path(path).name, size)))
+    return out
+
+
+def _outputs(containers, export, screenshot, start, drawn, report):
+    """{path: bytes} of what is to be written. drawn: "size" and "anti_alias" of the screenshot."""
+    data, outputs = [container for _, _, container in containers], {}
+    if export is not None:
+        from ..view.page import export_page
+
+        with report.stage("export"):
+            outputs[export] = export_page(data, " and ".join(name for name, _, _ in containers), start, __version__)
+    if screenshot is not None:
+        from ..view.headless import run_jobs
+
+        with report.stage("browser"):
+            (picture,) = run_jobs(data, [{"kind": "picture", **drawn, **start}])
+        if not picture.startswith(PNG):
+            raise SupportError("TXF-C11", "the page in the browser has drawn no picture")
+        outputs[screenshot] = picture
+    return outputs
+
+
+def _serve(console, containers, start, choices, options, facts):
+    """Serves the page until Ctrl-C, which is how it is meant to end: with 0."""
+    from ..view.dropped import container_of_dropped
+    from ..view.server import ViewServer
+
+    with ViewServer([container for _, _, container in containers], drop=lambda *file: container_of_dropped(*file, options),
+                    start=start, version=__version__, port=choices["port"], most=options.limits.file_bytes) as server:
+        interrupts.Talk.quiet, interrupts.Talk.closes = console.quiet or console.as_json, True
+        if console.quiet and not console.as_json:
+            click.echo(server.address)
+        console.result({"address": server.address, **facts}, [server.address])
+        if not console.as_json:
+            console.note("Ctrl-C ends it")
+        if not choices["no_browser"] and not _open(server.address):
+            console.note("warning: no browser could be started; open the address in one")
+        try:
+            while not threading.Event().wait(1.0):
+                pass
+        except KeyboardInterrupt:  # where cli/interrupts.py is not at work
+            pass
+    if not console.as_json:
+        console.note(interrupts.CLOSED)
+
+
+def _open(address):
+    """Whether a browser with a window was started; one that runs in the terminal would take it over."""
+    try:
+        browser = webbrowser.get()
+        return type(browser) is not webbrowser.GenericBrowser and browser.open(address)
+    except (webbrowser.Error, OSError):
+        return False
+
+
+def _say_losses(console, report):
+    """Warnings one by one; of what is not read only the number."""
+    if not console.as_json:
+        for text in report.warnings:
+            console.note(f"warning: {text}")
+        if report.dropped:
+            console.note(f"{len(report.dropped)} properties are not read and not shown; --json names them")
+
+
+def _facts(containers, report):
+    from ..report import peak_memory_bytes
+
+    assets = [{"name": name, "bytes": size, "container_bytes": len(container)} for name, size, container in containers]
+    return {"assets": assets, "seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(),
+            "warnings": report.warnings, "dropped": report.dropped}
+
+
+def _lines(facts, outputs):
+    for path, data in outputs.items():
+        yield f"{path}: {len(data)} bytes"
+    yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
+
+
+def main(arguments: list[str] | None = None) -> NoReturn:
+    """The entry point."""
+    run(view, arguments)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,61 @@
+"""What the page gets of an asset: typed arrays as a GPU takes them, decoded by the package (web/ holds no decoder).
+
+A Texf stands in a room that may know all others, so that signatures here say Any.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..asset.scene import Scene
+from ..channels import BY_NAME, PARAMETERS
+from ..effects import EFFECTS
+from ..render.camera import bounding_sphere
+from ..render.effects import ShadingTable
+from ..render.environment import DAYLIGHT
+from .container import Blobs
+from .fields import pack_fields, resident_bytes
+from .images import pack_images
+from .light import light_tables, material_look
+from .surfaces import pack_mesh, scene_corners, texf_corners
+
+
+def pack(asset: Any, name: str, size: int) -> bytes:
+    """The container (container.py) of a Texf or a Scene. name: what the page calls it; size: of its file, in bytes."""
+    blobs = Blobs()
+    table = ShadingTable(asset.materials)
+    is_scene = isinstance(asset, Scene)
+    corners = scene_corners(asset, table) if is_scene else texf_corners(asset, table)
+    centre, radius = bounding_sphere(asset.positions)
+    header = {
+        "kind": "mesh" if is_scene else "stream", "name": name, "bytes": size, "faces": len(asset.faces),
+        "centre": centre.tolist(), "radius": radius or 1.0, "metadata": bool(asset.metadata),
+        "warnings": list(asset.warnings) if is_scene else [],
+        "mesh": pack_mesh(corners, blobs), "materials": _materials(asset, table),
+        "light": _light(blobs) if table.is_lit else None,
+        "effects": sorted(frozenset().union(*table.effects)), "defaults": _defaults(),
+    }
+    header |= pack_images(asset, blobs) if is_scene else pack_fields(asset, blobs)
+    header["resident"] = resident_bytes(header)
+    return blobs.joined(header)
+
+
+def _materials(asset, table):
+    return [{"name": m.name, "alpha_mode": m.alpha_mode, "alpha_cutoff": float(m.alpha_cutoff), "double_sided": m.double_sided,
+             **material_look(table, number)} for number, m in enumerate(asset.materials)]
+
+
+def _light(blobs):
+    """The tables of shading as references."""
+    return {name: blobs.add(value) if isinstance(value, np.ndarray) else value for name, value in light_tables(DAYLIGHT).items()}
+
+
+def _defaults():
+    """What `?effects=all` takes where an asset says nothing: every effect, and every parameter's default, but that what has no
+    metal in it does not become one."""
+    most = float(np.finfo(np.float32).max)
+    return {"effects": [effect.name for effect in EFFECTS],
+            "parameters": {p.name: [min(v, most) for v in p.default] for p in PARAMETERS} | {"metallic": [0.0]},
+            "channels": {name: channel.components for name, channel in BY_NAME.items()}}

@@ -1,0 +1,164 @@
+// Where values live, as the GPU looks it up: bricks of voxels in a hash table, with all coarser levels; texels with theirs.
+//
+// A level's values are the plain means of the values of the level where a plane begins, as render/levels.py has them, rounded.
+
+const WORDS = 16, VOXELS = 512;
+export const HASH_FACTOR = 2654435769;
+
+/** Voxels of one level in Morton order: bricks Uint32Array [B], words Uint32Array [B * 16], base: how many come before. */
+function levelOf(bricks, words, base) {
+  const ranks = new Uint32Array(words.length);
+  let rank = base;
+  for (let i = 0; i < words.length; i++) {
+    ranks[i] = rank;
+    rank += bitCount(words[i]);
+  }
+  return { bricks, words, ranks, base, count: rank - base };
+}
+
+function bitCount(x) {
+  x -= (x >>> 1) & 0x55555555;
+  x = (x & 0x33333333) + ((x >>> 2) & 0x33333333);
+  return Math.imul((x + (x >>> 4)) & 0x0f0f0f0f, 0x01010101) >>> 24;
+}
+
+/** Calls visit(brick number, place in the brick 0..511) for every voxel of a level, in order. */
+function eachVoxel({ words }, visit) {
+  for (let i = 0; i < words.length; i++) {
+    for (let bits = words[i]; bits !== 0; bits &= bits - 1) {
+      visit(i >> 4, ((i & 15) << 5) | (31 - Math.clz32(bits & -bits)));
+    }
+  }
+}
+
+/** The level above, whose voxels are twice as wide, and the number in it of every voxel of this one's. */
+function coarser(level) {
+  const bricks = [], words = [], parents = new Uint32Array(level.count);
+  let last = -1, row = -1, n = 0;
+  eachVoxel(level, (brick, place) => {
+    const parent = level.bricks[brick] >>> 3, inside = ((level.bricks[brick] & 7) << 6) | (place >> 3);
+    const cell = parent * VOXELS + inside;
+    if (cell !== last) {
+      if (row < 0 || bricks[bricks.length - 1] !== parent) {
+        bricks.push(parent);
+        for (let w = 0; w < WORDS; w++) words.push(0);
+      }
+      words[(bricks.length - 1) * WORDS + (inside >> 5)] |= 1 << (inside & 31);
+      row++;
+      last = cell;
+    }
+    parents[n++] = row;
+  });
+  return { level: levelOf(Uint32Array.from(bricks), Uint32Array.from(words, (w) => w >>> 0), level.base + level.count), parents };
+}
+
+/** All levels from `first` to the last of a field over voxels, and the parents of each one's voxels. */
+export function levelsOf({ bricks, words, first, depth }) {
+  const levels = [levelOf(bricks, words, 0)], parents = [];
+  for (let number = first; number < depth; number++) {
+    const above = coarser(levels[levels.length - 1]);
+    levels.push(above.level);
+    parents.push(above.parents);
+  }
+  return { first, levels, parents };
+}
+
+/** What a shader asks to find a voxel: an open-addressing table of (brick's code + 1, brick), and (bits, rank) of every word. */
+export function lookUpOf({ first, levels }) {
+  const count = levels.reduce((sum, level) => sum + level.bricks.length, 0);
+  const log2 = Math.max(4, 32 - Math.clz32(2 * count)), mask = 2 ** log2 - 1;
+  const table = new Uint32Array(2 * 2 ** log2), bits = new Uint32Array(2 * Math.max(1, count) * WORDS);
+  let brick = 0;
+  levels.forEach((level, i) => level.bricks.forEach((key, b) => {
+    const code = codeOf(first + i, key);
+    let slot = Math.imul(code, HASH_FACTOR) >>> (32 - log2);
+    while (table[2 * slot + 1] !== 0) slot = (slot + 1) & mask;
+    table.set([code, brick + 1], 2 * slot);
+    for (let w = 0; w < WORDS; w++) {
+      bits.set([level.words[b * WORDS + w], level.ranks[b * WORDS + w]], 2 * (brick * WORDS + w));
+    }
+    brick++;
+  }));
+  return { table, log2, bits };
+}
+
+/** One number for a brick of a level: coordinates of 10 bits on level 0, of 9 above it. */
+function codeOf(level, key) {
+  const [x, y, z] = [0, 1, 2].map((axis) => compact(key >>> axis));
+  return (level === 0 ? x | (y << 10) | (z << 20) : 0x80000000 | (level << 27) | x | (y << 9) | (z << 18)) >>> 0;
+}
+
+/** Values of a plane on its own level and all above, Uint8Array [rows * components], and the number of rows. */
+export function pyramidOf({ values, counts, level }, components, { first, levels, parents }) {
+  const start = level - first, rows = levels.slice(start).reduce((sum, one) => sum + one.count, 0);
+  const out = new Uint8Array(rows * components);
+  out.set(values.subarray(0, levels[start].count * components));
+  let sums = Float64Array.from(values);
+  let weights = counts ? Float64Array.from(counts) : new Float64Array(levels[start].count).fill(1);
+  sums.forEach((_, i) => { sums[i] *= weights[Math.floor(i / components)]; });
+  let at = levels[start].count * components;
+  for (let number = start; number < parents.length; number++) {
+    [sums, weights] = summedUp(sums, weights, parents[number], levels[number + 1].count, components);
+    for (let row = 0; row < weights.length; row++) {
+      for (let c = 0; c < components; c++) out[at++] = Math.round(sums[row * components + c] / weights[row]);
+    }
+  }
+  return { rows, values: out };
+}
+
+function summedUp(sums, weights, parents, count, components) {
+  const above = new Float64Array(count * components), heavier = new Float64Array(count);
+  parents.forEach((parent, row) => {
+    heavier[parent] += weights[row];
+    for (let c = 0; c < components; c++) above[parent * components + c] += sums[row * components + c];
+  });
+  return [above, heavier];
+}
+
+/** x, y, z of every voxel of a level, Uint16Array [count * 3]. */
+export function voxelsOf(level) {
+  const out = new Uint16Array(level.count * 3);
+  let n = 0;
+  eachVoxel(level, (brick, place) => {
+    const key = level.bricks[brick];
+    for (let axis = 0; axis < 3; axis++) out[n++] = (compact(key >>> axis) << 3) | compact(place >> axis);
+  });
+  return out;
+}
+
+/** Every third bit, the lowest first. */
+function compact(key) {
+  let out = 0;
+  for (let bit = 0; bit < 11; bit++) out |= ((key >>> (3 * bit)) & 1) << bit;
+  return out;
+}
+
+/** Levels of an image over texels: [{ width, height, values, mask }], masks of 255 where a texel is asked. */
+export function imageLevels({ values, mask }, [width, height], components) {
+  const asked = new Uint8Array(width * height);
+  for (let i = 0; i < asked.length; i++) asked[i] = mask === null || (mask[i >> 3] >> (i & 7)) & 1 ? 255 : 0;
+  const levels = [{ width, height, values, mask: asked }];
+  let sums = Float32Array.from(values), counts = Float32Array.from(asked, (a) => a / 255);
+  while (width > 1 || height > 1) {
+    const above = halved(sums, counts, width, height, components);
+    ({ sums, counts, width, height } = above);
+    const means = new Uint8Array(sums.length);
+    for (let i = 0; i < means.length; i++) means[i] = Math.round(sums[i] / Math.max(counts[Math.floor(i / components)], 1));
+    levels.push({ width, height, values: means, mask: Uint8Array.from(counts, (c) => (c > 0 ? 255 : 0)) });
+  }
+  return levels;
+}
+
+function halved(sums, counts, width, height, components) {
+  const wide = (width + 1) >> 1, high = (height + 1) >> 1;
+  const above = new Float32Array(wide * high * components), number = new Float32Array(wide * high);
+  for (let y = 0; y < height; y++) {
+    for (let x = 0; x < width; x++) {
+      const from = y * width + x, to = (y >> 1) * wide + (x >> 1);
+      if (counts[from] === 0) continue;
+      number[to] += counts[from];
+      for (let c = 0; c < components; c++) above[to * components + c] += sums[from * components + c];
+    }
+  }
+  return { sums: above, counts: number, width: wide, height: high };
+}

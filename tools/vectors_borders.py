@@ -97,12 +97,18 @@ def every_group():
 
 
 def without_side():
-    """A surface of ten steps of the lattice, all of which is in one point of the world."""
+    """A surface of a few steps of the lattice, all of which is in one point of the world. A point of its first edge is nearest
+    to the lattice's 0."""
     small = sheet([(0, 0), (9 * 16, 8), (8 * 16, 7 * 16), (0, 0), (8 * 16, 7 * 16), (3, 6 * 16)])
-    small.lattice = small.lattice // 100
+    small.lattice = np.array([[0, 6, 4], [10, 0, 4], [12, 12, 4], [2, 14, 9]])
     stream = parsed(stream_of_parts([Image(picture(9, 7))], [small]))
     stream.header["side"] = 0.0
     return written(stream)
+
+
+def of_many_faces():
+    """So many faces that Draco takes its other traversal of the mesh."""
+    return encoded(scene_of(*torus(42, 12)), resolution=6, qp=46)
 
 
 def at_the_steps(step, back):
@@ -168,6 +174,9 @@ def uncommon():
          beside_defaults(), (0,)),
         ("rules_groups", "an empty mesh, 23 channel groups, a material with specular_colour alone", ("5.3", "5.3.1", "5.3.2"),
          every_group(), (0,)),
+        ("rules_one_level", "an image of 2 x 2, repeat, lossless", ("7.9",), on_ring(noise[:2, :2], qp=60, models=6, max_error=0),
+         (0,)),
+        ("rules_valence", "a Draco mesh of traversal type 2", ("5.6",), of_many_faces(), (0,)),
         ("queries_no_side", "an image of 9 x 7, repeat, side 0", ("8.1", "8.2.2"), without_side(), (0,)),
     ]
     return [Vector(f"uncommon/{name}", *rest) for name, *rest in lines]

@@ -216,6 +216,7 @@ HEADER_AND_FIELDS = {
     r"no power of two": lambda c: all(k & (k - 1) for k in c.grids),
     r"K = (\d+) and all its levels of detail": lambda c, k:
         c.grids == [int(k)] and {*range((int(k) - 1).bit_length() + 1)} < {*c.lods},
+    r"a Draco mesh of traversal type (\d)": lambda c, n: {bytes(u["draco_data"])[11] for u in c.stream.geometry} == {int(n)},
     r"side (\d+)": lambda c, n: c.header["side"] == int(n),
     r"(\d+) channel groups": lambda c, n: c.header["num_channel_groups"] == int(n),
     r"an empty mesh": lambda c: c.header["num_faces"] == 0,

@@ -79,20 +79,22 @@ def narrow_stream():
 
 
 @contextmanager
-def allowing(structure, name, high):
-    """While it lasts, an element may be as large as `high`, so that a stream is written that is in order but for that."""
+def allowing(structure, name, **bounds):
+    """While it lasts, an element has another bound, `low` or `high`, for a stream that is in order but for that."""
     (element,) = [element for element in structure.elements if element.name == name]
-    allowed = element.high
-    object.__setattr__(element, "high", high)
+    allowed = {bound: getattr(element, bound) for bound in bounds}
+    for bound, value in bounds.items():
+        object.__setattr__(element, bound, value)
     try:
         yield
     finally:
-        object.__setattr__(element, "high", allowed)
+        for bound, value in allowed.items():
+            object.__setattr__(element, bound, value)
 
 
 def stream_of_slices(number):
     """A sliced stream in so many slices, even where that is more than num_slices allows."""
-    with allowing(RAHT, "num_slices", number):
+    with allowing(RAHT, "num_slices", high=number):
         return recoded(encoded(scene_of(*torus(12, 6)), resolution=18, qp=46),
                        slices={"_plan_slices": lambda levels: (4, [i * len(levels[4]) // number for i in range(number)])})
 
@@ -101,7 +103,7 @@ def slices_from(level):
     """An image so wide that it has 14 levels, a few of its texels in slices that begin at a level, even one beyond slice_level's
     range."""
     uv = [(8, 3), (300, 8), (120, 0), (143000, 8), (143900, 3), (143500, 0)]
-    with allowing(RAHT, "slice_level", level):
+    with allowing(RAHT, "slice_level", high=level):
         return stream_of_parts([Image(picture(9000, 1, noise=9))], [sheet(uv)],
                                slices={"_plan_slices": lambda levels: (level, [0, len(levels[level]) // 2])})
 
@@ -461,7 +463,7 @@ def _two_alphas(data, effects=0):
     for unit, number in ((stream.attributes[1], 0), (stream.attributes[3], 1)):
         unit.update(qp=unit["qp"] * 2, root_mean=unit["root_mean"] * 2)
         unit["values_crc"] = zlib.crc32(values_of(unit, decode(data).fields[number].keys))
-    with allowing(SEQUENCE_HEADER, "effects", stream.header["effects"]):
+    with allowing(SEQUENCE_HEADER, "effects", high=stream.header["effects"]):
         return written(stream)
 
 

@@ -6,7 +6,7 @@ Nothing is fitted, since a fit depends on the machine; what a payload answers ne
 import zlib
 
 import numpy as np
-from vectors_faulty import as_faulty, with_element, with_units, with_values
+from vectors_faulty import allowing, as_faulty, with_element, with_units, with_values
 from vectors_good import (
     Vector,
     alpha_first,
@@ -28,7 +28,7 @@ from texfcodec.asset.scene import ALPHA_BLEND, Material
 from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE
 from texfcodec.codecs.neural.infer import voxel_values
 from texfcodec.codecs.neural.payload import Level, Payload, Tables, join_parameters, payload_values, split_parameters
-from texfcodec.codecs.neural.syntax import FORM_RESIDENT, FORM_TRANSPORT
+from texfcodec.codecs.neural.syntax import FORM_RESIDENT, FORM_TRANSPORT, NEURAL
 from texfcodec.codecs.neural.transport import dec_transport
 from texfcodec.codecs.neural.unit import Neural
 from texfcodec.geometry.unit import field_surface
@@ -243,6 +243,19 @@ def with_level(data, number=0, more=0, **changes):
     return one_unit(data, edit)
 
 
+def of_zeros(data, *hidden):
+    """The stream with hidden layers of these widths, even where that is too few, and parameters of 0, for which all values are
+    128."""
+    stream = parsed(data)
+    (unit,), (part,) = stream.attributes, stream.fields
+    widths = [unit["Widths"][0], *hidden, unit["Widths"][-1]]
+    parameters = sum((inputs + 1) * outputs for inputs, outputs in zip(widths, widths[1:], strict=False))
+    unit.update(num_hidden=len(hidden), hidden_width=list(hidden), network_data=bytes(2 * parameters),
+                values_crc=zlib.crc32(bytes([128]) * (widths[-1] * part["num_keys"])))
+    with allowing(NEURAL, "num_hidden", low=0), allowing(NEURAL, "hidden_width", low=0):
+        return written(stream)
+
+
 def faulty_elements(data):
     """Elements of clauses 5.7.4 and 5.7.5 that are out of their range."""
     level, u16 = "latent_levels[0].", lambda number: number.to_bytes(2, "little")
@@ -250,9 +263,7 @@ def faulty_elements(data):
         ("form_2", "form 2", "5.7.4", "form", b"\2"), ("features_0", "no features", "5.7.4", "num_features", b"\0"),
         ("features_66", "66 features", "5.7.4", "num_features", b"\x42"),
         ("octaves_9", "nine octaves", "5.7.4", "wave_octaves", b"\t"),
-        ("hidden_0", "no hidden layer", "5.7.4", "num_hidden", b"\0"),
         ("hidden_5", "five hidden layers", "5.7.4", "num_hidden", b"\5"),
-        ("width_0", "a hidden layer of no units", "5.7.4", "hidden_width", b"\6\0"),
         ("width_129", "a hidden layer of 129 units", "5.7.4", "hidden_width", b"\x81\4"),
         ("levels_0", "no level", "5.7.4", "num_levels", b"\0"), ("levels_5", "five levels", "5.7.4", "num_levels", b"\5"),
         ("grid_0", "G = 0", "5.7.5", level + "level_resolution", u16(0)),
@@ -263,8 +274,10 @@ def faulty_elements(data):
     still = neural(ring(12), 41, [(6, 0, 77)], **QUICK | {"waves": (0, 1)})  # without waves the first one moves nothing
     wave = lambda n: with_element(still, A, "first_wave", u16(n))
     waves = [(f"neural_first_wave_{n}", f"3DNTC: first_wave {n}", "5.7.4", wave(n), "TXF-S04") for n in (0, 16385)]
+    few = [("neural_hidden_0", "3DNTC: no hidden layer", "5.7.4", of_zeros(data), "TXF-S04"),
+           ("neural_width_0", "3DNTC: a hidden layer of no units", "5.7.4", of_zeros(data, 6, 0), "TXF-S04")]
     return [(f"neural_{name}", f"3DNTC: {title}", clause, with_element(data, A, element, raw), "TXF-S04")
-            for name, title, clause, element, raw in lines] + waves
+            for name, title, clause, element, raw in lines] + waves + few
 
 
 def faulty_payloads(resident, transport, two):

@@ -29,7 +29,7 @@ ASKED = {
     "uncommon/texels_parts": (0, 2), "uncommon/texels_flat": (0,), "uncommon/texels_mixed": (0, 3),
     "uncommon/texels_low": (0,), "uncommon/maps_shift_texels": (0, 2), "uncommon/neural_two_fields": (0,),
     "uncommon/maps_neural": (0,), "uncommon/neural_shortest_waves": (0,), "uncommon/queries_sheets": (0, 1),
-    "uncommon/queries_no_side": (0,),
+    "uncommon/queries_no_side": (0,), "uncommon/maps_some": (0,),
 }
 
 

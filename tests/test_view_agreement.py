@@ -26,10 +26,8 @@ LEAST = 42.0  # dB over what texf-render covers; a graphics API moves corners by
 DIRECTION = [float(v) for v in direction_of_angles(35, 25)]
 WHITE = (255, 255, 255)
 # Every kind of field, wrap, shift, alpha, rule of normals and map, a few of each; the sweep has the others.
-CHOSEN = ("k33", "threshold77", "two_fields", "alpha_mask", "alpha_blend", "constant_alpha", "texels",
-          "texels_repeat", "texels_high", "texels_borders", "texels_tall", "maps_texels", "maps_voxels",
-          "maps_shift_voxels", "maps_shift_texels", "maps_parameters", "neural_resident", "neural_hash",
-          "neural_alpha", "maps_neural", "normals_marks", "huge_coordinates", "needle_bits20_k8192", "empty")
+CHOSEN = ("k33", "two_fields", "alpha_mask", "alpha_blend", "texels_repeat", "texels_high", "maps_texels",
+          "maps_shift_voxels", "maps_parameters", "neural_hash", "maps_neural", "empty")
 LEFT_OUT = {
     "maps_some": "faces of several materials lie in one another, and texf-render shows now one, now the other",
     "neural_waves": "waves of a period of 16 steps of a place, which binary32 across a triangle does not have",

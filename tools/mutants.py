@@ -48,6 +48,8 @@ COMPARISONS = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.G
 OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Add, ast.LShift: ast.RShift, ast.RShift: ast.LShift,
              ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd, ast.BitXor: ast.BitOr, ast.Mod: ast.FloorDiv, ast.Pow: ast.Mult,
              ast.FloorDiv: ast.Mult}
+FITTED = ("Vectors were written for what survived of the sample with seed 0, so that it says little of mutants that were never "
+          "drawn: before, 92 % of it were killed or equivalent, and 92 % of 113 with seed 1, which nobody had looked at.")
 TOP = "module"  # the place of what stands in no function: it runs when the module is imported
 SWAPPED = {"min": "max", "max": "min", "sorted": "list", "any": "all", "all": "any"}
 
@@ -335,7 +337,7 @@ def wanted_mutants(args):
     if args.sample is None or args.sample >= len(found):
         return found, f"{len(found)} of {len(every)} mutants." if len(found) < len(every) else "Every mutant."
     return random.Random(args.seed).sample(found, args.sample), (
-        f"A sample: {args.sample} of {len(found)} mutants, drawn at random with seed {args.seed}.")
+        f"A sample: {args.sample} of {len(found)} mutants, drawn at random with seed {args.seed}. {FITTED}")
 
 
 def known_of(state):

@@ -27,7 +27,7 @@ from .local import Ended, terminated_as_interrupted
 from .room import PROBE
 from .tasks import FAILED, INTERRUPTED, LOG, UNSUITED, Outcome, Task, package_code, perform, remove_folder
 
-CONNECT_SECONDS = 5
+CONNECT_SECONDS = 20  # a busy machine may take a while to answer
 SENT_BYTES = 1 << 30  # an asset or the files of a result are larger only where all see the same folder
 ATTEMPTS = 8  # of one task, by workers that it does not suit or that need its files
 RETRIES = 3  # of a task that the worker itself could not run

@@ -15,6 +15,7 @@ import zlib
 from pathlib import Path
 
 import pytest
+from interrupts import group_lives
 from stand_ins import PNG, fake_browser, real_browser, use_page, write_page
 
 from texfcodec import EncodeOptions, decode, encode
@@ -300,14 +301,6 @@ def start(*arguments, **environment):
     return subprocess.Popen(program, cwd=REPOSITORY, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                             env={**os.environ, **environment}, start_new_session=True, text=True,
                             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
-
-
-def group_lives(group):
-    try:
-        os.killpg(group, 0)
-    except ProcessLookupError:
-        return False
-    return True
 
 
 @POSIX

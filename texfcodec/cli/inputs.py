@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ..options import DecodeOptions
     from ..report import Report
     from ..texf import Texf
+    from .console import Console
 
 _GLB_MAGIC = b"glTF"
 
@@ -86,3 +87,12 @@ def load_asset(path: str, options: DecodeOptions, inputs: list[str], report: Rep
     report.warnings += scene.warnings
     report.dropped += scene.dropped
     return scene, sum(scene.files.values())
+
+
+def say_losses(console: Console, report: Report) -> None:
+    """Says a Report's warnings one by one; of what is not read only the number."""
+    if not console.as_json:
+        for text in report.warnings:
+            console.note(f"warning: {text}")
+        if report.dropped:
+            console.note(f"{len(report.dropped)} properties are not read and not drawn; --json names them")

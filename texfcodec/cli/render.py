@@ -9,7 +9,7 @@ from .. import __version__
 from ..options import DecodeOptions, default_threads
 from .console import STYLE, check_output, run, seconds_of, timing_line, write_output
 from .flags import direction_of, file_names, number, size_of
-from .inputs import check_stdin_once, load_asset
+from .inputs import check_stdin_once, load_asset, say_losses
 
 BACKGROUNDS = {"white": (255, 255, 255), "black": (0, 0, 0)}
 
@@ -78,7 +78,7 @@ def render(console, source, out, compare, as_json, quiet, **choices):
         check_output(out, inputs)
         with report.stage("save"):
             write_output(out, to_png(image), inputs)
-    _say_losses(console, report)
+    say_losses(console, report)
     facts = _facts(image, picture, choices, compared, report) | {"files": [Path(out).name] if out != "-" else []}
     console.result(facts, _lines(facts, out))
 
@@ -140,15 +140,6 @@ def _compared(source, compare, picture, other, choices, report):
         panels = [_image(picture, choices), _image(other, choices), box_down(heat, choices["anti_alias"])]
         captions = [Path(source).name, Path(compare).name, "RMS of R, G, B; teal: in one only"]
         return found, sheet(panels, captions, choices["background"])
-
-
-def _say_losses(console, report):
-    """Warnings one by one; of what is not read only the number."""
-    if not console.as_json:
-        for text in report.warnings:
-            console.note(f"warning: {text}")
-        if report.dropped:
-            console.note(f"{len(report.dropped)} properties are not read and not drawn; --json names them")
 
 
 def _facts(image, picture, choices, compared, report):

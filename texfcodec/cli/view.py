@@ -14,7 +14,7 @@ from ..options import DecodeOptions
 from . import interrupts
 from .console import STYLE, check_output, run, seconds_of, timing_line, write_output
 from .flags import direction_of, file_names, limit_flags, limits_of, number, option_flags, size_of
-from .inputs import check_stdin_once, load_asset
+from .inputs import check_stdin_once, load_asset, say_losses
 
 MODES = ("single", "split", "difference", "side")
 EFFECTS = ("scene", "all")
@@ -101,7 +101,7 @@ def view(console, source, other, export, screenshot, as_json, quiet, **choices):
             check_output(path, inputs)
             with report.stage("save"):
                 write_output(path, data, inputs)
-    _say_losses(console, report)
+    say_losses(console, report)
     facts = _facts(containers, report)
     if outputs:
         facts |= {"files": [Path(path).name for path in outputs if path != "-"]}
@@ -202,15 +202,6 @@ def _open(address):
         return type(browser) is not webbrowser.GenericBrowser and browser.open(address)
     except (webbrowser.Error, OSError):
         return False
-
-
-def _say_losses(console, report):
-    """Warnings one by one; of what is not read only the number."""
-    if not console.as_json:
-        for text in report.warnings:
-            console.note(f"warning: {text}")
-        if report.dropped:
-            console.note(f"{len(report.dropped)} properties are not read and not shown; --json names them")
 
 
 def _facts(containers, report):

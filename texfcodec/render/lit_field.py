@@ -35,7 +35,7 @@ class FieldMaps:
         return self.texf.shading_normals()
 
     @cached_property
-    def _tangent(self):
+    def corner_tangent(self) -> np.ndarray:
         """Tangents of corners, float32 [F, 3, 4], of the UVs of fields over texels; 0 over voxels."""
         out = np.zeros((len(self.faces), 3, 4), np.float32)
         planar = np.array([part.over_texels for part in self.texf.fields], bool)[self.face_field]
@@ -46,14 +46,14 @@ class FieldMaps:
 
     def tangents(self, name: str, face: np.ndarray, bary: np.ndarray) -> np.ndarray:
         """Tangents float32 [M, 4] at points of faces; 0, which is none, where a field is over voxels."""
-        return interpolate_corners(self._tangent, face, bary)
+        return interpolate_corners(self.corner_tangent, face, bary)
 
     def asker(self, camera: Camera | None, deepest: float, wanted: Collection[str], filtering: bool) -> Callable:
         """Function (names among wanted, face, bary, depth) -> values float32 [M, C], 0..255, by channel of the fields. Without
         filtering there need be no camera."""
         questions = Questions(self.texf, camera, deepest if filtering else None, self.positions, self.faces)
         if any(BY_NAME[name].unit == "degrees" for name in wanted):
-            _ = self._tangent
+            _ = self.corner_tangent
         ready = [[(names, questions.of_field(number, names)) for names in self._together(number, wanted)]
                  for number in range(len(self.texf.fields))]
         return lambda names, *at: self._answers(names, ready, at)

@@ -52,7 +52,7 @@ class SceneMaps:
         for name in sorted(wanted):
             self._of(name).build(camera, deepest)
             if BY_NAME[name].unit == "degrees":
-                self._tangent(name)
+                self.corner_tangent(name)
         return lambda names, face, bary, depth: self._answers(names, lambda one: one.ask(camera, face, bary, depth))
 
     def _answers(self, names, ask):
@@ -77,15 +77,15 @@ class SceneMaps:
 
     def tangents(self, name: str, face: np.ndarray, bary: np.ndarray) -> np.ndarray:
         """Tangents float32 [M, 4] at points of faces, of the UVs of a normal map; those of anisotropy are the base's."""
-        return interpolate_corners(self._tangent("normal" if name == "anisotropy" else name), face, bary)
+        return interpolate_corners(self.corner_tangent("normal" if name == "anisotropy" else name), face, bary)
 
-    def _tangent(self, name):
+    def corner_tangent(self, name: str) -> np.ndarray:
         """Tangents of corners, float32 [F, 3, 4]: the file's where it has some for these UVs, else made of them."""
         scene = self.scene
         uv = scene.map_uv.get(name, scene.corner_uv)
         if id(uv) not in self._tangents:
             given = scene.corner_tangent if uv is scene.corner_uv else None
-            has = np.zeros(len(scene.faces), bool) if given is None else given.any(axis=2).all(axis=1)
+            has = np.zeros(len(scene.faces), bool) if given is None else np.all(np.any(given, axis=2), axis=1)
             made = np.zeros((len(scene.faces), 3, 4), np.float32) if given is None else np.array(given, np.float32)
             if not has.all():
                 made[~has] = corner_tangents(scene.positions, scene.faces[~has], uv[~has], self.corner_normal[~has])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..asset.scene import Scene
-from ..channels import BY_NAME, PARAMETERS
+from ..channels import PARAMETERS
 from ..effects import EFFECTS
 from ..render.camera import bounding_sphere
 from ..render.effects import ShadingTable
@@ -27,11 +27,12 @@ def pack(asset: Any, name: str, size: int) -> bytes:
     blobs = Blobs()
     table = ShadingTable(asset.materials)
     is_scene = isinstance(asset, Scene)
-    corners = scene_corners(asset, table) if is_scene else texf_corners(asset, table)
     centre, radius = bounding_sphere(asset.positions)
+    sphere = centre, radius or 1.0
+    corners = scene_corners(asset, table, sphere) if is_scene else texf_corners(asset, table, sphere)
     header = {
         "kind": "mesh" if is_scene else "stream", "name": name, "bytes": size, "faces": len(asset.faces),
-        "centre": centre.tolist(), "radius": radius or 1.0, "metadata": bool(asset.metadata),
+        "centre": centre.tolist(), "radius": sphere[1],
         "warnings": list(asset.warnings) if is_scene else [],
         "mesh": pack_mesh(corners, blobs), "materials": _materials(asset, table),
         "light": _light(blobs) if table.is_lit else None,
@@ -57,5 +58,4 @@ def _defaults():
     metal in it does not become one."""
     most = float(np.finfo(np.float32).max)
     return {"effects": [effect.name for effect in EFFECTS],
-            "parameters": {p.name: [min(v, most) for v in p.default] for p in PARAMETERS} | {"metallic": [0.0]},
-            "channels": {name: channel.components for name, channel in BY_NAME.items()}}
+            "parameters": {p.name: [min(v, most) for v in p.default] for p in PARAMETERS} | {"metallic": [0.0]}}

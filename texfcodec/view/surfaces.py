@@ -13,6 +13,7 @@ from ..render.lit_field import FieldMaps
 from ..render.lit_scene import SceneMaps
 from .container import Blobs
 
+Sphere = tuple[np.ndarray, float]
 SHORT = 32767
 EXACT = 1 << 15  # texels up to which binary32 has 8 fractional bits
 
@@ -30,36 +31,37 @@ class Corners:
     others: dict[str, np.ndarray] = field(default_factory=dict)
 
 
-def texf_corners(texf: Any, table: ShadingTable) -> Corners:
-    """Corners of a Texf; normals and tangents only where its materials are lit and ask for them."""
+def texf_corners(texf: Any, table: ShadingTable, sphere: Sphere) -> Corners:
+    """Corners of a Texf; normals and tangents only where its materials are lit and ask for them. sphere: centre and radius that
+    places are told in."""
     order, parts = _in_parts(texf.face_field, texf.face_material)
     maps, others = FieldMaps(texf), {}
     if table.is_lit and len(order):
         others["normal"] = maps.corner_normal[order]
         if _ask_tangents(table) and any(part.over_texels for part in texf.fields):
-            others["tangent"] = maps._tangent[order]
+            others["tangent"] = maps.corner_tangent[order]
     if any(part.over_texels for part in texf.fields):
         others["uv0"] = _uvs(texf, order)
-    centre, radius = _sphere(texf)
+    centre, radius = sphere
     scale = texf.side / texf.cube.last / radius
     place = scale, ((texf.origin - centre) / radius).tolist()
     return Corners(texf.faces[order], texf.lattice_positions.astype(np.uint32), place, parts, others)
 
 
-def scene_corners(scene: Scene, table: ShadingTable) -> Corners:
-    """Corners of a Scene; see uv_sets for its UVs."""
+def scene_corners(scene: Scene, table: ShadingTable, sphere: Sphere) -> Corners:
+    """Corners of a Scene; see texf_corners, and uv_sets for its UVs."""
     order, parts = _in_parts(np.zeros(len(scene.faces), np.int64), scene.face_material)
     maps, others = SceneMaps(scene), {}
     if table.is_lit and len(order):
         others["normal"] = maps.corner_normal[order]
         names = table.wanted_channels() & {"normal", "clearcoat_normal"}
         if _ask_tangents(table):
-            others["tangent"] = maps._tangent(min(names, default="normal", key=("normal", "clearcoat_normal").index))[order]
+            others["tangent"] = maps.corner_tangent(min(names, default="normal", key=("normal", "clearcoat_normal").index))[order]
     for number, uv in enumerate(uv_sets(scene)):
         others[f"uv{number}"] = np.nan_to_num(uv[order], nan=0.0, posinf=0.0, neginf=0.0).astype(np.float32)
     if scene.corner_color is not None:
         others["colour"] = scene.corner_color[order]
-    centre, radius = _sphere(scene)
+    centre, radius = sphere
     positions = ((scene.positions - centre) / radius).astype(np.float32)
     return Corners(scene.faces[order], positions, (1.0, [0.0] * 3), parts, others)
 
@@ -86,13 +88,6 @@ def _uvs(texf, order):
                 period = size * (2 if part.support.wrap[axis] == WRAP_MIRROR else 1)
                 uv[far, :, axis] -= np.floor(uv[far, :, axis].min(axis=1, keepdims=True) / period) * period
     return uv.astype(np.float32)
-
-
-def _sphere(asset):
-    from ..render.camera import bounding_sphere
-
-    centre, radius = bounding_sphere(asset.positions)
-    return centre, radius or 1.0
 
 
 def _ask_tangents(table):

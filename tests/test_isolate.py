@@ -13,6 +13,7 @@ from conftest import REPOSITORY
 from texfcodec import DecodeOptions, EncodeOptions, LimitError, Limits, Report, StreamError, TexfError, decode
 from texfcodec import isolate as room
 from texfcodec.bitstream.stream import read_stream, write_stream
+from texfcodec.capped import LEAST_BYTES
 from texfcodec.channels import ALPHA, group_values
 from texfcodec.codecs.neural.payload import Tables
 from texfcodec.encoder import encode_scene
@@ -153,10 +154,11 @@ def test_own_errors_come_through_with_their_facts(stream):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux caps the memory of a process reliably")
-def test_memory_cap_ends_it(stream):
+def test_memory_cap_ends_it(sample_scene):
+    stream = encode_scene(sample_scene, EncodeOptions(resolution=256, qp=40, effort="fast")).data
     with pytest.raises(LimitError) as raised:
-        decode_isolated(stream, DecodeOptions(limits=Limits(isolate_bytes=1 << 20, isolate_seconds=30)))
-    assert raised.value.code == "TXF-L07" and raised.value.details["allowed"] == 1 << 20
+        decode_isolated(stream, DecodeOptions(limits=Limits(isolate_bytes=LEAST_BYTES, isolate_seconds=30)))
+    assert raised.value.code == "TXF-L07" and raised.value.details["allowed"] == LEAST_BYTES
 
 
 def test_time_cap_ends_it(stream):
@@ -173,7 +175,7 @@ def test_child_that_crashes_or_lies_is_a_coded_error(stream, tmp_path, monkeypat
     script = tmp_path / "python"
     script.write_text(f"#!/bin/sh\nset -- x \"$@\"\ncat > /dev/null\n{act}\n")
     script.chmod(0o755)
-    monkeypatch.setattr(room.sys, "executable", str(script))
+    monkeypatch.setattr(sys, "executable", str(script))
     with pytest.raises(TexfError) as raised:
         decode_isolated(stream)
     assert raised.value.code == code

@@ -5,6 +5,7 @@ import errno
 import io
 import json
 import sys
+import threading
 from dataclasses import asdict
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +16,7 @@ import trimesh
 from conftest import REPOSITORY
 from shapes import painted_sphere, scene_of, square
 
-from texfcodec import EncodeOptions, InputError, Limits, Report, SupportError, decode, isolate
+from texfcodec import EncodeOptions, InputError, LimitError, Limits, Report, SupportError, TexfError, decode, isolate
 from texfcodec.api import encode_loaded, inspect
 from texfcodec.asset.factors import set_factor
 from texfcodec.asset.normal_rule import ANGLE, JOINED, NormalRule
@@ -26,12 +27,12 @@ from texfcodec.asset.save.files import as_input_error
 from texfcodec.asset.scene import Material
 from texfcodec.bitstream.appearance import parameter_values
 from texfcodec.bitstream.values import metadata_bytes
+from texfcodec.capped import FACTS, FACTS_BYTES, LEAST_BYTES, NO_CAP, cap_memory, is_memory, read_facts, within_cap
 from texfcodec.cli.info import main as run_info
 from texfcodec.codecs import codec_of
 from texfcodec.encoder import encode_scene
 from texfcodec.geometry.canonical import fit_cube
 from texfcodec.geometry.edges import folds, shared_edges
-from texfcodec.isolate import FACTS, FACTS_BYTES, cap_memory, is_memory, read_facts
 
 
 @pytest.fixture(scope="module")
@@ -167,14 +168,40 @@ def test_alpha_is_kept_by_a_texture_of_an_obj_and_by_points(veil, tmp_path):
     assert "name" not in material and material["alphaMode"] == "BLEND"
 
 
+@pytest.mark.parametrize("raised, code", [
+    (MemoryError(), "TXF-L07"), (ImportError("no room for a module"), "TXF-L07"), (SyntaxError("expected ':'"), "TXF-L07"),
+    (SupportError("TXF-U03", "no"), "TXF-U03")])
+def test_what_fails_within_a_cap_has_a_code(monkeypatch, raised, code):
+    def work():
+        raise raised
+
+    monkeypatch.setattr("texfcodec.capped.cap_memory", lambda size: True)
+    with pytest.raises(TexfError) as found:
+        within_cap(Limits(), work)
+    assert found.value.code == code
+
+
+def test_work_within_a_cap_gives_what_it_gives_and_later_threads_have_their_usual_stack(monkeypatch):
+    monkeypatch.setattr("texfcodec.capped.cap_memory", lambda size: size is None)
+    before = threading.stack_size()
+    assert within_cap(Limits(isolate_bytes=None), lambda: 7) == (7, True) and within_cap(Limits(), lambda: 8) == (8, False)
+    assert threading.stack_size() == before
+
+
+def test_too_little_memory_to_begin_is_refused_before_the_work():
+    with pytest.raises(LimitError) as raised:
+        within_cap(Limits(isolate_bytes=LEAST_BYTES - 1), pytest.fail)
+    assert raised.value.code == "TXF-L07" and raised.value.details["allowed"] == LEAST_BYTES - 1
+
+
 def test_a_child_says_what_went_wrong_in_it(monkeypatch, tmp_path):
     """In this process, whose memory is not capped."""
-    request = {"limits": asdict(Limits(isolate_bytes=1 << 20))}
+    request = {"limits": asdict(Limits())}
     stream = io.BytesIO((REPOSITORY / "conformance/uncommon/one_voxel/in.texf").read_bytes())
-    monkeypatch.setattr(isolate, "cap_memory", lambda size: False)
+    monkeypatch.setattr("texfcodec.capped.cap_memory", lambda size: False)
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=stream))
     isolate._child(tmp_path, dict(request))
-    assert read_facts(tmp_path)["warnings"] == [isolate.NO_CAP]
+    assert read_facts(tmp_path)["warnings"] == [NO_CAP]
 
     def fails(error):
         def decode_stream(*_):

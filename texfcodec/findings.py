@@ -98,7 +98,7 @@ FINDINGS = (
     Finding("TXF-S32", StreamError, ("7.10", "8.4.2", "11.8"), "the decoded values do not have the checksum that was sent",
             _REPAIR),
     Finding("TXF-S40", StreamError, (), "the child process of --isolate crashed on the stream, or its answer makes no sense",
-            "do not trust the file; report it as SECURITY.md says"),
+            "do not trust the file; report it as SECURITY.md says, unless more --max-isolate-bytes cures it"),
     Finding("TXF-S50", StreamError, ("5.7.4",), "a network parameter is not a number, infinite or of magnitude 2^12 or more",
             _REPAIR),
     # Valid, but not supported.

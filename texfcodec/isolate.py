@@ -3,13 +3,8 @@
 The parent never runs Draco or a kernel on the stream. What the child answers is arrays without pickles and JSON, checked again.
 """
 
-import errno
 import json
-import os
-import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
@@ -20,13 +15,13 @@ from .asset.normal_rule import MARKED
 from .bitstream.appearance import check_groups, check_material, groups_of, material_of
 from .bitstream.syntax import CHANNEL_GROUP, MATERIAL, MAX_GROUPS
 from .bitstream.values import material_values
+from .capped import FACTS, NO_CAP, child_folder, crash_of, read_facts, run_child, within_cap
 from .channels import COLOURS, channel_over, group_values
 from .codecs import codec_names, codec_of
-from .errors import LimitError, StreamError, TexfError
+from .errors import StreamError, TexfError
 from .geometry.canonical import MAX_BITS, MIN_BITS, CanonicalCube
 from .geometry.edges import coded_edges
 from .geometry.unit import GeometryUnit
-from .ground import unfinished
 from .ground.structure import Element, Structure
 from .ground.walk import REALS, Reader, read_structure, write_structure
 from .limits import Limits
@@ -38,7 +33,7 @@ from .support.texels import TexelSupport, texels_are_sound
 from .support.voxels import VoxelSupport, keys_are_sound
 from .texf import Field, Texf
 
-ANSWER, FACTS = "answer.npz", "facts.json"
+ANSWER = "answer.npz"
 APPEARANCE = Structure("appearance", "5.4", (  # channel groups and materials of an answer, as in a stream
     Element("num_channel_groups", "u8", 1, MAX_GROUPS),
     Element("channel_groups", CHANNEL_GROUP, count="num_channel_groups"),
@@ -46,9 +41,6 @@ APPEARANCE = Structure("appearance", "5.4", (  # channel groups and materials of
     Element("materials", MATERIAL, count="num_materials"),
 ))
 _USUAL = Limits()
-FACTS_BYTES = 64 << 20  # the JSON half of an answer is never larger
-NO_CAP = "this system cannot cap the memory of a process: only the time was capped"
-_NO_MEMORY = ("bad_alloc", "allocate", "failed to map", "out of memory", "memoryerror", "can't start new thread")
 
 
 def decode_isolated(data: bytes, options: DecodeOptions | None = None, report: Report | None = None) -> Texf:
@@ -67,16 +59,6 @@ def decode_isolated(data: bytes, options: DecodeOptions | None = None, report: R
     return _texf(facts, arrays, options.threads, options.limits)
 
 
-@contextmanager
-def child_folder() -> Iterator[Path]:
-    """A temporary folder for what a child answers. Raises LimitError TXF-L15 where the system has none, or starts no child."""
-    try:
-        with unfinished.Folder("texf-") as folder:
-            yield Path(folder)
-    except OSError as error:
-        raise LimitError("TXF-L15", "no child process can be started", reason=error.strerror) from error
-
-
 def _run_child(data, options, folder):
     """Starts the child, waits, and returns its answer (facts, arrays), or raises what became of it."""
     child = run_child("texfcodec.isolate", data, asdict(options), options.limits, folder)
@@ -92,44 +74,11 @@ def _run_child(data, options, folder):
         raise crash_of(child, options.limits) from error
 
 
-def run_child(module: str, data: bytes, request: dict, limits: Limits, folder: Path) -> subprocess.CompletedProcess:
-    """Runs a module of the package in a process that gets data on stdin, a folder for its answer and a JSON-ready request as
-    arguments, and waits for its end. Raises LimitError where that takes too long."""
-    package = str(Path(__file__).parent.parent)
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))}
-    environment |= {"MALLOC_ARENA_MAX": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each takes address space
-    command = [sys.executable, "-P", "-m", module, str(folder), json.dumps(request)]  # -P: nothing from the working folder
-    try:
-        return unfinished.run_child(command, data, limits.isolate_seconds, environment)
-    except subprocess.TimeoutExpired:
-        raise LimitError("TXF-L08", "decoding took longer than the limit allows", allowed=limits.isolate_seconds) from None
-
-
-def read_facts(folder: Path) -> dict:
-    """The JSON half of a child's answer. Raises OSError, ValueError."""
-    if (folder / FACTS).stat().st_size > FACTS_BYTES:
-        raise ValueError("too long")
-    return json.loads((folder / FACTS).read_bytes())
-
-
 def _error_of(facts):
     """The child's own error, in the class it names."""
     family = {name: getattr(errors, name) for name in ("InputError", "StreamError", "LimitError", "SupportError")}
     details = {str(k): v for k, v in facts["details"].items()}
     return family.get(facts["family"], StreamError)(str(facts["code"]), str(facts["message"]), **details)
-
-
-def crash_of(child: subprocess.CompletedProcess, limits: Limits) -> TexfError:
-    """What became of a child that left no answer."""
-    said = child.stderr.decode("utf-8", "replace")[-2000:].lower()
-    if any(word in said for word in _NO_MEMORY) or child.returncode == -9:  # SIGKILL: the system ran short
-        return memory_error(limits)
-    return StreamError("TXF-S40", "the decoder crashed on this stream", status=child.returncode)
-
-
-def memory_error(limits: Limits) -> LimitError:
-    """The child may not have as much memory as it needs."""
-    return LimitError("TXF-L07", "decoding needs more memory than the limit allows", allowed=limits.isolate_bytes)
 
 
 def _texf(facts, arrays, threads, limits=_USUAL):
@@ -300,25 +249,21 @@ def _within(values, end):
 
 def _child(folder, request):
     """The child's side: decodes stdin and leaves its answer in the folder."""
-    import DracoPy  # noqa: F401  native code is loaded before the cap
-
     from .decoder import decode_stream
 
     limits = Limits(**request.pop("limits"))
     request["isolate"] = False
     data, report = sys.stdin.buffer.read(), Report()
-    try:
-        capped = cap_memory(limits.isolate_bytes)
-        texf = decode_stream(data, DecodeOptions(**request, limits=limits), report)
-        if not capped:
-            report.warnings.append(NO_CAP)
-        facts, arrays = _answer(texf, report)
+
+    def decoded():
+        facts, arrays = _answer(decode_stream(data, DecodeOptions(**request, limits=limits), report), report)
         np.savez(folder / ANSWER, **arrays)
-    except Exception as error:
-        if is_memory(error):
-            error = memory_error(limits)
-        elif not isinstance(error, TexfError):
-            raise
+        return facts
+
+    try:
+        facts, capped = within_cap(limits, decoded)
+        facts["warnings"] = report.warnings + [NO_CAP] * (not capped)
+    except TexfError as error:
         facts = {"error": {"family": type(error).__name__, "code": error.code, "message": error.message,
                            "details": error.details}}
     (folder / FACTS).write_text(json.dumps(facts), encoding="utf-8")
@@ -358,32 +303,6 @@ def _answer(texf, report):
 
 def _length(array):
     return 0 if array is None else len(array)
-
-
-def cap_memory(size: int | None) -> bool:
-    """Caps this process's address space at what it has now plus size bytes; False where the system cannot."""
-    try:
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        if size is not None:
-            with open("/proc/self/statm") as file:
-                present = int(file.read().split()[0]) * resource.getpagesize()
-            resource.setrlimit(resource.RLIMIT_AS, (present + size, present + size))
-    except (ImportError, OSError, ValueError):
-        return size is None
-    return True
-
-
-def is_memory(error: BaseException | None) -> bool:
-    """Whether running out of memory is behind an error, which libraries wrap in their own."""
-    while error is not None:
-        if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
-            return True
-        if any(word in str(error).lower() for word in _NO_MEMORY):
-            return True
-        error = error.__cause__ or error.__context__
-    return False
 
 
 if __name__ == "__main__":

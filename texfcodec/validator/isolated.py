@@ -7,9 +7,9 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from ..errors import TexfError
+from ..capped import FACTS, NO_CAP, child_folder, crash_of, memory_error, read_facts, run_child, within_cap
+from ..errors import LimitError, TexfError
 from ..findings import SEVERITIES
-from ..isolate import FACTS, NO_CAP, cap_memory, child_folder, crash_of, is_memory, memory_error, read_facts, run_child
 from ..limits import Limits
 from ..report import Report
 from .validate import OUTCOME, ROW, validate
@@ -52,17 +52,12 @@ def _is_sound(outcome):
 
 def _child(folder, request):
     """The child's side: validates stdin and leaves its answer in the folder."""
-    import DracoPy  # noqa: F401  native code is loaded before the cap
-
     limits, report = Limits(**request["limits"]), Report()
     data = sys.stdin.buffer.read()
     try:
-        capped = cap_memory(limits.isolate_bytes)
-        outcome = validate(data, limits, request["threads"], report)
-    except Exception as error:
-        if not is_memory(error):
-            raise
-        capped, outcome = True, None
+        outcome, capped = within_cap(limits, lambda: validate(data, limits, request["threads"], report))
+    except LimitError:  # of memory: any other is a finding
+        outcome, capped = None, True
     answer = {"outcome": outcome, "warnings": [] if capped else [NO_CAP]}
     (folder / FACTS).write_text(json.dumps(answer), encoding="utf-8")
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from .. import errors
 from ..api import decode
+from ..capped import FACTS, child_folder, crash_of, read_facts, run_child, within_cap
 from ..errors import InputError, StreamError, TexfError
-from ..isolate import FACTS, cap_memory, child_folder, crash_of, is_memory, memory_error, read_facts, run_child
 from ..limits import Limits
 from ..options import DecodeOptions
 
@@ -48,21 +48,16 @@ def _mesh(data, name, limits):
 
 def _child(folder, request):
     """The child's side: reads a GLB on stdin and leaves its container in the folder, or what is wrong with it."""
-    import DracoPy  # noqa: F401  native code is loaded before the cap
+    import PIL.Image  # noqa: F401  what it needs is imported before the cap
 
-    from ..asset.load import files  # noqa: F401
+    from ..asset.load import gltf_read  # noqa: F401
     from . import pack  # noqa: F401
 
     limits, data, facts = Limits(**request["limits"]), sys.stdin.buffer.read(), None
     os.chdir(folder)  # where no file is that the mesh could name
     try:
-        cap_memory(limits.isolate_bytes)
-        (folder / CONTAINER).write_bytes(_packed(data, request["name"]))
-    except Exception as error:
-        if is_memory(error):
-            error = memory_error(limits)
-        elif not isinstance(error, TexfError):
-            raise
+        within_cap(limits, lambda: (folder / CONTAINER).write_bytes(_packed(data, request["name"])))
+    except TexfError as error:
         facts = {"family": type(error).__name__, "code": error.code, "message": error.message, "details": error.details}
     (folder / FACTS).write_text(json.dumps(facts, default=str), encoding="utf-8")
 

@@ -1,6 +1,6 @@
 // Fields on the GPU. Each has textures, and GLSL whose ask() sets f_CHANNEL, coded values in 0..1, for channels that are wanted.
 
-import { BITS_GLSL, lookUpGlsl, NEAREST_GLSL, trilinearGlsl } from './glsl_voxels.js';
+import { BITS_GLSL, LEVELS_GLSL, lookUpGlsl, trilinearGlsl } from './glsl_voxels.js';
 import { codeWords, networkBlock, networkGlsl } from './glsl_neural.js';
 import { bilinearGlsl, DENSITY_GLSL, WRAP_GLSL } from './glsl_texels.js';
 import { DeviceError, imageTexture, tableTexture } from './gl.js';
@@ -129,7 +129,7 @@ export class VoxelField extends Field {
     });
     const network = this.network && used.length ? this.network.source() : '';
     const planes = used.map((plane) => trilinearGlsl(plane.level, plane.textures)).join('');
-    return `${BITS_GLSL}${lookUpGlsl('voxels')}${NEAREST_GLSL}const int FIRST = ${first};
+    return `${BITS_GLSL}${lookUpGlsl('voxels')}${LEVELS_GLSL}const int FIRST = ${first};
 uniform float u_grid, u_perUnit;
 ${planes}${network}${declared}
 ${body}`;

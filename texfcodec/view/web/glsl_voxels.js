@@ -52,8 +52,8 @@ int row_${name}(int level, ivec3 voxel, int size) {
 
 /**
  * `void voxels_P(int level, vec3 grid, out vec4 ...)`: what planes that begin on level `plane` answer at a place of a level's
- * grid, by `textures` textures of four components each. Where no corner of the cell is active the nearest voxel answers, as in
- * support/query.py; where none is near, one of a coarser level.
+ * grid, by `textures` textures of four components each. Where no corner of the cell is active a voxel nearby answers: the nearest,
+ * as in support/query.py, or one of a coarser level.
  */
 export function trilinearGlsl(plane, textures) {
   const numbers = [...Array(textures).keys()], outs = numbers.map((t) => `out vec4 v${t}`).join(', ');
@@ -79,53 +79,35 @@ void voxels_${plane}(int level, vec3 grid, ${outs}) {
     ${numbers.map((t) => `v${t} /= total;`).join(' ')}
     return;
   }
-  int row = -1;
-  for (int up = level; up <= u_last && row < 0; up++) {
-    row = nearestRow(up, grid);
-    grid *= 0.5;
-  }
-  ivec2 at = place(max(row - u_base_${plane}, 0));
+  ivec2 at = place(max(substitute(level, grid) - u_base_${plane}, 0));
   ${fetched('=')}
 }
 `;
 }
 
-/** The nearest active voxel within three voxels and a half, and the sizes of levels. */
-export const NEAREST_GLSL = `
+/**
+ * Sizes of levels, and who answers where no corner of a cell is active: on slivers whose voxels hold too little surface to be
+ * coded, and in the idle corners of pixel quads, which lie off the surface and are many: so this is short.
+ */
+export const LEVELS_GLSL = `
 uniform int u_size, u_last;
 int sizeOf(int level) { return max((u_size + (1 << level) - 1) >> level, 1); }
-// Whether any voxel may be within three and a half: a box of seven touches at most two cells of eight voxels along each axis.
-// Most places that get here are the idle corners of pixel quads, which lie off the surface.
-bool somethingNear(int level, vec3 grid) {
-  if (level + 3 > u_last) return true;
-  for (int q = 0; q < 8; q++) {
-    vec3 corner = grid + 3.5 * (2.0 * vec3(q & 1, (q >> 1) & 1, q >> 2) - 1.0);
-    if (row_voxels(level + 3, ivec3(floor(corner / 8.0)), sizeOf(level + 3)) >= 0) return true;
-  }
-  return false;
-}
-// Shell after shell: what lies in the next ones is at least as far as the shell's number and a half.
-int nearestRow(int level, vec3 grid) {
-  if (!somethingNear(level, grid)) return -1;
-  ivec3 middle = ivec3(floor(grid));
-  float best = 12.25;
-  int found = -1, size = sizeOf(level);
-  for (int ring = 0; ring <= 3; ring++) {
-    int side = 2 * ring + 1;
-    for (int q = 0; q < side * side * side; q++) {
-      ivec3 step = ivec3(q / (side * side), (q / side) % side, q % side) - ring;
-      if (max(max(abs(step.x), abs(step.y)), abs(step.z)) != ring) continue;
-      vec3 away = vec3(middle + step) + 0.5 - grid;
+// The nearest active voxel of the 27 about a place, on the finest level that has one.
+int substitute(int level, vec3 grid) {
+  int row = -1;
+  for (; row < 0 && level <= u_last; level++) {
+    float least = 3.0;
+    for (int q = 0; q < 27; q++) {
+      ivec3 voxel = ivec3(floor(grid)) + ivec3(q % 3, (q / 3) % 3, q / 9) - 1;
+      vec3 away = vec3(voxel) + 0.5 - grid;
       float square = dot(away, away);
-      if (square >= best) continue;
-      int row = row_voxels(level, middle + step, size);
-      if (row >= 0) {
-        best = square;
-        found = row;
-      }
+      int found = square < least ? row_voxels(level, voxel, sizeOf(level)) : -1;
+      if (found < 0) continue;
+      least = square;
+      row = found;
     }
-    if (best <= (float(ring) + 0.5) * (float(ring) + 0.5)) break;
+    grid *= 0.5;
   }
-  return found;
+  return row;
 }
 `;

@@ -44,9 +44,9 @@ async function doJobs(gl, assets, jobs) {
 async function start() {
   const canvas = document.getElementById('view'), about = await aboutPage(), jobs = await jobsOf();
   try {
-    const gl = openContext(canvas);
     const headers = [];
     for (let n = 0; n < about.assets; n++) headers.push(unpack(await containerOf(n)));
+    const gl = openContext(canvas); // last: until now the browser's process for graphics was starting
     if (jobs.length) await doJobs(gl, headers.map((header) => new Asset(gl, header)), jobs);
     else new Viewer(canvas, gl, headers, about);
   } catch (error) {

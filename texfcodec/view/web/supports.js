@@ -22,34 +22,25 @@ function bitCount(x) {
   return Math.imul((x + (x >>> 4)) & 0x0f0f0f0f, 0x01010101) >>> 24;
 }
 
-/** Calls visit(brick number, place in the brick 0..511) for every voxel of a level, in order. */
-function eachVoxel({ words }, visit) {
-  for (let i = 0; i < words.length; i++) {
-    for (let bits = words[i]; bits !== 0; bits &= bits - 1) {
-      visit(i >> 4, ((i & 15) << 5) | (31 - Math.clz32(bits & -bits)));
+/**
+ * The level above, whose voxels are twice as wide, and the number in it of every voxel of this one's. Eight places that share a
+ * parent are a byte of a word; a brick's parents are an eighth of the brick above.
+ */
+function coarser({ bricks, words, base, count }) {
+  const keys = new Uint32Array(bricks.length), above = new Uint32Array(words.length), parents = new Uint32Array(count);
+  let many = 0, row = -1, n = 0;
+  for (let b = 0; b < bricks.length; b++) {
+    const key = bricks[b] >>> 3, eighth = (bricks[b] & 7) << 6;
+    if (many === 0 || keys[many - 1] !== key) keys[many++] = key;
+    for (let i = 0; i < 4 * WORDS; i++) {
+      const eight = (words[b * WORDS + (i >> 2)] >>> (8 * (i & 3))) & 255, inside = eighth | i;
+      if (eight === 0) continue;
+      above[(many - 1) * WORDS + (inside >> 5)] |= 1 << (inside & 31);
+      row++;
+      for (let left = bitCount(eight); left > 0; left--) parents[n++] = row;
     }
   }
-}
-
-/** The level above, whose voxels are twice as wide, and the number in it of every voxel of this one's. */
-function coarser(level) {
-  const bricks = [], words = [], parents = new Uint32Array(level.count);
-  let last = -1, row = -1, n = 0;
-  eachVoxel(level, (brick, place) => {
-    const parent = level.bricks[brick] >>> 3, inside = ((level.bricks[brick] & 7) << 6) | (place >> 3);
-    const cell = parent * VOXELS + inside;
-    if (cell !== last) {
-      if (row < 0 || bricks[bricks.length - 1] !== parent) {
-        bricks.push(parent);
-        for (let w = 0; w < WORDS; w++) words.push(0);
-      }
-      words[(bricks.length - 1) * WORDS + (inside >> 5)] |= 1 << (inside & 31);
-      row++;
-      last = cell;
-    }
-    parents[n++] = row;
-  });
-  return { level: levelOf(Uint32Array.from(bricks), Uint32Array.from(words, (w) => w >>> 0), level.base + level.count), parents };
+  return { level: levelOf(keys.slice(0, many), above.slice(0, many * WORDS), base + count), parents };
 }
 
 /** All levels from `first` to the last of a field over voxels, and the parents of each one's voxels. */
@@ -73,9 +64,11 @@ export function lookUpOf({ first, levels }) {
     const code = codeOf(first + i, key);
     let slot = Math.imul(code, HASH_FACTOR) >>> (32 - log2);
     while (table[2 * slot + 1] !== 0) slot = (slot + 1) & mask;
-    table.set([code, brick + 1], 2 * slot);
+    table[2 * slot] = code;
+    table[2 * slot + 1] = brick + 1;
     for (let w = 0; w < WORDS; w++) {
-      bits.set([level.words[b * WORDS + w], level.ranks[b * WORDS + w]], 2 * (brick * WORDS + w));
+      bits[2 * (brick * WORDS + w)] = level.words[b * WORDS + w];
+      bits[2 * (brick * WORDS + w) + 1] = level.ranks[b * WORDS + w];
     }
     brick++;
   }));
@@ -84,7 +77,7 @@ export function lookUpOf({ first, levels }) {
 
 /** One number for a brick of a level: coordinates of 10 bits on level 0, of 9 above it. */
 function codeOf(level, key) {
-  const [x, y, z] = [0, 1, 2].map((axis) => compact(key >>> axis));
+  const x = compact(key), y = compact(key >>> 1), z = compact(key >>> 2);
   return (level === 0 ? x | (y << 10) | (z << 20) : 0x80000000 | (level << 27) | x | (y << 9) | (z << 18)) >>> 0;
 }
 
@@ -93,36 +86,39 @@ export function pyramidOf({ values, counts, level }, components, { first, levels
   const start = level - first, rows = levels.slice(start).reduce((sum, one) => sum + one.count, 0);
   const out = new Uint8Array(rows * components);
   out.set(values.subarray(0, levels[start].count * components));
-  let sums = Float64Array.from(values);
-  let weights = counts ? Float64Array.from(counts) : new Float64Array(levels[start].count).fill(1);
-  sums.forEach((_, i) => { sums[i] *= weights[Math.floor(i / components)]; });
-  let at = levels[start].count * components;
+  let sums = values, weights = counts ?? null, at = levels[start].count * components;
   for (let number = start; number < parents.length; number++) {
-    [sums, weights] = summedUp(sums, weights, parents[number], levels[number + 1].count, components);
-    for (let row = 0; row < weights.length; row++) {
+    const { count } = levels[number + 1], isFirst = number === start;
+    [sums, weights] = summedUp(sums, weights, parents[number], count, components, isFirst);
+    for (let row = 0; row < count; row++) {
       for (let c = 0; c < components; c++) out[at++] = Math.round(sums[row * components + c] / weights[row]);
     }
   }
   return { rows, values: out };
 }
 
-function summedUp(sums, weights, parents, count, components) {
+/** Sums and weights of the level above. areMeans: `sums` are values yet, of these weights; no weights are all 1. */
+function summedUp(sums, weights, parents, count, components, areMeans) {
   const above = new Float64Array(count * components), heavier = new Float64Array(count);
-  parents.forEach((parent, row) => {
-    heavier[parent] += weights[row];
-    for (let c = 0; c < components; c++) above[parent * components + c] += sums[row * components + c];
-  });
+  for (let row = 0; row < parents.length; row++) {
+    const parent = parents[row], weight = weights === null ? 1 : weights[row], share = areMeans ? weight : 1;
+    heavier[parent] += weight;
+    for (let c = 0; c < components; c++) above[parent * components + c] += share * sums[row * components + c];
+  }
   return [above, heavier];
 }
 
 /** x, y, z of every voxel of a level, Uint16Array [count * 3]. */
-export function voxelsOf(level) {
-  const out = new Uint16Array(level.count * 3);
+export function voxelsOf({ bricks, words, count }) {
+  const out = new Uint16Array(count * 3);
   let n = 0;
-  eachVoxel(level, (brick, place) => {
-    const key = level.bricks[brick];
-    for (let axis = 0; axis < 3; axis++) out[n++] = (compact(key >>> axis) << 3) | compact(place >> axis);
-  });
+  for (let i = 0; i < words.length; i++) {
+    const key = bricks[i >> 4];
+    for (let bits = words[i]; bits !== 0; bits &= bits - 1) {
+      const place = ((i & 15) << 5) | (31 - Math.clz32(bits & -bits));
+      for (let axis = 0; axis < 3; axis++) out[n++] = (compact(key >>> axis) << 3) | compact(place >> axis);
+    }
+  }
   return out;
 }
 

@@ -287,7 +287,7 @@ export class Viewer {
     this.follow();
     if (milliseconds > 0 && performance.now() - this.toldAt > TOLD_EVERY) this.tell(milliseconds, scale);
     clearTimeout(this.timer);
-    this.timer = setTimeout(() => this.ask(), REST);
+    this.timer = setTimeout(() => this.ask(), this.touched + REST - performance.now());
   }
 
   /** Draws another strip of the full picture; whether that was the last. */

@@ -48,8 +48,8 @@ COMPARISONS = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.G
 OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Add, ast.LShift: ast.RShift, ast.RShift: ast.LShift,
              ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd, ast.BitXor: ast.BitOr, ast.Mod: ast.FloorDiv, ast.Pow: ast.Mult,
              ast.FloorDiv: ast.Mult}
-FITTED = ("Vectors were written for what survived of the sample with seed 0, so that it says little of mutants that were never "
-          "drawn: before, 92 % of it were killed or equivalent, and 92 % of 113 with seed 1, which nobody had looked at.")
+FITTED = ("Vectors were written for what survived of the samples with seeds 0 to 2, so that they say little of mutants that were "
+          "never drawn: before, 92 % of 400, 92 % of 113 and 93 % of 250 were killed or equivalent.")
 TOP = "module"  # the place of what stands in no function: it runs when the module is imported
 SWAPPED = {"min": "max", "max": "min", "sorted": "list", "any": "all", "all": "any"}
 

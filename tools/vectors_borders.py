@@ -3,6 +3,7 @@
 
 import struct
 import zlib
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -15,10 +16,12 @@ from vectors_texels import Grid, Image, Patch, picture, sheet, stream_of_parts
 
 from texfcodec.bitstream.appearance import material_of
 from texfcodec.bitstream.values import material_values
-from texfcodec.channels import CHANNELS, PARAMETERS, group_values
+from texfcodec.channels import BASE_COLOUR, CHANNELS, MAPS, PARAMETERS, group_values
 from texfcodec.codecs.codec import Group
 from texfcodec.effects import effects_mask
 from texfcodec.geometry.edges import FOLDS, NORMAL_BITS, NUM_FOLDS
+
+TELLING_EFFECTS = (383, 155, 64)  # seeds of some_effects(): every number of 5.3.2 decides the effects of one of them
 
 
 def by_a_hair():
@@ -90,10 +93,30 @@ def beside_defaults():
                        for at in range(3) for by in (1, -1)])
 
 
+def some_effects(seed):
+    """A double-sided material with some maps, and some parameters of 0 and of a half: what tells its effects apart (5.3.2)."""
+    random = np.random.default_rng(seed)
+    maps = [channel for channel in MAPS if random.integers(3) == 0]
+    given = {p.name: tuple(random.integers(0, 2, len(p.default)) / 2) for p in PARAMETERS if random.integers(2)}
+    groups = [group_values(*Group((channel,))) for channel in (BASE_COLOUR, *maps)]
+    material = replace(painted(*(channel.name for channel in maps), **given), double_sided=True)
+    return of_nothing([material], num_channel_groups=len(groups), channel_groups=groups)
+
+
 def every_group():
     """A group for every channel, which no field asks for."""
     groups = [group_values(*Group((channel,))) for channel in CHANNELS]
     return of_nothing([painted(specular_colour=(1.0, 0.5, 1.0))], num_channel_groups=len(groups), channel_groups=groups)
+
+
+def far_from_small():
+    """Sheets at z 0 and 600 in two fields, and a face with edges of one step of the lattice at z 100, all flat; a world point is
+    its lattice position."""
+    flat = lambda z, size, **more: Patch(np.array([[0, 0, z], [size, 0, z], [0, size, z]]), np.array([[0, 1, 2]]), **more)
+    patches = [flat(0, 1000), flat(600, 1000, field=1), flat(100, 1, field=2)]
+    stream = parsed(stream_of_parts([Grid(4), Grid(4, (200, 30, 60)), Grid(4, (10, 20, 220))], patches))
+    stream.header.update(origin=[0.0, 0.0, 0.0], side=float((1 << stream.header["position_bits"]) - 1))
+    return written(stream)
 
 
 def without_side():
@@ -177,6 +200,9 @@ def uncommon():
         ("rules_one_level", "an image of 2 x 2, repeat, lossless", ("7.9",), on_ring(noise[:2, :2], qp=60, models=6, max_error=0),
          (0,)),
         ("rules_valence", "a Draco mesh of traversal type 2", ("5.6",), of_many_faces(), (0,)),
+        *((f"rules_effects_{n}", "an empty mesh, a double-sided material with some maps and parameters of 0 and 0.5", ("5.3.2",),
+           some_effects(seed), (0,)) for n, seed in enumerate(TELLING_EFFECTS)),
+        ("queries_by_a_hair", "two sheets and a face of one step, each in a field of its own", ("8.2",), far_from_small(), (0,)),
         ("queries_no_side", "an image of 9 x 7, repeat, side 0", ("8.1", "8.2.2"), without_side(), (0,)),
     ]
     return [Vector(f"uncommon/{name}", *rest) for name, *rest in lines]

@@ -207,6 +207,11 @@ def magnitude_is(case, power):
     return abs(np.log10(max(map(abs, [case.header["side"], *case.header["origin"]]))) - power) < 1
 
 
+def edge_lengths(case):
+    """Of the first edge of every face, in steps of the lattice; longest along an axis."""
+    return [int(np.abs(u.lattice[face[1]] - u.lattice[face[0]]).max()) for u in case.texf.units for face in u.faces]
+
+
 # Phrase (all of it, case ignored) -> predicate of the case and the phrase's groups.
 HEADER_AND_FIELDS = {
     r"B = (\d+)|position_bits (\d+)": lambda c, a, b: c.header["position_bits"] == int(a or b),
@@ -220,6 +225,8 @@ HEADER_AND_FIELDS = {
     r"side (\d+)": lambda c, n: c.header["side"] == int(n),
     r"(\d+) channel groups": lambda c, n: c.header["num_channel_groups"] == int(n),
     r"an empty mesh": lambda c: c.header["num_faces"] == 0,
+    r"two sheets and a face of one step": lambda c: sorted(edge_lengths(c)) == [1, 1000, 1000],
+    r"each in a field of its own": lambda c: [(u.field, len(u.faces)) for u in c.texf.units] == [(n, 1) for n in range(3)],
     r"one triangle": lambda c: c.header["num_faces"] == 1,
     r"a triangle thinner than a voxel": lambda c: c.header["num_faces"] == 1
         and 0 < twice_area(c) < (1 << 2 * c.header["position_bits"]) / c.grids[0],

@@ -47,6 +47,12 @@ def has_neighbours_of_defaults(case):
                for at in range(p.count) for by in (1, -1))
 
 
+def has_some_maps(case):
+    """One double-sided material, some but not all of the maps there are, parameters of no other numbers."""
+    (material,) = materials_of(case)
+    return material.double_sided and 0 < len(material.maps) < len(MAPS) and {*numbers_of(case)} == {0.0, 0.5}
+
+
 def is_shifted(case, levels):
     """A plane is so many levels coarser than its field, and has as many values as there are cells."""
     units = [u for u in case.stream.attributes if u["level_shift"] == levels]
@@ -91,6 +97,7 @@ MATERIALS = {
         c.semantics[u["group_index"]] < 2 for u in c.constant),
     r"every parameter": lambda c: any(m.parameters.keys() == {p.name for p in PARAMETERS} for m in materials_of(c)),
     r"parameters one more and one less than their defaults": has_neighbours_of_defaults,
+    r"a double-sided material with some maps and parameters of 0 and 0.5": has_some_maps,
     r"a material with ([a-z_]+) alone": lambda c, name: [{*m.parameters} for m in materials_of(c)] == [{name}],
     r"the largest and the least number of binary32": lambda c: {LARGEST, -LARGEST, 2.0**-149} <= {*numbers_of(c)},
     r"every effect": lambda c: len(in_words(c.header["effects"])) == len(EFFECTS),

@@ -308,6 +308,8 @@ def faulty_payloads(resident, transport, two):
         ("nan", "a parameter that is not a number", "5.7.4", with_half(resident, 3, 0x7E00), "TXF-S50"),
         ("infinity", "an infinite parameter", "5.7.4", with_half(transport, -1, 0x7C00 | NEGATIVE), "TXF-S50"),
         ("half_4096", "a parameter of 2^12", "5.7.4", with_half(resident, -2, LARGEST + 1), "TXF-S50"),
+        ("half_4096_unasked", "a parameter of 2^12 that moves no value", "5.7.4",
+         with_half(of_zeros(resident, 6), 0, LARGEST + 1), "TXF-S50"),
         ("values_crc", "a wrong values_crc", "11.8", with_element(resident, A, "values_crc", b"\1\2\3\4"), "TXF-S32"),
         ("code", "a flipped bit in a code", "11.8", one_unit(resident, flip("latent_data")), "TXF-S32"),
         ("codeword", "a flipped bit in the codeword", "11.8", one_unit(transport, flip("latent_data")), "TXF-S32"),
@@ -343,6 +345,12 @@ def faulty():
     transport = neural(ring(12), 41, [(6, 0, 77)], **QUICK, form=FORM_TRANSPORT)
     alpha = neural(veil(12), 44, [(6, 0, 77)], **QUICK)
     huge = with_level(transport, num_latents=[1 << 40])
+    # The largest table is allowed, so that what comes after it decides.
+    largest = with_element(neural(ring(12), 41, [(6, 5, 0)], **QUICK, form=FORM_TRANSPORT), A,
+                           "latent_levels[0].table_log2", b"\x18")
+    other = units_of(with_element(ring(12), A, "codec_id", b"\x07"))[-2]
+    unknown = [("neural_table_log2_24", "3DNTC: a hash table of 2^24 rows, then an unknown codec", "5.7.5",
+                with_units(largest, lambda units: units.insert(-1, other)), "TXF-U02")]
     limit = [("neural_latents_huge", "3DNTC: 2^40 rows in the transport form", "10", huge, "TXF-L10")]
     lines = faulty_elements(resident) + faulty_payloads(resident, transport, two) + faulty_units(resident, two, alpha)
-    return [*as_faulty(lines), *as_faulty(limit, "limit")]
+    return [*as_faulty(lines), *as_faulty(unknown, "unsupported"), *as_faulty(limit, "limit")]

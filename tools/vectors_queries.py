@@ -30,6 +30,7 @@ ASKED = {
     "uncommon/texels_low": (0,), "uncommon/maps_shift_texels": (0, 2), "uncommon/neural_two_fields": (0,),
     "uncommon/maps_neural": (0,), "uncommon/neural_shortest_waves": (0,), "uncommon/queries_sheets": (0, 1),
     "uncommon/queries_no_side": (0,), "uncommon/maps_some": (0,),
+    "uncommon/queries_by_a_hair": (0,),
 }
 
 
@@ -181,6 +182,22 @@ def of_no_side(places, index):
     ]
 
 
+def by_a_hair(places):
+    """Points of tools/vectors_borders.far_from_small(), whose world is its lattice: nearer to one sheet by as much as 8.2 lets
+    pass, or by a little more, and nearer to a sheet than to a small face."""
+    most = Fraction(places.last, 2**14)
+    between = lambda nearer: (-1, 0, (311.0, 207.0, float(300 - nearer * most / 2)))
+    step = 1 + Fraction(1, 2 * places.last)  # half of what a side of 2**position_bits would make of it
+    return [
+        ("nearer to one by as much as passes", 1, [between(1 - Fraction(1, 2**20))]),
+        ("nearer to one by a little more", 2, [between(step), between(-step)]),
+        ("nearer to a sheet than to a small face", 4, [(-1, 0, (x, 0.0, z)) for x in (0.0, 1.0) for z in (45.0, 49.0)]),
+    ]
+
+
+OF_THEIR_OWN = {"uncommon/queries_by_a_hair": by_a_hair}
+
+
 def of_nobody(places):
     """Points of which no face is known."""
     every, half = [face for faces in places.asked.faces for face in faces], Fraction(1, 2)
@@ -227,9 +244,11 @@ def settled(asked, field, triangle, point):
     return out if len(out) <= 8 and all(any(near(answer, other) for other in out) for answer in beside) else None
 
 
-def candidates(places):
-    """Those of all fields, and without a face."""
+def candidates(places, name):
+    """Those of all fields, and without a face; or those that a vector has of its own."""
     asked, out = places.asked, []
+    if name in OF_THEIR_OWN:
+        return OF_THEIR_OWN[name](places)
     if places.header["side"] == 0:
         return [line for index in range(len(asked.faces)) for line in of_no_side(places, index)]
     for index, field in enumerate(asked.texf["fields"]):
@@ -238,10 +257,10 @@ def candidates(places):
     return out + of_nobody(places)
 
 
-def queries_at(data, lod, seed):
-    """Queries of a stream at one level of detail, as queries.json has them."""
-    asked, out = Asked(decoder.decode(data, lod)), []
-    for why, wanted, questions in candidates(Places(asked, seed)):
+def queries_at(vector, lod, seed):
+    """Queries of a vector's stream at one level of detail, as queries.json has them."""
+    asked, out = Asked(decoder.decode(vector.data, lod)), []
+    for why, wanted, questions in candidates(Places(asked, seed), vector.name):
         known = ((question, answers) for question in questions if (answers := settled(asked, *question)) is not None)
         for (field, triangle, point), answers in islice(known, wanted):
             rounded = [[None if v is None else round(float(v), DECIMALS + 2) for v in answer] for answer in answers]
@@ -254,7 +273,7 @@ def queries_file(vector):
     """Content of queries.json, None where a vector is not asked."""
     if vector.name not in ASKED:
         return None
-    found = {lod: queries_at(vector.data, lod, n) for n, lod in enumerate(ASKED[vector.name])}
+    found = {lod: queries_at(vector, lod, n) for n, lod in enumerate(ASKED[vector.name])}
     (asked, _), *_ = found.values()
     tolerance = 0 if asked.texf["neural"] is not None else TOLERANCE + 10**-DECIMALS
     lods = ",\n".join(f' "{lod}": [\n' + ",\n".join(f"  {json.dumps(q)}" for q in queries) + "\n ]"

@@ -12,7 +12,7 @@ from vectors_good import Vector, empty, encoded, parsed, recoded, scene_of, stre
 from vectors_materials import painted
 from vectors_normals import MARKED_BY_AREA, marked
 from vectors_rules import on_ring
-from vectors_texels import Grid, Image, Patch, picture, sheet, stream_of_parts
+from vectors_texels import CLAMPED, Grid, Image, Patch, picture, sheet, stream_of_parts
 
 from texfcodec.bitstream.appearance import material_of
 from texfcodec.bitstream.values import material_values
@@ -119,6 +119,15 @@ def far_from_small():
     return written(stream)
 
 
+def slanted():
+    """Eight slanted triangles of UVs, so far apart that no texel is asked by two; on faces that share no corner."""
+    random = np.random.default_rng(5)
+    corners = random.integers(3 * 16, 9 * 16, (8, 3, 2)) + 12 * 16 * np.stack([np.arange(8) % 4, np.arange(8) // 4], 1)[:, None]
+    lattice = np.array([[0, 0, 0], [100, 0, 10], [0, 90, 30]]) + 120 * np.arange(8)[:, None, None]
+    faces = Patch(lattice.reshape(-1, 3), np.arange(24).reshape(8, 3), corners)
+    return stream_of_parts([Image(picture(48, 24), CLAMPED)], [faces])
+
+
 def without_side():
     """A surface of a few steps of the lattice, all of which is in one point of the world. A point of its first edge is nearest
     to the lattice's 0."""
@@ -202,6 +211,7 @@ def uncommon():
         ("rules_valence", "a Draco mesh of traversal type 2", ("5.6",), of_many_faces(), (0,)),
         *((f"rules_effects_{n}", "an empty mesh, a double-sided material with some maps and parameters of 0 and 0.5", ("5.3.2",),
            some_effects(seed), (0,)) for n, seed in enumerate(TELLING_EFFECTS)),
+        ("rules_slanted", "an image of 48 x 24, clamp, 8 faces that share no corner", ("6.5.2",), slanted(), (0, 1)),
         ("queries_by_a_hair", "two sheets and a face of one step, each in a field of its own", ("8.2",), far_from_small(), (0,)),
         ("queries_no_side", "an image of 9 x 7, repeat, side 0", ("8.1", "8.2.2"), without_side(), (0,)),
     ]

@@ -227,6 +227,8 @@ HEADER_AND_FIELDS = {
     r"an empty mesh": lambda c: c.header["num_faces"] == 0,
     r"two sheets and a face of one step": lambda c: sorted(edge_lengths(c)) == [1, 1000, 1000],
     r"each in a field of its own": lambda c: [(u.field, len(u.faces)) for u in c.texf.units] == [(n, 1) for n in range(3)],
+    r"(\d+) faces that share no corner": lambda c, n: [u.faces.size for u in c.texf.units] == [3 * int(n)] ==
+        [len(np.unique(u.lattice, axis=0)) for u in c.texf.units],
     r"one triangle": lambda c: c.header["num_faces"] == 1,
     r"a triangle thinner than a voxel": lambda c: c.header["num_faces"] == 1
         and 0 < twice_area(c) < (1 << 2 * c.header["position_bits"]) / c.grids[0],

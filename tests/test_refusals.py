@@ -181,6 +181,14 @@ def test_what_fails_within_a_cap_has_a_code(monkeypatch, raised, code):
     assert found.value.code == code
 
 
+def test_a_module_that_is_missing_where_nothing_is_capped_is_no_want_of_memory():
+    def work():
+        raise ImportError("no such module")
+
+    with pytest.raises(ImportError, match="no such module"):
+        within_cap(Limits(isolate_bytes=None), work)
+
+
 def test_work_within_a_cap_gives_what_it_gives_and_later_threads_have_their_usual_stack(monkeypatch):
     monkeypatch.setattr("texfcodec.capped.cap_memory", lambda size: size is None)
     before = threading.stack_size()

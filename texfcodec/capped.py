@@ -26,7 +26,7 @@ FACTS = "facts.json"
 FACTS_BYTES = 64 << 20  # the JSON half of an answer is never larger
 NO_CAP = "this system cannot cap the memory of a process: only the time was capped"
 STACK_BYTES = 16 << 20
-LEAST_BYTES = 16 << 20  # one voxel takes 1.4 MB; with less, LLVM and numpy were seen to crash where an allocation is refused
+LEAST_BYTES = 16 << 20  # one voxel takes 4 MB; under 2, LLVM and numpy were seen to crash where an allocation is refused
 _SQUARE = np.ones((256, 256))
 _NO_MEMORY = ("bad_alloc", "allocat", "failed to map", "out of memory", "memoryerror", "can't start new thread")
 
@@ -88,7 +88,8 @@ def within_cap(limits: Limits, work: Callable[[], Any]) -> tuple[Any, bool]:
         with ThreadPoolExecutor(1) as pool:
             return pool.submit(_capped, limits, work).result()
     except Exception as error:
-        if is_memory(error) or isinstance(error, ImportError | SyntaxError):  # a module of an installation that worked before
+        unread = isinstance(error, ImportError | SyntaxError)  # a module of an installation that worked before
+        if is_memory(error) or (unread and limits.isolate_bytes is not None):
             raise memory_error(limits) from error
         raise
     finally:

@@ -21,7 +21,7 @@ from texfcodec.codecs.codec import Group
 from texfcodec.effects import effects_mask
 from texfcodec.geometry.edges import FOLDS, NORMAL_BITS, NUM_FOLDS
 
-TELLING_EFFECTS = (383, 155, 64)  # seeds of some_effects(): every number of 5.3.2 decides the effects of one of them
+TELLING_EFFECTS = (383, 155, 64)  # seeds of some_effects(): they hold the numbers of 5.3.2 that no other vector does
 
 
 def by_a_hair():

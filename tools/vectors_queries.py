@@ -172,10 +172,11 @@ def order_decides(neural, index, point, header):
     return both[0] != both[1] and neural.answer(index, both[0]) != neural.answer(index, both[1])
 
 
-def of_no_side(places, index):
-    """Points that ask faces of a stream whose side is 0, which are all one point of its lattice."""
-    origin, count = places.header["origin"], len(places.asked.faces[index])
-    at = lambda n, *by: (index, n, tuple(o + d for o, d in zip(origin, by, strict=True)))
+def of_no_side(places):
+    """Points that ask faces of the only field of a stream whose side is 0, which are all one point of its lattice."""
+    origin, (faces,) = places.header["origin"], places.asked.faces
+    count = len(faces)
+    at = lambda n, *by: (0, n, tuple(o + d for o, d in zip(origin, by, strict=True)))
     return [
         ("the origin, side 0", 2, [at(n, 0, 0, 0) for n in range(count)]),
         ("beside the origin, side 0", 3, [at(n, 1, -2.5, 0.25) for n in range(count)]),
@@ -195,7 +196,7 @@ def by_a_hair(places):
     ]
 
 
-OF_THEIR_OWN = {"uncommon/queries_by_a_hair": by_a_hair}
+OF_THEIR_OWN = {"uncommon/queries_by_a_hair": by_a_hair, "uncommon/queries_no_side": of_no_side}
 
 
 def of_nobody(places):
@@ -249,8 +250,6 @@ def candidates(places, name):
     asked, out = places.asked, []
     if name in OF_THEIR_OWN:
         return OF_THEIR_OWN[name](places)
-    if places.header["side"] == 0:
-        return [line for index in range(len(asked.faces)) for line in of_no_side(places, index)]
     for index, field in enumerate(asked.texf["fields"]):
         kind = of_networks if asked.texf["neural"] is not None else of_texels if field["support"] == TEXELS else of_voxels
         out += kind(places, index)

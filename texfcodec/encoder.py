@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .bitstream.stream import Stream, write_stream
+from .asset.scene import NEAREST_FIELDS
+from .bitstream.stream import Stream, attribute_variables, write_stream
 from .bitstream.values import attribute_values, field_values, header_values, material_values, metadata_bytes
 from .channels import channel_over
 from .choose.codec import codec_for, with_qp_of
@@ -20,6 +21,7 @@ from .choose.maps import errors_of, fill_maps, groups_of, joined, names_of_field
 from .choose.normals import Shading, choose_normals
 from .choose.prepare import SourceField, active_voxels, check_voxels, transferred
 from .choose.sizes import coarsen_maps
+from .choose.spending import CodedUnit, image_budgets, spend
 from .choose.supports import choose_supports, without_faces
 from .choose.texel_field import texel_field
 from .choose.trial import choose_fields, codes_alpha
@@ -130,6 +132,7 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
     resolution = options.resolution if first else None
     choices = {"effects": needs.told, "supports": supports.told, "partition": partition, "normals": shading.told}
     prepared = Prepared(geometry, source, fields, needs.materials, shading, resolution, choices)
+    report.dropped += _blended_squares(scene, surface, plans)
     codec = codec_of(options.codec)
     if isinstance(codec, PlaneCodec):
         _fill(prepared, names[:first], options, report)
@@ -137,6 +140,16 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
         with report.stage("sizes"):
             choices["sizes"] = [coarsen_maps(part, prepared.source, codec, options) for part in fields]
     return prepared
+
+
+def _blended_squares(scene, surface, plans):
+    """Names of what is lost of NEAREST samplers: those of images that faces show which do not go over texels."""
+    kept = np.zeros(len(surface.faces), bool)
+    for plan in plans:
+        kept[plan.group.faces] = plan.group.nearest
+    shown = {scene.materials[m].texture for m in np.unique(surface.material[~kept])}
+    names = [scene.textures[t].name or str(t) for t in sorted(shown) if t >= 0 and scene.textures[t].nearest]
+    return [f"NEAREST filter of texture '{name}'" for name in names]
 
 
 def _fields_of_faces(scene, surface, plans, options, report):
@@ -176,7 +189,7 @@ def code_prepared(prepared: Prepared, options: EncodeOptions, report: Report) ->
     stream.materials = [material_values(m, rule) for m, rule in zip(prepared.materials, rules, strict=True)]
     stream.sharp_edges = prepared.shading.values
     stream.fields = [field_values(i, part.support, part.threshold) for i, part in enumerate(fields)]
-    stream.metadata = metadata_bytes(scene.metadata, options, report)
+    stream.metadata = metadata_bytes(scene.metadata | _samplers(prepared), options, report)
     codec, reconstruction = codec_of(options.codec), hashlib.sha256()
     decoded = _code_jointly if codec.joint else _code_planes
     for part, planes in zip(fields, decoded(codec, stream, prepared, options, report, choices), strict=True):
@@ -195,33 +208,49 @@ def code_prepared(prepared: Prepared, options: EncodeOptions, report: Report) ->
                    texels_per_voxel_edge=max((part.texels_per_edge for part in fields), default=0.0))
 
 
+def _samplers(prepared):
+    """What metadata say of samplers, which the bitstream does not know: fields whose texels are squares of one colour."""
+    squares = [number for number, part in enumerate(prepared.fields) if part.nearest]
+    return {NEAREST_FIELDS: squares} if squares else {}
+
+
 def _code_planes(codec, stream, prepared, options, report, choices):
     """One attribute unit per field and channel: the decoded planes of each field, by channel name."""
-    choices["channels"] = []
-    out, exactly = [], replace(options, qp=None, max_error=0) if any(part.exact for part in prepared.fields) else options
+    choices["channels"], out = [], []
+    others = sum(len(unit["draco_data"]) for unit in stream.geometry)
+    budgets = image_budgets(prepared.source, prepared.fields)
     for i, part in enumerate(prepared.fields):
         with report.stage("attributes"):
             out.append({})
             for number, group in enumerate(prepared.source.groups):
                 if any(channel.name in part.planes for channel in group.channels):
                     begin = time.perf_counter()
-                    chosen = exactly if part.exact else options
-                    unit, plane, decoded = _code_group(codec, part, group, chosen, prepared.source.scene.weights)
-                    stream.attributes.append(attribute_values(field=i, group=number, **unit))
-                    out[i] |= group.split(decoded)
-                    told = {"field": i, "codec": unit["codec"].name, "level_shift": unit["shift"],
-                            "encode_ms": round(1000 * (time.perf_counter() - begin), 1)}
-                    choices["channels"].append(told | errors_of(group, plane, decoded))
+                    unit = _code_group(codec, stream, prepared, (i, number), options, others, budgets.get((i, number)))
+                    stream.attributes.append(unit.values)
+                    others += unit.bytes
+                    out[i] |= group.split(unit.decoded)
+                    told = {"field": i, "codec": unit.codec.name, "level_shift": unit.values["level_shift"],
+                            "encode_ms": round(1000 * (time.perf_counter() - begin), 1), **unit.spending}
+                    choices["channels"].append(told | errors_of(group, unit.plane, unit.decoded))
     return out
 
 
-def _code_group(codec, part, group, options, weights):
-    """A channel group of one field: (codec, checksum, levels that its plane is coarser than the field and syntax values; what was
-    coded; what it decodes to)."""
+def _code_group(codec, stream, prepared, place, options, others, budget):
+    """The CodedUnit of a channel group of a field. place: (field, group); others, budget: bytes, as of choose.spending.spend."""
+    part, group = prepared.fields[place[0]], prepared.source.groups[place[1]]
     plane, shift = joined(part, group)
-    chosen = codec_for(plane, codec)
-    values, decoded = chosen.enc(plane, part.support.coarser(shift), with_qp_of(group, options, weights))
-    return {"codec": chosen, "checksum": zlib.crc32(decoded), "values": values, "shift": shift}, plane, decoded
+    chosen, support = codec_for(plane, codec), part.support.coarser(shift)
+
+    def code(options):
+        values, decoded = chosen.enc(plane, support, options)
+        values = attribute_values(chosen, *place, zlib.crc32(decoded), values, shift)
+        size = len(chosen.write_parameters(values | attribute_variables(stream, values)))
+        return CodedUnit(codec=chosen, values=values, bytes=size, plane=plane, decoded=decoded)
+
+    if part.exact:
+        return code(replace(options, qp=None, max_error=0))
+    wanted = with_qp_of(group, options, prepared.source.scene.weights)
+    return spend(code(wanted), code, wanted, others, budget)
 
 
 def _code_jointly(codec, stream, prepared, options, report, choices):

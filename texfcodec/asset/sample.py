@@ -11,6 +11,7 @@ from .scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_REPEAT, Scene
 from .srgb import linear_to_srgb, srgb_to_linear
 
 CURVE_STEPS = 4096
+UV_OF_SOURCE = 6  # place of corner_uv in what pack_source() returns
 BLOCK = 1 << 16
 
 

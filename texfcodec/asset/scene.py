@@ -9,6 +9,7 @@ from .normal_rule import USUAL, NormalRule
 WRAP_REPEAT, WRAP_CLAMP, WRAP_MIRROR = 0, 1, 2
 WRAP_NAMES = ("repeat", "clamp", "mirror")
 ALPHA_OPAQUE, ALPHA_MASK, ALPHA_BLEND = 0, 1, 2
+NEAREST_FIELDS = "nearest_fields"  # key of a stream's metadata: numbers of fields over texels whose Texture is nearest
 
 
 @dataclass
@@ -16,13 +17,17 @@ class Texture:
     """One image.
 
     image: uint8 [H, W, 4] RGBA, colour sRGB-coded, alpha straight, data as they stand, row 0 at v = 0 (glTF convention).
-    wrap: (s, t), each one of WRAP_*; srgb: whether it is written as colour.
+    wrap: (s, t), each one of WRAP_*; srgb: whether it is written as colour; nearest: whether a texel shows as a square of one
+    colour (glTF's NEAREST) and is not blended with its neighbours; lossy_bytes: of the image file, where its format had given up
+    exactness already, else None.
     """
 
     image: np.ndarray
     wrap: tuple = (WRAP_REPEAT, WRAP_REPEAT)
     name: str = ""
     srgb: bool = True
+    nearest: bool = False
+    lossy_bytes: int | None = None
 
 
 @dataclass

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 class ImageGroup:
     """Faces that one image colours. faces: int64 [F] into the surface's; image: uint8 [H, W, 4]; wrap: (s, t); factor: float64
     [4], linear; opaque: whether alpha counts as 255; uv: float64 [F, 3, 2] of their corners, in texels of the image; palette:
-    whether it is one texel for each colour; maps: uint8 [h, w, 4] of further channels by name, with the same UVs, none larger;
-    key: what tells it from others."""
+    whether it is one texel for each colour; nearest: whether its texels are squares of one colour (Texture.nearest); maps: uint8
+    [h, w, 4] of further channels by name, with the same UVs, none larger; key: what tells it from others."""
 
     faces: np.ndarray
     image: np.ndarray
@@ -35,6 +35,7 @@ class ImageGroup:
     opaque: bool
     uv: np.ndarray
     palette: bool = False
+    nearest: bool = False
     maps: dict[str, np.ndarray] = field(default_factory=dict)
     key: tuple = ()
 
@@ -88,10 +89,15 @@ def image_groups(scene: Scene, surface: Surface) -> list[ImageGroup]:
         image = scene.textures[material.texture].image if material.texture >= 0 else None
         sees_through = not opaque or image is None or image[..., 3].min() == 255
         key = (tuple((name, digests[t]) for name, t in sorted(used.items())), tuple(scene.textures[min(used.values())].wrap),
-               material.factor.tobytes(), not sees_through)
+               material.factor.tobytes(), not sees_through, _is_nearest(scene, material))
         groups.setdefault(key, []).append((faces, material))
     found = [_group(scene, surface, parts, key) for key, parts in groups.items()]
     return [group for group in [*found, _palette(scene, surface, plain)] if group is not None and len(group.faces)]
+
+
+def _is_nearest(scene, material):
+    """Whether a material's base colour shows texels as squares."""
+    return material.texture >= 0 and scene.textures[material.texture].nearest
 
 
 def _textures_of(material):
@@ -138,7 +144,7 @@ def _group(scene, surface, parts, key):
     uv = scene.corner_uv[surface.origin_face[faces]] * np.array([image.shape[1], image.shape[0]], np.float64)
     with np.errstate(all="ignore"):
         near = (np.abs(uv) < MAX_UV_ORIGIN / 2).all(axis=(1, 2)) & (np.ptp(uv, axis=1) < 1 << MAX_UV_BITS - 1).all(axis=1)
-    return ImageGroup(faces[near], image, key[1], factor, key[3], uv[near], maps=maps, key=key)
+    return ImageGroup(faces[near], image, key[1], factor, key[3], uv[near], nearest=key[4], maps=maps, key=key)
 
 
 def _leading_image(scene, material, maps):

@@ -31,7 +31,7 @@ class SourceField:
     """A field before coding. support: its voxels or texels; threshold: the area threshold that voxels were kept by; planes:
     float32 [N, C] in 0..255 by channel name, colour sRGB-coded; shifts: by channel name, levels that a plane is coarser than the
     support; texels_per_edge: how much finer than the voxels the textures are;
-    exact: whether values are worth their bits whatever was asked for, being few."""
+    exact: whether values are worth their bits whatever was asked for, being few; nearest: whether texels are shown as squares."""
 
     support: VoxelSupport | TexelSupport
     threshold: int
@@ -39,6 +39,7 @@ class SourceField:
     shifts: dict = field(default_factory=dict)
     texels_per_edge: float = 0.0
     exact: bool = False
+    nearest: bool = False
 
     @property
     def keys(self) -> np.ndarray:

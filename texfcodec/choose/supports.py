@@ -21,8 +21,10 @@ from ..options import FINEST_POSITIONS
 from .images import image_groups
 from .position import rounding_mse
 from .probe import SLOPE, Patch, Probe, probe_texels, probe_voxels
-from .texel_field import TexelPlan, asked_by, most_fraction_bits, slope_of
+from .spending import has_few_colours
+from .texel_field import TexelPlan, asked_by, most_fraction_bits
 from .trial import coding_mse
+from .uv_bits import fraction_bits
 
 if TYPE_CHECKING:
     from ..asset.scene import Scene
@@ -36,7 +38,8 @@ BLURRED, MOST_TIMES = 4.0, 6.0  # voxels with so many times the error are no alt
 CLEAR = 2.0  # times the bytes over texels: voxels that take more at the first K need not be tried at others
 COARSE = 0.7  # texels per voxel edge under which a smaller K is tried, and no smaller image
 USUAL_K = 64
-ROUNDED = 1 / 24  # variance of a rounded coordinate between corners, in squared steps
+SQUARE_BITS = 4  # of UVs, at least, where texels are squares: their sides move by a 32nd of a texel at most
+UV_BYTES_A_BIT = 2 / 8  # of a corner, for each bit of its two coordinates
 UNIT_BYTES = 60  # of a further field
 LOSSLESS_FRACTION = 4
 MOST_ROWS = 1 << 27  # of texels that the faces of an image go over, a few seconds; more than a million faces have elsewhere
@@ -117,10 +120,12 @@ def _refined(one, scene, surface, options, told):
     patch = None if plan.group.palette or options.max_error is not None else _patch(scene, surface, plan.group.faces, options)
     if patch is None:
         return one
-    if patch.texels_per_edge(options.resolution) >= COARSE:
+    if patch.texels_per_edge(options.resolution) >= COARSE and not plan.group.nearest:
         plan, probe = _smallest(plan, probe, patch, options)
         told |= {"size": list(plan.size), "texels": replace(probe, fixed=one.texels.fixed).told()}
-    return replace(one, plan=_with_bits(plan, _fraction_bits(plan, probe, one.points)), texels=probe)
+    bits = fraction_bits(patch, plan, probe, UV_BYTES_A_BIT * one.points, SLOPE)
+    bits = max(bits, SQUARE_BITS) if plan.group.nearest else bits
+    return replace(one, plan=_with_bits(plan, bits), texels=probe)
 
 
 def _plan(group, size):
@@ -158,12 +163,6 @@ def _with_bits(plan, bits):
     return replace(plan, fraction_bits=1 if plan.group.palette else min(bits, most_fraction_bits(plan.size, plan.group)))
 
 
-def _fraction_bits(plan, probe, points):
-    """Bits of UVs below the texel: where a further one costs more bytes than the error it takes away."""
-    slope = slope_of(plan.size, plan.group)
-    return _cheapest(range(9), probe, lambda k: slope * ROUNDED / 4**k, 2 / 8 * points)
-
-
 def _cheapest(choices, probe, added, bytes_a_bit):
     """The number of bits at which values and coordinates take the fewest bytes at equal quality. added: error at so many bits."""
     mse = probe.mse
@@ -189,6 +188,9 @@ def _goes_over_texels(one, scene, surface, options, told):
     told.append(entry)
     if options.support == "texels":
         entry |= {"chosen": "texels", "reason": "asked for"}
+        return True
+    if one.plan.group.nearest and has_few_colours(one.plan.group.image.reshape(-1, 4)):
+        entry |= {"chosen": "texels", "reason": "texels are squares of few colours (sampler NEAREST)"}
         return True
     patch = _patch(scene, surface, one.plan.group.faces, options)
     if patch is None:

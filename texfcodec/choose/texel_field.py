@@ -14,7 +14,6 @@ from ..channels import BY_NAME
 from ..errors import LimitError
 from ..geometry.draco import MAX_UV_BITS
 from ..ground.areas import face_areas
-from ..ground.colour_error import RGB_TO_YUV
 from ..support.texel_set import asked_texels, count_rows, shown_area
 from ..support.texels import TexelSupport
 from .frames import turn_of, turned
@@ -109,15 +108,6 @@ def wrapped_line(cells: np.ndarray, factor: int, size: int, mode: int) -> np.nda
     return np.minimum(line % (2 * size), 2 * size - 1 - line % (2 * size))
 
 
-def slope_of(plan_size: tuple[int, int], group: ImageGroup) -> float:
-    """Mean squared change of Y from a texel of the coded size to the next, both ways added: what a shift by a texel costs."""
-    step = max(1, min(group.size) // 64)
-    rows, columns = group.image[::step], group.image[:, ::step]
-    slope = sum(float(((np.diff(part[..., :3].astype(np.float32), axis=axis) @ RGB_TO_YUV[0]) ** 2).mean())
-                for part, axis in ((rows, 1), (columns, 0)) if part.shape[axis] > 1)
-    return slope * group.size[0] / plan_size[0] * group.size[1] / plan_size[1]
-
-
 def most_fraction_bits(size: tuple[int, int], group: ImageGroup) -> int:
     """Bits of a UV below the texel that the stream can hold."""
     scale = max(size[0] / group.size[0], size[1] / group.size[1])
@@ -143,7 +133,7 @@ def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Sour
     support = TexelSupport(keys=keys, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap,
                            fraction_bits=plan.fraction_bits)
     values = plan.values(source.surface, support.xy(), options.threads)
-    part = SourceField(support, 0, colour_planes(values, source), exact=plan.group.palette)
+    part = SourceField(support, 0, colour_planes(values, source), exact=plan.group.palette, nearest=plan.group.nearest)
     normals = [name for name in plan.group.maps if BY_NAME[name].unit == "degrees"]
     turn = turn_of(source.scene, source.surface, plan.group.faces) if normals else None
     for name in plan.group.maps:

@@ -166,8 +166,8 @@ def _put_texture(document, index, channel, shelf):
     uri = source.get("uri")
     fallback = uri if isinstance(uri, str) and uri[:5].lower() != "data:" else f"image {image}"
     name = name_of(source) or name_of(entry) or fallback
-    wrap = _wrap(document, entry, name)
-    return shelf.put(image, lambda: document.image_bytes(image), name, wrap, channel)
+    wrap, nearest = _sampler(document, entry)
+    return shelf.put(image, lambda: document.image_bytes(image), name, wrap, channel, nearest)
 
 
 def _source_image(document, entry, index):
@@ -184,16 +184,15 @@ def _source_image(document, entry, index):
     return entry["source"]
 
 
-def _wrap(document, entry, name):
+def _sampler(document, entry):
+    """((wrap s, wrap t), whether texels are not blended) of a texture."""
     if "sampler" not in entry:
-        return WRAP_REPEAT, WRAP_REPEAT
+        return (WRAP_REPEAT, WRAP_REPEAT), False
     sampler = document.entry("samplers", entry["sampler"])
     wrap = sampler.get("wrapS", 10497), sampler.get("wrapT", 10497)
     if not all(isinstance(mode, int) and mode in _WRAPS for mode in wrap):
         raise malformed("a sampler has an unknown wrap mode", value=str(wrap)[:40])
-    if sampler.get("magFilter") == _NEAREST:
-        document.notes.drop(f"NEAREST filter of texture '{name}'")
-    return _WRAPS[wrap[0]], _WRAPS[wrap[1]]
+    return (_WRAPS[wrap[0]], _WRAPS[wrap[1]]), sampler.get("magFilter") == _NEAREST
 
 
 def _drop_properties(document, entry, name):

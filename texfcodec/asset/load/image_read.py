@@ -26,14 +26,15 @@ class TextureShelf:
     def __init__(self, notes: Notes) -> None:
         self.notes = notes
         self.textures: list[Texture] = []
-        self._images: dict[Hashable, np.ndarray | InputError] = {}
+        self._images: dict[Hashable, tuple[np.ndarray, int | None] | InputError] = {}
         self._indices: dict[tuple, int] = {}
 
     def put(self, key: Hashable, fetch: Callable[[], Any], name: str, wrap: tuple[int, int],
-            channel: str = BASE_COLOUR.name) -> int:
+            channel: str = BASE_COLOUR.name, nearest: bool = False) -> int:
         """Index of the texture, or -1 (with a note) where its image is missing or broken.
 
-        key: hashable identity of the image; fetch: () -> its bytes, or InputError; wrap: (s, t); channel: what it is for.
+        key: hashable identity of the image; fetch: () -> its bytes, or InputError; wrap: (s, t); channel: what it is for;
+        nearest: as Texture has it.
         """
         if key not in self._images:
             self._images[key] = self._decode(fetch, name, BY_NAME[channel].srgb)
@@ -41,14 +42,15 @@ class TextureShelf:
         if isinstance(image, InputError):
             self.notes.fault(str(image.code), f"{image.message}; {channel.replace('_', ' ')} goes without it", **image.details)
             return -1
-        if (key, wrap) not in self._indices:
-            self._indices[key, wrap] = len(self.textures)
-            self.textures.append(Texture(image, wrap, name))
-        return self._indices[key, wrap]
+        if (key, wrap, nearest) not in self._indices:
+            self._indices[key, wrap, nearest] = len(self.textures)
+            self.textures.append(Texture(image[0], wrap, name, nearest=nearest, lossy_bytes=image[1]))
+        return self._indices[key, wrap, nearest]
 
     def _decode(self, fetch, name, is_colour):
         try:
-            return read_image(fetch(), name, self.notes, is_colour)
+            data = fetch()
+            return read_image(data, name, self.notes, is_colour), lossy_bytes(data)
         except InputError as error:
             if error.code not in ("TXF-I16", "TXF-I17"):
                 raise
@@ -87,6 +89,15 @@ def read_image(data: Any, name: str, notes: Notes, is_colour: bool = True) -> np
     if image.mode in ("CMYK", "YCCK"):
         notes.warn(f"image '{name}' is CMYK; it is converted to RGB without its colour profile")
     return rgba
+
+
+def lossy_bytes(data: Any) -> int | None:
+    """Bytes of an image file whose format is lossy (JPEG, WebP's VP8, AVIF); None for all others and for what is no file."""
+    if not isinstance(data, (bytes, memoryview)):
+        return None
+    head = bytes(data[:32])
+    webp = head[:4] == b"RIFF" and head[8:12] == b"WEBP" and (head[12:16] == b"VP8 " or b"VP8 " in bytes(data[:4096]))
+    return len(data) if head[:3] == b"\xff\xd8\xff" or webp or head[4:12] in (b"ftypavif", b"ftypavis") else None
 
 
 def missing_image(name: str) -> InputError:

@@ -26,6 +26,7 @@ _WRAPS = {WRAP_REPEAT: 10497, WRAP_CLAMP: 33071, WRAP_MIRROR: 33648}
 _POINTS = 0
 _COLUMNS = (("TEXCOORD_0", "VEC2"), ("NORMAL", "VEC3"), ("TANGENT", "VEC4"))
 OPTIONAL = {"NORMAL", "TANGENT"}  # left out of primitives that have none
+_LINEAR, _NEAREST = (9729, 9987), (9728, 9728)  # filters of a sampler: linear with mipmaps; nearest
 _EXTRAS_LIMIT = 65536  # bytes of metadata that may ride in asset.extras
 
 
@@ -164,8 +165,8 @@ def _add_texture(document, texture, form, image):
         entry = {"name": name, "uri": image}
     else:
         entry = {"name": name, "mimeType": form.mime, "bufferView": document.add_view(image)}
-    # linear, linear-mipmap-linear
-    sampler = {"magFilter": 9729, "minFilter": 9987, "wrapS": _WRAPS[wrap[0]], "wrapT": _WRAPS[wrap[1]]}
+    magnified, minified = _NEAREST if texture.nearest else _LINEAR
+    sampler = {"magFilter": magnified, "minFilter": minified, "wrapS": _WRAPS[wrap[0]], "wrapT": _WRAPS[wrap[1]]}
     known = document.json.get("samplers", [])
     at = known.index(sampler) if sampler in known else document.add("samplers", sampler)
     source = {"source": document.add("images", entry)}

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...channels import BASE_COLOUR, BY_NAME
-from ..scene import WRAP_CLAMP, Texture
+from ..scene import NEAREST_FIELDS, WRAP_CLAMP, Texture
 from ..tangents import corner_tangents
 from .atlas import check_arguments
 from .atlas_maps import AtlasMaps
@@ -74,8 +74,9 @@ def _faces_of(texf, skin):
 def _of_texels(texf, skin, _, __):
     """([(channel names, Texture)], UVs float64 [F, 3, 2], warnings) of a field over texels."""
     image, uv, centres = texel_image_and_uv(texf, skin.field)
-    wrap = tuple(texf.fields[skin.field].support.wrap)
-    found = [((BASE_COLOUR.name,), Texture(image, wrap, BASE_COLOUR.name))] * skin.has_base
+    wrap, squares = tuple(texf.fields[skin.field].support.wrap), texf.metadata.get(NEAREST_FIELDS)
+    nearest = isinstance(squares, list) and skin.field in squares
+    found = [((BASE_COLOUR.name,), Texture(image, wrap, BASE_COLOUR.name, nearest=nearest))] * skin.has_base
     for sheet in skin.sheets:
         found.append((sheet, _of_sheet(texel_sheet(texf, skin.field, sheet, centres), wrap, sheet)))
     return found, uv, []

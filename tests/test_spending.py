@@ -1,0 +1,130 @@
+"""Where a unit of values is not coded at the QP that was asked for: palettes come back exactly, squares of texels stay squares,
+and what a lossy image file has lost already is not paid for again."""
+
+import io
+import json
+import struct
+
+import numpy as np
+import pytest
+from PIL import Image
+from test_save_texels import smooth_image, wall
+
+from texfcodec import EncodeOptions, Report, decode
+from texfcodec.asset.load.files import load
+from texfcodec.asset.scene import WRAP_REPEAT, Material, Scene, Texture
+from texfcodec.choose.spending import has_few_colours
+from texfcodec.encoder import encode_scene
+from texfcodec.quality.measure import measure
+
+
+def boxes(colours=21, count=60, width=256, seed=0):
+    """Boxes of a voxel editor: each shows the centre of one texel of a palette of one row."""
+    rng = np.random.default_rng(seed)
+    palette = np.full((1, width, 4), 255, np.uint8)
+    palette[..., :3] = rng.integers(0, 256, (1, width, 3))
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    sides = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6],
+                      [0, 6, 4], [1, 5, 7], [1, 7, 3]])
+    cells = rng.permutation(512)[:count]
+    places = np.stack([cells % 8, cells // 8 % 8, cells // 64], 1).astype(float)
+    shown = rng.choice(rng.choice(width, colours, replace=False), count)
+    uv = np.stack([(shown + 0.5) / width, np.full(count, 0.5)], 1)
+    return Scene(positions=(places[:, None] + corners).reshape(-1, 3),
+                 faces=(8 * np.arange(count)[:, None, None] + sides).reshape(-1, 3), face_material=np.zeros(12 * count, np.int64),
+                 corner_uv=np.repeat(uv, 12, axis=0)[:, None, :].repeat(3, axis=1), corner_color=None,
+                 materials=[Material(texture=0)], textures=[Texture(palette, (WRAP_REPEAT, WRAP_REPEAT))])
+
+
+@pytest.mark.parametrize("rate", ["r01", "r03", "r05"])
+def test_a_palette_with_uvs_at_texel_centres_comes_back_exactly_and_asks_no_texel_more_than_it_shows(rate):
+    scene = boxes()
+    made = encode_scene(scene, EncodeOptions(rate=rate))
+    assert measure(scene, decode(made.data), 5_000, face_field=made.face_field)["rgb"] is None
+    assert made.counts["texels"] == len(np.unique(scene.corner_uv[..., 0])) and made.choices["channels"][0]["exact"]
+
+
+def test_few_colours_are_exact_only_where_that_costs_little():
+    rng = np.random.default_rng(1)
+    image = np.full((256, 256, 4), 255, np.uint8)
+    image[..., :3] = rng.integers(0, 256, (200, 3))[rng.integers(0, 200, (256, 256))]
+    scene = wall(image, n=4)
+    made = encode_scene(scene, EncodeOptions(rate="r01", support="texels"))
+    channel = made.choices["channels"][0]
+    assert "exact" not in channel and channel["psnr"][channel["channels"][0]] < 60
+
+
+def test_what_counts_as_few_colours():
+    rows = np.random.default_rng(0).integers(0, 256, (256, 3)).astype(np.float32)
+    assert has_few_colours(np.repeat(rows, 100, axis=0))
+    assert not has_few_colours(np.concatenate([rows, rows[::-1] + 1.0]))
+    assert not has_few_colours(rows + 0.25)
+
+
+def glb(image_bytes, mime, sampler):
+    """A textured square as a GLB."""
+    positions = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], np.float32)
+    uv = np.array([[0, 1], [1, 1], [0, 0], [1, 0]], np.float32)
+    index = np.array([0, 1, 2, 2, 1, 3], np.uint16)
+    parts, views, at = [positions.tobytes(), uv.tobytes(), index.tobytes(), image_bytes], [], 0
+    for part in parts:
+        views.append({"buffer": 0, "byteOffset": at, "byteLength": len(part)})
+        at += len(part) + -len(part) % 4
+    body = b"".join(part + b"\0" * (-len(part) % 4) for part in parts)
+    document = {
+        "asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "scene": 0, "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}, "extensions": {"KHR_materials_unlit": {}}}],
+        "extensionsUsed": ["KHR_materials_unlit"], "textures": [{"source": 0, "sampler": 0}], "samplers": [sampler],
+        "images": [{"mimeType": mime, "bufferView": 3}], "buffers": [{"byteLength": len(body)}], "bufferViews": views,
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]},
+                      {"bufferView": 1, "componentType": 5126, "count": 4, "type": "VEC2"},
+                      {"bufferView": 2, "componentType": 5123, "count": 6, "type": "SCALAR"}]}
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    return (struct.pack("<4sIIII", b"glTF", 2, 28 + len(text) + len(body), len(text), 0x4E4F534A) + text
+            + struct.pack("<II", len(body), 0x004E4942) + body)
+
+
+def file_of(image, form, **more):
+    """Bytes of an image file."""
+    out = io.BytesIO()
+    Image.fromarray(image).save(out, form, **more)
+    return out.getvalue()
+
+
+def test_squares_of_texels_go_through_a_stream_and_back_into_a_glb_with_their_sampler(tmp_path):
+    image = np.random.default_rng(2).integers(0, 4, (16, 16, 1)).repeat(3, axis=2).astype(np.uint8) * 80
+    source = tmp_path / "pixels.glb"
+    source.write_bytes(glb(file_of(image, "PNG"), "image/png", {"magFilter": 9728, "minFilter": 9728}))
+    scene, report = load(source), Report()
+    assert scene.textures[0].nearest and not scene.dropped
+    made = encode_scene(scene, EncodeOptions(rate="r01"), report)
+    assert not report.dropped
+    decode(made.data).save(tmp_path / "back.glb")
+    back = load(tmp_path / "back.glb")
+    assert back.textures[0].nearest and np.array_equal(back.textures[0].image[..., :3], image)
+
+
+def test_squares_of_texels_that_go_over_voxels_are_named_as_lost(tmp_path):
+    image = np.random.default_rng(2).integers(0, 256, (16, 16, 3)).astype(np.uint8)
+    source = tmp_path / "pixels.glb"
+    source.write_bytes(glb(file_of(image, "PNG"), "image/png", {"magFilter": 9728}))
+    report = Report()
+    encode_scene(load(source), EncodeOptions(resolution=64, qp=28), report)
+    assert report.dropped == ["NEAREST filter of texture 'image 0'"]
+
+
+def test_a_jpeg_is_not_coded_in_more_bytes_than_it_has(tmp_path):
+    rng = np.random.default_rng(3)
+    noise = np.clip(smooth_image(128, 128, 3)[..., :3].astype(float) + rng.normal(0, 40, (128, 128, 3)), 0, 255).astype(np.uint8)
+    jpeg = file_of(noise, "JPEG", quality=30)
+    sizes = {}
+    for name, data in (("image/jpeg", jpeg), ("image/png", file_of(np.asarray(Image.open(io.BytesIO(jpeg))), "PNG"))):
+        (tmp_path / "wall.glb").write_bytes(glb(data, name, {}))
+        made = encode_scene(load(tmp_path / "wall.glb"), EncodeOptions(rate="r05", support="texels"))
+        sizes[name] = made.sizes["attributes"], made.choices["channels"][0]
+    assert sizes["image/png"][0] > len(jpeg) and "source_image_bytes" not in sizes["image/png"][1]
+    assert 0.5 * len(jpeg) < sizes["image/jpeg"][0] <= len(jpeg) + 40
+    channel = sizes["image/jpeg"][1]
+    assert channel["source_image_bytes"] == len(jpeg) and channel["bytes_at_qp"] > len(jpeg) and channel["qp"] > 22

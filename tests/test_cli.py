@@ -97,7 +97,7 @@ def test_encoder_reports_by_the_schema(call, mesh, tmp_path):
     assert set(facts) == {"schema", "bytes", "resolution", "qp", "max_error", "voxels", "faces", "vertices", "fields",
                           "effects", "dropped", "remarks", "channels", "sizes",
                           "refinement", "codec", "seconds", "peak_memory_bytes", "psnr_3d", "psnr_samples", "warnings",
-                          "texels_per_voxel_edge", "source", "ratio", "partition", "supports", "texels", "normals"}
+                          "texels_per_voxel_edge", "source", "ratio", "partition", "supports", "texels", "normals", "check"}
     assert facts["supports"]["asked"] == "auto" and facts["supports"]["groups"] == [] and facts["texels"] == 0
     assert facts["source"] == {"bytes": mesh.stat().st_size, "files": 1, "names": [str(mesh)]}
     assert set(facts["bytes"]) == {"total", "geometry", "attributes", "other"}
@@ -105,7 +105,8 @@ def test_encoder_reports_by_the_schema(call, mesh, tmp_path):
     assert total == sum(facts["bytes"].values()) == out_path.stat().st_size
     assert (facts["resolution"], facts["qp"], facts["faces"], facts["schema"]) == (32, 24, 4, 1)
     assert set(facts["psnr_3d"]) == {"y", "yuv611", "rgb"} and facts["psnr_3d"]["y"] > 30
-    assert facts["dropped"] == facts["warnings"] == facts["effects"] == [] and not any(facts["sizes"])
+    assert facts["dropped"] == facts["effects"] == [] and not any(facts["sizes"])
+    assert [text.split(",")[0] for text in facts["warnings"]] == ["the stream"]  # larger than these few bytes
     for number, channel in enumerate(facts["channels"]):
         assert set(channel) == {"field", "codec", "level_shift", "encode_ms", "channels", "psnr", "bytes"}
         assert (channel["field"], channel["channels"]) == (number, ["base_colour"]) and channel["bytes"] > 0

@@ -171,7 +171,7 @@ def test_no_tracked_file_names_a_machine_path_or_a_registry():
 # The rooms, each with those that it may enter before it; the last ones are the doors.
 ORDER = ("errors", "findings", "limits", "report", "ground", "channels", "effects", "geometry", "asset", "support", "render",
          "codecs", "bitstream", "options", "choose", "refine", "texf", "decoder", "encoder", "capped", "isolate", "validator",
-         "quality", "search", "explain", "api", "warmup", "dispatch", "view", "cli", "demo", "__init__")
+         "quality", "search", "explain", "check", "api", "warmup", "dispatch", "view", "cli", "demo", "__init__")
 
 
 def rooms_entered(tree, package):

@@ -3,6 +3,7 @@ kernel, decoding one no encoder."""
 
 from __future__ import annotations
 
+import time
 from os import PathLike
 from typing import TYPE_CHECKING
 
@@ -52,20 +53,38 @@ def refuse_losses(options: EncodeOptions, report: Report) -> None:
 
 
 def encode_loaded(scene: Scene, options: EncodeOptions, report: Report) -> Encoded:
-    """Codes a Scene: at the rate that was asked for, or by search where a target was; measures it where that was asked for."""
+    """Codes a Scene: at the rate that was asked for, or by search where a target was; checks and measures it as options say."""
+    begin = time.perf_counter()
     if options.target_bytes is not None or options.target_psnr is not None:
         from .search import encode_to_target
 
         made = encode_to_target(scene, options, report)
-    else:
+    elif options.no_check:
         from .encoder import encode_scene
 
         made = encode_scene(scene, options, report)
+    else:
+        from .check import encode_checked
+
+        made = encode_checked(scene, options, report)
+    if not (options.no_check or made.check):
+        from .check import check
+
+        check(scene, made, options, report, time.perf_counter() - begin)
     if options.measure and made.psnr_3d is None:
         with report.stage("measure"):
             made.psnr_3d = measure(scene, made, options.threads)
     refuse_losses(options, report)
+    _say_if_larger(scene, made, report)
     return made
+
+
+def _say_if_larger(scene, made, report):
+    """Warns where a stream has more bytes than the files that its scene was read from; nothing looks different, so that strict
+    does not refuse it."""
+    source = sum(scene.files.values())
+    if 0 < source < len(made.data):
+        report.warnings.append(f"the stream, {len(made.data)} bytes, is larger than its source, {source} bytes")
 
 
 def measure(scene: Scene, made: Encoded, threads: int = 1) -> dict:

@@ -3,6 +3,7 @@
 import json
 import time
 import zlib
+from collections.abc import Callable
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from .bitstream.appearance import groups_of, material_of
 from .bitstream.stream import Stream, read_stream
 from .bitstream.syntax import SUPPORT_TEXELS
 from .codecs import codec_of_unit
-from .codecs.codec import Codec, split_groups
+from .codecs.codec import Codec, Group, split_groups
 from .errors import LimitError, StreamError
 from .geometry.canonical import CanonicalCube
 from .geometry.checksum import geometry_crc
@@ -28,12 +29,15 @@ from .support.voxelise import count_samples, voxelise
 from .support.voxels import VoxelSupport
 from .texf import Field, Texf
 
+Known = Callable[[dict, Group], np.ndarray | None]  # (syntax elements of an attribute unit, its group) -> its values, or None
 
-def decode_stream(data: bytes, options: DecodeOptions, report: Report) -> Texf:
+
+def decode_stream(data: bytes, options: DecodeOptions, report: Report, known: Known | None = None) -> Texf:
     """Decodes a .texf stream in this process (spec clauses 5 to 8).
 
-    data: bytes; report: Report that receives seconds by stage and warnings. Raises StreamError, LimitError or SupportError;
-    nothing else on any input.
+    data: bytes; report: Report that receives seconds by stage and warnings; known: spares the decoding of values that it has,
+    for the encoder that looks at its own stream; their checksum is compared all the same. Raises StreamError, LimitError or
+    SupportError; nothing else on any input.
     """
     with report.stage("parse"):
         stream = read_stream(bytes(data), options.limits)
@@ -51,7 +55,10 @@ def decode_stream(data: bytes, options: DecodeOptions, report: Report) -> Texf:
             texf.sharp_edges = decode_sharp_edges(stream.sharp_edges, texf)
     surfaces = [surface_of_field(units, f) for f in stream.fields]
     check_samples(surfaces, stream, cube.position_bits, options.limits)
-    (_decode_jointly if stream.joint else _decode_planes)(texf, stream, surfaces, options, report)
+    if stream.joint:
+        _decode_jointly(texf, stream, surfaces, options, report)
+    else:
+        _decode_planes(texf, stream, surfaces, options, report, known or (lambda values, group: None))
     return texf
 
 
@@ -161,7 +168,7 @@ def _decode_texels(surface, values, position_bits, options):
     return TexelSupport(keys=keys, width=size[0], height=size[1], wrap=wrap, fraction_bits=values["uv_fraction_bits"])
 
 
-def _decode_planes(texf, stream, surfaces, options, report):
+def _decode_planes(texf, stream, surfaces, options, report, known):
     """Fills texf with fields of which every channel has a unit of its own."""
     for i, field in enumerate(stream.fields):
         with report.stage("texels" if field["support"] == SUPPORT_TEXELS else "voxelise"):
@@ -171,15 +178,20 @@ def _decode_planes(texf, stream, surfaces, options, report):
             for values in stream.attributes:
                 if values["field_index"] == i:
                     begin, group = time.perf_counter(), texf.groups[values["group_index"]]
-                    _add_planes(texf.fields[i], group, values, support, options)
+                    _add_planes(texf.fields[i], group, values, support, options, known(values, group))
                     report.channels.append({"field": i, "channels": [channel.name for channel in group.channels],
                                             "decode_ms": round(1000 * (time.perf_counter() - begin), 1)})
 
 
-def _add_planes(field, group, values, support, options):
-    """Adds to a Field what one attribute unit holds, without the levels that options.lod leaves out of the field."""
+def _add_planes(field, group, values, support, options, plane=None):
+    """Adds to a Field what one attribute unit holds, without the levels that options.lod leaves out of the field. plane: its
+    values where they are known."""
     shift = values["level_shift"]
-    planes = group.split(_decode_plane(values, support.coarser(shift), max(options.lod - shift, 0), options))
+    if plane is None:
+        plane = _decode_plane(values, support.coarser(shift), max(options.lod - shift, 0), options)
+    else:
+        check_values(zlib.crc32(plane), values, codec_of_unit(values))
+    planes = group.split(plane)
     field.planes |= planes
     field.shifts |= dict.fromkeys(planes, max(min(shift, support.depth) - min(options.lod, support.depth), 0))
 

@@ -72,7 +72,8 @@ class Encoded:
     """A stream and what is known of it. sizes: bytes as {"total", "geometry", "attributes", "other"}; counts: {"fields",
     "voxels", "texels", "faces", "vertices"}; face_field: int64 [F], field of every face of the scene, -1 where it was left out;
     choices: every choice of the encoder by its name, with what was measured for it, JSON-ready; reconstruction_sha256: hash over
-    keys and decoded values, field by field and channel by channel; psnr_3d: as quality.measure, where it was measured."""
+    keys and decoded values, field by field and channel by channel; psnr_3d: as quality.measure, where it was measured; check: as
+    check.check_encoded, where the stream was checked; values: by field, decoded planes by channel name, until then."""
 
     data: bytes
     sizes: dict
@@ -84,20 +85,24 @@ class Encoded:
     texels_per_voxel_edge: float
     reconstruction_sha256: str
     psnr_3d: dict | None = None
+    check: dict | None = None
+    values: list[dict[str, np.ndarray]] = field(default_factory=list)
 
     def __repr__(self):
         counts = ", ".join(f"{number} {name}" for name, number in self.counts.items())
         return f"<Encoded: {len(self.data)} bytes, K {self.resolution}, QP {self.qp}, {counts}>"
 
 
-def encode_scene(scene: Scene, options: EncodeOptions | None = None, report: Report | None = None) -> Encoded:
-    """Codes a Scene. Raises InputError, LimitError, SupportError."""
+def encode_scene(scene: Scene, options: EncodeOptions | None = None, report: Report | None = None,
+                 finer: frozenset[int] = frozenset()) -> Encoded:
+    """Codes a Scene. finer: as of prepare(). Raises InputError, LimitError, SupportError."""
     options, report = options or EncodeOptions(), report or Report()
-    return code_prepared(prepare(scene, options, report), options, report)
+    return code_prepared(prepare(scene, options, report, finer), options, report)
 
 
-def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
-    """Lattice, partition, geometry, voxels and transfer; may be coded at several QPs."""
+def prepare(scene: Scene, options: EncodeOptions, report: Report, finer: frozenset[int] = frozenset()) -> Prepared:
+    """Lattice, partition, geometry, voxels and transfer; may be coded at several QPs. finer: numbers of materials whose supports
+    are to be finer than they would be chosen."""
     with report.stage("lattice"):
         surface = make_surface(scene, options)
     with report.stage("effects"):
@@ -106,7 +111,7 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report) -> Prepared:
         if options.effort != "fast":
             scene = replace(scene, weights=measured_weights(scene, options.threads))
     with report.stage("supports"):
-        supports = choose_supports(scene, surface, options)
+        supports = choose_supports(scene, surface, options, finer)
     surface, plans = supports.surface, supports.plans
     options = replace(options, resolution=supports.resolution, position_bits=surface.cube.position_bits)
     with report.stage("normals"):
@@ -192,7 +197,8 @@ def code_prepared(prepared: Prepared, options: EncodeOptions, report: Report) ->
     stream.metadata = metadata_bytes(scene.metadata | _samplers(prepared), options, report)
     codec, reconstruction = codec_of(options.codec), hashlib.sha256()
     decoded = _code_jointly if codec.joint else _code_planes
-    for part, planes in zip(fields, decoded(codec, stream, prepared, options, report, choices), strict=True):
+    values = decoded(codec, stream, prepared, options, report, choices)
+    for part, planes in zip(fields, values, strict=True):
         for plane in planes.values():
             reconstruction.update(np.ascontiguousarray(part.support.keys, "<i8").data)
             reconstruction.update(np.ascontiguousarray(plane).data)
@@ -204,7 +210,7 @@ def code_prepared(prepared: Prepared, options: EncodeOptions, report: Report) ->
     counts = {"fields": len(fields), "voxels": sum(len(part.support) for part in fields) - texels, "texels": texels,
               "faces": stream.header["num_faces"], "vertices": stream.header["num_vertices"]}
     return Encoded(data=data, sizes={"total": len(data), **sizes}, counts=counts, face_field=face_field, choices=choices,
-                   resolution=prepared.resolution, qp=options.qp, reconstruction_sha256=reconstruction.hexdigest(),
+                   resolution=prepared.resolution, qp=options.qp, reconstruction_sha256=reconstruction.hexdigest(), values=values,
                    texels_per_voxel_edge=max((part.texels_per_edge for part in fields), default=0.0))
 
 

@@ -27,6 +27,7 @@ DEFAULT_CODEC = "raht"
 EFFORTS = ("fast", "balanced", "best")
 PARTITIONS = ("auto", "off")
 SUPPORTS = ("auto", "voxels", "texels")
+MOST_RESOLUTION = 8192
 FINEST_POSITIONS = 18  # bits of a coordinate that "auto" goes up to
 OF_PLANES = frozenset({"support", "exact_rate", "texel_size"})  # no part in codecs that code all fields together
 REFINEMENTS = ("auto", "off", "fit", "render")
@@ -120,6 +121,8 @@ class EncodeOptions:
     checkpoint: path that its state is kept in and taken up from; fit_engine: "auto" takes torch where it sees a GPU, else
     compiled kernels.
 
+    no_check: leave out the look at what was made, and with it the second try at parts that came out worse than the rate promises.
+
     codec_options: settings of a plug-in's codec, by name. An option of another codec than the chosen one is refused. Raises
     InputError TXF-I50 for what makes no sense, SupportError for a codec that is not installed.
     """
@@ -128,7 +131,7 @@ class EncodeOptions:
                        + ", ".join(f"{name} K {k} QP {qp}" for name, (k, qp) in RATES.items())
                        + "; " + ", ".join(f"{name} QP {qp}" for name, qp in FREE_QPS.items())
                        + " where the encoder may take texels or a smaller K.")
-    resolution: int | None = ranged(None, 1, 8192, "Voxels along the longest side, 1..8192; with --qp.", "K")
+    resolution: int | None = ranged(None, 1, MOST_RESOLUTION, "Voxels along the longest side, 1..8192; with --qp.", "K")
     qp: int | None = ranged(None, 0, 63, "Quantisation, 0..63: step 2^((QP-4)/6); with --resolution.")
     target_bytes: int | None = ranged(None, 1, 1 << 62, "Best 3D-PSNR in at most B bytes; searches K and QP.", "B")
     target_psnr: float | None = ranged(None, 1.0, 100.0, "Fewest bytes with this 3D-PSNR of Y; searches K and QP.", "DB")
@@ -165,6 +168,7 @@ class EncodeOptions:
     fit_engine: str = choice("auto", FIT_ENGINES)
     threads: int = ranged(0, 0, 1024, "Most threads; 0: all processors.")
     measure: bool = switch("Decode and report 3D-PSNR at 1,000,000 surface points.")
+    no_check: bool = switch("Do not decode what was made and compare it with the source.")
     strict: bool = switch("Refuse a mesh that would look different: a warning, or something that is not coded.")
     allow_empty: bool = switch()
     limits: Limits = field(default_factory=Limits)

@@ -27,6 +27,17 @@ class Report:
         self.note = ""
         self.child_peak_memory_bytes: int | None = None
 
+    def take(self, other: "Report") -> None:
+        """Adds what another report of the same run has: seconds, sentences, trials and channels."""
+        self.take_seconds(other)
+        for name in ("warnings", "dropped", "remarks", "trials", "channels"):
+            getattr(self, name).extend(getattr(other, name))
+
+    def take_seconds(self, other: "Report") -> None:
+        """Adds the seconds of another report alone: of work whose result was not kept."""
+        for name, value in other.seconds.items():
+            self.seconds[name] = round(self.seconds.get(name, 0.0) + value, 6)
+
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         self.progress(name, 0, 1)

@@ -152,7 +152,7 @@ class _Search:
         x = smallest_root(excess, start if self.budget else LAST_QP - start, slope)
         for trial in tried.values():
             if x is None or trial is not tried[x]:
-                trial.made.data = b""
+                trial.made.data, trial.made.values = b"", []
         return None if x is None else self._measured(tried[x])
 
     def _better(self, a, b):

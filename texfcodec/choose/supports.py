@@ -17,7 +17,7 @@ from ..errors import LimitError
 from ..geometry.draco import enc_geometry, enc_textured, split_corners
 from ..geometry.surface import make_surface
 from ..ground.areas import face_areas
-from ..options import FINEST_POSITIONS
+from ..options import FINEST_POSITIONS, MOST_RESOLUTION
 from .images import image_groups
 from .position import rounding_mse
 from .probe import SLOPE, Patch, Probe, probe_texels, probe_voxels
@@ -39,6 +39,7 @@ CLEAR = 2.0  # times the bytes over texels: voxels that take more at the first K
 COARSE = 0.7  # texels per voxel edge under which a smaller K is tried, and no smaller image
 USUAL_K = 64
 SQUARE_BITS = 4  # of UVs, at least, where texels are squares: their sides move by a 32nd of a texel at most
+FINER_K, FINER_BITS = 1.5, 2  # times K, and bits of UVs, for what came out too coarse
 UV_BYTES_A_BIT = 2 / 8  # of a corner, for each bit of its two coordinates
 UNIT_BYTES = 60  # of a further field
 LOSSLESS_FRACTION = 4
@@ -57,15 +58,18 @@ class Supports:
 
 @dataclass
 class _Candidate:
-    """An image group and what it would cost over texels. points: corners that differ in vertex or UV."""
+    """An image group and what it would cost over texels. points: corners that differ in vertex or UV; finer: whether it came out
+    too coarse before."""
 
     plan: TexelPlan
     texels: Probe
     points: int
+    finer: bool = False
 
 
-def choose_supports(scene: Scene, surface: Surface, options: EncodeOptions) -> Supports:
-    """Supports for a surface on the usual lattice. Raises InputError, LimitError."""
+def choose_supports(scene: Scene, surface: Surface, options: EncodeOptions, finer: frozenset[int] = frozenset()) -> Supports:
+    """Supports for a surface on the usual lattice. finer: numbers of materials that came out too coarse: their images go over
+    texels at full size, or their voxels get a larger K. Raises InputError, LimitError."""
     assert options.resolution is not None  # its __post_init__ fills it in
     told: dict[str, Any] = {"asked": options.support, "groups": []}
     reason = reason_for_voxels(options)
@@ -75,10 +79,10 @@ def choose_supports(scene: Scene, surface: Surface, options: EncodeOptions) -> S
     found = [_candidate(scene, surface, group, options, told["groups"]) for group in groups]
     chosen = []
     for one in found:
-        if one and _goes_over_texels(one, scene, surface, options, told["groups"]):
+        if one and _goes_over_texels(one, scene, surface, options, told["groups"], finer):
             chosen.append(_refined(one, scene, surface, options, told["groups"][-1]))
     bits = _position_bits(chosen, scene, surface, options)
-    resolution = _resolution(scene, surface, chosen, options, told)
+    resolution = _resolution(scene, surface, chosen, options, told, finer)
     plans = [c.plan for c in chosen]
     if bits != options.position_bits:
         told["position_bits"] = bits
@@ -104,7 +108,7 @@ def _candidate(scene, surface, group, options, told):
     except LimitError as error:
         if options.support == "texels":
             raise
-        told.append({"faces": len(group.faces), "image": list(group.size), "chosen": "voxels", "reason": str(error)})
+        told.append({**_named(group, surface), "chosen": "voxels", "reason": str(error)})
         return None
     points = len(split_corners(surface.faces[group.faces], plan.corner_uv())[0])
     patch = _patch(scene, surface, group.faces, options)
@@ -114,17 +118,22 @@ def _candidate(scene, surface, group, options, told):
     return _Candidate(plan, probe_texels(patch, plan, keys, options), points)
 
 
+def _named(group, surface):
+    """What the report says of an image group before anything was tried."""
+    return {"faces": len(group.faces), "materials": np.unique(surface.material[group.faces]).tolist(), "image": list(group.size)}
+
+
 def _refined(one, scene, surface, options, told):
     """A chosen candidate at the size and with the bits of UVs that suit it; told: its entry in the report."""
     plan, probe = one.plan, one.texels
     patch = None if plan.group.palette or options.max_error is not None else _patch(scene, surface, plan.group.faces, options)
     if patch is None:
         return one
-    if patch.texels_per_edge(options.resolution) >= COARSE and not plan.group.nearest:
+    if patch.texels_per_edge(options.resolution) >= COARSE and not plan.group.nearest and not one.finer:
         plan, probe = _smallest(plan, probe, patch, options)
         told |= {"size": list(plan.size), "texels": replace(probe, fixed=one.texels.fixed).told()}
     bits = fraction_bits(patch, plan, probe, UV_BYTES_A_BIT * one.points, SLOPE)
-    bits = max(bits, SQUARE_BITS) if plan.group.nearest else bits
+    bits = max(bits, SQUARE_BITS) if plan.group.nearest else bits + FINER_BITS * one.finer
     return replace(one, plan=_with_bits(plan, bits), texels=probe)
 
 
@@ -181,16 +190,19 @@ def _position_bits(chosen, scene, surface, options):
     return _cheapest(range(usual, FINEST_POSITIONS + 1), whole, lambda bits: moved / 2 ** (bits - usual), 3 / 8 * vertices)
 
 
-def _goes_over_texels(one, scene, surface, options, told):
+def _goes_over_texels(one, scene, surface, options, told, finer):
     """Whether a candidate is smaller over texels, at equal quality; says why in told."""
-    entry = {"faces": len(one.plan.group.faces), "image": list(one.plan.group.size), "size": list(one.plan.size),
-             "texels": one.texels.told()}
+    entry = {**_named(one.plan.group, surface), "size": list(one.plan.size), "texels": one.texels.told()}
     told.append(entry)
     if options.support == "texels":
         entry |= {"chosen": "texels", "reason": "asked for"}
         return True
     if one.plan.group.nearest and has_few_colours(one.plan.group.image.reshape(-1, 4)):
         entry |= {"chosen": "texels", "reason": "texels are squares of few colours (sampler NEAREST)"}
+        return True
+    one.finer = bool(finer & set(entry["materials"]))
+    if one.finer:
+        entry |= {"chosen": "texels", "reason": "it came out worse than the rate promises"}
         return True
     patch = _patch(scene, surface, one.plan.group.faces, options)
     if patch is None:
@@ -249,11 +261,14 @@ def _geometry_bytes(plan, surface):
     return plain, len(enc_textured(surface.lattice[vertex], corners, uv, bits)[0])
 
 
-def _resolution(scene, surface, chosen, options, told):
-    """K of what stays over voxels: the rate's, or a smaller one where it gives the same picture for less."""
+def _resolution(scene, surface, chosen, options, told, finer):
+    """K of what stays over voxels: the rate's, or a smaller one where it gives the same picture for less; a larger one where some
+    of it is to be finer."""
     rest = np.ones(len(surface.faces), bool)
     for one in chosen:
         rest[one.plan.group.faces] = False
+    if finer & set(np.unique(surface.material[rest]).tolist()):
+        return min(round(FINER_K * options.resolution), MOST_RESOLUTION)
     patch = _patch(scene, surface, np.flatnonzero(rest), options) if rest.any() else None
     if not options.rate_is_free or patch is None or patch.texels_per_edge(options.resolution) >= COARSE:
         return options.resolution

@@ -40,7 +40,7 @@ def _warm_up(context, parameter, value):
               help="A setting of a codec that a plug-in brings; as often as needed.")
 @option_flags(EncodeOptions, "threads")
 @limit_flags("vertices", "faces", "voxels", "samples", "metadata_bytes")
-@option_flags(EncodeOptions, "measure", "strict")
+@option_flags(EncodeOptions, "measure", "no_check", "strict")
 @explain_flags
 @batch_flags
 @click.option("--dry-run", is_flag=True, help="Load, estimate and report; write nothing. OUT may be left out.")
@@ -174,7 +174,8 @@ def _encode(scene, options, report, out, explained=None):
     facts = {"bytes": made.sizes, **_sizes(scene, len(made.data)), "resolution": made.resolution, "qp": made.qp,
              "max_error": options.max_error, **made.counts, "codec": options.codec,
              "texels_per_voxel_edge": round(made.texels_per_voxel_edge, 3),
-             "psnr_3d": psnr and {name: psnr[name] for name in ("y", "yuv611", "rgb")}, "psnr_samples": psnr and psnr["samples"]}
+             "psnr_3d": psnr and {name: psnr[name] for name in ("y", "yuv611", "rgb")}, "psnr_samples": psnr and psnr["samples"],
+             "check": made.check}
     facts |= made.choices | more
     for told, group in zip(facts.get("channels", []), inspect(made.data)["groups"], strict=False):
         told["bytes"] = group["bytes"]
@@ -233,6 +234,7 @@ def _lines(facts, out):
     yield from explain_lines(facts["explained"]) if "explained" in facts else ()
     yield f"{out}: {sizes['total']} bytes; geometry {sizes['geometry']}, attributes {sizes['attributes']}, other {sizes['other']}"
     yield from _size_lines(facts)
+    yield from _check_lines(facts)
     codec = codec_of(facts["codec"])
     if codec.joint:
         yield from codec.result_lines(facts)
@@ -294,8 +296,24 @@ def _size_lines(facts):
     source, ratio = facts["source"], facts["ratio"]
     files = "" if source["files"] == 1 else f" in {source['files']} files"
     yield f"source {source['bytes']} bytes{files}, {ratio:.3g} times the stream"
-    if ratio < 1:
-        yield "the stream is larger than what it was made from"
+
+
+def _check_lines(facts):
+    """How close the stream is to its source, and how many losses were named."""
+    from ..ground.colour_error import in_decibels
+
+    check, losses = facts["check"], len(facts["dropped"])
+    lost = f"; {losses} loss{'es' * (losses != 1)} named above" if losses else "; no losses"
+    if check is None:
+        return
+    if not check["visible"]:
+        yield f"checked: nothing is visible{lost}"
+        return
+    alpha = f", alpha {in_decibels(check['alpha'])}" if "alpha" in check else ""
+    lit = f", in light {in_decibels(check['lit'])}" if "lit" in check else ""
+    worst = check["worst"]
+    part = f"; worst part '{worst['name']}' RGB {in_decibels(worst['rgb'])}" if worst and len(check["parts"]) > 1 else ""
+    yield f"checked: Y {in_decibels(check['y'])}, RGB {in_decibels(check['rgb'])}{alpha}{lit}{part}{lost}"
 
 
 def _psnr_lines(facts):

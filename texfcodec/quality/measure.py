@@ -22,37 +22,48 @@ BLOCK = 1 << 17  # points asked at a time
 class SourceSamples:
     """Points spread evenly by area over the source, with its colours there; ask several streams with the same ones.
 
-    scene: Scene; samples: number of points; threads; seed: of where they fall. face: int64 [M]; colour: uint8-precise
-    float32 [M, 4], 0..255.
+    scene: Scene; samples: number of points; threads; seed: of where they fall; at: (face, bary) of points that were chosen
+    otherwise. face: int64 [M]; bary: float64 [M, 3]; colour: uint8-precise float32 [M, 4], 0..255.
     """
 
-    def __init__(self, scene: Scene, samples: int = SAMPLES, threads: int = 1, seed: int = 0) -> None:
+    def __init__(self, scene: Scene, samples: int = SAMPLES, threads: int = 1, seed: int = 0,
+                 at: tuple[np.ndarray, np.ndarray] | None = None) -> None:
         self.scene = scene
-        self.face, self.bary = sample_surface(scene.positions, scene.faces, samples, seed)
+        self.face, self.bary = sample_surface(scene.positions, scene.faces, samples, seed) if at is None else at
         self.colour = sample_source(pack_source(scene), self.face, self.bary, threads)
 
     def compare(self, texf: Texf, face_field: np.ndarray | None = None) -> dict:
         """3D-PSNR of texf in dB {"y", "yuv611", "rgb", "samples"}; None means lossless.
 
-        face_field: int64 per scene face, the field of texf it asks, -1 for a face that was left out; None: the only field, or
-        the field of the nearest decoded face. Errors weigh by the source's alpha where texf has alpha. Points on faces that were
-        left out ask the first field.
+        face_field: as of answers(). Errors weigh by the source's alpha where texf has alpha.
         """
-        error, asked = ColourError(), self._on_faces(texf)
+        error = ColourError()
+        error.add(self.colour[:, :3], self.answers(texf, face_field)[:, :3], self.weights(texf))
+        result = json_ready(error.result())
+        return {name: result[f"psnr_{name}"] for name in ("y", "yuv611", "rgb")} | {"samples": error.samples}
+
+    def weights(self, texf: Texf) -> np.ndarray | None:
+        """How much of each point the source shows, float32 [M]; None where texf has no alpha and all count alike."""
+        return self.colour[:, 3] / 255 if texf.has_alpha else None
+
+    def answers(self, texf: Texf, face_field: np.ndarray | None = None) -> np.ndarray:
+        """What texf has at the points, float32 [M, 4], 0..255.
+
+        face_field: int64 per scene face, the field of texf it asks, -1 for a face that was left out; None: the only field, or
+        the field of the nearest decoded face. Points on faces that were left out ask the first field.
+        """
+        out, asked = np.empty((len(self.face), 4), np.float32), self._on_faces(texf)
         for begin in range(0, len(self.face), BLOCK):
             part = slice(begin, begin + BLOCK)
             corners = self.scene.positions[self.scene.faces[self.face[part]]]
             points = np.einsum("mk,mkc->mc", self.bary[part], corners)
             if asked is not None:
-                got = asked(part, points)
+                out[part] = asked(part, points)
             elif face_field is None or len(texf.fields) == 1:
-                got = texf.query(points)
+                out[part] = texf.query(points)
             else:
-                got = texf.query_by_field(points, np.maximum(np.asarray(face_field)[self.face[part]], 0))
-            weights = self.colour[part, 3] / 255.0 if texf.has_alpha else None
-            error.add(self.colour[part, :3], got[:, :3], weights)
-        result = json_ready(error.result())
-        return {name: result[f"psnr_{name}"] for name in ("y", "yuv611", "rgb")} | {"samples": error.samples}
+                out[part] = texf.query_by_field(points, np.maximum(np.asarray(face_field)[self.face[part]], 0))
+        return out
 
     def _on_faces(self, texf):
         """Function (samples, their world points) -> colours, where texf has fields over texels: these ask the same corner weights

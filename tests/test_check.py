@@ -1,0 +1,98 @@
+"""The encoder's look at what it made: it finds the part that is worst, mends what it can, and says what it cannot."""
+
+import numpy as np
+import pytest
+from shapes import painted_sphere
+from test_save_texels import smooth_image, wall
+from test_spending import boxes
+
+from texfcodec import EncodeOptions, InputError, Report, decode
+from texfcodec.api import encode_loaded, encode_to_result
+from texfcodec.asset.scene import ALPHA_BLEND, Material, Texture
+from texfcodec.check import misses, promised_psnr, warnings_of
+from texfcodec.choose import uv_bits
+from texfcodec.options import RATES
+from texfcodec.quality.measure import measure
+
+
+@pytest.fixture(autouse=True)
+def coarse_rates(monkeypatch):
+    """The rates with fewer voxels, so that this takes seconds."""
+    for name, (_, qp) in RATES.items():
+        monkeypatch.setitem(RATES, name, (256, qp))
+
+
+def noisy_wall(noise):
+    """A wall whose left half is flat and whose right half is another material with noise."""
+    scene = wall(smooth_image(64, 64, 3), n=8)
+    image = smooth_image(64, 64, 3, seed=1).astype(float)
+    image[..., :3] += np.random.default_rng(0).normal(0, noise, (64, 64, 3))
+    scene.textures.append(Texture(np.clip(image, 0, 255).astype(np.uint8)))
+    scene.materials = [Material("calm", texture=0), Material("noisy", texture=1)]
+    scene.face_material[len(scene.faces) // 2 :] = 1
+    return scene
+
+
+def test_the_check_has_the_figures_of_a_decoder_and_names_the_worst_part():
+    scene, report = noisy_wall(20), Report()
+    made = encode_loaded(scene, EncodeOptions(rate="r03"), report)
+    outside = measure(scene, decode(made.data), 60_000, face_field=made.face_field)
+    assert made.check["y"] == pytest.approx(outside["y"], abs=0.3) and made.check["rgb"] == pytest.approx(outside["rgb"], abs=0.3)
+    assert made.check["worst"]["name"] == "noisy" and [part["name"] for part in made.check["parts"]] == ["calm", "noisy"]
+    assert made.check["lit"] > 30 and "check" in report.seconds and made.values == []
+
+
+def test_values_that_the_time_allows_are_decoded_from_the_stream_and_all_have_their_checksum_compared(monkeypatch):
+    scene = noisy_wall(5)
+    for share, decoded in ((1e9, 2), (0.0, 0)):
+        monkeypatch.setattr("texfcodec.check.SHARE", share)
+        made = encode_loaded(scene, EncodeOptions(rate="r03", support="texels"), Report())
+        assert made.check["decoded_units"] == [decoded, 2]
+
+
+def test_a_part_that_came_out_wrong_is_coded_again_finer(monkeypatch):
+    scene, report = boxes(), Report()
+    monkeypatch.setattr(uv_bits, "MOST_ADDED", np.inf)  # as it was: UVs in whole texels, 16 dB
+    monkeypatch.setattr(uv_bits, "rounding_shares", lambda *_: np.zeros(9))
+    assert encode_to_result(scene, EncodeOptions(rate="r03", no_check=True)).check is None
+    made = encode_loaded(scene, EncodeOptions(rate="r03"), report)
+    assert made.check["rgb"] is None and not report.warnings
+    assert len(report.remarks) == 1 and "coded again, finer" in report.remarks[0]
+
+
+def test_what_stays_worse_than_the_rate_promises_is_a_warning_that_strict_refuses():
+    scene, report = noisy_wall(60), Report()
+    made = encode_loaded(scene, EncodeOptions(rate="r03", support="voxels"), report)
+    assert misses(made.check)[0].name == "noisy" and any("part 'noisy' has" in text for text in report.warnings)
+    with pytest.raises(InputError) as caught:
+        encode_loaded(scene, EncodeOptions(rate="r03", support="voxels", strict=True), Report())
+    assert caught.value.code == "TXF-I52"
+
+
+def test_only_a_rate_whose_supports_are_free_promises_anything():
+    assert promised_psnr(EncodeOptions(rate="r03")) == pytest.approx(40.0, abs=0.2)
+    for options in (EncodeOptions(resolution=64, qp=28), EncodeOptions(exact_rate=True), EncodeOptions(lossless=True),
+                    EncodeOptions(target_bytes=1000), EncodeOptions(target_psnr=30.0)):
+        assert promised_psnr(options) is None
+
+
+def test_a_surface_that_nobody_sees_is_said_to_be_one():
+    scene, report = painted_sphere(4), Report()
+    scene.materials[0].alpha_mode = ALPHA_BLEND
+    scene.materials[0].factor[3] = 0.0
+    made = encode_loaded(scene, EncodeOptions(rate="r03"), report)
+    assert not made.check["visible"] and any("nothing of the surface is visible" in text for text in report.warnings)
+
+
+def test_light_that_is_far_off_is_a_warning():
+    check = {"promised": 40.0, "parts": [], "visible": True, "lit": 29.0}
+    assert len(warnings_of(check, EncodeOptions(rate="r03"))) == 1
+    assert warnings_of(check | {"lit": 31.0}, EncodeOptions(rate="r03")) == []
+
+
+def test_a_stream_that_is_larger_than_its_source_is_a_warning():
+    for size, warned in ((10, True), (1 << 20, False)):
+        scene, report = painted_sphere(4), Report()
+        scene.files = {"a.glb": size}
+        encode_loaded(scene, EncodeOptions(rate="r01"), report)
+        assert any("larger than its source" in text for text in report.warnings) is warned

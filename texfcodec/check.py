@@ -1,0 +1,201 @@
+"""The encoder's look at what it made: the stream is read again and compared with its source, part by part and in small pictures.
+
+The container, the geometry, the places of values and their checksums are decoded from the bytes. Decoding the values themselves
+takes a tenth to a quarter of the time of coding them, so this is done for as many units as a share of that time allows, and the
+others have the values that the encoder had from its own mirror of the decoder.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from . import encoder
+from .choose.trial import coding_mse
+from .decoder import decode_stream
+from .errors import InputError
+from .ground.colour_error import decibels
+from .options import DecodeOptions
+from .quality.parts import compare_parts
+from .quality.views import Look, compare_views
+from .render.environment import DAYLIGHT
+from .report import Report
+
+if TYPE_CHECKING:
+    from .asset.scene import Scene
+    from .encoder import Encoded
+    from .options import EncodeOptions
+
+VIEWS, SIZE = 4, 160
+SHARE = 0.05  # of the time an encode took, for decoding its values again
+SECONDS_PER_VALUE = 6e-7  # of a decoder, with one thread, at most: 1.0 to 2.6 million values a second
+MOST_TIMES = 1.5  # bytes that parts may take which are coded again, finer, over those of the first stream
+LEAST_GAIN = 1.0  # dB that the worst part must gain by it
+FINER_CHROMA = 6  # QP
+SHORTFALL, COLOUR_SHORTFALL = 6.0, 10.0  # dB under what the rate promises from which Y, or RGB and alpha, count as a miss
+
+
+@dataclass(frozen=True, kw_only=True)
+class Miss:
+    """A part that is worse than the rate promises. material: its number; name; measure: "Y" or "RGB"; psnr: dB."""
+
+    material: int
+    name: str
+    measure: str
+    psnr: float
+
+    def __str__(self) -> str:
+        return f"'{self.name}' has {self.psnr:.1f} dB ({self.measure})"
+
+
+def encode_checked(scene: Scene, options: EncodeOptions, report: Report) -> Encoded:
+    """Codes a Scene as encode_scene() does, checks the stream, and codes parts again, finer, that are worse than the rate
+    promises, where that is possible and not too dear; what stays worse is a warning. Raises InputError, LimitError,
+    SupportError."""
+    begin, kept = time.perf_counter(), Report(report.on_progress)
+    made = encoder.encode_scene(scene, options, kept)
+    found = check(scene, made, options, kept, time.perf_counter() - begin)
+    missed = misses(found)
+    if missed and _may_be_finer(made, missed, options):
+        begin, second = time.perf_counter(), Report(report.on_progress)
+        again = encoder.encode_scene(scene, _finer(options, missed), second, frozenset(miss.material for miss in missed))
+        other = check(scene, again, options, second, time.perf_counter() - begin)
+        if _is_better(other, found) and len(again.data) <= MOST_TIMES * len(made.data):
+            second.remarks.append(f"{_named(missed)}: coded again, finer, in {len(again.data)} bytes instead of {len(made.data)}")
+            made, found, kept, second = again, other, second, kept
+        report.take_seconds(second)
+    report.take(kept)
+    report.warnings += warnings_of(found, options)
+    return made
+
+
+def _may_be_finer(made, missed, options):
+    """Whether coding parts finer is the encoder's to choose, and not sure to take too many bytes."""
+    if options.support != "auto":
+        return False
+    parts, more = {miss.material for miss in missed}, 0
+    for group in made.choices["supports"]["groups"]:
+        if parts & set(group["materials"]) and group["chosen"] == "voxels" and "texels" in group:
+            more += group["texels"]["attribute_bytes"] - group["voxels"]["attribute_bytes"]
+    return len(made.data) + more <= MOST_TIMES * len(made.data)
+
+
+def _finer(options, missed):
+    """The options, with finer chroma where colour is what is missed."""
+    if all(miss.measure == "Y" for miss in missed):
+        return options
+    usual = -1 if options.chroma_qp_offset is None else options.chroma_qp_offset
+    return replace(options, chroma_qp_offset=max(usual - FINER_CHROMA, -63))
+
+
+def _is_better(again, first):
+    """Whether the worst part gained enough between two checks."""
+    before, after = (min((miss.psnr for miss in misses(one)), default=None) for one in (first, again))
+    return after is None or (before is not None and after >= before + LEAST_GAIN)
+
+
+def check(scene: Scene, made: Encoded, options: EncodeOptions, report: Report, seconds: float) -> dict:
+    """Fills made.check with what check_encoded() says, returns it, and lets go of what only it needs. seconds: that the encode
+    took."""
+    with report.stage("check"):
+        found = made.check = check_encoded(scene, made, options, seconds)
+    made.values = []
+    return found
+
+
+def check_encoded(scene: Scene, made: Encoded, options: EncodeOptions, seconds: float) -> dict:
+    """Compares a stream with the Scene it was made from.
+
+    Parameters
+    ----------
+    seconds : float
+        That the encode took, of which a share may go into decoding values again.
+
+    Returns
+    -------
+    dict
+        JSON-ready: what compare_parts() says, None in the place of each PSNR where nothing is visible; "worst": the part with
+        the least PSNR of RGB, None where all are exact; "lit" or "flat": PSNR of Y in small pictures, with light where the asset
+        is lit; "promised": PSNR of Y that the rate stands for, None where it stands for none; "decoded_units": (units whose
+        values were decoded, all units).
+
+    Raises
+    ------
+    StreamError
+        The stream is not what the encoder took it for.
+    """
+    texf, decoded = _decoded(made, options, seconds)
+    found = compare_parts(scene, texf, made.face_field, options.threads) if len(texf.faces) else None
+    known = {"promised": promised_psnr(options), "decoded_units": decoded}
+    if found is None:
+        return {"y": None, "rgb": None, "parts": [], "visible": False, "worst": None, **known}
+    inexact = [part for part in found["parts"] if part["rgb"] is not None]
+    worst = min(inexact, key=lambda part: part["rgb"], default=None)
+    return {**found, "visible": True, "worst": worst, **_seen(scene, texf, options), **known}
+
+
+def promised_psnr(options: EncodeOptions) -> float | None:
+    """PSNR of Y, in dB, that a rate stands for where its K and supports are the encoder's to choose; None elsewhere."""
+    free = options.rate_is_free and options.target_bytes is None and options.target_psnr is None
+    return round(decibels(coding_mse(options.reckoned_qp)), 2) if free and options.qp is not None else None
+
+
+def misses(check: dict) -> list[Miss]:
+    """Parts of a check that fall short of its promise by more than SHORTFALL or COLOUR_SHORTFALL, the worst first."""
+    if check["promised"] is None:
+        return []
+    found = []
+    for part in check["parts"]:
+        for measure, name, shortfall in (("y", "Y", SHORTFALL), ("rgb", "RGB", COLOUR_SHORTFALL)):
+            if part[measure] is not None and part[measure] < check["promised"] - shortfall:
+                found.append(Miss(material=part["material"], name=part["name"], measure=name, psnr=part[measure]))
+                break
+    return sorted(found, key=lambda miss: miss.psnr)
+
+
+def warnings_of(check: dict, options: EncodeOptions) -> list[str]:
+    """Sentences on what of a check is worse than the rate promises."""
+    missed, rate = misses(check), f"{options.rate} stands for {check['promised']:.0f} dB" if check["promised"] else ""
+    said = []
+    if not check["visible"]:
+        said.append("nothing of the surface is visible in the source, so that its colours could not be compared")
+    if missed:
+        said.append(f"{_named(missed)}, where {rate}: a finer --rate or --support texels shows more")
+    if rate and check.get("lit") is not None and check["lit"] < check["promised"] - COLOUR_SHORTFALL:
+        said.append(f"in light, small pictures have {check['lit']:.1f} dB, where {rate}: its shading differs from the source's")
+    return said
+
+
+def _named(missed):
+    """What the worst part is, and how many others there are."""
+    others = f" and {len(missed) - 1} more" if len(missed) > 1 else ""
+    return f"part {missed[0]}{others}"
+
+
+def _decoded(made, options, seconds):
+    """(Texf of a stream, [units whose values were decoded from its bytes, all units])."""
+    left, counts = [SHARE * seconds / SECONDS_PER_VALUE], [0, 0]
+
+    def known(values, group):
+        plane = group.join(made.values[values["field_index"]])
+        counts[1] += 1
+        left[0] -= plane.size
+        if left[0] < 0:
+            return plane
+        counts[0] += 1
+        return None
+
+    texf = decode_stream(made.data, DecodeOptions(threads=options.threads, limits=options.limits), Report(), known)
+    return texf, counts
+
+
+def _seen(scene, texf, options):
+    """{"lit" or "flat": PSNR of Y of a few small pictures, None where they are alike}; {} where no pixel shows both sides."""
+    lit = options.effects in ("auto", "all") and not all(material.unlit for material in scene.materials)
+    look = Look(environment=DAYLIGHT) if lit else Look()
+    try:
+        seen = compare_views(scene, texf, VIEWS, SIZE, threads=options.threads, look=look)
+    except InputError:
+        return {}
+    return {"lit" if lit else "flat": seen["psnr"]["y"]}

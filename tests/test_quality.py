@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from texfcodec.ground.areas import sample_surface
-from texfcodec.ground.colour_error import RGB_TO_YUV, ColourError, colour_mse, decibels, json_ready, psnr_3d
+from texfcodec.ground.colour_error import RGB_TO_YUV, ColourError, colour_mse, decibels, psnr_3d
+from texfcodec.ground.json_text import json_ready
 from texfcodec.quality.bd_rate import bd_rate
 
 GREY = np.full((5, 3), 100.0)

@@ -33,6 +33,7 @@ from .geometry.checksum import geometry_crc
 from .geometry.draco import counts_of, dec_geometry, dec_textured, enc_geometry, enc_textured, split_corners
 from .geometry.surface import Surface, make_surface
 from .geometry.unit import GeometryUnit, field_surface, field_uv
+from .ground.json_text import json_ready
 from .options import EncodeOptions
 from .refine.choice import refine_fields
 from .report import Report
@@ -209,8 +210,9 @@ def code_prepared(prepared: Prepared, options: EncodeOptions, report: Report) ->
     texels = sum(len(part.support) for part in fields if part.support.planar)
     counts = {"fields": len(fields), "voxels": sum(len(part.support) for part in fields) - texels, "texels": texels,
               "faces": stream.header["num_faces"], "vertices": stream.header["num_vertices"]}
-    return Encoded(data=data, sizes={"total": len(data), **sizes}, counts=counts, face_field=face_field, choices=choices,
-                   resolution=prepared.resolution, qp=options.qp, reconstruction_sha256=reconstruction.hexdigest(), values=values,
+    return Encoded(data=data, sizes={"total": len(data), **sizes}, counts=counts, face_field=face_field,
+                   choices=json_ready(choices), resolution=prepared.resolution, qp=options.qp,
+                   reconstruction_sha256=reconstruction.hexdigest(), values=values,
                    texels_per_voxel_edge=max((part.texels_per_edge for part in fields), default=0.0))
 
 

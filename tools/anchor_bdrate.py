@@ -34,7 +34,8 @@ from texfcodec.codecs.raht.codec import dec_attributes, enc_attributes
 from texfcodec.codecs.raht.syntax import RAHT
 from texfcodec.codecs.raht.transform.colour import forward_colour, inverse_colour
 from texfcodec.codecs.raht.values import coded_of, raht_values
-from texfcodec.ground.colour_error import ColourError, json_ready, psnr_3d
+from texfcodec.ground.colour_error import ColourError, psnr_3d
+from texfcodec.ground.json_text import json_ready, json_text
 from texfcodec.ground.walk import write_structure
 from texfcodec.quality.bd_rate import bd_rate
 from texfcodec.support.layout import octree_depth
@@ -203,7 +204,7 @@ def main(arguments=None):
     mean = mean_of(clouds.values())
     print(described("mean", mean, np.mean([r["num_points"] for r in clouds.values()])), file=sys.stderr)
     if args.json:
-        print(json.dumps({"clouds": clouds, "mean": mean}))
+        print(json_text({"clouds": clouds, "mean": mean}))
 
 
 if __name__ == "__main__":

@@ -20,7 +20,6 @@ larger and not better than another of ours have an asterisk and are left out of 
 """
 
 import argparse
-import json
 import os
 import sys
 from pathlib import Path
@@ -30,6 +29,7 @@ if not __package__:  # called as a file
 
 from texfcodec.asset.load.files import load
 from texfcodec.errors import TexfError
+from texfcodec.ground.json_text import json_text
 from texfcodec.options import RATES
 from tools.everyday_envelope import INTERPOLATIONS, compacted, read_records, table
 from tools.everyday_points import measured_asset, setting_of
@@ -39,7 +39,7 @@ COMMON_RATES = "r01,r02,r03,r04,r05"
 
 def write_json(value, path):
     """Writes a record, a point per line, to a file that is renamed when it is complete; to stdout where path is None."""
-    text = json.dumps(value, separators=(",", ":")).replace('{"codec"', '\n{"codec"').replace('{"rate"', '\n{"rate"') + "\n"
+    text = json_text(value, separators=(",", ":")).replace('{"codec"', '\n{"codec"').replace('{"rate"', '\n{"rate"') + "\n"
     if path is None:
         print(text, end="")
         return

@@ -5,7 +5,7 @@ from dataclasses import fields
 
 from texfcodec.api import decode, encode_to_result
 from texfcodec.asset.load.files import load
-from texfcodec.ground.colour_error import json_ready
+from texfcodec.ground.json_text import json_ready
 from texfcodec.options import DecodeOptions, EncodeOptions
 from texfcodec.quality.views import compare_views
 from texfcodec.report import Report

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import texfcodec
 from baselines import find
+from texfcodec.ground.json_text import json_text
 from tools.conditions import EVALUATION, SAMPLE
 
 SCHEMA = 1
@@ -108,4 +109,4 @@ def write_json(path, value):
 
 def as_text(value):
     """The text of a JSON file."""
-    return json.dumps(value, indent=1, allow_nan=False) + "\n"
+    return json_text(value, indent=1) + "\n"

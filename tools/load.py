@@ -16,6 +16,7 @@ if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from texfcodec.errors import EXIT_DIFFERS
+from texfcodec.ground.json_text import json_text
 from tools.load_batch import GOOD, batch_faults, run_batch
 from tools.load_levels import levels_faults, run_levels
 from tools.load_page import page_of
@@ -44,7 +45,7 @@ def main(arguments=None):
                 "batch": lambda: run_batch(args.assets), "refused": lambda: run_refused(args.every),
                 "levels": run_levels}
     for part in [] if args.page_only else args.part or PARTS:
-        (args.out / f"{part}.json").write_text(json.dumps(measures[part](), indent=1), encoding="utf-8")
+        (args.out / f"{part}.json").write_text(json_text(measures[part](), indent=1), encoding="utf-8")
     found = {part: json.loads((args.out / f"{part}.json").read_text(encoding="utf-8")) for part in PARTS
              if (args.out / f"{part}.json").exists()}
     faults = {part: PARTS[part](told) for part, told in found.items()}

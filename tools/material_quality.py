@@ -18,7 +18,8 @@ from texfcodec.choose.frames import Frames, ShownMaps
 from texfcodec.choose.normals import Shading
 from texfcodec.geometry.surface import make_surface
 from texfcodec.ground.areas import sample_surface
-from texfcodec.ground.colour_error import decibels, json_ready
+from texfcodec.ground.colour_error import decibels
+from texfcodec.ground.json_text import json_ready
 from texfcodec.options import FINEST_POSITIONS, EncodeOptions
 from texfcodec.quality.faces import decoded_faces
 from texfcodec.quality.normals import angular_error

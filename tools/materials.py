@@ -32,6 +32,7 @@ from texfcodec.decoder import decode_stream
 from texfcodec.effects import EFFECT_OF
 from texfcodec.geometry.surface import make_surface
 from texfcodec.ground.colour_error import decibels, in_decibels
+from texfcodec.ground.json_text import json_text
 from texfcodec.options import DecodeOptions, EncodeOptions
 from texfcodec.quality.bd_rate import bd_rate
 from texfcodec.quality.effect_times import effect_times
@@ -69,7 +70,7 @@ def main():
     for path in given.paths:
         looked = _Looked(path, given.threads, not given.maps_only)
         record = (rival_record if given.what == "rivals" else our_record)(looked)
-        (given.out / f"{path.stem}.{given.what}.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        (given.out / f"{path.stem}.{given.what}.json").write_text(json_text(record, indent=1) + "\n", encoding="utf-8")
 
 
 class _Looked:

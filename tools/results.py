@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 
 from texfcodec.dispatch.tasks import LOG, last_line
+from texfcodec.ground.json_text import json_text
 from tools.jobs import JOB, METRICS, MISSING, read_json, write_json
 
 # What is compared, by name: the path to it in metrics.json.
@@ -31,7 +32,7 @@ def read_results(folder):
 
 def keep_rows(path, rows, missing):
     """Writes what read_results() and read_missing() gave to a file of JSON lines."""
-    Path(path).write_text("".join(json.dumps(row) + "\n" for row in rows + missing), encoding="utf-8")
+    Path(path).write_text("".join(json_text(row) + "\n" for row in rows + missing), encoding="utf-8")
 
 
 def unpack_rows(path, folder):

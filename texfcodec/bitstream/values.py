@@ -5,7 +5,6 @@ EncodeOptions stand in a later room, so that signatures here say Any.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +12,7 @@ from ..asset.scene import ALPHA_MASK, Material
 from ..channels import group_values
 from ..codecs.codec import PRIVATE_IDS, Codec
 from ..effects import effects_mask
+from ..ground.json_text import json_text
 from ..support.keyed import keys_crc
 from ..support.texels import TexelSupport
 from ..support.voxels import VoxelSupport
@@ -72,7 +72,7 @@ def metadata_bytes(metadata: dict, options: Any, report: Report) -> bytes | None
     """The metadata unit's JSON, or None where there is nothing or more than the limit."""
     if not metadata:
         return None
-    raw = json.dumps(metadata, ensure_ascii=False, separators=(",", ":"), sort_keys=True).encode("utf-8", "replace")
+    raw = json_text(metadata, ensure_ascii=False, separators=(",", ":"), sort_keys=True).encode("utf-8", "replace")
     if options.limits.metadata_bytes is not None and len(raw) > options.limits.metadata_bytes:
         report.remarks.append(f"metadata of {len(raw)} bytes are over the limit and were left out")
         return None

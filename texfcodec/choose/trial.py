@@ -13,6 +13,7 @@ from ..channels import needs_alpha
 from ..errors import InputError
 from ..ground.areas import face_areas, sample_surface
 from ..ground.colour_error import PEAK, ColourError, decibels
+from ..ground.json_text import json_ready
 from ..support.grid import build_brick_map
 from ..support.query import query_field
 from ..support.transfer import transfer
@@ -116,7 +117,7 @@ class _Trials:
         told = {"resolution": resolution, "gain_db": sum(gains.values())}
         for k in before:
             told |= {f"psnr_{k}_before": decibels(before[k]), f"psnr_{k}_after": decibels(after[k])}
-        return sum(gains.values()), told, gains.get("alpha", 0.0)
+        return sum(gains.values()), json_ready(told), gains.get("alpha", 0.0)
 
     def pays(self, base, candidate):
         """Whether a candidate gains MIN_GAIN over base. Half the resolution is asked first, in a quarter of the time: surfaces

@@ -15,6 +15,7 @@ import click
 from .. import __version__
 from ..errors import EXIT_DIFFERS, EXIT_IO, InputError, LimitError, SupportError, TexfError
 from ..ground import unfinished
+from ..ground.json_text import json_ready, json_text
 from ..options import default_threads
 from . import interrupts
 from .catalogue import Asset, read_catalogue, words_given
@@ -184,7 +185,7 @@ class Batch:
 
     def _fail(self, asset, error):
         told = error.as_dict() | {"exit_code": error.exit_code} if isinstance(error, TexfError) else error
-        row = {**self._row(asset), "error": json.loads(json.dumps(told, default=str))}
+        row = {**self._row(asset), "error": json_ready(told)}
         self.failed += 1
         try:
             self.results.append(row)
@@ -198,7 +199,7 @@ class Batch:
         self.show(name, f"{name}: {printable(text)}", is_bad)
 
     def _tell(self, row):
-        click.echo(json.dumps(row, allow_nan=False), file=self.console.results)
+        click.echo(json_text(row), file=self.console.results)
 
     def summary(self, count: int, tried: int) -> str:
         """One line about all."""

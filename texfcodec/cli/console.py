@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import time
@@ -15,6 +14,7 @@ import click
 
 from ..errors import EXIT_INTERNAL, EXIT_INTERRUPTED, EXIT_IO, EXIT_LIMIT, EXIT_USAGE, InputError, TexfError
 from ..ground import unfinished
+from ..ground.json_text import json_text
 from . import interrupts
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class Console:
         """The outcome: facts as one JSON object with --json, otherwise the lines, which --quiet silences."""
         unfinished.finish()
         if self.as_json:
-            text = json.dumps({"schema": SCHEMA, **facts}, allow_nan=False)
+            text = json_text({"schema": SCHEMA, **facts})
         elif self.quiet:
             return
         else:
@@ -67,7 +67,7 @@ class Console:
         unfinished.finish()
         if self.as_json:
             error = {"code": code, "message": message, "exit_code": exit_code, **details}
-            click.echo(json.dumps({"schema": SCHEMA, "error": error}, default=str), file=self.results)
+            click.echo(json_text({"schema": SCHEMA, "error": error}), file=self.results)
         else:
             facts = ", ".join(f"{k} {v}" for k, v in details.items())
             click.echo(printable(f"error {code}: {message}" + (f" ({facts})" if facts else "")), err=True)

@@ -1,6 +1,5 @@
 """texf-info: what stands where in a stream."""
 
-import json
 from collections import Counter
 from typing import NoReturn
 
@@ -13,6 +12,7 @@ from ..bitstream.file import read_stream_file
 from ..bitstream.syntax import SUPPORT_TEXELS
 from ..codecs import codec_of
 from ..errors import LimitError
+from ..ground.json_text import json_text
 from ..limits import LEVELS, Limits
 from .console import STYLE, run
 from .flags import file_names
@@ -108,7 +108,7 @@ def _lines(file, facts):
     for unit in facts["units"]:
         yield f"{unit['offset']:>10} {unit['size']:>9}  {unit['name']}"
         for element in unit["elements"]:
-            yield f"{element['offset']:>10} {element['size']:>9}    {element['name']} = {json.dumps(element['value'])}"
+            yield f"{element['offset']:>10} {element['size']:>9}    {element['name']} = {json_text(element['value'])}"
     if facts.get("verified"):
         yield "verified: OK"
 

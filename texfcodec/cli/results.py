@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
+from ..ground.json_text import json_text
 from .catalogue import Asset
 
 RESULTS = "results.jsonl"
@@ -31,7 +32,7 @@ class Results:
 
     def append(self, row: dict[str, Any]) -> None:
         """Adds a line, or raises OSError and leaves the file as it was."""
-        line = json.dumps(row, allow_nan=False).encode() + b"\n"
+        line = json_text(row).encode() + b"\n"
         line, number = line if self._is_whole else b"\n" + line, os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
         try:
             size = os.fstat(number).st_size

@@ -1,7 +1,7 @@
 """Colour error at corresponding samples (3D-PSNR) and the surface points to take it at.
 
 Colours are sRGB-coded RGB in 0..255, as floats; nothing is rounded or clipped. YUV is BT.709, full range. PSNR has peak 255;
-it is float("inf") where the error is exactly zero, and `json_ready` writes that as null, which in_decibels() says as "exact".
+it is float("inf") where the error is exactly zero; json_text.json_ready() makes that None, which in_decibels() says as "exact".
 """
 
 import math
@@ -98,13 +98,8 @@ def decibels(mse: float, peak: float = PEAK) -> float:
     return math.inf if mse == 0 else 10 * math.log10(peak * peak / mse)
 
 
-def json_ready(result: dict) -> dict:
-    """The dict with infinite values (exact) as None, because JSON has no infinity."""
-    return {k: None if isinstance(v, float) and math.isinf(v) else v for k, v in result.items()}
-
-
 def in_decibels(value: float | None, digits: int = 2) -> str:
-    """A PSNR of json_ready() for people: "34.20 dB", or EXACT for None."""
+    """A PSNR of json_text.json_ready() for people: "34.20 dB", or EXACT for None."""
     return EXACT if value is None else f"{value:.{digits}f} dB"
 
 

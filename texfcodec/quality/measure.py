@@ -8,7 +8,8 @@ import numpy as np
 
 from ..asset.sample import pack_source, sample_source
 from ..ground.areas import sample_surface
-from ..ground.colour_error import ColourError, json_ready
+from ..ground.colour_error import ColourError
+from ..ground.json_text import json_ready
 from .faces import decoded_faces
 
 if TYPE_CHECKING:

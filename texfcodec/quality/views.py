@@ -18,7 +18,8 @@ import numpy as np
 from ..asset.sample import pack_source, sample_source
 from ..asset.scene import ALPHA_OPAQUE, Scene
 from ..errors import InputError
-from ..ground.colour_error import ColourError, decibels, json_ready
+from ..ground.colour_error import ColourError, decibels
+from ..ground.json_text import json_ready
 from ..ground.ssim import ssim as mean_ssim
 from ..render.camera import bounding_sphere, fibonacci_direction, orthographic
 from ..render.environment import Environment

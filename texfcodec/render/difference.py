@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..ground.colour_error import ColourError, json_ready
+from ..ground.colour_error import ColourError
+from ..ground.json_text import json_ready
 
 if TYPE_CHECKING:
     from .shade import Picture

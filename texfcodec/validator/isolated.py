@@ -10,6 +10,7 @@ from pathlib import Path
 from ..capped import FACTS, NO_CAP, child_folder, crash_of, memory_error, read_facts, run_child, within_cap
 from ..errors import LimitError, TexfError
 from ..findings import SEVERITIES
+from ..ground.json_text import json_text
 from ..limits import Limits
 from ..report import Report
 from .validate import OUTCOME, ROW, validate
@@ -59,7 +60,7 @@ def _child(folder, request):
     except LimitError:  # of memory: any other is a finding
         outcome, capped = None, True
     answer = {"outcome": outcome, "warnings": [] if capped else [NO_CAP]}
-    (folder / FACTS).write_text(json.dumps(answer), encoding="utf-8")
+    (folder / FACTS).write_text(json_text(answer), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from ..ground.json_text import json_text
+
 MAGIC = b"TXVW"
 TYPES = {"uint8": "u8", "uint16": "u16", "uint32": "u32", "int16": "i16", "float32": "f32"}
 
@@ -36,7 +38,7 @@ class Blobs:
 
     def joined(self, header: dict[str, Any]) -> bytes:
         """The container."""
-        text = json.dumps(header, separators=(",", ":"), allow_nan=False).encode()
+        text = json_text(header, separators=(",", ":")).encode()
         text += b" " * (-len(text) % 4)
         return b"".join([MAGIC, struct.pack("<I", len(text)), text, *self._parts])
 

@@ -13,6 +13,7 @@ from .. import errors
 from ..api import decode
 from ..capped import FACTS, child_folder, crash_of, read_facts, run_child, within_cap
 from ..errors import InputError, StreamError, TexfError
+from ..ground.json_text import json_text
 from ..limits import Limits
 from ..options import DecodeOptions
 
@@ -59,7 +60,7 @@ def _child(folder, request):
         within_cap(limits, lambda: (folder / CONTAINER).write_bytes(_packed(data, request["name"])))
     except TexfError as error:
         facts = {"family": type(error).__name__, "code": error.code, "message": error.message, "details": error.details}
-    (folder / FACTS).write_text(json.dumps(facts, default=str), encoding="utf-8")
+    (folder / FACTS).write_text(json_text(facts), encoding="utf-8")
 
 
 def _packed(data, name):

@@ -10,11 +10,11 @@ from __future__ import annotations
 import base64
 import hashlib
 import html
-import json
 import re
 import zlib
 from collections.abc import Callable, Sequence
 
+from ..ground.json_text import json_text
 from .server import WEB, about_page
 
 ENTRY = "main.js"
@@ -35,7 +35,7 @@ def export_page(containers: Sequence[bytes], title: str, start: dict | None = No
     page = (WEB / "index.html").read_text(encoding="utf-8")
     style = inlined((WEB / "style.css").read_text(encoding="utf-8"), "\\3c ")
     script = inlined(joined_modules(), "\\x3c")
-    about = json.dumps(about_page(len(containers), False, start, version)).replace("<", "\\u003c")
+    about = json_text(about_page(len(containers), False, start, version)).replace("<", "\\u003c")
     data = [f'<script type="application/json" id="about">{about}</script>']
     data += [f'<script type="application/octet-stream" id="asset-{i}">{packed(one)}</script>' for i, one in enumerate(containers)]
     parts = {CHARSET: f'{CHARSET}\n<meta http-equiv="Content-Security-Policy" content="{policy(script, style)}">',

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hmac
 import io
-import json
 import os
 import re
 import secrets
@@ -25,6 +24,7 @@ from typing import Any
 from urllib.parse import parse_qs
 
 from ..errors import InputError, TexfError
+from ..ground.json_text import json_text
 from ..limits import Limits
 
 HOST = "127.0.0.1"
@@ -289,7 +289,7 @@ class _Visit(BaseHTTPRequestHandler):
             self._answer(200, BYTES, container)
 
     def _answer_json(self, status: int, facts: Any):
-        self._answer(status, JSON, json.dumps(facts, default=str).encode())
+        self._answer(status, JSON, json_text(facts).encode())
 
     def _answer(self, status: int, kind: str, data: bytes):
         """Containers go out as they are: the loopback interface is faster than any compression."""

@@ -2,13 +2,13 @@
 
 import base64
 import hashlib
-import json
 import math
 import re
 from pathlib import Path
 
 import numpy as np
 
+from texfcodec.ground.json_text import json_text
 from tools.differences import summary
 from tools.jobs import METRICS, read_json
 from tools.results import PSNRS, at, measures_of, quality_of, rate_of, value_of
@@ -34,7 +34,7 @@ def page_of(data):
     style = (PART / "page.css").read_text(encoding="utf-8")
     script = "\n".join((PART / name).read_text(encoding="utf-8") for name in SCRIPTS)
     policy = f"default-src 'none'; img-src data:; style-src '{_digest(style)}'; script-src '{_digest(script)}'"
-    parts = {"policy": policy, "style": style, "script": script, "data": _harmless(json.dumps(data, allow_nan=False))}
+    parts = {"policy": policy, "style": style, "script": script, "data": _harmless(json_text(data))}
     template = (PART / "page.html").read_text(encoding="utf-8")
     parts["megabytes"] = f"{sum(map(len, (template, *parts.values()))) / 1e6:.1f}"
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template).encode()

@@ -5,12 +5,12 @@ A Texf stands in a later room, so that signatures here say Any.
 
 from __future__ import annotations
 
-import json
 import struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ...ground.json_text import json_text
 from ..scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
 from .appearance import linear_u16, unique_corners, vertex_colours
 from .gltf_material import UNLIT, extensions_of, material_entry
@@ -42,7 +42,7 @@ class Document:
         self.unpacked = 0  # bytes of what packed views unpack to
         self.warnings: list[str] = []
         if metadata:
-            if len(json.dumps(metadata).encode()) <= _EXTRAS_LIMIT:
+            if len(json_text(metadata).encode()) <= _EXTRAS_LIMIT:
                 self.json["asset"]["extras"] = {"texf": metadata}
             else:
                 self.warnings.append(f"metadata above {_EXTRAS_LIMIT} bytes is not written")
@@ -226,7 +226,7 @@ def gltf(document: Document, buffer_uri: str) -> tuple[list, list]:
 
 
 def _text(document):
-    return json.dumps(document.json, ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
+    return json_text(document.json, ensure_ascii=False, separators=(",", ":")).encode("utf-8", "replace")
 
 
 class _Groups(NamedTuple):

@@ -3,9 +3,9 @@
 A Texf stands in a later room, so that signatures here say Any.
 """
 
-import json
 from typing import Any
 
+from ...ground.json_text import json_text
 from .appearance import vertex_colours
 from .bake import to_bytes
 from .texel_image import texel_image
@@ -35,7 +35,7 @@ def arrays(texf: Any, appearance: str) -> dict[str, Any]:
     texts = {"materials": [_material(m) for m in texf.materials], "metadata": texf.metadata,
              "fields": [_field(part.support) for part in texf.fields]}
     return held | {"origin": texf.origin, "side": texf.side, "position_bits": texf.position_bits,
-                   "resolution": texf.resolution} | {name: json.dumps(value) for name, value in texts.items()}
+                   "resolution": texf.resolution} | {name: json_text(value) for name, value in texts.items()}
 
 
 def _surface(texf):

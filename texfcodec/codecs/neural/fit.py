@@ -21,7 +21,8 @@ import numpy as np
 from ...channels import ALPHA, BASE_COLOUR, COLOURS
 from ...errors import InputError
 from ...ground import unfinished
-from ...ground.colour_error import decibels, json_ready
+from ...ground.colour_error import decibels
+from ...ground.json_text import json_ready
 from ...ground.threads import over_blocks
 from .design import choose_design
 from .infer import BLOCK, CHUNK, infer

@@ -1,0 +1,31 @@
+"""The text of every report. JSON knows no infinity and no NaN, and strict readers refuse a document that holds one, so that a
+single such figure would cost the whole report: this is the one place that writes them, as null."""
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+
+def json_ready(value: Any) -> Any:
+    """A copy of value that JSON can hold, at any depth.
+
+    Infinite numbers (PSNR of what is exact) and NaN become None; numpy's numbers and arrays Python's; mappings dicts whose keys
+    are text; other sequences and sets lists; anything else its str(). Any: what JSON holds is a union of all these.
+    """
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key if isinstance(key, str) else str(key): json_ready(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [json_ready(item) for item in value]
+    if hasattr(value, "tolist"):  # of numpy, which need not be imported for this
+        return json_ready(value.tolist())
+    return str(value)
+
+
+def json_text(value: Any, **layout: Any) -> str:
+    """The JSON of json_ready(value). layout: keywords of json.dumps, such as indent."""
+    return json.dumps(json_ready(value), allow_nan=False, **layout)

@@ -9,7 +9,8 @@ import numpy as np
 from ..asset.scene import ALPHA_OPAQUE
 from ..choose.trial import alpha_mse
 from ..ground.areas import relative_areas, sample_surface
-from ..ground.colour_error import colour_mse, decibels, json_ready
+from ..ground.colour_error import colour_mse, decibels
+from ..ground.json_text import json_ready
 from .measure import SourceSamples
 
 if TYPE_CHECKING:

@@ -13,8 +13,10 @@ from test_save_texels import smooth_image, wall
 from texfcodec import EncodeOptions, Report, decode
 from texfcodec.asset.load.files import load
 from texfcodec.asset.scene import WRAP_REPEAT, Material, Scene, Texture
+from texfcodec.choose.detail import without_lost_detail
 from texfcodec.choose.spending import has_few_colours
 from texfcodec.encoder import encode_scene
+from texfcodec.geometry.surface import make_surface
 from texfcodec.quality.measure import measure
 
 
@@ -128,3 +130,23 @@ def test_a_jpeg_is_not_coded_in_more_bytes_than_it_has(tmp_path):
     assert 0.5 * len(jpeg) < sizes["image/jpeg"][0] <= len(jpeg) + 40
     channel = sizes["image/jpeg"][1]
     assert channel["source_image_bytes"] == len(jpeg) and channel["bytes_at_qp"] > len(jpeg) and channel["qp"] > 22
+
+
+def test_an_image_that_voxels_cannot_hold_becomes_its_mean_and_no_megabyte_of_noise():
+    scene = wall(smooth_image(64, 64, 3), n=8)
+    usual = encode_scene(scene, EncodeOptions(resolution=256, qp=28))
+    scene.corner_uv = scene.corner_uv * 1e6
+    made = encode_scene(scene, EncodeOptions(resolution=256, qp=28))
+    assert made.sizes["attributes"] < usual.sizes["attributes"]
+    mean = scene.textures[0].image[..., :3].reshape(-1, 3).mean(axis=0)
+    assert np.abs(decode(made.data).fields[0].rgba[:, :3] - mean).max() <= 2
+
+
+def test_images_that_texels_need_keep_their_detail_where_voxels_share_them():
+    scene = wall(smooth_image(64, 64, 3), n=8)
+    surface = make_surface(scene, EncodeOptions())
+    over = np.ones(len(surface.faces), bool)
+    assert without_lost_detail(scene, surface, over, 1).textures[0].image.shape == (16, 16, 4)
+    assert without_lost_detail(scene, surface, over, 64).textures[0].image.shape == (64, 64, 4)
+    over[0] = False
+    assert without_lost_detail(scene, surface, over, 1).textures[0] is scene.textures[0]

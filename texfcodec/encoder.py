@@ -15,6 +15,7 @@ from .bitstream.stream import Stream, attribute_variables, write_stream
 from .bitstream.values import attribute_values, field_values, header_values, material_values, metadata_bytes
 from .channels import channel_over
 from .choose.codec import codec_for, with_qp_of
+from .choose.detail import without_lost_detail
 from .choose.effects import needed_scene
 from .choose.frames import ShownMaps
 from .choose.maps import errors_of, fill_maps, groups_of, joined, names_of_field, with_grey
@@ -118,6 +119,8 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report, finer: frozens
     with report.stage("normals"):
         shading = choose_normals(scene, surface, report)
     with report.stage("partition"):
+        if not codec_of(options.codec).joint:  # which asks the source itself, at points
+            scene = without_lost_detail(scene, surface, ~_of_plans(surface, plans), supports.resolution)
         face_field, partition = _fields_of_faces(scene, surface, plans, options, report)
     first = int(face_field.max(initial=-1)) + 1 - len(plans)
     with report.stage("geometry"):
@@ -158,11 +161,14 @@ def _blended_squares(scene, surface, plans):
     return [f"NEAREST filter of texture '{name}'" for name in names]
 
 
+def _of_plans(surface, plans):
+    """Faces of the surface that TexelPlans have, bool [F]."""
+    return np.isin(np.arange(len(surface.faces)), np.concatenate([[-1], *(plan.group.faces for plan in plans)]))
+
+
 def _fields_of_faces(scene, surface, plans, options, report):
     """Field number of every face, int64 [F], and what the report says of it: voxels first, then a field for each TexelPlan."""
-    face_field, rest = np.empty(len(surface.faces), np.int64), np.ones(len(surface.faces), bool)
-    for plan in plans:
-        rest[plan.group.faces] = False
+    face_field, rest = np.empty(len(surface.faces), np.int64), ~_of_plans(surface, plans)
     told, fields = {"fields": 0, "reason": "all of the surface is over texels"}, 0
     if rest.any() or not plans:
         face_field[rest], told = choose_fields(scene, without_faces(surface, ~rest), options, report)

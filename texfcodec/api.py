@@ -72,8 +72,10 @@ def encode_loaded(scene: Scene, options: EncodeOptions, report: Report) -> Encod
 
         check(scene, made, options, report, time.perf_counter() - begin)
     if options.measure and made.psnr_3d is None:
+        from .quality.measure import measure_or_warn
+
         with report.stage("measure"):
-            made.psnr_3d = measure(scene, made, options.threads)
+            made.psnr_3d = measure_or_warn(lambda: measure(scene, made, options.threads), report)
     refuse_losses(options, report)
     _say_if_larger(scene, made, report)
     return made

@@ -249,6 +249,8 @@ FINDINGS = (
             "move the camera"),
     Finding("TXF-I92", InputError, (), "the radius or the field of view is out of range", "take one that the message allows"),
     Finding("TXF-I93", InputError, (), "there is no view of this number", "count the views from 0"),
+    Finding("TXF-I94", InputError, (), "no point of the surface is visible, so that nothing can be compared",
+            "give the materials that the warnings name an alpha above 0"),
     Finding("TXF-I95", InputError, (), "no pixel of any view is covered by both sides", "compare versions of one asset"),
     Finding("TXF-I96", InputError, (), "LPIPS needs an optional extra", "pip install texfcodec[lpips]"),
     Finding("TXF-I97", InputError, (), "the file of AlexNet weights cannot be opened", "check the path"),

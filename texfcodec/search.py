@@ -16,7 +16,7 @@ from .decoder import decode_stream
 from .encoder import Encoded, code_prepared, prepare
 from .errors import InputError
 from .options import DecodeOptions, EncodeOptions
-from .quality.measure import SourceSamples
+from .quality.measure import SourceSamples, measure_or_warn
 from .report import Report
 
 if TYPE_CHECKING:
@@ -57,9 +57,8 @@ class Trial:
 
     @property
     def psnr_y(self) -> float:
-        """3D-PSNR of Y in dB; infinite for a lossless one."""
-        assert self.psnr is not None
-        return math.inf if self.psnr["y"] is None else self.psnr["y"]
+        """3D-PSNR of Y in dB; infinite for a lossless one, and where there is nothing to see."""
+        return math.inf if self.psnr is None or self.psnr["y"] is None else self.psnr["y"]
 
     def row(self) -> dict:
         """What the report says about this trial."""
@@ -193,7 +192,9 @@ class _Search:
                 if self._samples is None:
                     self._samples = SourceSamples(self.scene, threads=threads)
                 texf = decode_stream(trial.made.data, DecodeOptions(threads=threads), Report())
-                trial.made.psnr_3d = self._samples.compare(texf, trial.made.face_field)
+                trial.made.psnr_3d = measure_or_warn(lambda: self._samples.compare(texf, trial.made.face_field), report)
+                if trial.psnr is None and not self.budget:
+                    raise InputError("TXF-I94", report.warnings[0])
             self._add_seconds(report)
             trial.seconds += time.perf_counter() - begin
         return trial

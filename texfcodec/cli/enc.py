@@ -185,10 +185,11 @@ def _encode(scene, options, report, out, explained=None):
 
 def _explain(scene, options, made, report, seconds):
     from ..explain import explain_time
+    from ..quality.measure import measure_or_warn
 
     stages = dict(report.seconds)
     with report.stage("explain"):
-        return explain_time(scene, options, made, stages, seconds or None)
+        return measure_or_warn(lambda: explain_time(scene, options, made, stages, seconds or None), report)
 
 
 def _sizes(scene, total):
@@ -231,7 +232,7 @@ def _run_facts(report):
 
 def _lines(facts, out):
     sizes = facts["bytes"]
-    yield from explain_lines(facts["explained"]) if "explained" in facts else ()
+    yield from explain_lines(facts["explained"]) if facts.get("explained") else ()
     yield f"{out}: {sizes['total']} bytes; geometry {sizes['geometry']}, attributes {sizes['attributes']}, other {sizes['other']}"
     yield from _size_lines(facts)
     yield from _check_lines(facts)

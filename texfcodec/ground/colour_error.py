@@ -60,6 +60,11 @@ class ColourError:
             self._weight += float(w.sum())
         self.samples += len(ref)
 
+    @property
+    def weight(self) -> float:
+        """Sum of the weights of all samples; 0 where there is nothing to compare."""
+        return self._weight
+
     def mse(self) -> dict[str, float]:
         """Weighted mean squared errors {"y", "u", "v", "rgb"}; rgb is the mean over samples and channels."""
         if self._weight <= 0:

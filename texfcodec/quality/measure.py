@@ -7,13 +7,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..asset.sample import pack_source, sample_source
+from ..errors import InputError
 from ..ground.areas import sample_surface
 from ..ground.colour_error import ColourError
 from ..ground.json_text import json_ready
 from .faces import decoded_faces
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ..asset.scene import Scene
+    from ..report import Report
     from ..texf import Texf
 
 SAMPLES = 1_000_000
@@ -36,12 +40,12 @@ class SourceSamples:
     def compare(self, texf: Texf, face_field: np.ndarray | None = None) -> dict:
         """3D-PSNR of texf in dB {"y", "yuv611", "rgb", "samples"}; None means lossless.
 
-        face_field: as of answers(). Errors weigh by the source's alpha where texf has alpha.
+        face_field: as of answers(). Errors weigh by the source's alpha where texf has alpha. Raises InputError TXF-I94 where texf
+        has alpha and no point is visible.
         """
         error = ColourError()
         error.add(self.colour[:, :3], self.answers(texf, face_field)[:, :3], self.weights(texf))
-        result = json_ready(error.result())
-        return {name: result[f"psnr_{name}"] for name in ("y", "yuv611", "rgb")} | {"samples": error.samples}
+        return psnr_of(error)
 
     def weights(self, texf: Texf) -> np.ndarray | None:
         """How much of each point the source shows, float32 [M]; None where texf has no alpha and all count alike."""
@@ -86,6 +90,25 @@ class SourceSamples:
             return texf.query_by_field(points, face_field[face], face)
 
         return asked
+
+
+def psnr_of(error: ColourError) -> dict:
+    """3D-PSNR {"y", "yuv611", "rgb", "samples"} in dB; None means lossless. InputError TXF-I94 where nothing is visible."""
+    if not error.weight > 0:
+        raise InputError("TXF-I94", "the 3D-PSNR is absent: no point of the surface is visible, its alpha is 0 everywhere")
+    result = json_ready(error.result())
+    return {name: result[f"psnr_{name}"] for name in ("y", "yuv611", "rgb")} | {"samples": error.samples}
+
+
+def measure_or_warn(measured: Callable[[], dict], report: Report) -> dict | None:
+    """What measured() returns, or None with a warning in report where no point of the source is visible."""
+    try:
+        return measured()
+    except InputError as error:
+        if error.code != "TXF-I94":
+            raise
+        report.warnings.append(error.message)
+        return None
 
 
 def measure(scene: Scene, texf: Texf, samples: int = SAMPLES, threads: int = 1, face_field: np.ndarray | None = None) -> dict:

@@ -28,7 +28,7 @@ from ..render.shade import render_scene, render_texf
 from ..render.textures import MipScenes, Textures
 from ..texf import Texf
 from .faces import decoded_faces
-from .measure import SourceSamples
+from .measure import SourceSamples, psnr_of
 from .nearest import NearestFaces, face_normals
 
 VIEWS, SIZE = 16, 2048
@@ -164,8 +164,7 @@ def mesh_psnr_3d(reference: Scene, mesh: Scene, samples: int = NEAREST_SAMPLES, 
         got = MeshColours(mesh, threads).query(points, face_normals(corners))
     error = ColourError()
     error.add(asked.colour[:, :3], got[:, :3], asked.colour[:, 3] / 255.0 if _has_alpha(mesh) else None)
-    result = json_ready(error.result())
-    return {name: result[f"psnr_{name}"] for name in ("y", "yuv611", "rgb")} | {"samples": error.samples}
+    return psnr_of(error)
 
 
 def _has_alpha(scene):

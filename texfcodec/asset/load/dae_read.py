@@ -16,6 +16,7 @@ from .image_read import TextureShelf, read_texture_file
 from .normals import place_normals
 from .parts import Notes, Part, assemble, check_face_count, linear_rgba
 from .polygons import triangulate
+from .visibility import opaque_where_all_vanish
 
 _WRAPS = {"WRAP": WRAP_REPEAT, "CLAMP": WRAP_CLAMP, "BORDER": WRAP_CLAMP, "NONE": WRAP_CLAMP, "MIRROR": WRAP_MIRROR}
 _UNUSED = ("emission", "ambient", "specular", "shininess", "reflective", "reflectivity", "index_of_refraction", "bumpmap")
@@ -38,6 +39,7 @@ def read_dae(data: bytes, folder: Path, notes: Notes) -> Scene:
                 faces += len(part.faces)
                 check_face_count(faces)
     _drop_rest(document, notes)
+    opaque_where_all_vanish(look.materials, "the COLLADA file", notes)
     asset = document.assetInfo
     metadata = {"up_axis": str(asset.upaxis), **({"unit_in_metres": float(asset.unitmeter)} if asset.unitmeter else {})}
     return assemble(parts, look.materials, look.shelf.textures, notes, metadata)

@@ -19,11 +19,14 @@ if TYPE_CHECKING:
 # Option -> most values it takes; the list of a texture statement ends where its file name begins.
 _OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-mm": 2, "-o": 3, "-s": 3, "-t": 3, "-texres": 1, "-clamp": 1,
             "-bm": 1, "-imfchan": 1, "-type": 1, "-cc": 1, "-colorspace": 1}
+_HEAD = 400  # characters in which an exporter names itself
+_SAME = 1e-3  # of numbers that are written with three digits
 
 
 @dataclass
 class ObjMaterial:
-    """One newmtl. factor: float64 [4]; texture: file name or None; uv_scale, uv_offset: float64 [2], with v upwards."""
+    """One newmtl. factor: float64 [4]; texture: file name or None; uv_scale, uv_offset: float64 [2], with v upwards; dissolve,
+    transparency: numbers of its `d` and `Tr`, None without."""
 
     name: str
     factor: np.ndarray
@@ -31,13 +34,16 @@ class ObjMaterial:
     wrap: tuple = (WRAP_REPEAT, WRAP_REPEAT)
     uv_scale: tuple = (1.0, 1.0)
     uv_offset: tuple = (0.0, 0.0)
+    dissolve: float | None = None
+    transparency: float | None = None
 
 
 def read_mtl(data: bytes, notes: Notes) -> dict[str, ObjMaterial]:
     """bytes of an .mtl file -> dict name -> ObjMaterial. Errors: TXF-I20 with the line."""
     found: dict[str, ObjMaterial] = {}
     current = None
-    for number, line in enumerate(decode_text(as_utf8(data)).splitlines(), 1):
+    text = decode_text(as_utf8(data))
+    for number, line in enumerate(text.splitlines(), 1):
         key, _, rest = line.strip().partition("#")[0].replace("\t", " ").strip().partition(" ")
         if not key:
             continue
@@ -48,6 +54,7 @@ def read_mtl(data: bytes, notes: Notes) -> dict[str, ObjMaterial]:
                 _statement(current, key, rest.strip(), notes)
             except (ValueError, IndexError) as error:
                 raise InputError("TXF-I20", "an MTL statement cannot be read", line=number, value=line.strip()[:80]) from error
+    _set_alpha(list(found.values()), "meshlab" in text[:_HEAD].lower(), notes)
     for material in found.values():
         _finish(material, notes)
     return found
@@ -70,12 +77,37 @@ def _statement(material, key, rest, notes):
         values = [float(value) for value in rest.split()[:3]]
         material.factor[:3] = values if len(values) == 3 else values[0]
     elif lower in ("d", "tr"):
-        alpha = float(rest.split()[-1])  # "-halo" may precede it
-        material.factor[3] = alpha if lower == "d" else 1.0 - alpha
+        number = float(rest.split()[-1])  # "-halo" may precede it
+        if lower == "d":
+            material.dissolve = number
+        else:
+            material.transparency = number
     elif lower == "map_kd":
         _base_map(material, rest, notes)
     else:
         notes.drop(f"{key} of material '{material.name}'")
+
+
+def _set_alpha(materials, from_meshlab, notes):
+    """Alpha by `d`, else by `Tr`: the transparency, or the opposite, as MeshLab and others write it. No reading is taken where
+    it leaves nothing of any material."""
+    by_tr = [material for material in materials if material.dissolve is None and material.transparency is not None]
+    readings = [(True, [m.transparency for m in by_tr]), (False, [1.0 - m.transparency for m in by_tr])]
+    if not from_meshlab:
+        readings.reverse()
+    as_dissolve, alphas = readings[0]
+    if len(by_tr) == len(materials) and not any(alpha > 0 for alpha in alphas):
+        as_dissolve, alphas = readings[1]
+    if as_dissolve and any(material.transparency != 0.5 for material in by_tr):
+        notes.remark("Tr of the MTL file is read as the opacity, as MeshLab and others write it, not as the transparency")
+    for material, alpha in zip(by_tr, alphas, strict=True):
+        material.factor[3] = alpha
+    for material in materials:
+        if material.dissolve is not None:
+            material.factor[3] = material.dissolve
+            if material.transparency is not None and abs(material.dissolve + material.transparency - 1.0) > _SAME:
+                notes.remark(f"d {material.dissolve:g} and Tr {material.transparency:g} of material '{material.name}' disagree; "
+                             "d is taken")
 
 
 def _base_map(material, rest, notes):

@@ -8,6 +8,7 @@ from ...errors import InputError, LimitError
 from ..scene import Material, Scene, Texture
 from ..srgb import srgb_to_linear
 from .normals import fill_normals
+from .visibility import name_invisible
 
 MAX_FACES = 1 << 26  # instancing lets a small file ask for any number; beyond this no machine we know would follow
 UV_OUTLIER = 1e6
@@ -118,6 +119,7 @@ def assemble(parts: list[Part], materials: list[Material], textures: list[Textur
     _repair_color(scene, notes)
     fill_normals(scene, parts, notes)
     _report_geometry(scene, unused, broken, notes)
+    name_invisible(scene, notes)
     scene.warnings, scene.dropped, scene.remarks = notes.warnings, notes.dropped, notes.remarks
     return scene
 

@@ -15,8 +15,9 @@ import numpy as np
 from ...errors import InputError, LimitError
 from ..scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene
 from .image_read import TextureShelf, missing_image
-from .parts import Notes, Part, assemble, check_face_count, linear_rgba
+from .parts import Notes, Part, assemble, check_face_count, drop_alpha, linear_rgba
 from .threemf_model import malformed, read_model
+from .visibility import opaque_where_all_vanish
 
 MAX_PART = 1 << 29  # bytes of one unpacked part of the archive
 MAX_INSTANCES = 1 << 16  # objects and components placed; nesting lets a small file ask for any number
@@ -92,6 +93,7 @@ def read_3mf(data: bytes, folder: Path, notes: Notes) -> Scene:
         faces += len(body.triangles)
         check_face_count(faces)
     archive.drop_unused()
+    opaque_where_all_vanish(look.plain, "the 3MF file", notes)
     metadata = {"unit": model.unit, **({"3mf": model.metadata} if model.metadata else {})}
     return assemble(parts, look.materials or [Material("default")], shelf.textures, notes, metadata)
 
@@ -124,6 +126,11 @@ class _Look:
     def __init__(self):
         self.materials, self._rows = [], {}
 
+    @property
+    def plain(self):
+        """Materials of base materials, whose alpha comes from a displaycolor."""
+        return [self.materials[row] for key, row in self._rows.items() if len(key) == 3]
+
     def row(self, key, make):
         """Index of the material of this key."""
         if key not in self._rows:
@@ -147,15 +154,16 @@ def _part(archive, name, body, matrix, look, shelf):
         if group is None:
             if pid is not None:
                 archive.notes.warn(f"property group '{pid[:40]}' is of a kind that is not read, or missing; its faces are white")
-            material[rows] = look.row("default", lambda: Material("default"))
+            material[rows] = look.row((), lambda: Material("default"))
             continue
         table = _table(group, corners[rows])
         if group.kind == "texture2dgroup":
             material[rows] = look.row((name, pid), lambda g=group: _textured(archive, name, g, shelf))
             uv[rows] = table
         elif group.kind == "colorgroup":
-            material[rows] = look.row("default", lambda: Material("default"))
+            material[rows] = look.row((), lambda: Material("default"))
             color[rows], colored = linear_rgba(table), True
+            drop_alpha(color[rows] if table[..., 3].any() else None, archive.notes)
         else:
             material[rows] = look.row((name, pid, first), lambda g=group, k=first: _plain(*g.rows[k]))
     points = body.vertices @ matrix[:3, :3].T + matrix[:3, 3]

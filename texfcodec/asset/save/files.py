@@ -19,6 +19,7 @@ from ...errors import InputError
 from ...ground import unfinished
 from .gltf_pack import check_compression, packing_of
 from .image_write import FORMATS, check_image_format, encode_image, format_for
+from .looks import Looks, looks_of
 from .seams import measure_seams
 
 APPEARANCES = ("texture", "vertex", "voxels")
@@ -40,14 +41,16 @@ class SaveOptions:
     texture_format: str = "png"
     texture_quality: int | None = None
     compress: str = "none"
+    settled: bool = field(default=False, init=False)  # whether colours have to be where appearance says
 
 
 @dataclass
 class _Told:
-    """What save() has to tell."""
+    """What save() has to tell. looks: of a surface that is written with images, known before these are made."""
 
     warnings: list[str] = field(default_factory=list)
     seams: dict | None = None
+    looks: Looks | None = None
 
 
 def save(texf: Any, path: str | PathLike, appearance: str | None = None, texture_size: int | None = None, atlas: str = "auto",
@@ -55,7 +58,8 @@ def save(texf: Any, path: str | PathLike, appearance: str | None = None, texture
     """Write a decoded stream; the suffix of path chooses the format.
 
     texf: decoded stream (Texf). appearance: "texture", "vertex" (colours at vertices), "voxels" (point cloud of voxel centres);
-    None means texture, but vertex for PLY, which has no texture. With texture a field over texels keeps its image and its UVs,
+    None means texture, but vertex for PLY, which has no texture, and for materials of a GLB or glTF whose field colours at vertices
+    show as well as an image, see vertex_fit.py. With texture a field over texels keeps its image and its UVs,
     and all fields over voxels are baked into one atlas; an NPZ holds every decoded array, see npz_write.arrays().
     texture_size: side of the atlas in texels or None; atlas: "auto", "quality" or "fast"; fields over texels have no part in
     them. options: the rest of SaveOptions; texture_format is for textures, other than PNG and JPEG for glTF, and compress for
@@ -70,9 +74,10 @@ def save(texf: Any, path: str | PathLike, appearance: str | None = None, texture
     path = Path(path)
     asked = SaveOptions(appearance=appearance, texture_size=texture_size, atlas=atlas, **options)
     told = _Told()
-    suffix = _checked(texf, path, asked, told.warnings)
+    suffix = _checked(texf, path, asked, told)
     check_target(path, inputs)
-    check_sides(path.parent, _side_names(texf, path, suffix, asked), inputs, overwrite)
+    told.looks = _looks(texf, suffix, asked)
+    check_sides(path.parent, _side_names(path, suffix, asked, told.looks), inputs, overwrite)
     files = _WRITERS[suffix](texf, path, asked, told)
     write_all(path.parent, files, inputs, overwrite)
     return {"warnings": told.warnings, "files": [name for name, _ in files], "seams": told.seams}
@@ -82,11 +87,13 @@ def as_glb(texf: Any, **options: Any) -> tuple[bytes, dict]:
     """The bytes of the GLB that save() would write, and what it would return without files: (bytes, {"warnings", "seams"}).
     options: SaveOptions."""
     path, asked, told = Path("stream.glb"), SaveOptions(**options), _Told()
-    ((_, pieces),) = _WRITERS[_checked(texf, path, asked, told.warnings)](texf, path, asked, told)
+    suffix = _checked(texf, path, asked, told)
+    told.looks = _looks(texf, suffix, asked)
+    ((_, pieces),) = _WRITERS[suffix](texf, path, asked, told)
     return b"".join(pieces), {"warnings": told.warnings, "seams": told.seams}
 
 
-def _checked(texf, path, asked, warnings):
+def _checked(texf, path, asked, told):
     """The suffix that save() was asked for. Checks what was asked, and sets an appearance that was left open."""
     suffix, appearance = path.suffix.lower(), asked.appearance
     if suffix not in SUFFIXES:
@@ -94,12 +101,25 @@ def _checked(texf, path, asked, warnings):
     if appearance not in (None, *APPEARANCES):
         raise InputError("TXF-O06", "appearance not known", value=appearance, allowed=" ".join(APPEARANCES))
     if suffix == ".ply" and appearance == "texture":
-        warnings.append("PLY has no texture here: vertex colours are written")
+        told.warnings.append("PLY has no texture here: vertex colours are written")
     if appearance == "voxels":
-        _name_what_has_no_voxels(texf, warnings)
+        _name_what_has_no_voxels(texf, told.warnings)
+    asked.settled = appearance is not None or _settles_images(asked)
     asked.appearance = ("vertex" if suffix == ".ply" else "texture") if appearance is None else appearance
     _check_packing(suffix, asked)
     return suffix
+
+
+def _looks(texf, suffix, asked):
+    """Looks of a surface that is written with images where it needs any; None for what is written without."""
+    if asked.appearance != "texture" or suffix not in (".glb", ".gltf", ".obj"):
+        return None
+    return looks_of(texf, suffix == ".obj", suffix != ".obj" and not asked.settled)
+
+
+def _settles_images(asked):
+    """Whether anything is said of images that only these can have."""
+    return asked.texture_size is not None or asked.atlas != "auto" or asked.texture_format != "png"
 
 
 def _check_packing(suffix, asked):
@@ -128,12 +148,10 @@ def _name_what_has_no_voxels(texf, warnings):
         warnings.append(f"{faces} of {len(texf.faces)} faces have their colours in texels and no voxels: they are not written")
 
 
-def _side_names(texf, path, suffix, asked):
+def _side_names(path, suffix, asked, looks):
     """Names of the files that the writers put beside path, known before the work, but for images that have to be PNG."""
-    from .looks import looks_of
-
     stem = path.stem if suffix == ".gltf" else _without_blanks(path.stem)
-    count = looks_of(texf, suffix == ".obj").image_count if asked.appearance == "texture" and suffix in (".gltf", ".obj") else 0
+    count = looks.image_count if looks is not None and suffix != ".glb" else 0
     images = _image_names(stem, [FORMATS[asked.texture_format]] * count)
     if suffix == ".gltf":
         return [*images, stem + ".bin"]
@@ -194,7 +212,7 @@ def _obj(texf, path, asked, told):
         return [(path.name, ply_write.obj_points(texf))]
     if asked.appearance == "vertex" or len(texf.faces) == 0:
         return [(path.name, ply_write.obj_coloured(texf))]
-    stem, (look, images) = _without_blanks(path.stem), _textured(texf, asked, told, base_colour_alone=True)
+    stem, (look, images) = _without_blanks(path.stem), _textured(texf, asked, told)
     files = _image_files(stem, images)
     return [
         *files,
@@ -234,11 +252,11 @@ def _name_losses(texf, warnings, form, appearance):
         warnings.append(f"{form} with vertex colours has no materials: the mesh becomes one surface")
 
 
-def _textured(texf, asked, told, base_colour_alone=False):
+def _textured(texf, asked, told):
     """(Textured, [(ImageFormat, bytes) of each of its textures]); tells of warnings and seams."""
     from .textures import textured
 
-    look, images = textured(texf, asked.texture_size, asked.atlas, base_colour_alone), []
+    look, images = textured(texf, told.looks, asked.texture_size, asked.atlas), []
     told.warnings += look.warnings
     shown = np.flatnonzero(look.face_image >= 0)
     if len(shown):

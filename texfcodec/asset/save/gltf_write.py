@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 _COMPONENT = {"f4": 5126, "u2": 5123, "u4": 5125, "i2": 5122, "u1": 5121}
 _WRAPS = {WRAP_REPEAT: 10497, WRAP_CLAMP: 33071, WRAP_MIRROR: 33648}
 _POINTS = 0
-_COLUMNS = (("TEXCOORD_0", "VEC2"), ("NORMAL", "VEC3"), ("TANGENT", "VEC4"))
 OPTIONAL = {"NORMAL", "TANGENT"}  # left out of primitives that have none
 _LINEAR, _NEAREST = (9729, 9987), (9728, 9728)  # filters of a sampler: linear with mipmaps; nearest
 _EXTRAS_LIMIT = 65536  # bytes of metadata that may ride in asset.extras
@@ -119,24 +118,47 @@ class Document:
 
 
 def textured(texf: Any, look: Textured, images: list[tuple[ImageFormat, str | bytes]], packing: Any = None) -> Document:
-    """Document with TEXCOORD_0 and images. images: for each of look.textures its format, and its URI or its bytes for the buffer;
-    packing: one of gltf_pack, or None for plain accessors."""
+    """Document with images, and TEXCOORD_0 or COLOR_0 where faces have these. images: for each of look.textures its format, and
+    its URI or its bytes for the buffer; packing: one of gltf_pack, or None for plain accessors."""
     document, packing = Document(texf.metadata), packing or Plain()
     if len(texf.faces) == 0:
         return document
-    uv = look.corner_uv.astype(np.float32).reshape(-1, 2)
     corner, looks = texf.faces.ravel(), np.repeat(look.looks.face_look, 3)
-    keys = [uv, _written_normals(texf, look).reshape(-1, 3)]
-    if look.corner_tangent is not None:
-        keys.append(_written_tangents(look).reshape(-1, 4))
-    first, index = unique_corners(looks, corner, *(row for key in keys for row in np.ascontiguousarray(key).view(np.int32).T))
-    columns = {name: Column(key[first], kind) for (name, kind), key in zip(_COLUMNS, keys, strict=False)}
+    columns = _columns(texf, look)
+    keys = (np.ascontiguousarray(column.values).view(np.int32).T for column in columns.values())
+    first, index = unique_corners(looks, corner, *(row for key in keys for row in key))
+    columns = {name: column._replace(values=column.values[first]) for name, column in columns.items()}
     entries = [material_entry(one.material, images) for one, images in zip(look.looks.looks, look.images, strict=True)]
-    groups = _Groups(looks[first], look.looks.face_look, entries)
+    groups = _Groups(looks[first], look.looks.face_look, entries, [_unused(one) for one in look.looks.looks])
     _add_surface(document, texf, corner[first], index.reshape(-1, 3), groups, columns, packing)
     for texture, (form, image) in zip(look.textures, images, strict=True):
         _add_texture(document, texture, form, image)
     return document
+
+
+def _columns(texf, look):
+    """Attributes of corners by name, Column of [3 F, k]; 0 where a face has none."""
+    columns = {"TEXCOORD_0": Column(look.corner_uv.astype(np.float32).reshape(-1, 2), "VEC2"),
+               "NORMAL": Column(_written_normals(texf, look).reshape(-1, 3), "VEC3")}
+    if look.corner_tangent is not None:
+        columns["TANGENT"] = Column(_written_tangents(look).reshape(-1, 4), "VEC4")
+    if any(one.colours is not None for one in look.looks.looks):
+        columns["COLOR_0"] = Column(_written_colours(look.looks).reshape(-1, 4), "VEC4", True)
+    return columns
+
+
+def _unused(look):
+    """Attributes that a primitive of a look has no use for."""
+    return ({"TEXCOORD_0"} if not look.mapped else set()) | ({"COLOR_0"} if look.colours is None else set())
+
+
+def _written_colours(looks):
+    """Colours of corners as glTF has them, uint16 [F, 3, 4]; 0 where faces have none at their corners."""
+    out = np.zeros((len(looks.face_look), 3, 4), np.uint16)
+    for number, look in enumerate(looks.looks):
+        if look.colours is not None:
+            out[looks.face_look == number] = linear_u16(look.colours.rgba)[look.colours.index]
+    return out
 
 
 def _written_tangents(look):
@@ -181,7 +203,8 @@ def coloured(texf: Any, packing: Any = None) -> Document:
     document = Document(texf.metadata)
     if len(texf.faces):
         vertex, index, material, rgba = vertex_colours(texf, with_material=True)
-        groups = _Groups(material, texf.face_material, [material_entry(m, {}) for m in texf.materials])
+        entries = [material_entry(m, {}) for m in texf.materials]
+        groups = _Groups(material, texf.face_material, entries, [set()] * len(entries))
         _add_surface(document, texf, vertex, index, groups, {"COLOR_0": Column(linear_u16(rgba), "VEC4", True)},
                      packing or Plain())
     return document
@@ -231,11 +254,12 @@ def _text(document):
 
 class _Groups(NamedTuple):
     """What becomes a primitive each. vertex: int64 [U] ascending and face: int64 [F], numbers of materials; materials: glTF
-    dicts."""
+    dicts; unused: names of the attributes that each leaves out."""
 
     vertex: np.ndarray
     face: np.ndarray
     materials: list[dict]
+    unused: list[set[str]]
 
 
 def _add_surface(document, texf, vertex, index, groups, columns, packing):
@@ -249,7 +273,8 @@ def _add_surface(document, texf, vertex, index, groups, columns, packing):
     for number in np.unique(groups.vertex):
         low, high = np.searchsorted(groups.vertex, (number, number + 1))
         part = {name: column._replace(values=column.values[low:high]) for name, column in columns.items()}
-        part = {name: column for name, column in part.items() if name not in OPTIONAL or column.values.any()}
+        part = {name: column for name, column in part.items()
+                if name not in groups.unused[number] and (name not in OPTIONAL or column.values.any())}
         corners = (index[groups.face == number] - low).ravel()
         primitives.append(packing.primitive(document, part, corners) | {"material": int(number)})
     for item in groups.materials:

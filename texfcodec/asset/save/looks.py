@@ -17,6 +17,7 @@ from ..factors import absorb
 from ..scene import ALPHA_OPAQUE, Material
 from ..srgb import srgb_to_linear
 from .sheets import sheets_of
+from .vertex_fit import VertexColours, vertex_fit
 
 
 @dataclass
@@ -32,12 +33,13 @@ class Skin:
 @dataclass
 class Look:
     """A material on a skin. material: with all that is one value on its faces in its factors; mapped: names of the channels that
-    need an image, base colour among them."""
+    need an image, base colour among them; colours: at the corners of its faces, in their order, where these stand for one."""
 
     number: int
     skin: int
     material: Material
     mapped: tuple[str, ...]
+    colours: VertexColours | None = None
 
 
 @dataclass
@@ -53,10 +55,15 @@ class Looks:
         """How many images they need."""
         return sum(skin.has_base + len(skin.sheets) for skin in self.skins)
 
+    @property
+    def has_image(self) -> np.ndarray:
+        """Whether faces have any, bool [F]."""
+        return np.array([bool(look.mapped) for look in self.looks], bool)[self.face_look]
 
-def looks_of(texf: Any, base_colour_alone: bool = False) -> Looks:
+
+def looks_of(texf: Any, base_colour_alone: bool = False, at_vertices: bool = False) -> Looks:
     """The Looks of a decoded stream (Texf), known before any image is made. base_colour_alone: for formats that know nothing
-    else, each skin with an image of it."""
+    else, each skin with an image of it; at_vertices: whether colours may stand at vertices where that shows as much."""
     skins, face_skin = _skins(texf)
     pairs, face_look = np.unique(np.column_stack([texf.face_material, face_skin]), axis=0, return_inverse=True)
     face_look = face_look.reshape(-1)
@@ -64,6 +71,9 @@ def looks_of(texf: Any, base_colour_alone: bool = False) -> Looks:
     for row, (number, skin) in enumerate(pairs.tolist()):
         faces = np.flatnonzero(face_look == row)
         look = (_bare if base_colour_alone else _look)(texf, number, skin, skins[skin], faces)
+        if at_vertices and skins[skin].field is None and look.mapped == (BASE_COLOUR.name,):
+            look.colours = vertex_fit(texf, faces)
+            look.mapped = look.mapped if look.colours is None else ()
         made.append(look)
         skins[skin].has_base |= BASE_COLOUR.name in look.mapped
     for number, skin in enumerate(skins):

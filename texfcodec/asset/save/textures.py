@@ -14,7 +14,7 @@ from ..tangents import corner_tangents
 from .atlas import check_arguments
 from .atlas_maps import AtlasMaps
 from .bake import bake
-from .looks import Looks, looks_of, names_in
+from .looks import Looks, names_in
 from .sheets import texel_sheet
 from .texel_image import texel_image_and_uv
 
@@ -40,38 +40,40 @@ class Textured:
         return np.array([images.get(BASE_COLOUR.name, -1) for images in self.images], np.int64)[self.looks.face_look]
 
 
-def textured(texf: Any, texture_size: int | None = None, atlas: str = "auto", base_colour_alone: bool = False) -> Textured:
-    """Images and UVs of a decoded stream (Texf). texture_size, atlas: of the atlas of fields over voxels, see bake(); its images
-    come first. base_colour_alone: as looks_of(). Raises InputError TXF-O10..O12."""
+def textured(texf: Any, looks: Looks, texture_size: int | None = None, atlas: str = "auto") -> Textured:
+    """Images and UVs of a decoded stream (Texf). looks: of looks_of(); texture_size, atlas: of the atlas of fields over voxels,
+    see bake(); its images come first. UVs are 0 where a face has no image. Raises InputError TXF-O10..O12."""
     check_arguments(texture_size, atlas)
-    looks, normal = looks_of(texf, base_colour_alone), None
+    normal = None
     corner_uv, warnings, of_skin = np.zeros((len(texf.faces), 3, 2)), [], []
     textures: list[Texture] = []
     if names_in(looks, NORMALS):
         normal = texf.shading_normals()
     for skin in looks.skins:
         make = _of_atlas if skin.field is None else _of_texels
-        found, uv, said = make(texf, skin, normal, (texture_size, atlas))
-        faces = _faces_of(texf, skin)
+        found, uv, said = make(texf, looks, skin, normal, (texture_size, atlas))
+        faces = _faces_of(texf, looks, skin)
         corner_uv[faces] = uv
         of_skin.append({name: len(textures) + n for n, (names, _) in enumerate(found) for name in names})
         textures += [texture for _, texture in found]
         warnings += said
     if texf.fields and not any(skin.field is None for skin in looks.skins) and (texture_size is not None or atlas != "auto"):
         warnings.append("every field is over texels and keeps its image: texture size and atlas method have no part")
+    corner_uv[~looks.has_image] = 0
     images = [{name: of_skin[look.skin][name] for name in look.mapped} for look in looks.looks]
     tangent = None if normal is None else corner_tangents(texf.positions, texf.faces, corner_uv, normal)
     return Textured(corner_uv=corner_uv, textures=textures, looks=looks, images=images, corner_tangent=tangent, warnings=warnings)
 
 
-def _faces_of(texf, skin):
+def _faces_of(texf, looks, skin):
+    """Faces of a field over texels, or those of the atlas that have an image: int64 [n]."""
     if skin.field is not None:
         return np.flatnonzero(texf.face_field == skin.field)
     over_texels = np.array([part.over_texels for part in texf.fields], bool)
-    return np.flatnonzero(~over_texels[texf.face_field])
+    return np.flatnonzero(~over_texels[texf.face_field] & looks.has_image)
 
 
-def _of_texels(texf, skin, _, __):
+def _of_texels(texf, looks, skin, _, __):
     """([(channel names, Texture)], UVs float64 [F, 3, 2], warnings) of a field over texels."""
     image, uv, centres = texel_image_and_uv(texf, skin.field)
     wrap, squares = tuple(texf.fields[skin.field].support.wrap), texf.metadata.get(NEAREST_FIELDS)
@@ -86,9 +88,9 @@ def _of_sheet(image, wrap, sheet):
     return Texture(image, wrap, "_".join(sheet), any(BY_NAME[name].srgb for name in sheet))
 
 
-def _of_atlas(texf, skin, normal, arguments):
+def _of_atlas(texf, looks, skin, normal, arguments):
     """As _of_texels, of the atlas that all fields over voxels share."""
-    faces = _faces_of(texf, skin)
+    faces = _faces_of(texf, looks, skin)
     if not skin.has_base and not skin.sheets:
         return [], np.zeros((len(faces), 3, 2)), []
     baked = bake(texf, *arguments, faces)

@@ -1,0 +1,108 @@
+"""What leaves as GLB: what it was before, no larger than it has to be, and nothing in it that shows nothing."""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shapes import painted_sphere, scene_of, sphere
+from test_asset_save import accessor, read_glb
+
+from texfcodec import EncodeOptions, decode, encode
+from texfcodec.asset.load.files import load
+from texfcodec.asset.save.files import as_glb, save
+from texfcodec.asset.scene import Material, Scene, Texture
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+def coded(scene, **options):
+    return decode(encode(scene, EncodeOptions(**({"support": "voxels", "resolution": 64, "qp": 16, "refine": "off"} | options))))
+
+
+def printed(image, name="print"):
+    """A square of two faces that shows an image."""
+    side = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float64)
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    return Scene(np.insert(side, 2, 0, axis=1), faces, np.zeros(2, np.int64), side[faces], None, [Material(name, texture=0)],
+                 [Texture(image)])
+
+
+def attributes(document):
+    """Names of the attributes of every primitive."""
+    return [set(p["attributes"]) for p in document["meshes"][0]["primitives"]]
+
+
+# Colours where the source had them.
+
+
+def test_a_surface_of_one_colour_has_no_uvs(tmp_path):
+    for support in ("voxels", "auto"):
+        save(coded(scene_of(*sphere(8)), support=support), tmp_path / "a.glb")
+        document, _ = read_glb(tmp_path / "a.glb")
+        assert attributes(document) == [{"POSITION", "NORMAL"}] and "images" not in document
+
+
+def test_colours_of_vertices_come_back_at_vertices(tmp_path):
+    scene = painted_sphere(12)
+    texf = coded(scene, resolution=256)
+    save(texf, tmp_path / "a.glb")
+    document, binary = read_glb(tmp_path / "a.glb")
+    assert attributes(document) == [{"POSITION", "NORMAL", "COLOR_0"}] and "images" not in document
+    got = accessor(document, binary, document["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"]) / 65535
+    place = accessor(document, binary, document["meshes"][0]["primitives"][0]["attributes"]["POSITION"])
+    wanted = scene.corner_color.reshape(-1, 4)
+    at = scene.positions[scene.faces].reshape(-1, 3)
+    nearest = np.array([np.abs(at - p).sum(axis=1).argmin() for p in place])
+    assert np.abs(got - wanted[nearest])[:, :3].mean() < 0.01 and np.abs(got - wanted[nearest])[:, :3].max() < 0.06
+
+
+def test_an_image_is_written_where_one_is_wanted(tmp_path):
+    texf = coded(painted_sphere(12))
+    for options in ({"appearance": "texture"}, {"texture_size": 64}, {"atlas": "fast"}):
+        save(texf, tmp_path / "a.glb", **options)
+        document, _ = read_glb(tmp_path / "a.glb")
+        assert attributes(document) == [{"POSITION", "NORMAL", "TEXCOORD_0"}] and len(document["images"]) == 1
+
+
+@pytest.mark.parametrize("kind", ["noise", "small print"])
+def test_what_vertices_cannot_show_stays_an_image(kind):
+    image = np.full((128, 128, 4), 255, np.uint8)
+    if kind == "noise":
+        image[..., :3] = np.random.default_rng(0).integers(0, 256, (128, 128, 3))
+    else:
+        image[60:64, 60:66, :3] = 0  # 24 of 16384 texels: 34 dB if they went missing altogether
+    document = json_of(as_glb(coded(printed(image), resolution=128))[0])
+    assert attributes(document) == [{"POSITION", "NORMAL", "TEXCOORD_0"}] and len(document["images"]) == 1
+
+
+def json_of(data):
+    return json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+
+
+def test_materials_with_and_without_images_share_a_file(tmp_path):
+    """A painted sphere and a printed square are one stream: each has its own attributes, and the sphere no part in the atlas."""
+    ball, page = painted_sphere(12), printed(np.random.default_rng(1).integers(0, 256, (64, 64, 4), np.uint8) | [0, 0, 0, 255])
+    both = Scene(
+        np.concatenate([ball.positions, page.positions + [3, 0, 0]]), np.concatenate([ball.faces, page.faces + len(ball.positions)]),
+        np.concatenate([ball.face_material, page.face_material + 1]), np.concatenate([ball.corner_uv, page.corner_uv]),
+        np.concatenate([ball.corner_color, np.ones((2, 3, 4), np.float32)]), ball.materials + page.materials, page.textures)
+    save(coded(both, resolution=256), tmp_path / "a.glb")
+    document, _ = read_glb(tmp_path / "a.glb")
+    assert sorted(map(sorted, attributes(document))) == [["COLOR_0", "NORMAL", "POSITION"], ["NORMAL", "POSITION", "TEXCOORD_0"]]
+    back = load(tmp_path / "a.glb")
+    assert len(back.faces) == len(both.faces) and len(back.textures) == 1
+
+
+def test_the_validator_finds_nothing_in_colours_at_vertices(tmp_path):
+    if shutil.which("node") is None:
+        pytest.skip("node is not here")
+    for number, scene in enumerate((painted_sphere(6), scene_of(*sphere(6)))):
+        save(coded(scene), tmp_path / f"{number}.glb")
+    run = subprocess.run(["node", str(REPOSITORY / "tools" / "validate_glb.mjs"), *map(str, sorted(tmp_path.glob("*.glb")))],
+                         cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    if run.returncode == 2:
+        pytest.skip("gltf-validator is not here: npm install gltf-validator")
+    assert run.returncode == 0 and run.stdout.count("0 errors, 0 warnings") == 2, run.stdout

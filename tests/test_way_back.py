@@ -86,7 +86,8 @@ def test_materials_with_and_without_images_share_a_file(tmp_path):
     """A painted sphere and a printed square are one stream: each has its own attributes, and the sphere no part in the atlas."""
     ball, page = painted_sphere(12), printed(np.random.default_rng(1).integers(0, 256, (64, 64, 4), np.uint8) | [0, 0, 0, 255])
     both = Scene(
-        np.concatenate([ball.positions, page.positions + [3, 0, 0]]), np.concatenate([ball.faces, page.faces + len(ball.positions)]),
+        np.concatenate([ball.positions, page.positions + [3, 0, 0]]),
+        np.concatenate([ball.faces, page.faces + len(ball.positions)]),
         np.concatenate([ball.face_material, page.face_material + 1]), np.concatenate([ball.corner_uv, page.corner_uv]),
         np.concatenate([ball.corner_color, np.ones((2, 3, 4), np.float32)]), ball.materials + page.materials, page.textures)
     save(coded(both, resolution=256), tmp_path / "a.glb")

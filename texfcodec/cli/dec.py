@@ -19,8 +19,8 @@ _LOOK = ("appearance", "texture_size", "atlas", "texture_format", "texture_quali
 @click.option("--overwrite", is_flag=True, help="Replace files beside OUT (.mtl, images, .bin) that are there already; OUT "
               "itself always is.")
 @click.option("--appearance", type=click.Choice(APPEARANCES),
-              help="Textures, colours at vertices, or the voxels as points.  [default: texture, but vertex for .ply, and in GLB and "
-              "glTF for materials whose colours vertices show as well]")
+              help="Textures, colours at vertices, or the voxels as points.  [default: texture, but vertex for .ply, and in "
+              "GLB and glTF for materials whose colours vertices show as well]")
 @click.option("--texture-size", metavar="N", **number(1, 16384, "Side of the atlas in texels. An atlas is made for fields over "
               "voxels; fields over texels keep their image and UVs.  [default: by the field]"))
 @click.option("--atlas", type=click.Choice(ATLAS_METHODS), default=ATLAS_METHODS[0],

@@ -58,8 +58,8 @@ def save(texf: Any, path: str | PathLike, appearance: str | None = None, texture
     """Write a decoded stream; the suffix of path chooses the format.
 
     texf: decoded stream (Texf). appearance: "texture", "vertex" (colours at vertices), "voxels" (point cloud of voxel centres);
-    None means texture, but vertex for PLY, which has no texture, and for materials of a GLB or glTF whose field colours at vertices
-    show as well as an image, see vertex_fit.py. With texture a field over texels keeps its image and its UVs,
+    None means texture, but vertex for PLY, which has no texture, and for materials of a GLB or glTF whose field is shown as well
+    by colours at vertices, see vertex_fit.py. With texture a field over texels keeps its image and its UVs,
     and all fields over voxels are baked into one atlas; an NPZ holds every decoded array, see npz_write.arrays().
     texture_size: side of the atlas in texels or None; atlas: "auto", "quality" or "fast"; fields over texels have no part in
     them. options: the rest of SaveOptions; texture_format is for textures, other than PNG and JPEG for glTF, and compress for

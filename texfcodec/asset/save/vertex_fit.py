@@ -1,9 +1,10 @@
 """Colours at vertices in place of an image, where they show a field as well as an image would.
 
-A stream does not say whether its colours came from an image or from vertices, so that the field itself is asked: colours are fitted
-to the vertices and compared with it between them. Measured at r01 and r03: fields that came from vertices are met with 43.8 to 47.7
-dB of RGB, which an atlas meets with 46 to 57, and fields that came from images with 24.9 to 33.3 dB. A Texf stands in a later room,
-so that signatures here say Any.
+A stream does not say whether its colours came from an image or from vertices, so that the field itself is asked: colours are
+fitted to the vertices and compared with it between them. Measured at r01 and r03: fields that came from vertices are met with
+43.8 to 47.7 dB of RGB, which an atlas meets with 46 to 57, and fields that came from images with 24.9 to 33.3 dB.
+
+A Texf stands in a later room, so that signatures here say Any.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ TAIL = (0.999, 32.0)  # levels that so many of the points stay within: small pri
 
 @dataclass
 class VertexColours:
-    """rgba: float64 [U, 4], 0..255, colour sRGB-coded, straight alpha; index: int64 [n, 3] into it, for every face; psnr: dB of RGB
-    between them and the field, where viewers interpolate in linear light."""
+    """rgba: float64 [U, 4], 0..255, colour sRGB-coded, straight alpha; index: int64 [n, 3] into it, for every face; psnr: dB of
+    RGB between them and the field, where viewers interpolate in linear light."""
 
     rgba: np.ndarray
     index: np.ndarray
@@ -35,8 +36,8 @@ class VertexColours:
 
 
 def vertex_fit(texf: Any, faces: np.ndarray) -> VertexColours | None:
-    """Colours at the corners of some faces, int64 [n], that are closest to the field between them; None where an image shows more.
-    texf: decoded stream (Texf)."""
+    """Colours at the corners of some faces, int64 [n], that are closest to the field between them; None where an image shows
+    more. texf: decoded stream (Texf)."""
     corner, area = texf.faces[faces].ravel(), _areas(texf, faces)
     if not len(faces) or not area.sum() > 0:
         return None

@@ -33,28 +33,29 @@ class MeshReader:
     def __init__(self, document: Document, look_of: Callable[[Any], Look]) -> None:
         self.document, self.look_of = document, look_of
         self._slots: dict[int | None, int] = {}
-        self._meshes: dict[int, list[Part]] = {}
+        self._meshes: dict[tuple[int, bool], list[Part]] = {}
         self._used_uv: set[str] = set()
         self._found_uv: set[str] = set()
 
-    def read(self, index: int) -> list[Part]:
-        """Mesh index -> list of Part in mesh space."""
-        if index not in self._meshes:
+    def read(self, index: int, skinned: bool = False) -> list[Part]:
+        """Mesh index -> list of Part in mesh space. skinned: whether with joints and weights."""
+        if (index, skinned) not in self._meshes:
             entry = self.document.entry("meshes", index)
             primitives = entry.get("primitives")
             if not isinstance(primitives, list) or not all(isinstance(primitive, dict) for primitive in primitives):
                 raise malformed(f"mesh {title(entry, index)} has no array of primitives")
             label = f"mesh {title(entry, index)}"
-            parts = [self._primitive(entry, primitive, f"{label} primitive {n}") for n, primitive in enumerate(primitives)]
-            self._meshes[index] = [found for found in parts if found is not None]
-        return self._meshes[index]
+            parts = [self._primitive(entry, primitive, f"{label} primitive {n}", skinned)
+                     for n, primitive in enumerate(primitives)]
+            self._meshes[index, skinned] = [found for found in parts if found is not None]
+        return self._meshes[index, skinned]
 
     def drop_unused_uv(self) -> None:
         """Name the UV sets that no image asked for."""
         for name in sorted(self._found_uv - self._used_uv):
             self.document.notes.remark(f"{name} is used by no image and left out")
 
-    def _primitive(self, mesh, primitive, label):
+    def _primitive(self, mesh, primitive, label, skinned):
         mode = integer(primitive, "mode", _TRIANGLES)
         if mode not in (_TRIANGLES, _STRIP, _FAN):
             self.document.notes.warn(f"{label} is not made of triangles ({_MODE_NAMES.get(mode, mode)}); it is left out")
@@ -70,13 +71,15 @@ class MeshReader:
         faces = self._triangles(indices, mode if not source.is_triangles else _TRIANGLES, label)
         material = primitive.get("material")
         look = self.look_of(material)
-        self._drop_attributes(primitive, label)
+        self._drop_attributes(primitive, label, skinned)
         result = Part(self._morphed(mesh, primitive, positions), faces, self._slot(material),
                       self._uv(source, look.leading, label), self._vertex_color(source, label), label,
                       {name: self._uv(source, info, label) for name, info in look.others().items()})
         if source.has("NORMAL"):  # without it, TANGENT says nothing (section 3.7.2.1)
             result.normal = self._morphed(mesh, primitive, source.floats("NORMAL", ("VEC3",)), "NORMAL")
             result.tangent = source.floats("TANGENT", ("VEC4",)) if source.has("TANGENT") else None
+        if skinned:
+            result.influences = _influences(source)
         for values in (result.uv, result.color, result.normal, result.tangent, *result.map_uv.values()):
             if values is not None and len(values) != len(positions):
                 raise malformed(f"{label} has attributes of different counts")
@@ -123,12 +126,12 @@ class MeshReader:
         color[:, : stored.shape[1]] = stored
         return color
 
-    def _drop_attributes(self, primitive, label):
+    def _drop_attributes(self, primitive, label, skinned):
         names = part(primitive, "attributes")
         for name in names:
             if name.startswith("TEXCOORD_"):
                 self._found_uv.add(name)
-            elif name not in ("POSITION", "COLOR_0", "NORMAL", "TANGENT"):
+            elif name not in ("POSITION", "COLOR_0", "NORMAL", "TANGENT") and not (skinned and _is_of_skin(name)):
                 self.document.notes.remark(f"attribute {name} is left out")
         for name in extensions(primitive):
             if name not in (_DRACO, VARIANTS):
@@ -150,6 +153,22 @@ class MeshReader:
                     raise malformed("a morph target differs in count from its mesh")
                 values = values + float(weight) * np.asarray(delta, np.float64)
         return values
+
+
+def _is_of_skin(name):
+    return name.startswith(("JOINTS_", "WEIGHTS_"))
+
+
+def _influences(source):
+    """(joints, weights), each float64 [V, 4 n], of all the sets that a primitive has; None where it has none."""
+    found, number = [], 0
+    while source.has(f"JOINTS_{number}") and source.has(f"WEIGHTS_{number}"):
+        found.append((source.floats(f"JOINTS_{number}", ("VEC4",), False), source.floats(f"WEIGHTS_{number}", ("VEC4",), True)))
+        number += 1
+    if not found or len({len(values) for pair in found for values in pair}) > 1:
+        return None
+    joints, weights = (np.concatenate(values, axis=1).astype(np.float64) for values in zip(*found, strict=True))
+    return joints, weights
 
 
 class _Plain:

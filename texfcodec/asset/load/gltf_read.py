@@ -17,6 +17,7 @@ from ...errors import InputError, SupportError
 from .gltf_document import extensions, integer, is_index, malformed, name_of, numbers, open_document, title
 from .gltf_material import read_look, read_material
 from .gltf_mesh import VARIANTS, MeshReader
+from .gltf_skin import Rest
 from .image_read import TextureShelf
 from .normals import place_normals, place_tangents
 from .parts import Notes, assemble, check_face_count
@@ -71,7 +72,7 @@ def _read_nodes(document, meshes):
     """(Parts in world space, indices of the nodes walked), depth first in file order."""
     parts, seen, faces = [], set(), 0
     stack = [(index, np.eye(4)) for index in reversed(_roots(document))]
-    order = []
+    order, rest = [], Rest(document, _local_matrix, _references)
     while stack:
         index, above = stack.pop()
         node = document.entry("nodes", index)
@@ -81,7 +82,9 @@ def _read_nodes(document, meshes):
         order.append(index)
         world = above @ _local_matrix(node)
         if "mesh" in node:
-            placed = [_place(part, world) for part in meshes.read(_reference(node, "mesh"))]
+            found = meshes.read(_reference(node, "mesh"), skinned="skin" in node)
+            placed = rest.posed(found, node["skin"], f"node {title(node, index)}") if "skin" in node else None
+            placed = placed or [_place(part, world) for part in found]
             parts += placed
             faces += sum(len(part.faces) for part in placed)
             check_face_count(faces)
@@ -152,7 +155,6 @@ def _drop_node_properties(document, node, index):
     name = f"node {title(node, index)}"
     if "skin" in node:
         document.notes.drop("skin")
-        document.notes.warn(f"the skin of {name} is not applied; its mesh is taken as stored, placed by the node")
     if "camera" in node:
         document.notes.remark(CAMERAS)
     if "weights" in node:

@@ -59,7 +59,8 @@ class Part:
     positions: float [V, 3]; faces: integer [F, 3]; material: index, or integer [F];
     uv: float [V, 2] or [F, 3, 2] in glTF convention, or None; color: float32 linear RGBA [V, 4] or [F, 3, 4], or None;
     label: how messages call it; map_uv: as uv, by channel name, for channels with other UVs; normal: float [V, 3] or [F, 3, 3] of
-    any length, or None; tangent: float [V, 4] or [F, 3, 4], or None.
+    any length, or None; tangent: float [V, 4] or [F, 3, 4], or None; influences: (joints, weights), each [V, J], of a skin that
+    is not applied yet, or None.
     """
 
     positions: np.ndarray
@@ -71,6 +72,7 @@ class Part:
     map_uv: dict = field(default_factory=dict)
     normal: np.ndarray | None = None
     tangent: np.ndarray | None = None
+    influences: tuple[np.ndarray, np.ndarray] | None = None
 
 
 def drop_alpha(color: np.ndarray | None, notes: Notes) -> None:

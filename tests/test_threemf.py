@@ -77,7 +77,7 @@ def test_textures_with_their_tile_styles(tmp_path):
     scene = load_bytes(tmp_path, data, "a.3mf", strict=True)
     assert scene.corner_uv.tolist() == [[[0, 1], [1, 1], [1, 0.25]], [[1, 1]] * 3]
     assert scene.textures[0].wrap == (WRAP_MIRROR, WRAP_CLAMP) and scene.textures[0].image[0, 1].tolist() == [0, 0, 255, 255]
-    assert scene.dropped == ["NEAREST filter of texture '/3D/Textures/t.png'"]
+    assert scene.dropped == [] and scene.textures[0].nearest
     assert [material.name for material in scene.materials] == ["t.png"]
     missing = package(model(resources + mesh('pid="6" p1="0"', 'pid="6" p1="1"')))
     assert "TXF-I16" in load_bytes(tmp_path, missing, "a.3mf").warnings[0]

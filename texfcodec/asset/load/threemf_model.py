@@ -76,8 +76,6 @@ def read_model(stream: IO[bytes], notes: Notes) -> Model:
         raise malformed("an attribute is missing or unreadable", reason=f"{type(error).__name__}: {error}"[:100]) from error
     except (ElementTree.ParseError, LookupError) as error:  # LookupError: an encoding that is none
         raise malformed("a model part is not XML", reason=str(error)[:100]) from error
-    for path in model.nearest:
-        notes.drop(f"NEAREST filter of texture '{path[:100]}'")
     return model
 
 

@@ -184,7 +184,8 @@ def _table(group, indices):
 
 
 def _textured(archive, name, group, shelf):
-    entry = archive.model(name).textures.get(group.texture)
+    model = archive.model(name)
+    entry = model.textures.get(group.texture)
     if entry is None:
         raise malformed("a texture group names a texture that does not exist", value=str(group.texture)[:40])
     path, *styles = entry
@@ -196,7 +197,8 @@ def _textured(archive, name, group, shelf):
         return data
 
     label = posixpath.basename(path)
-    return Material(label, texture=shelf.put(_key(path), fetch, label, tuple(_WRAPS[style] for style in styles)))
+    wrap = tuple(_WRAPS[style] for style in styles)
+    return Material(label, texture=shelf.put(_key(path), fetch, label, wrap, nearest=path in model.nearest))
 
 
 def _plain(name, rgba):

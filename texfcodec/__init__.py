@@ -1,25 +1,41 @@
 """texfcodec: a codec for textured meshes that keeps the texture in the voxels the surface touches.
 
-Names are imported when they are first used, so that `import texfcodec` is quick.
+Names are imported when they are first used, so that `import texfcodec` is quick; editors and type checkers read the imports here.
 """
 
 from importlib import import_module
+from typing import TYPE_CHECKING
 
-_HOME = {
-    "encode": "api", "encode_to_result": "api", "decode": "api", "inspect": "api", "Texf": "texf", "Encoded": "encoder",
-    "PlaneCodec": "codecs.codec", "JointCodec": "codecs.codec",
-    "EncodeOptions": "options", "DecodeOptions": "options", "Limits": "limits", "Report": "report",
-    "TexfError": "errors", "InputError": "errors", "StreamError": "errors", "LimitError": "errors", "SupportError": "errors",
-}
-__all__ = sorted(_HOME)  # noqa: PLE0605
+__all__ = [
+    "Cancelled", "DecodeOptions", "EncodeOptions", "Encoded", "InputError", "JointCodec", "LimitError", "Limits", "LossWarning",
+    "PlaneCodec", "Report", "Scene", "StreamError", "SupportError", "Texf", "TexfError", "decode", "encode", "encode_to_result",
+    "inspect",
+]
 __version__ = "0.1.0"
 
+if TYPE_CHECKING:
+    from .api import decode, encode, encode_to_result, inspect
+    from .asset.scene import Scene
+    from .codecs.codec import JointCodec, PlaneCodec
+    from .encoder import Encoded
+    from .errors import InputError, LimitError, LossWarning, StreamError, SupportError, TexfError
+    from .limits import Limits
+    from .options import DecodeOptions, EncodeOptions
+    from .report import Cancelled, Report
+    from .texf import Texf
+else:
+    _HOME = {
+        "encode": "api", "encode_to_result": "api", "decode": "api", "inspect": "api", "Texf": "texf", "Encoded": "encoder",
+        "Scene": "asset.scene", "PlaneCodec": "codecs.codec", "JointCodec": "codecs.codec",
+        "EncodeOptions": "options", "DecodeOptions": "options", "Limits": "limits", "Report": "report", "Cancelled": "report",
+        "TexfError": "errors", "InputError": "errors", "StreamError": "errors", "LimitError": "errors", "SupportError": "errors",
+        "LossWarning": "errors",
+    }
 
-def __getattr__(name):
-    if name not in _HOME:
-        raise AttributeError(f"module 'texfcodec' has no attribute {name!r}")
-    return getattr(import_module("." + _HOME[name], __name__), name)
+    def __getattr__(name):
+        if name not in _HOME:
+            raise AttributeError(f"module 'texfcodec' has no attribute {name!r}")
+        return getattr(import_module("." + _HOME[name], __name__), name)
 
-
-def __dir__():
-    return [*__all__, "__version__"]
+    def __dir__():
+        return [*__all__, "__version__"]

@@ -4,44 +4,118 @@ kernel, decoding one no encoder."""
 from __future__ import annotations
 
 import time
+import warnings
+from collections.abc import Mapping
 from os import PathLike
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 
-from .errors import InputError
-from .options import DecodeOptions, EncodeOptions
-from .report import Report
+from .errors import InputError, LossWarning
+from .options import DecodeOptions, EncodeOptions, options_of
+from .report import SENTENCES, Report
 
 if TYPE_CHECKING:
+    import trimesh
+
     from .asset.scene import Scene
-    from .limits import Limits
-
-if TYPE_CHECKING:
     from .encoder import Encoded
+    from .limits import Limits
     from .texf import Texf
 
-
-def encode(mesh_or_path: object, options: EncodeOptions | None = None, report: Report | None = None) -> bytes:
-    """Codes a textured mesh: as encode_to_result(), the .texf stream alone."""
-    return encode_to_result(mesh_or_path, options, report).data
+Stream: TypeAlias = "bytes | bytearray | memoryview | str | PathLike[str] | BinaryIO"
+Mesh: TypeAlias = "Stream | trimesh.Trimesh | trimesh.Scene | Scene"
 
 
-def encode_to_result(mesh_or_path: object, options: EncodeOptions | None = None, report: Report | None = None) -> Encoded:
+def encode(mesh: Mesh, options: EncodeOptions | Mapping[str, Any] | None = None, report: Report | None = None) -> bytes:
     """Codes a textured mesh.
 
-    mesh_or_path: path of a mesh file, a trimesh object or a Scene; report: Report that receives seconds by stage, warnings and
-    dropped properties. Returns the stream with its byte counts, and what the encoder chose and why. Raises InputError,
-    LimitError, SupportError.
+    Parameters
+    ----------
+    mesh : str, PathLike, bytes, file object, trimesh.Trimesh, trimesh.Scene or Scene
+        A path; the bytes of a mesh file, or a file object open for reading bytes, whose format is that of its name where it has
+        one with a suffix, else told by the first bytes (GLB, glTF, PLY, STL, OFF, 3MF, COLLADA); or a mesh in memory.
+    options : EncodeOptions or dict, optional
+        Rate and all other settings; a dict holds fields of EncodeOptions by name.
+    report : Report, optional
+        Receives seconds by stage, and what the warnings say, as lists.
+
+    Returns
+    -------
+    bytes
+        The .texf stream. encode_to_result() returns what is known of it as well.
+
+    Raises
+    ------
+    InputError
+        The mesh, its files or an option are at fault; TXF-I52 where options are strict and something would be lost.
+    LimitError, SupportError
+        The mesh asks for more than options.limits; something it needs is not installed.
+    Cancelled
+        The report's on_progress returned False.
+
+    Warns
+    -----
+    LossWarning
+        Once for every warning, and for every property that is not coded.
+
+    Notes
+    -----
+    The same mesh, options and version give the same bytes, whatever the threads and the machine.
     """
+    made = _encoded(mesh, options, report)
+    _warn_of_losses([*made.warnings, *map(_not_coded, made.dropped)])
+    return made.data
+
+
+def encode_to_result(mesh: Mesh, options: EncodeOptions | Mapping[str, Any] | None = None,
+                     report: Report | None = None) -> Encoded:
+    """Codes a textured mesh: as encode(), and tells what is known of the stream.
+
+    Parameters
+    ----------
+    mesh, options, report
+        As of encode().
+
+    Returns
+    -------
+    Encoded
+        data, the stream; its byte counts; what the encoder chose and why; warnings, dropped and remarks.
+
+    Raises
+    ------
+    InputError, LimitError, SupportError, Cancelled
+        As encode().
+
+    Warns
+    -----
+    LossWarning
+        As encode().
+    """
+    made = _encoded(mesh, options, report)
+    _warn_of_losses([*made.warnings, *map(_not_coded, made.dropped)])
+    return made
+
+
+def _encoded(mesh, options, report):
     from .asset.load.files import load
 
-    options, report = options or EncodeOptions(), report or Report()
+    options, report = options_of(EncodeOptions, options), report or Report()
     with report.stage("load"):
-        scene = load(mesh_or_path, strict=options.strict)
+        scene = load(mesh, strict=options.strict)
     report.warnings += scene.warnings
     report.dropped += scene.dropped
     report.remarks += scene.remarks
     refuse_losses(options, report)
     return encode_loaded(scene, options, report)
+
+
+def _not_coded(name):
+    return f"not coded: {name}"
+
+
+def _warn_of_losses(sentences):
+    """Says each as a LossWarning at the line that called the caller of this."""
+    for sentence in sentences:
+        warnings.warn(sentence, LossWarning, stacklevel=3)
 
 
 def refuse_losses(options: EncodeOptions, report: Report) -> None:
@@ -53,8 +127,9 @@ def refuse_losses(options: EncodeOptions, report: Report) -> None:
 
 
 def encode_loaded(scene: Scene, options: EncodeOptions, report: Report) -> Encoded:
-    """Codes a Scene: at the rate that was asked for, or by search where a target was; checks and measures it as options say."""
-    begin = time.perf_counter()
+    """Codes a Scene: at the rate that was asked for, or by search where a target was; checks and measures it as options say. The
+    sentences of the Scene are the caller's to report, and those of the result as well."""
+    begin, known = time.perf_counter(), {name: len(getattr(report, name)) for name in SENTENCES}
     if options.target_bytes is not None or options.target_psnr is not None:
         from .search import encode_to_target
 
@@ -78,6 +153,8 @@ def encode_loaded(scene: Scene, options: EncodeOptions, report: Report) -> Encod
             made.psnr_3d = measure_or_warn(lambda: measure(scene, made, options.threads), report)
     refuse_losses(options, report)
     _say_if_larger(scene, made, report)
+    for name, count in known.items():  # the report may be of several encodes
+        setattr(made, name, [*getattr(scene, name), *getattr(report, name)[count:]])
     return made
 
 
@@ -98,15 +175,38 @@ def measure(scene: Scene, made: Encoded, threads: int = 1) -> dict:
     return measured(scene, texf, threads=threads, face_field=made.face_field)
 
 
-def decode(data_or_path: bytes | bytearray | memoryview | str | PathLike, options: DecodeOptions | None = None,
-           report: Report | None = None) -> Texf:
+def decode(stream: Stream, options: DecodeOptions | Mapping[str, Any] | None = None, report: Report | None = None) -> Texf:
     """Decodes a .texf stream (spec clauses 5 to 8).
 
-    data_or_path: the stream as bytes, or the path of a file; report: Report that receives seconds by stage and warnings. Raises
-    InputError for a file that cannot be read or an argument of another kind, StreamError, LimitError or SupportError.
+    Parameters
+    ----------
+    stream : bytes-like, str, PathLike or file object
+        The stream, the path of its file, or a file object open for reading bytes.
+    options : DecodeOptions or dict, optional
+        A dict holds fields of DecodeOptions by name.
+    report : Report, optional
+        Receives seconds by stage and warnings.
+
+    Returns
+    -------
+    Texf
+        The mesh, the fields that colour it, and its materials.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or an argument is of another kind.
+    StreamError, LimitError, SupportError
+        The stream is invalid, asks for more than options.limits, or for what this version does not have.
+    Cancelled
+        The report's on_progress returned False.
+
+    Notes
+    -----
+    Files from strangers: DecodeOptions(isolate=True), and lower limits. Decoded values are the same on every machine.
     """
-    options, report = options or DecodeOptions(), report or Report()
-    data = _bytes_of(data_or_path, options.limits)
+    options, report = options_of(DecodeOptions, options), report or Report()
+    data = _bytes_of(stream, options.limits)
     if options.isolate:
         from .isolate import decode_isolated
 
@@ -116,20 +216,43 @@ def decode(data_or_path: bytes | bytearray | memoryview | str | PathLike, option
     return decode_stream(data, options, report)
 
 
-def inspect(data_or_path: bytes | bytearray | memoryview | str | PathLike, limits: Limits | None = None) -> dict:
-    """What stands where in a .texf stream, JSON-ready; see bitstream.inspect. data_or_path: bytes, or the path of a file."""
+def inspect(stream: Stream, limits: Limits | None = None) -> dict:
+    """What stands where in a .texf stream, without decoding it.
+
+    Parameters
+    ----------
+    stream : bytes-like, str, PathLike or file object
+        As of decode().
+    limits : Limits, optional
+        On the size of the stream and of its metadata.
+
+    Returns
+    -------
+    dict
+        JSON-ready: units, their elements with offsets and values, fields, materials, channel groups, level; see
+        bitstream.inspect.
+
+    Raises
+    ------
+    InputError, StreamError, LimitError, SupportError
+        As decode().
+    """
     from .bitstream.inspect import inspect as inspected
     from .limits import Limits
 
     limits = limits or Limits()
-    return inspected(_bytes_of(data_or_path, limits), limits)
+    return inspected(_bytes_of(stream, limits), limits)
 
 
-def _bytes_of(data_or_path, limits):
-    if isinstance(data_or_path, bytes | bytearray | memoryview):
-        return bytes(data_or_path)
-    if isinstance(data_or_path, str | PathLike):
+def _bytes_of(stream, limits):
+    if isinstance(stream, bytes | bytearray | memoryview):
+        return bytes(stream)
+    if isinstance(stream, str | PathLike):
         from .bitstream.file import read_stream_file
 
-        return read_stream_file(data_or_path, limits)
-    raise InputError("TXF-I05", "neither the bytes of a stream nor the path of a file", value=type(data_or_path).__name__)
+        return read_stream_file(stream, limits)
+    if hasattr(stream, "read"):
+        from .bitstream.file import read_stream_object
+
+        return read_stream_object(stream, limits)
+    raise InputError("TXF-I05", "neither the bytes of a stream nor the path of a file", value=type(stream).__name__)

@@ -75,7 +75,8 @@ class Encoded:
     "voxels", "texels", "faces", "vertices"}; face_field: int64 [F], field of every face of the scene, -1 where it was left out;
     choices: every choice of the encoder by its name, with what was measured for it, JSON-ready; reconstruction_sha256: hash over
     keys and decoded values, field by field and channel by channel; psnr_3d: as quality.measure, where it was measured; check: as
-    check.check_encoded, where the stream was checked; values: by field, decoded planes by channel name, until then."""
+    check.check_encoded, where the stream was checked; values: by field, decoded planes by channel name, until then; warnings,
+    dropped: what looks different and what is not coded, in sentences; remarks: what changes no picture."""
 
     data: bytes
     sizes: dict
@@ -89,10 +90,15 @@ class Encoded:
     psnr_3d: dict | None = None
     check: dict | None = None
     values: list[dict[str, np.ndarray]] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    dropped: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
 
     def __repr__(self):
         counts = ", ".join(f"{number} {name}" for name, number in self.counts.items())
-        return f"<Encoded: {len(self.data)} bytes, K {self.resolution}, QP {self.qp}, {counts}>"
+        losses = len(self.warnings) + len(self.dropped)
+        lost = f", {losses} loss{'es' * (losses != 1)}" if losses else ""
+        return f"<Encoded: {len(self.data)} bytes, K {self.resolution}, QP {self.qp}, {counts}{lost}>"
 
 
 def encode_scene(scene: Scene, options: EncodeOptions | None = None, report: Report | None = None,

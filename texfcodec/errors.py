@@ -30,6 +30,11 @@ class TexfError(Exception):
         return {"code": self.code, "message": self.message, **self.details}
 
 
+class LossWarning(UserWarning):
+    """Something of a mesh will look different, or is left out: warnings.warn() says each such sentence of encode() and
+    Texf.save(); the command lines print them instead."""
+
+
 def _rebuild(cls, code, message, details):
     return cls(code, message, **details)
 

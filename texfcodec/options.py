@@ -2,9 +2,10 @@
 
 import math
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import Field, dataclass, field, fields
-from typing import Any
+from difflib import get_close_matches
+from typing import Any, TypeVar
 
 from .codecs import codec_names, codec_of, our_codecs
 from .codecs.codec import Codec
@@ -88,6 +89,35 @@ def _check_number(name, value, low, high):
         raise InputError("TXF-I50", f"{name} is not a {'whole ' * whole}number", value=repr(value)[:80], allowed=f"{low}..{high}")
     if not low <= number <= high:
         raise InputError("TXF-I50", f"{name} is out of range", value=value, allowed=f"{low}..{high}")
+
+
+Options = TypeVar("Options", "EncodeOptions", "DecodeOptions")
+
+
+def options_of(kind: type[Options], given: Options | Mapping[str, Any] | None) -> Options:
+    """The options that a caller gave: a kind, or a dict of its fields, whose "limits" may be a dict too; None: the defaults.
+    Raises InputError TXF-I50 for a name that is none, with the nearest, and for anything else."""
+    if given is None:
+        return kind()
+    if isinstance(given, kind):
+        return given
+    if not isinstance(given, Mapping):
+        raise InputError("TXF-I50", f"options are neither {kind.__name__} nor a dict", value=type(given).__name__)
+    given = dict(given)
+    if isinstance(given.get("limits"), Mapping):
+        given["limits"] = Limits(**_known_names(Limits, given["limits"]))
+    return kind(**_known_names(kind, given))
+
+
+def _known_names(kind, given):
+    """The dict. Raises InputError TXF-I50 where a name is no field of the class."""
+    known = [one.name for one in fields(kind)]
+    for name in given:
+        if name not in known:
+            near = get_close_matches(str(name), known, 1)
+            raise InputError("TXF-I50", f"{kind.__name__} has no option {str(name)[:80]!r}" +
+                             (f"; the nearest is {near[0]!r}" if near else ""), allowed=None if near else ", ".join(known))
+    return given
 
 
 def strange_options(codec: Codec) -> frozenset[str]:
@@ -240,7 +270,24 @@ class EncodeOptions:
 
 @dataclass(kw_only=True)
 class DecodeOptions:
-    """lod: octree levels to stop early (0 = full field); isolate: decode in a child process with capped memory and time."""
+    """Settings of decode().
+
+    Parameters
+    ----------
+    lod : int
+        Octree levels to stop early, 0..14; 0 is the full field.
+    threads : int
+        Most threads; 0: all processors.
+    isolate : bool
+        Decode in a child process with capped memory and time.
+    limits : Limits
+        What a stream may ask for.
+
+    Raises
+    ------
+    InputError
+        TXF-I50 for a value that is out of range.
+    """
 
     lod: int = ranged(0, 0, 14, "Stop L octree levels early.", "L")
     threads: int = ranged(0, 0, 1024, "Most threads; 0: all processors.")

@@ -4,17 +4,45 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+SENTENCES = ("warnings", "dropped", "remarks")  # the lists of a report that are for people
+
 
 class Cancelled(KeyboardInterrupt):
     """The progress callback asked to stop."""
 
 
 class Report:
-    """What happened on the way, whatever came of it. on_progress: function (stage, done, total) called at every stage; False
-    cancels. seconds: by stage; warnings, dropped: what will look different, in sentences; remarks: what changes no picture;
-    trials: of a search, a dict each; channels: of a decoder, a dict for each attribute unit, {"field", "channels", "decode_ms"};
-    child_peak_memory_bytes: of a
-    decoder in a child process; note: what the stage at work has to say of itself, "" for nothing."""
+    """What happened on the way, whatever came of it.
+
+    Parameters
+    ----------
+    on_progress : function (stage, done, total), optional
+        Called at the beginning and the end of every stage, and within those that may take more than two seconds; False cancels,
+        which raises Cancelled.
+
+    Attributes
+    ----------
+    seconds : dict
+        By stage.
+    warnings, dropped : list of str
+        What will look different, in sentences, and properties that are not coded.
+    remarks : list of str
+        What changes no picture.
+    trials : list of dict
+        Of a search.
+    channels : list of dict
+        Of a decoder, {"field", "channels", "decode_ms"} for each attribute unit.
+    child_peak_memory_bytes : int or None
+        Of a decoder in a child process.
+    note : str
+        What the stage at work has to say of itself, "" for nothing.
+
+    Notes
+    -----
+    A stage is a block `with report.stage(name):`. One that may last more than two seconds says how far it is where it has a loop
+    anyway, over parts, levels or iterations: `report.progress(name, done, total)`, or a function step(done, total) that stage()
+    gives, for rooms that take no Report. Its whole is what the loop is over; nothing is computed for the percentage alone.
+    """
 
     def __init__(self, on_progress: Callable[[str, int, int], object] | None = None) -> None:
         self.on_progress = on_progress
@@ -26,6 +54,13 @@ class Report:
         self.channels: list[dict] = []
         self.note = ""
         self.child_peak_memory_bytes: int | None = None
+
+    def __repr__(self) -> str:
+        longest = sorted(self.seconds, key=lambda name: -self.seconds[name])[:3]
+        stages = ", ".join(f"{name} {self.seconds[name]:.2f}" for name in longest)
+        more = ", ..." if len(self.seconds) > len(longest) else ""
+        counts = ", ".join(f"{len(getattr(self, name))} {name}" for name in SENTENCES)
+        return f"<Report: {sum(self.seconds.values()):.2f} s" + (f" ({stages}{more})" if stages else "") + f", {counts}>"
 
     def take(self, other: "Report") -> None:
         """Adds what another report of the same run has: seconds, sentences, trials and channels."""
@@ -39,14 +74,16 @@ class Report:
             self.seconds[name] = round(self.seconds.get(name, 0.0) + value, 6)
 
     @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
+    def stage(self, name: str) -> Iterator[Callable[[int, int], None]]:
+        """Context manager: a stage of this name, whose seconds add up. Gives step(done, total), which says how far it is."""
         self.progress(name, 0, 1)
         begin = time.perf_counter()
-        yield
+        yield lambda done, total: self.progress(name, done, total)
         self.seconds[name] = round(self.seconds.get(name, 0.0) + time.perf_counter() - begin, 6)
         self.progress(name, 1, 1)
 
     def progress(self, stage: str, done: int, total: int) -> None:
+        """Says that a stage has done so much of a total. Raises Cancelled where the callback returns False."""
         if self.on_progress and self.on_progress(stage, done, total) is False:
             raise Cancelled(f"cancelled in stage {stage}")
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
 from .asset.scene import Material
 from .channels import ALPHA, COLOURS, COLUMNS, FULL, Channel, join_planes
 from .codecs.codec import Codec, Group, split_groups
-from .errors import InputError
+from .errors import InputError, LossWarning
 from .geometry.canonical import CanonicalCube
 from .support.on_face import texel_positions
 from .support.texels import TexelSupport
@@ -158,10 +160,28 @@ class Texf:
         return corner_normals(self.lattice_positions, self.faces, rules, self.face_material, self.sharp_edges)
 
     def query(self, points: np.ndarray, face_index: np.ndarray | None = None) -> np.ndarray:
-        """Colour of the field at surface points (spec clause 8.2; where an evaluator answers its own clause, exact to the bit).
+        """Colour of the field at surface points.
 
-        points: float64 [M, 3] world space; face_index: int64 [M] face that each point lies on, or None for the nearest face.
-        Returns float32 [M, 4]: RGBA in 0..255, colour sRGB-coded, straight alpha. Raises InputError.
+        Parameters
+        ----------
+        points : float64 [M, 3]
+            In world space.
+        face_index : int64 [M], optional
+            Face that each point lies on; None for the nearest.
+
+        Returns
+        -------
+        float32 [M, 4]
+            RGBA in 0..255, colour sRGB-coded, straight alpha.
+
+        Raises
+        ------
+        InputError
+            TXF-I70 for an empty asset, TXF-I71 for points that are not finite, TXF-I72 for arrays of other shapes.
+
+        Notes
+        -----
+        Spec clause 8.2; where an evaluator answers, its own clause, exact to the bit.
         """
         points = _points(points)
         if len(points) == 0:
@@ -252,16 +272,71 @@ class Texf:
         return self.cube.to_world(grid * ((1 << self.position_bits) / part.support.resolution))
 
     def bake(self, texture_size: int | None = None, atlas: str | Atlas = "auto") -> Baked:
-        """A texture atlas with the field baked in; see asset.save.bake."""
+        """A texture atlas with the fields over voxels baked in.
+
+        Parameters
+        ----------
+        texture_size : int, optional
+            Side of the atlas in texels; None: by the field.
+        atlas : "auto", "quality", "fast" or Atlas
+            How it is laid out; "quality" may take minutes.
+
+        Returns
+        -------
+        Baked
+            Image and UVs; see asset.save.bake.
+
+        Raises
+        ------
+        InputError
+            TXF-O10 to TXF-O12.
+        """
         from .asset.save.bake import bake
 
         return bake(self, texture_size, atlas)
 
-    def save(self, path: str | PathLike, **options: Any) -> dict:
-        """Writes .glb, .gltf, .obj, .ply or .npz; see asset.save.files."""
-        from .asset.save.files import save
+    def save(self, path: str | PathLike[str] | BinaryIO, *, format: str | None = None, **options: Any) -> dict:
+        """Writes a mesh file that viewers open.
 
-        return save(self, path, **options)
+        Parameters
+        ----------
+        path : str, PathLike or file object
+            Its suffix chooses the format: .glb, .gltf, .obj, .ply or .npz. A file object, open for writing bytes, takes the
+            formats that are one file: glb, ply, npz, and obj without textures.
+        format : str, optional
+            Of a file object, "glb" for example, where its name does not say; for a path it has to agree with the suffix.
+        **options
+            appearance ("texture", "vertex" or "voxels"), texture_size, atlas, texture_format, texture_quality, compress,
+            overwrite, inputs: see asset.save.files.save().
+
+        Returns
+        -------
+        dict
+            {"warnings": sentences, "files": names written, "seams": jumps of colour across seams of the textures, or None}.
+
+        Raises
+        ------
+        InputError
+            TXF-O01 to TXF-O14: the path, the format or an option; nothing half-written remains.
+        SupportError
+            TXF-O15: the texture format or compression needs a package.
+
+        Warns
+        -----
+        LossWarning
+            Once for every warning.
+        """
+        from .asset.save.files import save, save_into
+
+        if not isinstance(path, str | PathLike):
+            told = save_into(self, path, format, **options)
+        elif format and Path(path).suffix.lower() != "." + format.lower().removeprefix("."):
+            raise InputError("TXF-O05", "the format is not that of the path's suffix", value=format, path=str(path))
+        else:
+            told = save(self, path, **options)
+        for text in told["warnings"]:
+            warnings.warn(text, LossWarning, stacklevel=2)
+        return told
 
     def __repr__(self):
         return (f"<Texf: {len(self.faces)} faces, {len(self.fields)} field{'s' * (len(self.fields) != 1)}, {self.counted()}, "

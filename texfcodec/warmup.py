@@ -29,9 +29,8 @@ def kernels_compiled() -> bool:
 
 def warm_up() -> None:
     """Encodes, measures, decodes, renders, bakes and saves a small mesh, so that every kernel is compiled and cached."""
-    import tempfile
-
     from .api import decode, encode_loaded, measure
+    from .asset.save.files import as_glb
     from .codecs import our_codecs
     from .options import EncodeOptions
     from .quality.views import compare_views
@@ -45,10 +44,9 @@ def warm_up() -> None:
             texf = decode(made.data)
             compare_views(scene, texf, views=1, size=64, ssim=True)
             made_of[texf.fields[0].over_texels] = texf
-    with tempfile.TemporaryDirectory() as folder:
-        for atlas in ("fast", "quality"):
-            made_of[False].save(Path(folder) / "a.glb", texture_size=64, atlas=atlas)
-        made_of[True].save(Path(folder) / "a.glb")
+    for atlas in ("fast", "quality"):
+        as_glb(made_of[False], texture_size=64, atlas=atlas)
+    as_glb(made_of[True])
 
 
 def small_scene() -> Scene:

@@ -9,7 +9,7 @@ import numpy as np
 from ...errors import InputError, LimitError
 from ..scene import Scene
 from .formats import SUFFIXES, format_of
-from .magic import as_utf8, check_start, what_it_is
+from .magic import as_utf8, check_start, suffix_of, what_it_is
 from .opened import opened, recording
 from .parts import Notes
 
@@ -21,9 +21,10 @@ _DAMAGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, Arithmet
 def load(source: object, strict: bool = False) -> Scene:
     """A mesh file or mesh object -> Scene in world space.
 
-    source: path of a file in one of formats.FORMATS; or a trimesh.Trimesh, trimesh.Scene or Scene (returned as it is, after a
-    check). strict: missing textures, broken images and broken UVs are errors instead of warnings. Positions keep the unit
-    and the axes that the file has; nothing is scaled or turned.
+    source: path of a file in one of formats.FORMATS; its bytes, or a file object open for reading bytes, whose format is that
+    of its name where it has one with a suffix, else by the first bytes; or a trimesh.Trimesh, trimesh.Scene or Scene (returned
+    as it is, after a check). strict: missing textures, broken images and broken UVs are errors instead of warnings. Positions
+    keep the unit and the axes that the file has; nothing is scaled or turned.
     Errors: InputError, SupportError, LimitError with codes of texfcodec/findings.py; nothing else.
     """
     if isinstance(source, (str, os.PathLike)):
@@ -31,13 +32,18 @@ def load(source: object, strict: bool = False) -> Scene:
             scene = _load_file(Path(source), Notes(strict))
         scene.files = files
         return scene
+    if isinstance(source, (bytes, bytearray, memoryview)):
+        return _load_data(bytes(source), None, Notes(strict))
+    if hasattr(source, "read"):
+        return _load_data(_read_object(source), _name_of(source), Notes(strict))
     from .trimesh_read import check_scene, is_trimesh, read_trimesh
 
     if isinstance(source, Scene):
         return check_scene(source)
     if is_trimesh(source):
         return no_metal(_guarded(lambda: read_trimesh(source, Notes(strict)), "TXF-I22"))
-    raise InputError("TXF-I05", "only paths, trimesh objects and Scenes can be loaded", value=type(source).__name__)
+    raise InputError("TXF-I05", "only paths, bytes, files open for reading bytes, trimesh objects and Scenes can be loaded",
+                     value=type(source).__name__)
 
 
 load_any = load
@@ -61,6 +67,44 @@ def _load_file(path, notes):
     if entry is None:
         raise InputError("TXF-I05", "the suffix names no supported format", value=path.suffix.lower() or "none",
                          looks_like=what_it_is(data) or None, allowed=" ".join(SUFFIXES))
+    return _scene_of(data, path, entry, notes)
+
+
+def _load_data(data, name, notes):
+    """Scene of bytes, by their name where they have one, a path as text. Files that they name are looked for beside that path,
+    or in the working folder."""
+    if not data:
+        raise InputError("TXF-I04", "the data are empty", path=name)
+    path = Path(name or "")
+    suffix = path.suffix.lower() if format_of(path.suffix.lower()) else suffix_of(data)
+    if suffix is None:
+        raise InputError("TXF-I05", "the first bytes do not tell the format: give a path, or a file object whose name has the "
+                         "suffix", value=bytes(data[:4]).hex(), looks_like=what_it_is(data) or None, allowed=" ".join(SUFFIXES))
+    with recording() as files:
+        scene = _scene_of(data, path, format_of(suffix), notes)
+    scene.files = {name or "-": len(data), **files}
+    return scene
+
+
+def _read_object(file):
+    """All bytes of a file object."""
+    try:
+        data = file.read()
+    except (OSError, ValueError, AttributeError) as error:  # ValueError: it is closed, or its text is no UTF-8
+        raise InputError("TXF-I03", "the file object cannot be read", reason=str(error)[:200]) from error
+    if not isinstance(data, (bytes, bytearray, memoryview)):
+        raise InputError("TXF-I03", "the file object gives text and not bytes: open it with mode 'rb'", value=type(data).__name__)
+    return bytes(data)
+
+
+def _name_of(file):
+    """The name of a file object, None where it has none; files that were opened by a number are called by it."""
+    name = getattr(file, "name", None)
+    return os.fspath(name) if isinstance(name, (str, os.PathLike)) and name else None
+
+
+def _scene_of(data, path, entry, notes):
+    """Scene of the bytes of a file in a format; path: of the file, beside which others are that it names."""
     if entry.text:
         data = as_utf8(data)
     check_start(data, entry)

@@ -38,6 +38,7 @@ _KINDS = (
     (0, b"<?xml", "an XML file"),
     (0, b"{", "JSON, as in a .gltf"),
 )
+_OFF_STARTS = (b"OFF", b"COFF", b"NOFF", b"CNOFF", b"STOFF")
 _BYTE_ORDER_MARKS = (
     (b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe\0\0", "utf-32"), (b"\0\0\xfe\xff", "utf-32"), (b"\xff\xfe", "utf-16"),
     (b"\xfe\xff", "utf-16"),
@@ -55,6 +56,24 @@ def what_it_is(data: bytes) -> str:
     if len(head) > 7 and head[1:8:2] == b"\0" * 4 and head[0:8:2].isascii() and b"\0" not in head[0:8:2]:
         return "UTF-16 text without a byte order mark; save it as UTF-8"
     return ""
+
+
+def suffix_of(data: bytes) -> str | None:
+    """The suffix of the format that data without a name are in, such as ".glb", None where their first bytes do not tell."""
+    from .formats import FORMATS
+
+    for entry in FORMATS:
+        if any(data[: len(start)] == start for start in entry.starts):
+            return entry.suffix
+    text = data[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()
+    if text.startswith(b"{"):
+        return ".gltf"
+    if text.startswith(b"<") and b"<COLLADA" in text:
+        return ".dae"
+    if text.startswith(_OFF_STARTS):
+        return ".off"
+    triangles = int.from_bytes(data[80:84], "little")
+    return ".stl" if text.startswith(b"solid ") or (triangles and len(data) == 84 + 50 * triangles) else None
 
 
 def check_start(data: bytes, entry: Format) -> None:

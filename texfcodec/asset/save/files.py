@@ -4,13 +4,14 @@ A Texf stands in a later room, so that signatures here say Any.
 """
 
 import errno
+import io
 import os
 import secrets
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from urllib.parse import quote
 
 import numpy as np
@@ -86,10 +87,41 @@ def save(texf: Any, path: str | PathLike, appearance: str | None = None, texture
 def as_glb(texf: Any, **options: Any) -> tuple[bytes, dict]:
     """The bytes of the GLB that save() would write, and what it would return without files: (bytes, {"warnings", "seams"}).
     options: SaveOptions."""
-    path, asked, told = Path("stream.glb"), SaveOptions(**options), _Told()
+    return _in_one_piece(texf, ".glb", SaveOptions(**options))
+
+
+def save_into(texf: Any, file: BinaryIO, form: str | None = None, **options: Any) -> dict:
+    """Writes what save() would, into a file object open for writing bytes.
+
+    form: "glb", "ply", "npz" or "obj", or None for the suffix of the object's name. options: SaveOptions. Returns as save(),
+    "files" being empty. Raises InputError, SupportError as save(); TXF-O05 also where the format has several files, as glTF and
+    OBJ with textures do.
+    """
+    name = getattr(file, "name", None)
+    suffix = "." + form.lower().removeprefix(".") if form else Path(name).suffix.lower() if isinstance(name, str) else ""
+    if not suffix:
+        raise InputError("TXF-O05", "a file object without a name needs a format, such as format='glb'",
+                         allowed=" ".join(word[1:] for word in SUFFIXES))
+    data, told = _in_one_piece(texf, suffix, SaveOptions(**options))
+    try:
+        file.write(data)
+    except (OSError, ValueError, TypeError, AttributeError) as error:  # it is closed, or open for text or reading
+        raise InputError("TXF-O04", "the file object takes no bytes", reason=str(error)[:200]) from error
+    return {"files": []} | told
+
+
+def _in_one_piece(texf, suffix, asked):
+    """(bytes, {"warnings", "seams"}) of a format that needs no file beside it. Raises InputError TXF-O05 for another."""
+    path, told = Path("stream" + suffix), _Told()
     suffix = _checked(texf, path, asked, told)
     told.looks = _looks(texf, suffix, asked)
+    if _side_names(path, suffix, asked, told.looks):
+        raise InputError("TXF-O05", "this format has several files, which need a path", value=suffix, allowed=".glb .ply .npz")
     ((_, pieces),) = _WRITERS[suffix](texf, path, asked, told)
+    if callable(pieces):
+        held = io.BytesIO()
+        pieces(held)
+        pieces = [held.getvalue()]
     return b"".join(pieces), {"warnings": told.warnings, "seams": told.seams}
 
 

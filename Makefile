@@ -7,7 +7,7 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
 
 .DELETE_ON_ERROR:
-.PHONY: demo check test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural stability determinism load fuzz faults mutants coverage conformance vectors spec-tables promise install clean
+.PHONY: demo check test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural stability strangers determinism load fuzz faults mutants coverage conformance vectors spec-tables promise install clean
 
 demo: install
 	$(PY) -m texfcodec.demo
@@ -84,6 +84,11 @@ stability: install
 # make determinism [ASSETS=folder] [ENVIRONMENTS=1] [PYTHONS="file ..."] [OUT=folder] [PAGE=docs/determinism.md]
 determinism: install
 	$(PY) tools/determinism.py $(if $(ASSETS),--assets "$(ASSETS)") $(if $(ENVIRONMENTS),--environments) $(foreach p,$(PYTHONS),--python "$(p)") --out "$(or $(OUT),out/determinism)" $(if $(PAGE),--page "$(PAGE)")
+
+# Public models fetched by name and hash, coded, decoded and judged from outside; hours, resumable:
+# make strangers [CACHE=folder] [MOST=n] [LARGEST=bytes] [JOBS=n] [ROWS=file.jsonl] [BEFORE=file.jsonl] [PICTURES=n]
+strangers: install
+	$(PY) tools/strangers --cache "$(or $(CACHE),out/strangers)" --keep-old $(if $(MOST),--most $(MOST)) $(if $(LARGEST),--largest $(LARGEST)) $(if $(JOBS),--jobs $(JOBS)) $(if $(ROWS),--rows "$(ROWS)") $(if $(BEFORE),--before "$(BEFORE)") $(if $(PICTURES),--pictures $(PICTURES))
 
 # Memory over 500 calls, 8 processes at once, a batch with faults, memory of refused files:
 # make load [PART="slope ..."] [OUT=folder] [PAGE=docs/load.md]

@@ -1,0 +1,137 @@
+"""Packages from their registries by the ordinary clients, verified by hash, and the files of the list unpacked from them."""
+
+import hashlib
+import io
+import json
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+import zipfile
+from email.parser import HeaderParser
+from pathlib import Path, PurePosixPath
+
+SECONDS = 600  # for one package
+
+
+class Unfetched(Exception):
+    """A package is not to be had here; the text says why."""
+
+
+def archive_of(package, cache):
+    """The archive of a package row, from the cache or fetched. Raises Unfetched; a sha256 in the row is compared."""
+    folder = cache / "archives" / package["kind"]
+    folder.mkdir(parents=True, exist_ok=True)
+    if "archive" in package and (folder / package["archive"]).exists():
+        return _verified(folder / package["archive"], package)
+    with tempfile.TemporaryDirectory(dir=folder) as new:
+        _download(package, Path(new))
+        files = sorted(path for path in Path(new).iterdir() if path.suffix in (".tgz", ".whl", ".gz", ".zip", ".deb"))
+        if len(files) != 1:
+            raise Unfetched(f"{package['name']}: the client brought {len(files)} archives")
+        _verified(files[0], package)
+        return files[0].replace(folder / files[0].name)
+
+
+def _verified(path, package):
+    if "sha256" in package and hashlib.sha256(path.read_bytes()).hexdigest() != package["sha256"]:
+        raise Unfetched(f"{package['name']}: {path.name} has another hash than the list")
+    return path
+
+
+def _download(package, folder):
+    """Runs the client of a registry in a folder."""
+    words = {"npm": _npm, "pypi": _pip, "debian": _apt}[package["kind"]](package, folder)
+    if not shutil.which(words[0]):
+        raise Unfetched(f"{package['name']}: {words[0]} is not installed")
+    try:
+        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=SECONDS, stdin=subprocess.DEVNULL)
+    except subprocess.TimeoutExpired:
+        raise Unfetched(f"{package['name']}: {words[0]} took longer than {SECONDS} s") from None
+    if done.returncode:
+        lines = [line for line in done.stderr.splitlines() if line.strip()] or ["no reason given"]
+        raise Unfetched(f"{package['name']}: {Path(words[0]).name} failed: {lines[-1][:200]}")
+
+
+def _npm(package, folder):
+    return ["npm", "pack", "--silent", f"{package['name']}@{package['version']}"]
+
+
+def _apt(package, folder):
+    return ["apt-get", "download", "-q", f"{package['name']}={package['version']}"]
+
+
+def _pip(package, folder):
+    """pip compares the hash before it builds anything. Wheels are taken for the platform of their name, whatever runs here."""
+    archive = package.get("archive", "any.whl")
+    pinned = f"{package['name']}=={package['version']}"
+    (folder / "requirements.txt").write_text(pinned + (f" --hash=sha256:{package['sha256']}\n" if "sha256" in package else "\n"))
+    words = [sys.executable, "-m", "pip", "download", "-q", "--disable-pip-version-check", "--no-deps", "-r", "requirements.txt"]
+    if not archive.endswith(".whl"):
+        return [*words, "--no-binary", ":all:"]
+    platform = archive.removesuffix(".whl").split("-")[-1].split(".")[0]
+    tags = [] if platform == "any" else ["--platform", platform, "--python-version", "3.11"]
+    return [*words, "--only-binary", ":all:", *tags]
+
+
+def members(archive, wanted):
+    """(path, bytes) of the files of an archive whose path wanted() takes."""
+    if archive.suffix in (".whl", ".zip"):
+        with zipfile.ZipFile(archive) as file:
+            yield from ((entry.filename, file.read(entry)) for entry in file.infolist() if wanted(entry.filename))
+        return
+    if archive.suffix == ".deb":
+        if not shutil.which("dpkg-deb"):
+            raise Unfetched(f"{archive.name}: dpkg-deb is not installed")
+        data = subprocess.run(["dpkg-deb", "--fsys-tarfile", archive], check=True, capture_output=True).stdout
+        opened = tarfile.open(fileobj=io.BytesIO(data))
+    else:
+        opened = tarfile.open(archive)
+    with opened as file:
+        for entry in file:
+            name = entry.name.removeprefix("./")
+            if entry.isfile() and wanted(name):
+                yield name, file.extractfile(entry).read()
+
+
+def unpack(archive, hashes, folder):
+    """Writes the files of an archive into a folder: those of hashes {path: sha256}, compared, or all where it is None."""
+    left = None if hashes is None else {path: digest for path, digest in hashes.items() if not (folder / path).exists()}
+    if left == {}:
+        return
+    for path, data in members(archive, lambda name: _is_inside(name) and (left is None or name in left)):
+        if left is not None and hashlib.sha256(data).hexdigest() != left.pop(path):
+            raise Unfetched(f"{archive.name}: {path} has another hash than the list")
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_bytes(data)
+    if left:
+        raise Unfetched(f"{archive.name}: {min(left)} is not in it")
+
+
+def _is_inside(name):
+    path = PurePosixPath(name)
+    return not (path.is_absolute() or ".." in path.parts or name.endswith("/"))
+
+
+def licence_of(kind, archive):
+    """The licence word of a package as its own metadata have it, "" where they have none."""
+    if kind == "npm":
+        data = next((data for _, data in members(archive, lambda name: name == "package/package.json")), b"{}")
+        licence = json.loads(data).get("license", "")
+        return licence if isinstance(licence, str) else str(licence.get("type", ""))
+    if kind == "debian":
+        return "see copyright file"
+    data = next((data for _, data in members(archive, lambda name: name.endswith(("METADATA", "PKG-INFO")))), b"")
+    head = HeaderParser().parsestr(data.decode("utf-8", "replace"))
+    words = [head.get("License-Expression"), *[line.split(" :: ")[-1] for line in head.get_all("Classifier", [])
+                                               if line.startswith("License ::")], head.get("License")]
+    return next((word.split("\n")[0][:60] for word in words if word), "")
+
+
+def fetch_package(package, folder, cache):
+    """Brings the models of a package row into its folder. Raises Unfetched."""
+    hashes = {path: digest for model in package["models"] for path, digest in
+              ((model["path"], model["sha256"]), *model.get("with", {}).items())}
+    if not all((folder / path).exists() for path in hashes):
+        unpack(archive_of(package, cache), hashes, folder)

@@ -1,0 +1,160 @@
+"""What falls short in a row, by the targets of the collection, and the summary of many rows."""
+
+import re
+import statistics
+from collections import Counter
+
+from texfcodec.errors import EXIT_INTERNAL, EXIT_IO, EXIT_LIMIT, EXIT_SUPPORT
+from texfcodec.ground.colour_error import in_decibels
+
+LEAST_DB = 30.0  # RGB of a part at the rate of the run
+LARGEST_MESH, CONTAINER = 2.0, 2048  # times the source; bytes of a GLB's JSON, which a file of twelve triangles may have less of
+SMALL = 0.001  # a part of so little of the surface is not looked at
+ALPHA_OFF, SIZE_OFF = 0.02, 0.01  # mean error of alpha; of the box
+LEAST_PICTURE, LEAST_COVER = 22.0, 0.9  # dB and shared pixels of two pictures of another program, whose filters differ a little
+SAYS_QUALITY, SAYS_SIZE = r"\bdB\b|quality|fidelity", r"larger|bigger"
+REFUSALS = (EXIT_IO, EXIT_SUPPORT, EXIT_LIMIT)
+
+INTERNAL, TOO_LONG, NOT_JSON = "internal error", "too long", "no strict JSON"
+NOT_MEASURED, POOR, ALPHA, SIZE = "not measured", "part under 30 dB", "alpha differs", "size differs"
+LARGER, LARGE_MESH, INVALID, UNNAMED = "stream larger than source", "GLB over twice the source", "validator", "unnamed loss"
+PICTURE = "picture differs"
+KINDS = (INTERNAL, TOO_LONG, NOT_JSON, NOT_MEASURED, POOR, ALPHA, SIZE, LARGER, LARGE_MESH, INVALID, UNNAMED, PICTURE)
+
+
+def findings_of(row):
+    """[[kind, sentence]] of what falls short in a row. A refusal with a code is none."""
+    found = [item for step in ("encode", "decode") if step in row for item in _of_tool(step, row[step])]
+    if "measure" not in row:
+        return found
+    said = [text for step in ("encode", "decode") for kind in ("warnings", "dropped", "remarks")
+            for text in row[step]["report"].get(kind, [])]
+    warned = " ".join(row["encode"]["report"].get("warnings", []) + row["decode"]["report"].get("warnings", []))
+    found += _of_bytes(row["bytes"], warned) + _of_validator(row["validator"]) + _of_measure(row, said, warned)
+    return found + _of_picture(row.get("picture", {}))
+
+
+def _of_tool(step, run):
+    code = run["exit"]
+    if code is None:
+        yield [TOO_LONG, f"{step} took longer than {run['seconds']:.0f} s"]
+    elif code == EXIT_INTERNAL or code < 0 or (code and (code not in REFUSALS or step == "decode")):
+        yield [INTERNAL, f"{step} ended with {code}: {_reason(run)}"]
+    elif run["json"]:
+        yield [NOT_JSON, f"{step}: {run['json']}"]
+
+
+def _reason(run):
+    error = run["report"].get("error")
+    return (f"{error.get('code')} {error.get('message')}" if isinstance(error, dict) else run["log"])[:200]
+
+
+def _of_bytes(sizes, warned):
+    found = []
+    if sizes["stream"] > sizes["source"] and not re.search(SAYS_SIZE, warned):
+        found.append([LARGER, f"{sizes['stream']} bytes of {sizes['source']}"])
+    if sizes["mesh"] > LARGEST_MESH * sizes["source"] + CONTAINER:
+        found.append([LARGE_MESH, f"{sizes['mesh']} bytes of {sizes['source']}, {sizes['mesh'] / sizes['source']:.1f} times"])
+    return found
+
+
+def _of_validator(issues):
+    if issues is None or not issues["errors"] + issues["warnings"]:
+        return []
+    return [[INVALID, f"{issues['errors']} errors, {issues['warnings']} warnings: {' / '.join(issues['messages'])[:200]}"]]
+
+
+def _of_measure(row, said, warned):
+    measured = row["measure"]
+    if measured["exit"] != 0 or measured["json"]:
+        return [[NOT_MEASURED, f"measure ended with {measured['exit']}: {measured['log'] or measured['json']}"]]
+    facts, found = measured["report"], []
+    poor = [part for part in seen_parts(facts) if part["rgb"] is not None and part["rgb"] < LEAST_DB]
+    if poor and not re.search(SAYS_QUALITY, warned):
+        worst = min(poor, key=lambda part: part["rgb"])
+        found.append([POOR, f"{len(poor)} of {len(facts['parts'])} parts; {worst['material']!r} has {worst['rgb']:.1f} dB RGB on "
+                            f"{100 * worst['share']:.1f} % of the surface"])
+    alpha = max((part["alpha"] for part in facts["parts"] if part["share"] >= SMALL), default=0)
+    if alpha > ALPHA_OFF and not re.search(SAYS_QUALITY, warned):
+        found.append([ALPHA, f"by {alpha:.3f} on average"])
+    if facts["size"] > SIZE_OFF:
+        found.append([SIZE, f"the boxes differ by {100 * facts['size']:.1f} %"])
+    text = "\n".join(said)
+    if row["encode"]["exit"] != 0:  # it could name nothing
+        return found
+    unnamed = [thing for thing, words in facts["holds"] if not re.search(words, text, re.IGNORECASE)]
+    return found + ([[UNNAMED, ", ".join(unnamed)]] if unnamed else [])
+
+
+def _of_picture(shown):
+    """What three.js shows otherwise; what it cannot load falls short of nothing."""
+    low = [f"{name} {shown[key]:.1f} dB" for key, name in (("psnr", "flat"), ("lit", "lit"))
+           if (shown.get(key) or LEAST_PICTURE) < LEAST_PICTURE]
+    if low:
+        return [[PICTURE, f"{', '.join(low)} in three.js"]]
+    if shown.get("size", 0) > SIZE_OFF:
+        return [[PICTURE, f"the boxes differ by {100 * shown['size']:.1f} % in three.js"]]
+    if shown.get("cover") is not None and shown["cover"] < LEAST_COVER:
+        return [[PICTURE, f"only {100 * shown['cover']:.0f} % of the pixels are covered in both"]]
+    return []
+
+
+def seen_parts(facts):
+    """Parts of a measurement that can be seen and are more than a crumb."""
+    return [part for part in facts["parts"] if part["points"] and part["share"] >= SMALL]
+
+
+def worst_rgb(row):
+    """dB RGB of the worst part of a row: None where all are exact, NaN where nothing was measured."""
+    values = [part["rgb"] for part in seen_parts(row["measure"]["report"])] if row.get("measure", {}).get("exit") == 0 else []
+    if not values:
+        return float("nan")
+    return min((value for value in values if value is not None), default=None)
+
+
+def summary(rows, missing):
+    """(text for people, whether anything falls short) of the rows of a run. missing: {package: why it was not fetched}."""
+    coded = [row for row in rows if "measure" in row]
+    refused = [row for row in rows if row["encode"]["exit"] in REFUSALS]
+    kinds = Counter(kind for row in rows for kind in {kind for kind, _ in row["findings"]})
+    lines = [f"{len(rows)} models: {len(coded)} coded, decoded and compared, {len(refused)} refused, "
+             f"{sum(bool(row['findings']) for row in rows)} fall short"]
+    lines += [f"  {kinds[kind]:4} {kind}" for kind in KINDS if kinds[kind]]
+    lines += _figures(coded)
+    for kind in KINDS:
+        short = [(row["name"], text) for row in rows for found, text in row["findings"] if found == kind]
+        lines += ["", f"{kind}:"] if short else []
+        lines += [f"  {name}: {text}" for name, text in short]
+    lines += ["", "refused:"] if refused else []
+    lines += [f"  {row['name']}: {_reason(row['encode'])}" for row in refused]
+    lines += [f"not fetched: {why}" for why in missing.values()]
+    return "\n".join(lines), bool(kinds)
+
+
+def _figures(coded):
+    """Median and worst of the measured figures."""
+    if not coded:
+        return []
+    finite = sorted(value for value in map(worst_rgb, coded) if value is not None and value == value)
+    lines = [f"  worst part RGB: median {in_decibels(statistics.median(finite))}, worst {in_decibels(finite[0])}, "
+             f"{sum(worst_rgb(row) is None for row in coded)} exact"] if finite else []
+    sizes = [row["bytes"] for row in coded]
+    figures = (("stream / source", [size["stream"] / size["source"] for size in sizes]),
+               ("GLB / source", [size["mesh"] / size["source"] for size in sizes]),
+               ("encode seconds", [row["encode"]["seconds"] for row in coded]),
+               ("decode seconds", [row["decode"]["seconds"] for row in coded]),
+               ("encode MiB", [row["encode"]["report"].get("peak_memory_bytes", 0) / 2**20 for row in coded]))
+    return lines + [f"  {name}: median {statistics.median(values):.3g}, worst {max(values):.3g}" for name, values in figures]
+
+
+def changed(before, after):
+    """Text about what two runs of the same models found: counts by kind, and models that got worse."""
+    old, new = ({row["name"]: row for row in rows} for rows in (before, after))
+    both = [name for name in new if name in old]
+    counts = [Counter(kind for name in both for kind in {kind for kind, _ in rows[name]["findings"]}) for rows in (old, new)]
+    lines = ["", f"against the rows before, {len(both)} models in both:"]
+    lines += [f"  {kind}: {counts[0][kind]} -> {counts[1][kind]}" for kind in KINDS if counts[0][kind] + counts[1][kind]]
+    for name in both:
+        worse = {kind for kind, _ in new[name]["findings"]} - {kind for kind, _ in old[name]["findings"]}
+        lines += [f"  new with {name}: {', '.join(sorted(worse))}"] if worse else []
+    return "\n".join(lines)

@@ -1,7 +1,7 @@
 """The list of strangers: packages of public registries by name, version and hash, and the models in them that are coded.
 
-strangers.json has a row for each package: kind (npm, pypi or debian), name, version, archive, sha256, licence, and its models: path,
-sha256, bytes, and the other files that a model reads, {path: sha256}. Paths are those in the package.
+strangers.json has a row for each package: kind (npm, pypi or debian), name, version, archive, sha256, licence, and its models:
+path, sha256, bytes, and the other files that a model reads, {path: sha256}. Paths are those in the package.
 """
 
 import hashlib

@@ -10,6 +10,7 @@ import numpy as np
 from ...errors import InputError, SupportError
 from .gltf_accessor import normalized_floats, read_accessor, read_floats
 from .gltf_document import Document, extensions, integer, malformed, part, title
+from .gltf_left_out import name_extension
 from .parts import Part
 
 if TYPE_CHECKING:
@@ -135,7 +136,7 @@ class MeshReader:
                 self.document.notes.remark(f"attribute {name} is left out")
         for name in extensions(primitive):
             if name not in (_DRACO, VARIANTS):
-                self.document.notes.drop(f"extension {name} of {label}")
+                name_extension(self.document.notes, name, label)
 
     def _morphed(self, mesh, primitive, values, name="POSITION"):
         """Values of an attribute with the mesh's default morph weights (section 3.7.2.2); the targets themselves are dropped."""

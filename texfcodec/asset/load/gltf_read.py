@@ -15,6 +15,7 @@ import numpy as np
 
 from ...errors import InputError, SupportError
 from .gltf_document import extensions, integer, is_index, malformed, name_of, numbers, open_document, title
+from .gltf_left_out import name_extension, name_joined, name_left_out, name_variants
 from .gltf_material import read_look, read_material
 from .gltf_mesh import VARIANTS, MeshReader
 from .gltf_skin import Rest
@@ -27,10 +28,10 @@ if TYPE_CHECKING:
 
 MAX_METADATA = 1 << 16  # bytes of JSON; larger extras are left behind with a name
 CAMERAS = "cameras are left out"
+LIGHTS = "KHR_lights_punctual"
 _HONOURED = {"KHR_texture_transform", "EXT_texture_webp", "EXT_texture_avif", "KHR_draco_mesh_compression",
              "KHR_mesh_quantization", "KHR_materials_unlit", "KHR_materials_pbrSpecularGlossiness",
              "KHR_texture_basisu", "MSFT_texture_dds", "EXT_meshopt_compression", "KHR_meshopt_compression"}
-_UNSEEN = (VARIANTS, "KHR_xmp")
 _HARMLESS_WHEN_REQUIRED = ("KHR_materials_", "KHR_lights_punctual", "KHR_xmp", "EXT_lights_", "KHR_animation_pointer")
 
 
@@ -53,6 +54,8 @@ def read_gltf(data: bytes, folder: Path, notes: Notes) -> Scene:
     shelf = TextureShelf(notes)
     materials = [read_material(document, index, looks[index], shelf) for index in meshes.materials]
     _drop_rest(document, meshes.materials)
+    showing = [node["mesh"] for index in shown if "mesh" in (node := document.entry("nodes", index))]
+    name_joined(notes, len(showing), len(set(showing)))
     metadata = _metadata(document, shown)
     scene = assemble(parts, materials, shelf.textures, notes, metadata)
     scene.flat = True  # section 3.7.2.1: what has no normals is flat
@@ -160,7 +163,10 @@ def _drop_node_properties(document, node, index):
     if "weights" in node:
         document.notes.drop(f"morph weights of {name}")
     for extension in extensions(node):
-        document.notes.drop(extension if extension == "KHR_lights_punctual" else f"extension {extension} of {name}")
+        if extension == LIGHTS:
+            document.notes.drop(extension)
+        else:
+            name_extension(document.notes, extension, name)
 
 
 def _drop_rest(document, used_materials):
@@ -177,10 +183,13 @@ def _drop_rest(document, used_materials):
         if index not in used:
             document.notes.remark(f"material {title(material, index)} is used by no face and left out")
     for extension in extensions(document.root):
-        if extension.startswith(_UNSEEN):
-            document.notes.remark(f"extension {extension} of the file is left out")
-            continue
-        drop(extension if extension == "KHR_lights_punctual" else f"extension {extension} of the file")
+        if extension == VARIANTS:
+            name_variants(document, extension)
+        elif extension == LIGHTS:
+            drop(extension)
+        else:
+            name_extension(document.notes, extension, "the file")
+    name_left_out(document)
 
 
 def _metadata(document, shown):

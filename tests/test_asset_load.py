@@ -500,6 +500,17 @@ def test_files_that_cannot_be_read(refused, name, data, code):
     assert refused(data, name).code == code
 
 
+@pytest.mark.parametrize("text, line, column, says", [
+    ('{"a": 1,\n "b": [1, 2,]}', 2, 14, "a comma stands before a closing bracket"), ('{"a": 1,}', 1, 9, "a comma stands before"),
+    ('{"a": 1, // note\n}', 1, 10, "a comment"), ("# note\n{}", 1, 1, "a comment"), ('{"a": 1', 1, 8, "the text ends early"),
+    ("{'a': 1}", 1, 2, "single quotes"), ('\ufeff{"a" 1}', 1, 6, "expecting ':'"), ('{"a": [1 2]}', 1, 10, "expecting ','"),
+])
+def test_text_that_is_no_json_says_where_and_why(refused, text, line, column, says):
+    error = refused(text, "a.gltf")
+    assert error.code == "TXF-I08" and says in error.message
+    assert error.details["line"] == line and abs(error.details["column"] - column) <= 1
+
+
 def test_paths_that_cannot_be_read(tmp_path):
     for path, code in ((tmp_path / "no.glb", "TXF-I01"), (tmp_path, "TXF-I02"), ("a\0.glb", "TXF-I03"), (3.5, "TXF-I05")):
         with pytest.raises(InputError) as caught:

@@ -111,6 +111,40 @@ def test_transparency_by_its_modes(scene_of, text, alpha):
     assert material.factor[3] == pytest.approx(alpha, abs=1e-5) and (material.alpha_mode == ALPHA_BLEND) == (alpha < 1)
 
 
+def test_transparency_that_hides_some_and_leaves_nothing_opaque_is_turned_round(scene_of):
+    text = "<transparent><color>1 1 1 1</color></transparent><transparency><float>0</float></transparency>"
+    scene = scene_of(diffuse="<color>1 0 0 1</color>", effect=text)
+    assert scene.materials[0].factor[3] == 1 and "no material of the COLLADA file is opaque" in scene.remarks[-1]
+    assert scene.warnings == []
+
+
+def test_decimal_commas_are_read_as_points(scene_of, tmp_path):
+    half = (SQUARE + 0.5).tolist()
+    plain = scene_of(points=half)
+    text = dae(points=half).replace(UV.replace("1", "0.5"), UV)
+    head, array = text.split('<float_array id="p-a"')
+    array, tail = array.split("<", 1)
+    array = f'<float_array id="p-a"{array.replace(".", ",")}<'
+    scene = load_bytes(tmp_path, head.replace('"0.01"', '"0,01"') + array + tail, "a.dae", strict=True)
+    np.testing.assert_array_equal(scene.positions, plain.positions)
+    assert scene.metadata == plain.metadata and "decimal commas" in scene.remarks[0]
+
+
+@pytest.mark.parametrize("broken, says", [
+    (lambda text: text.replace("0.0 0.0 0.0", "0.0 zero 0.0", 1), "Corrupted float array"),
+    (lambda text: text.replace('url="#g"', 'url="#other"'), "other"),
+])
+def test_what_pycollada_cannot_read_is_in_the_error(scene_of, tmp_path, broken, says):
+    error = refusal(tmp_path, broken(dae()), "a.dae")
+    assert error.code == "TXF-I24" and says in error.message and "nothing of its surface can be read" in error.message
+
+
+def test_lights_and_cameras_that_cannot_be_read_are_no_loss_of_surface(scene_of):
+    node = '<instance_camera url="#gone"/><instance_light url="#gone"/>'
+    found = scene_of(node=node)
+    assert found.warnings == [] and found.dropped == ["lights"] and "cameras are left out" in found.remarks
+
+
 def test_what_is_not_carried_is_named(scene_of):
     more = ('<library_cameras><camera id="k"><optics><technique_common><perspective><xfov>1</xfov><znear>1</znear><zfar>2</zfar>'
             "</perspective></technique_common></optics></camera></library_cameras><library_lights><light id='l'>"
@@ -136,7 +170,7 @@ def test_missing_textures_and_lines(scene_of, tmp_path):
 @pytest.mark.parametrize("text, code", [
     (b"<?xml version='1.0'?><COLLADA", "TXF-I24"), (b"<?xml version='1.0'?><html/>", "TXF-I15"), (b"no XML", "TXF-I24"),
     (dae().replace("?>", "?><!DOCTYPE x [<!ENTITY e SYSTEM 'file:///etc/hostname'>]>", 1), "TXF-I24"),
-    (dae().replace("0 1 2 0 2 3", "0 1 2 0 2 9"), "TXF-I15"), (dae(points=np.where(SQUARE, np.inf, 0)), "TXF-I14"),
+    (dae().replace("0 1 2 0 2 3", "0 1 2 0 2 9"), "TXF-I24"), (dae(points=np.where(SQUARE, np.inf, 0)), "TXF-I14"),
     (dae().replace("0 1 2 0 2 3", "0 1 2 0 2 -3"), "TXF-I13"), (dae().replace("0 1 2 0 2 3", "0 1 2 0"), "TXF-I24"),
     (dae(surface='<polylist count="1"><input semantic="VERTEX" source="#v" offset="0"/><vcount>2000000000</vcount><p>0 1 2</p>'
          "</polylist>"), "TXF-I24"),

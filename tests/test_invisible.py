@@ -32,11 +32,13 @@ def alphas(scene):
     ("Tr 1", "Tr 1", "", [1, 1], "Tr of the MTL file"),
     ("Tr 0.25", "Tr 1", MESHLAB, [0.25, 1], "Tr of the MTL file"),
     ("Tr 0", "Tr 0", MESHLAB, [1, 1], ""),
-    ("Tr 0.25", "Tr 1", "", [0.75, 0], ""),
+    ("Tr 0.25", "Tr 1", "", [0.25, 1], "Tr of the MTL file"),
+    ("Tr 0", "Tr 1", "", [1, 0], ""),
+    ("d 0.2", "d 0", "", [0.8, 1], "no material of the MTL file"),
     ("Tr 0.5", "Tr 0", "", [0.5, 1], ""),
     ("d 1\nTr 1", "d 1\nTr 0", "", [1, 1], "disagree; d is taken"),
     ("d 0.3\nTr 0.7", "Kd 1 1 1", "", [0.3, 1], ""),
-    ("d 0", "d 0", "", [1, 1], "every material of the MTL file"),
+    ("d 0", "d 0", "", [1, 1], "no material of the MTL file"),
 ])
 def test_tr_and_d_are_read_as_their_exporters_mean_them(tmp_path, first, second, head, expected, says):
     scene = obj(tmp_path, first, second, head)
@@ -50,7 +52,7 @@ def test_displaycolors_that_are_all_clear_mean_opaque(tmp_path):
     base = '<basematerials id="5"><base name="a" displaycolor="#CAD1EE00"/><base name="b" displaycolor="{}"/></basematerials>'
     faces = mesh('pid="5" p1="0"', 'pid="5" p1="1"')
     scene = load_bytes(tmp_path, package(model(base.format("#FF000000") + faces)), "a.3mf", strict=True)
-    assert alphas(scene) == [1, 1] and scene.warnings == [] and "read so" in scene.remarks[0]
+    assert alphas(scene) == [1, 1] and scene.warnings == [] and "no material of the 3MF file is opaque" in scene.remarks[0]
     assert [m.alpha_mode for m in scene.materials] == [ALPHA_OPAQUE] * 2
     scene = load_bytes(tmp_path, package(model(base.format("#FF0000") + faces)), "a.3mf")
     assert alphas(scene) == [0, 1]

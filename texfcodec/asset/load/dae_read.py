@@ -16,20 +16,20 @@ from .image_read import TextureShelf, read_texture_file
 from .normals import place_normals
 from .parts import Notes, Part, assemble, check_face_count, linear_rgba
 from .polygons import triangulate
-from .visibility import opaque_where_all_vanish
+from .visibility import turn_where_all_vanish
 
 _WRAPS = {"WRAP": WRAP_REPEAT, "CLAMP": WRAP_CLAMP, "BORDER": WRAP_CLAMP, "NONE": WRAP_CLAMP, "MIRROR": WRAP_MIRROR}
 _UNUSED = ("emission", "ambient", "specular", "shininess", "reflective", "reflectivity", "index_of_refraction", "bumpmap")
+CAMERAS = "cameras are left out"
 _USED_INPUTS = {"VERTEX", "TEXCOORD", "COLOR", "NORMAL"}
 
 
 def read_dae(data: bytes, folder: Path, notes: Notes) -> Scene:
     """bytes of a .dae file -> Scene. folder: where its images are. Errors: TXF-I24, SupportError TXF-I35 without pycollada."""
-    document = _parse(bytes(data))
-    for error in document.errors:
-        notes.warn(f"a part of the COLLADA file is left out: {str(error)[:100]}")
+    document = _parse(_with_points(bytes(data), notes))
+    errors = _name_errors(document, notes)
     if document.scene is None:
-        raise InputError("TXF-I15", "the input has no triangles")
+        raise _nothing(errors)
     look, parts, faces = _Look(folder, notes), [], 0
     for geometry in _geometries(document, notes):
         for primitive in geometry.original.primitives:
@@ -38,8 +38,10 @@ def read_dae(data: bytes, folder: Path, notes: Notes) -> Scene:
                 parts.append(part)
                 faces += len(part.faces)
                 check_face_count(faces)
+    if not faces:
+        raise _nothing(errors)
     _drop_rest(document, notes)
-    opaque_where_all_vanish(look.materials, "the COLLADA file", notes)
+    turn_where_all_vanish(look.materials, "the COLLADA file", notes)
     asset = document.assetInfo
     metadata = {"up_axis": str(asset.upaxis), **({"unit_in_metres": float(asset.unitmeter)} if asset.unitmeter else {})}
     return assemble(parts, look.materials, look.shelf.textures, notes, metadata)
@@ -58,6 +60,39 @@ def _parse(data):
         raise
     except Exception as error:  # pycollada raises what its parsers and numpy meet
         raise InputError("TXF-I24", "the COLLADA file is malformed", reason=f"{type(error).__name__}: {error}"[:200]) from error
+
+
+def _with_points(data, notes):
+    """The document with decimal points, where an exporter has written the decimal commas of its language into its numbers."""
+    arrays = re.findall(rb"<float_array[^>]*>([^<]*)<", data)
+    if not any(re.search(rb"\d,\d", array) and b"." not in array for array in arrays):
+        return data
+    notes.remark("numbers of the COLLADA file have decimal commas; they are read as decimal points")
+    data = re.sub(rb">[-+0-9eE,\s]+<", lambda found: found[0].replace(b",", b"."), data)
+    return re.sub(rb"""(\bmeter=["']\d+),(\d)""", rb"\1.\2", data)
+
+
+def _name_errors(document, notes):
+    """Texts of what pycollada could not read of the surface; each is warned of."""
+    texts = []
+    for error in document.errors:
+        text = f"{type(error).__name__}: {getattr(error, 'msg', error)}".replace(" in effect `<built-in function id>`", "")[:120]
+        if getattr(error, "msg", "").startswith("Camera "):
+            notes.remark(CAMERAS)
+        elif getattr(error, "msg", "").startswith("Light ") or "in light" in text:
+            notes.drop("lights")
+        else:
+            texts.append(text)
+            notes.warn(f"a part of the COLLADA file is left out: {text}")
+    return texts
+
+
+def _nothing(errors):
+    """The error for a file that has no surface, or none that could be read."""
+    if not errors:
+        return InputError("TXF-I15", "the input has no triangles")
+    more = f", and {len(errors) - 1} more" if len(errors) > 1 else ""
+    return InputError("TXF-I24", f"the COLLADA file is malformed: nothing of its surface can be read ({errors[0]}{more})")
 
 
 def _geometries(document, notes):
@@ -208,6 +243,6 @@ def _drop_rest(document, notes):
         if len(getattr(document, name)):
             notes.drop(name)
     if len(document.cameras):
-        notes.remark("cameras are left out")
+        notes.remark(CAMERAS)
     if len(document.scenes) > 1:
         notes.remark("scenes beside the default one are left out")

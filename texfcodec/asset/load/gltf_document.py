@@ -175,8 +175,28 @@ def _chunks(data):
 def _parse(text):
     try:
         return json.loads(bytes(text).decode("utf-8-sig"), parse_constant=lambda name: None)
+    except json.JSONDecodeError as error:
+        raise _no_json(error) from error
     except (ValueError, RecursionError) as error:
         raise InputError("TXF-I08", "the glTF text is not JSON", reason=str(error)[:100]) from error
+
+
+def _no_json(error):
+    """The error with the place where the text stops being JSON, and what stands there."""
+    text, at = error.doc, min(error.pos, len(error.doc))
+    before, here = text[:at].rstrip(), text[at:].lstrip()
+    if here[:1] in ("}", "]") and before[-1:] == "," or here[:1] == "," and error.msg.startswith("Illegal trailing comma"):
+        why = "a comma stands before a closing bracket"
+    elif here[:2] in ("//", "/*") or here[:1] == "#":
+        why = "a comment stands there, which JSON has not"
+    elif not here:
+        why = "the text ends early"
+    elif here[:1] == "'":
+        why = "single quotes stand where JSON has double ones"
+    else:
+        why = error.msg[:1].lower() + error.msg[1:]
+    return InputError("TXF-I08", f"the glTF text is not JSON: {why}", line=error.lineno, column=error.colno,
+                      value=here[:20].partition("\n")[0] or None)
 
 
 def _data_uri(uri):

@@ -12,6 +12,7 @@ from ...errors import InputError
 from ..scene import ALPHA_BLEND, ALPHA_OPAQUE, WRAP_CLAMP, WRAP_REPEAT, Material
 from .image_read import TextureShelf, read_texture_file
 from .magic import as_utf8
+from .visibility import vanishes
 
 if TYPE_CHECKING:
     from .parts import Notes
@@ -90,13 +91,13 @@ def _statement(material, key, rest, notes):
 
 def _set_alpha(materials, from_meshlab, notes):
     """Alpha by `d`, else by `Tr`: the transparency, or the opposite, as MeshLab and others write it. No reading is taken where
-    it leaves nothing of any material."""
+    it leaves something invisible and nothing opaque."""
     by_tr = [material for material in materials if material.dissolve is None and material.transparency is not None]
     readings = [(True, [m.transparency for m in by_tr]), (False, [1.0 - m.transparency for m in by_tr])]
     if not from_meshlab:
         readings.reverse()
     as_dissolve, alphas = readings[0]
-    if len(by_tr) == len(materials) and not any(alpha > 0 for alpha in alphas):
+    if len(by_tr) == len(materials) and vanishes(alphas):
         as_dissolve, alphas = readings[1]
     if as_dissolve and any(material.transparency != 0.5 for material in by_tr):
         notes.remark("Tr of the MTL file is read as the opacity, as MeshLab and others write it, not as the transparency")

@@ -16,7 +16,7 @@ from .image_read import TextureShelf, find_file
 from .mtl_read import ObjMaterial, decode_text, read_mtl, scene_material
 from .parts import Notes, Part, assemble, linear_rgba
 from .polygons import counting, parse_numbers, triangulate
-from .visibility import opaque_where_all_vanish
+from .visibility import turn_where_all_vanish
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -54,7 +54,7 @@ def read_obj(data: bytes, folder: Path, notes: Notes) -> Scene:
     shelf = TextureShelf(notes)
     chosen = [_find_material(name, library, notes) for name in names]
     materials = [scene_material(item, folder, shelf) for item in chosen]
-    opaque_where_all_vanish(materials, "the MTL file", notes)
+    turn_where_all_vanish(materials, "the MTL file", notes)
     faces, texels, material = corners[triangles, 0], corners[triangles, 1], material[polygon]
     part = Part(vertices[:, :3], faces, material, _uv(rows, texels, material, chosen), _vertex_color(vertices), "the OBJ file",
                 normal=_normal(rows, corners[triangles, 2]))

@@ -17,7 +17,7 @@ from ..scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material,
 from .image_read import TextureShelf, missing_image
 from .parts import Notes, Part, assemble, check_face_count, drop_alpha, linear_rgba
 from .threemf_model import malformed, read_model
-from .visibility import opaque_where_all_vanish
+from .visibility import turn_where_all_vanish
 
 MAX_PART = 1 << 29  # bytes of one unpacked part of the archive
 MAX_INSTANCES = 1 << 16  # objects and components placed; nesting lets a small file ask for any number
@@ -93,7 +93,7 @@ def read_3mf(data: bytes, folder: Path, notes: Notes) -> Scene:
         faces += len(body.triangles)
         check_face_count(faces)
     archive.drop_unused()
-    opaque_where_all_vanish(look.plain, "the 3MF file", notes)
+    turn_where_all_vanish(look.plain, "the 3MF file", notes)
     metadata = {"unit": model.unit, **({"3mf": model.metadata} if model.metadata else {})}
     return assemble(parts, look.materials or [Material("default")], shelf.textures, notes, metadata)
 

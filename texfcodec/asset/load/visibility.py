@@ -1,4 +1,4 @@
-"""What alpha makes of materials: which are entirely invisible, and where exporters mean opaque by an alpha of 0."""
+"""What alpha makes of materials: which are entirely invisible, and where exporters mean opaque by 0."""
 
 from __future__ import annotations
 
@@ -20,17 +20,23 @@ _POINTS = 1 << 22  # of the last look, which is taken only where no corner, edge
 _COARSE = np.array([[1, 1, 1], [3, 0, 0], [0, 3, 0], [0, 0, 3], [1.5, 1.5, 0], [0, 1.5, 1.5], [1.5, 0, 1.5]]) / 3
 
 
-def opaque_where_all_vanish(materials: list[Material], where: str, notes: Notes) -> None:
-    """Makes the materials opaque where all of them have an alpha of 0, with a remark. Only for formats whose exporters disagree
-    on what the number means; a file that shows nothing at all is never what was meant.
+def vanishes(alphas: list[float]) -> bool:
+    """Whether a file of these alphas shows something invisible and nothing opaque, which nobody means."""
+    return any(not alpha > 0 for alpha in alphas) and not any(alpha >= 1 for alpha in alphas)
+
+
+def turn_where_all_vanish(materials: list[Material], where: str, notes: Notes) -> None:
+    """Takes 1 - alpha for the alpha of all materials where one has an alpha of 0 and none is opaque, with a remark. Only
+    for formats whose exporters disagree on what the number means.
 
     where: what the materials stand in, for the remark.
     """
-    if not materials or any(material.factor[3] > 0 or material.alpha_mode == ALPHA_OPAQUE for material in materials):
+    if not vanishes([1.0 if material.alpha_mode == ALPHA_OPAQUE else float(material.factor[3]) for material in materials]):
         return
     for material in materials:
-        material.factor[3], material.alpha_mode = 1.0, ALPHA_OPAQUE
-    notes.remark(f"every material of {where} has an alpha of 0, by which some exporters mean opaque; it is read so")
+        material.factor[3] = 1.0 - material.factor[3]
+        material.alpha_mode = material.alpha_mode if material.factor[3] < 1 else ALPHA_OPAQUE
+    notes.remark(f"no material of {where} is opaque and an alpha is 0; it is read as the transparency, as some write it")
 
 
 def name_invisible(scene: Scene, notes: Notes) -> None:

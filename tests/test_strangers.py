@@ -4,6 +4,7 @@ import contextlib
 import copy
 import io
 import re
+import shutil
 import tarfile
 from argparse import Namespace
 from importlib import import_module
@@ -11,7 +12,9 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 import pytest
+from browser import BROWSER
 from mesh_files import SQUARE_UV, Builder, encoded
+from PIL import Image
 from shapes import scene_of, square
 
 from texfcodec.asset.load.formats import SUFFIXES
@@ -26,6 +29,7 @@ from tools.strangers.judge import (
     LARGE_MESH,
     LARGER,
     NOT_JSON,
+    PICTURE,
     POOR,
     TOO_LONG,
     UNNAMED,
@@ -35,8 +39,9 @@ from tools.strangers.judge import (
 )
 from tools.strangers.listing import Stranger, read_list, strangers_of, write_list
 from tools.strangers.measure import compare, measured
+from tools.strangers.pictures import draw
 from tools.strangers.rows import add_row, read_rows, strict_json
-from tools.strangers.run import RATE, Room, code_stranger
+from tools.strangers.run import RATE, Room, code_stranger, node_modules
 
 CACHE = Path(__file__).resolve().parents[1] / "out" / "strangers"
 SAMPLE = {"npm": ("assimpjs", "mind-ar"), "pypi": ("jvrc-description", "compas")}  # small packages with small models
@@ -70,9 +75,9 @@ def stranger_of(cache, data, path="model.glb"):
     return stranger
 
 
-def row_of(cache, data, room_in=Here):
+def row_of(cache, data, room_in=Here, modules=None):
     """The row of a model of bytes."""
-    return code_stranger(stranger_of(cache, data), Namespace(cache=cache, rate=RATE), None, cache / "coded", room_in)
+    return code_stranger(stranger_of(cache, data), Namespace(cache=cache, rate=RATE), modules, cache / "coded", room_in)
 
 
 def rich_model():
@@ -259,6 +264,40 @@ def test_rows_go_on_after_one_that_was_cut_off_and_the_last_of_a_name_counts(tmp
     before, after = row | {"findings": [[POOR, "x"]]}, row | {"findings": [[INTERNAL, "y"]]}
     text = changed([before], [after])
     assert f"{POOR}: 1 -> 0" in text and f"{INTERNAL}: 0 -> 1" in text and f"new with {row['name']}: {INTERNAL}" in text
+
+
+# Other people's programs
+
+
+@pytest.fixture(scope="module")
+def modules():
+    """The folder with the validator and three.js."""
+    folder = node_modules(CACHE) if shutil.which("node") else None
+    return folder or pytest.skip("node, or npm with a network, is not here: nothing to validate or draw with")
+
+
+def test_the_validator_and_three_find_nothing_to_say_of_a_good_model_and_much_of_a_bad_one(modules):
+    row = row_of(CACHE, rich_model(), modules=modules)
+    assert row["validator"] == {"errors": 0, "warnings": 0, "messages": []}
+    if BROWSER is None:
+        pytest.skip("no Chromium to draw with")
+    rows_file = CACHE / "test.jsonl"
+    rows_file.unlink(missing_ok=True)
+    good, bad = draw([row, row | {"name": "made/bad.glb", "mesh": row["source"], "source": _blue_square()}], 2, CACHE, rows_file)
+    assert (good["picture"]["psnr"] or 99) > 30 and good["picture"]["size"] < 1e-3 and good["picture"]["cover"] > 0.98
+    assert PICTURE not in dict(good["findings"]) and "flat" in dict(bad["findings"])[PICTURE]
+    with Image.open(CACHE / "pictures-test" / "sheet-01.png") as sheet:
+        assert len(sheet.convert("RGB").getcolors(1 << 24)) > 20
+    assert read_rows(rows_file) == [good, bad]
+
+
+def _blue_square():
+    """A square of one colour in the cache: its path there."""
+    builder = Builder()
+    builder.primitive(material=builder.material(pbr={"baseColorFactor": [0, 0, 1, 1]}))
+    path = CACHE / "files" / "npm" / "made-1" / "blue.glb"
+    path.write_bytes(builder.glb())
+    return str(path.relative_to(CACHE))
 
 
 # A sample

@@ -12,6 +12,7 @@ LARGEST_MESH, CONTAINER = 2.0, 2048  # times the source; bytes of a GLB's JSON, 
 SMALL = 0.001  # a part of so little of the surface is not looked at
 ALPHA_OFF, SIZE_OFF = 0.02, 0.01  # mean error of alpha; of the box
 LEAST_PICTURE, LEAST_COVER = 22.0, 0.9  # dB and shared pixels of two pictures of another program, whose filters differ a little
+SHADED = (".glb", ".gltf", ".obj", ".dae")  # formats whose normals three.js does not make up
 SAYS_QUALITY, SAYS_SIZE = r"\bdB\b|quality|fidelity", r"larger|bigger"
 REFUSALS = (EXIT_IO, EXIT_SUPPORT, EXIT_LIMIT)
 
@@ -31,7 +32,7 @@ def findings_of(row):
             for text in row[step]["report"].get(kind, [])]
     warned = " ".join(row["encode"]["report"].get("warnings", []) + row["decode"]["report"].get("warnings", []))
     found += _of_bytes(row["bytes"], warned) + _of_validator(row["validator"]) + _of_measure(row, said, warned)
-    return found + _of_picture(row.get("picture", {}))
+    return found + _of_picture(row.get("picture", {}), row["name"].lower().endswith(SHADED))
 
 
 def _of_tool(step, run):
@@ -86,10 +87,10 @@ def _of_measure(row, said, warned):
     return found + ([[UNNAMED, ", ".join(unnamed)]] if unnamed else [])
 
 
-def _of_picture(shown):
-    """What three.js shows otherwise; what it cannot load falls short of nothing."""
-    low = [f"{name} {shown[key]:.1f} dB" for key, name in (("psnr", "flat"), ("lit", "lit"))
-           if (shown.get(key) or LEAST_PICTURE) < LEAST_PICTURE]
+def _of_picture(shown, is_shaded):
+    """What three.js shows otherwise; what it cannot load falls short of nothing. is_shaded: whether its normals are the file's."""
+    keys = (("psnr", "flat"), ("lit", "lit"))[: 2 if is_shaded else 1]
+    low = [f"{name} {shown[key]:.1f} dB" for key, name in keys if (shown.get(key) or LEAST_PICTURE) < LEAST_PICTURE]
     if low:
         return [[PICTURE, f"{', '.join(low)} in three.js"]]
     if shown.get("size", 0) > SIZE_OFF:

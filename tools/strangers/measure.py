@@ -6,6 +6,7 @@ material answers, and points at which the source contradicts itself (surfaces th
 """
 
 import json
+import math
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +23,7 @@ from texfcodec.asset.load.files import load
 from texfcodec.asset.sample import pack_source, sample_source
 from texfcodec.asset.scene import ALPHA_MASK, ALPHA_OPAQUE
 from texfcodec.ground.areas import relative_areas, sample_surface
-from texfcodec.ground.colour_error import ColourError, json_ready
+from texfcodec.ground.colour_error import ColourError
 from texfcodec.quality.nearest import face_normals
 from texfcodec.quality.views import MeshColours
 from tools.strangers.holdings import unnamed_things
@@ -102,8 +103,8 @@ def _error(wanted, got, weights):
         return {"points": 0, "alpha": alpha}
     error = ColourError()
     error.add(wanted[:, :3], got[:, :3], weights)
-    result = json_ready(error.result())
-    return {"points": counted, "rgb": result["psnr_rgb"], "y": result["psnr_y"], "alpha": alpha}
+    rgb, y = (None if value == math.inf else value for value in map(error.result().get, ("psnr_rgb", "psnr_y")))
+    return {"points": counted, "rgb": rgb, "y": y, "alpha": alpha}
 
 
 def measured(source, mesh):

@@ -88,7 +88,7 @@ def _of_measure(row, said, warned):
 
 
 def _of_picture(shown, is_shaded):
-    """What three.js shows otherwise; what it cannot load falls short of nothing. is_shaded: whether its normals are the file's."""
+    """What three.js shows otherwise; what it cannot load falls short of nothing. is_shaded: the normals are the file's."""
     keys = (("psnr", "flat"), ("lit", "lit"))[: 2 if is_shaded else 1]
     low = [f"{name} {shown[key]:.1f} dB" for key, name in keys if (shown.get(key) or LEAST_PICTURE) < LEAST_PICTURE]
     if low:

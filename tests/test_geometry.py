@@ -13,9 +13,20 @@ from texfcodec.errors import InputError, StreamError
 from texfcodec.geometry.canonical import MAX_COORDINATE, CanonicalCube, fit_cube
 from texfcodec.geometry.checksum import geometry_crc
 from texfcodec.geometry.draco import _HEADER, dec_geometry, enc_geometry
+from texfcodec.geometry.surface import used_vertices
 from texfcodec.ground.walk import write_v
 
 SCALE = st.sampled_from([1e-30, 1e-6, 1.0, 1e7, 1e30, 1e140])
+
+
+@pytest.mark.parametrize("count, faces", [(30, 40), (1000, 3), (5, 1)])
+def test_used_vertices_are_numbered_as_sorting_them_would(count, faces):
+    """Few faces of many vertices are sorted, others counted."""
+    rng = np.random.default_rng(count)
+    rows = rng.integers(0, count, (faces, 3))
+    used, local = used_vertices(rows, count)
+    np.testing.assert_array_equal(used, np.unique(rows))
+    np.testing.assert_array_equal(used[local], rows)
 
 
 # The canonical cube

@@ -1,16 +1,17 @@
 """Rate control: what is promised is kept, with few encodes, and said."""
 
 import math
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 
 from texfcodec import EncodeOptions, InputError, Report, decode, inspect
-from texfcodec.asset.scene import Material, Scene, Texture
+from texfcodec.asset.scene import ALPHA_BLEND, Material, Scene, Texture
 from texfcodec.channels import ALPHA, BASE_COLOUR
 from texfcodec.codecs.codec import Group
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder import OverBudget, encode_scene, least_bytes, prepare
 from texfcodec.quality.measure import SourceSamples, measure
 from texfcodec.search import FIRST_QP, LADDER, LAST_QP, encode_to_target, estimate, smallest_root
 
@@ -64,9 +65,10 @@ def test_quality_is_met_at_the_fewest_bytes_tried(ribbon, target):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("support", ["auto", "voxels"])
-@pytest.mark.parametrize("options", [{"target_bytes": 60}, {"target_psnr": 99.0}])
-def test_unreachable_target_names_the_best(ribbon, options, support):
-    report = Report()
+@pytest.mark.parametrize("target", ["bytes", "psnr"])
+def test_unreachable_target_names_the_best(ribbon, target, support):
+    report, least = Report(), sum(least_bytes(ribbon, EncodeOptions()))
+    options = {"target_bytes": least} if target == "bytes" else {"target_psnr": 99.0}  # no room for any value, or out of reach
     with pytest.raises(InputError) as raised:
         encode_to_target(ribbon, EncodeOptions(support=support, **options), report)
     error, told = raised.value, raised.value.details
@@ -75,6 +77,47 @@ def test_unreachable_target_names_the_best(ribbon, options, support):
     row = best(report.trials, key=lambda r: r[measure])
     assert told["best"] == round(row[measure], 2) and told["qp"] == row["qp"] and told.get("resolution") == row["resolution"]
     assert support == "auto" or told["resolution"] in LADDER
+
+
+@pytest.mark.parametrize("bits", [None, 10])
+def test_a_budget_below_the_geometry_is_refused_before_anything_is_probed(ribbon, bits):
+    report, options = Report(), EncodeOptions(target_bytes=100, position_bits=bits)
+    with pytest.raises(InputError, match="geometry alone takes") as raised:
+        encode_to_target(ribbon, options, report)
+    _, geometry = least_bytes(ribbon, options)
+    assert raised.value.code == "TXF-I51" and raised.value.details == {"value": 100, "allowed": f"> {geometry}"}
+    assert set(report.seconds) == {"geometry"} and not report.trials
+
+
+@pytest.mark.parametrize("support", ["voxels", "texels"])
+def test_no_stream_is_smaller_than_the_least_bytes(ribbon, support):
+    header, geometry = least_bytes(ribbon, EncodeOptions())
+    made = encode_scene(ribbon, EncodeOptions(resolution=64, qp=63, support=support))
+    assert made.sizes["other"] > header and made.sizes["geometry"] > geometry
+
+
+def test_a_budget_that_geometry_takes_up_is_seen_before_colours_are_brought_over(ribbon):
+    """Where the first look leaves doubt, geometry as it is coded decides."""
+    report, options = Report(), EncodeOptions(rate="r03", support="voxels")
+    with pytest.raises(OverBudget) as raised:
+        prepare(ribbon, options, report, budget=least_bytes(ribbon, options)[1])
+    assert raised.value.geometry == least_bytes(ribbon, options)[1]
+    assert "geometry" in report.seconds and not {"voxelise", "transfer", "refine"} & set(report.seconds)
+
+
+def test_warnings_of_an_asset_come_with_whichever_trial_is_kept(ribbon, monkeypatch):
+    """They come up with the first trial of a K, which is seldom the best."""
+    monkeypatch.setattr("texfcodec.search.FIRST_K", 256)
+    monkeypatch.setattr("texfcodec.search.LADDER", (256,))
+    veil = Material("veil", np.array([1, 1, 1, 0.2]), alpha_mode=ALPHA_BLEND)
+    near = ribbon.positions + [0, 0, 0.0005]
+    double = replace(ribbon, positions=np.concatenate([ribbon.positions, near]), materials=[*ribbon.materials, veil],
+                     faces=np.concatenate([ribbon.faces, ribbon.faces + len(near)]),
+                     corner_uv=np.tile(ribbon.corner_uv, (2, 1, 1)), face_material=np.repeat([0, 1], len(ribbon.faces)))
+    report = Report()
+    made = encode_to_target(double, EncodeOptions(target_bytes=100_000, exact_rate=True, partition="off"), report)
+    assert made.qp != made.choices["search"][0]["qp"]
+    assert [text for text in report.warnings if "alpha is mixed" in text]
 
 
 @pytest.mark.parametrize("support, stage", [("voxels", "transfer"), ("auto", "attributes")])

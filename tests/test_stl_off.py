@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from mesh_files import SQUARE, TWO, load_bytes, refusal
 
+from texfcodec.asset.load import stl_read
+
 FACETS = SQUARE[TWO]
 SRGB_HALF = 0.2140
 
@@ -21,6 +23,20 @@ def stl_text(facets=FACETS, name="a part", normal="0 0 1"):
     loops = "".join(f" facet normal {normal}\n  outer loop\n" + "".join(f"   vertex {x} {y} {z}\n" for x, y, z in facet)
                     + "  endloop\n endfacet\n" for facet in facets)
     return f"solid {name}\n{loops}endsolid {name}\n"
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+@pytest.mark.parametrize("count", [1, 2, 1000])
+def test_welding_keeps_distinct_rows_in_order_of_first_use_whatever_their_hashes(monkeypatch, count, kind):
+    rows = np.random.default_rng(count).integers(-2, 3, (count, 3)).astype(kind) * kind(0.1)
+    rows[::2] *= -1  # some zeros have a sign
+    known = {}
+    number = [known.setdefault(tuple(row + 0.0), len(known)) for row in rows]
+    for hashes in (stl_read._hashes, lambda bits: np.zeros(len(bits), np.uint64), lambda bits: bits[:, 0].astype(np.uint64)):
+        monkeypatch.setattr(stl_read, "_hashes", hashes)
+        points, of = stl_read.weld(rows)
+        np.testing.assert_array_equal(points, np.array(list(known), np.float64))
+        np.testing.assert_array_equal(of, number)
 
 
 @pytest.mark.parametrize("data", [stl(), stl(header=b"solid, but binary"), stl_text(), stl_text().upper().replace("E+", "e+"),

@@ -13,14 +13,15 @@ import numpy as np
 from .asset.scene import NEAREST_FIELDS
 from .bitstream.stream import Stream, attribute_variables, write_stream
 from .bitstream.values import attribute_values, field_values, header_values, material_values, metadata_bytes
-from .channels import channel_over
+from .channels import COLOURS, channel_over
 from .choose.codec import codec_for, with_qp_of
 from .choose.detail import without_lost_detail
 from .choose.effects import needed_scene
 from .choose.frames import ShownMaps
 from .choose.maps import errors_of, fill_maps, groups_of, joined, names_of_field, with_grey
 from .choose.normals import Shading, choose_normals
-from .choose.prepare import SourceField, active_voxels, check_voxels, transferred
+from .choose.one_colour import material_colours, one_colour
+from .choose.prepare import SourceField, active_voxels, check_voxels, filled, transferred
 from .choose.sizes import coarsen_maps
 from .choose.spending import CodedUnit, image_budgets, spend
 from .choose.supports import choose_supports, without_faces
@@ -32,7 +33,7 @@ from .codecs.codec import PlaneCodec, Source, split_groups
 from .errors import InputError
 from .geometry.checksum import geometry_crc
 from .geometry.draco import counts_of, dec_geometry, dec_textured, enc_geometry, enc_textured, split_corners
-from .geometry.surface import Surface, make_surface
+from .geometry.surface import Surface, make_surface, used_vertices
 from .geometry.unit import GeometryUnit, field_surface, field_uv
 from .ground.json_text import json_ready
 from .options import EncodeOptions
@@ -62,6 +63,11 @@ class Prepared:
     def over_voxels(self) -> bool:
         """Whether every field is over voxels."""
         return not any(part.support.planar for part in self.fields)
+
+    @property
+    def one_colour(self) -> bool:
+        """Whether there are no values but one colour, so that no QP changes the stream."""
+        return all(part.one_colour for part in self.fields) and all(group.channels[0] in COLOURS for group in self.source.groups)
 
     @property
     def surface(self) -> Surface:
@@ -108,9 +114,32 @@ def encode_scene(scene: Scene, options: EncodeOptions | None = None, report: Rep
     return code_prepared(prepare(scene, options, report, finer), options, report)
 
 
-def prepare(scene: Scene, options: EncodeOptions, report: Report, finer: frozenset[int] = frozenset()) -> Prepared:
+class OverBudget(Exception):
+    """Geometry alone takes as many bytes as the stream may, or more. geometry: that it takes."""
+
+    def __init__(self, geometry: int) -> None:
+        super().__init__(f"geometry takes {geometry} bytes")
+        self.geometry = geometry
+
+
+def least_bytes(scene: Scene, options: EncodeOptions) -> tuple[int, int]:
+    """(bytes of the header, bytes of the geometry) of a scene's stream with one field over voxels and the fewest position bits
+    that the encoder takes: known without a look at any colour."""
+    surface = make_surface(scene, options)
+    geometry, _ = _code_geometry(surface, np.zeros(len(surface.faces), np.int64), {})
+    header = Stream(header_values([], surface, geometry, 1, groups_of(set(), False)))
+    return len(write_stream(header)[0]), _bytes_of(geometry)
+
+
+def _bytes_of(geometry):
+    return sum(len(unit["draco_data"]) for unit in geometry)
+
+
+def prepare(scene: Scene, options: EncodeOptions, report: Report, finer: frozenset[int] = frozenset(),
+            budget: int | None = None) -> Prepared:
     """Lattice, partition, geometry, voxels and transfer; may be coded at several QPs. finer: numbers of materials whose supports
-    are to be finer than they would be chosen."""
+    are to be finer than they would be chosen; budget: of the stream, in bytes: raises OverBudget, before any colour is brought
+    over, where the geometry takes it all."""
     with report.stage("lattice"):
         surface = make_surface(scene, options)
     with report.stage("effects"):
@@ -118,8 +147,10 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report, finer: frozens
         scene = needs.scene
         if options.effort != "fast":
             scene = replace(scene, weights=measured_weights(scene, options.threads))
+        colours = material_colours(scene, surface)
     with report.stage("supports"):
-        supports = choose_supports(scene, surface, options, finer)
+        supports = choose_supports(scene, surface, options, finer, colours)
+        colours = colours if supports.surface is surface else material_colours(scene, supports.surface)
     surface, plans = supports.surface, supports.plans
     options = replace(options, resolution=supports.resolution, position_bits=surface.cube.position_bits)
     with report.stage("normals"):
@@ -127,10 +158,12 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report, finer: frozens
     with report.stage("partition"):
         if not codec_of(options.codec).joint:  # which asks the source itself, at points
             scene = without_lost_detail(scene, surface, ~_of_plans(surface, plans), supports.resolution)
-        face_field, partition = _fields_of_faces(scene, surface, plans, options, report)
+        face_field, partition = _fields_of_faces(scene, surface, plans, colours, options, report)
     first = int(face_field.max(initial=-1)) + 1 - len(plans)
     with report.stage("geometry"):
         geometry, units = _code_geometry(surface, face_field, dict(enumerate(plans, first)))
+    if budget is not None and _bytes_of(geometry) >= budget:
+        raise OverBudget(_bytes_of(geometry))
     surfaces = [field_surface(units, i) for i in range(first + len(plans))]
     names = [names_of_field(scene, surface, face_field == number) for number in range(len(surfaces))]
     present = {channel_over(name, number >= first).name for number, mine in enumerate(names) for name in mine}
@@ -147,22 +180,23 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report, finer: frozens
     resolution = options.resolution if first else None
     choices = {"effects": needs.told, "supports": supports.told, "partition": partition, "normals": shading.told}
     prepared = Prepared(geometry, source, fields, needs.materials, shading, resolution, choices)
-    report.dropped += _blended_squares(scene, surface, plans)
+    report.dropped += _blended_squares(scene, surface, plans, colours)
     codec = codec_of(options.codec)
     if isinstance(codec, PlaneCodec):
-        _fill(prepared, names[:first], options, report)
+        _fill(prepared, names[:first], colours, options, report)
         prepared.source = source._replace(groups=with_grey(source.groups, fields))
         with report.stage("sizes"):
             choices["sizes"] = [coarsen_maps(part, prepared.source, codec, options) for part in fields]
     return prepared
 
 
-def _blended_squares(scene, surface, plans):
-    """Names of what is lost of NEAREST samplers: those of images that faces show which do not go over texels."""
+def _blended_squares(scene, surface, plans, colours):
+    """Names of what is lost of NEAREST samplers: those of images that faces show in more than one colour and which do not go over
+    texels."""
     kept = np.zeros(len(surface.faces), bool)
     for plan in plans:
         kept[plan.group.faces] = plan.group.nearest
-    shown = {scene.materials[m].texture for m in np.unique(surface.material[~kept])}
+    shown = {scene.materials[m].texture for m in np.unique(surface.material[~kept]) if np.isnan(colours[m]).any()}
     names = [scene.textures[t].name or str(t) for t in sorted(shown) if t >= 0 and scene.textures[t].nearest]
     return [f"NEAREST filter of texture '{name}'" for name in names]
 
@@ -172,24 +206,27 @@ def _of_plans(surface, plans):
     return np.isin(np.arange(len(surface.faces)), np.concatenate([[-1], *(plan.group.faces for plan in plans)]))
 
 
-def _fields_of_faces(scene, surface, plans, options, report):
-    """Field number of every face, int64 [F], and what the report says of it: voxels first, then a field for each TexelPlan."""
+def _fields_of_faces(scene, surface, plans, colours, options, report):
+    """Field number of every face, int64 [F], and what the report says of it: voxels first, then a field for each TexelPlan.
+    colours: of material_colours."""
     face_field, rest = np.empty(len(surface.faces), np.int64), ~_of_plans(surface, plans)
     told, fields = {"fields": 0, "reason": "all of the surface is over texels"}, 0
     if rest.any() or not plans:
-        face_field[rest], told = choose_fields(scene, without_faces(surface, ~rest), options, report)
+        face_field[rest], told = choose_fields(scene, without_faces(surface, ~rest), colours, options, report)
         fields = int(face_field[rest].max(initial=-1)) + 1
     for number, plan in enumerate(plans, fields):
         face_field[plan.group.faces] = number
     return face_field, told
 
 
-def _fill(prepared, names, options, report):
-    """Brings the source's values into the voxels of the first fields. names: by field, the channels that it has maps of."""
+def _fill(prepared, names, colours, options, report):
+    """Brings the source's values into the voxels of the first fields. names: by field, the channels that it has maps of;
+    colours: of material_colours."""
     fields, source = prepared.fields[: len(names)], prepared.source
     for number, part in enumerate(fields):
         with report.stage("transfer"):
-            transferred(part, source, number, options)
+            colour = one_colour(colours, source.surface.material[source.face_field == number])
+            transferred(part, source, number, options) if colour is None else filled(part, source, colour)
             fill_maps(part, source, number, names[number], options)
     if any("anisotropy" in mine for mine in names):
         report.warnings.append("directions of anisotropy mean nothing over voxels, which have no UVs: only its strength stays")
@@ -237,7 +274,7 @@ def _samplers(prepared):
 def _code_planes(codec, stream, prepared, options, report, choices):
     """One attribute unit per field and channel: the decoded planes of each field, by channel name."""
     choices["channels"], out = [], []
-    others = sum(len(unit["draco_data"]) for unit in stream.geometry)
+    others = _bytes_of(stream.geometry)
     budgets = image_budgets(prepared.source, prepared.fields)
     for i, part in enumerate(prepared.fields):
         with report.stage("attributes"):
@@ -310,8 +347,8 @@ def _code_geometry(surface, face_field, plans):
 def _code_plain(surface, mine, _):
     """Syntax values of a unit of positions, and what it decodes to: (lattice, faces)."""
     bits = surface.cube.position_bits
-    used, local = np.unique(surface.faces[mine], return_inverse=True)
-    data = enc_geometry(surface.lattice[used], local.reshape(-1, 3), bits)
+    used, local = used_vertices(surface.faces[mine], len(surface.lattice))
+    data = enc_geometry(surface.lattice[used], local, bits)
     counts = counts_of(data)
     return {"unit_vertices": counts[0], "unit_faces": counts[1], "draco_data": data}, dec_geometry(data, *counts, bits)
 

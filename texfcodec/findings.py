@@ -224,7 +224,7 @@ FINDINGS = (
     # Encoding.
     Finding("TXF-I50", InputError, (), "an option is unknown, out of range, or does not go with another",
             "take a value that the message allows"),
-    Finding("TXF-I51", InputError, (), "no K and QP reach the target", "take a target that the message calls the best"),
+    Finding("TXF-I51", InputError, (), "no K and QP reach the target", "take a target that the message calls the best or allows"),
     Finding("TXF-I52", InputError, (), "something would be lost, and --strict forbids it",
             "mend what is named, or leave out --strict"),
     Finding("TXF-I54", InputError, (), "the budget of resident bytes holds no grid of latents", "raise --resident-bytes"),

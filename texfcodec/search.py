@@ -13,7 +13,7 @@ import numpy as np
 from .choose.probe import VOXELS_PER_AREA
 from .codecs import codec_of
 from .decoder import decode_stream
-from .encoder import Encoded, code_prepared, prepare
+from .encoder import Encoded, OverBudget, Prepared, code_prepared, least_bytes, prepare
 from .errors import InputError
 from .options import DecodeOptions, EncodeOptions
 from .quality.measure import SourceSamples, measure_or_warn
@@ -27,6 +27,7 @@ LADDER = (64, 128, 256, 512, 1024, 1536, 2048)
 FIRST_K, FIRST_QP, LAST_QP = 1024, 28, 63
 FINER_BELOW, COARSER_ABOVE = 30, 38  # QPs where the next K of LADDER may beat this one; measured on bball_0001, K 256..2048
 BITS_PER_QP, DECIBELS_PER_QP = 0.17, 0.42  # first guesses: log2 of attribute bytes and dB lost with each QP
+LEAST_SHARE = 0.95  # of the geometry's bytes as one field, for safety: parted by components it took 1.00 to 1.23 times, 11 assets
 SECONDS, SECONDS_PER_VOXEL = 0.8, 2.4e-6  # of an encode with two threads
 
 
@@ -73,15 +74,21 @@ def encode_to_target(scene: Scene, options: EncodeOptions, report: Report) -> En
     its choices hold "search", a row per trial. Raises InputError TXF-I51 where no K and QP do, naming the best that was reached.
     """
     search = _Search(scene, options, report)
+    search.refuse_hopeless()
     found = search.climb()
     rows = report.trials = [t.row() for t in search.trials]
     if found is None:
         raise search.unreachable(rows)
     found.made.choices["search"] = rows
-    report.warnings += found.report.warnings
-    report.dropped += found.report.dropped
-    report.remarks += found.report.remarks
+    _add_sentences(report, found.report)
     return found.made
+
+
+def _add_sentences(report, other):
+    """Adds what another Report has to say to a Report."""
+    report.warnings += other.warnings
+    report.dropped += other.dropped
+    report.remarks += other.remarks
 
 
 def estimate(scene: Scene, options: EncodeOptions) -> tuple[int, float]:
@@ -102,23 +109,36 @@ class _Search:
     def __init__(self, scene, options, report):
         self.scene, self.options, self.report = scene, options, report
         self.budget = options.target_bytes
-        self.trials, self._samples, self._prepared = [], None, (None, None)
+        self.trials, self._samples, self._prepared, self._geometry = [], None, (None, None), []
+
+    def refuse_hopeless(self):
+        """Raises what unreachable() makes where header and geometry alone are over the budget: before anything is tried."""
+        if self.budget is None:
+            return
+        with self.report.stage("geometry"):
+            header, geometry = least_bytes(self.scene, self._options(FREE, FIRST_QP))
+        if header + LEAST_SHARE * geometry > self.budget:
+            self._geometry.append(geometry)
+            raise self.unreachable([])
 
     def climb(self):
         """The best Trial or None: at the supports that the encoder chooses where texels are among them, else on the ladder."""
         if self.options.rate_is_free and self.options.support != "voxels":
             report = Report(self.report.on_progress)
-            over_voxels = self._prepare(FREE, FIRST_QP, report).over_voxels
+            prepared = self._prepare(FREE, FIRST_QP, report)
             self._add_seconds(report)
-            best = None if over_voxels else self.best_at(FREE, FIRST_QP)
-            if best:
-                self.report.warnings += report.warnings
+            enough = prepared is not None and (prepared.one_colour or not prepared.over_voxels)
+            best = self.best_at(FREE, FIRST_QP) if enough else None
+            if best or (prepared and prepared.one_colour):
+                _add_sentences(self.report, report)
                 return best
         return self._climb_ladder()
 
     def _climb_ladder(self):
         """Walks the ladder from FIRST_K to finer or coarser K for as long as that is better; the best Trial or None."""
         best = self.best_at(FIRST_K, FIRST_QP)
+        if self._prepared[1] and self._prepared[1].one_colour:
+            return best
         coarser = best.qp >= COARSER_ABOVE if best else self.budget is not None
         finer = best.qp <= FINER_BELOW if best else self.budget is None
         if not (coarser or finer):
@@ -137,7 +157,11 @@ class _Search:
 
     def best_at(self, resolution, start):
         """The Trial at this K that meets the target at the least cost, or None."""
-        tried = {}
+        report, tried = Report(self.report.on_progress), {}
+        prepared = self._prepare(resolution, start, report)
+        self._add_seconds(report)
+        if prepared is None:
+            return None
 
         def excess(x):
             trial = self._encode(resolution, x if self.budget else LAST_QP - x)
@@ -147,12 +171,18 @@ class _Search:
                 return math.log2(max(trial.sizes["attributes"], 1) / (self.budget - fixed)) if fixed < self.budget else math.inf
             return self.options.target_psnr - self._measured(trial).psnr_y
 
-        slope = BITS_PER_QP if self.budget else DECIBELS_PER_QP
-        x = smallest_root(excess, start if self.budget else LAST_QP - start, slope)
+        x = start if self.budget else LAST_QP - start
+        if prepared.one_colour:  # no QP changes anything
+            x = x if excess(x) <= 0 else None
+        else:
+            x = smallest_root(excess, x, BITS_PER_QP if self.budget else DECIBELS_PER_QP)
         for trial in tried.values():
             if x is None or trial is not tried[x]:
                 trial.made.data, trial.made.values = b"", []
-        return None if x is None else self._measured(tried[x])
+        if x is None:
+            return None
+        _add_sentences(tried[x].report, report)
+        return self._measured(tried[x])
 
     def _better(self, a, b):
         return a.psnr_y > b.psnr_y if self.budget else a.sizes["total"] < b.sizes["total"]
@@ -164,7 +194,7 @@ class _Search:
 
     def _hopeless(self):
         """Whether what a trial needs beside its attributes is over the budget already."""
-        least = min(t.sizes["total"] - t.sizes["attributes"] for t in self.trials)
+        least = min([*self._geometry, *(t.sizes["total"] - t.sizes["attributes"] for t in self.trials)])
         return self.budget is not None and least >= self.budget
 
     def _encode(self, resolution, qp):
@@ -179,10 +209,15 @@ class _Search:
         return replace(self.options, target_bytes=None, target_psnr=None, resolution=resolution or None, qp=qp,
                        position_bits=bits)
 
-    def _prepare(self, resolution, qp, report):
-        """What prepare() made for a K, or with the encoder's choice of supports for FREE; kept until the next K."""
+    def _prepare(self, resolution, qp, report) -> Prepared | None:
+        """What prepare() made for a K, or with the encoder's choice of supports for FREE, None where its geometry is over the
+        budget; kept until the next K."""
         if self._prepared[0] != resolution:
-            self._prepared = resolution, prepare(self.scene, self._options(resolution, qp), report)
+            try:
+                self._prepared = resolution, prepare(self.scene, self._options(resolution, qp), report, budget=self.budget)
+            except OverBudget as over:
+                self._geometry.append(over.geometry)
+                self._prepared = resolution, None
         return self._prepared[1]
 
     def _measured(self, trial):
@@ -206,11 +241,11 @@ class _Search:
     def unreachable(self, rows):
         """The error that names the best of what was tried."""
         if self.budget:
-            least = min(rows, key=lambda r: r["bytes"])
-            geometry = min(t.sizes["geometry"] for t in self.trials)
+            geometry = min([*self._geometry, *(t.sizes["geometry"] for t in self.trials)])
+            least = min(rows, key=lambda r: r["bytes"], default=None)
+            best = least and {"best": least["bytes"], "resolution": least["resolution"], "qp": least["qp"]}
             return InputError("TXF-I51", f"no K and QP fit into the budget: geometry alone takes {geometry} bytes, and fewer "
-                              "position bits make it smaller", value=self.budget, best=least["bytes"],
-                              resolution=least["resolution"], qp=least["qp"])
+                              "position bits make it smaller", value=self.budget, **(best or {"allowed": f"> {geometry}"}))
         most = max(rows, key=lambda r: r["psnr_y"])
         return InputError("TXF-I51", "no K and QP reach this 3D-PSNR", value=self.options.target_psnr,
                           best=round(most["psnr_y"], 2), resolution=most["resolution"], qp=most["qp"])

@@ -23,6 +23,7 @@ from ..support.morton import decode_morton
 from ..support.texel_set import MAX_UV, asked_texels, count_rows
 
 if TYPE_CHECKING:
+    from ..asset.scene import Texture
     from ..geometry.surface import Surface
     from ..options import EncodeOptions
 
@@ -166,19 +167,21 @@ class _Looks:
         """(column, row) of the texels that the faces of a material show, int64 [N, 2]; None where that is not looked for."""
         key = (number, id(corner_uv), texture.image.shape[:2], tuple(texture.wrap))
         if key not in self._shown:
-            self._shown[key] = _shown_texels(corner_uv[self._faces(number)], texture)
+            self._shown[key] = shown_texels(corner_uv[self._faces(number)], texture)
         return self._shown[key]
 
 
-def _shown_texels(uv, texture):
+def shown_texels(uv: np.ndarray, texture: Texture, fraction_bits: int = 0) -> np.ndarray | None:
+    """(column, row) of the texels that faces show of a Texture, int64 [N, 2]; None where that takes too long to see. uv: float64
+    [F, 3, 2] of their corners, which are rounded to 2**-fraction_bits texels."""
     height, width = texture.image.shape[:2]
-    texels = uv * np.array([width, height], np.float64)
-    if max(width, height) > MAX_SIDE or not (np.abs(texels) < min(MAX_UV, 1 << MAX_UV_BITS + 5)).all():
+    steps = uv * np.array([width, height], np.float64) * (1 << fraction_bits)
+    if max(width, height) > MAX_SIDE or not (np.abs(steps) < min(MAX_UV, 1 << MAX_UV_BITS + 5)).all():
         return None
-    steps, corners = np.floor(texels + 0.5).astype(np.int64).reshape(-1, 2), np.arange(3 * len(uv)).reshape(-1, 3)
-    if count_rows(steps, corners, 0) > MOST_ROWS:
+    steps, corners = np.floor(steps + 0.5).astype(np.int64).reshape(-1, 2), np.arange(3 * len(uv)).reshape(-1, 3)
+    if count_rows(steps, corners, fraction_bits) > MOST_ROWS:
         return None
-    return decode_morton(asked_texels(steps, corners, 0, (width, height), tuple(texture.wrap)))[:, :2]
+    return decode_morton(asked_texels(steps, corners, fraction_bits, (width, height), tuple(texture.wrap)))[:, :2]
 
 
 def _one_value(values):

@@ -31,7 +31,8 @@ class SourceField:
     """A field before coding. support: its voxels or texels; threshold: the area threshold that voxels were kept by; planes:
     float32 [N, C] in 0..255 by channel name, colour sRGB-coded; shifts: by channel name, levels that a plane is coarser than the
     support; texels_per_edge: how much finer than the voxels the textures are;
-    exact: whether values are worth their bits whatever was asked for, being few; nearest: whether texels are shown as squares."""
+    exact: whether values are worth their bits whatever was asked for, being few; nearest: whether texels are shown as squares;
+    one_colour: whether all of its surface shows one, which its planes hold."""
 
     support: VoxelSupport | TexelSupport
     threshold: int
@@ -39,6 +40,7 @@ class SourceField:
     shifts: dict = field(default_factory=dict)
     texels_per_edge: float = 0.0
     exact: bool = False
+    one_colour: bool = False
     nearest: bool = False
 
     @property
@@ -83,3 +85,8 @@ def transferred(part: SourceField, source: Source, number: int, options: EncodeO
     density = int(np.clip(np.ceil(2 * part.texels_per_edge), SAMPLES_PER_EDGE, most))
     rgba = np.column_stack(transfer(*textured, part.keys, part.support.brick_map, density, options.threads))
     part.planes = colour_planes(rgba, source)
+
+
+def filled(part: SourceField, source: Source, colour: np.ndarray) -> None:
+    """Fills the planes of a SourceField whose surface shows one colour, RGBA float32 [4], with it: nothing is looked at."""
+    part.planes, part.one_colour = colour_planes(np.tile(colour, (len(part.support), 1)), source), True

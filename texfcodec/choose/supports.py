@@ -19,6 +19,7 @@ from ..geometry.surface import make_surface
 from ..ground.areas import face_areas
 from ..options import FINEST_POSITIONS, MOST_RESOLUTION
 from .images import image_groups
+from .one_colour import is_plain, material_colours
 from .position import rounding_mse
 from .probe import SLOPE, Patch, Probe, probe_texels, probe_voxels
 from .spending import has_few_colours
@@ -67,14 +68,19 @@ class _Candidate:
     finer: bool = False
 
 
-def choose_supports(scene: Scene, surface: Surface, options: EncodeOptions, finer: frozenset[int] = frozenset()) -> Supports:
+def choose_supports(scene: Scene, surface: Surface, options: EncodeOptions, finer: frozenset[int] = frozenset(),
+                    colours: np.ndarray | None = None) -> Supports:
     """Supports for a surface on the usual lattice. finer: numbers of materials that came out too coarse: their images go over
-    texels at full size, or their voxels get a larger K. Raises InputError, LimitError."""
+    texels at full size, or their voxels get a larger K; colours: of material_colours, where they are known. Raises InputError,
+    LimitError."""
     assert options.resolution is not None  # its __post_init__ fills it in
     told: dict[str, Any] = {"asked": options.support, "groups": []}
     reason = reason_for_voxels(options)
     if reason:
         return Supports(surface, [], options.resolution, told | {"reason": reason})
+    colours = material_colours(scene, surface) if colours is None else colours
+    if options.support != "texels" and is_plain(scene, colours, surface.material):
+        return Supports(surface, [], _coarsest(options), told | {"reason": "one colour: nothing to probe"})
     groups = [] if options.support == "voxels" else image_groups(scene, surface)
     found = [_candidate(scene, surface, group, options, told["groups"]) for group in groups]
     chosen = []
@@ -82,7 +88,7 @@ def choose_supports(scene: Scene, surface: Surface, options: EncodeOptions, fine
         if one and _goes_over_texels(one, scene, surface, options, told["groups"], finer):
             chosen.append(_refined(one, scene, surface, options, told["groups"][-1]))
     bits = _position_bits(chosen, scene, surface, options)
-    resolution = _resolution(scene, surface, chosen, options, told, finer)
+    resolution = _resolution(scene, surface, (chosen, colours), options, told, finer)
     plans = [c.plan for c in chosen]
     if bits != options.position_bits:
         told["position_bits"] = bits
@@ -261,12 +267,16 @@ def _geometry_bytes(plan, surface):
     return plain, len(enc_textured(surface.lattice[vertex], corners, uv, bits)[0])
 
 
-def _resolution(scene, surface, chosen, options, told, finer):
+def _resolution(scene, surface, known, options, told, finer):
     """K of what stays over voxels: the rate's, or a smaller one where it gives the same picture for less; a larger one where some
-    of it is to be finer."""
+    of it is to be finer. known: (the chosen _Candidates, material_colours)."""
+    chosen, colours = known
     rest = np.ones(len(surface.faces), bool)
     for one in chosen:
         rest[one.plan.group.faces] = False
+    if options.rate_is_free and rest.any() and is_plain(scene, colours, surface.material[rest]):
+        told["reason"] = "what stays over voxels is one colour: nothing to probe"
+        return _coarsest(options)
     if finer & set(np.unique(surface.material[rest]).tolist()):
         return min(round(FINER_K * options.resolution), MOST_RESOLUTION)
     patch = _patch(scene, surface, np.flatnonzero(rest), options) if rest.any() else None
@@ -274,7 +284,7 @@ def _resolution(scene, surface, chosen, options, told, finer):
         return options.resolution
     probes = [(options.resolution, probe_voxels(patch, options.resolution, 2, options))]
     while probes[-1][0] > 2 * USUAL_K:
-        k = round(probes[-1][0] / np.sqrt(2))
+        k = _coarser(probes[-1][0])
         probe = probe_voxels(patch, k, 2, options)
         worse = probe.lost(probes[0][1]) > LOST
         if worse or probe.bytes_at(probes[0][1]) >= probes[-1][1].bytes_at(probes[0][1]):
@@ -282,6 +292,18 @@ def _resolution(scene, surface, chosen, options, told, finer):
         probes.append((k, probe))
     told["voxels"] = [{"resolution": k, **probe.told()} for k, probe in probes]
     return probes[-1][0]
+
+
+def _coarser(resolution):
+    return round(resolution / np.sqrt(2))
+
+
+def _coarsest(options):
+    """The least K that is ever tried, which is fine enough for one colour."""
+    k = options.resolution
+    while options.rate_is_free and k > 2 * USUAL_K:
+        k = _coarser(k)
+    return k
 
 
 def _patch(scene, surface, faces, options):

@@ -19,6 +19,7 @@ from ..support.query import query_field
 from ..support.transfer import transfer
 from ..support.voxelise import voxelise
 from .layers import part_layers
+from .one_colour import one_colour
 from .partition import MAX_FIELDS, colour_pieces, face_components, find_contacts, folding_components
 
 if TYPE_CHECKING:
@@ -152,12 +153,16 @@ def _unbounded(candidate, split, contacts):
     return [candidate] if more.max() == candidate.max() else [candidate, more]
 
 
-def choose_fields(scene: Scene, surface: Surface, options: EncodeOptions, report: Report) -> tuple[np.ndarray, dict]:
+def choose_fields(scene: Scene, surface: Surface, colours: np.ndarray, options: EncodeOptions,
+                  report: Report) -> tuple[np.ndarray, dict]:
     """Field number of every face, int64 [F], and what the report says of it. Tries components, then also cut where they fold,
-    then layers; takes what pays. Warns where surfaces of different alpha stay in one field (InputError TXF-I52 with strict)."""
+    then layers; takes what pays. Warns where surfaces of different alpha stay in one field (InputError TXF-I52 with strict).
+    colours: of material_colours."""
     best, off, alpha = np.zeros(len(surface.faces), np.int64), options.partition == "off", codes_alpha(scene, surface)
     if len(surface.faces) < 2 or (off and not alpha):
         return best, {"fields": 1, "reason": "switched off" if len(surface.faces) > 1 else "one face"}
+    if one_colour(colours, surface.material) is not None:
+        return best, {"fields": 1, "reason": "one colour: nothing to part"}
     if not face_areas(surface.lattice, surface.faces).any():
         return best, {"fields": 1, "reason": "the surface has no area"}
     trials, told, apart = _Trials(scene, surface, options), [], []

@@ -49,6 +49,16 @@ def make_surface(scene: Any, options: Any) -> Surface:
     return Surface(cube, lattice, faces[keep], keep, np.asarray(scene.face_material)[keep])
 
 
+def used_vertices(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(ascending numbers of the vertices that faces use, int64 [n]; the faces over those). faces: int64 [F, 3] below count."""
+    if 4 * faces.size < count:  # few faces of a large mesh: sorting them takes less than a walk over all vertices
+        used, local = np.unique(faces, return_inverse=True)
+        return used, local.reshape(-1, 3)
+    there = np.zeros(count, bool)
+    there[faces.reshape(-1)] = True
+    return np.flatnonzero(there), (np.cumsum(there) - 1)[faces]
+
+
 def flat_faces(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Faces whose corners are on one line of the lattice, bool [F]. lattice: int64 [V, 3] below 2**20, so that all is exact;
     faces: int64 [F, 3]."""

@@ -52,6 +52,8 @@ def _reason_against(fields, options):
         return "there is no field over voxels"
     if options.max_error is not None:
         return "the voxels' own values were asked for"
+    if all(field.one_colour for field in fields):
+        return "one colour: nothing to refine"
     if options.refine == "auto" and options.effort == "fast":
         return "effort fast does without"
     if options.refine == "auto" and sum(len(f.keys) for f in fields) > MOST_VOXELS:

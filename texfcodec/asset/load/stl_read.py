@@ -15,6 +15,7 @@ from .parts import Notes, Part, assemble, linear_rgba
 from .polygons import parse_numbers
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_ODD = np.uint64(0x9E3779B97F4A7C15)  # a multiplier that spreads the bits of a number
 _START = 84  # 80 bytes of header, 4 of count
 _VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
 _NORMAL = re.compile(rb"\bnormal\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
@@ -37,12 +38,34 @@ def read_stl(data: bytes, folder: Path, notes: Notes) -> Scene:
 def weld(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rows [n, 3] -> (distinct rows, int64 [n] row of each): an STL and its like name no shared vertices."""
     rows = np.ascontiguousarray(points + np.zeros((), points.dtype))  # -0 becomes 0, which is the same place
-    keys = rows.view(np.dtype((np.void, rows.itemsize * 3))).reshape(-1)
-    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    bits = rows.view(f"u{rows.itemsize}")
+    first, number = _distinct(bits, _hashes(bits))
     order = np.argsort(first)  # vertices in order of first use
     rank = np.empty(len(order), np.int64)
     rank[order] = np.arange(len(order))
-    return rows[first[order]].astype(np.float64), rank[inverse.reshape(-1)]
+    return rows[first[order]].astype(np.float64), rank[number]
+
+
+def _hashes(bits):
+    """A hash of each row, uint64 [n]. bits: unsigned [n, 3]."""
+    x, y, z = bits.astype(np.uint64).T
+    mixed = ((x * _ODD + y) * _ODD + z) * _ODD
+    return mixed ^ mixed >> np.uint64(29)
+
+
+def _distinct(bits, hashes):
+    """(number of the first of each distinct row, which of those each row is), both int64. Numbers sort in a third of the time
+    that rows take; where the hashes of different rows are equal, the rows are sorted after all."""
+    order = np.argsort(hashes)
+    new = np.diff(hashes[order], prepend=~hashes[order[:1]]) != 0
+    number = np.empty(len(bits), np.int64)
+    number[order] = np.cumsum(new) - 1
+    first = np.minimum.reduceat(order, np.flatnonzero(new))
+    if (bits == bits[first[number]]).all():
+        return first, number
+    keys = bits.view(np.dtype((np.void, bits.itemsize * 3))).reshape(-1)
+    _, first, number = np.unique(keys, return_index=True, return_inverse=True)
+    return first, number.reshape(-1)
 
 
 def _bad(what, **details):

@@ -13,7 +13,7 @@ from texfcodec.errors import InputError, StreamError
 from texfcodec.geometry.canonical import MAX_COORDINATE, CanonicalCube, fit_cube
 from texfcodec.geometry.checksum import geometry_crc
 from texfcodec.geometry.draco import _HEADER, dec_geometry, enc_geometry
-from texfcodec.geometry.surface import used_vertices
+from texfcodec.ground.areas import used_vertices
 from texfcodec.ground.walk import write_v
 
 SCALE = st.sampled_from([1e-30, 1e-6, 1.0, 1e7, 1e30, 1e140])

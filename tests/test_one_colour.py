@@ -11,6 +11,7 @@ from shapes import scene_of, sphere, square
 from texfcodec import EncodeOptions, Report, decode
 from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
 from texfcodec.channels import BASE_COLOUR
+from texfcodec.check import encode_checked
 from texfcodec.choose.one_colour import material_colours, one_colour
 from texfcodec.choose.supports import USUAL_K
 from texfcodec.encoder import encode_scene
@@ -164,6 +165,17 @@ def test_a_nearest_sampler_of_one_colour_loses_nothing():
     scene.textures[0].nearest = True
     encode_scene(scene, EncodeOptions(rate="r03", threads=1), report)
     assert not report.dropped
+
+
+@pytest.mark.parametrize("has_normals", [False, True])
+def test_the_check_draws_one_colour_only_where_it_has_normals_of_its_own(has_normals):
+    scene = red_ball()
+    if has_normals:
+        scene.corner_normal = scene.positions[scene.faces].astype(np.float32)
+    made = encode_checked(scene, EncodeOptions(rate="r03", threads=1), Report())
+    assert ("lit" in made.check) is has_normals
+    assert made.check["visible"] and made.check["decoded_units"][1] == 1
+    assert made.check["worst"] is None or made.check["worst"]["rgb"] > 50
 
 
 @pytest.mark.parametrize("target", [{"target_bytes": 100_000}, {"target_psnr": 40.0}])

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from . import encoder
+from .choose.one_colour import NOTHING_TO_PROBE
 from .choose.trial import coding_mse
 from .decoder import decode_stream
 from .errors import InputError
@@ -117,8 +118,9 @@ def check_encoded(scene: Scene, made: Encoded, options: EncodeOptions, seconds: 
     dict
         JSON-ready: what compare_parts() says, None in the place of each PSNR where nothing is visible; "worst": the part with
         the least PSNR of RGB, None where all are exact; "lit" or "flat": PSNR of Y in small pictures, with light where the asset
-        is lit; "promised": PSNR of Y that the rate stands for, None where it stands for none; "decoded_units": (units whose
-        values were decoded, all units).
+        is lit; neither where one colour, with normals that follow from the geometry, leaves nothing to compare; "promised": PSNR
+        of Y that the rate stands for, None where it stands for none; "decoded_units": (units whose values were decoded, all
+        units).
 
     Raises
     ------
@@ -132,7 +134,8 @@ def check_encoded(scene: Scene, made: Encoded, options: EncodeOptions, seconds: 
         return {"y": None, "rgb": None, "parts": [], "visible": False, "worst": None, **known}
     inexact = [part for part in found["parts"] if part["rgb"] is not None]
     worst = min(inexact, key=lambda part: part["rgb"], default=None)
-    return {**found, "visible": True, "worst": worst, **_seen(scene, texf, options), **known}
+    seen = {} if _is_geometry_alone(scene, made) else _seen(scene, texf, options)
+    return {**found, "visible": True, "worst": worst, **seen, **known}
 
 
 def promised_psnr(options: EncodeOptions) -> float | None:
@@ -188,6 +191,11 @@ def _decoded(made, options, seconds):
 
     texf = decode_stream(made.data, DecodeOptions(threads=options.threads, limits=options.limits), Report(), known)
     return texf, counts
+
+
+def _is_geometry_alone(scene, made):
+    """Whether pictures show nothing but the geometry, which has its own checksum: one colour, and normals that follow from it."""
+    return scene.corner_normal is None and made.choices["supports"].get("reason") == NOTHING_TO_PROBE
 
 
 def _seen(scene, texf, options):

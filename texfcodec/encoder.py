@@ -33,8 +33,9 @@ from .codecs.codec import PlaneCodec, Source, split_groups
 from .errors import InputError
 from .geometry.checksum import geometry_crc
 from .geometry.draco import counts_of, dec_geometry, dec_textured, enc_geometry, enc_textured, split_corners
-from .geometry.surface import Surface, make_surface, used_vertices
+from .geometry.surface import Surface, make_surface
 from .geometry.unit import GeometryUnit, field_surface, field_uv
+from .ground.areas import used_vertices
 from .ground.json_text import json_ready
 from .options import EncodeOptions
 from .refine.choice import refine_fields

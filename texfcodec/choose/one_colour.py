@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ..geometry.surface import Surface
 
 EXACT_UV_BITS = 4  # below the texel, when every colour that a face shows has to be seen
+NOTHING_TO_PROBE = "one colour: nothing to probe"
 FEW = 64  # faces, or rows and columns of an image, that are looked at before all are
 
 

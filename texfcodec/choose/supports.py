@@ -19,7 +19,7 @@ from ..geometry.surface import make_surface
 from ..ground.areas import face_areas
 from ..options import FINEST_POSITIONS, MOST_RESOLUTION
 from .images import image_groups
-from .one_colour import is_plain, material_colours
+from .one_colour import NOTHING_TO_PROBE, is_plain, material_colours
 from .position import rounding_mse
 from .probe import SLOPE, Patch, Probe, probe_texels, probe_voxels
 from .spending import has_few_colours
@@ -80,7 +80,7 @@ def choose_supports(scene: Scene, surface: Surface, options: EncodeOptions, fine
         return Supports(surface, [], options.resolution, told | {"reason": reason})
     colours = material_colours(scene, surface) if colours is None else colours
     if options.support != "texels" and is_plain(scene, colours, surface.material):
-        return Supports(surface, [], _coarsest(options), told | {"reason": "one colour: nothing to probe"})
+        return Supports(surface, [], _coarsest(options), told | {"reason": NOTHING_TO_PROBE})
     groups = [] if options.support == "voxels" else image_groups(scene, surface)
     found = [_candidate(scene, surface, group, options, told["groups"]) for group in groups]
     chosen = []

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, LimitError
+from ..ground.areas import edge_columns, squared_cross
 from .canonical import CanonicalCube, fit_cube
 
 LEAST_HEIGHT = 2.0**-22  # of a face, in sides of the cube: about what rounding to binary32 does to three corners on a line
@@ -49,32 +50,23 @@ def make_surface(scene: Any, options: Any) -> Surface:
     return Surface(cube, lattice, faces[keep], keep, np.asarray(scene.face_material)[keep])
 
 
-def used_vertices(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """(ascending numbers of the vertices that faces use, int64 [n]; the faces over those). faces: int64 [F, 3] below count."""
-    if 4 * faces.size < count:  # few faces of a large mesh: sorting them takes less than a walk over all vertices
-        used, local = np.unique(faces, return_inverse=True)
-        return used, local.reshape(-1, 3)
-    there = np.zeros(count, bool)
-    there[faces.reshape(-1)] = True
-    return np.flatnonzero(there), (np.cumsum(there) - 1)[faces]
-
-
 def flat_faces(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Faces whose corners are on one line of the lattice, bool [F]. lattice: int64 [V, 3] below 2**20, so that all is exact;
     faces: int64 [F, 3]."""
-    u, v = lattice[faces[:, 1]] - lattice[faces[:, 0]], lattice[faces[:, 2]] - lattice[faces[:, 0]]
+    u, v = edge_columns(lattice, faces)  # products of whole numbers below 2**20 are exact in binary64, too
     flat = np.ones(len(faces), bool)
     for i, j in ((0, 1), (1, 2), (2, 0)):
-        flat &= u[:, i] * v[:, j] == u[:, j] * v[:, i]
+        flat &= u[i] * v[j] == u[j] * v[i]
     return flat
 
 
 def thin_faces(positions: np.ndarray, faces: np.ndarray, side: float) -> np.ndarray:
     """Faces of the source that are less high than LEAST_HEIGHT sides, bool [F]. They have no area to show, but rounding to the
     lattice can give them some. positions: float64 [V, 3]; faces: int64 [F, 3]; side: of the canonical cube, above 0."""
-    u, v = ((positions[faces[:, i]] - positions[faces[:, 0]]) / side for i in (1, 2))
-    base = np.sqrt(np.max([(e * e).sum(axis=1) for e in (u, v, v - u)], axis=0))
-    return np.linalg.norm(np.cross(u, v), axis=1) <= LEAST_HEIGHT * base
+    u, v = ([column / side for column in edge] for edge in edge_columns(positions, faces))
+    w = [c - b for b, c in zip(u, v, strict=True)]
+    base = np.sqrt(np.max([e[0] * e[0] + e[1] * e[1] + e[2] * e[2] for e in (u, v, w)], axis=0))
+    return np.sqrt(squared_cross(u, v)) <= LEAST_HEIGHT * base
 
 
 def idle_faces(faces: np.ndarray, flat: np.ndarray) -> np.ndarray:

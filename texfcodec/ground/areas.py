@@ -7,8 +7,27 @@ import numpy as np
 
 def face_areas(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Areas of the faces in squared lattice steps, float64 [F]. lattice: int64 [V, 3]; faces: int64 [F, 3]."""
-    a, b, c = (lattice[faces[:, i]].astype(np.float64) for i in range(3))
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    u, v = edge_columns(lattice, faces)
+    return np.sqrt(squared_cross(u, v)) / 2
+
+
+def edge_columns(points: np.ndarray, faces: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """The edges from the first corner of each face to the second and to the third, as three columns float64 [F] each: columns
+    take a quarter of the time that rows of three take. points: [V, 3]; faces: int64 [F, 3]."""
+    first, second, third = (np.ascontiguousarray(faces[:, i]) for i in range(3))
+    u, v = [], []
+    for axis in range(3):
+        column = np.ascontiguousarray(points[:, axis], np.float64)
+        origin = column[first]
+        u.append(column[second] - origin)
+        v.append(column[third] - origin)
+    return u, v
+
+
+def squared_cross(u: list[np.ndarray], v: list[np.ndarray]) -> np.ndarray:
+    """Squared lengths of cross products, float64 [F]. u, v: columns as edge_columns() has them."""
+    parts = [(u[i] * v[j] - u[j] * v[i]) ** 2 for i, j in ((1, 2), (2, 0), (0, 1))]
+    return parts[0] + parts[1] + parts[2]
 
 
 def sample_surface(positions: np.ndarray, faces: np.ndarray, count: int, seed: int | Sequence[int] = 0,
@@ -45,7 +64,8 @@ def sample_surface(positions: np.ndarray, faces: np.ndarray, count: int, seed: i
 
 def relative_areas(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Face areas float64 [F] in units of the squared largest extent, so that no scale (1e-300 to 1e300) over- or underflows."""
-    corners = positions[faces].reshape(-1, 3)
+    used, faces = used_vertices(faces, len(positions))
+    corners = positions[used]
     if not np.isfinite(corners).all():
         raise ValueError("positions must be finite")
     if not corners.any():
@@ -54,5 +74,14 @@ def relative_areas(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
     corners -= corners.min(axis=0)
     if not corners.any():
         return np.zeros(len(faces))
-    a, b, c = np.moveaxis((corners / corners.max()).reshape(-1, 3, 3), 1, 0)
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    return np.sqrt(squared_cross(*edge_columns(corners / corners.max(), faces))) / 2
+
+
+def used_vertices(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(ascending numbers of the vertices that faces use, int64 [n]; the faces over those). faces: int64 [F, 3] below count."""
+    if 4 * faces.size < count:  # few faces of a large mesh: sorting them takes less than a walk over all vertices
+        used, local = np.unique(faces, return_inverse=True)
+        return used, local.reshape(-1, 3)
+    there = np.zeros(count, bool)
+    there[faces.reshape(-1)] = True
+    return np.flatnonzero(there), (np.cumsum(there) - 1)[faces]

@@ -14,6 +14,8 @@ from mesh_files import COMPONENTS, RED_BLUE, SQUARE, SQUARE_UV, TWO, Builder, en
 from PIL import Image
 
 from texfcodec.asset.load.files import load, load_any
+from texfcodec.asset.load.mtl_read import read_mtl
+from texfcodec.asset.load.parts import Notes
 from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Scene
 from texfcodec.channels import MAPS
 from texfcodec.errors import InputError, LimitError, SupportError, TexfError
@@ -592,11 +594,21 @@ def test_obj_with_materials_polygons_and_negative_indices(obj):
     np.testing.assert_allclose(scene.corner_uv[1], (uv * [1, -1] + [0, 1])[[0, 2, 3]])
     assert not scene.corner_uv[2:].any()
     paint, plain = scene.materials
-    assert paint.factor.tolist() == [0.5, 0.25, 1, 0.5] and paint.alpha_mode == ALPHA_BLEND and paint.name == "paint"
+    np.testing.assert_allclose(paint.factor, [0.21404, 0.05088, 1, 0.5], atol=1e-5)  # sRGB-coded, as viewers show Kd
+    assert paint.alpha_mode == ALPHA_BLEND and paint.name == "paint"
     assert plain.factor.tolist() == [0, 0, 1, 1] and plain.texture == -1
     assert scene.textures[0].wrap == (WRAP_CLAMP, WRAP_CLAMP) and scene.textures[0].name == "my tex.png"
     assert scene.dropped == ["OBJ statement 'l'", "Ns of material 'paint'", "map_Bump of material 'paint'"]
     assert scene.metadata == {"objects": ["thing"]}
+
+
+@pytest.mark.parametrize("head, red", [("# Blender 4.0.1 MTL File: 'a.blend'", 0.5), ("# Created by hand", 0.21404)])
+def test_kd_is_linear_where_blender_wrote_it_and_as_viewers_show_it_elsewhere(head, red):
+    notes = Notes(strict=False)
+    material = read_mtl(f"{head}\nnewmtl a\nKd 0.5 0 1\n".encode(), notes)["a"]
+    np.testing.assert_allclose(material.factor, [red, 0, 1, 1], atol=1e-5)
+    said = "colours of the MTL file are linear, as Blender writes them; many viewers show them darker"
+    assert [*notes.remarks] == [said] * (red == 0.5)
 
 
 def test_obj_tolerates_line_ends_continuations_and_missing_files(loaded, refused):

@@ -91,7 +91,8 @@ def test_concave_polygons_are_cut(scene_of):
     a, b, c = (scene.positions[scene.faces[:, k]] for k in range(3))
     areas = 0.5 * np.cross(b - a, c - a)[:, 2]
     assert (areas > 0).all() and areas.sum() == pytest.approx(10)
-    assert scene.materials[0].factor.tolist() == [1, 0.5, 0, 1] and scene.materials[0].texture == -1
+    np.testing.assert_allclose(scene.materials[0].factor, [1, 0.21404, 0, 1], atol=1e-5)
+    assert scene.materials[0].texture == -1
 
 
 def test_colours_of_corners_are_decoded(scene_of):

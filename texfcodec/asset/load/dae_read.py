@@ -14,7 +14,7 @@ from ...errors import InputError, SupportError
 from ..scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene
 from .image_read import TextureShelf, read_texture_file
 from .normals import place_normals
-from .parts import Notes, Part, assemble, check_face_count, linear_rgba
+from .parts import Notes, Part, assemble, check_face_count, linear_rgba, linearise_factors
 from .polygons import triangulate
 from .visibility import turn_where_all_vanish
 
@@ -43,6 +43,8 @@ def read_dae(data: bytes, folder: Path, notes: Notes) -> Scene:
     _drop_rest(document, notes)
     turn_where_all_vanish(look.materials, "the COLLADA file", notes)
     asset = document.assetInfo
+    exporters = " ".join(str(one.authoring_tool) for one in asset.contributors)
+    linearise_factors([material.factor for material in look.materials], exporters, "COLLADA file", notes)
     metadata = {"up_axis": str(asset.upaxis), **({"unit_in_metres": float(asset.unitmeter)} if asset.unitmeter else {})}
     return assemble(parts, look.materials, look.shelf.textures, notes, metadata)
 

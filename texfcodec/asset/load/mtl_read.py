@@ -12,6 +12,7 @@ from ...errors import InputError
 from ..scene import ALPHA_BLEND, ALPHA_OPAQUE, WRAP_CLAMP, WRAP_REPEAT, Material
 from .image_read import TextureShelf, read_texture_file
 from .magic import as_utf8
+from .parts import linearise_factors
 from .visibility import vanishes
 
 if TYPE_CHECKING:
@@ -26,8 +27,8 @@ _SAME = 1e-3  # of numbers that are written with three digits
 
 @dataclass
 class ObjMaterial:
-    """One newmtl. factor: float64 [4]; texture: file name or None; uv_scale, uv_offset: float64 [2], with v upwards; dissolve,
-    transparency: numbers of its `d` and `Tr`, None without."""
+    """One newmtl. factor: float64 [4], linear once the file is read; texture: file name or None; uv_scale, uv_offset: float64
+    [2], with v upwards; dissolve, transparency: numbers of its `d` and `Tr`, None without."""
 
     name: str
     factor: np.ndarray
@@ -58,6 +59,7 @@ def read_mtl(data: bytes, notes: Notes) -> dict[str, ObjMaterial]:
     _set_alpha(list(found.values()), "meshlab" in text[:_HEAD].lower(), notes)
     for material in found.values():
         _finish(material, notes)
+    linearise_factors([material.factor for material in found.values()], text[:_HEAD], "MTL file", notes)
     return found
 
 
@@ -168,7 +170,7 @@ def _finish(material, notes):
 
 
 def scene_material(material: ObjMaterial, folder: Path, shelf: TextureShelf) -> Material:
-    """ObjMaterial -> Material, its texture put on the shelf. Kd is taken as linear, like glTF's factor."""
+    """ObjMaterial -> Material, its texture put on the shelf."""
     texture = -1
     if material.texture:
         name = material.texture

@@ -92,6 +92,20 @@ def linear_rgba(coded: np.ndarray) -> np.ndarray:
     return out
 
 
+def linearise_factors(factors: list[np.ndarray], exporter: str, where: str, notes: Notes) -> None:
+    """Makes base colours linear, in place, of a format that does not say how they are coded: viewers show them as sRGB-coded, and
+    that is what they are taken for, but Blender writes linear ones.
+
+    factors: float64 [4] each; exporter: text in which the file's exporter names itself; where: the file's kind, for the remark.
+    """
+    if "blender" in exporter.lower():
+        if any(((0 < factor[:3]) & (factor[:3] < 1)).any() for factor in factors):
+            notes.remark(f"colours of the {where} are linear, as Blender writes them; many viewers show them darker")
+        return
+    for factor in factors:
+        factor[:3] = srgb_to_linear(np.clip(factor[:3], 0.0, 1.0))
+
+
 def assemble(parts: list[Part], materials: list[Material], textures: list[Texture], notes: Notes,
              metadata: dict | None = None) -> Scene:
     """Join parts into one Scene: unreferenced vertices go, indices and numbers are checked.

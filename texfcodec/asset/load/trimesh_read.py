@@ -82,7 +82,7 @@ def _color(mesh):
 
 
 def _material(mesh, shelf, notes, label):
-    """PBRMaterial or SimpleMaterial -> Material; trimesh stores factors as 8 bits, taken as linear."""
+    """PBRMaterial or SimpleMaterial -> Material; trimesh stores factors as 8 bits, the second's are sRGB-coded."""
     source = getattr(mesh.visual, "material", None)
     if source is None:
         return Material("default")
@@ -97,7 +97,10 @@ def _material(mesh, shelf, notes, label):
         texture = shelf.put(id(image), lambda: image, name or f"texture of {label}", (WRAP_REPEAT, WRAP_REPEAT))
     mode = getattr(source, "alphaMode", None) or "OPAQUE"
     cutoff = getattr(source, "alphaCutoff", None)
-    return Material(name, _factor(factor), texture, _ALPHA.get(mode, ALPHA_OPAQUE), 0.5 if cutoff is None else float(cutoff),
+    factor = _factor(factor)
+    if not hasattr(source, "baseColorTexture"):
+        factor = linear_rgba(factor).astype(np.float64)
+    return Material(name, factor, texture, _ALPHA.get(mode, ALPHA_OPAQUE), 0.5 if cutoff is None else float(cutoff),
                     bool(getattr(source, "doubleSided", False)))
 
 

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -15,8 +16,11 @@ from texfcodec.cli.batch import Batch
 from texfcodec.cli.catalogue import read_catalogue, words_of
 from texfcodec.cli.enc import main
 from texfcodec.cli.results import Results
+from texfcodec.dispatch.local import run_here
 from texfcodec.dispatch.room import LOCK, WORK, only_run
+from texfcodec.dispatch.tasks import Task
 from texfcodec.errors import InputError
+from texfcodec.ground import unfinished
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SMALL = ("--resolution", "16", "--qp", "30", "--effort", "fast")
@@ -201,6 +205,30 @@ def encoders_in(out):
         except OSError:
             continue
     return found
+
+
+def test_children_that_the_answer_to_ctrl_c_ends_have_no_outcome(tmp_path):
+    """They had: no answer of theirs was found, and results.jsonl got a line with TXF-C07."""
+    tasks = [Task(name=str(i), commands=(("wait", ("-m", "timeit", "-n", "1", "import time; time.sleep(60)")),), input=tmp_path)
+             for i in range(2)]
+    outcomes, held = [], []
+
+    def interrupt():
+        wait_for(lambda: len(unfinished._children) == 2)
+        held.append(unfinished.GATE.acquire())
+        unfinished.remove_all()  # as interrupts.py does, which ends the process next
+
+    answering = threading.Thread(target=interrupt)
+    answering.start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run_here(tasks, 2, tmp_path, lambda task, outcome, folder: outcomes.append(outcome))
+    finally:
+        answering.join()
+        if held:
+            unfinished.GATE.release()
+        unfinished.begin()
+    assert outcomes == []
 
 
 def test_results_survive_a_line_that_was_cut_short(tmp_path):

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from pathlib import Path
 
+from ..ground import unfinished
 from .children import Children
 from .tasks import FULL, INTERRUPTED, Outcome, Task, perform, remove_folder
 
@@ -23,6 +24,8 @@ def run_here(tasks: Sequence[Task], workers: int, room: Path, ended: Ended) -> N
         if full.is_set():
             return Outcome(FULL, "the disk is full; not begun"), folder
         outcome = perform(task, folder, children)
+        if unfinished.is_ending():  # the answer to Ctrl-C took the child's exit code, and its folder
+            return Outcome(INTERRUPTED, "interrupted"), folder
         if outcome.state == FULL:
             full.set()
         return outcome, folder

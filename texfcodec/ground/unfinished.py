@@ -26,15 +26,16 @@ _children: set = set()
 
 
 class _Stage:
-    """last: the next rename is the last step of the command; done: its outcome stands, and an interrupt comes too late."""
+    """last: the next rename is the last step of the command; done: its outcome stands, and an interrupt comes too late; ending:
+    an interrupt is being answered, and the process is about to end."""
 
-    last = done = False
+    last = done = ending = False
 
 
 def begin() -> None:
     """A command begins: nothing is written yet."""
     with GATE:
-        _Stage.last = _Stage.done = False
+        _Stage.last = _Stage.done = _Stage.ending = False
 
 
 def last_step() -> None:
@@ -51,6 +52,11 @@ def finish() -> None:
 def is_finished() -> bool:
     """Whether the outcome of the command stands."""
     return _Stage.done
+
+
+def is_ending() -> bool:
+    """Whether an interrupt has ended the children of this process: how they ended is no outcome of theirs."""
+    return _Stage.ending
 
 
 def new_file(path: PathLike) -> BinaryIO:
@@ -153,6 +159,7 @@ def run_child(command: list[str], data: bytes, timeout: float | None, environmen
 
 def remove_all() -> None:
     """Ends the children and removes the temporaries; the caller holds GATE and ends the process next."""
+    _Stage.ending = True  # before the first child ends, whose exit code others may be waiting for
     for child in list(_children):
         try:
             child.kill()

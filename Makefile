@@ -52,6 +52,7 @@ everyday: install
 
 # Every asset at every setting of a condition file, then tables: make rate-points [CONDITIONS=file] [ASSETS=folder] [JOBS=n] [OUT=folder]
 rate-points: install
+	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[baselines]"
 	$(PY) tools/rate_points.py "$(or $(CONDITIONS),conditions/smoke.toml)" --out "$(or $(OUT),out/rate_points)" $(if $(ASSETS),--assets "$(ASSETS)") $(if $(JOBS),--jobs $(JOBS))
 	$(PY) tools/collect.py "$(or $(OUT),out/rate_points)" --out "$(or $(OUT),out/rate_points)"
 

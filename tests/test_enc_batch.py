@@ -16,11 +16,13 @@ from texfcodec.cli.batch import Batch
 from texfcodec.cli.catalogue import read_catalogue, words_of
 from texfcodec.cli.enc import main
 from texfcodec.cli.results import Results
+from texfcodec.cli.totals import Totals, losses_in_words, losses_of
 from texfcodec.dispatch.local import run_here
 from texfcodec.dispatch.room import LOCK, WORK, only_run
 from texfcodec.dispatch.tasks import Task
 from texfcodec.errors import InputError
 from texfcodec.ground import unfinished
+from texfcodec.ground.json_text import json_ready
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SMALL = ("--resolution", "16", "--qp", "30", "--effort", "fast")
@@ -229,6 +231,44 @@ def test_children_that_the_answer_to_ctrl_c_ends_have_no_outcome(tmp_path):
             unfinished.GATE.release()
         unfinished.begin()
     assert outcomes == []
+
+
+def test_a_batch_ends_with_totals_and_a_line_names_its_losses(call, tmp_path):
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    (folder / "whole.ply").write_text(TETRAHEDRON)
+    (folder / "gone.obj").write_text("mtllib gone.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (folder / "broken.off").write_text("OFF\nand no more\n")
+    for again in (False, True):
+        code, rows, err = call("--batch", folder, "--out", tmp_path / "out", *SMALL, "--json")
+        *rows, last = rows
+        made, totals = {row["asset"]: row for row in rows}, last["totals"]
+        assert code == 7 and totals["assets"] == 2 and totals["failed"] == 1 and totals["assets_with_warnings"] == 1 + 1
+        assert totals["source_bytes"] == sum((folder / name).stat().st_size for name in ("whole.ply", "gone.obj"))
+        assert totals["stream_bytes"] == sum((tmp_path / "out" / name).stat().st_size for name in ("whole.texf", "gone.texf"))
+        warning = made["gone.obj"]["named"]["warnings"]
+        assert "gone.mtl" in warning["first"] and warning["count"] >= 1
+        assert totals["psnr"]["rgb"]["assets"] == 2 and totals["psnr"]["y"]["worst_asset"] in ("whole.ply", "gone.obj")
+        assert "with warnings, 0 assets with losses" in err and "PSNR RGB: median" in err
+        assert again or ("bytes, " in err and "warning" in err and "gone.mtl" in err)
+    lines = (tmp_path / "out/results.jsonl").read_text().splitlines()
+    assert not any("totals" in json.loads(line) for line in lines)
+
+
+def test_totals_are_of_what_was_measured():
+    totals, row = Totals(), {"asset": "a", "stream": {"bytes": 10}}
+    totals.add(row | {"result": {"source": {"bytes": 30}, "check": {"y": 30.0, "rgb": None}, "dropped": ["a tail"]}})
+    totals.add(row | {"asset": "b", "result": {"source": {"bytes": 70}, "check": {"y": 40.0, "rgb": 50.0},
+                                           "warnings": ["x", "y"]}})
+    totals.add(row | {"asset": "c", "result": {"source": {"bytes": 50}, "check": {"y": None, "rgb": None, "visible": False}}})
+    totals.add(row | {"asset": "d", "result": {"source": {"bytes": 50}, "check": None}})
+    totals.add({"asset": "e", "error": {}})
+    assert list(totals.lines()) == ["200 bytes became 40, 5 times smaller", "PSNR Y: median 35.00 dB, worst 30.00 dB (a)",
+                                    "PSNR RGB: median exact, worst 50.00 dB (b)", "1 asset with warnings, 1 asset with losses"]
+    assert json_ready(totals.facts())["psnr"]["rgb"] == {"median": None, "worst": 50.0, "worst_asset": "b", "assets": 2}
+    named = losses_of({"dropped": ["a tail", "a head"], "warnings": ["dark"]})
+    assert losses_in_words(named) == "; 2 losses, the first: a tail; 1 warning: dark"
+    assert losses_of({}) == {} and list(Totals().lines()) == []
 
 
 def test_results_survive_a_line_that_was_cut_short(tmp_path):

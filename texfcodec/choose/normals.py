@@ -73,7 +73,8 @@ def choose_normals(scene: Scene, surface: Surface, report: Report) -> Shading:
     median, most, _ = shading.told["degrees"]
     if median > ENOUGH[0] or most > ENOUGH[1]:
         report.warnings.append(f"no rule makes the shading normals again: half of the surface is off by {median} degrees or "
-                               f"more, a twentieth by {most}")
+                               f"more, a twentieth by {most}; if that shows, let the tool that wrote the mesh compute its "
+                               "normals anew, or bake them into a normal map")
     return shading
 
 

@@ -22,6 +22,7 @@ from .catalogue import Asset, read_catalogue, words_given
 from .console import Console, printable
 from .flags import file_names, number
 from .results import Results, sha256_of
+from .totals import Totals, losses_in_words, losses_of
 
 SCHEMA = 1
 FLAGS = ("batch", "batch_out", "jobs", "scheduler", "limit_seconds", "memory_limit")
@@ -90,21 +91,27 @@ def encode_batch(console: Console, asked: dict[str, Any], checkpoint: str | None
             with progress(len(todo)) as show:
                 batch.run(todo, room, show)
     console.note(batch.summary(len(assets), len(todo)))
+    for line in batch.totals.lines():
+        console.note(line)
+    if console.as_json:
+        click.echo(json_text({"schema": SCHEMA, "totals": batch.totals.facts()}), file=console.results)
     unfinished.finish()
     return EXIT_IO if batch.is_full else EXIT_DIFFERS if batch.failed else 0
 
 
 class Batch:
-    """A batch at work. failed: how many assets; is_full: whether a disk was full."""
+    """A batch at work. failed: how many assets; is_full: whether a disk was full; totals: of all assets so far."""
 
     def __init__(self, console: Console, out: Path, words: tuple[str, ...], asked: dict[str, Any]) -> None:
         self.console, self.out, self.words, self.asked = console, out, words, asked
         self.results, self.failed, self.is_full, self.begin = Results(out), 0, False, time.perf_counter()
+        self.totals = Totals()
 
     def is_finished(self, asset: Asset) -> bool:
         """Whether there is nothing to do; its old line is told then."""
         row = self.results.finished(asset, self._words(asset))
         if row is not None:
+            self.totals.add(row)
             self._tell(row | {"passed_over": True})
         return row is not None
 
@@ -164,8 +171,10 @@ class Batch:
         except OSError as error:
             self.is_full = self.is_full or is_full(error)
             return self._fail(asset, as_input_error(error, self.out / asset.out))
+        self.totals.add(row)
         self._tell(row)
-        self._show(asset, f"{row['stream']['bytes']} bytes, {facts['seconds']['total']:.2f} s", False)
+        said = losses_in_words(row.get("named", {}))
+        self._show(asset, f"{row['stream']['bytes']} bytes, {facts['seconds']['total']:.2f} s{said}", False)
 
     def _kept(self, asset, folder, facts):
         """Puts the stream at its place, and then its line, which is returned."""
@@ -173,7 +182,8 @@ class Batch:
         home = os.path.dirname(names[0])  # the first is the asset itself, wherever it was read
         files = {Path(os.path.relpath(name, home)).as_posix() for name in names}
         row = {**self._row(asset), "files": {name: sha256_of(asset.path.parent / name) for name in sorted(files)},
-               "stream": {"bytes": stream.stat().st_size, "sha256": sha256_of(stream)}, "result": facts}
+               "stream": {"bytes": stream.stat().st_size, "sha256": sha256_of(stream)}, "result": facts,
+               "named": losses_of(facts)}
         target.parent.mkdir(parents=True, exist_ok=True)
         unfinished.rename_all([(stream, target)])
         self.results.append(row)
@@ -187,6 +197,7 @@ class Batch:
         told = error.as_dict() | {"exit_code": error.exit_code} if isinstance(error, TexfError) else error
         row = {**self._row(asset), "error": json_ready(told)}
         self.failed += 1
+        self.totals.add(row)
         try:
             self.results.append(row)
         except OSError:  # a full disk: what has failed is tried again without a line as well

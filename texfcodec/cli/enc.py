@@ -65,8 +65,8 @@ def enc(console, source, out, dry_run, advised, as_json, quiet, **choices):
 
     --batch codes a whole catalogue into the folder of --out: a folder of meshes, whose names the streams keep; a list of paths,
     one a line; or a TOML file of [[asset]] tables with path, out (a name that ends in .texf) and options, and [options] for all.
-    Each asset gets a JSON line on stdout and in results.jsonl. A failed one stops no other; the same command again codes what is
-    not finished or has changed.
+    Each asset gets a JSON line on stdout and in results.jsonl, and with --json the totals come last. A failed one stops no
+    other; the same command again codes what is not finished or has changed.
 
     Exit codes: 0 done, 1 command line, 2 input or output, 4 internal, 5 not supported, 6 over a limit, 7 an asset of a batch
     failed, 130 interrupted.

@@ -80,7 +80,7 @@ def decoded(positions, faces, **changes):
         positions=origin + side * (lattice / 16383), lattice_positions=lattice, faces=faces, origin=origin, side=side,
         position_bits=14, resolution=200, has_alpha=False, metadata={"title": "härtetest"}, materials=[Material("clay")],
         face_material=np.zeros(len(faces), np.int64), face_field=np.zeros(len(faces), np.int64), evaluators=None,
-        fields=[SimpleNamespace(over_texels=False, planes={},
+        fields=[SimpleNamespace(over_texels=False, planes={}, steps={},
                                 support=SimpleNamespace(planar=False, resolution=200, level_shift=0))],
     )  # fmt: skip
     texf.query = lambda points, face_index=None: smooth_colour((points - texf.origin) / (texf.side or 1.0))

@@ -1,5 +1,6 @@
 """What leaves as GLB: what it was before, no larger than it has to be, and nothing in it that shows nothing."""
 
+import io
 import json
 import shutil
 import subprocess
@@ -7,12 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
+from scipy.ndimage import gaussian_filter
 from shapes import painted_sphere, scene_of, sphere
 from test_asset_save import accessor, read_glb
 
-from texfcodec import EncodeOptions, decode, encode
+from texfcodec import DecodeOptions, EncodeOptions, decode, encode
 from texfcodec.asset.load.files import load
+from texfcodec.asset.save.automatic_image import automatic_image
 from texfcodec.asset.save.files import as_glb, save
+from texfcodec.asset.save.image_write import jpeg_bytes
 from texfcodec.asset.scene import Material, Scene, Texture
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -107,3 +112,70 @@ def test_the_validator_finds_nothing_in_colours_at_vertices(tmp_path):
     if run.returncode == 2:
         pytest.skip("gltf-validator is not here: npm install gltf-validator")
     assert run.returncode == 0 and run.stdout.count("0 errors, 0 warnings") == 2, run.stdout
+
+
+# Images no larger than they have to be.
+
+
+def photograph(side=256, seed=0):
+    """An image with detail of every size, uint8 [side, side, 4]."""
+    rng, out = np.random.default_rng(seed), np.full((side, side, 3), 128.0)
+    for wide in (0.7, 2, 8, 32):
+        layer = gaussian_filter(rng.normal(0, 1, (side, side, 3)), (wide, wide, 0), mode="wrap")
+        out += layer * (wide**0.7 * 4 / layer.std())
+    return np.dstack([np.clip(out, 0, 255), np.full((side, side, 1), 255)]).astype(np.uint8)
+
+
+def picture(path):
+    """The first image of a file as it is in there: (its format, float [H, W, 3])."""
+    document, binary = read_glb(path)
+    view = document["bufferViews"][document["images"][0]["bufferView"]]
+    image = Image.open(io.BytesIO(binary[view["byteOffset"]:][: view["byteLength"]]))
+    return image.format, np.asarray(image.convert("RGB"), np.float64), view["byteLength"]
+
+
+def luma_error(a, b):
+    return float((((a - b) @ [0.2126, 0.7152, 0.0722]) ** 2).mean())
+
+
+@pytest.mark.parametrize(("rate", "form"), [("r01", "JPEG"), ("r03", "JPEG"), ("r06", "PNG")])
+def test_a_jpeg_costs_less_than_a_fifth_of_a_decibel(tmp_path, rate, form):
+    scene = printed(photograph())
+    texf = decode(encode(scene, EncodeOptions(rate=rate, support="texels", refine="off")))
+    for name in ("auto", "png"):
+        save(texf, tmp_path / f"{name}.glb", texture_format=name)
+    (chosen, small, size), (_, exact, whole) = (picture(tmp_path / f"{name}.glb") for name in ("auto", "png"))
+    source = scene.textures[0].image[..., :3].astype(np.float64)
+    lost = 10 * np.log10(luma_error(small, source) / luma_error(exact, source))
+    assert chosen == form and lost < 0.2 and (form == "PNG") == (lost == 0)
+    assert size < (0.6 if form == "JPEG" else 1) * whole
+
+
+def test_exact_values_stay_exact(tmp_path):
+    texf = decode(encode(printed(photograph(64)), EncodeOptions(lossless=True, support="texels")))
+    save(texf, tmp_path / "a.glb")
+    form, image, _ = picture(tmp_path / "a.glb")
+    assert form == "PNG" and (image == photograph(64)[..., :3]).all()
+
+
+def test_few_colours_and_alpha_are_png():
+    flat = np.random.default_rng(0).integers(0, 200, (16, 16, 3), np.uint8).repeat(16, axis=0).repeat(16, axis=1)
+    form, data = automatic_image(flat[:, :, :1].repeat(3, axis=2), 16.0)
+    read = Image.open(io.BytesIO(data))
+    assert form.name == "png" and read.mode == "P" and (np.asarray(read.convert("RGB")) == flat[:, :, :1]).all()
+    assert automatic_image(photograph(64), 16.0)[0].name == "png"  # with alpha
+    assert automatic_image(photograph(64)[..., :3], None)[0].name == "png"  # nothing known
+    assert automatic_image(photograph(256)[..., :3], 40.0)[0].name == "jpeg"
+
+
+def test_noise_that_no_guess_of_its_size_holds_is_a_jpeg_all_the_same():
+    """Pillow gives an optimised JPEG two bytes a texel at most."""
+    noise = np.random.default_rng(0).integers(0, 256, (512, 512, 3), np.uint8)
+    data = jpeg_bytes(noise, quality=100, subsampling=0)
+    assert np.abs(np.asarray(Image.open(io.BytesIO(data))).astype(int) - noise).mean() < 1
+
+
+def test_an_isolated_decoder_says_the_steps_too():
+    data = encode(printed(photograph(64)), EncodeOptions(rate="r03", support="texels", refine="off"))
+    here, there = decode(data), decode(data, DecodeOptions(isolate=True))
+    assert [f.steps for f in here.fields] == [f.steps for f in there.fields] and here.fields[0].steps["base_colour"] == 16

@@ -193,6 +193,9 @@ def _add_planes(field, group, values, support, options, plane=None):
         check_values(zlib.crc32(plane), values, codec_of_unit(values))
     planes = group.split(plane)
     field.planes |= planes
+    step = codec_of_unit(values).step(values)
+    if step is not None:
+        field.steps |= dict.fromkeys(planes, step)
     field.shifts |= dict.fromkeys(planes, max(min(shift, support.depth) - min(options.lod, support.depth), 0))
 
 

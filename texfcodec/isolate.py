@@ -90,7 +90,8 @@ def _texf(facts, arrays, threads, limits=_USUAL):
         units = _split(facts["units"], arrays, {"lattice": np.int64, "faces": np.int64, "uv": np.int64})
         fields = _split(facts["fields"], arrays, {"keys": np.int64, **{_plane(c): np.uint8 for c in channels}})
         texf = Texf(cube=cube, units=[_unit(numbers, parts) for numbers, parts in units],
-                    fields=[_field(*one, channels, shifts) for one, shifts in zip(fields, facts["shifts"], strict=True)],
+                    fields=[_field(*one, channels, *told) for one, *told in zip(fields, facts["shifts"], facts["steps"],
+                                                                                strict=True)],
                     materials=materials, metadata=dict(facts["metadata"]), groups=groups, threads=threads,
                     skipped=list(facts["skipped"]))
         sound = all(_field_is_sound(f, channels, limits) for f in texf.fields)
@@ -161,16 +162,18 @@ def _unit(numbers, parts):
     return GeometryUnit(field, material, parts[0], parts[1], parts[2] if textured else None)
 
 
-def _field(numbers, parts, channels, shifts):
-    """The Field of its support's numbers, two over voxels and six over texels, its arrays and the shifts of its planes."""
+def _field(numbers, parts, channels, shifts, steps):
+    """The Field of its support's numbers, two over voxels and six over texels, its arrays, and the shifts and steps of its
+    planes."""
     planes = {channel.name: plane for channel, plane in zip(channels, parts[1:], strict=True) if len(plane)}
     shifts = {str(name): int(shift) for name, shift in shifts.items()}
+    steps = {str(name): float(step) for name, step in steps.items()}
     if len(numbers) == len(_support_numbers(VoxelSupport(1, parts[0]))):
-        return Field(VoxelSupport(numbers[0], parts[0], numbers[1]), planes, shifts)
+        return Field(VoxelSupport(numbers[0], parts[0], numbers[1]), planes, shifts, steps)
     width, height, wrap_s, wrap_t, fraction_bits, shift = numbers
     support = TexelSupport(keys=parts[0], level_shift=shift, width=width, height=height, wrap=(wrap_s, wrap_t),
                            fraction_bits=fraction_bits)
-    return Field(support, planes, shifts)
+    return Field(support, planes, shifts, steps)
 
 
 def _support_numbers(support):
@@ -222,6 +225,7 @@ def _uv_is_sound(unit, part):
 
 def _field_is_sound(part, channels, limits):
     whole = all(c.name in part.planes for c in channels if c in COLOURS) and part.shifts.keys() <= part.planes.keys()
+    whole = whole and all(0 <= step < 1 << 12 for step in part.steps.values())
     return whole and _support_is_sound(part.support, limits) \
         and all(_plane_is_sound(part, c) for c in channels if c.name in part.planes)
 
@@ -279,7 +283,8 @@ def _answer(texf, report):
                   for u in texf.units],
         "fields": [(_support_numbers(f.support), [len(f.keys), *(_length(f.planes.get(c.name)) for c in texf.channels)])
                    for f in texf.fields],
-        "shifts": [f.shifts for f in texf.fields], "sharp_edges": texf.sharp_edges is not None,
+        "shifts": [f.shifts for f in texf.fields], "steps": [f.steps for f in texf.fields],
+        "sharp_edges": texf.sharp_edges is not None,
     }
     arrays = {
         "lattice": np.concatenate([np.zeros((0, 3), np.int64), *(u.lattice for u in texf.units)]),

@@ -34,7 +34,7 @@ OF_PLANES = frozenset({"support", "exact_rate", "texel_size"})  # no part in cod
 REFINEMENTS = ("auto", "off", "fit", "render")
 ATLAS_METHODS = ("auto", "quality", "fast")
 APPEARANCES = ("texture", "vertex", "voxels")
-TEXTURE_FORMATS = ("png", "jpeg", "webp", "avif", "ktx2")
+TEXTURE_FORMATS = ("auto", "png", "jpeg", "webp", "avif", "ktx2")
 COMPRESSIONS = ("none", "draco", "meshopt")
 
 

@@ -30,11 +30,13 @@ if TYPE_CHECKING:
 class Field:
     """Values on one support. support: where they are, voxels or texels; planes: uint8 [N, C] by channel name, colour sRGB-coded,
     alpha straight, a map's values without its material's factor; shifts: by channel name, levels that a plane is coarser than
-    the support, 0 for base colour and alpha."""
+    the support, 0 for base colour and alpha; steps: by channel name, the quantiser's step in levels, 0 for exact values, where
+    the stream says it."""
 
     support: VoxelSupport | TexelSupport
     planes: dict[str, np.ndarray]
     shifts: dict[str, int] = field(default_factory=dict)
+    steps: dict[str, float] = field(default_factory=dict)
     _pyramids: dict = field(default_factory=dict)  # coarser levels, once render/levels.py was asked for them
 
     @property

@@ -175,6 +175,10 @@ class PlaneCodec(Codec):
         """Mirror of enc(). values: of its syntax elements, with NumComponents and the file offset; levels: octree levels to leave
         out. Returns uint8 [n, C] on support.coarser(levels). Raises StreamError."""
 
+    def step(self, values: dict) -> float | None:
+        """Levels of 255 that the decoded values were quantised to, 0 where they are exact; None where the unit does not say."""
+        return None
+
     def dec_watched(self, values: dict, support: VoxelSupport, threads: int) -> tuple[np.ndarray, Reading]:
         """dec() of all levels, and what has been seen of the unit on the way, for whoever validates it."""
         return self.dec(values, support, 0, threads), Reading()

@@ -18,8 +18,9 @@ import numpy as np
 
 from ...errors import InputError
 from ...ground import unfinished
+from .automatic_image import automatic_image
 from .gltf_pack import check_compression, packing_of
-from .image_write import FORMATS, check_image_format, encode_image, format_for
+from .image_write import AUTO, FORMATS, check_image_format, encode_image, format_for
 from .looks import Looks, looks_of
 from .seams import measure_seams
 
@@ -27,19 +28,20 @@ APPEARANCES = ("texture", "vertex", "voxels")
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".npz")
 
 
-_IN_OBJ = ("png", "jpeg")  # what readers of MTL take
+_IN_OBJ = (AUTO, "png", "jpeg")  # what readers of MTL take
 
 
 @dataclass(kw_only=True)
 class SaveOptions:
     """How a stream is written. appearance: "texture", "vertex" (colours at vertices), "voxels" (point cloud of voxel centres) or
-    None; texture_size: side of the atlas in texels or None; atlas: "auto", "quality" or "fast"; texture_format: "png", "jpeg",
-    "webp", "avif" or "ktx2"; texture_quality: 1..100, or None for the format's own; compress: "none", "draco" or "meshopt"."""
+    None; texture_size: side of the atlas in texels or None; atlas: "auto", "quality" or "fast"; texture_format: "auto" for JPEG
+    where that costs hardly any quality and PNG elsewhere, "png", "jpeg", "webp", "avif" or "ktx2"; texture_quality: 1..100, or
+    None for the format's own; compress: "none", "draco" or "meshopt"."""
 
     appearance: str | None = None
     texture_size: int | None = None
     atlas: str = "auto"
-    texture_format: str = "png"
+    texture_format: str = AUTO
     texture_quality: int | None = None
     compress: str = "none"
     settled: bool = field(default=False, init=False)  # whether colours have to be where appearance says
@@ -151,14 +153,14 @@ def _looks(texf, suffix, asked):
 
 def _settles_images(asked):
     """Whether anything is said of images that only these can have."""
-    return asked.texture_size is not None or asked.atlas != "auto" or asked.texture_format != "png"
+    return asked.texture_size is not None or asked.atlas != "auto" or asked.texture_format != AUTO
 
 
 def _check_packing(suffix, asked):
     """InputError TXF-O14, or SupportError TXF-O15, where texture format and compression do not fit what is written."""
     check_image_format(asked.texture_format, asked.texture_quality)
     check_compression(asked.compress)
-    gltf, chosen = suffix in (".glb", ".gltf"), asked.texture_format != "png"
+    gltf, chosen = suffix in (".glb", ".gltf"), asked.texture_format not in (AUTO, "png")
     if asked.compress != "none" and (not gltf or asked.appearance == "voxels"):
         raise InputError("TXF-O14", "only meshes in GLB and glTF can be compressed", value=asked.compress, suffix=suffix,
                          appearance=asked.appearance)
@@ -184,7 +186,7 @@ def _side_names(path, suffix, asked, looks):
     """Names of the files that the writers put beside path, known before the work, but for images that have to be PNG."""
     stem = path.stem if suffix == ".gltf" else _without_blanks(path.stem)
     count = looks.image_count if looks is not None and suffix != ".glb" else 0
-    images = _image_names(stem, [FORMATS[asked.texture_format]] * count)
+    images = _image_names(stem, [FORMATS["png" if asked.texture_format == AUTO else asked.texture_format]] * count)
     if suffix == ".gltf":
         return [*images, stem + ".bin"]
     return [*images, stem + ".mtl"] if images else []
@@ -294,7 +296,10 @@ def _textured(texf, asked, told):
     if len(shown):
         told.seams = measure_seams(texf.lattice_positions, texf.faces[shown], look.corner_uv[shown], look.textures,
                                    look.face_image[shown])
-    for texture in look.textures:
+    for texture, step in zip(look.textures, look.steps, strict=True):
+        if asked.texture_format == AUTO:
+            images.append(automatic_image(texture.image, step, texture.srgb))
+            continue
         form = format_for(texture.image, FORMATS[asked.texture_format], told.warnings)
         quality = asked.texture_quality if form.quality is not None else None
         images.append((form, encode_image(texture.image, form, quality, texture.srgb)))

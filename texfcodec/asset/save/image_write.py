@@ -6,6 +6,7 @@ transcodes).
 
 import io
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -31,14 +32,17 @@ FORMATS = {one.name: one for one in (
     ImageFormat("avif", "image/avif", ".avif", "EXT_texture_avif", 85),
     ImageFormat("ktx2", "image/ktx2", ".ktx2", "KHR_texture_basisu", 90),
 )}  # fmt: skip
+AUTO = "auto"  # automatic_image.py
 
 
 def check_image_format(name: str, quality: int | None) -> None:
-    """InputError TXF-O14 for a format or a quality that encode_image() does not take, SupportError TXF-O15 for one whose package
-    is missing."""
-    if not isinstance(name, str) or name not in FORMATS:
-        raise InputError("TXF-O14", "texture format not known", value=str(name)[:40], allowed=" ".join(FORMATS))
+    """InputError TXF-O14 for a format, AUTO among them, or a quality that does not go with it, SupportError TXF-O15 for a format
+    whose package is missing."""
+    if not isinstance(name, str) or name not in (AUTO, *FORMATS):
+        raise InputError("TXF-O14", "texture format not known", value=str(name)[:40], allowed=" ".join((AUTO, *FORMATS)))
     if quality is not None:
+        if name == AUTO:
+            raise InputError("TXF-O14", f"texture quality needs a texture format: {AUTO} sets its own", value=str(quality)[:40])
         if FORMATS[name].quality is None:
             raise InputError("TXF-O14", f"{name} is lossless and has no quality", value=quality)
         if isinstance(quality, bool) or not isinstance(quality, int) or not 1 <= quality <= 100:
@@ -69,6 +73,8 @@ def encode_image(image: np.ndarray, form: ImageFormat, quality: int | None = Non
     quality = form.quality if quality is None else quality
     if form.name == "ktx2":
         return _ktx2(image, quality, srgb)
+    if form.name == "jpeg":
+        return jpeg_bytes(image, **_settings(form.name, quality))
     from PIL import Image
 
     out = io.BytesIO()
@@ -76,12 +82,27 @@ def encode_image(image: np.ndarray, form: ImageFormat, quality: int | None = Non
     return out.getvalue()
 
 
+def jpeg_bytes(image: np.ndarray, **settings: Any) -> bytes:
+    """The bytes of a JPEG, by keywords of Pillow's save(), optimised and progressive where Pillow has room for that.
+
+    It sets aside two bytes a texel at quality 95 and more, one below, and fails where noise takes more."""
+    from PIL import Image
+
+    picture, room = Image.fromarray(image), (2 if settings.get("quality", 0) >= 95 else 1) * image.shape[0] * image.shape[1]
+    plain, small = io.BytesIO(), io.BytesIO()
+    picture.save(plain, "JPEG", **settings)
+    if len(plain.getvalue()) > 0.9 * room:
+        return plain.getvalue()
+    picture.save(small, "JPEG", optimize=True, progressive=True, **settings)
+    return small.getvalue()
+
+
 def _settings(name, quality):
     """Keywords of Pillow's save(). Chroma at full resolution where it can be had: charts make colour edges everywhere."""
     if name == "png":
         return {"compress_level": 3}
     if name == "jpeg":
-        return {"quality": quality, "subsampling": 0, "optimize": True}
+        return {"quality": quality, "subsampling": 0}
     if name == "webp":
         return {"quality": quality, "method": 4, "exact": True}
     return {"quality": quality, "subsampling": "4:4:4", "speed": 6}

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...channels import BASE_COLOUR, BY_NAME
+from ...channels import BASE_COLOUR, BY_NAME, channel_over
 from ..scene import NEAREST_FIELDS, WRAP_CLAMP, Texture
 from ..tangents import corner_tangents
 from .atlas import check_arguments
@@ -24,11 +24,13 @@ NORMALS = ("normal", "clearcoat_normal")
 @dataclass(kw_only=True)
 class Textured:
     """corner_uv: float64 [F, 3, 2], v downwards (glTF), beyond 0..1 where an image wraps; textures: Texture of each image, uint8
-    [H, W, 3] or [H, W, 4]; looks: what each primitive is made of; images: for each look, the texture of each channel by name;
+    [H, W, 3] or [H, W, 4]; steps: for each of them, levels that its values were quantised to, 0 for exact ones, None where the
+    stream does not say; looks: what each primitive is made of; images: for each look, the texture of each channel by name;
     corner_tangent: float32 [F, 3, 4], None where no normal map is; warnings: one sentence each."""
 
     corner_uv: np.ndarray
     textures: list[Texture]
+    steps: list[float | None]
     looks: Looks
     images: list[dict[str, int]]
     corner_tangent: np.ndarray | None
@@ -47,6 +49,7 @@ def textured(texf: Any, looks: Looks, texture_size: int | None = None, atlas: st
     normal = None
     corner_uv, warnings, of_skin = np.zeros((len(texf.faces), 3, 2)), [], []
     textures: list[Texture] = []
+    steps: list[float | None] = []
     if names_in(looks, NORMALS):
         normal = texf.shading_normals()
     for skin in looks.skins:
@@ -56,13 +59,22 @@ def textured(texf: Any, looks: Looks, texture_size: int | None = None, atlas: st
         corner_uv[faces] = uv
         of_skin.append({name: len(textures) + n for n, (names, _) in enumerate(found) for name in names})
         textures += [texture for _, texture in found]
+        steps += [_step(texf, skin, faces, names) for names, _ in found]
         warnings += said
     if texf.fields and not any(skin.field is None for skin in looks.skins) and (texture_size is not None or atlas != "auto"):
         warnings.append("every field is over texels and keeps its image: texture size and atlas method have no part")
     corner_uv[~looks.has_image] = 0
     images = [{name: of_skin[look.skin][name] for name in look.mapped} for look in looks.looks]
     tangent = None if normal is None else corner_tangents(texf.positions, texf.faces, corner_uv, normal)
-    return Textured(corner_uv=corner_uv, textures=textures, looks=looks, images=images, corner_tangent=tangent, warnings=warnings)
+    return Textured(corner_uv=corner_uv, textures=textures, steps=steps, looks=looks, images=images,
+                    corner_tangent=tangent, warnings=warnings)
+
+
+def _step(texf, skin, faces, names):
+    """The smallest step of channels, by their names in materials, in the fields of faces; None where no unit says any."""
+    fields = [texf.fields[number] for number in np.unique(texf.face_field[faces]).tolist()]
+    known = [part.steps.get(channel_over(name, skin.field is not None).name) for part in fields for name in names]
+    return min((step for step in known if step is not None), default=None)
 
 
 def _faces_of(texf, looks, skin):

@@ -40,6 +40,14 @@ class Raht(PlaneCodec):
         """See PlaneCodec.dec."""
         return self._dec(values, support, levels, threads)
 
+    def step(self, values: dict) -> float | None:
+        """See PlaneCodec.step; the smallest of its components."""
+        from .transform.quantise import step_of
+
+        if values["residual"]:  # the largest error and 1
+            return 2.0 * values["residual"] - 1 if values["residual"] > 1 else 0.0
+        return min(step_of(qp) for qp in values["qp"]) / 4096
+
     def dec_watched(self, values: dict, support: VoxelSupport, threads: int) -> tuple[np.ndarray, Reading]:
         """See PlaneCodec.dec_watched."""
         reached: list[list[int]] = []

@@ -89,7 +89,7 @@ def rich_model():
     moves = builder.accessor(np.zeros((2, 3), np.float32))
     tree["animations"] = [{"channels": [{"sampler": 0, "target": {"node": 0, "path": "translation"}}],
                            "samplers": [{"input": times, "output": moves}]}]
-    tree["nodes"] += [{"camera": 0, "name": "eye"}]
+    tree["nodes"] += [{"camera": 0, "name": "eye", "mesh": 0}]
     tree["scenes"][0]["nodes"] += [1]
     tree["cameras"] = [{"type": "perspective", "perspective": {"yfov": 1, "znear": 0.1}}]
     tree["extensions"] = {"KHR_materials_variants": {"variants": [{"name": "red"}]}, "ACME_weather": {"rain": True}}

@@ -44,7 +44,7 @@ TABLE = (
     ("skins", r"skin|joint", lambda root: any("skin" in node for node in _list(root, "nodes"))),
     ("morph targets", r"morph|target", lambda root: any(p.get("targets") for p in _primitives(root))),
     ("variants", r"variant", lambda root: "KHR_materials_variants" in _extensions(root)),
-    ("node tree", r"\bnodes?\b|hierarchy", lambda root: len(_list(root, "nodes")) > 1),
+    ("node tree", r"\bnodes?\b|hierarchy", lambda root: sum("mesh" in node for node in _list(root, "nodes")) > 1),
     ("cameras", r"camera", lambda root: any("camera" in node for node in _list(root, "nodes"))),
     ("lights", r"light", lambda root: "KHR_lights_punctual" in _extensions(root)),
     ("extras", r"extras", _has_extras),

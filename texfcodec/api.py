@@ -10,6 +10,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 
 from .errors import InputError, LossWarning
+from .limits import UNLIMITED, Limits
 from .options import DecodeOptions, EncodeOptions, options_of
 from .report import SENTENCES, Report
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
     from .asset.scene import Scene
     from .encoder import Encoded
-    from .limits import Limits
     from .texf import Texf
 
 Stream: TypeAlias = "bytes | bytearray | memoryview | str | PathLike[str] | BinaryIO"
@@ -100,7 +100,7 @@ def _encoded(mesh, options, report):
 
     options, report = options_of(EncodeOptions, options), report or Report()
     with report.stage("load"):
-        scene = load(mesh, strict=options.strict)
+        scene = load(mesh, options.strict, options.limits)
     report.warnings += scene.warnings
     report.dropped += scene.dropped
     report.remarks += scene.remarks
@@ -171,7 +171,7 @@ def measure(scene: Scene, made: Encoded, threads: int = 1) -> dict:
     from .decoder import decode_stream
     from .quality.measure import measure as measured
 
-    texf = decode_stream(made.data, DecodeOptions(threads=threads), Report())
+    texf = decode_stream(made.data, DecodeOptions(threads=threads, limits=UNLIMITED), Report())
     return measured(scene, texf, threads=threads, face_field=made.face_field)
 
 
@@ -238,8 +238,6 @@ def inspect(stream: Stream, limits: Limits | None = None) -> dict:
         As decode().
     """
     from .bitstream.inspect import inspect as inspected
-    from .limits import Limits
-
     limits = limits or Limits()
     return inspected(_bytes_of(stream, limits), limits)
 

@@ -17,6 +17,7 @@ from .choose.trial import coding_mse
 from .decoder import decode_stream
 from .errors import InputError
 from .ground.colour_error import decibels
+from .limits import UNLIMITED
 from .options import DecodeOptions
 from .quality.parts import compare_parts
 from .quality.views import Look, compare_views
@@ -189,7 +190,7 @@ def _decoded(made, options, seconds):
         counts[0] += 1
         return None
 
-    texf = decode_stream(made.data, DecodeOptions(threads=options.threads, limits=options.limits), Report(), known)
+    texf = decode_stream(made.data, DecodeOptions(threads=options.threads, limits=UNLIMITED), Report(), known)
     return texf, counts
 
 

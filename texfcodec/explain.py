@@ -11,6 +11,7 @@ from .codecs import codec_of
 from .decoder import decode_stream
 from .encoder import code_prepared, prepare
 from .errors import TexfError
+from .limits import UNLIMITED
 from .options import EFFORTS, DecodeOptions, EncodeOptions
 from .quality.bd_rate import difference_at
 from .quality.measure import SourceSamples
@@ -101,7 +102,7 @@ class _Bench:
         worked = time.process_time() if worked is None else worked
         made = code_prepared(prepared, options, Report())
         row = {"seconds": round(time.perf_counter() - begin, 4), "processor_seconds": round(time.process_time() - worked, 4)}
-        texf = decode_stream(made.data, DecodeOptions(threads=self.threads), Report())
+        texf = decode_stream(made.data, DecodeOptions(threads=self.threads, limits=UNLIMITED), Report())
         return row | {"bytes": len(made.data), "psnr_y": self.samples.compare(texf, made.face_field)["y"]}
 
 

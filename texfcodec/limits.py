@@ -8,15 +8,16 @@ class Limits:
     """Defaults fit a desktop; 0 or None switches a limit off.
 
     file_bytes: whole stream; vertices, faces: over all units; voxels: over all fields, asked texels with them; texels: of one
-    image, asked or not; samples: of voxelisation and rows of texels, over all fields (time grows with it: about 20 million a
-    second and core); latents: numbers of a payload that a network reads, two a byte; metadata_bytes; isolate_bytes,
-    isolate_seconds: for --isolate. """
+    image, asked or not; image_pixels: of one image of a mesh file, as many as a field's image may have; samples: of voxelisation
+    and rows of texels, over all fields (time grows with it: about 20 million a second and core); latents: numbers of a payload
+    that a network reads, two a byte; metadata_bytes; isolate_bytes, isolate_seconds: for --isolate. """
 
     file_bytes: int | None = 256 << 20
     vertices: int | None = 1 << 24
     faces: int | None = 1 << 24
     voxels: int | None = 1 << 26
     texels: int | None = 1 << 27
+    image_pixels: int | None = 1 << 27
     samples: int | None = 1 << 31
     latents: int | None = 1 << 28
     metadata_bytes: int | None = 1 << 20
@@ -28,6 +29,7 @@ class Limits:
             object.__setattr__(self, name, getattr(self, name) or None)
 
 
+UNLIMITED = Limits(**dict.fromkeys(Limits.__dataclass_fields__))  # for a stream that the same process has made
 _MI = 1 << 20
 LEVELS = {  # bitstream_spec.md 10.1, whose table is made from this one; 3 is what this decoder promises by default
     1: Limits(file_bytes=16 * _MI, vertices=_MI // 4, faces=_MI // 4, voxels=2 * _MI, texels=4 * _MI, samples=64 * _MI,

@@ -15,6 +15,7 @@ from .codecs import codec_of
 from .decoder import decode_stream
 from .encoder import Encoded, OverBudget, Prepared, code_prepared, least_bytes, prepare
 from .errors import InputError
+from .limits import UNLIMITED
 from .options import DecodeOptions, EncodeOptions
 from .quality.measure import SourceSamples, measure_or_warn
 from .report import Report
@@ -226,7 +227,7 @@ class _Search:
             with report.stage("measure"):
                 if self._samples is None:
                     self._samples = SourceSamples(self.scene, threads=threads)
-                texf = decode_stream(trial.made.data, DecodeOptions(threads=threads), Report())
+                texf = decode_stream(trial.made.data, DecodeOptions(threads=threads, limits=UNLIMITED), Report())
                 trial.made.psnr_3d = measure_or_warn(lambda: self._samples.compare(texf, trial.made.face_field), report)
                 if trial.psnr is None and not self.budget:
                     raise InputError("TXF-I94", report.warnings[0])

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from ..errors import EXIT_INTERNAL, EXIT_INTERRUPTED, EXIT_IO, EXIT_LIMIT, EXIT_USAGE, InputError, TexfError
+from ..errors import EXIT_INTERNAL, EXIT_INTERRUPTED, EXIT_IO, EXIT_LIMIT, EXIT_USAGE, InputError, LimitError, TexfError
 from ..ground import unfinished
 from ..ground.json_text import json_text
 from . import interrupts
@@ -69,8 +69,9 @@ class Console:
             error = {"code": code, "message": message, "exit_code": exit_code, **details}
             click.echo(json_text({"schema": SCHEMA, "error": error}), file=self.results)
         else:
-            facts = ", ".join(f"{k} {v}" for k, v in details.items())
-            click.echo(printable(f"error {code}: {message}" + (f" ({facts})" if facts else "")), err=True)
+            facts = ", ".join(f"{k} {v}" for k, v in details.items() if k != "remedy")
+            more = (f" ({facts})" if facts else "") + (f"; {details['remedy']}" if "remedy" in details else "")
+            click.echo(printable(f"error {code}: {message}{more}"), err=True)
         return exit_code
 
     def progress(self) -> AbstractContextManager[Report]:
@@ -111,7 +112,7 @@ def _guarded(command, arguments, console):
     except click.ClickException as error:
         return console.fail("TXF-C01", error.format_message().rstrip(".") + f"; see {command.name} --help", EXIT_USAGE)
     except TexfError as error:
-        return console.fail(error.code, error.message, error.exit_code, **error.details)
+        return console.fail(error.code, error.message, error.exit_code, **error.details | _remedy(error))
     except (click.Abort, KeyboardInterrupt):
         return console.fail(interrupts.CODE, interrupts.message(), EXIT_INTERRUPTED)
     except BrokenPipeError:
@@ -123,6 +124,13 @@ def _guarded(command, arguments, console):
             raise
         what = f"{type(error).__name__}: {error}"[:300]
         return console.fail("TXF-C04", f"internal error, please report it; {TRACEBACK}=1 shows where", EXIT_INTERNAL, reason=what)
+
+
+def _remedy(error):
+    """What to do about a limit, which no message says: {"remedy": text}, {} for other errors."""
+    from ..findings import BY_CODE
+
+    return {"remedy": BY_CODE[error.code].remedy} if isinstance(error, LimitError) and error.code in BY_CODE else {}
 
 
 def printable(text: str) -> str:

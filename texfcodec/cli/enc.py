@@ -39,7 +39,7 @@ def _warm_up(context, parameter, value):
 @click.option("--codec-option", "codec_options", metavar="NAME=VALUE", multiple=True,
               help="A setting of a codec that a plug-in brings; as often as needed.")
 @option_flags(EncodeOptions, "threads")
-@limit_flags("vertices", "faces", "voxels", "samples", "metadata_bytes")
+@limit_flags("vertices", "faces", "voxels", "samples", "metadata_bytes", "image_pixels")
 @option_flags(EncodeOptions, "measure", "no_check", "strict")
 @explain_flags
 @batch_flags
@@ -155,7 +155,7 @@ def _load(source, options, report):
     from ..api import refuse_losses
 
     with report.stage("load"):
-        scene = load_mesh(source, options.strict)
+        scene = load_mesh(source, options.strict, options.limits)
     report.warnings += scene.warnings
     report.dropped += scene.dropped
     report.remarks += scene.remarks

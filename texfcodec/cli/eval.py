@@ -7,7 +7,7 @@ import click
 from .. import __version__
 from ..asset.load.formats import SUFFIXES
 from .console import STYLE, run, seconds_of, timing_line
-from .flags import file_names, number
+from .flags import file_names, limit_flags, limits_of, number
 from .inputs import check_stdin_once, load_mesh, open_asset
 
 
@@ -23,12 +23,13 @@ from .inputs import check_stdin_once, load_mesh, open_asset
                                              "every channel, and angles of the shading normals (docs/shading.md).")
 @click.option("--mipmaps", is_flag=True, help="Views ask minified images and fields as viewers do, between two mip levels.")
 @click.option("--no-3d", is_flag=True, help="Leave out PSNR at points of the surface.")
+@limit_flags("texels", "image_pixels")
 @click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
 @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
 @click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
-def evaluate(console, source, other, views, size, ssim, weights, shaded, mipmaps, no_3d, threads, as_json, quiet):
+def evaluate(console, source, other, views, size, ssim, weights, shaded, mipmaps, no_3d, threads, as_json, quiet, **limits):
     """Compare DECODED, a .texf stream or a mesh (SUFFIXES), with the mesh SOURCE it was made from. One of them may be "-": a
     stream or a GLB on stdin.
 
@@ -41,14 +42,14 @@ def evaluate(console, source, other, views, size, ssim, weights, shaded, mipmaps
     from ..options import DecodeOptions
     from ..warmup import FIRST_RUN, kernels_compiled
 
-    options = DecodeOptions(threads=threads)
+    options = DecodeOptions(threads=threads, limits=limits_of(limits))
     check_stdin_once(source, other)
     lpips = _load_lpips(weights)
     if not kernels_compiled():
         console.note(FIRST_RUN)
     with console.progress() as report:
         with report.stage("load"):
-            scene = _named(load_mesh(source), source, report)
+            scene = _named(load_mesh(source, limits=options.limits), source, report)
         decoded = _open(other, options, report)
         facts = _views(scene, decoded, (views, size, ssim, lpips), mipmaps, options.threads, report) | {"mipmaps": mipmaps}
         facts["shaded"] = _shaded(scene, decoded, (views, size, options.threads, mipmaps), report) if shaded else None

@@ -19,6 +19,7 @@ _LIMIT_TEXT = {
     "faces": "faces over all geometry units",
     "voxels": "active voxels and asked texels over all fields",
     "texels": "texels of one image of a field, asked or not",
+    "image_pixels": "pixels of one image of a mesh file",
     "samples": "surface samples and rows of texels; time grows with it",
     "latents": "latents of a payload",
     "metadata_bytes": "bytes of metadata",

@@ -27,11 +27,11 @@ def check_stdin_once(*paths: str | None) -> None:
         raise click.UsageError("stdin can be read only once, but two inputs are -")
 
 
-def load_mesh(path: str, strict: bool = False) -> Scene:
+def load_mesh(path: str, strict: bool = False, limits: Limits | None = None) -> Scene:
     """Scene of a mesh file, or of a GLB on stdin for "-". Errors: as asset.load.files, and TXF-I05 for stdin that is no GLB."""
     from ..asset.load.files import load
 
-    return _stdin_mesh(_stdin(), strict) if path == "-" else load(path, strict=strict)
+    return _stdin_mesh(_stdin(), strict, limits) if path == "-" else load(path, strict, limits)
 
 
 def open_asset(path: str, is_stream: bool, limits: Limits | None = None) -> tuple[bytes | None, Scene | None]:
@@ -40,9 +40,9 @@ def open_asset(path: str, is_stream: bool, limits: Limits | None = None) -> tupl
     if path == "-":
         head = _stdin(len(_GLB_MAGIC))
         if head == _GLB_MAGIC:
-            return None, _stdin_mesh(head + _stdin(), False)
+            return None, _stdin_mesh(head + _stdin(), False, limits)
         return read_stream_file(path, limits, head), None
-    return (read_stream_file(path, limits), None) if is_stream else (None, load_mesh(path))
+    return (read_stream_file(path, limits), None) if is_stream else (None, load_mesh(path, limits=limits))
 
 
 def files_of(path: str, scene: Scene | None) -> list[str]:
@@ -57,7 +57,7 @@ def _stdin(most=-1):
         raise InputError("TXF-I03", "the file cannot be read", path="-", reason=str(error)) from None
 
 
-def _stdin_mesh(data, strict):
+def _stdin_mesh(data, strict, limits):
     from ..asset.load.files import load_glb
 
     if not data:
@@ -65,7 +65,7 @@ def _stdin_mesh(data, strict):
     if data[:4] != _GLB_MAGIC:
         raise InputError("TXF-I05", "a mesh on stdin must be a GLB; any other format needs a file name with its suffix",
                          value=bytes(data[:4]).hex(), allowed="GLB")
-    return load_glb(data, strict)
+    return load_glb(data, strict, limits)
 
 
 def load_asset(path: str, options: DecodeOptions, inputs: list[str], report: Report) -> tuple[Scene | Texf, int]:

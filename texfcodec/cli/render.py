@@ -8,7 +8,7 @@ import click
 from .. import __version__
 from ..options import DecodeOptions, default_threads
 from .console import STYLE, check_output, run, seconds_of, timing_line, write_output
-from .flags import direction_of, file_names, number, size_of
+from .flags import direction_of, file_names, limit_flags, limits_of, number, size_of
 from .inputs import check_stdin_once, load_asset, say_losses
 
 BACKGROUNDS = {"white": (255, 255, 255), "black": (0, 0, 0)}
@@ -44,6 +44,7 @@ def _background_of(context, parameter, value):
               help="white, black or r,g,b in 0..255.  [default: white; with --compare grey where the models are white]")
 @click.option("--compare", metavar="OTHER", shell_complete=file_names,
               help="A second stream or mesh: a sheet of both and a heat map of their difference.")
+@limit_flags("texels", "image_pixels")
 @click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
 @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
 @click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")
@@ -68,7 +69,7 @@ def render(console, source, out, compare, as_json, quiet, **choices):
         raise click.UsageError(f"{out} must end in .png")
     inputs = [name for name in (source, compare) if name is not None]
     check_output(out, inputs)
-    choices["threads"] = choices["threads"] or default_threads()
+    choices |= {"threads": choices["threads"] or default_threads(), "limits": limits_of(choices)}
     if not kernels_compiled():
         console.note(FIRST_RUN)
     from ..render.thumbnail import to_png
@@ -85,7 +86,7 @@ def render(console, source, out, compare, as_json, quiet, **choices):
 
 def _pictures(source, compare, choices, inputs, report):
     """(Picture of the source, what compare() found or None, image to write); adds the files that were read to inputs."""
-    first = load_asset(source, DecodeOptions(threads=choices["threads"]), inputs, report)[0]
+    first = load_asset(source, DecodeOptions(threads=choices["threads"], limits=choices["limits"]), inputs, report)[0]
     camera = _camera(first, choices)
     picture = _draw(first, camera, choices, report)
     if not len(picture.pixel):
@@ -93,7 +94,7 @@ def _pictures(source, compare, choices, inputs, report):
     if compare is None:
         choices["background"] = choices["background"] or BACKGROUNDS["white"]
         return picture, None, _image(picture, choices)
-    other = load_asset(compare, DecodeOptions(threads=choices["threads"]), inputs, report)[0]
+    other = load_asset(compare, DecodeOptions(threads=choices["threads"], limits=choices["limits"]), inputs, report)[0]
     other = _draw(other, camera, choices, report)
     return picture, *_compared(source, compare, picture, other, choices, report)
 

@@ -67,7 +67,7 @@ def _camera_of(context, parameter, value):
 @click.option("--no-browser", is_flag=True, help="Print the address of the page, and open no browser.")
 @option_flags(DecodeOptions, "isolate")
 @limit_flags("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "latents", "metadata_bytes", "isolate_bytes",
-             "isolate_seconds")
+             "isolate_seconds", "image_pixels")
 @option_flags(DecodeOptions, "threads")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
 @click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors, and the address of the page.")

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError, LimitError
+from ...limits import Limits
 from ..scene import Scene
 from .formats import SUFFIXES, format_of
 from .magic import as_utf8, check_start, suffix_of, what_it_is
@@ -18,30 +19,31 @@ from .parts import Notes
 _DAMAGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError, RecursionError)
 
 
-def load(source: object, strict: bool = False) -> Scene:
+def load(source: object, strict: bool = False, limits: Limits | None = None) -> Scene:
     """A mesh file or mesh object -> Scene in world space.
 
     source: path of a file in one of formats.FORMATS; its bytes, or a file object open for reading bytes, whose format is that
     of its name where it has one with a suffix, else by the first bytes; or a trimesh.Trimesh, trimesh.Scene or Scene (returned
-    as it is, after a check). strict: missing textures, broken images and broken UVs are errors instead of warnings. Positions
-    keep the unit and the axes that the file has; nothing is scaled or turned.
+    as it is, after a check). strict: missing textures, broken images and broken UVs are errors instead of warnings. limits: of
+    images, by their pixels. Positions keep the unit and the axes that the file has; nothing is scaled or turned.
     Errors: InputError, SupportError, LimitError with codes of texfcodec/findings.py; nothing else.
     """
+    notes = Notes(strict, (limits or Limits()).image_pixels)
     if isinstance(source, (str, os.PathLike)):
         with recording() as files:
-            scene = _load_file(Path(source), Notes(strict))
+            scene = _load_file(Path(source), notes)
         scene.files = files
         return scene
     if isinstance(source, (bytes, bytearray, memoryview)):
-        return _load_data(bytes(source), None, Notes(strict))
+        return _load_data(bytes(source), None, notes)
     if hasattr(source, "read"):
-        return _load_data(_read_object(source), _name_of(source), Notes(strict))
+        return _load_data(_read_object(source), _name_of(source), notes)
     from .trimesh_read import check_scene, is_trimesh, read_trimesh
 
     if isinstance(source, Scene):
         return check_scene(source)
     if is_trimesh(source):
-        return no_metal(_guarded(lambda: read_trimesh(source, Notes(strict)), "TXF-I22"))
+        return no_metal(_guarded(lambda: read_trimesh(source, notes), "TXF-I22"))
     raise InputError("TXF-I05", "only paths, bytes, files open for reading bytes, trimesh objects and Scenes can be loaded",
                      value=type(source).__name__)
 
@@ -49,13 +51,14 @@ def load(source: object, strict: bool = False) -> Scene:
 load_any = load
 
 
-def load_glb(data: bytes, strict: bool = False) -> Scene:
+def load_glb(data: bytes, strict: bool = False, limits: Limits | None = None) -> Scene:
     """bytes of a GLB file that came without a name, such as on stdin -> Scene. Files it names are looked for in the working
     folder. Errors: as load()."""
     from .gltf_read import read_gltf
 
     with recording() as files:
-        scene = _guarded(lambda: read_gltf(data, Path(), Notes(strict)), "TXF-I09")
+        notes = Notes(strict, (limits or Limits()).image_pixels)
+        scene = _guarded(lambda: read_gltf(data, Path(), notes), "TXF-I09")
     scene.files = {"-": len(data), **files}
     return scene
 

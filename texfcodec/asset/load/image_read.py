@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
+import threading
 from collections.abc import Callable, Hashable
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,7 +64,7 @@ def read_image(data: Any, name: str, notes: Notes, is_colour: bool = True) -> np
     """bytes of an image file, or a PIL image -> uint8 [H, W, 4] RGBA, row 0 at the top. is_colour: whether colour asks for it.
 
     16-bit samples keep their high byte (with a remark); colour profiles and EXIF rotation are ignored, as glTF says.
-    Errors: TXF-I17 Pillow, or for KTX2 opengl_basisu, cannot decode it; LimitError TXF-I40 Pillow's pixel limit;
+    Errors: TXF-I17 Pillow, or for KTX2 opengl_basisu, cannot decode it; LimitError TXF-I40 more pixels than notes allow;
     SupportError TXF-I32 KTX2 without opengl_basisu.
     """
     import warnings
@@ -75,11 +78,15 @@ def read_image(data: Any, name: str, notes: Notes, is_colour: bool = True) -> np
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # large but allowed sizes, odd palettes: none of these changes a pixel
         try:
-            image = data if isinstance(data, Image.Image) else Image.open(_stream(data))
-            image.load()
+            with _our_limit(notes.image_pixels):
+                image = data if isinstance(data, Image.Image) else Image.open(_stream(data))
+                check_pixels(image.width * image.height, name, notes)
+                image.load()
             rgba = _to_rgba(image)
         except Image.DecompressionBombError as error:
-            raise LimitError("TXF-I40", f"image '{name}' has too many pixels", reason=str(error)) from error
+            raise _too_large(next(iter(map(int, re.findall(r"\d+", str(error)))), None), name, notes) from error
+        except LimitError:
+            raise
         except (MemoryError, KeyboardInterrupt):
             raise
         except Exception as error:  # Pillow's plugins raise whatever their parsers meet
@@ -98,6 +105,33 @@ def lossy_bytes(data: Any) -> int | None:
     head = bytes(data[:32])
     webp = head[:4] == b"RIFF" and head[8:12] == b"WEBP" and (head[12:16] == b"VP8 " or b"VP8 " in bytes(data[:4096]))
     return len(data) if head[:3] == b"\xff\xd8\xff" or webp or head[4:12] in (b"ftypavif", b"ftypavis") else None
+
+
+_PILLOWS_LIMIT = threading.Lock()  # it is a variable of Pillow's module
+
+
+@contextmanager
+def _our_limit(pixels):
+    """Pillow refuses images of more pixels than this in the block, those inside other images, too; None: refuses none."""
+    from PIL import Image
+
+    with _PILLOWS_LIMIT:
+        before, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, pixels and (pixels + 1) // 2  # it refuses more than twice that
+        try:
+            yield
+        finally:
+            Image.MAX_IMAGE_PIXELS = before
+
+
+def check_pixels(count: int, name: str, notes: Notes) -> None:
+    """LimitError TXF-I40 for an image, called by its name, of more pixels than notes allow; before anything is decoded."""
+    if notes.image_pixels is not None and count > notes.image_pixels:
+        raise _too_large(count, name, notes)
+
+
+def _too_large(count, name, notes):
+    return LimitError("TXF-I40", f"image '{name}' has more pixels than the limit allows",
+                      value=count, allowed=notes.image_pixels)
 
 
 def missing_image(name: str) -> InputError:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...errors import InputError, LimitError, SupportError
-from .image_read import KTX2
+from ...errors import InputError, SupportError
+from .image_read import KTX2, check_pixels
 
 if TYPE_CHECKING:
     from .parts import Notes
@@ -30,10 +30,10 @@ def read_ktx2(data: bytes | memoryview, name: str, notes: Notes, is_colour: bool
     to be sRGB-coded; a file that says otherwise is named.
 
     Errors: InputError TXF-I17 broken, or no Basis Universal data; SupportError TXF-I32 the package is missing;
-    LimitError TXF-I40 more pixels than Pillow allows an image.
+    LimitError TXF-I40 more pixels than notes allow.
     """
     data = bytes(data)
-    size = _check_header(data, name)
+    size = _check_header(data, name, notes)
     try:
         import opengl_basisu
     except ImportError as error:
@@ -57,10 +57,8 @@ def _broken(name, reason):
     return InputError("TXF-I17", f"image '{name}' cannot be decoded", reason=reason)
 
 
-def _check_header(data, name):
+def _check_header(data, name, notes):
     """(width, height); the level index must agree with them, and with the file's length."""
-    from PIL import Image
-
     if len(data) < len(KTX2) + _HEADER.size + _LEVEL.size:
         raise _broken(name, "the KTX2 header is truncated")
     vk_format, _, width, height, depth, layers, faces, _, scheme, *_, sgd_at, sgd_size = _HEADER.unpack_from(data, len(KTX2))
@@ -68,9 +66,7 @@ def _check_header(data, name):
         raise _broken(name, f"no Basis Universal data in this KTX2 file (vkFormat {vk_format}, supercompression {scheme})")
     if not width or not height or depth or layers > 1 or faces != 1:
         raise _broken(name, "the KTX2 file holds no single two-dimensional image")
-    if Image.MAX_IMAGE_PIXELS and width * height > 2 * Image.MAX_IMAGE_PIXELS:
-        raise LimitError("TXF-I40", f"image '{name}' has too many pixels", value=width * height,
-                         allowed=2 * Image.MAX_IMAGE_PIXELS)
+    check_pixels(width * height, name, notes)
     at, size, unpacked = _LEVEL.unpack_from(data, len(KTX2) + _HEADER.size)
     if at + size > len(data) or sgd_at + sgd_size > len(data):
         raise _broken(name, "a part of the KTX2 file lies beyond its end")

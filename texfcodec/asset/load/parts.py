@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...errors import InputError, LimitError
+from ...limits import Limits
 from ..scene import Material, Scene, Texture
 from ..srgb import srgb_to_linear
 from .normals import fill_normals
@@ -16,10 +17,12 @@ UV_OUTLIER = 1e6
 
 class Notes:
     """What a reader has to tell, each once and in the order of finding: what will look different, as warnings (sentences) and
-    dropped (names), and remarks (sentences) on what changes no picture."""
+    dropped (names), and remarks (sentences) on what changes no picture.
 
-    def __init__(self, strict: bool = False) -> None:
-        self.strict = strict
+    strict: whether faults are errors; image_pixels: most of one image, None without a limit."""
+
+    def __init__(self, strict: bool = False, image_pixels: int | None = Limits.image_pixels) -> None:
+        self.strict, self.image_pixels = strict, image_pixels
         self._warnings: dict[str, None] = {}
         self._dropped: dict[str, None] = {}
         self._remarks: dict[str, None] = {}

@@ -7,74 +7,79 @@ import struct
 from texfcodec.asset.load.gltf_document import CHUNK_JSON, GLB_MAGIC
 
 NEAREST = 9728
-_SLOTS = (("normalTexture", r"normal.?(texture|map)"), ("occlusionTexture", r"occlusion"), ("emissiveTexture", r"emissive"),
-          ("metallicRoughnessTexture", r"metallic|roughness"))
-_LIKE_IT = {"KHR_texture_transform", "EXT_texture_webp", "EXT_texture_avif", "KHR_texture_basisu", "MSFT_texture_dds",
-            "KHR_draco_mesh_compression", "KHR_mesh_quantization", "EXT_meshopt_compression", "KHR_meshopt_compression"}
+SLOTS = (("normalTexture", r"normal.?(texture|map)"), ("occlusionTexture", r"occlusion"), ("emissiveTexture", r"emissive"),
+         ("metallicRoughnessTexture", r"metallic|roughness"))
+# Extensions that another way of writing the same look replaces, and those with a row of their own below.
+REPLACED = {"KHR_texture_transform", "EXT_texture_webp", "EXT_texture_avif", "KHR_texture_basisu", "MSFT_texture_dds",
+            "KHR_draco_mesh_compression", "KHR_mesh_quantization", "EXT_meshopt_compression", "KHR_meshopt_compression",
+            "KHR_materials_variants", "KHR_lights_punctual"}
+
+
+def _entries(entry, key):
+    """The objects in an array of a JSON object, whatever else a broken file has there."""
+    entries = entry.get(key)
+    return [item for item in entries if isinstance(item, dict)] if isinstance(entries, list) else []
+
+
+def _objects(root):
+    """Every object of a JSON tree."""
+    stack = [root]
+    while stack:
+        item = stack.pop()
+        if isinstance(item, dict):
+            yield item
+        stack += item.values() if isinstance(item, dict) else item if isinstance(item, list) else ()
 
 
 def _primitives(root):
-    return [p for mesh in _list(root, "meshes") for p in _list(mesh, "primitives")]
-
-
-def _list(entry, key):
-    """The objects in an array of a JSON object, whatever else a broken file has there."""
-    found = entry.get(key)
-    return [one for one in found if isinstance(one, dict)] if isinstance(found, list) else []
+    return [primitive for mesh in _entries(root, "meshes") for primitive in _entries(mesh, "primitives")]
 
 
 def _extensions(root):
     """Names of the extensions that are used anywhere in a JSON tree."""
-    found, stack = set(), [root]
-    while stack:
-        one = stack.pop()
-        if isinstance(one, dict):
-            found |= set(one["extensions"]) if isinstance(one.get("extensions"), dict) else set()
-        stack += one.values() if isinstance(one, dict) else one if isinstance(one, list) else ()
-    return found
+    return {name for item in _objects(root) if isinstance(item.get("extensions"), dict) for name in item["extensions"]}
+
+
+def _has_slot(root, slot):
+    return any(slot in item for entry in _entries(root, "materials") for item in _objects(entry))
 
 
 def _has_extras(root):
-    return any(one.get("extras") for kind in ("nodes", "meshes", "materials", "scenes") for one in _list(root, kind))
+    return any(entry.get("extras") for kind in ("nodes", "meshes", "materials", "scenes") for entry in _entries(root, kind))
 
 
 # What a glTF file may hold, the words that name it in a report, and whether a JSON tree has it.
 TABLE = (
-    ("animations", r"animation", lambda root: _list(root, "animations")),
-    ("skins", r"skin|joint", lambda root: any("skin" in node for node in _list(root, "nodes"))),
+    ("animations", r"animation", lambda root: _entries(root, "animations")),
+    ("skins", r"skin|joint", lambda root: any("skin" in node for node in _entries(root, "nodes"))),
     ("morph targets", r"morph|target", lambda root: any(p.get("targets") for p in _primitives(root))),
     ("variants", r"variant", lambda root: "KHR_materials_variants" in _extensions(root)),
-    ("node tree", r"\bnodes?\b|hierarchy", lambda root: sum("mesh" in node for node in _list(root, "nodes")) > 1),
-    ("cameras", r"camera", lambda root: any("camera" in node for node in _list(root, "nodes"))),
+    ("node tree", r"\bnodes?\b|hierarchy", lambda root: sum("mesh" in node for node in _entries(root, "nodes")) > 1),
+    ("cameras", r"camera", lambda root: any("camera" in node for node in _entries(root, "nodes"))),
     ("lights", r"light", lambda root: "KHR_lights_punctual" in _extensions(root)),
     ("extras", r"extras", _has_extras),
     ("points or lines", r"triangles|points|lines", lambda root: any(p.get("mode", 4) < 4 for p in _primitives(root))),
-    ("other scenes", r"scene", lambda root: len(_list(root, "scenes")) > 1),
-    ("nearest filter", r"nearest|filter", lambda root: any(s.get("magFilter") == NEAREST for s in _list(root, "samplers"))),
+    ("other scenes", r"scene", lambda root: len(_entries(root, "scenes")) > 1),
+    ("nearest filter", r"nearest|filter", lambda root: any(s.get("magFilter") == NEAREST for s in _entries(root, "samplers"))),
     ("copyright", r"copyright", lambda root: isinstance(root.get("asset"), dict) and root["asset"].get("copyright")),
-    *((slot, words, lambda root, slot=slot: any(_mapped(m, slot) for m in _list(root, "materials"))) for slot, words in _SLOTS),
+    *((slot, words, lambda root, slot=slot: _has_slot(root, slot)) for slot, words in SLOTS),
 )
-_IN_COLLADA = (("animations", r"animation", b"<animation[ >]"), ("cameras", r"camera", b"<instance_camera"),
-               ("lights", r"light", b"<instance_light"), ("skins", r"skin|controller", b"<instance_controller"))
-
-
-def _mapped(material, slot):
-    pbr = material.get("pbrMetallicRoughness")
-    return slot in material or (isinstance(pbr, dict) and slot in pbr)
+IN_COLLADA = (("animations", r"animation", b"<animation[ >]"), ("cameras", r"camera", b"<instance_camera"),
+              ("lights", r"light", b"<instance_light"), ("skins", r"skin|controller", b"<instance_controller"))
 
 
 def unnamed_things(source, mesh):
     """[[thing, words that name it]] of what a source file holds and a decoded GLB does not. source, mesh: Path."""
     if source.suffix.lower() == ".dae":
         data = source.read_bytes()
-        return [[thing, words] for thing, words, tag in _IN_COLLADA if re.search(tag, data)]
+        return [[thing, words] for thing, words, tag in IN_COLLADA if re.search(tag, data)]
     roots = [json_of(path) for path in (source, mesh)]
     if source.suffix.lower() not in (".glb", ".gltf") or not all(isinstance(root, dict) for root in roots):
         return []
     before, after = roots
     lost = [[thing, words] for thing, words, has in TABLE if has(before) and not has(after)]
-    for name in sorted(_extensions(before) - _extensions(after) - _LIKE_IT - {"KHR_materials_variants", "KHR_lights_punctual"}):
-        lost.append([f"extension {name}", f"{name}|{name.split('_')[-1]}"])
+    lost += [[f"extension {name}", f"{name}|{name.split('_')[-1]}"]
+             for name in sorted(_extensions(before) - _extensions(after) - REPLACED)]
     return lost + [[f"attribute {name}", name] for name in _lost_attributes(before, after)]
 
 
@@ -88,17 +93,8 @@ def _lost_attributes(before, after):
 
 def _uv_sets(root):
     """Numbers of the UV sets that textures of the materials use."""
-    found, stack = set(), list(_list(root, "materials"))
-    while stack:
-        one = stack.pop()
-        if isinstance(one, dict):
-            if "index" in one:
-                transform = one.get("extensions", {}).get("KHR_texture_transform", {})
-                found.add(transform.get("texCoord", one.get("texCoord", 0)))
-            stack += one.values()
-        elif isinstance(one, list):
-            stack += one
-    return found
+    uses = [item for entry in _entries(root, "materials") for item in _objects(entry) if "index" in item]
+    return {use.get("extensions", {}).get("KHR_texture_transform", {}).get("texCoord", use.get("texCoord", 0)) for use in uses}
 
 
 def json_of(path):

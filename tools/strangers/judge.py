@@ -25,14 +25,14 @@ KINDS = (INTERNAL, TOO_LONG, NOT_JSON, NOT_MEASURED, POOR, ALPHA, SIZE, LARGER, 
 
 def findings_of(row):
     """[[kind, sentence]] of what falls short in a row. A refusal with a code is none."""
-    found = [item for step in ("encode", "decode") if step in row for item in _of_tool(step, row[step])]
+    findings = [item for step in ("encode", "decode") if step in row for item in _of_tool(step, row[step])]
     if "measure" not in row:
-        return found
+        return findings
     said = [text for step in ("encode", "decode") for kind in ("warnings", "dropped", "remarks")
             for text in row[step]["report"].get(kind, [])]
     warned = " ".join(row["encode"]["report"].get("warnings", []) + row["decode"]["report"].get("warnings", []))
-    found += _of_bytes(row["bytes"], warned) + _of_validator(row["validator"]) + _of_measure(row, said, warned)
-    return found + _of_picture(row.get("picture", {}), row["name"].lower().endswith(SHADED))
+    findings += _of_bytes(row["bytes"], warned) + _of_validator(row["validator"]) + _of_measure(row, said, warned)
+    return findings + _of_picture(row.get("picture", {}), row["name"].lower().endswith(SHADED))
 
 
 def _of_tool(step, run):
@@ -51,12 +51,12 @@ def _reason(run):
 
 
 def _of_bytes(sizes, warned):
-    found = []
+    findings = []
     if sizes["stream"] > sizes["source"] and not re.search(SAYS_SIZE, warned):
-        found.append([LARGER, f"{sizes['stream']} bytes of {sizes['source']}"])
+        findings.append([LARGER, f"{sizes['stream']} bytes of {sizes['source']}"])
     if sizes["mesh"] > LARGEST_MESH * sizes["source"] + CONTAINER:
-        found.append([LARGE_MESH, f"{sizes['mesh']} bytes of {sizes['source']}, {sizes['mesh'] / sizes['source']:.1f} times"])
-    return found
+        findings.append([LARGE_MESH, f"{sizes['mesh']} bytes of {sizes['source']}, {sizes['mesh'] / sizes['source']:.1f} times"])
+    return findings
 
 
 def _of_validator(issues):
@@ -69,22 +69,22 @@ def _of_measure(row, said, warned):
     measured = row["measure"]
     if measured["exit"] != 0 or measured["json"]:
         return [[NOT_MEASURED, f"measure ended with {measured['exit']}: {measured['log'] or measured['json']}"]]
-    facts, found = measured["report"], []
+    facts, findings = measured["report"], []
     poor = [part for part in seen_parts(facts) if part["rgb"] is not None and part["rgb"] < LEAST_DB]
     if poor and not re.search(SAYS_QUALITY, warned):
         worst = min(poor, key=lambda part: part["rgb"])
-        found.append([POOR, f"{len(poor)} of {len(facts['parts'])} parts; {worst['material']!r} has {worst['rgb']:.1f} dB RGB on "
-                            f"{100 * worst['share']:.1f} % of the surface"])
+        findings.append([POOR, f"{len(poor)} of {len(facts['parts'])} parts; {worst['material']!r} has {worst['rgb']:.1f} dB RGB "
+                               f"on {100 * worst['share']:.1f} % of the surface"])
     alpha = max((part["alpha"] for part in facts["parts"] if part["share"] >= SMALL), default=0)
     if alpha > ALPHA_OFF and not re.search(SAYS_QUALITY, warned):
-        found.append([ALPHA, f"by {alpha:.3f} on average"])
+        findings.append([ALPHA, f"by {alpha:.3f} on average"])
     if facts["size"] > SIZE_OFF:
-        found.append([SIZE, f"the boxes differ by {100 * facts['size']:.1f} %"])
+        findings.append([SIZE, f"the boxes differ by {100 * facts['size']:.1f} %"])
     text = "\n".join(said)
     if row["encode"]["exit"] != 0:  # it could name nothing
-        return found
+        return findings
     unnamed = [thing for thing, words in facts["holds"] if not re.search(words, text, re.IGNORECASE)]
-    return found + ([[UNNAMED, ", ".join(unnamed)]] if unnamed else [])
+    return findings + ([[UNNAMED, ", ".join(unnamed)]] if unnamed else [])
 
 
 def _of_picture(shown, is_shaded):
@@ -123,7 +123,7 @@ def summary(rows, missing):
     lines += [f"  {kinds[kind]:4} {kind}" for kind in KINDS if kinds[kind]]
     lines += _figures(coded)
     for kind in KINDS:
-        short = [(row["name"], text) for row in rows for found, text in row["findings"] if found == kind]
+        short = [(row["name"], text) for row in rows for of, text in row["findings"] if of == kind]
         lines += ["", f"{kind}:"] if short else []
         lines += [f"  {name}: {text}" for name, text in short]
     lines += ["", "refused:"] if refused else []

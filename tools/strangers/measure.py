@@ -73,10 +73,10 @@ def _only(scene, keep):
 
 def _compare_part(source, m, answers):
     faces, material = np.flatnonzero(source.face_material == m), source.materials[m]
-    found, bary = sample_surface(source.positions, source.faces[faces], POINTS)
-    corners = source.positions[source.faces[faces[found]]]
+    rows, bary = sample_surface(source.positions, source.faces[faces], POINTS)
+    corners = source.positions[source.faces[faces[rows]]]
     points, normals = np.einsum("mk,mkc->mc", bary, corners), face_normals(corners)
-    wanted = sample_source(pack_source(source), faces[found], bary)
+    wanted = sample_source(pack_source(source), faces[rows], bary)
     weights = _weights(material, wanted)
     result = _error(wanted, answers.query("mesh", None, points, normals), weights)
     if result.get("rgb", GOOD_ENOUGH) is None or result.get("rgb", GOOD_ENOUGH) >= GOOD_ENOUGH:

@@ -29,6 +29,12 @@ def glb():
     return held.getvalue()
 
 
+def lit(scene):
+    """The scene with normals that no rule makes again."""
+    scene.corner_normal = np.tile(np.array([0.6, 0.0, 0.8], np.float32), (len(scene.faces), 3, 1))
+    return scene
+
+
 def lossy_scene():
     scene = small_scene()
     scene.warnings, scene.dropped, scene.remarks = ["an image is missing"], ["animation 'walk'"], ["two names are alike"]
@@ -176,6 +182,29 @@ def test_a_callback_that_says_no_ends_in_cancelled():
     with pytest.raises(texfcodec.Cancelled):
         texfcodec.encode(small_scene(), SMALL, Report(lambda stage, done, total: stage != "geometry"))
     assert texfcodec.Scene is type(small_scene())
+
+
+def test_long_stages_say_how_far_they_are_and_never_go_back():
+    """Stages that last more than two seconds on large assets, on a small one."""
+    seen = {}
+
+    def note(stage, done, total):
+        assert 0 <= done <= total
+        seen.setdefault(stage, []).append(done / total)
+
+    def run(call, given, options, stages):
+        seen.clear()
+        got = call(given, options, Report(note))
+        for stage in stages:
+            assert any(0 < share < 1 for share in seen[stage]), (stage, seen[stage])
+        assert all(shares == sorted(shares) and shares[-1] == 1 for shares in seen.values()), seen
+        return got
+
+    free = {"rate": "r01", "effort": "fast", "threads": 1, "no_check": True}
+    run(texfcodec.encode, lit(small_scene()), free, ("supports", "normals", "geometry", "attributes"))
+    data = run(texfcodec.encode, lit(small_scene()), SMALL,
+               ("normals", "partition", "geometry", "voxelise", "transfer", "attributes"))
+    run(texfcodec.decode, data, {"threads": 1}, ("geometry", "voxelise", "attributes"))
 
 
 def test_editors_see_every_public_name_with_its_type(tmp_path, pytestconfig):

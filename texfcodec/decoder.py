@@ -45,8 +45,10 @@ def decode_stream(data: bytes, options: DecodeOptions, report: Report, known: Kn
         report.warnings.append(f"skipped an unknown ancillary unit of type {unit['type']} at byte {unit['offset']}")
     header = stream.header
     cube = CanonicalCube(tuple(header["origin"]), header["side"], header["position_bits"])
-    with report.stage("geometry"):
-        units = [decode_unit(g, cube.position_bits) for g in stream.geometry]
+    units = []
+    for number, values in enumerate(stream.geometry):
+        with report.stage("geometry", (number, len(stream.geometry))):
+            units.append(decode_unit(values, cube.position_bits))
     texf = Texf(cube=cube, units=units, fields=[], materials=[material_of(m) for m in stream.materials],
                 metadata=_metadata(stream.metadata, report), groups=groups_of(header["channel_groups"]), threads=options.threads,
                 skipped=stream.skipped)
@@ -168,12 +170,18 @@ def _decode_texels(surface, values, position_bits, options):
     return TexelSupport(keys=keys, width=size[0], height=size[1], wrap=wrap, fraction_bits=values["uv_fraction_bits"])
 
 
+def _support_stage(fields, number, report):
+    """The stage in which a field's support is derived, a part of all of its kind."""
+    same = [i for i, field in enumerate(fields) if field["support"] == fields[number]["support"]]
+    return report.stage("texels" if fields[number]["support"] == SUPPORT_TEXELS else "voxelise", (same.index(number), len(same)))
+
+
 def _decode_planes(texf, stream, surfaces, options, report, known):
     """Fills texf with fields of which every channel has a unit of its own."""
     for i, field in enumerate(stream.fields):
-        with report.stage("texels" if field["support"] == SUPPORT_TEXELS else "voxelise"):
+        with _support_stage(stream.fields, i, report):
             support = decode_support(surfaces[i], field, texf.position_bits, options)
-        with report.stage("attributes"):
+        with report.stage("attributes", (i, len(stream.fields))):
             texf.fields.append(Field(support.coarser(options.lod), {}))
             for values in stream.attributes:
                 if values["field_index"] == i:
@@ -214,9 +222,9 @@ def _decode_jointly(texf, stream, surfaces, options, report):
     codec = texf.codec = codec_of_unit(values)
     texf.evaluators = codec.dec(values, surfaces, texf.position_bits, texf.groups, options, report)
     for i, field in enumerate(stream.fields):
-        with report.stage("texels" if field["support"] == SUPPORT_TEXELS else "voxelise"):
+        with _support_stage(stream.fields, i, report):
             support = decode_support(surfaces[i], field, texf.position_bits, options)
-        with report.stage("attributes"):
+        with report.stage("attributes", (i, len(stream.fields))):
             full = texf.evaluators[i].values(support, options.threads)
             total = zlib.crc32(full, total)
             planes = split_groups(support.mean(full, options.lod), texf.groups)

@@ -19,15 +19,16 @@ def main(folder: str | PathLike = "out") -> None:
     from rich.console import Console
 
     from .asset.sample_asset import write_sample
-    from .warmup import FIRST_RUN, kernels_compiled
+    from .warmup import ALL, first_run
 
     begin, console, folder = time.perf_counter(), Console(), Path(folder)
     folder.mkdir(exist_ok=True)
     source = folder / "sample.glb"
     write_sample(source)
     console.print(f"{source}: {source.stat().st_size:,} bytes, made by code")
-    if not kernels_compiled():
-        console.print(FIRST_RUN)
+    line = first_run(ALL)
+    if line:
+        console.print(line)
     rows = []
     for name, point in POINTS.items():
         with console.status(f"{name}: encoding and decoding"):

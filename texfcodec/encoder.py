@@ -39,7 +39,7 @@ from .ground.areas import used_vertices
 from .ground.json_text import json_ready
 from .options import EncodeOptions
 from .refine.choice import refine_fields
-from .report import Report
+from .report import Report, no_step
 
 if TYPE_CHECKING:
     from .asset.scene import Material, Scene
@@ -149,8 +149,8 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report, finer: frozens
         if options.effort != "fast":
             scene = replace(scene, weights=measured_weights(scene, options.threads))
         colours = material_colours(scene, surface)
-    with report.stage("supports"):
-        supports = choose_supports(scene, surface, options, finer, colours)
+    with report.stage("supports") as step:
+        supports = choose_supports(scene, surface, options, finer, colours, step)
         colours = colours if supports.surface is surface else material_colours(scene, supports.surface)
     surface, plans = supports.surface, supports.plans
     options = replace(options, resolution=supports.resolution, position_bits=surface.cube.position_bits)
@@ -161,8 +161,8 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report, finer: frozens
             scene = without_lost_detail(scene, surface, ~_of_plans(surface, plans), supports.resolution)
         face_field, partition = _fields_of_faces(scene, surface, plans, colours, options, report)
     first = int(face_field.max(initial=-1)) + 1 - len(plans)
-    with report.stage("geometry"):
-        geometry, units = _code_geometry(surface, face_field, dict(enumerate(plans, first)))
+    with report.stage("geometry") as step:
+        geometry, units = _code_geometry(surface, face_field, dict(enumerate(plans, first)), step)
     if budget is not None and _bytes_of(geometry) >= budget:
         raise OverBudget(_bytes_of(geometry))
     surfaces = [field_surface(units, i) for i in range(first + len(plans))]
@@ -171,11 +171,11 @@ def prepare(scene: Scene, options: EncodeOptions, report: Report, finer: frozens
     groups = groups_of(present, codes_alpha(scene, surface))
     source = Source(scene, surface, face_field, surfaces, groups, ShownMaps(scene, surface, shading) if present else None)
     fields = []
-    for one in surfaces[:first]:
-        with report.stage("voxelise"):
+    for number, one in enumerate(surfaces[:first]):
+        with report.stage("voxelise", (number, first)):
             fields.append(active_voxels(*one, surface.cube.position_bits, options))
     for number, plan in enumerate(plans, first):
-        with report.stage("texels"):
+        with report.stage("texels", (number - first, len(plans))):
             fields.append(texel_field(plan, field_uv(units, number), surfaces[number][1], source, options))
     check_voxels(fields, options.limits)
     resolution = options.resolution if first else None
@@ -225,7 +225,7 @@ def _fill(prepared, names, colours, options, report):
     colours: of material_colours."""
     fields, source = prepared.fields[: len(names)], prepared.source
     for number, part in enumerate(fields):
-        with report.stage("transfer"):
+        with report.stage("transfer", (number, len(fields))):
             colour = one_colour(colours, source.surface.material[source.face_field == number])
             transferred(part, source, number, options) if colour is None else filled(part, source, colour)
             fill_maps(part, source, number, names[number], options)
@@ -278,11 +278,12 @@ def _code_planes(codec, stream, prepared, options, report, choices):
     others = _bytes_of(stream.geometry)
     budgets = image_budgets(prepared.source, prepared.fields)
     for i, part in enumerate(prepared.fields):
-        with report.stage("attributes"):
+        with report.stage("attributes", (i, len(prepared.fields))) as step:
             out.append({})
             for number, group in enumerate(prepared.source.groups):
                 if any(channel.name in part.planes for channel in group.channels):
                     begin = time.perf_counter()
+                    step(number, len(prepared.source.groups))
                     unit = _code_group(codec, stream, prepared, (i, number), options, others, budgets.get((i, number)))
                     stream.attributes.append(unit.values)
                     others += unit.bytes
@@ -327,12 +328,14 @@ def _code_jointly(codec, stream, prepared, options, report, choices):
     return out
 
 
-def _code_geometry(surface, face_field, plans):
+def _code_geometry(surface, face_field, plans, step=no_step):
     """One Draco unit per field and material: (syntax values, decoded GeometryUnits). plans: TexelPlan by field number."""
     values, units = [], []
     corner_uv = {number: plan.corner_uv() for number, plan in plans.items()}
     groups = face_field * (int(surface.material.max(initial=0)) + 1) + surface.material
-    for group in np.unique(groups):
+    used = np.unique(groups)
+    for done, group in enumerate(used):
+        step(done, len(used))
         mine = np.flatnonzero(groups == group)
         number, material = int(face_field[mine[0]]), int(surface.material[mine[0]])
         code = _code_textured if number in plans else _code_plain

@@ -4,7 +4,12 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+Step = Callable[[int, int], object]  # (done, total)
 SENTENCES = ("warnings", "dropped", "remarks")  # the lists of a report that are for people
+
+
+def no_step(done: int, total: int) -> None:
+    """A Step that nobody listens to."""
 
 
 class Cancelled(KeyboardInterrupt):
@@ -40,8 +45,8 @@ class Report:
     Notes
     -----
     A stage is a block `with report.stage(name):`. One that may last more than two seconds says how far it is where it has a loop
-    anyway, over parts, levels or iterations: `report.progress(name, done, total)`, or a function step(done, total) that stage()
-    gives, for rooms that take no Report. Its whole is what the loop is over; nothing is computed for the percentage alone.
+    anyway: `report.stage(name, (number, count))` for each of its parts, and within a part step(done, total), the function that
+    stage() gives and that rooms without a Report take as an argument. Nothing is computed for the percentage alone.
     """
 
     def __init__(self, on_progress: Callable[[str, int, int], object] | None = None) -> None:
@@ -74,13 +79,15 @@ class Report:
             self.seconds[name] = round(self.seconds.get(name, 0.0) + value, 6)
 
     @contextmanager
-    def stage(self, name: str) -> Iterator[Callable[[int, int], None]]:
-        """Context manager: a stage of this name, whose seconds add up. Gives step(done, total), which says how far it is."""
-        self.progress(name, 0, 1)
+    def stage(self, name: str, part: tuple[int, int] = (0, 1)) -> Iterator[Step]:
+        """Context manager: a stage of this name, whose seconds add up. part: (number, of how many) where it comes in parts, such
+        as fields. Gives step(done, total), which says how far this part is."""
+        number, parts = part
+        self.progress(name, number, parts)
         begin = time.perf_counter()
-        yield lambda done, total: self.progress(name, done, total)
+        yield lambda done, total: self.progress(name, number * total + done, parts * total)
         self.seconds[name] = round(self.seconds.get(name, 0.0) + time.perf_counter() - begin, 6)
-        self.progress(name, 1, 1)
+        self.progress(name, number + 1, parts)
 
     def progress(self, stage: str, done: int, total: int) -> None:
         """Says that a stage has done so much of a total. Raises Cancelled where the callback returns False."""

@@ -15,7 +15,15 @@ if TYPE_CHECKING:
 
 ENTRIES = ("support/voxelise.py", *codec_of(DEFAULT_CODEC).kernels)  # every usual encode and decode enters kernels of these
 
-FIRST_RUN = "first run: compiling kernels, 10 to 20 s, once"
+# Seconds, roughly: with an empty cache the first run took 45 s of processor time more than the second in texf-enc, and 22 in
+# texf-dec (demo asset at r03, --threads 2, a busy machine); texf-enc --warmup compiles what both need, and more.
+ENCODING, DECODING, ALL = 40, 20, 60
+_FIRST_RUN = "first run: compiling the kernels, once: about {} s"
+
+
+def first_run(seconds: int) -> str | None:
+    """The line that says what a first run does, None where the kernels are compiled. seconds: ENCODING, DECODING or ALL."""
+    return None if kernels_compiled() else _FIRST_RUN.format(seconds)
 
 
 def kernels_compiled() -> bool:

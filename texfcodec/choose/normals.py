@@ -64,7 +64,7 @@ def choose_normals(scene: Scene, surface: Surface, report: Report) -> Shading:
         shading.told = {"reason": "the source has no normals" if scene.corner_normal is None else "no material is lit"}
         return shading
     target = _Target(scene, surface)
-    _search(shading.rules, lit, target, _Target(scene, _tried(surface, lit)))
+    _search(shading.rules, lit, target, _Target(scene, _tried(surface, lit)), lambda *n: report.progress("normals", *n))
     error = _errors_of(shading, target)
     far = [m for m in lit if _is_far(error, target, m)]
     if far:
@@ -113,7 +113,7 @@ def _tried(surface, lit):
     return replace(surface, faces=surface.faces[near], origin_face=surface.origin_face[near], material=surface.material[near])
 
 
-def _search(rules, lit, whole, tried):
+def _search(rules, lit, whole, tried, step):
     """Puts the rule with the least error into rules, for each of the lit materials: among all at the tried corners, then the best
     of every kind and weight on the whole surface."""
     best = np.full((KINDS - 1, WEIGHTS, whole.materials), np.inf)
@@ -127,14 +127,16 @@ def _search(rules, lit, whole, tried):
             better = wanted[scores[wanted] < best[kind, weight, wanted] - 1e-3]
             best[kind, weight, better], found[kind, weight, better] = scores[better], angle
 
-    for kind in (PAIRS, JOINED):
-        for angle in (0, *ANGLES):
-            attempt(kind, angle, lit)
-    for step in CLOSER:
+    coarse = [(kind, angle) for kind in (PAIRS, JOINED) for angle in (0, *ANGLES)]
+    for number, (kind, angle) in enumerate(coarse, 1):
+        attempt(kind, angle, lit)
+        step(number, len(coarse) + len(CLOSER) + 1)
+    for number, closer in enumerate(CLOSER, len(coarse)):
+        step(number, len(coarse) + len(CLOSER) + 1)
         of_best = _least(best, found)
         for kind, angle in sorted({of_best[m][::2] for m in lit if 0 < of_best[m].angle < MOST_ANGLE}):
             near = np.array([m for m in lit if of_best[m][::2] == (kind, angle)])
-            for other in (angle - step, angle + step):
+            for other in (angle - closer, angle + closer):
                 attempt(kind, min(max(other, 1), MOST_ANGLE), near)
     for m in lit:
         if len(tried.all) < len(whole.all) and (whole.material == m).sum() > (tried.material == m).sum():

@@ -18,6 +18,7 @@ from ..geometry.draco import enc_geometry, enc_textured, split_corners
 from ..geometry.surface import make_surface
 from ..ground.areas import face_areas
 from ..options import FINEST_POSITIONS, MOST_RESOLUTION
+from ..report import Step, no_step
 from .images import image_groups
 from .one_colour import NOTHING_TO_PROBE, is_plain, material_colours
 from .position import rounding_mse
@@ -69,10 +70,10 @@ class _Candidate:
 
 
 def choose_supports(scene: Scene, surface: Surface, options: EncodeOptions, finer: frozenset[int] = frozenset(),
-                    colours: np.ndarray | None = None) -> Supports:
+                    colours: np.ndarray | None = None, step: Step = no_step) -> Supports:
     """Supports for a surface on the usual lattice. finer: numbers of materials that came out too coarse: their images go over
-    texels at full size, or their voxels get a larger K; colours: of material_colours, where they are known. Raises InputError,
-    LimitError."""
+    texels at full size, or their voxels get a larger K; colours: of material_colours, where they are known; step: of
+    Report.stage(). Raises InputError, LimitError."""
     assert options.resolution is not None  # its __post_init__ fills it in
     told: dict[str, Any] = {"asked": options.support, "groups": []}
     reason = reason_for_voxels(options)
@@ -82,12 +83,17 @@ def choose_supports(scene: Scene, surface: Surface, options: EncodeOptions, fine
     if options.support != "texels" and is_plain(scene, colours, surface.material):
         return Supports(surface, [], _coarsest(options), told | {"reason": NOTHING_TO_PROBE})
     groups = [] if options.support == "voxels" else image_groups(scene, surface)
-    found = [_candidate(scene, surface, group, options, told["groups"]) for group in groups]
-    chosen = []
-    for one in found:
+    found, chosen, total = [], [], 2 * len(groups) + 2  # the last two are the choices of all together
+    for number, group in enumerate(groups, 1):
+        found.append(_candidate(scene, surface, group, options, told["groups"]))
+        step(number, total)
+    for number, one in enumerate(found, len(groups)):
+        step(number, total)
         if one and _goes_over_texels(one, scene, surface, options, told["groups"], finer):
             chosen.append(_refined(one, scene, surface, options, told["groups"][-1]))
+    step(total - 2, total)
     bits = _position_bits(chosen, scene, surface, options)
+    step(total - 1, total)
     resolution = _resolution(scene, surface, (chosen, colours), options, told, finer)
     plans = [c.plan for c in chosen]
     if bits != options.position_bits:

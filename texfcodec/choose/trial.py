@@ -31,6 +31,7 @@ TRIAL_SAMPLES = 1 << 17
 SURE_GAIN = 1.0  # dB at half the resolution that settle the question
 MIN_GAIN = 0.15  # dB at the coded quality; a further field costs about 150 bytes and 0.1 to 0.4 % more voxels
 MANY_FIELDS = 256  # more than a stream may have: what alpha would be like without that bound
+MOST_CANDIDATES = 4  # that _candidates() yields
 ROUNDING = 0.5  # levels of alpha that do not count as a change of side
 
 
@@ -167,7 +168,8 @@ def choose_fields(scene: Scene, surface: Surface, colours: np.ndarray, options: 
         return best, {"fields": 1, "reason": "the surface has no area"}
     trials, told, apart = _Trials(scene, surface, options), [], []
     reason = "switched off" if off else "no surfaces meet in a voxel"
-    for candidate, split, contacts in _candidates(scene, surface, options):
+    for number, (candidate, split, contacts) in enumerate(_candidates(scene, surface, options), 1):
+        report.progress("partition", number, MOST_CANDIDATES + 1)
         if alpha:
             apart += _unbounded(candidate, split, contacts)
         if off or np.array_equal(candidate, best):

@@ -141,10 +141,11 @@ class Batch:
     def _warm_up(self):
         """Compiles the kernels once, before many processes would all do it."""
         from ..dispatch.children import WARM_UP, Caps, Children
-        from ..warmup import FIRST_RUN, kernels_compiled
+        from ..warmup import ALL, first_run
 
-        if not kernels_compiled():
-            self.console.note(FIRST_RUN)
+        line = first_run(ALL)
+        if line:
+            self.console.note(line)
             Children().run(WARM_UP, subprocess.DEVNULL, subprocess.DEVNULL, Caps(default_threads()))
 
     def _task(self, asset, threads):

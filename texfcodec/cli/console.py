@@ -44,6 +44,11 @@ class Console:
         if not self.quiet:
             click.echo(printable(text), err=True)
 
+    def note_first_run(self, line: str | None) -> None:
+        """Says what first_run() of warmup.py gave, if anything."""
+        if line:
+            self.note(line)
+
     def result(self, facts: dict, lines: Iterable[str]) -> None:
         """The outcome: facts as one JSON object with --json, otherwise the lines, which --quiet silences."""
         unfinished.finish()

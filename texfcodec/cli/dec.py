@@ -51,7 +51,7 @@ def dec(console, source, out, overwrite, as_json, quiet, **choices):
     """
     from ..api import decode
     from ..asset.save.files import SUFFIXES
-    from ..warmup import FIRST_RUN, kernels_compiled
+    from ..warmup import DECODING, first_run
     from .console import check_output
 
     if out == "-":
@@ -63,8 +63,7 @@ def dec(console, source, out, overwrite, as_json, quiet, **choices):
     options = DecodeOptions(**{name: value for name, value in choices.items() if value is not None}, limits=limits)
     check_output(out, [source])
     data = read_stream_file(source, limits)
-    if not kernels_compiled():
-        console.note(FIRST_RUN)
+    console.note_first_run(first_run(DECODING))
     with console.progress() as report:
         texf = decode(data, options, report)
         with report.stage("save"):

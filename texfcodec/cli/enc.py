@@ -145,10 +145,9 @@ def _check_output(out, source):
 
 
 def _say_if_compiling(console):
-    from ..warmup import FIRST_RUN, kernels_compiled
+    from ..warmup import ENCODING, first_run
 
-    if not kernels_compiled():
-        console.note(FIRST_RUN)
+    console.note_first_run(first_run(ENCODING))
 
 
 def _load(source, options, report):

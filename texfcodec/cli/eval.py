@@ -40,13 +40,12 @@ def evaluate(console, source, other, views, size, ssim, weights, shaded, mipmaps
     interrupted.
     """
     from ..options import DecodeOptions
-    from ..warmup import FIRST_RUN, kernels_compiled
+    from ..warmup import ENCODING, first_run
 
     options = DecodeOptions(threads=threads, limits=limits_of(limits))
     check_stdin_once(source, other)
     lpips = _load_lpips(weights)
-    if not kernels_compiled():
-        console.note(FIRST_RUN)
+    console.note_first_run(first_run(ENCODING))
     with console.progress() as report:
         with report.stage("load"):
             scene = _named(load_mesh(source, limits=options.limits), source, report)

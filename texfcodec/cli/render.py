@@ -60,7 +60,7 @@ def render(console, source, out, compare, as_json, quiet, **choices):
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 over a limit, 130
     interrupted.
     """
-    from ..warmup import FIRST_RUN, kernels_compiled
+    from ..warmup import DECODING, first_run
 
     check_stdin_once(source, compare)
     if out == "-":
@@ -70,8 +70,7 @@ def render(console, source, out, compare, as_json, quiet, **choices):
     inputs = [name for name in (source, compare) if name is not None]
     check_output(out, inputs)
     choices |= {"threads": choices["threads"] or default_threads(), "limits": limits_of(choices)}
-    if not kernels_compiled():
-        console.note(FIRST_RUN)
+    console.note_first_run(first_run(DECODING))
     from ..render.thumbnail import to_png
 
     with console.progress() as report:

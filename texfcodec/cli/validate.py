@@ -37,13 +37,12 @@ def validate(console, file, strict, as_json, quiet, **choices):
     """
     from ..validator.isolated import validate_isolated
     from ..validator.validate import validate as validated
-    from ..warmup import FIRST_RUN, kernels_compiled
+    from ..warmup import DECODING, first_run
 
     limits, isolate = limits_of(choices), choices.pop("isolate")
     options = DecodeOptions(**{name: value for name, value in choices.items() if value is not None}, limits=limits)
     data = read_stream_file(file, limits)
-    if not kernels_compiled():
-        console.note(FIRST_RUN)
+    console.note_first_run(first_run(DECODING))
     with console.progress() as report:
         outcome = (validate_isolated if isolate else validated)(data, limits, options.threads, report)
     if not console.as_json:

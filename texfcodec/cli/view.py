@@ -84,15 +84,14 @@ def view(console, source, other, export, screenshot, as_json, quiet, **choices):
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 over a limit, 130
     interrupted.
     """
-    from ..warmup import FIRST_RUN, kernels_compiled
+    from ..warmup import DECODING, first_run
 
     check_stdin_once(source, other)
     inputs = [name for name in (source, other) if name is not None]
     _check(console, other, export, screenshot, choices, inputs)
     start = _start(choices, other)
     options = DecodeOptions(threads=choices["threads"] or 0, isolate=choices["isolate"], limits=limits_of(choices))
-    if not kernels_compiled():
-        console.note(FIRST_RUN)
+    console.note_first_run(first_run(DECODING))
     with console.progress() as report:
         containers = _containers(options, inputs, report)
         drawn = {"size": list(choices["size"]), "anti_alias": choices["anti_alias"]}

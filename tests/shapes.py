@@ -121,3 +121,10 @@ def plain_image(*values, size=8):
     """An image of one colour, uint8 [size, size, 4]; one value counts for red, green and blue."""
     values = values if len(values) > 1 else values * 3
     return np.broadcast_to(np.array([*values, 255][:4], np.uint8), (size, size, 4)).copy()
+
+
+def linear(levels: tuple) -> list[float]:
+    """The factor of sRGB levels and an alpha of 0..255."""
+    share = np.array(levels) / 255.0
+    rgb = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return [*rgb[:3].tolist(), float(share[3])]

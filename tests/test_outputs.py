@@ -246,28 +246,6 @@ def test_lines_are_ten_seconds_apart():
 # Pictures
 
 
-def test_white_models_stand_off_from_a_comparison(call, tmp_path):
-    (tmp_path / "w.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
-    paths = {}
-    for name, colour in (("white", (255, 255, 255)), ("grey", (160, 160, 160)), ("red", (200, 20, 20))):
-        (tmp_path / f"{name}.obj").write_text(OBJ.replace("a.mtl", f"{name}.mtl"))
-        (tmp_path / f"{name}.mtl").write_text(f"newmtl m\nmap_Kd {name}.png\n")
-        Image.new("RGB", (4, 4), colour).save(tmp_path / f"{name}.png")
-        paths[name] = tmp_path / f"{name}.obj"
-    for first, second in (("white", "white"), ("white", "grey"), ("grey", "grey"), ("red", "red")):
-        out = tmp_path / "out.png"
-        code, said, _ = call("texf-render", paths[first], out, "--compare", paths[second], "--size", "64", "--json")
-        image, ground = np.asarray(Image.open(out)).astype(int), np.array(json.loads(said)["background"])
-        assert code == 0 and (image[0, 0] == ground).all(), first
-        for panel, name in ((image[:64, :64], first), (image[:64, 72:136], second)):
-            colour = np.asarray(Image.open(tmp_path / f"{name}.png"))[0, 0].astype(int)
-            assert (np.abs(panel - colour).max(axis=2) < 2).sum() > 300 and np.abs(ground - colour).max() > 24
-        assert (ground == 255).all() == (first != "white" and second != "white")
-    said = json.loads(call("texf-render", paths["white"], tmp_path / "out.png", "--compare", paths["white"], "--size", "64",
-                           "--background", "white", "--json")[1])
-    assert said["background"] == [255, 255, 255]
-
-
 def test_an_exact_match_has_one_word(call, made, tmp_path):
     drawn = call("texf-render", made[0], tmp_path / "a.png", "--compare", made[0], "--size", "32")[1]
     told = call("texf-eval", made[0], made[0], "--views", "1", "--size", "32", "--no-3d")[1]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from shapes import painted_sphere
+from shapes import painted_sphere, scene_of
 
 from texfcodec.asset.sample import pack_source
 from texfcodec.encoder import encode_scene, prepare
@@ -179,3 +179,12 @@ def test_looks_at_what_is_no_number_are_never_kept():
     log, kept = keep_best(lambda n: float(values.__iadd__(np.nan)[0]), lambda: next(looks), [values], 10, 0.0)
     assert kept == 0 and values.tolist() == [0, 0] and len(log) == 3
     assert [row[name] for row in log[1:] for name in ("loss", "held_out_loss", "held_out_psnr")] == [None] * 6
+
+
+@pytest.mark.parametrize("refine", ["auto", "fit"])
+def test_faces_without_area_keep_their_transfer(refine):
+    """A line of three corners is kept on the lattice, and has no point to fit at."""
+    line = scene_of([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
+    made = encode_scene(line, EncodeOptions(resolution=8, qp=40, refine=refine), Report())
+    fields = made.choices["refinement"].get("fields", [])
+    assert made.counts["faces"] == 1 and all(field["kept"] is False for field in fields)

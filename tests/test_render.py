@@ -21,6 +21,7 @@ from texfcodec.errors import InputError
 from texfcodec.geometry.canonical import CanonicalCube
 from texfcodec.geometry.unit import GeometryUnit
 from texfcodec.options import EncodeOptions
+from texfcodec.render.backdrop import GREY, rows
 from texfcodec.render.camera import (
     VIEWS,
     Camera,
@@ -706,7 +707,8 @@ def test_the_command_draws_meshes_and_streams(call, files, tmp_path):
                               "compare", "seconds", "peak_memory_bytes", "warnings", "dropped", "files"}
         assert (facts["width"], facts["height"], facts["pixels"], facts["compare"]) == (96, 64, 96 * 64, None)
         image = np.asarray(Image.open(out))
-        assert image.shape == (64, 96, 3) and facts["covered"] == pytest.approx((image != 255).any(axis=2).sum(), rel=0.02)
+        seen = (image != rows(GREY, 64)).any(axis=2).sum()
+        assert image.shape == (64, 96, 3) and facts["covered"] == pytest.approx(seen, rel=0.02)
         assert 400 < facts["covered"] < 2000
     assert sorted(p.name for p in tmp_path.iterdir()) == ["glb.png", "texf.png"]
 
@@ -739,7 +741,7 @@ def test_every_choice_is_taken(call, files, tmp_path, flags):
     code, said, _ = call(files[1], tmp_path / "a.png", "--size", "40", *flags)
     image = np.asarray(Image.open(tmp_path / "a.png"))
     assert code == 0 and image.shape == (40, 40, 3) and ("covered" in said) != ("--quiet" in flags)
-    assert image[0, 0].tolist() == ([1, 2, 3] if "--background" in flags else [255, 255, 255])
+    assert image[0, 0].tolist() == ([1, 2, 3] if "--background" in flags else list(GREY[0]))
 
 
 @pytest.mark.parametrize("flags", [

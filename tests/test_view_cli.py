@@ -21,6 +21,7 @@ from stand_ins import PNG, fake_browser, real_browser, use_page, write_page
 from texfcodec import EncodeOptions, decode, encode
 from texfcodec.asset.sample_asset import make_sample
 from texfcodec.cli import view as command
+from texfcodec.render.backdrop import GREY
 from texfcodec.view import headless, page
 from texfcodec.view.server import ViewServer
 
@@ -176,7 +177,7 @@ def test_export_writes_a_page_with_what_it_was_given(call, made, web, tmp_path):
     assert "<title>s.texf and s.glb</title>" in text
     begun = json.loads(re.search(r'id="about">(.*?)</script>', text)[1])["start"]
     assert begun == {"camera": {"direction": [0, 1, 0], "perspective": None}, "shaded": True, "mode": "split", "layer": None,
-                     "effects": "scene", "background": [255, 255, 255]}
+                     "effects": "scene"}
     assert {"load", "decode", "pack", "export", "save", "total"} <= set(facts["seconds"]) and "address" not in facts
 
 
@@ -206,8 +207,8 @@ def test_screenshot_is_what_the_page_answers_to_one_job(call, made, browser, tmp
     data = out.read_bytes()
     job = json.loads(data.removeprefix(PNG))
     assert job.pop("camera") == {"direction": pytest.approx([1, 0, 0]), "perspective": 40.0}
-    assert job == {"kind": "picture", "size": [64, 48], "anti_alias": 1, "shaded": False, "mode": "single", "layer": "normals",
-                   "effects": "all", "background": [255, 255, 255]}
+    assert job == {"kind": "picture", "size": [64, 48], "anti_alias": 1, "shaded": None, "mode": "single", "layer": "normals",
+                   "effects": "all", "background": [list(end) for end in GREY], "captions": True}
 
 
 @POSIX

@@ -21,6 +21,7 @@ from texfcodec.asset.load.files import load
 from texfcodec.encoder import encode_scene
 from texfcodec.options import RATES, DecodeOptions, EncodeOptions, default_threads
 from texfcodec.quality.measure import SourceSamples
+from texfcodec.render.backdrop import GREY
 from texfcodec.render.camera import VIEWS, bounding_sphere, direction_of_angles, orthographic
 from texfcodec.render.difference import compare, sheet
 from texfcodec.render.shade import box_down, render_scene, render_texf
@@ -47,9 +48,10 @@ def row(path, rates, direction, size, threads):
     source, streams = render_scene(scene, camera, threads=threads), [coded(scene, r, samples, threads) for r in rates]
     seen = [render_texf(texf, camera, threads=threads) for texf, _ in streams]
     middle = len(rates) // 2
-    _, heat = compare(source, seen[middle])
-    panels = [box_down(image, OVERSAMPLING) for image in (source.image(), *(p.image() for p in seen), heat)]
-    return sheet(panels, [path.stem, *(caption for _, caption in streams), f"{rates[middle]} - source"])
+    _, heat = compare(source, seen[middle], around=GREY)
+    panels = [box_down(image, OVERSAMPLING) for image in (source.image(GREY), *(p.image(GREY) for p in seen), heat)]
+    captions = [f"source: {path.stem}", *(caption for _, caption in streams), f"difference of {rates[middle]}"]
+    return sheet(panels, captions, GREY)
 
 
 def direction_of(view):

@@ -11,18 +11,21 @@ from .console import STYLE, check_output, run, seconds_of, timing_line, write_ou
 from .flags import direction_of, file_names, limit_flags, limits_of, number, size_of
 from .inputs import check_stdin_once, load_asset, say_losses
 
-BACKGROUNDS = {"white": (255, 255, 255), "black": (0, 0, 0)}
+WHITE = (255, 255, 255)
+PLAIN = {"white": WHITE, "black": (0, 0, 0)}
 
 
 def _background_of(context, parameter, value):
-    """(r, g, b) of a name or three numbers, None of None."""
-    if value is None:
-        return None
+    """The background of a name or of three numbers."""
     parts = value.split(",")
-    if value in BACKGROUNDS:
-        return BACKGROUNDS[value]
+    if value == "grey":
+        from ..render.backdrop import GREY
+
+        return GREY
+    if value in PLAIN:
+        return PLAIN[value]
     if len(parts) != 3 or not all(p.isascii() and p.isdigit() and int(p) <= 255 for p in parts):
-        raise click.BadParameter(f"{value} is neither white, black nor r,g,b with numbers in 0..255.")
+        raise click.BadParameter(f"{value} is neither grey, white, black nor r,g,b with numbers in 0..255.")
     return tuple(int(p) for p in parts)
 
 
@@ -38,10 +41,12 @@ def _background_of(context, parameter, value):
 @click.option("--anti-alias", metavar="N", default=1,
               **number(1, 8, "Render N times as large and average N x N pixels.  [default: 1]"))
 @click.option("--no-filter", is_flag=True, help="Streams: ask the field as the metrics do, never its coarser levels.")
-@click.option("--shaded", is_flag=True, help="In light, with all maps of the materials, not base colour alone (docs/shading.md).")
+@click.option("--shaded/--no-shaded", default=None,
+              help="In light, with all maps of the materials, or base colour alone (docs/shading.md).  [default: in light where "
+                   "IN has few colours and would show its outline alone]")
 @click.option("--no-cull", is_flag=True, help="Draw back faces too.")
-@click.option("--background", metavar="C", callback=_background_of,
-              help="white, black or r,g,b in 0..255.  [default: white; with --compare grey where the models are white]")
+@click.option("--background", metavar="C", default="grey", callback=_background_of,
+              help="grey (lighter above), white, black or r,g,b in 0..255.  [default: grey]")
 @click.option("--compare", metavar="OTHER", shell_complete=file_names,
               help="A second stream or mesh: a sheet of both and a heat map of their difference.")
 @limit_flags("texels", "image_pixels")
@@ -55,7 +60,7 @@ def render(console, source, out, compare, as_json, quiet, **choices):
     on stderr).
 
     IN or OTHER may be "-": a stream or a GLB on stdin. The camera is set by IN's bounding sphere, for OTHER too. PSNR is taken
-    over the pixels that both cover, laid over white where --background is not given.
+    over the pixels that both cover, laid over white where --background is grey, and of base colour where --shaded is not given.
 
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 over a limit, 130
     interrupted.
@@ -85,17 +90,22 @@ def render(console, source, out, compare, as_json, quiet, **choices):
 
 def _pictures(source, compare, choices, inputs, report):
     """(Picture of the source, what compare() found or None, image to write); adds the files that were read to inputs."""
-    first = load_asset(source, DecodeOptions(threads=choices["threads"], limits=choices["limits"]), inputs, report)[0]
-    camera = _camera(first, choices)
+    options = DecodeOptions(threads=choices["threads"], limits=choices["limits"])
+    first = load_asset(source, options, inputs, report)[0]
+    camera, measured = _camera(first, choices), bool(choices["shaded"])
+    if choices["shaded"] is None:
+        from ..render.backdrop import is_plain
+
+        choices["shaded"] = is_plain(first)
     picture = _draw(first, camera, choices, report)
     if not len(picture.pixel):
         report.warnings.append("nothing is seen from here: the picture is empty")
     if compare is None:
-        choices["background"] = choices["background"] or BACKGROUNDS["white"]
         return picture, None, _image(picture, choices)
-    other = load_asset(compare, DecodeOptions(threads=choices["threads"], limits=choices["limits"]), inputs, report)[0]
-    other = _draw(other, camera, choices, report)
-    return picture, *_compared(source, compare, picture, other, choices, report)
+    second = load_asset(compare, options, inputs, report)[0]
+    shown, unlit = [picture, _draw(second, camera, choices, report)], choices | {"shaded": measured}
+    compared = shown if measured == choices["shaded"] else [_draw(asset, camera, unlit, report) for asset in (first, second)]
+    return picture, *_compared([(first, source), (second, compare)], shown, compared, choices, report)
 
 
 def _camera(asset, choices):
@@ -127,19 +137,19 @@ def _image(picture, choices):
     return box_down(picture.image(choices["background"]), choices["anti_alias"])
 
 
-def _compared(source, compare, picture, other, choices, report):
-    """What compare() found, and the sheet."""
-    from ..render.difference import clear_background, sheet
-    from ..render.difference import compare as compare_pictures
+def _compared(named, shown, compared, choices, report):
+    """What compare() found, and the sheet. named: (asset, path) of both; shown, compared: their Pictures."""
+    from ..asset.scene import Scene
+    from ..render.backdrop import GREY
+    from ..render.difference import compare, names_of_halves, sheet
     from ..render.shade import box_down
 
     with report.stage("compare"):
-        under = choices["background"] or BACKGROUNDS["white"]
-        choices["background"] = choices["background"] or clear_background(picture, other)
-        found, heat = compare_pictures(picture, other, under, choices["background"])
-        panels = [_image(picture, choices), _image(other, choices), box_down(heat, choices["anti_alias"])]
-        captions = [Path(source).name, Path(compare).name, "RMS of R, G, B; teal: in one only"]
-        return found, sheet(panels, captions, choices["background"])
+        under = WHITE if choices["background"] == GREY else choices["background"]
+        found, heat = compare(*compared, under, choices["background"])
+        panels = [*(_image(picture, choices) for picture in shown), box_down(heat, choices["anti_alias"])]
+        halves = names_of_halves([(isinstance(asset, Scene), Path(path).name) for asset, path in named])
+        return found, sheet(panels, [*halves, "difference: RMS of R, G, B; teal: in one only"], choices["background"])
 
 
 def _facts(image, picture, choices, compared, report):
@@ -156,7 +166,8 @@ def _lines(facts, out):
     from ..ground.colour_error import in_decibels
 
     share = 100 * facts["covered"] / facts["pixels"]
-    yield f"{out}: {facts['width']} x {facts['height']} pixels, {share:.1f} % of the view covered"
+    lit = ", in light" if facts["shaded"] else ""
+    yield f"{out}: {facts['width']} x {facts['height']} pixels, {share:.1f} % of the view covered{lit}"
     found = facts["compare"]
     if found and not found["pixels_both"]:
         yield "no pixel is covered by both: there is no PSNR"

@@ -19,7 +19,6 @@ from .inputs import check_stdin_once, load_asset, say_losses
 MODES = ("single", "split", "difference", "side")
 EFFECTS = ("scene", "all")
 LINK = 7  # numbers of a camera that the page's link holds
-BACKGROUND = (255, 255, 255)
 PAGES, PICTURES = (".html", ".htm"), (".png",)
 PNG = b"\x89PNG\r\n\x1a\n"
 _LOOK = ("shaded", "mode", "layer", "effects")
@@ -55,7 +54,9 @@ def _camera_of(context, parameter, value):
                                                                      "1..170.  [default: orthographic]"))
 @click.option("--anti-alias", metavar="N", default=1,
               **number(1, 8, "Draw the screenshot N times as large and average N x N pixels.  [default: 1]"))
-@click.option("--shaded", is_flag=True, help="In light, with all maps of the materials, not base colour alone (docs/shading.md).")
+@click.option("--shaded/--no-shaded", default=None,
+              help="In light, with all maps of the materials, or base colour alone (docs/shading.md).  [default: in light where "
+                   "FILE has few colours and would show its outline alone]")
 @click.option("--mode", type=click.Choice(MODES),
               help="How two are compared: a slider between them, their difference, or side by side.  [default: split; single "
                    "without OTHER]")
@@ -136,7 +137,7 @@ def _start(choices, other):
     camera, fov = choices.pop("camera"), choices.pop("perspective")
     look = {name: choices.pop(name) for name in _LOOK}
     look["mode"] = look["mode"] or ("single" if other is None else "split")
-    return {"camera": camera if "link" in camera else {**camera, "perspective": fov}, **look, "background": list(BACKGROUND)}
+    return {"camera": camera if "link" in camera else {**camera, "perspective": fov}, **look}
 
 
 def _containers(options, inputs, report):
@@ -160,10 +161,11 @@ def _outputs(containers, export, screenshot, start, drawn, report):
         with report.stage("export"):
             outputs[export] = export_page(data, " and ".join(name for name, _, _ in containers), start, __version__)
     if screenshot is not None:
+        from ..render.backdrop import GREY
         from ..view.headless import run_jobs
 
         with report.stage("browser"):
-            (picture,) = run_jobs(data, [{"kind": "picture", **drawn, **start}])
+            (picture,) = run_jobs(data, [{"kind": "picture", "captions": True, "background": GREY, **drawn, **start}])
         if not picture.startswith(PNG):
             raise SupportError("TXF-C11", "the page in the browser has drawn no picture")
         outputs[screenshot] = picture

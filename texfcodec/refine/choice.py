@@ -71,6 +71,8 @@ def _predicted_gain(surfaces, fields, options):
     """dB that a fit would gain at the quality that coding leaves."""
     error, voxels = 0.0, sum(len(f.keys) for f in fields)
     for surface, field in zip(surfaces, fields, strict=True):
+        if not surface.has_area:
+            continue
         points = surface.sample(PROBE, HELD_OUT_SEED, options.threads)
         error += surface.error(field.planes[COLOUR], *points, options.threads)["y"] * len(field.keys) / voxels
     floor = coding_mse(options.reckoned_qp)
@@ -80,6 +82,8 @@ def _predicted_gain(surfaces, fields, options):
 def _fit(surface, field, options, report):
     """Fits one field, keeps the better of fit and transfer, and returns what the report says: {"psnr_y_before", "psnr_y_after",
     "kept"}, dB at held-out points."""
+    if not surface.has_area:
+        return {"psnr_y_before": None, "psnr_y_after": None, "kept": False}
     points = surface.sample(HELD_OUT, HELD_OUT_SEED, options.threads)
     before = surface.error(field.planes[COLOUR], *points, options.threads)
     fitted = fit_surface(surface, field.planes[COLOUR], options.threads, on_progress=lambda *n: report.progress("refine", *n))

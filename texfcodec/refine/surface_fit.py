@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..asset.sample import sample_source
-from ..ground.areas import sample_surface
+from ..ground.areas import relative_areas, sample_surface
 from ..ground.colour_error import ColourError
 from ..ground.integer import _ones32
 from ..ground.kernel import kernel
@@ -50,6 +50,11 @@ class FieldSurface:
     resolution: int
     keys: np.ndarray
     brick_map: BrickMap
+
+    @property
+    def has_area(self) -> bool:
+        """Whether there is a point of it to sample: faces whose corners lie on a line are kept, and have none."""
+        return bool(relative_areas(self.lattice, self.faces).any())
 
     def sample(self, count: int, seed: int, threads: int) -> tuple[np.ndarray, np.ndarray]:
         """`count` points spread evenly by area: (float64 [count, 3] grid coordinates, float32 [count, 4] source RGBA 0..255)."""

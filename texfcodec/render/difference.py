@@ -9,6 +9,7 @@ import numpy as np
 
 from ..ground.colour_error import ColourError
 from ..ground.json_text import json_ready
+from .backdrop import Background, rows
 
 if TYPE_CHECKING:
     from .shade import Picture
@@ -17,26 +18,15 @@ HOTTEST = 32  # coded levels of R, G, B (root mean square) from which on the hea
 RAMP = np.array([(0, 0, 0), (70, 15, 110), (190, 50, 85), (250, 150, 30), (255, 255, 190)], np.float64)
 ONLY_ONE = (0, 160, 170)  # pixels that one of the pictures covers and the other does not
 GAP = 8  # pixels between panels
-GREYS = (255, 160, 96)  # backgrounds, the usual one first; never black, which is the heat map's "no difference"
-NEAR = 24  # coded levels within which a pixel cannot be told from a background
-MOST_NEAR = 0.02  # share of the pixels that may be so near
-
-
-def clear_background(*pictures: Picture) -> tuple[int, int, int]:
-    """(r, g, b), a grey that Pictures stand off from: white unless more than MOST_NEAR of their pixels are as good as white, else
-    the grey that is near to the fewest."""
-    colours = np.concatenate([_over(p, (128, 128, 128)) for p in pictures])
-    near = [float((np.abs(colours - grey).max(axis=1) <= NEAR).mean()) if len(colours) else 0.0 for grey in GREYS]
-    return (GREYS[0 if near[0] <= MOST_NEAR else int(np.argmin(near))],) * 3
 
 
 def compare(first: Picture, second: Picture, background: tuple[int, int, int] = (255, 255, 255),
-            around: tuple[int, int, int] | None = None) -> tuple[dict, np.ndarray]:
+            around: Background | None = None) -> tuple[dict, np.ndarray]:
     """How far the second Picture is from the first.
 
     Returns a dict {"pixels_both", "pixels_only_first", "pixels_only_second", "psnr_rgb", "psnr_y"} and the heat map, uint8
     [H, W, 3]. PSNR in dB over the pixels that both cover, unrounded and laid over the background; None stands for exact, or
-    for pixels_both == 0. around: the heat map's colour where neither covers, None for the background. Raises
+    for pixels_both == 0. around: what the heat map stands on, None for the background. Raises
     ValueError for pictures of different sizes.
     """
     if (first.width, first.height) != (second.width, second.height):
@@ -48,13 +38,14 @@ def compare(first: Picture, second: Picture, background: tuple[int, int, int] = 
         error = ColourError()
         error.add(ref, got)
         psnr = {name: json_ready(error.result())[name] for name in psnr}
-    heat = np.empty((first.height * first.width, 3), np.uint8)
-    heat[:] = background if around is None else around
+    image = np.empty((first.height, first.width, 3), np.uint8)
+    image[:] = rows(background if around is None else around, first.height)
+    heat = image.reshape(-1, 3)
     heat[first.pixel] = heat[second.pixel] = ONLY_ONE
     heat[both] = heat_colour(np.sqrt(((got - ref) ** 2).mean(axis=1)))
     counts = {"pixels_both": len(both), "pixels_only_first": len(first.pixel) - len(both),
               "pixels_only_second": len(second.pixel) - len(both)}
-    return counts | psnr, heat.reshape(first.height, first.width, 3)
+    return counts | psnr, image
 
 
 def heat_colour(difference: np.ndarray) -> np.ndarray:
@@ -64,15 +55,24 @@ def heat_colour(difference: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(place, steps, RAMP[:, c]) for c in range(3)], axis=1).round().astype(np.uint8)
 
 
+def names_of_halves(assets: Sequence[tuple[bool, str]]) -> list[str]:
+    """What the pictures of two assets are called, of (whether it is a mesh, its name) each: source and stream where that is what
+    they are, else first and second."""
+    words = {(True, False): ("source", "stream"), (False, True): ("stream", "source")}
+    kinds = words.get((assets[0][0], assets[1][0]), ("first", "second"))
+    return [f"{kind}: {name}" for kind, (_, name) in zip(kinds, assets, strict=True)]
+
+
 def sheet(panels: Sequence[np.ndarray], captions: Sequence[str],
-          background: tuple[int, int, int] = (255, 255, 255)) -> np.ndarray:
-    """Panels uint8 [H, W, 3] in a row, a caption under each, the heat map's scale under the last. Returns uint8 [H', W', 3]."""
+          background: Background = (255, 255, 255)) -> np.ndarray:
+    """Panels uint8 [H, W, 3] in a row, a caption under each, the heat map's scale under the last, on the bottom colour of a
+    background. Returns uint8 [H', W', 3]."""
     height, width = panels[0].shape[:2]
     times = max(1, width // 512)
     foot = 30 * times
     out = np.empty((height + foot, len(panels) * (width + GAP) - GAP, 3), np.uint8)
-    out[:] = background
-    ink = (0, 0, 0) if sum(background) > 382 else (255, 255, 255)
+    out[:] = paper = rows(background, 2)[-1, 0]
+    ink = (0, 0, 0) if paper.sum() > 382 else (255, 255, 255)
     for i, (panel, caption) in enumerate(zip(panels, captions, strict=True)):
         left = i * (width + GAP)
         out[:height, left : left + width] = panel

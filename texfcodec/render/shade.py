@@ -13,6 +13,7 @@ import numpy as np
 from ..asset.sample import pack_source, sample_source
 from ..ground.kernel import kernel
 from ..ground.threads import over_blocks
+from .backdrop import Background, rows
 from .environment import Environment
 from .layers import composite, opacity, see_through
 from .lighting import Lighting
@@ -50,12 +51,12 @@ class Picture:
     colour: np.ndarray
     alpha: np.ndarray
 
-    def image(self, background: tuple[int, int, int] = (255, 255, 255)) -> np.ndarray:
-        """uint8 [height, width, 3] over a background colour 0..255; what is not a number becomes 0."""
-        out = np.empty((self.height * self.width, 3), np.uint8)
-        out[:] = background
-        _paint(self.pixel, self.colour, self.alpha, out)
-        return out.reshape(self.height, self.width, 3)
+    def image(self, background: Background = (255, 255, 255)) -> np.ndarray:
+        """uint8 [height, width, 3] over a background; what is not a number becomes 0."""
+        out = np.empty((self.height, self.width, 3), np.uint8)
+        out[:] = rows(background, self.height)
+        _paint(self.pixel, self.colour, self.alpha, out.reshape(-1, 3))
+        return out
 
 
 def render_scene(scene: Scene, camera: Camera, cull: bool = True, threads: int = 1, source: tuple | Textures | None = None,

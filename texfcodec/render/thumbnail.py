@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from .backdrop import GREY, is_plain
 from .camera import bounding_sphere, direction_of_angles, orthographic
+from .environment import DAYLIGHT
 from .shade import box_down, render_texf
 
 SIDE, TIMES = 256, 2  # pixels, and how many times as large it is drawn
@@ -25,7 +27,9 @@ def to_png(image: np.ndarray) -> bytes:
 
 
 def thumbnail(texf: Any) -> bytes:
-    """PNG of a Texf from the front, a little from above and the side, on white; what notebooks show of one."""
+    """PNG of a Texf from the front, a little from above and the side, on grey, in light where it is plain; what notebooks show
+    of one."""
     centre, radius = bounding_sphere(texf.positions)
     camera = orthographic(direction_of_angles(AZIMUTH, ELEVATION), centre, radius, SIDE * TIMES)
-    return to_png(box_down(render_texf(texf, camera, threads=texf.threads).image((255, 255, 255)), TIMES))
+    picture = render_texf(texf, camera, threads=texf.threads, shaded=DAYLIGHT if is_plain(texf) else None)
+    return to_png(box_down(picture.image(GREY), TIMES))

@@ -12,6 +12,7 @@ import numpy as np
 from ..asset.scene import Scene
 from ..channels import PARAMETERS
 from ..effects import EFFECTS
+from ..render.backdrop import is_plain
 from ..render.camera import bounding_sphere
 from ..render.effects import ShadingTable
 from ..render.environment import DAYLIGHT
@@ -32,7 +33,7 @@ def pack(asset: Any, name: str, size: int) -> bytes:
     corners = scene_corners(asset, table, sphere) if is_scene else texf_corners(asset, table, sphere)
     header = {
         "kind": "mesh" if is_scene else "stream", "name": name, "bytes": size, "faces": len(asset.faces),
-        "centre": centre.tolist(), "radius": sphere[1],
+        "centre": centre.tolist(), "radius": sphere[1], "plain": is_plain(asset),
         "warnings": list(asset.warnings) if is_scene else [],
         "mesh": pack_mesh(corners, blobs), "materials": _materials(asset, table),
         "light": _light(blobs) if table.is_lit else None,

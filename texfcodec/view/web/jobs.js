@@ -1,10 +1,11 @@
 // What a program asks of the page: pictures as PNG, numbers as bytes. Each kind is a function of the context, assets and the job.
 
 import { Orbit } from './camera.js';
+import { drawCaptions } from './captions.js';
 import { Painter, SCREEN } from './draw.js';
 import { Program, tableTexture, Target } from './gl.js';
-import { hasLayer, layersOf } from './look.js';
-import { Presenter } from './present.js';
+import { hasLayer, layersOf, needsLight } from './look.js';
+import { HOTTEST, Presenter } from './present.js';
 
 /** A Blob with the answer of a job. */
 export async function doJob(gl, assets, job) {
@@ -37,9 +38,10 @@ function drawn(gl, assets, job) {
   const wide = job.mode === 'side' ? Math.max(1, width >> 1) : width;
   const reach = Math.max(...shown.map((asset) => asset.reachIn(home)));
   const camera = Orbit.of(job.camera, wide, height).camera(wide, height, reach);
+  const options = optionsOf({ ...job, shaded: job.shaded === null ? needsLight(home) : job.shaded });
   return shown.map((asset) => {
     const target = new Target(gl, wide, height);
-    painter.draw(asset, camera, target, optionsOf(job), home);
+    painter.draw(asset, camera, target, options, home);
     return target;
   });
 }
@@ -49,13 +51,14 @@ async function picture(gl, assets, job) {
   const targets = drawn(gl, assets, { ...job, size: [width, height] }), sheet = new Target(gl, width, height);
   sheet.bind();
   new Presenter(gl).show(targets[0], targets[1], { ...job, mode: job.mode ?? 'single', width, height });
-  const png = await pngOf(sheet, times);
+  const named = job.captions ? assets.map((asset) => asset.header) : [];
+  const png = await pngOf(sheet, times, (context) => drawCaptions(context, named, { hottest: HOTTEST, ...job }));
   [...targets, sheet].forEach((one) => one.free());
   return png;
 }
 
-/** A target as a PNG, each pixel the rounded mean of times x times of its. */
-async function pngOf(target, times) {
+/** A target as a PNG, each pixel the rounded mean of times x times of its; write: puts on its 2D context what stands over it. */
+async function pngOf(target, times, write) {
   const [width, height] = [target.width / times, target.height / times], pixels = target.read();
   const image = new ImageData(width, height), canvas = document.createElement('canvas');
   const sums = new Float64Array(width * height * 4);
@@ -67,7 +70,9 @@ async function pngOf(target, times) {
   }
   image.data.set(sums.map((sum) => Math.floor(sum / times ** 2 + 0.5)));
   Object.assign(canvas, { width, height });
-  canvas.getContext('2d').putImageData(image, 0, 0);
+  const context = canvas.getContext('2d');
+  context.putImageData(image, 0, 0);
+  write(context);
   return new Promise((done) => { canvas.toBlob(done, 'image/png'); });
 }
 

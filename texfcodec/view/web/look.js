@@ -3,28 +3,51 @@
 import { LAYERS } from './shaders.js';
 import { HOTTEST } from './present.js';
 
-export const BACKGROUNDS = {
-  White: [255, 255, 255], Light: [221, 223, 226], Middle: [128, 130, 134], Dark: [30, 32, 36], Black: [0, 0, 0],
+export const BACKGROUNDS = { // of one colour, or of those of the top and of the bottom row
+  Grey: [[150, 150, 150], [104, 104, 104]], White: [255, 255, 255], Light: [221, 223, 226], Middle: [128, 130, 134], Dark: [30, 32, 36], Black: [0, 0, 0],
 };
 const NOTHING = 'nothing'; // no layer's name: all of an asset is grey
 const NO_TERMS = ['mask', 'blend', 'double_sided']; // effects that are no terms of shading
 
 /** How the page shows its assets. start: how it is to begin (about.start), or nothing; search: the query of its address. */
 export class Look {
-  constructor(start, search, isDark) {
+  constructor(start, search) {
     const effects = new URLSearchParams(search).get('effects') ?? start?.effects;
     Object.assign(this, {
       mode: start?.mode ?? 'single', layer: start?.layer ?? 'picture', lit: Boolean(start?.shaded),
+      isLightChosen: typeof start?.shaded === 'boolean',
       effects: effects === 'all' ? 'all' : 'scene',
       without: new Set(), slider: 0.5, hottest: HOTTEST,
-      background: isDark ? BACKGROUNDS.Dark : start?.background ?? BACKGROUNDS.White,
+      background: start?.background ?? BACKGROUNDS.Grey,
     });
+  }
+
+  /** Light for what would show its outline alone, unless somebody has chosen. */
+  lightFor(header) {
+    if (!this.isLightChosen) this.lit = needsLight(header);
   }
 
   /** The layer that is drawn of an asset: what it has not is grey. */
   layerOf(header) {
     return hasLayer(header, this.layer) ? this.layer : NOTHING;
   }
+}
+
+/** Whether a header's base colour shows no shape, and light would. */
+export function needsLight(header) {
+  return Boolean(header?.plain && header.light);
+}
+
+/** What the pictures of two assets are called: source and stream where that is what they are. */
+export function halvesOf(headers) {
+  const kinds = headers.map(({ kind }) => ({ mesh: 'source', stream: 'stream' })[kind]);
+  const words = kinds[0] === kinds[1] ? ['first', 'second'] : kinds;
+  return headers.map(({ name }, n) => `${words[n]}: ${name}`);
+}
+
+/** What the picture of a difference is called. */
+export function differenceText(hottest) {
+  return `difference: 0 to ${hottest} of 255, RMS of R, G, B`;
 }
 
 /** Names of the channels of an asset: of a stream's fields, of a mesh's maps. */

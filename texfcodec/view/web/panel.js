@@ -6,6 +6,7 @@ import { element, tick } from './dom.js';
 import { EffectsPanel } from './effects_panel.js';
 import { timeText } from './facts.js';
 import { BACKGROUNDS, layersOf } from './look.js';
+import { backgroundStyle } from './present.js';
 
 const NARROW = '(max-width: 700px)'; // where the panel would hide what it tells of
 
@@ -77,7 +78,7 @@ export class Panel {
       const told = { 'aria-label': name, title: name };
       const input = element('input', { type: 'radio', name: 'background', value: colour.join(), ...told });
       input.addEventListener('change', () => this.viewer.change({ background: colour }));
-      input.style.backgroundColor = `rgb(${colour.join(' ')})`;
+      input.style.background = backgroundStyle(colour);
       return input;
     });
     this.swatches = swatches;

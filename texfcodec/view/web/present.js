@@ -12,7 +12,7 @@ const glslColour = (rgb) => `vec3(${rgb.join(', ')}) / 255.0`;
 const FRAGMENT = `#version 300 es
 precision highp float;
 uniform sampler2D u_first, u_second;
-uniform vec3 u_background;
+uniform vec3 u_top, u_bottom; // of the background
 uniform vec2 u_size;
 uniform float u_slider, u_hottest;
 uniform int u_mode;
@@ -21,7 +21,8 @@ vec4 shown(sampler2D picture, vec2 at) {
   vec2 size = vec2(textureSize(picture, 0));
   return texelFetch(picture, ivec2(min(at * size, size - 1.0)), 0);
 }
-vec3 over(vec4 colour) { return colour.rgb + (1.0 - colour.a) * u_background; }
+vec3 background() { return mix(u_bottom, u_top, (gl_FragCoord.y - 0.5) / max(u_size.y - 1.0, 1.0)); }
+vec3 over(vec4 colour) { return colour.rgb + (1.0 - colour.a) * background(); }
 vec3 heat(float t) {
   vec3 ramp[5] = vec3[](${HEAT.map(glslColour).join(', ')});
   float place = clamp(t, 0.0, 1.0) * 4.0;
@@ -42,12 +43,22 @@ void main() {
   } else {
     vec4 a = shown(u_first, at), b = shown(u_second, at);
     vec3 gap = over(a) - over(b);
-    if (a.a == 0.0 && b.a == 0.0) colour = u_background;
+    if (a.a == 0.0 && b.a == 0.0) colour = background();
     else if (a.a == 0.0 || b.a == 0.0) colour = ${glslColour(ONLY_ONE)};
     else colour = heat(sqrt(dot(gap, gap) / 3.0) * 255.0 / u_hottest);
   }
   o_colour = vec4(colour, 1.0);
 }`;
+
+/** Colours of the top and the bottom row of a background. */
+export function topAndBottom(background) {
+  return Array.isArray(background[0]) ? background : [background, background];
+}
+
+/** A background as a style sheet has it. */
+export function backgroundStyle(background) {
+  return `linear-gradient(${topAndBottom(background).map((colour) => `rgb(${colour.join(' ')})`).join(', ')})`;
+}
 
 /** Draws two Targets (the second may be missing) to the frame that is bound, width x height. */
 export class Presenter {
@@ -67,7 +78,8 @@ export class Presenter {
     program.texture('u_first', first.colour, 0);
     program.texture('u_second', (second ?? first).colour, 1);
     program.setInteger('u_mode', second ? MODES.indexOf(mode) : 0);
-    program.set({ u_background: background.map((v) => v / 255), u_size: [width, height], u_slider: slider, u_hottest: hottest });
+    const [u_top, u_bottom] = topAndBottom(background).map((colour) => colour.map((v) => v / 255));
+    program.set({ u_top, u_bottom, u_size: [width, height], u_slider: slider, u_hottest: hottest });
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 }

@@ -137,17 +137,16 @@ export class Stage {
 
   /** Shows nothing but the background. */
   clear([width, height], { background }) {
-    const { gl } = this;
+    const { gl } = this, nothing = new Target(gl, 1, 1);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-    gl.viewport(0, 0, width, height);
-    gl.clearColor(...background.map((v) => v / 255), 1);
-    gl.clear(gl.COLOR_BUFFER_BIT);
+    this.presenter.show(nothing, null, { width, height, mode: 'single', background });
+    nothing.free();
   }
 
-  /** How far the pictures of two wishes are apart: of psnrOf(). */
+  /** How far the pictures of two wishes are apart: of psnrOf(), over white where the background has two colours. */
   compare(wishes, background) {
     const [first, second] = wishes.map((wish) => this.target(wish).target.read());
-    return psnrOf(first, second, background);
+    return Array.isArray(background[0]) ? psnrOf(first, second) : psnrOf(first, second, background);
   }
 }
 

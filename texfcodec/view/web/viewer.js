@@ -10,6 +10,7 @@ import { Look } from './look.js';
 import { mention, say } from './message.js';
 import { Pace } from './pace.js';
 import { Panel } from './panel.js';
+import { backgroundStyle } from './present.js';
 import { Stage } from './stage.js';
 
 const REST = 180; // milliseconds without a change after which the picture is drawn in full
@@ -24,7 +25,8 @@ export class Viewer {
     Object.assign(this, { canvas, gl, about, headers: [headers[0] ?? null, headers[1] ?? null], problems: ['', ''] });
     Object.assign(this, { pace: new Pace(), isSettled: false, touched: 0, toldAt: 0, compared: '' });
     canvas.viewer = this; // for a browser's console, and for tests
-    this.look = new Look(about.start, location.search, matchMedia('(prefers-color-scheme: dark)').matches);
+    this.look = new Look(about.start, location.search);
+    this.look.lightFor(this.headers[0]);
     this.fov = about.start?.camera?.perspective || FOV;
     this.uploadAll();
     this.fit();
@@ -76,6 +78,7 @@ export class Viewer {
   show(header, slot) {
     this.headers[slot] = header;
     this.upload(slot);
+    if (slot === 0) this.look.lightFor(header);
     if (slot === 1 && this.look.mode === 'single') this.look.mode = 'split';
     this.settleMode();
     this.retitle();
@@ -111,7 +114,7 @@ export class Viewer {
     if (this.stumbled) say('');
     const { isFramed } = this;
     this.stumbled = false;
-    Object.assign(this.look, changes);
+    Object.assign(this.look, changes, 'lit' in changes ? { isLightChosen: true } : {});
     this.settleMode();
     if (isFramed) this.refit();
     this.touch();
@@ -345,9 +348,9 @@ export class Viewer {
   }
 
   follow() {
-    document.body.style.backgroundColor = `rgb(${this.look.background.join(' ')})`;
+    document.body.style.background = backgroundStyle(this.look.background);
     this.panel.follow();
-    this.captions.follow(this.stage.assets.map((asset) => asset.header.name), this.look);
+    this.captions.follow(this.stage.assets.map((asset) => asset.header), this.look);
   }
 
   tell(milliseconds, scale) {

@@ -1,0 +1,60 @@
+"""What pictures for people stand on, and which assets need light to show anything but their outline.
+
+Metrics and refinements have conditions of their own (quality/views.py, pictures.py), which nothing here changes. A Texf stands in
+a later room, so that signatures here say Any.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..asset.sample import pack_source, sample_source
+from ..asset.scene import Scene
+from ..ground.areas import relative_areas, sample_surface
+from .textures import with_finite_uvs
+
+Colour = tuple[int, int, int]
+Background = Colour | tuple[Colour, Colour]  # one colour, or those of the top and of the bottom row
+GREY: Background = ((150, 150, 150), (104, 104, 104))  # white and black stand off from it, and a grey from one of its ends
+FEW = 8  # colours up to which a surface shows no shape
+NEAR = 4  # coded levels within which two colours are one: what coding does to a constant is less
+MOST_OTHERS = 0.02  # share of the surface that may have other colours: where two of a few meet, coding mixes them
+POINTS = 4096
+
+
+def rows(background: Background, height: int) -> np.ndarray:
+    """A background as uint8 [height, 1, 3], from the top row down."""
+    top, bottom = (background, background) if np.ndim(background) == 1 else background
+    share = np.linspace(0, 1, height)[:, None, None]
+    return np.rint(np.array(top) * (1 - share) + np.array(bottom) * share).astype(np.uint8)
+
+
+def is_plain(asset: Any) -> bool:
+    """Whether the base colour of a Scene or a Texf has no more than FEW colours, so that its picture without light shows an
+    outline and no shape. What has no surface is not plain."""
+    areas = relative_areas(asset.positions, asset.faces)
+    if not areas.any() or not (isinstance(asset, Scene) or asset.fields):
+        return False
+    return has_few_colours(_colours(asset, *sample_surface(asset.positions, asset.faces, POINTS, areas=areas)))
+
+
+def _colours(asset, face, bary):
+    """float32 [M, 3] at points of faces."""
+    if isinstance(asset, Scene):
+        return sample_source(with_finite_uvs(pack_source(asset)), face, bary)[:, :3]
+    points = np.einsum("mk,mkc->mc", bary, asset.positions[asset.faces[face]])
+    return asset.query(points, face)[:, :3]
+
+
+def has_few_colours(colours: np.ndarray) -> bool:
+    """Whether colours, [M, 3] in 0..255, are FEW but for a share of MOST_OTHERS."""
+    left = np.rint(np.nan_to_num(colours)).astype(np.int64)
+    most = MOST_OTHERS * len(left)
+    for _ in range(FEW):
+        if len(left) <= most:
+            break
+        found, count = np.unique(left, axis=0, return_counts=True)
+        left = left[(np.abs(left - found[count.argmax()]) > NEAR).any(axis=1)]
+    return len(left) <= most

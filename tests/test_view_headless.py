@@ -14,11 +14,13 @@ import pytest
 from stand_ins import fake_browser, post, real_browser, use_page, write_page
 
 from texfcodec import EncodeOptions, LimitError, decode, encode
+from texfcodec.asset.load.formats import SUFFIXES
 from texfcodec.asset.sample_asset import make_sample
 from texfcodec.errors import InputError, StreamError, SupportError
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions
 from texfcodec.view import headless
+from texfcodec.view.container import parse
 from texfcodec.view.dropped import container_of_dropped
 from texfcodec.view.server import ViewServer
 
@@ -94,6 +96,43 @@ def test_a_dropped_mesh_reaches_no_file_of_this_machine(tmp_path, monkeypatch):
     with pytest.raises(InputError) as raised:
         container_of_dropped(with_image(str(tmp_path / "private.png")), "a.glb")
     assert raised.value.code == "TXF-I16" and str(tmp_path) not in str(raised.value)
+
+
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+STL = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid a\n"
+DROPPED = {"a.STL": STL, "a.off": "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"}
+
+
+@pytest.mark.parametrize("name", DROPPED)
+def test_a_mesh_of_any_format_can_be_dropped(name):
+    header = parse(container_of_dropped(DROPPED[name].encode(), name))[0]
+    assert (header["faces"], header["name"], header["plain"], header["warnings"]) == (1, name, True, [])
+
+
+def test_a_format_is_taken_by_its_suffix_and_another_is_told_those_that_are_read():
+    for suffix in SUFFIXES[-2:]:
+        with pytest.raises(InputError) as raised:
+            container_of_dropped(b"no such thing", f"a{suffix}")
+        assert raised.value.code != "TXF-I05", suffix
+    with pytest.raises(InputError, match=r"\.fbx names no format that is read: \.texf .*\.stl"):
+        container_of_dropped(b"Kaydara FBX Binary", "a.fbx")
+
+
+def test_what_a_dropped_file_names_is_said_to_be_missing_and_what_to_do(tmp_path, monkeypatch):
+    (tmp_path / "a.mtl").write_text("newmtl m\nKd 1 0 0\n")
+    monkeypatch.chdir(tmp_path)
+    named = f"mtllib {{}}\nusemtl m\n{TRIANGLE}"
+    for name in ("a.obj", str(tmp_path / "a.obj")):
+        header = parse(container_of_dropped(named.format("a.mtl").encode(), name))[0]
+        assert "'a.mtl' is missing" in header["warnings"][0] and "texf-view opens it with them" in header["warnings"][-1]
+    with pytest.raises(InputError) as raised:
+        container_of_dropped(named.format(tmp_path / "a.mtl").encode(), "a.obj")
+    assert raised.value.code == "TXF-I16"
+    document = {"asset": {"version": "2.0"}, "buffers": [{"uri": "a.bin", "byteLength": 36}], "nodes": [{"mesh": 0}],
+                "bufferViews": [{"buffer": 0, "byteLength": 36}], "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+                "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}]}
+    with pytest.raises(InputError, match=r"a\.bin' is missing.*texf-view opens it with them"):
+        container_of_dropped(json.dumps(document).encode(), "a.gltf")
 
 
 def test_what_is_dropped_is_read_under_the_limits(stream, glb):

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from browser import needs_browser
 from devtools import Page
-from shapes import mapped_sheet, noise, painted_sphere, scene_of, square
+from shapes import mapped_sheet, noise, painted_sphere, scene_of, sphere, square
 
 from texfcodec import EncodeOptions, decode, encode
+from texfcodec.render.backdrop import GREY
 from texfcodec.view.container import MAGIC, parse
 from texfcodec.view.dropped import container_of_dropped
 from texfcodec.view.pack import pack
@@ -264,6 +265,33 @@ def test_a_dropped_stream_is_shown_and_another_beside_it(show, containers, tmp_p
     assert page.run("document.querySelector('#psnr td').textContent") == "equal" and page.message() == ""
 
 
+def test_a_dropped_white_mesh_is_seen_in_light_on_grey(show, tmp_path):
+    (positions, faces), rows = sphere(6), []
+    for corners in positions[faces]:
+        rows += ["facet normal 0 0 0", "outer loop", *("vertex {} {} {}".format(*c) for c in corners), "endloop", "endfacet"]
+    (tmp_path / "ball.stl").write_text("\n".join(["solid ball", *rows, "endsolid ball"]))
+    page = show(start=None)
+    empty = page.pixels()
+    assert (empty[0, 0] == GREY[0]).all() and (empty[-1, -1] == GREY[1]).all()
+    page.drop(tmp_path / "ball.stl", 100, 200)
+    page.until("viewer.headers[0]?.name === 'ball.stl'")
+    page.settle()
+    seen = page.pixels()[(page.pixels() != empty).any(axis=2)].mean(axis=1)
+    assert page.run("viewer.look.lit") and len(seen) > 5000 and np.ptp(np.percentile(seen, (5, 95))) > 8 and page.message() == ""
+    page.run("void viewer.change({ lit: false })")
+    page.settle()
+    assert np.median(page.pixels()[(page.pixels() != empty).any(axis=2)]) == 255
+
+
+def test_halves_are_named_by_what_they_are(show):
+    page = show("stream", "source", start={**START, "mode": "split"})
+    shown = "[...document.querySelectorAll('#captions:not([hidden]) span:not([hidden])')].map((one) => one.textContent)"
+    assert page.run(shown) == ["stream: ball.texf", "source: ball.glb"]
+    page.press("d")
+    page.settle()
+    assert page.run(shown) == ["difference: 0 to 32 of 255, RMS of R, G, B"]
+
+
 def test_a_refused_file_is_told_by_its_code_and_the_page_goes_on(show, containers, tmp_path):
     (tmp_path / "broken.texf").write_bytes(containers["bytes"][:40])
     page = show("stream")
@@ -372,11 +400,11 @@ def test_a_moving_picture_is_coarse_when_it_is_slow_and_stands_in_full_at_rest(s
     assert scales[:2] == [1, 0.5] and scales[-1] == 1 and scales[2] < 0.5
 
 
-def test_a_dark_scheme_darkens_page_and_picture(show, browser):
+def test_a_dark_scheme_darkens_the_page_and_black_models_are_still_seen(show, browser):
     browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
     try:
-        page = show("stream")
-        assert page.pixels()[0, 0].tolist() == [30, 32, 36]
+        page = show("stream", start=None)
+        assert page.pixels()[0, 0].tolist() == list(GREY[0])
         assert page.run("getComputedStyle(document.getElementById('panel')).color") == "rgb(230, 232, 235)"
     finally:
         browser.call("Emulation.setEmulatedMedia", features=[])

@@ -26,9 +26,8 @@ POINTS = 4096
 
 def rows(background: Background, height: int) -> np.ndarray:
     """A background as uint8 [height, 1, 3], from the top row down."""
-    top, bottom = (background, background) if np.ndim(background) == 1 else background
-    share = np.linspace(0, 1, height)[:, None, None]
-    return np.rint(np.array(top) * (1 - share) + np.array(bottom) * share).astype(np.uint8)
+    ends, share = np.array(background, np.float64).reshape(-1, 3), np.linspace(0, 1, height)[:, None, None]
+    return np.rint(ends[0] * (1 - share) + ends[-1] * share).astype(np.uint8)
 
 
 def is_plain(asset: Any) -> bool:

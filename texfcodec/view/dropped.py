@@ -1,16 +1,23 @@
-"""What somebody drops on the page: a stream or a GLB, from wherever it came. Both are read in a child process with capped memory
-and time, a stream by isolate.py, whose answer is checked again, a mesh here, whose answer only the page reads."""
+"""What somebody drops on the page: a stream or a mesh in any format that is read, from wherever it came. Both are read in a
+child process with capped memory and time, a stream by isolate.py, whose answer is checked again, a mesh here, whose answer only
+the page reads."""
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import sys
+from contextlib import suppress
 from dataclasses import asdict, replace
+from importlib import import_module
 from pathlib import Path
 
 from .. import errors
 from ..api import decode
+from ..asset.load.formats import SUFFIXES, format_of
+from ..asset.load.magic import what_it_is
+from ..bitstream.syntax import SIGNATURE
 from ..capped import FACTS, child_folder, crash_of, read_facts, run_child, within_cap
 from ..errors import InputError, StreamError, TexfError
 from ..ground.json_text import json_text
@@ -19,17 +26,24 @@ from ..options import DecodeOptions
 
 GLB_MAGIC = b"glTF"
 CONTAINER = "container"
+MISSING = "missing"  # in what is said of a file that a mesh names
+ALONE = "a file that is dropped comes without those that it names; texf-view opens it with them"
 
 
 def container_of_dropped(data: bytes, name: str, options: DecodeOptions | None = None) -> bytes:
-    """The container (view.pack) of the bytes of a .texf or .glb file; name: what the page calls it. Raises TexfError."""
+    """The container (view.pack) of the bytes of a stream or a mesh; name: what the page calls it, whose suffix is the format
+    where the first bytes are not those of a stream or a GLB. Raises TexfError."""
     from .pack import pack
 
     options = options or DecodeOptions()
     if not data:
         raise InputError("TXF-I04", "the file is empty", path=name)
-    if data.startswith(GLB_MAGIC):
+    suffix = Path(name).suffix.lower()
+    if data.startswith(GLB_MAGIC) or (format_of(suffix) and not data.startswith(SIGNATURE)):
         return _mesh(data, name, options.limits)
+    if suffix not in ("", ".texf") and not data.startswith(SIGNATURE):
+        raise InputError("TXF-I05", f"{suffix} names no format that is read: .texf {' '.join(SUFFIXES)} are",
+                         looks_like=what_it_is(data) or None)
     return pack(decode(data, replace(options, isolate=True)), name, len(data))
 
 
@@ -48,13 +62,16 @@ def _mesh(data, name, limits):
 
 
 def _child(folder, request):
-    """The child's side: reads a GLB on stdin and leaves its container in the folder, or what is wrong with it."""
+    """The child's side: reads a mesh on stdin and leaves its container in the folder, or what is wrong with it."""
     import PIL.Image  # noqa: F401  what it needs is imported before the cap
 
-    from ..asset.load import gltf_read  # noqa: F401
     from . import pack  # noqa: F401
 
     limits, data, facts = Limits(**request["limits"]), sys.stdin.buffer.read(), None
+    entry = _format_of(data, request["name"])
+    with suppress(ImportError):  # the reader says what is missing
+        import_module(entry.package or "json")
+        import_module(f"texfcodec.asset.load.{entry.module}")
     os.chdir(folder)  # where no file is that the mesh could name
     try:
         within_cap(limits, lambda: (folder / CONTAINER).write_bytes(_packed(data, request["name"])))
@@ -63,13 +80,27 @@ def _child(folder, request):
     (folder / FACTS).write_text(json_text(facts), encoding="utf-8")
 
 
+def _format_of(data, name):
+    """Format of a dropped mesh: that of its first bytes where it is a GLB, else of its name."""
+    return format_of(".glb" if data.startswith(GLB_MAGIC) else Path(name).suffix.lower())
+
+
 def _packed(data, name):
-    from ..asset.load.files import load_glb
+    from ..asset.load.files import load
     from .pack import pack
 
-    scene = load_glb(data)
-    if set(scene.files) != {"-"}:
+    file, entry = io.BytesIO(data), _format_of(data, name)
+    file.name = f"dropped{entry.suffix}"  # never the name itself, which could lead into another folder
+    try:
+        scene = load(file)
+    except InputError as error:
+        if MISSING not in error.message:
+            raise
+        raise InputError(error.code, f"{error.message}; {ALONE}", **error.details) from error
+    if set(scene.files) != {file.name}:
         raise InputError("TXF-I16", "a mesh that is dropped must hold all of its images: it may not name files of this machine")
+    if any(MISSING in warning for warning in scene.warnings):
+        scene.warnings.append(ALONE)
     return pack(scene, name, len(data))
 
 

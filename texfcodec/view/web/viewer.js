@@ -92,7 +92,7 @@ export class Viewer {
     say(`${file.name} is being read …`);
     try {
       const header = await headerOf(file, this.about.drop);
-      say('');
+      say(header.warnings.join('. '));
       if (this.stage) this.show(header, to);
       else this.headers[to] = header; // it is shown once the context is back
     } catch (error) {

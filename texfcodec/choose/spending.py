@@ -39,14 +39,13 @@ class CodedUnit:
 
 
 def has_few_colours(plane: np.ndarray) -> bool:
-    """Whether the rows of values, float32 [N, C], are whole numbers of at most FEW_COLOURS kinds."""
+    """Whether the rows of values, float32 [N, C] in 0..255, are of at most FEW_COLOURS kinds once they are rounded."""
     quick = plane[:: max(1, len(plane) // QUICK_LOOK)]
-    return all(bool((part == np.rint(part)).all()) and _kinds(part) <= FEW_COLOURS for part in (quick, plane))
+    return all(_kinds(part) <= FEW_COLOURS for part in (quick, plane))
 
 
 def _kinds(plane):
-    """Number of different rows of whole numbers in 0..255."""
-    packed = plane.astype(np.int64) @ (1 << 8 * np.arange(plane.shape[1], dtype=np.int64))
+    packed = np.rint(plane).astype(np.int64) @ (1 << 8 * np.arange(plane.shape[1], dtype=np.int64))
     return len(np.unique(packed))
 
 
@@ -58,7 +57,7 @@ def spend(first: CodedUnit, code: Callable[[EncodeOptions], CodedUnit], options:
     files behind it have, None where they say nothing. Returns first where nothing is gained."""
     if options.qp is None or not first.bytes:
         return first
-    if has_few_colours(first.plane) and (first.decoded != first.plane).any():
+    if has_few_colours(first.plane) and (first.decoded != np.rint(first.plane)).any():
         exact = code(replace(options, qp=None, max_error=0))
         more = exact.bytes - first.bytes
         if more <= max(EXACT_BYTES, EXACT_SHARE * (others + first.bytes)):

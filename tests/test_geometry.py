@@ -13,7 +13,7 @@ from texfcodec.errors import InputError, StreamError
 from texfcodec.geometry.canonical import MAX_COORDINATE, CanonicalCube, fit_cube
 from texfcodec.geometry.checksum import geometry_crc
 from texfcodec.geometry.draco import _HEADER, dec_geometry, enc_geometry
-from texfcodec.ground.areas import used_vertices
+from texfcodec.ground.areas import face_areas, relative_areas, used_vertices
 from texfcodec.ground.walk import write_v
 
 SCALE = st.sampled_from([1e-30, 1e-6, 1.0, 1e7, 1e30, 1e140])
@@ -27,6 +27,18 @@ def test_used_vertices_are_numbered_as_sorting_them_would(count, faces):
     used, local = used_vertices(rows, count)
     np.testing.assert_array_equal(used, np.unique(rows))
     np.testing.assert_array_equal(used[local], rows)
+
+
+@pytest.mark.parametrize("scale", [1e-70, 1.0, 1e70])
+def test_areas_along_columns_are_those_of_cross_products_to_the_bit(scale):
+    rng = np.random.default_rng(0)
+    points, faces = rng.normal(size=(50, 3)) * scale, rng.integers(0, 40, (300, 3))
+    a, b, c = (points[faces[:, i]] for i in range(3))
+    np.testing.assert_array_equal(face_areas(points, faces), np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+    near = points[:40] / np.abs(points[:40]).max()
+    near -= near.min(axis=0)
+    a, b, c = (near[faces[:, i]] / near.max() for i in range(3))
+    np.testing.assert_array_equal(relative_areas(points, faces), np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
 
 
 # The canonical cube

@@ -6,7 +6,7 @@ import struct
 
 from texfcodec.asset.load.gltf_document import CHUNK_JSON, GLB_MAGIC
 
-NEAREST = 9728
+NEAREST, LINEAR = 9728, 9729
 SLOTS = (("normalTexture", r"normal.?(texture|map)"), ("occlusionTexture", r"occlusion"), ("emissiveTexture", r"emissive"),
          ("metallicRoughnessTexture", r"metallic|roughness"))
 # Extensions that another way of writing the same look replaces, and those with a row of their own below.
@@ -61,6 +61,8 @@ TABLE = (
     ("points or lines", r"triangles|points|lines", lambda root: any(p.get("mode", 4) < 4 for p in _primitives(root))),
     ("other scenes", r"scene", lambda root: len(_entries(root, "scenes")) > 1),
     ("nearest filter", r"nearest|filter", lambda root: any(s.get("magFilter") == NEAREST for s in _entries(root, "samplers"))),
+    ("filter without mip levels", r"minfilter|mip",
+     lambda root: any(s.get("minFilter") in (NEAREST, LINEAR) for s in _entries(root, "samplers"))),
     ("copyright", r"copyright", lambda root: isinstance(root.get("asset"), dict) and root["asset"].get("copyright")),
     *((slot, words, lambda root, slot=slot: _has_slot(root, slot)) for slot, words in SLOTS),
 )

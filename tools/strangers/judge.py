@@ -30,6 +30,7 @@ def findings_of(row):
         return findings
     said = [text for step in ("encode", "decode") for kind in ("warnings", "dropped", "remarks")
             for text in row[step]["report"].get(kind, [])]
+    said += [f"{effect['channel']}: {effect['reasons']}" for effect in row["encode"]["report"].get("effects", [])]
     warned = " ".join(row["encode"]["report"].get("warnings", []) + row["decode"]["report"].get("warnings", []))
     findings += _of_bytes(row["bytes"], warned) + _of_validator(row["validator"]) + _of_measure(row, said, warned)
     return findings + _of_picture(row.get("picture", {}), row["name"].lower().endswith(SHADED))

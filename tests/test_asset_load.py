@@ -398,7 +398,7 @@ def test_broken_and_far_uvs(loaded, refused):
     builder.tree["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = builder.accessor(uv)
     scene = loaded(builder)
     assert scene.corner_uv[0, 1].tolist() == [0, 0] and scene.corner_uv[1, 2].tolist() == [3e7, 0]
-    assert scene.warnings[0].startswith("1 face corners have NaN") and "beyond 1e+06" in scene.warnings[1]
+    assert scene.warnings[0].startswith("1 face corner has NaN") and "beyond 1e+06" in scene.warnings[1]
     assert refused(builder, strict=True).code == "TXF-I18"
 
 
@@ -407,7 +407,7 @@ def test_degenerate_and_duplicate_faces_stay(loaded):
     builder.primitive(indices=np.array([[0, 1, 2], [0, 1, 2], [1, 1, 2]], np.uint16))
     scene = loaded(builder)
     assert scene.faces.tolist() == [[0, 1, 2], [0, 1, 2], [1, 1, 2]]
-    assert any("1 faces name the same" in text for text in scene.remarks) and scene.warnings == []
+    assert any("1 face names the same" in text for text in scene.remarks) and scene.warnings == []
 
 
 def bent(**changes):

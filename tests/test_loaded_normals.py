@@ -97,7 +97,7 @@ def test_broken_normals_make_way_for_the_faces_and_are_named_once(tmp_path, bad)
     scene = load_bytes(tmp_path, built(normals))
     np.testing.assert_allclose(scene.corner_normal[0, 1], [0, 0, 1])
     np.testing.assert_allclose(scene.corner_normal[1], UNIT[TWO[1]], atol=1e-6)
-    assert len(scene.remarks) == 1 and scene.remarks[0].startswith("1 face corners have normals") and scene.warnings == []
+    assert len(scene.remarks) == 1 and scene.remarks[0].startswith("1 face corner has a normal") and scene.warnings == []
 
 
 def test_tangents_that_are_broken_or_missing_are_zero(tmp_path):

@@ -167,7 +167,7 @@ def test_a_ring_that_goes_round_twice_is_named():
     """All its corners turn left and its fan from the inner round folds nowhere: only the angle tells."""
     angles = np.arange(16) * (4 * np.pi / 16)
     points = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1) * np.linspace(0.3, 1.0, 16)[:, None]
-    assert "cross themselves" in split(points)[2][0]
+    assert "crosses itself" in split(points)[2][0]
 
 
 def test_degenerate_polygons_are_named_and_keep_their_fan():

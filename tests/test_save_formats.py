@@ -175,7 +175,7 @@ def test_packed_files_are_smaller(tmp_path, compress, share):
 def test_faces_that_draco_leaves_out_are_named(tmp_path):
     positions, faces = grid_mesh(6)
     report = save(decoded(positions, np.vstack([faces, [[1, 1, 2]]])), tmp_path / "a.glb", "vertex", compress="draco")
-    assert "1 faces without area" in report["warnings"][0] and len(load(tmp_path / "a.glb").faces) == len(faces)
+    assert "1 face without area" in report["warnings"][0] and len(load(tmp_path / "a.glb").faces) == len(faces)
 
 
 def test_draco_accessors_say_what_is_decoded(tmp_path):

@@ -122,7 +122,7 @@ def test_off_names_what_it_leaves_behind(tmp_path):
     assert scene.corner_color[0, 0, :3].tolist() == [1, 0, 0] and (scene.corner_normal == [0, 0, 1]).all()
     scene = load_bytes(tmp_path, f"OFF\n4 1 0\n{POINTS.replace(chr(10), ' 9' + chr(10))}3 0 1 2\n", "a.off")
     assert scene.remarks == ["1 numbers after the position of each vertex are left out",
-                             "1 vertices that no face uses are left out"] and scene.dropped == []
+                             "1 vertex that no face uses is left out"] and scene.dropped == []
 
 
 def test_off_polygons_are_cut_in_their_plane(tmp_path):

@@ -39,7 +39,7 @@ from .ground.areas import used_vertices
 from .ground.json_text import json_ready
 from .options import EncodeOptions
 from .refine.choice import refine_fields
-from .report import Report, no_step
+from .report import Report, no_step, plural
 
 if TYPE_CHECKING:
     from .asset.scene import Material, Scene
@@ -255,6 +255,7 @@ def code_prepared(prepared: Prepared, options: EncodeOptions, report: Report) ->
             reconstruction.update(np.ascontiguousarray(plane).data)
     with report.stage("write"):
         data, sizes = write_stream(stream)
+    _name_collapsed(scene, surface, report)
     face_field = np.full(len(scene.faces), -1, np.int64)
     face_field[surface.origin_face] = source.face_field
     texels = sum(len(part.support) for part in fields if part.support.planar)
@@ -270,6 +271,17 @@ def _samplers(prepared):
     """What metadata say of samplers, which the bitstream does not know: fields whose texels are squares of one colour."""
     squares = [number for number, part in enumerate(prepared.fields) if part.nearest]
     return {NEAREST_FIELDS: squares} if squares else {}
+
+
+def _name_collapsed(scene, surface, report):
+    """Remarks on faces of the scene that the lattice has no room for; those that name a vertex twice are the loader's."""
+    a, b, c = scene.faces.T
+    count = len(scene.faces) - len(surface.origin_face) - int(((a == b) | (b == c) | (c == a)).sum())
+    if count > 0:
+        share = 100 * count / len(scene.faces)
+        text = (plural(count, "face", "faces") + f" of {len(scene.faces)} ({share:.2g} %) without area on the lattice of "
+                f"{surface.cube.position_bits} bits: left out; more --position-bits may keep them")
+        report.remarks += [text] * (text not in report.remarks)
 
 
 def _code_planes(codec, stream, prepared, options, report, choices):

@@ -12,6 +12,11 @@ def no_step(done: int, total: int) -> None:
     """A Step that nobody listens to."""
 
 
+def plural(count: int, one: str, many: str) -> str:
+    """The count and its noun, with all that goes by it: plural(1, "face is flat", "faces are flat") is "1 face is flat"."""
+    return f"{count} {one if count == 1 else many}"
+
+
 class Cancelled(KeyboardInterrupt):
     """The progress callback asked to stop."""
 

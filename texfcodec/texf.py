@@ -17,6 +17,7 @@ from .channels import ALPHA, COLOURS, COLUMNS, FULL, Channel, join_planes
 from .codecs.codec import Codec, Group, split_groups
 from .errors import InputError, LossWarning
 from .geometry.canonical import CanonicalCube
+from .report import plural
 from .support.on_face import texel_positions
 from .support.texels import TexelSupport
 from .support.voxels import VoxelSupport
@@ -341,15 +342,16 @@ class Texf:
         return told
 
     def __repr__(self):
-        return (f"<Texf: {len(self.faces)} faces, {len(self.fields)} field{'s' * (len(self.fields) != 1)}, {self.counted()}, "
+        sizes = plural(len(self.faces), "face", "faces") + ", " + plural(len(self.fields), "field", "fields")
+        return (f"<Texf: {sizes}, {self.counted()}, "
                 f"{' + '.join(c.name for c in self.channels)}>")
 
     def counted(self) -> str:
         """Voxels and texels in words."""
         texels = sum(len(f.support) for f in self.fields if f.over_texels)
         voxels = sum(len(f.support) for f in self.fields) - texels
-        parts = [f"{voxels} voxels at K {self.resolution}"] * (voxels > 0 or not texels) + [f"{texels} texels"] * (texels > 0)
-        return " and ".join(parts)
+        parts = [plural(voxels, "voxel", "voxels") + f" at K {self.resolution}"] * (voxels > 0 or not texels)
+        return " and ".join(parts + [plural(texels, "texel", "texels")] * (texels > 0))
 
     def _repr_png_(self):
         """A small picture for notebooks, PNG bytes; None for an empty asset."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..report import plural
 from .normal_rule import USUAL, NormalRule
 
 WRAP_REPEAT, WRAP_CLAMP, WRAP_MIRROR = 0, 1, 2
@@ -87,4 +88,6 @@ class Scene:
     flat: bool = False
 
     def __repr__(self):
-        return f"<Scene: {len(self.faces)} faces, {len(self.materials)} materials, {len(self.textures)} textures>"
+        counts = (plural(len(self.faces), "face", "faces"), plural(len(self.materials), "material", "materials"),
+                  plural(len(self.textures), "texture", "textures"))
+        return f"<Scene: {', '.join(counts)}>"

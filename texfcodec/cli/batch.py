@@ -17,6 +17,7 @@ from ..errors import EXIT_DIFFERS, EXIT_IO, InputError, LimitError, SupportError
 from ..ground import unfinished
 from ..ground.json_text import json_ready, json_text
 from ..options import default_threads
+from ..report import plural
 from . import interrupts
 from .catalogue import Asset, read_catalogue, words_given
 from .console import Console, printable
@@ -216,8 +217,8 @@ class Batch:
     def summary(self, count: int, tried: int) -> str:
         """One line about all."""
         seconds = time.perf_counter() - self.begin
-        return f"{count} assets: {tried - self.failed} coded in {seconds:.0f} s, {count - tried} were coded before, " \
-               f"{self.failed} failed; see {self.out / 'results.jsonl'}"
+        return (f"{plural(count, 'asset', 'assets')}: {tried - self.failed} coded in {seconds:.0f} s, "
+                f"{count - tried} were coded before, {self.failed} failed; see {self.out / 'results.jsonl'}")
 
 
 def _answer_of(folder):

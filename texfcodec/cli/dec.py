@@ -7,6 +7,7 @@ import click
 from .. import __version__
 from ..bitstream.file import read_stream_file
 from ..options import APPEARANCES, ATLAS_METHODS, COMPRESSIONS, TEXTURE_FORMATS, DecodeOptions
+from ..report import plural
 from .console import STYLE, run, seconds_of, timing_line, write_output
 from .flags import file_names, limit_flags, limits_of, number, option_flags
 
@@ -103,7 +104,8 @@ def _facts(data, texf, report, saved):
 
 
 def _lines(facts, out, counted):
-    yield f"{out}: {facts['faces']} faces, {facts['vertices']} vertices, {counted} from {facts['bytes']['total']} bytes"
+    sizes = plural(facts["faces"], "face", "faces"), plural(facts["vertices"], "vertex", "vertices")
+    yield f"{out}: {', '.join(sizes)}, {counted} from {facts['bytes']['total']} bytes"
     if facts["seams"] and facts["seams"]["border_edges"]:
         yield _seams_line(facts["seams"])
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])

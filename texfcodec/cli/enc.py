@@ -9,6 +9,7 @@ from ..asset.load.formats import SUFFIXES
 from ..codecs import codec_of
 from ..errors import InputError
 from ..options import DEFAULT_CODEC, EncodeOptions, strange_options
+from ..report import plural
 from .advice import advice_lines
 from .batch import batch_flags, batch_of, encode_batch
 from .console import SIGNS, STYLE, check_output, is_device, run, seconds_of, timing_line, write_output
@@ -241,7 +242,7 @@ def _lines(facts, out):
         yield from _psnr_lines(facts)
         yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
         return
-    fields = f"{facts['fields']} field" + ("s" if facts["fields"] != 1 else "")
+    fields = plural(facts["fields"], "field", "fields")
     bound = "lossless" if facts["max_error"] == 0 else f"error at most {facts['max_error']}"
     quality = bound if facts["max_error"] is not None else codec.name if facts["qp"] is None else f"QP {facts['qp']}"
     yield f"{_grid(facts['resolution'])}{quality}, {fields}, {_counted(facts)}"
@@ -266,9 +267,10 @@ def _grid(resolution):
 def _counted(facts):
     """Voxels, texels and faces, and what a value takes."""
     places = [name for name in ("voxels", "texels") if facts[name]] or ["voxels"]
-    counts, one = [f"{facts[name]} {name}" for name in places], " or ".join(name.removesuffix("s") for name in places)
+    counts = [plural(facts[name], name.removesuffix("s"), name) for name in (*places, "faces")]
+    one = " or ".join(name.removesuffix("s") for name in places)
     bits = 8 * facts["bytes"]["attributes"] / max(sum(facts[name] for name in places), 1)
-    return f"{', '.join(counts)}, {facts['faces']} faces; {bits:.3f} attribute bits per {one}"
+    return f"{', '.join(counts)}; {bits:.3f} attribute bits per {one}"
 
 
 def _normal_lines(told):
@@ -335,7 +337,9 @@ def _refinement_lines(told):
 
 def _dry_lines(facts, source):
     size = facts["source"]["bytes"]
-    yield f"{source}: {size} bytes, {facts['vertices']} vertices, {facts['faces']} faces, {facts['materials']} materials"
+    counts = (plural(facts["vertices"], "vertex", "vertices"), plural(facts["faces"], "face", "faces"),
+              plural(facts["materials"], "material", "materials"))
+    yield f"{source}: {size} bytes, {', '.join(counts)}"
     guess = facts["estimated"]
     free = "; the encoder may find texels or a smaller K to be smaller" if facts["rate_is_free"] else ""
     yield f"K {facts['resolution']}: about {guess['voxels']} voxels and {guess['seconds']:.0f} s{free}; nothing was written"

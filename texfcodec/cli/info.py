@@ -14,6 +14,7 @@ from ..codecs import codec_of
 from ..errors import LimitError
 from ..ground.json_text import json_text
 from ..limits import LEVELS, Limits
+from ..report import plural
 from .console import STYLE, run
 from .flags import file_names
 
@@ -91,10 +92,11 @@ def _lines(file, facts):
     sizes, places = facts["bytes"], [name for name in ("voxels", "texels") if facts[name]]
     total, one = sum(facts[name] for name in places), " or ".join(name.removesuffix("s") for name in places)
     bits = f", {8 * sizes['attributes'] / total:.3f} attribute bits per {one}" if total else ""
-    counted = ", ".join(f"{facts[name]} {name}" for name in places or ["voxels"])
+    counted = ", ".join(plural(facts[name], name.removesuffix("s"), name) for name in places or ["voxels"])
     kinds = ", ".join(f"{kind} {sizes[kind]}" for kind in ("geometry", "attributes", "other"))
     yield f"{file}: {sizes['total']} bytes; {kinds}"
-    yield f"{facts['vertices']} vertices, {facts['faces']} faces, {counted}, {facts['position_bits']} bits{bits}"
+    mesh = plural(facts["vertices"], "vertex", "vertices") + ", " + plural(facts["faces"], "face", "faces")
+    yield f"{mesh}, {counted}, {facts['position_bits']} bits{bits}"
     yield _level_in_words(facts)
     for field in facts["fields"]:
         yield f"field {field['field_index']}: {_field_in_words(field)}"

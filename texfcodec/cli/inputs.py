@@ -10,6 +10,7 @@ import click
 from ..bitstream.file import read_stream_file
 from ..errors import InputError
 from ..limits import Limits
+from ..report import plural
 
 if TYPE_CHECKING:
     from ..asset.scene import Scene
@@ -95,4 +96,5 @@ def say_losses(console: Console, report: Report) -> None:
         for text in report.warnings:
             console.note(f"warning: {text}")
         if report.dropped:
-            console.note(f"{len(report.dropped)} properties are not read and not drawn; --json names them")
+            console.note(plural(len(report.dropped), "property is", "properties are") + " not read and not drawn; --json names "
+                         "them")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError, SupportError
+from ...report import plural
 from .image_read import find_file, missing_image
 
 if TYPE_CHECKING:
@@ -154,7 +155,7 @@ def _read_glb(data, notes):
     if length > len(data):
         raise InputError("TXF-I07", "the GLB file is truncated", value=len(data), allowed=length)
     if length < len(data):
-        notes.remark(f"{len(data) - length} bytes after the end of the GLB container are ignored")
+        notes.remark(plural(len(data) - length, "byte", "bytes") + " after the end of the GLB container: ignored")
     chunks = list(_chunks(memoryview(data)[:length]))
     if not chunks or chunks[0][0] != CHUNK_JSON:
         raise InputError("TXF-I07", "the first GLB chunk is not JSON", offset=12)

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...report import plural
+
 if TYPE_CHECKING:
     from ..scene import Scene
     from .parts import Notes, Part
@@ -44,8 +46,8 @@ def fill_normals(scene: Scene, parts: list[Part], notes: Notes) -> None:
     if any(part.normal is not None for part in parts):
         scene.corner_normal, broken = _normals(scene, parts)
         if broken:
-            notes.remark(f"{broken} face corners have normals that are zero, NaN or infinite; those of their faces take their "
-                         "place")
+            notes.remark(plural(broken, "face corner has a normal that is", "face corners have normals that are")
+                         + " zero, NaN or infinite; those of their faces take their place")
     if any(part.tangent is not None for part in parts):
         scene.corner_tangent = _tangents(scene, parts)
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from ...errors import InputError, LimitError
 from ...limits import Limits
+from ...report import plural
 from ..scene import Material, Scene, Texture
 from ..srgb import srgb_to_linear
 from .normals import fill_normals
@@ -219,13 +220,15 @@ def _repair_one_uv(corner_uv, notes):
     low, high = corner_uv.min(), corner_uv.max()
     if not (np.isfinite(low) and np.isfinite(high)):
         bad = ~np.isfinite(corner_uv).all(axis=2)
-        notes.fault("TXF-I18", f"{int(bad.sum())} face corners have NaN or infinite UVs; (0, 0) takes their place",
-                    count=int(bad.sum()))
+        count = int(bad.sum())
+        notes.fault("TXF-I18", plural(count, "face corner has", "face corners have") + " NaN or infinite UVs; (0, 0) takes their "
+                    "place", count=count)
         corner_uv[bad] = 0.0
         low, high = corner_uv.min(), corner_uv.max()
     if max(-low, high) > UV_OUTLIER:
         far = int((np.abs(corner_uv) > UV_OUTLIER).any(axis=2).sum())
-        notes.warn(f"{far} face corners have UVs beyond {UV_OUTLIER:.0e}; they are kept, but sampling there is imprecise")
+        notes.warn(plural(far, "face corner has", "face corners have") + f" UVs beyond {UV_OUTLIER:.0e}; they are kept, but "
+                   "sampling there is imprecise")
 
 
 def _repair_color(scene, notes):
@@ -235,7 +238,8 @@ def _repair_color(scene, notes):
         return
     bad = np.isnan(color)
     if bad.any():
-        notes.warn(f"{int(bad.any(axis=2).sum())} face corners have NaN vertex colours; 1 takes their place")
+        count = int(bad.any(axis=2).sum())
+        notes.warn(plural(count, "face corner has", "face corners have") + " NaN vertex colours; 1 takes their place")
         color[bad] = 1.0
     np.clip(color, 0.0, 1.0, out=color)
 
@@ -243,8 +247,8 @@ def _repair_color(scene, notes):
 def _report_geometry(scene, unused, broken, notes):
     if unused:
         tail = f", {broken} of them NaN or infinite" if broken else ""
-        notes.remark(f"{unused} vertices that no face uses are left out{tail}")
+        notes.remark(plural(unused, "vertex that no face uses is", "vertices that no face uses are") + f" left out{tail}")
     a, b, c = scene.faces.T
     degenerate = int(((a == b) | (b == c) | (c == a)).sum())
     if degenerate:
-        notes.remark(f"{degenerate} faces name the same vertex twice (degenerate)")
+        notes.remark(plural(degenerate, "face names", "faces name") + " the same vertex twice (degenerate)")

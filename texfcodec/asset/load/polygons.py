@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...report import plural
+
 if TYPE_CHECKING:
     from .parts import Notes
 
@@ -42,7 +44,8 @@ def triangulate(points: np.ndarray, corners: np.ndarray, sizes: np.ndarray, note
     """
     small = int((sizes < 3).sum())
     if small:
-        notes.warn(f"{small} faces with fewer than three corners are left out")
+        notes.warn(plural(small, "face with fewer than three corners is", "faces with fewer than three corners are")
+                   + " left out")
     triangles, polygon = _fans(sizes)
     if sizes.max(initial=0) < 4:
         return triangles, polygon
@@ -65,16 +68,17 @@ def triangulate(points: np.ndarray, corners: np.ndarray, sizes: np.ndarray, note
         for row, places, cut in zip(rows, ring, cuts, strict=True):
             triangles[first[row] : first[row] + len(cut)] = places[cut]
             kept[first[row] + len(cut) : first[row] + size - 2] = False
-    _name(crossing, "cross themselves; their triangles may overlap", notes)
-    _name(flat, "have no area (degenerate)", notes)
-    _name(large, f"are concave with more than {MAX_CORNERS} corners; they are split into fans, which may overlap", notes)
+    _name(crossing, ("crosses itself", "cross themselves"), "; their triangles may overlap", notes)
+    _name(flat, ("has", "have"), " no area (degenerate)", notes)
+    _name(large, ("is", "are"), f" concave with more than {MAX_CORNERS} corners and split into fans, which may overlap", notes)
     return triangles[kept], polygon[kept]
 
 
-def _name(groups, what, notes):
+def _name(groups, verbs, what, notes):
     rows = np.concatenate([np.zeros(0, np.int64), *groups])
     if len(rows):
-        notes.warn(f"{len(rows)} polygons {what}; the first is polygon {rows.min()} of the file")
+        count = plural(len(rows), f"polygon {verbs[0]}", f"polygons {verbs[1]}")
+        notes.warn(f"{count}{what}; the first is polygon {rows.min()} of the file")
 
 
 def _fans(sizes):

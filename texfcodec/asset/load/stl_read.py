@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError
+from ...report import plural
 from ..scene import Material, Scene
 from .mtl_read import decode_text
 from .parts import Notes, Part, assemble, linear_rgba
@@ -87,7 +88,7 @@ def _read_binary(data, notes):
     if needed > len(data):
         raise _bad("it ends before its last facet", value=len(data), allowed=needed)
     if needed < len(data):
-        notes.remark(f"{len(data) - needed} bytes after the last facet are ignored")
+        notes.remark(plural(len(data) - needed, "byte", "bytes") + " after the last facet: ignored")
     facets = np.frombuffer(data, _FACET, count, _START)
     if facets["normal"].any():
         notes.drop("NORMAL")

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...errors import InputError, SupportError
+from ...report import plural
 from .precision import local_frame
 
 ARRAY, INDEX = 34962, 34963  # bufferView targets
@@ -78,7 +79,8 @@ class Draco(Plain):
             return super().primitive(document, columns, corners)
         mesh = DracoPy.decode(packed)
         if len(mesh.faces) * 3 != len(corners):
-            document.warnings.append(f"Draco leaves out {len(corners) // 3 - len(mesh.faces)} faces without area")
+            document.warnings.append("Draco leaves out " + plural(len(corners) // 3 - len(mesh.faces), "face", "faces")
+                                     + " without area")
         found = {one["unique_id"]: np.asarray(one["data"]) for one in mesh.attributes}
         ids = _draco_ids(mesh, columns)
         attributes = {name: document.add_description(found[ids[name]], c.kind, name == "POSITION", c.normalized)

@@ -4,6 +4,7 @@ import io
 import json
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +16,12 @@ from test_asset_save import accessor, read_glb
 
 from texfcodec import DecodeOptions, EncodeOptions, decode, encode
 from texfcodec.asset.load.files import load
+from texfcodec.asset.normal_rule import NormalRule
 from texfcodec.asset.save.automatic_image import automatic_image
 from texfcodec.asset.save.files import as_glb, save
 from texfcodec.asset.save.image_write import jpeg_bytes
-from texfcodec.asset.scene import Material, Scene, Texture
+from texfcodec.asset.scene import ALPHA_BLEND, Material, Scene, Texture
+from texfcodec.errors import InputError
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -179,3 +182,75 @@ def test_an_isolated_decoder_says_the_steps_too():
     data = encode(printed(photograph(64)), EncodeOptions(rate="r03", support="texels", refine="off"))
     here, there = decode(data), decode(data, DecodeOptions(isolate=True))
     assert [f.steps for f in here.fields] == [f.steps for f in there.fields] and here.fields[0].steps["base_colour"] == 16
+
+
+# What the file says of itself, and what is beside it.
+
+
+def test_alpha_that_hides_nothing_leaves_as_opaque_and_is_named(tmp_path):
+    scene = painted_sphere(6)
+    scene.materials[0].alpha_mode = ALPHA_BLEND
+    scene.corner_color[..., 3] = 1
+    report = save(coded(scene), tmp_path / "a.glb")
+    assert "alphaMode" not in read_glb(tmp_path / "a.glb")[0]["materials"][0] and report["warnings"] == []
+    assert report["remarks"] == ["alpha is 1 everywhere on skin: written as opaque"]
+    scene.corner_color[..., 3] = 0.5
+    report = save(coded(scene), tmp_path / "b.glb")
+    assert read_glb(tmp_path / "b.glb")[0]["materials"][0]["alphaMode"] == "BLEND" and report["remarks"] == []
+
+
+def test_faces_that_all_meet_in_sharp_edges_share_vertices_and_have_no_normals(tmp_path):
+    """glTF shades a mesh without normals flat: a cube is 8 vertices, not 24 with normals."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float64)
+    faces = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6],
+                      [0, 6, 4], [1, 5, 7], [1, 7, 3]])
+    texf = coded(scene_of(corners, faces))
+    texf.materials[0].normals = NormalRule(texf.materials[0].normals.kind, texf.materials[0].normals.weight, 30)
+    save(texf, tmp_path / "a.glb")
+    document, _ = read_glb(tmp_path / "a.glb")
+    assert attributes(document) == [{"POSITION"}] and document["accessors"][0]["count"] == 8
+    save(coded(scene_of(*sphere(8))), tmp_path / "b.glb")
+    assert "NORMAL" in attributes(read_glb(tmp_path / "b.glb")[0])[0]
+
+
+@pytest.mark.parametrize("suffix", ["obj", "gltf"])
+def test_an_output_written_twice_replaces_what_it_came_with(tmp_path, suffix):
+    texf, path = coded(printed(photograph(64)), support="texels"), tmp_path / f"o.{suffix}"
+    first = save(texf, path, texture_format="png")["files"]
+    assert "o.png" in first and save(texf, path, texture_format="png")["files"] == first
+
+
+@pytest.mark.parametrize("suffix", ["obj", "gltf"])
+def test_a_strangers_file_beside_the_output_stays(tmp_path, suffix):
+    texf, path = coded(printed(photograph(64)), support="texels"), tmp_path / f"o.{suffix}"
+    (tmp_path / "o.png").write_text("mine")
+    others = {"obj": "# someone else\nmtllib o.mtl\n", "gltf": '{"asset": {"generator": "other"}, "images": [{"uri": "o.png"}]}'}
+    for content in (None, others[suffix]):
+        if content is not None:
+            path.write_text(content)
+            (tmp_path / "o.mtl").write_text("newmtl a\nmap_Kd o.png\n")
+        with pytest.raises(InputError, match=r"TXF-O08|TXF-O07"):
+            save(texf, path, texture_format="png", inputs=[tmp_path / "o.png"] if content else [])
+    assert (tmp_path / "o.png").read_text() == "mine"
+
+
+def test_an_own_file_that_is_read_stays(tmp_path):
+    texf, path = coded(printed(photograph(64)), support="texels"), tmp_path / "o.obj"
+    save(texf, path, texture_format="png")
+    with pytest.raises(InputError, match="TXF-O07"):
+        save(texf, path, texture_format="png", inputs=[tmp_path / "o.png"])
+
+
+def test_a_missing_package_is_named_before_anything_is_decoded(tmp_path, monkeypatch, call):
+    monkeypatch.setitem(sys.modules, "alktx2", None)
+    (tmp_path / "broken.texf").write_bytes(b"no stream at all")
+    code, _, said = call("texf-dec", tmp_path / "broken.texf", tmp_path / "a.glb", "--texture-format", "ktx2")
+    assert code == 5 and "TXF-O15" in said
+
+
+def test_seams_are_those_of_the_new_atlas_alone(tmp_path):
+    """UVs and image of a field over texels are the source's, and so is how its charts meet."""
+    scene = printed(photograph(64))
+    scene.corner_uv[1] = scene.corner_uv[1] * 0.5
+    assert save(coded(scene, support="texels"), tmp_path / "a.glb")["seams"] is None
+    assert save(coded(scene, support="voxels"), tmp_path / "b.glb", texture_size=64)["seams"] is not None

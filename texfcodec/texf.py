@@ -315,7 +315,8 @@ class Texf:
         Returns
         -------
         dict
-            {"warnings": sentences, "files": names written, "seams": jumps of colour across seams of the textures, or None}.
+            {"warnings": sentences, "remarks": the same, on what changes no picture, "files": names written, "seams": jumps of
+            colour across seams of the atlas, or None}.
 
         Raises
         ------

@@ -51,7 +51,7 @@ def dec(console, source, out, overwrite, as_json, quiet, **choices):
     interrupted.
     """
     from ..api import decode
-    from ..asset.save.files import SUFFIXES
+    from ..asset.save.files import SUFFIXES, check_choices
     from ..warmup import DECODING, first_run
     from .console import check_output
 
@@ -63,6 +63,7 @@ def dec(console, source, out, overwrite, as_json, quiet, **choices):
     look = {name: choices.pop(name) for name in _LOOK}
     options = DecodeOptions(**{name: value for name, value in choices.items() if value is not None}, limits=limits)
     check_output(out, [source])
+    check_choices("stream.glb" if out == "-" else out, **look)
     data = read_stream_file(source, limits)
     console.note_first_run(first_run(DECODING))
     with console.progress() as report:
@@ -70,6 +71,7 @@ def dec(console, source, out, overwrite, as_json, quiet, **choices):
         with report.stage("save"):
             saved = _save(texf, source, out, overwrite, look)
     report.warnings += saved["warnings"]
+    report.remarks += saved["remarks"]
     if not console.as_json:
         console.warnings(report)
     facts = _facts(data, texf, report, saved)
@@ -100,7 +102,7 @@ def _facts(data, texf, report, saved):
             "faces": sum(len(unit.faces) for unit in texf.units), "vertices": sum(len(unit.lattice) for unit in texf.units),
             "fields": len(texf.fields),
             "files": saved["files"], "seams": saved["seams"], "seconds": seconds_of(report),
-            "peak_memory_bytes": max(peaks, default=None), "warnings": report.warnings}
+            "peak_memory_bytes": max(peaks, default=None), "warnings": report.warnings, "remarks": report.remarks}
 
 
 def _lines(facts, out, counted):
@@ -113,7 +115,8 @@ def _lines(facts, out, counted):
 
 def _seams_line(seams):
     mean, largest = (" ".join(f"{value:.1f}" for value in seams[name]) for name in ("mean", "largest"))
-    return f"seams: jumps across {seams['border_edges']} edges at mip levels 0 to 4: mean {mean}; largest {largest} of 255"
+    return (f"seams of the new atlas: jumps across {seams['border_edges']} edges at mip levels 0 to 4: mean {mean}; largest "
+            f"{largest} of 255")
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:

@@ -102,8 +102,8 @@ def _shaded(scene, decoded, settings, report):
 
 
 def _psnr_3d(scene, decoded, threads, report):
-    """At the same surface points of both; where those have to be searched for, at fewer."""
-    from ..quality.measure import SAMPLES, measure, measure_or_warn
+    """At the same surface points of a stream and of a mesh: as many as a mesh can be searched for."""
+    from ..quality.measure import measure, measure_or_warn
     from ..quality.views import NEAREST_SAMPLES, fields_of_faces, mesh_psnr_3d
     from ..texf import Texf
 
@@ -111,9 +111,7 @@ def _psnr_3d(scene, decoded, threads, report):
         if not isinstance(decoded, Texf):
             return measure_or_warn(lambda: mesh_psnr_3d(scene, decoded, NEAREST_SAMPLES, threads), report)
         face_field = fields_of_faces(scene, decoded) if len(decoded.fields) > 1 else None
-        searched = len(decoded.fields) > 1 and face_field is None
-        samples = NEAREST_SAMPLES if searched else SAMPLES
-        return measure_or_warn(lambda: measure(scene, decoded, samples, threads, face_field), report)
+        return measure_or_warn(lambda: measure(scene, decoded, NEAREST_SAMPLES, threads, face_field), report)
 
 
 def _run_facts(report):

@@ -22,6 +22,7 @@ from .automatic_image import automatic_image
 from .gltf_pack import check_compression, packing_of
 from .image_write import AUTO, FORMATS, check_image_format, encode_image, format_for
 from .looks import Looks, looks_of
+from .own_files import own_sides
 from .seams import measure_seams
 
 APPEARANCES = ("texture", "vertex", "voxels")
@@ -49,9 +50,11 @@ class SaveOptions:
 
 @dataclass
 class _Told:
-    """What save() has to tell. looks: of a surface that is written with images, known before these are made."""
+    """What save() has to tell. remarks: what changes no picture; looks: of a surface that is written with images, known before
+    these are made."""
 
     warnings: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
     seams: dict | None = None
     looks: Looks | None = None
 
@@ -68,7 +71,8 @@ def save(texf: Any, path: str | PathLike, appearance: str | None = None, texture
     them. options: the rest of SaveOptions; texture_format is for textures, other than PNG and JPEG for glTF, and compress for
     glTF's meshes. Side files (.bin, .png, .mtl) take the name of path; several images are numbered from 0, the atlas first.
     overwrite: whether side files may replace what is there; path itself always may. inputs: paths that nothing may replace.
-    Returns {"warnings": [one sentence each], "files": [names written], "seams": measure_seams() of its textures or None}.
+    Returns {"warnings": [one sentence each], "remarks": [the same, on what changes no picture], "files": [names written],
+    "seams": measure_seams() of the atlas or None}.
     Raises InputError: TXF-O01 no such directory, TXF-O02 not writable, TXF-O03 disk full, TXF-O04 other operating system error,
     TXF-O05 suffix, TXF-O06 appearance, TXF-O07 a file would replace an input, TXF-O08 a side file is there already, TXF-O10..O12
     atlas, TXF-O13 no voxels, TXF-O14 texture format, quality or compression; SupportError TXF-O15 their package is missing.
@@ -79,16 +83,16 @@ def save(texf: Any, path: str | PathLike, appearance: str | None = None, texture
     told = _Told()
     suffix = _checked(texf, path, asked, told)
     check_target(path, inputs)
-    told.looks = _looks(texf, suffix, asked)
-    check_sides(path.parent, _side_names(path, suffix, asked, told.looks), inputs, overwrite)
+    told.looks = _looks(texf, suffix, asked, told.remarks)
+    check_sides(path.parent, _side_names(path, suffix, asked, told.looks), inputs, overwrite, own_sides(path))
     files = _WRITERS[suffix](texf, path, asked, told)
     write_all(path.parent, files, inputs, overwrite)
-    return {"warnings": told.warnings, "files": [name for name, _ in files], "seams": told.seams}
+    return {"warnings": told.warnings, "remarks": told.remarks, "files": [name for name, _ in files], "seams": told.seams}
 
 
 def as_glb(texf: Any, **options: Any) -> tuple[bytes, dict]:
-    """The bytes of the GLB that save() would write, and what it would return without files: (bytes, {"warnings", "seams"}).
-    options: SaveOptions."""
+    """The bytes of the GLB that save() would write, and what it would return without files: (bytes, {"warnings", "remarks",
+    "seams"}). options: SaveOptions."""
     return _in_one_piece(texf, ".glb", SaveOptions(**options))
 
 
@@ -113,10 +117,11 @@ def save_into(texf: Any, file: BinaryIO, form: str | None = None, **options: Any
 
 
 def _in_one_piece(texf, suffix, asked):
-    """(bytes, {"warnings", "seams"}) of a format that needs no file beside it. Raises InputError TXF-O05 for another."""
+    """(bytes, {"warnings", "remarks", "seams"}) of a format that needs no file beside it. Raises InputError TXF-O05 for
+    others."""
     path, told = Path("stream" + suffix), _Told()
     suffix = _checked(texf, path, asked, told)
-    told.looks = _looks(texf, suffix, asked)
+    told.looks = _looks(texf, suffix, asked, told.remarks)
     if _side_names(path, suffix, asked, told.looks):
         raise InputError("TXF-O05", "this format has several files, which need a path", value=suffix, allowed=".glb .ply .npz")
     ((_, pieces),) = _WRITERS[suffix](texf, path, asked, told)
@@ -124,7 +129,7 @@ def _in_one_piece(texf, suffix, asked):
         held = io.BytesIO()
         pieces(held)
         pieces = [held.getvalue()]
-    return b"".join(pieces), {"warnings": told.warnings, "seams": told.seams}
+    return b"".join(pieces), {"warnings": told.warnings, "remarks": told.remarks, "seams": told.seams}
 
 
 def _checked(texf, path, asked, told):
@@ -136,7 +141,7 @@ def _checked(texf, path, asked, told):
         raise InputError("TXF-O06", "appearance not known", value=appearance, allowed=" ".join(APPEARANCES))
     if suffix == ".ply" and appearance == "texture":
         told.warnings.append("PLY has no texture here: vertex colours are written")
-    if appearance == "voxels":
+    if appearance == "voxels" and texf is not None:
         _name_what_has_no_voxels(texf, told.warnings)
     asked.settled = appearance is not None or _settles_images(asked)
     asked.appearance = ("vertex" if suffix == ".ply" else "texture") if appearance is None else appearance
@@ -144,16 +149,26 @@ def _checked(texf, path, asked, told):
     return suffix
 
 
-def _looks(texf, suffix, asked):
+def _looks(texf, suffix, asked, remarks):
     """Looks of a surface that is written with images where it needs any; None for what is written without."""
     if asked.appearance != "texture" or suffix not in (".glb", ".gltf", ".obj"):
         return None
-    return looks_of(texf, suffix == ".obj", suffix != ".obj" and not asked.settled)
+    looks = looks_of(texf, suffix == ".obj", suffix != ".obj" and not asked.settled)
+    if looks.opaque and suffix != ".obj":
+        remarks.append(f"alpha is 1 everywhere on {', '.join(looks.opaque[:5])}{' and others' * (len(looks.opaque) > 5)}: "
+                       "written as opaque")
+    return looks
 
 
 def _settles_images(asked):
     """Whether anything is said of images that only these can have."""
     return asked.texture_size is not None or asked.atlas != "auto" or asked.texture_format != AUTO
+
+
+def check_choices(path: str | PathLike, **options: Any) -> None:
+    """What save() can refuse of its options (SaveOptions) before anything is decoded: InputError TXF-O05, TXF-O06 and TXF-O14,
+    SupportError TXF-O15."""
+    _checked(None, Path(path), SaveOptions(**options), _Told())
 
 
 def _check_packing(suffix, asked):
@@ -292,7 +307,8 @@ def _textured(texf, asked, told):
 
     look, images = textured(texf, told.looks, asked.texture_size, asked.atlas), []
     told.warnings += look.warnings
-    shown = np.flatnonzero(look.face_image >= 0)
+    ours = np.array([one.skin >= 0 and look.looks.skins[one.skin].field is None for one in look.looks.looks], bool)
+    shown = np.flatnonzero((look.face_image >= 0) & ours[look.looks.face_look])
     if len(shown):
         told.seams = measure_seams(texf.lattice_positions, texf.faces[shown], look.corner_uv[shown], look.textures,
                                    look.face_image[shown])
@@ -335,11 +351,13 @@ def check_no_input(path: Path, inputs: Iterable[str | PathLike]) -> None:
             raise InputError("TXF-O07", "the output would replace a file that was read", path=str(path), read=str(read))
 
 
-def check_sides(folder: Path, names: Iterable[str], inputs: Iterable[str | PathLike], overwrite: bool) -> None:
-    """Files that the user did not name: InputError TXF-O07 for one that was read, TXF-O08 for one that is there already."""
+def check_sides(folder: Path, names: Iterable[str], inputs: Iterable[str | PathLike], overwrite: bool,
+                own: frozenset[str] = frozenset()) -> None:
+    """Files that the user did not name: InputError TXF-O07 for one that was read, TXF-O08 for one that is there already. own:
+    names of those that the output came with when it was written before, which may be replaced."""
     for name in names:
         check_no_input(folder / name, inputs)
-        if not overwrite and os.path.lexists(folder / name):
+        if not overwrite and name not in own and os.path.lexists(folder / name):
             raise InputError("TXF-O08", "a file beside the output is there already and was not named; --overwrite replaces it",
                              path=str(folder / name))
 
@@ -360,7 +378,7 @@ def write_all(folder: Path, files: list[tuple[str, Any]], inputs: Iterable[str |
                 else:
                     file.writelines(pieces)
         check_no_input(names[-1][1], inputs)
-        check_sides(folder, [name for name, _ in files[:-1]], inputs, overwrite)
+        check_sides(folder, [name for name, _ in files[:-1]], inputs, overwrite, own_sides(names[-1][1]))
         unfinished.rename_all(names)
     except OSError as error:
         raise as_input_error(error, names[-1][1]) from error

@@ -26,6 +26,7 @@ _WRAPS = {WRAP_REPEAT: 10497, WRAP_CLAMP: 33071, WRAP_MIRROR: 33648}
 _POINTS = 0
 OPTIONAL = {"NORMAL", "TANGENT"}  # left out of primitives that have none
 _LINEAR, _NEAREST = (9729, 9987), (9728, 9728)  # filters of a sampler: linear with mipmaps; nearest
+_LEVEL = 1 - 1e-5  # cosine from which two normals are one, a quarter of a degree
 _EXTRAS_LIMIT = 65536  # bytes of metadata that may ride in asset.extras
 
 
@@ -176,8 +177,20 @@ def _written_normals(texf, look):
     nothing without normals (section 3.7.2.1), so that faces with a normal map have theirs."""
     normal = texf.shading_normals()
     flat = np.array([m.normals.angle == 0 for m in texf.materials], bool)
+    level = ((normal * normal[:, [1, 2, 0]]).sum(axis=2) > _LEVEL).all(axis=1)
+    for number in np.flatnonzero(~flat):  # materials whose faces all meet in sharp edges
+        faces = texf.face_material == number
+        flat[number] = bool(faces.any()) and bool(level[faces].all()) and _are_of_faces(texf, normal, faces)
     normal[flat[texf.face_material] & ~_has_normal_map(look)] = 0.0
     return normal
+
+
+def _are_of_faces(texf, normal, chosen):
+    """Whether normals of corners are those of their faces, where these have area."""
+    a, b, c = (texf.lattice_positions[texf.faces[chosen, k]].astype(np.float64) for k in range(3))
+    across = np.cross(b - a, c - a)
+    length = np.linalg.norm(across, axis=1)
+    return bool(((across * normal[chosen, 0]).sum(axis=1) >= _LEVEL * length).all())
 
 
 def _add_texture(document, texture, form, image):

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...channels import ALPHA, BASE_COLOUR, BY_NAME, channel_over
 from ..factors import absorb
-from ..scene import ALPHA_OPAQUE, Material
+from ..scene import ALPHA_BLEND, ALPHA_OPAQUE, Material
 from ..srgb import srgb_to_linear
 from .sheets import sheets_of
 from .vertex_fit import VertexColours, vertex_fit
@@ -44,11 +44,13 @@ class Look:
 
 @dataclass
 class Looks:
-    """All of them. face_look: int64 [F] into looks; a material that no face has stands there once, without images."""
+    """All of them. face_look: int64 [F] into looks; a material that no face has stands there once, without images; opaque: names
+    of materials that are written as opaque, for nothing of theirs is see-through."""
 
     skins: list[Skin]
     looks: list[Look]
     face_look: np.ndarray
+    opaque: list[str] = made_by(default_factory=list)
 
     @property
     def image_count(self) -> int:
@@ -80,7 +82,20 @@ def looks_of(texf: Any, base_colour_alone: bool = False, at_vertices: bool = Fal
         skin.sheets = sheets_of({name for look in made if look.skin == number for name in look.mapped})
     idle = np.setdiff1d(np.arange(len(texf.materials)), texf.face_material)
     made += [Look(int(number), -1, texf.materials[number], ()) for number in idle]
-    return Looks(skins, made, face_look)
+    return Looks(skins, made, face_look, _made_opaque(texf, made, skins, face_look))
+
+
+def _made_opaque(texf, looks, skins, face_look):
+    """Makes materials opaque that blend by an alpha of 255 on all their faces: viewers draw what blends later, unsorted. Returns
+    their names."""
+    names = []
+    for row, look in enumerate(looks):
+        if look.skin >= 0 and look.material.alpha_mode == ALPHA_BLEND and look.material.factor[3] >= 1:
+            alpha = _one_value(texf, skins[look.skin], np.flatnonzero(face_look == row), ALPHA.name) if texf.has_alpha else [255]
+            if alpha is not None and alpha[0] == 255:
+                look.material = replace(look.material, alpha_mode=ALPHA_OPAQUE)
+                names.append(look.material.name or f"material {look.number}")
+    return names
 
 
 def _skins(texf):

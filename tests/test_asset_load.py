@@ -660,6 +660,12 @@ def ply(form, uv=("s", "t"), texture="comment TextureFile tex.png\n", faces=TWO,
 FORMS = ("ascii", "binary_little_endian", "binary_big_endian")
 
 
+def test_ply_in_capitals_is_read(loaded):
+    text = ("PLY\r\nformat ascii 1.0\r\nelement vertex 3\r\nproperty float x\r\nproperty float y\r\nproperty float z\r\n"
+            "element face 1\r\nproperty list uchar int vertex_indices\r\nend_header\r\n0 0 0\r\n1 0 0\r\n0 1 0\r\n3 0 1 2\r\n")
+    assert loaded(text, "a.ply").faces.tolist() == [[0, 1, 2]]
+
+
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("uv", [("s", "t"), ("u", "v"), ("texture_u", "texture_v")])
 def test_ply_with_colors_and_texture(tmp_path, loaded, form, uv):

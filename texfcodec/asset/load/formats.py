@@ -29,7 +29,7 @@ FORMATS = (
     Format(".glb", "gltf_read", "read_gltf", "TXF-I09", "binary glTF 2.0", (b"glTF",)),
     Format(".gltf", "gltf_read", "read_gltf", "TXF-I09", "glTF 2.0", text=True),
     Format(".obj", "obj_read", "read_obj", "TXF-I20", "Wavefront OBJ", text=True),
-    Format(".ply", "ply_read", "read_ply", "TXF-I21", "Stanford PLY", (b"ply",), text=True),
+    Format(".ply", "ply_read", "read_ply", "TXF-I21", "Stanford PLY", (b"ply", b"PLY"), text=True),
     Format(".stl", "stl_read", "read_stl", "TXF-I23", "STL"),
     Format(".off", "off_read", "read_off", "TXF-I23", "OFF", text=True),
     Format(".3mf", "threemf_read", "read_3mf", "TXF-I24", "3MF", (b"PK\x03\x04",)),

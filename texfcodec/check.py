@@ -22,7 +22,7 @@ from .options import DecodeOptions
 from .quality.parts import compare_parts
 from .quality.views import Look, compare_views
 from .render.environment import DAYLIGHT
-from .report import Report
+from .report import Report, Step, no_step
 
 if TYPE_CHECKING:
     from .asset.scene import Scene
@@ -100,19 +100,21 @@ def _is_better(again, first):
 def check(scene: Scene, made: Encoded, options: EncodeOptions, report: Report, seconds: float) -> dict:
     """Fills made.check with what check_encoded() says, returns it, and lets go of what only it needs. seconds: that the encode
     took."""
-    with report.stage("check"):
-        found = made.check = check_encoded(scene, made, options, seconds)
+    with report.stage("check") as step:
+        found = made.check = check_encoded(scene, made, options, seconds, step)
     made.values = []
     return found
 
 
-def check_encoded(scene: Scene, made: Encoded, options: EncodeOptions, seconds: float) -> dict:
+def check_encoded(scene: Scene, made: Encoded, options: EncodeOptions, seconds: float, step: Step = no_step) -> dict:
     """Compares a stream with the Scene it was made from.
 
     Parameters
     ----------
     seconds : float
         That the encode took, of which a share may go into decoding values again.
+    step : function
+        Of Report.stage(), called with how far the check is.
 
     Returns
     -------
@@ -129,7 +131,9 @@ def check_encoded(scene: Scene, made: Encoded, options: EncodeOptions, seconds: 
         The stream is not what the encoder took it for.
     """
     texf, decoded = _decoded(made, options, seconds)
+    step(1, 3)
     found = compare_parts(scene, texf, made.face_field, options.threads) if len(texf.faces) else None
+    step(2, 3)
     known = {"promised": promised_psnr(options), "decoded_units": decoded}
     if found is None:
         return {"y": None, "rgb": None, "parts": [], "visible": False, "worst": None, **known}
@@ -184,9 +188,9 @@ def _decoded(made, options, seconds):
     def known(values, group):
         plane = group.join(made.values[values["field_index"]])
         counts[1] += 1
-        left[0] -= plane.size
-        if left[0] < 0:
+        if plane.size > left[0]:
             return plane
+        left[0] -= plane.size
         counts[0] += 1
         return None
 

@@ -19,6 +19,7 @@ from texfcodec.asset.load.files import load
 from texfcodec.asset.normal_rule import NormalRule
 from texfcodec.asset.save.automatic_image import automatic_image
 from texfcodec.asset.save.files import as_glb, save
+from texfcodec.asset.save.gltf_pack import Column, smallest
 from texfcodec.asset.save.image_write import jpeg_bytes
 from texfcodec.asset.scene import ALPHA_BLEND, Material, Scene, Texture
 from texfcodec.errors import InputError
@@ -254,3 +255,19 @@ def test_seams_are_those_of_the_new_atlas_alone(tmp_path):
     scene.corner_uv[1] = scene.corner_uv[1] * 0.5
     assert save(coded(scene, support="texels"), tmp_path / "a.glb")["seams"] is None
     assert save(coded(scene, support="voxels"), tmp_path / "b.glb", texture_size=64)["seams"] is not None
+
+
+def test_attributes_take_the_smallest_type_that_is_exact(tmp_path):
+    """Corners of an image are whole 65535ths, thirds of it too, quarters not; black and white are whole 255ths."""
+    texf = coded(printed(photograph(64)), support="texels")
+    save(texf, tmp_path / "a.glb")
+    document, binary = read_glb(tmp_path / "a.glb")
+    at = document["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"]
+    assert document["accessors"][at]["componentType"] == 5123 and document["accessors"][at]["normalized"]
+    assert sorted(map(tuple, accessor(document, binary, at) // 65535)) == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    rows = [Column(np.array([[0, value]], np.float32), "VEC2") for value in (1 / 3, 0.25, 2)]
+    assert [smallest("TEXCOORD_0", row).values.dtype for row in rows] == [np.uint16, np.float32, np.float32]
+    plain, deep = (np.array([[0, 65535, level, 65535]], np.uint16) for level in (257, 258))
+    packed = [smallest("COLOR_0", Column(colour, "VEC4", True)).values.tolist() for colour in (plain, deep)]
+    assert packed == [[[0, 255, 1, 255]], deep.tolist()]
+    assert load(tmp_path / "a.glb").corner_uv.max() == 1

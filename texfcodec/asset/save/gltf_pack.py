@@ -51,6 +51,7 @@ class Plain:
 
     def primitive(self, document: Any, columns: dict[str, Column], corners: np.ndarray) -> dict:
         """Accessors for columns by name and for corners, int64 [3 F] into them: the glTF primitive."""
+        columns = {name: smallest(name, column) for name, column in columns.items()}
         attributes = {name: document.add_accessor(c.values, c.kind, ARRAY, name == "POSITION", c.normalized)
                       for name, c in columns.items()}
         indices: np.ndarray = corners.astype(index_type(len(columns["POSITION"].values)))
@@ -183,6 +184,19 @@ def _meshopt_package():
         raise SupportError("TXF-O15", 'meshopt needs the package meshoptimizer: pip install "texfcodec[formats]"',
                            value="meshoptimizer") from error
     return meshoptimizer
+
+
+def smallest(name: str, column: Column) -> Column:
+    """A column in the smallest type of glTF's core, without extensions, that holds exactly what it says: in 8 bits colours that
+    need no 16, in 16 bits UVs that are whole 65535ths."""
+    values = column.values
+    if name == "COLOR_0" and values.dtype == np.uint16 and not (values % 257).any():
+        return Column((values // 257).astype(np.uint8), column.kind, True)
+    if name.startswith("TEXCOORD") and values.size and values.min() >= 0 and values.max() <= 1:
+        whole = np.rint(values.astype(np.float64) * 65535)
+        if ((whole / 65535).astype(np.float32) == values).all():
+            return Column(whole.astype(np.uint16), column.kind, True)
+    return column
 
 
 def index_type(count: int) -> type:

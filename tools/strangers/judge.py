@@ -41,12 +41,13 @@ def _of_tool(step, run):
     if code is None:
         yield [TOO_LONG, f"{step} took longer than {run['seconds']:.0f} s"]
     elif code == EXIT_INTERNAL or code < 0 or (code and (code not in REFUSALS or step == "decode")):
-        yield [INTERNAL, f"{step} ended with {code}: {_reason(run)}"]
+        yield [INTERNAL, f"{step} ended with {code}: {reason_of(run)}"]
     elif run["json"]:
         yield [NOT_JSON, f"{step}: {run['json']}"]
 
 
-def _reason(run):
+def reason_of(run):
+    """Why a tool ended as it did: its JSON error, or the last line of its log."""
     error = run["report"].get("error")
     return (f"{error.get('code')} {error.get('message')}" if isinstance(error, dict) else run["log"])[:200]
 
@@ -128,7 +129,7 @@ def summary(rows, missing):
         lines += ["", f"{kind}:"] if short else []
         lines += [f"  {name}: {text}" for name, text in short]
     lines += ["", "refused:"] if refused else []
-    lines += [f"  {row['name']}: {_reason(row['encode'])}" for row in refused]
+    lines += [f"  {row['name']}: {reason_of(row['encode'])}" for row in refused]
     lines += [f"not fetched: {why}" for why in missing.values()]
     return "\n".join(lines), bool(kinds)
 

@@ -66,13 +66,15 @@ async function load(file) {
   sun.position.set(1, 2, 3);
   return scene.add(model, sun, new THREE.HemisphereLight(0xffffff, 0x404040, 1.5)) && { scene, model };
 }
-function dress({ model }, Kind) {
-  const dressed = ({ map, color, side, alphaTest, transparent, opacity, vertexColors, flatShading }) => new Kind(
-    { map, color, side, alphaTest, transparent, opacity, vertexColors, ...(Kind === THREE.MeshBasicMaterial ? {} : { flatShading }) });
-  model.traverse((one) => {
-    if (!one.isMesh) return;
-    one.own ??= one.material;
-    one.material = Array.isArray(one.own) ? one.own.map(dressed) : dressed(one.own);
+function dress({ model }, Kind) {  // ColladaLoader forgets colours of vertices, and normals that are not there
+  const dressed = ({ map, color, side, alphaTest, transparent, opacity, flatShading }, geometry) => {
+    const light = Kind === THREE.MeshBasicMaterial ? {} : { flatShading: flatShading || !geometry.hasAttribute('normal') };
+    return new Kind({ map, color, side, alphaTest, transparent, opacity, vertexColors: geometry.hasAttribute('color'), ...light });
+  };
+  model.traverse((mesh) => {
+    if (!mesh.isMesh) return;
+    mesh.own ??= mesh.material;
+    mesh.material = Array.isArray(mesh.own) ? mesh.own.map((own) => dressed(own, mesh.geometry)) : dressed(mesh.own, mesh.geometry);
   });
 }
 function shown({ scene }, camera, background) {

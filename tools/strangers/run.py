@@ -14,7 +14,7 @@ from texfcodec.dispatch.children import WARM_UP, Caps, Children, Overdue
 from texfcodec.dispatch.local import terminated_as_interrupted
 from texfcodec.dispatch.progress import progress
 from texfcodec.dispatch.tasks import last_line, package_code
-from tools.strangers.judge import findings_of
+from tools.strangers.judge import findings_of, reason_of
 from tools.strangers.rows import add_row, read_rows, strict_json
 
 RATE = "r03"
@@ -137,5 +137,5 @@ def _line(row):
     if row["findings"]:
         return "; ".join(text for _, text in row["findings"])[:300]
     if row["encode"]["exit"] != 0:
-        return f"refused: {row['encode']['log'][:200]}"
+        return f"refused: {reason_of(row['encode'])}"
     return f"{row['bytes']['stream']} bytes of {row['bytes']['source']}, {row['encode']['seconds']:.1f} s"

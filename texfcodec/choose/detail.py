@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..asset.sample import pack_map, pack_source
-from ..support.transfer import texels_per_edge
+from ..ground.areas import face_areas
 
 if TYPE_CHECKING:
     from ..asset.scene import Scene
     from ..geometry.surface import Surface
 
+MOST_TEXELS = 1e18  # of UVs without bounds: enough to make any image one texel
 FINEST = 16.0  # texels along an edge of a voxel; beyond, an image is shrunk by powers of two until it has so many
 
 
@@ -28,14 +28,24 @@ def without_lost_detail(scene: Scene, surface: Surface, over_voxels: np.ndarray,
     times: dict[int, float] = {}
     for number in np.unique(surface.material[over_voxels]):
         faces = np.flatnonzero(over_voxels & (surface.material == number))
-        rows, shown = surface.origin_face[faces], (surface.lattice, surface.faces[faces])
+        area = face_areas(surface.lattice, surface.faces[faces]).sum() * (resolution / (1 << surface.cube.position_bits)) ** 2
         for name, texture in _textures_of(scene.materials[number]).items():
-            source = pack_map(scene, name, rows) if name else pack_source(scene, rows)
-            finer = texels_per_edge(*shown, source, surface.cube.position_bits, resolution) / FINEST
+            texels = _texels(scene, name, texture, surface.origin_face[faces])
+            finer = float(np.sqrt(texels / max(area, 1e-9))) / FINEST
             times[texture] = min(finer, times.get(texture, np.inf))
     textures = [_shrunk(texture, 2 ** int(np.ceil(np.log2(times[number])))) if times.get(number, 0) > 1 and number not in kept
                 else texture for number, texture in enumerate(scene.textures)]
     return replace(scene, textures=textures)
+
+
+def _texels(scene, name, texture, rows):
+    """Texels that faces of the scene show of one of their textures, each as often as it is shown."""
+    uv = scene.map_uv.get(name, scene.corner_uv)[rows]
+    height, width = scene.textures[texture].image.shape[:2]
+    with np.errstate(all="ignore"):
+        (ax, ay), (bx, by) = (uv[:, 1] - uv[:, 0]).T, (uv[:, 2] - uv[:, 0]).T
+        texels = np.abs(ax * by - ay * bx) / 2 * width * height
+    return min(float(texels[np.isfinite(texels)].sum()), MOST_TEXELS)
 
 
 def _textures_of(material):

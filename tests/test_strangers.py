@@ -229,6 +229,9 @@ def test_each_target_is_seen_where_it_is_missed(row):
     assert "12.3 dB RGB" in poor[POOR] and POOR not in altered(row)
     warning = {"encode__report__warnings": ["material 'm' comes back at 12 dB", "the stream is larger than its source"]}
     assert POOR not in altered(row, measure__report__parts=[part | {"rgb": 12.3}], **warning)
+    dark = {"picture": {"psnr": 12.0, "lit": 13.0, "cover": 1.0, "size": 0.0}}
+    assert "flat 12.0 dB, lit 13.0 dB" in altered(row, **dark)[PICTURE]
+    assert PICTURE not in altered(row, **dark, encode__report__remarks=["many viewers show them darker"])
     sizes = {"bytes": {"source": 100, "stream": 101, "mesh": 2249}}
     assert {LARGER, LARGE_MESH} <= set(altered(row, **sizes)) and LARGER not in altered(row, **sizes, **warning)
     assert "1 errors" in altered(row, validator={"errors": 1, "warnings": 0, "messages": ["error X"]})[INVALID]

@@ -13,7 +13,7 @@ SMALL = 0.001  # a part of so little of the surface is not looked at
 ALPHA_OFF, SIZE_OFF = 0.02, 0.01  # mean error of alpha; of the box
 LEAST_PICTURE, LEAST_COVER = 22.0, 0.9  # dB and shared pixels of two pictures of another program, whose filters differ a little
 SHADED = (".glb", ".gltf", ".obj", ".dae")  # formats whose normals three.js does not make up
-SAYS_QUALITY, SAYS_SIZE = r"\bdB\b|quality|fidelity", r"larger|bigger"
+SAYS_QUALITY, SAYS_SIZE, SAYS_COLOUR = r"\bdB\b|quality|fidelity", r"larger|bigger", r"many viewers show them darker"
 REFUSALS = (EXIT_IO, EXIT_SUPPORT, EXIT_LIMIT)
 
 INTERNAL, TOO_LONG, NOT_JSON = "internal error", "too long", "no strict JSON"
@@ -33,6 +33,8 @@ def findings_of(row):
     said += [f"{effect['channel']}: {effect['reasons']}" for effect in row["encode"]["report"].get("effects", [])]
     warned = " ".join(row["encode"]["report"].get("warnings", []) + row["decode"]["report"].get("warnings", []))
     findings += _of_bytes(row["bytes"], warned) + _of_validator(row["validator"]) + _of_measure(row, said, warned)
+    if re.search(SAYS_COLOUR, " ".join(said)):
+        return findings
     return findings + _of_picture(row.get("picture", {}), row["name"].lower().endswith(SHADED))
 
 

@@ -73,7 +73,7 @@ def test_an_image_is_written_where_one_is_wanted(tmp_path):
     for options in ({"appearance": "texture"}, {"texture_size": 64}, {"atlas": "fast"}):
         save(texf, tmp_path / "a.glb", **options)
         document, _ = read_glb(tmp_path / "a.glb")
-        assert attributes(document) == [{"POSITION", "NORMAL", "TEXCOORD_0"}] and len(document["images"]) == 1
+        assert attributes(document) == [{"POSITION", "TEXCOORD_0"}] and len(document["images"]) == 1
 
 
 @pytest.mark.parametrize("kind", ["noise", "small print"])
@@ -84,7 +84,7 @@ def test_what_vertices_cannot_show_stays_an_image(kind):
     else:
         image[60:64, 60:66, :3] = 0  # 24 of 16384 texels: 34 dB if they went missing altogether
     document = json_of(as_glb(coded(printed(image), resolution=128))[0])
-    assert attributes(document) == [{"POSITION", "NORMAL", "TEXCOORD_0"}] and len(document["images"]) == 1
+    assert attributes(document) == [{"POSITION", "TEXCOORD_0"}] and len(document["images"]) == 1
 
 
 def json_of(data):
@@ -101,7 +101,7 @@ def test_materials_with_and_without_images_share_a_file(tmp_path):
         np.concatenate([ball.corner_color, np.ones((2, 3, 4), np.float32)]), ball.materials + page.materials, page.textures)
     save(coded(both, resolution=256), tmp_path / "a.glb")
     document, _ = read_glb(tmp_path / "a.glb")
-    assert sorted(map(sorted, attributes(document))) == [["COLOR_0", "NORMAL", "POSITION"], ["NORMAL", "POSITION", "TEXCOORD_0"]]
+    assert sorted(map(sorted, attributes(document))) == [["COLOR_0", "NORMAL", "POSITION"], ["POSITION", "TEXCOORD_0"]]
     back = load(tmp_path / "a.glb")
     assert len(back.faces) == len(both.faces) and len(back.textures) == 1
 
@@ -164,7 +164,7 @@ def test_exact_values_stay_exact(tmp_path):
 
 def test_few_colours_and_alpha_are_png():
     flat = np.random.default_rng(0).integers(0, 200, (16, 16, 3), np.uint8).repeat(16, axis=0).repeat(16, axis=1)
-    form, data = automatic_image(flat[:, :, :1].repeat(3, axis=2), 16.0)
+    form, data = automatic_image(flat[:, :, :1].repeat(3, axis=2), 0.0)
     read = Image.open(io.BytesIO(data))
     assert form.name == "png" and read.mode == "P" and (np.asarray(read.convert("RGB")) == flat[:, :, :1]).all()
     assert automatic_image(photograph(64), 16.0)[0].name == "png"  # with alpha
@@ -271,3 +271,13 @@ def test_attributes_take_the_smallest_type_that_is_exact(tmp_path):
     packed = [smallest("COLOR_0", Column(colour, "VEC4", True)).values.tolist() for colour in (plain, deep)]
     assert packed == [[[0, 255, 1, 255]], deep.tolist()]
     assert load(tmp_path / "a.glb").corner_uv.max() == 1
+
+
+def test_a_drawing_under_the_noise_of_coding_goes_out_as_a_palette():
+    rng = np.random.default_rng(0)
+    drawn = rng.integers(8, 248, (12, 3))[rng.integers(0, 12, (16, 16))].repeat(16, axis=0).repeat(16, axis=1)
+    noisy = (drawn + (rng.random(drawn.shape) < 0.1)).astype(np.uint8)
+    form, data = automatic_image(noisy, 16.0)
+    shown = np.asarray(Image.open(io.BytesIO(data)).convert("RGB")).astype(float)
+    assert form.name == "png" and Image.open(io.BytesIO(data)).mode == "P"
+    assert ((shown - noisy) ** 2).mean() < 0.1 * 16**2 / 12 and len(data) < 0.5 * len(automatic_image(noisy, 0.0)[1])

@@ -45,7 +45,9 @@ def _has_slot(root, slot):
 
 
 def _has_extras(root):
-    return any(entry.get("extras") for kind in ("nodes", "meshes", "materials", "scenes") for entry in _entries(root, kind))
+    kept = root.get("asset", {}).get("extras", {})  # where a decoded GLB has the metadata of its stream
+    return "extras" in (kept.get("texf") or {} if isinstance(kept, dict) else {}) or any(
+        entry.get("extras") for kind in ("nodes", "meshes", "materials", "scenes") for entry in _entries(root, kind))
 
 
 # What a glTF file may hold, the words that name it in a report, and whether a JSON tree has it.

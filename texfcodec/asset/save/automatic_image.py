@@ -17,6 +17,7 @@ ADDED = 0.045  # of it that a JPEG may add
 _SHARES = (0.3, 0.25, 0.2, 0.175, 0.15, 0.125, 0.1, 0.0)  # of the step, that are tried; a JPEG has none below 1
 LEAST_STEP = 4.0  # below it the rounding of JPEG's own colour transform is too much
 _TILE, _TILES = 64, 64  # texels a side of what is looked at, and how many of these
+_PALETTES = (256, 128, 64, 32, 16)  # numbers of colours that are tried
 _BANDS = 4  # every fourth band of tiles tells how large a PNG gets
 _LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
@@ -25,28 +26,54 @@ def automatic_image(image: np.ndarray, step: float | None, srgb: bool = True) ->
     """An image as the smaller of PNG and, where that costs less than 0.2 dB, JPEG: (its format, its bytes).
 
     image: uint8 [H, W, 3 or 4]; step: levels of 255 that its values were quantised to before, 0 for exact ones, None for nothing
-    known; srgb: whether it holds colours, whose error is that of luma. An image with alpha, of exact values or of few colours is
-    PNG.
+    known; srgb: whether it holds colours, whose error is that of luma. An image with alpha, of exact values, or close to few
+    colours is PNG.
     """
     palette = None if image.shape[2] == 4 else palette_of(image)
-    own = None
-    if image.shape[2] == 3 and palette is None and step is not None and step >= LEAST_STEP:
-        own = _jpeg_step(image, step, srgb)
+    if image.shape[2] == 4 or not step:
+        return FORMATS["png"], _png(image, palette)
+    tiles = _tiles(image)
+    allowed = ADDED * (_OF_JPEG * _jpeg_error(tiles, step, srgb) + _OF_NOISE * step * step / 12)
+    palette = _near_palette(image, tiles, allowed, srgb) or palette
+    own = _jpeg_step(tiles, allowed, step, srgb) if palette is None else None
     if own is None:
         return FORMATS["png"], _png(image, palette)
     packed = jpeg_bytes(image, **_jpeg_settings(own))
     if _png_size(image) > len(packed):
         return FORMATS["jpeg"], packed
-    exact = _png(image, palette)
+    exact = _png(image, None)
     return (FORMATS["png"], exact) if len(exact) <= len(packed) else (FORMATS["jpeg"], packed)
 
 
-def _jpeg_step(image, step, srgb):
-    """The largest step of a JPEG that adds no more than ADDED to the error that the stream's step has made; None for none."""
-    tiles = _tiles(image)
-    allowed = ADDED * (_OF_JPEG * _error(tiles, step, srgb) + _OF_NOISE * step * step / 12)
+def _near_palette(image, tiles, allowed, srgb):
+    """As palette_of(), of the fewest colours that are no further from the image's than `allowed`, a mean squared error; None
+    where 256 are. Drawn images have few colours under the noise that coding left."""
+    near = None
+    for count in _PALETTES:
+        if _error(tiles, _quantised(tiles, count)[1], srgb) > allowed:
+            break
+        picture, shown = _quantised(image, count)
+        if _error(image, shown, srgb) > allowed:
+            break
+        near = np.array(picture.getpalette(), np.uint8).reshape(-1, 3), np.asarray(picture)
+    return near
+
+
+def _quantised(image, count):
+    """(picture of so many colours, the same uint8 [H, W, 3])."""
+    from PIL import Image
+
+    way = {"method": Image.Quantize.MAXCOVERAGE, "kmeans": 2, "dither": Image.Dither.NONE}
+    picture = Image.fromarray(image).quantize(count, **way)
+    return picture, np.asarray(picture.convert("RGB"))
+
+
+def _jpeg_step(tiles, allowed, step, srgb):
+    """The largest step of a JPEG whose mean squared error is allowed; None for none."""
+    if step < LEAST_STEP:
+        return None
     for own in dict.fromkeys(max(share * step, 1.0) for share in _SHARES):
-        if _error(tiles, own, srgb) <= allowed:
+        if _jpeg_error(tiles, own, srgb) <= allowed:
             return own
     return None
 
@@ -63,13 +90,18 @@ def _tiles(image):
     return split[busy[np.linspace(0, len(busy) - 1, min(_TILES, len(busy))).astype(np.int64)]].reshape(-1, _TILE, 3)
 
 
-def _error(image, step, srgb):
-    """Mean squared error that a JPEG of a step makes, of luma where it holds colours."""
+def _jpeg_error(image, step, srgb):
+    """Mean squared error that a JPEG of a step makes."""
     from PIL import Image
 
     plain = io.BytesIO()
     Image.fromarray(image).save(plain, "JPEG", **_jpeg_settings(step))
-    off = image.astype(np.float32) - np.asarray(Image.open(plain))
+    return _error(image, np.asarray(Image.open(plain)), srgb)
+
+
+def _error(image, other, srgb):
+    """Mean squared error of an image in place of another, of luma where they hold colours."""
+    off = image.astype(np.float32) - other
     return float(((off @ _LUMA) ** 2).mean() if srgb else (off**2).mean())
 
 

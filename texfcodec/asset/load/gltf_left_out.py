@@ -55,6 +55,7 @@ UNSEEN = ("KHR_xmp", "EXT_mesh_manifold")  # what they say changes no picture
 _ELSEWHERE = ("file", "nodes", "primitives", "materials")  # whose extensions the readers name, one by one
 _LOOSE = ("materials", "parts of materials")  # whose unknown properties the readers name, too
 _EXTRAS_CARRIED = ("asset", "scenes", "nodes", "meshes", "materials")  # as metadata
+_WITHOUT_LEVELS = 9729  # minFilter: LINEAR
 _SHARP_WHEN_SMALL = (9728, 9984, 9986)  # minFilter: NEAREST within a mip level
 
 
@@ -93,6 +94,8 @@ def _walk(entry: Any, kind: str, notes: Notes) -> None:
             notes.remark(f"property '{key[:40]}' of {_the(kind)} is left out")
         elif key == "minFilter" and value in _SHARP_WHEN_SMALL:
             notes.remark("minFilter NEAREST of samplers is left out: decoded textures are smooth where they are small")
+        elif key == "minFilter" and value == _WITHOUT_LEVELS:
+            notes.remark("minFilter LINEAR of samplers is left out: decoded textures have mip levels")
 
 
 def _walk_extensions(entry, kind, notes):

@@ -41,6 +41,8 @@ class Document:
         self.length = 0
         self.unpacked = 0  # bytes of what packed views unpack to
         self.warnings: list[str] = []
+        if isinstance(metadata.get("copyright"), str):
+            self.json["asset"]["copyright"] = metadata["copyright"]
         if metadata:
             if len(json_text(metadata).encode()) <= _EXTRAS_LIMIT:
                 self.json["asset"]["extras"] = {"texf": metadata}

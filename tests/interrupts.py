@@ -35,7 +35,7 @@ property uchar blue
 element face 4
 property list uchar int vertex_indices
 end_header
-0 0 0 0 0 0
+0.""" + 2000 * "0" + """ 0 0 0 0 0
 1 0 0 250 0 0
 0 1 0 0 250 0
 0 0 1 0 0 250

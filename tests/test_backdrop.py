@@ -36,7 +36,8 @@ def meshes(tmp_path_factory):
     points = "".join(f"v {x:.6f} {y:.6f} {z:.6f}\n" for x, y, z in positions)
     text = "".join(f"f {a} {b} {c}\n" for a, b, c in faces + 1)
     for name, levels in FLAT.items():
-        (folder / f"{name}.mtl".replace(" ", "_")).write_text("newmtl m\nKd {} {} {}\n".format(*linear((*levels, 255))[:3]))
+        shown = " ".join(str(level / 255) for level in levels)
+        (folder / f"{name}.mtl".replace(" ", "_")).write_text(f"newmtl m\nKd {shown}\n")
         (folder / f"{name}.obj").write_text(f"mtllib {name.replace(' ', '_')}.mtl\nusemtl m\n{points}{text}")
     return {path.stem if path.suffix == ".obj" else "stl": path for path in folder.iterdir() if path.suffix != ".mtl"}
 

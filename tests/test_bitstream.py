@@ -421,7 +421,8 @@ def test_each_limit_that_needs_no_decoding_refuses_with_its_code(limits, code):
 
 
 def test_a_limit_of_zero_or_none_is_off():
-    off = Limits(file_bytes=0, vertices=None, faces=0, voxels=None, texels=0, samples=0, latents=0, metadata_bytes=0)
+    off = Limits(file_bytes=0, vertices=None, faces=0, voxels=None, texels=0, samples=0, latents=0, metadata_bytes=0,
+                 image_pixels=0)
     assert set(vars(off).values()) == {None, 4 << 30, 120}
     assert read_stream(write_stream(small_stream())[0], off).fields
 

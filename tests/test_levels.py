@@ -11,7 +11,7 @@ from texfcodec.errors import LimitError
 from texfcodec.limits import LEVELS, Limits, level_of
 from texfcodec.options import DecodeOptions
 
-BOUNDED = [name for name in Limits.__dataclass_fields__ if not name.startswith("isolate")]
+BOUNDED = [name for name in Limits.__dataclass_fields__ if not name.startswith(("isolate", "image"))]  # of streams
 VECTORS = ["subset/two_fields", "subset/metadata", "subset/texels", "subset/neural_resident"]
 
 

@@ -99,7 +99,7 @@ def test_encoder_replaces_an_old_stream_and_takes_devices(call, house):
 
 def test_a_gltf_with_its_buffer_is_protected(call, atlas_stream, tmp_path):
     decode(atlas_stream.read_bytes()).save(tmp_path / "b.gltf", texture_size=64, atlas="fast")
-    for name in ("b.bin", "b.png"):
+    for name in ("b.bin", "b.jpg"):
         (tmp_path / (name + ".texf")).symlink_to(name)
         code, said, _ = call("texf-enc", tmp_path / "b.gltf", tmp_path / (name + ".texf"), *SMALL, "--json")
         assert (code, json.loads(said)["error"]["code"]) == (2, "TXF-O07"), name
@@ -124,7 +124,7 @@ def test_picture_does_not_replace_what_is_drawn(call, house):
 # Files that were not named
 
 
-@pytest.mark.parametrize("out, sides", [("a.obj", ("a.mtl", "a.png")), ("a.gltf", ("a.bin", "a.png"))])
+@pytest.mark.parametrize("out, sides", [("a.obj", ("a.mtl", "a.jpg")), ("a.gltf", ("a.bin", "a.jpg"))])
 def test_files_beside_the_output_stay_unless_asked(call, atlas_stream, tmp_path, out, sides):
     flags = ("--texture-size", "64", "--atlas", "fast")
     for side in sides:

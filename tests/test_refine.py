@@ -111,7 +111,7 @@ def test_auto_does_without_where_one_colour_covers_all():
     plain.corner_color[:] = 0.5
     report = Report()
     told = encode_scene(plain, EncodeOptions(resolution=64, qp=20), report).choices["refinement"]
-    assert told["predicted_gain_db"] == 0.0
+    assert told["kind"] == "off" and "one colour" in told["reason"]
 
 
 def test_auto_fits_what_gains_and_reports_before_and_after(sample_scene):

@@ -73,7 +73,7 @@ def test_an_image_is_written_where_one_is_wanted(tmp_path):
     for options in ({"appearance": "texture"}, {"texture_size": 64}, {"atlas": "fast"}):
         save(texf, tmp_path / "a.glb", **options)
         document, _ = read_glb(tmp_path / "a.glb")
-        assert attributes(document) == [{"POSITION", "TEXCOORD_0"}] and len(document["images"]) == 1
+        assert attributes(document) == [{"POSITION", "NORMAL", "TEXCOORD_0"}] and len(document["images"]) == 1
 
 
 @pytest.mark.parametrize("kind", ["noise", "small print"])

@@ -1,5 +1,7 @@
 """The encoder's look at what it made: it finds the part that is worst, mends what it can, and says what it cannot."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from shapes import painted_sphere
@@ -9,7 +11,7 @@ from test_spending import boxes
 from texfcodec import EncodeOptions, InputError, Report, decode
 from texfcodec.api import encode_loaded, encode_to_result
 from texfcodec.asset.scene import ALPHA_BLEND, Material, Texture
-from texfcodec.check import misses, promised_psnr, warnings_of
+from texfcodec.check import Miss, _most_bytes, misses, promised_psnr, warnings_of
 from texfcodec.choose import uv_bits
 from texfcodec.options import RATES
 from texfcodec.quality.measure import measure
@@ -96,3 +98,9 @@ def test_a_stream_that_is_larger_than_its_source_is_a_warning():
         scene.files = {"a.glb": size}
         encode_loaded(scene, EncodeOptions(rate="r01"), report)
         assert any("larger than its source" in text for text in report.warnings) is warned
+
+
+def test_a_speck_that_came_out_wrong_does_not_cost_the_whole_stream_half_its_bytes():
+    speck, whole = (Miss(material=0, name="a", share=share, measure="Y", psnr=20.0) for share in (0.001, 0.9))
+    made = SimpleNamespace(data=bytes(1000))
+    assert _most_bytes(made, [speck]) == 1010 and _most_bytes(made, [speck, whole]) == 1500

@@ -32,7 +32,9 @@ if TYPE_CHECKING:
 VIEWS, SIZE = 4, 160
 SHARE = 0.05  # of the time an encode took, for decoding its values again
 SECONDS_PER_VALUE = 6e-7  # of a decoder, with one thread, at most: 1.0 to 2.6 million values a second
-MOST_TIMES = 1.5  # bytes that parts may take which are coded again, finer, over those of the first stream
+# Bytes that parts may add which are coded again, finer: of the first stream's so much for their share of the surface, and at most
+# so much. A city's billboards, 400 voxels of it, would have added 36 %.
+MORE_PER_SHARE, MOST_MORE = 10.0, 0.5
 LEAST_GAIN = 1.0  # dB that the worst part must gain by it
 FINER_CHROMA = 6  # QP
 SHORTFALL, COLOUR_SHORTFALL = 6.0, 10.0  # dB under what the rate promises from which Y, or RGB and alpha, count as a miss
@@ -40,10 +42,12 @@ SHORTFALL, COLOUR_SHORTFALL = 6.0, 10.0  # dB under what the rate promises from 
 
 @dataclass(frozen=True, kw_only=True)
 class Miss:
-    """A part that is worse than the rate promises. material: its number; name; measure: "Y" or "RGB"; psnr: dB."""
+    """A part that is worse than the rate promises. material: its number; name; share: of the surface; measure: "Y" or "RGB";
+    psnr: in dB."""
 
     material: int
     name: str
+    share: float
     measure: str
     psnr: float
 
@@ -63,7 +67,7 @@ def encode_checked(scene: Scene, options: EncodeOptions, report: Report) -> Enco
         begin, second = time.perf_counter(), Report(report.on_progress)
         again = encoder.encode_scene(scene, _finer(options, missed), second, frozenset(miss.material for miss in missed))
         other = check(scene, again, options, second, time.perf_counter() - begin)
-        if _is_better(other, found) and len(again.data) <= MOST_TIMES * len(made.data):
+        if _is_better(other, found) and len(again.data) <= _most_bytes(made, missed):
             second.remarks.append(f"{_named(missed)}: coded again, finer, in {len(again.data)} bytes instead of {len(made.data)}")
             made, found, kept, second = again, other, second, kept
         report.take_seconds(second)
@@ -80,7 +84,12 @@ def _may_be_finer(made, missed, options):
     for group in made.choices["supports"]["groups"]:
         if parts & set(group["materials"]) and group["chosen"] == "voxels" and "texels" in group:
             more += group["texels"]["attribute_bytes"] - group["voxels"]["attribute_bytes"]
-    return len(made.data) + more <= MOST_TIMES * len(made.data)
+    return len(made.data) + more <= _most_bytes(made, missed)
+
+
+def _most_bytes(made, missed):
+    """Bytes that a stream may have whose parts were coded again."""
+    return len(made.data) * (1 + min(MORE_PER_SHARE * sum(miss.share for miss in missed), MOST_MORE))
 
 
 def _finer(options, missed):
@@ -157,7 +166,8 @@ def misses(check: dict) -> list[Miss]:
     for part in check["parts"]:
         for measure, name, shortfall in (("y", "Y", SHORTFALL), ("rgb", "RGB", COLOUR_SHORTFALL)):
             if part[measure] is not None and part[measure] < check["promised"] - shortfall:
-                found.append(Miss(material=part["material"], name=part["name"], measure=name, psnr=part[measure]))
+                found.append(Miss(material=part["material"], name=part["name"], share=part["share"], measure=name,
+                                  psnr=part[measure]))
                 break
     return sorted(found, key=lambda miss: miss.psnr)
 

@@ -1,5 +1,6 @@
 """The encoder's look at what it made: it finds the part that is worst, mends what it can, and says what it cannot."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ from shapes import painted_sphere
 from test_save_texels import smooth_image, wall
 from test_spending import boxes
 
-from texfcodec import EncodeOptions, InputError, Report, decode
+from texfcodec import EncodeOptions, InputError, LimitError, Report, decode, encoder
 from texfcodec.api import encode_loaded, encode_to_result
 from texfcodec.asset.scene import ALPHA_BLEND, Material, Texture
 from texfcodec.check import Miss, _most_bytes, misses, promised_psnr, warnings_of
@@ -104,3 +105,18 @@ def test_a_speck_that_came_out_wrong_does_not_cost_the_whole_stream_half_its_byt
     speck, whole = (Miss(material=0, name="a", share=share, measure="Y", psnr=20.0) for share in (0.001, 0.9))
     made = SimpleNamespace(data=bytes(1000))
     assert _most_bytes(made, [speck]) == 1010 and _most_bytes(made, [speck, whole]) == 1500
+
+
+def test_a_second_coding_over_a_limit_leaves_the_first_and_its_warning(monkeypatch):
+    """Finer voxels may be more than a limit allows that the first coding kept."""
+    scene, first = noisy_wall(60), encoder.encode_scene
+
+    def limited(scene, options, report, finer=frozenset()):
+        if finer:
+            raise LimitError("TXF-L04", "the fields have more voxels than the limit allows", value=2, allowed=1)
+        return first(scene, replace(options, support="voxels"), report)
+
+    monkeypatch.setattr("texfcodec.encoder.encode_scene", limited)
+    report = Report()
+    made = encode_loaded(scene, EncodeOptions(rate="r03"), report)
+    assert made.data and any("part 'noisy' has" in text for text in report.warnings)

@@ -14,7 +14,7 @@ from texfcodec import EncodeOptions, Report, decode
 from texfcodec.asset.load.files import load
 from texfcodec.asset.scene import WRAP_REPEAT, Material, Scene, Texture
 from texfcodec.choose.detail import without_lost_detail
-from texfcodec.choose.spending import has_few_colours
+from texfcodec.choose.spending import CodedUnit, has_few_colours, spend
 from texfcodec.encoder import encode_scene
 from texfcodec.geometry.surface import make_surface
 from texfcodec.quality.measure import measure
@@ -149,3 +149,18 @@ def test_images_that_texels_need_keep_their_detail_where_voxels_share_them():
     assert without_lost_detail(scene, surface, over, 64).textures[0].image.shape == (64, 64, 4)
     over[0] = False
     assert without_lost_detail(scene, surface, over, 1).textures[0] is scene.textures[0]
+
+
+def test_a_small_share_of_a_jpeg_does_not_take_the_quality_of_a_small_unit():
+    """What a unit takes at any QP is no quality, and no budget makes a step more than eight times as large."""
+    plane = np.random.default_rng(0).integers(0, 256, (400, 3)).astype(np.float32)
+    tried = []
+
+    def code(options, size=5000):
+        tried.append(options.qp)
+        return CodedUnit(codec=None, values={}, bytes=size, plane=plane, decoded=np.zeros((400, 3), np.uint8))
+
+    options = EncodeOptions(rate="r03")
+    small = code(options, 60)
+    assert spend(small, code, options, 10_000, 20.0) is small
+    assert spend(code(options), code, options, 10_000, 20.0).spending["qp"] == max(tried) == 28 + 18

@@ -15,7 +15,7 @@ from . import encoder
 from .choose.one_colour import NOTHING_TO_PROBE
 from .choose.trial import coding_mse
 from .decoder import decode_stream
-from .errors import InputError
+from .errors import InputError, LimitError
 from .ground.colour_error import decibels
 from .limits import UNLIMITED
 from .options import DecodeOptions
@@ -64,15 +64,25 @@ def encode_checked(scene: Scene, options: EncodeOptions, report: Report) -> Enco
     found = check(scene, made, options, kept, time.perf_counter() - begin)
     missed = misses(found)
     if missed and _may_be_finer(made, missed, options):
-        begin, second = time.perf_counter(), Report(report.on_progress)
-        again = encoder.encode_scene(scene, _finer(options, missed), second, frozenset(miss.material for miss in missed))
-        other = check(scene, again, options, second, time.perf_counter() - begin)
-        if _is_better(other, found) and len(again.data) <= _most_bytes(made, missed):
+        second = Report(report.on_progress)
+        again = _coded_finer(scene, missed, options, second)
+        if again and _is_better(again.check, found) and len(again.data) <= _most_bytes(made, missed):
             second.remarks.append(f"{_named(missed)}: coded again, finer, in {len(again.data)} bytes instead of {len(made.data)}")
-            made, found, kept, second = again, other, second, kept
+            made, found, kept, second = again, again.check, second, kept
         report.take_seconds(second)
     report.take(kept)
     report.warnings += warnings_of(found, options)
+    return made
+
+
+def _coded_finer(scene, missed, options, report):
+    """The checked Encoded with finer supports for what was missed; None where these go over a limit that the first kept."""
+    begin = time.perf_counter()
+    try:
+        made = encoder.encode_scene(scene, _finer(options, missed), report, frozenset(miss.material for miss in missed))
+    except LimitError:
+        return None
+    check(scene, made, options, report, time.perf_counter() - begin)
     return made
 
 
@@ -214,7 +224,8 @@ def _is_geometry_alone(scene, made):
 
 
 def _seen(scene, texf, options):
-    """{"lit" or "flat": PSNR of Y of a few small pictures, None where they are alike}; {} where no pixel shows both sides."""
+    """{"lit" or "flat": PSNR of Y of a few small pictures, None where they are alike}; {} where they cannot be compared: no pixel
+    shows both sides, or light makes a colour infinite."""
     lit = options.effects in ("auto", "all") and not all(material.unlit for material in scene.materials)
     look = Look(environment=DAYLIGHT) if lit else Look()
     try:

@@ -167,7 +167,7 @@ NO_KNOB = {
     "seed": "changes which fit is found, not how good it is on average",
     "checkpoint": "a file that a fit goes on from",
     "fit_engine": "which program fits, by the machine",
-    "no_check": "leaves out a look at what was made, 5 to 10 % of the time",
+    "no_check": "leaves out a look at what was made, 5 to 13 % of the time",
     "strict": "refuses, and changes nothing else",
     "allow_empty": "refuses, and changes nothing else",
     "limits": "refuse, and change nothing else",

@@ -23,6 +23,8 @@ FEW_COLOURS, QUICK_LOOK = 256, 4096  # colours of a palette; values looked at be
 EXACT_BYTES, EXACT_SHARE = 200, 0.01  # what exact values may cost: bytes, or this share of the stream
 BITS_PER_QP = 0.17  # log2 of attribute bytes that a step of QP takes away
 MOST_TRIES = 4  # codings with a coarser QP before the bytes of the source's image count as out of reach
+LEAST_SAVED = 200  # bytes over its image's from which a unit is coded again: what a unit of any QP takes is no quality
+MOST_COARSER = 18  # QP, a step of eight times the one that was asked for
 
 
 @dataclass(kw_only=True)
@@ -63,16 +65,18 @@ def spend(first: CodedUnit, code: Callable[[EncodeOptions], CodedUnit], options:
         if more <= max(EXACT_BYTES, EXACT_SHARE * (others + first.bytes)):
             exact.spending = {"exact": True, "bytes_at_qp": first.bytes}
             return exact
-    return first if budget is None or first.bytes <= budget else _within(first, code, options, budget)
+    return first if budget is None or first.bytes <= budget + LEAST_SAVED else _within(first, code, options, budget)
 
 
 def _within(first, code, options, budget):
     """The finest of a few coarser codings that takes no more than a budget; the last one where none does."""
-    unit, qp = first, options.qp
+    unit, qp, last = first, options.qp, min(options.qp + MOST_COARSER, LAST_QP)
+    if qp >= last:
+        return first
     for _ in range(MOST_TRIES):
-        qp = min(qp + max(1, math.ceil(math.log2(unit.bytes / budget) / BITS_PER_QP)), LAST_QP)
+        qp = min(qp + max(1, math.ceil(math.log2(unit.bytes / budget) / BITS_PER_QP)), last)
         unit = code(replace(options, qp=qp))
-        if unit.bytes <= budget or qp == LAST_QP:
+        if unit.bytes <= budget or qp == last:
             break
     unit.spending = {"qp": qp, "bytes_at_qp": first.bytes, "source_image_bytes": round(budget)}
     return unit

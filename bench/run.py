@@ -24,8 +24,8 @@ PEAK_BYTES, PEAK_4096_BYTES = 600e6, 4 * 2**30
 PICTURES = """
 import statistics, sys, time
 from texfcodec import EncodeOptions, Report, decode
-from texfcodec.asset.load.files import load
-from texfcodec.encoder import encode_scene
+from texfcodec.io.load import load
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.options import DecodeOptions, default_threads
 from texfcodec.render.camera import bounding_sphere, fibonacci_direction, orthographic
 from texfcodec.render.shade import render_scene, render_texf
@@ -139,7 +139,7 @@ def picture_rows(asset, folder, runs):
 def make_sample_asset(folder):
     """The bundled sample as a file."""
     path = folder / "sample.glb"
-    program = "import sys; from texfcodec.asset.sample_asset import write_sample; write_sample(sys.argv[1])"
+    program = "import sys; from texfcodec.demo.asset import write_sample; write_sample(sys.argv[1])"
     run_process(["-c", program, path])
     return path
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from texfcodec.asset.scene import Material, Scene, Texture
+from texfcodec.scene.scene import Material, Scene, Texture
 
 
 def torus(rows=160, columns=80, texels=1024):

@@ -9,20 +9,20 @@ import pytest
 from surface import torus
 
 from texfcodec.api import decode
-from texfcodec.asset.sample import pack_source
-from texfcodec.codecs.raht.codec import dec_attributes, enc_attributes
+from texfcodec.codecs.raht.attribute_coder import dec_attributes, enc_attributes
 from texfcodec.codecs.raht.transform.colour import forward_colour, inverse_colour
 from texfcodec.codecs.raht.transform.octree import build_octree
 from texfcodec.codecs.raht.transform.prediction import DEFAULT_KERNEL
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.field.extents import octree_depth
+from texfcodec.field.grid import build_brick_map
+from texfcodec.field.morton import decode_morton
+from texfcodec.field.query import query_field
+from texfcodec.field.transfer import transfer
+from texfcodec.field.voxelise import voxelise
 from texfcodec.geometry.surface import make_surface
 from texfcodec.options import EncodeOptions
-from texfcodec.support.grid import build_brick_map
-from texfcodec.support.layout import octree_depth
-from texfcodec.support.morton import decode_morton
-from texfcodec.support.query import query_field
-from texfcodec.support.transfer import transfer
-from texfcodec.support.voxelise import voxelise
+from texfcodec.scene.fetch import pack_source
 
 RESOLUTION, QP = 512, [28, 27, 27]
 OPTIONS = EncodeOptions(resolution=RESOLUTION, qp=28)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-WEB = Path(__file__).resolve().parents[1] / "texfcodec" / "view" / "web"
+WEB = Path(__file__).resolve().parents[1] / "texfcodec" / "viewer" / "web"
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = ["--headless=new", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-first-run",
          "--disable-background-networking", "--disable-dev-shm-usage"]

@@ -46,7 +46,7 @@ def shared_dir():
 @pytest.fixture(scope="session")
 def sample_scene():
     """The bundled sample; treat it as read-only, it is made once for the whole run."""
-    from texfcodec.asset.sample_asset import make_sample
+    from texfcodec.demo.asset import make_sample
 
     scene = make_sample()
     for array in (scene.positions, scene.faces, scene.face_material, scene.corner_uv, scene.corner_color):
@@ -63,7 +63,7 @@ def install(tmp_path, monkeypatch):
 
     def forget():
         importlib.invalidate_caches()
-        for cached in (codecs._guests, codecs._guest):
+        for cached in (codecs._plugins, codecs._plugin):
             cached.cache_clear()
         for name in set(sys.modules) - before:
             if str(tmp_path) in str(getattr(sys.modules[name], "__file__", "")):

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from texfcodec.asset.scene import Material
-from texfcodec.render.effects import ShadingTable
 from texfcodec.render.environment import DAYLIGHT
 from texfcodec.render.material import shade
+from texfcodec.render.material_effects import ShadingTable
 from texfcodec.render.surface import Points
+from texfcodec.scene.scene import Material
 
 COUNT = 300
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from texfcodec.asset.load.files import load
 from texfcodec.errors import TexfError
+from texfcodec.io.load import load
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
 SQUARE_UV = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float32)

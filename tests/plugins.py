@@ -11,7 +11,7 @@ import zlib
 import numpy as np
 
 from texfcodec import InputError, PlaneCodec
-from texfcodec.ground.structure import Element, Structure
+from texfcodec.core.syntax_table import Element, Structure
 
 PARAMETERS = Structure("toy_parameters", "toy", (Element("packed", "u8", 0, 1), Element("toy_data", "bytes")))
 
@@ -49,8 +49,8 @@ JOINT = '''
 import numpy as np
 
 from texfcodec import JointCodec
-from texfcodec.codecs.codec import Joint
-from texfcodec.ground.structure import Element, Structure
+from texfcodec.codecs.base import Joint
+from texfcodec.core.syntax_table import Element, Structure
 
 
 class Tint:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from texfcodec.asset.scene import ALPHA_BLEND, Material, Scene, Texture
+from texfcodec.scene.scene import ALPHA_BLEND, Material, Scene, Texture
 
 
 def scene_of(positions, faces, colours=None, metadata=None, materials=None, face_material=None):

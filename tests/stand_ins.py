@@ -1,4 +1,4 @@
-"""Stand-ins for the browser and for the page, so that view/headless.py and texf-view are tried without either, and requests to
+"""Stand-ins for the browser and for the page, so that viewer/headless.py and texf-view are tried without either, and requests to
 the server that say what they like."""
 
 import io
@@ -7,7 +7,7 @@ import socket
 import sys
 from pathlib import Path
 
-from texfcodec.view import headless, page, server
+from texfcodec.viewer import headless, page, server
 
 FAKE = """#!{python}
 import json, os, subprocess, sys, time, urllib.request
@@ -70,7 +70,7 @@ def fake_browser(folder, what):
 
 
 def write_page(folder):
-    """A small page in a folder, for use in place of view/web/: with the real index.html and inlined.js."""
+    """A small page in a folder, for use in place of viewer/web/: with the real index.html and inlined.js."""
     for name in ("index.html", "inlined.js"):
         shutil.copy(server.WEB / name, folder / name)
     (folder / "style.css").write_text("canvas { width: 100%; }\n")
@@ -80,7 +80,7 @@ def write_page(folder):
 
 
 def use_page(monkeypatch, folder):
-    """The page of a folder in place of view/web/."""
+    """The page of a folder in place of viewer/web/."""
     for module in (server, page):
         monkeypatch.setattr(module, "WEB", folder)
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from shapes import painted_sphere
 
-from texfcodec.choose import prepare
-from texfcodec.explain import BETTER, BUYS, DOMINATED, SAVES
+from texfcodec.encoder import source_field
+from texfcodec.encoder.explain import BETTER, BUYS, DOMINATED, SAVES
 from texfcodec.options import RATES, EncodeOptions
 from tools import accuracy_bench, accuracy_time
 from tools.accuracy_bench import Bench, Measured, known_place, place_of, run_settings
@@ -163,7 +163,7 @@ def test_sweep_goes_on_from_its_lines_and_measures_again_under_other_conditions(
 
 @pytest.mark.slow
 def test_bench_measures_every_kind_of_setting_and_sets_the_density_back():
-    usual, scene = (dict(prepare.TRANSFER_DENSITY), prepare.FITTED_DENSITY), painted_sphere(8)
+    usual, scene = (dict(source_field.TRANSFER_DENSITY), source_field.FITTED_DENSITY), painted_sphere(8)
     place = place_of(scene)
     assert place == Place(VOXELS, 512) or place == Place(VOXELS, 1024)
     bench = Bench(scene, Place(VOXELS, 32), 2000, 1, quick=True)
@@ -171,7 +171,7 @@ def test_bench_measures_every_kind_of_setting_and_sets_the_density_back():
     options = {"resolution": 32, "effort": "fast", "density": 3}
     fine, coarse, again = (bench.run({"kind": "encode", "options": options | {"qp": qp}, "image": True}, turn)
                            for qp, turn in ((10, 0), (40, 0), (40, 1)))
-    assert (prepare.TRANSFER_DENSITY, prepare.FITTED_DENSITY) == usual
+    assert (source_field.TRANSFER_DENSITY, source_field.FITTED_DENSITY) == usual
     assert fine["processor"] > 0 and fine["bytes"] > coarse["bytes"] == again["bytes"] and "psnr_y" not in again
     assert fine["psnr_y"] > coarse["psnr_y"] and fine["image_y"] > coarse["image_y"]
     views = bench.run({"kind": "views", "views": 8, "size": 64}, 0)

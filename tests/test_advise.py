@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from texfcodec.asset.load.files import load
-from texfcodec.asset.scene import Material, Scene, Texture
-from texfcodec.choose.advise import advise, haar_bits
+from texfcodec.encoder.advise import advise, haar_bits
+from texfcodec.io.load import load
 from texfcodec.options import EncodeOptions
+from texfcodec.scene.scene import Material, Scene, Texture
 
 TEXTURED = ("avocado", "bball_0001", "cat_webp", "hard_broken", "tiny_plane", "waterbottle_pbr", "ycb_chef_can", "ycb_scissors")
 
@@ -67,8 +67,8 @@ def test_advice_comes_true_on_real_assets(shared_dir):
 
 def prepare_supports(scene, options):
     """What the encoder itself chooses, by image."""
-    from texfcodec.choose.effects import needed_scene
-    from texfcodec.choose.supports import choose_supports
+    from texfcodec.encoder.decide.materials import needed_scene
+    from texfcodec.encoder.decide.supports import choose_supports
     from texfcodec.geometry.surface import make_surface
 
     surface = make_surface(scene, options)
@@ -76,7 +76,7 @@ def prepare_supports(scene, options):
 
 
 def test_the_command_line_says_it_without_coding(call, tmp_path):
-    from texfcodec.asset.sample_asset import write_sample
+    from texfcodec.demo.asset import write_sample
 
     write_sample(tmp_path / "sample.glb")
     code, out, _ = call("texf-enc", tmp_path / "sample.glb", "--advise")

@@ -13,7 +13,7 @@ from interrupts import TETRAHEDRON
 
 import texfcodec
 from texfcodec import DecodeOptions, EncodeOptions, InputError, LossWarning, Report
-from texfcodec.warmup import small_scene
+from texfcodec.precompile import small_scene
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SMALL = {"resolution": 16, "qp": 30, "effort": "fast", "threads": 1, "no_check": True}
@@ -105,7 +105,7 @@ def test_bytes_and_file_objects_are_coded_as_the_file_is(glb, kind, tmp_path):
 
 
 def test_the_first_bytes_tell_the_format():
-    from texfcodec.asset.load.magic import suffix_of
+    from texfcodec.io.magic import suffix_of
 
     heads = {".stl": b"solid a\nfacet", ".gltf": b"\xef\xbb\xbf \n{}", ".dae": b'<?xml version="1.0"?>\n<COLLADA xmlns="x">',
              ".3mf": b"PK\x03\x04..", ".off": b"COFF\n", ".ply": b"ply\r\n", ".glb": b"glTF\x02"}

@@ -16,14 +16,14 @@ from naive.texels import bilinear
 from shapes import crossing_sheets
 
 from texfcodec import DecodeOptions, EncodeOptions, decode, encode, inspect
-from texfcodec.asset.scene import Material
 from texfcodec.bitstream.appearance import material_of
 from texfcodec.bitstream.syntax import MATERIAL
 from texfcodec.bitstream.values import material_values
-from texfcodec.channels import LARGEST, MAPS, PARAMETER_BY_NAME, PARAMETERS
-from texfcodec.effects import EFFECTS, effects_mask
+from texfcodec.core.syntax_walk import write_structure
 from texfcodec.errors import InputError
-from texfcodec.ground.walk import write_structure
+from texfcodec.scene.channels import LARGEST, MAPS, PARAMETER_BY_NAME, PARAMETERS
+from texfcodec.scene.effects import EFFECTS, effects_mask
+from texfcodec.scene.scene import Material
 
 SMALL = EncodeOptions(resolution=12, qp=40, support="voxels", refine="off")
 

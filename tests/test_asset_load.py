@@ -13,12 +13,12 @@ import pytest
 from mesh_files import COMPONENTS, RED_BLUE, SQUARE, SQUARE_UV, TWO, Builder, encoded, load_bytes, refusal, textured
 from PIL import Image
 
-from texfcodec.asset.load.files import load, load_any
-from texfcodec.asset.load.mtl_read import read_mtl
-from texfcodec.asset.load.parts import Notes
-from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Scene
-from texfcodec.channels import MAPS
 from texfcodec.errors import InputError, LimitError, SupportError, TexfError
+from texfcodec.io.load import load, load_any
+from texfcodec.io.mtl import read_mtl
+from texfcodec.io.parts import Notes
+from texfcodec.scene.channels import MAPS
+from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Scene
 
 
 @pytest.fixture
@@ -752,7 +752,7 @@ def test_a_scene_passes_through_when_it_is_sound(loaded):
 
 
 def test_importing_the_loader_imports_neither_pillow_nor_trimesh():
-    program = "import sys, texfcodec.asset.load; print(*{'PIL', 'trimesh', 'scipy', 'DracoPy'} & set(sys.modules))"
+    program = "import sys, texfcodec.io; print(*{'PIL', 'trimesh', 'scipy', 'DracoPy'} & set(sys.modules))"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert run.stdout.split() == []
 

@@ -11,17 +11,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from texfcodec.asset.normals import corner_normals
-from texfcodec.asset.save import atlas as atlas_room
-from texfcodec.asset.save import files as save_room
-from texfcodec.asset.save.appearance import linear_u16
-from texfcodec.asset.save.atlas import make_atlas
-from texfcodec.asset.save.atlas_system import cover
-from texfcodec.asset.save.bake import bake
-from texfcodec.asset.save.files import save
-from texfcodec.asset.save.gaps import fill_gaps
-from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, Material
 from texfcodec.errors import InputError
+from texfcodec.geometry.shading_normals import corner_normals
+from texfcodec.io import save as save_room
+from texfcodec.io.atlas import unwrap as atlas_room
+from texfcodec.io.atlas.bake import bake
+from texfcodec.io.atlas.gaps import fill_gaps
+from texfcodec.io.atlas.system import cover
+from texfcodec.io.atlas.unwrap import make_atlas
+from texfcodec.io.save import save
+from texfcodec.io.vertex_appearance import linear_u16
+from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, Material
 
 ASSETS = Path(__file__).resolve().parents[2] / "shared" / "assets"
 
@@ -234,7 +234,7 @@ def test_small_texture_grows_until_all_pieces_fit():
 
 @pytest.mark.parametrize("program", ["import os; os.abort()", "pass", "print('noise')", "import time; time.sleep(9)"])
 def test_auto_falls_back_to_fast_with_a_warning(monkeypatch, program):
-    monkeypatch.setattr("texfcodec.asset.save.atlas_quality._CHILD", program)
+    monkeypatch.setattr("texfcodec.io.atlas.quality._CHILD", program)
     monkeypatch.setitem(atlas_room._QUALITY_SECONDS, "auto", 0.5)
     atlas = make_atlas(*grid_mesh(6), 256, "auto")
     assert atlas.method == "fast" and "fast" in atlas.warnings[0]

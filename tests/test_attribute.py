@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from naive import oracles
 
-from texfcodec.codecs.raht import codec as codec_room
-from texfcodec.codecs.raht.codec import Tools, dec_attributes, enc_attributes
+from texfcodec.codecs.raht import attribute_coder as codec_room
+from texfcodec.codecs.raht.attribute_coder import Tools, dec_attributes, enc_attributes
+from texfcodec.codecs.raht.codewords import codeword_count, level_count
 from texfcodec.codecs.raht.coefficients.blocks import _plane_energy
 from texfcodec.codecs.raht.entropy.contexts import (
     CONTEXTS,
@@ -34,15 +35,14 @@ from texfcodec.codecs.raht.entropy.range_coder import (
     new_decoder,
     new_encoder,
 )
-from texfcodec.codecs.raht.layout import codeword_count, level_count
 from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
 from texfcodec.codecs.raht.transform.octree import CELLS, NEIGHBOURS, Nodes, _neighbours, _ones, build_octree, root_table
 from texfcodec.codecs.raht.transform.prediction import DEFAULT_KERNEL, Around, Means, _predict, inverse_range
 from texfcodec.codecs.raht.transform.quantise import MAX_DIFFERENCE, MAX_MEAN, STEP_TABLE, _dequantise, step_of
 from texfcodec.codecs.raht.transform.raht import _forward, _inverse, _tree_weights, _weighted_mean
 from texfcodec.errors import StreamError
-from texfcodec.support.layout import octree_depth
-from texfcodec.support.morton import encode_morton
+from texfcodec.field.extents import octree_depth
+from texfcodec.field.morton import encode_morton
 
 ULP_PER_LEVEL = 2  # three split roundings and one of the prediction's mean, half a unit each
 UNIT = 4096  # one grey level in fixed point
@@ -401,7 +401,7 @@ def node_sums(values, keys, shift):
 
 
 def smooth_values(keys, components, seed=0):
-    from texfcodec.support.morton import decode_morton
+    from texfcodec.field.morton import decode_morton
 
     rng, xyz = np.random.default_rng(seed), decode_morton(keys)
     waves = np.sin(xyz @ rng.normal(0, 0.3, (3, components)) + rng.uniform(0, 6, components))

@@ -25,24 +25,24 @@ from texfcodec.api import decode
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE, UNIT_END
 from texfcodec.bitstream.units import read_units, write_unit
-from texfcodec.codecs.raht import choice, codec
-from texfcodec.codecs.raht.codec import Tools, enc_attributes
+from texfcodec.codecs.raht import attribute_coder, tool_choice
+from texfcodec.codecs.raht.attribute_coder import Tools, enc_attributes
 from texfcodec.codecs.raht.entropy import mixing
 from texfcodec.codecs.raht.entropy.mixing import MAX_MODELS, _mixed_bit, _mixed_probability, new_chosen, new_model
 from texfcodec.codecs.raht.entropy.range_coder import Coder, finish, new_decoder, new_encoder
+from texfcodec.codecs.raht.raht_values import raht_values
 from texfcodec.codecs.raht.transform import filter as filter_room
 from texfcodec.codecs.raht.transform.octree import CELLS, NEIGHBOURS, _neighbours, build_octree, root_table
 from texfcodec.codecs.raht.transform.prediction import FALLOFF, _falloff, inverse_range
 from texfcodec.codecs.raht.transform.quantise import MAX_MEAN, step_of
-from texfcodec.codecs.raht.values import raht_values
+from texfcodec.core.kernel import PACKAGE, fingerprint
 from texfcodec.decoder import _decode_plane
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import StreamError, SupportError, TexfError
-from texfcodec.ground.kernel import PACKAGE, fingerprint
+from texfcodec.field.morton import decode_morton, encode_morton
+from texfcodec.field.voxels import VoxelSupport
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions, EncodeOptions
-from texfcodec.support.morton import decode_morton, encode_morton
-from texfcodec.support.voxels import VoxelSupport
 
 UNIT = 4096  # one grey level in fixed point
 TOP = (1 << 22) - 1  # the largest probability of a context
@@ -237,20 +237,20 @@ def test_a_filter_is_signalled_only_where_its_gain_is_worth_its_bits(kind, compo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("effort", list(choice.EFFORTS))
+@pytest.mark.parametrize("effort", list(tool_choice.EFFORTS))
 def test_2_to_18_voxels_in_two_slices_are_the_same_bytes_and_values_for_1_and_2_threads(effort):
     """The smallest cloud that the encoder slices, its tools chosen by trial, decoded by as many threads."""
     keys, depth, qp, made = plane_keys(512), 9, [28, 27, 27], []
     values = field_values("waves", keys, 3)
     for threads in (1, 2):
-        tools = choice.choose_tools(keys, depth, values, qp, effort, threads)
+        tools = tool_choice.choose_tools(keys, depth, values, qp, effort, threads)
         coded, means = enc_attributes(keys, depth, values, qp, tools, threads)
         written, ends = raht_values(coded, True), np.cumsum([0, *map(len, coded.codewords)]).tolist()
         data = np.frombuffer(written["codeword_data"], np.uint8)
-        decoded = codec.dec_attributes(keys, depth, coded, data, list(pairwise(ends)), depth, threads)
+        decoded = attribute_coder.dec_attributes(keys, depth, coded, data, list(pairwise(ends)), depth, threads)
         made.append((tools, written, means.tobytes(), decoded.tobytes()))
     assert made[0] == made[1] and made[0][2] == made[0][3]
-    assert written["num_slices"] == 2 and written["num_models"] == choice.EFFORTS[effort].models
+    assert written["num_slices"] == 2 and written["num_models"] == tool_choice.EFFORTS[effort].models
 
 
 # Streams with any tools
@@ -259,12 +259,12 @@ def test_2_to_18_voxels_in_two_slices_are_the_same_bytes_and_values_for_1_and_2_
 @lru_cache
 def source(models, filters, resolution=17, max_error=None, slices=False):
     """A stream with these tools and random filter stages; the checksums of its values are the naive decoder's."""
-    rng, whole = np.random.default_rng(filters), 1 if slices else codec.WHOLE_VOXELS
+    rng, whole = np.random.default_rng(filters), 1 if slices else attribute_coder.WHOLE_VOXELS
     qp = 4 if max_error is None else None
     options = EncodeOptions(resolution=resolution, qp=qp, max_error=max_error, effort="fast", partition="off")
-    cut = patch.multiple(codec, WHOLE_VOXELS=whole, SLICE_VOXELS=60, SLICE_NODES=4)
-    tools = patch.dict(choice.EFFORTS, fast=Tools(colour_range=255, models=models))
-    with cut, tools, patch("texfcodec.encoder.codec_for", lambda plane, asked: asked):
+    cut = patch.multiple(attribute_coder, WHOLE_VOXELS=whole, SLICE_VOXELS=60, SLICE_NODES=4)
+    tools = patch.dict(tool_choice.EFFORTS, fast=Tools(colour_range=255, models=models))
+    with cut, tools, patch("texfcodec.encoder.pipeline.codec_for", lambda plane, asked: asked):
         data = encode_scene(crossing_sheets(), options).data
     stream, keys = read_stream(data, Limits()), decode(data).fields[0].keys.tolist()
     for unit in stream.attributes:
@@ -383,7 +383,7 @@ def test_with_bounds_checked_no_damaged_attribute_unit_reads_outside_an_array(tm
 
 WATCHED = """
 import numpy as np
-import texfcodec.ground.kernel as room
+import texfcodec.core.kernel as room
 
 class Watched(np.ndarray):
     def __getitem__(self, index):

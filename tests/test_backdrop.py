@@ -9,11 +9,11 @@ from PIL import Image
 from shapes import hand, linear, mapped_sheet, noise, painted_sphere, scene_of, sphere
 
 from texfcodec import EncodeOptions, Texf, decode, encode
-from texfcodec.asset.scene import Material
 from texfcodec.render.backdrop import FEW, GREY, has_few_colours, is_plain, rows
 from texfcodec.render.difference import names_of_halves
-from texfcodec.view.container import parse
-from texfcodec.view.pack import pack
+from texfcodec.scene.scene import Material
+from texfcodec.viewer.container import parse
+from texfcodec.viewer.pack import pack
 
 FLAT = {"white": (255,) * 3, "black": (0,) * 3, "grey": (188,) * 3, "as the top": GREY[0], "as the bottom": GREY[1]}
 NOTICED = 8  # coded levels that an eye tells apart
@@ -98,7 +98,7 @@ def test_what_is_told_is_done_and_a_texture_needs_no_light(call, meshes, tmp_pat
     assert drawn("--no-shaded", "--background", "white")["shaded"] is False
     assert (np.asarray(Image.open(tmp_path / "a.png")) == 255).all()
     assert drawn("--shaded")["shaded"] is True
-    from texfcodec.asset.sample_asset import write_sample
+    from texfcodec.demo.asset import write_sample
 
     write_sample(tmp_path / "sample.glb")
     said = json.loads(call("texf-render", tmp_path / "sample.glb", tmp_path / "b.png", "--size", "64", "--json")[1])

@@ -7,14 +7,14 @@ import pytest
 import scipy.optimize
 from test_asset_save import decoded, grid_mesh, soup_mesh, sphere_mesh, surface_samples
 
-from texfcodec.asset.save import atlas_system as system_room
-from texfcodec.asset.save.atlas import Atlas, make_atlas
-from texfcodec.asset.save.atlas_system import AtlasSystem
-from texfcodec.asset.save.bake import bake
-from texfcodec.asset.save.gaps import fill_gaps
-from texfcodec.asset.save.gutters import continue_over_borders
-from texfcodec.asset.save.seams import LEVELS, border_edges, measure_seams
-from texfcodec.asset.scene import ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Texture
+from texfcodec.io.atlas import system as system_room
+from texfcodec.io.atlas.bake import bake
+from texfcodec.io.atlas.gaps import fill_gaps
+from texfcodec.io.atlas.gutters import continue_over_borders
+from texfcodec.io.atlas.seams import LEVELS, border_edges, measure_seams
+from texfcodec.io.atlas.system import AtlasSystem
+from texfcodec.io.atlas.unwrap import Atlas, make_atlas
+from texfcodec.scene.scene import ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Texture
 
 CLAMP = (WRAP_CLAMP, WRAP_CLAMP)
 
@@ -192,7 +192,7 @@ def test_fit_and_gutters_make_charts_agree(monkeypatch):
     texf = rough(*sphere_mesh(), scale=8.0)
     atlas = make_atlas(texf.positions, texf.faces, 512, "fast")
     after = seams_of(texf, atlas)
-    monkeypatch.setattr("texfcodec.asset.save.bake.continue_over_borders", lambda image, system: np.zeros(image.shape[:2], bool))
+    monkeypatch.setattr("texfcodec.io.atlas.bake.continue_over_borders", lambda image, system: np.zeros(image.shape[:2], bool))
     without_gutters = seams_of(texf, atlas)
     monkeypatch.setattr(system_room, "SWEEPS", 0)
     before = seams_of(texf, atlas)

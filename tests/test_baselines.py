@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from shapes import crossing_sheets, painted_sphere
 
-from texfcodec.asset.scene import Material, Scene, Texture
 from texfcodec.report import Report
+from texfcodec.scene.scene import Material, Scene, Texture
 from tools.rate_points import main
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -59,7 +59,7 @@ def test_uvs_are_counted_once_per_vertex_of_a_renderer():
 
 def test_uvs_of_the_basketball_player_are_those_of_its_file(shared_dir):
     from baselines.astc import quantise_uv, textured_vertices, uv_box
-    from texfcodec.asset.load.files import load
+    from texfcodec.io.load import load
 
     uv, _ = textured_vertices(load(shared_dir / "assets/bball_0001.glb"))
     assert uv_box(uv) == [[0, 0], [1, 1]] and quantise_uv(uv, uv_box(uv)).nbytes == 82_768
@@ -265,7 +265,7 @@ def test_a_scene_is_its_own_equal_and_errors_are_told_by_channel():
 
 def test_normals_of_a_payload_are_those_that_a_viewer_shades_with():
     from texfcodec import EncodeOptions, decode
-    from texfcodec.encoder import encode_scene
+    from texfcodec.encoder.pipeline import encode_scene
     from tools.material_quality import map_errors
 
     scene = material_sheet(normal=2)

@@ -27,10 +27,10 @@ from texfcodec.bitstream.syntax import (
     structures,
 )
 from texfcodec.bitstream.units import read_units, write_unit
-from texfcodec.codecs.raht.syntax import RAHT
+from texfcodec.codecs.raht.raht_syntax import RAHT
+from texfcodec.core.syntax_table import V_MAX, Derived, Element, Structure
+from texfcodec.core.syntax_walk import Reader, read_structure, write_structure, write_v
 from texfcodec.errors import LimitError, StreamError, SupportError, TexfError
-from texfcodec.ground.structure import V_MAX, Derived, Element, Structure
-from texfcodec.ground.walk import Reader, read_structure, write_structure, write_v
 from texfcodec.limits import Limits
 
 FIXED = {"u8": (0, 255), "u16": (0, 65535), "u32": (0, 2**32 - 1), "i8": (-128, 127), "i32": (-(2**31), 2**31 - 1),

@@ -9,13 +9,14 @@ from shapes import painted_sphere
 from test_save_texels import smooth_image, wall
 from test_spending import boxes
 
-from texfcodec import EncodeOptions, InputError, LimitError, Report, decode, encoder
+from texfcodec import EncodeOptions, InputError, LimitError, Report, decode
 from texfcodec.api import encode_loaded, encode_to_result
-from texfcodec.asset.scene import ALPHA_BLEND, Material, Texture
-from texfcodec.check import Miss, _most_bytes, misses, promised_psnr, warnings_of
-from texfcodec.choose import uv_bits
+from texfcodec.encoder import pipeline
+from texfcodec.encoder.decide import uv_bits
+from texfcodec.encoder.self_check import Miss, _most_bytes, misses, promised_psnr, warnings_of
+from texfcodec.metrics.psnr_3d import measure
 from texfcodec.options import RATES
-from texfcodec.quality.measure import measure
+from texfcodec.scene.scene import ALPHA_BLEND, Material, Texture
 
 
 @pytest.fixture(autouse=True)
@@ -48,7 +49,7 @@ def test_the_check_has_the_figures_of_a_decoder_and_names_the_worst_part():
 def test_values_that_the_time_allows_are_decoded_from_the_stream_and_all_have_their_checksum_compared(monkeypatch):
     scene = noisy_wall(5)
     for share, decoded in ((1e9, 2), (0.0, 0)):
-        monkeypatch.setattr("texfcodec.check.SHARE", share)
+        monkeypatch.setattr("texfcodec.encoder.self_check.SHARE", share)
         made = encode_loaded(scene, EncodeOptions(rate="r03", support="texels"), Report())
         assert made.check["decoded_units"] == [decoded, 2]
 
@@ -109,14 +110,14 @@ def test_a_speck_that_came_out_wrong_does_not_cost_the_whole_stream_half_its_byt
 
 def test_a_second_coding_over_a_limit_leaves_the_first_and_its_warning(monkeypatch):
     """Finer voxels may be more than a limit allows that the first coding kept."""
-    scene, first = noisy_wall(60), encoder.encode_scene
+    scene, first = noisy_wall(60), pipeline.encode_scene
 
     def limited(scene, options, report, finer=frozenset()):
         if finer:
             raise LimitError("TXF-L04", "the fields have more voxels than the limit allows", value=2, allowed=1)
         return first(scene, replace(options, support="voxels"), report)
 
-    monkeypatch.setattr("texfcodec.encoder.encode_scene", limited)
+    monkeypatch.setattr("texfcodec.encoder.pipeline.encode_scene", limited)
     report = Report()
     made = encode_loaded(scene, EncodeOptions(rate="r03"), report)
     assert made.data and any("part 'noisy' has" in text for text in report.warnings)

@@ -30,7 +30,7 @@ SMALL = ("--resolution", "32", "--qp", "24")
 @pytest.fixture(scope="module", autouse=True)
 def compiled():
     """The word about the first run belongs to a test of its own, not to whichever test comes first."""
-    from texfcodec.warmup import kernels_compiled, warm_up
+    from texfcodec.precompile import kernels_compiled, warm_up
 
     if not kernels_compiled():
         warm_up()
@@ -188,7 +188,7 @@ def test_strict_refuses_none_of_the_assets(shared_dir, call):
 
 @pytest.mark.parametrize("target, code", [("missing/a.texf", "TXF-O01"), (".", "TXF-O02")])
 def test_hopeless_output_is_refused_before_the_work(call, mesh, tmp_path, monkeypatch, target, code):
-    monkeypatch.setattr("texfcodec.asset.load.files.load", lambda *a, **k: pytest.fail("loaded all the same"))
+    monkeypatch.setattr("texfcodec.io.load.load", lambda *a, **k: pytest.fail("loaded all the same"))
     ended, out, err = call("texf-enc", mesh, tmp_path / target, *SMALL, "--json")
     assert (ended, json.loads(out)["error"]["code"], err) == (2, code, "")
 
@@ -207,7 +207,7 @@ def test_failing_rename_leaves_the_old_file_and_no_temporary(call, mesh, tmp_pat
             raise failure
 
         with monkeypatch.context() as patch:
-            patch.setattr("texfcodec.asset.save.files.os.replace", fail)
+            patch.setattr("texfcodec.io.save.os.replace", fail)
             assert call("texf-enc", mesh, target, *SMALL)[0] == code
         assert target.read_bytes() == b"old" and list(tmp_path.iterdir()) == [target]
 
@@ -275,7 +275,7 @@ def test_progress_bar_shows_on_a_terminal_only(mesh, tmp_path):
 
 
 def test_internal_error_is_one_line_and_the_traceback_is_on_request(call, mesh, tmp_path, monkeypatch):
-    monkeypatch.setattr("texfcodec.encoder.encode_scene", lambda *_: 1 // 0)
+    monkeypatch.setattr("texfcodec.encoder.pipeline.encode_scene", lambda *_: 1 // 0)
     code, out, err = call("texf-enc", mesh, tmp_path / "a.texf", *SMALL)
     lines = [line for line in err.splitlines() if "not coded" not in line]
     assert code == 4 and out == "" and len(lines) == 1 and "ZeroDivisionError" in lines[0] and "TEXF_TRACEBACK" in lines[0]
@@ -288,7 +288,7 @@ def test_memory_error_is_exit_6(call, mesh, tmp_path, monkeypatch):
     def fail(*_):
         raise MemoryError
 
-    monkeypatch.setattr("texfcodec.encoder.encode_scene", fail)
+    monkeypatch.setattr("texfcodec.encoder.pipeline.encode_scene", fail)
     assert call("texf-enc", mesh, tmp_path / "a.texf", *SMALL)[0] == 6
 
 
@@ -376,7 +376,7 @@ def test_info_passes_over_unknown_ancillary_units_and_says_so(stream):
 
 
 def test_info_tells_bytes_by_level(sample_scene):
-    from texfcodec.encoder import encode_scene
+    from texfcodec.encoder.pipeline import encode_scene
 
     made = encode_scene(sample_scene, EncodeOptions(resolution=128, qp=20, partition="off", support="voxels"))
     data, sizes = made.data, made.sizes
@@ -431,18 +431,18 @@ def test_info_is_quick_and_knows_no_numba(stream, tmp_path):
 
 
 def test_missing_kernel_cache_is_noticed_without_numba(monkeypatch, tmp_path):
-    from texfcodec import warmup
-    from texfcodec.ground.kernel import PACKAGE, cache_folder
+    from texfcodec import precompile
+    from texfcodec.core.kernel import PACKAGE, cache_folder
 
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    assert not warmup.kernels_compiled()
-    for name in warmup.ENTRIES:
+    assert not precompile.kernels_compiled()
+    for name in precompile.ENTRIES:
         *_, room, file = name.split("/")
         place = cache_folder(PACKAGE / name) / f"{room}_0123"
         place.mkdir(parents=True, exist_ok=True)
         version = f"{sys.version_info.major}{sys.version_info.minor}"
         (place / f"{file.removesuffix('.py')}._kernel-1.py{version}.nbi").touch()
-    assert warmup.kernels_compiled()
+    assert precompile.kernels_compiled()
 
 
 def test_strict_and_presets_are_checked_by_the_api_too():

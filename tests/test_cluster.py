@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from test_rate_points import REPOSITORY, children_in, environment, stamps, wait_for, write_ball
 
-from texfcodec.dispatch.cluster import files_of, run_there
-from texfcodec.dispatch.room import WORK, only_run, work_room
-from texfcodec.dispatch.tasks import Task, package_code
+from texfcodec.batch.cluster import files_of, run_there
+from texfcodec.batch.folders import WORK, only_run, work_room
+from texfcodec.batch.tasks import Task, package_code
 from texfcodec.errors import InputError
 from tools.rate_points import main
 
@@ -150,7 +150,7 @@ names = sorted(path.relative_to(source.parents[1]).as_posix() for path in source
     "memory": resource.getrlimit(resource.RLIMIT_DATA)[0]}))
 '''
 BLIND = '''
-from texfcodec.dispatch import cluster
+from texfcodec.batch import cluster
 cluster._sees = cluster._has = lambda *_: False
 '''
 
@@ -235,7 +235,7 @@ def test_files_of_an_asset_are_those_that_the_loader_opens_under_the_names_that_
 
 
 def test_a_cluster_that_cannot_be_reached_is_said_once_its_time_is_up(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("texfcodec.dispatch.cluster.CONNECT_SECONDS", 0.5)
+    monkeypatch.setattr("texfcodec.batch.cluster.CONNECT_SECONDS", 0.5)
     write_ball(tmp_path)
     (tmp_path / "c.toml").write_text(CONDITIONS)
     with socket.socket() as taken:  # bound, and nobody listens

@@ -16,7 +16,7 @@ from texfcodec import DecodeOptions, EncodeOptions, InputError, Limits, SupportE
 from texfcodec.bitstream.inspect import _groups
 from texfcodec.bitstream.stream import Stream, attribute_variables, read_stream
 from texfcodec.bitstream.syntax import ATTRIBUTE
-from texfcodec.codecs import guest
+from texfcodec.codecs import plugins
 
 # The registry
 
@@ -61,9 +61,9 @@ def test_names_that_a_stranger_may_not_take_are_those_that_stand_beside_its_own(
                     fields=[{"support": 0, "resolution": 4}])
     values = {"field_index": 0, "group_index": 0, "level_shift": 0, "codec_id": 2, "plane_value": [1, 2, 3]}
     there = {element.name for element in ATTRIBUTE.elements} | attribute_variables(stream, values).keys() | {"offset"}
-    assert there == guest.UNIT
+    assert there == plugins.UNIT
     stream.attributes = [values]
-    assert _groups(stream, [9])[0].keys() - {"qp", "codeword_bytes", "slice_level", "level_bytes", "value"} == guest.INSPECTED
+    assert _groups(stream, [9])[0].keys() - {"qp", "codeword_bytes", "slice_level", "level_bytes", "value"} == plugins.INSPECTED
 
 
 # A sound plug-in
@@ -108,7 +108,7 @@ def test_settings_of_a_plug_in_are_checked_by_it(install):
 def test_decoder_without_the_plug_in_names_it(install, monkeypatch):
     install({"toy": "toy_package:Toy"}, toy_package=TOY)
     data = toy_stream()
-    monkeypatch.setattr(codecs, "_guests", dict)
+    monkeypatch.setattr(codecs, "_plugins", dict)
     for call in (decode, inspect):
         with pytest.raises(SupportError) as raised:
             call(data)

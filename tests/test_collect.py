@@ -8,7 +8,7 @@ import types
 import numpy as np
 import pytest
 
-from texfcodec.quality.bd_rate import bd_rate
+from texfcodec.metrics.bd_rate import bd_rate
 from tools import collect
 from tools.differences import Difference, pairs_of, rate_difference, summary
 from tools.results import published_rows, quality_of, read_missing, read_results

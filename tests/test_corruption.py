@@ -19,24 +19,17 @@ from shapes import crossing_sheets, painted_sphere, sphere
 from texfcodec.api import decode
 from texfcodec.bitstream.inspect import inspect
 from texfcodec.bitstream.stream import read_stream, write_stream
-from texfcodec.bitstream.syntax import (
-    UNIT_ATTRIBUTE,
-    UNIT_END,
-    UNIT_FIELD,
-    UNIT_GEOMETRY,
-    UNIT_HEADER,
-    UNIT_METADATA,
-)
+from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE, UNIT_END, UNIT_FIELD, UNIT_GEOMETRY, UNIT_HEADER, UNIT_METADATA
 from texfcodec.bitstream.units import read_units, write_unit
-from texfcodec.encoder import encode_scene
+from texfcodec.core.syntax_walk import write_v
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import LimitError, StreamError, SupportError, TexfError
+from texfcodec.field.keyed import keys_crc
+from texfcodec.field.voxelise import voxelise
 from texfcodec.geometry.draco import enc_geometry
-from texfcodec.ground.walk import write_v
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions, EncodeOptions
 from texfcodec.report import Report
-from texfcodec.support.keyed import keys_crc
-from texfcodec.support.voxelise import voxelise
 
 SMALL = Limits(voxels=1 << 18, samples=1 << 21)  # a lying resolution may cost a tenth of a second, no more
 FAMILIES = (StreamError, LimitError, SupportError)
@@ -403,7 +396,7 @@ WITNESS = """
 import numpy as np
 from texfcodec.errors import LimitError
 from texfcodec.report import peak_memory_bytes
-from texfcodec.support.voxelise import voxelise
+from texfcodec.field.voxelise import voxelise
 corners = np.array([[0, 0, 0], [16383, 0, 0], [16383, 16383, 0], [0, 16383, 0]])
 faces = np.array([[0, 1, 2], [0, 2, 3]])
 voxelise(corners, faces, 14, 8)
@@ -447,15 +440,15 @@ print(json.dumps([outcome(s) for s in pickle.load(open(sys.argv[1], "rb"))]))
 
 def corpus():
     """Attribute units bent under right checksums, geometry, fields and headers too, sliced and not."""
-    from texfcodec.codecs.raht import codec
+    from texfcodec.codecs.raht import attribute_coder
 
     rng, streams = np.random.default_rng(4), []
-    before = codec.WHOLE_VOXELS, codec.SLICE_VOXELS, codec.SLICE_NODES
-    codec.WHOLE_VOXELS, codec.SLICE_VOXELS, codec.SLICE_NODES = 1, 60, 8
+    before = attribute_coder.WHOLE_VOXELS, attribute_coder.SLICE_VOXELS, attribute_coder.SLICE_NODES
+    attribute_coder.WHOLE_VOXELS, attribute_coder.SLICE_VOXELS, attribute_coder.SLICE_NODES = 1, 60, 8
     try:
         sliced = encode_scene(painted_sphere(3), EncodeOptions(resolution=12, qp=20, partition="off")).data
     finally:
-        codec.WHOLE_VOXELS, codec.SLICE_VOXELS, codec.SLICE_NODES = before
+        attribute_coder.WHOLE_VOXELS, attribute_coder.SLICE_VOXELS, attribute_coder.SLICE_NODES = before
     assert len(inspect(sliced)["groups"][0]["codeword_bytes"]) > 3
     for source in (small(), small("sheets"), small("texels"), sliced):
         for kind in (UNIT_ATTRIBUTE, UNIT_ATTRIBUTE, UNIT_FIELD, UNIT_GEOMETRY, UNIT_HEADER):

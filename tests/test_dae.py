@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from mesh_files import RED_BLUE, SQUARE, TWO, encoded, load_bytes, refusal
 
-from texfcodec.asset.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_REPEAT
 from texfcodec.errors import SupportError, TexfError
+from texfcodec.scene.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_REPEAT
 
 UV = "0 0 1 0 1 1 0 1"
 TRIANGLES = '<triangles count="2" material="skin">{inputs}<p>{indices}</p></triangles>'

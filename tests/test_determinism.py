@@ -10,10 +10,10 @@ from conftest import REPOSITORY
 from shapes import crossing_sheets, painted_sphere
 
 from texfcodec.api import decode
-from texfcodec.codecs.raht import codec as codec_room
-from texfcodec.encoder import encode_scene
+from texfcodec.codecs.raht import attribute_coder as codec_room
+from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.field import voxelise as voxelise_room
 from texfcodec.options import DecodeOptions, EncodeOptions
-from texfcodec.support import voxelise as voxelise_room
 from tools import determinism
 from tools.determinism_child import fingerprint
 from tools.determinism_page import ARRAYS, FAILS, NOT_RUN, SAME, STREAM, verdicts_of
@@ -85,7 +85,7 @@ def test_without_the_jit_the_bytes_and_arrays_are_the_same():
 
 
 def test_without_the_jit_morton_keys_are_made_too():
-    program = "from texfcodec.support.morton import decode_morton; print(decode_morton([511]).tolist())"
+    program = "from texfcodec.field.morton import decode_morton; print(decode_morton([511]).tolist())"
     run = subprocess.run([sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, check=False,
                          env={**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(REPOSITORY)})
     assert run.stdout.strip() == "[[7, 7, 7]]", run.stderr[-500:]

@@ -7,15 +7,15 @@ import pytest
 from lit import COUNT, directions, lit, material_of, table_of
 from numpy.testing import assert_allclose, assert_array_equal
 
-from texfcodec.asset.srgb import linear_to_srgb
-from texfcodec.channels import BY_NAME, PARAMETERS
 from texfcodec.render import material as shading
 from texfcodec.render import terms
-from texfcodec.render.effects import TERMS as CALLED
-from texfcodec.render.effects import ShadingTable, shading_effects, sound_parameters
 from texfcodec.render.environment import DAYLIGHT, Environment, furnace
 from texfcodec.render.material import expose, shade
+from texfcodec.render.material_effects import TERMS as CALLED
+from texfcodec.render.material_effects import ShadingTable, shading_effects, sound_parameters
 from texfcodec.render.surface import Points
+from texfcodec.scene.channels import BY_NAME, PARAMETERS
+from texfcodec.scene.srgb import linear_to_srgb
 
 # What is off is absent, and costs nothing.
 

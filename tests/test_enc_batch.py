@@ -12,17 +12,17 @@ import pytest
 from interrupts import TETRAHEDRON
 from test_rate_points import environment, wait_for
 
+from texfcodec.batch.folders import LOCK, WORK, only_run
+from texfcodec.batch.local import run_here
+from texfcodec.batch.tasks import Task
 from texfcodec.cli.batch import Batch
 from texfcodec.cli.catalogue import read_catalogue, words_of
 from texfcodec.cli.enc import main
 from texfcodec.cli.results import Results
 from texfcodec.cli.totals import Totals, losses_in_words, losses_of
-from texfcodec.dispatch.local import run_here
-from texfcodec.dispatch.room import LOCK, WORK, only_run
-from texfcodec.dispatch.tasks import Task
+from texfcodec.core import cleanup
+from texfcodec.core.json_text import json_ready
 from texfcodec.errors import InputError
-from texfcodec.ground import unfinished
-from texfcodec.ground.json_text import json_ready
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SMALL = ("--resolution", "16", "--qp", "30", "--effort", "fast")
@@ -216,9 +216,9 @@ def test_children_that_the_answer_to_ctrl_c_ends_have_no_outcome(tmp_path):
     outcomes, held = [], []
 
     def interrupt():
-        wait_for(lambda: len(unfinished._children) == 2)
-        held.append(unfinished.GATE.acquire())
-        unfinished.remove_all()  # as interrupts.py does, which ends the process next
+        wait_for(lambda: len(cleanup._children) == 2)
+        held.append(cleanup.GATE.acquire())
+        cleanup.remove_all()  # as interrupts.py does, which ends the process next
 
     answering = threading.Thread(target=interrupt)
     answering.start()
@@ -228,8 +228,8 @@ def test_children_that_the_answer_to_ctrl_c_ends_have_no_outcome(tmp_path):
     finally:
         answering.join()
         if held:
-            unfinished.GATE.release()
-        unfinished.begin()
+            cleanup.GATE.release()
+        cleanup.begin()
     assert outcomes == []
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from shapes import crossing_sheets, painted_sphere, sphere
 
-from texfcodec.asset.scene import Material, Scene, Texture
-from texfcodec.quality.views import compare_views
+from texfcodec.metrics.views import compare_views
+from texfcodec.scene.scene import Material, Scene, Texture
 from tools import everyday, everyday_envelope, everyday_rivals
 from tools.everyday_envelope import bd_rate_against, compacted, curves_of, envelope, front, point_differences
 from tools.everyday_points import setting_of

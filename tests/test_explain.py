@@ -5,14 +5,14 @@ import json
 import pytest
 from shapes import painted_sphere
 
-from texfcodec.asset.scene import Scene
-from texfcodec.cli.explain import explain_lines
-from texfcodec.encoder import encode_scene
-from texfcodec.explain import ENCODES, changed, explain_time, neighbours_of, per_second, percent_of, verdict
+from texfcodec.cli.explain_lines import explain_lines
+from texfcodec.encoder.explain import ENCODES, changed, explain_time, neighbours_of, per_second, percent_of, verdict
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.limits import Limits
+from texfcodec.metrics.bd_rate import difference_at
 from texfcodec.options import EncodeOptions
-from texfcodec.quality.bd_rate import difference_at
 from texfcodec.report import Report
+from texfcodec.scene.scene import Scene
 
 SMALL = {"resolution": 32, "qp": 28, "threads": 1}
 

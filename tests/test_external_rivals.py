@@ -198,7 +198,7 @@ def test_marching_cubes_stay_near_the_source():
     positions, faces, _ = hand(24)
     data, lost = enc_solid(scene_of(positions, faces), 48, 16)
     made = dec_solid(data)
-    from texfcodec.quality.nearest import NearestFaces
+    from texfcodec.metrics.nearest import NearestFaces
 
     cell = np.ptp(positions, axis=0).max() / 48
     for there, here in ((scene_of(positions, faces), made), (made, scene_of(positions, faces))):
@@ -249,7 +249,7 @@ def test_vertex_colours_count_their_file_and_come_back(tmp_path, scene):
 
 
 def test_smooth_vertex_colours_are_met_to_a_level_and_detail_asks_for_fewer(tmp_path):
-    from texfcodec.quality.views import mesh_psnr_3d
+    from texfcodec.metrics.views import mesh_psnr_3d
 
     scene = painted_sphere()
     fine, decoded = coded(VertexColours(), scene, tmp_path / "a", density=24)

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from fuzz import faults
 
-from texfcodec import warmup
-from texfcodec.asset.load.files import load
-from texfcodec.asset.save import files as save_room
+from texfcodec import precompile
 from texfcodec.bitstream import inspect as inspection
 from texfcodec.errors import InputError
+from texfcodec.io import save as save_room
+from texfcodec.io.load import load
 
 EVERY = {"memory": 41}  # arrays are many; each run takes another slice of them
 
@@ -53,7 +53,7 @@ def test_a_material_library_that_cannot_be_read_is_missing(tmp_path, monkeypatch
 
 def test_a_cache_of_kernels_that_cannot_be_listed_is_an_empty_one(monkeypatch):
     monkeypatch.setattr(os, "scandir", failing(os.scandir, errno.EIO, lambda *_: True))
-    assert warmup.kernels_compiled() is False
+    assert precompile.kernels_compiled() is False
 
 
 def test_the_stream_is_written_when_nothing_else_may_fail(call, tmp_path, monkeypatch):

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from naive import oracles
 from shapes import scene_of, sphere
 
-from texfcodec.asset.sample import pack_source
-from texfcodec.asset.scene import ALPHA_BLEND, Material, Scene
-from texfcodec.choose.partition import (
+from texfcodec.core.integer import _isqrt, _ones32
+from texfcodec.encoder.decide.partition import (
     colour_pieces,
     face_components,
     face_directions,
@@ -19,14 +18,15 @@ from texfcodec.choose.partition import (
     folding_components,
 )
 from texfcodec.errors import LimitError
-from texfcodec.ground.integer import _isqrt, _ones32
-from texfcodec.support import transfer as transfer_room
-from texfcodec.support import voxelise as voxelise_room
-from texfcodec.support.grid import _rank, build_brick_map
-from texfcodec.support.morton import _morton_key, decode_morton, encode_morton
-from texfcodec.support.query import query_field
-from texfcodec.support.transfer import transfer
-from texfcodec.support.voxelise import _double_area, count_samples, grid_coordinates, voxelise
+from texfcodec.field import transfer as transfer_room
+from texfcodec.field import voxelise as voxelise_room
+from texfcodec.field.grid import _rank, build_brick_map
+from texfcodec.field.morton import _morton_key, decode_morton, encode_morton
+from texfcodec.field.query import query_field
+from texfcodec.field.transfer import transfer
+from texfcodec.field.voxelise import _double_area, count_samples, grid_coordinates, voxelise
+from texfcodec.scene.fetch import pack_source
+from texfcodec.scene.scene import ALPHA_BLEND, Material, Scene
 
 ONE_VOXEL_FACE = 1 << 32
 

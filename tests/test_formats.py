@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from mesh_files import RED_BLUE, SQUARE, SQUARE_UV, TWO, encoded, load_bytes, refusal, textured
 
-from texfcodec.asset.load.files import load
-from texfcodec.asset.load.formats import FORMATS, SUFFIXES, format_of
+from texfcodec.io.formats import FORMATS, SUFFIXES, format_of
+from texfcodec.io.load import load
 
 OBJ = "mtllib m.mtl\nusemtl paint\nv 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nf 1/1 2/2 3/3\n"
 MTL = "newmtl paint\nKd 0.5 0.25 1\nmap_Kd é.png\n"
@@ -25,7 +25,7 @@ PLY = ("ply\nformat ascii 1.0\ncomment größe\nelement vertex 3\nproperty float
 def test_every_format_has_a_reader_and_one_suffix():
     assert len(set(SUFFIXES)) == len(FORMATS) and format_of(".exe") is None
     for entry in FORMATS:
-        module = importlib.import_module(f"texfcodec.asset.load.{entry.module}")
+        module = importlib.import_module(f"texfcodec.io.{entry.module}")
         assert callable(getattr(module, entry.function)) and format_of(entry.suffix) is entry
 
 
@@ -39,7 +39,7 @@ def test_the_packages_that_formats_need_stand_in_the_extra():
 
 
 def test_the_table_costs_no_numpy():
-    program = "import sys, texfcodec.asset.load.formats; print('numpy' in sys.modules)"
+    program = "import sys, texfcodec.io.formats; print('numpy' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert run.stdout.split() == ["False"]
 

@@ -5,7 +5,13 @@ import pytest
 from naive import shading as naive
 from numpy.testing import assert_allclose, assert_array_equal
 
-from texfcodec.render.frames import deviated_normals, interpolate_corners, tangent_space_normals, towards_viewer, usable_normals
+from texfcodec.render.tangent_frames import (
+    deviated_normals,
+    interpolate_corners,
+    tangent_space_normals,
+    towards_viewer,
+    usable_normals,
+)
 
 UP, X = np.array([[0, 0, 1]], np.float32), np.array([[1, 0, 0, 1]], np.float32)
 SIDE = np.array([[0, 1, 0]], np.float32)

@@ -23,7 +23,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from texfcodec.bitstream.syntax import UNIT_HEADER, structures
-from texfcodec.ground.walk import Reader, read_structure, write_structure
+from texfcodec.core.syntax_walk import Reader, read_structure, write_structure
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 NATIVE = "geometry"  # runs Draco, which a child process confines
@@ -106,7 +106,7 @@ def test_choices_stay_in_range_and_an_empty_input_makes_the_first():
 
 
 def test_a_branch_is_taken_where_its_body_is_entered_or_passed_by():
-    module = "ground/walk.py"
+    module = "core/syntax_walk.py"
     with Tracer() as tracer:
         with pytest.raises(Exception, match="TXF-S02"):
             Reader(b"", 0, 0).take(1, "a byte", "5")
@@ -142,7 +142,7 @@ def raises(data):
     if len(data) > 4: {{}}["key"]
 def sleeps(data):
     pass
-execution.TARGETS["rotten"] = Target("rotten", {which}, ("ground/walk.py",))
+execution.TARGETS["rotten"] = Target("rotten", {which}, ("core/syntax_walk.py",))
 execution.main()
 """
 
@@ -166,11 +166,11 @@ def test_what_goes_wrong_is_found_and_kept(tmp_path, monkeypatch, which, kind):
 
 
 def test_a_target_under_its_floor_and_a_finding_fail_the_run(tmp_path, monkeypatch, capsys):
-    answers = [Answer(5, 9.0, {"value": 5}, ["a"] * 10, ["ground/walk.py:9"] * 90, 3, [])]
+    answers = [Answer(5, 9.0, {"value": 5}, ["a"] * 10, ["core/syntax_walk.py:9"] * 90, 3, [])]
     monkeypatch.setattr(run, "supervise", lambda *_: answers[0])
     words = ["--seconds", "9", "--target", "numbers", "--mode", "guided", "--engine", "own", "--out", str(tmp_path)]
     assert run.main(words) == 7 and "less than its floor" in capsys.readouterr().out
-    answers[0] = Answer(5, 9.0, {"value": 5}, ["a"] * 99, ["ground/walk.py:9"], 3, [])
+    answers[0] = Answer(5, 9.0, {"value": 5}, ["a"] * 99, ["core/syntax_walk.py:9"], 3, [])
     assert run.main([*words, "--page", str(tmp_path / "page.md")]) == 0
     found = {"target": "numbers", "kind": "crash", "place": "", "file": "numbers-crash-1.bin", "said": ""}
     answers[0].findings = [found]

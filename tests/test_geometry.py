@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapes import sphere
 
+from texfcodec.core.syntax_walk import write_v
 from texfcodec.errors import InputError, StreamError
+from texfcodec.geometry.areas import face_areas, relative_areas, used_vertices
 from texfcodec.geometry.canonical import MAX_COORDINATE, CanonicalCube, fit_cube
 from texfcodec.geometry.checksum import geometry_crc
 from texfcodec.geometry.draco import _HEADER, dec_geometry, enc_geometry
-from texfcodec.ground.areas import face_areas, relative_areas, used_vertices
-from texfcodec.ground.walk import write_v
 
 SCALE = st.sampled_from([1e-30, 1e-6, 1.0, 1e7, 1e30, 1e140])
 

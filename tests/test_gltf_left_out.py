@@ -8,8 +8,8 @@ from mesh_files import RED_BLUE, SQUARE_UV, Builder, encoded, load_bytes, textur
 
 from texfcodec import EncodeOptions, InputError
 from texfcodec.api import encode
-from texfcodec.asset.load.gltf_left_out import CARRIED, LABEL, LAYOUT, NAMED, READ, TABLE
-from texfcodec.channels import MAPS, PARAMETERS, PBR
+from texfcodec.io.gltf.left_out import CARRIED, LABEL, LAYOUT, NAMED, READ, TABLE
+from texfcodec.scene.channels import MAPS, PARAMETERS, PBR
 
 
 def sparse(builder):

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from texfcodec import errors
-from texfcodec.asset.load.files import SUFFIXES as READ
-from texfcodec.asset.save.files import SUFFIXES as WRITTEN
 from texfcodec.cli import dec, enc, eval, info, render, validate, view
+from texfcodec.io.load import SUFFIXES as READ
+from texfcodec.io.save import SUFFIXES as WRITTEN
 from texfcodec.options import RATES
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -64,8 +64,8 @@ def test_every_link_and_every_program_is_there(text):
 
 
 def test_the_sample_is_made_by_the_line_that_says_so(text, tmp_path):
-    assert "python -m texfcodec.asset.sample_asset vase.glb" in text
-    run = subprocess.run([sys.executable, "-m", "texfcodec.asset.sample_asset", str(tmp_path / "vase.glb")], cwd=REPOSITORY,
+    assert "python -m texfcodec.demo.asset vase.glb" in text
+    run = subprocess.run([sys.executable, "-m", "texfcodec.demo.asset", str(tmp_path / "vase.glb")], cwd=REPOSITORY,
                          capture_output=True, text=True, check=False, timeout=120)
     assert run.returncode == 0, run.stderr
     size = (tmp_path / "vase.glb").stat().st_size  # PNGs: some per cent more or less, depending on the zlib at hand

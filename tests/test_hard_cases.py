@@ -5,16 +5,16 @@ import pytest
 from shapes import crossing_sheets, painted_sphere, scene_of, shuffled, sphere, square, triangles_of
 
 from texfcodec.api import decode, encode, encode_to_result
-from texfcodec.asset.load.files import load
-from texfcodec.asset.sample import pack_source, sample_source
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import InputError, LimitError
-from texfcodec.ground.areas import sample_surface
+from texfcodec.field.morton import decode_morton, encode_morton
+from texfcodec.field.voxelise import voxelise
+from texfcodec.geometry.areas import sample_surface
+from texfcodec.io.load import load
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions, EncodeOptions
 from texfcodec.report import Report
-from texfcodec.support.morton import decode_morton, encode_morton
-from texfcodec.support.voxelise import voxelise
+from texfcodec.scene.fetch import pack_source, sample_source
 
 BROWN = np.array([188, 124, 89])  # sRGB of the linear (0.5, 0.2, 0.1) of scene_of's material
 

@@ -9,13 +9,13 @@ from PIL import Image
 from shapes import mapped_sheet, noise, plain_image
 
 from texfcodec.api import decode, encode
-from texfcodec.asset.scene import ALPHA_OPAQUE
 from texfcodec.bitstream.stream import read_stream, write_stream
-from texfcodec.channels import LARGEST, MAPS, PARAMETERS
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import InputError, StreamError, TexfError
 from texfcodec.limits import Limits
 from texfcodec.options import EncodeOptions
+from texfcodec.scene.channels import LARGEST, MAPS, PARAMETERS
+from texfcodec.scene.scene import ALPHA_OPAQUE
 
 QUICK = {"resolution": 32, "qp": 24}
 BOTH = pytest.mark.parametrize("support", ["texels", "voxels"])

@@ -11,11 +11,11 @@ from mesh_files import SQUARE_UV, Builder, encoded, load_bytes
 from PIL import Image
 
 from texfcodec import Limits
-from texfcodec.asset.load.files import load
-from texfcodec.asset.load.image_read import read_image
-from texfcodec.asset.load.parts import Notes
 from texfcodec.cli.enc import main as run_enc
 from texfcodec.errors import LimitError
+from texfcodec.io.images import read_image
+from texfcodec.io.load import load
+from texfcodec.io.parts import Notes
 
 PIXELS = np.random.default_rng(0).integers(0, 256, (10, 11, 3), np.uint8)
 

@@ -12,7 +12,7 @@ import interrupts
 import pytest
 
 from texfcodec.cli import interrupts as answering
-from texfcodec.ground import unfinished
+from texfcodec.core import cleanup
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="moments are counted by /proc")
@@ -35,8 +35,8 @@ except KeyboardInterrupt:
 LATE = """
 import os, signal, sys, time
 from pathlib import Path
-from texfcodec.asset.save import files
-from texfcodec.ground import unfinished
+from texfcodec.io import files
+from texfcodec.core import unfinished
 rename = os.replace
 def interrupted(a, b):  # once, after the first file
     rename(a, b)
@@ -68,7 +68,7 @@ def test_a_tool_that_is_killed_leaves_whole_files_and_runs_again(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="this system has no kill() of one's own process")
-@pytest.mark.parametrize("module, function", [("choose.partition", "find_contacts"), ("support.voxelise", "voxelise")])
+@pytest.mark.parametrize("module, function", [("encoder.decide.partition", "find_contacts"), ("field.voxelise", "voxelise")])
 def test_an_interrupt_that_waits_for_a_kernel_is_a_keyboard_interrupt(module, function):
     """Numba runs Python while it boxes a kernel's results; an interrupt between two arrays was a SystemError or a crash."""
     program = PENDING.format(module=module, function=function)
@@ -80,7 +80,7 @@ def test_an_interrupt_that_waits_for_a_kernel_is_a_keyboard_interrupt(module, fu
 def test_no_kernel_that_python_calls_returns_two_arrays():
     program = """
 import sys, inspect
-from texfcodec.warmup import warm_up
+from texfcodec.precompile import warm_up
 warm_up()
 from numba.core.dispatcher import Dispatcher
 from numba.core import types
@@ -139,29 +139,29 @@ def test_import_of_a_tool_leaves_the_signal_alone():
 
 
 def test_what_is_unfinished_is_removed(tmp_path):
-    with unfinished.new_file(tmp_path / "half") as file:
+    with cleanup.new_file(tmp_path / "half") as file:
         file.write(b"half")
-    with unfinished.Folder("texf-test-") as folder:
+    with cleanup.Folder("texf-test-") as folder:
         (Path(folder) / "deeper").mkdir()
         (Path(folder) / "deeper" / "answer").write_bytes(b"x")
-        unfinished.remove_all()
+        cleanup.remove_all()
         assert not os.path.exists(folder)
     assert list(tmp_path.iterdir()) == []
-    unfinished.remove(tmp_path / "half")
+    cleanup.remove(tmp_path / "half")
 
 
 def test_a_child_gets_its_input_and_is_ended_when_it_takes_too_long():
     program = [sys.executable, "-c", "import sys; print(sys.stdin.read()[::-1])"]
-    assert unfinished.run_child(program, b"abc", 60, dict(os.environ)).stdout.strip() == b"cba"
+    assert cleanup.run_child(program, b"abc", 60, dict(os.environ)).stdout.strip() == b"cba"
     with pytest.raises(subprocess.TimeoutExpired):
-        unfinished.run_child([sys.executable, "-c", "import time; time.sleep(60)"], b"", 0.3, dict(os.environ))
-    assert not unfinished._children
+        cleanup.run_child([sys.executable, "-c", "import time; time.sleep(60)"], b"", 0.3, dict(os.environ))
+    assert not cleanup._children
 
 
 def test_a_child_that_is_held_ends_with_the_process():
-    child = unfinished.hold(lambda: subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"]))
-    unfinished.remove_all()
-    unfinished.drop(child)
+    child = cleanup.hold(lambda: subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"]))
+    cleanup.remove_all()
+    cleanup.drop(child)
     with pytest.raises(ProcessLookupError):
         os.kill(child.pid, 0)
     child.wait()
@@ -172,7 +172,7 @@ def test_of_files_that_are_renamed_together_none_that_is_new_stays_alone(tmp_pat
         (tmp_path / name).write_text(name)
     pairs = [("new.tmp", "new"), ("other.tmp", "old"), ("missing.tmp", "third")]
     with pytest.raises(OSError):
-        unfinished.rename_all([(tmp_path / a, tmp_path / b) for a, b in pairs])
+        cleanup.rename_all([(tmp_path / a, tmp_path / b) for a, b in pairs])
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"old": "other.tmp"}
 
 
@@ -200,27 +200,27 @@ def answer(monkeypatch):
             with pytest.raises(Ended, match="130"):
                 answering._wait(7)
         finally:
-            unfinished.GATE.release()
-            unfinished.begin()
+            cleanup.GATE.release()
+            cleanup.begin()
         assert not left
         return written
 
     for name, usual in (("errors", None), ("partly", False), ("kept", False), ("bar", False)):  # what other tests have left
         monkeypatch.setattr(answering.Talk, name, usual)
-    unfinished.begin()
+    cleanup.begin()
     return run
 
 
 def test_an_interrupt_removes_what_is_unfinished_and_says_so(answer, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["texf-enc", "a.glb", "a.texf"])
-    unfinished.new_file(tmp_path / "half").close()
+    cleanup.new_file(tmp_path / "half").close()
     assert answer(bytes([signal.SIGTERM]), INTERRUPT) == [(2, b"error TXF-C02: interrupted; nothing was written\n")]
     assert list(tmp_path.iterdir()) == []
-    unfinished.remove(tmp_path / "half")
+    cleanup.remove(tmp_path / "half")
 
 
 def test_once_the_outcome_stands_only_a_second_interrupt_ends_the_process(answer):
-    unfinished.finish()
+    cleanup.finish()
     assert answer(INTERRUPT, INTERRUPT) == []
 
 

@@ -9,8 +9,8 @@ from test_threemf import mesh, model, package
 
 from texfcodec import EncodeOptions, InputError, Report
 from texfcodec.api import encode_to_result
-from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_OPAQUE
 from texfcodec.cli.enc import main as run_enc
+from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_OPAQUE
 
 OBJ = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nusemtl a\nf 1 2 3\nusemtl b\nf 1 3 2\n"
 MESHLAB = "#\n# Wavefront material file\n# Converted by Meshlab Group\n#\n\n"

@@ -11,14 +11,14 @@ import pytest
 from conftest import REPOSITORY
 
 from texfcodec import DecodeOptions, EncodeOptions, LimitError, Limits, Report, StreamError, TexfError, decode
-from texfcodec import isolate as room
 from texfcodec.bitstream.stream import read_stream, write_stream
-from texfcodec.capped import LEAST_BYTES
-from texfcodec.channels import ALPHA, group_values
 from texfcodec.codecs.neural.payload import Tables
-from texfcodec.encoder import encode_scene
-from texfcodec.ground.walk import Reader, read_structure, write_structure
-from texfcodec.isolate import decode_isolated
+from texfcodec.core.syntax_walk import Reader, read_structure, write_structure
+from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.sandbox import isolate as room
+from texfcodec.sandbox.isolate import decode_isolated
+from texfcodec.sandbox.limited_process import LEAST_BYTES
+from texfcodec.scene.channels import ALPHA, group_values
 
 
 @pytest.fixture(scope="module")

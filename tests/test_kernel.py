@@ -14,8 +14,8 @@ import pytest
 from numba.core.event import Listener as Recorder
 from numba.core.event import install_listener
 
-from texfcodec.ground import kernel as kernel_room
-from texfcodec.ground.kernel import cache_folder, fingerprint, kernel
+from texfcodec.core import kernel as kernel_room
+from texfcodec.core.kernel import cache_folder, fingerprint, kernel
 
 PACKAGE = kernel_room.PACKAGE
 
@@ -33,12 +33,12 @@ def test_a_change_in_what_a_kernel_imports_moves_its_cache(tmp_path, monkeypatch
 
     same = now()
     assert same == now() != here
-    for name in (BLOCKS, "codecs/raht/entropy/range_coder.py", "ground/integer.py"):  # itself, straight, through others
+    for name in (BLOCKS, "codecs/raht/entropy/range_coder.py", "core/integer.py"):  # itself, straight, through others
         path = tmp_path / "p" / name
         path.write_text(path.read_text() + "\n")
         assert now() != same
         same = now()
-    for name in ("cli/enc.py", "asset/scene.py"):
+    for name in ("cli/enc.py", "scene/scene.py"):
         path = tmp_path / "p" / name
         path.write_text(path.read_text() + "\n")
         assert now() == same
@@ -103,7 +103,7 @@ def test_only_the_kernel_room_asks_numba():
     asking = [path for path in PACKAGE.rglob("*.py") for node in ast.walk(ast.parse(path.read_text()))
               if isinstance(node, ast.Import | ast.ImportFrom)
               and any(n.split(".")[0] == "numba" for n in [getattr(node, "module", None) or "", *(a.name for a in node.names)])]
-    assert [path.relative_to(PACKAGE).as_posix() for path in asking] == ["ground/kernel.py"]
+    assert [path.relative_to(PACKAGE).as_posix() for path in asking] == ["core/kernel.py"]
 
 
 def test_a_kernel_that_kernels_call_is_compiled_once_whatever_the_constants(tmp_path, monkeypatch):
@@ -222,7 +222,7 @@ def test_one_process_at_a_time_reads_or_writes_the_cache_of_a_kernel(twice, tmp_
 def test_warming_up_compiles_every_way_of_coding_a_level_and_the_residuals():
     program = """
 from texfcodec.codecs.raht.coefficients import direct, mixed, residual
-from texfcodec.warmup import warm_up
+from texfcodec.precompile import warm_up
 warm_up()
 entries = [direct._enc_direct_level, direct._dec_direct_level, mixed._enc_mixed_level, mixed._dec_mixed_level,
            residual._enc_residuals, residual._dec_residuals]

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from mesh_files import RED_BLUE, SQUARE_UV, Builder, encoded, load_bytes, refusal, textured
 
-from texfcodec.asset.load.image_read import read_image
-from texfcodec.asset.load.parts import Notes
 from texfcodec.errors import InputError, LimitError, SupportError, TexfError
+from texfcodec.io.images import read_image
+from texfcodec.io.parts import Notes
 
 FILES = {
     "ETC1S": (

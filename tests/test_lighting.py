@@ -9,18 +9,18 @@ from numpy.testing import assert_allclose, assert_array_equal
 from shapes import crossing_sheets, painted_sphere
 
 from texfcodec import EncodeOptions, decode
-from texfcodec.asset.sample import pack_source
-from texfcodec.asset.scene import ALPHA_MASK, WRAP_CLAMP, Material, Scene, Texture
-from texfcodec.channels import BY_NAME, MAPS, PARAMETER_BY_NAME
-from texfcodec.encoder import encode_scene
-from texfcodec.ground.colour_error import decibels
-from texfcodec.quality.shaded import compare_channels, compare_shaded
-from texfcodec.quality.views import Look, compare_views
+from texfcodec.core.colour_error import decibels
+from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.metrics.shaded import compare_channels, compare_shaded
+from texfcodec.metrics.views import Look, compare_views
 from texfcodec.render.camera import bounding_sphere, orthographic, perspective_around
 from texfcodec.render.environment import DAYLIGHT
 from texfcodec.render.lighting import Lighting
 from texfcodec.render.shade import render_scene, render_texf
 from texfcodec.render.textures import MipScenes, Textures, halved
+from texfcodec.scene.channels import BY_NAME, MAPS, PARAMETER_BY_NAME
+from texfcodec.scene.fetch import pack_source
+from texfcodec.scene.scene import ALPHA_MASK, WRAP_CLAMP, Material, Scene, Texture
 
 TEXELS = EncodeOptions(support="texels", lossless=True, partition="off", refine="off")
 VOXELS = EncodeOptions(resolution=96, qp=8, partition="off", refine="off")

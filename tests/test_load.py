@@ -8,7 +8,7 @@ import pytest
 from shapes import painted_sphere
 
 from texfcodec.api import decode
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions, EncodeOptions
 from tools import load, load_batch, load_levels, load_together

@@ -6,8 +6,8 @@ from conftest import REPOSITORY
 from mesh_files import SQUARE, SQUARE_UV, TWO, Builder, load_bytes, refusal, textured
 from shapes import scene_of, square
 
-from texfcodec.asset.load.files import load
 from texfcodec.errors import InputError
+from texfcodec.io.load import load
 
 SLANTED = np.array([[0, 0, 2], [0.6, 0, 0.8], [0, 0, 0.5], [0, -3, 4]], np.float32)  # of any length
 UNIT = SLANTED / np.linalg.norm(SLANTED, axis=1, keepdims=True)

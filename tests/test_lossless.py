@@ -10,15 +10,15 @@ import shapes
 from naive.decoder import decode as naive_decode
 
 from texfcodec import EncodeOptions, decode
-from texfcodec.asset.load.files import load
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.cli import enc, info
-from texfcodec.codecs.raht import codec
-from texfcodec.codecs.raht.choice import BASE_QPS
+from texfcodec.codecs.raht import attribute_coder
 from texfcodec.codecs.raht.coefficients.residual import MAX_CROSS, ResidualPlan
+from texfcodec.codecs.raht.tool_choice import BASE_QPS
 from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
-from texfcodec.encoder import code_prepared, encode_scene, prepare
+from texfcodec.encoder.pipeline import code_prepared, encode_scene, prepare
 from texfcodec.errors import InputError, StreamError
+from texfcodec.io.load import load
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions
 from texfcodec.report import Report
@@ -30,7 +30,7 @@ SLICES = {"WHOLE_VOXELS": 1, "SLICE_VOXELS": 300, "SLICE_NODES": 16}
 def sliced(monkeypatch):
     """Small fields in many slices."""
     for name, value in SLICES.items():
-        monkeypatch.setattr(codec, name, value)
+        monkeypatch.setattr(attribute_coder, name, value)
 
 
 def prepared_scene(scene, **choices):
@@ -75,15 +75,16 @@ def field(components, count=1200, depth=5, seed=3):
 def coded_field(keys, values, delta, depth=5, qp=28, threads=1, models=6):
     colour = values.shape[1] == 3
     inverse = inverse_colour if colour else inverse_plain
-    tools = codec.Tools(colour_range=5, models=models, filters=1)
+    tools = attribute_coder.Tools(colour_range=5, models=models, filters=1)
     means = (forward_colour if colour else forward_plain)(values)
-    return codec.enc_attributes(keys, depth, means, [qp] * values.shape[1], tools, threads, ResidualPlan(delta, values, inverse))
+    plan = ResidualPlan(delta, values, inverse)
+    return attribute_coder.enc_attributes(keys, depth, means, [qp] * values.shape[1], tools, threads, plan)
 
 
 def decoded_field(keys, coded, codewords, depth=5, stop=5, threads=1):
     data, ends = np.frombuffer(b"".join(codewords), np.uint8), np.cumsum([0, *map(len, codewords)]).tolist()
     inverse = inverse_colour if len(coded.qp) == 3 else inverse_plain
-    return codec.dec_attributes(keys, depth, coded, data, list(pairwise(ends)), stop, threads, inverse)
+    return attribute_coder.dec_attributes(keys, depth, coded, data, list(pairwise(ends)), stop, threads, inverse)
 
 
 @pytest.mark.parametrize("effort", ["fast", "balanced"])
@@ -94,7 +95,7 @@ def test_lossless_gives_back_every_rounded_colour_and_alpha(effort):
 
 def test_lossless_keeps_a_single_voxel():
     prepared, code = prepared_scene(shapes.painted_sphere(), resolution=1)
-    with patch("texfcodec.encoder.codec_for", lambda plane, asked: asked):
+    with patch("texfcodec.encoder.pipeline.codec_for", lambda plane, asked: asked):
         data = code(0)
     assert read_stream(data, Limits()).attributes[0]["residual"] == 0
     assert (colours(data) == sources(prepared)).all()

@@ -14,10 +14,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from texfcodec import EncodeOptions, Report, TexfError, decode, encode_to_result
-from texfcodec.asset.load.files import load, load_glb
 from texfcodec.cli import enc
-from texfcodec.quality.faces import decoded_faces
-from texfcodec.validator.validate import validate
+from texfcodec.io.load import load, load_glb
+from texfcodec.metrics.face_match import decoded_faces
+from texfcodec.validate.validate import validate
 
 REFUSED = (2, 5, 6)  # exit codes of inputs, of what is not supported, and of limits
 MADE = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow, HealthCheck.data_too_large], "derandomize": True}

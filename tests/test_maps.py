@@ -7,20 +7,20 @@ import pytest
 from shapes import mapped_sheet, noise, plain_image
 
 from texfcodec.api import decode
-from texfcodec.asset.normals import corner_normals
-from texfcodec.asset.sample import values_of_map
-from texfcodec.asset.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Texture
-from texfcodec.asset.tangents import corner_tangents
-from texfcodec.channels import BY_NAME, CHANNELS
-from texfcodec.choose import sizes
-from texfcodec.choose.frames import turn_of, turned
-from texfcodec.choose.images import image_groups
-from texfcodec.choose.maps import groups_of, joined, with_grey
-from texfcodec.codecs.codec import Group
-from texfcodec.encoder import encode_scene
+from texfcodec.codecs.base import Group
+from texfcodec.encoder.decide import map_sizes
+from texfcodec.encoder.decide.texel_images import image_groups
+from texfcodec.encoder.map_planes import groups_of, joined, with_grey
+from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.shown_maps import turn_of, turned
+from texfcodec.field.texels import TexelSupport
+from texfcodec.geometry.shading_normals import corner_normals
 from texfcodec.geometry.surface import make_surface
+from texfcodec.geometry.tangents import corner_tangents
 from texfcodec.options import EncodeOptions
-from texfcodec.support.texels import TexelSupport
+from texfcodec.scene.channels import BY_NAME, CHANNELS
+from texfcodec.scene.fetch import values_of_map
+from texfcodec.scene.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Texture
 
 EXACT = {"support": "texels", "max_error": 0}
 CLAMPED = (WRAP_CLAMP, WRAP_CLAMP)
@@ -146,7 +146,7 @@ def test_a_material_without_base_colour_image_takes_the_size_of_its_maps():
 def test_maps_on_a_coarser_level_come_back_close(support, monkeypatch):
     image = smooth(96, 96, 3)
     scene = mapped_sheet({"roughness": image, "occlusion": image}, noise(0, 96, 96), wrap=CLAMPED)
-    monkeypatch.setattr(sizes, "_levels", lambda *_: (1, [1.0, 0.5]))
+    monkeypatch.setattr(map_sizes, "_levels", lambda *_: (1, [1.0, 0.5]))
     made = encode_scene(scene, EncodeOptions(support=support, resolution=64, qp=16))
     part = decode(made.data).fields[0]
     assert part.shifts["roughness"] == part.shifts["occlusion"] == 1 and part.shifts.get("base_colour", 0) == 0

@@ -11,13 +11,13 @@ from conftest import REPOSITORY
 from shapes import mapped_sheet, noise, plain_image
 
 from texfcodec.api import decode
-from texfcodec.asset.load.files import load
-from texfcodec.asset.sample import values_of_map
-from texfcodec.asset.save.files import save
-from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, WRAP_CLAMP, Material
-from texfcodec.channels import BY_NAME, EXTENSIONS, MAPS, PARAMETERS, SHEETS
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.io.load import load
+from texfcodec.io.save import save
 from texfcodec.options import DecodeOptions, EncodeOptions
+from texfcodec.scene.channels import BY_NAME, EXTENSIONS, MAPS, PARAMETERS, SHEETS
+from texfcodec.scene.fetch import values_of_map
+from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, WRAP_CLAMP, Material
 
 CLAMPED = (WRAP_CLAMP, WRAP_CLAMP)
 EXACT = {"support": "texels", "max_error": 0}
@@ -157,7 +157,7 @@ def test_texels_without_loss_are_the_sources_texels(tmp_path, name):
 
 def at_points(scene, name, count=3000):
     """(x and y of points on a Scene, float64 [M, 2]; what its map shows there, float32 [M, C])."""
-    from texfcodec.asset.sample import pack_map, sample_source, sampled_values
+    from texfcodec.scene.fetch import pack_map, sample_source, sampled_values
 
     rng = np.random.default_rng(0)
     face, bary = rng.integers(0, len(scene.faces), count), rng.dirichlet((1, 1, 1), count)
@@ -181,7 +181,7 @@ def test_maps_that_were_coded_with_loss_stay_within_a_bound(tmp_path, support, b
 
 
 def test_normals_over_voxels_come_back_in_the_atlas_and_point_the_same_way(tmp_path):
-    from texfcodec.asset.tangents import corner_tangents
+    from texfcodec.geometry.tangents import corner_tangents
 
     scene = mapped_sheet({"normal": waves(4)}, waves(5), wrap=CLAMPED, cells=1)
     scene.positions[:, 2] = 0  # flat: the tangent space is the same everywhere

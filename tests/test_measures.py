@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 from shapes import painted_sphere
 
-from texfcodec.quality import perceptual
+from texfcodec.metrics import perceptual
 from tools.conditions import EVALUATION, read_conditions
 from tools.jobs import jobs_of
 from tools.measures import measure_job, measures, views_shown

@@ -70,7 +70,7 @@ def test_compressed_views_load_as_plain_ones(tmp_path, meshopt, options):
 
 
 def test_the_octahedral_filter_gives_unit_vectors(meshopt):
-    from texfcodec.asset.load.gltf_meshopt import decode_view
+    from texfcodec.io.gltf.meshopt import decode_view
 
     stored = np.array([[0, 0, 127, 5], [127, 0, 127, 6], [0, -127, 127, 7], [-60, 40, 127, 8]], np.int8)
     packed = meshopt.encode_vertex_buffer(stored.view(np.uint32))
@@ -83,7 +83,7 @@ def test_the_octahedral_filter_gives_unit_vectors(meshopt):
 def test_without_the_package_the_error_names_the_remedy(tmp_path, meshopt, monkeypatch):
     builder = Packed(meshopt)
     monkeypatch.setitem(__import__("sys").modules, "meshoptimizer", None)
-    monkeypatch.setattr("texfcodec.asset.load.gltf_meshopt.is_installed", lambda: False)
+    monkeypatch.setattr("texfcodec.io.gltf.meshopt.is_installed", lambda: False)
     error = refusal(tmp_path, builder)
     assert isinstance(error, SupportError) and error.code == "TXF-I30" and 'pip install "texfcodec[formats]"' in error.message
 
@@ -92,7 +92,7 @@ def test_without_the_package_a_plain_copy_is_taken(tmp_path, monkeypatch):
     builder = Builder()
     builder.primitive()
     builder.tree["bufferViews"][0]["extensions"] = {EXTENSION: {"mode": "ATTRIBUTES"}}
-    monkeypatch.setattr("texfcodec.asset.load.gltf_meshopt.is_installed", lambda: False)
+    monkeypatch.setattr("texfcodec.io.gltf.meshopt.is_installed", lambda: False)
     np.testing.assert_array_equal(load_bytes(tmp_path, builder).positions, SQUARE)
     builder.tree["extensionsRequired"] = [EXTENSION]
     assert refusal(tmp_path, builder).code == "TXF-I09"
@@ -141,8 +141,8 @@ def test_counts_that_agree_but_lie_are_refused_before_memory_is_taken(tmp_path, 
 
 
 def test_every_prefix_of_compressed_data_is_refused(meshopt):
-    from texfcodec.asset.load.gltf_meshopt import decode_view
     from texfcodec.errors import TexfError
+    from texfcodec.io.gltf.meshopt import decode_view
 
     points = np.random.default_rng(0).normal(size=(300, 3)).astype(np.float32)
     faces = np.arange(300, dtype=np.uint32)
@@ -162,9 +162,9 @@ def test_every_prefix_of_compressed_data_is_refused(meshopt):
 def test_flipped_bits_of_compressed_data_end_in_a_scene_or_a_coded_error(tmp_path, meshopt):
     from conftest import with_a_bit_flipped
 
-    from texfcodec.asset.load.files import load
-    from texfcodec.asset.scene import Scene
     from texfcodec.errors import TexfError
+    from texfcodec.io.load import load
+    from texfcodec.scene.scene import Scene
 
     data, found = Packed(meshopt).glb(), []
     start = len(data) - 200

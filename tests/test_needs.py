@@ -1,4 +1,4 @@
-"""choose/effects.py: what of its materials a scene needs, decided by values, and what of that is told."""
+"""encoder/decide/materials.py: what of its materials a scene needs, decided by values, and what of that is told."""
 
 import time
 from dataclasses import replace
@@ -8,15 +8,15 @@ import pytest
 from shapes import mapped_sheet, noise, plain_image, scene_of
 
 from texfcodec.api import decode
-from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, WRAP_CLAMP, Material, Texture
-from texfcodec.asset.srgb import srgb_to_linear
-from texfcodec.channels import MAPS
-from texfcodec.choose.effects import needed_scene
-from texfcodec.effects import EFFECTS, effects_mask
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder.decide.materials import needed_scene
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import InputError
 from texfcodec.geometry.surface import make_surface
 from texfcodec.options import EncodeOptions
+from texfcodec.scene.channels import MAPS
+from texfcodec.scene.effects import EFFECTS, effects_mask
+from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, WRAP_CLAMP, Material, Texture
+from texfcodec.scene.srgb import srgb_to_linear
 
 
 def needs(scene, effects="auto"):

@@ -5,8 +5,8 @@ import json
 import pytest
 
 from texfcodec import decode
-from texfcodec.asset.sample_asset import write_sample
 from texfcodec.cli import dec, enc, info
+from texfcodec.demo.asset import write_sample
 
 SMALL = ("--codec", "3dntc", "--resolution", "48", "--resident-bytes", "60000", "--steps", "20")
 
@@ -49,10 +49,10 @@ def test_people_read_what_the_gpu_keeps_and_what_the_fit_reached(call, mesh, tmp
 
 
 def test_people_read_what_pictures_gained(call, mesh, tmp_path, monkeypatch):
-    from texfcodec.codecs.neural import refine
+    from texfcodec.encoder.optimise import picture_refinement
 
-    real, few = refine.refine_by_pictures, {"iterations": 1, "size": 64}
-    monkeypatch.setattr(refine, "refine_by_pictures", lambda *told, **named: real(*told, **(named | few)))
+    real, few = picture_refinement.refine_by_pictures, {"iterations": 1, "size": 64}
+    monkeypatch.setattr(picture_refinement, "refine_by_pictures", lambda *told, **named: real(*told, **(named | few)))
     code, out, _ = call(enc.main, mesh, tmp_path / "a.texf", *SMALL, "--refine", "render")
     assert code == 0 and "refined on pictures" in out
     code, out, _ = call(enc.main, mesh, tmp_path / "b.texf", *SMALL, "--refine", "fit", "--json")

@@ -9,13 +9,13 @@ import pytest
 from texfcodec import EncodeOptions, decode
 from texfcodec.codecs.neural.design import POINTS, point_bytes
 from texfcodec.codecs.neural.fit import NO_SLOPE, Fit
+from texfcodec.codecs.neural.fit_samples import Samples
 from texfcodec.codecs.neural.infer import infer
 from texfcodec.codecs.neural.payload import Level, Payload, Tables, join_parameters, split_parameters
-from texfcodec.codecs.neural.samples import Samples
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import InputError
-from texfcodec.quality.measure import measure
-from texfcodec.warmup import small_scene
+from texfcodec.metrics.psnr_3d import measure
+from texfcodec.precompile import small_scene
 
 SIDE = 8  # voxels a side of the small design's grid
 
@@ -37,7 +37,7 @@ def plane_fit(count=4096, seed=0, threads=1, components=3, octaves=2, target=Non
 
 def square_keys():
     """Ascending Morton keys of the layer of voxels below and the one above the middle."""
-    from texfcodec.support.morton import encode_morton
+    from texfcodec.field.morton import encode_morton
 
     xyz = np.stack(np.meshgrid(np.arange(SIDE), np.arange(SIDE), [SIDE // 2 - 1, SIDE // 2], indexing="ij"), axis=-1)
     return np.sort(encode_morton(xyz.reshape(-1, 3)))
@@ -47,7 +47,7 @@ def float_network(payload, position, tables, keys):
     """The payload in float64 with its binary16 parameters, straight from clause 11: what a GPU computes. One level."""
     grid = position / 2.0**24 * payload.levels[0].resolution - 0.5
     base, inputs = np.floor(grid).astype(np.int64), np.zeros((len(position), payload.features))
-    from texfcodec.support.morton import encode_morton
+    from texfcodec.field.morton import encode_morton
 
     total = np.zeros(len(position))
     for q in range(8):

@@ -10,20 +10,20 @@ import pytest
 from shapes import crossing_sheets
 
 from texfcodec import EncodeOptions, decode
-from texfcodec.asset.sample import pack_source, sample_source
-from texfcodec.asset.scene import Material, Scene, Texture
-from texfcodec.channels import BASE_COLOUR, BY_NAME
-from texfcodec.choose.maps import groups_of
 from texfcodec.codecs import codec_of
-from texfcodec.codecs.codec import Source as CodecSource
-from texfcodec.codecs.neural import samples as samples_module
+from texfcodec.codecs.base import Source as CodecSource
+from texfcodec.codecs.neural import fit_samples as samples_module
 from texfcodec.codecs.neural.fit import Fit
+from texfcodec.codecs.neural.fit_samples import Samples, Source, component_weights
 from texfcodec.codecs.neural.payload import Level, Payload, Tables
-from texfcodec.codecs.neural.samples import Samples, Source, component_weights
-from texfcodec.encoder import encode_scene, prepare
+from texfcodec.encoder.map_planes import groups_of
+from texfcodec.encoder.pipeline import encode_scene, prepare
+from texfcodec.geometry.areas import sample_surface
 from texfcodec.geometry.surface import make_surface
-from texfcodec.ground.areas import sample_surface
 from texfcodec.report import Report
+from texfcodec.scene.channels import BASE_COLOUR, BY_NAME
+from texfcodec.scene.fetch import pack_source, sample_source
+from texfcodec.scene.scene import Material, Scene, Texture
 
 SIDE, CONSTANT, STEPS = 64, 100, 2000
 OPTIONS = {"codec": "3dntc", "threads": 1, "resolution": 32, "effects": "all", "resident_bytes": 40_000, "fit_engine": "numba"}

@@ -23,12 +23,12 @@ from texfcodec import DecodeOptions, EncodeOptions, Limits, StreamError, decode
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.codecs.neural import design
 from texfcodec.codecs.neural.infer import fixed_weights, infer, voxel_positions
+from texfcodec.codecs.neural.neural_syntax import NEURAL
 from texfcodec.codecs.neural.payload import Level, Payload, Tables, dec_codes, payload_of, payload_values
-from texfcodec.codecs.neural.syntax import NEURAL
 from texfcodec.codecs.neural.transport import dec_transport
-from texfcodec.encoder import encode_scene
-from texfcodec.ground.walk import write_structure
-from texfcodec.warmup import small_scene
+from texfcodec.core.syntax_walk import write_structure
+from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.precompile import small_scene
 
 COLOUR = {"num_semantics": 1, "group_semantics": [0], "group_components": 3}
 ALPHA = {"num_semantics": 1, "group_semantics": [1], "group_components": 1}

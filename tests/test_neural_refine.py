@@ -4,21 +4,20 @@ import numpy as np
 import pytest
 from shapes import painted_sphere
 
-from texfcodec.asset.scene import Material, Scene, Texture
-from texfcodec.choose.maps import groups_of
-from texfcodec.codecs.codec import Source as CodecSource
-from texfcodec.codecs.neural import refine
-from texfcodec.codecs.neural import samples as samples_module
+from texfcodec.codecs.base import Source as CodecSource
+from texfcodec.codecs.neural import fit_samples as samples_module
 from texfcodec.codecs.neural.design import choose_design
 from texfcodec.codecs.neural.fit import Fit
-from texfcodec.codecs.neural.samples import Source
-from texfcodec.encoder import encode_scene
+from texfcodec.codecs.neural.fit_samples import Source
+from texfcodec.encoder.map_planes import groups_of
+from texfcodec.encoder.optimise import picture_refinement, pictures
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import InputError
 from texfcodec.geometry.surface import make_surface
 from texfcodec.options import EncodeOptions
-from texfcodec.render import pictures
+from texfcodec.precompile import small_scene
 from texfcodec.report import Report
-from texfcodec.warmup import small_scene
+from texfcodec.scene.scene import Material, Scene, Texture
 
 OPTIONS = EncodeOptions(codec="3dntc", resident_bytes=40_000, steps=200, threads=2)
 
@@ -112,9 +111,9 @@ def restore(fit, state):
 def test_pictures_bring_the_payload_closer_in_views_it_has_not_seen(fitted):
     fit, source, bits = fitted
     before = state_of(fit)
-    log, kept = refine.refine_by_pictures(fit, source, bits, iterations=10, views=2, size=96)
+    log, kept = picture_refinement.refine_by_pictures(fit, source, bits, iterations=10, views=2, size=96)
     assert kept > 0 and log[kept]["held_out_loss"] < 0.98 * log[0]["held_out_loss"]
-    drawing = refine.Pictures(source, fit.tables, bits, 99, 96)
+    drawing = picture_refinement.Pictures(source, fit.tables, bits, 99, 96)
     judges = [drawing.next() for _ in range(8)]
     after = sum(judge.loss(fit)[0] for judge in judges)
     restore(fit, before)
@@ -128,7 +127,7 @@ def test_a_fit_in_torch_is_refined_like_the_other(fitted):
     made, source, bits = fitted
     fit = TorchFit(made.design, made.tables, made.samples, made.held_out, 0, 2, device="cpu", batch=4096)
     fit.run(30)
-    log, kept = refine.refine_by_pictures(fit, source, bits, iterations=5, views=2, size=64)
+    log, kept = picture_refinement.refine_by_pictures(fit, source, bits, iterations=5, views=2, size=64)
     assert kept > 0
     codes = fit.codes.copy()
     fit.download()  # what is on the device is what was kept
@@ -144,7 +143,7 @@ def test_pictures_show_all_fields():
     design = choose_design([(surface.lattice, surface.faces[face_field == i]) for i in (0, 1)], surface.cube.position_bits, 3,
                            OPTIONS)
     source = shown(scene, surface, face_field)
-    drawing = refine.Pictures(source, design.tables, surface.cube.position_bits, 0, 64)
+    drawing = picture_refinement.Pictures(source, design.tables, surface.cube.position_bits, 0, 64)
     seen = [drawing.next() for _ in range(6)]
     assert {f for p in seen for f in p.samples.field.tolist()} == {0, 1}
     fit = Fit(design.payload, design.tables, source.draw(4096, [0, 0]), source.draw(500, [0, 1]), threads=2)
@@ -158,8 +157,8 @@ def test_pictures_show_all_fields():
 def test_nothing_is_kept_of_steps_that_lead_away(fitted, monkeypatch):
     fit, source, bits = fitted
     before, codes = state_of(fit), fit.codes.copy()
-    monkeypatch.setattr(refine, "RATE", 50.0)
-    log, kept = refine.refine_by_pictures(fit, source, bits, iterations=20, views=1, size=64)
+    monkeypatch.setattr(picture_refinement, "RATE", 50.0)
+    log, kept = picture_refinement.refine_by_pictures(fit, source, bits, iterations=20, views=1, size=64)
     assert kept == 0 and len(log) == 1 + pictures.PATIENCE  # it did not go on for all of them
     assert all(np.array_equal(a, b) for a, b in zip(fit.values, before, strict=True)) and np.array_equal(fit.codes, codes)
 
@@ -173,8 +172,8 @@ def test_a_payload_with_alpha_is_left_alone_and_the_report_says_why():
 
 @pytest.mark.parametrize("asked, kind", [("auto", "off"), ("off", "off"), ("render", None)])
 def test_the_report_says_whether_and_why(asked, kind, monkeypatch):
-    report, real = Report(), refine.refine_by_pictures
-    monkeypatch.setattr(refine, "refine_by_pictures", lambda *told, **named: real(*told, **named, size=64))
+    report, real = Report(), picture_refinement.refine_by_pictures
+    monkeypatch.setattr(picture_refinement, "refine_by_pictures", lambda *told, **named: real(*told, **named, size=64))
     options = EncodeOptions(codec="3dntc", resident_bytes=40_000, steps=20, refine=asked, refine_iterations=1, resolution=32)
     told = encode_scene(painted_sphere(), options, report).choices["refinement"]
     assert told["asked"] == asked and told["reason"] and (told["kind"] == kind if kind else len(told["iterations"]) == 2)

@@ -18,10 +18,10 @@ from texfcodec import DecodeOptions, InputError, LimitError, Limits, StreamError
 from texfcodec.bitstream.stream import read_stream
 from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE
 from texfcodec.bitstream.units import read_units
-from texfcodec.codecs.codec import split_groups
+from texfcodec.codecs.base import split_groups
 from texfcodec.codecs.neural.infer import BLOCK, LOCAL_BITS, _local, _rows_around, _weights, infer, infer_values, voxel_positions
 from texfcodec.codecs.neural.payload import Tables
-from texfcodec.support.voxels import VoxelSupport
+from texfcodec.field.voxels import VoxelSupport
 
 VECTORS = REPOSITORY / "conformance"
 FORMS = ("subset/neural_resident", "subset/neural_transport")
@@ -316,7 +316,7 @@ def test_decoding_and_asking_load_neither_torch_nor_the_fit():
     modules, _ = modules_after("from pathlib import Path; from texfcodec import decode; "
                                f"texf = decode(Path({path!r}).read_bytes()); assert texf.query(texf.positions).any()")
     fitting = (f"texfcodec.codecs.neural.{name}" for name in ("fit", "train", "samples", "design"))
-    strangers = {"torch", "texfcodec.encoder", *fitting}
+    strangers = {"torch", "texfcodec.encoder.pipeline", *fitting}
     assert "texfcodec.codecs.neural.infer" in modules and strangers.isdisjoint(modules)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import trimesh
 
-from texfcodec.asset.normals import corner_normals
+from texfcodec.geometry.shading_normals import corner_normals
 
 
 def lattice_of(mesh, scale):

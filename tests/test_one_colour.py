@@ -9,16 +9,16 @@ import pytest
 from shapes import scene_of, sphere, square
 
 from texfcodec import EncodeOptions, Report, decode
-from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
-from texfcodec.channels import BASE_COLOUR
-from texfcodec.check import encode_checked
-from texfcodec.choose.one_colour import material_colours, one_colour
-from texfcodec.choose.supports import USUAL_K
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder.decide.one_colour import material_colours, one_colour
+from texfcodec.encoder.decide.supports import USUAL_K
+from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.rate_control import encode_to_target
+from texfcodec.encoder.self_check import encode_checked
 from texfcodec.geometry.surface import make_surface
+from texfcodec.metrics.psnr_3d import SourceSamples
 from texfcodec.options import RATES
-from texfcodec.quality.measure import SourceSamples
-from texfcodec.search import encode_to_target
+from texfcodec.scene.channels import BASE_COLOUR
+from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
 
 RED = np.array([0.6, 0.1, 0.05, 1.0])
 NOTHING = "one colour: nothing to "
@@ -60,9 +60,10 @@ def nothing_probed(monkeypatch):
     def refuse(*_, **__):
         raise AssertionError("one colour was probed")
 
-    for place in ("choose.probe.Patch.__init__", "refine.surface_fit.FieldSurface.sample",
-                  "choose.supports.probe_voxels", "choose.supports.probe_texels", "choose.trial.uncoded_errors",
-                  "choose.prepare.transfer", "refine.choice.fit_surface"):
+    for place in ("encoder.decide.probe.Patch.__init__", "encoder.optimise.surface_fit.FieldSurface.sample",
+                  "encoder.decide.supports.probe_voxels", "encoder.decide.supports.probe_texels",
+                  "encoder.decide.trial.uncoded_errors",
+                  "encoder.source_field.transfer", "encoder.optimise.refinement.fit_surface"):
         monkeypatch.setattr(f"texfcodec.{place}", refuse)
 
 
@@ -180,7 +181,7 @@ def test_the_check_draws_one_colour_only_where_it_has_normals_of_its_own(has_nor
 
 @pytest.mark.parametrize("target", [{"target_bytes": 100_000}, {"target_psnr": 40.0}])
 def test_a_target_takes_one_trial_where_no_qp_changes_anything(nothing_probed, monkeypatch, target):
-    monkeypatch.setattr("texfcodec.search.SourceSamples", partial(SourceSamples, samples=20_000))
+    monkeypatch.setattr("texfcodec.encoder.rate_control.SourceSamples", partial(SourceSamples, samples=20_000))
     made = encode_to_target(red_ball(), EncodeOptions(threads=1, **target), Report())
     assert len(made.choices["search"]) == 1
 

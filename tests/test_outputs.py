@@ -13,9 +13,9 @@ import pytest
 from PIL import Image
 
 from texfcodec import EncodeOptions, InputError, decode, encode, inspect
-from texfcodec.asset.load.files import load
-from texfcodec.asset.sample_asset import make_sample
 from texfcodec.cli import console, progress
+from texfcodec.demo.asset import make_sample
+from texfcodec.io.load import load
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SMALL = ("--resolution", "32", "--qp", "24")
@@ -151,7 +151,7 @@ def test_the_output_itself_is_replaced(call, made, tmp_path):
 
 
 def test_a_side_file_that_appears_during_the_work_stays(made, tmp_path, monkeypatch):
-    from texfcodec.asset.save import files
+    from texfcodec.io import save as files
 
     monkeypatch.setitem(files._WRITERS, ".gltf", lambda texf, path, *_: (tmp_path / "a.bin").write_bytes(b"mine") and [
         ("a.bin", [b"new"]), ("a.gltf", [b"{}"])])

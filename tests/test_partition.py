@@ -7,13 +7,13 @@ import pytest
 from shapes import scene_of
 
 from texfcodec.api import decode, encode
-from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, Material
-from texfcodec.asset.srgb import linear_to_srgb
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import InputError
 from texfcodec.geometry.surface import make_surface
 from texfcodec.options import EncodeOptions
 from texfcodec.report import Report
+from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, Material
+from texfcodec.scene.srgb import linear_to_srgb
 
 
 def cube():

@@ -9,17 +9,17 @@ from naive.attributes import decode_values
 
 from texfcodec.bitstream.stream import Stream, attribute_variables
 from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS
-from texfcodec.codecs.raht import choice, codec
-from texfcodec.codecs.raht.codec import CodedAttributes, Tools, dec_attributes, enc_attributes
+from texfcodec.codecs.raht import attribute_coder, tool_choice
+from texfcodec.codecs.raht.attribute_coder import CodedAttributes, Tools, dec_attributes, enc_attributes
 from texfcodec.codecs.raht.coefficients.residual import ResidualPlan
-from texfcodec.codecs.raht.syntax import RAHT
+from texfcodec.codecs.raht.raht_syntax import RAHT
+from texfcodec.codecs.raht.raht_values import coded_of, raht_values
 from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
 from texfcodec.codecs.raht.transform.filter import CLASSES, PLANAR_TAPS, stage_of, taps_of
 from texfcodec.codecs.raht.transform.quantise import MAX_MEAN, _dequantise, step_of
-from texfcodec.codecs.raht.values import coded_of, raht_values
+from texfcodec.core.syntax_walk import Reader, read_structure, write_structure
 from texfcodec.errors import StreamError
-from texfcodec.ground.walk import Reader, read_structure, write_structure
-from texfcodec.support.morton import decode_morton, encode_morton
+from texfcodec.field.morton import decode_morton, encode_morton
 
 ALL = {"planar": 1, "planar_transform": 1, "component_cross": 16}
 
@@ -44,7 +44,7 @@ def texture(keys, components, seed=2):
 
 
 def sliced():
-    return patch.multiple(codec, WHOLE_VOXELS=1, SLICE_VOXELS=60, SLICE_NODES=8)
+    return patch.multiple(attribute_coder, WHOLE_VOXELS=1, SLICE_VOXELS=60, SLICE_NODES=8)
 
 
 def coded_image(keys, depth, rgb, tools, qp=24, plan=None, threads=1):
@@ -75,7 +75,7 @@ def test_planar_fields_decode_as_by_the_naive_decoder(components, rotated, cross
     keys, depth, mask = island_keys(5), 5, (1 << CLASSES * components) - 1
     stage = stage_of(mask, np.random.default_rng(7).integers(-128, 128, PLANAR_TAPS * mask.bit_count()), components)
     tools = Tools(colour_range=4, models=models, filters=1, planar=1, planar_transform=rotated, component_cross=cross)
-    with sliced(), patch.object(codec, "fit_stage", lambda *_: stage):
+    with sliced(), patch.object(attribute_coder, "fit_stage", lambda *_: stage):
         coded, means = coded_image(keys, depth, texture(keys, components), tools)
     assert coded.filters and len(coded.slice_first) > 2 and coded.planar_transform == rotated and coded.component_cross == cross
     theirs = decode_values(naive_unit(coded, depth), keys.tolist())
@@ -120,7 +120,7 @@ def test_each_tool_saves_bytes_on_stripes_whose_components_go_together(tool):
     """Bits and error, weighed as the encoder weighs them."""
     keys = island_keys(7)
     field = keys, 7, forward_colour(texture(keys, 3)), [28] * 3
-    costs = [choice._lagrangian_cost(*field, Tools(models=8, **{**ALL, **off}), 1) for off in ({}, {tool: 0})]
+    costs = [tool_choice._lagrangian_cost(*field, Tools(models=8, **{**ALL, **off}), 1) for off in ({}, {tool: 0})]
     assert costs[0] < 0.99 * costs[1]
 
 
@@ -131,9 +131,9 @@ def test_the_choice_leaves_out_what_does_not_pay():
     order = np.argsort(keys)
     rng = np.random.default_rng(5)
     rgb = (rng.integers(0, 2, (len(keys), 3)) * 255).astype(np.uint8)[order]
-    chosen = choice.choose_tools(keys[order], 5, forward_colour(rgb), [28] * 3, "balanced", 1, True)
+    chosen = tool_choice.choose_tools(keys[order], 5, forward_colour(rgb), [28] * 3, "balanced", 1, True)
     assert chosen.planar == 1 and chosen.component_cross < 16
-    voxels = choice.choose_tools(keys[order], 5, forward_colour(rgb), [28] * 3, "balanced", 1)
+    voxels = tool_choice.choose_tools(keys[order], 5, forward_colour(rgb), [28] * 3, "balanced", 1)
     assert (voxels.planar, voxels.planar_transform, voxels.component_cross) == (0, 0, 0)
 
 

@@ -6,8 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from texfcodec.asset.load.files import load
-from texfcodec.asset.load.polygons import MAX_CORNERS, triangulate
+from texfcodec.io.load import load
+from texfcodec.io.polygons import MAX_CORNERS, triangulate
 
 
 class Warnings(list):
@@ -224,7 +224,7 @@ def test_attributes_travel_with_their_corners(tmp_path):
 
 def test_ear_cutting_is_imported_only_where_a_fan_folds(tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0.9 0.1 0\nf 1 2 3 4\nf 1 5 3 4\n")
-    program = (f"import sys; from texfcodec.asset.load.files import load; load({str(tmp_path / 'a.obj')!r}); "
+    program = (f"import sys; from texfcodec.io.load import load; load({str(tmp_path / 'a.obj')!r}); "
                "print('mapbox_earcut' in sys.modules)")
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert run.stdout.split() == ["False"]

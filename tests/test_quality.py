@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from texfcodec.ground.areas import sample_surface
-from texfcodec.ground.colour_error import RGB_TO_YUV, ColourError, colour_mse, decibels, psnr_3d
-from texfcodec.ground.json_text import json_ready
-from texfcodec.quality.bd_rate import bd_rate
+from texfcodec.core.colour_error import RGB_TO_YUV, ColourError, colour_mse, decibels, psnr_3d
+from texfcodec.core.json_text import json_ready
+from texfcodec.geometry.areas import sample_surface
+from texfcodec.metrics.bd_rate import bd_rate
 
 GREY = np.full((5, 3), 100.0)
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from shapes import painted_sphere
 
-from texfcodec.dispatch.room import WORK
-from texfcodec.dispatch.tasks import DONE, Outcome
+from texfcodec.batch.folders import WORK
+from texfcodec.batch.tasks import DONE, Outcome
 from tools import collect
 from tools.batch import not_ours, only_run, settle
 from tools.conditions import read_conditions

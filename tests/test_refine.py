@@ -4,15 +4,22 @@ import numpy as np
 import pytest
 from shapes import painted_sphere, scene_of
 
-from texfcodec.asset.sample import pack_source
-from texfcodec.encoder import encode_scene, prepare
+from texfcodec.encoder.optimise import inverse_render
+from texfcodec.encoder.optimise.inverse_render import Pictures, View, held_out, refine_by_rendering
+from texfcodec.encoder.optimise.pictures import keep_best
+from texfcodec.encoder.optimise.surface_fit import (
+    DAMPING,
+    HELD_OUT,
+    HELD_OUT_SEED,
+    FieldSurface,
+    _normal_equations,
+    fit_surface,
+)
+from texfcodec.encoder.pipeline import encode_scene, prepare
+from texfcodec.field.grid import build_brick_map
 from texfcodec.options import EncodeOptions
-from texfcodec.refine import inverse_render
-from texfcodec.refine.inverse_render import Pictures, View, held_out, refine_by_rendering
-from texfcodec.refine.surface_fit import DAMPING, HELD_OUT, HELD_OUT_SEED, FieldSurface, _normal_equations, fit_surface
-from texfcodec.render.pictures import keep_best
 from texfcodec.report import Report
-from texfcodec.support.grid import build_brick_map
+from texfcodec.scene.fetch import pack_source
 
 
 def surfaces_of(scene, resolution, **choices):
@@ -35,7 +42,7 @@ def textured(sample_scene):
 
 def needles(count=40):
     """A fan of slivers a thousand times longer than wide, and one triangle far from everything."""
-    from texfcodec.asset.scene import Material, Scene
+    from texfcodec.scene.scene import Material, Scene
 
     angle = np.linspace(0, 1, count + 1) * 0.04
     rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(count + 1)], axis=1)
@@ -86,11 +93,11 @@ def test_condition_number_on_slivers_and_lonely_voxels_keeps_its_bound():
 
 
 def test_a_fit_that_is_worse_is_not_kept(sample_scene, monkeypatch):
-    from texfcodec.choose import prepare as preparing
-    from texfcodec.refine import choice
+    from texfcodec.encoder import source_field as preparing
+    from texfcodec.encoder.optimise import refinement
 
     monkeypatch.setattr(preparing, "FITTED_DENSITY", preparing.TRANSFER_DENSITY["balanced"])
-    monkeypatch.setattr(choice, "fit_surface", lambda surface, colour, *_, **__: 255 - colour)
+    monkeypatch.setattr(refinement, "fit_surface", lambda surface, colour, *_, **__: 255 - colour)
     one, other = (encode_scene(sample_scene, EncodeOptions(resolution=64, qp=28, refine=kind)).data for kind in ("fit", "off"))
     assert one == other
 

@@ -16,23 +16,33 @@ import trimesh
 from conftest import REPOSITORY
 from shapes import painted_sphere, scene_of, square
 
-from texfcodec import EncodeOptions, InputError, LimitError, Limits, Report, SupportError, TexfError, decode, isolate
+from texfcodec import EncodeOptions, InputError, LimitError, Limits, Report, SupportError, TexfError, decode
 from texfcodec.api import encode_loaded, inspect
-from texfcodec.asset.factors import set_factor
-from texfcodec.asset.normal_rule import ANGLE, JOINED, NormalRule
-from texfcodec.asset.normals import corner_normals
-from texfcodec.asset.save import image_write
-from texfcodec.asset.save.atlas import _unit_points
-from texfcodec.asset.save.files import as_input_error
-from texfcodec.asset.scene import Material
 from texfcodec.bitstream.appearance import parameter_values
 from texfcodec.bitstream.values import metadata_bytes
-from texfcodec.capped import FACTS, FACTS_BYTES, LEAST_BYTES, NO_CAP, cap_memory, is_memory, read_facts, within_cap
 from texfcodec.cli.info import main as run_info
 from texfcodec.codecs import codec_of
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.geometry.canonical import fit_cube
 from texfcodec.geometry.edges import folds, shared_edges
+from texfcodec.geometry.shading_normals import corner_normals
+from texfcodec.io import image_writer
+from texfcodec.io.atlas.unwrap import _unit_points
+from texfcodec.io.save import as_input_error
+from texfcodec.sandbox import isolate
+from texfcodec.sandbox.limited_process import (
+    FACTS,
+    FACTS_BYTES,
+    LEAST_BYTES,
+    NO_CAP,
+    cap_memory,
+    is_memory,
+    read_facts,
+    within_cap,
+)
+from texfcodec.scene.factors import set_factor
+from texfcodec.scene.normal_rule import ANGLE, JOINED, NormalRule
+from texfcodec.scene.scene import Material
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +130,7 @@ def test_a_pillow_without_a_format_is_told(monkeypatch):
 
     monkeypatch.setattr(features, "check", lambda name: False)
     with pytest.raises(SupportError, match="TXF-O15"):
-        image_write.check_image_format("webp", None)
+        image_writer.check_image_format("webp", None)
 
 
 def test_edges_that_nothing_shares_have_no_fold():
@@ -175,7 +185,7 @@ def test_what_fails_within_a_cap_has_a_code(monkeypatch, raised, code):
     def work():
         raise raised
 
-    monkeypatch.setattr("texfcodec.capped.cap_memory", lambda size: True)
+    monkeypatch.setattr("texfcodec.sandbox.limited_process.cap_memory", lambda size: True)
     with pytest.raises(TexfError) as found:
         within_cap(Limits(), work)
     assert found.value.code == code
@@ -190,7 +200,7 @@ def test_a_module_that_is_missing_where_nothing_is_capped_is_no_want_of_memory()
 
 
 def test_work_within_a_cap_gives_what_it_gives_and_later_threads_have_their_usual_stack(monkeypatch):
-    monkeypatch.setattr("texfcodec.capped.cap_memory", lambda size: size is None)
+    monkeypatch.setattr("texfcodec.sandbox.limited_process.cap_memory", lambda size: size is None)
     before = threading.stack_size()
     assert within_cap(Limits(isolate_bytes=None), lambda: 7) == (7, True) and within_cap(Limits(), lambda: 8) == (8, False)
     assert threading.stack_size() == before
@@ -206,7 +216,7 @@ def test_a_child_says_what_went_wrong_in_it(monkeypatch, tmp_path):
     """In this process, whose memory is not capped."""
     request = {"limits": asdict(Limits())}
     stream = io.BytesIO((REPOSITORY / "conformance/uncommon/one_voxel/in.texf").read_bytes())
-    monkeypatch.setattr("texfcodec.capped.cap_memory", lambda size: False)
+    monkeypatch.setattr("texfcodec.sandbox.limited_process.cap_memory", lambda size: False)
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=stream))
     isolate._child(tmp_path, dict(request))
     assert read_facts(tmp_path)["warnings"] == [NO_CAP]
@@ -248,7 +258,7 @@ def test_bytes_by_level_are_told(call):
 
 
 def test_a_first_run_is_said_and_streams_of_any_kind_take_text(call, monkeypatch, tmp_path):
-    monkeypatch.setattr("texfcodec.warmup.kernels_compiled", lambda: False)
+    monkeypatch.setattr("texfcodec.precompile.kernels_compiled", lambda: False)
     code, _, said = call("texf-dec", REPOSITORY / "conformance/uncommon/one_voxel/in.texf", tmp_path / "a.ply")
     assert code == 0 and "compil" in said
     with contextlib.redirect_stdout(io.StringIO()) as out, pytest.raises(SystemExit) as ended:

@@ -13,13 +13,13 @@ from PIL import Image
 from shapes import painted_sphere, scene_of, square
 
 from texfcodec.api import decode
-from texfcodec.asset.sample import pack_source, sample_source
-from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, Material, Scene, Texture
 from texfcodec.cli import render as render_command
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import InputError
+from texfcodec.field.query import query_field
+from texfcodec.field.voxels import VoxelSupport
 from texfcodec.geometry.canonical import CanonicalCube
-from texfcodec.geometry.unit import GeometryUnit
+from texfcodec.geometry.geometry_unit import GeometryUnit
 from texfcodec.options import EncodeOptions
 from texfcodec.render.backdrop import GREY, rows
 from texfcodec.render.camera import (
@@ -37,8 +37,8 @@ from texfcodec.render.difference import compare, heat_colour, sheet
 from texfcodec.render.levels import Pyramid
 from texfcodec.render.raster import rasterise
 from texfcodec.render.shade import box_down, render_scene, render_texf, shade_field, shade_source
-from texfcodec.support.query import query_field
-from texfcodec.support.voxels import VoxelSupport
+from texfcodec.scene.fetch import pack_source, sample_source
+from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, Material, Scene, Texture
 from texfcodec.texf import Field, Texf
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -534,7 +534,7 @@ def test_magnified_the_filter_changes_nothing(deep, sphere_texf):
 def checkered(resolution=256):
     """A flat square, every other voxel black or white, its own field: Texf."""
     x, y = np.meshgrid(np.arange(resolution), np.arange(resolution), indexing="ij")
-    from texfcodec.support.morton import encode_morton
+    from texfcodec.field.morton import encode_morton
 
     xyz = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
     keys = encode_morton(xyz)
@@ -686,8 +686,8 @@ def call(capsys):
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     """The bundled sample as GLB and as a small stream."""
-    from texfcodec.asset.load.files import load
-    from texfcodec.asset.sample_asset import write_sample
+    from texfcodec.demo.asset import write_sample
+    from texfcodec.io.load import load
 
     folder = tmp_path_factory.mktemp("sample")
     write_sample(folder / "sample.glb")
@@ -774,7 +774,7 @@ def test_a_failing_rename_leaves_the_old_picture(call, files, tmp_path, monkeypa
     def fail(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("texfcodec.asset.save.files.os.replace", fail)
+    monkeypatch.setattr("texfcodec.io.save.os.replace", fail)
     code, _, err = call(files[1], target, "--size", "16")
     assert code == 2 and "TXF-O03" in err and target.read_bytes() == b"old" and list(tmp_path.iterdir()) == [target]
 

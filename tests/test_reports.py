@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from texfcodec import EncodeOptions, encode_to_result
-from texfcodec.asset.scene import ALPHA_OPAQUE
-from texfcodec.ground.json_text import json_ready, json_text
-from texfcodec.warmup import small_scene
+from texfcodec.core.json_text import json_ready, json_text
+from texfcodec.precompile import small_scene
+from texfcodec.scene.scene import ALPHA_OPAQUE
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 ASSETS = sorted((REPOSITORY.parent / "shared/assets").glob("*.glb"))
@@ -22,12 +22,12 @@ PLANTED = (float("inf"), float("-inf"), float("nan"), np.float32("nan"), np.floa
 
 # Where json.dumps() is called by itself, and why that is no report.
 PLAIN = {
-    "texfcodec/ground/json_text.py": "the writer of reports itself",
-    "texfcodec/asset/load/gltf_read.py": "the length of metadata alone",
-    "texfcodec/asset/sample_asset.py": "the glTF of the demo asset",
-    "texfcodec/capped.py": "the request to a child process",
-    "texfcodec/isolate.py": "a child's answer, whose arrays and figures its parent checks",
-    "texfcodec/codecs/guest.py": "what a plug-in answers is refused where it is no JSON",
+    "texfcodec/core/json_text.py": "the writer of reports itself",
+    "texfcodec/io/gltf/reader.py": "the length of metadata alone",
+    "texfcodec/demo/asset.py": "the glTF of the demo asset",
+    "texfcodec/sandbox/limited_process.py": "the request to a child process",
+    "texfcodec/sandbox/isolate.py": "a child's answer, whose arrays and figures its parent checks",
+    "texfcodec/codecs/plugins.py": "what a plug-in answers is refused where it is no JSON",
 }
 
 

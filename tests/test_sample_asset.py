@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from texfcodec.asset import sample_asset
-from texfcodec.asset.load.files import load
-from texfcodec.asset.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
+from texfcodec.demo import asset as sample_asset
+from texfcodec.io.load import load
+from texfcodec.scene.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
 
 GEOMETRY_SHA256 = "0a33649dc696aab6ba69ea9b3af2e23a62893ce527ba0520074d7d1c68c55aaf"
 
@@ -176,7 +176,7 @@ def test_failed_write_leaves_nothing_behind(tmp_path, monkeypatch):
 
 
 def test_module_runs_as_a_command(tmp_path):
-    command = [sys.executable, "-m", "texfcodec.asset.sample_asset"]
+    command = [sys.executable, "-m", "texfcodec.demo.asset"]
     out, root = tmp_path / "out.glb", Path(__file__).resolve().parents[1]
     assert subprocess.run([*command, str(out)], cwd=root, check=False).returncode == 0
     assert out.read_bytes()[:4] == b"glTF"

@@ -7,11 +7,11 @@ import pytest
 from test_asset_save import accessor, decoded, grid_mesh, read_glb, sphere_mesh, two_materials
 from test_save_texels import coded, smooth_image, wall
 
-from texfcodec.asset.load.files import load
-from texfcodec.asset.save.files import as_glb, save
-from texfcodec.asset.save.image_write import FORMATS, encode_image, format_for
-from texfcodec.asset.scene import WRAP_REPEAT
 from texfcodec.errors import InputError, SupportError
+from texfcodec.io.image_writer import FORMATS, encode_image, format_for
+from texfcodec.io.load import load
+from texfcodec.io.save import as_glb, save
+from texfcodec.scene.scene import WRAP_REPEAT
 
 PACKAGES = {"ktx2": ("alktx2", "opengl_basisu"), "meshopt": ("meshoptimizer",)}
 EXTENSIONS = {"draco": {"KHR_draco_mesh_compression"}, "meshopt": {"EXT_meshopt_compression", "KHR_mesh_quantization"}}

@@ -7,13 +7,13 @@ import pytest
 from test_asset_save import accessor, read_glb
 
 from texfcodec.api import decode, encode
-from texfcodec.asset.load.files import load
-from texfcodec.asset.save.files import save
-from texfcodec.asset.scene import ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
 from texfcodec.errors import InputError
+from texfcodec.io.load import load
+from texfcodec.io.save import save
 from texfcodec.options import DecodeOptions, EncodeOptions
 from texfcodec.render.camera import perspective_around
 from texfcodec.render.shade import render_scene, render_texf
+from texfcodec.scene.scene import ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
 
 # Scenes
 
@@ -317,7 +317,7 @@ def test_every_image_beside_the_output_stays_unless_asked(tmp_path, monkeypatch,
     for side in sides:
         (tmp_path / side).write_bytes(b"mine")
         with monkeypatch.context() as patch:
-            patch.setattr("texfcodec.asset.save.textures.bake", None)  # refused before the work
+            patch.setattr("texfcodec.io.output_textures.bake", None)  # refused before the work
             for more, code in (({}, "TXF-O08"), ({"overwrite": True, "inputs": [tmp_path / side]}, "TXF-O07")):
                 with pytest.raises(InputError) as raised:
                     save(texf, tmp_path / out, **options, **more)

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 
 from texfcodec import EncodeOptions, InputError, Report, decode, inspect
-from texfcodec.asset.scene import ALPHA_BLEND, Material, Scene, Texture
-from texfcodec.channels import ALPHA, BASE_COLOUR
-from texfcodec.codecs.codec import Group
-from texfcodec.encoder import OverBudget, encode_scene, least_bytes, prepare
-from texfcodec.quality.measure import SourceSamples, measure
-from texfcodec.search import FIRST_QP, LADDER, LAST_QP, encode_to_target, estimate, smallest_root
+from texfcodec.codecs.base import Group
+from texfcodec.encoder.pipeline import OverBudget, encode_scene, least_bytes, prepare
+from texfcodec.encoder.rate_control import FIRST_QP, LADDER, LAST_QP, encode_to_target, estimate, smallest_root
+from texfcodec.metrics.psnr_3d import SourceSamples, measure
+from texfcodec.scene.channels import ALPHA, BASE_COLOUR
+from texfcodec.scene.scene import ALPHA_BLEND, Material, Scene, Texture
 
 SAMPLES = 20_000
 
 
 @pytest.fixture(autouse=True)
 def fewer_samples(monkeypatch):
-    monkeypatch.setattr("texfcodec.search.SourceSamples", partial(SourceSamples, samples=SAMPLES))
+    monkeypatch.setattr("texfcodec.encoder.rate_control.SourceSamples", partial(SourceSamples, samples=SAMPLES))
 
 
 @pytest.fixture(scope="module")
@@ -107,8 +107,8 @@ def test_a_budget_that_geometry_takes_up_is_seen_before_colours_are_brought_over
 
 def test_warnings_of_an_asset_come_with_whichever_trial_is_kept(ribbon, monkeypatch):
     """They come up with the first trial of a K, which is seldom the best."""
-    monkeypatch.setattr("texfcodec.search.FIRST_K", 256)
-    monkeypatch.setattr("texfcodec.search.LADDER", (256,))
+    monkeypatch.setattr("texfcodec.encoder.rate_control.FIRST_K", 256)
+    monkeypatch.setattr("texfcodec.encoder.rate_control.LADDER", (256,))
     veil = Material("veil", np.array([1, 1, 1, 0.2]), alpha_mode=ALPHA_BLEND)
     near = ribbon.positions + [0, 0, 0.0005]
     double = replace(ribbon, positions=np.concatenate([ribbon.positions, near]), materials=[*ribbon.materials, veil],

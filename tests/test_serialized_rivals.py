@@ -6,8 +6,8 @@ from shapes import crossing_sheets, painted_sphere
 
 from baselines.addressing import STRUCTURES, enc_dag
 from baselines.space_filling import CURVES, FILLS, curve_keys, from_image, image_places, image_size, to_image
+from texfcodec.field.morton import encode_morton
 from texfcodec.report import Report
-from texfcodec.support.morton import encode_morton
 
 
 def every_cell(dimensions, bits):

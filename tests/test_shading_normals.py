@@ -9,17 +9,17 @@ from naive.edges import marked_edges
 from shapes import hand, scene_of, sphere
 
 from texfcodec import DecodeOptions, EncodeOptions, Report, StreamError, decode
-from texfcodec.asset.load.files import load
-from texfcodec.asset.normal_rule import ANGLE, AREA, BOTH, FLAT, JOINED, MARKED, PAIRS, USUAL, NormalRule
-from texfcodec.asset.normals import MOST_FACES, corner_normals
-from texfcodec.asset.scene import Material
 from texfcodec.bitstream.inspect import inspect
-from texfcodec.choose.normals import ENOUGH, choose_normals, quantiles
 from texfcodec.codecs.sharp_edges import dec_marks, enc_marks
-from texfcodec.encoder import encode_scene
+from texfcodec.core.syntax_walk import Reader, read_structure, write_structure
+from texfcodec.encoder.decide.normal_rules import ENOUGH, choose_normals, quantiles
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.geometry.edges import MANY, NUM_FOLDS, coded_edges, folds, shared_edges, weld
+from texfcodec.geometry.shading_normals import MOST_FACES, corner_normals
 from texfcodec.geometry.surface import make_surface
-from texfcodec.ground.walk import Reader, read_structure, write_structure
+from texfcodec.io.load import load
+from texfcodec.scene.normal_rule import ANGLE, AREA, BOTH, FLAT, JOINED, MARKED, PAIRS, USUAL, NormalRule
+from texfcodec.scene.scene import Material
 
 SMALL = EncodeOptions(resolution=32, qp=40, threads=1)
 
@@ -307,7 +307,7 @@ def test_isolated_decoding_gives_the_same_normals_and_checks_what_the_child_says
     ours, plain = decode(data, DecodeOptions(isolate=True)), decode(data)
     assert np.array_equal(ours.sharp_edges, plain.sharp_edges) and ours.materials[0].normals == plain.materials[0].normals
     assert np.array_equal(ours.shading_normals(), plain.shading_normals())
-    from texfcodec.isolate import APPEARANCE, _answer, _texf
+    from texfcodec.sandbox.isolate import APPEARANCE, _answer, _texf
 
     facts, arrays = _answer(plain, Report())
     for lie in ({"sharp_edges": plain.sharp_edges[:-1]}, {"sharp_edges": plain.sharp_edges[None]}):

@@ -11,13 +11,13 @@ from PIL import Image
 from test_save_texels import smooth_image, wall
 
 from texfcodec import EncodeOptions, Report, decode
-from texfcodec.asset.load.files import load
-from texfcodec.asset.scene import WRAP_REPEAT, Material, Scene, Texture
-from texfcodec.choose.detail import without_lost_detail
-from texfcodec.choose.spending import CodedUnit, has_few_colours, spend
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder.decide.lost_detail import without_lost_detail
+from texfcodec.encoder.decide.spending import CodedUnit, has_few_colours, spend
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.geometry.surface import make_surface
-from texfcodec.quality.measure import measure
+from texfcodec.io.load import load
+from texfcodec.metrics.psnr_3d import measure
+from texfcodec.scene.scene import WRAP_REPEAT, Material, Scene, Texture
 
 
 def boxes(colours=21, count=60, width=256, seed=0):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mesh_files import SQUARE, TWO, load_bytes, refusal
 
-from texfcodec.asset.load import stl_read
+from texfcodec.io import stl as stl_file
 
 FACETS = SQUARE[TWO]
 SRGB_HALF = 0.2140
@@ -32,9 +32,9 @@ def test_welding_keeps_distinct_rows_in_order_of_first_use_whatever_their_hashes
     rows[::2] *= -1  # some zeros have a sign
     known = {}
     number = [known.setdefault(tuple(row + 0.0), len(known)) for row in rows]
-    for hashes in (stl_read._hashes, lambda bits: np.zeros(len(bits), np.uint64), lambda bits: bits[:, 0].astype(np.uint64)):
-        monkeypatch.setattr(stl_read, "_hashes", hashes)
-        points, of = stl_read.weld(rows)
+    for hashes in (stl_file._hashes, lambda bits: np.zeros(len(bits), np.uint64), lambda bits: bits[:, 0].astype(np.uint64)):
+        monkeypatch.setattr(stl_file, "_hashes", hashes)
+        points, of = stl_file.weld(rows)
         np.testing.assert_array_equal(points, np.array(list(known), np.float64))
         np.testing.assert_array_equal(of, number)
 

@@ -17,9 +17,9 @@ from mesh_files import SQUARE_UV, Builder, encoded
 from PIL import Image
 from shapes import scene_of, square
 
-from texfcodec.asset.load.formats import SUFFIXES
-from texfcodec.asset.scene import ALPHA_BLEND, Material
-from texfcodec.dispatch.children import Children
+from texfcodec.batch.children import Children
+from texfcodec.io.formats import SUFFIXES
+from texfcodec.scene.scene import ALPHA_BLEND, Material
 from tools.strangers import fetch as fetching
 from tools.strangers.__main__ import fetch
 from tools.strangers.fetch import Unfetched, archive_of, unpack

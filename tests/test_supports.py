@@ -8,16 +8,16 @@ from shapes import painted_sphere, scene_of
 from test_save_texels import smooth_image, wall
 
 from texfcodec import EncodeOptions, InputError, LimitError, Limits, decode
-from texfcodec.asset.load.files import load
-from texfcodec.asset.scene import WRAP_CLAMP, WRAP_REPEAT, Material, Scene, Texture
-from texfcodec.asset.srgb import linear_to_srgb
-from texfcodec.choose.supports import choose_supports
 from texfcodec.codecs import codec_of
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder.decide.supports import choose_supports
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.geometry.surface import make_surface
+from texfcodec.io.load import load
+from texfcodec.metrics.psnr_3d import measure
 from texfcodec.options import RATES
-from texfcodec.quality.measure import measure
-from texfcodec.warmup import small_scene
+from texfcodec.precompile import small_scene
+from texfcodec.scene.scene import WRAP_CLAMP, WRAP_REPEAT, Material, Scene, Texture
+from texfcodec.scene.srgb import linear_to_srgb
 
 K = 256
 
@@ -218,7 +218,7 @@ def test_a_material_that_finer_positions_bring_to_light_is_in_the_palette(monkey
     scene.face_material = np.append(scene.face_material, 2)
     scene.materials.append(Material("third"))
     usual = make_surface(scene, EncodeOptions())
-    monkeypatch.setattr("texfcodec.choose.supports._position_bits", lambda *_: 18)
+    monkeypatch.setattr("texfcodec.encoder.decide.supports._position_bits", lambda *_: 18)
     made = encode_scene(scene, EncodeOptions(support="texels"))
     assert 1 not in usual.material and made.counts["faces"] == 5
     assert made.counts["texels"] == 3 and made.counts["voxels"] == 0

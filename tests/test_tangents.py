@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from shapes import sphere, square
 
-from texfcodec.asset.tangents import corner_tangents
+from texfcodec.geometry.tangents import corner_tangents
 
 ASSETS = Path(__file__).resolve().parents[2] / "shared" / "assets"
 TYPES, SIZES = {5121: "u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}, {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}

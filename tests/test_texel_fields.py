@@ -8,11 +8,11 @@ from conftest import REPOSITORY
 from shapes import crossing_sheets
 
 from texfcodec import EncodeOptions, decode, inspect
-from texfcodec.asset.load.files import load
-from texfcodec.asset.scene import Material, Scene, Texture
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.geometry import draco
 from texfcodec.geometry.draco import UvCoding, counts_of, dec_textured, enc_textured
+from texfcodec.io.load import load
+from texfcodec.scene.scene import Material, Scene, Texture
 
 TEXELS = EncodeOptions(support="texels", lossless=True, partition="off", refine="off")
 
@@ -34,7 +34,7 @@ def tiled(scale=1.0, shift=0.0, repeats=(3, -2)):
 
 @pytest.mark.parametrize("scale, shift", [(1.0, 0.0), (1e140, 3e141), (1e-280, 0.0), (7.0, 1e6)])
 def test_lossless_texels_answer_as_the_texture_does_at_any_scale(scale, shift):
-    from texfcodec.asset.sample import pack_source, sample_source
+    from texfcodec.scene.fetch import pack_source, sample_source
 
     scene = tiled(scale, shift)
     texf = decode(encode_scene(scene, TEXELS).data)

@@ -9,15 +9,15 @@ import pytest
 from naive import texels as naive
 from shapes import crossing_sheets, sphere
 
-from texfcodec.asset.scene import WRAP_NAMES
 from texfcodec.errors import LimitError, StreamError
+from texfcodec.field import texel_set
+from texfcodec.field.morton import decode_morton
+from texfcodec.field.on_face import texel_positions
+from texfcodec.field.texel_set import MAX_UV, asked_texels, count_rows
+from texfcodec.field.texels import TexelSupport, texels_are_sound
 from texfcodec.geometry import draco
 from texfcodec.geometry.draco import UvCoding, counts_of, dec_textured, enc_textured
-from texfcodec.support import texel_set
-from texfcodec.support.morton import decode_morton
-from texfcodec.support.on_face import texel_positions
-from texfcodec.support.texel_set import MAX_UV, asked_texels, count_rows
-from texfcodec.support.texels import TexelSupport, texels_are_sound
+from texfcodec.scene.scene import WRAP_NAMES
 
 WRAPS = [(s, t) for s in range(3) for t in range(3)]
 ID = lambda wrap: "-".join(WRAP_NAMES[w] for w in wrap)

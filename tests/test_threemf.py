@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from mesh_files import RED_BLUE, SQUARE, TWO, encoded, load_bytes, refusal
 
-from texfcodec.asset.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR
 from texfcodec.errors import LimitError, TexfError
+from texfcodec.scene.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR
 
 CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 MATERIAL = "http://schemas.microsoft.com/3dmanufacturing/material/2015/02"
@@ -141,7 +141,7 @@ def test_nesting_cannot_ask_for_any_number_of_objects(tmp_path):
 
 
 def test_a_part_that_unpacks_to_too_much_is_refused_before_it_does(tmp_path, monkeypatch):
-    monkeypatch.setattr("texfcodec.asset.load.threemf_read.MAX_PART", 10_000)
+    monkeypatch.setattr("texfcodec.io.threemf.MAX_PART", 10_000)
     data = package(model(mesh()) + " " * 20_000)
     monkeypatch.setattr(zipfile.ZipFile, "read", lambda self, entry: b"<a/>" if "rels" in entry.filename else pytest.fail("read"))
     assert isinstance(refusal(tmp_path, data, "a.3mf"), LimitError)

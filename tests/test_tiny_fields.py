@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from texfcodec.codecs.neural.transport import dec_transport, enc_transport
-from texfcodec.codecs.raht import codec
-from texfcodec.codecs.raht.codec import Tools, dec_attributes, enc_attributes
+from texfcodec.codecs.raht import attribute_coder
+from texfcodec.codecs.raht.attribute_coder import Tools, dec_attributes, enc_attributes
 from texfcodec.codecs.raht.coefficients.residual import ResidualPlan
 from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
 from texfcodec.errors import LimitError
-from texfcodec.support import voxelise as voxelise_room
-from texfcodec.support.morton import encode_morton
-from texfcodec.support.voxelise import voxelise
+from texfcodec.field import voxelise as voxelise_room
+from texfcodec.field.morton import encode_morton
+from texfcodec.field.voxelise import voxelise
 
 PLANAR = {"planar": 1, "planar_transform": 1, "component_cross": 9}
 DEPTH = 3
@@ -78,9 +78,9 @@ def test_no_value_of_a_tiny_field_is_further_off_than_its_bound(components, delt
 @pytest.mark.parametrize("models", [0, 6])
 def test_slices_and_buffers_of_any_size_make_no_difference_to_the_decoder(models):
     plain = there_and_back(3, Tools(models=models), 4)[1]
-    with patch.multiple(codec, WHOLE_VOXELS=1, SLICE_VOXELS=8, SLICE_NODES=2):
+    with patch.multiple(attribute_coder, WHOLE_VOXELS=1, SLICE_VOXELS=8, SLICE_NODES=2):
         assert len(there_and_back(3, Tools(models=models), 4, 0)[1].codewords) > 2
-    with patch.object(codec, "FIRST_ROOM", 6):  # too little: some levels are coded again
+    with patch.object(attribute_coder, "FIRST_ROOM", 6):  # too little: some levels are coded again
         assert there_and_back(3, Tools(models=models), 4)[1] == plain
 
 

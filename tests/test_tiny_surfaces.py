@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from texfcodec.asset.sample import pack_source, sample_source
-from texfcodec.asset.save import atlas_pack
-from texfcodec.asset.save.atlas_pack import pack_charts, upright
-from texfcodec.asset.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
-from texfcodec.asset.srgb import linear_to_srgb
+from texfcodec.io.atlas import chart_packing
+from texfcodec.io.atlas.chart_packing import pack_charts, upright
+from texfcodec.scene.fetch import pack_source, sample_source
+from texfcodec.scene.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
+from texfcodec.scene.srgb import linear_to_srgb
 
 CORNERS = np.array([[0.1, 0.2], [0.4, 0.3], [0.2, 0.6]])
 IMAGE = np.random.default_rng(3).integers(0, 256, (4, 5, 4), np.uint8)
@@ -67,7 +67,7 @@ def charts(count, width, height):
 @pytest.mark.parametrize("searched", [2, 1000])
 @pytest.mark.parametrize("count, width, height", [(1, 1, 1), (5, 1, 3), (30, 0.2, 2)])
 def test_charts_are_packed_into_the_square_beside_each_other(monkeypatch, searched, count, width, height):
-    monkeypatch.setattr(atlas_pack, "_SEARCHED", searched)
+    monkeypatch.setattr(chart_packing, "_SEARCHED", searched)
     flat, chart, extent = charts(count, width, height)
     placed, scale = pack_charts(flat, chart, extent, 48, 1)
     assert scale > 0 and placed.min() >= 0.5 and placed.max() <= 47.5

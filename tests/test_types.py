@@ -26,7 +26,7 @@ def test_nothing_is_found_in_the_package(pytestconfig):
 
 def test_a_wrong_argument_and_a_wrong_result_are_found(tmp_path, pytestconfig):
     module = tmp_path / "threads.py"
-    shutil.copy(REPOSITORY / "texfcodec" / "ground" / "threads.py", module)
+    shutil.copy(REPOSITORY / "texfcodec" / "core" / "threads.py", module)
     cache = pytestconfig.cache.mkdir("mypy_planted")  # of its own: the two tests may run at the same time
     assert checked(cache, str(module)).startswith("Success")
     with open(module, "a", encoding="utf-8") as file:

@@ -10,9 +10,9 @@ import pytest
 from shapes import crossing_sheets, sphere
 
 from baselines import find, image_codecs, parametrise
-from texfcodec.asset.scene import Material, Scene, Texture
-from texfcodec.quality.views import mesh_psnr_3d
+from texfcodec.metrics.views import mesh_psnr_3d
 from texfcodec.report import Report
+from texfcodec.scene.scene import Material, Scene, Texture
 
 QUALITIES = {"hevc": (22, 40), "av1": (12, 45), "avif": (12, 45), "webp": (95, 30), "jpeg": (92, 30), "jxl": (0.5, 6.0)}
 LEAST_PSNR = {"hevc": 42, "av1": 42, "avif": 42, "webp": 40, "jpeg": 41, "jxl": 43}  # dB at the first of these

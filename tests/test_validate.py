@@ -25,12 +25,12 @@ from texfcodec.bitstream.syntax import (
 from texfcodec.bitstream.units import read_units, write_unit
 from texfcodec.errors import LimitError, StreamError, SupportError, TexfError
 from texfcodec.findings import BY_CODE, ERROR, FINDINGS
-from texfcodec.geometry.unit import GeometryUnit
+from texfcodec.geometry.geometry_unit import GeometryUnit
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions
-from texfcodec.validator import frames, isolated, mesh, oddities
-from texfcodec.validator.listing import MOST_OF_A_CODE, Listing, Oddity
-from texfcodec.validator.validate import OUTCOME, ROW, validate
+from texfcodec.validate import framing, mesh_check, oddities, sandboxed
+from texfcodec.validate.listing import MOST_OF_A_CODE, Listing, Oddity
+from texfcodec.validate.validate import OUTCOME, ROW, validate
 
 VECTORS = REPOSITORY / "conformance"
 SMALL = Limits(voxels=1 << 18, samples=1 << 21)  # a lying resolution may cost a tenth of a second, no more
@@ -181,7 +181,7 @@ HEADER = SIGNATURE + write_unit(UNIT_HEADER, vector("subset/k3")[10 : first_unit
     (HEADER + write_unit(UNIT_METADATA, b"\0" + b"[" * 10**5) + write_unit(UNIT_END, b""), "TXF-S11"),
 ])  # fmt: skip
 def test_hard_input_gives_findings_in_little_memory(data, code, monkeypatch):
-    monkeypatch.setattr(frames, "MOST_UNITS", 2000)
+    monkeypatch.setattr(framing, "MOST_UNITS", 2000)
     tracemalloc.start()
     outcome = validate(data)
     peak = tracemalloc.get_traced_memory()[1]
@@ -190,7 +190,7 @@ def test_hard_input_gives_findings_in_little_memory(data, code, monkeypatch):
 
 
 def test_a_stream_of_too_many_units_is_not_called_valid(monkeypatch):
-    monkeypatch.setattr(frames, "MOST_UNITS", 3)
+    monkeypatch.setattr(framing, "MOST_UNITS", 3)
     outcome = validate(vector("subset/two_fields"))
     assert codes(outcome) == ["TXF-L14"] and outcome["exit_code"] == 6
 
@@ -253,8 +253,8 @@ ODD = {
 ROW_OF = np.array([[0, 0, 0], [4, 4, 4], [8, 8, 8], [8, 0, 0]])
 # What no vector shows and no stream is at hand for: made of the arrays and values that a stream would give.
 ODD_PARTS = {
-    "TXF-W15": lambda: mesh.of_faces(GeometryUnit(0, 0, ROW_OF, np.array([[0, 1, 2], [0, 2, 3]]))),
-    "TXF-W17": lambda: mesh.of_mesh([GeometryUnit(0, 0, ROW_OF, np.array([[0, 2, 3]]))], 14),
+    "TXF-W15": lambda: mesh_check.of_faces(GeometryUnit(0, 0, ROW_OF, np.array([[0, 1, 2], [0, 2, 3]]))),
+    "TXF-W17": lambda: mesh_check.of_mesh([GeometryUnit(0, 0, ROW_OF, np.array([[0, 2, 3]]))], 14),
     "TXF-W20": lambda: oddities.of_field({"support": 1, "width": 64, "height": 64}, 200, 14),
     "TXF-W23": lambda: oddities.of_field({"support": 0, "resolution": 257}, 900, 8),
 }
@@ -351,13 +351,13 @@ def test_tool_ends_with_the_code_of_the_worst(call, name, flags, expected):
 
 def test_isolated_validation_finds_the_same():
     for name in ("uncommon/strange_units", "faulty/values_crc"):
-        assert isolated.validate_isolated(vector(name)) == validate(vector(name))
+        assert sandboxed.validate_isolated(vector(name)) == validate(vector(name))
 
 
 @pytest.mark.parametrize("limits, expected", [(Limits(isolate_bytes=1 << 20), "TXF-L07"),
                                               (Limits(isolate_seconds=1e-3), "TXF-L08")])
 def test_a_child_that_may_not_go_on_is_a_finding_beside_those_of_the_syntax(limits, expected):
-    outcome = isolated.validate_isolated(vector("uncommon/strange_units"), limits)
+    outcome = sandboxed.validate_isolated(vector("uncommon/strange_units"), limits)
     assert codes(outcome) == [expected] and outcome["exit_code"] == 6 and outcome["counts"]["warning"] == 3
     assert {unit["unit_type"] for unit in outcome["not_checked"]} == {UNIT_FIELD, UNIT_GEOMETRY, UNIT_ATTRIBUTE}
 
@@ -366,9 +366,9 @@ def test_a_child_that_may_not_go_on_is_a_finding_beside_those_of_the_syntax(limi
 def test_a_child_that_crashes_or_lies_is_an_error(monkeypatch, answer):
     def child(module, data, request, limits, folder):
         if answer is not None:
-            (folder / isolated.FACTS).write_text(json.dumps(answer))
+            (folder / sandboxed.FACTS).write_text(json.dumps(answer))
         return subprocess.CompletedProcess([], -11, b"", b"")
 
-    monkeypatch.setattr(isolated, "run_child", child)
-    outcome = isolated.validate_isolated(vector("subset/k3"))
+    monkeypatch.setattr(sandboxed, "run_child", child)
+    outcome = sandboxed.validate_isolated(vector("subset/k3"))
     assert codes(outcome) == ["TXF-S40"] and outcome["exit_code"] == 3

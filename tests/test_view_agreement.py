@@ -10,14 +10,14 @@ from PIL import Image
 from shapes import painted_sphere
 
 from texfcodec.api import decode
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import SupportError
 from texfcodec.options import EncodeOptions
 from texfcodec.render.camera import bounding_sphere, direction_of_angles, perspective_around
 from texfcodec.render.environment import DAYLIGHT
 from texfcodec.render.shade import box_down, render_scene, render_texf
-from texfcodec.view.headless import run_jobs
-from texfcodec.view.pack import pack
+from texfcodec.viewer.headless import run_jobs
+from texfcodec.viewer.pack import pack
 from tools.view_check import TOLERANCE, network_error
 
 VECTORS = Path(__file__).resolve().parents[1] / "conformance"
@@ -120,14 +120,14 @@ def test_an_image_over_the_devices_limits_is_refused_with_a_sentence():
 
 def test_the_container_holds_no_level_that_a_network_answers():
     texf = decode(streams_of(["neural_resident"])["neural_resident"])
-    from texfcodec.view.container import parse
+    from texfcodec.viewer.container import parse
 
     (field,) = parse(pack(texf, "x", 0))[0]["fields"]
     assert field["kind"] == "latents" and field["first"] == 1 and all(plane["level"] == 1 for plane in field["planes"])
 
 
 def test_an_unlit_stream_sends_neither_normals_nor_tables():
-    from texfcodec.view.container import parse
+    from texfcodec.viewer.container import parse
 
     scene = painted_sphere()
     for material in scene.materials:

@@ -19,11 +19,11 @@ from interrupts import group_lives
 from stand_ins import PNG, fake_browser, real_browser, use_page, write_page
 
 from texfcodec import EncodeOptions, decode, encode
-from texfcodec.asset.sample_asset import make_sample
 from texfcodec.cli import view as command
+from texfcodec.demo.asset import make_sample
 from texfcodec.render.backdrop import GREY
-from texfcodec.view import headless, page
-from texfcodec.view.server import ViewServer
+from texfcodec.viewer import headless, page
+from texfcodec.viewer.server import ViewServer
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 EMPTY = REPOSITORY / "conformance" / "uncommon" / "empty" / "in.texf"

@@ -14,15 +14,15 @@ import pytest
 from stand_ins import fake_browser, post, real_browser, use_page, write_page
 
 from texfcodec import EncodeOptions, LimitError, decode, encode
-from texfcodec.asset.load.formats import SUFFIXES
-from texfcodec.asset.sample_asset import make_sample
+from texfcodec.demo.asset import make_sample
 from texfcodec.errors import InputError, StreamError, SupportError
+from texfcodec.io.formats import SUFFIXES
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions
-from texfcodec.view import headless
-from texfcodec.view.container import parse
-from texfcodec.view.dropped import container_of_dropped
-from texfcodec.view.server import ViewServer
+from texfcodec.viewer import headless
+from texfcodec.viewer.container import parse
+from texfcodec.viewer.dropped import container_of_dropped
+from texfcodec.viewer.server import ViewServer
 
 CONTAINERS = [b"first container", b"second"]
 JOBS = [{"kind": "picture"}, {"kind": "other"}]
@@ -145,7 +145,7 @@ def test_what_is_dropped_is_read_under_the_limits(stream, glb):
 
 
 def test_a_reader_of_meshes_that_crashes_is_an_error_of_the_file(glb, monkeypatch):
-    from texfcodec.view import dropped as room
+    from texfcodec.viewer import dropped as room
 
     monkeypatch.setattr(room, "run_child", lambda *_: subprocess.CompletedProcess([], -11, b"", b""))
     with pytest.raises(StreamError) as raised:

@@ -11,11 +11,11 @@ from shapes import mapped_sheet, noise, painted_sphere, scene_of, sphere, square
 
 from texfcodec import EncodeOptions, decode, encode
 from texfcodec.render.backdrop import GREY
-from texfcodec.view.container import MAGIC, parse
-from texfcodec.view.dropped import container_of_dropped
-from texfcodec.view.pack import pack
-from texfcodec.view.page import export_page
-from texfcodec.view.server import ViewServer
+from texfcodec.viewer.container import MAGIC, parse
+from texfcodec.viewer.dropped import container_of_dropped
+from texfcodec.viewer.pack import pack
+from texfcodec.viewer.page import export_page
+from texfcodec.viewer.server import ViewServer
 
 pytestmark = needs_browser
 FRONT = {"direction": [0.0, 0.0, 1.0], "perspective": None}

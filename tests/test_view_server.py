@@ -12,8 +12,8 @@ from stand_ins import ask, post, talk, use_page, write_page
 
 from texfcodec.errors import InputError, StreamError
 from texfcodec.limits import Limits
-from texfcodec.view import server
-from texfcodec.view.server import HEADERS, ViewServer
+from texfcodec.viewer import server
+from texfcodec.viewer.server import HEADERS, ViewServer
 
 CONTAINERS = [b"first container", bytes(range(256)) * 1000]
 JOBS = [{"kind": "picture"}, {"kind": "other"}]

@@ -9,16 +9,16 @@ import pytest
 from browser import WEB, needs_browser, run_module
 from lit import material_of
 
-from texfcodec.asset.factors import FLAT, linear_values
-from texfcodec.channels import BY_NAME, MAPS, PARAMETERS
-from texfcodec.effects import BY_NAME as EFFECT_BY_NAME
-from texfcodec.effects import EFFECT_OF, EFFECTS
-from texfcodec.render.effects import LARGEST, TERMS, ShadingTable
 from texfcodec.render.environment import DAYLIGHT, furnace
-from texfcodec.render.frames import deviated_normals, tangent_space_normals, towards_viewer
 from texfcodec.render.material import expose, shade
+from texfcodec.render.material_effects import LARGEST, TERMS, ShadingTable
 from texfcodec.render.surface import UNBOUNDED, Points
-from texfcodec.view.light import light_tables, material_look
+from texfcodec.render.tangent_frames import deviated_normals, tangent_space_normals, towards_viewer
+from texfcodec.scene.channels import BY_NAME, MAPS, PARAMETERS
+from texfcodec.scene.effects import BY_NAME as EFFECT_BY_NAME
+from texfcodec.scene.effects import EFFECT_OF, EFFECTS
+from texfcodec.scene.factors import FLAT, linear_values
+from texfcodec.viewer.light import light_tables, material_look
 
 COUNT = 600  # points of a material
 DARKER = replace(DAYLIGHT, exposure=0.6)

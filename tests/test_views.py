@@ -15,11 +15,11 @@ from shapes import painted_sphere, scene_of, square
 
 from texfcodec import EncodeOptions, InputError, decode
 from texfcodec.cli import eval as eval_command
-from texfcodec.encoder import encode_scene
-from texfcodec.ground.ssim import RADIUS, ssim, ssim_gradient, ssim_map
-from texfcodec.quality.normals import angular_error
-from texfcodec.quality.perceptual import Lpips
-from texfcodec.quality.views import compare_views, fields_of_faces, mesh_psnr_3d
+from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.metrics.angular_error import angular_error
+from texfcodec.metrics.perceptual import Lpips
+from texfcodec.metrics.ssim import RADIUS, ssim, ssim_gradient, ssim_map
+from texfcodec.metrics.views import compare_views, fields_of_faces, mesh_psnr_3d
 from texfcodec.render.camera import bounding_sphere, fibonacci_direction, orthographic
 from texfcodec.render.shade import render_scene
 
@@ -395,7 +395,7 @@ def test_of_surfaces_on_each_other_the_one_that_faces_the_same_way_answers(ball)
 
 def test_each_face_of_the_source_finds_its_field(ball):
     from texfcodec import Report
-    from texfcodec.quality.measure import measure
+    from texfcodec.metrics.psnr_3d import measure
 
     both, report = lined_ball(ball), Report()
     flat = replace(both, faces=np.concatenate([both.faces, [[3, 3, 4]]]), face_material=np.append(both.face_material, 0),
@@ -427,7 +427,7 @@ OFFICIAL = {"jpeg10": (33.813, 35.649, 40.759, 42.302, 36.534), "jpeg40": (39.42
 def test_psnr_is_within_a_hundredth_of_a_decibel_of_the_official_tool(shared_dir, name):
     from PIL import Image
 
-    from texfcodec.asset.load.files import load
+    from texfcodec.io.load import load
 
     scene = load(shared_dir / "assets" / "bball_0001.glb")
     with Image.open(shared_dir / "anchors" / "image_metric" / f"{name}.png") as image:
@@ -466,7 +466,7 @@ def files(tmp_path_factory):
 @pytest.fixture
 def call(capsys):
     """call(arguments...) -> (exit code, stdout, stderr) of texf-eval, in this process."""
-    from texfcodec.warmup import kernels_compiled, warm_up
+    from texfcodec.precompile import kernels_compiled, warm_up
 
     if not kernels_compiled():
         warm_up()
@@ -483,7 +483,7 @@ def call(capsys):
 
 @pytest.mark.parametrize("other, samples", [("ball.texf", 2000), ("ball.glb", 2000)])
 def test_json_follows_the_schema(call, files, monkeypatch, other, samples):
-    monkeypatch.setattr("texfcodec.quality.views.NEAREST_SAMPLES", 2000)
+    monkeypatch.setattr("texfcodec.metrics.views.NEAREST_SAMPLES", 2000)
     code, out, err = call(files / "ball.ply", files / other, *SMALL, "--json")
     facts = json.loads(out)
     assert (code, err, out.count("\n")) == (0, "", 1)
@@ -542,7 +542,7 @@ def test_bad_input_is_a_coded_error(call, files, source, other, expected):
 
 def test_lpips_is_refused_before_any_work(call, files, monkeypatch):
     monkeypatch.setitem(sys.modules, "lpips", None)
-    monkeypatch.setattr("texfcodec.asset.load.files.load", lambda *a, **k: pytest.fail("loaded all the same"))
+    monkeypatch.setattr("texfcodec.io.load.load", lambda *a, **k: pytest.fail("loaded all the same"))
     code, _, err = call(files / "ball.ply", files / "ball.texf", *SMALL, "--lpips", files / "alex.pth")
     assert code == 2 and "texfcodec[lpips]" in err and err.count("\n") == 1
 

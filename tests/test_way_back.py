@@ -15,14 +15,14 @@ from shapes import painted_sphere, scene_of, sphere
 from test_asset_save import accessor, read_glb
 
 from texfcodec import DecodeOptions, EncodeOptions, decode, encode
-from texfcodec.asset.load.files import load
-from texfcodec.asset.normal_rule import NormalRule
-from texfcodec.asset.save.automatic_image import automatic_image
-from texfcodec.asset.save.files import as_glb, save
-from texfcodec.asset.save.gltf_pack import Column, smallest
-from texfcodec.asset.save.image_write import jpeg_bytes
-from texfcodec.asset.scene import ALPHA_BLEND, Material, Scene, Texture
 from texfcodec.errors import InputError
+from texfcodec.io.automatic_image import automatic_image
+from texfcodec.io.gltf.packing import Column, smallest
+from texfcodec.io.image_writer import jpeg_bytes
+from texfcodec.io.load import load
+from texfcodec.io.save import as_glb, save
+from texfcodec.scene.normal_rule import NormalRule
+from texfcodec.scene.scene import ALPHA_BLEND, Material, Scene, Texture
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 

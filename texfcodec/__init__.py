@@ -15,18 +15,18 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from .api import decode, encode, encode_to_result, inspect
-    from .asset.scene import Scene
-    from .codecs.codec import JointCodec, PlaneCodec
-    from .encoder import Encoded
+    from .codecs.base import JointCodec, PlaneCodec
+    from .encoder.pipeline import Encoded
     from .errors import InputError, LimitError, LossWarning, StreamError, SupportError, TexfError
     from .limits import Limits
     from .options import DecodeOptions, EncodeOptions
     from .report import Cancelled, Report
+    from .scene.scene import Scene
     from .texf import Texf
 else:
     _HOME = {
-        "encode": "api", "encode_to_result": "api", "decode": "api", "inspect": "api", "Texf": "texf", "Encoded": "encoder",
-        "Scene": "asset.scene", "PlaneCodec": "codecs.codec", "JointCodec": "codecs.codec",
+        "encode": "api", "encode_to_result": "api", "decode": "api", "inspect": "api", "Texf": "texf",
+        "Encoded": "encoder.pipeline", "Scene": "scene.scene", "PlaneCodec": "codecs.base", "JointCodec": "codecs.base",
         "EncodeOptions": "options", "DecodeOptions": "options", "Limits": "limits", "Report": "report", "Cancelled": "report",
         "TexfError": "errors", "InputError": "errors", "StreamError": "errors", "LimitError": "errors", "SupportError": "errors",
         "LossWarning": "errors",

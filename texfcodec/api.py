@@ -17,8 +17,8 @@ from .report import SENTENCES, Report
 if TYPE_CHECKING:
     import trimesh
 
-    from .asset.scene import Scene
-    from .encoder import Encoded
+    from .encoder.pipeline import Encoded
+    from .scene.scene import Scene
     from .texf import Texf
 
 Stream: TypeAlias = "bytes | bytearray | memoryview | str | PathLike[str] | BinaryIO"
@@ -96,7 +96,7 @@ def encode_to_result(mesh: Mesh, options: EncodeOptions | Mapping[str, Any] | No
 
 
 def _encoded(mesh, options, report):
-    from .asset.load.files import load
+    from .io.load import load
 
     options, report = options_of(EncodeOptions, options), report or Report()
     with report.stage("load"):
@@ -131,23 +131,23 @@ def encode_loaded(scene: Scene, options: EncodeOptions, report: Report) -> Encod
     sentences of the Scene are the caller's to report, and those of the result as well."""
     begin, known = time.perf_counter(), {name: len(getattr(report, name)) for name in SENTENCES}
     if options.target_bytes is not None or options.target_psnr is not None:
-        from .search import encode_to_target
+        from .encoder.rate_control import encode_to_target
 
         made = encode_to_target(scene, options, report)
     elif options.no_check:
-        from .encoder import encode_scene
+        from .encoder.pipeline import encode_scene
 
         made = encode_scene(scene, options, report)
     else:
-        from .check import encode_checked
+        from .encoder.self_check import encode_checked
 
         made = encode_checked(scene, options, report)
     if not (options.no_check or made.check):
-        from .check import check
+        from .encoder.self_check import check
 
         check(scene, made, options, report, time.perf_counter() - begin)
     if options.measure and made.psnr_3d is None:
-        from .quality.measure import measure_or_warn
+        from .metrics.psnr_3d import measure_or_warn
 
         with report.stage("measure"):
             made.psnr_3d = measure_or_warn(lambda: measure(scene, made, options.threads), report)
@@ -167,9 +167,9 @@ def _say_if_larger(scene, made, report):
 
 
 def measure(scene: Scene, made: Encoded, threads: int = 1) -> dict:
-    """3D-PSNR of a stream against the Scene it came from, in dB; see quality.measure.measure."""
+    """3D-PSNR of a stream against the Scene it came from, in dB; see metrics.psnr_3d.measure."""
     from .decoder import decode_stream
-    from .quality.measure import measure as measured
+    from .metrics.psnr_3d import measure as measured
 
     texf = decode_stream(made.data, DecodeOptions(threads=threads, limits=UNLIMITED), Report())
     return measured(scene, texf, threads=threads, face_field=made.face_field)
@@ -208,7 +208,7 @@ def decode(stream: Stream, options: DecodeOptions | Mapping[str, Any] | None = N
     options, report = options_of(DecodeOptions, options), report or Report()
     data = _bytes_of(stream, options.limits)
     if options.isolate:
-        from .isolate import decode_isolated
+        from .sandbox.isolate import decode_isolated
 
         return decode_isolated(data, options, report)
     from .decoder import decode_stream

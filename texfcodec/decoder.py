@@ -7,26 +7,26 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .asset.normal_rule import MARKED
 from .bitstream.appearance import groups_of, material_of
 from .bitstream.stream import Stream, read_stream
 from .bitstream.syntax import SUPPORT_TEXELS
 from .codecs import codec_of_unit
-from .codecs.codec import Codec, Group, split_groups
+from .codecs.base import Codec, Group, split_groups
 from .errors import LimitError, StreamError
+from .field.keyed import keys_crc
+from .field.texel_set import asked_texels, count_rows
+from .field.texels import TexelSupport
+from .field.voxelise import count_samples, voxelise
+from .field.voxels import VoxelSupport
 from .geometry.canonical import CanonicalCube
 from .geometry.checksum import geometry_crc
 from .geometry.draco import UvCoding, dec_geometry, dec_textured
 from .geometry.edges import coded_edges
-from .geometry.unit import GeometryUnit, field_surface, field_uv
+from .geometry.geometry_unit import GeometryUnit, field_surface, field_uv
 from .limits import Limits
 from .options import DecodeOptions
 from .report import Report
-from .support.keyed import keys_crc
-from .support.texel_set import asked_texels, count_rows
-from .support.texels import TexelSupport
-from .support.voxelise import count_samples, voxelise
-from .support.voxels import VoxelSupport
+from .scene.normal_rule import MARKED
 from .texf import Field, Texf
 
 Known = Callable[[dict, Group], np.ndarray | None]  # (syntax elements of an attribute unit, its group) -> its values, or None

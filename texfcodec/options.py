@@ -8,8 +8,8 @@ from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from .codecs import codec_names, codec_of, our_codecs
-from .codecs.codec import Codec
-from .codecs.neural.points import DEFAULT_POINT, DEFAULT_STEPS, FIT_ENGINES, LATENT_INDICES, POINTS
+from .codecs.base import Codec
+from .codecs.neural.operating_points import DEFAULT_POINT, DEFAULT_STEPS, FIT_ENGINES, LATENT_INDICES, POINTS
 from .errors import InputError, SupportError
 from .limits import Limits
 

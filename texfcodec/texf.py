@@ -12,19 +12,19 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from .asset.scene import Material
-from .channels import ALPHA, COLOURS, COLUMNS, FULL, Channel, join_planes
-from .codecs.codec import Codec, Group, split_groups
+from .codecs.base import Codec, Group, split_groups
 from .errors import InputError, LossWarning
+from .field.on_face import texel_positions
+from .field.texels import TexelSupport
+from .field.voxels import VoxelSupport
 from .geometry.canonical import CanonicalCube
 from .report import plural
-from .support.on_face import texel_positions
-from .support.texels import TexelSupport
-from .support.voxels import VoxelSupport
+from .scene.channels import ALPHA, COLOURS, COLUMNS, FULL, Channel, join_planes
+from .scene.scene import Material
 
 if TYPE_CHECKING:
-    from .asset.save.atlas import Atlas
-    from .asset.save.bake import Baked
+    from .io.atlas.bake import Baked
+    from .io.atlas.unwrap import Atlas
 
 
 @dataclass(repr=False)
@@ -78,7 +78,7 @@ class Texf:
     """What decode() returns. cube: the canonical cube; units, fields, materials: see their classes (the base colour of materials
     is in the fields); metadata: dict that travelled along; groups: the channel groups; skipped: unknown ancillary units that were
     passed over; sharp_edges: bool over the edges that have a mark (spec 8.4.2), None without marks; codec, evaluators: where
-    points ask evaluators and not the voxels, the codec that made them and one for each field (codecs.codec.JointCodec)."""
+    points ask evaluators and not the voxels, the codec that made them and one for each field (codecs.base.JointCodec)."""
 
     cube: CanonicalCube
     units: list
@@ -157,7 +157,7 @@ class Texf:
 
     def shading_normals(self) -> np.ndarray:
         """Normals of face corners by the rules of the materials (spec clause 8.4): float32 [F, 3, 3] of length 1."""
-        from .asset.normals import corner_normals
+        from .geometry.shading_normals import corner_normals
 
         rules = [m.normals for m in self.materials]
         return corner_normals(self.lattice_positions, self.faces, rules, self.face_material, self.sharp_edges)
@@ -287,14 +287,14 @@ class Texf:
         Returns
         -------
         Baked
-            Image and UVs; see asset.save.bake.
+            Image and UVs; see io.atlas.bake.
 
         Raises
         ------
         InputError
             TXF-O10 to TXF-O12.
         """
-        from .asset.save.bake import bake
+        from .io.atlas.bake import bake
 
         return bake(self, texture_size, atlas)
 
@@ -310,7 +310,7 @@ class Texf:
             Of a file object, "glb" for example, where its name does not say; for a path it has to agree with the suffix.
         **options
             appearance ("texture", "vertex" or "voxels"), texture_size, atlas, texture_format, texture_quality, compress,
-            overwrite, inputs: see asset.save.files.save().
+            overwrite, inputs: see io.save.save().
 
         Returns
         -------
@@ -330,7 +330,7 @@ class Texf:
         LossWarning
             Once for every warning.
         """
-        from .asset.save.files import save, save_into
+        from .io.save import save, save_into
 
         if not isinstance(path, str | PathLike):
             told = save_into(self, path, format, **options)

@@ -10,14 +10,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from texfcodec.api import decode, encode_to_result
-from texfcodec.choose import prepare
-from texfcodec.choose.effects import needed_scene
-from texfcodec.choose.supports import choose_supports
+from texfcodec.encoder import source_field
+from texfcodec.encoder.decide.materials import needed_scene
+from texfcodec.encoder.decide.supports import choose_supports
+from texfcodec.encoder.rate_control import estimate
 from texfcodec.geometry.surface import make_surface
+from texfcodec.metrics.psnr_3d import SourceSamples
+from texfcodec.metrics.views import compare_views
 from texfcodec.options import DecodeOptions, EncodeOptions
-from texfcodec.quality.measure import SourceSamples
-from texfcodec.quality.views import compare_views
-from texfcodec.search import estimate
 from tools.accuracy_knobs import REFERENCE_SAMPLES, REFERENCE_SIZE, REFERENCE_VIEWS, TEXELS, VOXELS, Place
 
 PROCESSOR, WALL = "processor", "wall"
@@ -43,15 +43,15 @@ def place_of(scene, threads=1, neural=False, quick=False):
 @contextmanager
 def transfer_density(density):
     """The transfer's most samples per voxel edge, for a while; None changes nothing."""
-    usual, fitted = dict(prepare.TRANSFER_DENSITY), prepare.FITTED_DENSITY
+    usual, fitted = dict(source_field.TRANSFER_DENSITY), source_field.FITTED_DENSITY
     if density is not None:
-        prepare.TRANSFER_DENSITY.update(dict.fromkeys(usual, density))
-        prepare.FITTED_DENSITY = density
+        source_field.TRANSFER_DENSITY.update(dict.fromkeys(usual, density))
+        source_field.FITTED_DENSITY = density
     try:
         yield
     finally:
-        prepare.TRANSFER_DENSITY.update(usual)
-        prepare.FITTED_DENSITY = fitted
+        source_field.TRANSFER_DENSITY.update(usual)
+        source_field.FITTED_DENSITY = fitted
 
 
 def reference_of(quick=False):

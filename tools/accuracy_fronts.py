@@ -11,8 +11,8 @@ import statistics
 from collections import Counter
 from dataclasses import dataclass, field
 
-from texfcodec.explain import BETTER, DOMINATED, NOISE, per_second, verdict
-from texfcodec.quality.bd_rate import difference_at
+from texfcodec.encoder.explain import BETTER, DOMINATED, NOISE, per_second, verdict
+from texfcodec.metrics.bd_rate import difference_at
 from tools.accuracy_bench import PROCESSOR, WALL, Measured, key_of
 from tools.accuracy_knobs import AUTO, KNOBS, QP, STREAM, Knob, Place, curve_settings, encode_setting, name_of
 

@@ -8,11 +8,11 @@ same setting under two knobs is measured once.
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 
-from texfcodec.choose.prepare import FITTED_DENSITY, TRANSFER_DENSITY
-from texfcodec.codecs.neural.points import DEFAULT_POINT, DEFAULT_STEPS
+from texfcodec.codecs.neural.operating_points import DEFAULT_POINT, DEFAULT_STEPS
+from texfcodec.encoder.source_field import FITTED_DENSITY, TRANSFER_DENSITY
+from texfcodec.metrics.psnr_3d import SAMPLES
+from texfcodec.metrics.views import SIZE, VIEWS
 from texfcodec.options import DEFAULT_RATE, EFFORTS, RATES, EncodeOptions, default_threads
-from texfcodec.quality.measure import SAMPLES
-from texfcodec.quality.views import SIZE, VIEWS
 
 DEFAULTS = EncodeOptions()
 QP = 28  # at which one knob after the other is turned

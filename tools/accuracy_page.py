@@ -4,7 +4,7 @@ import math
 import platform
 from pathlib import Path
 
-from texfcodec.explain import BETTER, BUYS, DOMINATED, EQUAL, NOISE, SAVES
+from texfcodec.encoder.explain import BETTER, BUYS, DOMINATED, EQUAL, NOISE, SAVES
 from texfcodec.options import default_threads
 from tools.accuracy_bench import IMAGE_SIZE, IMAGE_VIEWS, PROCESSOR, SMALL_K, SPENT, USUAL_K, WALL, reference_of
 from tools.accuracy_fronts import beaten_presets, steps_of, to_change

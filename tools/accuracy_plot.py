@@ -2,7 +2,7 @@
 
 import math
 
-from texfcodec.explain import EQUAL, verdict
+from texfcodec.encoder.explain import EQUAL, verdict
 from tools.accuracy_knobs import AUTO, HOME, STREAM, encode_setting
 from tools.plots import load_pyplot, logarithmic
 

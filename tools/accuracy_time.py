@@ -24,9 +24,9 @@ from pathlib import Path
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from texfcodec.asset.load.files import load
-from texfcodec.dispatch.children import Caps, Children
+from texfcodec.batch.children import Caps, Children
 from texfcodec.errors import EXIT_IO
+from texfcodec.io.load import load
 from tools.accuracy_bench import Bench, known_place, place_of, run_settings
 from tools.accuracy_fronts import asset_of
 from tools.accuracy_knobs import BY_NAME, KNOBS, curve_settings

@@ -1,11 +1,11 @@
 """How often `texf-enc --advise` foretells what the encoder then chooses."""
 
-from texfcodec.asset.load.files import load
-from texfcodec.choose.advise import advise
+from texfcodec.encoder.advise import advise
+from texfcodec.io.load import load
 from texfcodec.options import EncodeOptions
 from tools.result_tables import markdown_table
 
-# The constants of choose/advise.py were made on these.
+# The constants of encoder/advise.py were made on these.
 TUNED = ("avocado", "cat_webp", "clearcoat_blend", "hard_broken", "house_mask", "mp_room_lod3", "tiny_plane", "virtual_city",
          "ycb_chef_can")
 

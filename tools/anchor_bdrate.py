@@ -29,17 +29,17 @@ import numpy as np
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from texfcodec.codecs.raht.choice import EFFORTS, choose_tools
-from texfcodec.codecs.raht.codec import dec_attributes, enc_attributes
-from texfcodec.codecs.raht.syntax import RAHT
+from texfcodec.codecs.raht.attribute_coder import dec_attributes, enc_attributes
+from texfcodec.codecs.raht.raht_syntax import RAHT
+from texfcodec.codecs.raht.raht_values import coded_of, raht_values
+from texfcodec.codecs.raht.tool_choice import EFFORTS, choose_tools
 from texfcodec.codecs.raht.transform.colour import forward_colour, inverse_colour
-from texfcodec.codecs.raht.values import coded_of, raht_values
-from texfcodec.ground.colour_error import ColourError, psnr_3d
-from texfcodec.ground.json_text import json_ready, json_text
-from texfcodec.ground.walk import write_structure
-from texfcodec.quality.bd_rate import bd_rate
-from texfcodec.support.layout import octree_depth
-from texfcodec.support.morton import encode_morton
+from texfcodec.core.colour_error import ColourError, psnr_3d
+from texfcodec.core.json_text import json_ready, json_text
+from texfcodec.core.syntax_walk import write_structure
+from texfcodec.field.extents import octree_depth
+from texfcodec.field.morton import encode_morton
+from texfcodec.metrics.bd_rate import bd_rate
 from tools.memory import RECORD, forget_peak, resident
 
 CHROMA_OFFSET = -1

@@ -18,7 +18,7 @@ import numpy as np
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from texfcodec.codecs.raht.choice import EFFORTS
+from texfcodec.codecs.raht.tool_choice import EFFORTS
 from tools.anchor_bdrate import QPS, RUNS, TIMED_QP, choose, cloud_paths, code, load_cloud, rate_difference, rate_point
 
 COMPLETE, CHOICE_OFF = "complete set", "kernel choice off"

@@ -6,14 +6,14 @@ import sys
 import time
 from contextlib import ExitStack, contextmanager
 
-from texfcodec.dispatch.children import WARM_UP, Caps, Children
-from texfcodec.dispatch.local import run_here
-from texfcodec.dispatch.progress import progress
-from texfcodec.dispatch.room import only_run as only_run_of_package
-from texfcodec.dispatch.room import work_room
-from texfcodec.dispatch.tasks import FULL, LOG, Task, package_code
+from texfcodec.batch.children import WARM_UP, Caps, Children
+from texfcodec.batch.folders import only_run as only_run_of_package
+from texfcodec.batch.folders import work_room
+from texfcodec.batch.local import run_here
+from texfcodec.batch.task_progress import progress
+from texfcodec.batch.tasks import FULL, LOG, Task, package_code
+from texfcodec.core.colour_error import in_decibels
 from texfcodec.errors import EXIT_DIFFERS, EXIT_INTERRUPTED, EXIT_IO, EXIT_SUPPORT, InputError
-from texfcodec.ground.colour_error import in_decibels
 from texfcodec.options import default_threads
 from tools.conditions import find_assets, read_conditions
 from tools.jobs import JOB, METRICS, MISSING, as_text, jobs_of, read_json
@@ -68,7 +68,7 @@ class Batch:
             else:
                 tasks.append(task_of(job, caps))
         if args.scheduler:
-            from texfcodec.dispatch.cluster import run_there
+            from texfcodec.batch.cluster import run_there
 
             run_there(tasks, args.scheduler, room, self._ended, lambda text: print(text, file=sys.stderr, flush=True))
         else:
@@ -109,7 +109,7 @@ def only_run(out):
 
 def warm_cache():
     """Compiles the kernels once, before many processes would all do it."""
-    from texfcodec.warmup import kernels_compiled
+    from texfcodec.precompile import kernels_compiled
 
     if not kernels_compiled():
         print("first run: compiling kernels, about 30 s, once", file=sys.stderr)

@@ -143,7 +143,7 @@ def find_assets(names, folders, out):
 def _sample(out):
     path = out / SAMPLE / "source.glb"
     if not path.exists():
-        from texfcodec.asset.sample_asset import write_sample
+        from texfcodec.demo.asset import write_sample
 
         path.parent.mkdir(parents=True, exist_ok=True)
         write_sample(path)

@@ -23,7 +23,7 @@ from pathlib import Path
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from texfcodec.dispatch.tasks import package_code
+from texfcodec.batch.tasks import package_code
 from texfcodec.errors import EXIT_DIFFERS
 from tools.determinism_child import SCENES
 from tools.determinism_page import page_of, verdicts_of

@@ -57,7 +57,7 @@ def tiny_maps():
 
 def bundled_sample():
     """The bundled sample, made by code from photographs."""
-    from texfcodec.asset.sample_asset import make_sample
+    from texfcodec.demo.asset import make_sample
 
     return make_sample()
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from texfcodec.quality.bd_rate import bd_rate
+from texfcodec.metrics.bd_rate import bd_rate
 from tools.results import curve_of, grouped, measures_of
 
 

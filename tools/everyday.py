@@ -27,9 +27,9 @@ from pathlib import Path
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from texfcodec.asset.load.files import load
+from texfcodec.core.json_text import json_text
 from texfcodec.errors import TexfError
-from texfcodec.ground.json_text import json_text
+from texfcodec.io.load import load
 from texfcodec.options import RATES
 from tools.everyday_envelope import INTERPOLATIONS, compacted, read_records, table
 from tools.everyday_points import measured_asset, setting_of

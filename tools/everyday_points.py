@@ -4,10 +4,10 @@ import time
 from dataclasses import fields
 
 from texfcodec.api import decode, encode_to_result
-from texfcodec.asset.load.files import load
-from texfcodec.ground.json_text import json_ready
+from texfcodec.core.json_text import json_ready
+from texfcodec.io.load import load
+from texfcodec.metrics.views import compare_views
 from texfcodec.options import DecodeOptions, EncodeOptions
-from texfcodec.quality.views import compare_views
 from texfcodec.report import Report
 
 VIEWS, SIZE = 16, 1024

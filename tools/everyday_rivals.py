@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from PIL import Image
 
-from texfcodec.asset.scene import ALPHA_OPAQUE, Scene
 from texfcodec.geometry.draco import COMPRESSION_LEVEL
 from texfcodec.geometry.surface import make_surface
 from texfcodec.options import EncodeOptions
+from texfcodec.scene.scene import ALPHA_OPAQUE, Scene
 from tools.everyday_views import MetricViews
 
 POSITION_BITS, UV_BITS = 14, (10, 12, 14)

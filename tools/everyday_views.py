@@ -1,6 +1,6 @@
 """The metric's views of many variants of one mesh: what depends on the geometry alone is done once.
 
-As quality.views.compare_views, with which a test compares it: the variants share positions and faces, so that each view of them
+As metrics.views.compare_views, with which a test compares it: the variants share positions and faces, so that each view of them
 is rasterised, and where faces can be seen through peeled, once, and only shaded for a variant.
 """
 
@@ -8,15 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from texfcodec.asset.sample import pack_source
-from texfcodec.asset.scene import ALPHA_OPAQUE
-from texfcodec.ground.colour_error import RGB_TO_YUV, decibels
-from texfcodec.quality.views import VIEWS
+from texfcodec.core.colour_error import RGB_TO_YUV, decibels
+from texfcodec.metrics.views import VIEWS
 from texfcodec.render.camera import bounding_sphere, fibonacci_direction, orthographic
-from texfcodec.render.layers import CLOSED, LAYERS, PASSES, opacity
+from texfcodec.render.depth_layers import CLOSED, LAYERS, PASSES, opacity
 from texfcodec.render.raster import Fragments, visible
 from texfcodec.render.shade import Picture, render_scene, shade_source
 from texfcodec.render.triangles import set_up
+from texfcodec.scene.fetch import pack_source
+from texfcodec.scene.scene import ALPHA_OPAQUE
 from tools.everyday_points import SIZE, rounded
 
 
@@ -62,7 +62,7 @@ class MetricViews:
         return pixel, image[pixel].astype(np.float64)
 
     def _composite(self, variant, packed, layers):
-        """As render.layers.composite, of layers that are peeled already."""
+        """As render.depth_layers.composite, of layers that are peeled already."""
         count = self._size * self._size
         colour, through, number = np.zeros((count, 3), np.float32), np.ones(count, np.float32), np.zeros(count, np.uint8)
         going_on = np.ones(count, bool)

@@ -10,11 +10,11 @@ from pathlib import Path
 from spec_example import example
 
 from texfcodec.bitstream.syntax import structures
-from texfcodec.channels import BY_NAME, CHANNELS, COLOURS, PARAMETERS
-from texfcodec.effects import EFFECTS
+from texfcodec.core.syntax_table import Derived, Structure
 from texfcodec.findings import FINDINGS
-from texfcodec.ground.structure import Derived, Structure
 from texfcodec.limits import LEVELS
+from texfcodec.scene.channels import BY_NAME, CHANNELS, COLOURS, PARAMETERS
+from texfcodec.scene.effects import EFFECTS
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 SPEC = REPOSITORY / "bitstream_spec.md"

@@ -35,11 +35,11 @@ from vectors_claims import Case, unkept  # noqa: E402
 from vectors_good import Vector, parsed  # noqa: E402
 from vectors_queries import queries_file  # noqa: E402
 
-from texfcodec.asset.scene import WRAP_NAMES  # noqa: E402
 from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS  # noqa: E402
-from texfcodec.channels import CHANNELS  # noqa: E402
-from texfcodec.effects import in_words  # noqa: E402
 from texfcodec.errors import TexfError  # noqa: E402
+from texfcodec.scene.channels import CHANNELS  # noqa: E402
+from texfcodec.scene.effects import in_words  # noqa: E402
+from texfcodec.scene.scene import WRAP_NAMES  # noqa: E402
 
 HOME = ROOT / "conformance"
 LARGEST = 1 << 16

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import texfcodec
 from baselines import find
-from texfcodec.ground.json_text import json_text
+from texfcodec.core.json_text import json_text
 from tools.conditions import EVALUATION, SAMPLE
 
 SCHEMA = 1

@@ -15,8 +15,8 @@ from pathlib import Path
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from texfcodec.core.json_text import json_text
 from texfcodec.errors import EXIT_DIFFERS
-from texfcodec.ground.json_text import json_text
 from tools.load_batch import GOOD, batch_faults, run_batch
 from tools.load_levels import levels_faults, run_levels
 from tools.load_page import page_of

@@ -15,7 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from texfcodec.dispatch.room import LOCK, WORK
+from texfcodec.batch.folders import LOCK, WORK
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 OPTIONS = ("--resolution", "24", "--qp", "30", "--effort", "fast")
@@ -32,7 +32,7 @@ def write_catalogue(folder, count):
     from shapes import painted_sphere
 
     from texfcodec.api import decode
-    from texfcodec.encoder import encode_scene
+    from texfcodec.encoder.pipeline import encode_scene
     from texfcodec.options import EncodeOptions
 
     folder.mkdir(parents=True)
@@ -87,7 +87,7 @@ def encoders_in(out):
             words = path.read_bytes()
         except OSError:
             continue
-        if os.fsencode(out / WORK) in words and b"dispatch.child" in words:
+        if os.fsencode(out / WORK) in words and b"batch.child" in words:
             found.append(int(path.parent.name))
     return found
 

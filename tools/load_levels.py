@@ -43,7 +43,7 @@ def _image(side):
 
 def samples_of(texf, resolution):
     """Samples of a surface of one field over voxels (10.1)."""
-    from texfcodec.support.voxelise import count_samples
+    from texfcodec.field.voxelise import count_samples
 
     return count_samples(texf.lattice_positions, texf.faces, texf.position_bits, resolution)
 
@@ -53,7 +53,7 @@ def streams_of(kind, bounds):
     from shapes import mapped_sheet
 
     from texfcodec.api import decode
-    from texfcodec.encoder import encode_scene
+    from texfcodec.encoder.pipeline import encode_scene
     from texfcodec.options import EncodeOptions
 
     def coded(scene, **options):
@@ -102,9 +102,9 @@ def levels_faults(found):
 def main():
     """The child's side."""
     from texfcodec.api import decode
+    from texfcodec.field.voxels import VoxelSupport
     from texfcodec.limits import LEVELS
     from texfcodec.options import DecodeOptions
-    from texfcodec.support.voxels import VoxelSupport
 
     stream, small = (Path(name).read_bytes() for name in sys.argv[1:3])
     options = DecodeOptions(threads=2, limits=LEVELS[int(sys.argv[3])])

@@ -9,21 +9,21 @@ ground as deviations over voxels. The pooled error is the mean over all componen
 
 import numpy as np
 
-from texfcodec.asset.factors import FLAT
-from texfcodec.asset.normal_rule import USUAL
-from texfcodec.asset.sample import pack_source, sample_source
-from texfcodec.channels import BASE_COLOUR, BY_NAME, MAPS, channel_over
-from texfcodec.choose.effects import needed_scene
-from texfcodec.choose.frames import Frames, ShownMaps
-from texfcodec.choose.normals import Shading
+from texfcodec.core.colour_error import decibels
+from texfcodec.core.json_text import json_ready
+from texfcodec.encoder.decide.materials import needed_scene
+from texfcodec.encoder.decide.normal_rules import Shading
+from texfcodec.encoder.shown_maps import Frames, ShownMaps
+from texfcodec.geometry.areas import sample_surface
 from texfcodec.geometry.surface import make_surface
-from texfcodec.ground.areas import sample_surface
-from texfcodec.ground.colour_error import decibels
-from texfcodec.ground.json_text import json_ready
+from texfcodec.metrics.angular_error import angular_error
+from texfcodec.metrics.face_match import decoded_faces
 from texfcodec.options import FINEST_POSITIONS, EncodeOptions
-from texfcodec.quality.faces import decoded_faces
-from texfcodec.quality.normals import angular_error
-from texfcodec.render.frames import deviated_normals, interpolate_corners
+from texfcodec.render.tangent_frames import deviated_normals, interpolate_corners
+from texfcodec.scene.channels import BASE_COLOUR, BY_NAME, MAPS, channel_over
+from texfcodec.scene.factors import FLAT
+from texfcodec.scene.fetch import pack_source, sample_source
+from texfcodec.scene.normal_rule import USUAL
 from texfcodec.texf import Texf
 
 BLOCK = 1 << 17  # points asked at a time

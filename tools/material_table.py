@@ -13,8 +13,8 @@ from pathlib import Path
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from texfcodec.ground.colour_error import in_decibels
-from texfcodec.quality.bd_rate import bd_rate
+from texfcodec.core.colour_error import in_decibels
+from texfcodec.metrics.bd_rate import bd_rate
 from tools.result_tables import markdown_table
 from tools.results import at, grouped, rate_of, read_results
 

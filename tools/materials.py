@@ -21,26 +21,26 @@ from pathlib import Path
 import numpy as np
 
 from texfcodec.api import decode, encode_to_result
-from texfcodec.asset.load.files import load
-from texfcodec.asset.sample import values_of_map
-from texfcodec.asset.save.sheets import sheet_colours
 from texfcodec.bitstream.inspect import inspect
-from texfcodec.channels import BASE_COLOUR, BY_NAME, channel_over
-from texfcodec.choose.effects import needed_scene
-from texfcodec.choose.frames import turn_of, turned
+from texfcodec.core.colour_error import decibels, in_decibels
+from texfcodec.core.json_text import json_text
 from texfcodec.decoder import decode_stream
-from texfcodec.effects import EFFECT_OF
+from texfcodec.encoder.decide.materials import needed_scene
+from texfcodec.encoder.shown_maps import turn_of, turned
+from texfcodec.field.morton import decode_morton
+from texfcodec.field.texel_set import asked_texels
 from texfcodec.geometry.surface import make_surface
-from texfcodec.ground.colour_error import decibels, in_decibels
-from texfcodec.ground.json_text import json_text
+from texfcodec.io.atlas.sheets import sheet_colours
+from texfcodec.io.load import load
+from texfcodec.metrics.bd_rate import bd_rate
+from texfcodec.metrics.effect_times import effect_times
+from texfcodec.metrics.views import Look, compare_views
 from texfcodec.options import DecodeOptions, EncodeOptions
-from texfcodec.quality.bd_rate import bd_rate
-from texfcodec.quality.effect_times import effect_times
-from texfcodec.quality.views import Look, compare_views
 from texfcodec.render.environment import DAYLIGHT
 from texfcodec.report import Report
-from texfcodec.support.morton import decode_morton
-from texfcodec.support.texel_set import asked_texels
+from texfcodec.scene.channels import BASE_COLOUR, BY_NAME, channel_over
+from texfcodec.scene.effects import EFFECT_OF
+from texfcodec.scene.fetch import values_of_map
 from tools.everyday_rivals import dec_image, dequantise_uv, draco_bytes, enc_mesh, quantise_uv, rival_of, shrunk
 
 SCALES = {1: (10, 25, 40, 55, 70, 82, 90), 2: (25, 50, 75, 90), 4: (50, 85)}

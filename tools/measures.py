@@ -18,8 +18,8 @@ def measure_job(scene, decoded, face_field, job, folder):
 
 def measures(scene, decoded, face_field, evaluation, threads):
     """{"psnr_3d", "image", "maps"} of what was decoded, a Texf or a Scene; the last two are None where they are not asked for."""
-    from texfcodec.quality.measure import SourceSamples
-    from texfcodec.quality.views import compare_views, mesh_psnr_3d
+    from texfcodec.metrics.psnr_3d import SourceSamples
+    from texfcodec.metrics.views import compare_views, mesh_psnr_3d
     from texfcodec.texf import Texf
 
     if isinstance(decoded, Texf):
@@ -41,7 +41,7 @@ def _lpips(weights):
     """perceptual.Lpips over the weights of a path; None for "", none were named."""
     if not weights:
         return None
-    from texfcodec.quality.perceptual import Lpips
+    from texfcodec.metrics.perceptual import Lpips
 
     return Lpips(weights)
 
@@ -59,7 +59,7 @@ def write_pictures(scene, decoded, evaluation, folder, threads):
     """
     from PIL import Image, features
 
-    from texfcodec.quality.views import VIEWS
+    from texfcodec.metrics.views import VIEWS
     from texfcodec.render.camera import bounding_sphere, fibonacci_direction, orthographic
     from texfcodec.render.shade import box_down
 

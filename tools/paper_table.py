@@ -137,8 +137,8 @@ def why(row, anchors, told):
 def asset_facts(path):
     """{"faces", "texels_per_face", "reuse", "unused"} of an asset: texels that the surface shows, how often, and how many of the
     images' it does not."""
-    from texfcodec.asset.load.files import load
-    from texfcodec.choose.advise import advise
+    from texfcodec.encoder.advise import advise
+    from texfcodec.io.load import load
     from texfcodec.options import EncodeOptions
 
     scene = load(str(path))

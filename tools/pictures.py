@@ -17,10 +17,10 @@ if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from texfcodec.api import decode
-from texfcodec.asset.load.files import load
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.io.load import load
+from texfcodec.metrics.psnr_3d import SourceSamples
 from texfcodec.options import RATES, DecodeOptions, EncodeOptions, default_threads
-from texfcodec.quality.measure import SourceSamples
 from texfcodec.render.backdrop import GREY
 from texfcodec.render.camera import VIEWS, bounding_sphere, direction_of_angles, orthographic
 from texfcodec.render.difference import compare, sheet

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from texfcodec.ground.colour_error import EXACT
+from texfcodec.core.colour_error import EXACT
 from tools.differences import summary
 from tools.results import LOSS, at, measures_of, rate_of, value_of
 

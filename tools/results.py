@@ -4,8 +4,8 @@ import json
 import math
 from pathlib import Path
 
-from texfcodec.dispatch.tasks import LOG, last_line
-from texfcodec.ground.json_text import json_text
+from texfcodec.batch.tasks import LOG, last_line
+from texfcodec.core.json_text import json_text
 from tools.jobs import JOB, METRICS, MISSING, read_json, write_json
 
 # What is compared, by name: the path to it in metrics.json.

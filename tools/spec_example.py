@@ -5,7 +5,7 @@ import textwrap
 from texfcodec import Limits, decode
 from texfcodec.bitstream.stream import read_stream
 from texfcodec.bitstream.syntax import SIGNATURE
-from texfcodec.support.morton import decode_morton
+from texfcodec.field.morton import decode_morton
 
 SHOWN_CELLS = 6
 

@@ -38,7 +38,7 @@ def run_step(step, folder, asset, threads):
 def encode_step(folder, job):
     """Codes the asset; leaves the method's files and encode.json, or missing.json where a program is not installed or the method
     finds nothing to code."""
-    from texfcodec.asset.load.files import load
+    from texfcodec.io.load import load
     from texfcodec.report import Report
 
     method, report = find(job["method"], job["plugins"]), Report()
@@ -66,7 +66,7 @@ def _write_row(folder, job, state, reason):
 
 def decode_step(folder, job):
     """Decodes, compares with the encoder's reconstruction, measures; leaves metrics.json."""
-    from texfcodec.asset.load.files import load
+    from texfcodec.io.load import load
     from texfcodec.report import Report
 
     method, report, encoded = find(job["method"], job["plugins"]), Report(), read_json(folder / ENCODED)

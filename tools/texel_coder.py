@@ -25,21 +25,21 @@ from PIL import Image
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from texfcodec.asset.load.files import load
-from texfcodec.asset.scene import WRAP_CLAMP, WRAP_MIRROR, Scene
-from texfcodec.asset.texel_cover import span_in_band
-from texfcodec.codecs.raht.choice import CHROMA_OFFSETS, EFFORTS, choose_base_qp, choose_tools
-from texfcodec.codecs.raht.codec import dec_attributes, enc_attributes
+from texfcodec.codecs.raht.attribute_coder import dec_attributes, enc_attributes
 from texfcodec.codecs.raht.coefficients.residual import ResidualPlan
-from texfcodec.codecs.raht.syntax import RAHT
+from texfcodec.codecs.raht.raht_syntax import RAHT
+from texfcodec.codecs.raht.raht_values import coded_of, raht_values
+from texfcodec.codecs.raht.tool_choice import CHROMA_OFFSETS, EFFORTS, choose_base_qp, choose_tools
 from texfcodec.codecs.raht.transform.colour import forward_colour, inverse_colour
-from texfcodec.codecs.raht.values import coded_of, raht_values
-from texfcodec.ground.colour_error import psnr_3d
-from texfcodec.ground.kernel import kernel
-from texfcodec.ground.walk import write_structure
-from texfcodec.quality.bd_rate import bd_rate
-from texfcodec.support.layout import octree_depth
-from texfcodec.support.morton import encode_morton
+from texfcodec.core.colour_error import psnr_3d
+from texfcodec.core.kernel import kernel
+from texfcodec.core.syntax_walk import write_structure
+from texfcodec.field.extents import octree_depth
+from texfcodec.field.morton import encode_morton
+from texfcodec.field.texel_cover import span_in_band
+from texfcodec.io.load import load
+from texfcodec.metrics.bd_rate import bd_rate
+from texfcodec.scene.scene import WRAP_CLAMP, WRAP_MIRROR, Scene
 
 CHROMA_OFFSET = CHROMA_OFFSETS[True]  # the encoder's own
 QPS = "22,28,34,40"

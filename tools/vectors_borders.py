@@ -16,10 +16,10 @@ from vectors_texels import CLAMPED, Grid, Image, Patch, picture, sheet, stream_o
 
 from texfcodec.bitstream.appearance import material_of
 from texfcodec.bitstream.values import material_values
-from texfcodec.channels import BASE_COLOUR, CHANNELS, MAPS, PARAMETERS, group_values
-from texfcodec.codecs.codec import Group
-from texfcodec.effects import effects_mask
+from texfcodec.codecs.base import Group
 from texfcodec.geometry.edges import FOLDS, NORMAL_BITS, NUM_FOLDS
+from texfcodec.scene.channels import BASE_COLOUR, CHANNELS, MAPS, PARAMETERS, group_values
+from texfcodec.scene.effects import effects_mask
 
 TELLING_EFFECTS = (383, 155, 64)  # seeds of some_effects(): they hold the numbers of 5.3.2 that no other vector does
 

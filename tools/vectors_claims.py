@@ -19,15 +19,15 @@ from vectors_good import parsed, units_of, values_of
 from vectors_trace import traced
 
 from texfcodec import decode
-from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE
 from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS, UNIT_MATERIALS, UNIT_METADATA
 from texfcodec.bitstream.units import write_unit
-from texfcodec.channels import ALPHA, BASE_COLOUR
-from texfcodec.codecs.neural.syntax import FORM_RESIDENT, FORM_TRANSPORT
+from texfcodec.codecs.neural.neural_syntax import FORM_RESIDENT, FORM_TRANSPORT
 from texfcodec.codecs.neural.transport import dec_transport
 from texfcodec.codecs.raht.transform.prediction import DEFAULT_KERNEL
-from texfcodec.support.morton import decode_morton
-from texfcodec.support.voxelise import voxelise
+from texfcodec.field.morton import decode_morton
+from texfcodec.field.voxelise import voxelise
+from texfcodec.scene.channels import ALPHA, BASE_COLOUR
+from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE
 
 RAHT_ID, CONSTANT_ID = 0, 2
 NUMBERS = {"a": 1, "one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6, "eight": 8}

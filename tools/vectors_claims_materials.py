@@ -4,8 +4,8 @@ import numpy as np
 
 from texfcodec.bitstream.appearance import material_of
 from texfcodec.bitstream.syntax import SUPPORT_TEXELS
-from texfcodec.channels import BY_NAME, CHANNELS, LARGEST, MAPS, PARAMETERS
-from texfcodec.effects import EFFECTS, in_words
+from texfcodec.scene.channels import BY_NAME, CHANNELS, LARGEST, MAPS, PARAMETERS
+from texfcodec.scene.effects import EFFECTS, in_words
 
 NORMALS = {"texels": "normal", "voxels": "normal_object"}
 

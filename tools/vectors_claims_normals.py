@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from texfcodec.asset.normal_rule import MARKED
 from texfcodec.geometry.edges import BACK, MANY, coded_edges, weld
+from texfcodec.scene.normal_rule import MARKED
 
 
 def rules_of(case):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from texfcodec.asset.scene import WRAP_NAMES
+from texfcodec.scene.scene import WRAP_NAMES
 
 
 def uv_in_texels(case):

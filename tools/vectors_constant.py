@@ -19,9 +19,9 @@ from vectors_good import (
 )
 
 from texfcodec import decode
-from texfcodec.asset.scene import ALPHA_BLEND, Material
 from texfcodec.bitstream.values import attribute_values
 from texfcodec.codecs import codec_of
+from texfcodec.scene.scene import ALPHA_BLEND, Material
 
 CONSTANT = codec_of("constant")
 VEIL = Material("veil", alpha_mode=ALPHA_BLEND)

@@ -24,7 +24,6 @@ from vectors_good import (
 from vectors_texels import Grid, Image, Patch, picture, ring, sheet, stream_of_parts
 
 from texfcodec import Limits, decode
-from texfcodec.asset.scene import ALPHA_BLEND, Material
 from texfcodec.bitstream.stream import read_stream
 from texfcodec.bitstream.syntax import (
     SEQUENCE_HEADER,
@@ -39,8 +38,9 @@ from texfcodec.bitstream.syntax import (
     UNIT_NAMES,
 )
 from texfcodec.bitstream.units import write_unit
-from texfcodec.codecs.raht.syntax import RAHT
-from texfcodec.ground.walk import write_v
+from texfcodec.codecs.raht.raht_syntax import RAHT
+from texfcodec.core.syntax_walk import write_v
+from texfcodec.scene.scene import ALPHA_BLEND, Material
 
 STRANGER = 200  # an ancillary unit that nobody knows
 H, M, F, G, A, E = UNIT_HEADER, UNIT_MATERIALS, UNIT_FIELD, UNIT_GEOMETRY, UNIT_ATTRIBUTE, UNIT_END

@@ -25,10 +25,10 @@ from vectors_good import (
 )
 
 from texfcodec import decode
-from texfcodec.asset.scene import ALPHA_BLEND, Material, Scene, Texture
 from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE as A
-from texfcodec.codecs.raht import codec
+from texfcodec.codecs.raht import attribute_coder
 from texfcodec.codecs.raht.transform.filter import stage_of
+from texfcodec.scene.scene import ALPHA_BLEND, Material, Scene, Texture
 
 SLICES = {"WHOLE_VOXELS": 1, "SLICE_VOXELS": 300, "SLICE_NODES": 40}
 FIVE_CLASSES = sum(1 << 3 * k for k in range(5))  # of component 0 of three
@@ -86,7 +86,7 @@ def second_field_filtered():
     data = split_by_material(encoded(two_sheets(), resolution=21, qp=30))
     stream, keys = parsed(data), decode(data).fields[1].keys
     unit, stage = stream.attributes[1], drawn(every(3), 3, 60)
-    with patch.object(codec, "fit_stage", lambda *_: stage):
+    with patch.object(attribute_coder, "fit_stage", lambda *_: stage):
         unit.update(raht(values_of(unit, keys), keys, 21, unit["qp"], filters=1))
     return written(stream)
 

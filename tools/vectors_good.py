@@ -8,25 +8,20 @@ import numpy as np
 from vectors_scenes import many_materials, noise_sheet, ribbon, scene_of, torus, triangle, two_sheets
 
 from texfcodec import EncodeOptions, Limits, decode
-from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, Material
 from texfcodec.bitstream.stream import cells_a_side, read_stream, write_stream
 from texfcodec.bitstream.syntax import SIGNATURE, UNIT_END, UNIT_METADATA
 from texfcodec.bitstream.units import read_units, write_unit
-from texfcodec.codecs.raht import codec
+from texfcodec.codecs.raht import attribute_coder
 from texfcodec.codecs.raht.coefficients.residual import ResidualPlan
-from texfcodec.codecs.raht.syntax import TRANSFORM_BT709
-from texfcodec.codecs.raht.transform.colour import (
-    forward_colour,
-    forward_plain,
-    inverse_colour,
-    inverse_plain,
-)
-from texfcodec.codecs.raht.values import coded_of, raht_values
-from texfcodec.encoder import encode_scene
+from texfcodec.codecs.raht.raht_syntax import TRANSFORM_BT709
+from texfcodec.codecs.raht.raht_values import coded_of, raht_values
+from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
+from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.field.extents import octree_depth
+from texfcodec.field.voxelise import voxelise
 from texfcodec.geometry.checksum import geometry_crc
 from texfcodec.geometry.draco import UvCoding, dec_geometry, dec_textured
-from texfcodec.support.layout import octree_depth
-from texfcodec.support.voxelise import voxelise
+from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, Material
 
 KERNEL = (64, 24, 1, 0, 32, 8, 0)
 
@@ -97,18 +92,19 @@ def values_of(unit, keys):
     coded, spans = coded_of(unit)
     data = np.frombuffer(bytes(unit["codeword_data"]), np.uint8)
     inverse = inverse_colour if unit["colour_transform"] == TRANSFORM_BT709 else inverse_plain
-    return codec.dec_attributes(keys, unit["Depth"], coded, data, spans, unit["Depth"], inverse=inverse)
+    return attribute_coder.dec_attributes(keys, unit["Depth"], coded, data, spans, unit["Depth"], inverse=inverse)
 
 
 def raht(values, keys, resolution, qp, kernel=KERNEL, plain=False, index=False, slices=None, max_error=None, **tools):
     """Attribute elements for values uint8 [N, C]. plain: no colour transform; index: with level_bytes; slices: what is to hold in
-    codec while it plans them; max_error: with residuals; tools: further ones of codec.Tools."""
+    codec while it plans them; max_error: with residuals; tools: further ones of attribute_coder.Tools."""
     colour = values.shape[1] == 3 and not plain
     inverse = inverse_colour if colour else inverse_plain
     plan = None if max_error is None else ResidualPlan(max_error, values, inverse)
     means = (forward_colour if colour else forward_plain)(values.astype(np.float32))
-    with patch.multiple(codec, **(slices or {"SLICE_VOXELS": 1 << 18})):
-        coded, made = codec.enc_attributes(keys, octree_depth(resolution), means, qp, codec.Tools(kernel, **tools), plan=plan)
+    with patch.multiple(attribute_coder, **(slices or {"SLICE_VOXELS": 1 << 18})):
+        tools = attribute_coder.Tools(kernel, **tools)
+        coded, made = attribute_coder.enc_attributes(keys, octree_depth(resolution), means, qp, tools, plan=plan)
     return {
         "values_crc": zlib.crc32(inverse(made) if plan is None else made),
         **raht_values(coded, colour), "level_index": int(index),

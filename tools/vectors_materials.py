@@ -7,11 +7,11 @@ from vectors_good import Vector, encoded
 from vectors_neural import neural
 from vectors_texels import CLAMPED, MIRRORED, Grid, Image, Patch, picture, ring, stream_of_parts, wall
 
-from texfcodec.asset.scene import ALPHA_BLEND, ALPHA_MASK, Material, Texture
-from texfcodec.channels import ALPHA, BASE_COLOUR, BY_NAME, CHANNELS, LARGEST, MAPS, PARAMETERS
-from texfcodec.codecs.codec import Group
+from texfcodec.codecs.base import Group
 from texfcodec.codecs.raht.transform.filter import PLANAR_TAPS, stage_of
-from texfcodec.effects import EFFECTS
+from texfcodec.scene.channels import ALPHA, BASE_COLOUR, BY_NAME, CHANNELS, LARGEST, MAPS, PARAMETERS
+from texfcodec.scene.effects import EFFECTS
+from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, Material, Texture
 
 BASE = Group((BASE_COLOUR,))
 SIZE = (21, 13)

@@ -6,8 +6,8 @@ from vectors_good import parsed, units_of
 from vectors_materials import bare, groups, over_texels, over_voxels, painted, with_networks
 from vectors_texels import Grid, ring, stream_of_parts
 
-from texfcodec.asset.scene import ALPHA_BLEND, Material
-from texfcodec.channels import BY_NAME, PARAMETERS
+from texfcodec.scene.channels import BY_NAME, PARAMETERS
+from texfcodec.scene.scene import ALPHA_BLEND, Material
 
 FIRST = "materials[0]."
 

@@ -24,16 +24,16 @@ from vectors_good import (
 )
 
 from texfcodec import decode
-from texfcodec.asset.scene import ALPHA_BLEND, Material
 from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE
 from texfcodec.codecs.neural.infer import voxel_values
+from texfcodec.codecs.neural.neural_codec import Neural
+from texfcodec.codecs.neural.neural_syntax import FORM_RESIDENT, FORM_TRANSPORT, NEURAL
 from texfcodec.codecs.neural.payload import Level, Payload, Tables, join_parameters, payload_values, split_parameters
-from texfcodec.codecs.neural.syntax import FORM_RESIDENT, FORM_TRANSPORT, NEURAL
 from texfcodec.codecs.neural.transport import dec_transport
-from texfcodec.codecs.neural.unit import Neural
-from texfcodec.geometry.unit import field_surface
-from texfcodec.support.morton import decode_morton
-from texfcodec.support.voxelise import voxelise
+from texfcodec.field.morton import decode_morton
+from texfcodec.field.voxelise import voxelise
+from texfcodec.geometry.geometry_unit import field_surface
+from texfcodec.scene.scene import ALPHA_BLEND, Material
 
 A = UNIT_ATTRIBUTE
 NEGATIVE = 0x8000  # sign of a binary16 number

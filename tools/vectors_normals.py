@@ -8,11 +8,11 @@ from vectors_good import Vector, encoded, parsed, units_of, written
 from vectors_scenes import many_materials, ribbon, scene_of, torus, two_sheets
 
 from texfcodec import decode
-from texfcodec.asset.scene import Material
 from texfcodec.bitstream.syntax import UNIT_SHARP_EDGES
 from texfcodec.codecs.sharp_edges import enc_marks
+from texfcodec.core.syntax_walk import write_v
 from texfcodec.geometry.edges import NUM_FOLDS, coded_edges
-from texfcodec.ground.walk import write_v
+from texfcodec.scene.scene import Material
 
 S = UNIT_SHARP_EDGES
 MARKED_BY_AREA, MARKED_BY_BOTH = 6, 8  # normal_rule

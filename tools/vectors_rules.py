@@ -7,8 +7,8 @@ import numpy as np
 from vectors_good import Vector, encoded, scene_of
 from vectors_texels import CLAMPED, Grid, Image, picture, ring, sheet, stream_of_parts
 
-from texfcodec.channels import BASE_COLOUR
-from texfcodec.codecs.codec import Group
+from texfcodec.codecs.base import Group
+from texfcodec.scene.channels import BASE_COLOUR
 
 GREY = [Group((BASE_COLOUR,), True)]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from texfcodec.asset.scene import Material, Scene, Texture
+from texfcodec.scene.scene import Material, Scene, Texture
 
 # Shapes: positions float64 [V, 3], faces int64 [F, 3], linear RGBA by vertex float32 [V, 4].
 

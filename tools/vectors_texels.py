@@ -10,22 +10,22 @@ import DracoPy
 import numpy as np
 from vectors_good import Vector, encoded, raht, torus, with_checksum, written
 
-from texfcodec.asset.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
 from texfcodec.bitstream.appearance import material_of, needed_groups
 from texfcodec.bitstream.stream import Stream
 from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS
 from texfcodec.bitstream.values import attribute_values, material_values
-from texfcodec.channels import ALPHA, BASE_COLOUR, group_values
 from texfcodec.codecs import codec_of
-from texfcodec.codecs.codec import Group
-from texfcodec.effects import effects_mask
+from texfcodec.codecs.base import Group
+from texfcodec.field.keyed import keys_crc
+from texfcodec.field.morton import decode_morton
+from texfcodec.field.texel_set import asked_texels
+from texfcodec.field.texels import TexelSupport
+from texfcodec.field.voxelise import voxelise
+from texfcodec.field.voxels import VoxelSupport
 from texfcodec.geometry.draco import counts_of
-from texfcodec.support.keyed import keys_crc
-from texfcodec.support.morton import decode_morton
-from texfcodec.support.texel_set import asked_texels
-from texfcodec.support.texels import TexelSupport
-from texfcodec.support.voxelise import voxelise
-from texfcodec.support.voxels import VoxelSupport
+from texfcodec.scene.channels import ALPHA, BASE_COLOUR, group_values
+from texfcodec.scene.effects import effects_mask
+from texfcodec.scene.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
 
 BITS = 10  # of a lattice coordinate
 REPEATED, CLAMPED, MIRRORED = (WRAP_REPEAT,) * 2, (WRAP_CLAMP,) * 2, (WRAP_MIRROR,) * 2

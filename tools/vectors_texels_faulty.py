@@ -7,8 +7,8 @@ from vectors_faulty import F, G, as_faulty, with_element, with_right_crc, with_u
 from vectors_good import parsed
 from vectors_texels import CLAMPED, Grid, Image, Patch, picture, quantised, ring, sheet, stream_of_parts
 
+from texfcodec.core.syntax_walk import write_v
 from texfcodec.geometry.draco import counts_of
-from texfcodec.ground.walk import write_v
 
 SIZE = (20, 12)
 

@@ -2,7 +2,7 @@
 
 python tools/view_check.py ASSETS [--pictures FOLDER] [--only NAME ...] [--shaders] [--out FILE.md]
 
-ASSETS is a folder of GLB files. Needs a Chromium (texfcodec/view/headless.py), which draws in software. Pictures are drawn at
+ASSETS is a folder of GLB files. Needs a Chromium (texfcodec/viewer/headless.py), which draws in software. Pictures are drawn at
 three times the size and averaged on both sides: a graphics API places corners on a grid of 1/16 to 1/256 of a pixel, so that
 pixels on edges may show another surface. --pictures keeps each view of the page beside texf-render's. Exit code 7: a target is
 missed.
@@ -22,16 +22,16 @@ if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from texfcodec.api import decode
-from texfcodec.asset.load.files import load
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import EXIT_DIFFERS
+from texfcodec.io.load import load
 from texfcodec.options import EncodeOptions
 from texfcodec.render.camera import bounding_sphere, direction_of_angles, orthographic, perspective_around
 from texfcodec.render.environment import DAYLIGHT
 from texfcodec.render.shade import box_down, render_texf
-from texfcodec.view.container import parse
-from texfcodec.view.headless import run_jobs
-from texfcodec.view.pack import pack
+from texfcodec.viewer.container import parse
+from texfcodec.viewer.headless import run_jobs
+from texfcodec.viewer.pack import pack
 
 SIZE, AVERAGED = 512, 3  # pixels a side; samples a side that a pixel is the mean of
 VIEWS = (((20.0, 15.0), None), ((-130.0, 30.0), 40.0))  # azimuth and elevation, field of view

@@ -10,7 +10,6 @@ from fuzz.seeds import SMALL, vectors, vectors_with
 from fuzz.syntax import bent_stream, framed, traced
 from fuzz.trees import bend_tree
 
-from texfcodec import isolate
 from texfcodec.bitstream.inspect import inspect
 from texfcodec.bitstream.stream import Stream, read_stream, write_stream
 from texfcodec.bitstream.syntax import (
@@ -25,11 +24,12 @@ from texfcodec.bitstream.syntax import (
     UNIT_SHARP_EDGES,
 )
 from texfcodec.bitstream.units import read_units, write_unit
+from texfcodec.core.syntax_walk import Reader, read_structure, write_structure, write_v
 from texfcodec.decoder import decode_stream
 from texfcodec.errors import StreamError
-from texfcodec.ground.walk import Reader, read_structure, write_structure, write_v
 from texfcodec.options import DecodeOptions
 from texfcodec.report import Report
+from texfcodec.sandbox import isolate
 
 OPTIONS = DecodeOptions(limits=SMALL, threads=1)
 OF_UNITS = (UNIT_HEADER, UNIT_MATERIALS, UNIT_FIELD, UNIT_GEOMETRY, UNIT_ATTRIBUTE, UNIT_END, UNIT_METADATA, UNIT_SHARP_EDGES, 6,

@@ -33,8 +33,8 @@ class Branch:
 
 @lru_cache(maxsize=256)
 def branches_of(module: str) -> tuple[Branch, ...]:
-    """Branches of a module, a path in the package such as "ground/walk.py", or of some of its functions and classes:
-    "ground/walk.py#Reader#write_v"."""
+    """Branches of a module, a path in the package such as "core/syntax_walk.py", or of some of its functions and classes:
+    "core/syntax_walk.py#Reader#write_v"."""
     module, *names = module.split("#")
     found: list[Branch] = []
 

@@ -10,27 +10,27 @@ from naive import bits
 from naive.attributes import decode_values
 from naive.syntax import read_raht
 
-from texfcodec.channels import channels_of
-from texfcodec.codecs.codec import Group
-from texfcodec.codecs.constant.unit import CONSTANT, Constant
+from texfcodec.codecs.base import Group
+from texfcodec.codecs.constant import CONSTANT, Constant
+from texfcodec.codecs.neural.neural_codec import Neural
+from texfcodec.codecs.neural.neural_syntax import NEURAL
 from texfcodec.codecs.neural.payload import enc_codes
-from texfcodec.codecs.neural.syntax import NEURAL
 from texfcodec.codecs.neural.transport import dec_transport, enc_transport
-from texfcodec.codecs.neural.unit import Neural
-from texfcodec.codecs.raht.syntax import RAHT
-from texfcodec.codecs.raht.unit import Raht
+from texfcodec.codecs.raht.raht_codec import Raht
+from texfcodec.codecs.raht.raht_syntax import RAHT
 from texfcodec.codecs.sharp_edges import dec_marks, enc_marks
+from texfcodec.core.syntax_walk import Reader, read_structure, write_structure
 from texfcodec.errors import StreamError
+from texfcodec.field.extents import octree_depth
+from texfcodec.field.morton import encode_morton
+from texfcodec.field.texels import TexelSupport
+from texfcodec.field.voxelise import voxelise
+from texfcodec.field.voxels import VoxelSupport
 from texfcodec.geometry.canonical import CanonicalCube
 from texfcodec.geometry.edges import NUM_FOLDS, coded_edges
-from texfcodec.ground.walk import Reader, read_structure, write_structure
 from texfcodec.options import DecodeOptions
 from texfcodec.report import Report
-from texfcodec.support.layout import octree_depth
-from texfcodec.support.morton import encode_morton
-from texfcodec.support.texels import TexelSupport
-from texfcodec.support.voxelise import voxelise
-from texfcodec.support.voxels import VoxelSupport
+from texfcodec.scene.channels import channels_of
 
 MOST_CELLS = 12 if SLOW else 40
 GROUPS = (Group(tuple(channels_of([{"num_semantics": 1, "group_semantics": [0], "group_components": 3}])[0])),)

@@ -23,9 +23,9 @@ from test_ktx2 import FILES, ktx2
 from test_stl_off import stl, stl_text
 from test_threemf import mesh, model, package
 
-from texfcodec.asset.load.files import load, load_glb
-from texfcodec.asset.load.image_read import read_image
-from texfcodec.asset.load.parts import Notes
+from texfcodec.io.images import read_image
+from texfcodec.io.load import load, load_glb
+from texfcodec.io.parts import Notes
 
 OBJ = """mtllib a.mtl
 o thing

@@ -25,12 +25,12 @@ from texfcodec.codecs.raht.entropy.range_coder import (
     new_decoder,
     new_encoder,
 )
+from texfcodec.core.syntax_walk import write_v
+from texfcodec.field.texel_set import MAX_UV, asked_texels, count_rows
+from texfcodec.field.texels import TexelSupport, texels_are_sound
+from texfcodec.field.voxelise import count_samples, voxelise
+from texfcodec.field.voxels import VoxelSupport, keys_are_sound
 from texfcodec.geometry.draco import UvCoding, counts_of, dec_geometry, dec_textured, enc_geometry, enc_textured
-from texfcodec.ground.walk import write_v
-from texfcodec.support.texel_set import MAX_UV, asked_texels, count_rows
-from texfcodec.support.texels import TexelSupport, texels_are_sound
-from texfcodec.support.voxelise import count_samples, voxelise
-from texfcodec.support.voxels import VoxelSupport, keys_are_sound
 
 MOST_SYMBOLS = 30 if SLOW else 120
 HEADER = 11  # bytes of Draco's header before the traversal

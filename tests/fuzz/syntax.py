@@ -13,8 +13,8 @@ from fuzz.choices import ODD_NUMBERS, ODD_REALS, Choices, edited
 from texfcodec.bitstream.stream import read_stream
 from texfcodec.bitstream.syntax import SIGNATURE, UNIT_END, structures
 from texfcodec.bitstream.units import write_unit
-from texfcodec.ground.structure import V_MAX, Derived, Structure
-from texfcodec.ground.walk import write_v
+from texfcodec.core.syntax_table import V_MAX, Derived, Structure
+from texfcodec.core.syntax_walk import write_v
 from texfcodec.limits import Limits
 
 SIZES = {"u8": 8, "u16": 16, "u32": 32, "i8": 8, "u64": 64, "i32": 32}

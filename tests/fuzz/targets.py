@@ -48,16 +48,16 @@ class Target:
         return "value"
 
 
-_WALKERS = "ground/walk.py#Reader#read_structure#_read_scalar#_read_blob#check_range"
+_WALKERS = "core/syntax_walk.py#Reader#read_structure#_read_scalar#_read_blob#check_range"
 _RAHT = tuple(f"codecs/raht/{name}.py" for name in (
     "unit", "values", "codec", "layout", "coefficients/blocks", "coefficients/direct", "coefficients/mixed",
     "coefficients/mixed_contexts", "coefficients/planar", "coefficients/residual", "transform/filter", "transform/octree",
     "transform/prediction", "transform/quantise", "transform/raht", "transform/colour"))
-_GLTF = tuple(f"asset/load/gltf_{name}.py" for name in ("read", "document", "accessor", "mesh", "material"))
-_LOAD = ("asset/load/files.py", "asset/load/parts.py")
+_GLTF = tuple(f"io/gltf/{name}.py" for name in ("reader", "document", "accessor", "mesh", "material_reader"))
+_LOAD = ("io/load.py", "io/parts.py")
 
 TARGETS = {target.name: target for target in (
-    Target("numbers", bitstream.numbers, ("ground/walk.py#Reader#write_v",), bytes=40),
+    Target("numbers", bitstream.numbers, ("core/syntax_walk.py#Reader#write_v",), bytes=40),
     Target("framing", bitstream.framing, ("bitstream/units.py",), bytes=160),
     Target("header", bitstream.header, ("bitstream/stream.py", _WALKERS), bytes=60),
     Target("materials", bitstream.materials, ("bitstream/appearance.py", _WALKERS), bytes=60),
@@ -66,32 +66,32 @@ TARGETS = {target.name: target for target in (
     Target("attribute_unit", bitstream.attribute_unit, ("decoder.py", "bitstream/stream.py"), bytes=80),
     Target("metadata", bitstream.metadata, ("decoder.py#_metadata",), bytes=80),
     Target("units", bitstream.geometry_counts, ("bitstream/stream.py", "bitstream/units.py"), bytes=40),
-    Target("restated", bitstream.restated, ("ground/walk.py", "bitstream/stream.py"), bytes=60),
+    Target("restated", bitstream.restated, ("core/syntax_walk.py", "bitstream/stream.py"), bytes=60),
     Target("stream", bitstream.stream, ("decoder.py", "bitstream/stream.py", "bitstream/units.py"), bytes=120),
     Target("inspect", bitstream.described, ("bitstream/inspect.py", "bitstream/stream.py"), bytes=80),
     Target("answer", bitstream.answer, ("isolate.py",), bytes=60),
     Target("appearance", bitstream.appearance, ("bitstream/appearance.py",), bytes=200),
-    Target("voxels", stages.voxels, ("support/voxelise.py", "support/keyed.py"), bytes=160),
-    Target("texels", stages.texels, ("support/texel_set.py", "support/texels.py"), bytes=160),
+    Target("voxels", stages.voxels, ("field/voxelise.py", "field/keyed.py"), bytes=160),
+    Target("texels", stages.texels, ("field/texel_set.py", "field/texels.py"), bytes=160),
     Target("geometry", stages.geometry, ("geometry/draco.py",), (*OF_STREAMS, InputError), bytes=120),
     Target("range_coder", stages.range_coder, ("codecs/raht/entropy/range_coder.py",), bytes=200),
     Target("contexts", stages.contexts, ("codecs/raht/entropy/contexts.py",), bytes=200),
     Target("mixing", stages.mixing, ("codecs/raht/entropy/mixing.py",), bytes=300),
     Target("raht", codecs.raht, _RAHT, bytes=600),
     Target("raht_twice", codecs.raht_twice, _RAHT, bytes=400),
-    Target("constant", codecs.constant, ("codecs/constant/unit.py", "support/keyed.py"), bytes=140),
+    Target("constant", codecs.constant, ("codecs/constant.py", "field/keyed.py"), bytes=140),
     Target("neural", codecs.neural, tuple(f"codecs/neural/{name}.py" for name in ("unit", "payload", "infer")), bytes=500),
     Target("transport", codecs.transport, ("codecs/neural/transport.py",), bytes=200),
     Target("sharp_edges", codecs.sharp_edges, ("codecs/sharp_edges.py", "geometry/edges.py"), bytes=300),
     Target("gltf", loaders.gltf, _GLTF, OF_FILES, 60),
-    Target("glb", loaders.glb, ("asset/load/gltf_document.py#open_document#_read_glb#_chunks#_parse",), OF_FILES, 60),
-    Target("obj", loaders.obj, ("asset/load/obj_read.py", *_LOAD), OF_FILES, 60),
-    Target("mtl", loaders.mtl, ("asset/load/mtl_read.py",), OF_FILES, 60),
-    Target("ply", loaders.ply, ("asset/load/ply_read.py", *_LOAD), OF_FILES, 60),
-    Target("stl", loaders.stl_file, ("asset/load/stl_read.py",), OF_FILES, 60),
-    Target("off", loaders.off, ("asset/load/off_read.py",), OF_FILES, 60),
-    Target("threemf", loaders.threemf, ("asset/load/threemf_read.py", "asset/load/threemf_model.py"), OF_FILES, 60),
-    Target("dae", loaders.dae_file, ("asset/load/dae_read.py",), OF_FILES, 60),
-    Target("image", loaders.image, ("asset/load/image_read.py", "asset/load/ktx2_read.py"), OF_FILES, 60),
-    Target("scene", loaders.scene, ("asset/load/trimesh_read.py#check_scene#_check_arrays",), OF_FILES, 60),
+    Target("glb", loaders.glb, ("io/gltf/document.py#open_document#_read_glb#_chunks#_parse",), OF_FILES, 60),
+    Target("obj", loaders.obj, ("io/obj.py", *_LOAD), OF_FILES, 60),
+    Target("mtl", loaders.mtl, ("io/mtl.py",), OF_FILES, 60),
+    Target("ply", loaders.ply, ("io/ply.py", *_LOAD), OF_FILES, 60),
+    Target("stl", loaders.stl_file, ("io/stl.py",), OF_FILES, 60),
+    Target("off", loaders.off, ("io/off.py",), OF_FILES, 60),
+    Target("threemf", loaders.threemf, ("io/threemf.py", "io/threemf_model.py"), OF_FILES, 60),
+    Target("dae", loaders.dae_file, ("io/dae.py",), OF_FILES, 60),
+    Target("image", loaders.image, ("io/images.py", "io/ktx2.py"), OF_FILES, 60),
+    Target("scene", loaders.scene, ("io/trimesh_object.py#check_scene#_check_arrays",), OF_FILES, 60),
 )}

@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from ..asset.normal_rule import USUAL, rule_of
-from ..asset.scene import Material
-from ..channels import CHANNELS, COLOURS, MAPS, PARAMETERS, binary32, channel_over, channels_of
-from ..codecs.codec import Group
-from ..effects import effects_mask
+from ..codecs.base import Group
 from ..errors import InputError, StreamError, SupportError
+from ..scene.channels import CHANNELS, COLOURS, MAPS, PARAMETERS, binary32, channel_over, channels_of
+from ..scene.effects import effects_mask
+from ..scene.normal_rule import USUAL, rule_of
+from ..scene.scene import Material
 from .syntax import SUPPORT_TEXELS
 
 if TYPE_CHECKING:

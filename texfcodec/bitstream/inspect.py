@@ -1,9 +1,9 @@
 """A stream described by the names of its syntax elements, without decoding it and without numba."""
 
-from ..channels import channels_of
 from ..codecs import codec_of_unit
-from ..effects import in_words
 from ..limits import Limits, level_of
+from ..scene.channels import channels_of
+from ..scene.effects import in_words
 from .stream import read_stream
 from .syntax import SIGNATURE, SUPPORT_TEXELS, UNIT_ATTRIBUTE, UNIT_END, UNIT_GEOMETRY, UNIT_NAMES, UNIT_SHARP_EDGES
 

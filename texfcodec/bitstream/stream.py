@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
-from ..asset.normal_rule import MARKED, rule_of
 from ..codecs import codec_of_unit
+from ..core.syntax_walk import Reader, read_structure, write_structure
 from ..errors import LimitError, StreamError
-from ..ground.walk import Reader, read_structure, write_structure
-from ..support.layout import octree_depth
+from ..field.extents import octree_depth
+from ..scene.normal_rule import MARKED, rule_of
 from .appearance import check_groups, check_level_shift, check_material, faults_of_appearance, needed_groups
 from .syntax import (
     ATTRIBUTE,
@@ -152,7 +152,7 @@ def read_stream(data: bytes, limits: Limits, trace: list | None = None) -> Strea
 
 
 def read_payload(view: memoryview, unit: Unit, stream: Stream, limits: Limits, rows: list | None = None) -> None:
-    """Adds what a unit holds to the stream of the units before it. rows: as trace of ground.walk.read_structure(). Raises
+    """Adds what a unit holds to the stream of the units before it. rows: as trace of core.syntax_walk.read_structure(). Raises
     StreamError, LimitError, SupportError."""
     reader = Reader(view, unit.begin, unit.end)
     _read_elements(unit, reader, stream, limits, rows)

@@ -1,14 +1,14 @@
-"""Every syntax structure of the bitstream but those of the codecs, which stand with these, as tables (ground/structure.py)."""
+"""Every syntax structure of the bitstream but those of the codecs, which stand with these, as tables (core/syntax_table.py)."""
 
-from ..asset.normal_rule import KINDS, MOST_ANGLE, WEIGHTS
-from ..channels import CHANNELS, PARAMETERS
 from ..codecs import our_codecs
-from ..codecs.codec import PRIVATE_IDS
-from ..effects import EFFECTS
+from ..codecs.base import PRIVATE_IDS
+from ..core.syntax_table import Derived, Structure
+from ..core.syntax_table import Element as E
+from ..field.extents import MAX_SIDE
 from ..geometry.draco import MAX_UV_BITS
-from ..ground.structure import Derived, Structure
-from ..ground.structure import Element as E
-from ..support.layout import MAX_SIDE
+from ..scene.channels import CHANNELS, PARAMETERS
+from ..scene.effects import EFFECTS
+from ..scene.normal_rule import KINDS, MOST_ANGLE, WEIGHTS
 
 SIGNATURE = b"\x89TXF\r\n\x1a\n"
 VERSION = 0

@@ -4,8 +4,8 @@ import struct
 import zlib
 from dataclasses import dataclass
 
+from ..core.syntax_walk import Reader, write_v
 from ..errors import LimitError, StreamError, SupportError
-from ..ground.walk import Reader, write_v
 from .syntax import (
     ANCILLARY,
     SIGNATURE,

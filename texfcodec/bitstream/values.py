@@ -8,22 +8,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..asset.scene import ALPHA_MASK, Material
-from ..channels import group_values
-from ..codecs.codec import PRIVATE_IDS, Codec
-from ..effects import effects_mask
-from ..ground.json_text import json_text
-from ..support.keyed import keys_crc
-from ..support.texels import TexelSupport
-from ..support.voxels import VoxelSupport
+from ..codecs.base import PRIVATE_IDS, Codec
+from ..core.json_text import json_text
+from ..field.keyed import keys_crc
+from ..field.texels import TexelSupport
+from ..field.voxels import VoxelSupport
+from ..scene.channels import group_values
+from ..scene.effects import effects_mask
+from ..scene.scene import ALPHA_MASK, Material
 from .appearance import channel_bits, material_of, parameter_values
 from .syntax import SUPPORT_TEXELS, SUPPORT_VOXELS, VERSION
 
 if TYPE_CHECKING:
-    from ..asset.normal_rule import NormalRule
-    from ..codecs.codec import Group
+    from ..codecs.base import Group
     from ..geometry.surface import Surface
     from ..report import Report
+    from ..scene.normal_rule import NormalRule
 
 
 def header_values(materials: list[Material], surface: Surface, geometry: list, num_fields: int, groups: Sequence[Group]) -> dict:

@@ -13,9 +13,9 @@ from typing import Any
 import click
 
 from .. import __version__
+from ..core import cleanup
+from ..core.json_text import json_ready, json_text
 from ..errors import EXIT_DIFFERS, EXIT_IO, InputError, LimitError, SupportError, TexfError
-from ..ground import unfinished
-from ..ground.json_text import json_ready, json_text
 from ..options import default_threads
 from ..report import plural
 from . import interrupts
@@ -74,8 +74,8 @@ def batch_of(choices: dict[str, Any], source: str | None, out: str | None) -> di
 
 def encode_batch(console: Console, asked: dict[str, Any], checkpoint: str | None, dry_run: bool) -> int:
     """Codes them all and returns the exit code: 0, EXIT_DIFFERS where an asset failed, EXIT_IO where the disk is full."""
-    from ..dispatch.progress import progress
-    from ..dispatch.room import only_run, work_room
+    from ..batch.folders import only_run, work_room
+    from ..batch.task_progress import progress
 
     if dry_run or checkpoint is not None:
         raise click.UsageError(f"{'--dry-run' if dry_run else '--checkpoint'} has no part in --batch")
@@ -96,7 +96,7 @@ def encode_batch(console: Console, asked: dict[str, Any], checkpoint: str | None
         console.note(line)
     if console.as_json:
         click.echo(json_text({"schema": SCHEMA, "totals": batch.totals.facts()}), file=console.results)
-    unfinished.finish()
+    cleanup.finish()
     return EXIT_IO if batch.is_full else EXIT_DIFFERS if batch.failed else 0
 
 
@@ -121,7 +121,7 @@ class Batch:
 
     def run(self, assets: list[Asset], room: Path, show: Callable[[str, str, bool], None]) -> None:
         """Codes assets, in processes here or on a cluster, and tells of each as it ends."""
-        from ..dispatch.local import run_here
+        from ..batch.local import run_here
 
         self.show, self.assets = show, {asset.out: asset for asset in assets if asset.error is None}
         for asset in assets:
@@ -132,7 +132,7 @@ class Batch:
         if not tasks:
             return
         if self.asked["scheduler"]:
-            from ..dispatch.cluster import run_there
+            from ..batch.cluster import run_there
 
             run_there(tasks, self.asked["scheduler"], room, self._ended, self.console.note)
         else:
@@ -141,8 +141,8 @@ class Batch:
 
     def _warm_up(self):
         """Compiles the kernels once, before many processes would all do it."""
-        from ..dispatch.children import WARM_UP, Caps, Children
-        from ..warmup import ALL, first_run
+        from ..batch.children import WARM_UP, Caps, Children
+        from ..precompile import ALL, first_run
 
         line = first_run(ALL)
         if line:
@@ -150,7 +150,7 @@ class Batch:
             Children().run(WARM_UP, subprocess.DEVNULL, subprocess.DEVNULL, Caps(default_threads()))
 
     def _task(self, asset, threads):
-        from ..dispatch.tasks import Task, package_code
+        from ..batch.tasks import Task, package_code
 
         words = [word.replace("{", "{{").replace("}", "}}") for word in self._words(asset)]
         command = ("-m", "texfcodec.cli.enc", "{input}", "{folder}/" + STREAM, "--json", "--threads", "{threads}", *words)
@@ -158,8 +158,8 @@ class Batch:
                     package=package_code(), memory=self.asked["memory_limit"], seconds=self.asked["limit_seconds"])
 
     def _ended(self, task, outcome, folder):
-        from ..asset.save.files import as_input_error
-        from ..dispatch.tasks import DONE, FULL, is_full
+        from ..batch.tasks import DONE, FULL, is_full
+        from ..io.save import as_input_error
 
         asset = self.assets[task.name]
         if outcome.state == FULL:
@@ -187,7 +187,7 @@ class Batch:
                "stream": {"bytes": stream.stat().st_size, "sha256": sha256_of(stream)}, "result": facts,
                "named": losses_of(facts)}
         target.parent.mkdir(parents=True, exist_ok=True)
-        unfinished.rename_all([(stream, target)])
+        cleanup.rename_all([(stream, target)])
         self.results.append(row)
         return row
 
@@ -231,7 +231,7 @@ def _answer_of(folder):
 
 def _error_of(outcome, facts, task):
     """What went wrong: the encoder's own error as a dict, or one of ours."""
-    from ..dispatch.tasks import OVERDUE
+    from ..batch.tasks import OVERDUE
 
     if facts is not None and "error" in facts:
         return facts["error"]

@@ -12,9 +12,9 @@ from typing import Any
 
 import click
 
-from ..asset.load.formats import SUFFIXES
-from ..dispatch.room import WORK
+from ..batch.folders import WORK
 from ..errors import InputError
+from ..io.formats import SUFFIXES
 
 KEYS = ("path", "out", "options")
 NOT_OF_AN_ASSET = {"advise", "batch", "checkpoint", "dry_run", "help", "jobs", "json", "limit_seconds", "memory_limit", "out",

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
+from ..core import cleanup
+from ..core.json_text import json_text
 from ..errors import EXIT_INTERNAL, EXIT_INTERRUPTED, EXIT_IO, EXIT_LIMIT, EXIT_USAGE, InputError, LimitError, TexfError
-from ..ground import unfinished
-from ..ground.json_text import json_text
 from . import interrupts
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class Console:
 
     def result(self, facts: dict, lines: Iterable[str]) -> None:
         """The outcome: facts as one JSON object with --json, otherwise the lines, which --quiet silences."""
-        unfinished.finish()
+        cleanup.finish()
         if self.as_json:
             text = json_text({"schema": SCHEMA, **facts})
         elif self.quiet:
@@ -69,7 +69,7 @@ class Console:
 
     def fail(self, code: str, message: str, exit_code: int, **details: object) -> int:
         """Prints one error and returns its exit code."""
-        unfinished.finish()
+        cleanup.finish()
         if self.as_json:
             error = {"code": code, "message": message, "exit_code": exit_code, **details}
             click.echo(json_text({"schema": SCHEMA, "error": error}), file=self.results)
@@ -91,7 +91,7 @@ class Console:
 
 def run(command: click.Command, arguments: list[str] | None = None) -> NoReturn:
     """Runs a click command and exits with the codes of errors.py; no traceback reaches the user."""
-    unfinished.begin()
+    cleanup.begin()
     if arguments is None:  # the process is this command; otherwise Ctrl-C is its caller's
         interrupts.install()
     arguments = sys.argv[1:] if arguments is None else list(arguments)
@@ -100,7 +100,7 @@ def run(command: click.Command, arguments: list[str] | None = None) -> NoReturn:
             stream.reconfigure(errors="backslashreplace")
     console = Console(arguments)
     code = _guarded(command, arguments, console)
-    unfinished.finish()
+    cleanup.finish()
     try:
         sys.stdout.flush()
     except OSError:
@@ -145,7 +145,7 @@ def printable(text: str) -> str:
 
 def check_output(path: str, inputs: Iterable[str] = ()) -> None:
     """Refuses a hopeless path before any work is done, and one of the files that were read; "-" and devices are fine."""
-    from ..asset.save.files import check_target
+    from ..io.save import check_target
 
     if path != "-" and not is_device(path):
         check_target(Path(path), [name for name in inputs if name != "-"])
@@ -154,9 +154,9 @@ def check_output(path: str, inputs: Iterable[str] = ()) -> None:
 def write_output(path: str, data: bytes, inputs: Iterable[str] = ()) -> None:
     """Writes bytes to stdout ("-"), to a device, or to a temporary name beside the path that is then renamed, unless the path is
     one of the files that were read. It is the last step of a command."""
-    from ..asset.save.files import as_input_error, write_all
+    from ..io.save import as_input_error, write_all
 
-    unfinished.last_step()
+    cleanup.last_step()
     if path != "-" and not is_device(path):
         write_all(Path(path).parent, [(Path(path).name, [data])], inputs)
         return
@@ -172,7 +172,7 @@ def write_output(path: str, data: bytes, inputs: Iterable[str] = ()) -> None:
         raise InputError("TXF-C03", "nobody reads the output any more", path=path) from None
     except OSError as error:
         raise as_input_error(error, Path(path)) from None
-    unfinished.finish()
+    cleanup.finish()
 
 
 def is_device(path: str) -> bool:

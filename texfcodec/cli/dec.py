@@ -51,8 +51,8 @@ def dec(console, source, out, overwrite, as_json, quiet, **choices):
     interrupted.
     """
     from ..api import decode
-    from ..asset.save.files import SUFFIXES, check_choices
-    from ..warmup import DECODING, first_run
+    from ..io.save import SUFFIXES, check_choices
+    from ..precompile import DECODING, first_run
     from .console import check_output
 
     if out == "-":
@@ -80,14 +80,14 @@ def dec(console, source, out, overwrite, as_json, quiet, **choices):
 
 def _save(texf, source, out, overwrite, look):
     """Writes OUT and what belongs beside it; what save() tells."""
-    from ..asset.save.files import as_glb, save
-    from ..ground import unfinished
+    from ..core import cleanup
+    from ..io.save import as_glb, save
 
     if out == "-":
         data, told = as_glb(texf, **look)
         write_output(out, data)
         return {"files": []} | told
-    unfinished.last_step()
+    cleanup.last_step()
     return save(texf, out, **look, overwrite=overwrite, inputs=[] if source == "-" else [source])
 
 

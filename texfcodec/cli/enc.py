@@ -5,16 +5,16 @@ from typing import NoReturn
 import click
 
 from .. import __version__
-from ..asset.load.formats import SUFFIXES
 from ..codecs import codec_of
 from ..errors import InputError
+from ..io.formats import SUFFIXES
 from ..options import DEFAULT_CODEC, EncodeOptions, strange_options
 from ..report import plural
-from .advice import advice_lines
+from .advice_lines import advice_lines
 from .batch import batch_flags, batch_of, encode_batch
 from .console import SIGNS, STYLE, check_output, is_device, run, seconds_of, timing_line, write_output
-from .effects import decision_lines
-from .explain import explain_flags, explain_lines, seconds_to_explain
+from .effect_lines import decision_lines
+from .explain_lines import explain_flags, explain_lines, seconds_to_explain
 from .flags import file_names, limit_flags, limits_of, number, option_flags
 from .inputs import load_mesh
 
@@ -23,7 +23,7 @@ COARSE = 3.5  # texels along a voxel edge from which on coarse voxels show; of 2
 
 def _warm_up(context, parameter, value):
     if value and not context.resilient_parsing:
-        from ..warmup import warm_up
+        from ..precompile import warm_up
 
         warm_up()
         click.echo("all kernels are compiled and cached")
@@ -146,7 +146,7 @@ def _check_output(out, source):
 
 
 def _say_if_compiling(console):
-    from ..warmup import ENCODING, first_run
+    from ..precompile import ENCODING, first_run
 
     console.note_first_run(first_run(ENCODING))
 
@@ -184,8 +184,8 @@ def _encode(scene, options, report, out, explained=None):
 
 
 def _explain(scene, options, made, report, seconds):
-    from ..explain import explain_time
-    from ..quality.measure import measure_or_warn
+    from ..encoder.explain import explain_time
+    from ..metrics.psnr_3d import measure_or_warn
 
     stages = dict(report.seconds)
     with report.stage("explain"):
@@ -201,9 +201,9 @@ def _sizes(scene, total):
 
 def _estimate(scene, options, report):
     """What --dry-run reports: counts as they stand in the source, voxels and seconds as a guess."""
-    from ..choose.effects import needed_scene
+    from ..encoder.decide.materials import needed_scene
+    from ..encoder.rate_control import estimate
     from ..geometry.surface import make_surface
-    from ..search import estimate
 
     with report.stage("estimate"):
         voxels, seconds = estimate(scene, options)
@@ -217,7 +217,7 @@ def _estimate(scene, options, report):
 
 
 def _advice(scene, options, report):
-    from ..choose.advise import advise
+    from ..encoder.advise import advise
 
     with report.stage("advise"):
         return advise(scene, options)
@@ -302,7 +302,7 @@ def _size_lines(facts):
 
 def _check_lines(facts):
     """How close the stream is to its source, and how many losses were named."""
-    from ..ground.colour_error import in_decibels
+    from ..core.colour_error import in_decibels
 
     check, losses = facts["check"], len(facts["dropped"])
     lost = f"; {losses} loss{'es' * (losses != 1)} named above" if losses else "; no losses"
@@ -319,7 +319,7 @@ def _check_lines(facts):
 
 
 def _psnr_lines(facts):
-    from ..ground.colour_error import in_decibels
+    from ..core.colour_error import in_decibels
 
     if facts["psnr_3d"]:
         shown = {name: in_decibels(value) for name, value in facts["psnr_3d"].items()}

@@ -5,7 +5,7 @@ from typing import NoReturn
 import click
 
 from .. import __version__
-from ..asset.load.formats import SUFFIXES
+from ..io.formats import SUFFIXES
 from .console import STYLE, run, seconds_of, timing_line
 from .flags import file_names, limit_flags, limits_of, number
 from .inputs import check_stdin_once, load_mesh, open_asset
@@ -40,7 +40,7 @@ def evaluate(console, source, other, views, size, ssim, weights, shaded, mipmaps
     interrupted.
     """
     from ..options import DecodeOptions
-    from ..warmup import ENCODING, first_run
+    from ..precompile import ENCODING, first_run
 
     options = DecodeOptions(threads=threads, limits=limits_of(limits))
     check_stdin_once(source, other)
@@ -63,7 +63,7 @@ def _load_lpips(weights):
     """First of all: it is quick to fail."""
     if weights is None:
         return None
-    from ..quality.perceptual import Lpips
+    from ..metrics.perceptual import Lpips
 
     return Lpips(weights)
 
@@ -87,7 +87,7 @@ def _open(path, options, report):
 
 
 def _views(scene, decoded, settings, mipmaps, threads, report):
-    from ..quality.views import Look, compare_views
+    from ..metrics.views import Look, compare_views
 
     with report.stage("views"):
         return compare_views(scene, decoded, *settings, threads=threads, look=Look(mipmaps=mipmaps),
@@ -95,7 +95,7 @@ def _views(scene, decoded, settings, mipmaps, threads, report):
 
 
 def _shaded(scene, decoded, settings, report):
-    from ..quality.shaded import compare_shaded
+    from ..metrics.shaded import compare_shaded
 
     with report.stage("shaded"):
         return compare_shaded(scene, decoded, *settings, on_view=lambda n, of: report.progress("shaded", n, of))
@@ -103,8 +103,8 @@ def _shaded(scene, decoded, settings, report):
 
 def _psnr_3d(scene, decoded, threads, report):
     """At the same surface points of a stream and of a mesh: as many as a mesh can be searched for."""
-    from ..quality.measure import measure, measure_or_warn
-    from ..quality.views import NEAREST_SAMPLES, fields_of_faces, mesh_psnr_3d
+    from ..metrics.psnr_3d import measure, measure_or_warn
+    from ..metrics.views import NEAREST_SAMPLES, fields_of_faces, mesh_psnr_3d
     from ..texf import Texf
 
     with report.stage("psnr_3d"):
@@ -121,7 +121,7 @@ def _run_facts(report):
 
 
 def _lines(facts, other):
-    from ..ground.colour_error import in_decibels
+    from ..core.colour_error import in_decibels
 
     yield f"{other}: {facts['views']} views of {facts['size']} x {facts['size']}, {facts['pixels']} pixels compared"
     shown = {name: in_decibels(value, 3) for name, value in facts["psnr"].items()}
@@ -139,7 +139,7 @@ def _lines(facts, other):
 
 
 def _shaded_lines(found):
-    from ..ground.colour_error import in_decibels
+    from ..core.colour_error import in_decibels
 
     shown = {name: in_decibels(value, 3) for name, value in found["psnr"].items()}
     yield f"shaded PSNR: RGB {shown['rgb']}, Y {shown['y']}, YUV {shown['yuv']}"

@@ -6,15 +6,15 @@ from typing import NoReturn
 import click
 
 from .. import __version__
-from ..asset.normal_rule import rule_of
-from ..asset.scene import WRAP_NAMES
 from ..bitstream.file import read_stream_file
 from ..bitstream.syntax import SUPPORT_TEXELS
 from ..codecs import codec_of
+from ..core.json_text import json_text
 from ..errors import LimitError
-from ..ground.json_text import json_text
 from ..limits import LEVELS, Limits
 from ..report import plural
+from ..scene.normal_rule import rule_of
+from ..scene.scene import WRAP_NAMES
 from .console import STYLE, run
 from .flags import file_names
 
@@ -60,10 +60,10 @@ def _verify(data, facts):
 
 
 def _effect_facts(data, facts):
-    """What channels and effects take: {"channels": one entry for each attribute unit, "drawing": of quality.effect_times}."""
+    """What channels and effects take: {"channels": one entry for each attribute unit, "drawing": of metrics.effect_times}."""
     from ..decoder import decode_stream
+    from ..metrics.effect_times import effect_times
     from ..options import DecodeOptions
-    from ..quality.effect_times import effect_times
     from ..report import Report
 
     report, options = Report(), DecodeOptions()

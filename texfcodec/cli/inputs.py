@@ -13,9 +13,9 @@ from ..limits import Limits
 from ..report import plural
 
 if TYPE_CHECKING:
-    from ..asset.scene import Scene
     from ..options import DecodeOptions
     from ..report import Report
+    from ..scene.scene import Scene
     from ..texf import Texf
     from .console import Console
 
@@ -29,8 +29,8 @@ def check_stdin_once(*paths: str | None) -> None:
 
 
 def load_mesh(path: str, strict: bool = False, limits: Limits | None = None) -> Scene:
-    """Scene of a mesh file, or of a GLB on stdin for "-". Errors: as asset.load.files, and TXF-I05 for stdin that is no GLB."""
-    from ..asset.load.files import load
+    """Scene of a mesh file, or of a GLB on stdin for "-". Errors: as io.load, and TXF-I05 for stdin that is no GLB."""
+    from ..io.load import load
 
     return _stdin_mesh(_stdin(), strict, limits) if path == "-" else load(path, strict, limits)
 
@@ -59,7 +59,7 @@ def _stdin(most=-1):
 
 
 def _stdin_mesh(data, strict, limits):
-    from ..asset.load.files import load_glb
+    from ..io.load import load_glb
 
     if not data:
         raise InputError("TXF-I04", "the file is empty", path="-")

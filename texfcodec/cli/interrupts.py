@@ -13,8 +13,8 @@ import _thread
 import os
 import sys
 
+from ..core import cleanup
 from ..errors import EXIT_INTERRUPTED, EXIT_OK
-from ..ground import unfinished
 
 CODE = "TXF-C02"
 NOTHING_WRITTEN = "interrupted; nothing was written"
@@ -71,16 +71,16 @@ def _wait(ear):
         if _signal.SIGINT not in os.read(ear, 64):
             continue
         asked += 1
-        unfinished.GATE.acquire()
+        cleanup.GATE.acquire()
         if Talk.closes:
-            unfinished.remove_all()
+            cleanup.remove_all()
             _say_closed()
             os._exit(EXIT_OK)
-        if not unfinished.is_finished():
-            unfinished.remove_all()
+        if not cleanup.is_finished():
+            cleanup.remove_all()
             _say()
         elif asked < 2:
-            unfinished.GATE.release()
+            cleanup.GATE.release()
             continue
         os._exit(EXIT_INTERRUPTED)
 

@@ -65,7 +65,7 @@ def render(console, source, out, compare, as_json, quiet, **choices):
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 over a limit, 130
     interrupted.
     """
-    from ..warmup import DECODING, first_run
+    from ..precompile import DECODING, first_run
 
     check_stdin_once(source, compare)
     if out == "-":
@@ -120,9 +120,9 @@ def _camera(asset, choices):
 
 def _draw(asset, camera, choices, report):
     """Picture of a Scene or a Texf."""
-    from ..asset.scene import Scene
     from ..render.environment import DAYLIGHT
     from ..render.shade import render_scene, render_texf
+    from ..scene.scene import Scene
 
     cull, threads, light = not choices["no_cull"], choices["threads"], DAYLIGHT if choices["shaded"] else None
     with report.stage("render"):
@@ -139,10 +139,10 @@ def _image(picture, choices):
 
 def _compared(named, shown, compared, choices, report):
     """What compare() found, and the sheet. named: (asset, path) of both; shown, compared: their Pictures."""
-    from ..asset.scene import Scene
     from ..render.backdrop import GREY
     from ..render.difference import compare, names_of_halves, sheet
     from ..render.shade import box_down
+    from ..scene.scene import Scene
 
     with report.stage("compare"):
         under = WHITE if choices["background"] == GREY else choices["background"]
@@ -163,7 +163,7 @@ def _facts(image, picture, choices, compared, report):
 
 
 def _lines(facts, out):
-    from ..ground.colour_error import in_decibels
+    from ..core.colour_error import in_decibels
 
     share = 100 * facts["covered"] / facts["pixels"]
     lit = ", in light" if facts["shaded"] else ""

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
-from ..ground.json_text import json_text
+from ..core.json_text import json_text
 from .catalogue import Asset
 
 RESULTS = "results.jsonl"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from statistics import median
 from typing import Any
 
-from ..ground.colour_error import in_decibels
+from ..core.colour_error import in_decibels
 
 MEASURES = {"y": "Y", "rgb": "RGB"}  # of an asset's check, and what they are called
 

@@ -35,9 +35,9 @@ def validate(console, file, strict, as_json, quiet, **choices):
     Exit codes, by the worst finding: 0 valid, 3 invalid, 5 not supported, 6 over a limit, 7 valid with warnings (--strict); 1
     command line, 2 input or output, 4 internal, 130 interrupted.
     """
-    from ..validator.isolated import validate_isolated
-    from ..validator.validate import validate as validated
-    from ..warmup import DECODING, first_run
+    from ..precompile import DECODING, first_run
+    from ..validate.sandboxed import validate_isolated
+    from ..validate.validate import validate as validated
 
     limits, isolate = limits_of(choices), choices.pop("isolate")
     options = DecodeOptions(**{name: value for name, value in choices.items() if value is not None}, limits=limits)

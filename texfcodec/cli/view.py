@@ -85,7 +85,7 @@ def view(console, source, other, export, screenshot, as_json, quiet, **choices):
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 over a limit, 130
     interrupted.
     """
-    from ..warmup import DECODING, first_run
+    from ..precompile import DECODING, first_run
 
     check_stdin_once(source, other)
     inputs = [name for name in (source, other) if name is not None]
@@ -127,7 +127,7 @@ def _check(console, other, export, screenshot, choices, inputs):
         if path is not None:
             check_output(path, inputs)
     if screenshot is not None:
-        from ..view.headless import needed_browser
+        from ..viewer.headless import needed_browser
 
         needed_browser()
 
@@ -142,7 +142,7 @@ def _start(choices, other):
 
 def _containers(options, inputs, report):
     """[(name, bytes of the file, container)] of the inputs, in their order; adds the other files that were read to inputs."""
-    from ..view.pack import pack
+    from ..viewer.pack import pack
 
     out = []
     for path in list(inputs):
@@ -156,13 +156,13 @@ def _outputs(containers, export, screenshot, start, drawn, report):
     """{path: bytes} of what is to be written. drawn: "size" and "anti_alias" of the screenshot."""
     data, outputs = [container for _, _, container in containers], {}
     if export is not None:
-        from ..view.page import export_page
+        from ..viewer.page import export_page
 
         with report.stage("export"):
             outputs[export] = export_page(data, " and ".join(name for name, _, _ in containers), start, __version__)
     if screenshot is not None:
         from ..render.backdrop import GREY
-        from ..view.headless import run_jobs
+        from ..viewer.headless import run_jobs
 
         with report.stage("browser"):
             (picture,) = run_jobs(data, [{"kind": "picture", "captions": True, "background": GREY, **drawn, **start}])
@@ -174,8 +174,8 @@ def _outputs(containers, export, screenshot, start, drawn, report):
 
 def _serve(console, containers, start, choices, options, facts):
     """Serves the page until Ctrl-C, which is how it is meant to end: with 0."""
-    from ..view.dropped import container_of_dropped
-    from ..view.server import ViewServer
+    from ..viewer.dropped import container_of_dropped
+    from ..viewer.server import ViewServer
 
     with ViewServer([container for _, _, container in containers], drop=lambda *file: container_of_dropped(*file, options),
                     start=start, version=__version__, port=choices["port"], most=options.limits.file_bytes) as server:

@@ -1,7 +1,7 @@
 """The registry of codecs. Whoever needs one asks here, by the name that users type or by the id that a stream holds.
 
 A package of somebody else registers a codec as an entry point of the group texfcodec.codecs: its name is the codec's, its value a
-class derived from codec.PlaneCodec or codec.JointCodec with an id of PRIVATE_IDS.
+class derived from base.PlaneCodec or base.JointCodec with an id of PRIVATE_IDS.
 """
 
 from contextlib import suppress
@@ -10,11 +10,11 @@ from importlib import import_module
 from importlib.metadata import distributions, entry_points
 
 from ..errors import SupportError
-from .codec import PRIVATE_IDS, Codec
+from .base import PRIVATE_IDS, Codec
 
 GROUP = "texfcodec.codecs"
-OURS = {"raht": (0, "raht.unit", "Raht"), "3dntc": (1, "neural.unit", "Neural"),
-        "constant": (2, "constant.unit", "Constant")}  # name: id, module, class
+OURS = {"raht": (0, "raht.raht_codec", "Raht"), "3dntc": (1, "neural.neural_codec", "Neural"),
+        "constant": (2, "constant", "Constant")}  # name: id, module, class
 
 
 @lru_cache(maxsize=64)
@@ -36,7 +36,7 @@ def _points() -> list:
 
 
 @lru_cache(maxsize=1)
-def _guests() -> dict:
+def _plugins() -> dict:
     """Codecs of other packages by name, as they were registered: nothing of them is loaded yet. A name of ours stays ours."""
     found: dict = {}
     for point in _points():
@@ -46,14 +46,14 @@ def _guests() -> dict:
 
 
 @lru_cache(maxsize=64)
-def _guest(name: str) -> Codec:
-    from .guest import welcome
+def _plugin(name: str) -> Codec:
+    from .plugins import load_plugin
 
-    points = _guests()[name]
+    points = _plugins()[name]
     if len(points) > 1:
         raise SupportError("TXF-U08", f"more than one plug-in registers a codec of the name {name!r}",
                            value=", ".join(sorted(point.value for point in points)))
-    return welcome(points[0], {id: other for other, (id, *_) in OURS.items()})
+    return load_plugin(points[0], {id: other for other, (id, *_) in OURS.items()})
 
 
 def our_codecs() -> list[Codec]:
@@ -63,7 +63,7 @@ def our_codecs() -> list[Codec]:
 
 def codec_names() -> list[str]:
     """What --codec takes: the codecs of the specification that a user may choose, then those of plug-ins."""
-    return [codec.name for codec in our_codecs() if codec.chosen] + sorted(_guests())
+    return [codec.name for codec in our_codecs() if codec.chosen] + sorted(_plugins())
 
 
 def codec_of(name: str) -> Codec:
@@ -71,8 +71,8 @@ def codec_of(name: str) -> Codec:
     if isinstance(name, str):
         if name in OURS:
             return _ours(name)
-        if name in _guests():
-            return _guest(name)
+        if name in _plugins():
+            return _plugin(name)
     raise SupportError("TXF-U06", "no codec of this name is installed", value=name, allowed=", ".join(codec_names()))
 
 
@@ -85,10 +85,10 @@ def codec_of_unit(values: dict) -> Codec:
                 return _ours(ours)
         raise SupportError("TXF-U02", "unknown attribute codec", clause="5.7", value=number,
                            allowed=[id for id, *_ in OURS.values()])
-    if name not in _guests():
+    if name not in _plugins():
         raise SupportError("TXF-U07", f"the stream needs the codec {name!r}, which is not installed here", clause="5.7",
                            value=number)
-    codec = _guest(name)
+    codec = _plugin(name)
     if codec.id != number:
         raise SupportError("TXF-U07", f"the stream needs another codec {name!r} than the one that is installed", clause="5.7",
                            value=number, allowed=codec.id)

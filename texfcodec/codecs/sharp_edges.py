@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from ..core.kernel import kernel
 from ..geometry.edges import NUM_FOLDS
-from ..ground.kernel import kernel
 from .raht.entropy.range_coder import Coder, _dec_bit, _enc_bit, finish, new_contexts, new_decoder, new_encoder
 
 MOST_SHARP, MOST_CODED = 2, 3  # of the edges at a vertex that count

@@ -4,7 +4,7 @@ import zlib
 
 import numpy as np
 
-from ..ground.kernel import kernel
+from ..core.kernel import kernel
 
 # What a byte makes of a register of 0: with all ones before and after, zlib's CRC-32 of byte b is _TABLE[b ^ 255] ^ 0xFF000000.
 _TABLE = np.array([zlib.crc32(bytes([byte ^ 0xFF])) ^ 0xFF000000 for byte in range(256)], np.int64)

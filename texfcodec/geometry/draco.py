@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..core.syntax_walk import Reader
 from ..errors import InputError, StreamError
-from ..ground.walk import Reader
 
 COMPRESSION_LEVEL = 10
 MAX_UV_BITS = 20  # of a UV before its unit's origin is added, in steps

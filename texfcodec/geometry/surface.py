@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, LimitError
-from ..ground.areas import edge_columns, squared_cross
+from .areas import edge_columns, squared_cross
 from .canonical import CanonicalCube, fit_cube
 
 LEAST_HEIGHT = 2.0**-22  # of a face, in sides of the cube: about what rounding to binary32 does to three corners on a line

@@ -1,6 +1,6 @@
 """What pictures for people stand on, and which assets need light to show anything but their outline.
 
-Metrics and refinements have conditions of their own (quality/views.py, pictures.py), which nothing here changes. A Texf stands in
+Metrics and refinements have conditions of their own (metrics/views.py, pictures.py), which nothing here changes. A Texf stands in
 a later room, so that signatures here say Any.
 """
 
@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from ..asset.sample import pack_source, sample_source
-from ..asset.scene import Scene
-from ..ground.areas import relative_areas, sample_surface
+from ..geometry.areas import relative_areas, sample_surface
+from ..scene.fetch import pack_source, sample_source
+from ..scene.scene import Scene
 from .textures import with_finite_uvs
 
 Colour = tuple[int, int, int]

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..ground.colour_error import ColourError
-from ..ground.json_text import json_ready
+from ..core.colour_error import ColourError
+from ..core.json_text import json_ready
 from .backdrop import Background, rows
 
 if TYPE_CHECKING:

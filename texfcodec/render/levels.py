@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..support.query import query_field
+from ..field.query import query_field
 
 
 @dataclass
@@ -26,7 +26,7 @@ class Level:
     counts: np.ndarray
 
     def query(self, places: np.ndarray) -> np.ndarray:
-        """float32 [M, C] at places of the field: grid coordinates float64 [M, 3] over voxels, see support.query.query_field;
+        """float32 [M, C] at places of the field: grid coordinates float64 [M, 3] over voxels, see field.query.query_field;
         texels of the full image float64 [M, 2] over texels."""
         if self.support.planar:
             return self.support.query(places, self.values)

@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..asset.factors import FLAT, linear_values, neutral_values
-from ..asset.scene import Scene
-from ..channels import BY_NAME
-from ..ground.threads import over_blocks
-from .effects import ShadingTable
+from ..core.threads import over_blocks
+from ..scene.channels import BY_NAME
+from ..scene.factors import FLAT, linear_values, neutral_values
+from ..scene.scene import Scene
 from .environment import DAYLIGHT, Environment
-from .frames import deviated_normals, interpolate_corners, tangent_space_normals, towards_viewer
 from .lit_field import FieldMaps
 from .lit_scene import SceneMaps
 from .lobes import build_tables
 from .material import expose, shade
+from .material_effects import ShadingTable
 from .questions import surface_points
 from .surface import Points
+from .tangent_frames import deviated_normals, interpolate_corners, tangent_space_normals, towards_viewer
 
 if TYPE_CHECKING:
     from .camera import Camera

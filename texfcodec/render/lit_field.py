@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..asset.factors import neutral_values
-from ..asset.tangents import corner_tangents
-from ..channels import BY_NAME, channel_over
-from .frames import interpolate_corners
+from ..geometry.tangents import corner_tangents
+from ..scene.channels import BY_NAME, channel_over
+from ..scene.factors import neutral_values
 from .questions import Questions
+from .tangent_frames import interpolate_corners
 
 if TYPE_CHECKING:
     from .camera import Camera

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..asset.normals import corner_normals
-from ..asset.sample import pack_map, sampled_values
-from ..asset.scene import Scene
-from ..asset.tangents import corner_tangents
-from ..channels import BY_NAME
 from ..geometry.canonical import fit_cube
-from .frames import interpolate_corners
+from ..geometry.shading_normals import corner_normals
+from ..geometry.tangents import corner_tangents
+from ..scene.channels import BY_NAME
+from ..scene.fetch import pack_map, sampled_values
+from ..scene.scene import Scene
+from .tangent_frames import interpolate_corners
 from .textures import MipScenes, Textures
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..ground.kernel import kernel
+from ..core.kernel import kernel
 
 
 @kernel(allocates=False)

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..asset.srgb import linear_to_srgb
-from ..ground.threads import over_blocks
+from ..core.threads import over_blocks
+from ..scene.srgb import linear_to_srgb
 from . import terms
-from .effects import TERMS, ShadingTable
 from .environment import Environment
 from .lobes import build_tables
+from .material_effects import TERMS, ShadingTable
 from .surface import Points, Surface
 
 BLOCK = 1 << 14  # points at a time: the columns of one term stay in the cache

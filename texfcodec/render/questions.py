@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..ground.kernel import kernel
+from ..core.kernel import kernel
 from .levels import Pyramid, pyramid_of
 
 if TYPE_CHECKING:

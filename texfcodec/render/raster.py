@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..asset.texel_cover import nearest_on_triangle
-from ..ground.kernel import kernel
+from ..core.kernel import kernel
+from ..field.texel_cover import nearest_on_triangle
 from .triangles import BAND, Triangles, _first_centre, _last_centre, set_up
 
 if TYPE_CHECKING:

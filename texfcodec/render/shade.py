@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..asset.sample import pack_source, sample_source
-from ..ground.kernel import kernel
-from ..ground.threads import over_blocks
+from ..core.kernel import kernel
+from ..core.threads import over_blocks
+from ..scene.fetch import pack_source, sample_source
 from .backdrop import Background, rows
+from .depth_layers import composite, opacity, see_through
 from .environment import Environment
-from .layers import composite, opacity, see_through
 from .lighting import Lighting
 from .questions import Questions
 from .raster import Fragments, visible
@@ -23,7 +23,7 @@ from .textures import Textures, with_finite_uvs
 from .triangles import set_up
 
 if TYPE_CHECKING:
-    from ..asset.scene import Scene
+    from ..scene.scene import Scene
     from .camera import Camera
 
 BLOCK = 1 << 16  # fragments shaded at a time

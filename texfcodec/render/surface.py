@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .effects import LARGEST, ShadingTable
 from .lobes import LEAST, dot
+from .material_effects import LARGEST, ShadingTable
 
 UNBOUNDED = frozenset({"emissive", "thickness"})  # channels whose final values may be above 1
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..asset.sample import sample_source
-from ..asset.srgb import linear_to_srgb, srgb_to_linear
-from ..ground.threads import over_blocks
+from ..core.threads import over_blocks
+from ..scene.fetch import sample_source
+from ..scene.srgb import linear_to_srgb, srgb_to_linear
 from .questions import mixed, texels_per_unit
 
 if TYPE_CHECKING:
-    from ..asset.scene import Scene
+    from ..scene.scene import Scene
     from .camera import Camera
     from .raster import Fragments
 
@@ -22,7 +22,7 @@ BLOCK = 1 << 16  # fragments at a time
 
 
 class Textures:
-    """What `pack` (asset.sample.pack_source, or pack_map of a channel) makes of a Scene, asked at fragments.
+    """What `pack` (scene.fetch.pack_source, or pack_map of a channel) makes of a Scene, asked at fragments.
 
     mips: MipScenes of the scene, or None for its images alone. colour: whether the images' first three columns are sRGB-coded.
     The pixel's footprint on a face is its area there, as for fields over texels (render/questions.py): no face asks another level

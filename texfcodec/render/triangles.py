@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..ground.kernel import kernel
+from ..core.kernel import kernel
 from .camera import Camera, to_camera, to_screen
 
 SUBPIXELS = 256  # positions of a corner per pixel; raster.py's shifts by 8 are this

@@ -58,7 +58,7 @@ class Method(ABC):
         return None
 
     def face_field(self, folder):
-        """int64 per face of the source: the field of the Texf that it asks (quality.measure); None: ask the nearest face."""
+        """int64 per face of the source: the field of the Texf that it asks (metrics.psnr_3d); None: ask the nearest face."""
         return None
 
 

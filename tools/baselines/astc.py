@@ -18,7 +18,7 @@ import numpy as np
 from baselines import Method, checked_options, method, parametrise, sheets, source_hash, versions_of
 from baselines.parametrise import PARAMETRISATIONS, SOURCE_UVS, Request, reparametrised, side_of
 from baselines.sheets import COLOUR, NORMAL, map_sheets, three_components, two_components
-from texfcodec.asset.scene import Material, Scene, Texture
+from texfcodec.scene.scene import Material, Scene, Texture
 
 DEFAULTS = {"block": "6x6", "quality": 98, "uv_bytes": "uint16", "profile": "ldr", "maps": "none", "normals": "xy",
             "parametrisation": "source"}

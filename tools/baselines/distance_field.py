@@ -13,10 +13,10 @@ import numpy as np
 
 from texfcodec.codecs.raht.entropy.contexts import _dec_escape, _enc_escape
 from texfcodec.codecs.raht.entropy.range_coder import Coder, _dec_bit, _enc_bit, finish, new_contexts, new_decoder, new_encoder
-from texfcodec.ground.areas import sample_surface
-from texfcodec.ground.kernel import kernel
-from texfcodec.quality.nearest import face_normals
-from texfcodec.support.morton import encode_morton
+from texfcodec.core.kernel import kernel
+from texfcodec.field.morton import encode_morton
+from texfcodec.geometry.areas import sample_surface
+from texfcodec.metrics.nearest import face_normals
 
 LEAF, FAR = 8, 3.0  # faces of a leaf; from how many radii on a cluster counts as one dipole
 BAND = 1.8  # cells: corners of crossed cells are at most the square root of 3 away

@@ -31,7 +31,7 @@ from baselines.astc import HANDLING, Astc
 from baselines.programs import program_of, run_program
 from baselines.texf import FACE_FIELD, TexfMethod
 from baselines.voxel_values import face_fields, rgba_of, voxel_values, with_values, write_mesh
-from texfcodec.support.morton import encode_morton
+from texfcodec.field.morton import encode_morton
 
 DEFAULTS = {"codec": "tmc13", "resolution": 1024, "qp": 34, "transform": "raht", "program": "", "config": "", "command": "",
             "decode_command": "", "seconds": 3600, "position_bits": None}
@@ -88,8 +88,8 @@ class External(TexfMethod):
 
     def warm_up(self, options, threads):
         """Loads the kernels that voxels need."""
+        from texfcodec.precompile import small_scene
         from texfcodec.report import Report
-        from texfcodec.warmup import small_scene
 
         voxel_values(small_scene(), {"resolution": 32, "threads": threads}, Report())
 

@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from baselines import Method, programs, source_hash
-from texfcodec.asset.scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
+from texfcodec.scene.scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
 
 POSITION_BITS = 14
 WHOLE, BARE = "whole.glb", "geometry.glb"
@@ -96,9 +96,9 @@ def source_of(scene):
 def document_of(source, coded=None, packing=None):
     """A gltf_write.Document. coded: {content: (image_write.ImageFormat, bytes)}, one for each image; without it there are neither
     images nor UVs nor vertex colours, which leaves the geometry. packing: of gltf_pack, plain where it is None."""
-    from texfcodec.asset.save.gltf_material import extensions_of, material_entry
-    from texfcodec.asset.save.gltf_pack import Plain
-    from texfcodec.asset.save.gltf_write import Document
+    from texfcodec.io.gltf.material_writer import extensions_of, material_entry
+    from texfcodec.io.gltf.packing import Plain
+    from texfcodec.io.gltf.writer import Document
 
     document, scene, packing = Document({}), source.scene, packing or Plain()
     textures = _add_textures(document, source, coded or {})
@@ -125,8 +125,8 @@ def _frame(scene):
 
 def _columns(source, positions, number, has_looks):
     """({attribute: gltf_pack.Column of vertices}, vertex int64 [3 F] of each corner) of a material's faces."""
-    from texfcodec.asset.save.appearance import unique_corners
-    from texfcodec.asset.save.gltf_pack import Column
+    from texfcodec.io.gltf.packing import Column
+    from texfcodec.io.vertex_appearance import unique_corners
 
     scene = source.scene
     faces = scene.face_material == number
@@ -164,14 +164,14 @@ def _add_textures(document, source, coded):
 
 def coded_images(source, name, quality=None):
     """{content: (image_write.ImageFormat, bytes)} of a Source's images, in one of image_write's formats."""
-    from texfcodec.asset.save.image_write import FORMATS, encode_image
+    from texfcodec.io.image_writer import FORMATS, encode_image
 
     return {content: (FORMATS[name], encode_image(image, FORMATS[name], quality)) for content, image in source.images.items()}
 
 
 def write_document(document, path):
     """Writes a Document as a GLB file."""
-    from texfcodec.asset.save.gltf_write import glb
+    from texfcodec.io.gltf.writer import glb
 
     Path(path).write_bytes(b"".join(glb(document)))
 
@@ -179,8 +179,8 @@ def write_document(document, path):
 def checked(path, source=None, shrink=1, slack=0):
     """The Scene of a GLB file that a program wrote. source: the Source it was made of, for an image each of 1 / shrink of the
     size, to slack pixels; without one no images are looked for. ValueError: a sentence about what is wrong with it."""
-    from texfcodec.asset.load.files import load
     from texfcodec.errors import TexfError
+    from texfcodec.io.load import load
 
     path = Path(path)
     if not path.is_file():

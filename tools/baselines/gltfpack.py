@@ -33,7 +33,7 @@ from baselines.glb import (
     write_document,
 )
 from baselines.programs import ProgramError, program_of, run_program, version_of
-from texfcodec.asset.scene import Material, Scene, Texture
+from texfcodec.scene.scene import Material, Scene, Texture
 
 DEFAULTS = {"texture": "webp", "quality": 80, "shrink": 1, "position_bits": 14, "uv_bits": 12, "program": "", "seconds": 600}
 WORDS = {"webp": ["-tw"], "etc1s": ["-tc"], "uastc": ["-tc", "-tu"], "kept_webp": []}

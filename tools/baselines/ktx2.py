@@ -49,8 +49,8 @@ class Ktx2(GlbMethod):
 
     def encode(self, scene, options, folder, threads, report):
         """Writes WHOLE and BARE. ValueError: an option is out of range, or the file is not what it should be."""
-        from texfcodec.asset.save.gltf_pack import Draco
-        from texfcodec.asset.save.image_write import FORMATS
+        from texfcodec.io.gltf.packing import Draco
+        from texfcodec.io.image_writer import FORMATS
 
         options = checked_options(options, DEFAULTS, RANGES, CHOICES)
         source = source_of(scene)

@@ -26,14 +26,14 @@ import numpy as np
 import texfcodec
 from baselines import versions_of
 from baselines.image_codecs import RIVALS
-from texfcodec.asset.sample import pack_source, sample_source
-from texfcodec.asset.save.atlas import Atlas
-from texfcodec.asset.save.atlas_quality import QualityFailed, unwrap
-from texfcodec.asset.save.bake import bake
-from texfcodec.asset.scene import ALPHA_OPAQUE, WRAP_CLAMP, Material, Scene, Texture
+from texfcodec.core import cleanup
 from texfcodec.geometry.surface import make_surface
-from texfcodec.ground import unfinished
+from texfcodec.io.atlas.bake import bake
+from texfcodec.io.atlas.quality import QualityFailed, unwrap
+from texfcodec.io.atlas.unwrap import Atlas
 from texfcodec.options import EncodeOptions
+from texfcodec.scene.fetch import pack_source, sample_source
+from texfcodec.scene.scene import ALPHA_OPAQUE, WRAP_CLAMP, Material, Scene, Texture
 
 SOURCE_UVS, PARAMETRISATIONS = "source", ("source", "uvatlas", "xatlas")
 POSITION_BITS = 14
@@ -245,7 +245,7 @@ def _by_uvatlas(points, faces, side, seconds):
     here = str(Path(__file__).resolve().parents[1])
     environment = dict(os.environ, PYTHONPATH=os.pathsep.join([here, *(p for p in sys.path if p)]))
     try:
-        done = unfinished.run_child([sys.executable, "-c", _CHILD], request.getvalue(), seconds, environment)
+        done = cleanup.run_child([sys.executable, "-c", _CHILD], request.getvalue(), seconds, environment)
         said = (done.stderr.decode(errors="replace").strip().splitlines() or ["it said nothing"])[-1].strip()
         if done.returncode == NOT_LOADED:
             raise LookupError(f"uvatlas needs open3d, which cannot be loaded (it wants libusb-1.0 and libGL): {said}")

@@ -17,18 +17,18 @@ from baselines import checked_options, distance_field, method, source_hash, texf
 from baselines.distance_field import PAD, Winding, dec_distances, enc_distances, lost_share, quantised, signed_distances
 from baselines.texf import TexfMethod
 from baselines.voxel_values import PREPARED
-from texfcodec.asset.scene import ALPHA_OPAQUE, Material, Scene
-from texfcodec.choose.maps import with_grey
-from texfcodec.choose.prepare import colour_planes
-from texfcodec.encoder import code_prepared, prepare
+from texfcodec.encoder.map_planes import with_grey
+from texfcodec.encoder.pipeline import code_prepared, prepare
+from texfcodec.encoder.source_field import colour_planes
+from texfcodec.field.morton import encode_morton
+from texfcodec.field.samples import surface_samples
+from texfcodec.field.transfer import fill_uncoloured
 from texfcodec.geometry.draco import enc_geometry
 from texfcodec.geometry.surface import make_surface
+from texfcodec.metrics.nearest import face_normals
+from texfcodec.metrics.views import MeshColours
 from texfcodec.options import EncodeOptions
-from texfcodec.quality.nearest import face_normals
-from texfcodec.quality.views import MeshColours
-from texfcodec.support.morton import encode_morton
-from texfcodec.support.samples import surface_samples
-from texfcodec.support.transfer import fill_uncoloured
+from texfcodec.scene.scene import ALPHA_OPAQUE, Material, Scene
 
 DEFAULTS = {"grid": 128, "steps": 8, "resolution": 1024, "qp": 28, "position_bits": 14, "effort": "balanced"}
 RANGES = {"grid": (16, 512), "steps": (2, 60)}

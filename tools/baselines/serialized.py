@@ -23,7 +23,7 @@ from baselines.astc import Astc, Codec
 from baselines.space_filling import CURVES, FILLS, curve_keys, from_image, image_size, to_image
 from baselines.texf import FACE_FIELD, TexfMethod
 from baselines.voxel_values import face_fields, rgba_of, voxel_values, with_values, write_mesh
-from texfcodec.support.layout import octree_depth
+from texfcodec.field.extents import octree_depth
 
 DEFAULTS = {"resolution": 2048, "curve": "hilbert", "fill": "blocks", "tile": 64, "codec": "hevc", "qp": 31, "chroma": "444",
             "block": "6x6", "quality": 98, "profile": "ldr", "addressing": "smallest", "position_bits": None}
@@ -57,8 +57,8 @@ class Serialized(TexfMethod):
 
     def warm_up(self, options, threads):
         """Loads the image codec and the kernels that voxels need."""
+        from texfcodec.precompile import small_scene
         from texfcodec.report import Report
-        from texfcodec.warmup import small_scene
 
         asked = checked(options)
         coder = image_coder(asked, threads)

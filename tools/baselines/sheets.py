@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from texfcodec.asset.sample import values_of_map
-from texfcodec.asset.save.sheets import with_z
-from texfcodec.channels import BY_NAME, SHEETS
+from texfcodec.io.atlas.sheets import with_z
+from texfcodec.scene.channels import BY_NAME, SHEETS
+from texfcodec.scene.fetch import values_of_map
 
 COLOUR, DATA, NORMAL = "colour", "data", "normal"
 

@@ -34,7 +34,7 @@ class TexfMethod(Method):
         """Codes and decodes two small sheets under the same options, but with few voxels, without a target, and with a fit where
         the asset may get one; and over texels, where the asset may get them."""
         from texfcodec.api import decode, encode
-        from texfcodec.warmup import small_scene
+        from texfcodec.precompile import small_scene
 
         kept = {k: v for k, v in options.items() if k not in ("target_bytes", "target_psnr")}
         kept |= {"resolution": WARM_RESOLUTION, "threads": threads, "refine_iterations": 1}
@@ -96,7 +96,7 @@ class TexfBakedMethod(TexfMethod):
 
     def decode(self, folder, options, threads, report):
         """The Scene of the baked GLB."""
-        from texfcodec.asset.load.files import load
+        from texfcodec.io.load import load
 
         self._texf = super().decode(folder, options, threads, report)
         with report.stage("bake"):

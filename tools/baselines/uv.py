@@ -21,8 +21,8 @@ import numpy as np
 from PIL import Image
 
 from baselines import Method, image_codecs, method, parametrise, source_hash
-from texfcodec.asset.scene import Material, Scene, Texture
 from texfcodec.geometry.canonical import CanonicalCube, fit_cube
+from texfcodec.scene.scene import Material, Scene, Texture
 
 DEFAULTS = {"parametrisation": "source", "codec": "hevc", "quality": 35, "chroma": "420", "uv_bits": "auto", "scale": 1.0,
             "size": 0, "seconds": parametrise.SECONDS}

@@ -17,12 +17,12 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines import Method, method, source_hash, versions_of
-from texfcodec.asset.sample import pack_source, sample_source
-from texfcodec.asset.scene import ALPHA_OPAQUE, Material, Scene
-from texfcodec.asset.srgb import srgb_to_linear
 from texfcodec.geometry.canonical import CanonicalCube
 from texfcodec.geometry.surface import make_surface
 from texfcodec.options import EncodeOptions
+from texfcodec.scene.fetch import pack_source, sample_source
+from texfcodec.scene.scene import ALPHA_OPAQUE, Material, Scene
+from texfcodec.scene.srgb import srgb_to_linear
 
 DEFAULTS = {"density": 256, "detail": 0.0, "colour_bits": 8, "position_bits": 14}
 RANGES = {"density": (1, 8192), "detail": (0.0, 255.0), "colour_bits": (1, 8), "position_bits": (8, 20)}
@@ -48,7 +48,7 @@ class VertexColours(Method):
 
     def warm_up(self, options, threads):
         """Loads kernels and Draco."""
-        from texfcodec.warmup import small_scene
+        from texfcodec.precompile import small_scene
 
         asked, scene = checked(options) | {"density": 2}, small_scene()
         dec_parts(enc_parts(painted(scene, surface_of(scene, asked["position_bits"]), asked, threads)))

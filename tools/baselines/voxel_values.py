@@ -7,9 +7,9 @@ the decoded mesh as ours does, and puts the rival's values in the place of the z
 import numpy as np
 
 from baselines.texf import STREAM
-from texfcodec.channels import COLOURS, join_planes
-from texfcodec.encoder import code_prepared, prepare
+from texfcodec.encoder.pipeline import code_prepared, prepare
 from texfcodec.options import EncodeOptions
+from texfcodec.scene.channels import COLOURS, join_planes
 from texfcodec.texf import Field
 
 PREPARED = {"support": "voxels", "refine": "off", "effects": "none"}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from texfcodec.ground.json_text import json_text
+from texfcodec.core.json_text import json_text
 from tools.differences import summary
 from tools.jobs import METRICS, read_json
 from tools.results import PSNRS, at, measures_of, quality_of, rate_of, value_of

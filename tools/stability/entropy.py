@@ -5,14 +5,7 @@ import math
 import numpy as np
 from naive import mixing, oracles
 
-from texfcodec.codecs.raht.entropy.mixing import (
-    LIMIT,
-    MAX_MODELS,
-    _dec_mixed_bit,
-    _enc_mixed_bit,
-    new_chosen,
-    new_model,
-)
+from texfcodec.codecs.raht.entropy.mixing import LIMIT, MAX_MODELS, _dec_mixed_bit, _enc_mixed_bit, new_chosen, new_model
 from texfcodec.codecs.raht.entropy.range_coder import (
     FULL,
     PROBABILITY_BITS,
@@ -29,7 +22,7 @@ from texfcodec.codecs.raht.entropy.range_coder import (
     new_decoder,
     new_encoder,
 )
-from texfcodec.ground.kernel import kernel
+from texfcodec.core.kernel import kernel
 from tools.stability.case import Case, Draws
 
 GROUP = "Entropy coding"

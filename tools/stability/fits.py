@@ -8,21 +8,21 @@ import numpy as np
 from naive.filter import filter_stage
 from shapes import scene_of
 
-from texfcodec.asset.sample import pack_source, sample_source
-from texfcodec.asset.scene import ALPHA_BLEND
 from texfcodec.codecs.neural import fit as neural_fit
+from texfcodec.codecs.neural.fit_samples import Samples
 from texfcodec.codecs.neural.payload import Level, Payload, Tables
-from texfcodec.codecs.neural.samples import Samples
 from texfcodec.codecs.raht.transform import filter as filter_room
 from texfcodec.codecs.raht.transform.octree import NEIGHBOURS, _neighbours, build_octree, root_table
 from texfcodec.codecs.raht.transform.quantise import step_of
+from texfcodec.encoder.optimise import inverse_render
+from texfcodec.encoder.optimise.surface_fit import FieldSurface, fit_surface
 from texfcodec.errors import InputError
-from texfcodec.refine import inverse_render
-from texfcodec.refine.surface_fit import FieldSurface, fit_surface
-from texfcodec.support.grid import build_brick_map
-from texfcodec.support.morton import decode_morton, encode_morton
-from texfcodec.support.samples import surface_samples
-from texfcodec.support.voxelise import voxelise
+from texfcodec.field.grid import build_brick_map
+from texfcodec.field.morton import decode_morton, encode_morton
+from texfcodec.field.samples import surface_samples
+from texfcodec.field.voxelise import voxelise
+from texfcodec.scene.fetch import pack_source, sample_source
+from texfcodec.scene.scene import ALPHA_BLEND
 from tools.stability.case import Case, Draws
 from tools.stability.transform import hard_keys, values_of
 

@@ -8,11 +8,11 @@ from naive import oracles
 from shapes import mapped_sheet, noise, painted_sphere
 
 from texfcodec.api import decode
-from texfcodec.asset.scene import Scene
 from texfcodec.codecs.raht.transform.quantise import step_of
 from texfcodec.codecs.raht.transform.raht import _forward, _tree_weights
-from texfcodec.encoder import encode_scene
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.options import EncodeOptions
+from texfcodec.scene.scene import Scene
 from tools.stability.case import Case, Draws
 from tools.stability.lattice import PLAIN
 from tools.stability.transform import DROPPED, STEPS, UNIT, amplified, decoded, divided, hard_keys

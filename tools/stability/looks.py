@@ -3,11 +3,11 @@
 import numpy as np
 from naive import ssim as naive_ssim
 
-from texfcodec.asset.normal_rule import AREA, PAIRS, NormalRule
-from texfcodec.asset.normals import corner_normals
-from texfcodec.asset.tangents import corner_tangents
-from texfcodec.ground.ssim import C1, ssim, ssim_gradient
-from texfcodec.render.frames import deviated_normals, tangent_space_normals, usable_normals
+from texfcodec.geometry.shading_normals import corner_normals
+from texfcodec.geometry.tangents import corner_tangents
+from texfcodec.metrics.ssim import C1, ssim, ssim_gradient
+from texfcodec.render.tangent_frames import deviated_normals, tangent_space_normals, usable_normals
+from texfcodec.scene.normal_rule import AREA, PAIRS, NormalRule
 from tools.stability.case import Case, Draws
 
 GROUP = "Normals, tangents, similarity"

@@ -6,10 +6,10 @@ from naive.neural import Neural, fixed_point
 from naive.syntax import read_neural
 
 from texfcodec.codecs.neural.infer import fixed_weights, infer
+from texfcodec.codecs.neural.neural_syntax import NEURAL
 from texfcodec.codecs.neural.payload import Level, Payload, Tables, dec_codes, enc_codes, payload_values
-from texfcodec.codecs.neural.syntax import NEURAL
 from texfcodec.codecs.neural.transport import dec_transport, enc_transport
-from texfcodec.ground.walk import write_structure
+from texfcodec.core.syntax_walk import write_structure
 from tools.stability.case import Case, Draws
 
 GROUP = "3DNTC"

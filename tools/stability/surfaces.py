@@ -8,15 +8,15 @@ from naive import oracles
 from naive import texels as naive
 from shapes import scene_of
 
-from texfcodec.asset.sample import pack_source
-from texfcodec.ground.integer import _isqrt
-from texfcodec.support.grid import build_brick_map
-from texfcodec.support.morton import decode_morton
-from texfcodec.support.query import query_field
-from texfcodec.support.texel_set import asked_texels
-from texfcodec.support.texels import TexelSupport
-from texfcodec.support.transfer import transfer
-from texfcodec.support.voxelise import voxelise
+from texfcodec.core.integer import _isqrt
+from texfcodec.field.grid import build_brick_map
+from texfcodec.field.morton import decode_morton
+from texfcodec.field.query import query_field
+from texfcodec.field.texel_set import asked_texels
+from texfcodec.field.texels import TexelSupport
+from texfcodec.field.transfer import transfer
+from texfcodec.field.voxelise import voxelise
+from texfcodec.scene.fetch import pack_source
 from tools.stability.case import Case, Draws
 
 GROUP = "Voxels and texels"

@@ -8,11 +8,11 @@ from itertools import pairwise
 import numpy as np
 from naive import oracles
 
-from texfcodec.codecs.raht.codec import Tools, dec_attributes, enc_attributes
+from texfcodec.codecs.raht.attribute_coder import Tools, dec_attributes, enc_attributes
 from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
 from texfcodec.codecs.raht.transform.quantise import MAX_DIFFERENCE, MAX_MEAN, _dequantise, step_of
 from texfcodec.codecs.raht.transform.raht import EXACT_BELOW, _forward, _inverse, _tree_weights, _weighted_mean
-from texfcodec.support.morton import decode_morton, encode_morton
+from texfcodec.field.morton import decode_morton, encode_morton
 from tools.stability.case import Case, Draws
 
 GROUP = "Transform and quantisation"

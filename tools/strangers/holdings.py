@@ -4,7 +4,7 @@ import json
 import re
 import struct
 
-from texfcodec.asset.load.gltf_document import CHUNK_JSON, GLB_MAGIC
+from texfcodec.io.gltf.document import CHUNK_JSON, GLB_MAGIC
 
 NEAREST, LINEAR = 9728, 9729
 SLOTS = (("normalTexture", r"normal.?(texture|map)"), ("occlusionTexture", r"occlusion"), ("emissiveTexture", r"emissive"),

@@ -4,8 +4,8 @@ import re
 import statistics
 from collections import Counter
 
+from texfcodec.core.colour_error import in_decibels
 from texfcodec.errors import EXIT_INTERNAL, EXIT_IO, EXIT_LIMIT, EXIT_SUPPORT
-from texfcodec.ground.colour_error import in_decibels
 
 LEAST_DB = 30.0  # RGB of a part at the rate of the run
 LARGEST_MESH, CONTAINER = 2.0, 2048  # times the source; bytes of a GLB's JSON, which a file of twelve triangles may have less of

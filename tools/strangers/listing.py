@@ -10,8 +10,8 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from texfcodec.asset.load.files import load
-from texfcodec.asset.load.formats import SUFFIXES
+from texfcodec.io.formats import SUFFIXES
+from texfcodec.io.load import load
 from tools.strangers.fetch import archive_of, licence_of, members, unpack
 
 LIST = Path(__file__).with_name("strangers.json")

@@ -19,13 +19,13 @@ if not __package__:  # called as a file, by a run that may measure another check
 
     sys.path.append(sys.path.pop(0))
 
-from texfcodec.asset.load.files import load
-from texfcodec.asset.sample import pack_source, sample_source
-from texfcodec.asset.scene import ALPHA_MASK, ALPHA_OPAQUE
-from texfcodec.ground.areas import relative_areas, sample_surface
-from texfcodec.ground.colour_error import ColourError
-from texfcodec.quality.nearest import face_normals
-from texfcodec.quality.views import MeshColours
+from texfcodec.core.colour_error import ColourError
+from texfcodec.geometry.areas import relative_areas, sample_surface
+from texfcodec.io.load import load
+from texfcodec.metrics.nearest import face_normals
+from texfcodec.metrics.views import MeshColours
+from texfcodec.scene.fetch import pack_source, sample_source
+from texfcodec.scene.scene import ALPHA_MASK, ALPHA_OPAQUE
 from tools.strangers.holdings import unnamed_things
 
 POINTS = 20_000  # of a part

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from texfcodec.ground.colour_error import in_decibels
+from texfcodec.core.colour_error import in_decibels
 from tools.strangers.judge import findings_of, worst_rgb
 from tools.strangers.rows import add_row
 from tools.strangers.run import node_modules

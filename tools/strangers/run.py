@@ -10,10 +10,10 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from texfcodec.dispatch.children import WARM_UP, Caps, Children, Overdue
-from texfcodec.dispatch.local import terminated_as_interrupted
-from texfcodec.dispatch.progress import progress
-from texfcodec.dispatch.tasks import last_line, package_code
+from texfcodec.batch.children import WARM_UP, Caps, Children, Overdue
+from texfcodec.batch.local import terminated_as_interrupted
+from texfcodec.batch.task_progress import progress
+from texfcodec.batch.tasks import last_line, package_code
 from tools.strangers.judge import findings_of, reason_of
 from tools.strangers.rows import add_row, read_rows, strict_json
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ...support.voxelise import voxelise
-from ...support.voxels import MOST_DROPPED
+from ...field.voxelise import voxelise
+from ...field.voxels import MOST_DROPPED
+from .operating_points import DEFAULT_POINT, POINTS
 from .payload import Level, Payload, Tables, index_bytes, resident_bytes
-from .points import DEFAULT_POINT, POINTS
 
 HIDDEN = (64, 48, 32)
 # Surface grid alone: one level of 32 latents reaches what two of 16 do, with half the look-ups and the index.

@@ -18,22 +18,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...channels import ALPHA, BASE_COLOUR, COLOURS
+from ...core import cleanup
+from ...core.colour_error import decibels
+from ...core.json_text import json_ready
+from ...core.threads import over_blocks
 from ...errors import InputError
-from ...ground import unfinished
-from ...ground.colour_error import decibels
-from ...ground.json_text import json_ready
-from ...ground.threads import over_blocks
+from ...scene.channels import ALPHA, BASE_COLOUR, COLOURS
 from .design import choose_design
+from .fit_samples import Samples, Source, cells_of, order_along_curve
 from .infer import BLOCK, CHUNK, infer
 from .payload import Payload, Tables, join_parameters
-from .samples import Samples, Source, cells_of, order_along_curve
 from .train import MOMENTUM, SQUARE_DECAY, TINY, _adam, _evaluate, _move_rows, _round_latents, _train
 
 if TYPE_CHECKING:
-    from ...channels import Channel
     from ...report import Report
-    from ..codec import Source as CodecSource
+    from ...scene.channels import Channel
+    from ..base import Source as CodecSource
 
 BATCH = 4096  # more steps with smaller batches are better
 # For the latents, no momentum and one mean square a row: within 0.05 dB of Adam, with a third of the memory to move.
@@ -240,11 +240,11 @@ class Fit:
     def _save(self, path, steps):
         arrays = {f"{kind}{n}": a for kind in ("values", "means", "squares") for n, a in enumerate(getattr(self, kind))}
         part = path.with_name(path.name + ".part")
-        unfinished.remove(part)
-        with unfinished.new_file(part) as file:
+        cleanup.remove(part)
+        with cleanup.new_file(part) as file:
             np.savez(file, step=self.step, seconds=self.seconds, log=repr(self.log), identity=self._identity(steps),
                      times=self.times, **arrays)
-        unfinished.rename_all([(part, path)])
+        cleanup.rename_all([(part, path)])
 
     def _resume(self, path, steps):
         if not path.exists():
@@ -344,13 +344,11 @@ def _refined(fit, source, position_bits, options, report):
     """Refines a fit on pictures where that is asked for; what the report says of it."""
     reason = {"auto": "more steps of the fit gain more in the same time", "off": "switched off"}.get(options.refine, "")
     if not reason:
-        reason = _unseen_by_pictures(source.channels)
+        reason = _unseen_by_pictures(source.channels) or ("" if source.on_pictures else "nothing here draws pictures")
     facts = {"asked": options.refine, "kind": "off", "reason": reason}
     if reason:
         return facts
-    from .refine import refine_by_pictures  # here, because the renderer takes long to import and few ask for it
-
-    log, kept = refine_by_pictures(fit, source, position_bits, options.seed, iterations=options.refine_iterations,
+    log, kept = source.on_pictures(fit, source, position_bits, options.seed, iterations=options.refine_iterations,
                                    on_progress=lambda *n: report.progress("refine", *n))
     facts |= {"iterations": log, "kept_iteration": log[kept]["iteration"]}
     if not kept:

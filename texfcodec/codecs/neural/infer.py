@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...ground.integer import _ones32
-from ...ground.kernel import kernel
-from ...ground.threads import over_blocks
-from ...support.grid import _brick_slot
-from ...support.morton import _spread
+from ...core.integer import _ones32
+from ...core.kernel import kernel
+from ...core.threads import over_blocks
+from ...field.grid import _brick_slot
+from ...field.morton import _spread
 
 if TYPE_CHECKING:
     from ...geometry.canonical import CanonicalCube

@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import LimitError, StreamError
-from ...support.grid import build_brick_map
+from ...field.grid import build_brick_map
 from .infer import CHUNK, CODES, HASH_FIELD, answer, fixed_weights, voxel_values
-from .layout import WAVE_INPUTS, parameter_count
-from .syntax import FORM_TRANSPORT
+from .neural_syntax import FORM_TRANSPORT
+from .parameter_count import WAVE_INPUTS, parameter_count
 from .transport import dec_transport, enc_transport
 
 if TYPE_CHECKING:
+    from ...field.voxels import VoxelSupport
     from ...geometry.canonical import CanonicalCube
     from ...limits import Limits
-    from ...support.voxels import VoxelSupport
 
 MAX_EXPONENT = 26  # biased binary16 exponent: magnitudes below 2**12, so that no sum overflows
 BRICK_BYTES = 24  # resident index (11.10): key, first row, first octant, octants in use, two slots of the table of bricks

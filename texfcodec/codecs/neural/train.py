@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...ground.kernel import kernel
+from ...core.kernel import kernel
 from .infer import CHUNK, CODES, LOCAL_BITS, _local, _phase
 
 LANES = 128

@@ -2,15 +2,8 @@
 
 import numpy as np
 
-from ...ground.kernel import kernel
-from ..raht.entropy.range_coder import (
-    _dec_bit,
-    _enc_bit,
-    finish,
-    new_contexts,
-    new_decoder,
-    new_encoder,
-)
+from ...core.kernel import kernel
+from ..raht.entropy.range_coder import _dec_bit, _enc_bit, finish, new_contexts, new_decoder, new_encoder
 
 CODE_BITS = 4
 CLASSES = 4  # of an earlier row's code: its two upper bits

@@ -5,7 +5,7 @@ from collections import namedtuple
 
 import numpy as np
 
-from ....ground.kernel import kernel
+from ....core.kernel import kernel
 from ..entropy.contexts import _surroundings
 from ..entropy.mixing import new_chosen
 from ..transform.prediction import _predict, new_around

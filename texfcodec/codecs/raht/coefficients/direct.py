@@ -2,16 +2,8 @@
 
 import numpy as np
 
-from ....ground.kernel import kernel
-from ..entropy.contexts import (
-    _block_context,
-    _classes,
-    _cost,
-    _dec_magnitude,
-    _enc_magnitude,
-    _magnitude_cost,
-    _zero_context,
-)
+from ....core.kernel import kernel
+from ..entropy.contexts import _block_context, _classes, _cost, _dec_magnitude, _enc_magnitude, _magnitude_cost, _zero_context
 from ..entropy.range_coder import _dec_bit, _enc_bit
 from ..transform.raht import SPLITS, _is_split
 from .blocks import _clear_plane, _close_block, _open_block, _plane_energy, _scale_plane

@@ -3,7 +3,7 @@ choice."""
 
 import numpy as np
 
-from ....ground.kernel import kernel
+from ....core.kernel import kernel
 from ..entropy.contexts import UNARY, _dec_escape, _enc_escape, _escape_cost
 from ..entropy.mixing import _mixed_bit, _mixed_probability
 from ..entropy.range_coder import RANGE, _adapt, _dec_split, _enc_split, _probability

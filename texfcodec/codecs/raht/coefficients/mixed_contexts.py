@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ....ground.kernel import kernel
+from ....core.kernel import kernel
 from ..entropy.contexts import CLASSES, LEVELS, UNARY, _class
 from ..entropy.mixing import Model, new_model
 from ..transform.raht import _is_square

@@ -6,7 +6,7 @@ blocks around, which a surface in space seldom has.
 
 import numpy as np
 
-from ....ground.kernel import kernel
+from ....core.kernel import kernel
 from ..transform.octree import CELLS, NEIGHBOURS
 from ..transform.quantise import MAX_MEAN
 from ..transform.raht import PLANAR_NODES, _inverse

@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from ....ground.kernel import kernel
+from ....core.kernel import kernel
 from ..entropy.contexts import _dec_escape, _enc_escape
 from ..entropy.mixing import Model, _mixed_bit, new_chosen, new_model
 from ..transform.octree import CELLS, CENTRE, Level, Nodes, _cells

@@ -6,7 +6,7 @@ block, of the neighbours decoded before on its own level and of the level above,
 
 import numpy as np
 
-from ....ground.kernel import kernel
+from ....core.kernel import kernel
 from .range_coder import _dec_bit, _dec_bypass, _enc_bit, _enc_bypass, _probability
 
 CLASSES = 7  # energy classes

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ....ground.kernel import kernel
+from ....core.kernel import kernel
 from .range_coder import PROBABILITY_BITS, RANGE, _adapt, _dec_split, _enc_split, new_contexts
 
 # contexts: int32 [n, 3] (range_coder); weights: int64 [sets, MAX_MODELS + 1]; uses: int64 [sets]; refinement: int64 [sets, 24]

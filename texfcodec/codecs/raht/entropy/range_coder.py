@@ -9,7 +9,7 @@ from collections import namedtuple
 
 import numpy as np
 
-from ....ground.kernel import kernel
+from ....core.kernel import kernel
 
 LOW, RANGE, CACHE, PENDING, POS, FULL = range(6)
 CODE = LOW

@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from ....ground.kernel import kernel
+from ....core.kernel import kernel
 from ..coefficients.mixed_contexts import _sixteenths
 from .octree import CELLS, CENTRE, Level, _cells, _ones
 from .quantise import MAX_MEAN

@@ -11,7 +11,7 @@ from itertools import product
 
 import numpy as np
 
-from ....ground.kernel import kernel
+from ....core.kernel import kernel
 from .octree import CELLS, NEIGHBOURS, _cells
 
 KERNEL_SIZE = 7

@@ -1,7 +1,7 @@
 """Quantiser steps and the scaling of coefficients (spec clause 7.4). As in G-PCC, step = 2**((QP - 4) / 6)."""
 
-from ....ground.integer import _isqrt
-from ....ground.kernel import kernel
+from ....core.integer import _isqrt
+from ....core.kernel import kernel
 
 VALUE_FRACTION = 12  # fractional bits of attribute means
 GAIN_FRACTION = 17

@@ -8,7 +8,7 @@ step that no rounding can drift away from: mean1 = mean - w2 d / (w1 + w2), mean
 
 import numpy as np
 
-from ....ground.kernel import kernel
+from ....core.kernel import kernel
 from .quantise import GAIN_FRACTION, _dequantise, _gain
 
 SPLITS = 7

@@ -1,0 +1,29 @@
+"""Lines about channels and effects: what was decided, why, and what it costs; shared by texf-enc and texf-info."""
+
+from collections.abc import Iterator
+
+from ..core.colour_error import in_decibels
+
+DECISIONS = ("coded", "constant", "absent")
+
+
+def decision_lines(told: list[dict], channels: list[dict]) -> Iterator[str]:
+    """One line for each channel that any material in use has. told: of encoder.decide.materials; channels: one entry for each
+    group that was coded, with its bytes, or none where nothing was."""
+    for entry in told:
+        name = entry["channel"]
+        counts = ", ".join(f"{decision} in {entry[decision]}" if sum(entry[d] > 0 for d in DECISIONS) > 1 else decision
+                           for decision in DECISIONS if entry[decision])
+        coded = [one for one in channels if {name, f"{name}_object"} & set(one["channels"])]
+        cost = f"; {_cost(name, coded)}" if coded else ""
+        yield f"  {name}: {counts} ({'; '.join(entry['reasons'])}){cost}"
+
+
+def _cost(name, coded):
+    """Bytes, error and milliseconds of the groups that a channel is in."""
+    together = {other for one in coded for other in one["channels"]} - {name, f"{name}_object"}
+    joint = f" with {', '.join(sorted(together))}" if together else ""
+    worst = [one["psnr"].get(name, one["psnr"].get(f"{name}_object")) for one in coded]
+    errors = [value for value in worst if value is not None]
+    size, seconds = sum(one["bytes"] for one in coded), sum(one["encode_ms"] for one in coded)
+    return f"{size} bytes{joint}, {in_decibels(min(errors) if errors else None)}, {seconds:.0f} ms"

@@ -1,0 +1,47 @@
+"""All values of a plane are equal: a few bytes and no time (codec_id 2, spec clause 5.7.6)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..core.syntax_table import Element, Structure
+from .base import PlaneCodec
+
+if TYPE_CHECKING:
+    from ..field.voxels import VoxelSupport
+
+CONSTANT = Structure("constant_parameters", "5.7.6", (Element("plane_value", "u8", count="NumComponents"),))
+PROBE = 64  # values looked at before all of them are
+
+
+class Constant(PlaneCodec):
+    """One value for every voxel. The encoder takes it by itself where rounded values do not differ."""
+
+    id, name = 2, "constant"
+    structures = (CONSTANT,)
+    chosen = False
+
+    def suits(self, plane: np.ndarray) -> bool:
+        """As PlaneCodec.suits."""
+        return all(bool((np.rint(part) == np.rint(plane[:1])).all()) for part in (plane[:: max(1, len(plane) // PROBE)], plane))
+
+    def enc(self, plane: np.ndarray, support: VoxelSupport, options: Any) -> tuple[dict, np.ndarray]:
+        """As PlaneCodec.enc, for a plane that suits."""
+        value = np.clip(np.rint(plane[0]), 0, 255).astype(np.uint8)
+        return {"plane_value": value.tolist()}, np.tile(value, (len(plane), 1))
+
+    def dec(self, values: dict, support: VoxelSupport, levels: int, threads: int) -> np.ndarray:
+        """As PlaneCodec.dec."""
+        return np.tile(np.array(values["plane_value"], np.uint8), (len(support.coarser(levels)), 1))
+
+    def describe(self, values: dict) -> dict:
+        """The value."""
+        return {"value": values["plane_value"]}
+
+    def info_lines(self, group: dict) -> Iterator[str]:
+        """As Codec.info_lines."""
+        yield (f"field {group['field_index']}, group {group['group_index']} ({group['semantic']}): {group['bytes']} bytes, "
+               f"constant {group['value']}")

@@ -1,0 +1,197 @@
+"""3DNTC as a codec of the registry (codec_id 1, spec clauses 5.7.4 and 11)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...core.syntax_walk import Reader, read_structure, write_structure
+from ...errors import InputError, StreamError
+from ...limits import Limits
+from ..base import Joint, JointCodec, Source
+from .neural_syntax import FORM_RESIDENT, FORM_TRANSPORT, LATENT_LEVEL, NEURAL
+
+if TYPE_CHECKING:
+    from ...report import Report
+
+
+class Neural(JointCodec):
+    """INT4 latents and a small network that answer any surface point; fitted by training, kept on a GPU."""
+
+    id, name = 1, "3dntc"
+    purpose = "for latents and a network that a renderer keeps and asks at any point, fitted by training"
+    structures = (NEURAL, LATENT_LEVEL)
+    options = frozenset({"point", "resident_bytes", "latent_index", "transport", "steps", "seed", "checkpoint", "fit_engine"})
+    position_bits = 16  # a payload of 50 dB shows what 14 do to a picture: bottle 45.6 dB over 4 views, 50.1 with exact geometry
+    checksum_clause = "11.8"
+    small = ({"resolution": 16, "resident_bytes": 40_000, "steps": 2, "transport": True, "fit_engine": "numba"},)
+
+    def check_options(self, options: Any) -> None:
+        """As Codec.check_options."""
+        if options.refine == "fit":
+            raise InputError("TXF-I50", "refine fit is for voxels; codec 3dntc has auto, off and render", value=options.refine)
+        if options.point and options.resident_bytes:
+            raise InputError("TXF-I50", "point and resident_bytes exclude each other", value=options.point)
+        if options.resident_bytes and options.latent_index == "hash":
+            raise InputError("TXF-I50", "hash tables come with a point; resident_bytes needs latent_index mixed or surface",
+                             value=options.resident_bytes)
+
+    def seconds(self, options: Any) -> float:
+        """Of the fit, with two threads."""
+        return options.steps * 6e-3
+
+    def enc(self, source: Source, options: Any, report: Report) -> Joint:
+        """As JointCodec.enc; the choices are "resident" (bytes on the GPU), "fit" (the log) and "refinement"."""
+        from .fit import fit_payload
+        from .payload import payload_values
+
+        payload, tables, choices = fit_payload(source, options, report)
+        return Joint(payload_values(payload, FORM_TRANSPORT if options.transport else FORM_RESIDENT), tables, choices)
+
+    def count_samples(self, values: dict, surfaces: list, position_bits: int) -> int:
+        """Of the voxels of latents (11.3)."""
+        from ...field.voxelise import count_samples
+
+        grids = [level["level_resolution"] for level in values["latent_levels"] if level["table_log2"] == 0]
+        return sum(count_samples(lattice, faces, position_bits, grid) for lattice, faces in surfaces for grid in grids)
+
+    def count_latents(self, values: dict) -> int:
+        """Rows times latents of a row."""
+        return sum(level["NumRows"] for level in values["latent_levels"]) * values["num_features"]
+
+    def dec(self, values: dict, surfaces: list, position_bits: int, groups: tuple, options: Any, report: Report) -> list:
+        """As JointCodec.dec: payload.Tables."""
+        from .payload import Tables, payload_of, take_codes
+
+        payload = payload_of(values, options.limits)
+        with report.stage("voxelise"):
+            grids = [[_level_voxels(one, position_bits, level, i, options) for level in payload.levels]
+                     for i, one in enumerate(surfaces)]
+        with report.stage("attributes"):
+            take_codes(payload, values)
+            return [Tables(payload, i, keys) for i, keys in enumerate(grids)]
+
+    def check(self, values: dict) -> None:
+        """Relations of clause 5.7.4."""
+        if values["num_features"] % 2:
+            raise StreamError("TXF-S04", "num_features is odd", clause="5.7.4", offset=values["offset"],
+                              value=values["num_features"], allowed="even")
+        length = sum(level["NumRows"] for level in values["latent_levels"]) * values["num_features"] // 2
+        if values["form"] == FORM_RESIDENT and len(values["latent_data"]) != length:
+            raise StreamError("TXF-S10", "the latents do not fill the payload", clause="5.7.4", offset=values["offset"],
+                              value=len(values["latent_data"]), allowed=length)
+
+    def describe(self, values: dict) -> dict:
+        """The form, and the bytes of the resident form without the index that the geometry gives."""
+        rows = [level["NumRows"] for level in values["latent_levels"]]
+        made = {"form": "transport" if values["form"] == FORM_TRANSPORT else "resident", "features": values["num_features"],
+                "levels": [{"resolution": one["level_resolution"], "table_log2": one["table_log2"], "rows": n}
+                           for one, n in zip(values["latent_levels"], rows, strict=True)],
+                "widths": values["Widths"], "latent_bytes": sum(rows) * values["num_features"] // 2,
+                "network_bytes": values["ParameterBytes"]}
+        return {"neural": made}
+
+    def info_lines(self, group: dict) -> Iterator[str]:
+        """As Codec.info_lines."""
+        made = group["neural"]
+        levels = ", ".join(f"{one['rows']} rows at {one['resolution']}" + (" (hashed)" if one["table_log2"] else "")
+                           for one in made["levels"])
+        yield (f"3DNTC, all fields: {group['bytes']} bytes, {made['form']} form; {levels} of {made['features']} latents; network "
+               + "-".join(map(str, made["widths"]))
+               + f"; on a GPU {made['latent_bytes'] + made['network_bytes']} bytes and an index")
+
+    def pack(self, evaluators: list) -> tuple[dict, dict]:
+        """As JointCodec.pack: neural_parameters in the resident form, and the voxels of the levels that are not hashed."""
+        from .payload import payload_values
+
+        payload = evaluators[0].payload
+        values = payload_values(payload, FORM_RESIDENT) | {"num_fields": len(evaluators), "NumOutputs": payload.components}
+        keys = [k for one in evaluators for k in one.keys if k is not None]
+        return {}, {"neural": np.frombuffer(write_structure(NEURAL, values), np.uint8),
+                    "latent_keys": np.concatenate([np.zeros(0, np.int64), *keys])}
+
+    def unpack(self, facts: dict, arrays: dict, groups: tuple, fields: int) -> list:
+        """As JointCodec.unpack; the payload is checked like one in a stream."""
+        from .payload import Tables, payload_of, take_codes
+
+        data = np.ascontiguousarray(arrays["neural"], np.uint8).tobytes()
+        values = {"num_fields": fields, "NumOutputs": sum(group.components for group in groups), "offset": 0}
+        read_structure(NEURAL, Reader(data, 0, len(data)), values)
+        self.check(values)
+        if values["form"] != FORM_RESIDENT:
+            raise ValueError("form")
+        payload = payload_of(values, Limits(latents=None))
+        grids = _split_keys(payload, arrays["latent_keys"], fields)
+        take_codes(payload, values)
+        return [Tables(payload, number, keys) for number, keys in enumerate(grids)]
+
+    def resident(self, evaluators: list) -> tuple[dict, dict, list] | None:
+        """As JointCodec.resident: latents of 4 bits and parameters of 16 as they stand in the stream's resident form."""
+        from .infer import HASH_FIELD, POSITION_BITS
+        from .payload import enc_codes
+
+        payload, fields = evaluators[0].payload, range(len(evaluators))
+        facts = {
+            "features": payload.features, "octaves": payload.octaves, "first_wave": payload.first_wave, "rows": payload.rows,
+            "widths": list(payload.widths), "position_bits": POSITION_BITS,
+            "levels": [{"resolution": one.resolution, "log2": one.table_log2,
+                        "first_rows": [payload.first_row(i, n) for i in fields]}
+                       for n, one in enumerate(payload.levels)],
+            "salts": [number * HASH_FIELD & 0xFFFFFFFF for number in fields],
+        }
+        arrays = {"codes": np.frombuffer(enc_codes(payload.codes), np.uint8), "network": np.asarray(payload.halves, np.uint16)}
+        return facts, arrays, [one.keys for one in evaluators]
+
+    def result_lines(self, facts: dict) -> Iterator[str]:
+        """As JointCodec.result_lines."""
+        from ...core.colour_error import in_decibels
+
+        kept, fit, told = facts["resident"], facts["fit"], facts["refinement"]
+        grids = ", ".join(f"{one['rows']} rows of a grid of {one['resolution']}" for one in fit["levels"])
+        yield (f"resident {kept['total']} bytes: latents {kept['latents']} ({grids}), network {kept['network']}, "
+               f"index {kept['index']}; {facts['fields']} field" + ("s" if facts["fields"] != 1 else ""))
+        early = "" if fit["steps"] == fit["asked_steps"] else f" of {fit['asked_steps']}, then nothing improved"
+        yield (f"fit: {fit['steps']} steps{early}, {fit['seconds']:.0f} s, RGB {in_decibels(fit['psnr_rgb'])} at points it has "
+               "not seen")
+        others = [f"{name} {in_decibels(psnr)}" for name, psnr in fit["psnr_channels"].items()][1:]
+        if others:
+            yield "there, in 0 to 255: " + ", ".join(others)
+        if told["kind"] == "render":
+            psnr = {row["iteration"]: row["held_out_psnr"] for row in told["iterations"]}
+            shown = [in_decibels(psnr[n]) for n in (0, told["kept_iteration"])]
+            yield (f"refined on pictures: {shown[0]} to {shown[1]} in views it has not seen; {told['psnr_rgb']:.2f} dB at the "
+                   "points")
+        elif told["asked"] == "render":
+            yield f"not refined on pictures: {told['reason']}"
+
+
+def _level_voxels(surface, position_bits, level, number, options):
+    """Voxels of one field that have latents, ascending Morton keys; None for a hashed level (clause 11.3)."""
+    from ...field.voxelise import voxelise
+
+    if level.table_log2:
+        return None
+    keys, _ = voxelise(*surface, position_bits, level.resolution, level.area_threshold, options.threads, options.limits.voxels)
+    if len(keys) != level.entries[number]:
+        raise StreamError("TXF-S30", "the voxels rebuilt from the geometry are not the ones that have latents", clause="11.3",
+                          value=len(keys), allowed=level.entries[number])
+    return keys
+
+
+def _split_keys(payload, joined, fields):
+    """Voxels of latents by field and level out of one array; ValueError where they are none."""
+    from ...field.voxels import keys_are_sound
+
+    at, grids = 0, []
+    for number in range(fields):
+        grids.append([])
+        for level in payload.levels:
+            count = 0 if level.table_log2 else level.entries[number]
+            part = np.ascontiguousarray(joined[at : at + count], np.int64)
+            if count and not (len(part) == count and keys_are_sound(part, level.resolution)):
+                raise ValueError("latent_keys")
+            grids[-1].append(part if count else None)
+            at += count
+    return grids

@@ -1,0 +1,117 @@
+"""RAHT as a codec of the registry (codec_id 0, spec clauses 5.7.1 and 7)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...errors import StreamError
+from ..base import PlaneCodec, Reading
+from .raht_syntax import CODEWORD, FILTER, RAHT, TRANSFORM_BT709
+
+if TYPE_CHECKING:
+    from ...field.voxels import VoxelSupport
+
+
+class Raht(PlaneCodec):
+    """Region-adaptive hierarchical transform, prediction, context-adaptive arithmetic coding."""
+
+    id, name = 0, "raht"
+    purpose = "for the smallest file"
+    structures = (RAHT, CODEWORD, FILTER)
+    options = frozenset({"rate", "qp", "target_bytes", "target_psnr", "lossless", "max_error", "effort",
+                         "chroma_qp_offset"})
+    kernels = ("codecs/raht/coefficients/mixed.py",)  # of the usual efforts
+    small = ({"resolution": 64, "qp": 20}, {"resolution": 16, "max_error": 0}, {"resolution": 16, "effort": "fast"},
+             {"support": "texels", "texel_size": 8})
+
+    def enc(self, plane: np.ndarray, support: VoxelSupport, options: Any) -> tuple[dict, np.ndarray]:
+        """See PlaneCodec.enc; where options.max_error is set, no rounded value is further off."""
+        from .raht_values import raht_values
+        from .tool_choice import code_plane
+
+        colour = plane.shape[1] == 3
+        coded, decoded = code_plane(plane, support, colour, options)
+        return raht_values(coded, colour), decoded
+
+    def dec(self, values: dict, support: VoxelSupport, levels: int, threads: int) -> np.ndarray:
+        """See PlaneCodec.dec."""
+        return self._dec(values, support, levels, threads)
+
+    def step(self, values: dict) -> float | None:
+        """See PlaneCodec.step; the smallest of its components."""
+        from .transform.quantise import step_of
+
+        if values["residual"]:  # the largest error and 1
+            return 2.0 * values["residual"] - 1 if values["residual"] > 1 else 0.0
+        return min(step_of(qp) for qp in values["qp"]) / 4096
+
+    def dec_watched(self, values: dict, support: VoxelSupport, threads: int) -> tuple[np.ndarray, Reading]:
+        """See PlaneCodec.dec_watched."""
+        reached: list[list[int]] = []
+        return self._dec(values, support, 0, threads, reached), _reading(values["codewords"], reached)
+
+    def _dec(self, values, support, levels, threads, reached=None):
+        """reached: as that of codec.dec_attributes()."""
+        from .attribute_coder import dec_attributes
+        from .raht_values import coded_of
+        from .transform.colour import inverse_colour, inverse_plain
+
+        coded, spans = coded_of(values)
+        bt709 = values["colour_transform"] == TRANSFORM_BT709
+        if bt709 and len(coded.qp) != 3:
+            raise StreamError("TXF-S04", "colour_transform needs three components", clause="5.7.1", offset=values["offset"])
+        data, inverse = np.frombuffer(values["codeword_data"], np.uint8), inverse_colour if bt709 else inverse_plain
+        stop = max(0, support.depth - levels)
+        return dec_attributes(support.keys, support.depth, coded, data, spans, stop, threads, inverse, reached)
+
+    def check(self, values: dict) -> None:
+        """Relations of clauses 5.7.1 to 5.7.3."""
+        if any(f["filter_mask"] >> 5 * values["NumComponents"] for f in values["filters"]):
+            raise StreamError("TXF-S04", "filter_mask is out of range", clause="5.7.3", offset=values["offset"],
+                              allowed=f"< 2**{5 * values['NumComponents']}")
+        if values["kernel"][0] == 0:
+            raise StreamError("TXF-S04", "kernel[0] is out of range", clause="5.7.1", offset=values["offset"], allowed="1..255")
+        depth, level = values["Depth"], values["slice_level"]
+        if values["residual"] and depth == 0:
+            raise StreamError("TXF-S04", "residual is out of range", clause="5.7.1", offset=values["offset"],
+                              value=values["residual"], allowed=0)
+        if level and level >= depth:
+            raise StreamError("TXF-S04", "slice_level is out of range", clause="5.7.1", value=level, allowed=f"0..{depth - 1}")
+        total = sum(c["codeword_length"] for c in values["codewords"])
+        if total != len(values["codeword_data"]):
+            raise StreamError("TXF-S10", "the codeword lengths do not add up to the data", clause="5.7.2", value=total,
+                              allowed=len(values["codeword_data"]))
+
+    def describe(self, values: dict) -> dict:
+        """QPs, bytes of the codewords, and bytes by octree level where the unit has a level index."""
+        return {"qp": values["qp"], "codeword_bytes": [c["codeword_length"] for c in values["codewords"]],
+                "slice_level": values["slice_level"], "level_bytes": _level_bytes(values)}
+
+    def info_lines(self, group: dict) -> Iterator[str]:
+        """As Codec.info_lines."""
+        yield (f"field {group['field_index']}, group {group['group_index']} ({group['semantic']}): {group['bytes']} bytes, "
+               f"qp {group['qp']}, {len(group['codeword_bytes'])} codewords")
+        if group["level_bytes"] is not None:
+            yield "  bytes by level, coarse to fine: " + " ".join(map(str, group["level_bytes"]))
+
+
+def _reading(codewords, reached):
+    """The Reading of codewords' syntax values. reached: as that of codec.dec_attributes()."""
+    unread = sum(max(0, word["codeword_length"] - ends[-1]) for word, ends in zip(codewords, reached, strict=True) if ends)
+    said = [(word["level_bytes"], np.diff(ends, prepend=0).tolist()) for word, ends in zip(codewords, reached, strict=True)]
+    return Reading(unread, sum(a != b for told, read in said for a, b in zip(told, read, strict=False)))
+
+
+def _level_bytes(values):
+    """Bytes by octree level over all codewords: with slices, the first codeword is the trunk above slice_level."""
+    if not values["level_index"]:
+        return None
+    total = [0] * values["Depth"]
+    for i, codeword in enumerate(values["codewords"]):
+        first = values["slice_level"] if i else 0
+        for level, count in enumerate(codeword["level_bytes"]):
+            total[first + level] += count
+    return total

@@ -1,0 +1,122 @@
+"""The encoder's choice of tools: what an effort allows, which prediction suits the field, and which QPs are under residuals.
+
+EncodeOptions stand in a later room, so that signatures here say Any.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .attribute_coder import CodedAttributes, Tools, enc_attributes
+from .coefficients.residual import ResidualPlan
+from .transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
+from .transform.prediction import KERNELS
+from .transform.quantise import step_of
+
+if TYPE_CHECKING:
+    from ...field.voxels import VoxelSupport
+
+EFFORTS = {"fast": Tools(), "balanced": Tools(colour_range=5, models=6, filters=1),
+           "best": Tools(colour_range=5, models=8, filters=3)}
+# Kernel and colour range, from natural textures to flat colours; fast has no time for colour ranges
+_WITH_RANGES = ((KERNELS[1], 10), (KERNELS[1], 5), (KERNELS[2], 5), (KERNELS[3], 3))
+PREDICTIONS = {"fast": ((KERNELS[1], 0), (KERNELS[3], 0)), "balanced": _WITH_RANGES, "best": _WITH_RANGES}
+PLANAR_TOOLS: dict[str, Any] = {"planar": 1, "planar_transform": 1, "component_cross": 16, "trade_off": 0.08}
+PLANAR_CHANGES: tuple[dict[str, Any], ...] = ({"component_cross": 10}, {"planar_transform": 0})
+CHROMA_OFFSETS = {False: -1, True: 2}  # by whether the support is planar
+BASE_QPS = (16, 22, 28, 34, 40)  # of the levels under residuals (7.9)
+USUAL_BASE_QP = 28  # within 1 % of the best of them on four assets at K 512, lossless
+PIECES = 4
+LEAST_VOXELS = 64  # below, nothing is tried
+PIECE_VOXELS = {"fast": 1 << 11, "balanced": 1 << 12, "best": 1 << 16}  # per piece
+
+
+def tools_of(effort: str, planar: bool) -> Tools:
+    """What an effort may use, before anything is tried."""
+    return replace(EFFORTS[effort], **PLANAR_TOOLS) if planar else EFFORTS[effort]
+
+
+def _pieces(count, voxels):
+    """Evenly spread runs of `voxels` neighbouring voxels in Morton order, or the whole field where it is small."""
+    if count <= PIECES * voxels:
+        return [slice(0, count)]
+    return [slice(begin, begin + voxels) for begin in np.linspace(0, count - voxels, PIECES).astype(int)]
+
+
+def _lagrangian_cost(keys, depth, values, qp, tools, threads):
+    """Bits plus squared error in steps, weighed as the quantiser weighs them."""
+    coded, means = enc_attributes(keys, depth, values, qp, tools, threads)
+    error = (means.astype(np.float64) - values) / [step_of(v) for v in qp]
+    return 8 * sum(len(c) for c in coded.codewords) + (error**2).sum() / tools.trade_off
+
+
+def choose_tools(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[int], effort: str, threads: int = 1,
+                 planar: bool = False) -> Tools:
+    """Tools for a field. keys: int64 [N]; values: int32 [N, C]; qp: [C]; effort: a key of EFFORTS. Candidates of PREDICTIONS
+    code a few pieces of the field; the cheapest wins. Then, where the support is planar, each of PLANAR_CHANGES is kept that
+    makes it cheaper still."""
+    tools = tools_of(effort, planar)
+    if len(keys) < LEAST_VOXELS:
+        return tools
+    pieces = _pieces(len(keys), PIECE_VOXELS[effort])
+    candidates = [replace(tools, kernel=kernel, colour_range=reach, filters=0) for kernel, reach in PREDICTIONS[effort]]
+    cost_of = lambda candidate: sum(_lagrangian_cost(keys[p], depth, values[p], qp, candidate, threads) for p in pieces)
+    costs = [cost_of(candidate) for candidate in candidates]
+    best, least = candidates[int(np.argmin(costs))], min(costs)
+    for change in PLANAR_CHANGES if planar else ():
+        changed = replace(best, **change)
+        cost = cost_of(changed)
+        if cost < least:
+            best, least = changed, cost
+    return replace(best, filters=tools.filters)
+
+
+def choose_base_qp(keys: np.ndarray, depth: int, values: np.ndarray, qp_of: Callable[[int], list[int]], plan: ResidualPlan,
+                   effort: str, threads: int = 1, planar: bool = False) -> list[int]:
+    """QPs [C] for values that get residuals. qp_of: function from a QP to those of the components; plan: ResidualPlan; the rest
+    as in choose_tools. Candidates of BASE_QPS code a few pieces of the field; the fewest bytes win."""
+    if effort == "fast" or len(keys) < LEAST_VOXELS:
+        return qp_of(USUAL_BASE_QP)
+    tools = tools_of(effort, planar)
+    pieces = [(keys[p], values[p], replace(plan, original=plan.original[p])) for p in _pieces(len(keys), PIECE_VOXELS[effort])]
+
+    def size(qp):
+        coded = [enc_attributes(k, depth, v, qp_of(qp), tools, threads, own)[0] for k, v, own in pieces]
+        return sum(len(codeword) for unit in coded for codeword in unit.codewords)
+
+    return qp_of(min(BASE_QPS, key=size))
+
+
+def code_plane(plane: np.ndarray, support: VoxelSupport, colour: bool, options: Any) -> tuple[CodedAttributes, np.ndarray]:
+    """Codes a plane with the tools that options.effort allows: (CodedAttributes, what decodes from them uint8 [N, C]).
+
+    plane: float32 [N, C] in 0..255 on the keys of support, a VoxelSupport; colour: whether its components are red, green, blue.
+    With options.max_error no rounded value is further off than that.
+    """
+    if options.max_error is not None:
+        return _code_bounded(plane, support, colour, options)
+    values = forward_colour(plane) if colour else forward_plain(np.rint(plane))
+    qp = _qp_of(options.qp, plane.shape[1], support, options)
+    tools = choose_tools(support.keys, support.depth, values, qp, options.effort, options.threads, support.planar)
+    coded, means = enc_attributes(support.keys, support.depth, values, qp, tools, options.threads)
+    return coded, inverse_colour(means) if colour else inverse_plain(means)
+
+
+def _code_bounded(plane, support, colour, options):
+    original = np.clip(np.rint(plane), 0, 255).astype(np.uint8)
+    values = forward_colour(original) if colour else forward_plain(original)
+    plan = ResidualPlan(options.max_error, original, inverse_colour if colour else inverse_plain)
+    field = support.keys, support.depth, values
+    qp = choose_base_qp(*field, lambda qp: _qp_of(qp, plane.shape[1], support, options), plan, options.effort, options.threads,
+                        support.planar)
+    tools = choose_tools(*field, qp, options.effort, options.threads, support.planar)
+    return enc_attributes(*field, qp, tools, options.threads, plan)
+
+
+def _qp_of(qp, components, support, options):
+    offset = CHROMA_OFFSETS[support.planar] if options.chroma_qp_offset is None else options.chroma_qp_offset
+    return [min(max(qp + (offset if c else 0), 0), 63) for c in range(components)]

@@ -1,0 +1,96 @@
+"""Layers of one component: faces that welding has joined although they look different and lie on each other (encoder only).
+
+Two coincident sheets share every edge once equal positions are merged, so that neither components nor directions part them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...scene.scene import ALPHA_OPAQUE, Material, Scene
+from .partition import MIN_FOLD
+
+if TYPE_CHECKING:
+    from ...geometry.surface import Surface
+
+
+def _numbered(columns):
+    """Number of every row among the distinct ones, int64 [N]. columns: list of arrays [N]."""
+    order = np.lexsort(columns)
+    new = np.zeros(len(order), np.int64)
+    for column in columns:
+        new[1:] |= column[order][1:] != column[order][:-1]
+    out = np.empty(len(order), np.int64)
+    out[order] = np.cumsum(new)
+    return out
+
+
+def corner_looks(scene: Scene, picked: np.ndarray) -> np.ndarray:
+    """Number of the material, UV and colour of every corner, int64 [n, 3]; equal ones have equal numbers. picked: int64 [n] into
+    the scene's faces. UVs count where there is a texture."""
+    material = scene.face_material[picked]
+    textured = np.array([m.texture >= 0 for m in scene.materials], bool)[material]
+    columns = [np.repeat(material, 3), *np.where(textured[:, None, None], scene.corner_uv[picked], 0).reshape(-1, 2).T]
+    if scene.corner_color is not None:
+        columns += list(scene.corner_color[picked].reshape(-1, 4).T)
+    return _numbered(columns).reshape(-1, 3)
+
+
+def _coincident(faces):
+    """Number of the set of corners of every face, int64 [F], and whether another face has it as well, bool [F]."""
+    number = _numbered(list(np.sort(faces, axis=1).T))
+    return number, (np.bincount(number) > 1)[number]
+
+
+def layered_components(faces: np.ndarray, component: np.ndarray, material: np.ndarray, materials: list[Material]) -> np.ndarray:
+    """Components that may hold layers, bool by component: those with coincident faces, and those in which materials meet of
+    which one at least is not opaque. faces: int64 [F, 3] over welded vertices; component, material: int64 [F]."""
+    count = int(component.max()) + 1
+    out = np.bincount(component, _coincident(faces)[1], count) > MIN_FOLD * np.bincount(component, minlength=count)
+    clear = np.array([m.alpha_mode != ALPHA_OPAQUE for m in materials], bool)[material]
+    if clear.any():
+        least, most = np.full(count, len(materials)), np.full(count, -1)
+        np.minimum.at(least, component, material)
+        np.maximum.at(most, component, material)
+        out |= (np.bincount(component, clear, count) > 0) & (least != most)
+    return out
+
+
+def _joined(faces, look, material):
+    """Number of the layer of every face, int64 [n]: faces are of one layer across an edge where they look alike at both its ends,
+    or are the only two of their material there and run along it in opposite directions."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    count, after = len(faces), [1, 2, 0]
+    ends, looks = np.stack([faces, faces[:, after]], -1).reshape(-1, 2), np.stack([look, look[:, after]], -1).reshape(-1, 2)
+    back = ends[:, 0] > ends[:, 1]
+    ends[back], looks[back] = ends[back][:, ::-1], looks[back][:, ::-1]
+    alike = _numbered([*ends.T, *looks.T])
+    side = _numbered([*ends.T, np.repeat(material, 3)])
+    plain = (np.bincount(side) == 2) & (np.bincount(side, back) == 1)
+    owner = np.repeat(np.arange(count), 3)
+    pick = plain[side]
+    rows = np.concatenate([owner, owner[pick]])
+    columns = count + np.concatenate([alike, alike.max() + 1 + side[pick]])
+    size = int(columns.max()) + 1
+    graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(size, size))
+    return np.unique(connected_components(graph, directed=False)[1][:count], return_inverse=True)[1].reshape(-1)
+
+
+def part_layers(scene: Scene, surface: Surface, component: np.ndarray) -> np.ndarray | None:
+    """Component of every face once layers are parted, int64 [F]; None where there are none to part. component: int64 [F], from
+    face_components of the Surface."""
+    layered = layered_components(surface.faces, component, surface.material, scene.materials)
+    rows = np.flatnonzero(layered[component])
+    if not len(rows):
+        return None
+    faces = surface.faces[rows]
+    layer = _joined(faces, corner_looks(scene, surface.origin_face[rows]), surface.material[rows])
+    if layer.max() + 1 == len(np.unique(component[rows])):
+        return None
+    out = component.copy()
+    out[rows] = int(component.max()) + 1 + layer
+    return np.unique(out, return_inverse=True)[1].reshape(-1)

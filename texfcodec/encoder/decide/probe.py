@@ -1,0 +1,280 @@
+"""What a support would cost and how well it would look, measured on small pieces of the surface (encoder only).
+
+Around a few points spread evenly by area, cells of the support are cut out, filled from the source, coded and decoded at the QP
+at hand. Bits per value and the error at surface points well inside these cells stand for the whole: bytes came out 22 % too low
+to 13 % too high on five assets, where the two supports differ by more, or by so little that either will do (docs/texels.md). """
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...codecs import codec_of
+from ...codecs.base import Group
+from ...core.colour_error import ColourError, decibels
+from ...field.grid import build_brick_map
+from ...field.morton import decode_morton, encode_morton
+from ...field.query import query_field
+from ...field.texels import TexelSupport
+from ...field.transfer import texels_per_edge, transfer
+from ...field.voxelise import voxelise
+from ...field.voxels import VoxelSupport
+from ...geometry.areas import face_areas, sample_surface
+from ...scene.channels import BY_NAME
+from ...scene.fetch import map_columns, pack_map, pack_source, sample_source
+from ...scene.scene import WRAP_CLAMP, WRAP_REPEAT
+from .plane_codec import with_qp_of
+
+if TYPE_CHECKING:
+    from ...geometry.surface import Surface
+    from ...options import EncodeOptions
+    from ...scene.scene import Scene
+    from ..texel_field import TexelPlan
+
+VOXELS_PER_AREA = 1.05  # voxels over surface in voxel faces; 1.015 to 1.071 on seven assets at K 512
+CELLS = 24
+VOXEL_CELL, TEXEL_CELL = 5, 6  # log2 of a cell's side
+POINTS, LEAST_POINTS = 1 << 16, 100
+SLOPE = 0.8  # bytes of the values ~ error ** -SLOPE from r01 to r04: 0.4 to 0.7 on detailed images, 0.9 to 1.7 on smooth ones
+LEAST_EXACT = 0.01  # of an error that is compared with another
+LEFT_BY_FIT = 0.6  # share of the transfer's squared error that a fit leaves; 0.39 to 0.85 on seven assets at K 512 and 1024
+
+
+@dataclass(frozen=True)
+class Probe:
+    """values: of the whole; bits: per value; mse: at surface points, after coding, at least what the rate asks; exact_mse: the
+    same without that bound; fixed: bytes beside the values; maps: Probes of further channels, by name."""
+
+    values: int
+    bits: float
+    mse: float
+    exact_mse: float = 0.0
+    fixed: int = 0
+    maps: dict = field(default_factory=dict)
+
+    @property
+    def attributes(self) -> float:
+        """Bytes of the values of all channels."""
+        return self.values * self.bits / 8 + sum(one.attributes for one in self.maps.values())
+
+    def bytes_at(self, other: Probe) -> float:
+        """Bytes of the values at the errors that another Probe of the same channels has."""
+        own = self.values * self.bits / 8 * (self.mse / other.mse) ** SLOPE
+        return own + sum(one.bytes_at(other.maps[name]) for name, one in self.maps.items())
+
+    def lost(self, other: Probe) -> float:
+        """How many times the error of another Probe it has, in the channel that is worst."""
+        return max([self.mse / other.mse, *(one.lost(other.maps[name]) for name, one in self.maps.items())])
+
+    def exact(self) -> Probe:
+        """Itself with the errors that were measured, where they are above nothing."""
+        maps = {name: one.exact() for name, one in self.maps.items()}
+        return replace(self, mse=max(self.exact_mse, LEAST_EXACT), maps=maps)
+
+    def told(self) -> dict:
+        """What the report says of it."""
+        channels = {name: round(decibels(max(one.mse, 1e-4)), 2) for name, one in self.maps.items()}
+        return {"values": self.values, "attribute_bytes": round(self.attributes), "geometry_bytes": self.fixed,
+                "psnr_y": round(decibels(max(self.mse, 1e-4)), 2)} | ({"psnr_of_maps": channels} if channels else {})
+
+
+class Patch:
+    """The part of a surface that is asked: a scene's faces with evenly spread points on them. faces: int64 [F] into surface's;
+    least: the error below which nothing is worth more bytes; name: of the channel, None for base colour and alpha; maps: the
+    patches of further channels by name."""
+
+    def __init__(self, scene: Scene, surface: Surface, faces: np.ndarray, least: float, threads: int,
+                 name: str | None = None) -> None:
+        self.scene, self.surface, self.faces, self.least, self.threads, self.name = scene, surface, faces, least, threads, name
+        self.face, self.bary = sample_surface(surface.lattice.astype(np.float64), surface.faces[faces], POINTS)
+        self.source = self.packed(faces)
+        self.colour = sample_source(self.source, self.face, self.bary, threads)
+        self.maps: dict[str, Patch] = {}
+        if name is None:
+            names = {n for m in np.unique(surface.material[faces]) for n in scene.materials[m].maps}
+            self.maps = {n: Patch(scene, surface, faces, least, threads, n) for n in sorted(names)}
+        corners = surface.lattice[surface.faces[faces[self.face]]]
+        self.points = np.einsum("nc,ncd->nd", self.bary, corners)  # on the lattice
+
+    def packed(self, faces: np.ndarray) -> tuple:
+        """The source of the channel on some faces of the surface, int64 [F]."""
+        rows = self.surface.origin_face[faces]
+        return pack_source(self.scene, rows) if self.name is None else pack_map(self.scene, self.name, rows)
+
+    def values(self, rgba: np.ndarray) -> np.ndarray:
+        """What is coded of colours float32 [N, 4] of packed()."""
+        if self.name is None:
+            return np.ascontiguousarray(rgba[:, : 3 if self.colour[:, 3].min() == 255 else 4])
+        return np.ascontiguousarray(rgba[:, map_columns(self.name)])
+
+    @property
+    def area(self) -> float:
+        """In squared lattice steps."""
+        return float(face_areas(self.surface.lattice, self.surface.faces[self.faces]).sum())
+
+    def texels_per_edge(self, resolution: int) -> float:
+        """Texels along an edge of a voxel, as field.transfer.texels_per_edge, of the finest channel."""
+        surface, faces = self.surface, self.surface.faces[self.faces]
+        own = texels_per_edge(surface.lattice, faces, self.source, surface.cube.position_bits, resolution)
+        return max([own, *(one.texels_per_edge(resolution) for one in self.maps.values())])
+
+    def mse(self, chosen: np.ndarray, got: np.ndarray) -> float:
+        """Mean squared error at chosen points, of Y and, where it is there, of alpha; of a map the mean over its components by
+        its weight. got: float32 [n, C], of values()."""
+        if not len(chosen):
+            return 0.0
+        if self.name is not None:
+            weight = self.scene.weights.get(self.name, BY_NAME[self.name].weight)
+            return weight * float(((self.values(self.colour[chosen]) - got) ** 2).mean())
+        error, weights = ColourError(), self.colour[chosen, 3] / 255
+        error.add(self.colour[chosen, :3], got[:, :3], weights if weights.any() else None)
+        alpha = float(((self.colour[chosen, 3:] - got[:, 3:]) ** 2).mean()) if got.shape[1] == 4 else 0.0
+        return error.mse()["y"] + alpha
+
+    def probe(self, values: int, bits: float, mse: float) -> Probe:
+        """A Probe of this patch with a measured error."""
+        return Probe(values, bits, max(mse, self.least), mse)
+
+
+def _coded(plane, support, name, weights, options):
+    """(bits per value, decoded) of float32 [N, C]: a map, or colour, and alpha where it is there, by itself."""
+    codec, made, size = codec_of(options.codec), [], 0
+    parts = [plane] if name is not None else np.split(plane, [3], axis=1)[: plane.shape[1] - 2]
+    options = options if name is None else with_qp_of(Group((BY_NAME[name],)), options, weights)
+    for part in parts:
+        part = np.ascontiguousarray(part)
+        values, decoded = codec.enc(part, support, options)  # type: ignore[attr-defined]  # only codecs of planes get here
+        variables = {"NumComponents": part.shape[1], "resolution": 1 << support.depth, "Planar": int(support.planar)}
+        size += len(codec.write_parameters({**values, **variables}))
+        made.append(decoded)
+    return 8 * size / len(plane), np.concatenate(made, axis=1)
+
+
+def _cells_at(places, cell):
+    """Morton keys of up to CELLS different cells that places, int64 [M, d], are in, ascending; taken in a fixed shuffled
+    order."""
+    order = np.random.default_rng(0).permutation(len(places))[: 8 * CELLS]
+    keys = _cell_keys(places[order], cell)
+    _, first = np.unique(keys, return_index=True)
+    return np.sort(keys[np.sort(first)[:CELLS]])
+
+
+def _cell_keys(places, cell):
+    """Morton keys of the cells of places, int64 [M, 2 or 3]."""
+    flat = np.zeros((len(places), 3), np.int64)
+    flat[:, : places.shape[1]] = places >> cell
+    return encode_morton(flat)
+
+
+def _within(keys, cells, cell):
+    """Those of ascending keys that are in one of the cells: each is a run of keys."""
+    ends = np.searchsorted(keys, np.concatenate([cells, cells + 1]) << 3 * cell)
+    return np.concatenate([keys[a:b] for a, b in zip(ends[: len(cells)], ends[len(cells) :], strict=True)])
+
+
+def _well_inside(place, cell, cells):
+    """Numbers of the places, float64 [M, d], that are in one of the cells, with all that interpolation asks around them where
+    there are such."""
+    whole = np.floor(place).astype(np.int64)
+    rest, there = place - (whole >> cell << cell), np.isin(_cell_keys(whole, cell), cells)
+    inner = np.flatnonzero(((rest >= 1) & (rest <= (1 << cell) - 1)).all(axis=1) & there)
+    return inner if len(inner) > LEAST_POINTS else np.flatnonzero(there)
+
+
+def probe_texels(patch: Patch, plan: TexelPlan, keys: np.ndarray, options: EncodeOptions) -> Probe:
+    """Probe of a TexelPlan. keys: int64 [N], the texels that it asks."""
+    texel = np.einsum("nc,ncd->nd", patch.bary, plan.group.uv[patch.face]) * np.array(plan.size) / plan.group.size
+    place = np.column_stack([_wrapped(texel[:, i], plan.size[i], plan.group.wrap[i]) for i in range(2)])
+    cells = _cells_at(place.astype(np.int64), TEXEL_CELL)
+    mine = _within(keys, cells, TEXEL_CELL)
+    support = TexelSupport(keys=mine, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap, fraction_bits=0)
+    chosen, maps = _well_inside(place, TEXEL_CELL, cells), {}
+    for one in (*patch.maps.values(), patch):
+        bits, decoded = _coded(_texels_of(plan, one, support, cells), support, one.name, patch.scene.weights, options)
+        made = one.probe(len(keys), bits, one.mse(chosen, support.query(texel[chosen], decoded, patch.threads)))
+        if one.name is not None:
+            maps[one.name] = made
+    return replace(made, maps=maps)
+
+
+def _texels_of(plan, patch, support, cells):
+    """Values of the texels of a support that has these cells alone, float32 [N, C]."""
+    if patch.name is not None:
+        return _texels_of_map(plan, patch, support)
+    return patch.values(_colours_of(plan, patch, support, cells))
+
+
+def _texels_of_map(plan, patch, support):
+    """As _texels_of: means of the texels of the image that are in each, or the one that its centre is in."""
+    image, xy = plan.group.maps[patch.name], support.xy()
+    ratio = image.shape[1] / plan.size[0]
+    steps = max(int(ratio), 1)
+    total = np.zeros((len(xy), 4), np.float32)
+    for dx, dy in np.ndindex(steps, steps):
+        centre = (xy + (np.array([dx, dy]) + 0.5) / steps) / plan.size * (image.shape[1], image.shape[0])
+        place = np.floor(centre).astype(np.int64)
+        total += image[place[:, 1], place[:, 0]]
+    rgba = total / steps**2
+    return np.ascontiguousarray(rgba[:, list(BY_NAME[patch.name].columns)])
+
+
+def _colours_of(plan, patch, support, cells):
+    """RGBA of the texels of a support that has these cells alone, float32 [N, 4]."""
+    xy = support.xy()
+    if plan.size == plan.group.size or plan.group.size[0] % plan.size[0]:
+        return plan.values(patch.surface, xy, patch.threads)
+    out, own = np.empty((len(xy), 4), np.float32), _cell_keys(xy, TEXEL_CELL)
+    for key in cells:
+        corner, mine = decode_morton(np.array([key]))[0, :2].astype(np.int64) << TEXEL_CELL, np.flatnonzero(own == key)
+        place = xy[mine] - corner
+        out[mine] = plan.values_of_cell(corner, 1 << TEXEL_CELL)[place[:, 1], place[:, 0]]
+    return out
+
+
+def _wrapped(place, size, mode):
+    """Coordinates in texels brought into 0..size."""
+    if mode == WRAP_CLAMP:
+        return np.clip(place, 0, size)
+    if mode == WRAP_REPEAT:
+        return place % size
+    return size - np.abs(place % (2 * size) - size)
+
+
+def probe_voxels(patch: Patch, resolution: int, density: int, options: EncodeOptions) -> Probe:
+    """Probe of voxels at a resolution. density: samples per voxel edge of the transfer."""
+    surface, bits = patch.surface, patch.surface.cube.position_bits
+    grid = patch.points * (resolution / (1 << bits))
+    cells = _cells_at(grid.astype(np.int64), VOXEL_CELL)
+    near = _faces_near(surface.lattice[surface.faces[patch.faces]] * (resolution / (1 << bits)), cells)
+    faces = surface.faces[patch.faces[near]]
+    keys, _ = voxelise(surface.lattice, faces, bits, resolution, options.area_threshold, options.threads)
+    keys = _within(keys, cells, VOXEL_CELL)
+    values = round(patch.area * (resolution / (1 << bits)) ** 2 * VOXELS_PER_AREA)
+    if not len(keys):
+        return replace(patch.probe(values, 24.0, 0.0), maps={n: one.probe(values, 8.0, 0.0) for n, one in patch.maps.items()})
+    support, brick_map = VoxelSupport(resolution, keys), build_brick_map(keys)
+    chosen, maps = _well_inside(grid, VOXEL_CELL, cells), {}
+    for one in (*patch.maps.values(), patch):
+        rgba = np.column_stack(transfer(surface.lattice, faces, one.packed(patch.faces[near]), bits, resolution, keys, brick_map,
+                                        density, options.threads))
+        values_there = one.values(rgba)
+        coded, decoded = _coded(values_there, support, one.name, patch.scene.weights, options)
+        mse, uncoded = (one.mse(chosen, query_field(grid[chosen], resolution, keys, brick_map, plane, patch.threads)[0])
+                        for plane in (decoded, values_there))
+        saved = (1 - LEFT_BY_FIT) * uncoded if options.may_fit and one is patch else 0.0
+        made = one.probe(values, coded, max(mse - saved, 0.0))
+        if one is not patch:
+            maps[one.name] = made
+    return replace(made, maps=maps)
+
+
+def _faces_near(corners, cells):
+    """Numbers of the faces whose boxes reach into one of the cells. corners: float64 [F, 3, 3], grid coordinates."""
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    near = np.zeros(len(corners), bool)
+    for cell in decode_morton(cells).astype(np.int64):
+        near |= ((high >= (cell << VOXEL_CELL) - 1) & (low <= (cell + 1 << VOXEL_CELL) + 1)).all(axis=1)
+    return np.flatnonzero(near)
+

@@ -1,0 +1,186 @@
+"""Where the seconds of an encode went, and what its neighbours cost and buy: settings one step away, encoded and measured."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from ..codecs import codec_of
+from ..decoder import decode_stream
+from ..errors import TexfError
+from ..limits import UNLIMITED
+from ..metrics.bd_rate import difference_at
+from ..metrics.psnr_3d import SourceSamples
+from ..options import EFFORTS, DecodeOptions, EncodeOptions
+from ..report import Report
+from .pipeline import code_prepared, prepare
+
+if TYPE_CHECKING:
+    from ..scene.scene import Scene
+    from .pipeline import Encoded
+
+SAMPLES = 250_000  # of 3D-PSNR: differences of 0.01 dB are seen
+ENCODES = 4  # seconds for neighbours where none are given, in encodes of what was asked for
+CURVE = (-4, 4, 12)  # QPs from that of the stream, for the curve that bytes at equal quality are read from
+K_STEP = 1.5
+NOISE, GAIN = 0.05, 0.1  # share of seconds within which two encodes count as equally fast; percent of bytes that count
+# Verdicts on a change: what it does to seconds and to bytes at equal quality.
+BETTER, BUYS, SAVES, DOMINATED, EQUAL = "better", "buys", "saves", "dominated", "equal"
+
+
+@dataclass(frozen=True)
+class Neighbour:
+    """A setting one step away. change: its EncodeOptions beside those asked for; factor: its seconds over theirs, a guess that
+    only decides whether there is time for it."""
+
+    change: dict
+    factor: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """The change as flags of the command line."""
+        flags = {"max_error": "near-lossless"}
+        return " ".join(f"--{flags.get(name, name)} {value}" for name, value in self.change.items() if value is not False)
+
+
+def changed(options: EncodeOptions, **changes: object) -> EncodeOptions:
+    """options with changes; what they left to the encoder is left to it still."""
+    free: dict = {"target_bytes": None, "target_psnr": None, "measure": False, "checkpoint": None}
+    free |= {"resolution": None} if options.rate_is_free else {}
+    free |= {"position_bits": None} if options.position_bits_are_free else {}
+    return replace(options, **{**free, **changes})
+
+
+def as_made(options: EncodeOptions, made: Encoded) -> EncodeOptions:
+    """options, with the K and QP that a search came to where they hold a target."""
+    if options.target_bytes is None and options.target_psnr is None:
+        return changed(options)
+    over_voxels = {"resolution": made.resolution} if made.counts["voxels"] and not made.counts["texels"] else {}
+    return changed(options, qp=made.qp, **over_voxels)
+
+
+def neighbours_of(options: EncodeOptions, made: Encoded) -> Iterator[Neighbour]:
+    """Neighbours of options that have a part in what they made, those that tell most first. Position bits are not among them:
+    3D-PSNR asks both sides at the same places of the surface, and does not see where it has moved."""
+    codec, place = codec_of(options.codec), EFFORTS.index(options.effort)
+    if not codec.joint:
+        steps = ((place + 1, 1.5), (place - 1, 0.6))
+        yield from (Neighbour({"effort": EFFORTS[at]}, factor) for at, factor in steps if 0 <= at < len(EFFORTS))
+        fitted = made.choices.get("refinement", {}).get("kind", "off") != "off"
+        if options.max_error is None and (fitted or options.refine == "off"):
+            yield Neighbour({"refine": "off"}, 0.7) if fitted else Neighbour({"refine": "fit"}, 1.8)
+        if made.counts["voxels"] and made.resolution and not made.counts["texels"]:
+            for scale in (1 / K_STEP, K_STEP):
+                change = {"resolution": round(made.resolution * scale)} | ({} if made.qp is None else {"qp": made.qp})
+                if change["resolution"] <= 8192:
+                    yield Neighbour(change, scale**2)
+    if options.max_error is not None:
+        bounds = {options.max_error // 2, min(2 * options.max_error + 1, 127)} - {options.max_error, 0}
+        yield from (Neighbour({"max_error": bound, "lossless": False}) for bound in sorted(bounds))
+    if "steps" in codec.options:
+        yield from (Neighbour({"steps": n}, n / options.steps) for n in (options.steps // 2, 2 * options.steps) if n)
+
+
+class _Bench:
+    """Encodes and measures one scene."""
+
+    def __init__(self, scene, options):
+        self.scene, self.threads = scene, options.threads
+        self.samples = SourceSamples(scene, SAMPLES, options.threads)
+
+    def run(self, options):
+        """(row, Prepared) of one encode: {"seconds", "processor_seconds", "bytes", "psnr_y"}."""
+        begin, worked = time.perf_counter(), time.process_time()
+        prepared = prepare(self.scene, options, Report())
+        return self.code(prepared, options, begin, worked), prepared
+
+    def code(self, prepared, options, begin=None, worked=None):
+        """As run(), of a Prepared; seconds count from begin, wall and processor."""
+        begin = time.perf_counter() if begin is None else begin
+        worked = time.process_time() if worked is None else worked
+        made = code_prepared(prepared, options, Report())
+        row = {"seconds": round(time.perf_counter() - begin, 4), "processor_seconds": round(time.process_time() - worked, 4)}
+        texf = decode_stream(made.data, DecodeOptions(threads=self.threads, limits=UNLIMITED), Report())
+        return row | {"bytes": len(made.data), "psnr_y": self.samples.compare(texf, made.face_field)["y"]}
+
+
+def explain_time(scene: Scene, options: EncodeOptions, made: Encoded, stages: dict[str, float],
+                 budget: float | None = None) -> dict:
+    """What the seconds of an encode went into and what other settings would make of them, JSON-ready.
+
+    scene: Scene; options: as it was encoded; made: what came of it; stages: seconds by stage (Report.seconds); budget: seconds
+    for neighbours, one of which is always tried; None: ENCODES times the encode. The base, options once more with warm kernels,
+    and its rate curve come before them. Returns {"stages", "budget", "spent", "samples", "base", "neighbours", "not_tried"}: base
+    and neighbours are rows {"change", "seconds", "processor_seconds", "bytes", "psnr_y", "percent", "per_second", "verdict"},
+    percent being the bytes above those of the base at equal 3D-PSNR of Y and per_second what of it a second more buys, or a
+    second less costs; a neighbour that cannot be coded has "reason" in their place. There is one run each, and so both go by
+    processor seconds, which a busy machine changes little; those that differ by NOISE or less count as equal.
+    """
+    begin, asked = time.perf_counter(), as_made(options, made)
+    bench = _Bench(scene, options)
+    base, prepared = bench.run(asked)
+    budget = ENCODES * base["seconds"] if budget is None else budget
+    curve = [base, *(bench.code(prepared, replace(asked, resolution=prepared.resolution, qp=qp)) for qp in _curve_qps(made))]
+    del prepared
+    first = time.perf_counter()
+    rows: list[dict] = []
+    not_tried = []
+    for neighbour in neighbours_of(asked, made):
+        if rows and base["seconds"] * neighbour.factor > budget - (time.perf_counter() - first):
+            not_tried.append(neighbour.name)
+        else:
+            rows.append({"change": neighbour.name} | _tried(bench, asked, neighbour, base, curve))
+    spent = round(time.perf_counter() - begin, 3)
+    return {"stages": stages, "budget": round(budget, 3), "spent": spent, "samples": SAMPLES, "base": base, "neighbours": rows,
+            "not_tried": not_tried}
+
+
+def _curve_qps(made):
+    """QPs beside that of the stream which its rate curve is drawn through; none where no QP coded it."""
+    return [] if made.qp is None else [qp for qp in (made.qp + step for step in CURVE) if 0 <= qp <= 63]
+
+
+def _tried(bench, asked, neighbour, base, curve):
+    try:
+        row, _ = bench.run(changed(asked, **neighbour.change))
+    except TexfError as error:
+        return {"reason": str(error)}
+    percent = percent_of(curve, row)
+    if percent is None:
+        return row | {"percent": None, "per_second": None, "verdict": None}
+    first, then = (one["processor_seconds"] for one in (base, row))
+    return row | {"percent": round(percent, 2), "per_second": per_second(first, then, percent),
+                  "verdict": verdict(first, then, percent)}
+
+
+def percent_of(curve: list[dict], row: dict) -> float | None:
+    """Percent of bytes that a row takes above a curve at its own quality, both {"bytes", "psnr_y"}; by bytes alone where the
+    first point of the curve and the row are both lossless; None where the curve does not say."""
+    if row["psnr_y"] is None:
+        lossless = curve[0]["psnr_y"] is None
+        return 100.0 * (row["bytes"] / curve[0]["bytes"] - 1) if lossless else None
+    points = [p for p in curve if p["psnr_y"] is not None]
+    try:
+        return difference_at([p["bytes"] for p in points], [p["psnr_y"] for p in points], row["bytes"], row["psnr_y"])
+    except ValueError:
+        return None
+
+
+def verdict(base_seconds: float, seconds: float, percent: float, noise: float = NOISE) -> str:
+    """BETTER: not slower and fewer bytes, or faster and not more; BUYS bytes with seconds; SAVES seconds at a cost in bytes;
+    DOMINATED by the base; or EQUAL. percent: of bytes, at equal quality; noise: share of seconds that count as equal."""
+    slower, faster = seconds > base_seconds * (1 + noise), seconds * (1 + noise) < base_seconds
+    smaller, larger = percent < -GAIN, percent > GAIN
+    if slower:
+        return BUYS if smaller else DOMINATED
+    if faster:
+        return SAVES if larger else BETTER
+    return BETTER if smaller else DOMINATED if larger else EQUAL
+
+
+def per_second(base_seconds: float, seconds: float, percent: float, noise: float = NOISE) -> float | None:
+    """Percent of bytes that one more second saves or one less costs; None where that is no trade, as verdict() says."""
+    trade = verdict(base_seconds, seconds, percent, noise) in (BUYS, SAVES)
+    return round(percent / (base_seconds - seconds), 2) if trade else None

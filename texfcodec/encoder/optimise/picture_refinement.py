@@ -1,0 +1,90 @@
+"""Image-space refinement of a fitted payload (encoder only; paper, section on IR).
+
+Latents and network take further, small steps on the loss of rendered pictures (pictures.py), a step a picture. Held-out views
+decide when to stop and what is kept; the fit's own state is kept where nothing is better. Only for payloads without alpha:
+the loss is of colours, and would let alpha drift.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...codecs.neural.fit_samples import Samples, Source, cells_of
+from .pictures import HELD_OUT_SEED, HELD_OUT_VIEWS, ITERATIONS, SIZE, VIEWS, Cameras, keep_best, picture_loss
+
+if TYPE_CHECKING:
+    from ...codecs.neural.fit import Fit
+    from ...codecs.neural.payload import Tables
+
+RATE = 0.05  # of the fit's rates, falling along a cosine
+SCALE = 1e4  # of the slopes, which a mean over a picture makes small beside train.TINY
+
+
+@dataclass
+class Picture:
+    """size: pixels a side; pixel: int64 [M], the covered ones, row * size + column; samples: Samples [M]; cells: theirs, of
+    cells_of."""
+
+    size: int
+    pixel: np.ndarray
+    samples: Samples
+    cells: tuple
+
+    def loss(self, fit: Fit) -> tuple[float, float, np.ndarray]:
+        """As picture_loss, for what a fit shows."""
+        shown = np.clip(fit.answers(self.samples, self.cells), 0, 255)
+        return picture_loss(self.size, self.pixel, self.samples.target.astype(np.float32), shown, fit.threads)
+
+
+class Pictures:
+    """Draws pictures of a samples.Source; tables: payload.Tables by field; position_bits: of its lattice."""
+
+    def __init__(self, source: Source, tables: list[Tables], position_bits: int, seed: int, size: int = SIZE) -> None:
+        self.source, self.tables, self.size = source, tables, size
+        self.cameras = Cameras(source.lattice, source.faces, position_bits, seed, source.threads, size)
+
+    def next(self) -> Picture:
+        """The next Picture."""
+        seen = self.cameras.next()
+        samples = self.source.at(seen.face, seen.bary, self.source.threads)
+        return Picture(self.size, seen.pixel, samples, cells_of(samples, self.tables))
+
+
+def refine_by_pictures(fit: Fit, source: Source, position_bits: int, seed: int = 0, iterations: int = ITERATIONS,
+                       views: int = VIEWS, size: int = SIZE,
+                       on_progress: Callable[[int, int], object] = lambda done, total: None) -> tuple[list[dict], int]:
+    """Improves a fit.Fit in place.
+
+    source: samples.Source that it was fitted to; views: pictures an iteration. Returns (log, which of its rows was kept)
+    as keep_best does. The same for a seed.
+    """
+    begin, pictures = time.perf_counter(), Pictures(source, fit.tables, position_bits, seed, size)
+    judging = Pictures(source, fit.tables, position_bits, seed + HELD_OUT_SEED, size)
+    judges = [p for p in (judging.next() for _ in range(HELD_OUT_VIEWS)) if len(p.pixel)]
+    fit.forget()
+    with ThreadPoolExecutor(fit.threads) as pool:
+
+        def iterate(n):
+            loss = sum(_step(fit, pictures.next(), (n - 1) * views + k, iterations * views, pool) for k in range(views))
+            on_progress(n, iterations)
+            return loss / views
+
+        log, kept = keep_best(iterate, lambda: [p.loss(fit)[:2] for p in judges], fit.values, iterations, begin)
+    fit.upload()
+    return log, kept
+
+
+def _step(fit, picture, step, steps, pool):
+    """One step against a picture's loss; returns that."""
+    if len(picture.pixel) == 0:
+        return 0.0
+    loss, _, by_colour = picture.loss(fit)
+    fit.learn(picture.samples, picture.cells, pool, by_colour * np.float32(SCALE))
+    fit.move(RATE * 0.5 * (1 + np.cos(np.pi * step / steps)), step + 1, pool)
+    return loss

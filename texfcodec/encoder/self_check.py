@@ -1,0 +1,235 @@
+"""The encoder's look at what it made: the stream is read again and compared with its source, part by part and in small pictures.
+
+The container, the geometry, the places of values and their checksums are decoded from the bytes. Decoding the values themselves
+takes a tenth to a quarter of the time of coding them, so this is done for as many units as a share of that time allows, and the
+others have the values that the encoder had from its own mirror of the decoder.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from ..core.colour_error import decibels
+from ..decoder import decode_stream
+from ..errors import InputError, LimitError
+from ..limits import UNLIMITED
+from ..metrics.parts import compare_parts
+from ..metrics.views import Look, compare_views
+from ..options import DecodeOptions
+from ..render.environment import DAYLIGHT
+from ..report import Report, Step, no_step
+from . import pipeline
+from .decide.one_colour import NOTHING_TO_PROBE
+from .decide.trial import coding_mse
+
+if TYPE_CHECKING:
+    from ..options import EncodeOptions
+    from ..scene.scene import Scene
+    from .pipeline import Encoded
+
+VIEWS, SIZE = 4, 160
+SHARE = 0.05  # of the time an encode took, for decoding its values again
+SECONDS_PER_VALUE = 6e-7  # of a decoder, with one thread, at most: 1.0 to 2.6 million values a second
+# Bytes that parts may add which are coded again, finer: of the first stream's so much for their share of the surface, and at most
+# so much. A city's billboards, 400 voxels of it, would have added 36 %.
+MORE_PER_SHARE, MOST_MORE = 10.0, 0.5
+LEAST_GAIN = 1.0  # dB that the worst part must gain by it
+FINER_CHROMA = 6  # QP
+SHORTFALL, COLOUR_SHORTFALL = 6.0, 10.0  # dB under what the rate promises from which Y, or RGB and alpha, count as a miss
+
+
+@dataclass(frozen=True, kw_only=True)
+class Miss:
+    """A part that is worse than the rate promises. material: its number; name; share: of the surface; measure: "Y" or "RGB";
+    psnr: in dB."""
+
+    material: int
+    name: str
+    share: float
+    measure: str
+    psnr: float
+
+    def __str__(self) -> str:
+        return f"'{self.name}' has {self.psnr:.1f} dB ({self.measure})"
+
+
+def encode_checked(scene: Scene, options: EncodeOptions, report: Report) -> Encoded:
+    """Codes a Scene as encode_scene() does, checks the stream, and codes parts again, finer, that are worse than the rate
+    promises, where that is possible and not too dear; what stays worse is a warning. Raises InputError, LimitError,
+    SupportError."""
+    begin, kept = time.perf_counter(), Report(report.on_progress)
+    made = pipeline.encode_scene(scene, options, kept)
+    found = check(scene, made, options, kept, time.perf_counter() - begin)
+    missed = misses(found)
+    if missed and _may_be_finer(made, missed, options):
+        second = Report(report.on_progress)
+        again = _coded_finer(scene, missed, options, second)
+        if again and _is_better(again.check, found) and len(again.data) <= _most_bytes(made, missed):
+            second.remarks.append(f"{_named(missed)}: coded again, finer, in {len(again.data)} bytes instead of {len(made.data)}")
+            made, found, kept, second = again, again.check, second, kept
+        report.take_seconds(second)
+    report.take(kept)
+    report.warnings += warnings_of(found, options)
+    return made
+
+
+def _coded_finer(scene, missed, options, report):
+    """The checked Encoded with finer supports for what was missed; None where these go over a limit that the first kept."""
+    begin = time.perf_counter()
+    try:
+        made = pipeline.encode_scene(scene, _finer(options, missed), report, frozenset(miss.material for miss in missed))
+    except LimitError:
+        return None
+    check(scene, made, options, report, time.perf_counter() - begin)
+    return made
+
+
+def _may_be_finer(made, missed, options):
+    """Whether coding parts finer is the encoder's to choose, and not sure to take too many bytes."""
+    if options.support != "auto":
+        return False
+    parts, more = {miss.material for miss in missed}, 0
+    for group in made.choices["supports"]["groups"]:
+        if parts & set(group["materials"]) and group["chosen"] == "voxels" and "texels" in group:
+            more += group["texels"]["attribute_bytes"] - group["voxels"]["attribute_bytes"]
+    return len(made.data) + more <= _most_bytes(made, missed)
+
+
+def _most_bytes(made, missed):
+    """Bytes that a stream may have whose parts were coded again."""
+    return len(made.data) * (1 + min(MORE_PER_SHARE * sum(miss.share for miss in missed), MOST_MORE))
+
+
+def _finer(options, missed):
+    """The options, with finer chroma where colour is what is missed."""
+    if all(miss.measure == "Y" for miss in missed):
+        return options
+    usual = -1 if options.chroma_qp_offset is None else options.chroma_qp_offset
+    return replace(options, chroma_qp_offset=max(usual - FINER_CHROMA, -63))
+
+
+def _is_better(again, first):
+    """Whether the worst part gained enough between two checks."""
+    before, after = (min((miss.psnr for miss in misses(one)), default=None) for one in (first, again))
+    return after is None or (before is not None and after >= before + LEAST_GAIN)
+
+
+def check(scene: Scene, made: Encoded, options: EncodeOptions, report: Report, seconds: float) -> dict:
+    """Fills made.check with what check_encoded() says, returns it, and lets go of what only it needs. seconds: that the encode
+    took."""
+    with report.stage("check") as step:
+        found = made.check = check_encoded(scene, made, options, seconds, step)
+    made.values = []
+    return found
+
+
+def check_encoded(scene: Scene, made: Encoded, options: EncodeOptions, seconds: float, step: Step = no_step) -> dict:
+    """Compares a stream with the Scene it was made from.
+
+    Parameters
+    ----------
+    seconds : float
+        That the encode took, of which a share may go into decoding values again.
+    step : function
+        Of Report.stage(), called with how far the check is.
+
+    Returns
+    -------
+    dict
+        JSON-ready: what compare_parts() says, None in the place of each PSNR where nothing is visible; "worst": the part with
+        the least PSNR of RGB, None where all are exact; "lit" or "flat": PSNR of Y in small pictures, with light where the asset
+        is lit; neither where one colour, with normals that follow from the geometry, leaves nothing to compare; "promised": PSNR
+        of Y that the rate stands for, None where it stands for none; "decoded_units": (units whose values were decoded, all
+        units).
+
+    Raises
+    ------
+    StreamError
+        The stream is not what the encoder took it for.
+    """
+    texf, decoded = _decoded(made, options, seconds)
+    step(1, 3)
+    found = compare_parts(scene, texf, made.face_field, options.threads) if len(texf.faces) else None
+    step(2, 3)
+    known = {"promised": promised_psnr(options), "decoded_units": decoded}
+    if found is None:
+        return {"y": None, "rgb": None, "parts": [], "visible": False, "worst": None, **known}
+    inexact = [part for part in found["parts"] if part["rgb"] is not None]
+    worst = min(inexact, key=lambda part: part["rgb"], default=None)
+    seen = {} if _is_geometry_alone(scene, made) else _seen(scene, texf, options)
+    return {**found, "visible": True, "worst": worst, **seen, **known}
+
+
+def promised_psnr(options: EncodeOptions) -> float | None:
+    """PSNR of Y, in dB, that a rate stands for where its K and supports are the encoder's to choose; None elsewhere."""
+    free = options.rate_is_free and options.target_bytes is None and options.target_psnr is None
+    return round(decibels(coding_mse(options.reckoned_qp)), 2) if free and options.qp is not None else None
+
+
+def misses(check: dict) -> list[Miss]:
+    """Parts of a check that fall short of its promise by more than SHORTFALL or COLOUR_SHORTFALL, the worst first."""
+    if check["promised"] is None:
+        return []
+    found = []
+    for part in check["parts"]:
+        for measure, name, shortfall in (("y", "Y", SHORTFALL), ("rgb", "RGB", COLOUR_SHORTFALL)):
+            if part[measure] is not None and part[measure] < check["promised"] - shortfall:
+                found.append(Miss(material=part["material"], name=part["name"], share=part["share"], measure=name,
+                                  psnr=part[measure]))
+                break
+    return sorted(found, key=lambda miss: miss.psnr)
+
+
+def warnings_of(check: dict, options: EncodeOptions) -> list[str]:
+    """Sentences on what of a check is worse than the rate promises."""
+    missed, rate = misses(check), f"{options.rate} stands for {check['promised']:.0f} dB" if check["promised"] else ""
+    said = []
+    if not check["visible"]:
+        said.append("nothing of the surface is visible in the source, so that its colours could not be compared")
+    if missed:
+        said.append(f"{_named(missed)}, where {rate}: a finer --rate or --support texels shows more")
+    if rate and check.get("lit") is not None and check["lit"] < check["promised"] - COLOUR_SHORTFALL:
+        said.append(f"in light, small pictures have {check['lit']:.1f} dB, where {rate}: its shading differs from the source's")
+    return said
+
+
+def _named(missed):
+    """What the worst part is, and how many others there are."""
+    others = f" and {len(missed) - 1} more" if len(missed) > 1 else ""
+    return f"part {missed[0]}{others}"
+
+
+def _decoded(made, options, seconds):
+    """(Texf of a stream, [units whose values were decoded from its bytes, all units])."""
+    left, counts = [SHARE * seconds / SECONDS_PER_VALUE], [0, 0]
+
+    def known(values, group):
+        plane = group.join(made.values[values["field_index"]])
+        counts[1] += 1
+        if plane.size > left[0]:
+            return plane
+        left[0] -= plane.size
+        counts[0] += 1
+        return None
+
+    texf = decode_stream(made.data, DecodeOptions(threads=options.threads, limits=UNLIMITED), Report(), known)
+    return texf, counts
+
+
+def _is_geometry_alone(scene, made):
+    """Whether pictures show nothing but the geometry, which has its own checksum: one colour, and normals that follow from it."""
+    return scene.corner_normal is None and made.choices["supports"].get("reason") == NOTHING_TO_PROBE
+
+
+def _seen(scene, texf, options):
+    """{"lit" or "flat": PSNR of Y of a few small pictures, None where they are alike}; {} where they cannot be compared: no pixel
+    shows both sides, or light makes a colour infinite."""
+    lit = options.effects in ("auto", "all") and not all(material.unlit for material in scene.materials)
+    look = Look(environment=DAYLIGHT) if lit else Look()
+    try:
+        seen = compare_views(scene, texf, VIEWS, SIZE, threads=options.threads, look=look)
+    except InputError:
+        return {}
+    return {"lit" if lit else "flat": seen["psnr"]["y"]}

@@ -1,0 +1,118 @@
+"""Normal maps without UVs: what a map says of the surface, as a deviation from the shading normals that a decoder makes again
+(encoder only; spec clause 8.5); and what all maps say where a codec asks the surface itself."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..geometry.shading_normals import corner_normals
+from ..geometry.tangents import corner_tangents
+from ..render.tangent_frames import interpolate_corners, tangent_space_normals
+from ..scene.channels import BY_NAME
+from ..scene.factors import FLAT, factor_of
+from ..scene.fetch import map_columns, pack_map, sample_source, values_of_map
+
+if TYPE_CHECKING:
+    from ..geometry.surface import Surface
+    from ..scene.scene import Scene
+    from .decide.normal_rules import Shading
+
+
+SAME_FRAME = 0.05  # of a matrix: three degrees, which averaging over vertices explains
+
+
+def turned(values: np.ndarray, turn: np.ndarray | None) -> np.ndarray:
+    """x and y of tangent-space normals, float32 [N, 2] in 0..255, in another frame. turn: as turn_of() gives it."""
+    return values if turn is None else ((values / FLAT - 1) @ turn.T.astype(np.float32) + 1) * np.float32(FLAT)
+
+
+def turn_of(scene: Scene, surface: Surface, faces: np.ndarray) -> np.ndarray | None:
+    """How the frame that the source's own tangents make lies in the one that its UVs make, which a decoder takes: an orthogonal
+    matrix float64 [2, 2] for x and y of a normal map, the best one for the surface of faces, int64 [F]; None where they are the
+    same, or nothing is known. Files whose tangents were made for v upwards, or before a texture transform, have another."""
+    if scene.corner_tangent is None or scene.corner_normal is None or not len(faces):
+        return None
+    rows = surface.origin_face[faces]
+    tangent, normal = scene.corner_tangent[rows, 0].astype(np.float64), scene.corner_normal[rows, 0].astype(np.float64)
+    corners = scene.positions[scene.faces[rows]]
+    made = corner_tangents(corners.reshape(-1, 3), np.arange(3 * len(rows)).reshape(-1, 3), scene.corner_uv[rows],
+                           np.repeat(normal[:, None], 3, axis=1).astype(np.float32))[:, 0].astype(np.float64)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    frames = [(t[:, :3], np.cross(normal, t[:, :3]) * np.sign(t[:, 3:])) for t in (made, tangent)]
+    lies = np.array([[(area * (a * b).sum(axis=1)).sum() for b in frames[1]] for a in frames[0]])
+    left, _, right = np.linalg.svd(lies)
+    turn = left @ right
+    return None if np.abs(turn - np.eye(2)).max() <= SAME_FRAME else turn
+
+
+class Frames:
+    """Normals of a surface's corners: as the source has them and as a decoder makes them again; tangents where a map asks.
+
+    normal, rebuilt: float32 [F, 3, 3]; geometric: float32 [F, 3] of the faces.
+    """
+
+    def __init__(self, scene: Scene, surface: Surface, shading: Shading) -> None:
+        self.scene, self.surface = scene, surface
+        self.rebuilt = corner_normals(surface.lattice, surface.faces, shading.rules, surface.material, shading.marks)
+        self.normal = self.rebuilt if scene.corner_normal is None else scene.corner_normal[surface.origin_face]
+        corners = surface.lattice[surface.faces].astype(np.float32)
+        self.geometric = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        self._tangents: dict[int, np.ndarray] = {}
+        self._sources: dict[str, tuple] = {}
+
+    def deviations(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
+        """How far a normal map turns the surface's normals from those that are made again, float32 [M, 3] in 0..255, FLAT being
+        0. name: of the channel; face: int64 [M] of the surface, of materials with the map; bary: float64 [M, 3]."""
+        bent, flat = self.bent(name, face, bary, threads), interpolate_corners(self.rebuilt, face, bary)
+        flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-12)
+        return np.clip((bent - flat + 1) * FLAT, 0, 255).astype(np.float32)
+
+    def bent(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
+        """The source's shading normals as a normal map turns them, float32 [M, 3] of length 1; arguments as in deviations()."""
+        if name not in self._sources:
+            self._sources[name] = pack_map(self.scene, name, self.surface.origin_face)
+        texel = values_of_map(name, sample_source(self._sources[name], face, bary, threads))
+        scale = np.array([factor_of(m.parameters, BY_NAME[name].parameter)[0] for m in self.scene.materials], np.float32)
+        tangent = interpolate_corners(self._tangent(name), face, bary)
+        normal, geometric = interpolate_corners(self.normal, face, bary), self.geometric[face]
+        return tangent_space_normals(texel, scale[self.surface.material[face]], normal, tangent, geometric)
+
+    def _tangent(self, name):
+        """Tangents of the corners, float32 [F, 3, 4]: the source's, or made of the UVs of a map."""
+        rows, uv = self.surface.origin_face, self.scene.map_uv.get(name, self.scene.corner_uv)
+        key = id(uv)
+        if key not in self._tangents:
+            made = self.scene.corner_tangent[rows] if self._has_tangents(uv) else None
+            if made is None:
+                made = corner_tangents(self.surface.lattice.astype(np.float64), self.surface.faces, uv[rows], self.normal)
+            self._tangents[key] = made
+        return self._tangents[key]
+
+    def _has_tangents(self, uv):
+        tangent = self.scene.corner_tangent
+        return tangent is not None and uv is self.scene.corner_uv and tangent.any(axis=2).all()
+
+
+class ShownMaps:
+    """What maps say at places on a surface: a codecs.base.Source's `maps`. Arguments as those of Frames."""
+
+    def __init__(self, scene: Scene, surface: Surface, shading: Shading) -> None:
+        self.scene, self.surface, self.shading = scene, surface, shading
+        self._packed: dict[str, tuple] = {}
+
+    def __call__(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
+        """Values of a channel over voxels, float32 [M, C] in 0..255. name: in channels.CHANNELS; face: int64 [M] of the surface,
+        of materials with the map; bary: float64 [M, 3]."""
+        material_name = BY_NAME[name].material_name
+        if material_name != name:
+            return self._frames.deviations(material_name, face, bary, threads)
+        if name not in self._packed:
+            self._packed[name] = pack_map(self.scene, name, self.surface.origin_face)
+        return sample_source(self._packed[name], face, bary, threads)[:, map_columns(name)]
+
+    @cached_property
+    def _frames(self):
+        return Frames(self.scene, self.surface, self.shading)

@@ -1,0 +1,296 @@
+"""Deterministic voxelisation: which voxels a surface touches and how much surface each of them holds (spec clause 6).
+
+Integer arithmetic only, and independent of vertex order, face order and start corner: every corner is mapped to fixed grid
+coordinates, every triangle is brought into a canonical corner order and covered by rows of samples parallel to its longest
+edge; each sample marks the voxel it lies in and adds its share of the triangle's area there. The same walk gives the
+transfer its surface points, so walk and accumulation are kept apart: `_triangle_frame` and `_row` define the samples.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from ..core.integer import _isqrt
+from ..core.kernel import kernel
+from ..errors import LimitError
+from .morton import _morton_key
+
+GRID_FRACTION = 16  # fractional bits of a fixed grid coordinate
+SAMPLES_PER_EDGE = 2  # at least this many samples per voxel edge in either direction of the triangle (normative)
+AREA_FRACTION = 32  # area weights are in units of 2**-32 voxel faces
+MAX_VOXELS = 1 << 40  # in place of no limit
+MIN_SLAB_SAMPLES = 1 << 17  # below this a second thread costs more than it brings
+
+
+def grid_coordinates(lattice: np.ndarray, position_bits: int, resolution: int) -> np.ndarray:
+    """Fixed grid coordinates of lattice positions (spec 6.1): floor(p * K * 2**16 / 2**B).
+
+    lattice: int64 [..., 3] in 0..2**B-1. Returns int64 of the same shape, below K * 2**16 <= 2**29 (product < 2**49).
+    """
+    return (np.asarray(lattice, dtype=np.int64) * (resolution << GRID_FRACTION)) >> position_bits
+
+
+@kernel
+def _double_area(ux, uy, uz, vx, vy, vz):
+    """Length of the cross product of two edges with |component| < 2**29.2, in units of 2**-32 voxel faces; < 2**61.
+
+    Each product is below 2**58.4; the larger components are cut to 30 bits before squaring so that the sum stays < 2**62.
+    """
+    cx = abs(uy * vz - uz * vy)
+    cy = abs(uz * vx - ux * vz)
+    cz = abs(ux * vy - uy * vx)
+    top = max(cx, max(cy, cz))
+    shift = 0
+    while (top >> shift) >= (1 << 30):
+        shift += 1
+    cx >>= shift
+    cy >>= shift
+    cz >>= shift
+    return _isqrt(cx * cx + cy * cy + cz * cz) << shift
+
+
+@kernel
+def _precedes(g, a, b):
+    for axis in range(3):
+        if g[a, axis] != g[b, axis]:
+            return g[a, axis] < g[b, axis]
+    return False
+
+
+@kernel
+def _reach(g, a, b):
+    """Chebyshev distance of corners a and b."""
+    return max(abs(g[a, 0] - g[b, 0]), max(abs(g[a, 1] - g[b, 1]), abs(g[a, 2] - g[b, 2])))
+
+
+@kernel
+def _triangle_frame(g, per_edge, order):
+    """Canonical frame of one triangle (spec 6.2). g: int64 [3, 3] fixed grid coordinates; order: int64 [3], filled with
+    the corner numbers (base start, base end, apex). Returns (columns n, rows m, area per squared row count).
+
+    n <= per_edge * 2**13, m <= 3 * per_edge * 2**13; per_edge * area < 2**63 for per_edge <= 4.
+    """
+    a, b, c = 0, 1, 2
+    if _precedes(g, b, a):
+        a, b = b, a
+    if _precedes(g, c, b):
+        b, c = c, b
+    if _precedes(g, b, a):
+        a, b = b, a
+    ab, ac, bc = _reach(g, a, b), _reach(g, a, c), _reach(g, b, c)
+    if ab >= ac and ab >= bc:
+        order[0], order[1], order[2], base = a, b, c, ab
+    elif ac >= bc:
+        order[0], order[1], order[2], base = a, c, b, ac
+    else:
+        order[0], order[1], order[2], base = b, c, a, bc
+    if base == 0:
+        return np.int64(1), np.int64(1), np.int64(0)
+    s, e, t = order[0], order[1], order[2]
+    area = _double_area(g[e, 0] - g[s, 0], g[e, 1] - g[s, 1], g[e, 2] - g[s, 2],
+                        g[t, 0] - g[s, 0], g[t, 1] - g[s, 1], g[t, 2] - g[s, 2])
+    one = np.int64(1) << GRID_FRACTION
+    columns = max(np.int64(1), (base * per_edge + one - 1) >> GRID_FRACTION)
+    height = area // base
+    rows = max(np.int64(1), (height * per_edge + one - 1) >> GRID_FRACTION)
+    return columns, rows, area // (rows * rows)
+
+
+@kernel
+def _row_offset(columns, rows):
+    """Height of a row above the lower edge of its band, in half bands (spec 6.3): in the middle, but on the edge itself for
+    slivers, whose sides are so slanted that a row in the middle would leave their ends without samples."""
+    return np.int64(0) if columns > 4 * rows else np.int64(1)
+
+
+@kernel
+def _row(g, order, columns, rows, j, start, half_step):
+    """Row j of a triangle (spec 6.3): fills start and half_step, int64 [3] with 32 fractional bits, returns the number of
+    samples n_j. Sample i of the row lies at start + (2 i + 1) * half_step."""
+    offset = _row_offset(columns, rows)
+    left = 2 * rows - 2 * j - offset
+    count = max(np.int64(1), (columns * left + 2 * rows - 1) // (2 * rows))
+    for axis in range(3):
+        s, e, t = g[order[0], axis], g[order[1], axis], g[order[2], axis]
+        start[axis] = (s + ((t - s) * (2 * j + offset)) // (2 * rows)) << 16
+        half_step[axis] = ((((e - s) * left) // (2 * rows)) << 16) // (2 * count)
+    return count
+
+
+@kernel
+def _load_corners(corners, faces, f, g):
+    """Fixed grid coordinates of face f into g int64 [3, 3]; voxelise() and transfer() have checked faces against corners."""
+    for c in range(3):
+        for d in range(3):
+            g[c, d] = corners[faces[f, c], d]
+
+
+@kernel
+def _misses_slab(g, axis, low, high):
+    """Whether no sample of the triangle can have low <= voxel index[axis] < high. All divisions of a row round down, so a sample
+    lies up to 2 * 2**-16 voxels below the triangle's least coordinate and never above its largest."""
+    first = (min(g[0, axis], min(g[1, axis], g[2, axis])) - 2) >> GRID_FRACTION
+    last = max(g[0, axis], max(g[1, axis], g[2, axis])) >> GRID_FRACTION
+    return first >= high or last < low
+
+
+@kernel
+def _slot(key, keys):
+    """Slot of key in an open-addressing table (its own, or the first free one): keys of one 4x4x4 brick lie side by side."""
+    mask = keys.shape[0] - 1
+    brick = key >> 6
+    slot = ((((brick ^ (brick >> 13)) * 2654435) << 6) ^ (key & 63)) & mask
+    while keys[slot] >= 0 and keys[slot] != key:
+        slot = (slot + 1) & mask
+    return slot
+
+
+@kernel
+def _grown(keys, weights):
+    keys2, weights2 = np.zeros(keys.shape[0] * 2, np.int64), np.zeros(keys.shape[0] * 2, np.int64)
+    keys2[:] = -1
+    for i in range(keys.shape[0]):
+        if keys[i] >= 0:
+            slot = _slot(keys[i], keys2)
+            keys2[slot] = keys[i]
+            weights2[slot] = weights[i]
+    return keys2, weights2
+
+
+@kernel
+def _touched(corners, faces, resolution, low, high, axis, log2_slots, most, total):
+    """Voxels of one slab low <= index[axis] < high: int64 [2, n], keys in table order and weights; n in total [1]. Stops as soon
+    as there are more than `most`, so that memory stays in proportion to that, and returns none of them. One array, because numba
+    lets an interrupt through between two, and crashes on it.
+
+    corners: int64 [V, 3] fixed grid coordinates; faces: int64 [F, 3], already checked against V by the caller's gather.
+    A voxel's weight stays below 2**62: at most 2**31 samples (checked by the caller) of at most 2**31 each.
+    """
+    # One way of making arrays, np.zeros, in all kernels of this file: each costs a first run a tenth of a second
+    keys, weights = np.zeros(1 << log2_slots, np.int64), np.zeros(1 << log2_slots, np.int64)
+    keys[:] = -1
+    used = 0
+    g, order = np.zeros((3, 3), np.int64), np.zeros(3, np.int64)
+    start, half = np.zeros(3, np.int64), np.zeros(3, np.int64)
+    last = resolution - 1
+    for f in range(faces.shape[0]):
+        _load_corners(corners, faces, f, g)
+        if _misses_slab(g, axis, low, high):
+            continue
+        columns, rows, unit = _triangle_frame(g, SAMPLES_PER_EDGE, order)
+        for j in range(rows):
+            count = _row(g, order, columns, rows, j, start, half)
+            share = (unit * (2 * rows - 2 * j - 1)) // (2 * count)
+            run_key, run = np.int64(-1), np.int64(0)
+            x, y, z = start[0] + half[0], start[1] + half[1], start[2] + half[2]
+            for i in range(count + 1):
+                key = np.int64(-1)
+                if i < count:
+                    vx = min(max(x >> 32, 0), last)
+                    vy = min(max(y >> 32, 0), last)
+                    vz = min(max(z >> 32, 0), last)
+                    along = vx if axis == 0 else (vy if axis == 1 else vz)
+                    if low <= along < high:
+                        key = _morton_key(vx, vy, vz)
+                    x += 2 * half[0]
+                    y += 2 * half[1]
+                    z += 2 * half[2]
+                if key != run_key:
+                    if run_key >= 0:
+                        slot = _slot(run_key, keys)
+                        if keys[slot] < 0:
+                            keys[slot] = run_key
+                            used += 1
+                            if used > most:
+                                total[0] = used
+                                return np.empty((2, 0), np.int64)
+                        weights[slot] += run
+                        if 2 * used > keys.shape[0]:
+                            keys, weights = _grown(keys, weights)
+                    run_key, run = key, np.int64(0)
+                run += share
+    n = 0
+    out = np.zeros((2, used), np.int64)
+    for i in range(keys.shape[0]):
+        if keys[i] >= 0:
+            out[0, n] = keys[i]
+            out[1, n] = weights[i]
+            n += 1
+    total[0] = used
+    return out
+
+
+@kernel
+def _count_samples(corners, faces, per_edge, counts):
+    """Upper bound of the samples of every face into counts int64 [F]; returns their sum (saturating at 2**62)."""
+    g, order = np.zeros((3, 3), np.int64), np.zeros(3, np.int64)
+    total = np.int64(0)
+    for f in range(faces.shape[0]):
+        _load_corners(corners, faces, f, g)
+        columns, rows, _ = _triangle_frame(g, per_edge, order)
+        counts[f] = (columns * (rows + 1) + 1) // 2 + rows
+        total = min(total + counts[f], np.int64(1) << 62)
+    return total
+
+
+def _slabs(corners, faces, counts, resolution, threads):
+    """Cuts the grid across its longest axis into slabs of about equal work: (axis, boundaries)."""
+    span = corners.max(axis=0) - corners.min(axis=0)
+    axis = int(np.argmax(span))
+    slabs = int(max(1, min(threads, counts.sum() // MIN_SLAB_SAMPLES)))
+    if slabs == 1:
+        return axis, [0, resolution]
+    middle = corners[faces, axis].sum(axis=1) // 3 >> GRID_FRACTION
+    work = np.cumsum(np.bincount(np.clip(middle, 0, resolution - 1), weights=counts, minlength=resolution))
+    cuts = np.searchsorted(work, work[-1] * np.arange(1, slabs) / slabs)
+    return axis, sorted({0, resolution, *(int(c) for c in cuts)})
+
+
+def count_samples(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolution: int,
+                  per_edge: int = SAMPLES_PER_EDGE) -> int:
+    """Upper bound of the samples that voxelise() will take, in time linear in the faces. Arguments as there."""
+    corners = np.ascontiguousarray(grid_coordinates(lattice, position_bits, resolution))
+    return int(_count_samples(corners, np.ascontiguousarray(faces, np.int64), per_edge, np.empty(len(faces), np.int64)))
+
+
+def voxelise(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolution: int, area_threshold: int = 0,
+             threads: int = 1, max_voxels: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Active voxels of a surface (spec clause 6).
+
+    lattice: int64 [V, 3] in 0..2**position_bits-1; faces: int64 [F, 3] in 0..V-1; resolution K: 1..8192.
+    area_threshold: voxels with less than area_threshold / 256 voxel faces of surface are dropped.
+    Returns (keys int64 [N], ascending Morton keys; weights int64 [N], area in units of 2**-32 voxel faces).
+    Raises LimitError when the surface touches more than max_voxels voxels.
+    """
+    faces = np.ascontiguousarray(faces, dtype=np.int64)
+    if len(faces) == 0:
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    if faces.min() < 0 or faces.max() >= len(lattice):
+        raise IndexError("face index outside the vertex list")
+    corners = np.ascontiguousarray(grid_coordinates(lattice, position_bits, resolution))
+    counts = np.empty(len(faces), np.int64)
+    total = _count_samples(corners, faces, SAMPLES_PER_EDGE, counts)
+    axis, bounds = _slabs(corners, faces, counts, resolution, threads)
+    most = MAX_VOXELS if max_voxels is None else max_voxels
+    log2_slots = int(np.clip(min(total // (2 * (len(bounds) - 1)), 2 * most), 64, 1 << 22)).bit_length()
+
+    def one(slab):
+        used = np.zeros(1, np.int64)
+        return *_touched(corners, faces, resolution, slab[0], slab[1], axis, log2_slots, most, used), int(used[0])
+
+    jobs = list(zip(bounds[:-1], bounds[1:], strict=True))
+    if len(jobs) == 1:
+        parts = [one(jobs[0])]
+    else:
+        with ThreadPoolExecutor(len(jobs)) as pool:
+            parts = list(pool.map(one, jobs))
+    if sum(p[2] for p in parts) > most:
+        raise LimitError("TXF-L04", "the surface touches more voxels than the limit allows", clause="6.3", allowed=most)
+    keys = np.concatenate([p[0] for p in parts])
+    weights = np.concatenate([p[1] for p in parts])
+    order = np.argsort(keys)
+    keys, weights = keys[order], weights[order]
+    if area_threshold:
+        keep = weights >= (area_threshold << (AREA_FRACTION - 8))
+        keys, weights = keys[keep], weights[keep]
+    return keys, weights

@@ -1,0 +1,82 @@
+"""Voxels as the support of values: sorted keys, and what a surface point asks of them (spec clauses 6 and 8).
+
+EncodeOptions stand in a later room, so that signatures here say Any.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .extents import octree_depth
+from .grid import BrickMap, build_brick_map
+from .keyed import Keyed
+from .morton import decode_morton
+from .query import query_field
+from .voxelise import voxelise
+
+if TYPE_CHECKING:
+    from ..geometry.canonical import CanonicalCube
+
+MOST_DROPPED = 0.1  # share of the surface that the area threshold may leave without a voxel of its own
+
+
+@dataclass(repr=False)
+class VoxelSupport(Keyed):
+    """Voxels that values live in. resolution: K of the full grid; keys, level_shift: as Keyed has them."""
+
+    resolution: int
+    keys: np.ndarray
+    level_shift: int = 0
+
+    def __repr__(self) -> str:
+        return f"<VoxelSupport: {len(self.keys)} voxels of {self.size} a side>"
+
+    @property
+    def depth(self) -> int:
+        """Levels of the octree over the grid at hand."""
+        return octree_depth(self.size)
+
+    @property
+    def size(self) -> int:
+        """Voxels a side of the grid at hand."""
+        return -(-self.resolution >> self.level_shift)
+
+    @cached_property
+    def brick_map(self) -> BrickMap:
+        """Finds the rank of a voxel; built when it is first asked for."""
+        return build_brick_map(self.keys)
+
+    def xyz(self) -> np.ndarray:
+        """Voxel indices, int32 [N, 3]."""
+        return decode_morton(self.keys)
+
+    def query(self, cube: CanonicalCube, points: np.ndarray, values: np.ndarray, threads: int = 1) -> np.ndarray:
+        """Values at surface points (8.2): float32 [M, C]. cube: CanonicalCube; points: float64 [M, 3], world; values: [N, C]."""
+        grid = cube.to_grid(points, self.resolution) / (1 << self.level_shift)
+        return query_field(grid, self.size, self.keys, self.brick_map, values, threads)[0]
+
+
+def kept_voxels(surface: tuple[np.ndarray, np.ndarray], position_bits: int, resolution: int,
+                options: Any) -> tuple[np.ndarray, int]:
+    """Voxels of a decoded surface (lattice, faces), ascending keys int64 [N], and the area threshold that they are kept by:
+    options.area_threshold, unless it would leave more than MOST_DROPPED of the surface without voxels. Encoder only."""
+    keys, weights = voxelise(*surface, position_bits, resolution, 0, options.threads, options.limits.voxels)
+    keep = weights >= options.area_threshold << 24
+    if weights[~keep].sum(dtype=np.float64) > MOST_DROPPED * weights.sum(dtype=np.float64) or not keep.any():
+        return keys, 0
+    return keys[keep], options.area_threshold
+
+
+def keys_are_sound(keys: np.ndarray, size: int) -> bool:
+    """Whether these are Morton keys of voxels of a grid of `size` a side, ascending, at least one."""
+    if keys.ndim != 1 or not len(keys):
+        return False
+    ascending = keys[0] >= 0 and (np.diff(keys) > 0).all() and keys[-1] < 1 << 42
+    if not ascending:
+        return False
+    xyz = decode_morton(keys)
+    return bool(xyz.min() >= 0 and xyz.max() < size)

@@ -1,0 +1,191 @@
+"""Shading normals by rule: which faces around a vertex a corner's normal is made of, and how much each counts (spec clause 8.4).
+
+A rule looks across the borders of units, fields and materials, which are no creases.
+"""
+
+from functools import cached_property
+
+import numpy as np
+
+from ..core.kernel import kernel
+from ..scene.normal_rule import AREA, JOINED, MARKED, MOST_ANGLE, PAIRS, USUAL, NormalRule
+from .edges import Edges, shared_edges, weld
+
+MOST_FACES = 256  # at a vertex, for pairs: their time grows with the square; beyond that every face keeps its own normal
+STEPS = 2048  # of a component of a normal, so that equal ones merge
+_CANCELLED = 1e-9  # of the weight that a sum keeps, below which it has no direction
+
+
+@kernel
+def _paired(corners, vertex, ring, face_unit, weight, cosine, out):
+    """out float64 [N, 4]: for each of `corners`, the weighed sum of the normals around its vertex that are within the angle, and
+    of their weights.
+
+    ring: (first int64 [V + 1], ranges of corner_of int64 [C], the corners 3 f + c around each vertex); weight: float64 [C];
+    cosine: the least of two normals that are within the angle.
+    """
+    first, corner_of = ring
+    for i in range(corners.shape[0]):
+        a = corners[i] // 3
+        low, high = first[vertex[corners[i]]], first[vertex[corners[i]] + 1]
+        few = high - low <= MOST_FACES or cosine <= -1.0  # then every other face counts, whatever its normal
+        for j in range(low, high):
+            c = corner_of[j]
+            b = c // 3
+            near = b == a
+            if few and not near:
+                dot = 0.0
+                for k in range(3):
+                    dot += face_unit[a, k] * face_unit[b, k]
+                near = dot >= cosine
+            if near:
+                for k in range(3):
+                    out[i, k] += weight[c] * face_unit[b, k]
+                out[i, 3] += weight[c]
+
+
+@kernel
+def _joined(links, parent):
+    """Joins corners, int64 [L, 2], that are linked: parent int64 [C], at first each corner's own number, is then the least of
+    its set."""
+    for i in range(links.shape[0]):
+        a, b = links[i, 0], links[i, 1]
+        while parent[a] != a:
+            parent[a] = parent[parent[a]]
+            a = parent[a]
+        while parent[b] != b:
+            parent[b] = parent[parent[b]]
+            b = parent[b]
+        if a < b:
+            parent[b] = a
+        else:
+            parent[a] = b
+    for i in range(parent.shape[0]):
+        parent[i] = parent[parent[i]]
+
+
+class Fans:
+    """The corners 3 f + c around each vertex of a surface, and what rules ask of them. Vertices at one position count as one.
+
+    lattice: int64 [V, 3] below 2**20; faces: int64 [F, 3]. vertex: int64 [3 F]; unit: float64 [F, 3] normals, 0 without area;
+    weights: float64 [3, 3 F] by AREA, ANGLE and BOTH; area: float64 [F], doubled.
+    """
+
+    def __init__(self, lattice: np.ndarray, faces: np.ndarray) -> None:
+        self.vertex = weld(lattice)[faces].ravel()
+        corners = lattice[faces].astype(np.float64)
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        area = np.linalg.norm(normal, axis=1)
+        self.unit = normal / np.where(area > 0, area, 1.0)[:, None]
+        angle = _corner_angles(corners)
+        self.area = area
+        self.weights = np.stack([np.repeat(area, 3), angle, np.repeat(area, 3) * angle])
+
+    @cached_property
+    def ring(self) -> tuple[np.ndarray, np.ndarray]:
+        """(first int64 [V + 1], corner_of int64 [3 F]): the corners around vertex v are corner_of[first[v] : first[v + 1]]."""
+        corner_of = np.argsort(self.vertex, kind="stable")
+        first = np.searchsorted(self.vertex[corner_of], np.arange(int(self.vertex.max(initial=-1)) + 2))
+        return first, corner_of
+
+    @cached_property
+    def edges(self) -> Edges:
+        """Edges that faces share."""
+        return shared_edges(self.vertex.reshape(-1, 3))
+
+    @cached_property
+    def links(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(pairs of corners at one end of an edge that two faces share, int64 [L, 2]; the cosine between their normals, float64
+        [L]; the edge, int64 [L]). All pairs of faces at an edge are there, so that their order has no influence."""
+        half, edge, found, at = self.edges.half, self.edges.edge, [np.zeros((0, 2), np.int64)], [np.zeros(0, np.int64)]
+        other = half - half % 3 + (half + 1) % 3
+        for step in range(1, len(half)):
+            one = np.flatnonzero(edge[step:] == edge[:-step])
+            if not len(one):
+                break
+            left, right, same = half[one], half[one + step], self.vertex[half[one]] == self.vertex[half[one + step]]
+            found.append(np.stack([left, np.where(same, right, other[one + step])], 1))
+            found.append(np.stack([other[one], np.where(same, other[one + step], right)], 1))
+            at += [edge[one], edge[one]]
+        pairs = np.concatenate(found)
+        cosine = np.einsum("nk,nk->n", self.unit[pairs[:, 0] // 3], self.unit[pairs[:, 1] // 3])
+        return pairs, cosine, np.concatenate(at)
+
+    def normals(self, rule: NormalRule, chosen: np.ndarray | None = None, sharp: np.ndarray | None = None) -> np.ndarray:
+        """Normals of corners by one rule, float32 [N, 3] of length 1. chosen: int64 [N], None for all; sharp: bool [E], the edges
+        that are marked."""
+        chosen = np.arange(len(self.vertex)) if chosen is None else chosen
+        if rule.angle == 0:
+            return self._rounded(np.zeros((len(chosen), 4)), chosen)
+        if rule.kind != PAIRS:
+            return self.of_sets(self.joined(rule.angle, sharp if rule.kind == MARKED else None), rule.weight, chosen)
+        total, least = np.zeros((len(chosen), 4)), -2.0 if rule.angle == MOST_ANGLE else rule.cosine
+        _paired(chosen, self.vertex, self.ring, self.unit, self.weights[rule.weight], least, total)
+        return self._rounded(total, chosen)
+
+    def joined(self, angle: int, sharp: np.ndarray | None = None) -> np.ndarray:
+        """The set of every corner, int64 [3 F], where those at one end of an edge are in one if its faces are within the angle
+        and the edge is not among the sharp ones, bool [E]."""
+        pairs, cosine, edge = self.links
+        linked = cosine >= NormalRule(JOINED, AREA, angle).cosine
+        if sharp is not None:
+            linked &= ~sharp[edge]
+        parent = np.arange(len(self.vertex))
+        _joined(pairs[linked], parent)
+        return parent
+
+    def of_sets(self, sets: np.ndarray, weight: int, chosen: np.ndarray) -> np.ndarray:
+        """Normals of corners that are means over sets, float32 [N, 3]. sets: int64 [3 F], a number below 3 F for every corner, of
+        corners at one vertex; chosen: int64 [N]."""
+        weights, unit = self.weights[weight], np.repeat(self.unit, 3, axis=0)
+        summed = [*(weights * unit[:, k] for k in range(3)), weights]
+        total = np.stack([np.bincount(sets, one, len(sets)) for one in summed], axis=1)
+        return self._rounded(total[sets[chosen]], chosen)
+
+    def _rounded(self, total, chosen):
+        """Sums [N, 4] as unit vectors; the face's own normal where they cancel, z where it has none either."""
+        clear = np.linalg.norm(total[:, :3], axis=1) > _CANCELLED * total[:, 3]
+        direction = _unit(np.where(clear[:, None], total[:, :3], self.unit[chosen // 3]))
+        return _unit(np.rint(direction * STEPS)).astype(np.float32)
+
+
+def _corner_angles(corners):
+    """Angles in radians at the corners of triangles float64 [F, 3, 3]: [3 F]; 0 where two corners are one."""
+    out = np.zeros((len(corners), 3))
+    for i in range(3):
+        u, v = (corners[:, (i + k) % 3] - corners[:, i] for k in (1, 2))
+        out[:, i] = np.arctan2(np.linalg.norm(np.cross(u, v), axis=1), np.einsum("nk,nk->n", u, v))
+    return out.ravel()
+
+
+def _unit(vectors):
+    """Vectors [N, 3] scaled to length 1; z for those without a direction."""
+    length = np.linalg.norm(vectors, axis=1)
+    flat = ~(length > 0)
+    out = vectors / np.where(flat, 1.0, length)[:, None]
+    out[flat] = (0.0, 0.0, 1.0)
+    return out
+
+
+def corner_normals(lattice: np.ndarray, faces: np.ndarray, rules: list[NormalRule] | None = None,
+                   face_rule: np.ndarray | None = None, sharp: np.ndarray | None = None) -> np.ndarray:
+    """Unit normal of every face corner, float32 [F, 3, 3], components in steps of about 1/2048 so that equal ones merge.
+
+    lattice: int64 [V, 3]; faces: int64 [F, 3]; rules: by number, the usual one alone where there are none; face_rule: int64 [F];
+    sharp: bool over the edges of faces whose rule asks for marks (spec 8.4.2), None where none does.
+    """
+    rules = [USUAL] if rules is None else rules
+    of_corner = np.zeros(3 * len(faces), np.int64) if face_rule is None else np.repeat(face_rule, 3)
+    fans, out = Fans(lattice, faces), np.empty((3 * len(faces), 3), np.float32)
+    if sharp is not None:
+        of_edge = np.zeros(len(fans.edges), bool)
+        of_edge[fans.edges.touching(np.array([r.kind == MARKED for r in rules], bool)[of_corner[::3]])] = sharp
+        sharp = of_edge
+    same: dict[NormalRule, list[int]] = {}
+    for number, rule in enumerate(rules):
+        same.setdefault(rule, []).append(number)
+    for rule, numbers in same.items():
+        chosen = np.flatnonzero(np.isin(of_corner, numbers))
+        if len(chosen):
+            out[chosen] = fans.normals(rule, chosen, sharp)
+    return out.reshape(-1, 3, 3)

@@ -1,0 +1,129 @@
+"""How far colours jump where charts of a texture meet on the surface, as a viewer sees it: bilinear, at mip levels 0 to 4."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ...scene.scene import WRAP_CLAMP, WRAP_MIRROR, Texture
+from ...scene.srgb import linear_to_srgb, srgb_to_linear
+
+LEVELS = 5
+POINTS = 100_000  # most places compared
+_LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
+
+
+def measure_seams(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, textures: Sequence[Texture],
+                  face_image: np.ndarray) -> dict[str, Any]:
+    """Jumps across chart borders: edges of the surface that two faces share and that lie at two places of the images.
+
+    positions: any [V, 3], equal where vertices are one on the surface; faces: int64 [F, 3]; corner_uv: float64 [F, 3, 2];
+    textures: sRGB-coded, uint8 [H, W, 3 or 4]; face_image: int64 [F] into textures. Points stand evenly along the borders, as far
+    apart as the texels of level 0 unless they were more than POINTS. Levels are made as viewers make them, halved by a box in
+    linear light, and looked up in linear light. A jump is that of the channel of R, G and B that jumps furthest, in steps of
+    8-bit sRGB values. Returns {"border_edges": int, "points": int, "mean": [float at every level], "largest": [float ...]}.
+    """
+    sizes = np.array([texture.image.shape[1::-1] for texture in textures], np.int64).reshape(-1, 2)
+    half, ends = border_edges(positions, np.asarray(faces, np.int64), np.asarray(corner_uv, np.float64), face_image)
+    image, uv = _points_along(face_image[half // 3], ends, sizes)
+    mean, largest = [0.0] * LEVELS, [0.0] * LEVELS
+    if uv.shape[1]:
+        jumps = [np.abs(a - b).max(axis=1) for a, b in _shown(textures, image, uv)]
+        mean, largest = [round(float(j.mean()), 3) for j in jumps], [round(float(j.max()), 3) for j in jumps]
+    return {"border_edges": half.shape[1], "points": uv.shape[1], "mean": mean, "largest": largest}
+
+
+def border_edges(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray,
+                 face_image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Edges of the surface that lie at two places of the images: (half-edges int64 [2, n], number 3 f + i from corner i of face f
+    to the next, of one side and of the other; their UVs float64 [2, n, 2, 2], the same vertex first on both sides). Where more
+    than two faces share an edge, each is compared with the next."""
+    half, ends = _shared_edges(positions, faces, corner_uv)
+    apart = _apart(ends) | (face_image[half[0] // 3] != face_image[half[1] // 3])
+    return half[:, apart], ends[:, apart]
+
+
+def inner_edges(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray) -> np.ndarray:
+    """Pairs of half-edges int64 [2, n], as of border_edges(), that lie at one place of the image: those inside its charts."""
+    half, ends = _shared_edges(positions, faces, corner_uv)
+    return half[:, ~_apart(ends)]
+
+
+def _shared_edges(positions, faces, corner_uv):
+    """All pairs of half-edges that are one edge of the surface, and their UVs: as border_edges()."""
+    vertex = _welded(positions)[faces]
+    start, end = vertex.ravel(), np.roll(vertex, -1, axis=1).ravel()
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    order = np.lexsort((high, low))
+    shared = (low[order[1:]] == low[order[:-1]]) & (high[order[1:]] == high[order[:-1]]) & (low[order[1:]] != high[order[1:]])
+    half = np.stack([order[:-1][shared], order[1:][shared]])
+    face, corner = half // 3, half % 3
+    ends = np.stack([corner_uv[face, corner], corner_uv[face, (corner + 1) % 3]], axis=2)
+    return half, np.where((start > end)[half][..., None, None], ends[:, :, ::-1], ends)
+
+
+def _apart(ends):
+    return (np.abs(ends[0] - ends[1]) > 1e-9).any(axis=(1, 2))
+
+
+def _welded(positions):
+    """Number of each vertex, the same where positions are: int64 [V]."""
+    if not len(positions):
+        return np.zeros(0, np.int64)
+    return np.unique(np.asarray(positions), axis=0, return_inverse=True)[1].reshape(-1)
+
+
+def _points_along(image, ends, sizes):
+    """Points along the borders seen from both sides: (images int64 [2, M], UVs float64 [2, M, 2])."""
+    if not image.shape[1]:
+        return image, np.zeros((2, 0, 2))
+    length = np.linalg.norm((ends[:, :, 1] - ends[:, :, 0]) * sizes[image], axis=2).max(axis=0)
+    total = np.cumsum(length)
+    count = min(int(np.ceil(total[-1])), POINTS)
+    place = (np.arange(count) + 0.5) * (total[-1] / max(count, 1))
+    edge = np.minimum(np.searchsorted(total, place), len(total) - 1)
+    share = np.clip((total[edge] - place) / np.maximum(length[edge], 1e-30), 0, 1)[:, None]
+    return image[:, edge], ends[:, edge, 0] * share + ends[:, edge, 1] * (1 - share)
+
+
+def _shown(textures, image, uv):
+    """What the points look up on both sides, level by level: float32 [2, M, 3], sRGB-coded 0..255."""
+    levels = [_LINEAR[texture.image[..., :3]] for texture in textures]
+    for _ in range(LEVELS):
+        out = np.zeros((*image.shape, 3), np.float32)
+        for number, texture in enumerate(textures):
+            here = image == number
+            out[here] = _bilinear(levels[number], uv[here], texture.wrap)
+        yield (255 * linear_to_srgb(out)).astype(np.float32)
+        levels = [_halved(level) for level in levels]
+
+
+def _halved(level):
+    """The next mip level: means of 2 x 2 texels; a last row or column without a partner is left out, a side of 1 stays."""
+    for axis in range(2):
+        size = level.shape[axis]
+        if size > 1:
+            even, odd = (np.take(level, np.arange(k, size - size % 2, 2), axis) for k in range(2))
+            level = (even + odd) * np.float32(0.5)
+    return level
+
+
+def _bilinear(level, uv, wrap):
+    """Bilinear look-ups float32 [M, 3]. level: float32 [H, W, 3]; uv: float64 [M, 2]."""
+    size = np.array(level.shape[1::-1])
+    place = uv * size - 0.5
+    low = np.floor(place).astype(np.int64)
+    share = (place - low).astype(np.float32)
+    x, y = ([_wrapped(low[:, k] + step, size[k], wrap[k]) for step in range(2)] for k in range(2))
+    u, v = share[:, :1], share[:, 1:]
+    upper, lower = (level[row, x[0]] * (1 - u) + level[row, x[1]] * u for row in y)
+    return upper * (1 - v) + lower * v
+
+
+def _wrapped(index, size, mode):
+    if mode == WRAP_CLAMP:
+        return np.clip(index, 0, size - 1)
+    if mode == WRAP_MIRROR:
+        index = index % (2 * size)
+        return np.where(index < size, index, 2 * size - 1 - index)
+    return index % size

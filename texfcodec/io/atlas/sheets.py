@@ -1,0 +1,75 @@
+"""Images of a field's channels, packed as glTF wants them: sheets, of channels.SHEETS.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from ...scene.channels import BY_NAME, SHEETS, channel_over
+from ...scene.factors import FLAT
+from .gaps import fill_gaps
+
+
+def sheets_of(names: Iterable[str]) -> list[tuple[str, ...]]:
+    """Channels of each image beside base colour that has any of `names`, as materials name them."""
+    wanted = set(names)
+    return [tuple(name for name in sheet if name in wanted) for sheet in SHEETS[1:] if wanted & set(sheet)]
+
+
+def texel_sheet(texf: Any, number: int, sheet: tuple[str, ...], texels: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """The image of a sheet of field `number`, one over texels: uint8 [H, W, 3], or [H, W, 4] where a channel is in alpha.
+
+    texels: where the centres of the base colour's image lie, in texels of the full image: float64 [W] and [H]. Where every
+    channel is coarser by a power of two, so is the image. Texels that no face asks carry on the values beside them.
+    """
+    part = texf.fields[number]
+    columns, rows = _thinned(part, sheet, *texels)
+    support, shift = part.support, part.support.level_shift
+    asked = support.rank[np.ix_(_cells(rows, shift, support.size[1]), _cells(columns, shift, support.size[0]))] >= 0
+    row, column = np.nonzero(asked)
+    places = np.column_stack([columns[column], rows[row]])
+    values = {name: part.support_of(name).query(places, part.planes[name], texf.threads) for name in sheet}
+    image = np.zeros((*asked.shape, 4), np.uint8)
+    image[row, column] = sheet_colours(values)
+    image = image if any(3 in BY_NAME[name].columns for name in sheet) else np.ascontiguousarray(image[..., :3])
+    fill_gaps(image, asked)
+    return image
+
+
+def _cells(centres, shift, size):
+    return np.minimum(centres.astype(np.int64) >> shift, size - 1)
+
+
+def _thinned(part, sheet, columns, rows):
+    """Centres of the texels of a sheet's image, by those of the base colour's."""
+    shift = min(part.shifts.get(name, 0) for name in sheet)
+    if shift and not len(columns) % (1 << shift) and not len(rows) % (1 << shift):
+        return tuple(line.reshape(-1, 1 << shift).mean(axis=1) for line in (columns, rows))
+    return columns, rows
+
+
+def sheet_colours(values: dict[str, np.ndarray]) -> np.ndarray:
+    """Texels uint8 [N, 4] of a sheet. values: float32 [N, C] in 0..255 by channel name, as materials name them; normals of the
+    tangent space."""
+    count = len(next(iter(values.values())))
+    out = np.full((count, 4), 255, np.float32)
+    for name, value in values.items():
+        channel = channel_over(name, planar=True)
+        out[:, list(channel.columns)] = value
+        if channel.unit == "degrees":
+            out[:, :3] = with_z(value)
+    return np.nan_to_num(np.rint(np.clip(out, 0, 255))).astype(np.uint8)
+
+
+def with_z(xy: np.ndarray) -> np.ndarray:
+    """Texels float32 [N, 3] of a tangent-space normal map of its x and y, float32 [N, 2] in 0..255: z by clause 8.5."""
+    flat = xy / np.float32(FLAT) - 1
+    length = np.sqrt(np.maximum((flat**2).sum(axis=1, keepdims=True), 1))
+    flat = flat / length
+    z = np.sqrt(np.maximum(1 - (flat**2).sum(axis=1, keepdims=True), 0))
+    return (np.concatenate([flat, z], axis=1) + 1) * np.float32(FLAT)

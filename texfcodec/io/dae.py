@@ -1,0 +1,250 @@
+"""COLLADA (.dae) -> Scene: pycollada parses, this file places, splits polygons and chooses the base colour.
+
+On pycollada directly rather than through trimesh, which fans polygons, takes one UV set whatever the material binds and
+leaves out silently what pycollada could not read.
+"""
+
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError, SupportError
+from ..scene.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene
+from .authored_normals import place_normals
+from .images import TextureShelf, read_texture_file
+from .parts import Notes, Part, assemble, check_face_count, linear_rgba, linearise_factors
+from .polygons import triangulate
+from .visibility import turn_where_all_vanish
+
+_WRAPS = {"WRAP": WRAP_REPEAT, "CLAMP": WRAP_CLAMP, "BORDER": WRAP_CLAMP, "NONE": WRAP_CLAMP, "MIRROR": WRAP_MIRROR}
+_UNUSED = ("emission", "ambient", "specular", "shininess", "reflective", "reflectivity", "index_of_refraction", "bumpmap")
+CAMERAS = "cameras are left out"
+_USED_INPUTS = {"VERTEX", "TEXCOORD", "COLOR", "NORMAL"}
+
+
+def read_dae(data: bytes, folder: Path, notes: Notes) -> Scene:
+    """bytes of a .dae file -> Scene. folder: where its images are. Errors: TXF-I24, SupportError TXF-I35 without pycollada."""
+    document = _parse(_with_points(bytes(data), notes))
+    errors = _name_errors(document, notes)
+    if document.scene is None:
+        raise _nothing(errors)
+    look, parts, faces = _Look(folder, notes), [], 0
+    for geometry in _geometries(document, notes):
+        for primitive in geometry.original.primitives:
+            part = _part(primitive, geometry, look, notes)
+            if part is not None:
+                parts.append(part)
+                faces += len(part.faces)
+                check_face_count(faces)
+    if not faces:
+        raise _nothing(errors)
+    _drop_rest(document, notes)
+    turn_where_all_vanish(look.materials, "the COLLADA file", notes)
+    asset = document.assetInfo
+    exporters = " ".join(str(one.authoring_tool) for one in asset.contributors)
+    linearise_factors([material.factor for material in look.materials], exporters, "COLLADA file", notes)
+    metadata = {"up_axis": str(asset.upaxis), **({"unit_in_metres": float(asset.unitmeter)} if asset.unitmeter else {})}
+    return assemble(parts, look.materials, look.shelf.textures, notes, metadata)
+
+
+def _parse(data):
+    try:
+        import collada
+    except ImportError as error:
+        raise SupportError("TXF-I35", 'COLLADA files need the package pycollada: pip install "texfcodec[formats]"') from error
+    if re.search(rb"<!(DOCTYPE|ENTITY)", data.replace(b"\0", b"")):  # some XML parsers would read files that these name
+        raise InputError("TXF-I24", "the COLLADA file has a document type, which is not read")
+    try:
+        return collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])
+    except (KeyboardInterrupt, MemoryError):
+        raise
+    except Exception as error:  # pycollada raises what its parsers and numpy meet
+        raise InputError("TXF-I24", "the COLLADA file is malformed", reason=f"{type(error).__name__}: {error}"[:200]) from error
+
+
+def _with_points(data, notes):
+    """The document with decimal points, where an exporter has written the decimal commas of its language into its numbers."""
+    arrays = re.findall(rb"<float_array[^>]*>([^<]*)<", data)
+    if not any(re.search(rb"\d,\d", array) and b"." not in array for array in arrays):
+        return data
+    notes.remark("numbers of the COLLADA file have decimal commas; they are read as decimal points")
+    data = re.sub(rb">[-+0-9eE,\s]+<", lambda found: found[0].replace(b",", b"."), data)
+    return re.sub(rb"""(\bmeter=["']\d+),(\d)""", rb"\1.\2", data)
+
+
+def _name_errors(document, notes):
+    """Texts of what pycollada could not read of the surface; each is warned of."""
+    texts = []
+    for error in document.errors:
+        text = f"{type(error).__name__}: {getattr(error, 'msg', error)}".replace(" in effect `<built-in function id>`", "")[:120]
+        if getattr(error, "msg", "").startswith("Camera "):
+            notes.remark(CAMERAS)
+        elif getattr(error, "msg", "").startswith("Light ") or "in light" in text:
+            notes.drop("lights")
+        else:
+            texts.append(text)
+            notes.warn(f"a part of the COLLADA file is left out: {text}")
+    return texts
+
+
+def _nothing(errors):
+    """The error for a file that has no surface, or none that could be read."""
+    if not errors:
+        return InputError("TXF-I15", "the input has no triangles")
+    more = f", and {len(errors) - 1} more" if len(errors) > 1 else ""
+    return InputError("TXF-I24", f"the COLLADA file is malformed: nothing of its surface can be read ({errors[0]}{more})")
+
+
+def _geometries(document, notes):
+    """Bound geometries of the scene, those of skins as stored."""
+    yield from document.scene.objects("geometry")
+    for controller in document.scene.objects("controller"):
+        notes.drop("skin" if hasattr(controller, "joint_matrices") else "morph targets")
+        notes.warn("controllers (skins, morphs) are not applied; their meshes are taken as stored")
+        geometry = getattr(controller, "geometry", None)
+        if geometry is not None:
+            yield geometry
+
+
+def _part(source, geometry, look, notes):
+    """Triangles, polylist or polygons of a bound geometry -> Part in world space; None where they hold no surface."""
+    label = f"geometry '{geometry.original.id}'"
+    if not (hasattr(source, "vcounts") or hasattr(source, "ntriangles")):
+        notes.warn(f"a part of {label} is not made of triangles or polygons; it is left out")
+        return None
+    if source.vertex is None or source.vertex_index is None:
+        return None
+    matrix = np.asarray(geometry.matrix, np.float64)
+    points = np.asarray(source.vertex, np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    corners = np.asarray(source.vertex_index, np.int64).reshape(-1)
+    sizes = np.asarray(source.vcounts, np.int64) if hasattr(source, "vcounts") else np.full(len(corners) // 3, 3)
+    if (sizes < 0).any() or sizes.sum() != len(corners):
+        raise InputError("TXF-I24", f"the counts of {label} do not fit its indices", value=int(sizes.sum()),
+                         allowed=len(corners))
+    triangles, _ = triangulate(points, corners, sizes, notes)
+    row, texcoord = look.of(geometry.materialnodebysymbol.get(source.material))
+    uv, color = _uv(source, texcoord, triangles, label, notes), _color(source, triangles, label, notes)
+    faces, normal = corners[triangles], _normal(source, triangles, matrix[:3, :3], label)
+    if np.linalg.det(matrix[:3, :3]) < 0:
+        faces, uv, color, normal = (None if values is None else values[:, [0, 2, 1]] for values in (faces, uv, color, normal))
+    for name in source.sources:
+        if name not in _USED_INPUTS and source.sources[name]:
+            notes.remark(f"COLLADA input '{name[:40]}' is left out")
+    return Part(points, faces, row, uv, color, label, normal=normal)
+
+
+def _values(source, kind, number, triangles, label):
+    """Numbers of one input at the corners of triangles, float64 [F, 3, columns]."""
+    offset, data = source.sources[kind][number][0], np.asarray(source.sources[kind][number][4].data, np.float64)
+    rows = source.index.reshape(-1, source.index.shape[-1])[:, offset][triangles]
+    if rows.size and (rows.min() < 0 or rows.max() >= len(data)):
+        raise InputError("TXF-I13", f"a face of {label} names a {kind} that does not exist", allowed=len(data))
+    return data[rows]
+
+
+def _uv(source, texcoord, triangles, label, notes):
+    """float64 [F, 3, 2], v downwards, of the set that the material's texture is bound to; the others are named."""
+    inputs = source.sources.get("TEXCOORD", [])
+    chosen = None
+    if texcoord is not None and inputs:
+        chosen = next((n for n, entry in enumerate(inputs) if str(entry[3]) == texcoord), 0)
+    elif texcoord is not None:
+        notes.warn(f"{label} has no TEXCOORD for its texture; UV (0, 0) is used")
+    for number in range(len(inputs)):
+        if number != chosen:
+            notes.remark(f"TEXCOORD_{number} is used by no image and left out")
+    if chosen is None:
+        return None
+    return _values(source, "TEXCOORD", chosen, triangles, label)[..., :2] * [1.0, -1.0] + [0.0, 1.0]
+
+
+def _normal(source, triangles, linear, label):
+    """float64 [F, 3, 3] in world space or None. linear: float64 [3, 3] of the node."""
+    if not source.sources.get("NORMAL"):
+        return None
+    return place_normals(_values(source, "NORMAL", 0, triangles, label)[..., :3], linear)
+
+
+def _color(source, triangles, label, notes):
+    """float32 linear RGBA [F, 3, 4] or None. The format leaves the coding open; exporters write 8-bit colours, so sRGB."""
+    inputs = source.sources.get("COLOR", [])
+    if not inputs:
+        return None
+    if len(inputs) > 1:
+        notes.remark("COLOR_1 is left out")
+    stored = _values(source, "COLOR", 0, triangles, label)
+    return linear_rgba(stored[..., :4])
+
+
+class _Look:
+    """Scene materials by COLLADA material, and the UV set that each one's texture asks for."""
+
+    def __init__(self, folder, notes):
+        self.folder, self.notes, self.shelf = folder, notes, TextureShelf(notes)
+        self.materials, self._rows = [], {}
+
+    def of(self, node):
+        """(index of the material, set number as text or None without a texture). node: what binds it here, or None."""
+        material = getattr(node, "target", None)
+        key = getattr(material, "id", None)
+        if key not in self._rows:
+            self._rows[key] = len(self.materials)
+            self.materials.append(Material("default") if material is None else self._make(material))
+        diffuse = getattr(getattr(material, "effect", None), "diffuse", None)
+        if not hasattr(diffuse, "sampler"):
+            return self._rows[key], None
+        return self._rows[key], next((str(chosen or 0) for symbol, _, chosen in node.inputs if symbol == diffuse.texcoord), "0")
+
+    def _make(self, material):
+        effect, name = material.effect, material.name or material.id or ""
+        factor, texture = np.ones(4), -1
+        if hasattr(effect.diffuse, "sampler"):
+            sampler, path = effect.diffuse.sampler, effect.diffuse.sampler.surface.image.path
+            path = re.sub(r"^file:/*(?=[A-Za-z]:|/)", "", path)
+            texture = self.shelf.put(path, lambda: read_texture_file(self.folder, path), path, _wrap(sampler))
+        elif effect.diffuse is not None:
+            factor[:3] = np.asarray(effect.diffuse, np.float64)[:3]
+        factor[3] = self._opacity(effect, name)
+        for key in _UNUSED:
+            value = getattr(effect, key, None)
+            if value is not None and (not isinstance(value, tuple) or any(value[:3])):
+                self.notes.drop(f"{key} of material '{name}'")
+        factor = np.clip(np.nan_to_num(factor, nan=1.0), 0.0, 1.0)
+        return Material(name, factor, texture, double_sided=bool(effect.double_sided),
+                        **({"alpha_mode": ALPHA_BLEND} if factor[3] < 1.0 else {}))
+
+    def _opacity(self, effect, name):
+        """Alpha by the opaque modes A_ONE and RGB_ZERO of COLLADA 1.4; a texture of its own is named, not read."""
+        transparent, amount = effect.transparent, effect.transparency
+        if hasattr(transparent, "sampler"):
+            diffuse = getattr(effect.diffuse, "sampler", None)
+            if diffuse is None or transparent.sampler.surface.image is not diffuse.surface.image:
+                self.notes.drop(f"transparent of material '{name}'")
+            return 1.0
+        if transparent is None or effect.xmlnode is None or effect.xmlnode.find(".//{*}transparent") is None:
+            return 1.0
+        amount = 1.0 if amount is None or hasattr(amount, "sampler") else float(amount)
+        if effect.opaque_mode == "RGB_ZERO":
+            return 1.0 - amount * float(np.dot(transparent[:3], (0.212671, 0.715160, 0.072169)))
+        return amount * float(transparent[3])
+
+
+def _wrap(sampler):
+    """(s, t) from the sampler's XML; pycollada keeps only its filters."""
+    def mode(tag):
+        found = None if sampler.xmlnode is None else sampler.xmlnode.find(".//{*}" + tag)
+        return _WRAPS.get((found.text or "").strip() if found is not None else "WRAP", WRAP_REPEAT)
+
+    return mode("wrap_s"), mode("wrap_t")
+
+
+def _drop_rest(document, notes):
+    for name in ("animations", "lights"):
+        if len(getattr(document, name)):
+            notes.drop(name)
+    if len(document.cameras):
+        notes.remark(CAMERAS)
+    if len(document.scenes) > 1:
+        notes.remark("scenes beside the default one are left out")

@@ -1,0 +1,44 @@
+"""The formats that are read, once: the loader, the command lines and the guide ask this table.
+
+Nothing is imported here but the table's own words, so that a --help costs no numpy.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Format:
+    """One suffix.
+
+    module, function: its reader in this room, (bytes, folder, Notes) -> Scene; code: what its malformed files end in where
+    the reader names nothing better; name: for people; starts: what every such file begins with, where there is such a
+    thing; text: whole files may be UTF-16; package: what must be installed beside texfcodec's own dependencies.
+    """
+
+    suffix: str
+    module: str
+    function: str
+    code: str
+    name: str
+    starts: tuple = ()
+    text: bool = False
+    package: str = ""
+
+
+FORMATS = (
+    Format(".glb", "gltf.reader", "read_gltf", "TXF-I09", "binary glTF 2.0", (b"glTF",)),
+    Format(".gltf", "gltf.reader", "read_gltf", "TXF-I09", "glTF 2.0", text=True),
+    Format(".obj", "obj", "read_obj", "TXF-I20", "Wavefront OBJ", text=True),
+    Format(".ply", "ply", "read_ply", "TXF-I21", "Stanford PLY", (b"ply", b"PLY"), text=True),
+    Format(".stl", "stl", "read_stl", "TXF-I23", "STL"),
+    Format(".off", "off", "read_off", "TXF-I23", "OFF", text=True),
+    Format(".3mf", "threemf", "read_3mf", "TXF-I24", "3MF", (b"PK\x03\x04",)),
+    Format(".dae", "dae", "read_dae", "TXF-I24", "COLLADA", package="pycollada"),
+)
+
+SUFFIXES = tuple(entry.suffix for entry in FORMATS)
+
+
+def format_of(suffix: str) -> Format | None:
+    """Format of a suffix such as ".obj", or None."""
+    return next((entry for entry in FORMATS if entry.suffix == suffix), None)

@@ -1,0 +1,78 @@
+"""glTF accessors -> numpy arrays: strides, interleaving, every component type, sparse (glTF 2.0 section 3.6.2)."""
+
+import numpy as np
+
+from ...errors import InputError, LimitError
+from .document import Document, integer, malformed, part
+
+_DTYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5124: "<i4", 5125: "<u4", 5126: "<f4"}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+MAX_IMPLICIT = 1 << 24  # elements an accessor without data may ask for: zeros cost the file nothing, us memory
+
+
+def read_accessor(document: Document, index: int, kinds: tuple[str, ...]) -> np.ndarray:
+    """Raw array [count, width] in the stored dtype; a view of the file where nothing is sparse.
+
+    kinds: allowed types, e.g. ("VEC3",). Errors: TXF-I09 malformed, TXF-I11 outside its buffer, LimitError TXF-I41.
+    """
+    entry = document.entry("accessors", index)
+    if entry.get("type") not in kinds or entry.get("componentType") not in _DTYPES:
+        raise malformed(f"accessor {index} has an unexpected type", value=str(entry.get("type"))[:20],
+                        component=str(entry.get("componentType"))[:20], allowed="/".join(kinds))
+    shape = integer(entry, "count", low=1), _WIDTHS[entry["type"]]
+    dtype = np.dtype(_DTYPES[entry["componentType"]])
+    if "bufferView" in entry:
+        array = _from_view(document, entry["bufferView"], integer(entry, "byteOffset", 0, low=0), shape, dtype, index)
+    elif shape[0] <= MAX_IMPLICIT:
+        array = np.zeros(shape, dtype)
+    else:
+        raise LimitError("TXF-I41", f"accessor {index} asks for too many elements", value=shape[0], allowed=MAX_IMPLICIT)
+    return _with_sparse(document, entry, array, index) if "sparse" in entry else array
+
+
+def read_floats(document: Document, index: int, kinds: tuple[str, ...], normalized: bool | None = None) -> np.ndarray:
+    """read_accessor with integers scaled when normalized (section 3.6.2.2) -> float array [count, width].
+
+    normalized: overrides what the accessor says.
+    """
+    array = read_accessor(document, index, kinds)
+    if normalized is None:
+        normalized = document.entry("accessors", index).get("normalized", False)
+    return normalized_floats(array) if normalized else array
+
+
+def normalized_floats(array: np.ndarray) -> np.ndarray:
+    """Integers [n, width] -> float64 in [0, 1] or [-1, 1] by their range; floats as they are."""
+    if array.dtype.kind == "f":
+        return array
+    scaled = array / np.float64(np.iinfo(array.dtype).max)
+    return np.maximum(scaled, -1.0) if array.dtype.kind == "i" else scaled
+
+
+def _from_view(document, view, offset, shape, dtype, index):
+    data, stride = document.view(view)
+    count, width = shape
+    size = width * dtype.itemsize
+    stride = stride or size
+    need = offset + stride * (count - 1) + size
+    if stride < size or need > len(data):
+        raise InputError("TXF-I11", f"accessor {index} leaves its bufferView", value=need, allowed=len(data))
+    return np.ndarray(shape, dtype, data, offset, (stride, dtype.itemsize))
+
+
+def _with_sparse(document, entry, array, index):
+    sparse = part(entry, "sparse")
+    count = integer(sparse, "count", low=1)
+    where, what = part(sparse, "indices"), part(sparse, "values")
+    if where.get("componentType") not in (5121, 5123, 5125):
+        raise malformed(f"accessor {index} has sparse indices of an unexpected type")
+    rows = _from_view(document, where.get("bufferView"), integer(where, "byteOffset", 0, low=0), (count, 1),
+                      np.dtype(_DTYPES[where["componentType"]]), index)[:, 0]
+    values = _from_view(document, what.get("bufferView"), integer(what, "byteOffset", 0, low=0),
+                        (count, array.shape[1]), array.dtype, index)
+    if rows.max() >= len(array):
+        raise InputError("TXF-I11", f"accessor {index} has a sparse index beyond its end",
+                         value=int(rows.max()), allowed=len(array) - 1)
+    array = array.copy()
+    array[rows] = values
+    return array

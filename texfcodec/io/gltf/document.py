@@ -1,0 +1,271 @@
+"""glTF 2.0 containers: GLB chunks, JSON, buffers, URIs; and typed access to the JSON tree."""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...errors import InputError, SupportError
+from ...report import plural
+from ..images import find_file, missing_image
+
+if TYPE_CHECKING:
+    from ..parts import Notes
+
+MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
+GLB_MAGIC, CHUNK_JSON, CHUNK_BIN = b"glTF", 0x4E4F534A, 0x004E4942
+
+
+def malformed(what: str, **details: object) -> InputError:
+    """The error for a JSON tree that does not follow the glTF schema."""
+    return InputError("TXF-I09", f"the glTF structure is malformed: {what}", **details)
+
+
+class Document:
+    """The JSON tree of one glTF file and the bytes it refers to.
+
+    root: dict; folder: where relative URIs start; notes: Notes.
+    """
+
+    def __init__(self, root: dict, chunk: memoryview | None, folder: Path, notes: Notes) -> None:
+        self.root, self.folder, self.notes = root, folder, notes
+        self._chunk = chunk
+        self._buffers: dict[int, memoryview] = {}
+        self._entries: dict[str, list[dict]] = {}
+        self._decoded: dict[int, bytes] = {}
+
+    def entries(self, kind: str) -> list[dict]:
+        """Top-level array such as "nodes": list of dict."""
+        if kind not in self._entries:
+            entries = self.root.get(kind, [])
+            if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+                raise malformed(f"'{kind}' is not an array of objects")
+            self._entries[kind] = entries
+        return self._entries[kind]
+
+    def entry(self, kind: str, index: Any) -> dict:
+        entries = self.entries(kind)
+        if not is_index(index) or index >= len(entries):
+            raise malformed(f"'{kind}' has no such entry", value=index, entries=len(entries))
+        return entries[index]
+
+    def buffer(self, index: Any) -> memoryview:
+        """memoryview of buffer index, exactly byteLength long."""
+        if index not in self._buffers:
+            entry = self.entry("buffers", index)
+            length = integer(entry, "byteLength", low=0)
+            data = self._buffer_data(entry, index)
+            if len(data) < length:
+                raise InputError("TXF-I10", f"buffer {index} is shorter than the file promises",
+                                 value=len(data), allowed=length)
+            self._buffers[index] = memoryview(data)[:length]
+        return self._buffers[index]
+
+    def _buffer_data(self, entry, index):
+        if "uri" in entry:
+            return self.uri_bytes(entry["uri"], lambda name: InputError(
+                "TXF-I10", f"buffer file '{name}' is missing or unreadable"))
+        if index == 0 and self._chunk is not None:
+            return self._chunk
+        raise InputError("TXF-I10", f"buffer {index} has no data")
+
+    def view(self, index: Any) -> tuple[memoryview | bytes, int | None]:
+        """(memoryview, byteStride or None) of bufferView index; TXF-I11 when it leaves its buffer."""
+        entry = self.entry("bufferViews", index)
+        packed = next((part(extensions(entry), name) for name in MESHOPT if name in extensions(entry)), None)
+        data = self._slice(entry, index) if packed is None else self._unpacked(packed, entry, index)
+        stride = integer(entry, "byteStride", low=1) if "byteStride" in entry else None
+        return data, stride
+
+    def _slice(self, entry, index):
+        """The bytes that a bufferView, or the extension in it, names."""
+        buffer = self.buffer(entry.get("buffer"))
+        offset, length = integer(entry, "byteOffset", 0, low=0), integer(entry, "byteLength", low=0)
+        if offset + length > len(buffer):
+            raise InputError("TXF-I11", f"bufferView {index} leaves its buffer",
+                             value=offset + length, allowed=len(buffer))
+        return buffer[offset : offset + length]
+
+    def _unpacked(self, packed, entry, index):
+        """The bytes of a compressed bufferView; where the package is missing, the plain copy that some files carry."""
+        from .meshopt import decode_view, is_installed
+
+        if not is_installed() and not any(name in self.root.get("extensionsRequired", []) for name in MESHOPT):
+            buffer = self.entry("buffers", entry.get("buffer"))
+            if "uri" in buffer or (entry["buffer"] == 0 and self._chunk is not None):
+                return self._slice(entry, index)
+        if index not in self._decoded:
+            self._decoded[index] = decode_view(self._slice(packed, index), packed, entry, index)
+        return self._decoded[index]
+
+    def uri_bytes(self, uri: object, missing: Callable[[str], Exception]) -> bytes:
+        """bytes behind a data URI or a file name; missing: name -> the error to raise."""
+        if not isinstance(uri, str):
+            raise malformed("a uri is not a string")
+        if uri[:5].lower() == "data:":
+            return _data_uri(uri)
+        path = find_file(self.folder, uri)
+        try:
+            if path is not None:
+                return path.read_bytes()
+        except OSError as error:
+            raise missing(uri) from error
+        raise missing(uri)
+
+    def image_bytes(self, index: Any) -> memoryview | bytes:
+        """Encoded bytes of image index; TXF-I16 where its file is missing or it names none."""
+        entry = self.entry("images", index)
+        if "bufferView" in entry:
+            return self.view(entry["bufferView"])[0]
+        if "uri" not in entry:
+            raise missing_image(title(entry, index))
+        return self.uri_bytes(entry["uri"], missing_image)
+
+
+def open_document(data: bytes, folder: Path, notes: Notes) -> Document:
+    """bytes of a .glb or .gltf file -> Document.
+
+    Errors: TXF-I07 broken GLB container, TXF-I08 no JSON, TXF-I09 no object, TXF-I33 not glTF 2.
+    """
+    if data[:4] == GLB_MAGIC:
+        text, chunk = _read_glb(data, notes)
+    else:
+        text, chunk = data, None
+    root = _parse(text)
+    if not isinstance(root, dict):
+        raise malformed("the top level is not an object")
+    asset = root.get("asset")
+    version = asset.get("version", "2.0") if isinstance(asset, dict) else "2.0"
+    if str(version).split(".")[0] != "2":
+        raise SupportError("TXF-I33", "only glTF 2 is supported", value=str(version)[:20])
+    return Document(root, chunk, folder, notes)
+
+
+def _read_glb(data, notes):
+    """(JSON bytes, binary chunk or None); glTF 2.0 section 4.4."""
+    if len(data) < 20:
+        raise InputError("TXF-I07", "the GLB file is truncated", value=len(data), allowed=20)
+    version, length = struct.unpack_from("<II", data, 4)
+    if version != 2:
+        raise SupportError("TXF-I33", "only glTF 2 is supported", value=version)
+    if length > len(data):
+        raise InputError("TXF-I07", "the GLB file is truncated", value=len(data), allowed=length)
+    if length < len(data):
+        notes.remark(plural(len(data) - length, "byte", "bytes") + " after the end of the GLB container: ignored")
+    chunks = list(_chunks(memoryview(data)[:length]))
+    if not chunks or chunks[0][0] != CHUNK_JSON:
+        raise InputError("TXF-I07", "the first GLB chunk is not JSON", offset=12)
+    binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == CHUNK_BIN else None
+    return bytes(chunks[0][1]), binary
+
+
+def _chunks(data):
+    at = 12
+    while at + 8 <= len(data):
+        length, kind = struct.unpack_from("<II", data, at)
+        if at + 8 + length > len(data):
+            raise InputError("TXF-I07", "a GLB chunk leaves the file", offset=at, value=length, allowed=len(data) - at - 8)
+        yield kind, data[at + 8 : at + 8 + length]
+        at += 8 + length
+
+
+def _parse(text):
+    try:
+        return json.loads(bytes(text).decode("utf-8-sig"), parse_constant=lambda name: None)
+    except json.JSONDecodeError as error:
+        raise _no_json(error) from error
+    except (ValueError, RecursionError) as error:
+        raise InputError("TXF-I08", "the glTF text is not JSON", reason=str(error)[:100]) from error
+
+
+def _no_json(error):
+    """The error with the place where the text stops being JSON, and what stands there."""
+    text, at = error.doc, min(error.pos, len(error.doc))
+    before, here = text[:at].rstrip(), text[at:].lstrip()
+    if here[:1] in ("}", "]") and before[-1:] == "," or here[:1] == "," and error.msg.startswith("Illegal trailing comma"):
+        why = "a comma stands before a closing bracket"
+    elif here[:2] in ("//", "/*") or here[:1] == "#":
+        why = "a comment stands there, which JSON has not"
+    elif not here:
+        why = "the text ends early"
+    elif here[:1] == "'":
+        why = "single quotes stand where JSON has double ones"
+    else:
+        why = error.msg[:1].lower() + error.msg[1:]
+    return InputError("TXF-I08", f"the glTF text is not JSON: {why}", line=error.lineno, column=error.colno,
+                      value=here[:20].partition("\n")[0] or None)
+
+
+def _data_uri(uri):
+    import base64
+    import binascii
+    from urllib.parse import unquote_to_bytes
+
+    head, comma, body = uri.partition(",")
+    try:
+        if comma:
+            return base64.b64decode(unquote_to_bytes(body)) if head.lower().endswith(";base64") else unquote_to_bytes(body)
+    except (binascii.Error, ValueError) as error:
+        raise InputError("TXF-I10", "a data URI cannot be decoded", reason=str(error)) from error
+    raise InputError("TXF-I10", "a data URI has no data")
+
+
+def is_index(value: object) -> bool:
+    """True for a JSON integer that may count entries; true and 1.0 are none."""
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+
+
+def integer(entry: dict, key: str, default: int | None = None, low: int | None = None) -> int:
+    """entry[key] as int, at least low; without default the key is required."""
+    value = entry.get(key, default)
+    if not isinstance(value, int) or isinstance(value, bool) or (low is not None and value < low):
+        raise malformed(f"'{key}' is not a usable integer", value=str(value)[:40], low=low)
+    return value
+
+
+def numbers(entry: dict, key: str, default: float | tuple[float, ...]) -> Any:
+    """entry[key] as tuple of finite floats, as many as default has; a plain number where default is one."""
+    value = entry.get(key, default)
+    single = not isinstance(default, (tuple, list))
+    items = [value] if single else value
+    wanted = len(default) if isinstance(default, (tuple, list)) else 1
+    if not isinstance(items, (tuple, list)) or len(items) != wanted or not all(_is_finite(item) for item in items):
+        raise malformed(f"'{key}' is not {wanted} finite numbers", value=str(value)[:60])
+    return float(value) if single else tuple(float(item) for item in items)
+
+
+def _is_finite(value):
+    try:
+        return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:  # an integer of hundreds of digits
+        return False
+
+
+def part(entry: dict, key: str) -> dict:
+    """entry[key] as dict, empty when absent."""
+    value = entry.get(key)
+    if value is None:
+        return {}
+    if not isinstance(value, dict):
+        raise malformed(f"'{key}' is not an object")
+    return value
+
+
+def extensions(entry: dict) -> dict:
+    """The extensions object of an entry, {} when absent."""
+    return part(entry, "extensions")
+
+
+def name_of(entry: dict) -> str:
+    """The entry's name, printable; "" when it has none. JSON can spell lone surrogates, which no terminal takes."""
+    name = entry.get("name")
+    return name.encode("utf-8", "replace").decode() if isinstance(name, str) else ""
+
+
+def title(entry: dict, index: int) -> str:
+    """'name' of an entry, or its number."""
+    return f"'{name_of(entry)}'" if name_of(entry) else str(index)

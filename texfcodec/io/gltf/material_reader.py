@@ -1,0 +1,221 @@
+"""glTF materials -> Scene materials: maps and parameters of the core and of extensions by the tables of channels.py; everything
+else is named as dropped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...errors import SupportError
+from ...scene.channels import BASE_COLOUR, MAPS, PARAMETERS, PBR, binary32
+from ...scene.scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
+from .document import Document, extensions, integer, malformed, name_of, numbers, part, title
+
+if TYPE_CHECKING:
+    from ..images import TextureShelf
+
+_WRAPS = {10497: WRAP_REPEAT, 33071: WRAP_CLAMP, 33648: WRAP_MIRROR}
+_ALPHA = {"OPAQUE": ALPHA_OPAQUE, "MASK": ALPHA_MASK, "BLEND": ALPHA_BLEND}
+_READABLE_SOURCES = ("EXT_texture_webp", "EXT_texture_avif")
+_SPECULAR_GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
+_NEAREST = 9728
+_OF_MATERIAL = ("name", PBR, "alphaMode", "alphaCutoff", "doubleSided")
+
+
+@dataclass
+class TextureInfo:
+    """Where a material finds one of its images. texture: index into the file's textures; texcoord: UV set; transform: float64
+    [2, 3] applied to (u, v, 1), or None for identity."""
+
+    texture: int
+    texcoord: int = 0
+    transform: np.ndarray | None = None
+
+    def same_uv(self, other: TextureInfo) -> bool:
+        """Whether both find the same UVs."""
+        if self.transform is None or other.transform is None:
+            return self.texcoord == other.texcoord and self.transform is other.transform
+        return self.texcoord == other.texcoord and bool(np.array_equal(self.transform, other.transform))
+
+
+@dataclass
+class Look:
+    """What a glTF material says of its surface. factor: float64 [4] linear, of the base colour; images: TextureInfo by channel
+    name, base colour among them, in the order of channels.CHANNELS; parameters: as scene.scene.Material has them."""
+
+    factor: np.ndarray
+    images: dict[str, TextureInfo]
+    parameters: dict[str, tuple[float, ...]]
+
+    @property
+    def leading(self) -> TextureInfo | None:
+        """The image whose UVs are the material's."""
+        return next(iter(self.images.values()), None)
+
+    def others(self) -> dict[str, TextureInfo]:
+        """Images with other UVs than the leading one's, by channel name."""
+        first = self.leading
+        return {name: info for name, info in self.images.items() if first is not None and not info.same_uv(first)}
+
+
+def read_look(document: Document, index: int | None) -> Look:
+    """Material index (None: glTF's default material) -> Look."""
+    if index is None:
+        return Look(np.ones(4), {}, {})
+    entry = document.entry("materials", index)
+    glossy = part(extensions(entry), _SPECULAR_GLOSSINESS)
+    images = {channel.name: _texture_info(info) for channel in (BASE_COLOUR, *MAPS) if (info := _slot(entry, channel))}
+    if "diffuseFactor" in glossy or "diffuseTexture" in glossy:
+        document.notes.warn(f"material {title(entry, index)} uses {_SPECULAR_GLOSSINESS}; its diffuse becomes base colour")
+        factor = numbers(glossy, "diffuseFactor", (1.0,) * 4)
+        images.pop(BASE_COLOUR.name, None)
+        if glossy.get("diffuseTexture"):
+            images = {BASE_COLOUR.name: _texture_info(part(glossy, "diffuseTexture")), **images}
+        parameters = _parameters(entry) | {"metallic": (0.0,)}
+    else:
+        factor, parameters = numbers(part(entry, PBR), "baseColorFactor", (1.0,) * 4), _parameters(entry)
+    return Look(np.array(factor), images, parameters)
+
+
+def _part_of(entry, extension):
+    """Where a material holds what belongs to an extension, to pbrMetallicRoughness or, "", to itself."""
+    if not extension:
+        return entry
+    return part(entry, PBR) if extension == PBR else part(extensions(entry), extension)
+
+
+def _slot(entry, channel):
+    """The textureInfo of a channel, {} without one."""
+    return part(_part_of(entry, channel.extension), channel.slot)
+
+
+def _parameters(entry):
+    """Values of all parameters that are not the default, by name; what an extension that is not there would say is not said."""
+    found = {}
+    for parameter in PARAMETERS:
+        owner, key = _part_of(entry, parameter.extension), parameter.key
+        if "." in key:
+            owner, key = part(owner, key.partition(".")[0]), key.partition(".")[2]
+        if key not in owner:
+            continue
+        default = parameter.default if parameter.count > 1 else parameter.default[0]
+        value = numbers(owner, key, default)
+        value = binary32(value if parameter.count > 1 else (value,))
+        if value != parameter.default:
+            found[parameter.name] = value
+    return found
+
+
+def _texture_info(info):
+    texcoord, transform = _texture_coordinates(info)
+    return TextureInfo(integer(info, "index", low=0), texcoord, transform)
+
+
+def _texture_coordinates(info):
+    """(UV set, transform) of a textureInfo.
+
+    KHR_texture_transform turns UVs counter-clockwise as seen in the image, that is with v downwards; the GLSL listing
+    in its text shows the transpose, an acknowledged slip (KhronosGroup/glTF issue 1563): every viewer does it as here.
+    """
+    transform = part(extensions(info), "KHR_texture_transform")
+    texcoord = integer(info, "texCoord", 0, low=0)
+    if not transform:
+        return texcoord, None
+    offset, angle = numbers(transform, "offset", (0.0, 0.0)), numbers(transform, "rotation", 0.0)
+    scale = numbers(transform, "scale", (1.0, 1.0))
+    cos, sin = np.cos(angle), np.sin(angle)
+    matrix = np.array([[cos * scale[0], sin * scale[1], offset[0]], [-sin * scale[0], cos * scale[1], offset[1]]])
+    return integer(transform, "texCoord", texcoord, low=0), matrix
+
+
+def read_material(document: Document, index: int | None, look: Look, shelf: TextureShelf) -> Material:
+    """Material index with its Look -> Material; its textures are put on the shelf, what is not kept is named."""
+    if index is None:
+        return Material("default")
+    entry = document.entry("materials", index)
+    name = f"material {title(entry, index)}"
+    _drop_properties(document, entry, name)
+    placed = {channel: _put_texture(document, info.texture, channel, shelf) for channel, info in look.images.items()}
+    return Material(
+        name=name_of(entry),
+        factor=np.clip(look.factor, 0.0, 1.0),
+        texture=placed.pop(BASE_COLOUR.name, -1),
+        alpha_mode=_alpha_mode(document, entry, name),
+        alpha_cutoff=numbers(entry, "alphaCutoff", 0.5),
+        double_sided=entry.get("doubleSided") is True,
+        unlit="KHR_materials_unlit" in extensions(entry),
+        maps={channel: texture for channel, texture in placed.items() if texture >= 0},
+        parameters=look.parameters,
+    )
+
+
+def _alpha_mode(document, entry, name):
+    mode = entry.get("alphaMode", "OPAQUE")
+    if mode not in ("OPAQUE", "MASK", "BLEND"):
+        document.notes.warn(f"{name} has the unknown alphaMode {str(mode)[:40]!r}; OPAQUE takes its place")
+    return _ALPHA.get(mode if isinstance(mode, str) else "", ALPHA_OPAQUE)
+
+
+def _put_texture(document, index, channel, shelf):
+    entry = document.entry("textures", index)
+    image = _source_image(document, entry, index)
+    source = document.entry("images", image)
+    uri = source.get("uri")
+    fallback = uri if isinstance(uri, str) and uri[:5].lower() != "data:" else f"image {image}"
+    name = name_of(source) or name_of(entry) or fallback
+    wrap, nearest = _sampler(document, entry)
+    return shelf.put(image, lambda: document.image_bytes(image), name, wrap, channel, nearest)
+
+
+def _source_image(document, entry, index):
+    for name in _READABLE_SOURCES:
+        source = part(extensions(entry), name).get("source")
+        if source is not None:
+            return source
+    basis = part(extensions(entry), "KHR_texture_basisu").get("source")
+    if "source" not in entry and basis is not None:  # a PNG or JPEG beside it is the better picture, and needs no package
+        return basis
+    if "source" not in entry:
+        names = ", ".join(extensions(entry)) or "nothing"
+        raise SupportError("TXF-I32", f"texture {title(entry, index)} has no PNG, JPEG, WebP, AVIF or KTX2 source", value=names)
+    return entry["source"]
+
+
+def _sampler(document, entry):
+    """((wrap s, wrap t), whether texels are not blended) of a texture."""
+    if "sampler" not in entry:
+        return (WRAP_REPEAT, WRAP_REPEAT), False
+    sampler = document.entry("samplers", entry["sampler"])
+    wrap = sampler.get("wrapS", 10497), sampler.get("wrapT", 10497)
+    if not all(isinstance(mode, int) and mode in _WRAPS for mode in wrap):
+        raise malformed("a sampler has an unknown wrap mode", value=str(wrap)[:40])
+    return (_WRAPS[wrap[0]], _WRAPS[wrap[1]]), sampler.get("magFilter") == _NEAREST
+
+
+def _drop_properties(document, entry, name):
+    """Name every property of a material that is not coded."""
+    drop, kept = document.notes.drop, _kept_keys()
+    tables = {"": entry, PBR: part(entry, PBR)} | {e: part(extensions(entry), e) for e in extensions(entry)}
+    for extension, table in tables.items():
+        if extension not in kept:
+            drop(f"extension {extension} of {name}")
+        for key in table:
+            if extension in kept and key not in kept[extension]:
+                drop(f"{extension + '.' if extension not in ('', PBR) else ''}{key} of {name}")
+            elif extension not in kept and key.endswith("Texture"):
+                drop(f"{extension}.{key} of {name}")
+
+
+@lru_cache(maxsize=1)
+def _kept_keys():
+    """Keys of a material that are read, by where they stand."""
+    kept = {"": set(_OF_MATERIAL), PBR: {"baseColorFactor"}, "KHR_materials_unlit": set(),
+            _SPECULAR_GLOSSINESS: {"diffuseFactor", "diffuseTexture"}}
+    for parameter in PARAMETERS:
+        kept.setdefault(parameter.extension, set()).add(parameter.key.partition(".")[0])
+    for channel in (BASE_COLOUR, *MAPS):
+        kept.setdefault(channel.extension, set()).add(channel.slot)
+    return {place: keys | {"extras", "extensions"} for place, keys in kept.items()}

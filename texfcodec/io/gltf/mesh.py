@@ -1,0 +1,238 @@
+"""glTF meshes -> Parts in mesh space: attributes, indices, strips and fans, Draco, morph defaults."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...errors import InputError, SupportError
+from ..parts import Part
+from .accessor import normalized_floats, read_accessor, read_floats
+from .document import Document, extensions, integer, malformed, part, title
+from .left_out import name_extension
+
+if TYPE_CHECKING:
+    from .material_reader import Look, TextureInfo
+
+_DRACO = "KHR_draco_mesh_compression"
+# Types of Draco's values, which DracoPy hands out as 32 bits: what is normalised goes by the number of its bits.
+_DRACO_TYPES = {1: np.int8, 2: np.uint8, 3: np.int16, 4: np.uint16, 5: np.int32, 6: np.uint32, 9: np.float32, 10: np.float64}
+VARIANTS = "KHR_materials_variants"  # the file's own materials are what is shown
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_MODE_NAMES = {0: "points", 1: "lines", 2: "line loop", 3: "line strip"}
+
+
+class MeshReader:
+    """Reads each mesh once, however many nodes show it.
+
+    look_of: material index or None -> Look; after reading, `materials` lists the ones in use in order of
+    first use (None is glTF's default) and Part.material points into it.
+    """
+
+    def __init__(self, document: Document, look_of: Callable[[Any], Look]) -> None:
+        self.document, self.look_of = document, look_of
+        self._slots: dict[int | None, int] = {}
+        self._meshes: dict[tuple[int, bool], list[Part]] = {}
+        self._used_uv: set[str] = set()
+        self._found_uv: set[str] = set()
+
+    def read(self, index: int, skinned: bool = False) -> list[Part]:
+        """Mesh index -> list of Part in mesh space. skinned: whether with joints and weights."""
+        if (index, skinned) not in self._meshes:
+            entry = self.document.entry("meshes", index)
+            primitives = entry.get("primitives")
+            if not isinstance(primitives, list) or not all(isinstance(primitive, dict) for primitive in primitives):
+                raise malformed(f"mesh {title(entry, index)} has no array of primitives")
+            label = f"mesh {title(entry, index)}"
+            parts = [self._primitive(entry, primitive, f"{label} primitive {n}", skinned)
+                     for n, primitive in enumerate(primitives)]
+            self._meshes[index, skinned] = [found for found in parts if found is not None]
+        return self._meshes[index, skinned]
+
+    def drop_unused_uv(self) -> None:
+        """Name the UV sets that no image asked for."""
+        for name in sorted(self._found_uv - self._used_uv):
+            self.document.notes.remark(f"{name} is used by no image and left out")
+
+    def _primitive(self, mesh, primitive, label, skinned):
+        mode = integer(primitive, "mode", _TRIANGLES)
+        if mode not in (_TRIANGLES, _STRIP, _FAN):
+            self.document.notes.warn(f"{label} is not made of triangles ({_MODE_NAMES.get(mode, mode)}); it is left out")
+            return None
+        source = _Draco(self.document, primitive) if _DRACO in extensions(primitive) else _Plain(self.document, primitive)
+        if not source.has("POSITION"):
+            self.document.notes.remark(f"{label} has no POSITION; it is left out")
+            return None
+        positions = source.floats("POSITION", ("VEC3",))
+        indices = source.indices()
+        if indices is None:
+            indices = np.arange(len(positions), dtype=np.int64)
+        faces = self._triangles(indices, mode if not source.is_triangles else _TRIANGLES, label)
+        material = primitive.get("material")
+        look = self.look_of(material)
+        self._drop_attributes(primitive, label, skinned)
+        result = Part(self._morphed(mesh, primitive, positions), faces, self._slot(material),
+                      self._uv(source, look.leading, label), self._vertex_color(source, label), label,
+                      {name: self._uv(source, info, label) for name, info in look.others().items()})
+        if source.has("NORMAL"):  # without it, TANGENT says nothing (section 3.7.2.1)
+            result.normal = self._morphed(mesh, primitive, source.floats("NORMAL", ("VEC3",)), "NORMAL")
+            result.tangent = source.floats("TANGENT", ("VEC4",)) if source.has("TANGENT") else None
+        if skinned:
+            result.influences = _influences(source)
+        for values in (result.uv, result.color, result.normal, result.tangent, *result.map_uv.values()):
+            if values is not None and len(values) != len(positions):
+                raise malformed(f"{label} has attributes of different counts")
+        return result
+
+    def _slot(self, material):
+        return self._slots.setdefault(material, len(self._slots))
+
+    @property
+    def materials(self) -> list[int | None]:
+        return list(self._slots)
+
+    def _triangles(self, indices, mode, label):
+        """Index list -> [F, 3]; glTF 2.0 section 3.7.2.1 gives the order of strips and fans."""
+        if mode == _TRIANGLES:
+            if len(indices) % 3:
+                self.document.notes.remark(f"{label} ends in an incomplete triangle; it is left out")
+            return indices[: len(indices) // 3 * 3].reshape(-1, 3)
+        i = np.arange(max(len(indices) - 2, 0))
+        if mode == _STRIP:
+            return np.stack([indices[i], indices[i + 1 + i % 2], indices[i + 2 - i % 2]], axis=1)
+        return np.stack([indices[i + 1], indices[i + 2], indices[np.zeros_like(i)]], axis=1)
+
+    def _uv(self, source, info: TextureInfo | None, label):
+        """float [V, 2] for a texture, transformed; None when there is none."""
+        if info is None:
+            return None
+        name = f"TEXCOORD_{info.texcoord}"
+        if not source.has(name):
+            self.document.notes.warn(f"{label} has no {name} for its texture; UV (0, 0) is used")
+            return None
+        self._used_uv.add(name)
+        uv = source.floats(name, ("VEC2",))
+        if info.transform is None:
+            return uv
+        return np.asarray(uv, np.float64) @ info.transform[:, :2].T + info.transform[:, 2]
+
+    def _vertex_color(self, source, label):
+        """float32 linear RGBA [V, 4], or None."""
+        if not source.has("COLOR_0"):
+            return None
+        stored = source.floats("COLOR_0", ("VEC3", "VEC4"), normalized=True)
+        color = np.ones((len(stored), 4), np.float32)
+        color[:, : stored.shape[1]] = stored
+        return color
+
+    def _drop_attributes(self, primitive, label, skinned):
+        names = part(primitive, "attributes")
+        for name in names:
+            if name.startswith("TEXCOORD_"):
+                self._found_uv.add(name)
+            elif name not in ("POSITION", "COLOR_0", "NORMAL", "TANGENT") and not (skinned and _is_of_skin(name)):
+                self.document.notes.remark(f"attribute {name} is left out")
+        for name in extensions(primitive):
+            if name not in (_DRACO, VARIANTS):
+                name_extension(self.document.notes, name, label)
+
+    def _morphed(self, mesh, primitive, values, name="POSITION"):
+        """Values of an attribute with the mesh's default morph weights (section 3.7.2.2); the targets themselves are dropped."""
+        targets = primitive.get("targets")
+        if not targets:
+            return values
+        self.document.notes.drop("morph targets")
+        weights = mesh.get("weights", [])
+        if not isinstance(targets, list) or not isinstance(weights, list):
+            raise malformed("morph targets or weights are not arrays")
+        for target, weight in zip(targets, weights, strict=False):
+            if weight and isinstance(target, dict) and name in target:
+                delta = read_floats(self.document, target[name], ("VEC3",))
+                if len(delta) != len(values):
+                    raise malformed("a morph target differs in count from its mesh")
+                values = values + float(weight) * np.asarray(delta, np.float64)
+        return values
+
+
+def _is_of_skin(name):
+    return name.startswith(("JOINTS_", "WEIGHTS_"))
+
+
+def _influences(source):
+    """(joints, weights), each float64 [V, 4 n], of all the sets that a primitive has; None where it has none."""
+    found, number = [], 0
+    while source.has(f"JOINTS_{number}") and source.has(f"WEIGHTS_{number}"):
+        found.append((source.floats(f"JOINTS_{number}", ("VEC4",), False), source.floats(f"WEIGHTS_{number}", ("VEC4",), True)))
+        number += 1
+    if not found or len({len(values) for pair in found for values in pair}) > 1:
+        return None
+    joints, weights = (np.concatenate(values, axis=1).astype(np.float64) for values in zip(*found, strict=True))
+    return joints, weights
+
+
+class _Plain:
+    """Attributes and indices in accessors."""
+
+    is_triangles = False
+
+    def __init__(self, document, primitive):
+        self.document, self.primitive = document, primitive
+        self.names = part(primitive, "attributes")
+
+    def has(self, name):
+        return name in self.names
+
+    def floats(self, name, kinds, normalized=None):
+        return read_floats(self.document, self.names[name], kinds, normalized)
+
+    def indices(self):
+        if "indices" not in self.primitive:
+            return None
+        indices = read_accessor(self.document, self.primitive["indices"], ("SCALAR",))[:, 0]
+        if indices.dtype.kind != "u":
+            raise malformed("indices are not unsigned integers")
+        return indices
+
+
+class _Draco(_Plain):
+    """KHR_draco_mesh_compression: DracoPy decodes; what is not in the Draco data is in accessors."""
+
+    is_triangles = True
+
+    def __init__(self, document, primitive):
+        super().__init__(document, primitive)
+        self.compressed = part(extensions(primitive), _DRACO)
+        self.ids = part(self.compressed, "attributes")
+        self.mesh = _decode_draco(document.view(self.compressed.get("bufferView"))[0])
+
+    def floats(self, name, kinds, normalized=None):
+        if name not in self.ids:
+            return super().floats(name, kinds, normalized)
+        found = [entry for entry in self.mesh.attributes if entry["unique_id"] == self.ids[name]]
+        if not found:
+            raise InputError("TXF-I12", f"the Draco data has no attribute {name}")
+        data = np.asarray(found[0]["data"]).astype(_DRACO_TYPES.get(found[0]["data_type"], np.float32))
+        if data.ndim != 2 or f"VEC{data.shape[1]}" not in kinds:
+            raise InputError("TXF-I12", f"the Draco attribute {name} has an unexpected shape")
+        if normalized is None:
+            normalized = self.document.entry("accessors", self.names[name]).get("normalized", False)
+        return normalized_floats(data) if normalized else data
+
+    def indices(self):
+        return np.asarray(self.mesh.faces).reshape(-1)
+
+
+def _decode_draco(data):
+    try:
+        import DracoPy
+    except ImportError as error:
+        raise SupportError("TXF-I34", f"{_DRACO} needs the package DracoPy") from error
+    try:
+        mesh = DracoPy.decode(bytes(data))
+    except Exception as error:  # DracoPy derives its errors from Exception directly
+        raise InputError("TXF-I12", "the Draco data cannot be decoded", reason=str(error)[:200]) from error
+    if getattr(mesh, "faces", None) is None:
+        raise InputError("TXF-I12", "the Draco data holds no triangles")
+    return mesh

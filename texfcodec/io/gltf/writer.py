@@ -1,0 +1,299 @@
+"""glTF 2.0 out: one primitive per material and image, GLB or .gltf with files beside it, plain or packed.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ...core.json_text import json_text
+from ...scene.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
+from ..precision import local_frame
+from ..vertex_appearance import linear_u16, unique_corners, vertex_colours
+from .material_writer import UNLIT, extensions_of, material_entry
+from .packing import ARRAY, MESHOPT, Column, Plain
+
+if TYPE_CHECKING:
+    from ..image_writer import ImageFormat
+    from ..output_textures import Textured
+
+_COMPONENT = {"f4": 5126, "u2": 5123, "u4": 5125, "i2": 5122, "u1": 5121}
+_WRAPS = {WRAP_REPEAT: 10497, WRAP_CLAMP: 33071, WRAP_MIRROR: 33648}
+_POINTS = 0
+OPTIONAL = {"NORMAL", "TANGENT"}  # left out of primitives that have none
+_LINEAR, _NEAREST = (9729, 9987), (9728, 9728)  # filters of a sampler: linear with mipmaps; nearest
+_LEVEL = 1 - 1e-5  # cosine from which two normals are one, a quarter of a degree
+_EXTRAS_LIMIT = 65536  # bytes of metadata that may ride in asset.extras
+
+
+class Document:
+    """A glTF document under construction: json is the dict, pieces the binary buffer so far (every piece 4-aligned)."""
+
+    def __init__(self, metadata: dict) -> None:
+        """metadata: JSON-able dict, kept under asset.extras.texf when it is small; warnings says when it is not."""
+        self.json: dict[str, Any] = {"asset": {"version": "2.0", "generator": "texfcodec"}, "scene": 0,
+                                     "scenes": [{"name": "texf"}]}
+        self.pieces: list[bytes] = []
+        self.length = 0
+        self.unpacked = 0  # bytes of what packed views unpack to
+        self.warnings: list[str] = []
+        if isinstance(metadata.get("copyright"), str):
+            self.json["asset"]["copyright"] = metadata["copyright"]
+        if metadata:
+            if len(json_text(metadata).encode()) <= _EXTRAS_LIMIT:
+                self.json["asset"]["extras"] = {"texf": metadata}
+            else:
+                self.warnings.append(f"metadata above {_EXTRAS_LIMIT} bytes is not written")
+
+    def add(self, kind: str, item: dict | str) -> int:
+        """Append to one of the document's lists, made when first needed; returns the index."""
+        self.json.setdefault(kind, []).append(item)
+        return len(self.json[kind]) - 1
+
+    def add_view(self, data: bytes | memoryview, target: int | None = None) -> int:
+        """Append bytes as a bufferView; returns its index."""
+        view = {"buffer": 0, "byteOffset": self.length, "byteLength": len(data)}
+        if target:
+            view["target"] = target
+        padded = bytes(data) + b"\0" * (-len(data) % 4)
+        self.pieces.append(padded)
+        self.length += len(padded)
+        return self.add("bufferViews", view)
+
+    def add_accessor(self, values: np.ndarray, kind: str, target: int | None, bounds: bool = False,
+                     normalized: bool = False) -> int:
+        """Append an array [N] or [N, k] (float32, uint16, uint32) as an accessor; returns its index."""
+        values = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+        return self.add_description(values, kind, bounds, normalized, self.add_view(values.tobytes(), target))
+
+    def add_description(self, values: np.ndarray, kind: str, bounds: bool = False, normalized: bool = False,
+                        view: int | None = None) -> int:
+        """An accessor that describes an array as add_accessor() does, whose bytes are in a view made elsewhere, or in none."""
+        accessor = {"componentType": _COMPONENT[values.dtype.str[1:]], "count": len(values), "type": kind}
+        if view is not None:
+            accessor["bufferView"] = view
+        if bounds:
+            accessor["min"], accessor["max"] = values.min(0).tolist(), values.max(0).tolist()
+        if normalized:
+            accessor["normalized"] = True
+        return self.add("accessors", accessor)
+
+    def add_packed_view(self, packed: bytes, count: int, stride: int, told: dict, target: int) -> int:
+        """A bufferView of count elements of stride bytes that meshopt has packed. told: mode and filter of the extension."""
+        inner = {"buffer": 0, "byteOffset": self.length, "byteLength": len(packed), "byteStride": stride, "count": count} | told
+        self.pieces.append(packed + b"\0" * (-len(packed) % 4))
+        self.length += len(self.pieces[-1])
+        view = {"buffer": 1, "byteOffset": self.unpacked, "byteLength": count * stride, "target": target,
+                "extensions": {MESHOPT: inner}}
+        if target == ARRAY:
+            view["byteStride"] = stride
+        self.unpacked += count * stride + -count * stride % 4
+        self.use_extension(MESHOPT, required=True)
+        return self.add("bufferViews", view)
+
+    def use_extension(self, name: str, required: bool = False) -> None:
+        """Name an extension among those that are used, and among those that a reader has to know."""
+        for kind in ("extensionsUsed", "extensionsRequired")[: 1 + required]:
+            if name not in self.json.get(kind, ()):
+                self.json.setdefault(kind, []).append(name)
+
+    def finish(self, uri: str | None = None) -> None:
+        """Describe the buffer, its file where it has one, and the one that packed views unpack to."""
+        if self.pieces:
+            self.json["buffers"] = [{"byteLength": self.length} | ({} if uri is None else {"uri": uri})]
+        if self.unpacked:
+            self.add("buffers", {"byteLength": self.unpacked, "extensions": {MESHOPT: {"fallback": True}}})
+
+    def add_mesh(self, primitives: list[dict], translation: list[float] | None, scale: float | None) -> None:
+        """Put one mesh on one node of the scene."""
+        node: dict[str, Any] = {"mesh": self.add("meshes", {"name": "texf", "primitives": primitives})}
+        if translation is not None:
+            node["translation"] = translation
+        if scale is not None:
+            node["scale"] = [scale] * 3
+            if not 1.2e-38 < scale < 3.4e38:
+                self.warnings.append("the mesh is outside the range of float32: viewers cannot show it")
+        self.json["scenes"][0]["nodes"] = [self.add("nodes", node)]
+
+
+def textured(texf: Any, look: Textured, images: list[tuple[ImageFormat, str | bytes]], packing: Any = None) -> Document:
+    """Document with images, and TEXCOORD_0 or COLOR_0 where faces have these. images: for each of look.textures its format, and
+    its URI or its bytes for the buffer; packing: one of gltf_pack, or None for plain accessors."""
+    document, packing = Document(texf.metadata), packing or Plain()
+    if len(texf.faces) == 0:
+        return document
+    corner, looks = texf.faces.ravel(), np.repeat(look.looks.face_look, 3)
+    columns = _columns(texf, look)
+    keys = (np.ascontiguousarray(column.values).view(np.int32).T for column in columns.values())
+    first, index = unique_corners(looks, corner, *(row for key in keys for row in key))
+    columns = {name: column._replace(values=column.values[first]) for name, column in columns.items()}
+    entries = [material_entry(one.material, images) for one, images in zip(look.looks.looks, look.images, strict=True)]
+    groups = _Groups(looks[first], look.looks.face_look, entries, [_unused(one) for one in look.looks.looks])
+    _add_surface(document, texf, corner[first], index.reshape(-1, 3), groups, columns, packing)
+    for texture, (form, image) in zip(look.textures, images, strict=True):
+        _add_texture(document, texture, form, image)
+    return document
+
+
+def _columns(texf, look):
+    """Attributes of corners by name, Column of [3 F, k]; 0 where a face has none."""
+    columns = {"TEXCOORD_0": Column(look.corner_uv.astype(np.float32).reshape(-1, 2), "VEC2"),
+               "NORMAL": Column(_written_normals(texf, look).reshape(-1, 3), "VEC3")}
+    if look.corner_tangent is not None:
+        columns["TANGENT"] = Column(_written_tangents(look).reshape(-1, 4), "VEC4")
+    if any(one.colours is not None for one in look.looks.looks):
+        columns["COLOR_0"] = Column(_written_colours(look.looks).reshape(-1, 4), "VEC4", True)
+    return columns
+
+
+def _unused(look):
+    """Attributes that a primitive of a look has no use for."""
+    return ({"TEXCOORD_0"} if not look.mapped else set()) | ({"COLOR_0"} if look.colours is None else set())
+
+
+def _written_colours(looks):
+    """Colours of corners as glTF has them, uint16 [F, 3, 4]; 0 where faces have none at their corners."""
+    out = np.zeros((len(looks.face_look), 3, 4), np.uint16)
+    for number, look in enumerate(looks.looks):
+        if look.colours is not None:
+            out[looks.face_look == number] = linear_u16(look.colours.rgba)[look.colours.index]
+    return out
+
+
+def _written_tangents(look):
+    """Tangents of corners, float32 [F, 3, 4]; 0 where the material has no normal map."""
+    return np.where(_has_normal_map(look)[:, None, None], look.corner_tangent, np.float32(0))
+
+
+def _has_normal_map(look):
+    """Whether the look of each face has one, bool [F]."""
+    return np.array([bool({"normal", "clearcoat_normal"} & {*images}) for images in look.images], bool)[look.looks.face_look]
+
+
+def _written_normals(texf, look):
+    """Normals of corners, float32 [F, 3, 3]; 0 where the material is flat, which glTF says by leaving them out. Tangents say
+    nothing without normals (section 3.7.2.1), so that faces with a normal map have theirs."""
+    normal = texf.shading_normals()
+    flat = np.array([m.normals.angle == 0 for m in texf.materials], bool)
+    level = ((normal * normal[:, [1, 2, 0]]).sum(axis=2) > _LEVEL).all(axis=1)
+    for number in np.flatnonzero(~flat):  # materials whose faces all meet in sharp edges
+        faces = texf.face_material == number
+        flat[number] = bool(faces.any()) and bool(level[faces].all()) and _are_of_faces(texf, normal, faces)
+    normal[flat[texf.face_material] & ~_has_normal_map(look)] = 0.0
+    return normal
+
+
+def _are_of_faces(texf, normal, chosen):
+    """Whether normals of corners are those of their faces, where these have area."""
+    a, b, c = (texf.lattice_positions[texf.faces[chosen, k]].astype(np.float64) for k in range(3))
+    across = np.cross(b - a, c - a)
+    length = np.linalg.norm(across, axis=1)
+    return bool(((across * normal[chosen, 0]).sum(axis=1) >= _LEVEL * length).all())
+
+
+def _add_texture(document, texture, form, image):
+    """A texture of its own for an image (URI or bytes) of a format; images that wrap alike share a sampler."""
+    wrap, name = texture.wrap, texture.name
+    if isinstance(image, str):
+        entry = {"name": name, "uri": image}
+    else:
+        entry = {"name": name, "mimeType": form.mime, "bufferView": document.add_view(image)}
+    magnified, minified = _NEAREST if texture.nearest else _LINEAR
+    sampler = {"magFilter": magnified, "minFilter": minified, "wrapS": _WRAPS[wrap[0]], "wrapT": _WRAPS[wrap[1]]}
+    known = document.json.get("samplers", [])
+    at = known.index(sampler) if sampler in known else document.add("samplers", sampler)
+    source = {"source": document.add("images", entry)}
+    if form.extension is not None:
+        document.use_extension(form.extension, required=True)
+        source = {"extensions": {form.extension: source}}
+    document.add("textures", {"sampler": at} | source)
+
+
+def coloured(texf: Any, packing: Any = None) -> Document:
+    """Document with COLOR_0 (linear) at vertices. packing: as in textured()."""
+    document = Document(texf.metadata)
+    if len(texf.faces):
+        vertex, index, material, rgba = vertex_colours(texf, with_material=True)
+        entries = [material_entry(m, {}) for m in texf.materials]
+        groups = _Groups(material, texf.face_material, entries, [set()] * len(entries))
+        _add_surface(document, texf, vertex, index, groups, {"COLOR_0": Column(linear_u16(rgba), "VEC4", True)},
+                     packing or Plain())
+    return document
+
+
+def points(texf: Any) -> Document:
+    """Document with the voxel centres as a point cloud, colours in COLOR_0, unlit."""
+    document = Document(texf.metadata)
+    voxels = texf.voxels()
+    if len(voxels["rgba"]) == 0:
+        return document
+    local, translation, scale = local_frame(texf, voxels["center"])
+    attributes = {
+        "POSITION": document.add_accessor(local, "VEC3", ARRAY, bounds=True),
+        "COLOR_0": document.add_accessor(linear_u16(voxels["rgba"]), "VEC4", ARRAY, normalized=True),
+    }
+    material = {"name": "voxels", "extensions": {UNLIT: {}}}
+    if texf.has_alpha:
+        material["alphaMode"] = "BLEND"
+    document.use_extension(UNLIT)
+    primitive = {"attributes": attributes, "mode": _POINTS, "material": document.add("materials", material)}
+    document.add_mesh([primitive], translation, scale)
+    return document
+
+
+def glb(document: Document) -> list:
+    """The document as the pieces of a .glb file (list of bytes)."""
+    document.finish()
+    text = _text(document)
+    text += b" " * (-len(text) % 4)
+    total = 12 + 8 + len(text) + (8 + document.length if document.pieces else 0)
+    pieces = [struct.pack("<4sIIII", b"glTF", 2, total, len(text), 0x4E4F534A), text]
+    if document.pieces:
+        pieces += [struct.pack("<II", document.length, 0x004E4942), *document.pieces]
+    return pieces
+
+
+def gltf(document: Document, buffer_uri: str) -> tuple[list, list]:
+    """The document as the pieces of a .gltf file and of its buffer: (list of bytes, list of bytes)."""
+    document.finish(buffer_uri)
+    return [_text(document)], document.pieces
+
+
+def _text(document):
+    return json_text(document.json, ensure_ascii=False, separators=(",", ":")).encode("utf-8", "replace")
+
+
+class _Groups(NamedTuple):
+    """What becomes a primitive each. vertex: int64 [U] ascending and face: int64 [F], numbers of materials; materials: glTF
+    dicts; unused: names of the attributes that each leaves out."""
+
+    vertex: np.ndarray
+    face: np.ndarray
+    materials: list[dict]
+    unused: list[set[str]]
+
+
+def _add_surface(document, texf, vertex, index, groups, columns, packing):
+    """Primitives, one per group in use, each with accessors of its own: vertices come sorted by group.
+
+    vertex: int64 [U]; index: int64 [F, 3]; columns: attribute name -> Column of [U, k]; packing: of gltf_pack.
+    """
+    local, translation, scale = packing.positions(texf, vertex)
+    columns = {"POSITION": Column(local, "VEC3")} | columns
+    primitives = []
+    for number in np.unique(groups.vertex):
+        low, high = np.searchsorted(groups.vertex, (number, number + 1))
+        part = {name: column._replace(values=column.values[low:high]) for name, column in columns.items()}
+        part = {name: column for name, column in part.items()
+                if name not in groups.unused[number] and (name not in OPTIONAL or column.values.any())}
+        corners = (index[groups.face == number] - low).ravel()
+        primitives.append(packing.primitive(document, part, corners) | {"material": int(number)})
+    for item in groups.materials:
+        document.add("materials", item)
+    for name in extensions_of(groups.materials):
+        document.use_extension(name)
+    document.add_mesh(primitives, translation, scale)

@@ -1,0 +1,76 @@
+"""KTX2 textures with Basis Universal data (KHR_texture_basisu: ETC1S and UASTC) -> uint8 RGBA.
+
+Transcoded by opengl_basisu, which carries the transcoder of the format's authors, ships wheels for every Python we run on
+and is tested on damaged files. pyktx of Khronos has no wheels and wants its C library built and installed first. The
+header is checked here all the same, before its sizes take memory: the transcoder believes the length that a Zstandard
+level claims to unpack to.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import InputError, SupportError
+from .images import KTX2, check_pixels
+
+if TYPE_CHECKING:
+    from .parts import Notes
+
+_HEADER = struct.Struct("<9I4I2Q")  # from vkFormat to the length of the global data; KTX 2.0 section 3
+_LEVEL = struct.Struct("<3Q")
+_NONE, _BASIS_LZ, _ZSTD = 0, 1, 2
+_BLOCK_BYTES = 16  # of UASTC, 4 x 4 pixels
+
+
+def read_ktx2(data: bytes | memoryview, name: str, notes: Notes, is_colour: bool = True) -> np.ndarray:
+    """bytes of a .ktx2 file -> uint8 [H, W, 4] RGBA of its largest level, row 0 at the top. is_colour: whether its values are
+    to be sRGB-coded; a file that says otherwise is named.
+
+    Errors: InputError TXF-I17 broken, or no Basis Universal data; SupportError TXF-I32 the package is missing;
+    LimitError TXF-I40 more pixels than notes allow.
+    """
+    data = bytes(data)
+    size = _check_header(data, name, notes)
+    try:
+        import opengl_basisu
+    except ImportError as error:
+        raise SupportError("TXF-I32", f"image '{name}' is a KTX2 texture, which needs the package opengl-basisu: "
+                           'pip install "texfcodec[formats]"') from error
+    try:
+        texture = opengl_basisu.open(data)
+        if (texture.width, texture.height) != size:
+            raise ValueError("the transcoder finds another size")
+        pixels = texture.transcode("rgba8").data
+    except (ValueError, IndexError, RuntimeError) as error:
+        raise _broken(name, str(error)[:200]) from error
+    if is_colour and not texture.srgb:
+        notes.warn(f"image '{name}' is marked as linear; as a colour its values are taken as sRGB-coded")
+    if texture.srgb and not is_colour:
+        notes.warn(f"image '{name}' is marked as sRGB-coded; as no colour its values are taken as they are")
+    return np.ascontiguousarray(pixels, np.uint8)
+
+
+def _broken(name, reason):
+    return InputError("TXF-I17", f"image '{name}' cannot be decoded", reason=reason)
+
+
+def _check_header(data, name, notes):
+    """(width, height); the level index must agree with them, and with the file's length."""
+    if len(data) < len(KTX2) + _HEADER.size + _LEVEL.size:
+        raise _broken(name, "the KTX2 header is truncated")
+    vk_format, _, width, height, depth, layers, faces, _, scheme, *_, sgd_at, sgd_size = _HEADER.unpack_from(data, len(KTX2))
+    if vk_format or scheme > _ZSTD:
+        raise _broken(name, f"no Basis Universal data in this KTX2 file (vkFormat {vk_format}, supercompression {scheme})")
+    if not width or not height or depth or layers > 1 or faces != 1:
+        raise _broken(name, "the KTX2 file holds no single two-dimensional image")
+    check_pixels(width * height, name, notes)
+    at, size, unpacked = _LEVEL.unpack_from(data, len(KTX2) + _HEADER.size)
+    if at + size > len(data) or sgd_at + sgd_size > len(data):
+        raise _broken(name, "a part of the KTX2 file lies beyond its end")
+    expected = -(-width // 4) * -(-height // 4) * _BLOCK_BYTES
+    if scheme != _BASIS_LZ and (unpacked != expected or (scheme == _NONE and size != expected)):
+        raise _broken(name, f"the KTX2 level has {unpacked} bytes where its size takes {expected}")
+    return width, height

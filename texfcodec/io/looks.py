@@ -1,0 +1,166 @@
+"""What a decoded mesh is written with: which faces share images, what of each material needs one, and what its factors say.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from dataclasses import field as made_by
+from typing import Any
+
+import numpy as np
+
+from ..scene.channels import ALPHA, BASE_COLOUR, BY_NAME, channel_over
+from ..scene.factors import absorb
+from ..scene.scene import ALPHA_BLEND, ALPHA_OPAQUE, Material
+from ..scene.srgb import srgb_to_linear
+from .atlas.sheets import sheets_of
+from .vertex_fit import VertexColours, vertex_fit
+
+
+@dataclass
+class Skin:
+    """Faces with images of their own. field: number of their field, one over texels; None for the atlas that all fields over
+    voxels share. has_base: whether any of its looks needs the image of the base colour; sheets: channels of each further one."""
+
+    field: int | None
+    has_base: bool = False
+    sheets: list[tuple[str, ...]] = made_by(default_factory=list)
+
+
+@dataclass
+class Look:
+    """A material on a skin. material: with all that is one value on its faces in its factors; mapped: names of the channels that
+    need an image, base colour among them; colours: at the corners of its faces, in their order, where these stand for one."""
+
+    number: int
+    skin: int
+    material: Material
+    mapped: tuple[str, ...]
+    colours: VertexColours | None = None
+
+
+@dataclass
+class Looks:
+    """All of them. face_look: int64 [F] into looks; a material that no face has stands there once, without images; opaque: names
+    of materials that are written as opaque, for nothing of theirs is see-through."""
+
+    skins: list[Skin]
+    looks: list[Look]
+    face_look: np.ndarray
+    opaque: list[str] = made_by(default_factory=list)
+
+    @property
+    def image_count(self) -> int:
+        """How many images they need."""
+        return sum(skin.has_base + len(skin.sheets) for skin in self.skins)
+
+    @property
+    def has_image(self) -> np.ndarray:
+        """Whether faces have any, bool [F]."""
+        return np.array([bool(look.mapped) for look in self.looks], bool)[self.face_look]
+
+
+def looks_of(texf: Any, base_colour_alone: bool = False, at_vertices: bool = False) -> Looks:
+    """The Looks of a decoded stream (Texf), known before any image is made. base_colour_alone: for formats that know nothing
+    else, each skin with an image of it; at_vertices: whether colours may stand at vertices where that shows as much."""
+    skins, face_skin = _skins(texf)
+    pairs, face_look = np.unique(np.column_stack([texf.face_material, face_skin]), axis=0, return_inverse=True)
+    face_look = face_look.reshape(-1)
+    made = []
+    for row, (number, skin) in enumerate(pairs.tolist()):
+        faces = np.flatnonzero(face_look == row)
+        look = (_bare if base_colour_alone else _look)(texf, number, skin, skins[skin], faces)
+        if at_vertices and skins[skin].field is None and look.mapped == (BASE_COLOUR.name,):
+            look.colours = vertex_fit(texf, faces)
+            look.mapped = look.mapped if look.colours is None else ()
+        made.append(look)
+        skins[skin].has_base |= BASE_COLOUR.name in look.mapped
+    for number, skin in enumerate(skins):
+        skin.sheets = sheets_of({name for look in made if look.skin == number for name in look.mapped})
+    idle = np.setdiff1d(np.arange(len(texf.materials)), texf.face_material)
+    made += [Look(int(number), -1, texf.materials[number], ()) for number in idle]
+    return Looks(skins, made, face_look, _made_opaque(texf, made, skins, face_look))
+
+
+def _made_opaque(texf, looks, skins, face_look):
+    """Makes materials opaque that blend by an alpha of 255 on all their faces: viewers draw what blends later, unsorted. Returns
+    their names."""
+    names = []
+    for row, look in enumerate(looks):
+        if look.skin >= 0 and look.material.alpha_mode == ALPHA_BLEND and look.material.factor[3] >= 1:
+            alpha = _one_value(texf, skins[look.skin], np.flatnonzero(face_look == row), ALPHA.name) if texf.has_alpha else [255]
+            if alpha is not None and alpha[0] == 255:
+                look.material = replace(look.material, alpha_mode=ALPHA_OPAQUE)
+                names.append(look.material.name or f"material {look.number}")
+    return names
+
+
+def _skins(texf):
+    """(Skins, the atlas first, and the number of every face's, int64 [F])."""
+    over_texels = np.array([part.over_texels for part in texf.fields], bool)
+    skins = [Skin(None)] * bool((~over_texels).any() and len(texf.faces))
+    of_field = np.zeros(len(texf.fields), np.int64)
+    for number in np.flatnonzero(over_texels).tolist():
+        of_field[number] = len(skins)
+        skins.append(Skin(number))
+    return skins, of_field[texf.face_field] if len(texf.faces) else np.zeros(0, np.int64)
+
+
+def _bare(texf, number, skin, _, faces):
+    return Look(number, skin, texf.materials[number], (BASE_COLOUR.name,))
+
+
+def _look(texf, number, skin, of, faces):
+    """The Look of a material's faces on a Skin."""
+    material = texf.materials[number]
+    parameters, mapped = dict(material.parameters), []
+    colour = _base_factor(texf, of, faces, material)
+    if colour is None:
+        mapped.append(BASE_COLOUR.name)
+    for name in (name for name in BY_NAME if name in material.maps):
+        value = _one_value(texf, of, faces, channel_over(name, of.field is not None).name)
+        if value is None or not absorb(parameters, BY_NAME[name], value):
+            mapped.append(name)
+        if of.field is None and BY_NAME[name].over:
+            parameters.pop(BY_NAME[name].parameter, None)  # it is in the values
+    factor = np.ones(4) if colour is None else colour
+    return Look(number, skin, replace(material, factor=factor, parameters=parameters), tuple(mapped))
+
+
+def _base_factor(texf, skin, faces, material):
+    """Base colour as a factor, float64 [4] linear, where faces show one value alone; else None."""
+    colour, alpha = _one_value(texf, skin, faces, BASE_COLOUR.name), np.array([255.0])
+    if texf.has_alpha and material.alpha_mode != ALPHA_OPAQUE:
+        alpha = _one_value(texf, skin, faces, ALPHA.name)
+    if colour is None or alpha is None:
+        return None
+    return np.concatenate([srgb_to_linear(colour / 255), alpha / 255])
+
+
+def _one_value(texf, skin, faces, name):
+    """The one value of a channel, as fields know it, that faces show, float64 [C] in 0..255; None where there are more."""
+    fields = np.unique(texf.face_field[faces]).tolist()
+    if texf.evaluators:
+        return None
+    planes = [texf.fields[number].planes.get(name) for number in fields]
+    if any(plane is None for plane in planes):
+        return None
+    first = planes[0][:1]
+    if all((plane[:: max(1, len(plane) // 64)] == first).all() and (plane == first).all() for plane in planes):
+        return first[0].astype(np.float64)
+    if skin.field is None:
+        return None
+    uv = texf.uv[texf.faces[faces]].reshape(-1, 2)
+    if np.ptp(uv, axis=0).any():
+        return None
+    part = texf.fields[skin.field]
+    return part.support_of(name).query(uv[:1], part.planes[name])[0].astype(np.float64)
+
+
+def names_in(looks: Looks, names: Iterable[str]) -> bool:
+    """Whether any look has an image of one of these channels."""
+    wanted = set(names)
+    return any(wanted & set(look.mapped) for look in looks.looks)

@@ -1,0 +1,104 @@
+"""What a file is by its first bytes: for the message when the suffix says something else, and for UTF-16 text."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    from .formats import Format
+
+_KINDS = (
+    (0, b"glTF", "a binary glTF (.glb)"),
+    (0, b"\x89TXF\r\n\x1a\n", "a texf stream; texf-dec decodes it"),
+    (0, b"\x89PNG\r\n\x1a\n", "a PNG image"),
+    (0, b"\xff\xd8\xff", "a JPEG image"),
+    (8, b"WEBP", "a WebP image"),
+    (4, b"ftypavif", "an AVIF image"),
+    (0, b"GIF8", "a GIF image"),
+    (0, b"\xabKTX 20\xbb", "a KTX2 texture"),
+    (0, b"DRACO", "a bare Draco mesh; only glTF files with Draco are read"),
+    (0, b"PK\x03\x04", "a ZIP archive"),
+    (0, b"\x1f\x8b", "a gzip file; unpack it first"),
+    (0, b"BZh", "a bzip2 file; unpack it first"),
+    (0, b"\xfd7zXZ", "an xz file; unpack it first"),
+    (0, b"7z\xbc\xaf\x27\x1c", "a 7z archive; unpack it first"),
+    (0, b"Kaydara FBX Binary", "an FBX file"),
+    (0, b"BLENDER", "a Blender file"),
+    (0, b"PXR-USDC", "a USD file"),
+    (0, b"%PDF", "a PDF document"),
+    (0, b"\x93NUMPY", "a numpy array"),
+    (0, b"ply\n", "a Stanford PLY (.ply)"),
+    (0, b"ply\r", "a Stanford PLY (.ply)"),
+    (0, b"solid ", "an STL as text (.stl)"),
+    (0, b"<!DOCTYPE html", "a web page"),
+    (0, b"<html", "a web page"),
+    (0, b"version https://git-lfs", "a pointer to a file that Git LFS has not fetched"),
+    (0, b"<?xml", "an XML file"),
+    (0, b"{", "JSON, as in a .gltf"),
+)
+_OFF_STARTS = (b"OFF", b"COFF", b"NOFF", b"CNOFF", b"STOFF")
+_BYTE_ORDER_MARKS = (
+    (b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe\0\0", "utf-32"), (b"\0\0\xfe\xff", "utf-32"), (b"\xff\xfe", "utf-16"),
+    (b"\xfe\xff", "utf-16"),
+)
+
+
+def what_it_is(data: bytes) -> str:
+    """Words for what the bytes look like, "" where nothing is recognised."""
+    head = bytes(data[:64])
+    for offset, start, words in _KINDS:
+        if head[offset : offset + len(start)] == start:
+            return words
+    if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return "UTF-16 text"
+    if len(head) > 7 and head[1:8:2] == b"\0" * 4 and head[0:8:2].isascii() and b"\0" not in head[0:8:2]:
+        return "UTF-16 text without a byte order mark; save it as UTF-8"
+    return ""
+
+
+def suffix_of(data: bytes) -> str | None:
+    """The suffix of the format that data without a name are in, such as ".glb", None where their first bytes do not tell."""
+    from .formats import FORMATS
+
+    for entry in FORMATS:
+        if any(data[: len(start)] == start for start in entry.starts):
+            return entry.suffix
+    text = data[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()
+    if text.startswith(b"{"):
+        return ".gltf"
+    if text.startswith(b"<") and b"<COLLADA" in text:
+        return ".dae"
+    if text.startswith(_OFF_STARTS):
+        return ".off"
+    triangles = int.from_bytes(data[80:84], "little")
+    return ".stl" if text.startswith(b"solid ") or (triangles and len(data) == 84 + 50 * triangles) else None
+
+
+def check_start(data: bytes, entry: Format) -> None:
+    """TXF-I06 where the first bytes are not what the Format's suffix promises."""
+    seen = what_it_is(data)
+    expected = data[: len(entry.starts[0])] in entry.starts if entry.starts else not _belongs_elsewhere(seen, entry)
+    if not expected:
+        looks = f"begins like {seen}" if seen else "does not start like one"
+        raise InputError("TXF-I06", f"the file is named {entry.suffix} but {looks}", value=bytes(data[:4]).hex())
+
+
+def _belongs_elsewhere(seen, entry):
+    """A text format has no magic of its own, but it never looks like one of the others."""
+    own = {".gltf": "JSON", ".stl": "an STL", ".dae": "an XML"}.get(entry.suffix)
+    return bool(seen) and seen != "UTF-16 text" and not (own and seen.startswith(own))
+
+
+def as_utf8(data: bytes) -> bytes:
+    """Text with a byte order mark -> the same text as UTF-8 bytes without one; other bytes as they are. TXF-I06."""
+    for mark, encoding in _BYTE_ORDER_MARKS:
+        if bytes(data[: len(mark)]) == mark:
+            try:
+                return bytes(data).decode(encoding).encode("utf-8")
+            except UnicodeError as error:
+                name = encoding.removesuffix("-sig").upper()
+                raise InputError("TXF-I06", f"the file has the byte order mark of {name} but is no such text",
+                                 reason=str(error)[:100]) from error
+    return data

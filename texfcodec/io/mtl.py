@@ -1,0 +1,179 @@
+"""MTL material libraries: Kd, d/Tr and map_Kd become a base colour, every other statement is named as dropped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import InputError
+from ..scene.scene import ALPHA_BLEND, ALPHA_OPAQUE, WRAP_CLAMP, WRAP_REPEAT, Material
+from .images import TextureShelf, read_texture_file
+from .magic import as_utf8
+from .parts import linearise_factors
+from .visibility import vanishes
+
+if TYPE_CHECKING:
+    from .parts import Notes
+
+# Option -> most values it takes; the list of a texture statement ends where its file name begins.
+_OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-mm": 2, "-o": 3, "-s": 3, "-t": 3, "-texres": 1, "-clamp": 1,
+            "-bm": 1, "-imfchan": 1, "-type": 1, "-cc": 1, "-colorspace": 1}
+_HEAD = 400  # characters in which an exporter names itself
+_SAME = 1e-3  # of numbers that are written with three digits
+
+
+@dataclass
+class ObjMaterial:
+    """One newmtl. factor: float64 [4], linear once the file is read; texture: file name or None; uv_scale, uv_offset: float64
+    [2], with v upwards; dissolve, transparency: numbers of its `d` and `Tr`, None without."""
+
+    name: str
+    factor: np.ndarray
+    texture: str | None = None
+    wrap: tuple = (WRAP_REPEAT, WRAP_REPEAT)
+    uv_scale: tuple = (1.0, 1.0)
+    uv_offset: tuple = (0.0, 0.0)
+    dissolve: float | None = None
+    transparency: float | None = None
+
+
+def read_mtl(data: bytes, notes: Notes) -> dict[str, ObjMaterial]:
+    """bytes of an .mtl file -> dict name -> ObjMaterial. Errors: TXF-I20 with the line."""
+    found: dict[str, ObjMaterial] = {}
+    current = None
+    text = decode_text(as_utf8(data))
+    for number, line in enumerate(text.splitlines(), 1):
+        key, _, rest = line.strip().partition("#")[0].replace("\t", " ").strip().partition(" ")
+        if not key:
+            continue
+        if key.lower() == "newmtl":
+            current = found.setdefault(rest.strip(), ObjMaterial(rest.strip(), np.ones(4)))
+        elif current is not None:
+            try:
+                _statement(current, key, rest.strip(), notes)
+            except (ValueError, IndexError) as error:
+                raise InputError("TXF-I20", "an MTL statement cannot be read", line=number, value=line.strip()[:80]) from error
+    _set_alpha(list(found.values()), "meshlab" in text[:_HEAD].lower(), notes)
+    for material in found.values():
+        _finish(material, notes)
+    linearise_factors([material.factor for material in found.values()], text[:_HEAD], "MTL file", notes)
+    return found
+
+
+def decode_text(data: bytes) -> str:
+    """bytes -> str: UTF-8, else Latin-1, which old exporters write and which never fails."""
+    try:
+        return bytes(data).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return bytes(data).decode("latin-1")
+
+
+def _statement(material, key, rest, notes):
+    lower = key.lower()
+    if lower == "kd":
+        if rest.split()[0] in ("spectral", "xyz"):
+            notes.drop(f"Kd {rest.split()[0]} of material '{material.name}'")
+            return
+        values = [float(value) for value in rest.split()[:3]]
+        material.factor[:3] = values if len(values) == 3 else values[0]
+    elif lower in ("d", "tr"):
+        number = float(rest.split()[-1])  # "-halo" may precede it
+        if lower == "d":
+            material.dissolve = number
+        else:
+            material.transparency = number
+    elif lower == "map_kd":
+        _base_map(material, rest, notes)
+    else:
+        notes.drop(f"{key} of material '{material.name}'")
+
+
+def _set_alpha(materials, from_meshlab, notes):
+    """Alpha by `d`, else by `Tr`: the transparency, or the opposite, as MeshLab and others write it. No reading is taken where
+    it leaves something invisible and nothing opaque."""
+    by_tr = [material for material in materials if material.dissolve is None and material.transparency is not None]
+    readings = [(True, [m.transparency for m in by_tr]), (False, [1.0 - m.transparency for m in by_tr])]
+    if not from_meshlab:
+        readings.reverse()
+    as_dissolve, alphas = readings[0]
+    if len(by_tr) == len(materials) and vanishes(alphas):
+        as_dissolve, alphas = readings[1]
+    if as_dissolve and any(material.transparency != 0.5 for material in by_tr):
+        notes.remark("Tr of the MTL file is read as the opacity, as MeshLab and others write it, not as the transparency")
+    for material, alpha in zip(by_tr, alphas, strict=True):
+        material.factor[3] = alpha
+    for material in materials:
+        if material.dissolve is not None:
+            material.factor[3] = material.dissolve
+            if material.transparency is not None and abs(material.dissolve + material.transparency - 1.0) > _SAME:
+                notes.remark(f"d {material.dissolve:g} and Tr {material.transparency:g} of material '{material.name}' disagree; "
+                             "d is taken")
+
+
+def _base_map(material, rest, notes):
+    options, material.texture = _split_options(rest)
+    for name, values in options:
+        if name == "-s":
+            material.uv_scale = (*map(float, values[:2]),)
+        elif name == "-o":
+            material.uv_offset = (*map(float, values[:2]),)
+        elif name == "-clamp":
+            material.wrap = (WRAP_CLAMP,) * 2 if values[:1] == ["on"] else (WRAP_REPEAT,) * 2
+        else:
+            notes.drop(f"map_Kd option {name} of material '{material.name}'")
+    material.uv_scale = (*material.uv_scale, 1.0, 1.0)[:2]
+    material.uv_offset = (*material.uv_offset, 0.0, 0.0)[:2]
+    if not material.texture:
+        raise ValueError("map_Kd without a file")
+
+
+def _split_options(rest):
+    """("-s 2 2 -clamp on my file.png") -> ([("-s", ["2", "2"]), ("-clamp", ["on"])], "my file.png")."""
+    options = []
+    while rest.startswith("-") and rest.split()[0].lower() in _OPTIONS:
+        name, _, rest = rest.partition(" ")
+        values = []
+        most = _OPTIONS[name.lower()]
+        while len(values) < most and rest.strip():
+            value, _, after = rest.strip().partition(" ")
+            if most > 1 and values and not _is_number(value):
+                break
+            values.append(value)
+            rest = after
+        options.append((name.lower(), values))
+        rest = rest.strip()
+    return options, rest.strip().strip('"')
+
+
+def _is_number(text):
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _finish(material, notes):
+    if material.texture and not material.factor[:3].any():
+        notes.warn(f"material '{material.name}' has a texture and a black Kd; white takes the place of Kd")
+        material.factor[:3] = 1.0
+    elif material.texture and (material.factor[:3] != 1.0).any():
+        factors = " ".join(f"{value:g}" for value in material.factor[:3])
+        notes.warn(f"material '{material.name}' multiplies its texture by Kd {factors}, as the format says; some viewers do not")
+    if not np.isfinite(material.factor).all():
+        notes.warn(f"material '{material.name}' has a NaN or infinite colour; white takes its place")
+        material.factor[:] = 1.0
+    np.clip(material.factor, 0.0, 1.0, out=material.factor)
+
+
+def scene_material(material: ObjMaterial, folder: Path, shelf: TextureShelf) -> Material:
+    """ObjMaterial -> Material, its texture put on the shelf."""
+    texture = -1
+    if material.texture:
+        name = material.texture
+        texture = shelf.put(name, lambda: read_texture_file(folder, name), name, material.wrap)
+    mode = ALPHA_BLEND if material.factor[3] < 1.0 else ALPHA_OPAQUE
+    return Material(name=material.name, factor=material.factor, texture=texture, alpha_mode=mode)

@@ -1,0 +1,67 @@
+"""NPZ out: the decoded arrays by name.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
+
+from typing import Any
+
+from ..core.json_text import json_text
+from .atlas.bake import to_bytes
+from .atlas.texel_image import texel_image
+from .vertex_appearance import vertex_colours
+
+
+def arrays(texf: Any, appearance: str) -> dict[str, Any]:
+    """The arrays of an NPZ file by name. texf: decoded stream (Texf); appearance: one of save()'s.
+
+    Always: origin float64 [3], side, position_bits, resolution (the largest K, 1 without voxels); materials, metadata, fields as
+    JSON text.
+    "vertex": positions float64 [U, 3], faces int64 [F, 3], vertex_material int64 [U], rgba uint8 [U, 4].
+    "voxels" and "texture": voxel_xyz int32 [N, 3], voxel_field int32 [N], voxel_rgba uint8 [N, 4] of all fields over voxels.
+    "voxels": voxel_center float64 [N, 3].
+    "texture": lattice_positions int64 [V, 3], faces int64 [F, 3], face_material, face_field int64 [F]; where a field is over
+    texels also uv float64 [V, 2], in texels of the full image of the field (fields has its width and height; 0 where a field is
+    over voxels), and for every such field, number n: field<n>_xy int32 [N, 2], column and row of the texels at hand,
+    field<n>_rgba uint8 [N, 4], and field<n>_image uint8 [H, W, 3 or 4], their image with its gaps filled; a texel at hand is
+    2**level_shift of the full ones a side (level_shift stands in fields).
+    """
+    if appearance == "vertex":
+        vertex, index, material, rgba = vertex_colours(texf, with_material=True)
+        held = {"positions": texf.positions[vertex], "faces": index, "vertex_material": material, "rgba": to_bytes(rgba)}
+    else:
+        voxels = texf.voxels()
+        held = {f"voxel_{name}": voxels[name] for name in ("xyz", "field", "rgba")}
+        held |= {"voxel_center": voxels["center"]} if appearance == "voxels" else _surface(texf)
+    texts = {"materials": [_material(m) for m in texf.materials], "metadata": texf.metadata,
+             "fields": [_field(part.support) for part in texf.fields]}
+    return held | {"origin": texf.origin, "side": texf.side, "position_bits": texf.position_bits,
+                   "resolution": texf.resolution} | {name: json_text(value) for name, value in texts.items()}
+
+
+def _surface(texf):
+    held = {name: getattr(texf, name) for name in ("lattice_positions", "faces", "face_material", "face_field")}
+    over_texels = [number for number, part in enumerate(texf.fields) if part.over_texels]
+    if over_texels:
+        held["uv"] = texf.uv
+    for number in over_texels:
+        part = texf.fields[number]
+        held |= {f"field{number}_xy": part.support.xy(), f"field{number}_rgba": part.rgba,
+                 f"field{number}_image": texel_image(texf, number)}
+    return held
+
+
+def _field(support):
+    if not support.planar:
+        return {"support": "voxels", "resolution": int(support.resolution), "level_shift": int(support.level_shift)}
+    return {"support": "texels", "width": int(support.width), "height": int(support.height),
+            "wrap": [int(mode) for mode in support.wrap], "level_shift": int(support.level_shift)}
+
+
+def _material(material):
+    return {
+        "name": material.name,
+        "alpha_mode": int(material.alpha_mode),
+        "alpha_cutoff": float(material.alpha_cutoff),
+        "double_sided": bool(material.double_sided),
+        "unlit": bool(material.unlit),
+    }

@@ -1,0 +1,291 @@
+"""Wavefront OBJ -> Scene: polygons become triangles, groups keep their materials, v is turned downwards.
+
+Own code rather than trimesh, which rebuilds vertices, knows no texture options and wrap, and costs 0.9 s to import.
+Rows of one statement are parsed together by numpy; only their sorting is a Python loop.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import InputError
+from .images import TextureShelf, find_file
+from .mtl import ObjMaterial, decode_text, read_mtl, scene_material
+from .parts import Notes, Part, assemble, linear_rgba
+from .polygons import counting, parse_numbers, triangulate
+from .visibility import turn_where_all_vanish
+
+if TYPE_CHECKING:
+    from ..scene.scene import Scene
+
+_SILENT = {"g", "s"}
+_DATA = (b"v", b"vt", b"vn", b"f")
+
+
+class _Statements:
+    """The file sorted by statement: rows of v, vt and f as bytes, and what face rows must remember."""
+
+    def __init__(self, lines):
+        self.lines = lines
+        self.v, self.vt, self.vn, self.f = [], [], [], []
+        self.relative = {}  # face row with a minus sign -> (v, vt and vn rows before it)
+        self.runs = []  # (first face row, material name): usemtl holds until the next one
+        self.libraries, self.objects = [], []
+
+    def line(self, statement, row):
+        """Line number of the row-th v, vt or f; looked up only for a message."""
+        found = [number for number, line in enumerate(self.lines, 1) if line.split(None, 1)[:1] == [statement]]
+        return found[row] if row < len(found) else None
+
+
+def read_obj(data: bytes, folder: Path, notes: Notes) -> Scene:
+    """bytes of an .obj file -> Scene. folder: where its libraries and textures are. Errors: TXF-I20 with the line."""
+    rows = _sort(data, notes)
+    if not rows.f:
+        raise InputError("TXF-I15", "the input has no triangles")
+    vertices = _floats(rows, b"v", rows.v, 3)
+    corners, sizes = _corners(rows)
+    triangles, polygon = triangulate(vertices[:, :3], corners[:, 0], sizes, notes)
+    names, material = _face_materials(rows)
+    library = _libraries(rows.libraries, folder, notes)
+    shelf = TextureShelf(notes)
+    chosen = [_find_material(name, library, notes) for name in names]
+    materials = [scene_material(item, folder, shelf) for item in chosen]
+    turn_where_all_vanish(materials, "the MTL file", notes)
+    faces, texels, material = corners[triangles, 0], corners[triangles, 1], material[polygon]
+    part = Part(vertices[:, :3], faces, material, _uv(rows, texels, material, chosen), _vertex_color(vertices), "the OBJ file",
+                normal=_normal(rows, corners[triangles, 2]))
+    if not any(item.texture for item in chosen) and rows.vt:
+        notes.remark("vt is used by no texture and left out")
+    metadata = {"objects": rows.objects} if rows.objects else {}
+    return assemble([part], materials, shelf.textures, notes, metadata)
+
+
+def _sort(data, notes):
+    lines = _clean(data).split(b"\n")
+    rows = _Statements(lines)
+    v, vt, vn, f = rows.v, rows.vt, rows.vn, rows.f
+    for line in lines:
+        head = line[:2]
+        if head == b"v ":
+            v.append(line[2:])
+        elif head == b"f ":
+            if b"-" in line:
+                rows.relative[len(f)] = len(v), len(vt), len(vn)
+            f.append(line[2:])
+        elif head == b"vt":
+            vt.append(line[3:])
+        elif head == b"vn":
+            vn.append(line[3:])
+        elif head[:1] not in (b"#", b""):
+            head, _, rest = line.partition(b" ")
+            _other(rows, decode_text(head), decode_text(rest).strip(), notes)
+    return rows
+
+
+def _clean(data):
+    """Line ends, tabs, indents and comments as the exporters that write none of them; keeps the number of lines."""
+    data = bytes(data).replace(b"\r\n", b"\n").replace(b"\t", b" ")
+    if b"\\\n" in data:  # a continued line moves up, an empty one keeps the count
+        parts = data.split(b"\\\n")
+        data = parts[0] + b"".join(_continued(part) for part in parts[1:])
+    if b"\n " in data or data[:1] == b" ":
+        data = b"\n".join(line.lstrip() for line in data.split(b"\n"))
+    if data.count(b"#") > data.count(b"\n#") + (data[:1] == b"#"):
+        data = b"\n".join(_uncommented(line) for line in data.split(b"\n"))
+    return data
+
+
+def _continued(part):
+    rest, end, after = part.partition(b"\n")
+    return b" " + rest + end + (b"\n" if end else b"") + after
+
+
+def _uncommented(line):
+    """Names may hold a '#', numbers may not."""
+    return line.partition(b"#")[0] if b"#" in line and line.split(None, 1)[0] in _DATA else line
+
+
+def _other(rows, head, rest, notes):
+    if head == "usemtl":
+        rows.runs.append((len(rows.f), rest))
+    elif head == "mtllib":
+        rows.libraries.append(rest)
+    elif head == "o":
+        if rest and len(rows.objects) < 1000:
+            rows.objects.append(rest)
+    elif head not in _SILENT:
+        notes.drop(f"OBJ statement '{head[:20]}'")
+
+
+def _face_materials(rows):
+    """(material names in order of first use, int64 [rows] index into them); None is the default material."""
+    starts = [0, *(start for start, _ in rows.runs)]
+    lengths = np.diff([*starts, len(rows.f)])
+    index = {}
+    used = [index.setdefault(name, len(index)) if length else 0
+            for name, length in zip([None, *(name for _, name in rows.runs)], lengths, strict=True)]
+    return list(index), np.repeat(np.array(used, np.int64), lengths)
+
+
+def _floats(rows, statement, texts, least, fill=np.nan):
+    """Rows of numbers -> float64 [n, widest]; a row may lack columns beyond `least`, they are `fill` then."""
+    widths = np.array([len(text.split()) for text in texts])
+    values = parse_numbers(b" ".join(texts), np.float64)
+    if not len(texts):
+        return np.zeros((0, least))
+    if values is None or len(values) != widths.sum() or widths.min() < least:
+        raise _bad_row(rows, statement, texts, least)
+    if widths.min() == widths.max():
+        return values.reshape(len(texts), -1)
+    out = np.full((len(texts), int(widths.max())), fill)
+    out[np.arange(out.shape[1]) < widths[:, None]] = values
+    return out
+
+
+def _bad_row(rows, statement, texts, least):
+    """The error naming the first row that is not at least so many numbers."""
+    for row, text in enumerate(texts):
+        values = parse_numbers(text, np.float64)
+        if values is None or len(values) != len(text.split()) or len(values) < least:
+            return _unreadable(rows, statement, row, text)
+    return InputError("TXF-I20", "an OBJ statement cannot be read")
+
+
+def _unreadable(rows, statement, row, text):
+    return InputError("TXF-I20", "an OBJ statement cannot be read", line=rows.line(statement, row),
+                      value=decode_text(statement + b" " + text)[:80])
+
+
+def _corners(rows):
+    """(int64 [C, 3] position, UV and normal indices from 0, the last two below 0 where absent; int64 [rows] corners per face)."""
+    texts = rows.f
+    joined = b"\n".join(texts) + b"\n"
+    if any(hole in joined for hole in (b"//", b"/ ", b"/\n")):
+        texts = [(text + b" ").replace(b"//", b"/0/").replace(b"/ ", b"/0 ") for text in texts]
+    sizes = np.array([len(text.split()) for text in texts])
+    slashes = np.array([text.count(b"/") for text in texts])
+    out = np.zeros((int(sizes.sum()), 3), np.int64)
+    starts = np.cumsum(sizes) - sizes
+    left = sizes > 0
+    for depth in (0, 1, 2):  # v, v/vt, v/vt/vn
+        chosen = np.flatnonzero(left & (slashes == depth * sizes))
+        if not len(chosen):
+            continue
+        values = _index_tuples(texts if len(chosen) == len(texts) else [texts[i] for i in chosen], depth)
+        if values is None or len(values) != sizes[chosen].sum():
+            raise _bad_face(rows, texts)
+        where = np.repeat(starts[chosen], sizes[chosen]) + counting(sizes[chosen])
+        out[where, : depth + 1] = values
+        left[chosen] = False
+    if left.any():
+        raise _bad_face(rows, texts)
+    return _from_zero(rows, out, sizes), sizes
+
+
+def _index_tuples(texts, depth):
+    """Rows of 'a/b/c' items with `depth` slashes each -> int64 [n, depth + 1]; None when something else is in them."""
+    text = b" ".join(b" ".join(texts).split()) + b" "
+    values = parse_numbers(text.replace(b"/", b" "), np.int64)
+    letters = np.frombuffer(text, np.uint8)
+    separators = letters[(letters == 32) | (letters == 47)]
+    if values is None or len(values) % (depth + 1) or (len(values) and len(separators) != len(values)):
+        return None
+    slots = separators[: len(values)].reshape(-1, depth + 1)
+    if (slots[:, :depth] != 47).any() or (slots[:, depth] != 32).any():
+        return None
+    return values.reshape(-1, depth + 1)
+
+
+def _from_zero(rows, corners, sizes):
+    """OBJ counts from 1, and from the end so far with a minus sign -> indices from 0; an absent UV or normal becomes -1."""
+    bad = np.flatnonzero(corners[:, 0] == 0)
+    if len(bad):
+        row = int(np.searchsorted(np.cumsum(sizes), bad[0], "right"))
+        raise _unreadable(rows, b"f", row, rows.f[row])
+    seen = np.zeros((len(sizes), 3), np.int64)
+    if rows.relative:
+        seen[list(rows.relative)] = list(rows.relative.values())
+    before = np.repeat(seen, sizes, axis=0)
+    return np.where(corners < 0, np.where(corners + before < 0, -2, corners + before), corners - 1)
+
+
+def _bad_face(rows, texts):
+    """The error naming the first face row that no pattern fits."""
+    for row, text in enumerate(texts):
+        depths = {item.count(b"/") for item in text.split()}
+        if depths and (len(depths) > 1 or max(depths) > 2 or _index_tuples([text], max(depths)) is None):
+            return _unreadable(rows, b"f", row, rows.f[row])
+    return InputError("TXF-I20", "an OBJ face cannot be read")
+
+
+def _uv(rows, indices, material, chosen):
+    """float64 [F, 3, 2] with v downwards, texture options applied; None without texture coordinates."""
+    if not rows.vt:
+        return None
+    table = _floats(rows, b"vt", rows.vt, 1, fill=0.0)[:, :2]  # a lone u has v = 0
+    table = np.pad(table, ((0, 0), (0, 2 - table.shape[1])))
+    if indices.max() >= len(table) or indices.min() < -1:
+        raise InputError("TXF-I13", "a face of the OBJ file names a texture coordinate that does not exist",
+                         allowed=len(table))
+    scale = np.array([item.uv_scale for item in chosen])[material][:, None]
+    offset = np.array([item.uv_offset for item in chosen])[material][:, None]
+    uv = table[indices] * scale + offset
+    uv[..., 1] = 1.0 - uv[..., 1]
+    uv[indices < 0] = 0.0
+    return uv
+
+
+def _normal(rows, indices):
+    """float64 [F, 3, 3], zero where a corner has none; None where no corner has one."""
+    if not rows.vn or (indices < 0).all():
+        return None
+    table = _floats(rows, b"vn", rows.vn, 3)[:, :3]
+    if indices.max() >= len(table) or indices.min() < -1:
+        raise InputError("TXF-I13", "a face of the OBJ file names a normal that does not exist", allowed=len(table))
+    return np.where((indices < 0)[..., None], 0.0, table[indices])
+
+
+def _vertex_color(vertices):
+    """'v x y z r g b' -> float32 linear RGBA [V, 4]; white where a row has none. Values above 1 mean a 0..255 scale."""
+    if vertices.shape[1] < 6:
+        return None
+    coded = np.where(np.isnan(vertices[:, 3:6]), 1.0, vertices[:, 3:6])
+    present = ~np.isnan(vertices[:, 5])
+    if (coded[present] > 1.0).any():
+        coded[present] /= 255.0
+    return linear_rgba(coded)
+
+
+def _libraries(names, folder, notes):
+    """All materials of the named libraries; a missing file is a fault."""
+    found = {}
+    for name in dict.fromkeys(names):
+        paths = [find_file(folder, name)] if find_file(folder, name) else [find_file(folder, item) for item in name.split()]
+        for path in paths:
+            data = _library_bytes(path)
+            if data is None:
+                notes.fault("TXF-I16", f"material file '{name}' is missing or unreadable; its materials are white")
+                continue
+            found.update(read_mtl(data, notes))
+    return found
+
+
+def _library_bytes(path):
+    """bytes of a material file, or None where it is not there or cannot be read."""
+    try:
+        return None if path is None else path.read_bytes()
+    except OSError:
+        return None
+
+
+def _find_material(name, library, notes):
+    if name is None:
+        return ObjMaterial("default", np.ones(4))
+    if name not in library:
+        notes.warn(f"material '{name}' is not defined; it is white")
+        return ObjMaterial(name, np.ones(4))
+    return library[name]

@@ -1,0 +1,115 @@
+"""What a decoded mesh looks like with images: fields over texels keep theirs and their UVs, fields over voxels share an atlas.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..geometry.tangents import corner_tangents
+from ..scene.channels import BASE_COLOUR, BY_NAME, channel_over
+from ..scene.scene import NEAREST_FIELDS, WRAP_CLAMP, Texture
+from .atlas.bake import bake
+from .atlas.maps import AtlasMaps
+from .atlas.sheets import texel_sheet
+from .atlas.texel_image import texel_image_and_uv
+from .atlas.unwrap import check_arguments
+from .looks import Looks, names_in
+
+NORMALS = ("normal", "clearcoat_normal")
+
+
+@dataclass(kw_only=True)
+class Textured:
+    """corner_uv: float64 [F, 3, 2], v downwards (glTF), beyond 0..1 where an image wraps; textures: Texture of each image, uint8
+    [H, W, 3] or [H, W, 4]; steps: for each of them, levels that its values were quantised to, 0 for exact ones, None where the
+    stream does not say; looks: what each primitive is made of; images: for each look, the texture of each channel by name;
+    corner_tangent: float32 [F, 3, 4], None where no normal map is; warnings: one sentence each."""
+
+    corner_uv: np.ndarray
+    textures: list[Texture]
+    steps: list[float | None]
+    looks: Looks
+    images: list[dict[str, int]]
+    corner_tangent: np.ndarray | None
+    warnings: list[str]
+
+    @property
+    def face_image(self) -> np.ndarray:
+        """Texture of every face's base colour, int64 [F], -1 where it has none."""
+        return np.array([images.get(BASE_COLOUR.name, -1) for images in self.images], np.int64)[self.looks.face_look]
+
+
+def textured(texf: Any, looks: Looks, texture_size: int | None = None, atlas: str = "auto") -> Textured:
+    """Images and UVs of a decoded stream (Texf). looks: of looks_of(); texture_size, atlas: of the atlas of fields over voxels,
+    see bake(); its images come first. UVs are 0 where a face has no image. Raises InputError TXF-O10..O12."""
+    check_arguments(texture_size, atlas)
+    normal = None
+    corner_uv, warnings, of_skin = np.zeros((len(texf.faces), 3, 2)), [], []
+    textures: list[Texture] = []
+    steps: list[float | None] = []
+    if names_in(looks, NORMALS):
+        normal = texf.shading_normals()
+    for skin in looks.skins:
+        make = _of_atlas if skin.field is None else _of_texels
+        found, uv, said = make(texf, looks, skin, normal, (texture_size, atlas))
+        faces = _faces_of(texf, looks, skin)
+        corner_uv[faces] = uv
+        of_skin.append({name: len(textures) + n for n, (names, _) in enumerate(found) for name in names})
+        textures += [texture for _, texture in found]
+        steps += [_step(texf, skin, faces, names) for names, _ in found]
+        warnings += said
+    if texf.fields and not any(skin.field is None for skin in looks.skins) and (texture_size is not None or atlas != "auto"):
+        warnings.append("every field is over texels and keeps its image: texture size and atlas method have no part")
+    corner_uv[~looks.has_image] = 0
+    images = [{name: of_skin[look.skin][name] for name in look.mapped} for look in looks.looks]
+    tangent = None if normal is None else corner_tangents(texf.positions, texf.faces, corner_uv, normal)
+    return Textured(corner_uv=corner_uv, textures=textures, steps=steps, looks=looks, images=images,
+                    corner_tangent=tangent, warnings=warnings)
+
+
+def _step(texf, skin, faces, names):
+    """The smallest step of channels, by their names in materials, in the fields of faces; None where no unit says any."""
+    fields = [texf.fields[number] for number in np.unique(texf.face_field[faces]).tolist()]
+    known = [part.steps.get(channel_over(name, skin.field is not None).name) for part in fields for name in names]
+    return min((step for step in known if step is not None), default=None)
+
+
+def _faces_of(texf, looks, skin):
+    """Faces of a field over texels, or those of the atlas that have an image: int64 [n]."""
+    if skin.field is not None:
+        return np.flatnonzero(texf.face_field == skin.field)
+    over_texels = np.array([part.over_texels for part in texf.fields], bool)
+    return np.flatnonzero(~over_texels[texf.face_field] & looks.has_image)
+
+
+def _of_texels(texf, looks, skin, _, __):
+    """([(channel names, Texture)], UVs float64 [F, 3, 2], warnings) of a field over texels."""
+    image, uv, centres = texel_image_and_uv(texf, skin.field)
+    wrap, squares = tuple(texf.fields[skin.field].support.wrap), texf.metadata.get(NEAREST_FIELDS)
+    nearest = isinstance(squares, list) and skin.field in squares
+    found = [((BASE_COLOUR.name,), Texture(image, wrap, BASE_COLOUR.name, nearest=nearest))] * skin.has_base
+    for sheet in skin.sheets:
+        found.append((sheet, _of_sheet(texel_sheet(texf, skin.field, sheet, centres), wrap, sheet)))
+    return found, uv, []
+
+
+def _of_sheet(image, wrap, sheet):
+    return Texture(image, wrap, "_".join(sheet), any(BY_NAME[name].srgb for name in sheet))
+
+
+def _of_atlas(texf, looks, skin, normal, arguments):
+    """As _of_texels, of the atlas that all fields over voxels share."""
+    faces = _faces_of(texf, looks, skin)
+    if not skin.has_base and not skin.sheets:
+        return [], np.zeros((len(faces), 3, 2)), []
+    baked = bake(texf, *arguments, faces)
+    image = baked.image if texf.has_alpha else np.ascontiguousarray(baked.image[..., :3])
+    wrap = (WRAP_CLAMP, WRAP_CLAMP)
+    found = [((BASE_COLOUR.name,), Texture(image, wrap, BASE_COLOUR.name))] * skin.has_base
+    if skin.sheets:
+        maps = AtlasMaps(texf, faces, baked, None if normal is None else normal[faces])
+        found += [(sheet, _of_sheet(maps.image(sheet), wrap, sheet)) for sheet in skin.sheets]
+    return found, baked.atlas.corner_uv, baked.warnings

@@ -1,0 +1,254 @@
+"""Parts and their assembly: what every reader produces, and the checks every mesh passes on its way to a Scene."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..errors import InputError, LimitError
+from ..limits import Limits
+from ..report import plural
+from ..scene.scene import Material, Scene, Texture
+from ..scene.srgb import srgb_to_linear
+from .authored_normals import fill_normals
+from .visibility import name_invisible
+
+MAX_FACES = 1 << 26  # instancing lets a small file ask for any number; beyond this no machine we know would follow
+UV_OUTLIER = 1e6
+
+
+class Notes:
+    """What a reader has to tell, each once and in the order of finding: what will look different, as warnings (sentences) and
+    dropped (names), and remarks (sentences) on what changes no picture.
+
+    strict: whether faults are errors; image_pixels: most of one image, None without a limit."""
+
+    def __init__(self, strict: bool = False, image_pixels: int | None = Limits.image_pixels) -> None:
+        self.strict, self.image_pixels = strict, image_pixels
+        self._warnings: dict[str, None] = {}
+        self._dropped: dict[str, None] = {}
+        self._remarks: dict[str, None] = {}
+
+    def remark(self, sentence: str) -> None:
+        self._remarks[sentence] = None
+
+    def warn(self, sentence: str) -> None:
+        self._warnings[sentence] = None
+
+    def drop(self, name: str) -> None:
+        self._dropped[name] = None
+
+    def fault(self, code: str, message: str, **details: object) -> None:
+        """A fault the reader can repair: InputError when strict, else a warning."""
+        if self.strict:
+            raise InputError(code, message, **details)
+        self.warn(f"{message} ({code})")
+
+    @property
+    def warnings(self) -> list[str]:
+        return list(self._warnings)
+
+    @property
+    def dropped(self) -> list[str]:
+        return list(self._dropped)
+
+    @property
+    def remarks(self) -> list[str]:
+        return list(self._remarks)
+
+
+@dataclass
+class Part:
+    """Triangles of one vertex pool, in world space.
+
+    positions: float [V, 3]; faces: integer [F, 3]; material: index, or integer [F];
+    uv: float [V, 2] or [F, 3, 2] in glTF convention, or None; color: float32 linear RGBA [V, 4] or [F, 3, 4], or None;
+    label: how messages call it; map_uv: as uv, by channel name, for channels with other UVs; normal: float [V, 3] or [F, 3, 3] of
+    any length, or None; tangent: float [V, 4] or [F, 3, 4], or None; influences: (joints, weights), each [V, J], of a skin that
+    is not applied yet, or None.
+    """
+
+    positions: np.ndarray
+    faces: np.ndarray
+    material: object = 0
+    uv: np.ndarray | None = None
+    color: np.ndarray | None = None
+    label: str = "mesh"
+    map_uv: dict = field(default_factory=dict)
+    normal: np.ndarray | None = None
+    tangent: np.ndarray | None = None
+    influences: tuple[np.ndarray, np.ndarray] | None = None
+
+
+def drop_alpha(color: np.ndarray | None, notes: Notes) -> None:
+    """Names the alpha of colours of a format that has no alpha modes: nothing asks for it."""
+    if color is not None and (color[..., 3] < 1).any():
+        notes.drop("alpha of the colours (the format says nothing of transparency)")
+
+
+def linear_rgba(coded: np.ndarray) -> np.ndarray:
+    """[..., 1..4] sRGB-coded colour in [0, 1] (grey, grey + alpha, RGB, RGBA) -> float32 [..., 4] linear, alpha as it is."""
+    coded = np.asarray(coded)
+    out = np.ones(coded.shape[:-1] + (4,), np.float32)
+    channels = coded.shape[-1]
+    out[..., :3] = srgb_to_linear(coded[..., :3] if channels > 2 else coded[..., :1])
+    if channels in (2, 4):
+        out[..., 3] = np.clip(coded[..., -1], 0.0, 1.0)
+    return out
+
+
+def linearise_factors(factors: list[np.ndarray], exporter: str, where: str, notes: Notes) -> None:
+    """Makes base colours linear, in place, of a format that does not say how they are coded: viewers show them as sRGB-coded, and
+    that is what they are taken for, but Blender writes linear ones.
+
+    factors: float64 [4] each; exporter: text in which the file's exporter names itself; where: the file's kind, for the remark.
+    """
+    if "blender" in exporter.lower():
+        if any(((0 < factor[:3]) & (factor[:3] < 1)).any() for factor in factors):
+            notes.remark(f"colours of the {where} are linear, as Blender writes them; many viewers show them darker")
+        return
+    for factor in factors:
+        factor[:3] = srgb_to_linear(np.clip(factor[:3], 0.0, 1.0))
+
+
+def assemble(parts: list[Part], materials: list[Material], textures: list[Texture], notes: Notes,
+             metadata: dict | None = None) -> Scene:
+    """Join parts into one Scene: unreferenced vertices go, indices and numbers are checked.
+
+    parts: list of Part; notes: Notes, which also decides strictness.
+    Errors: TXF-I13 face index out of range, TXF-I14 NaN or infinite vertex in use, TXF-I15 no triangles,
+    TXF-I18 NaN or infinite UV (strict only), LimitError TXF-I41 too many faces.
+    """
+    parts = [part for part in parts if len(part.faces)]
+    count = sum(len(part.faces) for part in parts)
+    if not count:
+        raise InputError("TXF-I15", "the input has no triangles")
+    check_face_count(count)
+    scene = _empty_scene(count, parts, materials, textures, metadata)
+    points, row, base, unused, broken = [], 0, 0, 0, 0
+    for part in parts:
+        rows = slice(row, row + len(part.faces))
+        kept, faces, left_out, left_out_broken = _used_vertices(part)
+        np.add(faces, base, out=scene.faces[rows])
+        _fill_attributes(scene, part, rows)
+        points.append(kept)
+        row, base = rows.stop, base + len(kept)
+        unused, broken = unused + left_out, broken + left_out_broken
+    scene.positions = np.concatenate(points)
+    _fill_map_uv(scene, parts)
+    _repair_uv(scene, notes)
+    _repair_color(scene, notes)
+    fill_normals(scene, parts, notes)
+    _report_geometry(scene, unused, broken, notes)
+    name_invisible(scene, notes)
+    scene.warnings, scene.dropped, scene.remarks = notes.warnings, notes.dropped, notes.remarks
+    return scene
+
+
+def check_face_count(count: int) -> None:
+    """LimitError TXF-I41 beyond MAX_FACES."""
+    if count > MAX_FACES:
+        raise LimitError("TXF-I41", "the input has too many faces", value=int(count), allowed=MAX_FACES)
+
+
+def _empty_scene(count, parts, materials, textures, metadata):
+    colored = any(part.color is not None for part in parts)
+    return Scene(
+        positions=None,
+        faces=np.empty((count, 3), np.int64),
+        face_material=np.empty(count, np.int64),
+        corner_uv=np.zeros((count, 3, 2)),
+        corner_color=np.ones((count, 3, 4), np.float32) if colored else None,
+        materials=materials,
+        textures=textures,
+        metadata=metadata or {},
+    )
+
+
+def _used_vertices(part):
+    """(positions in use, faces into them, vertices left out, of these not finite)."""
+    points = np.asarray(part.positions, np.float64).reshape(-1, 3)
+    faces = np.asarray(part.faces).astype(np.int64, copy=False)
+    if faces.min() < 0 or faces.max() >= len(points):
+        row = int(np.argmax(((faces < 0) | (faces >= len(points))).any(axis=1)))
+        raise InputError("TXF-I13", f"a face of {part.label} names a vertex that does not exist",
+                         face=row, value=faces[row].tolist(), vertices=len(points))
+    used = np.zeros(len(points), bool)
+    used[faces] = True
+    broken = ~np.isfinite(points).all(axis=1)
+    if (broken & used).any():
+        raise InputError("TXF-I14", f"vertices of {part.label} in use are NaN or infinite",
+                         count=int((broken & used).sum()), first=int(np.argmax(broken & used)))
+    if used.all():
+        return points, faces, 0, 0
+    return points[used], (np.cumsum(used) - 1)[faces], int((~used).sum()), int(broken.sum())
+
+
+def _fill_attributes(scene, part, rows):
+    scene.face_material[rows] = part.material
+    if part.uv is not None:
+        scene.corner_uv[rows] = _at_corners(part.uv, part.faces)
+    if part.color is not None:
+        scene.corner_color[rows] = _at_corners(part.color, part.faces)
+
+
+def _fill_map_uv(scene, parts):
+    """UVs of channels whose maps have others than the material's own on some face; those of the other faces are as there."""
+    row = 0
+    for part in parts:
+        rows = slice(row, row + len(part.faces))
+        for name, uv in part.map_uv.items():
+            if name not in scene.map_uv:
+                scene.map_uv[name] = scene.corner_uv.copy()
+            scene.map_uv[name][rows] = 0 if uv is None else _at_corners(uv, part.faces)
+        row = rows.stop
+
+
+def _at_corners(values, faces):
+    return values[faces] if values.ndim == 2 else values
+
+
+def _repair_uv(scene, notes):
+    """UVs without a texture become zero, broken ones too (named), far ones stay (named)."""
+    textured = np.array([material.texture >= 0 or bool(material.maps) for material in scene.materials], bool)
+    for uv in (scene.corner_uv, *scene.map_uv.values()):
+        if not textured.all():
+            uv[~textured[scene.face_material]] = 0.0
+        _repair_one_uv(uv, notes)
+
+
+def _repair_one_uv(corner_uv, notes):
+    low, high = corner_uv.min(), corner_uv.max()
+    if not (np.isfinite(low) and np.isfinite(high)):
+        bad = ~np.isfinite(corner_uv).all(axis=2)
+        count = int(bad.sum())
+        notes.fault("TXF-I18", plural(count, "face corner has", "face corners have") + " NaN or infinite UVs; (0, 0) takes their "
+                    "place", count=count)
+        corner_uv[bad] = 0.0
+        low, high = corner_uv.min(), corner_uv.max()
+    if max(-low, high) > UV_OUTLIER:
+        far = int((np.abs(corner_uv) > UV_OUTLIER).any(axis=2).sum())
+        notes.warn(plural(far, "face corner has", "face corners have") + f" UVs beyond {UV_OUTLIER:.0e}; they are kept, but "
+                   "sampling there is imprecise")
+
+
+def _repair_color(scene, notes):
+    """glTF 3.7.2.1: colours are clamped to [0, 1]; NaN becomes 1 (no change), named."""
+    color = scene.corner_color
+    if color is None:
+        return
+    bad = np.isnan(color)
+    if bad.any():
+        count = int(bad.any(axis=2).sum())
+        notes.warn(plural(count, "face corner has", "face corners have") + " NaN vertex colours; 1 takes their place")
+        color[bad] = 1.0
+    np.clip(color, 0.0, 1.0, out=color)
+
+
+def _report_geometry(scene, unused, broken, notes):
+    if unused:
+        tail = f", {broken} of them NaN or infinite" if broken else ""
+        notes.remark(plural(unused, "vertex that no face uses is", "vertices that no face uses are") + f" left out{tail}")
+    a, b, c = scene.faces.T
+    degenerate = int(((a == b) | (b == c) | (c == a)).sum())
+    if degenerate:
+        notes.remark(plural(degenerate, "face names", "faces name") + " the same vertex twice (degenerate)")

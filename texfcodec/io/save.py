@@ -1,0 +1,398 @@
+"""Saving a decoded stream as GLB, glTF, OBJ, PLY or NPZ: everything under a temporary name first, then renamed.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
+
+import errno
+import io
+import os
+import secrets
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import Any, BinaryIO
+from urllib.parse import quote
+
+import numpy as np
+
+from ..core import cleanup
+from ..errors import InputError
+from .atlas.seams import measure_seams
+from .automatic_image import automatic_image
+from .gltf.packing import check_compression, packing_of
+from .image_writer import AUTO, FORMATS, check_image_format, encode_image, format_for
+from .looks import Looks, looks_of
+from .own_files import own_sides
+
+APPEARANCES = ("texture", "vertex", "voxels")
+SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".npz")
+
+
+_IN_OBJ = (AUTO, "png", "jpeg")  # what readers of MTL take
+
+
+@dataclass(kw_only=True)
+class SaveOptions:
+    """How a stream is written. appearance: "texture", "vertex" (colours at vertices), "voxels" (point cloud of voxel centres) or
+    None; texture_size: side of the atlas in texels or None; atlas: "auto", "quality" or "fast"; texture_format: "auto" for JPEG
+    where that costs hardly any quality and PNG elsewhere, "png", "jpeg", "webp", "avif" or "ktx2"; texture_quality: 1..100, or
+    None for the format's own; compress: "none", "draco" or "meshopt"."""
+
+    appearance: str | None = None
+    texture_size: int | None = None
+    atlas: str = "auto"
+    texture_format: str = AUTO
+    texture_quality: int | None = None
+    compress: str = "none"
+    settled: bool = field(default=False, init=False)  # whether colours have to be where appearance says
+
+
+@dataclass
+class _Told:
+    """What save() has to tell. remarks: what changes no picture; looks: of a surface that is written with images, known before
+    these are made."""
+
+    warnings: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+    seams: dict | None = None
+    looks: Looks | None = None
+
+
+def save(texf: Any, path: str | PathLike, appearance: str | None = None, texture_size: int | None = None, atlas: str = "auto",
+         overwrite: bool = False, inputs: Iterable[str | PathLike] = (), **options: Any) -> dict:
+    """Write a decoded stream; the suffix of path chooses the format.
+
+    texf: decoded stream (Texf). appearance: "texture", "vertex" (colours at vertices), "voxels" (point cloud of voxel centres);
+    None means texture, but vertex for PLY, which has no texture, and for materials of a GLB or glTF whose field is shown as well
+    by colours at vertices, see vertex_fit.py. With texture a field over texels keeps its image and its UVs,
+    and all fields over voxels are baked into one atlas; an NPZ holds every decoded array, see npz_write.arrays().
+    texture_size: side of the atlas in texels or None; atlas: "auto", "quality" or "fast"; fields over texels have no part in
+    them. options: the rest of SaveOptions; texture_format is for textures, other than PNG and JPEG for glTF, and compress for
+    glTF's meshes. Side files (.bin, .png, .mtl) take the name of path; several images are numbered from 0, the atlas first.
+    overwrite: whether side files may replace what is there; path itself always may. inputs: paths that nothing may replace.
+    Returns {"warnings": [one sentence each], "remarks": [the same, on what changes no picture], "files": [names written],
+    "seams": measure_seams() of the atlas or None}.
+    Raises InputError: TXF-O01 no such directory, TXF-O02 not writable, TXF-O03 disk full, TXF-O04 other operating system error,
+    TXF-O05 suffix, TXF-O06 appearance, TXF-O07 a file would replace an input, TXF-O08 a side file is there already, TXF-O10..O12
+    atlas, TXF-O13 no voxels, TXF-O14 texture format, quality or compression; SupportError TXF-O15 their package is missing.
+    After an error nothing half-written remains.
+    """
+    path = Path(path)
+    asked = SaveOptions(appearance=appearance, texture_size=texture_size, atlas=atlas, **options)
+    told = _Told()
+    suffix = _checked(texf, path, asked, told)
+    check_target(path, inputs)
+    told.looks = _looks(texf, suffix, asked, told.remarks)
+    check_sides(path.parent, _side_names(path, suffix, asked, told.looks), inputs, overwrite, own_sides(path))
+    files = _WRITERS[suffix](texf, path, asked, told)
+    write_all(path.parent, files, inputs, overwrite)
+    return {"warnings": told.warnings, "remarks": told.remarks, "files": [name for name, _ in files], "seams": told.seams}
+
+
+def as_glb(texf: Any, **options: Any) -> tuple[bytes, dict]:
+    """The bytes of the GLB that save() would write, and what it would return without files: (bytes, {"warnings", "remarks",
+    "seams"}). options: SaveOptions."""
+    return _in_one_piece(texf, ".glb", SaveOptions(**options))
+
+
+def save_into(texf: Any, file: BinaryIO, form: str | None = None, **options: Any) -> dict:
+    """Writes what save() would, into a file object open for writing bytes.
+
+    form: "glb", "ply", "npz" or "obj", or None for the suffix of the object's name. options: SaveOptions. Returns as save(),
+    "files" being empty. Raises InputError, SupportError as save(); TXF-O05 also where the format has several files, as glTF and
+    OBJ with textures do.
+    """
+    name = getattr(file, "name", None)
+    suffix = "." + form.lower().removeprefix(".") if form else Path(name).suffix.lower() if isinstance(name, str) else ""
+    if not suffix:
+        raise InputError("TXF-O05", "a file object without a name needs a format, such as format='glb'",
+                         allowed=" ".join(word[1:] for word in SUFFIXES))
+    data, told = _in_one_piece(texf, suffix, SaveOptions(**options))
+    try:
+        file.write(data)
+    except (OSError, ValueError, TypeError, AttributeError) as error:  # it is closed, or open for text or reading
+        raise InputError("TXF-O04", "the file object takes no bytes", reason=str(error)[:200]) from error
+    return {"files": []} | told
+
+
+def _in_one_piece(texf, suffix, asked):
+    """(bytes, {"warnings", "remarks", "seams"}) of a format that needs no file beside it. Raises InputError TXF-O05 for
+    others."""
+    path, told = Path("stream" + suffix), _Told()
+    suffix = _checked(texf, path, asked, told)
+    told.looks = _looks(texf, suffix, asked, told.remarks)
+    if _side_names(path, suffix, asked, told.looks):
+        raise InputError("TXF-O05", "this format has several files, which need a path", value=suffix, allowed=".glb .ply .npz")
+    ((_, pieces),) = _WRITERS[suffix](texf, path, asked, told)
+    if callable(pieces):
+        held = io.BytesIO()
+        pieces(held)
+        pieces = [held.getvalue()]
+    return b"".join(pieces), {"warnings": told.warnings, "remarks": told.remarks, "seams": told.seams}
+
+
+def _checked(texf, path, asked, told):
+    """The suffix that save() was asked for. Checks what was asked, and sets an appearance that was left open."""
+    suffix, appearance = path.suffix.lower(), asked.appearance
+    if suffix not in SUFFIXES:
+        raise InputError("TXF-O05", "the file name must end in a known suffix", value=path.suffix, allowed=" ".join(SUFFIXES))
+    if appearance not in (None, *APPEARANCES):
+        raise InputError("TXF-O06", "appearance not known", value=appearance, allowed=" ".join(APPEARANCES))
+    if suffix == ".ply" and appearance == "texture":
+        told.warnings.append("PLY has no texture here: vertex colours are written")
+    if appearance == "voxels" and texf is not None:
+        _name_what_has_no_voxels(texf, told.warnings)
+    asked.settled = appearance is not None or _settles_images(asked)
+    asked.appearance = ("vertex" if suffix == ".ply" else "texture") if appearance is None else appearance
+    _check_packing(suffix, asked)
+    return suffix
+
+
+def _looks(texf, suffix, asked, remarks):
+    """Looks of a surface that is written with images where it needs any; None for what is written without."""
+    if asked.appearance != "texture" or suffix not in (".glb", ".gltf", ".obj"):
+        return None
+    looks = looks_of(texf, suffix == ".obj", suffix != ".obj" and not asked.settled)
+    if looks.opaque and suffix != ".obj":
+        remarks.append(f"alpha is 1 everywhere on {', '.join(looks.opaque[:5])}{' and others' * (len(looks.opaque) > 5)}: "
+                       "written as opaque")
+    return looks
+
+
+def _settles_images(asked):
+    """Whether anything is said of images that only these can have."""
+    return asked.texture_size is not None or asked.atlas != "auto" or asked.texture_format != AUTO
+
+
+def check_choices(path: str | PathLike, **options: Any) -> None:
+    """What save() can refuse of its options (SaveOptions) before anything is decoded: InputError TXF-O05, TXF-O06 and TXF-O14,
+    SupportError TXF-O15."""
+    _checked(None, Path(path), SaveOptions(**options), _Told())
+
+
+def _check_packing(suffix, asked):
+    """InputError TXF-O14, or SupportError TXF-O15, where texture format and compression do not fit what is written."""
+    check_image_format(asked.texture_format, asked.texture_quality)
+    check_compression(asked.compress)
+    gltf, chosen = suffix in (".glb", ".gltf"), asked.texture_format not in (AUTO, "png")
+    if asked.compress != "none" and (not gltf or asked.appearance == "voxels"):
+        raise InputError("TXF-O14", "only meshes in GLB and glTF can be compressed", value=asked.compress, suffix=suffix,
+                         appearance=asked.appearance)
+    if chosen and (asked.appearance != "texture" or suffix in (".ply", ".npz")):
+        raise InputError("TXF-O14", "a texture format is asked for, and no texture is written", value=asked.texture_format,
+                         suffix=suffix, appearance=asked.appearance)
+    if suffix == ".obj" and asked.texture_format not in _IN_OBJ:
+        raise InputError("TXF-O14", "readers of OBJ do not take textures of this format", value=asked.texture_format,
+                         allowed=" ".join(_IN_OBJ))
+
+
+def _name_what_has_no_voxels(texf, warnings):
+    """What appearance "voxels" leaves out: a warning, or InputError TXF-O13 where nothing would be left."""
+    bare = [number for number, part in enumerate(texf.fields) if part.over_texels]
+    if bare and len(bare) == len(texf.fields):
+        raise InputError("TXF-O13", "every field of the stream is over texels: there are no voxels to write", value=len(bare))
+    if bare:
+        faces = int(np.isin(texf.face_field, bare).sum())
+        warnings.append(f"{faces} of {len(texf.faces)} faces have their colours in texels and no voxels: they are not written")
+
+
+def _side_names(path, suffix, asked, looks):
+    """Names of the files that the writers put beside path, known before the work, but for images that have to be PNG."""
+    stem = path.stem if suffix == ".gltf" else _without_blanks(path.stem)
+    count = looks.image_count if looks is not None and suffix != ".glb" else 0
+    images = _image_names(stem, [FORMATS["png" if asked.texture_format == AUTO else asked.texture_format]] * count)
+    if suffix == ".gltf":
+        return [*images, stem + ".bin"]
+    return [*images, stem + ".mtl"] if images else []
+
+
+def _image_names(stem, forms):
+    """Names of the images, of these formats, that go with a mesh file of that stem."""
+    return [stem + ("" if len(forms) == 1 else f"_{number}") + form.suffix for number, form in enumerate(forms)]
+
+
+def _without_blanks(stem):
+    """A name as readers of OBJ and MTL take it, which split names at blanks."""
+    return "_".join(stem.split())
+
+
+def _glb(texf, path, asked, told):
+    from texfcodec.io.gltf import writer
+
+    if asked.appearance == "texture":
+        look, images = _textured(texf, asked, told)
+        document = writer.textured(texf, look, images, packing_of(asked.compress))
+    else:
+        document = _without_texture(texf, asked)
+    told.warnings += document.warnings
+    return [(path.name, writer.glb(document))]
+
+
+def _without_texture(texf, asked):
+    from texfcodec.io.gltf import writer
+
+    return writer.coloured(texf, packing_of(asked.compress)) if asked.appearance == "vertex" else writer.points(texf)
+
+
+def _gltf(texf, path, asked, told):
+    from texfcodec.io.gltf import writer
+
+    files = []
+    if asked.appearance == "texture":
+        look, images = _textured(texf, asked, told)
+        files += _image_files(path.stem, images)
+        named = [(form, quote(name)) for (form, _), (name, _) in zip(images, files, strict=True)]
+        document = writer.textured(texf, look, named, packing_of(asked.compress))
+    else:
+        document = _without_texture(texf, asked)
+    told.warnings += document.warnings
+    main, buffer = writer.gltf(document, quote(path.stem + ".bin"))
+    if buffer:
+        files.append((path.stem + ".bin", buffer))
+    return [*files, (path.name, main)]
+
+
+def _obj(texf, path, asked, told):
+    from texfcodec.io import ply_writer
+
+    _name_losses(texf, told.warnings, "OBJ", asked.appearance)
+    if asked.appearance == "voxels":
+        return [(path.name, ply_writer.obj_points(texf))]
+    if asked.appearance == "vertex" or len(texf.faces) == 0:
+        return [(path.name, ply_writer.obj_coloured(texf))]
+    stem, (look, images) = _without_blanks(path.stem), _textured(texf, asked, told)
+    files = _image_files(stem, images)
+    return [
+        *files,
+        (stem + ".mtl", ply_writer.mtl(texf, look, [name for name, _ in files], told.warnings)),
+        (path.name, ply_writer.obj_textured(texf, look, stem + ".mtl")),
+    ]
+
+
+def _ply(texf, path, asked, told):
+    from texfcodec.io import ply_writer
+
+    _name_losses(texf, told.warnings, "PLY", asked.appearance)
+    return [(path.name, ply_writer.ply_points(texf) if asked.appearance == "voxels" else ply_writer.ply_surface(texf))]
+
+
+def _npz(texf, path, asked, told):
+    from .npz import arrays
+
+    held = arrays(texf, asked.appearance)
+    return [(path.name, lambda file: np.savez(file, **held))]
+
+
+_WRITERS = {".glb": _glb, ".gltf": _gltf, ".obj": _obj, ".ply": _ply, ".npz": _npz}
+
+
+def _name_losses(texf, warnings, form, appearance):
+    """Name what a format cannot hold and the stream has."""
+    if texf.metadata:
+        warnings.append(f"{form} cannot hold metadata: it is not written")
+    if appearance == "voxels":
+        return
+    if any(m.unlit or m.double_sided or m.alpha_mode for m in texf.materials):
+        warnings.append(f"{form} cannot hold alpha mode, double-sided and unlit flags: they are not written")
+    if form == "OBJ" and appearance == "vertex" and texf.has_alpha:
+        warnings.append("OBJ vertex colours have no alpha: it is not written")
+    if len(texf.materials) > 1 and (form == "PLY" or appearance == "vertex"):
+        warnings.append(f"{form} with vertex colours has no materials: the mesh becomes one surface")
+
+
+def _textured(texf, asked, told):
+    """(Textured, [(ImageFormat, bytes) of each of its textures]); tells of warnings and seams."""
+    from .output_textures import textured
+
+    look, images = textured(texf, told.looks, asked.texture_size, asked.atlas), []
+    told.warnings += look.warnings
+    ours = np.array([one.skin >= 0 and look.looks.skins[one.skin].field is None for one in look.looks.looks], bool)
+    shown = np.flatnonzero((look.face_image >= 0) & ours[look.looks.face_look])
+    if len(shown):
+        told.seams = measure_seams(texf.lattice_positions, texf.faces[shown], look.corner_uv[shown], look.textures,
+                                   look.face_image[shown])
+    for texture, step in zip(look.textures, look.steps, strict=True):
+        if asked.texture_format == AUTO:
+            images.append(automatic_image(texture.image, step, texture.srgb))
+            continue
+        form = format_for(texture.image, FORMATS[asked.texture_format], told.warnings)
+        quality = asked.texture_quality if form.quality is not None else None
+        images.append((form, encode_image(texture.image, form, quality, texture.srgb)))
+    return look, images
+
+
+def _image_files(stem, images):
+    """[(name, pieces)] of images (ImageFormat, bytes) beside a mesh file of that stem."""
+    names = _image_names(stem, [form for form, _ in images])
+    return [(name, [data]) for name, (_, data) in zip(names, images, strict=True)]
+
+
+def check_target(path: Path, inputs: Iterable[str | PathLike] = ()) -> None:
+    """Refuse hopeless paths before minutes of baking, and files that were read. inputs: paths."""
+    try:
+        if not path.parent.is_dir():
+            raise InputError("TXF-O01", "no such directory", path=str(path.parent))
+        if path.is_dir() or not os.access(path.parent, os.W_OK):
+            raise InputError("TXF-O02", "cannot write there", path=str(path))
+    except OSError as error:  # a folder on the way that nobody may look into, or a disk that does not answer
+        raise as_input_error(error, path) from error
+    check_no_input(path, inputs)
+
+
+def check_no_input(path: Path, inputs: Iterable[str | PathLike]) -> None:
+    """InputError TXF-O07 where path is, by whatever spelling or link, one of the files that were read."""
+    for read in inputs:
+        try:
+            same = os.path.samefile(path, read)
+        except (OSError, ValueError):  # one of them is not there, so they are not the same
+            same = False
+        if same:
+            raise InputError("TXF-O07", "the output would replace a file that was read", path=str(path), read=str(read))
+
+
+def check_sides(folder: Path, names: Iterable[str], inputs: Iterable[str | PathLike], overwrite: bool,
+                own: frozenset[str] = frozenset()) -> None:
+    """Files that the user did not name: InputError TXF-O07 for one that was read, TXF-O08 for one that is there already. own:
+    names of those that the output came with when it was written before, which may be replaced."""
+    for name in names:
+        check_no_input(folder / name, inputs)
+        if not overwrite and name not in own and os.path.lexists(folder / name):
+            raise InputError("TXF-O08", "a file beside the output is there already and was not named; --overwrite replaces it",
+                             path=str(folder / name))
+
+
+def write_all(folder: Path, files: list[tuple[str, Any]], inputs: Iterable[str | PathLike] = (), overwrite: bool = True) -> None:
+    """Write all files under temporary names, then rename them in order (main file last); remove the temporaries on failure.
+
+    files: [(name, pieces)], pieces being bytes-like items or a function of the open file. inputs: paths that no file may
+    replace; overwrite: whether all but the last may replace what is there.
+    """
+    token = secrets.token_hex(4)
+    names = [(folder / f".{name}.{token}.tmp", folder / name) for name, _ in files]
+    try:
+        for (temporary, _), (_, pieces) in zip(names, files, strict=True):
+            with cleanup.new_file(temporary) as file:
+                if callable(pieces):
+                    pieces(file)
+                else:
+                    file.writelines(pieces)
+        check_no_input(names[-1][1], inputs)
+        check_sides(folder, [name for name, _ in files[:-1]], inputs, overwrite, own_sides(names[-1][1]))
+        cleanup.rename_all(names)
+    except OSError as error:
+        raise as_input_error(error, names[-1][1]) from error
+    finally:
+        for temporary, _ in names:
+            cleanup.remove(temporary)
+
+
+def as_input_error(error: OSError, path: Path) -> InputError:
+    """The InputError (TXF-O01 to O04) that an OSError while writing path, a Path, stands for."""
+    if error.errno in (errno.ENOENT, errno.ENOTDIR):
+        return InputError("TXF-O01", "no such directory", path=str(path.parent))
+    if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.EISDIR):
+        return InputError("TXF-O02", "cannot write there", path=str(path))
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        return InputError("TXF-O03", "no room left on the disk", path=str(path))
+    return InputError("TXF-O04", error.strerror or "the operating system refused the file", path=str(path), errno=error.errno)

@@ -1,0 +1,206 @@
+"""3MF -> Scene: objects placed by the build, textures, colour groups and base materials of the materials extension.
+
+Own code rather than trimesh, which reads the geometry alone and wants lxml and networkx for it.
+"""
+
+import io
+import posixpath
+import zipfile
+import zlib
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ..errors import InputError, LimitError
+from ..scene.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene
+from .images import TextureShelf, missing_image
+from .parts import Notes, Part, assemble, check_face_count, drop_alpha, linear_rgba
+from .threemf_model import malformed, read_model
+from .visibility import turn_where_all_vanish
+
+MAX_PART = 1 << 29  # bytes of one unpacked part of the archive
+MAX_INSTANCES = 1 << 16  # objects and components placed; nesting lets a small file ask for any number
+_WRAPS = {"wrap": WRAP_REPEAT, "mirror": WRAP_MIRROR, "clamp": WRAP_CLAMP, "none": WRAP_CLAMP}
+_RELATIONS, _ROOT = "_rels/.rels", "3D/3dmodel.model"
+
+
+class _Archive:
+    """The ZIP file, its model parts parsed once each; names are compared without case and leading slash."""
+
+    def __init__(self, data, notes):
+        self.notes, self.used, self._models = notes, set(), {}
+        try:
+            self.zip = zipfile.ZipFile(io.BytesIO(data))
+        except (zipfile.BadZipFile, NotImplementedError, UnicodeError, OSError) as error:
+            raise malformed("it is no readable ZIP archive", reason=str(error)[:100]) from error
+        self.entries = {_key(entry.filename): entry for entry in self.zip.infolist() if not entry.is_dir()}
+
+    def read(self, name):
+        """bytes of a part, or None where there is none; LimitError TXF-I41 beyond MAX_PART."""
+        entry = self.entries.get(_key(name))
+        if entry is None:
+            return None
+        if entry.file_size > MAX_PART:
+            raise LimitError("TXF-I41", "a part of the 3MF file unpacks to too many bytes", value=entry.file_size,
+                             allowed=MAX_PART)
+        self.used.add(_key(name))
+        try:
+            return self.zip.read(entry)
+        except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as error:
+            raise malformed(f"its part '{name[:80]}' cannot be unpacked", reason=str(error)[:100]) from error
+
+    def model(self, name):
+        """Model of a part; its key names it in `bodies` that stand in several parts."""
+        if _key(name) not in self._models:
+            data = self.read(name)
+            if data is None:
+                raise malformed(f"its part '{name[:80]}' is missing")
+            self._models[_key(name)] = read_model(io.BytesIO(data), self.notes)
+        return self._models[_key(name)]
+
+    def root(self):
+        """Name of the model part that the package's relationships name as its start."""
+        data = self.read(_RELATIONS)
+        try:
+            for element in ElementTree.fromstring(data or b"<none/>"):
+                if element.get("Type", "").endswith("/3dmodel") and element.get("Target"):
+                    return element.get("Target")
+        except (ElementTree.ParseError, LookupError, ValueError) as error:  # the last two: encodings that are none, or not read
+            raise malformed("its relationships are not XML", reason=str(error)[:100]) from error
+        return _ROOT
+
+    def drop_unused(self):
+        """Name the parts that nothing asked for: print settings, thumbnails, slices."""
+        for key in self.entries.keys() - self.used:
+            if not key.endswith(".rels") and key != "[content_types].xml":
+                self.notes.remark(f"3MF part '{self.entries[key].filename[:100]}' is left out")
+
+
+def _key(name):
+    return posixpath.normpath(name.replace("\\", "/").lstrip("/")).lower()
+
+
+def read_3mf(data: bytes, folder: Path, notes: Notes) -> Scene:
+    """bytes of a .3mf file -> Scene. folder: not needed, all is in the archive. Errors: TXF-I24, TXF-I19, TXF-I41."""
+    archive = _Archive(data, notes)
+    start = archive.root()
+    model = archive.model(start)
+    shelf, look = TextureShelf(notes), _Look()
+    parts, faces = [], 0
+    for name, body, matrix in _placed(archive, start, model):
+        parts.append(_part(archive, name, body, matrix, look, shelf))
+        faces += len(body.triangles)
+        check_face_count(faces)
+    archive.drop_unused()
+    turn_where_all_vanish(look.plain, "the 3MF file", notes)
+    metadata = {"unit": model.unit, **({"3mf": model.metadata} if model.metadata else {})}
+    return assemble(parts, look.materials or [Material("default")], shelf.textures, notes, metadata)
+
+
+def _placed(archive, start, model):
+    """(name of the part, Body, world matrix) of everything with triangles, in the order of the build."""
+    stack = [(path or start, key, matrix, ()) for path, key, matrix in reversed(model.items)]
+    count = 0
+    while stack:
+        name, key, matrix, above = stack.pop()
+        count += 1
+        if count > MAX_INSTANCES:
+            raise LimitError("TXF-I41", "the 3MF file places too many objects", value=count, allowed=MAX_INSTANCES)
+        body = archive.model(name).bodies.get(key)
+        if body is None:
+            raise malformed("an object that is placed does not exist", value=str(key)[:40])
+        if (name, key) in above:
+            raise InputError("TXF-I19", "the node graph is not a tree: an object holds itself", value=str(key)[:40])
+        if body.kind not in ("model", "surface"):
+            archive.notes.drop(f"object '{body.name or key}' of the type {body.kind[:40]}")
+        elif len(body.triangles):
+            yield name, body, matrix
+        for path, child, inner in reversed(body.components):
+            stack.append((path or name, child, matrix @ inner, (*above, (name, key))))
+
+
+class _Look:
+    """Scene materials under construction, one for each property that shows in another way."""
+
+    def __init__(self):
+        self.materials, self._rows = [], {}
+
+    @property
+    def plain(self):
+        """Materials of base materials, whose alpha comes from a displaycolor."""
+        return [self.materials[row] for key, row in self._rows.items() if len(key) == 3]
+
+    def row(self, key, make):
+        """Index of the material of this key."""
+        if key not in self._rows:
+            self._rows[key] = len(self.materials)
+            self.materials.append(make())
+        return self._rows[key]
+
+
+def _part(archive, name, body, matrix, look, shelf):
+    """Body in world space; every triangle takes its look from the property group that it names."""
+    count, groups = len(body.triangles), archive.model(name).groups
+    material, uv, color = np.zeros(count, np.int64), np.zeros((count, 3, 2)), np.ones((count, 3, 4), np.float32)
+    rows_of, corners = {}, np.array([indices for _, indices in body.properties], np.int64).reshape(-1, 3)
+    for row, (pid, indices) in enumerate(body.properties):
+        group = groups.get(pid)
+        first = indices[0] if group is not None and group.kind == "basematerials" else None
+        rows_of.setdefault((pid, first), []).append(row)
+    colored = False
+    for (pid, first), rows in rows_of.items():
+        group = groups.get(pid)
+        if group is None:
+            if pid is not None:
+                archive.notes.warn(f"property group '{pid[:40]}' is of a kind that is not read, or missing; its faces are white")
+            material[rows] = look.row((), lambda: Material("default"))
+            continue
+        table = _table(group, corners[rows])
+        if group.kind == "texture2dgroup":
+            material[rows] = look.row((name, pid), lambda g=group: _textured(archive, name, g, shelf))
+            uv[rows] = table
+        elif group.kind == "colorgroup":
+            material[rows] = look.row((), lambda: Material("default"))
+            color[rows], colored = linear_rgba(table), True
+            drop_alpha(color[rows] if table[..., 3].any() else None, archive.notes)
+        else:
+            material[rows] = look.row((name, pid, first), lambda g=group, k=first: _plain(*g.rows[k]))
+    points = body.vertices @ matrix[:3, :3].T + matrix[:3, 3]
+    triangles = body.triangles if np.linalg.det(matrix[:3, :3]) >= 0 else body.triangles[:, [0, 2, 1]]
+    if triangles is not body.triangles:
+        uv, color = uv[:, [0, 2, 1]], color[:, [0, 2, 1]]
+    label = f"object '{body.name}'" if body.name else "the 3MF file"
+    return Part(points, triangles, material, uv, color if colored else None, label)
+
+
+def _table(group, indices):
+    """Rows of the group at each corner [n, 3]: UVs with v downwards, or RGBA."""
+    if indices.min() < 0 or indices.max() >= len(group.rows):
+        raise malformed("a triangle names a property that does not exist", value=int(indices.max()), allowed=len(group.rows) - 1)
+    if group.kind == "texture2dgroup":
+        return (np.array(group.rows) * [1, -1] + [0, 1])[indices]
+    return np.array([rgba for _, rgba in group.rows])[indices]
+
+
+def _textured(archive, name, group, shelf):
+    model = archive.model(name)
+    entry = model.textures.get(group.texture)
+    if entry is None:
+        raise malformed("a texture group names a texture that does not exist", value=str(group.texture)[:40])
+    path, *styles = entry
+
+    def fetch():
+        data = archive.read(path)
+        if data is None:
+            raise missing_image(path)
+        return data
+
+    label = posixpath.basename(path)
+    wrap = tuple(_WRAPS[style] for style in styles)
+    return Material(label, texture=shelf.put(_key(path), fetch, label, wrap, nearest=path in model.nearest))
+
+
+def _plain(name, rgba):
+    factor = linear_rgba(np.array(rgba)).astype(np.float64)
+    return Material(name, factor, **({"alpha_mode": ALPHA_BLEND} if factor[3] < 1.0 else {}))

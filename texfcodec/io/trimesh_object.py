@@ -1,0 +1,179 @@
+"""Mesh objects already in memory: trimesh meshes and scenes -> Scene, and the check of a Scene made by a caller.
+
+Works on attributes only, so that trimesh need not be imported here.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..scene.channels import MAP_NAMES, PARAMETER_BY_NAME
+from ..scene.scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, WRAP_REPEAT, Material, Scene
+from .images import TextureShelf
+from .parts import Notes, Part, assemble, linear_rgba
+
+_ALPHA = {"OPAQUE": ALPHA_OPAQUE, "MASK": ALPHA_MASK, "BLEND": ALPHA_BLEND}
+_PBR_DROPPED = ("metallicRoughnessTexture", "normalTexture", "occlusionTexture", "emissiveTexture")
+
+
+def is_trimesh(thing: object) -> bool:
+    """True for trimesh.Trimesh and trimesh.Scene, without importing trimesh."""
+    return any(base.__module__.split(".")[0] == "trimesh" and base.__name__ in ("Trimesh", "Scene")
+               for base in type(thing).__mro__)
+
+
+def read_trimesh(thing: Any, notes: Notes) -> Scene:
+    """trimesh.Trimesh or trimesh.Scene -> Scene. trimesh keeps v upwards and colours sRGB-coded in 8 bits."""
+    shelf, materials, parts = TextureShelf(notes), [], []
+    for label, mesh, matrix in _placed(thing, notes):
+        materials.append(_material(mesh, shelf, notes, label))
+        parts.append(_part(mesh, matrix, len(materials) - 1, label))
+        for name in (*mesh.vertex_attributes, *mesh.face_attributes):
+            notes.remark(f"attribute '{name}' of {label} is left out")
+    names = [name for name in getattr(thing, "geometry", {})]
+    return assemble(parts, materials, shelf.textures, notes, {"meshes": names} if names else {})
+
+
+def _placed(thing, notes):
+    """(label, mesh, world matrix) of everything with faces."""
+    if not hasattr(thing, "geometry"):
+        return [("the mesh", thing, np.eye(4))]
+    found = []
+    for node in thing.graph.nodes_geometry:
+        matrix, name = thing.graph[node]
+        mesh = thing.geometry[name]
+        if hasattr(mesh, "faces"):
+            found.append((f"mesh '{name}'", mesh, np.asarray(matrix, np.float64)))
+        else:
+            notes.warn(f"geometry '{name}' is not made of triangles; it is left out")
+    return found
+
+
+def _part(mesh, matrix, material, label):
+    faces = np.asarray(mesh.faces)
+    points = np.asarray(mesh.vertices, np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    uv, color = _uv(mesh), _color(mesh)
+    if np.linalg.det(matrix[:3, :3]) < 0:
+        faces = faces[:, [0, 2, 1]]
+    for values, count in ((uv, len(points)), (color, len(faces) if color is not None and color.ndim == 3 else len(points))):
+        if values is not None and len(values) != count:
+            raise InputError("TXF-I22", f"{label} has attributes of different counts", value=len(values), allowed=count)
+    return Part(points, faces, material, uv, color, label)
+
+
+def _uv(mesh):
+    uv = getattr(mesh.visual, "uv", None)
+    if uv is None or not len(uv):
+        return None
+    uv = np.array(uv, np.float64)[:, :2]
+    uv[:, 1] = 1.0 - uv[:, 1]
+    return uv
+
+
+def _color(mesh):
+    """float32 linear RGBA [V, 4] or [F, 3, 4]; None when the mesh has only a material or trimesh's default grey."""
+    kind = getattr(mesh.visual, "kind", None)
+    if kind == "vertex":
+        return linear_rgba(np.asarray(mesh.visual.vertex_colors) / 255.0)
+    if kind == "face":
+        return np.repeat(linear_rgba(np.asarray(mesh.visual.face_colors) / 255.0)[:, None], 3, axis=1)
+    return None
+
+
+def _material(mesh, shelf, notes, label):
+    """PBRMaterial or SimpleMaterial -> Material; trimesh stores factors as 8 bits, the second's are sRGB-coded."""
+    source = getattr(mesh.visual, "material", None)
+    if source is None:
+        return Material("default")
+    name = str(getattr(source, "name", None) or "")
+    image = getattr(source, "baseColorTexture", None) or getattr(source, "image", None)
+    factor = getattr(source, "baseColorFactor", None) if hasattr(source, "baseColorTexture") else source.diffuse
+    for key in _PBR_DROPPED:
+        if getattr(source, key, None) is not None:
+            notes.drop(f"{key} of material '{name}'")
+    texture = -1
+    if image is not None:
+        texture = shelf.put(id(image), lambda: image, name or f"texture of {label}", (WRAP_REPEAT, WRAP_REPEAT))
+    mode = getattr(source, "alphaMode", None) or "OPAQUE"
+    cutoff = getattr(source, "alphaCutoff", None)
+    factor = _factor(factor)
+    if not hasattr(source, "baseColorTexture"):
+        factor = linear_rgba(factor).astype(np.float64)
+    return Material(name, factor, texture, _ALPHA.get(mode, ALPHA_OPAQUE), 0.5 if cutoff is None else float(cutoff),
+                    bool(getattr(source, "doubleSided", False)))
+
+
+def _factor(factor):
+    if factor is None:
+        return np.ones(4)
+    values = np.asarray(factor)
+    values = values / 255.0 if values.dtype.kind in "ui" else values.astype(np.float64)
+    return np.clip(np.append(values, 1.0)[:4], 0.0, 1.0)
+
+
+def _check_maps(material, textures):
+    for name, index in material.maps.items():
+        if name not in MAP_NAMES or not isinstance(index, int | np.integer) or not 0 <= index < textures:
+            raise InputError("TXF-I22", "a map of a material of the Scene is of no channel or names no texture",
+                             value=f"{name!s:.40}: {index!s:.40}", material=material.name)
+
+
+def _check_parameters(material):
+    """Numbers, as many as each parameter has; only what is infinite by default may be."""
+    for name, value in material.parameters.items():
+        default = PARAMETER_BY_NAME[name].default if name in PARAMETER_BY_NAME else ()
+        whole = isinstance(value, tuple | list) and len(value) == len(default) > 0
+        if not whole or not all(isinstance(v, int | float | np.number) for v in value):
+            raise InputError("TXF-I22", "a parameter of a material of the Scene is unknown, or not as many numbers as it has",
+                             value=f"{name!s:.40}: {value!s:.80}", material=material.name)
+        if not np.isfinite(value).all() and tuple(value) != default:
+            raise InputError("TXF-I14", "a parameter of a material of the Scene is NaN or infinite", value=name,
+                             material=material.name)
+
+
+def _check_arrays(scene):
+    """Arrays of the kinds of numbers that Scene names; those that it may go without may be None."""
+    optional = ("corner_color", "corner_normal", "corner_tangent")
+    named = {name: getattr(scene, name) for name in ("positions", "faces", "face_material", "corner_uv", *optional)}
+    for name, values in (*named.items(), *((f"map_uv[{name!s:.40}]", uv) for name, uv in scene.map_uv.items())):
+        kinds = "iu" if name in ("faces", "face_material") else "fiu"
+        if values is None and name in optional:
+            continue
+        if not isinstance(values, np.ndarray) or values.dtype.kind not in kinds or not values.ndim:
+            raise InputError("TXF-I22", f"Scene.{name} is no array of {'whole ' if kinds == 'iu' else ''}numbers",
+                             value=str(getattr(values, "dtype", type(values).__name__)))
+
+
+def check_scene(scene: Scene) -> Scene:
+    """The same Scene, when its arrays and materials fit together. Errors: TXF-I13, TXF-I14, TXF-I15, TXF-I22."""
+    _check_arrays(scene)
+    count, points = len(scene.faces), len(scene.positions)
+    shapes = {"positions": (points, 3), "faces": (count, 3), "face_material": (count,), "corner_uv": (count, 3, 2),
+              "corner_color": (count, 3, 4), "corner_normal": (count, 3, 3), "corner_tangent": (count, 3, 4)}
+    for name, shape in shapes.items():
+        values = getattr(scene, name)
+        if (values is not None or name not in ("corner_color", "corner_normal", "corner_tangent")) and np.shape(values) != shape:
+            raise InputError("TXF-I22", f"Scene.{name} has the wrong shape", value=str(np.shape(values)), allowed=str(shape))
+    if not count:
+        raise InputError("TXF-I15", "the input has no triangles")
+    if scene.faces.min() < 0 or scene.faces.max() >= points:
+        raise InputError("TXF-I13", "a face of the Scene names a vertex that does not exist", vertices=points)
+    if scene.face_material.min() < 0 or scene.face_material.max() >= len(scene.materials):
+        raise InputError("TXF-I22", "a face of the Scene names a material that does not exist")
+    if any(not -1 <= material.texture < len(scene.textures) for material in scene.materials):
+        raise InputError("TXF-I22", "a material of the Scene names a texture that does not exist")
+    for material in scene.materials:
+        _check_maps(material, len(scene.textures))
+        _check_parameters(material)
+    for name, uv in scene.map_uv.items():
+        if name not in MAP_NAMES or np.shape(uv) != (count, 3, 2):
+            raise InputError("TXF-I22", "Scene.map_uv is of no channel or has the wrong shape", value=str(name)[:40])
+    if not all(np.isfinite(values).all() for values in (scene.positions, scene.corner_uv, *scene.map_uv.values())):
+        raise InputError("TXF-I14", "positions or UVs of the Scene are NaN or infinite")
+    factors = [material.factor for material in scene.materials]
+    if not np.isfinite(factors).all() or not (scene.corner_color is None or np.isfinite(scene.corner_color).all()):
+        raise InputError("TXF-I14", "colours or factors of the Scene are NaN or infinite")
+    if not all(values is None or np.isfinite(values).all() for values in (scene.corner_normal, scene.corner_tangent)):
+        raise InputError("TXF-I14", "normals or tangents of the Scene are NaN or infinite")
+    return scene

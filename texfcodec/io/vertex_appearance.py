@@ -1,0 +1,55 @@
+"""What a decoded mesh looks like without an image: its colours at vertices or voxels, and the splitting of shared vertices.
+
+A Texf stands in a later room, so that signatures here say Any.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from ..scene.srgb import srgb_to_linear
+
+
+def unique_corners(*keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Merge corners that agree in every key; the first key is the outermost order of the result.
+
+    keys: integer [N] each. Returns (first int64 [U]: a corner standing for each merged vertex; index int64 [N]: its number).
+    """
+    order = np.lexsort(keys[::-1])
+    new = np.zeros(len(order), bool)
+    new[:1] = True
+    for key in keys:
+        ranked = key[order]
+        new[1:] |= ranked[1:] != ranked[:-1]
+    index = np.empty(len(order), np.int64)
+    index[order] = np.cumsum(new) - 1
+    return order[new], index
+
+
+def vertex_colours(texf: Any, with_material: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Colours at mesh vertices; a vertex is split where fields (and, if asked, materials) meet, as their colours may differ.
+
+    Returns (vertex int64 [U] into texf.positions, index int64 [F, 3] into it, material int64 [U], rgba float32 [U, 4] 0..255
+    sRGB-coded, straight alpha).
+    """
+    corner = texf.faces.ravel()
+    fields, materials = np.repeat(texf.face_field, 3), np.repeat(texf.face_material, 3)
+    outer = materials if with_material else np.zeros_like(materials)
+    first, index = unique_corners(outer, corner, fields)
+    vertex = corner[first]
+    rgba = np.zeros((0, 4), np.float32)
+    if len(first):
+        rgba = np.asarray(texf.query(np.ascontiguousarray(texf.positions[vertex]), first // 3), np.float32)
+    return vertex, index.reshape(-1, 3), materials[first], rgba
+
+
+def linear_u16(rgba: np.ndarray) -> np.ndarray:
+    """glTF COLOR_0: sRGB-coded 0..255 (float or uint8 [N, 4]) to linear normalised uint16 [N, 4]; alpha is only rescaled."""
+    if rgba.dtype == np.uint8:
+        table = linear_u16(np.repeat(np.arange(256, dtype=np.float64)[:, None], 4, 1))
+        out = table[:, 0][rgba]
+        out[:, 3] = rgba[:, 3].astype(np.uint16) * 257
+        return out
+    unit = np.clip(np.nan_to_num(rgba.astype(np.float64)), 0.0, 255.0) / 255.0
+    unit[:, :3] = srgb_to_linear(unit[:, :3])
+    return np.rint(unit * 65535.0).astype(np.uint16)

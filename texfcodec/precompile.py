@@ -1,0 +1,74 @@
+"""Compiling the kernels ahead of use, and telling without numba whether that has been done."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .codecs import codec_of
+from .core.kernel import PACKAGE, cache_folder
+from .options import DEFAULT_CODEC
+
+if TYPE_CHECKING:
+    from .scene.scene import Scene
+
+ENTRIES = ("field/voxelise.py", *codec_of(DEFAULT_CODEC).kernels)  # every usual encode and decode enters kernels of these
+
+# Seconds, roughly: with an empty cache the first run took 45 s of processor time more than the second in texf-enc, and 22 in
+# texf-dec (demo asset at r03, --threads 2, a busy machine); texf-enc --warmup compiles what both need, and more.
+ENCODING, DECODING, ALL = 40, 20, 60
+_FIRST_RUN = "first run: compiling the kernels, once: about {} s"
+
+
+def first_run(seconds: int) -> str | None:
+    """The line that says what a first run does, None where the kernels are compiled. seconds: ENCODING, DECODING or ALL."""
+    return None if kernels_compiled() else _FIRST_RUN.format(seconds)
+
+
+def kernels_compiled() -> bool:
+    """Whether the cache holds kernels of every file of ENTRIES as it stands, for this interpreter."""
+    tag = f"py{sys.version_info.major}{sys.version_info.minor}"
+    try:
+        return all(any(cache_folder(PACKAGE / entry).glob(f"*/{Path(entry).stem}.*.{tag}*.nbi")) for entry in ENTRIES)
+    except OSError:  # a cache that cannot be listed has nothing to give
+        return False
+
+
+def warm_up() -> None:
+    """Encodes, measures, decodes, renders, bakes and saves a small mesh, so that every kernel is compiled and cached."""
+    from .api import decode, encode_loaded, measure
+    from .codecs import our_codecs
+    from .io.save import as_glb
+    from .metrics.views import compare_views
+    from .options import EncodeOptions
+    from .report import Report
+
+    scene, made_of = small_scene(), {}
+    for codec in our_codecs():
+        for settings in codec.small:
+            made = encode_loaded(scene, EncodeOptions(codec=codec.name, **settings), Report())
+            measure(scene, made)
+            texf = decode(made.data)
+            compare_views(scene, texf, views=1, size=64, ssim=True)
+            made_of[texf.fields[0].over_texels] = texf
+    for atlas in ("fast", "quality"):
+        as_glb(made_of[False], texture_size=64, atlas=atlas)
+    as_glb(made_of[True])
+
+
+def small_scene() -> Scene:
+    """Two crossing sheets, one of them see-through, so that fields split and both channel groups are coded."""
+    import numpy as np
+
+    from .scene.scene import ALPHA_BLEND, Material, Scene, Texture
+
+    side = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float64)
+    flat, upright = np.insert(side, 2, 0.5, axis=1), np.insert(side, 0, 0.5, axis=1)
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    image = np.random.default_rng(0).integers(0, 256, (16, 16, 4), np.uint8)
+    return Scene(
+        positions=np.concatenate([flat, upright]), faces=np.concatenate([faces, faces + 4]),
+        face_material=np.array([0, 0, 1, 1]), corner_uv=np.concatenate([side[faces], side[faces]]), corner_color=None,
+        materials=[Material(texture=0), Material(texture=0, alpha_mode=ALPHA_BLEND)], textures=[Texture(image)],
+    )

@@ -1,0 +1,131 @@
+"""Work in a child process with capped memory and time, for files from strangers.
+
+The parent starts a module of the package with run_child(), which does its work in within_cap() and leaves its answer in a folder.
+"""
+
+import errno
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core import cleanup
+from ..core.integer import _isqrt
+from ..errors import LimitError, StreamError, TexfError
+from ..limits import Limits
+
+FACTS = "facts.json"
+FACTS_BYTES = 64 << 20  # the JSON half of an answer is never larger
+NO_CAP = "this system cannot cap the memory of a process: only the time was capped"
+STACK_BYTES = 16 << 20
+LEAST_BYTES = 16 << 20  # one voxel takes 4 MB; under 2, LLVM and numpy were seen to crash where an allocation is refused
+_SQUARE = np.ones((256, 256))
+_NO_MEMORY = ("bad_alloc", "allocat", "failed to map", "out of memory", "memoryerror", "can't start new thread")
+
+
+@contextmanager
+def child_folder() -> Iterator[Path]:
+    """A temporary folder for what a child answers. Raises LimitError TXF-L15 where the system has none, or starts no child."""
+    try:
+        with cleanup.Folder("texf-") as folder:
+            yield Path(folder)
+    except OSError as error:
+        raise LimitError("TXF-L15", "no child process can be started", reason=error.strerror) from error
+
+
+def run_child(module: str, data: bytes, request: dict, limits: Limits, folder: Path) -> subprocess.CompletedProcess:
+    """Runs a module of the package in a process that gets data on stdin, a folder for its answer and a JSON-ready request as
+    arguments, and waits for its end. Raises LimitError where that takes too long."""
+    package = str(Path(__file__).parent.parent)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))}
+    environment |= {"MALLOC_ARENA_MAX": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each takes address space
+    command = [sys.executable, "-P", "-m", module, str(folder), json.dumps(request)]  # -P: nothing from the working folder
+    try:
+        return cleanup.run_child(command, data, limits.isolate_seconds, environment)
+    except subprocess.TimeoutExpired:
+        raise LimitError("TXF-L08", "decoding took longer than the limit allows", allowed=limits.isolate_seconds) from None
+
+
+def read_facts(folder: Path) -> dict:
+    """The JSON half of a child's answer. Raises OSError, ValueError."""
+    if (folder / FACTS).stat().st_size > FACTS_BYTES:
+        raise ValueError("too long")
+    return json.loads((folder / FACTS).read_bytes())
+
+
+def crash_of(child: subprocess.CompletedProcess, limits: Limits) -> TexfError:
+    """What became of a child that left no answer."""
+    said = child.stderr.decode("utf-8", "replace")[-2000:].lower()
+    if any(word in said for word in _NO_MEMORY) or child.returncode == -9:  # SIGKILL: the system ran short
+        return memory_error(limits)
+    return StreamError("TXF-S40", "the decoder crashed on this stream", status=child.returncode)
+
+
+def memory_error(limits: Limits) -> LimitError:
+    """The child may not have as much memory as it needs."""
+    return LimitError("TXF-L07", "decoding needs more memory than the limit allows", allowed=limits.isolate_bytes)
+
+
+def within_cap(limits: Limits, work: Callable[[], Any]) -> tuple[Any, bool]:
+    """What work() gives, done with this process's memory capped by limits.isolate_bytes, and whether it could be capped.
+
+    Native code without memory may crash instead of saying so. So what is not the work's own is there before the cap: a stack that
+    need not grow, Draco, the buffers of matrix products, what numba loads at its first call; the caller imports its modules.
+    Raises what work() raises; LimitError TXF-L07 where memory is behind it.
+    """
+    if limits.isolate_bytes is not None and limits.isolate_bytes < LEAST_BYTES:
+        raise memory_error(limits)
+    usual = threading.stack_size(STACK_BYTES)
+    try:
+        with ThreadPoolExecutor(1) as pool:
+            return pool.submit(_capped, limits, work).result()
+    except Exception as error:
+        unread = isinstance(error, ImportError | SyntaxError)  # a module of an installation that worked before
+        if is_memory(error) or (unread and limits.isolate_bytes is not None):
+            raise memory_error(limits) from error
+        raise
+    finally:
+        threading.stack_size(usual)
+
+
+def _capped(limits, work):
+    import DracoPy  # noqa: F401
+
+    np.dot(_SQUARE, _SQUARE)
+    _isqrt(np.int64(2))
+    capped = cap_memory(limits.isolate_bytes)
+    return work(), capped
+
+
+def cap_memory(size: int | None) -> bool:
+    """Caps this process's address space at what it has now plus size bytes; False where the system cannot."""
+    try:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        if size is not None:
+            with open("/proc/self/statm") as file:
+                present = int(file.read().split()[0]) * resource.getpagesize()
+            resource.setrlimit(resource.RLIMIT_AS, (present + size, present + size))
+    except (ImportError, OSError, ValueError):
+        return size is None
+    return True
+
+
+def is_memory(error: BaseException | None) -> bool:
+    """Whether running out of memory is behind an error, which libraries wrap in their own."""
+    while error is not None:
+        if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
+            return True
+        if any(word in str(error).lower() for word in _NO_MEMORY):
+            return True
+        error = error.__cause__ or error.__context__
+    return False

@@ -1,0 +1,137 @@
+"""What a renderer has to evaluate: one table of effects (spec clause 5.3.2), read by syntax, analysis, renderer and reports."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from .channels import PARAMETER_BY_NAME
+
+ALPHA_MASK, ALPHA_BLEND = 1, 2
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What a material, scene.scene.Material, has to be: as text for the specification, and as code."""
+
+    text: str
+    holds: Callable[[Any], bool]
+
+    def __call__(self, material: Any) -> bool:
+        """Whether it holds."""
+        return self.holds(material)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effect:
+    """One bit of the stream's effects. used: whether a material, scene.scene.Material, needs it; channels: those whose maps it
+    reads; parameters: what else it reads."""
+
+    name: str
+    bit: int
+    used: Condition
+    channels: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
+
+    @property
+    def mask(self) -> int:
+        """The bit as a number."""
+        return 1 << self.bit
+
+
+def parameter(material: Any, name: str) -> tuple[float, ...]:
+    """A material's parameter, or its default."""
+    return material.parameters.get(name, PARAMETER_BY_NAME[name].default)
+
+
+_LIT = Condition("not unlit", lambda m: not m.unlit)
+
+
+def _above_zero(name):
+    several = "a value of " if PARAMETER_BY_NAME[name].count > 1 else ""
+    return Condition(f"{several}{name} > 0", lambda m: max(parameter(m, name)) > 0)
+
+
+def _mapped(name, scale):
+    return Condition(f"{name} is named, {scale} is not 0", lambda m: name in m.maps and parameter(m, scale) != (0.0,))
+
+
+def _given(*names, maps=()):
+    there = lambda m: any(name in m.parameters for name in names) or any(name in m.maps for name in maps)
+    named = "" if not maps else f", or {' or '.join(maps)} is named"
+    return Condition(f"{' or '.join(names)} is there{named}", there)
+
+
+def _all(*conditions):
+    return Condition("; ".join(c.text for c in conditions), lambda m: all(c(m) for c in conditions))
+
+
+_MASK = Condition("alpha_mode is 1", lambda m: m.alpha_mode == ALPHA_MASK)
+_BLEND = Condition("alpha_mode is 2", lambda m: m.alpha_mode == ALPHA_BLEND)
+_DOUBLE_SIDED = Condition("double-sided", lambda m: m.double_sided)
+_CLEARCOAT, _THICK = _all(_LIT, _above_zero("clearcoat")), _all(_LIT, _above_zero("thickness"))
+EFFECTS = tuple(Effect(bit=bit, **row) for bit, row in enumerate((
+    {"name": "lit", "used": _LIT, "channels": ("roughness",), "parameters": ("roughness",)},
+    {"name": "mask", "used": _MASK},
+    {"name": "blend", "used": _BLEND},
+    {"name": "double_sided", "used": _DOUBLE_SIDED},
+    {"name": "metal", "used": _all(_LIT, _above_zero("metallic")), "channels": ("metallic",), "parameters": ("metallic",)},
+    {"name": "normal_map", "used": _all(_LIT, _mapped("normal", "normal_scale")), "channels": ("normal",),
+     "parameters": ("normal_scale",)},
+    {"name": "occlusion", "used": _all(_LIT, _mapped("occlusion", "occlusion_strength")), "channels": ("occlusion",),
+     "parameters": ("occlusion_strength",)},
+    {"name": "emission", "used": _all(_LIT, _above_zero("emissive"), _above_zero("emissive_strength")),
+     "channels": ("emissive",), "parameters": ("emissive", "emissive_strength")},
+    {"name": "clearcoat", "used": _CLEARCOAT, "channels": ("clearcoat", "clearcoat_roughness"),
+     "parameters": ("clearcoat", "clearcoat_roughness")},
+    {"name": "clearcoat_normal_map", "used": _all(_CLEARCOAT, _mapped("clearcoat_normal", "clearcoat_normal_scale")),
+     "channels": ("clearcoat_normal",), "parameters": ("clearcoat_normal_scale",)},
+    {"name": "sheen", "used": _all(_LIT, _above_zero("sheen_colour")), "channels": ("sheen_colour", "sheen_roughness"),
+     "parameters": ("sheen_colour", "sheen_roughness")},
+    {"name": "specular", "used": _all(_LIT, _given("specular", "specular_colour", maps=("specular", "specular_colour"))),
+     "channels": ("specular", "specular_colour"), "parameters": ("specular", "specular_colour")},
+    {"name": "transmission", "used": _all(_LIT, _above_zero("transmission")), "channels": ("transmission",),
+     "parameters": ("transmission",)},
+    {"name": "volume", "used": _THICK, "channels": ("thickness",),
+     "parameters": ("thickness", "attenuation_distance", "attenuation_colour")},
+    {"name": "iridescence", "used": _all(_LIT, _above_zero("iridescence")), "channels": ("iridescence", "iridescence_thickness"),
+     "parameters": ("iridescence", "iridescence_ior", "iridescence_thickness_minimum", "iridescence_thickness_maximum")},
+    {"name": "anisotropy", "used": _all(_LIT, _above_zero("anisotropy")), "channels": ("anisotropy",),
+     "parameters": ("anisotropy", "anisotropy_rotation")},
+    {"name": "diffuse_transmission", "used": _all(_LIT, _above_zero("diffuse_transmission")),
+     "channels": ("diffuse_transmission", "diffuse_transmission_colour"),
+     "parameters": ("diffuse_transmission", "diffuse_transmission_colour")},
+    {"name": "dispersion", "used": _all(_THICK, _above_zero("dispersion")), "parameters": ("dispersion",)},
+    {"name": "ior", "used": _all(_LIT, _given("ior")), "parameters": ("ior",)},
+)))
+BY_NAME = {effect.name: effect for effect in EFFECTS}
+EFFECT_OF = {name: effect for effect in EFFECTS for name in effect.channels}  # by channel
+
+
+def effects_of(material: Any) -> tuple[Effect, ...]:
+    """What a material, scene.scene.Material, needs."""
+    return tuple(effect for effect in EFFECTS if effect.used(material))
+
+
+def without(material: Any, effect: Effect) -> Any:
+    """A copy of a material, a dataclass, with no map and no parameter that an effect reads; glTF's default is all metal, so that
+    without metal a factor of 0 has to say so."""
+    maps = {name: texture for name, texture in material.maps.items() if name not in effect.channels}
+    parameters = {name: value for name, value in material.parameters.items() if name not in effect.parameters}
+    bare = replace(material, maps=maps, parameters=parameters)
+    if "metallic" in effect.parameters and effect.used(bare):
+        bare.parameters["metallic"] = (0.0,)
+    return bare
+
+
+def effects_mask(materials: Iterable[Any]) -> int:
+    """The bits of all that materials need together."""
+    mask = 0
+    for material in materials:
+        for effect in effects_of(material):
+            mask |= effect.mask
+    return mask
+
+
+def in_words(mask: int) -> list[str]:
+    """Names of the effects whose bits are set."""
+    return [effect.name for effect in EFFECTS if mask & effect.mask]

@@ -1,0 +1,178 @@
+"""The source at surface points: bilinear texture, wrap mode, and base colour with factor and vertex colour, as glTF has them."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from ..core.kernel import kernel
+from .channels import BY_NAME
+from .factors import FLAT
+from .scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_REPEAT, Scene
+from .srgb import linear_to_srgb, srgb_to_linear
+
+CURVE_STEPS = 4096
+UV_OF_SOURCE = 6  # place of corner_uv in what pack_source() returns
+BLOCK = 1 << 16
+
+
+def pack_source(scene: Scene, faces: np.ndarray | None = None) -> tuple:
+    """The scene's base colour as flat arrays for the kernels.
+
+    faces: indices of the scene's faces to keep, int64 [F], or None for all. Returns a tuple, the source: texels uint8 [T, 4],
+    textures int64 [n, 5] (offset, width, height, wrap s, wrap t), material_texture int64 [m], factor float64 [m, 4], opaque uint8
+    [m], face_material int64 [F], corner_uv float64 [F, 3, 2], corner_colour float32 [F or 0, 3, 4], and both curves.
+    """
+    colour = np.zeros((0, 3, 4), np.float32) if scene.corner_color is None else scene.corner_color[_rows(faces)]
+    factor = np.array([m.factor for m in scene.materials], np.float64).reshape(-1, 4)
+    opaque = np.array([m.alpha_mode == ALPHA_OPAQUE for m in scene.materials], np.uint8)
+    return _pack(scene, faces, [m.texture for m in scene.materials], scene.corner_uv, (factor, opaque, colour))
+
+
+def pack_map(scene: Scene, name: str, faces: np.ndarray | None = None) -> tuple:
+    """The map of a channel (channels.MAPS) as pack_source() gives base colour: values without factors, 255 where a material has
+    no map; the channel's components stand in its columns, and in the first where that is alpha."""
+    count = len(scene.materials)
+    plain = np.ones((count, 4)), np.ones(count, np.uint8), np.zeros((0, 3, 4), np.float32)
+    spread = BY_NAME[name].columns == (3,)
+    return _pack(scene, faces, [m.maps.get(name, -1) for m in scene.materials], scene.map_uv.get(name, scene.corner_uv), plain,
+                 spread)
+
+
+def map_columns(name: str) -> list[int]:
+    """Where pack_map() has the components of a channel."""
+    columns = BY_NAME[name].columns
+    return [0] if columns == (3,) else list(columns)
+
+
+def values_of_map(name: str, texels: np.ndarray) -> np.ndarray:
+    """A channel's values of texels of its image. texels: uint8 or float32 [..., 4]. Returns float32 [..., C] in 0..255; normals
+    have been made unit vectors, of which x and y are kept."""
+    if BY_NAME[name].unit != "degrees":
+        return np.ascontiguousarray(texels[..., list(BY_NAME[name].columns)], np.float32)
+    vector = texels[..., :3].astype(np.float32) / FLAT - 1
+    vector[..., 2] = np.maximum(vector[..., 2], 0)
+    length = np.sqrt((vector * vector).sum(axis=-1, keepdims=True))
+    vector = np.where(length > 1e-3, vector / np.maximum(length, 1e-3), np.array([0, 0, 1], np.float32))
+    return np.ascontiguousarray((vector[..., :2] + 1) * FLAT, np.float32)
+
+
+def sampled_values(name: str, sampled: np.ndarray) -> np.ndarray:
+    """A channel's values, as values_of_map() has them, of what sample_source() found in its pack_map(), float32 [M, 4]."""
+    return values_of_map(name, sampled) if BY_NAME[name].unit == "degrees" else sampled[:, map_columns(name)]
+
+
+def _rows(faces):
+    return slice(None) if faces is None else faces
+
+
+def _pack(scene, faces, texture_of, corner_uv, plain, spread=False):
+    """A source of the images that materials have. texture_of: index by material, -1 for none; plain: (factor, opaque, corner
+    colours); spread: whether alpha takes the place of the other columns."""
+    factor, opaque, colour = plain
+    used = sorted({t for t in texture_of if t >= 0})
+    images = {}
+    for t in used:
+        image = scene.textures[t].image
+        images.setdefault(id(image), np.repeat(image[..., 3:], 4, axis=2) if spread else image)
+    offsets, total = {}, 0
+    for key, image in images.items():
+        offsets[key] = total
+        total += image.shape[0] * image.shape[1]
+    if len(images) == 1:
+        texels = np.ascontiguousarray(next(iter(images.values()))).reshape(-1, 4)
+    else:
+        texels = np.concatenate([im.reshape(-1, 4) for im in images.values()]) if images else np.zeros((1, 4), np.uint8)
+    table = np.zeros((max(len(scene.textures), 1), 5), np.int64)
+    for t in used:
+        texture = scene.textures[t]
+        height, width = texture.image.shape[:2]
+        table[t] = (offsets[id(texture.image)], width, height, *texture.wrap)
+    return (
+        texels, table, np.array(texture_of, np.int64), factor, opaque,
+        np.ascontiguousarray(scene.face_material[_rows(faces)], np.int64),
+        np.ascontiguousarray(corner_uv[_rows(faces)], np.float64),
+        np.ascontiguousarray(colour, np.float32),
+        srgb_to_linear(np.arange(256) / 255),
+        np.round(linear_to_srgb(np.arange(CURVE_STEPS + 2) / CURVE_STEPS) * 255, 6),
+    )
+
+
+@kernel
+def _wrapped(i, size, mode):
+    """Texel index of i under a wrap mode; size >= 1."""
+    if mode == WRAP_CLAMP:
+        return min(max(i, 0), size - 1)
+    if mode == WRAP_REPEAT:
+        return i % size
+    i = i % (2 * size)
+    return i if i < size else 2 * size - 1 - i
+
+
+@kernel
+def _texture_at(texels, table, t, u, v, out):
+    """Bilinear texture value, 0..255 sRGB-coded, into out float64 [4]. The texel range is the table's own."""
+    width, height = table[t, 1], table[t, 2]
+    u, v = min(max(u, -1e6), 1e6) * width - 0.5, min(max(v, -1e6), 1e6) * height - 0.5
+    x, y = np.int64(np.floor(u)), np.int64(np.floor(v))
+    fu, fv = u - x, v - y
+    x0, x1 = _wrapped(x, width, table[t, 3]), _wrapped(x + 1, width, table[t, 3])
+    y0, y1 = _wrapped(y, height, table[t, 4]), _wrapped(y + 1, height, table[t, 4])
+    a, b = table[t, 0] + y0 * width, table[t, 0] + y1 * width
+    for c in range(4):
+        top = texels[a + x0, c] * (1.0 - fu) + texels[a + x1, c] * fu
+        low = texels[b + x0, c] * (1.0 - fu) + texels[b + x1, c] * fu
+        out[c] = top * (1.0 - fv) + low * fv
+
+
+@kernel
+def _source_at(source, f, b0, b1, b2, out):
+    """Source RGBA at barycentric (b0, b1, b2) of face f into out float64 [4]: 0..255, colour sRGB-coded, alpha straight."""
+    texels, table, material_texture, factor, opaque, face_material, uv, colour, to_linear, to_srgb = source
+    m = face_material[f]
+    t = material_texture[m]
+    if t >= 0:
+        _texture_at(texels, table, t, b0 * uv[f, 0, 0] + b1 * uv[f, 1, 0] + b2 * uv[f, 2, 0],
+                    b0 * uv[f, 0, 1] + b1 * uv[f, 1, 1] + b2 * uv[f, 2, 1], out)
+    else:
+        out[:] = 255.0
+    for c in range(4):
+        gain = factor[m, c]
+        if colour.shape[0] > 0:
+            gain *= b0 * colour[f, 0, c] + b1 * colour[f, 1, c] + b2 * colour[f, 2, c]
+        if c == 3:
+            out[c] = min(max(out[c] * gain, 0.0), 255.0)
+        elif gain != 1.0:
+            low = min(np.int64(out[c]), 254)
+            linear = to_linear[low] + (to_linear[low + 1] - to_linear[low]) * (out[c] - low)
+            place = min(max(linear * gain, 0.0), 1.0) * CURVE_STEPS
+            i = np.int64(place)
+            out[c] = to_srgb[i] + (to_srgb[i + 1] - to_srgb[i]) * (place - i)
+    if opaque[m]:
+        out[3] = 255.0
+
+
+@kernel
+def _sample(source, face_index, bary, out):
+    rgba = np.empty(4, np.float64)
+    for i in range(face_index.shape[0]):
+        _source_at(source, face_index[i], bary[i, 0], bary[i, 1], bary[i, 2], rgba)
+        for c in range(4):
+            out[i, c] = np.float32(rgba[c])
+
+
+def sample_source(source: tuple, face_index: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
+    """Source colours. source: from pack_source; face_index: int64 [M] below its face count; bary: float64 [M, 3].
+
+    Returns float32 [M, 4], 0..255. Raises IndexError for a face index out of range.
+    """
+    if len(face_index) and (face_index.min() < 0 or face_index.max() >= len(source[5])):
+        raise IndexError("face index outside the source")
+    out = np.empty((len(face_index), 4), np.float32)
+
+    def one(begin):
+        part = slice(begin, begin + BLOCK)
+        _sample(source, face_index[part], bary[part], out[part])
+
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(one, range(0, len(face_index), BLOCK)))
+    return out

@@ -1,0 +1,162 @@
+"""Steps 6 and 7 of clause 9.2 over a whole stream: geometry, sharp edges, fields and their values, each by itself."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import replace
+from functools import partial
+
+from ..bitstream.appearance import groups_of, material_of, needed_groups
+from ..bitstream.syntax import UNIT_ATTRIBUTE, UNIT_FIELD, UNIT_GEOMETRY, UNIT_MATERIALS, UNIT_SHARP_EDGES
+from ..codecs import codec_of_unit
+from ..decoder import check_samples, check_values, decode_sharp_edges, decode_support, decode_unit, surface_of_field
+from ..errors import TexfError
+from ..geometry.canonical import CanonicalCube
+from ..options import DecodeOptions
+from ..report import Report
+from ..texf import Texf
+from . import mesh_check, oddities
+from .listing import Oddity
+from .syntax_check import STAND_IN, Parsed
+
+
+def decode_contents(parsed: Parsed, options: DecodeOptions, report: Report) -> None:
+    """Decodes what can be, and adds to the listing and to what is checked. report: gets seconds by stage."""
+    if parsed.stream.header:
+        _Contents(parsed, options, report).decode()
+
+
+class _Contents:
+    """units: decoded geometry units, None for those that are not to be had."""
+
+    def __init__(self, parsed, options, report):
+        self.parsed, self.options, self.report = parsed, options, report
+        self.stream, self.listing = parsed.stream, parsed.listing
+        self.position_bits = self.stream.header["position_bits"]
+        self.units = []
+
+    def decode(self):
+        """All of it, in the decoder's order."""
+        with self.report.stage("geometry"):
+            for index, values in enumerate(self.stream.geometry):
+                self.units.append(self._decode_geometry(values, self.parsed.numbers[UNIT_GEOMETRY][index]))
+        if self.units and None not in self.units and self.parsed.has_all(UNIT_GEOMETRY):
+            if self.stream.sharp_edges is not None and not self.parsed.lost & {UNIT_SHARP_EDGES, UNIT_MATERIALS}:
+                with self.report.stage("normals"):
+                    self._decode_sharp_edges(self.parsed.numbers[UNIT_SHARP_EDGES][0])
+            with self.report.stage("mesh"):
+                for oddity in mesh_check.of_mesh(self.units, self.position_bits):
+                    self.listing.oddity(oddity)
+        surfaces = self._surfaces()
+        attributes = self.stream.attributes
+        if len(attributes) == 1 and attributes[0] is not None and codec_of_unit(attributes[0]).joint:
+            self._decode_jointly(surfaces)
+            return
+        for index in range(len(surfaces)):
+            support = self._decode_support(index, surfaces)
+            if support is not None:
+                self._decode_planes(index, support)
+
+    def _try(self, number, decode):
+        """What decode() returns, None where it raises an error, which is added."""
+        try:
+            return decode()
+        except TexfError as error:
+            self.listing.error(error, number)
+            return None
+
+    def _note(self, found, number):
+        for oddity in found:
+            self.listing.oddity(oddity, number)
+
+    def _decode_geometry(self, values, number):
+        fields = self.stream.fields
+        if values is None or values["field_index"] >= len(fields) or fields[values["field_index"]] is STAND_IN:
+            return None
+        unit = self._try(number, lambda: decode_unit(values, self.position_bits))
+        if unit is not None:
+            self.parsed.checked.add(number)
+            self._note(mesh_check.of_draco(values, self.position_bits), number)
+            self._note(mesh_check.of_faces(unit), number)
+        return unit
+
+    def _decode_sharp_edges(self, number):
+        header, materials = self.stream.header, [material_of(values) for values in self.stream.materials]
+        if not self.parsed.has_all(UNIT_MATERIALS) or any(unit.material >= len(materials) for unit in self.units):
+            return
+        cube = CanonicalCube(tuple(header["origin"]), header["side"], self.position_bits)
+        texf = Texf(cube=cube, units=self.units, fields=[], materials=materials)
+        self.parsed.checked.add(number)
+        self._try(number, lambda: decode_sharp_edges(self.stream.sharp_edges, texf))
+
+    def _surfaces(self):
+        """The surface of every field, None where some of it is not to be had; none at all where they are too many samples."""
+        parts, fields = self.stream.geometry, self.stream.fields
+        if not (self.parsed.has_all(UNIT_FIELD) and self.parsed.has_all(UNIT_GEOMETRY)):
+            return []
+        short = {part["field_index"] for part, unit in zip(parts, self.units, strict=True) if unit is None}
+        whole = [index for index in range(len(fields)) if index not in short]  # each has a unit: has_all() sees to it
+        decoded = [unit for unit in self.units if unit is not None]
+        surfaces = {index: surface_of_field(decoded, fields[index]) for index in whole}
+        known = replace(self.stream, fields=[fields[index] for index in whole],
+                        attributes=self._attributes() if len(whole) == len(fields) else [])
+        counted = self._try(None, lambda: [check_samples(list(surfaces.values()), known, self.position_bits,
+                                                         self.options.limits)])
+        return [surfaces.get(index) for index in range(len(fields))] if counted else []
+
+    def _attributes(self):
+        return [values for values in self.stream.attributes if values is not None]
+
+    def _decode_support(self, index, surfaces):
+        """The support of a field, or None."""
+        values, number = self.stream.fields[index], self.parsed.numbers[UNIT_FIELD][index]
+        if surfaces[index] is None:
+            return None
+        with self.report.stage("fields"):
+            support = self._try(number, lambda: decode_support(surfaces[index], values, self.position_bits, self.options))
+        if support is not None:
+            self.parsed.checked.add(number)
+            self._note(oddities.of_field(values, len(support), self.position_bits), number)
+        return support
+
+    def _decode_planes(self, index, support):
+        """The attribute units of a field, those that do not belong there left out: that they are there is an error already."""
+        materials = self.parsed.has_all(UNIT_MATERIALS)
+        left = set(needed_groups(self.stream)[index] if materials else range(len(self.stream.header["channel_groups"])))
+        for values, number in zip(self.stream.attributes, self.parsed.numbers[UNIT_ATTRIBUTE], strict=True):
+            if values is None or values["field_index"] != index or values["group_index"] not in left:
+                continue
+            if not codec_of_unit(values).joint:
+                left.remove(values["group_index"])
+                with self.report.stage("attributes"):
+                    self.parsed.checked.add(number)
+                    self._try(number, partial(self._decode_plane, values, support.coarser(values["level_shift"]), number))
+
+    def _decode_plane(self, values, support, number):
+        codec = codec_of_unit(values)
+        plane, reading = codec.dec_watched(values, support, self.options.threads)
+        check_values(zlib.crc32(plane), values, codec)
+        if reading.unread:
+            self.listing.oddity(Oddity("TXF-W05", "bytes of codewords are never read", "7.6.2", values["offset"], reading.unread,
+                                       0), number)
+        if reading.wrong_levels:
+            self.listing.oddity(Oddity("TXF-W06", "level_bytes are not what a decoder reads", "5.7.2", values["offset"],
+                                       reading.wrong_levels, 0), number)
+        self._note(oddities.of_attribute(values, len(support), self.stream), number)
+
+    def _decode_jointly(self, surfaces):
+        """One unit of all fields: what it asks of the geometry, then every support, then the values of all fields together."""
+        values, number = self.stream.attributes[0], self.parsed.numbers[UNIT_ATTRIBUTE][0]
+        groups, codec = groups_of(self.stream.header["channel_groups"]), codec_of_unit(values)
+        evaluators = None
+        if surfaces and None not in surfaces:
+            self.parsed.checked.add(number)
+            evaluators = self._try(number, lambda: codec.dec(values, surfaces, self.position_bits, groups, self.options,
+                                                             self.report))
+        total, supports = 0, [self._decode_support(index, surfaces) for index in range(len(surfaces))]
+        if evaluators is None or None in supports:
+            return
+        for evaluator, support in zip(evaluators, supports, strict=True):
+            total = zlib.crc32(evaluator.values(support, self.options.threads), total)
+        self._try(number, lambda: check_values(total, values, codec))
+        self._note(oddities.of_attribute(values, len(supports[0]), self.stream), number)

@@ -1,0 +1,149 @@
+"""Steps 1 to 5 of clause 9.2 over a whole stream: frames, payloads, and what units say of each other. Nothing is decoded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from ..bitstream.stream import Stream, faults_over_units, read_payload
+from ..bitstream.syntax import (
+    UNIT_ATTRIBUTE,
+    UNIT_END,
+    UNIT_FIELD,
+    UNIT_GEOMETRY,
+    UNIT_HEADER,
+    UNIT_MATERIALS,
+    UNIT_METADATA,
+    UNIT_SHARP_EDGES,
+    UNITS,
+)
+from ..core.syntax_walk import Reader
+from ..decoder import json_object
+from ..errors import LimitError, StreamError, TexfError
+from ..limits import Limits
+from . import oddities
+from .framing import Frames, read_frames
+from .listing import Listing, Oddity
+
+STAND_IN = {"num_keys": 0, "support": None}  # for a field that could not be read
+_NOTHING = Frames([], set(), False, set(), True)
+# What holds no more than its syntax: once that is read, the unit is checked.
+_PLAIN = (UNIT_HEADER, UNIT_MATERIALS, UNIT_METADATA)
+
+
+@dataclass(kw_only=True)
+class Parsed:
+    """A stream as far as it can be read. numbers: by type, the numbers of the units that the lists of stream hold the values of;
+    of a unit that could not be read they hold a stand-in, None or STAND_IN. lost: types of units of which one is not as it should
+    be, so that nothing can be said of what needs all of them. checked: numbers of units that nothing is left to say of."""
+
+    listing: Listing
+    frames: Frames = _NOTHING
+    stream: Stream = field(default_factory=lambda: Stream({}))
+    numbers: dict[int, list[int]] = field(default_factory=lambda: {kind: [] for kind in UNITS})
+    lost: set[int] = field(default_factory=set)
+    checked: set[int] = field(default_factory=set)
+
+    def has_all(self, kind: int) -> bool:
+        """Whether every unit of a kind is there and as it should be, by the sequence header's count."""
+        counts = {UNIT_FIELD: (self.stream.fields, "num_fields"), UNIT_GEOMETRY: (self.stream.geometry, "num_geometry_units"),
+                  UNIT_MATERIALS: (self.stream.materials, "num_materials")}
+        held, count = counts[kind]
+        return kind not in self.lost and bool(self.stream.header) and len(held) == self.stream.header[count]
+
+    @property
+    def unchecked(self) -> list[int]:
+        """Numbers of units that were not looked into, though nothing is wrong with them that is known."""
+        known = {number for number, unit in enumerate(self.frames.units) if unit.type in UNITS and unit.type != UNIT_END}
+        return sorted(known - self.checked - self.listing.blamed)
+
+
+def parse(data: bytes, limits: Limits) -> Parsed:
+    """Reads all of a stream that can be read. What is wrong or odd is in the listing of the result."""
+    parsed = Parsed(listing=Listing())
+    frames = read_frames(data, limits.file_bytes, parsed.listing)
+    if frames is None:
+        return parsed
+    parsed.frames = frames
+    order = [number for number, unit in enumerate(frames.units) if unit.type != UNIT_END]
+    if not frames.in_order:
+        order.sort(key=lambda number: frames.units[number].type)
+    view = memoryview(data)
+    for number in order:
+        _read_unit(view, number, parsed, limits)
+    if not parsed.stream.header:
+        parsed.lost.add(UNIT_HEADER)
+    if frames.whole and not frames.wrong:  # else something of everything may be missing
+        for fault in faults_over_units(parsed.stream, len(parsed.numbers[UNIT_MATERIALS]), parsed.lost):
+            parsed.listing.error(fault)
+    _note_oddities(parsed)
+    return parsed
+
+
+def _read_unit(view, number, parsed, limits):
+    unit, stream = parsed.frames.units[number], parsed.stream
+    if number in parsed.frames.out_of_place:
+        return
+    if unit.type not in UNITS:
+        told = Oddity("TXF-W01", f"an unknown ancillary unit of {unit.stop - unit.start} bytes is passed over", "5.2",
+                      value=unit.type)
+        parsed.listing.oddity(told, number)
+        return
+    lists = {UNIT_FIELD: stream.fields, UNIT_GEOMETRY: stream.geometry, UNIT_ATTRIBUTE: stream.attributes}
+    held = lists.get(unit.type, [])
+    before = len(held)
+    parsed.numbers[unit.type].append(number)
+    if number not in parsed.frames.wrong and not _needs_lost(view, unit, parsed):
+        try:
+            read_payload(view, unit, stream, limits)
+            parsed.checked |= {number} if unit.type in _PLAIN else set()
+            return
+        except TexfError as error:
+            parsed.listing.error(error, number)
+            if unit.type == UNIT_HEADER and isinstance(error, LimitError):
+                stream.header = {}
+    del held[before:]
+    held.append(STAND_IN if unit.type == UNIT_FIELD else None)
+    _forget(unit.type, parsed)
+
+
+def _needs_lost(view, unit, parsed):
+    """Whether the payload cannot be read without something that has been lost."""
+    if unit.type == UNIT_MATERIALS:
+        return not parsed.stream.header
+    if unit.type == UNIT_ATTRIBUTE:
+        return bool(parsed.lost & {UNIT_HEADER, UNIT_FIELD}) or not parsed.stream.header
+    if unit.type == UNIT_GEOMETRY and UNIT_FIELD in parsed.lost:
+        try:
+            return parsed.stream.fields[Reader(view, unit.begin, unit.end).read_v("field_index", "5.6")] is STAND_IN
+        except (StreamError, IndexError):
+            return False
+    return False
+
+
+def _forget(kind, parsed):
+    """A unit of this type could not be read."""
+    parsed.lost.add(kind)
+    if kind == UNIT_SHARP_EDGES:
+        parsed.stream.sharp_edges = None
+    if kind == UNIT_METADATA:
+        parsed.stream.metadata = None
+
+
+def _note_oddities(parsed):
+    """What is odd about what could be read. Nothing is said of what others may use while some of the others are lost."""
+    stream, numbers, materials = parsed.stream, parsed.numbers, UNIT_MATERIALS not in parsed.lost and parsed.stream.materials
+    geometry = parsed.has_all(UNIT_GEOMETRY)
+    if stream.metadata is not None:
+        _note(parsed, oddities.of_metadata(json_object(stream.metadata)), numbers[UNIT_METADATA][0])
+    if materials:
+        _note(parsed, oddities.of_materials(stream, geometry), numbers[UNIT_MATERIALS][0])
+    if UNIT_HEADER not in parsed.lost:
+        _note(parsed, oddities.of_header(stream, bool(materials)), numbers[UNIT_HEADER][0])
+    for index, oddity in oddities.of_units(stream) if geometry else ():
+        parsed.listing.oddity(oddity, numbers[UNIT_GEOMETRY][index])
+
+
+def _note(parsed, found: Iterable[Oddity], number: int):
+    for oddity in found:
+        parsed.listing.oddity(oddity, number)

@@ -35,66 +35,66 @@ interrupts: install
 bench: install
 	$(PY) -m pytest -q bench --benchmark-only
 
-# Voxel clouds with anchor results, see tools/anchor_bdrate.py: make anchor CLOUDS=folder [EFFORT=best]. JSON on stdout.
+# Voxel clouds with anchor results, see bench/anchor_bdrate.py: make anchor CLOUDS=folder [EFFORT=best]. JSON on stdout.
 anchor: install
-	@$(PY) tools/anchor_bdrate.py --clouds "$(CLOUDS)" $(if $(EFFORT),--effort $(EFFORT)) --json
+	@$(PY) bench/anchor_bdrate.py --clouds "$(CLOUDS)" $(if $(EFFORT),--effort $(EFFORT)) --json
 
 # What each tool of the attribute codec is worth, a Markdown table: make attribute-tools CLOUDS=folder [EFFORT=best] [OUT=file]
 attribute-tools: install
-	@$(PY) tools/attribute_tools.py --clouds "$(CLOUDS)" $(if $(EFFORT),--effort $(EFFORT)) $(if $(OUT),--out "$(OUT)")
+	@$(PY) bench/attribute_tools.py --clouds "$(CLOUDS)" $(if $(EFFORT),--effort $(EFFORT)) $(if $(OUT),--out "$(OUT)")
 
 # Against Draco with AVIF, WebP or JPEG at equal image PSNR, a Markdown table; an hour, and curves of other assets are made with
-# tools/everyday.py curves: make everyday ASSETS=folder [ANCHORS=folder] [OUT=file]
+# bench/everyday.py curves: make everyday ASSETS=folder [ANCHORS=folder] [OUT=file]
 everyday: install
 	@mkdir -p "$(dir $(or $(OUT),out/everyday.json))"
-	$(PY) tools/everyday.py measure "$(ASSETS)"/*.glb --out "$(or $(OUT),out/everyday.json)"
-	@$(PY) tools/everyday.py compare --anchors bench/everyday $(if $(ANCHORS),--anchors "$(ANCHORS)") --points "$(or $(OUT),out/everyday.json)"
+	$(PY) bench/everyday.py measure "$(ASSETS)"/*.glb --out "$(or $(OUT),out/everyday.json)"
+	@$(PY) bench/everyday.py compare --anchors bench/everyday $(if $(ANCHORS),--anchors "$(ANCHORS)") --points "$(or $(OUT),out/everyday.json)"
 
 # Every asset at every setting of a condition file, then tables: make rate-points [CONDITIONS=file] [ASSETS=folder] [JOBS=n] [OUT=folder]
 rate-points: install
 	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[baselines]"
-	$(PY) tools/rate_points.py "$(or $(CONDITIONS),conditions/smoke.toml)" --out "$(or $(OUT),out/rate_points)" $(if $(ASSETS),--assets "$(ASSETS)") $(if $(JOBS),--jobs $(JOBS))
-	$(PY) tools/collect.py "$(or $(OUT),out/rate_points)" --out "$(or $(OUT),out/rate_points)"
+	$(PY) bench/rate_points.py "$(or $(CONDITIONS),conditions/smoke.toml)" --out "$(or $(OUT),out/rate_points)" $(if $(ASSETS),--assets "$(ASSETS)") $(if $(JOBS),--jobs $(JOBS))
+	$(PY) bench/collect.py "$(or $(OUT),out/rate_points)" --out "$(or $(OUT),out/rate_points)"
 
 # docs/results.md: every asset and the paper's rows against rivals; hours, resumable: make results ASSETS=folder [JOBS=n] [OUT=folder]
 results: install
 	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[rivals,baselines]"
-	for part in all_assets paper resident lossy_geometry; do $(PY) tools/rate_points.py conditions/$$part.toml --out "$(or $(OUT),out/results)/$$part" --assets "$(ASSETS)" $(if $(JOBS),--jobs $(JOBS)) || exit $$?; done
-	$(PY) tools/collect.py "$(or $(OUT),out/results)/paper" --against "UV-Source HEVC" --out "$(or $(OUT),out/results)"
-	$(PY) tools/paper_table.py --all "$(or $(OUT),out/results)/all_assets" --paper "$(or $(OUT),out/results)/paper" --resident "$(or $(OUT),out/results)/resident" --geometry "$(or $(OUT),out/results)/lossy_geometry" --assets "$(ASSETS)" --out docs/results.md
+	for part in all_assets paper resident lossy_geometry; do $(PY) bench/rate_points.py conditions/$$part.toml --out "$(or $(OUT),out/results)/$$part" --assets "$(ASSETS)" $(if $(JOBS),--jobs $(JOBS)) || exit $$?; done
+	$(PY) bench/collect.py "$(or $(OUT),out/results)/paper" --against "UV-Source HEVC" --out "$(or $(OUT),out/results)"
+	$(PY) bench/paper_table.py --all "$(or $(OUT),out/results)/all_assets" --paper "$(or $(OUT),out/results)/paper" --resident "$(or $(OUT),out/results)/resident" --geometry "$(or $(OUT),out/results)/lossy_geometry" --assets "$(ASSETS)" --out docs/results.md
 
 # Which settings of the encoder pay, and what a second buys: make accuracy-time [ASSET="file or name ..."] [ASSETS=folder]
 # [KNOB="name ..."] [QUICK=1] [REPEATS=n] [JOBS=n] [OUT=folder] [PAGE=docs/accuracy_time.md]. Without ASSET the four of the page
 # where ASSETS names their folder, else the sample.
 accuracy-time: install
-	$(PY) tools/accuracy_time.py $(if $(ASSETS),--assets "$(ASSETS)") $(if $(or $(ASSET),$(if $(ASSETS),,sample)),--asset $(or $(ASSET),sample)) $(if $(KNOB),--knob $(KNOB)) $(if $(QUICK),--quick) $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out "$(or $(OUT),out/accuracy_time)" $(if $(PAGE),--page "$(PAGE)")
+	$(PY) bench/accuracy_time.py $(if $(ASSETS),--assets "$(ASSETS)") $(if $(or $(ASSET),$(if $(ASSETS),,sample)),--asset $(or $(ASSET),sample)) $(if $(KNOB),--knob $(KNOB)) $(if $(QUICK),--quick) $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out "$(or $(OUT),out/accuracy_time)" $(if $(PAGE),--page "$(PAGE)")
 
 # 3DNTC payloads against ASTC, and what their fitting time buys; about an hour: make neural [ASSETS=folder] [OUT=folder]
 neural: install
 	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[baselines]"
-	$(PY) tools/rate_points.py conditions/resident.toml --out "$(or $(OUT),out/resident)" $(if $(ASSETS),--assets "$(ASSETS)")
-	$(PY) tools/rate_points.py conditions/neural_time.toml --out "$(or $(OUT),out/resident)" --keep-old $(if $(ASSETS),--assets "$(ASSETS)")
-	$(PY) tools/neural_time.py "$(or $(OUT),out/resident)" --out "$(or $(OUT),out/resident)"
+	$(PY) bench/rate_points.py conditions/resident.toml --out "$(or $(OUT),out/resident)" $(if $(ASSETS),--assets "$(ASSETS)")
+	$(PY) bench/rate_points.py conditions/neural_time.toml --out "$(or $(OUT),out/resident)" --keep-old $(if $(ASSETS),--assets "$(ASSETS)")
+	$(PY) bench/neural_time.py "$(or $(OUT),out/resident)" --out "$(or $(OUT),out/resident)"
 
 # How far off hard cases can get: make stability [SECONDS=5] [CASE="name"] [MOST=1] [STATE=file.jsonl] [PAGE=docs/stability.md]
 stability: install
 	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[plots]"
-	$(PY) tools/stability --seconds $(or $(SECONDS),5) $(if $(CASE),--case "$(CASE)") $(if $(MOST),--most) $(if $(STATE),--state "$(STATE)") $(if $(PAGE),--page "$(PAGE)")
+	$(PY) proof/stability --seconds $(or $(SECONDS),5) $(if $(CASE),--case "$(CASE)") $(if $(MOST),--most) $(if $(STATE),--state "$(STATE)") $(if $(PAGE),--page "$(PAGE)")
 
 # Streams and decoded arrays over threads, versions, processors, locales and folders, a Markdown table:
 # make determinism [ASSETS=folder] [ENVIRONMENTS=1] [PYTHONS="file ..."] [OUT=folder] [PAGE=docs/determinism.md]
 determinism: install
-	$(PY) tools/determinism.py $(if $(ASSETS),--assets "$(ASSETS)") $(if $(ENVIRONMENTS),--environments) $(foreach p,$(PYTHONS),--python "$(p)") --out "$(or $(OUT),out/determinism)" $(if $(PAGE),--page "$(PAGE)")
+	$(PY) proof/determinism.py $(if $(ASSETS),--assets "$(ASSETS)") $(if $(ENVIRONMENTS),--environments) $(foreach p,$(PYTHONS),--python "$(p)") --out "$(or $(OUT),out/determinism)" $(if $(PAGE),--page "$(PAGE)")
 
 # Public models fetched by name and hash, coded, decoded and judged from outside; hours, resumable:
 # make strangers [CACHE=folder] [MOST=n] [LARGEST=bytes] [JOBS=n] [ROWS=file.jsonl] [BEFORE=file.jsonl] [PICTURES=n]
 strangers: install
-	$(PY) tools/strangers --cache "$(or $(CACHE),out/strangers)" --keep-old $(if $(MOST),--most $(MOST)) $(if $(LARGEST),--largest $(LARGEST)) $(if $(JOBS),--jobs $(JOBS)) $(if $(ROWS),--rows "$(ROWS)") $(if $(BEFORE),--before "$(BEFORE)") $(if $(PICTURES),--pictures $(PICTURES))
+	$(PY) proof/strangers --cache "$(or $(CACHE),out/strangers)" --keep-old $(if $(MOST),--most $(MOST)) $(if $(LARGEST),--largest $(LARGEST)) $(if $(JOBS),--jobs $(JOBS)) $(if $(ROWS),--rows "$(ROWS)") $(if $(BEFORE),--before "$(BEFORE)") $(if $(PICTURES),--pictures $(PICTURES))
 
 # Memory over 500 calls, 8 processes at once, a batch with faults, memory of refused files:
 # make load [PART="slope ..."] [OUT=folder] [PAGE=docs/load.md]
 load: install
-	$(PY) tools/load.py $(foreach p,$(PART),--part $(p)) --out "$(or $(OUT),out/load)" $(if $(PAGE),--page "$(PAGE)")
+	$(PY) proof/load.py $(foreach p,$(PART),--part $(p)) --out "$(or $(OUT),out/load)" $(if $(PAGE),--page "$(PAGE)")
 
 # Fuzz targets of the decoder and the loaders: make fuzz [SECONDS=20] [TARGET="name ..."] [OUT=folder] [PAGE=docs/fuzzing.md]
 fuzz: install
@@ -104,25 +104,25 @@ fuzz: install
 faults: install
 	$(PY) tests/fuzz/faults.py --state "$(or $(OUT),out/fuzz)/state.jsonl"
 
-# Rules of the naive decoder that no vector holds, an hour or more (a part: tools/mutants.py --only 7.6, a sample: --sample 400): make mutants [STATE=file.jsonl] [PAGE=docs/mutants.md]
+# Rules of the naive decoder that no vector holds, an hour or more (a part: proof/mutants.py --only 7.6, a sample: --sample 400): make mutants [STATE=file.jsonl] [PAGE=docs/mutants.md]
 mutants: install
-	$(PY) tools/mutants.py --state "$(or $(STATE),out/mutants.jsonl)" $(if $(PAGE),--page "$(PAGE)")
+	$(PY) proof/mutants.py --state "$(or $(STATE),out/mutants.jsonl)" $(if $(PAGE),--page "$(PAGE)")
 
 # Branches of all that a decode imports, the JIT off, and those that nothing takes: make coverage [PART="name ..."] [OUT=folder] [PAGE=docs/coverage.md]
 coverage: install
 	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
-	$(PY) tools/coverage_table.py $(foreach p,$(PART),--part $(p)) --out "$(or $(OUT),out/coverage)" $(if $(PAGE),--page "$(PAGE)")
+	$(PY) proof/coverage_table.py $(foreach p,$(PART),--part $(p)) --out "$(or $(OUT),out/coverage)" $(if $(PAGE),--page "$(PAGE)")
 
 # The three targets below rewrite committed files; nothing else does.
 vectors: install
-	$(PY) tools/gen_vectors.py --write
+	$(PY) -m conformance.make --write
 
 spec-tables: install
-	$(PY) tools/gen_spec_tables.py
+	$(PY) -m conformance.make.spec_tables
 
 # Streams that every later release decodes to the same values: new vectors join; ANEW=1 begins again, while the format has version 0
 promise: install
-	$(PY) tools/promise.py $(if $(ANEW),--anew,--add)
+	$(PY) -m conformance.make.promise $(if $(ANEW),--anew,--add)
 
 install: $(STAMP)
 
@@ -139,4 +139,4 @@ $(STAMP): pyproject.toml
 clean:
 	@if [ "$(VENV)" = .venv ]; then rm -rf .venv; else echo "$(VENV) is yours: left alone" >&2; fi
 	rm -rf build dist out .pytest_cache .hypothesis .ruff_cache .mypy_cache .benchmarks texfcodec.egg-info
-	find texfcodec tests tools conformance bench -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true
+	find texfcodec tests conformance bench proof -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true

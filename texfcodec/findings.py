@@ -1,8 +1,8 @@
 """Every code of the package, in one table: what is wrong, where the specification says so, and what to do. Most are errors;
 texf-validate also warns of what is odd about a valid stream, and notes what costs bytes or is seldom meant.
 
-The sites that raise an error say its code themselves; tests/test_findings.py holds both against each other. bitstream_spec.md
-and docs/guide.md carry this table as generated blocks (`make spec-tables`).
+The sites that raise an error say its code themselves; tests/repository/test_findings.py holds both against each other.
+bitstream_spec.md and docs/guide.md carry this table as generated blocks (`make spec-tables`).
 """
 
 from dataclasses import dataclass

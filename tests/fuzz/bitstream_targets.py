@@ -5,11 +5,11 @@ import json
 from functools import lru_cache
 
 import numpy as np
+
 from fuzz.choices import Choices, edited
 from fuzz.seeds import SMALL, vectors, vectors_with
 from fuzz.syntax import bent_stream, framed, traced
 from fuzz.trees import bend_tree
-
 from texfcodec.bitstream.inspect import inspect
 from texfcodec.bitstream.stream import Stream, read_stream, write_stream
 from texfcodec.bitstream.syntax import (

@@ -3,13 +3,13 @@
 from functools import lru_cache
 
 import numpy as np
+
 from fuzz.choices import Choices
 from fuzz.seeds import SLOW, SMALL
 from fuzz.syntax import bend, draw
 from naive import bits
 from naive.attributes import decode_values
 from naive.syntax import read_raht
-
 from texfcodec.codecs.base import Group
 from texfcodec.codecs.constant import CONSTANT, Constant
 from texfcodec.codecs.neural.neural_codec import Neural

@@ -27,7 +27,6 @@ if __package__ in (None, ""):  # run as a command: this folder is found as fuzz.
 from fuzz.branches import Tracer, taken  # noqa: E402
 from fuzz.choices import ODD_NUMBERS  # noqa: E402
 from fuzz.targets import TARGETS  # noqa: E402
-
 from texfcodec.report import peak_of_status  # noqa: E402
 
 PANEL = struct.Struct("<QdI")  # executions, when the present one began (0 before the first), length of its input

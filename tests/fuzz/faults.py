@@ -29,9 +29,9 @@ if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np  # noqa: E402
-from fuzz.seeds import VECTORS  # noqa: E402
 from mesh_files import RED_BLUE, encoded, textured  # noqa: E402
 
+from fuzz.seeds import VECTORS  # noqa: E402
 from texfcodec.findings import BY_CODE  # noqa: E402
 
 REPOSITORY = Path(__file__).resolve().parents[2]

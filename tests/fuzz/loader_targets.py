@@ -6,6 +6,7 @@ import io
 import json
 import shutil
 import struct
+import sys
 import tempfile
 import zlib
 from functools import lru_cache
@@ -13,16 +14,19 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
-from fuzz.choices import Choices, edited
-from fuzz.trees import bend_text, bend_tree
 from mesh_files import RED_BLUE, SQUARE, SQUARE_UV, TWO, Builder, encoded, textured
 from PIL import Image
 from shapes import scene_of
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "io"))
+
 from test_dae import dae
 from test_ktx2 import FILES, ktx2
 from test_stl_off import stl, stl_text
 from test_threemf import mesh, model, package
 
+from fuzz.choices import Choices, edited
+from fuzz.trees import bend_text, bend_tree
 from texfcodec.io.images import read_image
 from texfcodec.io.load import load, load_glb
 from texfcodec.io.parts import Notes

@@ -1,10 +1,10 @@
 """Targets of the stages inside: supports, the Draco substream, range coder, contexts, mixing."""
 
 import numpy as np
+
 from fuzz.choices import Choices, edited
 from fuzz.seeds import SLOW, SMALL, vectors
 from fuzz.syntax import traced
-
 from texfcodec.bitstream.syntax import UNIT_GEOMETRY
 from texfcodec.codecs.raht.entropy.contexts import CONTEXTS as DIRECT_CONTEXTS
 from texfcodec.codecs.raht.entropy.contexts import MAX_PREFIX, UNARY, _dec_escape, _dec_magnitude, _enc_escape, _enc_magnitude

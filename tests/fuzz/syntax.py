@@ -9,7 +9,6 @@ from functools import lru_cache
 from typing import Any
 
 from fuzz.choices import ODD_NUMBERS, ODD_REALS, Choices, edited
-
 from texfcodec.bitstream.stream import read_stream
 from texfcodec.bitstream.syntax import SIGNATURE, UNIT_END, structures
 from texfcodec.bitstream.units import write_unit

@@ -12,7 +12,6 @@ from fuzz import bitstream_targets as bitstream
 from fuzz import codec_targets as codecs
 from fuzz import loader_targets as loaders
 from fuzz import stage_targets as stages
-
 from texfcodec.errors import InputError, LimitError, StreamError, SupportError, TexfError
 
 FLOORS_FILE = Path(__file__).with_name("floors.json")  # written by run.py --floors alone

@@ -83,7 +83,7 @@ def kernel(function: Callable | None = None, allocates: bool = True, **options: 
     Divisions are not checked for zero: whoever divides makes sure.
 
     allocates=False: the kernel and what it calls make and return no arrays. Then none is counted: each look into a named tuple of
-    arrays is an atomic increment otherwise, which made the level kernels of raht slower by half.
+    arrays is an atomic increment otherwise, which made the level kernels of the transform slower by half.
     """
     if function is None:
         return partial(kernel, allocates=allocates, **options)

@@ -22,7 +22,7 @@ from numpy.polynomial import legendre
 from .look_up import look_up
 
 DEGREE = 8  # of the sky in the height: nine colours
-HEIGHTS, ROUGHNESSES = 65, 33  # nodes of the prefiltered sky; the error between them: tests/test_environment.py
+HEIGHTS, ROUGHNESSES = 65, 33  # nodes of the prefiltered sky; the error between them: tests/render/test_environment.py
 MIN_ALPHA = 2e-3  # GGX's alpha (roughness squared) of a perfect mirror
 
 

@@ -1,0 +1,1 @@
+"""The makers of the vectors, and of what the specification says by tables."""

@@ -1,0 +1,305 @@
+"""Makes the conformance vectors: --write rewrites conformance/ (streams, case.json, queries.json, README.md), --check says what
+would differ. --module and --only make a part of them and leave the others as they stand.
+
+Every good stream is decoded by our decoder and by the naive one of tests/naive first; nothing is written where they differ, nor
+where a title or a list of clauses promises what is not in the stream (vectors_claims.py).
+"""
+
+import argparse
+import hashlib
+import json
+import re
+import shutil
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[1:1] = [str(ROOT), str(ROOT / "conformance"), str(ROOT / "tests")]
+
+from decode_texfcodec import arrays  # noqa: E402
+
+from conformance.make import borders as vectors_borders  # noqa: E402
+from conformance.make import constant as vectors_constant  # noqa: E402
+from conformance.make import faulty as vectors_faulty  # noqa: E402
+from conformance.make import filter as vectors_filter  # noqa: E402
+from conformance.make import good as vectors_good  # noqa: E402
+from conformance.make import materials as vectors_materials  # noqa: E402
+from conformance.make import materials_faulty as vectors_materials_faulty  # noqa: E402
+from conformance.make import neural as vectors_neural  # noqa: E402
+from conformance.make import normals as vectors_normals  # noqa: E402
+from conformance.make import planar as vectors_planar  # noqa: E402
+from conformance.make import rules as vectors_rules  # noqa: E402
+from conformance.make import texels as vectors_texels  # noqa: E402
+from conformance.make import texels_faulty as vectors_texels_faulty  # noqa: E402
+from conformance.make.claims import Case, unkept  # noqa: E402
+from conformance.make.good import Vector, parsed  # noqa: E402
+from conformance.make.queries import queries_file  # noqa: E402
+from naive import decoder as naive  # noqa: E402
+from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS  # noqa: E402
+from texfcodec.errors import TexfError  # noqa: E402
+from texfcodec.scene.channels import CHANNELS  # noqa: E402
+from texfcodec.scene.effects import in_words  # noqa: E402
+from texfcodec.scene.scene import WRAP_NAMES  # noqa: E402
+
+HOME = ROOT / "conformance"
+LARGEST = 1 << 16
+# Makers of vectors, in the order of README.md.
+GOOD = ("subset", (vectors_good, vectors_constant, vectors_neural, vectors_texels, vectors_materials))
+SELDOM = ("uncommon", (vectors_good, vectors_filter, vectors_constant, vectors_neural, vectors_texels, vectors_planar,
+                       vectors_materials, vectors_normals, vectors_rules, vectors_borders))
+FAULTY = ("faulty", (vectors_faulty, vectors_filter, vectors_constant, vectors_neural, vectors_texels_faulty, vectors_planar,
+                     vectors_materials_faulty, vectors_normals))
+README = """# Conformance vectors
+
+Small streams with the SHA-256 of everything that is decoded from them (clause 9 of [the specification](../bitstream_spec.md)):
+
+- `subset/`: what the encoder writes every day,
+- `uncommon/`: what a decoder meets seldom, and what only another encoder would write,
+- `faulty/`: streams that have to be refused, each with a single lie; checksums are right unless they are the lie.
+
+## Testing a decoder
+
+    python conformance/run.py --decoder "<command>"      # any decoder
+    python conformance/run.py                            # our own, in this process
+    python conformance/run.py --decoder "python tests/naive/decoder.py" subset/k33 faulty/   # another, on some of the cases
+
+The command is called as `<command> IN.texf OUT_DIR [--lod L]` and writes these files into `OUT_DIR`, little endian, without a
+header, and no others:
+
+| file | content |
+|---|---|
+| `geometry.bin` | 64-bit rows (field, material, nine lattice coordinates) of all triangles, canonical as in clause 9 |
+| `field{{i}}_keys.bin` | 64-bit Morton keys of field i, ascending |
+| `field{{i}}_uv.bin` | only where field i is over texels: 64-bit rows of its triangles with UVs, as in clause 9 |
+| `sharp_edges.bin` | only where there is such a unit: one byte, 0 or 1, for every edge, in the order of clause 8.4.2 |
+| `field{{i}}_group{{g}}_values.bin` | one byte per component, voxel after voxel or texel after texel, of channel group g |
+
+It exits with 0, or refuses: 3 the stream is invalid, 5 it is not supported, 6 it is over one of the decoder's limits. A stream of
+`"expect": "limit"` may be found invalid instead, since limits are the decoder's own. With `--lod L` it decodes L levels less.
+The runner compares every array at every listed level of detail; a missing or unexpected file is a failure. It needs Python and
+nothing else. It prints one line a case and exits with 0, or with 7 where a case has failed. `tests/conformance/test_conformance.py`
+puts decoders that are wrong on purpose through it.
+
+## Points that ask
+
+Some vectors have a `queries.json`: points, and all answers to them that clauses 8.2 and 11.2 let pass. A decoder that answers
+points is called with `--queries FILE` as well, where the runner is told so; others are not asked, and do not fail for it:
+
+    python conformance/run.py --decoder "<command>" --queries
+
+FILE holds 40 bytes a query, little endian: two 64-bit integers, field and triangle, and the point as three binary64. Where the
+field is over texels, triangle is the row of `field{{i}}_uv` that the point's face is, counted from 0, otherwise 0. Field -1 means
+that no face is known. The decoder writes `group{{g}}_answers.bin` of every channel group g: for query after query the group's
+components as they are coded (one where it is grey) on the scale 0..255, binary64, little endian; anything where the field that is
+asked has no values of the group.
+
+In `queries.json`, `components` has the number of each group. Each of a query's `answers` holds those of all groups, one after
+the other, `null` where nothing is asked; all have to be within `tolerance` of the same answer. `why` says what the point is for.
+
+## Vectors by clause
+
+| clause | decoded | refused |
+|---|---|---|
+{clauses}
+
+## All vectors
+
+| vector | what it is | bytes | queries |
+|---|---|---|---|
+{vectors}
+"""
+
+
+def features(vector):
+    """What a good stream contains, read from it."""
+    stream = parsed(vector.data)
+    header, fields, attributes = stream.header, stream.fields, stream.attributes
+    grids = [f for f in fields if f["support"] == SUPPORT_VOXELS]
+    return {
+        "bytes": len(vector.data), "position_bits": header["position_bits"], "faces": header["num_faces"],
+        "materials": header["num_materials"], "geometry_units": header["num_geometry_units"],
+        "channel_groups": [" + ".join(CHANNELS[n].name for n in g["group_semantics"]) for g in header["channel_groups"]],
+        "effects": in_words(header["effects"]),
+        "resolution": [f["resolution"] for f in grids], "voxels": [f["num_keys"] for f in grids],
+        "area_threshold": [f["area_threshold"] for f in grids],
+        **(texel_features(stream) if len(grids) < len(fields) else {}),
+        **(neural_features(stream.joint) if stream.joint else {"qp": [a.get("qp") for a in attributes],
+                                                                 "slices": [a.get("NumSlices") for a in attributes]}),
+        **({"constant": values} if any(values := [a.get("plane_value") for a in attributes]) else {}),
+        **({"filters": [a.get("num_filters") for a in attributes]} if any(a.get("filters") for a in attributes) else {}),
+        **({"normals": rules} if (rules := normal_features(stream)) else {}),
+        "metadata": stream.metadata is not None, "skipped_units": len(stream.skipped),
+    }
+
+
+def normal_features(stream):
+    """Rules of shading normals other than the usual one, and marks of edges."""
+    rules = [[m["normal_rule"], m["normal_angle"]] for m in stream.materials]
+    marks = {"edges": stream.sharp_edges["num_edges"]} if stream.sharp_edges else {}
+    return {"rules": rules, **marks} if any(rule not in ([0, 45], [None, None]) for rule in rules) else {}
+
+
+def texel_features(stream):
+    """What fields over texels contain, and their geometry units."""
+    images = [f for f in stream.fields if f["support"] == SUPPORT_TEXELS]
+    units = [g for g in stream.geometry if g["Support"] == SUPPORT_TEXELS]
+    return {
+        "images": [[f["width"], f["height"]] for f in images], "texels": [f["num_keys"] for f in images],
+        "wrap": [[WRAP_NAMES[f["wrap_s"]], WRAP_NAMES[f["wrap_t"]]] for f in images],
+        "uv_fraction_bits": [f["uv_fraction_bits"] for f in images], "uv_bits": [g["uv_bits"] for g in units],
+    }
+
+
+def neural_features(unit):
+    """What a 3DNTC unit contains."""
+    return {
+        "form": ("resident", "transport")[unit["form"]], "widths": unit["Widths"], "num_features": unit["num_features"],
+        "grids": [level["level_resolution"] for level in unit["latent_levels"]],
+        "rows": [level["num_latents"] or 1 << level["table_log2"] for level in unit["latent_levels"]],
+        "latent_bytes": len(unit["latent_data"]), "network_bytes": len(unit["network_data"]),
+    }
+
+
+def hashes(vector, lod):
+    """SHA-256 by array name, agreed on by both decoders."""
+    ours, other = arrays(vector.data, lod), naive.arrays(naive.decode(vector.data, lod))
+    if ours != other:
+        names = [name for name in ours | other if ours.get(name) != other.get(name)]
+        raise SystemExit(f"{vector.name}, lod {lod}: the two decoders differ in {', '.join(sorted(names))}")
+    return {name: hashlib.sha256(content).hexdigest() for name, content in sorted(ours.items())}
+
+
+def refuse_empty_promises(vector):
+    """Ends the program where a good vector does not hold what its title or clauses say."""
+    broken = unkept(Case(vector.title, list(vector.clauses), vector.data, list(vector.lods)))
+    if broken:
+        raise SystemExit(f"{vector.name}: {'; '.join(broken)}")
+
+
+def case_of(vector):
+    """Content of case.json."""
+    case = {"title": vector.title, "clauses": list(vector.clauses)}
+    if vector.expect:
+        return case | {"features": {"bytes": len(vector.data)}, "expect": vector.expect, "code": vector.code}
+    refuse_empty_promises(vector)
+    return case | {"features": features(vector), "lods": {str(lod): hashes(vector, lod) for lod in vector.lods}}
+
+
+def refusal(data):
+    """Code of our decoder's error, or what it did instead."""
+    try:
+        arrays(data)
+    except TexfError as error:
+        return error.code
+    return "no error"
+
+
+def readme(vectors, files):
+    """Text of conformance/README.md."""
+    by_number = lambda clause: [int(part) for part in clause.split(".")]
+    rows = []
+    for clause in sorted({clause for v in vectors for clause in v.clauses}, key=by_number):
+        mine = [v for v in vectors if clause in v.clauses]
+        names = lambda refused, mine=mine: ", ".join(v.name.split("/")[1] for v in mine if bool(v.expect) == refused)
+        rows.append(f"| {clause} | {names(False)} | {names(True)} |")
+    asked = lambda v: sum(map(len, json.loads(files.get(f"{v.name}/queries.json", '{"lods": {}}'))["lods"].values())) or ""
+    every = [f"| {v.name} | {v.title} | {len(v.data)} | {asked(v)} |" for v in vectors]
+    return README.format(clauses="\n".join(rows), vectors="\n".join(every))
+
+
+def made(vector):
+    """File name -> bytes, of one vector."""
+    if len(vector.data) >= LARGEST:
+        raise SystemExit(f"{vector.name} has {len(vector.data)} bytes")
+    case, queries = case_of(vector), queries_file(vector)
+    files = {"in.texf": vector.data, "case.json": (json.dumps(case, indent=1, ensure_ascii=False) + "\n").encode()}
+    return files | ({"queries.json": queries} if queries else {})
+
+
+def files_of(vectors, chosen):
+    """Path below conformance/ -> bytes, of everything that is generated; of vectors that are not chosen, as they stand."""
+    files = {}
+    for vector in vectors:
+        stands = {path.name: path.read_bytes() for path in sorted((HOME / vector.name).glob("*"))}
+        files |= {f"{vector.name}/{name}": content for name, content in (made(vector) if vector in chosen else stands).items()}
+    return {"README.md": readme(vectors, files).encode()} | files
+
+
+def standing():
+    """The vectors of conformance/, in the order of README.md."""
+    out = []
+    for name in re.findall(r"^\| ((?:subset|uncommon|faulty)/\w+) \|", (HOME / "README.md").read_text(encoding="utf-8"), re.M):
+        case, data = json.loads((HOME / name / "case.json").read_text(encoding="utf-8")), (HOME / name / "in.texf").read_bytes()
+        lods = tuple(map(int, case.get("lods", {"0": None})))
+        out.append(Vector(name, case["title"], tuple(case["clauses"]), data, lods, case.get("expect", ""), case.get("code", "")))
+    return out
+
+
+def put_in(vectors, new):
+    """Puts new vectors into the places of those of their names, or behind the last of their kind."""
+    for vector in new:
+        names = [other.name for other in vectors]
+        if vector.name in names:
+            vectors[names.index(vector.name)] = vector
+        else:
+            kind = vector.name.split("/")[0]
+            vectors.insert(1 + max(i for i, name in enumerate(names) if name.startswith(kind)), vector)
+
+
+def present():
+    """Paths below conformance/ of what was generated before."""
+    kinds = [path for kind in ("subset", "uncommon", "faulty") for path in sorted((HOME / kind).glob("*/*"))]
+    return {path.relative_to(HOME).as_posix() for path in [HOME / "README.md", *kinds] if path.is_file()}
+
+
+def differences(files):
+    """One line per file that is missing, left over or different."""
+    there = present()
+    changed = [f"{name}: differs" for name in sorted(there & files.keys()) if (HOME / name).read_bytes() != files[name]]
+    missing, left_over = sorted(files.keys() - there), sorted(there - files.keys())
+    return changed + [f"{name}: is missing" for name in missing] + [f"{name}: left over" for name in left_over]
+
+
+def write(files):
+    """Replaces all generated files."""
+    for kind in ("subset", "uncommon", "faulty"):
+        shutil.rmtree(HOME / kind, ignore_errors=True)
+    for name, content in files.items():
+        (HOME / name).parent.mkdir(parents=True, exist_ok=True)
+        (HOME / name).write_bytes(content)
+
+
+def vectors_made(module=None):
+    """All vectors, in the order of README.md, or those of one module."""
+    return [vector for kind, makers in (GOOD, SELDOM, FAULTY) for maker in makers if module in (None, maker.__name__)
+            for vector in getattr(maker, kind)()]
+
+
+def main():
+    """The command of the module's description."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    mode = parser.add_mutually_exclusive_group(required=True)
+    mode.add_argument("--write", action="store_true", help="rewrite conformance/")
+    mode.add_argument("--check", action="store_true", help="exit 7 where conformance/ is not what would be written")
+    parser.add_argument("--module", metavar="NAME", help="make the vectors of this module, such as vectors_rules")
+    parser.add_argument("--only", metavar="PART", help="ask the streams that stand there, of whose names this is a part, anew")
+    arguments = parser.parse_args()
+    if arguments.module or arguments.only:
+        vectors, chosen = standing(), vectors_made(arguments.module) if arguments.module else []
+        put_in(vectors, chosen)
+        chosen += [vector for vector in vectors if arguments.only and arguments.only in vector.name and vector not in chosen]
+    else:
+        vectors = chosen = vectors_made()
+    files = files_of(vectors, chosen)
+    found = differences(files)
+    print("\n".join([*found, f"{len(vectors)} vectors, {len(chosen)} made anew, {len(found)} files differ"]))
+    for vector in chosen:
+        if vector.expect and refusal(vector.data) != vector.code:
+            print(f"{vector.name}: {refusal(vector.data)} instead of {vector.code}", file=sys.stderr)
+    if arguments.write:
+        write(files)
+    return 7 if found and arguments.check else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,45 @@
+"""What titles and clauses of good conformance vectors promise of planar supports (7.11); vectors_claims.py reads them."""
+
+from conformance.make.good import values_of
+
+BOUND = 512  # of a factor of clause 7.11.2
+
+
+def is_planar(case):
+    """There are RAHT units, each of a field over texels, and there is no other field."""
+    return bool(case.images) and not case.grids and case.each(lambda unit: unit["Planar"] == 1)
+
+
+def heard(case, **off):
+    """Every RAHT unit, of several components where component_cross is off, has other values with these elements instead."""
+    units = [u for u in case.raht if u["NumComponents"] > 1 or "component_cross" not in off]
+    values = lambda unit: values_of(unit, case.texf.fields[unit["field_index"]].keys).tobytes()
+    return is_planar(case) and bool(units) and all(values(unit | off) != values(unit) for unit in units)
+
+
+def has_five_taps(case, count):
+    """Every unit has so many filter stages, of five taps for each bit, and there is no tap that changes nothing."""
+    five = lambda stage: len(stage["filter_coefficients"]) == 5 * stage["filter_mask"].bit_count() > 0
+    stages = case.each(lambda unit: len(unit["filters"]) == count and all(map(five, unit["filters"])))
+    return is_planar(case) and stages and not any(silent for of_unit in case.silent for silent in of_unit)
+
+
+# Phrase (all of it, case ignored) -> predicate of the Case of vectors_claims.py and the phrase's groups.
+PLANAR = {
+    r"a planar support": is_planar,
+    r"no rotated splits": lambda c: is_planar(c) and c.each(lambda u: u["planar_transform"] == 0),
+    r"rotated splits": lambda c: c.each(lambda u: u["planar_transform"] == 1) and heard(c, planar_transform=0),
+    r"no components that follow": lambda c: is_planar(c) and c.each(lambda u: not u["component_cross"]),
+    r"components that follow": lambda c: heard(c, component_cross=0),
+    r"component_cross (\d+)": lambda c, n: c.each(lambda u: u["component_cross"] == int(n)) and heard(c, component_cross=0),
+    r"two filter stages of five taps": lambda c: has_five_taps(c, 2),
+    r"factors at their bounds": lambda c: {("planar", -BOUND), ("planar", BOUND)} <= c.trace.clipped,
+}
+# Clause -> what a vector that lists it has to hold.
+PLANAR_CLAUSES = {
+    "7.11": is_planar,
+    "7.11.1": lambda c: heard(c, planar_transform=0),
+    "7.11.2": lambda c: heard(c, component_cross=0),
+    "7.11.3": lambda c: is_planar(c) and c.each(lambda u: u["num_models"] == 8),  # fewer lack some of the models that change
+    "7.11.4": lambda c: heard(c, filters=[]),
+}

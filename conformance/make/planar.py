@@ -1,0 +1,78 @@
+"""The conformance vectors of planar supports (clause 7.11), good and faulty, made from a stream whose only field is planar."""
+
+import numpy as np
+
+from conformance.make.faulty import as_faulty, with_values
+from conformance.make.filter import SLICES, every, filtered, out_of_range
+from conformance.make.good import Vector, parsed, recoded, with_codeword
+from conformance.make.texels import Image, picture, ring, stream_of_parts
+from texfcodec.codecs.raht.transform.filter import PLANAR_TAPS, stage_of
+
+ALL = {"planar_transform": 1, "component_cross": 16}
+
+
+def drawn_stage(seed):
+    """A FilterStage of every class of three components, all its taps drawn, none of them 0."""
+    mask = every(3)
+    taps = np.random.default_rng(seed).choice([t for t in range(-40, 41) if t], PLANAR_TAPS * mask.bit_count())
+    return stage_of(mask, taps, 3)
+
+
+def sheet_of_texels(alpha=False):
+    """A stream of one field over texels, whose picture goes from flat to noise: texels of every class of roughness (7.7)."""
+    size = (48, 32)
+    smooth, noisy = (picture(*size, 4 if alpha else 3, noise=noise).astype(float) for noise in (0, 60))
+    share = np.linspace(0, 1, size[0])[None, :, None] ** 2
+    image = np.round(smooth + share * (noisy - smooth)).astype(np.uint8)
+    return stream_of_parts([Image(image)], [ring(size)], alpha=alpha, qp=34)
+
+
+def uncommon():
+    """Vectors of each tool."""
+    data = sheet_of_texels()
+    noise = np.random.default_rng(81).bytes(600)
+    stages = {3: [drawn_stage(80 + n) for n in range(2)]}
+    lines = [
+        ("planar_plain", "a planar support, eight models, no rotated splits, no components that follow", ("7.11", "7.11.3"),
+         recoded(data, models=8)),
+        ("planar_direct", "rotated splits, components that follow, direct contexts", ("7.11.1", "7.11.2"), recoded(data, **ALL)),
+        ("planar_mixed", "rotated splits, components that follow, eight models, colour range", ("7.11.1", "7.11.2", "7.11.3"),
+         recoded(data, models=8, colour_range=4, **ALL)),
+        ("planar_alpha", "a planar support, colour and alpha, rotated splits, components that follow",
+         ("5.7.1", "7.11.1", "7.11.2"), recoded(sheet_of_texels(alpha=True), models=6, **ALL)),
+        ("planar_cross_1", "component_cross 1, no transform", ("7.11.2", "7.8.1"),
+         recoded(data, models=6, plain=True, component_cross=1)),
+        ("planar_slices", "a planar support, slices with the level index", ("7.2", "7.11", "7.11.3"),
+         recoded(data, models=8, slices=SLICES, index=True, **ALL)),
+        ("planar_filter", "two filter stages of five taps, with slices", ("5.7.3", "7.11.4"),
+         filtered(data, stages, slices=SLICES, models=6, **ALL)),
+        ("planar_lossless", "a planar support, lossless", ("7.9", "7.11"), recoded(data, models=6, max_error=0, **ALL)),
+        ("planar_random", "a planar support, random bytes as a codeword, means at their bounds, factors at their bounds",
+         ("7.11.1", "7.11.2", "7.11.3"), with_codeword(recoded(data, models=8, **ALL), noise, [40, 63, 63])),
+    ]
+    return [Vector(f"uncommon/{name}", *rest, (0, 1)) for name, *rest in lines]
+
+
+def faulty():
+    """Clauses 5.7.1 and 7.11."""
+    data = sheet_of_texels()
+    mixed = recoded(data, models=6, **ALL)
+    (unit,) = parsed(mixed).attributes
+    turned = lambda stream: stream.attributes[0].update(planar_transform=0)
+    weaker = lambda stream: stream.attributes[0].update(component_cross=15)
+    last = filtered(data, {3: [drawn_stage(90)]}, models=6, **ALL)
+    tap = lambda stream: stream.attributes[0]["filters"][0]["filter_coefficients"].__setitem__(64, 99)  # class 4, component 0
+    assert unit["planar_transform"] == 1 and unit["component_cross"] == 16
+    lines = [
+        ("planar_transform_2", "planar_transform 2", "5.7.1",
+         out_of_range(mixed, "planar_transform", b"\2", planar_transform=2), "TXF-S04"),
+        ("component_cross_17", "component_cross 17", "5.7.1",
+         out_of_range(mixed, "component_cross", b"\21", component_cross=17), "TXF-S04"),
+        ("planar_transform_off", "planar_transform is 0 for what was coded with 1", "7.11.1",
+         with_values(mixed, turned), "TXF-S32"),
+        ("component_cross_15", "component_cross is 15 for what was coded with 16", "7.11.2",
+         with_values(mixed, weaker), "TXF-S32"),
+        ("planar_filter_tap", "another fifth filter coefficient of the roughest class", "7.11.4",
+         with_values(last, tap), "TXF-S32"),
+    ]
+    return as_faulty(lines)

@@ -1,0 +1,1 @@
+"""What is shown beside the tests: bounds, determinism, load, mutants, coverage, and models of strangers."""

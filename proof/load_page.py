@@ -1,0 +1,93 @@
+"""The page of what holds under load, made of what the parts of proof/load.py have measured."""
+
+from bench.accuracy_page import machine, wrapped
+from bench.result_tables import markdown_table
+from proof.load_refused import TARGET as PEAK
+from proof.load_refused import WORST
+from proof.load_slope import TARGET as SLOPE
+from proof.load_slope import WARM
+
+MB = 1 << 20
+
+
+def page_of(found, faults):
+    """docs/load.md. found: {part: what it measured}; faults: {part: sentences on what misses its target}."""
+    lines = ["# Under load", "", f"Made by `make load` (proof/load.py) on {machine()}.", ""]
+    for part, section in SECTIONS.items():
+        if part in found:
+            missed = faults[part]
+            lines += [*section(found[part]), "", *(["**Missed:**", "", *(f"- {text}" for text in missed)] if missed else
+                                                   ["Nothing misses its target."]), ""]
+    return "\n".join(wrapped(lines)).rstrip() + "\n"
+
+
+def _slope(found):
+    yield "## The same again and again"
+    yield ""
+    yield (f"Resident memory of one process after each call, by least squares after the first {WARM:.0%} of the calls, in which "
+           f"caches fill; at most {SLOPE:,} bytes a call. Small scenes of seven kinds take turns: voxels, texels, alpha, maps, "
+           "lossless, fast, 3DNTC. ± is the standard error of the slope. The allocator of the C library has one arena here: with "
+           "its usual number, each of which keeps what threads have freed, encoding goes up in steps of 25 MB to some 350 MB and "
+           "stays there.")
+    yield ""
+    rows = [[kind, row["calls"], f"{row['bytes a call']:,} ± {row['error']:,}", f"{row['first'] / MB:.1f}",
+             f"{row['last'] / MB:.1f}"] for kind, row in found.items()]
+    yield from markdown_table(["what", "calls", "bytes a call", "MB at first", "MB at last"], rows)
+
+
+def _together(found):
+    warm, cold, after = found["warm"], found["cold"], found["after"]
+    yield f"## {found['processes']} processes at once"
+    yield ""
+    yield (f"Each codes and decodes the same scenes and vectors, beginning at another; all streams and arrays must be those of "
+           f"one alone, which took {found['alone']['seconds']:.0f} s. With compiled kernels the {found['processes']} took "
+           f"{warm['seconds']:.0f} s, with an empty cache, where each compiles what it finds missing, {cold['seconds']:.0f} s. "
+           f"They left {cold['files']} files of kernels; one process that came after them took {after['seconds']:.0f} s and "
+           f"wrote {after['compiled']} of these again.")
+
+
+def _batch(found):
+    yield "## A batch with faults"
+    yield ""
+    yield (f"`texf-enc --batch` over {found['assets']} good assets and {found['bad']} bad ones (not there, empty, noise, cut "
+           "short, a header of 4,000,000,000 vertices, no glTF), two at a time, disturbed and called again with the same words, "
+           f"{found['seconds']:.0f} s in all. In the end every good asset must have the stream that `texf-enc` alone makes of "
+           "it, every bad one a coded error, and no other file may be there."
+           + ("" if found["mounted"] else " The full disk was left out: this system mounts none for us."))
+    yield ""
+    rows = [[row["fault"], row["exit code"], row["streams"]] for row in found["tries"]]
+    yield from markdown_table(["disturbed by", "exit code", "streams then"], rows)
+
+
+def _refused(found):
+    rows, tool = found["rows"], found["tool"]
+    highest = max(row["peak"] for row in rows.values())
+    base = "; ".join(f"{name} {size / MB:.0f} MB" for name, size in found["baselines"].items())
+    yield "## Memory of refused files"
+    yield ""
+    yield (f"The highest resident memory of a process that refuses one of the {len(rows)} faulty conformance vectors; at most "
+           f"{PEAK // MB} MB. Much of it is there before the first byte is read: {base}. Every vector was read in a fork of one "
+           f"warm process that held {found['idle'] / MB:.0f} MB; the highest reached {highest / MB:.0f} MB. The table has "
+           + (f"the {WORST} highest" if len(tool) > WORST else "the highest") + " of those that `texf-dec` refused in a process "
+           f"of its own, which {len(tool)} did.")
+    yield ""
+    worst = sorted(tool, key=lambda name: -tool[name]["peak"])[:WORST]
+    added = {name: (row["peak"] - row["began"]) / MB for name, row in rows.items()}
+    table = [[name, tool[name]["code"], f"{tool[name]['peak'] / MB:.1f}", f"{added[name]:.1f}"] for name in worst]
+    yield from markdown_table(["vector", "exit code", "MB, texf-dec", "MB that it added in a fork"], table)
+
+
+def _levels(found):
+    yield "## At the bounds of a level"
+    yield ""
+    yield ("Decoding, with kernels compiled and two threads, of streams that come near one bound of bitstream_spec.md 10.1 each: "
+           "tori of vertex colours over voxels, a sheet with waves and noise over texels. Memory is what the process held at "
+           "most beyond the idle decoder. Both are proportional to the counts (10.1). Latents were not measured.")
+    yield ""
+    rows = [[row["level"], row["kind"], f"{row['count']:,}", f"{row['bound']:,}", f"{row['bytes']:,}", f"{row['seconds']:.1f}",
+             f"{row['memory'] / MB:,.0f}", f"{row['memory'] / row['count']:.0f}"] for row in found["rows"]]
+    yield from markdown_table(["level", "near the bound of", "count", "bound", "bytes of the stream", "seconds", "MB",
+                               "bytes of memory each"], rows)
+
+
+SECTIONS = {"slope": _slope, "together": _together, "batch": _batch, "refused": _refused, "levels": _levels}

@@ -1,0 +1,178 @@
+"""Tables say what the figures of rate_points.py say."""
+
+import csv
+import json
+import sys
+import types
+
+import numpy as np
+import pytest
+
+from bench import collect
+from bench.differences import Difference, pairs_of, rate_difference, summary
+from bench.results import published_rows, quality_of, read_missing, read_results
+from texfcodec.metrics.bd_rate import bd_rate
+
+
+@pytest.fixture
+def without_plots(monkeypatch):
+    """They take a second an asset."""
+    monkeypatch.setattr(collect, "draw", lambda *arguments: False)
+
+
+def metrics(asset, group, number, total, y, rgb=None):
+    return {"asset": asset, "group": group, "setting": f"{group}{number}", "package": "0", "code": "c", "bytes":
+            {"total": total, "geometry": 100, "attributes": total - 100}, "psnr_3d": {"y": y, "rgb": rgb or y - 1, "samples": 9},
+            "image": None, "seconds": {"encode": {"total": 1.5}, "decode": {"total": 0.5}},
+            "memory": {"encode": {"peak": 2e8}, "decode": {"peak": None}}, "warnings": ["a", "b"]}
+
+
+CURVES = {  # (asset, group): bytes, dB
+    ("vase", "old"): ([300, 500, 900, 1700], [30.0, 33.0, 36.0, 39.0]),
+    ("vase", "new"): ([280, 460, 830, 1600], [30.2, 33.1, 36.4, 39.2]),
+    ("cup", "old"): ([200, 300, 500], [40.0, 42.0, None]),
+    ("cup", "new"): ([210, 330, 600], [40.5, 41.9, 44.0]),
+    ("lid", "old"): ([200, 300], [20.0, 22.0]),
+    ("lid", "new"): ([210, 330], [40.5, 41.9]),
+}
+
+
+def write_results(folder, only=None):
+    """A results folder of CURVES."""
+    for (asset, group), points in CURVES.items():
+        for number, (total, y) in enumerate(zip(*points, strict=True)):
+            if only in (None, group):
+                place = folder / asset / f"{group}{number}"
+                place.mkdir(parents=True)
+                (place / "metrics.json").write_text(json.dumps(metrics(asset, group, number, total, y, 50.0 + number)))
+
+
+@pytest.mark.parametrize("kind, less", [("texture", 100), ("total", 0)])
+def test_differences_are_those_of_bd_rate(tmp_path, kind, less):
+    write_results(tmp_path)
+    pair, = pairs_of(read_results(tmp_path), None, anchor_group="old")
+    table = pair.differences(kind)
+    texture = {key: ([s - less for s in sizes], psnr) for key, (sizes, psnr) in CURVES.items()}
+    old_cup = [v[:2] for v in texture["cup", "old"]]  # without the lossless point
+    expected = {"vase": bd_rate(*texture["vase", "old"], *texture["vase", "new"]),
+                "cup": bd_rate(*old_cup, *texture["cup", "new"])}
+    found = {asset: row["3D-PSNR Y"] for asset, row in table.items()}
+    assert (pair.name, pair.other) == ("new", "old")
+    assert {asset: found[asset].percent for asset in expected} == expected and found["lid"].percent is None
+    assert summary(found.values()) == (pytest.approx(np.mean(list(expected.values()))), 2)
+    assert "share no quality range" in found["lid"].reason and found["lid"].overlap == 0
+    assert found["vase"].overlap == pytest.approx((39.0 - 30.2) / (39.0 - 30.0)) and found["vase"].reason is None
+    assert list(table["vase"]) == ["3D-PSNR Y", "3D-PSNR RGB"]  # what nobody has measured is no column
+
+
+def test_collect_writes_tables_and_does_without_matplotlib(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    write_results(tmp_path / "new", "new")
+    write_results(tmp_path / "old", "old")
+    collect.main([str(tmp_path / "new"), str(tmp_path / "old"), "--out", str(tmp_path / "out")])
+    assert "texfcodec[plots]" in capsys.readouterr().err
+    with open(tmp_path / "out/results.csv", newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 9 and rows[0]["bytes.total"] == "210" and rows[0]["warnings"] == "a; b"
+    text = (tmp_path / "out/results.md").read_text()
+    assert "## BD-rate: new against old" in text and "| **mean** |" in text and "## cup" in text
+    tables = [line for line in text.splitlines() if line.startswith("|")]
+    assert len({line.count("|") for line in tables if "new0" in line or "setting" in line}) == 1
+
+
+def test_collect_draws_each_asset(tmp_path):
+    pytest.importorskip("matplotlib")
+    write_results(tmp_path)
+    collect.main([str(tmp_path), "--out", str(tmp_path / "out"), "--anchor-group", "old"])
+    assert {p.name for p in (tmp_path / "out").glob("*.png")} == {"vase.png", "cup.png", "lid.png"}
+
+
+def test_unknown_groups_and_empty_folders_are_named(tmp_path):
+    with pytest.raises(SystemExit, match="no job is finished"):
+        collect.main([str(tmp_path), "--out", str(tmp_path / "out")])
+    write_results(tmp_path)
+    with pytest.raises(SystemExit, match="no group 'newest', only new, old"):
+        collect.main([str(tmp_path), "--out", str(tmp_path / "out"), "--anchor-group", "newest"])
+
+
+def test_median_is_that_of_the_assets_that_have_a_value():
+    found = [Difference(percent, 1.0, None) for percent in (-40.0, 10.0, None, -30.0, 90.0)]
+    assert summary(found) == (7.5, 4) and summary(found, np.median) == (-10.0, 4)
+    assert summary([Difference(None, None, "why")], np.median) == (None, 0)
+
+
+def image_row(total, **image):
+    measured = {"psnr": {"y": 30.0, "rgb": None}, "ssim": None, "lpips": None, **image}
+    return metrics("vase", "g", 0, total, 30.0) | {"image": measured}
+
+
+def test_ssim_is_compared_by_its_distance_from_one_in_decibels():
+    """Of two curves that lose the same at half the bytes, -50 %; on SSIM itself the curve between the points would be another."""
+    losses = (0.2, 0.05, 0.0125)
+    anchor, ours = ([image_row(100 + size * 4**i, ssim=1 - loss, lpips=loss / 2) for i, loss in enumerate(losses)]
+                    for size in (1000, 500))
+    assert [quality_of(row, "SSIM") for row in ours] == pytest.approx([-10 * np.log10(loss) for loss in losses])
+    assert rate_difference(anchor, ours, "SSIM") == pytest.approx(-50)
+    assert rate_difference(anchor, ours, "LPIPS") == pytest.approx(-50)
+    assert quality_of(image_row(9, ssim=1.0), "SSIM") == np.inf and quality_of(image_row(9), "SSIM") is None
+    assert quality_of(image_row(9), "image PSNR RGB") == np.inf
+
+
+def test_against_several_groups_makes_a_table_of_groups_by_assets_for_each(tmp_path, without_plots):
+    write_results(tmp_path)
+    for number, total in enumerate((150, 260, 460)):
+        place = tmp_path / f"vase/third{number}"
+        place.mkdir()
+        (place / "metrics.json").write_text(json.dumps(metrics("vase", "third", number, total, 30.5 + 3 * number)))
+    collect.main([str(tmp_path), "--out", str(tmp_path / "out"), "--against", "old", "--anchor-group", "third"])
+    text = (tmp_path / "out/results.md").read_text()
+    assert "## BD-rate against old" in text and "## BD-rate against third" in text
+    table = text.partition("## BD-rate against old")[2].partition("### 3D-PSNR Y")[2].splitlines()[2:6]
+    assert table[0] == "| group | cup | lid | vase | mean | median |"
+    assert [line.split(" | ")[0] for line in table[2:]] == ["| new", "| third"] and table[3].split(" | ")[1:3] == ["-", "-"]
+    third = next(pair for pair in pairs_of(read_results(tmp_path), None, None, "old") if pair.name == "third")
+    found = third.differences("texture")["vase"]["3D-PSNR Y"]
+    assert f"{found.percent:+.2f} ({100 * found.overlap:.0f} %)" in table[3]
+    assert "- none for new, lid: the curves share no quality range" in text
+
+
+def test_missing_rows_are_listed_with_their_reason(tmp_path, without_plots):
+    write_results(tmp_path)
+    told = {"setting": "q1", "group": "rival", "method": "elic", "asset": "cup", "state": "missing",
+            "reason": "elic is not here; | name it"}
+    for place, name, text in (("cup/q1", "missing.json", json.dumps(told)), ("cup/q2", "job.json", json.dumps({"group": "mine"})),
+                              ("cup/q2", "log.txt", "Traceback\nValueError: no luck\n\n"), ("cup/new0", "missing.json", "{}")):
+        (tmp_path / place).mkdir(exist_ok=True)
+        (tmp_path / place / name).write_text(text)
+    collect.main([str(tmp_path), "--out", str(tmp_path / "out")])
+    assert read_missing(tmp_path) == [told, {
+        "asset": "cup", "setting": "q2", "group": "mine", "method": "", "state": "not finished", "reason": "ValueError: no luck"}]
+    lines = (tmp_path / "out/results.md").read_text().partition("## Missing")[2].strip().splitlines()
+    assert lines[2] == "| rival | elic | missing | cup | 1 | elic is not here; \\| name it |" and len(lines) == 4
+
+
+def test_kept_rows_make_the_same_tables(tmp_path, without_plots):
+    write_results(tmp_path)
+    (tmp_path / "cup/gone").mkdir(parents=True)
+    (tmp_path / "cup/gone/missing.json").write_text(json.dumps({"state": "missing", "reason": "not here"}))
+    kept, first, second = (tmp_path / name for name in ("rows.jsonl", "first", "second"))
+    collect.main([str(tmp_path), "--out", str(first), "--against", "old", "--keep", str(kept)])
+    collect.main([str(kept), "--out", str(second), "--against", "old", "--no-pictures"])
+    assert "not here" in (first / "results.md").read_text()
+    for name in ("results.md", "results.csv"):
+        assert (first / name).read_text() == (second / name).read_text(), name
+
+
+def test_published_points_are_marked_and_compared_on_the_same_asset_only(tmp_path, monkeypatch, without_plots):
+    write_results(tmp_path)
+    points = [{"method": "Net", "asset": asset, "rate": 200.0 * 2**i, "measure": "3D-PSNR Y", "quality": 30.0 + 3 * i,
+               "source": "Somebody 2025, table 3"} for asset in ("vase", "basket") for i in range(3)]
+    module = types.SimpleNamespace(read_published=lambda path: points)
+    monkeypatch.setitem(sys.modules, "bench.methods.published", module)
+    collect.main([str(tmp_path), "--out", str(tmp_path / "out"), "--published", "x.csv", "--against", "old"])
+    text = (tmp_path / "out/results.md").read_text()
+    assert "## basket (published, other material)" in text and "| Net 400 (Somebody 2025, table 3) | Net, published |" in text
+    line = next(line for line in text.partition("### 3D-PSNR Y")[2].splitlines() if line.startswith("| Net, published"))
+    compared = rate_difference([r for r in read_results(tmp_path) if r["setting"].startswith("old") and r["asset"] == "vase"],
+                               published_rows(points[:3]), "3D-PSNR Y")
+    assert f"{compared:+.2f} (" in line and "basket" not in text.partition("## BD-rate")[2]

@@ -1,0 +1,67 @@
+"""What a job measures, and the pictures that it leaves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+from shapes import painted_sphere
+
+from bench.conditions import EVALUATION, read_conditions
+from bench.jobs import jobs_of
+from bench.measures import measure_job, measures, views_shown
+from texfcodec.metrics import perceptual
+
+SMALL = EVALUATION | {"samples": 500, "views": 3, "size": 64}
+
+
+def darker(scene):
+    return replace(scene, corner_color=scene.corner_color * np.float32(0.5))
+
+
+@pytest.fixture(scope="module")
+def ball():
+    return painted_sphere(8)
+
+
+@pytest.mark.parametrize("pictures, views, shown", [(0, 16, []), (1, 16, [8]), (2, 4, [1, 3]), (4, 16, [2, 6, 10, 14]),
+                                                    (9, 3, [0, 1, 2])])
+def test_pictures_are_spread_over_the_views(pictures, views, shown):
+    assert views_shown(pictures, views) == shown
+
+
+def test_pictures_show_the_source_and_what_was_decoded(ball, tmp_path):
+    job = {"evaluation": SMALL | {"pictures": 2, "picture_size": 32}, "threads": 1}
+    assert measure_job(ball, darker(ball), None, job, tmp_path)["pictures"] == [0, 2]
+    seen = {path.name: np.asarray(Image.open(path).convert("RGB"), np.float64) for path in tmp_path.iterdir()}
+    assert set(seen) == {"source_00.webp", "picture_00.webp", "source_02.webp", "picture_02.webp"}
+    for view in ("00", "02"):
+        source, picture = seen[f"source_{view}.webp"], seen[f"picture_{view}.webp"]
+        assert source.shape == (32, 32, 3) and source[0, 0].min() > 250 < picture[0, 0].min()
+        assert source[12:20, 12:20].mean() > 1.2 * picture[12:20, 12:20].mean()
+
+
+def test_no_pictures_are_written_or_told_of_unless_asked_for(ball, tmp_path):
+    found = measure_job(ball, ball, None, {"evaluation": SMALL | {"views": 0}, "threads": 1}, tmp_path)
+    assert list(tmp_path.iterdir()) == [] and set(found) == {"psnr_3d", "image", "maps"} and found["image"] is None
+
+
+def test_lpips_is_measured_with_the_weights_that_are_named(ball, monkeypatch):
+    monkeypatch.setattr(perceptual, "Lpips", lambda weights: lambda a, b: len(weights) / 100)
+    assert measures(ball, darker(ball), None, SMALL, 1)["image"]["lpips"] is None
+    found = measures(ball, darker(ball), None, SMALL | {"lpips": "alexnet.pth"}, 1)
+    assert found["image"]["lpips"] == pytest.approx(0.11)
+
+
+def test_weights_are_looked_for_beside_the_conditions_and_known_by_their_name(tmp_path):
+    identities = []
+    for place, lpips in (("a", 'lpips = "w/alex.pth"'), ("b", 'lpips = "alex.pth"'), ("c", 'lpips = "other.pth"'), ("d", "")):
+        weights = tmp_path / place / (lpips.split('"')[1] if lpips else "none")
+        weights.parent.mkdir(parents=True)
+        weights.touch()
+        (tmp_path / place / "c.toml").write_text(f'assets = ["vase"]\n[evaluation]\n{lpips}\n[[settings]]\nname = "q"\n')
+        conditions = read_conditions(tmp_path / place / "c.toml")
+        assert conditions["evaluation"]["lpips"] == (str(weights) if lpips else "")
+        job, = jobs_of(conditions, {"vase": weights}, tmp_path)
+        identities.append(job.facts["settings_sha256"])
+    assert identities[0] == identities[1] and len(set(identities)) == 3

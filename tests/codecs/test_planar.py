@@ -1,0 +1,178 @@
+"""Planar supports (clause 7.11): the codec against the naive decoder, and what its tools are worth where they should help."""
+
+from itertools import pairwise
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+
+from naive.attributes import decode_values
+from texfcodec.bitstream.stream import Stream, attribute_variables
+from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS
+from texfcodec.codecs.raht import attribute_coder, tool_choice
+from texfcodec.codecs.raht.attribute_coder import CodedAttributes, Tools, dec_attributes, enc_attributes
+from texfcodec.codecs.raht.coefficients.residual import ResidualPlan
+from texfcodec.codecs.raht.raht_syntax import RAHT
+from texfcodec.codecs.raht.raht_values import coded_of, raht_values
+from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
+from texfcodec.codecs.raht.transform.filter import CLASSES, PLANAR_TAPS, stage_of, taps_of
+from texfcodec.codecs.raht.transform.quantise import MAX_MEAN, _dequantise, step_of
+from texfcodec.core.syntax_walk import Reader, read_structure, write_structure
+from texfcodec.errors import StreamError
+from texfcodec.field.morton import decode_morton, encode_morton
+
+ALL = {"planar": 1, "planar_transform": 1, "component_cross": 16}
+
+
+def island_keys(depth, seed=1):
+    """Texels of a few discs and of single points: full blocks, edges and blocks of every shape."""
+    rng, side = np.random.default_rng(seed), 1 << depth
+    y, x = np.mgrid[:side, :side]
+    mask = rng.random((side, side)) < 0.04
+    for cx, cy, radius in rng.uniform((0, 0, side / 8), (side, side, side / 3), (3, 3)):
+        mask |= (x - cx) ** 2 + (y - cy) ** 2 < radius**2
+    y, x = np.nonzero(mask)
+    return np.sort(encode_morton(np.stack([x, y, np.zeros_like(x)], axis=1)))
+
+
+def texture(keys, components, seed=2):
+    """uint8 [N, C]: stripes along both axes and a diagonal, whose components go together, and noise."""
+    rng, (x, y, _) = np.random.default_rng(seed), decode_morton(keys).T
+    light = 60 * np.sign(np.sin(0.8 * x)) + 40 * np.sin(0.45 * y + 0.3 * x) + 25 * ((x + y) // 5 % 2)
+    values = 128 + light[:, None] * np.array([1, 0.7, -0.4])[:components] + rng.normal(0, 4, (len(keys), components))
+    return np.clip(np.rint(values), 0, 255).astype(np.uint8)
+
+
+def sliced():
+    return patch.multiple(attribute_coder, WHOLE_VOXELS=1, SLICE_VOXELS=60, SLICE_NODES=8)
+
+
+def coded_image(keys, depth, rgb, tools, qp=24, plan=None, threads=1):
+    """(CodedAttributes, means or values) of texels uint8 [N, C]."""
+    values = forward_colour(rgb) if rgb.shape[1] == 3 else forward_plain(rgb)
+    return enc_attributes(keys, depth, values, [qp] * rgb.shape[1], tools, threads, plan)
+
+
+def decoded_image(keys, depth, coded, stop=None, threads=1):
+    data, ends = np.frombuffer(b"".join(coded.codewords), np.uint8), np.cumsum([0, *map(len, coded.codewords)]).tolist()
+    inverse = inverse_colour if len(coded.qp) == 3 else inverse_plain
+    return dec_attributes(keys, depth, coded, data, list(pairwise(ends)), depth if stop is None else stop, threads, inverse)
+
+
+def naive_unit(coded: CodedAttributes, depth):
+    """The unit as tests/naive reads it."""
+    stages = [{"mask": s.mask, "coefficients": taps_of(s)} for s in coded.filters]
+    names = ("qp", "kernel", "colour_range", "slice_level", "slice_first", "codewords", "residual", "residual_cross",
+             "planar", "planar_transform", "component_cross")
+    return {**{name: getattr(coded, name) for name in names}, "depth": depth, "components": len(coded.qp), "filters": stages,
+            "num_models": coded.models, "root_mean": coded.root, "colour_transform": int(len(coded.qp) == 3)}
+
+
+@pytest.mark.parametrize("models", [0, 1, 2, 8])
+@pytest.mark.parametrize("components, rotated, cross", [(3, 1, 16), (3, 0, 5), (3, 1, 0), (1, 1, 0)])
+def test_planar_fields_decode_as_by_the_naive_decoder(components, rotated, cross, models):
+    """With slices, a filter of any taps and a colour range; coarser levels too."""
+    keys, depth, mask = island_keys(5), 5, (1 << CLASSES * components) - 1
+    stage = stage_of(mask, np.random.default_rng(7).integers(-128, 128, PLANAR_TAPS * mask.bit_count()), components)
+    tools = Tools(colour_range=4, models=models, filters=1, planar=1, planar_transform=rotated, component_cross=cross)
+    with sliced(), patch.object(attribute_coder, "fit_stage", lambda *_: stage):
+        coded, means = coded_image(keys, depth, texture(keys, components), tools)
+    assert coded.filters and len(coded.slice_first) > 2 and coded.planar_transform == rotated and coded.component_cross == cross
+    theirs = decode_values(naive_unit(coded, depth), keys.tolist())
+    assert decoded_image(keys, depth, coded, threads=2).tobytes() == theirs
+    assert (inverse_colour if components == 3 else inverse_plain)(means).tobytes() == theirs
+    for lod in (1, 3):
+        coarse = decode_values(naive_unit(coded, depth), keys.tolist(), lod)
+        assert decoded_image(keys, depth, coded, depth - lod).tobytes() == coarse
+
+
+@pytest.mark.parametrize("models", [0, 8])
+@pytest.mark.parametrize("seed", range(4))
+def test_random_codewords_of_planar_fields_decode_as_by_the_naive_decoder(models, seed):
+    """Huge coefficients: every bound of clause 7.11 is reached, and no mean leaves its range."""
+    rng, keys = np.random.default_rng(seed), island_keys(4, seed)
+    coded = CodedAttributes([63, 0, 40], [1, *[255] * 6], 3, models, [], [1 << 20, -(1 << 20), 5], 0, [0],
+                            [rng.bytes(4000)], [], **ALL)
+    data = np.frombuffer(coded.codewords[0], np.uint8)
+    means = dec_attributes(keys, 4, coded, data, [(0, len(data))], 4)
+    assert np.abs(means).max() == MAX_MEAN
+    assert inverse_colour(means).tobytes() == decode_values(naive_unit(coded, 4), keys.tolist())
+
+
+@pytest.mark.parametrize("delta", [0, 3])
+def test_planar_residuals_keep_their_bound_and_decode_as_by_the_naive_decoder(delta):
+    keys, rgb = island_keys(5), texture(island_keys(5), 3)
+    with sliced():
+        coded, made = coded_image(keys, 5, rgb, Tools(models=6, filters=1, **ALL), 28, ResidualPlan(delta, rgb, inverse_colour))
+    assert np.abs(made.astype(int) - rgb).max() == delta
+    assert made.tobytes() == decoded_image(keys, 5, coded).tobytes() == decode_values(naive_unit(coded, 5), keys.tolist())
+
+
+def test_bytes_do_not_depend_on_threads():
+    keys = island_keys(6)
+    with sliced():
+        one, two = (coded_image(keys, 6, texture(keys, 3), Tools(models=8, filters=2, **ALL), threads=t) for t in (1, 3))
+    assert one[0].codewords == two[0].codewords and len(one[0].codewords) > 2 and np.array_equal(one[1], two[1])
+
+
+@pytest.mark.parametrize("tool", ["planar_transform", "component_cross"])
+def test_each_tool_saves_bytes_on_stripes_whose_components_go_together(tool):
+    """Bits and error, weighed as the encoder weighs them."""
+    keys = island_keys(7)
+    field = keys, 7, forward_colour(texture(keys, 3)), [28] * 3
+    costs = [tool_choice._lagrangian_cost(*field, Tools(models=8, **{**ALL, **off}), 1) for off in ({}, {tool: 0})]
+    assert costs[0] < 0.99 * costs[1]
+
+
+def test_the_choice_leaves_out_what_does_not_pay():
+    """Checks of single texels: sums and differences of their splits are worse than the splits; their colour does not follow."""
+    y, x = (v.ravel() for v in np.mgrid[:32, :32])
+    keys = encode_morton(np.stack([x, y, np.zeros_like(x)], axis=1))
+    order = np.argsort(keys)
+    rng = np.random.default_rng(5)
+    rgb = (rng.integers(0, 2, (len(keys), 3)) * 255).astype(np.uint8)[order]
+    chosen = tool_choice.choose_tools(keys[order], 5, forward_colour(rgb), [28] * 3, "balanced", 1, True)
+    assert chosen.planar == 1 and chosen.component_cross < 16
+    voxels = tool_choice.choose_tools(keys[order], 5, forward_colour(rgb), [28] * 3, "balanced", 1)
+    assert (voxels.planar, voxels.planar_transform, voxels.component_cross) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("components", [1, 3])
+def test_parameters_are_read_as_written(components):
+    keys = island_keys(3)
+    coded, _ = coded_image(keys, 3, texture(keys, components), Tools(models=1, **ALL))
+    around = {"resolution": 8, "NumComponents": components, "Planar": 1}
+    data = write_structure(RAHT, {**raht_values(coded, components == 3), **around})
+    again, _ = coded_of(read_structure(RAHT, Reader(data, 0, len(data)), dict(around)))
+    assert (again.planar, again.planar_transform, again.component_cross) == (1, 1, 16 if components == 3 else 0)
+    voxels = write_structure(RAHT, {**raht_values(coded, components == 3), **around, "Planar": 0})
+    assert len(data) - len(voxels) == (2 if components == 3 else 1)
+
+
+@pytest.mark.parametrize("name, value", [("planar_transform", 2), ("component_cross", 17)])
+def test_parameters_out_of_range_are_refused(name, value):
+    keys, around = island_keys(3), {"resolution": 8, "NumComponents": 3, "Planar": 1}
+    coded, _ = coded_image(keys, 3, texture(keys, 3), Tools(models=1, **ALL))
+    data = bytearray(write_structure(RAHT, {**raht_values(coded, True), **around}))
+    at = 1 + 3 + 7 + 1 + 1 + (name == "component_cross")
+    assert data[at] == {"planar_transform": 1, "component_cross": 16}[name]
+    data[at] = value
+    with pytest.raises(StreamError) as caught:
+        read_structure(RAHT, Reader(bytes(data), 0, len(data)), dict(around))
+    assert caught.value.code == "TXF-S04"
+
+
+def test_units_are_planar_where_their_field_is_over_texels():
+    fields = [{"support": SUPPORT_VOXELS, "resolution": 4}, {"support": SUPPORT_TEXELS, "width": 5, "height": 9}]
+    stream = Stream({"channel_groups": [{"group_components": 3, "group_semantics": [0]}]}, fields=fields)
+    voxels, texels = (attribute_variables(stream, {"field_index": i, "group_index": 0, "level_shift": 0}) for i in range(2))
+    assert (voxels["Planar"], voxels["resolution"], texels["Planar"], texels["resolution"]) == (0, 4, 1, 9)
+
+
+def test_halved_gain_gives_sum_and_difference_of_a_rotated_pair():
+    """An orthonormal pair (a, b) comes from its rotation: ((s - d) / sqrt 2, (s + d) / sqrt 2), to a unit in the last place."""
+    step = step_of(28)
+    for s, d in ((5, 0), (3, -4), (-7, 7), (1 << 21, 1 << 21)):
+        for q in (s - d, s + d):
+            exact = q * step * np.sqrt(1 / 4 + 1 / 9) / np.sqrt(2)
+            assert abs(int(_dequantise(q, step, 4, 9, 1)) - np.clip(exact, -(2**22 - 1), 2**22 - 1)) <= 1 + abs(exact) / 2**15

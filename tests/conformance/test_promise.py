@@ -1,0 +1,26 @@
+"""What was decoded once is decoded for ever: conformance/make/promise.py. That vectors decode to it is the runner's to check."""
+
+import pytest
+
+from conformance.make.promise import broken, found, promised, renewed
+
+OLD = {"subset/a": ["1", "2"], "subset/b": ["3", "4"]}
+
+
+def test_every_stream_that_decodes_is_promised_and_as_it_was():
+    assert promised() == found() and len(found()) > 150
+
+
+@pytest.mark.parametrize("new, said", [({"subset/a": ["1", "2"]}, "subset/b is gone"),
+                                       (OLD | {"subset/a": ["0", "2"]}, "subset/a is another stream"),
+                                       (OLD | {"subset/a": ["1", "0"]}, "subset/a decodes to other values")])
+def test_a_promise_is_not_broken_from_version_1_on(new, said):
+    assert list(broken(OLD, new)) == [said]
+    assert renewed(OLD, new, anew=True, version=0) == new
+    for version, anew in ((0, False), (1, False), (1, True)):
+        with pytest.raises(ValueError, match=said):
+            renewed(OLD, new, anew, version)
+
+
+def test_new_vectors_join_the_list():
+    assert renewed(OLD, OLD | {"subset/c": ["5", "6"]}, version=1) == OLD | {"subset/c": ["5", "6"]}

@@ -1,0 +1,184 @@
+"""The bundled sample: closed, varied, the same everywhere, made without a network, and carried by its GLB without loss."""
+
+import hashlib
+import io
+import json
+import socket
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from texfcodec.demo import asset as sample_asset
+from texfcodec.io.load import load
+from texfcodec.scene.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
+
+GEOMETRY_SHA256 = "0a33649dc696aab6ba69ea9b3af2e23a62893ce527ba0520074d7d1c68c55aaf"
+
+
+def parts_of(scene):
+    """Faces grouped by connected part, by plain label spreading."""
+    label = np.arange(len(scene.positions))
+    while True:
+        lowest = label[scene.faces].min(axis=1)
+        spread = label.copy()
+        for corner in range(3):
+            np.minimum.at(spread, scene.faces[:, corner], lowest)
+        if np.array_equal(spread, label):
+            return [scene.faces[label[scene.faces[:, 0]] == part] for part in np.unique(label)]
+        label = spread[spread]
+
+
+def test_every_part_is_closed_oriented_and_faces_outwards(sample_scene):
+    parts = parts_of(sample_scene)
+    assert len(parts) == 7
+    for faces in parts:
+        edges = [tuple(edge) for i in range(3) for edge in faces[:, [i, (i + 1) % 3]].tolist()]
+        assert len(set(edges)) == len(edges)  # no directed edge twice
+        assert set(edges) == {(b, a) for a, b in edges}  # each met from the other side
+        a, b, c = np.moveaxis(sample_scene.positions[faces], 1, 0)
+        assert (a * np.cross(b, c)).sum() > 0
+    euler = sorted(len(np.unique(f)) - len(f) // 2 for f in parts)
+    assert euler == [0, 2, 2, 2, 2, 2, 2]  # one torus, the knot; the rest spheres
+
+
+def test_size_is_that_of_a_small_asset(sample_scene):
+    assert 10_000 <= len(sample_scene.faces) <= 20_000
+    assert sample_scene.positions[:, 1].min() == 0
+    corners = sample_scene.positions[sample_scene.faces]
+    assert np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).min() > 1e-6
+    assert np.array_equal(np.unique(sample_scene.faces), np.arange(len(sample_scene.positions)))
+
+
+def test_arrays_have_the_types_of_the_scene_model(sample_scene):
+    s = sample_scene
+    assert [a.dtype for a in (s.positions, s.faces, s.face_material, s.corner_uv, s.corner_color)] == [
+        np.float64, np.int64, np.int64, np.float64, np.float32]  # fmt: skip
+    assert s.corner_uv.shape == (len(s.faces), 3, 2) and s.corner_color.shape == (len(s.faces), 3, 4)
+    assert all(t.image.dtype == np.uint8 and t.image.shape[2] == 4 and (t.image[..., 3] == 255).all() for t in s.textures)
+
+
+def test_sample_shows_what_a_loader_has_to_handle(sample_scene):
+    s = sample_scene
+    used = [set(np.unique(s.face_material)), {m.texture for m in s.materials if m.texture >= 0}]
+    assert used == [set(range(6)), set(range(4))]
+    assert {t.wrap[0] for t in s.textures} == {WRAP_REPEAT, WRAP_CLAMP, WRAP_MIRROR}
+    brick = s.corner_uv[s.face_material == sample_asset.PLINTH]
+    assert brick.min() < 0 and brick.max() > 1 and s.textures[2].wrap == (WRAP_REPEAT, WRAP_REPEAT)
+    assert s.materials[sample_asset.PLINTH].factor[0] < 1  # texture and factor together
+    assert s.materials[sample_asset.GLAZE].texture == -1 and s.materials[sample_asset.GLAZE].factor[0] < 1
+    feet = s.face_material == sample_asset.FEET
+    assert (s.corner_color[~feet] == 1).all() and np.ptp(s.corner_color[feet][..., :3]) > 0.8
+    assert s.corner_color.min() >= 0 and s.corner_color.max() <= 1
+
+
+def test_sample_is_the_same_on_every_machine(sample_scene):
+    again = sample_asset.make_sample()
+    digest = hashlib.sha256()
+    for name in ("positions", "faces", "face_material", "corner_uv", "corner_color"):
+        first, second = getattr(sample_scene, name), getattr(again, name)
+        assert np.array_equal(first, second)
+        digest.update(np.ascontiguousarray(second + 0, dtype=second.dtype.newbyteorder("<")).tobytes())  # + 0 drops -0.0
+    assert digest.hexdigest() == GEOMETRY_SHA256
+
+
+def test_sample_is_made_without_a_network(monkeypatch):
+    def refuse(*_args, **_kwargs):
+        raise AssertionError("the sample reached for the network")
+
+    monkeypatch.setattr(socket, "socket", refuse)
+    monkeypatch.setitem(sys.modules, "pooch", None)  # scikit-image downloads through pooch; importing it now fails
+    assert len(sample_asset.make_sample().textures) == 4
+
+
+@pytest.fixture(scope="module")
+def glb(tmp_path_factory):
+    path = tmp_path_factory.mktemp("sample") / "花瓶 sample.glb"
+    sample_asset.write_sample(path)
+    return path.read_bytes()
+
+
+def read_glb(data):
+    """(json, binary) of a GLB, every length checked."""
+    magic, version, total, json_length, json_type = struct.unpack_from("<4sIII4s", data)
+    binary_length, binary_type = struct.unpack_from("<I4s", data, 20 + json_length)
+    assert (magic, version, total, json_type, binary_type) == (b"glTF", 2, len(data), b"JSON", b"BIN\0")
+    assert json_length % 4 == 0 and binary_length % 4 == 0 and 28 + json_length + binary_length == total
+    return json.loads(data[20 : 20 + json_length]), data[28 + json_length :]
+
+
+def accessor_values(document, binary, index):
+    accessor = document["accessors"][index]
+    view = document["bufferViews"][accessor["bufferView"]]
+    assert view["byteOffset"] % 4 == 0
+    dtype = {5126: "<f4", 5125: "<u4"}[accessor["componentType"]]
+    width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}[accessor["type"]]
+    values = np.frombuffer(binary, dtype, accessor["count"] * width, view["byteOffset"]).reshape(-1, width)
+    if "min" in accessor:
+        assert values.min(axis=0).tolist() == accessor["min"] and values.max(axis=0).tolist() == accessor["max"]
+    return values
+
+
+def test_glb_carries_the_geometry_without_loss(glb, sample_scene):
+    document, binary = read_glb(glb)
+    assert document["buffers"] == [{"byteLength": len(binary)}]
+    for primitive in document["meshes"][0]["primitives"]:
+        chosen = sample_scene.face_material == primitive["material"]
+        index = accessor_values(document, binary, primitive["indices"]).reshape(-1, 3)
+        expected = {"POSITION": sample_scene.positions[sample_scene.faces[chosen]]}
+        if sample_scene.materials[primitive["material"]].texture >= 0:
+            expected["TEXCOORD_0"] = sample_scene.corner_uv[chosen]
+        if primitive["material"] == sample_asset.FEET:
+            expected["COLOR_0"] = sample_scene.corner_color[chosen]
+        assert primitive["attributes"].keys() == expected.keys()
+        for name, values in expected.items():
+            assert np.array_equal(accessor_values(document, binary, primitive["attributes"][name])[index], values)
+
+
+def test_glb_carries_the_images_without_loss(glb, sample_scene):
+    document, binary = read_glb(glb)
+    for image, sampler, texture in zip(document["images"], document["samplers"], sample_scene.textures, strict=True):
+        view = document["bufferViews"][image["bufferView"]]
+        png = Image.open(io.BytesIO(binary[view["byteOffset"] : view["byteOffset"] + view["byteLength"]]))
+        assert np.array_equal(np.asarray(png), texture.image[..., :3])
+        gl_name = {WRAP_REPEAT: 10497, WRAP_CLAMP: 33071, WRAP_MIRROR: 33648}
+        assert (sampler["wrapS"], sampler["wrapT"]) == tuple(gl_name[w] for w in texture.wrap)
+
+
+def test_loader_brings_the_sample_back(tmp_path, sample_scene):
+    path = tmp_path / "sample.glb"
+    sample_asset.write_sample(path)
+    loaded = load(path, strict=True)
+    order = np.argsort(sample_scene.face_material, kind="stable")  # the GLB holds one primitive per material
+    assert np.array_equal(loaded.face_material, sample_scene.face_material[order])
+    assert np.array_equal(loaded.positions[loaded.faces], sample_scene.positions[sample_scene.faces][order])
+    assert np.array_equal(loaded.corner_uv, sample_scene.corner_uv[order])
+    assert np.array_equal(loaded.corner_color, sample_scene.corner_color[order])
+    for material, expected in zip(loaded.materials, sample_scene.materials, strict=True):
+        assert (material.name, material.texture) == (expected.name, expected.texture)
+        assert np.array_equal(material.factor, expected.factor)
+    for texture, expected in zip(loaded.textures, sample_scene.textures, strict=True):
+        assert texture.wrap == expected.wrap and np.array_equal(texture.image, expected.image)
+
+
+def test_failed_write_leaves_nothing_behind(tmp_path, monkeypatch):
+    def fail(_self):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(sample_asset._Glb, "tobytes", fail)
+    with pytest.raises(OSError, match="disk full"):
+        sample_asset.write_sample(tmp_path / "out.glb")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_module_runs_as_a_command(tmp_path):
+    command = [sys.executable, "-m", "texfcodec.demo.asset"]
+    out, root = tmp_path / "out.glb", Path(__file__).resolve().parents[2]
+    assert subprocess.run([*command, str(out)], cwd=root, check=False).returncode == 0
+    assert out.read_bytes()[:4] == b"glTF"
+    usage = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
+    assert usage.returncode != 0 and "OUT.glb" in usage.stderr and "Traceback" not in usage.stderr

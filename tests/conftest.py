@@ -6,7 +6,6 @@ import tomllib
 from collections import defaultdict
 from pathlib import Path
 
-import numpy as np
 import pytest
 from plugins import write_plugin
 
@@ -25,13 +24,6 @@ def pytest_collection_modifyitems(items):
         kept = {i * len(found) // wanted for i in range(wanted)} if wanted else set()
         for i, item in enumerate(found if wanted is not None else ()):
             item.add_marker("long" if i in kept or wanted >= len(found) else "slow")
-
-
-def with_a_bit_flipped(data):
-    """Copies of bytes with one bit of one byte turned over, byte after byte."""
-    rng = np.random.default_rng(0)
-    for i, byte in enumerate(data):
-        yield data[:i] + bytes([byte ^ 1 << int(rng.integers(8))]) + data[i + 1 :]
 
 
 @pytest.fixture(scope="session")

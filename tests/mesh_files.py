@@ -1,8 +1,10 @@
-"""What the loader's tests are made of: a glTF file grown piece by piece, encoded images, and one way to load bytes."""
+"""What the loader's tests are made of: a glTF file grown piece by piece, encoded images, one way to load bytes, and what
+stands in a GLB that was saved."""
 
 import io
 import json
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -104,3 +106,27 @@ def refusal(folder, source, name="a.glb", **options):
     with pytest.raises(TexfError) as caught:
         load_bytes(folder, source, name, **options)
     return caught.value
+
+
+def read_glb(path):
+    """(JSON dict, binary chunk) after checking the container's own numbers."""
+    data = Path(path).read_bytes()
+    magic, version, total, length, kind = struct.unpack_from("<4sIIII", data)
+    assert (magic, version, total, kind) == (b"glTF", 2, len(data), 0x4E4F534A) and length % 4 == 0
+    document, rest = json.loads(data[20 : 20 + length]), data[20 + length :]
+    if rest:
+        size, kind = struct.unpack_from("<II", rest)
+        assert kind == 0x004E4942 and size == len(rest) - 8 == document["buffers"][0]["byteLength"]
+    return document, rest[8:]
+
+
+def accessor(document, binary, number):
+    item = document["accessors"][number]
+    view = document["bufferViews"][item["bufferView"]]
+    assert view["byteOffset"] % 4 == 0 and view["byteOffset"] + view["byteLength"] <= len(binary)
+    width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}[item["type"]]
+    kind = {5126: "<f4", 5123: "<u2", 5125: "<u4"}[item["componentType"]]
+    values = np.frombuffer(binary, kind, item["count"] * width, view["byteOffset"]).reshape(-1, width)
+    if "min" in item:
+        assert np.array_equal(values.min(0), item["min"]) and np.array_equal(values.max(0), item["max"])
+    return values

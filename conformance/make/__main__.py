@@ -77,7 +77,8 @@ header, and no others:
 It exits with 0, or refuses: 3 the stream is invalid, 5 it is not supported, 6 it is over one of the decoder's limits. A stream of
 `"expect": "limit"` may be found invalid instead, since limits are the decoder's own. With `--lod L` it decodes L levels less.
 The runner compares every array at every listed level of detail; a missing or unexpected file is a failure. It needs Python and
-nothing else. It prints one line a case and exits with 0, or with 7 where a case has failed. `tests/conformance/test_conformance.py`
+nothing else. It prints one line a case and exits with 0, or with 7 where a case has failed.
+`tests/conformance/test_conformance.py`
 puts decoders that are wrong on purpose through it.
 
 ## Points that ask

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_rate_points import REPOSITORY, environment, stamps, wait_for, write_ball
+from batches import REPOSITORY, environment, stamps, wait_for, write_ball
 
 from bench.conditions import read_conditions
 from bench.rate_points import main
@@ -17,7 +17,7 @@ import pickle
 import threading
 from pathlib import Path
 
-from baselines import Method, method
+from bench.methods import Method, method
 
 PROGRAM = Path(__file__).with_name("program")
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from test_rate_points import REPOSITORY, children_in, environment, stamps, wait_for, write_ball
+from batches import REPOSITORY, children_in, environment, stamps, wait_for, write_ball
 
 from bench.rate_points import main
 from texfcodec.batch.cluster import files_of, run_there

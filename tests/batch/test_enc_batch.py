@@ -9,8 +9,8 @@ import threading
 from pathlib import Path
 
 import pytest
+from batches import environment, wait_for
 from interrupts import TETRAHEDRON
-from test_rate_points import environment, wait_for
 
 from texfcodec.batch.folders import LOCK, WORK, only_run
 from texfcodec.batch.local import run_here

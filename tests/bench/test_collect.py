@@ -7,6 +7,7 @@ import types
 
 import numpy as np
 import pytest
+from batches import metrics
 
 from bench import collect
 from bench.differences import Difference, pairs_of, rate_difference, summary
@@ -18,13 +19,6 @@ from texfcodec.metrics.bd_rate import bd_rate
 def without_plots(monkeypatch):
     """They take a second an asset."""
     monkeypatch.setattr(collect, "draw", lambda *arguments: False)
-
-
-def metrics(asset, group, number, total, y, rgb=None):
-    return {"asset": asset, "group": group, "setting": f"{group}{number}", "package": "0", "code": "c", "bytes":
-            {"total": total, "geometry": 100, "attributes": total - 100}, "psnr_3d": {"y": y, "rgb": rgb or y - 1, "samples": 9},
-            "image": None, "seconds": {"encode": {"total": 1.5}, "decode": {"total": 0.5}},
-            "memory": {"encode": {"peak": 2e8}, "decode": {"peak": None}}, "warnings": ["a", "b"]}
 
 
 CURVES = {  # (asset, group): bytes, dB

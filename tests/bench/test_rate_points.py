@@ -1,16 +1,12 @@
 """The batch tool goes on where it stopped and notices what differs."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
-import time
-from pathlib import Path
 
-import numpy as np
 import pytest
-from shapes import painted_sphere
+from batches import REPOSITORY, children_in, environment, stamps, wait_for, write_ball
 
 from bench import collect
 from bench.batch import not_ours, only_run, settle
@@ -21,12 +17,11 @@ from bench.results import keep_rows, read_missing, read_results
 from texfcodec.batch.folders import WORK
 from texfcodec.batch.tasks import DONE, Outcome
 
-REPOSITORY = Path(__file__).resolve().parents[2]
 EVALUATION = "[evaluation]\nsamples = 2000\nviews = 2\nsize = 48\nssim = true\npictures = 1\npicture_size = 32\n"
 PLUGIN = '''
 import pickle
 
-from baselines import Method, method
+from bench.methods import Method, method
 from bench.methods.texf import TexfMethod
 
 
@@ -51,23 +46,6 @@ class Carbon(Method):
     def decode(self, folder, options, threads, report):
         return pickle.loads((folder / "scene").read_bytes())
 '''
-
-
-def write_ball(folder):
-    """ball.ply, a small sphere with vertex colours."""
-    scene = painted_sphere(8)
-    colours = np.zeros((len(scene.positions), 3), np.int64)
-    colours[scene.faces] = np.rint(255 * np.clip(scene.corner_color[..., :3], 0, 1))
-    head = ["ply", "format ascii 1.0", f"element vertex {len(scene.positions)}", *(f"property float {c}" for c in "xyz"),
-            *(f"property uchar {c}" for c in ("red", "green", "blue")), f"element face {len(scene.faces)}",
-            "property list uchar int vertex_indices", "end_header"]
-    rows = [f"{x:.6f} {y:.6f} {z:.6f} {r} {g} {b}" for (x, y, z), (r, g, b) in zip(scene.positions, colours, strict=True)]
-    (folder / "ball.ply").write_text("\n".join([*head, *rows, *(f"3 {a} {b} {c}" for a, b, c in scene.faces)]) + "\n")
-
-
-def stamps(out):
-    """{ASSET/SETTING: time at which it was finished}."""
-    return {p.parent.relative_to(out).as_posix(): p.stat().st_mtime_ns for p in out.glob("*/*/metrics.json")}
 
 
 @pytest.fixture(scope="module")
@@ -108,10 +86,6 @@ colour = "red"
     run = subprocess.run([sys.executable, REPOSITORY / "bench/rate_points.py", folder / "all.toml", "--out", folder / "out",
                           "--jobs", "2"], capture_output=True, text=True, check=False, env=environment())
     return folder, run.returncode, run.stdout, run.stderr
-
-
-def environment():
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [str(REPOSITORY), os.environ.get("PYTHONPATH")]))}
 
 
 def test_failed_jobs_give_exit_7_and_stop_no_other(batch):
@@ -231,29 +205,9 @@ def test_killed_and_interrupted_batches_leave_no_child_and_are_resumed(tmp_path,
     assert set(stamps(out)) == {"ball/q24", "ball/q36"} and stamps(out)["ball/q24"] == first["ball/q24"]
 
 
-def wait_for(condition, seconds=120):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.02)
-
-
 def job_texts(out):
     """job.json of the jobs that are at work."""
     return [path.read_text() for path in out.glob(f"{WORK}/*/*/job.json")]
-
-
-def children_in(out):
-    """Command lines of live processes that work on a job of this folder."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/cmdline"):
-        try:
-            words = path.read_bytes().split(b"\0")
-        except OSError:
-            continue
-        if b"--step" in words and any(word.startswith(os.fsencode(out)) for word in words):
-            found.append(words)
-    return found
 
 
 def test_folder_of_somebody_else_is_left_alone(tmp_path):

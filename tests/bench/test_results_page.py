@@ -11,7 +11,7 @@ import subprocess
 from html.parser import HTMLParser
 
 import pytest
-from test_collect import metrics
+from batches import metrics
 
 from bench import collect, page
 from bench.differences import pairs_of

@@ -5,74 +5,30 @@ import os
 import pickle
 import subprocess
 import sys
-import time
 import zlib
-from functools import lru_cache
 
 import numpy as np
 import pytest
-from conftest import REPOSITORY, with_a_bit_flipped
+from conftest import REPOSITORY
+from damage import END, fields_of, outcome, repacked, small, with_a_bit_flipped
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shapes import crossing_sheets, painted_sphere, sphere
+from shapes import painted_sphere, sphere
 
 from texfcodec.api import decode
 from texfcodec.bitstream.inspect import inspect
 from texfcodec.bitstream.stream import read_stream, write_stream
-from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE, UNIT_END, UNIT_FIELD, UNIT_GEOMETRY, UNIT_HEADER, UNIT_METADATA
+from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE, UNIT_FIELD, UNIT_GEOMETRY, UNIT_HEADER, UNIT_METADATA
 from texfcodec.bitstream.units import read_units, write_unit
 from texfcodec.core.syntax_walk import write_v
 from texfcodec.encoder.pipeline import encode_scene
-from texfcodec.errors import LimitError, StreamError, SupportError, TexfError
+from texfcodec.errors import StreamError, SupportError
 from texfcodec.field.keyed import keys_crc
 from texfcodec.field.voxelise import voxelise
 from texfcodec.geometry.draco import enc_geometry
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions, EncodeOptions
 from texfcodec.report import Report
-
-SMALL = Limits(voxels=1 << 18, samples=1 << 21)  # a lying resolution may cost a tenth of a second, no more
-FAMILIES = (StreamError, LimitError, SupportError)
-END = write_unit(UNIT_END, b"")
-
-
-@lru_cache
-def small(kind="sphere"):
-    """A stream of under a kilobyte, or one with two materials, alpha, metadata and textures, over voxels or ("texels") texels."""
-    scene, resolution = (painted_sphere(3), 12) if kind == "sphere" else (crossing_sheets(), 20)
-    support = "texels" if kind == "texels" else "voxels"
-    scene.corner_uv = scene.corner_uv * 0.5 + 0.7 if kind == "texels" else scene.corner_uv  # beside the image, and not all of it
-    data = encode_scene(scene, EncodeOptions(resolution=resolution, qp=34, partition="off", support=support)).data
-    assert any(f.over_texels for f in decode(data).fields) == (kind == "texels")
-    assert decode(data).fields  # and the decoder's kernels are compiled before anything is timed
-    return data
-
-
-def fields_of(data):
-    return [(f.keys.tolist(), f.rgba.tolist()) for f in decode(data).fields]
-
-
-def repacked(data, change):
-    """The stream with each unit's payload replaced by change(type, payload); lengths and checksums are right again."""
-    out = bytearray(data[:8])
-    for unit in read_units(data)[0]:
-        payload = change(unit.type, bytearray(data[unit.begin : unit.end]))
-        out += write_unit(unit.type, bytes(payload))
-    return bytes(out) + END
-
-
-def outcome(data, options=None):
-    """"decoded" or the code of the error. Any other exception fails the test that asks; so does a slow answer."""
-    begin = time.perf_counter()
-    try:
-        decode(data, options or DecodeOptions(limits=SMALL, threads=1))
-        code = "decoded"
-    except TexfError as error:
-        assert isinstance(error, FAMILIES) and error.code.startswith("TXF-") and str(error)
-        code = error.code
-    assert time.perf_counter() - begin < 5
-    return code
-
 
 # Whole streams
 
@@ -422,7 +378,7 @@ CHECKED = """
 import json, pickle, sys
 import numba, numpy as np
 sys.path.insert(0, "tests")
-from test_corruption import outcome, small
+from damage import outcome, small
 
 @numba.njit
 def beyond(a):

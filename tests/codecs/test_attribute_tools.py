@@ -14,6 +14,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 from conftest import REPOSITORY
+from damage import attribute_ending as ending
 from shapes import crossing_sheets
 
 from naive import oracles
@@ -36,13 +37,10 @@ from texfcodec.codecs.raht.transform.octree import CELLS, NEIGHBOURS, _neighbour
 from texfcodec.codecs.raht.transform.prediction import FALLOFF, _falloff, inverse_range
 from texfcodec.codecs.raht.transform.quantise import MAX_MEAN, step_of
 from texfcodec.core.kernel import PACKAGE, fingerprint
-from texfcodec.decoder import _decode_plane
 from texfcodec.encoder.pipeline import encode_scene
-from texfcodec.errors import StreamError, SupportError, TexfError
 from texfcodec.field.morton import decode_morton, encode_morton
-from texfcodec.field.voxels import VoxelSupport
 from texfcodec.limits import Limits
-from texfcodec.options import DecodeOptions, EncodeOptions
+from texfcodec.options import EncodeOptions
 
 UNIT = 4096  # one grey level in fixed point
 TOP = (1 << 22) - 1  # the largest probability of a context
@@ -329,18 +327,6 @@ def corpus(resolution, count, *more):
     return [stream for data in sources for stream in (data, *damaged(data, rng, count))], len(sources)
 
 
-def ending(data, keys):
-    """"decoded" or the code of the refusal. The voxels are given, so that their kernels need not be compiled."""
-    try:
-        for unit in read_stream(data, Limits()).attributes:
-            plane = _decode_plane(unit, VoxelSupport(1 << unit["Depth"], keys), 0, DecodeOptions(threads=1))
-            assert plane.shape == (len(keys), len(unit["qp"])) and zlib.crc32(plane) == unit["values_crc"]
-    except TexfError as error:
-        assert isinstance(error, (StreamError, SupportError)) and str(error)
-        return error.code
-    return "decoded"
-
-
 def assert_ends_well(program, path, streams, sources, flags=(), **environment):
     """After `program`, in its own interpreter, as here: sources decode, a code or the checksum tells of damage."""
     keys = decode(streams[0]).fields[0].keys
@@ -358,7 +344,8 @@ def assert_ends_well(program, path, streams, sources, flags=(), **environment):
 
 
 BEYOND = """
-from test_attribute_tools import _falloff, ending
+from damage import attribute_ending as ending
+from texfcodec.codecs.raht.transform.prediction import _falloff
 import numpy as np
 for wrong in BAD:
     try:

@@ -10,9 +10,9 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from conftest import REPOSITORY, with_a_bit_flipped
-from test_corruption import fields_of, outcome, repacked
-from test_house import modules_after
+from conftest import REPOSITORY
+from damage import ONE_THREAD, fields_of, outcome, repacked, with_a_bit_flipped
+from interpreter import modules_after
 
 from texfcodec import DecodeOptions, InputError, LimitError, Limits, StreamError, SupportError, decode
 from texfcodec.bitstream.stream import read_stream
@@ -28,7 +28,6 @@ FORMS = ("subset/neural_resident", "subset/neural_transport")
 # One of each shape: forms, levels, two fields, alpha
 ALL = (*FORMS, "subset/neural_hash", "uncommon/neural_two_fields", "uncommon/neural_levels", "uncommon/neural_alpha_first",
        "uncommon/neural_needle")
-ONE_THREAD = DecodeOptions(threads=1)
 LAST = (1 << 24) - 1
 
 
@@ -137,7 +136,7 @@ CHECKED = """
 import json, pickle, sys
 import numpy as np
 sys.path.insert(0, "tests")
-from test_neural_stream import ONE_THREAD, outcome, stream
+from damage import ONE_THREAD, outcome
 from texfcodec.codecs.raht.entropy.range_coder import new_contexts, new_decoder
 from texfcodec.codecs.neural.transport import _dec_codes
 
@@ -146,7 +145,8 @@ try:
     raise SystemExit("indices are not checked")
 except IndexError:
     pass
-stream("subset/neural_transport"), stream("subset/neural_resident")
+for form in ("transport", "resident"):
+    assert outcome(open(f"conformance/subset/neural_{form}/in.texf", "rb").read(), ONE_THREAD) == "decoded"
 print(json.dumps([outcome(s, ONE_THREAD) for s in pickle.load(open(sys.argv[1], "rb"))]))
 """
 

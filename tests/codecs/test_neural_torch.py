@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_neural_fit import plane_fit
+from plane_fits import plane_fit
 
 from texfcodec import EncodeOptions
 from texfcodec.codecs.neural import fit_torch

@@ -6,8 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from shapes import painted_sphere
-from test_save_texels import smooth_image, wall
-from test_spending import boxes
+from walls import boxes, smooth_image, wall
 
 from texfcodec import EncodeOptions, InputError, LimitError, Report, decode
 from texfcodec.api import encode_loaded, encode_to_result

@@ -8,7 +8,7 @@ import struct
 import numpy as np
 import pytest
 from PIL import Image
-from test_save_texels import smooth_image, wall
+from walls import boxes, smooth_image, wall
 
 from texfcodec import EncodeOptions, Report, decode
 from texfcodec.encoder.decide.lost_detail import without_lost_detail
@@ -17,25 +17,6 @@ from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.geometry.surface import make_surface
 from texfcodec.io.load import load
 from texfcodec.metrics.psnr_3d import measure
-from texfcodec.scene.scene import WRAP_REPEAT, Material, Scene, Texture
-
-
-def boxes(colours=21, count=60, width=256, seed=0):
-    """Boxes of a voxel editor: each shows the centre of one texel of a palette of one row."""
-    rng = np.random.default_rng(seed)
-    palette = np.full((1, width, 4), 255, np.uint8)
-    palette[..., :3] = rng.integers(0, 256, (1, width, 3))
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
-    sides = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6],
-                      [0, 6, 4], [1, 5, 7], [1, 7, 3]])
-    cells = rng.permutation(512)[:count]
-    places = np.stack([cells % 8, cells // 8 % 8, cells // 64], 1).astype(float)
-    shown = rng.choice(rng.choice(width, colours, replace=False), count)
-    uv = np.stack([(shown + 0.5) / width, np.full(count, 0.5)], 1)
-    return Scene(positions=(places[:, None] + corners).reshape(-1, 3),
-                 faces=(8 * np.arange(count)[:, None, None] + sides).reshape(-1, 3), face_material=np.zeros(12 * count, np.int64),
-                 corner_uv=np.repeat(uv, 12, axis=0)[:, None, :].repeat(3, axis=1), corner_color=None,
-                 materials=[Material(texture=0)], textures=[Texture(palette, (WRAP_REPEAT, WRAP_REPEAT))])
 
 
 @pytest.mark.parametrize("rate", ["r01", "r03", "r05"])

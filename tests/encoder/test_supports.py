@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from shapes import painted_sphere, scene_of
-from test_save_texels import smooth_image, wall
+from walls import smooth_image, wall
 
 from texfcodec import EncodeOptions, InputError, LimitError, Limits, decode
 from texfcodec.codecs import codec_of

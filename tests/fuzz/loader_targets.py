@@ -6,7 +6,6 @@ import io
 import json
 import shutil
 import struct
-import sys
 import tempfile
 import zlib
 from functools import lru_cache
@@ -14,16 +13,11 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
+from format_files import KTX2_FILES, dae, ktx2, stl, stl_text
 from mesh_files import RED_BLUE, SQUARE, SQUARE_UV, TWO, Builder, encoded, textured
 from PIL import Image
 from shapes import scene_of
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "io"))
-
-from test_dae import dae
-from test_ktx2 import FILES, ktx2
-from test_stl_off import stl, stl_text
-from test_threemf import mesh, model, package
+from threemf_files import mesh, model, package
 
 from fuzz.choices import Choices, edited
 from fuzz.trees import bend_text, bend_tree
@@ -339,7 +333,7 @@ def _images():
              encoded(pixels, "JPEG"), encoded(pixels, "JPEG", progressive=True), encoded(pixels, "BMP"), encoded(pixels, "GIF"),
              encoded(pixels, "TGA"), encoded(pixels, "TIFF"), encoded(pixels, "TIFF", compression="tiff_lzw")]
     found += [encoded(pixels, "WEBP"), encoded(pixels, "WEBP", lossless=True)] if features.check("webp") else []
-    return found + [ktx2(kind) for kind in FILES]
+    return found + [ktx2(kind) for kind in KTX2_FILES]
 
 
 def image(data: bytes) -> None:

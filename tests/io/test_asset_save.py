@@ -4,15 +4,14 @@ import errno
 import json
 import os
 import re
-import struct
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from analytic import decoded, grid_mesh, soup_mesh, sphere_mesh, surface_samples, two_materials
+from mesh_files import accessor, read_glb
 
 from texfcodec.errors import InputError
-from texfcodec.geometry.shading_normals import corner_normals
 from texfcodec.io import save as save_room
 from texfcodec.io.atlas import unwrap as atlas_room
 from texfcodec.io.atlas.bake import bake
@@ -21,7 +20,7 @@ from texfcodec.io.atlas.system import cover
 from texfcodec.io.atlas.unwrap import make_atlas
 from texfcodec.io.save import save
 from texfcodec.io.vertex_appearance import linear_u16
-from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, Material
+from texfcodec.scene.scene import ALPHA_MASK, Material
 
 ASSETS = Path(__file__).resolve().parents[3] / "shared" / "assets"
 
@@ -29,30 +28,11 @@ ASSETS = Path(__file__).resolve().parents[3] / "shared" / "assets"
 # Meshes and a stand-in for a decoded stream whose field is an analytic colour.
 
 
-def grid_mesh(n=24, height=0.0):
-    u, v = np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n), indexing="ij")
-    points = np.stack([u, v, height * np.sin(7 * u) * np.cos(5 * v)], -1).reshape(-1, 3)
-    a = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
-    return points, np.vstack([np.stack([a, a + n, a + 1], 1), np.stack([a + 1, a + n, a + n + 1], 1)])
-
-
-def sphere_mesh(n=32):
-    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, n), np.linspace(0, np.pi, n), indexing="ij")
-    points = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], -1).reshape(-1, 3)
-    return points, grid_mesh(n)[1]
-
-
 def broken_mesh():
     """Duplicate, flipped, degenerate and non-manifold faces, slivers, and points far apart."""
     points, faces = grid_mesh(8, 0.3)
     odd = np.array([[0, 0, 1], [2, 2, 2], [0, 1, 2], [0, 7, 63], [0, 7, 40], [0, 7, 33], [0, 63, 1]])
     return points, np.vstack([faces, faces[:5], faces[:5, ::-1], odd])
-
-
-def soup_mesh(count=3000, seed=1):
-    rng = np.random.default_rng(seed)
-    points = rng.random((count, 1, 3)) + rng.normal(size=(count, 3, 3)) * 0.02
-    return points.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3)
 
 
 def empty_mesh():
@@ -70,60 +50,6 @@ MESHES = {
 }
 
 
-def decoded(positions, faces, **changes):
-    """A stand-in for Texf: lattice-exact geometry and a smooth analytic field."""
-    positions, faces = np.asarray(positions, np.float64), np.asarray(faces, np.int64)
-    origin = positions.min(0) if len(positions) else np.zeros(3)
-    side = float((positions - origin).max()) if len(positions) else 0.0
-    lattice = np.rint((positions - origin) / (side or 1.0) * 16383).astype(np.int64)
-    texf = SimpleNamespace(
-        positions=origin + side * (lattice / 16383), lattice_positions=lattice, faces=faces, origin=origin, side=side,
-        position_bits=14, resolution=200, has_alpha=False, metadata={"title": "härtetest"}, materials=[Material("clay")],
-        face_material=np.zeros(len(faces), np.int64), face_field=np.zeros(len(faces), np.int64), evaluators=None,
-        fields=[SimpleNamespace(over_texels=False, planes={}, steps={},
-                                support=SimpleNamespace(planar=False, resolution=200, level_shift=0))],
-    )  # fmt: skip
-    texf.query = lambda points, face_index=None: smooth_colour((points - texf.origin) / (texf.side or 1.0))
-    texf.voxels = lambda: voxel_arrays(texf)
-    texf.shading_normals = lambda: corner_normals(texf.lattice_positions, texf.faces)
-    for name, value in changes.items():
-        setattr(texf, name, value)
-    return texf
-
-
-def smooth_colour(unit):
-    colour = 127.5 + 100 * np.sin(unit @ np.array([[9.0, 2, 4], [3, 8, 5], [6, 7, 3]]))
-    return np.hstack([colour, np.full((len(unit), 1), 255.0)]).astype(np.float32)
-
-
-def voxel_arrays(texf, count=500):
-    count = count if len(texf.faces) else 0
-    unit = np.random.default_rng(3).random((count, 3))
-    rgba = np.rint(smooth_colour(unit)).astype(np.uint8)
-    center = texf.origin + texf.side * unit
-    return {"xyz": (unit * 200).astype(np.int32), "field": np.zeros(count, np.int32), "rgba": rgba, "center": center}
-
-
-def two_materials(texf):
-    texf.materials = [Material("a b", alpha_mode=ALPHA_MASK, alpha_cutoff=0.25, double_sided=True), Material("漢", unlit=True)]
-    texf.materials.append(Material("unused", alpha_mode=ALPHA_BLEND))
-    texf.face_material = np.arange(len(texf.faces), dtype=np.int64) % 2
-    return texf
-
-
-def surface_samples(texf, uv, count=20000, on_edges=False):
-    """Area-weighted random surface points: (world points, uv, face)."""
-    rng = np.random.default_rng(5)
-    corner = texf.positions[texf.faces]
-    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]) / texf.side**2, axis=1)
-    face = rng.choice(len(area), count, p=area / area.sum())
-    weight = rng.dirichlet([1, 1, 1], count)
-    if on_edges:
-        weight[:, 2] = 0
-        weight /= weight.sum(1, keepdims=True)
-    return (corner[face] * weight[..., None]).sum(1), (uv[face] * weight[..., None]).sum(1), face
-
-
 def bilinear(image, uv):
     height, width = image.shape[:2]
     x, y = uv[:, 0] * width - 0.5, uv[:, 1] * height - 0.5
@@ -139,30 +65,6 @@ def bilinear(image, uv):
 def colour_error(texf, baked, **kind):
     points, uv, face = surface_samples(texf, baked.atlas.corner_uv, **kind)
     return np.abs(bilinear(baked.image, uv) - texf.query(points, face)).max(1)
-
-
-def read_glb(path):
-    """(JSON dict, binary chunk) after checking the container's own numbers."""
-    data = Path(path).read_bytes()
-    magic, version, total, length, kind = struct.unpack_from("<4sIIII", data)
-    assert (magic, version, total, kind) == (b"glTF", 2, len(data), 0x4E4F534A) and length % 4 == 0
-    document, rest = json.loads(data[20 : 20 + length]), data[20 + length :]
-    if rest:
-        size, kind = struct.unpack_from("<II", rest)
-        assert kind == 0x004E4942 and size == len(rest) - 8 == document["buffers"][0]["byteLength"]
-    return document, rest[8:]
-
-
-def accessor(document, binary, number):
-    item = document["accessors"][number]
-    view = document["bufferViews"][item["bufferView"]]
-    assert view["byteOffset"] % 4 == 0 and view["byteOffset"] + view["byteLength"] <= len(binary)
-    width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}[item["type"]]
-    kind = {5126: "<f4", 5123: "<u2", 5125: "<u4"}[item["componentType"]]
-    values = np.frombuffer(binary, kind, item["count"] * width, view["byteOffset"]).reshape(-1, width)
-    if "min" in item:
-        assert np.array_equal(values.min(0), item["min"]) and np.array_equal(values.max(0), item["max"])
-    return values
 
 
 # Atlas.

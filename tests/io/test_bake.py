@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.optimize
-from test_asset_save import decoded, grid_mesh, soup_mesh, sphere_mesh, surface_samples
+from analytic import decoded, grid_mesh, soup_mesh, sphere_mesh, surface_samples
 
 from texfcodec.io.atlas import system as system_room
 from texfcodec.io.atlas.bake import bake

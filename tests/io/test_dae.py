@@ -4,45 +4,12 @@ import sys
 
 import numpy as np
 import pytest
+from damage import with_a_bit_flipped
+from format_files import TRIANGLES, UV, dae, numbers
 from mesh_files import RED_BLUE, SQUARE, TWO, encoded, load_bytes, refusal
 
 from texfcodec.errors import SupportError, TexfError
 from texfcodec.scene.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_REPEAT
-
-UV = "0 0 1 0 1 1 0 1"
-TRIANGLES = '<triangles count="2" material="skin">{inputs}<p>{indices}</p></triangles>'
-
-
-def numbers(key, text, names):
-    """A <source> of floats."""
-    values = text.split()
-    params = "".join(f'<param name="{name}" type="float"/>' for name in names)
-    return (f'<source id="{key}"><float_array id="{key}-a" count="{len(values)}">{text}</float_array><technique_common><accessor '
-            f'source="#{key}-a" count="{len(values) // len(names)}" stride="{len(names)}">{params}</accessor>'
-            "</technique_common></source>")
-
-
-def dae(surface=None, points=SQUARE, diffuse='<texture texture="s" texcoord="UV0"/>', sampler="", effect="", node="", more="",
-        bound="", sources=""):
-    """A COLLADA document of one geometry; the keyword arguments are pieces of it."""
-    inputs = ('<input semantic="VERTEX" source="#v" offset="0"/><input semantic="TEXCOORD" source="#u0" offset="0" set="0"/>'
-              '<input semantic="TEXCOORD" source="#u1" offset="0" set="3"/>')
-    surface = surface or TRIANGLES.format(inputs=inputs, indices="0 1 2 0 2 3")
-    flat = " ".join(str(x) for x in np.ravel(points))
-    return f"""<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
-<asset><unit name="centimetre" meter="0.01"/><up_axis>Z_UP</up_axis></asset>
-<library_images><image id="i"><init_from>t%20ex.png</init_from></image></library_images>
-<library_effects><effect id="e"><profile_COMMON>
-<newparam sid="f"><surface type="2D"><init_from>i</init_from></surface></newparam>
-<newparam sid="s"><sampler2D><source>f</source>{sampler}</sampler2D></newparam>
-<technique sid="t"><lambert><diffuse>{diffuse}</diffuse>{effect}</lambert></technique></profile_COMMON></effect></library_effects>
-<library_materials><material id="m" name="paint"><instance_effect url="#e"/></material></library_materials>
-<library_geometries><geometry id="g"><mesh>{numbers("p", flat, "XYZ")}{numbers("u0", UV, "ST")}
-{numbers("u1", UV.replace("1", "0.5"), "ST")}{sources}
-<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>{surface}</mesh></geometry></library_geometries>{more}
-<library_visual_scenes><visual_scene id="w"><node id="n">{node}<instance_geometry url="#g"><bind_material><technique_common>
-<instance_material symbol="skin" target="#m">{bound}</instance_material></technique_common></bind_material></instance_geometry>
-</node></visual_scene></library_visual_scenes><scene><instance_visual_scene url="#w"/></scene></COLLADA>"""
 
 
 @pytest.fixture
@@ -182,8 +149,6 @@ def test_broken_documents_end_in_their_code(scene_of, tmp_path, text, code):
 
 
 def test_damaged_documents_end_in_a_scene_or_a_coded_error(scene_of, tmp_path):
-    from conftest import with_a_bit_flipped
-
     data, codes = dae().encode(), set()
     for damaged in list(with_a_bit_flipped(data))[::9]:
         try:

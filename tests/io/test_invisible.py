@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from mesh_files import RED_BLUE, SQUARE_UV, Builder, encoded, load_bytes
-from test_threemf import mesh, model, package
+from threemf_files import mesh, model, package
 
 from texfcodec import EncodeOptions, InputError, Report
 from texfcodec.api import encode_to_result

@@ -4,44 +4,20 @@ No package that decodes them encodes them too, so the five files stand here: 8 x
 blue and white (clear where the name says alpha), made with alktx2 0.1.7 (basis_universal); zlib and base 85 around them.
 """
 
-import base64
 import struct
 import sys
-import zlib
 
 import numpy as np
 import pytest
+from damage import with_a_bit_flipped
+from format_files import KTX2_FILES, ktx2
 from mesh_files import RED_BLUE, SQUARE_UV, Builder, encoded, load_bytes, refusal, textured
 
 from texfcodec.errors import InputError, LimitError, SupportError, TexfError
 from texfcodec.io.images import read_image
 from texfcodec.io.parts import Notes
 
-FILES = {
-    "ETC1S": (
-        "c-mX-9TK5nWU!l;ONxsD2pEBw1BzjQ5ea7iu?`SV0b&&(-T_t938ftwAv6;MD$rqoiEA({W@KVuW=6Kd9?tp?1oA){=&bUh%#ze12B*a0%wmPm"
-        "yv(xHqT<9H1tUE}0|o{bph?<5b(}z~i)I(H-3kX>AdE*WECzyLR)dNFgBnCofT@8K!eTKnTeE7_s-V!&P*#S6P(7dGdl_axJmheQ!$8pita4&7"
-        "7hJysg8&-<EFvV("),
-    "ETC1S with alpha": (
-        "c-mX-9TK5nWU!l;ONxsD2pEBw1BzjQ5ea7iu?-L}0b&&(J^@uT0ZK<OLTDBSRA2+8nHVe>7Bez2Ff#+~fLme@SN9(X92o5Rk@@mK8tBaOqRf)i"
-        "A_k|#;>==&(7epD)S}|V90emiLjwi|Rt9DU9iTd1Al65-n+XXk9B_dMK5}6(5CpRtbOadGAc6u+4V+N-7bG)>gocK)0@*88ty;yza1g5T(|vUh"
-        "Mgv9#uvQNx1*Zm(u^mNS!8~wdfIi@T!T<myq%95"),
-    "UASTC": (
-        "c-mX-9TK5nWU!l;ONxsD2pEBw1BzjQ5sI0BI0J}vfOrZJt1w`K9Z=c?N;^Pl9VpGjpuw<=k%@tsnSnt7uB#r-`VR#1KpN<*@}kU=)FK9_#Ny0i"
-        "h0wgrvecsD#2f`9JwpQq292%ye-#{J85w?jmuGk&U&SE)K>mR|6F-AE!-N0wOb-|tzJpAvdC$UN+|Brt;ShHM3jl<EDQ*"),
-    "UASTC with alpha in Zstandard": (
-        "c-mX-9TK5nWU!l;ONxsD2pEBw1BzjQ5sI0BI0J}vfOrZJt1w`K9Z=c?N;^Pl9VpGjpuw<=k%@tsnSnt7uB)CI#`+Hg@<1Bstn#AFlGGvwr^MpS"
-        "VujGW%(B#?;=~*UBRxX{1_q6-`hOK1Vi_5Je3xf<AYa8G{y_eLJQF{IIKzYg@=OmH8NP!Is(H`CVBF34li?6|0t*0k+bD7"),
-    "UASTC with four levels": (
-        "c-mX-9TK5nWU!l;ONxsD2pEBw1Bzh)B*p?|ZvbK)Aie{{Dh!ywfDuAFFrd;3P;mhUG#ZCE0}gQ=D9yy6!LW>xiGi6JNe@Fkob?|F<bgEMd*wx$"
-        "C8<RWPKm{t#R{Q$nPsU(#fdozMtX(@3=Gq!Pya3->ct4t7p$f2u_WfC=ZqOC4gdewGhEK#R+u?KZIXzJBf|<H|GPZH1Nkb1f5jijKagkQNAMXQ"
-        "{Fi5X05|VD$Q?EB;d}ry#WY|"),
-}
 WIDTH, HEIGHT, DEPTH, LAYERS, FACES, SCHEME, SGD_SIZE, LEVEL_AT, LEVEL_SIZE, UNPACKED = 20, 24, 28, 32, 36, 44, 72, 80, 88, 96
-
-
-def ktx2(kind):
-    return zlib.decompress(base64.b85decode(FILES[kind]))
 
 
 @pytest.fixture
@@ -59,7 +35,7 @@ def textured_by(data, **more):
     return builder
 
 
-@pytest.mark.parametrize("kind", FILES)
+@pytest.mark.parametrize("kind", KTX2_FILES)
 def test_basis_textures_become_rgba(tmp_path, basisu, kind):
     scene = load_bytes(tmp_path, textured_by(ktx2(kind)), strict=True)
     clear = 0 if "alpha" in kind else 255
@@ -136,10 +112,8 @@ def test_headers_that_lie_are_refused(basisu, kind, at, form, value, family):
     assert caught.value.code == ("TXF-I40" if family is LimitError else "TXF-I17")
 
 
-@pytest.mark.parametrize("kind", FILES)
+@pytest.mark.parametrize("kind", KTX2_FILES)
 def test_no_prefix_and_no_flipped_bit_leaves_the_coded_errors(basisu, kind):
-    from conftest import with_a_bit_flipped
-
     data, refused = ktx2(kind), 0
     for damaged in [data[:length] for length in range(12, len(data), 3)] + list(with_a_bit_flipped(data)):
         try:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from damage import with_a_bit_flipped
 from mesh_files import RED_BLUE, SQUARE, SQUARE_UV, TWO, Builder, encoded, load_bytes, refusal
 
 from texfcodec.errors import LimitError, SupportError
@@ -160,8 +161,6 @@ def test_every_prefix_of_compressed_data_is_refused(meshopt):
 
 
 def test_flipped_bits_of_compressed_data_end_in_a_scene_or_a_coded_error(tmp_path, meshopt):
-    from conftest import with_a_bit_flipped
-
     from texfcodec.errors import TexfError
     from texfcodec.io.load import load
     from texfcodec.scene.scene import Scene

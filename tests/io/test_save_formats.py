@@ -4,8 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from test_asset_save import accessor, decoded, grid_mesh, read_glb, sphere_mesh, two_materials
-from test_save_texels import coded, smooth_image, wall
+from analytic import decoded, grid_mesh, sphere_mesh, two_materials
+from mesh_files import accessor, read_glb
+from walls import coded, smooth_image, wall
 
 from texfcodec.errors import InputError, SupportError
 from texfcodec.io.image_writer import FORMATS, encode_image, format_for

@@ -4,40 +4,19 @@ import json
 
 import numpy as np
 import pytest
-from test_asset_save import accessor, read_glb
+from mesh_files import accessor, read_glb
+from walls import coded, smooth_image, wall
 
 from texfcodec.api import decode, encode
 from texfcodec.errors import InputError
 from texfcodec.io.load import load
 from texfcodec.io.save import save
-from texfcodec.options import DecodeOptions, EncodeOptions
+from texfcodec.options import EncodeOptions
 from texfcodec.render.camera import perspective_around
 from texfcodec.render.shade import render_scene, render_texf
-from texfcodec.scene.scene import ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
+from texfcodec.scene.scene import ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Texture
 
 # Scenes
-
-
-def smooth_image(width=32, height=32, channels=4, seed=0):
-    """Random waves: uint8 [height, width, 4], opaque with three channels."""
-    rng = np.random.default_rng(seed)
-    y, x = np.mgrid[:height, :width] * (2 * np.pi)
-    image = np.full((height, width, 4), 255, np.uint8)
-    for c in range(channels):
-        a, b, phase = rng.integers(1, 4), rng.integers(1, 4), rng.random() * 7
-        image[..., c] = np.rint(127.5 + 120 * np.sin(a * x / width + b * y / height + phase))
-    return image
-
-
-def wall(image, wrap=(WRAP_REPEAT, WRAP_REPEAT), low=0.0, high=1.0, n=6, **material):
-    """A bumpy wall of n x n squares facing the viewer, UVs low..high over its image."""
-    u, v = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
-    positions = np.stack([u, v, 0.1 * np.sin(5 * u) * np.cos(4 * v)], -1).reshape(-1, 3)
-    a = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
-    faces = np.vstack([np.stack([a, a + n + 1, a + 1], 1), np.stack([a + 1, a + n + 1, a + n + 2], 1)])
-    uv = low + (high - low) * positions[:, :2]
-    return Scene(positions, faces, np.zeros(len(faces), np.int64), uv[faces], None,
-                 [Material("wall", texture=0, double_sided=True, **material)], [Texture(image, wrap)])
 
 
 def mixed(image, shared_material=False, **material):
@@ -55,11 +34,6 @@ def mixed(image, shared_material=False, **material):
         scene.materials.append(Material("plain", factor=np.array([0.5, 0.2, 0.1, 1.0]), double_sided=True))
     scene.face_material = np.append(scene.face_material, [0 if shared_material else 1] * 2)
     return scene
-
-
-def coded(scene, lod=0, **options):
-    options = EncodeOptions(**({"support": "texels", "resolution": 64, "qp": 16} | options))
-    return decode(encode(scene, options), DecodeOptions(lod=lod))
 
 
 # What is seen

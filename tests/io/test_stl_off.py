@@ -1,28 +1,14 @@
 """STL and OFF: both forms, their colours, what is left behind, and files that end early."""
 
-import struct
 
 import numpy as np
 import pytest
-from mesh_files import SQUARE, TWO, load_bytes, refusal
+from format_files import FACETS, stl, stl_text
+from mesh_files import load_bytes, refusal
 
 from texfcodec.io import stl as stl_file
 
-FACETS = SQUARE[TWO]
 SRGB_HALF = 0.2140
-
-
-def stl(facets=FACETS, attributes=(0, 0), header=b"made here", normal=(0, 0, 1), count=None):
-    """A binary STL."""
-    rows = b"".join(struct.pack("<12fH", *normal, *np.ravel(facet), attribute)
-                    for facet, attribute in zip(facets, attributes, strict=True))
-    return header.ljust(80, b"\0") + struct.pack("<I", len(facets) if count is None else count) + rows
-
-
-def stl_text(facets=FACETS, name="a part", normal="0 0 1"):
-    loops = "".join(f" facet normal {normal}\n  outer loop\n" + "".join(f"   vertex {x} {y} {z}\n" for x, y, z in facet)
-                    + "  endloop\n endfacet\n" for facet in facets)
-    return f"solid {name}\n{loops}endsolid {name}\n"
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])

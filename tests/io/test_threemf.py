@@ -1,45 +1,15 @@
 """3MF: placement, textures, colours, base materials, print data that is named, and archives that lie."""
 
-import io
 import zipfile
 
 import numpy as np
 import pytest
+from damage import with_a_bit_flipped
 from mesh_files import RED_BLUE, SQUARE, TWO, encoded, load_bytes, refusal
+from threemf_files import mesh, model, package
 
 from texfcodec.errors import LimitError, TexfError
 from texfcodec.scene.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR
-
-CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
-MATERIAL = "http://schemas.microsoft.com/3dmanufacturing/material/2015/02"
-PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
-VERTICES = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in SQUARE)
-
-
-def mesh(first="", second="", key="1", attributes=""):
-    """The square as an object; first and second are the attributes of its triangles."""
-    return (f'<object id="{key}" type="model" {attributes}><mesh><vertices>{VERTICES}</vertices><triangles>'
-            f'<triangle v1="0" v2="1" v3="2" {first}/><triangle v1="0" v2="2" v3="3" {second}/></triangles></mesh></object>')
-
-
-def model(resources, build='<item objectid="1"/>', head="", unit="inch"):
-    return (f'<?xml version="1.0" encoding="UTF-8"?><model unit="{unit}" xmlns="{CORE}" '
-            f'xmlns:m="{MATERIAL}" xmlns:p="{PRODUCTION}">'
-            f"{head}<resources>{resources}</resources><build>{build}</build></model>")
-
-
-def package(text, start="3D/3dmodel.model", **parts):
-    """A 3MF archive; parts: name with _slash_ for / -> bytes."""
-    out = io.BytesIO()
-    relation = ('<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships"><Relationship Id="r" '
-                f'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel" Target="/{start}"/></Relationships>')
-    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("[Content_Types].xml", "<Types/>")
-        archive.writestr("_rels/.rels", relation)
-        archive.writestr(start, text)
-        for name, data in parts.items():
-            archive.writestr(name.replace("_slash_", "/").replace("_dot_", "."), data)
-    return out.getvalue()
 
 
 @pytest.mark.parametrize("start", ["3D/3dmodel.model", "3D/other.model"])
@@ -155,8 +125,6 @@ def test_entities_cannot_grow_the_xml(tmp_path):
 
 
 def test_damaged_archives_end_in_a_scene_or_a_coded_error(tmp_path):
-    from conftest import with_a_bit_flipped
-
     data, codes = package(model(mesh())), set()
     damaged = [data[:length] for length in range(1, len(data), 7)] + list(with_a_bit_flipped(data))[::3]
     for piece in damaged:

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_files import accessor, read_glb
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 from shapes import painted_sphere, scene_of, sphere
-from test_asset_save import accessor, read_glb
 
 from texfcodec import DecodeOptions, EncodeOptions, decode, encode
 from texfcodec.errors import InputError

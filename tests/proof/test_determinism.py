@@ -57,7 +57,7 @@ def test_levels_of_detail_do_not_depend_on_threads(level, many_parts):
 
 PLAIN_PYTHON = """
 import json, sys
-sys.path.insert(0, "tests")
+sys.path[:0] = ["tests", "tests/proof"]
 import numba
 from test_determinism import jit_off_cases
 assert numba.config.DISABLE_JIT == (sys.argv[1] == "off")

@@ -1,15 +1,14 @@
 """What a program can enforce of CONTRIBUTING.md. Each check is also shown to catch what it is there for."""
 
 import ast
-import json
 import re
 import statistics
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from conftest import LONG_TESTS
+from interpreter import modules_after
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGE = REPOSITORY / "texfcodec"
@@ -269,16 +268,6 @@ def test_at_most_three_files_outside_the_codecs_name_one():
     found = [path.relative_to(PACKAGE).as_posix() for path in sorted(PACKAGE.rglob("*.py"))
              if named.search(path.read_text(encoding="utf-8")) and path.relative_to(PACKAGE).parts[0] != "codecs"]
     assert len(found) <= 3, found
-
-
-def modules_after(statement):
-    """Names of all modules loaded by a fresh interpreter that ran the statement, and its processor seconds."""
-    timed = f"import json, sys, time; start = time.process_time(); {statement}; seconds = time.process_time() - start"
-    program = f"{timed}; print(json.dumps([seconds, *sys.modules]))"
-    run = subprocess.run([sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, check=False)
-    assert run.returncode == 0, run.stderr
-    seconds, *modules = json.loads(run.stdout)
-    return modules, seconds
 
 
 def test_decoder_never_meets_torch_or_the_encoder_side_rooms():

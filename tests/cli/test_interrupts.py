@@ -35,8 +35,8 @@ except KeyboardInterrupt:
 LATE = """
 import os, signal, sys, time
 from pathlib import Path
-from texfcodec.io import files
-from texfcodec.core import unfinished
+from texfcodec.io import save
+from texfcodec.core import cleanup
 rename = os.replace
 def interrupted(a, b):  # once, after the first file
     rename(a, b)

@@ -49,7 +49,7 @@ class Target:
 
 _WALKERS = "core/syntax_walk.py#Reader#read_structure#_read_scalar#_read_blob#check_range"
 _RAHT = tuple(f"codecs/raht/{name}.py" for name in (
-    "unit", "values", "codec", "layout", "coefficients/blocks", "coefficients/direct", "coefficients/mixed",
+    "raht_codec", "raht_values", "attribute_coder", "codewords", "coefficients/blocks", "coefficients/direct", "coefficients/mixed",
     "coefficients/mixed_contexts", "coefficients/planar", "coefficients/residual", "transform/filter", "transform/octree",
     "transform/prediction", "transform/quantise", "transform/raht", "transform/colour"))
 _GLTF = tuple(f"io/gltf/{name}.py" for name in ("reader", "document", "accessor", "mesh", "material_reader"))

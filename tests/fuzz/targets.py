@@ -49,9 +49,10 @@ class Target:
 
 _WALKERS = "core/syntax_walk.py#Reader#read_structure#_read_scalar#_read_blob#check_range"
 _RAHT = tuple(f"codecs/raht/{name}.py" for name in (
-    "raht_codec", "raht_values", "attribute_coder", "codewords", "coefficients/blocks", "coefficients/direct", "coefficients/mixed",
-    "coefficients/mixed_contexts", "coefficients/planar", "coefficients/residual", "transform/filter", "transform/octree",
+    "raht_codec", "raht_values", "attribute_coder", "codewords", "coefficients/blocks", "coefficients/direct",
+    "coefficients/mixed", "coefficients/mixed_contexts", "coefficients/planar", "coefficients/residual", "transform/filter", "transform/octree",
     "transform/prediction", "transform/quantise", "transform/raht", "transform/colour"))
+_NEURAL = tuple(f"codecs/neural/{name}.py" for name in ("neural_codec", "payload", "infer"))
 _GLTF = tuple(f"io/gltf/{name}.py" for name in ("reader", "document", "accessor", "mesh", "material_reader"))
 _LOAD = ("io/load.py", "io/parts.py")
 
@@ -79,7 +80,7 @@ TARGETS = {target.name: target for target in (
     Target("raht", codecs.raht, _RAHT, bytes=600),
     Target("raht_twice", codecs.raht_twice, _RAHT, bytes=400),
     Target("constant", codecs.constant, ("codecs/constant.py", "field/keyed.py"), bytes=140),
-    Target("neural", codecs.neural, tuple(f"codecs/neural/{name}.py" for name in ("neural_codec", "payload", "infer")), bytes=500),
+    Target("neural", codecs.neural, _NEURAL, bytes=500),
     Target("transport", codecs.transport, ("codecs/neural/transport.py",), bytes=200),
     Target("sharp_edges", codecs.sharp_edges, ("codecs/sharp_edges.py", "geometry/edges.py"), bytes=300),
     Target("gltf", loaders.gltf, _GLTF, OF_FILES, 60),

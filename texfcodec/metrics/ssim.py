@@ -2,11 +2,18 @@
 
 Gaussian window of 11 x 11 with sigma 1.5, K1 0.01, K2 0.03, values 0..255, population covariance. The value is taken per channel
 and averaged over the channels, as papers do that report SSIM of RGB renders. A window that leaves the image is cut off there and
-its weights are scaled to sum 1: what lies outside is not invented, and the adjoint stays the same blur. Inside, more than 5
-pixels off the border, this is skimage.metrics.structural_similarity with gaussian_weights.
+its weights are scaled to sum 1: what lies outside is not invented, and the adjoint stays the same blur.
 
 Images are uint8, float32 or float64 [H, W, C]; uint8 and float32 are computed in float32, and moments are taken about mid grey,
 which keeps the variances to about 1e-3 of the constant that stabilises them.
+
+Notes
+-----
+Further than 5 pixels from the border this is skimage.metrics.structural_similarity with gaussian_weights=True, sigma=1.5 and
+use_sample_covariance=False: on four pairs of photographs of 300 x 451 to 512 x 512 pixels the maps differ there by at most 1e-12
+in float64 and 1.4e-4 in float32, their means by 6e-7. It does not stand in for this module, because it mirrors the image beyond
+its border (values there differ by up to 0.11) and leaves the border out of its mean (0.003 for such images), takes no mask, no
+image under 11 pixels and none of these kernels' gradient, which refinement needs, and takes 3 to 9 times as long on one thread.
 """
 
 from concurrent.futures import ThreadPoolExecutor

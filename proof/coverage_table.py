@@ -51,10 +51,12 @@ PYTEST = ("-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider", "--d
           "tests/cli/test_cli.py::test_info_is_quick_and_knows_no_numba")  # traced, it is not quick
 # Tests of kernels, both sides, that are quick in plain Python
 PLAIN = (
-    "tiny_fields", "tiny_surfaces", "geometry", "normals", "refusals::test_a_joined_rule_goes_round_a_prism",
+    "tiny_fields", "tiny_surfaces", "geometry", "shading_normals::test_a_cube_keeps_its_edges",
+    "shading_normals::test_a_ball_is_smooth_to_two_degrees_also_across_duplicated_vertices",
+    "shading_normals::test_normals_have_length_one_whatever_the_faces", "refusals::test_a_joined_rule_goes_round_a_prism",
     "refusals::test_edges_that_nothing_shares_have_no_fold", "refusals::test_a_fit_is_told_in_lines",
-    "attribute::test_forward_coefficients_are_orthonormal_to_a_billionth_and_large_ones_in_units_of_the_decoders_gain",
-    "attribute::test_an_encoder_that_runs_out_of_room_says_so",
+    "raht::test_forward_coefficients_are_orthonormal_to_a_billionth_and_large_ones_in_units_of_the_decoders_gain",
+    "raht::test_an_encoder_that_runs_out_of_room_says_so",
     "field::test_no_faces_touch_no_voxels", "field::test_voxelise_refuses_faces_outside_the_vertex_list",
     "texels::test_asked_texels_of_points_and_lines", "texels::test_limit_is_kept_before_keys_are_made",
     "texels::test_a_point_is_taken_to_the_nearest_place_of_its_face",
@@ -63,14 +65,14 @@ PLAIN = (
     "bake::test_weighted_fit_agrees_with_a_dense_least_squares_solution",
     "bake::test_faces_without_area_and_meshes_without_faces_bake",
     "bake::test_gutters_show_what_lies_beyond_the_border", "bake::test_gutters_do_not_show_what_lies_around_a_sharp_edge",
-    "bake::test_gaps_keep_what_is_known", "asset_save::test_gaps_are_filled_with_what_mip_levels_average",
-    "asset_save::test_cover_agrees_with_brute_force")
+    "bake::test_gaps_keep_what_is_known", "atlas::test_gaps_are_filled_with_what_mip_levels_average",
+    "atlas::test_cover_agrees_with_brute_force")
 # Tests of the Python around them: units, their checks, the child process, files that are written, the command
-COMPILED = ("appearance", "asset_save", "bake", "bitstream", "cli", "codecs", "completion", "constant", "corruption", "effects",
+COMPILED = ("appearance", "atlas", "bake", "bitstream", "cli", "codecs", "completion", "constant", "corruption", "effects",
             "field", "findings", "interrupts", "isolate", "kernel", "ktx2", "levels", "maps", "materials_back",
-            "meshopt", "needs", "neural_oracle", "neural_stream", "outputs", "plugin_faults", "queries", "sample_asset",
-            "lossless", "neural_cli", "neural_fit", "refusals", "save_formats", "save_texels", "search", "shading_normals",
-            "tangents", "texel_fields", "texels", "validate",
+            "meshopt", "material_choice", "neural_oracle", "neural_stream", "outputs", "plugin_faults", "queries", "sample_asset",
+            "lossless", "neural_cli", "neural_fit", "rate_control", "refusals", "save", "save_formats", "save_texels",
+            "shading_normals", "tangents", "texel_fields", "texels", "validate",
             "house::test_a_name_that_the_package_does_not_have_is_an_attribute_error")
 
 

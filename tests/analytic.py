@@ -79,3 +79,24 @@ def surface_samples(texf, uv, count=20000, on_edges=False):
         weight[:, 2] = 0
         weight /= weight.sum(1, keepdims=True)
     return (corner[face] * weight[..., None]).sum(1), (uv[face] * weight[..., None]).sum(1), face
+
+
+def empty_mesh():
+    return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
+
+
+def bilinear(image, uv):
+    height, width = image.shape[:2]
+    x, y = uv[:, 0] * width - 0.5, uv[:, 1] * height - 0.5
+    left, top = np.floor(x).astype(int), np.floor(y).astype(int)
+    fx, fy = (x - left)[:, None], (y - top)[:, None]
+
+    def texel(dx, dy):
+        return image[np.clip(top + dy, 0, height - 1), np.clip(left + dx, 0, width - 1)].astype(float)
+
+    return (texel(0, 0) * (1 - fx) + texel(1, 0) * fx) * (1 - fy) + (texel(0, 1) * (1 - fx) + texel(1, 1) * fx) * fy
+
+
+def surface(texf):
+    corner = texf.positions[texf.faces]
+    return np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1).sum() / 2

@@ -4,9 +4,11 @@ import importlib
 import sys
 import tomllib
 from collections import defaultdict
+from functools import partial
 from pathlib import Path
 
 import pytest
+from mesh_files import load_bytes, refusal
 from plugins import write_plugin
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -68,6 +70,18 @@ def install(tmp_path, monkeypatch):
     yield put
     monkeypatch.undo()
     forget()
+
+
+@pytest.fixture
+def loaded(tmp_path):
+    """Builder, bytes or text -> Scene, by way of a file."""
+    return partial(load_bytes, tmp_path)
+
+
+@pytest.fixture
+def refused(tmp_path):
+    """The TexfError that loading ends in."""
+    return partial(refusal, tmp_path)
 
 
 @pytest.fixture

@@ -130,3 +130,12 @@ def accessor(document, binary, number):
     if "min" in item:
         assert np.array_equal(values.min(0), item["min"]) and np.array_equal(values.max(0), item["max"])
     return values
+
+
+def outcome(path, data):
+    """Scene or TexfError; anything else is a failure of the test."""
+    path.write_bytes(data)
+    try:
+        return load(path)
+    except TexfError as error:
+        return error

@@ -1,4 +1,4 @@
-"""The measuring commands of tools/: how they are called, and that what they print agrees with itself."""
+"""The measuring commands of bench/: how they are called, and that what they print agrees with itself."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""asset/load: what a file is by its first bytes, text in UTF-16, and the table of formats."""
+"""What a file is by its first bytes, text in UTF-16, and the table of formats."""
 
 import importlib
 import json

@@ -1,4 +1,4 @@
-"""encoder/decide/materials.py: what of its materials a scene needs, decided by values, and what of that is told."""
+"""encoder/decide/materials.py: what of its materials a scene needs, decided by values, and what the report says of it."""
 
 import time
 from dataclasses import replace

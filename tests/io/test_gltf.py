@@ -1,37 +1,22 @@
-"""asset/load: every feature on small files made here, every fault with its code, and the 20 real assets where they are."""
+"""glTF, and objects in memory: every feature on small files made here, every fault with its code, and the 20 real assets where
+they are."""
 
 import base64
 import json
 import struct
 import subprocess
 import sys
-from functools import partial
 from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from mesh_files import COMPONENTS, RED_BLUE, SQUARE, SQUARE_UV, TWO, Builder, encoded, load_bytes, refusal, textured
+from mesh_files import COMPONENTS, RED_BLUE, SQUARE, SQUARE_UV, TWO, Builder, encoded, outcome, textured
 from PIL import Image
 
 from texfcodec.errors import InputError, LimitError, SupportError, TexfError
 from texfcodec.io.load import load, load_any
-from texfcodec.io.mtl import read_mtl
-from texfcodec.io.parts import Notes
 from texfcodec.scene.channels import MAPS
 from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Scene
-
-
-@pytest.fixture
-def loaded(tmp_path):
-    """Builder, bytes or text -> Scene, by way of a file."""
-    return partial(load_bytes, tmp_path)
-
-
-@pytest.fixture
-def refused(tmp_path):
-    """The TexfError that loading ends in."""
-    return partial(refusal, tmp_path)
-
 
 # glTF: geometry.
 
@@ -520,15 +505,6 @@ def test_paths_that_cannot_be_read(tmp_path):
         assert caught.value.code == code
 
 
-def outcome(path, data):
-    """Scene or TexfError; anything else is a failure of the test."""
-    path.write_bytes(data)
-    try:
-        return load(path)
-    except TexfError as error:
-        return error
-
-
 def test_every_prefix_of_a_glb_is_refused(tmp_path):
     data = textured().glb()
     found = [outcome(tmp_path / "a.glb", data[:length]) for length in range(len(data))]
@@ -545,179 +521,6 @@ def test_flipped_bytes_end_in_a_scene_or_a_coded_error(tmp_path):
         damaged[position] = rng.integers(32, 127) if position % 2 else damaged[position] ^ (1 << int(rng.integers(8)))
         found = outcome(tmp_path / "a.glb", bytes(damaged))
         assert isinstance(found, (Scene, TexfError))
-
-
-# OBJ.
-
-OBJ = """mtllib my lib.mtl
-o thing
-v 0 0 0
-v 1 0 0
-v 1 1 0
-v 0 1 0
-v 9 9 9
-vt 0 0
-vt 1 0
-vt 1 1
-vt 0 1
-vn 0 0 1
-usemtl paint
-f 1/1/1 2/2/1 3/3/1 4/4/1
-usemtl plain
-f -5//1 -4//1 -3//1
-f 1 2 3  # three corners
-l 1 2
-"""
-MTL = """newmtl paint
-Kd 0.5 0.25 1
-d 0.5
-Ns 10
-map_Kd -s 2 3 -o 0.5 -clamp on my tex.png
-map_Bump bump.png
-newmtl plain
-Kd 0 0 1
-"""
-
-
-@pytest.fixture
-def obj(tmp_path, loaded):
-    (tmp_path / "my lib.mtl").write_text(MTL)
-    (tmp_path / "my tex.png").write_bytes(encoded(RED_BLUE))
-    return lambda text=OBJ, **options: loaded(text, "a.obj", **options)
-
-
-def test_obj_with_materials_polygons_and_negative_indices(obj):
-    scene = obj(strict=True)
-    assert scene.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2], [0, 1, 2]]
-    assert scene.face_material.tolist() == [0, 0, 1, 1] and len(scene.positions) == 4
-    uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * [2, 3] + [0.5, 0]
-    np.testing.assert_allclose(scene.corner_uv[1], (uv * [1, -1] + [0, 1])[[0, 2, 3]])
-    assert not scene.corner_uv[2:].any()
-    paint, plain = scene.materials
-    np.testing.assert_allclose(paint.factor, [0.21404, 0.05088, 1, 0.5], atol=1e-5)  # sRGB-coded, as viewers show Kd
-    assert paint.alpha_mode == ALPHA_BLEND and paint.name == "paint"
-    assert plain.factor.tolist() == [0, 0, 1, 1] and plain.texture == -1
-    assert scene.textures[0].wrap == (WRAP_CLAMP, WRAP_CLAMP) and scene.textures[0].name == "my tex.png"
-    assert scene.dropped == ["OBJ statement 'l'", "Ns of material 'paint'", "map_Bump of material 'paint'"]
-    assert scene.metadata == {"objects": ["thing"]}
-
-
-@pytest.mark.parametrize("head, red", [("# Blender 4.0.1 MTL File: 'a.blend'", 0.5), ("# Created by hand", 0.21404)])
-def test_kd_is_linear_where_blender_wrote_it_and_as_viewers_show_it_elsewhere(head, red):
-    notes = Notes(strict=False)
-    material = read_mtl(f"{head}\nnewmtl a\nKd 0.5 0 1\n".encode(), notes)["a"]
-    np.testing.assert_allclose(material.factor, [red, 0, 1, 1], atol=1e-5)
-    said = "colours of the MTL file are linear, as Blender writes them; many viewers show them darker"
-    assert [*notes.remarks] == [said] * (red == 0.5)
-
-
-def test_obj_tolerates_line_ends_continuations_and_missing_files(loaded, refused):
-    text = "mtllib none.mtl\r\nusemtl a\r\nv 0 0 0\r\nv 1 0 0\r\nv 1 \\\r\n 1 0\r\nf 1/ 2/ \\\r\n 3/\r\n"
-    scene = loaded(text, "a.obj")
-    assert scene.faces.tolist() == [[0, 1, 2]] and scene.positions[2].tolist() == [1, 1, 0]
-    assert "none.mtl" in scene.warnings[0] and "'a' is not defined" in scene.warnings[1]
-    assert refused(text, "a.obj", strict=True).code == "TXF-I16"
-
-
-def test_obj_vertex_colors_are_decoded_from_srgb(loaded):
-    text = "v 0 0 0 1 0.5 0\nv 1 0 0 0 0 0\nv 1 1 0\nf 1 2 3\n"
-    color = loaded(text, "a.obj").corner_color[0]
-    np.testing.assert_allclose(color, [[1, 0.21404, 0, 1], [0, 0, 0, 1], [1, 1, 1, 1]], atol=1e-4)
-    color = loaded(text.replace("1 0.5 0\n", "255 127.5 0\n", 1), "a.obj").corner_color[0]
-    np.testing.assert_allclose(color[0], [1, 0.21404, 0, 1], atol=1e-4)
-
-
-@pytest.mark.parametrize("line, code", [
-    ("v 1 2", "TXF-I20"), ("v 1 2 x", "TXF-I20"), ("f 1 2 0", "TXF-I20"), ("f 1 2 y", "TXF-I20"), ("f 1 2 9", "TXF-I13"),
-    ("f -1 -2 -9", "TXF-I13"), ("f 1/9 2/9 3/9", "TXF-I13"), ("f 1/1/1 2 3/3", "TXF-I20"), ("v nan 0 0\nf 4 1 2", "TXF-I14"),
-    ("f 1/1/1/1 2/2/2/2 3/3/3/3", "TXF-I20"),
-])
-def test_broken_obj_lines_are_named(refused, line, code):
-    error = refused(f"v 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\n{line}\nf 1 2 3\n", "a.obj")
-    assert error.code == code and (code != "TXF-I20" or error.details["line"] == 5)
-
-
-# PLY.
-
-
-def ply(form, uv=("s", "t"), texture="comment TextureFile tex.png\n", faces=TWO, lists="uchar int"):
-    """A PLY square with colours and UVs (v upwards) in one of the three forms."""
-    names = "".join(f"property float {name}\n" for name in ("x", "y", "z", *uv))
-    head = (f"ply\nformat {form} 1.0\n{texture}comment made here\nelement vertex 4\n{names}property uchar red\n"
-            f"property uchar green\nproperty uchar blue\nproperty float quality\nelement face {len(faces)}\n"
-            f"property list {lists} vertex_indices\nend_header\n")
-    color = [[255, 188, 0]] * 4
-    if form == "ascii":
-        rows = [[*p, *([u, 1 - v] if uv else []), *c, 0.5] for p, (u, v), c in zip(SQUARE, SQUARE_UV, color, strict=True)]
-        lines = [" ".join(str(x) for x in row) for row in rows] + [" ".join(map(str, (len(f), *f))) for f in faces]
-        return (head + "\n".join(lines) + "\n").encode()
-    order = "<" if "little" in form else ">"
-    body = b"".join(struct.pack(f"{order}{3 + len(uv)}f3Bf", *p, *([u, 1 - v] if uv else []), *c, 0.5)
-                    for p, (u, v), c in zip(SQUARE, SQUARE_UV, color, strict=True))
-    return head.encode() + body + b"".join(struct.pack(f"{order}B{len(f)}i", len(f), *f) for f in faces)
-
-
-FORMS = ("ascii", "binary_little_endian", "binary_big_endian")
-
-
-def test_ply_in_capitals_is_read(loaded):
-    text = ("PLY\r\nformat ascii 1.0\r\nelement vertex 3\r\nproperty float x\r\nproperty float y\r\nproperty float z\r\n"
-            "element face 1\r\nproperty list uchar int vertex_indices\r\nend_header\r\n0 0 0\r\n1 0 0\r\n0 1 0\r\n3 0 1 2\r\n")
-    assert loaded(text, "a.ply").faces.tolist() == [[0, 1, 2]]
-
-
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("uv", [("s", "t"), ("u", "v"), ("texture_u", "texture_v")])
-def test_ply_with_colors_and_texture(tmp_path, loaded, form, uv):
-    (tmp_path / "tex.png").write_bytes(encoded(RED_BLUE))
-    scene = loaded(ply(form, uv), "a.ply", strict=True)
-    np.testing.assert_array_equal(scene.positions[scene.faces], SQUARE[TWO])
-    np.testing.assert_allclose(scene.corner_uv, SQUARE_UV[TWO], atol=1e-6)
-    np.testing.assert_allclose(scene.corner_color[0, 0], [1, 0.5029, 0, 1], atol=1e-4)
-    assert scene.materials[0].texture == 0 and scene.dropped == []
-    assert scene.remarks == ["PLY property 'quality' of vertex is left out"]
-    assert scene.metadata == {"comments": ["made here"]}
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_ply_polygons_of_mixed_size_and_no_texture(loaded, form):
-    scene = loaded(ply(form, texture="", faces=[[0, 1, 2], [0, 1, 2, 3]]), "a.ply")
-    assert scene.faces.tolist() == [[0, 1, 2], [0, 1, 2], [0, 2, 3]]
-    assert scene.remarks[0].startswith("texture coordinates") and scene.dropped == [] and not scene.corner_uv.any()
-
-
-def test_ply_texture_coordinates_and_colors_per_face(tmp_path, loaded):
-    for name in ("a.png", "b.png"):
-        (tmp_path / name).write_bytes(encoded(RED_BLUE))
-    text = ("ply\r\nformat ascii 1.0\r\ncomment TextureFile a.png\r\ncomment TextureFile b.png\r\nelement vertex 3\r\n"
-            "property float x\r\nproperty float y\r\nproperty float z\r\nelement face 2\r\n"
-            "property list uchar int vertex_index\r\nproperty list uchar float texcoord\r\nproperty int texnumber\r\n"
-            "property uchar red\r\nproperty uchar green\r\nproperty uchar blue\r\nproperty uchar alpha\r\nend_header\r\n"
-            "0 0 0\r\n1 0 0\r\n1 1 0\r\n3 0 1 2 6 0 0 1 0 1 1 0 255 0 0 51\r\n3 0 2 1 6 0 1 1 1 1 .25 1 0 255 0 255\r\n")
-    scene = loaded(text, "a.ply")
-    assert scene.corner_uv.tolist() == [[[0, 1], [1, 1], [1, 0]], [[0, 0], [1, 0], [1, 0.75]]]
-    assert scene.face_material.tolist() == [0, 1] and [texture.name for texture in scene.textures] == ["a.png", "b.png"]
-    np.testing.assert_allclose(scene.corner_color[:, 2], [[1, 0, 0, 0.2], [0, 1, 0, 1]], atol=1e-6)
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_every_prefix_of_a_ply_is_refused_or_read(tmp_path, form):
-    data = ply(form)
-    found = [outcome(tmp_path / "a.ply", data[:length]) for length in range(len(data) - 2)]
-    assert {error.code for error in found} <= {"TXF-I04", "TXF-I06", "TXF-I21", "TXF-I13", "TXF-I15"}
-
-
-@pytest.mark.parametrize("old, new, code", [
-    (b"vertex 4", b"vertex 4000000000000", "TXF-I21"), (b"vertex 4", b"vertex -4", "TXF-I21"),
-    (b"float x", b"quad x", "TXF-I21"), (b"float x", b"float w", "TXF-I21"), (b"ascii", b"ebcdic", "TXF-I21"),
-    (b"3 0 1 2", b"3 0 1 9", "TXF-I13"), (b"3 0 1 2", b"3 0 1 -2", "TXF-I13"), (b"3 0 1 2", b"3 0 1 nan", "TXF-I13"),
-    (b"3 0 1 2", b"-3 0 1 2", "TXF-I21"), (b"3 0 1 2", b"3 0 1 two", "TXF-I21"),
-    (b"element face 2\n", b"element nothing 999999999999\nelement face 2\n", "TXF-I21"),
-])
-def test_broken_ply_files_end_in_their_code(refused, old, new, code):
-    data = ply("ascii")
-    assert old in data
-    assert refused(data.replace(old, new), "a.ply").code == code
 
 
 # Objects in memory.

@@ -1,4 +1,4 @@
-"""The attribute room: kernels against oracles, the error of the fixed-point transform, and round trips of the codec."""
+"""RAHT: kernels against oracles, the error of the fixed-point transform, and round trips of the codec."""
 
 import math
 from fractions import Fraction

@@ -12,13 +12,14 @@ from dataclasses import dataclass
 from bench.accuracy_knobs import REFERENCE_SAMPLES, REFERENCE_SIZE, REFERENCE_VIEWS, TEXELS, VOXELS, Place
 from texfcodec.api import decode, encode_to_result
 from texfcodec.encoder import source_field
-from texfcodec.encoder.decide.materials import needed_scene
+from texfcodec.encoder.decide.one_colour import material_colours
 from texfcodec.encoder.decide.supports import choose_supports
+from texfcodec.encoder.plan import outline
 from texfcodec.encoder.rate_control import estimate
-from texfcodec.geometry.surface import make_surface
 from texfcodec.metrics.psnr_3d import SourceSamples
 from texfcodec.metrics.views import compare_views
 from texfcodec.options import DecodeOptions, EncodeOptions
+from texfcodec.report import Report
 
 PROCESSOR, WALL = "processor", "wall"
 SPENT = 12.0  # processor seconds after which a setting is not run again
@@ -31,8 +32,9 @@ WARM_K = 128
 def place_of(scene, threads=1, neural=False, quick=False):
     """The Place of a scene: over texels where the encoder by itself puts most faces there; quick: with half the K."""
     options = EncodeOptions(threads=threads)
-    surface = make_surface(scene, options)
-    supports = choose_supports(needed_scene(scene, surface, options).scene, surface, options)
+    begun = outline(scene, options, Report())
+    colours = material_colours(begun.scene, begun.surface)
+    supports = choose_supports(begun.scene, begun.surface, begun.rd, options, colours).value
     planar = sum(len(plan.group.faces) for plan in supports.plans)
     k = SMALL_K if estimate(scene, EncodeOptions(resolution=USUAL_K))[0] > MANY_VOXELS else USUAL_K
     k = k // 2 if quick else k

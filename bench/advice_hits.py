@@ -2,8 +2,10 @@
 
 from bench.result_tables import markdown_table
 from texfcodec.encoder.advise import advise
+from texfcodec.encoder.plan import outline
 from texfcodec.io.load import load
 from texfcodec.options import EncodeOptions
+from texfcodec.report import Report
 
 # The constants of encoder/advise.py were made on these.
 TUNED = ("avocado", "cat_webp", "clearcoat_blend", "hard_broken", "house_mask", "mp_room_lod3", "tiny_plane", "virtual_city",
@@ -12,7 +14,7 @@ TUNED = ("avocado", "cat_webp", "clearcoat_blend", "hard_broken", "house_mask", 
 
 def hits_of(row, scene):
     """[(whether the advice came true, whether it was sure)] by image of a row of our own method."""
-    told = advise(scene, EncodeOptions(**row["options"]))["images"]
+    told = advise(outline(scene, EncodeOptions(**row["options"]), Report()))["images"]
     chosen = row["facts"].get("supports", [])
     if len(told) != len(chosen):
         return []

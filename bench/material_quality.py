@@ -33,7 +33,7 @@ def needed_maps(scene):
     """(the Scene without maps that show nothing or one value alone, its Surface): what any way of coding it has to code."""
     options = EncodeOptions(position_bits=FINEST_POSITIONS)
     surface = make_surface(scene, options)
-    return needed_scene(scene, surface, options).scene, surface
+    return needed_scene(scene, surface, options.effects).value.scene, surface
 
 
 class SceneMaps:

@@ -79,7 +79,7 @@ class _Looked:
     def __init__(self, path, threads, shaded):
         self.name, self.threads, self.scene = path.stem, threads, load(str(path))
         self.surface = make_surface(self.scene, EncodeOptions())
-        self.needed = needed_scene(self.scene, self.surface, EncodeOptions()).scene
+        self.needed = needed_scene(self.scene, self.surface, "auto").value.scene
         self.shaded = shaded
         self._texels = {}
 

@@ -138,11 +138,13 @@ def asset_facts(path):
     """{"faces", "texels_per_face", "reuse", "unused"} of an asset: texels that the surface shows, how often, and how many of the
     images' it does not."""
     from texfcodec.encoder.advise import advise
+    from texfcodec.encoder.plan import outline
     from texfcodec.io.load import load
     from texfcodec.options import EncodeOptions
+    from texfcodec.report import Report
 
     scene = load(str(path))
-    told = [entry for entry in advise(scene, EncodeOptions(effects="none"))["images"] if "texels" in entry]
+    told = [entry for entry in advise(outline(scene, EncodeOptions(effects="none"), Report()))["images"] if "texels" in entry]
     texels = sum(entry["texels"] for entry in told)
     facts = {"faces": f"{len(scene.faces):,}"}
     if texels > 0:

@@ -5,7 +5,8 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import Field, dataclass, field, fields
 from difflib import get_close_matches
-from typing import Any, TypeVar
+from functools import partial
+from typing import Any, Self, TypeVar
 
 from .codecs import codec_names, codec_of, our_codecs
 from .codecs.base import Codec
@@ -126,7 +127,7 @@ def strange_options(codec: Codec) -> frozenset[str]:
     return others | OF_PLANES if codec.joint else others
 
 
-@dataclass(kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class EncodeOptions:
     """resolution/qp override the rate preset; qp follows G-PCC: step = 2**((qp - 4) / 6).
 
@@ -216,11 +217,37 @@ class EncodeOptions:
         check_options(self)
         self._refuse_strange(codec)
         codec.check_options(self)
-        self.threads = self.threads or default_threads()
-        self.rate_is_free = self.resolution is None and not self.exact_rate and self.max_error is None and not self.lossless
-        self.position_bits_are_free = self.position_bits is None
-        self.position_bits = codec.position_bits if self.position_bits is None else self.position_bits
-        self._set_rate()
+        resolve = partial(object.__setattr__, self)  # frozen from here on
+        resolve("_given", {option.name: getattr(self, option.name) for option in fields(self)})
+        resolve("threads", self.threads or default_threads())
+        resolve("position_bits", codec.position_bits if self.position_bits is None else self.position_bits)
+        self._refuse_bounds()
+        resolve("max_error", 0 if self.lossless else self.max_error)
+        if self.max_error is None and "qp" in codec.options:
+            resolve("qp", self.reckoned_qp)
+        resolve("resolution", RATES[self.rate][0] if self.resolution is None else self.resolution)
+        resolve("lossless", self.max_error == 0)
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """All fields as they were given, before any was resolved."""
+        return self.__dict__["_given"]
+
+    def changed(self, **changes: Any) -> Self:
+        """The request with changes. What it left to the encoder, and nothing changed, is left to it still, which
+        dataclasses.replace() would not do: it starts from what was resolved."""
+        return type(self)(**{**self.given, **changes})
+
+    @property
+    def rate_is_free(self) -> bool:
+        """Whether K and supports are the encoder's to choose."""
+        return self.given["resolution"] is None and not self.exact_rate and self.given["max_error"] is None \
+            and not self.given["lossless"]
+
+    @property
+    def position_bits_are_free(self) -> bool:
+        """Whether more bits of positions than usual are the encoder's to choose."""
+        return self.given["position_bits"] is None
 
     def _refuse_strange(self, codec):
         """Options that only other codecs read are a mistake, not to be passed over."""
@@ -234,21 +261,15 @@ class EncodeOptions:
             raise InputError("TXF-I50", f"codec_options has no part in codec {self.codec}: its options have names of their own",
                              value=", ".join(self.codec_options))
 
-    def _set_rate(self):
-        """Fills resolution and qp, or max_error, from what was asked for."""
+    def _refuse_bounds(self):
+        """Error bounds that exclude each other, or what else sets the quality."""
         if self.lossless and self.max_error:
             raise InputError("TXF-I50", "lossless and max_error exclude each other", value=self.max_error)
-        if self.lossless:
-            self.max_error = 0
-        if self.max_error is not None:
+        if self.lossless or self.max_error is not None:
             for name in ("qp", "target_bytes", "target_psnr"):
                 if getattr(self, name) is not None:
                     raise InputError("TXF-I50", f"max_error and {name} exclude each other: an error bound sets the QP by itself",
                                      value=getattr(self, name))
-        elif "qp" in codec_of(self.codec).options:
-            self.qp = self.reckoned_qp
-        self.resolution = RATES[self.rate][0] if self.resolution is None else self.resolution
-        self.lossless = self.max_error == 0
 
     @property
     def reckoned_qp(self) -> int:
@@ -268,7 +289,7 @@ class EncodeOptions:
         return self.max_error is None and (self.refine in ("fit", "render") or (self.refine == "auto" and self.effort != "fast"))
 
 
-@dataclass(kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class DecodeOptions:
     """Settings of decode().
 
@@ -296,4 +317,4 @@ class DecodeOptions:
 
     def __post_init__(self):
         check_options(self)
-        self.threads = self.threads or default_threads()
+        object.__setattr__(self, "threads", self.threads or default_threads())

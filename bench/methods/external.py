@@ -100,11 +100,11 @@ class External(TexfMethod):
         if sentence := self.missing(asked):
             raise LookupError(sentence)
         given = {"resolution": asked["resolution"], "threads": threads, "position_bits": asked["position_bits"]}
-        prepared, settings = voxel_values(scene, given, report)
+        prepared = voxel_values(scene, given, report)
         if any("alpha" in part.planes for part in prepared.fields):
             report.warnings.append("alpha is not coded: the program takes points of three colours")
         with report.stage("geometry"):
-            sizes = dict(zip(("geometry", "other"), write_mesh(prepared, settings, folder, report), strict=True))
+            sizes = dict(zip(("geometry", "other"), write_mesh(prepared, folder, report), strict=True))
         np.savez_compressed(folder / FACE_FIELD, face_field=face_fields(prepared, len(scene.faces)))
         sizes["texture"] = 0
         with report.stage("program"):

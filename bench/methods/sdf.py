@@ -10,6 +10,7 @@ A sheet has no inside: a scene of which more than MOST_LOST of the surface is se
 """
 
 import struct
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +19,8 @@ from bench.methods.distance_field import PAD, Winding, dec_distances, enc_distan
 from bench.methods.texf import TexfMethod
 from bench.methods.voxel_values import PREPARED
 from texfcodec.encoder.map_planes import with_grey
-from texfcodec.encoder.pipeline import code_prepared, prepare
+from texfcodec.encoder.pipeline import code
+from texfcodec.encoder.plan import plan
 from texfcodec.encoder.source_field import colour_planes
 from texfcodec.field.morton import encode_morton
 from texfcodec.field.samples import surface_samples
@@ -79,12 +81,12 @@ class Sdf(TexfMethod):
         with report.stage("marching cubes"):
             mesh = dec_solid(data)
         settings = settings_of(asked, threads)
-        prepared = prepare(mesh, settings, report)
+        prepared = plan(mesh, settings, report)
         with report.stage("colours"):
-            part = prepared.fields[0]
-            part.planes = colour_planes(fetched(scene, prepared, threads), prepared.source)
-            prepared.source = prepared.source._replace(groups=with_grey(prepared.source.groups, prepared.fields))
-        made = code_prepared(prepared, settings, report)
+            colours = colour_planes(fetched(scene, prepared, threads), prepared.source)
+            fields = [prepared.fields[0].with_planes(colours)]
+            source = prepared.source._replace(groups=with_grey(prepared.source.groups, fields))
+        made = code(replace(prepared, fields=fields, source=source), report)
         field = without_mesh(made.data, prepared.geometry[0]["draco_data"])
         (folder / DISTANCES).write_bytes(data)
         (folder / FIELD).write_bytes(field)

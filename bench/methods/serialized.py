@@ -70,9 +70,9 @@ class Serialized(TexfMethod):
         ValueError: an option is out of range, or the image came back in another size."""
         asked = checked(options)
         given = {"resolution": asked["resolution"], "threads": threads, "position_bits": asked["position_bits"]}
-        prepared, settings = voxel_values(scene, given, report)
+        prepared = voxel_values(scene, given, report)
         with report.stage("geometry"):
-            sizes = dict(zip(("geometry", "other"), write_mesh(prepared, settings, folder, report), strict=True))
+            sizes = dict(zip(("geometry", "other"), write_mesh(prepared, folder, report), strict=True))
         np.savez_compressed(folder / FACE_FIELD, face_field=face_fields(prepared, len(scene.faces)))
         coder = image_coder(asked, threads)
         with report.stage("serialise"):

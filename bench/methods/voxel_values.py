@@ -4,10 +4,13 @@ Mesh and voxels travel in a stream of ours whose values are all 0, which takes a
 the decoded mesh as ours does, and puts the rival's values in the place of the zeros.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from bench.methods.texf import STREAM
-from texfcodec.encoder.pipeline import code_prepared, prepare
+from texfcodec.encoder.pipeline import code
+from texfcodec.encoder.plan import plan
 from texfcodec.options import EncodeOptions
 from texfcodec.scene.channels import COLOURS, join_planes
 from texfcodec.texf import Field
@@ -16,10 +19,9 @@ PREPARED = {"support": "voxels", "refine": "off", "effects": "none"}
 
 
 def voxel_values(scene, options, report):
-    """(Prepared, its EncodeOptions) of a Scene: voxels of base colour and alpha alone, transferred and not refined. options: dict
+    """The Plan of a Scene: voxels of base colour and alpha alone, transferred and not refined. options: dict
     of further EncodeOptions, among them the resolution."""
-    settings = EncodeOptions(**PREPARED | options)
-    return prepare(scene, settings, report), settings
+    return plan(scene, EncodeOptions(**PREPARED | options), report)
 
 
 def rgba_of(part):
@@ -28,16 +30,12 @@ def rgba_of(part):
     return join_planes(planes, len(part.support))
 
 
-def write_mesh(prepared, settings, folder, report):
+def write_mesh(prepared, folder, report):
     """Writes STREAM with the values 0; (bytes of its positions alone, as texf counts them, and all its other bytes)."""
     from bench.everyday_rivals import positions_alone
 
-    kept = [part.planes for part in prepared.fields]
-    for part in prepared.fields:
-        part.planes = {name: np.zeros_like(plane) for name, plane in part.planes.items()}
-    made = code_prepared(prepared, settings, report)
-    for part, planes in zip(prepared.fields, kept, strict=True):
-        part.planes = planes
+    empty = [part.with_planes({name: np.zeros_like(plane) for name, plane in part.planes.items()}) for part in prepared.fields]
+    made = code(replace(prepared, fields=empty), report)
     (folder / STREAM).write_bytes(made.data)
     geometry = min(positions_alone(prepared.surface.lattice, prepared.surface.faces), made.sizes["geometry"])
     return geometry, len(made.data) - geometry

@@ -68,7 +68,7 @@ def test_a_tool_that_is_killed_leaves_whole_files_and_runs_again(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="this system has no kill() of one's own process")
-@pytest.mark.parametrize("module, function", [("encoder.decide.partition", "find_contacts"), ("field.voxelise", "voxelise")])
+@pytest.mark.parametrize("module, function", [("encoder.decide.contacts", "find_contacts"), ("field.voxelise", "voxelise")])
 def test_an_interrupt_that_waits_for_a_kernel_is_a_keyboard_interrupt(module, function):
     """Numba runs Python while it boxes a kernel's results; an interrupt between two arrays was a SystemError or a crash."""
     program = PENDING.format(module=module, function=function)

@@ -16,7 +16,8 @@ from texfcodec.codecs.raht import attribute_coder
 from texfcodec.codecs.raht.coefficients.residual import MAX_CROSS, ResidualPlan
 from texfcodec.codecs.raht.tool_choice import BASE_QPS
 from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
-from texfcodec.encoder.pipeline import code_prepared, encode_scene, prepare
+from texfcodec.encoder.pipeline import code, encode_scene
+from texfcodec.encoder.plan import plan
 from texfcodec.errors import InputError, StreamError
 from texfcodec.io.load import load
 from texfcodec.limits import Limits
@@ -34,10 +35,9 @@ def sliced(monkeypatch):
 
 
 def prepared_scene(scene, **choices):
-    """(Prepared, function from a max_error to the stream)."""
-    options = lambda bound: EncodeOptions(max_error=bound, threads=2, **choices)
-    prepared = prepare(scene, options(0), Report())
-    return prepared, lambda bound: code_prepared(prepared, options(bound), Report()).data
+    """(Plan, function from a max_error to the stream)."""
+    prepared = plan(scene, EncodeOptions(max_error=0, threads=2, **choices), Report())
+    return prepared, lambda bound: code(prepared.at(max_error=bound), Report()).data
 
 
 def rgba_of(field):
@@ -95,7 +95,7 @@ def test_lossless_gives_back_every_rounded_colour_and_alpha(effort):
 
 def test_lossless_keeps_a_single_voxel():
     prepared, code = prepared_scene(shapes.painted_sphere(), resolution=1)
-    with patch("texfcodec.encoder.pipeline.codec_for", lambda plane, asked: asked):
+    with patch("texfcodec.encoder.coder.codec_for", lambda plane, asked: asked):
         data = code(0)
     assert read_stream(data, Limits()).attributes[0]["residual"] == 0
     assert (colours(data) == sources(prepared)).all()

@@ -17,7 +17,8 @@ from texfcodec.codecs.neural.fit import Fit
 from texfcodec.codecs.neural.fit_samples import Samples, Source, component_weights
 from texfcodec.codecs.neural.payload import Level, Payload, Tables
 from texfcodec.encoder.map_planes import groups_of
-from texfcodec.encoder.pipeline import encode_scene, prepare
+from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.plan import plan
 from texfcodec.geometry.areas import sample_surface
 from texfcodec.geometry.surface import make_surface
 from texfcodec.report import Report
@@ -53,7 +54,7 @@ def two_sheets(normal=None, data=None, base=None):
 
 def source_of(scene, **settings):
     """What a joint codec is handed of a scene."""
-    return prepare(scene, EncodeOptions(**{**OPTIONS, **settings}), Report()).source
+    return plan(scene, EncodeOptions(**{**OPTIONS, **settings}), Report()).source
 
 
 def places_on(source, count=2000):

@@ -262,7 +262,7 @@ def source(models, filters, resolution=17, max_error=None, slices=False):
     options = EncodeOptions(resolution=resolution, qp=qp, max_error=max_error, effort="fast", partition="off")
     cut = patch.multiple(attribute_coder, WHOLE_VOXELS=whole, SLICE_VOXELS=60, SLICE_NODES=4)
     tools = patch.dict(tool_choice.EFFORTS, fast=Tools(colour_range=255, models=models))
-    with cut, tools, patch("texfcodec.encoder.pipeline.codec_for", lambda plane, asked: asked):
+    with cut, tools, patch("texfcodec.encoder.coder.codec_for", lambda plane, asked: asked):
         data = encode_scene(crossing_sheets(), options).data
     stream, keys = read_stream(data, Limits()), decode(data).fields[0].keys.tolist()
     for unit in stream.attributes:

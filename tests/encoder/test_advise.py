@@ -5,9 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from texfcodec.encoder.advise import advise, haar_bits
+from texfcodec.encoder.advise import advise
+from texfcodec.encoder.decide.one_colour import material_colours
+from texfcodec.encoder.decide.supports import choose_supports
+from texfcodec.encoder.estimates.image_measures import haar_bits
+from texfcodec.encoder.plan import outline
 from texfcodec.io.load import load
 from texfcodec.options import EncodeOptions
+from texfcodec.report import Report
 from texfcodec.scene.scene import Material, Scene, Texture
 
 TEXTURED = ("avocado", "bball_0001", "cat_webp", "hard_broken", "tiny_plane", "waterbottle_pbr", "ycb_chef_can", "ycb_scissors")
@@ -35,21 +40,21 @@ def test_haar_bits_of_one_coefficient_are_those_of_its_level():
 
 
 def test_tiled_images_are_advised_texels_and_the_reason_is_how_often_one_is_shown():
-    told = advise(plain(8), EncodeOptions(threads=1))["images"]
+    told = advise(outline(plain(8), EncodeOptions(threads=1), Report()))["images"]
     assert [entry["predicted"] for entry in told] == ["texels"] and told[0]["sure"]
     assert any("shown 64.0 times" in reason for reason in told[0]["reasons"])
     assert told[0]["texels"] == 64 * 64
 
 
 def test_a_coarser_picture_of_the_same_image_speaks_less_for_texels():
-    times = [advise(plain(8, side), EncodeOptions(threads=1))["images"][0]["times"] for side in (16, 64, 256)]
+    times = [advise(outline(plain(8, side), EncodeOptions(threads=1), Report()))["images"][0]["times"] for side in (16, 64, 256)]
     assert times[0] < times[1] < times[2] or times[0] > 20
 
 
 @pytest.mark.parametrize("chosen, reason", [({"support": "voxels"}, "asked for"), ({"lossless": True}, "error bound")])
 def test_where_nothing_is_to_choose_it_says_why(chosen, reason):
     for exact_rate in (False, True):
-        told = advise(plain(2), EncodeOptions(threads=1, exact_rate=exact_rate, **chosen))
+        told = advise(outline(plain(2), EncodeOptions(threads=1, exact_rate=exact_rate, **chosen), Report()))
         assert told["images"] == [] and reason in told["reason"]
 
 
@@ -58,7 +63,7 @@ def test_advice_comes_true_on_real_assets(shared_dir):
     hits, sure = [], []
     for name in TEXTURED:
         scene, options = load(str(shared_dir / "assets" / f"{name}.glb")), EncodeOptions(rate="r03", threads=1)
-        told = advise(scene, options)["images"]
+        told = advise(outline(scene, options, Report()))["images"]
         chosen = prepare_supports(scene, options)
         hits += [entry["predicted"] == group["chosen"] for entry, group in zip(told, chosen, strict=True)]
         sure += [hit for hit, entry in zip(hits[-len(told):], told, strict=True) if entry["sure"]]
@@ -67,12 +72,9 @@ def test_advice_comes_true_on_real_assets(shared_dir):
 
 def prepare_supports(scene, options):
     """What the encoder itself chooses, by image."""
-    from texfcodec.encoder.decide.materials import needed_scene
-    from texfcodec.encoder.decide.supports import choose_supports
-    from texfcodec.geometry.surface import make_surface
-
-    surface = make_surface(scene, options)
-    return choose_supports(needed_scene(scene, surface, options).scene, surface, options).told["groups"]
+    begun = outline(scene, options, Report())
+    colours = material_colours(begun.scene, begun.surface)
+    return choose_supports(begun.scene, begun.surface, begun.rd, options, colours).evidence["groups"]
 
 
 def test_the_command_line_says_it_without_coding(call, tmp_path):

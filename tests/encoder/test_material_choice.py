@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,16 +21,16 @@ from texfcodec.scene.srgb import srgb_to_linear
 
 
 def needs(scene, effects="auto"):
-    options = EncodeOptions(resolution=64, effects=effects)
-    return needed_scene(scene, make_surface(scene, options), options)
+    decision = needed_scene(scene, make_surface(scene, EncodeOptions(resolution=64)), effects)
+    return SimpleNamespace(**vars(decision.value), evidence=decision.evidence)
 
 
 def decided(scene, effects="auto"):
     """({channel: its one decision}, the one material of the stream)."""
     found = needs(scene, effects)
-    for entry in found.told:
+    for entry in found.evidence:
         assert sum(entry[d] > 0 for d in ("coded", "constant", "absent")) == 1
-    words = {e["channel"]: next(d for d in ("coded", "constant", "absent") if e[d]) for e in found.told}
+    words = {e["channel"]: next(d for d in ("coded", "constant", "absent") if e[d]) for e in found.evidence}
     return words, found.materials[0]
 
 
@@ -78,7 +79,7 @@ def test_a_map_that_equals_its_default_is_absent(name):
 def test_one_value_that_no_parameter_can_say_is_coded(name, image):
     found = needs(mapped_sheet({name: image}, parameters=dict(USED)))
     assert found.materials[0].maps == {name: 1} and found.materials[0].parameters == USED
-    assert found.told[0]["coded"] == 1 and found.told[0]["reasons"] == ["constant, and no parameter can say it"]
+    assert found.evidence[0]["coded"] == 1 and found.evidence[0]["reasons"] == ["constant, and no parameter can say it"]
 
 
 @pytest.mark.parametrize("spread, decision", [(4, "constant"), (5, "coded")])
@@ -110,10 +111,10 @@ def test_maps_that_nothing_reads_are_absent_with_the_reason():
     maps = {"normal": noise(1), "clearcoat": noise(2), "metallic": noise(3), "emissive": noise(4), "occlusion": noise(5)}
     off = {"metallic": (0.0,), "normal_scale": (0.0,), "occlusion_strength": (0.0,)}
     found = needs(mapped_sheet(maps, parameters=off))
-    assert found.materials[0].maps == {} and all(entry["absent"] == 1 for entry in found.told)
-    assert {e["channel"]: e["reasons"] for e in found.told}["metallic"] == ["no metal: its factor is 0"]
+    assert found.materials[0].maps == {} and all(entry["absent"] == 1 for entry in found.evidence)
+    assert {e["channel"]: e["reasons"] for e in found.evidence}["metallic"] == ["no metal: its factor is 0"]
     found = needs(mapped_sheet(maps, unlit=True))
-    assert found.materials[0].maps == {} and {text for e in found.told for text in e["reasons"]} == {"the material is unlit"}
+    assert found.materials[0].maps == {} and {text for e in found.evidence for text in e["reasons"]} == {"the material is unlit"}
     assert decided(mapped_sheet({"emissive": noise(4)}, parameters={"emissive": (0.0, 0.1, 0.0)}))[0] == {"emissive": "coded"}
 
 
@@ -121,7 +122,7 @@ def test_alpha_that_is_255_wherever_it_is_seen_is_absent_and_the_mode_stays():
     for mode in (ALPHA_BLEND, ALPHA_MASK):
         found = needs(mapped_sheet({}, alpha_mode=mode))
         assert found.materials[0].alpha_mode == mode and found.scene.materials[0].alpha_mode == ALPHA_OPAQUE
-        assert [(e["channel"], e["absent"], e["reasons"]) for e in found.told] == [("alpha", 1, ["255 everywhere"])]
+        assert [(e["channel"], e["absent"], e["reasons"]) for e in found.evidence] == [("alpha", 1, ["255 everywhere"])]
     clear = noise(0)
     clear[:8, 24:, 3] = 0
     scene = mapped_sheet({}, clear, alpha_mode=ALPHA_BLEND, span=0.5, wrap=(WRAP_CLAMP, WRAP_CLAMP))
@@ -131,7 +132,7 @@ def test_alpha_that_is_255_wherever_it_is_seen_is_absent_and_the_mode_stays():
                  replace(scene, materials=[replace(scene.materials[0], factor=np.array([1, 1, 1, 0.5]))]),
                  replace(scene, corner_color=np.full((len(scene.faces), 3, 4), 0.9, np.float32))):
         found = needs(seen)
-        assert found.told[0]["coded"] == 1 and found.scene.materials[0].alpha_mode == ALPHA_BLEND
+        assert found.evidence[0]["coded"] == 1 and found.scene.materials[0].alpha_mode == ALPHA_BLEND
 
 
 @pytest.mark.parametrize("support", ["texels", "voxels"])
@@ -167,7 +168,7 @@ def test_effects_that_are_asked_for(asked, maps, parameters):
     material = found.materials[0]
     assert set(material.maps) == maps and set(material.parameters) == parameters
     assert material.parameters.get("metallic", (0.0,)) == (0.0,)  # without metal nothing is one
-    told = {entry["channel"] for entry in found.told if "not asked for" in entry["reasons"]}
+    told = {entry["channel"] for entry in found.evidence if "not asked for" in entry["reasons"]}
     assert told == (set() if asked in ("auto", "all") else set(FULL) - maps - (parameters - {"metallic"}))
 
 
@@ -219,7 +220,7 @@ def test_167_materials_are_decided_in_seconds_and_told_in_one_line():
     begin = time.process_time()
     found = needs(city())
     assert time.process_time() - begin < 5
-    assert [(e["channel"], e["coded"], e["reasons"]) for e in found.told] == [("occlusion", 167, ["it varies"])]
+    assert [(e["channel"], e["coded"], e["reasons"]) for e in found.evidence] == [("occlusion", 167, ["it varies"])]
     assert len(found.materials) == 167
 
 

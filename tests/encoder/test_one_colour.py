@@ -60,9 +60,9 @@ def nothing_probed(monkeypatch):
     def refuse(*_, **__):
         raise AssertionError("one colour was probed")
 
-    for place in ("encoder.decide.probe.Patch.__init__", "encoder.optimise.surface_fit.FieldSurface.sample",
-                  "encoder.decide.supports.probe_voxels", "encoder.decide.supports.probe_texels",
-                  "encoder.decide.trial.uncoded_errors",
+    for place in ("encoder.estimates.probe.Patch.__init__", "encoder.optimise.surface_fit.FieldSurface.sample",
+                  "encoder.estimates.probe.probe_voxels", "encoder.estimates.probe.probe_texels",
+                  "encoder.estimates.partition_error.uncoded_errors",
                   "encoder.source_field.transfer", "encoder.optimise.refinement.fit_surface"):
         monkeypatch.setattr(f"texfcodec.{place}", refuse)
 

@@ -9,7 +9,8 @@ import pytest
 
 from texfcodec import EncodeOptions, InputError, Report, decode, inspect
 from texfcodec.codecs.base import Group
-from texfcodec.encoder.pipeline import OverBudget, encode_scene, least_bytes, prepare
+from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.plan import OverBudget, least_bytes, plan
 from texfcodec.encoder.rate_control import FIRST_QP, LADDER, LAST_QP, encode_to_target, estimate, smallest_root
 from texfcodec.metrics.psnr_3d import SourceSamples, measure
 from texfcodec.scene.channels import ALPHA, BASE_COLOUR
@@ -100,7 +101,7 @@ def test_a_budget_that_geometry_takes_up_is_seen_before_colours_are_brought_over
     """Where the first look leaves doubt, geometry as it is coded decides."""
     report, options = Report(), EncodeOptions(rate="r03", support="voxels")
     with pytest.raises(OverBudget) as raised:
-        prepare(ribbon, options, report, budget=least_bytes(ribbon, options)[1])
+        plan(ribbon, options, report, budget=least_bytes(ribbon, options)[1])
     assert raised.value.geometry == least_bytes(ribbon, options)[1]
     assert "geometry" in report.seconds and not {"voxelise", "transfer", "refine"} & set(report.seconds)
 

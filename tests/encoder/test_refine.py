@@ -15,7 +15,8 @@ from texfcodec.encoder.optimise.surface_fit import (
     _normal_equations,
     fit_surface,
 )
-from texfcodec.encoder.pipeline import encode_scene, prepare
+from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.plan import plan
 from texfcodec.field.grid import build_brick_map
 from texfcodec.options import EncodeOptions
 from texfcodec.report import Report
@@ -25,7 +26,7 @@ from texfcodec.scene.fetch import pack_source
 def surfaces_of(scene, resolution, **choices):
     """(FieldSurfaces, transfer colours) of a scene, in field order."""
     options = EncodeOptions(resolution=resolution, qp=28, refine="off", **choices)
-    made = prepare(scene, options, Report())
+    made = plan(scene, options, Report())
     found = []
     for i, field in enumerate(made.fields):
         mine = made.source.face_field == i

@@ -14,6 +14,7 @@ from texfcodec import EncodeOptions, Report, decode
 from texfcodec.encoder.decide.lost_detail import without_lost_detail
 from texfcodec.encoder.decide.spending import CodedUnit, has_few_colours, spend
 from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.rd import RateDistortion
 from texfcodec.geometry.surface import make_surface
 from texfcodec.io.load import load
 from texfcodec.metrics.psnr_3d import measure
@@ -137,11 +138,11 @@ def test_a_small_share_of_a_jpeg_does_not_take_the_quality_of_a_small_unit():
     plane = np.random.default_rng(0).integers(0, 256, (400, 3)).astype(np.float32)
     tried = []
 
-    def code(options, size=5000):
-        tried.append(options.qp)
+    def code(coder, size=5000):
+        tried.append(coder.qp)
         return CodedUnit(codec=None, values={}, bytes=size, plane=plane, decoded=np.zeros((400, 3), np.uint8))
 
-    options = EncodeOptions(rate="r03")
-    small = code(options, 60)
-    assert spend(small, code, options, 10_000, 20.0) is small
-    assert spend(code(options), code, options, 10_000, 20.0).spending["qp"] == max(tried) == 28 + 18
+    coder = RateDistortion.of(EncodeOptions(rate="r03")).planes
+    small = code(coder, 60)
+    assert spend(small, code, coder, 10_000, 20.0).value is small
+    assert spend(code(coder), code, coder, 10_000, 20.0).evidence["qp"] == max(tried) == 28 + 18

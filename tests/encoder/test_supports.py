@@ -1,6 +1,7 @@
 """Which supports the encoder chooses, how finely, and what it says of it; and that odd images and UVs break none of it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,8 +10,10 @@ from walls import smooth_image, wall
 
 from texfcodec import EncodeOptions, InputError, LimitError, Limits, decode
 from texfcodec.codecs import codec_of
+from texfcodec.encoder.decide.one_colour import material_colours
 from texfcodec.encoder.decide.supports import choose_supports
 from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.rd import RateDistortion
 from texfcodec.geometry.surface import make_surface
 from texfcodec.io.load import load
 from texfcodec.metrics.psnr_3d import measure
@@ -29,10 +32,17 @@ def coarse_rates(monkeypatch):
         monkeypatch.setitem(RATES, name, (K, qp))
 
 
+def supports_of(scene, options):
+    """Supports of a scene and their evidence, nothing coded."""
+    surface = make_surface(scene, options)
+    colours = material_colours(scene, surface)
+    decision = choose_supports(scene, surface, RateDistortion.of(options), options, colours)
+    return SimpleNamespace(**vars(decision.value), evidence=decision.evidence)
+
+
 def chosen(scene, **options):
-    """Supports of a scene, nothing coded."""
-    options = EncodeOptions(**{"rate": "r03", **options})
-    return choose_supports(scene, make_surface(scene, options), options)
+    """As supports_of, by names of options."""
+    return supports_of(scene, EncodeOptions(**{"rate": "r03", **options}))
 
 
 def psnr_y(scene, **options):
@@ -92,8 +102,8 @@ def tiles(*factors, image=None, wraps=None):
 
 def test_an_image_that_is_tiled_goes_over_texels_and_the_report_says_why():
     found = chosen(wall(smooth_image(64, 64), low=0, high=8))
-    (plan,), (told,) = found.plans, found.told["groups"]
-    assert plan.size == (64, 64) and found.told["asked"] == "auto"
+    (plan,), (told,) = found.plans, found.evidence["groups"]
+    assert plan.size == (64, 64) and found.evidence["asked"] == "auto"
     assert (told["chosen"], told["image"], told["faces"]) == ("texels", [64, 64], 72)
     assert told["texels"]["values"] == 64 * 64 and told["voxels"]["values"] > 10 * told["texels"]["values"]
     over_texels, over_voxels = (int(word) for word in told["reason"].split() if word.isdigit())
@@ -102,7 +112,7 @@ def test_an_image_that_is_tiled_goes_over_texels_and_the_report_says_why():
 
 def test_a_scan_with_a_noisy_image_stays_over_voxels():
     found = chosen(scan(n=40))
-    (told,) = found.told["groups"]
+    (told,) = found.evidence["groups"]
     assert found.plans == [] and told["chosen"] == "voxels"
     assert told["texels"]["geometry_bytes"] + told["texels"]["attribute_bytes"] > told["voxels"]["attribute_bytes"]
 
@@ -121,34 +131,34 @@ def test_both_kinds_in_one_mesh():
     scene.corner_color[:30, :, 1] = np.linspace(0, 0.9, 30)[:, None]
     found = chosen(scene)
     assert [len(plan.group.faces) for plan in found.plans] == [42]
-    assert found.told["voxels"][0]["resolution"] == K >= found.resolution
+    assert found.evidence["voxels"][0]["resolution"] == K >= found.resolution
 
 
 @pytest.mark.parametrize("asked", [{"exact_rate": True}, {"resolution": K}, {"lossless": True}, {"max_error": 2}])
 @pytest.mark.parametrize("make", [lambda: wall(smooth_image(64, 64), low=0, high=8), lambda: painted_sphere(8)])
 def test_what_asks_for_voxels_keeps_those_of_the_rate(make, asked):
     found = chosen(make(), **asked)
-    assert found.plans == [] and found.resolution == K and "voxels" in found.told["reason"] and found.told["groups"] == []
+    assert found.plans == [] and found.resolution == K and "voxels" in found.evidence["reason"] and found.evidence["groups"] == []
 
 
 def test_no_k_is_taken_that_no_qp_brings_to_the_quality_of_the_rate():
     """Noise in texels twice as large as the voxels: half the voxels blur it for good."""
     found = chosen(scan(n=40, texels=2, noise=90.0), support="voxels", rate="r01")
-    tried = found.told["voxels"]
+    tried = found.evidence["voxels"]
     assert tried[0]["resolution"] == K and tried[-1]["psnr_y"] > tried[0]["psnr_y"] - 1.5
 
 
 def test_voxels_on_request_at_a_k_of_the_encoders_choice():
     found = chosen(painted_sphere(8), support="voxels")
-    assert found.plans == [] and found.resolution < K and found.told["groups"] == []
+    assert found.plans == [] and found.resolution < K and found.evidence["groups"] == []
     assert chosen(wall(noise_image(256, 256), high=8.0), support="voxels").resolution == K  # finer than the voxels
 
 
 def test_a_codec_of_all_fields_together_never_gets_texels():
     options = EncodeOptions(codec="3dntc")
     scene = wall(smooth_image(64, 64), low=0, high=8)
-    found = choose_supports(scene, make_surface(scene, options), options)
-    assert found.plans == [] and "codec" in found.told["reason"] and not options.may_choose_texels
+    found = supports_of(scene, options)
+    assert found.plans == [] and "codec" in found.evidence["reason"] and not options.may_choose_texels
     for asked in ({"support": "texels"}, {"texel_size": 64}, {"exact_rate": True}):
         with pytest.raises(InputError, match="no part in codec 3dntc"):
             EncodeOptions(codec="3dntc", **asked)
@@ -187,9 +197,9 @@ def test_position_bits_go_up_only_where_it_pays_and_nobody_asked():
     flat = tiles((1, 1, 1), image=smooth_image(64, 64))
     flat.positions = np.round(flat.positions * 10) / 10 * (1, 1, 0)
     before, after = chosen(flat).surface.cube.position_bits, chosen(layers())
-    assert before == 14 < after.surface.cube.position_bits == after.told["position_bits"] <= 18
+    assert before == 14 < after.surface.cube.position_bits == after.evidence["position_bits"] <= 18
     asked = chosen(layers(), position_bits=14)
-    assert asked.plans and asked.surface.cube.position_bits == 14 and "position_bits" not in asked.told
+    assert asked.plans and asked.surface.cube.position_bits == 14 and "position_bits" not in asked.evidence
 
 
 # Palettes, groups
@@ -218,7 +228,7 @@ def test_a_material_that_finer_positions_bring_to_light_is_in_the_palette(monkey
     scene.face_material = np.append(scene.face_material, 2)
     scene.materials.append(Material("third"))
     usual = make_surface(scene, EncodeOptions())
-    monkeypatch.setattr("texfcodec.encoder.decide.supports._position_bits", lambda *_: 18)
+    monkeypatch.setattr("texfcodec.encoder.decide.supports._Choice._position_bits", lambda *_: 18)
     made = encode_scene(scene, EncodeOptions(support="texels"))
     assert 1 not in usual.material and made.counts["faces"] == 5
     assert made.counts["texels"] == 3 and made.counts["voxels"] == 0
@@ -284,7 +294,7 @@ def test_what_is_over_a_limit_goes_over_voxels_unless_texels_were_asked_for():
     scene = wall(smooth_image(64, 64))
     for limits, code in ((Limits(voxels=1000), "TXF-L04"), (Limits(samples=100), "TXF-L05")):
         found = chosen(scene, limits=limits)
-        (told,) = found.told["groups"]
+        (told,) = found.evidence["groups"]
         assert found.plans == [] and told["chosen"] == "voxels" and code in told["reason"]
         assert chosen(scene, limits=limits, support="voxels").plans == []
         with pytest.raises(LimitError, match=code):
@@ -294,7 +304,7 @@ def test_what_is_over_a_limit_goes_over_voxels_unless_texels_were_asked_for():
 def test_uvs_over_millions_of_tiles_take_no_time():
     scene = wall(smooth_image(64, 64), n=40)
     scene.corner_uv *= 1 + 2e5 * (np.arange(len(scene.faces)) % 2)[:, None, None]
-    (told,) = chosen(scene).told["groups"]
+    (told,) = chosen(scene).evidence["groups"]
     assert told["chosen"] == "voxels" and "TXF-L05" in told["reason"]
 
 

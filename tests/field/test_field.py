@@ -10,7 +10,7 @@ from shapes import scene_of, sphere
 
 from naive import oracles
 from texfcodec.core.integer import _isqrt, _ones32
-from texfcodec.encoder.decide.partition import (
+from texfcodec.encoder.decide.contacts import (
     colour_pieces,
     face_components,
     face_directions,

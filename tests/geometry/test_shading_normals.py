@@ -1,5 +1,7 @@
 """Shading normals that the stream stands for: rules, angles, marks of sharp edges, and what the encoder chooses."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import trimesh
@@ -35,7 +37,10 @@ def with_normals(positions, faces, normals, **more):
 def chosen(scene, report=None):
     """(Shading, Surface) of a scene on a lattice of 14 bits."""
     surface = make_surface(scene, EncodeOptions())
-    return choose_normals(scene, surface, report or Report()), surface
+    decision = choose_normals(scene, surface)
+    if report is not None:
+        report.warnings += decision.warnings
+    return SimpleNamespace(**vars(decision.value), evidence=decision.evidence), surface
 
 
 def degrees(a, b):
@@ -175,7 +180,7 @@ def test_a_smooth_hand_comes_back_within_three_tenths_of_a_degree():
 def test_exact_normals_of_a_fine_hand_come_back_too():
     positions, faces, exact = hand(128)
     shading, _ = chosen(with_normals(positions, faces, exact))
-    assert shading.told["degrees"][1] < 0.3 and shading.data is None
+    assert shading.evidence["degrees"][1] < 0.3 and shading.data is None
 
 
 @pytest.mark.parametrize("angle, flat", [(25, True), (70, False)])
@@ -186,7 +191,7 @@ def test_a_rule_finds_the_angle_between_hard_and_soft(angle, flat):
     lattice = np.rint(prism.vertices * 1000).astype(np.int64) + 3000
     normals = corner_normals(lattice, prism.faces, [NormalRule(JOINED, ANGLE, angle)])
     shading, surface = chosen(with_normals(prism.vertices, prism.faces, normals))
-    assert shading.told["degrees"][2] < 0.2 and shading.marks is None
+    assert shading.evidence["degrees"][2] < 0.2 and shading.marks is None
     assert 0 < shading.rules[0].angle < 90 or not flat
 
 
@@ -227,7 +232,7 @@ def test_what_says_nothing_of_normals_is_flat_in_gltf_and_usual_elsewhere():
         scene = scene_of(*sphere())
         scene.flat = flat
         shading, _ = chosen(scene)
-        assert shading.rules == [rule] and shading.data is None and shading.told == {"reason": "the source has no normals"}
+        assert shading.rules == [rule] and shading.data is None and shading.evidence == {"reason": "the source has no normals"}
 
 
 def test_materials_without_light_have_no_rule_in_the_stream():
@@ -270,7 +275,7 @@ def test_three_hundred_faces_at_a_vertex():
     assert 10 < degrees(tip(PAIRS, AREA, 90), [0, 0, 1]).min() < 20  # more than MOST_FACES: each its own
     smooth = corner_normals(lattice, faces, [NormalRule(JOINED, ANGLE, 30)])
     shading, _ = chosen(with_normals(positions, faces, smooth))
-    assert shading.told["degrees"][2] < 0.1
+    assert shading.evidence["degrees"][2] < 0.1
 
 
 def test_sheets_that_lie_on_each_other_keep_their_sides():
@@ -280,7 +285,7 @@ def test_sheets_that_lie_on_each_other_keep_their_sides():
     scene = with_normals(positions, np.concatenate([faces, inside]), np.concatenate([smooth[faces], -smooth[inside]]))
     shading, surface = chosen(scene)
     assert len(surface.faces) == 2 * len(faces)
-    assert shading.told["degrees"][1] < 0.2 and shading.rules[0].angle not in (0, 180)
+    assert shading.evidence["degrees"][1] < 0.2 and shading.rules[0].angle not in (0, 180)
 
 
 def test_a_hundred_and_sixty_seven_materials_have_a_rule_each():
@@ -366,9 +371,9 @@ def test_assets_come_back_within_half_a_degree_and_five(name, marked):
     if not path.is_file():
         pytest.skip("the real assets are not there")
     shading, _ = chosen(load(path))
-    median, most, _ = shading.told["degrees"]
+    median, most, _ = shading.evidence["degrees"]
     assert median <= ENOUGH[0] and most <= ENOUGH[1] and (shading.data is not None) == marked
-    assert shading.told["usual_rule_degrees"][1] > ENOUGH[1]
+    assert shading.evidence["usual_rule_degrees"][1] > ENOUGH[1]
 
 
 # Of the decoded geometry alone

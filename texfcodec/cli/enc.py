@@ -90,8 +90,8 @@ def enc(console, source, out, dry_run, advised, as_json, quiet, **choices):
         scene = _load(source, options, report)
         if not dry_run:
             check_output(out, scene.files)
-        facts = _estimate(scene, options, report) if dry_run else _encode(scene, options, report, out, explained)
-        facts |= {"advice": _advice(scene, options, report)} if advised else {}
+        facts = (_estimate(scene, options, report, advised) if dry_run
+                 else _encode(scene, options, report, out, explained))
     if not (console.as_json or dry_run):
         console.warnings(report)
     facts |= _run_facts(report)
@@ -199,28 +199,28 @@ def _sizes(scene, total):
     return {"source": told, "ratio": total and round(source / total, 3)}
 
 
-def _estimate(scene, options, report):
-    """What --dry-run reports: counts as they stand in the source, voxels and seconds as a guess."""
-    from ..encoder.decide.materials import needed_scene
+def _estimate(scene, options, report, is_advised):
+    """What --dry-run reports: counts as they stand in the source, voxels and seconds as a guess, the beginning of a plan; with
+    --advise, what would become of it."""
+    from ..encoder.plan import outline
     from ..encoder.rate_control import estimate
-    from ..geometry.surface import make_surface
 
     with report.stage("estimate"):
         voxels, seconds = estimate(scene, options)
-    with report.stage("effects"):
-        effects = needed_scene(scene, make_surface(scene, options), options).told
-    return {"effects": effects, "dry_run": True, "bytes": None, **_sizes(scene, None),
+    begun = outline(scene, options, report)
+    advice = {"advice": _advice(begun, report)} if is_advised else {}
+    return {**begun.evidence, "dry_run": True, "bytes": None, **_sizes(scene, None),
             "resolution": options.resolution, "qp": options.qp, "voxels": None,
             "faces": len(scene.faces), "vertices": len(scene.positions), "materials": len(scene.materials),
             "textures": len(scene.textures), "estimated": {"voxels": voxels, "seconds": seconds}, "psnr_3d": None,
-            "support": options.support, "rate_is_free": options.rate_is_free and not codec_of(options.codec).joint}
+            "support": options.support, "rate_is_free": options.rate_is_free and not codec_of(options.codec).joint, **advice}
 
 
-def _advice(scene, options, report):
+def _advice(outline, report):
     from ..encoder.advise import advise
 
     with report.stage("advise"):
-        return advise(scene, options)
+        return advise(outline)
 
 
 def _run_facts(report):

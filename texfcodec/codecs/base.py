@@ -19,6 +19,7 @@ from ..core.syntax_table import Structure
 from ..core.syntax_walk import read_structure, write_structure
 
 if TYPE_CHECKING:
+    from ..field.texels import TexelSupport
     from ..field.voxels import VoxelSupport
     from ..geometry.surface import Surface
     from ..report import Report
@@ -132,6 +133,11 @@ class Codec(ABC):
         """Mirror of write_parameters(): adds to values. trace: as read_structure(). Raises StreamError."""
         read_structure(self.parameters, reader, values, trace)
 
+    def settings(self, options: Any) -> Any:
+        """What enc() takes of EncodeOptions: a frozen dataclass of the codec's own, with "qp", "max_error" and "chroma_qp_offset"
+        where it codes planes; all of them where it has none."""
+        return options
+
     def check_options(self, options: Any) -> None:
         """Refuses EncodeOptions that do not go together. Raises InputError."""
         return None
@@ -168,8 +174,8 @@ class PlaneCodec(Codec):
     has_levels = True  # whether dec() can leave out levels by itself; else a decoder takes means of what it gives
 
     @abstractmethod
-    def enc(self, plane: np.ndarray, support: VoxelSupport, options: Any) -> tuple[dict, np.ndarray]:
-        """Codes values. plane: float32 [N, C] in 0..255 on the support's keys; support: VoxelSupport; options: EncodeOptions.
+    def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: Any) -> tuple[dict, np.ndarray]:
+        """Codes values. plane: float32 [N, C] in 0..255 on the support's keys; support: VoxelSupport; options: of settings().
         Returns (values of its syntax elements, what dec() makes of them: uint8 [N, C])."""
 
     @abstractmethod
@@ -196,7 +202,7 @@ class JointCodec(Codec):
 
     @abstractmethod
     def enc(self, source: Source, options: Any, report: Report) -> Joint:
-        """Codes a source. options: EncodeOptions; report: Report."""
+        """Codes a source. options: of settings(); report: Report."""
 
     def count_samples(self, values: dict, surfaces: list, position_bits: int) -> int:
         """Surface samples that dec() takes beside those of the fields (6.3), known before any is taken."""

@@ -11,6 +11,7 @@ from ..core.syntax_table import Element, Structure
 from .base import PlaneCodec
 
 if TYPE_CHECKING:
+    from ..field.texels import TexelSupport
     from ..field.voxels import VoxelSupport
 
 CONSTANT = Structure("constant_parameters", "5.7.6", (Element("plane_value", "u8", count="NumComponents"),))
@@ -28,7 +29,7 @@ class Constant(PlaneCodec):
         """As PlaneCodec.suits."""
         return all(bool((np.rint(part) == np.rint(plane[:1])).all()) for part in (plane[:: max(1, len(plane) // PROBE)], plane))
 
-    def enc(self, plane: np.ndarray, support: VoxelSupport, options: Any) -> tuple[dict, np.ndarray]:
+    def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: Any) -> tuple[dict, np.ndarray]:
         """As PlaneCodec.enc, for a plane that suits."""
         value = np.clip(np.rint(plane[0]), 0, 255).astype(np.uint8)
         return {"plane_value": value.tolist()}, np.tile(value, (len(plane), 1))

@@ -16,6 +16,7 @@ from ..errors import SupportError, TexfError
 from .base import PRIVATE_IDS, Codec, Joint, JointCodec, PlaneCodec, Source
 
 if TYPE_CHECKING:
+    from ..field.texels import TexelSupport
     from ..field.voxels import VoxelSupport
     from ..report import Report
 
@@ -172,7 +173,7 @@ class PluginPlane(_Plugin, PlaneCodec):
 
     TOLD = (*_Plugin.TOLD, "has_levels")
 
-    def enc(self, plane: np.ndarray, support: VoxelSupport, options: Any) -> tuple[dict, np.ndarray]:
+    def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: Any) -> tuple[dict, np.ndarray]:
         """As PlaneCodec.enc."""
         made = self._call("enc", plane.copy(), support, options)
         if not (isinstance(made, tuple) and len(made) == 2 and isinstance(made[0], dict)):

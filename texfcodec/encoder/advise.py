@@ -7,91 +7,45 @@ what the voxels lose. How often the encoder chooses so, on assets that the const
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.colour_error import RGB_TO_YUV
-from ..errors import LimitError
-from ..geometry.areas import face_areas, sample_surface
-from ..geometry.draco import split_corners
-from ..geometry.surface import make_surface
-from ..scene.fetch import values_of_map
-from .decide.materials import needed_scene
-from .decide.probe import SLOPE, VOXELS_PER_AREA
-from .decide.supports import COARSE, UNIT_BYTES, reason_for_voxels
+from .decide.supports import COARSE, reason_for_voxels
 from .decide.texel_images import image_groups
-from .texel_field import TexelPlan, asked_by, most_fraction_bits, wrapped_line
 
 if TYPE_CHECKING:
-    from ..geometry.surface import Surface
-    from ..options import EncodeOptions
-    from ..scene.scene import Scene
-    from .decide.texel_images import ImageGroup
+    from .plan import Outline
 
-SMALL = 256  # longer side of the raster that counts texels
-WINDOWS, SIDE = 16, 64  # windows of the image, texels along a side
-DEAD_ZONE = 1 / 3  # of the quantiser
-# Made on every second of 17 assets by name, at r01, r03 and r05; how well they do on the others: docs/results.md.
-BITS, LEAST_BITS = 2.0, 0.05  # of a value for each bit of its Haar coefficients, and where these are all nothing
-UV_BYTES = 0.3  # of a corner for each bit of its distance to the next, in texels
-LOSS = 40.0  # how much the squared error that voxels leave weighs against a squared step
 LEANING = 0.6  # what else speaks for texels: the logarithm of bytes
 UNSURE = 0.35  # of that logarithm: where the choice may as well be the other one
 MANY_TIMES, FINER, UV_SHARE = 1.25, 1.5, 0.3  # from which on a reason is named
 
 
-@dataclass(frozen=True)
-class _Measures:
-    """Of one image group. texels: that the surface shows; shown: the same, each as often as it does; voxels: at K; per_edge:
-    texels along a voxel's edge; points: corners that differ; bits: (of a texel, of a voxel); lost: squared error of voxels."""
-
-    texels: float
-    shown: float
-    voxels: float
-    per_edge: float
-    points: int
-    bits: tuple[float, float]
-    lost: float
-
-    @property
-    def uv_bytes(self) -> float:
-        """What UVs take, roughly."""
-        return UV_BYTES * self.points * np.log2(1 + np.sqrt(self.texels / self.points))
-
-    def cost(self, step: float) -> tuple[float, float]:
-        """Bytes over texels and over voxels at equal quality. step: of the quantiser, in levels."""
-        texel, voxel = (BITS * (bits + LEAST_BITS) / 8 for bits in self.bits)
-        over_texels = self.texels * texel + self.uv_bytes + UNIT_BYTES
-        return over_texels, self.voxels * voxel * (1 + LOSS * self.lost / step**2) ** SLOPE
-
-
-def advise(scene: Scene, options: EncodeOptions) -> dict:
-    """What choose_supports() would probably do with a Scene, JSON-ready: {"asked", "reason", "images": [{"image", "faces",
+def advise(outline: Outline) -> dict:
+    """What choose_supports() would probably make of an outline, JSON-ready: {"asked", "reason", "images": [{"image", "faces",
     "maps", "predicted", "times", "sure", "reasons", "texels", "shown_times", "voxels", "texels_per_voxel_edge"}], "refinement"}.
 
     times: bytes over voxels to bytes over texels at equal quality; sure: whether that is clear of 1. Raises InputError."""
-    surface = make_surface(scene, options)
-    scene = needed_scene(scene, surface, options).scene
-    reason = reason_for_voxels(options) or ("asked for" if options.support == "voxels" else "")
-    told: dict = {"asked": options.support, "reason": reason, "images": []}
-    rest = np.ones(len(surface.faces), bool)
-    for group in [] if reason else image_groups(scene, surface):
-        told["images"].append(_advice(group, surface, options))
-        rest[group.faces] &= told["images"][-1]["predicted"] == "voxels"
-    fitted = "fit" if options.may_fit and rest.any() else "off"
-    return told | {"refinement": fitted if options.refine == "auto" else options.refine}
+    request, surface = outline.request, outline.surface
+    reason = reason_for_voxels(request) or ("asked for" if request.support == "voxels" else "")
+    rest, images = np.ones(len(surface.faces), bool), []
+    for group in [] if reason else image_groups(outline.scene, surface):
+        images.append(_advice(group, outline))
+        rest[group.faces] &= images[-1]["predicted"] == "voxels"
+    fitted = "fit" if request.may_fit and rest.any() else "off"
+    return {"asked": request.support, "reason": reason, "images": images,
+            "refinement": fitted if request.refine == "auto" else request.refine}
 
 
-def _advice(group, surface, options):
+def _advice(group, outline):
     entry = {"image": list(group.size), "faces": len(group.faces), "maps": sorted(group.maps)}
-    if options.support == "texels":
+    if outline.request.support == "texels":
         return entry | {"predicted": "texels", "sure": True, "reasons": ["asked for"]}
-    measures = _measured(group, surface, options)
+    measures = outline.rd.image_measures(group, outline.surface)
     if measures is None:
         return entry | {"predicted": "voxels", "sure": True, "reasons": ["the surface has no area, or its UVs reach too far"]}
-    texels, voxels = measures.cost(2 ** ((options.reckoned_qp - 4) / 6))
+    texels, voxels = measures.cost(outline.rd.step)
     score = np.log(voxels / texels) + LEANING
     predicted = "texels" if score > 0 else "voxels"
     return entry | {"predicted": predicted, "times": round(float(np.exp(score)), 3),
@@ -115,85 +69,3 @@ def _reasons(measures, texel_bytes, group, predicted):
         yield f"the image is {measures.per_edge:.1f} times finer than the voxels"
     if measures.per_edge < COARSE and not group.palette:
         yield f"the voxels are {1 / max(measures.per_edge, 1e-3):.1f} times finer than the image"
-
-
-def _measured(group: ImageGroup, surface: Surface, options: EncodeOptions) -> _Measures | None:
-    """The _Measures of a group; None where there is nothing to measure."""
-    assert options.resolution is not None  # its __post_init__ fills it in
-    corners = surface.faces[group.faces]
-    area = face_areas(surface.lattice, corners).sum() * (options.resolution / (1 << surface.cube.position_bits)) ** 2
-    small = min(1.0, SMALL / max(group.size))
-    plan = _plan(group, tuple(max(1, round(side * small)) for side in group.size))
-    uv = plan.corner_uv().reshape(-1, 2)
-    try:
-        count = len(asked_by(plan, uv, np.arange(len(uv)).reshape(-1, 3), options.limits.samples, None))
-    except LimitError:
-        return None
-    if not area or not count:
-        return None
-    texels = count * (group.size[0] * group.size[1]) / (plan.size[0] * plan.size[1])
-    u, v = group.uv[:, 1] - group.uv[:, 0], group.uv[:, 2] - group.uv[:, 0]
-    shown = float(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).sum() / 2)
-    per_edge = float(np.sqrt(shown / area))
-    points = len(split_corners(corners, _plan(group, group.size).corner_uv())[0])
-    bits, lost = _bits_of(group, surface, per_edge, 2 ** ((options.reckoned_qp - 4) / 6))
-    return _Measures(texels, shown, area * VOXELS_PER_AREA, per_edge, points, bits, lost)
-
-
-def _plan(group, size):
-    return TexelPlan(group, size, min(2, most_fraction_bits(size, group)))
-
-
-def _bits_of(group, surface, per_edge, step):
-    """((bits of a texel, of a voxel), squared error of voxels) over all channels of a group, the error of the worst."""
-    if group.palette:
-        return (0.0, 0.0), 0.0
-    face, bary = sample_surface(surface.lattice.astype(np.float64), surface.faces[group.faces], WINDOWS)
-    at = np.einsum("nc,ncd->nd", bary, group.uv[face]) / np.array(group.size)
-    colour = _windows(group.image, at, group.wrap)[..., :3].astype(np.float32) @ RGB_TO_YUV.T.astype(np.float32)
-    planes = [colour] + [values_of_map(name, _windows(image, at, group.wrap)).astype(np.float32)
-                         for name, image in group.maps.items()]
-    cells = 1 << max(int(min(SIDE / max(per_edge, 0.5), 2 * SIDE)).bit_length() - 1, 0)  # voxels along a window
-    cut = min(SIDE, max(1, round(per_edge * cells)))
-    texel = voxel = lost = 0.0
-    for plane in planes:
-        part = plane[:, :cut, :cut]
-        coarse = part if cells == cut else _resized(part, cells)
-        error = 0.0 if cells == cut else float(((_resized(coarse, cut) - part)[..., 0] ** 2).mean())
-        bits = haar_bits(plane, step)
-        texel, voxel, lost = texel + bits, voxel + (haar_bits(coarse, step) if cells > 1 else bits), max(lost, error)
-    return (texel, voxel), lost
-
-
-def _windows(image, at, wrap):
-    """uint8 [N, SIDE, SIDE, 4] of an image around points, float64 [N, 2] in widths and heights."""
-    height, width = image.shape[:2]
-    out = np.empty((len(at), SIDE, SIDE, 4), np.uint8)
-    for window, (u, v) in zip(out, at, strict=True):
-        columns = wrapped_line(np.arange(SIDE) + int(u * width) - SIDE // 2, 1, width, wrap[0])
-        rows = wrapped_line(np.arange(SIDE) + int(v * height) - SIDE // 2, 1, height, wrap[1])
-        window[:] = image[rows[:, None], columns]
-    return out
-
-
-def _resized(planes, side):
-    """Squares float32 [N, S, S, C] at another side: means where it is smaller, linear where it is larger."""
-    from PIL import Image
-
-    out = np.empty((len(planes), side, side, planes.shape[3]), np.float32)
-    for n, c in np.ndindex(len(planes), planes.shape[3]):
-        square = Image.fromarray(np.ascontiguousarray(planes[n, ..., c]))
-        out[n, ..., c] = np.asarray(square.resize((side, side), Image.Resampling.BILINEAR))
-    return out
-
-
-def haar_bits(planes: np.ndarray, step: float) -> float:
-    """Bits per position that the orthonormal Haar coefficients of squares take once quantised: the mean over positions of the sum
-    of log2(1 + |level|). planes: float32 [N, S, S, C], S a power of two; step: of the quantiser."""
-    total, low = 0.0, planes
-    while low.shape[1] > 1:
-        a, b, c, d = low[:, ::2, ::2], low[:, 1::2, ::2], low[:, ::2, 1::2], low[:, 1::2, 1::2]
-        for high in (a - b + c - d, a + b - c - d, a - b - c + d):
-            total += float(np.log2(1 + np.floor(np.abs(high) / (2 * step) + DEAD_ZONE)).sum())
-        low = (a + b + c + d) / 2
-    return total / (len(planes) * planes.shape[1] ** 2)

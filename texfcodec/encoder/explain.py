@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..codecs import codec_of
@@ -15,7 +15,8 @@ from ..metrics.bd_rate import difference_at
 from ..metrics.psnr_3d import SourceSamples
 from ..options import EFFORTS, DecodeOptions, EncodeOptions
 from ..report import Report
-from .pipeline import code_prepared, prepare
+from .pipeline import code
+from .plan import plan
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene
@@ -46,11 +47,8 @@ class Neighbour:
 
 
 def changed(options: EncodeOptions, **changes: object) -> EncodeOptions:
-    """options with changes; what they left to the encoder is left to it still."""
-    free: dict = {"target_bytes": None, "target_psnr": None, "measure": False, "checkpoint": None}
-    free |= {"resolution": None} if options.rate_is_free else {}
-    free |= {"position_bits": None} if options.position_bits_are_free else {}
-    return replace(options, **{**free, **changes})
+    """options with changes, and without a target; what they left to the encoder is left to it still."""
+    return options.changed(**{"target_bytes": None, "target_psnr": None, "measure": False, "checkpoint": None, **changes})
 
 
 def as_made(options: EncodeOptions, made: Encoded) -> EncodeOptions:
@@ -91,16 +89,16 @@ class _Bench:
         self.samples = SourceSamples(scene, SAMPLES, options.threads)
 
     def run(self, options):
-        """(row, Prepared) of one encode: {"seconds", "processor_seconds", "bytes", "psnr_y"}."""
+        """(row, Plan) of one encode: {"seconds", "processor_seconds", "bytes", "psnr_y"}."""
         begin, worked = time.perf_counter(), time.process_time()
-        prepared = prepare(self.scene, options, Report())
-        return self.code(prepared, options, begin, worked), prepared
+        planned = plan(self.scene, options, Report())
+        return self.code(planned, begin, worked), planned
 
-    def code(self, prepared, options, begin=None, worked=None):
-        """As run(), of a Prepared; seconds count from begin, wall and processor."""
+    def code(self, planned, begin=None, worked=None):
+        """As run(), of a Plan; seconds count from begin, wall and processor."""
         begin = time.perf_counter() if begin is None else begin
         worked = time.process_time() if worked is None else worked
-        made = code_prepared(prepared, options, Report())
+        made = code(planned, Report())
         row = {"seconds": round(time.perf_counter() - begin, 4), "processor_seconds": round(time.process_time() - worked, 4)}
         texf = decode_stream(made.data, DecodeOptions(threads=self.threads, limits=UNLIMITED), Report())
         return row | {"bytes": len(made.data), "psnr_y": self.samples.compare(texf, made.face_field)["y"]}
@@ -120,10 +118,10 @@ def explain_time(scene: Scene, options: EncodeOptions, made: Encoded, stages: di
     """
     begin, asked = time.perf_counter(), as_made(options, made)
     bench = _Bench(scene, options)
-    base, prepared = bench.run(asked)
+    base, planned = bench.run(asked)
     budget = ENCODES * base["seconds"] if budget is None else budget
-    curve = [base, *(bench.code(prepared, replace(asked, resolution=prepared.resolution, qp=qp)) for qp in _curve_qps(made))]
-    del prepared
+    curve = [base, *(bench.code(planned.with_qp(qp)) for qp in _curve_qps(made))]
+    del planned
     first = time.perf_counter()
     rows: list[dict] = []
     not_tried = []

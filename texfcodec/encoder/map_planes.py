@@ -19,7 +19,6 @@ from ..scene.fetch import map_columns, pack_map
 if TYPE_CHECKING:
     from ..codecs.base import Source
     from ..geometry.surface import Surface
-    from ..options import EncodeOptions
     from ..scene.scene import Material, Scene
     from .source_field import SourceField
 
@@ -87,49 +86,51 @@ def joined(part: SourceField, group: Group) -> tuple[np.ndarray, int]:
 def errors_of(group: Group, plane: np.ndarray, decoded: np.ndarray) -> dict:
     """What the report says of a coded group: {"channels": names, "psnr": dB by name, None where it is exact}. plane: float32 [n,
     components]; decoded: uint8 of that shape."""
-    told, begin = {}, 0
+    psnr, begin = {}, 0
     for channel in group.channels:
         columns = slice(begin, begin + (1 if group.grey else channel.components))
         error = float(((decoded[:, columns] - plane[:, columns]) ** 2).mean())
-        told[channel.name], begin = round(decibels(error), 2) if error else None, columns.stop
-    return {"channels": list(told), "psnr": told}
+        psnr[channel.name], begin = round(decibels(error), 2) if error else None, columns.stop
+    return {"channels": list(psnr), "psnr": psnr}
 
 
-def fill_maps(part: SourceField, source: Source, number: int, names: set[str], options: EncodeOptions) -> None:
-    """Adds to the planes of a SourceField over voxels, number `number` of the source, what the maps of its faces show. names:
-    of the channels, as materials know them."""
+def with_maps(part: SourceField, source: Source, number: int, names: set[str], threads: int) -> SourceField:
+    """A SourceField over voxels, number `number` of the source, with what the maps of its faces show. names: of the channels, as
+    materials know them."""
+    planes = {}
     for name in sorted(names):
         channel = channel_over(name, planar=False)
         mapped = np.array([name in m.maps for m in source.scene.materials], bool)
         mine = (source.face_field == number) & mapped[source.surface.material]
         if channel.name == name:
-            part.planes[name] = _transferred(part, source, mine, name, options)
+            planes[name] = _transferred(part, source, mine, name, threads)
         else:
-            part.planes[channel.name] = _deviations(part, source, mine, channel.name, options)
+            planes[channel.name] = _deviations(part, source, mine, channel.name, threads)
+    return part.with_planes(planes)
 
 
-def _transferred(part, source, mine, name, options):
+def _transferred(part, source, mine, name, threads):
     """Mean of a map over the surface in each voxel, float32 [N, C]; voxels that only faces without the map touch carry on what is
     around them. mine: bool [F], faces of the field with the map."""
     surface = source.surface
     packed = pack_map(source.scene, name, surface.origin_face[mine])
     density = int(np.clip(np.ceil(2 * part.texels_per_edge), SAMPLES_PER_EDGE, 4))
-    colour, _ = transfer(surface.lattice, surface.faces[mine], packed, surface.cube.position_bits, options.resolution, part.keys,
-                         part.support.brick_map, density, options.threads)
+    colour, _ = transfer(surface.lattice, surface.faces[mine], packed, surface.cube.position_bits, part.support.resolution,
+                         part.keys, part.support.brick_map, density, threads)
     return np.ascontiguousarray(colour[:, map_columns(name)])
 
 
-def _deviations(part, source, mine, name, options):
+def _deviations(part, source, mine, name, threads):
     """As _transferred, for what source.maps answers for a channel that no image holds as it is."""
-    surface, rows = source.surface, np.flatnonzero(mine)
+    surface, rows, resolution = source.surface, np.flatnonzero(mine), part.support.resolution
     sums = np.zeros((len(part.keys), 4))
     for points, face, bary, share in surface_samples(surface.lattice, surface.faces[rows], surface.cube.position_bits,
-                                                     options.resolution, SAMPLES_PER_EDGE):
-        cell = np.clip(np.floor(points).astype(np.int64), 0, options.resolution - 1)
+                                                     resolution, SAMPLES_PER_EDGE):
+        cell = np.clip(np.floor(points).astype(np.int64), 0, resolution - 1)
         key = encode_morton(cell)
         rank = np.minimum(np.searchsorted(part.keys, key), len(part.keys) - 1)
         there = part.keys[rank] == key
-        values = source.maps(name, rows[face[there]], bary[there], options.threads)
+        values = source.maps(name, rows[face[there]], bary[there], threads)
         weight = share[there] + LEAST_WEIGHT
         for c in range(3):
             sums[:, c] += np.bincount(rank[there], weight * values[:, c], len(sums))

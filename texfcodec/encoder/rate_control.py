@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,8 +17,9 @@ from ..limits import UNLIMITED
 from ..metrics.psnr_3d import SourceSamples, measure_or_warn
 from ..options import DecodeOptions, EncodeOptions
 from ..report import Report
-from .decide.probe import VOXELS_PER_AREA
-from .pipeline import Encoded, OverBudget, Prepared, code_prepared, least_bytes, prepare
+from .estimates.probe import VOXELS_PER_AREA
+from .pipeline import Encoded, code
+from .plan import OverBudget, Plan, least_bytes, plan
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene
@@ -110,14 +111,14 @@ class _Search:
     def __init__(self, scene, options, report):
         self.scene, self.options, self.report = scene, options, report
         self.budget = options.target_bytes
-        self.trials, self._samples, self._prepared, self._geometry = [], None, (None, None), []
+        self.trials, self._samples, self._planned, self._geometry = [], None, (None, None), []
 
     def refuse_hopeless(self):
         """Raises what unreachable() makes where header and geometry alone are over the budget: before anything is tried."""
         if self.budget is None:
             return
         with self.report.stage("geometry"):
-            header, geometry = least_bytes(self.scene, self._options(FREE, FIRST_QP))
+            header, geometry = least_bytes(self.scene, self._request(FREE, FIRST_QP))
         if header + LEAST_SHARE * geometry > self.budget:
             self._geometry.append(geometry)
             raise self.unreachable([])
@@ -126,11 +127,11 @@ class _Search:
         """The best Trial or None: at the supports that the encoder chooses where texels are among them, else on the ladder."""
         if self.options.rate_is_free and self.options.support != "voxels":
             report = Report(self.report.on_progress)
-            prepared = self._prepare(FREE, FIRST_QP, report)
+            planned = self._plan(FREE, FIRST_QP, report)
             self._add_seconds(report)
-            enough = prepared is not None and (prepared.one_colour or not prepared.over_voxels)
+            enough = planned is not None and (planned.one_colour or not planned.over_voxels)
             best = self.best_at(FREE, FIRST_QP) if enough else None
-            if best or (prepared and prepared.one_colour):
+            if best or (planned and planned.one_colour):
                 _add_sentences(self.report, report)
                 return best
         return self._climb_ladder()
@@ -138,7 +139,7 @@ class _Search:
     def _climb_ladder(self):
         """Walks the ladder from FIRST_K to finer or coarser K for as long as that is better; the best Trial or None."""
         best = self.best_at(FIRST_K, FIRST_QP)
-        if self._prepared[1] and self._prepared[1].one_colour:
+        if self._planned[1] and self._planned[1].one_colour:
             return best
         coarser = best.qp >= COARSER_ABOVE if best else self.budget is not None
         finer = best.qp <= FINER_BELOW if best else self.budget is None
@@ -159,9 +160,9 @@ class _Search:
     def best_at(self, resolution, start):
         """The Trial at this K that meets the target at the least cost, or None."""
         report, tried = Report(self.report.on_progress), {}
-        prepared = self._prepare(resolution, start, report)
+        planned = self._plan(resolution, start, report)
         self._add_seconds(report)
-        if prepared is None:
+        if planned is None:
             return None
 
         def excess(x):
@@ -173,7 +174,7 @@ class _Search:
             return self.options.target_psnr - self._measured(trial).psnr_y
 
         x = start if self.budget else LAST_QP - start
-        if prepared.one_colour:  # no QP changes anything
+        if planned.one_colour:  # no QP changes anything
             x = x if excess(x) <= 0 else None
         else:
             x = smallest_root(excess, x, BITS_PER_QP if self.budget else DECIBELS_PER_QP)
@@ -200,26 +201,24 @@ class _Search:
 
     def _encode(self, resolution, qp):
         begin, report = time.perf_counter(), Report(self.report.on_progress)
-        made = code_prepared(self._prepare(resolution, qp, report), self._options(resolution, qp), report)
+        made = code(self._plan(resolution, qp, report).with_qp(qp), report)
         self._add_seconds(report)
         self.trials.append(Trial(made, report, time.perf_counter() - begin))
         return self.trials[-1]
 
-    def _options(self, resolution, qp):
-        bits = None if self.options.position_bits_are_free else self.options.position_bits
-        return replace(self.options, target_bytes=None, target_psnr=None, resolution=resolution or None, qp=qp,
-                       position_bits=bits)
+    def _request(self, resolution, qp):
+        return self.options.changed(target_bytes=None, target_psnr=None, resolution=resolution or None, qp=qp)
 
-    def _prepare(self, resolution, qp, report) -> Prepared | None:
-        """What prepare() made for a K, or with the encoder's choice of supports for FREE, None where its geometry is over the
-        budget; kept until the next K."""
-        if self._prepared[0] != resolution:
+    def _plan(self, resolution, qp, report) -> Plan | None:
+        """The Plan for a K, or with the encoder's choice of supports for FREE, None where its geometry is over the budget; kept
+        until the next K."""
+        if self._planned[0] != resolution:
             try:
-                self._prepared = resolution, prepare(self.scene, self._options(resolution, qp), report, budget=self.budget)
+                self._planned = resolution, plan(self.scene, self._request(resolution, qp), report, budget=self.budget)
             except OverBudget as over:
                 self._geometry.append(over.geometry)
-                self._prepared = resolution, None
-        return self._prepared[1]
+                self._planned = resolution, None
+        return self._planned[1]
 
     def _measured(self, trial):
         if trial.psnr is None:

@@ -22,7 +22,7 @@ from ..render.environment import DAYLIGHT
 from ..report import Report, Step, no_step
 from . import pipeline
 from .decide.one_colour import NOTHING_TO_PROBE
-from .decide.trial import coding_mse
+from .rd import coding_mse
 
 if TYPE_CHECKING:
     from ..options import EncodeOptions

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +18,7 @@ from ..scene.fetch import pack_source
 if TYPE_CHECKING:
     from ..codecs.base import Source
     from ..limits import Limits
-    from ..options import EncodeOptions
+    from .rd import RateDistortion
 
 # Two samples per texel along a voxel edge, but no more than this many, by effort; 3 saves 1.2 % of the bits over 2, 4 saves 2 %,
 # 6 saves 2.2 % (basketball player)
@@ -26,12 +26,12 @@ TRANSFER_DENSITY = {"fast": 2, "balanced": 4, "best": 6}
 FITTED_DENSITY = 3  # where a surface fit follows: 2 saves 0.3 to 1 s, costs up to 23 % of the bytes (house_mask); 4 gains nothing
 
 
-@dataclass
+@dataclass(frozen=True)
 class SourceField:
     """A field before coding. support: its voxels or texels; threshold: the area threshold that voxels were kept by; planes:
     float32 [N, C] in 0..255 by channel name, colour sRGB-coded; shifts: by channel name, levels that a plane is coarser than the
     support; texels_per_edge: how much finer than the voxels the textures are;
-    exact: whether values are worth their bits whatever was asked for, being few; nearest: whether texels are shown as squares;
+    exact: whether values are worth their bits at any rate, being few; nearest: whether texels are shown as squares;
     one_colour: whether all of its surface shows one, which its planes hold."""
 
     support: VoxelSupport | TexelSupport
@@ -48,6 +48,10 @@ class SourceField:
         """int64 [N], ascending Morton keys."""
         return self.support.keys
 
+    def with_planes(self, planes: dict, shifts: dict | None = None) -> SourceField:
+        """The field with planes in place of, or beside, those of the same channels; shifts: by channel name, of these planes."""
+        return replace(self, planes={**self.planes, **planes}, shifts={**self.shifts, **(shifts or {})})
+
 
 def colour_planes(rgba: np.ndarray, source: Source) -> dict:
     """Planes of base colour and, where it is coded, alpha, by channel name, of values float32 [N, 4]."""
@@ -55,15 +59,13 @@ def colour_planes(rgba: np.ndarray, source: Source) -> dict:
     return {channel.name: np.ascontiguousarray(rgba[:, list(channel.columns)]) for channel in coded}
 
 
-def active_voxels(lattice: np.ndarray, faces: np.ndarray, position_bits: int, options: EncodeOptions) -> SourceField:
-    """Voxelises the decoded surface of one field. Raises LimitError."""
-    assert options.resolution is not None  # its __post_init__ fills it in
-    total = count_samples(lattice, faces, position_bits, options.resolution)
-    if options.limits.samples is not None and total > options.limits.samples:
-        raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", value=total,
-                         allowed=options.limits.samples)
-    keys, threshold = kept_voxels((lattice, faces), position_bits, options.resolution, options)
-    return SourceField(VoxelSupport(options.resolution, keys), threshold)
+def active_voxels(lattice: np.ndarray, faces: np.ndarray, position_bits: int, rd: RateDistortion) -> SourceField:
+    """Voxelises the decoded surface of one field at the K of rd. Raises LimitError."""
+    total, limits = count_samples(lattice, faces, position_bits, rd.resolution), rd.limits
+    if limits.samples is not None and total > limits.samples:
+        raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", value=total, allowed=limits.samples)
+    keys, threshold = kept_voxels((lattice, faces), position_bits, rd.resolution, rd)
+    return SourceField(VoxelSupport(rd.resolution, keys), threshold)
 
 
 def check_voxels(fields: list[SourceField], limits: Limits) -> None:
@@ -73,20 +75,19 @@ def check_voxels(fields: list[SourceField], limits: Limits) -> None:
         raise LimitError("TXF-L04", "the fields have more voxels than the limit allows", value=voxels, allowed=limits.voxels)
 
 
-def transferred(part: SourceField, source: Source, number: int, options: EncodeOptions) -> None:
-    """Fills the planes of a SourceField, number `number` of a codecs.base.Source, from the scene's textures."""
+def transferred(part: SourceField, source: Source, number: int, rd: RateDistortion) -> SourceField:
+    """A SourceField, number `number` of a codecs.base.Source, with base colour and alpha from the scene's textures."""
     surface, mine = source.surface, source.face_field == number
-    assert options.resolution is not None  # its __post_init__ fills it in
     assert isinstance(part.support, VoxelSupport)
     bits, packed = surface.cube.position_bits, pack_source(source.scene, surface.origin_face[mine])
-    textured = (surface.lattice, surface.faces[mine], packed, bits, options.resolution)
-    part.texels_per_edge = texels_per_edge(*textured)
-    most = FITTED_DENSITY if options.may_fit else TRANSFER_DENSITY[options.effort]
-    density = int(np.clip(np.ceil(2 * part.texels_per_edge), SAMPLES_PER_EDGE, most))
-    rgba = np.column_stack(transfer(*textured, part.keys, part.support.brick_map, density, options.threads))
-    part.planes = colour_planes(rgba, source)
+    textured = (surface.lattice, surface.faces[mine], packed, bits, rd.resolution)
+    per_edge = texels_per_edge(*textured)
+    most = FITTED_DENSITY if rd.is_fitted else TRANSFER_DENSITY[rd.effort]
+    density = int(np.clip(np.ceil(2 * per_edge), SAMPLES_PER_EDGE, most))
+    rgba = np.column_stack(transfer(*textured, part.keys, part.support.brick_map, density, rd.threads))
+    return replace(part, texels_per_edge=per_edge).with_planes(colour_planes(rgba, source))
 
 
-def filled(part: SourceField, source: Source, colour: np.ndarray) -> None:
-    """Fills the planes of a SourceField whose surface shows one colour, RGBA float32 [4], with it: nothing is looked at."""
-    part.planes, part.one_colour = colour_planes(np.tile(colour, (len(part.support), 1)), source), True
+def filled(part: SourceField, source: Source, colour: np.ndarray) -> SourceField:
+    """A SourceField whose surface shows one colour, RGBA float32 [4], with it: nothing is looked at."""
+    return replace(part, one_colour=True).with_planes(colour_planes(np.tile(colour, (len(part.support), 1)), source))

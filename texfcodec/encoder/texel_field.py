@@ -23,7 +23,7 @@ from .source_field import SourceField, colour_planes
 if TYPE_CHECKING:
     from ..codecs.base import Source
     from ..geometry.surface import Surface
-    from ..options import EncodeOptions
+    from ..limits import Limits
     from .decide.texel_images import ImageGroup
 
 MOST_FRACTION_BITS = 8
@@ -118,26 +118,24 @@ def most_fraction_bits(size: tuple[int, int], group: ImageGroup) -> int:
     return bits
 
 
-def asked_by(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, most_rows: int | None, most: int | None) -> np.ndarray:
-    """Ascending keys int64 [N] of the texels that a plan's surface asks. uv: int64 [V, 2]; faces: int64 [F, 3]. Raises LimitError
-    for more rows or texels than these."""
+def covered_texels(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, most_rows: int | None, most: int | None) -> np.ndarray:
+    """Ascending keys int64 [N] of the texels that interpolation on a plan's surface weighs. uv: int64 [V, 2]; faces: int64
+    [F, 3]. Raises LimitError for more rows or texels than these."""
     rows = count_rows(uv, faces, plan.fraction_bits)
     if most_rows is not None and rows > most_rows:
         raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", value=rows, allowed=most_rows)
     return asked_texels(uv, faces, plan.fraction_bits, plan.size, plan.group.wrap, most)
 
 
-def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Source, options: EncodeOptions) -> SourceField:
+def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Source, limits: Limits, threads: int) -> SourceField:
     """The SourceField of a plan over its decoded surface. uv: int64 [V, 2]; faces: int64 [F, 3]. Raises LimitError."""
-    keys = asked_by(plan, uv, faces, options.limits.samples, options.limits.voxels)
+    keys = covered_texels(plan, uv, faces, limits.samples, limits.voxels)
     support = TexelSupport(keys=keys, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap,
                            fraction_bits=plan.fraction_bits)
-    values = plan.values(source.surface, support.xy(), options.threads)
-    part = SourceField(support, 0, colour_planes(values, source), exact=plan.group.palette, nearest=plan.group.nearest)
+    planes, shifts = colour_planes(plan.values(source.surface, support.xy(), threads), source), {}
     normals = [name for name in plan.group.maps if BY_NAME[name].unit == "degrees"]
     turn = turn_of(source.scene, source.surface, plan.group.faces) if normals else None
     for name in plan.group.maps:
-        part.planes[name], part.shifts[name] = plan.values_of_map(name, source.surface, support, options.threads)
-    for name in normals:
-        part.planes[name] = turned(part.planes[name], turn)
-    return part
+        values, shifts[name] = plan.values_of_map(name, source.surface, support, threads)
+        planes[name] = turned(values, turn) if name in normals else values
+    return SourceField(support, 0, planes, shifts, exact=plan.group.palette, nearest=plan.group.nearest)

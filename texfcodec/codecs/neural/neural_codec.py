@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +18,24 @@ if TYPE_CHECKING:
     from ...report import Report
 
 
+@dataclass(frozen=True, kw_only=True)
+class NeuralOptions:
+    """Settings of a fit; each as of EncodeOptions."""
+
+    point: str | None
+    resident_bytes: int | None
+    latent_index: str
+    transport: bool
+    steps: int
+    seed: int
+    checkpoint: str | None
+    fit_engine: str
+    refine: str
+    refine_iterations: int
+    area_threshold: int
+    threads: int
+
+
 class Neural(JointCodec):
     """INT4 latents and a small network that answer any surface point; fitted by training, kept on a GPU."""
 
@@ -27,6 +46,10 @@ class Neural(JointCodec):
     position_bits = 16  # a payload of 50 dB shows what 14 do to a picture: bottle 45.6 dB over 4 views, 50.1 with exact geometry
     checksum_clause = "11.8"
     small = ({"resolution": 16, "resident_bytes": 40_000, "steps": 2, "transport": True, "fit_engine": "numba"},)
+
+    def settings(self, options: Any) -> NeuralOptions:
+        """See Codec.settings."""
+        return NeuralOptions(**{option.name: getattr(options, option.name) for option in fields(NeuralOptions)})
 
     def check_options(self, options: Any) -> None:
         """As Codec.check_options."""

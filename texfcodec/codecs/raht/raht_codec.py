@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,19 @@ from ..base import PlaneCodec, Reading
 from .raht_syntax import CODEWORD, FILTER, RAHT, TRANSFORM_BT709
 
 if TYPE_CHECKING:
+    from ...field.texels import TexelSupport
     from ...field.voxels import VoxelSupport
+
+
+@dataclass(frozen=True, kw_only=True)
+class RahtOptions:
+    """Settings of an encode; each as of EncodeOptions."""
+
+    qp: int | None
+    max_error: int | None
+    chroma_qp_offset: int | None
+    effort: str
+    threads: int
 
 
 class Raht(PlaneCodec):
@@ -27,7 +40,11 @@ class Raht(PlaneCodec):
     small = ({"resolution": 64, "qp": 20}, {"resolution": 16, "max_error": 0}, {"resolution": 16, "effort": "fast"},
              {"support": "texels", "texel_size": 8})
 
-    def enc(self, plane: np.ndarray, support: VoxelSupport, options: Any) -> tuple[dict, np.ndarray]:
+    def settings(self, options: Any) -> RahtOptions:
+        """See Codec.settings."""
+        return RahtOptions(**{option.name: getattr(options, option.name) for option in fields(RahtOptions)})
+
+    def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: Any) -> tuple[dict, np.ndarray]:
         """See PlaneCodec.enc; where options.max_error is set, no rounded value is further off."""
         from .raht_values import raht_values
         from .tool_choice import code_plane

@@ -18,6 +18,7 @@ from .transform.prediction import KERNELS
 from .transform.quantise import step_of
 
 if TYPE_CHECKING:
+    from ...field.texels import TexelSupport
     from ...field.voxels import VoxelSupport
 
 EFFORTS = {"fast": Tools(), "balanced": Tools(colour_range=5, models=6, filters=1),
@@ -91,7 +92,8 @@ def choose_base_qp(keys: np.ndarray, depth: int, values: np.ndarray, qp_of: Call
     return qp_of(min(BASE_QPS, key=size))
 
 
-def code_plane(plane: np.ndarray, support: VoxelSupport, colour: bool, options: Any) -> tuple[CodedAttributes, np.ndarray]:
+def code_plane(plane: np.ndarray, support: VoxelSupport | TexelSupport, colour: bool,
+               options: Any) -> tuple[CodedAttributes, np.ndarray]:
     """Codes a plane with the tools that options.effort allows: (CodedAttributes, what decodes from them uint8 [N, C]).
 
     plane: float32 [N, C] in 0..255 on the keys of support, a VoxelSupport; colour: whether its components are red, green, blue.

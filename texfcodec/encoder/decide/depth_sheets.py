@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...scene.scene import ALPHA_OPAQUE, Material, Scene
-from .partition import MIN_FOLD
+from .contacts import MIN_FOLD
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface

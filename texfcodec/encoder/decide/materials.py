@@ -1,4 +1,4 @@
-"""What of its materials a scene needs: decided by values, channel by channel, and told (encoder only).
+"""What of its materials a scene needs: decided by values, channel by channel, and reported (encoder only).
 
 A map whose texels on the surface are all alike becomes a factor or, where the factor is what it would have been without the map,
 nothing; a map that no effect reads is left out. What is left has to be coded.
@@ -7,7 +7,7 @@ nothing; a map that no effect reads is left out. What is left has to be coded.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -21,47 +21,60 @@ from ...scene.effects import BY_NAME as EFFECT_BY_NAME
 from ...scene.effects import EFFECT_OF, EFFECTS, without
 from ...scene.factors import TOLERANCE, absorb, says_nothing
 from ...scene.scene import ALPHA_OPAQUE, Material, Scene
+from ..decision import Decision
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
-    from ...options import EncodeOptions
     from ...scene.scene import Texture
 
 MOST_ROWS = 1 << 26  # of texels that the faces of a material go over; beyond, the whole image is looked at
-MOST_REASONS = 4  # told of one channel
+MOST_REASONS = 4  # in the report of one channel
+DECISIONS = ("coded", "constant", "absent")
 KEPT = ("lit", "mask", "blend", "double_sided")  # effects that are flags and no channel's
 
 
-@dataclass
+@dataclass(frozen=True)
 class Needs:
-    """scene: with materials as they are to be coded, alpha not asked for where all of it is seen; materials: as the stream holds
-    them; told: for the report, a dict for each channel that any material in use has."""
+    """scene: with materials as they are to be coded, alpha left out where all of it is seen; materials: as the stream holds
+    them."""
 
     scene: Scene
     materials: list[Material]
-    told: list[dict]
 
 
-def needed_scene(scene: Scene, surface: Surface, options: EncodeOptions) -> Needs:
-    """What has to be coded of a scene's materials, by options.effects. Raises InputError for an unknown effect."""
-    wanted, used = _wanted(options.effects), set(np.unique(surface.material).tolist())
-    looks = _Looks(scene, surface)
-    told: dict[str, dict] = {}
+class _Row(NamedTuple):
+    """What was decided of a channel of one material, and why. decision: of DECISIONS."""
+
+    channel: str
+    decision: str
+    reason: str
+
+
+def needed_scene(scene: Scene, surface: Surface, effects: str) -> Decision[Needs]:
+    """What has to be coded of a scene's materials; the evidence is a dict for each channel that any material in use has. effects:
+    as of EncodeOptions. Raises InputError for an unknown effect."""
+    wanted, used = _wanted(effects), set(np.unique(surface.material).tolist())
+    looks, rows = _Looks(scene, surface), []
     coded, stream = [], []
     for number, material in enumerate(scene.materials):
         kept = replace(material, parameters={name: binary32(value) for name, value in material.parameters.items()})
         if number in used:
-            kept = _needed(kept, number, looks, (options.effects, wanted), told)
+            if wanted is not None:
+                rows += [_Row(name, "absent", "not asked for") for name in _unwanted(kept, wanted)]
+                kept = _without_effects(kept, wanted)
+            kept, decided = _needed(kept, number, looks, effects == "all")
+            rows += decided
         stream.append(kept)
         seen = number in used and kept.alpha_mode != ALPHA_OPAQUE and looks.alpha_is_full(number)
         if number in used and kept.alpha_mode != ALPHA_OPAQUE:
-            _tell(told, "alpha", "absent" if seen else "coded", "255 everywhere" if seen else "it varies")
+            rows.append(_Row("alpha", "absent", "255 everywhere") if seen else _Row("alpha", "coded", "it varies"))
         coded.append(replace(kept, alpha_mode=ALPHA_OPAQUE) if seen else kept)
-    return Needs(replace(scene, materials=coded), stream, _in_order(told))
+    return Decision(Needs(replace(scene, materials=coded), stream), _counted(rows))
 
 
 def _wanted(asked):
-    """Effects of options.effects, None for all that are used; "none" leaves out the map of roughness, too, though light stays."""
+    """Effects of EncodeOptions.effects, None for all that are used; "none" leaves out the map of roughness, too, though
+    light stays."""
     if asked in ("auto", "all"):
         return None
     names = [name.strip() for name in str(asked).split(",") if name.strip()]
@@ -72,35 +85,37 @@ def _wanted(asked):
     return {*names, *KEPT} - ({"lit"} if names == ["none"] else set())
 
 
-def _needed(material, number, looks, asked, told):
-    """A Material with the maps that have to be coded and the parameters that say the rest."""
-    mode, wanted = asked
-    if wanted is not None:
-        material = _without_effects(material, wanted, told)
-    maps, parameters = {}, dict(material.parameters)
+def _needed(material, number, looks, is_all):
+    """(a Material with the maps that have to be coded and the parameters that say the rest, _Rows). is_all: whether every map is
+    coded, whatever it holds."""
+    maps, parameters, rows = {}, dict(material.parameters), []
     for name, texture in material.maps.items():
-        reason = "" if mode == "all" else _idle_reason(material, name)
-        value = None if reason or mode == "all" else looks.constant(number, name)
+        reason = "" if is_all else _idle_reason(material, name)
+        value = None if reason or is_all else looks.constant(number, name)
         if reason:
-            _tell(told, name, "absent", reason)
+            rows.append(_Row(name, "absent", reason))
         elif value is None or not absorb(parameters, BY_NAME[name], value):
             maps[name] = texture
-            _tell(told, name, "coded", "it varies" if value is None else "constant, and no parameter can say it")
+            rows.append(_Row(name, "coded", "it varies" if value is None else "constant, and no parameter can say it"))
         else:
-            _tell(told, name, "absent" if says_nothing(BY_NAME[name], value) else "constant", _constant_reason(value))
-    return replace(material, maps=maps, parameters=parameters)
+            decision = "absent" if says_nothing(BY_NAME[name], value) else "constant"
+            rows.append(_Row(name, decision, _constant_reason(value)))
+    return replace(material, maps=maps, parameters=parameters), rows
 
 
 def _constant_reason(value):
     return f"the surface shows {', '.join(str(round(float(v))) for v in value)} alone"
 
 
-def _without_effects(material, wanted, told):
+def _unwanted(material, wanted):
+    """Channels of a material's maps that only unwanted effects read, by effect."""
+    return [name for effect in EFFECTS if effect.name not in wanted for name in set(effect.channels) & {*material.maps}]
+
+
+def _without_effects(material, wanted):
     """A Material without the maps and parameters of effects that are not wanted."""
     for effect in EFFECTS:
         if effect.name not in wanted:
-            for name in set(effect.channels) & {*material.maps}:
-                _tell(told, name, "absent", "not asked for")
             material = without(material, effect)
     return material
 
@@ -113,17 +128,16 @@ def _idle_reason(material, name):
     return "" if effect.used(material) else f"no {effect.name.replace('_', ' ')}: its factor is 0"
 
 
-def _tell(told, name, decision, reason):
-    """Counts a decision for one material's channel."""
-    entry = told.setdefault(name, {"channel": name, "coded": 0, "constant": 0, "absent": 0, "reasons": []})
-    entry[decision] += 1
-    if reason not in entry["reasons"] and len(entry["reasons"]) < MOST_REASONS:
-        entry["reasons"].append(reason)
-
-
-def _in_order(told):
+def _counted(rows):
+    """What the report says of each channel, in the order of the channels: how many materials have which decision, and why."""
+    channels: dict[str, dict] = {}
+    for row in rows:
+        entry = channels.setdefault(row.channel, {"channel": row.channel, **dict.fromkeys(DECISIONS, 0), "reasons": []})
+        entry[row.decision] += 1
+        if row.reason not in entry["reasons"] and len(entry["reasons"]) < MOST_REASONS:
+            entry["reasons"].append(row.reason)
     order = [channel.name for channel in (*COLOURS, *MAPS)]
-    return sorted(told.values(), key=lambda entry: order.index(entry["channel"]))
+    return sorted(channels.values(), key=lambda entry: order.index(entry["channel"]))
 
 
 class _Looks:

@@ -7,19 +7,20 @@ marked: 0.1 to 0.5 bits an edge, a thirtieth of what normals at vertices take th
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...codecs.sharp_edges import enc_marks
 from ...geometry.edges import folds
 from ...geometry.shading_normals import Fans
+from ...report import Step, no_step
 from ...scene.normal_rule import FLAT, JOINED, KINDS, MARKED, MOST_ANGLE, PAIRS, USUAL, WEIGHTS, NormalRule
+from ..decision import Decision
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
-    from ...report import Report
     from ...scene.scene import Scene
 
 ANGLES = (15, 30, 45, 60, 75, 90, 120, 180)
@@ -34,15 +35,14 @@ TRIED_VERTICES, TRIED_AT_LEAST = 2048, 64  # that rules are tried at, over all m
 POINTS = (0.5, 0.95, 0.99)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Shading:
     """How normals are made again. rules: one per material of the scene; marks: bool over the edges that are coded, data: their
-    bytes, None where no rule asks for marks; told: for the report."""
+    bytes, None where no rule needs marks."""
 
     rules: list[NormalRule]
     marks: np.ndarray | None = None
     data: bytes | None = None
-    told: dict[str, Any] = field(default_factory=dict)
 
     @property
     def values(self) -> dict | None:
@@ -52,30 +52,31 @@ class Shading:
         return {"num_edges": len(self.marks), "marks_crc": zlib.crc32(self.marks.tobytes()), "marks_data": self.data}
 
 
-def choose_normals(scene: Scene, surface: Surface, report: Report) -> Shading:
-    """The Shading of a scene on its lattice. Materials without light need none: theirs is the usual rule. Where errors stay large
-    the report has a warning."""
+def choose_normals(scene: Scene, surface: Surface, step: Step = no_step) -> Decision[Shading]:
+    """The Shading of a scene on its lattice. Materials without light need none: theirs is the usual rule. Warns where errors stay
+    large. step: of Report.stage()."""
     usual = FLAT if scene.flat else USUAL
-    shading = Shading([USUAL if m.unlit else usual for m in scene.materials])
+    rules = [USUAL if m.unlit else usual for m in scene.materials]
     used = np.zeros(len(scene.materials), bool)
     used[surface.material] = True
     lit = np.flatnonzero(used & ~np.array([m.unlit for m in scene.materials], bool))
     if scene.corner_normal is None or not len(lit):
-        shading.told = {"reason": "the source has no normals" if scene.corner_normal is None else "no material is lit"}
-        return shading
+        reason = "the source has no normals" if scene.corner_normal is None else "no material is lit"
+        return Decision(Shading(rules), {"reason": reason})
     target = _Target(scene, surface)
-    _search(shading.rules, lit, target, _Target(scene, _tried(surface, lit)), lambda *n: report.progress("normals", *n))
-    error = _errors_of(shading, target)
+    shading = Shading(_search(rules, lit, target, _Target(scene, _tried(surface, lit)), step))
+    error = _errors_of(shading.rules, target)
     far = [m for m in lit if _is_far(error, target, m)]
     if far:
-        error = _mark(shading, far, target, error)
-    shading.told = _told(shading, lit, target, error, scene)
-    median, most, _ = shading.told["degrees"]
-    if median > ENOUGH[0] or most > ENOUGH[1]:
-        report.warnings.append(f"no rule makes the shading normals again: half of the surface is off by {median} degrees or "
-                               f"more, a twentieth by {most}; if that shows, let the tool that wrote the mesh compute its "
-                               "normals anew, or bake them into a normal map")
-    return shading
+        shading, error = _mark(shading, far, target, error)
+    evidence = _evidence(shading, lit, target, error, scene)
+    median, most, _ = evidence["degrees"]
+    if median <= ENOUGH[0] and most <= ENOUGH[1]:
+        return Decision(shading, evidence)
+    warning = (f"no rule makes the shading normals again: half of the surface is off by {median} degrees or more, a "
+               f"twentieth by {most}; if that shows, let the tool that wrote the mesh compute its normals anew, or bake them "
+               "into a normal map")
+    return Decision(shading, evidence, warnings=(warning,))
 
 
 class _Target:
@@ -114,8 +115,8 @@ def _tried(surface, lit):
 
 
 def _search(rules, lit, whole, tried, step):
-    """Puts the rule with the least error into rules, for each of the lit materials: among all at the tried corners, then the best
-    of every kind and weight on the whole surface."""
+    """The rules, with the one of the least error for each of the lit materials: among all at the tried corners, then the best of
+    every kind and weight on the whole surface."""
     best = np.full((KINDS - 1, WEIGHTS, whole.materials), np.inf)
     found = np.zeros(best.shape, np.int64)  # angles
 
@@ -142,8 +143,7 @@ def _search(rules, lit, whole, tried, step):
         if len(tried.all) < len(whole.all) and (whole.material == m).sum() > (tried.material == m).sum():
             for kind, weight in np.argwhere(best[:, :, m] <= NEAR * best[:, :, m].min() + 1e-3).tolist():
                 best[kind, weight, m] = _score_of(NormalRule(kind, weight, int(found[kind, weight, m])), whole, m)
-    for m, rule in enumerate(_least(best, found)):
-        rules[m] = rule if m in lit else rules[m]
+    return [rule if m in lit else rules[m] for m, rule in enumerate(_least(best, found))]
 
 
 def _least(best, found):
@@ -160,11 +160,11 @@ def _score_of(rule, target, material):
     return float(error @ target.weight[chosen] / max(target.weight[chosen].sum(), 1e-300))
 
 
-def _errors_of(shading, target, sharp=None):
-    """Degrees at every corner under the rules of a Shading."""
+def _errors_of(rules, target, sharp=None):
+    """Degrees at every corner under the rules of the materials."""
     out = np.zeros(len(target.source))
-    by_rule = {}
-    for m, rule in enumerate(shading.rules):
+    by_rule: dict[NormalRule, list[int]] = {}
+    for m, rule in enumerate(rules):
         by_rule.setdefault(rule, []).append(m)
     for rule, materials in by_rule.items():
         chosen = np.flatnonzero(np.isin(target.material, materials))
@@ -180,8 +180,8 @@ def _is_far(error, target, material):
 
 
 def _mark(shading, far, target, error):
-    """Marks the edges of materials far from the source and gives these the rule that suits, where that brings them closer; the
-    errors then. Marks are kept for all of them or none, so that an edge between two is marked once."""
+    """(Shading, errors) with the edges of materials far from the source marked, and these with the rule that suits, where that
+    brings them closer. Marks are kept for all of them or none, so that an edge between two is marked once."""
     fans, surface = target.fans, target.surface
     sharp = _differing(target)
     best, chosen = {m: WORTH * _score(error, target, m) for m in far}, {}
@@ -195,13 +195,11 @@ def _mark(shading, far, target, error):
                     best[m], chosen[m] = score, NormalRule(MARKED, weight, angle)
     coded = fans.edges.touching(np.isin(surface.material, list(chosen)))
     if not coded.any():
-        return error
-    for m, rule in chosen.items():
-        shading.rules[m] = rule
-    shading.marks = sharp[coded]
+        return shading, error
+    rules = [chosen.get(m, rule) for m, rule in enumerate(shading.rules)]
     fold = folds(fans.edges, surface.lattice, surface.faces)
-    shading.data = enc_marks(shading.marks, fans.edges.ends[coded], fold[coded])
-    return _errors_of(shading, target, sharp & coded)
+    data = enc_marks(sharp[coded], fans.edges.ends[coded], fold[coded])
+    return Shading(rules, sharp[coded], data), _errors_of(rules, target, sharp & coded)
 
 
 def _differing(target):
@@ -221,16 +219,17 @@ def _score(error, target, material):
     return float(np.average(np.minimum(error[mine], CLIP), weights=target.weight[mine])) if target.weight[mine].any() else 0.0
 
 
-def _told(shading, lit, target, error, scene):
+def _evidence(shading, lit, target, error, scene):
     """What the report says: degrees over the surface of lit materials at POINTS, under the usual rule and under those chosen."""
     mine = np.isin(target.material, lit)
-    before = _errors_of(Shading([USUAL] * target.materials), target)
+    before = _errors_of([USUAL] * target.materials, target)
     rows = [{"material": scene.materials[m].name, "rule": str(shading.rules[m]),
              "degrees": _rounded(error, target, target.material == m)} for m in lit]
-    told = {"degrees": _rounded(error, target, mine), "usual_rule_degrees": _rounded(before, target, mine), "materials": rows}
+    evidence = {"degrees": _rounded(error, target, mine), "usual_rule_degrees": _rounded(before, target, mine), "materials": rows}
     if shading.data is not None:
-        told |= {"marked_edges": len(shading.marks), "sharp_edges": int(shading.marks.sum()), "marks_bytes": len(shading.data)}
-    return told
+        evidence |= {"marked_edges": len(shading.marks), "sharp_edges": int(shading.marks.sum()),
+                     "marks_bytes": len(shading.data)}
+    return evidence
 
 
 def _rounded(error, target, mine):

@@ -1,184 +1,128 @@
-"""Splitting a mesh into fields, so that surfaces that lie close together do not share voxels (paper: limitations).
+"""Which partition pays: candidates are tried without coding, and the gain is weighed at the quality the QP will leave."""
 
-Faces are first grouped into pieces: edge-connected components, and, where a component folds onto itself, its parts by the sign
-of the dominant normal component. Pieces that meet in a cell of 2x2x2 voxels get different fields by greedy colouring.
-"""
+from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...core.kernel import kernel
-from ...field.morton import _morton_key
-from ...field.voxelise import _load_corners, _row, _triangle_frame, grid_coordinates
+from ...core.colour_error import decibels
+from ...core.json_text import json_ready
+from ...geometry.areas import face_areas
+from ...report import Step, no_step
+from ..decision import Decision
+from ..estimates.partition_error import codes_alpha
+from .contacts import MAX_FIELDS, colour_pieces, face_components, find_contacts, folding_components
+from .depth_sheets import part_layers
+from .one_colour import one_colour
 
-MAX_FIELDS = 16
-MIN_CONTACT = 0.002  # share of the smaller piece's cells that two pieces must share to count as meeting
-MIN_FOLD = 0.01  # share of a component's cells with opposite normals that makes it a folding one
-MIN_CROWD = 0.05  # share of the cells that hold more than NEAR + 1 pieces, from which on all meetings in them are counted
-NEAR, FAR = 3, 2 * MAX_FIELDS  # a piece meets so many of those after it in a cell
+if TYPE_CHECKING:
+    from ...geometry.surface import Surface
+    from ...scene.scene import Scene
+    from ..rd import RateDistortion
 
-
-@dataclass
-class Contacts:
-    """What meets where. component: int64 [F]; direction: int64 [F], 0..5 for +x -x +y -y +z -z; cell, label: parallel int64
-    arrays, ascending by cell, one entry per cell and label = component * 6 + direction."""
-
-    component: np.ndarray
-    direction: np.ndarray
-    cell: np.ndarray
-    label: np.ndarray
-
-
-def face_components(faces: np.ndarray) -> np.ndarray:
-    """Edge-connected component of every face: int64 [F]. faces: int64 [F, 3] over welded vertices."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    key = ends[:, 0] * (int(faces.max()) + 1) + ends[:, 1]
-    owner = np.tile(np.arange(len(faces)), 3)
-    order = np.argsort(key, kind="stable")
-    same = np.flatnonzero(key[order][1:] == key[order][:-1])
-    a, b = owner[order][same], owner[order][same + 1]
-    graph = coo_array((np.ones(len(a), np.int8), (a, b)), shape=(len(faces), len(faces)))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
+SURE_GAIN = 1.0  # dB at half the resolution that settle the question
+MIN_GAIN = 0.15  # dB at the coded quality; a further field costs about 150 bytes and 0.1 to 0.4 % more voxels
+MANY_FIELDS = 256  # more than a stream may have: what alpha would be like without that bound
+MOST_CANDIDATES = 4  # that _candidates() yields
 
 
-def face_directions(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Dominant direction of every face's normal, int64 [F] in 0..5 (+x -x +y -y +z -z)."""
-    p = lattice[faces].astype(np.float64)
-    normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-    axis = np.argmax(np.abs(normal), axis=1)
-    return 2 * axis + (normal[np.arange(len(faces)), axis] < 0)
+class _Trials:
+    """Weighs partitions of one surface against each other; an error once measured is kept."""
+
+    def __init__(self, scene, surface, rd):
+        self.scene, self.surface, self.rd, self.measured = scene, surface, rd, {}
+        self.quick = max(rd.resolution // 2, 1)
+
+    def _errors(self, face_field, resolution):
+        key = (face_field.tobytes(), resolution)
+        if key not in self.measured:
+            self.measured[key] = self.rd.partition(self.scene, self.surface, face_field, resolution)
+        return self.measured[key]
+
+    def _gain(self, base, candidate, resolution):
+        """Gain in dB, at the coded quality, of a candidate over base: the sum over colour and, where it is coded, alpha. Then
+        what the report says of it, and the part of alpha."""
+        before, after = self._errors(base, resolution), self._errors(candidate, resolution)
+        gains = {k: self.rd.gain(before[k], after[k]) for k in before}
+        evidence = {"resolution": resolution, "gain_db": sum(gains.values())}
+        for k in before:
+            evidence |= {f"psnr_{k}_before": decibels(before[k]), f"psnr_{k}_after": decibels(after[k])}
+        return sum(gains.values()), json_ready(evidence), gains.get("alpha", 0.0)
+
+    def pays(self, base, candidate):
+        """Whether a candidate gains MIN_GAIN over base. Half the resolution comes first, in a quarter of the time: surfaces are
+        nearer to each other there, so what does not pay there never does, and SURE_GAIN there needs no second look."""
+        gain, evidence, _ = self._gain(base, candidate, self.quick)
+        if MIN_GAIN <= gain < SURE_GAIN:
+            gain, evidence, _ = self._gain(base, candidate, self.rd.resolution)
+        return gain >= MIN_GAIN, evidence
+
+    def mixes_alpha(self, best, others):
+        """Whether one of the other partitions shows alpha by MIN_GAIN better than the best."""
+        return any(all(self._gain(best, other, r)[2] >= MIN_GAIN for r in (self.quick, self.rd.resolution))
+                   for other in others)
 
 
-@kernel
-def _pair_slot(key, label, keys, labels):
-    mask = keys.shape[0] - 1
-    slot = ((((key ^ (key >> 17)) & 0xFFFFFFFF) * 2654435 >> 5) + label * 7919) & mask
-    while keys[slot] >= 0 and (keys[slot] != key or labels[slot] != label):
-        slot = (slot + 1) & mask
-    return slot
+def _candidates(scene, surface, resolution):
+    """Yields (face_field, folding components cut, Contacts): components, those cut where they fold, then both with the layers of
+    a component parted."""
+    component = face_components(surface.faces)
+    for parted in (component, part_layers(scene, surface, component)):
+        if parted is None:
+            continue
+        contacts = find_contacts(surface.lattice, surface.faces, surface.cube.position_bits, resolution, parted)
+        folding = folding_components(contacts)
+        for split in [(), folding] if len(folding) else [()]:
+            yield colour_pieces(contacts, split), split, contacts
 
 
-@kernel
-def _cells(corners, faces, face_label, resolution, keys, labels):
-    """Marks every (cell, label) the samples fall into; the tables double as needed. Returns int64 [2, entries]: keys, labels. One
-    array, because numba lets an interrupt through between two, and crashes on it."""
-    g, order = np.empty((3, 3), np.int64), np.empty(3, np.int64)
-    start, half = np.empty(3, np.int64), np.empty(3, np.int64)
-    used, last = 0, resolution - 1
-    for f in range(faces.shape[0]):
-        _load_corners(corners, faces, f, g)
-        columns, rows, _ = _triangle_frame(g, 1, order)
-        label = face_label[f]
-        for j in range(rows):
-            count = _row(g, order, columns, rows, j, start, half)
-            run = np.int64(-1)
-            for i in range(count):
-                cx = min(max((start[0] + (2 * i + 1) * half[0]) >> 32, 0), last) >> 1
-                cy = min(max((start[1] + (2 * i + 1) * half[1]) >> 32, 0), last) >> 1
-                cz = min(max((start[2] + (2 * i + 1) * half[2]) >> 32, 0), last) >> 1
-                key = _morton_key(cx, cy, cz)
-                if key == run:
-                    continue
-                run = key
-                slot = _pair_slot(key, label, keys, labels)
-                if keys[slot] < 0:
-                    keys[slot], labels[slot] = key, label
-                    used += 1
-                    if 2 * used > keys.shape[0]:
-                        old_keys, old_labels = keys, labels
-                        keys, labels = np.full(2 * keys.shape[0], -1, np.int64), np.zeros(2 * keys.shape[0], np.int64)
-                        for k in range(old_keys.shape[0]):
-                            if old_keys[k] >= 0:
-                                slot = _pair_slot(old_keys[k], old_labels[k], keys, labels)
-                                keys[slot], labels[slot] = old_keys[k], old_labels[k]
-    found = np.flatnonzero(keys >= 0)
-    entries = np.empty((2, len(found)), np.int64)
-    entries[0], entries[1] = keys[found], labels[found]
-    return entries
+def _unbounded(candidate, split, contacts):
+    """The candidates to compare alpha with: this one and, where it has as many fields as there may be, one with more."""
+    more = colour_pieces(contacts, split, MANY_FIELDS) if candidate.max() + 1 == MAX_FIELDS else candidate
+    return [candidate] if more.max() == candidate.max() else [candidate, more]
 
 
-def find_contacts(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolution: int,
-                  component: np.ndarray | None = None) -> Contacts:
-    """Contacts of a surface on a grid of resolution K. lattice: int64 [V, 3]; faces: int64 [F, 3] over welded vertices;
-    component: int64 [F], of face_components where it is None."""
-    component = face_components(faces) if component is None else component
-    direction = face_directions(lattice, faces)
-    corners = np.ascontiguousarray(grid_coordinates(lattice, position_bits, resolution))
-    table = np.full(1 << 16, -1, np.int64), np.zeros(1 << 16, np.int64)
-    cell, label = _cells(corners, np.ascontiguousarray(faces), component * 6 + direction, resolution, *table)
-    order = np.lexsort((label, cell))
-    return Contacts(component, direction, cell[order], label[order])
+def choose_fields(scene: Scene, surface: Surface, colours: np.ndarray, rd: RateDistortion, partition: str,
+                  step: Step = no_step) -> Decision[np.ndarray]:
+    """Field number of every face, int64 [F]. Tries components, then also cut where they fold, then layers; takes what pays. Warns
+    where surfaces of different alpha stay in one field. colours: of material_colours; partition: as of EncodeOptions; step: of
+    Report.stage()."""
+    best, off, alpha = np.zeros(len(surface.faces), np.int64), partition == "off", codes_alpha(scene, surface)
+    reason = _reason_for_one(surface, colours, off, alpha)
+    if reason:
+        return Decision(best, {"fields": 1, "reason": reason})
+    trials, evidence, apart = _Trials(scene, surface, rd), [], []
+    reason = "switched off" if off else "no surfaces meet in a voxel"
+    for number, (candidate, split, contacts) in enumerate(_candidates(scene, surface, rd.resolution), 1):
+        step(number, MOST_CANDIDATES + 1)
+        if alpha:
+            apart += _unbounded(candidate, split, contacts)
+        if off or np.array_equal(candidate, best):
+            continue
+        pays, trial = trials.pays(best, candidate)
+        evidence.append({"fields": int(candidate.max()) + 1, "folds_cut": len(split), **trial})
+        if pays:
+            best, reason = candidate, "surfaces meet in voxels"
+        elif best.max() == 0:
+            reason = "surfaces meet, but splitting them would not show"
+    fields = int(best.max()) + 1
+    mixed = (_mixed_alpha(fields, off),) if trials.mixes_alpha(best, apart) else ()
+    return Decision(best, {"fields": fields, "reason": reason, "trials": evidence}, warnings=mixed)
 
 
-def _unique_pairs(cell, piece):
-    """Distinct (cell, piece) pairs, ascending by cell, then piece."""
-    order = np.lexsort((piece, cell))
-    cell, piece = cell[order], piece[order]
-    new = np.ones(len(cell), bool)
-    new[1:] = (cell[1:] != cell[:-1]) | (piece[1:] != piece[:-1])
-    return cell[new], piece[new]
+def _reason_for_one(surface, colours, off, alpha):
+    """Why one field will do without a trial; "" where that is to be seen."""
+    if len(surface.faces) < 2:
+        return "one face"
+    if off and not alpha:
+        return "switched off"
+    if one_colour(colours, surface.material) is not None:
+        return "one colour: nothing to part"
+    return "" if face_areas(surface.lattice, surface.faces).any() else "the surface has no area"
 
 
-def folding_components(contacts: Contacts) -> np.ndarray:
-    """Components in which faces of opposite direction share more than MIN_FOLD of the cells: ascending int64 array."""
-    component = contacts.label // 6
-    bits = 1 << (contacts.label % 6)
-    group = np.ones(len(bits), bool)
-    group[1:] = (contacts.cell[1:] != contacts.cell[:-1]) | (component[1:] != component[:-1])
-    first = np.flatnonzero(group)
-    mask = np.bitwise_or.reduceat(bits, first)
-    opposite = (mask & (mask >> 1) & 0b010101) != 0
-    owner = component[first]
-    cells = np.bincount(owner)
-    folded = np.bincount(owner, weights=opposite, minlength=len(cells))
-    return np.flatnonzero(folded > MIN_FOLD * np.maximum(cells, 1))
-
-
-def pieces_of(contacts: Contacts, split: np.ndarray | Sequence[int] = ()) -> tuple[np.ndarray, np.ndarray]:
-    """Piece of every face and of every contact label: (int64 [F], int64 [labels]); the components in `split` are cut by the sign
-    of the direction. Pieces are numbered 2 * component + sign."""
-    cut = np.zeros(int(contacts.component.max()) + 1, np.int64)
-    cut[list(split)] = 1
-    face_piece = 2 * contacts.component + (contacts.direction & 1) * cut[contacts.component]
-    component = contacts.label // 6
-    return face_piece, 2 * component + (contacts.label & 1) * cut[component]
-
-
-def _meetings(cell, piece):
-    """Pairs of pieces that meet and in how many cells: (int64 [n], int64 [n], int64 [n]), and the cells per piece."""
-    cell, piece = _unique_pairs(cell, piece)
-    sizes = np.bincount(piece)
-    crowded = len(np.unique(cell[NEAR + 1:][cell[NEAR + 1:] == cell[: -NEAR - 1]])) > MIN_CROWD * len(np.unique(cell))
-    pairs = []
-    for gap in range(1, (FAR if crowded else NEAR) + 1):  # a few crowded cells matter not: their pieces meet in others as well
-        same = np.flatnonzero(cell[gap:] == cell[:-gap])
-        pairs.append(piece[same] * len(sizes) + piece[same + gap])
-    pair, count = np.unique(np.concatenate(pairs), return_counts=True)
-    return pair // len(sizes), pair % len(sizes), count, sizes
-
-
-def colour_pieces(contacts: Contacts, split: np.ndarray | Sequence[int] = (), most: int = MAX_FIELDS) -> np.ndarray:
-    """Field of every face, int64 [F] numbered from 0 without gaps, at most so many: greedy colouring of the pieces, larger ones
-    first."""
-    face_piece, label_piece = pieces_of(contacts, split)
-    a, b, count, sizes = _meetings(contacts.cell, label_piece)
-    meets = count > np.maximum(MIN_CONTACT * np.minimum(sizes[a], sizes[b]), 1)
-    weight: dict[int, list[tuple[int, int]]] = {}
-    for x, y, n in zip(a[meets].tolist(), b[meets].tolist(), count[meets].tolist(), strict=True):
-        weight.setdefault(x, []).append((y, n))
-        weight.setdefault(y, []).append((x, n))
-    colour = np.zeros(max(len(sizes), int(face_piece.max()) + 1), np.int64)
-    done = set()
-    for piece in np.argsort(-sizes, kind="stable").tolist():
-        load = [0] * most
-        for other, n in weight.get(piece, ()):
-            if other in done:
-                load[colour[other]] += n
-        colour[piece] = load.index(min(load))
-        done.add(piece)
-    return np.unique(colour[face_piece], return_inverse=True)[1].reshape(-1)
+def _mixed_alpha(fields, off):
+    why = ("partition is off" if off else f"there are no more than {MAX_FIELDS} fields" if fields == MAX_FIELDS
+           else "parting them would cost more colour than it brings")
+    return f"surfaces of different alpha share voxels and stay in one field, so their alpha is mixed: {why}"

@@ -1,22 +1,22 @@
-"""Where the QP that was asked for is not what a unit of values should be coded with: images of few colours are worth coding
-exactly where that is cheap, and an image that its own file had already coded is not worth more bytes than that file (encoder
-only)."""
+"""Where the requested QP is not what a unit of values should be coded with: images of few colours are worth coding exactly where
+that is cheap, and an image that its own file had already coded is not worth more bytes than that file (encoder only)."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...scene.channels import COLOURS
-from .plane_codec import LAST_QP
+from ..coder import LAST_QP
+from ..decision import Decision
 
 if TYPE_CHECKING:
     from ...codecs.base import Codec, Source
-    from ...options import EncodeOptions
+    from ..coder import Coder
     from ..source_field import SourceField
 
 FEW_COLOURS, QUICK_LOOK = 256, 4096  # colours of a palette; values looked at before all are
@@ -24,20 +24,19 @@ EXACT_BYTES, EXACT_SHARE = 200, 0.01  # what exact values may cost: bytes, or th
 BITS_PER_QP = 0.17  # log2 of attribute bytes that a step of QP takes away
 MOST_TRIES = 4  # codings with a coarser QP before the bytes of the source's image count as out of reach
 LEAST_SAVED = 200  # bytes over its image's from which a unit is coded again: what a unit of any QP takes is no quality
-MOST_COARSER = 18  # QP, a step of eight times the one that was asked for
+MOST_COARSER = 18  # QP, a step of eight times the requested one
 
 
-@dataclass(kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class CodedUnit:
     """An attribute unit and what it holds. codec: its codec; values: of its syntax elements; bytes: that its values take; plane:
-    float32 [n, C], what was coded; decoded: uint8 [n, C]; spending: what the report says where the QP was not followed."""
+    float32 [n, C], what was coded; decoded: uint8 [n, C]."""
 
     codec: Codec
     values: dict
     bytes: int
     plane: np.ndarray
     decoded: np.ndarray
-    spending: dict = field(default_factory=dict)
 
 
 def has_few_colours(plane: np.ndarray) -> bool:
@@ -51,35 +50,36 @@ def _kinds(plane):
     return len(np.unique(packed))
 
 
-def spend(first: CodedUnit, code: Callable[[EncodeOptions], CodedUnit], options: EncodeOptions, others: int,
-          budget: float | None) -> CodedUnit:
-    """The unit that is kept in place of the first, which has the QP that was asked for.
+def spend(first: CodedUnit, code: Callable[[Coder], CodedUnit], coder: Coder, others: int,
+          budget: float | None) -> Decision[CodedUnit]:
+    """The unit that is kept in place of the first, which has the coder's QP.
 
-    code: codes the same values with other options; others: bytes of the stream beside this unit; budget: bytes that the image
-    files behind it have, None where they say nothing. Returns first where nothing is gained."""
-    if options.qp is None or not first.bytes:
-        return first
+    code: codes the same values with another coder; others: bytes of the stream beside this unit; budget: bytes that the image
+    files behind it have, None where they say nothing. It is the first where nothing is gained; the evidence says where the QP was
+    not followed."""
+    if coder.qp is None or not first.bytes:
+        return Decision(first, {})
     if has_few_colours(first.plane) and (first.decoded != np.rint(first.plane)).any():
-        exact = code(replace(options, qp=None, max_error=0))
+        exact = code(coder.exactly())
         more = exact.bytes - first.bytes
         if more <= max(EXACT_BYTES, EXACT_SHARE * (others + first.bytes)):
-            exact.spending = {"exact": True, "bytes_at_qp": first.bytes}
-            return exact
-    return first if budget is None or first.bytes <= budget + LEAST_SAVED else _within(first, code, options, budget)
+            return Decision(exact, {"exact": True, "bytes_at_qp": first.bytes})
+    if budget is None or first.bytes <= budget + LEAST_SAVED:
+        return Decision(first, {})
+    return _within(first, code, coder, budget)
 
 
-def _within(first, code, options, budget):
+def _within(first, code, coder, budget):
     """The finest of a few coarser codings that takes no more than a budget; the last one where none does."""
-    unit, qp, last = first, options.qp, min(options.qp + MOST_COARSER, LAST_QP)
+    unit, qp, last = first, coder.qp, min(coder.qp + MOST_COARSER, LAST_QP)
     if qp >= last:
-        return first
+        return Decision(first, {})
     for _ in range(MOST_TRIES):
         qp = min(qp + max(1, math.ceil(math.log2(unit.bytes / budget) / BITS_PER_QP)), last)
-        unit = code(replace(options, qp=qp))
+        unit = code(coder.at(qp=qp))
         if unit.bytes <= budget or qp == last:
             break
-    unit.spending = {"qp": qp, "bytes_at_qp": first.bytes, "source_image_bytes": round(budget)}
-    return unit
+    return Decision(unit, {"qp": qp, "bytes_at_qp": first.bytes, "source_image_bytes": round(budget)})
 
 
 def image_budgets(source: Source, fields: list[SourceField]) -> dict[tuple[int, int], float]:

@@ -7,16 +7,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...core.colour_error import decibels
+from ...report import Step, no_step
 from ...scene.channels import BASE_COLOUR
 from ...scene.fetch import pack_source
-from ..decide.probe import LEFT_BY_FIT
-from ..decide.trial import coding_mse
+from ..decision import Decision
+from ..rd import LEFT_BY_FIT
 from .surface_fit import HELD_OUT, HELD_OUT_SEED, FieldSurface, fit_surface
 
 if TYPE_CHECKING:
     from ...codecs.base import Source
     from ...options import EncodeOptions
-    from ...report import Report
+    from ..rd import RateDistortion
     from ..source_field import SourceField
 
 COLOUR = BASE_COLOUR.name  # what a fit moves
@@ -25,86 +26,87 @@ LEAST_GAIN = 0.03  # dB at the coded quality; what promised less gained nothing 
 MOST_VOXELS = 10_000_000  # "auto" leaves larger fields alone: a fit takes about 150 bytes a voxel
 
 
-def refine_fields(source: Source, fields: list[SourceField], options: EncodeOptions, report: Report) -> dict:
-    """Refines the colours of the SourceFields in place, as options.refine asks; returns what the report says of it.
+def refine_fields(source: Source, fields: list[SourceField], rd: RateDistortion, request: EncodeOptions,
+                  step: Step = no_step) -> Decision[list[SourceField]]:
+    """The SourceFields with their colours refined, as request.refine says.
 
-    source: codecs.base.Source; fields: by number. Each field keeps its transfer where its refined colours are not closer to the
-    source at points that the fit has not seen.
+    source: codecs.base.Source; fields: by number; step: of Report.stage(). Each field keeps its transfer where its refined
+    colours are not closer to the source at points that the fit has not seen.
     """
-    reason = _reason_against(fields, options)
-    facts: dict[str, Any] = {"asked": options.refine, "kind": "off", "reason": reason or "asked for"}
+    reason = _reason_against(fields, rd, request.refine)
+    evidence: dict[str, Any] = {"asked": request.refine, "kind": "off", "reason": reason or "asked for"}
     if reason:
-        return facts
-    surfaces = [_field_surface(source, i, field, options) for i, field in enumerate(fields)]
-    if options.refine == "auto":
-        facts["predicted_gain_db"] = round(_predicted_gain(surfaces, fields, options), 3)
-        if facts["predicted_gain_db"] < LEAST_GAIN:
-            return facts | {"reason": "coding hides what a fit would gain"}
-        facts["reason"] = "the transfer is further off than coding hides"
-    facts |= {"kind": "fit", "fields": [_fit(s, f, options, report) for s, f in zip(surfaces, fields, strict=True)]}
-    return facts | (_render(surfaces, fields, options, report) if options.refine == "render" else {})
+        return Decision(fields, evidence)
+    surfaces = [_field_surface(source, i, field, rd.resolution) for i, field in enumerate(fields)]
+    if request.refine == "auto":
+        evidence["predicted_gain_db"] = round(_predicted_gain(surfaces, fields, rd), 3)
+        if evidence["predicted_gain_db"] < LEAST_GAIN:
+            return Decision(fields, evidence | {"reason": "coding hides what a fit would gain"})
+        evidence["reason"] = "the transfer is further off than coding hides"
+    fits = [_fit(s, f, rd.threads, step) for s, f in zip(surfaces, fields, strict=True)]
+    fields, evidence = [fit.value for fit in fits], evidence | {"kind": "fit", "fields": [fit.evidence for fit in fits]}
+    if request.refine != "render":
+        return Decision(fields, evidence)
+    rendered = _render(surfaces, fields, rd.threads, request.refine_iterations, step)
+    return Decision(rendered.value, evidence | rendered.evidence)
 
 
-def _reason_against(fields, options):
-    if options.refine == "off":
+def _reason_against(fields, rd, refine):
+    if refine == "off":
         return "switched off"
     if not fields:
         return "there is no field over voxels"
-    if options.max_error is not None:
+    if rd.max_error is not None:
         return "the voxels' own values were asked for"
     if all(field.one_colour for field in fields):
         return "one colour: nothing to refine"
-    if options.refine == "auto" and options.effort == "fast":
+    if refine == "auto" and rd.effort == "fast":
         return "effort fast does without"
-    if options.refine == "auto" and sum(len(f.keys) for f in fields) > MOST_VOXELS:
+    if refine == "auto" and sum(len(f.keys) for f in fields) > MOST_VOXELS:
         return "too many voxels for the memory that a fit takes; --refine fit does it all the same"
     return ""
 
 
-def _field_surface(source, number, field, options):
+def _field_surface(source, number, field, resolution):
     surface, mine = source.surface, source.face_field == number
     return FieldSurface(surface.lattice, surface.faces[mine], pack_source(source.scene, surface.origin_face[mine]),
-                        surface.cube.position_bits, options.resolution, field.keys, field.support.brick_map)
+                        surface.cube.position_bits, resolution, field.keys, field.support.brick_map)
 
 
-def _predicted_gain(surfaces, fields, options):
+def _predicted_gain(surfaces, fields, rd):
     """dB that a fit would gain at the quality that coding leaves."""
     error, voxels = 0.0, sum(len(f.keys) for f in fields)
     for surface, field in zip(surfaces, fields, strict=True):
         if not surface.has_area:
             continue
-        points = surface.sample(PROBE, HELD_OUT_SEED, options.threads)
-        error += surface.error(field.planes[COLOUR], *points, options.threads)["y"] * len(field.keys) / voxels
-    floor = coding_mse(options.reckoned_qp)
-    return decibels(floor + LEFT_BY_FIT * error) - decibels(floor + error)
+        points = surface.sample(PROBE, HELD_OUT_SEED, rd.threads)
+        error += surface.error(field.planes[COLOUR], *points, rd.threads)["y"] * len(field.keys) / voxels
+    return rd.gain(error, LEFT_BY_FIT * error)
 
 
-def _fit(surface, field, options, report):
-    """Fits one field, keeps the better of fit and transfer, and returns what the report says: {"psnr_y_before", "psnr_y_after",
-    "kept"}, dB at held-out points."""
+def _fit(surface, field, threads, step):
+    """The better of fit and transfer of one field, and {"psnr_y_before", "psnr_y_after", "kept"}, dB at held-out points."""
     if not surface.has_area:
-        return {"psnr_y_before": None, "psnr_y_after": None, "kept": False}
-    points = surface.sample(HELD_OUT, HELD_OUT_SEED, options.threads)
-    before = surface.error(field.planes[COLOUR], *points, options.threads)
-    fitted = fit_surface(surface, field.planes[COLOUR], options.threads, on_progress=lambda *n: report.progress("refine", *n))
-    after = surface.error(fitted, *points, options.threads)
+        return Decision(field, {"psnr_y_before": None, "psnr_y_after": None, "kept": False})
+    points = surface.sample(HELD_OUT, HELD_OUT_SEED, threads)
+    before = surface.error(field.planes[COLOUR], *points, threads)
+    fitted = fit_surface(surface, field.planes[COLOUR], threads, on_progress=step)
+    after = surface.error(fitted, *points, threads)
     kept = after["rgb"] < before["rgb"]
-    if kept:
-        field.planes[COLOUR] = fitted
-    return {"psnr_y_before": _finite(before["y"]), "psnr_y_after": _finite(after["y"]), "kept": kept}
+    field = field.with_planes({COLOUR: fitted}) if kept else field
+    return Decision(field, {"psnr_y_before": _finite(before["y"]), "psnr_y_after": _finite(after["y"]), "kept": kept})
 
 
 def _finite(mse):
     return round(decibels(mse), 3) if mse else None
 
 
-def _render(surfaces, fields, options, report):
-    """Inverse rendering on top of the fit: what the report says of it."""
+def _render(surfaces, fields, threads, iterations, step):
+    """Inverse rendering on top of the fit."""
     from .inverse_render import refine_by_rendering  # here, because the renderer takes long to import and few ask for it
 
-    colours, log, kept = refine_by_rendering(surfaces, [f.planes[COLOUR] for f in fields], options.threads,
-                                             iterations=options.refine_iterations,
-                                             on_progress=lambda *n: report.progress("refine", *n))
-    for field, colour in zip(fields, colours, strict=True):
-        field.planes[COLOUR] = np.ascontiguousarray(colour)
-    return {"kind": "fit and render" if kept else "fit", "iterations": log, "kept_iteration": log[kept]["iteration"]}
+    colours, log, kept = refine_by_rendering(surfaces, [f.planes[COLOUR] for f in fields], threads, iterations=iterations,
+                                             on_progress=step)
+    fields = [field.with_planes({COLOUR: np.ascontiguousarray(c)}) for field, c in zip(fields, colours, strict=True)]
+    return Decision(fields, {"kind": "fit and render" if kept else "fit", "iterations": log,
+                             "kept_iteration": log[kept]["iteration"]})

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...codecs import codec_of
 from ...codecs.base import Group
 from ...core.colour_error import ColourError, decibels
 from ...field.grid import build_brick_map
@@ -25,11 +24,10 @@ from ...geometry.areas import face_areas, sample_surface
 from ...scene.channels import BY_NAME
 from ...scene.fetch import map_columns, pack_map, pack_source, sample_source
 from ...scene.scene import WRAP_CLAMP, WRAP_REPEAT
-from .plane_codec import with_qp_of
+from ..coder import Coder
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
-    from ...options import EncodeOptions
     from ...scene.scene import Scene
     from ..texel_field import TexelPlan
 
@@ -73,7 +71,7 @@ class Probe:
         maps = {name: one.exact() for name, one in self.maps.items()}
         return replace(self, mse=max(self.exact_mse, LEAST_EXACT), maps=maps)
 
-    def told(self) -> dict:
+    def evidence(self) -> dict:
         """What the report says of it."""
         channels = {name: round(decibels(max(one.mse, 1e-4)), 2) for name, one in self.maps.items()}
         return {"values": self.values, "attribute_bytes": round(self.attributes), "geometry_bytes": self.fixed,
@@ -138,18 +136,17 @@ class Patch:
         return Probe(values, bits, max(mse, self.least), mse)
 
 
-def _coded(plane, support, name, weights, options):
+def _coded(plane, support, patch, coder):
     """(bits per value, decoded) of float32 [N, C]: a map, or colour, and alpha where it is there, by itself."""
-    codec, made, size = codec_of(options.codec), [], 0
+    decoded, size, name = [], 0, patch.name
     parts = [plane] if name is not None else np.split(plane, [3], axis=1)[: plane.shape[1] - 2]
-    options = options if name is None else with_qp_of(Group((BY_NAME[name],)), options, weights)
+    coder = coder if name is None else coder.for_group(Group((BY_NAME[name],)), patch.scene.weights)
     for part in parts:
-        part = np.ascontiguousarray(part)
-        values, decoded = codec.enc(part, support, options)  # type: ignore[attr-defined]  # only codecs of planes get here
         variables = {"NumComponents": part.shape[1], "resolution": 1 << support.depth, "Planar": int(support.planar)}
-        size += len(codec.write_parameters({**values, **variables}))
-        made.append(decoded)
-    return 8 * size / len(plane), np.concatenate(made, axis=1)
+        count, values = coder.size(np.ascontiguousarray(part), support, variables)
+        size += count
+        decoded.append(values)
+    return 8 * size / len(plane), np.concatenate(decoded, axis=1)
 
 
 def _cells_at(places, cell):
@@ -183,7 +180,7 @@ def _well_inside(place, cell, cells):
     return inner if len(inner) > LEAST_POINTS else np.flatnonzero(there)
 
 
-def probe_texels(patch: Patch, plan: TexelPlan, keys: np.ndarray, options: EncodeOptions) -> Probe:
+def probe_texels(patch: Patch, plan: TexelPlan, keys: np.ndarray, coder: Coder) -> Probe:
     """Probe of a TexelPlan. keys: int64 [N], the texels that it asks."""
     texel = np.einsum("nc,ncd->nd", patch.bary, plan.group.uv[patch.face]) * np.array(plan.size) / plan.group.size
     place = np.column_stack([_wrapped(texel[:, i], plan.size[i], plan.group.wrap[i]) for i in range(2)])
@@ -192,7 +189,7 @@ def probe_texels(patch: Patch, plan: TexelPlan, keys: np.ndarray, options: Encod
     support = TexelSupport(keys=mine, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap, fraction_bits=0)
     chosen, maps = _well_inside(place, TEXEL_CELL, cells), {}
     for one in (*patch.maps.values(), patch):
-        bits, decoded = _coded(_texels_of(plan, one, support, cells), support, one.name, patch.scene.weights, options)
+        bits, decoded = _coded(_texels_of(plan, one, support, cells), support, one, coder)
         made = one.probe(len(keys), bits, one.mse(chosen, support.query(texel[chosen], decoded, patch.threads)))
         if one.name is not None:
             maps[one.name] = made
@@ -242,14 +239,15 @@ def _wrapped(place, size, mode):
     return size - np.abs(place % (2 * size) - size)
 
 
-def probe_voxels(patch: Patch, resolution: int, density: int, options: EncodeOptions) -> Probe:
-    """Probe of voxels at a resolution. density: samples per voxel edge of the transfer."""
+def probe_voxels(patch: Patch, resolution: int, density: int, coder: Coder, area_threshold: int, is_fitted: bool) -> Probe:
+    """Probe of voxels at a resolution. density: samples per voxel edge of the transfer; is_fitted: whether a surface fit may
+    follow it."""
     surface, bits = patch.surface, patch.surface.cube.position_bits
     grid = patch.points * (resolution / (1 << bits))
     cells = _cells_at(grid.astype(np.int64), VOXEL_CELL)
     near = _faces_near(surface.lattice[surface.faces[patch.faces]] * (resolution / (1 << bits)), cells)
     faces = surface.faces[patch.faces[near]]
-    keys, _ = voxelise(surface.lattice, faces, bits, resolution, options.area_threshold, options.threads)
+    keys, _ = voxelise(surface.lattice, faces, bits, resolution, area_threshold, patch.threads)
     keys = _within(keys, cells, VOXEL_CELL)
     values = round(patch.area * (resolution / (1 << bits)) ** 2 * VOXELS_PER_AREA)
     if not len(keys):
@@ -258,12 +256,12 @@ def probe_voxels(patch: Patch, resolution: int, density: int, options: EncodeOpt
     chosen, maps = _well_inside(grid, VOXEL_CELL, cells), {}
     for one in (*patch.maps.values(), patch):
         rgba = np.column_stack(transfer(surface.lattice, faces, one.packed(patch.faces[near]), bits, resolution, keys, brick_map,
-                                        density, options.threads))
+                                        density, patch.threads))
         values_there = one.values(rgba)
-        coded, decoded = _coded(values_there, support, one.name, patch.scene.weights, options)
+        coded, decoded = _coded(values_there, support, one, coder)
         mse, uncoded = (one.mse(chosen, query_field(grid[chosen], resolution, keys, brick_map, plane, patch.threads)[0])
                         for plane in (decoded, values_there))
-        saved = (1 - LEFT_BY_FIT) * uncoded if options.may_fit and one is patch else 0.0
+        saved = (1 - LEFT_BY_FIT) * uncoded if is_fitted and one is patch else 0.0
         made = one.probe(values, coded, max(mse - saved, 0.0))
         if one is not patch:
             maps[one.name] = made

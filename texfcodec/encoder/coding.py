@@ -1,0 +1,154 @@
+"""The two ways of coding values: field by field and channel group by channel group, or all of them in one unit (encoder only)."""
+
+from __future__ import annotations
+
+import time
+import zlib
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ..bitstream.stream import Stream, attribute_variables
+from ..bitstream.values import attribute_values
+from ..codecs import codec_of
+from ..codecs.base import JointCodec, Source, split_groups
+from .decide.map_sizes import coarsen_maps
+from .decide.one_colour import one_colour
+from .decide.spending import CodedUnit, image_budgets, spend
+from .decision import Decision
+from .geometry_units import geometry_bytes
+from .map_planes import errors_of, joined, with_grey, with_maps
+from .optimise.refinement import refine_fields
+from .source_field import SourceField, filled, transferred
+
+if TYPE_CHECKING:
+    from ..options import EncodeOptions
+    from ..report import Report
+    from .plan import Plan
+    from .rd import RateDistortion
+
+Planes = list[dict[str, np.ndarray]]  # by field, what a decoder gets, by channel name
+
+
+class Content(NamedTuple):
+    """What is coded: the Source, and its SourceFields by number."""
+
+    source: Source
+    fields: list[SourceField]
+
+
+class Coding(ABC):
+    """How values go into a stream, and what they need before."""
+
+    @abstractmethod
+    def content(self, content: Content, names: list[set[str]], colours: np.ndarray, rd: RateDistortion, request: EncodeOptions,
+                report: Report) -> Decision[Content]:
+        """The values of what is over voxels, brought from the source. names: by field over voxels, the channels that it has maps
+        of; colours: of material_colours."""
+
+    @abstractmethod
+    def units(self, plan: Plan, stream: Stream, report: Report) -> Decision[Planes]:
+        """Adds the attribute units of a Plan to a stream whose other units are there."""
+
+
+class PlaneCoding(Coding):
+    """For codecs of planes: one attribute unit for each channel group of each field."""
+
+    def content(self, content: Content, names: list[set[str]], colours: np.ndarray, rd: RateDistortion, request: EncodeOptions,
+                report: Report) -> Decision[Content]:
+        """See Coding.content: transfer from the textures, refinement, and maps at the level that suits them."""
+        source, fields = content
+        for number, own in enumerate(names):
+            with report.stage("transfer", (number, len(names))):
+                fields = _replaced(fields, number, _values(fields[number], source, number, own, colours, rd))
+        warning = "directions of anisotropy mean nothing over voxels, which have no UVs: only its strength stays"
+        warnings = (warning,) if any("anisotropy" in own for own in names) else ()
+        with report.stage("refine") as step:
+            refinement = refine_fields(source, fields[: len(names)], rd, request, step)
+        fields = [*refinement.value, *fields[len(names) :]]
+        source = source._replace(groups=with_grey(source.groups, fields))
+        with report.stage("sizes"):
+            sized = [coarsen_maps(part, source, rd) for part in fields]
+        evidence = {"refinement": refinement.evidence, "sizes": [one.evidence for one in sized]}
+        return Decision(Content(source, [one.value for one in sized]), evidence, warnings)
+
+    def units(self, plan: Plan, stream: Stream, report: Report) -> Decision[Planes]:
+        """See Coding.units."""
+        planes: Planes = [{} for _ in plan.fields]
+        evidence: list[dict] = []
+        others, budgets = geometry_bytes(stream.geometry), image_budgets(plan.source, plan.fields)
+        for i, part in enumerate(plan.fields):
+            with report.stage("attributes", (i, len(plan.fields))) as step:
+                for number, group in enumerate(plan.source.groups):
+                    if not any(channel.name in part.planes for channel in group.channels):
+                        continue
+                    begin = time.perf_counter()
+                    step(number, len(plan.source.groups))
+                    spent = _unit(plan, stream, (i, number), others, budgets.get((i, number)))
+                    unit = spent.value
+                    stream.attributes.append(unit.values)
+                    others += unit.bytes
+                    planes[i] |= group.split(unit.decoded)
+                    row = {"field": i, "codec": unit.codec.name, "level_shift": unit.values["level_shift"],
+                           "encode_ms": round(1000 * (time.perf_counter() - begin), 1), **spent.evidence}
+                    evidence.append(row | errors_of(group, unit.plane, unit.decoded))
+        return Decision(planes, {"channels": evidence})
+
+
+class JointCoding(Coding):
+    """For codecs that code all fields and channel groups in one unit, and ask the source themselves."""
+
+    def content(self, content: Content, names: list[set[str]], colours: np.ndarray, rd: RateDistortion, request: EncodeOptions,
+                report: Report) -> Decision[Content]:
+        """See Coding.content."""
+        return Decision(content, {})
+
+    def units(self, plan: Plan, stream: Stream, report: Report) -> Decision[Planes]:
+        """See Coding.units."""
+        request, codec, planes, total = plan.request, codec_of(plan.request.codec), [], 0
+        assert isinstance(codec, JointCodec)
+        if not plan.fields:
+            return Decision([], {"refinement": {"asked": request.refine, "kind": "off", "reason": "there is no field"}})
+        coded = codec.enc(plan.source, codec.settings(request), report)
+        for part, evaluator in zip(plan.fields, coded.evaluators, strict=True):
+            values = evaluator.values(part.support, request.threads)
+            total = zlib.crc32(values, total)
+            planes.append(split_groups(values, plan.source.groups))
+        stream.attributes.append(attribute_values(codec, 0, 0, total, coded.values))
+        return Decision(planes, coded.choices)
+
+
+def coding_of(rd: RateDistortion) -> Coding:
+    """The Coding that a codec needs: PlaneCoding where rd has a coder."""
+    return JointCoding() if rd.coder is None else PlaneCoding()
+
+
+def _replaced(fields, number, part):
+    return [*fields[:number], part, *fields[number + 1 :]]
+
+
+def _values(part, source, number, names, colours, rd):
+    """A field over voxels with the source's values."""
+    colour = one_colour(colours, source.surface.material[source.face_field == number])
+    part = transferred(part, source, number, rd) if colour is None else filled(part, source, colour)
+    return with_maps(part, source, number, names, rd.threads)
+
+
+def _unit(plan: Plan, stream: Stream, place: tuple[int, int], others: int, budget: float | None) -> Decision[CodedUnit]:
+    """The CodedUnit of a channel group of a field. place: (field, group); others, budget: bytes, as of spend()."""
+    part, group = plan.fields[place[0]], plan.source.groups[place[1]]
+    plane, shift = joined(part, group)
+    support = part.support.coarser(shift)
+    coder = plan.rd.planes.for_plane(plane)
+
+    def code(coder):
+        values, decoded = coder.code(plane, support)
+        values = attribute_values(coder.codec, *place, zlib.crc32(decoded), values, shift)
+        size = len(coder.codec.write_parameters(values | attribute_variables(stream, values)))
+        return CodedUnit(codec=coder.codec, values=values, bytes=size, plane=plane, decoded=decoded)
+
+    if part.exact:
+        return Decision(code(coder.exactly()), {})
+    coder = coder.for_group(group, plan.source.scene.weights)
+    return spend(code(coder), code, coder, others, budget)

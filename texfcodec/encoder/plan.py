@@ -1,0 +1,250 @@
+"""What an encode is going to do: plan(scene, request) decides, in order, what every part of the surface becomes, at which
+precision, and with which evidence. Nothing is coded here but geometry, whose decoded form everything else stands on.
+
+An Outline is the beginning of a plan, before anything is measured: a dry run and advice stop there. pipeline.code() turns a Plan
+into a stream, at the plan's QP or, by with_qp(), at another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..bitstream.stream import Stream, write_stream
+from ..bitstream.values import header_values
+from ..codecs.base import Source
+from ..errors import InputError
+from ..geometry.geometry_unit import field_surface, field_uv
+from ..geometry.surface import make_surface
+from ..scene.channels import COLOURS, channel_over
+from .coding import Content, coding_of
+from .decide.channel_weights import measured_weights
+from .decide.lost_detail import without_lost_detail
+from .decide.materials import needed_scene
+from .decide.normal_rules import choose_normals
+from .decide.one_colour import material_colours
+from .decide.partition import choose_fields
+from .decide.supports import choose_supports, without_faces
+from .decision import Decision
+from .estimates.partition_error import codes_alpha
+from .geometry_units import code_geometry, geometry_bytes
+from .map_planes import groups_of, names_of_field
+from .rd import RateDistortion
+from .shown_maps import ShownMaps
+from .source_field import active_voxels, check_voxels
+from .texel_field import texel_field
+
+if TYPE_CHECKING:
+    from ..geometry.surface import Surface
+    from ..options import EncodeOptions
+    from ..report import Report
+    from ..scene.scene import Material, Scene
+    from .decide.normal_rules import Shading
+    from .decide.supports import Supports
+    from .source_field import SourceField
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outline:
+    """The beginning of a plan. scene: with the materials that have to be coded; materials: as the stream holds them; surface: the
+    scene on the usual lattice; rd: estimates at the requested quality; evidence: by the names of the choices."""
+
+    request: EncodeOptions
+    scene: Scene
+    materials: list[Material]
+    surface: Surface
+    rd: RateDistortion
+    evidence: dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """All that does not depend on the QP, but for what choosing supports took from it.
+
+    request: as it came; rd: estimates at the quality that is coded, at the chosen K; geometry: syntax values of the geometry
+    units; source: what is coded, by channels and fields; fields: SourceFields, whose planes are empty where the codec asks the
+    source itself; materials: as the stream holds them; shading: how normals are made again; resolution: K, None where nothing is
+    over voxels; evidence: of every choice by its name.
+    """
+
+    request: EncodeOptions
+    rd: RateDistortion
+    geometry: list[dict]
+    source: Source
+    fields: list[SourceField]
+    materials: list[Material]
+    shading: Shading
+    resolution: int | None
+    evidence: dict[str, Any]
+
+    @property
+    def over_voxels(self) -> bool:
+        """Whether every field is over voxels."""
+        return not any(part.support.planar for part in self.fields)
+
+    @property
+    def one_colour(self) -> bool:
+        """Whether there are no values but one colour, so that no QP changes the stream."""
+        return all(part.one_colour for part in self.fields) and all(group.channels[0] in COLOURS for group in self.source.groups)
+
+    @property
+    def surface(self) -> Surface:
+        """The source on its lattice."""
+        return self.source.surface
+
+    @property
+    def qp(self) -> int | None:
+        """That values are coded at; None where an error bound sets it, or the codec has none."""
+        return self.request.qp if self.rd.coder is None else self.rd.coder.qp
+
+    def with_qp(self, qp: int) -> Plan:
+        """The plan at another QP: supports and values stay."""
+        return self.at(qp=qp)
+
+    def at(self, **quality: int | None) -> Plan:
+        """The plan at another qp or max_error."""
+        return replace(self, rd=replace(self.rd, coder=self.rd.planes.at(**quality)))
+
+
+class OverBudget(Exception):
+    """Geometry alone takes as many bytes as the stream may, or more. geometry: that it takes."""
+
+    def __init__(self, geometry: int) -> None:
+        super().__init__(f"geometry takes {geometry} bytes")
+        self.geometry = geometry
+
+
+def least_bytes(scene: Scene, request: EncodeOptions) -> tuple[int, int]:
+    """(bytes of the header, bytes of the geometry) of a scene's stream with one field over voxels and the fewest position bits
+    that the encoder takes: known without a look at any colour."""
+    surface = make_surface(scene, request)
+    geometry, _ = code_geometry(surface, np.zeros(len(surface.faces), np.int64), {})
+    header = Stream(header_values([], surface, geometry, 1, groups_of(set(), False)))
+    return len(write_stream(header)[0]), geometry_bytes(geometry)
+
+
+def outline(scene: Scene, request: EncodeOptions, report: Report) -> Outline:
+    """The lattice, and what of its materials a scene needs. Raises InputError, LimitError."""
+    with report.stage("lattice"):
+        surface = make_surface(scene, request)
+    with report.stage("effects"):
+        needs = needed_scene(scene, surface, request.effects)
+    return Outline(request=request, scene=needs.value.scene, materials=needs.value.materials, surface=surface,
+                   rd=RateDistortion.of(request), evidence={"effects": needs.evidence})
+
+
+def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[int] = frozenset(),
+         budget: int | None = None) -> Plan:
+    """The Plan of a scene.
+
+    Parameters
+    ----------
+    finer : frozenset of int
+        Materials whose supports are to be finer than they would be chosen.
+    budget : int or None
+        Of the stream, in bytes: raises OverBudget, before any colour is brought over, where the geometry takes it all.
+
+    Raises
+    ------
+    InputError, LimitError, SupportError
+        As encode().
+    """
+    begun = outline(scene, request, report)
+    scene, rd, evidence = begun.scene, begun.rd, begun.evidence
+    with report.stage("effects"):
+        if request.effort != "fast":
+            scene = replace(scene, weights=measured_weights(scene, request.threads))
+        colours = material_colours(scene, begun.surface)
+    with report.stage("supports") as step:
+        supports = choose_supports(scene, begun.surface, rd, request, colours, finer, step)
+        chosen = supports.value
+        colours = colours if chosen.surface is begun.surface else material_colours(scene, chosen.surface)
+    surface, rd = chosen.surface, replace(rd, resolution=chosen.resolution)
+    with report.stage("normals") as step:
+        shading = _said(choose_normals(scene, surface, step), report)
+    with report.stage("partition") as step:
+        scene, partition = _partitioned(scene, chosen, colours, rd, request, step)
+        face_field = _said(partition, report, request.strict).value
+    evidence = evidence | {"supports": supports.evidence, "partition": partition.evidence, "normals": shading.evidence}
+    first = int(face_field.max(initial=-1)) + 1 - len(chosen.plans)
+    with report.stage("geometry") as step:
+        geometry, units = code_geometry(surface, face_field, dict(enumerate(chosen.plans, first)), step)
+    if budget is not None and geometry_bytes(geometry) >= budget:
+        raise OverBudget(geometry_bytes(geometry))
+    surfaces = [field_surface(units, i) for i in range(first + len(chosen.plans))]
+    names = [names_of_field(scene, surface, face_field == number) for number in range(len(surfaces))]
+    present = {channel_over(name, number >= first).name for number, own in enumerate(names) for name in own}
+    groups = groups_of(present, codes_alpha(scene, surface))
+    maps = ShownMaps(scene, surface, shading.value) if present else None
+    source = Source(scene, surface, face_field, surfaces, groups, maps, _on_pictures)
+    fields = _fields(chosen, source, units, rd, report)
+    report.dropped += _blended_squares(scene, chosen, colours)
+    content = coding_of(rd).content(Content(source, fields), names[:first], colours, rd, request, report)
+    filled = _said(content, report)
+    return Plan(request=request, rd=rd, geometry=geometry, source=filled.value.source, fields=filled.value.fields,
+                materials=begun.materials, shading=shading.value, resolution=rd.resolution if first else None,
+                evidence=evidence | filled.evidence)
+
+
+def _said(decision: Decision, report: Report, strict: bool = False) -> Decision:
+    """The decision, once its sentences are in the report. Raises InputError TXF-I52 for a warning where strict."""
+    report.warnings += decision.warnings
+    report.dropped += decision.dropped
+    report.remarks += decision.remarks
+    if strict and decision.warnings:
+        raise InputError("TXF-I52", "something would be lost, and strict forbids it", warnings=report.warnings)
+    return decision
+
+
+def _on_pictures(*given, **named):
+    """refine_by_pictures(), imported where it is needed, which is seldom."""
+    from .optimise.picture_refinement import refine_by_pictures
+
+    return refine_by_pictures(*given, **named)
+
+
+def _partitioned(scene, chosen: Supports, colours, rd, request, step):
+    """(the scene without detail that no voxel shows, Decision of the field number of every face, int64 [F]): voxels first, then a
+    field for each TexelPlan. colours: of material_colours."""
+    surface, plans = chosen.surface, chosen.plans
+    over_texels = np.isin(np.arange(len(surface.faces)), np.concatenate([[-1], *(plan.group.faces for plan in plans)]))
+    if rd.coder is not None:  # a joint codec asks the source itself, at points
+        scene = without_lost_detail(scene, surface, ~over_texels, rd.resolution)
+    face_field, rest = np.empty(len(surface.faces), np.int64), ~over_texels
+    if rest.any() or not plans:
+        voxels = choose_fields(scene, without_faces(surface, over_texels), colours, rd, request.partition, step)
+        face_field[rest], fields = voxels.value, int(voxels.value.max(initial=-1)) + 1
+    else:
+        voxels, fields = Decision(face_field, {"fields": 0, "reason": "all of the surface is over texels"}), 0
+    for number, one in enumerate(plans, fields):
+        face_field[one.group.faces] = number
+    return scene, replace(voxels, value=face_field)
+
+
+def _fields(chosen, source, units, rd, report):
+    """SourceFields without colours over voxels, with them over texels."""
+    first = len(source.surfaces) - len(chosen.plans)
+    fields: list[SourceField] = []
+    for number, decoded in enumerate(source.surfaces[:first]):
+        with report.stage("voxelise", (number, first)):
+            fields.append(active_voxels(*decoded, source.surface.cube.position_bits, rd))
+    for number, texels in enumerate(chosen.plans, first):
+        with report.stage("texels", (number - first, len(chosen.plans))):
+            uv, faces = field_uv(units, number), source.surfaces[number][1]
+            fields.append(texel_field(texels, uv, faces, source, rd.limits, rd.threads))
+    check_voxels(fields, rd.limits)
+    return fields
+
+
+def _blended_squares(scene: Scene, chosen: Supports, colours: np.ndarray) -> Iterable[str]:
+    """Names of what is lost of NEAREST samplers: those of images that faces show in more than one colour and which do not go over
+    texels."""
+    kept = np.zeros(len(chosen.surface.faces), bool)
+    for texels in chosen.plans:
+        kept[texels.group.faces] = texels.group.nearest
+    shown = {scene.materials[m].texture for m in np.unique(chosen.surface.material[~kept]) if np.isnan(colours[m]).any()}
+    names = [scene.textures[t].name or str(t) for t in sorted(shown) if t >= 0 and scene.textures[t].nearest]
+    return [f"NEAREST filter of texture '{name}'" for name in names]

@@ -294,6 +294,16 @@ def test_a_name_that_the_package_does_not_have_is_an_attribute_error():
         assert hasattr(texfcodec, name) == there
 
 
+def test_the_steps_from_a_mesh_to_a_stream_name_functions_that_are_there():
+    text = (REPOSITORY / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    steps = text[text.index("in ten steps") : text.index("## Adding to it")]
+    named = re.findall(r"`(?:\w+\.)?(\w+)(?:\(\))?`\s+\(([\w/]+\.py)\)", steps)
+    assert len(re.findall(r"^\d+\. \*\*", steps, re.MULTILINE)) == 10 and len(named) >= 15
+    defined = {file: {node.name for node in ast.walk(ast.parse((PACKAGE / file).read_text(encoding="utf-8")))
+                      if isinstance(node, ast.FunctionDef | ast.ClassDef)} for _, file in named}
+    assert [(name, file) for name, file in named if name not in defined[file]] == []
+
+
 # The checks themselves, against what they must catch and must let pass.
 
 

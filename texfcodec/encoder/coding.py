@@ -19,11 +19,10 @@ from .decide.spending import CodedUnit, image_budgets, spend
 from .decision import Decision
 from .geometry_units import geometry_bytes
 from .map_planes import errors_of, joined, with_grey, with_maps
-from .optimise.refinement import refine_fields
+from .optimise.refinement import Refine, refine_fields
 from .source_field import SourceField, filled, transferred
 
 if TYPE_CHECKING:
-    from ..options import EncodeOptions
     from ..report import Report
     from .plan import Plan
     from .rd import RateDistortion
@@ -42,10 +41,10 @@ class Coding(ABC):
     """How values go into a stream, and what they need before."""
 
     @abstractmethod
-    def content(self, content: Content, names: list[set[str]], colours: np.ndarray, rd: RateDistortion, request: EncodeOptions,
+    def content(self, content: Content, names: list[set[str]], colours: np.ndarray, rd: RateDistortion, wanted: Refine,
                 report: Report) -> Decision[Content]:
         """The values of what is over voxels, brought from the source. names: by field over voxels, the channels that it has maps
-        of; colours: of material_colours."""
+        of; colours: of material_colours; wanted: refinement."""
 
     @abstractmethod
     def units(self, plan: Plan, stream: Stream, report: Report) -> Decision[Planes]:
@@ -55,7 +54,7 @@ class Coding(ABC):
 class PlaneCoding(Coding):
     """For codecs of planes: one attribute unit for each channel group of each field."""
 
-    def content(self, content: Content, names: list[set[str]], colours: np.ndarray, rd: RateDistortion, request: EncodeOptions,
+    def content(self, content: Content, names: list[set[str]], colours: np.ndarray, rd: RateDistortion, wanted: Refine,
                 report: Report) -> Decision[Content]:
         """See Coding.content: transfer from the textures, refinement, and maps at the level that suits them."""
         source, fields = content
@@ -65,7 +64,7 @@ class PlaneCoding(Coding):
         warning = "directions of anisotropy mean nothing over voxels, which have no UVs: only its strength stays"
         warnings = (warning,) if any("anisotropy" in own for own in names) else ()
         with report.stage("refine") as step:
-            refinement = refine_fields(source, fields[: len(names)], rd, request, step)
+            refinement = refine_fields(source, fields[: len(names)], rd, wanted, step)
         fields = [*refinement.value, *fields[len(names) :]]
         source = source._replace(groups=with_grey(source.groups, fields))
         with report.stage("sizes"):
@@ -99,7 +98,7 @@ class PlaneCoding(Coding):
 class JointCoding(Coding):
     """For codecs that code all fields and channel groups in one unit, and ask the source themselves."""
 
-    def content(self, content: Content, names: list[set[str]], colours: np.ndarray, rd: RateDistortion, request: EncodeOptions,
+    def content(self, content: Content, names: list[set[str]], colours: np.ndarray, rd: RateDistortion, wanted: Refine,
                 report: Report) -> Decision[Content]:
         """See Coding.content."""
         return Decision(content, {})

@@ -32,6 +32,7 @@ from .decision import Decision
 from .estimates.partition_error import codes_alpha
 from .geometry_units import code_geometry, geometry_bytes
 from .map_planes import groups_of, names_of_field
+from .optimise.refinement import Refine
 from .rd import RateDistortion
 from .shown_maps import ShownMaps
 from .source_field import active_voxels, check_voxels
@@ -182,7 +183,8 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
     source = Source(scene, surface, face_field, surfaces, groups, maps, _on_pictures)
     fields = _fields(chosen, source, units, rd, report)
     report.dropped += _blended_squares(scene, chosen, colours)
-    content = coding_of(rd).content(Content(source, fields), names[:first], colours, rd, request, report)
+    wanted = Refine(request.refine, request.refine_iterations)
+    content = coding_of(rd).content(Content(source, fields), names[:first], colours, rd, wanted, report)
     filled = _said(content, report)
     return Plan(request=request, rd=rd, geometry=geometry, source=filled.value.source, fields=filled.value.fields,
                 materials=begun.materials, shading=shading.value, resolution=rd.resolution if first else None,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from .surface_fit import HELD_OUT, HELD_OUT_SEED, FieldSurface, fit_surface
 
 if TYPE_CHECKING:
     from ...codecs.base import Source
-    from ...options import EncodeOptions
     from ..rd import RateDistortion
     from ..source_field import SourceField
 
@@ -26,28 +25,35 @@ LEAST_GAIN = 0.03  # dB at the coded quality; what promised less gained nothing 
 MOST_VOXELS = 10_000_000  # "auto" leaves larger fields alone: a fit takes about 150 bytes a voxel
 
 
-def refine_fields(source: Source, fields: list[SourceField], rd: RateDistortion, request: EncodeOptions,
+class Refine(NamedTuple):
+    """What a request says of refinement: EncodeOptions.refine and refine_iterations."""
+
+    kind: str
+    iterations: int
+
+
+def refine_fields(source: Source, fields: list[SourceField], rd: RateDistortion, wanted: Refine,
                   step: Step = no_step) -> Decision[list[SourceField]]:
-    """The SourceFields with their colours refined, as request.refine says.
+    """The SourceFields with their colours refined as wanted.
 
     source: codecs.base.Source; fields: by number; step: of Report.stage(). Each field keeps its transfer where its refined
     colours are not closer to the source at points that the fit has not seen.
     """
-    reason = _reason_against(fields, rd, request.refine)
-    evidence: dict[str, Any] = {"asked": request.refine, "kind": "off", "reason": reason or "asked for"}
+    reason = _reason_against(fields, rd, wanted.kind)
+    evidence: dict[str, Any] = {"asked": wanted.kind, "kind": "off", "reason": reason or "asked for"}
     if reason:
         return Decision(fields, evidence)
     surfaces = [_field_surface(source, i, field, rd.resolution) for i, field in enumerate(fields)]
-    if request.refine == "auto":
+    if wanted.kind == "auto":
         evidence["predicted_gain_db"] = round(_predicted_gain(surfaces, fields, rd), 3)
         if evidence["predicted_gain_db"] < LEAST_GAIN:
             return Decision(fields, evidence | {"reason": "coding hides what a fit would gain"})
         evidence["reason"] = "the transfer is further off than coding hides"
     fits = [_fit(s, f, rd.threads, step) for s, f in zip(surfaces, fields, strict=True)]
     fields, evidence = [fit.value for fit in fits], evidence | {"kind": "fit", "fields": [fit.evidence for fit in fits]}
-    if request.refine != "render":
+    if wanted.kind != "render":
         return Decision(fields, evidence)
-    rendered = _render(surfaces, fields, rd.threads, request.refine_iterations, step)
+    rendered = _render(surfaces, fields, rd.threads, wanted.iterations, step)
     return Decision(rendered.value, evidence | rendered.evidence)
 
 

@@ -230,9 +230,9 @@ def _fields(chosen, source, units, rd, report):
     """SourceFields without colours over voxels, with them over texels."""
     first = len(source.surfaces) - len(chosen.plans)
     fields: list[SourceField] = []
-    for number, decoded in enumerate(source.surfaces[:first]):
+    for number, (lattice, faces) in enumerate(source.surfaces[:first]):
         with report.stage("voxelise", (number, first)):
-            fields.append(active_voxels(*decoded, source.surface.cube.position_bits, rd))
+            fields.append(active_voxels(lattice, faces, source.surface.cube.position_bits, rd))
     for number, texels in enumerate(chosen.plans, first):
         with report.stage("texels", (number - first, len(chosen.plans))):
             uv, faces = field_uv(units, number), source.surfaces[number][1]

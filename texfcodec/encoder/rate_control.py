@@ -111,7 +111,10 @@ class _Search:
     def __init__(self, scene, options, report):
         self.scene, self.options, self.report = scene, options, report
         self.budget = options.target_bytes
-        self.trials, self._samples, self._planned, self._geometry = [], None, (None, None), []
+        self.trials: list[Trial] = []
+        self._samples: SourceSamples | None = None
+        self._planned: tuple[int | None, Plan | None] = (None, None)  # (K, its Plan), the latest
+        self._geometry: list[int] = []
 
     def refuse_hopeless(self):
         """Raises what unreachable() makes where header and geometry alone are over the budget: before anything is tried."""
@@ -201,7 +204,9 @@ class _Search:
 
     def _encode(self, resolution, qp):
         begin, report = time.perf_counter(), Report(self.report.on_progress)
-        made = code(self._plan(resolution, qp, report).with_qp(qp), report)
+        planned = self._plan(resolution, qp, report)
+        assert planned is not None  # best_at() has looked
+        made = code(planned.with_qp(qp), report)
         self._add_seconds(report)
         self.trials.append(Trial(made, report, time.perf_counter() - begin))
         return self.trials[-1]
@@ -224,10 +229,9 @@ class _Search:
         if trial.psnr is None:
             begin, report, threads = time.perf_counter(), Report(self.report.on_progress), self.options.threads
             with report.stage("measure"):
-                if self._samples is None:
-                    self._samples = SourceSamples(self.scene, threads=threads)
+                samples = self._samples = self._samples or SourceSamples(self.scene, threads=threads)
                 texf = decode_stream(trial.made.data, DecodeOptions(threads=threads, limits=UNLIMITED), Report())
-                trial.made.psnr_3d = measure_or_warn(lambda: self._samples.compare(texf, trial.made.face_field), report)
+                trial.made.psnr_3d = measure_or_warn(lambda: samples.compare(texf, trial.made.face_field), report)
                 if trial.psnr is None and not self.budget:
                     raise InputError("TXF-I94", report.warnings[0])
             self._add_seconds(report)

@@ -8,7 +8,7 @@ others have the values that the encoder had from its own mirror of the decoder.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..core.colour_error import decibels
@@ -107,7 +107,7 @@ def _finer(options, missed):
     if all(miss.measure == "Y" for miss in missed):
         return options
     usual = -1 if options.chroma_qp_offset is None else options.chroma_qp_offset
-    return replace(options, chroma_qp_offset=max(usual - FINER_CHROMA, -63))
+    return options.changed(chroma_qp_offset=max(usual - FINER_CHROMA, -63))
 
 
 def _is_better(again, first):

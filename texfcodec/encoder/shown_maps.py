@@ -85,10 +85,12 @@ class Frames:
         rows, uv = self.surface.origin_face, self.scene.map_uv.get(name, self.scene.corner_uv)
         key = id(uv)
         if key not in self._tangents:
-            made = self.scene.corner_tangent[rows] if self._has_tangents(uv) else None
-            if made is None:
-                made = corner_tangents(self.surface.lattice.astype(np.float64), self.surface.faces, uv[rows], self.normal)
-            self._tangents[key] = made
+            own = self.scene.corner_tangent
+            if own is not None and self._has_tangents(uv):
+                tangents = own[rows]
+            else:
+                tangents = corner_tangents(self.surface.lattice.astype(np.float64), self.surface.faces, uv[rows], self.normal)
+            self._tangents[key] = tangents
         return self._tangents[key]
 
     def _has_tangents(self, uv):

@@ -73,7 +73,7 @@ def _candidates(scene, surface, resolution):
             continue
         contacts = find_contacts(surface.lattice, surface.faces, surface.cube.position_bits, resolution, parted)
         folding = folding_components(contacts)
-        for split in [(), folding] if len(folding) else [()]:
+        for split in [folding[:0], folding] if len(folding) else [folding]:
             yield colour_pieces(contacts, split), split, contacts
 
 

@@ -75,8 +75,9 @@ def keep_best(iterate: Callable[[int], float], judge: Callable[[], list[tuple[fl
     def look(n, loss):
         seen = judge()
         held, error = np.mean(seen, axis=0).tolist() if seen else (None, None)
+        error = _finite(error)
         log.append({"iteration": n, "seconds": round(time.perf_counter() - begin, 3), "loss": _finite(loss),
-                    "held_out_loss": _finite(held), "held_out_psnr": decibels(error) if _finite(error) else None})
+                    "held_out_loss": _finite(held), "held_out_psnr": decibels(error) if error else None})
         return bool(seen)
 
     log: list[dict] = []

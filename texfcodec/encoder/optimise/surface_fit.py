@@ -14,6 +14,7 @@ sum / (damping * mean diagonal) on any mesh. Solved by conjugate gradients from 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -156,8 +157,9 @@ def _normal_equations(surface, density, threads, on_progress):
             rgba = sample_source(surface.source, face, bary, threads)
             rgba[:, 3] *= share / 255
             rank, weight = np.empty((len(points), 8), np.int32), np.empty((len(points), 8), np.float32)
-            jobs = [pool.submit(_corners, points, begin, min(begin + BLOCK, len(points)), surface.resolution,
-                                *surface.brick_map.arrays, rank, weight) for begin in range(0, len(points), BLOCK)]
+            corners = partial(_corners, points)
+            jobs = [pool.submit(corners, begin, min(begin + BLOCK, len(points)), surface.resolution, *surface.brick_map.arrays,
+                                rank, weight) for begin in range(0, len(points), BLOCK)]
             [job.result() for job in jobs]
             jobs = [pool.submit(_accumulate, rank, weight, rgba, low, high, first, mask, gram, right)
                     for low, high in zip(cuts[:-1], cuts[1:], strict=True)]

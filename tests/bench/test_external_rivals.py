@@ -83,7 +83,7 @@ def test_tmc13_counts_the_attribute_bricks_that_its_log_tells(tmp_path, stand_in
     assert facts["bytes"]["total"] == sizes["stream.texf"] + facts["bytes"]["texture"]
     from bench.methods.voxel_values import rgba_of, voxel_values
 
-    values = rgba_of(voxel_values(painted_sphere(), {"resolution": 32, "threads": 1}, Report())[0].fields[0])
+    values = rgba_of(voxel_values(painted_sphere(), {"resolution": 32, "threads": 1}, Report()).fields[0])
     assert np.abs(decoded.fields[0].rgba.astype(int) - values).max() <= 2
 
 

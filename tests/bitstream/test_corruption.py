@@ -20,7 +20,6 @@ from texfcodec.bitstream.inspect import inspect
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE, UNIT_FIELD, UNIT_GEOMETRY, UNIT_HEADER, UNIT_METADATA
 from texfcodec.bitstream.units import read_units, write_unit
-from texfcodec.core.syntax_walk import write_v
 from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import StreamError, SupportError
 from texfcodec.field.keyed import keys_crc
@@ -125,26 +124,15 @@ def test_bent_payloads_with_right_checksums_end_in_a_result_or_a_coded_error(kin
     def change(_, payload):
         if next(seen) == target and payload:
             for _ in range(data.draw(st.integers(1, 3))):
-                payload[data.draw(st.integers(0, len(payload) - 1))] ^= 1 << data.draw(st.integers(0, 7))
+                place = data.draw(st.integers(0, len(payload) - 1))
+                flipped = payload[place] ^ 1 << data.draw(st.integers(0, 7))
+                payload[place] = data.draw(st.one_of(st.just(flipped), st.integers(0, 255), st.sampled_from([0, 127, 128, 255])))
+            if data.draw(st.integers(0, 3)) == 0:
+                del payload[data.draw(st.integers(0, len(payload))) :]
         return payload
 
     code = outcome(repacked(whole, change))
     assert code == "decoded" or code.startswith("TXF-")
-
-
-@settings(deadline=None, max_examples=80)
-@given(st.binary(max_size=300))
-def test_any_codeword_bytes_are_caught_by_the_checksum_of_the_values(noise):
-    def change(unit_type, payload):
-        if unit_type != UNIT_ATTRIBUTE:
-            return payload
-        length = len(attribute_data())
-        return payload[:-length] + (noise + bytes(length))[:length]
-
-    bent = repacked(small(), change)
-    assert outcome(bent) in ("TXF-S32", "decoded")
-    if outcome(bent) == "decoded":
-        assert fields_of(bent) == fields_of(small())
 
 
 def attribute_data():
@@ -318,31 +306,10 @@ def test_another_mesh_in_the_draco_substream_is_refused():
     assert outcome(with_draco(more, len(positions), len(faces))) == "TXF-S24"
 
 
-def test_a_point_cloud_a_sequential_mesh_and_noise_in_the_draco_substream_are_refused():
-    import DracoPy
-
-    positions, faces = sphere(3)
-    lattice = np.rint((positions + 1) * 8191).astype(np.uint32)
-    sequential = DracoPy.encode(lattice, faces=faces.astype(np.uint32), preserve_order=True)
-    good = bytes(read_stream(small(), Limits()).geometry[0]["draco_data"])
-    noise = np.random.default_rng(1).integers(0, 256, 400).astype(np.uint8).tobytes()
-    for data in (DracoPy.encode(lattice, None), sequential, noise, b"", good[:11], good[:20]):
-        assert outcome(with_draco(data)) in ("TXF-S02", "TXF-S20", "TXF-S21", "TXF-S22")
-    assert outcome(with_draco(good[:14] + noise)) in ("TXF-S20", "TXF-S21", "TXF-S22", "TXF-S23")
-
-
 def test_bytes_after_the_end_of_the_draco_mesh_are_ignored():
     """Draco does not say how many bytes it read; spec 5.6 allows them."""
     good = bytes(read_stream(small(), Limits()).geometry[0]["draco_data"])
     assert outcome(with_draco(good + b"hidden")) == "decoded"
-
-
-def test_draco_counts_of_2_to_40_in_both_headers_are_refused_at_once():
-    good = bytes(read_stream(small(), Limits()).geometry[0]["draco_data"])
-    for vertices, faces in ((BIG, BIG), (1 << 24, 1 << 24), (3, (1 << 24) - 1)):
-        head = good[:12] + write_v(vertices) + write_v(faces)
-        assert outcome(with_draco(head + good[14:], vertices, faces), DecodeOptions()) in (
-            "TXF-L02", "TXF-S21", "TXF-S22")
 
 
 # Memory

@@ -160,7 +160,8 @@ def test_draco_counts_that_are_not_the_units_are_refused():
         assert refused(data, vertices, count) == "TXF-S21"
 
 
-@pytest.mark.parametrize("vertices,faces", [(1 << 40, 1 << 40), ((1 << 32) - 1, (1 << 31) - 1), (3, (1 << 31) // 3)])
+@pytest.mark.parametrize("vertices,faces", [
+    (1 << 40, 1 << 40), ((1 << 32) - 1, (1 << 31) - 1), (1 << 24, 1 << 24), (3, (1 << 31) // 3), (3, (1 << 24) - 1)])
 def test_draco_counts_that_lie_along_with_the_unit_are_refused(vertices, faces):
     _, _, data = unit()
     body = data[15:]  # behind the traversal type and counts of one and two bytes
@@ -181,13 +182,14 @@ def test_positions_over_the_lattice_are_refused():
 def test_other_draco_payloads_are_refused():
     import DracoPy
 
-    lattice, faces, _ = unit()
-    plain = lattice.astype(np.uint32)
+    lattice, faces, good = unit()
+    plain, noise = lattice.astype(np.uint32), np.random.default_rng(1).bytes(400)
     cloud = DracoPy.encode(plain, None)
     sequential = DracoPy.encode(plain, faces=faces.astype(np.uint32), preserve_order=True)
     floats = DracoPy.encode(lattice.astype(np.float32), faces=faces.astype(np.uint32), create_metadata=False)
-    for data in (cloud, sequential, floats, b"", b"DRACO", bytes(200)):
+    for data in (cloud, sequential, floats, b"", b"DRACO", bytes(200), noise):
         assert refused(data, len(lattice), len(faces)) in ("TXF-S02", "TXF-S20", "TXF-S21")
+    assert refused(good[:14] + noise, len(lattice), len(faces)) in ("TXF-S20", "TXF-S21", "TXF-S22", "TXF-S23")
 
 
 def test_a_draco_mesh_with_a_second_attribute_is_refused():

@@ -105,7 +105,7 @@ def expected_values(scene, resolution):
     """Values of the voxels before coding, by field, uint8 [N, 4]."""
     from bench.methods.voxel_values import rgba_of, voxel_values
 
-    return [rgba_of(part) for part in voxel_values(scene, {"resolution": resolution, "threads": 1}, Report())[0].fields]
+    return [rgba_of(part) for part in voxel_values(scene, {"resolution": resolution, "threads": 1}, Report()).fields]
 
 
 def check_files(folder, bytes_told):

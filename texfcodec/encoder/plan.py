@@ -127,11 +127,12 @@ def least_bytes(scene: Scene, request: EncodeOptions) -> tuple[int, int]:
     return len(write_stream(header)[0]), geometry_bytes(geometry)
 
 
-def outline(scene: Scene, request: EncodeOptions, report: Report) -> Outline:
-    """The lattice, and what of its materials a scene needs. Raises InputError, LimitError."""
+def outline(scene: Scene, request: EncodeOptions, report: Report, parts: int = 1) -> Outline:
+    """The lattice, and what of its materials a scene needs. parts: of the stage "effects", of which this is the first. Raises
+    InputError, LimitError."""
     with report.stage("lattice"):
         surface = make_surface(scene, request)
-    with report.stage("effects"):
+    with report.stage("effects", (0, parts)):
         needs = needed_scene(scene, surface, request.effects)
     return Outline(request=request, scene=needs.value.scene, materials=needs.value.materials, surface=surface,
                    rd=RateDistortion.of(request), evidence={"effects": needs.evidence})
@@ -153,9 +154,9 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
     InputError, LimitError, SupportError
         As encode().
     """
-    begun = outline(scene, request, report)
+    begun = outline(scene, request, report, parts=2)
     scene, rd, evidence = begun.scene, begun.rd, begun.evidence
-    with report.stage("effects"):
+    with report.stage("effects", (1, 2)):
         if request.effort != "fast":
             scene = replace(scene, weights=measured_weights(scene, request.threads))
         colours = material_colours(scene, begun.surface)

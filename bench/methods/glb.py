@@ -96,7 +96,7 @@ def source_of(scene):
 def document_of(source, coded=None, packing=None):
     """A gltf_write.Document. coded: {content: (image_write.ImageFormat, bytes)}, one for each image; without it there are neither
     images nor UVs nor vertex colours, which leaves the geometry. packing: of gltf_pack, plain where it is None."""
-    from texfcodec.io.gltf.material_writer import extensions_of, material_entry
+    from texfcodec.io.gltf.material import extensions_of, write_material
     from texfcodec.io.gltf.packing import Plain
     from texfcodec.io.gltf.writer import Document
 
@@ -108,7 +108,7 @@ def document_of(source, coded=None, packing=None):
         columns, corners = _columns(source, positions, number, coded is not None)
         images = {"base_colour": textures[scene.materials[number].texture]} if "TEXCOORD_0" in columns else {}
         primitives.append(packing.primitive(document, columns, corners) | {"material": len(entries)})
-        entries.append(material_entry(scene.materials[number], images))
+        entries.append(write_material(scene.materials[number], images))
     for entry in entries:
         document.add("materials", entry)
     for name in extensions_of(entries):
@@ -164,7 +164,7 @@ def _add_textures(document, source, coded):
 
 def coded_images(source, name, quality=None):
     """{content: (image_write.ImageFormat, bytes)} of a Source's images, in one of image_write's formats."""
-    from texfcodec.io.image_writer import FORMATS, encode_image
+    from texfcodec.io.images import FORMATS, encode_image
 
     return {content: (FORMATS[name], encode_image(image, FORMATS[name], quality)) for content, image in source.images.items()}
 

@@ -40,7 +40,7 @@ class Ktx2(GlbMethod):
     def encode(self, scene, options, folder, threads, report):
         """Writes WHOLE and BARE. ValueError: an option is out of range, or the file is not what it should be."""
         from texfcodec.io.gltf.packing import Draco
-        from texfcodec.io.image_writer import FORMATS
+        from texfcodec.io.images import FORMATS
 
         options = checked_options(options, DEFAULTS, RANGES, CHOICES)
         source = source_of(scene)

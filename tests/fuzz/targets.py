@@ -53,7 +53,8 @@ _RAHT = tuple(f"codecs/raht/{name}.py" for name in (
     "coefficients/mixed", "coefficients/mixed_contexts", "coefficients/planar", "coefficients/residual",
     "transform/filter", "transform/octree", "transform/prediction", "transform/quantise", "transform/raht", "transform/colour"))
 _NEURAL = tuple(f"codecs/neural/{name}.py" for name in ("neural_codec", "payload", "infer"))
-_GLTF = tuple(f"io/gltf/{name}.py" for name in ("reader", "document", "accessor", "mesh", "material_reader"))
+_GLTF = tuple(f"io/gltf/{name}.py" for name in ("reader", "document", "accessor", "mesh", "material"))
+_IMAGES = "io/images.py#TextureShelf#read_image#find_file#read_texture_file#_to_rgba"
 _LOAD = ("io/load.py", "io/parts.py")
 
 TARGETS = {target.name: target for target in (
@@ -90,8 +91,8 @@ TARGETS = {target.name: target for target in (
     Target("ply", loaders.ply, ("io/ply.py", *_LOAD), OF_FILES, 60),
     Target("stl", loaders.stl_file, ("io/stl.py",), OF_FILES, 60),
     Target("off", loaders.off, ("io/off.py",), OF_FILES, 60),
-    Target("threemf", loaders.threemf, ("io/threemf.py", "io/threemf_model.py"), OF_FILES, 60),
+    Target("threemf", loaders.threemf, ("io/threemf.py",), OF_FILES, 60),
     Target("dae", loaders.dae_file, ("io/dae.py",), OF_FILES, 60),
-    Target("image", loaders.image, ("io/images.py", "io/ktx2.py"), OF_FILES, 60),
+    Target("image", loaders.image, (_IMAGES, "io/ktx2.py"), OF_FILES, 60),
     Target("scene", loaders.scene, ("io/trimesh_object.py#check_scene#_check_arrays",), OF_FILES, 60),
 )}

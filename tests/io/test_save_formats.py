@@ -9,7 +9,7 @@ from mesh_files import accessor, read_glb
 from walls import coded, smooth_image, wall
 
 from texfcodec.errors import InputError, SupportError
-from texfcodec.io.image_writer import FORMATS, encode_image, format_for
+from texfcodec.io.images import FORMATS, encode_image, format_for
 from texfcodec.io.load import load
 from texfcodec.io.save import as_glb, save
 from texfcodec.scene.scene import WRAP_REPEAT

@@ -18,7 +18,7 @@ from texfcodec import DecodeOptions, EncodeOptions, decode, encode
 from texfcodec.errors import InputError
 from texfcodec.io.automatic_image import automatic_image
 from texfcodec.io.gltf.packing import Column, smallest
-from texfcodec.io.image_writer import jpeg_bytes
+from texfcodec.io.images import encode_jpeg
 from texfcodec.io.load import load
 from texfcodec.io.save import as_glb, save
 from texfcodec.scene.normal_rule import NormalRule
@@ -175,7 +175,7 @@ def test_few_colours_and_alpha_are_png():
 def test_noise_that_no_guess_of_its_size_holds_is_a_jpeg_all_the_same():
     """Pillow gives an optimised JPEG two bytes a texel at most."""
     noise = np.random.default_rng(0).integers(0, 256, (512, 512, 3), np.uint8)
-    data = jpeg_bytes(noise, quality=100, subsampling=0)
+    data = encode_jpeg(noise, quality=100, subsampling=0)
     assert np.abs(np.asarray(Image.open(io.BytesIO(data))).astype(int) - noise).mean() < 1
 
 

@@ -26,7 +26,7 @@ from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.geometry.canonical import fit_cube
 from texfcodec.geometry.edges import folds, shared_edges
 from texfcodec.geometry.shading_normals import corner_normals
-from texfcodec.io import image_writer
+from texfcodec.io import images
 from texfcodec.io.atlas.unwrap import _unit_points
 from texfcodec.io.save import as_input_error
 from texfcodec.sandbox import isolate
@@ -130,7 +130,7 @@ def test_a_pillow_without_a_format_is_told(monkeypatch):
 
     monkeypatch.setattr(features, "check", lambda name: False)
     with pytest.raises(SupportError, match="TXF-O15"):
-        image_writer.check_image_format("webp", None)
+        images.check_image_format("webp", None)
 
 
 def test_edges_that_nothing_shares_have_no_fold():

@@ -9,7 +9,7 @@ import io
 
 import numpy as np
 
-from .image_writer import FORMATS, ImageFormat, jpeg_bytes
+from .images import FORMATS, ImageFormat, encode_jpeg
 
 # The stream's error is taken for so much of that JPEG's, and so much of what its step would make in noise.
 _OF_JPEG, _OF_NOISE = 1.5, 0.06
@@ -38,7 +38,7 @@ def automatic_image(image: np.ndarray, step: float | None, srgb: bool = True) ->
     own = _jpeg_step(tiles, allowed, step, srgb) if palette is None else None
     if own is None:
         return FORMATS["png"], _png(image, palette)
-    packed = jpeg_bytes(image, **_jpeg_settings(own))
+    packed = encode_jpeg(image, **_jpeg_settings(own))
     if _png_size(image) > len(packed):
         return FORMATS["jpeg"], packed
     exact = _png(image, None)

@@ -1,25 +1,29 @@
-"""Images of any kind Pillow reads, and KTX2 textures -> uint8 RGBA arrays, decoded once and only where a material asks."""
+"""Images of any kind Pillow reads, and KTX2 textures -> uint8 RGBA arrays, decoded once and only where a material asks; and such
+arrays -> the bytes of PNG, JPEG, WebP, AVIF and KTX2 files, with what glTF says of each format.
+"""
 
 from __future__ import annotations
 
+import io
 import re
 import threading
 from collections.abc import Callable, Hashable
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError, LimitError
+from ..errors import InputError, LimitError, SupportError
 from ..scene.channels import BASE_COLOUR, BY_NAME
 from ..scene.scene import Texture
+from .ktx2 import KTX2, alktx2, read_ktx2, write_ktx2
 from .opened import opened
 
 if TYPE_CHECKING:
     from .parts import Notes
 
-KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
 _STRIP_ROWS = 256  # converting in strips keeps one full-size array beside Pillow's own, not three
 
 
@@ -72,19 +76,17 @@ def read_image(data: Any, name: str, notes: Notes, is_colour: bool = True) -> np
     from PIL import Image
 
     if isinstance(data, (bytes, memoryview)) and bytes(data[: len(KTX2)]) == KTX2:
-        from .ktx2 import read_ktx2
-
         return read_ktx2(data, name, notes, is_colour)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # large but allowed sizes, odd palettes: none of these changes a pixel
         try:
             with _our_limit(notes.image_pixels):
-                image = data if isinstance(data, Image.Image) else Image.open(_stream(data))
-                check_pixels(image.width * image.height, name, notes)
+                image = data if isinstance(data, Image.Image) else Image.open(io.BytesIO(data))
+                notes.check_pixels(image.width * image.height, name)
                 image.load()
             rgba = _to_rgba(image)
         except Image.DecompressionBombError as error:
-            raise _too_large(next(iter(map(int, re.findall(r"\d+", str(error)))), None), name, notes) from error
+            raise notes.too_many_pixels(next(iter(map(int, re.findall(r"\d+", str(error)))), None), name) from error
         except LimitError:
             raise
         except (MemoryError, KeyboardInterrupt):
@@ -123,17 +125,6 @@ def _our_limit(pixels):
             Image.MAX_IMAGE_PIXELS = before
 
 
-def check_pixels(count: int, name: str, notes: Notes) -> None:
-    """LimitError TXF-I40 for an image, called by its name, of more pixels than notes allow; before anything is decoded."""
-    if notes.image_pixels is not None and count > notes.image_pixels:
-        raise _too_large(count, name, notes)
-
-
-def _too_large(count, name, notes):
-    return LimitError("TXF-I40", f"image '{name}' has more pixels than the limit allows",
-                      value=count, allowed=notes.image_pixels)
-
-
 def missing_image(name: str) -> InputError:
     """The error for a texture file that is not there."""
     return InputError("TXF-I16", f"texture file '{name}' is missing or unreadable")
@@ -166,12 +157,6 @@ def read_texture_file(folder: Path, name: str) -> bytes:
     raise missing_image(name)
 
 
-def _stream(data):
-    from io import BytesIO
-
-    return BytesIO(data)
-
-
 def _sample_bits(data):
     """Bit depth in a PNG header (Pillow reduces RGB 16 bit silently); 8 for anything else."""
     is_png = isinstance(data, (bytes, memoryview)) and bytes(data[:8]) == b"\x89PNG\r\n\x1a\n"
@@ -198,3 +183,98 @@ def _deep_grey(image, out):
     clear = image.info.get("transparency")
     out[..., 3] = 255 if clear is None else np.where(grey == clear, 0, 255)
     return out
+
+
+@dataclass(frozen=True)
+class ImageFormat:
+    """A format that textures are written in. mime, suffix: of its files; extension: the glTF extension that a texture names it
+    by, or None where every viewer reads it; quality: 1..100, that of no other wish, or None where the format has none."""
+
+    name: str
+    mime: str
+    suffix: str
+    extension: str | None = None
+    quality: int | None = None
+
+
+FORMATS = {one.name: one for one in (
+    ImageFormat("png", "image/png", ".png"),
+    ImageFormat("jpeg", "image/jpeg", ".jpg", None, 92),
+    ImageFormat("webp", "image/webp", ".webp", "EXT_texture_webp", 90),
+    ImageFormat("avif", "image/avif", ".avif", "EXT_texture_avif", 85),
+    ImageFormat("ktx2", "image/ktx2", ".ktx2", "KHR_texture_basisu", 90),
+)}  # fmt: skip
+AUTO = "auto"  # automatic_image.py
+
+
+def check_image_format(name: str, quality: int | None) -> None:
+    """InputError TXF-O14 for a format, AUTO among them, or a quality that does not go with it, SupportError TXF-O15 for a format
+    whose package is missing."""
+    if not isinstance(name, str) or name not in (AUTO, *FORMATS):
+        raise InputError("TXF-O14", "texture format not known", value=str(name)[:40], allowed=" ".join((AUTO, *FORMATS)))
+    if quality is not None:
+        if name == AUTO:
+            raise InputError("TXF-O14", f"texture quality needs a texture format: {AUTO} sets its own", value=str(quality)[:40])
+        if FORMATS[name].quality is None:
+            raise InputError("TXF-O14", f"{name} is lossless and has no quality", value=quality)
+        if isinstance(quality, bool) or not isinstance(quality, int) or not 1 <= quality <= 100:
+            raise InputError("TXF-O14", "texture quality out of range", value=str(quality)[:40], allowed="1..100")
+    if name == "ktx2":
+        alktx2()
+    elif name in ("webp", "avif"):
+        from PIL import features
+
+        if not features.check(name):
+            raise SupportError("TXF-O15", f"this build of Pillow writes no {name}: pip install -U pillow", value=name)
+
+
+def format_for(image: np.ndarray, wanted: ImageFormat, warnings: list[str]) -> ImageFormat:
+    """The format that an image, uint8 [H, W, 3 or 4], is written in: PNG, with a warning, where the wanted one cannot hold it."""
+    if wanted.name == "jpeg" and image.shape[2] == 4:
+        warnings.append("JPEG has no alpha: an image that has is written as PNG")
+        return FORMATS["png"]
+    if wanted.name == "ktx2" and (image.shape[0] % 4 or image.shape[1] % 4):
+        warnings.append("glTF wants KTX2 textures with sides that 4 divides: an image that has others is written as PNG")
+        return FORMATS["png"]
+    return wanted
+
+
+def encode_image(image: np.ndarray, form: ImageFormat, quality: int | None = None, srgb: bool = True) -> bytes:
+    """The bytes of an image file. image: uint8 [H, W, 3 or 4], one that format_for() gave this form; quality: 1..100 or None for
+    the format's own; srgb: whether it holds colours, for KTX2, which says so."""
+    quality = form.quality if quality is None else quality
+    if form.name == "ktx2":
+        return write_ktx2(image, quality, srgb)
+    if form.name == "jpeg":
+        return encode_jpeg(image, **_encode_settings(form.name, quality))
+    from PIL import Image
+
+    out = io.BytesIO()
+    Image.fromarray(image).save(out, form.name.upper(), **_encode_settings(form.name, quality))
+    return out.getvalue()
+
+
+def encode_jpeg(image: np.ndarray, **settings: Any) -> bytes:
+    """The bytes of a JPEG, by keywords of Pillow's save(), optimised and progressive where Pillow has room for that.
+
+    It sets aside two bytes a texel at quality 95 and more, one below, and fails where noise takes more."""
+    from PIL import Image
+
+    picture, room = Image.fromarray(image), (2 if settings.get("quality", 0) >= 95 else 1) * image.shape[0] * image.shape[1]
+    plain, small = io.BytesIO(), io.BytesIO()
+    picture.save(plain, "JPEG", **settings)
+    if len(plain.getvalue()) > 0.9 * room:
+        return plain.getvalue()
+    picture.save(small, "JPEG", optimize=True, progressive=True, **settings)
+    return small.getvalue()
+
+
+def _encode_settings(name, quality):
+    """Keywords of Pillow's save(). Chroma at full resolution where it can be had: charts make colour edges everywhere."""
+    if name == "png":
+        return {"compress_level": 3}
+    if name == "jpeg":
+        return {"quality": quality, "subsampling": 0}
+    if name == "webp":
+        return {"quality": quality, "method": 4, "exact": True}
+    return {"quality": quality, "subsampling": "4:4:4", "speed": 6}

@@ -1,24 +1,24 @@
-"""KTX2 textures with Basis Universal data (KHR_texture_basisu: ETC1S and UASTC) -> uint8 RGBA.
+"""KTX2 textures with Basis Universal data (KHR_texture_basisu: ETC1S and UASTC) -> uint8 RGBA, and back to ETC1S.
 
 Transcoded by opengl_basisu, which carries the transcoder of the format's authors, ships wheels for every Python we run on
 and is tested on damaged files. pyktx of Khronos has no wheels and wants its C library built and installed first. The
 header is checked here all the same, before its sizes take memory: the transcoder believes the length that a Zstandard
-level claims to unpack to.
+level claims to unpack to. They are written by alktx2, with the encoder of the same authors: opengl_basisu only transcodes.
 """
 
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import InputError, SupportError
-from .images import KTX2, check_pixels
 
 if TYPE_CHECKING:
     from .parts import Notes
 
+KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
 _HEADER = struct.Struct("<9I4I2Q")  # from vkFormat to the length of the global data; KTX 2.0 section 3
 _LEVEL = struct.Struct("<3Q")
 _NONE, _BASIS_LZ, _ZSTD = 0, 1, 2
@@ -66,7 +66,7 @@ def _check_header(data, name, notes):
         raise _broken(name, f"no Basis Universal data in this KTX2 file (vkFormat {vk_format}, supercompression {scheme})")
     if not width or not height or depth or layers > 1 or faces != 1:
         raise _broken(name, "the KTX2 file holds no single two-dimensional image")
-    check_pixels(width * height, name, notes)
+    notes.check_pixels(width * height, name)
     at, size, unpacked = _LEVEL.unpack_from(data, len(KTX2) + _HEADER.size)
     if at + size > len(data) or sgd_at + sgd_size > len(data):
         raise _broken(name, "a part of the KTX2 file lies beyond its end")
@@ -74,3 +74,25 @@ def _check_header(data, name, notes):
     if scheme != _BASIS_LZ and (unpacked != expected or (scheme == _NONE and size != expected)):
         raise _broken(name, f"the KTX2 level has {unpacked} bytes where its size takes {expected}")
     return width, height
+
+
+def write_ktx2(image: np.ndarray, quality: int, srgb: bool) -> bytes:
+    """uint8 [H, W, 3 or 4] -> bytes of a .ktx2 file: ETC1S with all mip levels, which GPUs cannot make of compressed blocks.
+
+    quality: 1..100; srgb: whether it holds colours. Errors: SupportError TXF-O15 the package is missing.
+    """
+    height, width, columns = image.shape
+    rgba = np.full((height, width, 4), 255, np.uint8)
+    rgba[..., :columns] = image
+    return alktx2().encode_raw_rgba_to_ktx2(rgba.tobytes(), width, height, columns == 4, codec="etc1s", quality=quality,
+                                            srgb=srgb, linear=not srgb, mipmaps=True)
+
+
+def alktx2() -> Any:
+    """The package that writes KTX2; SupportError TXF-O15 where it is missing."""
+    try:
+        import alktx2 as package
+    except ImportError as error:
+        raise SupportError("TXF-O15", 'KTX2 textures are written by the package alktx2: pip install "texfcodec[formats]"',
+                           value="alktx2") from error
+    return package

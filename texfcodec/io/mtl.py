@@ -1,4 +1,5 @@
-"""MTL material libraries: Kd, d/Tr and map_Kd become a base colour, every other statement is named as dropped."""
+"""MTL material libraries: Kd, d/Tr and map_Kd become a base colour, every other statement is named as dropped; and the library of
+a decoded stream, which goes with its OBJ."""
 
 from __future__ import annotations
 
@@ -9,13 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InputError
-from ..scene.scene import ALPHA_BLEND, ALPHA_OPAQUE, WRAP_CLAMP, WRAP_REPEAT, Material
+from ..scene.scene import ALPHA_BLEND, ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
 from .images import TextureShelf, read_texture_file
 from .magic import as_utf8
 from .parts import linearise_factors
 from .visibility import vanishes
 
 if TYPE_CHECKING:
+    from ..texf import Texf
+    from .output_textures import Textured
     from .parts import Notes
 
 # Option -> most values it takes; the list of a texture statement ends where its file name begins.
@@ -177,3 +180,34 @@ def scene_material(material: ObjMaterial, folder: Path, shelf: TextureShelf) -> 
         texture = shelf.put(name, lambda: read_texture_file(folder, name), name, material.wrap)
     mode = ALPHA_BLEND if material.factor[3] < 1.0 else ALPHA_OPAQUE
     return Material(name=material.name, factor=material.factor, texture=texture, alpha_mode=mode)
+
+
+def write_mtl(texf: Texf, look: Textured, image_names: list[str], warnings: list[str]) -> list[bytes]:
+    """The MTL file: one entry per material and image. image_names: of the files of look.textures; warnings: gets a sentence
+    where OBJ cannot wrap an image as its UVs need."""
+    maps, lines = [_write_map(look, n, name, warnings) for n, name in enumerate(image_names)], ["# texfcodec"]
+    for name, one, images in zip(material_names(texf, look), look.looks.looks, look.images, strict=True):
+        lines += [f"newmtl {name}", "Ka 1 1 1", "Kd 1 1 1", "Ks 0 0 0", "d 1", "illum 1"]
+        for image in images.values():  # the base colour's
+            lines.append(f"map_Kd {maps[image]}")
+            if look.textures[image].image.shape[2] == 4 and one.material.alpha_mode != ALPHA_OPAQUE:
+                lines.append(f"map_d {maps[image]}")
+    return [("\n".join(lines) + "\n").encode()]
+
+
+def _write_map(look, number, name, warnings):
+    """What stands behind map_Kd. An image repeats in OBJ, or is clamped both ways; where UVs stay within it neither matters, and
+    the option, which some readers take for a part of the name, is left out."""
+    uv = look.corner_uv[look.face_image == number]
+    beyond = ((uv < 0) | (uv > 1)).any(axis=(0, 1))
+    needed = {mode for mode, reached in zip(look.textures[number].wrap, beyond, strict=True) if reached}
+    if WRAP_MIRROR in needed or len(needed) > 1:
+        warnings.append(f"OBJ can neither mirror an image nor repeat it along one side only: {name} repeats along both")
+    return f"-clamp on {name}" if needed == {WRAP_CLAMP} else name
+
+
+def material_names(texf: Texf, look: Textured) -> list[str]:
+    """One distinct name without blanks per pair of material and image, of look.looks."""
+    shared = np.bincount([one.number for one in look.looks.looks], minlength=len(texf.materials)) > 1
+    names = ["_".join(material.name.split()) or "material" for material in texf.materials]
+    return [f"{one.number}_{names[one.number]}" + f"_{one.skin}" * bool(shared[one.number]) for one in look.looks.looks]

@@ -6,7 +6,7 @@ A Texf stands in a later room, so that signatures here say Any.
 from typing import Any
 
 from ..core.json_text import json_text
-from .atlas.bake import to_bytes
+from ..scene.srgb import to_bytes
 from .atlas.texel_image import texel_image
 from .vertex_appearance import vertex_colours
 

@@ -1,4 +1,5 @@
-"""Wavefront OBJ -> Scene: polygons become triangles, groups keep their materials, v is turned downwards.
+"""Wavefront OBJ -> Scene: polygons become triangles, groups keep their materials, v is turned downwards; and decoded streams ->
+OBJ, with the MTL file of mtl.py beside it where there are textures.
 
 Own code rather than trimesh, which rebuilds vertices, knows no texture options and wrap, and costs 0.9 s to import.
 Rows of one statement are parsed together by numpy; only their sorting is a Python loop.
@@ -6,6 +7,7 @@ Rows of one statement are parsed together by numpy; only their sorting is a Pyth
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,13 +15,17 @@ import numpy as np
 
 from ..errors import InputError
 from .images import TextureShelf, find_file
-from .mtl import ObjMaterial, decode_text, read_mtl, scene_material
+from .mtl import ObjMaterial, decode_text, material_names, read_mtl, scene_material
 from .parts import Notes, Part, assemble, linear_rgba
 from .polygons import counting, parse_numbers, triangulate
+from .precision import decimal_digits
+from .vertex_appearance import vertex_colours
 from .visibility import turn_where_all_vanish
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene
+    from ..texf import Texf
+    from .output_textures import Textured
 
 _SILENT = {"g", "s"}
 _DATA = (b"v", b"vt", b"vn", b"f")
@@ -289,3 +295,50 @@ def _find_material(name, library, notes):
         notes.warn(f"material '{name}' is not defined; it is white")
         return ObjMaterial(name, np.ones(4))
     return library[name]
+
+
+def write_obj_textured(texf: Texf, look: Textured, mtl_name: str) -> Iterator[bytes]:
+    """Pieces of an OBJ file with texture coordinates (v up, as OBJ counts)."""
+    uv, index = np.unique(look.corner_uv.reshape(-1, 2), axis=0, return_inverse=True)
+    uv = np.stack([uv[:, 0], 1.0 - uv[:, 1]], 1)
+    yield f"# texfcodec\nmtllib {mtl_name}\n".encode()
+    yield _write_rows(f"v {_number(texf)} {_number(texf)} {_number(texf)}\n", texf.positions)
+    yield _write_rows("vt %.8g %.8g\n", uv)
+    corners = np.stack([texf.faces + 1, index.reshape(-1, 3) + 1], 2).reshape(-1, 6)
+    names = material_names(texf, look)
+    for number in np.unique(look.looks.face_look):
+        yield f"usemtl {names[number]}\n".encode()
+        yield _write_rows("f %d/%d %d/%d %d/%d\n", corners[look.looks.face_look == number])
+
+
+def write_obj_coloured(texf: Texf) -> Iterator[bytes]:
+    """Pieces of an OBJ file with colours after the coordinates (sRGB, 0..1), as most tools read them."""
+    vertex, index, _, rgba = vertex_colours(texf, with_material=False)
+    yield b"# texfcodec\n"
+    yield _write_rows(_coloured_line(texf), np.hstack([texf.positions[vertex], rgba[:, :3] / 255.0]))
+    yield _write_rows("f %d %d %d\n", index + 1)
+
+
+def write_obj_points(texf: Texf) -> Iterator[bytes]:
+    """Pieces of an OBJ file with the voxel centres as points."""
+    voxels = texf.voxels()
+    yield b"# texfcodec\n"
+    yield _write_rows(_coloured_line(texf), np.hstack([voxels["center"], voxels["rgba"][:, :3] / 255.0]))
+    yield _write_rows("p %d\n", np.arange(1, len(voxels["rgba"]) + 1)[:, None])
+
+
+def _number(texf):
+    return f"%.{decimal_digits(texf)}g"
+
+
+def _coloured_line(texf):
+    return f"v {_number(texf)} {_number(texf)} {_number(texf)} %.4f %.4f %.4f\n"
+
+
+def _write_rows(line, values, block=65536):
+    """Format every row of values [N, k] with the same line."""
+    parts = []
+    for start in range(0, len(values), block):
+        rows = values[start : start + block]
+        parts.append((line * len(rows)) % tuple(rows.ravel().tolist()))
+    return "".join(parts).encode()

@@ -43,6 +43,16 @@ class Notes:
             raise InputError(code, message, **details)
         self.warn(f"{message} ({code})")
 
+    def check_pixels(self, count: int, name: str) -> None:
+        """LimitError TXF-I40 for an image, called by its name, of more pixels than are allowed; before anything is decoded."""
+        if self.image_pixels is not None and count > self.image_pixels:
+            raise self.too_many_pixels(count, name)
+
+    def too_many_pixels(self, count: int | None, name: str) -> LimitError:
+        """The error for such an image; count: None where it is not known."""
+        return LimitError("TXF-I40", f"image '{name}' has more pixels than the limit allows", value=count,
+                          allowed=self.image_pixels)
+
     @property
     def warnings(self) -> list[str]:
         return list(self._warnings)

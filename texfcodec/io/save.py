@@ -21,7 +21,7 @@ from ..errors import InputError
 from .atlas.seams import measure_seams
 from .automatic_image import automatic_image
 from .gltf.packing import check_compression, packing_of
-from .image_writer import AUTO, FORMATS, check_image_format, encode_image, format_for
+from .images import AUTO, FORMATS, check_image_format, encode_image, format_for
 from .looks import Looks, looks_of
 from .own_files import own_sides
 
@@ -254,27 +254,28 @@ def _gltf(texf, path, asked, told):
 
 
 def _obj(texf, path, asked, told):
-    from texfcodec.io import ply_writer
+    from .mtl import write_mtl
+    from .obj import write_obj_coloured, write_obj_points, write_obj_textured
 
     _name_losses(texf, told.warnings, "OBJ", asked.appearance)
     if asked.appearance == "voxels":
-        return [(path.name, ply_writer.obj_points(texf))]
+        return [(path.name, write_obj_points(texf))]
     if asked.appearance == "vertex" or len(texf.faces) == 0:
-        return [(path.name, ply_writer.obj_coloured(texf))]
+        return [(path.name, write_obj_coloured(texf))]
     stem, (look, images) = _without_blanks(path.stem), _textured(texf, asked, told)
     files = _image_files(stem, images)
     return [
         *files,
-        (stem + ".mtl", ply_writer.mtl(texf, look, [name for name, _ in files], told.warnings)),
-        (path.name, ply_writer.obj_textured(texf, look, stem + ".mtl")),
+        (stem + ".mtl", write_mtl(texf, look, [name for name, _ in files], told.warnings)),
+        (path.name, write_obj_textured(texf, look, stem + ".mtl")),
     ]
 
 
 def _ply(texf, path, asked, told):
-    from texfcodec.io import ply_writer
+    from .ply import write_ply_points, write_ply_surface
 
     _name_losses(texf, told.warnings, "PLY", asked.appearance)
-    return [(path.name, ply_writer.ply_points(texf) if asked.appearance == "voxels" else ply_writer.ply_surface(texf))]
+    return [(path.name, write_ply_points(texf) if asked.appearance == "voxels" else write_ply_surface(texf))]
 
 
 def _npz(texf, path, asked, told):

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...scene.scene import ALPHA_OPAQUE
+from ...scene.srgb import to_bytes
 from .gaps import fill_gaps
 from .gutters import continue_over_borders
 from .system import AtlasSystem
@@ -92,8 +93,3 @@ def _resolution(texf, chosen):
         return texf.resolution
     longest = np.ptp(texf.positions[texf.faces[chosen]].reshape(-1, 3), axis=0).max(initial=0.0)
     return max(int(np.ceil(texf.resolution * min(longest / texf.side, 1.0))), 1)
-
-
-def to_bytes(rgba: np.ndarray) -> np.ndarray:
-    """Colours 0..255 rounded to uint8; anything that is not a number becomes 0."""
-    return np.nan_to_num(np.rint(np.clip(rgba, 0.0, 255.0)), nan=0.0).astype(np.uint8)

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...scene.channels import BY_NAME, SHEETS, channel_over
 from ...scene.factors import FLAT
+from ...scene.srgb import to_bytes
 from .gaps import fill_gaps
 
 
@@ -63,7 +64,7 @@ def sheet_colours(values: dict[str, np.ndarray]) -> np.ndarray:
         out[:, list(channel.columns)] = value
         if channel.unit == "degrees":
             out[:, :3] = with_z(value)
-    return np.nan_to_num(np.rint(np.clip(out, 0, 255))).astype(np.uint8)
+    return to_bytes(out)
 
 
 def with_z(xy: np.ndarray) -> np.ndarray:

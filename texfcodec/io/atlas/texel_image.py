@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...scene.scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR
-from .bake import to_bytes
+from ...scene.srgb import to_bytes
 from .gaps import fill_gaps
 from .system import BLOCK
 

@@ -14,7 +14,7 @@ from .document import Document, extensions, integer, malformed, part, title
 from .left_out import name_extension
 
 if TYPE_CHECKING:
-    from .material_reader import Look, TextureInfo
+    from .material import Look, TextureInfo
 
 _DRACO = "KHR_draco_mesh_compression"
 # Types of Draco's values, which DracoPy hands out as 32 bits: what is normalised goes by the number of its bits.

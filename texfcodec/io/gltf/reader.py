@@ -19,7 +19,7 @@ from ..images import TextureShelf
 from ..parts import Notes, assemble, check_face_count
 from .document import extensions, integer, is_index, malformed, name_of, numbers, open_document, title
 from .left_out import name_extension, name_joined, name_left_out, name_variants
-from .material_reader import read_look, read_material
+from .material import read_look, read_material
 from .mesh import VARIANTS, MeshReader
 from .skin import Rest
 

@@ -14,11 +14,11 @@ from ...core.json_text import json_text
 from ...scene.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
 from ..precision import local_frame
 from ..vertex_appearance import linear_u16, unique_corners, vertex_colours
-from .material_writer import UNLIT, extensions_of, material_entry
+from .material import UNLIT, extensions_of, write_material
 from .packing import ARRAY, MESHOPT, Column, Plain
 
 if TYPE_CHECKING:
-    from ..image_writer import ImageFormat
+    from ..images import ImageFormat
     from ..output_textures import Textured
 
 _COMPONENT = {"f4": 5126, "u2": 5123, "u4": 5125, "i2": 5122, "u1": 5121}
@@ -122,7 +122,7 @@ class Document:
 
 def textured(texf: Any, look: Textured, images: list[tuple[ImageFormat, str | bytes]], packing: Any = None) -> Document:
     """Document with images, and TEXCOORD_0 or COLOR_0 where faces have these. images: for each of look.textures its format, and
-    its URI or its bytes for the buffer; packing: one of gltf_pack, or None for plain accessors."""
+    its URI or its bytes for the buffer; packing: of packing.py, or None for plain accessors."""
     document, packing = Document(texf.metadata), packing or Plain()
     if len(texf.faces) == 0:
         return document
@@ -131,7 +131,7 @@ def textured(texf: Any, look: Textured, images: list[tuple[ImageFormat, str | by
     keys = (np.ascontiguousarray(column.values).view(np.int32).T for column in columns.values())
     first, index = unique_corners(looks, corner, *(row for key in keys for row in key))
     columns = {name: column._replace(values=column.values[first]) for name, column in columns.items()}
-    entries = [material_entry(one.material, images) for one, images in zip(look.looks.looks, look.images, strict=True)]
+    entries = [write_material(one.material, images) for one, images in zip(look.looks.looks, look.images, strict=True)]
     groups = _Groups(looks[first], look.looks.face_look, entries, [_unused(one) for one in look.looks.looks])
     _add_surface(document, texf, corner[first], index.reshape(-1, 3), groups, columns, packing)
     for texture, (form, image) in zip(look.textures, images, strict=True):
@@ -218,7 +218,7 @@ def coloured(texf: Any, packing: Any = None) -> Document:
     document = Document(texf.metadata)
     if len(texf.faces):
         vertex, index, material, rgba = vertex_colours(texf, with_material=True)
-        entries = [material_entry(m, {}) for m in texf.materials]
+        entries = [write_material(m, {}) for m in texf.materials]
         groups = _Groups(material, texf.face_material, entries, [set()] * len(entries))
         _add_surface(document, texf, vertex, index, groups, {"COLOR_0": Column(linear_u16(rgba), "VEC4", True)},
                      packing or Plain())
@@ -280,7 +280,7 @@ class _Groups(NamedTuple):
 def _add_surface(document, texf, vertex, index, groups, columns, packing):
     """Primitives, one per group in use, each with accessors of its own: vertices come sorted by group.
 
-    vertex: int64 [U]; index: int64 [F, 3]; columns: attribute name -> Column of [U, k]; packing: of gltf_pack.
+    vertex: int64 [U]; index: int64 [F, 3]; columns: attribute name -> Column of [U, k]; packing: of packing.py.
     """
     local, translation, scale = packing.positions(texf, vertex)
     columns = {"POSITION": Column(local, "VEC3")} | columns

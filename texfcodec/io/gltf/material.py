@@ -1,11 +1,12 @@
-"""glTF materials -> Scene materials: maps and parameters of the core and of extensions by the tables of channels.py; everything
-else is named as dropped."""
+"""glTF materials -> Scene materials, and back: maps and parameters of the core and of extensions by the tables of channels.py;
+everything else that is read is named as dropped."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 _WRAPS = {10497: WRAP_REPEAT, 33071: WRAP_CLAMP, 33648: WRAP_MIRROR}
 _ALPHA = {"OPAQUE": ALPHA_OPAQUE, "MASK": ALPHA_MASK, "BLEND": ALPHA_BLEND}
 _READABLE_SOURCES = ("EXT_texture_webp", "EXT_texture_avif")
+UNLIT = "KHR_materials_unlit"
 _SPECULAR_GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
 _NEAREST = 9728
 _OF_MATERIAL = ("name", PBR, "alphaMode", "alphaCutoff", "doubleSided")
@@ -146,7 +148,7 @@ def read_material(document: Document, index: int | None, look: Look, shelf: Text
         alpha_mode=_alpha_mode(document, entry, name),
         alpha_cutoff=numbers(entry, "alphaCutoff", 0.5),
         double_sided=entry.get("doubleSided") is True,
-        unlit="KHR_materials_unlit" in extensions(entry),
+        unlit=UNLIT in extensions(entry),
         maps={channel: texture for channel, texture in placed.items() if texture >= 0},
         parameters=look.parameters,
     )
@@ -212,10 +214,66 @@ def _drop_properties(document, entry, name):
 @lru_cache(maxsize=1)
 def _kept_keys():
     """Keys of a material that are read, by where they stand."""
-    kept = {"": set(_OF_MATERIAL), PBR: {"baseColorFactor"}, "KHR_materials_unlit": set(),
+    kept = {"": set(_OF_MATERIAL), PBR: {"baseColorFactor"}, UNLIT: set(),
             _SPECULAR_GLOSSINESS: {"diffuseFactor", "diffuseTexture"}}
     for parameter in PARAMETERS:
         kept.setdefault(parameter.extension, set()).add(parameter.key.partition(".")[0])
     for channel in (BASE_COLOUR, *MAPS):
         kept.setdefault(channel.extension, set()).add(channel.slot)
     return {place: keys | {"extras", "extensions"} for place, keys in kept.items()}
+
+
+def write_material(material: Material, textures: dict[str, int]) -> dict:
+    """glTF dict of a material. textures: index of the glTF texture by channel name, base colour among them, for those that have
+    an image; the material's factor and parameters say the rest."""
+    out: dict[str, Any] = {PBR: {}}
+    if material.name:
+        out["name"] = material.name
+    if any(value != 1 for value in material.factor):
+        out[PBR]["baseColorFactor"] = [float(value) for value in material.factor]
+    if BASE_COLOUR.name in textures:
+        out[PBR]["baseColorTexture"] = {"index": textures[BASE_COLOUR.name]}
+    for channel in MAPS:
+        if channel.name in textures:
+            _write_place(out, channel.extension)[channel.slot] = {"index": textures[channel.name]}
+    for parameter in PARAMETERS:
+        if parameter.name in material.parameters:
+            _write_parameter(out, parameter, material.parameters[parameter.name])
+    if material.alpha_mode == ALPHA_MASK:
+        out["alphaMode"], out["alphaCutoff"] = "MASK", float(material.alpha_cutoff)
+    if material.alpha_mode == ALPHA_BLEND:
+        out["alphaMode"] = "BLEND"
+    if material.double_sided:
+        out["doubleSided"] = True
+    if material.unlit:
+        out.setdefault("extensions", {})[UNLIT] = {}
+    return out
+
+
+def extensions_of(entries: list[dict]) -> list[str]:
+    """Extensions that glTF materials use, in alphabetical order."""
+    return sorted({name for entry in entries for name in entry.get("extensions", {})})
+
+
+def _write_place(out, extension):
+    """Where a material holds what belongs to an extension, to pbrMetallicRoughness or, "", to itself."""
+    if extension in ("", PBR):
+        return out[PBR] if extension else out
+    return out.setdefault("extensions", {}).setdefault(extension, {})
+
+
+def _write_parameter(out, parameter, value):
+    """Puts a parameter where glTF has it; one of a texture that is not there says nothing, nor does what JSON cannot hold."""
+    if not all(math.isfinite(v) for v in value):
+        return
+    entry = [float(v) for v in value] if parameter.count > 1 else float(value[0])
+    slot, _, key = parameter.key.rpartition(".")
+    if not slot:
+        _write_place(out, parameter.extension)[key] = entry
+    elif _write_has_slot(out, parameter.extension, slot):
+        _write_place(out, parameter.extension)[slot][key] = entry
+
+
+def _write_has_slot(out, extension, slot):
+    place = out if not extension else out.get("extensions", {}).get(extension, {})
+    return slot in place

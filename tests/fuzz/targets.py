@@ -53,7 +53,7 @@ _RAHT = tuple(f"codecs/raht/{name}.py" for name in (
     "coefficients/mixed", "coefficients/mixed_contexts", "coefficients/planar", "coefficients/residual",
     "transform/filter", "transform/octree", "transform/prediction", "transform/quantise", "transform/raht", "transform/colour"))
 _NEURAL = tuple(f"codecs/neural/{name}.py" for name in ("neural_codec", "payload", "infer"))
-_GLTF = tuple(f"io/gltf/{name}.py" for name in ("reader", "document", "accessor", "mesh", "material"))
+_GLTF = tuple(f"io/gltf/{name}.py" for name in ("reader", "document", "properties", "accessor", "mesh", "material"))
 _IMAGES = "io/images.py#TextureShelf#read_image#find_file#read_texture_file#_to_rgba"
 _LOAD = ("io/load.py", "io/parts.py")
 

@@ -84,7 +84,7 @@ def test_the_octahedral_filter_gives_unit_vectors(meshopt):
 def test_without_the_package_the_error_names_the_remedy(tmp_path, meshopt, monkeypatch):
     builder = Packed(meshopt)
     monkeypatch.setitem(__import__("sys").modules, "meshoptimizer", None)
-    monkeypatch.setattr("texfcodec.io.gltf.meshopt.is_installed", lambda: False)
+    monkeypatch.setattr("texfcodec.io.gltf.document.is_installed", lambda: False)
     error = refusal(tmp_path, builder)
     assert isinstance(error, SupportError) and error.code == "TXF-I30" and 'pip install "texfcodec[formats]"' in error.message
 
@@ -93,7 +93,7 @@ def test_without_the_package_a_plain_copy_is_taken(tmp_path, monkeypatch):
     builder = Builder()
     builder.primitive()
     builder.tree["bufferViews"][0]["extensions"] = {EXTENSION: {"mode": "ATTRIBUTES"}}
-    monkeypatch.setattr("texfcodec.io.gltf.meshopt.is_installed", lambda: False)
+    monkeypatch.setattr("texfcodec.io.gltf.document.is_installed", lambda: False)
     np.testing.assert_array_equal(load_bytes(tmp_path, builder).positions, SQUARE)
     builder.tree["extensionsRequired"] = [EXTENSION]
     assert refusal(tmp_path, builder).code == "TXF-I09"

@@ -63,8 +63,7 @@ def _quantised(image, count):
     """(picture of so many colours, the same uint8 [H, W, 3])."""
     from PIL import Image
 
-    way = {"method": Image.Quantize.MAXCOVERAGE, "kmeans": 2, "dither": Image.Dither.NONE}
-    picture = Image.fromarray(image).quantize(count, **way)
+    picture = Image.fromarray(image).quantize(count, method=Image.Quantize.MAXCOVERAGE, kmeans=2, dither=Image.Dither.NONE)
     return picture, np.asarray(picture.convert("RGB"))
 
 

@@ -7,14 +7,15 @@ leaves out silently what pycollada could not read.
 import io
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, SupportError
-from ..scene.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene
+from ..scene.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene
 from .authored_normals import place_normals
 from .images import TextureShelf, read_texture_file
-from .parts import Notes, Part, assemble, check_face_count, linear_rgba, linearise_factors
+from .parts import Notes, Part, alpha_mode_of, assemble, check_face_count, linear_rgba, linearise_factors
 from .polygons import triangulate
 from .visibility import turn_where_all_vanish
 
@@ -192,7 +193,7 @@ class _Look:
         if key not in self._rows:
             self._rows[key] = len(self.materials)
             self.materials.append(Material("default") if material is None else self._make(material))
-        diffuse = getattr(getattr(material, "effect", None), "diffuse", None)
+        diffuse: Any = getattr(getattr(material, "effect", None), "diffuse", None)  # of pycollada, which has no types
         if not hasattr(diffuse, "sampler"):
             return self._rows[key], None
         return self._rows[key], next((str(chosen or 0) for symbol, _, chosen in node.inputs if symbol == diffuse.texcoord), "0")
@@ -212,8 +213,7 @@ class _Look:
             if value is not None and (not isinstance(value, tuple) or any(value[:3])):
                 self.notes.drop(f"{key} of material '{name}'")
         factor = np.clip(np.nan_to_num(factor, nan=1.0), 0.0, 1.0)
-        return Material(name, factor, texture, double_sided=bool(effect.double_sided),
-                        **({"alpha_mode": ALPHA_BLEND} if factor[3] < 1.0 else {}))
+        return Material(name, factor, texture, alpha_mode_of(factor), double_sided=bool(effect.double_sided))
 
     def _opacity(self, effect, name):
         """Alpha by the opaque modes A_ONE and RGB_ZERO of COLLADA 1.4; a texture of its own is named, not read."""

@@ -243,7 +243,7 @@ def encode_image(image: np.ndarray, form: ImageFormat, quality: int | None = Non
     """The bytes of an image file. image: uint8 [H, W, 3 or 4], one that format_for() gave this form; quality: 1..100 or None for
     the format's own; srgb: whether it holds colours, for KTX2, which says so."""
     quality = form.quality if quality is None else quality
-    if form.name == "ktx2":
+    if form.name == "ktx2" and quality is not None:
         return write_ktx2(image, quality, srgb)
     if form.name == "jpeg":
         return encode_jpeg(image, **_encode_settings(form.name, quality))

@@ -1,14 +1,11 @@
-"""What a decoded mesh is written with: which faces share images, what of each material needs one, and what its factors say.
-
-A Texf stands in a later room, so that signatures here say Any.
-"""
+"""What a decoded mesh is written with: which faces share images, what of each material needs one, and what its factors say."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from dataclasses import field as made_by
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +15,9 @@ from ..scene.scene import ALPHA_BLEND, ALPHA_OPAQUE, Material
 from ..scene.srgb import srgb_to_linear
 from .atlas.sheets import sheets_of
 from .vertex_fit import VertexColours, vertex_fit
+
+if TYPE_CHECKING:
+    from ..texf import Texf
 
 
 @dataclass
@@ -63,7 +63,7 @@ class Looks:
         return np.array([bool(look.mapped) for look in self.looks], bool)[self.face_look]
 
 
-def looks_of(texf: Any, base_colour_alone: bool = False, at_vertices: bool = False) -> Looks:
+def looks_of(texf: Texf, base_colour_alone: bool = False, at_vertices: bool = False) -> Looks:
     """The Looks of a decoded stream (Texf), known before any image is made. base_colour_alone: for formats that know nothing
     else, each skin with an image of it; at_vertices: whether colours may stand at vertices where that shows as much."""
     skins, face_skin = _skins(texf)

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InputError
-from ..scene.scene import ALPHA_BLEND, ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
+from ..scene.scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
 from .images import TextureShelf, read_texture_file
 from .magic import as_utf8
-from .parts import linearise_factors
+from .parts import alpha_mode_of, linearise_factors
 from .visibility import vanishes
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ def _split_options(rest):
     options = []
     while rest.startswith("-") and rest.split()[0].lower() in _OPTIONS:
         name, _, rest = rest.partition(" ")
-        values = []
+        values: list[str] = []
         most = _OPTIONS[name.lower()]
         while len(values) < most and rest.strip():
             value, _, after = rest.strip().partition(" ")
@@ -178,8 +178,7 @@ def scene_material(material: ObjMaterial, folder: Path, shelf: TextureShelf) -> 
     if material.texture:
         name = material.texture
         texture = shelf.put(name, lambda: read_texture_file(folder, name), name, material.wrap)
-    mode = ALPHA_BLEND if material.factor[3] < 1.0 else ALPHA_OPAQUE
-    return Material(name=material.name, factor=material.factor, texture=texture, alpha_mode=mode)
+    return Material(name=material.name, factor=material.factor, texture=texture, alpha_mode=alpha_mode_of(material.factor))
 
 
 def write_mtl(texf: Texf, look: Textured, image_names: list[str], warnings: list[str]) -> list[bytes]:

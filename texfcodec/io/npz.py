@@ -1,17 +1,19 @@
-"""NPZ out: the decoded arrays by name.
+"""NPZ out: the decoded arrays by name."""
 
-A Texf stands in a later room, so that signatures here say Any.
-"""
+from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..core.json_text import json_text
 from ..scene.srgb import to_bytes
 from .atlas.texel_image import texel_image
 from .vertex_appearance import vertex_colours
 
+if TYPE_CHECKING:
+    from ..texf import Texf
 
-def arrays(texf: Any, appearance: str) -> dict[str, Any]:
+
+def arrays(texf: Texf, appearance: str) -> dict[str, Any]:
     """The arrays of an NPZ file by name. texf: decoded stream (Texf); appearance: one of save()'s.
 
     Always: origin float64 [3], side, position_bits, resolution (the largest K, 1 without voxels); materials, metadata, fields as

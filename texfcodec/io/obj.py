@@ -131,7 +131,7 @@ def _face_materials(rows):
     """(material names in order of first use, int64 [rows] index into them); None is the default material."""
     starts = [0, *(start for start, _ in rows.runs)]
     lengths = np.diff([*starts, len(rows.f)])
-    index = {}
+    index: dict[str | None, int] = {}
     used = [index.setdefault(name, len(index)) if length else 0
             for name, length in zip([None, *(name for _, name in rows.runs)], lengths, strict=True)]
     return list(index), np.repeat(np.array(used, np.int64), lengths)

@@ -1,10 +1,9 @@
-"""What a decoded mesh looks like with images: fields over texels keep theirs and their UVs, fields over voxels share an atlas.
+"""What a decoded mesh looks like with images: fields over texels keep theirs and their UVs, fields over voxels share an atlas."""
 
-A Texf stands in a later room, so that signatures here say Any.
-"""
+from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +16,9 @@ from .atlas.sheets import texel_sheet
 from .atlas.texel_image import texel_image_and_uv
 from .atlas.unwrap import check_arguments
 from .looks import Looks, names_in
+
+if TYPE_CHECKING:
+    from ..texf import Texf
 
 NORMALS = ("normal", "clearcoat_normal")
 
@@ -42,7 +44,7 @@ class Textured:
         return np.array([images.get(BASE_COLOUR.name, -1) for images in self.images], np.int64)[self.looks.face_look]
 
 
-def textured(texf: Any, looks: Looks, texture_size: int | None = None, atlas: str = "auto") -> Textured:
+def textured(texf: Texf, looks: Looks, texture_size: int | None = None, atlas: str = "auto") -> Textured:
     """Images and UVs of a decoded stream (Texf). looks: of looks_of(); texture_size, atlas: of the atlas of fields over voxels,
     see bake(); its images come first. UVs are 0 where a face has no image. Raises InputError TXF-O10..O12."""
     check_arguments(texture_size, atlas)
@@ -105,7 +107,8 @@ def _of_atlas(texf, looks, skin, normal, arguments):
     faces = _faces_of(texf, looks, skin)
     if not skin.has_base and not skin.sheets:
         return [], np.zeros((len(faces), 3, 2)), []
-    baked = bake(texf, *arguments, faces)
+    texture_size, atlas = arguments
+    baked = bake(texf, texture_size, atlas, faces)
     image = baked.image if texf.has_alpha else np.ascontiguousarray(baked.image[..., :3])
     wrap = (WRAP_CLAMP, WRAP_CLAMP)
     found = [((BASE_COLOUR.name,), Texture(image, wrap, BASE_COLOUR.name))] * skin.has_base

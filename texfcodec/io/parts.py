@@ -7,7 +7,7 @@ import numpy as np
 from ..errors import InputError, LimitError
 from ..limits import Limits
 from ..report import plural
-from ..scene.scene import Material, Scene, Texture
+from ..scene.scene import ALPHA_BLEND, ALPHA_OPAQUE, Material, Scene, Texture
 from ..scene.srgb import srgb_to_linear
 from .authored_normals import fill_normals
 from .visibility import name_invisible
@@ -95,6 +95,12 @@ def drop_alpha(color: np.ndarray | None, notes: Notes) -> None:
         notes.drop("alpha of the colours (the format says nothing of transparency)")
 
 
+def alpha_mode_of(factor: np.ndarray) -> int:
+    """How a material with a base colour factor, [4], is shown in a format that has no alpha modes: it blends where it is
+    see-through."""
+    return ALPHA_BLEND if factor[3] < 1.0 else ALPHA_OPAQUE
+
+
 def linear_rgba(coded: np.ndarray) -> np.ndarray:
     """[..., 1..4] sRGB-coded colour in [0, 1] (grey, grey + alpha, RGB, RGBA) -> float32 [..., 4] linear, alpha as it is."""
     coded = np.asarray(coded)
@@ -163,7 +169,7 @@ def check_face_count(count: int) -> None:
 def _empty_scene(count, parts, materials, textures, metadata):
     colored = any(part.color is not None for part in parts)
     return Scene(
-        positions=None,
+        positions=np.zeros((0, 3)),
         faces=np.empty((count, 3), np.int64),
         face_material=np.empty(count, np.int64),
         corner_uv=np.zeros((count, 3, 2)),

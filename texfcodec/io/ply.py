@@ -123,10 +123,8 @@ def _header_line(header, words, line):
 
 def _read_elements(data, header):
     """{element: {property: array [n], or for lists (values [sum], lengths [n])}}"""
-    if header.form == "ascii":
-        reader = _Ascii(data[header.size :])
-    else:
-        reader = _Binary(data, header.size, _ORDERS[header.form])
+    is_text = header.form == "ascii"
+    reader = _Ascii(data[header.size :]) if is_text else _Binary(data, header.size, _ORDERS[header.form])
     tables = {}
     for element in header.elements:
         if not element.properties:  # would cost no bytes per row, so its count could not be checked
@@ -139,10 +137,10 @@ class _Ascii:
     """Every number of the body at once, as float64; elements are cut from it."""
 
     def __init__(self, body):
-        self.values = parse_numbers(bytes(body), np.float64)
-        if self.values is None:
+        values = parse_numbers(bytes(body), np.float64)
+        if values is None:
             raise _bad("its body holds something that is not a number")
-        self.at = 0
+        self.values, self.at = values, 0
 
     def read(self, element):
         if not any(counter for _, _, counter in element.properties):
@@ -159,7 +157,8 @@ class _Ascii:
 
     def _uniform(self, element):
         """All rows as long as the first: one reshape. None when they are not."""
-        lengths, width = [], 0
+        lengths: list[int | None] = []
+        width = 0
         for _, _, counter in element.properties:
             if counter is None:
                 lengths.append(None)
@@ -168,11 +167,12 @@ class _Ascii:
             if self.at + width >= len(self.values) or not 0 <= self.values[self.at + width] <= len(self.values):
                 return None
             lengths.append(int(self.values[self.at + width]))
-            width += 1 + lengths[-1]
+            width += 1 + int(self.values[self.at + width])
         if self.at + width * element.count > len(self.values):
             return None
         block = self.values[self.at : self.at + width * element.count].reshape(element.count, width)
-        table, column = {}, 0
+        table: dict = {}
+        column = 0
         for (name, kind, _), length in zip(element.properties, lengths, strict=True):
             if length is None:
                 table[name] = _stored(block[:, column], kind)
@@ -204,7 +204,9 @@ class _Binary:
 
     def _uniform(self, element):
         """The element as one structured array when every list is as long as in the first row; else None."""
-        fields, lengths, at = [], [], self.at
+        fields: list[tuple] = []
+        lengths: list[int | None] = []
+        at = self.at
         for i, (_, kind, counter) in enumerate(element.properties):
             length = None
             if counter is not None:
@@ -232,7 +234,7 @@ class _Binary:
 
 def _read_rows(element, take):
     """Row by row, for lists of different lengths. take: (dtype letter, count) -> the next values."""
-    table = {name: [] for name, _, _ in element.properties}
+    table: dict[str, list[np.ndarray]] = {name: [] for name, _, _ in element.properties}
     for _ in range(element.count):
         for name, kind, counter in element.properties:
             length = 1 if counter is None else int(take(counter, 1)[0])

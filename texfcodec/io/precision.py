@@ -1,41 +1,43 @@
-"""How many digits a file needs: written positions must stay within a quarter of the lattice the decoder worked on.
+"""How many digits a file needs: written positions must stay within a quarter of the lattice the decoder worked on."""
 
-A Texf stands in a later room, so that signatures here say Any.
-"""
+from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from ..texf import Texf
 
 _TAME = 1e15  # beyond this (or below its inverse) float32 squares, which every viewer takes, overflow or vanish
 
 
-def float32_is_enough(texf: Any) -> bool:
+def float32_is_enough(texf: Texf) -> bool:
     """Whether world coordinates survive float32 to a quarter of the lattice spacing and stay where viewers can square them."""
     if len(texf.positions) == 0 or not texf.side > 0:
         return bool(np.abs(texf.positions).max(initial=0.0) < _TAME)
     return reach(texf) * 2.0**-24 <= spacing(texf) / 4 and reach(texf) < _TAME and texf.side > 1 / _TAME
 
 
-def spacing(texf: Any) -> float:
+def spacing(texf: Texf) -> float:
     """Distance of neighbouring lattice points in world units; 0 for a mesh without extent."""
     return float(texf.side) / ((1 << texf.position_bits) - 1)
 
 
-def reach(texf: Any) -> float:
+def reach(texf: Texf) -> float:
     """Largest absolute coordinate."""
     return float(np.abs(texf.positions).max(initial=0.0))
 
 
-def decimal_digits(texf: Any) -> int:
+def decimal_digits(texf: Texf) -> int:
     """Significant decimal digits that text formats need for the same precision, 6..17."""
     if not spacing(texf) > 0 or reach(texf) == 0:
         return 17
     return min(max(math.ceil(math.log10(reach(texf)) - math.log10(spacing(texf))) + 2, 6), 17)
 
 
-def local_frame(texf: Any, points: np.ndarray) -> tuple[np.ndarray, list[float] | None, float | None]:
+def local_frame(texf: Texf, points: np.ndarray) -> tuple[np.ndarray, list[float] | None, float | None]:
     """Points in a frame that float32 can hold, and the node that brings them back.
 
     points: float64 [N, 3] world. Returns (float32 [N, 3], translation list or None, scale float or None):

@@ -1,7 +1,6 @@
-"""Saving a decoded stream as GLB, glTF, OBJ, PLY or NPZ: everything under a temporary name first, then renamed.
+"""Saving a decoded stream as GLB, glTF, OBJ, PLY or NPZ: everything under a temporary name first, then renamed."""
 
-A Texf stands in a later room, so that signatures here say Any.
-"""
+from __future__ import annotations
 
 import errno
 import io
@@ -11,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 from urllib.parse import quote
 
 import numpy as np
@@ -21,9 +20,12 @@ from ..errors import InputError
 from .atlas.seams import measure_seams
 from .automatic_image import automatic_image
 from .gltf.packing import check_compression, packing_of
-from .images import AUTO, FORMATS, check_image_format, encode_image, format_for
+from .images import AUTO, FORMATS, ImageFormat, check_image_format, encode_image, format_for
 from .looks import Looks, looks_of
 from .own_files import own_sides
+
+if TYPE_CHECKING:
+    from ..texf import Texf
 
 APPEARANCES = ("texture", "vertex", "voxels")
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".npz")
@@ -59,7 +61,7 @@ class _Told:
     looks: Looks | None = None
 
 
-def save(texf: Any, path: str | PathLike, appearance: str | None = None, texture_size: int | None = None, atlas: str = "auto",
+def save(texf: Texf, path: str | PathLike, appearance: str | None = None, texture_size: int | None = None, atlas: str = "auto",
          overwrite: bool = False, inputs: Iterable[str | PathLike] = (), **options: Any) -> dict:
     """Write a decoded stream; the suffix of path chooses the format.
 
@@ -90,13 +92,13 @@ def save(texf: Any, path: str | PathLike, appearance: str | None = None, texture
     return {"warnings": told.warnings, "remarks": told.remarks, "files": [name for name, _ in files], "seams": told.seams}
 
 
-def as_glb(texf: Any, **options: Any) -> tuple[bytes, dict]:
+def as_glb(texf: Texf, **options: Any) -> tuple[bytes, dict]:
     """The bytes of the GLB that save() would write, and what it would return without files: (bytes, {"warnings", "remarks",
     "seams"}). options: SaveOptions."""
     return _in_one_piece(texf, ".glb", SaveOptions(**options))
 
 
-def save_into(texf: Any, file: BinaryIO, form: str | None = None, **options: Any) -> dict:
+def save_into(texf: Texf, file: BinaryIO, form: str | None = None, **options: Any) -> dict:
     """Writes what save() would, into a file object open for writing bytes.
 
     form: "glb", "ply", "npz" or "obj", or None for the suffix of the object's name. options: SaveOptions. Returns as save(),
@@ -242,6 +244,7 @@ def _gltf(texf, path, asked, told):
     if asked.appearance == "texture":
         look, images = _textured(texf, asked, told)
         files += _image_files(path.stem, images)
+        named: list[tuple[ImageFormat, str | bytes]]
         named = [(form, quote(name)) for (form, _), (name, _) in zip(images, files, strict=True)]
         document = writer.textured(texf, look, named, packing_of(asked.compress))
     else:

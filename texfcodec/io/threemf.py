@@ -16,9 +16,9 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..errors import InputError, LimitError
-from ..scene.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene
+from ..scene.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene
 from .images import TextureShelf, missing_image
-from .parts import MAX_FACES, Notes, Part, assemble, check_face_count, drop_alpha, linear_rgba
+from .parts import MAX_FACES, Notes, Part, alpha_mode_of, assemble, check_face_count, drop_alpha, linear_rgba
 from .visibility import turn_where_all_vanish
 
 MAX_PART = 1 << 29  # bytes of one unpacked part of the archive
@@ -148,7 +148,8 @@ def read_3mf(data: bytes, folder: Path, notes: Notes) -> Scene:
 
 def _placed(archive, start, model):
     """(name of the part, Body, world matrix) of everything with triangles, in the order of the build."""
-    stack = [(path or start, key, matrix, ()) for path, key, matrix in reversed(model.items)]
+    above: tuple = ()
+    stack = [(path or start, key, matrix, above) for path, key, matrix in reversed(model.items)]
     count = 0
     while stack:
         name, key, matrix, above = stack.pop()
@@ -191,7 +192,8 @@ def _part(archive, name, body, matrix, look, shelf):
     """Body in world space; every triangle takes its look from the property group that it names."""
     count, groups = len(body.triangles), archive.model(name).groups
     material, uv, color = np.zeros(count, np.int64), np.zeros((count, 3, 2)), np.ones((count, 3, 4), np.float32)
-    rows_of, corners = {}, np.array([indices for _, indices in body.properties], np.int64).reshape(-1, 3)
+    rows_of: dict[tuple[str | None, int | None], list[int]] = {}
+    corners = np.array([indices for _, indices in body.properties], np.int64).reshape(-1, 3)
     for row, (pid, indices) in enumerate(body.properties):
         group = groups.get(pid)
         first = indices[0] if group is not None and group.kind == "basematerials" else None
@@ -251,7 +253,7 @@ def _textured(archive, name, group, shelf):
 
 def _plain(name, rgba):
     factor = linear_rgba(np.array(rgba)).astype(np.float64)
-    return Material(name, factor, **({"alpha_mode": ALPHA_BLEND} if factor[3] < 1.0 else {}))
+    return Material(name, factor, alpha_mode=alpha_mode_of(factor))
 
 
 

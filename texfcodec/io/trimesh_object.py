@@ -9,11 +9,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..scene.channels import MAP_NAMES, PARAMETER_BY_NAME
-from ..scene.scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, WRAP_REPEAT, Material, Scene
+from ..scene.scene import ALPHA_NAMES, ALPHA_OPAQUE, WRAP_REPEAT, Material, Scene
 from .images import TextureShelf
 from .parts import Notes, Part, assemble, linear_rgba
 
-_ALPHA = {"OPAQUE": ALPHA_OPAQUE, "MASK": ALPHA_MASK, "BLEND": ALPHA_BLEND}
 _PBR_DROPPED = ("metallicRoughnessTexture", "normalTexture", "occlusionTexture", "emissiveTexture")
 
 
@@ -95,12 +94,13 @@ def _material(mesh, shelf, notes, label):
     texture = -1
     if image is not None:
         texture = shelf.put(id(image), lambda: image, name or f"texture of {label}", (WRAP_REPEAT, WRAP_REPEAT))
-    mode = getattr(source, "alphaMode", None) or "OPAQUE"
+    mode = getattr(source, "alphaMode", None)
     cutoff = getattr(source, "alphaCutoff", None)
     factor = _factor(factor)
     if not hasattr(source, "baseColorTexture"):
         factor = linear_rgba(factor).astype(np.float64)
-    return Material(name, factor, texture, _ALPHA.get(mode, ALPHA_OPAQUE), 0.5 if cutoff is None else float(cutoff),
+    alpha_mode = ALPHA_NAMES.index(mode) if mode in ALPHA_NAMES else ALPHA_OPAQUE
+    return Material(name, factor, texture, alpha_mode, 0.5 if cutoff is None else float(cutoff),
                     bool(getattr(source, "doubleSided", False)))
 
 

@@ -1,13 +1,15 @@
-"""What a decoded mesh looks like without an image: its colours at vertices or voxels, and the splitting of shared vertices.
+"""What a decoded mesh looks like without an image: its colours at vertices or voxels, and the splitting of shared vertices."""
 
-A Texf stands in a later room, so that signatures here say Any.
-"""
+from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..scene.srgb import srgb_to_linear
+
+if TYPE_CHECKING:
+    from ..texf import Texf
 
 
 def unique_corners(*keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -26,7 +28,7 @@ def unique_corners(*keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return order[new], index
 
 
-def vertex_colours(texf: Any, with_material: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def vertex_colours(texf: Texf, with_material: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Colours at mesh vertices; a vertex is split where fields (and, if asked, materials) meet, as their colours may differ.
 
     Returns (vertex int64 [U] into texf.positions, index int64 [F, 3] into it, material int64 [U], rgba float32 [U, 4] 0..255

@@ -10,6 +10,7 @@ from .normal_rule import USUAL, NormalRule
 WRAP_REPEAT, WRAP_CLAMP, WRAP_MIRROR = 0, 1, 2
 WRAP_NAMES = ("repeat", "clamp", "mirror")
 ALPHA_OPAQUE, ALPHA_MASK, ALPHA_BLEND = 0, 1, 2
+ALPHA_NAMES = ("OPAQUE", "MASK", "BLEND")  # as glTF calls them
 NEAREST_FIELDS = "nearest_fields"  # key of a stream's metadata: numbers of fields over texels whose Texture is nearest
 
 

@@ -1,10 +1,9 @@
-"""Baking: a decoded texture field fitted into an atlas, in bounded memory.
+"""Baking: a decoded texture field fitted into an atlas, in bounded memory."""
 
-A Texf stands in a later room, so that signatures here say Any.
-"""
+from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +14,9 @@ from .gaps import fill_gaps
 from .gutters import continue_over_borders
 from .system import AtlasSystem
 from .unwrap import Atlas, make_atlas
+
+if TYPE_CHECKING:
+    from ...texf import Texf
 
 
 @dataclass
@@ -28,7 +30,7 @@ class Baked:
     warnings: list = field(default_factory=list)
 
 
-def bake(texf: Any, texture_size: int | None = None, atlas: str | Atlas = "auto", chosen: np.ndarray | None = None) -> Baked:
+def bake(texf: Texf, texture_size: int | None = None, atlas: str | Atlas = "auto", chosen: np.ndarray | None = None) -> Baked:
     """Unwrap a decoded mesh and fit its fields into the atlas.
 
     texf: decoded stream (Texf); texture_size: side in texels or None; atlas: "auto", "quality", "fast" or a ready Atlas of the

@@ -1,11 +1,8 @@
-"""Material maps of fields over voxels in the atlas: fitted as its colours are, normals turned into the atlas's tangent space.
-
-A Texf stands in a later room, so that signatures here say Any.
-"""
+"""Material maps of fields over voxels in the atlas: fitted as its colours are, normals turned into the atlas's tangent space."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +13,7 @@ from .gaps import fill_gaps
 from .sheets import sheet_colours
 
 if TYPE_CHECKING:
+    from ...texf import Texf
     from .bake import Baked
 
 
@@ -23,7 +21,7 @@ class AtlasMaps:
     """texf: decoded stream (Texf); faces: int64 [n], those of the atlas; baked: their Baked; normal: float32 [n, 3, 3], shading
     normals of their corners, None where no normal map is asked for."""
 
-    def __init__(self, texf: Any, faces: np.ndarray, baked: Baked, normal: np.ndarray | None) -> None:
+    def __init__(self, texf: Texf, faces: np.ndarray, baked: Baked, normal: np.ndarray | None) -> None:
         self.texf, self.faces, self.system, self.atlas, self.normal = texf, faces, baked.system, baked.atlas, normal
         self._corners = texf.positions[texf.faces[faces]]
         self._which = texf.face_field[faces]
@@ -61,11 +59,12 @@ class AtlasMaps:
 
     def _ask_normal(self, name):
         """As _ask, x and y of the normals in the atlas's tangent space, float32 [M, 2] in 0..255."""
-        ask = self._ask(name)
+        ask, normals, tangents = self._ask(name), self.normal, self._tangent
+        assert normals is not None and tangents is not None, "a normal map needs the normals of its corners"
 
         def ask_normal(points, face):
             weights = self._weights(points, face)
-            normal, tangent = (np.einsum("mk,mkc->mc", weights, corner[face]) for corner in (self.normal, self._tangent))
+            normal, tangent = (np.einsum("mk,mkc->mc", weights, corner[face]) for corner in (normals, tangents))
             normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
             bent = normal + (ask(points, face) / FLAT - 1)
             bent /= np.maximum(np.linalg.norm(bent, axis=1, keepdims=True), 1e-12)

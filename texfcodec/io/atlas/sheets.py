@@ -1,12 +1,9 @@
-"""Images of a field's channels, packed as glTF wants them: sheets, of channels.SHEETS.
-
-A Texf stands in a later room, so that signatures here say Any.
-"""
+"""Images of a field's channels, packed as glTF wants them: sheets, of channels.SHEETS."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +11,10 @@ from ...scene.channels import BY_NAME, SHEETS, channel_over
 from ...scene.factors import FLAT
 from ...scene.srgb import to_bytes
 from .gaps import fill_gaps
+from .texel_image import texel_support
+
+if TYPE_CHECKING:
+    from ...texf import Texf
 
 
 def sheets_of(names: Iterable[str]) -> list[tuple[str, ...]]:
@@ -22,7 +23,7 @@ def sheets_of(names: Iterable[str]) -> list[tuple[str, ...]]:
     return [tuple(name for name in sheet if name in wanted) for sheet in SHEETS[1:] if wanted & set(sheet)]
 
 
-def texel_sheet(texf: Any, number: int, sheet: tuple[str, ...], texels: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+def texel_sheet(texf: Texf, number: int, sheet: tuple[str, ...], texels: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """The image of a sheet of field `number`, one over texels: uint8 [H, W, 3], or [H, W, 4] where a channel is in alpha.
 
     texels: where the centres of the base colour's image lie, in texels of the full image: float64 [W] and [H]. Where every
@@ -30,11 +31,12 @@ def texel_sheet(texf: Any, number: int, sheet: tuple[str, ...], texels: tuple[np
     """
     part = texf.fields[number]
     columns, rows = _thinned(part, sheet, *texels)
-    support, shift = part.support, part.support.level_shift
+    support = texel_support(part)
+    shift = support.level_shift
     asked = support.rank[np.ix_(_cells(rows, shift, support.size[1]), _cells(columns, shift, support.size[0]))] >= 0
     row, column = np.nonzero(asked)
     places = np.column_stack([columns[column], rows[row]])
-    values = {name: part.support_of(name).query(places, part.planes[name], texf.threads) for name in sheet}
+    values = {name: texel_support(part, name).query(places, part.planes[name], texf.threads) for name in sheet}
     image = np.zeros((*asked.shape, 4), np.uint8)
     image[row, column] = sheet_colours(values)
     image = image if any(3 in BY_NAME[name].columns for name in sheet) else np.ascontiguousarray(image[..., :3])

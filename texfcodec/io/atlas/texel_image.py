@@ -1,31 +1,43 @@
 """The image and the UVs of a field over texels, as they came: texels that the surface asks keep their values, the rest is filled
 from them.
-
-A Texf stands in a later room, so that signatures here say Any.
 """
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...field.texels import TexelSupport
+from ...scene.channels import BASE_COLOUR
 from ...scene.scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR
 from ...scene.srgb import to_bytes
 from .gaps import fill_gaps
 from .system import BLOCK
 
+if TYPE_CHECKING:
+    from ...texf import Field, Texf
 
-def texel_image(texf: Any, number: int) -> np.ndarray:
+
+def texel_support(part: Field, name: str = BASE_COLOUR.name) -> TexelSupport:
+    """The support of a channel's plane in a field that is over texels."""
+    support = part.support_of(name)
+    assert isinstance(support, TexelSupport), "the field is over voxels"
+    return support
+
+
+def texel_image(texf: Texf, number: int) -> np.ndarray:
     """The texels at hand of field `number`, one over texels: uint8 [H, W, 3], or [H, W, 4] where its alpha is not 255 throughout.
 
     texf: decoded stream (Texf). Colour sRGB-coded, straight alpha, row 0 at v = 0. Texels that no face asks carry on the colours
     beside them, in the blocks that mip levels average; blocks end at the border of the image, so that this is right for every
     wrap mode.
     """
-    support = texf.fields[number].support
+    support = texel_support(texf.fields[number])
     return _filled(texf, number, support.image(texf.fields[number].rgba), support.rank >= 0)
 
 
-def texel_image_and_uv(texf: Any, number: int) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+def texel_image_and_uv(texf: Texf, number: int) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """An image as texel_image() gives it, the UVs of the field's faces in it, float64 [F, 3, 2], v downwards (glTF), and where
     the centres of its columns and rows are, float64 [W] and [H], in texels of the full image.
 
@@ -33,7 +45,7 @@ def texel_image_and_uv(texf: Any, number: int) -> tuple[np.ndarray, np.ndarray, 
     Faces that lie within one tile of the image each get UVs that stop short of these; where one does not, the image is written
     as fine as the nearest level that ends with the full image, and the UVs stay.
     """
-    support = texf.fields[number].support
+    support = texel_support(texf.fields[number])
     texel, full = texf.uv[texf.faces[texf.face_field == number]], (support.width, support.height)
     extent = [side << support.level_shift for side in support.size]
     axes = [(texel[..., k], full[k], extent[k], support.wrap[k]) for k in range(2)]

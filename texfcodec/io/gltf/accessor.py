@@ -3,7 +3,8 @@
 import numpy as np
 
 from ...errors import InputError, LimitError
-from .document import Document, integer, malformed, part
+from .document import Document
+from .properties import integer, malformed, part
 
 _DTYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5124: "<i4", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}

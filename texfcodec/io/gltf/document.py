@@ -1,9 +1,8 @@
-"""glTF 2.0 containers: GLB chunks, JSON, buffers, URIs; and typed access to the JSON tree."""
+"""glTF 2.0 containers: GLB chunks, JSON, buffers, URIs, bufferViews."""
 
 from __future__ import annotations
 
 import json
-import math
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -12,17 +11,13 @@ from typing import TYPE_CHECKING, Any
 from ...errors import InputError, SupportError
 from ...report import plural
 from ..images import find_file, missing_image
+from .meshopt import EXTENSIONS, decode_view, is_installed
+from .properties import extensions, integer, is_index, malformed, part, title
 
 if TYPE_CHECKING:
     from ..parts import Notes
 
-MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 GLB_MAGIC, CHUNK_JSON, CHUNK_BIN = b"glTF", 0x4E4F534A, 0x004E4942
-
-
-def malformed(what: str, **details: object) -> InputError:
-    """The error for a JSON tree that does not follow the glTF schema."""
-    return InputError("TXF-I09", f"the glTF structure is malformed: {what}", **details)
 
 
 class Document:
@@ -76,7 +71,7 @@ class Document:
     def view(self, index: Any) -> tuple[memoryview | bytes, int | None]:
         """(memoryview, byteStride or None) of bufferView index; TXF-I11 when it leaves its buffer."""
         entry = self.entry("bufferViews", index)
-        packed = next((part(extensions(entry), name) for name in MESHOPT if name in extensions(entry)), None)
+        packed = next((part(extensions(entry), name) for name in EXTENSIONS if name in extensions(entry)), None)
         data = self._slice(entry, index) if packed is None else self._unpacked(packed, entry, index)
         stride = integer(entry, "byteStride", low=1) if "byteStride" in entry else None
         return data, stride
@@ -92,9 +87,7 @@ class Document:
 
     def _unpacked(self, packed, entry, index):
         """The bytes of a compressed bufferView; where the package is missing, the plain copy that some files carry."""
-        from .meshopt import decode_view, is_installed
-
-        if not is_installed() and not any(name in self.root.get("extensionsRequired", []) for name in MESHOPT):
+        if not is_installed() and not any(name in self.root.get("extensionsRequired", []) for name in EXTENSIONS):
             buffer = self.entry("buffers", entry.get("buffer"))
             if "uri" in buffer or (entry["buffer"] == 0 and self._chunk is not None):
                 return self._slice(entry, index)
@@ -212,60 +205,3 @@ def _data_uri(uri):
     except (binascii.Error, ValueError) as error:
         raise InputError("TXF-I10", "a data URI cannot be decoded", reason=str(error)) from error
     raise InputError("TXF-I10", "a data URI has no data")
-
-
-def is_index(value: object) -> bool:
-    """True for a JSON integer that may count entries; true and 1.0 are none."""
-    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
-
-
-def integer(entry: dict, key: str, default: int | None = None, low: int | None = None) -> int:
-    """entry[key] as int, at least low; without default the key is required."""
-    value = entry.get(key, default)
-    if not isinstance(value, int) or isinstance(value, bool) or (low is not None and value < low):
-        raise malformed(f"'{key}' is not a usable integer", value=str(value)[:40], low=low)
-    return value
-
-
-def numbers(entry: dict, key: str, default: float | tuple[float, ...]) -> Any:
-    """entry[key] as tuple of finite floats, as many as default has; a plain number where default is one."""
-    value = entry.get(key, default)
-    single = not isinstance(default, (tuple, list))
-    items = [value] if single else value
-    wanted = len(default) if isinstance(default, (tuple, list)) else 1
-    if not isinstance(items, (tuple, list)) or len(items) != wanted or not all(_is_finite(item) for item in items):
-        raise malformed(f"'{key}' is not {wanted} finite numbers", value=str(value)[:60])
-    return float(value) if single else tuple(float(item) for item in items)
-
-
-def _is_finite(value):
-    try:
-        return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-    except OverflowError:  # an integer of hundreds of digits
-        return False
-
-
-def part(entry: dict, key: str) -> dict:
-    """entry[key] as dict, empty when absent."""
-    value = entry.get(key)
-    if value is None:
-        return {}
-    if not isinstance(value, dict):
-        raise malformed(f"'{key}' is not an object")
-    return value
-
-
-def extensions(entry: dict) -> dict:
-    """The extensions object of an entry, {} when absent."""
-    return part(entry, "extensions")
-
-
-def name_of(entry: dict) -> str:
-    """The entry's name, printable; "" when it has none. JSON can spell lone surrogates, which no terminal takes."""
-    name = entry.get("name")
-    return name.encode("utf-8", "replace").decode() if isinstance(name, str) else ""
-
-
-def title(entry: dict, index: int) -> str:
-    """'name' of an entry, or its number."""
-    return f"'{name_of(entry)}'" if name_of(entry) else str(index)

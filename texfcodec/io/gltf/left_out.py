@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from .document import extensions, name_of
+from .properties import extensions, name_of
 
 if TYPE_CHECKING:
     from ..parts import Notes

@@ -12,14 +12,14 @@ import numpy as np
 
 from ...errors import SupportError
 from ...scene.channels import BASE_COLOUR, MAPS, PARAMETERS, PBR, binary32
-from ...scene.scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
-from .document import Document, extensions, integer, malformed, name_of, numbers, part, title
+from ...scene.scene import ALPHA_MASK, ALPHA_NAMES, ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
+from .document import Document
+from .properties import extensions, integer, malformed, name_of, numbers, part, title
 
 if TYPE_CHECKING:
     from ..images import TextureShelf
 
 _WRAPS = {10497: WRAP_REPEAT, 33071: WRAP_CLAMP, 33648: WRAP_MIRROR}
-_ALPHA = {"OPAQUE": ALPHA_OPAQUE, "MASK": ALPHA_MASK, "BLEND": ALPHA_BLEND}
 _READABLE_SOURCES = ("EXT_texture_webp", "EXT_texture_avif")
 UNLIT = "KHR_materials_unlit"
 _SPECULAR_GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
@@ -155,10 +155,11 @@ def read_material(document: Document, index: int | None, look: Look, shelf: Text
 
 
 def _alpha_mode(document, entry, name):
-    mode = entry.get("alphaMode", "OPAQUE")
-    if mode not in ("OPAQUE", "MASK", "BLEND"):
+    mode = entry.get("alphaMode", ALPHA_NAMES[ALPHA_OPAQUE])
+    if mode not in ALPHA_NAMES:
         document.notes.warn(f"{name} has the unknown alphaMode {str(mode)[:40]!r}; OPAQUE takes its place")
-    return _ALPHA.get(mode if isinstance(mode, str) else "", ALPHA_OPAQUE)
+        return ALPHA_OPAQUE
+    return ALPHA_NAMES.index(mode)
 
 
 def _put_texture(document, index, channel, shelf):
@@ -239,10 +240,10 @@ def write_material(material: Material, textures: dict[str, int]) -> dict:
     for parameter in PARAMETERS:
         if parameter.name in material.parameters:
             _write_parameter(out, parameter, material.parameters[parameter.name])
+    if material.alpha_mode != ALPHA_OPAQUE:
+        out["alphaMode"] = ALPHA_NAMES[material.alpha_mode]
     if material.alpha_mode == ALPHA_MASK:
-        out["alphaMode"], out["alphaCutoff"] = "MASK", float(material.alpha_cutoff)
-    if material.alpha_mode == ALPHA_BLEND:
-        out["alphaMode"] = "BLEND"
+        out["alphaCutoff"] = float(material.alpha_cutoff)
     if material.double_sided:
         out["doubleSided"] = True
     if material.unlit:

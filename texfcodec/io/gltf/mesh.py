@@ -10,8 +10,9 @@ import numpy as np
 from ...errors import InputError, SupportError
 from ..parts import Part
 from .accessor import normalized_floats, read_accessor, read_floats
-from .document import Document, extensions, integer, malformed, part, title
+from .document import Document
 from .left_out import name_extension
+from .properties import extensions, integer, malformed, part, title
 
 if TYPE_CHECKING:
     from .material import Look, TextureInfo

@@ -7,8 +7,9 @@ numbers of the bufferView, and against the fewest bytes that so many elements ca
 import numpy as np
 
 from ...errors import InputError, LimitError, SupportError
-from .document import integer, malformed
+from .properties import integer, malformed
 
+EXTENSIONS = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 MAX_BYTES = 1 << 30  # of one decoded bufferView; meshoptimizer's own limit too
 _STRIDES = {"ATTRIBUTES": range(4, 257, 4), "TRIANGLES": (2, 4), "INDICES": (2, 4)}
 _FILTER_STRIDES = {"NONE": range(1, 257), "OCTAHEDRAL": (4, 8), "QUATERNION": (8,), "EXPONENTIAL": range(4, 257, 4)}

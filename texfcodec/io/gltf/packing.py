@@ -1,17 +1,22 @@
 """Vertices and triangles of a glTF document: plain, packed by Draco (KHR_draco_mesh_compression) or by meshoptimizer
 (EXT_meshopt_compression).
 
-Every packing has positions() for the frame that its vertices are in, and primitive() for their accessors. A Texf and a Document
-stand in later rooms and modules, so that signatures here say Any.
+Every packing has positions() for the frame that its vertices are in, and primitive() for their accessors.
 """
 
-from typing import Any, NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ...errors import InputError, SupportError
 from ...report import plural
 from ..precision import local_frame
+
+if TYPE_CHECKING:
+    from ...texf import Texf
+    from .writer import Document
 
 ARRAY, INDEX = 34962, 34963  # bufferView targets
 COMPRESSIONS = ("none", "draco", "meshopt")
@@ -37,7 +42,7 @@ def check_compression(name: str) -> None:
         _meshopt_package()
 
 
-def packing_of(name: str) -> Any:
+def packing_of(name: str) -> Plain:
     """The packing of one of COMPRESSIONS."""
     return {"none": Plain, "draco": Draco, "meshopt": Meshopt}[name]()
 
@@ -45,11 +50,11 @@ def packing_of(name: str) -> Any:
 class Plain:
     """Accessors as they are."""
 
-    def positions(self, texf: Any, vertex: np.ndarray) -> tuple:
+    def positions(self, texf: Texf, vertex: np.ndarray) -> tuple:
         """Positions of vertices, int64 [N] into texf.positions: (float32 [N, 3], node's translation or None, scale or None)."""
         return local_frame(texf, texf.positions[vertex])
 
-    def primitive(self, document: Any, columns: dict[str, Column], corners: np.ndarray) -> dict:
+    def primitive(self, document: Document, columns: dict[str, Column], corners: np.ndarray) -> dict:
         """Accessors for columns by name and for corners, int64 [3 F] into them: the glTF primitive."""
         columns = {name: smallest(name, column) for name, column in columns.items()}
         attributes = {name: document.add_accessor(c.values, c.kind, ARRAY, name == "POSITION", c.normalized)
@@ -64,13 +69,13 @@ class Draco(Plain):
     def __init__(self, uv_bits: int = _UV_BITS) -> None:
         self._uv_bits = uv_bits
 
-    def positions(self, texf: Any, vertex: np.ndarray) -> tuple:
+    def positions(self, texf: Texf, vertex: np.ndarray) -> tuple:
         local, translation, scale = super().positions(texf, vertex)
         origin = texf.origin if translation is None else np.zeros(3)
         self._lattice = texf.position_bits, texf.side if scale is None else 1.0, origin
         return local, translation, scale
 
-    def primitive(self, document: Any, columns: dict[str, Column], corners: np.ndarray) -> dict:
+    def primitive(self, document: Document, columns: dict[str, Column], corners: np.ndarray) -> dict:
         import DracoPy
 
         try:
@@ -121,14 +126,14 @@ def _draco_ids(mesh, columns):
 class Meshopt(Plain):
     """Vertices in the order of their use; positions as whole numbers of the stream's lattice, UVs in 16 bits, normals in 11."""
 
-    def positions(self, texf: Any, vertex: np.ndarray) -> tuple:
+    def positions(self, texf: Texf, vertex: np.ndarray) -> tuple:
         if not texf.side > 0:
             return super().positions(texf, vertex)
         step = float(texf.side) / ((1 << texf.position_bits) - 1)
         lattice = texf.lattice_positions[vertex].astype(np.uint16 if texf.position_bits <= 16 else np.float32)
         return lattice, [float(x) for x in texf.origin], step
 
-    def primitive(self, document: Any, columns: dict[str, Column], corners: np.ndarray) -> dict:
+    def primitive(self, document: Document, columns: dict[str, Column], corners: np.ndarray) -> dict:
         package = _meshopt_package()
         order, corners = _by_use(package, corners, len(columns["POSITION"].values))
         attributes = {}

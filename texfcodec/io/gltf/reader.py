@@ -17,10 +17,11 @@ from ...errors import InputError, SupportError
 from ..authored_normals import place_normals, place_tangents
 from ..images import TextureShelf
 from ..parts import Notes, assemble, check_face_count
-from .document import extensions, integer, is_index, malformed, name_of, numbers, open_document, title
+from .document import open_document
 from .left_out import name_extension, name_joined, name_left_out, name_variants
 from .material import read_look, read_material
 from .mesh import VARIANTS, MeshReader
+from .properties import extensions, integer, is_index, malformed, name_of, numbers, title
 from .skin import Rest
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import numpy as np
 from ...errors import InputError
 from ..parts import Part
 from .accessor import read_floats
-from .document import malformed
+from .properties import malformed
 
 if TYPE_CHECKING:
     from .document import Document

@@ -1,7 +1,4 @@
-"""glTF 2.0 out: one primitive per material and image, GLB or .gltf with files beside it, plain or packed.
-
-A Texf stands in a later room, so that signatures here say Any.
-"""
+"""glTF 2.0 out: one primitive per material and image, GLB or .gltf with files beside it, plain or packed."""
 
 from __future__ import annotations
 
@@ -11,13 +8,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ...core.json_text import json_text
-from ...scene.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
+from ...scene.scene import ALPHA_BLEND, ALPHA_NAMES, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
 from ..precision import local_frame
 from ..vertex_appearance import linear_u16, unique_corners, vertex_colours
 from .material import UNLIT, extensions_of, write_material
 from .packing import ARRAY, MESHOPT, Column, Plain
 
 if TYPE_CHECKING:
+    from ...texf import Texf
     from ..images import ImageFormat
     from ..output_textures import Textured
 
@@ -120,7 +118,7 @@ class Document:
         self.json["scenes"][0]["nodes"] = [self.add("nodes", node)]
 
 
-def textured(texf: Any, look: Textured, images: list[tuple[ImageFormat, str | bytes]], packing: Any = None) -> Document:
+def textured(texf: Texf, look: Textured, images: list[tuple[ImageFormat, str | bytes]], packing: Plain | None = None) -> Document:
     """Document with images, and TEXCOORD_0 or COLOR_0 where faces have these. images: for each of look.textures its format, and
     its URI or its bytes for the buffer; packing: of packing.py, or None for plain accessors."""
     document, packing = Document(texf.metadata), packing or Plain()
@@ -213,7 +211,7 @@ def _add_texture(document, texture, form, image):
     document.add("textures", {"sampler": at} | source)
 
 
-def coloured(texf: Any, packing: Any = None) -> Document:
+def coloured(texf: Texf, packing: Plain | None = None) -> Document:
     """Document with COLOR_0 (linear) at vertices. packing: as in textured()."""
     document = Document(texf.metadata)
     if len(texf.faces):
@@ -225,7 +223,7 @@ def coloured(texf: Any, packing: Any = None) -> Document:
     return document
 
 
-def points(texf: Any) -> Document:
+def points(texf: Texf) -> Document:
     """Document with the voxel centres as a point cloud, colours in COLOR_0, unlit."""
     document = Document(texf.metadata)
     voxels = texf.voxels()
@@ -238,7 +236,7 @@ def points(texf: Any) -> Document:
     }
     material = {"name": "voxels", "extensions": {UNLIT: {}}}
     if texf.has_alpha:
-        material["alphaMode"] = "BLEND"
+        material["alphaMode"] = ALPHA_NAMES[ALPHA_BLEND]
     document.use_extension(UNLIT)
     primitive = {"attributes": attributes, "mode": _POINTS, "material": document.add("materials", material)}
     document.add_mesh([primitive], translation, scale)

@@ -1,0 +1,68 @@
+"""Properties of the objects in a glTF's JSON tree, checked as they are read."""
+
+import math
+from typing import Any
+
+from ...errors import InputError
+
+
+def malformed(what: str, **details: object) -> InputError:
+    """The error for a JSON tree that does not follow the glTF schema."""
+    return InputError("TXF-I09", f"the glTF structure is malformed: {what}", **details)
+
+
+def is_index(value: object) -> bool:
+    """True for a JSON integer that may count entries; true and 1.0 are none."""
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+
+
+def integer(entry: dict, key: str, default: int | None = None, low: int | None = None) -> int:
+    """entry[key] as int, at least low; without default the key is required."""
+    value = entry.get(key, default)
+    if not isinstance(value, int) or isinstance(value, bool) or (low is not None and value < low):
+        raise malformed(f"'{key}' is not a usable integer", value=str(value)[:40], low=low)
+    return value
+
+
+def numbers(entry: dict, key: str, default: float | tuple[float, ...]) -> Any:
+    """entry[key] as tuple of finite floats, as many as default has; a plain number where default is one."""
+    value = entry.get(key, default)
+    single = not isinstance(default, (tuple, list))
+    items = [value] if single else value
+    wanted = len(default) if isinstance(default, (tuple, list)) else 1
+    if not isinstance(items, (tuple, list)) or len(items) != wanted or not all(_is_finite(item) for item in items):
+        raise malformed(f"'{key}' is not {wanted} finite numbers", value=str(value)[:60])
+    return float(value) if single else tuple(float(item) for item in items)
+
+
+def _is_finite(value):
+    try:
+        return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:  # an integer of hundreds of digits
+        return False
+
+
+def part(entry: dict, key: str) -> dict:
+    """entry[key] as dict, empty when absent."""
+    value = entry.get(key)
+    if value is None:
+        return {}
+    if not isinstance(value, dict):
+        raise malformed(f"'{key}' is not an object")
+    return value
+
+
+def extensions(entry: dict) -> dict:
+    """The extensions object of an entry, {} when absent."""
+    return part(entry, "extensions")
+
+
+def name_of(entry: dict) -> str:
+    """The entry's name, printable; "" when it has none. JSON can spell lone surrogates, which no terminal takes."""
+    name = entry.get("name")
+    return name.encode("utf-8", "replace").decode() if isinstance(name, str) else ""
+
+
+def title(entry: dict, index: int) -> str:
+    """'name' of an entry, or its number."""
+    return f"'{name_of(entry)}'" if name_of(entry) else str(index)

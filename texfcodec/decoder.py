@@ -4,13 +4,14 @@ import json
 import time
 import zlib
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
 from .bitstream.appearance import groups_of, material_of
 from .bitstream.stream import Stream, read_stream
 from .bitstream.syntax import SUPPORT_TEXELS
-from .codecs import codec_of_unit
+from .codecs import joint_codec_of_unit, plane_codec_of_unit
 from .codecs.base import Codec, Group, split_groups
 from .errors import LimitError, StreamError
 from .field.keyed import keys_crc
@@ -22,7 +23,7 @@ from .geometry.canonical import CanonicalCube
 from .geometry.checksum import geometry_crc
 from .geometry.draco import UvCoding, dec_geometry, dec_textured
 from .geometry.edges import coded_edges
-from .geometry.geometry_unit import GeometryUnit, field_surface, field_uv
+from .geometry.geometry_unit import GeometryUnit, LatticeMesh, field_surface, field_uv
 from .limits import Limits
 from .options import DecodeOptions
 from .report import Report
@@ -30,6 +31,13 @@ from .scene.normal_rule import MARKED
 from .texf import Field, Texf
 
 Known = Callable[[dict, Group], np.ndarray | None]  # (syntax elements of an attribute unit, its group) -> its values, or None
+
+
+class DecodedSurface(NamedTuple):
+    """mesh: of a field; uv: int64 [V, 2], parallel to its lattice, None where the field is over voxels."""
+
+    mesh: LatticeMesh
+    uv: np.ndarray | None
 
 
 def decode_stream(data: bytes, options: DecodeOptions, report: Report, known: Known | None = None) -> Texf:
@@ -116,7 +124,7 @@ def json_object(raw: bytes) -> dict | None:
     return value if isinstance(value, dict) else None
 
 
-def check_samples(surfaces: list, stream: Stream, position_bits: int, limits: Limits) -> None:
+def check_samples(surfaces: list[DecodedSurface], stream: Stream, position_bits: int, limits: Limits) -> None:
     """The time to derive supports grows with samples and rows: refuses their sum over all fields before the first is touched."""
     total = _count_samples(surfaces, stream, position_bits)
     if limits.samples is not None and total > limits.samples:
@@ -129,24 +137,25 @@ def _count_samples(surfaces, stream, position_bits):
     total = 0
     for surface, field in zip(surfaces, stream.fields, strict=True):
         total += _count_rows(surface, field) if field["support"] == SUPPORT_TEXELS else \
-            count_samples(*surface, position_bits, field["resolution"])
+            count_samples(surface.mesh.lattice, surface.mesh.faces, position_bits, field["resolution"])
     if stream.joint:
-        total += codec_of_unit(stream.joint).count_samples(stream.joint, surfaces, position_bits)
+        total += joint_codec_of_unit(stream.joint).count_samples(stream.joint, [s.mesh for s in surfaces], position_bits)
     return total
 
 
 def _count_rows(surface, field):
     """Rows of texels of a field's faces, and its image as a whole: 16 texels are looked through in the time of a sample."""
-    return count_rows(surface[2], surface[1], field["uv_fraction_bits"]) + (field["width"] * field["height"] >> 4)
+    return count_rows(surface.uv, surface.mesh.faces, field["uv_fraction_bits"]) + (field["width"] * field["height"] >> 4)
 
 
-def surface_of_field(units: list, field: dict) -> tuple:
-    """(lattice, faces) of a field, and the UVs where it is over texels."""
-    surface = field_surface(units, field["field_index"])
-    return (*surface, field_uv(units, field["field_index"])) if field["support"] == SUPPORT_TEXELS else surface
+def surface_of_field(units: list, field: dict) -> DecodedSurface:
+    """What the support of a field is rebuilt from. field: its syntax values."""
+    number = field["field_index"]
+    return DecodedSurface(field_surface(units, number), field_uv(units, number) if field["support"] == SUPPORT_TEXELS else None)
 
 
-def decode_support(surface: tuple, values: dict, position_bits: int, options: DecodeOptions) -> VoxelSupport | TexelSupport:
+def decode_support(surface: DecodedSurface, values: dict, position_bits: int,
+                   options: DecodeOptions) -> VoxelSupport | TexelSupport:
     """The support of a field of its syntax values, rebuilt from its surface. Raises StreamError, LimitError."""
     decode = _decode_texels if values["support"] == SUPPORT_TEXELS else _decode_voxels
     support = decode(surface, values, position_bits, options)
@@ -159,14 +168,14 @@ def decode_support(surface: tuple, values: dict, position_bits: int, options: De
 
 
 def _decode_voxels(surface, values, position_bits, options):
-    keys, _ = voxelise(*surface, position_bits, values["resolution"], values["area_threshold"], options.threads,
-                       options.limits.voxels)
+    keys, _ = voxelise(surface.mesh.lattice, surface.mesh.faces, position_bits, values["resolution"], values["area_threshold"],
+                       options.threads, options.limits.voxels)
     return VoxelSupport(values["resolution"], keys)
 
 
 def _decode_texels(surface, values, position_bits, options):
     size, wrap = (values["width"], values["height"]), (values["wrap_s"], values["wrap_t"])
-    keys = asked_texels(surface[2], surface[1], values["uv_fraction_bits"], size, wrap, options.limits.voxels)
+    keys = asked_texels(surface.uv, surface.mesh.faces, values["uv_fraction_bits"], size, wrap, options.limits.voxels)
     return TexelSupport(keys=keys, width=size[0], height=size[1], wrap=wrap, fraction_bits=values["uv_fraction_bits"])
 
 
@@ -194,22 +203,21 @@ def _decode_planes(texf, stream, surfaces, options, report, known):
 def _add_planes(field, group, values, support, options, plane=None):
     """Adds to a Field what one attribute unit holds, without the levels that options.lod leaves out of the field. plane: its
     values where they are known."""
-    shift = values["level_shift"]
+    shift, codec = values["level_shift"], plane_codec_of_unit(values)
     if plane is None:
-        plane = _decode_plane(values, support.coarser(shift), max(options.lod - shift, 0), options)
+        plane = _decode_plane(codec, values, support.coarser(shift), max(options.lod - shift, 0), options)
     else:
-        check_values(zlib.crc32(plane), values, codec_of_unit(values))
+        check_values(zlib.crc32(plane), values, codec)
     planes = group.split(plane)
     field.planes |= planes
-    step = codec_of_unit(values).step(values)
+    step = codec.step(values)
     if step is not None:
         field.steps |= dict.fromkeys(planes, step)
     field.shifts |= dict.fromkeys(planes, max(min(shift, support.depth) - min(options.lod, support.depth), 0))
 
 
-def _decode_plane(values, support, levels, options):
+def _decode_plane(codec, values, support, levels, options):
     """One attribute unit without its last levels: uint8 [n, C]. support: that its plane is on."""
-    codec = codec_of_unit(values)
     plane = codec.dec(values, support, levels if codec.has_levels else 0, options.threads)
     if not (codec.has_levels and min(levels, support.depth)):
         check_values(zlib.crc32(plane), values, codec)
@@ -219,8 +227,8 @@ def _decode_plane(values, support, levels, options):
 def _decode_jointly(texf, stream, surfaces, options, report):
     """Fills texf with fields whose points ask evaluators, and voxels that hold what their centres answer."""
     values, total = stream.joint, 0
-    codec = texf.codec = codec_of_unit(values)
-    texf.evaluators = codec.dec(values, surfaces, texf.position_bits, texf.groups, options, report)
+    codec = texf.codec = joint_codec_of_unit(values)
+    texf.evaluators = codec.dec(values, [s.mesh for s in surfaces], texf.position_bits, texf.groups, options, report)
     for i, field in enumerate(stream.fields):
         with _support_stage(stream.fields, i, report):
             support = decode_support(surfaces[i], field, texf.position_bits, options)

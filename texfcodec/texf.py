@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from .codecs.base import Codec, Group, split_groups
+from .codecs.base import Group, JointCodec, split_groups
 from .errors import InputError, LossWarning
 from .field.on_face import texel_positions
 from .field.texels import TexelSupport
@@ -87,7 +87,7 @@ class Texf:
     metadata: dict = field(default_factory=dict)
     groups: tuple[Group, ...] = ()
     threads: int = 1
-    codec: Codec | None = None
+    codec: JointCodec | None = None
     evaluators: list | None = None
     skipped: list = field(default_factory=list)
     sharp_edges: np.ndarray | None = None

@@ -6,6 +6,7 @@ import click
 
 from .. import __version__
 from ..codecs import codec_of
+from ..codecs.base import JointCodec
 from ..errors import InputError
 from ..io.formats import SUFFIXES
 from ..options import DEFAULT_CODEC, EncodeOptions, strange_options
@@ -237,7 +238,7 @@ def _lines(facts, out):
     yield from _size_lines(facts)
     yield from _check_lines(facts)
     codec = codec_of(facts["codec"])
-    if codec.joint:
+    if isinstance(codec, JointCodec):
         yield from codec.result_lines(facts)
         yield from _psnr_lines(facts)
         yield timing_line(facts["seconds"], facts["peak_memory_bytes"])

@@ -82,23 +82,26 @@ def _open(path, options, report):
     from ..api import decode
 
     with report.stage("load"):
-        data, scene = open_asset(path, not _is_mesh(path), options.limits)
-    return decode(data, options, report) if scene is None else _named(scene, path, report)
+        asset = open_asset(path, not _is_mesh(path), options.limits)
+    return decode(asset, options, report) if isinstance(asset, bytes) else _named(asset, path, report)
 
 
 def _views(scene, decoded, settings, mipmaps, threads, report):
     from ..metrics.views import Look, compare_views
 
+    views, size, ssim, lpips = settings
     with report.stage("views"):
-        return compare_views(scene, decoded, *settings, threads=threads, look=Look(mipmaps=mipmaps),
+        return compare_views(scene, decoded, views, size, ssim, lpips, threads=threads, look=Look(mipmaps=mipmaps),
                              on_view=lambda n, of: report.progress("views", n, of))
 
 
 def _shaded(scene, decoded, settings, report):
     from ..metrics.shaded import compare_shaded
 
+    views, size, threads, mipmaps = settings
     with report.stage("shaded"):
-        return compare_shaded(scene, decoded, *settings, on_view=lambda n, of: report.progress("shaded", n, of))
+        return compare_shaded(scene, decoded, views, size, threads, mipmaps,
+                              on_view=lambda n, of: report.progress("shaded", n, of))
 
 
 def _psnr_3d(scene, decoded, threads, report):

@@ -65,7 +65,8 @@ def _keywords(option):
     if "allowed" in told:
         return {"type": click.Choice(list(words_of(option))), "metavar": told["metavar"], "help": text}
     if "range" in told:
-        return {**number(*told["range"], text), "metavar": told["metavar"]}
+        low, high = told["range"]
+        return {**number(low, high, text), "metavar": told["metavar"]}
     if "switch" in told:
         return {"is_flag": True, "help": text}
     return {"metavar": told["metavar"], "help": text, "shell_complete": file_names}

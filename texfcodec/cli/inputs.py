@@ -35,15 +35,15 @@ def load_mesh(path: str, strict: bool = False, limits: Limits | None = None) -> 
     return _stdin_mesh(_stdin(), strict, limits) if path == "-" else load(path, strict, limits)
 
 
-def open_asset(path: str, is_stream: bool, limits: Limits | None = None) -> tuple[bytes | None, Scene | None]:
-    """(bytes of a stream, None) or (None, Scene). is_stream: whether a path that is not "-" names a stream."""
+def open_asset(path: str, is_stream: bool, limits: Limits | None = None) -> bytes | Scene:
+    """The bytes of a stream, or the Scene of a mesh. is_stream: whether a path that is not "-" names a stream."""
     limits = limits or Limits()
     if path == "-":
         head = _stdin(len(_GLB_MAGIC))
         if head == _GLB_MAGIC:
-            return None, _stdin_mesh(head + _stdin(), False, limits)
-        return read_stream_file(path, limits, head), None
-    return (read_stream_file(path, limits), None) if is_stream else (None, load_mesh(path, limits=limits))
+            return _stdin_mesh(head + _stdin(), False, limits)
+        return read_stream_file(path, limits, head)
+    return read_stream_file(path, limits) if is_stream else load_mesh(path, limits=limits)
 
 
 def files_of(path: str, scene: Scene | None) -> list[str]:
@@ -76,18 +76,17 @@ def load_asset(path: str, options: DecodeOptions, inputs: list[str], report: Rep
     from ..report import Report
 
     with report.stage("load"):
-        data, scene = open_asset(path, path.lower().endswith(".texf"), options.limits)
-    inputs += files_of(path, scene)
-    if scene is None:
-        assert data is not None
+        asset = open_asset(path, path.lower().endswith(".texf"), options.limits)
+    inputs += files_of(path, None if isinstance(asset, bytes) else asset)
+    if isinstance(asset, bytes):
         within = Report()  # its stages are parts of this one
         with report.stage("decode"):
-            texf = decode(data, options, within)
+            texf = decode(asset, options, within)
         report.warnings += within.warnings
-        return texf, len(data)
-    report.warnings += scene.warnings
-    report.dropped += scene.dropped
-    return scene, sum(scene.files.values())
+        return texf, len(asset)
+    report.warnings += asset.warnings
+    report.dropped += asset.dropped
+    return asset, sum(asset.files.values())
 
 
 def say_losses(console: Console, report: Report) -> None:

@@ -146,7 +146,8 @@ def _compared(named, shown, compared, choices, report):
 
     with report.stage("compare"):
         under = WHITE if choices["background"] == GREY else choices["background"]
-        found, heat = compare(*compared, under, choices["background"])
+        first, second = compared
+        found, heat = compare(first, second, under, choices["background"])
         panels = [*(_image(picture, choices) for picture in shown), box_down(heat, choices["anti_alias"])]
         halves = names_of_halves([(isinstance(asset, Scene), Path(path).name) for asset, path in named])
         return found, sheet(panels, [*halves, "difference: RMS of R, G, B; teal: in one only"], choices["background"])

@@ -77,7 +77,7 @@ def _line(row):
 
 def _names(units):
     """Units in words, those of one type that follow each other together."""
-    runs = []
+    runs: list[list] = []  # [name, first, last]
     for unit in units:
         if runs and runs[-1][0] == unit["unit_name"] and runs[-1][2] == unit["unit"] - 1:
             runs[-1][2] = unit["unit"]

@@ -177,8 +177,9 @@ def _serve(console, containers, start, choices, options, facts):
     from ..viewer.dropped import container_of_dropped
     from ..viewer.server import ViewServer
 
-    with ViewServer([container for _, _, container in containers], drop=lambda *file: container_of_dropped(*file, options),
-                    start=start, version=__version__, port=choices["port"], most=options.limits.file_bytes) as server:
+    drop = lambda data, name: container_of_dropped(data, name, options)
+    with ViewServer([container for _, _, container in containers], drop=drop, start=start,
+                    version=__version__, port=choices["port"], most=options.limits.file_bytes) as server:
         interrupts.Talk.quiet, interrupts.Talk.closes = console.quiet or console.as_json, True
         if console.quiet and not console.as_json:
             click.echo(server.address)

@@ -10,7 +10,7 @@ from importlib import import_module
 from importlib.metadata import distributions, entry_points
 
 from ..errors import SupportError
-from .base import PRIVATE_IDS, Codec
+from .base import PRIVATE_IDS, Codec, JointCodec, PlaneCodec
 
 GROUP = "texfcodec.codecs"
 OURS = {"raht": (0, "raht.raht_codec", "Raht"), "3dntc": (1, "neural.neural_codec", "Neural"),
@@ -92,4 +92,18 @@ def codec_of_unit(values: dict) -> Codec:
     if codec.id != number:
         raise SupportError("TXF-U07", f"the stream needs another codec {name!r} than the one that is installed", clause="5.7",
                            value=number, allowed=codec.id)
+    return codec
+
+
+def plane_codec_of_unit(values: dict) -> PlaneCodec:
+    """codec_of_unit() of a stream without a joint unit."""
+    codec = codec_of_unit(values)
+    assert isinstance(codec, PlaneCodec)
+    return codec
+
+
+def joint_codec_of_unit(values: dict) -> JointCodec:
+    """codec_of_unit() of Stream.joint."""
+    codec = codec_of_unit(values)
+    assert isinstance(codec, JointCodec)
     return codec

@@ -103,7 +103,7 @@ def _json_dict(told):
     return told
 
 
-class _Plugin:
+class _Plugin(Codec):
     """A stranger's codec: its errors become coded ones that name it."""
 
     TOLD: tuple[str, ...] = ("id", "purpose", "structures", "options", "position_bits", "checksum_clause")

@@ -208,7 +208,9 @@ class _Glb:
     _WRAP = {WRAP_REPEAT: 10497, WRAP_CLAMP: 33071, WRAP_MIRROR: 33648}
 
     def __init__(self, scene):
-        self.binary, self.views, self.accessors = bytearray(), [], []
+        self.binary = bytearray()
+        self.views: list[dict] = []
+        self.accessors: list[dict] = []
         primitives = [self._primitive(scene, m) for m in range(len(scene.materials))]
         self.json = {
             "asset": {"version": "2.0", "generator": "texfcodec sample"},

@@ -105,11 +105,11 @@ def _peeled(edge, flat, gone):
     """Numbers of the flat faces that come off one after the other, each when it shares one edge at most: list. Per edge, the
     exclusive or of the faces at it is the last one's number when one is left."""
     rows = np.flatnonzero(~gone)
-    uses = np.bincount(edge[rows].reshape(-1), minlength=int(edge.max()) + 1)
-    last = np.zeros(len(uses), np.int64)
-    np.bitwise_xor.at(last, edge[rows].reshape(-1), np.repeat(rows, 3))
-    candidates = np.flatnonzero(flat & ~gone & ((uses[edge] > 1).sum(axis=1) <= 1)).tolist()
-    uses, last, gone, peeled = uses.tolist(), last.tolist(), gone.tolist(), []
+    users = np.bincount(edge[rows].reshape(-1), minlength=int(edge.max()) + 1)
+    numbers = np.zeros(len(users), np.int64)
+    np.bitwise_xor.at(numbers, edge[rows].reshape(-1), np.repeat(rows, 3))
+    candidates = np.flatnonzero(flat & ~gone & ((users[edge] > 1).sum(axis=1) <= 1)).tolist()
+    uses, last, gone, peeled = users.tolist(), numbers.tolist(), gone.tolist(), []
     while candidates:
         face = candidates.pop()
         mine = edge[face].tolist()

@@ -81,7 +81,7 @@ class _Points:
         self.sides, self.threads = (reference, other), threads
         self.at = _matched(reference, other, sample_surface(reference.positions, reference.faces, samples), threads)
         self.material = reference.face_material[self.at[0][0]]
-        self.rgba = [_colours(side, *at, threads) for side, at in zip(self.sides, self.at, strict=True)]
+        self.rgba = [_colours(side, at, threads) for side, at in zip(self.sides, self.at, strict=True)]
         self.weight = opacity(reference.materials, self.material, self.rgba[0][:, 3]).astype(np.float64)
 
     def rows_of(self, name, lights):
@@ -109,8 +109,9 @@ def _matched(reference, other, asked, threads):
     return (face, bary), nearest.find(np.einsum("mk,mkc->mc", bary, corners), face_normals(corners))
 
 
-def _colours(side, face, bary, threads):
+def _colours(side, at, threads):
     """Colour and alpha float32 [M, 4] of points."""
+    face, bary = at
     if isinstance(side, Scene):
         return sample_source(pack_source(side), face, bary, threads)
     points = np.einsum("mk,mkc->mc", bary, side.positions[side.faces[face]])

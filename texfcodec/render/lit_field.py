@@ -71,9 +71,9 @@ class FieldMaps:
         out = {name: _neutral(name, len(face)) for name in names if BY_NAME[name].unit != "degrees"}
         which = self.face_field[face] if len(ready) > 1 else None
         for number, groups in enumerate(ready):
-            rows = slice(None) if which is None else np.flatnonzero(which == number)
-            if which is not None and not len(rows):
+            if which is not None and not (which == number).any():
                 continue
+            rows = slice(None) if which is None else np.flatnonzero(which == number)
             for together, ask in groups:
                 if names.isdisjoint(BY_NAME[key].material_name for key in together):
                     continue

@@ -35,7 +35,7 @@ class Questions:
         self._perspective = camera is not None and camera.perspective
         self.positions, self.faces = np.ascontiguousarray(positions, np.float64), np.ascontiguousarray(faces, np.int64)
         self._uv = np.ascontiguousarray(texf.uv)
-        self._density = None
+        self._density: np.ndarray | None = None
 
     def of_field(self, number: int, names: Sequence[str] = ()) -> Question:
         """Function (face int64 [M], bary float64 [M, 3], depth float64 [M]) -> values float32 [M, C], 0..255, of field `number`.

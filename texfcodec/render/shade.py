@@ -72,8 +72,10 @@ def render_scene(scene: Scene, camera: Camera, cull: bool = True, threads: int =
     triangles = set_up(camera, scene.positions, scene.faces, cull, _two_sided(scene.materials, scene.face_material))
 
     def shade(fragments):
-        has_levels = isinstance(source, Textures)
-        rgba = source.colours(camera, fragments, threads) if has_levels else shade_source(source, fragments, threads)
+        if isinstance(source, Textures):
+            rgba = source.colours(camera, fragments, threads)
+        else:
+            rgba = shade_source(source, fragments, threads)
         return _in_light(light, camera, fragments, rgba, True, threads)
 
     return _render(triangles, scene.materials, scene.face_material, threads, shade)

@@ -15,6 +15,7 @@ from ..bitstream.appearance import check_groups, check_material, groups_of, mate
 from ..bitstream.syntax import CHANNEL_GROUP, MATERIAL, MAX_GROUPS
 from ..bitstream.values import material_values
 from ..codecs import codec_names, codec_of
+from ..codecs.base import JointCodec
 from ..core.syntax_table import Element, Structure
 from ..core.syntax_walk import REALS, Reader, read_structure, write_structure
 from ..errors import StreamError, TexfError
@@ -90,8 +91,8 @@ def _texf(facts, arrays, threads, limits=_USUAL):
         units = _split(facts["units"], arrays, {"lattice": np.int64, "faces": np.int64, "uv": np.int64})
         fields = _split(facts["fields"], arrays, {"keys": np.int64, **{_plane(c): np.uint8 for c in channels}})
         texf = Texf(cube=cube, units=[_unit(numbers, parts) for numbers, parts in units],
-                    fields=[_field(*one, channels, *told) for one, *told in zip(fields, facts["shifts"], facts["steps"],
-                                                                                strict=True)],
+                    fields=[_field(field, channels, shifts, steps)
+                            for field, shifts, steps in zip(fields, facts["shifts"], facts["steps"], strict=True)],
                     materials=materials, metadata=dict(facts["metadata"]), groups=groups, threads=threads,
                     skipped=list(facts["skipped"]))
         sound = all(_field_is_sound(f, channels, limits) for f in texf.fields)
@@ -100,8 +101,8 @@ def _texf(facts, arrays, threads, limits=_USUAL):
             texf.sharp_edges = _typed(arrays["sharp_edges"], bool)
             sound = _marks_are_sound(texf)
         if facts["codec"] is not None:
-            texf.codec = _codec(facts["codec"])
-            texf.evaluators = texf.codec.unpack(facts["evaluators"], arrays, groups, len(texf.fields))
+            codec = texf.codec = _codec(facts["codec"])
+            texf.evaluators = codec.unpack(facts["evaluators"], arrays, groups, len(texf.fields))
     except (TexfError, KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         raise StreamError("TXF-S40", "the decoder's answer makes no sense", reason=type(error).__name__) from error
     if not sound:
@@ -162,9 +163,10 @@ def _unit(numbers, parts):
     return GeometryUnit(field, material, parts[0], parts[1], parts[2] if textured else None)
 
 
-def _field(numbers, parts, channels, shifts, steps):
+def _field(packed, channels, shifts, steps):
     """The Field of its support's numbers, two over voxels and six over texels, its arrays, and the shifts and steps of its
     planes."""
+    numbers, parts = packed
     planes = {channel.name: plane for channel, plane in zip(channels, parts[1:], strict=True) if len(plane)}
     shifts = {str(name): int(shift) for name, shift in shifts.items()}
     steps = {str(name): float(step) for name, step in steps.items()}
@@ -185,7 +187,7 @@ def _support_numbers(support):
 
 def _codec(name):
     codec = codec_of(name) if name in codec_names() else None
-    if codec is None or not codec.joint:
+    if not isinstance(codec, JointCodec):
         raise ValueError("codec")
     return codec
 

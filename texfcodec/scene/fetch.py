@@ -70,7 +70,7 @@ def _pack(scene, faces, texture_of, corner_uv, plain, spread=False):
     colours); spread: whether alpha takes the place of the other columns."""
     factor, opaque, colour = plain
     used = sorted({t for t in texture_of if t >= 0})
-    images = {}
+    images: dict[int, np.ndarray] = {}
     for t in used:
         image = scene.textures[t].image
         images.setdefault(id(image), np.repeat(image[..., 3:], 4, axis=2) if spread else image)
@@ -142,7 +142,7 @@ def _source_at(source, f, b0, b1, b2, out):
         if c == 3:
             out[c] = min(max(out[c] * gain, 0.0), 255.0)
         elif gain != 1.0:
-            low = min(np.int64(out[c]), 254)
+            low = min(np.int64(out[c]), np.int64(254))
             linear = to_linear[low] + (to_linear[low + 1] - to_linear[low]) * (out[c] - low)
             place = min(max(linear * gain, 0.0), 1.0) * CURVE_STEPS
             i = np.int64(place)

@@ -8,7 +8,8 @@ from functools import partial
 
 from ..bitstream.appearance import groups_of, material_of, needed_groups
 from ..bitstream.syntax import UNIT_ATTRIBUTE, UNIT_FIELD, UNIT_GEOMETRY, UNIT_MATERIALS, UNIT_SHARP_EDGES
-from ..codecs import codec_of_unit
+from ..codecs import codec_of_unit, joint_codec_of_unit
+from ..codecs.base import PlaneCodec
 from ..decoder import check_samples, check_values, decode_sharp_edges, decode_support, decode_unit, surface_of_field
 from ..errors import TexfError
 from ..geometry.canonical import CanonicalCube
@@ -100,9 +101,12 @@ class _Contents:
         surfaces = {index: surface_of_field(decoded, fields[index]) for index in whole}
         known = replace(self.stream, fields=[fields[index] for index in whole],
                         attributes=self._attributes() if len(whole) == len(fields) else [])
-        counted = self._try(None, lambda: [check_samples(list(surfaces.values()), known, self.position_bits,
-                                                         self.options.limits)])
-        return [surfaces.get(index) for index in range(len(fields))] if counted else []
+        try:
+            check_samples(list(surfaces.values()), known, self.position_bits, self.options.limits)
+        except TexfError as error:
+            self.listing.error(error)
+            return []
+        return [surfaces.get(index) for index in range(len(fields))]
 
     def _attributes(self):
         return [values for values in self.stream.attributes if values is not None]
@@ -126,14 +130,15 @@ class _Contents:
         for values, number in zip(self.stream.attributes, self.parsed.numbers[UNIT_ATTRIBUTE], strict=True):
             if values is None or values["field_index"] != index or values["group_index"] not in left:
                 continue
-            if not codec_of_unit(values).joint:
+            codec = codec_of_unit(values)
+            if isinstance(codec, PlaneCodec):
                 left.remove(values["group_index"])
                 with self.report.stage("attributes"):
                     self.parsed.checked.add(number)
-                    self._try(number, partial(self._decode_plane, values, support.coarser(values["level_shift"]), number))
+                    self._try(number, partial(self._decode_plane, codec, values, support.coarser(values["level_shift"]),
+                                              number))
 
-    def _decode_plane(self, values, support, number):
-        codec = codec_of_unit(values)
+    def _decode_plane(self, codec, values, support, number):
         plane, reading = codec.dec_watched(values, support, self.options.threads)
         check_values(zlib.crc32(plane), values, codec)
         if reading.unread:
@@ -147,12 +152,12 @@ class _Contents:
     def _decode_jointly(self, surfaces):
         """One unit of all fields: what it asks of the geometry, then every support, then the values of all fields together."""
         values, number = self.stream.attributes[0], self.parsed.numbers[UNIT_ATTRIBUTE][0]
-        groups, codec = groups_of(self.stream.header["channel_groups"]), codec_of_unit(values)
+        groups, codec = groups_of(self.stream.header["channel_groups"]), joint_codec_of_unit(values)
         evaluators = None
         if surfaces and None not in surfaces:
             self.parsed.checked.add(number)
-            evaluators = self._try(number, lambda: codec.dec(values, surfaces, self.position_bits, groups, self.options,
-                                                             self.report))
+            evaluators = self._try(number, lambda: codec.dec(values, [s.mesh for s in surfaces], self.position_bits, groups,
+                                                             self.options, self.report))
         total, supports = 0, [self._decode_support(index, surfaces) for index in range(len(surfaces))]
         if evaluators is None or None in supports:
             return

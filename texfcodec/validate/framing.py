@@ -49,8 +49,10 @@ def read_frames(data: bytes, max_file_bytes: int | None, listing: Listing) -> Fr
 def _walk(view):
     """(units, numbers of those with a wrong checksum, the error that ended it or None). Of units with wrong checksums behind
     which no right one follows, only the first is believed: its length led to the others."""
-    units, wrong = [], set()
-    position, run, cut = len(SIGNATURE), 0, None
+    units: list[Unit] = []
+    wrong: set[int] = set()
+    cut: StreamError | LimitError | None = None
+    position, run = len(SIGNATURE), 0
     while cut is None:
         try:
             unit, right = read_frame(view, position)
@@ -74,8 +76,9 @@ def _walk(view):
 
 def _judge(units, wrong, length, listing):
     """Adds what is wrong with checksums, places and the end unit. Returns out_of_place and in_order of Frames."""
-    seen = set()
-    out_of_place, in_order = set(), True
+    seen: set[int] = set()
+    out_of_place: set[int] = set()
+    in_order = True
     for number, unit in enumerate(units):
         if number in wrong:
             listing.error(wrong_checksum(unit), number)

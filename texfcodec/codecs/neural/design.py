@@ -103,7 +103,7 @@ def _guess(tried, budget):
 def _surface_payload(surfaces, position_bits, resolution, components, options, log2):
     """(Payload without values, keys by field, resident bytes) of a surface grid, and a hash table over finer cells."""
     keys, threshold = _latent_voxels(surfaces, position_bits, resolution, options.area_threshold, options.threads)
-    levels = (Level(resolution, 0, threshold, tuple(len(k) for k in keys)),)
+    levels: tuple[Level, ...] = (Level(resolution, 0, threshold, tuple(len(k) for k in keys)),)
     if log2:
         levels += (Level(FINER * resolution, log2, 0),)
     features = FEATURES["mixed" if log2 else "surface"]
@@ -115,10 +115,10 @@ def _latent_voxels(surfaces, position_bits, resolution, area_threshold, threads)
     """(Morton keys int64 [N] by field of the voxels with latents (11.3), their area threshold): the one asked for, unless a field
     would lose more of its surface than MOST_DROPPED to it, then 0."""
     keys = []
-    for surface in surfaces:
-        found, weights = voxelise(*surface, position_bits, resolution, 0, threads)
+    for lattice, faces in surfaces:
+        found, weights = voxelise(lattice, faces, position_bits, resolution, 0, threads)
         keep = weights >= area_threshold << 24
         if weights[~keep].sum(dtype=np.float64) > MOST_DROPPED * weights.sum(dtype=np.float64) or not keep.any():
-            return [voxelise(*s, position_bits, resolution, 0, threads)[0] for s in surfaces], 0
+            return [voxelise(lattice, faces, position_bits, resolution, 0, threads)[0] for lattice, faces in surfaces], 0
         keys.append(found[keep])
     return keys, area_threshold

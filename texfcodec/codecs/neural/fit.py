@@ -82,7 +82,7 @@ class Fit:
         self.gradients = [_aligned((PARTS, *v.shape)) for v in self.values]
         self.times, self.codes = np.zeros(len(latent), np.int32), np.empty(latent.shape, np.int8)
         self.upload()
-        self.step, self.seconds, self.log, self._order = 0, 0.0, [], (None, None)
+        self.step, self.seconds, self.log, self._order = 0, 0.0, [], (-1, np.zeros(0, np.int64))
 
     def _batch(self):
         """Rows of the next batch (begin, end): every epoch takes all of them once in a new order."""

@@ -196,7 +196,9 @@ def _level_voxels(surface, position_bits, level, number, options):
 
     if level.table_log2:
         return None
-    keys, _ = voxelise(*surface, position_bits, level.resolution, level.area_threshold, options.threads, options.limits.voxels)
+    lattice, faces = surface
+    keys, _ = voxelise(lattice, faces, position_bits, level.resolution, level.area_threshold, options.threads,
+                       options.limits.voxels)
     if len(keys) != level.entries[number]:
         raise StreamError("TXF-S30", "the voxels rebuilt from the geometry are not the ones that have latents", clause="11.3",
                           value=len(keys), allowed=level.entries[number])
@@ -207,7 +209,8 @@ def _split_keys(payload, joined, fields):
     """Voxels of latents by field and level out of one array; ValueError where they are none."""
     from ...field.voxels import keys_are_sound
 
-    at, grids = 0, []
+    at = 0
+    grids: list[list[np.ndarray | None]] = []
     for number in range(fields):
         grids.append([])
         for level in payload.levels:

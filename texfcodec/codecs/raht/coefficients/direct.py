@@ -87,11 +87,11 @@ def _choose_plane(contexts, flag_ctx, c0, c1, level, strength, wanted, s):
             choice = np.int64(0)
             if rounded > 0:
                 one = _cost(contexts, ctx, 1, bits_of)
-                for candidate in range(max(1, rounded - 1), rounded + 1):
+                for candidate in range(max(np.int64(1), rounded - 1), rounded + 1):
                     j = (x - candidate) ** 2 * lagrangian + one
                     j += _magnitude_cost(contexts, c, strength, large, candidate, bits_of)
                     if j < best:
-                        best, choice = j, candidate
+                        best, choice = j, np.int64(candidate)
             cost += best
             if choice:
                 any_left = True

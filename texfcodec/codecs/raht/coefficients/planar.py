@@ -55,7 +55,7 @@ def _look_around(p, first, c0, c1, blocks, s):
                 if first <= q < p:
                     corners += abs(np.int64(kept[q, j, c]))
             node, above = PLANAR_NODES[j], abs(np.int64(blocks.kept_above[p, j, c]))
-            s.alike[node, c] = 27 * abs(west) + 9 * abs(north) + 3 * min(corners, MOST) + above
+            s.alike[node, c] = 27 * abs(west) + 9 * abs(north) + 3 * min(corners, np.int64(MOST)) + above
             s.alike_signs[node, c] = 3 * _sign_class(west) + _sign_class(north)
 
 

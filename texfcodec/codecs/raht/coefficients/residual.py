@@ -124,7 +124,7 @@ def _residual_bits(encoding, coder, model, chosen, c, energy, activity, lead, se
             _enc_escape(coder.state, coder.buffer, size - BITS + 1)
             magnitude = size
         else:
-            magnitude = min(_dec_escape(coder.state, coder.buffer, coder.end) + BITS - 1, MAX_MAGNITUDE)
+            magnitude = min(_dec_escape(coder.state, coder.buffer, coder.end) + BITS - 1, np.int64(MAX_MAGNITUDE))
     return -magnitude if negative else magnitude
 
 
@@ -214,14 +214,16 @@ def code_residuals(coders: Sequence[Callable], level: Level, table: np.ndarray, 
                    cross: Sequence[int], original: np.ndarray, run: Callable) -> np.ndarray:
     """Codes or decodes the residuals of all slices: the values uint8 [N, C]. coders: for each slice a function of (walk, number
     of residuals), which calls walk(encoding, Coder, model); original: what is coded, x again where it is decoded."""
-    nodes = Nodes(level.first_child, level.occupancy, level.weight, table)
+    first_child = level.first_child
+    assert first_child is not None
+    nodes = Nodes(first_child, level.occupancy, level.weight, table)
     values = Values(x, original, np.empty_like(x), np.empty(x.shape, np.int16), np.array(cross, np.int64),
                     component_order(x.shape[1]), delta)
 
     def job(coder, begin, stop):
         walk = lambda encoding, *coding: (_enc_residuals if encoding else _dec_residuals)(*coding, new_chosen(), values, nodes,
                                                                                         begin, stop)
-        coder(walk, int(level.first_child[stop] - level.first_child[begin]) * x.shape[1])
+        coder(walk, int(first_child[stop] - first_child[begin]) * x.shape[1])
 
     run([partial(job, coder, *parents) for coder, parents in zip(coders, ranges, strict=True)])
     return values.y

@@ -76,7 +76,7 @@ def _rings(cells, octant, mean, ring):
         if last:
             ring[1, r] = b
             ring[last, r] = c
-    return v, rough // max(1, count)
+    return v, rough // max(np.int64(1), count)
 
 
 @kernel(forceinline=True)
@@ -108,7 +108,7 @@ def _planar_rings(p, octant, table, first_child, occupancy, cells, mean, limits,
             u = first_child[q] + _ones(np.int64(occupancy[q]) & ((1 << octant) - 1))
             for c in range(mean.shape[1]):
                 ring[c, 2] += np.int64(mean[u, c]) - mean[v, c]
-    return v, rough // max(1, count)
+    return v, rough // max(np.int64(1), count)
 
 
 @kernel

@@ -33,10 +33,6 @@ MOST_RESOLUTION = 8192
 FINEST_POSITIONS = 18  # bits of a coordinate that "auto" goes up to
 OF_PLANES = frozenset({"support", "exact_rate", "texel_size"})  # no part in codecs that code all fields together
 REFINEMENTS = ("auto", "off", "fit", "render")
-ATLAS_METHODS = ("auto", "quality", "fast")
-APPEARANCES = ("texture", "vertex", "voxels")
-TEXTURE_FORMATS = ("auto", "png", "jpeg", "webp", "avif", "ktx2")
-COMPRESSIONS = ("none", "draco", "meshopt")
 
 
 def default_threads() -> int:

@@ -95,7 +95,7 @@ def source_of(scene):
 
 def document_of(source, coded=None, packing=None):
     """A gltf_write.Document. coded: {content: (image_write.ImageFormat, bytes)}, one for each image; without it there are neither
-    images nor UVs nor vertex colours, which leaves the geometry. packing: of gltf_pack, plain where it is None."""
+    images nor UVs nor vertex colours, which leaves the geometry. packing: of io/gltf/packing.py, plain where it is None."""
     from texfcodec.io.gltf.material import extensions_of, write_material
     from texfcodec.io.gltf.packing import Plain
     from texfcodec.io.gltf.writer import Document
@@ -118,13 +118,13 @@ def document_of(source, coded=None, packing=None):
 
 
 def _frame(scene):
-    """What gltf_pack asks of a Texf: the box that positions are rounded in."""
+    """What a packing asks of a Texf: the box that positions are rounded in."""
     low, high = scene.positions.min(axis=0), scene.positions.max(axis=0)
     return SimpleNamespace(positions=scene.positions, origin=low, side=float((high - low).max()), position_bits=POSITION_BITS)
 
 
 def _columns(source, positions, number, has_looks):
-    """({attribute: gltf_pack.Column of vertices}, vertex int64 [3 F] of each corner) of a material's faces."""
+    """({attribute: Column of vertices}, vertex int64 [3 F] of each corner) of a material's faces."""
     from texfcodec.io.gltf.packing import Column
     from texfcodec.io.vertex_appearance import unique_corners
 
@@ -163,10 +163,12 @@ def _add_textures(document, source, coded):
 
 
 def coded_images(source, name, quality=None):
-    """{content: (image_write.ImageFormat, bytes)} of a Source's images, in one of image_write's formats."""
-    from texfcodec.io.images import FORMATS, encode_image
+    """{content: (ImageFormat, bytes)} of a Source's images, in one of IMAGE_FORMATS."""
+    from texfcodec.io.formats import IMAGE_FORMATS
+    from texfcodec.io.images import encode_image
 
-    return {content: (FORMATS[name], encode_image(image, FORMATS[name], quality)) for content, image in source.images.items()}
+    form = IMAGE_FORMATS[name]
+    return {content: (form, encode_image(image, form, quality)) for content, image in source.images.items()}
 
 
 def write_document(document, path):

@@ -39,14 +39,14 @@ class Ktx2(GlbMethod):
 
     def encode(self, scene, options, folder, threads, report):
         """Writes WHOLE and BARE. ValueError: an option is out of range, or the file is not what it should be."""
+        from texfcodec.io.formats import IMAGE_FORMATS
         from texfcodec.io.gltf.packing import Draco
-        from texfcodec.io.images import FORMATS
 
         options = checked_options(options, DEFAULTS, RANGES, CHOICES)
         source = source_of(scene)
         source.images = {content: fitted(image, options["shrink"], report.warnings) for content, image in source.images.items()}
         with report.stage("textures"):
-            images = {content: (FORMATS["ktx2"], coded_image(image, options, threads))
+            images = {content: (IMAGE_FORMATS["ktx2"], coded_image(image, options, threads))
                       for content, image in source.images.items()}
         with report.stage("geometry"):
             for name, coded in ((WHOLE, images), (BARE, None)):

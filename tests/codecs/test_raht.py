@@ -36,7 +36,7 @@ from texfcodec.codecs.raht.entropy.range_coder import (
     new_encoder,
 )
 from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
-from texfcodec.codecs.raht.transform.octree import CELLS, NEIGHBOURS, Nodes, _neighbours, _ones, build_octree, root_table
+from texfcodec.codecs.raht.transform.octree import CELLS, NEIGHBOURS, Nodes, _neighbours, build_octree, root_table
 from texfcodec.codecs.raht.transform.prediction import DEFAULT_KERNEL, Around, Means, _predict, inverse_range
 from texfcodec.codecs.raht.transform.quantise import MAX_DIFFERENCE, MAX_MEAN, STEP_TABLE, _dequantise, step_of
 from texfcodec.codecs.raht.transform.raht import _forward, _inverse, _tree_weights, _weighted_mean
@@ -93,10 +93,6 @@ def test_the_neighbour_table_of_every_level_is_the_dict_of_coordinates(depth, co
         _neighbours(level.first_child, level.occupancy, table, middle, len(level), below)
         assert below.tolist() == oracles.neighbours(list(oracles.level_nodes(keys.tolist(), depth, number + 1)))
         table = below
-
-
-def test_ones_of_an_octant_mask_are_counted():
-    assert [_ones(v) for v in range(256)] == [v.bit_count() for v in range(256)]
 
 
 @pytest.mark.parametrize("resolution,depth", [(1, 0), (2, 1), (3, 2), (4, 2), (5, 3), (1024, 10), (1025, 11), (8192, 13)])

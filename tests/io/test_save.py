@@ -13,6 +13,7 @@ from mesh_files import accessor, read_glb
 from texfcodec.errors import InputError
 from texfcodec.io import save as save_room
 from texfcodec.io.atlas.bake import bake
+from texfcodec.io.formats import SAVED_SUFFIXES
 from texfcodec.io.save import save
 from texfcodec.io.vertex_appearance import linear_u16
 
@@ -113,7 +114,7 @@ def test_indices_use_16_bits_only_below_the_restart_value(tmp_path):
     assert kinds == {65535: 5123, 65538: 5125}
 
 
-@pytest.mark.parametrize("suffix", save_room.SUFFIXES)
+@pytest.mark.parametrize("suffix", SAVED_SUFFIXES)
 @pytest.mark.parametrize("appearance", [None, "vertex", "voxels"])
 def test_empty_mesh_becomes_a_whole_file(tmp_path, suffix, appearance):
     save(decoded(*empty_mesh()), tmp_path / f"a{suffix}", appearance)

@@ -9,7 +9,8 @@ from mesh_files import accessor, read_glb
 from walls import coded, smooth_image, wall
 
 from texfcodec.errors import InputError, SupportError
-from texfcodec.io.images import FORMATS, encode_image, format_for
+from texfcodec.io.formats import IMAGE_FORMATS
+from texfcodec.io.images import encode_image, format_for
 from texfcodec.io.load import load
 from texfcodec.io.save import as_glb, save
 from texfcodec.scene.scene import WRAP_REPEAT
@@ -35,7 +36,7 @@ def ball(n=16):
 # Textures.
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", IMAGE_FORMATS)
 @pytest.mark.parametrize("suffix", ["glb", "gltf"])
 def test_every_texture_format_reads_back(tmp_path, name, suffix):
     need(name)
@@ -46,20 +47,20 @@ def test_every_texture_format_reads_back(tmp_path, name, suffix):
     assert report["warnings"] == plain["warnings"] == [] and image.shape == wanted.shape == (128, 128, 4)
     assert np.abs(image.astype(int) - wanted).mean() < LOSSES[name]
     document = json.loads((tmp_path / "a.gltf").read_text()) if suffix == "gltf" else read_glb(tmp_path / "a.glb")[0]
-    extension = FORMATS[name].extension
+    extension = IMAGE_FORMATS[name].extension
     assert document.get("extensionsRequired", []) == document.get("extensionsUsed", []) == ([extension] if extension else [])
     texture = document["textures"][0]
     assert (texture["extensions"][extension] if extension else texture)["source"] == 0
-    assert document["images"][0].get("mimeType") == (FORMATS[name].mime if suffix == "glb" else None)
-    assert report["files"][0] == ("a.glb" if suffix == "glb" else "a" + FORMATS[name].suffix)
+    assert document["images"][0].get("mimeType") == (IMAGE_FORMATS[name].mime if suffix == "glb" else None)
+    assert report["files"][0] == ("a.glb" if suffix == "glb" else "a" + IMAGE_FORMATS[name].suffix)
 
 
 @pytest.mark.parametrize("name", ["jpeg", "webp", "avif"])
 def test_quality_is_paid_for_in_bytes(name):
     image = smooth_image(128, 128, 3)[..., :3] + np.random.default_rng(1).integers(0, 9, (128, 128, 3), np.uint8)
-    sizes = [len(encode_image(image, FORMATS[name], quality)) for quality in (20, 60, 95)]
-    assert sizes[0] < sizes[1] < sizes[2] < len(encode_image(image, FORMATS["png"]))
-    assert sizes[1] < len(encode_image(image, FORMATS[name])) < sizes[2] * 1.01  # the format's own
+    sizes = [len(encode_image(image, IMAGE_FORMATS[name], quality)) for quality in (20, 60, 95)]
+    assert sizes[0] < sizes[1] < sizes[2] < len(encode_image(image, IMAGE_FORMATS["png"]))
+    assert sizes[1] < len(encode_image(image, IMAGE_FORMATS[name])) < sizes[2] * 1.01  # the format's own
 
 
 def test_alpha_survives_in_every_format_that_has_it():
@@ -69,14 +70,14 @@ def test_alpha_survives_in_every_format_that_has_it():
 
     image = smooth_image(64, 64)
     for name in ("png", "webp", "avif"):
-        read = np.asarray(Image.open(BytesIO(encode_image(image, FORMATS[name]))))
+        read = np.asarray(Image.open(BytesIO(encode_image(image, IMAGE_FORMATS[name]))))
         assert read.shape == image.shape and np.abs(read[..., 3].astype(int) - image[..., 3]).mean() < 3
 
 
 def test_an_image_that_a_format_cannot_hold_becomes_png_with_a_warning(tmp_path):
     for name, image in (("jpeg", smooth_image(16, 16)), ("ktx2", smooth_image(18, 16, 3)[..., :3])):
         warnings = []
-        assert format_for(image, FORMATS[name], warnings).name == "png" and len(warnings) == 1
+        assert format_for(image, IMAGE_FORMATS[name], warnings).name == "png" and len(warnings) == 1
     texf = decoded(*grid_mesh(5), has_alpha=True)
     report = save(texf, tmp_path / "a.gltf", texture_size=64, atlas="fast", texture_format="jpeg", texture_quality=50)
     assert report["files"][0] == "a.png" and "JPEG" in report["warnings"][0]

@@ -9,8 +9,8 @@ import pytest
 
 from texfcodec import errors
 from texfcodec.cli import dec, enc, eval, info, render, validate, view
-from texfcodec.io.load import SUFFIXES as READ
-from texfcodec.io.save import SUFFIXES as WRITTEN
+from texfcodec.io.formats import SAVED_SUFFIXES as WRITTEN
+from texfcodec.io.formats import SUFFIXES as READ
 from texfcodec.options import RATES
 
 REPOSITORY = Path(__file__).resolve().parents[2]

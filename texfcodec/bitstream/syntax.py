@@ -9,6 +9,7 @@ from ..geometry.draco import MAX_UV_BITS
 from ..scene.channels import CHANNELS, PARAMETERS
 from ..scene.effects import EFFECTS
 from ..scene.normal_rule import KINDS, MOST_ANGLE, WEIGHTS
+from ..scene.scene import ALPHA_BLEND, ALPHA_MASK
 
 SIGNATURE = b"\x89TXF\r\n\x1a\n"
 VERSION = 0
@@ -64,8 +65,8 @@ _LIT = ("(material_flags & 2) == 0", lambda v: not v["material_flags"] & FLAG_UN
 MATERIAL = Structure("material", "5.4.1", (
     E("name_length", "v", 0, 65535),
     E("material_name", "utf8", count="name_length"),
-    E("alpha_mode", "u8", 0, 2),
-    E("alpha_cutoff", "u16", when=("alpha_mode == 1", lambda v: v["alpha_mode"] == 1)),
+    E("alpha_mode", "u8", 0, ALPHA_BLEND),
+    E("alpha_cutoff", "u16", when=("alpha_mode == 1", lambda v: v["alpha_mode"] == ALPHA_MASK)),
     E("material_flags", "u8", 0, 3),
     E("normal_rule", "u8", 0, KINDS * WEIGHTS - 1, when=_LIT),
     E("normal_angle", "u8", 0, MOST_ANGLE, when=_LIT),

@@ -6,7 +6,8 @@ import click
 
 from .. import __version__
 from ..bitstream.file import read_stream_file
-from ..options import APPEARANCES, ATLAS_METHODS, COMPRESSIONS, TEXTURE_FORMATS, DecodeOptions
+from ..io.formats import APPEARANCES, ATLAS_METHODS, COMPRESSIONS, SAVED_SUFFIXES, TEXTURE_FORMATS
+from ..options import DecodeOptions
 from ..report import plural
 from .console import STYLE, run, seconds_of, timing_line, write_output
 from .flags import file_names, limit_flags, limits_of, number, option_flags
@@ -51,14 +52,14 @@ def dec(console, source, out, overwrite, as_json, quiet, **choices):
     interrupted.
     """
     from ..api import decode
-    from ..io.save import SUFFIXES, check_choices
+    from ..io.save import check_choices
     from ..precompile import DECODING, first_run
     from .console import check_output
 
     if out == "-":
         console.stdout_is_taken()
-    elif not out.lower().endswith(SUFFIXES):
-        raise click.UsageError(f"{out} must end in one of {' '.join(SUFFIXES)}")
+    elif not out.lower().endswith(SAVED_SUFFIXES):
+        raise click.UsageError(f"{out} must end in one of {' '.join(SAVED_SUFFIXES)}")
     limits = limits_of(choices)
     look = {name: choices.pop(name) for name in _LOOK}
     options = DecodeOptions(**{name: value for name, value in choices.items() if value is not None}, limits=limits)

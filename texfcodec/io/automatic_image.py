@@ -9,7 +9,8 @@ import io
 
 import numpy as np
 
-from .images import FORMATS, ImageFormat, encode_jpeg
+from .formats import IMAGE_FORMATS, ImageFormat
+from .images import encode_jpeg
 
 # The stream's error is taken for so much of that JPEG's, and so much of what its step would make in noise.
 _OF_JPEG, _OF_NOISE = 1.5, 0.06
@@ -31,18 +32,18 @@ def automatic_image(image: np.ndarray, step: float | None, srgb: bool = True) ->
     """
     palette = None if image.shape[2] == 4 else palette_of(image)
     if image.shape[2] == 4 or not step:
-        return FORMATS["png"], _png(image, palette)
+        return IMAGE_FORMATS["png"], _png(image, palette)
     tiles = _tiles(image)
     allowed = ADDED * (_OF_JPEG * _jpeg_error(tiles, step, srgb) + _OF_NOISE * step * step / 12)
     palette = _near_palette(image, tiles, allowed, srgb) or palette
     own = _jpeg_step(tiles, allowed, step, srgb) if palette is None else None
     if own is None:
-        return FORMATS["png"], _png(image, palette)
+        return IMAGE_FORMATS["png"], _png(image, palette)
     packed = encode_jpeg(image, **_jpeg_settings(own))
     if _png_size(image) > len(packed):
-        return FORMATS["jpeg"], packed
+        return IMAGE_FORMATS["jpeg"], packed
     exact = _png(image, None)
-    return (FORMATS["png"], exact) if len(exact) <= len(packed) else (FORMATS["jpeg"], packed)
+    return (IMAGE_FORMATS["png"], exact) if len(exact) <= len(packed) else (IMAGE_FORMATS["jpeg"], packed)
 
 
 def _near_palette(image, tiles, allowed, srgb):

@@ -1,4 +1,4 @@
-"""The formats that are read, once: the loader, the command lines and the guide ask this table.
+"""The formats that are read and those that are written, once: loader, save(), the command lines and the guide ask these tables.
 
 Nothing is imported here but the table's own words, so that a --help costs no numpy.
 """
@@ -42,3 +42,32 @@ SUFFIXES = tuple(entry.suffix for entry in FORMATS)
 def format_of(suffix: str) -> Format | None:
     """Format of a suffix such as ".obj", or None."""
     return next((entry for entry in FORMATS if entry.suffix == suffix), None)
+
+
+@dataclass(frozen=True)
+class ImageFormat:
+    """A format that textures are written in. mime, suffix: of its files; extension: the glTF extension that a texture names it
+    by, or None where every viewer reads it; quality: 1..100, that of no other wish, or None where the format has none."""
+
+    name: str
+    mime: str
+    suffix: str
+    extension: str | None = None
+    quality: int | None = None
+
+
+IMAGE_FORMATS = {entry.name: entry for entry in (
+    ImageFormat("png", "image/png", ".png"),
+    ImageFormat("jpeg", "image/jpeg", ".jpg", None, 92),
+    ImageFormat("webp", "image/webp", ".webp", "EXT_texture_webp", 90),
+    ImageFormat("avif", "image/avif", ".avif", "EXT_texture_avif", 85),
+    ImageFormat("ktx2", "image/ktx2", ".ktx2", "KHR_texture_basisu", 90),
+)}  # fmt: skip
+AUTO = "auto"  # automatic_image.py
+TEXTURE_FORMATS = (AUTO, *IMAGE_FORMATS)
+
+# What save() takes
+SAVED_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".npz")
+APPEARANCES = ("texture", "vertex", "voxels")
+ATLAS_METHODS = (AUTO, "quality", "fast")
+COMPRESSIONS = ("none", "draco", "meshopt")  # of a glTF's meshes

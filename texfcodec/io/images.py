@@ -1,5 +1,5 @@
 """Images of any kind Pillow reads, and KTX2 textures -> uint8 RGBA arrays, decoded once and only where a material asks; and such
-arrays -> the bytes of PNG, JPEG, WebP, AVIF and KTX2 files, with what glTF says of each format.
+arrays -> the bytes of PNG, JPEG, WebP, AVIF and KTX2 files (IMAGE_FORMATS of formats.py).
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ import re
 import threading
 from collections.abc import Callable, Hashable
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +17,7 @@ import numpy as np
 from ..errors import InputError, LimitError, SupportError
 from ..scene.channels import BASE_COLOUR, BY_NAME
 from ..scene.scene import Texture
+from .formats import AUTO, IMAGE_FORMATS, TEXTURE_FORMATS, ImageFormat
 from .ktx2 import KTX2, alktx2, read_ktx2, write_ktx2
 from .opened import opened
 
@@ -185,37 +185,15 @@ def _deep_grey(image, out):
     return out
 
 
-@dataclass(frozen=True)
-class ImageFormat:
-    """A format that textures are written in. mime, suffix: of its files; extension: the glTF extension that a texture names it
-    by, or None where every viewer reads it; quality: 1..100, that of no other wish, or None where the format has none."""
-
-    name: str
-    mime: str
-    suffix: str
-    extension: str | None = None
-    quality: int | None = None
-
-
-FORMATS = {one.name: one for one in (
-    ImageFormat("png", "image/png", ".png"),
-    ImageFormat("jpeg", "image/jpeg", ".jpg", None, 92),
-    ImageFormat("webp", "image/webp", ".webp", "EXT_texture_webp", 90),
-    ImageFormat("avif", "image/avif", ".avif", "EXT_texture_avif", 85),
-    ImageFormat("ktx2", "image/ktx2", ".ktx2", "KHR_texture_basisu", 90),
-)}  # fmt: skip
-AUTO = "auto"  # automatic_image.py
-
-
 def check_image_format(name: str, quality: int | None) -> None:
     """InputError TXF-O14 for a format, AUTO among them, or a quality that does not go with it, SupportError TXF-O15 for a format
     whose package is missing."""
-    if not isinstance(name, str) or name not in (AUTO, *FORMATS):
-        raise InputError("TXF-O14", "texture format not known", value=str(name)[:40], allowed=" ".join((AUTO, *FORMATS)))
+    if not isinstance(name, str) or name not in TEXTURE_FORMATS:
+        raise InputError("TXF-O14", "texture format not known", value=str(name)[:40], allowed=" ".join(TEXTURE_FORMATS))
     if quality is not None:
         if name == AUTO:
             raise InputError("TXF-O14", f"texture quality needs a texture format: {AUTO} sets its own", value=str(quality)[:40])
-        if FORMATS[name].quality is None:
+        if IMAGE_FORMATS[name].quality is None:
             raise InputError("TXF-O14", f"{name} is lossless and has no quality", value=quality)
         if isinstance(quality, bool) or not isinstance(quality, int) or not 1 <= quality <= 100:
             raise InputError("TXF-O14", "texture quality out of range", value=str(quality)[:40], allowed="1..100")
@@ -232,10 +210,10 @@ def format_for(image: np.ndarray, wanted: ImageFormat, warnings: list[str]) -> I
     """The format that an image, uint8 [H, W, 3 or 4], is written in: PNG, with a warning, where the wanted one cannot hold it."""
     if wanted.name == "jpeg" and image.shape[2] == 4:
         warnings.append("JPEG has no alpha: an image that has is written as PNG")
-        return FORMATS["png"]
+        return IMAGE_FORMATS["png"]
     if wanted.name == "ktx2" and (image.shape[0] % 4 or image.shape[1] % 4):
         warnings.append("glTF wants KTX2 textures with sides that 4 divides: an image that has others is written as PNG")
-        return FORMATS["png"]
+        return IMAGE_FORMATS["png"]
     return wanted
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..geometry.tangents import corner_tangents
-from ..scene.channels import BASE_COLOUR, BY_NAME, channel_over
+from ..scene.channels import BASE_COLOUR, BY_NAME, NORMAL_MAPS, channel_over
 from ..scene.scene import NEAREST_FIELDS, WRAP_CLAMP, Texture
 from .atlas.bake import bake
 from .atlas.maps import AtlasMaps
@@ -19,8 +19,6 @@ from .looks import Looks, names_in
 
 if TYPE_CHECKING:
     from ..texf import Texf
-
-NORMALS = ("normal", "clearcoat_normal")
 
 
 @dataclass(kw_only=True)
@@ -52,7 +50,7 @@ def textured(texf: Texf, looks: Looks, texture_size: int | None = None, atlas: s
     corner_uv, warnings, of_skin = np.zeros((len(texf.faces), 3, 2)), [], []
     textures: list[Texture] = []
     steps: list[float | None] = []
-    if names_in(looks, NORMALS):
+    if names_in(looks, NORMAL_MAPS):
         normal = texf.shading_normals()
     for skin in looks.skins:
         make = _of_atlas if skin.field is None else _of_texels

@@ -19,17 +19,14 @@ from ..core import cleanup
 from ..errors import InputError
 from .atlas.seams import measure_seams
 from .automatic_image import automatic_image
+from .formats import APPEARANCES, AUTO, IMAGE_FORMATS, SAVED_SUFFIXES, ImageFormat
 from .gltf.packing import check_compression, packing_of
-from .images import AUTO, FORMATS, ImageFormat, check_image_format, encode_image, format_for
+from .images import check_image_format, encode_image, format_for
 from .looks import Looks, looks_of
 from .own_files import own_sides
 
 if TYPE_CHECKING:
     from ..texf import Texf
-
-APPEARANCES = ("texture", "vertex", "voxels")
-SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".npz")
-
 
 _IN_OBJ = (AUTO, "png", "jpeg")  # what readers of MTL take
 
@@ -109,7 +106,7 @@ def save_into(texf: Texf, file: BinaryIO, form: str | None = None, **options: An
     suffix = "." + form.lower().removeprefix(".") if form else Path(name).suffix.lower() if isinstance(name, str) else ""
     if not suffix:
         raise InputError("TXF-O05", "a file object without a name needs a format, such as format='glb'",
-                         allowed=" ".join(word[1:] for word in SUFFIXES))
+                         allowed=" ".join(word[1:] for word in SAVED_SUFFIXES))
     data, told = _in_one_piece(texf, suffix, SaveOptions(**options))
     try:
         file.write(data)
@@ -137,8 +134,9 @@ def _in_one_piece(texf, suffix, asked):
 def _checked(texf, path, asked, told):
     """The suffix that save() was asked for. Checks what was asked, and sets an appearance that was left open."""
     suffix, appearance = path.suffix.lower(), asked.appearance
-    if suffix not in SUFFIXES:
-        raise InputError("TXF-O05", "the file name must end in a known suffix", value=path.suffix, allowed=" ".join(SUFFIXES))
+    if suffix not in SAVED_SUFFIXES:
+        raise InputError("TXF-O05", "the file name must end in a known suffix", value=path.suffix,
+                         allowed=" ".join(SAVED_SUFFIXES))
     if appearance not in (None, *APPEARANCES):
         raise InputError("TXF-O06", "appearance not known", value=appearance, allowed=" ".join(APPEARANCES))
     if suffix == ".ply" and appearance == "texture":
@@ -203,7 +201,7 @@ def _side_names(path, suffix, asked, looks):
     """Names of the files that the writers put beside path, known before the work, but for images that have to be PNG."""
     stem = path.stem if suffix == ".gltf" else _without_blanks(path.stem)
     count = looks.image_count if looks is not None and suffix != ".glb" else 0
-    images = _image_names(stem, [FORMATS["png" if asked.texture_format == AUTO else asked.texture_format]] * count)
+    images = _image_names(stem, [IMAGE_FORMATS["png" if asked.texture_format == AUTO else asked.texture_format]] * count)
     if suffix == ".gltf":
         return [*images, stem + ".bin"]
     return [*images, stem + ".mtl"] if images else []
@@ -320,7 +318,7 @@ def _textured(texf, asked, told):
         if asked.texture_format == AUTO:
             images.append(automatic_image(texture.image, step, texture.srgb))
             continue
-        form = format_for(texture.image, FORMATS[asked.texture_format], told.warnings)
+        form = format_for(texture.image, IMAGE_FORMATS[asked.texture_format], told.warnings)
         quality = asked.texture_quality if form.quality is not None else None
         images.append((form, encode_image(texture.image, form, quality, texture.srgb)))
     return look, images

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-OPAQUE = 0  # alpha_mode (5.4.1) of materials that need no alpha
+from .scene import ALPHA_OPAQUE
+
 COLUMNS = 4  # of what a surface point answers when its colour is asked: red, green, blue, alpha
 FULL = 255  # what a column holds that no channel gives
 LARGEST = float(np.finfo(np.float32).max)  # finite parameter
@@ -162,6 +163,7 @@ BASE_COLOUR, ALPHA = CHANNELS[:2]
 COLOURS = (BASE_COLOUR, ALPHA)  # what every material has, its factor in the values
 MAPS = tuple(channel for channel in CHANNELS[2:] if not channel.name.endswith(_OBJECT))  # what a material may have a map of
 MAP_NAMES = frozenset(channel.name for channel in MAPS)
+NORMAL_MAPS = frozenset(channel.name for channel in MAPS if channel.unit == "degrees")
 
 
 # Channels that share an image in glTF; a component of it that no channel fills is 255
@@ -191,7 +193,7 @@ def group_values(channels: Sequence[Channel], grey: bool = False) -> dict:
 
 def needs_alpha(materials: Iterable) -> bool:
     """Whether a material in use sees alpha."""
-    return any(material.alpha_mode != OPAQUE for material in materials)
+    return any(material.alpha_mode != ALPHA_OPAQUE for material in materials)
 
 
 def join_planes(planes: dict, count: int) -> np.ndarray:

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...errors import InputError
+from ..formats import ATLAS_METHODS
 
 MIN_SIZE, DEFAULT_MAX_SIZE, MAX_SIZE = 256, 4096, 8192
-METHODS = ("auto", "quality", "fast")
 QUALITY_FACES = 40_000  # "auto" uses xatlas up to here; measured: 39,455 faces 6 s, 115,200 26 s, 184,452 more than 150 s
 _QUALITY_SECONDS = {"auto": 60.0, "quality": 1800.0}
 # Texels around a chart, and the least scale that they are worth. 4 in place of 2: jumps across borders at mip levels 2 and 3 fall
@@ -38,7 +38,7 @@ def make_atlas(positions: np.ndarray, faces: np.ndarray, texture_size: int | Non
 
     positions: float64 [V, 3], any unit; faces: int64 [F, 3]; texture_size: side in texels, or None for the power of two
     (256..4096) that gives about one texel per voxel edge; resolution: voxels along the longest side of the mesh (K; 1024 if
-    None); method: one of METHODS; groups: int64 [F] or None, faces of different groups never share a chart ("fast" only).
+    None); method: one of ATLAS_METHODS; groups: int64 [F] or None, faces of different groups never share a chart ("fast" only).
     Returns Atlas. Raises InputError TXF-O10 (arguments), TXF-O11 (mesh), TXF-O12 (more charts than any atlas can hold).
     """
     positions, faces = _checked_mesh(positions, faces)
@@ -61,7 +61,7 @@ def make_atlas(positions: np.ndarray, faces: np.ndarray, texture_size: int | Non
 
 def check_arguments(texture_size: int | None, method: str) -> None:
     """InputError TXF-O10 for a texture size or a method that make_atlas() does not take."""
-    if method not in METHODS or (texture_size is not None and not 16 <= texture_size <= MAX_SIZE):
+    if method not in ATLAS_METHODS or (texture_size is not None and not 16 <= texture_size <= MAX_SIZE):
         raise InputError("TXF-O10", "atlas method or texture size not known", method=method, texture_size=texture_size)
 
 

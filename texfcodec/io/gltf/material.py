@@ -19,7 +19,7 @@ from .properties import extensions, integer, malformed, name_of, numbers, part, 
 if TYPE_CHECKING:
     from ..images import TextureShelf
 
-_WRAPS = {10497: WRAP_REPEAT, 33071: WRAP_CLAMP, 33648: WRAP_MIRROR}
+WRAPS = {10497: WRAP_REPEAT, 33071: WRAP_CLAMP, 33648: WRAP_MIRROR}
 _READABLE_SOURCES = ("EXT_texture_webp", "EXT_texture_avif")
 UNLIT = "KHR_materials_unlit"
 _SPECULAR_GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
@@ -193,9 +193,9 @@ def _sampler(document, entry):
         return (WRAP_REPEAT, WRAP_REPEAT), False
     sampler = document.entry("samplers", entry["sampler"])
     wrap = sampler.get("wrapS", 10497), sampler.get("wrapT", 10497)
-    if not all(isinstance(mode, int) and mode in _WRAPS for mode in wrap):
+    if not all(isinstance(mode, int) and mode in WRAPS for mode in wrap):
         raise malformed("a sampler has an unknown wrap mode", value=str(wrap)[:40])
-    return (_WRAPS[wrap[0]], _WRAPS[wrap[1]]), sampler.get("magFilter") == _NEAREST
+    return (WRAPS[wrap[0]], WRAPS[wrap[1]]), sampler.get("magFilter") == _NEAREST
 
 
 def _drop_properties(document, entry, name):

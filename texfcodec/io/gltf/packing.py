@@ -12,6 +12,7 @@ import numpy as np
 
 from ...errors import InputError, SupportError
 from ...report import plural
+from ..formats import COMPRESSIONS
 from ..precision import local_frame
 
 if TYPE_CHECKING:
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from .writer import Document
 
 ARRAY, INDEX = 34962, 34963  # bufferView targets
-COMPRESSIONS = ("none", "draco", "meshopt")
 DRACO, MESHOPT, QUANTISED = "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_mesh_quantization"
 _UV_BITS, _NORMAL_BITS = 16, 10  # a sixteenth of a texel at 4096; directions within 0.1 degrees
 _DRACO_LEVEL = 7

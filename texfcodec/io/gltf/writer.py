@@ -8,19 +8,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ...core.json_text import json_text
-from ...scene.scene import ALPHA_BLEND, ALPHA_NAMES, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
+from ...scene.channels import NORMAL_MAPS
+from ...scene.scene import ALPHA_BLEND, ALPHA_NAMES
 from ..precision import local_frame
 from ..vertex_appearance import linear_u16, unique_corners, vertex_colours
-from .material import UNLIT, extensions_of, write_material
+from .material import UNLIT, WRAPS, extensions_of, write_material
 from .packing import ARRAY, MESHOPT, Column, Plain
 
 if TYPE_CHECKING:
     from ...texf import Texf
-    from ..images import ImageFormat
+    from ..formats import ImageFormat
     from ..output_textures import Textured
 
 _COMPONENT = {"f4": 5126, "u2": 5123, "u4": 5125, "i2": 5122, "u1": 5121}
-_WRAPS = {WRAP_REPEAT: 10497, WRAP_CLAMP: 33071, WRAP_MIRROR: 33648}
+_WRAP_CODES = {mode: code for code, mode in WRAPS.items()}
 _POINTS = 0
 OPTIONAL = {"NORMAL", "TANGENT"}  # left out of primitives that have none
 _LINEAR, _NEAREST = (9729, 9987), (9728, 9728)  # filters of a sampler: linear with mipmaps; nearest
@@ -169,7 +170,7 @@ def _written_tangents(look):
 
 def _has_normal_map(look):
     """Whether the look of each face has one, bool [F]."""
-    return np.array([bool({"normal", "clearcoat_normal"} & {*images}) for images in look.images], bool)[look.looks.face_look]
+    return np.array([bool(NORMAL_MAPS & images.keys()) for images in look.images], bool)[look.looks.face_look]
 
 
 def _written_normals(texf, look):
@@ -201,7 +202,7 @@ def _add_texture(document, texture, form, image):
     else:
         entry = {"name": name, "mimeType": form.mime, "bufferView": document.add_view(image)}
     magnified, minified = _NEAREST if texture.nearest else _LINEAR
-    sampler = {"magFilter": magnified, "minFilter": minified, "wrapS": _WRAPS[wrap[0]], "wrapT": _WRAPS[wrap[1]]}
+    sampler = {"magFilter": magnified, "minFilter": minified, "wrapS": _WRAP_CODES[wrap[0]], "wrapT": _WRAP_CODES[wrap[1]]}
     known = document.json.get("samplers", [])
     at = known.index(sampler) if sampler in known else document.add("samplers", sampler)
     source = {"source": document.add("images", entry)}

@@ -10,9 +10,10 @@ from functools import partial
 
 import numpy as np
 
+from ....core.integer import _ones32
 from ....core.kernel import kernel
 from ..coefficients.mixed_contexts import _sixteenths
-from .octree import CELLS, CENTRE, Level, _cells, _ones
+from .octree import CELLS, CENTRE, Level, _cells
 from .quantise import MAX_MEAN
 
 CLASSES = 5
@@ -105,7 +106,7 @@ def _planar_rings(p, octant, table, first_child, occupancy, cells, mean, limits,
                 ring[c, 3 + tap] += _limited(difference, limits[c])
         q = np.int64(table[p, FACE_NODES[i]])
         if q >= 0 and (occupancy[q] >> octant) & 1:
-            u = first_child[q] + _ones(np.int64(occupancy[q]) & ((1 << octant) - 1))
+            u = first_child[q] + _ones32(np.int64(occupancy[q]) & ((1 << octant) - 1))
             for c in range(mean.shape[1]):
                 ring[c, 2] += np.int64(mean[u, c]) - mean[v, c]
     return v, rough // max(np.int64(1), count)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ....core.integer import _ones32
 from ....core.kernel import kernel
 
 NEIGHBOURS = 27  # offset (dx, dy, dz) of entry 9 * (dx + 1) + 3 * (dy + 1) + dz + 1; entry 13 is the node itself
@@ -64,14 +65,6 @@ def build_octree(keys: np.ndarray, depth: int) -> list[Level]:
     return levels[::-1]
 
 
-@kernel
-def _ones(v):
-    """Set bits of 0 <= v < 256."""
-    v = v - ((v >> 1) & 0x55)
-    v = (v & 0x33) + ((v >> 2) & 0x33)
-    return (v + (v >> 4)) & 15
-
-
 def _adjacent():
     """For every neighbour of a node, those of its places for children that touch the node: int64 [27, 8] the place and int64
     [27, 8] its cell (_cells); int64 [27] how many there are."""
@@ -103,7 +96,7 @@ def _cells(p, begin, end, table, first_child, occupancy, cells):
         for j in range(ADJACENT[i]):
             place = ADJACENT_PLACE[i, j]
             if (taken >> place) & 1:
-                cells[ADJACENT_CELL[i, j]] = child + _ones(taken & ((1 << place) - 1))
+                cells[ADJACENT_CELL[i, j]] = child + _ones32(taken & ((1 << place) - 1))
 
 
 @kernel

@@ -4,8 +4,8 @@ python bench/collect.py DIR [ANCHOR_DIR] --out FOLDER [--group G] [--against A .
                         [--no-pictures]
 
 Writes results.csv (a row per finished job, every figure of its metrics.json), results.md (a table per asset, then BD-rates, then
-what is missing and why), results.html (the same as one file for a browser, with curves and pictures; it loads nothing) and, if
-matplotlib is there, an ASSET.png with the rate curves of each group of settings.
+what is missing and why) and results.html (the same as one file for a browser, with pictures and, where plotly is installed, the
+rate curves of each group of settings; it loads nothing).
 
 A curve is one asset's settings of one group. With ANCHOR_DIR every group of DIR (or G alone) stands against the group A there, or
 the one of the same name, or the only one; without it, against each group A of DIR. BD-rate is the mean difference of rate at
@@ -26,8 +26,7 @@ if not __package__:  # called as a file
 
 from bench.differences import pairs_of
 from bench.page import write_page
-from bench.plots import draw
-from bench.result_tables import report, write_csv
+from bench.result_tables import as_markdown, report, write_csv
 from bench.results import keep_rows, published_rows, read_missing, read_results
 
 
@@ -65,11 +64,11 @@ def main(arguments=None):
     if args.keep:
         keep_rows(args.keep, rows, missing)
     write_csv(every, args.out / "results.csv")
-    (args.out / "results.md").write_text(report(every, missing, pairs, args.rate) + "\n", encoding="utf-8")
+    blocks = report(every, missing, pairs, args.rate)
+    (args.out / "results.md").write_text(as_markdown(blocks), encoding="utf-8")
     shown = every + [row | {"group": f"{row['group']} (anchor)"} for row in anchors or []]
-    size = write_page(args.out / "results.html", shown, missing, pairs, args.rate, None if args.no_pictures else args.results)
-    drawn = draw(rows, anchors, args.rate, args.out)
-    print(f"{args.out}: results.csv, results.md, results.html ({size / 1e6:.1f} MB)" + (", a plot per asset" if drawn else ""))
+    size = write_page(args.out / "results.html", blocks, shown, args.rate, None if args.no_pictures else args.results)
+    print(f"{args.out}: results.csv, results.md, results.html ({size / 1e6:.1f} MB)")
 
 
 if __name__ == "__main__":

@@ -189,7 +189,7 @@ def page(args):
         missing = read_missing(folder)
         out += [f"Against {anchor}. {_evaluation(found)}", "", *paper_lines(found, wanted, anchor), "",
                 f"{SHOWN[0]}, asset by asset:", "", *by_asset_lines(found, anchor), ""]
-        out += [*missing_table(missing), ""] if missing else []
+        out += [*markdown_table(*missing_table(missing)), ""] if missing else []
     out += ["## What --advise foretells", "", *hit_lines(rows, paths), ""]
     if args.geometry:
         found = read_results(args.geometry)

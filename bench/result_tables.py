@@ -1,4 +1,8 @@
-"""Results as CSV and as Markdown."""
+"""Results as CSV, and as a report of blocks that become Markdown here and HTML in page.py.
+
+A block is (kind, content): "h1", "h2", "h3" and "p" with a text, "ul" with texts, "table" with (head, lines, number of columns
+at the left that are no numbers), "asset" with a name, the place of what a page shows of it.
+"""
 
 import csv
 import math
@@ -40,25 +44,36 @@ def markdown_table(head, lines, texts=1):
     return ["| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |" for cells in (head, rule, *lines)]
 
 
-def report(rows, missing, pairs, kind):
-    """The whole results.md. rows: measured and published ones; missing: of results.read_missing(); pairs: differences.Pair."""
-    measured = [row for row in rows if "published" not in row]
-    codes = sorted({f"{row['package']} {row['code']}" for row in measured})
-    lines = ["# Rate points", "", f"{len(measured)} jobs; code {', '.join(codes)}"
-             + ("; **not all by the same code**" if len(codes) > 1 else ""), ""]
-    for asset in dict.fromkeys(row["asset"] for row in rows):
-        here = [row for row in rows if row["asset"] == asset]
-        is_other = all("published" in row for row in here)
-        lines += [f"## {asset}" + (f" ({OTHER_MATERIAL})" if is_other else ""), "", *asset_table(here), ""]
-    for other in dict.fromkeys(pair.other for pair in pairs):
-        lines += comparison([pair for pair in pairs if pair.other == other], kind)
-    if missing:
-        lines += ["## Missing", "", *missing_table(missing), ""]
+def as_markdown(blocks):
+    """The text of a report."""
+    marks, lines = {"h1": "# ", "h2": "## ", "h3": "### ", "p": ""}, []
+    for kind, content in blocks:
+        if kind in marks:
+            lines += [marks[kind] + content, ""]
+        elif kind == "table":
+            lines += [*markdown_table(*content), ""]
+        elif kind == "ul":
+            lines += [*(f"- {text}" for text in content), ""]
     return "\n".join(lines)
 
 
+def report(rows, missing, pairs, kind):
+    """Blocks of results.md. rows: measured and published ones; missing: of results.read_missing(); pairs: differences.Pair."""
+    measured = [row for row in rows if "published" not in row]
+    codes = sorted({f"{row['package']} {row['code']}" for row in measured})
+    blocks = [("h1", "Rate points"), ("p", f"{len(measured)} jobs; code {', '.join(codes)}"
+                                      + ("; **not all by the same code**" if len(codes) > 1 else ""))]
+    for asset in dict.fromkeys(row["asset"] for row in rows):
+        here = [row for row in rows if row["asset"] == asset]
+        is_other = all("published" in row for row in here)
+        blocks += [("h2", asset + (f" ({OTHER_MATERIAL})" if is_other else "")), ("asset", asset), ("table", asset_table(here))]
+    for other in dict.fromkeys(pair.other for pair in pairs):
+        blocks += comparison([pair for pair in pairs if pair.other == other], kind)
+    return blocks + ([("h2", "Missing"), ("table", missing_table(missing))] if missing else [])
+
+
 def asset_table(rows):
-    """Markdown lines of one asset's rows, smallest first in each group."""
+    """Content of the table of one asset's rows, smallest first in each group."""
     measures = measures_of(rows)
     head = ["setting", "group", "bytes", "geometry", "texture", *measures, "encode, s", "decode, s", "encode, MB", "decode, MB"]
     lines = []
@@ -69,17 +84,17 @@ def asset_table(rows):
         name = row["setting"] + (f" ({row['published']})" if "published" in row else "")
         quality = [_measured(row, measure) for measure in measures]
         lines.append([name, row["group"], *(f"{size:,}" for size in sizes), *quality, *seconds, *memory])
-    return markdown_table(head, lines, 2)
+    return head, lines, 2
 
 
 def missing_table(missing):
-    """Markdown lines of results.read_missing(): jobs of one group that miss the same stand in one line."""
+    """Content of the table of results.read_missing(): jobs of one group that miss the same stand in one line."""
     jobs = {}
     for row in missing:
         jobs.setdefault(tuple(row[key] for key in ("group", "method", "state", "reason")), []).append(row)
     lines = [[group, method, state, ", ".join(dict.fromkeys(row["asset"] for row in rows)), len(rows), reason]
              for (group, method, state, reason), rows in jobs.items()]
-    return markdown_table(["group", "method", "state", "assets", "jobs", "reason"], lines, 6)
+    return ["group", "method", "state", "assets", "jobs", "reason"], lines, 6
 
 
 def _measured(row, measure):
@@ -92,18 +107,18 @@ def _number(value, form, factor=1):
 
 
 def comparison(pairs, kind):
-    """Markdown lines of the BD-rates of pairs with the same anchor: of one pair a table of its assets, of more a table by measure
-    with a line for each."""
+    """Blocks of the BD-rates of pairs with the same anchor: of one pair a table of its assets, of more a table by measure with a
+    line for each."""
     tables = {pair.name: pair.differences(kind) for pair in pairs}
     names, other = list(tables), pairs[0].other
-    lines = [f"## BD-rate: {names[0]} against {other}" if len(names) == 1 else f"## BD-rate against {other}", "",
-             f"Percent of {kind} bytes at equal quality; negative needs fewer. In brackets the part of both curves' range of "
-             "quality that overlaps, or the number of assets in a mean or median of not all.", ""]
+    blocks = [("h2", f"BD-rate: {names[0]} against {other}" if len(names) == 1 else f"BD-rate against {other}"),
+              ("p", f"Percent of {kind} bytes at equal quality; negative needs fewer. In brackets the part of both curves' range "
+               "of quality that overlaps, or the number of assets in a mean or median of not all.")]
     if not any(tables.values()):
-        return [*lines, "The two have no asset in common.", ""]
+        return [*blocks, ("p", "The two have no asset in common.")]
     if any(measure in LOSS for table in tables.values() for row in table.values() for measure in row):
-        lines += ["SSIM is compared in decibels, -10 log10(1 - SSIM), and LPIPS as -10 log10(LPIPS).", ""]
-    lines += _by_asset(tables[names[0]]) if len(names) == 1 else _by_measure(tables)
+        blocks.append(("p", "SSIM is compared in decibels, -10 log10(1 - SSIM), and LPIPS as -10 log10(LPIPS)."))
+    blocks += [("table", _by_asset(tables[names[0]]))] if len(names) == 1 else _by_measure(tables)
     notes = {}
     for name, table in tables.items():
         for asset, row in table.items():
@@ -111,7 +126,7 @@ def comparison(pairs, kind):
                 if found.reason:
                     where = asset if len(names) == 1 else f"{name}, {asset}"
                     notes.setdefault(f"{where}: {found.reason}", []).append(measure)
-    return [*lines, "", *(f"- none for {text} ({', '.join(measures)})" for text, measures in notes.items()), *[""][:len(notes)]]
+    return blocks + ([("ul", [f"none for {text} ({', '.join(measures)})" for text, measures in notes.items()])] if notes else [])
 
 
 def _by_asset(table):
@@ -120,20 +135,20 @@ def _by_asset(table):
     lines = [[asset, *(_percent(row[m]) for m in measures)] for asset, row in table.items()]
     for name, of in SUMMARIES.items():
         lines.append([f"**{name}**", *(_summary([row[m] for row in table.values()], of) for m in measures)])
-    return markdown_table(["asset", *measures], lines)
+    return ["asset", *measures], lines
 
 
 def _by_measure(tables):
-    """For each measure a line per group, a column per asset."""
+    """Blocks: for each measure a line per group, a column per asset."""
     measures = list(dict.fromkeys(measure for table in tables.values() for row in table.values() for measure in row))
-    assets, lines = list(dict.fromkeys(asset for table in tables.values() for asset in table)), []
+    assets, blocks = list(dict.fromkeys(asset for table in tables.values() for asset in table)), []
     for measure in measures:
         cells = []
         for name, table in tables.items():
             found = [table.get(asset, {}).get(measure) for asset in assets]
             cells.append([name, *map(_percent, found), *(_summary(found, of) for of in SUMMARIES.values())])
-        lines += ["", f"### {measure}", "", *markdown_table(["group", *assets, *SUMMARIES], cells)]
-    return lines[1:]
+        blocks += [("h3", measure), ("table", (["group", *assets, *SUMMARIES], cells))]
+    return blocks
 
 
 def _percent(found):

@@ -121,8 +121,13 @@ def grouped(rows):
     return found
 
 
+def curve_points(rows, measure, kind):
+    """[(bytes, dB, row)] by bytes, without exact rows and those that were not measured so."""
+    points = [(rate_of(row, kind), quality_of(row, measure), row) for row in rows]
+    return sorted((p for p in points if p[1] is not None and math.isfinite(p[1])), key=lambda p: p[:2])
+
+
 def curve_of(rows, measure, kind):
-    """([bytes], [dB]) by bytes, without exact rows and those that were not measured so."""
-    points = [(rate_of(row, kind), quality_of(row, measure)) for row in rows]
-    points = sorted((rate, quality) for rate, quality in points if quality is not None and math.isfinite(quality))
-    return [rate for rate, _ in points], [quality for _, quality in points]
+    """([bytes], [dB]) of curve_points()."""
+    points = curve_points(rows, measure, kind)
+    return [rate for rate, _, _ in points], [quality for _, quality, _ in points]

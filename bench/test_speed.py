@@ -1,18 +1,17 @@
-"""Points a second of the kernels and of whole pipelines on a synthetic surface of about 0.6 million voxels (K = 512).
+"""Points a second of the kernels, and seconds of whole pipelines, pictures and metrics, on the demo asset at K = 512.
 
-`make bench`, or pytest bench --benchmark-only; the extra column points_per_second is in the JSON (--benchmark-json). Whole
-processes with their start, memory and targets: python bench/run.py.
+`make bench`, or pytest bench --benchmark-only; the extra column points_per_second is in the JSON (--benchmark-json).
 """
 
 import numpy as np
 import pytest
-from surface import torus
 
 from texfcodec.api import decode
 from texfcodec.codecs.raht.attribute_coder import dec_attributes, enc_attributes
 from texfcodec.codecs.raht.transform.colour import forward_colour, inverse_colour
 from texfcodec.codecs.raht.transform.octree import build_octree
 from texfcodec.codecs.raht.transform.prediction import DEFAULT_KERNEL
+from texfcodec.demo.asset import make_sample
 from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.field.extents import octree_depth
 from texfcodec.field.grid import build_brick_map
@@ -21,90 +20,53 @@ from texfcodec.field.query import query_field
 from texfcodec.field.transfer import transfer
 from texfcodec.field.voxelise import voxelise
 from texfcodec.geometry.surface import make_surface
-from texfcodec.options import EncodeOptions
+from texfcodec.metrics.views import compare_views
+from texfcodec.options import EncodeOptions, default_threads
+from texfcodec.render.camera import bounding_sphere, fibonacci_direction, orthographic
+from texfcodec.render.shade import render_scene, render_texf
 from texfcodec.scene.fetch import pack_source
 
-RESOLUTION, QP = 512, [28, 27, 27]
-OPTIONS = EncodeOptions(resolution=RESOLUTION, qp=28)
+RESOLUTION, QP, SIDE = 512, [28, 27, 27], 2048
+DEPTH, OPTIONS = octree_depth(RESOLUTION), EncodeOptions(resolution=RESOLUTION, qp=28, support="voxels")
+KERNELS = {
+    "voxelise": lambda f, threads: voxelise(*f["place"], threads=threads),
+    "transfer": lambda f, threads: transfer(*f["place"][:2], f["source"], *f["place"][2:], f["keys"], f["map"], threads=threads),
+    "octree": lambda f, threads: build_octree(f["keys"], DEPTH),
+    "enc_attributes": lambda f, threads: enc_attributes(f["keys"], DEPTH, f["values"], QP, DEFAULT_KERNEL, threads),
+    "dec_attributes": lambda f, threads: dec_attributes(f["keys"], DEPTH, *f["coded"], DEPTH, threads),
+    "colour_both_ways": lambda f, threads: inverse_colour(forward_colour(f["colour"])),
+    "query": lambda f, threads: query_field(f["points"], RESOLUTION, f["keys"], f["map"], f["colour"]),
+    "encode": lambda f, threads: encode_scene(f["scene"], OPTIONS),
+    "decode": lambda f, threads: decode(f["stream"]),
+    "view_from_textures": lambda f, threads: render_scene(f["scene"], f["camera"], threads=threads),
+    "view_from_field": lambda f, threads: render_texf(f["texf"], f["camera"], filtering=False, threads=threads),
+    "metric_of_16_views": lambda f, threads: compare_views(f["scene"], f["texf"], threads=threads),
+}
 
 
 @pytest.fixture(scope="module")
 def field():
-    """Everything the kernels take: surface, source, keys, brick map and colour values."""
-    scene = torus()
+    """What the kernels take."""
+    scene = make_sample()
     surface = make_surface(scene, OPTIONS)
-    keys, _ = voxelise(surface.lattice, surface.faces, OPTIONS.position_bits, RESOLUTION)
+    place = surface.lattice, surface.faces, OPTIONS.position_bits, RESOLUTION
+    keys, _ = voxelise(*place)
     brick_map, source = build_brick_map(keys), pack_source(scene, surface.origin_face)
-    colour, _ = transfer(surface.lattice, surface.faces, source, OPTIONS.position_bits, RESOLUTION, keys, brick_map)
-    return {"scene": scene, "surface": surface, "keys": keys, "map": brick_map, "source": source, "colour": colour,
-            "values": forward_colour(colour)}
+    colour, _ = transfer(*place[:2], source, *place[2:], keys, brick_map)
+    unit, _ = enc_attributes(keys, DEPTH, forward_colour(colour), QP, DEFAULT_KERNEL)
+    ends = np.cumsum([0] + [len(c) for c in unit.codewords]).tolist()
+    coded = unit, np.frombuffer(b"".join(unit.codewords), np.uint8), list(zip(ends[:-1], ends[1:], strict=True))
+    stream = encode_scene(scene, OPTIONS).data
+    return {"scene": scene, "place": place, "keys": keys, "map": brick_map, "source": source, "colour": colour,
+            "values": forward_colour(colour), "coded": coded, "stream": stream, "texf": decode(stream),
+            "points": decode_morton(keys[::3]) + 0.5,
+            "camera": orthographic(fibonacci_direction(3, 16), *bounding_sphere(scene.positions), SIDE)}
 
 
-def timed(benchmark, points, function):
-    """Runs the benchmark and notes points a second of its best round."""
-    result = benchmark.pedantic(function, rounds=5, iterations=1, warmup_rounds=1)
+@pytest.mark.parametrize("threads", [1, default_threads()])
+@pytest.mark.parametrize("name", KERNELS)
+def test_speed(benchmark, field, name, threads):
+    result = benchmark.pedantic(lambda: KERNELS[name](field, threads), rounds=5, iterations=1, warmup_rounds=1)
     if benchmark.stats:
-        benchmark.extra_info["points"] = points
-        benchmark.extra_info["points_per_second"] = round(points / benchmark.stats.stats.min)
-    return result
-
-
-@pytest.mark.parametrize("threads", [1, 2])
-def test_voxelise(benchmark, field, threads):
-    s = field["surface"]
-    keys, _ = timed(benchmark, len(field["keys"]),
-                    lambda: voxelise(s.lattice, s.faces, OPTIONS.position_bits, RESOLUTION, threads=threads))
-    assert len(keys) == len(field["keys"])
-
-
-@pytest.mark.parametrize("threads", [1, 2])
-def test_transfer(benchmark, field, threads):
-    s = field["surface"]
-    colour, _ = timed(benchmark, len(field["keys"]),
-                      lambda: transfer(s.lattice, s.faces, field["source"], OPTIONS.position_bits, RESOLUTION, field["keys"],
-                                       field["map"], threads=threads))
-    np.testing.assert_array_equal(colour, field["colour"])
-
-
-def test_octree(benchmark, field):
-    levels = timed(benchmark, len(field["keys"]), lambda: build_octree(field["keys"], octree_depth(RESOLUTION)))
-    assert levels[0].weight.tolist() == [len(field["keys"])]
-
-
-@pytest.mark.parametrize("threads", [1, 2])
-def test_enc_attributes(benchmark, field, threads):
-    unit, _ = timed(benchmark, len(field["keys"]), lambda: enc_attributes(
-        field["keys"], octree_depth(RESOLUTION), field["values"], QP, DEFAULT_KERNEL, threads))
-    assert unit.codewords
-
-
-@pytest.mark.parametrize("threads", [1, 2])
-def test_dec_attributes(benchmark, field, threads):
-    depth = octree_depth(RESOLUTION)
-    unit, expected = enc_attributes(field["keys"], depth, field["values"], QP, DEFAULT_KERNEL)
-    data, ends = np.frombuffer(b"".join(unit.codewords), np.uint8), np.cumsum([0] + [len(c) for c in unit.codewords]).tolist()
-    spans = list(zip(ends[:-1], ends[1:], strict=True))
-    means = timed(benchmark, len(field["keys"]), lambda: dec_attributes(field["keys"], depth, unit, data, spans, depth, threads))
-    np.testing.assert_array_equal(means, expected)
-
-
-def test_colour_both_ways(benchmark, field):
-    rgb = timed(benchmark, len(field["keys"]), lambda: inverse_colour(forward_colour(field["colour"])))
-    assert np.abs(rgb - field["colour"]).max() <= 1
-
-
-def test_query(benchmark, field):
-    centres = decode_morton(field["keys"][::3]) + np.random.default_rng(1).uniform(0, 1, (len(field["keys"][::3]), 3))
-    answers, missed = timed(benchmark, len(centres),
-                            lambda: query_field(centres, RESOLUTION, field["keys"], field["map"], field["colour"]))
-    assert answers.min() >= 0 and answers.max() <= 255.5 and not missed.any()
-
-
-def test_encode(benchmark, field):
-    data = timed(benchmark, len(field["keys"]), lambda: encode_scene(field["scene"], OPTIONS)).data
-    assert len(data) > 1000
-
-
-def test_decode(benchmark, field):
-    data = encode_scene(field["scene"], OPTIONS).data
-    assert timed(benchmark, len(field["keys"]), lambda: decode(data)).fields
+        benchmark.extra_info["points_per_second"] = round(len(field["keys"]) / benchmark.stats.stats.min)
+    assert result is not None

@@ -14,13 +14,6 @@ from bench.differences import Difference, pairs_of, rate_difference, summary
 from bench.results import published_rows, quality_of, read_missing, read_results
 from texfcodec.metrics.bd_rate import bd_rate
 
-
-@pytest.fixture
-def without_plots(monkeypatch):
-    """They take a second an asset."""
-    monkeypatch.setattr(collect, "draw", lambda *arguments: False)
-
-
 CURVES = {  # (asset, group): bytes, dB
     ("vase", "old"): ([300, 500, 900, 1700], [30.0, 33.0, 36.0, 39.0]),
     ("vase", "new"): ([280, 460, 830, 1600], [30.2, 33.1, 36.4, 39.2]),
@@ -59,12 +52,10 @@ def test_differences_are_those_of_bd_rate(tmp_path, kind, less):
     assert list(table["vase"]) == ["3D-PSNR Y", "3D-PSNR RGB"]  # what nobody has measured is no column
 
 
-def test_collect_writes_tables_and_does_without_matplotlib(tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
+def test_collect_writes_tables(tmp_path):
     write_results(tmp_path / "new", "new")
     write_results(tmp_path / "old", "old")
     collect.main([str(tmp_path / "new"), str(tmp_path / "old"), "--out", str(tmp_path / "out")])
-    assert "texfcodec[plots]" in capsys.readouterr().err
     with open(tmp_path / "out/results.csv", newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 9 and rows[0]["bytes.total"] == "210" and rows[0]["warnings"] == "a; b"
@@ -72,13 +63,6 @@ def test_collect_writes_tables_and_does_without_matplotlib(tmp_path, monkeypatch
     assert "## BD-rate: new against old" in text and "| **mean** |" in text and "## cup" in text
     tables = [line for line in text.splitlines() if line.startswith("|")]
     assert len({line.count("|") for line in tables if "new0" in line or "setting" in line}) == 1
-
-
-def test_collect_draws_each_asset(tmp_path):
-    pytest.importorskip("matplotlib")
-    write_results(tmp_path)
-    collect.main([str(tmp_path), "--out", str(tmp_path / "out"), "--anchor-group", "old"])
-    assert {p.name for p in (tmp_path / "out").glob("*.png")} == {"vase.png", "cup.png", "lid.png"}
 
 
 def test_unknown_groups_and_empty_folders_are_named(tmp_path):
@@ -112,7 +96,7 @@ def test_ssim_is_compared_by_its_distance_from_one_in_decibels():
     assert quality_of(image_row(9), "image PSNR RGB") == np.inf
 
 
-def test_against_several_groups_makes_a_table_of_groups_by_assets_for_each(tmp_path, without_plots):
+def test_against_several_groups_makes_a_table_of_groups_by_assets_for_each(tmp_path):
     write_results(tmp_path)
     for number, total in enumerate((150, 260, 460)):
         place = tmp_path / f"vase/third{number}"
@@ -130,7 +114,7 @@ def test_against_several_groups_makes_a_table_of_groups_by_assets_for_each(tmp_p
     assert "- none for new, lid: the curves share no quality range" in text
 
 
-def test_missing_rows_are_listed_with_their_reason(tmp_path, without_plots):
+def test_missing_rows_are_listed_with_their_reason(tmp_path):
     write_results(tmp_path)
     told = {"setting": "q1", "group": "rival", "method": "elic", "asset": "cup", "state": "missing",
             "reason": "elic is not here; | name it"}
@@ -145,7 +129,7 @@ def test_missing_rows_are_listed_with_their_reason(tmp_path, without_plots):
     assert lines[2] == "| rival | elic | missing | cup | 1 | elic is not here; \\| name it |" and len(lines) == 4
 
 
-def test_kept_rows_make_the_same_tables(tmp_path, without_plots):
+def test_kept_rows_make_the_same_tables(tmp_path):
     write_results(tmp_path)
     (tmp_path / "cup/gone").mkdir(parents=True)
     (tmp_path / "cup/gone/missing.json").write_text(json.dumps({"state": "missing", "reason": "not here"}))
@@ -157,7 +141,7 @@ def test_kept_rows_make_the_same_tables(tmp_path, without_plots):
         assert (first / name).read_text() == (second / name).read_text(), name
 
 
-def test_published_points_are_marked_and_compared_on_the_same_asset_only(tmp_path, monkeypatch, without_plots):
+def test_published_points_are_marked_and_compared_on_the_same_asset_only(tmp_path, monkeypatch):
     write_results(tmp_path)
     points = [{"method": "Net", "asset": asset, "rate": 200.0 * 2**i, "measure": "3D-PSNR Y", "quality": 30.0 + 3 * i,
                "source": "Somebody 2025, table 3"} for asset in ("vase", "basket") for i in range(3)]

@@ -32,6 +32,7 @@ conformance: install
 interrupts: install
 	$(PY) tests/interrupts.py --moments $(or $(MOMENTS),300) $(if $(JOBS),--jobs $(JOBS)) $(if $(KILL),--kill)
 
+# Kernels, pipelines, pictures and metrics on the demo asset
 bench: install
 	$(PY) -m pytest -q bench --benchmark-only
 
@@ -52,7 +53,7 @@ everyday: install
 
 # Every asset at every setting of a condition file, then tables: make rate-points [CONDITIONS=file] [ASSETS=folder] [JOBS=n] [OUT=folder]
 rate-points: install
-	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[baselines]"
+	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[baselines,plots]"
 	$(PY) bench/rate_points.py "$(or $(CONDITIONS),conditions/smoke.toml)" --out "$(or $(OUT),out/rate_points)" $(if $(ASSETS),--assets "$(ASSETS)") $(if $(JOBS),--jobs $(JOBS))
 	$(PY) bench/collect.py "$(or $(OUT),out/rate_points)" --out "$(or $(OUT),out/rate_points)"
 

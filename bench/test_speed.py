@@ -10,7 +10,6 @@ from texfcodec.api import decode
 from texfcodec.codecs.raht.attribute_coder import dec_attributes, enc_attributes
 from texfcodec.codecs.raht.transform.colour import forward_colour, inverse_colour
 from texfcodec.codecs.raht.transform.octree import build_octree
-from texfcodec.codecs.raht.transform.prediction import DEFAULT_KERNEL
 from texfcodec.demo.asset import make_sample
 from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.field.extents import octree_depth
@@ -32,7 +31,7 @@ KERNELS = {
     "voxelise": lambda f, threads: voxelise(*f["place"], threads=threads),
     "transfer": lambda f, threads: transfer(*f["place"][:2], f["source"], *f["place"][2:], f["keys"], f["map"], threads=threads),
     "octree": lambda f, threads: build_octree(f["keys"], DEPTH),
-    "enc_attributes": lambda f, threads: enc_attributes(f["keys"], DEPTH, f["values"], QP, DEFAULT_KERNEL, threads),
+    "enc_attributes": lambda f, threads: enc_attributes(f["keys"], DEPTH, f["values"], QP, threads=threads),
     "dec_attributes": lambda f, threads: dec_attributes(f["keys"], DEPTH, *f["coded"], DEPTH, threads),
     "colour_both_ways": lambda f, threads: inverse_colour(forward_colour(f["colour"])),
     "query": lambda f, threads: query_field(f["points"], RESOLUTION, f["keys"], f["map"], f["colour"]),
@@ -53,7 +52,7 @@ def field():
     keys, _ = voxelise(*place)
     brick_map, source = build_brick_map(keys), pack_source(scene, surface.origin_face)
     colour, _ = transfer(*place[:2], source, *place[2:], keys, brick_map)
-    unit, _ = enc_attributes(keys, DEPTH, forward_colour(colour), QP, DEFAULT_KERNEL)
+    unit, _ = enc_attributes(keys, DEPTH, forward_colour(colour), QP)
     ends = np.cumsum([0] + [len(c) for c in unit.codewords]).tolist()
     coded = unit, np.frombuffer(b"".join(unit.codewords), np.uint8), list(zip(ends[:-1], ends[1:], strict=True))
     stream = encode_scene(scene, OPTIONS).data

@@ -6,7 +6,8 @@ from plane_fits import plane_fit
 
 from texfcodec import EncodeOptions
 from texfcodec.codecs.neural import fit_torch
-from texfcodec.codecs.neural.fit import Fit, _engine
+from texfcodec.codecs.neural.fit import Fit
+from texfcodec.codecs.neural.fit_payload import _engine
 from texfcodec.errors import InputError
 
 HINT = "torch is not installed: pip install texfcodec[ntc]"

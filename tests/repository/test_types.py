@@ -31,5 +31,6 @@ def test_a_wrong_argument_and_a_wrong_result_are_found(tmp_path, pytestconfig):
     assert checked(cache, str(module)).startswith("Success")
     with open(module, "a", encoding="utf-8") as file:
         file.write("\n\ndef half(count: int) -> int:\n    over_blocks(print, str(count), 1, 1)\n    return count / 2\n")
+        file.write("\n\ndef _quarter(count):\n    return len(4) + count\n")
     said = checked(cache, str(module))
-    assert "[arg-type]" in said and "[return-value]" in said and "Found 2 errors in 1 file" in said, said
+    assert "[arg-type]" in said and "[return-value]" in said and "Found 3 errors in 1 file" in said, said

@@ -67,7 +67,7 @@ class Neural(JointCodec):
 
     def enc(self, source: Source, options: Any, report: Report) -> Joint:
         """As JointCodec.enc; the choices are "resident" (bytes on the GPU), "fit" (the log) and "refinement"."""
-        from .fit import fit_payload
+        from .fit_payload import fit_payload
         from .payload import payload_values
 
         payload, tables, choices = fit_payload(source, options, report)

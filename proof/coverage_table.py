@@ -53,8 +53,8 @@ PYTEST = ("-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider", "--d
 PLAIN = (
     "tiny_fields", "tiny_surfaces", "geometry", "shading_normals::test_a_cube_keeps_its_edges",
     "shading_normals::test_a_ball_is_smooth_to_two_degrees_also_across_duplicated_vertices",
-    "shading_normals::test_normals_have_length_one_whatever_the_faces", "refusals::test_a_joined_rule_goes_round_a_prism",
-    "refusals::test_edges_that_nothing_shares_have_no_fold", "refusals::test_a_fit_is_told_in_lines",
+    "shading_normals::test_normals_have_length_one_whatever_the_faces", "shading_normals::test_a_joined_rule_goes_round_a_prism",
+    "shading_normals::test_edges_that_nothing_shares_have_no_fold", "neural_cli::test_a_fit_is_told_in_lines",
     "raht::test_forward_coefficients_are_orthonormal_to_a_billionth_and_large_ones_in_units_of_the_decoders_gain",
     "raht::test_an_encoder_that_runs_out_of_room_says_so",
     "field::test_no_faces_touch_no_voxels", "field::test_voxelise_refuses_faces_outside_the_vertex_list",
@@ -69,9 +69,9 @@ PLAIN = (
     "atlas::test_cover_agrees_with_brute_force")
 # Tests of the Python around them: units, their checks, the child process, files that are written, the command
 COMPILED = ("appearance", "atlas", "bake", "bitstream", "cli", "codecs", "completion", "constant", "corruption", "effects",
-            "field", "findings", "interrupts", "isolate", "kernel", "ktx2", "levels", "maps", "materials_back",
+            "field", "findings", "interrupts", "isolate", "kernel", "ktx2", "levels", "limited_process", "maps", "materials_back",
             "meshopt", "material_choice", "neural_oracle", "neural_stream", "outputs", "plugin_faults", "queries", "sample_asset",
-            "lossless", "neural_cli", "neural_fit", "rate_control", "refusals", "save", "save_formats", "save_texels",
+            "lossless", "neural_cli", "neural_fit", "options", "rate_control", "save", "save_formats", "save_texels",
             "shading_normals", "tangents", "texel_fields", "texels", "validate",
             "house::test_a_name_that_the_package_does_not_have_is_an_attribute_error")
 

@@ -16,13 +16,14 @@ from naive import oracles
 from naive.bits import Reader
 from naive.texels import bilinear
 from texfcodec import DecodeOptions, EncodeOptions, decode, encode, inspect
-from texfcodec.bitstream.appearance import material_of
+from texfcodec.bitstream.appearance import material_of, parameter_values
 from texfcodec.bitstream.syntax import MATERIAL
 from texfcodec.bitstream.values import material_values
 from texfcodec.core.syntax_walk import write_structure
 from texfcodec.errors import InputError
 from texfcodec.scene.channels import LARGEST, MAPS, PARAMETER_BY_NAME, PARAMETERS
 from texfcodec.scene.effects import EFFECTS, effects_mask
+from texfcodec.scene.factors import set_factor
 from texfcodec.scene.scene import Material
 
 SMALL = EncodeOptions(resolution=12, qp=40, support="voxels", refine="off")
@@ -155,3 +156,12 @@ def test_networks_answer_maps_as_their_voxels_do():
         for name, plane in field.planes.items():
             assert answers[name].shape == plane.shape and np.abs(answers[name] - plane).max() <= 2.0, name
         assert (field.planes["emissive"] == field.planes["emissive"][:, :1]).all()
+
+
+def test_parameters_that_are_no_numbers_of_their_count_are_refused():
+    for value in ((1.0, 2.0), (float("inf"),), (float("nan"),)):
+        with pytest.raises(InputError, match="TXF-I14"):
+            parameter_values(Material("skin", parameters={"roughness": value}))
+    parameters = {"roughness": (0.5,)}
+    set_factor(parameters, "roughness", (1.0,))
+    assert parameters == {}  # the default is not kept

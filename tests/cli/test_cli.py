@@ -3,6 +3,8 @@
 The golden texts are rewritten by hand: `texf-enc --help > tests/golden/texf-enc.txt`, and so on.
 """
 
+import contextlib
+import io
 import json
 import os
 import re
@@ -14,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from texfcodec import EncodeOptions, InputError, Limits, Report, encode, encode_to_result, inspect
+from texfcodec import EncodeOptions, Limits, Report, encode, encode_to_result, inspect
 from texfcodec.bitstream.stream import write_stream
 from texfcodec.bitstream.units import write_unit
 from texfcodec.cli import dec, enc, eval, info, render, validate, view
@@ -386,6 +388,11 @@ def test_info_tells_bytes_by_level(sample_scene):
     assert sum(group["codeword_bytes"]) < sizes["attributes"] == group["bytes"]
 
 
+def test_bytes_by_level_are_told(call):
+    code, out, _ = call("texf-info", REPOSITORY / "conformance/uncommon/level_index/in.texf")
+    assert code == 0 and "bytes by level, coarse to fine: " in out
+
+
 def test_info_text_and_verification(call, stream, tmp_path):
     path = tmp_path / "a.texf"
     path.write_bytes(stream)
@@ -445,6 +452,10 @@ def test_missing_kernel_cache_is_noticed_without_numba(monkeypatch, tmp_path):
     assert precompile.kernels_compiled()
 
 
-def test_strict_and_presets_are_checked_by_the_api_too():
-    with pytest.raises(InputError):
-        EncodeOptions(rate="r99")
+def test_a_first_run_is_said_and_streams_of_any_kind_take_text(call, monkeypatch, tmp_path):
+    monkeypatch.setattr("texfcodec.precompile.kernels_compiled", lambda: False)
+    code, _, said = call("texf-dec", REPOSITORY / "conformance/uncommon/one_voxel/in.texf", tmp_path / "a.ply")
+    assert code == 0 and "compil" in said
+    with contextlib.redirect_stdout(io.StringIO()) as out, pytest.raises(SystemExit) as ended:
+        info.main([str(REPOSITORY / "conformance/uncommon/one_voxel/in.texf")])
+    assert ended.value.code == 0 and "446 bytes" in out.getvalue()

@@ -6,6 +6,7 @@ import pytest
 
 from texfcodec import decode
 from texfcodec.cli import dec, enc, info
+from texfcodec.codecs import codec_of
 from texfcodec.demo.asset import write_sample
 
 SMALL = ("--codec", "3dntc", "--resolution", "48", "--resident-bytes", "60000", "--steps", "20")
@@ -84,3 +85,21 @@ def test_isolated_decoding_gives_the_same_file(call, mesh, tmp_path):
         assert call(dec.main, tmp_path / "a.texf", tmp_path / name, *flags)[0] == 0
     assert decode((tmp_path / "a.texf").read_bytes()).evaluators
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+
+
+RESIDENT = {"resident": {"total": 9, "latents": 5, "network": 3, "index": 1}, "fields": 2, "fit": {
+    "levels": [{"rows": 3, "resolution": 8}], "steps": 5, "asked_steps": 9, "seconds": 1.0, "psnr_rgb": 30.0,
+    "psnr_channels": {"base_colour": 30.0, "roughness": 41.0}}}
+
+
+@pytest.mark.parametrize("told, last", [
+    ({"kind": "render", "asked": "auto", "iterations": [{"iteration": 0, "held_out_psnr": 30.0},
+                                                        {"iteration": 4, "held_out_psnr": 33.0}],
+      "kept_iteration": 4, "psnr_rgb": 31.0}, "refined on pictures: 30.00 dB to 33.00 dB"),
+    ({"kind": "off", "asked": "render", "reason": "it gained nothing"}, "not refined on pictures: it gained nothing"),
+    ({"kind": "off", "asked": "off"}, "there, in 0 to 255: roughness 41.00 dB")])
+def test_a_fit_is_told_in_lines(told, last):
+    lines = list(codec_of("3dntc").result_lines(RESIDENT | {"refinement": told}))
+    assert "2 fields" in lines[0] and "5 steps of 9" in lines[1] and lines[-1].startswith(last)
+    alone = RESIDENT | {"fit": RESIDENT["fit"] | {"psnr_channels": {"base_colour": 30.0}}, "refinement": told}
+    assert not any(line.startswith("there, ") for line in codec_of("3dntc").result_lines(alone))

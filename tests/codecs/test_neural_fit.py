@@ -239,18 +239,6 @@ def test_the_transport_form_is_smaller_and_means_the_same(sample_scene):
     assert all(np.array_equal(a.rgba, b.rgba) for a, b in zip(decode(plain).fields, decode(packed).fields, strict=True))
 
 
-@pytest.mark.parametrize("settings", [
-    {"codec": "jpeg"}, {"codec": "3dntc", "point": "mpeg9"}, {"codec": "3dntc", "latent_index": "tree"},
-    {"codec": "raht", "point": "mpeg1"}, {"codec": "3dntc", "target_bytes": 1000}, {"codec": "3dntc", "max_error": 0},
-    {"codec": "3dntc", "point": "mpeg1", "resident_bytes": 1000}, {"codec": "3dntc", "steps": 0},
-    {"codec": "3dntc", "resident_bytes": 5000, "latent_index": "hash"},
-])
-def test_settings_that_make_no_sense_are_refused(settings):
-    with pytest.raises(InputError) as error:
-        EncodeOptions(**settings)
-    assert error.value.code == "TXF-I50"
-
-
 def test_pictures_and_queries_ask_the_payload_itself(sample_scene):
     """Level 0 of a picture is Texf.query, and that is infer: finer than the voxels, which are few here."""
     from texfcodec.render.camera import bounding_sphere, fibonacci_direction, orthographic

@@ -177,9 +177,3 @@ def test_the_report_says_whether_and_why(asked, kind, monkeypatch):
     options = EncodeOptions(codec="3dntc", resident_bytes=40_000, steps=20, refine=asked, refine_iterations=1, resolution=32)
     told = encode_scene(painted_sphere(), options, report).choices["refinement"]
     assert told["asked"] == asked and told["reason"] and (told["kind"] == kind if kind else len(told["iterations"]) == 2)
-
-
-def test_a_surface_fit_of_voxels_is_not_for_a_payload():
-    with pytest.raises(InputError) as error:
-        EncodeOptions(codec="3dntc", refine="fit")
-    assert error.value.code == "TXF-I50"

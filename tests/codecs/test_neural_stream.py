@@ -14,7 +14,7 @@ from conftest import REPOSITORY
 from damage import ONE_THREAD, fields_of, outcome, repacked
 from interpreter import modules_after
 
-from texfcodec import DecodeOptions, InputError, LimitError, Limits, decode
+from texfcodec import DecodeOptions, LimitError, Limits, decode
 from texfcodec.bitstream.stream import read_stream
 from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE
 from texfcodec.bitstream.units import read_units
@@ -218,16 +218,6 @@ def test_points_are_answered_at_their_position_and_outside_the_grid_on_its_borde
         planes = split_groups(infer_values(positions[mine], tables), texf.groups)
         assert np.array_equal(answers[mine, :3], planes["base_colour"])
         assert np.array_equal(answers[mine, 3:], planes.get("alpha", np.full((mine.sum(), 1), 255)))
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_points_that_are_not_finite_are_refused(value):
-    texf = decode(stream(FORMS[0]))
-    points = points_around(texf, 4)
-    points[2, 1] = value
-    with pytest.raises(InputError) as caught:
-        texf.query(points)
-    assert caught.value.code == "TXF-I71" and caught.value.details["value"] == 1
 
 
 def test_points_without_any_latent_are_still_answered():

@@ -6,8 +6,10 @@ from functools import partial
 
 import numpy as np
 import pytest
+from shapes import painted_sphere
 
 from texfcodec import EncodeOptions, InputError, Report, decode, inspect
+from texfcodec.api import encode_loaded
 from texfcodec.codecs.base import Group
 from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.encoder.plan import OverBudget, least_bytes, plan
@@ -184,3 +186,8 @@ def test_measurement_of_a_known_error():
     scene.materials[0].factor[3], scene.materials[0].alpha_mode = 0.5, 2
     texf.groups = (Group((BASE_COLOUR,)), Group((ALPHA,)))
     assert math.isclose(measure(scene, texf, 5000)["rgb"], off["rgb"], rel_tol=1e-6)
+
+
+def test_a_budget_of_bytes_is_searched_for():
+    made = encode_loaded(painted_sphere(4), EncodeOptions(target_bytes=3000, resolution=16, threads=1), Report())
+    assert len(made.data) <= 3000

@@ -6,11 +6,13 @@ from math import floor
 
 import numpy as np
 import pytest
+from shapes import painted_sphere
 
 from conformance import run as runner
 from naive import decoder, queries, texels
 from naive.voxels import clip
-from texfcodec import decode
+from texfcodec import EncodeOptions, InputError, decode
+from texfcodec.encoder.pipeline import encode_scene
 
 VECTORS = runner.HERE
 ASKED = sorted(path.parent.relative_to(VECTORS).as_posix() for path in VECTORS.glob("*/*/queries.json"))
@@ -114,3 +116,19 @@ def test_queries_are_written_as_the_runner_packs_them():
     asked = [{"field": -1, "triangle": 7, "point": [(0.1).hex(), (-2.0**80).hex(), (0.0).hex()]}]
     assert queries.read_queries(runner.packed(asked)) == [(-1, 7, [0.1, -(2.0**80), 0.0])]
     assert json.loads((VECTORS / "subset/k3/queries.json").read_text())["components"] == [3]
+
+
+def test_questions_that_have_no_answer_are_refused():
+    texf = decode(encode_scene(painted_sphere(4), EncodeOptions(resolution=8, qp=40, threads=1)).data)
+    points = texf.positions[:3]
+    for wrong in ("here", [[1, 2]], [1, 2, 3, 4], object()):
+        with pytest.raises(InputError, match="TXF-I72"):
+            texf.query(wrong)
+    for faces in ([0, 1], [0.0, 1.0, 2.0], [0, 1, len(texf.faces)], [0, 1, -1]):
+        with pytest.raises(InputError, match="TXF-I72"):
+            texf.query(points, faces)
+    for value in (np.nan, np.inf, -np.inf):
+        with pytest.raises(InputError, match="TXF-I71") as refused:
+            texf.query([[0, 0, 0], [0, 0, value]])
+        assert refused.value.details["value"] == 1
+    assert texf.query(np.zeros((0, 3))).shape == (0, 4) and texf.query(points, [0, 1, 2]).shape == (3, 4)

@@ -405,3 +405,16 @@ def test_normals_have_length_one_whatever_the_faces():
     faces = np.array([[0, 1, 2], [0, 1, 3], [3, 1, 0]])
     assert np.abs(np.linalg.norm(corner_normals(lattice, faces), axis=2) - 1).max() < 1e-6
     assert corner_normals(lattice, np.zeros((0, 3), np.int64)).shape == (0, 3, 3)
+
+
+def test_edges_that_nothing_shares_have_no_fold():
+    faces = np.array([[0, 1, 2]])
+    assert len(folds(shared_edges(faces), np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0]]), faces)) == 0
+
+
+def test_a_joined_rule_goes_round_a_prism():
+    prism = trimesh.creation.cylinder(1, 2, sections=6)
+    lattice = np.rint(prism.vertices * 1000).astype(np.int64) + 3000
+    hard, soft = (corner_normals(lattice, prism.faces, [NormalRule(JOINED, ANGLE, angle)]) for angle in (20, 80))
+    turned = np.degrees(np.arccos(np.clip((hard * soft).sum(-1), -1, 1))).ravel()
+    assert np.isclose(hard[..., None, :] @ soft[..., None], 1, atol=1e-5).any() and 25 < turned.max() < 35

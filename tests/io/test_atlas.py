@@ -11,7 +11,7 @@ from texfcodec.io.atlas import unwrap as atlas_room
 from texfcodec.io.atlas.bake import bake
 from texfcodec.io.atlas.gaps import fill_gaps
 from texfcodec.io.atlas.system import cover
-from texfcodec.io.atlas.unwrap import make_atlas
+from texfcodec.io.atlas.unwrap import _unit_points, make_atlas
 from texfcodec.scene.scene import ALPHA_MASK, Material
 
 ASSETS = Path(__file__).resolve().parents[3] / "shared" / "assets"
@@ -218,3 +218,11 @@ def test_real_meshes_bake_cleanly(name):
     texf = decoded(positions, weld.ravel()[mesh.faces])
     error = colour_error(texf, bake(texf, 1024, "fast"), on_edges=True)
     assert np.percentile(error, 99.9) < 2.5 and error.max() < 15
+
+
+def test_points_of_any_scale_come_into_the_unit_cube():
+    faces = np.array([[0, 1, 2]])
+    for scale in (1e-300, 1.0, 1.7e308):
+        points = _unit_points(np.array([[-1, -1, 0], [1, 0, 0], [0, 1, 0]]) * scale, faces)
+        assert points.min() == 0 and 0.99 < points.max() <= 1
+    assert not _unit_points(np.ones((3, 3)), faces).any() and not _unit_points(np.ones((3, 3)), faces[:0]).any()

@@ -4,18 +4,23 @@ import errno
 import json
 import os
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from analytic import bilinear, decoded, empty_mesh, grid_mesh, soup_mesh, sphere_mesh, surface, two_materials
 from mesh_files import accessor, read_glb
+from shapes import scene_of, square
 
+from texfcodec import EncodeOptions, decode
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import InputError
 from texfcodec.io import save as save_room
 from texfcodec.io.atlas.bake import bake
 from texfcodec.io.formats import SAVED_SUFFIXES
-from texfcodec.io.save import save
+from texfcodec.io.save import as_input_error, save
 from texfcodec.io.vertex_appearance import linear_u16
+from texfcodec.scene.scene import Material
 
 # GLB and glTF.
 
@@ -212,6 +217,12 @@ def test_failed_writing_leaves_nothing_behind(tmp_path, monkeypatch, number, cod
     assert [p.name for p in tmp_path.iterdir()] == ["a.gltf"] and (tmp_path / "a.gltf").read_text() == "old"
 
 
+@pytest.mark.parametrize("number, code", [(errno.ENOENT, "TXF-O01"), (errno.ENOTDIR, "TXF-O01"), (errno.EROFS, "TXF-O02"),
+                                          (errno.ENOSPC, "TXF-O03"), (errno.EIO, "TXF-O04")])
+def test_an_output_that_fails_has_a_code(number, code):
+    assert as_input_error(OSError(number, "no"), Path("folder/a.glb")).code == code
+
+
 def test_interrupted_writing_leaves_nothing_behind(tmp_path, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
@@ -243,3 +254,27 @@ def test_read_only_folder_is_named(tmp_path):
     tmp_path.chmod(0o500)
     with pytest.raises(InputError, match="TXF-O02"):
         save(decoded(*grid_mesh(4)), tmp_path / "a.ply")
+
+
+@pytest.fixture(scope="module")
+def veil():
+    """A decoded square of a material without a name that is see-through here and there."""
+    positions, faces = square()
+    colours = np.array([[0.5, 0.4, 0.3, 0.5], [0.5, 0.1, 0.3, 1.0], [0.1, 0.4, 0.3, 0.0], [0.9, 0.4, 0.3, 0.7]])
+    scene = scene_of(positions, faces, colours, materials=[Material("", alpha_mode=2)])
+    return decode(encode_scene(scene, EncodeOptions(resolution=8, qp=30)).data)
+
+
+def test_vertex_colours_with_alpha_lose_it_in_an_obj(veil, tmp_path):
+    assert any("no alpha" in text for text in veil.save(tmp_path / "a.obj", appearance="vertex")["warnings"])
+
+
+def test_alpha_is_kept_by_a_texture_of_an_obj_and_by_points(veil, tmp_path):
+    veil.save(tmp_path / "a.obj", texture_size=16)
+    assert "map_d a" in (tmp_path / "a.mtl").read_text()
+    veil.save(tmp_path / "a.gltf", appearance="voxels")
+    (points,) = json.loads((tmp_path / "a.gltf").read_text())["materials"]
+    assert points["alphaMode"] == "BLEND"
+    veil.save(tmp_path / "b.gltf", texture_size=16, overwrite=True)
+    (material,) = json.loads((tmp_path / "b.gltf").read_text())["materials"]
+    assert "name" not in material and material["alphaMode"] == "BLEND"

@@ -10,7 +10,7 @@ from walls import coded, smooth_image, wall
 
 from texfcodec.errors import InputError, SupportError
 from texfcodec.io.formats import IMAGE_FORMATS
-from texfcodec.io.images import encode_image, format_for
+from texfcodec.io.images import check_image_format, encode_image, format_for
 from texfcodec.io.load import load
 from texfcodec.io.save import as_glb, save
 from texfcodec.scene.scene import WRAP_REPEAT
@@ -258,3 +258,11 @@ def test_missing_packages_are_named_before_any_work(tmp_path, monkeypatch, optio
     monkeypatch.setitem(__import__("sys").modules, package, None)
     with pytest.raises(SupportError, match=r"TXF-O15.*texfcodec\[formats\]"):
         save(decoded(*grid_mesh(4), query=None), tmp_path / "a.glb", **option)
+
+
+def test_a_pillow_without_a_format_is_told(monkeypatch):
+    from PIL import features
+
+    monkeypatch.setattr(features, "check", lambda name: False)
+    with pytest.raises(SupportError, match="TXF-O15"):
+        check_image_format("webp", None)

@@ -12,7 +12,7 @@ import pytest
 from interrupts import TETRAHEDRON
 
 import texfcodec
-from texfcodec import DecodeOptions, EncodeOptions, InputError, LossWarning, Report
+from texfcodec import DecodeOptions, EncodeOptions, InputError, LossWarning, Report, decode, inspect
 from texfcodec.precompile import small_scene
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -236,3 +236,10 @@ def test_public_names_are_there_and_what_they_say_has_sections():
                                (texfcodec.Texf.bake, "Parameters Returns")):
         for section in sections.split():
             assert f"{section}\n" in function.__doc__ and "-" * len(section) in function.__doc__
+
+
+@pytest.mark.parametrize("given", [None, 3, {"a": 1}, ()], ids=str)
+def test_what_is_neither_bytes_nor_a_path_is_refused(given):
+    for read in (inspect, decode):
+        with pytest.raises(InputError, match="TXF-I05"):
+            read(given)

@@ -8,7 +8,6 @@ import io
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -212,33 +211,6 @@ def test_failing_rename_leaves_the_old_file_and_no_temporary(call, mesh, tmp_pat
             patch.setattr("texfcodec.io.save.os.replace", fail)
             assert call("texf-enc", mesh, target, *SMALL)[0] == code
         assert target.read_bytes() == b"old" and list(tmp_path.iterdir()) == [target]
-
-
-INTERRUPTED = """
-import os, signal
-from texfcodec import report
-plain = report.Report.progress
-def progress(self, stage, done, total):
-    if stage == "transfer":
-        os.kill(os.getpid(), signal.SIGINT)
-    plain(self, stage, done, total)
-report.Report.progress = progress
-from texfcodec.cli.enc import main
-main()
-"""
-
-
-def heed_interrupts():
-    """In a child, before its program: where the suite runs in the background of a script, SIGINT is ignored, by children too."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="preexec_fn and kill() of one's own process are POSIX")
-def test_ctrl_c_in_mid_encode_leaves_nothing(mesh, tmp_path):
-    program = [sys.executable, "-c", INTERRUPTED, str(mesh), str(tmp_path / "a.texf"), *SMALL]
-    run = subprocess.run(program, cwd=REPOSITORY, capture_output=True, check=False, timeout=120, preexec_fn=heed_interrupts)
-    assert run.returncode == 130 and list(tmp_path.iterdir()) == []
-    assert b"Traceback" not in run.stderr and b"interrupted" in run.stderr and run.stdout == b""
 
 
 def test_progress_callback_cancels_the_api(mesh):

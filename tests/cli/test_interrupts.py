@@ -49,6 +49,20 @@ main()
 """
 
 
+MIDWAY = """
+import os, signal
+from texfcodec import report
+plain = report.Report.progress
+def progress(self, stage, done, total):
+    if stage == "transfer":
+        os.kill(os.getpid(), signal.SIGINT)
+    plain(self, stage, done, total)
+report.Report.progress = progress
+from texfcodec.cli.enc import main
+main()
+"""
+
+
 @pytest.mark.slow
 @LINUX
 def test_every_tool_ends_as_it_should_at_random_moments(tmp_path):
@@ -100,6 +114,17 @@ print(*sorted(seen), "-", *many)
     entries = {"_cells", "_touched", "_gather", "_query", "_enc_mixed_level", "_dec_direct_level", "_infer"}
     assert entries <= seen and len(seen) > 40
     assert not many  # but for what only other kernels call, which is compiled without a way to Python
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="this system has no kill() of one's own process")
+def test_ctrl_c_in_mid_encode_leaves_nothing(tmp_path):
+    interrupts.prepare(tmp_path)
+    before = interrupts.contents(tmp_path)
+    program = [sys.executable, "-c", MIDWAY, tmp_path / "mesh.ply", tmp_path / "a.texf", *interrupts.SMALL]
+    run = subprocess.run(program, cwd=REPOSITORY, capture_output=True, check=False, timeout=300,
+                         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+    assert (run.returncode, run.stdout, run.stderr) == (130, b"", interrupts.INTERRUPTED)
+    assert interrupts.contents(tmp_path) == before
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="this system has no kill() of one's own process")

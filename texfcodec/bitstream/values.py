@@ -1,12 +1,9 @@
-"""Syntax elements from the data at hand: header, materials, metadata.
-
-EncodeOptions stand in a later room, so that signatures here say Any.
-"""
+"""Syntax elements from the data at hand: header, materials, metadata."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..codecs.base import PRIVATE_IDS, Codec
 from ..core.json_text import json_text
@@ -22,6 +19,7 @@ from .syntax import SUPPORT_TEXELS, SUPPORT_VOXELS, VERSION
 if TYPE_CHECKING:
     from ..codecs.base import Group
     from ..geometry.surface import Surface
+    from ..options import EncodeOptions
     from ..report import Report
     from ..scene.normal_rule import NormalRule
 
@@ -68,7 +66,7 @@ def attribute_values(codec: Codec, field: int, group: int, checksum: int, values
             "codec_name": name, "level_shift": shift, "values_crc": checksum, **values}
 
 
-def metadata_bytes(metadata: dict, options: Any, report: Report) -> bytes | None:
+def metadata_bytes(metadata: dict, options: EncodeOptions, report: Report) -> bytes | None:
     """The metadata unit's JSON, or None where there is nothing or more than the limit."""
     if not metadata:
         return None

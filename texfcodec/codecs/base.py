@@ -2,10 +2,7 @@
 
 A codec is a folder here, or a class of another package that a plug-in registers (codecs/__init__.py). All that knows it stands in
 there: syntax, both directions, what texf-info and texf-enc say of it. Modules that define one load no numba; what does is
-imported when it is used.
-
-Options stand in a later room, so that signatures here say Any.
-"""
+imported when it is used."""
 
 from __future__ import annotations
 
@@ -16,16 +13,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..core.syntax_table import Structure
-from ..core.syntax_walk import read_structure, write_structure
+from ..core.syntax_walk import Reader, read_structure, write_structure
 
 if TYPE_CHECKING:
     from ..field.texels import TexelSupport
     from ..field.voxels import VoxelSupport
+    from ..geometry.geometry_unit import LatticeMesh
     from ..geometry.surface import Surface
+    from ..options import DecodeOptions, EncodeOptions
     from ..report import Report
     from ..scene.channels import Channel
     from ..scene.scene import Scene
 
+Settings = Any  # of Codec.settings(): a dataclass of each codec's own
 PRIVATE_IDS = range(192, 256)  # for codecs of strangers; their units name them (5.7)
 
 
@@ -56,7 +56,7 @@ class Group(NamedTuple):
 
 class Source(NamedTuple):
     """What a joint codec fits. scene: Scene; surface: geometry.surface.Surface; face_field: int64 [F] over its faces; surfaces:
-    decoded (lattice int64 [V, 3], faces int64 [F, 3]) by field; groups: what is coded; maps: what the maps of materials say, a
+    decoded, by field; groups: what is coded; maps: what the maps of materials say, a
     function of (name of a channel, faces int64 [M] that have it, weights of their corners float64 [M, 3], threads) that returns
     float32 [M, C] in 0..255; None where no material has a map; on_pictures: what brings a fit closer to rendered pictures, which
     this room cannot draw (encoder.optimise.picture_refinement.refine_by_pictures), for codecs that fit."""
@@ -64,7 +64,7 @@ class Source(NamedTuple):
     scene: Scene
     surface: Surface
     face_field: np.ndarray
-    surfaces: list
+    surfaces: list[LatticeMesh]
     groups: tuple[Group, ...]
     maps: Callable[[str, np.ndarray, np.ndarray, int], np.ndarray] | None = None
     on_pictures: Callable[..., tuple[list[dict], int]] | None = None
@@ -129,16 +129,16 @@ class Codec(ABC):
         """Its part of an attribute unit, of the unit's values."""
         return write_structure(self.parameters, values)
 
-    def read_parameters(self, reader: Any, values: dict, trace: list | None = None) -> None:
+    def read_parameters(self, reader: Reader, values: dict, trace: list | None = None) -> None:
         """Mirror of write_parameters(): adds to values. trace: as read_structure(). Raises StreamError."""
         read_structure(self.parameters, reader, values, trace)
 
-    def settings(self, options: Any) -> Any:
+    def settings(self, options: EncodeOptions) -> Settings:
         """What enc() takes of EncodeOptions: a frozen dataclass of the codec's own, with "qp", "max_error" and "chroma_qp_offset"
         where it codes planes; all of them where it has none."""
         return options
 
-    def check_options(self, options: Any) -> None:
+    def check_options(self, options: EncodeOptions) -> None:
         """Refuses EncodeOptions that do not go together. Raises InputError."""
         return None
 
@@ -163,7 +163,7 @@ class Codec(ABC):
         """Whether the encoder should take this codec for the plane whatever was asked for. plane: float32 [N, C], 0..255."""
         return False
 
-    def seconds(self, options: Any) -> float:
+    def seconds(self, options: EncodeOptions) -> float:
         """A guess of what encoding takes beside what it takes with any codec."""
         return 0.0
 
@@ -174,7 +174,7 @@ class PlaneCodec(Codec):
     has_levels = True  # whether dec() can leave out levels by itself; else a decoder takes means of what it gives
 
     @abstractmethod
-    def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: Any) -> tuple[dict, np.ndarray]:
+    def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: Settings) -> tuple[dict, np.ndarray]:
         """Codes values. plane: float32 [N, C] in 0..255 on the support's keys; support: VoxelSupport; options: of settings().
         Returns (values of its syntax elements, what dec() makes of them: uint8 [N, C])."""
 
@@ -201,23 +201,24 @@ class JointCodec(Codec):
     joint = True
 
     @abstractmethod
-    def enc(self, source: Source, options: Any, report: Report) -> Joint:
+    def enc(self, source: Source, options: Settings, report: Report) -> Joint:
         """Codes a source. options: of settings(); report: Report."""
 
-    def count_samples(self, values: dict, surfaces: list, position_bits: int) -> int:
+    def count_samples(self, values: dict, surfaces: list[LatticeMesh], position_bits: int) -> int:
         """Surface samples that dec() takes beside those of the fields (6.3), known before any is taken."""
         return 0
 
     @abstractmethod
-    def dec(self, values: dict, surfaces: list, position_bits: int, groups: tuple, options: Any, report: Report) -> list:
-        """Evaluators by field. surfaces: decoded (lattice, faces) by field; groups: of Group. Raises StreamError, LimitError."""
+    def dec(self, values: dict, surfaces: list[LatticeMesh], position_bits: int, groups: tuple[Group, ...],
+            options: DecodeOptions, report: Report) -> list:
+        """Evaluators by field. surfaces: decoded, by field. Raises StreamError, LimitError."""
 
     @abstractmethod
     def pack(self, evaluators: list) -> tuple[dict, dict]:
         """(JSON-ready facts, arrays) that evaluators can be made of again in another process."""
 
     @abstractmethod
-    def unpack(self, facts: dict, arrays: dict, groups: tuple, fields: int) -> list:
+    def unpack(self, facts: dict, arrays: dict, groups: tuple[Group, ...], fields: int) -> list:
         """Mirror of pack(); nothing in its arguments is trusted. Raises TexfError, ValueError, KeyError, TypeError."""
 
     def resident(self, evaluators: list) -> tuple[dict, dict, list] | None:

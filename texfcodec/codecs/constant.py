@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,7 +29,7 @@ class Constant(PlaneCodec):
         """As PlaneCodec.suits."""
         return all(bool((np.rint(part) == np.rint(plane[:1])).all()) for part in (plane[:: max(1, len(plane) // PROBE)], plane))
 
-    def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: Any) -> tuple[dict, np.ndarray]:
+    def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: object) -> tuple[dict, np.ndarray]:
         """As PlaneCodec.enc, for a plane that suits."""
         value = np.clip(np.rint(plane[0]), 0, 255).astype(np.uint8)
         return {"plane_value": value.tolist()}, np.tile(value, (len(plane), 1))

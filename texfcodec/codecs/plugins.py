@@ -7,17 +7,19 @@ import math
 import operator
 from collections.abc import Iterator
 from importlib.metadata import EntryPoint
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..core.syntax_table import Structure
 from ..errors import SupportError, TexfError
-from .base import PRIVATE_IDS, Codec, Joint, JointCodec, PlaneCodec, Source
+from .base import PRIVATE_IDS, Codec, Group, Joint, JointCodec, PlaneCodec, Settings, Source
 
 if TYPE_CHECKING:
     from ..field.texels import TexelSupport
     from ..field.voxels import VoxelSupport
+    from ..geometry.geometry_unit import LatticeMesh
+    from ..options import DecodeOptions
     from ..report import Report
 
 # What an attribute unit says itself (5.7), and what inspect() does: names that a stranger's table and describe() leave alone.
@@ -173,7 +175,7 @@ class PluginPlane(_Plugin, PlaneCodec):
 
     TOLD = (*_Plugin.TOLD, "has_levels")
 
-    def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: Any) -> tuple[dict, np.ndarray]:
+    def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: Settings) -> tuple[dict, np.ndarray]:
         """As PlaneCodec.enc."""
         made = self._call("enc", plane.copy(), support, options)
         if not (isinstance(made, tuple) and len(made) == 2 and isinstance(made[0], dict)):
@@ -189,7 +191,7 @@ class PluginPlane(_Plugin, PlaneCodec):
 class PluginJoint(_Plugin, JointCodec):
     """A stranger's JointCodec."""
 
-    def enc(self, source: Source, options: Any, report: Report) -> Joint:
+    def enc(self, source: Source, options: Settings, report: Report) -> Joint:
         """As JointCodec.enc."""
         made = self._call("enc", source, options, report)
         if not isinstance(made, Joint) or not isinstance(made.values, dict):
@@ -201,11 +203,12 @@ class PluginJoint(_Plugin, JointCodec):
         evaluators = self._evaluators(made.evaluators, len(source.surfaces), source.groups)
         return Joint(_without(made.values, UNIT), evaluators, choices)
 
-    def count_samples(self, values: dict, surfaces: list, position_bits: int) -> int:
+    def count_samples(self, values: dict, surfaces: list[LatticeMesh], position_bits: int) -> int:
         """As JointCodec.count_samples."""
         return self._number("count_samples", operator.index, values, surfaces, position_bits)
 
-    def dec(self, values: dict, surfaces: list, position_bits: int, groups: tuple, options: Any, report: Report) -> list:
+    def dec(self, values: dict, surfaces: list[LatticeMesh], position_bits: int, groups: tuple[Group, ...],
+            options: DecodeOptions, report: Report) -> list:
         """As JointCodec.dec."""
         made = self._call("dec", values, surfaces, position_bits, groups, options, report)
         return self._evaluators(made, len(surfaces), groups)
@@ -214,7 +217,7 @@ class PluginJoint(_Plugin, JointCodec):
         """As JointCodec.pack."""
         return self._call("pack", [one.inner for one in evaluators], take=_packed)
 
-    def unpack(self, facts: dict, arrays: dict, groups: tuple, fields: int) -> list:
+    def unpack(self, facts: dict, arrays: dict, groups: tuple[Group, ...], fields: int) -> list:
         """As JointCodec.unpack."""
         arrays = {name.removeprefix(ARRAY): array for name, array in arrays.items() if name.startswith(ARRAY)}
         return self._evaluators(self._call("unpack", facts, arrays, groups, fields), fields, groups)

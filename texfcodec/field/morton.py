@@ -3,14 +3,16 @@
 Bit 3i of a key is bit i of x, bit 3i+1 of y, bit 3i+2 of z. Indices are below 2**13, so keys are below 2**39.
 """
 
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
 from ..core.kernel import kernel
 
+Word = TypeVar("Word", int, np.ndarray)
 
-def spread(v: Any) -> Any:
+
+def spread(v: Word) -> Word:
     """Moves bit i of 0 <= v < 2**16 to bit 3i. v: int64, scalar or array."""
     v = (v | (v << 16)) & 0xFF0000FF
     v = (v | (v << 8)) & 0xF00F00F00F
@@ -18,7 +20,7 @@ def spread(v: Any) -> Any:
     return (v | (v << 2)) & 0x249249249249
 
 
-def compact(v: Any) -> Any:
+def compact(v: Word) -> Word:
     """Gathers every third bit of v >= 0, int64, scalar or array: the inverse of spread()."""
     v = v & 0x249249249249
     v = (v | (v >> 2)) & 0xC30C30C30C3

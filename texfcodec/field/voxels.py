@@ -1,13 +1,10 @@
-"""Voxels as the support of values: sorted keys, and what a surface point asks of them (spec clauses 6 and 8).
-
-EncodeOptions stand in a later room, so that signatures here say Any.
-"""
+"""Voxels as the support of values: sorted keys, and what a surface point asks of them (spec clauses 6 and 8)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +16,7 @@ from .query import query_field
 from .voxelise import voxelise
 
 if TYPE_CHECKING:
+    from ..encoder.rd import RateDistortion
     from ..geometry.canonical import CanonicalCube
 
 MOST_DROPPED = 0.1  # share of the surface that the area threshold may leave without a voxel of its own
@@ -61,14 +59,15 @@ class VoxelSupport(Keyed):
 
 
 def kept_voxels(surface: tuple[np.ndarray, np.ndarray], position_bits: int, resolution: int,
-                options: Any) -> tuple[np.ndarray, int]:
+                rd: RateDistortion) -> tuple[np.ndarray, int]:
     """Voxels of a decoded surface (lattice, faces), ascending keys int64 [N], and the area threshold that they are kept by:
-    options.area_threshold, unless it would leave more than MOST_DROPPED of the surface without voxels. Encoder only."""
-    keys, weights = voxelise(*surface, position_bits, resolution, 0, options.threads, options.limits.voxels)
-    keep = weights >= options.area_threshold << 24
+    rd.area_threshold, unless it would leave more than MOST_DROPPED of the surface without voxels. Encoder only."""
+    lattice, faces = surface
+    keys, weights = voxelise(lattice, faces, position_bits, resolution, 0, rd.threads, rd.limits.voxels)
+    keep = weights >= rd.area_threshold << 24
     if weights[~keep].sum(dtype=np.float64) > MOST_DROPPED * weights.sum(dtype=np.float64) or not keep.any():
         return keys, 0
-    return keys[keep], options.area_threshold
+    return keys[keep], rd.area_threshold
 
 
 def keys_are_sound(keys: np.ndarray, size: int) -> bool:

@@ -1,16 +1,19 @@
-"""The source mesh on its lattice: equal positions merged, collapsed faces and idle flat ones left out (encoder only).
+"""The source mesh on its lattice: equal positions merged, collapsed faces and idle flat ones left out (encoder only)."""
 
-Scene and EncodeOptions stand in later rooms, so that signatures here say Any.
-"""
+from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InputError, LimitError
 from .areas import edge_columns, squared_cross
 from .canonical import CanonicalCube, fit_cube
+
+if TYPE_CHECKING:
+    from ..options import EncodeOptions
+    from ..scene.scene import Scene
 
 LEAST_HEIGHT = 2.0**-22  # of a face, in sides of the cube: about what rounding to binary32 does to three corners on a line
 
@@ -27,7 +30,7 @@ class Surface:
     material: np.ndarray
 
 
-def make_surface(scene: Any, options: Any) -> Surface:
+def make_surface(scene: Scene, options: EncodeOptions) -> Surface:
     """Puts the scene on the lattice, merges equal positions and leaves out faces that have lost a corner, and flat ones that
     close no gap (Surface)."""
     limits = options.limits
@@ -35,6 +38,7 @@ def make_surface(scene: Any, options: Any) -> Surface:
                                      ("TXF-L03", "faces", len(scene.faces), limits.faces)):
         if limit is not None and count > limit:
             raise LimitError(code, f"the mesh has more {what} than the limit allows", value=count, allowed=limit)
+    assert options.position_bits is not None  # its __post_init__ fills it in
     cube = fit_cube(scene.positions, options.position_bits)
     points = cube.to_lattice(scene.positions)
     packed = points[:, 0] | (points[:, 1] << 20) | (points[:, 2] << 40)

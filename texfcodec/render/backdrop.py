@@ -1,12 +1,11 @@
 """What pictures for people stand on, and which assets need light to show anything but their outline.
 
-Metrics and refinements have conditions of their own (metrics/views.py, pictures.py), which nothing here changes. A Texf stands in
-a later room, so that signatures here say Any.
+Metrics and refinements have conditions of their own (metrics/views.py, pictures.py), which nothing here changes.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +13,9 @@ from ..geometry.areas import relative_areas, sample_surface
 from ..scene.fetch import pack_source, sample_source
 from ..scene.scene import Scene
 from .textures import with_finite_uvs
+
+if TYPE_CHECKING:
+    from ..texf import Texf
 
 Colour = tuple[int, int, int]
 Background = Colour | tuple[Colour, Colour]  # one colour, or those of the top and of the bottom row
@@ -30,7 +32,7 @@ def rows(background: Background, height: int) -> np.ndarray:
     return np.rint(ends[0] * (1 - share) + ends[-1] * share).astype(np.uint8)
 
 
-def is_plain(asset: Any) -> bool:
+def is_plain(asset: Scene | Texf) -> bool:
     """Whether the base colour of a Scene or a Texf has no more than FEW colours, so that its picture without light shows an
     outline and no shape. What has no surface is not plain."""
     areas = relative_areas(asset.positions, asset.faces)

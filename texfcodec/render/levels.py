@@ -1,15 +1,19 @@
-"""Coarser versions of a field: what minified pictures ask, as a mip map is for a texture.
+"""Coarser versions of a field: what minified pictures ask, as a mip map is for a texture."""
 
-A Field stands in a later room, so that signatures here say Any.
-"""
+from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..field.query import query_field
+from ..field.texels import TexelSupport
+
+if TYPE_CHECKING:
+    from ..field.voxels import VoxelSupport
+    from ..texf import Field
 
 
 @dataclass
@@ -21,14 +25,14 @@ class Level:
     """
 
     level: int
-    support: Any
+    support: VoxelSupport | TexelSupport
     values: np.ndarray
     counts: np.ndarray
 
     def query(self, places: np.ndarray) -> np.ndarray:
         """float32 [M, C] at places of the field: grid coordinates float64 [M, 3] over voxels, see field.query.query_field;
         texels of the full image float64 [M, 2] over texels."""
-        if self.support.planar:
+        if isinstance(self.support, TexelSupport):
             return self.support.query(places, self.values)
         places = places if self.level == 0 else places / (1 << self.level)
         return query_field(places, self.support.size, self.support.keys, self.support.brick_map, self.values)[0]
@@ -41,7 +45,7 @@ class Pyramid:
     names: of planes that have one support, side by side in the values; none: the colours that a viewer shows without light.
     """
 
-    def __init__(self, field: Any, names: Sequence[str] = ()) -> None:
+    def __init__(self, field: Field, names: Sequence[str] = ()) -> None:
         self.arrays = _arrays(field, names)
         support = field.support_of(names[0]) if names else field.support
         values = self.arrays[0] if len(self.arrays) == 1 else np.hstack(self.arrays)
@@ -61,7 +65,7 @@ class Pyramid:
         return levels[number]
 
 
-def pyramid_of(field: Any, names: Sequence[str] = ()) -> Pyramid:
+def pyramid_of(field: Field, names: Sequence[str] = ()) -> Pyramid:
     """The Pyramid of planes of a Field; kept with it and made anew when their values are other arrays."""
     kept = field._pyramids.get(tuple(names))
     if kept is None or any(a is not b for a, b in zip(kept.arrays, _arrays(field, names), strict=True)):

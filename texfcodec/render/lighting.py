@@ -1,13 +1,10 @@
-"""Light on what a picture shows of a Scene or a Texf: maps, normals and views of fragments for render/material.py.
-
-A Texf stands in a later room, so that signatures here say Any.
-"""
+"""Light on what a picture shows of a Scene or a Texf: maps, normals and views of fragments for render/material.py."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +23,7 @@ from .surface import Points
 from .tangent_frames import deviated_normals, interpolate_corners, tangent_space_normals, towards_viewer
 
 if TYPE_CHECKING:
+    from ..texf import Texf
     from .camera import Camera
     from .raster import Fragments
 
@@ -53,9 +51,9 @@ class Lighting:
     materials of a run of fragments use are asked; an asset without a lit material costs nothing.
     """
 
-    def __init__(self, asset: Any, environment: Environment = DAYLIGHT, mipmaps: bool = False) -> None:
+    def __init__(self, asset: Scene | Texf, environment: Environment = DAYLIGHT, mipmaps: bool = False) -> None:
         self.environment = environment
-        self.maps: Any = SceneMaps(asset, mipmaps) if isinstance(asset, Scene) else FieldMaps(asset)
+        self.maps: SceneMaps | FieldMaps = SceneMaps(asset, mipmaps) if isinstance(asset, Scene) else FieldMaps(asset)
         self.table = ShadingTable(asset.materials)
         self.positions, self.faces = np.ascontiguousarray(asset.positions), np.ascontiguousarray(asset.faces)
         self.face_material = asset.face_material

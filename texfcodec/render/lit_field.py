@@ -1,13 +1,10 @@
-"""Maps and corners of a decoded Texf for render/lighting.py.
-
-A Texf stands in a later room, so that signatures here say Any.
-"""
+"""Maps and corners of a decoded Texf for render/lighting.py."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +15,7 @@ from .questions import Questions
 from .tangent_frames import interpolate_corners
 
 if TYPE_CHECKING:
+    from ..texf import Texf
     from .camera import Camera
 
 
@@ -25,7 +23,7 @@ class FieldMaps:
     """Answers of a Texf's fields for channels of its materials. Normal maps are answered under the name of what the field holds:
     x and y in tangent space over texels, a deviation in object space over voxels; what a field lacks says nothing."""
 
-    def __init__(self, texf: Any) -> None:
+    def __init__(self, texf: Texf) -> None:
         self.texf = texf
         self.positions, self.faces, self.face_field = texf.positions, texf.faces, texf.face_field
 

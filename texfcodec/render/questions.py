@@ -1,12 +1,9 @@
-"""What the fragments of a picture ask of decoded fields.
-
-A Texf stands in a later room, so that signatures here say Any.
-"""
+"""What the fragments of a picture ask of decoded fields."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +11,7 @@ from ..core.kernel import kernel
 from .levels import Pyramid, pyramid_of
 
 if TYPE_CHECKING:
+    from ..texf import Texf
     from .camera import Camera
 
 Question = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
@@ -28,7 +26,7 @@ class Questions:
     Texf at the point.
     """
 
-    def __init__(self, texf: Any, camera: Camera | None, deepest: float | None, positions: np.ndarray,
+    def __init__(self, texf: Texf, camera: Camera | None, deepest: float | None, positions: np.ndarray,
                  faces: np.ndarray) -> None:
         self.texf, self.deepest = texf, 0.0 if deepest is None else deepest
         self._pixel = 0.0 if deepest is None or camera is None else camera.pixel

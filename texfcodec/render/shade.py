@@ -1,12 +1,9 @@
-"""Pictures: fragments get their colours, from the source's textures or from decoded fields.
-
-A Texf stands in a later room, so that signatures here say Any.
-"""
+"""Pictures: fragments get their colours, from the source's textures or from decoded fields."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,6 +21,7 @@ from .triangles import set_up
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene
+    from ..texf import Texf
     from .camera import Camera
 
 BLOCK = 1 << 16  # fragments shaded at a time
@@ -81,7 +79,7 @@ def render_scene(scene: Scene, camera: Camera, cull: bool = True, threads: int =
     return _render(triangles, scene.materials, scene.face_material, threads, shade)
 
 
-def render_texf(texf: Any, camera: Camera, cull: bool = True, filtering: bool = True, threads: int = 1,
+def render_texf(texf: Texf, camera: Camera, cull: bool = True, filtering: bool = True, threads: int = 1,
                 shaded: Lighting | Environment | None = None) -> Picture:
     """Picture of a decoded Texf; arguments as in render_scene() and shade_field(). A Texf without fields has no colour and is an
     empty Picture."""
@@ -113,8 +111,8 @@ def shade_source(source: tuple, fragments: Fragments, threads: int = 1) -> np.nd
     return sample_source(with_finite_uvs(source), fragments.face, fragments.bary, threads)
 
 
-def shade_field(texf: Any, camera: Camera, fragments: Fragments, positions: np.ndarray, faces: np.ndarray, filtering: bool = True,
-                threads: int = 1) -> np.ndarray:
+def shade_field(texf: Texf, camera: Camera, fragments: Fragments, positions: np.ndarray, faces: np.ndarray,
+                filtering: bool = True, threads: int = 1) -> np.ndarray:
     """Field colours float32 [M, 4] RGBA, 0..255, each fragment asking the field of its face.
 
     positions: float64 [V, 3] world; faces: int64 [F, 3]: texf's own, or of the same faces in the same order. filtering: where a

@@ -1,10 +1,9 @@
-"""A small picture of an asset, and pictures as PNG bytes.
+"""A small picture of an asset, and pictures as PNG bytes."""
 
-A Texf stands in a later room, so that signatures here say Any.
-"""
+from __future__ import annotations
 
 import io
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +11,9 @@ from .backdrop import GREY, is_plain
 from .camera import bounding_sphere, direction_of_angles, orthographic
 from .environment import DAYLIGHT
 from .shade import box_down, render_texf
+
+if TYPE_CHECKING:
+    from ..texf import Texf
 
 SIDE, TIMES = 256, 2  # pixels, and how many times as large it is drawn
 AZIMUTH, ELEVATION = 30.0, 25.0
@@ -26,7 +28,7 @@ def to_png(image: np.ndarray) -> bytes:
     return data.getvalue()
 
 
-def thumbnail(texf: Any) -> bytes:
+def thumbnail(texf: Texf) -> bytes:
     """PNG of a Texf from the front, a little from above and the side, on grey, in light where it is plain; what notebooks show
     of one."""
     centre, radius = bounding_sphere(texf.positions)

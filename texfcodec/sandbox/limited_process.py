@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
@@ -74,7 +74,10 @@ def memory_error(limits: Limits) -> LimitError:
     return LimitError("TXF-L07", "decoding needs more memory than the limit allows", allowed=limits.isolate_bytes)
 
 
-def within_cap(limits: Limits, work: Callable[[], Any]) -> tuple[Any, bool]:
+Result = TypeVar("Result")
+
+
+def within_cap(limits: Limits, work: Callable[[], Result]) -> tuple[Result, bool]:
     """What work() gives, done with this process's memory capped by limits.isolate_bytes, and whether it could be capped.
 
     Native code without memory may crash instead of saying so. So what is not the work's own is there before the cap: a stack that

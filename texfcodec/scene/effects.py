@@ -1,29 +1,34 @@
 """What a renderer has to evaluate: one table of effects (spec clause 5.3.2), read by syntax, analysis, renderer and reports."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 from .channels import PARAMETER_BY_NAME
+
+if TYPE_CHECKING:
+    from .scene import Material
 
 ALPHA_MASK, ALPHA_BLEND = 1, 2
 
 
 @dataclass(frozen=True)
 class Condition:
-    """What a material, scene.scene.Material, has to be: as text for the specification, and as code."""
+    """What a material has to be: as text for the specification, and as code."""
 
     text: str
-    holds: Callable[[Any], bool]
+    holds: Callable[[Material], bool]
 
-    def __call__(self, material: Any) -> bool:
+    def __call__(self, material: Material) -> bool:
         """Whether it holds."""
         return self.holds(material)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """One bit of the stream's effects. used: whether a material, scene.scene.Material, needs it; channels: those whose maps it
+    """One bit of the stream's effects. used: whether a material needs it; channels: those whose maps it
     reads; parameters: what else it reads."""
 
     name: str
@@ -38,7 +43,7 @@ class Effect:
         return 1 << self.bit
 
 
-def parameter(material: Any, name: str) -> tuple[float, ...]:
+def parameter(material: Material, name: str) -> tuple[float, ...]:
     """A material's parameter, or its default."""
     return material.parameters.get(name, PARAMETER_BY_NAME[name].default)
 
@@ -107,13 +112,13 @@ BY_NAME = {effect.name: effect for effect in EFFECTS}
 EFFECT_OF = {name: effect for effect in EFFECTS for name in effect.channels}  # by channel
 
 
-def effects_of(material: Any) -> tuple[Effect, ...]:
-    """What a material, scene.scene.Material, needs."""
+def effects_of(material: Material) -> tuple[Effect, ...]:
+    """What a material needs."""
     return tuple(effect for effect in EFFECTS if effect.used(material))
 
 
-def without(material: Any, effect: Effect) -> Any:
-    """A copy of a material, a dataclass, with no map and no parameter that an effect reads; glTF's default is all metal, so that
+def without(material: Material, effect: Effect) -> Material:
+    """A copy of a material with no map and no parameter that an effect reads; glTF's default is all metal, so that
     without metal a factor of 0 has to say so."""
     maps = {name: texture for name, texture in material.maps.items() if name not in effect.channels}
     parameters = {name: value for name, value in material.parameters.items() if name not in effect.parameters}
@@ -123,7 +128,7 @@ def without(material: Any, effect: Effect) -> Any:
     return bare
 
 
-def effects_mask(materials: Iterable[Any]) -> int:
+def effects_mask(materials: Iterable[Material]) -> int:
     """The bits of all that materials need together."""
     mask = 0
     for material in materials:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,12 +11,15 @@ from ..render.levels import Pyramid
 from ..scene.channels import BY_NAME
 from .container import Blobs
 
+if TYPE_CHECKING:
+    from ..texf import Texf
+
 WORDS = 16  # of 32 voxels, a brick
 
 
-def pack_fields(texf: Any, blobs: Blobs) -> dict[str, Any]:
+def pack_fields(texf: Texf, blobs: Blobs) -> dict[str, Any]:
     """The header's "fields", and "payload" where a shader can ask what the stream's evaluators are made of."""
-    resident = texf.codec.resident(texf.evaluators) if texf.evaluators else None
+    resident = texf.codec.resident(texf.evaluators) if texf.evaluators and texf.codec else None
     facts, arrays, keys = resident or (None, {}, [None] * len(texf.fields))
     fields = [_texels(part, blobs) if part.over_texels else _voxels(texf, number, keys[number], blobs)
               for number, part in enumerate(texf.fields)]

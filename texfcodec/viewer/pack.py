@@ -1,11 +1,8 @@
-"""What the page gets of an asset: typed arrays as a GPU takes them, decoded by the package (web/ holds no decoder).
-
-A Texf stands in a room that may know all others, so that signatures here say Any.
-"""
+"""What the page gets of an asset: typed arrays as a GPU takes them, decoded by the package (web/ holds no decoder)."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,24 +19,26 @@ from .image_buffers import pack_images
 from .light import light_tables, material_look
 from .surface_buffers import pack_mesh, scene_corners, texf_corners
 
+if TYPE_CHECKING:
+    from ..texf import Texf
 
-def pack(asset: Any, name: str, size: int) -> bytes:
+
+def pack(asset: Scene | Texf, name: str, size: int) -> bytes:
     """The container (container.py) of a Texf or a Scene. name: what the page calls it; size: of its file, in bytes."""
     blobs = Blobs()
     table = ShadingTable(asset.materials)
-    is_scene = isinstance(asset, Scene)
     centre, radius = bounding_sphere(asset.positions)
     sphere = centre, radius or 1.0
-    corners = scene_corners(asset, table, sphere) if is_scene else texf_corners(asset, table, sphere)
+    corners = scene_corners(asset, table, sphere) if isinstance(asset, Scene) else texf_corners(asset, table, sphere)
     header = {
-        "kind": "mesh" if is_scene else "stream", "name": name, "bytes": size, "faces": len(asset.faces),
+        "kind": "mesh" if isinstance(asset, Scene) else "stream", "name": name, "bytes": size, "faces": len(asset.faces),
         "centre": centre.tolist(), "radius": sphere[1], "plain": is_plain(asset),
-        "warnings": list(asset.warnings) if is_scene else [],
+        "warnings": list(asset.warnings) if isinstance(asset, Scene) else [],
         "mesh": pack_mesh(corners, blobs), "materials": _materials(asset, table),
         "light": _light(blobs) if table.is_lit else None,
         "effects": sorted(frozenset().union(*table.effects)), "defaults": _defaults(),
     }
-    header |= pack_images(asset, blobs) if is_scene else pack_fields(asset, blobs)
+    header |= pack_images(asset, blobs) if isinstance(asset, Scene) else pack_fields(asset, blobs)
     header["resident"] = resident_bytes(header)
     return blobs.joined(header)
 

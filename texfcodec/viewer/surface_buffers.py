@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from ..render.lit_scene import SceneMaps
 from ..render.material_effects import ShadingTable
 from ..scene.scene import WRAP_CLAMP, WRAP_MIRROR, Scene
 from .container import Blobs
+
+if TYPE_CHECKING:
+    from ..texf import Texf
 
 Sphere = tuple[np.ndarray, float]
 SHORT = 32767
@@ -31,7 +34,7 @@ class Corners:
     others: dict[str, np.ndarray] = field(default_factory=dict)
 
 
-def texf_corners(texf: Any, table: ShadingTable, sphere: Sphere) -> Corners:
+def texf_corners(texf: Texf, table: ShadingTable, sphere: Sphere) -> Corners:
     """Corners of a Texf; normals and tangents only where its materials are lit and ask for them. sphere: centre and radius that
     places are told in."""
     order, parts = _in_parts(texf.face_field, texf.face_material)

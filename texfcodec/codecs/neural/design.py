@@ -1,10 +1,9 @@
-"""Shape of a 3DNTC payload for a budget of resident bytes, or for one of the paper's operating points (encoder only).
+"""Shape of a 3DNTC payload for a budget of resident bytes, or for one of the paper's operating points (encoder only)."""
 
-EncodeOptions stand in a later room, so that signatures here say Any.
-"""
+from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +12,10 @@ from ...field.voxelise import voxelise
 from ...field.voxels import MOST_DROPPED
 from .operating_points import DEFAULT_POINT, POINTS
 from .payload import Level, Payload, Tables, index_bytes, resident_bytes
+
+if TYPE_CHECKING:
+    from ...geometry.geometry_unit import LatticeMesh
+    from .neural_codec import NeuralOptions
 
 HIDDEN = (64, 48, 32)
 # Surface grid alone: one level of 32 latents reaches what two of 16 do, with half the look-ups and the index.
@@ -34,12 +37,12 @@ class Design:
     """payload: without codes and halves; tables: payload.Tables by field, without values; resident: resident_bytes."""
 
     payload: Payload
-    tables: list
+    tables: list[Tables]
     resident: dict
 
 
-def choose_design(surfaces: list, position_bits: int, components: int, options: Any) -> Design:
-    """The Design that EncodeOptions ask for. surfaces: as in surface_design; components: 3 or 4."""
+def choose_design(surfaces: list[LatticeMesh], position_bits: int, components: int, options: NeuralOptions) -> Design:
+    """The Design that options ask for. surfaces: by field; components: 3 or 4."""
     point = options.point or DEFAULT_POINT
     if options.latent_index == "hash":
         return hashed_design(point, components, len(surfaces))
@@ -65,11 +68,12 @@ def hashed_design(name: str, components: int, fields: int) -> Design:
     return Design(payload, tables, resident_bytes(payload))
 
 
-def surface_design(surfaces: list, position_bits: int, budget: int, components: int, options: Any) -> Design:
+def surface_design(surfaces: list[LatticeMesh], position_bits: int, budget: int, components: int,
+                   options: NeuralOptions) -> Design:
     """The finest surface grid of latents whose payload, with its hash table where options.latent_index is "mixed", stays within
     `budget` resident bytes.
 
-    surfaces: per field (lattice int64 [V, 3], faces int64 [F, 3]). Raises InputError TXF-I54 where not even one latent fits.
+    surfaces: by field. Raises InputError TXF-I54 where not even one latent fits.
     """
     log2 = 0
     if options.latent_index == "mixed":

@@ -3,10 +3,10 @@ them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -62,7 +62,7 @@ class Source:
         self.packed, self.channels, self.threads = pack_source(shown.scene, surface.origin_face), shown.channels, threads
         self.weights = component_weights(self.channels)
         self._mapped = {c: shown.mapped(c) for c in self.channels if c not in COLOURS}
-        self._maps = cast(Any, shown.maps)  # None only where nothing asks it
+        self._maps = cast(Callable[..., np.ndarray], shown.maps)  # None only where nothing asks it
         self.on_pictures = shown.on_pictures
         none = np.zeros(0, np.int64), np.zeros((0, 3))
         for channel in self._mapped:  # so that what a map needs is made before many threads ask for it

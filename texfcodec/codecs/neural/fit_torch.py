@@ -28,7 +28,7 @@ def cuda_is_there() -> bool:
 class TorchFit(Fit):
     """As Fit; device: "cuda" or "cpu". Raises InputError TXF-I56 where torch is not installed."""
 
-    def __init__(self, *arguments: Any, device: Any = None, **named: Any) -> None:
+    def __init__(self, *arguments: Any, device: str | None = None, **named: Any) -> None:
         try:
             import torch
         except ImportError:

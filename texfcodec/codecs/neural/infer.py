@@ -1,14 +1,11 @@
 """Normative integer evaluation of a 3DNTC payload (spec clause 11): point in, values out, the same bits on every machine.
 
 LANES points go side by side, a component a row, so that every inner loop runs along a row. Operands are int32 and sums int64:
-|weight| < 2**28, |activation| <= 2**24, at most 304 inputs and a bias below 2**42 stay below 2**61.
-
-Tables, made by payload.py from what is here, are Any.
-"""
+|weight| < 2**28, |activation| <= 2**24, at most 304 inputs and a bias below 2**42 stay below 2**61."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +17,7 @@ from ...field.morton import _spread
 
 if TYPE_CHECKING:
     from ...geometry.canonical import CanonicalCube
+    from .payload import Tables
 
 POSITION_BITS = 24  # of a point in the canonical cube
 LOCAL_BITS = 12  # of a point in a latent cell; 8 would cost 0.1 dB where the network is steep
@@ -236,8 +234,8 @@ def fixed_weights(halves: np.ndarray) -> np.ndarray:
     return np.where(halves >> 15, -value, value)
 
 
-def infer(positions: np.ndarray, tables: Any, threads: int = 1) -> np.ndarray:
-    """Values of points of one field. positions: int32 [M, 3] from cube_positions or voxel_positions; tables: payload.Tables.
+def infer(positions: np.ndarray, tables: Tables, threads: int = 1) -> np.ndarray:
+    """Values of points of one field. positions: int32 [M, 3] from cube_positions or voxel_positions.
 
     Returns uint16 [M, C]: values 0..255 with VALUE_BITS fractional bits (11.7)."""
     positions = np.ascontiguousarray(positions, np.int32)
@@ -253,18 +251,18 @@ def infer(positions: np.ndarray, tables: Any, threads: int = 1) -> np.ndarray:
     return out
 
 
-def answer(cube: CanonicalCube, points: np.ndarray, tables: Any, threads: int = 1) -> np.ndarray:
+def answer(cube: CanonicalCube, points: np.ndarray, tables: Tables, threads: int = 1) -> np.ndarray:
     """As infer_values(), at world points float64 [M, 3]; what lies outside the CanonicalCube is moved onto its border."""
     low, high = np.array(cube.origin) - cube.side, np.array(cube.origin) + 2 * cube.side  # further out is on the border anyway
     return infer_values(cube_positions(cube.to_grid(np.clip(points, low, high), 1 << POSITION_BITS)), tables, threads)
 
 
-def infer_values(positions: np.ndarray, tables: Any, threads: int = 1) -> np.ndarray:
+def infer_values(positions: np.ndarray, tables: Tables, threads: int = 1) -> np.ndarray:
     """As infer(), on the scale 0..255: float32 [M, C]."""
     return infer(positions, tables, threads) * np.float32(1 / (1 << VALUE_BITS))
 
 
-def voxel_values(xyz: np.ndarray, resolution: int, tables: Any, threads: int = 1) -> np.ndarray:
+def voxel_values(xyz: np.ndarray, resolution: int, tables: Tables, threads: int = 1) -> np.ndarray:
     """The values of a field's voxels (11.8): uint8 [N, C], what its centre answers, rounded. xyz: integers [N, 3]."""
     values = infer(voxel_positions(xyz, resolution), tables, threads).astype(np.int64)
     return ((values + (1 << (VALUE_BITS - 1))) >> VALUE_BITS).astype(np.uint8)

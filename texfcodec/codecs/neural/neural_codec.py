@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...core.syntax_walk import Reader, read_structure, write_structure
 from ...errors import InputError, StreamError
 from ...limits import Limits
-from ..base import Joint, JointCodec, Source
+from ..base import Group, Joint, JointCodec, Source
 from .neural_syntax import FORM_RESIDENT, FORM_TRANSPORT, LATENT_LEVEL, NEURAL
 
 if TYPE_CHECKING:
+    from ...geometry.geometry_unit import LatticeMesh
+    from ...options import DecodeOptions, EncodeOptions
     from ...report import Report
 
 
@@ -47,11 +49,11 @@ class Neural(JointCodec):
     checksum_clause = "11.8"
     small = ({"resolution": 16, "resident_bytes": 40_000, "steps": 2, "transport": True, "fit_engine": "numba"},)
 
-    def settings(self, options: Any) -> NeuralOptions:
+    def settings(self, options: EncodeOptions) -> NeuralOptions:
         """See Codec.settings."""
         return NeuralOptions(**{option.name: getattr(options, option.name) for option in fields(NeuralOptions)})
 
-    def check_options(self, options: Any) -> None:
+    def check_options(self, options: EncodeOptions) -> None:
         """As Codec.check_options."""
         if options.refine == "fit":
             raise InputError("TXF-I50", "refine fit is for voxels; codec 3dntc has auto, off and render", value=options.refine)
@@ -61,11 +63,11 @@ class Neural(JointCodec):
             raise InputError("TXF-I50", "hash tables come with a point; resident_bytes needs latent_index mixed or surface",
                              value=options.resident_bytes)
 
-    def seconds(self, options: Any) -> float:
+    def seconds(self, options: EncodeOptions) -> float:
         """Of the fit, with two threads."""
         return options.steps * 6e-3
 
-    def enc(self, source: Source, options: Any, report: Report) -> Joint:
+    def enc(self, source: Source, options: NeuralOptions, report: Report) -> Joint:
         """As JointCodec.enc; the choices are "resident" (bytes on the GPU), "fit" (the log) and "refinement"."""
         from .fit_payload import fit_payload
         from .payload import payload_values
@@ -73,7 +75,7 @@ class Neural(JointCodec):
         payload, tables, choices = fit_payload(source, options, report)
         return Joint(payload_values(payload, FORM_TRANSPORT if options.transport else FORM_RESIDENT), tables, choices)
 
-    def count_samples(self, values: dict, surfaces: list, position_bits: int) -> int:
+    def count_samples(self, values: dict, surfaces: list[LatticeMesh], position_bits: int) -> int:
         """Of the voxels of latents (11.3)."""
         from ...field.voxelise import count_samples
 
@@ -84,7 +86,8 @@ class Neural(JointCodec):
         """Rows times latents of a row."""
         return sum(level["NumRows"] for level in values["latent_levels"]) * values["num_features"]
 
-    def dec(self, values: dict, surfaces: list, position_bits: int, groups: tuple, options: Any, report: Report) -> list:
+    def dec(self, values: dict, surfaces: list[LatticeMesh], position_bits: int, groups: tuple[Group, ...],
+            options: DecodeOptions, report: Report) -> list:
         """As JointCodec.dec: payload.Tables."""
         from .payload import Tables, payload_of, take_codes
 
@@ -135,7 +138,7 @@ class Neural(JointCodec):
         return {}, {"neural": np.frombuffer(write_structure(NEURAL, values), np.uint8),
                     "latent_keys": np.concatenate([np.zeros(0, np.int64), *keys])}
 
-    def unpack(self, facts: dict, arrays: dict, groups: tuple, fields: int) -> list:
+    def unpack(self, facts: dict, arrays: dict, groups: tuple[Group, ...], fields: int) -> list:
         """As JointCodec.unpack; the payload is checked like one in a stream."""
         from .payload import Tables, payload_of, take_codes
 

@@ -58,7 +58,7 @@ class Payload:
     levels: tuple
     components: int
     halves: np.ndarray | Any = field(default=None, repr=False)
-    codes: np.ndarray | Any = field(default=None, repr=False)
+    codes: np.ndarray | Any = field(default=None, repr=False)  # Any: both are None in a design alone, where nothing reads them
 
     @property
     def widths(self) -> tuple[int, ...]:

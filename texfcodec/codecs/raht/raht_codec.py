@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from .raht_syntax import CODEWORD, FILTER, RAHT, TRANSFORM_BT709
 if TYPE_CHECKING:
     from ...field.texels import TexelSupport
     from ...field.voxels import VoxelSupport
+    from ...options import EncodeOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,11 +41,11 @@ class Raht(PlaneCodec):
     small = ({"resolution": 64, "qp": 20}, {"resolution": 16, "max_error": 0}, {"resolution": 16, "effort": "fast"},
              {"support": "texels", "texel_size": 8})
 
-    def settings(self, options: Any) -> RahtOptions:
+    def settings(self, options: EncodeOptions) -> RahtOptions:
         """See Codec.settings."""
         return RahtOptions(**{option.name: getattr(options, option.name) for option in fields(RahtOptions)})
 
-    def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: Any) -> tuple[dict, np.ndarray]:
+    def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: RahtOptions) -> tuple[dict, np.ndarray]:
         """See PlaneCodec.enc; where options.max_error is set, no rounded value is further off."""
         from .raht_values import raht_values
         from .tool_choice import code_plane

@@ -1,7 +1,4 @@
-"""The encoder's choice of tools: what an effort allows, which prediction suits the field, and which QPs are under residuals.
-
-EncodeOptions stand in a later room, so that signatures here say Any.
-"""
+"""The encoder's choice of tools: what an effort allows, which prediction suits the field, and which QPs are under residuals."""
 
 from __future__ import annotations
 
@@ -20,6 +17,7 @@ from .transform.quantise import step_of
 if TYPE_CHECKING:
     from ...field.texels import TexelSupport
     from ...field.voxels import VoxelSupport
+    from .raht_codec import RahtOptions
 
 EFFORTS = {"fast": Tools(), "balanced": Tools(colour_range=5, models=6, filters=1),
            "best": Tools(colour_range=5, models=8, filters=3)}
@@ -93,7 +91,7 @@ def choose_base_qp(keys: np.ndarray, depth: int, values: np.ndarray, qp_of: Call
 
 
 def code_plane(plane: np.ndarray, support: VoxelSupport | TexelSupport, colour: bool,
-               options: Any) -> tuple[CodedAttributes, np.ndarray]:
+               options: RahtOptions) -> tuple[CodedAttributes, np.ndarray]:
     """Codes a plane with the tools that options.effort allows: (CodedAttributes, what decodes from them uint8 [N, C]).
 
     plane: float32 [N, C] in 0..255 on the keys of support, a VoxelSupport; colour: whether its components are red, green, blue.

@@ -40,6 +40,7 @@ def default_threads() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+# Any, as dataclasses.field() says of itself: what stands beside a field must have its type.
 def choice(default: Any, allowed: Iterable[str] | Callable[[], Iterable[str]], text: str = "", metavar: str | None = None) -> Any:
     """A field of options that takes one of the words that allowed holds, or that calling it gives."""
     return field(default=default, metadata={"allowed": allowed, "text": text, "metavar": metavar})
@@ -61,7 +62,7 @@ def words_of(option: Field) -> tuple:
     return tuple(allowed() if callable(allowed) else allowed)
 
 
-def check_options(options: Any) -> None:
+def check_options(options: "EncodeOptions | DecodeOptions") -> None:
     """Compares every field of options with what it takes. Raises InputError TXF-I50."""
     for option in fields(options):
         value, told = getattr(options, option.name), option.metadata

@@ -38,7 +38,8 @@ class Children:
     """The processes that are alive. unwanted: asked now and then while one runs; True stops them all."""
 
     def __init__(self, unwanted: Callable[[], bool] = lambda: False) -> None:
-        self._lock, self._alive, self._unwanted = threading.Lock(), set(), unwanted  # type: ignore[var-annotated]
+        self._lock, self._unwanted = threading.Lock(), unwanted
+        self._alive: set[subprocess.Popen] = set()
         self.stopped = False
 
     def run(self, words: Sequence[str], out: BinaryIO | int, log: BinaryIO | int, caps: Caps) -> int | None:

@@ -9,6 +9,8 @@ A worker that is lost costs the tasks it had begun, which the scheduler gives to
 its client cancelled it or is gone, the worker notices within seconds and kills its processes; they also end with the worker.
 """
 
+from __future__ import annotations
+
 import contextlib
 import os
 import queue
@@ -19,13 +21,16 @@ import uuid
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ..errors import InputError, LimitError
 from .children import WARM_UP, Caps, Children
 from .folders import PROBE
 from .local import Ended, terminated_as_interrupted
 from .tasks import FAILED, INTERRUPTED, LOG, UNSUITED, Outcome, Task, package_code, perform, remove_folder
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
 
 CONNECT_SECONDS = 20  # a busy machine may take a while to answer
 SENT_BYTES = 1 << 30  # an asset or the files of a result are larger only where all see the same folder
@@ -65,8 +70,9 @@ def work(task: Task, size: int, room: str, sent: tuple[str, Packed] | None) -> A
     children = Children(_unwanted_task(worker))
     with _own_folder(worker) as own:
         _warm_up(children)
-        if not seen:
-            task = replace(task, input=_unpack(own / "asset", sent[1]) / sent[0])  # type: ignore[index]
+        if not seen and sent is not None:
+            name, files = sent
+            task = replace(task, input=_unpack(own / "asset", files) / name)
         folder = (Path(room) if shared else own) / uuid.uuid4().hex
         try:
             outcome = perform(_shared_out(task, worker), folder, children)
@@ -147,7 +153,7 @@ def _unpack(folder: Path, files: Packed) -> Path:
     return folder
 
 
-def same(sent: Any) -> Any:
+def same(sent: tuple[str, Packed]) -> tuple[str, Packed]:
     """What it is given: a task that holds an asset."""
     return sent
 
@@ -165,7 +171,7 @@ def run_there(tasks: Sequence[Task], address: str, room: Path, ended: Ended, not
 
 
 @contextlib.contextmanager
-def _connected(address: str) -> Iterator[Any]:
+def _connected(address: str) -> Iterator[Client]:
     """A client that says nothing on its own."""
     import logging
 
@@ -191,11 +197,11 @@ def _connected(address: str) -> Iterator[Any]:
 class Run:
     """One client's tasks on one cluster."""
 
-    def __init__(self, client: Any, address: str, room: Path, ended: Ended, note: Callable[[str], object]) -> None:
+    def __init__(self, client: Client, address: str, room: Path, ended: Ended, note: Callable[[str], object]) -> None:
         self.client, self.address, self.room, self.ended, self.note = client, address, room, ended, note
         self.over: queue.SimpleQueue = queue.SimpleQueue()
-        self.waiting: dict[Any, tuple[Task, int]] = {}  # future: task and which attempt it is
-        self.assets: dict[Path, Any] = {}  # futures of assets that were sent
+        self.waiting: dict[Future, tuple[Task, int]] = {}  # future: task and which attempt it is
+        self.assets: dict[Path, Future] = {}  # futures of assets that were sent
         self.blind: set[Path] = set()  # assets that some worker does not see
         self.unsuited: dict[str, str] = {}  # worker: why
         self.is_idle = False

@@ -78,6 +78,7 @@ def cache_folder(path: Path) -> Path:
     return folder
 
 
+# Any: Numba's compiled functions have no types, nor does partial() of this one.
 def kernel(function: Callable | None = None, allocates: bool = True, **options: Any) -> Any:
     """Decorator: compiled without the interpreter's lock and cached in cache_folder(). options: further ones of numba.njit.
     Divisions are not checked for zero: whoever divides makes sure.

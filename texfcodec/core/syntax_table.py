@@ -4,8 +4,10 @@ Descriptors: u8 u16 u32 u64 f32 f64 (little endian), i8, i32, v (unsigned LEB128
 payload, or `count` bytes), utf8 (`count` bytes). A Derived entry computes a named variable from what was read; it takes no bytes.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 V_MAX = (1 << 56) - 1
 
@@ -17,12 +19,12 @@ class Element:
     item `index` needs."""
 
     name: str
-    descriptor: Any
+    descriptor: str | Structure
     low: int | None = None
     high: int | None = None
     count: str | None = None
     when: tuple | None = None
-    each: Any = None
+    each: Callable[[dict, int], dict] | None = None
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Derived:
 
     name: str
     text: str
-    value: Any
+    value: Callable[[dict], int | bool]
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.kernel import kernel
 from ..core.threads import over_blocks
-from ..scene.fetch import pack_source, sample_source
+from ..scene.fetch import PackedSource, pack_source, sample_source
 from .backdrop import Background, rows
 from .depth_layers import composite, opacity, see_through
 from .environment import Environment
@@ -57,7 +57,7 @@ class Picture:
         return out
 
 
-def render_scene(scene: Scene, camera: Camera, cull: bool = True, threads: int = 1, source: tuple | Textures | None = None,
+def render_scene(scene: Scene, camera: Camera, cull: bool = True, threads: int = 1, source: PackedSource | Textures | None = None,
                  shaded: Lighting | Environment | None = None) -> Picture:
     """Picture of a Scene with its own textures (bilinear, as glTF defines them).
 
@@ -106,8 +106,8 @@ def _in_light(light, camera, fragments, rgba, filtering, threads):
     return rgba
 
 
-def shade_source(source: tuple, fragments: Fragments, threads: int = 1) -> np.ndarray:
-    """Source colours float32 [M, 4] RGBA, 0..255. source: from pack_source; UVs that are not finite are read as 0."""
+def shade_source(source: PackedSource, fragments: Fragments, threads: int = 1) -> np.ndarray:
+    """Source colours float32 [M, 4] RGBA, 0..255; UVs that are not finite are read as 0."""
     return sample_source(with_finite_uvs(source), fragments.face, fragments.bary, threads)
 
 

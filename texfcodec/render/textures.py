@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core.threads import over_blocks
-from ..scene.fetch import sample_source
+from ..scene.fetch import PackedSource, sample_source
 from ..scene.srgb import linear_to_srgb, srgb_to_linear
 from .questions import mixed, texels_per_unit
 
@@ -30,15 +30,17 @@ class Textures:
     libraries make them.
     """
 
-    def __init__(self, scene: Scene, pack: Callable[[Scene], tuple], mips: MipScenes | None = None, colour: bool = True) -> None:
+    def __init__(self, scene: Scene, pack: Callable[[Scene], PackedSource], mips: MipScenes | None = None,
+                 colour: bool = True) -> None:
         self.scene, self.pack, self.mips, self.colour = scene, pack, mips, colour
         self.sources = {0: with_finite_uvs(pack(scene))}  # by level
         self._density = None if mips is None else self._texels_per_unit()
 
     def _texels_per_unit(self):
-        _, table, texture_of, _, _, material, uv = self.sources[0][:7]
-        size = np.where(texture_of[material] >= 0, 1, 0)[:, None] * table[texture_of[material], 1:3]
-        return texels_per_unit(self.scene.positions[self.scene.faces], uv * size[:, None].astype(np.float64))
+        source = self.sources[0]
+        texture = source.material_texture[source.face_material]
+        size = np.where(texture >= 0, 1, 0)[:, None] * source.textures[texture, 1:3]
+        return texels_per_unit(self.scene.positions[self.scene.faces], source.corner_uv * size[:, None].astype(np.float64))
 
     def build(self, camera: Camera | None, deepest: float) -> None:
         """Makes the levels that fragments no deeper than that ask, before threads do."""
@@ -118,8 +120,8 @@ def _shrunk(values, axis):
     return np.moveaxis(taps / count, 0, axis)
 
 
-def with_finite_uvs(source: tuple) -> tuple:
+def with_finite_uvs(source: PackedSource) -> PackedSource:
     """A source whose UVs that are not finite are 0."""
-    if np.isfinite(source[6]).all():
+    if np.isfinite(source.corner_uv).all():
         return source
-    return (*source[:6], np.nan_to_num(source[6], nan=0.0, posinf=0.0, neginf=0.0), *source[7:])
+    return source._replace(corner_uv=np.nan_to_num(source.corner_uv, nan=0.0, posinf=0.0, neginf=0.0))

@@ -1,6 +1,7 @@
 """The source at surface points: bilinear texture, wrap mode, and base colour with factor and vertex colour, as glTF has them."""
 
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,24 +12,38 @@ from .scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_REPEAT, Scene
 from .srgb import linear_to_srgb, srgb_to_linear
 
 CURVE_STEPS = 4096
-UV_OF_SOURCE = 6  # place of corner_uv in what pack_source() returns
 BLOCK = 1 << 16
 
 
-def pack_source(scene: Scene, faces: np.ndarray | None = None) -> tuple:
-    """The scene's base colour as flat arrays for the kernels.
+class PackedSource(NamedTuple):
+    """Images on a surface as flat arrays for the kernels. texels: uint8 [T, 4]; textures: int64 [n, 5] (offset, width, height,
+    wrap s, wrap t); material_texture: int64 [m]; factor: float64 [m, 4]; opaque: uint8 [m]; face_material: int64 [F]; corner_uv:
+    float64 [F, 3, 2]; corner_colour: float32 [F or 0, 3, 4]; to_linear, to_srgb: both curves, float64."""
 
-    faces: indices of the scene's faces to keep, int64 [F], or None for all. Returns a tuple, the source: texels uint8 [T, 4],
-    textures int64 [n, 5] (offset, width, height, wrap s, wrap t), material_texture int64 [m], factor float64 [m, 4], opaque uint8
-    [m], face_material int64 [F], corner_uv float64 [F, 3, 2], corner_colour float32 [F or 0, 3, 4], and both curves.
-    """
+    texels: np.ndarray
+    textures: np.ndarray
+    material_texture: np.ndarray
+    factor: np.ndarray
+    opaque: np.ndarray
+    face_material: np.ndarray
+    corner_uv: np.ndarray
+    corner_colour: np.ndarray
+    to_linear: np.ndarray
+    to_srgb: np.ndarray
+
+
+UV_OF_SOURCE = PackedSource._fields.index("corner_uv")
+
+
+def pack_source(scene: Scene, faces: np.ndarray | None = None) -> PackedSource:
+    """The scene's base colour. faces: indices of the scene's faces to keep, int64 [F], or None for all."""
     colour = np.zeros((0, 3, 4), np.float32) if scene.corner_color is None else scene.corner_color[_rows(faces)]
     factor = np.array([m.factor for m in scene.materials], np.float64).reshape(-1, 4)
     opaque = np.array([m.alpha_mode == ALPHA_OPAQUE for m in scene.materials], np.uint8)
     return _pack(scene, faces, [m.texture for m in scene.materials], scene.corner_uv, (factor, opaque, colour))
 
 
-def pack_map(scene: Scene, name: str, faces: np.ndarray | None = None) -> tuple:
+def pack_map(scene: Scene, name: str, faces: np.ndarray | None = None) -> PackedSource:
     """The map of a channel (channels.MAPS) as pack_source() gives base colour: values without factors, 255 where a material has
     no map; the channel's components stand in its columns, and in the first where that is alpha."""
     count = len(scene.materials)
@@ -87,7 +102,7 @@ def _pack(scene, faces, texture_of, corner_uv, plain, spread=False):
         texture = scene.textures[t]
         height, width = texture.image.shape[:2]
         table[t] = (offsets[id(texture.image)], width, height, *texture.wrap)
-    return (
+    return PackedSource(
         texels, table, np.array(texture_of, np.int64), factor, opaque,
         np.ascontiguousarray(scene.face_material[_rows(faces)], np.int64),
         np.ascontiguousarray(corner_uv[_rows(faces)], np.float64),
@@ -161,17 +176,18 @@ def _sample(source, face_index, bary, out):
 
 
 def sample_source(source: tuple, face_index: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
-    """Source colours. source: from pack_source; face_index: int64 [M] below its face count; bary: float64 [M, 3].
+    """Source colours. source: PackedSource, or its arrays; face_index: int64 [M] below its face count; bary: float64 [M, 3].
 
     Returns float32 [M, 4], 0..255. Raises IndexError for a face index out of range.
     """
-    if len(face_index) and (face_index.min() < 0 or face_index.max() >= len(source[5])):
+    packed = PackedSource(*source)  # one type, so that the kernel is compiled once
+    if len(face_index) and (face_index.min() < 0 or face_index.max() >= len(packed.face_material)):
         raise IndexError("face index outside the source")
     out = np.empty((len(face_index), 4), np.float32)
 
     def one(begin):
         part = slice(begin, begin + BLOCK)
-        _sample(source, face_index[part], bary[part], out[part])
+        _sample(packed, face_index[part], bary[part], out[part])
 
     with ThreadPoolExecutor(threads) as pool:
         list(pool.map(one, range(0, len(face_index), BLOCK)))

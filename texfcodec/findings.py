@@ -32,7 +32,7 @@ class Finding:
 
     code: str
     family: type[TexfError] | None
-    clauses: tuple
+    clauses: tuple[str, ...]
     text: str
     remedy: str
     told_exit: int | None = None

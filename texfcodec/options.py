@@ -56,7 +56,7 @@ def switch(text: str = "") -> Any:
     return field(default=False, metadata={"switch": True, "text": text})
 
 
-def words_of(option: Field) -> tuple:
+def words_of(option: Field) -> tuple[str, ...]:
     """The words that a choice() takes."""
     allowed = option.metadata["allowed"]
     return tuple(allowed() if callable(allowed) else allowed)

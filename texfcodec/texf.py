@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from .codecs.base import Group, JointCodec, split_groups
+from .codecs.base import Evaluator, Group, JointCodec, split_groups
 from .errors import InputError, LossWarning
 from .field.on_face import texel_positions
 from .field.texels import TexelSupport
@@ -78,7 +78,7 @@ class Texf:
     """What decode() returns. cube: the canonical cube; units, fields, materials: see their classes (the base colour of materials
     is in the fields); metadata: dict that travelled along; groups: the channel groups; skipped: unknown ancillary units that were
     passed over; sharp_edges: bool over the edges that have a mark (spec 8.4.2), None without marks; codec, evaluators: where
-    points ask evaluators and not the voxels, the codec that made them and one for each field (codecs.base.JointCodec)."""
+    points ask evaluators and not the voxels, the codec that made them and one for each field (codecs.base)."""
 
     cube: CanonicalCube
     units: list
@@ -88,7 +88,7 @@ class Texf:
     groups: tuple[Group, ...] = ()
     threads: int = 1
     codec: JointCodec | None = None
-    evaluators: list | None = None
+    evaluators: list[Evaluator] | None = None
     skipped: list = field(default_factory=list)
     sharp_edges: np.ndarray | None = None
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from ..core.syntax_walk import Reader, read_structure, write_structure
 if TYPE_CHECKING:
     from ..field.texels import TexelSupport
     from ..field.voxels import VoxelSupport
+    from ..geometry.canonical import CanonicalCube
     from ..geometry.geometry_unit import LatticeMesh
     from ..geometry.surface import Surface
     from ..options import DecodeOptions, EncodeOptions
@@ -94,8 +95,19 @@ class Reading(NamedTuple):
     wrong_levels: int = 0
 
 
+class Evaluator(Protocol):
+    """What answers for one field of a joint codec: components of all groups, one after the other."""
+
+    def values(self, support: VoxelSupport, threads: int) -> np.ndarray:
+        """Of the support's voxels: uint8 [N, components]."""
+
+    def query(self, cube: CanonicalCube, points: np.ndarray, threads: int) -> np.ndarray:
+        """At world points, float64 [M, 3]: float32 [M, components] on 0..255."""
+
+
 class Joint(NamedTuple):
-    """What a joint codec made. values: of its syntax elements; evaluators: one per field; choices: what the report says of it."""
+    """What a joint codec made. values: of its syntax elements; evaluators: an Evaluator per field; choices: what the report
+    says of it."""
 
     values: dict
     evaluators: list
@@ -193,10 +205,7 @@ class PlaneCodec(Codec):
 
 
 class JointCodec(Codec):
-    """Codes all fields and channel groups in one unit; a surface point then asks its evaluators instead of the voxels.
-
-    An evaluator has values(support, threads) -> uint8 [N, all components] of a VoxelSupport's voxels, and query(cube, points,
-    threads) -> float32 [M, all components] on 0..255 of world points."""
+    """Codes all fields and channel groups in one unit; a surface point then asks an Evaluator instead of the voxels."""
 
     joint = True
 
@@ -210,15 +219,15 @@ class JointCodec(Codec):
 
     @abstractmethod
     def dec(self, values: dict, surfaces: list[LatticeMesh], position_bits: int, groups: tuple[Group, ...],
-            options: DecodeOptions, report: Report) -> list:
+            options: DecodeOptions, report: Report) -> list[Evaluator]:
         """Evaluators by field. surfaces: decoded, by field. Raises StreamError, LimitError."""
 
     @abstractmethod
     def pack(self, evaluators: list) -> tuple[dict, dict]:
-        """(JSON-ready facts, arrays) that evaluators can be made of again in another process."""
+        """(JSON-ready facts, arrays) that the codec's own evaluators can be made of again in another process."""
 
     @abstractmethod
-    def unpack(self, facts: dict, arrays: dict, groups: tuple[Group, ...], fields: int) -> list:
+    def unpack(self, facts: dict, arrays: dict, groups: tuple[Group, ...], fields: int) -> list[Evaluator]:
         """Mirror of pack(); nothing in its arguments is trusted. Raises TexfError, ValueError, KeyError, TypeError."""
 
     def resident(self, evaluators: list) -> tuple[dict, dict, list] | None:

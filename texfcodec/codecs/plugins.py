@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core.syntax_table import Structure
 from ..errors import SupportError, TexfError
-from .base import PRIVATE_IDS, Codec, Group, Joint, JointCodec, PlaneCodec, Settings, Source
+from .base import PRIVATE_IDS, Codec, Evaluator, Group, Joint, JointCodec, PlaneCodec, Settings, Source
 
 if TYPE_CHECKING:
     from ..field.texels import TexelSupport
@@ -208,7 +208,7 @@ class PluginJoint(_Plugin, JointCodec):
         return self._number("count_samples", operator.index, values, surfaces, position_bits)
 
     def dec(self, values: dict, surfaces: list[LatticeMesh], position_bits: int, groups: tuple[Group, ...],
-            options: DecodeOptions, report: Report) -> list:
+            options: DecodeOptions, report: Report) -> list[Evaluator]:
         """As JointCodec.dec."""
         made = self._call("dec", values, surfaces, position_bits, groups, options, report)
         return self._evaluators(made, len(surfaces), groups)
@@ -217,7 +217,7 @@ class PluginJoint(_Plugin, JointCodec):
         """As JointCodec.pack."""
         return self._call("pack", [one.inner for one in evaluators], take=_packed)
 
-    def unpack(self, facts: dict, arrays: dict, groups: tuple[Group, ...], fields: int) -> list:
+    def unpack(self, facts: dict, arrays: dict, groups: tuple[Group, ...], fields: int) -> list[Evaluator]:
         """As JointCodec.unpack."""
         arrays = {name.removeprefix(ARRAY): array for name, array in arrays.items() if name.startswith(ARRAY)}
         return self._evaluators(self._call("unpack", facts, arrays, groups, fields), fields, groups)
@@ -251,11 +251,11 @@ class _Evaluator:
         self.codec, self.inner, self.components = codec, inner, sum(group.components for group in groups)
 
     def values(self, support, threads):
-        """As the evaluators of JointCodec."""
+        """See Evaluator."""
         return self._ask(np.uint8, (len(support), self.components), "values", support, threads)
 
     def query(self, cube, points, threads):
-        """As the evaluators of JointCodec."""
+        """See Evaluator."""
         return self._ask(np.float32, (len(points), self.components), "query", cube, points, threads)
 
     def _ask(self, dtype, shape, what, *given):

@@ -23,7 +23,7 @@ class Element:
     low: int | None = None
     high: int | None = None
     count: str | None = None
-    when: tuple | None = None
+    when: tuple[str, Callable[[dict], bool]] | None = None
     each: Callable[[dict, int], dict] | None = None
 
 
@@ -40,4 +40,4 @@ class Derived:
 class Structure:
     name: str
     clause: str
-    elements: tuple
+    elements: tuple[Element | Derived, ...]

@@ -14,7 +14,7 @@ MIN_BITS, MAX_BITS = 8, 20
 class CanonicalCube:
     """Minimum corner and longest side of the axis-aligned box, both binary64, and the bits of a lattice coordinate."""
 
-    origin: tuple
+    origin: tuple[float, ...]
     side: float
     position_bits: int
 

@@ -89,8 +89,8 @@ def _ggx(square, nh, nl, nv):
     return square * nl * (np.float32(0.5) * INV_PI) / (stretched * stretched * np.maximum(seen, np.float32(1e-7)))
 
 
-def ggx_lights_stretched(n: np.ndarray, v: np.ndarray, nv: np.ndarray, tangents: tuple, alphas: tuple,
-                         lights: Sequence[Light]) -> LightSums:
+def ggx_lights_stretched(n: np.ndarray, v: np.ndarray, nv: np.ndarray, tangents: Sequence[np.ndarray],
+                         alphas: Sequence[np.ndarray], lights: Sequence[Light]) -> LightSums:
     """As ggx_lights() with an alpha of its own along each of two tangents. tangents: two unit directions [3, M], orthogonal to n
     and to each other; alphas: two [M]."""
     tv, bv = (dot(direction, v) for direction in tangents)

@@ -11,7 +11,7 @@ import numpy as np
 from ...core.syntax_walk import Reader, read_structure, write_structure
 from ...errors import InputError, StreamError
 from ...limits import Limits
-from ..base import Group, Joint, JointCodec, Source
+from ..base import Evaluator, Group, Joint, JointCodec, Source
 from .neural_syntax import FORM_RESIDENT, FORM_TRANSPORT, LATENT_LEVEL, NEURAL
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class Neural(JointCodec):
         return sum(level["NumRows"] for level in values["latent_levels"]) * values["num_features"]
 
     def dec(self, values: dict, surfaces: list[LatticeMesh], position_bits: int, groups: tuple[Group, ...],
-            options: DecodeOptions, report: Report) -> list:
+            options: DecodeOptions, report: Report) -> list[Evaluator]:
         """As JointCodec.dec: payload.Tables."""
         from .payload import Tables, payload_of, take_codes
 
@@ -138,7 +138,7 @@ class Neural(JointCodec):
         return {}, {"neural": np.frombuffer(write_structure(NEURAL, values), np.uint8),
                     "latent_keys": np.concatenate([np.zeros(0, np.int64), *keys])}
 
-    def unpack(self, facts: dict, arrays: dict, groups: tuple[Group, ...], fields: int) -> list:
+    def unpack(self, facts: dict, arrays: dict, groups: tuple[Group, ...], fields: int) -> list[Evaluator]:
         """As JointCodec.unpack; the payload is checked like one in a stream."""
         from .payload import Tables, payload_of, take_codes
 

@@ -38,7 +38,7 @@ class Level:
     resolution: int
     table_log2: int
     area_threshold: int
-    entries: tuple = ()
+    entries: tuple[int, ...] = ()
 
     @property
     def rows(self) -> int:
@@ -54,8 +54,8 @@ class Payload:
     features: int
     octaves: int
     first_wave: int
-    hidden: tuple
-    levels: tuple
+    hidden: tuple[int, ...]
+    levels: tuple[Level, ...]
     components: int
     halves: np.ndarray | Any = field(default=None, repr=False)
     codes: np.ndarray | Any = field(default=None, repr=False)  # Any: both are None in a design alone, where nothing reads them

@@ -23,8 +23,9 @@ from texfcodec.field import voxelise as voxelise_room
 from texfcodec.field.grid import _rank, build_brick_map
 from texfcodec.field.morton import _morton_key, decode_morton, encode_morton
 from texfcodec.field.query import query_field
+from texfcodec.field.surface_walk import _double_area, grid_coordinates
 from texfcodec.field.transfer import transfer
-from texfcodec.field.voxelise import _double_area, count_samples, grid_coordinates, voxelise
+from texfcodec.field.voxelise import count_samples, voxelise
 from texfcodec.scene.fetch import pack_source
 from texfcodec.scene.scene import ALPHA_BLEND, Material, Scene
 

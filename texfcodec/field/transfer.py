@@ -9,67 +9,54 @@ from ..geometry.areas import face_areas
 from ..scene.fetch import _source_at
 from .grid import BrickMap, _rank
 from .morton import _morton_key
-from .voxelise import (
-    SAMPLES_PER_EDGE,
-    _count_samples,
-    _load_corners,
-    _misses_slab,
-    _row,
-    _row_offset,
-    _slabs,
-    _triangle_frame,
-    grid_coordinates,
-)
+from .surface_walk import AXIS, FACE, HIGH, LOW, _next_row, _row_height, _sample_area, grid_coordinates, surface_walk
+from .voxelise import SAMPLES_PER_EDGE, _count_samples, _slabs
 
 LEAST_WEIGHT = 1e-9  # of a sample without area, in voxel faces: lines and slivers get a colour too
 
 
 @kernel
-def _gather(corners, faces, source, per_edge, resolution, low, high, axis, only_empty, slots, bricks, words, ranks, sums):
-    """Adds the samples of one slab to sums float64 [N, 6]: alpha-weighted red, green, blue and weight, then alpha, weight.
+def _gather(corners, faces, source, per_edge, resolution, walk, only_empty, slots, bricks, words, ranks, sums):
+    """Adds the samples of the walk's slab to sums float64 [N, 6]: alpha-weighted red, green, blue and weight, then alpha, weight.
 
     Sums in binary32 were 13 levels off in voxels under a million coplanar faces. With only_empty, voxels that have a weight
     already are left alone. Every voxel gets its samples in face order, whatever the slabs are, so the sums do not depend on
     the thread count.
     """
-    g, order = np.empty((3, 3), np.int64), np.empty(3, np.int64)
-    start, half = np.empty(3, np.int64), np.empty(3, np.int64)
+    order, start, half = walk.order, walk.start, walk.half_step
+    axis, low, high = walk.state[AXIS], walk.state[LOW], walk.state[HIGH]
     bary, rgba = np.empty(3, np.float64), np.empty(4, np.float64)
     last = resolution - 1
-    for f in range(faces.shape[0]):
-        _load_corners(corners, faces, f, g)
-        if _misses_slab(g, axis, low, high):
-            continue
-        columns, rows, unit = _triangle_frame(g, per_edge, order)
-        offset = _row_offset(columns, rows)
-        for j in range(rows):
-            count = _row(g, order, columns, rows, j, start, half)
-            share = np.float64((unit * (2 * rows - 2 * j - 1)) // (2 * count)) * 2.0**-32 + LEAST_WEIGHT
-            t = (2 * j + offset) / (2.0 * rows)
-            x, y, z = start[0] - half[0], start[1] - half[1], start[2] - half[2]
-            for i in range(count):
-                x += 2 * half[0]
-                y += 2 * half[1]
-                z += 2 * half[2]
-                vx = min(max(x >> 32, 0), last)
-                vy = min(max(y >> 32, 0), last)
-                vz = min(max(z >> 32, 0), last)
-                along = vx if axis == 0 else (vy if axis == 1 else vz)
-                if not low <= along < high:
-                    continue
-                rank = _rank(_morton_key(vx, vy, vz), slots, bricks, words, ranks)
-                if rank < 0 or (only_empty and sums[rank, 5] > 0.0):
-                    continue
-                bary[order[1]] = (2 * i + 1) / (2.0 * count) * (1.0 - t)
-                bary[order[2]] = t
-                bary[order[0]] = 1.0 - bary[order[1]] - t
-                _source_at(source, f, bary[0], bary[1], bary[2], rgba)
-                solid = share * rgba[3] / 255.0
-                for c in range(3):
-                    sums[rank, c] += solid * rgba[c]
-                sums[rank, 3] += solid
-                sums[rank, 4] += share * rgba[3]
-                sums[rank, 5] += share
+    while True:
+        count = _next_row(corners, faces, per_edge, walk)
+        if count == 0:
+            break
+        share = np.float64(_sample_area(walk)) * 2.0**-32 + LEAST_WEIGHT
+        f, t = walk.state[FACE], _row_height(walk)
+        x, y, z = start[0] - half[0], start[1] - half[1], start[2] - half[2]
+        for i in range(count):
+            x += 2 * half[0]
+            y += 2 * half[1]
+            z += 2 * half[2]
+            vx = min(max(x >> 32, 0), last)
+            vy = min(max(y >> 32, 0), last)
+            vz = min(max(z >> 32, 0), last)
+            along = vx if axis == 0 else (vy if axis == 1 else vz)
+            if not low <= along < high:
+                continue
+            rank = _rank(_morton_key(vx, vy, vz), slots, bricks, words, ranks)
+            if rank < 0 or (only_empty and sums[rank, 5] > 0.0):
+                continue
+            bary[order[1]] = (2 * i + 1) / (2.0 * count) * (1.0 - t)
+            bary[order[2]] = t
+            bary[order[0]] = 1.0 - bary[order[1]] - t
+            _source_at(source, f, bary[0], bary[1], bary[2], rgba)
+            solid = share * rgba[3] / 255.0
+            for c in range(3):
+                sums[rank, c] += solid * rgba[c]
+            sums[rank, 3] += solid
+            sums[rank, 4] += share * rgba[3]
+            sums[rank, 5] += share
 
 
 def fill_uncoloured(keys: np.ndarray, colour: np.ndarray, weight: np.ndarray) -> None:
@@ -117,8 +104,8 @@ def transfer(lattice: np.ndarray, faces: np.ndarray, source: tuple, position_bit
     def gather(density, only_empty):
         jobs = list(zip(bounds[:-1], bounds[1:], strict=True))
         with ThreadPoolExecutor(len(jobs)) as pool:
-            list(pool.map(lambda s: _gather(corners, faces, source, density, resolution, s[0], s[1], axis, only_empty,
-                                            *brick_map.arrays, sums), jobs))
+            list(pool.map(lambda slab: _gather(corners, faces, source, density, resolution, surface_walk(axis, *slab), only_empty,
+                                               *brick_map.arrays, sums), jobs))
 
     gather(per_edge, False)
     if per_edge != SAMPLES_PER_EDGE and (sums[:, 5] <= 0).any():

@@ -1,137 +1,33 @@
 """Deterministic voxelisation: which voxels a surface touches and how much surface each of them holds (spec clause 6).
 
-Integer arithmetic only, and independent of vertex order, face order and start corner: every corner is mapped to fixed grid
-coordinates, every triangle is brought into a canonical corner order and covered by rows of samples parallel to its longest
-edge; each sample marks the voxel it lies in and adds its share of the triangle's area there. The same walk gives the
-transfer its surface points, so walk and accumulation are kept apart: `_triangle_frame` and `_row` define the samples.
+Each sample of the walk over the surface (surface_walk.py) marks the voxel it lies in and adds its share of the triangle's area
+there. Integer arithmetic only.
 """
 
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from ..core.integer import _isqrt
 from ..core.kernel import kernel
 from ..errors import LimitError
 from .morton import _morton_key
+from .surface_walk import (
+    AXIS,
+    GRID_FRACTION,
+    HIGH,
+    LOW,
+    _load_corners,
+    _next_row,
+    _sample_area,
+    _triangle_frame,
+    grid_coordinates,
+    surface_walk,
+)
 
-GRID_FRACTION = 16  # fractional bits of a fixed grid coordinate
 SAMPLES_PER_EDGE = 2  # at least this many samples per voxel edge in either direction of the triangle (normative)
 AREA_FRACTION = 32  # area weights are in units of 2**-32 voxel faces
 MAX_VOXELS = 1 << 40  # in place of no limit
 MIN_SLAB_SAMPLES = 1 << 17  # below this a second thread costs more than it brings
-
-
-def grid_coordinates(lattice: np.ndarray, position_bits: int, resolution: int) -> np.ndarray:
-    """Fixed grid coordinates of lattice positions (spec 6.1): floor(p * K * 2**16 / 2**B).
-
-    lattice: int64 [..., 3] in 0..2**B-1. Returns int64 of the same shape, below K * 2**16 <= 2**29 (product < 2**49).
-    """
-    return (np.asarray(lattice, dtype=np.int64) * (resolution << GRID_FRACTION)) >> position_bits
-
-
-@kernel
-def _double_area(ux, uy, uz, vx, vy, vz):
-    """Length of the cross product of two edges with |component| < 2**29.2, in units of 2**-32 voxel faces; < 2**61.
-
-    Each product is below 2**58.4; the larger components are cut to 30 bits before squaring so that the sum stays < 2**62.
-    """
-    cx = abs(uy * vz - uz * vy)
-    cy = abs(uz * vx - ux * vz)
-    cz = abs(ux * vy - uy * vx)
-    top = max(cx, max(cy, cz))
-    shift = 0
-    while (top >> shift) >= (1 << 30):
-        shift += 1
-    cx >>= shift
-    cy >>= shift
-    cz >>= shift
-    return _isqrt(cx * cx + cy * cy + cz * cz) << shift
-
-
-@kernel
-def _precedes(g, a, b):
-    for axis in range(3):
-        if g[a, axis] != g[b, axis]:
-            return g[a, axis] < g[b, axis]
-    return False
-
-
-@kernel
-def _reach(g, a, b):
-    """Chebyshev distance of corners a and b."""
-    return max(abs(g[a, 0] - g[b, 0]), max(abs(g[a, 1] - g[b, 1]), abs(g[a, 2] - g[b, 2])))
-
-
-@kernel
-def _triangle_frame(g, per_edge, order):
-    """Canonical frame of one triangle (spec 6.2). g: int64 [3, 3] fixed grid coordinates; order: int64 [3], filled with
-    the corner numbers (base start, base end, apex). Returns (columns n, rows m, area per squared row count).
-
-    n <= per_edge * 2**13, m <= 3 * per_edge * 2**13; per_edge * area < 2**63 for per_edge <= 4.
-    """
-    a, b, c = 0, 1, 2
-    if _precedes(g, b, a):
-        a, b = b, a
-    if _precedes(g, c, b):
-        b, c = c, b
-    if _precedes(g, b, a):
-        a, b = b, a
-    ab, ac, bc = _reach(g, a, b), _reach(g, a, c), _reach(g, b, c)
-    if ab >= ac and ab >= bc:
-        order[0], order[1], order[2], base = a, b, c, ab
-    elif ac >= bc:
-        order[0], order[1], order[2], base = a, c, b, ac
-    else:
-        order[0], order[1], order[2], base = b, c, a, bc
-    if base == 0:
-        return np.int64(1), np.int64(1), np.int64(0)
-    s, e, t = order[0], order[1], order[2]
-    area = _double_area(g[e, 0] - g[s, 0], g[e, 1] - g[s, 1], g[e, 2] - g[s, 2],
-                        g[t, 0] - g[s, 0], g[t, 1] - g[s, 1], g[t, 2] - g[s, 2])
-    one = np.int64(1) << GRID_FRACTION
-    columns = max(np.int64(1), (base * per_edge + one - 1) >> GRID_FRACTION)
-    height = area // base
-    rows = max(np.int64(1), (height * per_edge + one - 1) >> GRID_FRACTION)
-    return columns, rows, area // (rows * rows)
-
-
-@kernel
-def _row_offset(columns, rows):
-    """Height of a row above the lower edge of its band, in half bands (spec 6.3): in the middle, but on the edge itself for
-    slivers, whose sides are so slanted that a row in the middle would leave their ends without samples."""
-    return np.int64(0) if columns > 4 * rows else np.int64(1)
-
-
-@kernel
-def _row(g, order, columns, rows, j, start, half_step):
-    """Row j of a triangle (spec 6.3): fills start and half_step, int64 [3] with 32 fractional bits, returns the number of
-    samples n_j. Sample i of the row lies at start + (2 i + 1) * half_step."""
-    offset = _row_offset(columns, rows)
-    left = 2 * rows - 2 * j - offset
-    count = max(np.int64(1), (columns * left + 2 * rows - 1) // (2 * rows))
-    for axis in range(3):
-        s, e, t = g[order[0], axis], g[order[1], axis], g[order[2], axis]
-        start[axis] = (s + ((t - s) * (2 * j + offset)) // (2 * rows)) << 16
-        half_step[axis] = ((((e - s) * left) // (2 * rows)) << 16) // (2 * count)
-    return count
-
-
-@kernel
-def _load_corners(corners, faces, f, g):
-    """Fixed grid coordinates of face f into g int64 [3, 3]; voxelise() and transfer() have checked faces against corners."""
-    for c in range(3):
-        for d in range(3):
-            g[c, d] = corners[faces[f, c], d]
-
-
-@kernel
-def _misses_slab(g, axis, low, high):
-    """Whether no sample of the triangle can have low <= voxel index[axis] < high. All divisions of a row round down, so a sample
-    lies up to 2 * 2**-16 voxels below the triangle's least coordinate and never above its largest."""
-    first = (min(g[0, axis], min(g[1, axis], g[2, axis])) - 2) >> GRID_FRACTION
-    last = max(g[0, axis], max(g[1, axis], g[2, axis])) >> GRID_FRACTION
-    return first >= high or last < low
 
 
 @kernel
@@ -158,10 +54,10 @@ def _grown(keys, weights):
 
 
 @kernel
-def _touched(corners, faces, resolution, low, high, axis, log2_slots, most, total):
-    """Voxels of one slab low <= index[axis] < high: int64 [2, n], keys in table order and weights; n in total [1]. Stops as soon
-    as there are more than `most`, so that memory stays in proportion to that, and returns none of them. One array, because numba
-    lets an interrupt through between two, and crashes on it.
+def _touched(corners, faces, resolution, walk, log2_slots, most, total):
+    """Voxels of the walk's slab: int64 [2, n], keys in table order and weights; n in total [1]. Stops as soon as there are more
+    than `most`, so that memory stays in proportion to that, and returns none of them. One array, because numba lets an interrupt
+    through between two, and crashes on it.
 
     corners: int64 [V, 3] fixed grid coordinates; faces: int64 [F, 3], already checked against V by the caller's gather.
     A voxel's weight stays below 2**62: at most 2**31 samples (checked by the caller) of at most 2**31 each.
@@ -170,45 +66,42 @@ def _touched(corners, faces, resolution, low, high, axis, log2_slots, most, tota
     keys, weights = np.zeros(1 << log2_slots, np.int64), np.zeros(1 << log2_slots, np.int64)
     keys[:] = -1
     used = 0
-    g, order = np.zeros((3, 3), np.int64), np.zeros(3, np.int64)
-    start, half = np.zeros(3, np.int64), np.zeros(3, np.int64)
+    start, half = walk.start, walk.half_step
+    axis, low, high = walk.state[AXIS], walk.state[LOW], walk.state[HIGH]
     last = resolution - 1
-    for f in range(faces.shape[0]):
-        _load_corners(corners, faces, f, g)
-        if _misses_slab(g, axis, low, high):
-            continue
-        columns, rows, unit = _triangle_frame(g, SAMPLES_PER_EDGE, order)
-        for j in range(rows):
-            count = _row(g, order, columns, rows, j, start, half)
-            share = (unit * (2 * rows - 2 * j - 1)) // (2 * count)
-            run_key, run = np.int64(-1), np.int64(0)
-            x, y, z = start[0] + half[0], start[1] + half[1], start[2] + half[2]
-            for i in range(count + 1):
-                key = np.int64(-1)
-                if i < count:
-                    vx = min(max(x >> 32, 0), last)
-                    vy = min(max(y >> 32, 0), last)
-                    vz = min(max(z >> 32, 0), last)
-                    along = vx if axis == 0 else (vy if axis == 1 else vz)
-                    if low <= along < high:
-                        key = _morton_key(vx, vy, vz)
-                    x += 2 * half[0]
-                    y += 2 * half[1]
-                    z += 2 * half[2]
-                if key != run_key:
-                    if run_key >= 0:
-                        slot = _slot(run_key, keys)
-                        if keys[slot] < 0:
-                            keys[slot] = run_key
-                            used += 1
-                            if used > most:
-                                total[0] = used
-                                return np.empty((2, 0), np.int64)
-                        weights[slot] += run
-                        if 2 * used > keys.shape[0]:
-                            keys, weights = _grown(keys, weights)
-                    run_key, run = key, np.int64(0)
-                run += share
+    while True:
+        count = _next_row(corners, faces, SAMPLES_PER_EDGE, walk)
+        if count == 0:
+            break
+        share = _sample_area(walk)
+        run_key, run = np.int64(-1), np.int64(0)
+        x, y, z = start[0] + half[0], start[1] + half[1], start[2] + half[2]
+        for i in range(count + 1):
+            key = np.int64(-1)
+            if i < count:
+                vx = min(max(x >> 32, 0), last)
+                vy = min(max(y >> 32, 0), last)
+                vz = min(max(z >> 32, 0), last)
+                along = vx if axis == 0 else (vy if axis == 1 else vz)
+                if low <= along < high:
+                    key = _morton_key(vx, vy, vz)
+                x += 2 * half[0]
+                y += 2 * half[1]
+                z += 2 * half[2]
+            if key != run_key:
+                if run_key >= 0:
+                    slot = _slot(run_key, keys)
+                    if keys[slot] < 0:
+                        keys[slot] = run_key
+                        used += 1
+                        if used > most:
+                            total[0] = used
+                            return np.empty((2, 0), np.int64)
+                    weights[slot] += run
+                    if 2 * used > keys.shape[0]:
+                        keys, weights = _grown(keys, weights)
+                run_key, run = key, np.int64(0)
+            run += share
     n = 0
     out = np.zeros((2, used), np.int64)
     for i in range(keys.shape[0]):
@@ -274,16 +167,16 @@ def voxelise(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolut
     most = MAX_VOXELS if max_voxels is None else max_voxels
     log2_slots = int(np.clip(min(total // (2 * (len(bounds) - 1)), 2 * most), 64, 1 << 22)).bit_length()
 
-    def one(slab):
+    def voxels_of(slab):
         used = np.zeros(1, np.int64)
-        return *_touched(corners, faces, resolution, slab[0], slab[1], axis, log2_slots, most, used), int(used[0])
+        return *_touched(corners, faces, resolution, surface_walk(axis, *slab), log2_slots, most, used), int(used[0])
 
     jobs = list(zip(bounds[:-1], bounds[1:], strict=True))
     if len(jobs) == 1:
-        parts = [one(jobs[0])]
+        parts = [voxels_of(jobs[0])]
     else:
         with ThreadPoolExecutor(len(jobs)) as pool:
-            parts = list(pool.map(one, jobs))
+            parts = list(pool.map(voxels_of, jobs))
     if sum(p[2] for p in parts) > most:
         raise LimitError("TXF-L04", "the surface touches more voxels than the limit allows", clause="6.3", allowed=most)
     keys = np.concatenate([p[0] for p in parts])

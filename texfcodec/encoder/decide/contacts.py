@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core.kernel import kernel
 from ...field.morton import _morton_key
-from ...field.voxelise import _load_corners, _row, _triangle_frame, grid_coordinates
+from ...field.surface_walk import FACE, _next_row, grid_coordinates, surface_walk
 
 MAX_FIELDS = 16
 MIN_CONTACT = 0.002  # share of the smaller piece's cells that two pieces must share to count as meeting
@@ -64,38 +64,35 @@ def _pair_slot(key, label, keys, labels):
 
 
 @kernel
-def _cells(corners, faces, face_label, resolution, keys, labels):
+def _cells(corners, faces, face_label, resolution, walk, keys, labels):
     """Marks every (cell, label) the samples fall into; the tables double as needed. Returns int64 [2, entries]: keys, labels. One
     array, because numba lets an interrupt through between two, and crashes on it."""
-    g, order = np.empty((3, 3), np.int64), np.empty(3, np.int64)
-    start, half = np.empty(3, np.int64), np.empty(3, np.int64)
+    start, half = walk.start, walk.half_step
     used, last = 0, resolution - 1
-    for f in range(faces.shape[0]):
-        _load_corners(corners, faces, f, g)
-        columns, rows, _ = _triangle_frame(g, 1, order)
-        label = face_label[f]
-        for j in range(rows):
-            count = _row(g, order, columns, rows, j, start, half)
-            run = np.int64(-1)
-            for i in range(count):
-                cx = min(max((start[0] + (2 * i + 1) * half[0]) >> 32, 0), last) >> 1
-                cy = min(max((start[1] + (2 * i + 1) * half[1]) >> 32, 0), last) >> 1
-                cz = min(max((start[2] + (2 * i + 1) * half[2]) >> 32, 0), last) >> 1
-                key = _morton_key(cx, cy, cz)
-                if key == run:
-                    continue
-                run = key
-                slot = _pair_slot(key, label, keys, labels)
-                if keys[slot] < 0:
-                    keys[slot], labels[slot] = key, label
-                    used += 1
-                    if 2 * used > keys.shape[0]:
-                        old_keys, old_labels = keys, labels
-                        keys, labels = np.full(2 * keys.shape[0], -1, np.int64), np.zeros(2 * keys.shape[0], np.int64)
-                        for k in range(old_keys.shape[0]):
-                            if old_keys[k] >= 0:
-                                slot = _pair_slot(old_keys[k], old_labels[k], keys, labels)
-                                keys[slot], labels[slot] = old_keys[k], old_labels[k]
+    while True:
+        count = _next_row(corners, faces, 1, walk)
+        if count == 0:
+            break
+        label, run = face_label[walk.state[FACE]], np.int64(-1)
+        for i in range(count):
+            cx = min(max((start[0] + (2 * i + 1) * half[0]) >> 32, 0), last) >> 1
+            cy = min(max((start[1] + (2 * i + 1) * half[1]) >> 32, 0), last) >> 1
+            cz = min(max((start[2] + (2 * i + 1) * half[2]) >> 32, 0), last) >> 1
+            key = _morton_key(cx, cy, cz)
+            if key == run:
+                continue
+            run = key
+            slot = _pair_slot(key, label, keys, labels)
+            if keys[slot] < 0:
+                keys[slot], labels[slot] = key, label
+                used += 1
+                if 2 * used > keys.shape[0]:
+                    old_keys, old_labels = keys, labels
+                    keys, labels = np.full(2 * keys.shape[0], -1, np.int64), np.zeros(2 * keys.shape[0], np.int64)
+                    for k in range(old_keys.shape[0]):
+                        if old_keys[k] >= 0:
+                            slot = _pair_slot(old_keys[k], old_labels[k], keys, labels)
+                            keys[slot], labels[slot] = old_keys[k], old_labels[k]
     found = np.flatnonzero(keys >= 0)
     entries = np.empty((2, len(found)), np.int64)
     entries[0], entries[1] = keys[found], labels[found]
@@ -110,7 +107,7 @@ def find_contacts(lattice: np.ndarray, faces: np.ndarray, position_bits: int, re
     direction = face_directions(lattice, faces)
     corners = np.ascontiguousarray(grid_coordinates(lattice, position_bits, resolution))
     table = np.full(1 << 16, -1, np.int64), np.zeros(1 << 16, np.int64)
-    cell, label = _cells(corners, np.ascontiguousarray(faces), component * 6 + direction, resolution, *table)
+    cell, label = _cells(corners, np.ascontiguousarray(faces), component * 6 + direction, resolution, surface_walk(), *table)
     order = np.lexsort((label, cell))
     return Contacts(component, direction, cell[order], label[order])
 

@@ -32,7 +32,8 @@ class SurfaceWalk(NamedTuple):
 def surface_walk(axis: int = 0, low: int = -EVERYWHERE, high: int = EVERYWHERE) -> SurfaceWalk:
     """A walk from the first face on. It passes by faces without samples in low <= voxel index[axis] < high."""
     state = np.array([-1, 0, 0, 0, 0, 0, axis, low, high], np.int64)
-    return SurfaceWalk(np.zeros((3, 3), np.int64), *(np.zeros(3, np.int64) for _ in range(3)), state)
+    order, start, half_step = np.zeros((3, 3), np.int64)
+    return SurfaceWalk(np.zeros((3, 3), np.int64), order, start, half_step, state)
 
 
 def grid_coordinates(lattice: np.ndarray, position_bits: int, resolution: int) -> np.ndarray:

@@ -17,21 +17,21 @@ def _next_samples(corners, faces, per_edge, walk, points, face, bary, share):
     points: float64 [M, 3] grid coordinates; bary: float64 [M, 3]; share: float64 [M] area in voxel faces. The faces have been
     checked against the corners.
     """
-    order, start, half, n = walk.order, walk.start, walk.half_step, 0
+    order, start, half, state, n = walk.order, walk.start, walk.half_step, walk.state, 0
     while True:
         count = _next_row(corners, faces, per_edge, walk)
         if count == 0:
             break
         if n + count > face.shape[0]:
-            walk.state[ROW] -= 1  # for the next call
+            state[ROW] -= 1  # for the next call
             break
-        area, t = np.float64(_sample_area(walk)) * 2.0**-32, _row_height(walk)
+        area, t = np.float64(_sample_area(state)) * 2.0**-32, _row_height(state)
         for i in range(count):
             for axis in range(3):
                 points[n, axis] = (start[axis] + (2 * i + 1) * half[axis]) * 2.0**-32
             along = (2 * i + 1) / (2.0 * count) * (1.0 - t)
             bary[n, order[0]], bary[n, order[1]], bary[n, order[2]] = 1.0 - along - t, along, t
-            face[n], share[n] = walk.state[FACE], area
+            face[n], share[n] = state[FACE], area
             n += 1
     return n
 

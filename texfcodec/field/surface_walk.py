@@ -165,14 +165,14 @@ def _next_row(corners, faces, per_edge, walk):
 
 
 @kernel(allocates=False)
-def _sample_area(walk):
-    """Area that each sample of the row stands for, in units of 2**-32 voxel faces."""
-    rows = walk.state[ROWS]
-    return (walk.state[UNIT] * (2 * rows - 2 * walk.state[ROW] - 1)) // (2 * walk.state[COUNT])
+def _sample_area(state):
+    """Area that each sample of the row stands for, in units of 2**-32 voxel faces. state: of the walk."""
+    rows = state[ROWS]
+    return (state[UNIT] * (2 * rows - 2 * state[ROW] - 1)) // (2 * state[COUNT])
 
 
 @kernel(allocates=False)
-def _row_height(walk):
+def _row_height(state):
     """How far the row is from the base to the apex, 0..1: the apex's barycentric coordinate of all its samples."""
-    rows = walk.state[ROWS]
-    return (2 * walk.state[ROW] + _row_offset(walk.state[COLUMNS], rows)) / (2.0 * rows)
+    rows = state[ROWS]
+    return (2 * state[ROW] + _row_offset(state[COLUMNS], rows)) / (2.0 * rows)

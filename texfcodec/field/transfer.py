@@ -23,21 +23,23 @@ def _gather(corners, faces, source, per_edge, resolution, walk, only_empty, slot
     already are left alone. Every voxel gets its samples in face order, whatever the slabs are, so the sums do not depend on
     the thread count.
     """
-    order, start, half = walk.order, walk.start, walk.half_step
-    axis, low, high = walk.state[AXIS], walk.state[LOW], walk.state[HIGH]
+    order, start, half, state = walk.order, walk.start, walk.half_step, walk.state
+    axis, low, high = state[AXIS], state[LOW], state[HIGH]
     bary, rgba = np.empty(3, np.float64), np.empty(4, np.float64)
     last = resolution - 1
     while True:
         count = _next_row(corners, faces, per_edge, walk)
         if count == 0:
             break
-        share = np.float64(_sample_area(walk)) * 2.0**-32 + LEAST_WEIGHT
-        f, t = walk.state[FACE], _row_height(walk)
+        share = np.float64(_sample_area(state)) * 2.0**-32 + LEAST_WEIGHT
+        f, t = state[FACE], _row_height(state)
+        base, end, apex = order[0], order[1], order[2]
+        dx, dy, dz = 2 * half[0], 2 * half[1], 2 * half[2]
         x, y, z = start[0] - half[0], start[1] - half[1], start[2] - half[2]
         for i in range(count):
-            x += 2 * half[0]
-            y += 2 * half[1]
-            z += 2 * half[2]
+            x += dx
+            y += dy
+            z += dz
             vx = min(max(x >> 32, 0), last)
             vy = min(max(y >> 32, 0), last)
             vz = min(max(z >> 32, 0), last)
@@ -47,9 +49,9 @@ def _gather(corners, faces, source, per_edge, resolution, walk, only_empty, slot
             rank = _rank(_morton_key(vx, vy, vz), slots, bricks, words, ranks)
             if rank < 0 or (only_empty and sums[rank, 5] > 0.0):
                 continue
-            bary[order[1]] = (2 * i + 1) / (2.0 * count) * (1.0 - t)
-            bary[order[2]] = t
-            bary[order[0]] = 1.0 - bary[order[1]] - t
+            bary[end] = (2 * i + 1) / (2.0 * count) * (1.0 - t)
+            bary[apex] = t
+            bary[base] = 1.0 - bary[end] - t
             _source_at(source, f, bary[0], bary[1], bary[2], rgba)
             solid = share * rgba[3] / 255.0
             for c in range(3):

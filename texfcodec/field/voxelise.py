@@ -66,14 +66,14 @@ def _touched(corners, faces, resolution, walk, log2_slots, most, total):
     keys, weights = np.zeros(1 << log2_slots, np.int64), np.zeros(1 << log2_slots, np.int64)
     keys[:] = -1
     used = 0
-    start, half = walk.start, walk.half_step
-    axis, low, high = walk.state[AXIS], walk.state[LOW], walk.state[HIGH]
+    start, half, state = walk.start, walk.half_step, walk.state
+    axis, low, high = state[AXIS], state[LOW], state[HIGH]
     last = resolution - 1
     while True:
         count = _next_row(corners, faces, SAMPLES_PER_EDGE, walk)
         if count == 0:
             break
-        share = _sample_area(walk)
+        share = _sample_area(state)
         run_key, run = np.int64(-1), np.int64(0)
         x, y, z = start[0] + half[0], start[1] + half[1], start[2] + half[2]
         for i in range(count + 1):

@@ -67,13 +67,13 @@ def _pair_slot(key, label, keys, labels):
 def _cells(corners, faces, face_label, resolution, walk, keys, labels):
     """Marks every (cell, label) the samples fall into; the tables double as needed. Returns int64 [2, entries]: keys, labels. One
     array, because numba lets an interrupt through between two, and crashes on it."""
-    start, half = walk.start, walk.half_step
+    start, half, state = walk.start, walk.half_step, walk.state
     used, last = 0, resolution - 1
     while True:
         count = _next_row(corners, faces, 1, walk)
         if count == 0:
             break
-        label, run = face_label[walk.state[FACE]], np.int64(-1)
+        label, run = face_label[state[FACE]], np.int64(-1)
         for i in range(count):
             cx = min(max((start[0] + (2 * i + 1) * half[0]) >> 32, 0), last) >> 1
             cy = min(max((start[1] + (2 * i + 1) * half[1]) >> 32, 0), last) >> 1

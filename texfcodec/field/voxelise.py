@@ -76,6 +76,7 @@ def _touched(corners, faces, resolution, walk, log2_slots, most, total):
         share = _sample_area(state)
         run_key, run = np.int64(-1), np.int64(0)
         x, y, z = start[0] + half[0], start[1] + half[1], start[2] + half[2]
+        dx, dy, dz = 2 * half[0], 2 * half[1], 2 * half[2]
         for i in range(count + 1):
             key = np.int64(-1)
             if i < count:
@@ -85,9 +86,9 @@ def _touched(corners, faces, resolution, walk, log2_slots, most, total):
                 along = vx if axis == 0 else (vy if axis == 1 else vz)
                 if low <= along < high:
                     key = _morton_key(vx, vy, vz)
-                x += 2 * half[0]
-                y += 2 * half[1]
-                z += 2 * half[2]
+                x += dx
+                y += dy
+                z += dz
             if key != run_key:
                 if run_key >= 0:
                     slot = _slot(run_key, keys)

@@ -60,6 +60,8 @@ def arrays(data, lod=0, threads=0, queries=b""):
     files = {"geometry": geometry_rows(texf.units).astype("<i8").tobytes()}
     if texf.sharp_edges is not None:
         files["sharp_edges"] = texf.sharp_edges.tobytes()
+    if texf.coded_normals is not None:
+        files["coded_normals"] = texf.coded_normals.astype("<i2").tobytes()
     for i, field in enumerate(texf.fields):
         files[f"field{i}_keys"] = field.keys.astype("<i8").tobytes()
         if field.over_texels:

@@ -71,8 +71,7 @@ SCENES = {"tiny sphere": tiny_sphere, "tiny sheets": tiny_sheets, "tiny maps": t
 def fingerprint(texf):
     """{array: SHA-256} of every decoded array."""
     arrays = {"lattice": texf.lattice_positions, "faces": texf.faces, "materials": texf.face_material}
-    if texf.sharp_edges is not None:
-        arrays["sharp_edges"] = texf.sharp_edges
+    arrays |= {name: getattr(texf, name) for name in ("sharp_edges", "coded_normals") if getattr(texf, name) is not None}
     for i, unit in enumerate(texf.units):
         if unit.uv is not None:
             arrays[f"unit{i}_uv"] = unit.uv

@@ -21,13 +21,13 @@ from .field.voxelise import count_samples, voxelise
 from .field.voxels import VoxelSupport
 from .geometry.canonical import CanonicalCube
 from .geometry.checksum import geometry_crc
+from .geometry.corner_groups import CornerGroups
 from .geometry.draco import UvCoding, dec_geometry, dec_textured
 from .geometry.edges import coded_edges
 from .geometry.geometry_unit import GeometryUnit, LatticeMesh, field_surface, field_uv
 from .limits import Limits
 from .options import DecodeOptions
 from .report import Report
-from .scene.normal_rule import MARKED
 from .texf import Field, Texf
 
 Known = Callable[[dict, Group], np.ndarray | None]  # (syntax elements of an attribute unit, its group) -> its values, or None
@@ -63,6 +63,8 @@ def decode_stream(data: bytes, options: DecodeOptions, report: Report, known: Kn
     if stream.sharp_edges:
         with report.stage("normals"):
             texf.sharp_edges = decode_sharp_edges(stream.sharp_edges, texf)
+            if stream.coded_normals:
+                texf.coded_normals = decode_coded_normals(stream.coded_normals, texf)
     surfaces = [surface_of_field(units, f) for f in stream.fields]
     check_samples(surfaces, stream, cube.position_bits, options.limits)
     if stream.joint:
@@ -95,7 +97,7 @@ def decode_sharp_edges(values: dict, texf: Texf) -> np.ndarray:
     """Marks of the edges that the geometry has at marked materials, bool [E]. Raises StreamError."""
     from .codecs.sharp_edges import dec_marks
 
-    marked = np.array([m.normals.kind == MARKED for m in texf.materials], bool)
+    marked = np.array([m.normals.has_marks for m in texf.materials], bool)
     ends, fold = coded_edges(texf.lattice_positions, texf.faces, marked[texf.face_material])
     if len(ends) != values["num_edges"]:
         raise StreamError("TXF-S30", "the edges rebuilt from the geometry are not the ones that were coded", clause="8.4.2",
@@ -105,6 +107,21 @@ def decode_sharp_edges(values: dict, texf: Texf) -> np.ndarray:
         raise StreamError("TXF-S32", "the decoded marks do not have the checksum that was sent", clause="8.4.2",
                           offset=values["offset"])
     return marks
+
+
+def decode_coded_normals(values: dict, texf: Texf) -> np.ndarray:
+    """Normals of the corner groups that have a coded one, int16 [G, 3]. texf: its marks are decoded. Raises StreamError."""
+    from .codecs.coded_normals import dec_residuals
+
+    groups: CornerGroups = texf.corner_groups()
+    if len(groups) != values["num_groups"]:
+        raise StreamError("TXF-S30", "the corners rebuilt from the geometry are not the ones whose normals were coded",
+                          clause="8.4.3", offset=values["offset"], value=len(groups), allowed=values["num_groups"])
+    normals = groups.normals(dec_residuals(values["residual_data"], groups), values["normal_step"])
+    if zlib.crc32(normals.astype("<i2").tobytes()) != values["normals_crc"]:
+        raise StreamError("TXF-S32", "the decoded normals do not have the checksum that was sent", clause="8.4.4",
+                          offset=values["offset"])
+    return normals
 
 
 def _metadata(raw, report):

@@ -23,6 +23,7 @@ from .scene.channels import ALPHA, COLOURS, COLUMNS, FULL, Channel, join_planes
 from .scene.scene import Material
 
 if TYPE_CHECKING:
+    from .geometry.corner_groups import CornerGroups
     from .io.atlas.bake import Baked
     from .io.atlas.unwrap import Atlas
 
@@ -77,7 +78,8 @@ class Field:
 class Texf:
     """What decode() returns. cube: the canonical cube; units, fields, materials: see their classes (the base colour of materials
     is in the fields); metadata: dict that travelled along; groups: the channel groups; skipped: unknown ancillary units that were
-    passed over; sharp_edges: bool over the edges that have a mark (spec 8.4.2), None without marks; codec, evaluators: where
+    passed over; sharp_edges: bool over the edges that have a mark (spec 8.4.2), None without marks; coded_normals: int16 [G, 3]
+    of the corner groups that have a coded one (8.4.4), None without any; codec, evaluators: where
     points ask evaluators and not the voxels, the codec that made them and one for each field (codecs.base)."""
 
     cube: CanonicalCube
@@ -91,6 +93,7 @@ class Texf:
     evaluators: list[Evaluator] | None = None
     skipped: list = field(default_factory=list)
     sharp_edges: np.ndarray | None = None
+    coded_normals: np.ndarray | None = None
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -160,7 +163,15 @@ class Texf:
         from .geometry.shading_normals import corner_normals
 
         rules = [m.normals for m in self.materials]
-        return corner_normals(self.lattice_positions, self.faces, rules, self.face_material, self.sharp_edges)
+        coded = None if self.coded_normals is None else (self.corner_groups(), self.coded_normals)
+        return corner_normals(self.lattice_positions, self.faces, rules, self.face_material, self.sharp_edges, coded)
+
+    def corner_groups(self) -> CornerGroups:
+        """Corners that share a coded normal (spec clause 8.4.3); sharp_edges are known."""
+        from .geometry.corner_groups import corner_groups
+
+        sharp = np.zeros(0, bool) if self.sharp_edges is None else self.sharp_edges
+        return corner_groups(self.lattice_positions, self.faces, [m.normals for m in self.materials], self.face_material, sharp)
 
     def query(self, points: np.ndarray, face_index: np.ndarray | None = None) -> np.ndarray:
         """Colour of the field at surface points.

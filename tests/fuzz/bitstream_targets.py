@@ -15,6 +15,7 @@ from texfcodec.bitstream.stream import Stream, read_stream, write_stream
 from texfcodec.bitstream.syntax import (
     SIGNATURE,
     UNIT_ATTRIBUTE,
+    UNIT_CODED_NORMALS,
     UNIT_END,
     UNIT_FIELD,
     UNIT_GEOMETRY,
@@ -32,8 +33,8 @@ from texfcodec.report import Report
 from texfcodec.sandbox import isolate
 
 OPTIONS = DecodeOptions(limits=SMALL, threads=1)
-OF_UNITS = (UNIT_HEADER, UNIT_MATERIALS, UNIT_FIELD, UNIT_GEOMETRY, UNIT_ATTRIBUTE, UNIT_END, UNIT_METADATA, UNIT_SHARP_EDGES, 6,
-            127, 130, 255)
+OF_UNITS = (UNIT_HEADER, UNIT_MATERIALS, UNIT_FIELD, UNIT_GEOMETRY, UNIT_ATTRIBUTE, UNIT_END, UNIT_METADATA, UNIT_SHARP_EDGES,
+            UNIT_CODED_NORMALS, 6, 127, 131, 255)
 
 
 def decoded(data: bytes, lod: int = 0) -> None:

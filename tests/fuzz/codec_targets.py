@@ -11,6 +11,7 @@ from naive import bits
 from naive.attributes import decode_values
 from naive.syntax import read_raht
 from texfcodec.codecs.base import Group
+from texfcodec.codecs.coded_normals import dec_residuals, enc_residuals
 from texfcodec.codecs.constant import CONSTANT, Constant
 from texfcodec.codecs.neural.neural_codec import Neural
 from texfcodec.codecs.neural.neural_syntax import NEURAL
@@ -27,7 +28,8 @@ from texfcodec.field.texels import TexelSupport
 from texfcodec.field.voxelise import voxelise
 from texfcodec.field.voxels import VoxelSupport
 from texfcodec.geometry.canonical import CanonicalCube
-from texfcodec.geometry.edges import NUM_FOLDS, coded_edges
+from texfcodec.geometry.corner_groups import ONE, groups_of
+from texfcodec.geometry.edges import NUM_FOLDS, coded_edges, shared_edges, weld
 from texfcodec.options import DecodeOptions
 from texfcodec.report import Report
 from texfcodec.scene.channels import channels_of
@@ -200,14 +202,33 @@ def transport(data: bytes) -> None:
     assert any_codes.min() >= -8 and any_codes.max() <= 7
 
 
-def sharp_edges(data: bytes) -> None:
-    """Marks on the edges of any few faces: they come back, and any bytes give as many marks (8.4.2)."""
-    choices = Choices(data)
+def _few_faces(choices):
+    """(lattice int64 [V, 3], faces int64 [F, 3], bool [F]) of any few faces."""
     corners, count = choices.whole(3, 12), choices.whole(0, 20)
     bits = choices.pick((1, 8, 20))
     lattice = np.array([[choices.whole(0, (1 << bits) - 1) for _ in range(3)] for _ in range(corners)], np.int64)
     faces = np.frombuffer(choices.filled(3 * count), np.uint8).astype(np.int64).reshape(count, 3) % corners
-    marked = np.frombuffer(choices.filled(count), np.uint8) % 4 != 3
+    return lattice, faces, np.frombuffer(choices.filled(count), np.uint8) % 4 != 3
+
+
+def coded_normals(data: bytes) -> None:
+    """Residuals at the corners of any few faces: they come back, and any bytes give normals near length 1 (8.4.4)."""
+    choices = Choices(data)
+    lattice, faces, coded = _few_faces(choices)
+    edges = shared_edges(weld(lattice)[faces])
+    groups = groups_of(lattice, faces, coded, edges, np.frombuffer(choices.filled(len(edges)), np.uint8) % 3 == 1)
+    drawn = np.frombuffer(choices.filled(2 * len(groups)), np.int8).astype(np.int64).reshape(-1, 2)
+    residuals = np.clip(drawn * choices.pick((1, 9, 70)), -8205, 8205)
+    assert (dec_residuals(enc_residuals(residuals, groups), groups) == residuals).all()
+    normals = groups.normals(dec_residuals(choices.rest(), groups), choices.pick((1, 180, 4096))).astype(np.float64)
+    assert np.all(np.abs(np.linalg.norm(normals, axis=1) - (1 << ONE)) < 4)
+
+
+def sharp_edges(data: bytes) -> None:
+    """Marks on the edges of any few faces: they come back, and any bytes give as many marks (8.4.2)."""
+    choices = Choices(data)
+    lattice, faces, marked = _few_faces(choices)
+    corners = len(lattice)
     ends, fold = coded_edges(lattice, faces, marked)
     assert ends.max(initial=-1) < corners and fold.min(initial=0) >= 0 and fold.max(initial=0) < NUM_FOLDS
     marks = np.frombuffer(choices.filled(len(ends)), np.uint8) % 2 == 1

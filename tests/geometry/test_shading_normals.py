@@ -20,7 +20,7 @@ from texfcodec.geometry.edges import MANY, NUM_FOLDS, coded_edges, folds, shared
 from texfcodec.geometry.shading_normals import MOST_FACES, corner_normals
 from texfcodec.geometry.surface import make_surface
 from texfcodec.io.load import load
-from texfcodec.scene.normal_rule import ANGLE, AREA, BOTH, FLAT, JOINED, MARKED, PAIRS, USUAL, NormalRule
+from texfcodec.scene.normal_rule import ANGLE, AREA, BOTH, FLAT, IN_STREAM, JOINED, MARKED, PAIRS, USUAL, NormalRule
 from texfcodec.scene.scene import Material
 
 SMALL = EncodeOptions(resolution=32, qp=40, threads=1)
@@ -219,12 +219,44 @@ def test_creases_that_no_angle_tells_are_marked_and_come_back():
     assert plain.sharp_edges is None and plain.materials[0].normals.kind != MARKED  # and a smooth ball needs none
 
 
-def test_normals_that_no_rule_makes_are_a_warning():
+def any_normals(shape, seed=0):
+    """Normals of any directions, float64 [*shape, 3]."""
+    random = np.random.default_rng(seed).normal(size=(*shape, 3))
+    return random / np.linalg.norm(random, axis=-1, keepdims=True)
+
+
+def bent_ball(rings=12, bend=0.2):
+    """A ball whose normals lean, more than any rule says."""
+    positions, faces = sphere(rings)
+    leaning = positions / np.linalg.norm(positions, axis=1, keepdims=True) + bend * any_normals([len(positions)])
+    return with_normals(positions, faces, leaning / np.linalg.norm(leaning, axis=1, keepdims=True))
+
+
+def test_normals_that_no_rule_makes_are_coded():
+    """At a vertex, at a corner, opposite to the surface: what comes back is within the step."""
     positions, faces = sphere(12)
-    random = np.random.default_rng(0).normal(size=(len(faces), 3, 3))
+    for scene in (bent_ball(), with_normals(positions, faces, any_normals((len(faces), 3))),
+                  with_normals(positions, faces, -positions)):
+        encoded = encode_scene(scene, SMALL)
+        evidence, texf = encoded.choices["normals"], decode(encoded.data)
+        allowed = np.degrees(evidence["normal_step"] * 2.0**-13)  # twice the tangent of half the angle
+        assert texf.materials[0].normals == IN_STREAM and len(texf.coded_normals) == evidence["coded_normals"]
+        assert evidence["degrees"][2] < allowed
+    scene = bent_ball()
+    texf = decode(encode_scene(scene, SMALL).data)
+    where = dict(zip(map(tuple, texf.cube.to_lattice(scene.positions[scene.faces].reshape(-1, 3)).tolist()),
+                     scene.corner_normal.reshape(-1, 3), strict=True))
+    source = np.array([where[tuple(place)] for place in texf.lattice_positions.tolist()])[texf.faces]
+    assert degrees(texf.shading_normals(), source).max() < allowed
+
+
+def test_normals_of_faces_without_a_common_edge_stay_a_warning():
+    """No edge can be marked there, so nothing is coded."""
+    positions, faces = sphere(12)
+    apart = positions[faces].reshape(-1, 3) + np.repeat(np.arange(len(faces)) * 3.0, 3)[:, None]
     report = Report()
-    chosen(with_normals(positions, faces, random / np.linalg.norm(random, axis=2, keepdims=True)), report)
-    assert len(report.warnings) == 1 and report.warnings[0].startswith("no rule makes the shading normals again")
+    chosen(with_normals(apart, np.arange(len(apart)).reshape(-1, 3), any_normals((len(faces), 3))), report)
+    assert len(report.warnings) == 1 and report.warnings[0].startswith("the shading normals are not those of the source")
 
 
 def test_what_says_nothing_of_normals_is_flat_in_gltf_and_usual_elsewhere():
@@ -236,8 +268,8 @@ def test_what_says_nothing_of_normals_is_flat_in_gltf_and_usual_elsewhere():
 
 
 def test_materials_without_light_have_no_rule_in_the_stream():
-    positions, faces, smooth = hand(12)
-    sizes = {}
+    positions, faces, _ = hand(12)
+    smooth, sizes = trimesh.Trimesh(positions, faces, process=False).vertex_normals, {}
     for unlit in (False, True):
         scene = with_normals(positions, faces, smooth, materials=[Material("skin", unlit=unlit)])
         data = encode_scene(scene, SMALL).data

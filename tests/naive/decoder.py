@@ -19,8 +19,9 @@ if __package__ in (None, ""):  # run as a command: this folder's own modules are
 
 from naive.attributes import decode_values
 from naive.bits import Invalid, Unsupported, require, units_of
-from naive.edges import decode_marks
+from naive.edges import decode_marks, marked_edges
 from naive.neural import Neural, coarse_values, latent_keys
+from naive.normals import decode_normals
 from naive.syntax import CONSTANT, NEURAL, TEXELS, read_stream
 from naive.texels import asked_texels, whole_number
 from naive.voxels import active_voxels
@@ -35,6 +36,10 @@ def decode(data, lod=0):
     header, attributes = stream["header"], stream["attributes"]
     units = [decode_geometry(unit, header["position_bits"]) for unit in stream["geometry"]]
     marks = decode_marks(stream["sharp_edges"], units, stream["materials"]) if stream["sharp_edges"] else None
+    normals = None
+    if stream["coded_normals"]:
+        edges = [edge for edge, _ in marked_edges(units, stream["materials"])]
+        normals = decode_normals(stream["coded_normals"], list(zip(edges, marks, strict=True)), units, stream["materials"])
     triangles = [triangles_of_field(units, index) for index in range(len(stream["fields"]))]
     keys = [field_keys(field, index, units, header["position_bits"]) for index, field in enumerate(stream["fields"])]
     neural = None
@@ -53,7 +58,7 @@ def decode(data, lod=0):
         fields.append({"resolution": -(-field["resolution"] >> left_out), "keys": coarse, "values": values[index],
                        "support": field["support"], "unit": field, "left_out": left_out, "shifts": shifts})
     return {"header": header, "materials": stream["materials"], "units": units, "fields": fields,
-            "metadata": stream["metadata"], "neural": neural, "sharp_edges": marks}
+            "metadata": stream["metadata"], "neural": neural, "sharp_edges": marks, "coded_normals": normals}
 
 
 def levels_left_out(field, lod):
@@ -168,6 +173,8 @@ def arrays(texf):
     files = {"geometry": struct.pack(f"<{len(numbers)}q", *numbers)}
     if texf["sharp_edges"] is not None:
         files["sharp_edges"] = texf["sharp_edges"]
+    if texf["coded_normals"] is not None:
+        files["coded_normals"] = texf["coded_normals"]
     for i, field in enumerate(texf["fields"]):
         files[f"field{i}_keys"] = struct.pack(f"<{len(field['keys'])}q", *field["keys"])
         if field["support"] == TEXELS:

@@ -58,6 +58,10 @@ def dot(n, m):
 def normal(p0, p1, p2):
     """The cross product, its largest component of 14 bits."""
     u, v = [b - a for a, b in zip(p0, p1, strict=True)], [b - a for a, b in zip(p0, p2, strict=True)]
-    cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
-    shift = max(map(abs, cross)).bit_length() - 14
-    return [component >> shift if shift > 0 else component << -shift for component in cross]
+    return brought([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]])
+
+
+def brought(vector):
+    """The vector, its largest component of 14 bits."""
+    shift = max(map(abs, vector)).bit_length() - 14
+    return [component >> shift if shift > 0 else component << -shift for component in vector]

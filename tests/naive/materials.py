@@ -36,7 +36,7 @@ def read_material(reader):
     material["flags"] = reader.u8("material_flags", 0, 3)
     material |= {"normal_rule": 0, "normal_angle": 45}
     if material["flags"] & 2 == 0:
-        material |= {"normal_rule": reader.u8("normal_rule", 0, 8), "normal_angle": reader.u8("normal_angle", 0, 180)}
+        material |= {"normal_rule": reader.u8("normal_rule", 0, 9), "normal_angle": reader.u8("normal_angle", 0, 180)}
     named = reader.v("material_channels", high=2**23 - 1)
     require(named & ~NAMEABLE == 0, f"material_channels is {named:#x}")
     material["channels"] = {semantic for semantic in range(23) if named >> semantic & 1}

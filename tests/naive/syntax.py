@@ -5,7 +5,7 @@ import struct
 from naive.bits import Reader, Unsupported, require
 from naive.materials import check_appearance, needed_groups, read_channel_group, read_material
 
-HEADER, MATERIALS, FIELD, GEOMETRY, ATTRIBUTE, END, METADATA, SHARP_EDGES = 0, 1, 2, 3, 4, 5, 128, 129
+HEADER, MATERIALS, FIELD, GEOMETRY, ATTRIBUTE, END, METADATA, SHARP_EDGES, CODED_NORMALS = 0, 1, 2, 3, 4, 5, 128, 129, 130
 VOXELS, TEXELS = 0, 1  # support
 NEURAL, CONSTANT, PRIVATE = 1, 2, 192  # codec_id
 DRACO_START = bytes.fromhex("445241434F020201010000")
@@ -194,6 +194,12 @@ def read_sharp_edges(reader):
     return {"num_edges": reader.v("num_edges", 1), "marks_crc": reader.u32("marks_crc"), "marks_data": reader.rest()}
 
 
+def read_coded_normals(reader):
+    """Clause 5.11."""
+    return {"num_groups": reader.v("num_groups", 1), "normal_step": reader.u16("normal_step", 1, 4096),
+            "normals_crc": reader.u32("normals_crc"), "residual_data": reader.rest()}
+
+
 def filled(read, payload, *context):
     """The structure read from a payload, which it must fill."""
     reader = Reader(payload)
@@ -213,6 +219,7 @@ def check_order(types):
     require(types.count(HEADER) == 1 and types.count(MATERIALS) == 1, "not exactly one header and one materials unit")
     require(types.count(METADATA) <= 1, "more than one metadata unit")
     require(types.count(SHARP_EDGES) <= 1, "more than one sharp edges unit")
+    require(types.count(CODED_NORMALS) <= 1, "more than one coded normals unit")
 
 
 def read_stream(units):
@@ -244,7 +251,10 @@ def read_stream(units):
     sharp = [filled(read_sharp_edges, payload) for payload in of_type(SHARP_EDGES)]
     wants_marks = any(material["normal_rule"] >= 6 for material in materials)
     require(wants_marks == bool(sharp), "a sharp edges unit is there without a rule that asks for it, or the other way round")
-    skipped = [unit_type for unit_type, _ in units if unit_type > SHARP_EDGES]
+    coded = [filled(read_coded_normals, payload) for payload in of_type(CODED_NORMALS)]
+    wants_normals = any(material["normal_rule"] == 9 for material in materials)
+    require(wants_normals == bool(coded), "a coded normals unit is there without a rule that asks for it, or the other way round")
+    skipped = [unit_type for unit_type, _ in units if unit_type > CODED_NORMALS]
     return {
         "header": header,
         "materials": materials,
@@ -253,5 +263,6 @@ def read_stream(units):
         "attributes": attributes,
         "metadata": metadata[0] if metadata else None,
         "sharp_edges": sharp[0] if sharp else None,
+        "coded_normals": coded[0] if coded else None,
         "skipped_units": skipped,
     }

@@ -109,6 +109,13 @@ HELD = [
         ("return 12", "return 11"), ("return 13", "return 12"), ("* 2016", "* 2015"),
         ("triangles_at[edge]) <= 8", "triangles_at[edge]) <= 7"), ("triangles_at[edge]) <= 8", "triangles_at[edge]) <= 9"),
         ('"normal_rule"] >= 6', '"normal_rule"] >= 5'))),
+    *((f"uncommon/normals_coded{name}", "normals", text, other) for name, text, other in (
+        ("", "3 * t", "2 * t"), ("", ">> 27", ">> 26"), ("", "8192 - a", "8191 - a"), ("", "abs(z[k])", "z[k]"),
+        ("", "(p * p + q * q) >> 14", "(p * p + q * q) // 2**15"), ("_wild", "min(7, ", "min(8, "),
+        ("", "if known else 8", "if known else 0"), ("_wild", "k < 12", "k < 11"),
+        ("_wild", "v <= 14", "v <= 13"), ("_wild", "2 if i else 1", "1"), ("_leaves", ">= 0:", "> 0:"),
+        ("_sharp", "for other in faces[1:]:", "for other in faces[2:]:"), ("_leaves", "<= len(faces) <= 8", "<= len(faces) <= 2"),
+        ("_one", "== 9)", ">= 6)"), ("_fine", "(s << 12)", "(s << 11)"))),
     ("uncommon/rules_hair", "voxels", "    shift = 0", "    shift = 1"),
     ("uncommon/rules_hair", "voxels", "(n >> shift)", "(-(-n >> shift))"),
     ("uncommon/rules_hair", "voxels", ">= 2**30", "> 2**30"),
@@ -150,7 +157,7 @@ HELD = [
         ("level_shift_colour", "{0, 1} &", "{1} &"), ("level_shift_alpha", "{0, 1} &", "{0} &"),
         ("level_shift_with_alpha", "{0, 1} &", "{0} &"), ("texels_width_16385", "name, 1, 16384", "name, 1, 16385"))),
     *((f"faulty/{name}", "materials", text, other) for name, text, other in (
-        ("normal_rule_9", '"normal_rule", 0, 8', '"normal_rule", 0, 9'),
+        ("normal_rule_10", '"normal_rule", 0, 9', '"normal_rule", 0, 10'),
         ("num_semantics_0", '"num_semantics", 1', '"num_semantics", 0'),
         ("num_semantics_4", '"num_semantics", 1, 3', '"num_semantics", 1, 4'),
         ("group_components_0", '"group_components", 1', '"group_components", 0'))),

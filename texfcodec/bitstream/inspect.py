@@ -5,11 +5,21 @@ from ..limits import Limits, level_of
 from ..scene.channels import channels_of
 from ..scene.effects import in_words
 from .stream import read_stream
-from .syntax import SIGNATURE, SUPPORT_TEXELS, UNIT_ATTRIBUTE, UNIT_END, UNIT_GEOMETRY, UNIT_NAMES, UNIT_SHARP_EDGES
+from .syntax import (
+    SIGNATURE,
+    SUPPORT_TEXELS,
+    UNIT_ATTRIBUTE,
+    UNIT_CODED_NORMALS,
+    UNIT_END,
+    UNIT_GEOMETRY,
+    UNIT_NAMES,
+    UNIT_SHARP_EDGES,
+)
 
 SCHEMA = 1
 NOT_TOLD: dict = {"qp": None, "codeword_bytes": [], "slice_level": None, "level_bytes": None}
-_KINDS = {UNIT_GEOMETRY: "geometry", UNIT_ATTRIBUTE: "attributes", UNIT_SHARP_EDGES: "geometry"}
+_KINDS = {UNIT_GEOMETRY: "geometry", UNIT_ATTRIBUTE: "attributes", UNIT_SHARP_EDGES: "geometry",
+          UNIT_CODED_NORMALS: "geometry"}
 
 
 def inspect(data: bytes, limits: Limits | None = None) -> dict:
@@ -43,6 +53,7 @@ def inspect(data: bytes, limits: Limits | None = None) -> dict:
                    for i, f in enumerate(stream.fields)],
         "groups": _groups(stream, [u["size"] for u in units if u["type"] == UNIT_ATTRIBUTE]),
         "effects": in_words(header["effects"]), "materials": stream.materials, "sharp_edges": _sharp_edges(stream),
+        "coded_normals": _coded_normals(stream),
         "skipped": stream.skipped, "units": units,
     }
 
@@ -60,6 +71,12 @@ def _sharp_edges(stream):
     """Marked edges and the bytes of their marks, None where there are none."""
     unit = stream.sharp_edges
     return unit and {"num_edges": unit["num_edges"], "bytes": len(unit["marks_data"])}
+
+
+def _coded_normals(stream):
+    """Groups of corners with a coded normal, their step and bytes, None where there are none."""
+    unit = stream.coded_normals
+    return unit and {"num_groups": unit["num_groups"], "normal_step": unit["normal_step"], "bytes": len(unit["residual_data"])}
 
 
 def _unit(data, unit_type, start, begin, end, rows):

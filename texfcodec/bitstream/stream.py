@@ -10,13 +10,14 @@ from ..codecs import codec_of_unit
 from ..core.syntax_walk import Reader, read_structure, write_structure
 from ..errors import LimitError, StreamError
 from ..field.extents import octree_depth
-from ..scene.normal_rule import MARKED, rule_of
+from ..scene.normal_rule import CODED, rule_of
 from .appearance import check_groups, check_level_shift, check_material, faults_of_appearance, needed_groups
 from .syntax import (
     ATTRIBUTE,
     SIGNATURE,
     SUPPORT_TEXELS,
     UNIT_ATTRIBUTE,
+    UNIT_CODED_NORMALS,
     UNIT_END,
     UNIT_FIELD,
     UNIT_GEOMETRY,
@@ -30,14 +31,14 @@ from .units import read_units, write_unit
 
 if TYPE_CHECKING:
     from ..limits import Limits
+    from ..scene.normal_rule import NormalRule
     from .units import Unit
 
 
 @dataclass
 class Stream:
-    """Values by syntax element name: header, materials, one dict per field, geometry unit and attribute unit; metadata and
-    sharp_edges or None. offsets: file offset of the payload, parallel to geometry. skipped: unknown ancillary units that were
-    passed over."""
+    """Values by syntax element name: header, materials, one dict per field, geometry unit and attribute unit; metadata,
+    sharp_edges and coded_normals or None. skipped: unknown ancillary units that were passed over."""
 
     header: dict
     materials: list = field(default_factory=list)
@@ -47,6 +48,7 @@ class Stream:
     metadata: bytes | None = None
     skipped: list = field(default_factory=list)
     sharp_edges: dict | None = None
+    coded_normals: dict | None = None
 
     @property
     def joint(self) -> dict | None:
@@ -75,8 +77,9 @@ def write_stream(stream: Stream) -> tuple[bytes, dict[str, int]]:
         values = {**values, **attribute_variables(stream, values)}
         payload = write_structure(ATTRIBUTE, values) + codec_of_unit(values).write_parameters(values)
         put(UNIT_ATTRIBUTE, payload, "attributes")
-    if stream.sharp_edges is not None:
-        put(UNIT_SHARP_EDGES, write_structure(UNITS[UNIT_SHARP_EDGES], stream.sharp_edges), "geometry")
+    for unit_type, values in ((UNIT_SHARP_EDGES, stream.sharp_edges), (UNIT_CODED_NORMALS, stream.coded_normals)):
+        if values is not None:
+            put(unit_type, write_structure(UNITS[unit_type], values), "geometry")
     if stream.metadata is not None:
         put(UNIT_METADATA, write_structure(UNITS[UNIT_METADATA], {"metadata_format": 0, "metadata_json": stream.metadata}))
     put(UNIT_END, b"")
@@ -192,11 +195,14 @@ def _read_elements(unit, reader, stream, limits, rows):
     elif unit.type == UNIT_SHARP_EDGES:
         stream.sharp_edges = read_structure(UNITS[UNIT_SHARP_EDGES], reader, {}, rows)
         stream.sharp_edges["offset"] = unit.begin
+    elif unit.type == UNIT_CODED_NORMALS:
+        stream.coded_normals = read_structure(UNITS[UNIT_CODED_NORMALS], reader, {}, rows)
+        stream.coded_normals["offset"] = unit.begin
 
 
-def has_marks(materials: list[dict]) -> bool:
-    """Whether a material asks for marks of sharp edges. materials: syntax values."""
-    return any(m["normal_rule"] is not None and rule_of(m["normal_rule"], 0).kind == MARKED for m in materials)
+def normal_rules(materials: list[dict]) -> list[NormalRule]:
+    """Rules of shading normals of the materials that have one. materials: syntax values."""
+    return [rule_of(m["normal_rule"], m["normal_angle"]) for m in materials if m["normal_rule"] is not None]
 
 
 def _check_image(field, limits):
@@ -251,7 +257,9 @@ _NUMBERS = (
     _Number("the order of field indices", "5.5", frozenset((UNIT_FIELD,)), UNIT_FIELD,
             lambda s, n: ([f["field_index"] for f in s.fields], list(range(len(s.fields))))),
     _Number("the number of sharp_edges units", "5.10", frozenset((UNIT_MATERIALS, UNIT_SHARP_EDGES)), UNIT_SHARP_EDGES,
-            lambda s, n: (int(s.sharp_edges is not None), int(has_marks(s.materials)))),
+            lambda s, n: (s.sharp_edges is not None, any(rule.has_marks for rule in normal_rules(s.materials)))),
+    _Number("the number of coded_normals units", "5.11", frozenset((UNIT_MATERIALS, UNIT_CODED_NORMALS)), UNIT_CODED_NORMALS,
+            lambda s, n: (s.coded_normals is not None, any(rule.kind == CODED for rule in normal_rules(s.materials)))),
 )
 
 

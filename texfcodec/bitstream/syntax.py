@@ -8,7 +8,7 @@ from ..field.extents import MAX_SIDE
 from ..geometry.draco import MAX_UV_BITS
 from ..scene.channels import CHANNELS, PARAMETERS
 from ..scene.effects import EFFECTS
-from ..scene.normal_rule import KINDS, MOST_ANGLE, WEIGHTS
+from ..scene.normal_rule import IN_STREAM, MOST_ANGLE
 from ..scene.scene import ALPHA_BLEND, ALPHA_MASK
 
 SIGNATURE = b"\x89TXF\r\n\x1a\n"
@@ -19,7 +19,7 @@ SUPPORT_VOXELS, SUPPORT_TEXELS = range(2)
 MAX_UV_ORIGIN = 1 << 25  # steps
 MAX_KEYS = 1 << 28  # of a field: what 64 bits suffice for (clause 10)
 ANCILLARY = 128  # unit types from here on may be skipped
-UNIT_METADATA, UNIT_SHARP_EDGES = 128, 129
+UNIT_METADATA, UNIT_SHARP_EDGES, UNIT_CODED_NORMALS = 128, 129, 130
 UNIT_NAMES = {
     UNIT_HEADER: "sequence_header",
     UNIT_MATERIALS: "materials",
@@ -29,6 +29,7 @@ UNIT_NAMES = {
     UNIT_END: "end",
     UNIT_METADATA: "metadata",
     UNIT_SHARP_EDGES: "sharp_edges",
+    UNIT_CODED_NORMALS: "coded_normals",
 }
 
 MAX_GROUPS = len(CHANNELS)
@@ -68,7 +69,7 @@ MATERIAL = Structure("material", "5.4.1", (
     E("alpha_mode", "u8", 0, ALPHA_BLEND),
     E("alpha_cutoff", "u16", when=("alpha_mode == 1", lambda v: v["alpha_mode"] == ALPHA_MASK)),
     E("material_flags", "u8", 0, 3),
-    E("normal_rule", "u8", 0, KINDS * WEIGHTS - 1, when=_LIT),
+    E("normal_rule", "u8", 0, IN_STREAM.code, when=_LIT),
     E("normal_angle", "u8", 0, MOST_ANGLE, when=_LIT),
     E("material_channels", "v", 0, (1 << len(CHANNELS)) - 1),
     E("num_parameters", "u8", 0, len(PARAMETERS)),
@@ -132,6 +133,13 @@ SHARP_EDGES = Structure("sharp_edges", "5.10", (
     E("marks_data", "bytes"),
 ))
 
+CODED_NORMALS = Structure("coded_normals", "5.11", (
+    E("num_groups", "v", 1),
+    E("normal_step", "u16", 1, 4096),
+    E("normals_crc", "u32"),
+    E("residual_data", "bytes"),
+))
+
 END = Structure("end", "5.9", ())
 
 UNITS = {
@@ -143,10 +151,11 @@ UNITS = {
     UNIT_END: END,
     UNIT_METADATA: METADATA,
     UNIT_SHARP_EDGES: SHARP_EDGES,
+    UNIT_CODED_NORMALS: CODED_NORMALS,
 }
 
 
 def structures() -> list[Structure]:
     """Every syntax structure, those of our codecs among them, in the order of their clauses."""
     before = [SEQUENCE_HEADER, CHANNEL_GROUP, MATERIALS, MATERIAL, PARAMETER, FIELD, GEOMETRY, ATTRIBUTE]
-    return [*before, *(one for codec in our_codecs() for one in codec.structures), METADATA, SHARP_EDGES]
+    return [*before, *(one for codec in our_codecs() for one in codec.structures), METADATA, SHARP_EDGES, CODED_NORMALS]

@@ -9,6 +9,7 @@ from ..errors import LimitError, StreamError, SupportError
 from .syntax import (
     ANCILLARY,
     SIGNATURE,
+    UNIT_CODED_NORMALS,
     UNIT_END,
     UNIT_HEADER,
     UNIT_MATERIALS,
@@ -19,7 +20,7 @@ from .syntax import (
     VERSION,
 )
 
-ONE_AT_MOST = (UNIT_HEADER, UNIT_MATERIALS, UNIT_METADATA, UNIT_SHARP_EDGES)
+ONE_AT_MOST = (UNIT_HEADER, UNIT_MATERIALS, UNIT_METADATA, UNIT_SHARP_EDGES, UNIT_CODED_NORMALS)
 
 
 @dataclass

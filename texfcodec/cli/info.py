@@ -136,6 +136,8 @@ def _normals_in_words(facts):
         yield f"normals of {count} material{'s' * (count != 1)}: {rule}"
     if facts["sharp_edges"]:
         yield f"marks of sharp edges: {facts['sharp_edges']['num_edges']} edges in {facts['sharp_edges']['bytes']} bytes"
+    if facts["coded_normals"]:
+        yield f"coded normals: {facts['coded_normals']['num_groups']} in {facts['coded_normals']['bytes']} bytes"
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:

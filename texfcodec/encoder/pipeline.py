@@ -85,7 +85,7 @@ def _without_values(plan, report):
     stream = Stream(header_values(plan.materials, plan.surface, plan.geometry, len(plan.fields), source.groups))
     stream.geometry = plan.geometry
     stream.materials = [material_values(m, rule) for m, rule in zip(plan.materials, rules, strict=True)]
-    stream.sharp_edges = plan.shading.values
+    stream.sharp_edges, stream.coded_normals = plan.shading.sharp_edges, plan.shading.coded_normals
     stream.fields = [field_values(i, part.support, part.threshold) for i, part in enumerate(plan.fields)]
     stream.metadata = metadata_bytes(scene.metadata | _samplers(plan.fields), plan.request, report)
     return stream

@@ -166,7 +166,7 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
         colours = colours if chosen.surface is begun.surface else material_colours(scene, chosen.surface)
     surface, rd = chosen.surface, replace(rd, resolution=chosen.resolution)
     with report.stage("normals") as step:
-        shading = _said(choose_normals(scene, surface, step), report)
+        shading = _said(choose_normals(scene, surface, rd.qp, step), report)
     with report.stage("partition") as step:
         scene, partition = _partitioned(scene, chosen, colours, rd, request, step)
         face_field = _said(partition, report, request.strict).value

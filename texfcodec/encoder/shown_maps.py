@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry.shading_normals import corner_normals
 from ..geometry.tangents import corner_tangents
 from ..render.tangent_frames import interpolate_corners, tangent_space_normals
 from ..scene.channels import BY_NAME
@@ -56,7 +55,7 @@ class Frames:
 
     def __init__(self, scene: Scene, surface: Surface, shading: Shading) -> None:
         self.scene, self.surface = scene, surface
-        self.rebuilt = corner_normals(surface.lattice, surface.faces, shading.rules, surface.material, shading.marks)
+        self.rebuilt = shading.corner_normals(surface)
         self.normal = self.rebuilt if scene.corner_normal is None else scene.corner_normal[surface.origin_face]
         corners = surface.lattice[surface.faces].astype(np.float32)
         self.geometric = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

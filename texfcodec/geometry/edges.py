@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..core.kernel import kernel
+
 MOST_AT_EDGE = 8  # faces; an edge of more is none to speak of
 NORMAL_BITS = 14  # of the largest component of a normal that folds are taken from
 FOLDS = (4090, 4065, 3973, 3617, 3072, 2404, 1692, 1024, 274, 4)  # 4096 times the squared cosines of 2, 5, 10, 20, ... 60, 75, 88
@@ -67,7 +69,7 @@ def folds(edges: Edges, lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
         return out
     first = np.searchsorted(edges.edge, np.arange(len(edges)))
     two = np.flatnonzero(np.diff(np.append(first, len(edges.edge))) == 2)
-    a, b = (_normals(lattice, faces[edges.half[first[two] + k] // 3]) for k in (0, 1))
+    a, b = (reduced_normals(lattice, faces[edges.half[first[two] + k] // 3]) for k in (0, 1))
     dot, lengths = (a * b).sum(axis=1), (a * a).sum(axis=1) * (b * b).sum(axis=1)
     known = lengths > 0
     square = dot * dot // np.where(known, lengths >> 12, 1)
@@ -85,11 +87,62 @@ def coded_edges(lattice: np.ndarray, faces: np.ndarray, marked: np.ndarray) -> t
     return edges.ends[coded], folds(edges, lattice, faces)[coded]
 
 
-def _normals(lattice, faces):
-    """Normals of faces as int64 [N, 3] whose largest component has NORMAL_BITS bits; 0 where a face has no area."""
+def corner_pairs(edges: Edges, vertex: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(Pairs of corners 3 f + c at one end of an edge that two faces share, int64 [L, 2]; the edge, int64 [L]). All pairs of
+    faces at an edge are there, so that their order has no influence. vertex: int64 [3 F], welded."""
+    half, edge, pairs, at = edges.half, edges.edge, [np.zeros((0, 2), np.int64)], [np.zeros(0, np.int64)]
+    other = half - half % 3 + (half + 1) % 3
+    for step in range(1, len(half)):
+        both = np.flatnonzero(edge[step:] == edge[:-step])
+        if not len(both):
+            break
+        left, right, same = half[both], half[both + step], vertex[half[both]] == vertex[half[both + step]]
+        pairs.append(np.stack([left, np.where(same, right, other[both + step])], 1))
+        pairs.append(np.stack([other[both], np.where(same, other[both + step], right)], 1))
+        at += [edge[both], edge[both]]
+    return np.concatenate(pairs), np.concatenate(at)
+
+
+@kernel
+def _join(links, parent):
+    for i in range(links.shape[0]):
+        a, b = links[i, 0], links[i, 1]
+        while parent[a] != a:
+            parent[a] = parent[parent[a]]
+            a = parent[a]
+        while parent[b] != b:
+            parent[b] = parent[parent[b]]
+            b = parent[b]
+        if a < b:
+            parent[b] = a
+        else:
+            parent[a] = b
+    for i in range(parent.shape[0]):
+        parent[i] = parent[parent[i]]
+
+
+def joined(links: np.ndarray, count: int) -> np.ndarray:
+    """Sets of the numbers below count that links, int64 [L, 2], join: the least number of each one's set, int64 [count]."""
+    parent = np.arange(count)
+    _join(np.ascontiguousarray(links, np.int64), parent)
+    return parent
+
+
+def reduced_normals(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Normals of faces as int64 [N, 3] whose largest component has NORMAL_BITS bits; 0 where a face has no area. lattice: int64
+    [V, 3] below 2**20."""
     u, v = (lattice[faces[:, k]] - lattice[faces[:, 0]] for k in (1, 2))
-    normal = np.stack([u[:, 1] * v[:, 2] - u[:, 2] * v[:, 1], u[:, 2] * v[:, 0] - u[:, 0] * v[:, 2],
-                       u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]], axis=1)
-    largest = np.abs(normal).max(axis=1)
-    bits = sum((largest >> k > 0).astype(np.int64) for k in range(43))[:, None]
-    return np.where(bits > NORMAL_BITS, normal >> np.maximum(bits - NORMAL_BITS, 0), normal << np.maximum(NORMAL_BITS - bits, 0))
+    return reduced(np.stack([u[:, 1] * v[:, 2] - u[:, 2] * v[:, 1], u[:, 2] * v[:, 0] - u[:, 0] * v[:, 2],
+                             u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]], axis=1))
+
+
+def reduced(vectors: np.ndarray) -> np.ndarray:
+    """Vectors int64 [N, 3] below 2**60, shifted until the largest component has NORMAL_BITS bits; 0 stays 0."""
+    largest = np.abs(vectors).max(axis=1, initial=0)
+    bits = np.zeros(len(vectors), np.int64)
+    for k in (32, 16, 8, 4, 2, 1):
+        high = largest >> k > 0
+        bits += k * high
+        largest = np.where(high, largest >> k, largest)
+    down = (bits + (largest > 0) - NORMAL_BITS)[:, None]
+    return np.where(down > 0, vectors >> np.maximum(down, 0), vectors << np.maximum(-down, 0))

@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from ..core.kernel import kernel
-from ..scene.normal_rule import AREA, JOINED, MARKED, MOST_ANGLE, PAIRS, USUAL, NormalRule
-from .edges import Edges, shared_edges, weld
+from ..scene.normal_rule import AREA, CODED, JOINED, MARKED, MOST_ANGLE, PAIRS, USUAL, NormalRule
+from .corner_groups import CornerGroups
+from .edges import Edges, corner_pairs, joined, shared_edges, weld
 
 MOST_FACES = 256  # at a vertex, for pairs: their time grows with the square; beyond that every face keeps its own normal
 STEPS = 2048  # of a component of a normal, so that equal ones merge
@@ -42,26 +43,6 @@ def _paired(corners, vertex, ring, face_unit, weight, cosine, out):
                 for k in range(3):
                     out[i, k] += weight[c] * face_unit[b, k]
                 out[i, 3] += weight[c]
-
-
-@kernel
-def _joined(links, parent):
-    """Joins corners, int64 [L, 2], that are linked: parent int64 [C], at first each corner's own number, is then the least of
-    its set."""
-    for i in range(links.shape[0]):
-        a, b = links[i, 0], links[i, 1]
-        while parent[a] != a:
-            parent[a] = parent[parent[a]]
-            a = parent[a]
-        while parent[b] != b:
-            parent[b] = parent[parent[b]]
-            b = parent[b]
-        if a < b:
-            parent[b] = a
-        else:
-            parent[a] = b
-    for i in range(parent.shape[0]):
-        parent[i] = parent[parent[i]]
 
 
 class Fans:
@@ -97,19 +78,9 @@ class Fans:
     def links(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(pairs of corners at one end of an edge that two faces share, int64 [L, 2]; the cosine between their normals, float64
         [L]; the edge, int64 [L]). All pairs of faces at an edge are there, so that their order has no influence."""
-        half, edge, found, at = self.edges.half, self.edges.edge, [np.zeros((0, 2), np.int64)], [np.zeros(0, np.int64)]
-        other = half - half % 3 + (half + 1) % 3
-        for step in range(1, len(half)):
-            one = np.flatnonzero(edge[step:] == edge[:-step])
-            if not len(one):
-                break
-            left, right, same = half[one], half[one + step], self.vertex[half[one]] == self.vertex[half[one + step]]
-            found.append(np.stack([left, np.where(same, right, other[one + step])], 1))
-            found.append(np.stack([other[one], np.where(same, other[one + step], right)], 1))
-            at += [edge[one], edge[one]]
-        pairs = np.concatenate(found)
+        pairs, edge = corner_pairs(self.edges, self.vertex)
         cosine = np.einsum("nk,nk->n", self.unit[pairs[:, 0] // 3], self.unit[pairs[:, 1] // 3])
-        return pairs, cosine, np.concatenate(at)
+        return pairs, cosine, edge
 
     def normals(self, rule: NormalRule, chosen: np.ndarray | None = None, sharp: np.ndarray | None = None) -> np.ndarray:
         """Normals of corners by one rule, float32 [N, 3] of length 1. chosen: int64 [N], None for all; sharp: bool [E], the edges
@@ -130,9 +101,7 @@ class Fans:
         linked = cosine >= NormalRule(JOINED, AREA, angle).cosine
         if sharp is not None:
             linked &= ~sharp[edge]
-        parent = np.arange(len(self.vertex))
-        _joined(pairs[linked], parent)
-        return parent
+        return joined(pairs[linked], len(self.vertex))
 
     def of_sets(self, sets: np.ndarray, weight: int, chosen: np.ndarray) -> np.ndarray:
         """Normals of corners that are means over sets, float32 [N, 3]. sets: int64 [3 F], a number below 3 F for every corner, of
@@ -147,6 +116,12 @@ class Fans:
         clear = np.linalg.norm(total[:, :3], axis=1) > _CANCELLED * total[:, 3]
         direction = _unit(np.where(clear[:, None], total[:, :3], self.unit[chosen // 3]))
         return _unit(np.rint(direction * STEPS)).astype(np.float32)
+
+
+def _of_groups(groups, normals, fans, chosen):
+    """Coded normals of corners, float32 [N, 3]; those of their faces where a corner is in no group."""
+    group = groups.group[chosen]
+    return _unit(np.where(group[:, None] >= 0, normals[group].astype(np.float64), fans.unit[chosen // 3])).astype(np.float32)
 
 
 def _corner_angles(corners):
@@ -168,24 +143,28 @@ def _unit(vectors):
 
 
 def corner_normals(lattice: np.ndarray, faces: np.ndarray, rules: list[NormalRule] | None = None,
-                   face_rule: np.ndarray | None = None, sharp: np.ndarray | None = None) -> np.ndarray:
+                   face_rule: np.ndarray | None = None, sharp: np.ndarray | None = None,
+                   coded: tuple[CornerGroups, np.ndarray] | None = None) -> np.ndarray:
     """Unit normal of every face corner, float32 [F, 3, 3], components in steps of about 1/2048 so that equal ones merge.
 
     lattice: int64 [V, 3]; faces: int64 [F, 3]; rules: by number, the usual one alone where there are none; face_rule: int64 [F];
-    sharp: bool over the edges of faces whose rule asks for marks (spec 8.4.2), None where none does.
+    sharp: bool over the edges of faces whose rule asks for marks (spec 8.4.2), None where none does; coded: groups of corners and
+    their normals int16 [G, 3], None where no rule is CODED.
     """
     rules = [USUAL] if rules is None else rules
     of_corner = np.zeros(3 * len(faces), np.int64) if face_rule is None else np.repeat(face_rule, 3)
     fans, out = Fans(lattice, faces), np.empty((3 * len(faces), 3), np.float32)
     if sharp is not None:
         of_edge = np.zeros(len(fans.edges), bool)
-        of_edge[fans.edges.touching(np.array([r.kind == MARKED for r in rules], bool)[of_corner[::3]])] = sharp
+        of_edge[fans.edges.touching(np.array([r.has_marks for r in rules], bool)[of_corner[::3]])] = sharp
         sharp = of_edge
     same: dict[NormalRule, list[int]] = {}
     for number, rule in enumerate(rules):
         same.setdefault(rule, []).append(number)
     for rule, numbers in same.items():
         chosen = np.flatnonzero(np.isin(of_corner, numbers))
-        if len(chosen):
+        if len(chosen) and rule.kind == CODED and coded is not None:
+            out[chosen] = _of_groups(*coded, fans, chosen)
+        elif len(chosen):
             out[chosen] = fans.normals(rule, chosen, sharp)
     return out.reshape(-1, 3, 3)

@@ -30,7 +30,6 @@ from ..limits import Limits
 from ..options import DecodeOptions
 from ..report import Report, peak_memory_bytes
 from ..scene.channels import COLOURS, channel_over, group_values
-from ..scene.normal_rule import MARKED
 from ..texf import Field, Texf
 from .limited_process import FACTS, NO_CAP, child_folder, crash_of, read_facts, run_child, within_cap
 
@@ -100,6 +99,9 @@ def _texf(facts, arrays, threads, limits=_USUAL):
         if sound and facts["sharp_edges"]:
             texf.sharp_edges = _typed(arrays["sharp_edges"], bool)
             sound = _marks_are_sound(texf)
+        if sound and facts["coded_normals"]:
+            texf.coded_normals = _typed(arrays["coded_normals"], np.int16)
+            sound = texf.coded_normals.shape == (len(texf.corner_groups()), 3)
         if facts["codec"] is not None:
             codec = texf.codec = _codec(facts["codec"])
             texf.evaluators = codec.unpack(facts["evaluators"], arrays, groups, len(texf.fields))
@@ -153,7 +155,7 @@ def _plane(channel):
 
 
 def _marks_are_sound(texf):
-    marked = np.array([m.normals.kind == MARKED for m in texf.materials], bool)[texf.face_material]
+    marked = np.array([m.normals.has_marks for m in texf.materials], bool)[texf.face_material]
     return texf.sharp_edges.shape == (len(coded_edges(texf.lattice_positions, texf.faces, marked)[0]),)
 
 
@@ -286,7 +288,7 @@ def _answer(texf, report):
         "fields": [(_support_numbers(f.support), [len(f.keys), *(_length(f.planes.get(c.name)) for c in texf.channels)])
                    for f in texf.fields],
         "shifts": [f.shifts for f in texf.fields], "steps": [f.steps for f in texf.fields],
-        "sharp_edges": texf.sharp_edges is not None,
+        "sharp_edges": texf.sharp_edges is not None, "coded_normals": texf.coded_normals is not None,
     }
     arrays = {
         "lattice": np.concatenate([np.zeros((0, 3), np.int64), *(u.lattice for u in texf.units)]),
@@ -295,8 +297,9 @@ def _answer(texf, report):
         "keys": np.concatenate([np.zeros(0, np.int64), *(f.keys for f in texf.fields)]),
         "appearance": _pack_appearance(texf),
     }
-    if texf.sharp_edges is not None:
-        arrays["sharp_edges"] = texf.sharp_edges
+    for name in ("sharp_edges", "coded_normals"):
+        if facts[name]:
+            arrays[name] = getattr(texf, name)
     for channel in texf.channels:
         empty = np.zeros((0, channel.components), np.uint8)
         arrays[_plane(channel)] = np.concatenate([empty, *(f.planes[channel.name] for f in texf.fields

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-PAIRS, JOINED, MARKED = range(3)
+PAIRS, JOINED, MARKED, CODED = range(4)
 AREA, ANGLE, BOTH = range(3)
-KINDS, WEIGHTS = 3, 3
+WEIGHTS = 3
 _WEIGHT_NAMES = ("area", "corner angle", "area and corner angle")
 _KIND_NAMES = ("pairs of faces", "faces joined over edges", "faces joined over edges that are not marked as sharp,")
 
@@ -15,8 +15,8 @@ _KIND_NAMES = ("pairs of faces", "faces joined over edges", "faces joined over e
 class NormalRule(NamedTuple):
     """kind: a corner's normal is the mean over the faces around its vertex that are within the angle of its own (PAIRS), or over
     those that it reaches over edges at which faces are within the angle (JOINED) and that the stream does not mark as sharp
-    (MARKED). weight: AREA of a face, ANGLE of its corner at the vertex, or BOTH as a product. angle: whole degrees 0..180; 0 is
-    flat."""
+    (MARKED), or it is in the stream (CODED, which has no weight). weight: AREA of a face, ANGLE of its corner at the vertex, or
+    BOTH as a product. angle: whole degrees 0..180; 0 is flat."""
 
     kind: int
     weight: int
@@ -32,7 +32,14 @@ class NormalRule(NamedTuple):
         """Least cosine of two normals that are within the angle; a little below it, so that 90 means right angles too."""
         return math.cos(math.radians(self.angle)) - 1e-9
 
+    @property
+    def has_marks(self) -> bool:
+        """Whether edges of its faces are marked."""
+        return self.kind in (MARKED, CODED)
+
     def __str__(self) -> str:
+        if self.kind == CODED:
+            return "coded"
         if self.angle == 0:
             return "flat"
         return f"{_KIND_NAMES[self.kind]} within {self.angle} degrees, weighed by {_WEIGHT_NAMES[self.weight]}"
@@ -40,6 +47,7 @@ class NormalRule(NamedTuple):
 
 FLAT = NormalRule(PAIRS, AREA, 0)
 USUAL = NormalRule(PAIRS, AREA, 45)
+IN_STREAM = NormalRule(CODED, AREA, 0)
 MOST_ANGLE = 180
 
 

@@ -7,10 +7,18 @@ from dataclasses import replace
 from functools import partial
 
 from ..bitstream.appearance import groups_of, material_of, needed_groups
-from ..bitstream.syntax import UNIT_ATTRIBUTE, UNIT_FIELD, UNIT_GEOMETRY, UNIT_MATERIALS, UNIT_SHARP_EDGES
+from ..bitstream.syntax import UNIT_ATTRIBUTE, UNIT_CODED_NORMALS, UNIT_FIELD, UNIT_GEOMETRY, UNIT_MATERIALS, UNIT_SHARP_EDGES
 from ..codecs import codec_of_unit, joint_codec_of_unit
 from ..codecs.base import PlaneCodec
-from ..decoder import check_samples, check_values, decode_sharp_edges, decode_support, decode_unit, surface_of_field
+from ..decoder import (
+    check_samples,
+    check_values,
+    decode_coded_normals,
+    decode_sharp_edges,
+    decode_support,
+    decode_unit,
+    surface_of_field,
+)
 from ..errors import TexfError
 from ..geometry.canonical import CanonicalCube
 from ..options import DecodeOptions
@@ -44,7 +52,7 @@ class _Contents:
         if self.units and None not in self.units and self.parsed.has_all(UNIT_GEOMETRY):
             if self.stream.sharp_edges is not None and not self.parsed.lost & {UNIT_SHARP_EDGES, UNIT_MATERIALS}:
                 with self.report.stage("normals"):
-                    self._decode_sharp_edges(self.parsed.numbers[UNIT_SHARP_EDGES][0])
+                    self._decode_normals(self.parsed.numbers[UNIT_SHARP_EDGES][0])
             with self.report.stage("mesh"):
                 for oddity in mesh_check.of_mesh(self.units, self.position_bits):
                     self.listing.oddity(oddity)
@@ -81,14 +89,18 @@ class _Contents:
             self._note(mesh_check.of_faces(unit), number)
         return unit
 
-    def _decode_sharp_edges(self, number):
+    def _decode_normals(self, number):
         header, materials = self.stream.header, [material_of(values) for values in self.stream.materials]
         if not self.parsed.has_all(UNIT_MATERIALS) or any(unit.material >= len(materials) for unit in self.units):
             return
         cube = CanonicalCube(tuple(header["origin"]), header["side"], self.position_bits)
         texf = Texf(cube=cube, units=self.units, fields=[], materials=materials)
         self.parsed.checked.add(number)
-        self._try(number, lambda: decode_sharp_edges(self.stream.sharp_edges, texf))
+        texf.sharp_edges = self._try(number, lambda: decode_sharp_edges(self.stream.sharp_edges, texf))
+        if texf.sharp_edges is not None and self.stream.coded_normals is not None:
+            number = self.parsed.numbers[UNIT_CODED_NORMALS][0]
+            self.parsed.checked.add(number)
+            self._try(number, lambda: decode_coded_normals(self.stream.coded_normals, texf))
 
     def _surfaces(self):
         """The surface of every field, None where some of it is not to be had; none at all where they are too many samples."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from ..bitstream.stream import Stream, faults_over_units, read_payload
 from ..bitstream.syntax import (
     UNIT_ATTRIBUTE,
+    UNIT_CODED_NORMALS,
     UNIT_END,
     UNIT_FIELD,
     UNIT_GEOMETRY,
@@ -126,6 +127,8 @@ def _forget(kind, parsed):
     parsed.lost.add(kind)
     if kind == UNIT_SHARP_EDGES:
         parsed.stream.sharp_edges = None
+    if kind == UNIT_CODED_NORMALS:
+        parsed.stream.coded_normals = None
     if kind == UNIT_METADATA:
         parsed.stream.metadata = None
 

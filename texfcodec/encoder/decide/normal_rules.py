@@ -2,6 +2,7 @@
 
 A rule costs two bytes a material and nothing more. Where none comes near the source, the edges at which its normals differ are
 marked: 0.1 to 0.5 bits an edge, a thirtieth of what normals at vertices take through Draco (266 to 10,600 bytes on vintage_fan).
+Where that is not enough either, what the angle-weighed mean leaves over is coded for every group of corners.
 """
 
 from __future__ import annotations
@@ -12,11 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...codecs.coded_normals import enc_residuals
 from ...codecs.sharp_edges import enc_marks
+from ...geometry.corner_groups import CornerGroups, groups_of
 from ...geometry.edges import folds
-from ...geometry.shading_normals import Fans
+from ...geometry.shading_normals import Fans, corner_normals
 from ...report import Step, no_step
-from ...scene.normal_rule import FLAT, JOINED, KINDS, MARKED, MOST_ANGLE, PAIRS, USUAL, WEIGHTS, NormalRule
+from ...scene.normal_rule import BOTH, CODED, FLAT, IN_STREAM, JOINED, MARKED, MOST_ANGLE, PAIRS, USUAL, WEIGHTS, NormalRule
 from ..decision import Decision
 
 if TYPE_CHECKING:
@@ -26,8 +29,11 @@ if TYPE_CHECKING:
 ANGLES = (15, 30, 45, 60, 75, 90, 120, 180)
 CLOSER = (8, 4, 2, 1)  # degrees around the best of ANGLES
 MARKED_ANGLES = (180, 90, 60)
+MOST_STEP = 4096  # that the syntax has room for
 CLIP = 10.0  # degrees: an error that is larger is as bad as this
-ENOUGH = (0.5, 5.0)  # degrees at the median and at 95 % of the surface: what a rule has to reach
+ENOUGH = (0.5, 3.0)  # degrees at the median and at 95 % of the surface at QP 24: what has to be reached
+STEP = 180  # of coded normals at QP 24, in units of 2**-14: 1.26 degrees, a median of 0.5
+AT_QP, DOUBLING = 24, 12  # what has to be reached doubles with so much more QP, and so does the step
 WORTH = 0.9  # of the mean clipped error: what marks have to bring it down to
 NEAR = 1.5  # times the least error at the tried corners: what is looked at on the whole surface
 SAME = 2.0  # degrees between normals that count as one
@@ -36,25 +42,49 @@ POINTS = (0.5, 0.95, 0.99)
 
 
 @dataclass(frozen=True)
+class CodedNormals:
+    """Normals of corner groups. normals: int16 [G, 3]; step: of the residuals; data: their bytes."""
+
+    groups: CornerGroups
+    normals: np.ndarray
+    step: int
+    data: bytes
+
+
+@dataclass(frozen=True)
 class Shading:
     """How normals are made again. rules: one per material of the scene; marks: bool over the edges that are coded, data: their
-    bytes, None where no rule needs marks."""
+    bytes, None where no rule needs marks; coded: None where no rule is CODED."""
 
     rules: list[NormalRule]
     marks: np.ndarray | None = None
     data: bytes | None = None
+    coded: CodedNormals | None = None
 
     @property
-    def values(self) -> dict | None:
+    def sharp_edges(self) -> dict | None:
         """Syntax values of the sharp_edges unit, None where there is none."""
         if self.marks is None:
             return None
         return {"num_edges": len(self.marks), "marks_crc": zlib.crc32(self.marks.tobytes()), "marks_data": self.data}
 
+    @property
+    def coded_normals(self) -> dict | None:
+        """Syntax values of the coded_normals unit, None where there is none."""
+        if self.coded is None:
+            return None
+        return {"num_groups": len(self.coded.groups), "normal_step": self.coded.step, "residual_data": self.coded.data,
+                "normals_crc": zlib.crc32(self.coded.normals.astype("<i2").tobytes())}
 
-def choose_normals(scene: Scene, surface: Surface, step: Step = no_step) -> Decision[Shading]:
+    def corner_normals(self, surface: Surface) -> np.ndarray:
+        """Normals of a surface's corners as a decoder makes them, float32 [F, 3, 3]."""
+        coded = None if self.coded is None else (self.coded.groups, self.coded.normals)
+        return corner_normals(surface.lattice, surface.faces, self.rules, surface.material, self.marks, coded)
+
+
+def choose_normals(scene: Scene, surface: Surface, qp: float = AT_QP, step: Step = no_step) -> Decision[Shading]:
     """The Shading of a scene on its lattice. Materials without light need none: theirs is the usual rule. Warns where errors stay
-    large. step: of Report.stage()."""
+    large. qp: of colours; step: of Report.stage()."""
     usual = FLAT if scene.flat else USUAL
     rules = [USUAL if m.unlit else usual for m in scene.materials]
     used = np.zeros(len(scene.materials), bool)
@@ -63,17 +93,17 @@ def choose_normals(scene: Scene, surface: Surface, step: Step = no_step) -> Deci
     if scene.corner_normal is None or not len(lit):
         reason = "the source has no normals" if scene.corner_normal is None else "no material is lit"
         return Decision(Shading(rules), {"reason": reason})
-    target = _Target(scene, surface)
+    target, tolerance = _Target(scene, surface), 2.0 ** ((qp - AT_QP) / DOUBLING)
     shading = Shading(_search(rules, lit, target, _Target(scene, _tried(surface, lit)), step))
     error = _errors_of(shading.rules, target)
-    far = [m for m in lit if _is_far(error, target, m)]
+    far = [m for m in lit if _is_far(error, target, m, tolerance)]
     if far:
-        shading, error = _mark(shading, far, target, error)
+        shading, error = _marked_or_coded(shading, far, target, error, tolerance)
     evidence = _evidence(shading, lit, target, error, scene)
     median, most, _ = evidence["degrees"]
-    if median <= ENOUGH[0] and most <= ENOUGH[1]:
+    if median <= ENOUGH[0] * max(tolerance, 1) and most <= ENOUGH[1] * max(tolerance, 1):
         return Decision(shading, evidence)
-    warning = (f"no rule makes the shading normals again: half of the surface is off by {median} degrees or more, a "
+    warning = (f"the shading normals are not those of the source: half of the surface is off by {median} degrees or more, a "
                f"twentieth by {most}; if that shows, let the tool that wrote the mesh compute its normals anew, or bake them "
                "into a normal map")
     return Decision(shading, evidence, warnings=(warning,))
@@ -117,7 +147,7 @@ def _tried(surface, lit):
 def _search(rules, lit, whole, tried, step):
     """The rules, with the one of the least error for each of the lit materials: among all at the tried corners, then the best of
     every kind and weight on the whole surface."""
-    best = np.full((KINDS - 1, WEIGHTS, whole.materials), np.inf)
+    best = np.full((MARKED, WEIGHTS, whole.materials), np.inf)
     found = np.zeros(best.shape, np.int64)  # angles
 
     def attempt(kind, angle, wanted):
@@ -173,33 +203,67 @@ def _errors_of(rules, target, sharp=None):
     return out
 
 
-def _is_far(error, target, material):
+def _is_far(error, target, material, tolerance):
     mine = target.material == material
     median, most = quantiles(error[mine], target.weight[mine], POINTS[:2])
-    return median > ENOUGH[0] or most > ENOUGH[1]
+    return median > ENOUGH[0] * tolerance or most > ENOUGH[1] * tolerance
 
 
-def _mark(shading, far, target, error):
+def _marked_or_coded(shading, far, target, error, tolerance):
     """(Shading, errors) with the edges of materials far from the source marked, and these with the rule that suits, where that
-    brings them closer. Marks are kept for all of them or none, so that an edge between two is marked once."""
+    brings them closer, and with coded normals where it does not bring them close enough. Marks are kept for all of them or none,
+    so that an edge between two is marked once."""
     fans, surface = target.fans, target.surface
-    sharp = _differing(target)
+    sharp, rules, error = _differing(target), list(shading.rules), error.copy()
+    for m, rule in _rules_over_marks(far, target, error, sharp).items():
+        rules[m] = rule
+    of_marks = _errors_of(rules, target, sharp & fans.edges.touching(_asks_marks(rules, surface)))
+    for m in far:
+        if _is_far(of_marks, target, m, tolerance):
+            rules[m] = IN_STREAM
+    coded = fans.edges.touching(_asks_marks(rules, surface))
+    if not coded.any():
+        return Shading([shading.rules[m] if rule.has_marks else rule for m, rule in enumerate(rules)]), error
+    data = enc_marks(sharp[coded], fans.edges.ends[coded], folds(fans.edges, surface.lattice, surface.faces)[coded])
+    shading = Shading(rules, sharp[coded], data, _coded(rules, target, sharp & coded, round(STEP * tolerance)))
+    return shading, target.errors(shading.corner_normals(surface).reshape(-1, 3))
+
+
+def _asks_marks(rules, surface):
+    """Faces whose rule has marks, bool [F]."""
+    return np.array([rule.has_marks for rule in rules], bool)[surface.material]
+
+
+def _rules_over_marks(far, target, error, sharp):
+    """{material: the rule over marks that brings it closer to the source}, of those that are far."""
+    fans = target.fans
     best, chosen = {m: WORTH * _score(error, target, m) for m in far}, {}
     for angle in MARKED_ANGLES:
         sets = fans.joined(angle, sharp)
         for weight in range(WEIGHTS):
-            found = target.errors(fans.of_sets(sets, weight, target.all))
+            errors = target.errors(fans.of_sets(sets, weight, target.all))
             for m in far:
-                score = _score(found, target, m)
+                score = _score(errors, target, m)
                 if score < best[m] - 1e-3:
                     best[m], chosen[m] = score, NormalRule(MARKED, weight, angle)
-    coded = fans.edges.touching(np.isin(surface.material, list(chosen)))
-    if not coded.any():
-        return shading, error
-    rules = [chosen.get(m, rule) for m, rule in enumerate(shading.rules)]
-    fold = folds(fans.edges, surface.lattice, surface.faces)
-    data = enc_marks(sharp[coded], fans.edges.ends[coded], fold[coded])
-    return Shading(rules, sharp[coded], data), _errors_of(rules, target, sharp & coded)
+    return chosen
+
+
+def _coded(rules, target, sharp, step):
+    """CodedNormals of the materials whose rule asks for them, None where none does. sharp: bool [E]."""
+    asking = np.array([rule.kind == CODED for rule in rules], bool)[target.surface.material]
+    if not asking.any():
+        return None
+    step = min(max(step, 1), MOST_STEP)
+    groups = groups_of(target.surface.lattice, target.surface.faces, asking, target.fans.edges, sharp)
+    of_group = groups.group[groups.corner_of]
+    weight = target.fans.weights[BOTH][groups.corner_of]
+    mean = np.stack([np.bincount(of_group, weight * target.source[groups.corner_of, k], len(groups)) for k in range(3)], axis=1)
+    length = np.linalg.norm(mean, axis=1)
+    base = groups.frame[:, 2] / np.linalg.norm(groups.frame[:, 2], axis=1)[:, None]
+    mean = np.where(length[:, None] > 0, mean / np.where(length > 0, length, 1)[:, None], base)
+    residuals = groups.residuals(mean, step)
+    return CodedNormals(groups, groups.normals(residuals, step), step, enc_residuals(residuals, groups))
 
 
 def _differing(target):
@@ -229,6 +293,9 @@ def _evidence(shading, lit, target, error, scene):
     if shading.data is not None:
         evidence |= {"marked_edges": len(shading.marks), "sharp_edges": int(shading.marks.sum()),
                      "marks_bytes": len(shading.data)}
+    if shading.coded is not None:
+        evidence |= {"coded_normals": len(shading.coded.groups), "normal_step": shading.coded.step,
+                     "normals_bytes": len(shading.coded.data)}
     return evidence
 
 

@@ -365,8 +365,9 @@ def test_isolated_decoding_gives_the_same_normals_and_checks_what_the_child_says
         assert caught.value.code == "TXF-S40"
 
 
-def test_gltf_is_written_with_these_normals_and_without_any_where_flat(tmp_path):
-    scene = creased()
+@pytest.mark.parametrize("make", [creased, bent_ball])
+def test_gltf_is_written_with_these_normals_and_without_any_where_flat(tmp_path, make):
+    scene = make()
     texf = decode(encode_scene(scene, SMALL).data)
     texf.save(tmp_path / "a.glb", appearance="texture", texture_size=64)
     back = load(tmp_path / "a.glb")

@@ -86,7 +86,7 @@ class Fans:
         """Normals of corners by one rule, float32 [N, 3] of length 1. chosen: int64 [N], None for all; sharp: bool [E], the edges
         that are marked."""
         chosen = np.arange(len(self.vertex)) if chosen is None else chosen
-        if rule.angle == 0:
+        if rule.is_flat:
             return self._rounded(np.zeros((len(chosen), 4)), chosen)
         if rule.kind != PAIRS:
             return self.of_sets(self.joined(rule.angle, sharp if rule.kind == MARKED else None), rule.weight, chosen)

@@ -33,6 +33,11 @@ class NormalRule(NamedTuple):
         return math.cos(math.radians(self.angle)) - 1e-9
 
     @property
+    def is_flat(self) -> bool:
+        """Whether every corner has the normal of its face."""
+        return self.kind != CODED and self.angle == 0
+
+    @property
     def has_marks(self) -> bool:
         """Whether edges of its faces are marked."""
         return self.kind in (MARKED, CODED)
@@ -40,7 +45,7 @@ class NormalRule(NamedTuple):
     def __str__(self) -> str:
         if self.kind == CODED:
             return "coded"
-        if self.angle == 0:
+        if self.is_flat:
             return "flat"
         return f"{_KIND_NAMES[self.kind]} within {self.angle} degrees, weighed by {_WEIGHT_NAMES[self.weight]}"
 

@@ -177,7 +177,7 @@ def _written_normals(texf, look):
     """Normals of corners, float32 [F, 3, 3]; 0 where the material is flat, which glTF says by leaving them out. Tangents say
     nothing without normals (section 3.7.2.1), so that faces with a normal map have theirs."""
     normal = texf.shading_normals()
-    flat = np.array([m.normals.angle == 0 for m in texf.materials], bool)
+    flat = np.array([m.normals.is_flat for m in texf.materials], bool)
     level = ((normal * normal[:, [1, 2, 0]]).sum(axis=2) > _LEVEL).all(axis=1)
     for number in np.flatnonzero(~flat):  # materials whose faces all meet in sharp edges
         faces = texf.face_material == number

@@ -5,7 +5,7 @@ import numpy as np
 from naive import ssim as naive_ssim
 from proof.stability.case import Case, Draws
 from texfcodec.geometry.shading_normals import corner_normals
-from texfcodec.geometry.tangents import corner_tangents
+from texfcodec.geometry.tangents import corner_tangents, has_uv_area
 from texfcodec.metrics.ssim import C1, ssim, ssim_gradient
 from texfcodec.render.tangent_frames import deviated_normals, tangent_space_normals, usable_normals
 from texfcodec.scene.normal_rule import AREA, PAIRS, NormalRule
@@ -43,12 +43,15 @@ def pole(draw: Draws) -> tuple:
 
 def frames_at_poles(draw: Draws) -> float:
     """How far a tangent is from length 1, or from being orthogonal to a normal of length 1; infinite with another sign than 1 and
-    -1."""
+    -1. A face whose UVs have no area has none."""
     positions, faces, uv, normal = pole(draw)
     got = corner_tangents(positions, faces, uv, normal).astype(np.float64)
-    along, sign = got[..., :3], got[..., 3]
-    if not np.isfinite(got).all() or (np.abs(sign) != 1).any():
+    area = has_uv_area(uv)
+    if not np.isfinite(got).all() or (np.abs(got[area, :, 3]) != 1).any() or got[~area].any():
         return np.inf
+    if not area.any():
+        return 0.0
+    along, normal = got[area, :, :3], normal[area]
     length = np.linalg.norm(normal.astype(np.float64), axis=2)
     sound = np.abs(length - 1) < 1e-6
     across = np.abs(np.einsum("fck,fck->fc", along, np.where(sound[..., None], normal, 0).astype(np.float64)))

@@ -19,6 +19,7 @@ from ..codecs.base import Source
 from ..errors import InputError
 from ..geometry.geometry_unit import field_surface, field_uv
 from ..geometry.surface import make_surface
+from ..geometry.tangents import has_uv_area
 from ..scene.channels import COLOURS, channel_over
 from .coding import Content, coding_of
 from .decide.channel_weights import measured_weights
@@ -34,7 +35,7 @@ from .geometry_units import code_geometry, geometry_bytes
 from .map_planes import groups_of, names_of_field
 from .optimise.refinement import Refine
 from .rd import RateDistortion
-from .shown_maps import ShownMaps
+from .shown_maps import ShownMaps, with_folded_normals
 from .source_field import active_voxels, check_voxels
 from .texel_field import texel_field
 
@@ -166,7 +167,8 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
         colours = colours if chosen.surface is begun.surface else material_colours(scene, chosen.surface)
     surface, rd = chosen.surface, replace(rd, resolution=chosen.resolution)
     with report.stage("normals") as step:
-        shading = _said(choose_normals(scene, surface, rd.qp, step), report)
+        folded = with_folded_normals(scene, surface, _without_uv_area(chosen.plans))
+        shading = _said(choose_normals(folded, surface, rd.qp, step), report)
     with report.stage("partition") as step:
         scene, partition = _partitioned(scene, chosen, colours, rd, request, step)
         face_field = _said(partition, report, request.strict).value
@@ -200,6 +202,12 @@ def _said(decision: Decision, report: Report, strict: bool = False) -> Decision:
     if strict and decision.warnings:
         raise InputError("TXF-I52", "something would be lost, and strict forbids it", warnings=report.warnings)
     return decision
+
+
+def _without_uv_area(plans):
+    """Faces over texels whose UVs, as they are coded, have no area: int64 [N] of the surface's."""
+    flat = [plan.group.faces[~has_uv_area(plan.corner_uv())] for plan in plans]
+    return np.concatenate(flat) if flat else np.zeros(0, np.int64)
 
 
 def _on_pictures(*given, **named):

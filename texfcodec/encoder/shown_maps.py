@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from .decide.normal_rules import Shading
 
 
+NORMAL = "normal"  # the channel
 SAME_FRAME = 0.05  # of a matrix: three degrees, which averaging over vertices explains
 
 
@@ -53,14 +55,19 @@ class Frames:
     normal, rebuilt: float32 [F, 3, 3]; geometric: float32 [F, 3] of the faces.
     """
 
-    def __init__(self, scene: Scene, surface: Surface, shading: Shading) -> None:
-        self.scene, self.surface = scene, surface
-        self.rebuilt = shading.corner_normals(surface)
+    def __init__(self, scene: Scene, surface: Surface, shading: Shading | None) -> None:
+        self.scene, self.surface, self.shading = scene, surface, shading
         self.normal = self.rebuilt if scene.corner_normal is None else scene.corner_normal[surface.origin_face]
         corners = surface.lattice[surface.faces].astype(np.float32)
         self.geometric = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         self._tangents: dict[int, np.ndarray] = {}
         self._sources: dict[str, tuple] = {}
+
+    @cached_property
+    def rebuilt(self) -> np.ndarray:
+        """By the shading."""
+        assert self.shading is not None
+        return self.shading.corner_normals(self.surface)
 
     def deviations(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
         """How far a normal map turns the surface's normals from those that are made again, float32 [M, 3] in 0..255, FLAT being
@@ -84,17 +91,38 @@ class Frames:
         rows, uv = self.surface.origin_face, self.scene.map_uv.get(name, self.scene.corner_uv)
         key = id(uv)
         if key not in self._tangents:
-            own = self.scene.corner_tangent
-            if own is not None and self._has_tangents(uv):
-                tangents = own[rows]
-            else:
-                tangents = corner_tangents(self.surface.lattice.astype(np.float64), self.surface.faces, uv[rows], self.normal)
+            scene = self.scene
+            own = scene.corner_tangent if uv is scene.corner_uv else None
+            has = np.zeros(len(rows), bool) if own is None else _have_tangents(scene)[rows]
+            tangents = np.zeros((len(rows), 3, 4), np.float32) if own is None else np.array(own[rows], np.float32)
+            if not has.all():
+                tangents[~has] = corner_tangents(self.surface.lattice.astype(np.float64), self.surface.faces[~has],
+                                                 uv[rows][~has], self.normal[~has])
             self._tangents[key] = tangents
         return self._tangents[key]
 
-    def _has_tangents(self, uv):
-        tangent = self.scene.corner_tangent
-        return tangent is not None and uv is self.scene.corner_uv and tangent.any(axis=2).all()
+
+def with_folded_normals(scene: Scene, surface: Surface, flat: np.ndarray) -> Scene:
+    """The scene, its shading normals on flat faces being those that its normal map makes of them in the frame of the file's
+    TANGENTs: UVs without area make no frame for a decoder, so that the map says nothing there (spec 8.5.2).
+
+    flat: int64 [N], faces of the surface whose UVs have no area.
+    """
+    if scene.corner_tangent is None or scene.corner_normal is None:
+        return scene
+    mapped = np.array([NORMAL in material.maps for material in scene.materials], bool)[surface.material[flat]]
+    faces = flat[mapped & _have_tangents(scene)[surface.origin_face[flat]]]
+    if not len(faces):
+        return scene
+    normal = scene.corner_normal.copy()
+    corners = np.repeat(faces, 3), np.tile(np.eye(3), (len(faces), 1))
+    normal[surface.origin_face[faces]] = Frames(scene, surface, None).bent(NORMAL, *corners).reshape(-1, 3, 3)
+    return replace(scene, corner_normal=normal)
+
+
+def _have_tangents(scene):
+    """Whether the file has a TANGENT at every corner of a face, bool [F]."""
+    return scene.corner_tangent.any(axis=2).all(axis=1)
 
 
 class ShownMaps:

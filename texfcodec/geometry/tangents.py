@@ -14,8 +14,9 @@ def corner_tangents(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndar
     """Unit tangents float32 [F, 3, 4] of every face corner, orthogonal to its normal; the last column is the bitangent's sign, 1
     or -1: the bitangent is cross(normal, tangent) times it and points where v falls, as glTF counts v downwards.
 
-    positions: float64 [V, 3]; faces: int64 [F, 3]; corner_uv: float64 [F, 3, 2]; corner_normal: float32 [F, 3, 3], unit. Where
-    the UVs give no direction (no area, not finite) a corner has some tangent orthogonal to its normal and sign 1.
+    positions: float64 [V, 3]; faces: int64 [F, 3]; corner_uv: float64 [F, 3, 2]; corner_normal: float32 [F, 3, 3], unit. Corners
+    of a face whose UVs have no area, or are not finite, have none: zeros. Where a face's directions cancel at a corner or lie
+    along its normal, that has some tangent orthogonal to the normal.
     """
     corners = _finite(positions)[faces]
     uv, normal = _finite(corner_uv), _unit(_finite(corner_normal).reshape(-1, 3))[0]
@@ -27,7 +28,17 @@ def corner_tangents(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndar
     tangent, is_direction = _unit(_within(total[group], normal))
     tangent[~is_direction] = _across(normal[~is_direction])
     handed = np.where(is_direction & (np.repeat(sign, 3) < 0), -1.0, 1.0)
-    return np.column_stack([tangent, handed]).astype(np.float32).reshape(-1, 3, 4)
+    out = np.column_stack([tangent, handed]).astype(np.float32).reshape(-1, 3, 4)
+    out[~has_uv_area(corner_uv)] = 0.0
+    return out
+
+
+def has_uv_area(corner_uv: np.ndarray) -> np.ndarray:
+    """Whether the UVs of faces, [F, 3, 2], integers or reals, have an area: bool [F]. Exact for integers below 2**25."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        u, v = corner_uv[:, 1] - corner_uv[:, 0], corner_uv[:, 2] - corner_uv[:, 0]
+        area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    return np.isfinite(area) & (area != 0)
 
 
 def _finite(values):

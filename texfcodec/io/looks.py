@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..scene.channels import ALPHA, BASE_COLOUR, BY_NAME, channel_over
+from ..geometry.tangents import has_uv_area
+from ..scene.channels import ALPHA, BASE_COLOUR, BY_NAME, NORMAL_MAPS, channel_over
 from ..scene.factors import absorb
 from ..scene.scene import ALPHA_BLEND, ALPHA_OPAQUE, Material
 from ..scene.srgb import srgb_to_linear
@@ -67,12 +68,15 @@ def looks_of(texf: Texf, base_colour_alone: bool = False, at_vertices: bool = Fa
     """The Looks of a decoded stream (Texf), known before any image is made. base_colour_alone: for formats that know nothing
     else, each skin with an image of it; at_vertices: whether colours may stand at vertices where that shows as much."""
     skins, face_skin = _skins(texf)
-    pairs, face_look = np.unique(np.column_stack([texf.face_material, face_skin]), axis=0, return_inverse=True)
+    of_face = np.column_stack([texf.face_material, face_skin, _says_nothing(texf)])
+    kinds, face_look = np.unique(of_face, axis=0, return_inverse=True)
     face_look = face_look.reshape(-1)
     made = []
-    for row, (number, skin) in enumerate(pairs.tolist()):
+    for row, (number, skin, flat) in enumerate(kinds.tolist()):
         faces = np.flatnonzero(face_look == row)
         look = (_bare if base_colour_alone else _look)(texf, number, skin, skins[skin], faces)
+        if flat:
+            look.mapped = tuple(name for name in look.mapped if name not in NORMAL_MAPS)
         if at_vertices and skins[skin].field is None and look.mapped == (BASE_COLOUR.name,):
             look.colours = vertex_fit(texf, faces)
             look.mapped = look.mapped if look.colours is None else ()
@@ -83,6 +87,16 @@ def looks_of(texf: Texf, base_colour_alone: bool = False, at_vertices: bool = Fa
     idle = np.setdiff1d(np.arange(len(texf.materials)), texf.face_material)
     made += [Look(int(number), -1, texf.materials[number], ()) for number in idle]
     return Looks(skins, made, face_look, _made_opaque(texf, made, skins, face_look))
+
+
+def _says_nothing(texf):
+    """Whether a normal map says nothing on a face, bool [F]: its UVs make no frame (spec 8.5.2). A viewer would make one up, so
+    that such faces are written without the map."""
+    mapped = np.array([bool(NORMAL_MAPS & m.maps.keys()) for m in texf.materials], bool)
+    over_texels = np.array([part.over_texels for part in texf.fields], bool)
+    if not len(texf.faces) or not mapped.any() or not over_texels.any():
+        return np.zeros(len(texf.faces), bool)
+    return mapped[texf.face_material] & over_texels[texf.face_field] & ~has_uv_area(texf.uv[texf.faces])
 
 
 def _made_opaque(texf, looks, skins, face_look):

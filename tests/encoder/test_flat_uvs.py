@@ -8,6 +8,7 @@ from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.io.load import load
 from texfcodec.render.lit_scene import SceneMaps
 from texfcodec.render.tangent_frames import tangent_space_normals
+from texfcodec.report import Report
 from texfcodec.scene.channels import channel_over
 from texfcodec.scene.scene import Material, Scene, Texture
 
@@ -80,3 +81,18 @@ def test_over_voxels_the_map_is_a_deviation_and_needs_no_frame():
     assert np.allclose(texf.shading_normals(), [0, 0, 1], atol=1e-6)
     deviation = texf.fields[0].planes[channel_over("normal", False).name].astype(float) / 127.5 - 1
     assert (np.linalg.norm(deviation, axis=1) > 0.4).mean() > 0.4  # half of the surface is tilted by more than 30 degrees
+
+
+def test_tangents_that_uvs_do_not_give_are_a_warning_with_degrees_and_a_share():
+    """Half of the surface has TANGENTs at a right angle to its UVs, and bumps of some degrees; where all have, maps turn."""
+    def warned(scene):
+        report = Report()
+        choices = encode_scene(scene, TEXELS, report).choices["normals"]
+        return [text for text in report.warnings if text.startswith("normal maps point elsewhere")], choices
+
+    (text,), choices = warned(strips((0, 1, 0, 1), flat=False))
+    assert choices["mapped_degrees"][1] > 5 and f"{choices['mapped_degrees'][0]} degrees" in text
+    right = strips((1, 0, 0, 1), flat=False)
+    assert warned(right)[0] == [] and warned(right)[1]["mapped_degrees"][2] < 0.1
+    right.corner_tangent[...] = (0, 1, 0, 1)
+    assert warned(right)[0] == []

@@ -29,6 +29,7 @@ from .decide.normal_rules import choose_normals
 from .decide.one_colour import material_colours
 from .decide.partition import choose_fields
 from .decide.supports import choose_supports, without_faces
+from .decide.tangent_frames import judge_frames
 from .decision import Decision
 from .estimates.partition_error import codes_alpha
 from .geometry_units import code_geometry, geometry_bytes
@@ -169,10 +170,12 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
     with report.stage("normals") as step:
         folded = with_folded_normals(scene, surface, _without_uv_area(chosen.plans))
         shading = _said(choose_normals(folded, surface, rd.qp, step), report)
+        frames = _said(judge_frames(folded, surface, shading.value, chosen.plans, rd.qp), report)
     with report.stage("partition") as step:
         scene, partition = _partitioned(scene, chosen, colours, rd, request, step)
         face_field = _said(partition, report, request.strict).value
-    evidence = evidence | {"supports": supports.evidence, "partition": partition.evidence, "normals": shading.evidence}
+    of_normals = shading.evidence | frames.evidence
+    evidence = evidence | {"supports": supports.evidence, "partition": partition.evidence, "normals": of_normals}
     first = int(face_field.max(initial=-1)) + 1 - len(chosen.plans)
     with report.stage("geometry") as step:
         geometry, units = code_geometry(surface, face_field, dict(enumerate(chosen.plans, first)), step)

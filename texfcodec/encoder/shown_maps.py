@@ -78,13 +78,18 @@ class Frames:
 
     def bent(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
         """The source's shading normals as a normal map turns them, float32 [M, 3] of length 1; arguments as in deviations()."""
+        texel, scale = self.texels(name, face, bary, threads)
+        tangent = interpolate_corners(self._tangent(name), face, bary)
+        normal, geometric = interpolate_corners(self.normal, face, bary), self.geometric[face]
+        return tangent_space_normals(texel, scale, normal, tangent, geometric)
+
+    def texels(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> tuple[np.ndarray, np.ndarray]:
+        """(x and y of a normal map, float32 [M, 2] in 0..255, and its scale, float32 [M]); arguments as in deviations()."""
         if name not in self._sources:
             self._sources[name] = pack_map(self.scene, name, self.surface.origin_face)
         texel = values_of_map(name, sample_source(self._sources[name], face, bary, threads))
         scale = np.array([factor_of(m.parameters, BY_NAME[name].parameter)[0] for m in self.scene.materials], np.float32)
-        tangent = interpolate_corners(self._tangent(name), face, bary)
-        normal, geometric = interpolate_corners(self.normal, face, bary), self.geometric[face]
-        return tangent_space_normals(texel, scale[self.surface.material[face]], normal, tangent, geometric)
+        return texel, scale[self.surface.material[face]]
 
     def _tangent(self, name):
         """Tangents of the corners, float32 [F, 3, 4]: the source's, or made of the UVs of a map."""

@@ -93,7 +93,7 @@ def choose_normals(scene: Scene, surface: Surface, qp: float = AT_QP, step: Step
     if scene.corner_normal is None or not len(lit):
         reason = "the source has no normals" if scene.corner_normal is None else "no material is lit"
         return Decision(Shading(rules), {"reason": reason})
-    target, tolerance = _Target(scene, surface), 2.0 ** ((qp - AT_QP) / DOUBLING)
+    target, tolerance = _Target(scene, surface), tolerance_of(qp)
     shading = Shading(_search(rules, lit, target, _Target(scene, _tried(surface, lit)), step))
     error = _errors_of(shading.rules, target)
     far = [m for m in lit if _is_far(error, target, m, tolerance)]
@@ -107,6 +107,11 @@ def choose_normals(scene: Scene, surface: Surface, qp: float = AT_QP, step: Step
                f"twentieth by {most}; if that shows, let the tool that wrote the mesh compute its normals anew, or bake them "
                "into a normal map")
     return Decision(shading, evidence, warnings=(warning,))
+
+
+def tolerance_of(qp: float) -> float:
+    """How many times ENOUGH has to be reached at a QP of colours."""
+    return 2.0 ** ((qp - AT_QP) / DOUBLING)
 
 
 class _Target:

@@ -72,6 +72,7 @@ header, and no others:
 | `field{{i}}_keys.bin` | 64-bit Morton keys of field i, ascending |
 | `field{{i}}_uv.bin` | only where field i is over texels: 64-bit rows of its triangles with UVs, as in clause 9 |
 | `sharp_edges.bin` | only where there is such a unit: one byte, 0 or 1, for every edge, in the order of clause 8.4.2 |
+| `coded_normals.bin` | only where there is such a unit: three 16-bit components a group of corners, as in 8.4.3 |
 | `field{{i}}_group{{g}}_values.bin` | one byte per component, voxel after voxel or texel after texel, of channel group g |
 
 It exits with 0, or refuses: 3 the stream is invalid, 5 it is not supported, 6 it is over one of the decoder's limits. A stream of

@@ -215,11 +215,10 @@ def _is_far(error, target, material, tolerance):
 
 
 def _marked_or_coded(shading, far, target, error, tolerance):
-    """(Shading, errors) with the edges of materials far from the source marked, and these with the rule that suits, where that
-    brings them closer, and with coded normals where it does not bring them close enough. Marks are kept for all of them or none,
-    so that an edge between two is marked once."""
+    """(Shading, errors) of materials that are far from the source: over marked edges where that brings them closer, with coded
+    normals where it does not bring them close enough. All marks are of one set, so that an edge between two is marked once."""
     fans, surface = target.fans, target.surface
-    sharp, rules, error = _differing(target), list(shading.rules), error.copy()
+    sharp, rules = _differing(target), list(shading.rules)
     for m, rule in _rules_over_marks(far, target, error, sharp).items():
         rules[m] = rule
     of_marks = _errors_of(rules, target, sharp & fans.edges.touching(_asks_marks(rules, surface)))

@@ -250,6 +250,16 @@ def test_normals_that_no_rule_makes_are_coded():
     assert degrees(texf.shading_normals(), source).max() < allowed
 
 
+def test_residuals_take_no_more_than_a_tenth_of_a_budget():
+    scene = bent_ball(rings=24)
+    surface = make_surface(scene, EncodeOptions())
+    free = choose_normals(scene, surface).value
+    size = len(free.coded.data)
+    assert choose_normals(scene, surface, budget=10 * size).value.coded_normals == free.coded_normals
+    under = choose_normals(scene, surface, budget=10 * size - 10)
+    assert under.value.coded is None and under.warnings
+
+
 def test_normals_of_faces_without_a_common_edge_stay_a_warning():
     """No edge can be marked there, so nothing is coded."""
     positions, faces = sphere(12)

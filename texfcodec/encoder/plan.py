@@ -169,7 +169,7 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
     surface, rd = chosen.surface, replace(rd, resolution=chosen.resolution)
     with report.stage("normals") as step:
         folded = with_folded_normals(scene, surface, _without_uv_area(chosen.plans))
-        shading = _said(choose_normals(folded, surface, rd.qp, step), report)
+        shading = _said(choose_normals(folded, surface, rd.qp, budget, step), report)
         frames = _said(judge_frames(folded, surface, shading.value, chosen.plans, rd.qp), report)
     with report.stage("partition") as step:
         scene, partition = _partitioned(scene, chosen, colours, rd, request, step)

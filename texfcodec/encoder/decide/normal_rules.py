@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 ANGLES = (15, 30, 45, 60, 75, 90, 120, 180)
 CLOSER = (8, 4, 2, 1)  # degrees around the best of ANGLES
 MARKED_ANGLES = (180, 90, 60)
+MOST_SHARE = 0.1  # of a budget of bytes: a headset of 62 kB at r04, 12 of them residuals, lost 5 dB in light at 45 kB with them
 MOST_STEP = 4096  # that the syntax has room for
 CLIP = 10.0  # degrees: an error that is larger is as bad as this
 ENOUGH = (0.5, 3.0)  # degrees at the median and at 95 % of the surface at QP 24: what has to be reached
@@ -82,9 +83,10 @@ class Shading:
         return corner_normals(surface.lattice, surface.faces, self.rules, surface.material, self.marks, coded)
 
 
-def choose_normals(scene: Scene, surface: Surface, qp: float = AT_QP, step: Step = no_step) -> Decision[Shading]:
+def choose_normals(scene: Scene, surface: Surface, qp: float = AT_QP, budget: int | None = None,
+                   step: Step = no_step) -> Decision[Shading]:
     """The Shading of a scene on its lattice. Materials without light need none: theirs is the usual rule. Warns where errors stay
-    large. qp: of colours; step: of Report.stage()."""
+    large. qp: of colours; budget: bytes of the whole stream, None where it has none; step: of Report.stage()."""
     usual = FLAT if scene.flat else USUAL
     rules = [USUAL if m.unlit else usual for m in scene.materials]
     used = np.zeros(len(scene.materials), bool)
@@ -98,7 +100,8 @@ def choose_normals(scene: Scene, surface: Surface, qp: float = AT_QP, step: Step
     error = _errors_of(shading.rules, target)
     far = [m for m in lit if _is_far(error, target, m, tolerance)]
     if far:
-        shading, error = _marked_or_coded(shading, far, target, error, tolerance)
+        most = None if budget is None else MOST_SHARE * budget
+        shading, error = _marked_or_coded(shading, far, target, error, tolerance, most)
     evidence = _evidence(shading, lit, target, error, scene)
     median, most, _ = evidence["degrees"]
     if median <= ENOUGH[0] * max(tolerance, 1) and most <= ENOUGH[1] * max(tolerance, 1):
@@ -214,23 +217,32 @@ def _is_far(error, target, material, tolerance):
     return median > ENOUGH[0] * tolerance or most > ENOUGH[1] * tolerance
 
 
-def _marked_or_coded(shading, far, target, error, tolerance):
+def _marked_or_coded(shading, far, target, error, tolerance, most=None):
     """(Shading, errors) of materials that are far from the source: over marked edges where that brings them closer, with coded
-    normals where it does not bring them close enough. All marks are of one set, so that an edge between two is marked once."""
-    fans, surface = target.fans, target.surface
+    normals where it does not bring them close enough and residuals take at most so many bytes. All marks are of one set, so that
+    an edge between two is marked once."""
     sharp, rules = _differing(target), list(shading.rules)
     for m, rule in _rules_over_marks(far, target, error, sharp).items():
         rules[m] = rule
-    of_marks = _errors_of(rules, target, sharp & fans.edges.touching(_asks_marks(rules, surface)))
-    for m in far:
-        if _is_far(of_marks, target, m, tolerance):
-            rules[m] = IN_STREAM
-    coded = fans.edges.touching(_asks_marks(rules, surface))
-    if not coded.any():
-        return Shading([shading.rules[m] if rule.has_marks else rule for m, rule in enumerate(rules)]), error
-    data = enc_marks(sharp[coded], fans.edges.ends[coded], folds(fans.edges, surface.lattice, surface.faces)[coded])
-    shading = Shading(rules, sharp[coded], data, _coded(rules, target, sharp & coded, round(STEP * tolerance)))
-    return shading, target.errors(shading.corner_normals(surface).reshape(-1, 3))
+    edges, surface = target.fans.edges, target.surface
+    of_marks = _errors_of(rules, target, sharp & edges.touching(_asks_marks(rules, surface)))
+    in_stream = [IN_STREAM if m in far and _is_far(of_marks, target, m, tolerance) else rule for m, rule in enumerate(rules)]
+    found = _over_marks(in_stream, target, sharp, tolerance)
+    if found is not None and found.coded is not None and most is not None and len(found.coded.data) > most:
+        found = _over_marks(rules, target, sharp, tolerance)
+    if found is None:
+        return shading, error
+    return found, target.errors(found.corner_normals(surface).reshape(-1, 3))
+
+
+def _over_marks(rules, target, sharp, tolerance):
+    """The Shading of rules some of which have marks; None where none has, or there is no edge to be marked."""
+    edges, surface = target.fans.edges, target.surface
+    marked = edges.touching(_asks_marks(rules, surface))
+    if not marked.any():
+        return None
+    data = enc_marks(sharp[marked], edges.ends[marked], folds(edges, surface.lattice, surface.faces)[marked])
+    return Shading(rules, sharp[marked], data, _coded(rules, target, sharp & marked, round(STEP * tolerance)))
 
 
 def _asks_marks(rules, surface):

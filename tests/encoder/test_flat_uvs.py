@@ -96,3 +96,11 @@ def test_tangents_that_uvs_do_not_give_are_a_warning_with_degrees_and_a_share():
     assert warned(right)[0] == [] and warned(right)[1]["mapped_degrees"][2] < 0.1
     right.corner_tangent[...] = (0, 1, 0, 1)
     assert warned(right)[0] == []
+
+
+@pytest.mark.parametrize("flat", [True, False])
+@pytest.mark.parametrize("tangent", [(0, 1, 0, 0), (0, 1, 0, 2), (0, 0, 1, 1), (1e-30, 0, 0, 1), (1e20, 0, 0, 1), (0, 0, 0, 1)])
+def test_tangents_that_make_no_frame_leave_normals_of_length_1(tangent, flat):
+    """No sign or a strange one, along the normal, next to nothing, huge, zero."""
+    normals = decode(encode_scene(strips(tangent, flat), TEXELS).data).shading_normals()
+    assert np.abs(np.linalg.norm(normals.astype(float), axis=2) - 1).max() < 1e-6

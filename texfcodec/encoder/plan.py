@@ -29,7 +29,7 @@ from .decide.normal_rules import choose_normals
 from .decide.one_colour import material_colours
 from .decide.partition import choose_fields
 from .decide.supports import choose_supports, without_faces
-from .decide.tangent_frames import judge_frames
+from .decide.tangent_frames import fit_frames
 from .decision import Decision
 from .estimates.partition_error import codes_alpha
 from .geometry_units import code_geometry, geometry_bytes
@@ -170,7 +170,8 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
     with report.stage("normals") as step:
         folded = with_folded_normals(scene, surface, _without_uv_area(chosen.plans))
         shading = _said(choose_normals(folded, surface, rd.qp, budget, step), report)
-        frames = _said(judge_frames(folded, surface, shading.value, chosen.plans, rd.qp), report)
+        frames = _said(fit_frames(scene, surface, shading.value, chosen.plans, rd), report)
+        chosen = replace(chosen, plans=frames.value)
     with report.stage("partition") as step:
         scene, partition = _partitioned(scene, chosen, colours, rd, request, step)
         face_field = _said(partition, report, request.strict).value

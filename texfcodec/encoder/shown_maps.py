@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 NORMAL = "normal"  # the channel
 SAME_FRAME = 0.05  # of a matrix: three degrees, which averaging over vertices explains
+ACROSS = 6  # steps over a face whose map is folded into its normals
+LEAST_LENGTH = 1e-3  # of a sum of normals that has a direction
 
 
 def turned(values: np.ndarray, turn: np.ndarray | None) -> np.ndarray:
@@ -79,7 +81,7 @@ class Frames:
     def bent(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
         """The source's shading normals as a normal map turns them, float32 [M, 3] of length 1; arguments as in deviations()."""
         texel, scale = self.texels(name, face, bary, threads)
-        tangent = interpolate_corners(self._tangent(name), face, bary)
+        tangent = interpolate_corners(self.tangent(name), face, bary)
         normal, geometric = interpolate_corners(self.normal, face, bary), self.geometric[face]
         return tangent_space_normals(texel, scale, normal, tangent, geometric)
 
@@ -91,7 +93,7 @@ class Frames:
         scale = np.array([factor_of(m.parameters, BY_NAME[name].parameter)[0] for m in self.scene.materials], np.float32)
         return texel, scale[self.surface.material[face]]
 
-    def _tangent(self, name):
+    def tangent(self, name: str) -> np.ndarray:
         """Tangents of the corners, float32 [F, 3, 4]: the source's, or made of the UVs of a map."""
         rows, uv = self.surface.origin_face, self.scene.map_uv.get(name, self.scene.corner_uv)
         key = id(uv)
@@ -120,9 +122,27 @@ def with_folded_normals(scene: Scene, surface: Surface, flat: np.ndarray) -> Sce
     if not len(faces):
         return scene
     normal = scene.corner_normal.copy()
-    corners = np.repeat(faces, 3), np.tile(np.eye(3), (len(faces), 1))
-    normal[surface.origin_face[faces]] = Frames(scene, surface, None).bent(NORMAL, *corners).reshape(-1, 3, 3)
+    normal[surface.origin_face[faces]] = _best_corners(Frames(scene, surface, None), faces)
     return replace(scene, corner_normal=normal)
+
+
+def _best_corners(frames, faces):
+    """Normals of the corners of faces, float32 [N, 3, 3], that come nearest, interpolated, to what the normal map makes of the
+    surface; the source's own where these come nearer."""
+    steps = [(i, j, ACROSS - i - j) for i in range(ACROSS + 1) for j in range(ACROSS + 1 - i)]
+    bary = (np.array(steps) + 1 / 3) / (ACROSS + 1)  # inside, since what a corner alone shows may be the padding of a chart
+    at = np.repeat(faces, len(bary)), np.tile(bary, (len(faces), 1))
+    bent = frames.bent(NORMAL, *at).reshape(len(faces), len(bary), 3)
+    own, fitted = frames.normal[faces], np.einsum("cm,nmk->nck", np.linalg.pinv(bary), bent)
+    length = np.linalg.norm(fitted, axis=2, keepdims=True)
+    fitted = np.where(length > LEAST_LENGTH, fitted / np.maximum(length, LEAST_LENGTH), own)
+
+    def error(corners):
+        made = np.einsum("mc,nck->nmk", bary, corners)
+        made /= np.maximum(np.linalg.norm(made, axis=2, keepdims=True), LEAST_LENGTH)
+        return ((made - bent) ** 2).sum(axis=(1, 2))
+
+    return np.where((error(fitted) < error(own))[:, None, None], fitted, own).astype(np.float32)
 
 
 def _have_tangents(scene):

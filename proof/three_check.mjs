@@ -1,9 +1,10 @@
 // GLB files drawn by three.js from given orthographic cameras in a given light, in a browser without a window.
 // node three_check.mjs JOB.json OUT_FOLDER, in a folder where node finds three and playwright-core (three_page.mjs).
-// JOB.json: {"root", "size", "filter", "sky": {"width", "height", "file"} or null, "lights": [{"direction", "colour"}],
-// "files": [{"name", "path"}], "cameras": {name: [{"right", "up", "forward", "eye", "half", "depth"}]}}; paths are below root. The
-// sky's file is float32 RGBA, linear, from the nadir up. Writes NAME-VIEW.rgba: colour over white, sRGB-coded, and how much of a pixel
-// is covered, rows from below; and told.json: {"revision", "files": {name: what the file's geometries and materials have}}.
+// JOB.json: {"root", "size", "filter": "linear" or "mipmaps", "alike": names of ALIKE, or "frames", "sky": {"width", "height", "file"} or
+// null, "lights": [{"direction", "colour"}], "files": [{"name", "path", "cameras": name}], "cameras": {name: [{"right", "up",
+// "forward", "eye", "half", "depth"}]}}; paths are below root. The sky's file is float32 RGBA, linear, from the nadir up. Writes
+// NAME-VIEW.rgba: colour over white, sRGB-coded, and how much of a pixel is covered, rows from below; and told.json: {"revision",
+// "files": {name: what the file's geometries and materials have}}.
 
 import { readFile, writeFile } from 'node:fs/promises';
 import path from 'node:path';
@@ -16,6 +17,8 @@ import * as THREE from 'three';
 import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
 import { DRACOLoader } from 'three/addons/loaders/DRACOLoader.js';
 import { MeshoptDecoder } from 'three/addons/libs/meshopt_decoder.module.js';
+import * as MikkTSpace from 'three/addons/libs/mikktspace.module.js';
+import { computeMikkTSpaceTangents } from 'three/addons/utils/BufferGeometryUtils.js';
 const renderer = new THREE.WebGLRenderer({ antialias: false, preserveDrawingBuffer: true, alpha: true });
 renderer.outputColorSpace = THREE.SRGBColorSpace;
 renderer.toneMapping = THREE.NoToneMapping;
@@ -23,6 +26,32 @@ renderer.setPixelRatio(1);
 const draco = new DRACOLoader().setDecoderPath('/three/examples/jsm/libs/draco/gltf/');
 const scene = new THREE.Scene();
 let job, model;
+
+// What three.js does otherwise than texfcodec/render, and what makes it do the same: [chunk of a shader, its text, text instead].
+const TOTAL = \`vec3 lobe = material.specularColor * material.dfg.x + vec3( material.specularF90 * material.dfg.y );
+  lobe *= 1.0 + material.specularColor * ( 1.0 / ( material.dfg.x + material.dfg.y ) - 1.0 );\`;
+const ALIKE = {
+  roughness: [['lights_physical_fragment', 'float geometryRoughness = max( max( dxy.x, dxy.y ), dxy.z );', 'float geometryRoughness = 0.0;']],
+  occlusion: [['aomap_fragment', 'computeSpecularOcclusion( dotNV, ambientOcclusion, material.roughness )', 'ambientOcclusion']],
+  diffuse: [['lights_physical_pars_fragment', 'reflectedLight.directDiffuse += irradiance * diffuseBRDF * ( 1.0 - F );',
+    TOTAL + ' reflectedLight.directDiffuse += irradiance * diffuseBRDF * ( 1.0 - lobe );']],
+  bounces: [['lights_physical_pars_fragment', 'singleScatter += FssEss;', 'singleScatter += FssEss * ( 1.0 + Fr * ( 1.0 / Ess - 1.0 ) );'],
+    ['lights_physical_pars_fragment', 'multiScatter += Fms * Ems;', '']],
+  mirror: [['envmap_physical_pars_fragment', 'reflectVec = normalize( mix( reflectVec, normal, pow4( roughness ) ) );',
+    'reflectVec = normalize( mix( reflectVec, normal, pow2( roughness ) ) );']],
+  coat: [['physical', 'vec3 Fcc = F_Schlick( material.clearcoatF0, material.clearcoatF90, dotNVcc );',
+    'vec3 Fcc = EnvironmentBRDF( geometryClearcoatNormal, geometryViewDir, material.clearcoatF0, material.clearcoatF90, material.clearcoatRoughness );']],
+  colours: [['map_fragment', 'diffuseColor *= sampledDiffuseColor;', 'diffuseColor *= sRGBTransferEOTF( sampledDiffuseColor );'],
+    ['emissivemap_fragment', 'totalEmissiveRadiance *= emissiveColor.rgb;', 'totalEmissiveRadiance *= sRGBTransferEOTF( emissiveColor ).rgb;']],
+};
+function makeAlike(name) {
+  for (const [chunk, text, instead] of ALIKE[name]) {
+    const shader = chunk === 'physical' ? THREE.ShaderLib.physical : THREE.ShaderChunk;
+    const key = chunk === 'physical' ? 'fragmentShader' : chunk;
+    if (!shader[key].includes(text)) throw new Error(\`\${chunk} of this three.js does not say: \${text}\`);
+    shader[key] = shader[key].replace(text, instead);
+  }
+}
 
 async function skyOf({ width, height, file }) {
   const values = new Float32Array(await (await fetch('/cache/' + file)).arrayBuffer());
@@ -35,7 +64,9 @@ async function skyOf({ width, height, file }) {
 }
 window.prepare = async (given) => {
   job = given;
+  job.alike.filter((name) => ALIKE[name]).forEach(makeAlike);
   renderer.setSize(job.size, job.size);
+  await MikkTSpace.ready;
   if (job.sky) scene.environment = await skyOf(job.sky);
   for (const { direction, colour } of job.lights) {
     const light = new THREE.DirectionalLight(0xffffff, 1);
@@ -48,10 +79,26 @@ window.prepare = async (given) => {
 function dressed(material) {  // as GLTFLoader makes it, but for back faces and, where asked, mip maps
   material.side = THREE.FrontSide;
   for (const map of Object.values(material)) {
+    if (map?.isTexture && job.alike.includes('colours')) map.colorSpace = THREE.NoColorSpace;
     if (!map?.isTexture || job.filter !== 'linear') continue;
     map.minFilter = map.magFilter = THREE.LinearFilter;
     map.generateMipmaps = false;
     map.needsUpdate = true;
+  }
+}
+// Frames of normal maps as glTF means them: three.js makes some of derivatives in the picture where a file brings none, and, with v the
+// wrong way, where it brings them but the coat alone has a normal map (r187).
+const FLAT = new THREE.DataTexture(new Float32Array([0.5, 0.5, 1, 1]), 1, 1, THREE.RGBAFormat, THREE.FloatType);
+FLAT.needsUpdate = true;
+function framed(mesh) {
+  for (const material of [mesh.material].flat()) {
+    if (!material.normalMap && !material.clearcoatNormalMap) continue;
+    if (!mesh.geometry.hasAttribute('tangent')) {
+      mesh.geometry = computeMikkTSpaceTangents(mesh.geometry, MikkTSpace);
+      material.normalScale.y = Math.abs(material.normalScale.y);  // GLTFLoader has turned it
+      if (material.clearcoatNormalScale) material.clearcoatNormalScale.y = Math.abs(material.clearcoatNormalScale.y);
+    }
+    material.normalMap ??= FLAT;
   }
 }
 window.load = async (file) => {
@@ -65,6 +112,7 @@ window.load = async (file) => {
     told.meshes += 1;
     told.normals += mesh.geometry.hasAttribute('normal');
     told.tangents += mesh.geometry.hasAttribute('tangent');
+    if (job.alike.includes('frames')) framed(mesh);
     for (const material of [mesh.material].flat()) {
       dressed(material);
       const maps = Object.keys(material).filter((key) => material[key]?.isTexture);

@@ -19,7 +19,7 @@ export async function withPage(html, root, work) {
   const server = http.createServer(async (request, response) => {
     const name = path.posix.normalize(decodeURIComponent(new URL(request.url, 'http://x').pathname)), [, top] = name.split('/');
     const file = path.join(top === 'cache' ? root : three, name.slice(top.length + 1));
-    const body = name === '/' ? html : await readFile(file).catch(() => null);
+    const body = name === '/' ? html : name === '/favicon.ico' ? '' : await readFile(file).catch(() => null);
     const type = name === '/' ? 'text/html' : TYPES[path.extname(name)] ?? 'application/octet-stream';
     response.writeHead(body === null ? 404 : 200, { 'content-type': type }).end(body ?? '');
   });

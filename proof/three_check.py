@@ -6,8 +6,8 @@ python proof/three_check.py ASSETS [--only NAME ...] [--rate R] [--pair SOURCE.g
 
 ASSETS is a folder of GLB files, of which those in ASSETS_SHOWN are coded at the rate (into OUT, once) and decoded; --pair takes
 files as they are instead. three.js, playwright-core and a Chromium are needed (three_page.mjs); --modules names a folder with
-node_modules, else npm installs them into OUT. Materials, normals and tangents are three.js's own, as GLTFLoader makes them, but for
-what --alike names; "all" stands for all of it. A Markdown table goes to stdout: PSNR Y between source and decoded mesh in either
+node_modules, else npm installs them into OUT. Materials, normals and tangents are three.js's own, as GLTFLoader makes them, but
+for what --alike names ("all": all of it). A Markdown table goes to stdout: PSNR Y between source and decoded mesh in either
 renderer, and between both renderers' pictures of either.
 """
 

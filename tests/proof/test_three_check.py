@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,8 @@ from proof.three_check import (
     told_camera,
     told_lights,
 )
+from texfcodec.geometry.areas import face_areas
+from texfcodec.geometry.tangents import corner_tangents
 from texfcodec.io.load import load
 from texfcodec.metrics.views import Look, compare_views
 from texfcodec.render.camera import to_camera
@@ -123,3 +126,30 @@ def test_three_js_lights_a_ball_as_we_do(modules, tmp_path, monkeypatch, capsys)
     assert lines[0].startswith("three.js r187, daylight, alike: roughness")
     assert abs(float(less)) < 0.3 and float(ours_) < 45 and min(map(float, agree)) > 42 and float(covered) > 99
     assert len(list((tmp_path / "out" / "pictures").glob("*.png"))) == 4
+
+
+MIKKTSPACE = """
+import { readFileSync, writeFileSync } from 'node:fs';
+import { createRequire } from 'node:module';
+import path from 'node:path';
+const from = createRequire(path.join(process.cwd(), 'x.js')).resolve('three');
+const mikktspace = await import(path.join(from, '../../examples/jsm/libs/mikktspace.module.js'));
+await mikktspace.ready;
+const read = (name) => new Float32Array(Uint8Array.from(readFileSync(process.argv[1] + name)).buffer);
+const parts = ['positions', 'normals', 'uvs'].map(read);
+writeFileSync(process.argv[1] + 'tangents', Buffer.from(mikktspace.generateTangents(...parts).buffer));
+"""
+
+
+def test_frames_made_of_uvs_are_those_of_mikktspace(modules, shared_dir, tmp_path):
+    scene = load(shared_dir / "assets" / "damaged_helmet.glb")
+    arrays = {"positions": scene.positions[scene.faces], "normals": scene.corner_normal, "uvs": scene.corner_uv}
+    for name, values in arrays.items():
+        np.ascontiguousarray(values, np.float32).tofile(tmp_path / name)
+    subprocess.run(["node", "--input-type=module", "-e", MIKKTSPACE, f"{tmp_path}/"], cwd=modules, check=True)
+    theirs_ = np.fromfile(tmp_path / "tangents", np.float32).reshape(-1, 3, 4)
+    made = corner_tangents(scene.positions, scene.faces, scene.corner_uv, scene.corner_normal)
+    has, areas = made.any(axis=2), np.repeat(face_areas(scene.positions, scene.faces)[:, None], 3, axis=1)
+    same = np.linalg.norm(made[..., :3] - theirs_[..., :3], axis=2) < 1e-3
+    assert areas[has & same].sum() > 0.99 * areas[has].sum() and (areas * has).sum() > 0.999 * areas.sum()
+    assert (made[..., 3] == -theirs_[..., 3])[has].all()  # glTF counts v downwards

@@ -7,7 +7,7 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
 
 .DELETE_ON_ERROR:
-.PHONY: demo check test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural stability strangers determinism load fuzz faults mutants coverage conformance vectors spec-tables promise install clean
+.PHONY: demo check test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural stability strangers three determinism load fuzz faults mutants coverage conformance vectors spec-tables promise install clean
 
 demo: install
 	$(PY) -m texfcodec.demo
@@ -91,6 +91,10 @@ determinism: install
 # make strangers [CACHE=folder] [MOST=n] [LARGEST=bytes] [JOBS=n] [ROWS=file.jsonl] [BEFORE=file.jsonl] [PICTURES=n]
 strangers: install
 	$(PY) proof/strangers --cache "$(or $(CACHE),out/strangers)" --keep-old $(if $(MOST),--most $(MOST)) $(if $(LARGEST),--largest $(LARGEST)) $(if $(JOBS),--jobs $(JOBS)) $(if $(ROWS),--rows "$(ROWS)") $(if $(BEFORE),--before "$(BEFORE)") $(if $(PICTURES),--pictures $(PICTURES))
+
+# Six assets by three.js and by our renderer, a Markdown table: make three ASSETS=folder [ALIKE=all] [OUT=folder]
+three: install
+	$(PY) proof/three_check.py "$(ASSETS)" $(foreach name,$(ALIKE),--alike $(name)) --out "$(or $(OUT),out/three)"
 
 # Memory over 500 calls, 8 processes at once, a batch with faults, memory of refused files:
 # make load [PART="slope ..."] [OUT=folder] [PAGE=docs/load.md]

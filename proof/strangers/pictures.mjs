@@ -5,19 +5,15 @@
 // cover of those that either does, "size": how far their boxes differ, of the source's; or "error".
 
 import { readFile, writeFile } from 'node:fs/promises';
-import http from 'node:http';
-import { createRequire } from 'node:module';
 import path from 'node:path';
+import { IMPORTS, withPage } from '../three_page.mjs';
 
 const SIDE = 240, COLUMNS = 4, SHEET = 20, SECONDS = 60;
-const TYPES = { '.html': 'text/html', '.js': 'text/javascript', '.mjs': 'text/javascript', '.wasm': 'application/wasm' };
-const require = createRequire(path.join(process.cwd(), 'x.js'));
 
 const PAGE = `<!doctype html><meta charset="utf-8"><style>
 body { margin: 0; font: 11px sans-serif; display: grid; grid-template-columns: repeat(${COLUMNS}, ${2 * SIDE + 8}px); background: #fff; }
 div { padding: 4px; overflow: hidden; } p { margin: 0; height: 42px; overflow-wrap: anywhere; } img { display: block; }
-</style><body><script type="importmap">
-{"imports": {"three": "/three/build/three.module.js", "three/addons/": "/three/examples/jsm/"}}</script><script type="module">
+</style><body>${IMPORTS}<script type="module">
 import * as THREE from 'three';
 import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
 import { DRACOLoader } from 'three/addons/loaders/DRACOLoader.js';
@@ -143,29 +139,16 @@ window.sheet = async (pairs) => {
 
 const [list, out] = process.argv.slice(2);
 const { root, pairs } = JSON.parse(await readFile(list, 'utf-8'));
-const three = path.dirname(path.dirname(require.resolve('three')));
-const server = http.createServer(async (request, response) => {
-  const name = path.posix.normalize(decodeURIComponent(new URL(request.url, 'http://x').pathname)), [, top] = name.split('/');
-  const file = path.join(top === 'cache' ? root : three, name.slice(top.length + 1));
-  const body = name === '/' ? PAGE : await readFile(file).catch(() => null);
-  response.writeHead(body === null ? 404 : 200, { 'content-type': TYPES[path.extname(name)] ?? (name === '/' ? 'text/html' : 'application/octet-stream') })
-    .end(body ?? '');
-}).listen(0, '127.0.0.1', async () => {
-  const browser = await require('playwright-core').chromium.launch({
-    executablePath: process.env.CHROMIUM ?? '/usr/bin/chromium',
-    args: ['--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader'],
-  });
+await withPage(PAGE, root, async (browser, address) => {
   const rows = [];
   for (let begin = 0; begin < pairs.length; begin += SHEET) {
     const page = await browser.newPage({ viewport: { width: COLUMNS * (2 * SIDE + 8), height: Math.ceil(SHEET / COLUMNS) * (SIDE + 50) } });
     page.setDefaultTimeout(SHEET * 2 * SECONDS * 1000);
-    await page.goto(`http://127.0.0.1:${server.address().port}/`);
+    await page.goto(address);
     await page.waitForFunction(() => window.sheet);
     rows.push(...await page.evaluate((some) => window.sheet(some), pairs.slice(begin, begin + SHEET)));
     await page.screenshot({ path: path.join(out, `sheet-${String(begin / SHEET + 1).padStart(2, '0')}.png`) });
     await page.close();
     await writeFile(path.join(out, 'pairs.json'), JSON.stringify(rows));
   }
-  await browser.close();
-  server.close();
 });

@@ -20,7 +20,7 @@ from texfcodec.batch.tasks import last_line, package_code
 RATE = "r03"
 MEASURE = Path(__file__).with_name("measure.py")
 VALIDATOR = Path(__file__).parents[1] / "validate_glb.mjs"
-NODE_PACKAGES = {"gltf-validator": "2.0.0-dev.3.10", "three": "0.181.2", "playwright-core": "1.56.1"}
+NODE_PACKAGES = {"gltf-validator": "2.0.0-dev.3.10", "three": "0.187.0", "playwright-core": "1.56.1"}
 
 
 def run_all(strangers, args, rows_file):

@@ -94,12 +94,11 @@ class Frames:
         return texel, scale[self.surface.material[face]]
 
     def tangent(self, name: str) -> np.ndarray:
-        """Tangents of the corners, float32 [F, 3, 4]: the source's, or made of the UVs of a map."""
+        """Tangents of the corners, float32 [F, 3, 4]: the source's, whichever UVs a map has, or made of those."""
         rows, uv = self.surface.origin_face, self.scene.map_uv.get(name, self.scene.corner_uv)
         key = id(uv)
         if key not in self._tangents:
-            scene = self.scene
-            own = scene.corner_tangent if uv is scene.corner_uv else None
+            scene, own = self.scene, self.scene.corner_tangent
             has = np.zeros(len(rows), bool) if own is None else _have_tangents(scene)[rows]
             tangents = np.zeros((len(rows), 3, 4), np.float32) if own is None else np.array(own[rows], np.float32)
             if not has.all():

@@ -18,10 +18,10 @@ import numpy as np
 from ..core.colour_error import ColourError, decibels
 from ..core.json_text import json_ready
 from ..errors import InputError
-from ..render.camera import bounding_sphere, fibonacci_direction, orthographic
+from ..render.camera import Camera, bounding_sphere, fibonacci_direction, orthographic
 from ..render.environment import Environment
 from ..render.lighting import Lighting
-from ..render.shade import render_scene, render_texf
+from ..render.shade import Picture, render_scene, render_texf
 from ..render.textures import MipScenes, Textures
 from ..scene.fetch import pack_source, sample_source
 from ..scene.scene import ALPHA_OPAQUE, Scene
@@ -72,7 +72,7 @@ def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIE
     if views < 1 or size < 1:
         raise ValueError(f"there must be at least one view of one pixel, not {views} of {size}")
     centre, radius = bounding_sphere(reference.positions)
-    render_reference, render_other = _renderer(reference, look or Look()), _renderer(other, look or Look())
+    render_reference, render_other = renderer(reference, look or Look()), renderer(other, look or Look())
 
     def one(i):
         camera = orthographic(fibonacci_direction(i, views), centre, radius, size)
@@ -89,8 +89,8 @@ def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIE
     return {**_pooled(seen), "views": views, "size": size, "pixels": sum(v.pixels for v in seen)}
 
 
-def _renderer(side, look):
-    """Function Camera -> Picture of a Scene or Texf with every back face culled."""
+def renderer(side: Scene | Texf, look: Look) -> Callable[[Camera], Picture]:
+    """Function that draws a Scene or Texf as views are drawn: every back face is culled."""
     side = replace(side, materials=[replace(m, double_sided=False) for m in side.materials])
     light = None if look.environment is None else Lighting(side, look.environment, look.mipmaps)
     if isinstance(side, Texf):

@@ -80,11 +80,11 @@ class SceneMaps:
         return interpolate_corners(self.corner_tangent("normal" if name == "anisotropy" else name), face, bary)
 
     def corner_tangent(self, name: str) -> np.ndarray:
-        """Tangents of corners, float32 [F, 3, 4]: the file's where it has some for these UVs, else made of them."""
+        """Tangents of corners, float32 [F, 3, 4]: the file's where it has some, whichever UVs a map has (glTF has one TANGENT for
+        all), else made of the map's UVs."""
         scene = self.scene
-        uv = scene.map_uv.get(name, scene.corner_uv)
+        uv, given = scene.map_uv.get(name, scene.corner_uv), scene.corner_tangent
         if id(uv) not in self._tangents:
-            given = scene.corner_tangent if uv is scene.corner_uv else None
             has = np.zeros(len(scene.faces), bool) if given is None else np.all(np.any(given, axis=2), axis=1)
             made = np.zeros((len(scene.faces), 3, 4), np.float32) if given is None else np.array(given, np.float32)
             if not has.all():

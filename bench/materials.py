@@ -54,6 +54,7 @@ def main():
     parser.add_argument("paths", nargs="+", type=Path)
     parser.add_argument("--out", type=Path, default=Path("bench/materials"))
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--qp", type=int, action="append", help=f"of ours; repeatable; {', '.join(map(str, QPS))} if none is given")
     parser.add_argument("--keep-old", action="store_true", help="leave assets alone that have a record")
     parser.add_argument("--maps-only", action="store_true", help="no shaded pictures")
     given = parser.parse_args()
@@ -72,7 +73,7 @@ def main():
         if given.keep_old and out.exists():
             continue
         looked = _Looked(path, given.threads, not given.maps_only)
-        record = (rival_record if given.what == "rivals" else our_record)(looked)
+        record = rival_record(looked) if given.what == "rivals" else our_record(looked, given.qp or QPS)
         out.write_text(json_text(record, indent=1) + "\n", encoding="utf-8")
 
 
@@ -140,10 +141,10 @@ def _values(name, texels):
     return values_of_map(name, texels)
 
 
-def our_record(looked):
+def our_record(looked, qps):
     """Our streams: {"asset", "positions": bytes, "points", "maps"}."""
     points, maps, positions = [], {}, draco_bytes(rival_of(looked.scene), None, None)
-    for qp in QPS:
+    for qp in qps:
         made = encode_to_result(looked.scene, EncodeOptions(rate="r03", qp=qp, threads=looked.threads))
         texf, told = decode(made.data), inspect(made.data)
         groups = {}

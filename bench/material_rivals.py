@@ -32,7 +32,7 @@ from texfcodec.scene.scene import Scene
 
 SCALES = {1: (25, 45, 65, 82, 95), 2: (20, 55, 85)}
 UV_BITS, NORMAL_BITS, TANGENT_BITS, SPEED = (12, 14), (8, 10), (8, 10), 6
-WORTH = 0.2  # dB that a larger mesh of the same UVs must be better by, with the source's maps, to be looked at with others
+WORTH = 0.2  # dB that a larger mesh must be better by, with the source's maps, to be looked at with others
 SAME_PICTURE = 60  # dB
 
 
@@ -139,16 +139,15 @@ def with_maps_in_view(rival):
 
 
 def worth_looking(looked, meshes):
-    """(the meshes that no smaller one of the same UVs comes near, what is told of all): by pictures with the source's maps."""
-    kept, told, best = [], [], dict.fromkeys(UV_BITS, -np.inf)
+    """(the meshes that no smaller one comes near, what is told of all): by pictures with the source's maps."""
+    kept, told, best = [], [], -np.inf
     for mesh in sorted(meshes, key=lambda mesh: mesh.size):
         seen = looked.psnr(mesh.scene)
         told.append(mesh.bits | {"bytes": mesh.bytes, "total": mesh.size} | seen)
         print(looked.name, told[-1], flush=True)
         quality = np.inf if seen["psnr_y"] is None else seen["psnr_y"]
-        if quality > best[mesh.bits["uv_bits"]] + WORTH:
-            kept.append(mesh)
-            best[mesh.bits["uv_bits"]] = quality
+        if quality > best + WORTH:
+            kept, best = [*kept, mesh], quality
     return kept, told
 
 

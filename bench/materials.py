@@ -54,7 +54,7 @@ def main():
     parser.add_argument("paths", nargs="+", type=Path)
     parser.add_argument("--out", type=Path, default=Path("bench/materials"))
     parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--qp", type=int, action="append", help=f"of ours; repeatable; {', '.join(map(str, QPS))} if none is given")
+    parser.add_argument("--qp", type=int, action="append", help=f"of ours; repeatable; {QPS} if none is given")
     parser.add_argument("--keep-old", action="store_true", help="leave assets alone that have a record")
     parser.add_argument("--maps-only", action="store_true", help="no shaded pictures")
     given = parser.parse_args()

@@ -30,7 +30,7 @@ from texfcodec.encoder.shown_maps import SAME_FRAME, turn_of
 from texfcodec.scene.channels import BY_NAME, channel_over
 from texfcodec.scene.scene import Scene
 
-SCALES = {1: (25, 45, 65, 82, 95), 2: (20, 55, 85)}
+SCALES = {1: (25, 50, 75, 93), 2: (20, 60)}  # the records of smaller sets have more of both
 UV_BITS, NORMAL_BITS, TANGENT_BITS, SPEED = (12, 14), (8, 10), (8, 10), 6
 WORTH = 0.2  # dB that a larger mesh must be better by, with the source's maps, to be looked at with others
 SAME_PICTURE = 60  # dB
@@ -59,16 +59,17 @@ def rival_record(looked):
     meshes, told = worth_looking(looked, lit_meshes(rival, looked.needed.materials))
     shown = {t for t, key in enumerate(rival.content) if key in rival.with_alpha}
     used = sorted({texture for _, _, texture in looked.maps()})
-    points, maps = [], {}
+    points, maps, full = [], {}, set()
     for scale, quality in ((scale, quality) for scale, qualities in SCALES.items() for quality in qualities):
         setting = {"scale": scale, "quality": quality}
-        coded = {t: coded_avif(looked, t, scale, quality, t in shown) for t in used}
+        coded = {t: coded_avif(looked, t, scale, quality, t in shown, (t, scale) in full) for t in used}
+        full |= {(t, scale) for t, (_, _, subsampling) in coded.items() if subsampling == "4:4:4"}
         psnr = looked.map_psnr({(number, name): coded[t][0] for number, name, t in looked.maps()})
         for t in used:
             mine = list(dict.fromkeys(name for _, name, texture in looked.maps() if texture == t))
             maps.setdefault(" + ".join(mine), []).append(setting | {"bytes": coded[t][1]} | {n: psnr[n] for n in mine})
         textures = [replace(x, image=coded[t][0]) if t in coded else x for t, x in enumerate(looked.scene.textures)]
-        size = sum(size for _, size in coded.values())
+        size = sum(size for _, size, _ in coded.values())
         for mesh in meshes:
             points.append(setting | mesh.bits | {"map_bytes": size, "total": mesh.size + size}
                           | looked.psnr(replace(mesh.scene, textures=textures)))
@@ -162,9 +163,10 @@ def _columns(looked, texture, alpha):
     return sorted(asked | ({3} if alpha else set()))
 
 
-def coded_avif(looked, texture, scale, quality, alpha=False):
-    """(decoded uint8 [H, W, 4], bytes) at the better of both subsamplings: the smaller one at the same quality setting is kept
-    where it loses no more than it saves. Columns that nothing asks are flat; one alone is grey. alpha: whether alpha is seen."""
+def coded_avif(looked, texture, scale, quality, alpha=False, full=False):
+    """(decoded uint8 [H, W, 4], bytes, subsampling) at the better of both subsamplings: the smaller one at the same quality
+    setting is kept where it loses no more than it saves. Columns that nothing asks are flat; one alone is grey. alpha: whether
+    alpha is seen; full: that 4:4:4 was better at a lower quality already, so that nothing else is tried."""
     image, columns = looked.scene.textures[texture].image, _columns(looked, texture, alpha)
     kept = image.copy()
     kept[..., [c for c in (0, 1, 2) if c not in columns]] = 0
@@ -173,7 +175,7 @@ def coded_avif(looked, texture, scale, quality, alpha=False):
     size = image.shape[1::-1]
     small = kept if scale == 1 else resized(kept, [max(1, round(side / scale)) for side in size], Image.Resampling.LANCZOS)
     picture, best = shrunk(small, 1, 3 in columns), None
-    for subsampling in ("4:0:0",) if picture.mode == "L" else ("4:2:0", "4:4:4"):
+    for subsampling in ("4:0:0",) if picture.mode == "L" else ("4:2:0", "4:4:4")[full:]:
         out = io.BytesIO()
         picture.save(out, "AVIF", quality=quality, speed=SPEED, subsampling=subsampling, max_threads=looked.threads)
         decoded = dec_image(out.getvalue())
@@ -182,8 +184,8 @@ def coded_avif(looked, texture, scale, quality, alpha=False):
         error = float(((decoded[..., columns].astype(np.float32) - image[..., columns]) ** 2).mean())
         cost = len(out.getvalue()) * max(error, 1e-3) ** 0.8
         if best is None or cost < best[0]:
-            best = cost, decoded, len(out.getvalue())
-    return best[1], best[2]
+            best = cost, decoded, len(out.getvalue()), subsampling
+    return best[1:]
 
 
 def resized(image, size, kernel):

@@ -254,11 +254,20 @@ def _percent(points, theirs, names):
 
 
 def _envelope(points):
-    """The points that no other beats, by bytes."""
+    """(bytes, PSNR) of the lower hull of points, log of bytes over PSNR: a curve through all that no other beats would climb
+    every time that bits which do not pay there gain a hundredth of a dB."""
+    def slope(a, b):
+        return np.log(b[0] / a[0]) / (b[1] - a[1])
+
     kept = []
-    for size, psnr in sorted(points):
-        if not kept or psnr > kept[-1][1] + 1e-6:
-            kept += [(size, psnr)] if not kept or size > kept[-1][0] else []
+    for point in sorted(points):
+        if kept and point[1] <= kept[-1][1] + 1e-6:
+            continue
+        if kept and point[0] == kept[-1][0]:
+            kept.pop()
+        while len(kept) > 1 and slope(kept[-2], kept[-1]) >= slope(kept[-2], point):
+            kept.pop()
+        kept.append(point)
     return kept
 
 

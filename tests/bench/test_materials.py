@@ -73,7 +73,7 @@ def test_every_attribute_is_paid_for_and_finer_ones_look_better(looked):
     look = looked(bumpy_sphere())
     meshes = material_rivals.lit_meshes(rival_of(look.scene), look.needed.materials)
     bits = {tuple(m.bits.get(f"{part}_bits") for part in ("uv", "normal", "tangent")) for m in meshes}
-    assert bits == set(product((12, 14), (8, 10), (None, 8, 10))) and len(bits) == len(meshes)
+    assert bits == set(product((12, 14, 16), (8, 10), (None, 8, 10))) and len(bits) == len(meshes)
     assert all(min(m.bytes.values()) > 0 and m.size == sum(m.bytes.values()) for m in meshes)
     kept, told = material_rivals.worth_looking(look, meshes)
     assert len(told) == len(meshes) and len(kept) < len(meshes)

@@ -211,31 +211,34 @@ def effect_rows(path, threads):
 
 
 def compared(folder):
-    """Lines of Markdown: every asset, all together and map by map, and the target. Older kinds of records are left out."""
+    """Lines of Markdown: every asset, all together and map by map, and the target."""
     yield "| asset | what | ours of Draco + AVIF, bytes at equal PSNR |"
     yield "|---|---|---|"
-    totals = {}
+    totals = []
     for path in sorted(folder.glob("*.ours.json")):
         ours, rival = json.loads(path.read_text()), json.loads((folder / path.name.replace(".ours.", ".rivals.")).read_text())
-        if not {"positions"} <= ours.keys() & rival.keys():
-            yield f"| {ours['asset']} | | a record is older than this comparison |"
-            continue
-        for title, left_out in (("**lit, all bytes**", ()), ("**lit, without positions**", ("positions",))):
-            curves = [[{"bytes": p["total"] - sum(one[part] for part in left_out), "y": p["psnr_y"]} for p in one["points"]]
-                      for one in (ours, rival)]
-            found = _percent(*curves, ["y"])
-            totals.setdefault(ours["asset"], found)
-            yield f"| {ours['asset']} | {title} | {_said(found)} |"
+        for title, less in (("all bytes", ()), ("without positions", ("positions",))):
+            found = _lit_percent(ours, rival, less)
+            totals += [] if less or isinstance(found, str) else [found]
+            yield f"| {ours['asset']} | **lit, {title}** | {_said(found)} |"
         for semantic, points in ours["maps"].items():
             names = [n for n in semantic.split(" + ") if n in points[0]]
             for other, theirs in rival["maps"].items():
                 shared = [n for n in names if n in other.split(" + ")]
                 if shared:
                     yield f"| {ours['asset']} | {semantic} ({other}) | {_said(_percent(points, theirs, shared))} |"
-    known = [value for value in totals.values() if not isinstance(value, str)]
-    if known:
-        yield f"| **all {len(known)}** | **lit, all bytes** | mean {np.mean(known):.0f} %, at most {max(known):.0f} % |"
+    if totals:
+        yield f"| **all {len(totals)}** | **lit, all bytes** | mean {np.mean(totals):.0f} %, at most {max(totals):.0f} % |"
         yield f"| **target** | **lit, all bytes** | mean {MEAN} %, at most {MOST} % |"
+
+
+def _lit_percent(ours, rival, less):
+    """_percent() of whole assets at PSNR of Y of shaded pictures. less: keys of records, bytes that do not count."""
+    if "positions" not in ours.keys() & rival.keys():
+        return "a record is older than this comparison"
+    curves = ([{"bytes": p["total"] - sum(one[key] for key in less), "y": p["psnr_y"]} for p in one["points"]]
+              for one in (ours, rival))
+    return _percent(*curves, ["y"])
 
 
 def _said(percent):
@@ -254,10 +257,11 @@ def _percent(points, theirs, names):
 
 
 def _envelope(points):
-    """(bytes, PSNR) of the lower hull of points, log of bytes over PSNR: a curve through all that no other beats would climb
-    every time that bits which do not pay there gain a hundredth of a dB."""
+    """(bytes, PSNR) of the lower hull of points, bytes over PSNR: a curve through all that no other beats would climb every time
+    that bits which do not pay there gain a hundredth of a dB. A hull of the bytes' logarithm would promise what nobody has coded:
+    over PSNR that bends the other way."""
     def slope(a, b):
-        return np.log(b[0] / a[0]) / (b[1] - a[1])
+        return (b[0] - a[0]) / (b[1] - a[1])
 
     kept = []
     for point in sorted(points):

@@ -29,6 +29,7 @@ CODECS = {
 COLOUR_BITS, TEXTURED_COLOUR_BITS, FINE_COLOUR_BITS = (3, 4, 5, 6, 7, 8), (5, 8), (10, 12)
 SPEED, METHOD = 6, 4  # of AVIF and WebP
 FRAMES = ("corner_normal", "corner_tangent")
+TANGENT_ID = 1  # of Draco's generic attribute
 
 
 @dataclass
@@ -198,15 +199,16 @@ def colours_fit(rival, bits):
     return bool(np.abs(steps - np.rint(steps)).max() < 1e-3)
 
 
-def draco_bytes(rival, uv, colour):
+def draco_bytes(rival, uv, colour, frames=None):
     """Draco bytes of the asset: one mesh per material or one of all, whichever is smaller. uv: (int64 [F, 3, 2] or None, bits),
-    or None; colour: int64 [F, 3, 4] or None."""
+    or None; colour: int64 [F, 3, 4] or None; frames: CornerFrames or None."""
     uv, uv_bits = uv or (None, 0)
     material, textured = rival.scene.face_material, rival.textured
 
     def size(faces):
         ours = None if uv is None or not textured[faces].any() else uv[faces]
-        return len(enc_mesh(rival.lattice, rival.scene.faces[faces], ours, uv_bits, None if colour is None else colour[faces]))
+        return len(enc_mesh(rival.lattice, rival.scene.faces[faces], ours, uv_bits, None if colour is None else colour[faces],
+                            None if frames is None else frames.of(faces)))
 
     together = size(np.ones(len(material), bool))
     used = np.unique(material)
@@ -219,22 +221,31 @@ def positions_alone(lattice, faces):
     return len(enc_mesh(lattice, faces, None, 0, None))
 
 
-def enc_mesh(lattice, faces, uv, uv_bits, colour):
+def enc_mesh(lattice, faces, uv, uv_bits, colour, frames=None):
     """One Draco mesh. lattice: int64 [V, 3]; faces: int64 [F, 3]; uv: int64 [F, 3, 2] of uv_bits, or None; colour: int64 [F, 3,
-    4] or None, without its alpha where that is constant. Draco's vertices are the distinct corners."""
+    4] or None, without its alpha where that is constant; frames: CornerFrames or None. Draco's vertices are the distinct
+    corners."""
     import DracoPy
 
-    rows = [faces.reshape(-1, 1)] + [a.reshape(-1, a.shape[2]) for a in (uv, colour) if a is not None]
-    rows, index = np.unique(np.hstack(rows), axis=0, return_inverse=True)
-    options = {}
+    parts = {"vertex": faces[..., None], "uv": uv, "colour": colour} | (frames.parts if frames is not None else {})
+    parts = {name: part.reshape(-1, part.shape[2]) for name, part in parts.items() if part is not None}
+    rows, index = np.unique(np.hstack(list(parts.values())), axis=0, return_inverse=True)
+    parts = dict(zip(parts, np.split(rows, np.cumsum([part.shape[1] for part in parts.values()])[:-1], axis=1), strict=True))
+    options, generic = {}, {}
     if uv is not None:
-        options |= {"tex_coord": rows[:, 1:3].astype(np.float64), "tex_coord_quantization_bits": uv_bits}
+        options |= {"tex_coord": parts["uv"].astype(np.float64), "tex_coord_quantization_bits": uv_bits}
     if colour is not None:
-        values = rows[:, -4:] if np.ptp(colour[:, :, 3]) else rows[:, -4:-1]
+        values = parts["colour"] if np.ptp(colour[:, :, 3]) else parts["colour"][:, :3]
         small = values.max(initial=0) < 256
-        options |= {"colors": values.astype(np.uint8)} if small else {"generic_attributes": {0: values.astype(np.uint16)}}
-    return DracoPy.encode(lattice[rows[:, 0]].astype(np.uint32), faces=index.reshape(-1, 3).astype(np.uint32),
-                          compression_level=COMPRESSION_LEVEL, preserve_order=False, create_metadata=False, **options)
+        options |= {"colors": values.astype(np.uint8)} if small else {}
+        generic |= {} if small else {0: values.astype(np.uint16)}
+    if "normal" in parts:
+        options |= {"normals": parts["normal"].astype(np.float64), "normal_quantization_bits": frames.normal_bits}
+    if "tangent" in parts:
+        generic[TANGENT_ID] = parts["tangent"].astype(np.uint16)
+    return DracoPy.encode(lattice[parts["vertex"][:, 0].astype(np.int64)].astype(np.uint32), compression_level=COMPRESSION_LEVEL,
+                          faces=index.reshape(-1, 3).astype(np.uint32), preserve_order=False, create_metadata=False,
+                          generic_attributes=generic or None, **options)
 
 
 def dec_mesh(data, uv_bits):
@@ -251,6 +262,57 @@ def dec_mesh(data, uv_bits):
     if np.abs(uv - whole).max(initial=0) > 1 / 16:
         raise SystemExit("Draco's UVs are no integers")
     return positions.astype(np.int64)[faces], whole.astype(np.int64)[faces]
+
+
+# Normals and tangents.
+
+
+@dataclass
+class CornerFrames:
+    """What Draco has of shading at corners. normal: float32 [F, 3, 3], what its octahedra of normal_bits give back; tangent:
+    int64 [F, 3, 4], steps of glTF's TANGENT, or None."""
+
+    normal: np.ndarray
+    normal_bits: int
+    tangent: np.ndarray | None = None
+
+    @property
+    def parts(self):
+        """The attributes by name."""
+        return {"normal": self.normal, "tangent": self.tangent}
+
+    def of(self, faces):
+        """Those of the chosen faces, bool [F]."""
+        return replace(self, normal=self.normal[faces], tangent=None if self.tangent is None else self.tangent[faces])
+
+
+def octahedral(normals, bits):
+    """Normals float32 [..., 3] as Draco gives them back: coded and decoded by Draco itself, in order, one of a kind."""
+    import DracoPy
+
+    rows, index = np.unique(normals.reshape(-1, 3), axis=0, return_inverse=True)
+    count = len(rows)
+    faces = np.minimum(np.arange(-(-count // 3) * 3), count - 1).reshape(-1, 3).astype(np.uint32)
+    places = np.column_stack([np.arange(count), np.zeros((count, 2), np.int64)]).astype(np.uint32)
+    mesh = DracoPy.decode(DracoPy.encode(places, faces=faces, normals=rows.astype(np.float64), normal_quantization_bits=bits,
+                                         preserve_order=True))
+    if not np.array_equal(np.asarray(mesh.points)[:, 0], places[:, 0]):
+        raise SystemExit("Draco has changed the order of normals")
+    return np.asarray(mesh.normals, np.float32)[index.ravel()].reshape(normals.shape)
+
+
+def quantise_tangent(tangents, bits):
+    """glTF's TANGENT, float32 [F, 3, 4], as int64 in 0..2**bits - 1."""
+    return np.rint((np.clip(tangents.astype(np.float64), -1, 1) + 1) / 2 * ((1 << bits) - 1)).astype(np.int64)
+
+
+def dequantise_tangent(steps, bits):
+    """TANGENT float32 [F, 3, 4] of quantise_tangent's integers: unit directions and a sign; zero where there was none."""
+    direction, hand = np.split(steps / ((1 << bits) - 1) * 2 - 1, [3], axis=2)
+    length = np.linalg.norm(direction, axis=2, keepdims=True)
+    there = length > 0.5
+    tangent = np.dstack([direction / np.where(there, length, 1), np.sign(hand)])
+    return np.where(there, tangent, 0).astype(np.float32)
 
 
 # Images.

@@ -1,26 +1,28 @@
-"""Whole materials against what a user would pick instead: every map as AVIF, with Draco's UVs.
+"""Whole materials against what a user would pick instead: Draco with all its attributes, and every map as AVIF.
 
-    python -m bench.materials rivals ASSET.glb ... --out FOLDER     the curves of AVIF, slow, once
+    python -m bench.materials rivals ASSET.glb ... --out FOLDER     the curves of the rival, slow, once
     python -m bench.materials ours ASSET.glb ... --out FOLDER       our streams at some QPs
-    python -m bench.materials compare FOLDER                        tables, Markdown
+    python -m bench.materials compare FOLDER                        one table, Markdown
     python -m bench.materials effects ASSET.glb ...                 what is coded of every asset, and what it costs, Markdown
 
+--keep-old leaves assets alone that have a record in the folder, so that the same command goes on where it was stopped.
+
 Both sides are looked at twice: map by map, PSNR of a map's used columns over the texels that the surface asks, bytes of that map
-alone; and all together, PSNR of shaded pictures, bytes of all maps and of what the UVs add to the positions. Images that a file
-uses for several maps are coded once. AVIF is Pillow's at the better of 4:2:0 and 4:4:4, at every size of SCALES. Its pictures are
-of the mesh that its bytes pay for, positions on Draco's lattice and UVs of 12 bits; normals, tangents and further sets of UVs are
-the source's. The records of bench/materials are older: theirs are of the source's own mesh, kinder to AVIF (at quality 70
-by 0.2 dB on the water bottle, 0.4 on the cat, 2.8 on the damaged helmet, 3.9 on the fan).
+alone; and all together, PSNR of Y of shaded pictures, bytes of everything, and of everything but what Draco takes for positions
+and faces alone. Images that a file uses for several maps are coded once. material_rivals.py describes the rival; its AVIF is
+Pillow's at the better of 4:2:0 and 4:4:4, at every size of SCALES.
 """
 
 import argparse
 import json
-from dataclasses import replace
+from copy import copy
 from pathlib import Path
 
 import numpy as np
 
-from bench.everyday_rivals import dec_image, dequantise_uv, draco_bytes, enc_mesh, quantise_uv, rival_of, shrunk
+from bench.everyday_rivals import draco_bytes, rival_of
+from bench.material_rivals import rival_record
+from bench.material_views import LitViews
 from texfcodec.api import decode, encode_to_result
 from texfcodec.bitstream.inspect import inspect
 from texfcodec.core.colour_error import decibels, in_decibels
@@ -35,18 +37,15 @@ from texfcodec.io.atlas.sheets import sheet_colours
 from texfcodec.io.load import load
 from texfcodec.metrics.bd_rate import bd_rate
 from texfcodec.metrics.effect_times import effect_times
-from texfcodec.metrics.views import Look, compare_views
 from texfcodec.options import DecodeOptions, EncodeOptions
-from texfcodec.render.environment import DAYLIGHT
 from texfcodec.report import Report
-from texfcodec.scene.channels import BASE_COLOUR, BY_NAME, channel_over
+from texfcodec.scene.channels import BASE_COLOUR, channel_over
 from texfcodec.scene.effects import EFFECT_OF
 from texfcodec.scene.fetch import values_of_map
 
-SCALES = {1: (10, 25, 40, 55, 70, 82, 90), 2: (25, 50, 75, 90), 4: (50, 85)}
-UV_BITS, SPEED = 12, 6
 QPS = (20, 24, 28, 32, 36, 40)
-VIEWS, SIZE = 8, 1024
+VIEWS, SIZE = 8, 768
+MOST, MEAN = 75, 45  # the target, of total bytes: percent of the rival's on every asset, and on average
 
 
 def main():
@@ -55,6 +54,8 @@ def main():
     parser.add_argument("paths", nargs="+", type=Path)
     parser.add_argument("--out", type=Path, default=Path("bench/materials"))
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--qp", type=int, action="append", help=f"of ours; repeatable; {QPS} if none is given")
+    parser.add_argument("--keep-old", action="store_true", help="leave assets alone that have a record")
     parser.add_argument("--maps-only", action="store_true", help="no shaded pictures")
     given = parser.parse_args()
     if given.what == "compare":
@@ -68,9 +69,12 @@ def main():
         return
     given.out.mkdir(parents=True, exist_ok=True)
     for path in given.paths:
+        out = given.out / f"{path.stem}.{given.what}.json"
+        if given.keep_old and out.exists():
+            continue
         looked = _Looked(path, given.threads, not given.maps_only)
-        record = (rival_record if given.what == "rivals" else our_record)(looked)
-        (given.out / f"{path.stem}.{given.what}.json").write_text(json_text(record, indent=1) + "\n", encoding="utf-8")
+        record = rival_record(looked) if given.what == "rivals" else our_record(looked, given.qp or QPS)
+        out.write_text(json_text(record, indent=1) + "\n", encoding="utf-8")
 
 
 class _Looked:
@@ -80,15 +84,18 @@ class _Looked:
         self.name, self.threads, self.scene = path.stem, threads, load(str(path))
         self.surface = make_surface(self.scene, EncodeOptions())
         self.needed = needed_scene(self.scene, self.surface, "auto").value.scene
-        self.shaded = shaded
+        self._views = LitViews(self.scene, VIEWS, SIZE, threads) if shaded else None
         self._texels = {}
 
+    def of(self, scene):
+        """The same look at another Scene that shows the same with the same maps on the same UVs."""
+        other = copy(self)
+        other.scene = scene
+        return other
+
     def psnr(self, other):
-        """PSNR of shaded pictures in dB, None where they are exact or not wanted."""
-        if not self.shaded:
-            return None
-        look = Look(environment=DAYLIGHT)
-        return compare_views(self.scene, other, VIEWS, SIZE, threads=self.threads, look=look)["psnr"]["rgb"]
+        """{"psnr", "psnr_y"} of shaded pictures of a Scene or Texf, RGB and Y in dB, None where they are exact or not wanted."""
+        return {"psnr": None, "psnr_y": None} if self._views is None else self._views.psnr(other)
 
     def maps(self):
         """(material number, channel name, Texture) of all that is coded, base colour first."""
@@ -134,75 +141,10 @@ def _values(name, texels):
     return values_of_map(name, texels)
 
 
-def rival_record(looked):
-    """The curves of AVIF: {"asset", "uv_bytes", "points", "maps"}."""
-    rival = with_maps_in_view(rival_of(looked.scene))
-    plain, steps = draco_bytes(rival, None, None), quantise_uv(rival, UV_BITS)
-    uv = len(enc_mesh(rival.lattice, rival.scene.faces, steps, UV_BITS, None)) - plain
-    mesh = replace(rival.scene, materials=looked.scene.materials, corner_uv=dequantise_uv(rival, steps, UV_BITS))
-    used = sorted({texture for _, _, texture in looked.maps()})
-    points, maps = [], {}
-    for scale, qualities in SCALES.items():
-        for quality in qualities:
-            coded = {t: coded_avif(looked, t, scale, quality) for t in used}
-            images = {(number, name): coded[t][0] for number, name, t in looked.maps()}
-            for t in used:
-                mine = [name for _, name, texture in looked.maps() if texture == t]
-                psnr = looked.map_psnr(images)
-                maps.setdefault(" + ".join(dict.fromkeys(mine)), []).append(
-                    {"scale": scale, "quality": quality, "bytes": coded[t][1], **{n: psnr[n] for n in mine}})
-            textures = [replace(x, image=coded[t][0]) if t in coded else x for t, x in enumerate(looked.scene.textures)]
-            point = {"scale": scale, "quality": quality, "map_bytes": sum(size for _, size in coded.values()),
-                     "psnr": looked.psnr(replace(mesh, textures=textures))}
-            points.append(point)
-            print(looked.name, point, flush=True)
-    return {"asset": looked.name, "uv_bytes": uv, "points": points, "maps": maps}
-
-
-def with_maps_in_view(rival):
-    """A Rival whose UVs are rounded on materials that have maps and no base colour too."""
-    materials = [replace(m, texture=max(m.texture, *m.maps.values(), -1)) if m.maps else m for m in rival.scene.materials]
-    return replace(rival, scene=replace(rival.scene, materials=materials))
-
-
-def _columns(looked, texture):
-    """Columns of an image that anything asks."""
-    names = {name for _, name, t in looked.maps() if t == texture}
-    normal = any(BY_NAME[name].unit == "degrees" for name in names)
-    return [0, 1, 2] if normal else sorted({c for name in names for c in channel_over(name, True).columns} & {0, 1, 2})
-
-
-def coded_avif(looked, texture, scale, quality):
-    """(decoded uint8 [H, W, 4], bytes) at the better of both subsamplings: the smaller one at the same quality setting is kept
-    where it loses no more than it saves. Columns that nothing asks are flat; one alone is grey."""
-    import io
-
-    image, columns = looked.scene.textures[texture].image, _columns(looked, texture)
-    kept = image.copy()
-    kept[..., [c for c in (0, 1, 2) if c not in columns]] = 0
-    if len(columns) == 1:
-        kept[..., :3] = image[..., columns]
-    picture = shrunk(kept, scale, False)
-    best = None
-    for subsampling in ("4:0:0",) if picture.mode == "L" else ("4:2:0", "4:4:4"):
-        out = io.BytesIO()
-        picture.save(out, "AVIF", quality=quality, speed=SPEED, subsampling=subsampling, max_threads=looked.threads)
-        decoded = dec_image(out.getvalue())
-        if scale > 1:
-            from PIL import Image
-
-            decoded = np.asarray(Image.fromarray(decoded).resize(image.shape[1::-1], Image.Resampling.BICUBIC))
-        error = float(((decoded[..., columns].astype(np.float32) - image[..., columns]) ** 2).mean())
-        cost = len(out.getvalue()) * max(error, 1e-3) ** 0.8
-        if best is None or cost < best[0]:
-            best = cost, decoded, len(out.getvalue())
-    return best[1], best[2]
-
-
-def our_record(looked):
-    """Our streams: {"asset", "points", "maps"}."""
-    points, maps = [], {}
-    for qp in QPS:
+def our_record(looked, qps):
+    """Our streams: {"asset", "positions": bytes, "points", "maps"}."""
+    points, maps, positions = [], {}, draco_bytes(rival_of(looked.scene), None, None)
+    for qp in qps:
         made = encode_to_result(looked.scene, EncodeOptions(rate="r03", qp=qp, threads=looked.threads))
         texf, told = decode(made.data), inspect(made.data)
         groups = {}
@@ -212,12 +154,10 @@ def our_record(looked):
         for semantic, size in groups.items():
             names = [name.removesuffix("_object") for name in semantic.split(" + ")]
             maps.setdefault(semantic, []).append({"qp": qp, "bytes": size, **{n: psnr[n] for n in names if n in psnr}})
-        plain = draco_bytes(rival_of(looked.scene), None, None)
-        point = {"qp": qp, "total": len(made.data), "map_bytes": made.sizes["attributes"],
-                 "uv_bytes": made.sizes["geometry"] - plain, "psnr": looked.psnr(texf), "groups": groups}
+        point = {"qp": qp, "total": len(made.data), "map_bytes": made.sizes["attributes"], "groups": groups} | looked.psnr(texf)
         points.append(point)
         print(looked.name, point, flush=True)
-    return {"asset": looked.name, "points": points, "maps": maps}
+    return {"asset": looked.name, "positions": positions, "points": points, "maps": maps}
 
 
 def _our_images(looked, texf):
@@ -271,38 +211,67 @@ def effect_rows(path, threads):
 
 
 def compared(folder):
-    """Lines of Markdown: every asset, map by map and all together."""
-    yield "| asset | map | ours of AVIF, bytes at equal PSNR |"
+    """Lines of Markdown: every asset, all together and map by map, and the target."""
+    yield "| asset | what | ours of Draco + AVIF, bytes at equal PSNR |"
     yield "|---|---|---|"
+    totals = []
     for path in sorted(folder.glob("*.ours.json")):
         ours, rival = json.loads(path.read_text()), json.loads((folder / path.name.replace(".ours.", ".rivals.")).read_text())
+        for title, less in (("all bytes", ()), ("without positions", ("positions",))):
+            found = _lit_percent(ours, rival, less)
+            totals += [] if less or isinstance(found, str) else [found]
+            yield f"| {ours['asset']} | **lit, {title}** | {_said(found)} |"
         for semantic, points in ours["maps"].items():
             names = [n for n in semantic.split(" + ") if n in points[0]]
             for other, theirs in rival["maps"].items():
                 shared = [n for n in names if n in other.split(" + ")]
                 if shared:
-                    yield f"| {ours['asset']} | {semantic} ({other}) | {_ratio(points, theirs, shared)} |"
-        if ours["points"][0]["psnr"] is not None:
-            mine = [{"bytes": p["map_bytes"] + p["uv_bytes"], "all": p["psnr"]} for p in ours["points"]]
-            theirs = [{"bytes": p["map_bytes"] + rival["uv_bytes"], "all": p["psnr"]} for p in rival["points"]]
-            yield f"| {ours['asset']} | **all, shaded** | {_ratio(mine, theirs, ['all'])} |"
+                    yield f"| {ours['asset']} | {semantic} ({other}) | {_said(_percent(points, theirs, shared))} |"
+    if totals:
+        yield f"| **all {len(totals)}** | **lit, all bytes** | mean {np.mean(totals):.0f} %, at most {max(totals):.0f} % |"
+        yield f"| **target** | **lit, all bytes** | mean {MEAN} %, at most {MOST} % |"
 
 
-def _ratio(points, theirs, names):
-    """Our bytes in percent of the rival's at equal mean PSNR, over the range that both have."""
-    a, b = (_envelope([(p["bytes"], float(np.mean([p[n] for n in names]))) for p in one]) for one in (theirs, points))
+def _lit_percent(ours, rival, less):
+    """_percent() of whole assets at PSNR of Y of shaded pictures. less: keys of records, bytes that do not count."""
+    if "positions" not in ours.keys() & rival.keys():
+        return "a record is older than this comparison"
+    curves = ([{"bytes": p["total"] - sum(one[key] for key in less), "y": p["psnr_y"]} for p in one["points"]]
+              for one in (ours, rival))
+    return _percent(*curves, ["y"])
+
+
+def _said(percent):
+    return percent if isinstance(percent, str) else f"{percent:.0f} %"
+
+
+def _percent(points, theirs, names):
+    """Our bytes in percent of the rival's at equal mean PSNR, over the range that both have; why not, where there is none. Exact
+    pictures have no PSNR and are left out."""
+    a, b = (_envelope([(p["bytes"], float(np.mean([p[n] for n in names]))) for p in one if None not in [p[n] for n in names]])
+            for one in (theirs, points))
     try:
-        return f"{100 + bd_rate(*zip(*a, strict=True), *zip(*b, strict=True)):.0f} %"
-    except ValueError as error:
+        return 100 + bd_rate(*zip(*a, strict=True), *zip(*b, strict=True))
+    except (TypeError, ValueError) as error:
         return f"no common range: {error}"[:90]
 
 
 def _envelope(points):
-    """The points that no other beats, by bytes."""
+    """(bytes, PSNR) of the lower hull of points, bytes over PSNR: a curve through all that no other beats would climb every time
+    that bits which do not pay there gain a hundredth of a dB. A hull of the bytes' logarithm would promise what nobody has coded:
+    over PSNR that bends the other way."""
+    def slope(a, b):
+        return (b[0] - a[0]) / (b[1] - a[1])
+
     kept = []
-    for size, psnr in sorted(points):
-        if not kept or psnr > kept[-1][1] + 1e-6:
-            kept += [(size, psnr)] if not kept or size > kept[-1][0] else []
+    for point in sorted(points):
+        if kept and point[1] <= kept[-1][1] + 1e-6:
+            continue
+        if kept and point[0] == kept[-1][0]:
+            kept.pop()
+        while len(kept) > 1 and slope(kept[-2], kept[-1]) >= slope(kept[-2], point):
+            kept.pop()
+        kept.append(point)
     return kept
 
 

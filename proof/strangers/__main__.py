@@ -16,7 +16,8 @@ from pathlib import Path
 
 if not __package__:  # called as a folder
     sys.path[0] = str(Path(__file__).resolve().parents[2])
-    import tools  # noqa: F401  these, whatever --code names
+    import bench  # noqa: F401  these, whatever --code names
+    import proof  # noqa: F401
 
     if "--code" in sys.argv[:-1]:
         sys.path.insert(0, str(Path(sys.argv[sys.argv.index("--code") + 1]).resolve()))

@@ -5,6 +5,8 @@ import copy
 import io
 import re
 import shutil
+import subprocess
+import sys
 import tarfile
 from argparse import Namespace
 from importlib import import_module
@@ -13,6 +15,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 import pytest
 from browser import BROWSER
+from conftest import REPOSITORY
 from mesh_files import SQUARE_UV, Builder, encoded
 from PIL import Image
 from shapes import scene_of, square
@@ -301,6 +304,18 @@ def _blue_square():
     path = CACHE / "files" / "npm" / "made-1" / "blue.glb"
     path.write_bytes(builder.glb())
     return str(path.relative_to(CACHE))
+
+
+# Called as a folder
+
+
+def test_the_folder_is_called_with_its_own_tools_whatever_code_names(tmp_path):
+    for package in ("bench", "proof"):
+        (tmp_path / package).mkdir()
+        (tmp_path / package / "__init__.py").write_text("raise SystemExit('another checkout')")
+    run = subprocess.run([sys.executable, "proof/strangers", "--code", str(tmp_path), "--help"], cwd=REPOSITORY,
+                         capture_output=True, text=True, check=False)
+    assert run.returncode == 0 and run.stdout.startswith("usage: strangers"), run.stderr
 
 
 # A sample

@@ -83,7 +83,7 @@ def test_over_voxels_the_map_is_a_deviation_and_needs_no_frame():
     assert (np.linalg.norm(deviation, axis=1) > 0.4).mean() > 0.4  # half of the surface is tilted by more than 30 degrees
 
 
-def test_tangents_that_uvs_do_not_give_are_a_warning_with_degrees_and_a_share():
+def test_tangents_that_texels_cannot_hold_are_a_warning_with_degrees_and_a_share():
     """Half of the surface has TANGENTs at a right angle to its UVs, and bumps of some degrees; where all have, maps turn."""
     def warned(scene):
         report = Report()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..codecs import our_codecs
-from ..scene.channels import COLOURS
+from ..scene.channels import ALPHA
 
 if TYPE_CHECKING:
     from ..codecs.base import Group, PlaneCodec
@@ -48,11 +48,12 @@ class Coder:
     def for_group(self, group: Group, weights: Mapping[str, float]) -> Coder:
         """The coder with a channel group's QPs: at equal slopes of bytes and error of a shaded picture, a channel whose errors
         weigh w times those of base colour has 1 / w of its squared error. weights: of a Scene. The second channel of a group gets
-        its own as an offset to the first's; components of one channel that is no colour have the same."""
-        if self.qp is None or group.channels[0] in COLOURS:
+        its own as an offset to the first's; components of one channel that is no colour have the same. Alpha has the QP as it
+        is."""
+        if self.qp is None or group.channels[0] is ALPHA:
             return self
         steps = [-10 * math.log10(weights.get(c.name, c.weight)) * QP_PER_DECIBEL for c in group.channels]
-        qp = min(max(round(self.qp + steps[0]), LEAST_QP), LAST_QP)
+        qp = min(max(round(self.qp + steps[0]), min(LEAST_QP, self.qp)), max(LAST_QP, self.qp))
         if group.channels[0].srgb:
             return self.at(qp=qp)
         return self.at(qp=qp, chroma_qp_offset=round(steps[-1] - steps[0]))

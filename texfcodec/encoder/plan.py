@@ -160,7 +160,7 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
     scene, rd, evidence = begun.scene, begun.rd, begun.evidence
     with report.stage("effects", (1, 2)):
         if request.effort != "fast":
-            scene = replace(scene, weights=measured_weights(scene, request.threads))
+            scene = replace(scene, weights=measured_weights(scene, request.rate_is_free, request.threads))
         colours = material_colours(scene, begun.surface)
     with report.stage("supports") as step:
         supports = choose_supports(scene, begun.surface, rd, request, colours, finer, step)

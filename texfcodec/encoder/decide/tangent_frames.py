@@ -19,6 +19,7 @@ from ...geometry.tangents import corner_tangents
 from ...render.tangent_frames import tangent_space_normals
 from ...scene.channels import BY_NAME, NORMAL_MAPS
 from ...scene.factors import factor_of
+from ...scene.fetch import values_of_map
 from ..decision import Decision
 from ..shown_maps import NORMAL, Frames, turn_of
 from ..texel_field import FULL_BITS, TexelPlan, wrapped
@@ -216,10 +217,9 @@ def _bilinear(group, name, place):
     """x and y of a group's normal map, float32 [N, 2] in 0..255, at places [N, 2] in texels of the group's image."""
     image = group.maps[name]
     size = image.shape[1], image.shape[0]
-    flat, out = image.reshape(-1, image.shape[2])[:, :2], np.zeros((len(place), 2))
-    for index, weight in _neighbours(place * (np.array(size) / group.size), size, group.wrap):
-        out += weight[:, None] * flat[index]
-    return out.astype(np.float32)
+    flat = image.reshape(-1, image.shape[2])
+    return values_of_map(name, sum(weight[:, None] * flat[index] for index, weight in
+                                   _neighbours(place * (np.array(size) / group.size), size, group.wrap)))
 
 
 def _turned(frames, mapped):
@@ -235,6 +235,6 @@ def _turned(frames, mapped):
         texels, matrices = mean_matrices(steps, between, mapped.area, off, size, group.wrap)
         scale = float(np.average(_scale(frames, name, mapped.faces[off]), weights=mapped.area[off]))
         flat = image.reshape(-1, image.shape[2])
-        flat[texels, :2] = turned_texels(flat[texels, :2], matrices, scale)
+        flat[texels, :3] = turned_texels(values_of_map(name, flat[texels]), matrices, scale)
         maps[name], changed = image, changed + len(texels)
     return replace(mapped.plan, group=replace(group, maps=maps)), changed

@@ -9,6 +9,7 @@ from ...field.morton import decode_morton
 from ...field.texel_set import _edge_columns, _rows_of, asked_texels, shown_area
 from ...scene.factors import FLAT
 from ...scene.fetch import _wrapped
+from ...scene.scene import WRAP_CLAMP
 from ..texel_field import FULL_BITS
 
 COLUMNS = 10  # of a sum: a matrix and its weight
@@ -35,7 +36,10 @@ def _add_matrices(uv, matrices, shares, fraction, wrap_s, wrap_t, rank, total):
             first1, last1 = _edge_columns(bx, by, cx, cy, low, high, half)
             first2, last2 = _edge_columns(cx, cy, ax, ay, low, high, half)
             y = 2 * half * row + half
-            for column in range(min(first0, first1, first2), max(last0, last1, last2) + 1):
+            first, last = min(first0, first1, first2), max(last0, last1, last2)
+            if wrap_s == WRAP_CLAMP:  # what lies beyond the border counts once, as in field.texel_set
+                first, last = min(max(first, 0), width - 1), min(max(last, 0), width - 1)
+            for column in range(first, last + 1):
                 place = rank[_wrapped(row, height, wrap_t), _wrapped(column, width, wrap_s)]
                 if place < 0 or place >= total.shape[0]:
                     continue
@@ -101,12 +105,12 @@ def _areas(uv):
 
 
 def turned_texels(texels: np.ndarray, matrices: np.ndarray, scale: float) -> np.ndarray:
-    """x and y of tangent-space normals in other frames.
+    """Tangent-space normals in other frames.
 
     Parameters
     ----------
-    texels : uint8 [T, 2]
-        x and y; z follows from length 1.
+    texels : float32 [T, 2]
+        x and y, 0..255; z follows from length 1.
     matrices : float64 [T, 3, 3]
         From the old frame into the new.
     scale : float
@@ -114,13 +118,14 @@ def turned_texels(texels: np.ndarray, matrices: np.ndarray, scale: float) -> np.
 
     Returns
     -------
-    float64 [T, 2]
-        Whole numbers in 0..255. A normal that would point inwards lies in the plane.
+    float64 [T, 3]
+        Whole numbers in 0..255, of length 1 as directions. A normal that would point inwards lies in the plane.
     """
-    xy = texels / FLAT - 1
+    xy = texels.astype(np.float64) / FLAT - 1
     normal = np.column_stack([scale * xy, np.sqrt(np.maximum(1 - (xy**2).sum(axis=1), 0.0))])
     normal = np.einsum("nij,nj->ni", matrices, normal)
     normal[:, 2] = np.maximum(normal[:, 2], 0.0)
     normal[:, :2] /= scale or 1.0
     length = np.linalg.norm(normal, axis=1, keepdims=True)
-    return np.clip(np.rint((normal[:, :2] / np.where(length > 0, length, 1) + 1) * FLAT), 0, 255)
+    normal = np.where(length > 0, normal / np.where(length > 0, length, 1), [0.0, 0.0, 1.0])
+    return np.clip(np.rint((normal + 1) * FLAT), 0, 255)

@@ -21,7 +21,7 @@ from ...field.transfer import texels_per_edge, transfer
 from ...field.voxelise import voxelise
 from ...field.voxels import VoxelSupport
 from ...geometry.areas import face_areas, sample_surface
-from ...scene.channels import BY_NAME
+from ...scene.channels import BASE_COLOUR, BY_NAME, COLOURS
 from ...scene.fetch import map_columns, pack_map, pack_source, sample_source
 from ...scene.scene import WRAP_CLAMP, WRAP_REPEAT
 from ..coder import Coder
@@ -129,19 +129,20 @@ class Patch:
         error, weights = ColourError(), self.colour[chosen, 3] / 255
         error.add(self.colour[chosen, :3], got[:, :3], weights if weights.any() else None)
         alpha = float(((self.colour[chosen, 3:] - got[:, 3:]) ** 2).mean()) if got.shape[1] == 4 else 0.0
-        return error.mse()["y"] + alpha
+        return self.scene.weights.get(BASE_COLOUR.name, BASE_COLOUR.weight) * error.mse()["y"] + alpha
 
     def probe(self, values: int, bits: float, mse: float) -> Probe:
         """A Probe of this patch with a measured error."""
         return Probe(values, bits, max(mse, self.least), mse)
 
 
-def _coded(plane, support, patch, coder):
+def _coded(plane, support, patch, quality):
     """(bits per value, decoded) of float32 [N, C]: a map, or colour, and alpha where it is there, by itself."""
     decoded, size, name = [], 0, patch.name
     parts = [plane] if name is not None else np.split(plane, [3], axis=1)[: plane.shape[1] - 2]
-    coder = coder if name is None else coder.for_group(Group((BY_NAME[name],)), patch.scene.weights)
-    for part in parts:
+    channels = COLOURS if name is None else (BY_NAME[name],)
+    for part, channel in zip(parts, channels, strict=False):
+        coder = quality.for_group(Group((channel,)), patch.scene.weights)
         variables = {"NumComponents": part.shape[1], "resolution": 1 << support.depth, "Planar": int(support.planar)}
         count, values = coder.size(np.ascontiguousarray(part), support, variables)
         size += count

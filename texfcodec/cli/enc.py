@@ -275,10 +275,14 @@ def _counted(facts):
 
 
 def _normal_lines(told):
-    """How far shading normals are off, and what marks of edges take."""
+    """How far shading normals are off, what their unit takes and what it gains, and what became of normal maps."""
     if "degrees" in told:
-        marks = f", {told['marks_bytes']} bytes of marked edges" if "marks_bytes" in told else ""
-        yield f"shading normals within {told['degrees'][0]} degrees on half of the surface, {told['degrees'][1]} on 95 %{marks}"
+        size, (half, most, _) = told.get("marks_bytes", 0) + told.get("normals_bytes", 0), told["degrees"]
+        rules = f", by {size} bytes of marks and residuals; rules alone: {told['rule_degrees'][1]} on 95 %" if size else ""
+        yield f"shading normals within {half} degrees on half of the surface, {most} on 95 %{rules}"
+    if told.get("turned_texels") or told.get("split_fields"):
+        apart = ", faces of other frames in fields of their own" if told["split_fields"] else ""
+        yield f"normal maps turned from the file's TANGENTs into a decoder's frames: {told['turned_texels']} texels{apart}"
 
 
 def _support_lines(told):

@@ -169,7 +169,7 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
     surface, rd = chosen.surface, replace(rd, resolution=chosen.resolution)
     with report.stage("normals") as step:
         folded = with_folded_normals(scene, surface, _without_uv_area(chosen.plans))
-        shading = _said(choose_normals(folded, surface, rd.qp, budget, step), report)
+        shading = _said(choose_normals(folded, surface, rd.qp, budget, _attribute_bytes(supports.evidence), step), report)
         frames = _said(fit_frames(scene, surface, shading.value, chosen.plans, rd), report)
         chosen = replace(chosen, plans=frames.value)
     with report.stage("partition") as step:
@@ -206,6 +206,11 @@ def _said(decision: Decision, report: Report, strict: bool = False) -> Decision:
     if strict and decision.warnings:
         raise InputError("TXF-I52", "something would be lost, and strict forbids it", warnings=report.warnings)
     return decision
+
+
+def _attribute_bytes(evidence):
+    """Bytes that colours and maps are likely to take, by the evidence of choose_supports(); 0 where nothing was probed."""
+    return sum(row[row["chosen"]]["attribute_bytes"] for row in evidence["groups"] if row["chosen"] in row)
 
 
 def _without_uv_area(plans):

@@ -14,6 +14,7 @@ from ...render.raster import visible
 from ...render.shade import shade_source
 from ...render.triangles import set_up
 from ...scene.channels import BASE_COLOUR, BY_NAME
+from ...scene.factors import FLAT
 from ...scene.fetch import pack_source
 from ..map_planes import map_names
 
@@ -36,6 +37,11 @@ Weights = dict[str, float]
 def table_weights() -> Weights:
     """Weights by channel name where nothing is measured."""
     return {name: channel.weight for name, channel in BY_NAME.items()}
+
+
+def shown_of_radians(weights: Weights) -> float:
+    """Squared error of a shaded picture, in levels, for a squared radian of shading normals."""
+    return USUAL_GAIN * weights.get("normal", BY_NAME["normal"].weight) * FLAT**2 / 2
 
 
 def measured_weights(scene: Scene, is_free: bool, threads: int) -> Weights:

@@ -21,6 +21,8 @@ from ...geometry.shading_normals import Fans, corner_normals
 from ...report import Step, no_step
 from ...scene.normal_rule import BOTH, CODED, FLAT, IN_STREAM, JOINED, MARKED, MOST_ANGLE, PAIRS, USUAL, WEIGHTS, NormalRule
 from ..decision import Decision
+from ..rd import coding_mse
+from .channel_weights import shown_of_radians
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
@@ -35,7 +37,14 @@ CLIP = 10.0  # degrees: an error that is larger is as bad as this
 # Degrees at POINTS of the surface at QP 24: what has to be reached. Without the third, a jet whose rule is 13 degrees off on the
 # last hundredth stays 2.4 dB worse in light, for want of 718 bytes of marks.
 ENOUGH = (0.5, 3.0, 6.0)
-STEP = 150  # of coded normals at QP 24, in units of 2**-14: 1.05 degrees, a median of 0.42 where all are off
+# Of coded normals at QP 24, in units of 2**-14: at most 1.05 degrees, which leaves a median of 0.42 where all are off. Finer
+# where bytes gain more in light there than among colours and maps: at 75, six models take 0.3 to 2 % more bytes for 0.2 to 0.5
+# dB, a seventh 6 % for 0.2.
+STEP, LEAST_STEP = 150, 40
+PRICE = 1.3  # 3 * 1.2 * 2 / (8 ln 2): a tenth more bytes of attributes take 12 % off the squared error
+DECIBELS = 12.0  # of the picture for ten times the bytes of attributes; the exponent of PRICE
+NOTICED = 0.3  # dB that errors take away from which residuals are tried, whatever the degrees
+UNITS = 1 << 13  # of a step for a radian
 AT_QP, DOUBLING = 24, 12  # what has to be reached doubles with so much more QP, and so does the step
 WORTH = 0.9  # of the mean clipped error: what marks have to bring it down to
 NEAR = 1.5  # times the least error at the tried corners: what is looked at on the whole surface
@@ -85,10 +94,11 @@ class Shading:
         return corner_normals(surface.lattice, surface.faces, self.rules, surface.material, self.marks, coded)
 
 
-def choose_normals(scene: Scene, surface: Surface, qp: float = AT_QP, budget: int | None = None,
+def choose_normals(scene: Scene, surface: Surface, qp: float = AT_QP, budget: int | None = None, attributes: float = 0.0,
                    step: Step = no_step) -> Decision[Shading]:
     """The Shading of a scene on its lattice. Materials without light need none: theirs is the usual rule. Warns where errors stay
-    large. qp: of colours; budget: bytes of the whole stream, None where it has none; step: of Report.stage()."""
+    large. qp: of colours; budget: bytes of the whole stream, None where it has none; attributes: bytes that colours and maps are
+    likely to take, 0 where that is not known; step: of Report.stage()."""
     usual = FLAT if scene.flat else USUAL
     rules = [USUAL if m.unlit else usual for m in scene.materials]
     used = np.zeros(len(scene.materials), bool)
@@ -97,14 +107,17 @@ def choose_normals(scene: Scene, surface: Surface, qp: float = AT_QP, budget: in
     if scene.corner_normal is None or not len(lit):
         reason = "the source has no normals" if scene.corner_normal is None else "no material is lit"
         return Decision(Shading(rules), {"reason": reason})
-    target, tolerance = _Target(scene, surface), tolerance_of(qp)
-    shading = Shading(_search(rules, lit, target, _Target(scene, _tried(surface, lit)), step))
+    target, tolerance = _Target(scene, surface, qp, attributes), tolerance_of(qp)
+    shading = Shading(_search(rules, lit, target, _Target(scene, _tried(surface, lit), qp, attributes), step))
     error = _errors_of(shading.rules, target)
-    far = [m for m in lit if _is_far(error, target, m, tolerance)]
+    far = [m for m in lit if _is_far(error, target, m, tolerance) or _is_noticed(error, target, m)]
+    of_rules = error
     if far:
-        most = None if budget is None else MOST_SHARE * budget
+        most = np.inf if budget is None else MOST_SHARE * budget
+        if not any(_is_far(error, target, m, tolerance) for m in far):
+            most = min(most, target.worth(error))
         shading, error = _marked_or_coded(shading, far, target, error, tolerance, most)
-    evidence = _evidence(shading, lit, target, error, scene)
+    evidence = _evidence(shading, lit, target, error, of_rules, scene)
     median, most, _ = evidence["degrees"]
     if median <= ENOUGH[0] * max(tolerance, 1) and most <= ENOUGH[1] * max(tolerance, 1):
         return Decision(shading, evidence)
@@ -120,14 +133,33 @@ def tolerance_of(qp: float) -> float:
 
 
 class _Target:
-    """A surface and the source's normals on it. source: float64 [3 F, 3]; weight: float64 [3 F], area; material: int64 [3 F]."""
+    """A surface and the source's normals on it. source: float64 [3 F, 3]; weight: float64 [3 F], area; material: int64 [3 F];
+    attributes: bytes of colours and maps, 0 where that is not known; shown: of a squared radian, over what coding leaves."""
 
-    def __init__(self, scene, surface):
+    def __init__(self, scene, surface, qp, attributes):
+        self.attributes, self.shown = attributes, shown_of_radians(scene.weights) / coding_mse(qp)
         self.surface, self.fans = surface, Fans(surface.lattice, surface.faces)
         self.source = scene.corner_normal[surface.origin_face].reshape(-1, 3).astype(np.float64)
         self.weight, self.material = np.repeat(self.fans.area, 3), np.repeat(surface.material, 3)
         self.all = np.arange(len(self.source))
         self.materials = len(scene.materials)
+
+    def step(self, count, tolerance):
+        """Of so many coded normals."""
+        finest, usual = LEAST_STEP * tolerance, STEP * tolerance
+        wanted = UNITS * np.sqrt(PRICE * count / (self.attributes * self.shown)) if self.attributes else usual
+        return round(min(max(wanted, finest, 1), usual, MOST_STEP))
+
+    def lost(self, error, chosen=...):
+        """dB of the picture in light that errors, in degrees at chosen corners, take away."""
+        if not self.weight[chosen].any():
+            return 0.0
+        squared = np.average(np.radians(np.minimum(error[chosen], CLIP)) ** 2, weights=self.weight[chosen])
+        return 10 * np.log10(1 + self.shown * float(squared))
+
+    def worth(self, error):
+        """Bytes that may be spent on taking errors away."""
+        return self.attributes * (10 ** (self.lost(error) / DECIBELS) - 1)
 
     def errors(self, normals, chosen=...):
         """Degrees between normals [N, 3] and the source's at chosen corners."""
@@ -219,7 +251,12 @@ def _is_far(error, target, material, tolerance):
     return any(value > enough * tolerance for value, enough in zip(reached, ENOUGH, strict=True))
 
 
-def _marked_or_coded(shading, far, target, error, tolerance, most=None):
+def _is_noticed(error, target, material):
+    """Whether errors cost more of the picture than may be had for bytes; not where these are not known."""
+    return bool(target.attributes) and target.lost(error, target.material == material) > NOTICED
+
+
+def _marked_or_coded(shading, far, target, error, tolerance, most=np.inf):
     """(Shading, errors) of materials that are far from the source: over marked edges where that brings them closer, with coded
     normals where it does not bring them close enough and residuals take at most so many bytes. All marks are of one set, so that
     an edge between two is marked once."""
@@ -228,9 +265,10 @@ def _marked_or_coded(shading, far, target, error, tolerance, most=None):
         rules[m] = rule
     edges, surface = target.fans.edges, target.surface
     of_marks = _errors_of(rules, target, sharp & edges.touching(_asks_marks(rules, surface)))
-    in_stream = [IN_STREAM if m in far and _is_far(of_marks, target, m, tolerance) else rule for m, rule in enumerate(rules)]
+    in_stream = [IN_STREAM if m in far and (_is_far(of_marks, target, m, tolerance) or _is_noticed(of_marks, target, m)) else rule
+                 for m, rule in enumerate(rules)]
     found = _over_marks(in_stream, target, sharp, tolerance)
-    if found is not None and found.coded is not None and most is not None and len(found.coded.data) > most:
+    if found is not None and found.coded is not None and len(found.coded.data) > most:
         found = _over_marks(rules, target, sharp, tolerance)
     if found is None:
         return shading, error
@@ -244,7 +282,7 @@ def _over_marks(rules, target, sharp, tolerance):
     if not marked.any():
         return None
     data = enc_marks(sharp[marked], edges.ends[marked], folds(edges, surface.lattice, surface.faces)[marked])
-    return Shading(rules, sharp[marked], data, _coded(rules, target, sharp & marked, round(STEP * tolerance)))
+    return Shading(rules, sharp[marked], data, _coded(rules, target, sharp & marked, tolerance))
 
 
 def _asks_marks(rules, surface):
@@ -267,13 +305,13 @@ def _rules_over_marks(far, target, error, sharp):
     return chosen
 
 
-def _coded(rules, target, sharp, step):
+def _coded(rules, target, sharp, tolerance):
     """CodedNormals of the materials whose rule asks for them, None where none does. sharp: bool [E]."""
     asking = np.array([rule.kind == CODED for rule in rules], bool)[target.surface.material]
     if not asking.any():
         return None
-    step = min(max(step, 1), MOST_STEP)
     groups = groups_of(target.surface.lattice, target.surface.faces, asking, target.fans.edges, sharp)
+    step = target.step(len(groups), tolerance)
     of_group = groups.group[groups.corner_of]
     weight = target.fans.weights[BOTH][groups.corner_of]
     mean = np.stack([np.bincount(of_group, weight * target.source[groups.corner_of, k], len(groups)) for k in range(3)], axis=1)
@@ -301,13 +339,15 @@ def _score(error, target, material):
     return float(np.average(np.minimum(error[mine], CLIP), weights=target.weight[mine])) if target.weight[mine].any() else 0.0
 
 
-def _evidence(shading, lit, target, error, scene):
-    """What the report says: degrees over the surface of lit materials at POINTS, under the usual rule and under those chosen."""
+def _evidence(shading, lit, target, error, of_rules, scene):
+    """What the report says: degrees over the surface of lit materials at POINTS, under the usual rule, under the best rules alone
+    and as coded."""
     mine = np.isin(target.material, lit)
     before = _errors_of([USUAL] * target.materials, target)
     rows = [{"material": scene.materials[m].name, "rule": str(shading.rules[m]),
              "degrees": _rounded(error, target, target.material == m)} for m in lit]
-    evidence = {"degrees": _rounded(error, target, mine), "usual_rule_degrees": _rounded(before, target, mine), "materials": rows}
+    evidence = {"degrees": _rounded(error, target, mine), "usual_rule_degrees": _rounded(before, target, mine),
+                "rule_degrees": _rounded(of_rules, target, mine), "materials": rows}
     if shading.data is not None:
         evidence |= {"marked_edges": len(shading.marks), "sharp_edges": int(shading.marks.sum()),
                      "marks_bytes": len(shading.data)}

@@ -23,7 +23,7 @@ from ...scene.fetch import values_of_map
 from ..decision import Decision
 from ..shown_maps import NORMAL, Frames, turn_of
 from ..texel_field import FULL_BITS, TexelPlan, wrapped
-from .channel_weights import USUAL_GAIN
+from .channel_weights import shown_of_radians
 from .normal_rules import ENOUGH, POINTS, quantiles, tolerance_of
 from .turned_texels import mean_matrices, turned_texels
 
@@ -39,7 +39,6 @@ OFF = 0.05  # of a matrix between two frames, three degrees: faces from here on 
 FAR = 0.5  # of it: other hands, or turned by more than a fifth of a right angle: what cannot share texels with the others
 CLIP = 30.0  # degrees: what is further off looks no worse
 LEAST_SHARE = 1e-4  # of the surface: fewer such faces are left alone
-LEVELS = 127.5  # of a map for a radian
 # What turning has to gain, in dB of the lit picture, and what as many texels again have to, which faces of other frames are given
 # for themselves: 3.3 dB of the fan cost 40 % from r03 to r04.
 LEAST_GAIN, DECIBELS_A_DOUBLING = 0.02, 6.0
@@ -110,8 +109,8 @@ class _Fitted:
 def _best(frames, mapped, rd):
     """The _Fitted of a plan: as it is, with turned texels, or in two, so that faces off their frame share none with others."""
     best = _Fitted([mapped.plan], _errors(frames, [mapped], [mapped.plan]), float(mapped.area.sum()))
-    weight = LEVELS**2 / 2 * USUAL_GAIN * frames.scene.weights[NORMAL]  # of squared radians in the picture
-    error = lambda errors: weight * float((np.radians(np.minimum(errors, CLIP)) ** 2).mean())
+    shown = shown_of_radians(frames.scene.weights)
+    error = lambda errors: shown * float((np.radians(np.minimum(errors, CLIP)) ** 2).mean())
     for least in (OFF, FAR):  # all together; then those that are far off for themselves
         apart = mapped.off(least)
         if not mapped.area[apart].sum() > LEAST_SHARE * best.area or rd.gain(error(best.errors), 0.0) < LEAST_GAIN:

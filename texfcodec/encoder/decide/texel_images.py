@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...bitstream.syntax import MAX_UV_ORIGIN
 from ...field.extents import MAX_SIDE
+from ...geometry.areas import face_areas
 from ...geometry.draco import MAX_UV_BITS
 from ...scene.fetch import CURVE_STEPS
 from ...scene.scene import ALPHA_OPAQUE, WRAP_CLAMP
 from ...scene.srgb import linear_to_srgb, srgb_to_linear
+from ..texel_means import texel_means
 from .resample import resampled
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
     from ...scene.scene import Scene
+
+PAINT_BITS = 2  # of UVs where vertex colours go into texels
+MOST_SPREAD = 0.02  # of linear vertex colours within a texel, 0..1: more of it is faces that share texels and not colours
 
 
 @dataclass(frozen=True)
@@ -74,16 +79,18 @@ class ImageGroup:
 
 
 def image_groups(scene: Scene, surface: Surface) -> list[ImageGroup]:
-    """The groups of a surface: faces whose images (by content), wrap modes, factor and use of alpha are the same; and one palette
-    for the faces of materials without an image. Faces with vertex colours of their own, with UVs that are not finite or too far
-    out, or whose images differ in UVs or wrap modes are in none."""
+    """The groups of a surface: faces whose images (by content), wrap modes, factor and use of alpha are the same; one for the
+    faces of a material with vertex colours, these in its texels; and one palette for the faces of materials without an image.
+    Faces without any image whose vertices have colours, those that share texels and not colours, with UVs that are not finite or
+    too far out, or whose images differ in UVs or wrap modes are in none."""
     groups: dict[tuple, list[tuple]] = {}
+    painted: list[ImageGroup | None] = []
     plain = _plain_faces(scene, surface)
     digests = _digests(scene.textures)
     for number in np.unique(surface.material):
-        material, faces = scene.materials[number], np.flatnonzero(plain & (surface.material == number))
-        used = _textures_of(material)
-        if not used or not _goes_together(scene, surface, material, faces):
+        material, mine = scene.materials[number], surface.material == number
+        faces, used = np.flatnonzero(plain & mine), _textures_of(material)
+        if not used or not _goes_together(scene, surface, material, np.flatnonzero(mine)):
             continue
         opaque = material.alpha_mode == ALPHA_OPAQUE
         image = scene.textures[material.texture].image if material.texture >= 0 else None
@@ -91,8 +98,10 @@ def image_groups(scene: Scene, surface: Surface) -> list[ImageGroup]:
         key = (tuple((name, digests[t]) for name, t in sorted(used.items())), tuple(scene.textures[min(used.values())].wrap),
                material.factor.tobytes(), not sees_through, _is_nearest(scene, material))
         groups.setdefault(key, []).append((faces, material))
+        if not plain[mine].all():
+            painted.append(_painted(scene, surface, (np.flatnonzero(mine & ~plain), material), (*key, "painted", int(number))))
     found = [_group(scene, surface, parts, key) for key, parts in groups.items()]
-    return [group for group in [*found, _palette(scene, surface, plain)] if group is not None and len(group.faces)]
+    return [group for group in [*found, *painted, _palette(scene, surface, plain)] if group is not None and len(group.faces)]
 
 
 def _is_nearest(scene, material):
@@ -145,6 +154,24 @@ def _group(scene, surface, parts, key):
     with np.errstate(all="ignore"):
         near = (np.abs(uv) < MAX_UV_ORIGIN / 2).all(axis=(1, 2)) & (np.ptp(uv, axis=1) < 1 << MAX_UV_BITS - 1).all(axis=1)
     return ImageGroup(faces[near], image, key[1], factor, key[3], uv[near], nearest=key[4], maps=maps, key=key)
+
+
+def _painted(scene, surface, part, key):
+    """The group of faces with vertex colours, (int64 [F], their material): its image with the colours in its texels; None where
+    faces of different colours share texels."""
+    group = _group(scene, surface, [part], key)
+    steps = np.floor(group.uv * (1 << PAINT_BITS) + 0.5).astype(np.int64)
+    colour = scene.corner_color[surface.origin_face[group.faces]].astype(np.float64)
+    area = face_areas(surface.lattice, surface.faces[group.faces])
+    found = texel_means(steps, colour, area, PAINT_BITS, group.size, group.wrap)
+    if not len(found.texel) or np.average(found.spread.max(axis=1), weights=found.area) > MOST_SPREAD**2:
+        return None
+    image = group.image.copy()
+    flat, factor = image.reshape(-1, 4), group.factor * found.mean
+    shown = srgb_to_linear(flat[found.texel, :3] / 255.0) * factor[:, :3]
+    flat[found.texel, 3] = np.rint(np.clip(flat[found.texel, 3] * factor[:, 3], 0, 255))
+    flat[found.texel, :3] = np.rint(linear_to_srgb(np.clip(shown, 0, 1)) * 255)
+    return replace(group, image=image, factor=np.ones(4))
 
 
 def _leading_image(scene, material, maps):

@@ -22,7 +22,7 @@ from ...scene.factors import factor_of
 from ...scene.fetch import values_of_map
 from ..decision import Decision
 from ..shown_maps import NORMAL, Frames, turn_of
-from ..texel_field import FULL_BITS, TexelPlan, wrapped
+from ..texel_field import TexelPlan, wrapped
 from .channel_weights import shown_of_radians
 from .normal_rules import ENOUGH, POINTS, quantiles, tolerance_of
 from .turned_texels import mean_matrices, turned_texels
@@ -38,6 +38,8 @@ ELSEWHERE = 10.0  # degrees that nobody takes for the same normal
 OFF = 0.05  # of a matrix between two frames, three degrees: faces from here on have their texels turned
 FAR = 0.5  # of it: other hands, or turned by more than a fifth of a right angle: what cannot share texels with the others
 CLIP = 30.0  # degrees: what is further off looks no worse
+PARTS = 4  # of each edge of a face whose corners need different things
+CORNERS = np.eye(3)
 LEAST_SHARE = 1e-4  # of the surface: fewer such faces are left alone
 # What turning has to gain, in dB of the lit picture, and what as many texels again have to, which faces of other frames are given
 # for themselves: 3.3 dB of the fan cost 40 % from r03 to r04.
@@ -57,12 +59,13 @@ class _Mapped:
     source: np.ndarray
     decoder: np.ndarray
 
-    def between(self) -> np.ndarray:
-        """What brings a normal from the source's frame into the decoder's, float64 [N, 3, 3, 3]; the unit matrix where one of
-        them is flat."""
-        out = np.broadcast_to(np.eye(3), self.source.shape).copy()
-        good = (np.abs(np.linalg.det(self.decoder)) > OFF) & (np.abs(np.linalg.det(self.source)) > OFF)
-        out[good] = np.linalg.solve(self.decoder[good], self.source[good])
+    def between(self, faces: np.ndarray | slice = slice(None), bary: np.ndarray = CORNERS) -> np.ndarray:
+        """What brings a normal from the source's frame into the decoder's at points of some faces, bary float64 [P, 3], alike for
+        all: float64 [N, P, 3, 3]; the unit matrix where one of them is flat."""
+        source, decoder = (_frames_at(axes[faces], bary) for axes in (self.source, self.decoder))
+        out = np.broadcast_to(np.eye(3), source.shape).copy()
+        good = (np.abs(np.linalg.det(decoder)) > OFF) & (np.abs(np.linalg.det(source)) > OFF)
+        out[good] = np.linalg.solve(decoder[good], source[good])
         return out
 
     def off(self, least: float = OFF) -> np.ndarray:
@@ -167,6 +170,15 @@ def _mapped(frames, plan):
     return _Mapped(plan, faces, group.uv[chosen], area, source, decoder) if area.any() else None
 
 
+def _frames_at(axes, bary):
+    """Frames at points, float64 [N, P, 3, 3], as a shader makes them of the corners', [N, 3, 3, 3]: directions and hands are
+    interpolated, and made unit."""
+    along, out = (np.einsum("pc,nck->npk", bary, axes[..., column]) for column in (0, 2))
+    hand = np.einsum("pc,nc->np", bary, np.sign(np.linalg.det(axes)))
+    along, out = (each / np.maximum(np.linalg.norm(each, axis=2, keepdims=True), 1e-12) for each in (along, out))
+    return _axes(np.concatenate([along, hand[..., None]], axis=2), out)
+
+
 def _axes(tangent, normal):
     """Frames float64 [N, 3, 3, 3] of tangents [N, 3, 4] and normals [N, 3, 3]."""
     along, out = tangent[..., :3].astype(np.float64), normal.astype(np.float64)
@@ -223,17 +235,36 @@ def _bilinear(group, name, place):
 
 def _turned(frames, mapped):
     """(the plan with normal maps in the decoder's frame where faces are off, how many texels that changed)."""
-    between, off = mapped.between(), mapped.off()
+    off = mapped.off()
     if not off.any():
         return mapped.plan, 0
     maps, group, changed = dict(mapped.plan.group.maps), mapped.plan.group, 0
+    parts, others = _divided(mapped, np.flatnonzero(off)), (mapped.uv[~off], mapped.area[~off])
     for name in sorted(NORMAL_MAPS & set(maps)):
         image = maps[name].copy()
         size = image.shape[1], image.shape[0]
-        steps = np.floor((1 << FULL_BITS) * mapped.uv * (np.array(size) / group.size) + 0.5).astype(np.int64)
-        texels, matrices = mean_matrices(steps, between, mapped.area, off, size, group.wrap)
+        texels, matrices = mean_matrices(parts, others, np.array(size) / group.size, size, group.wrap)
         scale = float(np.average(_scale(frames, name, mapped.faces[off]), weights=mapped.area[off]))
         flat = image.reshape(-1, image.shape[2])
         flat[texels, :3] = turned_texels(values_of_map(name, flat[texels]), matrices, scale)
         maps[name], changed = image, changed + len(texels)
     return replace(mapped.plan, group=replace(group, maps=maps)), changed
+
+
+def _divided(mapped, faces):
+    """(uv float64 [M, 3, 2], matrices between the frames of their corners [M, 3, 3, 3], area [M]) of some faces, in parts where
+    what one needs changes from corner to corner: frames turn over on the middle line of mirrored models."""
+    between = mapped.between(faces)
+    bent = np.abs(between - between[:, :1]).max(axis=(1, 2, 3)) > OFF
+    even, uneven = faces[~bent], faces[bent]
+    points = np.array([(i, j, PARTS - i - j) for i in range(PARTS + 1) for j in range(PARTS + 1 - i)]) / PARTS
+    number = {tuple(np.rint(PARTS * point).astype(int)): k for k, point in enumerate(points)}
+    corner = lambda i, j: number[i, j, PARTS - i - j]
+    up = [(corner(i, j), corner(i + 1, j), corner(i, j + 1)) for i in range(PARTS) for j in range(PARTS - i)]
+    down = [(corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)) for i in range(PARTS) for j in range(PARTS - 1 - i)]
+    parts = np.array(up + down)
+    uv = np.einsum("pc,ncd->npd", points, mapped.uv[uneven])[:, parts].reshape(-1, 3, 2)
+    matrices = mapped.between(uneven, points)[:, parts].reshape(-1, 3, 3, 3)
+    area = np.repeat(mapped.area[uneven] / len(parts), len(parts))
+    return (np.concatenate([mapped.uv[even], uv]), np.concatenate([between[~bent], matrices]),
+            np.concatenate([mapped.area[even], area]))

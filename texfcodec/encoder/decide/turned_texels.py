@@ -6,24 +6,23 @@ import numpy as np
 
 from ...field.texel_set import shown_area
 from ...scene.factors import FLAT
-from ..texel_field import FULL_BITS
 from ..texel_means import texel_means
 
+FRACTION_BITS = 4  # of UVs; faces are divided into parts before
 
-def mean_matrices(uv: np.ndarray, between: np.ndarray, area: np.ndarray, off: np.ndarray, size: tuple[int, int],
-                  wrap: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+
+def mean_matrices(off: tuple[np.ndarray, np.ndarray, np.ndarray], others: tuple[np.ndarray, np.ndarray], scale: np.ndarray,
+                  size: tuple[int, int], wrap: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """What the texels need that some faces show.
 
     Parameters
     ----------
-    uv : int64 [N, 3, 2]
-        Of all faces, in steps of 2**-FULL_BITS texels.
-    between : float64 [N, 3, 3, 3]
-        What each corner of a face needs.
-    area : float64 [N]
-        Of the faces.
-    off : bool [N]
-        The faces that need something; the others need the unit matrix.
+    off : (float64 [N, 3, 2], float64 [N, 3, 3, 3], float64 [N])
+        UVs of faces that need something, what each of their corners needs, and their areas.
+    others : (float64 [M, 3, 2], float64 [M])
+        UVs and areas of the faces that need the unit matrix.
+    scale : float64 [2]
+        Of UVs, to texels of the image.
     size, wrap : (int, int)
         (width, height) of the image; its modes.
 
@@ -33,10 +32,11 @@ def mean_matrices(uv: np.ndarray, between: np.ndarray, area: np.ndarray, off: np
         Texels as flat indices into the image, and the mean, by area, of what all faces that show each need; none where the image
         repeats too often (texel_means).
     """
-    found = texel_means(uv[off], between[off].reshape(-1, 3, 9), area[off], FULL_BITS, size, wrap)
-    others = uv[~off].reshape(-1, 2)
-    right = shown_area(others, np.arange(len(others)).reshape(-1, 3), FULL_BITS, size, wrap, area[~off]).reshape(-1)[found.texel]
-    share = (found.area / (found.area + right))[:, None]
+    steps = [np.floor(uv * (scale * (1 << FRACTION_BITS)) + 0.5).astype(np.int64) for uv in (off[0], others[0])]
+    found = texel_means(steps[0], off[1].reshape(-1, 3, 9), off[2], FRACTION_BITS, size, wrap)
+    corners = steps[1].reshape(-1, 2)
+    right = shown_area(corners, np.arange(len(corners)).reshape(-1, 3), FRACTION_BITS, size, wrap, others[1])
+    share = (found.area / (found.area + right.reshape(-1)[found.texel]))[:, None]
     return found.texel, (share * found.mean + (1 - share) * np.eye(3).ravel()).reshape(-1, 3, 3)
 
 

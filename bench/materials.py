@@ -248,7 +248,7 @@ def _said(percent):
 def _percent(points, theirs, names):
     """Our bytes in percent of the rival's at equal mean PSNR, over the range that both have; why not, where there is none. Exact
     pictures have no PSNR and are left out."""
-    a, b = (_envelope([(p["bytes"], float(np.mean([p[n] for n in names]))) for p in one if None not in [p[n] for n in names]])
+    a, b = (_envelope([(p["bytes"], float(np.mean([p[n] for n in names]))) for p in one if None not in [p.get(n) for n in names]])
             for one in (theirs, points))
     try:
         return 100 + bd_rate(*zip(*a, strict=True), *zip(*b, strict=True))

@@ -7,7 +7,7 @@ import numpy as np
 from ...core.kernel import kernel
 
 LINE_WEIGHT = 10.0  # of the planes that stand on line edges, beside the faces' own
-POINT_WEIGHT = 1e-3  # of the distance to the vertex itself: flat parts keep round triangles, and every place is well determined
+POINT_WEIGHT = 1e-5  # of the distance to the vertex itself: flat parts keep round triangles, and no place is undetermined
 
 
 def vertex_quadrics(positions: np.ndarray, faces: np.ndarray, marked: np.ndarray) -> np.ndarray:

@@ -18,13 +18,13 @@ TURN = 0.2  # cosine of the largest angle by which a collapse may turn a face
 
 
 class Collapsed(NamedTuple):
-    """kept, removed: int64 [C]; placed: float64 [C, 3]; exact: int64 [C], the fixed vertex at whose place it is, else -1;
-    remaining: int64 [C], faces; last: int64 [F], the collapse that takes a face away, else C."""
+    """kept, removed: int64 [C]; placed: float64 [C, 3]; fixed: bool [C], whether kept is a vertex that stays; remaining: int64 [C],
+    faces; last: int64 [F], the collapse that takes a face away, else C."""
 
     kept: np.ndarray
     removed: np.ndarray
     placed: np.ndarray
-    exact: np.ndarray
+    fixed: np.ndarray
     remaining: np.ndarray
     last: np.ndarray
 
@@ -69,16 +69,17 @@ def collapse_all(positions: np.ndarray, faces: np.ndarray, marked: np.ndarray, k
                  np.zeros(vertices, np.int64), np.zeros(1, np.int64), np.zeros(3), np.zeros(10))
     room = 6 * count + 16  # twice the edges that there can be: a full heap is half stale at least
     heap = _Heap(np.empty(room), np.empty((room, 4), np.int64), np.zeros(1, np.int64))
-    ends, placed, remaining = np.empty((vertices, 3), np.int64), np.empty((vertices, 3)), np.empty(vertices, np.int64)
+    ends, placed, remaining = np.empty((vertices, 2), np.int64), np.empty((vertices, 3)), np.empty(vertices, np.int64)
     done = _collapse_all(work, heap, ends, placed, remaining)
     last = np.where(work.last >= 0, work.last, done)
-    kept, removed, exact = np.ascontiguousarray(ends[:done].T)
-    return Collapsed(kept, removed, placed[:done].copy(), exact, remaining[:done].copy(), last)
+    kept, removed = np.ascontiguousarray(ends[:done].T)
+    fixed = work.kind[kept] == FIXED  # a vertex is fixed from the start: one that is joined to it goes to it
+    return Collapsed(kept, removed, placed[:done].copy(), fixed, remaining[:done].copy(), last)
 
 
 @kernel(allocates=False)
 def _collapse_all(work, heap, ends, placed, remaining):
-    """Fills the rows of ends (kept, removed, exact), placed and remaining; returns their number."""
+    """Fills the rows of ends (kept, removed), placed and remaining; returns their number."""
     faces = work.faces.shape[0]
     for corner in range(3 * faces):
         v = work.faces[corner // 3, corner % 3]
@@ -108,7 +109,6 @@ def _collapse_all(work, heap, ends, placed, remaining):
             gone = _join_vertices(work, a, b, done)
             faces -= gone
             ends[done, 0], ends[done, 1] = a, b
-            ends[done, 2] = a if work.kind[a] == FIXED else -1
             for k in range(3):
                 placed[done, k] = work.place[k]
             remaining[done] = faces
@@ -176,7 +176,7 @@ def _may_join(work, a, b):
             first, second = (y if x == b else x), first
             if work.marked[f, j] and work.marked[f, k if x == b else i]:  # the two sides at the third corner
                 return False
-    found, closes = 0, False
+    fellows, closes = 0, False
     corner = work.head[b]
     while corner >= 0:
         f, i = corner // 3, corner % 3
@@ -188,8 +188,8 @@ def _may_join(work, a, b):
         for other in (x, y):
             if other != a and work.mark[other] == ring:
                 work.mark[other] = common
-                found += 1
-    return 1 <= shared <= 2 and found == shared and not (closes and _has_face(work, a, first, second))
+                fellows += 1
+    return 1 <= shared <= 2 and fellows == shared and not (closes and _has_face(work, a, first, second))
 
 
 @kernel(allocates=False)

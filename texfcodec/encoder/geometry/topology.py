@@ -18,24 +18,39 @@ def undirected(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.stack([code // size, code % size], axis=1), edge.reshape(-1, 3), count
 
 
-def face_lines(faces: np.ndarray, lines: np.ndarray | None) -> np.ndarray:
-    """Sides of faces that are borders, have more than two faces, or are named, bool [F, 3]. faces: int64 [F, 3] without equal
-    corners; lines: int64 [L, 2]."""
-    ends, edge, count = undirected(faces)
-    marked = count != 2
-    if lines is not None and len(lines) and len(ends):
-        size = max(int(faces.max()), int(np.max(lines))) + 1
-        named = np.sort(np.asarray(lines, np.int64), axis=1)
-        marked |= np.isin(ends[:, 0] * size + ends[:, 1], named[:, 0] * size + named[:, 1])
-    return marked[edge]
+def side_pairs(edge: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The sides 3 f + i at each edge of two faces: (int64 [P, 2], edges int64 [P]). edge, count: of undirected()."""
+    sides = np.argsort(edge, axis=None, kind="stable")
+    two = np.flatnonzero(count == 2)
+    first = np.cumsum(count)[two] - 2
+    return np.stack([sides[first], sides[first + 1]], axis=1), two
 
 
-def vertex_kinds(faces: np.ndarray, marked: np.ndarray, vertices: int) -> np.ndarray:
+def line_edges(faces: np.ndarray, lines: np.ndarray | None) -> np.ndarray:
+    """Edges that are borders, have more than two faces, or are named, bool [E] over undirected(). lines: int64 [L, 2]."""
+    line = undirected(faces)[2] != 2
+    return line if lines is None else line | named_edges(faces, lines)
+
+
+def named_edges(faces: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Edges that lines, int64 [L, 2], name by their ends, bool [E] over undirected()."""
+    ends, named = undirected(faces)[0], np.sort(np.asarray(lines, np.int64).reshape(-1, 2), axis=1)
+    size = max(int(faces.max(initial=0)), int(named.max(initial=0))) + 1
+    return np.isin(ends[:, 0] * size + ends[:, 1], named[:, 0] * size + named[:, 1])
+
+
+def line_sides(faces: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A face at each line that is an edge: (face int64 [L], its two corners on the line int64 [L, 2])."""
+    edge = undirected(faces)[1].ravel()
+    sides = np.flatnonzero(named_edges(faces, lines)[edge])
+    first = sides[np.unique(edge[sides], return_index=True)[1]]
+    return first // 3, np.stack([first % 3, (first + 1) % 3], axis=1)
+
+
+def vertex_kinds(faces: np.ndarray, line: np.ndarray, vertices: int) -> np.ndarray:
     """FREE, ON_LINE for vertices of two line edges, FIXED for ends and crossings of lines and where the mesh is no manifold: int64
-    [V]. marked: of face_lines()."""
+    [V]. line: of line_edges()."""
     ends, edge, count = undirected(faces)
-    line = np.zeros(len(ends), bool)
-    line[edge[marked]] = True
     degree = np.bincount(ends[line].ravel(), minlength=vertices)
     kind = np.where(degree == 0, FREE, np.where(degree == 2, ON_LINE, FIXED))
     kind[ends[count > 2].ravel()] = FIXED
@@ -46,8 +61,7 @@ def vertex_kinds(faces: np.ndarray, marked: np.ndarray, vertices: int) -> np.nda
 def _several_fans(faces, edge, count, vertices):
     """Vertices whose faces do not all hang together by edges, bool [V]."""
     corner = np.arange(faces.size).reshape(-1, 3)
-    sides = np.argsort(edge, axis=None, kind="stable")
-    pairs = sides[np.isin(edge.ravel()[sides], np.flatnonzero(count == 2))].reshape(-1, 2)
+    pairs, _ = side_pairs(edge, count)
     after = np.roll(corner, -1, axis=1).ravel()
     links = []
     for swap in (False, True):  # the corner of one face at an end of the edge, and the other's at the same end

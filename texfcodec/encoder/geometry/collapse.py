@@ -1,7 +1,7 @@
 """The loop of the simplification: the cheapest edge that may go, again and again (encoder only).
 
-The heap keeps entries that have gone stale, and says so by the versions of their ends; ties go to the lower vertices. An edge that
-may not go when its turn comes is looked at again when one of its ends has changed, and once more when the heap is empty.
+The heap keeps entries that have gone stale, and says so by the versions of their ends; ties go to the lower vertices. An edge
+that may not go when its turn comes is looked at again when one of its ends has changed, and once more when the heap is empty.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ TURN = 0.2  # cosine of the largest angle by which a collapse may turn a face
 
 
 class Collapsed(NamedTuple):
-    """kept, removed: int64 [C]; placed: float64 [C, 3]; fixed: bool [C], whether kept is a vertex that stays; remaining: int64 [C],
-    faces; last: int64 [F], the collapse that takes a face away, else C."""
+    """kept, removed: int64 [C]; placed: float64 [C, 3]; fixed: bool [C], whether kept is a vertex that stays; remaining: int64
+    [C], faces; last: int64 [F], the collapse that takes a face away, else C."""
 
     kept: np.ndarray
     removed: np.ndarray
@@ -61,8 +61,8 @@ class _Heap(NamedTuple):
 
 def collapse_all(positions: np.ndarray, faces: np.ndarray, marked: np.ndarray, kind: np.ndarray,
                  quadrics: np.ndarray) -> Collapsed:
-    """All collapses, in order. positions: float64 [V, 3] in -1..1; faces: int64 [F, 3] without equal corners; marked: bool [F, 3];
-    kind: int64 [V], and quadrics: float64 [V, 10], as topology.py and quadrics.py make them."""
+    """All collapses, in order. positions: float64 [V, 3] in -1..1; faces: int64 [F, 3] without equal corners; marked: bool [F,
+    3]; kind: int64 [V], and quadrics: float64 [V, 10], as topology.py and quadrics.py make them."""
     vertices, count = len(positions), len(faces)
     work = _Work(positions.copy(), quadrics.copy(), kind.copy(), faces.copy(), marked.astype(np.uint8), np.full(count, -1),
                  np.full(vertices, -1), np.full(vertices, -1), np.full(3 * count, -1), np.zeros(vertices, np.int64),

@@ -4,7 +4,8 @@ Among whole positions k, (x(k) - x*)' A (x(k) - x*) is made least by descent: on
 number that is best while all others stay, until none moves. It starts from the nearest lattice points and can only get better. No
 step turns a face against its normal in the fitted mesh or takes its area away, so no face is turned but by the first rounding.
 
-D1 of bball_0001's own connectivity at 12, 11, 10 bits: FIGURES
+D1 of bball_0001's own connectivity at 12, 11, 10 bits goes from 86.1, 80.0, 74.0 dB to 92.2, 86.3, 80.3, of ycb_scissors' from
+86.0, 80.0, 73.9 to 91.0, 85.0, 78.9, at Draco bytes that are at most 4 and 3 % more at 10 bits, within 2 % at 11 and 12.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from ...core.kernel import kernel
 from ...geometry.canonical import CanonicalCube
 from .vertex_fit import VertexFit
 
-REACH = 2  # steps that a coordinate may be away from the nearest: 1, 2, 3 give +5.0, +6.3, +6.3 dB of D1
+REACH = 2  # steps that a coordinate may be away from where it starts: 1, 2, 3 give +5.0, +6.3, +6.3 dB of D1
 MOST_ROUNDS = 200
 
 
@@ -30,10 +31,15 @@ class _Turning(NamedTuple):
     face: np.ndarray
 
 
-def joint_lattice(fit: VertexFit, cube: CanonicalCube) -> np.ndarray:
-    """Lattice positions of the fit's vertices, int64 [V, 3] in 0..2**B - 1."""
+def joint_lattice(fit: VertexFit, cube: CanonicalCube, start: np.ndarray | None = None) -> np.ndarray:
+    """Lattice positions of the fit's vertices, int64 [V, 3] in 0..2**B - 1. start: int64 [V, 3], where the descent begins; None:
+    at the nearest ones.
+
+    A second descent, from the first one's result and with the matrix that one more round of the fit has there, gains another 0.15
+    to 0.6 dB of D1 for the time of that round.
+    """
     positions, faces = fit.mesh
-    start = cube.to_lattice(positions)
+    start = cube.to_lattice(positions) if start is None else np.ascontiguousarray(start, np.int64)
     if cube.side == 0 or not len(start):
         return start
     target = (positions - np.asarray(cube.origin)) / cube.side * cube.last  # in steps of the lattice

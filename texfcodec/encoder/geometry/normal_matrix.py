@@ -1,4 +1,5 @@
-"""The normal equations of a fit of vertices: a symmetric matrix of 3 by 3 blocks for vertices that share a face (encoder only)."""
+"""The normal equations of a fit of vertices: a symmetric matrix of 3 by 3 blocks for vertices that share a face (encoder
+only)."""
 
 from __future__ import annotations
 
@@ -51,13 +52,13 @@ class NormalEquations:
 
     def add(self, face: np.ndarray, bary: np.ndarray, residual: np.ndarray, direction: np.ndarray, weight: np.ndarray,
             along: float, around: float) -> None:
-        """Points of faces that shall move by `residual`: the error of a remainder r is weight (along (n r)^2 + around r^2), n being
-        the direction. face: int64 [M]; bary, residual, direction: float64 [M, 3]; weight: float64 [M]."""
+        """Points of faces that shall move by `residual`: the error of a remainder r is weight (along (n r)^2 + around r^2), n
+        being the direction. face: int64 [M]; bary, residual, direction: float64 [M, 3]; weight: float64 [M]."""
         _add(self._faces, self._slot, face, bary, residual, direction, weight, along, around, self._block, self._right)
 
     def solve(self, stiffness: float, damping: float) -> tuple[np.ndarray, NormalMatrix]:
-        """(Displacements float64 [V, 3], the matrix that they solve). stiffness: weight of the squared differences of displacements
-        of neighbours, damping: of the displacements, both in units of the mean diagonal."""
+        """(Displacements float64 [V, 3], the matrix that they solve). stiffness: weight of the squared differences of
+        displacements of neighbours, damping: of the displacements, both in units of the mean diagonal."""
         block, own = self._block.copy(), self._own
         scale = float(np.einsum("vii->v", block[own]).mean() / 3) if len(own) else 0.0
         scale = scale if scale > 0 else 1.0

@@ -5,7 +5,8 @@ link condition), turns no face by more than some 80 degrees, and keeps lines: bo
 sharp edges) may be thinned out along themselves, never left, joined or crossed.
 
 D1 in dB (peak: the longest side) at 50, 35, 25 % of the faces of bball_0001: 85.0, 79.3, 75.6; pyfqmr 81.9, 76.9, 73.6,
-fast-simplification the same, meshoptimizer 80.6, 75.2, 71.8. Of ycb_scissors: 82.8, 77.6, 74.0; 82.3, 77.3, 73.7; 78.8, 73.2, 69.4.
+fast-simplification the same, meshoptimizer 80.6, 75.2, 71.8. Of ycb_scissors: 82.8, 77.6, 74.0; 82.3, 77.3, 73.7; 78.8, 73.2,
+69.4.
 """
 
 from __future__ import annotations

@@ -10,8 +10,8 @@ FREE, ON_LINE, FIXED = 0, 1, 2  # what a vertex may do: move, move along its lin
 
 
 def undirected(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Edges of faces without equal corners: (ends int64 [E, 2], the lower first; edge of every side int64 [F, 3], from corner i to
-    the next; number of faces at each edge int64 [E])."""
+    """Edges of faces without equal corners: (ends int64 [E, 2], the lower first; edge of every side int64 [F, 3], from corner i
+    to the next; number of faces at each edge int64 [E])."""
     ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
     size = int(faces.max(initial=0)) + 1
     code, edge, count = np.unique(ends[:, 0] * size + ends[:, 1], return_inverse=True, return_counts=True)
@@ -48,8 +48,8 @@ def line_sides(faces: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def vertex_kinds(faces: np.ndarray, line: np.ndarray, vertices: int) -> np.ndarray:
-    """FREE, ON_LINE for vertices of two line edges, FIXED for ends and crossings of lines and where the mesh is no manifold: int64
-    [V]. line: of line_edges()."""
+    """FREE, ON_LINE for vertices of two line edges, FIXED for ends and crossings of lines and where the mesh is no manifold:
+    int64 [V]. line: of line_edges()."""
     ends, edge, count = undirected(faces)
     degree = np.bincount(ends[line].ravel(), minlength=vertices)
     kind = np.where(degree == 0, FREE, np.where(degree == 2, ON_LINE, FIXED))

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from rough_meshes import grid, rough
 from shapes import sphere, square
-from test_simplify import grid, rough
-from test_vertex_fit import dense
 
+from naive.dense_matrix import dense
 from texfcodec.encoder.geometry.distances import surface_distance
 from texfcodec.encoder.geometry.joint_lattice import REACH, joint_lattice
 from texfcodec.encoder.geometry.mesh import Mesh
@@ -34,7 +34,8 @@ def descent(fit, cube):
                 other[v, k] = to
                 tries.append((form(other), other))
             best = min(tries, key=lambda pair: pair[0])
-            if best[0] < form(out) - 1e-9 * matrix[3 * v + k, 3 * v + k] and not (turned(fit.mesh, best[1]) & ~turned(fit.mesh, out)).any():
+            is_better = best[0] < form(out) - 1e-9 * matrix[3 * v + k, 3 * v + k]
+            if is_better and not (turned(fit.mesh, best[1]) & ~turned(fit.mesh, out)).any():
                 out, moving = best[1], True
     return out
 

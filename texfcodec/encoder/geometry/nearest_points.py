@@ -172,6 +172,6 @@ def _search(points, normals, turn, corners, face_normals, boxes, face, bary, dis
                         key = (np.sqrt(d) + turn) ** 2
                 if key < best:
                     best, answer = key, f
-                    bary[i, 0], bary[i, 1], bary[i, 2] = 1.0 - b - c, b, c
+                    bary[i, 0], bary[i, 1], bary[i, 2] = max(1.0 - b - c, 0.0), b, c
                     distance[i] = np.sqrt(d)
         face[i] = answer

@@ -36,8 +36,9 @@ def same(a, b):
 def test_collapses_are_those_of_the_oracle(mesh, lines):
     expected = collapses(*mesh, lines)
     got = simplify(mesh, np.array(lines, np.int64).reshape(-1, 2))
-    assert [(a, b) for a, b, _ in expected] == list(zip(got.kept.tolist(), got.removed.tolist(), strict=True))
-    np.testing.assert_allclose(got.placed, [place for *_, place in expected], atol=1e-6)
+    assert [(a, b) for a, b, *_ in expected] == list(zip(got.kept.tolist(), got.removed.tolist(), strict=True))
+    np.testing.assert_allclose(got.placed, [place for *_, place, _ in expected], atol=1e-6)
+    np.testing.assert_allclose(got.error * Mesh(*mesh).frame()[1] ** 4, [error for *_, error in expected], rtol=1e-4, atol=1e-12)
     assert len(expected) > 10
 
 

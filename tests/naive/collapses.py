@@ -8,17 +8,17 @@ POINT, LINE, TURN = 1e-5, 10.0, 0.2
 
 
 def collapses(positions, faces, lines=()):
-    """[(kept, removed, place)] of a mesh without faces of equal corners whose edges have one or two faces. lines: pairs."""
+    """[(kept, removed, place, error)] of a mesh without faces of equal corners whose edges have one or two faces. lines: pairs."""
     mesh = _Mesh(positions, faces, lines)
     out, refused, before = [], {}, -1
     while True:
         candidates = [(*mesh.error(a, b), a, b) for a, b in mesh.edges() if refused.get((a, b)) != mesh.state(a, b)]
         candidates = sorted((error, a, b, tuple(place)) for error, place, a, b in candidates if place is not None)
-        for _, a, b, place in candidates:
+        for error, a, b, place in candidates:
             if mesh.may_join(a, b) and not mesh.turns(a, b, np.array(place)):
                 kept, removed = (b, a) if mesh.kind[b] == 2 else (a, b)
                 mesh.join(kept, removed, np.array(place))
-                out.append((kept, removed, np.array(place)))
+                out.append((kept, removed, np.array(place), error))
                 break
             refused[a, b] = mesh.state(a, b)
         else:

@@ -18,12 +18,13 @@ TURN = 0.2  # cosine of the largest angle by which a collapse may turn a face
 
 
 class Collapsed(NamedTuple):
-    """kept, removed: int64 [C]; placed: float64 [C, 3]; fixed: bool [C], whether kept is a vertex that stays; remaining: int64
-    [C], faces; last: int64 [F], the collapse that takes a face away, else C."""
+    """kept, removed: int64 [C]; placed: float64 [C, 3]; error: float64 [C], the quadric error there; fixed: bool [C], whether
+    kept is a vertex that stays; remaining: int64 [C], faces; last: int64 [F], the collapse that takes a face away, else C."""
 
     kept: np.ndarray
     removed: np.ndarray
     placed: np.ndarray
+    error: np.ndarray
     fixed: np.ndarray
     remaining: np.ndarray
     last: np.ndarray
@@ -69,17 +70,17 @@ def collapse_all(positions: np.ndarray, faces: np.ndarray, marked: np.ndarray, k
                  np.zeros(vertices, np.int64), np.zeros(1, np.int64), np.zeros(3), np.zeros(10))
     room = 6 * count + 16  # twice the edges that there can be: a full heap is half stale at least
     heap = _Heap(np.empty(room), np.empty((room, 4), np.int64), np.zeros(1, np.int64))
-    ends, placed, remaining = np.empty((vertices, 2), np.int64), np.empty((vertices, 3)), np.empty(vertices, np.int64)
+    ends, placed, remaining = np.empty((vertices, 2), np.int64), np.empty((vertices, 4)), np.empty(vertices, np.int64)
     done = _collapse_all(work, heap, ends, placed, remaining)
     last = np.where(work.last >= 0, work.last, done)
     kept, removed = np.ascontiguousarray(ends[:done].T)
     fixed = work.kind[kept] == FIXED  # a vertex is fixed from the start: one that is joined to it goes to it
-    return Collapsed(kept, removed, placed[:done].copy(), fixed, remaining[:done].copy(), last)
+    return Collapsed(kept, removed, placed[:done, :3].copy(), placed[:done, 3].copy(), fixed, remaining[:done].copy(), last)
 
 
 @kernel(allocates=False)
 def _collapse_all(work, heap, ends, placed, remaining):
-    """Fills the rows of ends (kept, removed), placed and remaining; returns their number."""
+    """Fills the rows of ends (kept, removed), placed (and the error) and remaining; returns their number."""
     faces = work.faces.shape[0]
     for corner in range(3 * faces):
         v = work.faces[corner // 3, corner % 3]
@@ -103,7 +104,7 @@ def _collapse_all(work, heap, ends, placed, remaining):
                 a, b = b, a
             if not _may_join(work, a, b):
                 continue
-            _error_of(work, a, b)
+            placed[done, 3] = _error_of(work, a, b)
             if _turns(work, a, b) or _turns(work, b, a):
                 continue
             gone = _join_vertices(work, a, b, done)

@@ -36,6 +36,7 @@ class SimplifiedMesh:
 class Simplification:
     """A sequence of collapses. source: the mesh that it starts from; lines: int64 [L, 2], its edges that are borders or named;
     kept, removed: int64 [C], the vertices that a collapse joins, the first of which lives on; placed: float64 [C, 3], where;
+    error: float64 [C], the sum of squared distances to the planes there, by their areas, in units of half the longest side;
     remaining: int64 [C], faces after it, descending; last: int64 [F], the collapse that takes a face away, C for those that stay,
     -1 for those that had two equal corners."""
 
@@ -44,6 +45,7 @@ class Simplification:
     kept: np.ndarray
     removed: np.ndarray
     placed: np.ndarray
+    error: np.ndarray
     remaining: np.ndarray
     last: np.ndarray
 
@@ -96,4 +98,4 @@ def simplify(source: Mesh, lines: np.ndarray | None = None, fixed: np.ndarray | 
     stays = collapsed.fixed[:, None]  # the place of a vertex that stays is not scaled there and back
     placed = np.where(stays, source.positions[collapsed.kept], collapsed.placed * half + middle)
     return Simplification(source=source, lines=ends[line], kept=collapsed.kept, removed=collapsed.removed, placed=placed,
-                          remaining=collapsed.remaining, last=last)
+                          error=collapsed.error, remaining=collapsed.remaining, last=last)

@@ -8,7 +8,8 @@ POINT, LINE, TURN = 1e-5, 10.0, 0.2
 
 
 def collapses(positions, faces, lines=()):
-    """[(kept, removed, place, error)] of a mesh without faces of equal corners whose edges have one or two faces. lines: pairs."""
+    """[(kept, removed, place, error)] of a mesh without faces of equal corners, whose edges have one or two faces. lines:
+    pairs of vertices."""
     mesh = _Mesh(positions, faces, lines)
     out, refused, before = [], {}, -1
     while True:

@@ -1,7 +1,7 @@
 """The points of a mesh nearest to given ones, exactly: a tree of boxes over faces in Morton order.
 
-100,000 points near the surface of bball_0001 take 0.2 s on one core, where NearestFaces of metrics/, which looks at eight faces for
-each, takes 2.7 s. Points that come in the order of the surface are found faster: each search starts from the answer of the one before.
+100,000 points near the surface of bball_0001 take 0.2 s on one core, where NearestFaces of metrics/, which looks at eight faces
+for each, takes 2.7 s. Each search starts from the answer of the one before, so points in the order of the surface are quicker.
 """
 
 from __future__ import annotations

@@ -96,6 +96,16 @@ def test_sheets_that_lie_close_do_not_draw_each_other():
     assert fit.mesh.positions[upper, 2].min() > 0.01 > fit.mesh.positions[~upper, 2].max()
 
 
+def test_the_fit_turns_no_face_even_on_a_mesh_of_slivers():
+    source = rough(sphere(16), 0.01)
+    for seed in range(3):
+        mesh = rough(sphere(10), 0.12, seed)
+        fit = fit_vertices(source, mesh, samples=2000).mesh
+        before, after = (np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]) for p in (m.positions[m.faces] for m in (mesh, fit)))
+        assert ((before * after).sum(axis=1) > 0).all()
+        assert surface_distance(source, fit, 5000).d1_side > surface_distance(source, mesh, 5000).d1_side
+
+
 def test_lines_bring_a_border_back_to_where_it_was():
     source = grid(24, 0.004)
     steps = simplify(source)

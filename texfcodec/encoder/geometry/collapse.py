@@ -177,7 +177,7 @@ def _may_join(work, a, b):
             first, second = (y if x == b else x), first
             if work.marked[f, j] and work.marked[f, k if x == b else i]:  # the two sides at the third corner
                 return False
-    fellows, closes = 0, False
+    neighbours, closes = 0, False
     corner = work.head[b]
     while corner >= 0:
         f, i = corner // 3, corner % 3
@@ -189,8 +189,8 @@ def _may_join(work, a, b):
         for other in (x, y):
             if other != a and work.mark[other] == ring:
                 work.mark[other] = common
-                fellows += 1
-    return 1 <= shared <= 2 and fellows == shared and not (closes and _has_face(work, a, first, second))
+                neighbours += 1
+    return 1 <= shared <= 2 and neighbours == shared and not (closes and _has_face(work, a, first, second))
 
 
 @kernel(allocates=False)

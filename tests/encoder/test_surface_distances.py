@@ -1,0 +1,72 @@
+"""Nearest points of a mesh against all its triangles, and D1 on cases worked by hand."""
+
+import numpy as np
+import pytest
+from shapes import sphere, square
+
+from texfcodec.encoder.geometry.distances import points_at, surface_distance
+from texfcodec.encoder.geometry.mesh import Mesh
+from texfcodec.encoder.geometry.nearest_points import NearestPoints
+
+
+def nearest_by_hand(mesh, point):
+    """Distance of a point to a mesh: inside of a triangle, or on a side."""
+    best = np.inf
+    for a, b, c in mesh.positions[mesh.faces]:
+        bary = np.linalg.lstsq(np.stack([b - a, c - a], axis=1), point - a, rcond=None)[0]
+        inside = a + np.stack([b - a, c - a], axis=1) @ bary
+        if bary.min() >= 0 and bary.sum() <= 1:
+            best = min(best, np.linalg.norm(inside - point))
+        for p, q in ((a, b), (b, c), (c, a)):
+            share = np.clip((point - p) @ (q - p) / max((q - p) @ (q - p), 1e-300), 0, 1)
+            best = min(best, np.linalg.norm(p + share * (q - p) - point))
+    return best
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e9, 1e-9])
+def test_nearest_points_agree_with_all_triangles(scale):
+    rng = np.random.default_rng(0)
+    faces = np.concatenate([rng.integers(0, 20, (25, 3)), [[3, 3, 3], [4, 4, 5], [6, 7, 6]]])  # and some without area
+    for count in (1, 2, 5, 28):
+        mesh = Mesh(rng.normal(size=(20, 3)) * scale, faces[-count:])
+        points = rng.normal(size=(60, 3)) * 2 * scale
+        nearest = NearestPoints(mesh).find(points)
+        np.testing.assert_allclose(nearest.distance, [nearest_by_hand(mesh, p) for p in points], rtol=1e-6)
+        off = np.linalg.norm(points_at(mesh, nearest.face, nearest.bary) - points, axis=1)
+        np.testing.assert_allclose(off, nearest.distance, rtol=1e-9)
+        assert nearest.bary.min() >= 0 and np.abs(nearest.bary.sum(axis=1) - 1).max() < 1e-12
+
+
+def test_of_two_sheets_the_one_answers_that_faces_the_same_way():
+    floor, ceiling = square(0.0), square(0.1)
+    mesh = Mesh(np.concatenate([floor[0], ceiling[0]]), np.concatenate([floor[1], ceiling[1][:, ::-1] + 4]))
+    point = np.array([[0.3, 0.4, 0.09]])
+    nearest = NearestPoints(mesh)
+    assert nearest.find(point).face[0] >= 2
+    assert nearest.find(point, np.array([[0.0, 0, 1]]), 0.2).face[0] < 2
+    assert nearest.find(point, np.array([[0.0, 0, 1]]), 0.05).face[0] >= 2  # but not from any distance
+    assert nearest.find(point, np.array([[0.0, 0, 1]]), 0.2).distance[0] == pytest.approx(0.09)
+
+
+def test_parallel_squares_a_tenth_apart_are_at_20_decibels():
+    distance = surface_distance(Mesh(*square(0.0)), Mesh(*square(0.1)), samples=1000)
+    assert distance.d1_side == pytest.approx(20) and distance.d1_diagonal == pytest.approx(20 + 10 * np.log10(2))
+    assert distance.largest == pytest.approx(0.1) and (distance.side, distance.diagonal) == pytest.approx((1, 2**0.5))
+
+
+def test_what_is_missing_counts_from_the_source_and_the_worse_way_decides():
+    half = Mesh(square()[0] * [0.5, 1, 1], square()[1])
+    distance = surface_distance(Mesh(*square()), half, samples=200_000)
+    assert distance.to_source == pytest.approx(0, abs=1e-20)
+    # The integral of (x - 1/2)^2 over the half that is missing.
+    assert distance.from_source == pytest.approx(0.5**3 / 3, rel=5e-3)
+    assert distance.d1_side == pytest.approx(10 * np.log10(24), abs=0.03)
+
+
+def test_a_surface_is_exactly_itself_and_one_without_area_is_refused():
+    ball = Mesh(*sphere(6))
+    assert surface_distance(ball, ball, samples=500).d1_side > 290
+    with pytest.raises(ValueError, match="area"):
+        surface_distance(ball, Mesh(ball.positions * [0, 0, 1], ball.faces))
+    with pytest.raises(ValueError, match="without faces"):
+        NearestPoints(Mesh(ball.positions, np.zeros((0, 3), np.int64)))

@@ -1,0 +1,39 @@
+"""Edges that a simplification keeps as lines: where materials, fields or UVs change, and where the surface is sharp (encoder
+only). Borders and edges of more than two faces need not be named."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .mesh import Mesh
+from .topology import side_pairs, undirected
+
+
+def seam_edges(faces: np.ndarray, group: np.ndarray | None = None, corner_uv: np.ndarray | None = None) -> np.ndarray:
+    """Edges between two faces of different groups, or at which their UVs differ, int64 [L, 2]. faces: int64 [F, 3] over welded
+    vertices; group: [F], of a material or a field; corner_uv: [F, 3, 2]."""
+    ends, edge, count = undirected(faces)
+    sides, edges = side_pairs(edge, count)
+    seam = np.zeros(len(sides), bool)
+    if group is not None:
+        seam |= np.diff(np.asarray(group)[sides // 3], axis=1)[:, 0] != 0
+    if corner_uv is not None:
+        uv = np.asarray(corner_uv).reshape(-1, 2)
+        after = sides - sides % 3 + (sides + 1) % 3
+        same = faces.ravel()[sides[:, 0]] == faces.ravel()[sides[:, 1]]  # both faces run along the edge the same way
+        for first, second in ((sides, after), (after, sides)):
+            other = np.where(same, first[:, 1], second[:, 1])
+            seam |= (uv[first[:, 0]] != uv[other]).any(axis=1)
+    return ends[edges[seam]]
+
+
+def sharp_edges(mesh: Mesh, degrees: float) -> np.ndarray:
+    """Edges between two faces whose normals are more than `degrees` apart, int64 [L, 2]; a face without area has none."""
+    ends, edge, count = undirected(mesh.faces)
+    sides, edges = side_pairs(edge, count)
+    u, v = (mesh.positions[mesh.faces[:, k]] - mesh.positions[mesh.faces[:, 0]] for k in (1, 2))
+    scale = np.abs(np.concatenate([u, v], axis=1)).max(axis=1, initial=0)[:, None]
+    normals = np.cross(*(side / np.where(scale > 0, scale, 1.0) for side in (u, v)))
+    a, b = (normals[sides[:, k] // 3] for k in (0, 1))
+    lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+    return ends[edges[(a * b).sum(axis=1) < np.cos(np.radians(degrees)) * lengths]]

@@ -1,0 +1,72 @@
+"""Which edges of a mesh are lines and which vertices may move, before any collapse (encoder only)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...geometry.edges import joined
+
+FREE, ON_LINE, FIXED = 0, 1, 2  # what a vertex may do: move, move along its line, stay
+
+
+def undirected(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Edges of faces without equal corners: (ends int64 [E, 2], the lower first; edge of every side int64 [F, 3], from corner i
+    to the next; number of faces at each edge int64 [E])."""
+    ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
+    size = int(faces.max(initial=0)) + 1
+    code, edge, count = np.unique(ends[:, 0] * size + ends[:, 1], return_inverse=True, return_counts=True)
+    return np.stack([code // size, code % size], axis=1), edge.reshape(-1, 3), count
+
+
+def side_pairs(edge: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The sides 3 f + i at each edge of two faces: (int64 [P, 2], edges int64 [P]). edge, count: of undirected()."""
+    sides = np.argsort(edge, axis=None, kind="stable")
+    two = np.flatnonzero(count == 2)
+    first = np.cumsum(count)[two] - 2
+    return np.stack([sides[first], sides[first + 1]], axis=1), two
+
+
+def line_edges(faces: np.ndarray, lines: np.ndarray | None) -> np.ndarray:
+    """Edges that are borders, have more than two faces, or are named, bool [E] over undirected(). lines: int64 [L, 2]."""
+    line = undirected(faces)[2] != 2
+    return line if lines is None else line | named_edges(faces, lines)
+
+
+def named_edges(faces: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Edges that lines, int64 [L, 2], name by their ends, bool [E] over undirected()."""
+    ends, named = undirected(faces)[0], np.sort(np.asarray(lines, np.int64).reshape(-1, 2), axis=1)
+    size = max(int(faces.max(initial=0)), int(named.max(initial=0))) + 1
+    return np.isin(ends[:, 0] * size + ends[:, 1], named[:, 0] * size + named[:, 1])
+
+
+def line_sides(faces: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A face at each line that is an edge: (face int64 [L], its two corners on the line int64 [L, 2])."""
+    edge = undirected(faces)[1].ravel()
+    sides = np.flatnonzero(named_edges(faces, lines)[edge])
+    first = sides[np.unique(edge[sides], return_index=True)[1]]
+    return first // 3, np.stack([first % 3, (first + 1) % 3], axis=1)
+
+
+def vertex_kinds(faces: np.ndarray, line: np.ndarray, vertices: int) -> np.ndarray:
+    """FREE, ON_LINE for vertices of two line edges, FIXED for ends and crossings of lines and where the mesh is no manifold:
+    int64 [V]. line: of line_edges()."""
+    ends, edge, count = undirected(faces)
+    degree = np.bincount(ends[line].ravel(), minlength=vertices)
+    kind = np.where(degree == 0, FREE, np.where(degree == 2, ON_LINE, FIXED))
+    kind[ends[count > 2].ravel()] = FIXED
+    kind[_several_fans(faces, edge, count, vertices)] = FIXED
+    return kind
+
+
+def _several_fans(faces, edge, count, vertices):
+    """Vertices whose faces do not all hang together by edges, bool [V]."""
+    corner = np.arange(faces.size).reshape(-1, 3)
+    pairs, _ = side_pairs(edge, count)
+    after = np.roll(corner, -1, axis=1).ravel()
+    links = []
+    for swap in (False, True):  # the corner of one face at an end of the edge, and the other's at the same end
+        first = after[pairs[:, 0]] if swap else pairs[:, 0]
+        same = faces.ravel()[first] == faces.ravel()[pairs[:, 1]]
+        links.append(np.stack([first, np.where(same, pairs[:, 1], after[pairs[:, 1]])], axis=1))
+    roots = np.unique(joined(np.concatenate(links), faces.size))
+    return np.bincount(faces.ravel()[roots], minlength=vertices) > 1

@@ -8,6 +8,7 @@ small pieces (probe.py), partitions compared without coding (partition_error.py)
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ from ..codecs.base import PlaneCodec
 from ..core.colour_error import decibels
 from ..geometry.areas import face_areas
 from .coder import Coder
+from .decide.channel_weights import shown_of_radians
 from .estimates import image_measures, map_levels, partition_error, position_error, probe, uv_rounding
 
 if TYPE_CHECKING:
@@ -121,9 +123,10 @@ class RateDistortion:
         """By bits of UVs below the texel, float64: squared error of rounding over that of coding."""
         return uv_rounding.rounding_shares(patch, plan, estimate)
 
-    def rounded_positions(self, scene: Scene, cube: CanonicalCube) -> float:
-        """Squared error of pictures by positions on the lattice."""
-        return position_error.rounding_mse(scene, cube, self.threads)
+    def rounded_positions(self, scene: Scene) -> Callable[[CanonicalCube], float]:
+        """Squared error of pictures by positions on a lattice, with what that does to shading normals."""
+        look, shown = position_error.PositionError(scene, self.threads), shown_of_radians(scene.weights)
+        return lambda cube: look.mse(cube) + shown * look.turned_normals(cube)
 
     def partition(self, scene: Scene, surface: Surface, face_field: np.ndarray, resolution: int) -> dict[str, float]:
         """Squared errors of voxels without coding, {"y", "alpha"}. face_field: int64 [F]."""

@@ -38,6 +38,7 @@ LEAST_SIDE = 256  # images from this side on are tried smaller
 LOST = 1.1  # how much error may grow by a smaller image or K: they lose detail, and no QP brings it back
 BLURRED, MOST_TIMES = 4.0, 6.0  # voxels with so many times the error are no alternative, unless texels are so many times larger
 CLEAR = 2.0  # times the bytes over texels: voxels that take more at the first K need not be tried at others
+COARSEST_POSITIONS = 10  # bits: from here down small faces of dense scans fall together
 COARSE = 0.7  # texels per voxel edge under which a smaller K is tried, and no smaller image
 USUAL_K = 64
 SQUARE_BITS = 4  # of UVs, at least, where texels are squares: their sides move by a 32nd of a texel at most
@@ -58,13 +59,14 @@ class Supports:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """An image group and what it would cost over texels. points: corners that differ in vertex or UV; finer: whether it came out
-    too coarse before; goes: whether it was chosen; evidence: for the report."""
+    """An image group and what it would cost over texels and, where that was looked at, over voxels. points: corners that differ in
+    vertex or UV; finer: whether it came out too coarse before; goes: whether it was chosen; evidence: for the report."""
 
     plan: TexelPlan
     texels: Probe
     points: int
     finer: bool = False
+    voxels: Probe | None = None
     goes: bool = False
     evidence: dict = field(default_factory=dict)
 
@@ -139,7 +141,7 @@ class _Choice:
             decided.append(self._refined(self._decided(candidate)))
         chosen = [candidate for candidate in decided if candidate.goes]
         step(total - 2, total)
-        bits = self._position_bits(chosen)
+        bits = self._position_bits(decided)
         step(total - 1, total)
         resolution, voxels = self._resolution(chosen, colours)
         evidence |= {"groups": rows + [candidate.evidence for candidate in decided], **voxels}
@@ -186,6 +188,7 @@ class _Choice:
         one = replace(one, texels=replace(one.texels, fixed=textured + UNIT_BYTES))
         clear = CLEAR * (one.texels.attributes + textured) - plain
         resolution, over_voxels = self._best_voxels(patch, one.texels, clear)
+        one = replace(one, voxels=over_voxels)
         texels, voxels = one.texels.attributes + textured + UNIT_BYTES, over_voxels.bytes_at(one.texels) + plain
         blurred = over_voxels.lost(one.texels) > BLURRED and texels < MOST_TIMES * (over_voxels.attributes + plain)
         return one.decided("texels" if texels < voxels or blurred else "voxels", _reason(texels, voxels, blurred),
@@ -228,16 +231,26 @@ class _Choice:
         wanted = longest if size is None or group.palette else min(size, longest)
         return tuple(max(1, round(side * wanted / longest)) for side in group.size)
 
-    def _position_bits(self, chosen):
-        """Bits of positions: rounding them moves what is seen. Never fewer than usual."""
+    def _position_bits(self, decided):
+        """Bits of positions: rounding them moves what is seen and how it catches the light. Those that take the fewest bytes at
+        equal quality; fewer than usual only where the whole rate is the encoder's to choose."""
         usual, vertices = self.surface.cube.position_bits, len(np.unique(self.surface.faces))
-        attributes = sum(one.texels.attributes for one in chosen)
+        probes = [one.texels if one.goes else one.voxels for one in decided]
+        attributes = sum(probe.attributes for probe in probes if probe)
         if not self.request.position_bits_are_free or not attributes or self.rd.max_error is not None:
             return usual
-        mse = sum(one.texels.attributes * one.texels.mse for one in chosen) / attributes
-        moved = self.rd.rounded_positions(self.scene, self.surface.cube)
-        cost = lambda k: attributes * (1 + moved / 2 ** (k - usual) / mse) ** SLOPE + 3 / 8 * vertices * k
-        return min(range(usual, FINEST_POSITIONS + 1), key=cost)
+        mse = sum(probe.attributes * probe.mse for probe in probes if probe) / attributes
+        look = self.rd.rounded_positions(self.scene)
+        cost = lambda k, moved: attributes * (1 + moved / mse) ** SLOPE + 3 / 8 * vertices * k
+        moved = look(self.surface.cube)
+        best = min(range(usual, FINEST_POSITIONS + 1), key=lambda k: cost(k, moved / 2 ** (k - usual)))
+        least = cost(usual, moved)
+        while self.request.rate_is_free and best <= usual and best > COARSEST_POSITIONS:
+            tried = cost(best - 1, look(replace(self.surface.cube, position_bits=best - 1)))
+            if tried >= least:
+                break
+            best, least = best - 1, tried
+        return best
 
     def _best_voxels(self, patch, texels, clear):
         """(K, Probe): the K of the rate, or where texels are coarser than its voxels the one that takes the fewest bytes. texels:

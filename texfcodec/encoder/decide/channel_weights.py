@@ -26,6 +26,7 @@ NOISE = 6.0  # levels of 255; 1.5 and 3 give the same weights but for the helmet
 USUAL_GAIN = 0.34  # of base colour: squared error of the picture over that of the values; 0.03 to 0.49 on twelve assets
 LEAST, MOST = 0.01, 16.0  # weights: between them are 32 QP
 LEAST_BASE, MOST_BASE = 0.4, 2.0  # of base colour, which is looked at without light too
+SHADING, TURNED = "shading", 0.02  # what stands among the weights for shading normals; radians
 ALONG = 2 / 3  # of the squared error of a deviation: the third along the normal is lost when its length is made 1
 # What coding leaves is no noise from point to point. Fine steps, of normals over texels, leave errors that differ from texel to
 # texel and are halved between them; coarse steps, of scalars, leave smooth ones that are not. With both factors 2 to 6 % fewer
@@ -41,15 +42,17 @@ def table_weights() -> Weights:
 
 def shown_of_radians(weights: Weights) -> float:
     """Squared error of a shaded picture, in levels, for a squared radian of shading normals."""
-    return USUAL_GAIN * weights.get("normal", BY_NAME["normal"].weight) * FLAT**2 / 2
+    return weights.get(SHADING, USUAL_GAIN * BY_NAME["normal"].weight * FLAT**2 / 2)
 
 
 def measured_weights(scene: Scene, is_free: bool, threads: int) -> Weights:
     """Weights by channel name: how much more a squared error of its values shows in light than one of base colour usually does,
     for base colour, where the quality is the encoder's to choose (is_free), and for the channels that materials have maps of;
-    those of the table for the rest. scene: with the materials that are coded."""
+    those of the table for the rest; and SHADING, as shown_of_radians() gives it. scene: with the materials that are coded."""
     weights, names = table_weights(), sorted(map_names(scene.materials))
-    gains = _gains(scene, names, threads) if names else {}
+    is_lit = scene.corner_normal is not None and not all(material.unlit for material in scene.materials)
+    gains = _gains(scene, names, is_lit, threads) if names or is_lit else {}
+    weights |= {SHADING: gains.pop(SHADING)} if SHADING in gains else {}
     for name, gain in gains.items():
         channel, weight = BY_NAME[name], gain / USUAL_GAIN
         if channel is BASE_COLOUR:
@@ -62,12 +65,13 @@ def measured_weights(scene: Scene, is_free: bool, threads: int) -> Weights:
     return weights
 
 
-def _gains(scene, names, threads):
-    """{name: squared error of shaded pictures over that of the values} of base colour and of channels; {} where nothing is
-    seen."""
+def _gains(scene, names, is_lit, threads):
+    """{name: squared error of shaded pictures over that of the values} of channels, of base colour where there are any, and of
+    SHADING where the scene is lit; {} where nothing is seen."""
     opaque = replace(scene, materials=[replace(m, alpha_mode=0) for m in scene.materials])
     lighting, source, (centre, radius) = Lighting(opaque), pack_source(opaque), bounding_sphere(scene.positions)
-    names = [BASE_COLOUR.name, *names]
+    names = [*([BASE_COLOUR.name] if names else []), *names, *([SHADING] if is_lit else [])]
+    turned = Lighting(_with_turned_normals(opaque)) if is_lit else lighting
     errors, pixels = dict.fromkeys(names, 0.0), 0
     for i in range(VIEWS):
         camera = orthographic(fibonacci_direction(i, VIEWS), centre, radius, SIZE)
@@ -79,12 +83,22 @@ def _gains(scene, names, threads):
         clean = lighting.coded(camera, fragments, rgba, threads=threads)
         pixels += clean.size
         for name in names:
-            if name == BASE_COLOUR.name:
+            if name == SHADING:
+                off = turned.coded(camera, fragments, rgba, threads=threads) - clean
+            elif name == BASE_COLOUR.name:
                 off = lighting.coded(camera, fragments, _greyer(rgba, i), threads=threads) - clean
             else:
                 off = lighting.coded(camera, fragments, rgba, threads=threads, noise=(name, NOISE)) - clean
             errors[name] += float((off.astype(np.float64) ** 2).sum())
-    return {name: errors[name] / pixels / (NOISE**2 / 3) for name in names} if pixels else {}
+    squares = {SHADING: 2 * TURNED**2}  # of what was done to values, or to directions; else of NOISE
+    return {name: errors[name] / pixels / squares.get(name, NOISE**2 / 3) for name in names} if pixels else {}
+
+
+def _with_turned_normals(scene):
+    """The scene with shading normals that are off, by TURNED radians in each of two directions."""
+    off = np.random.default_rng(0).normal(0, TURNED, scene.corner_normal.shape).astype(np.float32)
+    normal = scene.corner_normal + off
+    return replace(scene, corner_normal=normal / np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), np.float32(1e-12)))
 
 
 def _greyer(rgba, seed):

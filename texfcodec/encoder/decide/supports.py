@@ -59,7 +59,7 @@ class Supports:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """An image group and what it would cost over texels and, where that was looked at, over voxels. points: corners that differ in
+    """An image group and what it would cost over texels and, where that was looked at, voxels. points: corners that differ in
     vertex or UV; finer: whether it came out too coarse before; goes: whether it was chosen; evidence: for the report."""
 
     plan: TexelPlan

@@ -41,19 +41,17 @@ class PositionError:
         self._seen = self._pictures(self.scene)
 
     def _pictures(self, scene):
-        light = Lighting(scene) if self.lit else None
-        return [render_scene(scene, camera, threads=self.threads, source=self._source, shaded=light) for camera in self._cameras]
+        """In flat colours and, where there is light, in light."""
+        lights = [None, *([Lighting(scene)] if self.lit else [])]
+        return [[render_scene(scene, camera, threads=self.threads, source=self._source, shaded=light) for camera in self._cameras]
+                for light in lights]
 
     def mse(self, cube: CanonicalCube) -> float:
-        """Mean squared error of Y over the pixels of a few views that show the source and its positions on a lattice. Halving the
-        step about halves it, as the pixels lie along lines. Normals of the file stay as they are."""
-        error = ColourError()
+        """Mean squared error of Y over the pixels of a few views that show the source and its positions on a lattice, in flat
+        colours or in light, where it is larger. Halving the step about halves it, as the pixels lie along lines. Normals of the
+        file stay as they are."""
         moved = replace(self.scene, positions=cube.to_world(cube.to_lattice(self.scene.positions)))
-        for a, b in zip(self._seen, self._pictures(moved), strict=True):
-            both, of_a, of_b = np.intersect1d(a.pixel, b.pixel, assume_unique=True, return_indices=True)
-            if len(both):
-                error.add(a.colour[of_a], b.colour[of_b])
-        return error.mse()["y"] if error.samples else 0.0
+        return max(_mse(*pair) for pair in zip(self._seen, self._pictures(moved), strict=True))
 
     def turned_normals(self, cube: CanonicalCube) -> float:
         """Mean square, over the surface, of the angles in radians by which a lattice turns smooth shading normals that are made
@@ -65,3 +63,12 @@ class PositionError:
                 for one in (fit_cube(scene.positions, MAX_BITS), cube))
         angle = 2 * np.arcsin(np.minimum(np.linalg.norm(a - b, axis=2) / 2, 1.0))
         return float((angle**2).mean(axis=1) @ relative_areas(scene.positions, scene.faces))
+
+
+def _mse(pictures, others):
+    error = ColourError()
+    for a, b in zip(pictures, others, strict=True):
+        both, of_a, of_b = np.intersect1d(a.pixel, b.pixel, assume_unique=True, return_indices=True)
+        if len(both):
+            error.add(a.colour[of_a], b.colour[of_b])
+    return error.mse()["y"] if error.samples else 0.0

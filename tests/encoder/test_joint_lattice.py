@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from dense_matrix import dense
 from rough_meshes import grid, rough
 from shapes import sphere, square
 
-from naive.dense_matrix import dense
 from texfcodec.encoder.geometry.distances import surface_distance
 from texfcodec.encoder.geometry.joint_lattice import REACH, joint_lattice
 from texfcodec.encoder.geometry.mesh import Mesh

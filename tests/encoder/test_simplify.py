@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from rough_meshes import grid, rough, torus
 from shapes import sphere, square
+from slow_collapses import collapses
 
-from naive.collapses import collapses
 from texfcodec.encoder.geometry.mesh import Mesh
 from texfcodec.encoder.geometry.seams import seam_edges
 from texfcodec.encoder.geometry.simplify import simplify

@@ -9,6 +9,7 @@ What stays off is said.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,6 +41,7 @@ FAR = 0.5  # of it: other hands, or turned by more than a fifth of a right angle
 CLIP = 30.0  # degrees: what is further off looks no worse
 PARTS = 4  # of each edge of a face whose corners need different things
 CORNERS = np.eye(3)
+BLOCK = 1 << 16  # faces at a time
 LEAST_SHARE = 1e-4  # of the surface: fewer such faces are left alone
 # What turning has to gain, in dB of the lit picture, and what as many texels again have to, which faces of other frames are given
 # for themselves: 3.3 dB of the fan cost 40 % from r03 to r04.
@@ -50,7 +52,7 @@ LEAST_GAIN, DECIBELS_A_DOUBLING = 0.02, 6.0
 class _Mapped:
     """Faces of a plan that its normal map bends, and frames of their corners, columns along u, along v and outwards: how the
     source has them, and how a decoder makes them. faces: int64 [N] of the surface; uv: float64 [N, 3, 2], texels of the group's
-    image; area: float64 [N]; source, decoder: float64 [N, 3, 3, 3]."""
+    image; area: float64 [N]; source, decoder: float32 [N, 3, 3, 3]."""
 
     plan: TexelPlan
     faces: np.ndarray
@@ -68,9 +70,11 @@ class _Mapped:
         out[good] = np.linalg.solve(decoder[good], source[good])
         return out
 
-    def off(self, least: float = OFF) -> np.ndarray:
-        """Faces whose frames differ by more than so much, bool [N]."""
-        return np.sqrt(((self.between() - np.eye(3)) ** 2).sum(axis=(2, 3))).max(axis=1) > least
+    @cached_property
+    def apart(self) -> np.ndarray:
+        """How much the frames of each face differ at most, float64 [N]."""
+        blocks = [self.between(slice(begin, begin + BLOCK)) for begin in range(0, len(self.faces), BLOCK)]
+        return np.concatenate([np.sqrt(((block - np.eye(3)) ** 2).sum(axis=(2, 3))).max(axis=1) for block in blocks])
 
     def in_two(self, apart: np.ndarray) -> list[TexelPlan]:
         """Plans of its own for some faces, bool [N], and for the others, those without a normal map among them."""
@@ -115,7 +119,7 @@ def _best(frames, mapped, rd):
     shown = shown_of_radians(frames.scene.weights)
     error = lambda errors: shown * float((np.radians(np.minimum(errors, CLIP)) ** 2).mean())
     for least in (OFF, FAR):  # all together; then those that are far off for themselves
-        apart = mapped.off(least)
+        apart = mapped.apart > least
         if not mapped.area[apart].sum() > LEAST_SHARE * best.area or rd.gain(error(best.errors), 0.0) < LEAST_GAIN:
             break
         plans = [mapped.plan] if least == OFF else mapped.in_two(apart)
@@ -164,7 +168,7 @@ def _mapped(frames, plan):
     made = corner_tangents(surface.lattice.astype(np.float64), surface.faces[faces], plan.corner_uv()[chosen], rebuilt)
     decoder, turn = _axes(made, rebuilt), turn_of(scene, surface, group.faces)
     if turn is not None:
-        decoder[..., :2] = decoder[..., :2] @ turn
+        decoder[..., :2] = decoder[..., :2] @ turn.astype(np.float32)
     source = _axes(frames.tangent(NORMAL)[faces], frames.normal[faces])
     area = face_areas(surface.lattice, surface.faces[faces])
     return _Mapped(plan, faces, group.uv[chosen], area, source, decoder) if area.any() else None
@@ -173,6 +177,7 @@ def _mapped(frames, plan):
 def _frames_at(axes, bary):
     """Frames at points, float64 [N, P, 3, 3], as a shader makes them of the corners', [N, 3, 3, 3]: directions and hands are
     interpolated, and made unit."""
+    axes = axes.astype(np.float64)
     along, out = (np.einsum("pc,nck->npk", bary, axes[..., column]) for column in (0, 2))
     hand = np.einsum("pc,nc->np", bary, np.sign(np.linalg.det(axes)))
     along, out = (each / np.maximum(np.linalg.norm(each, axis=2, keepdims=True), 1e-12) for each in (along, out))
@@ -180,10 +185,10 @@ def _frames_at(axes, bary):
 
 
 def _axes(tangent, normal):
-    """Frames float64 [N, 3, 3, 3] of tangents [N, 3, 4] and normals [N, 3, 3]."""
-    along, out = tangent[..., :3].astype(np.float64), normal.astype(np.float64)
-    across = np.cross(out, along) * np.where(tangent[..., 3:] < 0, -1.0, 1.0)
-    return np.stack([along, across, out], axis=-1)
+    """Frames [N, P, 3, 3] of tangents [N, P, 4] and normals [N, P, 3]."""
+    along = tangent[..., :3]
+    across = np.cross(normal, along) * np.where(tangent[..., 3:] < 0, np.float32(-1), np.float32(1))
+    return np.stack([along, across, normal], axis=-1)
 
 
 def _errors(frames, parts, plans):
@@ -235,7 +240,7 @@ def _bilinear(group, name, place):
 
 def _turned(frames, mapped):
     """(the plan with normal maps in the decoder's frame where faces are off, how many texels that changed)."""
-    off = mapped.off()
+    off = mapped.apart > OFF
     if not off.any():
         return mapped.plan, 0
     maps, group, changed = dict(mapped.plan.group.maps), mapped.plan.group, 0

@@ -122,13 +122,12 @@ def _best(frames, mapped, rd):
         apart = mapped.apart > least
         if not mapped.area[apart].sum() > LEAST_SHARE * best.area or rd.gain(error(best.errors), 0.0) < LEAST_GAIN:
             break
-        plans = [mapped.plan] if least == OFF else mapped.in_two(apart)
-        parts = [_mapped(frames, plan) for plan in plans]
+        parts = [mapped] if least == OFF else [_mapped(frames, plan) for plan in mapped.in_two(apart)]
         if None in parts:
             break  # all that the map bends is apart already
         tried = [_turned(frames, part) for part in parts]
         errors = _errors(frames, parts, [plan for plan, _ in tried])
-        more = sum(map(_texels, plans)) / _texels(mapped.plan) - 1
+        more = sum(_texels(part.plan) for part in parts) / _texels(mapped.plan) - 1 if len(parts) > 1 else 0.0
         if rd.gain(error(best.errors), error(errors)) > DECIBELS_A_DOUBLING * more + LEAST_GAIN:
             best = _Fitted([plan for plan, _ in tried], errors, best.area, sum(turned for _, turned in tried))
     return best

@@ -14,7 +14,8 @@ from texfcodec import DecodeOptions, EncodeOptions, Report, StreamError, decode
 from texfcodec.bitstream.inspect import inspect
 from texfcodec.codecs.sharp_edges import dec_marks, enc_marks
 from texfcodec.core.syntax_walk import Reader, read_structure, write_structure
-from texfcodec.encoder.decide.normal_rules import ENOUGH, choose_normals, quantiles
+from texfcodec.encoder.decide.channel_weights import SHADING
+from texfcodec.encoder.decide.normal_rules import ENOUGH, LEAST_STEP, STEP, choose_normals, quantiles
 from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.geometry.edges import MANY, NUM_FOLDS, coded_edges, folds, shared_edges, weld
 from texfcodec.geometry.shading_normals import MOST_FACES, corner_normals
@@ -461,3 +462,12 @@ def test_a_joined_rule_goes_round_a_prism():
     hard, soft = (corner_normals(lattice, prism.faces, [NormalRule(JOINED, ANGLE, angle)]) for angle in (20, 80))
     turned = np.degrees(np.arccos(np.clip((hard * soft).sum(-1), -1, 1))).ravel()
     assert np.isclose(hard[..., None, :] @ soft[..., None], 1, atol=1e-5).any() and 25 < turned.max() < 35
+
+
+@pytest.mark.parametrize("shown", [0.0, 1e-30, 1e30])
+def test_the_step_of_coded_normals_stays_within_its_bounds_whatever_normals_show(shown):
+    """Black materials show nothing of their normals, mirrors a highlight in one pixel."""
+    scene = bent_ball(rings=24)
+    scene.weights = {SHADING: shown}
+    coded = choose_normals(scene, make_surface(scene, EncodeOptions()), attributes=5000.0).value.coded
+    assert coded.step == (LEAST_STEP if shown == 1e30 else STEP)

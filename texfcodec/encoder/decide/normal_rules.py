@@ -38,11 +38,11 @@ CLIP = 10.0  # degrees: an error that is larger is as bad as this
 # last hundredth stays 2.4 dB worse in light, for want of 718 bytes of marks.
 ENOUGH = (0.5, 3.0, 6.0)
 # Of coded normals at QP 24, in units of 2**-14: at most 1.05 degrees, which leaves a median of 0.42 where all are off. Finer
-# where bytes gain more in light there than among colours and maps: at 75, six models take 0.3 to 2 % more bytes for 0.2 to 0.5
+# where bytes gain more in light there than among colours and maps: at 75, six models take 0.3 to 2 % more bytes for 0.1 to 0.5
 # dB, a seventh 6 % for 0.2.
 STEP, LEAST_STEP = 150, 40
-PRICE = 1.3  # 3 * 1.2 * 2 / (8 ln 2): a tenth more bytes of attributes take 12 % off the squared error
-DECIBELS = 12.0  # of the picture for ten times the bytes of attributes; the exponent of PRICE
+DECIBELS = 12.0  # of the picture for ten times the bytes of attributes; 4 to 16 on five assets from QP 18 to 24
+PRICE = 1.3  # 3 * 1.2 * 2 / (8 ln 2), 1.2 being the exponent of these DECIBELS
 NOTICED = 0.3  # dB that errors take away from which residuals are tried, whatever the degrees
 UNITS = 1 << 13  # of a step for a radian
 AT_QP, DOUBLING = 24, 12  # what has to be reached doubles with so much more QP, and so does the step
@@ -147,7 +147,8 @@ class _Target:
     def step(self, count, tolerance):
         """Of so many coded normals."""
         finest, usual = LEAST_STEP * tolerance, STEP * tolerance
-        wanted = UNITS * np.sqrt(PRICE * count / (self.attributes * self.shown)) if self.attributes else usual
+        price = self.attributes * self.shown  # 0 where nothing is known, or nothing shows
+        wanted = UNITS * np.sqrt(PRICE * count / price) if price > 0 else usual
         return round(min(max(wanted, finest, 1), usual, MOST_STEP))
 
     def lost(self, error, chosen=...):

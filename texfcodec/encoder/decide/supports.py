@@ -250,9 +250,10 @@ class _Choice:
         least = cost(usual, moved)
         while self.request.rate_is_free and best <= usual and best > COARSEST_POSITIONS:
             moved = look(replace(self.surface.cube, position_bits=best - 1))
-            if moved > MOST_MOVED * self.rd.coding_mse or cost(best - 1, moved) >= least:
+            tried = cost(best - 1, moved)
+            if not (moved <= MOST_MOVED * self.rd.coding_mse and tried < least):  # nor where a lit colour is infinite
                 break
-            best, least = best - 1, cost(best - 1, moved)
+            best, least = best - 1, tried
         return best
 
     def _best_voxels(self, patch, texels, clear):

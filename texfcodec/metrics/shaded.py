@@ -13,6 +13,8 @@ import numpy as np
 
 from ..core.colour_error import decibels
 from ..geometry.areas import sample_surface
+from ..geometry.mesh import Mesh, face_normals
+from ..geometry.nearest_points import NearestPoints
 from ..render.depth_layers import opacity
 from ..render.environment import DAYLIGHT
 from ..render.lighting import Lighting
@@ -22,8 +24,7 @@ from ..scene.scene import ALPHA_BLEND, ALPHA_MASK, Scene
 from ..scene.srgb import linear_to_srgb
 from ..texf import Texf
 from .angular_error import angular_error
-from .face_match import decoded_faces
-from .nearest import NearestFaces, face_normals
+from .face_match import decoded_faces, sheet_gap
 from .views import SIZE, VIEWS, Look, compare_views
 
 SAMPLES = 200_000
@@ -105,8 +106,9 @@ def _matched(reference, other, asked, threads):
     elif np.array_equal(reference.positions, other.positions) and np.array_equal(reference.faces, other.faces):
         return (face, bary), (face, bary)
     corners = reference.positions[reference.faces[face]]
-    nearest = NearestFaces(other.positions, other.faces, threads)
-    return (face, bary), nearest.find(np.einsum("mk,mkc->mc", bary, corners), face_normals(corners))
+    mesh = Mesh(other.positions, other.faces)
+    nearest = NearestPoints(mesh).find(np.einsum("mk,mkc->mc", bary, corners), face_normals(corners), sheet_gap(mesh), threads)
+    return (face, bary), (nearest.face, nearest.bary)
 
 
 def _colours(side, at, threads):

@@ -18,6 +18,8 @@ import numpy as np
 from ..core.colour_error import ColourError, decibels
 from ..core.json_text import json_ready
 from ..errors import InputError
+from ..geometry.mesh import Mesh, face_normals
+from ..geometry.nearest_points import NearestPoints
 from ..render.camera import Camera, bounding_sphere, fibonacci_direction, orthographic
 from ..render.environment import Environment
 from ..render.lighting import Lighting
@@ -26,8 +28,7 @@ from ..render.textures import MipScenes, Textures
 from ..scene.fetch import pack_source, sample_source
 from ..scene.scene import ALPHA_OPAQUE, Scene
 from ..texf import Texf
-from .face_match import decoded_faces
-from .nearest import NearestFaces, face_normals
+from .face_match import decoded_faces, sheet_gap
 from .psnr_3d import SourceSamples, psnr_of
 from .ssim import ssim as mean_ssim
 
@@ -173,13 +174,18 @@ def _has_alpha(scene):
 
 
 class MeshColours:
-    """The colours of a mesh at its points nearest to given ones; see NearestFaces. scene: Scene with a face that has area."""
+    """The colours of a mesh at its points nearest to given ones, on the sheet that faces the same way.
+
+    scene: Scene with a face that has area.
+    """
 
     def __init__(self, scene: Scene, threads: int = 1) -> None:
         self._source, self._threads = pack_source(scene), threads
-        self._places = NearestFaces(scene.positions, scene.faces, threads)
+        mesh = Mesh(scene.positions, scene.faces)
+        self._places, self._gap = NearestPoints(mesh), sheet_gap(mesh)
 
     def query(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Colours at world points, float64 [M, 3], of surfaces that face along normals, float64 [M, 3] of length 1 (or 0: any).
         Returns float32 [M, 4], 0..255, sRGB-coded, straight alpha."""
-        return sample_source(self._source, *self._places.find(points, normals), self._threads)
+        nearest = self._places.find(points, normals, self._gap, self._threads)
+        return sample_source(self._source, nearest.face, nearest.bary, self._threads)

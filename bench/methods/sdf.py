@@ -106,10 +106,6 @@ class Sdf(TexfMethod):
             data = with_mesh((folder / FIELD).read_bytes(), draco_of(mesh, settings_of(checked(options), threads)))
         return decode(data, DecodeOptions(threads=threads), report)
 
-    def face_field(self, folder):
-        """None: the faces are others than the source's."""
-        return None
-
 
 def checked(options):
     """All options. ValueError says which is out of range."""

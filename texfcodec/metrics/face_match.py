@@ -28,8 +28,10 @@ SHEETS = 4 / 500_000**0.5
 
 
 class Places(NamedTuple):
-    """face: int64 [M]; bary: float64 [M, 3]; points: float64 [M, 3] of world space, where a field is asked: on the other mesh. Kept
-    faces of a stream that is all over voxels ask on the source instead, from which only the rounding of the lattice parts them."""
+    """face: int64 [M]; bary: float64 [M, 3]; points: float64 [M, 3], world, where a field is asked: on the other mesh.
+
+    Kept faces of a stream that is all over voxels ask on the source instead, from which only the lattice's rounding parts them.
+    """
 
     face: np.ndarray
     bary: np.ndarray

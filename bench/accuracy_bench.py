@@ -89,7 +89,7 @@ class Bench:
             return run
         texf = self._decoded(made)
         image = compare_views(self.scene, texf, IMAGE_VIEWS, IMAGE_SIZE, threads=self.threads) if setting.get("image") else None
-        return run | {"psnr_y": self.samples.compare(texf, made.face_field)["y"], "image_y": image and image["psnr"]["y"]}
+        return run | {"psnr_y": self.samples.compare(texf)["y"], "image_y": image and image["psnr"]["y"]}
 
     def _warm_up(self, options, density):
         """The kernels of this kind of setting are loaded before it is timed."""
@@ -114,13 +114,13 @@ class Bench:
     def _stream(self):
         made = self._once("stream", lambda: encode_to_result(self.scene, EncodeOptions(**self.place.base(self.place.home),
                                                                                        threads=self.threads)))
-        return self._once("texf", lambda: self._decoded(made)), made.face_field
+        return self._once("texf", lambda: self._decoded(made))
 
     def _views(self, setting):
         views, size, _ = self.reference
 
         def psnr(views, size):
-            return compare_views(self.scene, self._stream()[0], views, size, threads=self.threads)["psnr"]["y"]
+            return compare_views(self.scene, self._stream(), views, size, threads=self.threads)["psnr"]["y"]
 
         self._once("warm", lambda: psnr(1, 64))
         reference = self._once("views", lambda: psnr(views, size))
@@ -128,10 +128,10 @@ class Bench:
         return seconds | {"errors": _errors([found], reference)}
 
     def _samples(self, setting, turn):
-        texf, face_field = self._stream()
+        texf = self._stream()
 
         def psnr(number, seed):
-            return SourceSamples(self.scene, number, self.threads, seed).compare(texf, face_field)["y"]
+            return SourceSamples(self.scene, number, self.threads, seed).compare(texf)["y"]
 
         reference = self._once("samples", lambda: psnr(self.reference[2], 10**6))
         found, seconds = timed(lambda: [psnr(setting["samples"], SEEDS * turn + i) for i in range(SEEDS)])

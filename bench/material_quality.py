@@ -17,7 +17,7 @@ from texfcodec.encoder.shown_maps import Frames, ShownMaps
 from texfcodec.geometry.areas import sample_surface
 from texfcodec.geometry.surface import make_surface
 from texfcodec.metrics.angular_error import angular_error
-from texfcodec.metrics.face_match import decoded_faces
+from texfcodec.metrics.face_match import FaceMatch
 from texfcodec.options import FINEST_POSITIONS, EncodeOptions
 from texfcodec.render.tangent_frames import deviated_normals, interpolate_corners
 from texfcodec.scene.channels import BASE_COLOUR, BY_NAME, MAPS, channel_over
@@ -55,16 +55,14 @@ class SceneMaps:
 
 
 class TexfMaps:
-    """What a Texf, its fields over voxels, says at the same places of the Scene that it was made of. face_field: int64 per face
-    of the scene, as Texf numbers fields. ValueError: a field is over texels."""
+    """What a Texf, its fields over voxels, says at the same places of the Scene that it was made of. ValueError: a field is over
+    texels."""
 
-    def __init__(self, texf, scene, surface, face_field):
+    def __init__(self, texf, scene, surface, threads=1):
         if any(field.over_texels for field in texf.fields):
             raise ValueError("errors of maps are measured over voxels alone")
         self.texf, self.surface = texf, surface
-        self._corners = scene.positions[scene.faces[surface.origin_face]]
-        self._field = np.zeros(len(surface.faces), np.int64) if face_field is None else face_field[surface.origin_face]
-        self._found, self._turn = (each[surface.origin_face] for each in decoded_faces(scene, texf))
+        self._match, self._field = FaceMatch(scene, texf, threads), texf.face_field
         self._normals = texf.shading_normals()
         corners = texf.positions[texf.faces]
         self._geometric = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).astype(np.float32)
@@ -73,31 +71,27 @@ class TexfMaps:
         """As SceneMaps.values()."""
         channel = channel_over(name, planar=False)
         out = np.zeros((len(face), channel.components), np.float32)
-        points = np.einsum("mk,mkc->mc", bary, self._corners[face])
+        places = self._match.find(self.surface.origin_face[face], bary)
         for number in range(len(self.texf.fields)):
-            mine = np.flatnonzero(np.maximum(self._field[face], 0) == number)
+            mine = np.flatnonzero(self._field[places.face] == number)
             if len(mine):
-                out[mine] = self.texf.query_planes(number, [channel.name], points[mine], None)[channel.name]
-        return self._with_normals(out, face, bary, points) if channel.unit == "degrees" else out
+                out[mine] = self.texf.query_planes(number, [channel.name], places.points[mine], None)[channel.name]
+        return self._with_normals(out, places) if channel.unit == "degrees" else out
 
-    def _with_normals(self, deviation, face, bary, points):
-        """Normals in 0..255 of deviations at places."""
-        there, order = self._found[face], (np.arange(3) - self._turn[face][:, None]) % 3
-        weights, lost = np.take_along_axis(bary, order, axis=1), np.flatnonzero(there < 0)
-        if len(lost):
-            there[lost] = self.texf.nearest_face(points[lost])
-        normal = interpolate_corners(self._normals, there, weights)
-        return deviated_normals(deviation / np.float32(FLAT) - 1, normal, self._geometric[there]) * np.float32(FLAT)
+    def _with_normals(self, deviation, places):
+        """Normals in 0..255 of deviations at Places."""
+        normal = interpolate_corners(self._normals, places.face, places.bary)
+        return deviated_normals(deviation / np.float32(FLAT) - 1, normal, self._geometric[places.face]) * np.float32(FLAT)
 
 
-def map_errors(scene, decoded, face_field, samples, threads=1):
+def map_errors(scene, decoded, samples, threads=1):
     """{"pooled": dB, "plain": the same with weights of 1, "channels": {name: {"psnr": dB, "weight", and of normals
     "mean_degrees", "p95_degrees"}}, "samples"} of what was decoded of a Scene, a Texf or a Scene with the same faces. None: no
-    error at all. face_field: as in TexfMaps."""
+    error at all."""
     scene, surface = needed_maps(scene)
     source = SceneMaps(scene, surface, threads)
     if isinstance(decoded, Texf):
-        other = TexfMaps(decoded, scene, surface, face_field)
+        other = TexfMaps(decoded, scene, surface, threads)
     else:
         other = SceneMaps(decoded, surface, threads)
     places = sample_surface(surface.lattice.astype(np.float64), surface.faces, samples, 0)

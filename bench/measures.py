@@ -7,30 +7,30 @@ import numpy as np
 OVERSAMPLING, QUALITY = 2, 92  # pixels averaged a side; of WebP, where blocks of the encoder are not seen any more
 
 
-def measure_job(scene, decoded, face_field, job, folder):
+def measure_job(scene, decoded, job, folder):
     """measures() of a job, whose facts are in job; "pictures": the views of those written into its folder, where some are."""
     evaluation, threads = job["evaluation"], job["threads"]
-    measured = measures(scene, decoded, face_field, evaluation, threads)
+    measured = measures(scene, decoded, evaluation, threads)
     if evaluation["pictures"]:
         measured["pictures"] = write_pictures(scene, decoded, evaluation, folder, threads)
     return measured
 
 
-def measures(scene, decoded, face_field, evaluation, threads):
+def measures(scene, decoded, evaluation, threads):
     """{"psnr_3d", "image", "maps"} of what was decoded, a Texf or a Scene; the last two are None where they are not asked for."""
     from texfcodec.metrics.psnr_3d import SourceSamples
     from texfcodec.metrics.views import compare_views, mesh_psnr_3d
     from texfcodec.texf import Texf
 
     if isinstance(decoded, Texf):
-        psnr = SourceSamples(scene, evaluation["samples"], threads).compare(decoded, face_field)
+        psnr = SourceSamples(scene, evaluation["samples"], threads).compare(decoded)
     else:
         psnr = mesh_psnr_3d(scene, decoded, evaluation["samples"], threads)
     measured = {"psnr_3d": psnr, "image": None, "maps": None}
     if evaluation["maps"]:
         from bench.material_quality import map_errors
 
-        measured["maps"] = map_errors(scene, decoded, face_field, evaluation["samples"], threads)
+        measured["maps"] = map_errors(scene, decoded, evaluation["samples"], threads)
     if evaluation["views"]:
         measured["image"] = compare_views(scene, decoded, views=evaluation["views"], size=evaluation["size"],
                                           ssim=evaluation["ssim"], lpips=_lpips(evaluation["lpips"]), threads=threads)

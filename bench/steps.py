@@ -79,7 +79,7 @@ def decode_step(folder, job):
     if sent != values:
         raise Differs(f"the decoder's values are not those of the encoder's reconstruction: {values} is not {sent}")
     begin = time.perf_counter()
-    measured = measure_job(load(job["asset_path"]), decoded, method.face_field(folder), job, folder)
+    measured = measure_job(load(job["asset_path"]), decoded, job, folder)
     write_json(folder / METRICS, {
         **{k: job[k] for k in KNOWN_BY},
         "bytes": facts.pop("bytes"), **measured, "facts": facts,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from texfcodec.encoder.geometry.mesh import Mesh
+from texfcodec.geometry.mesh import Mesh
 
 
 def rough(mesh, size=0.02, seed=0):

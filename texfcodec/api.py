@@ -172,7 +172,7 @@ def measure(scene: Scene, made: Encoded, threads: int = 1) -> dict:
     from .metrics.psnr_3d import measure as measured
 
     texf = decode_stream(made.data, DecodeOptions(threads=threads, limits=UNLIMITED), Report())
-    return measured(scene, texf, threads=threads, face_field=made.face_field)
+    return measured(scene, texf, threads=threads)
 
 
 def decode(stream: Stream, options: DecodeOptions | Mapping[str, Any] | None = None, report: Report | None = None) -> Texf:

@@ -260,12 +260,12 @@ class Texf:
 
     def nearest_face(self, points: np.ndarray) -> np.ndarray:
         """Index of the face nearest to each world point, int64 [M]."""
-        import trimesh
+        from .geometry.mesh import Mesh
+        from .geometry.nearest_points import NearestPoints
 
         if not len(self.faces):
             raise InputError("TXF-I70", "an empty asset has no face to ask for")
-        mesh = trimesh.Trimesh((self.positions - self.origin) / (self.side or 1.0), self.faces, process=False)
-        return trimesh.proximity.closest_point(mesh, (points - self.origin) / (self.side or 1.0))[2]
+        return NearestPoints(Mesh(self.positions, self.faces)).find(points, threads=self.threads).face
 
     def voxels(self) -> dict[str, np.ndarray]:
         """All active voxels of fields over voxels: {"xyz": int32 [N, 3], "field": int32 [N], "rgba": uint8 [N, 4], "center":

@@ -57,10 +57,6 @@ class Method(ABC):
         """Hash of what decode returned, to stand against reconstruction_sha256; None where there is none."""
         return None
 
-    def face_field(self, folder):
-        """int64 per face of the source: the field of the Texf that it asks (metrics.psnr_3d); None: ask the nearest face."""
-        return None
-
 
 def method(name):
     """Class decorator: registers a Method under a name."""

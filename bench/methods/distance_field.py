@@ -16,7 +16,7 @@ from texfcodec.codecs.raht.entropy.range_coder import Coder, _dec_bit, _enc_bit,
 from texfcodec.core.kernel import kernel
 from texfcodec.field.morton import encode_morton
 from texfcodec.geometry.areas import sample_surface
-from texfcodec.metrics.nearest import face_normals
+from texfcodec.geometry.mesh import face_normals
 
 LEAF, FAR = 8, 3.0  # faces of a leaf; from how many radii on a cluster counts as one dipole
 BAND = 1.8  # cells: corners of crossed cells are at most the square root of 3 away

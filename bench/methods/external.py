@@ -29,8 +29,8 @@ from bench.methods import checked_options, method, programs, source_hash, texf
 from bench.methods import voxel_values as voxels
 from bench.methods.astc import HANDLING, Astc
 from bench.methods.programs import program_of, run_program
-from bench.methods.texf import FACE_FIELD, TexfMethod
-from bench.methods.voxel_values import face_fields, rgba_of, voxel_values, with_values, write_mesh
+from bench.methods.texf import TexfMethod
+from bench.methods.voxel_values import rgba_of, voxel_values, with_values, write_mesh
 from texfcodec.field.morton import encode_morton
 
 DEFAULTS = {"codec": "tmc13", "resolution": 1024, "qp": 34, "transform": "raht", "program": "", "config": "", "command": "",
@@ -105,7 +105,6 @@ class External(TexfMethod):
             report.warnings.append("alpha is not coded: the program takes points of three colours")
         with report.stage("geometry"):
             sizes = dict(zip(("geometry", "other"), write_mesh(prepared, folder, report), strict=True))
-        np.savez_compressed(folder / FACE_FIELD, face_field=face_fields(prepared, len(scene.faces)))
         sizes["texture"] = 0
         with report.stage("program"):
             for number, part in enumerate(prepared.fields):

@@ -26,8 +26,8 @@ from texfcodec.field.morton import encode_morton
 from texfcodec.field.samples import surface_samples
 from texfcodec.field.transfer import fill_uncoloured
 from texfcodec.geometry.draco import enc_geometry
+from texfcodec.geometry.mesh import face_normals
 from texfcodec.geometry.surface import make_surface
-from texfcodec.metrics.nearest import face_normals
 from texfcodec.metrics.views import MeshColours
 from texfcodec.options import EncodeOptions
 from texfcodec.scene.scene import ALPHA_OPAQUE, Material, Scene
@@ -105,10 +105,6 @@ class Sdf(TexfMethod):
         with report.stage("geometry"):
             data = with_mesh((folder / FIELD).read_bytes(), draco_of(mesh, settings_of(checked(options), threads)))
         return decode(data, DecodeOptions(threads=threads), report)
-
-    def face_field(self, folder):
-        """None: the faces are others than the source's."""
-        return None
 
 
 def checked(options):

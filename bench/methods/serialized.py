@@ -21,8 +21,8 @@ from bench.methods import voxel_values as voxels
 from bench.methods.addressing import STRUCTURES
 from bench.methods.astc import Astc, Codec
 from bench.methods.space_filling import CURVES, FILLS, curve_keys, from_image, image_size, to_image
-from bench.methods.texf import FACE_FIELD, TexfMethod
-from bench.methods.voxel_values import face_fields, rgba_of, voxel_values, with_values, write_mesh
+from bench.methods.texf import TexfMethod
+from bench.methods.voxel_values import rgba_of, voxel_values, with_values, write_mesh
 from texfcodec.field.extents import octree_depth
 
 DEFAULTS = {"resolution": 2048, "curve": "hilbert", "fill": "blocks", "tile": 64, "codec": "hevc", "qp": 31, "chroma": "444",
@@ -66,14 +66,14 @@ class Serialized(TexfMethod):
         voxel_values(small_scene(), {"resolution": WARM_SIDE, "threads": threads}, Report())
 
     def encode(self, scene, options, folder, threads, report):
-        """Writes STREAM without values, IMAGE, and for ASTC ADDRESSES of every field; FACE_FIELD is what measures ask.
+        """Writes STREAM without values, IMAGE, and for ASTC ADDRESSES of every field.
+
         ValueError: an option is out of range, or the image came back in another size."""
         asked = checked(options)
         given = {"resolution": asked["resolution"], "threads": threads, "position_bits": asked["position_bits"]}
         prepared = voxel_values(scene, given, report)
         with report.stage("geometry"):
             sizes = dict(zip(("geometry", "other"), write_mesh(prepared, folder, report), strict=True))
-        np.savez_compressed(folder / FACE_FIELD, face_field=face_fields(prepared, len(scene.faces)))
         coder = image_coder(asked, threads)
         with report.stage("serialise"):
             order = orders(prepared.fields, asked["curve"])

@@ -10,7 +10,7 @@ from texfcodec.codecs import codec_of
 from texfcodec.geometry.surface import make_surface
 from texfcodec.options import DEFAULT_CODEC, EncodeOptions
 
-STREAM, FACE_FIELD, BAKED = "stream.texf", "face_field.npz", "baked.glb"
+STREAM, BAKED = "stream.texf", "baked.glb"
 NOT_SETTINGS = {"threads", "measure", "limits", "checkpoint"}
 WARM_RESOLUTION = 64
 
@@ -47,13 +47,12 @@ class TexfMethod(Method):
             decode(encode(small_scene(), EncodeOptions(**kept | {"support": "texels"})))
 
     def encode(self, scene, options, folder, threads, report):
-        """Writes STREAM and FACE_FIELD."""
+        """Writes STREAM."""
         from texfcodec.api import encode_to_result
 
         settings = EncodeOptions(**options, threads=threads)
         made = encode_to_result(scene, settings, report)
         (folder / STREAM).write_bytes(made.data)
-        np.savez_compressed(folder / FACE_FIELD, face_field=made.face_field)
         asked, sizes = {"resolution": made.resolution, "qp": made.qp}, made.sizes
         if "resident" in made.choices:
             asked = {"resolution": made.resolution, "fit": made.choices["fit"], "file_bytes": sizes}
@@ -83,11 +82,6 @@ class TexfMethod(Method):
                 total.update(np.ascontiguousarray(plane))
         return total.hexdigest()
 
-    def face_field(self, folder):
-        """What the encoder said."""
-        with np.load(folder / FACE_FIELD) as file:
-            return file["face_field"]
-
 
 @method("texf_baked")
 class TexfBakedMethod(TexfMethod):
@@ -106,10 +100,6 @@ class TexfBakedMethod(TexfMethod):
     def values_sha256(self, decoded):
         """Of what was decoded before it was baked."""
         return super().values_sha256(self._texf)
-
-    def face_field(self, folder):
-        """None: a mesh has no fields."""
-        return None
 
 
 def geometry_bytes(scene, position_bits):

@@ -48,10 +48,3 @@ def with_values(parts, rgba):
         planes = {c.name: np.ascontiguousarray(values[:, list(c.columns)]) for c in COLOURS if c.name in part.planes}
         fields.append(Field(part.support, planes))
     return fields
-
-
-def face_fields(prepared, faces):
-    """The field of every face of a scene with so many faces, int64, -1 where it was left out."""
-    out = np.full(faces, -1, np.int64)
-    out[prepared.surface.origin_face] = prepared.source.face_field
-    return out

@@ -22,8 +22,8 @@ if not __package__:  # called as a file, by a run that may measure another check
 from proof.strangers.holdings import unnamed_things
 from texfcodec.core.colour_error import ColourError
 from texfcodec.geometry.areas import relative_areas, sample_surface
+from texfcodec.geometry.mesh import face_normals
 from texfcodec.io.load import load
-from texfcodec.metrics.nearest import face_normals
 from texfcodec.metrics.views import MeshColours
 from texfcodec.scene.fetch import pack_source, sample_source
 from texfcodec.scene.scene import ALPHA_MASK, ALPHA_OPAQUE

@@ -198,13 +198,13 @@ def test_marching_cubes_stay_near_the_source():
     positions, faces, _ = hand(24)
     data, lost = enc_solid(scene_of(positions, faces), 48, 16)
     made = dec_solid(data)
-    from texfcodec.metrics.nearest import NearestFaces
+    from texfcodec.geometry.mesh import Mesh
+    from texfcodec.geometry.nearest_points import NearestPoints
 
     cell = np.ptp(positions, axis=0).max() / 48
     for there, here in ((scene_of(positions, faces), made), (made, scene_of(positions, faces))):
-        face, bary = NearestFaces(there.positions, there.faces).find(here.positions, np.zeros_like(here.positions))
-        near = np.einsum("mk,mkc->mc", bary, there.positions[there.faces[face]])
-        assert np.linalg.norm(near - here.positions, axis=1).max() < cell  # fingertips are cut by a fraction of it
+        nearest = NearestPoints(Mesh(there.positions, there.faces)).find(here.positions)
+        assert nearest.distance.max() < cell  # fingertips are cut by a fraction of it
     assert lost == 0
     corners = made.positions[made.faces]
     assert np.einsum("fc,fc->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() > 0  # it faces outwards

@@ -6,11 +6,11 @@ from dense_matrix import dense
 from rough_meshes import grid, rough
 from shapes import sphere, square
 
-from texfcodec.encoder.geometry.distances import surface_distance
 from texfcodec.encoder.geometry.joint_lattice import REACH, joint_lattice
-from texfcodec.encoder.geometry.mesh import Mesh
 from texfcodec.encoder.geometry.vertex_fit import own_fit
 from texfcodec.geometry.canonical import fit_cube
+from texfcodec.geometry.mesh import Mesh
+from texfcodec.metrics.surface_distance import surface_distance
 
 
 def turned(mesh, lattice):

@@ -61,7 +61,7 @@ def test_budget_is_kept_and_well_used(ribbon, share):
 def test_quality_is_met_at_the_fewest_bytes_tried(ribbon, target):
     report = Report()
     made = encode_to_target(ribbon, EncodeOptions(target_psnr=target), report)
-    again = measure(ribbon, decode(made.data), SAMPLES, face_field=made.face_field)
+    again = measure(ribbon, decode(made.data), SAMPLES)
     assert again["y"] >= target and math.isclose(again["y"], made.psnr_3d["y"])
     assert len(made.data) == min(r["bytes"] for r in made.choices["search"] if r["psnr_y"] >= target)
 

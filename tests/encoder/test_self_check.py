@@ -40,7 +40,7 @@ def noisy_wall(noise):
 def test_the_check_has_the_figures_of_a_decoder_and_names_the_worst_part():
     scene, report = noisy_wall(20), Report()
     made = encode_loaded(scene, EncodeOptions(rate="r03"), report)
-    outside = measure(scene, decode(made.data), 60_000, face_field=made.face_field)
+    outside = measure(scene, decode(made.data), 60_000)
     assert made.check["y"] == pytest.approx(outside["y"], abs=0.3) and made.check["rgb"] == pytest.approx(outside["rgb"], abs=0.3)
     assert made.check["worst"]["name"] == "noisy" and [part["name"] for part in made.check["parts"]] == ["calm", "noisy"]
     assert made.check["lit"] > 30 and "check" in report.seconds and made.values == []

@@ -6,10 +6,10 @@ from rough_meshes import grid, rough, torus
 from shapes import sphere, square
 from slow_collapses import collapses
 
-from texfcodec.encoder.geometry.mesh import Mesh
 from texfcodec.encoder.geometry.seams import seam_edges
 from texfcodec.encoder.geometry.simplify import simplify
 from texfcodec.encoder.geometry.topology import undirected
+from texfcodec.geometry.mesh import Mesh
 
 
 def normals(mesh):

@@ -6,11 +6,11 @@ from dense_matrix import dense
 from rough_meshes import grid, rough
 from shapes import sphere, square
 
-from texfcodec.encoder.geometry.distances import surface_distance
-from texfcodec.encoder.geometry.mesh import Mesh
 from texfcodec.encoder.geometry.normal_matrix import NormalEquations
 from texfcodec.encoder.geometry.simplify import simplify
 from texfcodec.encoder.geometry.vertex_fit import DAMPING, STIFFNESS, TANGENTIAL, fit_vertices, own_fit
+from texfcodec.geometry.mesh import Mesh
+from texfcodec.metrics.surface_distance import surface_distance
 
 
 def test_a_coarse_mesh_comes_closer_to_the_source_by_more_than_a_decibel():

@@ -107,14 +107,13 @@ def _shaded(scene, decoded, settings, report):
 def _psnr_3d(scene, decoded, threads, report):
     """At the same surface points of a stream and of a mesh: as many as a mesh can be searched for."""
     from ..metrics.psnr_3d import measure, measure_or_warn
-    from ..metrics.views import NEAREST_SAMPLES, fields_of_faces, mesh_psnr_3d
+    from ..metrics.views import NEAREST_SAMPLES, mesh_psnr_3d
     from ..texf import Texf
 
     with report.stage("psnr_3d"):
         if not isinstance(decoded, Texf):
             return measure_or_warn(lambda: mesh_psnr_3d(scene, decoded, NEAREST_SAMPLES, threads), report)
-        face_field = fields_of_faces(scene, decoded) if len(decoded.fields) > 1 else None
-        return measure_or_warn(lambda: measure(scene, decoded, NEAREST_SAMPLES, threads, face_field), report)
+        return measure_or_warn(lambda: measure(scene, decoded, NEAREST_SAMPLES, threads), report)
 
 
 def _run_facts(report):

@@ -101,7 +101,7 @@ class _Bench:
         made = code(planned, Report())
         row = {"seconds": round(time.perf_counter() - begin, 4), "processor_seconds": round(time.process_time() - worked, 4)}
         texf = decode_stream(made.data, DecodeOptions(threads=self.threads, limits=UNLIMITED), Report())
-        return row | {"bytes": len(made.data), "psnr_y": self.samples.compare(texf, made.face_field)["y"]}
+        return row | {"bytes": len(made.data), "psnr_y": self.samples.compare(texf)["y"]}
 
 
 def explain_time(scene: Scene, options: EncodeOptions, made: Encoded, stages: dict[str, float],

@@ -231,7 +231,7 @@ class _Search:
             with report.stage("measure"):
                 samples = self._samples = self._samples or SourceSamples(self.scene, threads=threads)
                 texf = decode_stream(trial.made.data, DecodeOptions(threads=threads, limits=UNLIMITED), Report())
-                trial.made.psnr_3d = measure_or_warn(lambda: samples.compare(texf, trial.made.face_field), report)
+                trial.made.psnr_3d = measure_or_warn(lambda: samples.compare(texf), report)
                 if trial.psnr is None and not self.budget:
                     raise InputError("TXF-I94", report.warnings[0])
             self._add_seconds(report)

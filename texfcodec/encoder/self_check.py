@@ -151,7 +151,7 @@ def check_encoded(scene: Scene, made: Encoded, options: EncodeOptions, seconds: 
     """
     texf, decoded = _decoded(made, options, seconds)
     step(1, 3)
-    found = compare_parts(scene, texf, made.face_field, options.threads) if len(texf.faces) else None
+    found = compare_parts(scene, texf, options.threads) if len(texf.faces) else None
     step(2, 3)
     known = {"promised": promised_psnr(options), "decoded_units": decoded}
     if found is None:

@@ -20,13 +20,8 @@ SAMPLES, LEAST_SAMPLES = 1 << 16, 512  # of the whole; of a part, so that small 
 ROUNDING = 0.5  # levels of alpha that do not count as a change of side
 
 
-def compare_parts(scene: Scene, texf: Texf, face_field: np.ndarray | None = None, threads: int = 1) -> dict | None:
+def compare_parts(scene: Scene, texf: Texf, threads: int = 1) -> dict | None:
     """Errors of texf against the scene it was made from, at points of each part.
-
-    Parameters
-    ----------
-    face_field : int64 [F] or None
-        As of SourceSamples.answers().
 
     Returns
     -------
@@ -40,7 +35,7 @@ def compare_parts(scene: Scene, texf: Texf, face_field: np.ndarray | None = None
         return None
     share = np.bincount(scene.face_material, areas / areas.sum(), len(scene.materials))
     samples = SourceSamples(scene, threads=threads, at=_points(scene, areas, share))
-    got, weights = samples.answers(texf, face_field), samples.weights(texf)
+    got, weights = samples.answers(texf), samples.weights(texf)
     material, parts, total, shown = scene.face_material[samples.face], [], {"y": 0.0, "rgb": 0.0}, 0.0
     for number in np.unique(material):
         rows = np.flatnonzero(material == number)

@@ -11,7 +11,7 @@ from ..core.json_text import json_ready
 from ..errors import InputError
 from ..geometry.areas import sample_surface
 from ..scene.fetch import pack_source, sample_source
-from .face_match import decoded_faces
+from .face_match import FaceMatch
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,63 +33,33 @@ class SourceSamples:
 
     def __init__(self, scene: Scene, samples: int = SAMPLES, threads: int = 1, seed: int = 0,
                  at: tuple[np.ndarray, np.ndarray] | None = None) -> None:
-        self.scene = scene
+        self.scene, self.threads = scene, threads
         self.face, self.bary = sample_surface(scene.positions, scene.faces, samples, seed) if at is None else at
         self.colour = sample_source(pack_source(scene), self.face, self.bary, threads)
 
-    def compare(self, texf: Texf, face_field: np.ndarray | None = None) -> dict:
+    def compare(self, texf: Texf) -> dict:
         """3D-PSNR of texf in dB {"y", "yuv611", "rgb", "samples"}; None means lossless.
 
-        face_field: as of answers(). Errors weigh by the source's alpha where texf has alpha. Raises InputError TXF-I94 where texf
-        has alpha and no point is visible.
+        Errors weigh by the source's alpha where texf has alpha. Raises InputError TXF-I94 where texf has alpha and no point is
+        visible, TXF-I70 where it has no face.
         """
         error = ColourError()
-        error.add(self.colour[:, :3], self.answers(texf, face_field)[:, :3], self.weights(texf))
+        error.add(self.colour[:, :3], self.answers(texf)[:, :3], self.weights(texf))
         return psnr_of(error)
 
     def weights(self, texf: Texf) -> np.ndarray | None:
         """How much of each point the source shows, float32 [M]; None where texf has no alpha and all count alike."""
         return self.colour[:, 3] / 255 if texf.has_alpha else None
 
-    def answers(self, texf: Texf, face_field: np.ndarray | None = None) -> np.ndarray:
-        """What texf has at the points, float32 [M, 4], 0..255.
-
-        face_field: int64 per scene face, the field of texf it asks, -1 for a face that was left out; None: the only field, or
-        the field of the nearest decoded face. Points on faces that were left out ask the first field.
-        """
-        out, asked = np.empty((len(self.face), 4), np.float32), self._on_faces(texf)
+    def answers(self, texf: Texf) -> np.ndarray:
+        """What texf has at the points, float32 [M, 4], 0..255, where FaceMatch finds them on it."""
+        match, out = FaceMatch(self.scene, texf, self.threads), np.empty((len(self.face), 4), np.float32)
+        face_field = texf.face_field
         for begin in range(0, len(self.face), BLOCK):
             part = slice(begin, begin + BLOCK)
-            corners = self.scene.positions[self.scene.faces[self.face[part]]]
-            points = np.einsum("mk,mkc->mc", self.bary[part], corners)
-            if asked is not None:
-                out[part] = asked(part, points)
-            elif face_field is None or len(texf.fields) == 1:
-                out[part] = texf.query(points)
-            else:
-                out[part] = texf.query_by_field(points, np.maximum(np.asarray(face_field)[self.face[part]], 0))
+            places = match.find(self.face[part], self.bary[part])
+            out[part] = texf.query_by_field(places.points, face_field[places.face], places.face)
         return out
-
-    def _on_faces(self, texf):
-        """Function (samples, their world points) -> colours, where texf has fields over texels: these ask the same corner weights
-        of the decoded face. None where it has none."""
-        if not any(part.over_texels for part in texf.fields):
-            return None
-        found, turn = decoded_faces(self.scene, texf)
-        positions, faces, face_field = texf.positions, texf.faces, texf.face_field
-
-        def asked(part, points):
-            face = found[self.face[part]]
-            there = np.flatnonzero(face >= 0)
-            order = (np.arange(3) - turn[self.face[part]][there, None]) % 3
-            weights = np.take_along_axis(self.bary[part][there], order, axis=1)
-            points[there] = np.einsum("mk,mkc->mc", weights, positions[faces[face[there]]])
-            lost = np.flatnonzero(face < 0)
-            if len(lost):
-                face[lost] = texf.nearest_face(points[lost])
-            return texf.query_by_field(points, face_field[face], face)
-
-        return asked
 
 
 def psnr_of(error: ColourError) -> dict:
@@ -111,6 +81,6 @@ def measure_or_warn(measured: Callable[[], dict], report: Report) -> dict | None
         return None
 
 
-def measure(scene: Scene, texf: Texf, samples: int = SAMPLES, threads: int = 1, face_field: np.ndarray | None = None) -> dict:
+def measure(scene: Scene, texf: Texf, samples: int = SAMPLES, threads: int = 1) -> dict:
     """3D-PSNR of texf against scene in dB: {"y", "yuv611", "rgb", "samples"}; see SourceSamples.compare."""
-    return SourceSamples(scene, samples, threads).compare(texf, face_field)
+    return SourceSamples(scene, samples, threads).compare(texf)

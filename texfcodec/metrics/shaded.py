@@ -2,7 +2,7 @@
 
 Pictures are those of the image metric (views.py) in the light of render/environment.py: the same orthographic cameras, so that
 the eye lies in one direction for all pixels of a view, the same pixels, the same pooling. Channels and normals are compared at
-points spread evenly over the source, asked on the same face with the same corner weights, or where another mesh is nearest.
+points spread evenly over the source, asked on the same face with the same corner weights, or where face_match.py finds them.
 """
 
 from __future__ import annotations
@@ -22,8 +22,7 @@ from ..scene.scene import ALPHA_BLEND, ALPHA_MASK, Scene
 from ..scene.srgb import linear_to_srgb
 from ..texf import Texf
 from .angular_error import angular_error
-from .face_match import decoded_faces
-from .nearest import NearestFaces, face_normals
+from .face_match import FaceMatch
 from .views import SIZE, VIEWS, Look, compare_views
 
 SAMPLES = 200_000
@@ -79,7 +78,9 @@ class _Points:
 
     def __init__(self, reference, other, samples, threads):
         self.sides, self.threads = (reference, other), threads
-        self.at = _matched(reference, other, sample_surface(reference.positions, reference.faces, samples), threads)
+        asked = sample_surface(reference.positions, reference.faces, samples)
+        places = FaceMatch(reference, other, threads).find(*asked)
+        self.at = asked, (places.face, places.bary)
         self.material = reference.face_material[self.at[0][0]]
         self.rgba = [_colours(side, at, threads) for side, at in zip(self.sides, self.at, strict=True)]
         self.weight = opacity(reference.materials, self.material, self.rgba[0][:, 3]).astype(np.float64)
@@ -90,23 +91,6 @@ class _Points:
         for (face, _), light in zip(self.at, lights, strict=True):
             has |= np.array([name in m.maps for m in light.table.materials], bool)[light.face_material[face]]
         return np.flatnonzero(has & (self.weight > 0))
-
-
-def _matched(reference, other, asked, threads):
-    """((face, bary) of the reference, (face, bary) of other) of points that both have."""
-    face, bary = asked
-    if isinstance(other, Texf):
-        found, turn = decoded_faces(reference, other)
-        there = np.flatnonzero(found[face] >= 0)
-        if 2 * len(there) >= len(face):
-            face, bary = face[there], bary[there]
-            order = (np.arange(3) - turn[face][:, None]) % 3
-            return (face, bary), (found[face], np.take_along_axis(bary, order, axis=1))
-    elif np.array_equal(reference.positions, other.positions) and np.array_equal(reference.faces, other.faces):
-        return (face, bary), (face, bary)
-    corners = reference.positions[reference.faces[face]]
-    nearest = NearestFaces(other.positions, other.faces, threads)
-    return (face, bary), nearest.find(np.einsum("mk,mkc->mc", bary, corners), face_normals(corners))
 
 
 def _colours(side, at, threads):

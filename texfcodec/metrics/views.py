@@ -6,7 +6,7 @@ it. Errors are pooled over all counted pixels of all views: a view in which litt
 the basketball player for which the tool's figures are known, all fifteen agree to 0.002 dB; without the rounding to 8 bits they
 are up to 0.6 dB too high.
 
-Below that stands what 3D-PSNR (measure.py) needs where the source's faces must first be found on the other side.
+Below that stands 3D-PSNR of meshes (psnr_3d.py has that of streams).
 """
 
 from collections.abc import Callable
@@ -18,6 +18,7 @@ import numpy as np
 from ..core.colour_error import ColourError, decibels
 from ..core.json_text import json_ready
 from ..errors import InputError
+from ..geometry.mesh import Mesh
 from ..render.camera import Camera, bounding_sphere, fibonacci_direction, orthographic
 from ..render.environment import Environment
 from ..render.lighting import Lighting
@@ -26,8 +27,7 @@ from ..render.textures import MipScenes, Textures
 from ..scene.fetch import pack_source, sample_source
 from ..scene.scene import ALPHA_OPAQUE, Scene
 from ..texf import Texf
-from .face_match import decoded_faces
-from .nearest import NearestFaces, face_normals
+from .face_match import FaceMatch, Sheets
 from .psnr_3d import SourceSamples, psnr_of
 from .ssim import ssim as mean_ssim
 
@@ -137,17 +137,6 @@ def _pooled(seen):
             "lpips": None if first.lpips is None else float(np.mean([v.lpips for v in seen]))}
 
 
-def fields_of_faces(scene: Scene, texf: Texf) -> np.ndarray | None:
-    """The field that each face of the source is in: int64 [F], -1 for a face that is not in the stream; see faces.decoded_faces.
-
-    None where less than half of the faces are found: then the stream was made from something else.
-    """
-    face, _ = decoded_faces(scene, texf)
-    if 2 * np.count_nonzero(face >= 0) < len(face):
-        return None
-    return np.where(face >= 0, texf.face_field[np.maximum(face, 0)], -1) if len(texf.faces) else face
-
-
 def mesh_psnr_3d(reference: Scene, mesh: Scene, samples: int = NEAREST_SAMPLES, threads: int = 1) -> dict:
     """3D-PSNR of a decoded mesh, at the points of its surface nearest to points of the reference's; where it has kept the
     reference's vertices and faces, at the same points, because looking for them costs a mesh that is all right up to 0.3 dB.
@@ -156,12 +145,8 @@ def mesh_psnr_3d(reference: Scene, mesh: Scene, samples: int = NEAREST_SAMPLES, 
     alpha where the mesh has alpha. Raises ValueError for meshes without area.
     """
     asked = SourceSamples(reference, samples, threads)
-    if np.array_equal(reference.positions, mesh.positions) and np.array_equal(reference.faces, mesh.faces):
-        got = sample_source(pack_source(mesh), asked.face, asked.bary, threads)
-    else:
-        corners = reference.positions[reference.faces[asked.face]]
-        points = np.einsum("mk,mkc->mc", asked.bary, corners)
-        got = MeshColours(mesh, threads).query(points, face_normals(corners))
+    places = FaceMatch(reference, mesh, threads).find(asked.face, asked.bary)
+    got = sample_source(pack_source(mesh), places.face, places.bary, threads)
     error = ColourError()
     error.add(asked.colour[:, :3], got[:, :3], asked.colour[:, 3] / 255.0 if _has_alpha(mesh) else None)
     return psnr_of(error)
@@ -173,13 +158,17 @@ def _has_alpha(scene):
 
 
 class MeshColours:
-    """The colours of a mesh at its points nearest to given ones; see NearestFaces. scene: Scene with a face that has area."""
+    """The colours of a mesh at its points nearest to given ones, on the sheet that faces the same way.
+
+    scene: Scene with a face that has area.
+    """
 
     def __init__(self, scene: Scene, threads: int = 1) -> None:
         self._source, self._threads = pack_source(scene), threads
-        self._places = NearestFaces(scene.positions, scene.faces, threads)
+        self._sheets = Sheets(Mesh(scene.positions, scene.faces))
 
     def query(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Colours at world points, float64 [M, 3], of surfaces that face along normals, float64 [M, 3] of length 1 (or 0: any).
         Returns float32 [M, 4], 0..255, sRGB-coded, straight alpha."""
-        return sample_source(self._source, *self._places.find(points, normals), self._threads)
+        nearest = self._sheets.find(points, normals, threads=self._threads)
+        return sample_source(self._source, nearest.face, nearest.bary, self._threads)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .mesh import Mesh
+from ...geometry.mesh import Mesh
 from .topology import side_pairs, undirected
 
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...geometry.mesh import Mesh
 from .collapse import collapse_all
-from .mesh import Mesh
 from .quadrics import vertex_quadrics
 from .topology import FIXED, line_edges, undirected, vertex_kinds
 

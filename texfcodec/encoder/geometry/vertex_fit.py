@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...geometry.areas import face_areas, sample_surface
-from .distances import points_at
-from .mesh import Mesh
-from .nearest_points import NearestPoints
+from ...geometry.mesh import Mesh, points_at
+from ...geometry.nearest_points import NearestPoints
 from .normal_matrix import NormalEquations, NormalMatrix
 from .topology import line_sides
 

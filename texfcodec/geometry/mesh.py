@@ -1,4 +1,4 @@
-"""A triangle mesh as the encoder's geometry takes and returns it."""
+"""A triangle mesh alone, the points on it and the normals of its faces."""
 
 from __future__ import annotations
 
@@ -31,3 +31,17 @@ class Mesh(NamedTuple):
         low, high = self.positions.min(axis=0), self.positions.max(axis=0)
         half = float(np.max(high / 2 - low / 2))
         return low / 2 + high / 2, half if half > 0 else 1.0
+
+
+def points_at(mesh: Mesh, face: np.ndarray, bary: np.ndarray) -> np.ndarray:
+    """Points of a mesh, float64 [M, 3]. face: int64 [M]; bary: float64 [M, 3]."""
+    return np.einsum("mk,mkc->mc", bary, mesh.positions[mesh.faces[face]])
+
+
+def face_normals(corners: np.ndarray) -> np.ndarray:
+    """Unit normals float64 [M, 3] of triangles [M, 3, 3]; zero where a triangle has no area."""
+    edges = corners[:, 1:] - corners[:, :1]
+    edges = edges / np.maximum(np.abs(edges).max(axis=(1, 2), initial=0.0, keepdims=True), 1e-300)
+    normals = np.cross(edges[:, 0], edges[:, 1])
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals / np.where(length > 0, length, 1.0)

@@ -1,4 +1,4 @@
-"""How far two surfaces are apart: D1 between the meshes themselves, not between clouds of their points (encoder only).
+"""How far two surfaces are apart: D1 between the meshes themselves, not between clouds of their points.
 
 The error of one way is the mean of the squared distances from points spread evenly by area over one mesh to the nearest point of
 the other mesh; D1 takes the worse of the two ways.
@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...geometry.areas import sample_surface
-from .mesh import Mesh
-from .nearest_points import NearestPoints
+from ..geometry.areas import sample_surface
+from ..geometry.mesh import Mesh, points_at
+from ..geometry.nearest_points import NearestPoints
 
 SAMPLES = 100_000
 
@@ -53,11 +53,6 @@ def surface_distance(source: Mesh, mesh: Mesh, samples: int = SAMPLES, seed: int
 def _distances(start, end, samples, seed):
     face, bary = sample_surface(start.positions, start.faces, samples, seed)
     return NearestPoints(end).find(points_at(start, face, bary)).distance
-
-
-def points_at(mesh: Mesh, face: np.ndarray, bary: np.ndarray) -> np.ndarray:
-    """Points of a mesh, float64 [M, 3]. face: int64 [M]; bary: float64 [M, 3]."""
-    return np.einsum("mk,mkc->mc", bary, mesh.positions[mesh.faces[face]])
 
 
 def _psnr(peak, error):

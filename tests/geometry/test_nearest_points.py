@@ -1,12 +1,11 @@
-"""Nearest points of a mesh against all its triangles, and D1 on cases worked by hand."""
+"""Nearest points of a mesh against all its triangles."""
 
 import numpy as np
 import pytest
 from shapes import sphere, square
 
-from texfcodec.encoder.geometry.distances import points_at, surface_distance
-from texfcodec.encoder.geometry.mesh import Mesh
-from texfcodec.encoder.geometry.nearest_points import NearestPoints
+from texfcodec.geometry.mesh import Mesh, points_at
+from texfcodec.geometry.nearest_points import BLOCK, NearestPoints
 
 
 def nearest_by_hand(mesh, point):
@@ -48,25 +47,11 @@ def test_of_two_sheets_the_one_answers_that_faces_the_same_way():
     assert nearest.find(point, np.array([[0.0, 0, 1]]), 0.2).distance[0] == pytest.approx(0.09)
 
 
-def test_parallel_squares_a_tenth_apart_are_at_20_decibels():
-    distance = surface_distance(Mesh(*square(0.0)), Mesh(*square(0.1)), samples=1000)
-    assert distance.d1_side == pytest.approx(20) and distance.d1_diagonal == pytest.approx(20 + 10 * np.log10(2))
-    assert distance.largest == pytest.approx(0.1) and (distance.side, distance.diagonal) == pytest.approx((1, 2**0.5))
-
-
-def test_what_is_missing_counts_from_the_source_and_the_worse_way_decides():
-    half = Mesh(square()[0] * [0.5, 1, 1], square()[1])
-    distance = surface_distance(Mesh(*square()), half, samples=200_000)
-    assert distance.to_source == pytest.approx(0, abs=1e-20)
-    # The integral of (x - 1/2)^2 over the half that is missing.
-    assert distance.from_source == pytest.approx(0.5**3 / 3, rel=5e-3)
-    assert distance.d1_side == pytest.approx(10 * np.log10(24), abs=0.03)
-
-
-def test_a_surface_is_exactly_itself_and_one_without_area_is_refused():
+def test_the_answer_does_not_depend_on_threads_and_a_mesh_without_faces_has_none():
     ball = Mesh(*sphere(6))
-    assert surface_distance(ball, ball, samples=500).d1_side > 290
-    with pytest.raises(ValueError, match="area"):
-        surface_distance(ball, Mesh(ball.positions * [0, 0, 1], ball.faces))
+    points = np.random.default_rng(1).normal(size=(2 * BLOCK + 5, 3))
+    nearest = NearestPoints(ball)
+    for one, two in zip(nearest.find(points), nearest.find(points, threads=2), strict=True):
+        assert np.array_equal(one, two)
     with pytest.raises(ValueError, match="without faces"):
         NearestPoints(Mesh(ball.positions, np.zeros((0, 3), np.int64)))

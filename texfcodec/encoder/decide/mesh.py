@@ -14,17 +14,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...geometry.canonical import MAX_BITS
+from ...geometry.canonical import finer_cube
 from ...geometry.draco import enc_geometry
+from ...geometry.mesh import Mesh
 from ...geometry.surface import Surface, make_surface, place_mesh
+from ...metrics.surface_distance import surface_distance
 from ...options import FINEST_POSITIONS
 from ...report import Step, no_step
 from ..decision import Decision
 from ..estimates.position_error import smooth_normals
-from ..geometry.distances import surface_distance
 from ..geometry.drawn_source import DrawnSource, draw_onto, fetched_normals
 from ..geometry.joint_lattice import joint_lattice
-from ..geometry.mesh import Mesh
 from ..geometry.seams import seam_edges, sharp_edges
 from ..geometry.simplify import simplify
 from ..geometry.vertex_fit import fit_vertices, own_fit
@@ -266,7 +266,7 @@ class _Search:
                        corner_color=None if scene.corner_color is None else scene.corner_color[rows],
                        corner_normal=normals, corner_tangent=None)
         places = draw_onto(self.source, self.group, mesh, group)
-        cube = replace(self.usual.cube, position_bits=MAX_BITS)
+        cube = finer_cube(surface.cube)
         drawn = replace(self.usual, cube=cube, lattice=cube.to_lattice(places.mesh.positions), faces=places.mesh.faces)
         return SentMesh(scene=sent, surface=surface, rows=rows, drawn=drawn, places=places)
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ...geometry.surface import Surface
     from ...scene.scene import Scene
 
-VIEWS, SIZE = 4, 512
+VIEWS, SIZE = 8, 360
 SMOOTH = NormalRule(PAIRS, BOTH, MOST_ANGLE)  # no angle decides anything, so that rounding turns normals and no more
 
 

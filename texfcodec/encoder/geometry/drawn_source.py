@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...geometry.mesh import Mesh, face_normals, points_at
+from ...geometry.nearest_points import NearestPoints
 from ...render.tangent_frames import interpolate_corners
-from .mesh import Mesh
-from .nearest_points import NearestPoints
 
 INSET = 0.3  # of the way to the middle of a face, at most
 SAME_SIDE = 0.866  # cosine of what a smooth surface turns within that
@@ -37,23 +37,14 @@ class DrawnSource:
 
 def draw_onto(source: Mesh, group: np.ndarray, other: Mesh, other_group: np.ndarray) -> DrawnSource:
     """The source drawn onto another mesh with faces. group, other_group: int64 of each face; a face goes to those of its own
-    group, where there are any, so that one part of an asset is not drawn onto another."""
-    place, bary = np.empty((len(group), 3), np.int64), np.empty((len(group), 3, 3))
-    positions, faces, count = [], np.empty((len(group), 3), np.int64), 0
+    group where there are any about as near, so that one part of an asset is not drawn onto another."""
+    of_corner = np.repeat(group, 3)
+    pair, corner = np.unique(np.stack([source.faces.ravel(), of_corner], axis=1), axis=0, return_inverse=True)
+    faces, points = corner.reshape(-1, 3), source.positions[pair[:, 0]]
     turn = TURN * 2 * source.frame()[1]
-    for number in np.unique(group):
-        own = np.flatnonzero(group == number)
-        there = np.flatnonzero(other_group == number)
-        there = there if len(there) else np.arange(len(other.faces))
-        used, local = np.unique(source.faces[own], return_inverse=True)
-        local = local.reshape(-1, 3)
-        points = source.positions[used]
-        nearest = NearestPoints(Mesh(other.positions, other.faces[there])).find(points, vertex_normals(points, local), turn)
-        face = there[nearest.face]
-        positions.append(np.einsum("nk,nkc->nc", nearest.bary, other.positions[other.faces[face]]))
-        place[own], bary[own], faces[own] = face[local], nearest.bary[local], local + count
-        count += len(used)
-    return DrawnSource(mesh=Mesh(np.concatenate(positions), faces), place=place, bary=bary)
+    nearest = NearestPoints(other, other_group).find(points, vertex_normals(points, faces), turn, pair[:, 1])
+    mesh = Mesh(points_at(other, nearest.face, nearest.bary), faces)
+    return DrawnSource(mesh=mesh, place=nearest.face[faces], bary=nearest.bary[faces])
 
 
 def vertex_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -74,8 +65,7 @@ def fetched_normals(source: Mesh, corner_normal: np.ndarray, other: Mesh) -> np.
     which the face is on: of a point that lies a little into the face.
     """
     corners, nearest = other.positions[other.faces], NearestPoints(source)
-    face_normals, turn = NearestPoints(other).normals, TURN * 2 * source.frame()[1]
-    side = np.repeat(face_normals, 3, axis=0)
+    side, turn = np.repeat(face_normals(corners), 3, axis=0), TURN * 2 * source.frame()[1]
     edge = np.sqrt(np.square(source.positions[source.faces[:, 0]] - source.positions[source.faces[:, 1]]).sum(axis=1).mean())
     inwards = corners.mean(axis=1, keepdims=True) - corners
     length = np.linalg.norm(inwards, axis=2, keepdims=True)

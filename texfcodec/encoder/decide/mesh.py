@@ -16,9 +16,10 @@ import numpy as np
 
 from ...geometry.canonical import finer_cube
 from ...geometry.draco import enc_geometry
-from ...geometry.mesh import Mesh
+from ...geometry.areas import sample_surface
+from ...geometry.mesh import Mesh, points_at
+from ...geometry.nearest_points import NearestPoints
 from ...geometry.surface import Surface, make_surface, place_mesh
-from ...metrics.surface_distance import surface_distance
 from ...options import FINEST_POSITIONS
 from ...report import Step, no_step
 from ..decision import Decision
@@ -40,7 +41,8 @@ COARSEST_POSITIONS = 10  # bits: from here down small faces of dense scans fall 
 USUAL_LOOK = 12  # bits of the lattice that the others' error is reckoned from
 SHARES = tuple(2 ** (-number / 2) for number in range(11))  # of the source's faces; a point 25 % off costs 1 to 2 % of the bytes
 FEWEST = 256  # faces: fewer take too few bytes to bother
-MOST_LOOKS = 5
+LOOKS = {"fast": 3, "balanced": 5, "best": 10}  # by effort, that at the usual bits among them
+EAGER = 0.85  # of the error that is reckoned: what is hoped for where nothing was looked at
 # Of the error of colours: what the mesh may add, where colours take next to nothing and bytes would buy any error. The best
 # points of three scans have 0.5 to 1.2 times as much.
 MOST_MOVED = 1.2
@@ -180,60 +182,51 @@ class _Search:
         return simplify(self.source, np.concatenate(lines))
 
     def best(self, step: Step) -> _Candidate:
-        """The candidate of least cost that nothing speaks against."""
-        usual = self._usual()
-        at = self._guess()
-        step(1, MOST_LOOKS + 1)
-        while len(self.tried) <= MOST_LOOKS:
-            here = self._candidate(*at)
-            step(len(self.tried), MOST_LOOKS + 1)
-            around = [self._candidate(*place) for place in self._around(at) if len(self.tried) <= MOST_LOOKS]
-            place = min(self.tried, key=lambda place: self._cost(self.tried[place]))
-            if place == at or not around:
+        """The candidate of least cost that nothing speaks against: those that promise least are looked at until none does."""
+        self.tried[0, self.usual.cube.position_bits] = self._measured(kept(self.scene, self.usual), self.choice._at_usual, True)
+        reckoned = self._reckoned(self._candidate(0, USUAL_LOOK))
+        most = LOOKS[self.choice.request.effort]
+        while len(self.tried) < most:
+            step(len(self.tried), most)
+            place = min(reckoned, key=lambda place: self._promise(reckoned, place))
+            if place in self.tried:
                 break
-            at = place
-        good = [one for one in (*self.tried.values(), usual) if not one.refused]
-        return min(good, key=lambda one: one.cost)
+            self._candidate(*place)
+        return min((one for one in self.tried.values() if not one.refused), key=lambda one: one.cost)
 
-    def _cost(self, one):
-        return one.cost * (2 if one.refused else 1)
+    def _promise(self, reckoned, place):
+        """The cost of a candidate: as measured, or as reckoned, with what measuring others has taught: those of as many faces,
+        or all of fewer faces than the source."""
+        if place in self.tried:
+            return np.inf if self.tried[place].refused else self.tried[place].cost
+        known = [at for at in self.tried if at[0] == place[0]] or [at for at in self.tried if at[0]] or [(0, USUAL_LOOK)]
+        times = [float(np.mean([got / max(was, 1e-9) for got, was in pairs])) for pairs in zip(
+            *(((self.tried[at].geometry, reckoned[at][0]), (self.tried[at].moved.mse, reckoned[at][1])) for at in known),
+            strict=True)]
+        size, error = (value * factor for value, factor in zip(reckoned[place], times, strict=True))
+        error *= EAGER
+        return self.price.cost(size, error) if error <= MOST_MOVED * self.price.mse else np.inf
 
-    def _around(self, at):
-        share, bits = at
-        places = [(share + 1, bits), (share, bits - 1), (share - 1, bits), (share, bits + 1)]
-        return [(i, b) for i, b in places if 0 <= i < len(self.shares) and COARSEST_POSITIONS <= b <= self.usual.cube.position_bits
-                and (i, b) not in self.tried]
-
-    def _usual(self):
-        bits = self.usual.cube.position_bits
-        return self._measured(kept(self.scene, self.usual), bits, self.choice._at_usual, trusted=True)
-
-    def _guess(self):
-        """(place in shares, bits) of least cost, reckoned from one look and the distances of meshes that are not fitted."""
-        here = self._candidate(0, USUAL_LOOK)
-        rounding = self._distance(here.sent, FEW_POINTS)[0]
-        if not rounding > 0:
-            return 0, USUAL_LOOK
-        vertices, costs = len(np.unique(self.usual.faces)), {}
+    def _reckoned(self, here):
+        """{(place in shares, bits): (bytes, squared error)}, from one look and the distances of meshes that are not fitted."""
+        surface, vertices, out = here.sent.surface, len(np.unique(self.usual.faces)), {}
+        rounding = max(self._away(Mesh(surface.cube.to_world(surface.lattice), surface.faces)), 1e-9 * surface.cube.side)
         for place, share in enumerate(self.shares):
             away = 0.0
             if place:
                 mesh = self._simplification.at(round(share * len(self.source.faces))).mesh
                 if len(mesh.faces) < FEWEST or len(mesh.faces) > 1.2 * share * len(self.source.faces):
                     break
-                away = FIT_GAIN * _root(surface_distance(self.source, mesh, FEW_POINTS))
+                away = FIT_GAIN * self._away(mesh)
             for bits in range(COARSEST_POSITIONS, self.usual.cube.position_bits + 1):
-                error = here.moved.mse * np.hypot(away, rounding * 2.0 ** (USUAL_LOOK - bits)) / rounding
                 size = here.geometry * share**SEVERAL + BYTES_A_BIT * vertices * share * (bits - USUAL_LOOK)
-                if error <= MOST_MOVED * self.price.mse:
-                    costs[place, bits] = self.price.cost(size, error)
-        self.shares = self.shares[: place + 1]
-        return min(costs, key=costs.get) if costs else (0, self.usual.cube.position_bits)
+                out[place, bits] = size, here.moved.mse * np.hypot(away / rounding, 2.0 ** (USUAL_LOOK - bits))
+        return out
 
     def _candidate(self, place, bits):
         if (place, bits) not in self.tried:
             sent = self._sent(place, bits)
-            self.tried[place, bits] = self._measured(sent, bits, self._look(sent))
+            self.tried[place, bits] = self._measured(sent, self._look(sent))
         return self.tried[place, bits]
 
     def _fit(self, place):
@@ -243,7 +236,7 @@ class _Search:
                 self._fits[0] = own_fit(self.source), np.arange(len(self.source.faces))
             else:
                 some = self._simplification.at(round(self.shares[place] * len(self.source.faces)))
-                self._fits[place] = fit_vertices(self.source, some.mesh, self._simplification.lines, some.lines), some.face
+                self._fits[place] = fit_vertices(self.source, some.mesh, self._simplification.lines, some.lines, rounds=1), some.face
         return self._fits[place]
 
     def _sent(self, place, bits):
@@ -273,8 +266,8 @@ class _Search:
     def _look(self, sent):
         return self.choice._looks(sent.drawn, sent.at_corners(smooth_normals(sent.surface)))
 
-    def _measured(self, sent, bits, moved, trusted=False):
-        surface = sent.surface
+    def _measured(self, sent, moved, trusted=False):
+        surface, bits = sent.surface, sent.surface.cube.position_bits
         size = len(enc_geometry(surface.lattice, surface.faces, bits))
         return _Candidate(sent=sent, faces=len(surface.faces), bits=bits, geometry=size, moved=moved,
                           cost=self.price.cost(size, moved.mse), refused="" if trusted else self._refused(moved))
@@ -284,16 +277,17 @@ class _Search:
             return "the picture changes more than by coding"
         return "thin parts are gone" if moved.lost > MOST_LOST else ""
 
-    def _distance(self, sent, points):
-        """(root of the mean squared distance, the largest one), of the longest side."""
-        found = surface_distance(self.source, Mesh(sent.surface.cube.to_world(sent.surface.lattice), sent.surface.faces), points)
-        return _root(found), found.largest / found.side
+    def _away(self, mesh):
+        """Root of the mean squared distance of points on a mesh to the source."""
+        face, bary = sample_surface(mesh.positions, mesh.faces, FEW_POINTS)
+        return float(np.sqrt(np.square(self._points.find(points_at(mesh, face, bary)).distance).mean()))
+
+    @cached_property
+    def _points(self):
+        return NearestPoints(self.source)
 
     def evidence(self, best: _Candidate) -> dict:
         """What was tried, and what was taken."""
         return {"reason": "least bytes for what is seen", "faces": [len(self.usual.faces), best.faces],
-                "position_bits": best.bits, "tried": [one.row() for one in (self._usual(), *self.tried.values())]}
+                "position_bits": best.bits, "tried": [one.row() for one in self.tried.values()]}
 
-
-def _root(distance):
-    return float(np.sqrt(max(distance.to_source, distance.from_source))) / distance.side

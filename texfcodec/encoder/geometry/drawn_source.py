@@ -38,11 +38,11 @@ class DrawnSource:
 def draw_onto(source: Mesh, group: np.ndarray, other: Mesh, other_group: np.ndarray) -> DrawnSource:
     """The source drawn onto another mesh with faces. group, other_group: int64 of each face; a face goes to those of its own
     group where there are any about as near, so that one part of an asset is not drawn onto another."""
-    of_corner = np.repeat(group, 3)
-    pair, corner = np.unique(np.stack([source.faces.ravel(), of_corner], axis=1), axis=0, return_inverse=True)
-    faces, points = corner.reshape(-1, 3), source.positions[pair[:, 0]]
+    count = int(group.max(initial=0)) + 1
+    pair, corner = np.unique(source.faces * count + group[:, None], return_inverse=True)
+    faces, points = corner.reshape(-1, 3), source.positions[pair // count]
     turn = TURN * 2 * source.frame()[1]
-    nearest = NearestPoints(other, other_group).find(points, vertex_normals(points, faces), turn, pair[:, 1])
+    nearest = NearestPoints(other, other_group).find(points, vertex_normals(points, faces), turn, pair % count)
     mesh = Mesh(points_at(other, nearest.face, nearest.bary), faces)
     return DrawnSource(mesh=mesh, place=nearest.face[faces], bary=nearest.bary[faces])
 

@@ -81,7 +81,7 @@ def test_a_mesh_with_fewer_faces_is_asked_on_its_surface(share):
     off = np.linalg.norm(places.points - points_at(Mesh(scene.positions, scene.faces), samples.face, samples.bary), axis=1)
     voxel = texf.side / texf.resolution
     assert off.max() > voxel and on.max() < texf.side / texf.cube.last
-    assert measure(scene, texf, 20_000)["y"] > 28 + 20 * share  # what vertex colours lose with the vertices
+    assert measure(scene, texf, 20_000)["y"] > 27 + 20 * share  # what vertex colours lose with the vertices
     assert compare_parts(scene, texf)["y"] == pytest.approx(measure(scene, texf, 20_000)["y"], abs=0.2)
 
 

@@ -42,7 +42,8 @@ class SceneMaps:
     def __init__(self, scene, surface, threads=1):
         shading = Shading([USUAL] * len(scene.materials))
         self.threads, self._base = threads, pack_source(scene, surface.origin_face)
-        self._maps, self._frames = ShownMaps(scene, surface, shading), Frames(scene, surface, shading)
+        rebuilt = partial(shading.corner_normals, surface)
+        self._maps, self._frames = ShownMaps(scene, surface, rebuilt), Frames(scene, surface, rebuilt)
 
     def values(self, name, face, bary):
         """A channel, as materials name it, at faces int64 [M] that have it: float32 [M, C]."""

@@ -141,6 +141,10 @@ class EncodeOptions:
     support: "auto" takes the texels of an image, a smaller K or more position bits than were asked for where that takes fewer
     bytes at equal quality, and only where resolution, max_error and exact_rate leave it free to.
 
+    keep_mesh: send the source's faces, each vertex rounded to the lattice; else a mesh of fewer faces or position bits is sent
+    where pictures show no more of it than coding costs anyway, and resolution, position_bits, max_error and exact_rate leave
+    that free.
+
     codec "3dntc" fits latents and a network for GPU-resident use instead; resolution is then only that of the voxels which a
     decoder makes of it, and refine "render" improves the fit on pictures, which "auto" leaves out. point: one of the paper's;
     resident_bytes: in its place, a budget of bytes on the GPU; latent_index: "surface" gives every touched voxel of a coarse
@@ -166,6 +170,8 @@ class EncodeOptions:
     lossless: bool = switch("Code the 8-bit colours of voxels, or texels, exactly; with --rate or --resolution for K.")
     max_error: int | None = ranged(None, 0, 127, "As --lossless, but each value may be off by D, 1..127.", "D")
     position_bits: int | None = ranged(None, 8, 20, "Bits of a vertex coordinate, 8..20.", "B")
+    keep_mesh: bool = switch("Send the source's own vertices and faces, each vertex at the nearest place; as do --lossless, "
+                             "--exact-rate, --resolution and --position-bits.")
     effort: str = choice("balanced", EFFORTS, "Time spent on a smaller stream.")
     chroma_qp_offset: int | None = ranged(None, -63, 63)
     area_threshold: int = ranged(77, 0, 65535)
@@ -240,6 +246,11 @@ class EncodeOptions:
         """Whether K and supports are the encoder's to choose."""
         return self.given["resolution"] is None and not self.exact_rate and self.given["max_error"] is None \
             and not self.given["lossless"]
+
+    @property
+    def mesh_is_free(self) -> bool:
+        """Whether a mesh of fewer faces or of fewer position bits is the encoder's to choose."""
+        return self.rate_is_free and self.position_bits_are_free and not self.keep_mesh
 
     @property
     def position_bits_are_free(self) -> bool:

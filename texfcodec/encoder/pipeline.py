@@ -66,7 +66,7 @@ def code(plan: Plan, report: Report) -> Encoded:
     coded = coding_of(plan.rd).units(plan, stream, report)
     with report.stage("write"):
         data, sizes = write_stream(stream)
-    scene, surface = plan.source.scene, plan.surface
+    scene, surface = plan.source.scene, plan.source.surface
     report.remarks += [text for text in _collapsed(scene, surface) if text not in report.remarks]
     face_field = np.full(len(scene.faces), -1, np.int64)
     face_field[surface.origin_face] = plan.source.face_field

@@ -25,10 +25,11 @@ from .coding import Content, coding_of
 from .decide.channel_weights import measured_weights
 from .decide.lost_detail import without_lost_detail
 from .decide.materials import needed_scene
+from .decide.mesh import MeshChoice
 from .decide.normal_rules import choose_normals
 from .decide.one_colour import material_colours
 from .decide.partition import choose_fields
-from .decide.supports import choose_supports, without_faces
+from .decide.supports import choose_supports, moved_plans, without_faces
 from .decide.tangent_frames import fit_frames
 from .decision import Decision
 from .estimates.partition_error import codes_alpha
@@ -46,8 +47,8 @@ if TYPE_CHECKING:
     from ..report import Report
     from ..scene.scene import Material, Scene
     from .decide.normal_rules import Shading
-    from .decide.supports import Supports
     from .source_field import SourceField
+    from .texel_field import TexelPlan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,14 +68,15 @@ class Outline:
 class Plan:
     """All that does not depend on the QP, but for what choosing supports took from it.
 
-    request: as it came; rd: estimates at the quality that is coded, at the chosen K; geometry: syntax values of the geometry
-    units; source: what is coded, by channels and fields; fields: SourceFields, whose planes are empty where the codec asks the
+    request: as it came; rd: estimates at the quality that is coded, at the chosen K; surface: the mesh that is sent, on its lattice;
+    geometry: syntax values of the geometry units; source: what is coded, by channels and fields; fields: SourceFields, whose planes are empty where the codec asks the
     source itself; materials: as the stream holds them; shading: how normals are made again; resolution: K, None where nothing is
     over voxels; evidence: of every choice by its name.
     """
 
     request: EncodeOptions
     rd: RateDistortion
+    surface: Surface
     geometry: list[dict]
     source: Source
     fields: list[SourceField]
@@ -92,11 +94,6 @@ class Plan:
     def one_colour(self) -> bool:
         """Whether there are no values but one colour, so that no QP changes the stream."""
         return all(part.one_colour for part in self.fields) and all(group.channels[0] in COLOURS for group in self.source.groups)
-
-    @property
-    def surface(self) -> Surface:
-        """The source on its lattice."""
-        return self.source.surface
 
     @property
     def qp(self) -> int | None:
@@ -164,37 +161,47 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
         colours = material_colours(scene, begun.surface)
     with report.stage("supports") as step:
         supports = choose_supports(scene, begun.surface, rd, request, colours, finer, step)
-        chosen = supports.value
-        colours = colours if chosen.surface is begun.surface else material_colours(scene, chosen.surface)
-    surface, rd = chosen.surface, replace(rd, resolution=chosen.resolution)
-    with report.stage("normals") as step:
-        folded = with_folded_normals(scene, surface, _without_uv_area(chosen.plans))
-        shading = _said(choose_normals(folded, surface, rd.qp, budget, _attribute_bytes(supports.evidence), step), report)
-        frames = _said(fit_frames(scene, surface, shading.value, chosen.plans, rd), report)
-        chosen = replace(chosen, plans=frames.value)
+    chosen, rd = supports.value, replace(rd, resolution=supports.value.resolution)
     with report.stage("partition") as step:
-        scene, partition = _partitioned(scene, chosen, colours, rd, request, step)
+        choice = MeshChoice(scene, begun.surface, rd, request, chosen.price)
+        usual = choice.finer()
+        if usual is not begun.surface:
+            chosen = replace(chosen, plans=moved_plans(chosen.plans, scene, usual))
+        shown, partition = _partitioned(scene, usual, chosen.plans, colours, rd, request, step)
         face_field = _said(partition, report, request.strict).value
-    of_normals = shading.evidence | frames.evidence
-    evidence = evidence | {"supports": supports.evidence, "partition": partition.evidence, "normals": of_normals}
-    first = int(face_field.max(initial=-1)) + 1 - len(chosen.plans)
+    with report.stage("faces") as step:
+        mesh = _said(choice.smaller(usual, face_field, not chosen.plans, step), report)
+        sent, surface = mesh.value, mesh.value.surface
+        if surface is not usual:
+            chosen = replace(chosen, plans=moved_plans(chosen.plans, sent.scene, surface))
+    with report.stage("normals") as step:
+        folded = with_folded_normals(sent.scene, surface, _without_uv_area(chosen.plans))
+        shading = _said(choose_normals(folded, surface, rd.qp, budget, _attribute_bytes(supports.evidence), step), report)
+        frames = _said(fit_frames(sent.scene, surface, shading.value, chosen.plans, rd), report)
+        chosen = replace(chosen, plans=frames.value)
+    evidence = evidence | {"supports": supports.evidence, "partition": partition.evidence, "mesh": mesh.evidence,
+                           "normals": shading.evidence | frames.evidence}
+    first = int(face_field.max(initial=-1)) + 1
+    by_row = np.full(len(shown.faces), -1, np.int64)
+    by_row[usual.origin_face] = face_field
+    sent_field, drawn_field = (_numbered(by_row[rows], chosen.plans, first) for rows in (sent.rows, sent.drawn.origin_face))
     with report.stage("geometry") as step:
-        geometry, units = code_geometry(surface, face_field, dict(enumerate(chosen.plans, first)), step)
+        geometry, units = code_geometry(surface, sent_field, dict(enumerate(chosen.plans, first)), step)
     if budget is not None and geometry_bytes(geometry) >= budget:
         raise OverBudget(geometry_bytes(geometry))
     surfaces = [field_surface(units, i) for i in range(first + len(chosen.plans))]
-    names = [names_of_field(scene, surface, face_field == number) for number in range(len(surfaces))]
+    names = [names_of_field(shown, surface, sent_field == number) for number in range(len(surfaces))]
     present = {channel_over(name, number >= first).name for number, own in enumerate(names) for name in own}
-    groups = groups_of(present, codes_alpha(scene, surface))
-    maps = ShownMaps(scene, surface, shading.value) if present else None
-    source = Source(scene, surface, face_field, surfaces, groups, maps, _on_pictures)
-    fields = _fields(chosen, source, units, rd, report)
-    report.dropped += _blended_squares(scene, chosen, colours)
+    groups = groups_of(present, codes_alpha(shown, surface))
+    maps = ShownMaps(shown, sent.drawn, lambda: sent.at_corners(shading.value.corner_normals(surface))) if present else None
+    source = Source(shown, sent.drawn, drawn_field, surfaces, groups, maps, _on_pictures)
+    fields = _fields(chosen.plans, surface.cube.position_bits, source, units, rd, report)
+    report.dropped += _blended_squares(shown, surface, chosen.plans, colours)
     wanted = Refine(request.refine, request.refine_iterations)
     content = coding_of(rd).content(Content(source, fields), names[:first], colours, rd, wanted, report)
     filled = _said(content, report)
-    return Plan(request=request, rd=rd, geometry=geometry, source=filled.value.source, fields=filled.value.fields,
-                materials=begun.materials, shading=shading.value, resolution=rd.resolution if first else None,
+    return Plan(request=request, rd=rd, surface=surface, geometry=geometry, source=filled.value.source,
+                fields=filled.value.fields, materials=begun.materials, shading=shading.value, resolution=rd.resolution if first else None,
                 evidence=evidence | filled.evidence)
 
 
@@ -226,45 +233,48 @@ def _on_pictures(*given, **named):
     return refine_by_pictures(*given, **named)
 
 
-def _partitioned(scene, chosen: Supports, colours, rd, request, step):
-    """(the scene without detail that no voxel shows, Decision of the field number of every face, int64 [F]): voxels first, then a
-    field for each TexelPlan. colours: of material_colours."""
-    surface, plans = chosen.surface, chosen.plans
+def _partitioned(scene, surface, plans, colours, rd, request, step):
+    """(the scene without detail that no voxel shows, Decision of the field number of every face, int64 [F], -1 for faces of
+    TexelPlans, which get a field each). colours: of material_colours."""
     over_texels = np.isin(np.arange(len(surface.faces)), np.concatenate([[-1], *(plan.group.faces for plan in plans)]))
     if rd.coder is not None:  # a joint codec asks the source itself, at points
         scene = without_lost_detail(scene, surface, ~over_texels, rd.resolution)
-    face_field, rest = np.empty(len(surface.faces), np.int64), ~over_texels
-    if rest.any() or not plans:
-        voxels = choose_fields(scene, without_faces(surface, over_texels), colours, rd, request.partition, step)
-        face_field[rest], fields = voxels.value, int(voxels.value.max(initial=-1)) + 1
-    else:
-        voxels, fields = Decision(face_field, {"fields": 0, "reason": "all of the surface is over texels"}), 0
-    for number, one in enumerate(plans, fields):
-        face_field[one.group.faces] = number
+    face_field = np.full(len(surface.faces), -1, np.int64)
+    if plans and over_texels.all():
+        return scene, Decision(face_field, {"fields": 0, "reason": "all of the surface is over texels"})
+    voxels = choose_fields(scene, without_faces(surface, over_texels), colours, rd, request.partition, step)
+    face_field[~over_texels] = voxels.value
     return scene, replace(voxels, value=face_field)
 
 
-def _fields(chosen, source, units, rd, report):
+def _numbered(face_field, plans, first):
+    """Field numbers of faces, int64 [F], those of TexelPlans from `first` on."""
+    for number, one in enumerate(plans, first):
+        face_field[one.group.faces] = number
+    return face_field
+
+
+def _fields(plans, position_bits, source, units, rd, report):
     """SourceFields without colours over voxels, with them over texels."""
-    first = len(source.surfaces) - len(chosen.plans)
+    first = len(source.surfaces) - len(plans)
     fields: list[SourceField] = []
     for number, (lattice, faces) in enumerate(source.surfaces[:first]):
         with report.stage("voxelise", (number, first)):
-            fields.append(active_voxels(lattice, faces, source.surface.cube.position_bits, rd))
-    for number, texels in enumerate(chosen.plans, first):
-        with report.stage("texels", (number - first, len(chosen.plans))):
+            fields.append(active_voxels(lattice, faces, position_bits, rd))
+    for number, texels in enumerate(plans, first):
+        with report.stage("texels", (number - first, len(plans))):
             uv, faces = field_uv(units, number), source.surfaces[number][1]
             fields.append(texel_field(texels, uv, faces, source, rd.limits, rd.threads))
     check_voxels(fields, rd.limits)
     return fields
 
 
-def _blended_squares(scene: Scene, chosen: Supports, colours: np.ndarray) -> Iterable[str]:
+def _blended_squares(scene: Scene, surface: Surface, plans: list[TexelPlan], colours: np.ndarray) -> Iterable[str]:
     """Names of what is lost of NEAREST samplers: those of images that faces show in more than one colour and which do not go over
     texels."""
-    kept = np.zeros(len(chosen.surface.faces), bool)
-    for texels in chosen.plans:
+    kept = np.zeros(len(surface.faces), bool)
+    for texels in plans:
         kept[texels.group.faces] = texels.group.nearest
-    shown = {scene.materials[m].texture for m in np.unique(chosen.surface.material[~kept]) if np.isnan(colours[m]).any()}
+    shown = {scene.materials[m].texture for m in np.unique(surface.material[~kept]) if np.isnan(colours[m]).any()}
     names = [scene.textures[t].name or str(t) for t in sorted(shown) if t >= 0 and scene.textures[t].nearest]
     return [f"NEAREST filter of texture '{name}'" for name in names]

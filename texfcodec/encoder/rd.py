@@ -9,7 +9,7 @@ small pieces (probe.py), partitions compared without coding (partition_error.py)
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,13 +25,13 @@ from .estimates import image_measures, map_levels, partition_error, position_err
 if TYPE_CHECKING:
     from ..field.texels import TexelSupport
     from ..field.voxels import VoxelSupport
-    from ..geometry.canonical import CanonicalCube
     from ..geometry.surface import Surface
     from ..limits import Limits
     from ..options import EncodeOptions
     from ..scene.scene import Scene
     from .decide.texel_images import ImageGroup
     from .estimates.image_measures import Measures
+    from .estimates.position_error import Moved
     from .estimates.probe import Patch, Probe
     from .texel_field import TexelPlan
 
@@ -123,10 +123,16 @@ class RateDistortion:
         """By bits of UVs below the texel, float64: squared error of rounding over that of coding."""
         return uv_rounding.rounding_shares(patch, plan, estimate)
 
-    def rounded_positions(self, scene: Scene) -> Callable[[CanonicalCube], float]:
-        """Squared error of pictures by positions on a lattice, with what that does to shading normals."""
+    def moved_positions(self, scene: Scene) -> Callable[[Surface, np.ndarray], Moved]:
+        """What a surface that has moved does to pictures, with what that does to shading normals: of the source's faces on it and
+        the smooth normals there, float32 [F, 3, 3]."""
         look, shown = position_error.PositionError(scene, self.threads), shown_of_radians(scene.weights)
-        return lambda cube: look.mse(cube) + shown * look.turned_normals(cube)
+
+        def moved(drawn: Surface, normals: np.ndarray) -> Moved:
+            seen = look.of(drawn)
+            return replace(seen, mse=seen.mse + shown * look.turned_normals(drawn, normals))
+
+        return moved
 
     def partition(self, scene: Scene, surface: Surface, face_field: np.ndarray, resolution: int) -> dict[str, float]:
         """Squared errors of voxels without coding, {"y", "alpha"}. face_field: int64 [F]."""

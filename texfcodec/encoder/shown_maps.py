@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -18,8 +19,6 @@ from ..scene.fetch import map_columns, pack_map, sample_source, values_of_map
 if TYPE_CHECKING:
     from ..geometry.surface import Surface
     from ..scene.scene import Scene
-    from .decide.normal_rules import Shading
-
 
 NORMAL = "normal"  # the channel
 SAME_FRAME = 0.05  # of a matrix: three degrees, which averaging over vertices explains
@@ -54,11 +53,11 @@ def turn_of(scene: Scene, surface: Surface, faces: np.ndarray) -> np.ndarray | N
 class Frames:
     """Normals of a surface's corners: as the source has them and as a decoder makes them again; tangents where a map asks.
 
-    normal, rebuilt: float32 [F, 3, 3]; geometric: float32 [F, 3] of the faces.
+    normal, rebuilt: float32 [F, 3, 3], the latter what a function gives once it is asked; geometric: float32 [F, 3] of the faces.
     """
 
-    def __init__(self, scene: Scene, surface: Surface, shading: Shading | None) -> None:
-        self.scene, self.surface, self.shading = scene, surface, shading
+    def __init__(self, scene: Scene, surface: Surface, rebuilt: Callable[[], np.ndarray] | None) -> None:
+        self.scene, self.surface, self._rebuilt = scene, surface, rebuilt
         self.normal = self.rebuilt if scene.corner_normal is None else scene.corner_normal[surface.origin_face]
         corners = surface.lattice[surface.faces].astype(np.float32)
         self.geometric = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -67,9 +66,9 @@ class Frames:
 
     @cached_property
     def rebuilt(self) -> np.ndarray:
-        """By the shading."""
-        assert self.shading is not None
-        return self.shading.corner_normals(self.surface)
+        """What the function given says."""
+        assert self._rebuilt is not None
+        return self._rebuilt()
 
     def deviations(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
         """How far a normal map turns the surface's normals from those that are made again, float32 [M, 3] in 0..255, FLAT being
@@ -152,8 +151,8 @@ def _have_tangents(scene):
 class ShownMaps:
     """What maps say at places on a surface: a codecs.base.Source's `maps`. Arguments as those of Frames."""
 
-    def __init__(self, scene: Scene, surface: Surface, shading: Shading) -> None:
-        self.scene, self.surface, self.shading = scene, surface, shading
+    def __init__(self, scene: Scene, surface: Surface, rebuilt: Callable[[], np.ndarray]) -> None:
+        self.scene, self.surface, self._rebuilt = scene, surface, rebuilt
         self._packed: dict[str, tuple] = {}
 
     def __call__(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
@@ -168,4 +167,4 @@ class ShownMaps:
 
     @cached_property
     def _frames(self):
-        return Frames(self.scene, self.surface, self.shading)
+        return Frames(self.scene, self.surface, self._rebuilt)

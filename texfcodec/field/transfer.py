@@ -6,10 +6,23 @@ import numpy as np
 
 from ..core.kernel import kernel
 from ..geometry.areas import face_areas
-from ..scene.fetch import _source_at
+from ..geometry.mesh import Mesh
+from ..geometry.nearest_points import NearestPoints
+from ..scene.fetch import _source_at, sample_source
 from .grid import BrickMap, _rank
-from .morton import _morton_key
-from .surface_walk import AXIS, FACE, HIGH, LOW, _next_row, _row_height, _sample_area, grid_coordinates, surface_walk
+from .morton import _morton_key, decode_morton
+from .surface_walk import (
+    AXIS,
+    FACE,
+    GRID_FRACTION,
+    HIGH,
+    LOW,
+    _next_row,
+    _row_height,
+    _sample_area,
+    grid_coordinates,
+    surface_walk,
+)
 from .voxelise import SAMPLES_PER_EDGE, _count_samples, _slabs
 
 LEAST_WEIGHT = 1e-9  # of a sample without area, in voxel faces: lines and slivers get a colour too
@@ -59,6 +72,19 @@ def _gather(corners, faces, source, per_edge, resolution, walk, only_empty, slot
             sums[rank, 3] += solid
             sums[rank, 4] += share * rgba[3]
             sums[rank, 5] += share
+
+
+def _fetch_nearest(corners, faces, source, keys, sums, threads):
+    """Gives voxels that no sample fell into, because the surface they were made of is not quite this one, what the surface shows
+    nearest to their middle. corners, faces, source, sums: of _gather()."""
+    empty = np.flatnonzero(sums[:, 5] <= 0)
+    if not len(empty) or not len(faces):
+        return
+    middle = decode_morton(keys[empty]).astype(np.float64) + 0.5
+    nearest = NearestPoints(Mesh(corners * 2.0**-GRID_FRACTION, faces)).find(middle, threads=threads)
+    rgba = sample_source(source, nearest.face, nearest.bary, threads).astype(np.float64)
+    solid = LEAST_WEIGHT * rgba[:, 3:] / 255.0
+    sums[empty] = np.column_stack([solid * rgba[:, :3], solid, LEAST_WEIGHT * rgba[:, 3:], np.full((len(empty), 1), LEAST_WEIGHT)])
 
 
 def fill_uncoloured(keys: np.ndarray, colour: np.ndarray, weight: np.ndarray) -> None:
@@ -112,6 +138,7 @@ def transfer(lattice: np.ndarray, faces: np.ndarray, source: tuple, position_bit
     gather(per_edge, False)
     if per_edge != SAMPLES_PER_EDGE and (sums[:, 5] <= 0).any():
         gather(SAMPLES_PER_EDGE, True)
+    _fetch_nearest(corners, faces, source, keys, sums, threads)
     weight = sums[:, 3]
     colour = (sums[:, :3] / np.maximum(weight, 1e-30)[:, None]).astype(np.float32)
     fill_uncoloured(keys, colour, weight)

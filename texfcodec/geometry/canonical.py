@@ -45,6 +45,12 @@ class CanonicalCube:
         return (np.asarray(points, np.float64) - self.origin) / self.side * scale
 
 
+def finer_cube(cube: CanonicalCube) -> CanonicalCube:
+    """The cube of the finest lattice on which every place has the grid coordinates that it has on the cube's own. Encoder only."""
+    side = cube.side * ((1 << MAX_BITS) - 1) / (cube.last << (MAX_BITS - cube.position_bits))
+    return CanonicalCube(cube.origin, side, MAX_BITS)
+
+
 def fit_cube(positions: np.ndarray, position_bits: int) -> CanonicalCube:
     """Canonical cube of a mesh, of side 0 at the origin where there are no positions. positions: float64 [V, 3], finite. Raises
     InputError for coordinates out of range."""

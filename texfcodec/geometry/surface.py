@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,18 +42,30 @@ def make_surface(scene: Scene, options: EncodeOptions) -> Surface:
             raise LimitError(code, f"the mesh has more {what} than the limit allows", value=count, allowed=limit)
     assert options.position_bits is not None  # its __post_init__ fills it in
     cube = fit_cube(scene.positions, options.position_bits)
-    points = cube.to_lattice(scene.positions)
+    surface = place_mesh(cube, cube.to_lattice(scene.positions), scene.faces, np.asarray(scene.face_material),
+                         partial(thin_faces, scene.positions, scene.faces, cube.side))
+    if len(surface.faces) == 0 and not options.allow_empty:
+        raise InputError("TXF-I63", "every face is degenerate: no three corners are apart", value=len(scene.faces))
+    return surface
+
+
+def place_mesh(cube: CanonicalCube, points: np.ndarray, faces: np.ndarray, material: np.ndarray,
+               thin: Callable[[np.ndarray], np.ndarray] | None = None) -> Surface:
+    """The Surface of a mesh on its lattice: equal positions merged, faces that have lost a corner and idle flat ones left out.
+
+    points: int64 [V, 3] in 0..cube.last; faces: int64 [F, 3], by whose numbers the surface's origin_face goes; material: int64
+    [F]; thin: of faces, int64 [N], which count as flat beside those that are flat on the lattice, bool [N].
+    """
     packed = points[:, 0] | (points[:, 1] << 20) | (points[:, 2] << 40)
     unique, place = np.unique(packed, return_inverse=True)
     lattice = np.stack([(unique >> shift) & 0xFFFFF for shift in (0, 20, 40)], axis=1)
-    faces = place.reshape(-1)[scene.faces]
+    faces = place.reshape(-1)[faces]
     keep = np.flatnonzero((faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0]))
-    if len(keep) == 0 and not options.allow_empty:
-        raise InputError("TXF-I63", "every face is degenerate: no three corners are apart", value=len(faces))
     if len(keep):
-        flat = flat_faces(lattice, faces[keep]) | thin_faces(scene.positions, scene.faces[keep], cube.side)
+        flat = flat_faces(lattice, faces[keep])
+        flat = flat if thin is None else flat | thin(keep)
         keep = keep[~idle_faces(faces[keep], flat)]
-    return Surface(cube, lattice, faces[keep], keep, np.asarray(scene.face_material)[keep])
+    return Surface(cube, lattice, faces[keep], keep, material[keep])
 
 
 def flat_faces(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -64,10 +78,11 @@ def flat_faces(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return flat
 
 
-def thin_faces(positions: np.ndarray, faces: np.ndarray, side: float) -> np.ndarray:
-    """Faces of the source that are less high than LEAST_HEIGHT sides, bool [F]. They have no area to show, but rounding to the
-    lattice can give them some. positions: float64 [V, 3]; faces: int64 [F, 3]; side: of the canonical cube, above 0."""
-    u, v = ([column / side for column in edge] for edge in edge_columns(positions, faces))
+def thin_faces(positions: np.ndarray, faces: np.ndarray, side: float, chosen: np.ndarray) -> np.ndarray:
+    """Which of chosen faces of the source, int64 [N], are less high than LEAST_HEIGHT sides, bool [N]. They have no area to show,
+    but rounding to the lattice can give them some. positions: float64 [V, 3]; faces: int64 [F, 3]; side: of the canonical cube,
+    above 0."""
+    u, v = ([column / side for column in edge] for edge in edge_columns(positions, faces[chosen]))
     w = [c - b for b, c in zip(u, v, strict=True)]
     base = np.sqrt(np.max([e[0] * e[0] + e[1] * e[1] + e[2] * e[2] for e in (u, v, w)], axis=0))
     return np.sqrt(squared_cross(u, v)) <= LEAST_HEIGHT * base

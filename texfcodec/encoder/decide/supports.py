@@ -1,5 +1,5 @@
-"""Which parts of the surface become fields over texels, which over voxels, how fine both are, and how exact positions and UVs: by
-what each would cost at equal quality (encoder only).
+"""Which parts of the surface become fields over texels, which over voxels, how fine both are, and how exact UVs: by what each would
+cost at equal quality (encoder only).
 
 The QP is the quality that was requested. A support that looks better at this QP may spend more bytes: bytes at equal quality are
 those of the values times (error / error of the other) ** SLOPE, which is what coding at another QP would give, and the geometry.
@@ -15,13 +15,13 @@ import numpy as np
 from ...codecs import codec_of
 from ...errors import LimitError
 from ...geometry.draco import enc_geometry, enc_textured, split_corners
-from ...geometry.surface import make_surface
-from ...options import FINEST_POSITIONS, MOST_RESOLUTION
+from ...options import MOST_RESOLUTION
 from ...report import Step, no_step
 from ..decision import Decision
 from ..estimates.image_measures import UNIT_BYTES
 from ..estimates.probe import SLOPE, Probe
 from ..texel_field import TexelPlan, covered_texels, most_fraction_bits
+from .mesh import Price
 from .one_colour import NOTHING_TO_PROBE, is_plain
 from .spending import has_few_colours
 from .texel_images import image_groups
@@ -38,10 +38,6 @@ LEAST_SIDE = 256  # images from this side on are tried smaller
 LOST = 1.1  # how much error may grow by a smaller image or K: they lose detail, and no QP brings it back
 BLURRED, MOST_TIMES = 4.0, 6.0  # voxels with so many times the error are no alternative, unless texels are so many times larger
 CLEAR = 2.0  # times the bytes over texels: voxels that take more at the first K need not be tried at others
-COARSEST_POSITIONS = 10  # bits: from here down small faces of dense scans fall together
-# Of the error that a rate stands for: what positions of fewer bits may add. Where colours take next to nothing, no QP brings back
-# what is lost; and on two scans the best points have 0.35 to 0.55 of their error before colours are coded.
-MOST_MOVED = 0.4
 COARSE = 0.7  # texels per voxel edge under which a smaller K is tried, and no smaller image
 USUAL_K = 64
 SQUARE_BITS = 4  # of UVs, at least, where texels are squares: their sides move by a 32nd of a texel at most
@@ -53,11 +49,12 @@ MOST_ROWS = 1 << 27  # of texels that the faces of an image go over, a few secon
 
 @dataclass(frozen=True)
 class Supports:
-    """surface: on the lattice that was chosen; plans: TexelPlans; resolution: K of what is over voxels."""
+    """plans: TexelPlans; resolution: K of what is over voxels; price: what the error of a picture is worth in bytes of these
+    values, None where nothing was probed or a bound on errors was asked for."""
 
-    surface: Surface
     plans: list[TexelPlan]
     resolution: int
+    price: Price | None = None
 
 
 @dataclass(frozen=True)
@@ -100,9 +97,9 @@ def choose_supports(scene: Scene, surface: Surface, rd: RateDistortion, request:
     evidence: dict[str, Any] = {"asked": request.support, "groups": []}
     reason = reason_for_voxels(request)
     if reason:
-        return Decision(Supports(surface, [], rd.resolution), evidence | {"reason": reason})
+        return Decision(Supports([], rd.resolution), evidence | {"reason": reason})
     if request.support != "texels" and is_plain(scene, colours, surface.material):
-        return Decision(Supports(surface, [], _coarsest(rd, request)), evidence | {"reason": NOTHING_TO_PROBE})
+        return Decision(Supports([], _coarsest(rd, request)), evidence | {"reason": NOTHING_TO_PROBE})
     return _Choice(scene, surface, rd, request, finer).made(colours, evidence, step)
 
 
@@ -143,17 +140,10 @@ class _Choice:
             step(number, total)
             decided.append(self._refined(self._decided(candidate)))
         chosen = [candidate for candidate in decided if candidate.goes]
-        step(total - 2, total)
-        bits = self._position_bits(decided)
         step(total - 1, total)
         resolution, voxels = self._resolution(chosen, colours)
         evidence |= {"groups": rows + [candidate.evidence for candidate in decided], **voxels}
-        surface, plans = self.surface, [candidate.plan for candidate in chosen]
-        if bits != surface.cube.position_bits:
-            evidence["position_bits"] = bits
-            surface = make_surface(self.scene, replace(self.request, position_bits=bits))
-            plans = _moved(plans, image_groups(self.scene, surface))
-        return Decision(Supports(surface, plans, resolution), evidence)
+        return Decision(Supports([candidate.plan for candidate in chosen], resolution, self._price(decided)), evidence)
 
     def _candidate(self, group: ImageGroup, row: dict) -> _Candidate:
         """The _Candidate of an image group. row: what the report says of it before anything is tried. Raises LimitError."""
@@ -234,27 +224,14 @@ class _Choice:
         wanted = longest if size is None or group.palette else min(size, longest)
         return tuple(max(1, round(side * wanted / longest)) for side in group.size)
 
-    def _position_bits(self, decided):
-        """Bits of positions: rounding them moves what is seen and how it catches the light. Those that take the fewest bytes at
-        equal quality; fewer than usual only where the whole rate is the encoder's to choose."""
-        usual, vertices = self.surface.cube.position_bits, len(np.unique(self.surface.faces))
+    def _price(self, decided):
+        """By what was probed of the supports that were chosen, None where that takes no bytes."""
         probes = [one.texels if one.goes else one.voxels for one in decided]
         attributes = sum(probe.attributes for probe in probes if probe)
-        if not self.request.position_bits_are_free or not attributes or self.rd.max_error is not None:
-            return usual
+        if not attributes or self.rd.max_error is not None:
+            return None
         mse = sum(probe.attributes * probe.mse for probe in probes if probe) / attributes
-        look = self.rd.rounded_positions(self.scene)
-        cost = lambda k, moved: attributes * (1 + moved / mse) ** SLOPE + 3 / 8 * vertices * k
-        moved = look(self.surface.cube)
-        best = min(range(usual, FINEST_POSITIONS + 1), key=lambda k: cost(k, moved / 2 ** (k - usual)))
-        least = cost(usual, moved)
-        while self.request.rate_is_free and best <= usual and best > COARSEST_POSITIONS:
-            moved = look(replace(self.surface.cube, position_bits=best - 1))
-            tried = cost(best - 1, moved)
-            if not (moved <= MOST_MOVED * self.rd.coding_mse and tried < least):  # nor where a lit colour is infinite
-                break
-            best, least = best - 1, tried
-        return best
+        return Price(attributes=attributes, mse=mse, slope=SLOPE)
 
     def _best_voxels(self, patch, texels, clear):
         """(K, Probe): the K of the rate, or where texels are coarser than its voxels the one that takes the fewest bytes. texels:
@@ -343,9 +320,9 @@ def _coarsest(rd, request):
     return k
 
 
-def _moved(plans, groups):
+def moved_plans(plans: list[TexelPlan], scene: Scene, surface: Surface) -> list[TexelPlan]:
     """The plans on another lattice, where the same groups may have other faces."""
-    out = []
+    out, groups = [], image_groups(scene, surface) if plans else []
     for plan in plans:
         same = next((g for g in groups if g.key == plan.group.key), None)
         if same is not None:

@@ -9,7 +9,7 @@ What stays off is said.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -93,7 +93,7 @@ def fit_frames(scene: Scene, surface: Surface, shading: Shading, plans: list[Tex
     """
     if scene.corner_tangent is None or not any(NORMAL in plan.group.maps for plan in plans):
         return Decision(plans, {})
-    frames, fitted = Frames(scene, surface, shading), [_Fitted([plan]) for plan in plans]
+    frames, fitted = Frames(scene, surface, partial(shading.corner_normals, surface)), [_Fitted([plan]) for plan in plans]
     for number, plan in enumerate(plans):
         mapped = _mapped(frames, plan)
         if mapped is not None:

@@ -1,4 +1,4 @@
-"""How far a picture is off because positions are rounded to the lattice (encoder only).
+"""How far a picture is off because what is sent is not where the source is (encoder only).
 
 What moves is not so much the texture on the surface, by a small part of a texel, as the surface that is seen: where layers lie
 close to each other another one comes to the front, and flat faces catch the light otherwise. That is hard to reckon and easy to
@@ -7,7 +7,8 @@ look at, so a few pictures are drawn, in light where the asset is lit.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,15 +24,26 @@ from ...scene.fetch import pack_source
 from ...scene.normal_rule import BOTH, MOST_ANGLE, PAIRS, NormalRule
 
 if TYPE_CHECKING:
-    from ...geometry.canonical import CanonicalCube
+    from ...geometry.surface import Surface
     from ...scene.scene import Scene
 
-VIEWS, SIZE = 4, 512
+VIEWS, SIZE = 8, 360
 SMOOTH = NormalRule(PAIRS, BOTH, MOST_ANGLE)  # no angle decides anything, so that rounding turns normals and no more
 
 
+@dataclass(frozen=True)
+class Moved:
+    """What moving the surface does to pictures. mse: mean squared error of Y over pixels that show both surfaces, in flat colours
+    or in light, where it is larger; silhouette: pixels that show one of them only, over those of the source; lost: those of them
+    that have no pixel of the other surface around them."""
+
+    mse: float
+    silhouette: float
+    lost: float
+
+
 class PositionError:
-    """Looks at a Scene's positions on lattices; the source itself is drawn once."""
+    """Looks at a Scene whose surface has moved; the source itself is drawn once."""
 
     def __init__(self, scene: Scene, threads: int) -> None:
         self.scene, self.threads = replace(scene, materials=[replace(m, double_sided=False) for m in scene.materials]), threads
@@ -46,23 +58,54 @@ class PositionError:
         return [[render_scene(scene, camera, threads=self.threads, source=self._source, shaded=light) for camera in self._cameras]
                 for light in lights]
 
-    def mse(self, cube: CanonicalCube) -> float:
-        """Mean squared error of Y over the pixels of a few views that show the source and its positions on a lattice, in flat
-        colours or in light, where it is larger. Halving the step about halves it, as the pixels lie along lines. Normals of the
-        file stay as they are."""
-        moved = replace(self.scene, positions=cube.to_world(cube.to_lattice(self.scene.positions)))
-        return max(_mse(*pair) for pair in zip(self._seen, self._pictures(moved), strict=True))
+    def of(self, drawn: Surface) -> Moved:
+        """What the source looks like on another surface. drawn: faces of the source where they are now. Normals of the file stay
+        as they are. Halving a distance about halves the error, as the pixels lie along lines."""
+        faces = np.zeros_like(self.scene.faces)  # of those that are not there no pixel is seen
+        faces[drawn.origin_face] = drawn.faces
+        pictures = self._pictures(replace(self.scene, positions=drawn.cube.to_world(drawn.lattice), faces=faces))
+        silhouette, lost, shown = np.sum([_uncovered(a, b) for a, b in zip(self._seen[0], pictures[0], strict=True)], axis=0)
+        mse = max(_mse(*pair) for pair in zip(self._seen, pictures, strict=True))
+        return Moved(mse, silhouette / max(shown, 1), lost / max(shown, 1))
 
-    def turned_normals(self, cube: CanonicalCube) -> float:
-        """Mean square, over the surface, of the angles in radians by which a lattice turns smooth shading normals that are made
-        of positions; 0 where the file has none or no material is lit."""
-        scene = self.scene
-        if scene.corner_normal is None or not self.lit:
+    def turned_normals(self, drawn: Surface, normals: np.ndarray) -> float:
+        """Mean square, over the surface, of the angles in radians between smooth shading normals of the source's positions and
+        others, float32 [F, 3, 3] at the corners of drawn; 0 where the file has no normals or no material is lit."""
+        if self.scene.corner_normal is None or not self.lit:
             return 0.0
-        a, b = (corner_normals(one.to_lattice(scene.positions), scene.faces, [SMOOTH]).astype(np.float64)
-                for one in (fit_cube(scene.positions, MAX_BITS), cube))
-        angle = 2 * np.arcsin(np.minimum(np.linalg.norm(a - b, axis=2) / 2, 1.0))
-        return float((angle**2).mean(axis=1) @ relative_areas(scene.positions, scene.faces))
+        apart = np.linalg.norm(self._smooth[drawn.origin_face] - normals.astype(np.float64), axis=2)
+        angle = 2 * np.arcsin(np.minimum(apart / 2, 1.0))
+        return float((angle**2).mean(axis=1) @ relative_areas(self.scene.positions, self.scene.faces[drawn.origin_face]))
+
+    @cached_property
+    def _smooth(self):
+        lattice = fit_cube(self.scene.positions, MAX_BITS).to_lattice(self.scene.positions)
+        return corner_normals(lattice, self.scene.faces, [SMOOTH]).astype(np.float64)
+
+
+def smooth_normals(surface: Surface) -> np.ndarray:
+    """Smooth normals that follow from a surface's positions, float32 [F, 3, 3]."""
+    return corner_normals(surface.lattice, surface.faces, [SMOOTH])
+
+
+def _uncovered(picture, other):
+    """Pixels that one of two Pictures covers and the other does not, those of them that are alone, and pixels of the first."""
+    a, b = (np.zeros((one.height + 2, one.width + 2), bool) for one in (picture, other))
+    for covered, one in ((a, picture), (b, other)):
+        covered[one.pixel // one.width + 1, one.pixel % one.width + 1] = True
+    alone = (a & ~_grown(b)).sum() + (b & ~_grown(a)).sum()
+    return np.array([(a ^ b).sum(), alone, len(picture.pixel)])
+
+
+def _grown(covered):
+    """Pixels with a covered one among their nine."""
+    rows = covered.copy()
+    rows[1:] |= covered[:-1]
+    rows[:-1] |= covered[1:]
+    out = rows.copy()
+    out[:, 1:] |= rows[:, :-1]
+    out[:, :-1] |= rows[:, 1:]
+    return out
 
 
 def _mse(pictures, others):

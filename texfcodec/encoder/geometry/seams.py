@@ -9,21 +9,22 @@ from ...geometry.mesh import Mesh
 from .topology import side_pairs, undirected
 
 
-def seam_edges(faces: np.ndarray, group: np.ndarray | None = None, corner_uv: np.ndarray | None = None) -> np.ndarray:
-    """Edges between two faces of different groups, or at which their UVs differ, int64 [L, 2]. faces: int64 [F, 3] over welded
-    vertices; group: [F], of a material or a field; corner_uv: [F, 3, 2]."""
+def seam_edges(faces: np.ndarray, group: np.ndarray | None = None, corner: np.ndarray | None = None,
+               apart: float = 0.0) -> np.ndarray:
+    """Edges between two faces of different groups, or at which what their corners hold differs by more than `apart`, int64 [L, 2].
+    faces: int64 [F, 3] over welded vertices; group: [F], of a material or a field; corner: [F, 3, C], UVs or normals."""
     ends, edge, count = undirected(faces)
     sides, edges = side_pairs(edge, count)
     seam = np.zeros(len(sides), bool)
     if group is not None:
         seam |= np.diff(np.asarray(group)[sides // 3], axis=1)[:, 0] != 0
-    if corner_uv is not None:
-        uv = np.asarray(corner_uv).reshape(-1, 2)
+    if corner is not None:
+        held = np.asarray(corner).reshape(-1, np.shape(corner)[2])
         after = sides - sides % 3 + (sides + 1) % 3
         same = faces.ravel()[sides[:, 0]] == faces.ravel()[sides[:, 1]]  # both faces run along the edge the same way
         for first, second in ((sides, after), (after, sides)):
             other = np.where(same, first[:, 1], second[:, 1])
-            seam |= (uv[first[:, 0]] != uv[other]).any(axis=1)
+            seam |= (np.abs(held[first[:, 0]] - held[other]) > apart).any(axis=1)
     return ends[edges[seam]]
 
 

@@ -1,0 +1,299 @@
+"""Which mesh is sent: the source's at how many position bits, or a smaller one that looks the same (encoder only).
+
+Geometry is most of a scan's stream. A mesh of fewer faces, fitted to the source and put on the lattice as a whole, takes half the
+bytes; what it does to pictures adds to what coding does to colours. So the mesh is taken that has the least error plus bytes, a
+byte counting as much as it buys where colours are coded. The source's mesh is one of the candidates and stays unless another one
+is measured to be better: an asset that somebody has simplified before gains nothing, and loses nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...geometry.canonical import finer_cube
+from ...geometry.draco import enc_geometry
+from ...geometry.mesh import Mesh
+from ...geometry.surface import Surface, make_surface, place_mesh
+from ...metrics.surface_distance import surface_distance
+from ...options import FINEST_POSITIONS
+from ...report import Step, no_step
+from ..decision import Decision
+from ..estimates.position_error import smooth_normals
+from ..geometry.drawn_source import DrawnSource, draw_onto, fetched_normals
+from ..geometry.joint_lattice import joint_lattice
+from ..geometry.seams import seam_edges, sharp_edges
+from ..geometry.simplify import simplify
+from ..geometry.vertex_fit import fit_vertices, own_fit
+
+if TYPE_CHECKING:
+    from ...options import EncodeOptions
+    from ...scene.scene import Scene
+    from ..estimates.position_error import Moved
+    from ..rd import RateDistortion
+
+BYTES_A_BIT = 3 / 8  # of a vertex, for each bit of its three coordinates
+COARSEST_POSITIONS = 10  # bits: from here down small faces of dense scans fall together
+USUAL_LOOK = 12  # bits of the lattice that the others' error is reckoned from
+SHARES = tuple(2 ** (-number / 2) for number in range(11))  # of the source's faces; a point 25 % off costs 1 to 2 % of the bytes
+FEWEST = 256  # faces: fewer take too few bytes to bother
+MOST_LOOKS = 5
+# Of the error of colours: what the mesh may add, where colours take next to nothing and bytes would buy any error. The best
+# points of three scans have 0.5 to 1.2 times as much.
+MOST_MOVED = 1.2
+MOST_LOST = 5e-4  # of the source's pixels: thin parts or holes that are gone or new
+MOST_AWAY = 0.01  # of the longest side: the largest distance
+FIT_GAIN = 0.7  # of the distance before the vertices are fitted
+SEVERAL = 0.8  # power of faces that bytes go with
+SHARP, HARD = 60.0, 0.3  # degrees between faces, and difference of the file's normals, from which on an edge is kept as a line
+FEW_POINTS, POINTS = 5_000, 30_000  # of distances that are guessed with, and of those that decide
+
+
+@dataclass(frozen=True, kw_only=True)
+class SentMesh:
+    """scene: one whose faces are those that are sent; surface: it on its lattice; rows: int64 [G], the source's face that each is
+    what is left of; drawn: the source's faces on that surface; places: where their corners lie there, None where the source's
+    connectivity is sent."""
+
+    scene: Scene
+    surface: Surface
+    rows: np.ndarray
+    drawn: Surface
+    places: DrawnSource | None = None
+
+    def at_corners(self, corner: np.ndarray) -> np.ndarray:
+        """What corners of the surface hold, float32 [G, 3, C], at those of drawn, float32 [F, 3, C]."""
+        return corner if self.places is None else self.places.from_corners(corner)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Price:
+    """What the error of pictures is worth. attributes: bytes of colours and maps; mse: squared error that they have; slope: bytes
+    go with error ** -slope."""
+
+    attributes: float
+    mse: float
+    slope: float
+
+    def cost(self, geometry: float, error: float) -> float:
+        """Bytes of geometry, and those of colours that would take back its error."""
+        return geometry + self.slope * self.attributes * error / self.mse
+
+
+def kept(scene: Scene, surface: Surface) -> SentMesh:
+    """The source's mesh on a lattice."""
+    return SentMesh(scene=scene, surface=surface, rows=surface.origin_face, drawn=surface)
+
+
+class MeshChoice:
+    """Looks at meshes for one Scene. usual: its Surface at the usual position bits; price: None where nothing tells it."""
+
+    def __init__(self, scene: Scene, usual: Surface, rd: RateDistortion, request: EncodeOptions, price: Price | None) -> None:
+        self.scene, self.usual, self.rd, self.request, self.price = scene, usual, rd, request, price
+        self.evidence: dict[str, Any] = {"reason": self._reason()}
+
+    def _reason(self):
+        """Why the source's mesh is sent at the usual bits; "" where that is to be seen."""
+        if not self.request.position_bits_are_free:
+            return "position bits were asked for"
+        if self.rd.max_error is not None:
+            return "an error bound was asked for"
+        return "colours take no bytes that geometry could be weighed against" if self.price is None else ""
+
+    @cached_property
+    def _looks(self):
+        return self.rd.moved_positions(self.scene)
+
+    @cached_property
+    def _at_usual(self):
+        return self._looks(self.usual, smooth_normals(self.usual))
+
+    def finer(self) -> Surface:
+        """The source at the bits, from the usual ones on, that cost least."""
+        if self.evidence["reason"]:
+            return self.usual
+        usual, vertices = self.usual.cube.position_bits, len(np.unique(self.usual.faces))
+        cost = lambda k: self.price.cost(BYTES_A_BIT * vertices * k, self._at_usual.mse / 2 ** (k - usual))
+        best = min(range(usual, FINEST_POSITIONS + 1), key=cost)
+        if best == usual:
+            return self.usual
+        self.evidence |= {"reason": "the usual bits move what is seen", "position_bits": best}
+        return make_surface(self.scene, replace(self.request, position_bits=best))
+
+    def smaller(self, surface: Surface, group: np.ndarray, collapsible: bool, step: Step = no_step) -> Decision[SentMesh]:
+        """The mesh that costs least among the source's and smaller ones, at the usual bits and fewer.
+
+        surface: of finer(); group: int64 [F] of its faces: those of two groups stay apart; collapsible: whether faces may go.
+        """
+        usual = kept(self.scene, surface)
+        if surface is not self.usual:
+            return Decision(usual, self.evidence)
+        if self.evidence["reason"] or not self.request.mesh_is_free:
+            return Decision(usual, {"reason": self.evidence["reason"] or "the source's mesh was asked for"})
+        if len(self.usual.faces) < FEWEST:
+            return Decision(usual, {"reason": "few faces take few bytes"})
+        search = _Search(self, group, collapsible)
+        best = search.best(step)
+        return Decision(best.sent, search.evidence(best))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Candidate:
+    """A mesh that was looked at. faces: int; bits; geometry: bytes; moved: Moved; cost; refused: why it may not be taken."""
+
+    sent: SentMesh
+    faces: int
+    bits: int
+    geometry: int
+    moved: Moved
+    cost: float
+    refused: str = ""
+
+    def row(self) -> dict:
+        """What the report says of it."""
+        said = {"faces": self.faces, "position_bits": self.bits, "geometry_bytes": self.geometry, "cost": round(self.cost),
+                "mse": round(self.moved.mse, 3), "silhouette": round(self.moved.silhouette, 5), "lost": round(self.moved.lost, 6)}
+        return said | ({"refused": self.refused} if self.refused else {})
+
+
+class _Search:
+    """Goes from a first guess to the neighbour of least cost, in faces and in bits."""
+
+    def __init__(self, choice: MeshChoice, group: np.ndarray, collapsible: bool) -> None:
+        self.choice, self.scene, self.usual, self.price = choice, choice.scene, choice.usual, choice.price
+        self.group = group * (int(self.usual.material.max(initial=0)) + 1) + self.usual.material
+        positions = np.zeros(self.usual.lattice.shape)
+        positions[self.usual.faces] = self.scene.positions[self.scene.faces[self.usual.origin_face]]
+        self.source = Mesh(positions, self.usual.faces)
+        self.shares = SHARES if collapsible else SHARES[:1]
+        self.tried: dict[tuple[int, int], _Candidate] = {}
+        self._fits: dict[int, tuple] = {}
+
+    @cached_property
+    def _simplification(self):
+        lines = [seam_edges(self.usual.faces, self.group), sharp_edges(self.source, SHARP)]
+        if self.scene.corner_normal is not None:
+            lines.append(seam_edges(self.usual.faces, corner=self.scene.corner_normal[self.usual.origin_face], apart=HARD))
+        return simplify(self.source, np.concatenate(lines))
+
+    def best(self, step: Step) -> _Candidate:
+        """The candidate of least cost that nothing speaks against."""
+        usual = self._usual()
+        at = self._guess()
+        step(1, MOST_LOOKS + 1)
+        while len(self.tried) <= MOST_LOOKS:
+            here = self._candidate(*at)
+            step(len(self.tried), MOST_LOOKS + 1)
+            around = [self._candidate(*place) for place in self._around(at) if len(self.tried) <= MOST_LOOKS]
+            place = min(self.tried, key=lambda place: self._cost(self.tried[place]))
+            if place == at or not around:
+                break
+            at = place
+        good = [one for one in (*self.tried.values(), usual) if not one.refused]
+        return min(good, key=lambda one: one.cost)
+
+    def _cost(self, one):
+        return one.cost * (2 if one.refused else 1)
+
+    def _around(self, at):
+        share, bits = at
+        places = [(share + 1, bits), (share, bits - 1), (share - 1, bits), (share, bits + 1)]
+        return [(i, b) for i, b in places if 0 <= i < len(self.shares) and COARSEST_POSITIONS <= b <= self.usual.cube.position_bits
+                and (i, b) not in self.tried]
+
+    def _usual(self):
+        bits = self.usual.cube.position_bits
+        return self._measured(kept(self.scene, self.usual), bits, self.choice._at_usual, trusted=True)
+
+    def _guess(self):
+        """(place in shares, bits) of least cost, reckoned from one look and the distances of meshes that are not fitted."""
+        here = self._candidate(0, USUAL_LOOK)
+        rounding = self._distance(here.sent, FEW_POINTS)[0]
+        if not rounding > 0:
+            return 0, USUAL_LOOK
+        vertices, costs = len(np.unique(self.usual.faces)), {}
+        for place, share in enumerate(self.shares):
+            away = 0.0
+            if place:
+                mesh = self._simplification.at(round(share * len(self.source.faces))).mesh
+                if len(mesh.faces) < FEWEST or len(mesh.faces) > 1.2 * share * len(self.source.faces):
+                    break
+                away = FIT_GAIN * _root(surface_distance(self.source, mesh, FEW_POINTS))
+            for bits in range(COARSEST_POSITIONS, self.usual.cube.position_bits + 1):
+                error = here.moved.mse * np.hypot(away, rounding * 2.0 ** (USUAL_LOOK - bits)) / rounding
+                size = here.geometry * share**SEVERAL + BYTES_A_BIT * vertices * share * (bits - USUAL_LOOK)
+                if error <= MOST_MOVED * self.price.mse:
+                    costs[place, bits] = self.price.cost(size, error)
+        self.shares = self.shares[: place + 1]
+        return min(costs, key=costs.get) if costs else (0, self.usual.cube.position_bits)
+
+    def _candidate(self, place, bits):
+        if (place, bits) not in self.tried:
+            sent = self._sent(place, bits)
+            self.tried[place, bits] = self._measured(sent, bits, self._look(sent))
+        return self.tried[place, bits]
+
+    def _fit(self, place):
+        """(VertexFit, the source's face of each of its faces)."""
+        if place not in self._fits:
+            if place == 0:
+                self._fits[0] = own_fit(self.source), np.arange(len(self.source.faces))
+            else:
+                some = self._simplification.at(round(self.shares[place] * len(self.source.faces)))
+                self._fits[place] = fit_vertices(self.source, some.mesh, self._simplification.lines, some.lines), some.face
+        return self._fits[place]
+
+    def _sent(self, place, bits):
+        fit, face = self._fit(place)
+        cube = replace(self.usual.cube, position_bits=bits)
+        surface = place_mesh(cube, joint_lattice(fit, cube), fit.mesh.faces, self.usual.material[face])
+        face = face[surface.origin_face]
+        rows = self.usual.origin_face[face]
+        if place == 0:
+            return kept(self.scene, replace(surface, origin_face=rows))
+        return self._simplified(replace(surface, origin_face=np.arange(len(face))), rows, self.group[face])
+
+    def _simplified(self, surface, rows, group):
+        mesh, scene = Mesh(surface.cube.to_world(surface.lattice), surface.faces), self.scene
+        normals = None
+        if scene.corner_normal is not None:
+            normals = fetched_normals(self.source, scene.corner_normal[self.usual.origin_face], mesh)
+        sent = replace(scene, positions=mesh.positions, faces=mesh.faces, face_material=scene.face_material[rows],
+                       corner_uv=scene.corner_uv[rows], map_uv={name: uv[rows] for name, uv in scene.map_uv.items()},
+                       corner_color=None if scene.corner_color is None else scene.corner_color[rows],
+                       corner_normal=normals, corner_tangent=None)
+        places = draw_onto(self.source, self.group, mesh, group)
+        cube = finer_cube(surface.cube)
+        drawn = replace(self.usual, cube=cube, lattice=cube.to_lattice(places.mesh.positions), faces=places.mesh.faces)
+        return SentMesh(scene=sent, surface=surface, rows=rows, drawn=drawn, places=places)
+
+    def _look(self, sent):
+        return self.choice._looks(sent.drawn, sent.at_corners(smooth_normals(sent.surface)))
+
+    def _measured(self, sent, bits, moved, trusted=False):
+        surface = sent.surface
+        size = len(enc_geometry(surface.lattice, surface.faces, bits))
+        return _Candidate(sent=sent, faces=len(surface.faces), bits=bits, geometry=size, moved=moved,
+                          cost=self.price.cost(size, moved.mse), refused="" if trusted else self._refused(moved))
+
+    def _refused(self, moved):
+        if not moved.mse <= MOST_MOVED * self.price.mse:
+            return "the picture changes more than by coding"
+        return "thin parts are gone" if moved.lost > MOST_LOST else ""
+
+    def _distance(self, sent, points):
+        """(root of the mean squared distance, the largest one), of the longest side."""
+        found = surface_distance(self.source, Mesh(sent.surface.cube.to_world(sent.surface.lattice), sent.surface.faces), points)
+        return _root(found), found.largest / found.side
+
+    def evidence(self, best: _Candidate) -> dict:
+        """What was tried, and what was taken."""
+        return {"reason": "least bytes for what is seen", "faces": [len(self.usual.faces), best.faces],
+                "position_bits": best.bits, "tried": [one.row() for one in (self._usual(), *self.tried.values())]}
+
+
+def _root(distance):
+    return float(np.sqrt(max(distance.to_source, distance.from_source))) / distance.side

@@ -24,7 +24,7 @@ def test_parallel_squares_are_their_gap_apart_by_every_measure(scale):
     distance = surface_distance(near, far, samples=1000)
     decibels = 10 * np.log10(3 * 100**2)
     assert distance.d1 == pytest.approx(decibels) == pytest.approx(44.771, abs=1e-3) and distance.d2 == pytest.approx(decibels)
-    assert distance.d1_side == pytest.approx(40) and distance.hausdorff == pytest.approx(0.01 * scale)
+    assert distance.d1_side == pytest.approx(40) and distance.largest == pytest.approx(0.01 * scale)
     report = distance.report()
     assert report == json.loads(json.dumps(report, allow_nan=False))
     assert (report["peak"], report["hausdorff"]["share"]) == pytest.approx((scale, 0.01 / 2**0.5))
@@ -36,7 +36,7 @@ def test_a_square_shifted_in_its_plane_is_off_by_d1_and_not_by_d2():
     distance = surface_distance(Mesh(*square()), moved, samples=100_000)
     # A tenth of the points is outside, at 0 to 0.1 from the border: the integral of x^2 to 0.1.
     assert distance.to_source.point == pytest.approx(0.1**3 / 3, rel=0.02) == pytest.approx(distance.from_source.point, rel=0.03)
-    assert distance.to_source.plane == pytest.approx(0, abs=1e-20) and distance.hausdorff == pytest.approx(0.1)
+    assert distance.to_source.plane == pytest.approx(0, abs=1e-20) and distance.largest == pytest.approx(0.1)
 
 
 def test_what_is_missing_counts_from_the_source_and_the_worse_way_decides():
@@ -46,7 +46,7 @@ def test_what_is_missing_counts_from_the_source_and_the_worse_way_decides():
     # The integral of (x - 1/2)^2 over the half that is missing.
     assert distance.from_source.point == pytest.approx(0.5**3 / 3, rel=5e-3)
     assert distance.d1 == pytest.approx(10 * np.log10(3 * 24), abs=0.03)
-    assert (distance.to_source.largest, distance.hausdorff) == pytest.approx((0, 0.5), abs=1e-12)
+    assert (distance.to_source.largest, distance.largest) == pytest.approx((0, 0.5), abs=1e-12)
 
 
 def test_an_extra_part_far_away_counts_to_the_source_alone():
@@ -54,7 +54,7 @@ def test_an_extra_part_far_away_counts_to_the_source_alone():
     distance = surface_distance(Mesh(*square(0.0)), joined(square(0.0), square(3.0)), samples=1000)
     assert distance.from_source == pytest.approx((0, 0, 0), abs=1e-15)
     assert distance.to_source == pytest.approx((4.5, 4.5, 3))
-    assert distance.d1 == distance.d2 == pytest.approx(10 * np.log10(3 / 4.5)) and distance.hausdorff == pytest.approx(3)
+    assert distance.d1 == distance.d2 == pytest.approx(10 * np.log10(3 / 4.5)) and distance.largest == pytest.approx(3)
     back = surface_distance(joined(square(0.0), square(3.0)), Mesh(*square(0.0)), samples=1000)
     assert back.from_source == pytest.approx((4.5, 4.5, 3)) and back.side == 3
     assert back.d1 == pytest.approx(10 * np.log10(3 * 9 / 4.5))
@@ -63,7 +63,7 @@ def test_an_extra_part_far_away_counts_to_the_source_alone():
 def test_a_spike_too_thin_for_the_samples_is_in_the_hausdorff_distance():
     spike = np.array([[0.5, 0.5, 0.5], [0.5, 0.5 + 1e-9, 0.5], [0.5, 0.5, 1.5]]), np.array([[0, 1, 2]])
     distance = surface_distance(Mesh(*square()), joined(square(), spike), samples=1000)
-    assert distance.to_source.point == pytest.approx(0, abs=1e-12) and distance.hausdorff == pytest.approx(1)
+    assert distance.to_source.point == pytest.approx(0, abs=1e-12) and distance.largest == pytest.approx(1)
 
 
 def test_a_surface_is_exactly_itself_and_one_without_area_is_refused():

@@ -56,8 +56,8 @@ class SurfaceDistance:
         return decibels(max(self.to_source.plane, self.from_source.plane) / 3, self.side)
 
     @property
-    def hausdorff(self) -> float:
-        """The largest distance of either way, in the meshes' units."""
+    def largest(self) -> float:
+        """The Hausdorff distance: the largest of either way, in the meshes' units."""
         return max(self.to_source.largest, self.from_source.largest)
 
     def report(self) -> dict:
@@ -67,7 +67,7 @@ class SurfaceDistance:
         return json_ready({
             "d1": {"psnr": self.d1, **{name: way.point for name, way in ways.items()}},
             "d2": {"psnr": self.d2, **{name: way.plane for name, way in ways.items()}}, "peak": self.side,
-            "hausdorff": {"distance": self.hausdorff, "share": self.hausdorff / self.diagonal,
+            "hausdorff": {"distance": self.largest, "share": self.largest / self.diagonal,
                           **{name: way.largest for name, way in ways.items()}}})
 
 

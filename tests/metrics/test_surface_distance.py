@@ -35,35 +35,35 @@ def test_a_square_shifted_in_its_plane_is_off_by_d1_and_not_by_d2():
     moved = Mesh(square()[0] + [0.1, 0, 0], square()[1])
     distance = surface_distance(Mesh(*square()), moved, samples=100_000)
     # A tenth of the points is outside, at 0 to 0.1 from the border: the integral of x^2 to 0.1.
-    assert distance.to_source.point == pytest.approx(0.1**3 / 3, rel=0.02) == pytest.approx(distance.from_source.point, rel=0.03)
-    assert distance.to_source.plane == pytest.approx(0, abs=1e-20) and distance.largest == pytest.approx(0.1)
+    assert distance.to_source == pytest.approx(0.1**3 / 3, rel=0.02) == pytest.approx(distance.from_source, rel=0.03)
+    assert distance.of_mesh.plane == pytest.approx(0, abs=1e-20) and distance.largest == pytest.approx(0.1)
 
 
 def test_what_is_missing_counts_from_the_source_and_the_worse_way_decides():
     half = Mesh(square()[0] * [0.5, 1, 1], square()[1])
     distance = surface_distance(Mesh(*square()), half, samples=200_000)
-    assert distance.to_source.point == pytest.approx(0, abs=1e-20)
+    assert distance.to_source == pytest.approx(0, abs=1e-20)
     # The integral of (x - 1/2)^2 over the half that is missing.
-    assert distance.from_source.point == pytest.approx(0.5**3 / 3, rel=5e-3)
+    assert distance.from_source == pytest.approx(0.5**3 / 3, rel=5e-3)
     assert distance.d1 == pytest.approx(10 * np.log10(3 * 24), abs=0.03)
-    assert (distance.to_source.largest, distance.largest) == pytest.approx((0, 0.5), abs=1e-12)
+    assert (distance.of_mesh.largest, distance.largest) == pytest.approx((0, 0.5), abs=1e-12)
 
 
 def test_an_extra_part_far_away_counts_to_the_source_alone():
     """A square of the same size 3 above: half of the points, 3 away along the normal."""
     distance = surface_distance(Mesh(*square(0.0)), joined(square(0.0), square(3.0)), samples=1000)
-    assert distance.from_source == pytest.approx((0, 0, 0), abs=1e-15)
-    assert distance.to_source == pytest.approx((4.5, 4.5, 3))
+    assert distance.of_source == pytest.approx((0, 0, 0), abs=1e-15)
+    assert distance.of_mesh == pytest.approx((4.5, 4.5, 3))
     assert distance.d1 == distance.d2 == pytest.approx(10 * np.log10(3 / 4.5)) and distance.largest == pytest.approx(3)
     back = surface_distance(joined(square(0.0), square(3.0)), Mesh(*square(0.0)), samples=1000)
-    assert back.from_source == pytest.approx((4.5, 4.5, 3)) and back.side == 3
+    assert back.of_source == pytest.approx((4.5, 4.5, 3)) and back.side == 3
     assert back.d1 == pytest.approx(10 * np.log10(3 * 9 / 4.5))
 
 
 def test_a_spike_too_thin_for_the_samples_is_in_the_hausdorff_distance():
     spike = np.array([[0.5, 0.5, 0.5], [0.5, 0.5 + 1e-9, 0.5], [0.5, 0.5, 1.5]]), np.array([[0, 1, 2]])
     distance = surface_distance(Mesh(*square()), joined(square(), spike), samples=1000)
-    assert distance.to_source.point == pytest.approx(0, abs=1e-12) and distance.largest == pytest.approx(1)
+    assert distance.to_source == pytest.approx(0, abs=1e-12) and distance.largest == pytest.approx(1)
 
 
 def test_a_surface_is_exactly_itself_and_one_without_area_is_refused():

@@ -33,37 +33,47 @@ class Way(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceDistance:
-    """to_source, from_source: from the mesh's points to the source, and back; side, diagonal: of the source's box."""
+    """of_mesh: from the mesh's points to the source; of_source: back; side, diagonal: of the source's box."""
 
-    to_source: Way
-    from_source: Way
+    of_mesh: Way
+    of_source: Way
     side: float
     diagonal: float
 
     @property
+    def to_source(self) -> float:
+        """Mean squared distance from the mesh's points to the source."""
+        return self.of_mesh.point
+
+    @property
+    def from_source(self) -> float:
+        """Mean squared distance from the source's points to the mesh."""
+        return self.of_source.point
+
+    @property
     def d1(self) -> float:
         """PSNR in dB by MPEG's definition, the peak being the longest side of the box; infinite where the surfaces are equal."""
-        return decibels(max(self.to_source.point, self.from_source.point) / 3, self.side)
+        return decibels(max(self.to_source, self.from_source) / 3, self.side)
 
     @property
     def d1_side(self) -> float:
         """d1 without the factor of 3, 4.77 dB less: what the figures of the encoder's geometry are."""
-        return decibels(max(self.to_source.point, self.from_source.point), self.side)
+        return decibels(max(self.to_source, self.from_source), self.side)
 
     @property
     def d2(self) -> float:
         """As d1, of distances along the source's normals."""
-        return decibels(max(self.to_source.plane, self.from_source.plane) / 3, self.side)
+        return decibels(max(self.of_mesh.plane, self.of_source.plane) / 3, self.side)
 
     @property
     def largest(self) -> float:
         """The Hausdorff distance: the largest of either way, in the meshes' units."""
-        return max(self.to_source.largest, self.from_source.largest)
+        return max(self.of_mesh.largest, self.of_source.largest)
 
     def report(self) -> dict:
         """JSON-ready: "d1", "d2": {"psnr", "to_source", "from_source": mean squared distances}, "peak": of both PSNR,
         "hausdorff": {"distance", "share": of the diagonal of the source's box, "to_source", "from_source"}."""
-        ways = {"to_source": self.to_source, "from_source": self.from_source}
+        ways = {"to_source": self.of_mesh, "from_source": self.of_source}
         return json_ready({
             "d1": {"psnr": self.d1, **{name: way.point for name, way in ways.items()}},
             "d2": {"psnr": self.d2, **{name: way.plane for name, way in ways.items()}}, "peak": self.side,
@@ -80,15 +90,14 @@ def surface_distance(source: Mesh, mesh: Mesh, samples: int = SAMPLES, seed: int
     face, bary = sample_surface(mesh.positions, mesh.faces, samples, seed)
     points = points_at(mesh, face, bary)
     nearest = there.find(points, threads=threads)
-    to_source = _way(points - points_at(source, nearest.face, nearest.bary), there.normals[nearest.face],
-                     _at_vertices(mesh, there, threads))
+    of_mesh = _way(points - points_at(source, nearest.face, nearest.bary), there.normals[nearest.face],
+                   _at_vertices(mesh, there, threads))
     face, bary = sample_surface(source.positions, source.faces, samples, seed + 1)
     points = points_at(source, face, bary)
     nearest = here.find(points, threads=threads)
-    from_source = _way(points - points_at(mesh, nearest.face, nearest.bary), there.normals[face],
-                       _at_vertices(source, here, threads))
-    return SurfaceDistance(to_source=to_source, from_source=from_source, side=float(extent.max()),
-                           diagonal=float(np.linalg.norm(extent)))
+    of_source = _way(points - points_at(mesh, nearest.face, nearest.bary), there.normals[face],
+                     _at_vertices(source, here, threads))
+    return SurfaceDistance(of_mesh=of_mesh, of_source=of_source, side=float(extent.max()), diagonal=float(np.linalg.norm(extent)))
 
 
 def _at_vertices(start, end, threads):

@@ -59,23 +59,27 @@ class FaceMatch:
 
     def find(self, face: np.ndarray, bary: np.ndarray) -> Places:
         """Where points of the source are. face: int64 [M]; bary: float64 [M, 3]."""
-        there = self._face[face]
-        kept = there >= 0
-        order = (np.arange(3) - self._turn[face][:, None]) % 3
-        weights = np.take_along_axis(bary, order, axis=1)
-        lost = np.flatnonzero(~kept)
+        there, weights, points = self._face[face], np.empty_like(bary), np.empty_like(bary)
+        kept, lost = np.flatnonzero(there >= 0), np.flatnonzero(there < 0)
+        order = (np.arange(3) - self._turn[face[kept]][:, None]) % 3
+        weights[kept] = np.take_along_axis(bary[kept], order, axis=1)
         if len(lost):
             there[lost], weights[lost] = self._nearest(face[lost], bary[lost])
-        points = points_at(self.mesh, there, weights)
         if self._at_source:
             points[kept] = points_at(self.source, face[kept], bary[kept])
+            points[lost] = points_at(self.mesh, there[lost], weights[lost])
+        else:
+            points = points_at(self.mesh, there, weights)
         return Places(there, weights, points)
 
     def _nearest(self, face, bary):
-        normals = face_normals(self.source.positions[self.source.faces[face]])
         group = None if self._materials is None else self._materials[0][face]
-        nearest = self._sheets.find(points_at(self.source, face, bary), normals, group, self.threads)
+        nearest = self._sheets.find(points_at(self.source, face, bary), self._normals[face], group, self.threads)
         return nearest.face, nearest.bary
+
+    @cached_property
+    def _normals(self):
+        return face_normals(self.source.positions[self.source.faces])
 
     @cached_property
     def _sheets(self):

@@ -7,6 +7,8 @@ ground as deviations over voxels. The pooled error is the mean over all componen
 (channels.Channel.weight), at the points whose material has the map.
 """
 
+from functools import partial
+
 import numpy as np
 
 from texfcodec.core.colour_error import decibels

@@ -39,7 +39,9 @@ def warm_up() -> None:
     """Encodes, measures, decodes, renders, bakes and saves a small mesh, so that every kernel is compiled and cached."""
     from .api import decode, encode_loaded, measure
     from .codecs import our_codecs
+    from .geometry.mesh import Mesh
     from .io.save import as_glb
+    from .metrics.surface_distance import surface_distance
     from .metrics.views import compare_views
     from .options import EncodeOptions
     from .report import Report
@@ -51,6 +53,7 @@ def warm_up() -> None:
             measure(scene, made)
             texf = decode(made.data)
             compare_views(scene, texf, views=1, size=64, ssim=True)
+            surface_distance(Mesh(scene.positions, scene.faces), Mesh(texf.positions, texf.faces), samples=100)
             made_of[texf.fields[0].over_texels] = texf
     for atlas in ("fast", "quality"):
         as_glb(made_of[False], texture_size=64, atlas=atlas)

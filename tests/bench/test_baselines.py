@@ -252,13 +252,13 @@ def test_a_scene_is_its_own_equal_and_errors_are_told_by_channel():
     from bench.material_quality import map_errors
 
     scene = material_sheet(roughness=1, normal=2)
-    same = map_errors(scene, dataclasses.replace(scene), None, 2000)
+    same = map_errors(scene, dataclasses.replace(scene), 2000)
     assert same["pooled"] is None and list(same["channels"]) == ["base_colour", "normal", "roughness"]
     assert same["channels"]["normal"]["p95_degrees"] < 1e-3
     other = scene.textures[1].image.copy()
     other[..., 1] = np.where(other[..., 1] < 128, other[..., 1] + 10, other[..., 1] - 10)
     textures = [scene.textures[0], Texture(other), scene.textures[2]]
-    off = map_errors(scene, dataclasses.replace(scene, textures=textures), None, 2000)
+    off = map_errors(scene, dataclasses.replace(scene, textures=textures), 2000)
     assert off["channels"]["base_colour"]["psnr"] is None and 28 < off["channels"]["roughness"]["psnr"] < 40
     assert off["plain"] == pytest.approx(off["channels"]["roughness"]["psnr"] + 10 * np.log10(7), abs=1e-6)  # one of 7 components
 
@@ -285,7 +285,7 @@ def test_astc_of_all_maps_counts_and_keeps_them(needs_astc, tmp_path, normals, c
     facts, decoded, sha256 = coded(scene, tmp_path / "a", **options)
     assert facts["reconstruction_sha256"] == sha256
     assert facts["bytes"]["texture"] == 3 * 16 * 64 and facts["bytes"]["uv"] == 4 * 4  # base, roughness with metallic, normal
-    told = map_errors(scene, decoded, None, 2000)
+    told = map_errors(scene, decoded, 2000)
     assert list(told["channels"]) == ["base_colour", "normal", "roughness", "metallic"]
     assert told["channels"]["normal"]["mean_degrees"] < closest and told["channels"]["roughness"]["psnr"] > 15
     bare, plain, _ = coded(scene, tmp_path / "b", block="4x4")
@@ -306,7 +306,7 @@ def test_bc7_and_bc5_of_all_maps_count_and_keep_them(tmp_path):
         decoded = find("bc7").decode(folder, options, 1, Report())
         assert find("bc7").values_sha256(decoded) == facts["reconstruction_sha256"]
         sizes.append(facts["bytes"])
-        found.append(map_errors(scene, decoded, None, 2000)["channels"])
+        found.append(map_errors(scene, decoded, 2000)["channels"])
     assert sizes[0] == {"total": 3 * 16 * 64 + 16, "geometry": 0, "texture": 3 * 16 * 64, "uv": 16}
     assert sizes[1]["texture"] == 3 * 16 * 16
     assert found[0]["base_colour"]["psnr"] > 40 and found[0]["normal"]["mean_degrees"] < 0.6

@@ -32,7 +32,7 @@ def test_pictures_are_spread_over_the_views(pictures, views, shown):
 
 def test_pictures_show_the_source_and_what_was_decoded(ball, tmp_path):
     job = {"evaluation": SMALL | {"pictures": 2, "picture_size": 32}, "threads": 1}
-    assert measure_job(ball, darker(ball), None, job, tmp_path)["pictures"] == [0, 2]
+    assert measure_job(ball, darker(ball), job, tmp_path)["pictures"] == [0, 2]
     seen = {path.name: np.asarray(Image.open(path).convert("RGB"), np.float64) for path in tmp_path.iterdir()}
     assert set(seen) == {"source_00.webp", "picture_00.webp", "source_02.webp", "picture_02.webp"}
     for view in ("00", "02"):
@@ -42,14 +42,14 @@ def test_pictures_show_the_source_and_what_was_decoded(ball, tmp_path):
 
 
 def test_no_pictures_are_written_or_told_of_unless_asked_for(ball, tmp_path):
-    found = measure_job(ball, ball, None, {"evaluation": SMALL | {"views": 0}, "threads": 1}, tmp_path)
+    found = measure_job(ball, ball, {"evaluation": SMALL | {"views": 0}, "threads": 1}, tmp_path)
     assert list(tmp_path.iterdir()) == [] and set(found) == {"psnr_3d", "image", "maps"} and found["image"] is None
 
 
 def test_lpips_is_measured_with_the_weights_that_are_named(ball, monkeypatch):
     monkeypatch.setattr(perceptual, "Lpips", lambda weights: lambda a, b: len(weights) / 100)
-    assert measures(ball, darker(ball), None, SMALL, 1)["image"]["lpips"] is None
-    found = measures(ball, darker(ball), None, SMALL | {"lpips": "alexnet.pth"}, 1)
+    assert measures(ball, darker(ball), SMALL, 1)["image"]["lpips"] is None
+    found = measures(ball, darker(ball), SMALL | {"lpips": "alexnet.pth"}, 1)
     assert found["image"]["lpips"] == pytest.approx(0.11)
 
 

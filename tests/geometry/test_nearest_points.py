@@ -47,6 +47,27 @@ def test_of_two_sheets_the_one_answers_that_faces_the_same_way():
     assert nearest.find(point, np.array([[0.0, 0, 1]]), 0.2).distance[0] == pytest.approx(0.09)
 
 
+def test_of_two_groups_the_points_own_answers_where_it_is_about_as_near():
+    low, high = square(0.0), square(0.1)
+    mesh = Mesh(np.concatenate([low[0], high[0]]), np.concatenate([low[1], high[1] + 4]))
+    nearest, points = NearestPoints(mesh, np.array([7, 7, 3, 3])), np.tile([0.3, 0.4, 0.09], (4, 1))
+    found = nearest.find(points, turn=0.2, group=np.array([7, 3, 5, -1]))  # nobody is of group 5, and -1 is any
+    assert (found.face < 2).tolist() == [True, False, False, False]
+    assert (nearest.find(points, turn=0.05, group=np.full(4, 7)).face >= 2).all()
+    up = np.tile([0.0, 0, 1], (4, 1))
+    assert (nearest.find(points, -up, 0.2, np.full(4, 7)).face < 2).all()  # both face up: the group still decides
+
+
+def test_slivers_and_points_on_the_surface_are_found():
+    rng = np.random.default_rng(3)
+    positions = rng.normal(size=(90, 3))
+    positions[60:] = positions[30:60] + rng.normal(size=(30, 3)) * 10.0 ** rng.uniform(-12, -3, (30, 1))
+    mesh = Mesh(positions, np.arange(90).reshape(3, 30).T)
+    points = np.concatenate([rng.normal(size=(40, 3)), mesh.positions[mesh.faces].mean(axis=1)])
+    expected = [nearest_by_hand(mesh, point) for point in points]
+    np.testing.assert_allclose(NearestPoints(mesh).find(points).distance, expected, rtol=1e-6, atol=1e-7)
+
+
 def test_the_answer_does_not_depend_on_threads_and_a_mesh_without_faces_has_none():
     ball = Mesh(*sphere(6))
     points = np.random.default_rng(1).normal(size=(2 * BLOCK + 5, 3))

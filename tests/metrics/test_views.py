@@ -140,7 +140,7 @@ def brighter(scene, factor):
 
 def test_result_has_the_promised_form(ball, field):
     result = compare_views(ball, field, **PROTOCOL)
-    assert set(result) == {"psnr", "ssim", "lpips", "views", "size", "pixels"}
+    assert set(result) == {"psnr", "ssim", "lpips", "views", "size", "pixels", "union_psnr", "silhouette"}
     assert set(result["psnr"]) == {"rgb", "y", "u", "v", "yuv"} and (result["views"], result["size"]) == (5, 96)
     assert result["ssim"] is None and result["lpips"] is None and json.loads(json.dumps(result, allow_nan=False)) == result
 
@@ -157,7 +157,7 @@ def test_figures_are_those_of_the_protocol_step_by_step(ball):
     """Rendered pixel by pixel, with the mask, the pooling and the weights written out."""
     other = replace(brighter(ball, 0.8), positions=ball.positions * [1, 0.9, 1])
     centre, radius = bounding_sphere(ball.positions)
-    squares, pixels, similar = np.zeros(6), 0, 0.0
+    squares, pixels, similar, outline, either = np.zeros(6), 0, 0.0, 0.0, 0
     for i in range(PROTOCOL["views"]):
         camera = orthographic(fibonacci_direction(i, PROTOCOL["views"]), centre, radius, PROTOCOL["size"])
         a, b = render_scene(ball, camera), render_scene(other, camera)
@@ -169,11 +169,44 @@ def test_figures_are_those_of_the_protocol_step_by_step(ball):
         squares += [np.sum(x**2) for x in (*d.T, luma, u, v)]
         similar += ssim(image_a, image_b, both) * both.sum()
         pixels += int(both.sum())
+        union = np.isin(np.arange(camera.width * camera.height), np.union1d(a.pixel, b.pixel)).reshape(image_a.shape[:2])
+        outline += ((image_b - image_a)[union] ** 2).sum() / 3
+        either += int(union.sum())
     r, g, b, y, u, v = squares / pixels
     expected = {"rgb": (r + g + b) / 3, "y": y, "u": u, "v": v, "yuv": (6 * y + u + v) / 8}
     result = compare_views(ball, other, **PROTOCOL, ssim=True)
     assert result["psnr"] == pytest.approx({k: 10 * math.log10(255**2 / m) for k, m in expected.items()}, abs=1e-9)
+    assert result["union_psnr"]["rgb"] == pytest.approx(10 * math.log10(255**2 * either / outline), abs=1e-9)
+    assert result["silhouette"]["pixels"] == either - pixels > 0
     assert result["pixels"] == pixels and result["ssim"] == pytest.approx(similar / pixels, abs=1e-5)
+
+
+@pytest.mark.parametrize("shift", [(3, 0), (0, -5)])
+def test_a_shifted_square_loses_and_gains_the_pixels_of_its_shift(shift):
+    """The square is 64 / sqrt(2) pixels a side, 46 rows and columns of pixel centres, and brown on white."""
+    source = scene_of(*square())
+    pixel = 2 * bounding_sphere(source.positions)[1] / 64
+    other = replace(source, positions=source.positions + pixel * np.array([*shift, 0]))
+    result, moved = compare_views(source, other, views=1, size=64), max(map(abs, shift))
+    rows = math.isqrt(compare_views(source, source, views=1, size=64)["pixels"])
+    assert rows in (45, 46) and result["pixels"] == rows * (rows - moved)
+    share = 2 * moved / (rows + moved)
+    assert result["silhouette"] == {"lost": rows * moved, "gained": rows * moved, "pixels": 2 * rows * moved,
+                                    "share": pytest.approx(share)}
+    brown = render_scene(source, orthographic([0, 0, 1], *bounding_sphere(source.positions), 64)).image()[32, 32].astype(float)
+    off = np.mean((255 - brown) ** 2)
+    assert result["psnr"]["rgb"] is None and result["union_psnr"]["rgb"] == pytest.approx(10 * math.log10(255**2 / share / off))
+
+
+def test_a_part_that_no_view_of_the_source_has_counts_as_gained():
+    near, far = square(), square(side=0.25)
+    both = scene_of(np.concatenate([near[0], far[0] + [0, 0.01, 0.25]]), np.concatenate([near[1], far[1] + 4]))
+    one = scene_of(*near)
+    up, side = compare_views(one, both, views=1, size=64), compare_views(one, both, views=4, size=64)
+    assert up["silhouette"]["pixels"] == 0 and up["union_psnr"]["y"] is None  # the part is in front of the square
+    assert side["silhouette"]["lost"] == 0 and side["silhouette"]["gained"] > 0 and side["union_psnr"]["y"] < 40
+    again = compare_views(both, one, views=4, size=64)["silhouette"]
+    assert again["gained"] == 0 and again["lost"] > 0
 
 
 def test_quality_falls_with_the_error(ball):
@@ -382,11 +415,12 @@ def test_json_follows_the_schema(call, files, monkeypatch, other, samples):
     facts = json.loads(out)
     assert (code, err, out.count("\n")) == (0, "", 1)
     assert set(facts) == {"schema", "psnr", "ssim", "lpips", "psnr_3d", "views", "size", "pixels", "seconds", "shaded", "mipmaps",
-                          "peak_memory_bytes", "warnings"}  # fmt: skip
+                          "union_psnr", "silhouette", "surface", "peak_memory_bytes", "warnings"}  # fmt: skip
+    assert set(facts["surface"]) == {"d1", "d2", "peak", "hausdorff"} and facts["surface"]["d1"]["psnr"] > 60
     assert set(facts["psnr"]) == {"rgb", "y", "u", "v", "yuv"} and all(v > 20 for v in facts["psnr"].values())
     assert set(facts["psnr_3d"]) == {"y", "yuv611", "rgb", "samples"} and facts["psnr_3d"]["samples"] == samples
     assert 0.8 < facts["ssim"] < 1 and facts["lpips"] is None and (facts["views"], facts["size"]) == (4, 64)
-    assert {"load", "views", "psnr_3d", "total"} <= set(facts["seconds"])
+    assert {"load", "views", "psnr_3d", "surface", "total"} <= set(facts["seconds"])
 
 
 def test_stream_and_the_mesh_decoded_from_it_are_judged_alike(call, files):
@@ -400,7 +434,7 @@ def test_summary_is_for_people_and_flags_leave_things_out(call, files):
     assert code == 0 and err == "" and "SSIM 0." in out and "3D-PSNR: Y " in out and "4 views of 64 x 64" in out
     code, out, _ = call(files / "ball.ply", files / "ball.texf", *SMALL, "--no-ssim", "--no-3d")
     assert code == 0 and "SSIM" not in out and "3D" not in out and "PSNR: RGB " in out
-    assert call(files / "ball.ply", files / "ball.ply", *SMALL, "--no-3d")[1].count("exact") == 5
+    assert call(files / "ball.ply", files / "ball.ply", *SMALL, "--no-3d")[1].count("exact") == 8
     assert call(files / "ball.ply", files / "ball.texf", *SMALL, "--quiet", "--no-3d") == (0, "", "")
 
 

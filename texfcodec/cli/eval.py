@@ -22,7 +22,7 @@ from .inputs import check_stdin_once, load_mesh, open_asset
 @click.option("--shaded", is_flag=True, help="Also PSNR of the views in light, with all maps of the materials, the error of "
                                              "every channel, and angles of the shading normals (docs/shading.md).")
 @click.option("--mipmaps", is_flag=True, help="Views ask minified images and fields as viewers do, between two mip levels.")
-@click.option("--no-3d", is_flag=True, help="Leave out PSNR at points of the surface.")
+@click.option("--no-3d", is_flag=True, help="Leave out what is taken at points of the surface: 3D-PSNR, D1, D2, Hausdorff.")
 @limit_flags("texels", "image_pixels")
 @click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
 @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
@@ -33,8 +33,11 @@ def evaluate(console, source, other, views, size, ssim, weights, shaded, mipmaps
     """Compare DECODED, a .texf stream or a mesh (SUFFIXES), with the mesh SOURCE it was made from. One of them may be "-": a
     stream or a GLB on stdin.
 
-    Views are orthographic, back faces are culled, and a pixel counts where both sides cover it, as in the MPEG mesh metric.
-    3D-PSNR is taken at points spread evenly over the source.
+    Views are orthographic, back faces are culled, and a pixel counts where both sides cover it, as in the MPEG mesh metric. Union
+    PSNR counts pixels that either side covers, on white; silhouette pixels are those that one side alone covers. 3D-PSNR is taken
+    at points spread evenly over the source. D1 and D2 are PSNR of the distance between the surfaces, in full and along the
+    source's normals, the worse of both ways, 10 log10(3 peak^2 / error) with the longest side of the source as the peak; the
+    Hausdorff distance is the largest.
 
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 over a limit, 130
     interrupted.
@@ -53,6 +56,7 @@ def evaluate(console, source, other, views, size, ssim, weights, shaded, mipmaps
         facts = _views(scene, decoded, (views, size, ssim, lpips), mipmaps, options.threads, report) | {"mipmaps": mipmaps}
         facts["shaded"] = _shaded(scene, decoded, (views, size, options.threads, mipmaps), report) if shaded else None
         facts["psnr_3d"] = None if no_3d else _psnr_3d(scene, decoded, options.threads, report)
+        facts["surface"] = None if no_3d else _surface(scene, decoded, options.threads, report)
     if not console.as_json:
         console.warnings(report)
     facts |= _run_facts(report)
@@ -116,6 +120,15 @@ def _psnr_3d(scene, decoded, threads, report):
         return measure_or_warn(lambda: measure(scene, decoded, NEAREST_SAMPLES, threads), report)
 
 
+def _surface(scene, decoded, threads, report):
+    from ..geometry.mesh import Mesh
+    from ..metrics.surface_distance import surface_distance
+
+    with report.stage("surface"):
+        source, mesh = (Mesh(side.positions, side.faces) for side in (scene, decoded))
+        return surface_distance(source, mesh, threads=threads).report()
+
+
 def _run_facts(report):
     from ..report import peak_memory_bytes
 
@@ -128,6 +141,7 @@ def _lines(facts, other):
     yield f"{other}: {facts['views']} views of {facts['size']} x {facts['size']}, {facts['pixels']} pixels compared"
     shown = {name: in_decibels(value, 3) for name, value in facts["psnr"].items()}
     yield f"PSNR: RGB {shown['rgb']}, Y {shown['y']}, U {shown['u']}, V {shown['v']}, YUV {shown['yuv']}"
+    yield from _outline_lines(facts)
     if facts["shaded"]:
         yield from _shaded_lines(facts["shaded"])
     others = [f"{name.upper()} {facts[name]:.5f}" for name in ("ssim", "lpips") if facts[name] is not None]
@@ -137,14 +151,35 @@ def _lines(facts, other):
     if points:
         shown = {name: in_decibels(points[name], 3) for name in ("y", "yuv611", "rgb")}
         yield f"3D-PSNR: Y {shown['y']}, YUV 6:1:1 {shown['yuv611']}, RGB {shown['rgb']} at {points['samples']} points"
+    if facts["surface"]:
+        yield from _surface_lines(facts["surface"])
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
+
+
+def _outline_lines(facts):
+    from ..core.colour_error import in_decibels
+
+    shown, outline = {name: in_decibels(value, 3) for name, value in facts["union_psnr"].items()}, facts["silhouette"]
+    yield f"union PSNR, on white: RGB {shown['rgb']}, Y {shown['y']}, YUV {shown['yuv']}"
+    yield (f"silhouettes: {outline['pixels']} pixels, {100 * outline['share']:.3f} %, are covered by one side alone "
+           f"({outline['lost']} lost, {outline['gained']} gained)")
+
+
+def _surface_lines(found):
+    from ..core.colour_error import in_decibels
+
+    d1, d2 = (in_decibels(found[name]["psnr"], 3) for name in ("d1", "d2"))
+    away = found["hausdorff"]
+    yield f"D1 {d1}, D2 {d2}; 10 log10(3 peak^2 / error), peak: the longest side, {found['peak']:.6g}"
+    yield f"Hausdorff distance: {away['distance']:.6g}, {100 * away['share']:.4f} % of the diagonal"
 
 
 def _shaded_lines(found):
     from ..core.colour_error import in_decibels
 
-    shown = {name: in_decibels(value, 3) for name, value in found["psnr"].items()}
+    shown, union = ({name: in_decibels(value, 3) for name, value in found[kind].items()} for kind in ("psnr", "union_psnr"))
     yield f"shaded PSNR: RGB {shown['rgb']}, Y {shown['y']}, YUV {shown['yuv']}"
+    yield f"shaded union PSNR, on white: RGB {union['rgb']}, Y {union['y']}, YUV {union['yuv']}"
     for name, error in found["channels"].items():
         words = {"dB": lambda e: in_decibels(e["psnr"]), "degrees": _angles,
                  "coverage": lambda e: f"{100 * e['lost']:.3f} % lost, {100 * e['gained']:.3f} % gained"}[error["unit"]](error)

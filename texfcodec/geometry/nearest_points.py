@@ -1,8 +1,8 @@
 """The points of a mesh nearest to given ones, exactly: a tree of boxes over faces in Morton order.
 
-100,000 points near the surface of bball_0001 take 0.2 s on one core; the eight faces around each, by a k-d tree of points spread
-over the mesh, took 2.7 s and were not exact. Each search starts from the answer of the one before, so points in the order of the
-surface are quicker.
+A million points of bball_0001 take 0.7 s to find on it simplified to 35 % of its faces, on one core, and 1.0 s in random order.
+Each search starts from the answer of the one before, so points are taken along a Morton curve: as they come, those in random
+order take 4.2 s. A plane that is farther away than the best answer spares the test of its triangle, which is a third of the time.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ from ..core.kernel import kernel
 from ..core.threads import over_blocks
 from .mesh import Mesh, face_normals
 
-LEAF = 4  # faces in a leaf
+LEAF = 2  # faces in a leaf; 1, 4 and 8 take 1.03, 1.1 and 1.4 times as long
+THINNEST = 1e-16  # squared sine of a triangle's angle, below which its sides are as exact as its inside: both to 1e-8 of its size
+NEARLY, SLACK = 1 - 1e-6, 1e-16  # of squared distances to planes: normals of slivers are right to some 1e-8
 BLOCK = 1 << 14  # points that one thread looks for at a time
 _DEEPEST = 64  # of the stack: two for every level, and 2**31 faces have 29
 
@@ -37,7 +39,7 @@ class NearestPoints:
             raise ValueError("a mesh without faces has no nearest point")
         self._middle, self._half = mesh.frame()
         corners = ((mesh.positions - self._middle) / self._half)[mesh.faces]
-        self._order = np.argsort(_morton(corners.mean(axis=1)), kind="stable")
+        self._order = _curve_order(corners.mean(axis=1))
         self._corners = np.ascontiguousarray(corners[self._order]).reshape(-1, 9)
         self._boxes = _boxes_of(corners[self._order])
         self.normals = face_normals(corners)  # float64 [F, 3]; 0 where a face has no area
@@ -52,33 +54,47 @@ class NearestPoints:
         units, so that of two sheets the one answers that faces the same way; so does a face of another group than the point's,
         int64 [M], where group is given. distance is that of the point all the same.
         """
-        points = np.ascontiguousarray((np.asarray(points, np.float64) - self._middle) / self._half)
-        count = len(points)
-        normals = np.zeros_like(points) if normals is None else np.ascontiguousarray(normals, np.float64)
-        group = np.broadcast_to(np.int64(-1), count) if group is None else np.asarray(group, np.int64)
-        group = np.ascontiguousarray(group)
+        points = (np.asarray(points, np.float64) - self._middle) / self._half
+        order, count = _curve_order(points), len(points)
+        points = points[order]
+        normals = np.zeros_like(points) if normals is None else np.asarray(normals, np.float64)[order]
+        group = np.full(count, -1) if group is None else np.asarray(group, np.int64)[order]
         face, bary, distance = np.empty(count, np.int64), np.empty((count, 3)), np.empty(count)
 
         def search(begin):
             part = slice(begin, begin + BLOCK)
-            _search(points[part], normals[part], group[part], turn / self._half, self._corners, self._normals, self._group,
-                    self._boxes, face[part], bary[part], distance[part])
+            _search(points[part], normals[part], group[part], order[part], turn / self._half, self._corners, self._normals,
+                    self._group, self._boxes, face, bary, distance)
 
         over_blocks(search, count, BLOCK, threads)
         return Nearest(self._order[face], bary, distance * self._half)
 
 
-def _morton(points):
-    """Place of points in -1..1 along a Morton curve of 21 bits an axis, int64 [N]."""
-    cells = np.clip((points + 1) * (1 << 20), 0, (1 << 21) - 1).astype(np.int64)
-    code = np.zeros(len(points), np.int64)
-    for axis in range(3):
-        part = cells[:, axis]
-        for shift, mask in ((32, 0x1F00000000FFFF), (16, 0x1F0000FF0000FF), (8, 0x100F00F00F00F00F), (4, 0x10C30C30C30C30C3),
-                            (2, 0x1249249249249249)):
-            part = (part | part << shift) & mask
-        code |= part << axis
-    return code
+@kernel(allocates=False)
+def _spread(cell):
+    """The 21 bits of a cell, three apart."""
+    for shift, mask in ((32, 0x1F00000000FFFF), (16, 0x1F0000FF0000FF), (8, 0x100F00F00F00F00F), (4, 0x10C30C30C30C30C3),
+                        (2, 0x1249249249249249)):
+        cell = (cell | cell << shift) & mask
+    return cell
+
+
+@kernel(allocates=False)
+def _along_curve(points, out):
+    """Places of points in -1..1, others at its border, along a Morton curve of 21 bits an axis: out int64 [N]."""
+    for i in range(points.shape[0]):
+        code = np.int64(0)
+        for axis in range(3):
+            cell = min(max((points[i, axis] + 1.0) * (1 << 20), 0.0), (1 << 21) - 1.0)
+            code |= _spread(np.int64(cell)) << axis
+        out[i] = code
+
+
+def _curve_order(points):
+    """The order of points along a Morton curve, int64 [N]."""
+    places = np.empty(len(points), np.int64)
+    _along_curve(points, places)
+    return np.argsort(places, kind="stable")
 
 
 def _boxes_of(corners):
@@ -119,15 +135,18 @@ def _on_triangle(t, x, y, z):
     ux, uy, uz = t[3] - t[0], t[4] - t[1], t[5] - t[2]
     vx, vy, vz = t[6] - t[0], t[7] - t[1], t[8] - t[2]
     px, py, pz = x - t[0], y - t[1], z - t[2]
-    uu, uv, vv = ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz
-    up, vp = ux * px + uy * py + uz * pz, vx * px + vy * py + vz * pz
-    whole = uu * vv - uv * uv
-    b, c = vv * up - uv * vp, uu * vp - uv * up
-    if whole > 1e-14 * uu * vv and b >= 0.0 and c >= 0.0 and b + c <= whole:
+    # By cross products, whose errors in slivers grow as 1 / sine of the angle, and not as its square does, as dot products' do.
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    whole = nx * nx + ny * ny + nz * nz
+    b = (py * vz - pz * vy) * nx + (pz * vx - px * vz) * ny + (px * vy - py * vx) * nz
+    c = (uy * pz - uz * py) * nx + (uz * px - ux * pz) * ny + (ux * py - uy * px) * nz
+    uu, vv = ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz
+    if whole > THINNEST * uu * vv and b >= 0.0 and c >= 0.0 and b + c <= whole:
         b, c = b / whole, c / whole
         dx, dy, dz = px - b * ux - c * vx, py - b * uy - c * vy, pz - b * uz - c * vz
         return b, c, dx * dx + dy * dy + dz * dz
     # Not inside: the nearest point of the three sides, each a segment.
+    uv, up, vp = ux * vx + uy * vy + uz * vz, ux * px + uy * py + uz * pz, vx * px + vy * py + vz * pz
     b = min(max(_along(up, uu), 0.0), 1.0)
     dx, dy, dz = px - b * ux, py - b * uy, pz - b * uz
     best, best_b, best_c = dx * dx + dy * dy + dz * dz, b, 0.0
@@ -145,14 +164,15 @@ def _on_triangle(t, x, y, z):
 
 
 @kernel
-def _search(points, normals, group, turn, corners, face_normals, face_group, boxes, face, bary, distance):
-    """Fills face (places in corners), bary and distance. All in units in which the mesh is in -1..1. A group of -1 is any."""
+def _search(points, normals, group, order, turn, corners, face_normals, face_group, boxes, face, bary, distance):
+    """Fills the rows `order` of face (places in corners), bary and distance. All in units in which the mesh is in -1..1. A group
+    of -1 is any."""
     first = boxes.shape[0] // 2
     nodes, far = np.empty(_DEEPEST, np.int64), np.empty(_DEEPEST)
     answer = 0
     for i in range(points.shape[0]):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        best = np.inf
+        x, y, z, row = points[i, 0], points[i, 1], points[i, 2], order[i]
+        best, best_b, best_c, away = np.inf, 0.0, 0.0, np.inf
         height = 1
         nodes[0], far[0] = 1, 0.0
         start = answer // LEAF * LEAF  # the leaf that the last point found is looked at first: it bounds the search
@@ -174,17 +194,20 @@ def _search(points, normals, group, turn, corners, face_normals, face_group, box
                 start = (node - first) * LEAF
             leaf = False
             for f in range(start, min(start + LEAF, corners.shape[0])):
-                b, c, d = _on_triangle(corners[f], x, y, z)
+                n, t = face_normals[f], corners[f]
+                off = (x - t[0]) * n[0] + (y - t[1]) * n[1] + (z - t[2]) * n[2]
+                if off * off * NEARLY - SLACK > best:  # its plane is farther away
+                    continue
+                b, c, d = _on_triangle(t, x, y, z)
                 key = d
                 if turn > 0.0 and d < best:
-                    n = face_normals[f]
-                    away = turn if n[0] * normals[i, 0] + n[1] * normals[i, 1] + n[2] * normals[i, 2] < 0.0 else 0.0
+                    wrong = turn if n[0] * normals[i, 0] + n[1] * normals[i, 1] + n[2] * normals[i, 2] < 0.0 else 0.0
                     if group[i] >= 0 and group[i] != face_group[f]:
-                        away += turn
-                    if away > 0.0:
-                        key = (np.sqrt(d) + away) ** 2
+                        wrong += turn
+                    if wrong > 0.0:
+                        key = (np.sqrt(d) + wrong) ** 2
                 if key < best:
                     best, answer = key, f
-                    bary[i, 0], bary[i, 1], bary[i, 2] = max(1.0 - b - c, 0.0), b, c
-                    distance[i] = np.sqrt(d)
-        face[i] = answer
+                    best_b, best_c, away = b, c, d
+        face[row], distance[row] = answer, np.sqrt(away)
+        bary[row, 0], bary[row, 1], bary[row, 2] = max(1.0 - best_b - best_c, 0.0), best_b, best_c

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ..core.kernel import kernel
 from ..errors import InputError
 from ..geometry.areas import face_areas
 from ..geometry.mesh import Mesh, face_normals, points_at
@@ -59,23 +60,27 @@ class FaceMatch:
 
     def find(self, face: np.ndarray, bary: np.ndarray) -> Places:
         """Where points of the source are. face: int64 [M]; bary: float64 [M, 3]."""
-        there = self._face[face]
-        kept = there >= 0
-        order = (np.arange(3) - self._turn[face][:, None]) % 3
-        weights = np.take_along_axis(bary, order, axis=1)
-        lost = np.flatnonzero(~kept)
+        there, weights, points = self._face[face], np.empty_like(bary), np.empty_like(bary)
+        kept, lost = np.flatnonzero(there >= 0), np.flatnonzero(there < 0)
+        order = (np.arange(3) - self._turn[face[kept]][:, None]) % 3
+        weights[kept] = np.take_along_axis(bary[kept], order, axis=1)
         if len(lost):
             there[lost], weights[lost] = self._nearest(face[lost], bary[lost])
-        points = points_at(self.mesh, there, weights)
         if self._at_source:
             points[kept] = points_at(self.source, face[kept], bary[kept])
+            points[lost] = points_at(self.mesh, there[lost], weights[lost])
+        else:
+            points = points_at(self.mesh, there, weights)
         return Places(there, weights, points)
 
     def _nearest(self, face, bary):
-        normals = face_normals(self.source.positions[self.source.faces[face]])
         group = None if self._materials is None else self._materials[0][face]
-        nearest = self._sheets.find(points_at(self.source, face, bary), normals, group, self.threads)
+        nearest = self._sheets.find(points_at(self.source, face, bary), self._normals[face], group, self.threads)
         return nearest.face, nearest.bary
+
+    @cached_property
+    def _normals(self):
+        return face_normals(self.source.positions[self.source.faces])
 
     @cached_property
     def _sheets(self):
@@ -104,8 +109,8 @@ def decoded_faces(scene: Scene, texf: Texf) -> tuple[np.ndarray, np.ndarray]:
     """(face of texf that each face of the source became int64 [F], -1 where there is none; by how many corners it is turned int64
     [F]: corner k of the source is corner (k + turn) % 3 there). Faces are the same by their corners on the lattice, their
     orientation and their material; of several the last one answers."""
-    here, first = _face_keys(texf.cube.to_lattice(scene.positions)[scene.faces], scene.face_material)
-    there, start = _face_keys(texf.lattice_positions[texf.faces], texf.face_material)
+    here, first = _face_keys(texf.cube.to_lattice(scene.positions), scene.faces, scene.face_material)
+    there, start = _face_keys(texf.lattice_positions, texf.faces, texf.face_material)
     found, turn = np.full(len(here), -1, np.int64), np.zeros(len(here), np.int64)
     if len(there):
         hashes = _hashes(there)
@@ -117,21 +122,33 @@ def decoded_faces(scene: Scene, texf: Texf) -> tuple[np.ndarray, np.ndarray]:
     return found, turn
 
 
-def _face_keys(lattice, material):
-    """int64 [F, 4]: three packed corners, lattice int64 [F, 3, 3], the smallest first and orientation kept, and the material; and
-    which corner was the smallest, int64 [F]."""
-    packed = lattice[:, :, 0] | lattice[:, :, 1] << 20 | lattice[:, :, 2] << 40
-    first = packed.argmin(axis=1)
-    order = (first[:, None] + np.arange(3)) % 3
-    return np.column_stack([np.take_along_axis(packed, order, axis=1), material]), first
+def _face_keys(lattice, faces, material):
+    """int64 [F, 4]: three packed corners, the smallest first and orientation kept, and the material; which corner was the
+    smallest, int64 [F]. lattice: int64 [V, 3]; faces: int64 [F, 3]; material: int64 [F]."""
+    packed = lattice[:, 0] | lattice[:, 1] << 20 | lattice[:, 2] << 40
+    keys, first = np.empty((len(faces), 4), np.int64), np.empty(len(faces), np.int64)
+    keys[:, 3] = material
+    _turn_corners(packed, np.ascontiguousarray(faces, np.int64), keys, first)
+    return keys, first
+
+
+@kernel(allocates=False)
+def _turn_corners(packed, faces, keys, first):
+    """Fills the first three columns of keys, and first."""
+    for f in range(faces.shape[0]):
+        least = 0
+        for k in range(1, 3):
+            if packed[faces[f, k]] < packed[faces[f, least]]:
+                least = k
+        first[f] = least
+        for k in range(3):
+            keys[f, k] = packed[faces[f, (least + k) % 3]]
 
 
 def _hashes(keys):
-    """uint64 [F] of rows int64 [F, 4]: Murmur3's finaliser over each. Sorting rows as such takes twenty times as long."""
+    """uint64 [F] of rows int64 [F, 4], because sorting rows as such makes all of it take four times as long."""
     total = np.zeros(len(keys), np.uint64)
     for column in keys.T.astype(np.uint64):
-        total = total ^ column
-        for factor in (0xFF51AFD7ED558CCD, 0xC4CEB9FE1A85EC53):
-            total = (total ^ total >> np.uint64(33)) * np.uint64(factor)
-        total = total ^ total >> np.uint64(33)
+        total = (total ^ column) * np.uint64(0xFF51AFD7ED558CCD)  # of Murmur3's finaliser; products wrap
+        total ^= total >> np.uint64(32)
     return total

@@ -34,12 +34,12 @@ def compare_shaded(reference: Scene, other: Scene | Texf, views: int = VIEWS, si
     """Errors of other against reference in what light shows.
 
     views, size, threads, on_view: as of compare_views(); mipmaps: ask minified maps as viewers do, see views.Look. Returns
-    {"psnr": of shaded pictures, as of compare_views(), "views", "size", "pixels", and what compare_channels() returns}. Raises
-    InputError TXF-I95 and TXF-I99.
+    {"psnr", "union_psnr": of shaded pictures, as of compare_views(), "views", "size", "pixels", and what compare_channels()
+    returns}. Raises InputError TXF-I95 and TXF-I99.
     """
     seen = compare_views(reference, other, views, size, threads=threads, on_view=on_view,
                          look=Look(environment=DAYLIGHT, mipmaps=mipmaps))
-    shown = {name: seen[name] for name in ("psnr", "views", "size", "pixels")}
+    shown = {name: seen[name] for name in ("psnr", "union_psnr", "views", "size", "pixels")}
     return shown | compare_channels(reference, other, threads=threads)
 
 

@@ -2,9 +2,10 @@
 
 Orthographic views from Fibonacci directions span the bounding sphere of the reference's axis-aligned box. Every back face is
 culled, those of double-sided materials as well, because the protocol knows no materials. A pixel counts where both renders cover
-it. Errors are pooled over all counted pixels of all views: a view in which little is seen weighs little. On the three textures of
-the basketball player for which the tool's figures are known, all fifteen agree to 0.002 dB; without the rounding to 8 bits they
-are up to 0.6 dB too high.
+it. What that leaves out, where outlines differ, has figures of its own: PSNR over pixels that either covers, on white, and the
+number of those that one alone covers. Errors are pooled over all counted pixels of all views: a view in which little is seen
+weighs little. On the three textures of the basketball player for which the tool's figures are known, all fifteen agree to 0.002
+dB; without the rounding to 8 bits they are up to 0.6 dB too high.
 
 Below that stands 3D-PSNR of meshes (psnr_3d.py has that of streams).
 """
@@ -15,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..core.colour_error import ColourError, decibels
+from ..core.colour_error import ColourError, colour_mse, decibels
 from ..core.json_text import json_ready
 from ..errors import InputError
 from ..geometry.mesh import Mesh
@@ -37,12 +38,16 @@ NEAREST_SAMPLES = 100_000  # points of 3D-PSNR where each has to look for its ne
 
 @dataclass
 class _View:
-    """What one view adds: pixels covered by both sides, mean squared errors by plane, SSIM and LPIPS (None if not asked)."""
+    """What one view adds. pixels, mse: covered by both sides, and mean squared errors by plane there; lost, gained: covered by
+    the reference alone and by the other alone; outline_mse: of these, on white; ssim, lpips: None if not requested."""
 
     pixels: int
     mse: dict
-    ssim: float | None
-    lpips: float | None
+    lost: int
+    gained: int
+    outline_mse: dict
+    ssim: float | None = None
+    lpips: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,10 +68,12 @@ def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIE
     perceptual.Lpips, or None; threads: views at a time; on_view: called with (views done, views) after each, in order; look: how
     both are drawn, the protocol's way where it is None. The result does not depend on threads.
 
-    Returns {"psnr": {"rgb", "y", "u", "v", "yuv"} in dB, "ssim", "lpips", "views", "size", "pixels"}. Rendered values are rounded
-    to 8 bits and PSNR has peak 255. psnr rgb is of the mean of the three errors, yuv of (6 Y + U + V) / 8 of the mean squared
-    errors (not of the decibels, as psnr.py's psnr_yuv611 is); None is lossless. ssim: mean over all counted pixels and the RGB
-    channels, on white; lpips: mean over views with a counted pixel, whole images on white; both None if not asked for.
+    Returns {"psnr": {"rgb", "y", "u", "v", "yuv"} in dB, "ssim", "lpips", "views", "size", "pixels", "union_psnr", "silhouette"}.
+    Rendered values are rounded to 8 bits and PSNR has peak 255. psnr rgb is of the mean of the three errors, yuv of (6 Y + U + V)
+    / 8 of the mean squared errors (not of the decibels, as psnr.py's psnr_yuv611 is); None is lossless. ssim: mean over all
+    counted pixels and the RGB channels, on white; lpips: mean over views with a counted pixel, whole images on white; both None
+    if not asked for. union_psnr: as psnr, over pixels that either side covers, on white. silhouette: {"lost", "gained": pixels
+    that the reference alone and the other alone covers, "pixels": both together, "share": of those that either covers}.
     Raises InputError TXF-I95 and TXF-I99.
     """
     if views < 1 or size < 1:
@@ -81,12 +88,13 @@ def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIE
     seen = []
     with ThreadPoolExecutor(threads) as pool:
         for i, view in enumerate(pool.map(one, range(views))):
-            seen += [view] if view.pixels else []
+            seen.append(view)
             if on_view:
                 on_view(i + 1, views)
-    if not seen:
+    if not any(view.pixels for view in seen):
         raise InputError("TXF-I95", "no pixel of any view is covered by both sides", views=views, size=size)
-    return {**_pooled(seen), "views": views, "size": size, "pixels": sum(v.pixels for v in seen)}
+    return {**_pooled([view for view in seen if view.pixels]), **_outlines(seen), "views": views, "size": size,
+            "pixels": sum(view.pixels for view in seen)}
 
 
 def renderer(side: Scene | Texf, look: Look) -> Callable[[Camera], Picture]:
@@ -103,20 +111,26 @@ def _compare(a, b, ssim, lpips):
     """_View of two Pictures from one camera."""
     mask = np.zeros(a.height * a.width, np.bool_)
     mask[a.pixel] = True
-    pixel = b.pixel[mask[b.pixel]]
-    if len(pixel) == 0:
-        return _View(0, {}, None, None)
+    both, gained = b.pixel[mask[b.pixel]], b.pixel[~mask[b.pixel]]
+    mask[b.pixel] = False
+    lost = a.pixel[mask[a.pixel]]
     image_a, image_b = _image(a), _image(b)
-    error = ColourError()
-    error.add(image_a.reshape(-1, 3)[pixel], image_b.reshape(-1, 3)[pixel])
-    view = _View(error.samples, error.mse(), None, None)
-    if ssim:
+    mse, outline_mse = (_mse(image_a, image_b, pixel) for pixel in (both, np.concatenate([lost, gained])))
+    view = _View(len(both), mse, len(lost), len(gained), outline_mse)
+    if ssim and len(both):
         mask[:] = False
-        mask[pixel] = True
+        mask[both] = True
         view.ssim = mean_ssim(image_a, image_b, mask.reshape(a.height, a.width))
-    if lpips:
+    if lpips and len(both):
         view.lpips = lpips(image_a, image_b)
     return view
+
+
+def _mse(image_a, image_b, pixel):
+    """Mean squared errors of pixels, int64 [M], as ColourError has them; 0 without any."""
+    if not len(pixel):
+        return dict.fromkeys(("y", "u", "v", "rgb"), 0.0)
+    return colour_mse(image_a.reshape(-1, 3)[pixel], image_b.reshape(-1, 3)[pixel])
 
 
 def _image(picture):
@@ -129,12 +143,27 @@ def _image(picture):
 def _pooled(seen):
     weights = np.array([v.pixels for v in seen], np.float64)
     weights /= weights.sum()
-    mse = {name: float(weights @ [v.mse[name] for v in seen]) for name in ("rgb", "y", "u", "v")}
-    mse["yuv"] = (6 * mse["y"] + mse["u"] + mse["v"]) / 8
     first = seen[0]
-    return {"psnr": json_ready({name: decibels(value) for name, value in mse.items()}),
+    return {"psnr": _psnr({name: weights @ [v.mse[name] for v in seen] for name in ("rgb", "y", "u", "v")}),
             "ssim": None if first.ssim is None else float(weights @ [v.ssim for v in seen]),
             "lpips": None if first.lpips is None else float(np.mean([v.lpips for v in seen]))}
+
+
+def _psnr(mse):
+    """PSNR of mean squared errors {"rgb", "y", "u", "v"}, and of the three planes together."""
+    mse = {name: float(value) for name, value in mse.items()}
+    mse["yuv"] = (6 * mse["y"] + mse["u"] + mse["v"]) / 8
+    return json_ready({name: decibels(value) for name, value in mse.items()})
+
+
+def _outlines(seen):
+    """What _View holds of pixels that one side alone covers, over all views."""
+    lost, gained, both = (sum(getattr(v, name) for v in seen) for name in ("lost", "gained", "pixels"))
+    union = lost + gained + both
+    squares = {name: sum(v.pixels * v.mse[name] + (v.lost + v.gained) * v.outline_mse[name] for v in seen)
+               for name in ("rgb", "y", "u", "v")}
+    return {"union_psnr": _psnr({name: value / union for name, value in squares.items()}),
+            "silhouette": {"pixels": lost + gained, "share": (lost + gained) / union, "lost": lost, "gained": gained}}
 
 
 def mesh_psnr_3d(reference: Scene, mesh: Scene, samples: int = NEAREST_SAMPLES, threads: int = 1) -> dict:

@@ -160,6 +160,7 @@ NO_KNOB = {
     "target_bytes": "searches K and QP, whose rows say what they cost",
     "target_psnr": "searches K and QP, whose rows say what they cost",
     "chroma_qp_offset": "moves bits between brightness and colour, at no cost in time",
+    "keep_mesh": "the mesh that is sent has knobs of its own; it takes back what choosing one gained",
     "effects": "which maps are coded, not how exactly",
     "codec_options": "a plug-in's",
     "latent_index": "measured with its alternatives in docs/neural.md",

@@ -20,11 +20,11 @@ def test_seams_are_where_groups_or_uvs_differ():
     for corner, edges in (((2, 0), [(2, 3)]), ((2, 1), [(2, 3)]), ((2, 2), []), ((1, 1), [(0, 2), (2, 3)]), ((0, 1), [])):
         other = uv.copy()
         other[corner] += 1
-        assert listed(seam_edges(FACES, corner_uv=other)) == edges
+        assert listed(seam_edges(FACES, corner=other)) == edges
         turned = FACES.copy()
         turned[1] = turned[1, ::-1]  # a face that runs the other way round shares its edges as well
         other[1] = other[1, ::-1].copy()
-        assert listed(seam_edges(turned, corner_uv=other)) == edges
+        assert listed(seam_edges(turned, corner=other)) == edges
 
 
 @pytest.mark.parametrize("degrees", [10, 45, 89, 91, 130, 179])

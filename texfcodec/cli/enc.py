@@ -36,8 +36,8 @@ def _warm_up(context, parameter, value):
 @click.argument("out", metavar="OUT.texf", required=False, shell_complete=file_names)
 @option_flags(EncodeOptions, "rate", "resolution", "qp", "target_bytes", "target_psnr", "exact_rate", "lossless")
 @click.option("--near-lossless", metavar="D", **number(1, 127, "As --lossless, but each value may be off by D, 1..127."))
-@option_flags(EncodeOptions, "support", "texel_size", "effects", "position_bits", "effort", "refine", "codec", "point",
-              "resident_bytes", "steps", "seed", "latent_index", "transport", "checkpoint")
+@option_flags(EncodeOptions, "support", "texel_size", "effects", "position_bits", "keep_mesh", "effort", "refine", "codec",
+              "point", "resident_bytes", "steps", "seed", "latent_index", "transport", "checkpoint")
 @click.option("--codec-option", "codec_options", metavar="NAME=VALUE", multiple=True,
               help="A setting of a codec that a plug-in brings; as often as needed.")
 @option_flags(EncodeOptions, "threads")
@@ -248,6 +248,7 @@ def _lines(facts, out):
     quality = bound if facts["max_error"] is not None else codec.name if facts["qp"] is None else f"QP {facts['qp']}"
     yield f"{_grid(facts['resolution'])}{quality}, {fields}, {_counted(facts)}"
     yield from _support_lines(facts["supports"])
+    yield from _mesh_lines(facts["mesh"])
     yield from decision_lines(facts["effects"], facts["channels"])
     yield from _normal_lines(facts["normals"])
     if facts["texels_per_voxel_edge"] > COARSE:
@@ -292,11 +293,23 @@ def _support_lines(told):
     if texels:
         what = "images" if len(groups) > 1 else "image"
         yield f"over texels, which is smaller: {len(texels)} of {len(groups)} {what}, flat colours counted as one"
-    if "position_bits" in told:
-        yield f"positions of {told['position_bits']} bits: coarser ones would lose more than they save"
     tried = told.get("voxels", [])
     if tried and (first := tried[0]["resolution"]) != (last := tried[-1]["resolution"]):
         yield f"K {last} in place of {first}: fewer bytes at equal quality, by the encoder's reckoning"
+
+
+def _mesh_lines(told):
+    """What is sent in place of the source's mesh at the usual position bits."""
+    if "tried" not in told:
+        if "position_bits" in told:
+            yield f"positions of {told['position_bits']} bits: coarser ones would lose more than they save"
+        return
+    usual, (before, after) = told["tried"][0], told["faces"]
+    chosen = min((one for one in told["tried"] if "refused" not in one), key=lambda one: one["cost"])
+    if chosen is not usual:
+        saved = usual["geometry_bytes"] - chosen["geometry_bytes"]
+        yield (f"{after} of {before} faces, positions of {chosen['position_bits']} bits: {saved} bytes fewer than the source's mesh takes "
+               "(--keep-mesh)")
 
 
 def _size_lines(facts):

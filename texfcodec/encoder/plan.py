@@ -68,10 +68,10 @@ class Outline:
 class Plan:
     """All that does not depend on the QP, but for what choosing supports took from it.
 
-    request: as it came; rd: estimates at the quality that is coded, at the chosen K; surface: the mesh that is sent, on its lattice;
-    geometry: syntax values of the geometry units; source: what is coded, by channels and fields; fields: SourceFields, whose planes are empty where the codec asks the
-    source itself; materials: as the stream holds them; shading: how normals are made again; resolution: K, None where nothing is
-    over voxels; evidence: of every choice by its name.
+    request: as it came; rd: estimates at the quality that is coded, at the chosen K; surface: the mesh that is sent, on its
+    lattice; geometry: syntax values of the geometry units; source: what is coded, by channels and fields, on that mesh; fields:
+    SourceFields, whose planes are empty where the codec asks the source itself; materials: as the stream holds them; shading: how
+    normals are made again; resolution: K, None where nothing is over voxels; evidence: of every choice by its name.
     """
 
     request: EncodeOptions
@@ -170,7 +170,7 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
         shown, partition = _partitioned(scene, usual, chosen.plans, colours, rd, request, step)
         face_field = _said(partition, report, request.strict).value
     with report.stage("faces") as step:
-        mesh = _said(choice.smaller(usual, face_field, not chosen.plans, step), report)
+        mesh = _said(choice.smaller(usual, face_field, chosen.plans, step), report)
         sent, surface = mesh.value, mesh.value.surface
         if surface is not usual:
             chosen = replace(chosen, plans=moved_plans(chosen.plans, sent.scene, surface))
@@ -201,8 +201,8 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
     content = coding_of(rd).content(Content(source, fields), names[:first], colours, rd, wanted, report)
     filled = _said(content, report)
     return Plan(request=request, rd=rd, surface=surface, geometry=geometry, source=filled.value.source,
-                fields=filled.value.fields, materials=begun.materials, shading=shading.value, resolution=rd.resolution if first else None,
-                evidence=evidence | filled.evidence)
+                fields=filled.value.fields, materials=begun.materials, shading=shading.value,
+                resolution=rd.resolution if first else None, evidence=evidence | filled.evidence)
 
 
 def _said(decision: Decision, report: Report, strict: bool = False) -> Decision:

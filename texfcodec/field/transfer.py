@@ -84,7 +84,8 @@ def _fetch_nearest(corners, faces, source, keys, sums, threads):
     nearest = NearestPoints(Mesh(corners * 2.0**-GRID_FRACTION, faces)).find(middle, threads=threads)
     rgba = sample_source(source, nearest.face, nearest.bary, threads).astype(np.float64)
     solid = LEAST_WEIGHT * rgba[:, 3:] / 255.0
-    sums[empty] = np.column_stack([solid * rgba[:, :3], solid, LEAST_WEIGHT * rgba[:, 3:], np.full((len(empty), 1), LEAST_WEIGHT)])
+    area = np.full_like(solid, LEAST_WEIGHT)
+    sums[empty] = np.column_stack([solid * rgba[:, :3], solid, area * rgba[:, 3:], area])
 
 
 def fill_uncoloured(keys: np.ndarray, colour: np.ndarray, weight: np.ndarray) -> None:

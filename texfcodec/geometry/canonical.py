@@ -46,7 +46,7 @@ class CanonicalCube:
 
 
 def finer_cube(cube: CanonicalCube) -> CanonicalCube:
-    """The cube of the finest lattice on which every place has the grid coordinates that it has on the cube's own. Encoder only."""
+    """The cube of the finest lattice on which every place has the grid coordinates that it has on this one's. Encoder only."""
     side = cube.side * ((1 << MAX_BITS) - 1) / (cube.last << (MAX_BITS - cube.position_bits))
     return CanonicalCube(cube.origin, side, MAX_BITS)
 

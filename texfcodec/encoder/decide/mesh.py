@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...geometry.areas import sample_surface
 from ...geometry.canonical import finer_cube
 from ...geometry.draco import enc_geometry
-from ...geometry.areas import sample_surface
 from ...geometry.mesh import Mesh, points_at
 from ...geometry.nearest_points import NearestPoints
 from ...geometry.surface import Surface, make_surface, place_mesh
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from ...scene.scene import Scene
     from ..estimates.position_error import Moved
     from ..rd import RateDistortion
+    from ..texel_field import TexelPlan
 
 BYTES_A_BIT = 3 / 8  # of a vertex, for each bit of its three coordinates
 COARSEST_POSITIONS = 10  # bits: from here down small faces of dense scans fall together
@@ -94,7 +95,7 @@ class MeshChoice:
     """Looks at meshes for one Scene. usual: its Surface at the usual position bits; price: None where nothing tells it."""
 
     def __init__(self, scene: Scene, usual: Surface, rd: RateDistortion, request: EncodeOptions, price: Price | None) -> None:
-        self.scene, self.usual, self.rd, self.request, self.price = scene, usual, rd, request, price
+        self.scene, self.usual, self.rd, self.request, self._price = scene, usual, rd, request, price
         self.evidence: dict[str, Any] = {"reason": self._reason()}
 
     def _reason(self):
@@ -103,7 +104,13 @@ class MeshChoice:
             return "position bits were asked for"
         if self.rd.max_error is not None:
             return "an error bound was asked for"
-        return "colours take no bytes that geometry could be weighed against" if self.price is None else ""
+        return "colours take no bytes that geometry could be weighed against" if self._price is None else ""
+
+    @property
+    def price(self) -> Price:
+        """The Price, where there is no reason against a choice."""
+        assert self._price is not None
+        return self._price
 
     @cached_property
     def _looks(self):
@@ -125,19 +132,22 @@ class MeshChoice:
         self.evidence |= {"reason": "the usual bits move what is seen", "position_bits": best}
         return make_surface(self.scene, replace(self.request, position_bits=best))
 
-    def smaller(self, surface: Surface, group: np.ndarray, collapsible: bool, step: Step = no_step) -> Decision[SentMesh]:
+    def smaller(self, surface: Surface, group: np.ndarray, plans: list[TexelPlan], step: Step = no_step) -> Decision[SentMesh]:
         """The mesh that costs least among the source's and smaller ones, at the usual bits and fewer.
 
-        surface: of finer(); group: int64 [F] of its faces: those of two groups stay apart; collapsible: whether faces may go.
+        surface: of finer(); group: int64 [F] of its faces: those of two groups stay apart; plans: TexelPlans, on whose
+        account no face goes, because its UVs would; flat colours, which are exact, keep every vertex where it is.
         """
         usual = kept(self.scene, surface)
         if surface is not self.usual:
             return Decision(usual, self.evidence)
         if self.evidence["reason"] or not self.request.mesh_is_free:
             return Decision(usual, {"reason": self.evidence["reason"] or "the source's mesh was asked for"})
+        if any(plan.group.palette for plan in plans):
+            return Decision(usual, {"reason": "flat colours of texels are exact, and stay where they are"})
         if len(self.usual.faces) < FEWEST:
             return Decision(usual, {"reason": "few faces take few bytes"})
-        search = _Search(self, group, collapsible)
+        search = _Search(self, group, not plans)
         best = search.best(step)
         return Decision(best.sent, search.evidence(best))
 
@@ -235,8 +245,9 @@ class _Search:
             if place == 0:
                 self._fits[0] = own_fit(self.source), np.arange(len(self.source.faces))
             else:
+                lines = self._simplification.lines
                 some = self._simplification.at(round(self.shares[place] * len(self.source.faces)))
-                self._fits[place] = fit_vertices(self.source, some.mesh, self._simplification.lines, some.lines, rounds=1), some.face
+                self._fits[place] = fit_vertices(self.source, some.mesh, lines, some.lines, rounds=1), some.face
         return self._fits[place]
 
     def _sent(self, place, bits):

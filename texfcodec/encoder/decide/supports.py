@@ -1,5 +1,5 @@
-"""Which parts of the surface become fields over texels, which over voxels, how fine both are, and how exact UVs: by what each would
-cost at equal quality (encoder only).
+"""Which parts of the surface become fields over texels, which over voxels, how fine both are, and how exact UVs: by what each
+would cost at equal quality (encoder only).
 
 The QP is the quality that was requested. A support that looks better at this QP may spend more bytes: bytes at equal quality are
 those of the values times (error / error of the other) ** SLOPE, which is what coding at another QP would give, and the geometry.

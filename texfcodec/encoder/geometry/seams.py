@@ -11,8 +11,8 @@ from .topology import side_pairs, undirected
 
 def seam_edges(faces: np.ndarray, group: np.ndarray | None = None, corner: np.ndarray | None = None,
                apart: float = 0.0) -> np.ndarray:
-    """Edges between two faces of different groups, or at which what their corners hold differs by more than `apart`, int64 [L, 2].
-    faces: int64 [F, 3] over welded vertices; group: [F], of a material or a field; corner: [F, 3, C], UVs or normals."""
+    """Edges between two faces of different groups, or at which what their corners hold differs by more than `apart`, int64
+    [L, 2]. faces: int64 [F, 3] over welded vertices; group: [F], of a material or a field; corner: [F, 3, C], UVs or normals."""
     ends, edge, count = undirected(faces)
     sides, edges = side_pairs(edge, count)
     seam = np.zeros(len(sides), bool)

@@ -100,7 +100,8 @@ def test_encoder_reports_by_the_schema(call, mesh, tmp_path):
     assert set(facts) == {"schema", "bytes", "resolution", "qp", "max_error", "voxels", "faces", "vertices", "fields",
                           "effects", "dropped", "remarks", "channels", "sizes",
                           "refinement", "codec", "seconds", "peak_memory_bytes", "psnr_3d", "psnr_samples", "warnings",
-                          "texels_per_voxel_edge", "source", "ratio", "partition", "supports", "texels", "normals", "check"}
+                          "texels_per_voxel_edge", "source", "ratio", "partition", "supports", "texels", "normals", "check",
+                          "mesh"}
     assert facts["supports"]["asked"] == "auto" and facts["supports"]["groups"] == [] and facts["texels"] == 0
     assert facts["source"] == {"bytes": mesh.stat().st_size, "files": 1, "names": [str(mesh)]}
     assert set(facts["bytes"]) == {"total", "geometry", "attributes", "other"}

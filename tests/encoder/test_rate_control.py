@@ -101,7 +101,7 @@ def test_no_stream_is_smaller_than_the_least_bytes(ribbon, support):
 
 def test_a_budget_that_geometry_takes_up_is_seen_before_colours_are_brought_over(ribbon):
     """Where the first look leaves doubt, geometry as it is coded decides."""
-    report, options = Report(), EncodeOptions(rate="r03", support="voxels")
+    report, options = Report(), EncodeOptions(rate="r03", support="voxels", position_bits=14)
     with pytest.raises(OverBudget) as raised:
         plan(ribbon, options, report, budget=least_bytes(ribbon, options)[1])
     assert raised.value.geometry == least_bytes(ribbon, options)[1]

@@ -194,13 +194,11 @@ def layers(count=12, gap=3e-5):
 
 
 def test_position_bits_go_up_or_down_only_where_it_pays_and_nobody_asked():
-    flat = tiles((1, 1, 1), image=smooth_image(64, 64))
-    flat.positions = np.round(flat.positions * 10) / 10 * (1, 1, 0)
-    before, after = chosen(flat).surface.cube.position_bits, chosen(layers())
-    assert 10 <= before < 14 < after.surface.cube.position_bits == after.evidence["position_bits"] <= 18
-    assert chosen(flat, exact_rate=True).surface.cube.position_bits >= 14
-    asked = chosen(layers(), position_bits=14)
-    assert asked.plans and asked.surface.cube.position_bits == 14 and "position_bits" not in asked.evidence
+    """Down: tests/encoder/test_mesh_choice.py."""
+    made = encode_scene(layers(), EncodeOptions())
+    assert 14 < decode(made.data).position_bits == made.choices["mesh"]["position_bits"] <= 18
+    asked = encode_scene(layers(), EncodeOptions(position_bits=14))
+    assert decode(asked.data).position_bits == 14 and "position_bits" not in asked.choices["mesh"]
 
 
 # Palettes, groups
@@ -229,7 +227,8 @@ def test_a_material_that_finer_positions_bring_to_light_is_in_the_palette(monkey
     scene.face_material = np.append(scene.face_material, 2)
     scene.materials.append(Material("third"))
     usual = make_surface(scene, EncodeOptions())
-    monkeypatch.setattr("texfcodec.encoder.decide.supports._Choice._position_bits", lambda *_: 18)
+    finer = lambda choice: make_surface(choice.scene, replace(choice.request, position_bits=18))
+    monkeypatch.setattr("texfcodec.encoder.plan.MeshChoice.finer", finer)
     made = encode_scene(scene, EncodeOptions(support="texels"))
     assert 1 not in usual.material and made.counts["faces"] == 5
     assert made.counts["texels"] == 3 and made.counts["voxels"] == 0

@@ -308,8 +308,8 @@ def _mesh_lines(told):
     chosen = min((one for one in told["tried"] if "refused" not in one), key=lambda one: one["cost"])
     if chosen is not usual:
         saved = usual["geometry_bytes"] - chosen["geometry_bytes"]
-        yield (f"{after} of {before} faces, positions of {chosen['position_bits']} bits: {saved} bytes fewer than the source's mesh takes "
-               "(--keep-mesh)")
+        yield (f"{after} of {before} faces, positions of {chosen['position_bits']} bits: {saved} bytes fewer than the source's "
+               "mesh takes (--keep-mesh)")
 
 
 def _size_lines(facts):

@@ -29,6 +29,7 @@ from ..geometry.joint_lattice import joint_lattice
 from ..geometry.seams import seam_edges, sharp_edges
 from ..geometry.simplify import simplify
 from ..geometry.vertex_fit import fit_vertices, own_fit
+from .spending import has_few_colours
 
 if TYPE_CHECKING:
     from ...options import EncodeOptions
@@ -143,7 +144,7 @@ class MeshChoice:
             return Decision(usual, self.evidence)
         if self.evidence["reason"] or not self.request.mesh_is_free:
             return Decision(usual, {"reason": self.evidence["reason"] or "the source's mesh was asked for"})
-        if any(plan.group.palette for plan in plans):
+        if any(has_few_colours(plan.group.image.reshape(-1, plan.group.image.shape[-1])) for plan in plans):
             return Decision(usual, {"reason": "flat colours of texels are exact, and stay where they are"})
         if len(self.usual.faces) < FEWEST:
             return Decision(usual, {"reason": "few faces take few bytes"})

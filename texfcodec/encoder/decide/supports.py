@@ -143,7 +143,8 @@ class _Choice:
         step(total - 1, total)
         resolution, voxels = self._resolution(chosen, colours)
         evidence |= {"groups": rows + [candidate.evidence for candidate in decided], **voxels}
-        return Decision(Supports([candidate.plan for candidate in chosen], resolution, self._price(decided)), evidence)
+        return Decision(Supports([candidate.plan for candidate in chosen], resolution, self._price(decided, resolution)),
+                        evidence)
 
     def _candidate(self, group: ImageGroup, row: dict) -> _Candidate:
         """The _Candidate of an image group. row: what the report says of it before anything is tried. Raises LimitError."""
@@ -224,9 +225,13 @@ class _Choice:
         wanted = longest if size is None or group.palette else min(size, longest)
         return tuple(max(1, round(side * wanted / longest)) for side in group.size)
 
-    def _price(self, decided):
-        """By what was probed of the supports that were chosen, None where that takes no bytes."""
+    def _price(self, decided, resolution):
+        """By what was probed of the supports that were chosen, or of voxels where no image was looked at; None where values take
+        no bytes, or nobody asks."""
         probes = [one.texels if one.goes else one.voxels for one in decided]
+        if not decided and self.request.mesh_is_free:
+            patch = self.rd.patch(self.scene, self.surface, np.arange(len(self.surface.faces)))
+            probes = [] if patch is None else [self.rd.voxels(patch, resolution, 2)]
         attributes = sum(probe.attributes for probe in probes if probe)
         if not attributes or self.rd.max_error is not None:
             return None

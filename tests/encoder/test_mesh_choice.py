@@ -1,0 +1,97 @@
+"""Which mesh is sent: smaller where pictures show no more of it than coding costs, the source's wherever that is asked for."""
+
+import numpy as np
+import pytest
+
+from texfcodec.api import decode, encode_to_result
+from texfcodec.encoder.geometry.drawn_source import draw_onto, fetched_normals
+from texfcodec.geometry.canonical import CanonicalCube, finer_cube
+from texfcodec.geometry.mesh import Mesh
+from texfcodec.metrics.psnr_3d import measure
+from texfcodec.options import EncodeOptions
+from texfcodec.scene.scene import Material, Scene, Texture
+
+SIDE = 96
+
+
+def bowl(side=SIDE):
+    """A smooth sheet of 2 (side - 1)**2 faces with a smooth picture."""
+    grid = np.stack(np.meshgrid(np.linspace(-1, 1, side), np.linspace(-1, 1, side), indexing="ij"), axis=-1).reshape(-1, 2)
+    positions = np.column_stack([grid, 0.3 * (grid**2).sum(axis=1)])
+    place = np.arange(side * side).reshape(side, side)
+    a, b, c, d = place[:-1, :-1].ravel(), place[1:, :-1].ravel(), place[1:, 1:].ravel(), place[:-1, 1:].ravel()
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    y, x = np.mgrid[:256, :256]
+    image = np.full((256, 256, 4), 255, np.uint8)
+    image[..., :3] = (128 + 60 * np.sin(x / 7) + 50 * np.sin(y / 9))[..., None]
+    material = Material(texture=0, unlit=True)
+    return Scene(positions, faces, np.zeros(len(faces), np.int64), (grid[faces] + 1) / 2, None, [material], [Texture(image)])
+
+
+def encoded(scene, **options):
+    return encode_to_result(scene, EncodeOptions(**{"rate": "r02", "support": "voxels", **options}))
+
+
+@pytest.fixture(scope="module")
+def smaller():
+    return encoded(bowl())
+
+
+def test_a_smooth_sheet_is_sent_with_fewer_faces_and_looks_the_same(smaller):
+    scene, kept = bowl(), encoded(bowl(), keep_mesh=True)
+    before, after = (decode(one.data) for one in (kept, smaller))
+    assert len(before.faces) == len(scene.faces) and len(after.faces) < 0.5 * len(before.faces)
+    assert smaller.sizes["geometry"] < 0.5 * kept.sizes["geometry"]
+    there, here = (measure(scene, texf, 20_000)["y"] for texf in (before, after))
+    assert here > there - 0.5
+
+
+def test_the_report_says_what_was_tried_and_what_it_cost(smaller):
+    said = smaller.choices["mesh"]
+    assert said["faces"] == [2 * (SIDE - 1) ** 2, smaller.counts["faces"]]
+    assert said["tried"][0]["faces"] == said["faces"][0] and len(said["tried"]) >= 3
+    best = min((one for one in said["tried"] if "refused" not in one), key=lambda one: one["cost"])
+    assert (best["faces"], best["position_bits"]) == (said["faces"][1], said["position_bits"])
+
+
+@pytest.mark.parametrize("options", [{"keep_mesh": True}, {"position_bits": 14}, {"exact_rate": True}, {"lossless": True},
+                                     {"resolution": 256, "qp": 30}])
+def test_whoever_asks_for_precision_gets_the_source_s_mesh_at_the_nearest_places(options):
+    scene, given = bowl(24), {"support": "auto"} if options.get("exact_rate") else {}
+    texf = decode(encoded(scene, **given, **options).data)
+    assert len(texf.faces) == len(scene.faces)
+    want = np.unique(texf.cube.to_lattice(scene.positions), axis=0)
+    assert np.array_equal(np.unique(texf.lattice_positions, axis=0), want)
+
+
+def test_faces_over_texels_all_stay():
+    scene = bowl()
+    texf = decode(encoded(scene, support="texels").data)
+    assert len(texf.faces) == len(scene.faces)
+
+
+def test_two_sheets_that_face_apart_are_not_drawn_onto_each_other():
+    scene = bowl(12)
+    upper, lower = Mesh(scene.positions, scene.faces), Mesh(scene.positions - [0, 0, 0.01], scene.faces[:, ::-1])
+    faces = np.concatenate([upper.faces, lower.faces + len(upper.positions)])
+    both = Mesh(np.concatenate([upper.positions, lower.positions]), faces)
+    group, moved = np.zeros(len(both.faces), np.int64), Mesh(both.positions - [0, 0, 0.008], both.faces)
+    drawn = draw_onto(moved, group, both, group)  # the upper sheet lies nearer to the lower one now
+    sheet = drawn.place >= len(upper.faces)
+    assert not sheet[: len(upper.faces)].any() and sheet[len(upper.faces) :].all()
+
+
+def test_normals_are_fetched_from_the_side_that_a_face_is_on():
+    corner = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [1, 0, -1], [1, 1, -1]], float)
+    faces = np.array([[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2]])
+    mesh = Mesh(corner, faces)
+    flat = np.repeat(np.array([[0, 0, 1], [0, 0, 1], [1, 0, 0], [1, 0, 0]], np.float32)[:, None], 3, axis=1)
+    assert np.allclose(fetched_normals(mesh, flat, mesh), flat, atol=1e-6)
+
+
+@pytest.mark.parametrize("bits", [8, 11, 14, 20])
+def test_a_finer_lattice_has_the_grid_coordinates_of_the_one_it_was_made_of(bits):
+    cube = CanonicalCube((1.0, 2.0, 3.0), 7.0, bits)
+    points = np.random.default_rng(1).uniform([1, 2, 3], [8, 9, 10], (100, 3))
+    assert np.allclose(finer_cube(cube).to_grid(points, 1024), cube.to_grid(points, 1024), atol=1e-9)
+    assert finer_cube(cube).to_lattice(points).max() <= finer_cube(cube).last

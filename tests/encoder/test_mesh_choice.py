@@ -70,6 +70,17 @@ def test_faces_over_texels_all_stay():
     assert len(texf.faces) == len(scene.faces)
 
 
+def test_a_mesh_of_which_a_coarser_lattice_leaves_nothing_stays_as_it_is():
+    """Tiny faces that are far apart: at 12 bits each falls into one place."""
+    scene, random = bowl(24), np.random.default_rng(2)
+    corners = scene.positions[scene.faces]
+    centre = random.uniform(-1, 1, (len(corners), 1, 3))
+    scene.positions = (centre + 2e-4 * (corners - corners.mean(axis=1, keepdims=True)) * 20).reshape(-1, 3)
+    scene.faces = np.arange(len(scene.positions)).reshape(-1, 3)
+    made = encoded(scene)
+    assert len(decode(made.data).faces) > 0.9 * len(scene.faces)
+
+
 def test_two_sheets_that_face_apart_are_not_drawn_onto_each_other():
     scene = bowl(12)
     upper, lower = Mesh(scene.positions, scene.faces), Mesh(scene.positions - [0, 0, 0.01], scene.faces[:, ::-1])

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...geometry.areas import sample_surface
+from ...geometry.areas import face_areas, sample_surface
 from ...geometry.canonical import finer_cube
 from ...geometry.draco import enc_geometry
 from ...geometry.mesh import Mesh, points_at
@@ -23,7 +23,7 @@ from ...geometry.surface import Surface, make_surface, place_mesh
 from ...options import FINEST_POSITIONS
 from ...report import Step, no_step
 from ..decision import Decision
-from ..estimates.position_error import smooth_normals
+from ..estimates.position_error import Moved, smooth_normals
 from ..geometry.drawn_source import DrawnSource, draw_onto, fetched_normals
 from ..geometry.joint_lattice import joint_lattice
 from ..geometry.seams import seam_edges, sharp_edges
@@ -34,7 +34,6 @@ from .spending import has_few_colours
 if TYPE_CHECKING:
     from ...options import EncodeOptions
     from ...scene.scene import Scene
-    from ..estimates.position_error import Moved
     from ..rd import RateDistortion
     from ..texel_field import TexelPlan
 
@@ -49,11 +48,11 @@ EAGER = 0.85  # of the error that is reckoned: what is hoped for where nothing w
 # points of three scans have 0.5 to 1.2 times as much.
 MOST_MOVED = 1.2
 MOST_LOST = 5e-4  # of the source's pixels: thin parts or holes that are gone or new
-MOST_AWAY = 0.01  # of the longest side: the largest distance
 FIT_GAIN = 0.7  # of the distance before the vertices are fitted
 SEVERAL = 0.8  # power of faces that bytes go with
 SHARP, HARD = 60.0, 0.3  # degrees between faces, and difference of the file's normals, from which on an edge is kept as a line
-FEW_POINTS, POINTS = 5_000, 30_000  # of distances that are guessed with, and of those that decide
+FEW_POINTS = 5_000  # of distances that are guessed with
+NOTHING = 1e9  # the squared error of a mesh of which nothing is left
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,7 +166,7 @@ class _Candidate:
 
     def row(self) -> dict:
         """What the report says of it."""
-        said = {"faces": self.faces, "position_bits": self.bits, "geometry_bytes": self.geometry, "cost": round(self.cost),
+        said = {"faces": self.faces, "position_bits": self.bits, "geometry_bytes": self.geometry, "cost": round(self.cost, 0),
                 "mse": round(self.moved.mse, 3), "silhouette": round(self.moved.silhouette, 5), "lost": round(self.moved.lost, 6)}
         return said | ({"refused": self.refused} if self.refused else {})
 
@@ -195,9 +194,10 @@ class _Search:
     def best(self, step: Step) -> _Candidate:
         """The candidate of least cost that nothing speaks against: those that promise least are looked at until none does."""
         self.tried[0, self.usual.cube.position_bits] = self._measured(kept(self.scene, self.usual), self.choice._at_usual, True)
-        reckoned = self._reckoned(self._candidate(0, USUAL_LOOK))
+        first = self._candidate(0, USUAL_LOOK)
+        reckoned = self._reckoned(first) if first.faces else {}
         most = LOOKS[self.choice.request.effort]
-        while len(self.tried) < most:
+        while reckoned and len(self.tried) < most:
             step(len(self.tried), most)
             place = min(reckoned, key=lambda place: self._promise(reckoned, place))
             if place in self.tried:
@@ -236,8 +236,15 @@ class _Search:
 
     def _candidate(self, place, bits):
         if (place, bits) not in self.tried:
-            sent = self._sent(place, bits)
-            self.tried[place, bits] = self._measured(sent, self._look(sent))
+            fit, face = self._fit(place)
+            cube = replace(self.usual.cube, position_bits=bits)
+            surface = place_mesh(cube, joint_lattice(fit, cube), fit.mesh.faces, self.usual.material[face])
+            if face_areas(surface.lattice, surface.faces).any():
+                sent = self._sent(surface, face[surface.origin_face], place > 0)
+                self.tried[place, bits] = self._measured(sent, self._look(sent))
+            else:
+                usual, gone = self.tried[0, self.usual.cube.position_bits], Moved(NOTHING, 1.0, 1.0)
+                self.tried[place, bits] = replace(usual, faces=0, bits=bits, moved=gone, cost=NOTHING, refused="nothing is left")
         return self.tried[place, bits]
 
     def _fit(self, place):
@@ -251,13 +258,10 @@ class _Search:
                 self._fits[place] = fit_vertices(self.source, some.mesh, lines, some.lines, rounds=1), some.face
         return self._fits[place]
 
-    def _sent(self, place, bits):
-        fit, face = self._fit(place)
-        cube = replace(self.usual.cube, position_bits=bits)
-        surface = place_mesh(cube, joint_lattice(fit, cube), fit.mesh.faces, self.usual.material[face])
-        face = face[surface.origin_face]
+    def _sent(self, surface, face, simplified):
+        """A SentMesh. surface: on its lattice; face: the usual surface's that each of its faces was."""
         rows = self.usual.origin_face[face]
-        if place == 0:
+        if not simplified:
             return kept(self.scene, replace(surface, origin_face=rows))
         return self._simplified(replace(surface, origin_face=np.arange(len(face))), rows, self.group[face])
 

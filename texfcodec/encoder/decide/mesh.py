@@ -51,6 +51,7 @@ MOST_LOST = 5e-4  # of the source's pixels: thin parts or holes that are gone or
 FIT_GAIN = 0.7  # of the distance before the vertices are fitted
 SEVERAL = 0.8  # power of faces that bytes go with
 SHARP, HARD = 60.0, 0.3  # degrees between faces, and difference of the file's normals, from which on an edge is kept as a line
+FEW_TEXELS = 4096  # that are exact where they are of few colours; a grey terrain has few colours, and a million texels
 FEW_POINTS = 5_000  # of distances that are guessed with
 NOTHING = 1e9  # the squared error of a mesh of which nothing is left
 
@@ -143,13 +144,18 @@ class MeshChoice:
             return Decision(usual, self.evidence)
         if self.evidence["reason"] or not self.request.mesh_is_free:
             return Decision(usual, {"reason": self.evidence["reason"] or "the source's mesh was asked for"})
-        if any(has_few_colours(plan.group.image.reshape(-1, plan.group.image.shape[-1])) for plan in plans):
+        if any(_is_exact(plan) for plan in plans):
             return Decision(usual, {"reason": "flat colours of texels are exact, and stay where they are"})
         if len(self.usual.faces) < FEWEST:
             return Decision(usual, {"reason": "few faces take few bytes"})
         search = _Search(self, group, not plans)
         best = search.best(step)
         return Decision(best.sent, search.evidence(best))
+
+
+def _is_exact(plan):
+    """Whether the texels of a TexelPlan are so few, in flat colours, that they will be coded exactly."""
+    return plan.group.palette or (plan.size[0] * plan.size[1] <= FEW_TEXELS and has_few_colours(plan.group.image.reshape(-1, 4)))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -147,8 +147,8 @@ def test_a_stream_comes_from_a_file_object_and_goes_into_one(glb, tmp_path):
         held = io.BytesIO()
         assert texf.save(held, format=form)["files"] == []
         if form == "npz":  # a ZIP archive, which holds the time
-            wanted, got = np.load(tmp_path / "a.npz"), np.load(io.BytesIO(held.getvalue()))
-            assert all((wanted[name] == got[name]).all() for name in wanted.files) and wanted.files == got.files
+            with np.load(tmp_path / "a.npz") as wanted, np.load(io.BytesIO(held.getvalue())) as got:
+                assert all((wanted[name] == got[name]).all() for name in wanted.files) and wanted.files == got.files
         else:
             assert held.getvalue() == (tmp_path / f"a.{form}").read_bytes()
     with open(tmp_path / "named.glb", "wb") as file:

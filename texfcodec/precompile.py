@@ -55,9 +55,32 @@ def warm_up() -> None:
             compare_views(scene, texf, views=1, size=64, ssim=True)
             surface_distance(Mesh(scene.positions, scene.faces), Mesh(texf.positions, texf.faces), samples=100)
             made_of[texf.fields[0].over_texels] = texf
+    _simplify_small()
     for atlas in ("fast", "quality"):
         as_glb(made_of[False], texture_size=64, atlas=atlas)
     as_glb(made_of[True])
+
+
+def _simplify_small():
+    """What an encode of more faces than the small scene has does to its mesh."""
+    import numpy as np
+
+    from .encoder.geometry.drawn_source import draw_onto
+    from .encoder.geometry.joint_lattice import joint_lattice
+    from .encoder.geometry.simplify import simplify
+    from .encoder.geometry.vertex_fit import fit_vertices
+    from .geometry.canonical import fit_cube
+    from .geometry.mesh import Mesh
+
+    places = np.arange(25).reshape(5, 5)
+    a, b, c, d = (part.ravel() for part in (places[:-1, :-1], places[1:, :-1], places[1:, 1:], places[:-1, 1:]))
+    x, y = np.divmod(np.arange(25.0), 5)
+    sheet = Mesh(np.stack([x, y, np.sin(x)], axis=1), np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]))
+    order = simplify(sheet)
+    some = order.at(16)
+    fit = fit_vertices(sheet, some.mesh, order.lines, some.lines, samples=100, rounds=1)
+    joint_lattice(fit, fit_cube(sheet.positions, 10))
+    draw_onto(sheet, np.zeros(len(sheet.faces), np.int64), fit.mesh, np.zeros(len(fit.mesh.faces), np.int64))
 
 
 def small_scene() -> Scene:

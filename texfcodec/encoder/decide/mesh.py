@@ -178,7 +178,8 @@ class _Candidate:
 
 
 class _Search:
-    """Goes from a first guess to the neighbour of least cost, in faces and in bits."""
+    """Reckons what each number of faces and of bits would cost, and looks at those that promise least. tried: by place in shares
+    and bits."""
 
     def __init__(self, choice: MeshChoice, group: np.ndarray, collapsible: bool) -> None:
         self.choice, self.scene, self.usual, self.price = choice, choice.scene, choice.usual, choice.price
@@ -217,11 +218,9 @@ class _Search:
         if place in self.tried:
             return np.inf if self.tried[place].refused else self.tried[place].cost
         known = [at for at in self.tried if at[0] == place[0]] or [at for at in self.tried if at[0]] or [(0, USUAL_LOOK)]
-        times = [float(np.mean([got / max(was, 1e-9) for got, was in pairs])) for pairs in zip(
-            *(((self.tried[at].geometry, reckoned[at][0]), (self.tried[at].moved.mse, reckoned[at][1])) for at in known),
-            strict=True)]
-        size, error = (value * factor for value, factor in zip(reckoned[place], times, strict=True))
-        error *= EAGER
+        got = np.array([(self.tried[at].geometry, self.tried[at].moved.mse) for at in known])
+        was = np.maximum([reckoned[at] for at in known], 1e-9)
+        size, error = np.array(reckoned[place]) * (got / was).mean(axis=0) * (1.0, EAGER)
         return self.price.cost(size, error) if error <= MOST_MOVED * self.price.mse else np.inf
 
     def _reckoned(self, here):

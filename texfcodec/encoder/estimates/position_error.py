@@ -75,7 +75,8 @@ class PositionError:
             return 0.0
         apart = np.linalg.norm(self._smooth[drawn.origin_face] - normals.astype(np.float64), axis=2)
         angle = 2 * np.arcsin(np.minimum(apart / 2, 1.0))
-        return float((angle**2).mean(axis=1) @ relative_areas(self.scene.positions, self.scene.faces[drawn.origin_face]))
+        area = relative_areas(self.scene.positions, self.scene.faces[drawn.origin_face])
+        return float((angle**2).mean(axis=1) @ area / (area.sum() or 1.0))
 
     @cached_property
     def _smooth(self):
@@ -90,22 +91,13 @@ def smooth_normals(surface: Surface) -> np.ndarray:
 
 def _uncovered(picture, other):
     """Pixels that one of two Pictures covers and the other does not, those of them that are alone, and pixels of the first."""
-    a, b = (np.zeros((one.height + 2, one.width + 2), bool) for one in (picture, other))
+    from scipy.ndimage import binary_dilation  # here, because scipy takes long to import
+
+    a, b = (np.zeros((one.height, one.width), bool) for one in (picture, other))
     for covered, one in ((a, picture), (b, other)):
-        covered[one.pixel // one.width + 1, one.pixel % one.width + 1] = True
-    alone = (a & ~_grown(b)).sum() + (b & ~_grown(a)).sum()
-    return np.array([(a ^ b).sum(), alone, len(picture.pixel)])
-
-
-def _grown(covered):
-    """Pixels with a covered one among their nine."""
-    rows = covered.copy()
-    rows[1:] |= covered[:-1]
-    rows[:-1] |= covered[1:]
-    out = rows.copy()
-    out[:, 1:] |= rows[:, :-1]
-    out[:, :-1] |= rows[:, 1:]
-    return out
+        covered.ravel()[one.pixel] = True
+    near_a, near_b = (binary_dilation(covered, np.ones((3, 3))) for covered in (a, b))
+    return np.array([(a ^ b).sum(), (a & ~near_b).sum() + (b & ~near_a).sum(), len(picture.pixel)])
 
 
 def _mse(pictures, others):

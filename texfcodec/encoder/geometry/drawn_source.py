@@ -14,6 +14,7 @@ import numpy as np
 from ...geometry.mesh import Mesh, face_normals, points_at
 from ...geometry.nearest_points import NearestPoints
 from ...render.tangent_frames import interpolate_corners
+from .vertex_fit import area_normals
 
 INSET = 0.3  # of the way to the middle of a face, at most
 SAME_SIDE = 0.866  # cosine of what a smooth surface turns within that
@@ -49,9 +50,7 @@ def draw_onto(source: Mesh, group: np.ndarray, other: Mesh, other_group: np.ndar
 
 def vertex_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Sums over the faces at each vertex of their normals by area, float64 [V, 3], not of length 1."""
-    corners = positions[faces]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    out = np.zeros_like(positions)
+    cross, out = area_normals(Mesh(positions, faces)), np.zeros_like(positions)
     for corner in range(3):
         for axis in range(3):
             out[:, axis] += np.bincount(faces[:, corner], cross[:, axis], len(positions))

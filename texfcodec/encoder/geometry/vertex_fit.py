@@ -59,7 +59,7 @@ def fit_vertices(source: Mesh, mesh: Mesh, source_lines: np.ndarray | None = Non
     target = NearestPoints(source)
     start = points_at(source, face, bary), target.normals[face]
     share = float(face_areas(source.positions, source.faces).sum()) / samples
-    normals = _normals(mesh)
+    normals = area_normals(mesh)
     for seed in range(1, rounds + 1):
         equations = NormalEquations(mesh.faces, len(mesh.positions))
         _add_surfaces(equations, mesh, start, (source, target), share, seed)
@@ -85,7 +85,7 @@ def _unturned(mesh, moved, normals):
     until it does not, and nothing in the end."""
     share = np.ones(len(moved))
     for _ in range(HALVINGS):
-        later = _normals(Mesh(mesh.positions + share[:, None] * moved, mesh.faces))
+        later = area_normals(Mesh(mesh.positions + share[:, None] * moved, mesh.faces))
         turned = ((later * normals).sum(axis=1) <= 0) & normals.any(axis=1)
         if not turned.any():
             return share
@@ -93,14 +93,14 @@ def _unturned(mesh, moved, normals):
     return np.zeros(len(moved))
 
 
-def _normals(mesh):
+def area_normals(mesh: Mesh) -> np.ndarray:
     """Twice the areas of the faces along their normals, float64 [F, 3]."""
     return np.cross(*(mesh.positions[mesh.faces[:, k]] - mesh.positions[mesh.faces[:, 0]] for k in (1, 2)))
 
 
 def _add_own(equations, mesh, weight):
     """Adds the mesh's distance to itself as it is."""
-    cross = _normals(mesh)
+    cross = area_normals(mesh)
     length = np.linalg.norm(cross, axis=1)
     normals, face = cross / np.where(length > 0, length, 1.0)[:, None], np.arange(len(mesh.faces))
     for side in SIDES:

@@ -5,6 +5,7 @@ import pytest
 
 from texfcodec.api import decode, encode_to_result
 from texfcodec.encoder.geometry.drawn_source import draw_onto, fetched_normals
+from texfcodec.errors import InputError
 from texfcodec.geometry.canonical import CanonicalCube, finer_cube
 from texfcodec.geometry.mesh import Mesh
 from texfcodec.metrics.psnr_3d import measure
@@ -62,6 +63,17 @@ def test_whoever_asks_for_precision_gets_the_source_s_mesh_at_the_nearest_places
     assert len(texf.faces) == len(scene.faces)
     want = np.unique(texf.cube.to_lattice(scene.positions), axis=0)
     assert np.array_equal(np.unique(texf.lattice_positions, axis=0), want)
+
+
+def test_a_budget_that_the_source_s_geometry_takes_up_is_met_by_a_smaller_mesh_or_refused_with_keep_mesh():
+    scene = bowl()
+    kept = encoded(scene, keep_mesh=True)
+    budget = round(0.9 * kept.sizes["geometry"])
+    made = encode_to_result(scene, EncodeOptions(target_bytes=budget, support="voxels", effort="fast"))
+    assert len(made.data) <= budget and made.sizes["geometry"] < 0.5 * kept.sizes["geometry"]
+    with pytest.raises(InputError) as refused:
+        encode_to_result(scene, EncodeOptions(target_bytes=budget, support="voxels", keep_mesh=True))
+    assert refused.value.code == "TXF-I51"
 
 
 def test_faces_over_texels_all_stay():

@@ -96,6 +96,11 @@ class Plan:
         return all(part.one_colour for part in self.fields) and all(group.channels[0] in COLOURS for group in self.source.groups)
 
     @property
+    def smaller_mesh(self) -> bool:
+        """Whether another mesh than the source's was looked at, which another QP may change."""
+        return "tried" in self.evidence["mesh"]
+
+    @property
     def qp(self) -> int | None:
         """That values are coded at; None where an error bound sets it, or the codec has none."""
         return self.request.qp if self.rd.coder is None else self.rd.coder.qp

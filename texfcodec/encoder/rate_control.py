@@ -17,6 +17,7 @@ from ..limits import UNLIMITED
 from ..metrics.psnr_3d import SourceSamples, measure_or_warn
 from ..options import DecodeOptions, EncodeOptions
 from ..report import Report
+from .decide.mesh import FEWEST
 from .estimates.probe import VOXELS_PER_AREA
 from .pipeline import Encoded, code
 from .plan import OverBudget, Plan, least_bytes, plan
@@ -30,6 +31,7 @@ FIRST_K, FIRST_QP, LAST_QP = 1024, 28, 63
 FINER_BELOW, COARSER_ABOVE = 30, 38  # QPs where the next K of LADDER may beat this one; measured on bball_0001, K 256..2048
 BITS_PER_QP, DECIBELS_PER_QP = 0.17, 0.42  # first guesses: log2 of attribute bytes and dB lost with each QP
 LEAST_SHARE = 0.95  # of the geometry's bytes as one field, for safety: parted by components it took 1.00 to 1.23 times, 11 assets
+MOST_PLANS, NEAR_QP, REPLAN_QP = 4, 2, 8  # of meshes; QPs within which one suits, and that the next is away where none did
 SECONDS, SECONDS_PER_VOXEL = 0.8, 2.4e-6  # of an encode with two threads
 
 
@@ -117,8 +119,9 @@ class _Search:
         self._geometry: list[int] = []
 
     def refuse_hopeless(self):
-        """Raises what unreachable() makes where header and geometry alone are over the budget: before anything is tried."""
-        if self.budget is None:
+        """Raises what unreachable() makes where header and geometry alone are over the budget: before anything is tried. Not
+        where a smaller mesh may be sent."""
+        if self.budget is None or (self.options.mesh_is_free and len(self.scene.faces) >= FEWEST):
             return
         with self.report.stage("geometry"):
             header, geometry = least_bytes(self.scene, self._request(FREE, FIRST_QP))
@@ -127,17 +130,38 @@ class _Search:
             raise self.unreachable([])
 
     def climb(self):
-        """The best Trial or None: at the supports that the encoder chooses where texels are among them, else on the ladder."""
-        if self.options.rate_is_free and self.options.support != "voxels":
+        """The best Trial or None: at the supports and the mesh that the encoder chooses, where texels or a smaller mesh are among
+        them, else on the ladder."""
+        if self.options.rate_is_free:
             report = Report(self.report.on_progress)
             planned = self._plan(FREE, FIRST_QP, report)
             self._add_seconds(report)
-            enough = planned is not None and (planned.one_colour or not planned.over_voxels)
-            best = self.best_at(FREE, FIRST_QP) if enough else None
+            smaller = planned is None or planned.smaller_mesh
+            best = None
+            if smaller and self.options.mesh_is_free:
+                best = self._climb_meshes()
+            elif planned and (planned.one_colour or not planned.over_voxels) and self.options.support != "voxels":
+                best = self.best_at(FREE, FIRST_QP)
             if best or (planned and planned.one_colour):
                 _add_sentences(self.report, report)
                 return best
         return self._climb_ladder()
+
+    def _climb_meshes(self):
+        """The best Trial or None where the mesh depends on the QP: it is chosen again at the QP that was found, until that stays;
+        coarser, or finer for a quality, for as long as nothing meets the target."""
+        qp, best = FIRST_QP, None
+        for _ in range(MOST_PLANS):
+            found = self.best_at(FREE, qp)
+            if found and (best is None or self._better(found, best)):
+                best = found
+            if found and abs(found.qp - qp) <= NEAR_QP:
+                break
+            qp = found.qp if found else qp + (REPLAN_QP if self.budget else -REPLAN_QP)
+            if not 0 <= qp <= LAST_QP:
+                break
+            self._planned = None, None
+        return best
 
     def _climb_ladder(self):
         """Walks the ladder from FIRST_K to finer or coarser K for as long as that is better; the best Trial or None."""

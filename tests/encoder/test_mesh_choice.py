@@ -5,6 +5,7 @@ import pytest
 
 from texfcodec.api import decode, encode_to_result
 from texfcodec.encoder.geometry.drawn_source import draw_onto, fetched_normals
+from texfcodec.encoder.rd import RateDistortion
 from texfcodec.errors import InputError
 from texfcodec.geometry.canonical import CanonicalCube, finer_cube
 from texfcodec.geometry.mesh import Mesh
@@ -118,3 +119,16 @@ def test_a_finer_lattice_has_the_grid_coordinates_of_the_one_it_was_made_of(bits
     points = np.random.default_rng(1).uniform([1, 2, 3], [8, 9, 10], (100, 3))
     assert np.allclose(finer_cube(cube).to_grid(points, 1024), cube.to_grid(points, 1024), atol=1e-9)
     assert finer_cube(cube).to_lattice(points).max() <= finer_cube(cube).last
+
+
+def test_colours_that_take_next_to_nothing_do_not_sell_the_mesh(monkeypatch):
+    """Faces of flat colours out of a large image: a few hundred bytes of geometry are no reason to move what is seen."""
+    scene, random = bowl(24), np.random.default_rng(3)
+    scene.positions += random.normal(scale=0.01, size=scene.positions.shape)
+    scene.textures[0].image[..., :3] = np.kron(random.integers(100, 140, (16, 16, 3)), np.ones((16, 16, 1)))
+    spots = (random.integers(0, 2, (len(scene.faces), 1, 2)) * 16 + 8) / 256
+    scene.corner_uv = np.repeat(spots, 3, axis=1)
+    bits = [decode(encoded(scene, support="auto", rate=rate).data).position_bits for rate in ("r01", "r04")]
+    assert 14 <= bits[1] >= bits[0]
+    monkeypatch.setattr(RateDistortion, "least_price", lambda *_: 0.0)
+    assert decode(encoded(scene, support="auto", rate="r04").data).position_bits < 14

@@ -75,16 +75,15 @@ class SentMesh:
 
 @dataclass(frozen=True, kw_only=True)
 class Price:
-    """What the error of pictures is worth. attributes: bytes of colours and maps; mse: squared error that they have; slope: bytes
-    go with error ** -slope."""
+    """What the error of pictures is worth. of_error: bytes for each unit of squared error; mse: squared error of colours and
+    maps."""
 
-    attributes: float
+    of_error: float
     mse: float
-    slope: float
 
     def cost(self, geometry: float, error: float) -> float:
         """Bytes of geometry, and those of colours that would take back its error."""
-        return geometry + self.slope * self.attributes * error / self.mse
+        return geometry + self.of_error * error
 
 
 def kept(scene: Scene, surface: Surface) -> SentMesh:

@@ -236,7 +236,7 @@ class _Choice:
         if not attributes or self.rd.max_error is not None:
             return None
         mse = sum(probe.attributes * probe.mse for probe in probes if probe) / attributes
-        return Price(attributes=attributes, mse=mse, slope=SLOPE)
+        return Price(of_error=max(SLOPE * attributes / mse, self.rd.least_price(self.surface)), mse=mse)
 
     def _best_voxels(self, patch, texels, clear):
         """(K, Probe): the K of the rate, or where texels are coarser than its voxels the one that takes the fewest bytes. texels:

@@ -139,7 +139,7 @@ def _unit(plan: Plan, stream: Stream, place: tuple[int, int], others: int, budge
     part, group = plan.fields[place[0]], plan.source.groups[place[1]]
     plane, shift = joined(part, group)
     support = part.support.coarser(shift)
-    coder = plan.rd.planes.for_plane(plane)
+    coder = plan.rd.planes.shifted(part.qp_offset).for_plane(plane)
 
     def code(coder):
         values, decoded = coder.code(plane, support)

@@ -166,7 +166,7 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
         supports = choose_supports(scene, begun.surface, rd, request, colours, finer, step)
         chosen = supports.value
         colours = colours if chosen.surface is begun.surface else material_colours(scene, chosen.surface)
-    surface, rd = chosen.surface, replace(rd, resolution=chosen.resolution)
+    surface, rd = chosen.surface, replace(rd, resolution=chosen.resolution, values=chosen.values)
     with report.stage("normals") as step:
         folded = with_folded_normals(scene, surface, _without_uv_area(chosen.plans))
         shading = _said(choose_normals(folded, surface, rd.qp, budget, _attribute_bytes(supports.evidence), step), report)
@@ -250,7 +250,8 @@ def _fields(chosen, source, units, rd, report):
     fields: list[SourceField] = []
     for number, (lattice, faces) in enumerate(source.surfaces[:first]):
         with report.stage("voxelise", (number, first)):
-            fields.append(active_voxels(lattice, faces, source.surface.cube.position_bits, rd))
+            part = active_voxels(lattice, faces, source.surface.cube.position_bits, rd)
+            fields.append(replace(part, qp_offset=chosen.qp_offset))
     for number, texels in enumerate(chosen.plans, first):
         with report.stage("texels", (number - first, len(chosen.plans))):
             uv, faces = field_uv(units, number), source.surfaces[number][1]

@@ -1,15 +1,20 @@
 """Rate and distortion: the one door to what a candidate costs and how it looks (encoder only).
 
-The QP is the quality that was requested. Each kind of candidate has an estimate of its own in estimates/: supports are coded on
-small pieces (probe.py), partitions compared without coding (partition_error.py), UVs and positions rounded and looked at
-(uv_rounding.py, position_error.py), coarser maps coded in pieces (map_levels.py), and advice measures images without any coding
-(image_measures.py). They answer in different units; what makes them comparable, the error that coding at a QP leaves, is here.
+The QP is the quality that was requested, and with it a price of a byte, lambda, in squared error of the picture. Of candidates
+the one is taken whose bytes and error cost the least (RateDistortion.cost); each is coded where a further byte would buy that
+much and no more (qp_offset). Lambda depends on the QP and on the source alone, never on what was taken, and neither do the
+candidates: so a finer QP gets no fewer bytes and no larger error, as far as the estimates are true.
+
+Each kind of candidate has an estimate of its own in estimates/: supports are coded on small pieces (probe.py), partitions
+compared without coding (partition_error.py), UVs and positions rounded and looked at (uv_rounding.py, position_error.py), coarser
+maps coded in pieces (map_levels.py), and advice measures images without any coding (image_measures.py).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +26,7 @@ from ..geometry.areas import face_areas
 from .coder import Coder
 from .decide.channel_weights import shown_of_radians
 from .estimates import image_measures, map_levels, partition_error, position_error, probe, uv_rounding
+from .source_field import transfer_density
 
 if TYPE_CHECKING:
     from ..field.texels import TexelSupport
@@ -35,7 +41,9 @@ if TYPE_CHECKING:
     from .estimates.probe import Patch, Probe
     from .texel_field import TexelPlan
 
-ENOUGH = 0.25  # of the usual error at a QP: smooth images that are closer to the source than that are close enough
+# Squared error of the picture, times values and over squared steps, that a bit of values buys where the coder works: @FIT@
+TRADE_OFF = 0.06
+FINEST, COARSEST = -12, 6  # offsets to the QP; what is coarser by more would fall short of the rate's promise
 LEFT_BY_FIT = probe.LEFT_BY_FIT
 
 
@@ -52,18 +60,21 @@ def bounded_mse(max_error: int) -> float:
 @dataclass(frozen=True, kw_only=True)
 class RateDistortion:
     """Estimates at one quality. coder: None for a codec that codes all fields together; qp: whose error is reckoned with;
-    max_error: bound on errors, None without one; resolution: K of the rate; is_fitted: whether a surface fit may follow the
-    transfer."""
+    max_error: bound on errors, None without one; resolution: K of the rate; is_free: whether QPs of supports may differ from it;
+    is_fitted: whether a surface fit may follow the transfer; values: that the surface would have if all of it were as dense as
+    what is coded usually is (estimates.usual_values), which lambda is about."""
 
     coder: Coder | None
     qp: int
     max_error: int | None
     resolution: int
     effort: str
+    is_free: bool
     is_fitted: bool
     area_threshold: int
     threads: int
     limits: Limits
+    values: float = 1 << 20
 
     @classmethod
     def of(cls, request: EncodeOptions) -> RateDistortion:
@@ -72,8 +83,8 @@ class RateDistortion:
         coder = Coder(codec, codec.settings(request)) if isinstance(codec, PlaneCodec) else None
         assert request.resolution is not None  # its __post_init__ fills it in
         return cls(coder=coder, qp=request.reckoned_qp, max_error=request.max_error, resolution=request.resolution,
-                   effort=request.effort, is_fitted=request.may_fit, area_threshold=request.area_threshold,
-                   threads=request.threads, limits=request.limits)
+                   effort=request.effort, is_free=request.rate_is_free, is_fitted=request.may_fit,
+                   area_threshold=request.area_threshold, threads=request.threads, limits=request.limits)
 
     @property
     def planes(self) -> Coder:
@@ -92,14 +103,25 @@ class RateDistortion:
         return self.coding_mse if self.max_error is None else bounded_mse(self.max_error)
 
     @property
-    def least_mse(self) -> float:
-        """Squared error below which nothing is worth more bytes."""
-        return ENOUGH * self.coding_mse
-
-    @property
     def step(self) -> float:
         """Of the quantiser, in levels."""
         return 2 ** ((self.qp - 4) / 6)
+
+    @property
+    def byte(self) -> float:
+        """Lambda: squared error of the picture, the mean over all of it, that a byte is worth."""
+        return 8 * TRADE_OFF * self.step**2 / self.values
+
+    def cost(self, size: float, error: float, share: float = 1.0) -> float:
+        """Of a candidate, in bytes: its own and those that its squared error on a share of the surface is worth."""
+        return size + share * error / self.byte
+
+    def qp_offset(self, values: float, share: float) -> int:
+        """To the QP, for a support with so many values on a share of the surface: the fewer there are, the more of the picture
+        each is, and the finer steps its bits are worth."""
+        if not self.is_free or not values:
+            return 0
+        return min(max(round(3 * math.log2(values / share / self.values)), FINEST), COARSEST)
 
     def gain(self, before: float, after: float) -> float:
         """dB between two squared errors of values before coding, at the quality that coding leaves."""
@@ -109,19 +131,23 @@ class RateDistortion:
         """Points of some faces, int64 [F], that candidates are compared at; None where these have no area."""
         if not face_areas(surface.lattice, surface.faces[faces]).any():
             return None
-        return probe.Patch(scene, surface, faces, self.least_mse, self.threads)
+        return probe.Patch(scene, surface, faces, self.threads)
 
     def texels(self, patch: Patch, plan: TexelPlan, keys: np.ndarray) -> Probe:
         """A TexelPlan, coded in pieces. keys: int64 [N], the texels that it covers."""
-        return probe.probe_texels(patch, plan, keys, self.planes)
+        offset = self.qp_offset(len(keys), patch.share)
+        return replace(probe.probe_texels(patch, plan, keys, self.planes.shifted(offset)), qp_offset=offset)
 
-    def voxels(self, patch: Patch, resolution: int, density: int) -> Probe:
-        """Voxels at a resolution, coded in pieces. density: samples per voxel edge of the transfer."""
-        return probe.probe_voxels(patch, resolution, density, self.planes, self.area_threshold, self.is_fitted)
+    def voxels(self, patch: Patch, resolution: int, cell: int) -> Probe:
+        """Voxels at a resolution, coded in pieces, cubes with a side of 2**cell voxels."""
+        offset = self.qp_offset(patch.voxels(resolution), patch.share)
+        coder, density = self.planes.shifted(offset), transfer_density(patch.texels_per_edge(resolution), self)
+        made = probe.probe_voxels(patch, resolution, cell, density, coder, self.area_threshold, self.is_fitted)
+        return replace(made, qp_offset=offset)
 
-    def rounded_uv(self, patch: Patch, plan: TexelPlan, estimate: Probe) -> np.ndarray:
-        """By bits of UVs below the texel, float64: squared error of rounding over that of coding."""
-        return uv_rounding.rounding_shares(patch, plan, estimate)
+    def rounded_uv(self, patch: Patch, plan: TexelPlan) -> np.ndarray:
+        """By bits of UVs below the texel, float64: squared error of rounding."""
+        return uv_rounding.rounding_errors(patch, plan)
 
     def rounded_positions(self, scene: Scene) -> Callable[[CanonicalCube], float]:
         """Squared error of pictures by positions on a lattice, with what that does to shading normals."""

@@ -1,8 +1,8 @@
 """Which parts of the surface become fields over texels, which over voxels, how fine both are, and how exact positions and UVs: by
-what each would cost at equal quality (encoder only).
+the least bytes and error at the price of the rate (encoder only; rd.py).
 
-The QP is the quality that was requested. A support that looks better at this QP may spend more bytes: bytes at equal quality are
-those of the values times (error / error of the other) ** SLOPE, which is what coding at another QP would give, and the geometry.
+Every image may go over its texels, at its own size or halves of it, or over voxels of any K of a ladder. Neither what is tried
+nor the price depends on what is taken elsewhere, so that a finer rate looks no worse.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from ...options import FINEST_POSITIONS, MOST_RESOLUTION
 from ...report import Step, no_step
 from ..decision import Decision
 from ..estimates.image_measures import UNIT_BYTES
-from ..estimates.probe import SLOPE, Probe
+from ..estimates.probe import SLOPE, VOXEL_CELL, Probe
+from ..estimates.usual_values import usual_values
 from ..texel_field import TexelPlan, covered_texels, most_fraction_bits
 from .one_colour import NOTHING_TO_PROBE, is_plain
 from .spending import has_few_colours
 from .texel_images import image_groups
-from .uv_bits import fraction_bits
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
@@ -35,15 +35,15 @@ if TYPE_CHECKING:
     from .texel_images import ImageGroup
 
 LEAST_SIDE = 256  # images from this side on are tried smaller
-LOST = 1.1  # how much error may grow by a smaller image or K: they lose detail, and no QP brings it back
-BLURRED, MOST_TIMES = 4.0, 6.0  # voxels with so many times the error are no alternative, unless texels are so many times larger
-CLEAR = 2.0  # times the bytes over texels: voxels that take more at the first K need not be tried at others
+LADDER = (64, 128, 256, 512, 1024, 2048)  # values of K: each can be looked at in the same cubes of space as the next
+MOST_TIMES = 1.5  # the rate's K: a finer one takes its time
+LEAST_CELL = 3  # log2 of such a cube's side, in voxels
+CLEAR = 2.0  # times the cost over texels: voxels that cost more at the first K need not be tried at others
 COARSEST_POSITIONS = 10  # bits: from here down small faces of dense scans fall together
 # Of the error that a rate stands for: what positions of fewer bits may add. Where colours take next to nothing, no QP brings back
 # what is lost; and on two scans the best points have 0.35 to 0.55 of their error before colours are coded.
 MOST_MOVED = 0.4
-COARSE = 0.7  # texels per voxel edge under which a smaller K is tried, and no smaller image
-USUAL_K = 64
+COARSEST_K = 128  # for one colour
 SQUARE_BITS = 4  # of UVs, at least, where texels are squares: their sides move by a 32nd of a texel at most
 FINER_K, FINER_BITS = 1.5, 2  # times K, and bits of UVs, for what came out too coarse
 UV_BYTES_A_BIT = 2 / 8  # of a corner, for each bit of its two coordinates
@@ -53,23 +53,26 @@ MOST_ROWS = 1 << 27  # of texels that the faces of an image go over, a few secon
 
 @dataclass(frozen=True)
 class Supports:
-    """surface: on the lattice that was chosen; plans: TexelPlans; resolution: K of what is over voxels."""
+    """surface: on the lattice that was chosen; plans: TexelPlans; resolution: K of what is over voxels; qp_offset: of its values
+    to the rate's QP; values: as of RateDistortion."""
 
     surface: Surface
     plans: list[TexelPlan]
     resolution: int
+    qp_offset: int
+    values: float
 
 
 @dataclass(frozen=True)
 class _Candidate:
-    """An image group and what it would cost over texels and, where that was looked at, voxels. points: corners that differ in
-    vertex or UV; finer: whether it came out too coarse before; goes: whether it was chosen; evidence: for the report."""
+    """An image group and what it would cost over texels and, where that was looked at, voxels. finer: whether it came out too
+    coarse before; voxels: the Probe at K resolution; goes: whether it was chosen; evidence: for the report."""
 
     plan: TexelPlan
     texels: Probe
-    points: int
     finer: bool = False
     voxels: Probe | None = None
+    resolution: int = 0
     goes: bool = False
     evidence: dict = field(default_factory=dict)
 
@@ -99,11 +102,13 @@ def choose_supports(scene: Scene, surface: Surface, rd: RateDistortion, request:
     """
     evidence: dict[str, Any] = {"asked": request.support, "groups": []}
     reason = reason_for_voxels(request)
+    if not reason and request.support != "texels" and is_plain(scene, colours, surface.material):
+        reason, rd = NOTHING_TO_PROBE, replace(rd, resolution=_coarsest(rd, request))
+    groups = image_groups(scene, surface) if not reason and request.support != "voxels" else []
+    rd = replace(rd, values=_usual_values(scene, surface, groups, colours))
     if reason:
-        return Decision(Supports(surface, [], rd.resolution), evidence | {"reason": reason})
-    if request.support != "texels" and is_plain(scene, colours, surface.material):
-        return Decision(Supports(surface, [], _coarsest(rd, request)), evidence | {"reason": NOTHING_TO_PROBE})
-    return _Choice(scene, surface, rd, request, finer).made(colours, evidence, step)
+        return Decision(Supports(surface, [], rd.resolution, 0, rd.values), evidence | {"reason": reason})
+    return _Choice(scene, surface, rd, request, finer).made(groups, colours, evidence, step)
 
 
 def reason_for_voxels(request: EncodeOptions) -> str:
@@ -125,49 +130,48 @@ class _Choice:
     request: EncodeOptions
     finer: frozenset[int]
 
-    def made(self, colours: np.ndarray, evidence: dict, step: Step) -> Decision[Supports]:
+    def made(self, groups: list[ImageGroup], colours: np.ndarray, evidence: dict, step: Step) -> Decision[Supports]:
         """The choice: each image by itself, then K and position bits for all together."""
-        groups = [] if self.request.support == "voxels" else image_groups(self.scene, self.surface)
-        candidates, rows, decided, total = [], [], [], 2 * len(groups) + 2  # the last two are the choices of all together
+        rows, decided, total = [], [], len(groups) + 2  # the last two are the choices of all together
         for number, group in enumerate(groups, 1):
             row = {"faces": len(group.faces), "materials": np.unique(self.surface.material[group.faces]).tolist(),
                    "image": list(group.size)}
             try:
-                candidates.append(self._candidate(group, row))
+                decided.append(self._decided(self._candidate(group, row)))
             except LimitError as error:  # voxels will do
                 if self.request.support == "texels":
                     raise
                 rows.append({**row, "chosen": "voxels", "reason": str(error)})
             step(number, total)
-        for number, candidate in enumerate(candidates, len(groups)):
-            step(number, total)
-            decided.append(self._refined(self._decided(candidate)))
         chosen = [candidate for candidate in decided if candidate.goes]
         step(total - 2, total)
         bits = self._position_bits(decided)
         step(total - 1, total)
-        resolution, voxels = self._resolution(chosen, colours)
+        resolution, offset, voxels = self._resolution(decided, colours)
         evidence |= {"groups": rows + [candidate.evidence for candidate in decided], **voxels}
         surface, plans = self.surface, [candidate.plan for candidate in chosen]
         if bits != surface.cube.position_bits:
             evidence["position_bits"] = bits
             surface = make_surface(self.scene, replace(self.request, position_bits=bits))
             plans = _moved(plans, image_groups(self.scene, surface))
-        return Decision(Supports(surface, plans, resolution), evidence)
+        return Decision(Supports(surface, plans, resolution, offset, self.rd.values), evidence)
 
     def _candidate(self, group: ImageGroup, row: dict) -> _Candidate:
-        """The _Candidate of an image group. row: what the report says of it before anything is tried. Raises LimitError."""
+        """The _Candidate of an image group, at the size and with the bits of UVs that cost the least. row: what the report says
+        of it before anything is tried. Raises LimitError."""
         plan = _plan(group, self._coded_size(group))
         keys = self._keys(plan)
-        points = len(split_corners(self.surface.faces[group.faces], plan.corner_uv())[0])
         patch = self._patch(group)
-        if patch is None:
-            maps = {name: Probe(len(keys), 8.0, self.rd.least_mse) for name in group.maps}
-            plan, texels = _with_bits(plan, LOSSLESS_FRACTION), Probe(len(keys), 24.0, self.rd.least_mse, maps=maps)
-        else:
-            texels = self.rd.texels(patch, plan, keys)
         finer = bool(self.finer & set(row["materials"]))
-        return _Candidate(plan, texels, points, finer, evidence={**row, "size": list(plan.size)})
+        if patch is None:
+            maps = {name: Probe(len(keys), 8.0, 0.0) for name in group.maps}
+            plan, texels = _with_bits(plan, LOSSLESS_FRACTION), Probe(len(keys), 24.0, 0.0, maps=maps)
+        else:
+            points = len(split_corners(self.surface.faces[group.faces], plan.corner_uv())[0])
+            plan, texels = self._best_size(plan, keys, patch, UV_BYTES_A_BIT * points, is_fixed=group.nearest or finer)
+            plan, texels = self._best_bits(plan, texels, patch, UV_BYTES_A_BIT * points, finer)
+        plan = replace(plan, qp_offset=texels.qp_offset)
+        return _Candidate(plan, texels, finer, evidence={**row, "size": list(plan.size)})
 
     def _patch(self, group):
         """The patch that a group's texels are probed on; None where nothing has to be."""
@@ -189,37 +193,36 @@ class _Choice:
             return one.decided("voxels", "the surface has no area")
         plain, textured = _geometry_bytes(one.plan, self.surface)
         one = replace(one, texels=replace(one.texels, fixed=textured + UNIT_BYTES))
-        clear = CLEAR * (one.texels.attributes + textured) - plain
-        resolution, over_voxels = self._best_voxels(patch, one.texels, clear)
-        one = replace(one, voxels=over_voxels)
-        texels, voxels = one.texels.attributes + textured + UNIT_BYTES, over_voxels.bytes_at(one.texels) + plain
-        blurred = over_voxels.lost(one.texels) > BLURRED and texels < MOST_TIMES * (over_voxels.attributes + plain)
-        return one.decided("texels" if texels < voxels or blurred else "voxels", _reason(texels, voxels, blurred),
-                           voxels={"resolution": resolution, **over_voxels.evidence()})
+        texels = self._cost(one.texels, patch)
+        resolution, tried = self._best_voxels(patch, plain, CLEAR * texels)
+        one = replace(one, voxels=tried[resolution], resolution=resolution)
+        voxels = self._cost(one.voxels, patch)
+        over, row = "texels" if texels < voxels else "voxels", self._rows(tried, patch)[-1]
+        return one.decided(over, _reason(texels, voxels), voxels=row)
 
-    def _refined(self, one):
-        """A candidate, where it was chosen, at the size and with the bits of UVs that suit it."""
-        patch = self._patch(one.plan.group) if one.goes else None
-        if patch is None:
-            return one
-        plan, probe, evidence = one.plan, one.texels, one.evidence
-        if patch.texels_per_edge(self.rd.resolution) >= COARSE and not plan.group.nearest and not one.finer:
-            plan, probe = self._smallest(plan, probe, patch)
-            evidence = evidence | {"size": list(plan.size), "texels": replace(probe, fixed=one.texels.fixed).evidence()}
-        bits = fraction_bits(self.rd.rounded_uv(patch, plan, probe), probe, UV_BYTES_A_BIT * one.points, SLOPE)
-        bits = max(bits, SQUARE_BITS) if plan.group.nearest else bits + FINER_BITS * one.finer
-        return replace(one, plan=_with_bits(plan, bits), texels=probe, evidence=evidence)
+    def _cost(self, probe, patch):
+        """Of a Probe of a patch, in bytes."""
+        return self.rd.cost(probe.bytes, probe.error, patch.share)
 
-    def _smallest(self, plan, probe, patch):
-        """(plan, probe) at half the size again and again for as long as that is smaller at equal quality, and good enough."""
-        first = probe.exact()
-        while self.request.texel_size is None and min(plan.size) >= LEAST_SIDE and not (plan.size[0] | plan.size[1]) & 1:
+    def _best_size(self, plan, keys, patch, uv_bytes, is_fixed):
+        """(plan, Probe) at half the size again and again for as long as that costs less. uv_bytes: of a bit of UVs."""
+        best = self.rd.texels(patch, plan, keys)
+        while not is_fixed and self.request.texel_size is None and min(plan.size) >= LEAST_SIDE:
+            if (plan.size[0] | plan.size[1]) & 1:
+                break
             half = _plan(plan.group, (plan.size[0] // 2, plan.size[1] // 2))
             tried = self.rd.texels(patch, half, self._keys(half))
-            if tried.exact().lost(first) > LOST or tried.bytes_at(probe) >= probe.attributes:
+            if self._cost(tried, patch) - uv_bytes >= self._cost(best, patch):
                 break
-            plan, probe = half, tried
-        return plan, probe
+            plan, best = half, tried
+        return plan, best
+
+    def _best_bits(self, plan, probe, patch, uv_bytes, finer):
+        """(plan, Probe) with the bits of UVs below the texel that cost the least. uv_bytes: of each."""
+        errors = self.rd.rounded_uv(patch, plan)
+        bits = int(np.argmin([self.rd.cost(uv_bytes * k, error, patch.share) for k, error in enumerate(errors)]))
+        plan = _with_bits(plan, max(bits, SQUARE_BITS) if plan.group.nearest else bits + FINER_BITS * finer)
+        return plan, replace(probe, mse=probe.mse + errors[plan.fraction_bits])
 
     def _keys(self, plan):
         """Keys of the texels that a plan covers. Raises LimitError, where voxels would do even before the limit on samples."""
@@ -242,7 +245,7 @@ class _Choice:
         attributes = sum(probe.attributes for probe in probes if probe)
         if not self.request.position_bits_are_free or not attributes or self.rd.max_error is not None:
             return usual
-        mse = sum(probe.attributes * probe.mse for probe in probes if probe) / attributes
+        mse = max(sum(probe.attributes * probe.mse for probe in probes if probe) / attributes, self.rd.coding_mse / 4)
         look = self.rd.rounded_positions(self.scene)
         cost = lambda k, moved: attributes * (1 + moved / mse) ** SLOPE + 3 / 8 * vertices * k
         moved = look(self.surface.cube)
@@ -256,43 +259,53 @@ class _Choice:
             best, least = best - 1, tried
         return best
 
-    def _best_voxels(self, patch, texels, clear):
-        """(K, Probe): the K of the rate, or where texels are coarser than its voxels the one that takes the fewest bytes. texels:
-        the Probe to match; clear: bytes of voxels that leave no doubt."""
-        usual = self.rd.resolution
-        per_edge = patch.texels_per_edge(usual)
-        choices, probes = _resolutions(per_edge, usual), []
-        for k in choices:
-            probes.append(self.rd.voxels(patch, k, _density(per_edge * usual / k)))
-            if probes[0].bytes_at(texels) > clear:
-                break
-        good = [i for i, probe in enumerate(probes) if probe.lost(probes[0]) <= LOST]
-        best = min(good, key=lambda i: probes[i].bytes_at(probes[0]))
-        return choices[best], probes[best]
+    def _best_voxels(self, patch, fixed, most=np.inf):
+        """(K, Probes by K): down or up the ladder, from where voxels have the rate's QP, for as long as they cost less. fixed:
+        bytes of the geometry; most: cost from which on no other K is tried."""
+        ladder, tried = [k for k in LADDER if k <= MOST_TIMES * self.rd.resolution] or LADDER[:1], {}
+        first = best = min(range(len(ladder)), key=lambda i: abs(self.rd.qp_offset(patch.voxels(ladder[i]), patch.share)))
 
-    def _resolution(self, chosen, colours):
-        """(K of what stays over voxels, evidence): the rate's, or a smaller one where it gives the same picture for less; a
-        larger one where some of it is to be finer. chosen: _Candidates."""
+        def cost(place):
+            k = ladder[place]
+            if k not in tried:
+                tried[k] = replace(self.rd.voxels(patch, k, max(VOXEL_CELL + place - first, LEAST_CELL)), fixed=fixed)
+            return self._cost(tried[k], patch)
+
+        for step in (-1, 1) if cost(best) <= most else ():
+            while 0 <= best + step < len(ladder) and cost(best + step) < cost(best):
+                best += step
+        return ladder[best], tried
+
+    def _rows(self, tried, patch):
+        """What the report says of Probes by K, the one that costs the least last."""
+        costs = {k: self._cost(probe, patch) for k, probe in tried.items()}
+        return [{"resolution": k, **tried[k].evidence(), "cost": round(costs[k])} for k in sorted(costs, key=lambda k: -costs[k])]
+
+    def _resolution(self, decided, colours):
+        """(K of what stays over voxels, its QP offset, evidence). decided: _Candidates."""
         usual, free = self.rd.resolution, self.request.rate_is_free
-        rest = np.ones(len(self.surface.faces), bool)
-        for one in chosen:
-            rest[one.plan.group.faces] = False
+        chosen = [one.plan.group.faces for one in decided if one.goes]
+        rest = ~np.isin(np.arange(len(self.surface.faces)), np.concatenate([[-1], *chosen]))
         if free and rest.any() and is_plain(self.scene, colours, self.surface.material[rest]):
-            return _coarsest(self.rd, self.request), {"reason": "what stays over voxels is one colour: nothing to probe"}
+            return _coarsest(self.rd, self.request), 0, {"reason": "what stays over voxels is one colour: nothing to probe"}
         if self.finer & set(np.unique(self.surface.material[rest]).tolist()):
-            return min(round(FINER_K * usual), MOST_RESOLUTION), {}
-        patch = self.rd.patch(self.scene, self.surface, np.flatnonzero(rest)) if rest.any() else None
-        if not free or patch is None or patch.texels_per_edge(usual) >= COARSE:
-            return usual, {}
-        probes = [(usual, self.rd.voxels(patch, usual, 2))]
-        while probes[-1][0] > 2 * USUAL_K:
-            k = _coarser(probes[-1][0])
-            probe = self.rd.voxels(patch, k, 2)
-            worse = probe.lost(probes[0][1]) > LOST
-            if worse or probe.bytes_at(probes[0][1]) >= probes[-1][1].bytes_at(probes[0][1]):
-                break
-            probes.append((k, probe))
-        return probes[-1][0], {"voxels": [{"resolution": k, **probe.evidence()} for k, probe in probes]}
+            return min(round(FINER_K * usual), MOST_RESOLUTION), 0, {}
+        alone = [one for one in decided if not one.goes and len(one.plan.group.faces) == rest.sum() and one.voxels]
+        if alone:
+            return alone[0].resolution, alone[0].voxels.qp_offset, {}
+        patch = self.rd.patch(self.scene, self.surface, np.flatnonzero(rest)) if rest.any() and free else None
+        if patch is None:
+            return usual, 0, {}
+        resolution, tried = self._best_voxels(patch, 0)
+        return resolution, tried[resolution].qp_offset, {"voxels": self._rows(tried, patch)}
+
+
+def _usual_values(scene, surface, groups, colours):
+    """RateDistortion.values of a scene."""
+    rest = ~np.isin(np.arange(len(surface.faces)), np.concatenate([[-1], *(group.faces for group in groups)]))
+    rest &= not is_plain(scene, colours, surface.material[rest])
+    painted = np.array([m.texture < 0 and not m.maps for m in scene.materials], bool)[surface.material]
+    return usual_values(surface, groups, rest & painted, rest & ~painted)
 
 
 def _plan(group, size):
@@ -303,22 +316,8 @@ def _with_bits(plan, bits):
     return replace(plan, fraction_bits=1 if plan.group.palette else min(bits, most_fraction_bits(plan.size, plan.group)))
 
 
-def _reason(texels, voxels, blurred):
-    if blurred and texels >= voxels:
-        return "voxels of this rate are too coarse to show it"
-    return f"{round(texels)} bytes over texels, {round(voxels)} over voxels of their quality"
-
-
-def _resolutions(per_edge, usual):
-    """Values of K to try, the rate's own only where the texels are not coarser. per_edge: texels along an edge of its voxels."""
-    if per_edge >= COARSE:
-        return [usual]
-    return sorted({min(max(round(usual * per_edge * factor), USUAL_K), usual) for factor in (1.0, 1.5, 2.0)}, reverse=True)
-
-
-def _density(per_edge):
-    """Samples per voxel edge of a probe's transfer."""
-    return int(np.clip(np.ceil(2 * per_edge), 2, 4))
+def _reason(texels, voxels):
+    return f"{round(texels)} bytes over texels, {round(voxels)} over voxels, with those that their errors are worth"
 
 
 def _geometry_bytes(plan, surface):
@@ -331,16 +330,9 @@ def _geometry_bytes(plan, surface):
     return plain, len(enc_textured(surface.lattice[vertex], corners, uv, bits)[0])
 
 
-def _coarser(resolution):
-    return round(resolution / np.sqrt(2))
-
-
 def _coarsest(rd, request):
-    """The least K that is ever tried, which is fine enough for one colour."""
-    k = rd.resolution
-    while request.rate_is_free and k > 2 * USUAL_K:
-        k = _coarser(k)
-    return k
+    """K for one colour."""
+    return min(rd.resolution, COARSEST_K) if request.rate_is_free else rd.resolution
 
 
 def _moved(plans, groups):

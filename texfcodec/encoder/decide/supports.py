@@ -21,7 +21,7 @@ from ...report import Step, no_step
 from ..decision import Decision
 from ..estimates.image_measures import UNIT_BYTES
 from ..estimates.probe import SLOPE, VOXEL_CELL, Probe
-from ..estimates.usual_values import usual_values
+from ..estimates.usual_values import USUAL_K, usual_values
 from ..texel_field import TexelPlan, covered_texels, most_fraction_bits
 from .one_colour import NOTHING_TO_PROBE, is_plain
 from .spending import has_few_colours
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from ...geometry.surface import Surface
     from ...options import EncodeOptions
     from ...scene.scene import Scene
+    from ..estimates.probe import Patch
     from ..rd import RateDistortion
     from .texel_images import ImageGroup
 
@@ -38,11 +39,13 @@ LEAST_SIDE = 256  # images from this side on are tried smaller
 LADDER = (64, 128, 256, 512, 1024, 2048)  # values of K: each can be looked at in the same cubes of space as the next
 MOST_TIMES = 1.5  # the rate's K: a finer one takes its time
 LEAST_CELL = 3  # log2 of such a cube's side, in voxels
-CLEAR = 2.0  # times the cost over texels: voxels that cost more at the first K need not be tried at others
+CLEAR = 1.4  # times the cost over texels: voxels that cost more at the first K need not be tried at others; the best K costs
+# at least 0.72 of it, on 30 images at four QPs where texels do not cost half of either
 COARSEST_POSITIONS = 10  # bits: from here down small faces of dense scans fall together
 # Of the error that a rate stands for: what positions of fewer bits may add. Where colours take next to nothing, no QP brings back
 # what is lost; and on two scans the best points have 0.35 to 0.55 of their error before colours are coded.
 MOST_MOVED = 0.4
+COARSE = 0.7  # texels along an edge of voxels of USUAL_K under which no smaller image is tried
 COARSEST_K = 128  # for one colour
 SQUARE_BITS = 4  # of UVs, at least, where texels are squares: their sides move by a 32nd of a texel at most
 FINER_K, FINER_BITS = 1.5, 2  # times K, and bits of UVs, for what came out too coarse
@@ -137,7 +140,8 @@ class _Choice:
             row = {"faces": len(group.faces), "materials": np.unique(self.surface.material[group.faces]).tolist(),
                    "image": list(group.size)}
             try:
-                decided.append(self._decided(self._candidate(group, row)))
+                patch = self.rd.patch(self.scene, self.surface, group.faces)
+                decided.append(self._decided(self._candidate(group, row, patch), patch))
             except LimitError as error:  # voxels will do
                 if self.request.support == "texels":
                     raise
@@ -156,31 +160,24 @@ class _Choice:
             plans = _moved(plans, image_groups(self.scene, surface))
         return Decision(Supports(surface, plans, resolution, offset, self.rd.values), evidence)
 
-    def _candidate(self, group: ImageGroup, row: dict) -> _Candidate:
+    def _candidate(self, group: ImageGroup, row: dict, patch: Patch | None) -> _Candidate:
         """The _Candidate of an image group, at the size and with the bits of UVs that cost the least. row: what the report says
         of it before anything is tried. Raises LimitError."""
         plan = _plan(group, self._coded_size(group))
         keys = self._keys(plan)
-        patch = self._patch(group)
         finer = bool(self.finer & set(row["materials"]))
-        if patch is None:
+        if patch is None or group.palette or self.rd.max_error is not None:  # nothing has to be probed
             maps = {name: Probe(len(keys), 8.0, 0.0) for name in group.maps}
             plan, texels = _with_bits(plan, LOSSLESS_FRACTION), Probe(len(keys), 24.0, 0.0, maps=maps)
         else:
             points = len(split_corners(self.surface.faces[group.faces], plan.corner_uv())[0])
-            plan, texels = self._best_size(plan, keys, patch, UV_BYTES_A_BIT * points, is_fixed=group.nearest or finer)
+            plan, texels = self._best_size(plan, keys, patch, UV_BYTES_A_BIT * points, group.nearest or finer)
             plan, texels = self._best_bits(plan, texels, patch, UV_BYTES_A_BIT * points, finer)
         plan = replace(plan, qp_offset=texels.qp_offset)
         return _Candidate(plan, texels, finer, evidence={**row, "size": list(plan.size)})
 
-    def _patch(self, group):
-        """The patch that a group's texels are probed on; None where nothing has to be."""
-        if group.palette or self.rd.max_error is not None:
-            return None
-        return self.rd.patch(self.scene, self.surface, group.faces)
-
-    def _decided(self, one):
-        """A candidate with the choice whether it is smaller over texels, at equal quality."""
+    def _decided(self, one, patch):
+        """A candidate with the choice whether it costs less over texels."""
         group = one.plan.group
         if self.request.support == "texels":
             return replace(one, finer=False).decided("texels", "asked for")
@@ -188,7 +185,6 @@ class _Choice:
             return replace(one, finer=False).decided("texels", "texels are squares of few colours (sampler NEAREST)")
         if one.finer:
             return one.decided("texels", "it came out worse than the rate promises")
-        patch = self.rd.patch(self.scene, self.surface, group.faces)
         if patch is None:
             return one.decided("voxels", "the surface has no area")
         plain, textured = _geometry_bytes(one.plan, self.surface)
@@ -207,9 +203,8 @@ class _Choice:
     def _best_size(self, plan, keys, patch, uv_bytes, is_fixed):
         """(plan, Probe) at half the size again and again for as long as that costs less. uv_bytes: of a bit of UVs."""
         best = self.rd.texels(patch, plan, keys)
-        while not is_fixed and self.request.texel_size is None and min(plan.size) >= LEAST_SIDE:
-            if (plan.size[0] | plan.size[1]) & 1:
-                break
+        is_fixed = is_fixed or self.request.texel_size is not None or patch.texels_per_edge(USUAL_K) < COARSE
+        while not is_fixed and min(plan.size) >= LEAST_SIDE and not (plan.size[0] | plan.size[1]) & 1:
             half = _plan(plan.group, (plan.size[0] // 2, plan.size[1] // 2))
             tried = self.rd.texels(patch, half, self._keys(half))
             if self._cost(tried, patch) - uv_bytes >= self._cost(best, patch):
@@ -303,9 +298,7 @@ class _Choice:
 def _usual_values(scene, surface, groups, colours):
     """RateDistortion.values of a scene."""
     rest = ~np.isin(np.arange(len(surface.faces)), np.concatenate([[-1], *(group.faces for group in groups)]))
-    rest &= not is_plain(scene, colours, surface.material[rest])
-    painted = np.array([m.texture < 0 and not m.maps for m in scene.materials], bool)[surface.material]
-    return usual_values(surface, groups, rest & painted, rest & ~painted)
+    return usual_values(surface, groups, rest & (not is_plain(scene, colours, surface.material[rest])))
 
 
 def _plan(group, size):

@@ -20,15 +20,15 @@ if TYPE_CHECKING:
 USUAL_K, LEAST_K = 1024, 256  # no source counts as coarser than voxels of the latter
 
 
-def usual_values(surface: Surface, groups: list[ImageGroup], painted: np.ndarray, others: np.ndarray) -> float:
-    """Values that the whole surface would have if all of it were as dense as what is coded: an image has its texels, vertex
-    colours their vertices, neither more than voxels of USUAL_K. Palettes and flat colours do not count.
+def usual_values(surface: Surface, groups: list[ImageGroup], others: np.ndarray) -> float:
+    """Values that the whole surface would have if all of it were as dense as what is coded: an image has its texels, but no more
+    than voxels of USUAL_K, and anything else such voxels. Palettes and flat colours do not count.
 
-    painted, others: bool [F], faces outside of the groups that show vertex colours alone, or anything else."""
+    others: bool [F], faces outside of the groups that show more than one colour."""
     voxels = face_areas(surface.lattice, surface.faces) * (USUAL_K / (1 << surface.cube.position_bits)) ** 2 * VOXELS_PER_AREA
     whole = float(voxels.sum())
     parts = [(float(voxels[group.faces].sum()), _texels(group)) for group in groups if not group.palette]
-    parts += [(float(voxels[painted].sum()), len(np.unique(surface.faces[painted]))), (float(voxels[others].sum()), np.inf)]
+    parts.append((float(voxels[others].sum()), np.inf))
     covered = sum(own for own, _ in parts)
     density = sum(min(pair) for pair in parts) / covered if covered else 1.0
     return max(whole * max(density, (LEAST_K / USUAL_K) ** 2), 1.0)

@@ -13,7 +13,7 @@ from ..bitstream.stream import Stream, attribute_variables
 from ..bitstream.values import attribute_values
 from ..codecs import codec_of
 from ..codecs.base import JointCodec, Source, split_groups
-from ..geometry.areas import relative_areas
+from ..geometry.areas import area_shares
 from .decide.map_sizes import coarsen_maps
 from .decide.one_colour import one_colour
 from .decide.spending import CodedUnit, image_budgets, spend
@@ -77,7 +77,7 @@ class PlaneCoding(Coding):
         planes: Planes = [{} for _ in plan.fields]
         evidence: list[dict] = []
         budgets, surface = image_budgets(plan.source, plan.fields), plan.surface
-        shares = np.bincount(plan.source.face_field, relative_areas(surface.lattice, surface.faces), len(plan.fields))
+        shares = np.bincount(plan.source.face_field, area_shares(surface.lattice, surface.faces), len(plan.fields))
         for i, part in enumerate(plan.fields):
             with report.stage("attributes", (i, len(plan.fields))) as step:
                 for number, group in enumerate(plan.source.groups):

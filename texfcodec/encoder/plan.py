@@ -17,6 +17,7 @@ from ..bitstream.stream import Stream, write_stream
 from ..bitstream.values import header_values
 from ..codecs.base import Source
 from ..errors import InputError
+from ..geometry.areas import area_shares
 from ..geometry.geometry_unit import field_surface, field_uv
 from ..geometry.surface import make_surface
 from ..geometry.tangents import has_uv_area
@@ -235,7 +236,8 @@ def _partitioned(scene, chosen: Supports, colours, rd, request, step):
         scene = without_lost_detail(scene, surface, ~over_texels, rd.resolution)
     face_field, rest = np.empty(len(surface.faces), np.int64), ~over_texels
     if rest.any() or not plans:
-        voxels = choose_fields(scene, without_faces(surface, over_texels), colours, rd, request.partition, step)
+        part = rd.on_part(float(area_shares(surface.lattice, surface.faces)[~over_texels].sum()))
+        voxels = choose_fields(scene, without_faces(surface, over_texels), colours, part, request.partition, step)
         face_field[rest], fields = voxels.value, int(voxels.value.max(initial=-1)) + 1
     else:
         voxels, fields = Decision(face_field, {"fields": 0, "reason": "all of the surface is over texels"}), 0

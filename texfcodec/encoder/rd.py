@@ -110,11 +110,15 @@ class RateDistortion:
     @property
     def byte(self) -> float:
         """Lambda: squared error of the picture, the mean over all of it, that a byte is worth."""
-        return 8 * TRADE_OFF * self.step**2 / self.values
+        return 8 * TRADE_OFF * self.step**2 / max(self.values, 1.0)
 
     def cost(self, size: float, error: float, share: float = 1.0) -> float:
         """Of a candidate, in bytes: its own and those that its squared error on a share of the surface is worth."""
-        return size + share * error / self.byte
+        return size + share * error / self.byte if error else size
+
+    def on_part(self, share: float) -> RateDistortion:
+        """The estimates for a share of the surface alone, by which its error counts."""
+        return replace(self, values=self.values * share)
 
     def qp_offset(self, values: float, share: float) -> int:
         """To the QP, for a support with so many values on a share of the surface: the fewer there are, the more of the picture

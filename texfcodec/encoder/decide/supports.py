@@ -1,7 +1,7 @@
 """Which parts of the surface become fields over texels, which over voxels, how fine both are, and how exact positions and UVs: by
 the least bytes and error at the price of the rate (encoder only; rd.py).
 
-Every image may go over its texels, at its own size or halves of it, or over voxels of any K of a ladder. Neither what is tried
+Every image may go over its texels, at its own size or half of it, or over voxels of any K of a ladder. Neither what is tried
 nor the price depends on what is taken elsewhere, so that a finer rate looks no worse.
 """
 
@@ -35,9 +35,8 @@ if TYPE_CHECKING:
     from ..rd import RateDistortion
     from .texel_images import ImageGroup
 
-LEAST_SIDE = 256  # images from this side on are tried smaller
-LADDER = (64, 128, 256, 512, 1024, 2048)  # values of K: each can be looked at in the same cubes of space as the next
-MOST_TIMES = 1.5  # the rate's K: a finer one takes its time
+LEAST_SIDE = 256  # images from this side on are tried at half of it; a quarter gains 5 % more of the cost on 3 of 27, and takes time
+LADDER = (64, 128, 256, 512, 1024, 2048)  # values of K, up to the rate's: each is looked at in the same cubes of space
 LEAST_CELL = 3  # log2 of such a cube's side, in voxels
 CLEAR = 1.4  # times the cost over texels: voxels that cost more at the first K need not be tried at others; the best K costs
 # at least 0.72 of it, on 30 images at four QPs where texels do not cost half of either
@@ -201,16 +200,14 @@ class _Choice:
         return self.rd.cost(probe.bytes, probe.error, patch.share)
 
     def _best_size(self, plan, keys, patch, uv_bytes, is_fixed):
-        """(plan, Probe) at half the size again and again for as long as that costs less. uv_bytes: of a bit of UVs."""
-        best = self.rd.texels(patch, plan, keys)
+        """(plan, Probe) of the plan's size or half of it. uv_bytes: of a bit of UVs."""
+        probe, (width, height) = self.rd.texels(patch, plan, keys), plan.size
         is_fixed = is_fixed or self.request.texel_size is not None or patch.texels_per_edge(USUAL_K) < COARSE
-        while not is_fixed and min(plan.size) >= LEAST_SIDE and not (plan.size[0] | plan.size[1]) & 1:
-            half = _plan(plan.group, (plan.size[0] // 2, plan.size[1] // 2))
-            tried = self.rd.texels(patch, half, self._keys(half))
-            if self._cost(tried, patch) - uv_bytes >= self._cost(best, patch):
-                break
-            plan, best = half, tried
-        return plan, best
+        if is_fixed or min(plan.size) < LEAST_SIDE or (width | height) & 1:
+            return plan, probe
+        half = _plan(plan.group, (width // 2, height // 2))
+        tried = self.rd.texels(patch, half, self._keys(half))
+        return (half, tried) if self._cost(tried, patch) - uv_bytes < self._cost(probe, patch) else (plan, probe)
 
     def _best_bits(self, plan, probe, patch, uv_bytes, finer):
         """(plan, Probe) with the bits of UVs below the texel that cost the least. uv_bytes: of each."""
@@ -257,7 +254,7 @@ class _Choice:
     def _best_voxels(self, patch, fixed, most=np.inf):
         """(K, Probes by K): down or up the ladder, from where voxels have the rate's QP, for as long as they cost less. fixed:
         bytes of the geometry; most: cost from which on no other K is tried."""
-        ladder, tried = [k for k in LADDER if k <= MOST_TIMES * self.rd.resolution] or LADDER[:1], {}
+        ladder, tried = [k for k in LADDER if k <= self.rd.resolution] or LADDER[:1], {}
         first = best = min(range(len(ladder)), key=lambda i: abs(self.rd.qp_offset(patch.voxels(ladder[i]), patch.share)))
 
         def cost(place):
@@ -266,7 +263,7 @@ class _Choice:
                 tried[k] = replace(self.rd.voxels(patch, k, max(VOXEL_CELL + place - first, LEAST_CELL)), fixed=fixed)
             return self._cost(tried[k], patch)
 
-        for step in (-1, 1) if cost(best) <= most else ():
+        for step in (-1, 1) if cost(first) <= most else ():
             while 0 <= best + step < len(ladder) and cost(best + step) < cost(best):
                 best += step
         return ladder[best], tried

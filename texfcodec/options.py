@@ -138,8 +138,8 @@ class EncodeOptions:
     fit where it will show and effort is not fast. allow_empty: code a mesh whose faces all collapse as an empty stream instead of
     refusing it.
 
-    support: "auto" takes the texels of an image, a smaller K or more position bits than were asked for where that takes fewer
-    bytes at equal quality, and only where resolution, max_error and exact_rate leave it free to.
+    support: "auto" takes the texels of an image, a smaller K or more position bits than were asked for where bytes and error of
+    the picture cost less so, and only where resolution, max_error and exact_rate leave it free to.
 
     codec "3dntc" fits latents and a network for GPU-resident use instead; resolution is then only that of the voxels which a
     decoder makes of it, and refine "render" improves the fit on pictures, which "auto" leaves out. point: one of the paper's;

@@ -59,8 +59,8 @@ def enc(console, source, out, dry_run, advised, as_json, quiet, **choices):
     One of --rate, --resolution with --qp, --target-bytes and --target-psnr sets the rate; K or QP alone keeps the other of r04.
     --lossless and --near-lossless bound the error of the coded colours instead; the geometry is coded as ever.
 
-    Where K is not given, the encoder keeps the texels of an image in place of voxels, or fewer voxels than the rate says, if the
-    picture is as good in fewer bytes; --support and --exact-rate say otherwise.
+    Where K is not given, the encoder keeps the texels of an image in place of voxels, or fewer voxels than the rate says, if
+    bytes and error of the picture cost less so; --support and --exact-rate say otherwise.
 
     --codec 3dntc fits a payload for the GPU: --point or --resident-bytes sets its size, --steps the time it takes, and K only the
     voxels that a decoder makes of it.

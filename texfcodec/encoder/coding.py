@@ -89,8 +89,9 @@ class PlaneCoding(Coding):
                     unit = spent.value
                     stream.attributes.append(unit.values)
                     planes[i] |= group.split(unit.decoded)
-                    row = {"field": i, "codec": unit.codec.name, "level_shift": unit.values["level_shift"], "qp_offset": part.qp_offset,
-                           "encode_ms": round(1000 * (time.perf_counter() - begin), 1), **spent.evidence}
+                    row = {"field": i, "codec": unit.codec.name, "level_shift": unit.values["level_shift"],
+                           "qp_offset": part.qp_offset, "encode_ms": round(1000 * (time.perf_counter() - begin), 1)}
+                    row |= spent.evidence
                     evidence.append(row | errors_of(group, unit.plane, unit.decoded))
         return Decision(planes, {"channels": evidence})
 

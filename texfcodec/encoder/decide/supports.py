@@ -175,7 +175,7 @@ class _Choice:
             points = len(split_corners(self.surface.faces[group.faces], plan.corner_uv())[0])
             plan, texels = self._best_size(plan, keys, patch, UV_BYTES_A_BIT * points, group.nearest or finer)
             plan, texels = self._best_bits(plan, texels, patch, UV_BYTES_A_BIT * points, finer)
-        plan = replace(plan, qp_offset=texels.qp_offset)
+        plan = replace(plan, qp_offset=min(texels.qp_offset, 0) if finer else texels.qp_offset)
         return _Candidate(plan, texels, finer, evidence={**row, "size": list(plan.size)})
 
     def _decided(self, one, patch):
@@ -195,7 +195,7 @@ class _Choice:
         resolution, tried = self._best_voxels(patch, plain, CLEAR * texels)
         one = replace(one, voxels=tried[resolution], resolution=resolution)
         voxels = self._cost(one.voxels, patch)
-        over, row = "texels" if texels < voxels else "voxels", self._rows(tried, patch)[-1]
+        over, row = "texels" if texels < voxels else "voxels", self._rows(tried, resolution, patch)[-1]
         return one.decided(over, _reason(texels, voxels), voxels=row)
 
     def _cost(self, probe, patch):
@@ -203,14 +203,17 @@ class _Choice:
         return self.rd.cost(probe.bytes, probe.error, patch.share)
 
     def _best_size(self, plan, keys, patch, uv_bytes, is_fixed):
-        """(plan, Probe) of the plan's size or half of it. uv_bytes: of a bit of UVs."""
+        """(plan, Probe) of the plan's size, or of half of it where that costs less in light and in flat colours. uv_bytes: of a
+        bit of UVs."""
         probe, (width, height) = self.rd.texels(patch, plan, keys), plan.size
         is_fixed = is_fixed or self.request.texel_size is not None or patch.texels_per_edge(USUAL_K) < COARSE
         if is_fixed or min(plan.size) < LEAST_SIDE or max(plan.size) > MOST_SIDE or (width | height) & 1:
             return plan, probe
         half = _plan(plan.group, (width // 2, height // 2))
         tried = self.rd.texels(patch, half, self._keys(half))
-        return (half, tried) if self._cost(tried, patch) - uv_bytes < self._cost(probe, patch) else (plan, probe)
+        cheaper = all(self._cost(replace(tried, **maps), patch) - uv_bytes < self._cost(replace(probe, **maps), patch)
+                      for maps in ({}, {"maps": {}}))
+        return (half, tried) if cheaper else (plan, probe)
 
     def _best_bits(self, plan, probe, patch, uv_bytes, finer):
         """(plan, Probe) with the bits of UVs below the texel that cost the least. uv_bytes: of each."""
@@ -271,10 +274,10 @@ class _Choice:
                 best += step
         return ladder[best], tried
 
-    def _rows(self, tried, patch):
-        """What the report says of Probes by K, the one that costs the least last."""
-        costs = {k: self._cost(probe, patch) for k, probe in tried.items()}
-        return [{"resolution": k, **tried[k].evidence(), "cost": round(costs[k])} for k in sorted(costs, key=lambda k: -costs[k])]
+    def _rows(self, tried, chosen, patch):
+        """What the report says of Probes by K, the chosen one last."""
+        return [{"resolution": k, **tried[k].evidence(), "cost": round(self._cost(tried[k], patch))}
+                for k in sorted(tried, key=lambda k: (k == chosen, k))]
 
     def _resolution(self, decided, colours):
         """(K of what stays over voxels, its QP offset, evidence). decided: _Candidates."""
@@ -292,7 +295,7 @@ class _Choice:
         if patch is None:
             return usual, 0, {}
         resolution, tried = self._best_voxels(patch, 0)
-        return resolution, tried[resolution].qp_offset, {"voxels": self._rows(tried, patch)}
+        return resolution, tried[resolution].qp_offset, {"voxels": self._rows(tried, resolution, patch)}
 
 
 def _usual_values(scene, surface, groups, colours):

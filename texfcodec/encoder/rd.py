@@ -139,10 +139,10 @@ class RateDistortion:
             return None
         return probe.Patch(scene, surface, faces, self.threads)
 
-    def texels(self, patch: Patch, plan: TexelPlan, keys: np.ndarray) -> Probe:
-        """A TexelPlan, coded in pieces. keys: int64 [N], the texels that it covers."""
+    def texels(self, patch: Patch, plan: TexelPlan, keys: np.ndarray, cell: int) -> Probe:
+        """A TexelPlan, coded in pieces, squares with a side of 2**cell texels. keys: int64 [N], the texels that it covers."""
         offset = self.qp_offset(len(keys), patch.share)
-        return replace(probe.probe_texels(patch, plan, keys, self.planes.shifted(offset)), qp_offset=offset)
+        return replace(probe.probe_texels(patch, plan, keys, cell, self.planes.shifted(offset)), qp_offset=offset)
 
     def voxels(self, patch: Patch, resolution: int, cell: int) -> Probe:
         """Voxels at a resolution, coded in pieces, cubes with a side of 2**cell voxels."""

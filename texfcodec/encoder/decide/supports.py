@@ -20,7 +20,7 @@ from ...options import FINEST_POSITIONS, MOST_RESOLUTION
 from ...report import Step, no_step
 from ..decision import Decision
 from ..estimates.image_measures import UNIT_BYTES
-from ..estimates.probe import SLOPE, VOXEL_CELL, Probe
+from ..estimates.probe import SLOPE, TEXEL_CELL, VOXEL_CELL, Probe
 from ..estimates.usual_values import USUAL_K, usual_values
 from ..texel_field import TexelPlan, covered_texels, most_fraction_bits
 from .one_colour import NOTHING_TO_PROBE, is_plain
@@ -35,8 +35,7 @@ if TYPE_CHECKING:
     from ..rd import RateDistortion
     from .texel_images import ImageGroup
 
-# Images of these sides are tried at half of them. A quarter costs 5 % less on 3 of 27, and fitting half of a larger one takes
-# longer than all the rest of an encode.
+# Sides of images that are tried at half of them: fitting half of a larger one takes longer than all the rest of an encode.
 LEAST_SIDE, MOST_SIDE = 256, 2048
 LADDER = (64, 128, 256, 512, 1024, 2048)  # values of K, up to the rate's: each is looked at in the same cubes of space
 FINER_COST = 0.97  # of the next K's: a finer one takes four times as long
@@ -205,12 +204,12 @@ class _Choice:
     def _best_size(self, plan, keys, patch, uv_bytes, is_fixed):
         """(plan, Probe) of the plan's size, or of half of it where that costs less in light and in flat colours. uv_bytes: of a
         bit of UVs."""
-        probe, (width, height) = self.rd.texels(patch, plan, keys), plan.size
+        probe, (width, height) = self.rd.texels(patch, plan, keys, TEXEL_CELL), plan.size
         is_fixed = is_fixed or self.request.texel_size is not None or patch.texels_per_edge(USUAL_K) < COARSE
         if is_fixed or min(plan.size) < LEAST_SIDE or max(plan.size) > MOST_SIDE or (width | height) & 1:
             return plan, probe
         half = _plan(plan.group, (width // 2, height // 2))
-        tried = self.rd.texels(patch, half, self._keys(half))
+        tried = self.rd.texels(patch, half, self._keys(half), TEXEL_CELL - 1)  # in the same places
         cheaper = all(self._cost(replace(tried, **maps), patch) - uv_bytes < self._cost(replace(probe, **maps), patch)
                       for maps in ({}, {"maps": {}}))
         return (half, tried) if cheaper else (plan, probe)

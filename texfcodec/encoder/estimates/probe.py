@@ -193,27 +193,27 @@ def _well_inside(place, cell, cells):
     return inner if len(inner) > LEAST_POINTS else np.flatnonzero(there)
 
 
-def probe_texels(patch: Patch, plan: TexelPlan, keys: np.ndarray, coder: Coder) -> Probe:
-    """Probe of a TexelPlan. keys: int64 [N], the texels that it asks."""
+def probe_texels(patch: Patch, plan: TexelPlan, keys: np.ndarray, cell: int, coder: Coder) -> Probe:
+    """Probe of a TexelPlan. keys: int64 [N], the texels that it asks; cell: log2 of a cell's side."""
     texel = np.einsum("nc,ncd->nd", patch.bary, plan.group.uv[patch.face]) * np.array(plan.size) / plan.group.size
     place = np.column_stack([_wrapped(texel[:, i], plan.size[i], plan.group.wrap[i]) for i in range(2)])
-    cells = _cells_at(patch, place.astype(np.int64), TEXEL_CELL, TEXEL_CELLS)
-    mine = _within(keys, cells, TEXEL_CELL)
+    cells = _cells_at(patch, place.astype(np.int64), cell, TEXEL_CELLS)
+    mine = _within(keys, cells, cell)
     support = TexelSupport(keys=mine, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap, fraction_bits=0)
-    chosen, maps = _well_inside(place, TEXEL_CELL, cells), {}
+    chosen, maps = _well_inside(place, cell, cells), {}
     for one in (*patch.maps.values(), patch):
-        bits, decoded = _coded(_texels_of(plan, one, support, cells), support, one, coder)
+        bits, decoded = _coded(_texels_of(plan, one, support, cells, cell), support, one, coder)
         made = Probe(len(keys), bits, one.mse(chosen, support.query(texel[chosen], decoded, patch.threads)))
         if one.name is not None:
             maps[one.name] = made
     return replace(made, maps=maps)
 
 
-def _texels_of(plan, patch, support, cells):
+def _texels_of(plan, patch, support, cells, cell):
     """Values of the texels of a support that has these cells alone, float32 [N, C]."""
     if patch.name is not None:
         return _texels_of_map(plan, patch, support)
-    return patch.values(_colours_of(plan, patch, support, cells))
+    return patch.values(_colours_of(plan, patch, support, cells, cell))
 
 
 def _texels_of_map(plan, patch, support):
@@ -230,16 +230,16 @@ def _texels_of_map(plan, patch, support):
     return np.ascontiguousarray(rgba[:, list(BY_NAME[patch.name].columns)])
 
 
-def _colours_of(plan, patch, support, cells):
+def _colours_of(plan, patch, support, cells, cell):
     """RGBA of the texels of a support that has these cells alone, float32 [N, 4]."""
     xy = support.xy()
     if plan.size == plan.group.size or plan.group.size[0] % plan.size[0]:
         return plan.values(patch.surface, xy, patch.threads)
-    out, own = np.empty((len(xy), 4), np.float32), _cell_keys(xy, TEXEL_CELL)
+    out, own = np.empty((len(xy), 4), np.float32), _cell_keys(xy, cell)
     for key in cells:
-        corner, mine = decode_morton(np.array([key]))[0, :2].astype(np.int64) << TEXEL_CELL, np.flatnonzero(own == key)
+        corner, mine = decode_morton(np.array([key]))[0, :2].astype(np.int64) << cell, np.flatnonzero(own == key)
         place = xy[mine] - corner
-        out[mine] = plan.values_of_cell(corner, 1 << TEXEL_CELL)[place[:, 1], place[:, 0]]
+        out[mine] = plan.values_of_cell(corner, 1 << cell)[place[:, 1], place[:, 0]]
     return out
 
 

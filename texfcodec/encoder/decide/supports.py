@@ -210,8 +210,8 @@ class _Choice:
             return plan, probe
         half = _plan(plan.group, (width // 2, height // 2))
         tried = self.rd.texels(patch, half, self._keys(half), TEXEL_CELL - 1)  # in the same places
-        cheaper = all(self._cost(replace(tried, **maps), patch) - uv_bytes < self._cost(replace(probe, **maps), patch)
-                      for maps in ({}, {"maps": {}}))
+        cheaper = all(self._cost(small, patch) - uv_bytes < self._cost(large, patch)
+                      for small, large in ((tried, probe), (tried.flat, probe.flat)))
         return (half, tried) if cheaper else (plan, probe)
 
     def _best_bits(self, plan, probe, patch, uv_bytes, finer):

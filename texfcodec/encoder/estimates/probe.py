@@ -69,6 +69,11 @@ class Probe:
         """Squared error of the shaded picture by all channels, where the surface in question is seen."""
         return self.mse + sum(one.error for one in self.maps.values())
 
+    @property
+    def flat(self) -> Probe:
+        """Of base colour and alpha alone, as pictures without light show them."""
+        return replace(self, maps={})
+
     def evidence(self) -> dict:
         """What the report says of it."""
         channels = {name: round(decibels(max(one.mse, 1e-4)), 2) for name, one in self.maps.items()}

@@ -194,12 +194,20 @@ class _Choice:
         resolution, tried = self._best_voxels(patch, plain, CLEAR * texels)
         one = replace(one, voxels=tried[resolution], resolution=resolution)
         voxels = self._cost(one.voxels, patch)
-        over, row = "texels" if texels < voxels else "voxels", self._rows(tried, resolution, patch)[-1]
+        over, row = "texels", self._rows(tried, resolution, patch)[-1]
+        if self._costs_less(one.voxels, one.texels, patch):
+            over = "voxels"
         return one.decided(over, _reason(texels, voxels), voxels=row)
 
     def _cost(self, probe, patch):
         """Of a Probe of a patch, in bytes."""
         return self.rd.cost(probe.bytes, probe.error, patch.share)
+
+    def _costs_less(self, one, other, patch):
+        """Whether a Probe of a patch costs less than another, in light and in flat colours: both are looked at, and what a file
+        has stays where they disagree."""
+        pairs = (one, other), (one.flat, other.flat)
+        return all(self._cost(a, patch) < self._cost(b, patch) for a, b in pairs)
 
     def _best_size(self, plan, keys, patch, uv_bytes, is_fixed):
         """(plan, Probe) of the plan's size, or of half of it where that costs less in light and in flat colours. uv_bytes: of a
@@ -210,9 +218,8 @@ class _Choice:
             return plan, probe
         half = _plan(plan.group, (width // 2, height // 2))
         tried = self.rd.texels(patch, half, self._keys(half), TEXEL_CELL - 1)  # in the same places
-        cheaper = all(self._cost(small, patch) - uv_bytes < self._cost(large, patch)
-                      for small, large in ((tried, probe), (tried.flat, probe.flat)))
-        return (half, tried) if cheaper else (plan, probe)
+        small = replace(tried, fixed=-uv_bytes)
+        return (half, tried) if self._costs_less(small, probe, patch) else (plan, probe)
 
     def _best_bits(self, plan, probe, patch, uv_bytes, finer):
         """(plan, Probe) with the bits of UVs below the texel that cost the least. uv_bytes: of each."""

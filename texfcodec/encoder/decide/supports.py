@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 # Sides of images that are tried at half of them: fitting half of a larger one takes longer than all the rest of an encode.
 LEAST_SIDE, MOST_SIDE = 256, 2048
 LADDER = (64, 128, 256, 512, 1024, 2048)  # values of K, up to the rate's: each is looked at in the same cubes of space
+HALF_COST = 0.9  # of the whole image's, from which half of it is taken: probes of 24 places differ by as much
 FINER_COST = 0.97  # of the next K's: a finer one takes four times as long
 LEAST_CELL = 3  # log2 of such a cube's side, in voxels
 CLEAR = 1.4  # times the cost over texels: voxels that cost more at the first K need not be tried at others; the best K costs
@@ -172,7 +173,7 @@ class _Choice:
             plan, texels = _with_bits(plan, LOSSLESS_FRACTION), Probe(len(keys), 24.0, 0.0, maps=maps)
         else:
             points = len(split_corners(self.surface.faces[group.faces], plan.corner_uv())[0])
-            plan, texels = self._best_size(plan, keys, patch, UV_BYTES_A_BIT * points, group.nearest or finer)
+            plan, texels = self._best_size(plan, keys, patch, group.nearest or finer)
             plan, texels = self._best_bits(plan, texels, patch, UV_BYTES_A_BIT * points, finer)
         plan = replace(plan, qp_offset=min(texels.qp_offset, 0) if finer else texels.qp_offset)
         return _Candidate(plan, texels, finer, evidence={**row, "size": list(plan.size)})
@@ -203,23 +204,21 @@ class _Choice:
         """Of a Probe of a patch, in bytes."""
         return self.rd.cost(probe.bytes, probe.error, patch.share)
 
-    def _costs_less(self, one, other, patch):
-        """Whether a Probe of a patch costs less than another, in light and in flat colours: both are looked at, and what a file
-        has stays where they disagree."""
+    def _costs_less(self, one, other, patch, share=1.0):
+        """Whether a Probe of a patch costs less than a share of another, in light and in flat colours: both are looked at, and
+        what a file has stays where they disagree."""
         pairs = (one, other), (one.flat, other.flat)
-        return all(self._cost(a, patch) < self._cost(b, patch) for a, b in pairs)
+        return all(self._cost(a, patch) < share * self._cost(b, patch) for a, b in pairs)
 
-    def _best_size(self, plan, keys, patch, uv_bytes, is_fixed):
-        """(plan, Probe) of the plan's size, or of half of it where that costs less in light and in flat colours. uv_bytes: of a
-        bit of UVs."""
+    def _best_size(self, plan, keys, patch, is_fixed):
+        """(plan, Probe) of the plan's size, or of half of it where that costs clearly less."""
         probe, (width, height) = self.rd.texels(patch, plan, keys, TEXEL_CELL), plan.size
         is_fixed = is_fixed or self.request.texel_size is not None or patch.texels_per_edge(USUAL_K) < COARSE
         if is_fixed or min(plan.size) < LEAST_SIDE or max(plan.size) > MOST_SIDE or (width | height) & 1:
             return plan, probe
         half = _plan(plan.group, (width // 2, height // 2))
         tried = self.rd.texels(patch, half, self._keys(half), TEXEL_CELL - 1)  # in the same places
-        small = replace(tried, fixed=-uv_bytes)
-        return (half, tried) if self._costs_less(small, probe, patch) else (plan, probe)
+        return (half, tried) if self._costs_less(tried, probe, patch, HALF_COST) else (plan, probe)
 
     def _best_bits(self, plan, probe, patch, uv_bytes, finer):
         """(plan, Probe) with the bits of UVs below the texel that cost the least. uv_bytes: of each."""

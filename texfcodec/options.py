@@ -138,8 +138,8 @@ class EncodeOptions:
     fit where it will show and effort is not fast. allow_empty: code a mesh whose faces all collapse as an empty stream instead of
     refusing it.
 
-    support: "auto" takes the texels of an image, a smaller K or more position bits than were asked for where that takes fewer
-    bytes at equal quality, and only where resolution, max_error and exact_rate leave it free to.
+    support: "auto" takes the texels of an image, a smaller K or more position bits than were asked for where bytes and error of
+    the picture cost less so, and only where resolution, max_error and exact_rate leave it free to.
 
     keep_mesh: send the source's faces, each vertex rounded to the lattice; else a mesh of fewer faces or position bits is sent
     where pictures show no more of it than coding costs anyway, and resolution, position_bits, max_error and exact_rate leave

@@ -112,7 +112,7 @@ def test_encoder_reports_by_the_schema(call, mesh, tmp_path):
     assert facts["dropped"] == facts["effects"] == [] and not any(facts["sizes"])
     assert [text.split(",")[0] for text in facts["warnings"]] == ["the stream"]  # larger than these few bytes
     for number, channel in enumerate(facts["channels"]):
-        assert set(channel) == {"field", "codec", "level_shift", "encode_ms", "channels", "psnr", "bytes"}
+        assert set(channel) == {"field", "codec", "level_shift", "qp_offset", "encode_ms", "channels", "psnr", "bytes"}
         assert (channel["field"], channel["channels"]) == (number, ["base_colour"]) and channel["bytes"] > 0
     assert sum(channel["bytes"] for channel in facts["channels"]) <= facts["bytes"]["attributes"]
     assert len(facts["channels"]) == facts["fields"]

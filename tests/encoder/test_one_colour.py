@@ -10,7 +10,7 @@ from shapes import scene_of, sphere, square
 
 from texfcodec import EncodeOptions, Report, decode
 from texfcodec.encoder.decide.one_colour import material_colours, one_colour
-from texfcodec.encoder.decide.supports import USUAL_K
+from texfcodec.encoder.decide.supports import COARSEST_K
 from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.encoder.rate_control import encode_to_target
 from texfcodec.encoder.self_check import encode_checked
@@ -87,19 +87,15 @@ def test_one_colour_is_coded_without_a_probe_and_the_report_says_why(nothing_pro
     for stage, verb in (("supports", "probe"), ("partition", "part"), ("refinement", "refine")):
         assert made.choices[stage]["reason"] == NOTHING + verb
     assert {row["codec"] for row in made.choices["channels"]} == {"constant"} and made.counts["fields"] == 1
-    assert made.resolution <= 2 * USUAL_K and made.counts["texels"] == 0
+    assert made.resolution == COARSEST_K and made.counts["texels"] == 0
     values = decode(made.data).fields[0].planes[BASE_COLOUR.name]
     assert (values == np.rint(colour_of(scene)[:3])).all()
 
 
 @pytest.mark.parametrize("rate", RATES)
-def test_k_is_the_last_that_probes_would_have_come_to(nothing_probed, rate):
-    """So that streams are those of an encoder that looks."""
+def test_one_colour_has_the_same_k_and_so_the_same_stream_at_any_rate(nothing_probed, rate):
     made = encode_scene(red_ball(), EncodeOptions(rate=rate, threads=1))
-    k = RATES[rate][0]
-    while k > 2 * USUAL_K:
-        k = round(k / np.sqrt(2))
-    assert made.resolution == k
+    assert made.resolution == COARSEST_K
 
 
 @pytest.mark.parametrize("options", [{"resolution": 64, "qp": 20}, {"rate": "r03", "exact_rate": True},

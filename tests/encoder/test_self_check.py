@@ -11,7 +11,6 @@ from walls import boxes, smooth_image, wall
 from texfcodec import EncodeOptions, InputError, LimitError, Report, decode
 from texfcodec.api import encode_loaded, encode_to_result
 from texfcodec.encoder import pipeline
-from texfcodec.encoder.decide import uv_bits
 from texfcodec.encoder.estimates import uv_rounding
 from texfcodec.encoder.self_check import Miss, _most_bytes, misses, promised_psnr, warnings_of
 from texfcodec.metrics.psnr_3d import measure
@@ -56,8 +55,7 @@ def test_values_that_the_time_allows_are_decoded_from_the_stream_and_all_have_th
 
 def test_a_part_that_came_out_wrong_is_coded_again_finer(monkeypatch):
     scene, report = boxes(), Report()
-    monkeypatch.setattr(uv_bits, "MOST_ADDED", np.inf)  # as it was: UVs in whole texels, 16 dB
-    monkeypatch.setattr(uv_rounding, "rounding_shares", lambda *_: np.zeros(9))
+    monkeypatch.setattr(uv_rounding, "rounding_errors", lambda *_: np.zeros(9))  # UVs in whole texels, 16 dB
     assert encode_to_result(scene, EncodeOptions(rate="r03", no_check=True)).check is None
     made = encode_loaded(scene, EncodeOptions(rate="r03"), report)
     assert made.check["rgb"] is None and not report.warnings

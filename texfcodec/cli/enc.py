@@ -59,8 +59,8 @@ def enc(console, source, out, dry_run, advised, as_json, quiet, **choices):
     One of --rate, --resolution with --qp, --target-bytes and --target-psnr sets the rate; K or QP alone keeps the other of r04.
     --lossless and --near-lossless bound the error of the coded colours instead; the geometry is coded as ever.
 
-    Where K is not given, the encoder keeps the texels of an image in place of voxels, or fewer voxels than the rate says, if the
-    picture is as good in fewer bytes; --support and --exact-rate say otherwise.
+    Where K is not given, the encoder keeps the texels of an image in place of voxels, or fewer voxels than the rate says, if
+    bytes and error of the picture cost less so; --support and --exact-rate say otherwise.
 
     --codec 3dntc fits a payload for the GPU: --point or --resident-bytes sets its size, --steps the time it takes, and K only the
     voxels that a decoder makes of it.
@@ -292,10 +292,11 @@ def _support_lines(told):
     texels = [group for group in groups if group["chosen"] == "texels"]
     if texels:
         what = "images" if len(groups) > 1 else "image"
-        yield f"over texels, which is smaller: {len(texels)} of {len(groups)} {what}, flat colours counted as one"
-    tried = told.get("voxels", [])
-    if tried and (first := tried[0]["resolution"]) != (last := tried[-1]["resolution"]):
-        yield f"K {last} in place of {first}: fewer bytes at equal quality, by the encoder's reckoning"
+        yield f"over texels, which costs less: {len(texels)} of {len(groups)} {what}, flat colours counted as one"
+    *others, best = (row["resolution"] for row in told.get("voxels", [{"resolution": 0}]))
+    if others:
+        worse = " or ".join(str(k) for k in sorted(others))
+        yield f"K {best}: bytes and error cost less than at K {worse}, by the encoder's reckoning"
 
 
 def _mesh_lines(told):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .decide.supports import COARSE, reason_for_voxels
+from .decide.supports import reason_for_voxels
 from .decide.texel_images import image_groups
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 LEANING = 0.6  # what else speaks for texels: the logarithm of bytes
 UNSURE = 0.35  # of that logarithm: where the choice may as well be the other one
-MANY_TIMES, FINER, UV_SHARE = 1.25, 1.5, 0.3  # from which on a reason is named
+MANY_TIMES, FINER, COARSE, UV_SHARE = 1.25, 1.5, 0.7, 0.3  # from which on a reason is named
 
 
 def advise(outline: Outline) -> dict:

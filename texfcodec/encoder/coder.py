@@ -37,6 +37,12 @@ class Coder:
         """The coder with another qp, max_error or chroma_qp_offset."""
         return replace(self, settings=replace(self.settings, **quality))
 
+    def shifted(self, offset: int) -> Coder:
+        """The coder at another QP by an offset."""
+        if self.qp is None:
+            return self
+        return self.at(qp=min(max(self.qp + offset, min(LEAST_QP, self.qp)), max(LAST_QP, self.qp)))
+
     def exactly(self) -> Coder:
         """The coder without any error."""
         return self.at(qp=None, max_error=0)

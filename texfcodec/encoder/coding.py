@@ -13,11 +13,11 @@ from ..bitstream.stream import Stream, attribute_variables
 from ..bitstream.values import attribute_values
 from ..codecs import codec_of
 from ..codecs.base import JointCodec, Source, split_groups
+from ..geometry.areas import area_shares
 from .decide.map_sizes import coarsen_maps
 from .decide.one_colour import one_colour
 from .decide.spending import CodedUnit, image_budgets, spend
 from .decision import Decision
-from .geometry_units import geometry_bytes
 from .map_planes import errors_of, joined, with_grey, with_maps
 from .optimise.refinement import Refine, refine_fields
 from .source_field import SourceField, filled, transferred
@@ -76,7 +76,8 @@ class PlaneCoding(Coding):
         """See Coding.units."""
         planes: Planes = [{} for _ in plan.fields]
         evidence: list[dict] = []
-        others, budgets = geometry_bytes(stream.geometry), image_budgets(plan.source, plan.fields)
+        budgets, surface = image_budgets(plan.source, plan.fields), plan.source.surface
+        shares = np.bincount(plan.source.face_field, area_shares(surface.lattice, surface.faces), len(plan.fields))
         for i, part in enumerate(plan.fields):
             with report.stage("attributes", (i, len(plan.fields))) as step:
                 for number, group in enumerate(plan.source.groups):
@@ -84,13 +85,13 @@ class PlaneCoding(Coding):
                         continue
                     begin = time.perf_counter()
                     step(number, len(plan.source.groups))
-                    spent = _unit(plan, stream, (i, number), others, budgets.get((i, number)))
+                    spent = _unit(plan, stream, (i, number), shares[i], budgets.get((i, number)))
                     unit = spent.value
                     stream.attributes.append(unit.values)
-                    others += unit.bytes
                     planes[i] |= group.split(unit.decoded)
                     row = {"field": i, "codec": unit.codec.name, "level_shift": unit.values["level_shift"],
-                           "encode_ms": round(1000 * (time.perf_counter() - begin), 1), **spent.evidence}
+                           "qp_offset": part.qp_offset, "encode_ms": round(1000 * (time.perf_counter() - begin), 1)}
+                    row |= spent.evidence
                     evidence.append(row | errors_of(group, unit.plane, unit.decoded))
         return Decision(planes, {"channels": evidence})
 
@@ -134,12 +135,12 @@ def _values(part, source, number, names, colours, rd):
     return with_maps(part, source, number, names, rd.threads)
 
 
-def _unit(plan: Plan, stream: Stream, place: tuple[int, int], others: int, budget: float | None) -> Decision[CodedUnit]:
-    """The CodedUnit of a channel group of a field. place: (field, group); others, budget: bytes, as of spend()."""
+def _unit(plan: Plan, stream: Stream, place: tuple[int, int], share: float, budget: float | None) -> Decision[CodedUnit]:
+    """The CodedUnit of a channel group of a field. place: (field, group); share: of the surface; budget: as of spend()."""
     part, group = plan.fields[place[0]], plan.source.groups[place[1]]
     plane, shift = joined(part, group)
     support = part.support.coarser(shift)
-    coder = plan.rd.planes.for_plane(plane)
+    coder = plan.rd.planes.shifted(part.qp_offset).for_plane(plane)
 
     def code(coder):
         values, decoded = coder.code(plane, support)
@@ -149,5 +150,6 @@ def _unit(plan: Plan, stream: Stream, place: tuple[int, int], others: int, budge
 
     if part.exact:
         return Decision(code(coder.exactly()), {})
-    coder = coder.for_group(group, plan.source.scene.weights)
-    return spend(code(coder), code, coder, others, budget)
+    weights, channel = plan.source.scene.weights, group.channels[0]
+    coder, weight = coder.for_group(group, weights), weights.get(channel.name, channel.weight)
+    return spend(code(coder), code, coder, plan.rd.cost(0, weight, share), budget)

@@ -17,6 +17,7 @@ from ..bitstream.stream import Stream, write_stream
 from ..bitstream.values import header_values
 from ..codecs.base import Source
 from ..errors import InputError
+from ..geometry.areas import area_shares
 from ..geometry.geometry_unit import field_surface, field_uv
 from ..geometry.surface import make_surface
 from ..geometry.tangents import has_uv_area
@@ -166,9 +167,10 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
         colours = material_colours(scene, begun.surface)
     with report.stage("supports") as step:
         supports = choose_supports(scene, begun.surface, rd, request, colours, finer, step)
-    chosen, rd = supports.value, replace(rd, resolution=supports.value.resolution)
+    chosen = supports.value
+    rd = replace(rd, resolution=chosen.resolution, values=chosen.values)
     with report.stage("partition") as step:
-        choice = MeshChoice(scene, begun.surface, rd, request, chosen.price)
+        choice = MeshChoice(scene, begun.surface, rd, request, chosen.mse)
         usual = choice.finer()
         if usual is not begun.surface:
             chosen = replace(chosen, plans=moved_plans(chosen.plans, scene, usual))
@@ -200,7 +202,7 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
     groups = groups_of(present, codes_alpha(shown, surface))
     maps = ShownMaps(shown, sent.drawn, lambda: sent.at_corners(shading.value.corner_normals(surface))) if present else None
     source = Source(shown, sent.drawn, drawn_field, surfaces, groups, maps, _on_pictures)
-    fields = _fields(chosen.plans, surface.cube.position_bits, source, units, rd, report)
+    fields = _fields(chosen, surface.cube.position_bits, source, units, rd, report)
     report.dropped += _blended_squares(shown, surface, chosen.plans, colours)
     wanted = Refine(request.refine, request.refine_iterations)
     content = coding_of(rd).content(Content(source, fields), names[:first], colours, rd, wanted, report)
@@ -244,11 +246,12 @@ def _partitioned(scene, surface, plans, colours, rd, request, step):
     over_texels = np.isin(np.arange(len(surface.faces)), np.concatenate([[-1], *(plan.group.faces for plan in plans)]))
     if rd.coder is not None:  # a joint codec asks the source itself, at points
         scene = without_lost_detail(scene, surface, ~over_texels, rd.resolution)
-    face_field = np.full(len(surface.faces), -1, np.int64)
-    if plans and over_texels.all():
+    face_field, rest = np.full(len(surface.faces), -1, np.int64), ~over_texels
+    if plans and not rest.any():
         return scene, Decision(face_field, {"fields": 0, "reason": "all of the surface is over texels"})
-    voxels = choose_fields(scene, without_faces(surface, over_texels), colours, rd, request.partition, step)
-    face_field[~over_texels] = voxels.value
+    part = rd.on_part(float(area_shares(surface.lattice, surface.faces)[rest].sum()))
+    voxels = choose_fields(scene, without_faces(surface, over_texels), colours, part, request.partition, step)
+    face_field[rest] = voxels.value
     return scene, replace(voxels, value=face_field)
 
 
@@ -259,15 +262,16 @@ def _numbered(face_field, plans, first):
     return face_field
 
 
-def _fields(plans, position_bits, source, units, rd, report):
+def _fields(chosen, position_bits, source, units, rd, report):
     """SourceFields without colours over voxels, with them over texels."""
-    first = len(source.surfaces) - len(plans)
+    first = len(source.surfaces) - len(chosen.plans)
     fields: list[SourceField] = []
     for number, (lattice, faces) in enumerate(source.surfaces[:first]):
         with report.stage("voxelise", (number, first)):
-            fields.append(active_voxels(lattice, faces, position_bits, rd))
-    for number, texels in enumerate(plans, first):
-        with report.stage("texels", (number - first, len(plans))):
+            part = active_voxels(lattice, faces, position_bits, rd)
+            fields.append(replace(part, qp_offset=chosen.qp_offset))
+    for number, texels in enumerate(chosen.plans, first):
+        with report.stage("texels", (number - first, len(chosen.plans))):
             uv, faces = field_uv(units, number), source.surfaces[number][1]
             fields.append(texel_field(texels, uv, faces, source, rd.limits, rd.threads))
     check_voxels(fields, rd.limits)

@@ -1,13 +1,18 @@
 """Rate and distortion: the one door to what a candidate costs and how it looks (encoder only).
 
-The QP is the quality that was requested. Each kind of candidate has an estimate of its own in estimates/: supports are coded on
-small pieces (probe.py), partitions compared without coding (partition_error.py), UVs and positions rounded and looked at
-(uv_rounding.py, position_error.py), coarser maps coded in pieces (map_levels.py), and advice measures images without any coding
-(image_measures.py). They answer in different units; what makes them comparable, the error that coding at a QP leaves, is here.
+The QP is the quality that was requested, and with it a price of a byte, lambda, in squared error of the picture. Of candidates
+the one is taken whose bytes and error cost the least (RateDistortion.cost); each is coded where a further byte would buy that
+much and no more (qp_offset). Lambda depends on the QP and on the source alone, never on what was taken, and neither do the
+candidates: so a finer QP gets no fewer bytes and no larger error, as far as the estimates are true.
+
+Each kind of candidate has an estimate of its own in estimates/: supports are coded on small pieces (probe.py), partitions
+compared without coding (partition_error.py), UVs and positions rounded and looked at (uv_rounding.py, position_error.py), coarser
+maps coded in pieces (map_levels.py), and advice measures images without any coding (image_measures.py).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -21,6 +26,7 @@ from ..geometry.areas import face_areas
 from .coder import Coder
 from .decide.channel_weights import shown_of_radians
 from .estimates import image_measures, map_levels, partition_error, position_error, probe, uv_rounding
+from .source_field import transfer_density
 
 if TYPE_CHECKING:
     from ..field.texels import TexelSupport
@@ -35,12 +41,12 @@ if TYPE_CHECKING:
     from .estimates.probe import Patch, Probe
     from .texel_field import TexelPlan
 
-ENOUGH = 0.25  # of the usual error at a QP: smooth images that are closer to the source than that are close enough
+# Squared steps that a bit of values takes from the squared error of the picture where the coder works: medians of 13 images from
+# QP 40 to 20 are 0.06 to 0.08 over texels and 0.08 to 0.10 over voxels of K 1024, quartiles 0.06 and 0.11; maps of three
+# components, whose error is the mean over these, have less.
+TRADE_OFF = 0.06
+FINEST, COARSEST = -12, 6  # offsets to the QP; what is coarser by more would fall short of the rate's promise
 LEFT_BY_FIT = probe.LEFT_BY_FIT
-# Squared steps that one more bit for a value takes off the error at that value: median over 13 images, QP 38 to 22, texels 0.083
-# to 0.061, voxels at K 1024 0.083 to 0.105.
-ERROR_OF_A_BIT = 0.06
-LEAST_K = 256  # whose number of voxels counts where there are fewer values
 
 
 def coding_mse(qp: int) -> float:
@@ -56,18 +62,21 @@ def bounded_mse(max_error: int) -> float:
 @dataclass(frozen=True, kw_only=True)
 class RateDistortion:
     """Estimates at one quality. coder: None for a codec that codes all fields together; qp: whose error is reckoned with;
-    max_error: bound on errors, None without one; resolution: K of the rate; is_fitted: whether a surface fit may follow the
-    transfer."""
+    max_error: bound on errors, None without one; resolution: K of the rate; is_free: whether QPs of supports may differ from it;
+    is_fitted: whether a surface fit may follow the transfer; values: that the surface would have if all of it were as dense as
+    what is coded usually is (estimates.usual_values), which lambda is about."""
 
     coder: Coder | None
     qp: int
     max_error: int | None
     resolution: int
     effort: str
+    is_free: bool
     is_fitted: bool
     area_threshold: int
     threads: int
     limits: Limits
+    values: float = 1 << 20
 
     @classmethod
     def of(cls, request: EncodeOptions) -> RateDistortion:
@@ -76,8 +85,8 @@ class RateDistortion:
         coder = Coder(codec, codec.settings(request)) if isinstance(codec, PlaneCodec) else None
         assert request.resolution is not None  # its __post_init__ fills it in
         return cls(coder=coder, qp=request.reckoned_qp, max_error=request.max_error, resolution=request.resolution,
-                   effort=request.effort, is_fitted=request.may_fit, area_threshold=request.area_threshold,
-                   threads=request.threads, limits=request.limits)
+                   effort=request.effort, is_free=request.rate_is_free, is_fitted=request.may_fit,
+                   area_threshold=request.area_threshold, threads=request.threads, limits=request.limits)
 
     @property
     def planes(self) -> Coder:
@@ -96,14 +105,29 @@ class RateDistortion:
         return self.coding_mse if self.max_error is None else bounded_mse(self.max_error)
 
     @property
-    def least_mse(self) -> float:
-        """Squared error below which nothing is worth more bytes."""
-        return ENOUGH * self.coding_mse
-
-    @property
     def step(self) -> float:
         """Of the quantiser, in levels."""
         return 2 ** ((self.qp - 4) / 6)
+
+    @property
+    def byte(self) -> float:
+        """Lambda: squared error of the picture, the mean over all of it, that a byte is worth."""
+        return 8 * TRADE_OFF * self.step**2 / max(self.values, 1.0)
+
+    def cost(self, size: float, error: float, share: float = 1.0) -> float:
+        """Of a candidate, in bytes: its own and those that its squared error on a share of the surface is worth."""
+        return size + share * error / self.byte if error else size
+
+    def on_part(self, share: float) -> RateDistortion:
+        """The estimates for a share of the surface alone, by which its error counts."""
+        return replace(self, values=self.values * share)
+
+    def qp_offset(self, values: float, share: float) -> int:
+        """To the QP, for a support with so many values on a share of the surface: the fewer there are, the more of the picture
+        each is, and the finer steps its bits are worth."""
+        if not self.is_free or not values:
+            return 0
+        return min(max(round(3 * math.log2(values / share / self.values)), FINEST), COARSEST)
 
     def gain(self, before: float, after: float) -> float:
         """dB between two squared errors of values before coding, at the quality that coding leaves."""
@@ -113,19 +137,23 @@ class RateDistortion:
         """Points of some faces, int64 [F], that candidates are compared at; None where these have no area."""
         if not face_areas(surface.lattice, surface.faces[faces]).any():
             return None
-        return probe.Patch(scene, surface, faces, self.least_mse, self.threads)
+        return probe.Patch(scene, surface, faces, self.threads)
 
-    def texels(self, patch: Patch, plan: TexelPlan, keys: np.ndarray) -> Probe:
-        """A TexelPlan, coded in pieces. keys: int64 [N], the texels that it covers."""
-        return probe.probe_texels(patch, plan, keys, self.planes)
+    def texels(self, patch: Patch, plan: TexelPlan, keys: np.ndarray, cell: int) -> Probe:
+        """A TexelPlan, coded in pieces, squares with a side of 2**cell texels. keys: int64 [N], the texels that it covers."""
+        offset = self.qp_offset(len(keys), patch.share)
+        return replace(probe.probe_texels(patch, plan, keys, cell, self.planes.shifted(offset)), qp_offset=offset)
 
-    def voxels(self, patch: Patch, resolution: int, density: int) -> Probe:
-        """Voxels at a resolution, coded in pieces. density: samples per voxel edge of the transfer."""
-        return probe.probe_voxels(patch, resolution, density, self.planes, self.area_threshold, self.is_fitted)
+    def voxels(self, patch: Patch, resolution: int, cell: int) -> Probe:
+        """Voxels at a resolution, coded in pieces, cubes with a side of 2**cell voxels."""
+        offset = self.qp_offset(patch.voxels(resolution), patch.share)
+        coder, density = self.planes.shifted(offset), transfer_density(patch.texels_per_edge(resolution), self)
+        made = probe.probe_voxels(patch, resolution, cell, density, coder, self.area_threshold, self.is_fitted)
+        return replace(made, qp_offset=offset)
 
-    def rounded_uv(self, patch: Patch, plan: TexelPlan, estimate: Probe) -> np.ndarray:
-        """By bits of UVs below the texel, float64: squared error of rounding over that of coding."""
-        return uv_rounding.rounding_shares(patch, plan, estimate)
+    def rounded_uv(self, patch: Patch, plan: TexelPlan) -> np.ndarray:
+        """By bits of UVs below the texel, float64: squared error of rounding."""
+        return uv_rounding.rounding_errors(patch, plan)
 
     def moved_positions(self, scene: Scene) -> Callable[[Surface, np.ndarray], Moved]:
         """What a surface that has moved does to pictures, with what that does to shading normals: of the source's faces on it and
@@ -137,12 +165,6 @@ class RateDistortion:
             return replace(seen, mse=seen.mse + shown * look.turned_normals(drawn, normals))
 
         return moved
-
-    def least_price(self, surface: Surface) -> float:
-        """Bytes that a unit of squared error of pictures is worth at least: what it takes to code it away over a small number of
-        values. Where colours take next to nothing, their own bytes would let a few bytes of geometry buy any error."""
-        area = face_areas(surface.lattice, surface.faces).sum() / 4.0**surface.cube.position_bits
-        return probe.VOXELS_PER_AREA * area * LEAST_K**2 / (8 * ERROR_OF_A_BIT * self.step**2)
 
     def partition(self, scene: Scene, surface: Surface, face_field: np.ndarray, resolution: int) -> dict[str, float]:
         """Squared errors of voxels without coding, {"y", "alpha"}. face_field: int64 [F]."""

@@ -32,7 +32,7 @@ class SourceField:
     float32 [N, C] in 0..255 by channel name, colour sRGB-coded; shifts: by channel name, levels that a plane is coarser than the
     support; texels_per_edge: how much finer than the voxels the textures are;
     exact: whether values are worth their bits at any rate, being few; nearest: whether texels are shown as squares;
-    one_colour: whether all of its surface shows one, which its planes hold."""
+    one_colour: whether all of its surface shows one, which its planes hold; qp_offset: to the rate's QP, of its values."""
 
     support: VoxelSupport | TexelSupport
     threshold: int
@@ -42,6 +42,7 @@ class SourceField:
     exact: bool = False
     one_colour: bool = False
     nearest: bool = False
+    qp_offset: int = 0
 
     @property
     def keys(self) -> np.ndarray:
@@ -75,6 +76,12 @@ def check_voxels(fields: list[SourceField], limits: Limits) -> None:
         raise LimitError("TXF-L04", "the fields have more voxels than the limit allows", value=voxels, allowed=limits.voxels)
 
 
+def transfer_density(per_edge: float, rd: RateDistortion) -> int:
+    """Samples per voxel edge of a transfer. per_edge: texels along it."""
+    most = FITTED_DENSITY if rd.is_fitted else TRANSFER_DENSITY[rd.effort]
+    return int(np.clip(np.ceil(2 * per_edge), SAMPLES_PER_EDGE, most))
+
+
 def transferred(part: SourceField, source: Source, number: int, rd: RateDistortion) -> SourceField:
     """A SourceField, number `number` of a codecs.base.Source, with base colour and alpha from the scene's textures."""
     surface, mine = source.surface, source.face_field == number
@@ -82,9 +89,7 @@ def transferred(part: SourceField, source: Source, number: int, rd: RateDistorti
     bits, packed = surface.cube.position_bits, pack_source(source.scene, surface.origin_face[mine])
     textured = (surface.lattice, surface.faces[mine], packed, bits, rd.resolution)
     per_edge = texels_per_edge(*textured)
-    most = FITTED_DENSITY if rd.is_fitted else TRANSFER_DENSITY[rd.effort]
-    density = int(np.clip(np.ceil(2 * per_edge), SAMPLES_PER_EDGE, most))
-    rgba = np.column_stack(transfer(*textured, part.keys, part.support.brick_map, density, rd.threads))
+    rgba = np.column_stack(transfer(*textured, part.keys, part.support.brick_map, transfer_density(per_edge, rd), rd.threads))
     return replace(part, texels_per_edge=per_edge).with_planes(colour_planes(rgba, source))
 
 

@@ -33,11 +33,13 @@ FULL_BITS = 2  # of UVs where only the weights of texels are at stake
 
 @dataclass(frozen=True)
 class TexelPlan:
-    """A field over texels to come. group: ImageGroup; size: (width, height) that it is coded at; fraction_bits: of its UVs."""
+    """A field over texels to come. group: ImageGroup; size: (width, height) that it is coded at; fraction_bits: of its UVs;
+    qp_offset: of its values, to the rate's QP."""
 
     group: ImageGroup
     size: tuple[int, int]
     fraction_bits: int
+    qp_offset: int = 0
 
     def corner_uv(self) -> np.ndarray:
         """UVs of the group's faces, int64 [F, 3, 2], in steps of 2**-fraction_bits texels of the coded size."""
@@ -142,4 +144,5 @@ def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Sour
     for name in plan.group.maps:
         values, shifts[name] = plan.values_of_map(name, source.surface, support, threads)
         planes[name] = turned(values, turn) if name in normals else values
-    return SourceField(support, 0, planes, shifts, exact=plan.group.palette, nearest=plan.group.nearest)
+    return SourceField(support, 0, planes, shifts, exact=plan.group.palette, nearest=plan.group.nearest,
+                       qp_offset=plan.qp_offset)

@@ -77,6 +77,12 @@ def relative_areas(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.sqrt(squared_cross(*edge_columns(corners / corners.max(), faces))) / 2
 
 
+def area_shares(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Face areas float64 [F] as shares of all of them; 0 where there is no area."""
+    areas = relative_areas(positions, faces)
+    return areas / (areas.sum() or 1.0)
+
+
 def used_vertices(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """(ascending numbers of the vertices that faces use, int64 [n]; the faces over those). faces: int64 [F, 3] below count."""
     if 4 * faces.size < count:  # few faces of a large mesh: sorting them takes less than a walk over all vertices

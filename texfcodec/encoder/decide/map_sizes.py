@@ -37,7 +37,7 @@ def coarsen_maps(part: SourceField, source: Source, rd: RateDistortion) -> Decis
             continue
         plane, shift = joined(part, group)
         support = part.support.coarser(shift)
-        levels, costs = _levels(plane, support, rd, rd.planes.for_group(group, source.scene.weights))
+        levels, costs = _levels(plane, support, rd, rd.planes.shifted(part.qp_offset).for_group(group, source.scene.weights))
         if levels:
             coarse = group.split(means(support, plane, levels))
             part = part.with_planes({name: coarse[name] for name in names}, dict.fromkeys(names, shift + levels))

@@ -73,29 +73,18 @@ class SentMesh:
         return corner if self.places is None else self.places.from_corners(corner)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Price:
-    """What the error of pictures is worth. of_error: bytes for each unit of squared error; mse: squared error of colours and
-    maps."""
-
-    of_error: float
-    mse: float
-
-    def cost(self, geometry: float, error: float) -> float:
-        """Bytes of geometry, and those of colours that would take back its error."""
-        return geometry + self.of_error * error
-
-
 def kept(scene: Scene, surface: Surface) -> SentMesh:
     """The source's mesh on a lattice."""
     return SentMesh(scene=scene, surface=surface, rows=surface.origin_face, drawn=surface)
 
 
 class MeshChoice:
-    """Looks at meshes for one Scene. usual: its Surface at the usual position bits; price: None where nothing tells it."""
+    """Looks at meshes for one Scene. usual: its Surface at the usual position bits; mse: squared error of colours and maps,
+    None where these take no bytes."""
 
-    def __init__(self, scene: Scene, usual: Surface, rd: RateDistortion, request: EncodeOptions, price: Price | None) -> None:
-        self.scene, self.usual, self.rd, self.request, self._price = scene, usual, rd, request, price
+    def __init__(self, scene: Scene, usual: Surface, rd: RateDistortion, request: EncodeOptions, mse: float | None) -> None:
+        self.scene, self.usual, self.rd, self.request = scene, usual, rd, request
+        self.most_moved = MOST_MOVED * (mse or 0.0)
         self.evidence: dict[str, Any] = {"reason": self._reason()}
 
     def _reason(self):
@@ -104,13 +93,7 @@ class MeshChoice:
             return "position bits were asked for"
         if self.rd.max_error is not None:
             return "an error bound was asked for"
-        return "colours take no bytes that geometry could be weighed against" if self._price is None else ""
-
-    @property
-    def price(self) -> Price:
-        """The Price, where there is no reason against a choice."""
-        assert self._price is not None
-        return self._price
+        return "colours take no bytes that geometry could be weighed against" if not self.most_moved else ""
 
     @cached_property
     def _looks(self):
@@ -125,7 +108,7 @@ class MeshChoice:
         if self.evidence["reason"]:
             return self.usual
         usual, vertices = self.usual.cube.position_bits, len(np.unique(self.usual.faces))
-        cost = lambda k: self.price.cost(BYTES_A_BIT * vertices * k, self._at_usual.mse / 2 ** (k - usual))
+        cost = lambda k: self.rd.cost(BYTES_A_BIT * vertices * k, self._at_usual.mse / 2 ** (k - usual))
         best = min(range(usual, FINEST_POSITIONS + 1), key=cost)
         if best == usual:
             return self.usual
@@ -181,7 +164,7 @@ class _Search:
     and bits."""
 
     def __init__(self, choice: MeshChoice, group: np.ndarray, collapsible: bool) -> None:
-        self.choice, self.scene, self.usual, self.price = choice, choice.scene, choice.usual, choice.price
+        self.choice, self.scene, self.usual, self.rd = choice, choice.scene, choice.usual, choice.rd
         self.group = group * (int(self.usual.material.max(initial=0)) + 1) + self.usual.material
         positions = np.zeros(self.usual.lattice.shape)
         positions[self.usual.faces] = self.scene.positions[self.scene.faces[self.usual.origin_face]]
@@ -220,7 +203,7 @@ class _Search:
         got = np.array([(self.tried[at].geometry, self.tried[at].moved.mse) for at in known])
         was = np.maximum([reckoned[at] for at in known], 1e-9)
         size, error = np.array(reckoned[place]) * (got / was).mean(axis=0) * (1.0, EAGER)
-        return self.price.cost(size, error) if error <= MOST_MOVED * self.price.mse else np.inf
+        return self.rd.cost(size, error) if error <= self.choice.most_moved else np.inf
 
     def _reckoned(self, here):
         """{(place in shares, bits): (bytes, squared error)}, from one look and the distances of meshes that are not fitted."""
@@ -290,10 +273,10 @@ class _Search:
         surface, bits = sent.surface, sent.surface.cube.position_bits
         size = len(enc_geometry(surface.lattice, surface.faces, bits))
         return _Candidate(sent=sent, faces=len(surface.faces), bits=bits, geometry=size, moved=moved,
-                          cost=self.price.cost(size, moved.mse), refused="" if trusted else self._refused(moved))
+                          cost=self.rd.cost(size, moved.mse), refused="" if trusted else self._refused(moved))
 
     def _refused(self, moved):
-        if not moved.mse <= MOST_MOVED * self.price.mse:
+        if not moved.mse <= self.choice.most_moved:
             return "the picture changes more than by coding"
         return "thin parts are gone" if moved.lost > MOST_LOST else ""
 

@@ -1,4 +1,4 @@
-"""Which partition pays: candidates are tried without coding, and the gain is weighed at the quality the QP will leave."""
+"""Which partition pays: candidates are compared without coding, by what their error and their fields cost."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from ...scene.scene import Scene
     from ..rd import RateDistortion
 
-SURE_GAIN = 1.0  # dB at half the resolution that settle the question
-MIN_GAIN = 0.15  # dB at the coded quality; a further field costs about 150 bytes and 0.1 to 0.4 % more voxels
+FIELD_BYTES = 300  # of a further field: about 150 of its own, and as many for 0.1 to 0.4 % more voxels
+SURE_TIMES = 6.0  # what fields cost that half the resolution settles the question
+SHOWN_GAIN = 0.15  # dB of alpha at the coded quality from which its mixing is worth a warning
 MANY_FIELDS = 256  # more than a stream may have: what alpha would be like without that bound
 MOST_CANDIDATES = 4  # that _candidates() yields
 
@@ -40,27 +41,29 @@ class _Trials:
             self.measured[key] = self.rd.partition(self.scene, self.surface, face_field, resolution)
         return self.measured[key]
 
-    def _gain(self, base, candidate, resolution):
-        """Gain in dB, at the coded quality, of a candidate over base: the sum over colour and, where it is coded, alpha. Then
-        what the report says of it, and the part of alpha."""
+    def _gains(self, base, candidate, resolution):
+        """(bytes that a candidate's smaller error is worth, dB of each channel at the coded quality, what the report says)."""
         before, after = self._errors(base, resolution), self._errors(candidate, resolution)
-        gains = {k: self.rd.gain(before[k], after[k]) for k in before}
-        evidence = {"resolution": resolution, "gain_db": sum(gains.values())}
+        decibel = {k: self.rd.gain(before[k], after[k]) for k in before}
+        worth = self.rd.cost(0, sum(before[k] - after[k] for k in before))
+        evidence = {"resolution": resolution, "gain_db": sum(decibel.values()), "gain_bytes": round(worth)}
         for k in before:
             evidence |= {f"psnr_{k}_before": decibels(before[k]), f"psnr_{k}_after": decibels(after[k])}
-        return sum(gains.values()), json_ready(evidence), gains.get("alpha", 0.0)
+        return worth, decibel, json_ready(evidence)
 
     def pays(self, base, candidate):
-        """Whether a candidate gains MIN_GAIN over base. Half the resolution comes first, in a quarter of the time: surfaces are
-        nearer to each other there, so what does not pay there never does, and SURE_GAIN there needs no second look."""
-        gain, evidence, _ = self._gain(base, candidate, self.quick)
-        if MIN_GAIN <= gain < SURE_GAIN:
-            gain, evidence, _ = self._gain(base, candidate, self.rd.resolution)
-        return gain >= MIN_GAIN, evidence
+        """Whether a candidate saves more error than its fields cost. Half the resolution comes first, in a quarter of the time:
+        surfaces are nearer to each other there, so what does not pay there never does, and SURE_TIMES there need no second
+        look."""
+        price = FIELD_BYTES * int(candidate.max() - base.max())
+        worth, _, evidence = self._gains(base, candidate, self.quick)
+        if price < worth < SURE_TIMES * price:
+            worth, _, evidence = self._gains(base, candidate, self.rd.resolution)
+        return worth > price, evidence
 
     def mixes_alpha(self, best, others):
-        """Whether one of the other partitions shows alpha by MIN_GAIN better than the best."""
-        return any(all(self._gain(best, other, r)[2] >= MIN_GAIN for r in (self.quick, self.rd.resolution))
+        """Whether one of the other partitions shows alpha by SHOWN_GAIN better than the best."""
+        return any(all(self._gains(best, other, r)[1]["alpha"] >= SHOWN_GAIN for r in (self.quick, self.rd.resolution))
                    for other in others)
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..source_field import SourceField
 
 FEW_COLOURS, QUICK_LOOK = 256, 4096  # colours of a palette; values looked at before all are
-EXACT_BYTES, EXACT_SHARE = 200, 0.01  # what exact values may cost: bytes, or this share of the stream
+EXACT_BYTES = 200  # what exact values may always cost: squares of a few colours are to come back as they were
 BITS_PER_QP = 0.17  # log2 of attribute bytes that a step of QP takes away
 MOST_TRIES = 4  # codings with a coarser QP before the bytes of the source's image count as out of reach
 LEAST_SAVED = 200  # bytes over its image's from which a unit is coded again: what a unit of any QP takes is no quality
@@ -50,19 +50,19 @@ def _kinds(plane):
     return len(np.unique(packed))
 
 
-def spend(first: CodedUnit, code: Callable[[Coder], CodedUnit], coder: Coder, others: int,
+def spend(first: CodedUnit, code: Callable[[Coder], CodedUnit], coder: Coder, worth: float,
           budget: float | None) -> Decision[CodedUnit]:
     """The unit that is kept in place of the first, which has the coder's QP.
 
-    code: codes the same values with another coder; others: bytes of the stream beside this unit; budget: bytes that the image
-    files behind it have, None where they say nothing. It is the first where nothing is gained; the evidence says where the QP was
-    not followed."""
+    code: codes the same values with another coder; worth: bytes that a squared error of the unit's values is worth; budget: bytes
+    that the image files behind it have, None where they say nothing. It is the first where nothing is gained; the evidence says
+    where the QP was not followed."""
     if coder.qp is None or not first.bytes:
         return Decision(first, {})
-    if has_few_colours(first.plane) and (first.decoded != np.rint(first.plane)).any():
+    error = float(((first.decoded - np.rint(first.plane)) ** 2).mean())
+    if error and has_few_colours(first.plane):
         exact = code(coder.exactly())
-        more = exact.bytes - first.bytes
-        if more <= max(EXACT_BYTES, EXACT_SHARE * (others + first.bytes)):
+        if exact.bytes - first.bytes <= max(EXACT_BYTES, worth * error):
             return Decision(exact, {"exact": True, "bytes_at_qp": first.bytes})
     if budget is None or first.bytes <= budget + LEAST_SAVED:
         return Decision(first, {})

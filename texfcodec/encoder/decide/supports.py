@@ -1,8 +1,8 @@
-"""Which parts of the surface become fields over texels, which over voxels, how fine both are, and how exact UVs: by what each
-would cost at equal quality (encoder only).
+"""Which parts of the surface become fields over texels, which over voxels, how fine both are, and how exact UVs: by the least
+bytes and error at the price of the rate (encoder only; rd.py).
 
-The QP is the quality that was requested. A support that looks better at this QP may spend more bytes: bytes at equal quality are
-those of the values times (error / error of the other) ** SLOPE, which is what coding at another QP would give, and the geometry.
+Every image may go over its texels, at its own size or half of it, or over voxels of any K of a ladder. Neither what is tried
+nor the price depends on what is taken elsewhere, so that a finer rate looks no worse.
 """
 
 from __future__ import annotations
@@ -19,27 +19,32 @@ from ...options import MOST_RESOLUTION
 from ...report import Step, no_step
 from ..decision import Decision
 from ..estimates.image_measures import UNIT_BYTES
-from ..estimates.probe import SLOPE, Probe
+from ..estimates.probe import TEXEL_CELL, VOXEL_CELL, Probe
+from ..estimates.usual_values import USUAL_K, usual_values
 from ..texel_field import TexelPlan, covered_texels, most_fraction_bits
-from .mesh import Price
 from .one_colour import NOTHING_TO_PROBE, is_plain
 from .spending import has_few_colours
 from .texel_images import image_groups
-from .uv_bits import fraction_bits
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
     from ...options import EncodeOptions
     from ...scene.scene import Scene
+    from ..estimates.probe import Patch
     from ..rd import RateDistortion
     from .texel_images import ImageGroup
 
-LEAST_SIDE = 256  # images from this side on are tried smaller
-LOST = 1.1  # how much error may grow by a smaller image or K: they lose detail, and no QP brings it back
-BLURRED, MOST_TIMES = 4.0, 6.0  # voxels with so many times the error are no alternative, unless texels are so many times larger
-CLEAR = 2.0  # times the bytes over texels: voxels that take more at the first K need not be tried at others
-COARSE = 0.7  # texels per voxel edge under which a smaller K is tried, and no smaller image
-USUAL_K = 64
+# Sides of images that are tried at half of them: fitting half of a larger one takes longer than all the rest of an encode.
+LEAST_SIDE, MOST_SIDE = 256, 2048
+LADDER = (64, 128, 256, 512, 1024, 2048)  # values of K, up to the rate's: each is looked at in the same cubes of space
+VOXEL_COST = 0.95  # of its texels, from which an image goes over voxels: in a near tie a file keeps what it has
+HALF_COST = 0.9  # of the whole image's, from which half of it is taken: probes of 24 places differ by as much
+FINER_COST = 0.97  # of the next K's: a finer one takes four times as long
+LEAST_CELL = 3  # log2 of such a cube's side, in voxels
+CLEAR = 1.4  # times the cost over texels: voxels that cost more at the first K need not be tried at others; the best K costs
+# at least 0.72 of it, on 30 images at four QPs where texels do not cost half of either
+COARSE = 0.7  # texels along an edge of voxels of USUAL_K under which no smaller image is tried
+COARSEST_K = 128  # for one colour
 SQUARE_BITS = 4  # of UVs, at least, where texels are squares: their sides move by a 32nd of a texel at most
 FINER_K, FINER_BITS = 1.5, 2  # times K, and bits of UVs, for what came out too coarse
 UV_BYTES_A_BIT = 2 / 8  # of a corner, for each bit of its two coordinates
@@ -49,24 +54,26 @@ MOST_ROWS = 1 << 27  # of texels that the faces of an image go over, a few secon
 
 @dataclass(frozen=True)
 class Supports:
-    """plans: TexelPlans; resolution: K of what is over voxels; price: what the error of a picture is worth in bytes of these
-    values, None where nothing was probed or a bound on errors was asked for."""
+    """plans: TexelPlans; resolution: K of what is over voxels; qp_offset: of its values to the rate's QP; values: as of
+    RateDistortion; mse: squared error of colours and maps, None where these take no bytes."""
 
     plans: list[TexelPlan]
     resolution: int
-    price: Price | None = None
+    qp_offset: int
+    values: float
+    mse: float | None = None
 
 
 @dataclass(frozen=True)
 class _Candidate:
-    """An image group and what it would cost over texels and, where that was looked at, voxels. points: corners that differ in
-    vertex or UV; finer: whether it came out too coarse before; goes: whether it was chosen; evidence: for the report."""
+    """An image group and what it would cost over texels and, where that was looked at, voxels. finer: whether it came out too
+    coarse before; voxels: the Probe at K resolution; goes: whether it was chosen; evidence: for the report."""
 
     plan: TexelPlan
     texels: Probe
-    points: int
     finer: bool = False
     voxels: Probe | None = None
+    resolution: int = 0
     goes: bool = False
     evidence: dict = field(default_factory=dict)
 
@@ -96,11 +103,13 @@ def choose_supports(scene: Scene, surface: Surface, rd: RateDistortion, request:
     """
     evidence: dict[str, Any] = {"asked": request.support, "groups": []}
     reason = reason_for_voxels(request)
+    if not reason and request.support != "texels" and is_plain(scene, colours, surface.material):
+        reason, rd = NOTHING_TO_PROBE, replace(rd, resolution=_coarsest(rd, request))
+    groups = image_groups(scene, surface) if not reason and request.support != "voxels" else []
+    rd = replace(rd, values=_usual_values(scene, surface, groups, colours))
     if reason:
-        return Decision(Supports([], rd.resolution), evidence | {"reason": reason})
-    if request.support != "texels" and is_plain(scene, colours, surface.material):
-        return Decision(Supports([], _coarsest(rd, request)), evidence | {"reason": NOTHING_TO_PROBE})
-    return _Choice(scene, surface, rd, request, finer).made(colours, evidence, step)
+        return Decision(Supports([], rd.resolution, 0, rd.values), evidence | {"reason": reason})
+    return _Choice(scene, surface, rd, request, finer).made(groups, colours, evidence, step)
 
 
 def reason_for_voxels(request: EncodeOptions) -> str:
@@ -122,52 +131,46 @@ class _Choice:
     request: EncodeOptions
     finer: frozenset[int]
 
-    def made(self, colours: np.ndarray, evidence: dict, step: Step) -> Decision[Supports]:
+    def made(self, groups: list[ImageGroup], colours: np.ndarray, evidence: dict, step: Step) -> Decision[Supports]:
         """The choice: each image by itself, then K and position bits for all together."""
-        groups = [] if self.request.support == "voxels" else image_groups(self.scene, self.surface)
-        candidates, rows, decided, total = [], [], [], 2 * len(groups) + 2  # the last two are the choices of all together
+        rows, decided, total = [], [], len(groups) + 2  # the last two are the choices of all together
         for number, group in enumerate(groups, 1):
             row = {"faces": len(group.faces), "materials": np.unique(self.surface.material[group.faces]).tolist(),
                    "image": list(group.size)}
             try:
-                candidates.append(self._candidate(group, row))
+                patch = self.rd.patch(self.scene, self.surface, group.faces)
+                decided.append(self._decided(self._candidate(group, row, patch), patch))
             except LimitError as error:  # voxels will do
                 if self.request.support == "texels":
                     raise
                 rows.append({**row, "chosen": "voxels", "reason": str(error)})
             step(number, total)
-        for number, candidate in enumerate(candidates, len(groups)):
-            step(number, total)
-            decided.append(self._refined(self._decided(candidate)))
         chosen = [candidate for candidate in decided if candidate.goes]
         step(total - 1, total)
-        resolution, voxels = self._resolution(chosen, colours)
+        resolution, rest, voxels = self._resolution(decided, colours)
         evidence |= {"groups": rows + [candidate.evidence for candidate in decided], **voxels}
-        return Decision(Supports([candidate.plan for candidate in chosen], resolution, self._price(decided, resolution)),
-                        evidence)
+        supports = Supports([candidate.plan for candidate in chosen], resolution, rest.qp_offset if rest else 0, self.rd.values,
+                            self._mse(decided, rest))
+        return Decision(supports, evidence)
 
-    def _candidate(self, group: ImageGroup, row: dict) -> _Candidate:
-        """The _Candidate of an image group. row: what the report says of it before anything is tried. Raises LimitError."""
+    def _candidate(self, group: ImageGroup, row: dict, patch: Patch | None) -> _Candidate:
+        """The _Candidate of an image group, at the size and with the bits of UVs that cost the least. row: what the report says
+        of it before anything is tried. Raises LimitError."""
         plan = _plan(group, self._coded_size(group))
         keys = self._keys(plan)
-        points = len(split_corners(self.surface.faces[group.faces], plan.corner_uv())[0])
-        patch = self._patch(group)
-        if patch is None:
-            maps = {name: Probe(len(keys), 8.0, self.rd.least_mse) for name in group.maps}
-            plan, texels = _with_bits(plan, LOSSLESS_FRACTION), Probe(len(keys), 24.0, self.rd.least_mse, maps=maps)
-        else:
-            texels = self.rd.texels(patch, plan, keys)
         finer = bool(self.finer & set(row["materials"]))
-        return _Candidate(plan, texels, points, finer, evidence={**row, "size": list(plan.size)})
+        if patch is None or group.palette or self.rd.max_error is not None:  # nothing has to be probed
+            maps = {name: Probe(len(keys), 8.0, 0.0) for name in group.maps}
+            plan, texels = _with_bits(plan, LOSSLESS_FRACTION), Probe(len(keys), 24.0, 0.0, maps=maps)
+        else:
+            points = len(split_corners(self.surface.faces[group.faces], plan.corner_uv())[0])
+            plan, texels = self._best_size(plan, keys, patch, group.nearest or finer)
+            plan, texels = self._best_bits(plan, texels, patch, UV_BYTES_A_BIT * points, finer)
+        plan = replace(plan, qp_offset=min(texels.qp_offset, 0) if finer else texels.qp_offset)
+        return _Candidate(plan, texels, finer, evidence={**row, "size": list(plan.size)})
 
-    def _patch(self, group):
-        """The patch that a group's texels are probed on; None where nothing has to be."""
-        if group.palette or self.rd.max_error is not None:
-            return None
-        return self.rd.patch(self.scene, self.surface, group.faces)
-
-    def _decided(self, one):
-        """A candidate with the choice whether it is smaller over texels, at equal quality."""
+    def _decided(self, one, patch):
+        """A candidate with the choice whether it costs less over texels."""
         group = one.plan.group
         if self.request.support == "texels":
             return replace(one, finer=False).decided("texels", "asked for")
@@ -175,42 +178,45 @@ class _Choice:
             return replace(one, finer=False).decided("texels", "texels are squares of few colours (sampler NEAREST)")
         if one.finer:
             return one.decided("texels", "it came out worse than the rate promises")
-        patch = self.rd.patch(self.scene, self.surface, group.faces)
         if patch is None:
             return one.decided("voxels", "the surface has no area")
         plain, textured = _geometry_bytes(one.plan, self.surface)
         one = replace(one, texels=replace(one.texels, fixed=textured + UNIT_BYTES))
-        clear = CLEAR * (one.texels.attributes + textured) - plain
-        resolution, over_voxels = self._best_voxels(patch, one.texels, clear)
-        one = replace(one, voxels=over_voxels)
-        texels, voxels = one.texels.attributes + textured + UNIT_BYTES, over_voxels.bytes_at(one.texels) + plain
-        blurred = over_voxels.lost(one.texels) > BLURRED and texels < MOST_TIMES * (over_voxels.attributes + plain)
-        return one.decided("texels" if texels < voxels or blurred else "voxels", _reason(texels, voxels, blurred),
-                           voxels={"resolution": resolution, **over_voxels.evidence()})
+        texels = self._cost(one.texels, patch)
+        resolution, tried = self._best_voxels(patch, plain, CLEAR * texels)
+        one = replace(one, voxels=tried[resolution], resolution=resolution)
+        voxels = self._cost(one.voxels, patch)
+        over, row = "texels", self._rows(tried, resolution, patch)[-1]
+        if self._costs_less(one.voxels, one.texels, patch, VOXEL_COST):
+            over = "voxels"
+        return one.decided(over, _reason(texels, voxels), voxels=row)
 
-    def _refined(self, one):
-        """A candidate, where it was chosen, at the size and with the bits of UVs that suit it."""
-        patch = self._patch(one.plan.group) if one.goes else None
-        if patch is None:
-            return one
-        plan, probe, evidence = one.plan, one.texels, one.evidence
-        if patch.texels_per_edge(self.rd.resolution) >= COARSE and not plan.group.nearest and not one.finer:
-            plan, probe = self._smallest(plan, probe, patch)
-            evidence = evidence | {"size": list(plan.size), "texels": replace(probe, fixed=one.texels.fixed).evidence()}
-        bits = fraction_bits(self.rd.rounded_uv(patch, plan, probe), probe, UV_BYTES_A_BIT * one.points, SLOPE)
-        bits = max(bits, SQUARE_BITS) if plan.group.nearest else bits + FINER_BITS * one.finer
-        return replace(one, plan=_with_bits(plan, bits), texels=probe, evidence=evidence)
+    def _cost(self, probe, patch):
+        """Of a Probe of a patch, in bytes."""
+        return self.rd.cost(probe.bytes, probe.error, patch.share)
 
-    def _smallest(self, plan, probe, patch):
-        """(plan, probe) at half the size again and again for as long as that is smaller at equal quality, and good enough."""
-        first = probe.exact()
-        while self.request.texel_size is None and min(plan.size) >= LEAST_SIDE and not (plan.size[0] | plan.size[1]) & 1:
-            half = _plan(plan.group, (plan.size[0] // 2, plan.size[1] // 2))
-            tried = self.rd.texels(patch, half, self._keys(half))
-            if tried.exact().lost(first) > LOST or tried.bytes_at(probe) >= probe.attributes:
-                break
-            plan, probe = half, tried
-        return plan, probe
+    def _costs_less(self, one, other, patch, share=1.0):
+        """Whether a Probe of a patch costs less than a share of another, in light and in flat colours: both are looked at, and
+        what a file has stays where they disagree."""
+        pairs = (one, other), (one.flat, other.flat)
+        return all(self._cost(a, patch) < share * self._cost(b, patch) for a, b in pairs)
+
+    def _best_size(self, plan, keys, patch, is_fixed):
+        """(plan, Probe) of the plan's size, or of half of it where that costs clearly less."""
+        probe, (width, height) = self.rd.texels(patch, plan, keys, TEXEL_CELL), plan.size
+        is_fixed = is_fixed or self.request.texel_size is not None or patch.texels_per_edge(USUAL_K) < COARSE
+        if is_fixed or min(plan.size) < LEAST_SIDE or max(plan.size) > MOST_SIDE or (width | height) & 1:
+            return plan, probe
+        half = _plan(plan.group, (width // 2, height // 2))
+        tried = self.rd.texels(patch, half, self._keys(half), TEXEL_CELL - 1)  # in the same places
+        return (half, tried) if self._costs_less(tried, probe, patch, HALF_COST) else (plan, probe)
+
+    def _best_bits(self, plan, probe, patch, uv_bytes, finer):
+        """(plan, Probe) with the bits of UVs below the texel that cost the least. uv_bytes: of each."""
+        errors = self.rd.rounded_uv(patch, plan)
+        bits = int(np.argmin([self.rd.cost(uv_bytes * k, error, patch.share) for k, error in enumerate(errors)]))
+        plan = _with_bits(plan, max(bits, SQUARE_BITS) if plan.group.nearest else bits + FINER_BITS * finer)
+        return plan, replace(probe, mse=probe.mse + errors[plan.fraction_bits])
 
     def _keys(self, plan):
         """Keys of the texels that a plan covers. Raises LimitError, where voxels would do even before the limit on samples."""
@@ -225,56 +231,60 @@ class _Choice:
         wanted = longest if size is None or group.palette else min(size, longest)
         return tuple(max(1, round(side * wanted / longest)) for side in group.size)
 
-    def _price(self, decided, resolution):
-        """By what was probed of the supports that were chosen, or of voxels where no image was looked at; None where values take
-        no bytes, or nobody asks."""
-        probes = [one.texels if one.goes else one.voxels for one in decided]
-        if not decided and self.request.mesh_is_free:
-            patch = self.rd.patch(self.scene, self.surface, np.arange(len(self.surface.faces)))
-            probes = [] if patch is None else [self.rd.voxels(patch, resolution, 2)]
-        attributes = sum(probe.attributes for probe in probes if probe)
-        if not attributes or self.rd.max_error is not None:
+    def _mse(self, decided, rest):
+        """Supports.mse. rest: Probe of what no _Candidate covers, None where that was not looked at."""
+        probes = [one.texels for one in decided if one.goes]
+        probes += [rest] if rest else [one.voxels for one in decided if one.voxels and not one.goes]
+        attributes = sum(probe.attributes for probe in probes)
+        if not attributes:
             return None
-        mse = sum(probe.attributes * probe.mse for probe in probes if probe) / attributes
-        return Price(of_error=max(SLOPE * attributes / mse, self.rd.least_price(self.surface)), mse=mse)
+        return max(sum(probe.attributes * probe.mse for probe in probes) / attributes, self.rd.coding_mse / 4)
 
-    def _best_voxels(self, patch, texels, clear):
-        """(K, Probe): the K of the rate, or where texels are coarser than its voxels the one that takes the fewest bytes. texels:
-        the Probe to match; clear: bytes of voxels that leave no doubt."""
-        usual = self.rd.resolution
-        per_edge = patch.texels_per_edge(usual)
-        choices, probes = _resolutions(per_edge, usual), []
-        for k in choices:
-            probes.append(self.rd.voxels(patch, k, _density(per_edge * usual / k)))
-            if probes[0].bytes_at(texels) > clear:
-                break
-        good = [i for i, probe in enumerate(probes) if probe.lost(probes[0]) <= LOST]
-        best = min(good, key=lambda i: probes[i].bytes_at(probes[0]))
-        return choices[best], probes[best]
+    def _best_voxels(self, patch, fixed, most=np.inf):
+        """(K, Probes by K): down or up the ladder, from where voxels have the rate's QP, for as long as they cost less. fixed:
+        bytes of the geometry; most: cost from which on no other K is tried."""
+        ladder, tried = [k for k in LADDER if k <= self.rd.resolution] or LADDER[:1], {}
+        first = best = min(range(len(ladder)), key=lambda i: abs(self.rd.qp_offset(patch.voxels(ladder[i]), patch.share)))
 
-    def _resolution(self, chosen, colours):
-        """(K of what stays over voxels, evidence): the rate's, or a smaller one where it gives the same picture for less; a
-        larger one where some of it is to be finer. chosen: _Candidates."""
+        def cost(place):
+            k = ladder[place]
+            if k not in tried:
+                tried[k] = replace(self.rd.voxels(patch, k, max(VOXEL_CELL + place - first, LEAST_CELL)), fixed=fixed)
+            return self._cost(tried[k], patch)
+
+        for step in (-1, 1) if cost(first) <= most else ():
+            while 0 <= best + step < len(ladder) and cost(best + step) < (FINER_COST if step > 0 else 1.0) * cost(best):
+                best += step
+        return ladder[best], tried
+
+    def _rows(self, tried, chosen, patch):
+        """What the report says of Probes by K, the chosen one last."""
+        return [{"resolution": k, **tried[k].evidence(), "cost": round(self._cost(tried[k], patch))}
+                for k in sorted(tried, key=lambda k: (k == chosen, k))]
+
+    def _resolution(self, decided, colours):
+        """(K of what stays over voxels, the Probe of that, None where it was not looked at, evidence). decided: _Candidates."""
         usual, free = self.rd.resolution, self.request.rate_is_free
-        rest = np.ones(len(self.surface.faces), bool)
-        for one in chosen:
-            rest[one.plan.group.faces] = False
+        chosen = [one.plan.group.faces for one in decided if one.goes]
+        rest = ~np.isin(np.arange(len(self.surface.faces)), np.concatenate([[-1], *chosen]))
         if free and rest.any() and is_plain(self.scene, colours, self.surface.material[rest]):
-            return _coarsest(self.rd, self.request), {"reason": "what stays over voxels is one colour: nothing to probe"}
+            return _coarsest(self.rd, self.request), None, {"reason": "what stays over voxels is one colour: nothing to probe"}
         if self.finer & set(np.unique(self.surface.material[rest]).tolist()):
-            return min(round(FINER_K * usual), MOST_RESOLUTION), {}
-        patch = self.rd.patch(self.scene, self.surface, np.flatnonzero(rest)) if rest.any() else None
-        if not free or patch is None or patch.texels_per_edge(usual) >= COARSE:
-            return usual, {}
-        probes = [(usual, self.rd.voxels(patch, usual, 2))]
-        while probes[-1][0] > 2 * USUAL_K:
-            k = _coarser(probes[-1][0])
-            probe = self.rd.voxels(patch, k, 2)
-            worse = probe.lost(probes[0][1]) > LOST
-            if worse or probe.bytes_at(probes[0][1]) >= probes[-1][1].bytes_at(probes[0][1]):
-                break
-            probes.append((k, probe))
-        return probes[-1][0], {"voxels": [{"resolution": k, **probe.evidence()} for k, probe in probes]}
+            return min(round(FINER_K * usual), MOST_RESOLUTION), None, {}
+        alone = [one for one in decided if not one.goes and len(one.plan.group.faces) == rest.sum() and one.voxels]
+        if alone:
+            return alone[0].resolution, alone[0].voxels, {}
+        patch = self.rd.patch(self.scene, self.surface, np.flatnonzero(rest)) if rest.any() and free else None
+        if patch is None:
+            return usual, None, {}
+        resolution, tried = self._best_voxels(patch, 0)
+        return resolution, tried[resolution], {"voxels": self._rows(tried, resolution, patch)}
+
+
+def _usual_values(scene, surface, groups, colours):
+    """RateDistortion.values of a scene."""
+    rest = ~np.isin(np.arange(len(surface.faces)), np.concatenate([[-1], *(group.faces for group in groups)]))
+    return usual_values(surface, groups, rest & (not is_plain(scene, colours, surface.material[rest])))
 
 
 def _plan(group, size):
@@ -285,22 +295,8 @@ def _with_bits(plan, bits):
     return replace(plan, fraction_bits=1 if plan.group.palette else min(bits, most_fraction_bits(plan.size, plan.group)))
 
 
-def _reason(texels, voxels, blurred):
-    if blurred and texels >= voxels:
-        return "voxels of this rate are too coarse to show it"
-    return f"{round(texels)} bytes over texels, {round(voxels)} over voxels of their quality"
-
-
-def _resolutions(per_edge, usual):
-    """Values of K to try, the rate's own only where the texels are not coarser. per_edge: texels along an edge of its voxels."""
-    if per_edge >= COARSE:
-        return [usual]
-    return sorted({min(max(round(usual * per_edge * factor), USUAL_K), usual) for factor in (1.0, 1.5, 2.0)}, reverse=True)
-
-
-def _density(per_edge):
-    """Samples per voxel edge of a probe's transfer."""
-    return int(np.clip(np.ceil(2 * per_edge), 2, 4))
+def _reason(texels, voxels):
+    return f"{round(texels)} bytes over texels, {round(voxels)} over voxels, with those that their errors are worth"
 
 
 def _geometry_bytes(plan, surface):
@@ -313,16 +309,9 @@ def _geometry_bytes(plan, surface):
     return plain, len(enc_textured(surface.lattice[vertex], corners, uv, bits)[0])
 
 
-def _coarser(resolution):
-    return round(resolution / np.sqrt(2))
-
-
 def _coarsest(rd, request):
-    """The least K that is ever tried, which is fine enough for one colour."""
-    k = rd.resolution
-    while request.rate_is_free and k > 2 * USUAL_K:
-        k = _coarser(k)
-    return k
+    """K for one colour."""
+    return min(rd.resolution, COARSEST_K) if request.rate_is_free else rd.resolution
 
 
 def moved_plans(plans: list[TexelPlan], scene: Scene, surface: Surface) -> list[TexelPlan]:

@@ -1,12 +1,15 @@
 """What a support would cost and how well it would look, measured on small pieces of the surface (encoder only).
 
-Around a few points spread evenly by area, cells of the support are cut out, filled from the source, coded and decoded at the QP
-at hand. Bits per value and the error at surface points well inside these cells stand for the whole: bytes came out 22 % too low
-to 13 % too high on five assets, where the two supports differ by more, or by so little that either will do (docs/texels.md). """
+Around a few points spread evenly by area and contrast, cells of the support are cut out, filled from the source, coded and
+decoded at the QP at hand. Bits per value and the error at surface points well inside these cells stand for the whole: bytes came
+out 22 % too low to 13 % too high on five assets, where the two supports differ by more, or by so little that either will do
+(docs/texels.md).
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,24 +35,23 @@ if TYPE_CHECKING:
     from ..texel_field import TexelPlan
 
 VOXELS_PER_AREA = 1.05  # voxels over surface in voxel faces; 1.015 to 1.071 on seven assets at K 512
-CELLS = 24
+VOXEL_CELLS, TEXEL_CELLS = 40, 24  # 24 are too few to tell K 1024 from K 724 on a scan: half a dB off, and 11 % of the bytes
 VOXEL_CELL, TEXEL_CELL = 5, 6  # log2 of a cell's side
 POINTS, LEAST_POINTS = 1 << 16, 100
 SLOPE = 0.8  # bytes of the values ~ error ** -SLOPE from r01 to r04: 0.4 to 0.7 on detailed images, 0.9 to 1.7 on smooth ones
-LEAST_EXACT = 0.01  # of an error that is compared with another
 LEFT_BY_FIT = 0.6  # share of the transfer's squared error that a fit leaves; 0.39 to 0.85 on seven assets at K 512 and 1024
 
 
 @dataclass(frozen=True)
 class Probe:
-    """values: of the whole; bits: per value; mse: at surface points, after coding, at least what the rate asks; exact_mse: the
-    same without that bound; fixed: bytes beside the values; maps: Probes of further channels, by name."""
+    """values: of the whole; bits: per value; mse: at surface points, after coding; qp_offset: to the rate's QP, that it was coded
+    with; fixed: bytes beside the values; maps: Probes of further channels, by name."""
 
     values: int
     bits: float
     mse: float
-    exact_mse: float = 0.0
-    fixed: int = 0
+    qp_offset: int = 0
+    fixed: float = 0.0
     maps: dict = field(default_factory=dict)
 
     @property
@@ -57,42 +59,43 @@ class Probe:
         """Bytes of the values of all channels."""
         return self.values * self.bits / 8 + sum(one.attributes for one in self.maps.values())
 
-    def bytes_at(self, other: Probe) -> float:
-        """Bytes of the values at the errors that another Probe of the same channels has."""
-        own = self.values * self.bits / 8 * (self.mse / other.mse) ** SLOPE
-        return own + sum(one.bytes_at(other.maps[name]) for name, one in self.maps.items())
+    @property
+    def bytes(self) -> float:
+        """Of the values and beside them."""
+        return self.attributes + self.fixed
 
-    def lost(self, other: Probe) -> float:
-        """How many times the error of another Probe it has, in the channel that is worst."""
-        return max([self.mse / other.mse, *(one.lost(other.maps[name]) for name, one in self.maps.items())])
+    @property
+    def error(self) -> float:
+        """Squared error of the shaded picture by all channels, where the surface in question is seen."""
+        return self.mse + sum(one.error for one in self.maps.values())
 
-    def exact(self) -> Probe:
-        """Itself with the errors that were measured, where they are above nothing."""
-        maps = {name: one.exact() for name, one in self.maps.items()}
-        return replace(self, mse=max(self.exact_mse, LEAST_EXACT), maps=maps)
+    @property
+    def flat(self) -> Probe:
+        """Of base colour and alpha alone, as pictures without light show them."""
+        return replace(self, maps={})
 
     def evidence(self) -> dict:
         """What the report says of it."""
         channels = {name: round(decibels(max(one.mse, 1e-4)), 2) for name, one in self.maps.items()}
-        return {"values": self.values, "attribute_bytes": round(self.attributes), "geometry_bytes": self.fixed,
-                "psnr_y": round(decibels(max(self.mse, 1e-4)), 2)} | ({"psnr_of_maps": channels} if channels else {})
+        return {"values": self.values, "attribute_bytes": round(self.attributes), "geometry_bytes": round(self.fixed),
+                "qp_offset": self.qp_offset, "psnr_y": round(decibels(max(self.mse, 1e-4)), 2),
+                } | ({"psnr_of_maps": channels} if channels else {})
 
 
 class Patch:
     """The part of a surface that is asked: a scene's faces with evenly spread points on them. faces: int64 [F] into surface's;
-    least: the error below which nothing is worth more bytes; name: of the channel, None for base colour and alpha; maps: the
-    patches of further channels by name."""
+    name: of the channel, None for base colour and alpha; maps: the patches of further channels by name; share: of the surface's
+    area."""
 
-    def __init__(self, scene: Scene, surface: Surface, faces: np.ndarray, least: float, threads: int,
-                 name: str | None = None) -> None:
-        self.scene, self.surface, self.faces, self.least, self.threads, self.name = scene, surface, faces, least, threads, name
+    def __init__(self, scene: Scene, surface: Surface, faces: np.ndarray, threads: int, name: str | None = None) -> None:
+        self.scene, self.surface, self.faces, self.threads, self.name = scene, surface, faces, threads, name
         self.face, self.bary = sample_surface(surface.lattice.astype(np.float64), surface.faces[faces], POINTS)
         self.source = self.packed(faces)
         self.colour = sample_source(self.source, self.face, self.bary, threads)
         self.maps: dict[str, Patch] = {}
         if name is None:
             names = {n for m in np.unique(surface.material[faces]) for n in scene.materials[m].maps}
-            self.maps = {n: Patch(scene, surface, faces, least, threads, n) for n in sorted(names)}
+            self.maps = {n: Patch(scene, surface, faces, threads, n) for n in sorted(names)}
         corners = surface.lattice[surface.faces[faces[self.face]]]
         self.points = np.einsum("nc,ncd->nd", self.bary, corners)  # on the lattice
 
@@ -110,7 +113,20 @@ class Patch:
     @property
     def area(self) -> float:
         """In squared lattice steps."""
-        return float(face_areas(self.surface.lattice, self.surface.faces[self.faces]).sum())
+        return float(self._areas[self.faces].sum())
+
+    @property
+    def share(self) -> float:
+        """Of the surface's area."""
+        return self.area / float(self._areas.sum())
+
+    @cached_property
+    def _areas(self):
+        return face_areas(self.surface.lattice, self.surface.faces)
+
+    def voxels(self, resolution: int) -> int:
+        """How many there are at a resolution, roughly."""
+        return round(self.area * (resolution / (1 << self.surface.cube.position_bits)) ** 2 * VOXELS_PER_AREA)
 
     def texels_per_edge(self, resolution: int) -> float:
         """Texels along an edge of a voxel, as field.transfer.texels_per_edge, of the finest channel."""
@@ -131,10 +147,6 @@ class Patch:
         alpha = float(((self.colour[chosen, 3:] - got[:, 3:]) ** 2).mean()) if got.shape[1] == 4 else 0.0
         return self.scene.weights.get(BASE_COLOUR.name, BASE_COLOUR.weight) * error.mse()["y"] + alpha
 
-    def probe(self, values: int, bits: float, mse: float) -> Probe:
-        """A Probe of this patch with a measured error."""
-        return Probe(values, bits, max(mse, self.least), mse)
-
 
 def _coded(plane, support, patch, quality):
     """(bits per value, decoded) of float32 [N, C]: a map, or colour, and alpha where it is there, by itself."""
@@ -150,13 +162,18 @@ def _coded(plane, support, patch, quality):
     return 8 * size / len(plane), np.concatenate(decoded, axis=1)
 
 
-def _cells_at(places, cell):
-    """Morton keys of up to CELLS different cells that places, int64 [M, d], are in, ascending; taken in a fixed shuffled
-    order."""
-    order = np.random.default_rng(0).permutation(len(places))[: 8 * CELLS]
-    keys = _cell_keys(places[order], cell)
-    _, first = np.unique(keys, return_index=True)
-    return np.sort(keys[np.sort(first)[:CELLS]])
+def _cells_at(patch, places, cell, most):
+    """Morton keys of up to so many different cells that a patch's points are in, at places int64 [M, d], ascending. Cells are
+    taken evenly from the smoothest to the one with the most contrast: where detail is rare, chance would miss it."""
+    keys = _cell_keys(places, cell)
+    _, own, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    contrast = np.zeros(len(counts))
+    for one in (patch, *patch.maps.values()):
+        value = one.colour[:, :3].mean(axis=1, dtype=np.float64)
+        mean, square = (np.bincount(own, value**power) / counts for power in (1, 2))
+        contrast += square - mean**2
+    order = np.argsort(contrast[own], kind="stable")
+    return np.unique(keys[order[((np.arange(most) + 0.5) * len(order) / most).astype(np.int64)]])
 
 
 def _cell_keys(places, cell):
@@ -181,27 +198,27 @@ def _well_inside(place, cell, cells):
     return inner if len(inner) > LEAST_POINTS else np.flatnonzero(there)
 
 
-def probe_texels(patch: Patch, plan: TexelPlan, keys: np.ndarray, coder: Coder) -> Probe:
-    """Probe of a TexelPlan. keys: int64 [N], the texels that it asks."""
+def probe_texels(patch: Patch, plan: TexelPlan, keys: np.ndarray, cell: int, coder: Coder) -> Probe:
+    """Probe of a TexelPlan. keys: int64 [N], the texels that it asks; cell: log2 of a cell's side."""
     texel = np.einsum("nc,ncd->nd", patch.bary, plan.group.uv[patch.face]) * np.array(plan.size) / plan.group.size
     place = np.column_stack([_wrapped(texel[:, i], plan.size[i], plan.group.wrap[i]) for i in range(2)])
-    cells = _cells_at(place.astype(np.int64), TEXEL_CELL)
-    mine = _within(keys, cells, TEXEL_CELL)
+    cells = _cells_at(patch, place.astype(np.int64), cell, TEXEL_CELLS)
+    mine = _within(keys, cells, cell)
     support = TexelSupport(keys=mine, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap, fraction_bits=0)
-    chosen, maps = _well_inside(place, TEXEL_CELL, cells), {}
+    chosen, maps = _well_inside(place, cell, cells), {}
     for one in (*patch.maps.values(), patch):
-        bits, decoded = _coded(_texels_of(plan, one, support, cells), support, one, coder)
-        made = one.probe(len(keys), bits, one.mse(chosen, support.query(texel[chosen], decoded, patch.threads)))
+        bits, decoded = _coded(_texels_of(plan, one, support, cells, cell), support, one, coder)
+        made = Probe(len(keys), bits, one.mse(chosen, support.query(texel[chosen], decoded, patch.threads)))
         if one.name is not None:
             maps[one.name] = made
     return replace(made, maps=maps)
 
 
-def _texels_of(plan, patch, support, cells):
+def _texels_of(plan, patch, support, cells, cell):
     """Values of the texels of a support that has these cells alone, float32 [N, C]."""
     if patch.name is not None:
         return _texels_of_map(plan, patch, support)
-    return patch.values(_colours_of(plan, patch, support, cells))
+    return patch.values(_colours_of(plan, patch, support, cells, cell))
 
 
 def _texels_of_map(plan, patch, support):
@@ -218,16 +235,16 @@ def _texels_of_map(plan, patch, support):
     return np.ascontiguousarray(rgba[:, list(BY_NAME[patch.name].columns)])
 
 
-def _colours_of(plan, patch, support, cells):
+def _colours_of(plan, patch, support, cells, cell):
     """RGBA of the texels of a support that has these cells alone, float32 [N, 4]."""
     xy = support.xy()
     if plan.size == plan.group.size or plan.group.size[0] % plan.size[0]:
         return plan.values(patch.surface, xy, patch.threads)
-    out, own = np.empty((len(xy), 4), np.float32), _cell_keys(xy, TEXEL_CELL)
+    out, own = np.empty((len(xy), 4), np.float32), _cell_keys(xy, cell)
     for key in cells:
-        corner, mine = decode_morton(np.array([key]))[0, :2].astype(np.int64) << TEXEL_CELL, np.flatnonzero(own == key)
+        corner, mine = decode_morton(np.array([key]))[0, :2].astype(np.int64) << cell, np.flatnonzero(own == key)
         place = xy[mine] - corner
-        out[mine] = plan.values_of_cell(corner, 1 << TEXEL_CELL)[place[:, 1], place[:, 0]]
+        out[mine] = plan.values_of_cell(corner, 1 << cell)[place[:, 1], place[:, 0]]
     return out
 
 
@@ -240,21 +257,22 @@ def _wrapped(place, size, mode):
     return size - np.abs(place % (2 * size) - size)
 
 
-def probe_voxels(patch: Patch, resolution: int, density: int, coder: Coder, area_threshold: int, is_fitted: bool) -> Probe:
-    """Probe of voxels at a resolution. density: samples per voxel edge of the transfer; is_fitted: whether a surface fit may
-    follow it."""
+def probe_voxels(patch: Patch, resolution: int, cell: int, density: int, coder: Coder, area_threshold: int,
+                 is_fitted: bool) -> Probe:
+    """Probe of voxels at a resolution. cell: log2 of a cell's side; density: samples per voxel edge of the transfer; is_fitted:
+    whether a surface fit may follow it."""
     surface, bits = patch.surface, patch.surface.cube.position_bits
     grid = patch.points * (resolution / (1 << bits))
-    cells = _cells_at(grid.astype(np.int64), VOXEL_CELL)
-    near = _faces_near(surface.lattice[surface.faces[patch.faces]] * (resolution / (1 << bits)), cells)
+    cells = _cells_at(patch, grid.astype(np.int64), cell, VOXEL_CELLS)
+    near = _faces_near(surface.lattice[surface.faces[patch.faces]] * (resolution / (1 << bits)), cells, cell)
     faces = surface.faces[patch.faces[near]]
     keys, _ = voxelise(surface.lattice, faces, bits, resolution, area_threshold, patch.threads)
-    keys = _within(keys, cells, VOXEL_CELL)
-    values = round(patch.area * (resolution / (1 << bits)) ** 2 * VOXELS_PER_AREA)
+    keys = _within(keys, cells, cell)
+    values = patch.voxels(resolution)
     if not len(keys):
-        return replace(patch.probe(values, 24.0, 0.0), maps={n: one.probe(values, 8.0, 0.0) for n, one in patch.maps.items()})
+        return Probe(values, 24.0, 0.0, maps={name: Probe(values, 8.0, 0.0) for name in patch.maps})
     support, brick_map = VoxelSupport(resolution, keys), build_brick_map(keys)
-    chosen, maps = _well_inside(grid, VOXEL_CELL, cells), {}
+    chosen, maps = _well_inside(grid, cell, cells), {}
     for one in (*patch.maps.values(), patch):
         rgba = np.column_stack(transfer(surface.lattice, faces, one.packed(patch.faces[near]), bits, resolution, keys, brick_map,
                                         density, patch.threads))
@@ -263,17 +281,17 @@ def probe_voxels(patch: Patch, resolution: int, density: int, coder: Coder, area
         mse, uncoded = (one.mse(chosen, query_field(grid[chosen], resolution, keys, brick_map, plane, patch.threads)[0])
                         for plane in (decoded, values_there))
         saved = (1 - LEFT_BY_FIT) * uncoded if is_fitted and one is patch else 0.0
-        made = one.probe(values, coded, max(mse - saved, 0.0))
+        made = Probe(values, coded, max(mse - saved, 0.0))
         if one is not patch:
             maps[one.name] = made
     return replace(made, maps=maps)
 
 
-def _faces_near(corners, cells):
+def _faces_near(corners, cells, cell):
     """Numbers of the faces whose boxes reach into one of the cells. corners: float64 [F, 3, 3], grid coordinates."""
     low, high = corners.min(axis=1), corners.max(axis=1)
     near = np.zeros(len(corners), bool)
-    for cell in decode_morton(cells).astype(np.int64):
-        near |= ((high >= (cell << VOXEL_CELL) - 1) & (low <= (cell + 1 << VOXEL_CELL) + 1)).all(axis=1)
+    for place in decode_morton(cells).astype(np.int64):
+        near |= ((high >= (place << cell) - 1) & (low <= (place + 1 << cell) + 1)).all(axis=1)
     return np.flatnonzero(near)
 

@@ -14,21 +14,20 @@ from ...scene.fetch import UV_OF_SOURCE, sample_source
 from ..texel_field import MOST_FRACTION_BITS, TexelPlan
 
 if TYPE_CHECKING:
-    from .probe import Patch, Probe
+    from .probe import Patch
 
 EVERY = 4  # of a patch's points, 16,384 of them
-NEGLIGIBLE = 0.01  # of it: from here on each bit is taken to leave a quarter of the squared error
+NEGLIGIBLE = 0.02  # squared error from which on each bit is taken to leave a quarter
 
 
-def rounding_shares(patch: Patch, plan: TexelPlan, probe: Probe) -> np.ndarray:
-    """By number of bits, float64 [MOST_FRACTION_BITS + 1]: squared error that rounded UVs add at surface points, as a share of
-    the one that coding leaves in a Probe of the plan; of all channels the largest."""
-    patches = [(patch, probe.mse), *((part, probe.maps[name].mse) for name, part in patch.maps.items())]
-    shares: list[float] = []
+def rounding_errors(patch: Patch, plan: TexelPlan) -> np.ndarray:
+    """By number of bits, float64 [MOST_FRACTION_BITS + 1]: squared error that rounded UVs add at surface points, the sum over
+    channels."""
+    errors: list[float] = []
     for bits in range(MOST_FRACTION_BITS + 1):
-        known = bool(shares) and shares[-1] <= NEGLIGIBLE
-        shares.append(shares[-1] / 4 if known else max(_added(part, plan, bits) / mse for part, mse in patches))
-    return np.array(shares)
+        known = bool(errors) and errors[-1] <= NEGLIGIBLE
+        errors.append(errors[-1] / 4 if known else sum(_added(part, plan, bits) for part in (patch, *patch.maps.values())))
+    return np.array(errors)
 
 
 def _added(patch, plan, bits):

@@ -47,7 +47,9 @@ if TYPE_CHECKING:
     from ..options import EncodeOptions
     from ..report import Report
     from ..scene.scene import Material, Scene
+    from .decide.mesh import SentMesh
     from .decide.normal_rules import Shading
+    from .decide.supports import Supports
     from .source_field import SourceField
     from .texel_field import TexelPlan
 
@@ -167,26 +169,21 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
         colours = material_colours(scene, begun.surface)
     with report.stage("supports") as step:
         supports = choose_supports(scene, begun.surface, rd, request, colours, finer, step)
-    chosen = supports.value
-    rd = replace(rd, resolution=chosen.resolution, values=chosen.values)
-    with report.stage("partition") as step:
-        choice = MeshChoice(scene, begun.surface, rd, request, chosen.mse)
-        usual = choice.finer()
-        if usual is not begun.surface:
-            chosen = replace(chosen, plans=moved_plans(chosen.plans, scene, usual))
-        shown, partition = _partitioned(scene, usual, chosen.plans, colours, rd, request, step)
-        face_field = _said(partition, report, request.strict).value
-    with report.stage("faces") as step:
-        mesh = _said(choice.smaller(usual, face_field, chosen.plans, step), report)
-        sent, surface = mesh.value, mesh.value.surface
-        if surface is not usual:
-            chosen = replace(chosen, plans=moved_plans(chosen.plans, sent.scene, surface))
+    meshed = _meshed(begun, supports, scene, colours, report)
+    if (instead := supports.value.instead) is not None:
+        other = _meshed(begun, instead, scene, colours, report)
+        if other.saved - meshed.saved > supports.value.behind:
+            supports, meshed = instead, other
+    chosen, rd, usual, shown = meshed.supports, meshed.rd, meshed.usual, meshed.shown
+    face_field = _said(meshed.partition, report, request.strict).value
+    sent = _said(meshed.mesh, report).value
+    surface = sent.surface
     with report.stage("normals") as step:
         folded = with_folded_normals(sent.scene, surface, _without_uv_area(chosen.plans))
         shading = _said(choose_normals(folded, surface, rd.qp, budget, _attribute_bytes(supports.evidence), step), report)
         frames = _said(fit_frames(sent.scene, surface, shading.value, chosen.plans, rd), report)
         chosen = replace(chosen, plans=frames.value)
-    evidence = evidence | {"supports": supports.evidence, "partition": partition.evidence, "mesh": mesh.evidence,
+    evidence = evidence | {"supports": supports.evidence, "partition": meshed.partition.evidence, "mesh": meshed.mesh.evidence,
                            "normals": shading.evidence | frames.evidence}
     first = int(face_field.max(initial=-1)) + 1
     by_row = np.full(len(shown.faces), -1, np.int64)
@@ -210,6 +207,42 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
     return Plan(request=request, rd=rd, surface=surface, geometry=geometry, source=filled.value.source,
                 fields=filled.value.fields, materials=begun.materials, shading=shading.value,
                 resolution=rd.resolution if first else None, evidence=evidence | filled.evidence)
+
+
+@dataclass(frozen=True)
+class _Meshed:
+    """Supports with the mesh that suits them. rd: of their K; usual: the source's Surface at its bits; shown: the scene without
+    detail that no voxel shows; partition: of face fields, as of _partitioned(); mesh: of a SentMesh."""
+
+    supports: Supports
+    rd: RateDistortion
+    usual: Surface
+    shown: Scene
+    partition: Decision[np.ndarray]
+    mesh: Decision[SentMesh]
+
+    @property
+    def saved(self) -> float:
+        """Bytes that the mesh costs less than the source's at the usual bits."""
+        return self.mesh.value.saved
+
+
+def _meshed(begun: Outline, supports: Decision[Supports], scene: Scene, colours: np.ndarray, report: Report) -> _Meshed:
+    """The _Meshed of Supports. colours: of material_colours."""
+    chosen, request = supports.value, begun.request
+    rd = replace(begun.rd, resolution=chosen.resolution, values=chosen.values)
+    with report.stage("partition") as step:
+        choice = MeshChoice(scene, begun.surface, rd, request, chosen.mse)
+        usual = choice.finer()
+        if usual is not begun.surface:
+            chosen = replace(chosen, plans=moved_plans(chosen.plans, scene, usual))
+        shown, partition = _partitioned(scene, usual, chosen.plans, colours, rd, request, step)
+    with report.stage("faces") as step:
+        mesh = choice.smaller(usual, partition.value, chosen.plans, step)
+        sent = mesh.value
+        if sent.surface is not usual:
+            chosen = replace(chosen, plans=moved_plans(chosen.plans, sent.scene, sent.surface))
+    return _Meshed(chosen, rd, usual, shown, partition, mesh)
 
 
 def _said(decision: Decision, report: Report, strict: bool = False) -> Decision:

@@ -60,13 +60,14 @@ NOTHING = 1e9  # the squared error of a mesh of which nothing is left
 class SentMesh:
     """scene: one whose faces are those that are sent; surface: it on its lattice; rows: int64 [G], the source's face that each is
     what is left of; drawn: the source's faces on that surface; places: where their corners lie there, None where the source's
-    connectivity is sent."""
+    connectivity is sent; saved: bytes that it costs less than the source's mesh."""
 
     scene: Scene
     surface: Surface
     rows: np.ndarray
     drawn: Surface
     places: DrawnSource | None = None
+    saved: float = 0.0
 
     def at_corners(self, corner: np.ndarray) -> np.ndarray:
         """What corners of the surface hold, float32 [G, 3, C], at those of drawn, float32 [F, 3, C]."""
@@ -103,6 +104,10 @@ class MeshChoice:
     def _at_usual(self):
         return self._looks(self.usual, smooth_normals(self.usual))
 
+    def look_at(self, surface: Surface) -> Moved:
+        """What the source on another lattice does to pictures."""
+        return self._at_usual if surface is self.usual else self._looks(surface, smooth_normals(surface))
+
     def finer(self) -> Surface:
         """The source at the bits, from the usual ones on, that cost least."""
         if self.evidence["reason"]:
@@ -122,17 +127,17 @@ class MeshChoice:
         account no face goes, because its UVs would; flat colours, which are exact, keep every vertex where it is.
         """
         usual = kept(self.scene, surface)
-        if surface is not self.usual:
+        if surface is not self.usual and plans:
             return Decision(usual, self.evidence)
-        if self.evidence["reason"] or not self.request.mesh_is_free:
-            return Decision(usual, {"reason": self.evidence["reason"] or "the source's mesh was asked for"})
+        if self._reason() or not self.request.mesh_is_free:
+            return Decision(usual, {"reason": self._reason() or "the source's mesh was asked for"})
         if any(_is_exact(plan) for plan in plans):
             return Decision(usual, {"reason": "flat colours of texels are exact, and stay where they are"})
-        if len(self.usual.faces) < FEWEST:
-            return Decision(usual, {"reason": "few faces take few bytes"})
-        search = _Search(self, group, not plans)
+        if len(surface.faces) < FEWEST:
+            return Decision(usual, self.evidence if surface is not self.usual else {"reason": "few faces take few bytes"})
+        search = _Search(self, surface, group, not plans)
         best = search.best(step)
-        return Decision(best.sent, search.evidence(best))
+        return Decision(replace(best.sent, saved=search.at_usual.cost - best.cost), search.evidence(best))
 
 
 def _is_exact(plan):
@@ -163,8 +168,8 @@ class _Search:
     """Reckons what each number of faces and of bits would cost, and looks at those that promise least. tried: by place in shares
     and bits."""
 
-    def __init__(self, choice: MeshChoice, group: np.ndarray, collapsible: bool) -> None:
-        self.choice, self.scene, self.usual, self.rd = choice, choice.scene, choice.usual, choice.rd
+    def __init__(self, choice: MeshChoice, usual: Surface, group: np.ndarray, collapsible: bool) -> None:
+        self.choice, self.scene, self.usual, self.rd = choice, choice.scene, usual, choice.rd
         self.group = group * (int(self.usual.material.max(initial=0)) + 1) + self.usual.material
         positions = np.zeros(self.usual.lattice.shape)
         positions[self.usual.faces] = self.scene.positions[self.scene.faces[self.usual.origin_face]]
@@ -172,6 +177,11 @@ class _Search:
         self.shares = SHARES if collapsible else SHARES[:1]
         self.tried: dict[tuple[int, int], _Candidate] = {}
         self._fits: dict[int, tuple] = {}
+
+    @cached_property
+    def at_usual(self) -> _Candidate:
+        """The source's mesh."""
+        return self._measured(kept(self.scene, self.usual), self.choice.look_at(self.usual), True)
 
     @cached_property
     def _simplification(self):
@@ -182,7 +192,7 @@ class _Search:
 
     def best(self, step: Step) -> _Candidate:
         """The candidate of least cost that nothing speaks against: those that promise least are looked at until none does."""
-        self.tried[0, self.usual.cube.position_bits] = self._measured(kept(self.scene, self.usual), self.choice._at_usual, True)
+        self.tried[0, self.usual.cube.position_bits] = self.at_usual
         first = self._candidate(0, USUAL_LOOK)
         reckoned = self._reckoned(first) if first.faces else {}
         most = LOOKS[self.choice.request.effort]
@@ -230,8 +240,9 @@ class _Search:
                 sent = self._sent(surface, face[surface.origin_face], place > 0)
                 self.tried[place, bits] = self._measured(sent, self._look(sent))
             else:
-                usual, gone = self.tried[0, self.usual.cube.position_bits], Moved(NOTHING, 1.0, 1.0)
-                self.tried[place, bits] = replace(usual, faces=0, bits=bits, moved=gone, cost=NOTHING, refused="nothing is left")
+                gone = Moved(NOTHING, 1.0, 1.0)
+                self.tried[place, bits] = replace(self.at_usual, faces=0, bits=bits, moved=gone, cost=NOTHING,
+                                                  refused="nothing is left")
         return self.tried[place, bits]
 
     def _fit(self, place):

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 LEAST_SIDE, MOST_SIDE = 256, 2048
 LADDER = (64, 128, 256, 512, 1024, 2048)  # values of K, up to the rate's: each is looked at in the same cubes of space
 VOXEL_COST = 0.95  # of its texels, from which an image goes over voxels: in a near tie a file keeps what it has
+MOST_SAVED = 0.5  # of the geometry's bytes: what a smaller mesh is hoped to save, with what its error costs
 HALF_COST = 0.9  # of the whole image's, from which half of it is taken: probes of 24 places differ by as much
 FINER_COST = 0.97  # of the next K's: a finer one takes four times as long
 LEAST_CELL = 3  # log2 of such a cube's side, in voxels
@@ -55,25 +56,30 @@ MOST_ROWS = 1 << 27  # of texels that the faces of an image go over, a few secon
 @dataclass(frozen=True)
 class Supports:
     """plans: TexelPlans; resolution: K of what is over voxels; qp_offset: of its values to the rate's QP; values: as of
-    RateDistortion; mse: squared error of colours and maps, None where these take no bytes."""
+    RateDistortion; mse: squared error of colours and maps, None where these take no bytes; instead: all over voxels, where a
+    smaller mesh, which faces over texels cannot have, may make that cost less; behind: bytes that it costs more without."""
 
     plans: list[TexelPlan]
     resolution: int
     qp_offset: int
     values: float
     mse: float | None = None
+    instead: Decision[Supports] | None = None
+    behind: float = 0.0
 
 
 @dataclass(frozen=True)
 class _Candidate:
     """An image group and what it would cost over texels and, where that was looked at, voxels. finer: whether it came out too
-    coarse before; voxels: the Probe at K resolution; goes: whether it was chosen; evidence: for the report."""
+    coarse before; voxels: the Probe at K resolution; behind: bytes that it costs more over voxels, on the source's mesh; goes:
+    whether it was chosen; evidence: for the report."""
 
     plan: TexelPlan
     texels: Probe
     finer: bool = False
     voxels: Probe | None = None
     resolution: int = 0
+    behind: float = 0.0
     goes: bool = False
     evidence: dict = field(default_factory=dict)
 
@@ -81,6 +87,11 @@ class _Candidate:
         """The candidate with its choice, "texels" or "voxels", and why."""
         evidence = {**self.evidence, "texels": self.texels.evidence(), **more, "chosen": over, "reason": reason}
         return replace(self, goes=over == "texels", evidence=evidence)
+
+    def over_voxels(self) -> _Candidate:
+        """The candidate over voxels, for the sake of a smaller mesh."""
+        reason = "a smaller mesh, which faces over texels cannot have, costs less" if self.goes else self.evidence["reason"]
+        return replace(self, goes=False, evidence={**self.evidence, "chosen": "voxels", "reason": reason})
 
 
 def choose_supports(scene: Scene, surface: Surface, rd: RateDistortion, request: EncodeOptions, colours: np.ndarray,
@@ -145,13 +156,23 @@ class _Choice:
                     raise
                 rows.append({**row, "chosen": "voxels", "reason": str(error)})
             step(number, total)
-        chosen = [candidate for candidate in decided if candidate.goes]
         step(total - 1, total)
+        supports = self._supports(decided, rows, colours, evidence)
+        instead = [one for one in decided if one.voxels]
+        behind, fixed = sum(max(one.behind, 0.0) for one in instead), sum(one.voxels.fixed for one in instead)
+        is_open = supports.value.plans and len(instead) == len(groups) and self.request.mesh_is_free
+        if is_open and behind < MOST_SAVED * fixed:
+            other = self._supports([one.over_voxels() for one in instead], [], colours, evidence)
+            return replace(supports, value=replace(supports.value, instead=other, behind=behind))
+        return supports
+
+    def _supports(self, decided, rows, colours, evidence):
+        """Supports of _Candidates, with what the report says. rows: of other images."""
         resolution, rest, voxels = self._resolution(decided, colours)
-        evidence |= {"groups": rows + [candidate.evidence for candidate in decided], **voxels}
-        supports = Supports([candidate.plan for candidate in chosen], resolution, rest.qp_offset if rest else 0, self.rd.values,
-                            self._mse(decided, rest))
-        return Decision(supports, evidence)
+        plans, offset = [one.plan for one in decided if one.goes], rest.qp_offset if rest else 0
+        groups = rows + [one.evidence for one in decided]
+        supports = Supports(plans, resolution, offset, self.rd.values, self._mse(decided, rest))
+        return Decision(supports, evidence | {"groups": groups, **voxels})
 
     def _candidate(self, group: ImageGroup, row: dict, patch: Patch | None) -> _Candidate:
         """The _Candidate of an image group, at the size and with the bits of UVs that cost the least. row: what the report says
@@ -186,20 +207,19 @@ class _Choice:
         resolution, tried = self._best_voxels(patch, plain, CLEAR * texels)
         one = replace(one, voxels=tried[resolution], resolution=resolution)
         voxels = self._cost(one.voxels, patch)
-        over, row = "texels", self._rows(tried, resolution, patch)[-1]
-        if self._costs_less(one.voxels, one.texels, patch, VOXEL_COST):
-            over = "voxels"
-        return one.decided(over, _reason(texels, voxels), voxels=row)
+        one = replace(one, behind=self._behind(one.voxels, one.texels, patch, VOXEL_COST))
+        row = self._rows(tried, resolution, patch)[-1]
+        return one.decided("voxels" if one.behind < 0 else "texels", _reason(texels, voxels), voxels=row)
 
     def _cost(self, probe, patch):
         """Of a Probe of a patch, in bytes."""
         return self.rd.cost(probe.bytes, probe.error, patch.share)
 
-    def _costs_less(self, one, other, patch, share=1.0):
-        """Whether a Probe of a patch costs less than a share of another, in light and in flat colours: both are looked at, and
-        what a file has stays where they disagree."""
+    def _behind(self, one, other, patch, share):
+        """Bytes that a Probe of a patch costs more than a share of another, in light or in flat colours, where that is more: what
+        a file has stays where they disagree."""
         pairs = (one, other), (one.flat, other.flat)
-        return all(self._cost(a, patch) < share * self._cost(b, patch) for a, b in pairs)
+        return max(self._cost(a, patch) - share * self._cost(b, patch) for a, b in pairs)
 
     def _best_size(self, plan, keys, patch, is_fixed):
         """(plan, Probe) of the plan's size, or of half of it where that costs clearly less."""
@@ -209,7 +229,7 @@ class _Choice:
             return plan, probe
         half = _plan(plan.group, (width // 2, height // 2))
         tried = self.rd.texels(patch, half, self._keys(half), TEXEL_CELL - 1)  # in the same places
-        return (half, tried) if self._costs_less(tried, probe, patch, HALF_COST) else (plan, probe)
+        return (half, tried) if self._behind(tried, probe, patch, HALF_COST) < 0 else (plan, probe)
 
     def _best_bits(self, plan, probe, patch, uv_bytes, finer):
         """(plan, Probe) with the bits of UVs below the texel that cost the least. uv_bytes: of each."""

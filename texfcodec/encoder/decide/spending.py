@@ -23,7 +23,7 @@ FEW_COLOURS, QUICK_LOOK = 256, 4096  # colours of a palette; values looked at be
 EXACT_BYTES = 200  # what exact values may always cost: squares of a few colours are to come back as they were
 BITS_PER_QP = 0.17  # log2 of attribute bytes that a step of QP takes away
 MOST_TRIES = 4  # codings with a coarser QP before the bytes of the source's image count as out of reach
-LEAST_SAVED = 200  # bytes over its image's from which a unit is coded again: what a unit of any QP takes is no quality
+LEAST_SAVED = 200  # bytes that a unit may take over those of its image: what a unit of any QP takes is no quality
 MOST_COARSER = 18  # QP, a step of eight times the requested one
 
 
@@ -66,20 +66,21 @@ def spend(first: CodedUnit, code: Callable[[Coder], CodedUnit], coder: Coder, wo
             return Decision(exact, {"exact": True, "bytes_at_qp": first.bytes})
     if budget is None or first.bytes <= budget + LEAST_SAVED:
         return Decision(first, {})
-    return _within(first, code, coder, budget)
+    return _within(first, code, coder, budget + LEAST_SAVED)
 
 
 def _within(first, code, coder, budget):
-    """The finest of a few coarser codings that takes no more than a budget; the last one where none does."""
-    unit, qp, last = first, coder.qp, min(coder.qp + MOST_COARSER, LAST_QP)
-    if qp >= last:
+    """The finest coding that takes no more than a budget, among coarser ones; the coarsest that was tried where none does."""
+    units, at, low, high = {coder.qp: first}, coder.qp, coder.qp, min(coder.qp + MOST_COARSER, LAST_QP) + 1
+    while high - low > 1 and len(units) <= MOST_TRIES:  # low takes more than the budget, high no more
+        guess = at + math.ceil(math.log2(max(units[at].bytes, 1) / budget) / BITS_PER_QP)
+        at = min(max(guess, low + 1), high - 1)
+        units[at] = code(coder.at(qp=at))
+        low, high = (low, at) if units[at].bytes <= budget else (at, high)
+    qp = high if high in units else low
+    if qp == coder.qp:
         return Decision(first, {})
-    for _ in range(MOST_TRIES):
-        qp = min(qp + max(1, math.ceil(math.log2(unit.bytes / budget) / BITS_PER_QP)), last)
-        unit = code(coder.at(qp=qp))
-        if unit.bytes <= budget or qp == last:
-            break
-    return Decision(unit, {"qp": qp, "bytes_at_qp": first.bytes, "source_image_bytes": round(budget)})
+    return Decision(units[qp], {"qp": qp, "bytes_at_qp": first.bytes, "source_image_bytes": round(budget - LEAST_SAVED)})
 
 
 def image_budgets(source: Source, fields: list[SourceField]) -> dict[tuple[int, int], float]:

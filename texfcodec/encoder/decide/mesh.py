@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 BYTES_A_BIT = 3 / 8  # of a vertex, for each bit of its three coordinates
 COARSEST_POSITIONS = 10  # bits: from here down small faces of dense scans fall together
+SECOND_LOOK, MOST_A_BIT = 2, 4.0  # bits more than usual that a second look is at; times that a bit lessens an error at most
 USUAL_LOOK = 12  # bits of the lattice that the others' error is reckoned from
 SHARES = tuple(2 ** (-number / 2) for number in range(11))  # of the source's faces; a point 25 % off costs 1 to 2 % of the bytes
 FEWEST = 256  # faces: fewer take too few bytes to bother
@@ -113,12 +114,19 @@ class MeshChoice:
         if self.evidence["reason"]:
             return self.usual
         usual, vertices = self.usual.cube.position_bits, len(np.unique(self.usual.faces))
-        cost = lambda k: self.rd.cost(BYTES_A_BIT * vertices * k, self._at_usual.mse / 2 ** (k - usual))
-        best = min(range(usual, FINEST_POSITIONS + 1), key=cost)
+        cost = lambda k, times: self.rd.cost(BYTES_A_BIT * vertices * k, self._at_usual.mse / times ** (k - usual))
+        if cost(usual + 1, MOST_A_BIT) >= cost(usual, 1):
+            return self.usual
+        second = self.look_at(self._on_lattice(usual + SECOND_LOOK))
+        times = np.clip((self._at_usual.mse / max(second.mse, 1e-12)) ** (1 / SECOND_LOOK), 1.0, MOST_A_BIT)
+        best = min(range(usual, FINEST_POSITIONS + 1), key=lambda k: cost(k, times))
         if best == usual:
             return self.usual
         self.evidence |= {"reason": "the usual bits move what is seen", "position_bits": best}
-        return make_surface(self.scene, replace(self.request, position_bits=best))
+        return self._on_lattice(best)
+
+    def _on_lattice(self, bits):
+        return make_surface(self.scene, replace(self.request, position_bits=bits))
 
     def smaller(self, surface: Surface, group: np.ndarray, plans: list[TexelPlan], step: Step = no_step) -> Decision[SentMesh]:
         """The mesh that costs least among the source's and smaller ones, at the usual bits and fewer.

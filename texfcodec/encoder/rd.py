@@ -26,6 +26,7 @@ from ..geometry.areas import face_areas
 from .coder import Coder
 from .decide.channel_weights import shown_of_radians
 from .estimates import image_measures, map_levels, partition_error, position_error, probe, uv_rounding
+from .estimates.usual_values import USUAL_K
 from .source_field import transfer_density
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
 # QP 40 to 20 are 0.06 to 0.08 over texels and 0.08 to 0.10 over voxels of K 1024, quartiles 0.06 and 0.11; maps of three
 # components, whose error is the mean over these, have less.
 TRADE_OFF = 0.06
-FINEST, COARSEST = -12, 6  # offsets to the QP; what is coarser by more would fall short of the rate's promise
+FINEST, COARSEST = -12, 3  # offsets to the QP; what is coarser by more would fall short of the rate's promise
 LEFT_BY_FIT = probe.LEFT_BY_FIT
 
 
@@ -133,20 +134,23 @@ class RateDistortion:
         """dB between two squared errors of values before coding, at the quality that coding leaves."""
         return decibels(after + self.floor) - decibels(before + self.floor)
 
-    def patch(self, scene: Scene, surface: Surface, faces: np.ndarray) -> Patch | None:
-        """Points of some faces, int64 [F], that candidates are compared at; None where these have no area."""
+    def patch(self, scene: Scene, surface: Surface, faces: np.ndarray, texels: float = math.inf) -> Patch | None:
+        """Points of some faces, int64 [F], that candidates are compared at; None where these have no area. texels: of the image
+        there. A small part with many counts for more than its share: who looks at it sees it large, at the rate's QP."""
         if not face_areas(surface.lattice, surface.faces[faces]).any():
             return None
-        return probe.Patch(scene, surface, faces, self.threads)
+        made = probe.Patch(scene, surface, faces, self.threads)
+        made.weight = max(made.weight, min(made.voxels(USUAL_K), texels) / self.values)
+        return made
 
     def texels(self, patch: Patch, plan: TexelPlan, keys: np.ndarray, cell: int) -> Probe:
         """A TexelPlan, coded in pieces, squares with a side of 2**cell texels. keys: int64 [N], the texels that it covers."""
-        offset = self.qp_offset(len(keys), patch.share)
+        offset = self.qp_offset(len(keys), patch.weight)
         return replace(probe.probe_texels(patch, plan, keys, cell, self.planes.shifted(offset)), qp_offset=offset)
 
     def voxels(self, patch: Patch, resolution: int, cell: int) -> Probe:
         """Voxels at a resolution, coded in pieces, cubes with a side of 2**cell voxels."""
-        offset = self.qp_offset(patch.voxels(resolution), patch.share)
+        offset = self.qp_offset(patch.voxels(resolution), patch.weight)
         coder, density = self.planes.shifted(offset), transfer_density(patch.texels_per_edge(resolution), self)
         made = probe.probe_voxels(patch, resolution, cell, density, coder, self.area_threshold, self.is_fitted)
         return replace(made, qp_offset=offset)

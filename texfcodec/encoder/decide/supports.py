@@ -20,7 +20,7 @@ from ...report import Step, no_step
 from ..decision import Decision
 from ..estimates.image_measures import UNIT_BYTES
 from ..estimates.probe import TEXEL_CELL, VOXEL_CELL, Probe
-from ..estimates.usual_values import USUAL_K, usual_values
+from ..estimates.usual_values import USUAL_K, texels_shown, usual_values
 from ..texel_field import TexelPlan, covered_texels, most_fraction_bits
 from .one_colour import NOTHING_TO_PROBE, is_plain
 from .spending import has_few_colours
@@ -149,7 +149,7 @@ class _Choice:
             row = {"faces": len(group.faces), "materials": np.unique(self.surface.material[group.faces]).tolist(),
                    "image": list(group.size)}
             try:
-                patch = self.rd.patch(self.scene, self.surface, group.faces)
+                patch = self.rd.patch(self.scene, self.surface, group.faces, texels_shown(group))
                 decided.append(self._decided(self._candidate(group, row, patch), patch))
             except LimitError as error:  # voxels will do
                 if self.request.support == "texels":
@@ -213,7 +213,7 @@ class _Choice:
 
     def _cost(self, probe, patch):
         """Of a Probe of a patch, in bytes."""
-        return self.rd.cost(probe.bytes, probe.error, patch.share)
+        return self.rd.cost(probe.bytes, probe.error, patch.weight)
 
     def _behind(self, one, other, patch, share):
         """Bytes that a Probe of a patch costs more than a share of another, in light or in flat colours, where that is more: what
@@ -234,7 +234,7 @@ class _Choice:
     def _best_bits(self, plan, probe, patch, uv_bytes, finer):
         """(plan, Probe) with the bits of UVs below the texel that cost the least. uv_bytes: of each."""
         errors = self.rd.rounded_uv(patch, plan)
-        bits = int(np.argmin([self.rd.cost(uv_bytes * k, error, patch.share) for k, error in enumerate(errors)]))
+        bits = int(np.argmin([self.rd.cost(uv_bytes * k, error, patch.weight) for k, error in enumerate(errors)]))
         plan = _with_bits(plan, max(bits, SQUARE_BITS) if plan.group.nearest else bits + FINER_BITS * finer)
         return plan, replace(probe, mse=probe.mse + errors[plan.fraction_bits])
 
@@ -264,7 +264,7 @@ class _Choice:
         """(K, Probes by K): down or up the ladder, from where voxels have the rate's QP, for as long as they cost less. fixed:
         bytes of the geometry; most: cost from which on no other K is tried."""
         ladder, tried = [k for k in LADDER if k <= self.rd.resolution] or LADDER[:1], {}
-        first = best = min(range(len(ladder)), key=lambda i: abs(self.rd.qp_offset(patch.voxels(ladder[i]), patch.share)))
+        first = best = min(range(len(ladder)), key=lambda i: abs(self.rd.qp_offset(patch.voxels(ladder[i]), patch.weight)))
 
         def cost(place):
             k = ladder[place]

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 VOXELS_PER_AREA = 1.05  # voxels over surface in voxel faces; 1.015 to 1.071 on seven assets at K 512
 VOXEL_CELLS, TEXEL_CELLS = 40, 24  # 24 are too few to tell K 1024 from K 724 on a scan: half a dB off, and 11 % of the bytes
 VOXEL_CELL, TEXEL_CELL = 5, 6  # log2 of a cell's side
+UNSEEN = 255.0**2  # the squared error of voxels that are not there
 POINTS, LEAST_POINTS = 1 << 16, 100
 SLOPE = 0.8  # bytes of the values ~ error ** -SLOPE from r01 to r04: 0.4 to 0.7 on detailed images, 0.9 to 1.7 on smooth ones
 LEFT_BY_FIT = 0.6  # share of the transfer's squared error that a fit leaves; 0.39 to 0.85 on seven assets at K 512 and 1024
@@ -84,8 +85,8 @@ class Probe:
 
 class Patch:
     """The part of a surface that is asked: a scene's faces with evenly spread points on them. faces: int64 [F] into surface's;
-    name: of the channel, None for base colour and alpha; maps: the patches of further channels by name; share: of the surface's
-    area."""
+    name: of the channel, None for base colour and alpha; maps: the patches of further channels by name; weight: of its squared
+    error in that of the picture, its share of the surface's area unless told otherwise."""
 
     def __init__(self, scene: Scene, surface: Surface, faces: np.ndarray, threads: int, name: str | None = None) -> None:
         self.scene, self.surface, self.faces, self.threads, self.name = scene, surface, faces, threads, name
@@ -98,6 +99,7 @@ class Patch:
             self.maps = {n: Patch(scene, surface, faces, threads, n) for n in sorted(names)}
         corners = surface.lattice[surface.faces[faces[self.face]]]
         self.points = np.einsum("nc,ncd->nd", self.bary, corners)  # on the lattice
+        self.weight = self.area / float(self._areas.sum())
 
     def packed(self, faces: np.ndarray) -> tuple:
         """The source of the channel on some faces of the surface, int64 [F]."""
@@ -114,11 +116,6 @@ class Patch:
     def area(self) -> float:
         """In squared lattice steps."""
         return float(self._areas[self.faces].sum())
-
-    @property
-    def share(self) -> float:
-        """Of the surface's area."""
-        return self.area / float(self._areas.sum())
 
     @cached_property
     def _areas(self):
@@ -270,7 +267,7 @@ def probe_voxels(patch: Patch, resolution: int, cell: int, density: int, coder: 
     keys = _within(keys, cells, cell)
     values = patch.voxels(resolution)
     if not len(keys):
-        return Probe(values, 24.0, 0.0, maps={name: Probe(values, 8.0, 0.0) for name in patch.maps})
+        return Probe(values, 24.0, UNSEEN, maps={name: Probe(values, 8.0, UNSEEN) for name in patch.maps})
     support, brick_map = VoxelSupport(resolution, keys), build_brick_map(keys)
     chosen, maps = _well_inside(grid, cell, cells), {}
     for one in (*patch.maps.values(), patch):

@@ -27,14 +27,14 @@ def usual_values(surface: Surface, groups: list[ImageGroup], others: np.ndarray)
     others: bool [F], faces outside of the groups that show more than one colour."""
     voxels = face_areas(surface.lattice, surface.faces) * (USUAL_K / (1 << surface.cube.position_bits)) ** 2 * VOXELS_PER_AREA
     whole = float(voxels.sum())
-    parts = [(float(voxels[group.faces].sum()), _texels(group)) for group in groups if not group.palette]
+    parts = [(float(voxels[group.faces].sum()), texels_shown(group)) for group in groups if not group.palette]
     parts.append((float(voxels[others].sum()), np.inf))
     covered = sum(own for own, _ in parts)
     density = sum(min(pair) for pair in parts) / covered if covered else 1.0
     return max(whole * max(density, (LEAST_K / USUAL_K) ** 2), 1.0)
 
 
-def _texels(group):
-    """Of the image that its UVs show, roughly."""
+def texels_shown(group: ImageGroup) -> float:
+    """Texels of an image that its UVs show, roughly."""
     u, v = group.uv[:, 1] - group.uv[:, 0], group.uv[:, 2] - group.uv[:, 0]
     return min(float(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).sum() / 2), group.size[0] * group.size[1])

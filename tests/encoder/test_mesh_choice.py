@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from texfcodec.api import decode, encode_to_result
-from texfcodec.encoder.geometry.drawn_source import draw_onto, fetched_normals
 from texfcodec.encoder.estimates import usual_values
+from texfcodec.encoder.geometry.drawn_source import draw_onto, fetched_normals
 from texfcodec.errors import InputError
 from texfcodec.geometry.canonical import CanonicalCube, finer_cube
 from texfcodec.geometry.mesh import Mesh

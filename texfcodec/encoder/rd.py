@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from ..geometry.areas import face_areas
 from .coder import Coder
 from .decide.channel_weights import shown_of_radians
 from .estimates import image_measures, map_levels, partition_error, position_error, probe, uv_rounding
+from .memo import Memo, NoMemo
 from .source_field import transfer_density
 
 if TYPE_CHECKING:
@@ -35,10 +36,12 @@ if TYPE_CHECKING:
     from ..limits import Limits
     from ..options import EncodeOptions
     from ..scene.scene import Scene
+    from ..codecs.base import Source
     from .decide.texel_images import ImageGroup
     from .estimates.image_measures import Measures
     from .estimates.position_error import Moved
     from .estimates.probe import Patch, Probe
+    from .source_field import SourceField
     from .texel_field import TexelPlan
 
 # Squared steps that a bit of values takes from the squared error of the picture where the coder works: medians of 13 images from
@@ -47,6 +50,7 @@ if TYPE_CHECKING:
 TRADE_OFF = 0.06
 FINEST, COARSEST = -12, 6  # offsets to the QP; what is coarser by more would fall short of the rate's promise
 LEFT_BY_FIT = probe.LEFT_BY_FIT
+Result = TypeVar("Result")
 
 
 def coding_mse(qp: int) -> float:
@@ -64,7 +68,7 @@ class RateDistortion:
     """Estimates at one quality. coder: None for a codec that codes all fields together; qp: whose error is reckoned with;
     max_error: bound on errors, None without one; resolution: K of the rate; is_free: whether QPs of supports may differ from it;
     is_fitted: whether a surface fit may follow the transfer; values: that the surface would have if all of it were as dense as
-    what is coded usually is (estimates.usual_values), which lambda is about."""
+    what is coded usually is (estimates.usual_values), which lambda is about; memo: of what other plans of the scene may use."""
 
     coder: Coder | None
     qp: int
@@ -77,16 +81,18 @@ class RateDistortion:
     threads: int
     limits: Limits
     values: float = 1 << 20
+    memo: Memo = field(default_factory=NoMemo, compare=False)
 
     @classmethod
-    def of(cls, request: EncodeOptions) -> RateDistortion:
+    def of(cls, request: EncodeOptions, memo: Memo | None = None) -> RateDistortion:
         """The estimates of a request."""
         codec = codec_of(request.codec)
         coder = Coder(codec, codec.settings(request)) if isinstance(codec, PlaneCodec) else None
         assert request.resolution is not None  # its __post_init__ fills it in
         return cls(coder=coder, qp=request.reckoned_qp, max_error=request.max_error, resolution=request.resolution,
                    effort=request.effort, is_free=request.rate_is_free, is_fitted=request.may_fit,
-                   area_threshold=request.area_threshold, threads=request.threads, limits=request.limits)
+                   area_threshold=request.area_threshold, threads=request.threads, limits=request.limits,
+                   memo=memo or NoMemo())
 
     @property
     def planes(self) -> Coder:
@@ -137,7 +143,13 @@ class RateDistortion:
         """Points of some faces, int64 [F], that candidates are compared at; None where these have no area."""
         if not face_areas(surface.lattice, surface.faces[faces]).any():
             return None
-        return probe.Patch(scene, surface, faces, self.threads)
+        return self.memo.get(("patch", faces.tobytes()), lambda: probe.Patch(scene, surface, faces, self.threads))
+
+    def of_field(self, name: str, source: Source, part: SourceField, make: Callable[[], Result]) -> Result:
+        """What a step made of a field over voxels from the source, which no QP changes. name: of the step, and of the field."""
+        covered = source.face_field.tobytes(), part.support.keys.tobytes(), self.resolution
+        _, result = self.memo.get((name, id(source.surface), *covered), lambda: (source.surface, make()))
+        return result
 
     def texels(self, patch: Patch, plan: TexelPlan, keys: np.ndarray, cell: int) -> Probe:
         """A TexelPlan, coded in pieces, squares with a side of 2**cell texels. keys: int64 [N], the texels that it covers."""

@@ -86,7 +86,7 @@ class MeshChoice:
 
     def __init__(self, scene: Scene, usual: Surface, rd: RateDistortion, request: EncodeOptions, mse: float | None) -> None:
         self.scene, self.usual, self.rd, self.request = scene, usual, rd, request
-        self.most_moved = MOST_MOVED * (mse or 0.0)
+        self.most_moved, self.memo = MOST_MOVED * (mse or 0.0), rd.memo
         self.evidence: dict[str, Any] = {"reason": self._reason()}
 
     def _reason(self):
@@ -99,15 +99,23 @@ class MeshChoice:
 
     @cached_property
     def _looks(self):
-        return self.rd.moved_positions(self.scene)
+        return self.memo.get("looks", lambda: self.rd.moved_positions(self.scene))
 
     @cached_property
     def _at_usual(self):
-        return self._looks(self.usual, smooth_normals(self.usual))
+        return self._look_at(self.usual)
+
+    def _look_at(self, surface):
+        key = "look", surface.cube.position_bits
+        return self.memo.get(key, lambda: self._looks(surface, smooth_normals(surface)))
 
     def look_at(self, surface: Surface) -> Moved:
         """What the source on another lattice does to pictures."""
-        return self._at_usual if surface is self.usual else self._looks(surface, smooth_normals(surface))
+        return self._at_usual if surface is self.usual else self._look_at(surface)
+
+    def look_at_mesh(self, sent: SentMesh) -> Moved:
+        """What another mesh does to pictures."""
+        return self._looks(sent.drawn, sent.at_corners(smooth_normals(sent.surface)))
 
     def finer(self) -> Surface:
         """The source at the bits, from the usual ones on, that cost least."""
@@ -126,7 +134,7 @@ class MeshChoice:
         return self._on_lattice(best)
 
     def _on_lattice(self, bits):
-        return make_surface(self.scene, replace(self.request, position_bits=bits))
+        return self.memo.get(("lattice", bits), lambda: make_surface(self.scene, replace(self.request, position_bits=bits)))
 
     def smaller(self, surface: Surface, group: np.ndarray, plans: list[TexelPlan], step: Step = no_step) -> Decision[SentMesh]:
         """The mesh that costs least among the source's and smaller ones, at the usual bits and fewer.
@@ -143,7 +151,8 @@ class MeshChoice:
             return Decision(usual, {"reason": "flat colours of texels are exact, and stay where they are"})
         if len(surface.faces) < FEWEST:
             return Decision(usual, self.evidence if surface is not self.usual else {"reason": "few faces take few bytes"})
-        search = _Search(self, surface, group, not plans)
+        key = "meshes", surface.cube.position_bits, group.tobytes(), not plans
+        search = _Search(self, self.memo.get(key, lambda: _Meshes(self, surface, group, not plans)))
         best = search.best(step)
         return Decision(replace(best.sent, saved=search.at_usual.cost - best.cost), search.evidence(best))
 
@@ -155,14 +164,15 @@ def _is_exact(plan):
 
 @dataclass(frozen=True, kw_only=True)
 class _Candidate:
-    """A mesh that was looked at. faces: int; bits; geometry: bytes; moved: Moved; cost; refused: why it may not be taken."""
+    """A mesh that was looked at. faces: int; bits; geometry: bytes; moved: Moved; cost: at the price of a byte, 0 where that is
+    not known yet; refused: why it may not be taken."""
 
     sent: SentMesh
     faces: int
     bits: int
     geometry: int
     moved: Moved
-    cost: float
+    cost: float = 0.0
     refused: str = ""
 
     def row(self) -> dict:
@@ -173,36 +183,23 @@ class _Candidate:
 
 
 class _Search:
-    """Reckons what each number of faces and of bits would cost, and looks at those that promise least. tried: by place in shares
-    and bits."""
+    """Takes what costs least of _Meshes, at the price of a byte: reckons what each number of faces and of bits would cost, and
+    looks at those that promise least. tried: by place in shares and bits."""
 
-    def __init__(self, choice: MeshChoice, usual: Surface, group: np.ndarray, collapsible: bool) -> None:
-        self.choice, self.scene, self.usual, self.rd = choice, choice.scene, usual, choice.rd
-        self.group = group * (int(self.usual.material.max(initial=0)) + 1) + self.usual.material
-        positions = np.zeros(self.usual.lattice.shape)
-        positions[self.usual.faces] = self.scene.positions[self.scene.faces[self.usual.origin_face]]
-        self.source = Mesh(positions, self.usual.faces)
-        self.shares = SHARES if collapsible else SHARES[:1]
+    def __init__(self, choice: MeshChoice, meshes: _Meshes) -> None:
+        self.choice, self.meshes, self.rd = choice, meshes, choice.rd
         self.tried: dict[tuple[int, int], _Candidate] = {}
-        self._fits: dict[int, tuple] = {}
 
     @cached_property
     def at_usual(self) -> _Candidate:
         """The source's mesh."""
-        return self._measured(kept(self.scene, self.usual), self.choice.look_at(self.usual), True)
-
-    @cached_property
-    def _simplification(self):
-        lines = [seam_edges(self.usual.faces, self.group), sharp_edges(self.source, SHARP)]
-        if self.scene.corner_normal is not None:
-            lines.append(seam_edges(self.usual.faces, corner=self.scene.corner_normal[self.usual.origin_face], apart=HARD))
-        return simplify(self.source, np.concatenate(lines))
+        return self._priced(self.meshes.at_usual, True)
 
     def best(self, step: Step) -> _Candidate:
         """The candidate of least cost that nothing speaks against: those that promise least are looked at until none does."""
-        self.tried[0, self.usual.cube.position_bits] = self.at_usual
+        self.tried[0, self.meshes.usual.cube.position_bits] = self.at_usual
         first = self._candidate(0, USUAL_LOOK)
-        reckoned = self._reckoned(first) if first.faces else {}
+        reckoned = self.meshes.reckoned if first.faces else {}
         most = LOOKS[self.choice.request.effort]
         while reckoned and len(self.tried) < most:
             step(len(self.tried), most)
@@ -211,6 +208,22 @@ class _Search:
                 break
             self._candidate(*place)
         return min((one for one in self.tried.values() if not one.refused), key=lambda one: one.cost)
+
+    def _candidate(self, place, bits):
+        if (place, bits) not in self.tried:
+            self.tried[place, bits] = self._priced(self.meshes.look(place, bits))
+        return self.tried[place, bits]
+
+    def _priced(self, one, trusted=False):
+        """A mesh that was looked at, with its cost, and refused where something speaks against it."""
+        if not one.faces:
+            return replace(one, cost=NOTHING, refused="nothing is left")
+        return replace(one, cost=self.rd.cost(one.geometry, one.moved.mse), refused="" if trusted else self._refused(one.moved))
+
+    def _refused(self, moved):
+        if not moved.mse <= self.choice.most_moved:
+            return "the picture changes more than by coding"
+        return "thin parts are gone" if moved.lost > MOST_LOST else ""
 
     def _promise(self, reckoned, place):
         """The cost of a candidate: as measured, or as reckoned, with what measuring others has taught: those of as many faces,
@@ -223,9 +236,60 @@ class _Search:
         size, error = np.array(reckoned[place]) * (got / was).mean(axis=0) * (1.0, EAGER)
         return self.rd.cost(size, error) if error <= self.choice.most_moved else np.inf
 
-    def _reckoned(self, here):
+    def evidence(self, best: _Candidate) -> dict:
+        """What was tried, and what was taken."""
+        return {"reason": "least bytes for what is seen", "faces": [len(self.meshes.usual.faces), best.faces],
+                "position_bits": best.bits, "tried": [one.row() for one in self.tried.values()]}
+
+
+class _Meshes:
+    """Meshes of one source, with what each does to pictures, at any price of a byte. usual: its Surface; group: int64 [F] of its
+    faces, those of two stay apart; shares: of its faces that others may have."""
+
+    def __init__(self, choice: MeshChoice, usual: Surface, group: np.ndarray, collapsible: bool) -> None:
+        self.scene, self.usual, self._moved, self._usual_moved = choice.scene, usual, choice.look_at_mesh, choice.look_at
+        self.group = group * (int(self.usual.material.max(initial=0)) + 1) + self.usual.material
+        positions = np.zeros(self.usual.lattice.shape)
+        positions[self.usual.faces] = self.scene.positions[self.scene.faces[self.usual.origin_face]]
+        self.source = Mesh(positions, self.usual.faces)
+        self.shares = SHARES if collapsible else SHARES[:1]
+        self._looked: dict[tuple[int, int], _Candidate] = {}
+        self._fits: dict[int, tuple] = {}
+
+    @cached_property
+    def at_usual(self) -> _Candidate:
+        """The source's mesh."""
+        return _measured(kept(self.scene, self.usual), self._usual_moved(self.usual))
+
+    @cached_property
+    def _simplification(self):
+        lines = [seam_edges(self.usual.faces, self.group), sharp_edges(self.source, SHARP)]
+        if self.scene.corner_normal is not None:
+            lines.append(seam_edges(self.usual.faces, corner=self.scene.corner_normal[self.usual.origin_face], apart=HARD))
+        return simplify(self.source, np.concatenate(lines))
+
+    def look(self, place: int, bits: int) -> _Candidate:
+        """The mesh of a share of the faces at some position bits; without faces where none has area there."""
+        if (place, bits) == (0, self.usual.cube.position_bits):
+            return self.at_usual
+        if (place, bits) not in self._looked:
+            self._looked[place, bits] = self._new_look(place, bits)
+        return self._looked[place, bits]
+
+    def _new_look(self, place, bits):
+        fit, face = self._fit(place)
+        cube = replace(self.usual.cube, position_bits=bits)
+        surface = place_mesh(cube, joint_lattice(fit, cube), fit.mesh.faces, self.usual.material[face])
+        if not face_areas(surface.lattice, surface.faces).any():
+            return replace(self.at_usual, faces=0, bits=bits, moved=Moved(NOTHING, 1.0, 1.0))
+        sent = self._sent(surface, face[surface.origin_face], place > 0)
+        return _measured(sent, self._moved(sent))
+
+    @cached_property
+    def reckoned(self) -> dict[tuple[int, int], tuple[float, float]]:
         """{(place in shares, bits): (bytes, squared error)}, from one look and the distances of meshes that are not fitted."""
-        surface, vertices, out = here.sent.surface, len(np.unique(self.usual.faces)), {}
+        here, vertices, out = self.look(0, USUAL_LOOK), len(np.unique(self.usual.faces)), {}
+        surface = here.sent.surface
         rounding = max(self._away(Mesh(surface.cube.to_world(surface.lattice), surface.faces)), 1e-9 * surface.cube.side)
         for place, share in enumerate(self.shares):
             away = 0.0
@@ -238,20 +302,6 @@ class _Search:
                 size = here.geometry * share**SEVERAL + BYTES_A_BIT * vertices * share * (bits - USUAL_LOOK)
                 out[place, bits] = size, here.moved.mse * np.hypot(away / rounding, 2.0 ** (USUAL_LOOK - bits))
         return out
-
-    def _candidate(self, place, bits):
-        if (place, bits) not in self.tried:
-            fit, face = self._fit(place)
-            cube = replace(self.usual.cube, position_bits=bits)
-            surface = place_mesh(cube, joint_lattice(fit, cube), fit.mesh.faces, self.usual.material[face])
-            if face_areas(surface.lattice, surface.faces).any():
-                sent = self._sent(surface, face[surface.origin_face], place > 0)
-                self.tried[place, bits] = self._measured(sent, self._look(sent))
-            else:
-                gone = Moved(NOTHING, 1.0, 1.0)
-                self.tried[place, bits] = replace(self.at_usual, faces=0, bits=bits, moved=gone, cost=NOTHING,
-                                                  refused="nothing is left")
-        return self.tried[place, bits]
 
     def _fit(self, place):
         """(VertexFit, the source's face of each of its faces)."""
@@ -285,20 +335,6 @@ class _Search:
         drawn = replace(self.usual, cube=cube, lattice=cube.to_lattice(places.mesh.positions), faces=places.mesh.faces)
         return SentMesh(scene=sent, surface=surface, rows=rows, drawn=drawn, places=places)
 
-    def _look(self, sent):
-        return self.choice._looks(sent.drawn, sent.at_corners(smooth_normals(sent.surface)))
-
-    def _measured(self, sent, moved, trusted=False):
-        surface, bits = sent.surface, sent.surface.cube.position_bits
-        size = len(enc_geometry(surface.lattice, surface.faces, bits))
-        return _Candidate(sent=sent, faces=len(surface.faces), bits=bits, geometry=size, moved=moved,
-                          cost=self.rd.cost(size, moved.mse), refused="" if trusted else self._refused(moved))
-
-    def _refused(self, moved):
-        if not moved.mse <= self.choice.most_moved:
-            return "the picture changes more than by coding"
-        return "thin parts are gone" if moved.lost > MOST_LOST else ""
-
     def _away(self, mesh):
         """Root of the mean squared distance of points on a mesh to the source."""
         face, bary = sample_surface(mesh.positions, mesh.faces, FEW_POINTS)
@@ -308,8 +344,9 @@ class _Search:
     def _points(self):
         return NearestPoints(self.source)
 
-    def evidence(self, best: _Candidate) -> dict:
-        """What was tried, and what was taken."""
-        return {"reason": "least bytes for what is seen", "faces": [len(self.usual.faces), best.faces],
-                "position_bits": best.bits, "tried": [one.row() for one in self.tried.values()]}
 
+def _measured(sent, moved):
+    """The _Candidate of a SentMesh, without its cost."""
+    surface, bits = sent.surface, sent.surface.cube.position_bits
+    size = len(enc_geometry(surface.lattice, surface.faces, bits))
+    return _Candidate(sent=sent, faces=len(surface.faces), bits=bits, geometry=size, moved=moved)

@@ -34,7 +34,7 @@ def _warm_up(context, parameter, value):
 @click.command("texf-enc", context_settings=STYLE)
 @click.argument("source", metavar="INPUT", required=False, shell_complete=file_names)
 @click.argument("out", metavar="OUT.texf", required=False, shell_complete=file_names)
-@option_flags(EncodeOptions, "rate", "resolution", "qp", "target_bytes", "target_psnr", "exact_rate", "lossless")
+@option_flags(EncodeOptions, "rate", "resolution", "qp", "target_bytes", "target_psnr", "target_psnr_of", "exact_rate", "lossless")
 @click.option("--near-lossless", metavar="D", **number(1, 127, "As --lossless, but each value may be off by D, 1..127."))
 @option_flags(EncodeOptions, "support", "texel_size", "effects", "position_bits", "keep_mesh", "effort", "refine", "codec",
               "point", "resident_bytes", "steps", "seed", "latent_index", "transport", "checkpoint")

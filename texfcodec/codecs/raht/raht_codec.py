@@ -37,7 +37,7 @@ class Raht(PlaneCodec):
     id, name = 0, "raht"
     purpose = "for the smallest file"
     structures = (RAHT, CODEWORD, FILTER)
-    options = frozenset({"rate", "qp", "target_bytes", "target_psnr", "lossless", "max_error", "effort",
+    options = frozenset({"rate", "qp", "target_bytes", "target_psnr", "target_psnr_of", "lossless", "max_error", "effort",
                          "chroma_qp_offset"})
     kernels = ("codecs/raht/coefficients/mixed.py",)  # of the usual efforts
     small = ({"resolution": 64, "qp": 20}, {"resolution": 16, "max_error": 0}, {"resolution": 16, "effort": "fast"},

@@ -17,6 +17,7 @@ from ...errors import LimitError
 from ...geometry.draco import enc_geometry, enc_textured, split_corners
 from ...options import MOST_RESOLUTION
 from ...report import Step, no_step
+from ...scene.channels import BASE_COLOUR
 from ..decision import Decision
 from ..estimates.image_measures import UNIT_BYTES
 from ..estimates.probe import TEXEL_CELL, VOXEL_CELL, Probe
@@ -58,7 +59,8 @@ class Supports:
     """plans: TexelPlans; resolution: K of what is over voxels; qp_offset: of its values to the rate's QP; values: as of
     RateDistortion; mse: squared error of colours and maps, None where these take no bytes; instead: all over voxels, where a
     smaller mesh, which faces over texels cannot have, may make that cost less; behind: bytes that it costs more without;
-    attributes: bytes that colours and maps are likely to take, 0 where nothing was probed."""
+    attributes: bytes that colours and maps are likely to take, 0 where nothing was probed; colour_mse: squared error of colours
+    and alpha alone, without a weight in light, None where mse is."""
 
     plans: list[TexelPlan]
     resolution: int
@@ -68,6 +70,7 @@ class Supports:
     instead: Decision[Supports] | None = None
     behind: float = 0.0
     attributes: float = 0.0
+    colour_mse: float | None = None
 
 
 @dataclass(frozen=True)
@@ -177,7 +180,7 @@ class _Choice:
         probes = [one.texels for one in decided if one.goes]
         probes += [rest] if rest else [one.voxels for one in decided if one.voxels and not one.goes]
         supports = Supports(plans, resolution, offset, self.rd.values, self._mse(probes),
-                            attributes=sum(probe.attributes for probe in probes))
+                            attributes=sum(probe.attributes for probe in probes), colour_mse=self._colour_mse(probes))
         return Decision(supports, evidence | {"groups": groups, **voxels})
 
     def _candidate(self, group: ImageGroup, row: dict, patch: Patch | None) -> _Candidate:
@@ -263,6 +266,12 @@ class _Choice:
         if not attributes:
             return None
         return max(sum(probe.attributes * probe.mse for probe in probes) / attributes, self.rd.coding_mse / 4)
+
+    def _colour_mse(self, probes):
+        """Supports.colour_mse, of the Probes of what was chosen."""
+        attributes = sum(probe.attributes for probe in probes)
+        weight = self.scene.weights.get(BASE_COLOUR.name, BASE_COLOUR.weight)
+        return sum(probe.attributes * probe.mse for probe in probes) / attributes / weight if attributes and weight else None
 
     def _best_voxels(self, patch, fixed, most=np.inf):
         """(K, Probes by K): down or up the ladder, from where voxels have the rate's QP, for as long as they cost less. fixed:

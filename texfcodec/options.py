@@ -172,8 +172,8 @@ class EncodeOptions:
     target_bytes: int | None = ranged(None, 1, 1 << 62, "Best picture in at most B bytes, nearly all of them used; searches "
                                      "the QP.", "B")
     target_psnr: float | None = ranged(None, 1.0, 100.0, "Fewest bytes with this PSNR of Y; searches the QP.", "DB")
-    target_psnr_of: str = choice(TARGETS_OF_PSNR[0], TARGETS_OF_PSNR, "What --target-psnr is of: points of the surface (3D-PSNR), "
-                                 "or 8 pictures, flat or in daylight.")
+    target_psnr_of: str = choice(TARGETS_OF_PSNR[0], TARGETS_OF_PSNR, "What --target-psnr is of: points of the surface "
+                                 "(3D-PSNR), or 8 pictures, flat or in daylight.")
     lossless: bool = switch("Code the 8-bit colours of voxels, or texels, exactly; with --rate or --resolution for K.")
     max_error: int | None = ranged(None, 0, 127, "As --lossless, but each value may be off by D, 1..127.", "D")
     position_bits: int | None = ranged(None, 8, 20, "Bits of a vertex coordinate, 8..20.", "B")

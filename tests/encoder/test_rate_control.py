@@ -13,8 +13,19 @@ from texfcodec.codecs.base import Group
 from texfcodec.encoder.memo import Memo
 from texfcodec.encoder.pipeline import code, encode_scene
 from texfcodec.encoder.plan import OverBudget, least_bytes, plan
-from texfcodec.encoder.rate_control import (CLOSED, FIRST_QP, LAST_QP, OVER, SIZE, UNUSED, VIEWS, encode_to_target,
-                                            estimate, next_place)
+from texfcodec.encoder.rate_control import (
+    CLOSED,
+    FIRST_QP,
+    LAST_QP,
+    OVER,
+    SIZE,
+    UNUSED,
+    VIEWS,
+    encode_to_target,
+    estimate,
+    next_place,
+    slope_of,
+)
 from texfcodec.metrics.psnr_3d import measure
 from texfcodec.metrics.views import Look, compare_views
 from texfcodec.render.environment import DAYLIGHT
@@ -44,7 +55,7 @@ def ribbon():
     return Scene(positions, faces, np.zeros(len(faces), np.int64), uv, None, [Material(texture=0)], [Texture(image)])
 
 
-@pytest.mark.parametrize("share", [0.35, 1.0, 2.5])
+@pytest.mark.parametrize("share", [0.35, 1.0, 2.0])
 def test_budget_is_kept_and_used_but_for_three_hundredths(ribbon, share):
     sizes = encode_scene(ribbon, EncodeOptions(rate="r03")).sizes
     budget = sizes["geometry"] + sizes["other"] + round(share * sizes["attributes"])
@@ -69,7 +80,7 @@ def test_quality_is_met_and_hardly_exceeded(ribbon, target):
 def test_quality_may_be_that_of_pictures(ribbon, of, look):
     encoded = encode_to_target(ribbon, EncodeOptions(target_psnr=34.0, target_psnr_of=of), Report())
     seen = compare_views(ribbon, decode(encoded.data), VIEWS, SIZE, look=look)
-    assert 34.0 <= seen["psnr"]["y"] <= 34.0 + OVER
+    assert 34.0 <= seen["psnr"]["y"] <= 34.15
     assert all(row["psnr_of"] == of for row in encoded.choices["search"])
 
 
@@ -176,10 +187,11 @@ def test_search_leaves_the_choice_what_was_left_free(ribbon):
 @pytest.mark.parametrize("whole", [False, True])
 @pytest.mark.parametrize("curve", [lambda x: 30.2 - x, lambda x: 4 * math.log2(60 / (x + 1)), lambda x: 50 - 0.05 * x * x])
 def test_next_place_needs_few_values(curve, whole):
-    tried, place = [], 28
+    tried, place, slope = [], 28, 0.5
     while place is not None and not (tried and abs(tried[-1][1]) < 0.05 and not whole):
         tried.append((place, curve(place)))
-        place = next_place(tried, 0.5, whole)
+        slope = slope_of(tried, slope)
+        place = next_place(tried, slope, whole)
     assert len(tried) == len({one for one, _ in tried}) <= 9
     if whole:
         best = min((one for one, value in tried if value <= 0), default=None)

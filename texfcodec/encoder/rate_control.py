@@ -41,11 +41,12 @@ FINER_RATES = ((20, "r06"), (22, "r05"))  # up to these QPs K may be as fine as 
 BITS_PER_QP, DECIBELS_PER_QP = 0.18, 0.45  # first guesses: log2 of attribute bytes and dB lost with each QP
 LEAST_SHARE = 0.95  # of the geometry's bytes as one field, for safety: parted by components it took 1.00 to 1.23 times, 11 assets
 MESH_SHARE = 0.45  # of a stream's bytes that a mesh takes which was chosen by its price: 0.36 to 0.55, two scans, QP 24 to 33
-SURFACE_GAIN = 1.0  # dB that points of a surface have over what is expected of its colours; pictures have none, for the mesh's sake
+# dB over what is expected of colours at FIRST_QP, medians of six assets, pictures with their smaller mesh; dB a QP from there
+GAINS, GUESSED_DECIBELS = {"surface": 1.0, "flat": 0.0, "lit": 0.8}, 0.5
 UNUSED, USED = 0.03, 0.985  # share of a budget that may stay unused, and that is aimed at
-OVER, AIM_OVER = 0.13, 0.06  # dB over the PSNR that are accepted, and that are aimed at
-REACH = (2.5, 4.0, math.inf)  # QPs from that of the first, second and third plan within which it suits
-MOST_TRIALS, MOST_STEP, CLOSED = 9, 8.0, 0.01  # of one plan; QPs at once; QPs between which no other is tried
+OVER, AIM_OVER = 0.145, 0.07  # dB over the PSNR that are accepted, and that are aimed at
+REACH = (3.0, 4.5, math.inf)  # QPs from that of the first, second and third plan within which it suits
+MOST_TRIALS, MOST_STEP, CLOSED = 9, 6.0, 0.03  # of one plan; QPs at once; QPs between which no other is tried
 SEARCH_SAMPLES = 250_000  # of 3D-PSNR: differences of 0.01 dB are seen
 VIEWS, SIZE = 8, 512
 SECONDS, SECONDS_PER_VOXEL = 0.8, 2.4e-6  # of an encode with two threads
@@ -163,6 +164,7 @@ class _Search:
         self.trials: list[Trial] = []
         self.best: Trial | None = None
         self._memo, self._geometry, self._least_qp = Memo(), [], 0
+        self._slope = self.target.slope
         self._measure = _measure_of(scene, options)
 
     def refuse_hopeless(self):
@@ -193,6 +195,8 @@ class _Search:
                 qp = min(round(qp) + MOST_STEP, LAST_QP)
                 continue
             further = self._along(planned, qp, REACH[min(plans, len(REACH) - 1)], report)
+            if further is None and self.best is None and not planned.one_colour:
+                further = self._easier(planned.request.qp)
             if further is None:
                 return
             qp, plans = further, plans + 1
@@ -208,7 +212,8 @@ class _Search:
             if planned.one_colour or self.target.is_near(trial):
                 return None
             tried.append((self.target.place(qp), self.target.excess(trial)))
-            place = next_place(tried, self.target.slope, whole)
+            self._slope = slope_of(tried, self._slope)
+            place = next_place(tried, self._slope, whole)
             if place is None:
                 return None
             qp = max(self.target.place(place), self._least_qp)
@@ -216,15 +221,21 @@ class _Search:
                 return self._between(qp)
         return None
 
+    def _easier(self, qp):
+        """A QP whose plan is likelier to meet the target than that of a QP; None where there is none."""
+        place = self.target.place(qp)
+        return self.target.place(min(place + MOST_STEP, LAST_QP)) if place < LAST_QP else None
+
     def _between(self, qp):
-        """The QP, or where it is not between the nearest that missed and met the target, with whichever plan, one that is."""
-        places = [(self.target.place(trial.qp), self.target.excess(trial)) for trial in self.trials]
-        low = max((one for one in places if one[1] > 0), default=None)
-        high = min((one for one in places if one[1] <= 0), default=None)
-        if not (low and high) or low[0] < self.target.place(qp) < high[0] or low[0] >= high[0]:
+        """The QP for another plan, or where trials have missed and met the target, with whichever plans, one between those of
+        both that are nearest to it."""
+        known = [(self.target.excess(trial), trial.qp) for trial in self.trials]
+        missed = min((one for one in known if one[0] > 0), default=None)
+        met = max((one for one in known if one[0] <= 0), default=None)
+        if not (missed and met):
             return qp
-        share = min(max(low[1] / (low[1] - high[1]), 0.2), 0.8)
-        return self.target.place(low[0] + share * (high[0] - low[0]))
+        share = min(max(missed[0] / (missed[0] - met[0]), 0.2), 0.8)
+        return missed[1] + share * (met[1] - missed[1])
 
     def _first_qp(self):
         """A QP that is likely to meet the target, by what supports at FIRST_QP are expected to take."""
@@ -234,22 +245,21 @@ class _Search:
         supports = begun.supports.value
         if not supports.attributes or not supports.mse or not supports.colour_mse:
             return FIRST_QP
-        more = self._more_bits(supports) if self.target.budget else self._fewer_decibels(supports)
-        qp = FIRST_QP + more / self.target.slope
+        qp = FIRST_QP + (self._by_bytes(supports, self.target.budget) if self.target.budget else self._by_psnr(supports))
         return FIRST_QP if abs(qp - FIRST_QP) < 1 else min(max(qp, GUESSED_QPS[0]), GUESSED_QPS[1])
 
-    def _more_bits(self, supports: Supports) -> float:
-        """log2 of the bytes that attributes take at FIRST_QP over those that the budget leaves them."""
-        left = self.target.budget - sum(self._least_bytes())
+    def _by_bytes(self, supports: Supports, budget: int) -> float:
+        """QPs from FIRST_QP, by the bytes that attributes take there and those that the budget leaves them."""
+        left = budget - sum(self._least_bytes())
         if self.options.mesh_is_free and not supports.plans:
-            left = max(left, (1 - MESH_SHARE) * self.target.budget)
-        return math.log2(supports.attributes / max(left, 0.1 * self.target.budget))
+            left = max(left, (1 - MESH_SHARE) * budget)
+        return math.log2(supports.attributes / max(left, 0.1 * budget)) / BITS_PER_QP
 
-    def _fewer_decibels(self, supports: Supports) -> float:
-        """dB of FIRST_QP over those of the target."""
+    def _by_psnr(self, supports: Supports) -> float:
+        """QPs from FIRST_QP, by the dB that are expected there."""
         of = self.options.target_psnr_of
-        expected = decibels(supports.mse if of == "lit" else supports.colour_mse) + (SURFACE_GAIN if of == "surface" else 0.0)
-        return expected - self.target.psnr
+        mse = supports.mse if of == "lit" else supports.colour_mse
+        return (decibels(mse or 1.0) + GAINS[of] - self.target.psnr) / GUESSED_DECIBELS
 
     def _encode(self, planned, qp, planning):
         """The Trial of a Plan at a QP, which is kept where it is the best. planning: Report of the Plan."""
@@ -265,10 +275,11 @@ class _Search:
                       psnr_of=self.options.target_psnr_of, report=report, seconds=time.perf_counter() - begin)
         self.trials.append(trial)
         if self.target.is_met(trial) and self.target.is_better(trial, self.best):
-            trial, self.best = self.best, trial
-        if trial is not None:
-            trial.encoded.data, trial.encoded.values = b"", []
-        return self.trials[-1]
+            self.best = trial
+        for other in self.trials:
+            if other is not self.best:
+                other.encoded.data, other.encoded.values = b"", []
+        return trial
 
     def _measured(self, texf, encoded, report):
         """PSNR of Y in dB, infinite for a lossless one; None, with a warning, where nothing is seen."""
@@ -331,6 +342,14 @@ def _decoded(encoded, threads):
     return decode_stream(encoded.data, DecodeOptions(threads=threads, limits=UNLIMITED), Report(), known)
 
 
+def slope_of(tried: list[tuple[float, float]], slope: float) -> float:
+    """By which excess falls with a place between the latest two of (place, excess), but not far from a slope that is likely."""
+    if len(tried) < 2 or abs(tried[-1][0] - tried[-2][0]) < 0.5:
+        return slope
+    own = (tried[-2][1] - tried[-1][1]) / (tried[-1][0] - tried[-2][0])
+    return min(max(own, 0.4 * slope), 2.5 * slope)
+
+
 def next_place(tried: list[tuple[float, float]], slope: float, whole: bool = False) -> float | None:
     """Where excess may be 0, in 0..LAST_QP; None where nothing is left to try.
 
@@ -346,12 +365,9 @@ def next_place(tried: list[tuple[float, float]], slope: float, whole: bool = Fal
         share = 0.5 if len(tried) > 4 and len(tried) % 2 else min(max(share, 0.1), 0.9)
         place = low[0] + share * width
         return min(max(math.ceil(place), low[0] + 1), high[0] - 1) if whole else place
-    (place, excess), before = tried[-1], tried[-2] if len(tried) > 1 else None
-    if before and place != before[0]:
-        own = (before[1] - excess) / (place - before[0])
-        if own < 0.02 * slope and abs(place - before[0]) > 2:  # no QP changes anything any more
-            return None
-        slope = max(own, 0.3 * slope)
+    place, excess = tried[-1]
+    if len(tried) > 2 and excess == tried[-2][1] == tried[-3][1] and abs(excess) < MOST_STEP * slope:
+        return None  # no QP changes anything any more
     step = min(max(excess / slope, -MOST_STEP), MOST_STEP)
     following = min(max(place + step, 0), LAST_QP)
     following = math.ceil(following) if whole else following

@@ -30,13 +30,13 @@ from .memo import Memo, NoMemo
 from .source_field import transfer_density
 
 if TYPE_CHECKING:
+    from ..codecs.base import Source
     from ..field.texels import TexelSupport
     from ..field.voxels import VoxelSupport
     from ..geometry.surface import Surface
     from ..limits import Limits
     from ..options import EncodeOptions
     from ..scene.scene import Scene
-    from ..codecs.base import Source
     from .decide.texel_images import ImageGroup
     from .estimates.image_measures import Measures
     from .estimates.position_error import Moved

@@ -157,8 +157,9 @@ KNOBS = (
 BY_NAME = {knob.name.replace(" ", "-"): knob for knob in KNOBS}  # as a command line names them
 # Every other field of EncodeOptions, and why it has no row.
 NO_KNOB = {
-    "target_bytes": "searches K and QP, whose rows say what they cost",
-    "target_psnr": "searches K and QP, whose rows say what they cost",
+    "target_bytes": "searches the QP, whose rows say what it costs",
+    "target_psnr": "searches the QP, whose rows say what it costs",
+    "target_psnr_of": "says what a PSNR is of",
     "chroma_qp_offset": "moves bits between brightness and colour, at no cost in time",
     "keep_mesh": "the mesh that is sent has knobs of its own; it takes back what choosing one gained",
     "effects": "which maps are coded, not how exactly",

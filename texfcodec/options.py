@@ -32,6 +32,7 @@ SUPPORTS = ("auto", "voxels", "texels")
 MOST_RESOLUTION = 8192
 FINEST_POSITIONS = 18  # bits of a coordinate that "auto" goes up to
 OF_PLANES = frozenset({"support", "exact_rate", "texel_size"})  # no part in codecs that code all fields together
+TARGETS_OF_PSNR = ("surface", "flat", "lit")
 REFINEMENTS = ("auto", "off", "fit", "render")
 
 
@@ -138,6 +139,9 @@ class EncodeOptions:
     fit where it will show and effort is not fast. allow_empty: code a mesh whose faces all collapse as an empty stream instead of
     refusing it.
 
+    target_psnr_of: "surface" for the PSNR of Y at points of the surface, "flat" for that of 8 pictures of 512 pixels a side
+    without light, as metrics.views draws them, "lit" for that of pictures in daylight.
+
     support: "auto" takes the texels of an image, a smaller K or more position bits than were asked for where bytes and error of
     the picture cost less so, and only where resolution, max_error and exact_rate leave it free to.
 
@@ -165,8 +169,11 @@ class EncodeOptions:
                        + " where the encoder may take texels or a smaller K.")
     resolution: int | None = ranged(None, 1, MOST_RESOLUTION, "Voxels along the longest side, 1..8192; with --qp.", "K")
     qp: int | None = ranged(None, 0, 63, "Quantisation, 0..63: step 2^((QP-4)/6); with --resolution.")
-    target_bytes: int | None = ranged(None, 1, 1 << 62, "Best 3D-PSNR in at most B bytes; searches K and QP.", "B")
-    target_psnr: float | None = ranged(None, 1.0, 100.0, "Fewest bytes with this 3D-PSNR of Y; searches K and QP.", "DB")
+    target_bytes: int | None = ranged(None, 1, 1 << 62, "Best picture in at most B bytes, nearly all of them used; searches "
+                                     "the QP.", "B")
+    target_psnr: float | None = ranged(None, 1.0, 100.0, "Fewest bytes with this PSNR of Y; searches the QP.", "DB")
+    target_psnr_of: str = choice(TARGETS_OF_PSNR[0], TARGETS_OF_PSNR, "What --target-psnr is of: points of the surface "
+                                 "(3D-PSNR), or 8 pictures, flat or in daylight.")
     lossless: bool = switch("Code the 8-bit colours of voxels, or texels, exactly; with --rate or --resolution for K.")
     max_error: int | None = ranged(None, 0, 127, "As --lossless, but each value may be off by D, 1..127.", "D")
     position_bits: int | None = ranged(None, 8, 20, "Bits of a vertex coordinate, 8..20.", "B")
@@ -225,6 +232,8 @@ class EncodeOptions:
         resolve("threads", self.threads or default_threads())
         resolve("position_bits", codec.position_bits if self.position_bits is None else self.position_bits)
         self._refuse_bounds()
+        if self.target_psnr is None and self.target_psnr_of != TARGETS_OF_PSNR[0]:
+            raise InputError("TXF-I50", "target_psnr_of says nothing without target_psnr", value=self.target_psnr_of)
         resolve("max_error", 0 if self.lossless else self.max_error)
         if self.max_error is None and "qp" in codec.options:
             resolve("qp", self.reckoned_qp)
@@ -240,6 +249,10 @@ class EncodeOptions:
         """The request with changes. What it left to the encoder, and nothing changed, is left to it still, which
         dataclasses.replace() would not do: it starts from what was resolved."""
         return type(self)(**{**self.given, **changes})
+
+    def without_target(self) -> Self:
+        """The request without a target, whose rate is then the default."""
+        return self.changed(target_bytes=None, target_psnr=None, target_psnr_of=TARGETS_OF_PSNR[0])
 
     @property
     def rate_is_free(self) -> bool:

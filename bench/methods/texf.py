@@ -36,7 +36,7 @@ class TexfMethod(Method):
         from texfcodec.api import decode, encode
         from texfcodec.precompile import small_scene
 
-        kept = {k: v for k, v in options.items() if k not in ("target_bytes", "target_psnr")}
+        kept = {k: v for k, v in options.items() if k not in ("target_bytes", "target_psnr", "target_psnr_of")}
         kept |= {"resolution": WARM_RESOLUTION, "threads": threads, "refine_iterations": 1}
         if codec_of(kept.get("codec", DEFAULT_CODEC)).joint:
             kept["steps"] = 1

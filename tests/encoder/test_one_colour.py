@@ -2,7 +2,6 @@
 
 import time
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.encoder.rate_control import encode_to_target
 from texfcodec.encoder.self_check import encode_checked
 from texfcodec.geometry.surface import make_surface
-from texfcodec.metrics.psnr_3d import SourceSamples
 from texfcodec.options import RATES
 from texfcodec.scene.channels import BASE_COLOUR
 from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
@@ -177,7 +175,7 @@ def test_the_check_draws_one_colour_only_where_it_has_normals_of_its_own(has_nor
 
 @pytest.mark.parametrize("target", [{"target_bytes": 100_000}, {"target_psnr": 40.0}])
 def test_a_target_takes_one_trial_where_no_qp_changes_anything(nothing_probed, monkeypatch, target):
-    monkeypatch.setattr("texfcodec.encoder.rate_control.SourceSamples", partial(SourceSamples, samples=20_000))
+    monkeypatch.setattr("texfcodec.encoder.rate_control.SEARCH_SAMPLES", 20_000)
     made = encode_to_target(red_ball(), EncodeOptions(threads=1, **target), Report())
     assert len(made.choices["search"]) == 1
 

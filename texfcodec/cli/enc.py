@@ -34,7 +34,8 @@ def _warm_up(context, parameter, value):
 @click.command("texf-enc", context_settings=STYLE)
 @click.argument("source", metavar="INPUT", required=False, shell_complete=file_names)
 @click.argument("out", metavar="OUT.texf", required=False, shell_complete=file_names)
-@option_flags(EncodeOptions, "rate", "resolution", "qp", "target_bytes", "target_psnr", "exact_rate", "lossless")
+@option_flags(EncodeOptions, "rate", "resolution", "qp", "target_bytes", "target_psnr", "target_psnr_of", "exact_rate",
+              "lossless")
 @click.option("--near-lossless", metavar="D", **number(1, 127, "As --lossless, but each value may be off by D, 1..127."))
 @option_flags(EncodeOptions, "support", "texel_size", "effects", "position_bits", "keep_mesh", "effort", "refine", "codec",
               "point", "resident_bytes", "steps", "seed", "latent_index", "transport", "checkpoint")
@@ -256,8 +257,10 @@ def _lines(facts, out):
     yield from _psnr_lines(facts)
     yield from _refinement_lines(facts["refinement"]) if facts["voxels"] else ()
     for trial in facts.get("search", []):
-        psnr = "" if trial["psnr_y"] is None else f", {trial['psnr_y']:.2f} dB"
-        yield f"  tried {_grid(trial['resolution'])}QP {trial['qp']}: {trial['bytes']} bytes{psnr}, {trial['seconds']:.1f} s"
+        psnr = "" if trial["psnr_y"] is None else f", {trial['psnr_y']:.2f} dB ({trial['psnr_of']})"
+        mesh = f"{plural(trial['faces'], 'face', 'faces')} at {trial['position_bits']} bits"
+        yield (f"  tried {_grid(trial['resolution'])}QP {trial['qp']:.4g}, {mesh}: {trial['bytes']} bytes{psnr}, "
+               f"{trial['seconds']:.1f} s")
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
 
 

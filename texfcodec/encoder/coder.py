@@ -33,9 +33,19 @@ class Coder:
         """None where an error bound sets it."""
         return self.settings.qp
 
-    def at(self, **quality: int | None) -> Coder:
+    def at(self, **quality: float | None) -> Coder:
         """The coder with another qp, max_error or chroma_qp_offset."""
         return replace(self, settings=replace(self.settings, **quality))
+
+    @property
+    def has_fractions(self) -> bool:
+        """Whether there are qualities between two QPs."""
+        return hasattr(self.settings, "qp_fraction")
+
+    def between(self, qp: float) -> Coder:
+        """The coder at a QP that need not be whole; at the next finer one where there are none between."""
+        whole = math.floor(qp)
+        return self.at(qp=whole, qp_fraction=qp - whole) if self.has_fractions else self.at(qp=whole)
 
     def shifted(self, offset: int) -> Coder:
         """The coder at another QP by an offset."""

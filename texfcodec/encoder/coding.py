@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import zlib
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -131,8 +132,12 @@ def _replaced(fields, number, part):
 def _values(part, source, number, names, colours, rd):
     """A field over voxels with the source's values."""
     colour = one_colour(colours, source.surface.material[source.face_field == number])
-    part = transferred(part, source, number, rd) if colour is None else filled(part, source, colour)
-    return with_maps(part, source, number, names, rd.threads)
+    if colour is None:
+        made = rd.of_field(f"transfer {number}", source, part, lambda: transferred(part, source, number, rd))
+        made = replace(made, qp_offset=part.qp_offset)
+    else:
+        made = filled(part, source, colour)
+    return with_maps(made, source, number, names, rd.threads)
 
 
 def _unit(plan: Plan, stream: Stream, place: tuple[int, int], share: float, budget: float | None) -> Decision[CodedUnit]:

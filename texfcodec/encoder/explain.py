@@ -48,7 +48,7 @@ class Neighbour:
 
 def changed(options: EncodeOptions, **changes: object) -> EncodeOptions:
     """options with changes, and without a target; what they left to the encoder is left to it still."""
-    return options.changed(**{"target_bytes": None, "target_psnr": None, "measure": False, "checkpoint": None, **changes})
+    return options.without_target().changed(**{"measure": False, "checkpoint": None, **changes})
 
 
 def as_made(options: EncodeOptions, made: Encoded) -> EncodeOptions:

@@ -36,6 +36,7 @@ from .decision import Decision
 from .estimates.partition_error import codes_alpha
 from .geometry_units import code_geometry, geometry_bytes
 from .map_planes import groups_of, names_of_field
+from .memo import Memo, NoMemo
 from .optimise.refinement import Refine
 from .rd import RateDistortion
 from .shown_maps import ShownMaps, with_folded_normals
@@ -116,6 +117,10 @@ class Plan:
         """The plan at another qp or max_error."""
         return replace(self, rd=replace(self.rd, coder=self.rd.planes.at(**quality)))
 
+    def between(self, qp: float) -> Plan:
+        """The plan at a QP between whole ones, where its codec has such; else at the next finer one."""
+        return replace(self, rd=replace(self.rd, coder=self.rd.planes.between(qp)))
+
 
 class OverBudget(Exception):
     """Geometry alone takes as many bytes as the stream may, or more. geometry: that it takes."""
@@ -145,8 +150,38 @@ def outline(scene: Scene, request: EncodeOptions, report: Report, parts: int = 1
                    rd=RateDistortion.of(request), evidence={"effects": needs.evidence})
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Begun:
+    """A plan whose supports are chosen. outline: its beginning; scene: with measured weights; colours: of material_colours."""
+
+    outline: Outline
+    scene: Scene
+    colours: np.ndarray
+    supports: Decision[Supports]
+
+
+def begin(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[int], memo: Memo) -> _Begun:
+    """The beginning of a plan, up to its supports. finer, memo: as of plan()."""
+
+    def of_scene():
+        begun = outline(scene, request, report, parts=2)
+        with report.stage("effects", (1, 2)):
+            weights = measured_weights(begun.scene, request.rate_is_free, request.threads) if request.effort != "fast" else None
+            weighted = begun.scene if weights is None else replace(begun.scene, weights=weights)
+            return begun, weighted, material_colours(weighted, begun.surface)
+
+    first, weighted, colours = memo.get("outline", of_scene)
+    begun = replace(first, request=request, rd=RateDistortion.of(request, memo))
+
+    def supports():
+        with report.stage("supports") as step:
+            return choose_supports(weighted, begun.surface, begun.rd, request, colours, finer, step)
+
+    return _Begun(outline=begun, scene=weighted, colours=colours, supports=memo.get(("supports", begun.rd.qp), supports))
+
+
 def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[int] = frozenset(),
-         budget: int | None = None) -> Plan:
+         budget: int | None = None, memo: Memo | None = None) -> Plan:
     """The Plan of a scene.
 
     Parameters
@@ -155,20 +190,17 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
         Materials whose supports are to be finer than they would be chosen.
     budget : int or None
         Of the stream, in bytes: raises OverBudget, before any colour is brought over, where the geometry takes it all.
+    memo : Memo or None
+        What plans of this scene at other QPs share; None keeps nothing.
 
     Raises
     ------
     InputError, LimitError, SupportError
         As encode().
     """
-    begun = outline(scene, request, report, parts=2)
-    scene, rd, evidence = begun.scene, begun.rd, begun.evidence
-    with report.stage("effects", (1, 2)):
-        if request.effort != "fast":
-            scene = replace(scene, weights=measured_weights(scene, request.rate_is_free, request.threads))
-        colours = material_colours(scene, begun.surface)
-    with report.stage("supports") as step:
-        supports = choose_supports(scene, begun.surface, rd, request, colours, finer, step)
+    first_half = begin(scene, request, report, finer, memo or NoMemo())
+    begun, scene, colours, supports = first_half.outline, first_half.scene, first_half.colours, first_half.supports
+    evidence = begun.evidence
     meshed = _meshed(begun, supports, scene, colours, report)
     if (instead := supports.value.instead) is not None:
         other = _meshed(begun, instead, scene, colours, report)

@@ -1,98 +1,100 @@
-"""Rate control by search: the stream that meets a byte budget or a 3D-PSNR, over grid resolution K and QP."""
+"""Rate control by search: the stream that meets a byte budget or a PSNR, over the QP.
+
+Every other choice is the plan's, at the price of a byte that the QP sets. So there is one dimension: a first QP is guessed from
+what the supports of a plan are expected to take, values are coded there, and the line through what was coded leads to the next
+QP, between whole ones where the codec has such. A plan is made again where the QP has gone far from its own; what no QP changes
+is kept in a Memo.
+"""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..codecs import codec_of
+from ..core.colour_error import decibels
 from ..decoder import decode_stream
 from ..errors import InputError
 from ..limits import UNLIMITED
-from ..metrics.psnr_3d import SourceSamples, measure_or_warn
+from ..metrics.psnr_3d import SAMPLES, SourceSamples
+from ..metrics.views import KeptViews, Look
 from ..options import DecodeOptions, EncodeOptions
+from ..render.environment import DAYLIGHT
 from ..report import Report
 from .decide.mesh import FEWEST
 from .estimates.probe import VOXELS_PER_AREA
+from .memo import Memo
 from .pipeline import Encoded, code
-from .plan import OverBudget, Plan, least_bytes, plan
+from .plan import OverBudget, Plan, begin, least_bytes, plan
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene
+    from .decide.supports import Supports
 
-FREE = 0  # in place of a K: the encoder chooses supports
-LADDER = (64, 128, 256, 512, 1024, 1536, 2048)
-FIRST_K, FIRST_QP, LAST_QP = 1024, 28, 63
-FINER_BELOW, COARSER_ABOVE = 30, 38  # QPs where the next K of LADDER may beat this one; measured on bball_0001, K 256..2048
-BITS_PER_QP, DECIBELS_PER_QP = 0.17, 0.42  # first guesses: log2 of attribute bytes and dB lost with each QP
+FIRST_QP, LAST_QP = 28, 63
+GUESSED_QPS = 6, 54  # a first guess is not beyond
+FINER_RATES = ((20, "r06"), (22, "r05"))  # up to these QPs K may be as fine as that of the rate
+BITS_PER_QP, DECIBELS_PER_QP = 0.18, 0.45  # first guesses: log2 of attribute bytes and dB lost with each QP
 LEAST_SHARE = 0.95  # of the geometry's bytes as one field, for safety: parted by components it took 1.00 to 1.23 times, 11 assets
-MOST_PLANS, NEAR_QP, REPLAN_QP = 4, 2, 8  # of meshes; QPs within which one suits, and that the next is away where none did
+MESH_SHARE = 0.45  # of a stream's bytes that a mesh takes which was chosen by its price: 0.36 to 0.55, two scans, QP 24 to 33
+# dB over what is expected of colours at FIRST_QP, medians of six assets, pictures with their smaller mesh; dB a QP from there
+GAINS, GUESSED_DECIBELS = {"surface": 1.0, "flat": 0.0, "lit": 0.8}, 0.5
+UNUSED, USED = 0.03, 0.985  # share of a budget that may stay unused, and that is aimed at
+OVER, AIM_OVER = 0.145, 0.07  # dB over the PSNR that are accepted, and that are aimed at
+REACH = (3.0, 4.5, math.inf)  # QPs from that of the first, second and third plan within which it suits
+MOST_TRIALS, MOST_STEP, CLOSED = 9, 6.0, 0.03  # of one plan; QPs at once; QPs between which no other is tried
+SEARCH_SAMPLES = 250_000  # of 3D-PSNR: differences of 0.01 dB are seen
+VIEWS, SIZE = 8, 512
 SECONDS, SECONDS_PER_VOXEL = 0.8, 2.4e-6  # of an encode with two threads
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Trial:
-    """One encode. made: its stream is let go of once it is not the best; psnr: dict of SourceSamples.compare, or None until asked
-    for; report: warnings and dropped properties of its own."""
+    """One encode. qp: that values were coded at, which need not be whole; psnr: of Y in dB, None where nothing is seen; report:
+    warnings and dropped properties of its own."""
 
-    made: Encoded
+    encoded: Encoded
+    qp: float
+    position_bits: int
+    psnr: float | None
+    psnr_of: str
     report: Report
     seconds: float
 
     @property
-    def resolution(self) -> int | None:
-        return self.made.resolution
-
-    @property
-    def qp(self) -> int | None:
-        return self.made.qp
-
-    @property
-    def sizes(self) -> dict:
-        return self.made.sizes
-
-    @property
-    def psnr(self) -> dict | None:
-        return self.made.psnr_3d
-
-    @property
-    def psnr_y(self) -> float:
-        """3D-PSNR of Y in dB; infinite for a lossless one, and where there is nothing to see."""
-        return math.inf if self.psnr is None or self.psnr["y"] is None else self.psnr["y"]
+    def bytes(self) -> int:
+        """Of the stream."""
+        return self.encoded.sizes["total"]
 
     def row(self) -> dict:
         """What the report says about this trial."""
-        return {"resolution": self.resolution, "qp": self.qp, "bytes": self.sizes["total"],
-                "psnr_y": self.psnr and self.psnr["y"], "seconds": round(self.seconds, 3)}
+        psnr = None if self.psnr is None or math.isinf(self.psnr) else round(self.psnr, 4)
+        return {"resolution": self.encoded.resolution, "qp": round(self.qp, 3), "bytes": self.bytes, "psnr_y": psnr,
+                "psnr_of": self.psnr_of, "faces": self.encoded.counts["faces"], "position_bits": self.position_bits,
+                "seconds": round(self.seconds, 3)}
 
 
 def encode_to_target(scene: Scene, options: EncodeOptions, report: Report) -> Encoded:
-    """The best 3D-PSNR within options.target_bytes, or the fewest bytes with a 3D-PSNR of Y of options.target_psnr.
+    """The best stream within options.target_bytes, or the one of fewest bytes with a PSNR of Y of options.target_psnr.
 
     scene: Scene; options: EncodeOptions with one of the two targets; report: Report. Returns the Encoded that keeps the target;
-    its choices hold "search", a row per trial. Raises InputError TXF-I51 where no K and QP do, naming the best that was reached.
+    its choices hold "search", a row per trial. Raises InputError TXF-I51 where no QP does, naming the best that was reached.
     """
     search = _Search(scene, options, report)
     search.refuse_hopeless()
-    found = search.climb()
-    rows = report.trials = [t.row() for t in search.trials]
-    if found is None:
+    search.run()
+    rows = report.trials = [trial.row() for trial in search.trials]
+    if search.best is None:
         raise search.unreachable(rows)
-    found.made.choices["search"] = rows
-    _add_sentences(report, found.report)
-    return found.made
-
-
-def _add_sentences(report, other):
-    """Adds what another Report has to say to a Report."""
-    report.warnings += other.warnings
-    report.dropped += other.dropped
-    report.remarks += other.remarks
+    encoded = search.best.encoded
+    encoded.choices["search"] = rows
+    for name in ("warnings", "dropped", "remarks"):
+        getattr(report, name).extend(getattr(search.best.report, name))
+    return encoded
 
 
 def estimate(scene: Scene, options: EncodeOptions) -> tuple[int, float]:
@@ -107,204 +109,266 @@ def estimate(scene: Scene, options: EncodeOptions) -> tuple[int, float]:
     return max(voxels, 1), round(seconds, 1)
 
 
+@dataclass(frozen=True)
+class _Target:
+    """What is searched for: a budget of bytes, or a PSNR. Places are QPs, turned around for a PSNR, so that it is always the
+    larger places that meet the target."""
+
+    budget: int | None
+    psnr: float
+
+    def place(self, qp: float) -> float:
+        """Of a QP; and the QP of a place."""
+        return qp if self.budget else LAST_QP - qp
+
+    @property
+    def slope(self) -> float:
+        """By which excess falls with each place, roughly."""
+        return BITS_PER_QP if self.budget else DECIBELS_PER_QP
+
+    def is_met(self, trial: Trial) -> bool:
+        """Whether a trial keeps what is promised."""
+        return trial.bytes <= self.budget if self.budget else _psnr(trial) >= self.psnr
+
+    def is_near(self, trial: Trial) -> bool:
+        """Whether no better trial is looked for."""
+        near = trial.bytes >= (1 - UNUSED) * self.budget if self.budget else _psnr(trial) <= self.psnr + OVER
+        return near and self.is_met(trial)
+
+    def excess(self, trial: Trial) -> float:
+        """How far a trial is from what is aimed at: log2 of bytes over, or dB under, no more than MOST_STEP places of it."""
+        if self.budget:
+            fixed, room = trial.bytes - trial.encoded.sizes["attributes"], USED * self.budget
+            excess = math.log2(max(trial.encoded.sizes["attributes"], 1) / (room - fixed)) if fixed < room else math.inf
+        else:
+            excess = self.psnr + AIM_OVER - _psnr(trial)
+        return min(max(excess, -MOST_STEP * self.slope), MOST_STEP * self.slope)
+
+    def is_better(self, trial: Trial, other: Trial | None) -> bool:
+        """Whether a trial that meets the target is better than another one that does."""
+        if other is None:
+            return True
+        return trial.bytes > other.bytes if self.budget else trial.bytes < other.bytes
+
+
+def _psnr(trial):
+    return math.inf if trial.psnr is None else trial.psnr
+
+
 class _Search:
-    """Trials over (K, QP); for a budget the smallest QP that fits is sought, for a quality the largest."""
+    """Trials over the QP: along a plan for as long as it suits, then along another one."""
 
     def __init__(self, scene, options, report):
         self.scene, self.options, self.report = scene, options, report
-        self.budget = options.target_bytes
+        self.target = _Target(options.target_bytes, options.target_psnr or 0.0)
         self.trials: list[Trial] = []
-        self._samples: SourceSamples | None = None
-        self._planned: tuple[int | None, Plan | None] = (None, None)  # (K, its Plan), the latest
-        self._geometry: list[int] = []
+        self.best: Trial | None = None
+        self._memo, self._geometry, self._least_qp = Memo(), [], 0
+        self._slope = self.target.slope
+        self._measure = _measure_of(scene, options)
 
     def refuse_hopeless(self):
         """Raises what unreachable() makes where header and geometry alone are over the budget: before anything is tried. Not
         where a smaller mesh may be sent."""
-        if self.budget is None or (self.options.mesh_is_free and len(self.scene.faces) >= FEWEST):
+        if self.target.budget is None or (self.options.mesh_is_free and len(self.scene.faces) >= FEWEST):
             return
         with self.report.stage("geometry"):
-            header, geometry = least_bytes(self.scene, self._request(FREE, FIRST_QP))
-        if header + LEAST_SHARE * geometry > self.budget:
+            header, geometry = self._least_bytes()
+        if header + LEAST_SHARE * geometry > self.target.budget:
             self._geometry.append(geometry)
             raise self.unreachable([])
 
-    def climb(self):
-        """The best Trial or None: at the supports and the mesh that the encoder chooses, where texels or a smaller mesh are among
-        them, else on the ladder."""
-        if self.options.rate_is_free:
+    def _least_bytes(self):
+        return self._memo.get("least bytes", lambda: least_bytes(self.scene, self._request(FIRST_QP)))
+
+    def run(self):
+        """Fills trials, and best where one meets the target."""
+        qp, plans = self._first_qp(), 0
+        while True:
             report = Report(self.report.on_progress)
-            planned = self._plan(FREE, FIRST_QP, report)
+            planned = self._plan(round(qp), report)
             self._add_seconds(report)
-            smaller = planned is None or planned.smaller_mesh
-            best = None
-            if smaller and self.options.mesh_is_free:
-                best = self._climb_meshes()
-            elif planned and (planned.one_colour or not planned.over_voxels) and self.options.support != "voxels":
-                best = self.best_at(FREE, FIRST_QP)
-            if best or (planned and planned.one_colour):
-                _add_sentences(self.report, report)
-                return best
-        return self._climb_ladder()
+            if planned is None:  # its geometry takes the whole budget
+                if round(qp) == LAST_QP:
+                    return
+                self._least_qp = round(qp) + 1
+                qp = min(round(qp) + MOST_STEP, LAST_QP)
+                continue
+            further = self._along(planned, qp, REACH[min(plans, len(REACH) - 1)], report)
+            if further is None and self.best is None and not planned.one_colour:
+                further = self._easier(planned.request.qp)
+            if further is None:
+                return
+            qp, plans = further, plans + 1
 
-    def _climb_meshes(self):
-        """The best Trial or None where the mesh depends on the QP: it is chosen again at the QP that was found, until that stays;
-        coarser, or finer for a quality, for as long as nothing meets the target."""
-        qp, best = FIRST_QP, None
-        for _ in range(MOST_PLANS):
-            found = self.best_at(FREE, qp)
-            if found and (best is None or self._better(found, best)):
-                best = found
-            if found and abs(found.qp - qp) <= NEAR_QP:
-                break
-            qp = found.qp if found else qp + (REPLAN_QP if self.budget else -REPLAN_QP)
-            if not 0 <= qp <= LAST_QP:
-                break
-            self._planned = None, None
-        return best
+    def _along(self, planned, qp, reach, planning):
+        """Tries QPs with one Plan. Returns the QP that another one suits better; None where the search is done. reach: QPs from
+        the first that this Plan suits; planning: Report of it."""
+        tried: list[tuple[float, float]] = []
+        whole = not planned.rd.planes.has_fractions
+        qp = round(qp) if whole else qp
+        while len(tried) < MOST_TRIALS:
+            trial = self._encode(planned, qp, planning)
+            if planned.one_colour or self.target.is_near(trial):
+                return None
+            tried.append((self.target.place(qp), self.target.excess(trial)))
+            self._slope = slope_of(tried, self._slope)
+            place = next_place(tried, self._slope, whole)
+            if place is None:
+                return None
+            qp = max(self.target.place(place), self._least_qp)
+            if abs(qp - planned.request.qp) > reach:
+                return self._between(qp)
+        return None
 
-    def _climb_ladder(self):
-        """Walks the ladder from FIRST_K to finer or coarser K for as long as that is better; the best Trial or None."""
-        best = self.best_at(FIRST_K, FIRST_QP)
-        if self._planned[1] and self._planned[1].one_colour:
-            return best
-        coarser = best.qp >= COARSER_ABOVE if best else self.budget is not None
-        finer = best.qp <= FINER_BELOW if best else self.budget is None
-        if not (coarser or finer):
-            return best
-        step, place = (-1 if coarser else 1), LADDER.index(FIRST_K)
-        while 0 <= place + step < len(LADDER) and not self._hopeless():
-            start = self._scaled_qp(best, LADDER[place], LADDER[place + step])
-            place += step
-            found = self.best_at(LADDER[place], start)
-            if best and (found is None or not self._better(found, best)):
-                break
-            best = found
-            if best and not (best.qp >= COARSER_ABOVE if step < 0 else best.qp <= FINER_BELOW):
-                break
-        return best
+    def _easier(self, qp):
+        """A QP whose plan is likelier to meet the target than that of a QP; None where there is none."""
+        place = self.target.place(qp)
+        return self.target.place(min(place + MOST_STEP, LAST_QP)) if place < LAST_QP else None
 
-    def best_at(self, resolution, start):
-        """The Trial at this K that meets the target at the least cost, or None."""
-        report, tried = Report(self.report.on_progress), {}
-        planned = self._plan(resolution, start, report)
+    def _between(self, qp):
+        """The QP for another plan, or where trials have missed and met the target, with whichever plans, one between those of
+        both that are nearest to it."""
+        known = [(self.target.excess(trial), trial.qp) for trial in self.trials]
+        missed = min((one for one in known if one[0] > 0), default=None)
+        met = max((one for one in known if one[0] <= 0), default=None)
+        if not (missed and met):
+            return qp
+        share = min(max(missed[0] / (missed[0] - met[0]), 0.2), 0.8)
+        return missed[1] + share * (met[1] - missed[1])
+
+    def _first_qp(self):
+        """A QP that is likely to meet the target, by what supports at FIRST_QP are expected to take."""
+        report = Report(self.report.on_progress)
+        begun = begin(self.scene, self._request(FIRST_QP), report, frozenset(), self._memo)
         self._add_seconds(report)
-        if planned is None:
-            return None
+        supports = begun.supports.value
+        if not supports.attributes or not supports.mse or not supports.colour_mse:
+            return FIRST_QP
+        qp = FIRST_QP + (self._by_bytes(supports, self.target.budget) if self.target.budget else self._by_psnr(supports))
+        return FIRST_QP if abs(qp - FIRST_QP) < 1 else min(max(qp, GUESSED_QPS[0]), GUESSED_QPS[1])
 
-        def excess(x):
-            trial = self._encode(resolution, x if self.budget else LAST_QP - x)
-            tried[x] = trial
-            if self.budget:
-                fixed = trial.sizes["total"] - trial.sizes["attributes"]
-                return math.log2(max(trial.sizes["attributes"], 1) / (self.budget - fixed)) if fixed < self.budget else math.inf
-            return self.options.target_psnr - self._measured(trial).psnr_y
+    def _by_bytes(self, supports: Supports, budget: int) -> float:
+        """QPs from FIRST_QP, by the bytes that attributes take there and those that the budget leaves them."""
+        left = budget - sum(self._least_bytes())
+        if self.options.mesh_is_free and not supports.plans:
+            left = max(left, (1 - MESH_SHARE) * budget)
+        return math.log2(supports.attributes / max(left, 0.1 * budget)) / BITS_PER_QP
 
-        x = start if self.budget else LAST_QP - start
-        if planned.one_colour:  # no QP changes anything
-            x = x if excess(x) <= 0 else None
-        else:
-            x = smallest_root(excess, x, BITS_PER_QP if self.budget else DECIBELS_PER_QP)
-        for trial in tried.values():
-            if x is None or trial is not tried[x]:
-                trial.made.data, trial.made.values = b"", []
-        if x is None:
-            return None
-        _add_sentences(tried[x].report, report)
-        return self._measured(tried[x])
+    def _by_psnr(self, supports: Supports) -> float:
+        """QPs from FIRST_QP, by the dB that are expected there."""
+        of = self.options.target_psnr_of
+        mse = supports.mse if of == "lit" else supports.colour_mse
+        return (decibels(mse or 1.0) + GAINS[of] - self.target.psnr) / GUESSED_DECIBELS
 
-    def _better(self, a, b):
-        return a.psnr_y > b.psnr_y if self.budget else a.sizes["total"] < b.sizes["total"]
-
-    def _scaled_qp(self, best, old, new):
-        """Where to start at another K: bytes and quality move by about seven QP with every doubling of K."""
-        at = best.qp if best else (LAST_QP if self.budget else 0)
-        return min(max(at + round(7 * math.log2(new / old)), 0), LAST_QP)
-
-    def _hopeless(self):
-        """Whether what a trial needs beside its attributes is over the budget already."""
-        least = min([*self._geometry, *(t.sizes["total"] - t.sizes["attributes"] for t in self.trials)])
-        return self.budget is not None and least >= self.budget
-
-    def _encode(self, resolution, qp):
+    def _encode(self, planned, qp, planning):
+        """The Trial of a Plan at a QP, which is kept where it is the best. planning: Report of the Plan."""
         begin, report = time.perf_counter(), Report(self.report.on_progress)
-        planned = self._plan(resolution, qp, report)
-        assert planned is not None  # best_at() has looked
-        made = code(planned.with_qp(qp), report)
+        encoded = code(planned.between(qp), report)
+        with report.stage("measure"):
+            texf = _decoded(encoded, self.options.threads)
+            psnr = self._measured(texf, encoded, report)
         self._add_seconds(report)
-        self.trials.append(Trial(made, report, time.perf_counter() - begin))
-        return self.trials[-1]
-
-    def _request(self, resolution, qp):
-        return self.options.changed(target_bytes=None, target_psnr=None, resolution=resolution or None, qp=qp)
-
-    def _plan(self, resolution, qp, report) -> Plan | None:
-        """The Plan for a K, or with the encoder's choice of supports for FREE, None where its geometry is over the budget; kept
-        until the next K."""
-        if self._planned[0] != resolution:
-            try:
-                self._planned = resolution, plan(self.scene, self._request(resolution, qp), report, budget=self.budget)
-            except OverBudget as over:
-                self._geometry.append(over.geometry)
-                self._planned = resolution, None
-        return self._planned[1]
-
-    def _measured(self, trial):
-        if trial.psnr is None:
-            begin, report, threads = time.perf_counter(), Report(self.report.on_progress), self.options.threads
-            with report.stage("measure"):
-                samples = self._samples = self._samples or SourceSamples(self.scene, threads=threads)
-                texf = decode_stream(trial.made.data, DecodeOptions(threads=threads, limits=UNLIMITED), Report())
-                trial.made.psnr_3d = measure_or_warn(lambda: samples.compare(texf), report)
-                if trial.psnr is None and not self.budget:
-                    raise InputError("TXF-I94", report.warnings[0])
-            self._add_seconds(report)
-            trial.seconds += time.perf_counter() - begin
+        for name in ("warnings", "dropped", "remarks"):
+            setattr(report, name, [*getattr(planning, name), *getattr(report, name)])
+        trial = Trial(encoded=encoded, qp=qp, position_bits=planned.surface.cube.position_bits, psnr=psnr,
+                      psnr_of=self.options.target_psnr_of, report=report, seconds=time.perf_counter() - begin)
+        self.trials.append(trial)
+        if self.target.is_met(trial) and self.target.is_better(trial, self.best):
+            self.best = trial
+        for other in self.trials:
+            if other is not self.best:
+                other.encoded.data, other.encoded.values = b"", []
         return trial
 
+    def _measured(self, texf, encoded, report):
+        """PSNR of Y in dB, infinite for a lossless one; None, with a warning, where nothing is seen."""
+        try:
+            found = self._measure(texf)
+        except InputError as error:
+            if not self.target.budget or error.code not in ("TXF-I94", "TXF-I95"):
+                raise
+            report.warnings.append(error.message)
+            return None
+        if self.options.target_psnr_of == "surface":
+            encoded.psnr_3d = found
+        return math.inf if found["y"] is None else found["y"]
+
+    def _request(self, qp):
+        request = self.options.without_target()
+        rate = next((rate for most, rate in FINER_RATES if qp <= most), request.rate)
+        return request.changed(qp=qp, **({"rate": rate} if request.rate_is_free else {}))
+
+    def _plan(self, qp, report) -> Plan | None:
+        """The Plan for a QP, None where its geometry is over the budget."""
+        try:
+            return plan(self.scene, self._request(qp), report, budget=self.target.budget, memo=self._memo)
+        except OverBudget as over:
+            self._geometry.append(over.geometry)
+            return None
+
     def _add_seconds(self, report):
-        for name, value in report.seconds.items():
-            self.report.seconds[name] = self.report.seconds.get(name, 0.0) + value
+        self.report.take_seconds(report)
 
     def unreachable(self, rows):
         """The error that names the best of what was tried."""
-        if self.budget:
-            geometry = min([*self._geometry, *(t.sizes["geometry"] for t in self.trials)])
+        if self.target.budget:
+            geometry = min([*self._geometry, *(t.encoded.sizes["geometry"] for t in self.trials)])
             least = min(rows, key=lambda r: r["bytes"], default=None)
             best = least and {"best": least["bytes"], "resolution": least["resolution"], "qp": least["qp"]}
-            return InputError("TXF-I51", f"no K and QP fit into the budget: geometry alone takes {geometry} bytes, and fewer "
-                              "position bits make it smaller", value=self.budget, **(best or {"allowed": f"> {geometry}"}))
-        most = max(rows, key=lambda r: r["psnr_y"])
-        return InputError("TXF-I51", "no K and QP reach this 3D-PSNR", value=self.options.target_psnr,
+            return InputError("TXF-I51", f"no QP fits into the budget: geometry alone takes {geometry} bytes, and fewer "
+                              "position bits make it smaller", value=self.target.budget, **(best or {"allowed": f"> {geometry}"}))
+        most = max(rows, key=lambda r: r["psnr_y"] or math.inf)
+        return InputError("TXF-I51", f"no QP reaches this PSNR of {most['psnr_of']}", value=self.target.psnr,
                           best=round(most["psnr_y"], 2), resolution=most["resolution"], qp=most["qp"])
 
 
-def smallest_root(excess: Callable[[int], float], start: int, slope: float, last: int = LAST_QP) -> int | None:
-    """Smallest whole x in 0..last with excess(x) <= 0, or None.
-
-    excess falls with x, at first by about `slope` a step; start: first guess. Guesses follow the line through the two latest
-    values, and halve the interval once there have been five.
-    """
-    low, high, known, x = -1, last + 1, [], start
-    while high - low > 1:
-        x = min(max(x, low + 1), high - 1)
-        value = excess(x)
-        known.append((x, value))
-        if value <= 0:
-            high = x
-        else:
-            low = x
-        x = (low + high) // 2 if len(known) >= 5 else _next_guess(known, slope, low, high)
-    return high if high <= last else None
+def _measure_of(scene, options):
+    """The function of a Texf whose PSNR of Y a search goes by: {"y", ...} in dB. What it needs of the source is made at its first
+    call, and kept."""
+    memo, threads = Memo(), options.threads
+    if options.target_psnr_of == "surface":
+        samples = SAMPLES if options.measure else SEARCH_SAMPLES
+        source = lambda: SourceSamples(scene, samples, threads)
+        return lambda texf: memo.get("samples", source).compare(texf)
+    look = Look(environment=DAYLIGHT if options.target_psnr_of == "lit" else None)
+    views = lambda: KeptViews(scene, VIEWS, SIZE, look)
+    return lambda texf: memo.get("views", views).compare(texf, threads)["psnr"]
 
 
-def _next_guess(known, slope, low, high):
-    """Where the line through the latest two values (or the first with the given slope) meets zero."""
-    x, value = known[-1]
-    if math.isinf(value):
-        return high - 1 if value > 0 else low + 1
-    if len(known) > 1 and math.isfinite(known[-2][1]):
-        run, rise = x - known[-2][0], known[-2][1] - value
-        if run and rise / run > 0.1 * slope:
-            slope = rise / run
-    return math.ceil(x + value / slope)
+def _decoded(encoded, threads):
+    """The Texf of a stream, with the values that the encoder had from its mirror of the decoder."""
+    known = lambda values, group: group.join(encoded.values[values["field_index"]])
+    return decode_stream(encoded.data, DecodeOptions(threads=threads, limits=UNLIMITED), Report(), known)
+
+
+def slope_of(tried: list[tuple[float, float]], slope: float) -> float:
+    """By which excess falls with a place between the latest two of (place, excess), but not far from a slope that is likely."""
+    if len(tried) < 2 or abs(tried[-1][0] - tried[-2][0]) < 0.5:
+        return slope
+    own = (tried[-2][1] - tried[-1][1]) / (tried[-1][0] - tried[-2][0])
+    return min(max(own, 0.4 * slope), 2.5 * slope)
+
+
+def next_place(tried: list[tuple[float, float]], slope: float, whole: bool = False) -> float | None:
+    """Where excess may be 0, in 0..LAST_QP; None where nothing is left to try.
+
+    tried: (place, excess) in order; excess falls with place, at first by about `slope`; whole: whether places are whole numbers,
+    which then are the first whose excess is not above 0."""
+    low = max((one for one in tried if one[1] > 0), default=None)
+    high = min((one for one in tried if one[1] <= 0), default=None)
+    if low and high:
+        width = high[0] - low[0]
+        if width <= (1 if whole else CLOSED):
+            return None
+        share = low[1] / (low[1] - high[1])
+        share = 0.5 if len(tried) > 4 and len(tried) % 2 else min(max(share, 0.1), 0.9)
+        place = low[0] + share * width
+        return min(max(math.ceil(place), low[0] + 1), high[0] - 1) if whole else place
+    place, excess = tried[-1]
+    if len(tried) > 2 and excess == tried[-2][1] == tried[-3][1] and abs(excess) < MOST_STEP * slope:
+        return None  # no QP changes anything any more
+    step = min(max(excess / slope, -MOST_STEP), MOST_STEP)
+    following = min(max(place + step, 0), LAST_QP)
+    following = math.ceil(following) if whole else following
+    return None if abs(following - place) < CLOSED else following

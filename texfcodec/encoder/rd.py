@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -27,9 +27,11 @@ from .coder import Coder
 from .decide.channel_weights import shown_of_radians
 from .estimates import image_measures, map_levels, partition_error, position_error, probe, uv_rounding
 from .estimates.usual_values import USUAL_K
+from .memo import Memo, NoMemo
 from .source_field import transfer_density
 
 if TYPE_CHECKING:
+    from ..codecs.base import Source
     from ..field.texels import TexelSupport
     from ..field.voxels import VoxelSupport
     from ..geometry.surface import Surface
@@ -38,8 +40,9 @@ if TYPE_CHECKING:
     from ..scene.scene import Scene
     from .decide.texel_images import ImageGroup
     from .estimates.image_measures import Measures
-    from .estimates.position_error import Moved
+    from .estimates.position_error import PositionError
     from .estimates.probe import Patch, Probe
+    from .source_field import SourceField
     from .texel_field import TexelPlan
 
 # Squared steps that a bit of values takes from the squared error of the picture where the coder works: medians of 13 images from
@@ -48,6 +51,7 @@ if TYPE_CHECKING:
 TRADE_OFF = 0.06
 FINEST, COARSEST = -12, 3  # offsets to the QP; what is coarser by more would fall short of the rate's promise
 LEFT_BY_FIT = probe.LEFT_BY_FIT
+Result = TypeVar("Result")
 
 
 def coding_mse(qp: int) -> float:
@@ -65,7 +69,7 @@ class RateDistortion:
     """Estimates at one quality. coder: None for a codec that codes all fields together; qp: whose error is reckoned with;
     max_error: bound on errors, None without one; resolution: K of the rate; is_free: whether QPs of supports may differ from it;
     is_fitted: whether a surface fit may follow the transfer; values: that the surface would have if all of it were as dense as
-    what is coded usually is (estimates.usual_values), which lambda is about."""
+    what is coded usually is (estimates.usual_values), which lambda is about; memo: of what other plans of the scene may use."""
 
     coder: Coder | None
     qp: int
@@ -78,16 +82,18 @@ class RateDistortion:
     threads: int
     limits: Limits
     values: float = 1 << 20
+    memo: Memo = field(default_factory=NoMemo, compare=False)
 
     @classmethod
-    def of(cls, request: EncodeOptions) -> RateDistortion:
+    def of(cls, request: EncodeOptions, memo: Memo | None = None) -> RateDistortion:
         """The estimates of a request."""
         codec = codec_of(request.codec)
         coder = Coder(codec, codec.settings(request)) if isinstance(codec, PlaneCodec) else None
         assert request.resolution is not None  # its __post_init__ fills it in
         return cls(coder=coder, qp=request.reckoned_qp, max_error=request.max_error, resolution=request.resolution,
                    effort=request.effort, is_free=request.rate_is_free, is_fitted=request.may_fit,
-                   area_threshold=request.area_threshold, threads=request.threads, limits=request.limits)
+                   area_threshold=request.area_threshold, threads=request.threads, limits=request.limits,
+                   memo=memo or NoMemo())
 
     @property
     def planes(self) -> Coder:
@@ -139,9 +145,15 @@ class RateDistortion:
         there. A small part with many counts for more than its share: who looks at it sees it large, at the rate's QP."""
         if not face_areas(surface.lattice, surface.faces[faces]).any():
             return None
-        made = probe.Patch(scene, surface, faces, self.threads)
+        made = self.memo.get(("patch", faces.tobytes()), lambda: probe.Patch(scene, surface, faces, self.threads))
         made.weight = max(made.weight, min(made.voxels(USUAL_K), texels) / self.values)
         return made
+
+    def of_field(self, name: str, source: Source, part: SourceField, make: Callable[[], Result]) -> Result:
+        """What a step made of a field over voxels from the source, which no QP changes. name: of the step, and of the field."""
+        covered = source.face_field.tobytes(), part.support.keys.tobytes(), self.resolution
+        _, result = self.memo.get((name, id(source.surface), *covered), lambda: (source.surface, make()))
+        return result
 
     def texels(self, patch: Patch, plan: TexelPlan, keys: np.ndarray, cell: int) -> Probe:
         """A TexelPlan, coded in pieces, squares with a side of 2**cell texels. keys: int64 [N], the texels that it covers."""
@@ -159,16 +171,9 @@ class RateDistortion:
         """By bits of UVs below the texel, float64: squared error of rounding."""
         return uv_rounding.rounding_errors(patch, plan)
 
-    def moved_positions(self, scene: Scene) -> Callable[[Surface, np.ndarray], Moved]:
-        """What a surface that has moved does to pictures, with what that does to shading normals: of the source's faces on it and
-        the smooth normals there, float32 [F, 3, 3]."""
-        look, shown = position_error.PositionError(scene, self.threads), shown_of_radians(scene.weights)
-
-        def moved(drawn: Surface, normals: np.ndarray) -> Moved:
-            seen = look.of(drawn)
-            return replace(seen, mse=seen.mse + shown * look.turned_normals(drawn, normals))
-
-        return moved
+    def moved_positions(self, scene: Scene) -> PositionError:
+        """What a surface that has moved does to pictures, and what that does to shading normals."""
+        return position_error.PositionError(scene, shown_of_radians(scene.weights), self.threads)
 
     def partition(self, scene: Scene, surface: Surface, face_field: np.ndarray, resolution: int) -> dict[str, float]:
         """Squared errors of voxels without coding, {"y", "alpha"}. face_field: int64 [F]."""

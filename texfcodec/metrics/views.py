@@ -78,12 +78,11 @@ def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIE
     """
     if views < 1 or size < 1:
         raise ValueError(f"there must be at least one view of one pixel, not {views} of {size}")
-    centre, radius = bounding_sphere(reference.positions)
-    render_reference, render_other = renderer(reference, look or Look()), renderer(other, look or Look())
+    cameras, look = _cameras(reference, views, size), look or Look()
+    render_reference, render_other = renderer(reference, look), renderer(other, look)
 
     def one(i):
-        camera = orthographic(fibonacci_direction(i, views), centre, radius, size)
-        return _compare(render_reference(camera), render_other(camera), ssim, lpips)
+        return _compare(render_reference(cameras[i]), render_other(cameras[i]), ssim, lpips)
 
     seen = []
     with ThreadPoolExecutor(threads) as pool:
@@ -91,6 +90,32 @@ def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIE
             seen.append(view)
             if on_view:
                 on_view(i + 1, views)
+    return _figures(seen, views, size)
+
+
+class KeptViews:
+    """Views of a reference that are drawn once, to compare several others with. As of compare_views()."""
+
+    def __init__(self, reference: Scene | Texf, views: int, size: int, look: Look) -> None:
+        self._cameras, self._look, self._size = _cameras(reference, views, size), look, size
+        self._pictures = [renderer(reference, look)(camera) for camera in self._cameras]
+
+    def compare(self, other: Scene | Texf, threads: int = 1) -> dict:
+        """As compare_views(), without SSIM."""
+        render = renderer(other, self._look)
+        with ThreadPoolExecutor(threads) as pool:
+            seen = list(pool.map(lambda camera, picture: _compare(picture, render(camera), False, None), self._cameras,
+                                 self._pictures))
+        return _figures(seen, len(self._cameras), self._size)
+
+
+def _cameras(reference, views, size):
+    sphere = bounding_sphere(reference.positions)
+    return [orthographic(fibonacci_direction(i, views), *sphere, size) for i in range(views)]
+
+
+def _figures(seen, views, size):
+    """What compare_views() returns, of each view's _View. Raises InputError TXF-I95."""
     if not any(view.pixels for view in seen):
         raise InputError("TXF-I95", "no pixel of any view is covered by both sides", views=views, size=size)
     return {**_pooled([view for view in seen if view.pixels]), **_outlines(seen), "views": views, "size": size,

@@ -20,13 +20,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class RahtOptions:
-    """Settings of an encode; each as of EncodeOptions."""
+    """Settings of an encode; each as of EncodeOptions, but for qp_fraction: 0 to less than 1, of a QP, by which coding is coarser
+    than at qp."""
 
     qp: int | None
     max_error: int | None
     chroma_qp_offset: int | None
     effort: str
     threads: int
+    qp_fraction: float = 0.0
 
 
 class Raht(PlaneCodec):
@@ -35,7 +37,7 @@ class Raht(PlaneCodec):
     id, name = 0, "raht"
     purpose = "for the smallest file"
     structures = (RAHT, CODEWORD, FILTER)
-    options = frozenset({"rate", "qp", "target_bytes", "target_psnr", "lossless", "max_error", "effort",
+    options = frozenset({"rate", "qp", "target_bytes", "target_psnr", "target_psnr_of", "lossless", "max_error", "effort",
                          "chroma_qp_offset"})
     kernels = ("codecs/raht/coefficients/mixed.py",)  # of the usual efforts
     small = ({"resolution": 64, "qp": 20}, {"resolution": 16, "max_error": 0}, {"resolution": 16, "effort": "fast"},
@@ -43,7 +45,8 @@ class Raht(PlaneCodec):
 
     def settings(self, options: EncodeOptions) -> RahtOptions:
         """See Codec.settings."""
-        return RahtOptions(**{option.name: getattr(options, option.name) for option in fields(RahtOptions)})
+        names = (option.name for option in fields(RahtOptions) if option.name != "qp_fraction")
+        return RahtOptions(**{name: getattr(options, name) for name in names})
 
     def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: RahtOptions) -> tuple[dict, np.ndarray]:
         """See PlaneCodec.enc; where options.max_error is set, no rounded value is further off."""

@@ -23,7 +23,7 @@ from ...geometry.surface import Surface, make_surface, place_mesh
 from ...options import FINEST_POSITIONS
 from ...report import Step, no_step
 from ..decision import Decision
-from ..estimates.position_error import Moved, smooth_normals
+from ..estimates.position_error import Moved
 from ..geometry.drawn_source import DrawnSource, draw_onto, fetched_normals
 from ..geometry.joint_lattice import joint_lattice
 from ..geometry.seams import seam_edges, sharp_edges
@@ -34,6 +34,7 @@ from .spending import has_few_colours
 if TYPE_CHECKING:
     from ...options import EncodeOptions
     from ...scene.scene import Scene
+    from ..estimates.position_error import PositionError
     from ..rd import RateDistortion
     from ..texel_field import TexelPlan
 
@@ -48,7 +49,7 @@ EAGER = 0.85  # of the error that is reckoned: what is hoped for where nothing w
 # Of the error of colours: what the mesh may add, where colours take next to nothing and bytes would buy any error. The best
 # points of three scans have 0.5 to 1.2 times as much.
 MOST_MOVED = 1.2
-MOST_LOST = 5e-4  # of the source's pixels: thin parts or holes that are gone or new
+MOST_LOST = 3e-3  # of the source's pixels: thin parts or holes that are gone or new, whatever they are worth
 FIT_GAIN = 0.7  # of the distance before the vertices are fitted
 SEVERAL = 0.8  # power of faces that bytes go with
 SHARP, HARD = 60.0, 0.3  # degrees between faces, and difference of the file's normals, from which on an edge is kept as a line
@@ -86,7 +87,7 @@ class MeshChoice:
 
     def __init__(self, scene: Scene, usual: Surface, rd: RateDistortion, request: EncodeOptions, mse: float | None) -> None:
         self.scene, self.usual, self.rd, self.request = scene, usual, rd, request
-        self.most_moved = MOST_MOVED * (mse or 0.0)
+        self.most_moved, self.memo = MOST_MOVED * (mse or 0.0), rd.memo
         self.evidence: dict[str, Any] = {"reason": self._reason()}
 
     def _reason(self):
@@ -98,27 +99,36 @@ class MeshChoice:
         return "colours take no bytes that geometry could be weighed against" if not self.most_moved else ""
 
     @cached_property
-    def _looks(self):
-        return self.rd.moved_positions(self.scene)
+    def looks(self) -> PositionError:
+        """Pictures of the source, and of it on other surfaces."""
+        return self.memo.get("looks", lambda: self.rd.moved_positions(self.scene))
 
     @cached_property
     def _at_usual(self):
-        return self._looks(self.usual, smooth_normals(self.usual))
+        return self._look_at(self.usual)
+
+    def _look_at(self, surface):
+        key = "look", surface.cube.position_bits
+        return self.memo.get(key, lambda: self.looks.of(surface, self.looks.normals_of(surface)))
 
     def look_at(self, surface: Surface) -> Moved:
         """What the source on another lattice does to pictures."""
-        return self._at_usual if surface is self.usual else self._looks(surface, smooth_normals(surface))
+        return self._at_usual if surface is self.usual else self._look_at(surface)
+
+    def look_at_mesh(self, sent: SentMesh) -> Moved:
+        """What another mesh does to pictures."""
+        return self.looks.of(sent.drawn, sent.at_corners(self.looks.normals_of(sent.surface)))
 
     def finer(self) -> Surface:
         """The source at the bits, from the usual ones on, that cost least."""
         if self.evidence["reason"]:
             return self.usual
         usual, vertices = self.usual.cube.position_bits, len(np.unique(self.usual.faces))
-        cost = lambda k, times: self.rd.cost(BYTES_A_BIT * vertices * k, self._at_usual.mse / times ** (k - usual))
+        cost = lambda k, times: self.rd.cost(BYTES_A_BIT * vertices * k, self._at_usual.error / times ** (k - usual))
         if cost(usual + 1, MOST_A_BIT) >= cost(usual, 1):
             return self.usual
         second = self.look_at(self._on_lattice(usual + SECOND_LOOK))
-        times = np.clip((self._at_usual.mse / max(second.mse, 1e-12)) ** (1 / SECOND_LOOK), 1.0, MOST_A_BIT)
+        times = np.clip((self._at_usual.error / max(second.error, 1e-12)) ** (1 / SECOND_LOOK), 1.0, MOST_A_BIT)
         best = min(range(usual, FINEST_POSITIONS + 1), key=lambda k: cost(k, times))
         if best == usual:
             return self.usual
@@ -126,7 +136,7 @@ class MeshChoice:
         return self._on_lattice(best)
 
     def _on_lattice(self, bits):
-        return make_surface(self.scene, replace(self.request, position_bits=bits))
+        return self.memo.get(("lattice", bits), lambda: make_surface(self.scene, replace(self.request, position_bits=bits)))
 
     def smaller(self, surface: Surface, group: np.ndarray, plans: list[TexelPlan], step: Step = no_step) -> Decision[SentMesh]:
         """The mesh that costs least among the source's and smaller ones, at the usual bits and fewer.
@@ -143,7 +153,8 @@ class MeshChoice:
             return Decision(usual, {"reason": "flat colours of texels are exact, and stay where they are"})
         if len(surface.faces) < FEWEST:
             return Decision(usual, self.evidence if surface is not self.usual else {"reason": "few faces take few bytes"})
-        search = _Search(self, surface, group, not plans)
+        key = "meshes", surface.cube.position_bits, group.tobytes(), not plans
+        search = _Search(self, self.memo.get(key, lambda: _Meshes(self, surface, group, not plans)))
         best = search.best(step)
         return Decision(replace(best.sent, saved=search.at_usual.cost - best.cost), search.evidence(best))
 
@@ -155,14 +166,15 @@ def _is_exact(plan):
 
 @dataclass(frozen=True, kw_only=True)
 class _Candidate:
-    """A mesh that was looked at. faces: int; bits; geometry: bytes; moved: Moved; cost; refused: why it may not be taken."""
+    """A mesh that was looked at. faces: int; bits; geometry: bytes; moved: Moved; cost: at the price of a byte, 0 where that is
+    not known yet; refused: why it may not be taken."""
 
     sent: SentMesh
     faces: int
     bits: int
     geometry: int
     moved: Moved
-    cost: float
+    cost: float = 0.0
     refused: str = ""
 
     def row(self) -> dict:
@@ -173,36 +185,23 @@ class _Candidate:
 
 
 class _Search:
-    """Reckons what each number of faces and of bits would cost, and looks at those that promise least. tried: by place in shares
-    and bits."""
+    """Takes what costs least of _Meshes, at the price of a byte: reckons what each number of faces and of bits would cost, and
+    looks at those that promise least. tried: by place in shares and bits."""
 
-    def __init__(self, choice: MeshChoice, usual: Surface, group: np.ndarray, collapsible: bool) -> None:
-        self.choice, self.scene, self.usual, self.rd = choice, choice.scene, usual, choice.rd
-        self.group = group * (int(self.usual.material.max(initial=0)) + 1) + self.usual.material
-        positions = np.zeros(self.usual.lattice.shape)
-        positions[self.usual.faces] = self.scene.positions[self.scene.faces[self.usual.origin_face]]
-        self.source = Mesh(positions, self.usual.faces)
-        self.shares = SHARES if collapsible else SHARES[:1]
+    def __init__(self, choice: MeshChoice, meshes: _Meshes) -> None:
+        self.choice, self.meshes, self.rd = choice, meshes, choice.rd
         self.tried: dict[tuple[int, int], _Candidate] = {}
-        self._fits: dict[int, tuple] = {}
 
     @cached_property
     def at_usual(self) -> _Candidate:
         """The source's mesh."""
-        return self._measured(kept(self.scene, self.usual), self.choice.look_at(self.usual), True)
-
-    @cached_property
-    def _simplification(self):
-        lines = [seam_edges(self.usual.faces, self.group), sharp_edges(self.source, SHARP)]
-        if self.scene.corner_normal is not None:
-            lines.append(seam_edges(self.usual.faces, corner=self.scene.corner_normal[self.usual.origin_face], apart=HARD))
-        return simplify(self.source, np.concatenate(lines))
+        return self._priced(self.meshes.at_usual, True)
 
     def best(self, step: Step) -> _Candidate:
         """The candidate of least cost that nothing speaks against: those that promise least are looked at until none does."""
-        self.tried[0, self.usual.cube.position_bits] = self.at_usual
+        self.tried[0, self.meshes.usual.cube.position_bits] = self.at_usual
         first = self._candidate(0, USUAL_LOOK)
-        reckoned = self._reckoned(first) if first.faces else {}
+        reckoned = self.meshes.reckoned if first.faces else {}
         most = LOOKS[self.choice.request.effort]
         while reckoned and len(self.tried) < most:
             step(len(self.tried), most)
@@ -212,20 +211,89 @@ class _Search:
             self._candidate(*place)
         return min((one for one in self.tried.values() if not one.refused), key=lambda one: one.cost)
 
+    def _candidate(self, place, bits):
+        if (place, bits) not in self.tried:
+            self.tried[place, bits] = self._priced(self.meshes.look(place, bits))
+        return self.tried[place, bits]
+
+    def _priced(self, one, trusted=False):
+        """A mesh that was looked at, with its cost, and refused where something speaks against it."""
+        if not one.faces:
+            return replace(one, cost=NOTHING, refused="nothing is left")
+        return replace(one, cost=self.rd.cost(one.geometry, one.moved.error), refused="" if trusted else self._refused(one.moved))
+
+    def _refused(self, moved):
+        if not moved.mse <= self.choice.most_moved:
+            return "the picture changes more than by coding"
+        return "thin parts are gone" if moved.lost > MOST_LOST else ""
+
     def _promise(self, reckoned, place):
         """The cost of a candidate: as measured, or as reckoned, with what measuring others has taught: those of as many faces,
         or all of fewer faces than the source."""
         if place in self.tried:
             return np.inf if self.tried[place].refused else self.tried[place].cost
+        if any(one.refused and one.moved.lost > MOST_LOST and _is_coarser(place, at) for at, one in self.tried.items()):
+            return np.inf
         known = [at for at in self.tried if at[0] == place[0]] or [at for at in self.tried if at[0]] or [(0, USUAL_LOOK)]
-        got = np.array([(self.tried[at].geometry, self.tried[at].moved.mse) for at in known])
+        got = np.array([(self.tried[at].geometry, self.tried[at].moved.error) for at in known])
         was = np.maximum([reckoned[at] for at in known], 1e-9)
         size, error = np.array(reckoned[place]) * (got / was).mean(axis=0) * (1.0, EAGER)
         return self.rd.cost(size, error) if error <= self.choice.most_moved else np.inf
 
-    def _reckoned(self, here):
+    def evidence(self, best: _Candidate) -> dict:
+        """What was tried, and what was taken."""
+        return {"reason": "least bytes for what is seen", "faces": [len(self.meshes.usual.faces), best.faces],
+                "position_bits": best.bits, "tried": [one.row() for one in self.tried.values()]}
+
+
+class _Meshes:
+    """Meshes of one source, with what each does to pictures, at any price of a byte. usual: its Surface; group: int64 [F] of its
+    faces, those of two stay apart; shares: of its faces that others may have."""
+
+    def __init__(self, choice: MeshChoice, usual: Surface, group: np.ndarray, collapsible: bool) -> None:
+        self.scene, self.usual, self.choice = choice.scene, usual, choice
+        self.group = group * (int(self.usual.material.max(initial=0)) + 1) + self.usual.material
+        positions = np.zeros(self.usual.lattice.shape)
+        positions[self.usual.faces] = self.scene.positions[self.scene.faces[self.usual.origin_face]]
+        self.source = Mesh(positions, self.usual.faces)
+        self.shares = SHARES if collapsible else SHARES[:1]
+        self._looked: dict[tuple[int, int], _Candidate] = {}
+        self._fits: dict[int, tuple] = {}
+
+    @cached_property
+    def at_usual(self) -> _Candidate:
+        """The source's mesh."""
+        return _measured(kept(self.scene, self.usual), self.choice.look_at(self.usual))
+
+    @cached_property
+    def _simplification(self):
+        lines = [seam_edges(self.usual.faces, self.group), sharp_edges(self.source, SHARP)]
+        if self.scene.corner_normal is not None:
+            lines.append(seam_edges(self.usual.faces, corner=self.scene.corner_normal[self.usual.origin_face], apart=HARD))
+        return simplify(self.source, np.concatenate(lines))
+
+    def look(self, place: int, bits: int) -> _Candidate:
+        """The mesh of a share of the faces at some position bits; without faces where none has area there."""
+        if (place, bits) == (0, self.usual.cube.position_bits):
+            return self.at_usual
+        if (place, bits) not in self._looked:
+            self._looked[place, bits] = self._new_look(place, bits)
+        return self._looked[place, bits]
+
+    def _new_look(self, place, bits):
+        fit, face = self._fit(place)
+        cube = replace(self.usual.cube, position_bits=bits)
+        surface = place_mesh(cube, joint_lattice(fit, cube), fit.mesh.faces, self.usual.material[face])
+        if not face_areas(surface.lattice, surface.faces).any():
+            return replace(self.at_usual, faces=0, bits=bits, moved=Moved(NOTHING, 1.0, 1.0))
+        sent = self._sent(surface, face[surface.origin_face], place > 0)
+        return _measured(sent, self.choice.look_at_mesh(sent))
+
+    @cached_property
+    def reckoned(self) -> dict[tuple[int, int], tuple[float, float]]:
         """{(place in shares, bits): (bytes, squared error)}, from one look and the distances of meshes that are not fitted."""
-        surface, vertices, out = here.sent.surface, len(np.unique(self.usual.faces)), {}
+        here, vertices, out = self.look(0, USUAL_LOOK), len(np.unique(self.usual.faces)), {}
+        surface = here.sent.surface
         rounding = max(self._away(Mesh(surface.cube.to_world(surface.lattice), surface.faces)), 1e-9 * surface.cube.side)
         for place, share in enumerate(self.shares):
             away = 0.0
@@ -236,22 +304,8 @@ class _Search:
                 away = FIT_GAIN * self._away(mesh)
             for bits in range(COARSEST_POSITIONS, self.usual.cube.position_bits + 1):
                 size = here.geometry * share**SEVERAL + BYTES_A_BIT * vertices * share * (bits - USUAL_LOOK)
-                out[place, bits] = size, here.moved.mse * np.hypot(away / rounding, 2.0 ** (USUAL_LOOK - bits))
+                out[place, bits] = size, here.moved.error * np.hypot(away / rounding, 2.0 ** (USUAL_LOOK - bits))
         return out
-
-    def _candidate(self, place, bits):
-        if (place, bits) not in self.tried:
-            fit, face = self._fit(place)
-            cube = replace(self.usual.cube, position_bits=bits)
-            surface = place_mesh(cube, joint_lattice(fit, cube), fit.mesh.faces, self.usual.material[face])
-            if face_areas(surface.lattice, surface.faces).any():
-                sent = self._sent(surface, face[surface.origin_face], place > 0)
-                self.tried[place, bits] = self._measured(sent, self._look(sent))
-            else:
-                gone = Moved(NOTHING, 1.0, 1.0)
-                self.tried[place, bits] = replace(self.at_usual, faces=0, bits=bits, moved=gone, cost=NOTHING,
-                                                  refused="nothing is left")
-        return self.tried[place, bits]
 
     def _fit(self, place):
         """(VertexFit, the source's face of each of its faces)."""
@@ -274,7 +328,9 @@ class _Search:
     def _simplified(self, surface, rows, group):
         mesh, scene = Mesh(surface.cube.to_world(surface.lattice), surface.faces), self.scene
         normals = None
-        if scene.corner_normal is not None:
+        if scene.corner_normal is not None and self.choice.looks.is_flat:
+            normals = self.choice.looks.normals_of(surface)
+        elif scene.corner_normal is not None:
             normals = fetched_normals(self.source, scene.corner_normal[self.usual.origin_face], mesh)
         sent = replace(scene, positions=mesh.positions, faces=mesh.faces, face_material=scene.face_material[rows],
                        corner_uv=scene.corner_uv[rows], map_uv={name: uv[rows] for name, uv in scene.map_uv.items()},
@@ -285,20 +341,6 @@ class _Search:
         drawn = replace(self.usual, cube=cube, lattice=cube.to_lattice(places.mesh.positions), faces=places.mesh.faces)
         return SentMesh(scene=sent, surface=surface, rows=rows, drawn=drawn, places=places)
 
-    def _look(self, sent):
-        return self.choice._looks(sent.drawn, sent.at_corners(smooth_normals(sent.surface)))
-
-    def _measured(self, sent, moved, trusted=False):
-        surface, bits = sent.surface, sent.surface.cube.position_bits
-        size = len(enc_geometry(surface.lattice, surface.faces, bits))
-        return _Candidate(sent=sent, faces=len(surface.faces), bits=bits, geometry=size, moved=moved,
-                          cost=self.rd.cost(size, moved.mse), refused="" if trusted else self._refused(moved))
-
-    def _refused(self, moved):
-        if not moved.mse <= self.choice.most_moved:
-            return "the picture changes more than by coding"
-        return "thin parts are gone" if moved.lost > MOST_LOST else ""
-
     def _away(self, mesh):
         """Root of the mean squared distance of points on a mesh to the source."""
         face, bary = sample_surface(mesh.positions, mesh.faces, FEW_POINTS)
@@ -308,8 +350,14 @@ class _Search:
     def _points(self):
         return NearestPoints(self.source)
 
-    def evidence(self, best: _Candidate) -> dict:
-        """What was tried, and what was taken."""
-        return {"reason": "least bytes for what is seen", "faces": [len(self.usual.faces), best.faces],
-                "position_bits": best.bits, "tried": [one.row() for one in self.tried.values()]}
 
+def _is_coarser(place, other):
+    """Whether a place in shares and bits loses at least the thin parts that another does: of fewer faces, or bits of all."""
+    return place[0] >= other[0] and (other[0] > 0 or place[1] <= other[1])
+
+
+def _measured(sent, moved):
+    """The _Candidate of a SentMesh, without its cost."""
+    surface, bits = sent.surface, sent.surface.cube.position_bits
+    size = len(enc_geometry(surface.lattice, surface.faces, bits))
+    return _Candidate(sent=sent, faces=len(surface.faces), bits=bits, geometry=size, moved=moved)

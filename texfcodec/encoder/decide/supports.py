@@ -17,6 +17,7 @@ from ...errors import LimitError
 from ...geometry.draco import enc_geometry, enc_textured, split_corners
 from ...options import MOST_RESOLUTION
 from ...report import Step, no_step
+from ...scene.channels import BASE_COLOUR
 from ..decision import Decision
 from ..estimates.image_measures import UNIT_BYTES
 from ..estimates.probe import TEXEL_CELL, VOXEL_CELL, Probe
@@ -57,7 +58,9 @@ MOST_ROWS = 1 << 27  # of texels that the faces of an image go over, a few secon
 class Supports:
     """plans: TexelPlans; resolution: K of what is over voxels; qp_offset: of its values to the rate's QP; values: as of
     RateDistortion; mse: squared error of colours and maps, None where these take no bytes; instead: all over voxels, where a
-    smaller mesh, which faces over texels cannot have, may make that cost less; behind: bytes that it costs more without."""
+    smaller mesh, which faces over texels cannot have, may make that cost less; behind: bytes that it costs more without;
+    attributes: bytes that colours and maps are likely to take, 0 where nothing was probed; colour_mse: squared error of colours
+    and alpha alone, without a weight in light, None where mse is."""
 
     plans: list[TexelPlan]
     resolution: int
@@ -66,6 +69,8 @@ class Supports:
     mse: float | None = None
     instead: Decision[Supports] | None = None
     behind: float = 0.0
+    attributes: float = 0.0
+    colour_mse: float | None = None
 
 
 @dataclass(frozen=True)
@@ -116,7 +121,8 @@ def choose_supports(scene: Scene, surface: Surface, rd: RateDistortion, request:
     reason = reason_for_voxels(request)
     if not reason and request.support != "texels" and is_plain(scene, colours, surface.material):
         reason, rd = NOTHING_TO_PROBE, replace(rd, resolution=_coarsest(rd, request))
-    groups = image_groups(scene, surface) if not reason and request.support != "voxels" else []
+    may_be_texels = not reason and request.support != "voxels"
+    groups = rd.memo.get("groups", lambda: image_groups(scene, surface)) if may_be_texels else []
     rd = replace(rd, values=_usual_values(scene, surface, groups, colours))
     if reason:
         return Decision(Supports([], rd.resolution, 0, rd.values), evidence | {"reason": reason})
@@ -171,7 +177,10 @@ class _Choice:
         resolution, rest, voxels = self._resolution(decided, colours)
         plans, offset = [one.plan for one in decided if one.goes], rest.qp_offset if rest else 0
         groups = rows + [one.evidence for one in decided]
-        supports = Supports(plans, resolution, offset, self.rd.values, self._mse(decided, rest))
+        probes = [one.texels for one in decided if one.goes]
+        probes += [rest] if rest else [one.voxels for one in decided if one.voxels and not one.goes]
+        supports = Supports(plans, resolution, offset, self.rd.values, self._mse(probes),
+                            attributes=sum(probe.attributes for probe in probes), colour_mse=self._colour_mse(probes))
         return Decision(supports, evidence | {"groups": groups, **voxels})
 
     def _candidate(self, group: ImageGroup, row: dict, patch: Patch | None) -> _Candidate:
@@ -251,14 +260,18 @@ class _Choice:
         wanted = longest if size is None or group.palette else min(size, longest)
         return tuple(max(1, round(side * wanted / longest)) for side in group.size)
 
-    def _mse(self, decided, rest):
-        """Supports.mse. rest: Probe of what no _Candidate covers, None where that was not looked at."""
-        probes = [one.texels for one in decided if one.goes]
-        probes += [rest] if rest else [one.voxels for one in decided if one.voxels and not one.goes]
+    def _mse(self, probes):
+        """Supports.mse, of the Probes of what was chosen."""
         attributes = sum(probe.attributes for probe in probes)
         if not attributes:
             return None
         return max(sum(probe.attributes * probe.mse for probe in probes) / attributes, self.rd.coding_mse / 4)
+
+    def _colour_mse(self, probes):
+        """Supports.colour_mse, of the Probes of what was chosen."""
+        attributes = sum(probe.attributes for probe in probes)
+        weight = self.scene.weights.get(BASE_COLOUR.name, BASE_COLOUR.weight)
+        return sum(probe.attributes * probe.mse for probe in probes) / attributes / weight if attributes and weight else None
 
     def _best_voxels(self, patch, fixed, most=np.inf):
         """(K, Probes by K): down or up the ladder, from where voxels have the rate's QP, for as long as they cost less. fixed:

@@ -21,13 +21,14 @@ from ...render.camera import bounding_sphere, fibonacci_direction, orthographic
 from ...render.lighting import Lighting
 from ...render.shade import render_scene
 from ...scene.fetch import pack_source
-from ...scene.normal_rule import BOTH, MOST_ANGLE, PAIRS, NormalRule
+from ...scene.normal_rule import BOTH, FLAT, MOST_ANGLE, PAIRS, NormalRule
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
     from ...scene.scene import Scene
 
 VIEWS, SIZE = 8, 360
+LOST_ERROR = 100.0**2  # of a pixel of which the background is seen, or that covers it
 SMOOTH = NormalRule(PAIRS, BOTH, MOST_ANGLE)  # no angle decides anything, so that rounding turns normals and no more
 
 
@@ -41,12 +42,19 @@ class Moved:
     silhouette: float
     lost: float
 
+    @property
+    def error(self) -> float:
+        """Mean squared error of Y, with what is gone or new against its background."""
+        return self.mse + LOST_ERROR * self.lost
+
 
 class PositionError:
-    """Looks at a Scene whose surface has moved; the source itself is drawn once."""
+    """Looks at a Scene whose surface has moved; the source itself is drawn once. shown: squared error of pictures by a squared
+    radian of its shading normals."""
 
-    def __init__(self, scene: Scene, threads: int) -> None:
-        self.scene, self.threads = replace(scene, materials=[replace(m, double_sided=False) for m in scene.materials]), threads
+    def __init__(self, scene: Scene, shown: float, threads: int) -> None:
+        self.shown, self.threads = shown, threads
+        self.scene = replace(scene, materials=[replace(m, double_sided=False) for m in scene.materials])
         self.lit = not all(material.unlit for material in scene.materials)
         self._source, sphere = pack_source(self.scene), bounding_sphere(scene.positions)
         self._cameras = [orthographic(fibonacci_direction(i, VIEWS), *sphere, SIZE) for i in range(VIEWS)]
@@ -58,35 +66,47 @@ class PositionError:
         return [[render_scene(scene, camera, threads=self.threads, source=self._source, shaded=light) for camera in self._cameras]
                 for light in lights]
 
-    def of(self, drawn: Surface) -> Moved:
-        """What the source looks like on another surface. drawn: faces of the source where they are now. Normals of the file stay
-        as they are. Halving a distance about halves the error, as the pixels lie along lines."""
+    def of(self, drawn: Surface, normals: np.ndarray) -> Moved:
+        """What the source looks like on another surface. drawn: faces of the source where they are now; normals: at their corners
+        by normals_of() that surface, float32 [F, 3, 3]. In pictures the file's normals stay as they are, and how far others turn
+        is added. Halving a distance about halves the error, as the pixels lie along lines."""
         faces = np.zeros_like(self.scene.faces)  # of those that are not there no pixel is seen
         faces[drawn.origin_face] = drawn.faces
         pictures = self._pictures(replace(self.scene, positions=drawn.cube.to_world(drawn.lattice), faces=faces))
         silhouette, lost, shown = np.sum([_uncovered(a, b) for a, b in zip(self._seen[0], pictures[0], strict=True)], axis=0)
         mse = max(_mse(*pair) for pair in zip(self._seen, pictures, strict=True))
+        mse += self.shown * self._turned(drawn, normals)
         return Moved(mse, silhouette / max(shown, 1), lost / max(shown, 1))
 
-    def turned_normals(self, drawn: Surface, normals: np.ndarray) -> float:
-        """Mean square, over the surface, of the angles in radians between smooth shading normals of the source's positions and
-        others, float32 [F, 3, 3] at the corners of drawn; 0 where the file has no normals or no material is lit."""
+    def normals_of(self, surface: Surface) -> np.ndarray:
+        """Normals that follow from a surface's positions, float32 [F, 3, 3]: flat where the source's are, else smooth."""
+        return corner_normals(surface.lattice, surface.faces, [FLAT if self.is_flat else SMOOTH])
+
+    @cached_property
+    def is_flat(self) -> bool:
+        """Whether the file's normals are rather those of its faces than smooth ones."""
+        if self.scene.corner_normal is None:
+            return False
+        apart = [np.square(self._of_source(rule) - self.scene.corner_normal).sum() for rule in (FLAT, SMOOTH)]
+        return bool(apart[0] < apart[1])
+
+    def _turned(self, drawn, normals):
+        """Mean square, over the surface, of the angles in radians between normals that follow from the source's positions and
+        others; 0 where the file has no normals or no material is lit."""
         if self.scene.corner_normal is None or not self.lit:
             return 0.0
-        apart = np.linalg.norm(self._smooth[drawn.origin_face] - normals.astype(np.float64), axis=2)
+        apart = np.linalg.norm(self._normals[drawn.origin_face] - normals.astype(np.float64), axis=2)
         angle = 2 * np.arcsin(np.minimum(apart / 2, 1.0))
         area = relative_areas(self.scene.positions, self.scene.faces[drawn.origin_face])
         return float((angle**2).mean(axis=1) @ area / (area.sum() or 1.0))
 
     @cached_property
-    def _smooth(self):
+    def _normals(self):
+        return self._of_source(FLAT if self.is_flat else SMOOTH)
+
+    def _of_source(self, rule):
         lattice = fit_cube(self.scene.positions, MAX_BITS).to_lattice(self.scene.positions)
-        return corner_normals(lattice, self.scene.faces, [SMOOTH]).astype(np.float64)
-
-
-def smooth_normals(surface: Surface) -> np.ndarray:
-    """Smooth normals that follow from a surface's positions, float32 [F, 3, 3]."""
-    return corner_normals(surface.lattice, surface.faces, [SMOOTH])
+        return corner_normals(lattice, self.scene.faces, [rule]).astype(np.float64)
 
 
 def _uncovered(picture, other):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -49,8 +50,10 @@ def refine_fields(source: Source, fields: list[SourceField], rd: RateDistortion,
         if evidence["predicted_gain_db"] < LEAST_GAIN:
             return Decision(fields, evidence | {"reason": "coding hides what a fit would gain"})
         evidence["reason"] = "the transfer is further off than coding hides"
-    fits = [_fit(s, f, rd.threads, step) for s, f in zip(surfaces, fields, strict=True)]
-    fields, evidence = [fit.value for fit in fits], evidence | {"kind": "fit", "fields": [fit.evidence for fit in fits]}
+    fits = [rd.of_field(f"fit {number}", source, part, partial(_fit, surface, part, rd.threads, step))
+            for number, (surface, part) in enumerate(zip(surfaces, fields, strict=True))]
+    fields = [part.with_planes({COLOUR: fit.value.planes[COLOUR]}) for part, fit in zip(fields, fits, strict=True)]
+    evidence = evidence | {"kind": "fit", "fields": [fit.evidence for fit in fits]}
     if wanted.kind != "render":
         return Decision(fields, evidence)
     rendered = _render(surfaces, fields, rd.threads, wanted.iterations, step)

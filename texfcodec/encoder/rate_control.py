@@ -47,6 +47,7 @@ UNUSED, USED = 0.03, 0.985  # share of a budget that may stay unused, and that i
 OVER, AIM_OVER = 0.145, 0.07  # dB over the PSNR that are accepted, and that are aimed at
 REACH = (3.0, 4.5, math.inf)  # QPs from that of the first, second and third plan within which it suits
 MOST_TRIALS, MOST_STEP, CLOSED = 9, 6.0, 0.03  # of one plan; QPs at once; QPs between which no other is tried
+GAP, JUMP = 0.3, 2.5  # QPs between which none is tried where the target is as far off as from so many QPs: a unit became exact
 SEARCH_SAMPLES = 250_000  # of 3D-PSNR: differences of 0.01 dB are seen
 VIEWS, SIZE = 8, 512
 SECONDS, SECONDS_PER_VOXEL = 0.8, 2.4e-6  # of an encode with two threads
@@ -359,7 +360,8 @@ def next_place(tried: list[tuple[float, float]], slope: float, whole: bool = Fal
     high = min((one for one in tried if one[1] <= 0), default=None)
     if low and high:
         width = high[0] - low[0]
-        if width <= (1 if whole else CLOSED):
+        closed = GAP if low[1] - high[1] > JUMP * slope else CLOSED
+        if width <= (1 if whole else closed):
             return None
         share = low[1] / (low[1] - high[1])
         share = 0.5 if len(tried) > 4 and len(tried) % 2 else min(max(share, 0.1), 0.9)

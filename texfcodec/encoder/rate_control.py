@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from .decide.supports import Supports
 
 FIRST_QP, LAST_QP = 28, 63
-GUESSED_QPS = 6, 54  # a first guess is not beyond
+GUESSED_QPS = 14, 50  # a first guess is not beyond
 FINER_RATES = ((20, "r06"), (22, "r05"))  # up to these QPs K may be as fine as that of the rate
 BITS_PER_QP, DECIBELS_PER_QP = 0.18, 0.45  # first guesses: log2 of attribute bytes and dB lost with each QP
 LEAST_SHARE = 0.95  # of the geometry's bytes as one field, for safety: parted by components it took 1.00 to 1.23 times, 11 assets
@@ -45,8 +45,8 @@ MESH_SHARE = 0.45  # of a stream's bytes that a mesh takes which was chosen by i
 GAINS, GUESSED_DECIBELS = {"surface": 1.0, "flat": 0.0, "lit": 0.8}, 0.5
 UNUSED, USED = 0.03, 0.985  # share of a budget that may stay unused, and that is aimed at
 OVER, AIM_OVER = 0.145, 0.07  # dB over the PSNR that are accepted, and that are aimed at
-REACH = (3.0, 4.5, math.inf)  # QPs from that of the first, second and third plan within which it suits
-MOST_TRIALS, MOST_STEP, CLOSED = 9, 6.0, 0.03  # of one plan; QPs at once; QPs between which no other is tried
+REACH = (3.0, 4.5, 9.0, 9.0, 9.0, math.inf)  # QPs from that of the first, second, ... plan within which it suits
+MOST_TRIALS, MOST_STEP, CLOSED = 9, 8.0, 0.03  # of one plan; QPs at once; QPs between which no other is tried
 GAP, JUMP = 0.3, 2.5  # QPs between which none is tried where the target is as far off as from so many QPs: a unit became exact
 SEARCH_SAMPLES = 250_000  # of 3D-PSNR: differences of 0.01 dB are seen
 VIEWS, SIZE = 8, 512

@@ -47,6 +47,7 @@ UNUSED, USED = 0.03, 0.985  # share of a budget that may stay unused, and that i
 OVER, AIM_OVER = 0.145, 0.07  # dB over the PSNR that are accepted, and that are aimed at
 REACH = (3.0, 4.5, 9.0, 9.0, 9.0, math.inf)  # QPs from that of the first, second, ... plan within which it suits
 MOST_TRIALS, MOST_STEP, CLOSED = 9, 8.0, 0.03  # of one plan; QPs at once; QPs between which no other is tried
+ENOUGH = 7  # trials in all, from which on the best that meets the target is taken, as near as it may be
 GAP, JUMP = 0.3, 2.5  # QPs between which none is tried where the target is as far off as from so many QPs: a unit became exact
 SEARCH_SAMPLES = 250_000  # of 3D-PSNR: differences of 0.01 dB are seen
 VIEWS, SIZE = 8, 512
@@ -210,7 +211,8 @@ class _Search:
         qp = round(qp) if whole else qp
         while len(tried) < MOST_TRIALS:
             trial = self._encode(planned, qp, planning)
-            if planned.one_colour or self.target.is_near(trial):
+            is_enough = self.best is not None and len(self.trials) >= ENOUGH
+            if planned.one_colour or is_enough or self.target.is_near(trial):
                 return None
             tried.append((self.target.place(qp), self.target.excess(trial)))
             self._slope = slope_of(tried, self._slope)

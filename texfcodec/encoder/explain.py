@@ -52,11 +52,10 @@ def changed(options: EncodeOptions, **changes: object) -> EncodeOptions:
 
 
 def as_made(options: EncodeOptions, made: Encoded) -> EncodeOptions:
-    """options, with the K and QP that a search came to where they hold a target."""
+    """options, with the whole QP that a search came to where they hold a target."""
     if options.target_bytes is None and options.target_psnr is None:
         return changed(options)
-    over_voxels = {"resolution": made.resolution} if made.counts["voxels"] and not made.counts["texels"] else {}
-    return changed(options, qp=made.qp, **over_voxels)
+    return changed(options, qp=made.qp)
 
 
 def neighbours_of(options: EncodeOptions, made: Encoded) -> Iterator[Neighbour]:

@@ -118,8 +118,9 @@ class Plan:
         return replace(self, rd=replace(self.rd, coder=self.rd.planes.at(**quality)))
 
     def between(self, qp: float) -> Plan:
-        """The plan at a QP between whole ones, where its codec has such; else at the next finer one."""
-        return replace(self, rd=replace(self.rd, coder=self.rd.planes.between(qp)))
+        """The plan at a QP between whole ones, where its codec has such; else at the next finer one. A byte has its price there,
+        which says what is worth being exact."""
+        return replace(self, rd=replace(self.rd, qp=round(qp), coder=self.rd.planes.between(qp)))
 
 
 class OverBudget(Exception):

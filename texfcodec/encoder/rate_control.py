@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from .decide.supports import Supports
 
 FIRST_QP, LAST_QP = 28, 63
-GUESSED_QPS = 6, 54  # a first guess is not beyond
+GUESSED_QPS = 14, 50  # a first guess is not beyond
 FINER_RATES = ((20, "r06"), (22, "r05"))  # up to these QPs K may be as fine as that of the rate
 BITS_PER_QP, DECIBELS_PER_QP = 0.18, 0.45  # first guesses: log2 of attribute bytes and dB lost with each QP
 LEAST_SHARE = 0.95  # of the geometry's bytes as one field, for safety: parted by components it took 1.00 to 1.23 times, 11 assets
@@ -45,8 +45,10 @@ MESH_SHARE = 0.45  # of a stream's bytes that a mesh takes which was chosen by i
 GAINS, GUESSED_DECIBELS = {"surface": 1.0, "flat": 0.0, "lit": 0.8}, 0.5
 UNUSED, USED = 0.03, 0.985  # share of a budget that may stay unused, and that is aimed at
 OVER, AIM_OVER = 0.145, 0.07  # dB over the PSNR that are accepted, and that are aimed at
-REACH = (3.0, 4.5, math.inf)  # QPs from that of the first, second and third plan within which it suits
-MOST_TRIALS, MOST_STEP, CLOSED = 9, 6.0, 0.03  # of one plan; QPs at once; QPs between which no other is tried
+REACH = (3.0, 4.5, 9.0, 9.0, 9.0, math.inf)  # QPs from that of the first, second, ... plan within which it suits
+MOST_TRIALS, MOST_STEP, CLOSED = 9, 8.0, 0.03  # of one plan; QPs at once; QPs between which no other is tried
+ENOUGH = 7  # trials in all, from which on the best that meets the target is taken, as near as it may be
+GAP, JUMP = 0.3, 2.5  # QPs between which none is tried where the target is as far off as from so many QPs: a unit became exact
 SEARCH_SAMPLES = 250_000  # of 3D-PSNR: differences of 0.01 dB are seen
 VIEWS, SIZE = 8, 512
 SECONDS, SECONDS_PER_VOXEL = 0.8, 2.4e-6  # of an encode with two threads
@@ -209,7 +211,8 @@ class _Search:
         qp = round(qp) if whole else qp
         while len(tried) < MOST_TRIALS:
             trial = self._encode(planned, qp, planning)
-            if planned.one_colour or self.target.is_near(trial):
+            is_enough = self.best is not None and len(self.trials) >= ENOUGH
+            if planned.one_colour or is_enough or self.target.is_near(trial):
                 return None
             tried.append((self.target.place(qp), self.target.excess(trial)))
             self._slope = slope_of(tried, self._slope)
@@ -359,7 +362,8 @@ def next_place(tried: list[tuple[float, float]], slope: float, whole: bool = Fal
     high = min((one for one in tried if one[1] <= 0), default=None)
     if low and high:
         width = high[0] - low[0]
-        if width <= (1 if whole else CLOSED):
+        closed = GAP if low[1] - high[1] > JUMP * slope else CLOSED
+        if width <= (1 if whole else closed):
             return None
         share = low[1] / (low[1] - high[1])
         share = 0.5 if len(tried) > 4 and len(tried) % 2 else min(max(share, 0.1), 0.9)

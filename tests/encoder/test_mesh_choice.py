@@ -51,6 +51,7 @@ def test_a_smooth_sheet_is_sent_with_fewer_faces_and_looks_the_same(smaller):
 def test_the_report_says_what_was_tried_and_what_it_cost(smaller):
     said = smaller.choices["mesh"]
     assert said["faces"] == [2 * (SIDE - 1) ** 2, smaller.counts["faces"]]
+    assert said["distance"]["d1"]["psnr"] > 45 and 0 < said["distance"]["hausdorff"]["share"] < 0.02
     assert said["tried"][0]["faces"] == said["faces"][0] and len(said["tried"]) >= 3
     best = min((one for one in said["tried"] if "refused" not in one), key=lambda one: one["cost"])
     assert (best["faces"], best["position_bits"]) == (said["faces"][1], said["position_bits"])

@@ -20,6 +20,7 @@ from ...geometry.draco import enc_geometry
 from ...geometry.mesh import Mesh, points_at
 from ...geometry.nearest_points import NearestPoints
 from ...geometry.surface import Surface, make_surface, place_mesh
+from ...metrics.surface_distance import surface_distance
 from ...options import FINEST_POSITIONS
 from ...report import Step, no_step
 from ..decision import Decision
@@ -54,7 +55,7 @@ FIT_GAIN = 0.7  # of the distance before the vertices are fitted
 SEVERAL = 0.8  # power of faces that bytes go with
 SHARP, HARD = 60.0, 0.3  # degrees between faces, and difference of the file's normals, from which on an edge is kept as a line
 FEW_TEXELS = 4096  # that are exact where they are of few colours; a grey terrain has few colours, and a million texels
-FEW_POINTS = 5_000  # of distances that are guessed with
+FEW_POINTS, DISTANCE_POINTS = 5_000, 20_000  # of distances that are guessed with, and that the report has
 NOTHING = 1e9  # the squared error of a mesh of which nothing is left
 
 
@@ -242,8 +243,9 @@ class _Search:
 
     def evidence(self, best: _Candidate) -> dict:
         """What was tried, and what was taken."""
-        return {"reason": "least bytes for what is seen", "faces": [len(self.meshes.usual.faces), best.faces],
+        told = {"reason": "least bytes for what is seen", "faces": [len(self.meshes.usual.faces), best.faces],
                 "position_bits": best.bits, "tried": [one.row() for one in self.tried.values()]}
+        return told if best is self.at_usual else told | {"distance": self.meshes.distance(best.sent.surface)}
 
 
 class _Meshes:
@@ -340,6 +342,11 @@ class _Meshes:
         cube = finer_cube(surface.cube)
         drawn = replace(self.usual, cube=cube, lattice=cube.to_lattice(places.mesh.positions), faces=places.mesh.faces)
         return SentMesh(scene=sent, surface=surface, rows=rows, drawn=drawn, places=places)
+
+    def distance(self, surface: Surface) -> dict:
+        """D1, D2 and Hausdorff distance of a surface from the source: SurfaceDistance.report()."""
+        mesh = Mesh(surface.cube.to_world(surface.lattice), surface.faces)
+        return surface_distance(self.source, mesh, samples=DISTANCE_POINTS, threads=self.choice.rd.threads).report()
 
     def _away(self, mesh):
         """Root of the mean squared distance of points on a mesh to the source."""

@@ -39,9 +39,9 @@ if TYPE_CHECKING:
     from ..rd import RateDistortion
     from ..texel_field import TexelPlan
 
-BYTES_A_BIT = 3 / 8  # of a vertex, for each bit of its three coordinates
+BYTES_A_BIT, LEAST_A_BIT = 3 / 8, 1 / 8  # of a vertex, for each bit of its three coordinates; in rows and planes
 COARSEST_POSITIONS = 10  # bits: from here down small faces of dense scans fall together
-SECOND_LOOK, MOST_A_BIT = 2, 4.0  # bits more than usual that a second look is at; times that a bit lessens an error at most
+MOST_A_BIT = 4.0  # times that a bit lessens an error at most; where layers lie close, which one is seen is a matter of luck
 USUAL_LOOK = 12  # bits of the lattice that the others' error is reckoned from
 SHARES = tuple(2 ** (-number / 2) for number in range(11))  # of the source's faces; a point 25 % off costs 1 to 2 % of the bytes
 FEWEST = 256  # faces: fewer take too few bytes to bother
@@ -124,17 +124,19 @@ class MeshChoice:
         """The source at the bits, from the usual ones on, that cost least."""
         if self.evidence["reason"]:
             return self.usual
-        usual, vertices = self.usual.cube.position_bits, len(np.unique(self.usual.faces))
-        cost = lambda k, times: self.rd.cost(BYTES_A_BIT * vertices * k, self._at_usual.error / times ** (k - usual))
-        if cost(usual + 1, MOST_A_BIT) >= cost(usual, 1):
+        usual, error, best = self.usual.cube.position_bits, self._at_usual.error, self.usual
+        if self.rd.cost(LEAST_A_BIT * len(np.unique(self.usual.faces)), error / MOST_A_BIT) >= self.rd.cost(0, error):
             return self.usual
-        second = self.look_at(self._on_lattice(usual + SECOND_LOOK))
-        times = np.clip((self._at_usual.error / max(second.error, 1e-12)) ** (1 / SECOND_LOOK), 1.0, MOST_A_BIT)
-        best = min(range(usual, FINEST_POSITIONS + 1), key=lambda k: cost(k, times))
-        if best == usual:
-            return self.usual
-        self.evidence |= {"reason": "the usual bits move what is seen", "position_bits": best}
-        return self._on_lattice(best)
+        least = self.rd.cost(_geometry_bytes(best), error)
+        for bits in range(usual + 1, FINEST_POSITIONS + 1):
+            surface = self._on_lattice(bits)
+            size = _geometry_bytes(surface)
+            if self.rd.cost(size, error / MOST_A_BIT ** (bits - usual)) < least:
+                cost = self.rd.cost(size, self.look_at(surface).error)
+                best, least = (surface, cost) if cost < least else (best, least)
+        if best is not self.usual:
+            self.evidence |= {"reason": "the usual bits move what is seen", "position_bits": best.cube.position_bits}
+        return best
 
     def _on_lattice(self, bits):
         return self.memo.get(("lattice", bits), lambda: make_surface(self.scene, replace(self.request, position_bits=bits)))
@@ -365,6 +367,10 @@ def _is_coarser(place, other):
 
 def _measured(sent, moved):
     """The _Candidate of a SentMesh, without its cost."""
-    surface, bits = sent.surface, sent.surface.cube.position_bits
-    size = len(enc_geometry(surface.lattice, surface.faces, bits))
-    return _Candidate(sent=sent, faces=len(surface.faces), bits=bits, geometry=size, moved=moved)
+    surface = sent.surface
+    return _Candidate(sent=sent, faces=len(surface.faces), bits=surface.cube.position_bits, geometry=_geometry_bytes(surface),
+                      moved=moved)
+
+
+def _geometry_bytes(surface):
+    return len(enc_geometry(surface.lattice, surface.faces, surface.cube.position_bits))

@@ -4,13 +4,20 @@ import numpy as np
 import pytest
 
 from texfcodec.api import decode, encode_to_result
+from texfcodec.encoder.decide.mesh import MeshChoice, _Meshes
 from texfcodec.encoder.estimates import usual_values
+from texfcodec.encoder.estimates.position_error import SMOOTH, Moved
 from texfcodec.encoder.geometry.drawn_source import draw_onto, fetched_normals
+from texfcodec.encoder.memo import Memo
+from texfcodec.encoder.rd import RateDistortion
 from texfcodec.errors import InputError
 from texfcodec.geometry.canonical import CanonicalCube, finer_cube
 from texfcodec.geometry.mesh import Mesh
+from texfcodec.geometry.shading_normals import corner_normals
+from texfcodec.geometry.surface import make_surface
 from texfcodec.metrics.psnr_3d import measure
 from texfcodec.options import EncodeOptions
+from texfcodec.scene.normal_rule import FLAT
 from texfcodec.scene.scene import Material, Scene, Texture
 
 SIDE = 96
@@ -46,6 +53,36 @@ def test_a_smooth_sheet_is_sent_with_fewer_faces_and_looks_the_same(smaller):
     assert smaller.sizes["geometry"] < 0.5 * kept.sizes["geometry"]
     there, here = (measure(scene, texf, 20_000)["y"] for texf in (before, after))
     assert here > there - 0.5
+
+
+def test_facets_stay_facets():
+    """Of a file whose normals are those of its faces a smaller mesh has the normals of its own, and theirs are compared."""
+    scene, options = bowl(48), EncodeOptions(rate="r03")
+    scene.materials[0] = Material(texture=0)
+    usual = make_surface(scene, options)
+    seen = []
+    for rule in (FLAT, SMOOTH):
+        scene.corner_normal = corner_normals(usual.lattice, usual.faces, [rule])
+        choice = MeshChoice(scene, usual, RateDistortion.of(options), options, 1.0, Memo())
+        candidate = _Meshes(choice, usual, np.zeros(len(usual.faces), np.int64), True).look(4, 12)
+        surface = candidate.sent.surface
+        own = corner_normals(surface.lattice, surface.faces, [rule])
+        apart = np.linalg.norm(candidate.sent.scene.corner_normal - own, axis=2)
+        assert choice.looks.is_flat == (rule == FLAT) and np.median(apart) < (1e-6 if rule == FLAT else 0.05)
+        seen.append(candidate.moved.mse)
+    assert seen[0] > 2 * seen[1]
+
+
+def test_more_bits_are_taken_by_what_is_seen_at_each(monkeypatch):
+    """The error does not fall evenly where layers lie close: a peak at 16 bits hides nothing behind it."""
+    scene, seen = bowl(24), {14: 3.0, 15: 2.5, 16: 8.0, 17: 0.1, 18: 0.1}
+    look = lambda self, surface: Moved(seen[surface.cube.position_bits], 0.0, 0.0)
+    monkeypatch.setattr(MeshChoice, "look_at", look)
+    monkeypatch.setattr(RateDistortion, "byte", 1e-4)
+    options = EncodeOptions(rate="r03")
+    usual = make_surface(scene, options)
+    finer = MeshChoice(scene, usual, RateDistortion.of(options), options, 1.0, Memo()).finer()
+    assert finer.cube.position_bits == 17
 
 
 def test_the_report_says_what_was_tried_and_what_it_cost(smaller):

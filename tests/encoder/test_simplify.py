@@ -6,7 +6,7 @@ from rough_meshes import grid, rough, torus
 from shapes import sphere, square
 from slow_collapses import collapses
 
-from texfcodec.encoder.geometry.seams import seam_edges
+from texfcodec.encoder.geometry.seams import seam_edges, sharp_edges
 from texfcodec.encoder.geometry.simplify import simplify
 from texfcodec.encoder.geometry.topology import undirected
 from texfcodec.geometry.mesh import Mesh
@@ -40,6 +40,23 @@ def test_collapses_are_those_of_the_oracle(mesh, lines):
     np.testing.assert_allclose(got.placed, [place for *_, place, _ in expected], atol=1e-6)
     np.testing.assert_allclose(got.error * Mesh(*mesh).frame()[1] ** 4, [error for *_, error in expected], rtol=1e-4, atol=1e-12)
     assert len(expected) > 10
+
+
+def test_a_face_that_a_scan_turned_makes_no_line_and_goes():
+    """A vertex in a face that has slipped over its side: one of the three faces around it looks down."""
+    positions, faces = grid(8, 0.1)
+    flat = Mesh(np.asarray(positions, float) * [1, 1, 0.02], np.asarray(faces))
+    a, b, c = flat.faces[60]
+    p = flat.positions
+    slipped = 0.55 * (p[a] + p[b]) - 0.1 * p[c]
+    around = [[a, b, len(p)], [b, c, len(p)], [c, a, len(p)]]
+    mesh = Mesh(np.vstack([p, slipped]), np.vstack([np.delete(flat.faces, 60, 0), around]))
+    up = np.sign(normals(flat)[0, 2])
+    assert (normals(mesh)[:, 2] * up < 0).sum() == 1
+    lines = sharp_edges(mesh, 60)
+    assert not len(lines)
+    least = all_prefixes(simplify(mesh, lines))[len(mesh.faces) // 4]
+    assert (normals(least)[:, 2] * up > 0).all()
 
 
 def test_any_face_count_is_a_prefix_of_one_sequence():

@@ -146,3 +146,18 @@ def test_a_small_share_of_a_jpeg_does_not_take_the_quality_of_a_small_unit():
     small = code(coder, 60)
     assert spend(small, code, coder, 10_000, 20.0).value is small
     assert spend(code(coder), code, coder, 10_000, 20.0).evidence["qp"] == max(tried) == 28 + 18
+
+
+def test_what_an_image_file_allows_is_the_same_quality_from_any_rate():
+    """A finer rate that is over the file's bytes may not come out coarser than one that was just within them."""
+    plane = np.random.default_rng(0).integers(0, 256, (400, 3)).astype(np.float32)
+
+    def code(coder):
+        size = round(11_549 * 2 ** (-0.155 * (coder.qp - 23.2)))
+        return CodedUnit(codec=None, values={}, bytes=size, plane=plane, decoded=np.zeros((400, 3), np.uint8))
+
+    coder, found = RateDistortion.of(EncodeOptions(rate="r03")).planes, []
+    for qp in range(16, 26):
+        at = coder.at(qp=qp)
+        found.append(spend(code(at), code, at, 1.0, 11_549.0).evidence.get("qp", qp))
+    assert found == [23] * 8 + [24, 25]

@@ -326,3 +326,24 @@ def test_warming_up_goes_over_texels_too():
 def test_a_flat_mesh_without_images_or_area_is_as_before():
     made = encode_scene(scene_of([[0, 0, 0], [1, 2, 3], [2, 4, 6]], [[0, 1, 2]]), EncodeOptions(rate="r01"))
     assert made.counts["texels"] + made.counts["voxels"] > 0 and decode(made.data).faces.shape == (1, 3)
+
+
+def with_a_small_part(size, image):
+    """A wall with a picture, and a wall of a size with another image far in front of it."""
+    big, small = wall(smooth_image(256, 256), n=8), wall(image, n=2)
+    return replace(big, positions=np.concatenate([big.positions, size * small.positions + [0, 0, 1]]),
+                   faces=np.concatenate([big.faces, small.faces + len(big.positions)]),
+                   corner_uv=np.concatenate([big.corner_uv, small.corner_uv]),
+                   face_material=np.concatenate([big.face_material, np.ones(len(small.faces), np.int64)]),
+                   materials=[*big.materials, replace(small.materials[0], texture=1)], textures=[*big.textures, *small.textures])
+
+
+def test_voxels_that_are_not_there_are_no_alternative_for_a_small_part():
+    _, row = chosen(with_a_small_part(1e-4, noise_image(64, 64))).evidence["groups"]
+    assert row["image"] == [64, 64] and row["voxels"]["psnr_y"] < 60
+
+
+def test_a_small_part_has_the_qp_of_the_rate():
+    """By its share alone its texels would be coded three QP coarser, as far as any may be."""
+    _, row = chosen(with_a_small_part(0.05, noise_image(32, 32))).evidence["groups"]
+    assert row["image"] == [32, 32] and row["texels"]["qp_offset"] <= 0

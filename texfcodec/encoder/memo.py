@@ -21,9 +21,17 @@ class Memo:
             self._results[key] = make()
         return cast(Result, self._results[key])
 
+    def of_plan(self) -> Memo:
+        """What is kept for as long as one plan is made."""
+        return self
+
 
 class NoMemo(Memo):
     """Keeps nothing: for an encode that plans once."""
+
+    def of_plan(self) -> Memo:
+        """See Memo.of_plan."""
+        return Memo()
 
     def get(self, key: Hashable, make: Callable[[], Result]) -> Result:
         """What is made now."""

@@ -90,19 +90,9 @@ class Plan:
     evidence: dict[str, Any]
 
     @property
-    def over_voxels(self) -> bool:
-        """Whether every field is over voxels."""
-        return not any(part.support.planar for part in self.fields)
-
-    @property
     def one_colour(self) -> bool:
         """Whether there are no values but one colour, so that no QP changes the stream."""
         return all(part.one_colour for part in self.fields) and all(group.channels[0] in COLOURS for group in self.source.groups)
-
-    @property
-    def smaller_mesh(self) -> bool:
-        """Whether another mesh than the source's was looked at, which another QP may change."""
-        return "tried" in self.evidence["mesh"]
 
     @property
     def qp(self) -> int | None:
@@ -202,10 +192,11 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
     first_half = begin(scene, request, report, finer, memo or NoMemo())
     begun, scene, colours, supports = first_half.outline, first_half.scene, first_half.colours, first_half.supports
     evidence = begun.evidence
-    meshed = _meshed(begun, supports, scene, colours, report)
+    looks = begun.rd.memo.of_plan()
+    meshed = _meshed(begun, supports, scene, colours, looks, report)
     if (instead := supports.value.instead) is not None:
-        other = _meshed(begun, instead, scene, colours, report)
-        if other.saved - meshed.saved > supports.value.behind:
+        other = _meshed(begun, instead, scene, colours, looks, report)
+        if other.mesh.value.saved - meshed.mesh.value.saved > supports.value.behind:
             supports, meshed = instead, other
     chosen, rd, usual, shown = meshed.supports, meshed.rd, meshed.usual, meshed.shown
     face_field = _said(meshed.partition, report, request.strict).value
@@ -213,7 +204,7 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
     surface = sent.surface
     with report.stage("normals") as step:
         folded = with_folded_normals(sent.scene, surface, _without_uv_area(chosen.plans))
-        shading = _said(choose_normals(folded, surface, rd.qp, budget, _attribute_bytes(supports.evidence), step), report)
+        shading = _said(choose_normals(folded, surface, rd.qp, budget, chosen.attributes, step), report)
         frames = _said(fit_frames(sent.scene, surface, shading.value, chosen.plans, rd), report)
         chosen = replace(chosen, plans=frames.value)
     evidence = evidence | {"supports": supports.evidence, "partition": meshed.partition.evidence, "mesh": meshed.mesh.evidence,
@@ -254,18 +245,14 @@ class _Meshed:
     partition: Decision[np.ndarray]
     mesh: Decision[SentMesh]
 
-    @property
-    def saved(self) -> float:
-        """Bytes that the mesh costs less than the source's at the usual bits."""
-        return self.mesh.value.saved
 
-
-def _meshed(begun: Outline, supports: Decision[Supports], scene: Scene, colours: np.ndarray, report: Report) -> _Meshed:
-    """The _Meshed of Supports. colours: of material_colours."""
+def _meshed(begun: Outline, supports: Decision[Supports], scene: Scene, colours: np.ndarray, looks: Memo,
+            report: Report) -> _Meshed:
+    """The _Meshed of Supports. colours: of material_colours; looks: at meshes, which other Supports may use."""
     chosen, request = supports.value, begun.request
     rd = replace(begun.rd, resolution=chosen.resolution, values=chosen.values)
     with report.stage("partition") as step:
-        choice = MeshChoice(scene, begun.surface, rd, request, chosen.mse)
+        choice = MeshChoice(scene, begun.surface, rd, request, chosen.mse, looks)
         usual = choice.finer()
         if usual is not begun.surface:
             chosen = replace(chosen, plans=moved_plans(chosen.plans, scene, usual))
@@ -286,11 +273,6 @@ def _said(decision: Decision, report: Report, strict: bool = False) -> Decision:
     if strict and decision.warnings:
         raise InputError("TXF-I52", "something would be lost, and strict forbids it", warnings=report.warnings)
     return decision
-
-
-def _attribute_bytes(evidence):
-    """Bytes that colours and maps are likely to take, by the evidence of choose_supports(); 0 where nothing was probed."""
-    return sum(row[row["chosen"]]["attribute_bytes"] for row in evidence["groups"] if row["chosen"] in row)
 
 
 def _without_uv_area(plans):

@@ -189,7 +189,7 @@ class _Search:
         while True:
             report = Report(self.report.on_progress)
             planned = self._plan(round(qp), report)
-            self._add_seconds(report)
+            self.report.take_seconds(report)
             if planned is None:  # its geometry takes the whole budget
                 if round(qp) == LAST_QP:
                     return
@@ -244,7 +244,7 @@ class _Search:
         """A QP that is likely to meet the target, by what supports at FIRST_QP are expected to take."""
         report = Report(self.report.on_progress)
         begun = begin(self.scene, self._request(FIRST_QP), report, frozenset(), self._memo)
-        self._add_seconds(report)
+        self.report.take_seconds(report)
         supports = begun.supports.value
         if not supports.attributes or not supports.mse or not supports.colour_mse:
             return FIRST_QP
@@ -271,7 +271,7 @@ class _Search:
         with report.stage("measure"):
             texf = _decoded(encoded, self.options.threads)
             psnr = self._measured(texf, encoded, report)
-        self._add_seconds(report)
+        self.report.take_seconds(report)
         for name in ("warnings", "dropped", "remarks"):
             setattr(report, name, [*getattr(planning, name), *getattr(report, name)])
         trial = Trial(encoded=encoded, qp=qp, position_bits=planned.surface.cube.position_bits, psnr=psnr,
@@ -309,9 +309,6 @@ class _Search:
         except OverBudget as over:
             self._geometry.append(over.geometry)
             return None
-
-    def _add_seconds(self, report):
-        self.report.take_seconds(report)
 
     def unreachable(self, rows):
         """The error that names the best of what was tried."""

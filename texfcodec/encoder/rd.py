@@ -145,9 +145,13 @@ class RateDistortion:
         there. A small part with many counts for more than its share: who looks at it sees it large, at the rate's QP."""
         if not face_areas(surface.lattice, surface.faces[faces]).any():
             return None
-        made = self.memo.get(("patch", faces.tobytes()), lambda: probe.Patch(scene, surface, faces, self.threads))
-        made.weight = max(made.weight, min(made.voxels(USUAL_K), texels) / self.values)
-        return made
+
+        def patch():
+            made = probe.Patch(scene, surface, faces, self.threads)
+            made.weight = max(made.weight, min(made.voxels(USUAL_K), texels) / self.values)
+            return made
+
+        return self.memo.get(("patch", faces.tobytes()), patch)
 
     def of_field(self, name: str, source: Source, part: SourceField, make: Callable[[], Result]) -> Result:
         """What a step made of a field over voxels from the source, which no QP changes. name: of the step, and of the field."""

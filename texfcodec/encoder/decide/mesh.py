@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from ...options import EncodeOptions
     from ...scene.scene import Scene
     from ..estimates.position_error import PositionError
+    from ..memo import Memo
     from ..rd import RateDistortion
     from ..texel_field import TexelPlan
 
@@ -84,11 +85,12 @@ def kept(scene: Scene, surface: Surface) -> SentMesh:
 
 class MeshChoice:
     """Looks at meshes for one Scene. usual: its Surface at the usual position bits; mse: squared error of colours and maps,
-    None where these take no bytes."""
+    None where these take no bytes; memo: of looks, which none of these changes."""
 
-    def __init__(self, scene: Scene, usual: Surface, rd: RateDistortion, request: EncodeOptions, mse: float | None) -> None:
-        self.scene, self.usual, self.rd, self.request = scene, usual, rd, request
-        self.most_moved, self.memo = MOST_MOVED * (mse or 0.0), rd.memo
+    def __init__(self, scene: Scene, usual: Surface, rd: RateDistortion, request: EncodeOptions, mse: float | None,
+                 memo: Memo) -> None:
+        self.scene, self.usual, self.rd, self.request, self.memo = scene, usual, rd, request, memo
+        self.most_moved = MOST_MOVED * (mse or 0.0)
         self.evidence: dict[str, Any] = {"reason": self._reason()}
 
     def _reason(self):
@@ -104,17 +106,10 @@ class MeshChoice:
         """Pictures of the source, and of it on other surfaces."""
         return self.memo.get("looks", lambda: self.rd.moved_positions(self.scene))
 
-    @cached_property
-    def _at_usual(self):
-        return self._look_at(self.usual)
-
-    def _look_at(self, surface):
-        key = "look", surface.cube.position_bits
-        return self.memo.get(key, lambda: self.looks.of(surface, self.looks.normals_of(surface)))
-
     def look_at(self, surface: Surface) -> Moved:
         """What the source on another lattice does to pictures."""
-        return self._at_usual if surface is self.usual else self._look_at(surface)
+        key = "look", surface.cube.position_bits
+        return self.memo.get(key, lambda: self.looks.of(surface, self.looks.normals_of(surface)))
 
     def look_at_mesh(self, sent: SentMesh) -> Moved:
         """What another mesh does to pictures."""
@@ -124,7 +119,7 @@ class MeshChoice:
         """The source at the bits, from the usual ones on, that cost least."""
         if self.evidence["reason"]:
             return self.usual
-        usual, error, best = self.usual.cube.position_bits, self._at_usual.error, self.usual
+        usual, error, best = self.usual.cube.position_bits, self.look_at(self.usual).error, self.usual
         if self.rd.cost(LEAST_A_BIT * len(np.unique(self.usual.faces)), error / MOST_A_BIT) >= self.rd.cost(0, error):
             return self.usual
         least = self.rd.cost(_geometry_bytes(best), error)

@@ -66,21 +66,22 @@ def spend(first: CodedUnit, code: Callable[[Coder], CodedUnit], coder: Coder, wo
             return Decision(exact, {"exact": True, "bytes_at_qp": first.bytes})
     if budget is None or first.bytes <= budget + LEAST_SAVED:
         return Decision(first, {})
-    return _within(first, code, coder, budget + LEAST_SAVED)
+    return _within(first, code, coder, budget)
 
 
 def _within(first, code, coder, budget):
     """The finest coding that takes no more than a budget, among coarser ones; the coarsest that was tried where none does."""
+    most = budget + LEAST_SAVED
     units, at, low, high = {coder.qp: first}, coder.qp, coder.qp, min(coder.qp + MOST_COARSER, LAST_QP) + 1
-    while high - low > 1 and len(units) <= MOST_TRIES:  # low takes more than the budget, high no more
-        guess = at + math.ceil(math.log2(max(units[at].bytes, 1) / budget) / BITS_PER_QP)
+    while high - low > 1 and len(units) <= MOST_TRIES:  # low takes more than that, high no more
+        guess = at + math.ceil(math.log2(max(units[at].bytes, 1) / most) / BITS_PER_QP)
         at = min(max(guess, low + 1), high - 1)
         units[at] = code(coder.at(qp=at))
-        low, high = (low, at) if units[at].bytes <= budget else (at, high)
+        low, high = (low, at) if units[at].bytes <= most else (at, high)
     qp = high if high in units else low
     if qp == coder.qp:
         return Decision(first, {})
-    return Decision(units[qp], {"qp": qp, "bytes_at_qp": first.bytes, "source_image_bytes": round(budget - LEAST_SAVED)})
+    return Decision(units[qp], {"qp": qp, "bytes_at_qp": first.bytes, "source_image_bytes": round(budget)})
 
 
 def image_budgets(source: Source, fields: list[SourceField]) -> dict[tuple[int, int], float]:

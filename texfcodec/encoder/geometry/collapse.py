@@ -12,7 +12,7 @@ import numpy as np
 
 from ...core.kernel import kernel
 from .quadrics import _error_at, _least_place
-from .topology import FIXED, FREE
+from .topology import FIXED, FREE, turned_faces
 
 TURN = 0.2  # cosine of the largest angle by which a collapse may turn a face
 
@@ -32,9 +32,9 @@ class Collapsed(NamedTuple):
 
 class _Work(NamedTuple):
     """positions [V, 3], quadrics [V, 10]; kind [V]; faces [F, 3], marked [F, 3], their sides that are lines; last [F], -1 while a
-    face is there; head, tail [V] and after [3 F]: the corners 3 f + i of every vertex as a list that ends with -1; version [V],
-    which rises when a vertex changes, -1 when it is gone; mark [V], stamp [1]: sets of vertices; place [3], total [10]: the place
-    and the quadric of the edge that is looked at."""
+    face is there; turned [F], whether one is of turned_faces() still; head, tail [V] and after [3 F]: the corners 3 f + i of
+    every vertex as a list that ends with -1; version [V], which rises when a vertex changes, -1 when it is gone; mark [V], stamp
+    [1]: sets of vertices; place [3], total [10]: the place and the quadric of the edge that is looked at."""
 
     positions: np.ndarray
     quadrics: np.ndarray
@@ -42,6 +42,7 @@ class _Work(NamedTuple):
     faces: np.ndarray
     marked: np.ndarray
     last: np.ndarray
+    turned: np.ndarray
     head: np.ndarray
     tail: np.ndarray
     after: np.ndarray
@@ -66,8 +67,8 @@ def collapse_all(positions: np.ndarray, faces: np.ndarray, marked: np.ndarray, k
     3]; kind: int64 [V], and quadrics: float64 [V, 10], as topology.py and quadrics.py make them."""
     vertices, count = len(positions), len(faces)
     work = _Work(positions.copy(), quadrics.copy(), kind.copy(), faces.copy(), marked.astype(np.uint8), np.full(count, -1),
-                 np.full(vertices, -1), np.full(vertices, -1), np.full(3 * count, -1), np.zeros(vertices, np.int64),
-                 np.zeros(vertices, np.int64), np.zeros(1, np.int64), np.zeros(3), np.zeros(10))
+                 turned_faces(positions, faces), np.full(vertices, -1), np.full(vertices, -1), np.full(3 * count, -1),
+                 np.zeros(vertices, np.int64), np.zeros(vertices, np.int64), np.zeros(1, np.int64), np.zeros(3), np.zeros(10))
     room = 6 * count + 16  # twice the edges that there can be: a full heap is half stale at least
     heap = _Heap(np.empty(room), np.empty((room, 4), np.int64), np.zeros(1, np.int64))
     ends, placed, remaining = np.empty((vertices, 2), np.int64), np.empty((vertices, 4)), np.empty(vertices, np.int64)
@@ -208,7 +209,8 @@ def _has_face(work, v, x, y):
 
 @kernel(allocates=False)
 def _turns(work, v, other):
-    """Whether a face at v that stays turns too far, or loses its area, when v goes to work.place."""
+    """Whether a face at v that stays turns too far, or loses its area, when v goes to work.place; a turned one has to turn
+    back."""
     corner, p, to = work.head[v], work.positions[v], work.place
     while corner >= 0:
         f, i = corner // 3, corner % 3
@@ -223,7 +225,8 @@ def _turns(work, v, other):
         ax, ay, az = ey * uz - ez * uy, ez * ux - ex * uz, ex * uy - ey * ux
         bx, by, bz = ey * vz - ez * vy, ez * vx - ex * vz, ex * vy - ey * vx
         old, new = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz
-        if old > 0.0 and not ax * bx + ay * by + az * bz > TURN * np.sqrt(old * new):
+        along = ax * bx + ay * by + az * bz
+        if old > 0.0 and not (-along if work.turned[f] else along) > TURN * np.sqrt(old * new):
             return True
     return False
 
@@ -232,6 +235,11 @@ def _turns(work, v, other):
 def _join_vertices(work, a, b, step):
     """Moves the faces of b to a, which goes to work.place; returns the number of faces that vanish."""
     gone = 0
+    for v in (a, b):
+        corner = work.head[v]
+        while corner >= 0:
+            work.turned[corner // 3] = False
+            corner = work.after[corner]
     corner = work.head[b]
     while corner >= 0:
         f, i = corner // 3, corner % 3

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...geometry.mesh import Mesh
-from .topology import side_pairs, undirected
+from .topology import scaled_normals, side_pairs, turned_faces, undirected
 
 
 def seam_edges(faces: np.ndarray, group: np.ndarray | None = None, corner: np.ndarray | None = None,
@@ -29,12 +29,12 @@ def seam_edges(faces: np.ndarray, group: np.ndarray | None = None, corner: np.nd
 
 
 def sharp_edges(mesh: Mesh, degrees: float) -> np.ndarray:
-    """Edges between two faces whose normals are more than `degrees` apart, int64 [L, 2]; a face without area has none."""
+    """Edges between two faces whose normals are more than `degrees` apart, int64 [L, 2]; a face without area has none, and
+    none of turned_faces(): a fault that is kept as lines would never go."""
     ends, edge, count = undirected(mesh.faces)
     sides, edges = side_pairs(edge, count)
-    u, v = (mesh.positions[mesh.faces[:, k]] - mesh.positions[mesh.faces[:, 0]] for k in (1, 2))
-    scale = np.abs(np.concatenate([u, v], axis=1)).max(axis=1, initial=0)[:, None]
-    normals = np.cross(*(side / np.where(scale > 0, scale, 1.0) for side in (u, v)))
+    normals, turned = scaled_normals(mesh.positions, mesh.faces), turned_faces(mesh.positions, mesh.faces)
     a, b = (normals[sides[:, k] // 3] for k in (0, 1))
     lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
-    return ends[edges[(a * b).sum(axis=1) < np.cos(np.radians(degrees)) * lengths]]
+    sharp = (a * b).sum(axis=1) < np.cos(np.radians(degrees)) * lengths
+    return ends[edges[sharp & ~turned[sides // 3].any(axis=1)]]

@@ -26,6 +26,24 @@ def side_pairs(edge: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndar
     return np.stack([sides[first], sides[first + 1]], axis=1), two
 
 
+def turned_faces(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Faces that look the other way than all three around them, none of which does, bool [F]: a fault of scans. positions:
+    float64 [V, 3]."""
+    _, edge, count = undirected(faces)
+    beside = side_pairs(edge, count)[0] // 3
+    normals = scaled_normals(positions, faces)
+    against = beside[(normals[beside[:, 0]] * normals[beside[:, 1]]).sum(axis=1) < 0]
+    alone = np.bincount(against.ravel(), minlength=len(faces)) == 3
+    return alone & ~np.isin(np.arange(len(faces)), against[alone[against].all(axis=1)])
+
+
+def scaled_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Normals of faces, float64 [F, 3], of lengths that neither overflow nor vanish; 0 where there is no area."""
+    u, v = (positions[faces[:, k]] - positions[faces[:, 0]] for k in (1, 2))
+    scale = np.abs(np.concatenate([u, v], axis=1)).max(axis=1, initial=0)[:, None]
+    return np.cross(*(side / np.where(scale > 0, scale, 1.0) for side in (u, v)))
+
+
 def line_edges(faces: np.ndarray, lines: np.ndarray | None) -> np.ndarray:
     """Edges that are borders, have more than two faces, or are named, bool [E] over undirected(). lines: int64 [L, 2]."""
     line = undirected(faces)[2] != 2

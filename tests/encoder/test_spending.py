@@ -153,7 +153,7 @@ def test_what_an_image_file_allows_is_the_same_quality_from_any_rate():
     plane = np.random.default_rng(0).integers(0, 256, (400, 3)).astype(np.float32)
 
     def code(coder):
-        size = round(11_549 * 2 ** (-0.155 * (coder.qp - 23.2)))
+        size = round(11_549 * 2 ** (-0.155 * (coder.qp - 23.1)))
         return CodedUnit(codec=None, values={}, bytes=size, plane=plane, decoded=np.zeros((400, 3), np.uint8))
 
     coder, found = RateDistortion.of(EncodeOptions(rate="r03")).planes, []

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ...geometry.surface import Surface
     from ...scene.scene import Scene
 
-VIEWS, SIZE = 8, 360
+VIEWS, SIZE = 16, 256
 LOST_ERROR = 100.0**2  # of a pixel of which the background is seen, or that covers it
 SMOOTH = NormalRule(PAIRS, BOTH, MOST_ANGLE)  # no angle decides anything, so that rounding turns normals and no more
 

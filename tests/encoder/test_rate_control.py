@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,8 @@ from texfcodec.encoder.rate_control import (
     SIZE,
     UNUSED,
     VIEWS,
+    Trial,
+    _Search,
     encode_to_target,
     estimate,
     next_place,
@@ -96,6 +99,34 @@ def test_quality_may_be_that_of_pictures(sheet, of, look):
     seen = compare_views(sheet, decode(encoded.data), VIEWS, SIZE, look=look)
     assert 34.0 <= seen["psnr"]["y"] <= 34.15
     assert all(row["psnr_of"] == of for row in encoded.choices["search"])
+
+
+@pytest.mark.parametrize("jump", range(29, 37))
+def test_a_target_between_what_two_plans_reach_is_met_by_the_better_one(sheet, monkeypatch, jump):
+    """A plan from one QP on is 4 dB worse: neither alone passes the target, which lies between what both reach at that QP."""
+    target = 60 - 0.45 * jump - 2.0
+    made = []
+
+    def plan_of(search, qp, report):
+        made.append(qp)
+        coder = SimpleNamespace(planes=SimpleNamespace(has_fractions=True))
+        return SimpleNamespace(loss=4.0 * (qp >= jump), one_colour=False, rd=coder)
+
+    def encode(search, planned, qp, planning):
+        encoded = SimpleNamespace(sizes={"total": round(1e5 * 2 ** (-qp / 6) / (1 + planned.loss))}, data=b"", values=[])
+        trial = Trial(encoded=encoded, qp=qp, position_bits=14, psnr=60 - 0.45 * qp - planned.loss, psnr_of="flat",
+                      report=Report(), seconds=0.0)
+        search.trials.append(trial)
+        if search.target.is_met(trial) and search.target.is_better(trial, search.best):
+            search.best = trial
+        return trial
+
+    monkeypatch.setattr(_Search, "_plan", plan_of)
+    monkeypatch.setattr(_Search, "_encode", encode)
+    search = _Search(sheet, EncodeOptions(target_psnr=target, target_psnr_of="flat"), Report())
+    search.run()
+    assert target <= search.best.psnr <= target + OVER
+    assert len(made) <= 4 and len(search.trials) <= 8
 
 
 def test_what_a_psnr_is_of_needs_a_psnr():

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,8 +46,10 @@ GAINS, GUESSED_DECIBELS = {"surface": 1.0, "flat": 0.0, "lit": 0.8}, 0.5
 UNUSED, USED = 0.03, 0.985  # share of a budget that may stay unused, and that is aimed at
 OVER, AIM_OVER = 0.145, 0.07  # dB over the PSNR that are accepted, and that are aimed at
 REACH = (3.0, 4.5, 9.0, 9.0, 9.0, math.inf)  # QPs from that of the first, second, ... plan within which it suits
+CLOSE = 4.5  # QPs between plans of which one meets the target and one does not: another in between would be like one of them
 MOST_TRIALS, MOST_STEP, CLOSED = 9, 8.0, 0.03  # of one plan; QPs at once; QPs between which no other is tried
 ENOUGH = 7  # trials in all, from which on the best that meets the target is taken, as near as it may be
+LAST_TRIALS = 3  # that the plan of the best may have beyond those
 GAP, JUMP = 0.3, 2.5  # QPs between which none is tried where the target is as far off as from so many QPs: a unit became exact
 SEARCH_SAMPLES = 250_000  # of 3D-PSNR: differences of 0.01 dB are seen
 VIEWS, SIZE = 8, 512
@@ -157,14 +159,31 @@ def _psnr(trial):
     return math.inf if trial.psnr is None else trial.psnr
 
 
+@dataclass(eq=False)
+class _Line:
+    """A Plan and what was tried with it. qp: that it was made at; planning: Report of it; tried: (place, excess) in order."""
+
+    plan: Plan
+    qp: int
+    planning: Report
+    tried: list[tuple[float, float]] = field(default_factory=list)
+
+    @property
+    def has_met(self) -> bool:
+        """Whether a trial met the target."""
+        return any(excess <= 0 for _, excess in self.tried)
+
+
 class _Search:
-    """Trials over the QP: along a plan for as long as it suits, then along another one."""
+    """Trials over the QP: along a plan for as long as it suits, then along another one. Meshes and supports differ from plan to
+    plan, so that what is asked for may lie between what two of them reach: then it is the plan that meets it that goes on."""
 
     def __init__(self, scene, options, report):
         self.scene, self.options, self.report = scene, options, report
         self.target = _Target(options.target_bytes, options.target_psnr or 0.0)
         self.trials: list[Trial] = []
         self.best: Trial | None = None
+        self._lines: list[_Line] = []
         self._memo, self._geometry, self._least_qp = Memo(), [], 0
         self._slope = self.target.slope
         self._measure = _measure_of(scene, options)
@@ -185,7 +204,7 @@ class _Search:
 
     def run(self):
         """Fills trials, and best where one meets the target."""
-        qp, plans = self._first_qp(), 0
+        qp = self._first_qp()
         while True:
             report = Report(self.report.on_progress)
             planned = self._plan(round(qp), report)
@@ -196,31 +215,47 @@ class _Search:
                 self._least_qp = round(qp) + 1
                 qp = min(round(qp) + MOST_STEP, LAST_QP)
                 continue
-            further = self._along(planned, qp, REACH[min(plans, len(REACH) - 1)], report)
+            reach = REACH[min(len(self._lines), len(REACH) - 1)]
+            self._lines.append(_Line(planned, round(qp), report))
+            further = self._along(self._lines[-1], qp, reach)
             if further is None and self.best is None and not planned.one_colour:
-                further = self._easier(planned.request.qp)
+                further = self._easier(round(qp))
+            elif further is not None and (settled := self._settled()):
+                self._along(settled, self._following(settled), math.inf, max(ENOUGH, len(self.trials) + LAST_TRIALS))
+                return
             if further is None:
                 return
-            qp, plans = further, plans + 1
+            qp = further
 
-    def _along(self, planned, qp, reach, planning):
-        """Tries QPs with one Plan. Returns the QP that another one suits better; None where the search is done. reach: QPs from
-        the first that this Plan suits; planning: Report of it."""
-        tried: list[tuple[float, float]] = []
-        whole = not planned.rd.planes.has_fractions
-        qp = round(qp) if whole else qp
-        while len(tried) < MOST_TRIALS:
-            trial = self._encode(planned, qp, planning)
-            is_enough = self.best is not None and len(self.trials) >= ENOUGH
-            if planned.one_colour or is_enough or self.target.is_near(trial):
+    def _settled(self):
+        """The line that goes on where plans close to each other meet and miss the target; None where another plan is made."""
+        met, missed = ([line for line in self._lines if line.has_met is is_met] for is_met in (True, False))
+        near = [a for a in met for b in missed if abs(a.qp - b.qp) <= CLOSE]
+        return min(near, key=lambda line: max(excess <= 0 and -excess for _, excess in line.tried)) if near else None
+
+    def _from_met(self, line, qp):
+        """QPs to that of the nearest other line that met the target."""
+        return min((abs(qp - other.qp) for other in self._lines if other.has_met and other is not line), default=math.inf)
+
+    def _following(self, line):
+        """The QP to try next on a line; None where none is left."""
+        place = next_place(line.tried, self._slope, not line.plan.rd.planes.has_fractions)
+        return None if place is None else max(self.target.place(place), self._least_qp)
+
+    def _along(self, line, qp, reach, enough=ENOUGH):
+        """Tries QPs on a line. Returns the QP that another plan suits better; None where the search is done. reach: QPs from that
+        of the plan that it suits; enough: trials in all."""
+        if qp is not None and not line.plan.rd.planes.has_fractions:
+            qp = round(qp)
+        while qp is not None and len(line.tried) < MOST_TRIALS:
+            trial = self._encode(line.plan, qp, line.planning)
+            is_enough = self.best is not None and len(self.trials) >= enough
+            if line.plan.one_colour or is_enough or self.target.is_near(trial):
                 return None
-            tried.append((self.target.place(qp), self.target.excess(trial)))
-            self._slope = slope_of(tried, self._slope)
-            place = next_place(tried, self._slope, whole)
-            if place is None:
-                return None
-            qp = max(self.target.place(place), self._least_qp)
-            if abs(qp - planned.request.qp) > reach:
+            line.tried.append((self.target.place(qp), self.target.excess(trial)))
+            self._slope = slope_of(line.tried, self._slope)
+            qp = self._following(line)
+            if qp is not None and abs(qp - line.qp) > min(reach, self._from_met(line, qp)):
                 return self._between(qp)
         return None
 

@@ -5,11 +5,13 @@ import pytest
 
 from texfcodec.api import decode, encode_to_result
 from texfcodec.encoder.decide.mesh import MeshChoice, _Meshes
+from texfcodec.encoder.decide.texel_images import image_groups
 from texfcodec.encoder.estimates import usual_values
 from texfcodec.encoder.estimates.position_error import SMOOTH, Moved
 from texfcodec.encoder.geometry.drawn_source import draw_onto, fetched_normals
 from texfcodec.encoder.memo import Memo
 from texfcodec.encoder.rd import RateDistortion
+from texfcodec.encoder.texel_field import TexelPlan
 from texfcodec.errors import InputError
 from texfcodec.geometry.canonical import CanonicalCube, finer_cube
 from texfcodec.geometry.mesh import Mesh
@@ -64,7 +66,7 @@ def test_facets_stay_facets():
     for rule in (FLAT, SMOOTH):
         scene.corner_normal = corner_normals(usual.lattice, usual.faces, [rule])
         choice = MeshChoice(scene, usual, RateDistortion.of(options), options, 1.0, Memo())
-        candidate = _Meshes(choice, usual, np.zeros(len(usual.faces), np.int64), True).look(4, 12)
+        candidate = _Meshes(choice, usual, np.zeros(len(usual.faces), np.int64), []).look(4, 12)
         surface = candidate.sent.surface
         own = corner_normals(surface.lattice, surface.faces, [rule])
         apart = np.linalg.norm(candidate.sent.scene.corner_normal - own, axis=2)
@@ -115,10 +117,38 @@ def test_a_budget_that_the_source_s_geometry_takes_up_is_met_by_a_smaller_mesh_o
     assert refused.value.code == "TXF-I51"
 
 
-def test_faces_over_texels_all_stay():
+def test_faces_over_texels_go_with_their_uvs():
     scene = bowl()
-    texf = decode(encoded(scene, support="texels").data)
-    assert len(texf.faces) == len(scene.faces)
+    kept, smaller = (encoded(scene, support="texels", keep_mesh=keep) for keep in (True, False))
+    texf = decode(smaller.data)
+    assert len(texf.faces) < 0.5 * len(scene.faces) and smaller.sizes["geometry"] < 0.5 * kept.sizes["geometry"]
+    assert measure(scene, texf, 20_000)["y"] > measure(scene, decode(kept.data), 20_000)["y"] - 1.0
+
+
+def test_vertex_colours_in_texels_keep_every_face():
+    scene = bowl(48)
+    scene.corner_color = np.ones((len(scene.faces), 3, 4), np.float32)
+    scene.corner_color[:, :, 0] = 0.5
+    assert len(decode(encoded(scene, support="texels").data).faces) == len(scene.faces)
+
+
+def test_tangents_go_with_the_faces_and_keep_their_side_of_the_image():
+    """Where tangents of the file are not those that follow from UVs, a normal map may be read with no others."""
+    scene, options = bowl(48), EncodeOptions(rate="r03")
+    scene.materials[0] = Material(texture=0)
+    usual = make_surface(scene, options)
+    scene.corner_normal = corner_normals(usual.lattice, usual.faces, [SMOOTH])
+    along = np.cross(np.array([0.6, 0.8, 0.0]), scene.corner_normal)
+    along /= np.linalg.norm(along, axis=2, keepdims=True)
+    scene.corner_tangent = np.concatenate([along, np.full((*along.shape[:2], 1), -1.0)], axis=2).astype(np.float32)
+    choice = MeshChoice(scene, usual, RateDistortion.of(options), options, 1.0, Memo())
+    plans = [TexelPlan(group, group.size, 2) for group in image_groups(scene, usual)]
+    sent = _Meshes(choice, usual, np.zeros(len(usual.faces), np.int64), plans).look(4, 12).sent.scene
+    wanted = np.cross(np.array([0.6, 0.8, 0.0]), sent.corner_normal)
+    wanted /= np.linalg.norm(wanted, axis=2, keepdims=True)
+    assert len(sent.faces) < 0.3 * len(scene.faces)
+    assert (sent.corner_tangent[..., 3] == -1).all()
+    assert np.abs(sent.corner_tangent[..., :3] - wanted).max() < 0.05
 
 
 def test_a_mesh_of_which_a_coarser_lattice_leaves_nothing_stays_as_it_is():

@@ -212,7 +212,9 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
     first = int(face_field.max(initial=-1)) + 1
     by_row = np.full(len(shown.faces), -1, np.int64)
     by_row[usual.origin_face] = face_field
-    sent_field, drawn_field = (_numbered(by_row[rows], chosen.plans, first) for rows in (sent.rows, sent.drawn.origin_face))
+    sent_field = _numbered(by_row[sent.rows], chosen.plans, first)
+    drawn_field = sent_field if sent.places is None else by_row[sent.drawn.origin_face]
+    shown = sent.shown(shown)
     with report.stage("geometry") as step:
         geometry, units = code_geometry(surface, sent_field, dict(enumerate(chosen.plans, first)), step)
     if budget is not None and geometry_bytes(geometry) >= budget:

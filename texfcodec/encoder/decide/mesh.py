@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ...geometry.areas import face_areas, sample_surface
 from ...geometry.canonical import finer_cube
-from ...geometry.draco import enc_geometry
+from ...geometry.draco import enc_geometry, enc_textured, split_corners
 from ...geometry.mesh import Mesh, points_at
 from ...geometry.nearest_points import NearestPoints
 from ...geometry.surface import Surface, make_surface, place_mesh
@@ -25,17 +25,20 @@ from ...options import FINEST_POSITIONS
 from ...report import Step, no_step
 from ..decision import Decision
 from ..estimates.position_error import Moved
+from ..geometry.carried_uvs import carried_uvs
 from ..geometry.drawn_source import DrawnSource, draw_onto, fetched_normals
 from ..geometry.joint_lattice import joint_lattice
 from ..geometry.seams import seam_edges, sharp_edges
 from ..geometry.simplify import simplify
 from ..geometry.vertex_fit import fit_vertices, own_fit
 from .spending import has_few_colours
+from .supports import without_faces
 
 if TYPE_CHECKING:
     from ...options import EncodeOptions
     from ...scene.scene import Scene
     from ..estimates.position_error import PositionError
+    from ..geometry.vertex_fit import VertexFit
     from ..memo import Memo
     from ..rd import RateDistortion
     from ..texel_field import TexelPlan
@@ -45,6 +48,7 @@ COARSEST_POSITIONS = 10  # bits: from here down small faces of dense scans fall 
 MOST_A_BIT = 4.0  # times that a bit lessens an error at most; where layers lie close, which one is seen is a matter of luck
 USUAL_LOOK = 12  # bits of the lattice that the others' error is reckoned from
 SHARES = tuple(2 ** (-number / 2) for number in range(11))  # of the source's faces; a point 25 % off costs 1 to 2 % of the bytes
+SAME_UV = 1e-5  # differences from which on an edge is a seam
 FEWEST = 256  # faces: fewer take too few bytes to bother
 LOOKS = {"fast": 3, "balanced": 5, "best": 10}  # by effort, that at the usual bits among them
 EAGER = 0.85  # of the error that is reckoned: what is hoped for where nothing was looked at
@@ -63,15 +67,24 @@ NOTHING = 1e9  # the squared error of a mesh of which nothing is left
 @dataclass(frozen=True, kw_only=True)
 class SentMesh:
     """scene: one whose faces are those that are sent; surface: it on its lattice; rows: int64 [G], the source's face that each is
-    what is left of; drawn: the source's faces on that surface; places: where their corners lie there, None where the source's
-    connectivity is sent; saved: bytes that it costs less than the source's mesh."""
+    what is left of; drawn: the source's faces on that surface, or the surface itself; places: where their corners lie there, None
+    where it is the surface; carries: whether its faces are fewer and have UVs of their own, so that what is shown is the scene's;
+    saved: bytes that it costs less than the source's mesh."""
 
     scene: Scene
     surface: Surface
     rows: np.ndarray
     drawn: Surface
     places: DrawnSource | None = None
+    carries: bool = False
     saved: float = 0.0
+
+    def shown(self, scene: Scene) -> Scene:
+        """A Scene with the source's faces, on those that drawn has."""
+        own = self.scene
+        return scene if not self.carries else replace(
+            scene, positions=own.positions, faces=own.faces, face_material=own.face_material, corner_uv=own.corner_uv,
+            map_uv=own.map_uv, corner_normal=own.corner_normal, corner_tangent=own.corner_tangent)
 
     def at_corners(self, corner: np.ndarray) -> np.ndarray:
         """What corners of the surface hold, float32 [G, 3, C], at those of drawn, float32 [F, 3, C]."""
@@ -111,9 +124,16 @@ class MeshChoice:
         key = "look", surface.cube.position_bits
         return self.memo.get(key, lambda: self.looks.of(surface, self.looks.normals_of(surface)))
 
-    def look_at_mesh(self, sent: SentMesh) -> Moved:
-        """What another mesh does to pictures."""
-        return self.looks.of(sent.drawn, sent.at_corners(self.looks.normals_of(sent.surface)))
+    def look_at_mesh(self, sent: SentMesh, source: Mesh, origin_face: np.ndarray) -> Moved:
+        """What another mesh does to pictures. source: the scene's faces of origin_face, int64 [F]."""
+        normals = self.looks.normals_of(sent.surface)
+        if not sent.carries:
+            return self.looks.of(sent.drawn, sent.at_corners(normals))
+        wanted = None
+        if sent.scene.corner_normal is not None and self.looks.lit:
+            there = Mesh(sent.scene.positions, sent.scene.faces)
+            wanted = fetched_normals(source, self.looks.normals[origin_face].astype(np.float32), there)
+        return self.looks.of_mesh(sent.scene, sent.surface, normals, wanted)
 
     def finer(self) -> Surface:
         """The source at the bits, from the usual ones on, that cost least."""
@@ -139,20 +159,18 @@ class MeshChoice:
     def smaller(self, surface: Surface, group: np.ndarray, plans: list[TexelPlan], step: Step = no_step) -> Decision[SentMesh]:
         """The mesh that costs least among the source's and smaller ones, at the usual bits and fewer.
 
-        surface: of finer(); group: int64 [F] of its faces: those of two groups stay apart; plans: TexelPlans, on whose
-        account no face goes, because its UVs would; flat colours, which are exact, keep every vertex where it is.
+        surface: of finer(); group: int64 [F] of its faces: those of two groups stay apart; plans: TexelPlans, whose UVs go with
+        the faces; flat colours, which are exact, keep every vertex where it is.
         """
         usual = kept(self.scene, surface)
-        if surface is not self.usual and plans:
-            return Decision(usual, self.evidence)
         if self._reason() or not self.request.mesh_is_free:
             return Decision(usual, {"reason": self._reason() or "the source's mesh was asked for"})
         if any(_is_exact(plan) for plan in plans):
             return Decision(usual, {"reason": "flat colours of texels are exact, and stay where they are"})
         if len(surface.faces) < FEWEST:
             return Decision(usual, self.evidence if surface is not self.usual else {"reason": "few faces take few bytes"})
-        key = "meshes", surface.cube.position_bits, group.tobytes(), not plans
-        search = _Search(self, self.memo.get(key, lambda: _Meshes(self, surface, group, not plans)))
+        key = "meshes", surface.cube.position_bits, group.tobytes(), *((p.group.key, p.size, p.fraction_bits) for p in plans)
+        search = _Search(self, self.memo.get(key, lambda: _Meshes(self, surface, group, plans)))
         best = search.best(step)
         return Decision(replace(best.sent, saved=search.at_usual.cost - best.cost), search.evidence(best))
 
@@ -245,28 +263,50 @@ class _Search:
         return told if best is self.at_usual else told | {"distance": self.meshes.distance(best.sent.surface)}
 
 
+class _Fit(NamedTuple):
+    """fit: VertexFit; face: int64 [G], the source's face of each of its faces; uvs: float64 [G, 3, 2] by map_uv's names, "" for
+    corner_uv, where they are carried."""
+
+    fit: VertexFit
+    face: np.ndarray
+    uvs: dict[str, np.ndarray]
+
+
 class _Meshes:
     """Meshes of one source, with what each does to pictures, at any price of a byte. usual: its Surface; group: int64 [F] of its
-    faces, those of two stay apart; shares: of its faces that others may have."""
+    faces, those of two stay apart; plans: TexelPlans of its faces; shares: of its faces that others may have."""
 
-    def __init__(self, choice: MeshChoice, usual: Surface, group: np.ndarray, collapsible: bool) -> None:
+    def __init__(self, choice: MeshChoice, usual: Surface, group: np.ndarray, plans: list[TexelPlan]) -> None:
         self.scene, self.usual, self.choice = choice.scene, usual, choice
         self.group = group * (int(self.usual.material.max(initial=0)) + 1) + self.usual.material
         positions = np.zeros(self.usual.lattice.shape)
         positions[self.usual.faces] = self.scene.positions[self.scene.faces[self.usual.origin_face]]
         self.source = Mesh(positions, self.usual.faces)
-        self.shares = SHARES if collapsible else SHARES[:1]
+        self.plans, self._plan_of = plans, np.full(len(usual.faces), -1)
+        for number, plan in enumerate(plans):
+            self._plan_of[plan.group.faces] = number
+        vertices_colour_texels = plans and self.scene.corner_color is not None
+        self.shares = SHARES[:1] if vertices_colour_texels else SHARES
         self._looked: dict[tuple[int, int], _Candidate] = {}
-        self._fits: dict[int, tuple] = {}
+        self._fits: dict[int, _Fit] = {}
 
     @cached_property
     def at_usual(self) -> _Candidate:
         """The source's mesh."""
-        return _measured(kept(self.scene, self.usual), self.choice.look_at(self.usual))
+        sent = kept(self.scene, self.usual)
+        return self._measured(sent, self.choice.look_at(self.usual), np.arange(len(sent.rows)))
+
+    @cached_property
+    def _seams(self):
+        """Edges at which what is carried on the faces changes, int64 [L, 2]."""
+        uvs = [uv[self.usual.origin_face] for uv in (self.scene.corner_uv, *self.scene.map_uv.values())]
+        seams = [seam_edges(self.usual.faces, self.group), seam_edges(self.usual.faces, corner=np.concatenate(uvs, axis=2),
+                                                                      apart=SAME_UV)]
+        return np.concatenate(seams)
 
     @cached_property
     def _simplification(self):
-        lines = [seam_edges(self.usual.faces, self.group), sharp_edges(self.source, SHARP)]
+        lines = [self._seams if self.plans else seam_edges(self.usual.faces, self.group), sharp_edges(self.source, SHARP)]
         if self.scene.corner_normal is not None:
             lines.append(seam_edges(self.usual.faces, corner=self.scene.corner_normal[self.usual.origin_face], apart=HARD))
         return simplify(self.source, np.concatenate(lines))
@@ -280,13 +320,33 @@ class _Meshes:
         return self._looked[place, bits]
 
     def _new_look(self, place, bits):
-        fit, face = self._fit(place)
+        fit = self._fit(place)
         cube = replace(self.usual.cube, position_bits=bits)
-        surface = place_mesh(cube, joint_lattice(fit, cube), fit.mesh.faces, self.usual.material[face])
+        surface = place_mesh(cube, joint_lattice(fit.fit, cube), fit.fit.mesh.faces, self.usual.material[fit.face])
         if not face_areas(surface.lattice, surface.faces).any():
             return replace(self.at_usual, faces=0, bits=bits, moved=Moved(NOTHING, 1.0, 1.0))
-        sent = self._sent(surface, face[surface.origin_face], place > 0)
-        return _measured(sent, self.choice.look_at_mesh(sent))
+        face, there = fit.face[surface.origin_face], {name: uv[surface.origin_face] for name, uv in fit.uvs.items()}
+        sent = self._sent(surface, face, place > 0, there)
+        return self._measured(sent, self.choice.look_at_mesh(sent, self.source, self.usual.origin_face), face)
+
+    def _measured(self, sent, moved, face):
+        """The _Candidate of a SentMesh, without its cost. face: the usual surface's that each of its faces was."""
+        surface = sent.surface
+        return _Candidate(sent=sent, faces=len(surface.faces), bits=surface.cube.position_bits, moved=moved,
+                          geometry=self._bytes(surface, face, sent.scene.corner_uv[surface.origin_face]))
+
+    def _bytes(self, surface, face, corner_uv):
+        """Bytes of Draco for the faces over voxels, and for those of each plan and material with their UVs."""
+        plan_of, size = self._plan_of[face], 0
+        if (plan_of < 0).any():
+            size += _geometry_bytes(without_faces(surface, plan_of >= 0))
+        unit = plan_of * (int(surface.material.max(initial=0)) + 1) + surface.material
+        for mine in (np.flatnonzero(unit == one) for one in np.unique(unit[plan_of >= 0])):
+            plan = self.plans[plan_of[mine[0]]]
+            uv = np.floor(corner_uv[mine] * np.array(plan.size) * (1 << plan.fraction_bits) + 0.5).astype(np.int64)
+            vertex, uv, faces = split_corners(surface.faces[mine], uv - uv.min(axis=(0, 1)))
+            size += len(enc_textured(surface.lattice[vertex], faces, uv, surface.cube.position_bits)[0])
+        return size
 
     @cached_property
     def reckoned(self) -> dict[tuple[int, int], tuple[float, float]]:
@@ -307,24 +367,31 @@ class _Meshes:
         return out
 
     def _fit(self, place):
-        """(VertexFit, the source's face of each of its faces)."""
+        """The _Fit of a share of the faces."""
         if place not in self._fits:
-            if place == 0:
-                self._fits[0] = own_fit(self.source), np.arange(len(self.source.faces))
-            else:
-                lines = self._simplification.lines
-                some = self._simplification.at(round(self.shares[place] * len(self.source.faces)))
-                self._fits[place] = fit_vertices(self.source, some.mesh, lines, some.lines, rounds=1), some.face
+            self._fits[place] = self._new_fit(place)
         return self._fits[place]
 
-    def _sent(self, surface, face, simplified):
-        """A SentMesh. surface: on its lattice; face: the usual surface's that each of its faces was."""
+    def _new_fit(self, place):
+        if place == 0:
+            return _Fit(own_fit(self.source), np.arange(len(self.source.faces)), {})
+        lines = self._simplification.lines
+        some = self._simplification.at(round(self.shares[place] * len(self.source.faces)))
+        fit, uvs = fit_vertices(self.source, some.mesh, lines, some.lines, rounds=1), {}
+        if self.plans:
+            seams, rows = some.edges(self._seams), self.usual.origin_face
+            for name, uv in {"": self.scene.corner_uv, **self.scene.map_uv}.items():
+                uvs[name] = carried_uvs(self.source, uv[rows].astype(np.float64), self._seams, fit.mesh, some.face, seams)
+        return _Fit(fit, some.face, uvs)
+
+    def _sent(self, surface, face, simplified, uvs):
+        """A SentMesh. surface: on its lattice; face: the usual surface's that each of its faces was; uvs: of a _Fit."""
         rows = self.usual.origin_face[face]
         if not simplified:
             return kept(self.scene, replace(surface, origin_face=rows))
-        return self._simplified(replace(surface, origin_face=np.arange(len(face))), rows, self.group[face])
+        return self._simplified(replace(surface, origin_face=np.arange(len(face))), rows, self.group[face], uvs)
 
-    def _simplified(self, surface, rows, group):
+    def _simplified(self, surface, rows, group, uvs):
         mesh, scene = Mesh(surface.cube.to_world(surface.lattice), surface.faces), self.scene
         normals = None
         if scene.corner_normal is not None and self.choice.looks.is_flat:
@@ -332,13 +399,23 @@ class _Meshes:
         elif scene.corner_normal is not None:
             normals = fetched_normals(self.source, scene.corner_normal[self.usual.origin_face], mesh)
         sent = replace(scene, positions=mesh.positions, faces=mesh.faces, face_material=scene.face_material[rows],
-                       corner_uv=scene.corner_uv[rows], map_uv={name: uv[rows] for name, uv in scene.map_uv.items()},
+                       corner_uv=uvs.get("", scene.corner_uv[rows]),
+                       map_uv={name: uvs.get(name, uv[rows]) for name, uv in scene.map_uv.items()},
                        corner_color=None if scene.corner_color is None else scene.corner_color[rows],
                        corner_normal=normals, corner_tangent=None)
+        if uvs and scene.corner_tangent is not None:
+            sent = replace(sent, corner_tangent=self._fetched_tangents(scene.corner_tangent, mesh, rows))
+        if uvs:
+            return SentMesh(scene=sent, surface=surface, rows=rows, drawn=surface, carries=True)
         places = draw_onto(self.source, self.group, mesh, group)
         cube = finer_cube(surface.cube)
         drawn = replace(self.usual, cube=cube, lattice=cube.to_lattice(places.mesh.positions), faces=places.mesh.faces)
         return SentMesh(scene=sent, surface=surface, rows=rows, drawn=drawn, places=places)
+
+    def _fetched_tangents(self, tangent, mesh, rows):
+        """The scene's tangents, float32 [F, 3, 4], at the corners of another mesh: a face's own side of the image stays."""
+        way = fetched_normals(self.source, np.ascontiguousarray(tangent[self.usual.origin_face][..., :3]), mesh)
+        return np.concatenate([way, tangent[rows][..., 3:]], axis=2)
 
     def distance(self, surface: Surface) -> dict:
         """D1, D2 and Hausdorff distance of a surface from the source: SurfaceDistance.report()."""
@@ -358,13 +435,6 @@ class _Meshes:
 def _is_coarser(place, other):
     """Whether a place in shares and bits loses at least the thin parts that another does: of fewer faces, or bits of all."""
     return place[0] >= other[0] and (other[0] > 0 or place[1] <= other[1])
-
-
-def _measured(sent, moved):
-    """The _Candidate of a SentMesh, without its cost."""
-    surface = sent.surface
-    return _Candidate(sent=sent, faces=len(surface.faces), bits=surface.cube.position_bits, geometry=_geometry_bytes(surface),
-                      moved=moved)
 
 
 def _geometry_bytes(surface):

@@ -57,8 +57,8 @@ MOST_ROWS = 1 << 27  # of texels that the faces of an image go over, a few secon
 @dataclass(frozen=True)
 class Supports:
     """plans: TexelPlans; resolution: K of what is over voxels; qp_offset: of its values to the rate's QP; values: as of
-    RateDistortion; mse: squared error of colours and maps, None where these take no bytes; instead: all over voxels, where a
-    smaller mesh, which faces over texels cannot have, may make that cost less; behind: bytes that it costs more without;
+    RateDistortion; mse: squared error of colours and maps, None where these take no bytes; instead: all over voxels, where the
+    mesh that may be sent then may make that cost less; behind: bytes that it costs more without;
     attributes: bytes that colours and maps are likely to take, 0 where nothing was probed; colour_mse: squared error of colours
     and alpha alone, without a weight in light, None where mse is."""
 
@@ -95,7 +95,7 @@ class _Candidate:
 
     def over_voxels(self) -> _Candidate:
         """The candidate over voxels, for the sake of a smaller mesh."""
-        reason = "a smaller mesh, which faces over texels cannot have, costs less" if self.goes else self.evidence["reason"]
+        reason = "with the mesh that may be sent then, it costs less" if self.goes else self.evidence["reason"]
         return replace(self, goes=False, evidence={**self.evidence, "chosen": "voxels", "reason": reason})
 
 

@@ -60,10 +60,10 @@ class PositionError:
         self._cameras = [orthographic(fibonacci_direction(i, VIEWS), *sphere, SIZE) for i in range(VIEWS)]
         self._seen = self._pictures(self.scene)
 
-    def _pictures(self, scene):
-        """In flat colours and, where there is light, in light."""
-        lights = [None, *([Lighting(scene)] if self.lit else [])]
-        return [[render_scene(scene, camera, threads=self.threads, source=self._source, shaded=light) for camera in self._cameras]
+    def _pictures(self, scene, source=None):
+        """In flat colours and, where there is light, in light. source: of its base colour, where it is not the source's."""
+        lights, source = [None, *([Lighting(scene)] if self.lit else [])], source or self._source
+        return [[render_scene(scene, camera, threads=self.threads, source=source, shaded=light) for camera in self._cameras]
                 for light in lights]
 
     def of(self, drawn: Surface, normals: np.ndarray) -> Moved:
@@ -73,9 +73,21 @@ class PositionError:
         faces = np.zeros_like(self.scene.faces)  # of those that are not there no pixel is seen
         faces[drawn.origin_face] = drawn.faces
         pictures = self._pictures(replace(self.scene, positions=drawn.cube.to_world(drawn.lattice), faces=faces))
+        return self._moved(pictures, drawn, normals, self._normals_at(drawn))
+
+    def of_mesh(self, scene: Scene, surface: Surface, normals: np.ndarray, wanted: np.ndarray | None) -> Moved:
+        """What a Scene with the source's materials and textures, but faces, UVs and normals of its own, looks like. surface: it
+        on its lattice; normals: at its corners by normals_of(surface); wanted: what they should be, both float32 [F, 3, 3]."""
+        scene = replace(scene, materials=self.scene.materials)
+        source = self._source._replace(face_material=np.ascontiguousarray(scene.face_material, np.int64),
+                                       corner_uv=np.ascontiguousarray(scene.corner_uv, np.float64))
+        return self._moved(self._pictures(scene, source), surface, normals, wanted)
+
+    def _moved(self, pictures, surface, normals, wanted):
+        """What pictures have against the source's, and normals of a Surface against what is wanted, None where nothing is."""
         silhouette, lost, shown = np.sum([_uncovered(a, b) for a, b in zip(self._seen[0], pictures[0], strict=True)], axis=0)
         mse = max(_mse(*pair) for pair in zip(self._seen, pictures, strict=True))
-        mse += self.shown * self._turned(drawn, normals)
+        mse += self.shown * _turned(surface, normals, wanted) if wanted is not None else 0.0
         return Moved(mse, silhouette / max(shown, 1), lost / max(shown, 1))
 
     def normals_of(self, surface: Surface) -> np.ndarray:
@@ -90,23 +102,27 @@ class PositionError:
         apart = [np.square(self._of_source(rule) - self.scene.corner_normal).sum() for rule in (FLAT, SMOOTH)]
         return bool(apart[0] < apart[1])
 
-    def _turned(self, drawn, normals):
-        """Mean square, over the surface, of the angles in radians between normals that follow from the source's positions and
-        others; 0 where the file has no normals or no material is lit."""
-        if self.scene.corner_normal is None or not self.lit:
-            return 0.0
-        apart = np.linalg.norm(self._normals[drawn.origin_face] - normals.astype(np.float64), axis=2)
-        angle = 2 * np.arcsin(np.minimum(apart / 2, 1.0))
-        area = relative_areas(self.scene.positions, self.scene.faces[drawn.origin_face])
-        return float((angle**2).mean(axis=1) @ area / (area.sum() or 1.0))
+    def _normals_at(self, drawn):
+        """Normals that follow from the source's positions, at the corners of its faces on another surface, float64 [F, 3, 3];
+        None where the file has no normals or no material is lit."""
+        return None if self.scene.corner_normal is None or not self.lit else self.normals[drawn.origin_face]
 
     @cached_property
-    def _normals(self):
+    def normals(self) -> np.ndarray:
+        """Normals that follow from the source's positions, at the corners of all its faces, float64 [F, 3, 3]."""
         return self._of_source(FLAT if self.is_flat else SMOOTH)
 
     def _of_source(self, rule):
         lattice = fit_cube(self.scene.positions, MAX_BITS).to_lattice(self.scene.positions)
         return corner_normals(lattice, self.scene.faces, [rule]).astype(np.float64)
+
+
+def _turned(surface, normals, wanted):
+    """Mean square, over a surface, of the angles in radians between normals and others, float [F, 3, 3]."""
+    apart = np.linalg.norm(wanted - normals.astype(np.float64), axis=2)
+    angle = 2 * np.arcsin(np.minimum(apart / 2, 1.0))
+    area = relative_areas(surface.cube.to_world(surface.lattice), surface.faces)
+    return float((angle**2).mean(axis=1) @ area / (area.sum() or 1.0))
 
 
 def _uncovered(picture, other):

@@ -76,15 +76,29 @@ def vertex_kinds(faces: np.ndarray, line: np.ndarray, vertices: int) -> np.ndarr
     return kind
 
 
+def wedges(faces: np.ndarray, seams: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(The wedge of every corner, int64 [F, 3]: corners at one vertex that hang together by edges which are no seams; the chart
+    of every face, int64 [F]). seams: int64 [L, 2]."""
+    _, edge, count = undirected(faces)
+    pairs, edges = side_pairs(edge, count)
+    pairs = pairs[~named_edges(faces, seams)[edges]]
+    wedge = np.unique(joined(_corner_links(faces, pairs), faces.size), return_inverse=True)[1].reshape(-1, 3)
+    return wedge, np.unique(joined(pairs // 3, len(faces)), return_inverse=True)[1]
+
+
 def _several_fans(faces, edge, count, vertices):
     """Vertices whose faces do not all hang together by edges, bool [V]."""
+    roots = np.unique(joined(_corner_links(faces, side_pairs(edge, count)[0]), faces.size))
+    return np.bincount(faces.ravel()[roots], minlength=vertices) > 1
+
+
+def _corner_links(faces, pairs):
+    """Corners 3 f + i at the two ends of edges, in both faces: int64 [2 P, 2]. pairs: sides of each, int64 [P, 2]."""
     corner = np.arange(faces.size).reshape(-1, 3)
-    pairs, _ = side_pairs(edge, count)
     after = np.roll(corner, -1, axis=1).ravel()
     links = []
     for swap in (False, True):  # the corner of one face at an end of the edge, and the other's at the same end
         first = after[pairs[:, 0]] if swap else pairs[:, 0]
         same = faces.ravel()[first] == faces.ravel()[pairs[:, 1]]
         links.append(np.stack([first, np.where(same, pairs[:, 1], after[pairs[:, 1]])], axis=1))
-    roots = np.unique(joined(np.concatenate(links), faces.size))
-    return np.bincount(faces.ravel()[roots], minlength=vertices) > 1
+    return np.concatenate(links)

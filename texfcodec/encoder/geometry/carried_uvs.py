@@ -1,0 +1,50 @@
+"""UVs of a simplified mesh: those that put the source's texture where it was (encoder only).
+
+Points of the source have a UV and, on the simplified mesh, a nearest point of the same chart. The UVs at its corners are those
+that give these points their UVs back, in the sense of least squares. Corners at one vertex have one UV, unless a seam is between
+them: seams are lines of the simplification, so that a chart stays a chart.
+
+Quadrics that have the UVs in them (Hoppe 1999) choose the collapses hardly better: at 35 to 70 % of the faces of two boxes, a
+statue and a terrain pictures had 0.8 to 1.1 times the error, so that the simplification knows of seams alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...geometry.areas import face_areas
+from ...geometry.mesh import Mesh, face_normals, points_at
+from ...geometry.nearest_points import NearestPoints
+from .drawn_source import TURN
+from .normal_matrix import NormalEquations
+from .topology import wedges
+
+POINTS = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6  # on every face: a quadrature that is exact for squares
+STIFFNESS, DAMPING = 1e-4, 1e-4
+
+
+def carried_uvs(source: Mesh, corner_uv: np.ndarray, seams: np.ndarray, mesh: Mesh, face: np.ndarray,
+                mesh_seams: np.ndarray) -> np.ndarray:
+    """UVs of a simplified mesh, float64 [G, 3, 2].
+
+    corner_uv: float64 [F, 3, 2] of the source; seams, mesh_seams: int64 [L, 2], edges at which UVs differ, of the source and what
+    they have become; face: int64 [G], the source's face that each is what is left of.
+    """
+    chart, (wedge, _) = wedges(source.faces, seams)[1], wedges(mesh.faces, mesh_seams)
+    of, bary = np.repeat(np.arange(len(source.faces)), len(POINTS)), np.tile(POINTS, (len(source.faces), 1))
+    near = NearestPoints(mesh, chart[face]).find(points_at(source, of, bary), face_normals(source.positions[source.faces])[of],
+                                                 TURN * 2 * source.frame()[1], chart[of])
+    used = chart[face][near.face] == chart[of]
+    target, weight = (corner_uv[of] * bary[..., None]).sum(axis=1), face_areas(source.positions, source.faces)[of] / len(POINTS)
+    uv = _means(wedge, corner_uv[face])
+    residual = np.zeros((len(of), 3))
+    residual[:, :2] = target - (uv[wedge][near.face] * near.bary[..., None]).sum(axis=1)
+    equations = NormalEquations(wedge, len(uv))
+    equations.add(near.face[used], near.bary[used], residual[used], np.zeros((int(used.sum()), 3)), weight[used], 0.0, 1.0)
+    return (uv + equations.solve(STIFFNESS, DAMPING)[0][:, :2])[wedge]
+
+
+def _means(wedge, corner):
+    """Means over the corners of every wedge, float64 [W, C]. wedge: int64 [G, 3]; corner: float64 [G, 3, C]."""
+    count = np.maximum(np.bincount(wedge.ravel()), 1)
+    return np.stack([np.bincount(wedge.ravel(), corner[..., k].ravel()) / count for k in range(corner.shape[2])], axis=1)

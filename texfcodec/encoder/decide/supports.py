@@ -307,7 +307,9 @@ class _Choice:
         alone = [one for one in decided if not one.goes and len(one.plan.group.faces) == rest.sum() and one.voxels]
         if alone:
             return alone[0].resolution, alone[0].voxels, {}
-        patch = self.rd.patch(self.scene, self.surface, np.flatnonzero(rest)) if rest.any() and free else None
+        others = [one.plan.group for one in decided if not one.goes]
+        texels = sum(map(texels_shown, others)) if sum(len(group.faces) for group in others) == rest.sum() else np.inf
+        patch = self.rd.patch(self.scene, self.surface, np.flatnonzero(rest), texels) if rest.any() and free else None
         if patch is None:
             return usual, None, {}
         resolution, tried = self._best_voxels(patch, 0)

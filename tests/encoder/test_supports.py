@@ -347,3 +347,23 @@ def test_a_small_part_has_the_qp_of_the_rate():
     """By its share alone its texels would be coded three QP coarser, as far as any may be."""
     _, row = chosen(with_a_small_part(0.05, noise_image(32, 32))).evidence["groups"]
     assert row["image"] == [32, 32] and row["texels"]["qp_offset"] <= 0
+
+
+def test_images_that_stay_over_voxels_count_by_their_texels_together(monkeypatch):
+    """What is left over voxels is no small part with many values where its images are small: its share is the whole surface."""
+    scene = wall(smooth_image(16, 16), n=20)
+    half = np.arange(len(scene.faces)) % 2
+    scene = replace(scene, face_material=half, materials=[Material(texture=0), Material(texture=1)],
+                    textures=[Texture(smooth_image(16, 16, 2, seed)) for seed in (0, 1)])
+    weights, of = [], RateDistortion.patch
+
+    def patch(rd, scene, surface, faces, *texels):
+        made = of(rd, scene, surface, faces, *texels)
+        if len(faces) == len(surface.faces):
+            weights.append(made.weight)
+        return made
+
+    monkeypatch.setattr(RateDistortion, "patch", patch)
+    monkeypatch.setattr("texfcodec.encoder.decide.supports._Choice._decided", lambda self, one, patch: replace(one, goes=False))
+    chosen(scene)
+    assert weights and max(weights) == pytest.approx(1.0)

@@ -231,7 +231,7 @@ class _Search:
         """The line that goes on where plans close to each other meet and miss the target; None where another plan is made."""
         met, missed = ([line for line in self._lines if line.has_met is is_met] for is_met in (True, False))
         near = [a for a in met for b in missed if abs(a.qp - b.qp) <= CLOSE]
-        return min(near, key=lambda line: max(excess <= 0 and -excess for _, excess in line.tried)) if near else None
+        return min(near, key=lambda line: min(-excess for _, excess in line.tried if excess <= 0)) if near else None
 
     def _from_met(self, line, qp):
         """QPs to that of the nearest other line that met the target."""

@@ -32,7 +32,6 @@ from ..geometry.seams import seam_edges, sharp_edges
 from ..geometry.simplify import simplify
 from ..geometry.vertex_fit import fit_vertices, own_fit
 from .spending import has_few_colours
-from .supports import without_faces
 
 if TYPE_CHECKING:
     from ...options import EncodeOptions
@@ -80,11 +79,8 @@ class SentMesh:
     saved: float = 0.0
 
     def shown(self, scene: Scene) -> Scene:
-        """A Scene with the source's faces, on those that drawn has."""
-        own = self.scene
-        return scene if not self.carries else replace(
-            scene, positions=own.positions, faces=own.faces, face_material=own.face_material, corner_uv=own.corner_uv,
-            map_uv=own.map_uv, corner_normal=own.corner_normal, corner_tangent=own.corner_tangent)
+        """The source, some of whose textures may have been changed, with the faces that drawn has."""
+        return replace(self.scene, textures=scene.textures) if self.carries else scene
 
     def at_corners(self, corner: np.ndarray) -> np.ndarray:
         """What corners of the surface hold, float32 [G, 3, C], at those of drawn, float32 [F, 3, C]."""
@@ -123,17 +119,6 @@ class MeshChoice:
         """What the source on another lattice does to pictures."""
         key = "look", surface.cube.position_bits
         return self.memo.get(key, lambda: self.looks.of(surface, self.looks.normals_of(surface)))
-
-    def look_at_mesh(self, sent: SentMesh, source: Mesh, origin_face: np.ndarray) -> Moved:
-        """What another mesh does to pictures. source: the scene's faces of origin_face, int64 [F]."""
-        normals = self.looks.normals_of(sent.surface)
-        if not sent.carries:
-            return self.looks.of(sent.drawn, sent.at_corners(normals))
-        wanted = None
-        if sent.scene.corner_normal is not None and self.looks.lit:
-            there = Mesh(sent.scene.positions, sent.scene.faces)
-            wanted = fetched_normals(source, self.looks.normals[origin_face].astype(np.float32), there)
-        return self.looks.of_mesh(sent.scene, sent.surface, normals, wanted)
 
     def finer(self) -> Surface:
         """The source at the bits, from the usual ones on, that cost least."""
@@ -285,8 +270,7 @@ class _Meshes:
         self.plans, self._plan_of = plans, np.full(len(usual.faces), -1)
         for number, plan in enumerate(plans):
             self._plan_of[plan.group.faces] = number
-        vertices_colour_texels = plans and self.scene.corner_color is not None
-        self.shares = SHARES[:1] if vertices_colour_texels else SHARES
+        self.shares = SHARES[:1] if plans and self.scene.corner_color is not None else SHARES  # texels have vertices' colours
         self._looked: dict[tuple[int, int], _Candidate] = {}
         self._fits: dict[int, _Fit] = {}
 
@@ -327,7 +311,18 @@ class _Meshes:
             return replace(self.at_usual, faces=0, bits=bits, moved=Moved(NOTHING, 1.0, 1.0))
         face, there = fit.face[surface.origin_face], {name: uv[surface.origin_face] for name, uv in fit.uvs.items()}
         sent = self._sent(surface, face, place > 0, there)
-        return self._measured(sent, self.choice.look_at_mesh(sent, self.source, self.usual.origin_face), face)
+        return self._measured(sent, self._moved(sent), face)
+
+    def _moved(self, sent):
+        """What another mesh does to pictures."""
+        looks, wanted = self.choice.looks, None
+        normals = looks.normals_of(sent.surface)
+        if not sent.carries:
+            return looks.of(sent.drawn, sent.at_corners(normals))
+        if sent.scene.corner_normal is not None and looks.lit:
+            there = Mesh(sent.scene.positions, sent.scene.faces)
+            wanted = fetched_normals(self.source, looks.normals[self.usual.origin_face].astype(np.float32), there)
+        return looks.of_mesh(sent.scene, sent.surface, normals, wanted)
 
     def _measured(self, sent, moved, face):
         """The _Candidate of a SentMesh, without its cost. face: the usual surface's that each of its faces was."""
@@ -339,7 +334,7 @@ class _Meshes:
         """Bytes of Draco for the faces over voxels, and for those of each plan and material with their UVs."""
         plan_of, size = self._plan_of[face], 0
         if (plan_of < 0).any():
-            size += _geometry_bytes(without_faces(surface, plan_of >= 0))
+            size += len(enc_geometry(surface.lattice, surface.faces[plan_of < 0], surface.cube.position_bits))
         unit = plan_of * (int(surface.material.max(initial=0)) + 1) + surface.material
         for mine in (np.flatnonzero(unit == one) for one in np.unique(unit[plan_of >= 0])):
             plan = self.plans[plan_of[mine[0]]]
@@ -403,9 +398,9 @@ class _Meshes:
                        map_uv={name: uvs.get(name, uv[rows]) for name, uv in scene.map_uv.items()},
                        corner_color=None if scene.corner_color is None else scene.corner_color[rows],
                        corner_normal=normals, corner_tangent=None)
-        if uvs and scene.corner_tangent is not None:
-            sent = replace(sent, corner_tangent=self._fetched_tangents(scene.corner_tangent, mesh, rows))
         if uvs:
+            if scene.corner_tangent is not None:
+                sent = replace(sent, corner_tangent=self._fetched_tangents(scene.corner_tangent, mesh, rows))
             return SentMesh(scene=sent, surface=surface, rows=rows, drawn=surface, carries=True)
         places = draw_onto(self.source, self.group, mesh, group)
         cube = finer_cube(surface.cube)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..scene.channels import BY_NAME, PARAMETERS
+from ..scene.channels import BY_NAME, PARAMETERS, binary32
 from ..scene.effects import BY_NAME as EFFECT_BY_NAME
 from ..scene.effects import effects_of
 from ..scene.factors import factor_of, neutral_values, with_factor
@@ -51,7 +51,7 @@ class ShadingTable:
     def __init__(self, materials: Sequence[Material]) -> None:
         self.materials = [replace(m, parameters=sound_parameters(m.parameters)) for m in materials]
         self.effects = [shading_effects(m) for m in self.materials]
-        self.values = {p.name: np.array([factor_of(m.parameters, p.name) for m in self.materials], np.float32)
+        self.values = {p.name: np.array([binary32(factor_of(m.parameters, p.name)) for m in self.materials], np.float32)
                        .reshape(-1, p.count) for p in PARAMETERS}
 
     @property

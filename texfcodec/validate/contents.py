@@ -97,7 +97,8 @@ class _Contents:
         texf = Texf(cube=cube, units=self.units, fields=[], materials=materials)
         self.parsed.checked.add(number)
         texf.sharp_edges = self._try(number, lambda: decode_sharp_edges(self.stream.sharp_edges, texf))
-        if texf.sharp_edges is not None and self.stream.coded_normals is not None:
+        wanted = self.stream.coded_normals is not None and UNIT_CODED_NORMALS not in self.parsed.lost
+        if texf.sharp_edges is not None and wanted:
             number = self.parsed.numbers[UNIT_CODED_NORMALS][0]
             self.parsed.checked.add(number)
             self._try(number, lambda: decode_coded_normals(self.stream.coded_normals, texf))

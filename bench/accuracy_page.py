@@ -40,8 +40,9 @@ def _conditions_of(assets, args):
     many = f"{args.threads} thread{'s' * (args.threads != 1)}, {args.jobs} asset{'s' * (args.jobs != 1)} at a time"
     quick = " With `--quick`: few values, small references." if args.quick else ""
     names = ", ".join(asset.name for asset in assets)
-    return (f"{names}; {machine()}, {many}, warm kernels; an encode without loading, the "
-            f"median of up to {args.repeats} runs (what has taken {SPENT:.0f} s is not repeated). Seconds are told {told}: "
+    runs = f"the median of up to {args.repeats} runs (what has taken {SPENT:.0f} s is not repeated)"
+    return (f"{names}; {machine()}, {many}, warm kernels; an encode without loading, {runs if args.repeats > 1 else 'once'}. "
+            f"Seconds are told {told}: "
             f"{spread if spreads else 'there is one run of each, and no spread to be seen'}. Made by `make accuracy-time` "
             f"(bench/accuracy_time.py), which writes this page for any assets.{quick}")
 

@@ -3,14 +3,14 @@
 from bench.paper_table import ANCHOR, AUTO, VERTEX_ANCHOR, asset_lines, by_asset_lines, paper_lines
 
 
-def rows_of(group, asset, factor, uv=None):
-    """Three points of a curve with `factor` times the bytes that an equal one has."""
-    made = []
+def rows_of(group, asset, factor, uv=None, geometry=None):
+    """Three points of a curve with `factor` times the bytes that an equal one has. geometry: its bytes, where they are others."""
+    made, geometry = [], 500 * factor if geometry is None else geometry
     for number, y in enumerate((30.0, 34.0, 38.0)):
         texture = factor * 1000 * 2**number
-        parts = {"geometry": 500, "texture": texture - (uv or 0)} | ({} if uv is None else {"uv": uv})
+        parts = {"geometry": geometry, "texture": texture - (uv or 0)} | ({} if uv is None else {"uv": uv})
         made.append({"asset": asset, "group": group, "setting": f"s_r0{number + 1}", "facts": {"supports": ["voxels"]},
-                     "bytes": {"total": 500 + texture} | parts, "image": {"psnr": {"y": y, "rgb": y}, "ssim": 0.9 + number / 50},
+                     "bytes": {"total": geometry + texture} | parts, "image": {"psnr": {"y": y, "rgb": y}, "ssim": 0.9 + number / 50},
                      "psnr_3d": {"y": y, "rgb": y}})
     return made
 
@@ -28,6 +28,12 @@ def test_vertex_colours_stand_against_vertex_colours_and_textures_against_uvs():
     assert cloth[4:7] == ["900", "voxels", "-50.0"] and fish[4:7] == ["no UVs", "voxels", "+50.0"]
     assert cloth[-1] == "TexF; UVs are 22% of the rival's middle point; 25% of its texels are never shown"
     assert fish[-1] == "the rival"
+
+
+def test_what_auto_saves_on_the_mesh_counts_in_its_part_and_not_in_the_papers():
+    rows = [*rows_of(AUTO, "bball_0001", 1, geometry=0), *rows_of(ANCHOR, "bball_0001", 1, uv=900, geometry=5000)]
+    assert float(cells(asset_lines(rows, {}), "bball_0001")[6]) < -50
+    assert float(cells(paper_lines(rows, ((AUTO, "TexF", (0, 0)),), ANCHOR), AUTO)[3]) == 0
 
 
 def test_rows_of_the_paper_that_were_not_run_are_said():

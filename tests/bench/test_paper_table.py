@@ -4,7 +4,7 @@ from bench.paper_table import ANCHOR, AUTO, VERTEX_ANCHOR, asset_lines, by_asset
 
 
 def rows_of(group, asset, factor, uv=None, geometry=None):
-    """Three points of a curve with `factor` times the bytes that an equal one has. geometry: its bytes, where they are others."""
+    """Three points of a curve with `factor` times the bytes that an equal one has. geometry: its bytes, where others."""
     made, geometry = [], 500 * factor if geometry is None else geometry
     for number, y in enumerate((30.0, 34.0, 38.0)):
         texture = factor * 1000 * 2**number

@@ -10,8 +10,8 @@ def rows_of(group, asset, factor, uv=None, geometry=None):
         texture = factor * 1000 * 2**number
         parts = {"geometry": geometry, "texture": texture - (uv or 0)} | ({} if uv is None else {"uv": uv})
         made.append({"asset": asset, "group": group, "setting": f"s_r0{number + 1}", "facts": {"supports": ["voxels"]},
-                     "bytes": {"total": geometry + texture} | parts, "image": {"psnr": {"y": y, "rgb": y}, "ssim": 0.9 + number / 50},
-                     "psnr_3d": {"y": y, "rgb": y}})
+                     "bytes": {"total": geometry + texture} | parts, "psnr_3d": {"y": y, "rgb": y},
+                     "image": {"psnr": {"y": y, "rgb": y}, "ssim": 0.9 + number / 50}})
     return made
 
 

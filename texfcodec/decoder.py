@@ -179,8 +179,6 @@ def decode_support(surface: DecodedSurface, values: dict, position_bits: int,
     if len(support) != values["num_keys"] or keys_crc(support.keys) != values["keys_crc"]:
         raise StreamError("TXF-S30", "the values' places rebuilt from the geometry are not the ones that were coded",
                           clause="6.5" if support.planar else "6.4", value=len(support), allowed=values["num_keys"])
-    if len(support) == 0:
-        raise StreamError("TXF-S31", "a field has no values", clause="5.5", value=values["field_index"])
     return support
 
 

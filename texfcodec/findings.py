@@ -94,7 +94,6 @@ FINDINGS = (
     Finding("TXF-S24", StreamError, ("5.6.3",), "the decoded faces do not have the checksum that was sent", _REPAIR),
     Finding("TXF-S30", StreamError, ("6.4", "6.5", "8.4.2", "8.4.3", "11.3"),
             "the voxels, texels, edges or corners rebuilt from the geometry are not those that were coded", _REPAIR),
-    Finding("TXF-S31", StreamError, ("5.5",), "a field has no voxels or texels", _REPAIR),
     Finding("TXF-S32", StreamError, ("7.10", "8.4.2", "8.4.4", "11.8"),
             "the decoded values do not have the checksum that was sent", _REPAIR),
     Finding("TXF-S40", StreamError, (), "the child process of --isolate crashed on the stream, or its answer makes no sense",
@@ -113,6 +112,8 @@ FINDINGS = (
     Finding("TXF-U06", SupportError, (), "no codec of this name is installed", "install its plug-in, or take another codec"),
     Finding("TXF-U07", SupportError, ("5.7",), "the stream needs a codec that is not installed", "install its plug-in"),
     Finding("TXF-U08", SupportError, (), "the codec of a plug-in fails, or is none", "repair, update or remove the plug-in"),
+    Finding("TXF-U09", SupportError, ("4.3",), "an element has a number whose meaning this version does not know",
+            "decode with a newer version"),
     # Over a limit; every limit is a flag of the tools and a field of Limits.
     Finding("TXF-L01", LimitError, ("10",), "the stream is larger than the limit",
             "raise --max-file-bytes if you trust the file"),

@@ -185,6 +185,11 @@ def is_noise(data):
     return len(data) > 100 and len(zlib.compress(data, 9)) >= len(data)
 
 
+def other_metadata(case):
+    """Whether the metadata unit is one that is passed over."""
+    return UNIT_METADATA in [unit["type"] for unit in case.stream.skipped]
+
+
 def metadata_is_early(case):
     kinds = [kind for kind, _ in units_of(case.data)]
     return kinds.index(UNIT_METADATA) < kinds.index(UNIT_MATERIALS)
@@ -252,6 +257,7 @@ HEADER_AND_FIELDS = {
     r"the alpha group first|alpha before colour": lambda c: c.semantics == [ALPHA.semantic, BASE_COLOUR.semantic],
     r"a metadata unit": lambda c: c.stream.metadata is not None,
     r"metadata early": metadata_is_early,
+    r"metadata of another format": other_metadata,
     r"unknown ancillary units": lambda c: len(c.stream.skipped) > 1,
     r"checksums of 0 and of 2\^32 - 1": lambda c:
         {bytes(4), b"\xff" * 4} <= {write_unit(*unit)[-4:] for unit in units_of(c.data)},
@@ -382,7 +388,7 @@ CLAUSES = {
     "5.7.4": lambda c: c.neural,
     "5.7.5": lambda c: c.neural,
     "5.7.6": lambda c: c.constant,
-    "5.8": lambda c: c.stream.metadata is not None,
+    "5.8": lambda c: c.stream.metadata is not None or other_metadata(c),
     "7.5.2": lambda c: c.each(lambda u: u["num_models"] == 0),
     "7.5.5": lambda c: c.each(lambda u: u["num_models"] > 0),
     "7.6.4": lambda c: c.each(lambda u: u["num_models"] > 0),

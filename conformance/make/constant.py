@@ -119,4 +119,4 @@ def faulty():
          with_element(one, A, "codec_id", b"\xc0\x12a name of 18 bytes"), "TXF-U07"),
         ("codec_id_191", "the last codec_id that has no name", "5.7", with_element(one, A, "codec_id", b"\xbf"), "TXF-U02"),
     ]
-    return [*as_faulty(lines), *as_faulty(unknown, "unsupported")]
+    return as_faulty([*lines, *unknown])

@@ -26,7 +26,6 @@ from conformance.make.texels import Grid, Image, Patch, picture, ring, sheet, st
 from texfcodec import Limits, decode
 from texfcodec.bitstream.stream import read_stream
 from texfcodec.bitstream.syntax import (
-    SEQUENCE_HEADER,
     SIGNATURE,
     UNIT_ATTRIBUTE,
     UNIT_END,
@@ -119,6 +118,16 @@ def with_element(data, unit_type, name, raw, number=0):
     ((offset, size),) = [(offset, size) for element, offset, size, _ in rows if element == name]
     payload = data[unit.begin : offset] + raw + data[offset + size : unit.end]
     return data[: unit.start] + write_unit(unit_type, payload) + data[unit.stop :]
+
+
+def spliced(data, unit_type, offset, raw, number=0):
+    """The stream with other bytes at an offset of a unit's payload, below 0 from its end. The payload may be wrong already."""
+    units = units_of(data)
+    at = [n for n, (kind, _) in enumerate(units) if kind == unit_type][number]
+    payload = units[at][1]
+    offset += len(payload) if offset < 0 else 0
+    units[at] = unit_type, payload[:offset] + raw + payload[offset + len(raw) :]
+    return stream_of(units)
 
 
 def with_values(data, edit):
@@ -252,8 +261,7 @@ def framing():
         ("empty_two_materials", "an empty mesh of no materials with two materials units", "5.2",
          with_units(nothing, lambda units: units.insert(1, units[1])), "TXF-S07"),
     ]
-    unsupported = [("unknown_critical_unit", "a unit of type 6", "5.2", unknown, "TXF-U01")]
-    return [*as_faulty(lines), *as_faulty(unsupported, "unsupported")]
+    return as_faulty([*lines, ("unknown_critical_unit", "a unit of type 6", "5.2", unknown, "TXF-U01")])
 
 
 def header_and_materials():
@@ -278,19 +286,18 @@ def header_and_materials():
         ("num_geometry_units", "num_geometry_units is less than there are", "5.2", more("num_geometry_units", -1), "TXF-S11"),
         ("num_channel_groups_0", "no channel group", "5.3", with_units(narrow, _no_groups), "TXF-S04"),
         ("group_semantics", "an entry of group_semantics out of range", "5.3.1",
-         with_element(base, H, "channel_groups[0].group_semantics", b"\x17"), "TXF-S04"),
+         with_element(base, H, "channel_groups[0].group_semantics", b"\x17"), "TXF-U09"),
         ("group_components_4", "four components", "5.3.1", with_element(base, H, "channel_groups[0].group_components", b"\4"),
          "TXF-S04"),
-        ("alpha_mode", "alpha_mode 3", "5.4.1", with_element(base, M, "materials[0].alpha_mode", b"\3"), "TXF-S04"),
+        ("alpha_mode", "alpha_mode 3", "5.4.1", with_element(base, M, "materials[0].alpha_mode", b"\3"), "TXF-U09"),
         ("material_flags", "an unknown material flag", "5.4.1", with_element(base, M, "materials[0].material_flags", b"\4"),
-         "TXF-S04"),
+         "TXF-U09"),
         ("name_not_utf8", "a name that is not UTF-8", "4.3",
          with_element(base, M, "materials[0].material_name", b"\xc0\xaf".ljust(len(material), b"x")), "TXF-S06"),
         ("name_too_long", "a name that goes past its unit", "5.4.1", with_element(base, M, "materials[0].name_length", b"\x7f"),
          "TXF-S02"),
         ("num_vertices_not_shortest", "a number that is not in its shortest form", "4.3",
          with_element(simple, H, "num_vertices", b"\xc8\x80\0"), "TXF-S05"),
-        ("metadata_format", "metadata_format 1", "5.8", with_element(base, UNIT_METADATA, "metadata_format", b"\1"), "TXF-S04"),
     ]
     twice = with_element(base, H, "channel_groups[1].group_semantics", b"\0")
     lines.append(("group_semantics_twice", "two base colours", "5.3.1", twice, "TXF-S04"))
@@ -304,11 +311,21 @@ def header_and_materials():
     unsupported = [("version", "version 1", "5.3", newer, "TXF-U04"),
                    ("version_broken", "version 1 and a wrong checksum of a unit after the header", "9.2", broken, "TXF-U04"),
                    ("alpha_components", "an alpha group of two components", "5.3.1", _two_alphas(base), "TXF-U03")]
-    lines.append(("effects_before_components", "an effect that nobody knows and an alpha group of two components", "9.2",
-                  _two_alphas(base, 1 << 19), "TXF-S04"))
+    two, effects = _two_alphas(base), parsed(base).header["effects"] | 1 << 19
+    strange = with_element(base, H, "effects", effects.to_bytes(8, "little"))
+    lines += [
+        ("side_before_components", "a negative side and an alpha group of two components", "9.2", spliced(two, H, 26, minus),
+         "TXF-S04"),
+        ("components_before_left_over", "an alpha group of two components and a byte too many in the header", "9.2",
+         spliced(two, H, len(units_of(two)[0][1]), b"\0"), "TXF-U03"),
+        ("side_before_effects", "a negative side and an effect that nobody knows", "9.2",
+         spliced(strange, H, 26, minus), "TXF-S04"),
+        ("effects_before_group", "an effect that nobody knows and a group of four components", "9.2",
+         spliced(strange, H, -1, b"\4"), "TXF-U09"),
+    ]
     limit = [("num_vertices_huge", "2^50 vertices", "10", with_header(base, num_vertices=1 << 50), "TXF-L02"),
              ("num_keys_huge", "2^28 voxels", "10", with_element(simple, F, "num_keys", write_v(1 << 28)), "TXF-L04")]
-    return [*as_faulty(lines), *as_faulty(unsupported, "unsupported"), *as_faulty(limit, "limit")]
+    return as_faulty([*lines, *unsupported, *limit])
 
 
 def fields_and_geometry():
@@ -423,7 +440,7 @@ def attributes():
         ("transform_of_alpha", "a colour transform of one component", "5.7.1",
          with_element(base, A, "colour_transform", b"\1", 1),
          "TXF-S04"),
-        ("colour_transform_2", "colour_transform 2", "5.7.1", with_element(simple, A, "colour_transform", b"\2"), "TXF-S04"),
+        ("colour_transform_2", "colour_transform 2", "5.7.1", with_element(simple, A, "colour_transform", b"\2"), "TXF-U09"),
         ("slice_level", "slice_level is Depth", "5.7.1", with_element(sliced, A, "slice_level", b"\5"), "TXF-S04"),
         ("slice_level_13", "slice_level 13", "5.7.1", slices_from(13), "TXF-S04"),
         ("num_slices_65", "65 slices", "5.7.1", stream_of_slices(65), "TXF-S04"),
@@ -439,9 +456,15 @@ def attributes():
         ("codeword_length_huge", "a codeword of 2^55 bytes", "5.7.2",
          one(lambda unit: unit["codewords"][0].update(codeword_length=1 << 55)), "TXF-S10"),
     ]
-    codec_id = with_element(base, A, "codec_id", b"\x07", 1)
-    unsupported = [("codec_id", "an unknown attribute codec", "5.7", codec_id, "TXF-U02")]
-    return [*as_faulty(lines), *as_faulty(unsupported, "unsupported")]
+    unknown = with_element(base, A, "codec_id", b"\x07", 1)
+    lines += [
+        ("codec_id", "an unknown attribute codec", "5.7", unknown, "TXF-U02"),
+        ("level_shift_before_codec", "level_shift 14 of an unknown attribute codec", "9.2", spliced(unknown, A, 3, b"\x0e", 1),
+         "TXF-S04"),
+        ("names_before_codec", "a field that is not there, of an unknown attribute codec", "9.2",
+         spliced(unknown, A, 0, b"\2", 1), "TXF-S09"),
+    ]
+    return as_faulty(lines)
 
 
 def _no_groups(units):
@@ -455,16 +478,14 @@ def _no_materials(stream):
     stream.header.update(num_materials=0, effects=0)
 
 
-def _two_alphas(data, effects=0):
-    """Alpha of two components, in order but for what the header says of it. effects: other ones than the header's."""
+def _two_alphas(data):
+    """Alpha of two components, in order but for what the header says of it."""
     stream = parsed(data)
-    stream.header["effects"] = effects or stream.header["effects"]
     stream.header["channel_groups"][1]["group_components"] = 2
     for unit, number in ((stream.attributes[1], 0), (stream.attributes[3], 1)):
         unit.update(qp=unit["qp"] * 2, root_mean=unit["root_mean"] * 2)
         unit["values_crc"] = zlib.crc32(values_of(unit, decode(data).fields[number].keys))
-    with allowing(SEQUENCE_HEADER, "effects", high=stream.header["effects"]):
-        return written(stream)
+    return written(stream)
 
 
 def _flip_codeword(unit):
@@ -473,9 +494,13 @@ def _flip_codeword(unit):
     unit["codeword_data"] = bytes(data)
 
 
-def as_faulty(lines, expect="invalid"):
+EXPECTED = {"S": "invalid", "U": "unsupported", "L": "limit"}  # by the letter of the code
+
+
+def as_faulty(lines):
     """Vectors of (name, title, clause, stream, code) lines."""
-    return [Vector(f"faulty/{name}", title, (clause,), data, (), expect, code) for name, title, clause, data, code in lines]
+    return [Vector(f"faulty/{name}", title, (clause,), data, (), EXPECTED[code[4]], code)
+            for name, title, clause, data, code in lines]
 
 
 def faulty():

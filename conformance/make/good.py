@@ -149,7 +149,8 @@ def one_voxel():
     keys = np.zeros(1, np.int64)
     (values,), (unit,) = stream.fields, stream.attributes
     values.update(resolution=1, num_keys=1, keys_crc=zlib.crc32(keys.astype("<i8")))
-    unit.update(codewords=[], codeword_data=b"", values_crc=zlib.crc32(inverse_colour(np.array([unit["root_mean"]], np.int32))))
+    unit.update(residual=0, residual_cross=[], codewords=[], codeword_data=b"",
+                values_crc=zlib.crc32(inverse_colour(np.array([unit["root_mean"]], np.int32))))
     return written(stream)
 
 
@@ -206,6 +207,12 @@ def with_strange_units():
     metadata = (UNIT_METADATA, b"\0" + '{"name":"Würfel"}'.encode())
     return stream_of([units[0], metadata, (200, b"what a later version has to say"), *units[1:3], (199, b""), *units[3:-1],
                       (255, bytes(range(256))), units[-1]])
+
+
+def with_other_metadata():
+    """A metadata unit of a format that nobody knows, not JSON and not UTF-8."""
+    units = units_of(encoded(scene_of(*torus(12, 6)), resolution=14, qp=36))
+    return stream_of([*units[:-1], (UNIT_METADATA, b"\1" + bytes(range(255, 245, -1))), units[-1]])
 
 
 def on_voxel_boundaries():
@@ -362,6 +369,7 @@ def uncommon():
          (0, 1, 4, 5)),
         ("alpha_first", "the alpha group first", ("5.3.1", "5.7"), alpha_first(), (0,)),
         ("strange_units", "unknown ancillary units, metadata early", ("5.2", "5.8"), with_strange_units(), (0,)),
+        ("metadata_format_1", "metadata of another format", ("5.8",), with_other_metadata(), (0,)),
         ("voxel_boundaries", "B = 8, all vertices but three on voxel corners", ("6.1", "6.2", "6.3"), on_voxel_boundaries(),
          (0,)),
         ("needle_bits20_k8192", "B = 20, K = 8192, a triangle thinner than a voxel", ("6.1", "6.2", "6.4"), needle(), (0, 5)),

@@ -34,11 +34,11 @@ def channel_groups():
          with_element(base, H, "channel_groups[1].num_semantics", bytes([4, 8, 9])), "TXF-S04"),
         ("group_components_0", "a channel group of no components", "5.3.1",
          with_element(base, H, "channel_groups[1].group_components", b"\0"), "TXF-S04"),
-        ("semantics_23", "a channel that nobody knows", "5.3.1", semantics(1, 5, 23), "TXF-S04"),
+        ("semantics_23", "a channel that nobody knows", "5.3.1", semantics(1, 5, 23), "TXF-U09"),
         ("semantics_twice", "one channel twice in a group", "5.3.1", semantics(1, 5, 5), "TXF-S04"),
         ("semantics_in_two", "one channel in two groups", "5.3.1", semantics(1, 5, 7), "TXF-S04"),
         ("num_channel_groups_24", "more groups than there are channels", "5.3",
-         with_element(base, H, "num_channel_groups", b"\x18"), "TXF-S04"),
+         with_element(base, H, "num_channel_groups", b"\x18"), "TXF-U09"),
     ]
     grey = with_element(base, H, "channel_groups[1].group_components", b"\1")
     wide = with_element(base, H, "channel_groups[2].group_components", b"\2")
@@ -49,7 +49,7 @@ def channel_groups():
         ("components_of_anisotropy", "one component for three that are no colour", "5.3.1",
          with_element(linear, H, "channel_groups[1].group_components", b"\1"), "TXF-U03"),
     ]
-    return [*as_faulty(lines), *as_faulty(unsupported, "unsupported")]
+    return as_faulty([*lines, *unsupported])
 
 
 def appearance():
@@ -72,12 +72,12 @@ def appearance():
         ("effects_unlit", "effects of an unlit material", "5.3.2",
          with_values(base, lambda stream: stream.materials[0].update(material_flags=2)), "TXF-S14"),
         ("effects_bit_19", "an effect that nobody knows", "5.3",
-         with_element(base, H, "effects", (effects | 1 << 19).to_bytes(8, "little")), "TXF-S04"),
+         with_element(base, H, "effects", (effects | 1 << 19).to_bytes(8, "little")), "TXF-U09"),
         ("effects_bit_63", "the last bit of effects", "5.3",
-         with_element(base, H, "effects", (effects | 1 << 63).to_bytes(8, "little")), "TXF-S04"),
+         with_element(base, H, "effects", (effects | 1 << 63).to_bytes(8, "little")), "TXF-U09"),
     ]
     components = [("normal_components", "two components for a normal of object space", "5.3.1", object_space, "TXF-U03")]
-    return [*as_faulty(lines), *as_faulty(components, "unsupported")]
+    return as_faulty([*lines, *components])
 
 
 def materials():
@@ -88,11 +88,11 @@ def materials():
     first, second = "parameters[0].parameter_", "parameters[1].parameter_"
     bits = lambda number: with_element(bare_one, M, FIRST + "material_channels", _v(1 << number))
     lines = [
-        *((f"material_channel_{number}", f"a material names channel {number}", "5.4.1", bits(number), "TXF-S04")
-          for number in (0, 1, 3, 11, 23)),
-        ("num_parameters_28", "more parameters than there are", "5.4.1", element("num_parameters", b"\x1c"), "TXF-S04"),
+        *((f"material_channel_{number}", f"a material names channel {number}", "5.4.1", bits(number), code)
+          for number, code in ((0, "TXF-S04"), (1, "TXF-S04"), (3, "TXF-S04"), (11, "TXF-S04"), (23, "TXF-U09"))),
+        ("num_parameters_28", "more parameters than there are", "5.4.1", element("num_parameters", b"\x1c"), "TXF-U09"),
         ("num_parameters_3", "the unit ends before the third parameter", "5.4.1", element("num_parameters", b"\3"), "TXF-S02"),
-        ("parameter_id_27", "a parameter that nobody knows", "5.4.2", element(second + "id", b"\x1b"), "TXF-S04"),
+        ("parameter_id_27", "a parameter that nobody knows", "5.4.2", element(second + "id", b"\x1b"), "TXF-U09"),
         ("parameter_order", "parameters out of order", "5.4.2", _swapped(base), "TXF-S04"),
         ("parameter_twice", "a parameter twice", "5.4.2", _twice(base), "TXF-S04"),
         ("parameter_nan", "a parameter that is not a number", "4.3", element(first + "value", binary32(np.nan)), "TXF-S04"),

@@ -276,7 +276,8 @@ def faulty_elements(data):
     waves = [(f"neural_first_wave_{n}", f"3DNTC: first_wave {n}", "5.7.4", wave(n), "TXF-S04") for n in (0, 16385)]
     few = [("neural_hidden_0", "3DNTC: no hidden layer", "5.7.4", of_zeros(data), "TXF-S04"),
            ("neural_width_0", "3DNTC: a hidden layer of no units", "5.7.4", of_zeros(data, 6, 0), "TXF-S04")]
-    return [(f"neural_{name}", f"3DNTC: {title}", clause, with_element(data, A, element, raw), "TXF-S04")
+    code = lambda element: "TXF-U09" if element == "form" else "TXF-S04"
+    return [(f"neural_{name}", f"3DNTC: {title}", clause, with_element(data, A, element, raw), code(element))
             for name, title, clause, element, raw in lines] + waves + few
 
 
@@ -353,4 +354,4 @@ def faulty():
                 with_units(largest, lambda units: units.insert(-1, other)), "TXF-U02")]
     limit = [("neural_latents_huge", "3DNTC: 2^40 rows in the transport form", "10", huge, "TXF-L10")]
     lines = faulty_elements(resident) + faulty_payloads(resident, transport, two) + faulty_units(resident, two, alpha)
-    return [*as_faulty(lines), *as_faulty(unknown, "unsupported"), *as_faulty(limit, "limit")]
+    return as_faulty([*lines, *unknown, *limit])

@@ -152,7 +152,7 @@ def faulty():
         units[:] = [(kind, payload) for kind, payload in units if kind != N]
 
     lines = [
-        ("normal_rule_10", "normal_rule 10", "5.4.1", rule(10, base), "TXF-S04"),
+        ("normal_rule_10", "normal_rule 10", "5.4.1", rule(10, base), "TXF-U09"),
         ("normal_angle_181", "normal_angle 181", "5.4.1", angle(181), "TXF-S04"),
         ("marks_missing", "a rule that asks for marks, and no sharp edges unit", "5.10", rule(MARKED_BY_AREA), "TXF-S11"),
         ("marks_unasked", "a sharp edges unit that no rule asks for", "5.10",

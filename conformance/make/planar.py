@@ -65,7 +65,7 @@ def faulty():
     assert unit["planar_transform"] == 1 and unit["component_cross"] == 16
     lines = [
         ("planar_transform_2", "planar_transform 2", "5.7.1",
-         out_of_range(mixed, "planar_transform", b"\2", planar_transform=2), "TXF-S04"),
+         out_of_range(mixed, "planar_transform", b"\2", planar_transform=2), "TXF-U09"),
         ("component_cross_17", "component_cross 17", "5.7.1",
          out_of_range(mixed, "component_cross", b"\21", component_cross=17), "TXF-S04"),
         ("planar_transform_off", "planar_transform is 0 for what was coded with 1", "7.11.1",

@@ -27,7 +27,7 @@ def _row(element):
         return f"| {element.name} | | = {element.text} | | |"
     kind = f"structure {element.descriptor.clause}" if isinstance(element.descriptor, Structure) else f"`{element.descriptor}`"
     low, high = element.low, element.high
-    span = "" if low is None and high is None else f"{low}..{'' if high is None else high}"
+    span = "" if low is None and high is None else f"{low}..{'' if high is None else high}{'+' if element.registry else ''}"
     return f"| {element.name} | {kind} | {span} | {element.count or ''} | {element.when[0] if element.when else ''} |"
 
 

@@ -41,16 +41,16 @@ def fields():
         return name, title, "6.5.4" if code == "TXF-S30" else "5.5", with_element(base, F, element, raw), code
 
     lines = [
-        one("support_2", "support 2", "support", b"\2"),
-        one("texels_wrap_s_3", "wrap_s 3", "wrap_s", b"\3"),
-        one("texels_wrap_t_255", "wrap_t 255", "wrap_t", b"\xff"),
+        one("support_2", "support 2", "support", b"\2", "TXF-U09"),
+        one("texels_wrap_s_3", "wrap_s 3", "wrap_s", b"\3", "TXF-U09"),
+        one("texels_wrap_t_255", "wrap_t 255", "wrap_t", b"\xff", "TXF-U09"),
         one("texels_fraction_9", "uv_fraction_bits 9", "uv_fraction_bits", b"\x09"),
         one("texels_width_0", "width 0", "width", u16(0)),
         one("texels_height_0", "height 0", "height", u16(0)),
         ("texels_width_16385", "width 16385", "5.5", with_element(constant, F, "width", u16(16385)), "TXF-S04"),
         one("texels_height_65535", "height 65535", "height", u16(65535)),
         one("texels_num_keys_over", "num_keys is more than the image has texels", "num_keys", write_v(SIZE[0] * SIZE[1] + 1)),
-        one("texels_num_keys_0", "num_keys is 0", "num_keys", b"\0", "TXF-S30"),
+        one("texels_num_keys_0", "num_keys is 0", "num_keys", b"\0"),
         one("texels_num_keys", "num_keys is one too many", "num_keys", write_v(keys + 1), "TXF-S30"),
         one("texels_num_keys_less", "num_keys is one too few", "num_keys", write_v(keys - 1), "TXF-S30"),
         one("texels_keys_crc", "a wrong keys_crc over texels", "keys_crc", b"\1\2\3\4", "TXF-S30"),
@@ -67,7 +67,7 @@ def fields():
     huge = with_values(beside, lambda stream: stream.fields[0].update(width=16384, height=16384))
     limit = [("texels_num_keys_huge", "2^28 texels", "10", with_element(base, F, "num_keys", write_v(1 << 28)), "TXF-L04"),
              ("texels_image_huge", "an image of 2^28 texels", "10", huge, "TXF-L11")]
-    return [*as_faulty(lines), *as_faulty(limit, "limit")]
+    return as_faulty([*lines, *limit])
 
 
 def _cut(units, kind, size):

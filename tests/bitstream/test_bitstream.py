@@ -30,7 +30,7 @@ from texfcodec.bitstream.units import read_units, write_unit
 from texfcodec.codecs.raht.raht_syntax import RAHT
 from texfcodec.core.syntax_table import V_MAX, Derived, Element, Structure
 from texfcodec.core.syntax_walk import Reader, read_structure, write_structure, write_v
-from texfcodec.errors import LimitError, StreamError, SupportError
+from texfcodec.errors import LimitError, StreamError, SupportError, TexfError
 from texfcodec.limits import Limits
 
 FIXED = {"u8": (0, 255), "u16": (0, 65535), "u32": (0, 2**32 - 1), "i8": (-128, 127), "i32": (-(2**31), 2**31 - 1),
@@ -121,15 +121,16 @@ def test_values_just_outside_their_range_are_refused_by_writer_and_reader(struct
         low, high = FIXED[element.descriptor]
         if value is None:
             continue
+        code = "TXF-U09" if element.registry and value > element.low else "TXF-S04"
         alone = Structure(structure.name, structure.clause, (replace(element, when=None, count=None),))
-        with pytest.raises(StreamError) as caught:
+        with pytest.raises(TexfError) as caught:
             write_structure(alone, {element.name: value})
-        assert caught.value.code == "TXF-S04"
+        assert caught.value.code == code
         if low <= value <= high:
             free = Structure(structure.name, structure.clause, (replace(element, when=None, count=None, low=None, high=None),))
-            with pytest.raises(StreamError) as caught:
+            with pytest.raises(TexfError) as caught:
                 read(alone, write_structure(free, {element.name: value}), {})
-            assert (caught.value.code, caught.value.details["value"]) == ("TXF-S04", value)
+            assert (caught.value.code, caught.value.details["value"]) == (code, value)
             assert caught.value.details["clause"] == structure.clause
 
 
@@ -200,7 +201,7 @@ def test_a_unit_is_its_type_length_payload_and_checksum(unit_type, payload):
 
 def test_units_are_found_where_they_stand():
     odd = write_unit(200, b"hello")
-    data = units_of(PLAIN[0], odd, *PLAIN[1:], write_unit(UNIT_METADATA, b"x"), END)
+    data = units_of(PLAIN[0], odd, *PLAIN[1:], write_unit(UNIT_METADATA, b"\0x"), END)
     units, skipped = read_units(data)
     assert [u.type for u in units] == [0, 1, 2, 3, 4, UNIT_METADATA]
     assert [(u.type, data[u.begin : u.end]) for u in skipped] == [(200, b"hello")]

@@ -190,7 +190,6 @@ BIG = 1 << 40
     (both(lie("header", num_vertices=3), lie("geometry", unit_vertices=3)), "TXF-S21"),
     (lie("fields", num_keys=1 << 28), "TXF-L04"),
     (lie("fields", num_keys=1 << 25), "TXF-S30"),
-    (lie("fields", num_keys=0), "TXF-S30"),
     (lie("fields", keys_crc=0), "TXF-S30"),
     (lie("fields", area_threshold=65535), "TXF-S30"),
     (lie("fields", resolution=13), "TXF-S30"),
@@ -209,7 +208,6 @@ def test_a_count_or_parameter_that_lies_is_refused_with_its_code(change, code):
     (lie("fields", num_keys=1 << 28), "TXF-L04"),
     (lie("fields", num_keys=16 * 16 + 1), "TXF-S04"),
     (lie("fields", num_keys=9), "TXF-S30"),
-    (lie("fields", num_keys=0), "TXF-S30"),
     (lie("fields", keys_crc=0), "TXF-S30"),
     (lie("fields", width=15), "TXF-S30"),
     (lie("fields", width=5), "TXF-S04"),
@@ -236,11 +234,6 @@ def test_images_that_nobody_needs_count_as_samples():
     """Many fields of large images with a face each would take long without a sample."""
     large = lie("fields", width=16384, height=8192)
     assert outcome(restated(large, "texels"), DecodeOptions(limits=Limits(samples=1 << 22), threads=1)) == "TXF-L05"
-
-
-def test_an_area_threshold_that_leaves_nothing_is_refused_even_where_it_is_told_truly():
-    empty = lie("fields", area_threshold=65535, num_keys=0, keys_crc=zlib.crc32(b""))
-    assert outcome(restated(empty)) == "TXF-S31"
 
 
 @pytest.mark.parametrize("limits,code", [(Limits(samples=1 << 20), "TXF-L05"), (Limits(voxels=50_000), "TXF-L04")])

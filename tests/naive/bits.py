@@ -21,6 +21,13 @@ def require(condition, sentence):
         raise Invalid(sentence)
 
 
+def known(name, value, high):
+    """A value of a registry (4.3)."""
+    if value > high:
+        raise Unsupported(f"{name} is {value}")
+    return value
+
+
 class Reader:
     """Reads the descriptors of 4.3, one after the other, from a run of bytes."""
 
@@ -63,8 +70,8 @@ class Reader:
         require(math.isfinite(value) and low <= value <= 1e300, f"{name} is {value}")
         return value
 
-    def u64(self, name, high):
-        return self.number(8, name, 0, high)
+    def u64(self, name):
+        return self.number(8, name, 0, 2**64 - 1)
 
     def f32(self, name):
         (value,) = struct.unpack("<f", self.take(4, name))

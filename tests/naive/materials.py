@@ -2,7 +2,7 @@
 
 import struct
 
-from naive.bits import require
+from naive.bits import known, require
 
 # Semantic -> components, of 5.3.1; those that may be grey.
 COMPONENTS = (3, 1, 2, 3, 1, 1, 1, 3, 1, 1, 2, 3, 3, 1, 1, 3, 1, 1, 1, 1, 3, 1, 3)
@@ -21,7 +21,7 @@ DEFAULTS = [
 
 def read_channel_group(reader):
     """Clause 5.3.1; possible: the numbers of components that its semantics allow."""
-    semantics = [reader.u8("group_semantics", 0, 22) for _ in range(reader.u8("num_semantics", 1, 3))]
+    semantics = [known("group_semantics", reader.u8("group_semantics"), 22) for _ in range(reader.u8("num_semantics", 1, 3))]
     grey = {1} if len(semantics) == 1 and semantics[0] in COLOURED else set()
     return {"semantics": semantics, "components": reader.u8("group_components", 1, 3),
             "possible": grey | {sum(COMPONENTS[semantic] for semantic in semantics)}}
@@ -30,19 +30,20 @@ def read_channel_group(reader):
 def read_material(reader):
     """Clauses 5.4.1 and 5.4.2."""
     material = {"name": reader.utf8(reader.v("name_length", high=65535), "material_name")}
-    material["alpha_mode"] = reader.u8("alpha_mode", 0, 2)
+    material["alpha_mode"] = known("alpha_mode", reader.u8("alpha_mode"), 2)
     if material["alpha_mode"] == 1:
         material["alpha_cutoff"] = reader.u16("alpha_cutoff")
-    material["flags"] = reader.u8("material_flags", 0, 3)
+    material["flags"] = known("material_flags", reader.u8("material_flags"), 3)
     material |= {"normal_rule": 0, "normal_angle": 45}
     if material["flags"] & 2 == 0:
-        material |= {"normal_rule": reader.u8("normal_rule", 0, 9), "normal_angle": reader.u8("normal_angle", 0, 180)}
-    named = reader.v("material_channels", high=2**23 - 1)
+        material["normal_rule"] = known("normal_rule", reader.u8("normal_rule"), 9)
+        material["normal_angle"] = reader.u8("normal_angle", 0, 180)
+    named = known("material_channels", reader.v("material_channels"), 2**23 - 1)
     require(named & ~NAMEABLE == 0, f"material_channels is {named:#x}")
     material["channels"] = {semantic for semantic in range(23) if named >> semantic & 1}
     material["parameters"], last = {}, -1
-    for _ in range(reader.u8("num_parameters", 0, len(DEFAULTS))):
-        number = reader.u8("parameter_id", 0, len(DEFAULTS) - 1)
+    for _ in range(known("num_parameters", reader.u8("num_parameters"), len(DEFAULTS))):
+        number = known("parameter_id", reader.u8("parameter_id"), len(DEFAULTS) - 1)
         value = [reader.f32("parameter_value") for _ in DEFAULTS[number]]
         require(number > last, "parameter_id does not grow")
         require(value != DEFAULTS[number], f"parameter {number} is the default")

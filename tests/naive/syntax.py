@@ -2,7 +2,7 @@
 
 import struct
 
-from naive.bits import Reader, Unsupported, require
+from naive.bits import Reader, Unsupported, known, require
 from naive.materials import check_appearance, needed_groups, read_channel_group, read_material
 
 HEADER, MATERIALS, FIELD, GEOMETRY, ATTRIBUTE, END, METADATA, SHARP_EDGES, CODED_NORMALS = 0, 1, 2, 3, 4, 5, 128, 129, 130
@@ -21,8 +21,8 @@ def read_header(reader):
     header["num_materials"] = reader.v("num_materials", high=65536)
     header["num_fields"] = reader.v("num_fields", high=256)
     header["num_geometry_units"] = reader.v("num_geometry_units", high=16777216)
-    header["effects"] = reader.u64("effects", 2**19 - 1)
-    header["num_channel_groups"] = reader.u8("num_channel_groups", 1, 23)
+    header["effects"] = known("effects", reader.u64("effects"), 2**19 - 1)
+    header["num_channel_groups"] = known("num_channel_groups", reader.u8("num_channel_groups", 1), 23)
     header["channel_groups"] = [read_channel_group(reader) for _ in range(header["num_channel_groups"])]
     semantics = [semantic for group in header["channel_groups"] for semantic in group["semantics"]]
     require(len(semantics) == len(set(semantics)), "two channels have the same group_semantics")
@@ -40,12 +40,12 @@ def read_materials(reader, header):
 def read_field(reader, expected_index):
     """Clause 5.5."""
     require(reader.v("field_index") == expected_index, "field_index does not count up from 0")
-    field = {"support": reader.u8("support", 0, 1)}
+    field = {"support": known("support", reader.u8("support"), 1)}
     if field["support"] == VOXELS:
         field |= {"resolution": reader.u16("resolution", 1, 8192), "area_threshold": reader.u16("area_threshold")}
     else:
         field |= {name: reader.u16(name, 1, 16384) for name in ("width", "height")}
-        field |= {name: reader.u8(name, 0, 2) for name in ("wrap_s", "wrap_t")}
+        field |= {name: known(name, reader.u8(name), 2) for name in ("wrap_s", "wrap_t")}
         field |= {"uv_fraction_bits": reader.u8("uv_fraction_bits", 0, 8), "resolution": max(field["width"], field["height"])}
     field |= {"num_keys": reader.v("num_keys", 1, 2**28), "keys_crc": reader.u32("keys_crc")}
     require(field["support"] == VOXELS or field["num_keys"] <= field["width"] * field["height"], "num_keys is more than texels")
@@ -109,14 +109,15 @@ def read_raht(reader, unit, header, fields):
     components = header["channel_groups"][unit["group_index"]]["components"]
     depth = unit["depth"]
     unit.update(components=components)
-    unit["colour_transform"] = reader.u8("colour_transform", 0, 1 if components == 3 else 0)
+    unit["colour_transform"] = known("colour_transform", reader.u8("colour_transform"), 1)
+    require(components == 3 or unit["colour_transform"] == 0, "colour_transform without three components")
     unit["qp"] = [reader.u8("qp", 0, 63) for _ in range(components)]
     unit["kernel"] = [reader.u8("kernel") for _ in range(7)]
     require(unit["kernel"][0] >= 1, "kernel[0] is 0")
     unit["colour_range"] = reader.u8("colour_range")
     unit["num_models"] = reader.u8("num_models", 0, 8)
     unit["planar"] = fields[unit["field_index"]]["support"]
-    unit["planar_transform"] = reader.u8("planar_transform", 0, 1) if unit["planar"] > 0 else 0
+    unit["planar_transform"] = known("planar_transform", reader.u8("planar_transform"), 1) if unit["planar"] > 0 else 0
     cross = unit["planar"] > 0 and components > 1
     unit["component_cross"] = reader.u8("component_cross", 0, 16) if cross else 0
     unit["filters"] = [read_filter(reader, components, 5 if unit["planar"] else 3) for _ in range(reader.u8("num_filters", 0, 3))]
@@ -155,7 +156,7 @@ def read_codewords(reader, unit, num_slices):
 
 def read_neural(reader, unit, header):
     """Clause 5.7.4: the elements and Widths; parameters are the numbers that 16 bits form."""
-    unit["form"] = reader.u8("form", 0, 1)
+    unit["form"] = known("form", reader.u8("form"), 1)
     unit["num_features"] = reader.u8("num_features", 2, 64)
     require(unit["num_features"] % 2 == 0, "num_features is odd")
     unit["wave_octaves"] = reader.u8("wave_octaves", 0, 8)
@@ -184,9 +185,10 @@ def read_latent_level(reader, num_fields):
 
 
 def read_metadata(reader):
-    """Clause 5.8; the JSON text is handed on unread."""
-    reader.u8("metadata_format", 0, 0)
-    return reader.rest()
+    """Clause 5.8; the JSON text is handed on unread, None: it is of another format."""
+    known = reader.u8("metadata_format") == 0
+    text = reader.rest()
+    return text if known else None
 
 
 def read_sharp_edges(reader):

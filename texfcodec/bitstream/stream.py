@@ -14,6 +14,7 @@ from ..scene.normal_rule import CODED, rule_of
 from .appearance import check_groups, check_level_shift, check_material, faults_of_appearance, needed_groups
 from .syntax import (
     ATTRIBUTE,
+    METADATA_JSON,
     SIGNATURE,
     SUPPORT_TEXELS,
     UNIT_ATTRIBUTE,
@@ -81,7 +82,8 @@ def write_stream(stream: Stream) -> tuple[bytes, dict[str, int]]:
         if values is not None:
             put(unit_type, write_structure(UNITS[unit_type], values), "geometry")
     if stream.metadata is not None:
-        put(UNIT_METADATA, write_structure(UNITS[UNIT_METADATA], {"metadata_format": 0, "metadata_json": stream.metadata}))
+        values = {"metadata_format": METADATA_JSON, "metadata_json": stream.metadata}
+        put(UNIT_METADATA, write_structure(UNITS[UNIT_METADATA], values))
     put(UNIT_END, b"")
     return bytes(out), sizes
 
@@ -214,7 +216,7 @@ def _check_image(field, limits):
         raise LimitError("TXF-L11", "an image has more texels than the limit allows", clause="5.5", value=texels,
                          allowed=limits.texels)
     if field["num_keys"] > texels:
-        raise StreamError("TXF-S04", "num_keys is out of range", clause="5.5", value=field["num_keys"], allowed=f"0..{texels}")
+        raise StreamError("TXF-S04", "num_keys is out of range", clause="5.5", value=field["num_keys"], allowed=f"1..{texels}")
 
 
 def _check_uv_range(unit):

@@ -20,6 +20,7 @@ MAX_UV_ORIGIN = 1 << 25  # steps
 MAX_KEYS = 1 << 28  # of a field: what 64 bits suffice for (clause 10)
 ANCILLARY = 128  # unit types from here on may be skipped
 UNIT_METADATA, UNIT_SHARP_EDGES, UNIT_CODED_NORMALS = 128, 129, 130
+METADATA_JSON = 0  # metadata_format
 UNIT_NAMES = {
     UNIT_HEADER: "sequence_header",
     UNIT_MATERIALS: "materials",
@@ -36,7 +37,7 @@ MAX_GROUPS = len(CHANNELS)
 
 CHANNEL_GROUP = Structure("channel_group", "5.3.1", (
     E("num_semantics", "u8", 1, 3),
-    E("group_semantics", "u8", 0, len(CHANNELS) - 1, count="num_semantics"),
+    E("group_semantics", "u8", 0, len(CHANNELS) - 1, count="num_semantics", registry=True),
     E("group_components", "u8", 1, 3),
 ))
 
@@ -50,13 +51,13 @@ SEQUENCE_HEADER = Structure("sequence_header", "5.3", (
     E("num_materials", "v", 0, 65536),
     E("num_fields", "v", 0, 256),
     E("num_geometry_units", "v", 0, 1 << 24),
-    E("effects", "u64", 0, (1 << len(EFFECTS)) - 1),
-    E("num_channel_groups", "u8", 1, MAX_GROUPS),
+    E("effects", "u64", 0, (1 << len(EFFECTS)) - 1, registry=True),
+    E("num_channel_groups", "u8", 1, MAX_GROUPS, registry=True),
     E("channel_groups", CHANNEL_GROUP, count="num_channel_groups"),
 ))
 
 PARAMETER = Structure("parameter", "5.4.2", (
-    E("parameter_id", "u8", 0, len(PARAMETERS) - 1),
+    E("parameter_id", "u8", 0, len(PARAMETERS) - 1, registry=True),
     Derived("NumValues", "number of values of parameter parameter_id", lambda v: PARAMETERS[v["parameter_id"]].count),
     E("parameter_value", "f32", count="NumValues"),
 ))
@@ -66,13 +67,13 @@ _LIT = ("(material_flags & 2) == 0", lambda v: not v["material_flags"] & FLAG_UN
 MATERIAL = Structure("material", "5.4.1", (
     E("name_length", "v", 0, 65535),
     E("material_name", "utf8", count="name_length"),
-    E("alpha_mode", "u8", 0, ALPHA_BLEND),
+    E("alpha_mode", "u8", 0, ALPHA_BLEND, registry=True),
     E("alpha_cutoff", "u16", when=("alpha_mode == 1", lambda v: v["alpha_mode"] == ALPHA_MASK)),
-    E("material_flags", "u8", 0, 3),
-    E("normal_rule", "u8", 0, IN_STREAM.code, when=_LIT),
+    E("material_flags", "u8", 0, 3, registry=True),
+    E("normal_rule", "u8", 0, IN_STREAM.code, when=_LIT, registry=True),
     E("normal_angle", "u8", 0, MOST_ANGLE, when=_LIT),
-    E("material_channels", "v", 0, (1 << len(CHANNELS)) - 1),
-    E("num_parameters", "u8", 0, len(PARAMETERS)),
+    E("material_channels", "v", 0, (1 << len(CHANNELS)) - 1, registry=True),
+    E("num_parameters", "u8", 0, len(PARAMETERS), registry=True),
     E("parameters", PARAMETER, count="num_parameters"),
 ))
 
@@ -85,15 +86,15 @@ _QUANTISED = ("Support == 1 and uv_bits > 0", lambda v: v["Support"] == SUPPORT_
 
 FIELD = Structure("field", "5.5", (
     E("field_index", "v", 0),
-    E("support", "u8", 0, 1),
+    E("support", "u8", 0, 1, registry=True),
     E("resolution", "u16", 1, 8192, when=_VOXELS),
     E("area_threshold", "u16", when=_VOXELS),
     E("width", "u16", 1, MAX_SIDE, when=_TEXELS),
     E("height", "u16", 1, MAX_SIDE, when=_TEXELS),
-    E("wrap_s", "u8", 0, 2, when=_TEXELS),
-    E("wrap_t", "u8", 0, 2, when=_TEXELS),
+    E("wrap_s", "u8", 0, 2, when=_TEXELS, registry=True),
+    E("wrap_t", "u8", 0, 2, when=_TEXELS, registry=True),
     E("uv_fraction_bits", "u8", 0, 8, when=_TEXELS),
-    E("num_keys", "v", 0, MAX_KEYS),
+    E("num_keys", "v", 1, MAX_KEYS),
     E("keys_crc", "u32"),
 ))
 
@@ -123,7 +124,7 @@ ATTRIBUTE = Structure("attribute", "5.7", (
 ))
 
 METADATA = Structure("metadata", "5.8", (
-    E("metadata_format", "u8", 0, 0),
+    E("metadata_format", "u8"),
     E("metadata_json", "bytes"),
 ))
 

@@ -8,6 +8,7 @@ from ..core.syntax_walk import Reader, write_v
 from ..errors import LimitError, StreamError, SupportError
 from .syntax import (
     ANCILLARY,
+    METADATA_JSON,
     SIGNATURE,
     UNIT_CODED_NORMALS,
     UNIT_END,
@@ -92,6 +93,13 @@ def check_place(unit: Unit, seen: set[int]) -> None:
         raise StreamError("TXF-S07", f"the {unit.name} unit is out of order", clause="5.2", offset=unit.start)
 
 
+def is_passed_over(data: bytes | memoryview, unit: Unit) -> bool:
+    """Whether a decoder skips a unit: its type or, of metadata, the format is none of this version's (spec 5.2, 5.8)."""
+    if unit.type == UNIT_METADATA and unit.begin < unit.end:
+        return data[unit.begin] != METADATA_JSON
+    return unit.type not in UNITS
+
+
 def check_end(unit: Unit, length: int) -> None:
     """Whether an end unit is empty, and the last of so many bytes of a stream (spec 5.9). Raises StreamError."""
     if unit.end != unit.begin:
@@ -124,4 +132,4 @@ def read_units(data: bytes, max_file_bytes: int | None = None) -> tuple[list[Uni
         if unit.type == UNIT_END:
             check_end(unit, len(data))
             return units, skipped
-        (units if unit.type in UNITS else skipped).append(unit)
+        (skipped if is_passed_over(view, unit) else units).append(unit)

@@ -16,7 +16,7 @@ V_MAX = (1 << 56) - 1
 class Element:
     """One syntax element. low/high: allowed range; count: None for a scalar, else the name of a value (array length);
     when: (text, function of the values) or None; each: for an array of structures, function (values, index) -> variables that
-    item `index` needs."""
+    item `index` needs; registry: a number above the range is one that a later specification may give a meaning (spec 4.3)."""
 
     name: str
     descriptor: str | Structure
@@ -25,6 +25,7 @@ class Element:
     count: str | None = None
     when: tuple[str, Callable[[dict], bool]] | None = None
     each: Callable[[dict, int], dict] | None = None
+    registry: bool = False
 
 
 @dataclass(frozen=True)

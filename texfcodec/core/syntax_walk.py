@@ -3,7 +3,7 @@
 import struct
 from typing import Any
 
-from ..errors import StreamError
+from ..errors import StreamError, SupportError
 from .syntax_table import V_MAX, Derived, Element, Structure
 
 _FIXED = {"u8": "<B", "u16": "<H", "u32": "<I", "i8": "<b", "u64": "<Q", "i32": "<i", "f32": "<f", "f64": "<d"}
@@ -56,8 +56,12 @@ def _count_of(element, values):
 
 
 def check_range(element: Element, value: Any, offset: int | None, clause: str) -> None:
-    """Raises StreamError TXF-S04 when a value is outside its element's range."""
+    """Raises StreamError TXF-S04 where a value is outside its element's range, SupportError TXF-U09 where it is above that of a
+    registry."""
     low, high = element.low, element.high
+    if element.registry and high is not None and value > high:
+        raise SupportError("TXF-U09", f"{element.name} has a meaning that this version does not know", clause=clause,
+                           offset=offset, value=value, allowed=f"<= {high}")
     if (low is not None and not value >= low) or (high is not None and value > high):
         allowed = f"{low}..{'' if high is None else high}"
         raise StreamError("TXF-S04", f"{element.name} is out of range", clause=clause, offset=offset, value=value,

@@ -18,6 +18,7 @@ from ..bitstream.syntax import (
     UNIT_SHARP_EDGES,
     UNITS,
 )
+from ..bitstream.units import is_passed_over
 from ..core.syntax_walk import Reader
 from ..decoder import json_object
 from ..errors import LimitError, StreamError, TexfError
@@ -85,10 +86,11 @@ def _read_unit(view, number, parsed, limits):
     unit, stream = parsed.frames.units[number], parsed.stream
     if number in parsed.frames.out_of_place:
         return
-    if unit.type not in UNITS:
+    if is_passed_over(view, unit):
         told = Oddity("TXF-W01", f"an unknown ancillary unit of {unit.stop - unit.start} bytes is passed over", "5.2",
                       value=unit.type)
         parsed.listing.oddity(told, number)
+        parsed.checked.add(number)
         return
     lists = {UNIT_FIELD: stream.fields, UNIT_GEOMETRY: stream.geometry, UNIT_ATTRIBUTE: stream.attributes}
     held = lists.get(unit.type, [])

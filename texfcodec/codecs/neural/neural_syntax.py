@@ -23,7 +23,7 @@ def _network_widths(values):
 
 
 NEURAL = Structure("neural_parameters", "5.7.4", (
-    E("form", "u8", 0, 1),
+    E("form", "u8", 0, 1, registry=True),
     E("num_features", "u8", 2, 64),
     E("wave_octaves", "u8", 0, 8),
     E("first_wave", "u16", 1, 16384),

@@ -25,12 +25,12 @@ FILTER = Structure("filter_stage", "5.7.3", (
 ))
 
 RAHT = Structure("raht_parameters", "5.7.1", (
-    E("colour_transform", "u8", 0, 1),
+    E("colour_transform", "u8", 0, 1, registry=True),
     E("qp", "u8", 0, 63, count="NumComponents"),
     E("kernel", "u8", count="7"),
     E("colour_range", "u8"),
     E("num_models", "u8", 0, 8),
-    E("planar_transform", "u8", 0, 1, when=("Planar > 0", lambda v: v["Planar"])),
+    E("planar_transform", "u8", 0, 1, when=("Planar > 0", lambda v: v["Planar"]), registry=True),
     E("component_cross", "u8", 0, 16,
       when=("Planar > 0 and NumComponents > 1", lambda v: v["Planar"] and v["NumComponents"] > 1)),
     E("num_filters", "u8", 0, 3),

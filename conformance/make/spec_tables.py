@@ -1,5 +1,5 @@
 """Writes the generated blocks of the documents: the syntax tables of bitstream_spec.md of the package, its tables of channels,
-effects and parameters (channels.py, effects.py), its example, its list of findings and that of docs/guide.md from
+effects and parameters (channels.py, effects.py) and its example, and the list of findings of docs/guide.md from
 texfcodec/findings.py. With --check: exit 7 when they differ."""
 
 import math
@@ -19,7 +19,6 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 SPEC = REPOSITORY / "bitstream_spec.md"
 GUIDE = REPOSITORY / "docs" / "guide.md"
 EXAMPLE = "uncommon/point_triangle"
-OF_STREAMS = ("TXF-S", "TXF-U", "TXF-L", "TXF-W")
 
 
 def _row(element):
@@ -85,17 +84,11 @@ def levels():
     return "\n".join(["| at most | " + " | ".join(f"level {n}" for n in LEVELS) + " |", "|---" * (1 + len(LEVELS)) + "|", *rows])
 
 
-def findings_of_streams():
-    """Markdown table of the codes with which a stream is refused."""
-    head = "| code | class | clause | finding |\n|---|---|---|---|"
-    found = [f for f in FINDINGS if f.code.startswith(OF_STREAMS)]
-    return "\n".join([head, *(f"| {f.code} | {f.family_name} | {', '.join(f.clauses)} | {f.text} |" for f in found)])
-
-
 def all_findings():
-    """Markdown table of all codes, with the exit code of the tools and what to do."""
-    head = "| code | exit | what is wrong | what to do |\n|---|---|---|---|"
-    return "\n".join([head, *(f"| {f.code} | {f.exit_code} | {f.text} | {f.remedy} |" for f in FINDINGS)])
+    """Markdown table of all codes, with the exit code of the tools, clauses of the specification and what to do."""
+    head = "| code | exit | clause | what is wrong | what to do |\n|---|---|---|---|---|"
+    rows = ((f.code, f.exit_code, ", ".join(f.clauses), f.text, f.remedy) for f in FINDINGS)
+    return "\n".join([head, *(f"| {' | '.join(map(str, row))} |" for row in rows)])
 
 
 def with_block(text, mark, block, name):
@@ -113,7 +106,7 @@ def with_tables(text):
         text = with_block(text, f"table: {structure.name}", table_of(structure), SPEC.name)
     stream = (REPOSITORY / "conformance" / EXAMPLE / "in.texf").read_bytes()
     for mark, block in (("channels", channels()), ("effects", effects()), ("parameters", parameters()), ("levels", levels()),
-                        ("findings: stream", findings_of_streams()), ("example", example(stream))):
+                        ("example", example(stream))):
         text = with_block(text, mark, block, SPEC.name)
     return text
 

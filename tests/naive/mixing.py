@@ -56,7 +56,7 @@ class WeightSet:
     def learn(self, s, y, bit):
         error = (65536 * bit - squash(y)) * (16 + 1536 // (16 + self.count))
         for i, at in enumerate([*range(len(s) - 1), -1]):
-            self.weight[at] += (s[i] * error + 2**19) >> 20
+            self.weight[at] = clip(-(2**20), 2**20, self.weight[at] + ((s[i] * error + 2**19) >> 20))
         self.count = min(self.count + 1, 1521)
 
 

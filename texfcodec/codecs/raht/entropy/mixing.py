@@ -20,6 +20,7 @@ Chosen = namedtuple("Chosen", "where sets inputs")
 MAX_MODELS = 8
 LIMIT = 2816  # 11 nats in 1/256
 BIAS = 256
+MAX_WEIGHT = 1 << 20  # 16
 FIRST_WEIGHT = 13107  # 0.2: BD-rate RGB on five clouds -26.5 % with 0.25, -25.4 with 0.35 (slower learning)
 LEAST = 8  # 2**-16: no probability is below
 FAST_SHIFT = 4
@@ -83,6 +84,11 @@ def _refined(model, s, x):
 
 
 @kernel(forceinline=True, allocates=False)
+def _limited(weight):
+    return min(max(weight, -MAX_WEIGHT), MAX_WEIGHT)
+
+
+@kernel(forceinline=True, allocates=False)
 def _learn(model, m, chosen, a, b, bit):
     """Moves weights, contexts and refinement towards the symbol."""
     for half in range(2):
@@ -90,8 +96,8 @@ def _learn(model, m, chosen, a, b, bit):
         uses = model.uses[s]
         error = ((bit << 16) - SQUASH[(a if half == 0 else b) + LIMIT]) * LEARNING[uses]
         for i in range(m):
-            model.weights[s, i] += (chosen.inputs[i] * error + (1 << 19)) >> 20
-        model.weights[s, MAX_MODELS] += (BIAS * error + (1 << 19)) >> 20
+            model.weights[s, i] = _limited(model.weights[s, i] + ((chosen.inputs[i] * error + (1 << 19)) >> 20))
+        model.weights[s, MAX_MODELS] = _limited(model.weights[s, MAX_MODELS] + ((BIAS * error + (1 << 19)) >> 20))
         model.uses[s] = min(uses + 1, MOST_USES)
     for i in range(m):
         _adapt(model.contexts, chosen.where[i], bit, FAST_SHIFT)

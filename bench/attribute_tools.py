@@ -23,7 +23,8 @@ from texfcodec.codecs.raht.tool_choice import EFFORTS
 
 COMPLETE, CHOICE_OFF = "complete set", "kernel choice off"
 CHANGES = {
-    COMPLETE: {}, "mixing off": {"models": 0}, "2 models": {"models": 2}, "4 models": {"models": 4}, "8 models": {"models": 8},
+    COMPLETE: {}, "mixing off": {"models": 0}, "2 models": {"models": 2}, "4 models": {"models": 4}, "6 models": {"models": 6},
+    "8 models": {"models": 8}, "components do not follow": {"component_cross": 0},
     "colour range off": {"colour_range": 0}, "filter off": {"filters": 0}, "filter of 2 stages": {"filters": 2}, CHOICE_OFF: {},
     "no RDO": {"trade_off": 1e-9},
 }

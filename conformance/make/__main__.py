@@ -33,6 +33,7 @@ from conformance.make import texels as vectors_texels  # noqa: E402
 from conformance.make import texels_faulty as vectors_texels_faulty  # noqa: E402
 from conformance.make.claims import Case, unkept  # noqa: E402
 from conformance.make.good import Vector, parsed  # noqa: E402
+from conformance.make.levels import level_checks  # noqa: E402
 from conformance.make.queries import queries_file  # noqa: E402
 from naive import decoder as naive  # noqa: E402
 from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS  # noqa: E402
@@ -81,6 +82,12 @@ The runner compares every array at every listed level of detail; a missing or un
 nothing else. It prints one line a case and exits with 0, or with 7 where a case has failed.
 `tests/conformance/test_conformance.py`
 puts decoders that are wrong on purpose through it.
+
+## Where a decoder goes wrong
+
+`levels` of a case.json has, for every RAHT unit, a CRC-32 for each level, the root first: that of the means (7.2) of its
+nodes, in their order, component by component, 32-bit little endian; those of the last level after the filter (7.7). A decoder
+whose values have another checksum finds the first level that is not right.
 
 ## Points that ask
 
@@ -184,7 +191,9 @@ def case_of(vector):
     if vector.expect:
         return case | {"features": {"bytes": len(vector.data)}, "expect": vector.expect, "code": vector.code}
     refuse_empty_promises(vector)
-    return case | {"features": features(vector), "lods": {str(lod): hashes(vector, lod) for lod in vector.lods}}
+    levels = level_checks(vector.data)
+    return case | {"features": features(vector), "lods": {str(lod): hashes(vector, lod) for lod in vector.lods},
+                   **({"levels": levels} if levels else {})}
 
 
 def refusal(data):

@@ -483,7 +483,7 @@ def _two_alphas(data):
     stream = parsed(data)
     stream.header["channel_groups"][1]["group_components"] = 2
     for unit, number in ((stream.attributes[1], 0), (stream.attributes[3], 1)):
-        unit.update(qp=unit["qp"] * 2, root_mean=unit["root_mean"] * 2)
+        unit.update(qp=unit["qp"] * 2, root_mean=unit["root_mean"] * 2, component_cross=0)
         unit["values_crc"] = zlib.crc32(values_of(unit, decode(data).fields[number].keys))
     return written(stream)
 

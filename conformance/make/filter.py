@@ -99,6 +99,10 @@ def uncommon():
     alpha = [drawn(every(1), 1, 40 + n) for n in range(3)]
     slices = {"slices": SLICES, "models": 6}
     lines = [
+        ("all_tools", "eight models, colour range, components that follow, two filter stages",
+         ("5.7.3", "7.3", "7.4.4", "7.5.5", "7.6.4", "7.7"),
+         filtered(encoded(noise_sheet(), resolution=40, qp=34), {3: three[:2]}, models=8, colour_range=3, component_cross=10),
+         (0, 1)),
         ("filter_fitted_slices", "a filter that the encoder has fitted, with slices", ("5.7.3", "7.2", "7.7"),
          recoded(encoded(noise_sheet(), resolution=40, qp=34), slices=SLICES, models=8, colour_range=3, filters=3), (0, 1)),
         ("filter_classes", "a filter stage of every class and component", ("5.7.3", "7.7"),

@@ -7,18 +7,22 @@ import re
 import sys
 from pathlib import Path
 
-from conformance.make.spec_example import example
-from texfcodec.bitstream.syntax import structures
-from texfcodec.core.syntax_table import Derived, Structure
-from texfcodec.findings import FINDINGS
-from texfcodec.limits import LEVELS
-from texfcodec.scene.channels import BY_NAME, CHANNELS, COLOURS, PARAMETERS
-from texfcodec.scene.effects import EFFECTS
-
 REPOSITORY = Path(__file__).resolve().parents[2]
+sys.path.insert(1, str(REPOSITORY / "tests"))  # of the naive decoder
+
+from conformance.make.constants import constants  # noqa: E402
+from conformance.make.spec_example import example  # noqa: E402
+from conformance.make.worked import worked  # noqa: E402
+from texfcodec.bitstream.syntax import structures  # noqa: E402
+from texfcodec.core.syntax_table import Derived, Structure  # noqa: E402
+from texfcodec.findings import FINDINGS  # noqa: E402
+from texfcodec.limits import LEVELS  # noqa: E402
+from texfcodec.scene.channels import BY_NAME, CHANNELS, COLOURS, PARAMETERS  # noqa: E402
+from texfcodec.scene.effects import EFFECTS  # noqa: E402
+
 SPEC = REPOSITORY / "bitstream_spec.md"
 GUIDE = REPOSITORY / "docs" / "guide.md"
-EXAMPLE = "uncommon/point_triangle"
+EXAMPLE, DIRECT = "uncommon/point_triangle", "uncommon/planar_direct"
 
 
 def _row(element):
@@ -104,9 +108,10 @@ def with_tables(text):
     """The specification with every generated block renewed."""
     for structure in structures():
         text = with_block(text, f"table: {structure.name}", table_of(structure), SPEC.name)
-    stream = (REPOSITORY / "conformance" / EXAMPLE / "in.texf").read_bytes()
+    stream, direct = ((REPOSITORY / "conformance" / name / "in.texf").read_bytes() for name in (EXAMPLE, DIRECT))
     for mark, block in (("channels", channels()), ("effects", effects()), ("parameters", parameters()), ("levels", levels()),
-                        ("example", example(stream))):
+                        ("example", example(stream)), ("decisions: mixed", worked(stream)),
+                        ("decisions: direct", worked(direct)), ("constants", constants())):
         text = with_block(text, mark, block, SPEC.name)
     return text
 

@@ -4,10 +4,10 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from unittest.mock import patch
 
-from naive import attributes, decoder, mixing, neural, planar, residual
+from naive import attributes, decoder, following, mixing, neural, residual
 from naive import filter as wiener
 
-CLIPPING = (attributes, wiener, mixing, neural, planar, residual)
+CLIPPING = (attributes, wiener, following, mixing, neural, residual)
 
 
 @dataclass

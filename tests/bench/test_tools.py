@@ -85,7 +85,8 @@ def test_attribute_tools_prints_a_row_per_change(clouds, tmp_path, capsys):
 
 def test_changes_that_are_none_at_an_effort_have_no_row():
     assert attribute_tools.changes_at("fast") == [
-        "complete set", "2 models", "4 models", "8 models", "filter of 2 stages", "kernel choice off", "no RDO"]
+        "complete set", "2 models", "4 models", "6 models", "8 models", "components do not follow", "filter of 2 stages",
+        "kernel choice off", "no RDO"]
     assert "8 models" not in attribute_tools.changes_at("best") and "kernel choice off" in attribute_tools.changes_at("best")
 
 

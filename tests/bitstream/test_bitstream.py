@@ -246,7 +246,7 @@ def attribute(field, group, components, codewords=((5, (4, 1, 0)),), planar=Fals
     """Values of an attribute unit on a field of resolution 8 without slices."""
     return {"field_index": field, "group_index": group, "codec_id": 0, "level_shift": 0, "values_crc": 7, "colour_transform": 0,
             "qp": [20] * components, "kernel": [9, 0, 1, 2, 3, 4, 5], "colour_range": 5, "num_models": 6,
-            "planar_transform": 1 if planar else None, "component_cross": 11 if planar and components > 1 else None,
+            "planar_transform": 1 if planar else None, "component_cross": 11 if components > 1 else None,
             "num_filters": 1,
             "filters": [{"filter_mask": 0b10010, "filter_coefficients": [-128, 127, 0, 1, -1, 3, *([7, -9, 5, 2] * planar)]}],
             "residual": 128, "residual_cross": [16] * components, "root_mean": [-5] * components, "slice_level": 0,
@@ -345,7 +345,8 @@ def drop(where, index):
     (put("geometry", 1, field_index=2), "TXF-S09"),
     (put("geometry", 1, material_index=2), "TXF-S09"),
     (put("geometry", 1, field_index=0), "TXF-S11"),
-    (put("attributes", 1, group_index=0, qp=[1, 1, 1], root_mean=[0, 0, 0], residual=0, residual_cross=[]), "TXF-S11"),
+    (put("attributes", 1, group_index=0, qp=[1, 1, 1], component_cross=0, root_mean=[0, 0, 0], residual=0,
+         residual_cross=[]), "TXF-S11"),
     (drop("attributes", 3), "TXF-S11"),
     (drop("geometry", 0), "TXF-S11"),
     (put("attributes", 0, kernel=[0, 1, 1, 1, 1, 1, 1]), "TXF-S04"),

@@ -115,7 +115,7 @@ def damaged(count):
     return out
 
 
-CODES = {"decoded", "TXF-S02", "TXF-S04", "TXF-S05", "TXF-S10", "TXF-S30", "TXF-S32", "TXF-S50", "TXF-L04", "TXF-L05",
+CODES = {"decoded", "TXF-U09", "TXF-S02", "TXF-S04", "TXF-S05", "TXF-S10", "TXF-S30", "TXF-S32", "TXF-S50", "TXF-L04", "TXF-L05",
          "TXF-L10"}
 CHECKED = """
 import json, pickle, sys

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 from naive.bits import require
 from naive.filter import filter_stage
+from naive.following import followed
 from naive.mixing import MixedBits, MixedTable, adapted
-from naive.planar import followed
 from naive.residual import with_residuals
 from naive.scales import falloff, step, surrounding_classes
 from naive.voxels import clip

@@ -23,7 +23,7 @@ def filter_stage(means, mask, coefficients, steps, planar):
 
 
 def planar_rings(means, voxel, c, limit):
-    """Clause 7.11.4: the five sums of one component."""
+    """Clause 7.11.3: the five sums of one component."""
     x, y, z = voxel
     ring = [0] * 5
     for dx, dy in product((-2, -1, 0, 1, 2), repeat=2):

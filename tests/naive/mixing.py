@@ -173,7 +173,7 @@ class MixedBits:
         return (self.block.predicted_mean(2 * n + 2, c) - self.block.predicted_mean(2 * n + 1, c)) << half(w)
 
     def alike(self, at):
-        """alike and alikeSigns of clause 7.11.3, or None where the support is not planar."""
+        """alike and alikeSigns of clause 7.11.2, or None where the support is not planar."""
         return alike(self.nodes, self.block.node, at.c, at.n) if self.nodes.unit["planar"] else None
 
     def earlier_sign(self, c, n, component):

@@ -118,8 +118,7 @@ def read_raht(reader, unit, header, fields):
     unit["num_models"] = reader.u8("num_models", 0, 8)
     unit["planar"] = fields[unit["field_index"]]["support"]
     unit["planar_transform"] = known("planar_transform", reader.u8("planar_transform"), 1) if unit["planar"] > 0 else 0
-    cross = unit["planar"] > 0 and components > 1
-    unit["component_cross"] = reader.u8("component_cross", 0, 16) if cross else 0
+    unit["component_cross"] = reader.u8("component_cross", 0, 16) if components > 1 else 0
     unit["filters"] = [read_filter(reader, components, 5 if unit["planar"] else 3) for _ in range(reader.u8("num_filters", 0, 3))]
     unit["residual"] = reader.u8("residual", 0, 128 if depth > 0 else 0)
     unit["residual_cross"] = [reader.u8("residual_cross", 0, 16) for _ in range(components if unit["residual"] > 0 else 0)]

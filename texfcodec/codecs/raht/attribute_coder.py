@@ -30,7 +30,7 @@ from .transform.quantise import step_of
 SLICE_VOXELS = 1 << 19  # encoder's choice: at most so many voxels a slice, and an even number of slices ...
 WHOLE_VOXELS = 1 << 18  # ... but one slice for fewer than this
 MAX_SLICES = 64
-SLICE_NODES = 1 << 10  # encoder's choice: slices start at the first level with this many nodes
+SLICE_NODES = 1 << 16  # encoder's choice: slices start at the first level with so many; fewer cost 1 % (1 << 10), more wait
 FIRST_ROOM = 64  # bytes of a level buffer beside one per coefficient; no level starts with less
 
 
@@ -38,7 +38,8 @@ FIRST_ROOM = 64  # bytes of a level buffer beside one per coefficient; no level 
 class Tools:
     """What the attribute coder may use. kernel, colour_range: prediction (clause 7.3); models: 0 for direct contexts, else how
     many are mixed (7.5.5), at most 8; filters: stages of the filter (7.7), at most 3; trade_off: squared steps that are worth a
-    bit. planar: whether z = 0 for all voxels; planar_transform, component_cross: 0..1, 0..16, 0 where it is not (7.11)."""
+    bit. component_cross: 0..16, how far components follow the first (7.4.4). planar: whether z = 0 for all voxels;
+    planar_transform: 0 or 1, 0 where it is not (7.11)."""
 
     kernel: tuple = DEFAULT_KERNEL
     colour_range: int = 0
@@ -197,7 +198,7 @@ class _SliceEncoder:
         return b"".join([*self.chunks, finish(self.state, out)]).rstrip(b"\0")
 
 
-def _planar_rules(tools, components):
+def _block_rules(tools, components):
     """planar, rotated and cross of Rules from Tools or CodedAttributes."""
     return tools.planar, tools.planar_transform, tools.component_cross if components > 1 else 0
 
@@ -231,7 +232,7 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
                 coders = [trunk, *active]
             blocks, wanted = walk.blocks(d), Wanted(originals[d + 1], 256 * lagrangian, _bits_of())
             rules = Rules(_level_class(levels, d), tools.models, steps, (1 << 32) // steps, weights, colour_inverse,
-                          *_planar_rules(tools, len(qp)))
+                          *_block_rules(tools, len(qp)))
             children = levels[d].first_child
             assert children is not None  # only the last level has none
             walk.run([partial(coder.code, int(children[end] - children[begin]) * len(qp), rules, blocks, wanted, begin, end)
@@ -254,7 +255,7 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
     codewords = [coder.codeword() for coder in coders] if depth else []
     level_bytes = [coder.level_bytes for coder in coders] if depth else []
     coded = CodedAttributes(list(qp), list(tools.kernel), tools.colour_range, tools.models, filters, root, slice_level,
-                            slice_first, codewords, level_bytes, residual, cross, *_planar_rules(tools, len(qp)))
+                            slice_first, codewords, level_bytes, residual, cross, *_block_rules(tools, len(qp)))
     return coded, made
 
 
@@ -290,7 +291,7 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
                 first = 1
             blocks = walk.blocks(d)
             rules = Rules(_level_class(levels, d), coded.models, steps, (1 << 32) // steps, weights, colour_inverse,
-                          *_planar_rules(coded, len(steps)))
+                          *_block_rules(coded, len(steps)))
             walk.run([partial(dec_level, coder, model, rules, blocks, new_scratch(len(steps)), begin, end)
                       for (coder, model), (begin, end) in zip(active, ranges, strict=True)])
             walk.descend(d, blocks, ranges)

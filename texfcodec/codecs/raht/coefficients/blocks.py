@@ -11,8 +11,9 @@ from ..entropy.mixing import new_chosen
 from ..transform.prediction import _predict, new_around
 from ..transform.quantise import MAX_MEAN
 from ..transform.raht import SPLITS, _forward, _inverse, _is_square, _rotate, _tree_weights, _weighted_mean
+from .following import _follow
 from .mixed_contexts import FEATURES
-from .planar import _follow, _keep
+from .planar import _keep
 
 ENERGY_SCALE = 16
 # A transform keeps power: below this, in squared steps, no coefficient rounds to 1 (0.25, less what the gain's rounding is worth)

@@ -30,7 +30,7 @@ MORE_SIZES = (3 * _I * CLASSES * 3, 3 * _I * FINE * LEVELS, 3 * 4 * FINE * FINE,
 SIGN_SIZES = (3 * 2 * FINE * LEVELS, 3 * 3 * 3, 3 * 7 * 3 * 2, 3 * 3 * 3 * 2 * FINE)
 SIGN_MODELS = len(SIGN_SIZES)
 QUIET_SIZE = 4 * LEVELS * 8 * 2
-# Of the models that are others in planar supports (7.11.3)
+# Of the models that are others in planar supports (7.11.2)
 ALIKE_SIZES = (3 * 7 * ALIKE * 3, 3 * _I * 3 * ALIKE, 3 * 7 * ALIKE_SIGNS * 3)
 _BASES = np.cumsum([0, *FLAG_SIZES, *ZERO_SIZES, *MORE_SIZES, *SIGN_SIZES, QUIET_SIZE, *ALIKE_SIZES])
 FLAG, ZERO, MORE, SIGN, QUIET = _BASES[:8], _BASES[8:16], _BASES[16:24], _BASES[24:28], int(_BASES[28])

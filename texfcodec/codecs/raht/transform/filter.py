@@ -18,7 +18,7 @@ from .quantise import MAX_MEAN
 
 CLASSES = 5
 RINGS = 3
-PLANAR_TAPS = 5  # faces and edges, the texels two away, faces and edges limited (7.11.4)
+PLANAR_TAPS = 5  # faces and edges, the texels two away, faces and edges limited (7.11.3)
 RING_SIZES = np.array((6, 12, 8))
 _OFFSETS = [(abs(x) + abs(y) + abs(z), 16 * x + 4 * y + z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]
 RING_CELLS = np.array([([cell for away, cell in _OFFSETS if away == r] + 12 * [0])[:12] for r in (1, 2, 3)])

@@ -1,0 +1,46 @@
+"""Components that follow the first (spec clause 7.4.4): what component 0 has told about a block moves what is predicted of the
+others, as they move with it around the block."""
+
+import numpy as np
+
+from ....core.kernel import kernel
+from ..transform.octree import CELLS, NEIGHBOURS
+from ..transform.quantise import MAX_MEAN
+from ..transform.raht import _inverse
+
+LEAST_SPREAD = 2  # a spread of so many quarter steps squared, log2, draws the factor to 0
+CROSS_FRACTION = 8
+MAX_FACTOR = 512  # 2 with CROSS_FRACTION bits
+
+
+@kernel(forceinline=True, allocates=False)
+def _add_products(means, node, parent_mean, p, products):
+    """Adds to products int64 [C] the products of a node's differences to parent p, each with that of component 0: 82 of them
+    at most, each < 2**46."""
+    lead = np.int64(means[node, 0]) - parent_mean[p, 0]
+    for c in range(products.shape[0]):
+        products[c] += lead * (np.int64(means[node, c]) - parent_mean[p, c])
+
+
+@kernel(forceinline=True, allocates=False)
+def _follow(p, first, rules, blocks, s):
+    """Moves the predictions of components 1.. of block p with the coefficients of component 0, by the slope that they have over
+    its surroundings (spec 7.4.4). The numerator of a factor is < 2**53 * 2**8, the details < 2**25."""
+    mean, child_mean, table, tree, products = blocks.means.parent, blocks.means.child, blocks.nodes.table, s.tree, s.products
+    products[:] = 0
+    for i in range(NEIGHBOURS):
+        q = np.int64(table[p, i])
+        if q >= 0 and (q < first or q > p):
+            _add_products(mean, q, mean, p, products)
+    for i in range(CELLS):
+        q = s.around.cells[i]
+        if q >= 0:
+            _add_products(child_mean, q, mean, p, products)
+    spread = products[0] + ((rules.steps[0] * rules.steps[0]) >> LEAST_SPREAD)
+    _inverse(tree, s.q, 0, np.int64(0), rules.steps[0], s.values, rules.rotated)
+    for c in range(1, products.shape[0]):
+        factor = min(max((products[c] * rules.cross << 4) // spread, -MAX_FACTOR), MAX_FACTOR)
+        for octant in range(8):
+            if tree[7 + octant]:
+                v = s.predicted[octant, c] + ((factor * s.values[7 + octant, 0] + (1 << (CROSS_FRACTION - 1))) >> CROSS_FRACTION)
+                s.predicted[octant, c] = min(max(v, -MAX_MEAN), MAX_MEAN)

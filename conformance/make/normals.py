@@ -65,10 +65,10 @@ def ring(**choices):
     return encoded(scene_of(*torus(12, 6), [Material("skin")]), resolution=12, qp=46, **choices)
 
 
-def crumpled():
+def crumpled(seed=5):
     """A torus with other positions, so that faces fold at all angles."""
     positions, faces, colours = torus(16, 8)
-    moved = positions + np.random.default_rng(5).normal(0, 0.08, positions.shape)
+    moved = positions + np.random.default_rng(seed).normal(0, 0.08, positions.shape)
     return encoded(scene_of(moved, faces, colours), resolution=12, qp=46)
 
 
@@ -93,6 +93,9 @@ def uncommon():
         ("normals_marks", "marks of sharp edges", ("5.10", "8.4.2"), marked(ring(), [(MARKED_BY_BOTH, 180)])),
         ("normals_marks_noise", "marks of sharp edges, many classes of folds", ("5.10", "8.4.2"),
          marked(crumpled(), [(MARKED_BY_AREA, 90)], 0.5, 1)),
+        # One of its folds has another class where negative components are shifted towards 0.
+        ("normals_marks_shift", "many classes of folds, marks of sharp edges", ("8.4.2",),
+         marked(crumpled(21), [(MARKED_BY_AREA, 90)], 0.5, 10)),
         ("normals_marks_ribbon", "a ribbon, marks of sharp edges", ("8.4.2",),
          marked(encoded(scene_of(*ribbon()), resolution=20, qp=46), [(7, 120)], 0.1, 2)),
         ("normals_marks_one", "five materials in one field, marks at one of the materials", ("5.10", "8.4.2"),

@@ -27,11 +27,19 @@ def sheet_of_texels(alpha=False):
     return stream_of_parts([Image(image)], [ring(size)], alpha=alpha, qp=34)
 
 
+def islands():
+    """A stream over texels in which every face shows a few texels of its own, one or two away from those of the next face."""
+    size, patch = (48, 32), ring((48, 32))
+    middle = patch.uv.mean(axis=1, keepdims=True)
+    patch.uv = np.floor(middle + 0.35 * (patch.uv - middle) + 0.5).astype(np.int64)
+    return stream_of_parts([Image(picture(*size, noise=30))], [patch], qp=30)
+
+
 def uncommon():
     """Vectors of each tool."""
     data = sheet_of_texels()
     noise = np.random.default_rng(81).bytes(600)
-    stages = {3: [drawn_stage(80 + n) for n in range(2)]}
+    stages, stages_of_islands = ({3: [drawn_stage(seed + n) for n in range(2)]} for seed in (80, 84))
     lines = [
         ("planar_plain", "a planar support, eight models, no rotated splits, no components that follow", ("7.11", "7.11.2"),
          recoded(data, models=8)),
@@ -44,6 +52,8 @@ def uncommon():
          recoded(data, models=6, plain=True, component_cross=1)),
         ("planar_slices", "a planar support, slices with the level index", ("7.2", "7.11", "7.11.2"),
          recoded(data, models=8, slices=SLICES, index=True, **ALL)),
+        ("planar_islands", "a planar support, texels that no face asks, components that follow",
+         ("5.7.3", "7.4.4", "7.11.3"), filtered(islands(), stages_of_islands, models=8, **ALL)),
         ("planar_filter", "two filter stages of five taps, with slices", ("5.7.3", "7.11.3"),
          filtered(data, stages, slices=SLICES, models=6, **ALL)),
         ("planar_lossless", "a planar support, lossless", ("7.9", "7.11"), recoded(data, models=6, max_error=0, **ALL)),

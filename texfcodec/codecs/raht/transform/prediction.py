@@ -16,8 +16,8 @@ from .octree import CELLS, NEIGHBOURS, _cells
 
 KERNEL_SIZE = 7
 # From smooth photographs to flat colours with sharp edges. BD-rate RGB against G-PCC over QP 28 and 40 on basket, scissors, cat,
-# Mars, water bottle, before the tools of today and with 1 in the place of the second's 4: smoothest -1, -13, -10, -10, +22 %; second
-# -1, -16, -8, -9, +11 %; third +11, -9, +3, +1, 0 %; sharpest +57, +29, +38, +31, -21 %.
+# Mars, water bottle, before the tools of today and with 1 for the second's 4: smoothest -1, -13, -10, -10, +22 %; second -1,
+# -16, -8, -9, +11 %; third +11, -9, +3, +1, 0 %; sharpest +57, +29, +38, +31, -21 %.
 KERNELS = ((64, 32, 4, 1, 48, 16, 4), (64, 24, 4, 0, 32, 8, 0), (64, 12, 0, 0, 16, 4, 0), (64, 2, 0, 0, 4, 0, 0))
 DEFAULT_KERNEL = KERNELS[1]
 FALLOFF = np.array((64, 64, 63, 62, 60, 58, 56, 53, 50, 47, 43, 40, 36, 33, 30, 27, 24, 21, 18, 16, 13, 11, 10, 8, 7, 6, 5, 4, 3,

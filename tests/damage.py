@@ -11,6 +11,7 @@ from texfcodec.api import decode
 from texfcodec.bitstream.stream import read_stream
 from texfcodec.bitstream.syntax import UNIT_END
 from texfcodec.bitstream.units import read_units, write_unit
+from texfcodec.codecs import plane_codec_of_unit
 from texfcodec.decoder import _decode_plane
 from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import LimitError, StreamError, SupportError, TexfError
@@ -73,7 +74,7 @@ def attribute_ending(data, keys):
     """"decoded" or the code that the attribute units end in. The voxels are given, so that their kernels need not be compiled."""
     try:
         for unit in read_stream(data, Limits()).attributes:
-            plane = _decode_plane(unit, VoxelSupport(1 << unit["Depth"], keys), 0, ONE_THREAD)
+            plane = _decode_plane(plane_codec_of_unit(unit), unit, VoxelSupport(1 << unit["Depth"], keys), 0, ONE_THREAD)
             assert plane.shape == (len(keys), len(unit["qp"])) and zlib.crc32(plane) == unit["values_crc"]
     except TexfError as error:
         assert isinstance(error, (StreamError, SupportError)) and str(error)

@@ -78,7 +78,7 @@ def test_attribute_tools_prints_a_row_per_change(clouds, tmp_path, capsys):
     head, rule, *rows = (tmp_path / "table.md").read_text().splitlines()
     assert head.count("|") == rule.count("|") == 6
     cells = {row.split(" | ")[0].strip("| "): row.strip("| ").split(" | ")[1:] for row in rows}
-    assert list(cells) == list(attribute_tools.CHANGES) and all(len(c) == 4 for c in cells.values())
+    assert list(cells) == attribute_tools.changes_at("balanced") and all(len(c) == 4 for c in cells.values())
     assert cells["complete set"][:2] == ["0", "0"] and all(float(s) >= 0 for c in cells.values() for s in c[2:])
     assert float(cells["mixing off"][0]) > 0 and float(cells["no RDO"][0]) > 0
 

@@ -45,7 +45,7 @@ from texfcodec.options import EncodeOptions
 UNIT = 4096  # one grey level in fixed point
 TOP = (1 << 22) - 1  # the largest probability of a context
 ENDS = (-MAX_MEAN, -1, 0, 1, 65535, 255 * UNIT, MAX_MEAN)
-CODES = {"decoded", "TXF-U02", *(f"TXF-S{n:02d}" for n in (2, 4, 5, 8, 9, 10, 11, 12, 32))}  # of an attribute unit
+CODES = {"decoded", "TXF-U02", "TXF-U09", *(f"TXF-S{n:02d}" for n in (2, 4, 5, 8, 9, 10, 11, 12, 32))}  # of an attribute unit
 
 
 # Mixed bits

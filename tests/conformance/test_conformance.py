@@ -97,13 +97,14 @@ NO_LINES = TEXELS + "area = lambda a, b, c: (b[0] - a[0]) * (c[1] - a[1]) - (b[1
 ROUNDED_DOWN = "import math; decoder.whole_number = lambda v, bits, most: math.floor(v)"
 NO_ORIGIN = "whole = decoder.decode_uv; " + (
     "decoder.decode_uv = lambda unit, numbers: whole({**unit, 'uv_origin': [-7 * 16, 0]}, numbers)")
-PLANAR = "from naive import attributes, mixing, planar, filter as wiener; "
+PLANAR = "from naive import attributes, following, mixing, planar, filter as wiener; "
 NOT_ROTATED = PLANAR + "attributes.LevelDecoder.is_rotated = lambda *_: False"
 NOT_FOLLOWED = PLANAR + "attributes.followed = lambda *_: None"
 CONTEXTS_OF_VOXELS = PLANAR + "mixing.alike = lambda *_: None"
 WITHOUT_CORNERS = PLANAR + "planar.CORNERS = ()"
 UNLIMITED_RINGS = PLANAR + "rings = wiener.planar_rings; wiener.planar_rings = lambda m, v, c, _: rings(m, v, c, 1 << 30)"
-UNLIMITED_FACTORS = PLANAR + "cut = planar.clip; planar.clip = lambda low, high, v: v if high == 512 else cut(low, high, v)"
+UNLIMITED_FACTORS = PLANAR + (
+    "cut = following.clip; following.clip = lambda low, high, v: v if high == 512 else cut(low, high, v)")
 MIRRORED = """
 import struct
 for unit in (texf := decoder.decode(stream, lod))["units"]:

@@ -83,12 +83,11 @@ def read_attribute(reader, header, fields):
         "group_index": reader.u8("group_index", 0, header["num_channel_groups"] - 1),
         "codec_id": reader.u8("codec_id"),
     }
-    if unit["codec_id"] >= PRIVATE:
-        raise Unsupported(f"the private codec {reader.utf8(reader.u8('codec_name_length', 1), 'codec_name')}")
+    private = reader.utf8(reader.u8("codec_name_length", 1), "codec_name") if unit["codec_id"] >= PRIVATE else ""
     unit["level_shift"] = reader.u8("level_shift", 0, 13)
     unit["values_crc"] = reader.u32("values_crc")
     if unit["codec_id"] > CONSTANT:
-        raise Unsupported(f"attribute codec {unit['codec_id']}")
+        raise Unsupported(f"attribute codec {unit['codec_id']} {private}")
     group, resolution = header["channel_groups"][unit["group_index"]], fields[unit["field_index"]]["resolution"]
     most = 0 if unit["codec_id"] == NEURAL or {0, 1} & set(group["semantics"]) else (resolution - 1).bit_length()
     require(unit["level_shift"] <= most, f"level_shift is {unit['level_shift']}, at most {most}")

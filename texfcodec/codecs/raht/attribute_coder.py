@@ -30,8 +30,7 @@ from .transform.quantise import step_of
 SLICE_VOXELS = 1 << 19  # encoder's choice: at most so many voxels a slice, and an even number of slices ...
 WHOLE_VOXELS = 1 << 18  # ... but one slice for fewer than this
 MAX_SLICES = 64
-# Encoder's choice: slices start at the first level with so many nodes. With 1 << 10 streams take 1 % more, and two threads
-# decode 1.6 times as fast as one, not 1.4 times.
+# Encoder's choice: slices start at the first level with so many nodes. With 1 << 10 streams take 1 % more.
 SLICE_NODES = 1 << 16
 FIRST_ROOM = 64  # bytes of a level buffer beside one per coefficient; no level starts with less
 

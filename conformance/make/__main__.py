@@ -13,36 +13,33 @@ import shutil
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[1:1] = [str(ROOT), str(ROOT / "conformance"), str(ROOT / "tests")]
+from decode_texfcodec import arrays
 
-from decode_texfcodec import arrays  # noqa: E402
+from conformance.make import borders as vectors_borders
+from conformance.make import constant as vectors_constant
+from conformance.make import faulty as vectors_faulty
+from conformance.make import filter as vectors_filter
+from conformance.make import good as vectors_good
+from conformance.make import materials as vectors_materials
+from conformance.make import materials_faulty as vectors_materials_faulty
+from conformance.make import neural as vectors_neural
+from conformance.make import normals as vectors_normals
+from conformance.make import planar as vectors_planar
+from conformance.make import rules as vectors_rules
+from conformance.make import texels as vectors_texels
+from conformance.make import texels_faulty as vectors_texels_faulty
+from conformance.make.claims import Case, unkept
+from conformance.make.good import Vector, parsed
+from conformance.make.levels import level_checks
+from conformance.make.queries import queries_file
+from naive import decoder as naive
+from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS
+from texfcodec.errors import TexfError
+from texfcodec.scene.channels import CHANNELS
+from texfcodec.scene.effects import in_words
+from texfcodec.scene.scene import WRAP_NAMES
 
-from conformance.make import borders as vectors_borders  # noqa: E402
-from conformance.make import constant as vectors_constant  # noqa: E402
-from conformance.make import faulty as vectors_faulty  # noqa: E402
-from conformance.make import filter as vectors_filter  # noqa: E402
-from conformance.make import good as vectors_good  # noqa: E402
-from conformance.make import materials as vectors_materials  # noqa: E402
-from conformance.make import materials_faulty as vectors_materials_faulty  # noqa: E402
-from conformance.make import neural as vectors_neural  # noqa: E402
-from conformance.make import normals as vectors_normals  # noqa: E402
-from conformance.make import planar as vectors_planar  # noqa: E402
-from conformance.make import rules as vectors_rules  # noqa: E402
-from conformance.make import texels as vectors_texels  # noqa: E402
-from conformance.make import texels_faulty as vectors_texels_faulty  # noqa: E402
-from conformance.make.claims import Case, unkept  # noqa: E402
-from conformance.make.good import Vector, parsed  # noqa: E402
-from conformance.make.levels import level_checks  # noqa: E402
-from conformance.make.queries import queries_file  # noqa: E402
-from naive import decoder as naive  # noqa: E402
-from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS  # noqa: E402
-from texfcodec.errors import TexfError  # noqa: E402
-from texfcodec.scene.channels import CHANNELS  # noqa: E402
-from texfcodec.scene.effects import in_words  # noqa: E402
-from texfcodec.scene.scene import WRAP_NAMES  # noqa: E402
-
-HOME = ROOT / "conformance"
+HOME = Path(__file__).resolve().parents[1]
 LARGEST = 1 << 16
 # Makers of vectors, in the order of README.md.
 GOOD = ("subset", (vectors_good, vectors_constant, vectors_neural, vectors_texels, vectors_materials))

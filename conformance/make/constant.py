@@ -4,7 +4,7 @@ import zlib
 
 import numpy as np
 
-from conformance.make.faulty import A, as_faulty, with_element, with_units, with_values
+from conformance.make.faulty import A, as_faulty, spliced, with_element, with_units, with_values
 from conformance.make.good import (
     Vector,
     encoded,
@@ -112,6 +112,8 @@ def faulty():
         ("codec_name_not_utf8", "a private codec's name that is not UTF-8", "4.3", strange(b"\xc0\xaf"), "TXF-S06"),
         ("codec_name_too_long", "a private codec's name that goes past its unit", "5.7", strange(b"long", 255), "TXF-S02"),
     ]
+    lines.append(("private_codec_level_shift", "level_shift 14 of a private codec", "9.2", spliced(strange(b"x"), A, 5, b"\x0e"),
+                  "TXF-S04"))
     unknown = [
         ("private_codec", "a private codec that nobody has", "5.7", strange("nobody's, ü".encode()), "TXF-U07"),
         ("private_codec_letter", "a private codec whose name is one letter", "5.7", strange(b"x"), "TXF-U07"),

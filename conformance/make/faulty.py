@@ -340,6 +340,7 @@ def fields_and_geometry():
         ("area_threshold", "another area_threshold than the voxels were kept by", "6.4",
          with_element(simple, F, "area_threshold", b"\xff\xff"), "TXF-S30"),
         ("num_keys_over", "2^28 + 1 voxels", "5.5", with_element(simple, F, "num_keys", write_v((1 << 28) + 1)), "TXF-S04"),
+        ("num_keys_0", "num_keys is 0 over voxels", "5.5", with_element(simple, F, "num_keys", b"\0"), "TXF-S04"),
         ("num_keys", "num_keys is one too many", "6.4", with_element(simple, F, "num_keys", write_v(voxels + 1)),
          "TXF-S30"),
         ("keys_crc", "a wrong keys_crc", "6.4", with_element(simple, F, "keys_crc", b"\1\2\3\4"), "TXF-S30"),

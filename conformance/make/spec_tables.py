@@ -7,19 +7,17 @@ import re
 import sys
 from pathlib import Path
 
+from conformance.make.constants import constants
+from conformance.make.spec_example import example
+from conformance.make.worked import worked
+from texfcodec.bitstream.syntax import structures
+from texfcodec.core.syntax_table import Derived, Structure
+from texfcodec.findings import FINDINGS
+from texfcodec.limits import LEVELS
+from texfcodec.scene.channels import BY_NAME, CHANNELS, COLOURS, PARAMETERS
+from texfcodec.scene.effects import EFFECTS
+
 REPOSITORY = Path(__file__).resolve().parents[2]
-sys.path.insert(1, str(REPOSITORY / "tests"))  # of the naive decoder
-
-from conformance.make.constants import constants  # noqa: E402
-from conformance.make.spec_example import example  # noqa: E402
-from conformance.make.worked import worked  # noqa: E402
-from texfcodec.bitstream.syntax import structures  # noqa: E402
-from texfcodec.core.syntax_table import Derived, Structure  # noqa: E402
-from texfcodec.findings import FINDINGS  # noqa: E402
-from texfcodec.limits import LEVELS  # noqa: E402
-from texfcodec.scene.channels import BY_NAME, CHANNELS, COLOURS, PARAMETERS  # noqa: E402
-from texfcodec.scene.effects import EFFECTS  # noqa: E402
-
 SPEC = REPOSITORY / "bitstream_spec.md"
 GUIDE = REPOSITORY / "docs" / "guide.md"
 EXAMPLE, DIRECT = "uncommon/point_triangle", "uncommon/planar_direct"

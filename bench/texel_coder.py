@@ -29,7 +29,7 @@ from texfcodec.codecs.raht.attribute_coder import dec_attributes, enc_attributes
 from texfcodec.codecs.raht.coefficients.residual import ResidualPlan
 from texfcodec.codecs.raht.raht_syntax import RAHT
 from texfcodec.codecs.raht.raht_values import coded_of, raht_values
-from texfcodec.codecs.raht.tool_choice import CHROMA_OFFSETS, EFFORTS, choose_base_qp, choose_tools
+from texfcodec.codecs.raht.tool_choice import CHROMA_OFFSETS, EFFORTS, choose_base, choose_tools
 from texfcodec.codecs.raht.transform.colour import forward_colour, inverse_colour
 from texfcodec.core.colour_error import psnr_3d
 from texfcodec.core.kernel import kernel
@@ -45,10 +45,11 @@ CHROMA_OFFSET = CHROMA_OFFSETS[True]  # the encoder's own
 QPS = "22,28,34,40"
 AVIF_QUALITIES = (5, 10, 20, 30, 40, 50, 60, 70, 80, 88, 94)
 MEASURES = ("psnr_y", "psnr_rgb")
-AS_VOXELS = {"planar": 0, "planar_transform": 0, "component_cross": 0, "trade_off": EFFORTS["best"].trade_off}
+AS_VOXELS = {"planar": 0, "planar_transform": 0, "component_cross": 0, "dct_blocks": 0, "trade_off": EFFORTS["best"].trade_off}
 COMPLETE = "complete set"
 CHANGES = {
-    COMPLETE: {}, "planar transform off": {"planar_transform": 0}, "components do not follow": {"component_cross": 0},
+    COMPLETE: {}, "planar transform off": {"planar_transform": 0}, "DCT blocks off": {"dct_blocks": 0},
+    "components do not follow": {"component_cross": 0},
     "lambda of voxels": {"trade_off": AS_VOXELS["trade_off"]}, "all of them off, contexts too": AS_VOXELS,
     "filter off": {"filters": 0}, "colour range off": {"colour_range": 0}, "direct contexts": {"models": 0},
 }
@@ -190,8 +191,8 @@ def lossless_bytes(texels, effort):
     """Bytes: [ours, PNG, PNG with unused texels black, WebP, WebP with unused texels black]."""
     keys, rgb = texels.texels()
     field, plan = (keys, octree_depth(texels.size), forward_colour(rgb)), ResidualPlan(0, rgb, inverse_colour)
-    qp = choose_base_qp(*field, qps_of, plan, effort, 2, True)
-    coded, made = enc_attributes(*field, qp, choose_tools(*field, qp, effort, 2, True), 2, plan)
+    qp, dct_blocks = choose_base(*field, qps_of, plan, effort, 2, True)
+    coded, made = enc_attributes(*field, qp, choose_tools(*field, qp, effort, 2, True, dct_blocks), 2, plan)
     if not np.array_equal(made, rgb):
         raise SystemExit("the texels do not come back exactly")
     row = [unit_bytes(coded, texels.size)]

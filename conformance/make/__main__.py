@@ -36,7 +36,6 @@ from naive import decoder as naive
 from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS
 from texfcodec.errors import TexfError
 from texfcodec.scene.channels import CHANNELS
-from texfcodec.scene.effects import in_words
 from texfcodec.scene.scene import WRAP_NAMES
 
 HOME = Path(__file__).resolve().parents[1]
@@ -122,10 +121,9 @@ def features(vector):
     header, fields, attributes = stream.header, stream.fields, stream.attributes
     grids = [f for f in fields if f["support"] == SUPPORT_VOXELS]
     return {
-        "bytes": len(vector.data), "position_bits": header["position_bits"], "faces": header["num_faces"],
+        "bytes": len(vector.data), "position_bits": header["position_bits"], "faces": stream.faces,
         "materials": header["num_materials"], "geometry_units": header["num_geometry_units"],
         "channel_groups": [" + ".join(CHANNELS[n].name for n in g["group_semantics"]) for g in header["channel_groups"]],
-        "effects": in_words(header["effects"]),
         "resolution": [f["resolution"] for f in grids], "voxels": [f["num_keys"] for f in grids],
         "area_threshold": [f["area_threshold"] for f in grids],
         **(texel_features(stream) if len(grids) < len(fields) else {}),

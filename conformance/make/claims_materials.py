@@ -5,7 +5,7 @@ import numpy as np
 from texfcodec.bitstream.appearance import material_of
 from texfcodec.bitstream.syntax import SUPPORT_TEXELS
 from texfcodec.scene.channels import BY_NAME, CHANNELS, LARGEST, MAPS, PARAMETERS
-from texfcodec.scene.effects import EFFECTS, in_words
+from texfcodec.scene.effects import EFFECTS, effects_mask
 
 NORMALS = {"texels": "normal", "voxels": "normal_object"}
 
@@ -47,12 +47,6 @@ def has_neighbours_of_defaults(case):
                for at in range(p.count) for by in (1, -1))
 
 
-def has_some_maps(case):
-    """One double-sided material, some but not all of the maps there are, parameters of no other numbers."""
-    (material,) = materials_of(case)
-    return material.double_sided and 0 < len(material.maps) < len(MAPS) and {*numbers_of(case)} == {0.0, 0.5}
-
-
 def is_shifted(case, levels):
     """A plane is so many levels coarser than its field, and has as many values as there are cells."""
     units = [u for u in case.stream.attributes if u["level_shift"] == levels]
@@ -78,7 +72,7 @@ def is_grey(case, name):
 # Phrase (all of it, case ignored) -> predicate of the Case of vectors_claims.py and the phrase's groups.
 MATERIALS = {
     r"maps of occlusion, roughness and metallic": lambda c: {"occlusion", "roughness", "metallic"} == {
-        name for m in materials_of(c) for name in m.maps} and c.header["effects"] & 1 << 6,
+        name for m in materials_of(c) for name in m.maps} and effects_mask(materials_of(c)) & 1 << 6,
     r"every channel that (texels|voxels) may have": has_every_channel,
     r"a group of ([a-z_+ ]+)": lambda c, names: names in groups_of(c),
     r"groups of ([a-z_+ ]+) and of ([a-z_+ ]+)": lambda c, one, other: {one, other} < {*groups_of(c)},
@@ -97,11 +91,10 @@ MATERIALS = {
         c.semantics[u["group_index"]] < 2 for u in c.constant),
     r"every parameter": lambda c: any(m.parameters.keys() == {p.name for p in PARAMETERS} for m in materials_of(c)),
     r"parameters one more and one less than their defaults": has_neighbours_of_defaults,
-    r"a double-sided material with some maps and parameters of 0 and 0.5": has_some_maps,
     r"a material with ([a-z_]+) alone": lambda c, name: [{*m.parameters} for m in materials_of(c)] == [{name}],
     r"the largest and the least number of binary32": lambda c: {LARGEST, -LARGEST, 2.0**-149} <= {*numbers_of(c)},
-    r"every effect": lambda c: len(in_words(c.header["effects"])) == len(EFFECTS),
-    r"no effect": lambda c: c.header["effects"] == 0,
+    r"every effect": lambda c: effects_mask(materials_of(c)) + 1 == 1 << len(EFFECTS),
+    r"no effect": lambda c: effects_mask(materials_of(c)) == 0,
     r"an unlit material with maps": lambda c: any(m.unlit and m.maps for m in c.texf.materials),
     r"nine outputs": lambda c: c.neural["NumOutputs"] == 9,
 }

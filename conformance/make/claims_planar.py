@@ -1,6 +1,8 @@
 """What titles and clauses of good conformance vectors promise of planar supports (7.11) and of components that follow (7.4.4);
 vectors_claims.py reads them."""
 
+import numpy as np
+
 from conformance.make.good import values_of
 
 BOUND = 512  # of a factor of clause 7.4.4
@@ -18,6 +20,17 @@ def heard(case, **off):
     return bool(units) and all(values(unit | off) != values(unit) for unit in units)
 
 
+def squares(case):
+    """Whether nodes three levels above the texels have all their texels, as a set."""
+    keys = [np.unique(case.texf.fields[unit["field_index"]].keys >> 9, return_counts=True)[1] for unit in case.raht]
+    return {bool(full) for counts in keys for full in counts == 64}
+
+
+def components(case):
+    """Numbers of components of the RAHT units."""
+    return {unit["NumComponents"] for unit in case.raht}
+
+
 def has_five_taps(case, count):
     """Every unit has so many filter stages, of five taps for each bit, and there is no tap that changes nothing."""
     five = lambda stage: len(stage["filter_coefficients"]) == 5 * stage["filter_mask"].bit_count() > 0
@@ -32,6 +45,10 @@ PLANAR = {
     r"rotated splits": lambda c: c.each(lambda u: u["planar_transform"] == 1) and heard(c, planar_transform=0),
     r"no components that follow": lambda c: is_planar(c) and c.each(lambda u: not u["component_cross"]),
     r"components that follow": lambda c: heard(c, component_cross=0),
+    r"DCT blocks": lambda c: heard(c, dct_blocks=0),
+    r"DCT blocks beside others": lambda c: heard(c, dct_blocks=0) and squares(c) == {False, True},
+    r"DCT blocks of one component and of three": lambda c: heard(c, dct_blocks=0) and components(c) == {1, 3},
+    r"DCT blocks above the slices": lambda c: heard(c, dct_blocks=0) and c.each(lambda u: u["slice_level"] > u["Depth"] - 3),
     r"component_cross (\d+)": lambda c, n: c.each(lambda u: u["component_cross"] == int(n)) and heard(c, component_cross=0),
     r"two filter stages of five taps": lambda c: has_five_taps(c, 2),
     r"factors at their bounds": lambda c: {("following", -BOUND), ("following", BOUND)} <= c.trace.clipped,
@@ -42,5 +59,6 @@ PLANAR_CLAUSES = {
     "7.11.1": lambda c: heard(c, planar_transform=0),
     "7.4.4": lambda c: heard(c, component_cross=0),
     "7.11.2": lambda c: is_planar(c) and c.each(lambda u: u["num_models"] == 8),  # fewer lack some of the models that change
+    "7.11.4": lambda c: heard(c, dct_blocks=0),
     "7.11.3": lambda c: is_planar(c) and heard(c, filters=[]),
 }

@@ -1,8 +1,11 @@
 """What titles of good conformance vectors promise of fields over texels; vectors_claims.py reads them."""
 
+import DracoPy
 import numpy as np
 
 from texfcodec.scene.scene import WRAP_NAMES
+
+TEX_COORD = 3  # of Draco's attribute types
 
 
 def uv_in_texels(case):
@@ -15,6 +18,13 @@ def flat_kind(corner):
     """"point" or "line" where the UVs of a face, int64 [3, 2], are no more."""
     (ux, uy), (vx, vy) = (corner[1:] - corner[0]).tolist()
     return "point" if not np.any(corner != corner[0]) else "line" if ux * vy == uy * vx else None
+
+
+def distances(unit):
+    """How far the quantised UVs of a unit are from whole numbers, as 5.6.2 reckons."""
+    (uv,) = [a["data"] for a in DracoPy.decode(bytes(unit["draco_data"])).attributes if a["attribute_type"] == TEX_COORD]
+    steps = np.asarray(uv, np.float64) * (((1 << unit["uv_bits"]) - 1) / unit["uv_range"])
+    return np.abs(steps - np.rint(steps)).ravel().tolist()
 
 
 # Phrase (all of it, case ignored) -> predicate of the Case of vectors_claims.py and the phrase's groups.
@@ -32,6 +42,7 @@ TEXELS = {
     r"UVs beside the image": lambda c: any((texel < 0).any() or (texel > size).any() for texel, size in uv_in_texels(c)),
     r"UVs in whole texels": lambda c: [f["uv_fraction_bits"] for f in c.images] == [0],
     r"UVs in 1/(\d+) of a texel": lambda c, n: [1 << f["uv_fraction_bits"] for f in c.images] == [int(n)],
+    r"one by nearly a quarter off": lambda c: any(0.2 < away < 0.25 for u in c.uv_units for away in distances(u)),
     r"plain UVs": lambda c: {u["uv_bits"] for u in c.uv_units} == {0},
     r"UVs quantised to (\d+) bits": lambda c, n: {u["uv_bits"] for u in c.uv_units} == {int(n)},
     r"many of which stand for one number": lambda c: all(1 << u["uv_bits"] > 100 * u["uv_range"] for u in c.uv_units),

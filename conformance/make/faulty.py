@@ -95,7 +95,7 @@ def stream_of_slices(number):
     """A sliced stream in so many slices, even where that is more than num_slices allows."""
     with allowing(RAHT, "num_slices", high=number):
         return recoded(encoded(scene_of(*torus(12, 6)), resolution=18, qp=46),
-                       slices={"_plan_slices": lambda levels: (4, [i * len(levels[4]) // number for i in range(number)])})
+                       slices={"_plan_slices": lambda levels, _: (4, [i * len(levels[4]) // number for i in range(number)])})
 
 
 def slices_from(level):
@@ -104,7 +104,7 @@ def slices_from(level):
     uv = [(8, 3), (300, 8), (120, 0), (143000, 8), (143900, 3), (143500, 0)]
     with allowing(RAHT, "slice_level", high=level):
         return stream_of_parts([Image(picture(9000, 1, noise=9))], [sheet(uv)],
-                               slices={"_plan_slices": lambda levels: (level, [0, len(levels[level]) // 2])})
+                               slices={"_plan_slices": lambda levels, _: (level, [0, len(levels[level]) // 2])})
 
 
 # Ways of spoiling a stream
@@ -174,12 +174,11 @@ def framed(data, unit_type, raw_length, payload):
 
 
 def with_draco(data, substream, **changes):
-    """The stream with another Draco substream in its only geometry unit; `changes` are the unit's counts, the header follows."""
+    """The stream with another Draco substream in its only geometry unit; `changes` are the unit's counts."""
 
     def edit(stream):
         (unit,) = stream.geometry
         unit.update(draco_data=substream, **changes)
-        stream.header.update(num_vertices=unit["unit_vertices"], num_faces=unit["unit_faces"])
 
     return with_values(data, edit)
 
@@ -276,8 +275,6 @@ def header_and_materials():
         ("position_bits_21", "position_bits 21", "5.3", with_element(narrow, H, "position_bits", b"\x15"), "TXF-S04"),
         ("origin_nan", "an origin that is not a number", "4.3", with_element(base, H, "origin", nan * 3), "TXF-S04"),
         ("side_negative", "a negative side", "5.3", with_element(base, H, "side", minus), "TXF-S04"),
-        ("num_vertices", "num_vertices is not the sum", "5.3", more("num_vertices"), "TXF-S11"),
-        ("num_faces", "num_faces is not the sum", "5.3", more("num_faces", -1), "TXF-S11"),
         ("num_materials", "num_materials is more than there are", "5.4", with_element(base, H, "num_materials", b"\3"),
          "TXF-S02"),
         ("num_materials_65537", "num_materials is out of range", "5.3", with_element(base, H, "num_materials", b"\x81\x80\4"),
@@ -296,34 +293,34 @@ def header_and_materials():
          with_element(base, M, "materials[0].material_name", b"\xc0\xaf".ljust(len(material), b"x")), "TXF-S06"),
         ("name_too_long", "a name that goes past its unit", "5.4.1", with_element(base, M, "materials[0].name_length", b"\x7f"),
          "TXF-S02"),
-        ("num_vertices_not_shortest", "a number that is not in its shortest form", "4.3",
-         with_element(simple, H, "num_vertices", b"\xc8\x80\0"), "TXF-S05"),
+        ("num_fields_not_shortest", "a number that is not in its shortest form", "4.3",
+         with_element(simple, H, "num_fields", b"\x81\0"), "TXF-S05"),
     ]
     twice = with_element(base, H, "channel_groups[1].group_semantics", b"\0")
     lines.append(("group_semantics_twice", "two base colours", "5.3.1", twice, "TXF-S04"))
-    newer, stop = with_element(base, H, "version", b"\1"), place(base, F)[1]
+    newer, stop = with_element(base, H, "version", b"\2"), place(base, F)[1]
     broken = newer[: stop - 1] + bytes([newer[stop - 1] ^ 1]) + newer[stop:]
     header_stop = place(base, H)[1]
-    lines.append(("version_crc", "version 1 and a wrong checksum of the sequence header", "9.2",
+    lines.append(("version_crc", "version 2 and a wrong checksum of the sequence header", "9.2",
                   newer[: header_stop - 1] + bytes([newer[header_stop - 1] ^ 1]) + newer[header_stop:], "TXF-S03"))
     lines.append(("reserved_first", "the first unit is of a reserved type", "9.2",
                   with_units(base, lambda units: units.insert(0, (6, b""))), "TXF-S07"))
-    unsupported = [("version", "version 1", "5.3", newer, "TXF-U04"),
-                   ("version_broken", "version 1 and a wrong checksum of a unit after the header", "9.2", broken, "TXF-U04"),
+    unsupported = [("version", "version 2", "5.3", newer, "TXF-U04"),
+                   ("version_0", "version 0", "5.3", with_element(base, H, "version", b"\0"), "TXF-U04"),
+                   ("version_broken", "version 2 and a wrong checksum of a unit after the header", "9.2", broken, "TXF-U04"),
                    ("alpha_components", "an alpha group of two components", "5.3.1", _two_alphas(base), "TXF-U03")]
-    two, effects = _two_alphas(base), parsed(base).header["effects"] | 1 << 19
-    strange = with_element(base, H, "effects", effects.to_bytes(8, "little"))
+    two, strange = _two_alphas(base), with_element(base, H, "num_channel_groups", b"\x18")
     lines += [
         ("side_before_components", "a negative side and an alpha group of two components", "9.2", spliced(two, H, 26, minus),
          "TXF-S04"),
         ("components_before_left_over", "an alpha group of two components and a byte too many in the header", "9.2",
          spliced(two, H, len(units_of(two)[0][1]), b"\0"), "TXF-U03"),
-        ("side_before_effects", "a negative side and an effect that nobody knows", "9.2",
+        ("side_before_groups", "a negative side and 24 channel groups", "9.2",
          spliced(strange, H, 26, minus), "TXF-S04"),
-        ("effects_before_group", "an effect that nobody knows and a group of four components", "9.2",
+        ("groups_before_group", "24 channel groups and a group of four components", "9.2",
          spliced(strange, H, -1, b"\4"), "TXF-U09"),
     ]
-    limit = [("num_vertices_huge", "2^50 vertices", "10", with_header(base, num_vertices=1 << 50), "TXF-L02"),
+    limit = [("unit_vertices_huge", "2^50 vertices", "10", with_element(simple, G, "unit_vertices", write_v(1 << 50)), "TXF-L02"),
              ("num_keys_huge", "2^28 voxels", "10", with_element(simple, F, "num_keys", write_v(1 << 28)), "TXF-L04")]
     return as_faulty([*lines, *unsupported, *limit])
 
@@ -476,7 +473,7 @@ def _no_groups(units):
 
 def _no_materials(stream):
     stream.materials = []
-    stream.header.update(num_materials=0, effects=0)
+    stream.header.update(num_materials=0)
 
 
 def _two_alphas(data):

@@ -321,7 +321,7 @@ def uncommon():
     """What a decoder meets seldom, and what only another encoder would write."""
     everyday, random = scene_of(*torus()), random_codewords()
     veil = scene_of(*torus(), [Material("veil", alpha_mode=ALPHA_BLEND)])
-    slices, one_slice = {"WHOLE_VOXELS": 1, "SLICE_VOXELS": 300, "SLICE_NODES": 40}, {"_plan_slices": lambda levels: (2, [0])}
+    slices, one_slice = {"WHOLE_VOXELS": 1, "SLICE_VOXELS": 300, "SLICE_NODES": 40}, {"_plan_slices": lambda levels, _: (2, [0])}
     huge = scene_of(torus()[0] * 1e140 + np.array([9e141, -3e140, 0]), *torus()[1:])
     tiny = scene_of(torus()[0] * 1e-280, *torus()[1:])
     lines = [

@@ -1,4 +1,4 @@
-"""The good conformance vectors of whole materials (clauses 5.3.1, 5.3.2, 5.4.1, 5.4.2 and 5.7), from integers like those of
+"""The good conformance vectors of whole materials (clauses 5.3.1, 5.4.1, 5.4.2 and 5.7), from integers like those of
 vectors_texels.py."""
 
 import numpy as np
@@ -145,7 +145,7 @@ def channel_groups():
 
 
 def levels_and_values():
-    """Clauses 5.3.2, 5.4.2, 5.7 and 8.3: coarser planes, constant ones, parameters and effects."""
+    """Clauses 5.4.2, 5.7 and 8.3: coarser planes, constant ones, parameters and effects."""
     rough = groups("occlusion+roughness", "emissive", "metallic")
     named = [painted("occlusion", "roughness", "emissive", "metallic")]
     odd = {(0, 1): 1, (0, 2): 3, (0, 3): 5}
@@ -164,9 +164,9 @@ def levels_and_values():
          over_texels(named, rough, shifts={(0, 1): 2}, constants=((0, 1), (0, 3))), (0, 1, 2, 3)),
         ("maps_parameters", "every parameter, the largest and the least number of binary32", ("4.3", "5.4.2"),
          over_voxels(every_parameter(), groups(), 9), (0,)),
-        ("maps_effects", "every effect", ("5.3.2", "5.4.1", "5.4.2"),
+        ("maps_effects", "every effect", ("5.4.1", "5.4.2"),
          over_texels(every_effect(), groups("normal", "occlusion", "clearcoat_normal", "specular"), (9, 7)), (0,)),
-        ("maps_unlit", "no effect, an unlit material with maps", ("5.3.2", "5.4.1"),
+        ("maps_unlit", "no effect, an unlit material with maps", ("5.4.1",),
          over_voxels([no_effect()], groups("roughness", "emissive"), 9), (0,)),
     ]
 

@@ -1,9 +1,9 @@
-"""The faulty conformance vectors of whole materials (clauses 5.3.1, 5.3.2, 5.4.1, 5.4.2 and 5.7)."""
+"""The faulty conformance vectors of whole materials (clauses 5.3.1, 5.4.1, 5.4.2 and 5.7)."""
 
 import numpy as np
 
-from conformance.make.faulty import A, H, M, as_faulty, with_element, with_header, with_units, with_values
-from conformance.make.good import parsed, units_of
+from conformance.make.faulty import A, H, M, as_faulty, with_element, with_units, with_values
+from conformance.make.good import units_of
 from conformance.make.materials import bare, groups, over_texels, over_voxels, painted, with_networks
 from conformance.make.texels import Grid, ring, stream_of_parts
 from texfcodec.scene.channels import BY_NAME, PARAMETERS
@@ -53,9 +53,8 @@ def channel_groups():
 
 
 def appearance():
-    """What materials, groups and effects say of each other: TXF-S14."""
+    """What materials and groups say of each other: TXF-S14."""
     base = base_stream()
-    effects = parsed(base).header["effects"]
     named = lambda data, number, change: with_values(data, lambda stream: stream.materials[number].update(
         material_channels=stream.materials[number]["material_channels"] ^ change))
     texels = over_texels([painted("normal")], groups("normal"), (9, 7))
@@ -66,15 +65,6 @@ def appearance():
          "TXF-S14"),
         ("group_without_channel", "a group holds a channel that no material names", "5.3.1", named(base, 0, bit("metallic")),
          "TXF-S14"),
-        ("effects_missing", "effects lack a bit", "5.3.2", with_header(base, effects=effects & ~1), "TXF-S14"),
-        ("effects_more", "effects have a bit too many", "5.3.2", with_header(base, effects=effects | 1 << 6), "TXF-S14"),
-        ("effects_none", "effects are 0", "5.3.2", with_header(base, effects=0), "TXF-S14"),
-        ("effects_unlit", "effects of an unlit material", "5.3.2",
-         with_values(base, lambda stream: stream.materials[0].update(material_flags=2)), "TXF-S14"),
-        ("effects_bit_19", "an effect that nobody knows", "5.3",
-         with_element(base, H, "effects", (effects | 1 << 19).to_bytes(8, "little")), "TXF-U09"),
-        ("effects_bit_63", "the last bit of effects", "5.3",
-         with_element(base, H, "effects", (effects | 1 << 63).to_bytes(8, "little")), "TXF-U09"),
     ]
     components = [("normal_components", "two components for a normal of object space", "5.3.1", object_space, "TXF-U03")]
     return as_faulty([*lines, *components])

@@ -5,10 +5,11 @@ import numpy as np
 from conformance.make.faulty import as_faulty, with_values
 from conformance.make.filter import SLICES, every, filtered, out_of_range
 from conformance.make.good import Vector, parsed, recoded, with_codeword
-from conformance.make.texels import Image, picture, ring, stream_of_parts
+from conformance.make.texels import Image, picture, ring, sheet, stream_of_parts
 from texfcodec.codecs.raht.transform.filter import PLANAR_TAPS, stage_of
 
 ALL = {"planar_transform": 1, "component_cross": 16}
+DCT = {"models": 8, "dct_blocks": 1, **ALL}
 
 
 def drawn_stage(seed):
@@ -35,11 +36,18 @@ def islands():
     return stream_of_parts([Image(picture(*size, noise=30))], [patch], qp=30)
 
 
+def two_corners(alpha=False):
+    """A stream over texels of two triangles in an image, squares of 8 x 8 texels whole in them and in part along their edges."""
+    size, uv = (56, 44), [(2, 2), (50, 4), (4, 40), (52, 10), (54, 42), (12, 42)]
+    image = picture(*size, 4 if alpha else 3, noise=40)
+    return stream_of_parts([Image(image)], [sheet([[16 * u, 16 * v] for u, v in uv])], alpha=alpha, qp=30)
+
+
 def uncommon():
     """Vectors of each tool."""
-    data = sheet_of_texels()
+    data, corners = sheet_of_texels(), two_corners()
     noise = np.random.default_rng(81).bytes(600)
-    stages, stages_of_islands = ({3: [drawn_stage(seed + n) for n in range(2)]} for seed in (80, 84))
+    stages, stages_of_islands, stages_of_dct = ({3: [drawn_stage(seed + n) for n in range(2)]} for seed in (80, 84, 88))
     lines = [
         ("planar_plain", "a planar support, eight models, no rotated splits, no components that follow", ("7.11", "7.11.2"),
          recoded(data, models=8)),
@@ -59,8 +67,19 @@ def uncommon():
         ("planar_lossless", "a planar support, lossless", ("7.9", "7.11"), recoded(data, models=6, max_error=0, **ALL)),
         ("planar_random", "a planar support, random bytes as a codeword, means at their bounds, factors at their bounds",
          ("7.11.1", "7.4.4", "7.11.2"), with_codeword(recoded(data, models=8, **ALL), noise, [40, 63, 63])),
+        ("dct_blocks", "DCT blocks beside others, eight models", ("7.11.4", "7.11.2"), recoded(corners, **DCT)),
+        ("dct_alpha", "DCT blocks of one component and of three, six models", ("7.11.4",),
+         recoded(two_corners(alpha=True), **DCT | {"models": 6})),
+        ("dct_slices", "DCT blocks, slices with the level index", ("7.2", "7.11.4"),
+         recoded(corners, slices=SLICES, index=True, **DCT)),
+        ("dct_trunk", "DCT blocks above the slices", ("7.2", "7.11.4"),
+         recoded(corners, slices=SLICES | {"_plan_slices": lambda levels, _: (4, [0, len(levels[4]) // 2])}, **DCT)),
+        ("dct_filter", "DCT blocks, two filter stages of five taps", ("7.11.3", "7.11.4"), filtered(data, stages_of_dct, **DCT)),
+        ("dct_lossless", "DCT blocks, lossless", ("7.9", "7.11.4"), recoded(corners, max_error=0, **DCT)),
+        ("dct_random", "DCT blocks, random bytes as a codeword, means at their bounds", ("7.11.4",),
+         with_codeword(recoded(corners, **DCT), noise, [40, 63, 63])),
     ]
-    return [Vector(f"uncommon/{name}", *rest, (0, 1)) for name, *rest in lines]
+    return [Vector(f"uncommon/{name}", *rest, (0, 1, 3) if "DCT" in rest[0] else (0, 1)) for name, *rest in lines]
 
 
 def faulty():
@@ -68,6 +87,7 @@ def faulty():
     data = sheet_of_texels()
     mixed = recoded(data, models=6, **ALL)
     (unit,) = parsed(mixed).attributes
+    plain = lambda stream: stream.attributes[0].update(dct_blocks=0)
     turned = lambda stream: stream.attributes[0].update(planar_transform=0)
     weaker = lambda stream: stream.attributes[0].update(component_cross=15)
     last = filtered(data, {3: [drawn_stage(90)]}, models=6, **ALL)
@@ -82,6 +102,9 @@ def faulty():
          with_values(mixed, turned), "TXF-S32"),
         ("component_cross_15", "component_cross is 15 for what was coded with 16", "7.4.4",
          with_values(mixed, weaker), "TXF-S32"),
+        ("dct_blocks_2", "dct_blocks 2", "5.7.1", out_of_range(mixed, "dct_blocks", b"\2", dct_blocks=2), "TXF-U09"),
+        ("dct_blocks_off", "dct_blocks is 0 for what was coded with 1", "7.11.4",
+         with_values(recoded(data, **DCT), plain), "TXF-S32"),
         ("planar_filter_tap", "another fifth filter coefficient of the roughest class", "7.11.3",
          with_values(last, tap), "TXF-S32"),
     ]

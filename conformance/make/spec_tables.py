@@ -1,6 +1,5 @@
-"""Writes the generated blocks of the documents: the syntax tables of bitstream_spec.md of the package, its tables of channels,
-effects and parameters (channels.py, effects.py) and its example, and the list of findings of docs/guide.md from
-texfcodec/findings.py. With --check: exit 7 when they differ."""
+"""Writes the generated blocks of the documents: tables and examples of bitstream_spec.md, the list of findings of docs/guide.md
+and the effects of docs/materials.md. With --check: exit 7 when they differ."""
 
 import math
 import re
@@ -19,8 +18,8 @@ from texfcodec.scene.effects import EFFECTS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SPEC = REPOSITORY / "bitstream_spec.md"
-GUIDE = REPOSITORY / "docs" / "guide.md"
-EXAMPLE, DIRECT = "uncommon/point_triangle", "uncommon/planar_direct"
+GUIDE, MATERIALS = (REPOSITORY / "docs" / name for name in ("guide.md", "materials.md"))
+EXAMPLE, MIXED, DIRECT = "uncommon/point_triangle", "uncommon/planar_mixed", "uncommon/planar_direct"
 
 
 def _row(element):
@@ -64,8 +63,8 @@ def channels():
 
 def effects():
     """Markdown table of the effects."""
-    head = "| bit | effect | set where a material of the stream is as said |\n|---|---|---|"
-    return "\n".join([head, *(f"| {e.bit} | {e.name} | {e.used.text} |" for e in EFFECTS)])
+    head = "| effect | needed where the material is |\n|---|---|"
+    return "\n".join([head, *(f"| {e.name} | {e.used.text} |" for e in EFFECTS)])
 
 
 def parameters():
@@ -106,12 +105,17 @@ def with_tables(text):
     """The specification with every generated block renewed."""
     for structure in structures():
         text = with_block(text, f"table: {structure.name}", table_of(structure), SPEC.name)
-    stream, direct = ((REPOSITORY / "conformance" / name / "in.texf").read_bytes() for name in (EXAMPLE, DIRECT))
-    for mark, block in (("channels", channels()), ("effects", effects()), ("parameters", parameters()), ("levels", levels()),
-                        ("example", example(stream)), ("decisions: mixed", worked(stream)),
-                        ("decisions: direct", worked(direct)), ("constants", constants())):
+    stream, mixed, direct = ((REPOSITORY / "conformance" / name / "in.texf").read_bytes() for name in (EXAMPLE, MIXED, DIRECT))
+    for mark, block in (("channels", channels()), ("parameters", parameters()), ("levels", levels()),
+                        ("example", example(stream)), ("decisions: mixed", worked(mixed, 8)),
+                        ("decisions: direct", worked(direct, 0)), ("constants", constants())):
         text = with_block(text, mark, block, SPEC.name)
     return text
+
+
+def with_effects(text):
+    """The page on materials with its table of effects renewed."""
+    return with_block(text, "effects", effects(), MATERIALS.name)
 
 
 def with_findings(text):
@@ -122,7 +126,7 @@ def with_findings(text):
 def main():
     """Renews the blocks, or checks them."""
     stale = False
-    for path, renewed in ((SPEC, with_tables), (GUIDE, with_findings)):
+    for path, renewed in ((SPEC, with_tables), (GUIDE, with_findings), (MATERIALS, with_effects)):
         old = path.read_text(encoding="utf-8")
         new = renewed(old)
         stale |= new != old

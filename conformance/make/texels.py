@@ -10,9 +10,9 @@ import DracoPy
 import numpy as np
 
 from conformance.make.good import Vector, encoded, raht, torus, with_checksum, written
-from texfcodec.bitstream.appearance import material_of, needed_groups
+from texfcodec.bitstream.appearance import needed_groups
 from texfcodec.bitstream.stream import Stream
-from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS
+from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS, VERSION
 from texfcodec.bitstream.values import attribute_values, material_values
 from texfcodec.codecs import codec_of
 from texfcodec.codecs.base import Group
@@ -24,7 +24,6 @@ from texfcodec.field.voxelise import voxelise
 from texfcodec.field.voxels import VoxelSupport
 from texfcodec.geometry.draco import counts_of
 from texfcodec.scene.channels import ALPHA, BASE_COLOUR, group_values
-from texfcodec.scene.effects import effects_mask
 from texfcodec.scene.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
 
 BITS = 10  # of a lattice coordinate
@@ -38,7 +37,8 @@ SLICES = {"WHOLE_VOXELS": 1, "SLICE_VOXELS": 60, "SLICE_NODES": 20}
 @dataclass
 class Patch:
     """A geometry unit to be. lattice: int64 [V, 3]; faces: int64 [F, 3]; uv: int64 [F, 3, 2], None over voxels; bits: of the
-    quantisation of the UVs, 0 where they are plain; range: of the UVs, None for what they reach."""
+    quantisation of the UVs, 0 where they are plain; range: of the UVs, None for what they reach; draco: bytes over voxels that
+    decode to it, None for those of the encoder."""
 
     lattice: np.ndarray
     faces: np.ndarray
@@ -47,18 +47,23 @@ class Patch:
     range: int | None = None
     field: int = 0
     material: int = 0
+    draco: bytes | None = None
+
+    def textured(self):
+        """Draco bytes with the UVs, and the elements that go with them."""
+        origin = np.floor(self.uv.min(axis=(0, 1))).astype(np.int64)
+        corners = np.column_stack([self.lattice[self.faces.reshape(-1)], (self.uv - origin).reshape(-1, 2)])
+        unique, local = np.unique(corners, axis=0, return_inverse=True)
+        more = {"uv_origin": origin.tolist(), "uv_bits": self.bits, "uv_range": self.range or int(unique[:, 3:].max())}
+        return draco_of(unique[:, :3], local.reshape(-1, 3), unique[:, 3:], self.bits), more
 
     def values(self, textured):
         """Syntax values of the unit."""
-        if not textured:
-            data = DracoPy.encode(self.lattice.astype(np.uint32), self.faces.astype(np.uint32), compression_level=10)
-            more = {}
+        if textured:
+            data, more = self.textured()
         else:
-            origin = np.floor(self.uv.min(axis=(0, 1))).astype(np.int64)
-            corners = np.column_stack([self.lattice[self.faces.reshape(-1)], (self.uv - origin).reshape(-1, 2)])
-            unique, local = np.unique(corners, axis=0, return_inverse=True)
-            data = draco_of(unique[:, :3], local.reshape(-1, 3), unique[:, 3:], self.bits)
-            more = {"uv_origin": origin.tolist(), "uv_bits": self.bits, "uv_range": self.range or int(unique[:, 3:].max())}
+            mesh = self.lattice.astype(np.uint32), self.faces.astype(np.uint32)
+            data, more = self.draco or DracoPy.encode(*mesh, compression_level=10), {}
         counts = counts_of(data)
         return with_checksum({"field_index": self.field, "material_index": self.material, "unit_vertices": counts[0],
                               "unit_faces": counts[1], **more, "draco_data": data})
@@ -112,7 +117,7 @@ def ring(size, fraction=4, turns=(1, 1), shift=(0, 0), around=10, across=5):
 def sheet(uv, **more):
     """Two faces, the corners of the first three UVs and of the last three: Patch."""
     lattice = np.array([[0, 0, 0], [1000, 0, 100], [1000, 900, 200], [0, 900, 300]])
-    return Patch(lattice, np.array([[0, 1, 2], [0, 2, 3]]), np.array(uv, np.int64).reshape(2, 3, 2), **more)
+    return Patch(lattice, np.array([[0, 1, 2], [0, 2, 3]]), np.asarray(uv).reshape(2, 3, 2), **more)
 
 
 # Streams
@@ -130,10 +135,8 @@ def stream_of_parts(fields, patches, materials=1, alpha=False, qp=30, groups=Non
     written_materials = [material_values(material) for material in materials]
     units = [patch.values(isinstance(fields[patch.field], Image)) for patch in patches]
     stream = Stream({
-        "version": 0, "position_bits": BITS, "origin": [-1.0, 0.0, 2.0], "side": 3.0,
-        "num_vertices": sum(u["unit_vertices"] for u in units), "num_faces": sum(u["unit_faces"] for u in units),
+        "version": VERSION, "position_bits": BITS, "origin": [-1.0, 0.0, 2.0], "side": 3.0,
         "num_materials": len(materials), "num_fields": len(fields), "num_geometry_units": len(units),
-        "effects": effects_mask(map(material_of, written_materials)),
         "num_channel_groups": len(groups), "channel_groups": [group_values(*group) for group in groups]})
     stream.geometry, stream.materials, shown = units, written_materials, []
     for number, field in enumerate(fields):
@@ -278,6 +281,12 @@ def rounded():
     return stream_of_parts([Image(picture(9, 6), CLAMPED, 2)], [quantised(patch, 14, 36)])
 
 
+def off_by(quarters):
+    """A Patch of UVs in eight bits of a range of 200, scaled so that the largest is so many quarters from its whole number."""
+    uv = np.array([(0, 0), (200, 8), (190, 100), (0, 0), (190, 100), (9, 112)])
+    return quantised(sheet(uv * (1 + quarters / 4 / 255)), 8, 200)
+
+
 def quantised(patch, bits, reach=None):
     patch.bits, patch.range = bits, reach
     return patch
@@ -325,6 +334,8 @@ def uncommon():
         ("texels_quantised", "an image of 24 x 16, repeat, UVs quantised to 9 bits", ("5.6.2",),
          stream_of_parts([Image(picture(24, 16))], [quantised(ring((24, 16)), 9)]), (0,)),
         ("texels_rounded", "UVs quantised to 14 bits, many of which stand for one number", ("5.6.2",), rounded(), (0,)),
+        ("texels_near", "UVs quantised to 8 bits, one by nearly a quarter off", ("5.6.2",),
+         stream_of_parts([Image(picture(14, 8), CLAMPED)], [off_by(0.99)]), (0,)),
         ("texels_low", "uv_origin -33554431", ("5.6.2", "6.5.3"), far(-1), (0,)),
         ("texels_high", "uv_origin 33554431", ("5.6.2", "6.5.3"), far(1), (0,)),
         ("texels_centres", "all UVs on centres of texels", ("6.5.2",), centres, (0,)),

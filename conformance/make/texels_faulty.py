@@ -6,7 +6,7 @@ import numpy as np
 from conformance.make import neural as vectors_neural
 from conformance.make.faulty import F, G, as_faulty, with_element, with_right_crc, with_units, with_values
 from conformance.make.good import parsed
-from conformance.make.texels import CLAMPED, Grid, Image, Patch, picture, quantised, ring, sheet, stream_of_parts
+from conformance.make.texels import CLAMPED, Grid, Image, Patch, off_by, picture, quantised, ring, sheet, stream_of_parts
 from texfcodec.core.syntax_walk import write_v
 from texfcodec.geometry.draco import counts_of
 
@@ -27,6 +27,11 @@ def reaching_256():
     """UVs of 0 to 256 quantised to eight bits, for which eight bits are one too few."""
     uv = [(0, 0), (256, 8), (190, 100), (0, 0), (190, 100), (9, 112)]
     return stream_of_parts([Image(picture(*SIZE), CLAMPED)], [quantised(sheet(uv), 8)])
+
+
+def off_by_more():
+    """UVs of which one is a little more than a quarter from its whole number."""
+    return _with_draco(stream_of_parts([Image(picture(14, 8), CLAMPED)], [off_by(0.99)]), off_by(1.01).textured()[0])
 
 
 def fields():
@@ -112,7 +117,6 @@ def _with_draco(data, substream):
         (unit,) = stream.geometry
         unit["draco_data"] = substream
         unit["unit_vertices"], unit["unit_faces"] = counts_of(substream)
-        stream.header.update(num_vertices=unit["unit_vertices"], num_faces=unit["unit_faces"])
 
     return with_values(data, edit)
 
@@ -127,6 +131,7 @@ def uv_elements():
     lines = [
         ("texels_uv_range_less", "uv_range less than the UVs reach", lies(uv_range=reach - 40), "TXF-S23"),
         ("texels_uv_range_more", "a uv_range that the UVs were not quantised for", lies(uv_range=reach + 5), "TXF-S23"),
+        ("texels_uv_far", "a UV that is by hardly more than a quarter off", off_by_more(), "TXF-S23"),
         ("texels_uv_bits_7", "fewer uv_bits than the UVs were quantised to", lies(uv_bits=7, uv_range=127), "TXF-S23"),
         ("texels_uv_range_over", "uv_range 256 with eight bits", reaching_256(), "TXF-S04"),
         ("texels_uv_range_0", "uv_range 0", with_element(coarse, G, "uv_range", b"\0"), "TXF-S04"),
@@ -152,7 +157,7 @@ def neural():
     def edit(stream):
         stream.fields, stream.geometry, stream.materials = textured.fields, textured.geometry, textured.materials
         stream.header.update({name: textured.header[name] for name in (
-            "position_bits", "num_vertices", "num_faces", "num_materials", "num_fields", "num_geometry_units")})
+            "position_bits", "num_materials", "num_fields", "num_geometry_units")})
 
     small = next(v.data for v in vectors_neural.subset() if v.name.endswith("neural_resident"))
     return as_faulty([("neural_texels", "3DNTC: a field over texels", "5.7", with_values(small, edit), "TXF-S13")])

@@ -4,6 +4,8 @@ from contextlib import ExitStack
 from unittest.mock import patch
 
 from naive import attributes, decoder, mixing
+from texfcodec.bitstream.stream import read_stream
+from texfcodec.limits import Limits
 
 DECISIONS = 20
 KINDS = {"flag": "flag", "nonzero": "nonzero", "sign": "sign", "more": "magnitude"}
@@ -46,8 +48,9 @@ def decisions(data):
     return found
 
 
-def worked(data):
-    """Markdown table of decisions()."""
+def worked(data, models):
+    """Markdown table of decisions() of a stream whose first attribute unit mixes so many models."""
+    assert read_stream(data, Limits()).attributes[0]["num_models"] == models
     head = "| | bit of | p | range | code | bit |\n|---:|---|---:|---:|---:|---:|"
     rows = [f"| {n} | {kind} | {'bypass' if p is None else p} | {wide} | {code} | {bit} |"
             for n, (kind, p, wide, code, bit) in enumerate(decisions(data), 1)]

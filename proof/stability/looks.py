@@ -8,7 +8,7 @@ from texfcodec.geometry.shading_normals import corner_normals
 from texfcodec.geometry.tangents import corner_tangents, has_uv_area
 from texfcodec.metrics.ssim import C1, ssim, ssim_gradient
 from texfcodec.render.tangent_frames import deviated_normals, tangent_space_normals, usable_normals
-from texfcodec.scene.normal_rule import AREA, PAIRS, NormalRule
+from texfcodec.scene.normal_rule import AREA, JOINED, NormalRule
 
 GROUP = "Normals, tangents, similarity"
 ODD = (0.0, -0.0, 1.0, np.nan, np.inf, -np.inf, 1e-45, 1e-30, 1e30, 3e38)
@@ -65,7 +65,7 @@ def normals_of_faces(draw: Draws) -> float:
         lattice[2] = np.clip(lattice[0] + (lattice[1] - lattice[0]) // 2 + draw.integers((3,), -1, 1), 0, (1 << 20) - 1)
     u, v = (lattice[1] - lattice[0]).tolist(), (lattice[2] - lattice[0]).tolist()
     exact = [u[(i + 1) % 3] * v[(i + 2) % 3] - u[(i + 2) % 3] * v[(i + 1) % 3] for i in range(3)]
-    got = corner_normals(lattice, np.array([[0, 1, 2]]), [NormalRule(PAIRS, AREA, draw.pick((0, 45, 180)))])[0].astype(np.float64)
+    got = corner_normals(lattice, np.array([[0, 1, 2]]), [NormalRule(JOINED, AREA, draw.pick((0, 45, 180)))])[0].astype(np.float64)
     if not any(exact):
         return 0.0 if np.array_equal(got, np.tile([0, 0, 1.0], (3, 1))) else np.inf
     largest = max(map(abs, exact))

@@ -24,6 +24,7 @@ from texfcodec.bitstream.syntax import (
     UNIT_HEADER,
     UNIT_MATERIALS,
     UNIT_METADATA,
+    VERSION,
     structures,
 )
 from texfcodec.bitstream.units import read_units, write_unit
@@ -188,7 +189,7 @@ def units_of(*units):
 
 
 END = write_unit(UNIT_END, b"")
-PLAIN = [write_unit(t, b"\0bc") for t in (UNIT_HEADER, UNIT_MATERIALS, UNIT_FIELD, UNIT_GEOMETRY, UNIT_ATTRIBUTE)]
+PLAIN = [write_unit(t, b"\1bc") for t in (UNIT_HEADER, UNIT_MATERIALS, UNIT_FIELD, UNIT_GEOMETRY, UNIT_ATTRIBUTE)]
 
 
 @settings(deadline=None)
@@ -205,7 +206,7 @@ def test_units_are_found_where_they_stand():
     units, skipped = read_units(data)
     assert [u.type for u in units] == [0, 1, 2, 3, 4, UNIT_METADATA]
     assert [(u.type, data[u.begin : u.end]) for u in skipped] == [(200, b"hello")]
-    assert all(data[u.begin : u.end] == b"\0bc" for u in units[:-1])
+    assert all(data[u.begin : u.end] == b"\1bc" for u in units[:-1])
     assert [u.start for u in units][1] == skipped[0].stop
 
 
@@ -216,7 +217,7 @@ def test_units_are_found_where_they_stand():
     (units_of(END), StreamError, "TXF-S07"),
     (units_of(PLAIN[1], PLAIN[0], END), StreamError, "TXF-S07"),
     (units_of(write_unit(200, b""), PLAIN[0], END), StreamError, "TXF-S07"),
-    (units_of(write_unit(UNIT_HEADER, b"\1"), PLAIN[1][:-1] + b"\0"), SupportError, "TXF-U04"),
+    (units_of(write_unit(UNIT_HEADER, b"\2"), PLAIN[1][:-1] + b"\0"), SupportError, "TXF-U04"),
     (units_of(PLAIN[0], PLAIN[2], PLAIN[1], END), StreamError, "TXF-S07"),
     (units_of(PLAIN[0], PLAIN[0], END), StreamError, "TXF-S07"),
     (units_of(PLAIN[0], write_unit(6, b""), END), SupportError, "TXF-U01"),
@@ -246,8 +247,8 @@ def attribute(field, group, components, codewords=((5, (4, 1, 0)),), planar=Fals
     """Values of an attribute unit on a field of resolution 8 without slices."""
     return {"field_index": field, "group_index": group, "codec_id": 0, "level_shift": 0, "values_crc": 7, "colour_transform": 0,
             "qp": [20] * components, "kernel": [9, 0, 1, 2, 3, 4, 5], "colour_range": 5, "num_models": 6,
-            "planar_transform": 1 if planar else None, "component_cross": 11 if components > 1 else None,
-            "num_filters": 1,
+            "planar_transform": 1 if planar else None, "dct_blocks": 1 if planar else None,
+            "component_cross": 11 if components > 1 else None, "num_filters": 1,
             "filters": [{"filter_mask": 0b10010, "filter_coefficients": [-128, 127, 0, 1, -1, 3, *([7, -9, 5, 2] * planar)]}],
             "residual": 128, "residual_cross": [16] * components, "root_mean": [-5] * components, "slice_level": 0,
             "num_slices": None, "slice_step": [], "level_index": 1,
@@ -264,13 +265,12 @@ WITH_UV = {"uv_origin": [-3, 70000], "uv_bits": 4, "uv_range": 15}
 
 def small_stream(fields=2):
     """The first field is over voxels, the second over texels."""
-    header = {"version": 0, "position_bits": 14, "origin": [0.5, -1.0, 2.0], "side": 3.25, "num_vertices": 5 * fields,
-              "num_faces": 4 * fields, "num_materials": 2, "num_fields": fields, "num_geometry_units": fields,
-              "effects": 0b11011, "num_channel_groups": 2, "channel_groups": GROUPS}
+    header = {"version": VERSION, "position_bits": 14, "origin": [0.5, -1.0, 2.0], "side": 3.25, "num_materials": 2,
+              "num_fields": fields, "num_geometry_units": fields, "num_channel_groups": 2, "channel_groups": GROUPS}
     materials = [{"name_length": 2, "material_name": "é", "alpha_mode": 1, "alpha_cutoff": 9, "material_flags": 3,
                   "normal_rule": None, "normal_angle": None, **NO_MAPS},
                  {"name_length": 0, "material_name": "", "alpha_mode": 0, "alpha_cutoff": None, "material_flags": 0,
-                  "normal_rule": 4, "normal_angle": 30, **NO_MAPS}]
+                  "normal_rule": 1, "normal_angle": 30, **NO_MAPS}]
     return Stream(
         header, materials,
         [{"field_index": i, **(OVER_TEXELS if i % 2 else OVER_VOXELS), "num_keys": 30, "keys_crc": 1} for i in range(fields)],
@@ -317,7 +317,7 @@ def test_inspect_names_every_byte_exactly_once():
 
 def test_an_empty_stream_is_valid():
     stream = small_stream(0)
-    stream.header.update(num_materials=0, effects=0)
+    stream.header.update(num_materials=0)
     stream.materials = []
     assert read_stream(write_stream(stream)[0], Limits()).fields == []
 
@@ -337,8 +337,6 @@ def drop(where, index):
 
 
 @pytest.mark.parametrize("change,code", [
-    (put("header", None, num_vertices=11), "TXF-S11"),
-    (put("header", None, num_faces=7), "TXF-S11"),
     (put("header", None, num_fields=3), "TXF-S11"),
     (put("header", None, num_geometry_units=1), "TXF-S11"),
     (put("fields", 1, field_index=0), "TXF-S11"),

@@ -1,16 +1,20 @@
 """Planar supports (clause 7.11): the codec against the naive decoder, and what its tools are worth where they should help."""
 
+import io
+from dataclasses import replace
 from itertools import pairwise
 from unittest.mock import patch
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from naive.attributes import decode_values
 from texfcodec.bitstream.stream import Stream, attribute_variables
 from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS
 from texfcodec.codecs.raht import attribute_coder, tool_choice
 from texfcodec.codecs.raht.attribute_coder import CodedAttributes, Tools, dec_attributes, enc_attributes
+from texfcodec.codecs.raht.coefficients.dct_blocks import jpeg_likeness
 from texfcodec.codecs.raht.coefficients.residual import ResidualPlan
 from texfcodec.codecs.raht.raht_syntax import RAHT
 from texfcodec.codecs.raht.raht_values import coded_of, raht_values
@@ -63,7 +67,7 @@ def naive_unit(coded: CodedAttributes, depth):
     """The unit as tests/naive reads it."""
     stages = [{"mask": s.mask, "coefficients": taps_of(s)} for s in coded.filters]
     names = ("qp", "kernel", "colour_range", "slice_level", "slice_first", "codewords", "residual", "residual_cross",
-             "planar", "planar_transform", "component_cross")
+             "planar", "planar_transform", "component_cross", "dct_blocks")
     return {**{name: getattr(coded, name) for name in names}, "depth": depth, "components": len(coded.qp), "filters": stages,
             "num_models": coded.models, "root_mean": coded.root, "colour_transform": int(len(coded.qp) == 3)}
 
@@ -97,6 +101,67 @@ def test_random_codewords_of_planar_fields_decode_as_by_the_naive_decoder(models
     means = dec_attributes(keys, 4, coded, data, [(0, len(data))], 4)
     assert np.abs(means).max() == MAX_MEAN
     assert inverse_colour(means).tobytes() == decode_values(naive_unit(coded, 4), keys.tolist())
+
+
+def jpeg_texture(keys, components, seed=4, quality=60):
+    """The same texture, and noise, as a JPEG file gives it back."""
+    x, y, _ = decode_morton(keys).T
+    image = np.zeros((y.max() + 1, x.max() + 1, 3), np.uint8)
+    image[y, x] = np.clip(texture(keys, 3).astype(int) + np.random.default_rng(seed).integers(-30, 31, (len(keys), 1)), 0, 255)
+    file = io.BytesIO()
+    Image.fromarray(image).save(file, "JPEG", quality=quality, subsampling=0)
+    return np.asarray(Image.open(file))[y, x][:, :components]
+
+
+@pytest.mark.parametrize("components, models, depth, slice_level", [(3, 8, 6, 0), (1, 3, 6, 2), (3, 6, 7, 5), (2, 8, 3, 0)])
+def test_dct_blocks_decode_as_by_the_naive_decoder(components, models, depth, slice_level):
+    """With a filter and slices, above and below the blocks; all coarser levels too."""
+    keys, mask = island_keys(depth), (1 << CLASSES * components) - 1
+    if depth == 3:  # one block, the whole image
+        keys = np.sort(encode_morton(np.stack([*np.divmod(np.arange(64), 8), np.zeros(64, np.int64)], axis=1)))
+    stage = stage_of(mask, np.random.default_rng(8).integers(-128, 128, PLANAR_TAPS * mask.bit_count()), components)
+    tools = Tools(colour_range=4, models=models, filters=1, dct_blocks=1, **ALL)
+    halves = lambda levels, _: (slice_level, [0, len(levels[slice_level]) // 2] if slice_level else [0])
+    with patch.multiple(attribute_coder, fit_stage=lambda *_: stage, _plan_slices=halves):
+        coded, means = coded_image(keys, depth, jpeg_texture(keys, components), tools, qp=20)
+    _, whole = np.unique(keys >> 9, return_counts=True)
+    assert coded.dct_blocks and (whole == 64).any()
+    for lod in range(depth + 1):
+        theirs = decode_values(naive_unit(coded, depth), keys.tolist(), lod)
+        assert decoded_image(keys, depth, coded, depth - lod, threads=2).tobytes() == theirs
+    assert (inverse_colour if components == 3 else inverse_plain)(means).tobytes() == decoded_image(keys, depth, coded).tobytes()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_random_codewords_of_dct_blocks_decode_as_by_the_naive_decoder(seed):
+    rng, keys = np.random.default_rng(seed), island_keys(6, seed)
+    coded = CodedAttributes([63, 0, 40], [1, *[255] * 6], 3, 8, [], [1 << 20, -(1 << 20), 5], 0, [0], [rng.bytes(20000)], [],
+                            dct_blocks=1, **ALL)
+    data = np.frombuffer(coded.codewords[0], np.uint8)
+    means = dec_attributes(keys, 6, coded, data, [(0, len(data))], 6)
+    assert np.abs(means).max() == MAX_MEAN
+    assert inverse_colour(means).tobytes() == decode_values(naive_unit(coded, 6), keys.tolist())
+
+
+def test_what_was_a_jpeg_gets_dct_blocks_and_half_the_bytes():
+    keys = island_keys(7)
+    jpeg, other = jpeg_texture(keys, 3), texture(keys, 3)
+    choose = lambda rgb: tool_choice.choose_tools(keys, 7, forward_colour(rgb), [16] * 3, "balanced", 1, True)
+    assert jpeg_likeness(keys, forward_colour(jpeg)[:, 0]) < 0.1 and choose(jpeg).dct_blocks
+    assert jpeg_likeness(keys, forward_colour(other)[:, 0]) > tool_choice.MOST_UNLIKE_JPEG and not choose(other).dct_blocks
+    size = lambda **off: len(coded_image(keys, 7, jpeg, replace(choose(jpeg), **off), 16)[0].codewords[0])
+    assert size() < 0.75 * size(dct_blocks=0)
+    assert jpeg_likeness(keys[:500], forward_colour(jpeg)[:500, 0]) == np.inf
+
+
+def test_lossless_texels_that_were_a_jpeg_are_dct_blocks_underneath():
+    keys = island_keys(7)
+    rgb = jpeg_texture(keys, 3)
+    field, plan = (keys, 7, forward_colour(rgb)), ResidualPlan(0, rgb, inverse_colour)
+    qp, dct_blocks = tool_choice.choose_base(*field, lambda qp: [qp] * 3, plan, "balanced", 1, True)
+    assert dct_blocks == 1 and qp[0] in tool_choice.DCT_BASE_QPS
+    coded, made = enc_attributes(*field, qp, Tools(models=8, dct_blocks=1, **ALL), 1, plan)
+    assert np.array_equal(made, rgb) and decoded_image(keys, 7, coded).tobytes() == rgb.tobytes()
 
 
 @pytest.mark.parametrize("delta", [0, 3])
@@ -146,7 +211,7 @@ def test_parameters_are_read_as_written(components):
     again, _ = coded_of(read_structure(RAHT, Reader(data, 0, len(data)), dict(around)))
     assert (again.planar, again.planar_transform, again.component_cross) == (1, 1, 16 if components == 3 else 0)
     voxels = write_structure(RAHT, {**raht_values(coded, components == 3), **around, "Planar": 0})
-    assert len(data) - len(voxels) == 1
+    assert len(data) - len(voxels) == 2  # planar_transform and dct_blocks
 
 
 @pytest.mark.parametrize("name, value", [("planar_transform", 2), ("component_cross", 17)])
@@ -154,7 +219,7 @@ def test_parameters_out_of_range_are_refused(name, value):
     keys, around = island_keys(3), {"resolution": 8, "NumComponents": 3, "Planar": 1}
     coded, _ = coded_image(keys, 3, texture(keys, 3), Tools(models=1, **ALL))
     data = bytearray(write_structure(RAHT, {**raht_values(coded, True), **around}))
-    at = 1 + 3 + 7 + 1 + 1 + (name == "component_cross")
+    at = 1 + 3 + 7 + 1 + 1 + 2 * (name == "component_cross")
     assert data[at] == {"planar_transform": 1, "component_cross": 16}[name]
     data[at] = value
     with pytest.raises(TexfError) as caught:

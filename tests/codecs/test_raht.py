@@ -539,7 +539,7 @@ def test_level_bytes_of_each_codeword_are_enough_for_its_levels(slices, monkeypa
 def test_slices_plan_at_most_64_even_parts(monkeypatch):
     sliced(monkeypatch, voxels=10, nodes=100)
     keys = surface_keys(6)
-    level, first = codec_room._plan_slices(build_octree(keys, 6))
+    level, first = codec_room._plan_slices(build_octree(keys, 6), 6)
     sizes = np.diff([*np.add.accumulate([0, *np.unique(keys >> 3 * (6 - level), return_counts=True)[1]])[first], len(keys)])
     assert len(first) == 64 and first[0] == 0 and sizes.max() <= 2 * len(keys) / 64
 

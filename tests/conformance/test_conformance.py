@@ -22,7 +22,7 @@ NAIVE = f'"{sys.executable}" "{REPOSITORY / "tests" / "naive" / "decoder.py"}"'
 # Quick ones: levels of detail, two fields, alpha, slices, no level at all, no geometry, and a refusal of each kind
 SMALL = [
     "subset/k3/", "subset/two_fields/", "subset/alpha_mask/", "uncommon/one_voxel/", "uncommon/empty/", "uncommon/one_slice/",
-    "uncommon/empty_codeword/", "faulty/cut_geometry/", "faulty/codec_id/", "faulty/num_vertices_huge/",
+    "uncommon/empty_codeword/", "faulty/cut_geometry/", "faulty/codec_id/", "faulty/unit_vertices_huge/",
     "subset/neural_hash/", "faulty/neural_code/", "uncommon/filter_slices/", "faulty/filter_left_out/",
     "subset/constant/", "uncommon/constant_second_field/", "faulty/constant_value/", "faulty/private_codec/",
     "subset/texels_alpha/", "uncommon/texels_mixed/", "uncommon/texels_flat/", "uncommon/texels_rounded/",
@@ -164,7 +164,7 @@ def test_wrong_decoder_without_its_fault_is_right(tmp_path):
         ("faulty/cut_last_byte/", "exit code 0, expected 3", {"before": COMPLETED}),
         ("faulty/cut_geometry/", "exit code 1, expected 3", {"refuse": "sys.exit(1)"}),
         ("faulty/codec_id/", "exit code 3, expected 5", {"refuse": "sys.exit(3)"}),
-        ("faulty/num_vertices_huge/", "exit code 0, expected 6 or 3", {"refuse": "files = {}"}),
+        ("faulty/unit_vertices_huge/", "exit code 0, expected 6 or 3", {"refuse": "files = {}"}),
         ("subset/k3/", "exit code 3", {"before": "sys.exit(3)"}),
         # filters: values_crc finds them first
         ("uncommon/filter_slices/", "lod 0: exit code 3", {"before": SLICE_BY_SLICE}),

@@ -14,13 +14,13 @@ def test_every_stream_that_decodes_is_promised_and_as_it_was():
 @pytest.mark.parametrize("new, said", [({"subset/a": ["1", "2"]}, "subset/b is gone"),
                                        (OLD | {"subset/a": ["0", "2"]}, "subset/a is another stream"),
                                        (OLD | {"subset/a": ["1", "0"]}, "subset/a decodes to other values")])
-def test_a_promise_is_not_broken_from_version_1_on(new, said):
+def test_a_promise_is_not_broken_once_version_1_is_no_candidate(new, said):
     assert list(broken(OLD, new)) == [said]
-    assert renewed(OLD, new, anew=True, version=0) == new
-    for version, anew in ((0, False), (1, False), (1, True)):
+    assert renewed(OLD, new, anew=True, candidate=True) == new
+    for candidate, anew in ((True, False), (False, False), (False, True)):
         with pytest.raises(ValueError, match=said):
-            renewed(OLD, new, anew, version)
+            renewed(OLD, new, anew, candidate)
 
 
 def test_new_vectors_join_the_list():
-    assert renewed(OLD, OLD | {"subset/c": ["5", "6"]}, version=1) == OLD | {"subset/c": ["5", "6"]}
+    assert renewed(OLD, OLD | {"subset/c": ["5", "6"]}) == OLD | {"subset/c": ["5", "6"]}

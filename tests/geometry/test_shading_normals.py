@@ -18,10 +18,10 @@ from texfcodec.encoder.decide.channel_weights import SHADING
 from texfcodec.encoder.decide.normal_rules import ENOUGH, LEAST_STEP, STEP, choose_normals, quantiles
 from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.geometry.edges import MANY, NUM_FOLDS, coded_edges, folds, shared_edges, weld
-from texfcodec.geometry.shading_normals import MOST_FACES, corner_normals
+from texfcodec.geometry.shading_normals import corner_normals
 from texfcodec.geometry.surface import make_surface
 from texfcodec.io.load import load
-from texfcodec.scene.normal_rule import ANGLE, AREA, BOTH, FLAT, IN_STREAM, JOINED, MARKED, PAIRS, USUAL, NormalRule
+from texfcodec.scene.normal_rule import ANGLE, AREA, BOTH, FLAT, IN_STREAM, JOINED, MARKED, USUAL, NormalRule
 from texfcodec.scene.scene import Material
 
 SMALL = EncodeOptions(resolution=32, qp=40, threads=1)
@@ -88,9 +88,6 @@ def naive_normals(lattice, faces, rules, face_rule, sharp):
             rule = rules[face_rule[f]]
             if rule.angle == 0:
                 wanted = set()
-            elif rule.kind == PAIRS:
-                few = len(around) <= MOST_FACES or rule.angle == 180
-                wanted = {f, *(g for g, _ in around if few and near(f, g, rule.angle))}
             else:
                 wanted = reached(f, place, rule)
             parts = [(weight(g, d, rule.weight), units[g]) for g, d in around if g in wanted]
@@ -110,7 +107,7 @@ def test_rules_agree_with_the_slow_ones_on_random_surfaces(seed):
     positions, faces = sphere(5)
     lattice = np.rint((positions + rng.normal(0, 0.12, positions.shape)) * 4000).astype(np.int64) + 20000
     faces = np.concatenate([faces, faces[:6], faces[6:9, ::-1], [[0, 1, 1], [3, 40, 9], [5, 11, 2]]])  # doubled, turned, odd
-    every = [NormalRule(kind, weight, angle) for kind in (PAIRS, JOINED, MARKED) for weight in (AREA, ANGLE, BOTH)
+    every = [NormalRule(kind, weight, angle) for kind in (JOINED, MARKED) for weight in (AREA, ANGLE, BOTH)
              for angle in (0, 20, 45, 90, 180)]
     face_rule = rng.integers(0, len(every), len(faces))
     marked = np.array([rule.kind == MARKED for rule in every])[face_rule]
@@ -129,7 +126,7 @@ def test_folds_and_edges_agree_with_the_slow_ones(bits):
     lattice[50:] = lattice[:10]  # positions that are there twice
     faces = np.concatenate([rng.integers(0, 60, (300, 3)), [[0, 1, 2]] * 9])
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
-    materials, material = [{"normal_rule": 6}, {"normal_rule": 0}], rng.integers(0, 2, len(faces))
+    materials, material = [{"normal_rule": 3}, {"normal_rule": 0}], rng.integers(0, 2, len(faces))
     units = [{"material": m, "lattice": lattice.tolist(), "faces": faces[material == m].tolist()} for m in (0, 1)]
     slow = marked_edges(units, materials)
     order = np.concatenate([np.flatnonzero(material == m) for m in (0, 1)])
@@ -307,15 +304,14 @@ def test_faces_that_all_collapse_make_an_empty_stream():
 
 
 def test_three_hundred_faces_at_a_vertex():
-    """A cone: at its tip every face would look at all others; a rule over all, or over edges, needs no such look."""
+    """A cone: at its tip every face would look at all others; a rule over edges needs no such look."""
     around = np.arange(300) * 2 * np.pi / 300
     positions = np.concatenate([np.stack([np.cos(around), np.sin(around), 0 * around], axis=1), [[0, 0, 0.3]]])
     faces = np.stack([np.arange(300), (np.arange(300) + 1) % 300, np.full(300, 300)], axis=1)
     lattice = np.rint(positions * 100_000).astype(np.int64) + 200_000
     tip = lambda *rule: corner_normals(lattice, faces, [NormalRule(*rule)])[:, 2]
-    for rule in ((PAIRS, AREA, 180), (JOINED, BOTH, 30), (JOINED, ANGLE, 180)):
+    for rule in ((JOINED, AREA, 180), (JOINED, BOTH, 30), (JOINED, ANGLE, 180)):
         assert degrees(tip(*rule), [0, 0, 1]).max() < 0.1
-    assert 10 < degrees(tip(PAIRS, AREA, 90), [0, 0, 1]).min() < 20  # more than MOST_FACES: each its own
     smooth = corner_normals(lattice, faces, [NormalRule(JOINED, ANGLE, 30)])
     shading, _ = chosen(with_normals(positions, faces, smooth))
     assert shading.evidence["degrees"][2] < 0.1

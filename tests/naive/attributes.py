@@ -4,6 +4,7 @@ from math import isqrt
 from types import SimpleNamespace
 
 from naive.bits import require
+from naive.dct import decode_blocks
 from naive.filter import filter_stage
 from naive.following import followed
 from naive.mixing import MixedBits, MixedTable, adapted
@@ -34,6 +35,7 @@ class Level:
         self.mean = [None] * len(values)
         self.energy = [(0, 0)] * len(values)
         self.q = [None] * len(values)  # of blocks: by component, by split
+        self.dct, self.known = {}, set()  # DCT blocks by node; nodes below one
 
     def neighbour(self, node, dx, dy, dz):
         x, y, z = self.coordinates[node]
@@ -194,15 +196,19 @@ class LevelDecoder:
     """One range of one level: gives the means of the children of its nodes."""
 
     def __init__(self, unit, levels, d, first, decoder, table):
-        self.unit, self.first, self.decoder, self.table = unit, first, decoder, table
+        self.unit, self.levels, self.d, self.first, self.decoder, self.table = unit, levels, d, first, decoder, table
         self.upper, self.level, self.lower = levels[d - 1] if d > 0 else None, levels[d], levels[d + 1]
         self.level_class = min(unit["depth"] - 1 - d, 3)
         self.components, self.steps = unit["components"], [step(qp) for qp in unit["qp"]]
         self.bits_of_plane = MixedBits if unit["num_models"] > 0 else DirectBits
 
     def run(self, end):
+        if self.unit["dct_blocks"] > 0 and self.unit["depth"] - self.d == 3:
+            decode_blocks(self, end)
         for node in range(self.first, end):
             children = self.level.children[node]
+            if node in self.level.dct or node in self.level.known:
+                continue
             if len(children) == 1:
                 (child,) = children.values()
                 self.lower.mean[child] = self.level.mean[node]

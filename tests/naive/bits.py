@@ -109,7 +109,7 @@ def units_of(data):
         require(reader.u32("unit_crc") == crc, f"the checksum of unit {len(units)} (type {unit_type}) does not match")
         units.append((unit_type, payload))
         require(units[0][0] == 0, "the first unit is no sequence header")
-        if units[0][1][:1] not in (b"", b"\0"):
+        if units[0][1][:1] not in (b"", b"\1"):
             raise Unsupported(f"version {units[0][1][0]}")
     require(reader.ended(), "bytes follow the end unit")
     return units

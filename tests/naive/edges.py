@@ -33,7 +33,7 @@ def marked_edges(units, materials):
             turned = [place[::-1] for place in triangle]
             for edge in [tuple(sorted((turned[i], turned[i - 1]))) for i in range(3)] if len(set(turned)) == 3 else []:
                 triangles_at.setdefault(edge, []).append(triangle)
-                if materials[unit["material"]]["normal_rule"] >= 6:
+                if materials[unit["material"]]["normal_rule"] >= 3:
                     marked.add(edge)
     return [(edge, triangles_at[edge]) for edge in sorted(marked) if 2 <= len(triangles_at[edge]) <= 8]
 

@@ -1,4 +1,4 @@
-"""Clauses 5.3.1, 5.3.2, 5.4 and the last part of 5.7 in plain Python: channel groups, materials, what each field needs."""
+"""Clauses 5.3.1, 5.4 and the last part of 5.7 in plain Python: channel groups, materials, what each field needs."""
 
 import struct
 
@@ -10,7 +10,6 @@ COLOURED = {0, 7, 12, 15, 22}
 EVERYWHERE = {0, 1}  # base colour and alpha
 OVER_VOXELS = {2: 3, 10: 11}  # what a channel over voxels stands for over texels
 NAMEABLE = sum(1 << semantic for semantic in range(23) if semantic not in (0, 1, 3, 11))
-NORMAL, OCCLUSION, CLEARCOAT_NORMAL, SPECULAR, SPECULAR_COLOUR = 2, 4, 10, 14, 15
 
 # parameter_id -> values where it is not there, of 5.4.2.
 DEFAULTS = [
@@ -36,7 +35,7 @@ def read_material(reader):
     material["flags"] = known("material_flags", reader.u8("material_flags"), 3)
     material |= {"normal_rule": 0, "normal_angle": 45}
     if material["flags"] & 2 == 0:
-        material["normal_rule"] = known("normal_rule", reader.u8("normal_rule"), 9)
+        material["normal_rule"] = known("normal_rule", reader.u8("normal_rule"), 6)
         material["normal_angle"] = reader.u8("normal_angle", 0, 180)
     named = known("material_channels", reader.v("material_channels"), 2**23 - 1)
     require(named & ~NAMEABLE == 0, f"material_channels is {named:#x}")
@@ -49,23 +48,6 @@ def read_material(reader):
         require(value != DEFAULTS[number], f"parameter {number} is the default")
         material["parameters"][number], last = value, number
     return material
-
-
-def effects_of(material):
-    """Clause 5.3.2: the bits that a material sets."""
-    value = lambda number: material["parameters"].get(number, DEFAULTS[number])
-    above = lambda number: max(value(number)) > 0
-    mapped = lambda semantic, scale: semantic in material["channels"] and value(scale) != [0]
-    lit = material["flags"] & 2 == 0
-    of_light = (
-        (0, True), (4, above(3)), (5, mapped(NORMAL, 0)), (6, mapped(OCCLUSION, 1)), (7, above(4) and above(5)), (8, above(6)),
-        (9, above(6) and mapped(CLEARCOAT_NORMAL, 8)), (10, above(9)),
-        (11, {11, 12} & material["parameters"].keys() or {SPECULAR, SPECULAR_COLOUR} & material["channels"]), (12, above(13)),
-        (13, above(14)), (14, above(17)), (15, above(21)), (16, above(23)), (17, above(14) and above(26)),
-        (18, 25 in material["parameters"]),
-    )
-    always = ((1, material["alpha_mode"] == 1), (2, material["alpha_mode"] == 2), (3, material["flags"] & 1))
-    return {bit for bit, on in always if on} | {bit for bit, on in of_light if lit and on}
 
 
 def channels_on(material, support):
@@ -90,10 +72,8 @@ def needed_groups(header, materials, fields, geometry):
 
 
 def check_appearance(header, materials, fields, geometry):
-    """Clauses 5.3.1, 5.3.2 and 5.4.1: channels that are named are there, others are not; effects are those of the materials."""
+    """Clauses 5.3.1 and 5.4.1: channels that are named are there, others are not."""
     there = {semantic for group in header["channel_groups"] for semantic in group["semantics"]}
     named = set().union(*named_by_field(materials, fields, geometry))
     require(named <= there, f"materials name the channels {sorted(named - there)}, which no group holds")
     require(not fields or there <= named | EVERYWHERE, f"nobody names the channels {sorted(there - named - EVERYWHERE)}")
-    bits = set().union(*map(effects_of, materials))
-    require(header["effects"] == sum(1 << bit for bit in bits), f"effects are {header['effects']:#x}, not bits {sorted(bits)}")

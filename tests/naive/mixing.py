@@ -93,12 +93,14 @@ class MixedTable:
 
     def __init__(self, num_models):
         self.num_models, self.contexts, self.quiet = num_models, {}, [(2**21, 2**21, 0)] * QUIET_CONTEXTS
+        self.dct = None  # a DctTable, from the first DCT block on
         self.weight_sets = [WeightSet(num_models) for _ in range(WEIGHT_SETS)]
         self.refinements = [new_refinement() for _ in range(REFINEMENT_SETS)]
 
     def copy(self):
         other = MixedTable(self.num_models)
         other.contexts, other.quiet = dict(self.contexts), list(self.quiet)
+        other.dct = self.dct and self.dct.copy()
         other.weight_sets = [weights.copy() for weights in self.weight_sets]
         other.refinements = [list(refinement) for refinement in self.refinements]
         return other

@@ -16,7 +16,7 @@ def decode_normals(unit, marked, units, materials):
     for part in units:
         for face in part["faces"]:
             triangles.append([tuple(part["lattice"][corner]) for corner in face])
-            asking.append(materials[part["material"]]["normal_rule"] == 9)
+            asking.append(materials[part["material"]]["normal_rule"] == 6)
     groups = groups_of(triangles, asking, {edge for edge, mark in marked if mark})
     require(len(groups) == unit["num_groups"], f"{len(groups)} groups are there, num_groups is {unit['num_groups']}")
     residuals = decode_residuals(unit["residual_data"], groups)

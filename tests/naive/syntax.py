@@ -13,15 +13,12 @@ DRACO_START = bytes.fromhex("445241434F020201010000")
 
 def read_header(reader):
     """Clause 5.3."""
-    header = {"version": reader.u8("version", high=0), "position_bits": reader.u8("position_bits", 8, 20)}
+    header = {"version": reader.u8("version", 1, 1), "position_bits": reader.u8("position_bits", 8, 20)}
     header["origin"] = [reader.f64("origin") for _ in range(3)]
     header["side"] = reader.f64("side", low=0)
-    header["num_vertices"] = reader.v("num_vertices")
-    header["num_faces"] = reader.v("num_faces")
     header["num_materials"] = reader.v("num_materials", high=65536)
     header["num_fields"] = reader.v("num_fields", high=256)
     header["num_geometry_units"] = reader.v("num_geometry_units", high=16777216)
-    header["effects"] = known("effects", reader.u64("effects"), 2**19 - 1)
     header["num_channel_groups"] = known("num_channel_groups", reader.u8("num_channel_groups", 1), 23)
     header["channel_groups"] = [read_channel_group(reader) for _ in range(header["num_channel_groups"])]
     semantics = [semantic for group in header["channel_groups"] for semantic in group["semantics"]]
@@ -117,6 +114,8 @@ def read_raht(reader, unit, header, fields):
     unit["num_models"] = reader.u8("num_models", 0, 8)
     unit["planar"] = fields[unit["field_index"]]["support"]
     unit["planar_transform"] = known("planar_transform", reader.u8("planar_transform"), 1) if unit["planar"] > 0 else 0
+    with_dct = unit["planar"] > 0 and unit["num_models"] > 0
+    unit["dct_blocks"] = known("dct_blocks", reader.u8("dct_blocks"), 1) if with_dct else 0
     unit["component_cross"] = reader.u8("component_cross", 0, 16) if components > 1 else 0
     unit["filters"] = [read_filter(reader, components, 5 if unit["planar"] else 3) for _ in range(reader.u8("num_filters", 0, 3))]
     unit["residual"] = reader.u8("residual", 0, 128 if depth > 0 else 0)
@@ -237,8 +236,6 @@ def read_stream(units):
     fields = [filled(read_field, payload, index) for index, payload in enumerate(of_type(FIELD))]
     geometry = [filled(read_geometry, payload, header, fields) for payload in of_type(GEOMETRY)]
     require({unit["field_index"] for unit in geometry} == set(range(len(fields))), "a field has no geometry unit")
-    require(sum(unit["unit_vertices"] for unit in geometry) == header["num_vertices"], "unit_vertices do not add up")
-    require(sum(unit["unit_faces"] for unit in geometry) == header["num_faces"], "unit_faces do not add up")
     attributes = [filled(read_attribute, payload, header, fields) for payload in of_type(ATTRIBUTE)]
     pairs = [(unit["field_index"], unit["group_index"]) for unit in attributes]
     wanted = needed_groups(header, materials, fields, geometry)
@@ -249,10 +246,10 @@ def read_stream(units):
     check_appearance(header, materials, fields, geometry)
     metadata = [filled(read_metadata, payload) for payload in of_type(METADATA)]
     sharp = [filled(read_sharp_edges, payload) for payload in of_type(SHARP_EDGES)]
-    wants_marks = any(material["normal_rule"] >= 6 for material in materials)
+    wants_marks = any(material["normal_rule"] >= 3 for material in materials)
     require(wants_marks == bool(sharp), "a sharp edges unit is there without a rule that asks for it, or the other way round")
     coded = [filled(read_coded_normals, payload) for payload in of_type(CODED_NORMALS)]
-    wants_normals = any(material["normal_rule"] == 9 for material in materials)
+    wants_normals = any(material["normal_rule"] == 6 for material in materials)
     require(wants_normals == bool(coded), "a coded normals unit is there without a rule that asks for it, or the other way round")
     skipped = [unit_type for unit_type, _ in units if unit_type > CODED_NORMALS]
     return {

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from ..codecs.base import Group
 from ..errors import InputError, StreamError, SupportError
 from ..scene.channels import CHANNELS, COLOURS, MAPS, PARAMETERS, binary32, channel_over, channels_of
-from ..scene.effects import effects_mask
 from ..scene.normal_rule import USUAL, rule_of
 from ..scene.scene import Material
 from .syntax import SUPPORT_TEXELS
@@ -92,8 +91,8 @@ def needed_groups(stream: Stream) -> list[list[int]]:
 
 
 def faults_of_appearance(stream: Stream) -> Iterator[StreamError]:
-    """What materials name is there for every field that has faces of them, nothing is there that none names, and the effects are
-    those of the materials (5.3, 5.4.1): the rules that are broken, as errors."""
+    """What materials name is there for every field that has faces of them, and nothing is there that none names (5.3.1,
+    5.4.1): the rules that are broken, as errors."""
     groups = channels_of(stream.header["channel_groups"])
     present = {channel.name for channels in groups for channel in channels}
     used = set()
@@ -107,10 +106,6 @@ def faults_of_appearance(stream: Stream) -> Iterator[StreamError]:
     idle = present - used - {channel.name for channel in COLOURS}
     if stream.fields and idle:
         yield StreamError("TXF-S14", "a channel group holds a channel that no material names", clause="5.3.1", value=sorted(idle))
-    named = effects_mask(material_of(values) for values in stream.materials)
-    if stream.header["effects"] != named:
-        yield StreamError("TXF-S14", "effects are not those of the materials", clause="5.3.2", value=stream.header["effects"],
-                          allowed=named)
 
 
 def parameter_values(material: Material) -> list[dict]:

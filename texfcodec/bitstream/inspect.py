@@ -1,9 +1,11 @@
 """A stream described by the names of its syntax elements, without decoding it and without numba."""
 
 from ..codecs import codec_of_unit
+from ..codecs.base import PRIVATE_IDS, PROFILES
 from ..limits import Limits, level_of
 from ..scene.channels import channels_of
-from ..scene.effects import in_words
+from ..scene.effects import effects_mask, in_words
+from .appearance import material_of
 from .stream import read_stream
 from .syntax import (
     SIGNATURE,
@@ -26,9 +28,10 @@ def inspect(data: bytes, limits: Limits | None = None) -> dict:
     """What stands where in a .texf stream.
 
     data: bytes; limits: Limits. Returns a JSON-ready dict: "bytes" by kind, counts ("voxels" of fields over voxels, "texels"
-    of the others), "level" and the "needs" that it follows from (spec 10.1), "fields" (an element that a field does not have
-    is None), "groups" (one per attribute unit: qp, codewords, bytes by octree level where the stream tells) and "units",
-    whose elements with the signature name every byte of the file exactly once. Raises StreamError, LimitError, SupportError.
+    of the others), "level" and the "needs" that it follows from (spec 10.1), "profile" (10.3), "fields" (an element that a field
+    does not have is None), "groups" (one per attribute unit: qp, codewords, bytes by octree level where the stream tells) and
+    "units", whose elements with the signature name every byte of the file exactly once. Raises StreamError, LimitError,
+    SupportError.
     """
     data = bytes(data)
     trace: list[tuple] = []
@@ -45,23 +48,30 @@ def inspect(data: bytes, limits: Limits | None = None) -> dict:
         sizes[_KINDS.get(unit["type"], "other")] += unit["size"]
     return {
         "schema": SCHEMA, "bytes": sizes, "version": header["version"], "level": level_of(needs), "needs": needs,
+        "profile": _profile(stream),
         "position_bits": header["position_bits"],
-        "vertices": header["num_vertices"], "faces": header["num_faces"], "voxels": sum(f["num_keys"] for f in grids),
+        "vertices": stream.vertices, "faces": stream.faces, "voxels": sum(f["num_keys"] for f in grids),
         "texels": sum(f["num_keys"] for f in stream.fields) - sum(f["num_keys"] for f in grids),
         "resolution": max((f["resolution"] for f in grids), default=None),
         "fields": [{**f, "geometry_units": sum(g["field_index"] == i for g in stream.geometry)}
                    for i, f in enumerate(stream.fields)],
         "groups": _groups(stream, [u["size"] for u in units if u["type"] == UNIT_ATTRIBUTE]),
-        "effects": in_words(header["effects"]), "materials": stream.materials, "sharp_edges": _sharp_edges(stream),
-        "coded_normals": _coded_normals(stream),
+        "effects": in_words(effects_mask(map(material_of, stream.materials))), "materials": stream.materials,
+        "sharp_edges": _sharp_edges(stream), "coded_normals": _coded_normals(stream),
         "skipped": stream.skipped, "units": units,
     }
+
+
+def _profile(stream):
+    """The profile that the attribute units are of, None where one is of a private codec."""
+    profiles = [codec_of_unit(unit).profile(unit) for unit in stream.attributes if unit["codec_id"] < PRIVATE_IDS[0]]
+    return max(profiles, key=PROFILES.index, default=PROFILES[0]) if len(profiles) == len(stream.attributes) else None
 
 
 def _needs(stream, size):
     """What a level bounds (spec 10.1), by names of Limits' fields; samples and touched voxels are known later."""
     images = [f["width"] * f["height"] for f in stream.fields if f["support"] == SUPPORT_TEXELS]
-    return {"file_bytes": size, "vertices": stream.header["num_vertices"], "faces": stream.header["num_faces"],
+    return {"file_bytes": size, "vertices": stream.vertices, "faces": stream.faces,
             "voxels": sum(f["num_keys"] for f in stream.fields), "texels": max(images, default=0),
             "latents": sum(codec_of_unit(a).count_latents(a) for a in stream.attributes),
             "metadata_bytes": 0 if stream.metadata is None else 1 + len(stream.metadata)}

@@ -38,8 +38,9 @@ if TYPE_CHECKING:
 
 @dataclass
 class Stream:
-    """Values by syntax element name: header, materials, one dict per field, geometry unit and attribute unit; metadata,
-    sharp_edges and coded_normals or None. skipped: unknown ancillary units that were passed over."""
+    """Values by syntax element name: header, materials, one dict per field, geometry unit and attribute unit (None for one that
+    validate could not read); metadata, sharp_edges and coded_normals or None. skipped: unknown ancillary units that were passed
+    over."""
 
     header: dict
     materials: list = field(default_factory=list)
@@ -50,6 +51,16 @@ class Stream:
     skipped: list = field(default_factory=list)
     sharp_edges: dict | None = None
     coded_normals: dict | None = None
+
+    @property
+    def vertices(self) -> int:
+        """Vertices of all geometry units."""
+        return sum(unit["unit_vertices"] for unit in self.geometry if unit)
+
+    @property
+    def faces(self) -> int:
+        """Faces of all geometry units."""
+        return sum(unit["unit_faces"] for unit in self.geometry if unit)
 
     @property
     def joint(self) -> dict | None:
@@ -169,7 +180,6 @@ def read_payload(view: memoryview, unit: Unit, stream: Stream, limits: Limits, r
 def _read_elements(unit, reader, stream, limits, rows):
     if unit.type == UNIT_HEADER:
         stream.header = read_structure(UNITS[UNIT_HEADER], reader, {}, rows)
-        _check_limits(stream.header, limits)
         check_groups(stream.header["channel_groups"])
     elif unit.type == UNIT_MATERIALS:
         _check_materials_fit(stream.header["num_materials"], reader)
@@ -187,6 +197,7 @@ def _read_elements(unit, reader, stream, limits, rows):
         values["offset"] = unit.end - len(values["draco_data"])
         _check_uv_range(values)
         stream.geometry.append(values)
+        _check_size(stream, limits)
     elif unit.type == UNIT_ATTRIBUTE:
         stream.attributes.append(_read_attribute(reader, stream, rows))
     elif unit.type == UNIT_METADATA:
@@ -226,10 +237,11 @@ def _check_uv_range(unit):
                           allowed=f"1..{(1 << unit['uv_bits']) - 1}")
 
 
-def _check_limits(header, limits):
-    for code, name, limit in (("TXF-L02", "num_vertices", limits.vertices), ("TXF-L03", "num_faces", limits.faces)):
-        if limit is not None and header[name] > limit:
-            raise LimitError(code, f"{name} is over the limit", clause="5.3", value=header[name], allowed=limit)
+def _check_size(stream, limits):
+    for code, name, count, limit in (("TXF-L02", "vertices", stream.vertices, limits.vertices),
+                                     ("TXF-L03", "faces", stream.faces, limits.faces)):
+        if limit is not None and count > limit:
+            raise LimitError(code, f"the stream has more {name} than the limit allows", clause="5.6", value=count, allowed=limit)
 
 
 class _Number(NamedTuple):
@@ -252,10 +264,6 @@ _NUMBERS = (
     _Number("the number of fields", "5.5", _HEADER_AND(), UNIT_FIELD, lambda s, n: (len(s.fields), s.header["num_fields"])),
     _Number("the number of geometry units", "5.6", _HEADER_AND(), UNIT_GEOMETRY,
             lambda s, n: (len(s.geometry), s.header["num_geometry_units"])),
-    _Number("the sum of unit_vertices", "5.6", _HEADER_AND(UNIT_GEOMETRY), None,
-            lambda s, n: (sum(g["unit_vertices"] for g in s.geometry), s.header["num_vertices"])),
-    _Number("the sum of unit_faces", "5.6", _HEADER_AND(UNIT_GEOMETRY), None,
-            lambda s, n: (sum(g["unit_faces"] for g in s.geometry), s.header["num_faces"])),
     _Number("the order of field indices", "5.5", frozenset((UNIT_FIELD,)), UNIT_FIELD,
             lambda s, n: ([f["field_index"] for f in s.fields], list(range(len(s.fields))))),
     _Number("the number of sharp_edges units", "5.10", frozenset((UNIT_MATERIALS, UNIT_SHARP_EDGES)), UNIT_SHARP_EDGES,

@@ -7,12 +7,11 @@ from ..core.syntax_table import Element as E
 from ..field.extents import MAX_SIDE
 from ..geometry.draco import MAX_UV_BITS
 from ..scene.channels import CHANNELS, PARAMETERS
-from ..scene.effects import EFFECTS
 from ..scene.normal_rule import IN_STREAM, MOST_ANGLE
 from ..scene.scene import ALPHA_BLEND, ALPHA_MASK
 
 SIGNATURE = b"\x89TXF\r\n\x1a\n"
-VERSION = 0
+VERSION = 1
 
 UNIT_HEADER, UNIT_MATERIALS, UNIT_FIELD, UNIT_GEOMETRY, UNIT_ATTRIBUTE, UNIT_END = range(6)
 SUPPORT_VOXELS, SUPPORT_TEXELS = range(2)
@@ -46,12 +45,9 @@ SEQUENCE_HEADER = Structure("sequence_header", "5.3", (
     E("position_bits", "u8", 8, 20),
     E("origin", "f64", count="3"),
     E("side", "f64", 0),
-    E("num_vertices", "v", 0),
-    E("num_faces", "v", 0),
     E("num_materials", "v", 0, 65536),
     E("num_fields", "v", 0, 256),
     E("num_geometry_units", "v", 0, 1 << 24),
-    E("effects", "u64", 0, (1 << len(EFFECTS)) - 1, registry=True),
     E("num_channel_groups", "u8", 1, MAX_GROUPS, registry=True),
     E("channel_groups", CHANNEL_GROUP, count="num_channel_groups"),
 ))

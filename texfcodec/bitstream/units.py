@@ -75,8 +75,9 @@ def check_start(data: bytes, max_file_bytes: int | None = None) -> None:
 def check_version(data: bytes | memoryview, header: Unit) -> None:
     """Before anything that follows is looked at: another version may have other units. Raises SupportError."""
     if header.begin < header.end and data[header.begin] != VERSION:
-        raise SupportError("TXF-U04", "the stream is of another version of the format", clause="5.3", offset=header.begin,
-                           value=data[header.begin], allowed=VERSION)
+        what = "a newer version of the format" if data[header.begin] > VERSION else "version 0, the drafts before the candidate"
+        raise SupportError("TXF-U04", f"the stream is of {what}", clause="5.3", offset=header.begin, value=data[header.begin],
+                           allowed=VERSION)
 
 
 def check_place(unit: Unit, seen: set[int]) -> None:

@@ -11,9 +11,8 @@ from ..field.keyed import keys_crc
 from ..field.texels import TexelSupport
 from ..field.voxels import VoxelSupport
 from ..scene.channels import group_values
-from ..scene.effects import effects_mask
 from ..scene.scene import ALPHA_MASK, Material
-from .appearance import channel_bits, material_of, parameter_values
+from .appearance import channel_bits, parameter_values
 from .syntax import SUPPORT_TEXELS, SUPPORT_VOXELS, VERSION
 
 if TYPE_CHECKING:
@@ -26,12 +25,10 @@ if TYPE_CHECKING:
 
 def header_values(materials: list[Material], surface: Surface, geometry: list, num_fields: int, groups: Sequence[Group]) -> dict:
     """Values of the sequence header (spec 5.3). materials: of the stream; groups: those that are coded. Raises InputError."""
-    effects = effects_mask(material_of(material_values(material)) for material in materials)  # of what a decoder will see
     return {
         "version": VERSION, "position_bits": surface.cube.position_bits, "origin": surface.cube.origin, "side": surface.cube.side,
-        "num_vertices": sum(g["unit_vertices"] for g in geometry), "num_faces": len(surface.faces),
-        "num_materials": len(materials), "num_fields": num_fields,
-        "num_geometry_units": len(geometry), "effects": effects, "num_channel_groups": len(groups),
+        "num_materials": len(materials), "num_fields": num_fields, "num_geometry_units": len(geometry),
+        "num_channel_groups": len(groups),
         "channel_groups": [group_values(g.channels, g.grey) for g in groups],
     }
 

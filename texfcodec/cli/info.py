@@ -116,9 +116,9 @@ def _lines(file, facts):
 
 
 def _level_in_words(facts):
-    """The level, which what only decoding tells may still raise."""
+    """Profile and level, which what only decoding tells may still raise."""
     known = "" if facts.get("verified") else " by its counts; --verify finds what its surface asks"
-    return f"level: {facts['level'] or f'above {max(LEVELS)}'}{known}"
+    return f"profile: {facts['profile'] or 'private'}, level: {facts['level'] or f'above {max(LEVELS)}'}{known}"
 
 
 def _field_in_words(field):

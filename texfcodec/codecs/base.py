@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from ..scene.scene import Scene
 
 Settings = Any  # of Codec.settings(): a dataclass of each codec's own
+PROFILES = ("base", "lossless", "neural")  # spec 10.3, each with what those before it have
 PRIVATE_IDS = range(192, 256)  # for codecs of strangers; their units name them (5.7)
 
 
@@ -161,6 +162,10 @@ class Codec(ABC):
     def describe(self, values: dict) -> dict:
         """What inspect() says of an attribute unit beside what every unit has: JSON-ready."""
         return {}
+
+    def profile(self, values: dict) -> str:
+        """Which of PROFILES an attribute unit is of."""
+        return PROFILES[0]
 
     def count_latents(self, values: dict) -> int:
         """Latents of an attribute unit (spec 10.1)."""

@@ -7,42 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
-from ..core.kernel import kernel
-from ..scene.normal_rule import AREA, CODED, JOINED, MARKED, MOST_ANGLE, PAIRS, USUAL, NormalRule
+from ..scene.normal_rule import AREA, CODED, JOINED, MARKED, USUAL, NormalRule
 from .corner_groups import CornerGroups
 from .edges import Edges, corner_pairs, joined, shared_edges, weld
 
-MOST_FACES = 256  # at a vertex, for pairs: their time grows with the square; beyond that every face keeps its own normal
 STEPS = 2048  # of a component of a normal, so that equal ones merge
 _CANCELLED = 1e-9  # of the weight that a sum keeps, below which it has no direction
-
-
-@kernel
-def _paired(corners, vertex, ring, face_unit, weight, cosine, out):
-    """out float64 [N, 4]: for each of `corners`, the weighed sum of the normals around its vertex that are within the angle, and
-    of their weights.
-
-    ring: (first int64 [V + 1], ranges of corner_of int64 [C], the corners 3 f + c around each vertex); weight: float64 [C];
-    cosine: the least of two normals that are within the angle.
-    """
-    first, corner_of = ring
-    for i in range(corners.shape[0]):
-        a = corners[i] // 3
-        low, high = first[vertex[corners[i]]], first[vertex[corners[i]] + 1]
-        few = high - low <= MOST_FACES or cosine <= -1.0  # then every other face counts, whatever its normal
-        for j in range(low, high):
-            c = corner_of[j]
-            b = c // 3
-            near = b == a
-            if few and not near:
-                dot = 0.0
-                for k in range(3):
-                    dot += face_unit[a, k] * face_unit[b, k]
-                near = dot >= cosine
-            if near:
-                for k in range(3):
-                    out[i, k] += weight[c] * face_unit[b, k]
-                out[i, 3] += weight[c]
 
 
 class Fans:
@@ -63,13 +33,6 @@ class Fans:
         self.weights = np.stack([np.repeat(area, 3), angle, np.repeat(area, 3) * angle])
 
     @cached_property
-    def ring(self) -> tuple[np.ndarray, np.ndarray]:
-        """(first int64 [V + 1], corner_of int64 [3 F]): the corners around vertex v are corner_of[first[v] : first[v + 1]]."""
-        corner_of = np.argsort(self.vertex, kind="stable")
-        first = np.searchsorted(self.vertex[corner_of], np.arange(int(self.vertex.max(initial=-1)) + 2))
-        return first, corner_of
-
-    @cached_property
     def edges(self) -> Edges:
         """Edges that faces share."""
         return shared_edges(self.vertex.reshape(-1, 3))
@@ -88,11 +51,7 @@ class Fans:
         chosen = np.arange(len(self.vertex)) if chosen is None else chosen
         if rule.is_flat:
             return self._rounded(np.zeros((len(chosen), 4)), chosen)
-        if rule.kind != PAIRS:
-            return self.of_sets(self.joined(rule.angle, sharp if rule.kind == MARKED else None), rule.weight, chosen)
-        total, least = np.zeros((len(chosen), 4)), -2.0 if rule.angle == MOST_ANGLE else rule.cosine
-        _paired(chosen, self.vertex, self.ring, self.unit, self.weights[rule.weight], least, total)
-        return self._rounded(total, chosen)
+        return self.of_sets(self.joined(rule.angle, sharp if rule.kind == MARKED else None), rule.weight, chosen)
 
     def joined(self, angle: int, sharp: np.ndarray | None = None) -> np.ndarray:
         """The set of every corner, int64 [3 F], where those at one end of an edge are in one if its faces are within the angle

@@ -1,4 +1,4 @@
-"""What a renderer has to evaluate: one table of effects (spec clause 5.3.2), read by syntax, analysis, renderer and reports."""
+"""What a renderer has to evaluate: one table of effects (docs/materials.md), read by syntax, analysis, renderer and reports."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ALPHA_MASK, ALPHA_BLEND = 1, 2
 
 @dataclass(frozen=True)
 class Condition:
-    """What a material has to be: as text for the specification, and as code."""
+    """What a material has to be: as text for the documents, and as code."""
 
     text: str
     holds: Callable[[Material], bool]
@@ -28,7 +28,7 @@ class Condition:
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """One bit of the stream's effects. used: whether a material needs it; channels: those whose maps it
+    """One effect. used: whether a material needs it; channels: those whose maps it
     reads; parameters: what else it reads."""
 
     name: str

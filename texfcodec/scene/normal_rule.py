@@ -5,18 +5,17 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-PAIRS, JOINED, MARKED, CODED = range(4)
+JOINED, MARKED, CODED = range(3)
 AREA, ANGLE, BOTH = range(3)
 WEIGHTS = 3
 _WEIGHT_NAMES = ("area", "corner angle", "area and corner angle")
-_KIND_NAMES = ("pairs of faces", "faces joined over edges", "faces joined over edges that are not marked as sharp,")
+_KIND_NAMES = ("faces joined over edges", "faces joined over edges that are not marked as sharp,")
 
 
 class NormalRule(NamedTuple):
-    """kind: a corner's normal is the mean over the faces around its vertex that are within the angle of its own (PAIRS), or over
-    those that it reaches over edges at which faces are within the angle (JOINED) and that the stream does not mark as sharp
-    (MARKED), or it is in the stream (CODED, which has no weight). weight: AREA of a face, ANGLE of its corner at the vertex, or
-    BOTH as a product. angle: whole degrees 0..180; 0 is flat."""
+    """kind: a corner's normal is the mean over the faces around its vertex that it reaches over edges at which faces are within
+    the angle (JOINED) and that the stream does not mark as sharp (MARKED), or it is in the stream (CODED, which has no weight).
+    weight: AREA of a face, ANGLE of its corner at the vertex, or BOTH as a product. angle: whole degrees 0..180; 0 is flat."""
 
     kind: int
     weight: int
@@ -50,8 +49,8 @@ class NormalRule(NamedTuple):
         return f"{_KIND_NAMES[self.kind]} within {self.angle} degrees, weighed by {_WEIGHT_NAMES[self.weight]}"
 
 
-FLAT = NormalRule(PAIRS, AREA, 0)
-USUAL = NormalRule(PAIRS, AREA, 45)
+FLAT = NormalRule(JOINED, AREA, 0)
+USUAL = NormalRule(JOINED, AREA, 45)
 IN_STREAM = NormalRule(CODED, AREA, 0)
 MOST_ANGLE = 180
 

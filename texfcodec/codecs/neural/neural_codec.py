@@ -11,7 +11,7 @@ import numpy as np
 from ...core.syntax_walk import Reader, read_structure, write_structure
 from ...errors import InputError, StreamError
 from ...limits import Limits
-from ..base import Evaluator, Group, Joint, JointCodec, Source
+from ..base import PROFILES, Evaluator, Group, Joint, JointCodec, Source
 from .neural_syntax import FORM_RESIDENT, FORM_TRANSPORT, LATENT_LEVEL, NEURAL
 
 if TYPE_CHECKING:
@@ -62,6 +62,10 @@ class Neural(JointCodec):
         if options.resident_bytes and options.latent_index == "hash":
             raise InputError("TXF-I50", "hash tables come with a point; resident_bytes needs latent_index mixed or surface",
                              value=options.resident_bytes)
+
+    def profile(self, values: dict) -> str:
+        """See Codec.profile."""
+        return PROFILES[2]
 
     def seconds(self, options: EncodeOptions) -> float:
         """Of the fit, with two threads."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...errors import StreamError
 from .coefficients.blocks import Blocks, Rules, Wanted, new_scratch
+from .coefficients.dct_blocks import UP, _dec_dct_level, _enc_dct_level, dct_blocks, new_dct_model, no_dct_blocks
 from .coefficients.direct import _dec_direct_level, _enc_direct_level
 from .coefficients.mixed import _dec_mixed_level, _enc_mixed_level
 from .coefficients.mixed_contexts import new_mixed_model
@@ -40,7 +41,7 @@ class Tools:
     """What the attribute coder may use. kernel, colour_range: prediction (clause 7.3); models: 0 for direct contexts, else how
     many are mixed (7.5.5), at most 8; filters: stages of the filter (7.7), at most 3; trade_off: squared steps that are worth a
     bit. component_cross: 0..16, how far components follow the first (7.4.4). planar: whether z = 0 for all voxels;
-    planar_transform: 0 or 1, 0 where it is not (7.11)."""
+    planar_transform, dct_blocks: 0 or 1, 0 where it is not (7.11); dct_blocks need models."""
 
     kernel: tuple = DEFAULT_KERNEL
     colour_range: int = 0
@@ -50,14 +51,15 @@ class Tools:
     planar: int = 0
     planar_transform: int = 0
     component_cross: int = 0
+    dct_blocks: int = 0
 
 
 @dataclass
 class CodedAttributes:
-    """Everything the attribute unit carries. colour_range, models, filters, planar, planar_transform, component_cross: see Tools
-    and FilterStage; residual: 0 or the largest error plus 1; residual_cross: [C] where there are residuals; root: [C] means;
-    slice_first: first node of each slice at slice_level; codewords: trunk first (only where slice_level > 0), then one per slice;
-    level_bytes: per codeword, the bytes a decoder has read when it has finished each of its levels, as increments."""
+    """Everything the attribute unit carries. colour_range, models, filters and planar to dct_blocks: see Tools and FilterStage;
+    residual: 0 or the largest error plus 1; residual_cross: [C] where there are residuals; root: [C] means; slice_first: first
+    node of each slice at slice_level; codewords: trunk first (only where slice_level > 0), then one per slice; level_bytes: per
+    codeword, the bytes a decoder has read when it has finished each of its levels, as increments."""
 
     qp: list
     kernel: list
@@ -74,6 +76,7 @@ class CodedAttributes:
     planar: int = 0
     planar_transform: int = 0
     component_cross: int = 0
+    dct_blocks: int = 0
 
 
 @lru_cache(maxsize=1)
@@ -93,13 +96,13 @@ def _original_means(levels, values):
     return means[::-1]
 
 
-def _plan_slices(levels):
-    """Slice level and the first node of each slice, by equal numbers of voxels."""
+def _plan_slices(levels, deepest):
+    """Slice level, at most `deepest`, and the first node of each slice, by equal numbers of voxels."""
     voxels = len(levels[-1])
     if voxels < WHOLE_VOXELS:
         return 0, [0]
     slices = min(MAX_SLICES, 2 * -(-voxels // (2 * SLICE_VOXELS)))
-    level = next(i for i, lv in enumerate(levels) if len(lv) >= SLICE_NODES)
+    level = min(next(i for i, lv in enumerate(levels) if len(lv) >= SLICE_NODES), deepest)
     ends = np.cumsum(levels[level].weight)
     first = np.searchsorted(ends, voxels * np.arange(slices) // slices, side="right")
     return level, np.unique(first).tolist()
@@ -108,10 +111,11 @@ def _plan_slices(levels):
 class _Descent:
     """What encoder and decoder keep while walking down: the neighbour table, the energies and the means of one level."""
 
-    def __init__(self, levels, root, planar, pool):
-        self.levels, self.planar, self.pool = levels, planar, pool
+    def __init__(self, levels, root, tools, pool):
+        self.levels, self.planar, self.pool = levels, tools.planar, pool
+        self.with_dct, self.dct, self.part = tools.dct_blocks, no_dct_blocks(len(root)), 0
         self.table = root_table()
-        self.above, self.kept_above = np.zeros((1, 2), np.uint8), new_kept(1, len(root), planar)
+        self.above, self.kept_above = np.zeros((1, 2), np.uint8), new_kept(1, len(root), tools.planar)
         self.mean = np.array([root], np.int32)
 
     def run(self, jobs):
@@ -124,7 +128,9 @@ class _Descent:
         child_mean = np.empty((len(below), self.mean.shape[1]), np.int32)
         nodes = Nodes(level.first_child, level.occupancy, below.weight, self.table)
         kept = new_kept(len(level), self.mean.shape[1], self.planar)
-        return Blocks(nodes, Means(self.mean, child_mean), self.above, energy, self.kept_above, kept)
+        if self.with_dct:
+            self.dct, self.part = dct_blocks(self.levels, depth, self.mean.shape[1], self.dct)
+        return Blocks(nodes, Means(self.mean, child_mean), self.above, energy, self.kept_above, kept, self.dct)
 
     def descend(self, depth, blocks, ranges):
         """Moves to the level below `depth`; `ranges` are the node ranges of the slices, for parallel table building."""
@@ -169,8 +175,14 @@ class _SliceEncoder:
         """Codes one level of `symbols` coefficients; the others are arguments of the level kernels."""
         enc_level = _enc_mixed_level if rules.models else _enc_direct_level
         before = self._reached() if self.level_bytes else 0
-        self._write(symbols, lambda out: enc_level(Coder(self.state, out, 0), self.model, rules, blocks, wanted,
-                                                self.scratch, begin, end))
+
+        def write(out):
+            arguments = Coder(self.state, out, 0), self.model, rules, blocks, wanted, self.scratch, begin, end
+            if rules.part:
+                _enc_dct_level(*arguments)
+            enc_level(*arguments)
+
+        self._write(symbols, write)
         self.level_bytes.append(self._reached() - before)
 
     def code_residuals(self, walk, symbols):
@@ -204,8 +216,10 @@ def _block_rules(tools, components):
     return tools.planar, tools.planar_transform, tools.component_cross if components > 1 else 0
 
 
-def _new_model(models):
-    return new_mixed_model() if models else new_model(CONTEXTS, 0, 0)
+def _new_model(tools):
+    if not tools.models:
+        return new_model(CONTEXTS, 0, 0)
+    return new_dct_model() if tools.dct_blocks else new_mixed_model()
 
 
 def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[int], tools: Tools | None = None,
@@ -218,25 +232,26 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
     levels = build_octree(keys, depth)
     originals = _original_means(levels, np.ascontiguousarray(values, np.int32))
     root = originals[0][0].tolist()
-    slice_level, slice_first = _plan_slices(levels)
     tools = tools or Tools()
+    slice_level, slice_first = _plan_slices(levels, max(depth - UP, 1) if tools.dct_blocks else depth)
     steps, weights = np.array([step_of(v) for v in qp], np.int64), np.array(tools.kernel, np.int64)
     colour_inverse, lagrangian = inverse_range(tools.colour_range, int(steps[0])), 1 / tools.trade_off
-    trunk = _SliceEncoder(_new_model(tools.models), new_scratch(len(qp)))
+    trunk = _SliceEncoder(_new_model(tools), new_scratch(len(qp)))
     coders = active = [trunk]
     with ThreadPoolExecutor(threads) as pool:
-        walk = _Descent(levels, root, tools.planar, pool)
+        walk = _Descent(levels, root, tools, pool)
         for d in range(depth):
             ranges = _ranges(levels, d, slice_level, slice_first)
             if d == slice_level > 0:
                 active = [_SliceEncoder(copy_model(trunk.model), new_scratch(len(qp))) for _ in ranges]
                 coders = [trunk, *active]
-            blocks, wanted = walk.blocks(d), Wanted(originals[d + 1], 256 * lagrangian, _bits_of())
+            blocks, wanted = walk.blocks(d), Wanted(originals[d + 1], originals[-1], 256 * lagrangian, _bits_of())
             rules = Rules(_level_class(levels, d), tools.models, steps, (1 << 32) // steps, weights, colour_inverse,
-                          *_block_rules(tools, len(qp)))
+                          *_block_rules(tools, len(qp)), walk.part)
             children = levels[d].first_child
             assert children is not None  # only the last level has none
-            walk.run([partial(coder.code, int(children[end] - children[begin]) * len(qp), rules, blocks, wanted, begin, end)
+            symbols = len(qp) * max(walk.part, 1)  # by child
+            walk.run([partial(coder.code, int(children[end] - children[begin]) * symbols, rules, blocks, wanted, begin, end)
                       for coder, (begin, end) in zip(active, ranges, strict=True)])
             walk.descend(d, blocks, ranges)
         filters = []
@@ -256,7 +271,7 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
     codewords = [coder.codeword() for coder in coders] if depth else []
     level_bytes = [coder.level_bytes for coder in coders] if depth else []
     coded = CodedAttributes(list(qp), list(tools.kernel), tools.colour_range, tools.models, filters, root, slice_level,
-                            slice_first, codewords, level_bytes, residual, cross, *_block_rules(tools, len(qp)))
+                            slice_first, codewords, level_bytes, residual, cross, *_block_rules(tools, len(qp)), tools.dct_blocks)
     return coded, made
 
 
@@ -278,12 +293,11 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
     data = np.array(data, np.uint8)  # a writable copy: encoder and decoder share kernels
     steps, weights = np.array([step_of(v) for v in coded.qp], np.int64), np.array(coded.kernel, np.int64)
     colour_inverse = inverse_range(coded.colour_range, int(steps[0]))
-    dec_level = _dec_mixed_level if coded.models else _dec_direct_level
-    active = [(Coder(new_decoder(data, *span), data, span[1]), _new_model(coded.models)) for span in spans[:1]]
+    active = [(Coder(new_decoder(data, *span), data, span[1]), _new_model(coded)) for span in spans[:1]]
     watched: list[list[int]] = [[] for _ in spans]
     first = 0  # codeword that the first of the active coders reads
     with ThreadPoolExecutor(threads) as pool:
-        walk = _Descent(levels, coded.root, coded.planar, pool)
+        walk = _Descent(levels, coded.root, coded, pool)
         for d in range(stop_level):
             ranges = _ranges(levels, d, coded.slice_level, coded.slice_first)
             if d == coded.slice_level > 0:
@@ -292,8 +306,8 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
                 first = 1
             blocks = walk.blocks(d)
             rules = Rules(_level_class(levels, d), coded.models, steps, (1 << 32) // steps, weights, colour_inverse,
-                          *_block_rules(coded, len(steps)))
-            walk.run([partial(dec_level, coder, model, rules, blocks, new_scratch(len(steps)), begin, end)
+                          *_block_rules(coded, len(steps)), walk.part)
+            walk.run([partial(_dec_level, coder, model, rules, blocks, new_scratch(len(steps)), begin, end)
                       for (coder, model), (begin, end) in zip(active, ranges, strict=True)])
             walk.descend(d, blocks, ranges)
             _watch(watched[first:], spans[first:], active)
@@ -309,6 +323,13 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
     if reached is not None:
         reached += watched
     return made
+
+
+def _dec_level(coder, model, rules, blocks, scratch, begin, end):
+    arguments = coder, model, rules, blocks, scratch, begin, end
+    if rules.part:
+        _dec_dct_level(*arguments)
+    (_dec_mixed_level if rules.models else _dec_direct_level)(*arguments)
 
 
 def _watch(watched, spans, coders):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...errors import StreamError
-from ..base import PlaneCodec, Reading
+from ..base import PROFILES, PlaneCodec, Reading
 from .raht_syntax import CODEWORD, FILTER, RAHT, TRANSFORM_BT709
 
 if TYPE_CHECKING:
@@ -87,6 +87,10 @@ class Raht(PlaneCodec):
         data, inverse = np.frombuffer(values["codeword_data"], np.uint8), inverse_colour if bt709 else inverse_plain
         stop = max(0, support.depth - levels)
         return dec_attributes(support.keys, support.depth, coded, data, spans, stop, threads, inverse, reached)
+
+    def profile(self, values: dict) -> str:
+        """See Codec.profile."""
+        return PROFILES[1 if values["residual"] else 0]
 
     def check(self, values: dict) -> None:
         """Relations of clauses 5.7.1 to 5.7.3."""

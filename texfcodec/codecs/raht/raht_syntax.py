@@ -31,6 +31,8 @@ RAHT = Structure("raht_parameters", "5.7.1", (
     E("colour_range", "u8"),
     E("num_models", "u8", 0, 8),
     E("planar_transform", "u8", 0, 1, when=("Planar > 0", lambda v: v["Planar"]), registry=True),
+    E("dct_blocks", "u8", 0, 1, when=("Planar > 0 and num_models > 0", lambda v: v["Planar"] and v["num_models"]),
+      registry=True),
     E("component_cross", "u8", 0, 16, when=("NumComponents > 1", lambda v: v["NumComponents"] > 1)),
     E("num_filters", "u8", 0, 3),
     E("filters", FILTER, count="num_filters"),

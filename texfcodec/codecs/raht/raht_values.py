@@ -15,7 +15,8 @@ def raht_values(coded: CodedAttributes, colour: bool) -> dict:
     return {
         "colour_transform": TRANSFORM_BT709 if colour else TRANSFORM_NONE, "qp": coded.qp, "kernel": coded.kernel,
         "colour_range": coded.colour_range, "num_models": coded.models, "Planar": coded.planar,
-        "planar_transform": coded.planar_transform, "component_cross": coded.component_cross, "num_filters": len(coded.filters),
+        "planar_transform": coded.planar_transform, "dct_blocks": coded.dct_blocks, "component_cross": coded.component_cross,
+        "num_filters": len(coded.filters),
         "filters": [{"filter_mask": s.mask, "filter_coefficients": taps_of(s)} for s in coded.filters],
         "residual": coded.residual, "residual_cross": coded.residual_cross,
         "root_mean": coded.root, "slice_level": coded.slice_level, "num_slices": len(coded.slice_first),
@@ -34,5 +35,5 @@ def coded_of(values: dict) -> tuple[CodedAttributes, list[tuple[int, int]]]:
     coded = CodedAttributes(values["qp"], values["kernel"], values["colour_range"], values["num_models"], filters,
                             values["root_mean"], values["slice_level"], first, [], [],
                             values["residual"], values["residual_cross"], values["Planar"], values["planar_transform"] or 0,
-                            values["component_cross"] or 0)
+                            values["component_cross"] or 0, values["dct_blocks"] or 0)
     return coded, list(zip([0, *ends], ends, strict=False))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .attribute_coder import CodedAttributes, Tools, enc_attributes
+from .coefficients.dct_blocks import jpeg_likeness
 from .coefficients.residual import ResidualPlan
 from .transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
 from .transform.prediction import KERNELS
@@ -27,11 +28,14 @@ PREDICTIONS = {"fast": ((KERNELS[1], 0), (KERNELS[3], 0)), "balanced": _WITH_RAN
 PLANAR_TOOLS: dict[str, Any] = {"planar": 1, "planar_transform": 1, "trade_off": 0.08}
 FOLLOW_LESS: dict[str, Any] = {"component_cross": 10}
 PLAIN_TRANSFORM: dict[str, Any] = {"planar_transform": 0}
+DCT_BLOCKS: dict[str, Any] = {"dct_blocks": 1}
+MOST_UNLIKE_JPEG = 0.15  # of jpeg_likeness: where it is more, DCT blocks are not tried
 # By whether the support is planar, log2 of the trade-off, more of which saves as many bytes as a QP, at the same PSNR: 0.6 to 1.0
 # and 0.8 to 1.2 from QP 10 to 38, two assets each. Small images at fine QPs need 2, and keep a gap before the next QP.
 FRACTIONS = {False: 1.0, True: 0.8}
 CHROMA_OFFSETS = {False: -1, True: 2}  # by whether the support is planar
 BASE_QPS = (16, 22, 28, 34, 40)  # of the levels under residuals (7.9)
+DCT_BASE_QPS = (0, 4, 8, 12, 16)  # where there are DCT blocks, which say nearly all of a texture that was JPEG
 USUAL_BASE_QP = 28  # within 1 % of the best of them on four assets at K 512, lossless
 PIECES = 4
 LEAST_VOXELS = 64  # below, nothing is tried
@@ -57,12 +61,16 @@ def _lagrangian_cost(keys, depth, values, qp, tools, threads):
     return 8 * sum(len(c) for c in coded.codewords) + (error**2).sum() / tools.trade_off
 
 
+def _may_have_dct_blocks(keys, values, effort, planar):
+    return bool(planar and EFFORTS[effort].models) and jpeg_likeness(keys, values[:, 0]) < MOST_UNLIKE_JPEG
+
+
 def choose_tools(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[int], effort: str, threads: int = 1,
-                 planar: bool = False) -> Tools:
-    """Tools for a field. keys: int64 [N]; values: int32 [N, C]; qp: [C]; effort: a key of EFFORTS. Candidates of PREDICTIONS
-    code a few pieces of the field; the cheapest wins. Then FOLLOW_LESS, and over texels PLAIN_TRANSFORM, is taken where that
-    makes it cheaper still."""
-    tools = tools_of(effort, planar)
+                 planar: bool = False, dct_blocks: int | None = None) -> Tools:
+    """Tools for a field. keys: int64 [N]; values: int32 [N, C]; qp: [C]; effort: a key of EFFORTS; dct_blocks: 0 or 1 where that
+    is chosen already. Candidates of PREDICTIONS code a few pieces of the field; the cheapest wins. Then FOLLOW_LESS, over texels
+    PLAIN_TRANSFORM, and DCT_BLOCKS for what looks like JPEG, is taken where that makes it cheaper still."""
+    tools = replace(tools_of(effort, planar), dct_blocks=dct_blocks or 0)
     if len(keys) < LEAST_VOXELS:
         return tools
     pieces = _pieces(len(keys), PIECE_VOXELS[effort])
@@ -70,7 +78,10 @@ def choose_tools(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[
     cost_of = lambda candidate: sum(_lagrangian_cost(keys[p], depth, values[p], qp, candidate, threads) for p in pieces)
     costs = [cost_of(candidate) for candidate in candidates]
     best, least = candidates[int(np.argmin(costs))], min(costs)
-    for change in [FOLLOW_LESS] * (values.shape[1] > 1) + [PLAIN_TRANSFORM] * planar:
+    changes = [FOLLOW_LESS] * (values.shape[1] > 1) + [PLAIN_TRANSFORM] * planar
+    if dct_blocks is None and _may_have_dct_blocks(keys, values, effort, planar):
+        changes.append(DCT_BLOCKS)
+    for change in changes:
         changed = replace(best, **change)
         cost = cost_of(changed)
         if cost < least:
@@ -78,20 +89,25 @@ def choose_tools(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[
     return replace(best, filters=tools.filters)
 
 
-def choose_base_qp(keys: np.ndarray, depth: int, values: np.ndarray, qp_of: Callable[[int], list[int]], plan: ResidualPlan,
-                   effort: str, threads: int = 1, planar: bool = False) -> list[int]:
-    """QPs [C] for values that get residuals. qp_of: function from a QP to those of the components; plan: ResidualPlan; the rest
-    as in choose_tools. Candidates of BASE_QPS code a few pieces of the field; the fewest bytes win."""
+def choose_base(keys: np.ndarray, depth: int, values: np.ndarray, qp_of: Callable[[int], list[int]], plan: ResidualPlan,
+                effort: str, threads: int = 1, planar: bool = False) -> tuple[list[int], int]:
+    """(QPs [C], whether there are DCT blocks) for values that get residuals. qp_of: from a QP to those of the components; plan:
+    ResidualPlan; the rest as in choose_tools. Candidates code a few pieces of the field; the fewest bytes win."""
     if effort == "fast" or len(keys) < LEAST_VOXELS:
-        return qp_of(USUAL_BASE_QP)
+        return qp_of(USUAL_BASE_QP), 0
     tools = tools_of(effort, planar)
     pieces = [(keys[p], values[p], replace(plan, original=plan.original[p])) for p in _pieces(len(keys), PIECE_VOXELS[effort])]
 
-    def size(qp):
-        coded = [enc_attributes(k, depth, v, qp_of(qp), tools, threads, own)[0] for k, v, own in pieces]
+    def size(candidate):
+        own = qp_of(candidate[0]), replace(tools, dct_blocks=candidate[1])
+        coded = [enc_attributes(k, depth, v, *own, threads, p)[0] for k, v, p in pieces]
         return sum(len(codeword) for unit in coded for codeword in unit.codewords)
 
-    return qp_of(min(BASE_QPS, key=size))
+    candidates = [(qp, 0) for qp in BASE_QPS]
+    if _may_have_dct_blocks(keys, values, effort, planar):
+        candidates += [(qp, 1) for qp in DCT_BASE_QPS]
+    qp, dct_blocks = min(candidates, key=size)
+    return qp_of(qp), dct_blocks
 
 
 def code_plane(plane: np.ndarray, support: VoxelSupport | TexelSupport, colour: bool,
@@ -116,9 +132,9 @@ def _code_bounded(plane, support, colour, options):
     values = forward_colour(original) if colour else forward_plain(original)
     plan = ResidualPlan(options.max_error, original, inverse_colour if colour else inverse_plain)
     field = support.keys, support.depth, values
-    qp = choose_base_qp(*field, lambda qp: _qp_of(qp, plane.shape[1], support, options), plan, options.effort, options.threads,
-                        support.planar)
-    tools = choose_tools(*field, qp, options.effort, options.threads, support.planar)
+    qp, dct_blocks = choose_base(*field, lambda qp: _qp_of(qp, plane.shape[1], support, options), plan, options.effort,
+                                 options.threads, support.planar)
+    tools = choose_tools(*field, qp, options.effort, options.threads, support.planar, dct_blocks)
     return enc_attributes(*field, qp, tools, options.threads, plan)
 
 

@@ -19,7 +19,7 @@ from ...geometry.corner_groups import CornerGroups, groups_of
 from ...geometry.edges import folds
 from ...geometry.shading_normals import Fans, corner_normals
 from ...report import Step, no_step
-from ...scene.normal_rule import BOTH, CODED, FLAT, IN_STREAM, JOINED, MARKED, MOST_ANGLE, PAIRS, USUAL, WEIGHTS, NormalRule
+from ...scene.normal_rule import BOTH, CODED, FLAT, IN_STREAM, JOINED, MARKED, MOST_ANGLE, USUAL, WEIGHTS, NormalRule
 from ..decision import Decision
 from ..rd import coding_mse
 from .channel_weights import shown_of_radians
@@ -189,42 +189,40 @@ def _tried(surface, lit):
 
 def _search(rules, lit, whole, tried, step):
     """The rules, with the one of the least error for each of the lit materials: among all at the tried corners, then the best of
-    every kind and weight on the whole surface."""
-    best = np.full((MARKED, WEIGHTS, whole.materials), np.inf)
+    every weight on the whole surface."""
+    best = np.full((WEIGHTS, whole.materials), np.inf)
     found = np.zeros(best.shape, np.int64)  # angles
 
-    def attempt(kind, angle, wanted):
-        sets = tried.fans.joined(angle) if kind == JOINED and angle else None
+    def attempt(angle, wanted):
+        sets = tried.fans.joined(angle) if angle else None
         for weight in range(WEIGHTS):
-            rule = NormalRule(kind, weight, angle)
+            rule = NormalRule(JOINED, weight, angle)
             scores = tried.scores(tried.fans.normals(rule) if sets is None else tried.fans.of_sets(sets, weight, tried.all))
-            better = wanted[scores[wanted] < best[kind, weight, wanted] - 1e-3]
-            best[kind, weight, better], found[kind, weight, better] = scores[better], angle
+            better = wanted[scores[wanted] < best[weight, wanted] - 1e-3]
+            best[weight, better], found[weight, better] = scores[better], angle
 
-    coarse = [(kind, angle) for kind in (PAIRS, JOINED) for angle in (0, *ANGLES)]
-    for number, (kind, angle) in enumerate(coarse, 1):
-        attempt(kind, angle, lit)
+    coarse = (0, *ANGLES)
+    for number, angle in enumerate(coarse, 1):
+        attempt(angle, lit)
         step(number, len(coarse) + len(CLOSER) + 1)
     for number, closer in enumerate(CLOSER, len(coarse)):
         step(number, len(coarse) + len(CLOSER) + 1)
         of_best = _least(best, found)
-        for kind, angle in sorted({of_best[m][::2] for m in lit if 0 < of_best[m].angle < MOST_ANGLE}):
-            near = np.array([m for m in lit if of_best[m][::2] == (kind, angle)])
+        for angle in sorted({of_best[m].angle for m in lit if 0 < of_best[m].angle < MOST_ANGLE}):
+            near = np.array([m for m in lit if of_best[m].angle == angle])
             for other in (angle - closer, angle + closer):
-                attempt(kind, min(max(other, 1), MOST_ANGLE), near)
+                attempt(min(max(other, 1), MOST_ANGLE), near)
     for m in lit:
         if len(tried.all) < len(whole.all) and (whole.material == m).sum() > (tried.material == m).sum():
-            for kind, weight in np.argwhere(best[:, :, m] <= NEAR * best[:, :, m].min() + 1e-3).tolist():
-                best[kind, weight, m] = _score_of(NormalRule(kind, weight, int(found[kind, weight, m])), whole, m)
+            for weight in np.flatnonzero(best[:, m] <= NEAR * best[:, m].min() + 1e-3).tolist():
+                best[weight, m] = _score_of(NormalRule(JOINED, weight, int(found[weight, m])), whole, m)
     return [rule if m in lit else rules[m] for m, rule in enumerate(_least(best, found))]
 
 
 def _least(best, found):
     """The best rule of every material; the simplest where several are as good."""
-    flat = best.reshape(-1, best.shape[2])
-    first = (flat < flat.min(axis=0) + 1e-3).argmax(axis=0)
-    angles = found.reshape(flat.shape)
-    return [NormalRule(int(i) // WEIGHTS, int(i) % WEIGHTS, int(angles[i, m])) for m, i in enumerate(first)]
+    first = (best < best.min(axis=0) + 1e-3).argmax(axis=0)
+    return [NormalRule(JOINED, int(weight), int(found[weight, m])) for m, weight in enumerate(first)]
 
 
 def _score_of(rule, target, material):

@@ -21,7 +21,7 @@ from ...render.camera import bounding_sphere, fibonacci_direction, orthographic
 from ...render.lighting import Lighting
 from ...render.shade import render_scene
 from ...scene.fetch import pack_source
-from ...scene.normal_rule import BOTH, FLAT, MOST_ANGLE, PAIRS, NormalRule
+from ...scene.normal_rule import BOTH, FLAT, JOINED, MOST_ANGLE, NormalRule
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 VIEWS, SIZE = 16, 256
 LOST_ERROR = 100.0**2  # of a pixel of which the background is seen, or that covers it
-SMOOTH = NormalRule(PAIRS, BOTH, MOST_ANGLE)  # no angle decides anything, so that rounding turns normals and no more
+SMOOTH = NormalRule(JOINED, BOTH, MOST_ANGLE)  # no angle decides anything, so that rounding turns normals and no more
 
 
 @dataclass(frozen=True)

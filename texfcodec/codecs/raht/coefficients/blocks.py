@@ -11,6 +11,7 @@ from ..entropy.mixing import new_chosen
 from ..transform.prediction import _predict, new_around
 from ..transform.quantise import MAX_MEAN
 from ..transform.raht import SPLITS, _forward, _inverse, _is_square, _rotate, _tree_weights, _weighted_mean
+from .dct_blocks import new_dct_scratch
 from .following import _follow
 from .mixed_contexts import FEATURES
 from .planar import _keep
@@ -21,22 +22,22 @@ SURELY_ZERO = 0.24
 
 # What holds for a level. level: its class; models: 0 for direct contexts; steps, inverse: int64 [C], inverse 2**32 // step;
 # kernel: int64 [7]; colour_inverse: of inverse_range; planar: 1 where the support is; rotated, cross: planar_transform and
-# component_cross
-Rules = namedtuple("Rules", "level models steps inverse kernel colour_inverse planar rotated cross")
+# component_cross; part: texels of a child of a node in a DCT block, 0 where there are none
+Rules = namedtuple("Rules", "level models steps inverse kernel colour_inverse planar rotated cross part")
 # The blocks of a level, one per parent. nodes: Nodes; means: Means; above, energy: uint8 [n, 2], energies of the block that each
-# parent came from, and of the blocks themselves, as far as the walk has come; kept_above, kept: of new_kept, likewise. All
-# indices come from the octree, none from the stream.
-Blocks = namedtuple("Blocks", "nodes means above energy kept_above kept")
-# The encoder's side. original: int32 [children, C], the means to be coded; lagrangian: 256 / lambda; bits_of: int64 [4097],
-# -256 log2(i / 4096)
-Wanted = namedtuple("Wanted", "original lagrangian bits_of")
+# parent came from, and of the blocks themselves, as far as the walk has come; kept_above, kept: of new_kept, likewise; dct:
+# DctBlocks. All indices come from the octree, none from the stream.
+Blocks = namedtuple("Blocks", "nodes means above energy kept_above kept dct")
+# The encoder's side. original: int32 [children, C], the means to be coded, texels: int32 [N, C], those of the last level;
+# lagrangian: 256 / lambda; bits_of: int64 [4097], -256 log2(i / 4096)
+Wanted = namedtuple("Wanted", "original texels lagrangian bits_of")
 # A block in the making. tree: of _tree_weights; q int64 [7, C], coefficients; predicted int64 [8, C]; shift int64 [C], weighted
 # means of the predictions; flags int64 [2], whether a plane has coefficients; sums int64 [6], of _surroundings; values int64
 # [15, C]; f int64 [FEATURES]; halves int64 [15], expected, down int64 [7, C], of _slopes; alike, alike_signs int64 [7, C], of
-# _look_around; products int64 [C], of _follow; around: Around; chosen: Chosen; residual float64 [8, C], scaled float64 [7, C],
-# spread float64 [15]: the encoder's
+# _look_around; products int64 [C], of _follow; around: Around; chosen: Chosen; dct: DctScratch; residual float64 [8, C], scaled
+# float64 [7, C], spread float64 [15]: the encoder's
 Scratch = namedtuple("Scratch", "tree q predicted shift flags sums values f halves expected down alike alike_signs products "
-                                "around chosen residual scaled spread")
+                                "around chosen dct residual scaled spread")
 
 
 def new_scratch(components: int) -> Scratch:
@@ -45,7 +46,7 @@ def new_scratch(components: int) -> Scratch:
              *4 * [(SPLITS, components)], (components,)]
     real = [(8, components), (SPLITS, components), (15,)]
     return Scratch._make([*(np.zeros(shape, np.int64) for shape in whole), new_around(), new_chosen(),
-                          *(np.zeros(shape) for shape in real)])
+                          new_dct_scratch(components), *(np.zeros(shape) for shape in real)])
 
 
 @kernel

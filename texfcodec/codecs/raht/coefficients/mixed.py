@@ -32,6 +32,8 @@ def _enc_mixed_level(coder, model, rules, blocks, wanted, s, begin, end):
     (mixed_contexts.py)."""
     components, energy, models, chosen = blocks.means.parent.shape[1], blocks.energy, rules.models, s.chosen
     for p in range(begin, end):
+        if rules.part and blocks.dct.whole[p]:  # dct_blocks.py has it
+            continue
         splits = _open_block(p, begin, rules, blocks, s)
         if splits == 0:
             continue
@@ -66,6 +68,8 @@ def _dec_mixed_level(coder, model, rules, blocks, s, begin, end):
     """Mirror of _enc_mixed_level. The features of a quiet plane are of use only where it has coefficients."""
     components, energy, models, chosen = blocks.means.parent.shape[1], blocks.energy, rules.models, s.chosen
     for p in range(begin, end):
+        if rules.part and blocks.dct.whole[p]:  # dct_blocks.py has it
+            continue
         splits = _open_block(p, begin, rules, blocks, s)
         if splits == 0:
             continue

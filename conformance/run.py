@@ -1,6 +1,6 @@
 """Puts a decoder through the conformance vectors: every array of clause 9 by its SHA-256, every faulty stream by its exit code.
 
-    python conformance/run.py [--decoder "<command>" [--queries]] [CASE ...]
+    python conformance/run.py [--decoder "<command>" [--queries]] [--home FOLDER] [CASE ...]
 
 The command is called as  <command> IN.texf OUT_DIR [--lod L]  and writes geometry.bin, field{i}_keys.bin,
 field{i}_group{g}_values.bin and, of fields over texels, field{i}_uv.bin into OUT_DIR. Exit codes: 0 decoded, 3 invalid stream, 5
@@ -21,7 +21,7 @@ import time
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-KINDS = ("subset", "uncommon", "faulty")
+KINDS = ("subset", "uncommon", "faulty", "whole")
 # A limit is the decoder's own (clause 10): one that has none finds the same stream invalid.
 EXIT_CODES = {"invalid": (3,), "unsupported": (5,), "limit": (6, 3)}
 
@@ -148,10 +148,10 @@ def _is_one_of(answer, right, tolerance):
     return any(all(v is None or abs(a - v) <= tolerance for a, v in zip(answer, one, strict=True)) for one in right)
 
 
-def cases(wanted):
+def cases(wanted, home=HERE):
     """Folders of the cases whose path holds one of the wanted parts (all, if none is wanted)."""
-    folders = [path.parent for kind in KINDS for path in sorted((HERE / kind).glob("*/case.json"))]
-    return [f for f in folders if not wanted or any(part in f.relative_to(HERE).as_posix() + "/" for part in wanted)]
+    folders = [path.parent for kind in KINDS for path in sorted((home / kind).glob("*/case.json"))]
+    return [f for f in folders if not wanted or any(part in f.relative_to(home).as_posix() + "/" for part in wanted)]
 
 
 def main():
@@ -160,9 +160,10 @@ def main():
     parser.add_argument("--decoder", help="command, called as <command> IN.texf OUT_DIR [--lod L]; default: our own")
     parser.add_argument("--queries", action="store_true", help="the command knows --queries FILE (clause 8.2)")
     parser.add_argument("--seconds", type=float, default=600, help="time that a command has for one stream (default 600)")
+    parser.add_argument("--home", type=Path, default=HERE, help="folder of other cases, as conformance.make.whole makes them")
     parser.add_argument("cases", nargs="*", metavar="CASE", help="parts of the paths of the cases to run (default all)")
     arguments = parser.parse_args()
-    folders = cases(arguments.cases)
+    folders = cases(arguments.cases, arguments.home)
     if not folders:
         parser.error("no case has such a path")
     decoder = CommandDecoder(arguments.decoder, arguments.seconds, arguments.queries) if arguments.decoder else OwnDecoder()
@@ -171,7 +172,7 @@ def main():
         start = time.perf_counter()
         faults = faults_of(decoder, folder)
         failed += bool(faults)
-        name, seconds = folder.relative_to(HERE).as_posix(), time.perf_counter() - start
+        name, seconds = folder.relative_to(arguments.home).as_posix(), time.perf_counter() - start
         left = 0 if decoder.asks else sum(map(len, queries_of(folder)["lods"].values()))
         passed = f"pass {name} ({seconds:.2f} s)" + (f", {left} queries not asked" if left else "")
         print(f"FAIL {name}: {'; '.join(faults)}" if faults else passed, flush=True)

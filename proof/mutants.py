@@ -37,8 +37,8 @@ from proof.mutants_page import NAIVE, clauses_of, page_of  # noqa: E402
 
 VECTORS = REPOSITORY / "conformance"
 EQUIVALENTS = NAIVE / "equivalents.json"
-MODULES = ("attributes", "bits", "dct", "decoder", "edges", "filter", "following", "materials", "mixing", "neural", "normals", "planar",
-           "queries", "residual", "scales", "syntax", "texels", "voxels")
+MODULES = ("attributes", "bits", "dct", "decoder", "edges", "filter", "following", "materials", "mixing", "neural", "normals",
+           "planar", "queries", "residual", "scales", "syntax", "texels", "voxels")
 TOLERANCES = ("EQUALLY_NEAR", "FACES_EQUALLY_NEAR")  # of what answers pass: no rules of a decoder either
 UNRUN = ("main", "arrays", "answer_files", "read_queries")  # what is no rule of a decoder, but how it is called
 SLOWEST = 20.0  # seconds of the processor that a vector may take

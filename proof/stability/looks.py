@@ -65,7 +65,8 @@ def normals_of_faces(draw: Draws) -> float:
         lattice[2] = np.clip(lattice[0] + (lattice[1] - lattice[0]) // 2 + draw.integers((3,), -1, 1), 0, (1 << 20) - 1)
     u, v = (lattice[1] - lattice[0]).tolist(), (lattice[2] - lattice[0]).tolist()
     exact = [u[(i + 1) % 3] * v[(i + 2) % 3] - u[(i + 2) % 3] * v[(i + 1) % 3] for i in range(3)]
-    got = corner_normals(lattice, np.array([[0, 1, 2]]), [NormalRule(JOINED, AREA, draw.pick((0, 45, 180)))])[0].astype(np.float64)
+    rule = NormalRule(JOINED, AREA, draw.pick((0, 45, 180)))
+    got = corner_normals(lattice, np.array([[0, 1, 2]]), [rule])[0].astype(np.float64)
     if not any(exact):
         return 0.0 if np.array_equal(got, np.tile([0, 0, 1.0], (3, 1))) else np.inf
     largest = max(map(abs, exact))

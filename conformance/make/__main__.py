@@ -79,6 +79,12 @@ nothing else. It prints one line a case and exits with 0, or with 7 where a case
 `tests/conformance/test_conformance.py`
 puts decoders that are wrong on purpose through it.
 
+Three streams of the size that the encoder writes every day are too large to be kept; `whole.json` has their hashes, and they are
+made where they are wanted, in five minutes:
+
+    python -m conformance.make.whole FOLDER
+    python conformance/run.py --home FOLDER --decoder "<command>"
+
 ## Where a decoder goes wrong
 
 `levels` of a case.json has, for every RAHT unit, a CRC-32 for each level, the root first: that of the means (7.2) of its

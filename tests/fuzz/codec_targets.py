@@ -39,11 +39,15 @@ GROUPS = (Group(tuple(channels_of([{"num_semantics": 1, "group_semantics": [0], 
 
 
 def _support(choices):
-    """A few voxels, or texels, side by side or anywhere in a small grid."""
+    """A few voxels, or texels, side by side or anywhere in a small grid; of texels, squares of 8 x 8 too."""
     planar, size, count = choices.flag(3), choices.pick((1, 2, 3, 4, 8, 9, 33)), choices.whole(1, MOST_CELLS)
     xyz = np.frombuffer(choices.filled(3 * count), np.uint8).reshape(count, 3) % min(size, 8 if choices.flag() else size)
     xyz = xyz * (1, 1, 0) if planar else xyz
     keys = np.unique(encode_morton(xyz))
+    if planar and size >= 8 and choices.flag():
+        first = choices.whole(0, 3 if size > 16 else 0) << 6  # of the Morton order of texels
+        square = [sum((i >> bit & 1) << 3 * (bit // 2) + bit % 2 for bit in range(8)) for i in range(first, first + 64)]
+        keys = np.union1d(keys, square)
     return TexelSupport(keys=keys, width=size, height=size, wrap=(0, 0), fraction_bits=0) if planar else VoxelSupport(size, keys)
 
 

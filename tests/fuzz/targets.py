@@ -51,7 +51,8 @@ _WALKERS = "core/syntax_walk.py#Reader#read_structure#_read_scalar#_read_blob#ch
 _RAHT = tuple(f"codecs/raht/{name}.py" for name in (
     "raht_codec", "raht_values", "attribute_coder", "codewords", "coefficients/blocks", "coefficients/dct_blocks",
     "coefficients/direct", "coefficients/following", "coefficients/mixed", "coefficients/mixed_contexts", "coefficients/planar",
-    "coefficients/residual", "transform/filter", "transform/octree", "transform/prediction", "transform/quantise", "transform/raht", "transform/colour"))
+    "coefficients/residual", "transform/filter", "transform/octree", "transform/prediction", "transform/quantise",
+    "transform/raht", "transform/colour"))
 _NEURAL = tuple(f"codecs/neural/{name}.py" for name in ("neural_codec", "payload", "infer"))
 _GLTF = tuple(f"io/gltf/{name}.py" for name in ("reader", "document", "properties", "accessor", "mesh", "material"))
 _IMAGES = "io/images.py#TextureShelf#read_image#find_file#read_texture_file#_to_rgba"

@@ -431,4 +431,4 @@ def test_a_first_run_is_said_and_streams_of_any_kind_take_text(call, monkeypatch
     assert code == 0 and "compil" in said
     with contextlib.redirect_stdout(io.StringIO()) as out, pytest.raises(SystemExit) as ended:
         info.main([str(REPOSITORY / "conformance/uncommon/one_voxel/in.texf")])
-    assert ended.value.code == 0 and "447 bytes" in out.getvalue()
+    assert ended.value.code == 0 and "437 bytes" in out.getvalue()

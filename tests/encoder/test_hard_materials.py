@@ -212,13 +212,11 @@ def test_bent_materials_load_or_end_in_a_code(tmp_path, slot, wrong):
 # Streams whose tables lie.
 
 
-@pytest.mark.parametrize("lie", ["effects", "channel that no group holds", "group that no material names", "twice"])
+@pytest.mark.parametrize("lie", ["channel that no group holds", "group that no material names", "twice"])
 def test_tables_of_channels_that_lie_are_refused(lie):
     scene = mapped_sheet({"roughness": noise(1)}, plain_image(9))
     stream = read_stream(encode_scene(scene, EncodeOptions(support="voxels", **QUICK)).data, Limits())
-    if lie == "effects":
-        stream.header["effects"] ^= 1
-    elif lie == "channel that no group holds":
+    if lie == "channel that no group holds":
         stream.materials[0]["material_channels"] |= 1 << next(c.semantic for c in MAPS if c.name == "occlusion")
     elif lie == "group that no material names":
         stream.materials[0]["material_channels"] = 0

@@ -68,7 +68,8 @@ def jpeg_likeness(keys: np.ndarray, values: np.ndarray) -> float:
     some = first[np.linspace(0, len(first) - 1, min(MOST_SQUARES, len(first))).astype(int)]
     texels = values[some[:, None] + TEXEL].reshape(-1, SIDE, SIDE) / 2.0**12
     coefficients = np.abs(np.einsum("vy,nyx,ux->nvu", BASIS / 2.0**14, texels, BASIS / 2.0**14)).reshape(-1, SIZE)[:, 1:]
-    return np.count_nonzero((coefficients >= 1) & (coefficients < 2)) / max(np.count_nonzero(coefficients < 1), 1)
+    small, between = int((coefficients < 1).sum()), int(((coefficients >= 1) & (coefficients < 2)).sum())
+    return between / max(small, 1)
 
 
 def new_dct_model() -> Model:
@@ -78,8 +79,8 @@ def new_dct_model() -> Model:
 
 def new_dct_scratch(components: int) -> DctScratch:
     """DctScratch without meaning yet."""
-    return DctScratch(np.zeros((components, SIZE), np.int64), *(np.zeros(n, np.int64) for n in (8, 8, 3)), np.zeros((8, 8)),
-                      np.zeros((8, 8), np.int64))
+    zeros = lambda *shape: np.zeros(shape, np.int64)
+    return DctScratch(zeros(components, SIZE), zeros(8), zeros(8), zeros(3), np.zeros((8, 8)), zeros(8, 8))
 
 
 def no_dct_blocks(components: int) -> DctBlocks:
@@ -99,8 +100,9 @@ def dct_blocks(levels: list[Level], depth: int, components: int, above: DctBlock
         texels = np.zeros((len(levels[-1]), components), np.int32)
         kept, counts = np.zeros((len(weight), components, SIZE), np.int8), np.zeros((len(weight), components), np.uint8)
         return DctBlocks((weight == SIZE).astype(np.uint8) * BLOCK, first, texels, kept, counts), SIZE // 4
-    children = np.diff(levels[depth - 1].first_child)
-    whole = np.repeat(np.where(above.whole, PART, 0).astype(np.uint8), children)
+    first_child = levels[depth - 1].first_child
+    assert first_child is not None  # only the last level has none
+    whole = np.repeat(np.where(above.whole, PART, 0).astype(np.uint8), np.diff(first_child))
     return above._replace(whole=whole, first=first), 4**up // 4
 
 

@@ -36,11 +36,11 @@ def islands():
     return stream_of_parts([Image(picture(*size, noise=30))], [patch], qp=30)
 
 
-def two_corners(alpha=False):
+def two_corners(alpha=False, qp=30):
     """A stream over texels of two triangles in an image, squares of 8 x 8 texels whole in them and in part along their edges."""
     size, uv = (56, 44), [(2, 2), (50, 4), (4, 40), (52, 10), (54, 42), (12, 42)]
     image = picture(*size, 4 if alpha else 3, noise=40)
-    return stream_of_parts([Image(image)], [sheet([[16 * u, 16 * v] for u, v in uv])], alpha=alpha, qp=30)
+    return stream_of_parts([Image(image)], [sheet([[16 * u, 16 * v] for u, v in uv])], alpha=alpha, qp=qp)
 
 
 def uncommon():
@@ -70,6 +70,7 @@ def uncommon():
         ("dct_blocks", "DCT blocks beside others, eight models", ("7.11.4", "7.11.2"), recoded(corners, **DCT)),
         ("dct_alpha", "DCT blocks of one component and of three, six models", ("7.11.4",),
          recoded(two_corners(alpha=True), **DCT | {"models": 6})),
+        ("dct_fine", "DCT blocks, long magnitudes", ("7.11.4",), recoded(two_corners(qp=4), **DCT)),
         ("dct_slices", "DCT blocks, slices with the level index", ("7.2", "7.11.4"),
          recoded(corners, slices=SLICES, index=True, **DCT)),
         ("dct_trunk", "DCT blocks above the slices", ("7.2", "7.11.4"),

@@ -35,7 +35,7 @@ from texfcodec.errors import LimitError, StreamError, SupportError, TexfError
 from texfcodec.limits import Limits
 
 FIXED = {"u8": (0, 255), "u16": (0, 65535), "u32": (0, 2**32 - 1), "i8": (-128, 127), "i32": (-(2**31), 2**31 - 1),
-         "u64": (0, 2**64 - 1), "v": (0, V_MAX)}
+         "v": (0, V_MAX)}
 GIVEN = {"num_materials": 3, "supports": [0, 1], "num_channel_groups": 2, "resolution": 40, "NumComponents": 3,
          "level_index": 1, "NumLevels": 4, "NumOutputs": 3, "num_fields": 2, "Planar": 1}
 COUNTS = {"num_materials", "num_channel_groups", "num_slices", "name_length", "slice_level", "num_hidden",

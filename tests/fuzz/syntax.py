@@ -16,7 +16,7 @@ from texfcodec.core.syntax_table import V_MAX, Derived, Structure
 from texfcodec.core.syntax_walk import write_v
 from texfcodec.limits import Limits
 
-SIZES = {"u8": 8, "u16": 16, "u32": 32, "i8": 8, "u64": 64, "i32": 32}
+SIZES = {"u8": 8, "u16": 16, "u32": 32, "i8": 8, "i32": 32}
 UNLIMITED = Limits(**dict.fromkeys(Limits.__dataclass_fields__))
 MOST_ITEMS = 70  # of a drawn array: the largest count that a table allows without another table is 64
 

@@ -70,9 +70,6 @@ class Reader:
         require(math.isfinite(value) and low <= value <= 1e300, f"{name} is {value}")
         return value
 
-    def u64(self, name):
-        return self.number(8, name, 0, 2**64 - 1)
-
     def f32(self, name):
         (value,) = struct.unpack("<f", self.take(4, name))
         require(math.isfinite(value), f"{name} is {value}")

@@ -13,7 +13,7 @@ DRACO_START = bytes.fromhex("445241434F020201010000")
 
 def read_header(reader):
     """Clause 5.3."""
-    header = {"version": reader.u8("version", 1, 1), "position_bits": reader.u8("position_bits", 8, 20)}
+    header = {"version": reader.u8("version"), "position_bits": reader.u8("position_bits", 8, 20)}
     header["origin"] = [reader.f64("origin") for _ in range(3)]
     header["side"] = reader.f64("side", low=0)
     header["num_materials"] = reader.v("num_materials", high=65536)

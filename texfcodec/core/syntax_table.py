@@ -1,6 +1,6 @@
 """What a syntax table is made of; reader, writer, texf-info and the tables of the specification walk over such tables.
 
-Descriptors: u8 u16 u32 u64 f32 f64 (little endian), i8, i32, v (unsigned LEB128, at most 8 bytes), bytes (the rest of the
+Descriptors: u8 u16 u32 f32 f64 (little endian), i8, i32, v (unsigned LEB128, at most 8 bytes), bytes (the rest of the
 payload, or `count` bytes), utf8 (`count` bytes). A Derived entry computes a named variable from what was read; it takes no bytes.
 """
 

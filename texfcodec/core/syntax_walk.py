@@ -6,7 +6,7 @@ from typing import Any
 from ..errors import StreamError, SupportError
 from .syntax_table import V_MAX, Derived, Element, Structure
 
-_FIXED = {"u8": "<B", "u16": "<H", "u32": "<I", "i8": "<b", "u64": "<Q", "i32": "<i", "f32": "<f", "f64": "<d"}
+_FIXED = {"u8": "<B", "u16": "<H", "u32": "<I", "i8": "<b", "i32": "<i", "f32": "<f", "f64": "<d"}
 
 REALS = {"f32": (2 - 2**-23) * 2.0**127, "f64": 1e300}  # largest magnitude of a real number
 

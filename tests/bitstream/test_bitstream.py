@@ -420,6 +420,15 @@ def test_each_limit_that_needs_no_decoding_refuses_with_its_code(limits, code):
     read_stream(data, Limits(file_bytes=len(data), vertices=10, faces=8, voxels=60, texels=48, metadata_bytes=9))
 
 
+@pytest.mark.parametrize("limits, code", [(Limits(vertices=9), "TXF-L02"), (Limits(faces=7), "TXF-L03")])
+def test_limits_of_vertices_and_faces_are_those_of_all_units(limits, code):
+    data, _ = write_stream(small_stream())  # two units of 5 vertices and 4 faces
+    assert read_stream(data, Limits(vertices=10, faces=8)).vertices == 10
+    with pytest.raises(LimitError) as caught:
+        read_stream(data, limits)
+    assert caught.value.code == code
+
+
 def test_a_limit_of_zero_or_none_is_off():
     off = Limits(file_bytes=0, vertices=None, faces=0, voxels=None, texels=0, samples=0, latents=0, metadata_bytes=0,
                  image_pixels=0)

@@ -38,9 +38,9 @@ if TYPE_CHECKING:
 
 @dataclass
 class Stream:
-    """Values by syntax element name: header, materials, one dict per field, geometry unit and attribute unit (None for one that
-    validate could not read); metadata, sharp_edges and coded_normals or None. skipped: unknown ancillary units that were passed
-    over."""
+    """Values by syntax element name: header, materials, one dict per field, geometry unit and attribute unit; metadata,
+    sharp_edges and coded_normals or None. skipped: unknown ancillary units that were passed over; vertices, faces: of all
+    geometry units that were read."""
 
     header: dict
     materials: list = field(default_factory=list)
@@ -51,16 +51,8 @@ class Stream:
     skipped: list = field(default_factory=list)
     sharp_edges: dict | None = None
     coded_normals: dict | None = None
-
-    @property
-    def vertices(self) -> int:
-        """Vertices of all geometry units."""
-        return sum(unit["unit_vertices"] for unit in self.geometry if unit)
-
-    @property
-    def faces(self) -> int:
-        """Faces of all geometry units."""
-        return sum(unit["unit_faces"] for unit in self.geometry if unit)
+    vertices: int = 0
+    faces: int = 0
 
     @property
     def joint(self) -> dict | None:
@@ -197,6 +189,8 @@ def _read_elements(unit, reader, stream, limits, rows):
         values["offset"] = unit.end - len(values["draco_data"])
         _check_uv_range(values)
         stream.geometry.append(values)
+        stream.vertices += values["unit_vertices"]
+        stream.faces += values["unit_faces"]
         _check_size(stream, limits)
     elif unit.type == UNIT_ATTRIBUTE:
         stream.attributes.append(_read_attribute(reader, stream, rows))

@@ -72,7 +72,7 @@ def code(plan: Plan, report: Report) -> Encoded:
     face_field[surface.origin_face] = plan.source.face_field
     texels = sum(len(part.support) for part in fields if part.support.planar)
     counts = {"fields": len(fields), "voxels": sum(len(part.support) for part in fields) - texels, "texels": texels,
-              "faces": stream.faces, "vertices": stream.vertices}
+              "faces": len(plan.surface.faces), "vertices": sum(unit["unit_vertices"] for unit in plan.geometry)}
     return Encoded(data=data, sizes={"total": len(data), **sizes}, counts=counts, face_field=face_field,
                    choices=json_ready(plan.evidence | coded.evidence), resolution=plan.resolution, qp=plan.qp,
                    reconstruction_sha256=_sha256(fields, coded.value), values=coded.value,

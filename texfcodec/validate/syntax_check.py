@@ -21,7 +21,7 @@ from ..bitstream.syntax import (
 from ..bitstream.units import is_passed_over
 from ..core.syntax_walk import Reader
 from ..decoder import json_object
-from ..errors import LimitError, StreamError, TexfError
+from ..errors import StreamError, TexfError
 from ..limits import Limits
 from . import oddities
 from .framing import Frames, read_frames
@@ -103,8 +103,6 @@ def _read_unit(view, number, parsed, limits):
             return
         except TexfError as error:
             parsed.listing.error(error, number)
-            if unit.type == UNIT_HEADER and isinstance(error, LimitError):
-                stream.header = {}
     del held[before:]
     held.append(STAND_IN if unit.type == UNIT_FIELD else None)
     _forget(unit.type, parsed)

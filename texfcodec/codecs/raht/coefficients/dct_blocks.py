@@ -10,7 +10,7 @@ from collections import namedtuple
 import numpy as np
 
 from ....core.kernel import kernel
-from ..entropy.contexts import CLASSES, UNARY, _class, _dec_escape, _enc_escape
+from ..entropy.contexts import CLASSES, UNARY, _class, _escaped
 from ..entropy.mixing import Model, _mixed_bit, new_model
 from ..transform.octree import Level
 from ..transform.quantise import MAX_MEAN
@@ -61,8 +61,8 @@ def jpeg_likeness(keys: np.ndarray, values: np.ndarray) -> float:
     """How much values int32 [N] on ascending planar keys int64 [N] look as if they had been a JPEG file's: of the coefficients of
     whole squares, those of magnitude 1 to 2 for each below 1. The rounding of such a file leaves none between its steps and 0:
     0 to 0.1 on textures that were JPEG, 0.05 to 1 on others. Infinite where hardly a square is whole."""
-    _, first, size = np.unique(keys >> 3 * UP, return_index=True, return_counts=True)
-    first = first[size == SIZE]
+    square = keys >> 3 * UP
+    first = np.flatnonzero(square[: 1 - SIZE] == square[SIZE - 1 :])
     if len(first) < LEAST_SQUARES:
         return np.inf
     some = first[np.linspace(0, len(first) - 1, min(MOST_SQUARES, len(first))).astype(int)]
@@ -196,13 +196,7 @@ def _dct_magnitude(encoding, coder, model, chosen, c, place, size, alike, expect
         if not _mixed_bit(encoding, coder, model, MORE_MODELS, chosen, np.int64(1 if magnitude > coded else 0)):
             break
         coded += 1
-    if coded > UNARY + 1:
-        if encoding:
-            _enc_escape(coder.state, coder.buffer, magnitude - 1 - UNARY)
-            coded = magnitude
-        else:
-            coded = _dec_escape(coder.state, coder.buffer, coder.end) + UNARY + 1
-    return coded
+    return coded if coded <= UNARY + 1 else _escaped(encoding, coder, magnitude)
 
 
 @kernel(allocates=False)

@@ -4,7 +4,7 @@ choice."""
 import numpy as np
 
 from ....core.kernel import kernel
-from ..entropy.contexts import UNARY, _dec_escape, _enc_escape, _escape_cost
+from ..entropy.contexts import UNARY, _escape_cost, _escaped
 from ..entropy.mixing import _mixed_bit, _mixed_probability
 from ..entropy.range_coder import RANGE, _adapt, _dec_split, _enc_split, _probability
 from ..transform.raht import SPLITS, _is_split
@@ -129,13 +129,7 @@ def _mixed_magnitude(encoding, coder, model, models, c, node, large, luma, s, ma
         if not _mixed_bit(encoding, coder, model, models, s.chosen, 1 if magnitude > coded else 0):
             break
         coded += 1
-    if coded > UNARY + 1:
-        if encoding:
-            _enc_escape(coder.state, coder.buffer, magnitude - 1 - UNARY)
-            coded = magnitude
-        else:
-            coded = _dec_escape(coder.state, coder.buffer, coder.end) + UNARY + 1
-    return coded
+    return coded if coded <= UNARY + 1 else _escaped(encoding, coder, magnitude)
 
 
 @kernel(inline="always")

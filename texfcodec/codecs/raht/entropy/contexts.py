@@ -120,6 +120,16 @@ def _dec_escape(state, data, end):
     return rest
 
 
+@kernel(inline="always")
+def _escaped(encoding, coder, magnitude):
+    """Codes a magnitude of more than UNARY + 1 behind its bits with contexts, or decodes it; returns it."""
+    if encoding:
+        _enc_escape(coder.state, coder.buffer, magnitude - 1 - UNARY)
+    else:
+        magnitude = _dec_escape(coder.state, coder.buffer, coder.end) + UNARY + 1
+    return magnitude
+
+
 @kernel
 def _escape_cost(rest):
     """Price of _enc_escape in 2**-8 bit."""

@@ -1,0 +1,931 @@
+// Clauses 4 and 5: reading units, what binds them to each other (9.2), Draco; and the order of everything else.
+#include <cmath>
+#include <cstdarg>
+#include <cstdio>
+#include <new>
+
+#include "core.hpp"
+#include "draco/compression/mesh/mesh_edgebreaker_decoder.h"
+
+#if defined(__cpp_exceptions)
+#define TEXF_TRY try
+#define TEXF_CATCH(what) catch (what)
+#else  // a sandbox: fail() stops the program, nothing is caught
+#define TEXF_TRY
+#define TEXF_CATCH(what) while (false)
+#endif
+
+namespace texf {
+
+namespace {
+struct Refusal {
+  int code;
+  char sentence[256];
+};
+#if !defined(__cpp_exceptions)
+Refusal refusal;
+#endif
+}  // namespace
+
+void fail(int code, const char* format, ...) {
+  va_list rest;
+  va_start(rest, format);
+#if defined(__cpp_exceptions)
+  Refusal found;
+  found.code = code;
+  vsnprintf(found.sentence, sizeof found.sentence, format, rest);
+  va_end(rest);
+  throw found;
+#else
+  refusal.code = code;
+  vsnprintf(refusal.sentence, sizeof refusal.sentence, format, rest);
+  va_end(rest);
+  __builtin_trap();
+#endif
+}
+
+i64 isqrt(i64 v) {
+  i64 r = i64(std::sqrt(double(v)));
+  while (r > 0 && r > v / r) r--;
+  while (r + 1 <= v / (r + 1)) r++;
+  return r;
+}
+
+u32 crc32(const void* data, size_t size, u32 before) {
+  static const auto table = [] {
+    std::array<std::array<u32, 256>, 8> t{};
+    for (u32 n = 0; n < 256; n++) {
+      u32 c = n;
+      for (int k = 0; k < 8; k++) c = c & 1 ? 0xedb88320u ^ c >> 1 : c >> 1;
+      t[0][n] = c;
+    }
+    for (int k = 1; k < 8; k++)
+      for (u32 n = 0; n < 256; n++) t[k][n] = t[0][t[k - 1][n] & 255] ^ t[k - 1][n] >> 8;
+    return t;
+  }();
+  const u8* at = static_cast<const u8*>(data);
+  u32 c = ~before;
+  for (; size >= 8; size -= 8, at += 8) {
+    u64 eight;
+    memcpy(&eight, at, 8);
+    eight ^= c;
+    c = 0;
+    for (int k = 0; k < 8; k++) c ^= table[7 - k][eight >> (8 * k) & 255];
+  }
+  while (size-- > 0) c = table[0][(c ^ *at++) & 255] ^ c >> 8;
+  return ~c;
+}
+
+void sort_keys(std::vector<u64>& keys) {
+  if (keys.size() < 4096) return std::sort(keys.begin(), keys.end());
+  std::vector<u64> other(keys.size());
+  u64 differ = 0;
+  for (u64 key : keys) differ |= key ^ keys[0];
+  for (int shift = 0; shift < 64; shift += 8) {
+    if (!(differ >> shift & 255)) continue;
+    size_t begin[256] = {}, sum = 0;
+    for (u64 key : keys) begin[key >> shift & 255]++;
+    for (size_t& b : begin) {
+      size_t count = b;
+      b = sum;
+      sum += count;
+    }
+    for (u64 key : keys) other[begin[key >> shift & 255]++] = key;
+    keys.swap(other);
+  }
+}
+
+std::vector<u64> Asset::cells(size_t field, int shift) const {
+  const std::vector<u64>& keys = fields[field].keys;
+  if (shift == 0) return keys;
+  std::vector<u64> out;
+  for (u64 key : keys)
+    if (out.empty() || out.back() != key >> (3 * shift)) out.push_back(key >> (3 * shift));
+  return out;
+}
+
+namespace {
+
+// ---- 4.3
+
+class Reader {
+ public:
+  explicit Reader(Bytes bytes) : at_(bytes.data), end_(bytes.data + bytes.size) {}
+  size_t left() const { return end_ - at_; }
+  const u8* at() const { return at_; }
+  Bytes take(u64 count, const char* name) {
+    if (count > left()) fail(TEXF_INVALID, "%s: the bytes end before it", name);
+    Bytes found{at_, size_t(count)};
+    at_ += count;
+    return found;
+  }
+  Bytes rest() { return take(left(), "rest"); }
+  u64 number(int size, const char* name, u64 low, u64 high) {
+    Bytes bytes = take(size, name);
+    u64 value = 0;
+    for (int i = 0; i < size; i++) value |= u64(bytes.data[i]) << (8 * i);
+    return ranged(value, name, low, high);
+  }
+  int u8_(const char* name, int low = 0, int high = 255) { return int(number(1, name, low, high)); }
+  int u16_(const char* name, int low = 0, int high = 65535) { return int(number(2, name, low, high)); }
+  u32 u32_(const char* name) { return u32(number(4, name, 0, 0xffffffff)); }
+  i32 i32_(const char* name, i32 low, i32 high) {
+    i32 value = i32(u32_(name));
+    if (value < low || value > high) fail(TEXF_INVALID, "%s is %d", name, value);
+    return value;
+  }
+  int registry(const char* name, int low, int high) { return known(u8_(name, low), name, high); }
+  static int known(u64 value, const char* name, int high) {
+    if (value > u64(high)) fail(TEXF_UNSUPPORTED, "%s is %llu", name, (unsigned long long)value);
+    return int(value);
+  }
+  u64 v(const char* name, u64 low = 0, u64 high = (1ull << 56) - 1) {
+    u64 value = 0;
+    for (int i = 0; i < 8; i++) {
+      u64 byte = u8_(name);
+      value |= (byte & 127) << (7 * i);
+      if (byte < 128) {
+        if (byte == 0 && i > 0) fail(TEXF_INVALID, "%s is not in its shortest form", name);
+        return ranged(value, name, low, high);
+      }
+    }
+    fail(TEXF_INVALID, "%s has more than 8 bytes", name);
+  }
+  double f64(const char* name, double low = -1e300) {
+    double value;
+    memcpy(&value, take(8, name).data, 8);
+    if (!(value >= low && value <= 1e300)) fail(TEXF_INVALID, "%s is out of its range", name);
+    return value == 0 ? 0 : value;
+  }
+  float f32(const char* name) {
+    float value;
+    memcpy(&value, take(4, name).data, 4);
+    if (!std::isfinite(value)) fail(TEXF_INVALID, "%s is not finite", name);
+    return value;
+  }
+  std::string utf8(u64 count, const char* name) {
+    Bytes bytes = take(count, name);
+    for (size_t i = 0; i < bytes.size;) {
+      u32 first = bytes.data[i];
+      int more = first < 0x80 ? 0 : first < 0xc2 ? -1 : first < 0xe0 ? 1 : first < 0xf0 ? 2 : first < 0xf5 ? 3 : -1;
+      u32 point = more == 1 ? first & 31 : more == 2 ? first & 15 : more == 3 ? first & 7 : first;
+      bool right = more >= 0 && i + more < bytes.size;
+      for (int k = 1; right && k <= more; k++) {
+        right = bytes.data[i + k] >> 6 == 2;
+        point = point << 6 | (bytes.data[i + k] & 63);
+      }
+      right = right && !(more == 2 && point < 0x800) && !(more == 3 && point < 0x10000) && point <= 0x10ffff &&
+              !(point >= 0xd800 && point < 0xe000);
+      if (!right) fail(TEXF_INVALID, "%s is not UTF-8", name);
+      i += more + 1;
+    }
+    return std::string(reinterpret_cast<const char*>(bytes.data), bytes.size);
+  }
+
+ private:
+  static u64 ranged(u64 value, const char* name, u64 low, u64 high) {
+    if (value < low || value > high) fail(TEXF_INVALID, "%s is %llu, not in its range", name, (unsigned long long)value);
+    return value;
+  }
+  const u8 *at_, *end_;
+};
+
+// ---- 5.1, 5.2
+
+enum { HEADER, MATERIALS, FIELD, GEOMETRY, ATTRIBUTE, END, METADATA = 128, SHARP_EDGES = 129, CODED_NORMALS = 130 };
+
+struct Unit {
+  int type;
+  Bytes payload;
+};
+
+Unit read_unit(Reader& reader) {
+  const u8* start = reader.at();
+  Unit unit;
+  unit.type = reader.u8_("unit_type");
+  unit.payload = reader.take(reader.v("unit_length"), "payload");
+  u32 crc = crc32(start, reader.at() - start);
+  if (reader.u32_("unit_crc") != crc) fail(TEXF_INVALID, "the unit_crc of a unit of type %d does not match", unit.type);
+  return unit;
+}
+
+std::vector<Unit> units_of(Bytes data) {
+  static const u8 signature[8] = {0x89, 0x54, 0x58, 0x46, 0x0d, 0x0a, 0x1a, 0x0a};
+  require(data.size >= 8 && memcmp(data.data, signature, 8) == 0, "the stream does not begin with the signature of 5.1");
+  Reader reader({data.data + 8, data.size - 8});
+  std::vector<Unit> units{read_unit(reader)};
+  require(units[0].type == HEADER, "the first unit is not the sequence header");
+  if (units[0].payload.size > 0 && units[0].payload.data[0] != 1) fail(TEXF_UNSUPPORTED, "version is %d", units[0].payload.data[0]);
+  int last = HEADER;
+  bool there[256] = {true};
+  while (last != END) {
+    Unit unit = read_unit(reader);
+    bool once = unit.type <= MATERIALS || (unit.type >= METADATA && unit.type <= CODED_NORMALS);
+    if (once && there[unit.type]) fail(TEXF_INVALID, "a second unit of type %d", unit.type);
+    if (unit.type > END && unit.type < METADATA) fail(TEXF_UNSUPPORTED, "unit_type is %d", unit.type);
+    if (unit.type <= END) {
+      require(unit.type >= last, "the units do not ascend by type");
+      last = unit.type;
+    }
+    there[unit.type] = true;
+    units.push_back(unit);
+  }
+  require(units.back().payload.size == 0, "the end unit is not empty");
+  require(reader.left() == 0, "bytes follow the end unit");
+  return units;
+}
+
+// ---- 5.3, 5.4
+
+const u8 CHANNEL_COMPONENTS[23] = {3, 1, 2, 3, 1, 1, 1, 3, 1, 1, 2, 3, 3, 1, 1, 3, 1, 1, 1, 1, 3, 1, 3};
+const u32 SRGB = 1 << 0 | 1 << 7 | 1 << 12 | 1 << 15 | 1 << 22, BASE = 3;
+const u32 NAMEABLE = 0x7fffff & ~(1u << 0 | 1u << 1 | 1u << 3 | 1u << 11);
+
+u32 channels_of(const ChannelGroup& group) {
+  u32 bits = 0;
+  for (int semantic : group.semantics) bits |= 1u << semantic;
+  return bits;
+}
+
+struct Counts {
+  u64 materials, fields, geometry;
+};
+
+Counts read_header(Reader& reader, Asset& asset) {
+  reader.u8_("version");
+  asset.position_bits = reader.u8_("position_bits", 8, 20);
+  for (double& o : asset.origin) o = reader.f64("origin");
+  asset.side = reader.f64("side", 0);
+  Counts counts;
+  counts.materials = reader.v("num_materials", 0, 65536);
+  counts.fields = reader.v("num_fields", 0, 256);
+  counts.geometry = reader.v("num_geometry_units", 0, 1 << 24);
+  asset.groups.resize(reader.registry("num_channel_groups", 1, 23));
+  for (ChannelGroup& group : asset.groups) {
+    group.semantics.resize(reader.u8_("num_semantics", 1, 3));
+    for (u8& semantic : group.semantics) semantic = reader.registry("group_semantics", 0, 22);
+    group.components = reader.u8_("group_components", 1, 3);
+  }
+  u32 met = 0;
+  for (const ChannelGroup& group : asset.groups)
+    for (int semantic : group.semantics) {
+      require(!(met >> semantic & 1), "a channel is there twice");
+      met |= 1u << semantic;
+    }
+  for (const ChannelGroup& group : asset.groups) {
+    int sum = 0;
+    for (int semantic : group.semantics) sum += CHANNEL_COMPONENTS[semantic];
+    bool grey = group.semantics.size() == 1 && SRGB >> group.semantics[0] & 1 && group.components == 1;
+    if (group.components != sum && !grey) fail(TEXF_UNSUPPORTED, "group_components is %d", group.components);
+  }
+  return counts;
+}
+
+std::vector<float> parameter_default(int id) {
+  switch (id) {
+    case 4: case 9: return {0, 0, 0};
+    case 12: case 16: case 24: return {1, 1, 1};
+    case 0: case 1: case 2: case 3: case 5: case 8: case 11: return {1};
+    case 15: return {INFINITY};
+    case 18: return {1.3f};
+    case 19: return {100};
+    case 20: return {400};
+    case 25: return {1.5f};
+    default: return {0};
+  }
+}
+
+Material read_material(Reader& reader) {
+  Material material;
+  material.name = reader.utf8(reader.v("name_length", 0, 65535), "material_name");
+  material.alpha_mode = reader.registry("alpha_mode", 0, 2);
+  if (material.alpha_mode == 1) material.alpha_cutoff = reader.u16_("alpha_cutoff");
+  material.flags = reader.registry("material_flags", 0, 3);
+  if (!(material.flags & 2)) {
+    material.normal_rule = reader.registry("normal_rule", 0, 6);
+    material.normal_angle = reader.u8_("normal_angle", 0, 180);
+  }
+  material.channels = Reader::known(reader.v("material_channels"), "material_channels", (1 << 23) - 1);
+  material.parameters.resize(reader.registry("num_parameters", 0, 27));
+  for (Parameter& parameter : material.parameters) {
+    parameter.id = reader.registry("parameter_id", 0, 26);
+    parameter.value = parameter_default(parameter.id);
+    for (float& value : parameter.value) value = reader.f32("parameter_value");
+  }
+  require(!(material.channels & ~NAMEABLE), "material_channels has a bit of 0, 1, 3 or 11");
+  for (size_t i = 0; i < material.parameters.size(); i++) {
+    const Parameter& parameter = material.parameters[i];
+    require(i == 0 || parameter.id > material.parameters[i - 1].id, "parameter_id does not ascend");
+    require(parameter.value != parameter_default(parameter.id), "a parameter is its default");
+  }
+  return material;
+}
+
+// ---- 5.5, 5.6
+
+Field read_field(Reader& reader, u64 index) {
+  Field field;
+  u64 number = reader.v("field_index");
+  field.planar = reader.registry("support", 0, 1) == 1;
+  if (field.planar) {
+    field.width = reader.u16_("width", 1, 16384);
+    field.height = reader.u16_("height", 1, 16384);
+    field.wrap[0] = reader.registry("wrap_s", 0, 2);
+    field.wrap[1] = reader.registry("wrap_t", 0, 2);
+    field.fraction_bits = reader.u8_("uv_fraction_bits", 0, 8);
+    field.resolution = std::max(field.width, field.height);
+  } else {
+    field.resolution = reader.u16_("resolution", 1, 8192);
+    field.area_threshold = reader.u16_("area_threshold");
+  }
+  field.num_keys = reader.v("num_keys", 1, 1 << 28);
+  field.keys_crc = reader.u32_("keys_crc");
+  require(number == index, "field_index does not count up from 0");
+  require(!field.planar || field.num_keys <= u64(field.width) * field.height, "num_keys is more than the image has texels");
+  return field;
+}
+
+GeometryUnit read_geometry(Reader& reader, const Asset& asset) {
+  GeometryUnit unit;
+  unit.field = u32(reader.v("field_index"));
+  unit.material = u32(reader.v("material_index"));
+  unit.vertices = reader.v("unit_vertices", 3);
+  unit.faces = reader.v("unit_faces", 1);
+  require(unit.field < asset.fields.size(), "a geometry unit names a field that is not there");
+  unit.planar = asset.fields[unit.field].planar;
+  if (unit.planar) {
+    for (i32& o : unit.uv_origin) o = reader.i32_("uv_origin", -33554431, 33554431);
+    unit.uv_bits = reader.u8_("uv_bits", 0, 20);
+    if (unit.uv_bits > 0) unit.uv_range = reader.v("uv_range", 1, 1048575);
+  }
+  unit.crc = reader.u32_("geometry_crc");
+  unit.draco = reader.rest();
+  require(unit.material < asset.materials.size(), "a geometry unit names a material that is not there");
+  require(unit.uv_bits == 0 || unit.uv_range < 1ull << unit.uv_bits, "uv_range is 2^uv_bits or more");
+  static const u8 start[11] = {0x44, 0x52, 0x41, 0x43, 0x4f, 2, 2, 1, 1, 0, 0};
+  Reader draco(unit.draco);
+  require(memcmp(draco.take(11, "draco_data").data, start, 11) == 0, "draco_data does not begin as 5.6 says");
+  require((draco.u8_("traversal type") & ~2) == 0, "draco_data has a traversal type other than 0 and 2");
+  require(draco.v("number of vertices") == unit.vertices, "draco_data names another number of vertices");
+  require(draco.v("number of faces") == unit.faces, "draco_data names another number of faces");
+  return unit;
+}
+
+// ---- 5.7
+
+void read_filter(Reader& reader, AttributeUnit& unit) {
+  FilterStage stage;
+  stage.mask = reader.u16_("filter_mask", 0, 32767);
+  Bytes taps = reader.take((unit.planar ? 5 : 3) * __builtin_popcount(stage.mask), "filter_coefficients");
+  for (size_t i = 0; i < taps.size; i++) stage.coefficients.push_back(i8(taps.data[i]));
+  require(stage.mask >> (5 * unit.components) == 0, "filter_mask has a bit of a component that is not there");
+  unit.filters.push_back(stage);
+}
+
+void read_raht(Reader& reader, AttributeUnit& unit, const Field& field) {
+  int count = unit.components;
+  unit.planar = field.planar;
+  unit.colour_transform = reader.registry("colour_transform", 0, 1);
+  for (int c = 0; c < count; c++) unit.qp[c] = reader.u8_("qp", 0, 63);
+  for (int& k : unit.kernel) k = reader.u8_("kernel");
+  unit.colour_range = reader.u8_("colour_range");
+  unit.num_models = reader.u8_("num_models", 0, 8);
+  if (unit.planar) unit.planar_transform = reader.registry("planar_transform", 0, 1);
+  if (unit.planar && unit.num_models > 0) unit.dct_blocks = reader.registry("dct_blocks", 0, 1);
+  if (count > 1) unit.component_cross = reader.u8_("component_cross", 0, 16);
+  int num_filters = reader.u8_("num_filters", 0, 3);
+  while (num_filters-- > 0) read_filter(reader, unit);
+  unit.residual = reader.u8_("residual", 0, 128);
+  for (int c = 0; c < count && unit.residual > 0; c++) unit.residual_cross[c] = reader.u8_("residual_cross", 0, 16);
+  for (int c = 0; c < count; c++) unit.root_mean[c] = reader.i32_("root_mean", -1048576, 1048576);
+  unit.slice_level = reader.u8_("slice_level", 0, 12);
+  u64 num_slices = unit.slice_level > 0 ? reader.v("num_slices", 1, 64) : 1;
+  unit.slice_first = {0};
+  while (unit.slice_first.size() < num_slices) unit.slice_first.push_back(unit.slice_first.back() + reader.v("slice_step", 1));
+  int level_index = reader.u8_("level_index", 0, 1);
+  require(count == 3 || unit.colour_transform == 0, "colour_transform without three components");
+  require(unit.kernel[0] >= 1, "kernel[0] is 0");
+  require(unit.depth > 0 || unit.residual == 0, "residual where there are no levels");
+  require(unit.slice_level == 0 || unit.slice_level < unit.depth, "slice_level is not less than Depth");
+  std::vector<u64> lengths;
+  for (u64 n = 0; n < (unit.depth == 0 ? 0 : unit.slice_level > 0 ? 1 + num_slices : 1); n++) {
+    lengths.push_back(reader.v("codeword_length"));
+    int levels = unit.slice_level == 0 ? unit.depth : n == 0 ? unit.slice_level : unit.depth - unit.slice_level;
+    while (level_index && levels-- > 0) reader.v("level_bytes");
+  }
+  for (u64 length : lengths) unit.codewords.push_back(reader.take(length, "codeword_data"));
+}
+
+void read_neural(Reader& reader, AttributeUnit& unit, const Asset& asset, u64 num_fields) {
+  unit.form = reader.registry("form", 0, 1);
+  unit.num_features = reader.u8_("num_features", 2, 64);
+  unit.wave_octaves = reader.u8_("wave_octaves", 0, 8);
+  unit.first_wave = reader.u16_("first_wave", 1, 16384);
+  std::vector<int> hidden(reader.u8_("num_hidden", 1, 4));
+  for (int& width : hidden) width = reader.u8_("hidden_width", 1, 128);
+  unit.levels.resize(reader.u8_("num_levels", 1, 4));
+  u64 latents = 0;
+  for (LatentLevel& level : unit.levels) {
+    level.resolution = reader.u16_("level_resolution", 1, 8192);
+    level.table_log2 = reader.u8_("table_log2", 0, 24);
+    level.threshold = reader.u16_("latent_threshold");
+    level.num_latents.resize(level.table_log2 == 0 ? num_fields : 0);
+    level.num_rows = level.table_log2 == 0 ? 0 : 1ull << level.table_log2;
+    for (u64& count : level.num_latents) level.num_rows += count = reader.v("num_latents", 1);
+    latents += level.num_rows * unit.num_features;
+  }
+  int outputs = 0;
+  for (const ChannelGroup& group : asset.groups) outputs += group.components;
+  unit.widths = {int(unit.levels.size()) * unit.num_features + 6 * unit.wave_octaves};
+  unit.widths.insert(unit.widths.end(), hidden.begin(), hidden.end());
+  unit.widths.push_back(outputs);
+  size_t count = 0;
+  for (size_t n = 0; n + 1 < unit.widths.size(); n++) count += size_t(unit.widths[n] + 1) * unit.widths[n + 1];
+  unit.network = reader.take(2 * count, "network_data");
+  unit.latents = reader.rest();
+  require(unit.num_features % 2 == 0, "num_features is odd");
+  for (size_t i = 1; i < unit.network.size; i += 2)
+    require((unit.network.data[i] >> 2 & 31) < 27, "a parameter is not finite and of magnitude below 2^12");
+  require(unit.form == 1 || unit.latents.size == latents / 2, "latent_data is not as long as its rows");
+  within(latents, asset.limits.latents, "latents");
+}
+
+AttributeUnit read_attribute(Reader& reader, const Asset& asset, u64 num_fields) {
+  AttributeUnit unit;
+  unit.field = reader.v("field_index");
+  unit.group = reader.u8_("group_index", 0, 22);
+  unit.codec = reader.u8_("codec_id");
+  std::string name = unit.codec >= FIRST_PRIVATE ? reader.utf8(reader.u8_("codec_name_length", 1), "codec_name") : "";
+  unit.level_shift = reader.u8_("level_shift", 0, 13);
+  unit.values_crc = reader.u32_("values_crc");
+  require(unit.field < asset.fields.size(), "an attribute unit names a field that is not there");
+  require(size_t(unit.group) < asset.groups.size(), "an attribute unit names a channel group that is not there");
+  if (unit.codec > CONSTANT) fail(TEXF_UNSUPPORTED, "codec_id is %d %.60s", unit.codec, name.c_str());
+  const Field& field = asset.fields[unit.field];
+  const ChannelGroup& group = asset.groups[unit.group];
+  int most = unit.codec == NEURAL || channels_of(group) & BASE ? 0 : field.depth();
+  require(unit.level_shift <= most, "level_shift is more than it may be");
+  unit.components = group.components;
+  unit.depth = bit_length(ceil_div(field.resolution, 1 << unit.level_shift) - 1);
+  if (unit.codec == RAHT) {
+    read_raht(reader, unit, field);
+  } else if (unit.codec == CONSTANT) {
+    for (int c = 0; c < unit.components; c++) unit.plane_value[c] = reader.u8_("plane_value");
+  } else {
+    require(unit.field == 0 && unit.group == 0, "a 3DNTC unit is not that of field 0 and group 0");
+    read_neural(reader, unit, asset, num_fields);
+  }
+  return unit;
+}
+
+// ---- 9.2, step 5
+
+void check_units(const Asset& asset, const Counts& counts) {
+  require(asset.fields.size() == counts.fields, "num_fields is another number than that of the field units");
+  require(asset.units.size() == counts.geometry, "num_geometry_units is another number than that of the geometry units");
+  require(counts.geometry > 0 || counts.fields == 0, "fields without geometry units");
+  std::vector<u32> used(asset.fields.size(), 0);
+  std::vector<bool> has_geometry(asset.fields.size(), false);
+  u32 all_used = 0, there = 0;
+  for (const GeometryUnit& unit : asset.units) {
+    u32 named = asset.materials[unit.material].channels;
+    if (!unit.planar) named = (named & ~(1u << 2 | 1u << 10)) | (named >> 2 & 1) << 3 | (named >> 10 & 1) << 11;
+    used[unit.field] |= named;
+    all_used |= named;
+    has_geometry[unit.field] = true;
+  }
+  for (bool has : has_geometry) require(has, "a field has no geometry unit");
+  for (const ChannelGroup& group : asset.groups) there |= channels_of(group);
+  require(!(all_used & ~there), "a material names a channel that no group holds");
+  require(asset.fields.empty() || !(there & ~(all_used | BASE)), "a group holds a channel that nothing uses");
+  bool neural = false, planar = false;
+  for (const AttributeUnit& unit : asset.attributes) neural = neural || unit.codec == NEURAL;
+  for (const Field& field : asset.fields) planar = planar || field.planar;
+  if (neural) {
+    require(asset.attributes.size() == 1, "attribute units beside one of 3DNTC");
+    require(!planar, "3DNTC with a field over texels");
+  } else {
+    size_t next = 0;
+    for (size_t i = 0; i < asset.fields.size(); i++)
+      for (size_t g = 0; g < asset.groups.size(); g++) {
+        if (!(channels_of(asset.groups[g]) & (used[i] | BASE))) continue;
+        require(next < asset.attributes.size(), "an attribute unit is missing");
+        const AttributeUnit& unit = asset.attributes[next++];
+        require(unit.field == i && size_t(unit.group) == g, "the attribute units are not those that the fields need, in order");
+      }
+    require(next == asset.attributes.size(), "an attribute unit that no field needs");
+  }
+  bool marks = false, normals = false;
+  for (const Material& material : asset.materials) {
+    marks = marks || material.normal_rule >= 3;
+    normals = normals || material.normal_rule == 6;
+  }
+  require(marks == asset.has_marks, "a sharp edges unit without a rule that asks for it, or the other way round");
+  require(normals == asset.has_normals, "a coded normals unit without a rule that asks for it, or the other way round");
+}
+
+}  // namespace
+
+std::unique_ptr<Asset> read_stream(const u8* data, size_t size, const texf_limits& limits) {
+  within(size, limits.file_bytes, "bytes of the stream");
+  auto owner = std::make_unique<texf_asset>();
+  Asset& asset = *owner;
+  asset.limits = limits;
+  Counts counts{};
+  u64 vertices = 0, faces = 0, voxels = 0;
+  bool materials = false;
+  for (const Unit& unit : units_of({data, size})) {
+    Reader reader(unit.payload);
+    switch (unit.type) {
+      case HEADER: counts = read_header(reader, asset); break;
+      case MATERIALS:
+        materials = true;
+        for (u64 i = 0; i < counts.materials; i++) asset.materials.push_back(read_material(reader));
+        break;
+      case FIELD:
+        asset.fields.push_back(read_field(reader, asset.fields.size()));
+        within(voxels += asset.fields.back().num_keys, limits.voxels, "voxels and texels");
+        within(u64(asset.fields.back().width) * asset.fields.back().height, limits.texels, "texels of an image");
+        break;
+      case GEOMETRY:
+        asset.units.push_back(read_geometry(reader, asset));
+        within(vertices += asset.units.back().vertices, limits.vertices, "vertices");
+        within(faces += asset.units.back().faces, limits.faces, "faces");
+        break;
+      case ATTRIBUTE: asset.attributes.push_back(read_attribute(reader, asset, counts.fields)); break;
+      case METADATA:
+        within(unit.payload.size, limits.metadata_bytes, "bytes of metadata");
+        if (reader.u8_("metadata_format") != 0) asset.skipped.push_back(unit.type);
+        else asset.metadata.assign(reader.at(), reader.at() + reader.left());
+        reader.rest();
+        break;
+      case SHARP_EDGES:
+        asset.has_marks = true;
+        asset.num_edges = reader.v("num_edges", 1);
+        asset.marks_crc = reader.u32_("marks_crc");
+        asset.marks_data = reader.rest();
+        break;
+      case CODED_NORMALS:
+        asset.has_normals = true;
+        asset.num_groups = reader.v("num_groups", 1);
+        asset.normal_step = reader.u16_("normal_step", 1, 4096);
+        asset.normals_crc = reader.u32_("normals_crc");
+        asset.residual_data = reader.rest();
+        break;
+      case END: break;
+      default: asset.skipped.push_back(unit.type); reader.rest();
+    }
+    if (reader.left() > 0) fail(TEXF_INVALID, "%zu bytes are left over in a unit of type %d", reader.left(), unit.type);
+  }
+  require(materials, "there is no materials unit");
+  check_units(asset, counts);
+  return owner;
+}
+
+// ---- 5.6
+
+namespace {
+
+i64 whole_number(float value, int uv_bits, u64 uv_range) {  // 5.6.2, -1 where it stands for none
+  i64 last = (1ll << uv_bits) - 1;
+  double s = double(value) * (double(last) / double(uv_range)), n = std::floor(s + 0.5);
+  if (!(n >= 0 && n <= double(last) && std::fabs(s - n) <= 0.25)) return -1;
+  return (2 * i64(n) * i64(uv_range) + last) / (2 * last);
+}
+
+u32 geometry_crc(const GeometryUnit& unit) {  // 5.6.3
+  int columns = unit.planar ? 5 : 3;
+  u32 sum = 0;
+  for (size_t f = 0; f < unit.num_faces(); f++) {
+    i32 rows[3][15];
+    for (int turn = 0; turn < 3; turn++)
+      for (int i = 0; i < 3; i++) {
+        u32 vertex = unit.corner[3 * f + (turn + i) % 3];
+        for (int axis = 0; axis < columns; axis++)
+          rows[turn][columns * i + axis] = axis < 3 ? i32(unit.position[3 * size_t(vertex) + axis]) : unit.uv[2 * size_t(vertex) + axis - 3];
+      }
+    int least = 0;
+    for (int turn = 1; turn < 3; turn++)
+      if (std::lexicographical_compare(rows[turn], rows[turn] + 3 * columns, rows[least], rows[least] + 3 * columns)) least = turn;
+    sum += crc32(rows[least], 12 * columns);
+  }
+  return sum;
+}
+
+}  // namespace
+
+void decode_geometry(GeometryUnit& unit, int position_bits) {
+  draco::DecoderBuffer buffer;
+  buffer.Init(reinterpret_cast<const char*>(unit.draco.data), unit.draco.size);
+  draco::MeshEdgebreakerDecoder decoder;  // what 5.6 allows and no more
+  draco::Mesh mesh;
+  require(decoder.Decode(draco::DecoderOptions(), &buffer, &mesh).ok(), "draco_data does not decode to a mesh");
+  const draco::PointAttribute *positions = nullptr, *uvs = nullptr;
+  auto uv_type = unit.uv_bits > 0 ? draco::GeometryAttribute::TEX_COORD : draco::GeometryAttribute::GENERIC;
+  auto uv_kind = unit.uv_bits > 0 ? draco::DT_FLOAT32 : draco::DT_UINT32;
+  for (int i = 0; i < mesh.num_attributes(); i++) {
+    const draco::PointAttribute* a = mesh.attribute(i);
+    if (a->attribute_type() == draco::GeometryAttribute::POSITION && a->data_type() == draco::DT_UINT32 && a->num_components() == 3)
+      positions = a;
+    if (unit.planar && a->attribute_type() == uv_type && a->data_type() == uv_kind && a->num_components() == 2) uvs = a;
+  }
+  require(mesh.num_attributes() == 1 + unit.planar && positions && (uvs || !unit.planar), "the attributes of draco_data are not those of 5.6");
+  u64 points = mesh.num_points(), most = unit.planar ? 3 * unit.faces : unit.vertices;
+  require(points >= unit.vertices && points <= most, "draco_data decodes to another number of vertices");
+  require(mesh.num_faces() == unit.faces, "draco_data decodes to another number of faces");
+  unit.position.resize(3 * points);
+  unit.uv.resize(unit.planar ? 2 * points : 0);
+  for (u32 p = 0; p < points; p++) {
+    u32 xyz[3];
+    draco::AttributeValueIndex place(positions->mapped_index(draco::PointIndex(p)).value());
+    require(place.value() < positions->size(), "draco_data has a vertex without a position");
+    positions->GetValue(place, xyz);
+    for (int axis = 0; axis < 3; axis++) {
+      require(xyz[axis] >> position_bits == 0, "a position is not below 2^position_bits");
+      unit.position[3 * size_t(p) + axis] = xyz[axis];
+    }
+    if (!unit.planar) continue;
+    draco::AttributeValueIndex beside(uvs->mapped_index(draco::PointIndex(p)).value());
+    require(beside.value() < uvs->size(), "draco_data has a vertex without a UV");
+    u32 numbers[2];
+    uvs->GetValue(beside, numbers);
+    for (int axis = 0; axis < 2; axis++) {
+      i64 n = numbers[axis];
+      if (unit.uv_bits > 0) {
+        float value;
+        memcpy(&value, &numbers[axis], 4);
+        n = whole_number(value, unit.uv_bits, unit.uv_range);
+      }
+      require(n >= 0 && n < 1 << 20, "a UV is out of its range");
+      unit.uv[2 * size_t(p) + axis] = i32(n) + unit.uv_origin[axis];
+    }
+  }
+  unit.corner.resize(3 * unit.faces);
+  for (u32 f = 0; f < unit.faces; f++)
+    for (int i = 0; i < 3; i++) {
+      u32 vertex = mesh.face(draco::FaceIndex(f))[i].value();
+      require(vertex < points, "draco_data has a face with a vertex that is not there");
+      unit.corner[3 * size_t(f) + i] = vertex;
+    }
+  require(geometry_crc(unit) == unit.crc, "geometry_crc does not match");
+}
+
+namespace {
+
+// ---- Steps 6 and 7 of 9.2
+
+void decode_fields(Asset& asset) {
+  count_samples(asset);
+  asset.values.assign(asset.fields.size(), std::vector<std::vector<u8>>(asset.groups.size()));
+  asset.level_shift.assign(asset.fields.size() * asset.groups.size(), 0);
+  size_t next = 0;
+  for (size_t i = 0; i < asset.fields.size(); i++) {
+    Field& field = asset.fields[i];
+    field.keys = field.planar ? asked_texels(asset, i) : active_voxels(asset, i, field.resolution, field.area_threshold);
+    require(field.keys.size() == field.num_keys, "num_keys does not match");
+    require(crc32(field.keys.data(), 8 * field.keys.size()) == field.keys_crc, "keys_crc does not match");
+    for (; next < asset.attributes.size() && asset.attributes[next].field == i; next++) {
+      const AttributeUnit& unit = asset.attributes[next];
+      if (unit.codec == NEURAL) continue;
+      std::vector<u64> cells = asset.cells(i, unit.level_shift);
+      int lod = std::min(std::max(asset.lod - unit.level_shift, 0), unit.depth);
+      std::vector<u8> values;
+      if (unit.codec == CONSTANT) {
+        size_t count = asset.cells(i, unit.level_shift + lod).size();
+        for (size_t n = 0; n < count; n++) values.insert(values.end(), unit.plane_value, unit.plane_value + unit.components);
+      } else {
+        values = decode_raht(unit, cells, lod);
+      }
+      require(lod > 0 || crc32(values.data(), values.size()) == unit.values_crc, "values_crc does not match");
+      asset.values[i][unit.group] = std::move(values);
+      asset.level_shift[i * asset.groups.size() + unit.group] = unit.level_shift;
+    }
+  }
+  if (asset.attributes.size() == 1 && asset.attributes[0].codec == NEURAL) decode_neural(asset);
+}
+
+std::unique_ptr<Asset> decode(const u8* data, size_t size, int lod, const texf_limits& limits) {
+  std::unique_ptr<Asset> asset = read_stream(data, size, limits);
+  asset->lod = std::max(lod, 0);
+  for (GeometryUnit& unit : asset->units) decode_geometry(unit, asset->position_bits);
+  if (asset->has_marks) decode_marks(*asset);
+  if (asset->has_normals) decode_normals(*asset);
+  decode_fields(*asset);
+  return asset;
+}
+
+// ---- What is no array, as JSON
+
+class Json {
+ public:
+  std::string text;
+  Json& open(char bracket) { return comma(), text += bracket, fresh_ = true, *this; }
+  Json& close(char bracket) { return text += bracket, fresh_ = false, *this; }
+  Json& key(const char* name) { return string(name), text += ':', fresh_ = true, *this; }
+  Json& number(double value) {
+    char digits[32];
+    snprintf(digits, sizeof digits, "%.17g", value);
+    return comma(), text += digits, *this;
+  }
+  Json& string(const std::string& value) {
+    comma();
+    text += '"';
+    for (char c : value) {
+      char escape[8];
+      if (c == '"' || c == '\\') text += '\\';
+      if (u8(c) < 32) snprintf(escape, sizeof escape, "\\u%04x", c), text += escape;
+      else text += c;
+    }
+    text += '"';
+    return *this;
+  }
+  Json& field(const char* name, double value) { return key(name).number(value); }
+
+ private:
+  void comma() {
+    if (!fresh_) text += ',';
+    fresh_ = false;
+  }
+  bool fresh_ = true;
+};
+
+std::string description_of(const Asset& asset) {
+  Json json;
+  json.open('{').field("position_bits", asset.position_bits).field("side", asset.side).field("lod", asset.lod);
+  json.key("origin").open('[').number(asset.origin[0]).number(asset.origin[1]).number(asset.origin[2]).close(']');
+  json.key("groups").open('[');
+  for (const ChannelGroup& group : asset.groups) {
+    json.open('{').field("components", group.components).key("semantics").open('[');
+    for (int semantic : group.semantics) json.number(semantic);
+    json.close(']').close('}');
+  }
+  json.close(']').key("materials").open('[');
+  for (const Material& material : asset.materials) {
+    json.open('{').key("name").string(material.name).field("alpha_mode", material.alpha_mode);
+    json.field("alpha_cutoff", material.alpha_cutoff).field("flags", material.flags).field("normal_rule", material.normal_rule);
+    json.field("normal_angle", material.normal_angle).field("channels", material.channels).key("parameters").open('{');
+    for (const Parameter& parameter : material.parameters) {
+      json.key(std::to_string(parameter.id).c_str()).open('[');
+      for (float value : parameter.value) json.number(value);
+      json.close(']');
+    }
+    json.close('}').close('}');
+  }
+  json.close(']').key("units").open('[');
+  for (const GeometryUnit& unit : asset.units) {
+    json.open('{').field("field", unit.field).field("material", unit.material).field("vertices", double(unit.position.size() / 3));
+    json.field("faces", double(unit.num_faces())).close('}');
+  }
+  json.close(']').key("fields").open('[');
+  for (size_t i = 0; i < asset.fields.size(); i++) {
+    const Field& field = asset.fields[i];
+    json.open('{').field("planar", field.planar).field("resolution", field.resolution).field("width", field.width);
+    json.field("height", field.height).field("wrap_s", field.wrap[0]).field("wrap_t", field.wrap[1]);
+    json.field("fraction_bits", field.fraction_bits).field("levels_left_out", asset.levels_left_out(i)).key("level_shift").open('[');
+    for (size_t g = 0; g < asset.groups.size(); g++) json.number(asset.level_shift[i * asset.groups.size() + g]);
+    json.close(']').key("qp").open('[');
+    for (size_t g = 0; g < asset.groups.size(); g++) {
+      int qp = -1;
+      for (const AttributeUnit& unit : asset.attributes)
+        if (unit.codec == RAHT && unit.field == i && size_t(unit.group) == g) qp = unit.qp[0];
+      json.number(qp);
+    }
+    json.close(']').close('}');
+  }
+  json.close(']').field("sharp_edges", asset.has_marks).field("coded_normals", asset.has_normals);
+  json.field("neural", asset.attributes.size() == 1 && asset.attributes[0].codec == NEURAL).key("skipped").open('[');
+  for (int type : asset.skipped) json.number(type);
+  json.close(']').close('}');
+  return json.text;
+}
+
+// The texels of a group as an image of the level of detail. What is not in the field gets the mean of what is in the smallest
+// square of a quadtree around it that holds any, so that mipmaps meet nothing foreign.
+std::vector<u8> image_of(const Asset& asset, size_t i, size_t g) {
+  const Field& field = asset.fields[i];
+  int left_out = std::max(asset.levels_left_out(i), int(asset.level_shift[i * asset.groups.size() + g]));
+  int count = asset.groups[g].components, width = int(ceil_div(field.width, 1ll << left_out)), height = int(ceil_div(field.height, 1ll << left_out));
+  struct Level {
+    int width, height;
+    std::vector<u32> sum;  // [height, width, count + 1], the last is how many
+  };
+  std::vector<Level> levels{{width, height, std::vector<u32>(size_t(width) * height * (count + 1), 0)}};
+  const std::vector<u8>& values = asset.values[i][g];
+  std::vector<u64> cells = asset.cells(i, left_out);
+  for (size_t n = 0; n < cells.size(); n++) {
+    u32* at = &levels[0].sum[(gathered_bits(cells[n] >> 1) * width + gathered_bits(cells[n])) * (count + 1)];
+    for (int c = 0; c < count; c++) at[c] = values[n * count + c];
+    at[count] = 1;
+  }
+  while (levels.back().width > 1 || levels.back().height > 1) {
+    const Level& fine = levels.back();
+    Level coarse{(fine.width + 1) / 2, (fine.height + 1) / 2, {}};
+    coarse.sum.assign(size_t(coarse.width) * coarse.height * (count + 1), 0);
+    for (int y = 0; y < fine.height; y++)
+      for (int x = 0; x < fine.width; x++) {
+        const u32* from = &fine.sum[(size_t(y) * fine.width + x) * (count + 1)];
+        u32* to = &coarse.sum[(size_t(y / 2) * coarse.width + x / 2) * (count + 1)];
+        if (from[count])
+          for (int c = 0; c <= count; c++) to[c] += c < count ? (from[c] + from[count] / 2) / from[count] : 1;
+      }
+    levels.push_back(std::move(coarse));
+  }
+  for (size_t l = levels.size() - 1; l-- > 0;) {
+    Level &fine = levels[l], &coarse = levels[l + 1];
+    for (int y = 0; y < fine.height; y++)
+      for (int x = 0; x < fine.width; x++) {
+        u32* to = &fine.sum[(size_t(y) * fine.width + x) * (count + 1)];
+        if (!to[count]) memcpy(to, &coarse.sum[(size_t(y / 2) * coarse.width + x / 2) * (count + 1)], 4 * (count + 1));
+      }
+  }
+  std::vector<u8> image(size_t(width) * height * count);
+  for (size_t n = 0; n < size_t(width) * height; n++) {
+    const u32* at = &levels[0].sum[n * (count + 1)];
+    for (int c = 0; c < count; c++) image[n * count + c] = at[count] ? u8((at[c] + at[count] / 2) / at[count]) : 0;
+  }
+  return image;
+}
+
+}  // namespace
+}  // namespace texf
+
+// ---- The C interface
+
+using namespace texf;
+
+texf_limits texf_usual_limits(void) {
+  return {1ull << 28, 1ull << 24, 1ull << 24, 1ull << 26, 1ull << 27, 1ull << 31, 1ull << 28, 1ull << 20};
+}
+
+int texf_decode(const uint8_t* data, size_t size, int lod, const texf_limits* limits, texf_asset** asset, char* message, size_t message_size) {
+  Refusal found{TEXF_INTERNAL, "the decoder has failed"};
+  *asset = nullptr;
+  TEXF_TRY {
+    *asset = static_cast<texf_asset*>(decode(data, size, lod, limits ? *limits : texf_usual_limits()).release());
+    return TEXF_OK;
+  }
+  TEXF_CATCH(const Refusal& refused) { found = refused; }
+  TEXF_CATCH(const std::bad_alloc&) { found = {TEXF_LIMIT, "there is not enough memory for this stream"}; }
+  TEXF_CATCH(...) {}
+  if (message && message_size > 0) snprintf(message, message_size, "%s", found.sentence);
+  return found.code;
+}
+
+void texf_free(texf_asset* asset) { delete asset; }
+
+namespace {
+template <typename T>
+const void* array_of(const std::vector<T>& found, size_t* bytes) {
+  *bytes = found.size() * sizeof(T);
+  return found.empty() ? nullptr : found.data();
+}
+
+const void* find_array(texf_asset& asset, int kind, u32 i, u32 j, size_t* bytes) {
+  bool of_unit = kind >= TEXF_POSITIONS && kind <= TEXF_NORMALS, of_field = kind == TEXF_KEYS || kind == TEXF_VALUES || kind == TEXF_IMAGE;
+  if (of_unit && i >= asset.units.size()) return nullptr;
+  if (of_field && (i >= asset.fields.size() || (kind != TEXF_KEYS && j >= asset.groups.size()))) return nullptr;
+  switch (kind) {
+    case TEXF_DESCRIPTION:
+      if (asset.description.empty()) asset.description = description_of(asset);
+      *bytes = asset.description.size();
+      return asset.description.data();
+    case TEXF_METADATA: return array_of(asset.metadata, bytes);
+    case TEXF_POSITIONS: return array_of(asset.units[i].position, bytes);
+    case TEXF_UVS: return array_of(asset.units[i].uv, bytes);
+    case TEXF_FACES: return array_of(asset.units[i].corner, bytes);
+    case TEXF_NORMALS:
+      if (asset.corner_normals.empty()) asset.corner_normals = shading_normals(asset);
+      return array_of(asset.corner_normals[i], bytes);
+    case TEXF_KEYS:
+      if (asset.levels_left_out(i) == 0) return array_of(asset.fields[i].keys, bytes);
+      asset.coarse_keys.resize(asset.fields.size());
+      if (asset.coarse_keys[i].empty()) asset.coarse_keys[i] = asset.cells(i, asset.levels_left_out(i));
+      return array_of(asset.coarse_keys[i], bytes);
+    case TEXF_VALUES: return array_of(asset.values[i][j], bytes);
+    case TEXF_SHARP_EDGES: return array_of(asset.marks, bytes);
+    case TEXF_CODED_NORMALS: return array_of(asset.normals, bytes);
+    case TEXF_IMAGE: {
+      if (!asset.fields[i].planar || asset.values[i][j].empty()) return nullptr;
+      asset.images.resize(asset.fields.size() * asset.groups.size());
+      std::vector<u8>& image = asset.images[i * asset.groups.size() + j];
+      if (image.empty()) image = image_of(asset, i, j);
+      return array_of(image, bytes);
+    }
+    default: return nullptr;
+  }
+}
+}  // namespace
+
+const void* texf_array(texf_asset* asset, int kind, uint32_t i, uint32_t j, size_t* bytes) {
+  *bytes = 0;
+  TEXF_TRY { return find_array(*asset, kind, i, j, bytes); }
+  TEXF_CATCH(...) {}
+  *bytes = 0;
+  return nullptr;
+}
+
+#if !defined(__cpp_exceptions)
+// What a sandbox asks after the program has stopped.
+extern "C" int texf_refusal_code(void) { return texf::refusal.code; }
+extern "C" const char* texf_refusal_sentence(void) { return texf::refusal.sentence; }
+#endif

@@ -1,0 +1,616 @@
+// Clause 6, which voxels and texels the surface touches, and 8.4, marks and normals of its edges and corners.
+#include <cmath>
+
+#include "core.hpp"
+
+namespace texf {
+namespace {
+
+// ---- 6.1 to 6.3
+
+using Point = std::array<i64, 3>;
+
+struct Frame {
+  Point start, end, apex;
+  i64 columns, rows, unit;
+};
+
+i64 reach(const Point& u, const Point& v) {
+  i64 largest = 0;
+  for (int axis = 0; axis < 3; axis++) largest = std::max(largest, magnitude(u[axis] - v[axis]));
+  return largest;
+}
+
+Frame frame_of(const GeometryUnit& unit, size_t face, int resolution, int position_bits) {
+  Point p[3];
+  for (int i = 0; i < 3; i++)
+    for (int axis = 0; axis < 3; axis++) p[i][axis] = (i64(unit.at(face, i)[axis]) * resolution << 16) >> position_bits;
+  std::sort(p, p + 3);
+  const Point &a = p[0], &b = p[1], &c = p[2];
+  i64 ab = reach(a, b), ac = reach(a, c), bc = reach(b, c);
+  Frame frame = ab >= ac && ab >= bc ? Frame{a, b, c, 1, 1, 0} : ac >= bc ? Frame{a, c, b, 1, 1, 0} : Frame{b, c, a, 1, 1, 0};
+  i64 base = std::max(ab, std::max(ac, bc));
+  if (base == 0) return frame;
+  i64 u[3], v[3];
+  for (int axis = 0; axis < 3; axis++) {
+    u[axis] = frame.end[axis] - frame.start[axis];
+    v[axis] = frame.apex[axis] - frame.start[axis];
+  }
+  i64 cross[3], largest = 0, squares = 0;
+  for (int axis = 0; axis < 3; axis++) {
+    int y = (axis + 1) % 3, z = (axis + 2) % 3;
+    cross[axis] = magnitude(u[y] * v[z] - u[z] * v[y]);
+    largest = std::max(largest, cross[axis]);
+  }
+  int shift = std::max(0, bit_length(largest) - 30);
+  for (i64 c : cross) squares += (c >> shift) * (c >> shift);
+  i64 area = isqrt(squares) << shift;
+  frame.columns = std::max<i64>(1, (2 * base + 65535) >> 16);
+  frame.rows = std::max<i64>(1, (2 * (area / base) + 65535) >> 16);
+  frame.unit = area / (frame.rows * frame.rows);
+  return frame;
+}
+
+// Area weights of voxels, by bricks of 4 x 4 x 4 that are found through a hash table.
+class Weights {
+ public:
+  Weights(bool weighted, u64 limit) : weighted_(weighted), limit_(limit), slots_(1 << 10, NONE) {}
+
+  void add(i64 x, i64 y, i64 z, i64 share) {
+    u64 key = u64(x >> 2) | u64(y >> 2) << 11 | u64(z >> 2) << 22;
+    if (key != last_key_) {
+      last_key_ = key;
+      last_ = find(key);
+    }
+    int at = int((x & 1) | (y & 1) << 1 | (z & 1) << 2 | (x & 2) << 2 | (y & 2) << 3 | (z & 2) << 4);
+    u64 bit = 1ull << at;
+    if (!(touched_[last_] & bit)) {
+      touched_[last_] |= bit;
+      within(++count_, limit_, "touched voxels");
+    }
+    if (weighted_) weights_[64 * size_t(last_) + at] += share;
+  }
+
+  std::vector<u64> keys(i64 least) const {
+    std::vector<u64> order(bricks_.size());
+    for (size_t n = 0; n < order.size(); n++)
+      order[n] = morton_key(bricks_[n] & 2047, bricks_[n] >> 11 & 2047, bricks_[n] >> 22) << 31 | n;  // at most 2^31 bricks
+    sort_keys(order);
+    std::vector<u64> out;
+    for (u64 both : order) {
+      size_t n = both & 0x7fffffff;
+      for (u64 left = touched_[n]; left; left &= left - 1) {
+        int at = __builtin_ctzll(left);
+        if (!weighted_ || weights_[64 * n + at] >= least) out.push_back((both >> 31) << 6 | u64(at));
+      }
+    }
+    return out;
+  }
+
+ private:
+  static constexpr u32 NONE = 0xffffffff;
+  static size_t mixed(u64 key) { return size_t((key * 0x9e3779b97f4a7c15ull) >> 32); }
+  u32 find(u64 key) {
+    size_t mask = slots_.size() - 1, at = mixed(key) & mask;
+    for (; slots_[at] != NONE; at = (at + 1) & mask)
+      if (bricks_[slots_[at]] == key) return slots_[at];
+    u32 number = u32(bricks_.size());
+    slots_[at] = number;
+    bricks_.push_back(key);
+    touched_.push_back(0);
+    if (weighted_) weights_.resize(weights_.size() + 64, 0);
+    if (2 * bricks_.size() > slots_.size()) {
+      slots_.assign(2 * slots_.size(), NONE);
+      for (u32 n = 0; n < bricks_.size(); n++) {
+        size_t to = mixed(bricks_[n]) & (slots_.size() - 1);
+        while (slots_[to] != NONE) to = (to + 1) & (slots_.size() - 1);
+        slots_[to] = n;
+      }
+    }
+    return number;
+  }
+  bool weighted_;
+  u64 limit_, count_ = 0, last_key_ = ~0ull;
+  u32 last_ = 0;
+  std::vector<u32> slots_;
+  std::vector<u64> bricks_, touched_;
+  std::vector<i64> weights_;
+};
+
+void add_face(Weights& weights, const Frame& f, i64 resolution) {  // 6.3
+  i64 offset = f.columns > 4 * f.rows ? 0 : 1, rows = f.rows;
+  for (i64 j = 0; j < rows; j++) {
+    i64 left = 2 * rows - 2 * j - offset, count = std::max<i64>(1, (f.columns * left + 2 * rows - 1) / (2 * rows));
+    i64 at[3], step[3], share = f.unit * (2 * rows - 2 * j - 1) / (2 * count);
+    for (int axis = 0; axis < 3; axis++) {
+      i64 start = (f.start[axis] + floor_div((f.apex[axis] - f.start[axis]) * (2 * j + offset), 2 * rows)) << 16;
+      i64 half = floor_div(floor_div((f.end[axis] - f.start[axis]) * left, 2 * rows) << 16, 2 * count);
+      at[axis] = start + half;
+      step[axis] = 2 * half;
+    }
+    for (i64 i = 0; i < count; i++) {
+      weights.add(clip(0, resolution - 1, at[0] >> 32), clip(0, resolution - 1, at[1] >> 32), clip(0, resolution - 1, at[2] >> 32), share);
+      for (int axis = 0; axis < 3; axis++) at[axis] += step[axis];
+    }
+  }
+}
+
+u64 samples_of_voxels(const Asset& asset, const GeometryUnit& unit, int resolution) {  // 10.1
+  u64 samples = 0;
+  for (size_t f = 0; f < unit.num_faces(); f++) {
+    Frame frame = frame_of(unit, f, resolution, asset.position_bits);
+    samples += u64(frame.columns * (frame.rows + 1) + 1) / 2 + frame.rows;
+  }
+  return samples;
+}
+
+// ---- 6.5. Lengths are doubled, in 2 * one a texel, so that the borders of places are whole numbers.
+
+struct Triangle {
+  i64 u[3], v[3], one;
+  Triangle(const GeometryUnit& unit, size_t face, int fraction_bits) : one(1ll << fraction_bits) {
+    for (int i = 0; i < 3; i++) {
+      u[i] = 2 * i64(unit.uv[2 * size_t(unit.corner[3 * face + i])]);
+      v[i] = 2 * i64(unit.uv[2 * size_t(unit.corner[3 * face + i]) + 1]);
+    }
+  }
+  i64 first_row() const { return floor_div(*std::min_element(v, v + 3) - 3 * one, 2 * one) + 1; }
+  i64 last_row() const { return floor_div(*std::max_element(v, v + 3) + one - 1, 2 * one); }
+
+  // The places of row j from `first` to `last`: the triangle's part between the borders of the row's squares reaches from one u to
+  // another, and these are at corners or where edges cross a border.
+  void run(i64 j, i64& first, i64& last) const {
+    i64 low = (2 * j - 1) * one, high = (2 * j + 3) * one;
+    first = INT64_MAX;
+    last = INT64_MIN;
+    auto meet = [&](i64 a, i64 b) {  // u = a / b
+      first = std::min(first, floor_div(a - 3 * one * b, 2 * one * b) + 1);
+      last = std::max(last, floor_div(a + one * b - 1, 2 * one * b));
+    };
+    for (int i = 0; i < 3; i++) {
+      if (v[i] >= low && v[i] <= high) meet(u[i], 1);
+      int k = (i + 1) % 3, from = v[i] < v[k] ? i : k, to = v[i] < v[k] ? k : i;
+      i64 rise = v[to] - v[from];
+      for (i64 border : {low, high})
+        if (v[from] < border && border < v[to]) meet(u[from] * rise + (u[to] - u[from]) * (border - v[from]), rise);
+    }
+  }
+};
+
+i64 wrapped(int mode, i64 i, i64 size) {  // 6.5.3
+  if (mode == 0) return floor_mod(i, size);
+  if (mode == 1) return clip(0, size - 1, i);
+  i64 t = floor_mod(i, 2 * size);
+  return t < size ? t : 2 * size - 1 - t;
+}
+
+class Image {  // one bit a texel
+ public:
+  Image(i64 width, i64 height) : words_((width + 63) / 64), bits_(size_t(words_) * height, 0) {}
+  void fill(i64 y, i64 first, i64 last) {
+    u64* row = &bits_[size_t(words_) * y];
+    u64 begin = ~0ull << (first & 63), end = ~0ull >> (63 - (last & 63));
+    if (first / 64 == last / 64) {
+      row[first / 64] |= begin & end;
+      return;
+    }
+    row[first / 64] |= begin;
+    for (i64 n = first / 64 + 1; n < last / 64; n++) row[n] = ~0ull;
+    row[last / 64] |= end;
+  }
+  u8 eight(i64 x, i64 y) const { return u8(bits_[size_t(words_) * y + x / 64] >> (x & 63)); }
+
+ private:
+  i64 words_;
+  std::vector<u64> bits_;
+};
+
+void fill_wrapped(Image& image, i64 y, i64 first, i64 last, int mode, i64 width) {
+  if (mode == 1) return image.fill(y, clip(0, width - 1, first), clip(0, width - 1, last));
+  if (last - first + 1 >= (mode == 0 ? width : 2 * width)) return image.fill(y, 0, width - 1);
+  while (first <= last) {  // at most three pieces
+    i64 turn = floor_div(first, width), until = std::min(last, turn * width + width - 1), a = first - turn * width, b = until - turn * width;
+    if (mode == 2 && (turn & 1)) image.fill(y, width - 1 - b, width - 1 - a);
+    else image.fill(y, a, b);
+    first = until + 1;
+  }
+}
+
+}  // namespace
+
+void count_samples(Asset& asset) {
+  u64 samples = 0;
+  const AttributeUnit* neural = asset.attributes.size() == 1 && asset.attributes[0].codec == NEURAL ? &asset.attributes[0] : nullptr;
+  for (const Field& field : asset.fields)
+    if (field.planar) samples += u64(field.width) * field.height / 16;
+  for (const GeometryUnit& unit : asset.units) {
+    const Field& field = asset.fields[unit.field];
+    if (field.planar) {
+      for (size_t f = 0; f < unit.num_faces(); f++) {
+        Triangle triangle(unit, f, field.fraction_bits);
+        samples += triangle.last_row() - triangle.first_row() + 1;
+      }
+    } else {
+      samples += samples_of_voxels(asset, unit, field.resolution);
+      for (size_t l = 0; neural && l < neural->levels.size(); l++)
+        if (neural->levels[l].table_log2 == 0) samples += samples_of_voxels(asset, unit, neural->levels[l].resolution);
+    }
+    within(samples, asset.limits.samples, "samples");
+  }
+}
+
+std::vector<u64> active_voxels(const Asset& asset, size_t field, int resolution, int threshold) {
+  Weights weights(threshold > 0, asset.limits.voxels);
+  for (const GeometryUnit& unit : asset.units)
+    for (size_t f = 0; unit.field == field && f < unit.num_faces(); f++)
+      add_face(weights, frame_of(unit, f, resolution, asset.position_bits), resolution);
+  return weights.keys(i64(threshold) << 24);
+}
+
+std::vector<u64> asked_texels(const Asset& asset, size_t index) {
+  const Field& field = asset.fields[index];
+  Image image(field.width, field.height);
+  for (const GeometryUnit& unit : asset.units)
+    for (size_t f = 0; unit.field == index && f < unit.num_faces(); f++) {
+      Triangle triangle(unit, f, field.fraction_bits);
+      for (i64 j = triangle.first_row(), end = triangle.last_row(); j <= end; j++) {
+        i64 first, last;
+        triangle.run(j, first, last);
+        fill_wrapped(image, wrapped(field.wrap[1], j, field.height), first, last, field.wrap[0], field.width);
+      }
+    }
+  std::vector<u64> keys;
+  int side = bit_length((field.resolution + 7) / 8 - 1);  // squares of 8 x 8 a side, as a power of two, in Morton order
+  for (u64 tile = 0; tile < 1ull << (2 * side); tile++) {
+    u64 x0 = 0, y0 = 0;
+    for (int i = 0; i < side; i++) {
+      x0 |= (tile >> (2 * i) & 1) << i;
+      y0 |= (tile >> (2 * i + 1) & 1) << i;
+    }
+    x0 *= 8, y0 *= 8;
+    if (x0 >= u64(field.width) || y0 >= u64(field.height)) continue;
+    u8 rows[8], any = 0;
+    for (u64 y = 0; y < 8; y++) any |= rows[y] = y0 + y < u64(field.height) ? image.eight(x0, y0 + y) : 0;
+    if (!any) continue;
+    for (int n = 0; n < 64; n++) {
+      int x = (n & 1) | (n >> 1 & 2) | (n >> 2 & 4), y = (n >> 1 & 1) | (n >> 2 & 2) | (n >> 3 & 4);
+      if (rows[y] >> x & 1) keys.push_back(morton_key(x0 + x, y0 + y, 0));
+    }
+  }
+  return keys;
+}
+
+// ---- 8.4
+
+namespace {
+
+struct Corners {  // of all faces of all units, one after the other
+  std::vector<std::array<u32, 3>> place;  // ranks of the corners' positions in the order of z, y, x
+  std::vector<u32> material;
+  std::vector<std::array<i32, 3>> position;  // by rank, x, y, z
+
+  explicit Corners(const Asset& asset) {
+    std::vector<u64> places;
+    size_t count = 0;
+    for (const GeometryUnit& unit : asset.units) {
+      for (size_t v = 0; v < unit.position.size() / 3; v++) places.push_back(key(&unit.position[3 * v]));
+      count += unit.num_faces();
+    }
+    sort_keys(places);
+    places.erase(std::unique(places.begin(), places.end()), places.end());
+    for (u64 p : places) position.push_back({i32(p & 0xfffff), i32(p >> 20 & 0xfffff), i32(p >> 40)});
+    place.reserve(count);
+    for (const GeometryUnit& unit : asset.units) {
+      std::vector<u32> rank(unit.position.size() / 3);
+      for (size_t v = 0; v < rank.size(); v++)
+        rank[v] = u32(std::lower_bound(places.begin(), places.end(), key(&unit.position[3 * v])) - places.begin());
+      for (size_t f = 0; f < unit.num_faces(); f++) {
+        place.push_back({rank[unit.corner[3 * f]], rank[unit.corner[3 * f + 1]], rank[unit.corner[3 * f + 2]]});
+        material.push_back(unit.material);
+      }
+    }
+  }
+  size_t faces() const { return place.size(); }
+  bool whole(size_t f) const { return place[f][0] != place[f][1] && place[f][1] != place[f][2] && place[f][0] != place[f][2]; }
+  int corner_at(size_t f, u32 rank) const { return place[f][0] == rank ? 0 : place[f][1] == rank ? 1 : 2; }
+
+ private:
+  static u64 key(const u32* p) { return u64(p[2]) << 40 | u64(p[1]) << 20 | p[0]; }
+};
+
+using Vector = std::array<i64, 3>;
+
+i64 dot(const Vector& a, const Vector& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+Vector cross(const Vector& a, const Vector& b) {
+  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+}
+Vector difference(const Corners& corners, u32 from, u32 to) {
+  const auto &a = corners.position[from], &b = corners.position[to];
+  return {i64(b[0]) - a[0], i64(b[1]) - a[1], i64(b[2]) - a[2]};
+}
+Vector brought(Vector v) {  // to 14 bits
+  int shift = bit_length(std::max(magnitude(v[0]), std::max(magnitude(v[1]), magnitude(v[2])))) - 14;
+  for (i64& component : v) component = shift > 0 ? component >> shift : component * (1ll << -shift);
+  return v;
+}
+Vector unit_of(Vector v) {
+  i64 length = std::max<i64>(1, isqrt(dot(v, v)));
+  for (i64& component : v) component = floor_div(component * (1 << 14), length);
+  return v;
+}
+Vector normal_of(const Corners& corners, size_t f) {
+  const auto& p = corners.place[f];
+  return brought(cross(difference(corners, p[0], p[1]), difference(corners, p[0], p[2])));
+}
+
+struct Edge {
+  u32 lesser, greater, face;
+  bool same(const Edge& o) const { return lesser == o.lesser && greater == o.greater; }
+};
+
+std::vector<Edge> edges_of(const Corners& corners) {  // an entry for every face, sorted
+  std::vector<Edge> edges;
+  edges.reserve(3 * corners.faces());
+  for (size_t f = 0; f < corners.faces(); f++)
+    for (int i = 0; i < 3 && corners.whole(f); i++) {
+      u32 a = corners.place[f][i], b = corners.place[f][(i + 1) % 3];
+      edges.push_back({std::min(a, b), std::max(a, b), u32(f)});
+    }
+  std::sort(edges.begin(), edges.end(), [](const Edge& a, const Edge& b) {
+    return a.lesser != b.lesser ? a.lesser < b.lesser : a.greater != b.greater ? a.greater < b.greater : a.face < b.face;
+  });
+  return edges;
+}
+
+// Calls what(first entry, one after the last, number of the mark or -1) for every edge of 2 to 8 faces, in order.
+template <typename What>
+void for_each_edge(const Asset& asset, const Corners& corners, const std::vector<Edge>& edges, What what) {
+  i64 marks = 0;
+  for (size_t a = 0, b; a < edges.size(); a = b) {
+    bool marked = false;
+    for (b = a; b < edges.size() && edges[b].same(edges[a]); b++)
+      marked = marked || asset.materials[corners.material[edges[b].face]].normal_rule >= 3;
+    if (b - a >= 2 && b - a <= 8) what(a, b, marked ? marks++ : -1);
+  }
+}
+
+int fold_of(const Corners& corners, const std::vector<Edge>& edges, size_t a, size_t b) {  // 8.4.2
+  if (b - a > 2) return 13;
+  Vector n = normal_of(corners, edges[a].face), m = normal_of(corners, edges[a + 1].face);
+  if (dot(n, n) == 0 || dot(m, m) == 0) return 12;
+  static const i64 steps[10] = {4090, 4065, 3973, 3617, 3072, 2404, 1692, 1024, 274, 4};
+  i64 d = dot(n, m), q = d * d / ((dot(n, n) * dot(m, m)) >> 12);
+  int fold = 0;
+  for (i64 step : steps) fold += step > q;
+  return fold < 10 && d < 0 ? 11 : fold;
+}
+
+u32 root_of(std::vector<u32>& above, u32 n) {
+  while (above[n] != n) n = above[n] = above[above[n]];
+  return n;
+}
+void join(std::vector<u32>& above, u32 a, u32 b) { above[root_of(above, a)] = root_of(above, b); }
+
+std::vector<u32> alone(size_t count) {
+  std::vector<u32> above(count);
+  for (size_t n = 0; n < count; n++) above[n] = u32(n);
+  return above;
+}
+
+void join_corners(const Corners& corners, std::vector<u32>& above, const Edge& edge, u32 other) {
+  for (u32 rank : {edge.lesser, edge.greater})
+    join(above, 3 * edge.face + corners.corner_at(edge.face, rank), 3 * other + corners.corner_at(other, rank));
+}
+
+std::array<u32, 3> oriented(const Corners& corners, size_t f) {  // a face's positions, from the least on
+  const auto& p = corners.place[f];
+  int least = int(std::min_element(p.begin(), p.end()) - p.begin());
+  return {p[least], p[(least + 1) % 3], p[(least + 2) % 3]};
+}
+
+constexpr u32 NO_GROUP = 0xffffffff;
+
+// 8.4.3: the number of every corner's group, NO_GROUP where it is in none that has a coded normal; and their number.
+std::vector<u32> corner_groups(const Asset& asset, const Corners& corners, const std::vector<Edge>& edges, u32* count) {
+  std::vector<u32> above = alone(3 * corners.faces());
+  for_each_edge(asset, corners, edges, [&](size_t a, size_t b, i64 mark) {
+    if (mark >= 0 && asset.marks[mark]) return;
+    for (size_t i = a; i < b; i++)
+      for (size_t k = i + 1; k < b; k++)
+        if (b - a == 2 || dot(normal_of(corners, edges[i].face), normal_of(corners, edges[k].face)) >= 0)
+          join_corners(corners, above, edges[i], edges[k].face);
+  });
+  std::vector<u32> order;
+  for (size_t f = 0; f < corners.faces(); f++)
+    if (corners.whole(f)) order.push_back(u32(f));
+  std::sort(order.begin(), order.end(), [&](u32 a, u32 b) { return oriented(corners, a) < oriented(corners, b); });
+  for (size_t n = 1; n < order.size(); n++)
+    if (oriented(corners, order[n]) == oriented(corners, order[n - 1]))
+      for (u32 rank : corners.place[order[n]])
+        join(above, 3 * order[n] + corners.corner_at(order[n], rank), 3 * order[n - 1] + corners.corner_at(order[n - 1], rank));
+  std::vector<u32> asking;  // corners, by position and then by face
+  std::vector<u32> turn(corners.faces());
+  for (size_t n = 0; n < order.size(); n++) turn[order[n]] = u32(n);
+  for (u32 f : order)
+    for (u32 i = 0; i < 3 && asset.materials[corners.material[f]].normal_rule == 6; i++) asking.push_back(3 * f + i);
+  std::sort(asking.begin(), asking.end(), [&](u32 a, u32 b) {
+    u32 p = corners.place[a / 3][a % 3], q = corners.place[b / 3][b % 3];
+    return p != q ? p < q : turn[a / 3] < turn[b / 3];
+  });
+  std::vector<u32> of_root(above.size(), NO_GROUP), group(above.size(), NO_GROUP);
+  *count = 0;
+  for (u32 corner : asking) {
+    u32& number = of_root[root_of(above, corner)];
+    if (number == NO_GROUP) number = (*count)++;
+  }
+  for (u32 f : order)
+    for (u32 i = 0; i < 3; i++) group[3 * f + i] = of_root[root_of(above, 3 * f + i)];
+  return group;
+}
+
+i64 coded_number(RangeDecoder& decoder, std::vector<Context>& table, int m, int zero) {  // 8.4.4
+  if (!decoder.bit(table[17 * m + zero])) return 0;
+  int negative = decoder.bypass();
+  i64 v = 1;
+  while (v <= 14 && decoder.bit(table[17 * m + 3 + v - 1])) v++;
+  if (v == 15) {
+    int k = 0;
+    while (k < 12 && decoder.bit(table[153 + k])) k++;
+    i64 rest = 1;
+    while (k-- > 0) rest = 2 * rest + decoder.bypass();
+    v += rest - 1;
+  }
+  return negative ? -v : v;
+}
+
+Vector bent(Vector z, i64 i, i64 j, i64 step) {
+  int axis = 0;
+  for (int k = 1; k < 3; k++)
+    if (magnitude(z[k]) < magnitude(z[axis])) axis = k;
+  Vector e = {axis == 0, axis == 1, axis == 2}, x = unit_of(cross(z, e)), y = cross(z, x);
+  for (i64& component : y) component >>= 14;
+  i64 p = i * step, q = j * step, r = (p * p + q * q) >> 14;
+  Vector sum;
+  for (int k = 0; k < 3; k++) sum[k] = 2 * p * x[k] + 2 * q * y[k] + ((1 << 14) - r) * z[k];
+  return unit_of(brought(sum));
+}
+
+}  // namespace
+
+void decode_marks(Asset& asset) {
+  Corners corners(asset);
+  std::vector<Edge> edges = edges_of(corners);
+  u64 count = 0;
+  for_each_edge(asset, corners, edges, [&](size_t, size_t, i64 mark) { count += mark >= 0; });
+  require(count == asset.num_edges, "num_edges does not match");
+  RangeDecoder decoder(asset.marks_data.data, asset.marks_data.size);
+  std::vector<Context> table(2016);
+  std::vector<std::array<u32, 2>> met(corners.position.size(), {0, 0});  // edges and sharp ones
+  for_each_edge(asset, corners, edges, [&](size_t first, size_t last, i64 number) {
+    if (number < 0) return;
+    auto &a = met[edges[first].lesser], &b = met[edges[first].greater];
+    u32 s = std::min(2u, std::min(a[1], b[1])) * 3 + std::min(2u, std::max(a[1], b[1]));
+    u32 c = std::min(3u, std::min(a[0], b[0])) * 4 + std::min(3u, std::max(a[0], b[0]));
+    u32 mark = decoder.bit(table[(fold_of(corners, edges, first, last) * 9 + s) * 16 + c]);
+    for (auto* end : {&a, &b}) {
+      (*end)[0]++;
+      (*end)[1] += mark;
+    }
+    asset.marks.push_back(u8(mark));
+  });
+  require(crc32(asset.marks.data(), asset.marks.size()) == asset.marks_crc, "marks_crc does not match");
+}
+
+void decode_normals(Asset& asset) {
+  Corners corners(asset);
+  u32 count = 0;
+  std::vector<u32> group = corner_groups(asset, corners, edges_of(corners), &count);
+  require(count == asset.num_groups, "num_groups does not match");
+  std::vector<Vector> z(count, Vector{0, 0, 0});
+  std::vector<u32> begin(count + 1, 0), members;  // corners of every group
+  for (u32 g : group)
+    if (g != NO_GROUP) begin[g + 1]++;
+  for (u32 g = 0; g < count; g++) begin[g + 1] += begin[g];
+  members.resize(begin[count]);
+  std::vector<u32> next(begin.begin(), begin.end() - 1);
+  for (u32 corner = 0; corner < group.size(); corner++)
+    if (group[corner] != NO_GROUP) members[next[group[corner]]++] = corner;
+  for (u32 corner : members) {
+    const auto& p = corners.place[corner / 3];
+    u32 here = p[corner % 3];
+    Vector u = brought(difference(corners, here, p[(corner % 3 + 1) % 3]));
+    Vector w = brought(difference(corners, here, p[(corner % 3 + 2) % 3])), n = unit_of(normal_of(corners, corner / 3));
+    i64 s = isqrt(dot(cross(u, w), cross(u, w))), d = dot(u, w), t = (s << 12) / std::max<i64>(1, s + magnitude(d));
+    i64 a = t + ((3 * t * (4096 - t) * (2 * t - 4096)) >> 27), angle = d < 0 ? 8192 - a : a;
+    for (int k = 0; k < 3; k++) z[group[corner]][k] += angle * n[k];
+  }
+  RangeDecoder decoder(asset.residual_data.data, asset.residual_data.size);
+  std::vector<Context> table(165);
+  std::vector<u32> size(count, 0);
+  for (u32 g = 0; g < count; g++) {
+    u64 sum = 0, known = 0;
+    for (u32 at = begin[g]; at < begin[g + 1]; at++)
+      for (u32 turn = 1; turn < 3; turn++) {
+        u32 other = group[members[at] / 3 * 3 + (members[at] % 3 + turn) % 3];
+        if (other >= g) continue;  // NO_GROUP with them
+        sum += size[other];
+        known++;
+      }
+    int m = known == 0 ? 8 : std::min(7, bit_length(2 * sum / known));
+    i64 i = coded_number(decoder, table, m, 0), j = coded_number(decoder, table, m, i != 0 ? 2 : 1);
+    size[g] = u32(magnitude(i) + magnitude(j));
+    bool none = z[g] == Vector{0, 0, 0};
+    for (i64 component : bent(none ? Vector{0, 0, 1 << 14} : unit_of(brought(z[g])), i, j, asset.normal_step))
+      asset.normals.push_back(i16(component));
+  }
+  require(crc32(asset.normals.data(), 2 * asset.normals.size()) == asset.normals_crc, "normals_crc does not match");
+}
+
+std::vector<std::vector<float>> shading_normals(const Asset& asset) {
+  using Real = std::array<double, 3>;
+  Corners corners(asset);
+  std::vector<Edge> edges = edges_of(corners);
+  std::vector<Real> normal(corners.faces());  // of length 1, 0 without area
+  std::vector<double> area(corners.faces());
+  for (size_t f = 0; f < corners.faces(); f++) {
+    const auto& p = corners.place[f];
+    Vector n = cross(difference(corners, p[0], p[1]), difference(corners, p[0], p[2]));
+    area[f] = std::sqrt(double(n[0]) * n[0] + double(n[1]) * n[1] + double(n[2]) * n[2]);
+    for (int k = 0; k < 3; k++) normal[f][k] = area[f] > 0 ? n[k] / area[f] : 0;
+  }
+  auto angle_at = [&](size_t corner) {
+    const auto& p = corners.place[corner / 3];
+    Vector u = difference(corners, p[corner % 3], p[(corner % 3 + 1) % 3]), w = difference(corners, p[corner % 3], p[(corner % 3 + 2) % 3]);
+    return std::atan2(area[corner / 3], double(dot(u, w)));
+  };
+  std::vector<std::array<float, 3>> found(3 * corners.faces());
+  std::vector<u32> group(found.size(), NO_GROUP);
+  u32 count;
+  if (asset.has_normals) group = corner_groups(asset, corners, edges, &count);
+  std::vector<bool> done(asset.materials.size(), false);
+  for (size_t first = 0; first < asset.materials.size(); first++) {  // all materials of one rule at once
+    if (done[first]) continue;
+    int rule = asset.materials[first].normal_rule, angle = asset.materials[first].normal_angle;
+    std::vector<bool> mine(asset.materials.size(), false);
+    for (size_t m = first; m < mine.size(); m++)
+      if (asset.materials[m].normal_rule == rule && asset.materials[m].normal_angle == angle) mine[m] = done[m] = true;
+    std::vector<u32> above = alone(found.size());
+    double least = std::cos(angle * 0.017453292519943295) - 1e-12;
+    if (rule < 6 && angle > 0)
+      for_each_edge(asset, corners, edges, [&](size_t a, size_t b, i64 mark) {
+        if (rule >= 3 && mark >= 0 && asset.marks[mark]) return;
+        for (size_t i = a; i < b; i++)
+          for (size_t k = i + 1; k < b; k++) {
+            const Real &n = normal[edges[i].face], &m = normal[edges[k].face];
+            if (n[0] * m[0] + n[1] * m[1] + n[2] * m[2] >= least) join_corners(corners, above, edges[i], edges[k].face);
+          }
+      });
+    std::vector<Real> sum(found.size(), Real{0, 0, 0});
+    for (size_t corner = 0; corner < found.size(); corner++) {
+      if (area[corner / 3] == 0) continue;
+      double weight = rule % 3 == 0 ? area[corner / 3] : angle_at(corner) * (rule % 3 == 2 ? area[corner / 3] : 1);
+      u32 root = root_of(above, u32(corner));
+      for (int k = 0; k < 3; k++) sum[root][k] += weight * normal[corner / 3][k];
+    }
+    for (size_t corner = 0; corner < found.size(); corner++) {
+      if (!mine[corners.material[corner / 3]]) continue;
+      Real n = rule == 6 || angle == 0 ? normal[corner / 3] : sum[root_of(above, u32(corner))];
+      if (rule == 6 && group[corner] != NO_GROUP)
+        for (int k = 0; k < 3; k++) n[k] = asset.normals[3 * size_t(group[corner]) + k];
+      double length = std::sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+      if (length < 1e-300) n = normal[corner / 3], length = area[corner / 3] > 0 ? 1 : 0;
+      if (length == 0) n = {0, 0, 1}, length = 1;
+      for (int k = 0; k < 3; k++) found[corner][k] = float(n[k] / length);
+    }
+  }
+  std::vector<std::vector<float>> out;
+  size_t at = 0;
+  for (const GeometryUnit& unit : asset.units) {
+    const float* from = at < found.size() ? found[at].data() : nullptr;
+    out.emplace_back(from, from + 9 * unit.num_faces());
+    at += 3 * unit.num_faces();
+  }
+  return out;
+}
+
+}  // namespace texf

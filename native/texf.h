@@ -1,0 +1,50 @@
+/* Decoder of .texf streams (bitstream_spec.md), the C interface. Everything else is in core.hpp. */
+#ifndef TEXF_H
+#define TEXF_H
+#include <stddef.h>
+#include <stdint.h>
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* What texf_decode() returns, the exit codes of every decoder of this project. */
+enum { TEXF_OK = 0, TEXF_INVALID = 3, TEXF_INTERNAL = 4, TEXF_UNSUPPORTED = 5, TEXF_LIMIT = 6 };
+
+/* Clause 10: what a stream may ask for; 0 is no limit. */
+typedef struct texf_limits {
+  uint64_t file_bytes, vertices, faces, voxels, texels, samples, latents, metadata_bytes;
+} texf_limits;
+
+typedef struct texf_asset texf_asset;
+
+/* Limits of level 3 (10.1), what every decoder of this project takes by default. */
+texf_limits texf_usual_limits(void);
+
+/* Decodes `size` bytes, `lod` levels less than there are (8.3). limits may be NULL: the usual ones. Of a stream that is refused
+   *asset is NULL and `message`, where it is not NULL, gets one sentence, cut to message_size bytes with the 0 at its end. */
+int texf_decode(const uint8_t* data, size_t size, int lod, const texf_limits* limits, texf_asset** asset, char* message,
+                size_t message_size);
+void texf_free(texf_asset* asset);
+
+/* Arrays of an asset, in the machine's byte order (little endian wherever this has been built). */
+enum texf_array_kind {
+  TEXF_DESCRIPTION,   /* char: JSON, all that is not an array: cube, channel groups, materials, units, fields, evaluators */
+  TEXF_METADATA,      /* char: metadata_json as it stands in the stream, nothing where there is none */
+  TEXF_POSITIONS,     /* uint32 [vertices, 3] of geometry unit i: lattice positions */
+  TEXF_UVS,           /* int32 [vertices, 2] of geometry unit i, nothing over voxels */
+  TEXF_FACES,         /* uint32 [faces, 3] of geometry unit i: vertices */
+  TEXF_NORMALS,       /* float [3 * faces, 3] of geometry unit i: shading normals of its corners (8.4), made when asked for */
+  TEXF_KEYS,          /* uint64 [cells] of field i: Morton keys at the level of detail */
+  TEXF_VALUES,        /* uint8 [cells, components] of field i and channel group j, nothing where the field has none */
+  TEXF_SHARP_EDGES,   /* uint8 [edges]: marks of 8.4.2 */
+  TEXF_CODED_NORMALS, /* int16 [groups, 3] of 8.4.4 */
+  TEXF_IMAGE,         /* uint8 [rows, columns, components] of texel field i and group j: values, others filled from beside */
+};
+
+/* The array, which the asset keeps until it is freed, and how many bytes it has; NULL and 0 where there is none. */
+const void* texf_array(texf_asset* asset, int kind, uint32_t i, uint32_t j, size_t* bytes);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

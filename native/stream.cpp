@@ -7,14 +7,6 @@
 #include "core.hpp"
 #include "draco/compression/mesh/mesh_edgebreaker_decoder.h"
 
-#if defined(__cpp_exceptions)
-#define TEXF_TRY try
-#define TEXF_CATCH(what) catch (what)
-#else  // a sandbox: fail() stops the program, nothing is caught
-#define TEXF_TRY
-#define TEXF_CATCH(what) while (false)
-#endif
-
 namespace texf {
 
 namespace {
@@ -857,16 +849,29 @@ texf_limits texf_usual_limits(void) {
   return {1ull << 28, 1ull << 24, 1ull << 24, 1ull << 26, 1ull << 27, 1ull << 31, 1ull << 28, 1ull << 20};
 }
 
-int texf_decode(const uint8_t* data, size_t size, int lod, const texf_limits* limits, texf_asset** asset, char* message, size_t message_size) {
-  Refusal found{TEXF_INTERNAL, "the decoder has failed"};
-  *asset = nullptr;
-  TEXF_TRY {
-    *asset = static_cast<texf_asset*>(decode(data, size, lod, limits ? *limits : texf_usual_limits()).release());
-    return TEXF_OK;
+namespace {
+template <typename What>
+Refusal guarded(What what) {  // nothing is thrown across the C interface
+#if defined(__cpp_exceptions)
+  try {
+    what();
+  } catch (const Refusal& refused) {
+    return refused;
+  } catch (const std::bad_alloc&) {
+    return {TEXF_LIMIT, "there is not enough memory for this stream"};
+  } catch (...) {
+    return {TEXF_INTERNAL, "the decoder has failed"};
   }
-  TEXF_CATCH(const Refusal& refused) { found = refused; }
-  TEXF_CATCH(const std::bad_alloc&) { found = {TEXF_LIMIT, "there is not enough memory for this stream"}; }
-  TEXF_CATCH(...) {}
+#else  // a sandbox: fail() stops the program
+  what();
+#endif
+  return {TEXF_OK, ""};
+}
+}  // namespace
+
+int texf_decode(const uint8_t* data, size_t size, int lod, const texf_limits* limits, texf_asset** asset, char* message, size_t message_size) {
+  *asset = nullptr;
+  Refusal found = guarded([&] { *asset = static_cast<texf_asset*>(decode(data, size, lod, limits ? *limits : texf_usual_limits()).release()); });
   if (message && message_size > 0) snprintf(message, message_size, "%s", found.sentence);
   return found.code;
 }
@@ -917,11 +922,10 @@ const void* find_array(texf_asset& asset, int kind, u32 i, u32 j, size_t* bytes)
 }  // namespace
 
 const void* texf_array(texf_asset* asset, int kind, uint32_t i, uint32_t j, size_t* bytes) {
+  const void* found = nullptr;
   *bytes = 0;
-  TEXF_TRY { return find_array(*asset, kind, i, j, bytes); }
-  TEXF_CATCH(...) {}
-  *bytes = 0;
-  return nullptr;
+  if (guarded([&] { found = find_array(*asset, kind, i, j, bytes); }).code != TEXF_OK) *bytes = 0;
+  return *bytes > 0 ? found : nullptr;
 }
 
 #if !defined(__cpp_exceptions)

@@ -42,6 +42,11 @@ struct Tables {
 };
 const Tables tables;
 
+int ones(u32 mask) {  // of eight bits
+  static const u8 nibble[16] = {0, 1, 1, 2, 1, 2, 2, 3, 1, 2, 2, 3, 2, 3, 3, 4};
+  return nibble[mask & 15] + nibble[mask >> 4];
+}
+
 int fine(i64 v) { return tables.fine[v < 96 ? v : 96]; }
 int class_of(i64 e) { return tables.classes[e < 255 ? e : 255]; }
 
@@ -135,7 +140,7 @@ struct Level {
   std::vector<bool> known;           // below one
   size_t count() const { return parent.size(); }
   u32 child(u32 node, int octant) const {
-    return children[node] >> octant & 1 ? first_child[node] + __builtin_popcount(children[node] & ((1 << octant) - 1)) : NONE;
+    return children[node] >> octant & 1 ? first_child[node] + ones(children[node] & ((1u << octant) - 1)) : NONE;
   }
 };
 
@@ -355,7 +360,7 @@ class Raht {
   static std::vector<Range> ranges_below(const std::vector<Range>& ranges, const Level& upper) {
     std::vector<Range> out;
     for (Range range : ranges)
-      out.push_back({upper.first_child[range.first], upper.first_child[range.end - 1] + __builtin_popcount(upper.children[range.end - 1])});
+      out.push_back({upper.first_child[range.first], upper.first_child[range.end - 1] + u32(ones(upper.children[range.end - 1]))});
     return out;
   }
 
@@ -389,7 +394,7 @@ class Raht {
     for (int octant = 0; octant < 8; octant++)
       if (mask >> octant & 1) block.W[7 + octant] = lower_->weight[child++];
     for (int n = 6; n >= 0; n--) block.W[n] = block.W[2 * n + 1] + block.W[2 * n + 2];
-    block.splits = __builtin_popcount(mask) - 1;
+    block.splits = ones(mask) - 1;
     predict(block);
     for (int k = 0; k < (components_ > 1 ? 2 : 1); k++) {
       int c0 = k == 0 ? 0 : 1, c1 = k == 0 ? 1 : components_;
@@ -763,45 +768,76 @@ class Raht {
   }
 
   void filter(Level& level) const {
+    const Level& upper = levels_[unit_.depth - 1];
+    const int reach = unit_.planar ? 2 : 1, side = 2 + 2 * reach, deep = unit_.planar ? 1 : side, cells = side * side * deep;
+    const int axis_step[3] = {1, side, side * side};
+    int offset[26], across[26], count = 0;  // of the neighbours among the cells around a parent
+    for (int n = 0; n < shape_.row; n++) {
+      const Shape::Direction& d = shape_.direction[n];
+      if (d.nonzero == 0) continue;
+      offset[count] = d.x + side * d.y + axis_step[2] * d.z;
+      across[count++] = d.nonzero - 1;
+    }
     for (const FilterStage& stage : unit_.filters) {
       const i8* taps_of[15] = {};
       int taps = unit_.planar ? 5 : 3, set = 0;
       for (int bit = 0; bit < 5 * components_; bit++)
         if (stage.mask >> bit & 1) taps_of[bit] = &stage.coefficients[taps * set++];
       std::vector<i32> filtered = level.mean;
-      for_each_voxel(0, u32(level.count()), [&](u32 v, const u32* row, int x, int y, int z) {
-        const i32* own = mean_of(level, v);
-        i64 ring[3][5] = {}, spread_of = 0;
-        int count = 0;
+      for (u32 p = 0; p < upper.count(); p++) {
+        const i32* around[64];  // means at -reach .. reach + 1 on every axis, null where there is no voxel
+        const u32* row = row_of(p);
+        std::fill(around, around + cells, nullptr);
         for (int n = 0; n < shape_.row; n++) {
+          if (row[n] == NONE) continue;
           const Shape::Direction& d = shape_.direction[n];
-          u32 other = d.nonzero ? below(row, x + d.x, y + d.y, z + d.z) : NONE;
-          if (other == NONE) continue;
-          const i32* mean = mean_of(level, other);
-          count++;
-          spread_of += magnitude(i64(mean[0]) - own[0]);
-          for (int c = 0; c < components_; c++) {
-            i64 difference = i64(mean[c]) - own[c];
-            ring[c][d.nonzero - 1] += difference;
-            if (unit_.planar) ring[c][2 + d.nonzero] += clip(-(step_[c] >> 2), step_[c] >> 2, difference);
+          u32 child = upper.first_child[row[n]];
+          for (int left = upper.children[row[n]]; left; left &= left - 1, child++) {
+            int octant = __builtin_ctz(left);
+            int x = reach + 2 * d.x + (octant & 1), y = reach + 2 * d.y + (octant >> 1 & 1), z = unit_.planar ? 0 : reach + 2 * d.z + (octant >> 2);
+            if (x >= 0 && x < side && y >= 0 && y < side && z >= 0 && z < deep) around[x + side * y + axis_step[2] * z] = mean_of(level, child);
           }
         }
-        if (unit_.planar)
-          for (int far = 0; far < 4; far++) {
-            u32 other = below(row, x + (far == 0 ? -2 : far == 1 ? 2 : 0), y + (far == 2 ? -2 : far == 3 ? 2 : 0), 0);
-            for (int c = 0; c < components_ && other != NONE; c++) ring[c][2] += i64(mean_of(level, other)[c]) - own[c];
-          }
-        i64 roughness = sixteenths(spread_of / std::max(1, count), 0);
-        int class_ = (roughness >= 4) + (roughness >= 8) + (roughness >= 16) + (roughness >= 32);
-        for (int c = 0; c < components_; c++) {
-          const i8* f = taps_of[class_ * components_ + c];
-          if (!f) continue;
-          i64 change = 256;
-          for (int r = 0; r < taps; r++) change += f[r] * ring[c][r];
-          filtered[size_t(v) * components_ + c] = i32(clip(-LARGEST, LARGEST, own[c] + (change >> 9)));
+        u32 v = upper.first_child[p];
+        for (int left = upper.children[p]; left; left &= left - 1, v++) {
+          int octant = __builtin_ctz(left);
+          const i32* const* at = around + reach * (1 + side + (unit_.planar ? 0 : axis_step[2])) + (octant & 1) + side * (octant >> 1 & 1) + axis_step[2] * (octant >> 2);
+          filter_voxel(at, offset, across, count, side, taps_of, &filtered[size_t(v) * components_]);
         }
-      });
+      }
       level.mean.swap(filtered);
+    }
+  }
+
+  // at: the voxel's own place among the means around it
+  void filter_voxel(const i32* const* at, const int* offset, const int* across, int count, int side, const i8* const* taps_of, i32* out) const {
+    const i32 *own = at[0], *near[26];
+    int there = 0, rings[26];
+    i64 spread_of = 0;
+    for (int n = 0; n < count; n++) {
+      const i32* mean = at[offset[n]];
+      if (!mean) continue;
+      spread_of += magnitude(i64(mean[0]) - own[0]);
+      rings[there] = across[n];
+      near[there++] = mean;
+    }
+    i64 roughness = sixteenths(spread_of / std::max(1, there), 0);
+    int class_ = (roughness >= 4) + (roughness >= 8) + (roughness >= 16) + (roughness >= 32);
+    for (int c = 0; c < components_; c++) {
+      const i8* f = taps_of[class_ * components_ + c];
+      if (!f) continue;
+      i64 change = 256;
+      i32 ring[5] = {}, limit = i32(step_[c] >> 2);
+      for (int n = 0; n < there; n++) {
+        i32 difference = near[n][c] - own[c];
+        ring[rings[n]] += difference;
+        if (unit_.planar) ring[3 + rings[n]] += std::max(-limit, std::min(limit, difference));
+      }
+      if (unit_.planar)
+        for (int far : {-2, 2, -2 * side, 2 * side})
+          if (at[far]) ring[2] += at[far][c] - own[c];
+      for (int r = 0; r < (unit_.planar ? 5 : 3); r++) change += i64(f[r]) * ring[r];
+      out[c] = i32(clip(-LARGEST, LARGEST, own[c] + (change >> 9)));
     }
   }
 

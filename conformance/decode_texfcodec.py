@@ -1,6 +1,6 @@
 """Our own decoder as conformance/run.py asks of any.
 
-    python conformance/decode_texfcodec.py IN.texf OUT_DIR [--lod L] [--queries FILE]
+    python conformance/decode_texfcodec.py IN.texf OUT_DIR [--lod L] [--queries FILE] [--engine auto|numba|wasm]
 """
 
 import argparse
@@ -54,9 +54,9 @@ def _less(a, b):
     return np.take_along_axis(a, first, 1)[:, 0] < np.take_along_axis(b, first, 1)[:, 0]
 
 
-def arrays(data, lod=0, threads=0, queries=b""):
+def arrays(data, lod=0, threads=0, queries=b"", engine="numba"):
     """Clause 9: {array name: bytes} of a stream, and of the answers to queries, if there are any. Raises TexfError."""
-    texf = decode(data, DecodeOptions(lod=lod, threads=threads))
+    texf = decode(data, DecodeOptions(lod=lod, threads=threads, engine=engine))
     files = {"geometry": geometry_rows(texf.units).astype("<i8").tobytes()}
     if texf.sharp_edges is not None:
         files["sharp_edges"] = texf.sharp_edges.tobytes()
@@ -101,10 +101,11 @@ def main():
     parser.add_argument("folder", type=Path)
     parser.add_argument("--lod", type=int, default=0)
     parser.add_argument("--queries", type=Path)
+    parser.add_argument("--engine", default="numba")
     arguments = parser.parse_args()
     try:
         queries = arguments.queries.read_bytes() if arguments.queries else b""
-        files = arrays(arguments.stream.read_bytes(), arguments.lod, queries=queries)
+        files = arrays(arguments.stream.read_bytes(), arguments.lod, queries=queries, engine=arguments.engine)
     except TexfError as error:
         print(error, file=sys.stderr)
         return error.exit_code

@@ -207,13 +207,9 @@ def decode(stream: Stream, options: DecodeOptions | Mapping[str, Any] | None = N
     """
     options, report = options_of(DecodeOptions, options), report or Report()
     data = _bytes_of(stream, options.limits)
-    if options.isolate:
-        from .sandbox.isolate import decode_isolated
+    from .sandbox.engines import decode_by_engine
 
-        return decode_isolated(data, options, report)
-    from .decoder import decode_stream
-
-    return decode_stream(data, options, report)
+    return decode_by_engine(data, options, report)
 
 
 def inspect(stream: Stream, limits: Limits | None = None) -> dict:

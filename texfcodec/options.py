@@ -310,6 +310,9 @@ class EncodeOptions:
         return self.max_error is None and (self.refine in ("fit", "render") or (self.refine == "auto" and self.effort != "fast"))
 
 
+ENGINES = ("auto", "numba", "wasm")
+
+
 @dataclass(frozen=True, kw_only=True)
 class DecodeOptions:
     """Settings of decode().
@@ -321,7 +324,10 @@ class DecodeOptions:
     threads : int
         Most threads; 0: all processors.
     isolate : bool
-        Decode in a child process with capped memory and time.
+        Decode where memory and time are capped: in a WebAssembly sandbox, or a child process where there is none.
+    engine : str
+        "numba": kernels, compiled at their first use; "wasm": the sandbox; "auto": the sandbox as long as kernels are not
+        compiled, and with isolate where it can. Values are the same.
     limits : Limits
         What a stream may ask for.
 
@@ -333,7 +339,9 @@ class DecodeOptions:
 
     lod: int = ranged(0, 0, 14, "Stop L octree levels early.", "L")
     threads: int = ranged(0, 0, 1024, "Most threads; 0: all processors.")
-    isolate: bool = switch("Decode in a child process with capped memory and time.")
+    isolate: bool = switch("Decode where memory and time are capped: in a WebAssembly sandbox, else a child process.")
+    engine: str = choice(ENGINES[0], ENGINES, "What decodes: kernels that numba compiles at their first use, or a sandbox that "
+                         "needs no compilation; auto is the sandbox with --isolate and at a first run.")
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self):

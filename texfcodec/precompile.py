@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .codecs import codec_of
-from .core.kernel import PACKAGE, cache_folder
-from .options import DEFAULT_CODEC
+from .sandbox.engines import kernels_compiled
 
 if TYPE_CHECKING:
     from .scene.scene import Scene
-
-ENTRIES = ("field/voxelise.py", *codec_of(DEFAULT_CODEC).kernels)  # every usual encode and decode enters kernels of these
 
 # Seconds, roughly: with an empty cache the first run took 45 s of processor time more than the second in texf-enc, and 22 in
 # texf-dec (demo asset at r03, --threads 2, a busy machine); texf-enc --warmup compiles what both need, and more.
@@ -24,15 +18,6 @@ _FIRST_RUN = "first run: compiling the kernels, once: about {} s"
 def first_run(seconds: int) -> str | None:
     """The line that says what a first run does, None where the kernels are compiled. seconds: ENCODING, DECODING or ALL."""
     return None if kernels_compiled() else _FIRST_RUN.format(seconds)
-
-
-def kernels_compiled() -> bool:
-    """Whether the cache holds kernels of every file of ENTRIES as it stands, for this interpreter."""
-    tag = f"py{sys.version_info.major}{sys.version_info.minor}"
-    try:
-        return all(any(cache_folder(PACKAGE / entry).glob(f"*/{Path(entry).stem}.*.{tag}*.nbi")) for entry in ENTRIES)
-    except OSError:  # a cache that cannot be listed has nothing to give
-        return False
 
 
 def warm_up() -> None:

@@ -34,7 +34,7 @@ _LOOK = ("appearance", "texture_size", "atlas", "texture_format", "texture_quali
               "the format]"))
 @click.option("--compress", type=click.Choice(COMPRESSIONS), default=COMPRESSIONS[0],
               help="Pack the mesh of a GLB or glTF: KHR_draco_mesh_compression or EXT_meshopt_compression.  [default: none]")
-@option_flags(DecodeOptions, "lod", "isolate")
+@option_flags(DecodeOptions, "lod", "isolate", "engine")
 @limit_flags("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "latents", "metadata_bytes", "isolate_bytes",
              "isolate_seconds")
 @option_flags(DecodeOptions, "threads")

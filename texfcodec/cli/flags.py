@@ -23,8 +23,8 @@ _LIMIT_TEXT = {
     "samples": "surface samples and rows of texels; time grows with it",
     "latents": "latents of a payload",
     "metadata_bytes": "bytes of metadata",
-    "isolate_bytes": "memory of the child process of --isolate",
-    "isolate_seconds": "seconds of the child process of --isolate",
+    "isolate_bytes": "memory of the sandbox of --isolate",
+    "isolate_seconds": "seconds of the sandbox of --isolate",
 }
 
 

@@ -94,14 +94,11 @@ def _texf(facts, arrays, threads, limits=_USUAL):
                             for field, shifts, steps in zip(fields, facts["shifts"], facts["steps"], strict=True)],
                     materials=materials, metadata=dict(facts["metadata"]), groups=groups, threads=threads,
                     skipped=list(facts["skipped"]))
-        sound = all(_field_is_sound(f, channels, limits) for f in texf.fields)
-        sound = sound and all(_unit_is_sound(u, texf) for u in texf.units)
-        if sound and facts["sharp_edges"]:
+        if facts["sharp_edges"]:
             texf.sharp_edges = _typed(arrays["sharp_edges"], bool)
-            sound = _marks_are_sound(texf)
-        if sound and facts["coded_normals"]:
+        if facts["coded_normals"]:
             texf.coded_normals = _typed(arrays["coded_normals"], np.int16)
-            sound = texf.coded_normals.shape == (len(texf.corner_groups()), 3)
+        sound = answer_is_sound(texf, limits)
         if facts["codec"] is not None:
             codec = texf.codec = _codec(facts["codec"])
             texf.evaluators = codec.unpack(facts["evaluators"], arrays, groups, len(texf.fields))
@@ -110,6 +107,17 @@ def _texf(facts, arrays, threads, limits=_USUAL):
     if not sound:
         raise StreamError("TXF-S40", "the decoder's answer has an index out of range")
     return texf
+
+
+def answer_is_sound(texf: Texf, limits: Limits) -> bool:
+    """Whether no index in what a sandbox answered leaves its array, and every array is as long as what it belongs to."""
+    sound = all(_field_is_sound(f, texf.channels, limits) for f in texf.fields)
+    sound = sound and all(_unit_is_sound(u, texf) for u in texf.units)
+    if sound and texf.sharp_edges is not None:
+        sound = _marks_are_sound(texf)
+    if sound and texf.coded_normals is not None:
+        sound = texf.coded_normals.shape == (len(texf.corner_groups()), 3)
+    return sound
 
 
 def _cube(facts):

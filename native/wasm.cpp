@@ -1,0 +1,29 @@
+// What a page or a sandbox calls, one decode an instance: memory is given back with the instance. A refusal stops the program
+// (unreachable); texf_refusal_code() and texf_refusal_sentence() say why, 0 where it has stopped for lack of memory.
+#include <cstdlib>
+
+#include "texf.h"
+
+#define EXPORT(name) extern "C" __attribute__((export_name(#name)))
+
+namespace {
+texf_limits limits = texf_usual_limits();
+texf_asset* asset = nullptr;
+size_t bytes = 0;
+}  // namespace
+
+extern "C" int texf_refusal_code(void);
+extern "C" const char* texf_refusal_sentence(void);
+
+EXPORT(allocate) void* exported_allocate(size_t size) { return malloc(size); }
+EXPORT(release) void exported_release(void* memory) { free(memory); }
+EXPORT(limits) texf_limits* exported_limits() { return &limits; }
+EXPORT(decode) int exported_decode(const uint8_t* data, size_t size, int lod) {
+  return texf_decode(data, size, lod, &limits, &asset, nullptr, 0);
+}
+EXPORT(array) const void* exported_array(int kind, uint32_t i, uint32_t j) {
+  return texf_array(asset, kind, i, j, &bytes);
+}
+EXPORT(array_bytes) size_t exported_array_bytes() { return bytes; }
+EXPORT(refusal_code) int exported_refusal_code() { return texf_refusal_code(); }
+EXPORT(refusal_sentence) const char* exported_refusal_sentence() { return texf_refusal_sentence(); }

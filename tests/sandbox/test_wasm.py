@@ -1,0 +1,184 @@
+"""The WebAssembly sandbox: the C++ decoder of native/ gives what our own gives on every vector, and stays within its caps."""
+
+import hashlib
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from conformance import run as runner
+from texfcodec import DecodeOptions, decode
+from texfcodec.errors import LimitError, StreamError, SupportError, TexfError
+from texfcodec.limits import Limits
+from texfcodec.report import Report
+from texfcodec.sandbox import engines, wasm
+
+pytest.importorskip("wasmtime", reason="wasmtime is not installed: there is no sandbox to try")
+REPOSITORY = Path(__file__).resolve().parents[2]
+VECTORS = REPOSITORY / "conformance"
+
+
+class SandboxDecoder:
+    """The sandbox as conformance/run.py asks of a decoder."""
+
+    asks = False
+
+    def __init__(self):
+        self.code, self.left_out = None, 0
+
+    def __call__(self, stream, lod, queries=b""):
+        from conformance.decode_texfcodec import arrays
+
+        self.code = None
+        try:
+            return 0, {f"{name}.bin": content for name, content in arrays(stream.read_bytes(), lod, engine="wasm").items()}, ""
+        except TexfError as error:
+            self.code = error.code
+            return error.exit_code, {}, str(error)
+
+
+def _is_neural(folder):
+    return "neural" in folder.name
+
+
+@pytest.mark.parametrize("kind", ["subset", "uncommon"])
+def test_every_vector_that_it_decodes_gives_the_same_arrays(kind):
+    decoder, tried = SandboxDecoder(), 0
+    for folder in runner.cases([f"{kind}/"]):
+        if not _is_neural(folder):
+            assert runner.faults_of(decoder, folder) == [], folder.name
+            tried += 1
+    assert tried > 20
+
+
+def test_every_faulty_vector_is_refused_with_the_finding_of_our_own_decoder():
+    import json
+
+    decoder, tried = SandboxDecoder(), 0
+    for folder in runner.cases(["faulty/"]):
+        case = json.loads((folder / "case.json").read_text(encoding="utf-8"))
+        exit_code, _, said = decoder(folder / "in.texf", 0)
+        if _is_neural(folder) and decoder.code == "TXF-U10":
+            continue
+        assert (exit_code in runner.EXIT_CODES[case["expect"]], decoder.code) == (True, case["code"]), (folder.name, said)
+        tried += 1
+    assert tried > 250
+
+
+def _stream(name):
+    return (VECTORS / name / "in.texf").read_bytes()
+
+
+def test_it_says_what_it_cannot_decode_and_auto_lets_the_kernels_do_it():
+    neural = next(folder for folder in runner.cases(["subset/"]) if _is_neural(folder))
+    data = (neural / "in.texf").read_bytes()
+    with pytest.raises(SupportError, match="TXF-U10"):
+        decode(data, DecodeOptions(engine="wasm"))
+    assert decode(data, DecodeOptions(engine="auto")).evaluators
+
+
+def test_without_wasmtime_isolate_has_its_child_and_the_engine_says_what_is_missing(monkeypatch):
+    monkeypatch.setattr(wasm, "is_here", lambda: False)
+    with pytest.raises(SupportError, match="wasmtime"):
+        decode(_stream("subset/texels"), DecodeOptions(engine="wasm"))
+    report = Report()
+    decode(_stream("subset/texels"), DecodeOptions(isolate=True), report)
+    assert "isolate" in report.seconds
+
+
+def test_isolated_streams_go_to_the_sandbox_and_a_first_run_does():
+    report = Report()
+    isolated = decode(_stream("subset/texels"), DecodeOptions(isolate=True), report)
+    assert "sandbox" in report.seconds and "isolate" not in report.seconds
+    assert (isolated.fields[0].planes["base_colour"] == decode(_stream("subset/texels")).fields[0].planes["base_colour"]).all()
+
+
+def test_a_first_run_takes_the_sandbox_until_kernels_are_compiled(monkeypatch):
+    for missing, stage in ((True, "sandbox"), (False, "attributes")):
+        monkeypatch.setattr(engines, "kernels_compiled", lambda missing=missing: not missing)
+        report = Report()
+        decode(_stream("subset/texels"), DecodeOptions(), report)
+        assert stage in report.seconds
+
+
+@pytest.mark.parametrize("most", [1 << 12, 1 << 21])
+def test_memory_is_capped(most):
+    with pytest.raises(LimitError, match="TXF-L07"):
+        decode(_stream("subset/texels_wide") if (VECTORS / "subset/texels_wide").exists() else _stream("uncommon/texels_wide"),
+               DecodeOptions(engine="wasm", limits=Limits(isolate_bytes=most)))
+
+
+def test_time_is_capped_and_an_interrupt_stops_the_work_at_once(monkeypatch):
+    sandbox = wasm.Sandbox(Limits())
+    monkeypatch.setattr(wasm.time, "monotonic", iter([0.0, 1e9, 2e9, 3e9]).__next__)
+    slow = _busy(sandbox)
+    with pytest.raises(LimitError, match="TXF-L08"):
+        slow()
+
+
+def test_an_interrupt_stops_the_work_at_once(monkeypatch):
+    sandbox = wasm.Sandbox(Limits())
+    slow, join, calls = _busy(sandbox), threading.Thread.join, []
+
+    def interrupted(thread, timeout=None):
+        join(thread, timeout)
+        calls.append(timeout)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(threading.Thread, "join", interrupted)
+    begin = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        slow()
+    assert time.monotonic() - begin < 2
+
+
+def _busy(sandbox):
+    """Work in the sandbox that never ends by itself: a module of a few bytes takes the place of ours."""
+    import wasmtime
+
+    module = wasmtime.Module(sandbox.engine, '(module (memory (export "memory") 1) (func (export "spin") (loop br 0))'
+                             '(func (export "refusal_code") (result i32) i32.const 0)'
+                             '(func (export "refusal_sentence") (result i32) i32.const 0))')
+    sandbox.exports = wasmtime.Linker(sandbox.engine).instantiate(sandbox.store, module).exports(sandbox.store)
+    return lambda: sandbox._call("spin")
+
+
+def test_two_at_once_do_not_stop_each_other():
+    failed = []
+
+    def work():
+        try:
+            decode(_stream("subset/texels"), DecodeOptions(engine="wasm"))
+        except Exception as error:
+            failed.append(error)
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert failed == []
+
+
+def test_an_answer_that_makes_no_sense_is_refused(monkeypatch):
+    array = wasm.Sandbox.array
+
+    def bent(self, kind, i=0, j=0, dtype="u1"):
+        found = array(self, kind, i, j, dtype)
+        return found + 9999 if kind == wasm.FACES else found
+
+    monkeypatch.setattr(wasm.Sandbox, "array", bent)
+    with pytest.raises(StreamError, match="TXF-S40"):
+        decode(_stream("subset/texels"), DecodeOptions(engine="wasm"))
+
+
+def test_the_module_is_what_these_sources_make():
+    """`make -C native wasm` writes the sums; the sources changed without it where this fails."""
+    lines = (REPOSITORY / "native/wasm.sha256").read_text(encoding="utf-8").split("\n")
+    sums = [line.split() for line in lines if line]
+    assert len(sums) > 6
+    for wanted, path in sums:
+        content = (REPOSITORY / "native" / path).read_bytes()
+        assert hashlib.sha256(content).hexdigest() == wanted, path

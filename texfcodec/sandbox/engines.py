@@ -1,0 +1,52 @@
+"""Which of the decoders decodes a stream: kernels in this process or a child's, or the WebAssembly sandbox."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..codecs import codec_of
+from ..core.kernel import PACKAGE, cache_folder
+from ..errors import SupportError
+from ..options import DEFAULT_CODEC
+
+if TYPE_CHECKING:
+    from ..options import DecodeOptions
+    from ..report import Report
+    from ..texf import Texf
+
+ENTRIES = ("field/voxelise.py", *codec_of(DEFAULT_CODEC).kernels)  # every usual encode and decode enters kernels of these
+
+
+def decode_by_engine(data: bytes, options: DecodeOptions, report: Report) -> Texf:
+    """decode() of api.py, its options complete. Raises what the engines raise, and TXF-U10 where the sandbox was asked for and
+    cannot."""
+    if options.engine == "wasm" or (options.engine == "auto" and (options.isolate or not kernels_compiled())):
+        from ..bitstream.stream import read_stream
+        from .wasm import can_decode, decode_in_wasm, is_here
+
+        if options.engine == "wasm" and not is_here():
+            raise SupportError("TXF-U10", "the sandbox needs wasmtime, which is not installed: pip install wasmtime")
+        with report.stage("parse"):
+            stream = read_stream(bytes(data), options.limits)
+        if can_decode(stream):
+            return decode_in_wasm(data, options, report, stream)
+        if options.engine == "wasm":
+            raise SupportError("TXF-U10", "the sandbox does not have the codec of this stream: leave --engine out")
+    if options.isolate:
+        from .isolate import decode_isolated
+
+        return decode_isolated(data, options, report)
+    from ..decoder import decode_stream
+
+    return decode_stream(data, options, report)
+
+
+def kernels_compiled() -> bool:
+    """Whether the cache holds kernels of every file of ENTRIES as it stands, for this interpreter."""
+    tag = f"py{sys.version_info.major}{sys.version_info.minor}"
+    try:
+        return all(any(cache_folder(PACKAGE / entry).glob(f"*/{Path(entry).stem}.*.{tag}*.nbi")) for entry in ENTRIES)
+    except OSError:  # a cache that cannot be listed has nothing to give
+        return False

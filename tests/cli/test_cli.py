@@ -411,18 +411,18 @@ def test_info_is_quick_and_knows_no_numba(stream, tmp_path):
 
 
 def test_missing_kernel_cache_is_noticed_without_numba(monkeypatch, tmp_path):
-    from texfcodec import precompile
     from texfcodec.core.kernel import PACKAGE, cache_folder
+    from texfcodec.sandbox.engines import ENTRIES, kernels_compiled
 
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    assert not precompile.kernels_compiled()
-    for name in precompile.ENTRIES:
+    assert not kernels_compiled()
+    for name in ENTRIES:
         *_, room, file = name.split("/")
         place = cache_folder(PACKAGE / name) / f"{room}_0123"
         place.mkdir(parents=True, exist_ok=True)
         version = f"{sys.version_info.major}{sys.version_info.minor}"
         (place / f"{file.removesuffix('.py')}._kernel-1.py{version}.nbi").touch()
-    assert precompile.kernels_compiled()
+    assert kernels_compiled()
 
 
 def test_a_first_run_is_said_and_streams_of_any_kind_take_text(call, monkeypatch, tmp_path):

@@ -1,0 +1,217 @@
+/**
+ * Decoding .texf streams in a pool of workers.
+ *
+ *     import {decode} from 'texf';
+ *     const asset = await decode(await (await fetch('scan.texf')).arrayBuffer());
+ */
+
+import {TexfError} from './engine.js';
+
+export {TexfError};
+/** @typedef {import('./engine.js').Asset} Asset */
+/** @typedef {import('./engine.js').Limits} Limits */
+
+/**
+ * @typedef {object} DecodeOptions
+ * @property {number} [level] levels of detail that are left out, 0 for none
+ * @property {Limits} [limits] what a stream may ask for
+ * @property {AbortSignal} [signal] rejects with code 'aborted', and ends the worker that is at it
+ * @property {(asset: Asset, level: number) => void} [onLevel] called with a coarse asset as soon as there is one, before the whole
+ * @property {number} [coarse] the level of that one, 3 where nothing is said
+ */
+
+const IN_NODE = typeof process !== 'undefined' && Boolean(process.versions?.node) && typeof window === 'undefined';
+
+/** A pool of workers; a page needs one. */
+export class Decoder {
+  /** @param {{workers?: number, wasm?: string|URL|ArrayBuffer|Uint8Array|null}} options wasm: where the module is, or its bytes */
+  constructor({workers = Math.min(4, globalThis.navigator?.hardwareConcurrency ?? 2), wasm = null} = {}) {
+    this.limit = Math.max(1, workers);
+    this.wasm = wasm;
+    /** @type {Promise<WebAssembly.Module>|null} */
+    this.module = null;
+    /** @type {PoolWorker[]} */
+    this.idle = [];
+    /** @type {Set<PoolWorker>} */
+    this.busy = new Set();
+    /** @type {(() => void)[]} */
+    this.waiting = [];
+    this.disposed = false;
+  }
+
+  /** Fetches and compiles the module ahead of use. */
+  preload() {
+    this.module ??= moduleOf(this.wasm).catch((error) => {
+      this.module = null; // another try may have more luck
+      throw error;
+    });
+    return this.module;
+  }
+
+  /** @param {number} workers at most so many from now on */
+  setWorkerLimit(workers) {
+    this.limit = Math.max(1, workers);
+    while (this.idle.length + this.busy.size > this.limit && this.idle.length > 0) this.idle.pop()?.end();
+    return this;
+  }
+
+  /**
+   * @param {ArrayBuffer|Uint8Array} stream stays as it is
+   * @param {DecodeOptions} options
+   * @returns {Promise<Asset>} rejected with a TexfError
+   */
+  async decode(stream, {level = 0, limits = {}, signal, onLevel, coarse = 3} = {}) {
+    const bytes = stream instanceof Uint8Array ? stream : new Uint8Array(stream);
+    /** @type {AbortController} */
+    const ended = new AbortController();
+    const stops = signal ? AbortSignal.any([signal, ended.signal]) : ended.signal;
+    if (onLevel && coarse > level) {
+      this.job({bytes, level: coarse, limits}, stops).then((asset) => {
+        if (!ended.signal.aborted && !signal?.aborted) onLevel(asset, coarse);
+      }, () => {}); // the whole one says what is wrong
+    }
+    try {
+      return await this.job({bytes, level, limits}, signal);
+    } finally {
+      ended.abort();
+    }
+  }
+
+  /** Ends all workers; what is not finished is rejected. The next decode() would start others. */
+  dispose() {
+    for (const worker of this.idle.splice(0)) worker.end();
+    for (const worker of [...this.busy]) worker.fail(new TexfError('aborted', 'the decoder was disposed of'));
+    this.waiting.splice(0).forEach((go) => go());
+    this.module = null;
+  }
+
+  /** @param {{bytes: Uint8Array, level: number, limits: Limits}} job @param {AbortSignal} [signal] @returns {Promise<Asset>} */
+  async job(job, signal) {
+    const aborted = () => new TexfError('aborted', 'decoding was aborted');
+    if (signal?.aborted) throw aborted();
+    const module = await this.preload();
+    while (this.busy.size >= this.limit && !signal?.aborted) await this.turn(signal);
+    if (signal?.aborted) throw aborted();
+    const worker = this.idle.pop() ?? new PoolWorker();
+    this.busy.add(worker);
+    const stop = () => worker.fail(aborted());
+    signal?.addEventListener('abort', stop, {once: true});
+    try {
+      return await worker.run({...job, module});
+    } finally {
+      signal?.removeEventListener('abort', stop);
+      this.busy.delete(worker);
+      if (worker.alive && this.busy.size + this.idle.length < this.limit) this.idle.push(worker);
+      else worker.end();
+      this.waiting.shift()?.();
+    }
+  }
+
+  /** @param {AbortSignal} [signal] @returns {Promise<void>} */
+  turn(signal) {
+    return new Promise((resolve) => {
+      this.waiting.push(() => resolve());
+      signal?.addEventListener('abort', () => resolve(), {once: true});
+    });
+  }
+}
+
+/** A worker with at most one job. */
+class PoolWorker {
+  constructor() {
+    this.alive = true;
+    this.count = 0;
+    /** @type {any} */
+    this.worker = null;
+    /** @type {((asset: Asset) => void)|null} */
+    this.resolve = null;
+    /** @type {((error: Error) => void)|null} */
+    this.reject = null;
+  }
+
+  async start() {
+    if (IN_NODE) {
+      const {Worker: NodeWorker} = await import('node:worker_threads');
+      this.worker = new NodeWorker(new URL('./worker.js', import.meta.url));
+      this.worker.unref();
+      this.worker.on('message', (/** @type {any} */ answer) => this.answered(answer));
+      this.worker.on('error', (/** @type {Error} */ error) => this.fail(new TexfError('internal', error.message)));
+    } else {
+      this.worker = new Worker(new URL('./worker.js', import.meta.url), {type: 'module'});
+      this.worker.onmessage = (/** @type {MessageEvent} */ event) => this.answered(event.data);
+      this.worker.onerror = (/** @type {ErrorEvent} */ event) => this.fail(new TexfError('internal', event.message || 'the worker does not start'));
+    }
+  }
+
+  /** @param {any} job @returns {Promise<Asset>} */
+  run(job) {
+    return new Promise((resolve, reject) => {
+      this.resolve = resolve;
+      this.reject = reject;
+      const bytes = job.bytes.slice();
+      const send = () => {
+        if (!this.alive) return;
+        if (IN_NODE) this.worker.ref();
+        this.worker.postMessage({...job, bytes, id: ++this.count}, [bytes.buffer]);
+      };
+      if (this.worker) send();
+      else this.start().then(send, (error) => this.fail(new TexfError('internal', String(error))));
+    });
+  }
+
+  /** @param {{id: number, asset?: Asset, error?: {code: any, message: string}}} answer */
+  answered({id, asset, error}) {
+    if (id !== this.count) return;
+    if (IN_NODE) this.worker.unref();
+    if (error) this.reject?.(new TexfError(error.code, error.message));
+    else this.resolve?.(/** @type {Asset} */ (asset));
+    this.resolve = this.reject = null;
+  }
+
+  /** @param {Error} error */
+  fail(error) {
+    this.end();
+    this.reject?.(error);
+    this.resolve = this.reject = null;
+  }
+
+  end() {
+    this.alive = false;
+    this.worker?.terminate();
+  }
+}
+
+/** @param {string|URL|ArrayBuffer|Uint8Array|null} wasm @returns {Promise<WebAssembly.Module>} */
+async function moduleOf(wasm) {
+  const place = wasm ?? new URL('./texf.wasm', import.meta.url);
+  if (place instanceof ArrayBuffer || place instanceof Uint8Array) return WebAssembly.compile(/** @type {BufferSource} */ (place));
+  const url = new URL(place, import.meta.url);
+  if (IN_NODE && url.protocol === 'file:') {
+    const {readFile} = await import('node:fs/promises');
+    return WebAssembly.compile(/** @type {BufferSource} */ (await readFile(url)));
+  }
+  const response = await fetch(url);
+  if (!response.ok) throw new TexfError('internal', `texf.wasm: the server answers ${response.status}`);
+  return WebAssembly.compile(await response.arrayBuffer()); // whatever MIME type the server says
+}
+
+/** @type {Decoder|null} */
+let shared = null;
+
+/**
+ * Decodes a stream with a pool that all callers share.
+ *
+ * @param {ArrayBuffer|Uint8Array} stream
+ * @param {DecodeOptions} [options]
+ * @returns {Promise<Asset>}
+ */
+export function decode(stream, options) {
+  shared ??= new Decoder();
+  return shared.decode(stream, options);
+}
+
+/** Ends the workers of decode(). */
+export function dispose() {
+  shared?.dispose();
+  shared = null;
+}

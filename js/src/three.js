@@ -1,0 +1,504 @@
+/**
+ * TEXFLoader: .texf streams for three.js.
+ *
+ *     import {TEXFLoader} from 'texf/three';
+ *     scene.add(await new TEXFLoader().loadAsync('scan.texf'));
+ *
+ * Fields over texels become textures with mipmaps. Fields over voxels become bricks in textures, which the fragment shader asks; so
+ * does a 3DNTC stream, at the voxels that its network has given values to.
+ */
+
+import {
+  BufferAttribute, BufferGeometry, ClampToEdgeWrapping, Color, Data3DTexture, DataTexture, DoubleSide, FileLoader, FrontSide, Group,
+  LinearFilter, LinearMipmapLinearFilter, LinearSRGBColorSpace, Loader, Mesh, MeshBasicMaterial, MeshPhysicalMaterial,
+  MeshStandardMaterial, MirroredRepeatWrapping, NearestFilter, NoColorSpace, RedIntegerFormat, RepeatWrapping, RGBAFormat,
+  SRGBColorSpace, UnsignedByteType, UnsignedIntType, Vector2, Vector3,
+} from 'three';
+
+import {Decoder, TexfError} from './index.js';
+
+/** @typedef {import('./index.js').Asset} Asset */
+/** @typedef {import('./engine.js').Field} Field */
+/** @typedef {import('./engine.js').Material} Material */
+/** @typedef {import('./engine.js').Plane} Plane */
+
+const WRAPS = {repeat: RepeatWrapping, clamp: ClampToEdgeWrapping, mirror: MirroredRepeatWrapping};
+const BRICK = 8;
+
+export class TEXFLoader extends Loader {
+  /** @param {import('three').LoadingManager} [manager] */
+  constructor(manager) {
+    super(manager);
+    this.decoder = new Decoder();
+    this.level = 0;
+    /** @type {import('./index.js').Limits} */
+    this.limits = {};
+    /** @type {((group: Group, level: number) => void)|null} */
+    this.onLevel = null;
+    this.control = new AbortController();
+  }
+
+  /** @param {string|URL|ArrayBuffer|Uint8Array} wasm where texf.wasm is, in place of beside the module */
+  setDecoderPath(wasm) {
+    this.decoder.wasm = wasm;
+    this.decoder.module = null;
+    return this;
+  }
+
+  /** @param {number} limit */
+  setWorkerLimit(limit) {
+    this.decoder.setWorkerLimit(limit);
+    return this;
+  }
+
+  /** @param {import('./index.js').Limits} limits what a stream may ask for */
+  setLimits(limits) {
+    this.limits = limits;
+    return this;
+  }
+
+  /** @param {number} level levels of detail that are left out */
+  setLevel(level) {
+    this.level = level;
+    return this;
+  }
+
+  /** @param {(group: Group, level: number) => void} onLevel gets a coarse group before the whole one; who takes it disposes of it */
+  setOnLevel(onLevel) {
+    this.onLevel = onLevel;
+    return this;
+  }
+
+  preload() {
+    this.decoder.preload();
+    return this;
+  }
+
+  /**
+   * @param {string} url
+   * @param {(group: Group) => void} onLoad
+   * @param {(event: ProgressEvent) => void} [onProgress]
+   * @param {(error: unknown) => void} [onError]
+   */
+  load(url, onLoad, onProgress, onError) {
+    const loader = new FileLoader(this.manager);
+    loader.setPath(this.path);
+    loader.setResponseType('arraybuffer');
+    loader.setRequestHeader(this.requestHeader);
+    loader.setWithCredentials(this.withCredentials);
+    const failed = (/** @type {unknown} */ error) => {
+      if (onError) onError(error);
+      else console.error(error);
+      this.manager.itemError(url);
+    };
+    loader.load(url, (data) => {
+      this.manager.itemStart(url);
+      this.parse(/** @type {ArrayBuffer} */ (data), (group) => {
+        onLoad(group);
+        this.manager.itemEnd(url);
+      }, (error) => {
+        failed(error);
+        this.manager.itemEnd(url);
+      });
+    }, onProgress, failed);
+  }
+
+  /**
+   * @param {ArrayBuffer|Uint8Array} data
+   * @param {(group: Group) => void} onLoad
+   * @param {(error: unknown) => void} [onError]
+   */
+  parse(data, onLoad, onError = (error) => console.error(error)) {
+    this.parseAsync(data).then(onLoad, onError);
+  }
+
+  /** @param {ArrayBuffer|Uint8Array} data @returns {Promise<Group>} */
+  async parseAsync(data) {
+    const onLevel = this.onLevel;
+    const asset = await this.decoder.decode(data, {level: this.level, limits: this.limits, signal: this.control.signal,
+      onLevel: onLevel ? (coarse, level) => onLevel(groupOf(coarse), level) : undefined});
+    return groupOf(asset);
+  }
+
+  /** Rejects what is being decoded. */
+  abort() {
+    this.control.abort();
+    this.control = new AbortController();
+    return this;
+  }
+
+  /** Ends all workers. */
+  dispose() {
+    this.decoder.dispose();
+    return this;
+  }
+}
+
+export {TexfError};
+
+/** Frees the geometries, textures and materials of a group.
+ * @param {Group} group */
+export function disposeGroup(group) {
+  group.traverse((object) => {
+    const mesh = /** @type {any} */ (object);
+    mesh.geometry?.dispose();
+    mesh.material?.dispose();
+  });
+  for (const texture of group.userData.textures ?? []) texture.dispose();
+  group.userData.textures = [];
+}
+
+/**
+ * What three.js shows of a decoded asset.
+ *
+ * @param {Asset} asset
+ * @returns {Group} with a mesh for every geometry unit; `position` is the origin of the asset
+ */
+export function groupOf(asset) {
+  const group = new Group(), textures = new TextureCache();
+  group.position.fromArray(asset.origin);
+  group.userData = {metadata: asset.metadata, textures: textures.made};
+  for (const unit of asset.units) {
+    const material = asset.materials[unit.material], field = asset.fields[unit.field];
+    const mesh = new Mesh(geometryOf(unit), material.unlit ? new MeshBasicMaterial() : standardMaterial(material));
+    mesh.name = material.name;
+    mesh.material.name = material.name;
+    common(mesh.material, material);
+    if (field.planar) texelMaps(/** @type {any} */ (mesh.material), material, field, unit.field, textures);
+    else voxelMaps(/** @type {any} */ (mesh.material), material, field, unit.field, asset, textures);
+    group.add(mesh);
+  }
+  return group;
+}
+
+/** A vertex stands there once for every normal that its corners have.
+ * @param {import('./engine.js').Unit} unit */
+function geometryOf({positions, indices, normals, uvs}) {
+  const count = positions.length / 3, next = new Int32Array(indices.length + count).fill(-1), seen = new Int32Array(count).fill(-1);
+  const index = new Uint32Array(indices.length), vertex = [], corner = [];
+  for (let i = 0; i < indices.length; i++) {
+    const v = indices[i];
+    let found = seen[v];
+    const same = (/** @type {number} */ a) => normals[3 * corner[a]] === normals[3 * i] && normals[3 * corner[a] + 1] === normals[3 * i + 1]
+      && normals[3 * corner[a] + 2] === normals[3 * i + 2];
+    while (found >= 0 && !same(found)) found = next[found];
+    if (found < 0) {
+      found = vertex.length;
+      next[found] = seen[v];
+      seen[v] = found;
+      vertex.push(v);
+      corner.push(i);
+    }
+    index[i] = found;
+  }
+  const gathered = (/** @type {Float32Array} */ from, /** @type {number[]} */ places, /** @type {number} */ size) => {
+    const out = new Float32Array(places.length * size);
+    places.forEach((place, i) => out.set(from.subarray(size * place, size * place + size), size * i));
+    return new BufferAttribute(out, size);
+  };
+  const geometry = new BufferGeometry();
+  geometry.setAttribute('position', gathered(positions, vertex, 3));
+  geometry.setAttribute('normal', gathered(normals, corner, 3));
+  if (uvs) geometry.setAttribute('uv', gathered(uvs, vertex, 2));
+  geometry.setIndex(new BufferAttribute(index, 1));
+  return geometry;
+}
+
+// ---- Materials (8.5)
+
+/** @param {any} to @param {Material} from */
+function common(to, from) {
+  to.side = from.doubleSided ? DoubleSide : FrontSide;
+  to.transparent = from.alphaMode === 'BLEND';
+  to.depthWrite = from.alphaMode !== 'BLEND';
+  to.alphaTest = from.alphaMode === 'MASK' ? from.alphaCutoff : 0;
+}
+
+const PHYSICAL = /** @type {const} */ ({
+  clearcoat: 'clearcoat', clearcoat_roughness: 'clearcoatRoughness', sheen_roughness: 'sheenRoughness', specular: 'specularIntensity',
+  transmission: 'transmission', thickness: 'thickness', attenuation_distance: 'attenuationDistance', iridescence: 'iridescence',
+  iridescence_ior: 'iridescenceIOR', anisotropy: 'anisotropy', anisotropy_rotation: 'anisotropyRotation', ior: 'ior', dispersion: 'dispersion',
+});
+const PHYSICAL_COLOURS = /** @type {const} */ ({sheen_colour: 'sheenColor', specular_colour: 'specularColor', attenuation_colour: 'attenuationColor'});
+
+/** @param {Material} material */
+function standardMaterial(material) {
+  const {parameters} = material, number = (/** @type {string} */ name, /** @type {number} */ otherwise) => parameters[name]?.[0] ?? otherwise;
+  const names = [...Object.keys(PHYSICAL), ...Object.keys(PHYSICAL_COLOURS)];
+  const physical = names.some((name) => name in parameters || material.channels.includes(name));
+  const made = physical ? new MeshPhysicalMaterial() : new MeshStandardMaterial();
+  made.roughness = number('roughness', 1);
+  made.metalness = number('metallic', 1);
+  made.aoMapIntensity = number('occlusion_strength', 1);
+  made.emissive.setRGB(.../** @type {[number, number, number]} */ (parameters.emissive ?? [0, 0, 0]), LinearSRGBColorSpace);
+  made.emissiveIntensity = number('emissive_strength', 1);
+  if (made instanceof MeshPhysicalMaterial) {
+    for (const [name, property] of Object.entries(PHYSICAL)) if (name in parameters) /** @type {any} */ (made)[property] = parameters[name][0];
+    for (const [name, property] of Object.entries(PHYSICAL_COLOURS))
+      if (name in parameters) /** @type {any} */ (made)[property] = new Color().setRGB(.../** @type {[number, number, number]} */ (parameters[name]), LinearSRGBColorSpace);
+    if ('sheen_colour' in parameters) made.sheen = 1;
+    made.iridescenceThicknessRange = [number('iridescence_thickness_minimum', 100), number('iridescence_thickness_maximum', 400)];
+  }
+  return made;
+}
+
+class TextureCache {
+  constructor() {
+    /** @type {import('three').Texture[]} */
+    this.made = [];
+    /** @type {Map<string, any>} */
+    this.known = new Map();
+  }
+
+  /** @template T @param {string} key @param {() => T} make @returns {T} */
+  get(key, make) {
+    if (!this.known.has(key)) {
+      const found = make();
+      this.known.set(key, found);
+      this.made.push(...[found].flat().filter((/** @type {any} */ one) => one?.isTexture));
+    }
+    return this.known.get(key);
+  }
+}
+
+/**
+ * The planes of up to four components as RGBA; what no plane gives is 255.
+ * @param {(Plane|undefined)[]} planes @param {number[]} from component of each, as the channel counts them
+ * @param {(plane: Plane) => Uint8Array} data @param {number} count cells
+ */
+function interleaved(planes, from, data, count) {
+  const out = new Uint8Array(4 * count).fill(255);
+  planes.forEach((plane, k) => {
+    if (!plane) return;
+    const values = data(plane), step = plane.components, at = plane.offset + Math.min(from[k], step - 1 - plane.offset); // grey: one for all
+    for (let i = 0; i < count; i++) out[4 * i + k] = values[step * i + at];
+  });
+  return out;
+}
+
+// ---- Texels
+
+/** @param {any} to @param {Material} material @param {Field} field @param {number} number @param {TextureCache} cache */
+function texelMaps(to, material, field, number, cache) {
+  const planes = field.planes;
+  const texture = (/** @type {string} */ key, /** @type {(Plane|undefined)[]} */ four, /** @type {number[]} */ from, srgb = false) => cache.get(`${number} ${key}`, () => {
+    const size = four.find(Boolean)?.image;
+    if (!size) return null;
+    const fitting = four.map((plane) => plane?.image?.width === size.width && plane.image.height === size.height ? plane : undefined);
+    const pixels = interleaved(fitting, from, (plane) => /** @type {any} */ (plane.image).data, size.width * size.height);
+    if (key.includes('normal')) withZ(pixels);
+    const made = new DataTexture(pixels, size.width, size.height, RGBAFormat, UnsignedByteType);
+    [made.wrapS, made.wrapT] = field.wrap.map((wrap) => WRAPS[wrap]);
+    made.colorSpace = srgb ? SRGBColorSpace : NoColorSpace;
+    made.magFilter = LinearFilter;
+    made.minFilter = LinearMipmapLinearFilter;
+    made.generateMipmaps = true;
+    made.anisotropy = 4;
+    made.needsUpdate = true;
+    return made;
+  });
+  const colour = (/** @type {string} */ name) => texture(name, [planes[name], planes[name], planes[name]], [0, 1, 2], true);
+  const has = (/** @type {string} */ name) => name in planes && material.channels.includes(name);
+  to.map = texture('base', [planes.base_colour, planes.base_colour, planes.base_colour, planes.alpha], [0, 1, 2, 0], true);
+  if (material.unlit) return;
+  if (has('normal')) {
+    const scale = material.parameters.normal_scale?.[0] ?? 1;
+    to.normalMap = texture('normal', [planes.normal, planes.normal], [0, 1]);
+    to.normalScale = new Vector2(scale, -scale); // as GLTFLoader does where there are no tangents
+  }
+  if (has('occlusion')) to.aoMap = texture('occlusion', [planes.occlusion], [0]);
+  if (has('roughness')) to.roughnessMap = texture('roughness', [undefined, planes.roughness], [0, 0]);
+  if (has('metallic')) to.metalnessMap = texture('metallic', [undefined, undefined, planes.metallic], [0, 0, 0]);
+  if (has('emissive')) to.emissiveMap = colour('emissive');
+  if (!(to instanceof MeshPhysicalMaterial)) return;
+  if (has('clearcoat')) to.clearcoatMap = texture('clearcoat', [planes.clearcoat], [0]);
+  if (has('clearcoat_roughness')) to.clearcoatRoughnessMap = texture('clearcoat_roughness', [undefined, planes.clearcoat_roughness], [0, 0]);
+  if (has('clearcoat_normal')) {
+    const scale = material.parameters.clearcoat_normal_scale?.[0] ?? 1;
+    to.clearcoatNormalMap = texture('clearcoat_normal', [planes.clearcoat_normal, planes.clearcoat_normal], [0, 1]);
+    to.clearcoatNormalScale = new Vector2(scale, -scale);
+  }
+  if (has('sheen_colour')) to.sheenColorMap = colour('sheen_colour');
+  if (has('sheen_roughness')) to.sheenRoughnessMap = texture('sheen_roughness', [undefined, undefined, undefined, planes.sheen_roughness], [0, 0, 0, 0]);
+  if (has('specular')) to.specularIntensityMap = texture('specular', [undefined, undefined, undefined, planes.specular], [0, 0, 0, 0]);
+  if (has('specular_colour')) to.specularColorMap = colour('specular_colour');
+  if (has('transmission')) to.transmissionMap = texture('transmission', [planes.transmission], [0]);
+  if (has('thickness')) to.thicknessMap = texture('thickness', [undefined, planes.thickness], [0, 0]);
+  if (has('iridescence')) to.iridescenceMap = texture('iridescence', [planes.iridescence], [0]);
+  if (has('iridescence_thickness')) to.iridescenceThicknessMap = texture('iridescence_thickness', [undefined, planes.iridescence_thickness], [0, 0]);
+  if (has('anisotropy')) to.anisotropyMap = texture('anisotropy', [planes.anisotropy, planes.anisotropy, planes.anisotropy], [0, 1, 2]);
+}
+
+/** The third component of tangent space normals, from the first two.
+ * @param {Uint8Array} pixels */
+function withZ(pixels) {
+  for (let i = 0; i < pixels.length; i += 4) {
+    const x = pixels[i] / 127.5 - 1, y = pixels[i + 1] / 127.5 - 1;
+    pixels[i + 2] = Math.round(127.5 * (Math.sqrt(Math.max(0, 1 - x * x - y * y)) + 1));
+  }
+}
+
+// ---- Voxels
+
+/**
+ * Bricks of 8 x 8 x 8 voxels: a 3D texture that tells which brick stands where, and the order in which cells stand in bricks.
+ * @param {BigUint64Array} keys @param {number} resolution of the keys' level
+ */
+function bricksOf(keys, resolution) {
+  const side = Math.ceil(resolution / BRICK), index = new Uint32Array(side ** 3), place = new Uint32Array(keys.length);
+  let count = 0, last = -1n, first = 0;
+  for (let n = 0; n < keys.length; n++) {
+    const brick = keys[n] >> 9n, local = Number(keys[n] & 511n);
+    if (brick !== last) { // keys ascend, so that the cells of a brick stand together
+      const [x, y, z] = [0n, 1n, 2n].map((axis) => everyThird(brick >> axis));
+      index[x + side * (y + side * z)] = ++count;
+      first = (count - 1) * 512;
+      last = brick;
+    }
+    place[n] = first + local; // in Morton order within the brick
+  }
+  return {side, index, place, count};
+}
+
+/** @param {bigint} bits */
+function everyThird(bits) {
+  let out = 0;
+  for (let i = 0; bits > 0n; i++, bits >>= 3n) out |= Number(bits & 1n) << i;
+  return out;
+}
+
+const WIDTH = 2048;
+const GLSL = `
+precision highp usampler3D;
+varying vec3 vTexfPlace;
+varying vec3 vTexfNormal;
+uniform usampler3D texfIndex;
+uniform float texfCells;
+uniform int texfMaps;
+uniform sampler2D texfBase, texfSurface, texfEmissive, texfDeviation;
+vec3 texfLinear(vec3 c) { return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c)); }
+int texfMorton(ivec3 p) {
+  ivec3 q = p & 7;
+  return (q.x & 1) | (q.y & 1) << 1 | (q.z & 1) << 2 | (q.x & 2) << 2 | (q.y & 2) << 3 | (q.z & 2) << 4 | (q.x & 4) << 4 | (q.y & 4) << 5 | (q.z & 4) << 6;
+}
+ivec2 texfAt(int i) { return ivec2(i & ${WIDTH - 1}, i >> ${Math.log2(WIDTH)}); }
+vec4 texfBaseValue, texfSurfaceValue, texfEmissiveValue, texfDeviationValue;
+void texfAsk(vec3 place) { // trilinear over the active cells (8.2.1); the nearest of the 4 x 4 x 4 around where none of them is
+  vec3 x = place - 0.5;
+  ivec3 base = ivec3(floor(x));
+  vec3 f = x - vec3(base);
+  float total = 0.0;
+  vec4 sums[4] = vec4[4](vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
+  ivec3 size = textureSize(texfIndex, 0);
+  for (int wide = 0; wide < 2; wide++) {
+    float least = 1e9;
+
+    for (int n = 0; n < (wide == 0 ? 8 : 64); n++) {
+      ivec3 d = wide == 0 ? ivec3(n & 1, n >> 1 & 1, n >> 2) : ivec3(n & 3, n >> 2 & 3, n >> 4) - 1;
+      ivec3 cell = base + d, brick = cell >> 3;
+      if (any(lessThan(cell, ivec3(0))) || any(greaterThanEqual(brick, size))) continue;
+      int number = int(texelFetch(texfIndex, brick, 0).r);
+      if (number == 0) continue;
+      ivec2 at = texfAt((number - 1) * 512 + texfMorton(cell));
+      vec4 surface = texelFetch(texfSurface, at, 0);
+      if (surface.a < 0.5) continue; // not active
+      vec3 w = mix(1.0 - f, f, vec3(d)), away = vec3(cell) - x;
+      float weight = w.x * w.y * w.z;
+      if (wide == 1) {
+        float far = dot(away, away);
+        if (far >= least) continue;
+        least = far;
+        total = 0.0;
+        sums = vec4[4](vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
+        weight = 1.0;
+      }
+      if (weight <= 0.0) continue;
+      total += weight;
+      sums[0] += weight * texelFetch(texfBase, at, 0);
+      sums[1] += weight * surface;
+      if ((texfMaps & 1) != 0) sums[2] += weight * texelFetch(texfEmissive, at, 0);
+      if ((texfMaps & 2) != 0) sums[3] += weight * texelFetch(texfDeviation, at, 0);
+    }
+    if (total > 0.0) break;
+  }
+  total = max(total, 1e-9);
+  texfBaseValue = sums[0] / total;
+  texfSurfaceValue = sums[1] / total;
+  texfEmissiveValue = sums[2] / total;
+  texfDeviationValue = sums[3] / total;
+}
+`;
+
+/** @param {any} to @param {Material} material @param {Field} field @param {number} number @param {Asset} asset @param {TextureCache} cache */
+function voxelMaps(to, material, field, number, asset, cache) {
+  const size = 2 ** field.levelsLeftOut, cells = Math.ceil(field.resolution / size), {planes} = field;
+  const bricks = cache.get(`${number} bricks`, () => bricksOf(field.keys, cells));
+  const index = cache.get(`${number} index`, () => {
+    const texture = new Data3DTexture(bricks.index, bricks.side, bricks.side, bricks.side);
+    texture.format = RedIntegerFormat;
+    texture.type = UnsignedIntType;
+    texture.internalFormat = 'R32UI';
+    texture.minFilter = texture.magFilter = NearestFilter;
+    texture.needsUpdate = true;
+    return texture;
+  });
+  const texture = (/** @type {string} */ key, /** @type {(Plane|undefined)[]} */ four, /** @type {number[]} */ from) => cache.get(`${number} ${key}`, () => {
+    const values = interleaved(four, from, (plane) => spreadOut(plane, field), field.keys.length);
+    const pixels = new Uint8Array(4 * WIDTH * Math.max(1, Math.ceil(bricks.count * 512 / WIDTH))), words = new Uint32Array(pixels.buffer);
+    new Uint32Array(values.buffer).forEach((word, i) => { words[bricks.place[i]] = word; });
+    const made = new DataTexture(pixels, WIDTH, pixels.length / 4 / WIDTH, RGBAFormat, UnsignedByteType);
+    made.minFilter = made.magFilter = NearestFilter;
+    made.needsUpdate = true;
+    return made;
+  });
+  const has = (/** @type {string} */ name, /** @type {string} */ channel) => channel in planes && material.channels.includes(name);
+  const glows = has('emissive', 'emissive'), bends = has('normal', 'normal_object');
+  const of = (/** @type {string} */ name) => has(name, name) ? planes[name] : undefined;
+  const three = (/** @type {Plane} */ plane) => [plane, plane, plane];
+  const base = texture('base', [...three(planes.base_colour), planes.alpha], [0, 1, 2, 0]);
+  // The fourth component is 255 where a cell is active, and 0 where there is none.
+  const surface = texture(`surface ${material.channels.join()}`, [of('occlusion'), of('roughness'), of('metallic')], [0, 0, 0]);
+  const uniforms = {
+    texfIndex: {value: index}, texfCells: {value: cells}, texfBase: {value: base}, texfSurface: {value: surface},
+    texfEmissive: {value: glows ? texture('emissive', three(planes.emissive), [0, 1, 2]) : base},
+    texfDeviation: {value: bends ? texture('deviation', three(planes.normal_object), [0, 1, 2]) : base},
+    texfMaps: {value: (glows ? 1 : 0) + (bends ? 2 : 0)},
+    texfScale: {value: new Vector3().setScalar(asset.side > 0 ? (1 - 2 ** -asset.positionBits) * field.resolution / size / asset.side : 0)},
+  };
+  const strength = (material.parameters.occlusion_strength?.[0] ?? 1).toFixed(6);
+  to.onBeforeCompile = (/** @type {any} */ shader) => {
+    Object.assign(shader.uniforms, uniforms);
+    shader.vertexShader = shader.vertexShader
+      .replace('#include <common>', '#include <common>\nvarying vec3 vTexfPlace;\nvarying vec3 vTexfNormal;\nuniform vec3 texfScale;')
+      .replace('#include <begin_vertex>', '#include <begin_vertex>\nvTexfPlace = position * texfScale;\nvTexfNormal = normal;');
+    shader.fragmentShader = shader.fragmentShader
+      .replace('#include <common>', `#include <common>\n${material.unlit ? '' : 'uniform mat3 normalMatrix;'}${GLSL}`)
+      .replace('#include <map_fragment>', 'texfAsk(vTexfPlace);\ndiffuseColor *= vec4(texfLinear(texfBaseValue.rgb), texfBaseValue.a);')
+      .replace('#include <roughnessmap_fragment>', '#include <roughnessmap_fragment>\nroughnessFactor *= texfSurfaceValue.g;')
+      .replace('#include <metalnessmap_fragment>', '#include <metalnessmap_fragment>\nmetalnessFactor *= texfSurfaceValue.b;')
+      .replace('#include <aomap_fragment>', `float texfOcclusion = 1.0 + ${strength} * (texfSurfaceValue.r - 1.0);
+reflectedLight.indirectDiffuse *= texfOcclusion;\nreflectedLight.indirectSpecular *= texfOcclusion;`);
+    if (glows) shader.fragmentShader = shader.fragmentShader.replace('#include <emissivemap_fragment>',
+      'totalEmissiveRadiance *= texfLinear(texfEmissiveValue.rgb);');
+    if (bends) shader.fragmentShader = shader.fragmentShader.replace('#include <normal_fragment_maps>',
+      'normal = normalize(normalMatrix * (normalize(vTexfNormal) + texfDeviationValue.xyz * 2.0 - 1.0)) * faceDirection;');
+  };
+  to.customProgramCacheKey = () => `texf ${material.unlit} ${glows} ${bends} ${strength}`;
+}
+
+/** Values of a plane that is coarser than its field, on the field's own cells.
+ * @param {Plane} plane @param {Field} field */
+function spreadOut(plane, field) {
+  const further = BigInt(3 * Math.max(0, plane.levelShift - field.levelsLeftOut));
+  if (further === 0n) return plane.values;
+  const {components, values} = plane, out = new Uint8Array(field.keys.length * components);
+  let cell = -1, last = -1n;
+  field.keys.forEach((key, n) => {
+    if (key >> further !== last) {
+      cell++;
+      last = key >> further;
+    }
+    out.set(values.subarray(cell * components, cell * components + components), n * components);
+  });
+  return out;
+}

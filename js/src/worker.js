@@ -1,0 +1,29 @@
+/** A worker of the pool: gets {id, module, bytes, level, limits}, answers {id, asset} or {id, error}. */
+
+import {TexfError, decodeWith} from './engine.js';
+
+/** All buffers of a decoded asset, which go to the page without a copy.
+ * @param {any} value @param {Set<ArrayBuffer>} found */
+function buffersOf(value, found = new Set()) {
+  if (ArrayBuffer.isView(value)) found.add(/** @type {ArrayBuffer} */ (value.buffer));
+  else if (value && typeof value === 'object') Object.values(value).forEach((part) => buffersOf(part, found));
+  return found;
+}
+
+/** @param {any} job @param {(answer: any, transferred: ArrayBuffer[]) => void} answer */
+function work({id, module, bytes, level, limits}, answer) {
+  try {
+    const asset = decodeWith(module, bytes, level, limits);
+    answer({id, asset}, [...buffersOf(asset)]);
+  } catch (error) {
+    const {code, message} = error instanceof TexfError ? error : {code: 'internal', message: String(error)};
+    answer({id, error: {code, message}}, []);
+  }
+}
+
+if (typeof self !== 'undefined' && typeof self.postMessage === 'function') {
+  self.onmessage = (event) => work(event.data, (answer, transferred) => self.postMessage(answer, {transfer: transferred}));
+} else {
+  const {parentPort} = await import('node:worker_threads');
+  parentPort?.on('message', (job) => work(job, (answer, transferred) => parentPort.postMessage(answer, transferred)));
+}

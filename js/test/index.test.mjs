@@ -1,0 +1,83 @@
+/** The package in node: what decode() gives, and that nothing is left behind. */
+
+import assert from 'node:assert/strict';
+import {readFileSync} from 'node:fs';
+import {test} from 'node:test';
+
+import {Decoder, TexfError, decode, dispose} from '../src/index.js';
+
+const vector = (name) => readFileSync(new URL(`../../conformance/${name}/in.texf`, import.meta.url));
+const refused = (code) => (error) => error instanceof TexfError && error.code === code && error.message.length > 5;
+
+test('a stream over texels has images, UVs and normals', async () => {
+  const asset = await decode(vector('subset/texels'));
+  const {image, components} = asset.fields[0].planes.base_colour;
+  assert.equal(image.data.length, image.width * image.height * components);
+  assert.equal(asset.units[0].uvs.length / 2, asset.units[0].positions.length / 3);
+  assert.equal(asset.units[0].normals.length, 3 * asset.units[0].indices.length);
+  for (let i = 0; i < asset.units[0].normals.length; i += 3)
+    assert.ok(Math.abs(Math.hypot(...asset.units[0].normals.subarray(i, i + 3)) - 1) < 1e-5);
+  assert.equal(asset.fields[0].keys.length * 3, asset.fields[0].planes.base_colour.values.length);
+});
+
+test('the caller\'s bytes stay', async () => {
+  const bytes = vector('subset/texels'), before = bytes.slice();
+  await decode(bytes);
+  assert.deepEqual(bytes, before);
+});
+
+test('a coarse asset comes before the whole', async () => {
+  const seen = [], decoder = new Decoder({workers: 2});
+  const whole = await decoder.decode(vector('subset/k33'), {onLevel: (asset, level) => seen.push([asset.fields[0].keys.length, level]), coarse: 2});
+  assert.ok(seen.length <= 1 && seen.every(([keys, level]) => level === 2 && keys < whole.fields[0].keys.length));
+  decoder.dispose();
+});
+
+test('refusals are of their kind', async () => {
+  await assert.rejects(decode(new Uint8Array(0)), refused('invalid'));
+  await assert.rejects(decode(vector('faulty/values_crc')), refused('invalid'));
+  await assert.rejects(decode(vector('faulty/version')), refused('unsupported'));
+  await assert.rejects(decode(vector('faulty/num_keys_huge')), refused('limit'));
+  await assert.rejects(decode(vector('subset/texels'), {limits: {faces: 3}}), refused('limit'));
+  await assert.rejects(decode(vector('subset/texels'), {limits: {fileBytes: 8}}), refused('limit'));
+  await assert.rejects(decode(vector('subset/texels').subarray(0, 300)), refused('invalid'));
+});
+
+test('an aborted decode is rejected, and others go on', async () => {
+  const decoder = new Decoder({workers: 1}), control = new AbortController();
+  const first = decoder.decode(vector('subset/texels'), {signal: control.signal}), second = decoder.decode(vector('subset/texels'));
+  control.abort();
+  await assert.rejects(first, refused('aborted'));
+  assert.equal((await second).units.length, 1);
+  await assert.rejects(decoder.decode(vector('subset/texels'), {signal: AbortSignal.abort()}), refused('aborted'));
+  decoder.dispose();
+});
+
+test('disposal in the middle rejects what is not finished, and a decoder starts again', async () => {
+  const decoder = new Decoder({workers: 2}), jobs = Array.from({length: 5}, () => decoder.decode(vector('subset/texels')));
+  await new Promise((resolve) => setTimeout(resolve, 20));
+  const all = Promise.allSettled(jobs);
+  decoder.dispose();
+  for (const job of await all) assert.ok(job.status === 'fulfilled' || refused('aborted')(job.reason) || job.reason instanceof TexfError);
+  assert.equal((await decoder.decode(vector('subset/texels'))).units.length, 1);
+  decoder.dispose();
+  assert.equal(decoder.idle.length + decoder.busy.size, 0);
+});
+
+test('fifty loads do not grow', async () => {
+  const decoder = new Decoder({workers: 2});
+  for (let i = 0; i < 50; i++) await decoder.decode(vector('subset/texels'));
+  assert.ok(decoder.idle.length <= 2);
+  decoder.dispose();
+  assert.equal(decoder.idle.length + decoder.busy.size, 0);
+});
+
+test('a module that is not there is said, and the next try may have more luck', async () => {
+  const decoder = new Decoder({wasm: new URL('file:///nowhere/texf.wasm')});
+  await assert.rejects(decoder.decode(vector('subset/texels')));
+  decoder.wasm = readFileSync(new URL('../src/texf.wasm', import.meta.url));
+  assert.equal((await decoder.decode(vector('subset/texels'))).units.length, 1);
+  decoder.dispose();
+});
+
+test.after(() => dispose());

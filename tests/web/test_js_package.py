@@ -1,0 +1,38 @@
+"""The npm package: its own tests in node, and vectors through its WebAssembly module there."""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from conformance import run as runner
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+NODE = shutil.which("node")
+needs_node = pytest.mark.skipif(NODE is None, reason="there is no node on the PATH")
+
+
+@needs_node
+def test_the_package_passes_its_own_tests():
+    run = subprocess.run([NODE, "--test", "js/test/index.test.mjs"], cwd=REPOSITORY, capture_output=True, text=True, timeout=300)
+    assert run.returncode == 0, run.stdout[-3000:] + run.stderr[-1000:]
+
+
+@needs_node
+@pytest.mark.parametrize("case", ["subset/texels/", "subset/k33/", "uncommon/planar_dct/", "uncommon/normals_coded/", "neural_alpha/",
+                                  "faulty/values_crc/", "faulty/version/"])
+def test_vectors_in_node(case):
+    decoder = runner.CommandDecoder(f"{NODE} {REPOSITORY}/js/test/decode_arrays.mjs", 120)
+    for folder in runner.cases([case]):
+        assert runner.faults_of(decoder, folder) == []
+
+
+def test_the_package_holds_the_module_of_the_python_package():
+    assert (REPOSITORY / "js/src/texf.wasm").read_bytes() == (REPOSITORY / "texfcodec/sandbox/texf.wasm").read_bytes()
+
+
+def test_every_export_is_there():
+    package = json.loads((REPOSITORY / "js/package.json").read_text(encoding="utf-8"))
+    assert all((REPOSITORY / "js" / path).is_file() for path in package["exports"].values())

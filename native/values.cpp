@@ -5,6 +5,8 @@ namespace texf {
 namespace {
 
 constexpr u32 NONE = 0xffffffff;
+// Called by itself: engines of WebAssembly begin with slow code and take better code at the next call, never in the middle of one.
+#define TEXF_OFTEN __attribute__((noinline))
 constexpr i64 LARGEST = 1 << 22;
 
 // ---- Small functions and tables of clause 7
@@ -386,7 +388,7 @@ class Raht {
     }
   }
 
-  void decode_block(u32 node, int mask) {
+  TEXF_OFTEN void decode_block(u32 node, int mask) {
     Block block;
     block.node = node;
     block.mask = mask;
@@ -810,7 +812,7 @@ class Raht {
   }
 
   // at: the voxel's own place among the means around it
-  void filter_voxel(const i32* const* at, const int* offset, const int* across, int count, int side, const i8* const* taps_of, i32* out) const {
+  TEXF_OFTEN void filter_voxel(const i32* const* at, const int* offset, const int* across, int count, int side, const i8* const* taps_of, i32* out) const {
     const i32 *own = at[0], *near[26];
     int there = 0, rings[26];
     i64 spread_of = 0;
@@ -950,7 +952,7 @@ class Raht {
     }
   }
 
-  void decode_dct_block(u32 node) {
+  TEXF_OFTEN void decode_dct_block(u32 node) {
     DctBlock &block = dct_.back(), *beside[3];
     const i32* texels[3];
     Level& texel_level = levels_[d_ + 3];

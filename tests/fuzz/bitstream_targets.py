@@ -23,6 +23,7 @@ from texfcodec.bitstream.syntax import (
     UNIT_MATERIALS,
     UNIT_METADATA,
     UNIT_SHARP_EDGES,
+    VERSION,
 )
 from texfcodec.bitstream.units import read_units, write_unit
 from texfcodec.core.syntax_walk import Reader, read_structure, write_structure, write_v
@@ -71,7 +72,7 @@ def framing(data: bytes) -> None:
         kinds = [UNIT_HEADER, *sorted({kind for kind in kinds if kind not in (UNIT_HEADER, UNIT_END, 6, 127)})]
     out = bytearray(SIGNATURE)
     for kind in kinds:
-        unit = write_unit(kind, b"\0" * (kind == UNIT_HEADER) + choices.take(choices.whole(0, 20)))
+        unit = write_unit(kind, bytes([VERSION]) * (kind == UNIT_HEADER) + choices.take(choices.whole(0, 20)))
         out += edited(unit, choices) if choices.flag(12) else unit
     out += write_unit(UNIT_END, choices.take(1) if choices.flag(6) else b"")
     whole = edited(bytes(out), choices) if choices.flag(8) else bytes(out)

@@ -7,7 +7,7 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
 
 .DELETE_ON_ERROR:
-.PHONY: demo check test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural stability strangers three determinism load fuzz faults mutants coverage conformance vectors spec-tables promise install clean
+.PHONY: demo check test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural stability strangers three determinism load fuzz faults mutants coverage conformance vectors spec-tables promise native wasm install clean
 
 demo: install
 	$(PY) -m texfcodec.demo
@@ -27,6 +27,13 @@ sweeps: install
 # Any decoder can be put through the vectors: make conformance DECODER="other-decoder --flag" [QUERIES=1]
 conformance: install
 	$(PY) conformance/run.py $(if $(DECODER),--decoder "$(DECODER)") $(if $(QUERIES),--queries)
+
+# The C++ decoder of native/, through every vector; the WebAssembly module of it that js/ and --isolate run (docs/native.md)
+native:
+	$(MAKE) -C native
+	$(PYTHON) conformance/run.py --decoder native/build/texf_dec --queries
+wasm:
+	$(MAKE) -C native wasm
 
 # Every tool, interrupted (or killed) at random moments of its run: make interrupts [MOMENTS=300] [JOBS=n] [KILL=1]
 interrupts: install

@@ -50,7 +50,7 @@ _FINDINGS = {
 
 
 def can_decode(stream: Stream) -> bool:
-    """Whether wasmtime is there, and the sandbox has the stream's codecs: no private ones, and no joint one, whose points answer."""
+    """Whether wasmtime is there, and the sandbox has the stream's codecs: no private ones, and none that answers points."""
     return is_here() and stream.joint is None and all(values["codec_id"] in KNOWN for values in stream.attributes)
 
 

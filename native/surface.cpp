@@ -123,8 +123,8 @@ void add_face(Weights& weights, const Frame& f, i64 resolution) {  // 6.3
     i64 left = 2 * rows - 2 * j - offset, count = std::max<i64>(1, (f.columns * left + 2 * rows - 1) / (2 * rows));
     i64 at[3], step[3], share = f.unit * (2 * rows - 2 * j - 1) / (2 * count);
     for (int axis = 0; axis < 3; axis++) {
-      i64 start = (f.start[axis] + floor_div((f.apex[axis] - f.start[axis]) * (2 * j + offset), 2 * rows)) << 16;
-      i64 half = floor_div(floor_div((f.end[axis] - f.start[axis]) * left, 2 * rows) << 16, 2 * count);
+      i64 start = (f.start[axis] + floor_div((f.apex[axis] - f.start[axis]) * (2 * j + offset), 2 * rows)) * 65536;
+      i64 half = floor_div(floor_div((f.end[axis] - f.start[axis]) * left, 2 * rows) * 65536, 2 * count);
       at[axis] = start + half;
       step[axis] = 2 * half;
     }

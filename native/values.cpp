@@ -173,7 +173,7 @@ struct Shape {  // what depends on the support alone
         for (int axis = 0; axis < 3; axis++) toward = toward && (at[axis] == 0 || (octant >> axis & 1) == (at[axis] > 0));
         d.octants |= toward << octant;
       }
-      for (int child = 0; child < 8; child++) {  // of the neighbour, at s in the node's half steps
+      for (int child = 0; child < 8 && d.nonzero > 0; child++) {  // of the neighbour
         int count = 0;
         for (int octant = 0; octant < 8; octant++) {
           int steps = 0;
@@ -1215,7 +1215,7 @@ void Network::answer(size_t field, const i64 position[3], i32* values) {
     out.resize(widths_[n + 1]);
     const i32* weight = weights_[n].data();
     for (int o = 0; o < widths_[n + 1]; o++) {
-      i64 y = i64(biases_[n][o]) << 14;
+      i64 y = i64(biases_[n][o]) * 16384;
       for (int i = 0; i < widths_[n]; i++) y += i64(*weight++) * in[i];
       i32 v = i32(clip(-(1 << 24), 1 << 24, (y + (1 << 15)) >> 16));
       out[o] = n + 2 < widths_.size() ? hard_gelu(v) : v;

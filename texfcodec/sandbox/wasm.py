@@ -96,7 +96,7 @@ class Sandbox:
         linker.define_func("wasi_snapshot_preview1", "fd_seek", wasmtime.FuncType(seek, [i32]), _missing)
         linker.define_func("wasi_snapshot_preview1", "proc_exit", wasmtime.FuncType([i32], []), _nothing)
         try:
-            self.exports = linker.instantiate(self.store, module).exports(self.store)
+            self.exports: Any = linker.instantiate(self.store, module).exports(self.store)
         except wasmtime.WasmtimeError:  # not even its own first pages
             raise self._no_memory() from None
         self.memory: Any = self.exports["memory"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,7 +23,7 @@ ENTRIES = ("field/voxelise.py", *codec_of(DEFAULT_CODEC).kernels)  # every usual
 def decode_by_engine(data: bytes, options: DecodeOptions, report: Report) -> Texf:
     """decode() of api.py, its options complete. Raises what the engines raise, and TXF-U10 where the sandbox was asked for and
     cannot."""
-    if options.engine == "wasm" or (options.engine == "auto" and (options.isolate or not kernels_compiled())):
+    if options.engine == "wasm" or (options.engine == "auto" and (options.isolate or _is_first_run())):
         from ..bitstream.stream import read_stream
         from .wasm import can_decode, decode_in_wasm, is_here
 
@@ -50,3 +51,8 @@ def kernels_compiled() -> bool:
         return all(any(cache_folder(PACKAGE / entry).glob(f"*/{Path(entry).stem}.*.{tag}*.nbi")) for entry in ENTRIES)
     except OSError:  # a cache that cannot be listed has nothing to give
         return False
+
+
+def _is_first_run():
+    """Whether kernels would be compiled; without the JIT, as tests and coverage run them, there is nothing to compile."""
+    return os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0") and not kernels_compiled()

@@ -151,7 +151,6 @@ struct Field {
   u64 num_keys = 0;
   u32 keys_crc = 0;
   std::vector<u64> keys;  // of the whole field
-  u64 samples = 0;
   int depth() const { return bit_length(resolution - 1); }  // D
 };
 

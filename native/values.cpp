@@ -698,7 +698,7 @@ class Raht {
     return state_->mixed.bit(state_->decoder, SIGN, numbers, std::min(models_, 4), 97 + c, 212 + e, 136 + c);
   }
 
-  int more_bit(const Block& block, Plane& p, const At& at, u32 i) {
+  int more_bit(const Plane& p, const At& at, u32 i) {
     u32 c = at.c, st = p.strength, g = std::min(at.large, 2u), L = level_class_, i3 = std::min(i, 3u), l3 = std::min(at.luma, 3u);
     if (models_ == 0) return state_->decoder.bit(state_->direct[i == 0 ? 4620 + (c * 7 + st) * 3 + g : 4683 + c * 14 + std::min(i - 1, 13u)]);
     u32 e = p.expected[c][at.n];
@@ -712,7 +712,6 @@ class Raht {
         unit_.planar ? ((c * 15 + i) * 3 + (at.n >> 1)) * 81 + at.alike : (c * 15 + i) * 16 + p.around,
         ((c * 15 + i) * 4 + L) * 3 + g,
     };
-    (void)block;
     return state_->mixed.bit(state_->decoder, MORE, numbers, models_, 52 + c * 15 + i, 191 + c * 7 + st, 91 + c * 15 + i);
   }
 
@@ -738,7 +737,7 @@ class Raht {
         int negative = sign_bit(block, p, at);
         i64 found = 1;
         u32 i = 0;
-        for (; i < 15 && more_bit(block, p, at, i); i++) found++;
+        for (; i < 15 && more_bit(p, at, i); i++) found++;
         if (i == 15) found += i64(state_->decoder.rest()) - 1;
         block.q[c][n] = negative ? -found : found;
         some = true;

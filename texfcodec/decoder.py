@@ -49,17 +49,11 @@ def decode_stream(data: bytes, options: DecodeOptions, report: Report, known: Kn
     """
     with report.stage("parse"):
         stream = read_stream(bytes(data), options.limits)
-    for unit in stream.skipped:
-        report.warnings.append(f"skipped an unknown ancillary unit of type {unit['type']} at byte {unit['offset']}")
-    header = stream.header
-    cube = CanonicalCube(tuple(header["origin"]), header["side"], header["position_bits"])
-    units = []
+    texf = appearance_of(stream, options, report)
+    cube, units = texf.cube, texf.units
     for number, values in enumerate(stream.geometry):
         with report.stage("geometry", (number, len(stream.geometry))):
             units.append(decode_unit(values, cube.position_bits))
-    texf = Texf(cube=cube, units=units, fields=[], materials=[material_of(m) for m in stream.materials],
-                metadata=_metadata(stream.metadata, report), groups=groups_of(header["channel_groups"]), threads=options.threads,
-                skipped=stream.skipped)
     if stream.sharp_edges:
         with report.stage("normals"):
             texf.sharp_edges = decode_sharp_edges(stream.sharp_edges, texf)
@@ -72,6 +66,16 @@ def decode_stream(data: bytes, options: DecodeOptions, report: Report, known: Kn
     else:
         _decode_planes(texf, stream, surfaces, options, report, known or (lambda values, group: None))
     return texf
+
+
+def appearance_of(stream: Stream, options: DecodeOptions, report: Report) -> Texf:
+    """The Texf of what a stream says itself: without units, fields, marks and normals. report: gets warnings."""
+    for unit in stream.skipped:
+        report.warnings.append(f"skipped an unknown ancillary unit of type {unit['type']} at byte {unit['offset']}")
+    header = stream.header
+    return Texf(cube=CanonicalCube(tuple(header["origin"]), header["side"], header["position_bits"]), units=[], fields=[],
+                materials=[material_of(m) for m in stream.materials], metadata=_metadata(stream.metadata, report),
+                groups=groups_of(header["channel_groups"]), threads=options.threads, skipped=stream.skipped)
 
 
 def decode_unit(values: dict, position_bits: int) -> GeometryUnit:
@@ -223,12 +227,16 @@ def _add_planes(field, group, values, support, options, plane=None):
         plane = _decode_plane(codec, values, support.coarser(shift), max(options.lod - shift, 0), options)
     else:
         check_values(zlib.crc32(plane), values, codec)
-    planes = group.split(plane)
+    add_planes(field, group, values, plane)
+
+
+def add_planes(field: Field, group: Group, values: dict, plane: np.ndarray) -> None:
+    """Adds to a Field, whose support is that of its level of detail, the planes of one attribute unit. plane: uint8 [n, C]."""
+    planes, step = group.split(plane), plane_codec_of_unit(values).step(values)
     field.planes |= planes
-    step = codec.step(values)
     if step is not None:
         field.steps |= dict.fromkeys(planes, step)
-    field.shifts |= dict.fromkeys(planes, max(min(shift, support.depth) - min(options.lod, support.depth), 0))
+    field.shifts |= dict.fromkeys(planes, max(values["level_shift"] - field.level_shift, 0))
 
 
 def _decode_plane(codec, values, support, levels, options):

@@ -28,7 +28,7 @@ def warm_up() -> None:
     from .io.save import as_glb
     from .metrics.surface_distance import surface_distance
     from .metrics.views import compare_views
-    from .options import EncodeOptions
+    from .options import DecodeOptions, EncodeOptions
     from .report import Report
 
     scene, made_of = small_scene(), {}
@@ -36,7 +36,7 @@ def warm_up() -> None:
         for settings in codec.small:
             made = encode_loaded(scene, EncodeOptions(codec=codec.name, **settings), Report())
             measure(scene, made)
-            texf = decode(made.data)
+            texf = decode(made.data, DecodeOptions(engine="numba"))
             compare_views(scene, texf, views=1, size=64, ssim=True)
             surface_distance(Mesh(scene.positions, scene.faces), Mesh(texf.positions, texf.faces), samples=100)
             made_of[texf.fields[0].over_texels] = texf

@@ -36,7 +36,6 @@ export class Decoder {
     this.busy = new Set();
     /** @type {(() => void)[]} */
     this.waiting = [];
-    this.disposed = false;
   }
 
   /** Fetches and compiles the module ahead of use. */

@@ -70,7 +70,7 @@ export class TEXFLoader extends Loader {
   }
 
   preload() {
-    this.decoder.preload();
+    this.decoder.preload().catch(() => {}); // the load that needs it says what is wrong
     return this;
   }
 
@@ -86,20 +86,13 @@ export class TEXFLoader extends Loader {
     loader.setResponseType('arraybuffer');
     loader.setRequestHeader(this.requestHeader);
     loader.setWithCredentials(this.withCredentials);
-    const failed = (/** @type {unknown} */ error) => {
-      if (onError) onError(error);
-      else console.error(error);
-      this.manager.itemError(url);
-    };
+    const failed = onError ?? ((/** @type {unknown} */ error) => console.error(error));
     loader.load(url, (data) => {
       this.manager.itemStart(url);
-      this.parse(/** @type {ArrayBuffer} */ (data), (group) => {
-        onLoad(group);
-        this.manager.itemEnd(url);
-      }, (error) => {
+      this.parseAsync(/** @type {ArrayBuffer} */ (data)).then(onLoad).catch((error) => {
         failed(error);
-        this.manager.itemEnd(url);
-      });
+        this.manager.itemError(url);
+      }).finally(() => this.manager.itemEnd(url));
     }, onProgress, failed);
   }
 
@@ -175,7 +168,7 @@ export function groupOf(asset) {
  * @param {import('./engine.js').Unit} unit */
 function geometryOf({positions, indices, normals, uvs}) {
   const count = positions.length / 3, next = new Int32Array(indices.length + count).fill(-1), seen = new Int32Array(count).fill(-1);
-  const index = new Uint32Array(indices.length), vertex = [], corner = [];
+  const index = new Uint32Array(indices.length), vertex = /** @type {number[]} */ ([]), corner = /** @type {number[]} */ ([]);
   for (let i = 0; i < indices.length; i++) {
     const v = indices[i];
     let found = seen[v];
@@ -253,9 +246,9 @@ class TextureCache {
   /** @template T @param {string} key @param {() => T} make @returns {T} */
   get(key, make) {
     if (!this.known.has(key)) {
-      const found = make();
+      const found = /** @type {any} */ (make());
       this.known.set(key, found);
-      this.made.push(...[found].flat().filter((/** @type {any} */ one) => one?.isTexture));
+      if (found?.isTexture) this.made.push(found);
     }
     return this.known.get(key);
   }

@@ -427,8 +427,10 @@ def test_missing_kernel_cache_is_noticed_without_numba(monkeypatch, tmp_path):
 
 def test_a_first_run_is_said_and_streams_of_any_kind_take_text(call, monkeypatch, tmp_path):
     monkeypatch.setattr("texfcodec.precompile.kernels_compiled", lambda: False)
-    code, _, said = call("texf-dec", REPOSITORY / "conformance/uncommon/one_voxel/in.texf", tmp_path / "a.ply")
+    stream = REPOSITORY / "conformance/uncommon/one_voxel/in.texf"
+    code, _, said = call("texf-dec", "--engine", "numba", stream, tmp_path / "a.ply")
     assert code == 0 and "compil" in said
+    assert "compil" not in call("texf-dec", "--isolate", stream, tmp_path / "b.ply")[2]
     with contextlib.redirect_stdout(io.StringIO()) as out, pytest.raises(SystemExit) as ended:
         info.main([str(REPOSITORY / "conformance/uncommon/one_voxel/in.texf")])
     assert ended.value.code == 0 and "437 bytes" in out.getvalue()

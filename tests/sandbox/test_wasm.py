@@ -1,6 +1,7 @@
 """The WebAssembly sandbox: the C++ decoder of native/ gives what our own gives on every vector, and stays within its caps."""
 
 import hashlib
+import json
 import threading
 import time
 from pathlib import Path
@@ -25,7 +26,7 @@ class SandboxDecoder:
     asks = False
 
     def __init__(self):
-        self.code, self.left_out = None, 0
+        self.code = None
 
     def __call__(self, stream, lod, queries=b""):
         from conformance.decode_texfcodec import arrays
@@ -53,8 +54,6 @@ def test_every_vector_that_it_decodes_gives_the_same_arrays(kind):
 
 
 def test_every_faulty_vector_is_refused_with_the_finding_of_our_own_decoder():
-    import json
-
     decoder, tried = SandboxDecoder(), 0
     for folder in runner.cases(["faulty/"]):
         case = json.loads((folder / "case.json").read_text(encoding="utf-8"))
@@ -103,18 +102,36 @@ def test_a_first_run_takes_the_sandbox_until_kernels_are_compiled(monkeypatch):
 
 
 @pytest.mark.parametrize("most", [1 << 12, 1 << 21])
-def test_memory_is_capped(most):
+def test_memory_is_capped_where_isolation_is_asked_for(most):
     with pytest.raises(LimitError, match="TXF-L07"):
-        decode(_stream("subset/texels_wide") if (VECTORS / "subset/texels_wide").exists() else _stream("uncommon/texels_wide"),
-               DecodeOptions(engine="wasm", limits=Limits(isolate_bytes=most)))
+        decode(_stream("uncommon/texels_wide"), DecodeOptions(isolate=True, limits=Limits(isolate_bytes=most)))
 
 
-def test_time_is_capped_and_an_interrupt_stops_the_work_at_once(monkeypatch):
-    sandbox = wasm.Sandbox(Limits())
-    monkeypatch.setattr(wasm.time, "monotonic", iter([0.0, 1e9, 2e9, 3e9]).__next__)
-    slow = _busy(sandbox)
+def test_caps_are_those_of_isolation_alone(monkeypatch):
+    capped = Limits(isolate_bytes=1 << 12, isolate_seconds=1)
+    monkeypatch.setattr(engines, "kernels_compiled", lambda: False)
+    for options in (DecodeOptions(engine="wasm", limits=capped), DecodeOptions(limits=capped)):
+        report = Report()
+        decode(_stream("subset/texels"), options, report)
+        assert "sandbox" in report.seconds
+
+
+def test_a_first_run_that_needs_more_memory_than_a_module_has_is_left_to_the_kernels(monkeypatch):
+    def full(*_):
+        raise LimitError("TXF-L07", "full")
+
+    monkeypatch.setattr(engines, "kernels_compiled", lambda: False)
+    monkeypatch.setattr(wasm.Sandbox, "decode", full)
+    report = Report()
+    assert decode(_stream("subset/texels"), DecodeOptions(), report).fields and "attributes" in report.seconds
+    assert len(report.warnings) == len(set(report.warnings))
+    with pytest.raises(LimitError, match="TXF-L07"):
+        decode(_stream("subset/texels"), DecodeOptions(engine="wasm"))
+
+
+def test_time_is_capped():
     with pytest.raises(LimitError, match="TXF-L08"):
-        slow()
+        _busy(wasm.Sandbox(Limits(isolate_seconds=1)))()
 
 
 def test_an_interrupt_stops_the_work_at_once(monkeypatch):

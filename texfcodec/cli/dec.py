@@ -54,6 +54,7 @@ def dec(console, source, out, overwrite, as_json, quiet, **choices):
     from ..api import decode
     from ..io.save import check_choices
     from ..precompile import DECODING, first_run
+    from ..sandbox.engines import takes_sandbox
     from .console import check_output
 
     if out == "-":
@@ -66,7 +67,7 @@ def dec(console, source, out, overwrite, as_json, quiet, **choices):
     check_output(out, [source])
     check_choices("stream.glb" if out == "-" else out, **look)
     data = read_stream_file(source, limits)
-    console.note_first_run(first_run(DECODING))
+    console.note_first_run(None if takes_sandbox(options) else first_run(DECODING))
     with console.progress() as report:
         texf = decode(data, options, report)
         with report.stage("save"):

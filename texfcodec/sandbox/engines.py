@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..codecs import codec_of
 from ..core.kernel import PACKAGE, cache_folder
-from ..errors import SupportError
+from ..errors import LimitError, SupportError
 from ..options import DEFAULT_CODEC
 
 if TYPE_CHECKING:
@@ -23,18 +23,10 @@ ENTRIES = ("field/voxelise.py", *codec_of(DEFAULT_CODEC).kernels)  # every usual
 def decode_by_engine(data: bytes, options: DecodeOptions, report: Report) -> Texf:
     """decode() of api.py, its options complete. Raises what the engines raise, and TXF-U10 where the sandbox was asked for and
     cannot."""
-    if options.engine == "wasm" or (options.engine == "auto" and (options.isolate or _is_first_run())):
-        from ..bitstream.stream import read_stream
-        from .wasm import can_decode, decode_in_wasm, is_here
-
-        if options.engine == "wasm" and not is_here():
-            raise SupportError("TXF-U10", "the sandbox needs wasmtime, which is not installed: pip install wasmtime")
-        with report.stage("parse"):
-            stream = read_stream(bytes(data), options.limits)
-        if can_decode(stream):
-            return decode_in_wasm(data, options, report, stream)
-        if options.engine == "wasm":
-            raise SupportError("TXF-U10", "the sandbox does not have the codec of this stream: leave --engine out")
+    if options.engine == "wasm" or takes_sandbox(options):
+        texf = _decode_in_sandbox(data, options, report)
+        if texf is not None:
+            return texf
     if options.isolate:
         from .isolate import decode_isolated
 
@@ -42,6 +34,35 @@ def decode_by_engine(data: bytes, options: DecodeOptions, report: Report) -> Tex
     from ..decoder import decode_stream
 
     return decode_stream(data, options, report)
+
+
+def takes_sandbox(options: DecodeOptions) -> bool:
+    """Whether a stream goes to the WebAssembly sandbox first: auto does with isolate, and as long as kernels are not compiled."""
+    from .wasm import is_here
+
+    return is_here() and (options.engine == "wasm" or (options.engine == "auto" and (options.isolate or _is_first_run())))
+
+
+def _decode_in_sandbox(data, options, report):
+    """The Texf; None where auto leaves the stream to another engine."""
+    from ..bitstream.stream import read_stream
+    from .wasm import can_decode, decode_in_wasm, is_here
+
+    asked = options.engine == "wasm"
+    if asked and not is_here():
+        raise SupportError("TXF-U10", "the sandbox needs wasmtime, which is not installed: pip install wasmtime")
+    with report.stage("parse"):
+        stream = read_stream(bytes(data), options.limits)
+    if not can_decode(stream):
+        if asked:
+            raise SupportError("TXF-U10", "the sandbox does not have the codec of this stream: leave --engine out")
+        return None
+    try:
+        return decode_in_wasm(bytes(data), stream, options, report)
+    except LimitError as error:
+        if asked or options.isolate or error.code != "TXF-L07":
+            raise
+        return None  # more than the 4 GiB that a module has at most, and nobody asked for a cap
 
 
 def kernels_compiled() -> bool:

@@ -17,21 +17,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..bitstream.appearance import groups_of, material_of
-from ..bitstream.stream import Stream, read_stream
 from ..bitstream.syntax import SUPPORT_TEXELS
-from ..codecs import plane_codec_of_unit
+from ..decoder import add_planes, appearance_of
 from ..errors import LimitError, StreamError, TexfError
 from ..field.texels import TexelSupport
 from ..field.voxels import VoxelSupport
-from ..geometry.canonical import CanonicalCube
 from ..geometry.geometry_unit import GeometryUnit
-from ..report import Report
-from ..texf import Field, Texf
+from ..texf import Field
+from .isolate import answer_is_sound
 
 if TYPE_CHECKING:
+    from ..bitstream.stream import Stream
     from ..limits import Limits
     from ..options import DecodeOptions
+    from ..report import Report
+    from ..texf import Texf
 
 MODULE = Path(__file__).with_name("texf.wasm")
 POSITIONS, UVS, FACES, KEYS, VALUES, SHARP_EDGES, CODED_NORMALS = 2, 3, 4, 6, 7, 8, 9  # texf_array_kind of native/texf.h
@@ -50,8 +50,8 @@ _FINDINGS = {
 
 
 def can_decode(stream: Stream) -> bool:
-    """Whether wasmtime is there, and the sandbox has the stream's codecs: no private ones, and none that answers points."""
-    return is_here() and stream.joint is None and all(values["codec_id"] in KNOWN for values in stream.attributes)
+    """Whether the sandbox has the stream's codecs: no private ones, and none that answers points."""
+    return stream.joint is None and all(values["codec_id"] in KNOWN for values in stream.attributes)
 
 
 def is_here() -> bool:
@@ -59,18 +59,14 @@ def is_here() -> bool:
     return importlib.util.find_spec("wasmtime") is not None
 
 
-def decode_in_wasm(data: bytes, options: DecodeOptions, report: Report, stream: Stream | None = None) -> Texf:
-    """As decode(), in a sandbox capped by limits.isolate_bytes and limits.isolate_seconds.
+def decode_in_wasm(data: bytes, stream: Stream, options: DecodeOptions, report: Report) -> Texf:
+    """As decode(), in a sandbox; with options.isolate it is capped by limits.isolate_bytes and limits.isolate_seconds.
 
-    data: bytes; stream: of these bytes, where it was read already. Raises what decode() raises, and TXF-S40, TXF-L07, TXF-L08.
+    data: bytes; stream: what read_stream() makes of them. Raises what decode() raises, and TXF-S40, TXF-L07, TXF-L08.
     """
-    if stream is None:
-        with report.stage("parse"):
-            stream = read_stream(data, options.limits)
-    for unit in stream.skipped:
-        report.warnings.append(f"skipped an unknown ancillary unit of type {unit['type']} at byte {unit['offset']}")
+    limits = options.limits if options.isolate else replace(options.limits, isolate_bytes=None, isolate_seconds=None)
     with report.stage("sandbox"):
-        sandbox = Sandbox(options.limits)
+        sandbox = Sandbox(limits)
         sandbox.decode(data, options.lod)
     with report.stage("check"):
         return _texf(stream, sandbox, options, report)
@@ -194,14 +190,7 @@ def _compiled():
 
 def _texf(stream, sandbox, options, report):
     """The Texf of what the sandbox answers, every index checked."""
-    from ..decoder import _metadata  # the decoder's own, which takes a stream that is not the sandbox's word
-    from .isolate import answer_is_sound
-
-    header = stream.header
-    cube = CanonicalCube(tuple(header["origin"]), header["side"], header["position_bits"])
-    texf = Texf(cube=cube, units=[], fields=[], materials=[material_of(m) for m in stream.materials],
-                metadata=_metadata(stream.metadata, report), groups=groups_of(header["channel_groups"]), threads=options.threads,
-                skipped=stream.skipped)
+    texf = appearance_of(stream, options, report)
     try:
         for i, values in enumerate(stream.geometry):
             textured = values["Support"] == SUPPORT_TEXELS
@@ -214,7 +203,9 @@ def _texf(stream, sandbox, options, report):
             keys = sandbox.array(KEYS, i, dtype="<i8").copy()
             texf.fields.append(Field(_support(values, keys, options.lod), {}))
         for values in stream.attributes:
-            _add_planes(texf.fields[values["field_index"]], texf.groups[values["group_index"]], values, sandbox, options.lod)
+            group = texf.groups[values["group_index"]]
+            plane = sandbox.array(VALUES, values["field_index"], values["group_index"]).reshape(-1, group.components).copy()
+            add_planes(texf.fields[values["field_index"]], group, values, plane)
         if stream.sharp_edges:
             texf.sharp_edges = sandbox.array(SHARP_EDGES).astype(bool)
         if stream.coded_normals:
@@ -237,13 +228,3 @@ def _support(values, keys, lod):
         return replace(whole, level_shift=min(lod, whole.depth))
     support = VoxelSupport(values["resolution"], keys)
     return replace(support, level_shift=min(lod, support.depth))
-
-
-def _add_planes(field, group, values, sandbox, lod):
-    shift, codec = values["level_shift"], plane_codec_of_unit(values)
-    planes = group.split(sandbox.array(VALUES, values["field_index"], values["group_index"]).reshape(-1, group.components).copy())
-    field.planes |= planes
-    step = codec.step(values)
-    if step is not None:
-        field.steps |= dict.fromkeys(planes, step)
-    field.shifts |= dict.fromkeys(planes, max(shift - field.support.level_shift, 0))

@@ -224,6 +224,7 @@ struct Asset {
   std::vector<i16> normals;  // 8.4.4, [groups, 3]
   std::vector<std::vector<std::vector<u8>>> values;  // by field and group
   std::vector<u8> level_shift;                       // by field and group, of `values`
+  std::vector<u8> latents, network;                  // of 3DNTC, in the resident form
   texf_limits limits = {};
 
   int levels_left_out(size_t field) const { return std::min(lod, fields[field].depth()); }
@@ -251,6 +252,7 @@ class Network {  // 11
   void answer(size_t field, const i64 position[3], i32* values);  // V of all components, 8 fractional bits
   static void centre(u64 key, int resolution, i64 position[3]);
   int outputs() const { return widths_.back(); }
+  std::vector<u8> packed_rows() const;  // two codes a byte, the first in the low bits
 
  private:
   i64 row_of(size_t level, size_t field, const i64 at[3]) const;

@@ -741,6 +741,22 @@ class Json {
   bool fresh_ = true;
 };
 
+void describe_network(const AttributeUnit& unit, Json& json) {
+  json.open('{').field("features", unit.num_features).field("octaves", unit.wave_octaves).field("first_wave", unit.first_wave);
+  json.key("widths").open('[');
+  for (int width : unit.widths) json.number(width);
+  json.close(']').key("levels").open('[');
+  u64 row = 0;
+  for (const LatentLevel& level : unit.levels) {
+    json.open('{').field("resolution", level.resolution).field("log2", level.table_log2).key("first_rows").open('[');
+    if (level.table_log2 > 0) json.number(double(row));  // one table for all fields
+    for (size_t i = 0, first = row; i < level.num_latents.size(); first += level.num_latents[i++]) json.number(double(first));
+    json.close(']').close('}');
+    row += level.num_rows;
+  }
+  json.close(']').close('}');
+}
+
 std::string description_of(const Asset& asset) {
   Json json;
   json.open('{').field("position_bits", asset.position_bits).field("side", asset.side).field("lod", asset.lod);
@@ -785,7 +801,9 @@ std::string description_of(const Asset& asset) {
     json.close(']').close('}');
   }
   json.close(']').field("sharp_edges", asset.has_marks).field("coded_normals", asset.has_normals);
-  json.field("neural", asset.attributes.size() == 1 && asset.attributes[0].codec == NEURAL).key("skipped").open('[');
+  json.field("neural", asset.attributes.size() == 1 && asset.attributes[0].codec == NEURAL);
+  if (!asset.latents.empty()) describe_network(asset.attributes[0], json.key("network"));
+  json.key("skipped").open('[');
   for (int type : asset.skipped) json.number(type);
   json.close(']').close('}');
   return json.text;
@@ -915,6 +933,12 @@ const void* find_array(texf_asset& asset, int kind, u32 i, u32 j, size_t* bytes)
       std::vector<u8>& image = asset.images[i * asset.groups.size() + j];
       if (image.empty()) image = image_of(asset, i, j);
       return array_of(image, bytes);
+    }
+    case TEXF_LATENTS: return array_of(asset.latents, bytes);
+    case TEXF_NETWORK: return array_of(asset.network, bytes);
+    case TEXF_LATENT_KEYS: {
+      if (asset.latents.empty() || j >= asset.attributes[0].levels.size() || i >= asset.attributes[0].levels[j].keys.size()) return nullptr;
+      return array_of(asset.attributes[0].levels[j].keys[i], bytes);
     }
     default: return nullptr;
   }

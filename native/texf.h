@@ -39,6 +39,9 @@ enum texf_array_kind {
   TEXF_SHARP_EDGES,   /* uint8 [edges]: marks of 8.4.2 */
   TEXF_CODED_NORMALS, /* int16 [groups, 3] of 8.4.4 */
   TEXF_IMAGE,         /* uint8 [rows, columns, components] of texel field i and group j: values, others filled from beside */
+  TEXF_LATENTS,       /* uint8 [rows * features / 2]: INT4 latents of 3DNTC in the resident form (11.8), whatever form was sent */
+  TEXF_NETWORK,       /* uint16 [parameters]: network_data of 3DNTC, binary16 */
+  TEXF_LATENT_KEYS,   /* uint64 [rows]: Morton keys of field i at level j of the latents, nothing where that is hashed */
 };
 
 /* The array, which the asset keeps until it is freed, and how many bytes it has; NULL and 0 where there is none. */

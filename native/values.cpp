@@ -1173,6 +1173,12 @@ i64 Network::row_of(size_t l, size_t field, const i64 at[3]) const {  // 11.3, -
   return found == keys.end() || *found != key ? -1 : i64(first_row_[l][field]) + (found - keys.begin());
 }
 
+std::vector<u8> Network::packed_rows() const {
+  std::vector<u8> packed(rows_.size() / 2);
+  for (size_t i = 0; i < packed.size(); i++) packed[i] = u8((rows_[2 * i] & 15) | (rows_[2 * i + 1] & 15) << 4);
+  return packed;
+}
+
 void Network::centre(u64 key, int resolution, i64 position[3]) {  // 11.2
   for (int axis = 0; axis < 3; axis++) position[axis] = i64(((2 * gathered_bits(key >> axis) + 1) << 23) / resolution);
 }
@@ -1232,6 +1238,8 @@ void decode_neural(Asset& asset) {
       require(level.keys.back().size() == level.num_latents[i], "num_latents does not match");
     }
   Network network(unit);
+  asset.latents = network.packed_rows();
+  asset.network.assign(unit.network.data, unit.network.data + unit.network.size);
   std::vector<i32> answer(network.outputs());
   u32 crc = 0;
   for (size_t i = 0; i < asset.fields.size(); i++) {

@@ -28,10 +28,9 @@ from texfcodec.io.load import load
 from texfcodec.options import EncodeOptions
 from texfcodec.render.camera import bounding_sphere, direction_of_angles, orthographic, perspective_around
 from texfcodec.render.environment import DAYLIGHT
+from texfcodec.render.material_effects import ShadingTable
 from texfcodec.render.shade import box_down, render_texf
-from texfcodec.viewer.container import parse
 from texfcodec.viewer.headless import run_jobs
-from texfcodec.viewer.pack import pack
 
 SIZE, AVERAGED = 512, 3  # pixels a side; samples a side that a pixel is the mean of
 VIEWS = (((20.0, 15.0), None), ((-130.0, 30.0), 40.0))  # azimuth and elevation, field of view
@@ -63,10 +62,9 @@ CASES = (
 
 
 def made(case, folder):
-    """(the decoded Texf, its container) of a case."""
+    """(the decoded Texf, its stream) of a case."""
     stream = encode_scene(load(folder / f"{case.asset}.glb"), EncodeOptions(**case.options)).data
-    texf = decode(stream)
-    return texf, pack(texf, f"{case.asset}.texf", len(stream))
+    return decode(stream), stream
 
 
 def cameras(texf):
@@ -80,7 +78,7 @@ def cameras(texf):
     return found
 
 
-def agreement(texf, container, lit, keep=None):
+def agreement(texf, stream, lit, keep=None):
     """PSNR in dB of the page's pictures against texf-render's by view, over the pixels that that covers in
     full; and what a frame takes.
     keep: function of (number of the view, the two side by side)."""
@@ -89,8 +87,8 @@ def agreement(texf, container, lit, keep=None):
     seen = cameras(texf)
     look = {"shaded": lit, "size": [SIZE, SIZE]}
     jobs = [{"kind": "picture", "camera": told, "anti_alias": AVERAGED, "background": WHITE, **look} for told, _ in seen]
-    timed = {"kind": "times", "camera": seen[0][0], "leave_out": used_effects(container) if lit else [], **look}
-    *pictures, times = run_jobs([container], [*jobs, timed], seconds=600)
+    timed = {"kind": "times", "camera": seen[0][0], "leave_out": used_effects(texf) if lit else [], **look}
+    *pictures, times = run_jobs([stream], [*jobs, timed], seconds=600)
     found = []
     for number, (png, (_, camera)) in enumerate(zip(pictures, seen, strict=True)):
         drawn = render_texf(texf, camera, threads=2, shaded=DAYLIGHT if lit else None)
@@ -105,12 +103,12 @@ def agreement(texf, container, lit, keep=None):
     return found, json.loads(times)
 
 
-def used_effects(container):
-    """Names of the effects of the materials in a container that light is part of."""
-    return [name for name in parse(container)[0]["effects"] if name not in ("lit", "ior")]
+def used_effects(texf):
+    """Names of the effects of the materials that light is part of."""
+    return sorted(frozenset().union(*ShadingTable(texf.materials).effects) - {"lit", "ior"})
 
 
-def network_error(texf, container):
+def network_error(texf, stream):
     """The most, in levels of 255, by which the page's network is off the integers at voxel centres; how many were asked."""
     from texfcodec.codecs.neural.infer import infer, voxel_positions
 
@@ -120,7 +118,7 @@ def network_error(texf, container):
     positions = voxel_positions(xyz, support.resolution)
     want = infer(positions, tables).astype(np.float64) / 256
     job = {"kind": "network", "positions": positions.reshape(-1).tolist()}
-    answers = run_jobs([container], [job | {"output": n} for n in range(-(-want.shape[1] // 4))], seconds=600)
+    answers = run_jobs([stream], [job | {"output": n} for n in range(-(-want.shape[1] // 4))], seconds=600)
     got = np.hstack([np.frombuffer(one, "<f4").reshape(-1, 4) for one in answers])[:, : want.shape[1]]
     return float(np.abs(got - want).max()), len(positions)
 
@@ -130,29 +128,28 @@ def shaders(folder):
     rows = []
     for path in sorted(folder.glob("*.glb")):
         stream = encode_scene(load(path), EncodeOptions(resolution=64, effort="fast", effects="all")).data
-        container = pack(decode(stream), path.stem, len(stream))
-        told = json.loads(run_jobs([container], [{"kind": "compile", "shaded": True}], seconds=300)[0])
+        told = json.loads(run_jobs([stream], [{"kind": "compile", "shaded": True}], seconds=300)[0])
         rows += [(path.stem, one["kind"], " ".join(one["effects"]) or "unlit", one["milliseconds"]) for one in told]
         print(path.stem, len(told), flush=True, file=sys.stderr)
     return rows
 
 
 def _report(args):
-    lines, missed = ["| asset | what | PSNR, dB | frame, ms | container, bytes |", "|---|---|---|---:|---:|"], False
+    lines, missed = ["| asset | what | PSNR, dB | frame, ms | stream, bytes |", "|---|---|---|---:|---:|"], False
     for number, case in enumerate(CASES):
         if args.only and case.told not in args.only and case.asset not in args.only:
             continue
-        texf, container = made(case, args.assets)
+        texf, stream = made(case, args.assets)
         keep = _keeper(args.pictures, number, case) if args.pictures else None
         begin = time.monotonic()
-        psnr, times = agreement(texf, container, case.lit, keep)
+        psnr, times = agreement(texf, stream, case.lit, keep)
         without = "".join(f"; {name} {ms:.0f}" for name, ms in times["without"].items())
         lines.append(f"| {case.asset} | {case.told} | {' / '.join(f'{p:.1f}' for p in psnr)} | {times['frame']:.0f}{without} "
-                     f"| {len(container):,} |")
+                     f"| {len(stream):,} |")
         print(lines[-1], f"{time.monotonic() - begin:.0f} s", flush=True, file=sys.stderr)
         missed |= min(psnr) < TARGET
         if texf.evaluators:
-            error, count = network_error(texf, container)
+            error, count = network_error(texf, stream)
             lines.append(f"| {case.asset} | network at {count:,} voxel centres: at most {error:.3f} of 255 off | | | |")
             missed |= error > TOLERANCE
     return lines, missed

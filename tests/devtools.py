@@ -101,7 +101,8 @@ class Page:
     def open(self, address, seconds=60):
         """Goes to an address and waits until the viewer's picture stands in full."""
         self.call("Page.navigate", url=address)
-        ready = "document.getElementById('view')?.viewer || document.getElementById('message')"
+        canvas = "#view:not([aria-busy])"
+        ready = f"document.querySelector('{canvas}')?.viewer || document.querySelector('{canvas} ~ #message')"
         self.until(f"location.href !== 'about:blank' && Boolean({ready})", seconds)
         self.settle()
 

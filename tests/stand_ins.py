@@ -37,12 +37,12 @@ time.sleep(60)
 """
 PNG = b"\x89PNG\r\n\x1a\n"
 MAIN = """import { double } from './double.js';
-import { inlinedAbout, inlinedContainer, isExported } from './inlined.js';
+import { inlined, inlinedText, isExported } from './inlined.js';
 
 async function start() {
   if (isExported()) {
-    const data = new Uint8Array(await inlinedContainer(0));
-    document.title = `${inlinedAbout().assets} ${data.length} ${data.reduce((sum, v) => sum + v, 0)} </script>`;
+    const data = new Uint8Array(await inlined('asset-0')), { names } = JSON.parse(inlinedText('about'));
+    document.title = `${names.length} ${data.length} ${data.reduce((sum, v) => sum + v, 0)} </script>`;
     return;
   }
   const answer = await fetch('job');

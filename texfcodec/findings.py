@@ -116,6 +116,8 @@ FINDINGS = (
             "decode with a newer version"),
     Finding("TXF-U10", SupportError, (), "--engine wasm cannot decode this stream, or wasmtime is not installed",
             "leave --engine out, or install wasmtime"),
+    Finding("TXF-U11", SupportError, (), "texf-view has no codec of a plug-in: its page decodes the codecs of the specification",
+            "bring the stream to a GLB with texf-dec, and show that"),
     # Over a limit; every limit is a flag of the tools and a field of Limits.
     Finding("TXF-L01", LimitError, ("10",), "the stream is larger than the limit",
             "raise --max-file-bytes if you trust the file"),

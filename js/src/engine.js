@@ -27,6 +27,8 @@
  * @property {Uint32Array} indices [faces, 3]
  * @property {Float32Array} normals [faces, 3 corners, 3]: shading normals
  * @property {Float32Array|null} uvs [vertices, 2] in images, v downwards; null over voxels
+ * @property {Uint32Array} lattice [vertices, 3] positions as the stream has them, of `positionBits` bits
+ * @property {Int32Array|null} texelSteps [vertices, 2] uvs as the stream has them, in texels times 2^`fractionBits` of the field
  *
  * @typedef {object} Field
  * @property {boolean} planar whether its values are on texels of an image, else on voxels
@@ -34,6 +36,7 @@
  * @property {number} width
  * @property {number} height
  * @property {('repeat'|'clamp'|'mirror')[]} wrap
+ * @property {number} fractionBits of texelSteps
  * @property {number} levelsLeftOut
  * @property {BigUint64Array} keys Morton keys
  * @property {Object<string, Plane>} planes by channel
@@ -45,6 +48,17 @@
  * @property {number} levelShift how many levels coarser the cells are than the field's
  * @property {{width: number, height: number, data: Uint8Array}|null} image over texels, [height, width, components]
  *
+ * @typedef {object} Neural What a shader needs to answer as a 3DNTC stream does, clause 11 of the specification.
+ * @property {number} features of a row of latents
+ * @property {number} octaves
+ * @property {number} firstWave
+ * @property {number[]} widths of the network's layers
+ * @property {{resolution: number, log2: number, firstRows: number[], keys: BigUint64Array[]}[]} levels of latents; log2: of the rows of
+ *   one table that all fields share, 0 where every field has a row for each of its keys
+ * @property {Uint8Array} codes 4 bits a latent, two a byte, row after row
+ * @property {Uint16Array} network binary16, weights and biases layer after layer
+ * @property {Object<string, number[]>} outputs of the network by channel
+ *
  * @typedef {object} Asset
  * @property {number[]} origin of the canonical cube
  * @property {number} side
@@ -52,6 +66,7 @@
  * @property {Material[]} materials
  * @property {Unit[]} units
  * @property {Field[]} fields
+ * @property {Neural|null} neural of a 3DNTC stream
  * @property {object|null} metadata
  * @property {number[]} skipped types of units that were passed over
  */
@@ -82,7 +97,7 @@ const PARAMETERS = ['normal_scale', 'occlusion_strength', 'roughness', 'metallic
 const LIMITS = ['fileBytes', 'vertices', 'faces', 'voxels', 'texels', 'samples', 'latents', 'metadataBytes'];
 const CODES = {3: 'invalid', 4: 'internal', 5: 'unsupported', 6: 'limit'};
 const KIND = {description: 0, metadata: 1, positions: 2, uvs: 3, faces: 4, normals: 5, keys: 6, values: 7, sharpEdges: 8,
-  codedNormals: 9, image: 10};
+  codedNormals: 9, image: 10, latents: 11, network: 12, latentKeys: 13};
 
 /** The arrays of a stream as the module gives them, for a single decode. */
 export class Engine {
@@ -162,22 +177,14 @@ export function decodeWith(module, bytes, level = 0, limits = {}) {
   const engine = new Engine(module);
   engine.decode(bytes, level, limits);
   const said = JSON.parse(new TextDecoder().decode(engine.array('description')));
-  const scale = said.side / (2 ** said.position_bits - 1);
-  const planar = (/** @type {any} */ unit) => said.fields.length > 0 && said.fields[unit.field].planar;
   return {
     origin: said.origin,
     side: said.side,
     positionBits: said.position_bits,
     materials: said.materials.map(materialOf),
-    units: said.units.map((/** @type {any} */ unit, /** @type {number} */ i) => ({
-      field: unit.field,
-      material: unit.material,
-      positions: Float32Array.from(new Uint32Array(engine.array('positions', i)), (p) => p * scale),
-      indices: new Uint32Array(engine.array('faces', i)),
-      normals: new Float32Array(engine.array('normals', i)),
-      uvs: planar(unit) ? uvsOf(new Int32Array(engine.array('uvs', i)), said.fields[unit.field]) : null,
-    })),
+    units: said.units.map((/** @type {any} */ unit, /** @type {number} */ i) => unitOf(engine, said, unit, i)),
     fields: said.fields.map((/** @type {any} */ field, /** @type {number} */ i) => fieldOf(engine, said, field, i)),
+    neural: neuralOf(engine, said),
     metadata: metadataOf(engine),
     skipped: said.skipped,
   };
@@ -194,6 +201,23 @@ function materialOf(material) {
     unlit: (material.flags & 2) > 0,
     parameters: Object.fromEntries(parameters),
     channels: CHANNELS.filter((_, bit) => material.channels >> bit & 1),
+  };
+}
+
+/** @param {Engine} engine @param {any} said @param {any} unit @param {number} i @returns {Unit} */
+function unitOf(engine, said, unit, i) {
+  const scale = said.side / (2 ** said.position_bits - 1), field = said.fields[unit.field];
+  const lattice = new Uint32Array(engine.array('positions', i));
+  const texelSteps = field?.planar ? new Int32Array(engine.array('uvs', i)) : null;
+  return {
+    field: unit.field,
+    material: unit.material,
+    positions: Float32Array.from(lattice, (p) => p * scale),
+    indices: new Uint32Array(engine.array('faces', i)),
+    normals: new Float32Array(engine.array('normals', i)),
+    uvs: texelSteps && uvsOf(texelSteps, field),
+    lattice,
+    texelSteps,
   };
 }
 
@@ -222,8 +246,32 @@ function fieldOf(engine, said, field, i) {
   });
   const wraps = /** @type {const} */ (['repeat', 'clamp', 'mirror']);
   return {planar: field.planar === 1, resolution: field.resolution, width: field.width, height: field.height,
-    wrap: [wraps[field.wrap_s], wraps[field.wrap_t]], levelsLeftOut: field.levels_left_out,
+    wrap: [wraps[field.wrap_s], wraps[field.wrap_t]], fractionBits: field.fraction_bits, levelsLeftOut: field.levels_left_out,
     keys: new BigUint64Array(engine.array('keys', i)), planes};
+}
+
+/** @param {Engine} engine @param {any} said @returns {Neural|null} */
+function neuralOf(engine, {network: told, groups, fields}) {
+  if (!told) return null;
+  /** @type {Object<string, number[]>} */
+  const outputs = {};
+  let output = 0;
+  for (const {semantics, components} of groups) {
+    let offset = 0;
+    for (const semantic of semantics) {
+      const count = CHANNEL_COMPONENTS[semantic];
+      outputs[CHANNELS[semantic]] = Array.from({length: count}, (_, c) => output + Math.min(offset + c, components - 1)); // grey: one for all
+      offset += count;
+    }
+    output += components;
+  }
+  const levels = told.levels.map((/** @type {any} */ level, /** @type {number} */ n) => ({
+    resolution: level.resolution, log2: level.log2,
+    firstRows: fields.map((/** @type {any} */ _, /** @type {number} */ i) => level.first_rows[level.log2 > 0 ? 0 : i]),
+    keys: level.log2 > 0 ? [] : fields.map((/** @type {any} */ _, /** @type {number} */ i) => new BigUint64Array(engine.array('latentKeys', i, n))),
+  }));
+  return {features: told.features, octaves: told.octaves, firstWave: told.first_wave, widths: told.widths, levels, outputs,
+    codes: new Uint8Array(engine.array('latents')), network: new Uint16Array(engine.array('network'))};
 }
 
 /** @param {Engine} engine */

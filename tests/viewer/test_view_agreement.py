@@ -11,9 +11,7 @@ from shapes import painted_sphere
 
 from proof.view_check import TOLERANCE, network_error
 from texfcodec.api import decode
-from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import SupportError
-from texfcodec.options import EncodeOptions
 from texfcodec.render.camera import bounding_sphere, direction_of_angles, perspective_around
 from texfcodec.render.environment import DAYLIGHT
 from texfcodec.render.shade import box_down, render_scene, render_texf
@@ -43,7 +41,7 @@ def streams_of(names):
 
 
 def page_pictures(assets, **more):
-    """uint8 [SIZE, SIZE, 3] of the page for each of the assets, packed."""
+    """uint8 [SIZE, SIZE, 3] of the page for each of the assets, streams or packed meshes."""
     jobs = [{"kind": "picture", "asset": n, "size": [SIZE, SIZE], "anti_alias": AVERAGED, "shaded": True, "background": WHITE,
              "camera": {"direction": DIRECTION, "perspective": FOV}, **more} for n in range(len(assets))]
     return [np.asarray(Image.open(io.BytesIO(png)).convert("RGB")) for png in run_jobs(assets, jobs, seconds=300)]
@@ -62,9 +60,9 @@ def difference(asset, picture, render=render_texf):
 
 def worst_of(names):
     """{name: PSNR} of vectors below LEAST."""
-    texfs = {name: decode(data) for name, data in streams_of(names).items()}
-    pictures = page_pictures([pack(texf, name, 0) for name, texf in texfs.items()])
-    found = {name: difference(texf, picture) for (name, texf), picture in zip(texfs.items(), pictures, strict=True)}
+    streams = streams_of(names)
+    pictures = page_pictures(list(streams.values()))
+    found = {name: difference(decode(data), picture) for (name, data), picture in zip(streams.items(), pictures, strict=True)}
     return {name: psnr for name, psnr in found.items() if psnr < LEAST}
 
 
@@ -89,16 +87,17 @@ def test_page_and_texf_render_agree_on_all_other_vectors(names):
 @needs_browser
 def test_a_picture_without_light_or_of_another_effect_is_seen_by_the_measure():
     """The measure can fail: a picture of other light is far below the bound."""
-    texf = decode(streams_of(["maps_voxels"])["maps_voxels"])
-    (unlit,) = page_pictures([pack(texf, "x", 0)], shaded=False)
-    assert difference(texf, unlit) < LEAST - 10
+    (data,) = streams_of(["maps_voxels"]).values()
+    (unlit,) = page_pictures([data], shaded=False)
+    assert difference(decode(data), unlit) < LEAST - 10
 
 
 @needs_browser
 @pytest.mark.parametrize("name", ["neural_resident", "neural_hash"])
 def test_networks_in_the_shader_are_within_half_a_level_of_the_integers(name):
-    texf = decode(streams_of([name])[name])
-    error, count = network_error(texf, pack(texf, name, 0))
+    (data,) = streams_of([name]).values()
+    texf = decode(data)
+    error, count = network_error(texf, data)
     assert count == len(texf.fields[0].support)
     assert error < TOLERANCE / 5
 
@@ -112,26 +111,6 @@ def test_meshes_are_drawn_with_their_own_textures():
 
 @needs_browser
 def test_an_image_over_the_devices_limits_is_refused_with_a_sentence():
-    texf = decode(streams_of(["texels_wide"])["texels_wide"])
     with pytest.raises(SupportError) as raised:  # software GL takes 8192
-        page_pictures([pack(texf, "wide", 0)])
+        page_pictures(list(streams_of(["texels_wide"]).values()))
     assert raised.value.code == "TXF-C11" and "16384 x 1" in str(raised.value) and "at most" in str(raised.value)
-
-
-def test_the_container_holds_no_level_that_a_network_answers():
-    texf = decode(streams_of(["neural_resident"])["neural_resident"])
-    from texfcodec.viewer.container import parse
-
-    (field,) = parse(pack(texf, "x", 0))[0]["fields"]
-    assert field["kind"] == "latents" and field["first"] == 1 and all(plane["level"] == 1 for plane in field["planes"])
-
-
-def test_an_unlit_stream_sends_neither_normals_nor_tables():
-    from texfcodec.viewer.container import parse
-
-    scene = painted_sphere()
-    for material in scene.materials:
-        material.unlit = True
-    texf = decode(encode_scene(scene, EncodeOptions(resolution=16, qp=20, effort="fast")).data)
-    header = parse(pack(texf, "x", 0))[0]
-    assert header["light"] is None and "normal" not in header["mesh"]["attributes"]

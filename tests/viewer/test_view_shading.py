@@ -14,10 +14,11 @@ from texfcodec.render.material import expose, shade
 from texfcodec.render.material_effects import LARGEST, TERMS, ShadingTable
 from texfcodec.render.surface import UNBOUNDED, Points
 from texfcodec.render.tangent_frames import deviated_normals, tangent_space_normals, towards_viewer
-from texfcodec.scene.channels import BY_NAME, MAPS, PARAMETERS
+from texfcodec.scene.channels import BY_NAME, MAPS, PARAMETER_BY_NAME, PARAMETERS
 from texfcodec.scene.effects import BY_NAME as EFFECT_BY_NAME
 from texfcodec.scene.effects import EFFECT_OF, EFFECTS
 from texfcodec.scene.factors import FLAT, linear_values
+from texfcodec.scene.scene import Material
 from texfcodec.viewer.light import light_tables, material_look
 
 COUNT = 600  # points of a material
@@ -322,3 +323,41 @@ def test_tables_are_those_that_the_renderer_looks_up():
     assert np.allclose(light["prefiltered"][-1, 0], DAYLIGHT.prefiltered(up, np.zeros(1, np.float32))[:, 0])
     assert [one["radius"] for one in light["lights"]] == [one.radius for one in DAYLIGHT.lights]
     assert np.allclose([one["irradiance"] for one in light["lights"]], [one.irradiance for one in DAYLIGHT.lights])
+
+
+# Materials as the page makes them of a stream
+
+
+@needs_browser
+def test_the_page_makes_of_a_streams_materials_what_the_package_makes(tmp_path):
+    rng = np.random.default_rng(5)
+    materials = [_any_material(rng, number) for number in range(200)]
+    told = [{"name": m.name, "alphaMode": ("OPAQUE", "MASK", "BLEND")[m.alpha_mode], "alphaCutoff": m.alpha_cutoff,
+             "doubleSided": m.double_sided, "unlit": m.unlit, "channels": sorted(m.maps),
+             "parameters": {name: ["inf" if v == np.inf else v for v in value] for name, value in m.parameters.items()}}
+            for m in materials]
+    found = run_module(tmp_path, """import { ALL_TERMS, lookOfMaterial } from './materials.js';
+export function main(materials) {
+  const numbers = materials.flatMap((m) => Object.values(m.parameters));
+  for (const values of numbers) values.forEach((x, i) => { if (x === 'inf') values[i] = Infinity; });
+  return { looks: materials.map(lookOfMaterial), all: ALL_TERMS };
+}""", told)
+    table = ShadingTable(materials)
+    for number, look in enumerate(found["looks"]):
+        want = material_look(table, number)
+        assert (look["effects"], look["maps"]) == (want["effects"], want["maps"]), told[number]
+        assert look["parameters"].keys() == want["parameters"].keys()
+        for name, value in want["parameters"].items():
+            assert look["parameters"][name] == pytest.approx(value, rel=1e-6, abs=1e-6), name
+    assert found["all"]["effects"] == [effect.name for effect in EFFECTS]
+    largest = float(np.finfo(np.float32).max)
+    assert found["all"]["parameters"] == {p.name: [min(v, largest) for v in p.default] for p in PARAMETERS} | {"metallic": [0.0]}
+
+
+def _any_material(rng, number):
+    """A material with some of all parameters, zeros, defaults and values out of range among them, and some maps."""
+    values = {p.name: [(0.0, 1.0, float(np.float32(rng.normal(scale=3))), 1e6)[rng.integers(4)] for _ in p.default]
+              for p in PARAMETERS if rng.random() < 0.4}
+    values = {name: tuple(value) for name, value in values.items() if tuple(value) != PARAMETER_BY_NAME[name].default}
+    return Material(f"m{number}", alpha_mode=int(rng.integers(3)), double_sided=bool(rng.random() < 0.5),
+                    unlit=bool(rng.random() < 0.1), parameters=values, maps={c.name: -1 for c in MAPS if rng.random() < 0.4})

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..bitstream.file import read_stream_file
-from ..errors import InputError
+from ..errors import InputError, SupportError
 from ..limits import Limits
 from ..report import plural
 
@@ -87,6 +87,22 @@ def load_asset(path: str, options: DecodeOptions, inputs: list[str], report: Rep
     report.warnings += asset.warnings
     report.dropped += asset.dropped
     return asset, sum(asset.files.values())
+
+
+def checked_stream(data: bytes, limits: Limits) -> list[str]:
+    """Warnings about a stream whose values the page of texf-view is to decode, once what stands around them is found to be sound.
+    Raises what decode() raises of clauses 4 and 5, and TXF-U11."""
+    from ..bitstream.stream import read_stream
+    from ..codecs.base import PRIVATE_IDS
+    from ..decoder import appearance_of
+    from ..options import DecodeOptions
+    from ..report import Report
+
+    report, stream = Report(), read_stream(data, limits)
+    appearance_of(stream, DecodeOptions(limits=limits), report)
+    if any(values["codec_id"] in PRIVATE_IDS for values in stream.attributes):
+        raise SupportError("TXF-U11", "the page has no codec of a plug-in; bring the stream to a GLB with texf-dec")
+    return report.warnings
 
 
 def say_losses(console: Console, report: Report) -> None:

@@ -4,17 +4,16 @@ import math
 import threading
 import webbrowser
 from pathlib import Path
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import click
 
 from .. import __version__
 from ..errors import SupportError
-from ..options import DecodeOptions
 from . import interrupts
 from .console import STYLE, check_output, run, seconds_of, timing_line, write_output
-from .flags import direction_of, file_names, limit_flags, limits_of, number, option_flags, size_of
-from .inputs import check_stdin_once, load_asset, say_losses
+from .flags import direction_of, file_names, limit_flags, limits_of, number, size_of
+from .inputs import check_stdin_once, checked_stream, files_of, open_asset, say_losses
 
 MODES = ("single", "split", "difference", "side")
 EFFECTS = ("scene", "all")
@@ -66,18 +65,16 @@ def _camera_of(context, parameter, value):
 @click.option("--port", metavar="N", default=0,
               **number(0, 65535, "Where the page is served; 0: any that is free.  [default: 0]"))
 @click.option("--no-browser", is_flag=True, help="Print the address of the page, and open no browser.")
-@option_flags(DecodeOptions, "isolate")
 @limit_flags("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "latents", "metadata_bytes", "isolate_bytes",
              "isolate_seconds", "image_pixels")
-@option_flags(DecodeOptions, "threads")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
 @click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors, and the address of the page.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
 def view(console, source, other, export, screenshot, as_json, quiet, **choices):
     """Show a stream or mesh, or two of them to compare, in a browser, with WebGL2 and without baking. The page is served to this
-    machine alone, at the address that is printed, until Ctrl-C; more files can be dropped on it, which are read as with
-    --isolate.
+    machine alone, at the address that is printed, until Ctrl-C; more files can be dropped on it. Streams are decoded by the page,
+    in a sandbox of the browser; meshes are read by a process with capped memory and time.
 
     FILE or OTHER may be "-": a stream or a GLB on stdin. With --export or --screenshot ("-": stdout, with the report on stderr)
     nothing is served.
@@ -85,29 +82,26 @@ def view(console, source, other, export, screenshot, as_json, quiet, **choices):
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 over a limit, 130
     interrupted.
     """
-    from ..precompile import DECODING, first_run
-
     check_stdin_once(source, other)
     inputs = [name for name in (source, other) if name is not None]
     _check(console, other, export, screenshot, choices, inputs)
     start = _start(choices, other)
-    options = DecodeOptions(threads=choices["threads"] or 0, isolate=choices["isolate"], limits=limits_of(choices))
-    console.note_first_run(first_run(DECODING))
+    limits = limits_of(choices)
     with console.progress() as report:
-        containers = _containers(options, inputs, report)
+        shown = _shown(limits, inputs, report)
         drawn = {"size": list(choices["size"]), "anti_alias": choices["anti_alias"]}
-        outputs = _outputs(containers, export, screenshot, start, drawn, report)
+        outputs = _outputs(shown, limits, export, screenshot, start, drawn, report)
         for path, data in outputs.items():
             check_output(path, inputs)
             with report.stage("save"):
                 write_output(path, data, inputs)
     say_losses(console, report)
-    facts = _facts(containers, report)
+    facts = _facts(shown, report)
     if outputs:
         facts |= {"files": [Path(path).name for path in outputs if path != "-"]}
         console.result(facts, _lines(facts, outputs))
     else:
-        _serve(console, containers, start, choices, options, facts)
+        _serve(console, shown, start, choices, limits, facts)
 
 
 def _check(console, other, export, screenshot, choices, inputs):
@@ -140,46 +134,66 @@ def _start(choices, other):
     return {"camera": camera if "link" in camera else {**camera, "perspective": fov}, **look}
 
 
-def _containers(options, inputs, report):
-    """[(name, bytes of the file, container)] of the inputs, in their order; adds the other files that were read to inputs."""
+class Shown(NamedTuple):
+    """An asset that the page shows. size: bytes of its files; data: a stream, or the container of a mesh."""
+
+    name: str
+    size: int
+    data: bytes
+
+
+def _shown(limits, inputs, report):
+    """The inputs, in their order; adds the other files that were read to inputs."""
     from ..viewer.pack import pack
 
     out = []
     for path in list(inputs):
-        asset, size = load_asset(path, options, inputs, report)
+        name = Path(path).name
+        with report.stage("load"):
+            asset = open_asset(path, path.lower().endswith(".texf"), limits)
+        inputs += files_of(path, None if isinstance(asset, bytes) else asset)
+        if isinstance(asset, bytes):
+            with report.stage("check"):
+                report.warnings += checked_stream(asset, limits)
+            out.append(Shown(name, len(asset), asset))
+            continue
+        report.warnings += asset.warnings
+        report.dropped += asset.dropped
+        size = sum(asset.files.values())
         with report.stage("pack"):
-            out.append((Path(path).name, size, pack(asset, Path(path).name, size)))
+            out.append(Shown(name, size, pack(asset, name, size)))
     return out
 
 
-def _outputs(containers, export, screenshot, start, drawn, report):
+def _outputs(shown, limits, export, screenshot, start, drawn, report):
     """{path: bytes} of what is to be written. drawn: "size" and "anti_alias" of the screenshot."""
-    data, outputs = [container for _, _, container in containers], {}
+    data, names, outputs = [one.data for one in shown], [one.name for one in shown], {}
     if export is not None:
         from ..viewer.page import export_page
 
         with report.stage("export"):
-            outputs[export] = export_page(data, " and ".join(name for name, _, _ in containers), start, __version__)
+            outputs[export] = export_page(data, " and ".join(names), start, __version__, names=names, limits=limits)
     if screenshot is not None:
         from ..render.backdrop import GREY
         from ..viewer.headless import run_jobs
 
         with report.stage("browser"):
-            (picture,) = run_jobs(data, [{"kind": "picture", "captions": True, "background": GREY, **drawn, **start}])
+            (picture,) = run_jobs(data, [{"kind": "picture", "captions": True, "background": GREY, **drawn, **start}],
+                                  names=names, limits=limits)
         if not picture.startswith(PNG):
             raise SupportError("TXF-C11", "the page in the browser has drawn no picture")
         outputs[screenshot] = picture
     return outputs
 
 
-def _serve(console, containers, start, choices, options, facts):
+def _serve(console, shown, start, choices, limits, facts):
     """Serves the page until Ctrl-C, which is how it is meant to end: with 0."""
     from ..viewer.dropped import container_of_dropped
     from ..viewer.server import ViewServer
 
-    drop = lambda data, name: container_of_dropped(data, name, options)
-    with ViewServer([container for _, _, container in containers], drop=drop, start=start,
-                    version=__version__, port=choices["port"], most=options.limits.file_bytes) as server:
+    drop = lambda data, name: container_of_dropped(data, name, limits)
+    with ViewServer([one.data for one in shown], drop=drop, names=[one.name for one in shown], start=start, version=__version__,
+                    port=choices["port"], limits=limits) as server:
         interrupts.Talk.quiet, interrupts.Talk.closes = console.quiet or console.as_json, True
         if console.quiet and not console.as_json:
             click.echo(server.address)
@@ -206,10 +220,10 @@ def _open(address):
         return False
 
 
-def _facts(containers, report):
+def _facts(shown, report):
     from ..report import peak_memory_bytes
 
-    assets = [{"name": name, "bytes": size, "container_bytes": len(container)} for name, size, container in containers]
+    assets = [{"name": one.name, "bytes": one.size} for one in shown]
     return {"assets": assets, "seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(),
             "warnings": report.warnings, "dropped": report.dropped}
 

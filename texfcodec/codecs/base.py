@@ -235,11 +235,6 @@ class JointCodec(Codec):
     def unpack(self, facts: dict, arrays: dict, groups: tuple[Group, ...], fields: int) -> list[Evaluator]:
         """Mirror of pack(); nothing in its arguments is trusted. Raises TexfError, ValueError, KeyError, TypeError."""
 
-    def resident(self, evaluators: list) -> tuple[dict, dict, list] | None:
-        """What a shader needs to answer as the evaluators do: (JSON-ready facts, arrays, and by field the Morton keys int64
-        [N] of every table that the geometry gives, None for others). None where this codec has no such form."""
-        return None
-
     @abstractmethod
     def result_lines(self, facts: dict) -> Iterator[str]:
         """Lines of texf-enc on what was made. facts: what --json prints."""

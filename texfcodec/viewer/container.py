@@ -1,4 +1,4 @@
-"""Typed arrays and a JSON header as one run of bytes, which the page unpacks without copying (web/data.js).
+"""Typed arrays and a JSON header as one run of bytes, which the page unpacks (web/data.js).
 
 Magic "TXVW", the header's length as uint32, the header, zeros up to a multiple of 4, the arrays. Everything is little-endian.
 """
@@ -14,7 +14,7 @@ import numpy as np
 from ..core.json_text import json_text
 
 MAGIC = b"TXVW"
-TYPES = {"uint8": "u8", "uint16": "u16", "uint32": "u32", "int16": "i16", "float32": "f32"}
+TYPES = {"uint8": "u8", "uint16": "u16", "uint32": "u32", "int16": "i16", "float16": "f16", "float32": "f32"}
 
 
 class Blobs:
@@ -26,15 +26,21 @@ class Blobs:
 
     def add(self, array: np.ndarray, differences: bool = False) -> dict[str, Any]:
         """A reference {"at", "type", "shape", "differences"} to a copy of an array of one of TYPES. differences: store an
-        unsigned array's differences from row to row, folded so that small ones of either sign have small numbers, byte by
-        byte: it is shorter once it is deflated."""
+        unsigned array's differences from row to row, or those of the patterns of binary16, folded so that small ones of either
+        sign have small numbers, byte by byte: it is shorter once it is deflated."""
         array = np.ascontiguousarray(array)
-        data = _differences(array) if differences else array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes()
+        patterns = array.view(np.uint16) if array.dtype == np.float16 else array
+        data = _differences(patterns) if differences else patterns.astype(patterns.dtype.newbyteorder("<"), copy=False).tobytes()
         told = {"at": self._at, "type": TYPES[array.dtype.name], "shape": list(array.shape), "differences": differences}
         padded = data + bytes(-len(data) % 4)
         self._parts.append(padded)
         self._at += len(padded)
         return told
+
+    @property
+    def size(self) -> int:
+        """Bytes of all arrays."""
+        return self._at
 
     def joined(self, header: dict[str, Any]) -> bytes:
         """The container."""

@@ -1,6 +1,5 @@
-"""What somebody drops on the page: a stream or a mesh in any format that is read, from wherever it came. Both are read in a
-child process with capped memory and time, a stream by isolate.py, whose answer is checked again, a mesh here, whose answer only
-the page reads."""
+"""A mesh that somebody drops on the page, in any format that is read, from wherever it came: read in a child process with capped
+memory and time, whose answer only the page reads."""
 
 from __future__ import annotations
 
@@ -9,19 +8,16 @@ import json
 import os
 import sys
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
 
 from .. import errors
-from ..api import decode
-from ..bitstream.syntax import SIGNATURE
 from ..core.json_text import json_text
 from ..errors import InputError, StreamError, TexfError
 from ..io.formats import SUFFIXES, format_of
 from ..io.magic import what_it_is
 from ..limits import Limits
-from ..options import DecodeOptions
 from ..sandbox.limited_process import FACTS, child_folder, crash_of, read_facts, run_child, within_cap
 
 GLB_MAGIC = b"glTF"
@@ -30,21 +26,16 @@ MISSING = "missing"  # in what is said of a file that a mesh names
 ALONE = "a file that is dropped comes without those that it names; texf-view opens it with them"
 
 
-def container_of_dropped(data: bytes, name: str, options: DecodeOptions | None = None) -> bytes:
-    """The container (viewer.pack) of the bytes of a stream or a mesh; name: what the page calls it, whose suffix is the format
-    where the first bytes are not those of a stream or a GLB. Raises TexfError."""
-    from .pack import pack
-
-    options = options or DecodeOptions()
+def container_of_dropped(data: bytes, name: str, limits: Limits | None = None) -> bytes:
+    """The container (viewer.pack) of the bytes of a mesh; name: what the page calls it, whose suffix is the format where the
+    first bytes are not those of a GLB. Raises TexfError."""
     if not data:
         raise InputError("TXF-I04", "the file is empty", path=name)
     suffix = Path(name).suffix.lower()
-    if data.startswith(GLB_MAGIC) or (format_of(suffix) and not data.startswith(SIGNATURE)):
-        return _mesh(data, name, options.limits)
-    if suffix not in ("", ".texf") and not data.startswith(SIGNATURE):
-        raise InputError("TXF-I05", f"{suffix} names no format that is read: .texf {' '.join(SUFFIXES)} are",
-                         looks_like=what_it_is(data) or None)
-    return pack(decode(data, replace(options, isolate=True)), name, len(data))
+    if data.startswith(GLB_MAGIC) or format_of(suffix):
+        return _mesh(data, name, limits or Limits())
+    raise InputError("TXF-I05", f"{suffix or name} names no format that is read: .texf {' '.join(SUFFIXES)} are",
+                     looks_like=what_it_is(data) or None)
 
 
 def _mesh(data, name, limits):

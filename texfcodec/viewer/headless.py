@@ -16,6 +16,7 @@ from pathlib import Path
 
 from ..core import cleanup
 from ..errors import SupportError
+from ..limits import Limits
 from .server import JSON, Answer, ViewServer
 
 BROWSER = "TEXF_BROWSER"  # names a browser, in place of those of NAMES that stand on the PATH
@@ -58,8 +59,10 @@ def flags() -> list[str]:
     return [*FLAGS, *["--no-sandbox"] * rootly]
 
 
-def run_jobs(containers: Sequence[bytes], jobs: Sequence[dict], seconds: float = 120) -> list[bytes]:
-    """What the page answers to each of the jobs, for assets in containers of viewer.pack.pack().
+def run_jobs(assets: Sequence[bytes], jobs: Sequence[dict], seconds: float = 120, *, names: Sequence[str] = (),
+             limits: Limits | None = None) -> list[bytes]:
+    """What the page answers to each of the jobs, for streams or containers of viewer.pack.pack(). names: theirs; limits: of
+    streams.
 
     seconds: for all of them together, the browser's start included. Raises SupportError TXF-C09 where there is no browser,
     TXF-C10 where it ends or takes longer, TXF-C11 where the page cannot do a job.
@@ -67,7 +70,7 @@ def run_jobs(containers: Sequence[bytes], jobs: Sequence[dict], seconds: float =
     browser = needed_browser()
     if not jobs:
         return []
-    with ViewServer(containers, jobs) as server, cleanup.Folder("texf-view-") as folder:
+    with ViewServer(assets, jobs, names=names, limits=limits) as server, cleanup.Folder("texf-view-") as folder:
         child = cleanup.hold(lambda: Browser(browser, server.address, Path(folder)))
         try:
             return _all_answers(server, child, time.monotonic() + seconds)

@@ -1,8 +1,8 @@
-"""What the page gets of an asset: typed arrays as a GPU takes them, decoded by the package (web/ holds no decoder)."""
+"""What the page gets of a mesh and of the light: typed arrays as a GPU takes them. Streams it decodes itself."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import lru_cache
 
 import numpy as np
 
@@ -10,52 +10,40 @@ from ..render.backdrop import is_plain
 from ..render.camera import bounding_sphere
 from ..render.environment import DAYLIGHT
 from ..render.material_effects import ShadingTable
-from ..scene.channels import PARAMETERS
-from ..scene.effects import EFFECTS
 from ..scene.scene import Scene
 from .container import Blobs
-from .field_buffers import pack_fields, resident_bytes
 from .image_buffers import pack_images
 from .light import light_tables, material_look
-from .surface_buffers import pack_mesh, scene_corners, texf_corners
+from .surface_buffers import pack_mesh, scene_corners
 
-if TYPE_CHECKING:
-    from ..texf import Texf
+TABLES = ("prefiltered", "ggx", "charlie")
 
 
-def pack(asset: Scene | Texf, name: str, size: int) -> bytes:
-    """The container (container.py) of a Texf or a Scene. name: what the page calls it; size: of its file, in bytes."""
+def pack(scene: Scene, name: str, size: int) -> bytes:
+    """The container (container.py) of a Scene. name: what the page calls it; size: of its files, in bytes."""
     blobs = Blobs()
-    table = ShadingTable(asset.materials)
-    centre, radius = bounding_sphere(asset.positions)
+    table = ShadingTable(scene.materials)
+    centre, radius = bounding_sphere(scene.positions)
     sphere = centre, radius or 1.0
-    corners = scene_corners(asset, table, sphere) if isinstance(asset, Scene) else texf_corners(asset, table, sphere)
     header = {
-        "kind": "mesh" if isinstance(asset, Scene) else "stream", "name": name, "bytes": size, "faces": len(asset.faces),
-        "centre": centre.tolist(), "radius": sphere[1], "plain": is_plain(asset),
-        "warnings": list(asset.warnings) if isinstance(asset, Scene) else [],
-        "mesh": pack_mesh(corners, blobs), "materials": _materials(asset, table),
-        "light": _light(blobs) if table.is_lit else None,
-        "effects": sorted(frozenset().union(*table.effects)), "defaults": _defaults(),
+        "kind": "mesh", "name": name, "bytes": size, "faces": len(scene.faces), "centre": centre.tolist(), "radius": sphere[1],
+        "plain": is_plain(scene), "warnings": list(scene.warnings),
+        "mesh": pack_mesh(scene_corners(scene, table, sphere), blobs), "materials": _materials(scene, table),
+        **pack_images(scene, blobs),
     }
-    header |= pack_images(asset, blobs) if isinstance(asset, Scene) else pack_fields(asset, blobs)
-    header["resident"] = resident_bytes(header)
+    header["resident"] = blobs.size
     return blobs.joined(header)
 
 
-def _materials(asset, table):
+@lru_cache(maxsize=1)
+def pack_light() -> bytes:
+    """The container of what shading reads of the light (light.light_tables)."""
+    blobs = Blobs()
+    halves = lambda table: blobs.add(table.astype(np.float16), differences=True)  # 2**-11 is far below a level of 255
+    return blobs.joined({name: halves(value) if name in TABLES else blobs.add(value) if isinstance(value, np.ndarray) else value
+                         for name, value in light_tables(DAYLIGHT).items()})
+
+
+def _materials(scene, table):
     return [{"name": m.name, "alpha_mode": m.alpha_mode, "alpha_cutoff": float(m.alpha_cutoff), "double_sided": m.double_sided,
-             **material_look(table, number)} for number, m in enumerate(asset.materials)]
-
-
-def _light(blobs):
-    """The tables of shading as references."""
-    return {name: blobs.add(value) if isinstance(value, np.ndarray) else value for name, value in light_tables(DAYLIGHT).items()}
-
-
-def _defaults():
-    """What `?effects=all` takes where an asset says nothing: every effect, and every parameter's default, but that what has no
-    metal in it does not become one."""
-    most = float(np.finfo(np.float32).max)
-    return {"effects": [effect.name for effect in EFFECTS],
-            "parameters": {p.name: [min(v, most) for v in p.default] for p in PARAMETERS} | {"metallic": [0.0]}}
+             **material_look(table, number)} for number, m in enumerate(scene.materials)]

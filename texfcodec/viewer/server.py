@@ -1,4 +1,4 @@
-"""The page's own server: on the loopback interface only, a token in every path, and nothing served but the page, the containers
+"""The page's own server: on the loopback interface only, a token in every path, and nothing served but the page, the assets that
 it was given and what is dropped on it.
 
 Other pages in the same browser are the danger: they can send requests here too. So a request names this host (a foreign name
@@ -26,16 +26,20 @@ from urllib.parse import parse_qs
 from ..core.json_text import json_text
 from ..errors import InputError, TexfError
 from ..limits import Limits
+from ..sandbox.wasm import LIMITS, MODULE
+from .pack import pack_light
 
 HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")  # of this host, as a browser may write them
 WEB = Path(__file__).parent / "web"
-KINDS = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
+KINDS = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8",
+         ".wasm": "application/wasm"}
 BYTES, JSON = "application/octet-stream", "application/json"
 ANSWERS = ("image/png", BYTES, JSON)  # kinds that the answer to a job may have
 HEADERS = {
-    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
-                               "img-src 'self' blob: data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "Content-Security-Policy": "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; style-src 'self'; "
+                               "connect-src 'self'; img-src 'self' blob: data:; base-uri 'none'; form-action 'none'; "
+                               "frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-store",
@@ -53,17 +57,18 @@ Answer = tuple[str, bytes]  # kind, and what it holds
 class ViewServer:
     """Context manager: serves the page at .address until it is left.
 
-    containers: of viewer.pack.pack(); jobs: JSON-ready, what the page is to do by itself; drop: function of the bytes of a file
-    that somebody drops on the page and its name -> container, or None where the page takes no files; it raises TexfError. start:
-    JSON-ready, how the page is to begin, and version, the package's, are told with `about`; port: 0 for any that is free; most:
-    bytes of a request.
+    assets: streams, or containers of viewer.pack.pack(); names: theirs, for the page; jobs: JSON-ready, what the page is to do by
+    itself; drop: function of the bytes of a mesh that somebody drops on the page and its name -> container, or None where the
+    page takes streams alone; it raises TexfError. start: JSON-ready, how the page is to begin; version: the package's; port: 0
+    for any that is free; limits: of streams and of a request.
     """
 
-    def __init__(self, containers: Sequence[bytes], jobs: Sequence[dict] = (), drop: Callable[[bytes, str], bytes] | None = None,
-                 *, start: dict | None = None, version: str = "", port: int = 0, most: int | None = Limits().file_bytes) -> None:
-        self.containers, self.jobs, self.drop, self.most = list(containers), list(jobs), drop, most
-        self.start, self.version, self.token = start, version, secrets.token_urlsafe(24)
-        self.pages = {path.name: path.read_bytes() for path in WEB.iterdir() if path.suffix in KINDS}
+    def __init__(self, assets: Sequence[bytes], jobs: Sequence[dict] = (), drop: Callable[[bytes, str], bytes] | None = None,
+                 *, names: Sequence[str] = (), start: dict | None = None, version: str = "", port: int = 0,
+                 limits: Limits | None = None) -> None:
+        self.assets, self.names, self.jobs, self.drop = list(assets), list(names) or [""] * len(assets), list(jobs), drop
+        self.start, self.version, self.limits, self.token = start, version, limits or Limits(), secrets.token_urlsafe(24)
+        self.pages = {path.name: path.read_bytes() for path in (*WEB.iterdir(), MODULE) if path.suffix in KINDS}
         self.results: dict[int, Answer] = {}
         self.changed = threading.Condition()
         self.dropping = threading.Lock()  # one at a time: each may take as much memory as its limits allow
@@ -94,7 +99,7 @@ class ViewServer:
 
     def about(self) -> dict:
         """What the page asks first."""
-        return about_page(len(self.containers), self.drop is not None, self.start, self.version)
+        return about_page(self.names, self.drop is not None, self.start, self.version, self.limits)
 
     def give(self, number: int, answer: Answer) -> bool:
         """Keeps the answer to a job; False where there is one already."""
@@ -112,9 +117,12 @@ class ViewServer:
             return dict(self.results)
 
 
-def about_page(assets: int, drop: bool, start: dict | None, version: str) -> dict:
-    """What a page needs to know of itself: how many assets it shows, whether files may be dropped on it, how it is to begin."""
-    return {"assets": assets, "version": version, "drop": drop, "start": start}
+def about_page(names: Sequence[str], drop: bool, start: dict | None, version: str, limits: Limits) -> dict:
+    """What a page needs to know of itself: what it shows, whether it can have meshes read that are dropped on it, how it is to
+    begin, and what streams may ask for."""
+    words = {name: name.partition("_")[0] + "".join(part.title() for part in name.split("_")[1:]) for name in LIMITS}
+    return {"names": list(names), "version": version, "drop": drop, "start": start,
+            "limits": {word: getattr(limits, name) or 0 for name, word in words.items()}}
 
 
 class Refused(Exception):
@@ -235,8 +243,10 @@ class _Visit(BaseHTTPRequestHandler):
             self._answer(204, JSON, b"")
         elif place == "job":
             self._answer_json(200, view.jobs)
-        elif asset and int(asset[1]) < len(view.containers):
-            self._answer(200, BYTES, view.containers[int(asset[1])])
+        elif place == "light":
+            self._answer(200, BYTES, pack_light())
+        elif asset and int(asset[1]) < len(view.assets):
+            self._answer(200, BYTES, view.assets[int(asset[1])])
         elif name in view.pages and (name == "index.html") == (place == ""):
             self._answer(200, KINDS[Path(name).suffix], view.pages[name])
         else:
@@ -262,7 +272,7 @@ class _Visit(BaseHTTPRequestHandler):
 
     def _body(self):
         """The bytes that were sent. Raises Refused."""
-        lengths, most = self.headers.get_all("Content-Length") or [], self.server.view.most
+        lengths, most = self.headers.get_all("Content-Length") or [], self.server.view.limits.file_bytes
         if len(lengths) != 1 or not re.fullmatch(r"[0-9]{1,18}", lengths[0]) or "Transfer-Encoding" in self.headers:
             raise Refused(411, "say how long it is")
         length = int(lengths[0])
@@ -292,7 +302,7 @@ class _Visit(BaseHTTPRequestHandler):
         self._answer(status, JSON, json_text(facts).encode())
 
     def _answer(self, status: int, kind: str, data: bytes):
-        """Containers go out as they are: the loopback interface is faster than any compression."""
+        """Assets go out as they are: the loopback interface is faster than any compression."""
         self.connection.settimeout(VISIT_SECONDS)
         self.close_connection = True
         self.send_response(status)

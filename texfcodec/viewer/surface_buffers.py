@@ -3,56 +3,34 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from ..render.lit_field import FieldMaps
 from ..render.lit_scene import SceneMaps
 from ..render.material_effects import ShadingTable
-from ..scene.scene import WRAP_CLAMP, WRAP_MIRROR, Scene
+from ..scene.scene import Scene
 from .container import Blobs
-
-if TYPE_CHECKING:
-    from ..texf import Texf
 
 Sphere = tuple[np.ndarray, float]
 SHORT = 32767
-EXACT = 1 << 15  # texels up to which binary32 has 8 fractional bits
 
 
 @dataclass
 class Corners:
-    """Of all faces in the order in which they are drawn. vertex: int64 [F, 3] into positions; positions: uint32 [V, 3] on the
-    lattice, or float32 [V, 3] from the centre in radii; place: (scale, offset [3]) that brings positions to the world from the
-    centre, in radii; others: float32 [F, 3, C] by name; parts: [first face, faces, field, material] of what is drawn at once."""
+    """Of all faces in the order in which they are drawn. vertex: int64 [F, 3] into positions; positions: float32 [V, 3]
+    from the centre in radii; others: float32 [F, 3, C] by name; parts: [first face, faces, field, material] of what is
+    drawn at once."""
 
     vertex: np.ndarray
     positions: np.ndarray
-    place: tuple[float, list[float]]
     parts: list[list[int]]
     others: dict[str, np.ndarray] = field(default_factory=dict)
 
 
-def texf_corners(texf: Texf, table: ShadingTable, sphere: Sphere) -> Corners:
-    """Corners of a Texf; normals and tangents only where its materials are lit and ask for them. sphere: centre and radius that
-    places are told in."""
-    order, parts = _in_parts(texf.face_field, texf.face_material)
-    maps, others = FieldMaps(texf), {}
-    if table.is_lit and len(order):
-        others["normal"] = maps.corner_normal[order]
-        if _ask_tangents(table) and any(part.over_texels for part in texf.fields):
-            others["tangent"] = maps.corner_tangent[order]
-    if any(part.over_texels for part in texf.fields):
-        others["uv0"] = _uvs(texf, order)
-    centre, radius = sphere
-    scale = texf.side / texf.cube.last / radius
-    place = scale, ((texf.origin - centre) / radius).tolist()
-    return Corners(texf.faces[order], texf.lattice_positions.astype(np.uint32), place, parts, others)
-
-
 def scene_corners(scene: Scene, table: ShadingTable, sphere: Sphere) -> Corners:
-    """Corners of a Scene; see texf_corners, and uv_sets for its UVs."""
+    """Corners of a Scene, see uv_sets for its UVs; normals and tangents only where its materials are lit and ask for them.
+    sphere: centre and radius that places are told in."""
     order, parts = _in_parts(np.zeros(len(scene.faces), np.int64), scene.face_material)
     maps, others = SceneMaps(scene), {}
     if table.is_lit and len(order):
@@ -66,7 +44,7 @@ def scene_corners(scene: Scene, table: ShadingTable, sphere: Sphere) -> Corners:
         others["colour"] = scene.corner_color[order]
     centre, radius = sphere
     positions = ((scene.positions - centre) / radius).astype(np.float32)
-    return Corners(scene.faces[order], positions, (1.0, [0.0] * 3), parts, others)
+    return Corners(scene.faces[order], positions, parts, others)
 
 
 def uv_sets(scene: Scene) -> list[np.ndarray]:
@@ -76,21 +54,6 @@ def uv_sets(scene: Scene) -> list[np.ndarray]:
         if not any(uv is one for one in found):
             found.append(uv)
     return found
-
-
-def _uvs(texf, order):
-    """UVs of corners in texels, float32 [F, 3, 2]; of faces so far off that binary32 would not do, those of the same texels near
-    the origin."""
-    uv, which = texf.uv[texf.faces[order]], texf.face_field[order]
-    for number, part in enumerate(texf.fields):
-        if not part.over_texels:
-            continue
-        for axis, size in enumerate((part.support.width, part.support.height)):
-            far = (which == number) & (np.abs(uv[:, :, axis]).max(axis=1) > EXACT)
-            if part.support.wrap[axis] != WRAP_CLAMP and far.any():
-                period = size * (2 if part.support.wrap[axis] == WRAP_MIRROR else 1)
-                uv[far, :, axis] -= np.floor(uv[far, :, axis].min(axis=1, keepdims=True) / period) * period
-    return uv.astype(np.float32)
 
 
 def _ask_tangents(table):
@@ -116,14 +79,9 @@ def pack_mesh(corners: Corners, blobs: Blobs) -> dict[str, Any]:
     keys = np.hstack([np.ascontiguousarray(vertex[:, None]).view(np.uint8)] +
                      [np.ascontiguousarray(c).view(np.uint8) for c in columns.values()])
     chosen, faces = _distinct(keys)
-    wide = corners.positions.dtype == np.uint32 and corners.positions.max(initial=0) > 0xFFFF
-    positions = corners.positions[vertex[chosen]]
-    if positions.dtype == np.uint32 and not wide:
-        positions = positions.astype(np.uint16)
-    ordered = positions.dtype != np.float32
     return {
-        "positions": blobs.add(positions, differences=ordered), "faces": blobs.add(faces.reshape(-1, 3), differences=True),
-        "scale": corners.place[0], "offset": corners.place[1], "parts": corners.parts,
+        "positions": blobs.add(corners.positions[vertex[chosen]]), "faces": blobs.add(faces.reshape(-1, 3), differences=True),
+        "scale": 1.0, "offset": [0.0] * 3, "parts": corners.parts,
         "attributes": {name: blobs.add(rows[chosen].view(np.uint16) if rows.dtype == np.int16 else rows[chosen],
                                        differences=rows.dtype == np.int16) for name, rows in columns.items()},
     }

@@ -157,23 +157,6 @@ class Neural(JointCodec):
         take_codes(payload, values)
         return [Tables(payload, number, keys) for number, keys in enumerate(grids)]
 
-    def resident(self, evaluators: list) -> tuple[dict, dict, list] | None:
-        """As JointCodec.resident: latents of 4 bits and parameters of 16 as they stand in the stream's resident form."""
-        from .infer import HASH_FIELD, POSITION_BITS
-        from .payload import enc_codes
-
-        payload, fields = evaluators[0].payload, range(len(evaluators))
-        facts = {
-            "features": payload.features, "octaves": payload.octaves, "first_wave": payload.first_wave, "rows": payload.rows,
-            "widths": list(payload.widths), "position_bits": POSITION_BITS,
-            "levels": [{"resolution": one.resolution, "log2": one.table_log2,
-                        "first_rows": [payload.first_row(i, n) for i in fields]}
-                       for n, one in enumerate(payload.levels)],
-            "salts": [number * HASH_FIELD & 0xFFFFFFFF for number in fields],
-        }
-        arrays = {"codes": np.frombuffer(enc_codes(payload.codes), np.uint8), "network": np.asarray(payload.halves, np.uint16)}
-        return facts, arrays, [one.keys for one in evaluators]
-
     def result_lines(self, facts: dict) -> Iterator[str]:
         """As JointCodec.result_lines."""
         from ...core.colour_error import in_decibels

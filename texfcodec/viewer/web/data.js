@@ -1,7 +1,7 @@
 // Containers of assets (viewer/container.py): a JSON header whose references become typed arrays.
 
 const MAGIC = 0x57565854; // "TXVW"
-const ARRAYS = { u8: Uint8Array, u16: Uint16Array, u32: Uint32Array, i16: Int16Array, f32: Float32Array };
+const ARRAYS = { u8: Uint8Array, u16: Uint16Array, u32: Uint32Array, i16: Int16Array, f16: Uint16Array, f32: Float32Array };
 
 /** The header of a container (ArrayBuffer) with every array in its place; an array also knows its shape. */
 export function unpack(buffer) {
@@ -23,8 +23,13 @@ function arrayOf({ at, type, shape, differences }, buffer, start) {
   const count = shape.reduce((a, b) => a * b, 1);
   const Type = ARRAYS[type], place = start + at;
   const array = differences ? summed(buffer, place, Type, shape, count) : new Type(buffer, place, count);
-  array.shape = shape;
-  return array;
+  return Object.assign(type === 'f16' ? Float32Array.from(array, halfOf) : array, { shape });
+}
+
+/** The number of a pattern of binary16, a finite one. */
+function halfOf(bits) {
+  const exponent = (bits >> 10) & 31, fraction = bits & 1023;
+  return (bits & 0x8000 ? -1 : 1) * (exponent > 0 ? fraction + 1024 : fraction) * 2 ** (Math.max(exponent, 1) - 25);
 }
 
 /** Mirror of container._differences: low bytes of all numbers first, columns one after the other, folded differences. */

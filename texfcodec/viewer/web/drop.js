@@ -1,31 +1,6 @@
-// Files that are dropped on the page; the server reads them.
+// Files that are dropped on the page.
 
 import { element } from './dom.js';
-import { isExported } from './inlined.js';
-import { unpack } from './data.js';
-
-const ALONE = 'This page stands alone and cannot read files: open them with texf-view.';
-
-/** The header of a file, of its container. Throws an Error whose message says what the server refused. */
-export async function headerOf(file, takesFiles) {
-  if (isExported() || !takesFiles) throw new Error(ALONE);
-  const answer = await fetch(`drop?name=${encodeURIComponent(file.name)}`, { method: 'POST', body: file }).catch(() => {
-    throw new Error('The server does not answer: has texf-view ended?');
-  });
-  if (answer.ok) return unpack(await answer.arrayBuffer());
-  throw new Error(`${file.name} is not shown. ${await refusalOf(answer)}`);
-}
-
-/** Code and words of an answer that is no container. */
-async function refusalOf(answer) {
-  const text = await answer.text();
-  try {
-    const { code, message } = JSON.parse(text);
-    return `${code}: ${message}`;
-  } catch {
-    return `${answer.status}: ${text.trim()}`;
-  }
-}
 
 /** Shows what is dropped anywhere on the page; viewer: of viewer.js. */
 export function listenToDrops(viewer) {

@@ -238,7 +238,7 @@ class TexelField extends Field {
   constructor(gl, told, number) {
     super(gl, told, number);
     told.planes.forEach((one, i) => {
-      const plane = this.planes[i], [height, width] = one.values.shape;
+      const plane = this.planes[i], [width, height] = one.size;
       const levels = imageLevels(one, [width, height], plane.components);
       const parts = [...Array(plane.textures).keys()];
       const split = levels.map((level) => foursomes(level.values, plane.components));

@@ -1,4 +1,4 @@
-// What an exported page carries in itself (viewer/page.py): containers, deflated and written in base 85, and how it begins.
+// What an exported page carries in itself (viewer/page.py): assets, decoder and light, deflated and written in base 85.
 
 const DIGITS = '0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%&()*+-;,=>?@^_`{|}~';
 
@@ -7,17 +7,14 @@ export function isExported() {
   return document.getElementById('about') !== null;
 }
 
-/** What a server answers to `about`, of an exported page. */
-export function inlinedAbout() {
-  return JSON.parse(document.getElementById('about').textContent);
+/** Text of an element that the page carries. */
+export function inlinedText(id) {
+  return document.getElementById(id).textContent;
 }
 
-/** ArrayBuffer of the container of asset `number` of an exported page. */
-export async function inlinedContainer(number) {
-  const element = document.getElementById(`asset-${number}`);
-  const packed = bytesOfBase85(element.textContent);
-  element.remove();
-  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream('deflate'));
+/** ArrayBuffer of what the page carries under an id, deflated and in base 85. */
+export async function inlined(id) {
+  const stream = new Blob([bytesOfBase85(inlinedText(id))]).stream().pipeThrough(new DecompressionStream('deflate'));
   return new Response(stream).arrayBuffer();
 }
 

@@ -1,31 +1,18 @@
-// Where the page begins: fetches what it shows, then draws jobs for a program or a scene for a person.
+// Where the page begins: reads what it shows, then draws jobs for a program or a scene for a person. In a worker: decodes.
 
-import { unpack } from './data.js';
+import { decodeForThePage, IS_WORKER } from './decoding.js';
 import { Asset } from './draw.js';
 import { DeviceError, openContext } from './gl.js';
-import { inlinedAbout, inlinedContainer, isExported } from './inlined.js';
+import { isExported } from './inlined.js';
 import { doJob } from './jobs.js';
 import { say } from './message.js';
+import { Source } from './source.js';
 import { Viewer } from './viewer.js';
-
-async function answerOf(path) {
-  const answer = await fetch(path);
-  if (!answer.ok) throw new Error(`${path} answers ${answer.status}`);
-  return answer;
-}
-
-async function aboutPage() {
-  return isExported() ? inlinedAbout() : (await answerOf('about')).json();
-}
-
-async function containerOf(number) {
-  return isExported() ? inlinedContainer(number) : (await answerOf(`asset/${number}`)).arrayBuffer();
-}
 
 async function jobsOf() {
   if (isExported()) return [];
-  const answer = await answerOf('job');
-  return answer.status === 204 ? [] : answer.json();
+  const answer = await fetch('job');
+  return answer.status === 200 ? answer.json() : [];
 }
 
 /** Does every job and posts its answer, or what went wrong. */
@@ -42,13 +29,15 @@ async function doJobs(gl, assets, jobs) {
 }
 
 async function start() {
-  const canvas = document.getElementById('view'), about = await aboutPage(), jobs = await jobsOf();
+  const canvas = document.getElementById('view'), source = await Source.open(), jobs = await jobsOf();
   try {
-    const headers = [];
-    for (let n = 0; n < about.assets; n++) headers.push(unpack(await containerOf(n)));
+    canvas.setAttribute('aria-busy', 'true');
+    const { headers, problem } = await read(source, jobs.length > 0);
+    canvas.removeAttribute('aria-busy');
     const gl = openContext(canvas); // last: until now the browser's process for graphics was starting
     if (jobs.length) await doJobs(gl, headers.map((header) => new Asset(gl, header)), jobs);
-    else new Viewer(canvas, gl, headers, about);
+    else new Viewer(canvas, gl, headers, source);
+    if (problem) say(problem);
   } catch (error) {
     if (!jobs.length) throw error;
     for (let n = 0; n < jobs.length; n++) {
@@ -58,6 +47,23 @@ async function start() {
   }
 }
 
-start().catch((error) => {
-  say(error instanceof DeviceError ? error.message : `The page cannot be shown: ${error.message ?? error}`);
-});
+/** Headers of what the page shows; of what is no sound stream a person is told why, and can drop another. */
+async function read(source, isForProgram) {
+  if (source.about.names.length && !isForProgram) say(`${source.about.names.join(' and ')}: being decoded …`);
+  try {
+    const headers = await source.headers();
+    if (!isForProgram) say('');
+    return { headers, problem: '' };
+  } catch (error) {
+    if (isForProgram) throw error;
+    return { headers: [], problem: `${source.about.names.join(' and ')}: ${error.message}` };
+  }
+}
+
+if (IS_WORKER) {
+  decodeForThePage();
+} else {
+  start().catch((error) => {
+    say(error instanceof DeviceError ? error.message : `The page cannot be shown: ${error.message ?? error}`);
+  });
+}

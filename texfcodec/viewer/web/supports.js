@@ -43,6 +43,17 @@ function coarser({ bricks, words, base, count }) {
   return { level: levelOf(keys.slice(0, many), above.slice(0, many * WORDS), base + count), parents };
 }
 
+/** The bricks of the level above a field's own, and a function of values [count * components] to what stands there of them:
+ * means, and of how many voxels each is one. */
+export function coarserValues({ bricks, words }) {
+  const own = levelOf(bricks, words, 0), { level, parents } = coarser(own);
+  const means = (values) => {
+    const components = values.length / own.count, [sums, weights] = summedUp(values, null, parents, level.count, components, true);
+    return { values: Uint8Array.from(sums, (sum, i) => Math.round(sum / weights[Math.floor(i / components)])), counts: Uint8Array.from(weights) };
+  };
+  return { bricks: { bricks: level.bricks, words: level.words }, means };
+}
+
 /** All levels from `first` to the last of a field over voxels, and the parents of each one's voxels. */
 export function levelsOf({ bricks, words, first, depth }) {
   const levels = [levelOf(bricks, words, 0)], parents = [];

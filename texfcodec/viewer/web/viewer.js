@@ -3,7 +3,7 @@
 import { anglesOf, distanceAround, Orbit, VIEWS } from './camera.js';
 import { Captions } from './captions.js';
 import { Controls } from './controls.js';
-import { headerOf, listenToDrops } from './drop.js';
+import { listenToDrops } from './drop.js';
 import { rendererOf } from './jobs.js';
 import { helpBox, listenToKeys } from './keys.js';
 import { Look } from './look.js';
@@ -20,9 +20,10 @@ const TOLD_EVERY = 250; // milliseconds between two figures of the frame time wh
 const CAMERA = 'camera=';
 
 export class Viewer {
-  /** headers: of one or two assets, unpacked; about: what the page is told of itself (server.about_page). */
-  constructor(canvas, gl, headers, about) {
-    Object.assign(this, { canvas, gl, about, headers: [headers[0] ?? null, headers[1] ?? null], problems: ['', ''] });
+  /** headers: of one or two assets; source: where they come from, and what the page is told of itself. */
+  constructor(canvas, gl, headers, source) {
+    const { about } = source;
+    Object.assign(this, { canvas, gl, source, about, headers: [headers[0] ?? null, headers[1] ?? null], problems: ['', ''] });
     Object.assign(this, { pace: new Pace(), isSettled: false, touched: 0, toldAt: 0, compared: '' });
     canvas.viewer = this; // for a browser's console, and for tests
     this.look = new Look(about.start, location.search);
@@ -86,12 +87,12 @@ export class Viewer {
     this.touch();
   }
 
-  /** Reads a file through the server. */
+  /** Reads a file and shows it. */
   async open(file, slot) {
     const to = this.headers[0] ? slot : 0;
     say(`${file.name} is being read …`);
     try {
-      const header = await headerOf(file, this.about.drop);
+      const header = await this.source.headerOfFile(file);
       say(header.warnings.join('. '));
       if (this.stage) this.show(header, to);
       else this.headers[to] = header; // it is shown once the context is back

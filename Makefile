@@ -24,9 +24,11 @@ check: conformance
 sweeps: install
 	$(PY) -m pytest -q -n 2 --dist loadfile -m slow
 
-# Any decoder can be put through the vectors: make conformance DECODER="other-decoder --flag" [QUERIES=1]
+# Any decoder can be put through the vectors: make conformance DECODER="other-decoder --flag" [QUERIES=1]. Without one it is the
+# package's, and the C++ one where `make native` has fetched Draco's sources.
 conformance: install
 	$(PY) conformance/run.py $(if $(DECODER),--decoder "$(DECODER)") $(if $(QUERIES),--queries)
+	@if [ -n "$(DECODER)" ] || [ ! -d native/build/draco ]; then exit; fi; $(MAKE) native PYTHON="$(PY)"
 
 # The C++ decoder of native/, through every vector; the WebAssembly module of it that js/ and --isolate run (docs/native.md)
 native:

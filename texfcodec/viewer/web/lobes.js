@@ -62,18 +62,27 @@ struct LightSums {
   vec3 plain;
 };
 
-float fifthPower(float cosine) {
+// Schlick's share of f90 over f0.
+float F_SchlickWeight(float cosine) {
   float rest = 1.0 - clamp(cosine, 0.0, 1.0);
   float square = rest * rest;
   return square * square * rest;
 }
 
-// Distribution, masking and the light's cosine in one.
-float ggx(float square, float nh, float nl, float nv) {
+// square: of alpha, everywhere.
+float D_GGX(float square, float nh) {
   nh = min(nh, 1.0);
   float stretched = (1.0 - nh) * (1.0 + nh) + nh * nh * square;
+  return square * INV_PI / (stretched * stretched);
+}
+
+float V_SmithGGXCorrelated(float square, float nl, float nv) {
   float seen = nl * sqrt(nv * nv * (1.0 - square) + square) + nv * sqrt(nl * nl * (1.0 - square) + square);
-  return square * nl * (0.5 * INV_PI) / (stretched * stretched * max(seen, 1e-7));
+  return 0.5 / max(seen, 1e-7);
+}
+
+float ggx(float square, float nh, float nl, float nv) {
+  return D_GGX(square, nh) * V_SmithGGXCorrelated(square, nl, nv) * nl;
 }
 
 // Length of v + l: twice its cosine to either.
@@ -82,7 +91,7 @@ float alongHalf(vec3 v, vec3 towards) {
 }
 
 void addLight(inout LightSums sums, vec3 irradiance, float value, float along, float nl) {
-  float weight = value * fifthPower(along * 0.5);
+  float weight = value * F_SchlickWeight(along * 0.5);
   sums.spec += irradiance * (value - weight);
   sums.specEdge += irradiance * weight;
   sums.plain += irradiance * (INV_PI * nl);
@@ -142,9 +151,13 @@ vec3 ggxLightsThrough(vec3 n, vec3 v, float nv, float alpha) {
 export const CHARLIE_GLSL = `
 const float MIN_CHARLIE = 0.1;  // sheen roughness below this counts as this
 
-float charlie(float nh, float inverse, float nl, float nv) {
+float D_Charlie(float nh, float inverse) {
   float sine = sqrt(max((1.0 - nh) * (1.0 + nh), 1e-8));
-  return (2.0 + inverse) * pow(sine, inverse) / (2.0 * PI) / max(4.0 * (nl + nv - nl * nv), 1e-6);
+  return (2.0 + inverse) * pow(sine, inverse) / (2.0 * PI);
+}
+
+float V_Neubelt(float nl, float nv) {
+  return 1.0 / max(4.0 * (nl + nv - nl * nv), 1e-6);
 }
 
 vec3 charlieLights(vec3 n, vec3 v, float nv, float alpha) {
@@ -154,7 +167,7 @@ vec3 charlieLights(vec3 n, vec3 v, float nv, float alpha) {
     vec3 towards = u_light_direction[i].xyz;
     float nl = max(dot(n, towards), 0.0);
     float nh = min((facing + nl) / alongHalf(v, towards), 1.0);
-    sum += u_light_irradiance[i] * (charlie(nh, 1.0 / alpha, nl, nv) * nl);
+    sum += u_light_irradiance[i] * (D_Charlie(nh, 1.0 / alpha) * V_Neubelt(nl, nv) * nl);
   }
   return sum;
 }
@@ -170,7 +183,7 @@ float filmBand(float size, float position, float variance, float path) {
 }
 
 // Red, green and blue.
-vec3 filmSensitivity(float path) {
+vec3 evalSensitivity(float path) {
   float x = filmBand(5.4856e-13, 1.6810e6, 4.3278e9, path) + filmBand(9.7470e-14, 2.2399e6, 4.5282e9, path);
   float y = filmBand(4.4201e-13, 1.7953e6, 9.3046e9, path);
   float z = filmBand(5.2481e-13, 2.2084e6, 6.6121e9, path);
@@ -179,21 +192,21 @@ vec3 filmSensitivity(float path) {
 }
 
 // Reflectance of a base (seen straight on: base) under a film in air; thickness in nanometres.
-vec3 filmReflectance(float cosine, vec3 base, float ior, float thickness) {
+vec3 evalIridescence(float cosine, vec3 base, float ior, float thickness) {
   ior = 1.0 + (ior - 1.0) * smoothstep(0.0, 0.03, thickness);
   float inside = sqrt(1.0 - (1.0 - cosine * cosine) / (ior * ior));
   float outerNormal = ((ior - 1.0) / (ior + 1.0)) * ((ior - 1.0) / (ior + 1.0));
-  float outer = outerNormal + (1.0 - outerNormal) * fifthPower(cosine);
+  float outer = outerNormal + (1.0 - outerNormal) * F_SchlickWeight(cosine);
   vec3 root = sqrt(clamp(base, 0.0, 0.9999));
   vec3 baseIor = (1.0 + root) / (1.0 - root);
   vec3 bend = (baseIor - ior) / (baseIor + ior), innerNormal = bend * bend;
-  vec3 inner = innerNormal + (1.0 - innerNormal) * fifthPower(inside);
+  vec3 inner = innerNormal + (1.0 - innerNormal) * F_SchlickWeight(inside);
   vec3 turned = mix(vec3(-1.0), vec3(1.0), lessThan(baseIor, vec3(ior)));  // half a turn where the base is the denser one
   float through = 1.0 - outer, path = 2.0 * ior * thickness * inside * 1e-9;
   vec3 both = clamp(outer * inner, 1e-5, 0.9999);
   vec3 mean = through * through * inner / (1.0 - both);
   vec3 first = (mean - through) * sqrt(both), second = first * sqrt(both);
-  vec3 sum = outer + mean + 2.0 * first * turned * filmSensitivity(path) + 2.0 * second * filmSensitivity(2.0 * path);
+  vec3 sum = outer + mean + 2.0 * first * turned * evalSensitivity(path) + 2.0 * second * evalSensitivity(2.0 * path);
   return clamp(sum, 0.0, 1.0);
 }
 `;

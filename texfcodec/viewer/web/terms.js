@@ -93,8 +93,8 @@ const IRIDESCENCE = `
 vec3 filmed(Lit p, Values v, vec3 f0) {
   float least = u_iridescence_thickness_minimum.x, most = u_iridescence_thickness_maximum.x;
   float thickness = least + (most - least) * v.iridescence_thickness;
-  float edge = min(fifthPower(p.nv), 0.95);
-  vec3 film = (filmReflectance(p.nv, f0, max(u_iridescence_ior.x, 1.0), thickness) - edge) / (1.0 - edge);
+  float edge = min(F_SchlickWeight(p.nv), 0.95);
+  vec3 film = (evalIridescence(p.nv, f0, max(u_iridescence_ior.x, 1.0), thickness) - edge) / (1.0 - edge);
   return mix(f0, clamp(film, 0.0, 1.0), v.iridescence);
 }
 `;

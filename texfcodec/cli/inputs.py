@@ -28,6 +28,15 @@ def check_stdin_once(*paths: str | None) -> None:
         raise click.UsageError("stdin can be read only once, but two inputs are -")
 
 
+def read_stream(path: str, limits: Limits) -> bytes:
+    """Bytes of a .texf file, or of stdin for "-"; of a GLB that carries a stream, the stream. Errors: as read_stream_file(), and
+    TXF-I26 for a GLB that carries none."""
+    from ..io.gltf.carried import stream_within
+
+    data = read_stream_file(path, limits)
+    return stream_within(data) if data[:4] == _GLB_MAGIC else data
+
+
 def load_mesh(path: str, strict: bool = False, limits: Limits | None = None) -> Scene:
     """Scene of a mesh file, or of a GLB on stdin for "-". Errors: as io.load, and TXF-I05 for stdin that is no GLB."""
     from ..io.load import load

@@ -43,7 +43,8 @@ def read_gltf(data: bytes, folder: Path, notes: Notes) -> Scene:
     start. Errors: see files.py."""
     document = open_document(data, folder, notes)
     _check_required(document)
-    return _scene_of_stream(document) or _scene_of_nodes(document)
+    scene = _scene_of_stream(document)
+    return _scene_of_nodes(document) if scene is None else scene
 
 
 def _scene_of_stream(document):

@@ -217,6 +217,9 @@ def test_texf_dec_writes_it_and_takes_it_out(sheet, tmp_path):
     assert run.returncode == 0 and back.read_bytes() == sheet and json.loads(run.stdout)["bytes"]["total"] == len(sheet)
     run = tool("dec", source, glb, "--carry-stream", "--lod", 0)
     assert f"carries the stream, {len(sheet)} bytes, with a fallback of " in run.stdout and "1024 texels" in run.stdout
+    run = tool("dec", source, glb, "--carry-stream", "--fallback-faces", 7, "--json")
+    assert json.loads(run.stdout)["faces"] <= 7 and carried_in(glb) == sheet
+    assert tool("dec", source, glb, "--fallback-faces", 7).returncode == 1
     assert tool("dec", source, tmp_path / "c.ply", "--carry-stream").returncode == 2
     assert tool("dec", source, tmp_path / "c.texf", "--carry-stream").returncode == 1
     assert "TXF-O07" in tool("dec", source, source).stderr

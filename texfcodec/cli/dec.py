@@ -38,7 +38,9 @@ _STREAM = ".texf"
 @click.option("--compress", type=click.Choice(COMPRESSIONS), default=COMPRESSIONS[0],
               help="Pack the mesh of a GLB or glTF: KHR_draco_mesh_compression or EXT_meshopt_compression.  [default: none]")
 @click.option("--carry-stream", is_flag=True, help="The GLB or glTF carries the stream as it is, for viewers that know the "
-              f"extension TEXF_stream; for others it shows the level of --lod.  [default of --lod then: {_FALLBACK_LOD}]")
+              f"extension TEXF_stream; others see a fallback, the level of --lod.  [default of --lod then: {_FALLBACK_LOD}]")
+@click.option("--fallback-faces", metavar="N", **number(1, 1 << 31, "Most faces of the fallback of --carry-stream; seams may "
+              "keep more.  [default: by the shape]"))
 @option_flags(DecodeOptions, "lod", "isolate", "engine")
 @limit_flags("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "latents", "metadata_bytes", "isolate_bytes",
              "isolate_seconds")
@@ -47,7 +49,7 @@ _STREAM = ".texf"
 @click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
-def dec(console, source, out, overwrite, carry_stream, as_json, quiet, **choices):
+def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, quiet, **choices):
     """Decode IN.texf ("-": stdin) to a mesh file; the suffix of OUT chooses the format ("-": GLB on stdout,
     with the report on stderr). IN may be a GLB that carries a stream; OUT.texf is the stream itself.
 
@@ -68,6 +70,8 @@ def dec(console, source, out, overwrite, carry_stream, as_json, quiet, **choices
         raise click.UsageError(f"{out} must end in one of {' '.join(SAVED_SUFFIXES)} {_STREAM}")
     limits = limits_of(choices)
     look = {name: choices.pop(name) for name in _LOOK}
+    if fallback_faces is not None and not carry_stream:
+        raise click.UsageError("--fallback-faces is for --carry-stream")
     if carry_stream and choices["lod"] is None:
         choices["lod"] = _FALLBACK_LOD
     options = DecodeOptions(**{name: value for name, value in choices.items() if value is not None}, limits=limits)
@@ -81,6 +85,9 @@ def dec(console, source, out, overwrite, carry_stream, as_json, quiet, **choices
     console.note_first_run(None if takes_sandbox(options) else first_run(DECODING))
     with console.progress() as report:
         texf = decode(data, options, report)
+        if carry_stream:
+            with report.stage("simplify"):
+                texf = _fallback(texf, fallback_faces)
         with report.stage("save"):
             if takes_out:
                 saved = _take_out(data, source, out)
@@ -92,6 +99,13 @@ def dec(console, source, out, overwrite, carry_stream, as_json, quiet, **choices
         console.warnings(report)
     facts = _facts(data, texf, report, saved)
     console.result(facts, _lines(facts, out, texf.counted()))
+
+
+def _fallback(texf, faces):
+    """What is shown by viewers that do not know the stream."""
+    from ..encoder.fallback import with_fewer_faces
+
+    return with_fewer_faces(texf, faces)
 
 
 def _take_out(data, source, out):

@@ -223,3 +223,20 @@ def test_texf_dec_writes_it_and_takes_it_out(sheet, tmp_path):
     assert tool("dec", source, tmp_path / "c.ply", "--carry-stream").returncode == 2
     assert tool("dec", source, tmp_path / "c.texf", "--carry-stream").returncode == 1
     assert "TXF-O07" in tool("dec", source, source).stderr
+
+
+def test_tools_draw_and_measure_the_stream_itself(sheet, tmp_path):
+    source, glb, broken = (tmp_path / name for name in ("a.texf", "a.glb", "b.glb"))
+    source.write_bytes(sheet)
+    glb.write_bytes(carrying(sheet)[0])
+    broken.write_bytes(bent(sheet[:-9]).glb())
+    run = tool("eval", glb, glb, "--views", 2, "--size", 64, "--no-3d", "--json")
+    assert run.returncode == 0 and "fallback" in json.loads(run.stdout)["remarks"][0]
+    said = {}
+    for path in (source, glb, broken):
+        run = tool("render", path, path.with_suffix(path.suffix + ".png"), "--size", 64, "--json")
+        assert run.returncode == 0, run.stdout + run.stderr
+        said[path] = json.loads(run.stdout)
+    assert (tmp_path / "a.texf.png").read_bytes() == (tmp_path / "a.glb.png").read_bytes()
+    assert said[source]["remarks"] == [] and "is read, and not the fallback" in said[glb]["remarks"][0]
+    assert said[broken]["remarks"] == [] and "TXF-I25" in said[broken]["warnings"][0]

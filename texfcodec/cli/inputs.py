@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import TYPE_CHECKING
 
 import click
 
 from ..bitstream.file import read_stream_file
-from ..errors import InputError
+from ..errors import InputError, TexfError
 from ..limits import Limits
 from ..report import plural
 
@@ -78,12 +79,36 @@ def _stdin_mesh(data, strict, limits):
     return load_glb(data, strict, limits)
 
 
+def open_carried(path: str, options: DecodeOptions, report: Report) -> Texf | None:
+    """The Texf of the stream that a GLB carries; None for any other path, and for a stream that cannot be decoded, of which
+    load_mesh() says why. report: times, warnings, and a remark that this is not the mesh beside it."""
+    from ..api import decode
+    from ..report import Report
+
+    within = Report()  # its stages are parts of this one
+    try:
+        with open(path, "rb") as file:
+            if file.read(len(_GLB_MAGIC)) != _GLB_MAGIC:
+                return None
+        with report.stage("decode"):
+            texf = decode(path, options, within)
+    except (OSError, ValueError, TexfError):
+        return None
+    report.warnings += within.warnings
+    report.remarks.append(f"{path}: the stream that the file carries is read, and not the fallback beside it")
+    return texf
+
+
 def load_asset(path: str, options: DecodeOptions, inputs: list[str], report: Report) -> tuple[Scene | Texf, int]:
     """What is to be drawn, a Texf of a stream or a Scene of a mesh, and how many bytes it was read from. inputs: gets the names
     of the files that were read; report: times, warnings, and what of a mesh is not read."""
     from ..api import decode
     from ..report import Report
 
+    texf = open_carried(path, options, report)
+    if texf is not None:
+        inputs.append(path)
+        return texf, os.path.getsize(path)
     with report.stage("load"):
         asset = open_asset(path, path.lower().endswith(".texf"), options.limits)
     inputs += files_of(path, None if isinstance(asset, bytes) else asset)
@@ -99,8 +124,10 @@ def load_asset(path: str, options: DecodeOptions, inputs: list[str], report: Rep
 
 
 def say_losses(console: Console, report: Report) -> None:
-    """Says a Report's warnings one by one; of what is not read only the number."""
+    """Says a Report's warnings and remarks one by one; of what is not read only the number."""
     if not console.as_json:
+        for text in report.remarks:
+            console.note(f"note: {text}")
         for text in report.warnings:
             console.note(f"warning: {text}")
         if report.dropped:

@@ -211,7 +211,7 @@ def _facts(containers, report):
 
     assets = [{"name": name, "bytes": size, "container_bytes": len(container)} for name, size, container in containers]
     return {"assets": assets, "seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(),
-            "warnings": report.warnings, "dropped": report.dropped}
+            "warnings": report.warnings, "dropped": report.dropped, "remarks": report.remarks}
 
 
 def _lines(facts, outputs):

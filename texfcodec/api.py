@@ -181,7 +181,8 @@ def decode(stream: Stream, options: DecodeOptions | Mapping[str, Any] | None = N
     Parameters
     ----------
     stream : bytes-like, str, PathLike or file object
-        The stream, the path of its file, or a file object open for reading bytes.
+        The stream, the path of its file, or a file object open for reading bytes; or a GLB that carries a stream, in the same
+        ways.
     options : DecodeOptions or dict, optional
         A dict holds fields of DecodeOptions by name.
     report : Report, optional
@@ -239,14 +240,18 @@ def inspect(stream: Stream, limits: Limits | None = None) -> dict:
 
 
 def _bytes_of(stream, limits):
+    from .bitstream.file import read_stream_file, read_stream_object
+
     if isinstance(stream, bytes | bytearray | memoryview):
-        return bytes(stream)
-    if isinstance(stream, str | PathLike):
-        from .bitstream.file import read_stream_file
+        data = bytes(stream)
+    elif isinstance(stream, str | PathLike):
+        data = read_stream_file(stream, limits)
+    elif hasattr(stream, "read"):
+        data = read_stream_object(stream, limits)
+    else:
+        raise InputError("TXF-I05", "neither the bytes of a stream nor the path of a file", value=type(stream).__name__)
+    if data[:4] != b"glTF":
+        return data
+    from .io.gltf.carried import stream_within
 
-        return read_stream_file(stream, limits)
-    if hasattr(stream, "read"):
-        from .bitstream.file import read_stream_object
-
-        return read_stream_object(stream, limits)
-    raise InputError("TXF-I05", "neither the bytes of a stream nor the path of a file", value=type(stream).__name__)
+    return stream_within(data)

@@ -213,6 +213,10 @@ FINDINGS = (
     Finding("TXF-I22", InputError, (), "the arrays of a mesh object do not fit together", "compare them with Scene's docstring"),
     Finding("TXF-I23", InputError, (), "the STL or OFF file is malformed or ends early", _EXPORT),
     Finding("TXF-I24", InputError, (), "the 3MF or COLLADA file is not the archive or XML that it should be", _EXPORT),
+    Finding("TXF-I25", InputError, (), "the stream that a GLB or glTF carries cannot be decoded; its fallback is read (a warning "
+            "unless --strict)", "write the file again with texf-dec --carry-stream, or take a newer version"),
+    Finding("TXF-I26", InputError, (), "a GLB is given as a stream, and carries none",
+            "code it with texf-enc; texf-dec --carry-stream writes a GLB that carries its stream"),
     Finding("TXF-I30", SupportError, (), "the file is compressed with meshopt, and its package or the filter is missing",
             "pip install \"texfcodec[formats]\", or decompress it, e.g. with glTF-Transform"),
     Finding("TXF-I31", SupportError, (), "the file requires an extension that is not supported",
@@ -290,6 +294,8 @@ FINDINGS = (
             "rename one, or name its stream in a manifest"),
     Finding("TXF-O17", InputError, (), "another run is at work in the folder for results",
             "wait for its end, or name another folder"),
+    Finding("TXF-O18", InputError, (), "a stream is to be carried by something else than a GLB or glTF",
+            "name an output that ends in .glb or .gltf"),
     # Command lines.
     Finding("TXF-C01", None, (), "the command line is wrong", "see --help of the tool", EXIT_USAGE),
     Finding("TXF-C02", None, (), "the command was interrupted; no file is half-written", "start it again", EXIT_INTERRUPTED),

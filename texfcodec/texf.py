@@ -321,18 +321,18 @@ class Texf:
             Of a file object, "glb" for example, where its name does not say; for a path it has to agree with the suffix.
         **options
             appearance ("texture", "vertex" or "voxels"), texture_size, atlas, texture_format, texture_quality, compress,
-            overwrite, inputs: see io.save.save().
+            overwrite, inputs, and stream, the bytes of a stream that a GLB carries: see io.save.save().
 
         Returns
         -------
         dict
             {"warnings": sentences, "remarks": the same, on what changes no picture, "files": names written, "seams": jumps of
-            colour across seams of the atlas, or None}.
+            colour across seams of the atlas, or None, "carried": bytes of the stream and of all else, or None}.
 
         Raises
         ------
         InputError
-            TXF-O01 to TXF-O14: the path, the format or an option; nothing half-written remains.
+            TXF-O01 to TXF-O18: the path, the format or an option; nothing half-written remains.
         SupportError
             TXF-O15: the texture format or compression needs a package.
 

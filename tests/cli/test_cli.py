@@ -280,7 +280,8 @@ def test_limits_are_exit_6(call, mesh, stream, tmp_path):
 
 @pytest.mark.parametrize("name", ["texf-dec", "texf-info"])
 @pytest.mark.parametrize("what, expected", [
-    (None, (2, "TXF-I01")), ("folder", (2, "TXF-I02")), (b"", (3, "TXF-S01")), (b"glTF....", (3, "TXF-S01")),
+    (None, (2, "TXF-I01")), ("folder", (2, "TXF-I02")), (b"", (3, "TXF-S01")), (b"TexF....", (3, "TXF-S01")),
+    (b"glTF....", (2, "TXF-I07")),
     ("prefix", (3, "TXF-S02")), ("tail", (3, "TXF-S08")), ("flip", (3, "TXF-S03")), ("critical", (5, "TXF-U01")),
 ])  # fmt: skip
 def test_bad_stream_is_a_coded_error(call, stream, tmp_path, name, what, expected):
@@ -313,7 +314,7 @@ def test_decoder_writes_and_reports(call, stream, tmp_path, suffix, flags):
     facts = json.loads(out)
     assert code == 0 and err == "" and target.stat().st_size > 100
     assert set(facts) == {"schema", "bytes", "resolution", "voxels", "texels", "faces", "vertices", "fields", "files", "seconds",
-                          "peak_memory_bytes", "warnings", "remarks", "seams"}
+                          "peak_memory_bytes", "warnings", "remarks", "seams", "carried"}
     assert (facts["seams"] is None) == ("--texture-size" not in flags)
     assert facts["faces"] == 4 and facts["bytes"]["total"] == len(stream) and facts["files"] == [target.name]
     assert facts["resolution"] == (8 if "--lod" in flags else 32)

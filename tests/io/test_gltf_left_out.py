@@ -86,7 +86,7 @@ def test_what_the_table_calls_named_is_named(tmp_path, key, value, says):
 CARRIED_EXTENSIONS = {
     "KHR_draco_mesh_compression", "KHR_mesh_quantization", "KHR_texture_basisu", "KHR_texture_transform", "EXT_texture_webp",
     "EXT_texture_avif", "EXT_meshopt_compression", "KHR_meshopt_compression", "KHR_materials_unlit",
-    "KHR_materials_pbrSpecularGlossiness", *(f"KHR_materials_{name}" for name in (
+    "KHR_materials_pbrSpecularGlossiness", "TEXF_stream", *(f"KHR_materials_{name}" for name in (
         "anisotropy", "clearcoat", "diffuse_transmission", "dispersion", "emissive_strength", "ior", "iridescence", "sheen",
         "specular", "transmission", "volume"))}
 NAMED_EXTENSIONS = {

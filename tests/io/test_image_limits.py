@@ -66,7 +66,7 @@ def test_pillows_own_limit_has_no_say_and_stays_as_it_was(monkeypatch):
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 20)
     assert read_image(encoded(PIXELS), "a", Notes()).shape == (10, 11, 4)
     with pytest.raises(LimitError):
-        read_image(encoded(PIXELS), "a", Notes(image_pixels=50))
+        read_image(encoded(PIXELS), "a", Notes(limits=Limits(image_pixels=50)))
     assert Image.MAX_IMAGE_PIXELS == 20
 
 
@@ -76,7 +76,7 @@ def test_images_inside_images_count(monkeypatch):
     lying = bytearray(icon.getvalue())
     lying[6] = lying[7] = 4  # the directory says 4 x 4
     with pytest.raises(LimitError, match="more pixels than the limit"):
-        read_image(bytes(lying), "a", Notes(image_pixels=1000))
+        read_image(bytes(lying), "a", Notes(limits=Limits(image_pixels=1000)))
 
 
 @pytest.mark.parametrize("flag, code, remedy", [

@@ -415,7 +415,7 @@ def test_json_follows_the_schema(call, files, monkeypatch, other, samples):
     facts = json.loads(out)
     assert (code, err, out.count("\n")) == (0, "", 1)
     assert set(facts) == {"schema", "psnr", "ssim", "lpips", "psnr_3d", "views", "size", "pixels", "seconds", "shaded", "mipmaps",
-                          "union_psnr", "silhouette", "surface", "peak_memory_bytes", "warnings"}  # fmt: skip
+                          "union_psnr", "silhouette", "surface", "peak_memory_bytes", "warnings", "remarks"}  # fmt: skip
     assert set(facts["surface"]) == {"d1", "d2", "peak", "hausdorff"} and facts["surface"]["d1"]["psnr"] > 60
     assert set(facts["psnr"]) == {"rgb", "y", "u", "v", "yuv"} and all(v > 20 for v in facts["psnr"].values())
     assert set(facts["psnr_3d"]) == {"y", "yuv611", "rgb", "samples"} and facts["psnr_3d"]["samples"] == samples

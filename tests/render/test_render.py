@@ -704,7 +704,7 @@ def test_the_command_draws_meshes_and_streams(call, files, tmp_path):
         assert code == 0 and err == "" and facts["schema"] == 1 and facts["files"] == [out.name]
         assert set(facts) == {"schema", "width", "height", "direction", "perspective", "shaded", "pixels", "covered",
                               "background",
-                              "compare", "seconds", "peak_memory_bytes", "warnings", "dropped", "files"}
+                              "compare", "seconds", "peak_memory_bytes", "warnings", "dropped", "remarks", "files"}
         assert (facts["width"], facts["height"], facts["pixels"], facts["compare"]) == (96, 64, 96 * 64, None)
         image = np.asarray(Image.open(out))
         seen = (image != rows(GREY, 64)).any(axis=2).sum()

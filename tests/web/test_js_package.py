@@ -15,8 +15,10 @@ needs_node = pytest.mark.skipif(NODE is None, reason="there is no node on the PA
 
 
 @needs_node
-def test_the_package_passes_its_own_tests():
-    run = subprocess.run([NODE, "--test", "js/test/index.test.mjs"], cwd=REPOSITORY, capture_output=True, text=True, timeout=300)
+@pytest.mark.parametrize("name", ["index", "gltf"])
+def test_the_package_passes_its_own_tests(name):
+    run = subprocess.run([NODE, "--test", f"js/test/{name}.test.mjs"], cwd=REPOSITORY, capture_output=True, text=True,
+                         timeout=300)
     assert run.returncode == 0, run.stdout[-3000:] + run.stderr[-1000:]
 
 

@@ -1,23 +1,26 @@
 """texf-dec: a .texf stream becomes a mesh file that viewers open."""
 
+from pathlib import Path
 from typing import NoReturn
 
 import click
 
 from .. import __version__
-from ..bitstream.file import read_stream_file
 from ..io.formats import APPEARANCES, ATLAS_METHODS, COMPRESSIONS, SAVED_SUFFIXES, TEXTURE_FORMATS
 from ..options import DecodeOptions
 from ..report import plural
 from .console import STYLE, run, seconds_of, timing_line, write_output
 from .flags import file_names, limit_flags, limits_of, number, option_flags
+from .inputs import read_stream
 
 _LOOK = ("appearance", "texture_size", "atlas", "texture_format", "texture_quality", "compress")
+_FALLBACK_LOD = 3  # an eighth of the texels along a side, a 64th of the bytes of images
+_STREAM = ".texf"
 
 
 @click.command("texf-dec", context_settings=STYLE)
 @click.argument("source", metavar="IN.texf", shell_complete=file_names)
-@click.argument("out", metavar="OUT.{glb,gltf,obj,ply,npz}", shell_complete=file_names)
+@click.argument("out", metavar="OUT.{glb,gltf,obj,ply,npz,texf}", shell_complete=file_names)
 @click.option("--overwrite", is_flag=True, help="Replace files beside OUT (.mtl, images, .bin) that are there already; OUT "
               "itself always is.")
 @click.option("--appearance", type=click.Choice(APPEARANCES),
@@ -34,6 +37,10 @@ _LOOK = ("appearance", "texture_size", "atlas", "texture_format", "texture_quali
               "the format]"))
 @click.option("--compress", type=click.Choice(COMPRESSIONS), default=COMPRESSIONS[0],
               help="Pack the mesh of a GLB or glTF: KHR_draco_mesh_compression or EXT_meshopt_compression.  [default: none]")
+@click.option("--carry-stream", is_flag=True, help="The GLB or glTF carries the stream as it is, for viewers that know the "
+              f"extension TEXF_stream; others see a fallback, the level of --lod.  [default of --lod then: {_FALLBACK_LOD}]")
+@click.option("--fallback-faces", metavar="N", **number(1, 1 << 31, "Most faces of the fallback of --carry-stream; seams may "
+              "keep more.  [default: by the shape]"))
 @option_flags(DecodeOptions, "lod", "isolate", "engine")
 @limit_flags("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "latents", "metadata_bytes", "isolate_bytes",
              "isolate_seconds")
@@ -42,9 +49,9 @@ _LOOK = ("appearance", "texture_size", "atlas", "texture_format", "texture_quali
 @click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
-def dec(console, source, out, overwrite, as_json, quiet, **choices):
+def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, quiet, **choices):
     """Decode IN.texf ("-": stdin) to a mesh file; the suffix of OUT chooses the format ("-": GLB on stdout,
-    with the report on stderr).
+    with the report on stderr). IN may be a GLB that carries a stream; OUT.texf is the stream itself.
 
     Files from strangers: use --isolate and lower the limits.
 
@@ -59,25 +66,52 @@ def dec(console, source, out, overwrite, as_json, quiet, **choices):
 
     if out == "-":
         console.stdout_is_taken()
-    elif not out.lower().endswith(SAVED_SUFFIXES):
-        raise click.UsageError(f"{out} must end in one of {' '.join(SAVED_SUFFIXES)}")
+    elif not out.lower().endswith((*SAVED_SUFFIXES, _STREAM)):
+        raise click.UsageError(f"{out} must end in one of {' '.join(SAVED_SUFFIXES)} {_STREAM}")
     limits = limits_of(choices)
     look = {name: choices.pop(name) for name in _LOOK}
+    if fallback_faces is not None and not carry_stream:
+        raise click.UsageError("--fallback-faces is for --carry-stream")
+    if carry_stream and choices["lod"] is None:
+        choices["lod"] = _FALLBACK_LOD
     options = DecodeOptions(**{name: value for name, value in choices.items() if value is not None}, limits=limits)
     check_output(out, [source])
-    check_choices("stream.glb" if out == "-" else out, **look)
-    data = read_stream_file(source, limits)
+    takes_out = out.lower().endswith(_STREAM)
+    if takes_out and carry_stream:
+        raise click.UsageError("--carry-stream is for GLB and glTF; OUT.texf is the stream itself")
+    if not takes_out:
+        check_choices("stream.glb" if out == "-" else out, **look, stream=b"" if carry_stream else None)
+    data = read_stream(source, limits)
     console.note_first_run(None if takes_sandbox(options) else first_run(DECODING))
     with console.progress() as report:
         texf = decode(data, options, report)
+        if carry_stream:
+            with report.stage("simplify"):
+                texf = _fallback(texf, fallback_faces)
         with report.stage("save"):
-            saved = _save(texf, source, out, overwrite, look)
+            if takes_out:
+                saved = _take_out(data, source, out)
+            else:
+                saved = _save(texf, source, out, overwrite, look | {"stream": data if carry_stream else None})
     report.warnings += saved["warnings"]
     report.remarks += saved["remarks"]
     if not console.as_json:
         console.warnings(report)
     facts = _facts(data, texf, report, saved)
     console.result(facts, _lines(facts, out, texf.counted()))
+
+
+def _fallback(texf, faces):
+    """What is shown by viewers that do not know the stream."""
+    from ..encoder.fallback import with_fewer_faces
+
+    return with_fewer_faces(texf, faces)
+
+
+def _take_out(data, source, out):
+    """Writes the stream itself, which has been decoded without a fault; what save() tells."""
+    write_output(out, data, [] if source == "-" else [source])
+    return {"warnings": [], "remarks": [], "files": [Path(out).name], "seams": None, "carried": None}
 
 
 def _save(texf, source, out, overwrite, look):
@@ -103,13 +137,15 @@ def _facts(data, texf, report, saved):
     return {"bytes": {"total": len(data)}, "resolution": texf.resolution, "voxels": values[False], "texels": values[True],
             "faces": sum(len(unit.faces) for unit in texf.units), "vertices": sum(len(unit.lattice) for unit in texf.units),
             "fields": len(texf.fields),
-            "files": saved["files"], "seams": saved["seams"], "seconds": seconds_of(report),
+            "files": saved["files"], "seams": saved["seams"], "carried": saved["carried"], "seconds": seconds_of(report),
             "peak_memory_bytes": max(peaks, default=None), "warnings": report.warnings, "remarks": report.remarks}
 
 
 def _lines(facts, out, counted):
     sizes = plural(facts["faces"], "face", "faces"), plural(facts["vertices"], "vertex", "vertices")
     yield f"{out}: {', '.join(sizes)}, {counted} from {facts['bytes']['total']} bytes"
+    if facts["carried"]:
+        yield f"carries the stream, {facts['carried']['stream']} bytes, with a fallback of {facts['carried']['fallback']} bytes"
     if facts["seams"] and facts["seams"]["border_edges"]:
         yield _seams_line(facts["seams"])
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])

@@ -8,7 +8,7 @@ from .. import __version__
 from ..io.formats import SUFFIXES
 from .console import STYLE, run, seconds_of, timing_line
 from .flags import file_names, limit_flags, limits_of, number
-from .inputs import check_stdin_once, load_mesh, open_asset
+from .inputs import check_stdin_once, load_mesh, open_asset, open_carried
 
 
 @click.command("texf-eval", context_settings=STYLE)
@@ -85,6 +85,9 @@ def _open(path, options, report):
     """Scene of a mesh, Texf of a stream."""
     from ..api import decode
 
+    texf = open_carried(path, options, report)
+    if texf is not None:
+        return texf
     with report.stage("load"):
         asset = open_asset(path, not _is_mesh(path), options.limits)
     return decode(asset, options, report) if isinstance(asset, bytes) else _named(asset, path, report)
@@ -132,7 +135,8 @@ def _surface(scene, decoded, threads, report):
 def _run_facts(report):
     from ..report import peak_memory_bytes
 
-    return {"seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(), "warnings": report.warnings}
+    return {"seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(), "warnings": report.warnings,
+            "remarks": report.remarks}
 
 
 def _lines(facts, other):

@@ -6,7 +6,6 @@ from typing import NoReturn
 import click
 
 from .. import __version__
-from ..bitstream.file import read_stream_file
 from ..bitstream.syntax import SUPPORT_TEXELS
 from ..codecs import codec_of
 from ..core.json_text import json_text
@@ -17,6 +16,7 @@ from ..scene.normal_rule import rule_of
 from ..scene.scene import WRAP_NAMES
 from .console import STYLE, run
 from .flags import file_names
+from .inputs import read_stream
 
 
 @click.command("texf-info", context_settings=STYLE)
@@ -28,14 +28,15 @@ from .flags import file_names
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
 def info(console, file, as_json, quiet, effects, verify):
-    """Name every syntax element of the .texf FILE ("-": stdin) with its offset and size, without decoding it.
+    """Name every syntax element of the .texf FILE ("-": stdin), or of the stream that a GLB carries, with its offset and size,
+    without decoding it.
 
     Exit codes: 0 valid, 1 command line, 2 input or output, 3 invalid stream, 5 not supported, 6 over a limit, 130
     interrupted.
     """
     from ..bitstream.inspect import inspect
 
-    data = read_stream_file(file, Limits())
+    data = read_stream(file, Limits())
     facts = inspect(data)
     if verify:
         _verify(data, facts)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import TYPE_CHECKING
 
 import click
 
 from ..bitstream.file import read_stream_file
-from ..errors import InputError, SupportError
+from ..errors import InputError, SupportError, TexfError
 from ..limits import Limits
 from ..report import plural
 
@@ -20,12 +21,22 @@ if TYPE_CHECKING:
     from .console import Console
 
 _GLB_MAGIC = b"glTF"
+CARRIED = "{}: the stream that the file carries is read, and not the fallback beside it"
 
 
 def check_stdin_once(*paths: str | None) -> None:
     """A wrong command line where more than one input is "-"."""
     if paths.count("-") > 1:
         raise click.UsageError("stdin can be read only once, but two inputs are -")
+
+
+def read_stream(path: str, limits: Limits) -> bytes:
+    """Bytes of a .texf file, or of stdin for "-"; of a GLB that carries a stream, the stream. Errors: as read_stream_file(), and
+    TXF-I26 for a GLB that carries none."""
+    from ..io.gltf.carried import stream_within
+
+    data = read_stream_file(path, limits)
+    return stream_within(data) if data[:4] == _GLB_MAGIC else data
 
 
 def load_mesh(path: str, strict: bool = False, limits: Limits | None = None) -> Scene:
@@ -69,12 +80,46 @@ def _stdin_mesh(data, strict, limits):
     return load_glb(data, strict, limits)
 
 
+def carried_stream(path: str, limits: Limits) -> bytes | None:
+    """The stream that a GLB carries; None for any other path, and where none can be taken out."""
+    try:
+        with open(path, "rb") as file:
+            if file.read(len(_GLB_MAGIC)) != _GLB_MAGIC:
+                return None
+        return read_stream(path, limits)
+    except (OSError, ValueError, TexfError):
+        return None
+
+
+def open_carried(path: str, options: DecodeOptions, report: Report) -> Texf | None:
+    """The Texf of the stream that a GLB carries; None for any other path, and for a stream that cannot be decoded, of which
+    load_mesh() says why. report: times, warnings, and a remark that this is not the mesh beside it."""
+    from ..api import decode
+    from ..report import Report
+
+    within, data = Report(), carried_stream(path, options.limits)  # its stages are parts of the other's
+    if data is None:
+        return None
+    try:
+        with report.stage("decode"):
+            texf = decode(data, options, within)
+    except TexfError:
+        return None
+    report.warnings += within.warnings
+    report.remarks.append(CARRIED.format(path))
+    return texf
+
+
 def load_asset(path: str, options: DecodeOptions, inputs: list[str], report: Report) -> tuple[Scene | Texf, int]:
     """What is to be drawn, a Texf of a stream or a Scene of a mesh, and how many bytes it was read from. inputs: gets the names
     of the files that were read; report: times, warnings, and what of a mesh is not read."""
     from ..api import decode
     from ..report import Report
 
+    texf = open_carried(path, options, report)
+    if texf is not None:
+        inputs.append(path)
+        return texf, os.path.getsize(path)
     with report.stage("load"):
         asset = open_asset(path, path.lower().endswith(".texf"), options.limits)
     inputs += files_of(path, None if isinstance(asset, bytes) else asset)
@@ -106,8 +151,10 @@ def checked_stream(data: bytes, limits: Limits) -> list[str]:
 
 
 def say_losses(console: Console, report: Report) -> None:
-    """Says a Report's warnings one by one; of what is not read only the number."""
+    """Says a Report's warnings and remarks one by one; of what is not read only the number."""
     if not console.as_json:
+        for text in report.remarks:
+            console.note(f"note: {text}")
         for text in report.warnings:
             console.note(f"warning: {text}")
         if report.dropped:

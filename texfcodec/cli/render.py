@@ -160,7 +160,7 @@ def _facts(image, picture, choices, compared, report):
             "perspective": choices["perspective"], "shaded": choices["shaded"], "pixels": picture.width * picture.height,
             "covered": len(picture.pixel), "background": list(choices["background"]), "compare": compared,
             "seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(), "warnings": report.warnings,
-            "dropped": report.dropped}
+            "dropped": report.dropped, "remarks": report.remarks}
 
 
 def _lines(facts, out):

@@ -5,11 +5,11 @@ from typing import NoReturn
 import click
 
 from .. import __version__
-from ..bitstream.file import read_stream_file
 from ..errors import EXIT_DIFFERS, EXIT_LIMIT, EXIT_OK, EXIT_STREAM, EXIT_SUPPORT
 from ..options import DecodeOptions
 from .console import STYLE, run
 from .flags import file_names, limit_flags, limits_of, option_flags
+from .inputs import read_stream
 
 _IN_A_WORD = {EXIT_OK: "valid", EXIT_DIFFERS: "valid, with warnings", EXIT_STREAM: "invalid", EXIT_SUPPORT: "not supported",
               EXIT_LIMIT: "over a limit"}
@@ -27,8 +27,8 @@ _IN_A_WORD = {EXIT_OK: "valid", EXIT_DIFFERS: "valid, with warnings", EXIT_STREA
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
 def validate(console, file, strict, as_json, quiet, **choices):
-    """Name everything that is wrong or odd in the .texf FILE ("-": stdin), not the first error alone: decodes what can be
-    decoded, compares all checksums, and goes on behind errors.
+    """Name everything that is wrong or odd in the .texf FILE ("-": stdin), or in the stream that a GLB carries, not the first
+    error alone: decodes what can be decoded, compares all checksums, and goes on behind errors.
 
     Files from strangers: use --isolate and lower the limits.
 
@@ -41,7 +41,7 @@ def validate(console, file, strict, as_json, quiet, **choices):
 
     limits, isolate = limits_of(choices), choices.pop("isolate")
     options = DecodeOptions(**{name: value for name, value in choices.items() if value is not None}, limits=limits)
-    data = read_stream_file(file, limits)
+    data = read_stream(file, limits)
     console.note_first_run(first_run(DECODING))
     with console.progress() as report:
         outcome = (validate_isolated if isolate else validated)(data, limits, options.threads, report)

@@ -9,11 +9,11 @@ from typing import NamedTuple, NoReturn
 import click
 
 from .. import __version__
-from ..errors import SupportError
+from ..errors import SupportError, TexfError
 from . import interrupts
 from .console import STYLE, check_output, run, seconds_of, timing_line, write_output
 from .flags import direction_of, file_names, limit_flags, limits_of, number, size_of
-from .inputs import check_stdin_once, checked_stream, files_of, open_asset, say_losses
+from .inputs import CARRIED, carried_stream, check_stdin_once, checked_stream, files_of, open_asset, say_losses
 
 MODES = ("single", "split", "difference", "side")
 EFFECTS = ("scene", "all")
@@ -150,7 +150,7 @@ def _shown(limits, inputs, report):
     for path in list(inputs):
         name = Path(path).name
         with report.stage("load"):
-            asset = open_asset(path, path.lower().endswith(".texf"), limits)
+            asset = _sound_carried(path, limits, report) or open_asset(path, path.lower().endswith(".texf"), limits)
         inputs += files_of(path, None if isinstance(asset, bytes) else asset)
         if isinstance(asset, bytes):
             with report.stage("check"):
@@ -163,6 +163,18 @@ def _shown(limits, inputs, report):
         with report.stage("pack"):
             out.append(Shown(name, size, pack(asset, name, size)))
     return out
+
+
+def _sound_carried(path, limits, report):
+    """The stream that a GLB carries, None where there is none that the page could decode."""
+    data = None if path == "-" else carried_stream(path, limits)
+    try:
+        if data is not None:
+            checked_stream(data, limits)
+            report.remarks.append(CARRIED.format(path))
+    except TexfError:  # the mesh beside it is shown, and its reader says why
+        return None
+    return data
 
 
 def _outputs(shown, limits, export, screenshot, start, drawn, report):
@@ -225,7 +237,7 @@ def _facts(shown, report):
 
     assets = [{"name": one.name, "bytes": one.size} for one in shown]
     return {"assets": assets, "seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(),
-            "warnings": report.warnings, "dropped": report.dropped}
+            "warnings": report.warnings, "dropped": report.dropped, "remarks": report.remarks}
 
 
 def _lines(facts, outputs):

@@ -80,7 +80,7 @@ def read_image(data: Any, name: str, notes: Notes, is_colour: bool = True) -> np
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # large but allowed sizes, odd palettes: none of these changes a pixel
         try:
-            with _our_limit(notes.image_pixels):
+            with _our_limit(notes.limits.image_pixels):
                 image = data if isinstance(data, Image.Image) else Image.open(io.BytesIO(data))
                 notes.check_pixels(image.width * image.height, name)
                 image.load()

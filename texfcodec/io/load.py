@@ -25,10 +25,11 @@ def load(source: object, strict: bool = False, limits: Limits | None = None) -> 
     source: path of a file in one of formats.FORMATS; its bytes, or a file object open for reading bytes, whose format is that
     of its name where it has one with a suffix, else by the first bytes; or a trimesh.Trimesh, trimesh.Scene or Scene (returned
     as it is, after a check). strict: missing textures, broken images and broken UVs are errors instead of warnings. limits: of
-    images, by their pixels. Positions keep the unit and the axes that the file has; nothing is scaled or turned.
+    images, by their pixels, and of a stream that a GLB or glTF carries, which is read in place of the meshes beside it. Positions
+    keep the unit and the axes that the file has; nothing is scaled or turned.
     Errors: InputError, SupportError, LimitError with codes of texfcodec/findings.py; nothing else.
     """
-    notes = Notes(strict, (limits or Limits()).image_pixels)
+    notes = Notes(strict, limits)
     if isinstance(source, (str, os.PathLike)):
         with recording() as files:
             scene = _load_file(Path(source), notes)
@@ -57,7 +58,7 @@ def load_glb(data: bytes, strict: bool = False, limits: Limits | None = None) ->
     from .gltf.reader import read_gltf
 
     with recording() as files:
-        notes = Notes(strict, (limits or Limits()).image_pixels)
+        notes = Notes(strict, limits)
         scene = _guarded(lambda: read_gltf(data, Path(), notes), "TXF-I09")
     scene.files = {"-": len(data), **files}
     return scene

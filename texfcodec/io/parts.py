@@ -20,10 +20,10 @@ class Notes:
     """What a reader has to tell, each once and in the order of finding: what will look different, as warnings (sentences) and
     dropped (names), and remarks (sentences) on what changes no picture.
 
-    strict: whether faults are errors; image_pixels: most of one image, None without a limit."""
+    strict: whether faults are errors; limits: what images, and a stream that a file carries, may ask for."""
 
-    def __init__(self, strict: bool = False, image_pixels: int | None = Limits.image_pixels) -> None:
-        self.strict, self.image_pixels = strict, image_pixels
+    def __init__(self, strict: bool = False, limits: Limits | None = None) -> None:
+        self.strict, self.limits = strict, limits or Limits()
         self._warnings: dict[str, None] = {}
         self._dropped: dict[str, None] = {}
         self._remarks: dict[str, None] = {}
@@ -45,13 +45,13 @@ class Notes:
 
     def check_pixels(self, count: int, name: str) -> None:
         """LimitError TXF-I40 for an image, called by its name, of more pixels than are allowed; before anything is decoded."""
-        if self.image_pixels is not None and count > self.image_pixels:
+        if self.limits.image_pixels is not None and count > self.limits.image_pixels:
             raise self.too_many_pixels(count, name)
 
     def too_many_pixels(self, count: int | None, name: str) -> LimitError:
         """The error for such an image; count: None where it is not known."""
         return LimitError("TXF-I40", f"image '{name}' has more pixels than the limit allows", value=count,
-                          allowed=self.image_pixels)
+                          allowed=self.limits.image_pixels)
 
     @property
     def warnings(self) -> list[str]:

@@ -36,7 +36,8 @@ class SaveOptions:
     """How a stream is written. appearance: "texture", "vertex" (colours at vertices), "voxels" (point cloud of voxel centres) or
     None; texture_size: side of the atlas in texels or None; atlas: "auto", "quality" or "fast"; texture_format: "auto" for JPEG
     where that costs hardly any quality and PNG elsewhere, "png", "jpeg", "webp", "avif" or "ktx2"; texture_quality: 1..100, or
-    None for the format's own; compress: "none", "draco" or "meshopt"."""
+    None for the format's own; compress: "none", "draco" or "meshopt"; stream: the bytes of a .texf stream, of which the asset is
+    a coarse level, that a GLB or glTF carries as it is (docs/TEXF_stream.md), or None."""
 
     appearance: str | None = None
     texture_size: int | None = None
@@ -44,18 +45,24 @@ class SaveOptions:
     texture_format: str = AUTO
     texture_quality: int | None = None
     compress: str = "none"
+    stream: bytes | None = None
     settled: bool = field(default=False, init=False)  # whether colours have to be where appearance says
 
 
 @dataclass
 class _Told:
-    """What save() has to tell. remarks: what changes no picture; looks: of a surface that is written with images, known before
-    these are made."""
+    """What save() has to tell. remarks: what changes no picture; carried: bytes of a stream and of all else; looks: of a surface
+    that is written with images, known before these are made."""
 
     warnings: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
     seams: dict | None = None
+    carried: dict | None = None
     looks: Looks | None = None
+
+    def result(self):
+        """What save() returns, but for the files."""
+        return {"warnings": self.warnings, "remarks": self.remarks, "seams": self.seams, "carried": self.carried}
 
 
 def save(texf: Texf, path: str | PathLike, appearance: str | None = None, texture_size: int | None = None, atlas: str = "auto",
@@ -71,10 +78,12 @@ def save(texf: Texf, path: str | PathLike, appearance: str | None = None, textur
     glTF's meshes. Side files (.bin, .png, .mtl) take the name of path; several images are numbered from 0, the atlas first.
     overwrite: whether side files may replace what is there; path itself always may. inputs: paths that nothing may replace.
     Returns {"warnings": [one sentence each], "remarks": [the same, on what changes no picture], "files": [names written],
-    "seams": measure_seams() of the atlas or None}.
+    "seams": measure_seams() of the atlas or None, "carried": {"stream": bytes of the stream that is carried, "fallback": bytes of
+    all else that is written} or None}.
     Raises InputError: TXF-O01 no such directory, TXF-O02 not writable, TXF-O03 disk full, TXF-O04 other operating system error,
     TXF-O05 suffix, TXF-O06 appearance, TXF-O07 a file would replace an input, TXF-O08 a side file is there already, TXF-O10..O12
-    atlas, TXF-O13 no voxels, TXF-O14 texture format, quality or compression; SupportError TXF-O15 their package is missing.
+    atlas, TXF-O13 no voxels, TXF-O14 texture format, quality or compression, TXF-O18 a stream in another format; SupportError
+    TXF-O15 a package is missing.
     After an error nothing half-written remains.
     """
     path = Path(path)
@@ -86,12 +95,12 @@ def save(texf: Texf, path: str | PathLike, appearance: str | None = None, textur
     check_sides(path.parent, _side_names(path, suffix, asked, told.looks), inputs, overwrite, own_sides(path))
     files = _WRITERS[suffix](texf, path, asked, told)
     write_all(path.parent, files, inputs, overwrite)
-    return {"warnings": told.warnings, "remarks": told.remarks, "files": [name for name, _ in files], "seams": told.seams}
+    return {"files": [name for name, _ in files]} | told.result()
 
 
 def as_glb(texf: Texf, **options: Any) -> tuple[bytes, dict]:
     """The bytes of the GLB that save() would write, and what it would return without files: (bytes, {"warnings", "remarks",
-    "seams"}). options: SaveOptions."""
+    "seams", "carried"}). options: SaveOptions."""
     return _in_one_piece(texf, ".glb", SaveOptions(**options))
 
 
@@ -116,8 +125,8 @@ def save_into(texf: Texf, file: BinaryIO, form: str | None = None, **options: An
 
 
 def _in_one_piece(texf, suffix, asked):
-    """(bytes, {"warnings", "remarks", "seams"}) of a format that needs no file beside it. Raises InputError TXF-O05 for
-    others."""
+    """(bytes, {"warnings", "remarks", "seams", "carried"}) of a format that needs no file beside it. Raises InputError TXF-O05
+    for others."""
     path, told = Path("stream" + suffix), _Told()
     suffix = _checked(texf, path, asked, told)
     told.looks = _looks(texf, suffix, asked, told.remarks)
@@ -128,7 +137,7 @@ def _in_one_piece(texf, suffix, asked):
         held = io.BytesIO()
         pieces(held)
         pieces = [held.getvalue()]
-    return b"".join(pieces), {"warnings": told.warnings, "remarks": told.remarks, "seams": told.seams}
+    return b"".join(pieces), told.result()
 
 
 def _checked(texf, path, asked, told):
@@ -166,13 +175,15 @@ def _settles_images(asked):
 
 
 def check_choices(path: str | PathLike, **options: Any) -> None:
-    """What save() can refuse of its options (SaveOptions) before anything is decoded: InputError TXF-O05, TXF-O06 and TXF-O14,
-    SupportError TXF-O15."""
+    """What save() can refuse of its options (SaveOptions) before anything is decoded: InputError TXF-O05, TXF-O06, TXF-O14
+    and TXF-O18, SupportError TXF-O15."""
     _checked(None, Path(path), SaveOptions(**options), _Told())
 
 
 def _check_packing(suffix, asked):
     """InputError TXF-O14, or SupportError TXF-O15, where texture format and compression do not fit what is written."""
+    if asked.stream is not None and suffix not in (".glb", ".gltf"):
+        raise InputError("TXF-O18", "only GLB and glTF can carry a stream", value=suffix, allowed=".glb .gltf")
     check_image_format(asked.texture_format, asked.texture_quality)
     check_compression(asked.compress)
     gltf, chosen = suffix in (".glb", ".gltf"), asked.texture_format not in (AUTO, "png")
@@ -226,7 +237,25 @@ def _glb(texf, path, asked, told):
     else:
         document = _without_texture(texf, asked)
     told.warnings += document.warnings
-    return [(path.name, writer.glb(document))]
+    _carry(document, asked)
+    files = [(path.name, writer.glb(document))]
+    told.carried = _counted(files, asked)
+    return files
+
+
+def _carry(document, asked):
+    from .gltf.carried import write_carried
+
+    if asked.stream is not None:
+        write_carried(document, asked.stream)
+
+
+def _counted(files, asked):
+    """Bytes of the stream that files (name, pieces) carry and of all else in them, None where they carry none."""
+    if asked.stream is None:
+        return None
+    total = sum(len(piece) for _, pieces in files for piece in pieces)
+    return {"stream": len(asked.stream), "fallback": total - len(asked.stream)}
 
 
 def _without_texture(texf, asked):
@@ -248,10 +277,13 @@ def _gltf(texf, path, asked, told):
     else:
         document = _without_texture(texf, asked)
     told.warnings += document.warnings
+    _carry(document, asked)
     main, buffer = writer.gltf(document, quote(path.stem + ".bin"))
     if buffer:
         files.append((path.stem + ".bin", buffer))
-    return [*files, (path.name, main)]
+    files.append((path.name, main))
+    told.carried = _counted(files, asked)
+    return files
 
 
 def _obj(texf, path, asked, told):

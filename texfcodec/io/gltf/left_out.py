@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from .carried import EXTENSION
 from .properties import extensions, name_of
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ TABLE: dict[str, dict[str, str]] = {
 READ = {"bufferViews": {"EXT_meshopt_compression", "KHR_meshopt_compression"},
         "buffers": {"EXT_meshopt_compression", "KHR_meshopt_compression"},
         "texture infos": {"KHR_texture_transform"},
+        "scenes": {EXTENSION},
         "textures": {"KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds"}}
 UNSEEN = ("KHR_xmp", "EXT_mesh_manifold")  # what they say changes no picture
 _ELSEWHERE = ("file", "nodes", "primitives", "materials")  # whose extensions the readers name, one by one

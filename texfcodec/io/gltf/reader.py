@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...errors import InputError, SupportError
+from ...errors import InputError, SupportError, TexfError
+from ...report import plural
 from ..authored_normals import place_normals, place_tangents
 from ..images import TextureShelf
 from ..parts import Notes, assemble, check_face_count
+from .carried import EXTENSION, read_carried
 from .document import open_document
 from .left_out import name_extension, name_joined, name_left_out, name_variants
 from .material import read_look, read_material
@@ -32,15 +34,49 @@ CAMERAS = "cameras are left out"
 LIGHTS = "KHR_lights_punctual"
 _HONOURED = {"KHR_texture_transform", "EXT_texture_webp", "EXT_texture_avif", "KHR_draco_mesh_compression",
              "KHR_mesh_quantization", "KHR_materials_unlit", "KHR_materials_pbrSpecularGlossiness",
-             "KHR_texture_basisu", "MSFT_texture_dds", "EXT_meshopt_compression", "KHR_meshopt_compression"}
+             "KHR_texture_basisu", "MSFT_texture_dds", "EXT_meshopt_compression", "KHR_meshopt_compression", EXTENSION}
 _HARMLESS_WHEN_REQUIRED = ("KHR_materials_", "KHR_lights_punctual", "KHR_xmp", "EXT_lights_", "KHR_animation_pointer")
 
 
 def read_gltf(data: bytes, folder: Path, notes: Notes) -> Scene:
-    """bytes of a .glb or .gltf file -> Scene. folder: where relative URIs start. Errors: see files.py."""
+    """bytes of a .glb or .gltf file -> Scene, of the stream that it carries where there is one. folder: where relative URIs
+    start. Errors: see files.py."""
     document = open_document(data, folder, notes)
     _check_required(document)
-    looks = {}
+    scene = _scene_of_stream(document)
+    return _scene_of_nodes(document) if scene is None else scene
+
+
+def _scene_of_stream(document):
+    """The Scene of the stream that the default scene carries; None where there is none, or none that can be decoded."""
+    from ...decoder import decode_stream
+    from ...options import DecodeOptions
+    from ...report import Report
+    from ..save import as_glb
+
+    notes = document.notes
+    try:
+        stream = read_carried(document)
+        if stream is None:
+            return None
+        report = Report()
+        texf = decode_stream(stream, DecodeOptions(limits=notes.limits), report)
+        written, told = as_glb(texf, texture_format="png")
+        scene = read_gltf(written, Path(), Notes(notes.strict, notes.limits))
+    except TexfError as error:
+        notes.fault("TXF-I25", f"the stream that the file carries cannot be decoded ({error}), its fallback is read")
+        return None
+    size = plural(len(stream), "byte", "bytes")
+    notes.remark(f"the stream that the file carries, {size}, is read, and not the fallback beside it")
+    scene.warnings = [*notes.warnings, *report.warnings, *told["warnings"], *scene.warnings]
+    scene.remarks = [*notes.remarks, *told["remarks"], *scene.remarks]
+    scene.metadata = texf.metadata
+    return scene
+
+
+def _scene_of_nodes(document):
+    """The Scene of what the nodes of the default scene show."""
+    looks, notes = {}, document.notes
 
     def look_of(material):
         if material is not None and not is_index(material):

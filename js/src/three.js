@@ -86,14 +86,20 @@ export class TEXFLoader extends Loader {
     loader.setResponseType('arraybuffer');
     loader.setRequestHeader(this.requestHeader);
     loader.setWithCredentials(this.withCredentials);
-    const failed = onError ?? ((/** @type {unknown} */ error) => console.error(error));
+    const failed = onError ?? ((/** @type {unknown} */ error) => console.error(error)), {signal} = this.control;
+    const stop = () => /** @type {any} */ (loader).abort?.(); // three.js r179 or later
+    signal.addEventListener('abort', stop, {once: true});
     loader.load(url, (data) => {
+      signal.removeEventListener('abort', stop);
       this.manager.itemStart(url);
-      this.parseAsync(/** @type {ArrayBuffer} */ (data)).then(onLoad).catch((error) => {
+      this.decoded(/** @type {ArrayBuffer} */ (data), signal).then(onLoad).catch((error) => {
         failed(error);
         this.manager.itemError(url);
       }).finally(() => this.manager.itemEnd(url));
-    }, onProgress, failed);
+    }, onProgress, (error) => {
+      signal.removeEventListener('abort', stop);
+      failed(notFetched(url, error, signal));
+    });
   }
 
   /**
@@ -106,25 +112,39 @@ export class TEXFLoader extends Loader {
   }
 
   /** @param {ArrayBuffer|Uint8Array} data @returns {Promise<Group>} */
-  async parseAsync(data) {
+  parseAsync(data) {
+    return this.decoded(data, this.control.signal);
+  }
+
+  /** @param {ArrayBuffer|Uint8Array} data @param {AbortSignal} signal @returns {Promise<Group>} */
+  async decoded(data, signal) {
     const onLevel = this.onLevel;
-    const asset = await this.decoder.decode(data, {level: this.level, limits: this.limits, signal: this.control.signal,
+    const asset = await this.decoder.decode(data, {level: this.level, limits: this.limits, signal,
       onLevel: onLevel ? (coarse, level) => onLevel(groupOf(coarse), level) : undefined});
     return groupOf(asset);
   }
 
-  /** Rejects what is being decoded. */
+  /** Rejects what is being fetched or decoded. */
   abort() {
     this.control.abort();
     this.control = new AbortController();
     return this;
   }
 
-  /** Ends all workers. */
+  /** Rejects what is not finished and ends all workers. */
   dispose() {
+    this.abort();
     this.decoder.dispose();
     return this;
   }
+}
+
+/** @param {string} url @param {unknown} error @param {AbortSignal} signal */
+function notFetched(url, error, signal) {
+  if (signal.aborted || (/** @type {any} */ (error))?.name === 'AbortError') return new TexfError('aborted', 'loading was aborted');
+  const told = new TexfError(/** @type {any} */ ('network'), `${url} cannot be fetched: ${error instanceof Error ? error.message : error}`);
+  told.cause = error;
+  return told;
 }
 
 export {TexfError};

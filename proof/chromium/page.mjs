@@ -8,16 +8,16 @@ const decoder = new Decoder();
 const fetched = async (url) => new Uint8Array(await (await fetch(url)).arrayBuffer());
 
 // The arrays of a stream: positions, faces, keys and values are what the workers give; what an asset does not hold as integers (UVs,
-// sharp edges, coded normals) is asked of a module in the page.
+// sharp edges, coded normals), and coordinates that binary32 does not, are asked of a module in the page.
 async function decoded(bytes, level) {
   const asset = await decoder.decode(bytes, { level }), engine = new Engine(await decoder.preload());
   engine.decode(bytes, level);
   const said = JSON.parse(new TextDecoder().decode(engine.array('description')));
-  const scale = asset.side / (2 ** asset.positionBits - 1);
+  const scale = asset.side / (2 ** asset.positionBits - 1), held = scale > 2 ** -126 && asset.side < 2 ** 127; // by binary32
   const valuesOf = (i, g) => asset.fields[i].planes[CHANNELS[said.groups[g].semantics[0]]]?.values;
   return arraysOf(said, (kind, i, g) => {
     if (kind === 'faces') return asset.units[i].indices;
-    if (kind === 'positions' && scale > 0) return Uint32Array.from(asset.units[i].positions, (p) => Math.round(p / scale));
+    if (kind === 'positions' && held) return Uint32Array.from(asset.units[i].positions, (p) => Math.round(p / scale));
     if (kind === 'keys') return asset.fields[i].keys;
     if (kind === 'values') return valuesOf(i, g) ?? new ArrayBuffer(0);
     return engine.array(kind, i, g);

@@ -68,7 +68,7 @@ try {
     const begin = performance.now(), told = await served(page, root, compared);
     code = told.code;
     console.log(`${told.summary}, Chromium ${browser.version()}, ${Math.round((performance.now() - begin) / 1000)} s, ${messages.length} console messages`);
-  }, { 'content-security-policy': POLICY });
+  }, { headers: { 'content-security-policy': POLICY } });
 } finally {
   await rm(root, { recursive: true });
 }

@@ -1,8 +1,9 @@
-// GLB files drawn by three.js from given orthographic cameras in a given light, in a browser without a window.
+// GLB files, or streams by TEXFLoader, drawn by three.js from given orthographic cameras in a given light, in a browser without a window.
 // node three_check.mjs JOB.json OUT_FOLDER, in a folder where node finds three and playwright-core (three_page.mjs).
 // JOB.json: {"root", "size", "filter": "linear" or "mipmaps", "alike": names of ALIKE, or "frames", "sky": {"width", "height", "file"} or
 // null, "lights": [{"direction", "colour"}], "files": [{"name", "path", "cameras": name}], "cameras": {name: [{"right", "up",
-// "forward", "eye", "half", "depth"}]}}; paths are below root. The sky's file is float32 RGBA, linear, from the nadir up. Writes
+// "forward", "eye", "half", "depth"}]}}; paths are below root, where js/src stands if there are streams; "flat": streams show their base
+// colour without light. The sky's file is float32 RGBA, linear, from the nadir up. Writes
 // NAME-VIEW.rgba: colour over white, sRGB-coded, and how much of a pixel is covered, rows from below; and told.json: {"revision",
 // "files": {name: what the file's geometries and materials have}}.
 
@@ -101,10 +102,19 @@ function framed(mesh) {
     material.normalMap ??= FLAT;
   }
 }
+async function streamOf(url) {
+  const { decode, dispose } = await import('/cache/js/src/index.js'), { disposeGroup, groupOf } = await import('/cache/js/src/three.js');
+  if (model) disposeGroup(model);
+  const asset = await decode(await (await fetch(url)).arrayBuffer());
+  dispose();
+  if (job.flat) asset.materials.forEach((material) => { material.unlit = true; });
+  return groupOf(asset);
+}
 window.load = async (file) => {
   if (model) scene.remove(model);
   const loader = new GLTFLoader().setDRACOLoader(draco).setMeshoptDecoder(MeshoptDecoder);
-  model = (await loader.loadAsync('/cache/' + file.split('/').map(encodeURIComponent).join('/'))).scene;
+  const url = '/cache/' + file.split('/').map(encodeURIComponent).join('/');
+  model = file.endsWith('.texf') ? await streamOf(url) : (await loader.loadAsync(url)).scene;
   scene.add(model);
   const told = { meshes: 0, tangents: 0, normals: 0, materials: {} };
   model.traverse((mesh) => {

@@ -13,15 +13,17 @@ const FLAGS = ['--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--e
 export const IMPORTS = `<script type="importmap">
 {"imports": {"three": "/three/build/three.module.js", "three/addons/": "/three/examples/jsm/"}}</script>`;
 
-// Serves html at /, three.js at /three/ and the files of `root` at /cache/, calls work(browser, address) and ends both.
-export async function withPage(html, root, work) {
+// Serves html at /, three.js at /three/ and the files of `root` at /cache/, all with `headers`, and what `routes` answer: {path:
+// (request, response) => ...}; calls work(browser, address) and ends both.
+export async function withPage(html, root, work, { headers = {}, routes = {} } = {}) {
   const require = createRequire(path.join(process.cwd(), 'x.js')), three = path.dirname(path.dirname(require.resolve('three')));
   const server = http.createServer(async (request, response) => {
     const name = path.posix.normalize(decodeURIComponent(new URL(request.url, 'http://x').pathname)), [, top] = name.split('/');
+    if (name in routes) return routes[name](request, response);
     const file = path.join(top === 'cache' ? root : three, name.slice(top.length + 1));
     const body = name === '/' ? html : name === '/favicon.ico' ? '' : await readFile(file).catch(() => null);
     const type = name === '/' ? 'text/html' : TYPES[path.extname(name)] ?? 'application/octet-stream';
-    response.writeHead(body === null ? 404 : 200, { 'content-type': type }).end(body ?? '');
+    return response.writeHead(body === null ? 404 : 200, { ...headers, 'content-type': type }).end(body ?? '');
   });
   await new Promise((ready) => server.listen(0, '127.0.0.1', ready));
   const executablePath = process.env.CHROMIUM ?? '/usr/bin/chromium';

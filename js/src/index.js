@@ -36,6 +36,7 @@ export class Decoder {
     this.busy = new Set();
     /** @type {(() => void)[]} */
     this.waiting = [];
+    this.life = new AbortController(); // ends with dispose()
   }
 
   /** Fetches and compiles the module ahead of use. */
@@ -51,54 +52,56 @@ export class Decoder {
   setWorkerLimit(workers) {
     this.limit = Math.max(1, workers);
     while (this.idle.length + this.busy.size > this.limit && this.idle.length > 0) this.idle.pop()?.end();
+    this.waiting.splice(0).forEach((go) => go()); // there may be room for more than one
     return this;
   }
 
   /**
-   * @param {ArrayBuffer|Uint8Array} stream stays as it is
+   * @param {ArrayBuffer|ArrayBufferView} stream stays as it is
    * @param {DecodeOptions} options
-   * @returns {Promise<Asset>} rejected with a TexfError
+   * @returns {Promise<Asset>} rejected with a TexfError; with a RangeError where an option is none
    */
   async decode(stream, {level = 0, limits = {}, signal, onLevel, coarse = 3} = {}) {
-    const bytes = stream instanceof Uint8Array ? stream : new Uint8Array(stream);
-    /** @type {AbortController} */
-    const ended = new AbortController();
-    const stops = signal ? AbortSignal.any([signal, ended.signal]) : ended.signal;
+    for (const [name, number] of Object.entries({level, coarse, ...limits}))
+      if (!Number.isSafeInteger(number) || number < 0) throw new RangeError(`${name} must be a whole number, 0 or greater, and is ${number}`);
+    const bytes = ArrayBuffer.isView(stream) ? new Uint8Array(stream.buffer, stream.byteOffset, stream.byteLength) : new Uint8Array(stream);
+    const stops = AbortSignal.any(signal ? [signal, this.life.signal] : [this.life.signal]), whole = new AbortController();
     if (onLevel && coarse > level) {
-      this.job({bytes, level: coarse, limits}, stops).then((asset) => {
-        if (!ended.signal.aborted && !signal?.aborted) onLevel(asset, coarse);
+      const late = AbortSignal.any([stops, whole.signal]);
+      this.job({bytes, level: coarse, limits}, late).then((asset) => {
+        if (!late.aborted) onLevel(asset, coarse);
       }, () => {}); // the whole one says what is wrong
     }
     try {
-      return await this.job({bytes, level, limits}, signal);
+      return await this.job({bytes, level, limits}, stops);
     } finally {
-      ended.abort();
+      whole.abort();
     }
   }
 
   /** Ends all workers; what is not finished is rejected. The next decode() would start others. */
   dispose() {
+    this.life.abort(new TexfError('aborted', 'the decoder was disposed of'));
+    this.life = new AbortController();
     for (const worker of this.idle.splice(0)) worker.end();
-    for (const worker of [...this.busy]) worker.fail(new TexfError('aborted', 'the decoder was disposed of'));
-    this.waiting.splice(0).forEach((go) => go());
     this.module = null;
   }
 
-  /** @param {{bytes: Uint8Array, level: number, limits: Limits}} job @param {AbortSignal} [signal] @returns {Promise<Asset>} */
+  /** @param {{bytes: Uint8Array, level: number, limits: Limits}} job @param {AbortSignal} signal @returns {Promise<Asset>} */
   async job(job, signal) {
-    const aborted = () => new TexfError('aborted', 'decoding was aborted');
-    if (signal?.aborted) throw aborted();
-    const module = await this.preload();
-    while (this.busy.size >= this.limit && !signal?.aborted) await this.turn(signal);
-    if (signal?.aborted) throw aborted();
-    const worker = this.idle.pop() ?? new PoolWorker();
+    const module = await unlessAborted(this.preload(), signal);
+    while (this.busy.size >= this.limit && !signal.aborted) await this.turn(signal);
+    if (signal.aborted) {
+      this.waiting.shift()?.(); // the turn may have been this one's
+      throw abortedBy(signal);
+    }
+    const worker = this.idle.pop() ?? new PoolWorker(), stop = () => worker.fail(abortedBy(signal));
     this.busy.add(worker);
-    const stop = () => worker.fail(aborted());
-    signal?.addEventListener('abort', stop, {once: true});
+    signal.addEventListener('abort', stop, {once: true});
     try {
       return await worker.run({...job, module});
     } finally {
-      signal?.removeEventListener('abort', stop);
+      signal.removeEventListener('abort', stop);
       this.busy.delete(worker);
       if (worker.alive && this.busy.size + this.idle.length < this.limit) this.idle.push(worker);
       else worker.end();
@@ -106,13 +109,37 @@ export class Decoder {
     }
   }
 
-  /** @param {AbortSignal} [signal] @returns {Promise<void>} */
+  /** @param {AbortSignal} signal @returns {Promise<void>} */
   turn(signal) {
     return new Promise((resolve) => {
-      this.waiting.push(() => resolve());
-      signal?.addEventListener('abort', () => resolve(), {once: true});
+      const go = () => {
+        signal.removeEventListener('abort', leave);
+        resolve();
+      };
+      const leave = () => {
+        this.waiting = this.waiting.filter((other) => other !== go);
+        resolve();
+      };
+      this.waiting.push(go);
+      signal.addEventListener('abort', leave, {once: true});
     });
   }
+}
+
+/** @param {AbortSignal} signal */
+function abortedBy(signal) {
+  return signal.reason instanceof TexfError ? signal.reason : new TexfError('aborted', 'decoding was aborted');
+}
+
+/** What a promise gives, unless the signal is aborted first.
+ * @template T @param {Promise<T>} promise @param {AbortSignal} signal @returns {Promise<T>} */
+function unlessAborted(promise, signal) {
+  return new Promise((resolve, reject) => {
+    const stop = () => reject(abortedBy(signal));
+    if (signal.aborted) stop();
+    signal.addEventListener('abort', stop, {once: true});
+    promise.then(resolve, reject).finally(() => signal.removeEventListener('abort', stop));
+  });
 }
 
 /** A worker with at most one job. */
@@ -131,6 +158,7 @@ class PoolWorker {
   async start() {
     if (IN_NODE) {
       const {Worker: NodeWorker} = await import('node:worker_threads');
+      if (!this.alive) return; // ended meanwhile
       this.worker = new NodeWorker(new URL('./worker.js', import.meta.url));
       this.worker.unref();
       this.worker.on('message', (/** @type {any} */ answer) => this.answered(answer));
@@ -182,16 +210,24 @@ class PoolWorker {
 
 /** @param {string|URL|ArrayBuffer|Uint8Array|null} wasm @returns {Promise<WebAssembly.Module>} */
 async function moduleOf(wasm) {
-  const place = wasm ?? new URL('./texf.wasm', import.meta.url);
-  if (place instanceof ArrayBuffer || place instanceof Uint8Array) return WebAssembly.compile(/** @type {BufferSource} */ (place));
+  try {
+    const bytes = wasm instanceof ArrayBuffer || wasm instanceof Uint8Array ? wasm : await fetched(wasm ?? new URL('./texf.wasm', import.meta.url));
+    return await WebAssembly.compile(/** @type {BufferSource} */ (bytes)); // whatever MIME type the server says
+  } catch (error) {
+    throw new TexfError('internal', `texf.wasm cannot be used: ${error instanceof Error ? error.message : error}`);
+  }
+}
+
+/** @param {string|URL} place @returns {Promise<ArrayBuffer|Uint8Array>} */
+async function fetched(place) {
   const url = new URL(place, import.meta.url);
   if (IN_NODE && url.protocol === 'file:') {
     const {readFile} = await import('node:fs/promises');
-    return WebAssembly.compile(/** @type {BufferSource} */ (await readFile(url)));
+    return readFile(url);
   }
   const response = await fetch(url);
-  if (!response.ok) throw new TexfError('internal', `texf.wasm: the server answers ${response.status}`);
-  return WebAssembly.compile(await response.arrayBuffer()); // whatever MIME type the server says
+  if (!response.ok) throw new Error(`the server answers ${response.status}`);
+  return response.arrayBuffer();
 }
 
 /** @type {Decoder|null} */
@@ -200,7 +236,7 @@ let shared = null;
 /**
  * Decodes a stream with a pool that all callers share.
  *
- * @param {ArrayBuffer|Uint8Array} stream
+ * @param {ArrayBuffer|ArrayBufferView} stream
  * @param {DecodeOptions} [options]
  * @returns {Promise<Asset>}
  */

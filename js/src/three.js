@@ -9,10 +9,10 @@
  */
 
 import {
-  BufferAttribute, BufferGeometry, ClampToEdgeWrapping, Color, Data3DTexture, DataTexture, DoubleSide, FileLoader, FrontSide, Group,
+  BufferAttribute, BufferGeometry, ClampToEdgeWrapping, Color, DataTexture, DoubleSide, FileLoader, FrontSide, Group,
   LinearFilter, LinearMipmapLinearFilter, LinearSRGBColorSpace, Loader, Mesh, MeshBasicMaterial, MeshPhysicalMaterial,
-  MeshStandardMaterial, MirroredRepeatWrapping, NearestFilter, NoColorSpace, RedIntegerFormat, RepeatWrapping, RGBAFormat,
-  SRGBColorSpace, UnsignedByteType, UnsignedIntType, Vector2, Vector3,
+  MeshStandardMaterial, MirroredRepeatWrapping, NearestFilter, NoColorSpace, RepeatWrapping, RGBAFormat, RGIntegerFormat,
+  SRGBColorSpace, UnsignedByteType, UnsignedIntType, Vector2,
 } from 'three';
 
 import {Decoder, TexfError} from './index.js';
@@ -23,7 +23,6 @@ import {Decoder, TexfError} from './index.js';
 /** @typedef {import('./engine.js').Plane} Plane */
 
 const WRAPS = {repeat: RepeatWrapping, clamp: ClampToEdgeWrapping, mirror: MirroredRepeatWrapping};
-const BRICK = 8;
 
 export class TEXFLoader extends Loader {
   /** @param {import('three').LoadingManager} [manager] */
@@ -86,14 +85,20 @@ export class TEXFLoader extends Loader {
     loader.setResponseType('arraybuffer');
     loader.setRequestHeader(this.requestHeader);
     loader.setWithCredentials(this.withCredentials);
-    const failed = onError ?? ((/** @type {unknown} */ error) => console.error(error));
+    const failed = onError ?? ((/** @type {unknown} */ error) => console.error(error)), {signal} = this.control;
+    const stop = () => /** @type {any} */ (loader).abort?.(); // three.js r179 or later
+    signal.addEventListener('abort', stop, {once: true});
     loader.load(url, (data) => {
+      signal.removeEventListener('abort', stop);
       this.manager.itemStart(url);
-      this.parseAsync(/** @type {ArrayBuffer} */ (data)).then(onLoad).catch((error) => {
+      this.decoded(/** @type {ArrayBuffer} */ (data), signal).then(onLoad).catch((error) => {
         failed(error);
         this.manager.itemError(url);
       }).finally(() => this.manager.itemEnd(url));
-    }, onProgress, failed);
+    }, onProgress, (error) => {
+      signal.removeEventListener('abort', stop);
+      failed(notFetched(url, error, signal));
+    });
   }
 
   /**
@@ -106,25 +111,39 @@ export class TEXFLoader extends Loader {
   }
 
   /** @param {ArrayBuffer|Uint8Array} data @returns {Promise<Group>} */
-  async parseAsync(data) {
+  parseAsync(data) {
+    return this.decoded(data, this.control.signal);
+  }
+
+  /** @param {ArrayBuffer|Uint8Array} data @param {AbortSignal} signal @returns {Promise<Group>} */
+  async decoded(data, signal) {
     const onLevel = this.onLevel;
-    const asset = await this.decoder.decode(data, {level: this.level, limits: this.limits, signal: this.control.signal,
+    const asset = await this.decoder.decode(data, {level: this.level, limits: this.limits, signal,
       onLevel: onLevel ? (coarse, level) => onLevel(groupOf(coarse), level) : undefined});
     return groupOf(asset);
   }
 
-  /** Rejects what is being decoded. */
+  /** Rejects what is being fetched or decoded. */
   abort() {
     this.control.abort();
     this.control = new AbortController();
     return this;
   }
 
-  /** Ends all workers. */
+  /** Rejects what is not finished and ends all workers. */
   dispose() {
+    this.abort();
     this.decoder.dispose();
     return this;
   }
+}
+
+/** @param {string} url @param {unknown} error @param {AbortSignal} signal */
+function notFetched(url, error, signal) {
+  if (signal.aborted || (/** @type {any} */ (error))?.name === 'AbortError') return new TexfError('aborted', 'loading was aborted');
+  const told = new TexfError(/** @type {any} */ ('network'), `${url} cannot be fetched: ${error instanceof Error ? error.message : error}`);
+  told.cause = error;
+  return told;
 }
 
 export {TexfError};
@@ -334,149 +353,226 @@ function withZ(pixels) {
 // ---- Voxels
 
 /**
- * Bricks of 8 x 8 x 8 voxels: a 3D texture that tells which brick stands where, and the order in which cells stand in bricks.
- * @param {BigUint64Array} keys @param {number} resolution of the keys' level
+ * All levels of a field over voxels: rows of cells from the finest level to the one of a single cell, and where they stand. A brick is
+ * 8 x 8 x 8 cells of a level. `table` is a hash table of (code of the brick, its number + 1), `bits` has for every 32 cells of a brick
+ * which are active and the row of the first of them.
+ * @param {BigUint64Array} keys ascend @param {number} depth levels above the finest
  */
-function bricksOf(keys, resolution) {
-  const side = Math.ceil(resolution / BRICK), index = new Uint32Array(side ** 3), place = new Uint32Array(keys.length);
-  let count = 0, last = -1n, first = 0;
-  for (let n = 0; n < keys.length; n++) {
-    const brick = keys[n] >> 9n, local = Number(keys[n] & 511n);
-    if (brick !== last) { // keys ascend, so that the cells of a brick stand together
-      const [x, y, z] = [0n, 1n, 2n].map((axis) => everyThird(brick >> axis));
-      index[x + side * (y + side * z)] = ++count;
-      first = (count - 1) * 512;
-      last = brick;
+function levelsOf(keys, depth) {
+  const parents = /** @type {Uint32Array[]} */ ([]), codes = /** @type {number[]} */ ([]), words = /** @type {number[]} */ ([]);
+  let cells = Float64Array.from(keys, Number), rows = 0; // 39 bits at most
+  for (let level = 0; ; level++) {
+    let last = -1;
+    for (let n = 0; n < cells.length; n++) {
+      const brick = Math.floor(cells[n] / 512), local = cells[n] - 512 * brick;
+      if (brick !== last) {
+        codes.push(codeOf(level, brick));
+        for (let word = 0; word < 16; word++) words.push(0, 0);
+        last = brick;
+      }
+      const at = words.length - 32 + 2 * (local >> 5);
+      if (words[at] === 0) words[at + 1] = rows + n;
+      words[at] = (words[at] | 1 << (local & 31)) >>> 0;
     }
-    place[n] = first + local; // in Morton order within the brick
+    rows += cells.length;
+    if (level === depth) return {...tableOf(codes), bits: words, rows, parents};
+    const parent = new Uint32Array(cells.length), above = new Float64Array(cells.length);
+    let count = 0;
+    for (let n = 0; n < cells.length; n++) {
+      const key = Math.floor(cells[n] / 8);
+      if (count === 0 || above[count - 1] !== key) above[count++] = key;
+      parent[n] = count - 1;
+    }
+    parents.push(parent);
+    cells = above.slice(0, count);
   }
-  return {side, index, place, count};
 }
 
-/** @param {bigint} bits */
-function everyThird(bits) {
-  let out = 0;
-  for (let i = 0; bits > 0n; i++, bits >>= 3n) out |= Number(bits & 1n) << i;
+/** @param {number} level @param {number} brick Morton number */
+function codeOf(level, brick) {
+  const [x, y, z] = [0, 1, 2].map((axis) => {
+    let out = 0;
+    for (let i = 0; i < 10; i++) out |= (brick >>> (3 * i + axis) & 1) << i;
+    return out;
+  });
+  return (level === 0 ? x | y << 10 | z << 20 : x | y << 9 | z << 18 | level << 27 | 1 << 31) >>> 0;
+}
+
+/** @param {number[]} codes */
+function tableOf(codes) {
+  const log2 = Math.ceil(Math.log2(2 * codes.length + 1)), table = new Uint32Array(2 << log2);
+  codes.forEach((code, number) => {
+    let slot = Math.imul(code, HASH) >>> 32 - log2;
+    while (table[2 * slot + 1] > 0) slot = slot + 1 & (1 << log2) - 1;
+    table[2 * slot] = code;
+    table[2 * slot + 1] = number + 1;
+  });
+  return {table, log2};
+}
+
+/** RGBA of all levels, each cell the mean of those of the finest level in it.
+ * @param {Uint8Array} finest @param {ReturnType<typeof levelsOf>} levels */
+function withMeans(finest, {rows, parents}) {
+  const out = new Uint8Array(4 * WIDTH * Math.max(1, Math.ceil(rows / WIDTH)));
+  out.set(finest);
+  let sums = Float32Array.from(finest), counts = new Float32Array(finest.length / 4).fill(1), at = finest.length;
+  for (const parent of parents) {
+    const size = parent[parent.length - 1] + 1, above = new Float32Array(4 * size), many = new Float32Array(size);
+    for (let n = 0; n < parent.length; n++) {
+      many[parent[n]] += counts[n];
+      for (let k = 0; k < 4; k++) above[4 * parent[n] + k] += sums[4 * n + k];
+    }
+    for (let i = 0; i < above.length; i++) out[at + i] = above[i] / many[i >> 2] + 0.5;
+    [sums, counts, at] = [above, many, at + above.length];
+  }
   return out;
 }
 
-const WIDTH = 2048;
+const WIDTH = 2048, HASH = 2654435769;
 const GLSL = `
-precision highp usampler3D;
 varying vec3 vTexfPlace;
 varying vec3 vTexfNormal;
-uniform usampler3D texfIndex;
-uniform float texfCells;
-uniform int texfMaps;
+varying vec3 vTexfWide;
+uniform highp usampler2D texfTable, texfBits;
+uniform int texfSize, texfLast, texfLog2;
 uniform sampler2D texfBase, texfSurface, texfEmissive, texfDeviation;
 vec3 texfLinear(vec3 c) { return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c)); }
-int texfMorton(ivec3 p) {
-  ivec3 q = p & 7;
-  return (q.x & 1) | (q.y & 1) << 1 | (q.z & 1) << 2 | (q.x & 2) << 2 | (q.y & 2) << 3 | (q.z & 2) << 4 | (q.x & 4) << 4 | (q.y & 4) << 5 | (q.z & 4) << 6;
-}
 ivec2 texfAt(int i) { return ivec2(i & ${WIDTH - 1}, i >> ${Math.log2(WIDTH)}); }
-vec4 texfBaseValue, texfSurfaceValue, texfEmissiveValue, texfDeviationValue;
-void texfAsk(vec3 place) { // trilinear over the active cells (8.2.1); the nearest of the 4 x 4 x 4 around where none of them is
-  vec3 x = place - 0.5;
-  ivec3 base = ivec3(floor(x));
-  vec3 f = x - vec3(base);
-  float total = 0.0;
-  vec4 sums[4] = vec4[4](vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
-  ivec3 size = textureSize(texfIndex, 0);
-  for (int wide = 0; wide < 2; wide++) {
-    float least = 1e9;
-
-    for (int n = 0; n < (wide == 0 ? 8 : 64); n++) {
-      ivec3 d = wide == 0 ? ivec3(n & 1, n >> 1 & 1, n >> 2) : ivec3(n & 3, n >> 2 & 3, n >> 4) - 1;
-      ivec3 cell = base + d, brick = cell >> 3;
-      if (any(lessThan(cell, ivec3(0))) || any(greaterThanEqual(brick, size))) continue;
-      int number = int(texelFetch(texfIndex, brick, 0).r);
-      if (number == 0) continue;
-      ivec2 at = texfAt((number - 1) * 512 + texfMorton(cell));
-      vec4 surface = texelFetch(texfSurface, at, 0);
-      if (surface.a < 0.5) continue; // not active
-      vec3 w = mix(1.0 - f, f, vec3(d)), away = vec3(cell) - x;
-      float weight = w.x * w.y * w.z;
-      if (wide == 1) {
-        float far = dot(away, away);
-        if (far >= least) continue;
-        least = far;
-        total = 0.0;
-        sums = vec4[4](vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
-        weight = 1.0;
-      }
-      if (weight <= 0.0) continue;
-      total += weight;
-      sums[0] += weight * texelFetch(texfBase, at, 0);
-      sums[1] += weight * surface;
-      if ((texfMaps & 1) != 0) sums[2] += weight * texelFetch(texfEmissive, at, 0);
-      if ((texfMaps & 2) != 0) sums[3] += weight * texelFetch(texfDeviation, at, 0);
-    }
-    if (total > 0.0) break;
+int texfOnes(uint x) {
+  x -= (x >> 1) & 0x55555555u;
+  x = (x & 0x33333333u) + ((x >> 2) & 0x33333333u);
+  return int((((x + (x >> 4)) & 0x0f0f0f0fu) * 0x01010101u) >> 24);
+}
+uint texfCode = 0xffffffffu;
+int texfBrick = -1;
+int texfFind(uint code) {
+  uint slot = (code * ${HASH}u) >> (32 - texfLog2), mask = (1u << texfLog2) - 1u;
+  for (uint step = 0u; step <= mask; step++) {
+    uvec2 entry = texelFetch(texfTable, texfAt(int(slot)), 0).rg;
+    if (entry.y == 0u) return -1;
+    if (entry.x == code) return int(entry.y) - 1;
+    slot = (slot + 1u) & mask;
   }
-  total = max(total, 1e-9);
-  texfBaseValue = sums[0] / total;
-  texfSurfaceValue = sums[1] / total;
-  texfEmissiveValue = sums[2] / total;
-  texfDeviationValue = sums[3] / total;
+  return -1;
+}
+int texfRow(int level, ivec3 cell) { // -1 where the cell is not active
+  if (any(lessThan(cell, ivec3(0))) || any(greaterThanEqual(cell, ivec3((texfSize + (1 << level) - 1) >> level)))) return -1;
+  uvec3 brick = uvec3(cell >> 3), q = uvec3(cell & 7);
+  uint code = level == 0 ? brick.x | (brick.y << 10) | (brick.z << 20) : brick.x | (brick.y << 9) | (brick.z << 18) | (uint(level) << 27) | 0x80000000u;
+  if (code != texfCode) {
+    texfCode = code;
+    texfBrick = texfFind(code);
+  }
+  if (texfBrick < 0) return -1;
+  q = (q & 1u) | ((q & 2u) << 2) | ((q & 4u) << 4);
+  uint inside = q.x | (q.y << 1) | (q.z << 2), bit = inside & 31u;
+  uvec2 word = texelFetch(texfBits, texfAt(texfBrick * 16 + int(inside >> 5)), 0).rg;
+  return ((word.x >> bit) & 1u) == 0u ? -1 : int(word.y) + texfOnes(word.x & ((1u << bit) - 1u));
+}
+vec4 texfBaseValue, texfSurfaceValue, texfEmissiveValue, texfDeviationValue;
+void texfAdd(int row, float weight) {
+  ivec2 at = texfAt(row);
+  texfBaseValue += weight * texelFetch(texfBase, at, 0);
+  if ((TEXF_MAPS & 4) != 0) texfSurfaceValue += weight * texelFetch(texfSurface, at, 0);
+  if ((TEXF_MAPS & 1) != 0) texfEmissiveValue += weight * texelFetch(texfEmissive, at, 0);
+  if ((TEXF_MAPS & 2) != 0) texfDeviationValue += weight * texelFetch(texfDeviation, at, 0);
+}
+void texfAskLevel(int level, vec3 place, float share) { // trilinear over the active cells (8.2.1)
+  place /= float(1 << level);
+  vec3 low = floor(place - 0.5), part = place - 0.5 - low;
+  int rows[8];
+  float total = 0.0;
+  for (int n = 0; n < 8; n++) {
+    vec3 d = vec3(n & 1, n >> 1 & 1, n >> 2), w = mix(1.0 - part, part, d);
+    rows[n] = texfRow(level, ivec3(low + d));
+    if (rows[n] >= 0) total += w.x * w.y * w.z;
+  }
+  if (total > 0.0) {
+    for (int n = 0; n < 8; n++) {
+      vec3 w = mix(1.0 - part, part, vec3(n & 1, n >> 1 & 1, n >> 2));
+      if (rows[n] >= 0) texfAdd(rows[n], share * w.x * w.y * w.z / total);
+    }
+    return;
+  }
+  int row = -1; // none of them is: the nearest of those around, on the finest level that has one
+  for (; row < 0 && level <= texfLast; level++) {
+    float least = 3.0;
+    for (int n = 0; n < 27; n++) {
+      ivec3 cell = ivec3(floor(place)) + ivec3(n % 3, n / 3 % 3, n / 9) - 1;
+      vec3 away = vec3(cell) + 0.5 - place;
+      float far = dot(away, away);
+      int found = far < least ? texfRow(level, cell) : -1;
+      if (found < 0) continue;
+      least = far;
+      row = found;
+    }
+    place *= 0.5;
+  }
+  texfAdd(max(row, 0), share);
+}
+void texfAsk() { // a pixel that is wider than a cell asks the two levels nearest to its width
+  texfBaseValue = texfSurfaceValue = texfEmissiveValue = texfDeviationValue = vec4(0.0);
+  float wide = abs(dFdy(vTexfWide.x / vTexfWide.y)) * vTexfWide.z, level = clamp(log2(max(wide, 1.0)), 0.0, float(texfLast));
+  texfAskLevel(int(level), vTexfPlace, 1.0 - fract(level));
+  if (fract(level) > 0.0) texfAskLevel(int(level) + 1, vTexfPlace, fract(level));
 }
 `;
 
 /** @param {any} to @param {Material} material @param {Field} field @param {number} number @param {Asset} asset @param {TextureCache} cache */
 function voxelMaps(to, material, field, number, asset, cache) {
-  const size = 2 ** field.levelsLeftOut, cells = Math.ceil(field.resolution / size), {planes} = field;
-  const bricks = cache.get(`${number} bricks`, () => bricksOf(field.keys, cells));
-  const index = cache.get(`${number} index`, () => {
-    const texture = new Data3DTexture(bricks.index, bricks.side, bricks.side, bricks.side);
-    texture.format = RedIntegerFormat;
-    texture.type = UnsignedIntType;
-    texture.internalFormat = 'R32UI';
-    texture.minFilter = texture.magFilter = NearestFilter;
-    texture.needsUpdate = true;
-    return texture;
+  const size = 2 ** field.levelsLeftOut, cells = Math.ceil(field.resolution / size), last = Math.ceil(Math.log2(cells)), {planes} = field;
+  const levels = cache.get(`${number} levels`, () => levelsOf(field.keys, last));
+  const look = (/** @type {'table'|'bits'} */ key) => cache.get(`${number} ${key}`, () => {
+    const pairs = levels[key].length / 2, height = Math.max(1, Math.ceil(pairs / WIDTH)), data = new Uint32Array(2 * WIDTH * height);
+    data.set(levels[key]);
+    return nearest(new DataTexture(data, WIDTH, height, RGIntegerFormat, UnsignedIntType), 'RG32UI');
   });
   const texture = (/** @type {string} */ key, /** @type {(Plane|undefined)[]} */ four, /** @type {number[]} */ from) => cache.get(`${number} ${key}`, () => {
-    const values = interleaved(four, from, (plane) => spreadOut(plane, field), field.keys.length);
-    const pixels = new Uint8Array(4 * WIDTH * Math.max(1, Math.ceil(bricks.count * 512 / WIDTH))), words = new Uint32Array(pixels.buffer);
-    new Uint32Array(values.buffer).forEach((word, i) => { words[bricks.place[i]] = word; });
-    const made = new DataTexture(pixels, WIDTH, pixels.length / 4 / WIDTH, RGBAFormat, UnsignedByteType);
-    made.minFilter = made.magFilter = NearestFilter;
-    made.needsUpdate = true;
-    return made;
+    const pixels = withMeans(interleaved(four, from, (plane) => spreadOut(plane, field), field.keys.length), levels);
+    return nearest(new DataTexture(pixels, WIDTH, pixels.length / 4 / WIDTH, RGBAFormat, UnsignedByteType));
   });
   const has = (/** @type {string} */ name, /** @type {string} */ channel) => channel in planes && material.channels.includes(name);
-  const glows = has('emissive', 'emissive'), bends = has('normal', 'normal_object');
+  const lit = !material.unlit, glows = lit && has('emissive', 'emissive'), bends = lit && has('normal', 'normal_object');
   const of = (/** @type {string} */ name) => has(name, name) ? planes[name] : undefined;
-  const three = (/** @type {Plane} */ plane) => [plane, plane, plane];
+  const three = (/** @type {Plane} */ plane) => [plane, plane, plane], maps = (glows ? 1 : 0) + (bends ? 2 : 0) + (lit ? 4 : 0);
   const base = texture('base', [...three(planes.base_colour), planes.alpha], [0, 1, 2, 0]);
-  // The fourth component is 255 where a cell is active, and 0 where there is none.
-  const surface = texture(`surface ${material.channels.join()}`, [of('occlusion'), of('roughness'), of('metallic')], [0, 0, 0]);
   const uniforms = {
-    texfIndex: {value: index}, texfCells: {value: cells}, texfBase: {value: base}, texfSurface: {value: surface},
+    texfTable: {value: look('table')}, texfBits: {value: look('bits')}, texfLog2: {value: levels.log2}, texfSize: {value: cells}, texfLast: {value: last},
+    texfBase: {value: base},
+    texfSurface: {value: lit ? texture(`surface ${material.channels.join()}`, [of('occlusion'), of('roughness'), of('metallic')], [0, 0, 0]) : base},
     texfEmissive: {value: glows ? texture('emissive', three(planes.emissive), [0, 1, 2]) : base},
     texfDeviation: {value: bends ? texture('deviation', three(planes.normal_object), [0, 1, 2]) : base},
-    texfMaps: {value: (glows ? 1 : 0) + (bends ? 2 : 0)},
-    texfScale: {value: new Vector3().setScalar(asset.side > 0 ? (1 - 2 ** -asset.positionBits) * field.resolution / size / asset.side : 0)},
+    texfScale: {value: asset.side > 0 ? (1 - 2 ** -asset.positionBits) * field.resolution / size / asset.side : 0},
   };
   const strength = (material.parameters.occlusion_strength?.[0] ?? 1).toFixed(6);
   to.onBeforeCompile = (/** @type {any} */ shader) => {
     Object.assign(shader.uniforms, uniforms);
     shader.vertexShader = shader.vertexShader
-      .replace('#include <common>', '#include <common>\nvarying vec3 vTexfPlace;\nvarying vec3 vTexfNormal;\nuniform vec3 texfScale;')
-      .replace('#include <begin_vertex>', '#include <begin_vertex>\nvTexfPlace = position * texfScale;\nvTexfNormal = normal;');
+      .replace('#include <common>', '#include <common>\nvarying vec3 vTexfPlace;\nvarying vec3 vTexfNormal;\nvarying vec3 vTexfWide;\nuniform float texfScale;')
+      .replace('#include <begin_vertex>', '#include <begin_vertex>\nvTexfPlace = position * texfScale;\nvTexfNormal = normal;')
+      .replace('#include <project_vertex>', `#include <project_vertex>
+vTexfWide = vec3(gl_Position.yw, gl_Position.w / projectionMatrix[1][1] * texfScale / length(modelViewMatrix[0].xyz));`);
     shader.fragmentShader = shader.fragmentShader
-      .replace('#include <common>', `#include <common>\n${material.unlit ? '' : 'uniform mat3 normalMatrix;'}${GLSL}`)
-      .replace('#include <map_fragment>', 'texfAsk(vTexfPlace);\ndiffuseColor *= vec4(texfLinear(texfBaseValue.rgb), texfBaseValue.a);')
+      .replace('#include <common>', `#include <common>\n${lit ? 'uniform mat3 normalMatrix;' : ''}\n#define TEXF_MAPS ${maps}${GLSL}`)
+      .replace('#include <map_fragment>', 'texfAsk();\ndiffuseColor *= vec4(texfLinear(texfBaseValue.rgb), texfBaseValue.a);')
       .replace('#include <roughnessmap_fragment>', '#include <roughnessmap_fragment>\nroughnessFactor *= texfSurfaceValue.g;')
-      .replace('#include <metalnessmap_fragment>', '#include <metalnessmap_fragment>\nmetalnessFactor *= texfSurfaceValue.b;')
-      .replace('#include <aomap_fragment>', `float texfOcclusion = 1.0 + ${strength} * (texfSurfaceValue.r - 1.0);
+      .replace('#include <metalnessmap_fragment>', '#include <metalnessmap_fragment>\nmetalnessFactor *= texfSurfaceValue.b;');
+    if (lit) shader.fragmentShader = shader.fragmentShader.replace('#include <aomap_fragment>', `float texfOcclusion = 1.0 + ${strength} * (texfSurfaceValue.r - 1.0);
 reflectedLight.indirectDiffuse *= texfOcclusion;\nreflectedLight.indirectSpecular *= texfOcclusion;`);
     if (glows) shader.fragmentShader = shader.fragmentShader.replace('#include <emissivemap_fragment>',
       'totalEmissiveRadiance *= texfLinear(texfEmissiveValue.rgb);');
     if (bends) shader.fragmentShader = shader.fragmentShader.replace('#include <normal_fragment_maps>',
       'normal = normalize(normalMatrix * (normalize(vTexfNormal) + texfDeviationValue.xyz * 2.0 - 1.0)) * faceDirection;');
   };
-  to.customProgramCacheKey = () => `texf ${material.unlit} ${glows} ${bends} ${strength}`;
+  to.customProgramCacheKey = () => `texf ${maps} ${strength}`;
+}
+
+/** @param {DataTexture} texture @param {import('three').PixelFormatGPU|null} internal */
+function nearest(texture, internal = null) {
+  texture.internalFormat = internal;
+  texture.minFilter = texture.magFilter = NearestFilter;
+  texture.needsUpdate = true;
+  return texture;
 }
 
 /** Values of a plane that is coarser than its field, on the field's own cells.

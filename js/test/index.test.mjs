@@ -3,6 +3,7 @@
 import assert from 'node:assert/strict';
 import {readFileSync} from 'node:fs';
 import {test} from 'node:test';
+import {setTimeout} from 'node:timers/promises';
 
 import {Decoder, TexfError, decode, dispose} from '../src/index.js';
 
@@ -55,7 +56,7 @@ test('an aborted decode is rejected, and others go on', async () => {
 
 test('disposal in the middle rejects what is not finished, and a decoder starts again', async () => {
   const decoder = new Decoder({workers: 2}), jobs = Array.from({length: 5}, () => decoder.decode(vector('subset/texels')));
-  await new Promise((resolve) => setTimeout(resolve, 20));
+  await setTimeout(20);
   const all = Promise.allSettled(jobs);
   decoder.dispose();
   for (const job of await all) assert.ok(job.status === 'fulfilled' || refused('aborted')(job.reason) || job.reason instanceof TexfError);

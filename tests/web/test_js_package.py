@@ -39,4 +39,13 @@ def test_the_package_holds_the_module_of_the_python_package():
 
 def test_every_export_is_there():
     package = json.loads((REPOSITORY / "js/package.json").read_text(encoding="utf-8"))
-    assert all((REPOSITORY / "js" / path).is_file() for path in package["exports"].values())
+    files = [entry["default"] if isinstance(entry, dict) else entry for entry in package["exports"].values()]
+    assert all((REPOSITORY / "js" / path).is_file() for path in files)
+    typed = [entry for entry in package["exports"].values() if isinstance(entry, dict)]  # npm run types writes types/
+    assert [entry["types"] for entry in typed] == [entry["default"].replace("src/", "types/").replace(".js", ".d.ts") for entry in typed]
+
+
+@needs_node
+def test_the_packed_package_has_types():
+    run = subprocess.run([NODE, "--test", "js/test/types.test.mjs"], cwd=REPOSITORY, capture_output=True, text=True, timeout=300)
+    assert run.returncode == 0, run.stdout[-3000:] + run.stderr[-1000:]

@@ -150,8 +150,14 @@ struct Touch {
   u8 octant, steps;
 };
 
+struct Around {  // the children of a node and of its neighbours, at the places of Shape
+  u32 node[65];  // NONE where there is none; the last is what lies outside
+  u64 there;     // a bit for every place
+};
+
 struct Shape {  // what depends on the support alone
   int row, axes;
+  int reach, side;  // places: -reach .. reach + 1 on every axis around a node's first child
   struct Direction {
     i8 x, y, z;
     u8 nonzero, facing;             // facing: children of the neighbour that touch the node
@@ -160,9 +166,18 @@ struct Shape {  // what depends on the support alone
     Touch touch[8][4];              // children of the node that it touches
   };
   Direction direction[27];
-  u8 of_child[8][27], octant_of_child[8][27];  // by octant of a node and direction: the direction from the parent, the octant there
+  u8 place[27][8];  // by direction and octant there
+  u64 bit[27][8];   // of the place, 0 outside
+  u8 own[8];        // the place of an own child
+  int step[27];     // from a place to the one in that direction
+  u64 ring[8][3];   // by own child: the places around it with one, two and three steps to go, over texels with 1, 2 and two in line
 
-  explicit Shape(bool planar) : row(planar ? 9 : 27), axes(planar ? 2 : 3) {
+  explicit Shape(bool planar) : row(planar ? 9 : 27), axes(planar ? 2 : 3), reach(planar ? 2 : 1), side(2 + 2 * reach) {
+    const int strides[3] = {1, side, planar ? 0 : side * side};
+    for (int octant = 0; octant < 8; octant++) {
+      own[octant] = 0;
+      for (int axis = 0; axis < axes; axis++) own[octant] += u8((reach + (octant >> axis & 1)) * strides[axis]);
+    }
     for (int n = 0; n < row; n++) {
       Direction& d = direction[n];
       d = {i8(n % 3 - 1), i8(n / 3 % 3 - 1), i8(planar ? 0 : n / 9 - 1), 0, 0, 0, {}, {}};
@@ -188,16 +203,25 @@ struct Shape {  // what depends on the support alone
         d.touches[child] = u8(count);
         d.facing |= (count > 0) << child;
       }
+      step[n] = d.x + side * d.y + strides[2] * d.z;
       for (int octant = 0; octant < 8; octant++) {
-        int from = 0, there = 0;
-        for (int axis = axes - 1; axis >= 0; axis--) {
-          int s = (octant >> axis & 1) + at[axis];
-          from = 3 * from + (s < 0 ? 0 : s > 1 ? 2 : 1);
-          there |= (s & 1) << axis;
+        bool inside = octant < 1 << axes;
+        int to = own[0];
+        for (int axis = 0; axis < axes; axis++) {
+          int v = 2 * at[axis] + (octant >> axis & 1);
+          inside = inside && v >= -reach && v <= reach + 1;
+          to += v * strides[axis];
         }
-        of_child[octant][n] = u8(from);
-        octant_of_child[octant][n] = u8(there);
+        place[n][octant] = inside ? u8(to) : 64;
+        bit[n][octant] = inside ? 1ull << to : 0;
       }
+    }
+    for (int octant = 0; octant < 1 << axes; octant++) {
+      std::fill(ring[octant], ring[octant] + 3, 0);
+      for (int n = 0; n < row; n++)
+        if (direction[n].nonzero) ring[octant][direction[n].nonzero - 1] |= 1ull << (own[octant] + step[n]);
+      if (planar)
+        for (int far : {-2, 2, -2 * side, 2 * side}) ring[octant][2] |= 1ull << (own[octant] + far);
     }
   }
   int self() const { return row / 2; }
@@ -232,19 +256,30 @@ std::vector<Level> octree(const std::vector<u64>& keys, int depth, int component
   return levels;
 }
 
+void gather(const Level& upper, const u32* row, const Shape& shape, Around& around) {
+  std::fill(around.node, around.node + 64, NONE);
+  around.there = 0;
+  for (int n = 0; n < shape.row; n++) {
+    if (row[n] == NONE) continue;
+    u32 child = upper.first_child[row[n]];
+    for (int left = upper.children[row[n]]; left; left &= left - 1) {
+      int octant = __builtin_ctz(left);
+      around.node[shape.place[n][octant]] = child++;
+      around.there |= shape.bit[n][octant];
+    }
+  }
+}
+
 // Rows of the neighbours of all nodes of a level from those of its parents.
 std::vector<u32> neighbours_below(const Level& upper, const std::vector<u32>& rows, const Shape& shape, size_t count) {
   std::vector<u32> out(count * shape.row);
+  u32* to = out.data();
+  Around around;
   for (u32 p = 0; p < upper.count(); p++) {
-    const u32* from = &rows[size_t(p) * shape.row];
-    u32 node = upper.first_child[p];
-    for (int octant = 0; octant < 8; octant++) {
-      if (!(upper.children[p] >> octant & 1)) continue;
-      u32* to = &out[size_t(node++) * shape.row];
-      for (int n = 0; n < shape.row; n++) {
-        u32 other = from[shape.of_child[octant][n]];
-        to[n] = other == NONE ? NONE : upper.child(other, shape.octant_of_child[octant][n]);
-      }
+    gather(upper, &rows[size_t(p) * shape.row], shape, around);
+    for (int left = upper.children[p]; left; left &= left - 1) {
+      const u32* own = around.node + shape.own[__builtin_ctz(left)];
+      for (int n = 0; n < shape.row; n++) *to++ = own[shape.step[n]];
     }
   }
   return out;
@@ -278,10 +313,11 @@ struct DctBlock {
   i8 q[3][64];                      // limited to -127..127
 };
 
+template <int components_>
 class Raht {
  public:
   Raht(const AttributeUnit& unit, const std::vector<u64>& keys)
-      : unit_(unit), shape_(unit.planar), components_(unit.components), models_(unit.num_models),
+      : unit_(unit), shape_(unit.planar), models_(unit.num_models),
         levels_(octree(keys, unit.depth, unit.components)) {
     for (int c = 0; c < components_; c++) {
       step_[c] = step_of(unit.qp[c]);
@@ -770,15 +806,6 @@ class Raht {
 
   void filter(Level& level) const {
     const Level& upper = levels_[unit_.depth - 1];
-    const int reach = unit_.planar ? 2 : 1, side = 2 + 2 * reach, deep = unit_.planar ? 1 : side, cells = side * side * deep;
-    const int axis_step[3] = {1, side, side * side};
-    int offset[26], across[26], count = 0;  // of the neighbours among the cells around a parent
-    for (int n = 0; n < shape_.row; n++) {
-      const Shape::Direction& d = shape_.direction[n];
-      if (d.nonzero == 0) continue;
-      offset[count] = d.x + side * d.y + axis_step[2] * d.z;
-      across[count++] = d.nonzero - 1;
-    }
     for (const FilterStage& stage : unit_.filters) {
       const i8* taps_of[15] = {};
       int taps = unit_.planar ? 5 : 3, set = 0;
@@ -786,59 +813,52 @@ class Raht {
         if (stage.mask >> bit & 1) taps_of[bit] = &stage.coefficients[taps * set++];
       std::vector<i32> filtered = level.mean;
       for (u32 p = 0; p < upper.count(); p++) {
-        const i32* around[64];  // means at -reach .. reach + 1 on every axis, null where there is no voxel
-        const u32* row = row_of(p);
-        std::fill(around, around + cells, nullptr);
-        for (int n = 0; n < shape_.row; n++) {
-          if (row[n] == NONE) continue;
-          const Shape::Direction& d = shape_.direction[n];
-          u32 child = upper.first_child[row[n]];
-          for (int left = upper.children[row[n]]; left; left &= left - 1, child++) {
-            int octant = __builtin_ctz(left);
-            int x = reach + 2 * d.x + (octant & 1), y = reach + 2 * d.y + (octant >> 1 & 1), z = unit_.planar ? 0 : reach + 2 * d.z + (octant >> 2);
-            if (x >= 0 && x < side && y >= 0 && y < side && z >= 0 && z < deep) around[x + side * y + axis_step[2] * z] = mean_of(level, child);
-          }
-        }
-        u32 v = upper.first_child[p];
-        for (int left = upper.children[p]; left; left &= left - 1, v++) {
-          int octant = __builtin_ctz(left);
-          const i32* const* at = around + reach * (1 + side + (unit_.planar ? 0 : axis_step[2])) + (octant & 1) + side * (octant >> 1 & 1) + axis_step[2] * (octant >> 2);
-          filter_voxel(at, offset, across, count, side, taps_of, &filtered[size_t(v) * components_]);
-        }
+        if (unit_.planar) filter_children<true>(level, upper, p, taps_of, filtered.data());
+        else filter_children<false>(level, upper, p, taps_of, filtered.data());
       }
       level.mean.swap(filtered);
     }
   }
 
-  // at: the voxel's own place among the means around it
-  TEXF_OFTEN void filter_voxel(const i32* const* at, const int* offset, const int* across, int count, int side, const i8* const* taps_of, i32* out) const {
-    const i32 *own = at[0], *near[26];
-    int there = 0, rings[26];
-    i64 spread_of = 0;
-    for (int n = 0; n < count; n++) {
-      const i32* mean = at[offset[n]];
-      if (!mean) continue;
-      spread_of += magnitude(i64(mean[0]) - own[0]);
-      rings[there] = across[n];
-      near[there++] = mean;
-    }
-    i64 roughness = sixteenths(spread_of / std::max(1, there), 0);
-    int class_ = (roughness >= 4) + (roughness >= 8) + (roughness >= 16) + (roughness >= 32);
-    for (int c = 0; c < components_; c++) {
-      const i8* f = taps_of[class_ * components_ + c];
-      if (!f) continue;
-      i64 change = 256;
-      i32 ring[5] = {}, limit = i32(step_[c] >> 2);
-      for (int n = 0; n < there; n++) {
-        i32 difference = near[n][c] - own[c];
-        ring[rings[n]] += difference;
-        if (unit_.planar) ring[3 + rings[n]] += std::max(-limit, std::min(limit, difference));
+  template <bool planar>
+  TEXF_OFTEN void filter_children(const Level& level, const Level& upper, u32 p, const i8* const* taps_of, i32* filtered) const {
+    Around around;
+    gather(upper, row_of(p), shape_, around);
+    i32 least[4];  // sums of differences for classes 1 to 4 begin here, by neighbour
+    for (int class_ = 1; class_ < 5; class_++) least[class_ - 1] = i32(ceil_div(2ll << (class_ + 28), inverse_[0]));
+    u32 v = upper.first_child[p];
+    for (int children = upper.children[p]; children; children &= children - 1, v++) {
+      const u64* rings = shape_.ring[__builtin_ctz(children)];
+      const i32 *own = mean_of(level, v), *near[26];
+      int there = 0, ends[3];
+      i32 spread_of = 0;
+      for (int r = 0; r < 3; r++) {
+        for (u64 left = around.there & rings[r]; left; left &= left - 1) {
+          const i32* mean = mean_of(level, around.node[__builtin_ctzll(left)]);
+          if (!planar || r < 2) spread_of += std::abs(mean[0] - own[0]);
+          near[there++] = mean;
+        }
+        ends[r] = there;
       }
-      if (unit_.planar)
-        for (int far : {-2, 2, -2 * side, 2 * side})
-          if (at[far]) ring[2] += at[far][c] - own[c];
-      for (int r = 0; r < (unit_.planar ? 5 : 3); r++) change += i64(f[r]) * ring[r];
-      out[c] = i32(clip(-LARGEST, LARGEST, own[c] + (change >> 9)));
+      int count = std::max(1, ends[planar ? 1 : 2]), class_ = 0;
+      while (class_ < 4 && spread_of >= least[class_] * count) class_++;
+      for (int c = 0; c < components_; c++) {
+        const i8* f = taps_of[class_ * components_ + c];
+        if (!f) continue;
+        i64 change = 256;
+        i32 limit = i32(step_[c] >> 2);
+        for (int r = 0, n = 0; r < 3; r++) {
+          i32 sum = 0, limited = 0;
+          for (; n < ends[r]; n++) {
+            i32 difference = near[n][c] - own[c];
+            sum += difference;
+            if (planar && r < 2) limited += std::max(-limit, std::min(limit, difference));
+          }
+          change += i64(f[r]) * sum;
+          if (planar && r < 2) change += i64(f[3 + r]) * limited;
+        }
+        filtered[size_t(v) * components_ + c] = i32(clip(-LARGEST, LARGEST, own[c] + (change >> 9)));
+      }
     }
   }
 
@@ -1077,7 +1097,7 @@ class Raht {
 
   const AttributeUnit& unit_;
   Shape shape_;
-  int components_, models_;
+  int models_;
   std::vector<Level> levels_;
   i64 step_[3] = {1, 1, 1}, inverse_[3] = {}, falloff_inverse_ = 0;
   u32 gains_[2][64 * 64];
@@ -1096,7 +1116,11 @@ class Raht {
 }  // namespace
 
 std::vector<u8> decode_raht(const AttributeUnit& unit, const std::vector<u64>& cells, int lod) {
-  return std::make_unique<Raht>(unit, cells)->decode(lod);
+  switch (unit.components) {
+    case 1: return std::make_unique<Raht<1>>(unit, cells)->decode(lod);
+    case 2: return std::make_unique<Raht<2>>(unit, cells)->decode(lod);
+    default: return std::make_unique<Raht<3>>(unit, cells)->decode(lod);
+  }
 }
 
 // ---- 11

@@ -291,14 +291,18 @@ struct Range {
   u32 first, end;
 };
 
+template <int components>
 struct Block {
   u32 node = 0;
   int mask = 0, splits = 0;         // octants; number of splits
-  i64 W[15] = {};
-  i64 predicted[3][8] = {};         // by component and octant
-  i64 acc_shift[3] = {};            // shift of 7.5.5
-  i64 q[3][7] = {};
+  i32 W[15] = {};
+  i32 predicted[components][8] = {};  // by octant
+  i32 acc_shift[components] = {};   // shift of 7.5.5
+  i32 q[components][7] = {};
   int energy[2] = {0, 0}, flag[2] = {0, 0};
+  u32 near[2] = {0, 0}, far[2], near_weight = 0, far_weight = 3;  // 7.5.1
+  int num_around = 0;
+  i32 around[82][components];       // means less the node's own of 7.4.4's surroundings
   bool is_split(int n) const { return W[2 * n + 1] > 0 && W[2 * n + 2] > 0; }
 };
 
@@ -315,6 +319,8 @@ struct DctBlock {
 
 template <int components_>
 class Raht {
+  using Block = texf::Block<components_>;
+
  public:
   Raht(const AttributeUnit& unit, const std::vector<u64>& keys)
       : unit_(unit), shape_(unit.planar), models_(unit.num_models),
@@ -359,6 +365,8 @@ class Raht {
       lower_ = &levels_[d_ + 1];
       upper_ = d_ > 0 ? &levels_[d_ - 1] : nullptr;
       level_class_ = std::min(depth - 1 - d_, 3);
+      above_.assign(2 * level_->count(), 0);
+      for (u32 node = 0; node < level_->count() && upper_; node++) memcpy(&above_[2 * size_t(node)], &upper_->energy[2 * size_t(level_->parent[node])], 2);
       if (unit_.planar && models_ > 0) level_->q.assign(level_->count() * components_ * 3, 0);
       for (size_t s = 0; s < ranges.size(); s++) decode_range(ranges[s], states[s]);
     }
@@ -405,7 +413,7 @@ class Raht {
   const u32* row_of(u32 node) const { return &rows_[size_t(node) * shape_.row]; }
   u32 neighbour(u32 node, int x, int y, int z) const { return row_of(node)[shape_.self() + x + 3 * y + 9 * z]; }
   const i32* mean_of(const Level& level, u32 node) const { return &level.mean[size_t(node) * components_]; }
-  int above(u32 node, int k) const { return upper_ ? upper_->energy[2 * size_t(level_->parent[node]) + k] : 0; }
+  int above(u32 node, int k) const { return above_[2 * size_t(node) + k]; }
   i64 sixteenths(i64 v, int c) const { return (magnitude(v) * inverse_[c]) >> 28; }
 
   void decode_range(Range range, SliceState& state) {
@@ -430,7 +438,7 @@ class Raht {
     block.mask = mask;
     u32 child = level_->first_child[node];
     for (int octant = 0; octant < 8; octant++)
-      if (mask >> octant & 1) block.W[7 + octant] = lower_->weight[child++];
+      if (mask >> octant & 1) block.W[7 + octant] = i32(lower_->weight[child++]);
     for (int n = 6; n >= 0; n--) block.W[n] = block.W[2 * n + 1] + block.W[2 * n + 2];
     block.splits = ones(mask) - 1;
     predict(block);
@@ -439,10 +447,11 @@ class Raht {
       if (k == 1 && unit_.component_cross > 0 && block.flag[0]) follow(block);
       for (int c = c0; c < c1; c++) {
         i64 acc = 0;
-        for (int octant = 0; octant < 8; octant++) acc += block.W[7 + octant] * block.predicted[c][octant];
-        block.acc_shift[c] = quotient(2 * acc + block.W[0], 2 * block.W[0]);
+        for (int octant = 0; octant < 8; octant++) acc += i64(block.W[7 + octant]) * block.predicted[c][octant];
+        block.acc_shift[c] = i32(quotient(2 * acc + block.W[0], 2 * i64(block.W[0])));
       }
       parse_plane(block, k, c0, c1);
+      if (!block.flag[k]) continue;
       i64 total = 0;
       for (int c = c0; c < c1; c++)
         for (int n = 0; n < 7; n++) total += magnitude(block.q[c][n]);
@@ -452,12 +461,14 @@ class Raht {
     if (!level_->q.empty())
       for (int c = 0; c < components_; c++)
         for (int i = 0; i < 3; i++) level_->q[(size_t(node) * components_ + c) * 3 + i] = i8(clip(-2, 2, block.q[c][i == 0 ? 1 : i + 2]));
+    const i32* own = mean_of(*level_, node);
     for (int c = 0; c < components_; c++) {
-      i64 v[15];
-      spread(block, c, mean_of(*level_, node)[c] - block.acc_shift[c], v);
+      i32 v[15];
+      if (block.flag[c > 0]) spread(block, c, own[c] - block.acc_shift[c], v);
+      else std::fill(v + 7, v + 15, own[c] - block.acc_shift[c]);
       i32* to = &lower_->mean[size_t(level_->first_child[node]) * components_ + c];
-      for (int octant = 0; octant < 8; octant++) {
-        if (!(mask >> octant & 1)) continue;
+      for (int left = mask; left; left &= left - 1) {
+        int octant = __builtin_ctz(left);
         *to = i32(clip(-LARGEST, LARGEST, v[7 + octant] + block.predicted[c][octant]));
         to += components_;
       }
@@ -466,63 +477,57 @@ class Raht {
 
   // ---- 7.3
 
-  int falloff(const i32* mean, const i32* own) const {
-    if (unit_.colour_range == 0) return 64;
-    i64 difference = 0;
-    for (int c = 0; c < components_; c++) difference += magnitude(i64(mean[c]) - own[c]);
-    return FALLOFF_TABLE[std::min<i64>(30, (difference * falloff_inverse_) >> 28)];
-  }
-
   bool decoded(u32 other, u32 node) const { return other >= range_.first && other < node; }
 
-  // Calls what(direction, its number, means, child or -1) for the neighbours that are not decoded and for the children that touch
-  // the node of those that are.
-  template <typename What>
-  void surroundings(u32 node, What what) const {
-    const u32* row = row_of(node);
-    for (int n = 0; n < shape_.row; n++) {
-      u32 other = row[n];
-      if (other == NONE || other == node) continue;
-      const Shape::Direction& d = shape_.direction[n];
-      if (!decoded(other, node)) {
-        what(d, mean_of(*level_, other), -1);
-        continue;
-      }
-      u32 child = level_->first_child[other];
-      for (int left = level_->children[other]; left; left &= left - 1, child++) {
-        int octant = __builtin_ctz(left);
-        if (d.facing >> octant & 1) what(d, mean_of(*lower_, child), octant);
-      }
-    }
-  }
-
+  // 7.3 and, in passing, what 7.4.4 and 7.5.1 find around a block
   void predict(Block& block) const {
     const i32* own = mean_of(*level_, block.node);
-    i64 total[8], sum[8][3];
-    for (int octant = 0; octant < 8; octant++) {
-      total[octant] = 64 * unit_.kernel[0];
-      for (int c = 0; c < components_; c++) sum[octant][c] = total[octant] * own[c];
-    }
-    auto add = [&](int octant, i64 w, const i32* mean) {
-      total[octant] += w;
-      for (int c = 0; c < components_; c++) sum[octant][c] += w * mean[c];
+    i32 total[8];
+    i64 sum[8][components_] = {};  // of differences from the node's own mean
+    std::fill(total, total + 8, 64 * unit_.kernel[0]);
+    for (int k = 0; k < 2; k++) block.far[k] = 3 * above(block.node, k);
+    auto find = [&](const i32* mean) {  // falloff
+      i32 *delta = block.around[block.num_around++], difference = 0;
+      for (int c = 0; c < components_; c++) difference += std::abs(delta[c] = mean[c] - own[c]);
+      return falloff_inverse_ == 0 ? 64 : i32(FALLOFF_TABLE[std::min<i64>(30, (difference * falloff_inverse_) >> 28)]);
     };
-    surroundings(block.node, [&](const Shape::Direction& d, const i32* mean, int child) {
-      int weight = falloff(mean, own);
-      if (child < 0) {
-        if (int w = unit_.kernel[d.nonzero] * weight)
-          for (int left = d.octants & block.mask; left; left &= left - 1) add(__builtin_ctz(left), w, mean);
-        return;
+    auto add = [&](int octant, i32 w) {
+      const i32* delta = block.around[block.num_around - 1];
+      total[octant] += w;
+      for (int c = 0; c < components_; c++) sum[octant][c] += i64(w) * delta[c];
+    };
+    const u32* row = row_of(block.node);
+    for (int n = 0; n < shape_.row; n++) {
+      u32 other = row[n];
+      if (other == NONE || other == block.node) continue;
+      const Shape::Direction& d = shape_.direction[n];
+      bool before = decoded(other, block.node);
+      if (d.nonzero < 3) {
+        u32 w = 3 - d.nonzero;
+        const u8* energy = &(before ? level_->energy : above_)[2 * size_t(other)];
+        for (int k = 0; k < 2; k++) (before ? block.near : block.far)[k] += w * energy[k];
+        (before ? block.near_weight : block.far_weight) += w;
       }
-      for (int i = 0; i < d.touches[child]; i++) {
-        Touch touch = d.touch[child][i];
-        if (block.mask >> touch.octant & 1) add(touch.octant, unit_.kernel[3 + touch.steps] * weight, mean);
+      if (!before) {
+        i32 w = unit_.kernel[d.nonzero] * find(mean_of(*level_, other));
+        for (int left = d.octants & block.mask; left; left &= left - 1) add(__builtin_ctz(left), w);
+        continue;
       }
-    });
-    for (int octant = 0; octant < 8; octant++) {
-      if (!(block.mask >> octant & 1)) continue;
+      int children = level_->children[other];
+      for (int left = children & d.facing; left; left &= left - 1) {
+        int octant = __builtin_ctz(left);
+        i32 weight = find(mean_of(*lower_, level_->first_child[other] + ones(children & ((1u << octant) - 1))));
+        for (int i = 0; i < d.touches[octant]; i++) {
+          Touch touch = d.touch[octant][i];
+          if (block.mask >> touch.octant & 1) add(touch.octant, unit_.kernel[3 + touch.steps] * weight);
+        }
+      }
+    }
+    for (int left = block.mask; left; left &= left - 1) {
+      int octant = __builtin_ctz(left);
       double reciprocal = 1.0 / double(2 * total[octant]);
-      for (int c = 0; c < components_; c++) block.predicted[c][octant] = by_reciprocal(2 * sum[octant][c] + total[octant], reciprocal);
+      for (int c = 0; c < components_; c++)
+        block.predicted[c][octant] = own[c] + i32(by_reciprocal(2 * sum[octant][c] + total[octant], reciprocal));
     }
   }
 
@@ -533,16 +538,16 @@ class Raht {
     return isqrt(((w1 + w2) << (34 - half)) / (w1 * w2));
   }
 
-  void spread(const Block& block, int c, i64 mean, i64* v) const {
+  void spread(const Block& block, int c, i32 mean, i32* v) const {
     v[0] = mean;
     bool square = unit_.planar_transform && block.is_split(3) && block.is_split(4);
     for (int n = 0; n < 7; n++) {
-      i64 w1 = block.W[2 * n + 1], w2 = block.W[2 * n + 2];
+      i32 w1 = block.W[2 * n + 1], w2 = block.W[2 * n + 2];
       if (w1 == 0 || w2 == 0) {
         v[2 * n + 1] = v[2 * n + 2] = block.W[n] > 0 ? v[n] : 0;
         continue;
       }
-      i64 q = block.q[c][n];
+      i32 q = block.q[c][n];
       if (square && n == 3) q = block.q[c][3] - block.q[c][4];
       if (square && n == 4) q = block.q[c][3] + block.q[c][4];
       if (q == 0) {
@@ -551,25 +556,24 @@ class Raht {
       }
       i64 d = std::min(LARGEST - 1, (std::min(magnitude(q), LARGEST - 1) * step_[c] * gain(w1, w2, square && n > 2) + (1 << 16)) >> 17);
       if (q < 0) d = -d;
-      v[2 * n + 1] = v[n] - floor_div(2 * w2 * d + w1 + w2, 2 * (w1 + w2));
-      v[2 * n + 2] = v[2 * n + 1] + d;
+      v[2 * n + 1] = v[n] - i32(w1 == w2 ? (d + 1) >> 1 : floor_div(2 * w2 * d + w1 + w2, 2 * (i64(w1) + w2)));
+      v[2 * n + 2] = v[2 * n + 1] + i32(d);
     }
   }
 
   void follow(Block& block) const {  // 7.4.4
-    const i32* own = mean_of(*level_, block.node);
-    i64 sums[3] = {0, 0, 0}, detail[15];
-    surroundings(block.node, [&](const Shape::Direction&, const i32* mean, int) {
-      i64 first = i64(mean[0]) - own[0];
-      for (int c = 0; c < components_; c++) sums[c] += first * (i64(mean[c]) - own[c]);
-    });
+    i64 sums[components_] = {};
+    i32 detail[15];
+    for (int n = 0; n < block.num_around; n++)
+      for (int c = 0; c < components_; c++) sums[c] += i64(block.around[n][0]) * block.around[n][c];
     i64 spread_of = sums[0] + ((step_[0] * step_[0]) >> 2);
     spread(block, 0, 0, detail);
     for (int c = 1; c < components_; c++) {
       i64 factor = clip(-512, 512, floor_div(16 * unit_.component_cross * sums[c], spread_of));
-      for (int octant = 0; octant < 8; octant++) {
-        i64& predicted = block.predicted[c][octant];
-        if (block.mask >> octant & 1) predicted = clip(-LARGEST, LARGEST, predicted + ((factor * detail[7 + octant] + 128) >> 8));
+      for (int left = block.mask; left; left &= left - 1) {
+        int octant = __builtin_ctz(left);
+        i32& predicted = block.predicted[c][octant];
+        predicted = i32(clip(-LARGEST, LARGEST, predicted + ((factor * detail[7 + octant] + 128) >> 8)));
       }
     }
   }
@@ -582,21 +586,7 @@ class Raht {
     p.c0 = c0;
     p.c1 = c1;
     p.activity = false;
-    const u32* row = row_of(block.node);
-    i64 near = 0, near_weight = 0, far = 3 * above(block.node, k), far_weight = 3;
-    for (int n = 0; n < shape_.row; n++) {
-      int nonzero = shape_.direction[n].nonzero;
-      u32 other = row[n];
-      if (other == NONE || nonzero == 0 || nonzero == 3) continue;
-      int w = 3 - nonzero;
-      if (decoded(other, block.node)) {
-        near += w * level_->energy[2 * size_t(other) + k];
-        near_weight += w;
-      } else {
-        far += w * above(other, k);
-        far_weight += w;
-      }
-    }
+    u32 near = block.near[k], far = block.far[k], near_weight = block.near_weight, far_weight = block.far_weight;
     p.near_class = near_weight > 0 ? class_of((near + near_weight - 1) / near_weight) : 0;
     p.far_class = class_of((far + far_weight - 1) / far_weight);
     p.strength = std::max(p.near_class, p.far_class);
@@ -620,14 +610,14 @@ class Raht {
         u32 other = row_of(block.node)[shape_.self() + side * (axis == 0 ? 1 : axis == 1 ? 3 : 9)];
         if (other == NONE) continue;
         faces++;
-        for (int c = p.c0; c < p.c1; c++) variation += magnitude(i64(mean_of(*level_, other)[c]) - own[c]);
+        for (int c = p.c0; c < p.c1; c++) variation += std::abs(mean_of(*level_, other)[c] - own[c]);
         if (side > 0 || other < range_.first) continue;
         int energy = level_->energy[2 * size_t(other) + p.k];
         p.earlier += scale * (energy == 0 ? 1 : energy < 8 ? 2 : 3);
       }
     for (int octant = 0; octant < 8; octant++)
       for (int c = p.c0; c < p.c1 && block.mask >> octant & 1; c++) {
-        i64 deviation = magnitude(block.predicted[c][octant] - block.acc_shift[c]);
+        i64 deviation = std::abs(block.predicted[c][octant] - block.acc_shift[c]);
         sum += deviation;
         largest = std::max(largest, deviation);
       }
@@ -644,7 +634,7 @@ class Raht {
   i64 predicted_mean(const Block& block, int i, int c) const {  // Pm
     int first = i < 3 ? (i - 1) * 4 : i < 7 ? (i - 3) * 2 : i - 7, count = i < 3 ? 4 : i < 7 ? 2 : 1;
     i64 sum = 0;
-    for (int octant = first; octant < first + count; octant++) sum += block.W[7 + octant] * block.predicted[c][octant];
+    for (int octant = first; octant < first + count; octant++) sum += i64(block.W[7 + octant]) * block.predicted[c][octant];
     return quotient(sum, block.W[i]);
   }
   i64 slope(const Block& block, int c, int n) const {
@@ -662,18 +652,16 @@ class Raht {
     p.down[c][n] = found < 0;
   }
 
-  // 7.11.2: alike and alikeSigns
-  void likeness(u32 node, int n, int c, u32* alike, u32* signs) const {
-    int i = n == 1 ? 0 : n - 2;
-    auto of = [&](int x, int y) -> int {
+  struct Beside {  // 7.11.2: q of the nodes around a block, by component
+    const i8 *west, *north, *corner[3], *above;
+  };
+  Beside beside(u32 node) const {
+    static const i8 nothing[3 * components_] = {};
+    auto of = [&](int x, int y) {
       u32 other = neighbour(node, x, y, 0);
-      return other != NONE && decoded(other, node) ? level_->q[(size_t(other) * components_ + c) * 3 + i] : 0;
+      return other != NONE && decoded(other, node) ? &level_->q[size_t(other) * components_ * 3] : nothing;
     };
-    int west = of(-1, 0), north = of(0, -1);
-    int corners = std::abs(of(-1, -1)) + std::abs(of(1, -1)) + std::abs(of(-1, 1));
-    int above = upper_ ? upper_->q[(size_t(level_->parent[node]) * components_ + c) * 3 + i] : 0;
-    *alike = 27 * std::abs(west) + 9 * std::abs(north) + 3 * std::min(corners, 2) + std::abs(above);
-    *signs = 3 * sign_of(west) + sign_of(north);
+    return {of(-1, 0), of(0, -1), {of(-1, -1), of(1, -1), of(-1, 1)}, upper_ ? &upper_->q[size_t(level_->parent[node]) * components_ * 3] : nothing};
   }
 
   int flag_bit(const Block& block, Plane& p) {
@@ -756,6 +744,8 @@ class Raht {
     block.flag[k] = flag_bit(block, p);
     if (!block.flag[k]) return;
     if (models_ > 0 && !p.activity) find_activity(block, p);
+    Beside around{};
+    if (unit_.planar && models_ > 0) around = beside(block.node);
     At at{};
     at.left = block.splits * (c1 - c0);
     bool some = false;
@@ -767,15 +757,20 @@ class Raht {
         at.n = n;
         at.left--;
         at.stage = n == 0 ? 0 : n < 3 ? 1 : 2;
-        at.luma = c > 0 ? u32(std::min<i64>(magnitude(block.q[0][n]), 3)) : 0;
-        if (unit_.planar && models_ > 0) likeness(block.node, n, c, &at.alike, &at.alike_signs);
+        at.luma = c > 0 ? u32(std::min(std::abs(block.q[0][n]), 3)) : 0;
+        if (unit_.planar && models_ > 0) {
+          int i = 3 * c + (n == 1 ? 0 : n - 2), corners = 0;
+          for (const i8* corner : around.corner) corners += std::abs(corner[i]);
+          at.alike = 27 * std::abs(around.west[i]) + 9 * std::abs(around.north[i]) + 3 * std::min(corners, 2) + std::abs(around.above[i]);
+          at.alike_signs = 3 * sign_of(around.west[i]) + sign_of(around.north[i]);
+        }
         if ((at.left > 0 || some) && !zero_bit(block, p, at)) continue;
         int negative = sign_bit(block, p, at);
         i64 found = 1;
         u32 i = 0;
         for (; i < 15 && more_bit(p, at, i); i++) found++;
         if (i == 15) found += i64(state_->decoder.rest()) - 1;
-        block.q[c][n] = negative ? -found : found;
+        block.q[c][n] = i32(negative ? -found : found);
         some = true;
         at.ones++;
         at.large += found > 1;
@@ -1107,6 +1102,7 @@ class Raht {
   std::vector<DctBlock> dct_;
   // of the level and the range that are decoded
   int d_ = 0;
+  std::vector<u8> above_;      // energies of the nodes' parents
   u32 level_class_ = 0;
   Level *upper_ = nullptr, *level_ = nullptr, *lower_ = nullptr;
   Range range_{0, 0};

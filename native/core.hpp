@@ -71,7 +71,7 @@ struct Context {
   Context() : slow(1 << 21), count(0) {}
   template <int most>
   void adapt(int bit) {
-    i32 target = bit * ((1 << 22) - 1), rate = bit_length(count + 1);
+    i32 target = bit * ((1 << 22) - 1), rate = 32 - __builtin_clz(count + 1);
     fast += (target - i32(fast)) >> (rate < most ? rate : most);
     slow = i32(slow) + ((target - i32(slow)) >> rate);
     if (count < 63) count = count + 1;

@@ -62,13 +62,15 @@ i64 quotient(i64 a, i64 b) { return b < 1 << 20 && magnitude(a) < b << 23 ? by_r
 struct WeightSet {
   i32 weight[8], bias = 0, count = 0;
   WeightSet() { std::fill(weight, weight + 8, 13107); }
-  i64 output(const i32* s, int m) const {
+  template <int m>
+  i32 output(const i32* s) const {
     i64 sum = i64(bias) * 256;
     for (int i = 0; i < m; i++) sum += i64(weight[i]) * s[i];
-    return clip(-2816, 2816, sum >> 16);
+    return i32(clip(-2816, 2816, sum >> 16));
   }
-  void learn(const i32* s, int m, i64 y, int bit) {
-    i64 error = (65536 * bit - i64(tables.squash[y + 2816])) * tables.learning[count];
+  template <int m>
+  void learn(const i32* s, i32 y, int bit) {
+    i64 error = (65536 * bit - tables.squash[y + 2816]) * tables.learning[count];
     for (int i = 0; i < m; i++) weight[i] = limited(weight[i] + ((s[i] * error + (1 << 19)) >> 20));
     bias = limited(bias + ((256 * error + (1 << 19)) >> 20));
     count = std::min(count + 1, 1521);
@@ -82,40 +84,48 @@ class Mixer {  // contexts of several kinds of bits, each with its models, and w
   Mixer(std::initializer_list<std::initializer_list<u32>> sizes, size_t num_sets, size_t num_refinements)
       : sets_(num_sets), refinements_(num_refinements) {
     u32 sum = 0;
+    int number = 0;
     for (const auto& kind : sizes) {
-      starts_.push_back({});
       int model = 0;
       for (u32 size : kind) {
-        starts_.back()[model++] = sum;
+        starts_[number][model++] = sum;
         sum += size;
       }
+      number++;
     }
     contexts_.resize(sum);
     for (auto& set : refinements_) std::copy(tables.refinement, tables.refinement + 24, set.begin());
   }
   // numbers: the context of each of m models
-  int bit(RangeDecoder& decoder, int kind, const u32* numbers, int m, u32 first, u32 second, u32 refinement) {
-    Context* context[8];
-    i32 s[8];
+  template <int m>
+  TEXF_OFTEN int bit(RangeDecoder& decoder, int kind, const u32* numbers, u32 first, u32 second, u32 refinement) {
+    Context* context[m];
+    i32 s[m];
     for (int i = 0; i < m; i++) {
       context[i] = &contexts_[starts_[kind][i] + numbers[i]];
       s[i] = tables.stretch[(context[i]->fast + context[i]->slow) >> 11];
     }
     WeightSet &a = sets_[first], &b = sets_[second];
-    i64 x1 = a.output(s, m), x2 = b.output(s, m), x = ((x1 + x2) >> 1) + 2816;
+    i32 x1 = a.output<m>(s), x2 = b.output<m>(s), x = ((x1 + x2) >> 1) + 2816;
     i32* entry = &refinements_[refinement][x >> 8];
     i64 r = x & 255, refined = (entry[0] * (256 - r) + entry[1] * r) >> 14;
     int bit = decoder.likely(u32(clip(8, 65528, (tables.squash[x] + refined) >> 1)));
-    a.learn(s, m, x1, bit);
-    b.learn(s, m, x2, bit);
-    for (int i = 0; i < m; i++) context[i]->adapt<4>(bit);
+    a.learn<m>(s, x1, bit);
+    b.learn<m>(s, x2, bit);
+    for (int i = 0; i < m; i++) context[i]->template adapt<4>(bit);
     entry += r >= 128;
     *entry += (bit * ((1 << 22) - 1) - *entry) >> 6;
     return bit;
   }
+  template <int most = 8>
+  int bit_of(int m, RangeDecoder& decoder, int kind, const u32* numbers, u32 first, u32 second, u32 refinement) {
+    if constexpr (most > 1)
+      if (m < most) return bit_of<most - 1>(m, decoder, kind, numbers, first, second, refinement);
+    return bit<most>(decoder, kind, numbers, first, second, refinement);
+  }
 
  private:
-  std::vector<std::array<u32, 8>> starts_;  // by kind and model
+  u32 starts_[4][8];  // by kind and model
   std::vector<Context> contexts_;
   std::vector<WeightSet> sets_;
   std::vector<std::array<i32, 24>> refinements_;
@@ -682,7 +692,7 @@ class Raht {
         ((b * 4 + L) * 12 + p.peak) * 12 + p.far2,
         ((b * 16 + p.around) * 12 + p.active) * 7 + near,
     };
-    return state_->mixed.bit(state_->decoder, FLAG, numbers, models_, (p.k * 4 + L) * 2 + b % 2, 100 + b * 7 + near, b * 7 + far);
+    return state_->mixed.bit_of(models_, state_->decoder, FLAG, numbers, (p.k * 4 + L) * 2 + b % 2, 100 + b * 7 + near, b * 7 + far);
   }
 
   struct At {
@@ -704,7 +714,7 @@ class Raht {
         ((c * 12 + p.rough) * 12 + p.active) * 3 + z,
         unit_.planar ? ((c * 7 + at.n) * 81 + at.alike) * 3 + z : ((c * 4 + L) * 16 + p.around) * 12 + e,
     };
-    return state_->mixed.bit(state_->decoder, ZERO, numbers, models_, 16 + (c * 4 + L) * 3 + z, 128 + (c * 3 + at.stage) * 7 + st,
+    return state_->mixed.bit_of(models_, state_->decoder, ZERO, numbers, 16 + (c * 4 + L) * 3 + z, 128 + (c * 3 + at.stage) * 7 + st,
                              28 + (c * 3 + z) * 7 + st);
   }
 
@@ -719,7 +729,7 @@ class Raht {
         ((c * 7 + at.n) * 3 + s0) * 2 + down,
         (((c * 3 + s0) * 3 + s1) * 2 + down) * 12 + e,
     };
-    return state_->mixed.bit(state_->decoder, SIGN, numbers, std::min(models_, 4), 97 + c, 212 + e, 136 + c);
+    return state_->mixed.template bit_of<4>(std::min(models_, 4), state_->decoder, SIGN, numbers, 97 + c, 212 + e, 136 + c);
   }
 
   int more_bit(const Plane& p, const At& at, u32 i) {
@@ -736,7 +746,7 @@ class Raht {
         unit_.planar ? ((c * 15 + i) * 3 + (at.n >> 1)) * 81 + at.alike : (c * 15 + i) * 16 + p.around,
         ((c * 15 + i) * 4 + L) * 3 + g,
     };
-    return state_->mixed.bit(state_->decoder, MORE, numbers, models_, 52 + c * 15 + i, 191 + c * 7 + st, 91 + c * 15 + i);
+    return state_->mixed.bit_of(models_, state_->decoder, MORE, numbers, 52 + c * 15 + i, 191 + c * 7 + st, 91 + c * 15 + i);
   }
 
   void parse_plane(Block& block, int k, int c0, int c1) {
@@ -919,10 +929,10 @@ class Raht {
               ((c * 8 + l7) * 8 + s7) * 16 + size,
               ((c * 8 + (fraction >> 1)) * 12 + energy) * 16 + size,
           };
-          if (!mixer.bit(decoder, SIZE, numbers, 6, c * 16 + size, 48 + c * 12 + energy, c * 16 + size)) break;
+          if (!mixer.bit<6>(decoder, SIZE, numbers, c * 16 + size, 48 + c * 12 + energy, c * 16 + size)) break;
           if (++size > 1) continue;
           u32 sign_lead = c * 3 + sign_of(lead), signs[3] = {sign_lead * 3 + sign_of(second), c * 16 + fraction, sign_lead * 16 + fraction};
-          negative = mixer.bit(decoder, RESIDUAL_SIGN, signs, 3, 84 + c, 87 + fraction, 48 + c);
+          negative = mixer.bit<3>(decoder, RESIDUAL_SIGN, signs, 84 + c, 87 + fraction, 48 + c);
         }
         if (size == 16) size = u32(std::min<i64>(255, 15 + i64(decoder.rest())));
         k[at] = i16(negative ? -int(size) : int(size));
@@ -1046,7 +1056,7 @@ class Raht {
     for (int i = 0; i < 6; i++) {
       u32 numbers[4] = {(c * 64 + around) * 64 + node, (c * 64 + other) * 64 + node, ((c * 12 + border) * 12 + about) * 64 + node,
                         (c * 64 + last) * 64 + node};
-      node = 2 * node + state_->dct.bit(state_->decoder, COUNT, numbers, 4, c * 64 + node, 621 + c * 12 + about, c * 64 + node);
+      node = 2 * node + state_->dct.template bit<4>(state_->decoder, COUNT, numbers, c * 64 + node, 621 + c * 12 + about, c * 64 + node);
     }
     return int(node) - 64;
   }
@@ -1073,18 +1083,18 @@ class Raht {
       u32 numbers[6] = {u32((c * 64 + z) * 64 + *left), (c * 64 + place) * 12 + alike, ((c * 12 + size) * 12 + alike) * 12 + rest,
                         (((c * 64 + place) * 3 + l0) * 3 + l1) * 3 + std::min(near, 2u), (c * 64 + place) * 12 + expected,
                         ((c * 12 + expected) * 12 + about) * 12 + rest};
-      if (!mixer.bit(state_->decoder, ZERO, numbers, 6, 192 + c * 64 + z, 657 + c * 12 + about, 192 + c * 64 + z)) return 0;
+      if (!mixer.bit<6>(state_->decoder, ZERO, numbers, 192 + c * 64 + z, 657 + c * 12 + about, 192 + c * 64 + z)) return 0;
     }
     --*left;
     u32 sign_numbers[4] = {(c * 64 + place) * 9 + signs, ((c * 13 + from_w) * 13 + from_n) * 4 + kind, (c * 64 + place) * 9 + lead,
                            (c * 64 + place) * 13 + (u <= v ? from_w : from_n)};
-    int negative = mixer.bit(state_->decoder, SIGN, sign_numbers, 4, 429 + c * 64 + place, 729 + (c * 12 + expected) * 4 + kind, 429 + c * 64 + place);
+    int negative = mixer.bit<4>(state_->decoder, SIGN, sign_numbers, 429 + c * 64 + place, 729 + (c * 12 + expected) * 4 + kind, 429 + c * 64 + place);
     i64 found = 1;
     u32 i = 0, about = fine(*left), diagonal = fine(u + v);
     for (; i < 15; i++, found++) {
       u32 numbers[5] = {(c * 15 + i) * 64 + place, ((c * 15 + i) * 12 + size) * 12 + alike, ((c * 15 + i) * 12 + expected) * 12 + diagonal,
                         ((c * 15 + i) * 12 + about) * 4 + l3, ((c * 15 + i) * 12 + alike) * 12 + expected};
-      if (!mixer.bit(state_->decoder, MORE, numbers, 5, 384 + c * 15 + i, 693 + c * 12 + size, 384 + c * 15 + i)) break;
+      if (!mixer.bit<5>(state_->decoder, MORE, numbers, 384 + c * 15 + i, 693 + c * 12 + size, 384 + c * 15 + i)) break;
     }
     if (i == 15) found += i64(state_->decoder.rest()) - 1;
     return negative ? -found : found;

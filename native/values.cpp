@@ -160,11 +160,6 @@ struct Touch {
   u8 octant, steps;
 };
 
-struct Around {  // the children of a node and of its neighbours, at the places of Shape
-  u32 node[65];  // NONE where there is none; the last is what lies outside
-  u64 there;     // a bit for every place
-};
-
 struct Shape {  // what depends on the support alone
   int row, axes;
   int reach, side;  // places: -reach .. reach + 1 on every axis around a node's first child
@@ -180,6 +175,7 @@ struct Shape {  // what depends on the support alone
   u64 bit[27][8];   // of the place, 0 outside
   u8 own[8];        // the place of an own child
   int step[27];     // from a place to the one in that direction
+  u64 window[8];    // by own child: all of its rings
   u64 ring[8][3];   // by own child: the places around it with one, two and three steps to go, over texels with 1, 2 and two in line
 
   explicit Shape(bool planar) : row(planar ? 9 : 27), axes(planar ? 2 : 3), reach(planar ? 2 : 1), side(2 + 2 * reach) {
@@ -232,6 +228,7 @@ struct Shape {  // what depends on the support alone
         if (direction[n].nonzero) ring[octant][direction[n].nonzero - 1] |= 1ull << (own[octant] + step[n]);
       if (planar)
         for (int far : {-2, 2, -2 * side, 2 * side}) ring[octant][2] |= 1ull << (own[octant] + far);
+      window[octant] = ring[octant][0] | ring[octant][1] | ring[octant][2];
     }
   }
   int self() const { return row / 2; }
@@ -266,29 +263,20 @@ std::vector<Level> octree(const std::vector<u64>& keys, int depth, int component
   return levels;
 }
 
-void gather(const Level& upper, const u32* row, const Shape& shape, Around& around) {
-  std::fill(around.node, around.node + 64, NONE);
-  around.there = 0;
-  for (int n = 0; n < shape.row; n++) {
-    if (row[n] == NONE) continue;
-    u32 child = upper.first_child[row[n]];
-    for (int left = upper.children[row[n]]; left; left &= left - 1) {
-      int octant = __builtin_ctz(left);
-      around.node[shape.place[n][octant]] = child++;
-      around.there |= shape.bit[n][octant];
-    }
-  }
-}
-
 // Rows of the neighbours of all nodes of a level from those of its parents.
 std::vector<u32> neighbours_below(const Level& upper, const std::vector<u32>& rows, const Shape& shape, size_t count) {
   std::vector<u32> out(count * shape.row);
-  u32* to = out.data();
-  Around around;
+  u32 *to = out.data(), around[65];  // by place; the last is what lies outside
   for (u32 p = 0; p < upper.count(); p++) {
-    gather(upper, &rows[size_t(p) * shape.row], shape, around);
+    const u32* row = &rows[size_t(p) * shape.row];
+    std::fill(around, around + 64, NONE);
+    for (int n = 0; n < shape.row; n++) {
+      if (row[n] == NONE) continue;
+      u32 child = upper.first_child[row[n]];
+      for (int left = upper.children[row[n]]; left; left &= left - 1) around[shape.place[n][__builtin_ctz(left)]] = child++;
+    }
     for (int left = upper.children[p]; left; left &= left - 1) {
-      const u32* own = around.node + shape.own[__builtin_ctz(left)];
+      const u32* own = around + shape.own[__builtin_ctz(left)];
       for (int n = 0; n < shape.row; n++) *to++ = own[shape.step[n]];
     }
   }
@@ -339,6 +327,8 @@ class Raht {
       step_[c] = step_of(unit.qp[c]);
       inverse_[c] = (1ll << 32) / step_[c];
     }
+    // sums of differences that classes 1 to 4 of 7.7 begin with, by neighbour
+    for (int class_ = 1; class_ < 5; class_++) least_[class_ - 1] = i32(ceil_div(2ll << (class_ + 28), inverse_[0]));
     if (unit.colour_range > 0) falloff_inverse_ = (1ll << 32) / (unit.colour_range * step_[0]);
     for (int a = 1; a <= 64; a++)
       for (int b = 1; b <= 64; b++)
@@ -827,43 +817,72 @@ class Raht {
 
   template <bool planar>
   TEXF_OFTEN void filter_children(const Level& level, const Level& upper, u32 p, const i8* const* taps_of, i32* filtered) const {
-    Around around;
-    gather(upper, row_of(p), shape_, around);
-    i32 least[4];  // sums of differences for classes 1 to 4 begin here, by neighbour
-    for (int class_ = 1; class_ < 5; class_++) least[class_ - 1] = i32(ceil_div(2ll << (class_ + 28), inverse_[0]));
+    constexpr int all = planar ? 15 : 255, side = planar ? 6 : 4;
+    i32 means[65 * components_];  // by place
+    u64 there = 0;
+    const u32* row = row_of(p);
+    for (int n = 0; n < (planar ? 9 : 27); n++) {
+      if (row[n] == NONE) continue;
+      const i32* from = mean_of(level, upper.first_child[row[n]]);
+      int children = upper.children[row[n]];
+      if (planar && children == all) {
+        i32* to = means + shape_.place[n][0] * components_;
+        std::copy_n(from, 2 * components_, to);
+        std::copy_n(from + 2 * components_, 2 * components_, to + side * components_);
+        there |= (3ull | 3ull << side) << shape_.place[n][0];
+        continue;
+      }
+      for (int left = children; left; left &= left - 1, from += components_) {
+        int octant = __builtin_ctz(left);
+        std::copy_n(from, components_, means + shape_.place[n][octant] * components_);
+        there |= shape_.bit[n][octant];
+      }
+    }
     u32 v = upper.first_child[p];
     for (int children = upper.children[p]; children; children &= children - 1, v++) {
-      const u64* rings = shape_.ring[__builtin_ctz(children)];
-      const i32 *own = mean_of(level, v), *near[26];
-      int there = 0, ends[3];
-      i32 spread_of = 0;
+      int octant = __builtin_ctz(children);
+      const i32 *own = means + shape_.own[octant] * components_, *near[26];
+      i32* out = filtered + size_t(v) * components_;
+      int ends[3];
+      if (planar && (there & shape_.window[octant]) == shape_.window[octant]) {
+        int n = 0;
+        for (int step : {-1, 1, -side, side, -side - 1, 1 - side, side - 1, side + 1, -2, 2, -2 * side, 2 * side}) near[n++] = own + step * components_;
+        filter_one<planar, true>(own, near, ends, taps_of, out);
+        continue;
+      }
+      int count = 0;
       for (int r = 0; r < 3; r++) {
-        for (u64 left = around.there & rings[r]; left; left &= left - 1) {
-          const i32* mean = mean_of(level, around.node[__builtin_ctzll(left)]);
-          if (!planar || r < 2) spread_of += std::abs(mean[0] - own[0]);
-          near[there++] = mean;
-        }
-        ends[r] = there;
+        for (u64 left = there & shape_.ring[octant][r]; left; left &= left - 1) near[count++] = means + __builtin_ctzll(left) * components_;
+        ends[r] = count;
       }
-      int count = std::max(1, ends[planar ? 1 : 2]), class_ = 0;
-      while (class_ < 4 && spread_of >= least[class_] * count) class_++;
-      for (int c = 0; c < components_; c++) {
-        const i8* f = taps_of[class_ * components_ + c];
-        if (!f) continue;
-        i64 change = 256;
-        i32 limit = i32(step_[c] >> 2);
-        for (int r = 0, n = 0; r < 3; r++) {
-          i32 sum = 0, limited = 0;
-          for (; n < ends[r]; n++) {
-            i32 difference = near[n][c] - own[c];
-            sum += difference;
-            if (planar && r < 2) limited += std::max(-limit, std::min(limit, difference));
-          }
-          change += i64(f[r]) * sum;
-          if (planar && r < 2) change += i64(f[3 + r]) * limited;
+      filter_one<planar, false>(own, near, ends, taps_of, out);
+    }
+  }
+
+  // near: the means around, ring after ring; full: four in every ring
+  template <bool planar, bool full>
+  void filter_one(const i32* own, const i32* const* near, const int* ends, const i8* const* taps_of, i32* out) const {
+    auto end = [&](int r) { return full ? 4 * r + 4 : ends[r]; };
+    int count = end(planar ? 1 : 2), class_ = 0;
+    i32 spread_of = 0;
+    for (int n = 0; n < count; n++) spread_of += std::abs(near[n][0] - own[0]);
+    while (class_ < 4 && spread_of >= least_[class_] * std::max(1, count)) class_++;
+    for (int c = 0; c < components_; c++) {
+      const i8* f = taps_of[class_ * components_ + c];
+      if (!f) continue;
+      i64 change = 256;
+      i32 limit = i32(step_[c] >> 2);
+      for (int r = 0, n = 0; r < 3; r++) {
+        i32 sum = 0, limited = 0;
+        for (; n < end(r); n++) {
+          i32 difference = near[n][c] - own[c];
+          sum += difference;
+          if (planar && r < 2) limited += std::max(-limit, std::min(limit, difference));
         }
-        filtered[size_t(v) * components_ + c] = i32(clip(-LARGEST, LARGEST, own[c] + (change >> 9)));
+        change += i64(f[r]) * sum;
+        if (planar && r < 2) change += i64(f[3 + r]) * limited;
       }
+      out[c] = i32(clip(-LARGEST, LARGEST, own[c] + (change >> 9)));
     }
   }
 
@@ -1105,6 +1124,7 @@ class Raht {
   int models_;
   std::vector<Level> levels_;
   i64 step_[3] = {1, 1, 1}, inverse_[3] = {}, falloff_inverse_ = 0;
+  i32 least_[4];
   u32 gains_[2][64 * 64];
   u8 zigzag_[64] = {};
   i64 basis_[8][8] = {};

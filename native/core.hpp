@@ -243,7 +243,9 @@ void decode_normals(Asset& asset);                                              
 std::vector<std::vector<float>> shading_normals(const Asset& asset);                        // 8.4.1, of every unit's corners
 
 // ---- values.cpp
-std::vector<u8> decode_raht(const AttributeUnit& unit, const std::vector<u64>& cells, int lod);  // 7
+struct Octree;  // 7.1
+std::shared_ptr<Octree> octree_of(const std::vector<u64>& cells, int depth, bool planar);
+std::vector<u8> decode_raht(const AttributeUnit& unit, Octree& octree, int lod);  // 7
 
 class Network {  // 11
  public:

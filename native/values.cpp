@@ -145,7 +145,10 @@ struct SliceState {  // what a range is decoded with
 
 struct Level {
   std::vector<u32> first_child, parent, weight;
-  std::vector<u8> children, energy;  // a bit for every octant; two planes
+  std::vector<u8> children;          // a bit for every octant
+  std::vector<u32> rows;             // neighbours of every node, once they are asked for
+  // of the attribute that is decoded
+  std::vector<u8> energy;            // two planes
   std::vector<i32> mean;             // [nodes, components]
   std::vector<i8> q;                 // 7.11.2: q[1], q[3], q[4] of every component, limited to -2..2
   std::vector<u32> dct;              // 7.11.4: the number of the node's DCT block
@@ -234,8 +237,16 @@ struct Shape {  // what depends on the support alone
   int self() const { return row / 2; }
 };
 
-std::vector<Level> octree(const std::vector<u64>& keys, int depth, int components) {
-  std::vector<Level> levels(depth + 1);
+}  // namespace
+
+struct Octree {
+  Shape shape;
+  std::vector<Level> levels;
+};
+
+std::shared_ptr<Octree> octree_of(const std::vector<u64>& keys, int depth, bool planar) {
+  auto octree = std::make_shared<Octree>(Octree{Shape(planar), std::vector<Level>(depth + 1)});
+  std::vector<Level>& levels = octree->levels;
   std::vector<u64> values = keys;
   levels[depth].parent.resize(keys.size());
   levels[depth].weight.assign(keys.size(), 1);
@@ -256,19 +267,19 @@ std::vector<Level> octree(const std::vector<u64>& keys, int depth, int component
     upper.parent.resize(above.size());
     values.swap(above);
   }
-  for (Level& level : levels) {
-    level.mean.resize(level.count() * components);
-    level.energy.resize(2 * level.count());
-  }
-  return levels;
+  levels[0].rows.assign(octree->shape.row, NONE);
+  levels[0].rows[octree->shape.self()] = 0;
+  return octree;
 }
 
+namespace {
+
 // Rows of the neighbours of all nodes of a level from those of its parents.
-std::vector<u32> neighbours_below(const Level& upper, const std::vector<u32>& rows, const Shape& shape, size_t count) {
-  std::vector<u32> out(count * shape.row);
-  u32 *to = out.data(), around[65];  // by place; the last is what lies outside
+void find_neighbours(const Level& upper, const Shape& shape, Level& level) {
+  level.rows.resize(level.count() * shape.row);
+  u32 *to = level.rows.data(), around[65];  // by place; the last is what lies outside
   for (u32 p = 0; p < upper.count(); p++) {
-    const u32* row = &rows[size_t(p) * shape.row];
+    const u32* row = &upper.rows[size_t(p) * shape.row];
     std::fill(around, around + 64, NONE);
     for (int n = 0; n < shape.row; n++) {
       if (row[n] == NONE) continue;
@@ -280,7 +291,6 @@ std::vector<u32> neighbours_below(const Level& upper, const std::vector<u32>& ro
       for (int n = 0; n < shape.row; n++) *to++ = own[shape.step[n]];
     }
   }
-  return out;
 }
 
 // ---- 7.2 to 7.6
@@ -320,9 +330,14 @@ class Raht {
   using Block = texf::Block<components_>;
 
  public:
-  Raht(const AttributeUnit& unit, const std::vector<u64>& keys)
-      : unit_(unit), shape_(unit.planar), models_(unit.num_models),
-        levels_(octree(keys, unit.depth, unit.components)) {
+  Raht(const AttributeUnit& unit, Octree& octree) : unit_(unit), shape_(octree.shape), models_(unit.num_models), levels_(octree.levels) {
+    for (Level& level : levels_) {
+      level.mean.resize(level.count() * components_);
+      level.energy.assign(2 * level.count(), 0);
+      level.q.clear();
+      level.dct.clear();
+      level.known.clear();
+    }
     for (int c = 0; c < components_; c++) {
       step_[c] = step_of(unit.qp[c]);
       inverse_[c] = (1ll << 32) / step_[c];
@@ -343,10 +358,9 @@ class Raht {
     if (unit_.slice_level > 0)
       require(unit_.slice_first.back() < levels_[unit_.slice_level].count(), "a slice begins past the last node of its level");
     std::vector<Range> ranges{{0, 1}};
-    rows_.assign(shape_.row, NONE);
-    rows_[shape_.self()] = 0;
     for (d_ = 0; d_ < last; d_++) {
-      if (d_ > 0) rows_ = neighbours_below(levels_[d_ - 1], rows_, shape_, levels_[d_].count());
+      if (levels_[d_].rows.empty()) find_neighbours(levels_[d_ - 1], shape_, levels_[d_]);
+      rows_ = levels_[d_].rows.data();
       if (unit_.slice_level == 0 || d_ < unit_.slice_level) {
         ranges = {{0, u32(levels_[d_].count())}};
       } else if (d_ == unit_.slice_level) {
@@ -1120,15 +1134,15 @@ class Raht {
   }
 
   const AttributeUnit& unit_;
-  Shape shape_;
+  const Shape& shape_;
   int models_;
-  std::vector<Level> levels_;
+  std::vector<Level>& levels_;
   i64 step_[3] = {1, 1, 1}, inverse_[3] = {}, falloff_inverse_ = 0;
   i32 least_[4];
   u32 gains_[2][64 * 64];
   u8 zigzag_[64] = {};
   i64 basis_[8][8] = {};
-  std::vector<u32> rows_;      // neighbours of the nodes of the level
+  const u32* rows_ = nullptr;  // neighbours of the nodes of the level
   std::vector<DctBlock> dct_;
   // of the level and the range that are decoded
   int d_ = 0;
@@ -1141,11 +1155,11 @@ class Raht {
 
 }  // namespace
 
-std::vector<u8> decode_raht(const AttributeUnit& unit, const std::vector<u64>& cells, int lod) {
+std::vector<u8> decode_raht(const AttributeUnit& unit, Octree& octree, int lod) {
   switch (unit.components) {
-    case 1: return std::make_unique<Raht<1>>(unit, cells)->decode(lod);
-    case 2: return std::make_unique<Raht<2>>(unit, cells)->decode(lod);
-    default: return std::make_unique<Raht<3>>(unit, cells)->decode(lod);
+    case 1: return std::make_unique<Raht<1>>(unit, octree)->decode(lod);
+    case 2: return std::make_unique<Raht<2>>(unit, octree)->decode(lod);
+    default: return std::make_unique<Raht<3>>(unit, octree)->decode(lod);
   }
 }
 

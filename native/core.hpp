@@ -71,7 +71,7 @@ struct Context {
   Context() : slow(1 << 21), count(0) {}
   template <int most>
   void adapt(int bit) {
-    i32 target = bit * ((1 << 22) - 1), rate = bit_length(count + 1);
+    i32 target = bit * ((1 << 22) - 1), rate = 32 - __builtin_clz(count + 1);
     fast += (target - i32(fast)) >> (rate < most ? rate : most);
     slow = i32(slow) + ((target - i32(slow)) >> rate);
     if (count < 63) count = count + 1;
@@ -244,7 +244,9 @@ void decode_normals(Asset& asset);                                              
 std::vector<std::vector<float>> shading_normals(const Asset& asset);                        // 8.4.1, of every unit's corners
 
 // ---- values.cpp
-std::vector<u8> decode_raht(const AttributeUnit& unit, const std::vector<u64>& cells, int lod);  // 7
+struct Octree;  // 7.1
+std::shared_ptr<Octree> octree_of(const std::vector<u64>& cells, int depth, bool planar);
+std::vector<u8> decode_raht(const AttributeUnit& unit, Octree& octree, int lod);  // 7
 
 class Network {  // 11
  public:

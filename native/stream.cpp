@@ -676,17 +676,19 @@ void decode_fields(Asset& asset) {
     field.keys = field.planar ? asked_texels(asset, i) : active_voxels(asset, i, field.resolution, field.area_threshold);
     require(field.keys.size() == field.num_keys, "num_keys does not match");
     require(crc32(field.keys.data(), 8 * field.keys.size()) == field.keys_crc, "keys_crc does not match");
+    std::shared_ptr<Octree> octree;  // of groups with the same level_shift, one after the other
+    int shift = -1;
     for (; next < asset.attributes.size() && asset.attributes[next].field == i; next++) {
       const AttributeUnit& unit = asset.attributes[next];
       if (unit.codec == NEURAL) continue;
-      std::vector<u64> cells = asset.cells(i, unit.level_shift);
       int lod = std::min(std::max(asset.lod - unit.level_shift, 0), unit.depth);
       std::vector<u8> values;
       if (unit.codec == CONSTANT) {
         size_t count = asset.cells(i, unit.level_shift + lod).size();
         for (size_t n = 0; n < count; n++) values.insert(values.end(), unit.plane_value, unit.plane_value + unit.components);
       } else {
-        values = decode_raht(unit, cells, lod);
+        if (shift != unit.level_shift) octree = octree_of(asset.cells(i, shift = unit.level_shift), unit.depth, unit.planar);
+        values = decode_raht(unit, *octree, lod);
       }
       require(lod > 0 || crc32(values.data(), values.size()) == unit.values_crc, "values_crc does not match");
       asset.values[i][unit.group] = std::move(values);

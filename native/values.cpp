@@ -62,13 +62,15 @@ i64 quotient(i64 a, i64 b) { return b < 1 << 20 && magnitude(a) < b << 23 ? by_r
 struct WeightSet {
   i32 weight[8], bias = 0, count = 0;
   WeightSet() { std::fill(weight, weight + 8, 13107); }
-  i64 output(const i32* s, int m) const {
+  template <int m>
+  i32 output(const i32* s) const {
     i64 sum = i64(bias) * 256;
     for (int i = 0; i < m; i++) sum += i64(weight[i]) * s[i];
-    return clip(-2816, 2816, sum >> 16);
+    return i32(clip(-2816, 2816, sum >> 16));
   }
-  void learn(const i32* s, int m, i64 y, int bit) {
-    i64 error = (65536 * bit - i64(tables.squash[y + 2816])) * tables.learning[count];
+  template <int m>
+  void learn(const i32* s, i32 y, int bit) {
+    i64 error = (65536 * bit - tables.squash[y + 2816]) * tables.learning[count];
     for (int i = 0; i < m; i++) weight[i] = limited(weight[i] + ((s[i] * error + (1 << 19)) >> 20));
     bias = limited(bias + ((256 * error + (1 << 19)) >> 20));
     count = std::min(count + 1, 1521);
@@ -82,40 +84,48 @@ class Mixer {  // contexts of several kinds of bits, each with its models, and w
   Mixer(std::initializer_list<std::initializer_list<u32>> sizes, size_t num_sets, size_t num_refinements)
       : sets_(num_sets), refinements_(num_refinements) {
     u32 sum = 0;
+    int number = 0;
     for (const auto& kind : sizes) {
-      starts_.push_back({});
       int model = 0;
       for (u32 size : kind) {
-        starts_.back()[model++] = sum;
+        starts_[number][model++] = sum;
         sum += size;
       }
+      number++;
     }
     contexts_.resize(sum);
     for (auto& set : refinements_) std::copy(tables.refinement, tables.refinement + 24, set.begin());
   }
   // numbers: the context of each of m models
-  int bit(RangeDecoder& decoder, int kind, const u32* numbers, int m, u32 first, u32 second, u32 refinement) {
-    Context* context[8];
-    i32 s[8];
+  template <int m>
+  TEXF_OFTEN int bit(RangeDecoder& decoder, int kind, const u32* numbers, u32 first, u32 second, u32 refinement) {
+    Context* context[m];
+    i32 s[m];
     for (int i = 0; i < m; i++) {
       context[i] = &contexts_[starts_[kind][i] + numbers[i]];
       s[i] = tables.stretch[(context[i]->fast + context[i]->slow) >> 11];
     }
     WeightSet &a = sets_[first], &b = sets_[second];
-    i64 x1 = a.output(s, m), x2 = b.output(s, m), x = ((x1 + x2) >> 1) + 2816;
+    i32 x1 = a.output<m>(s), x2 = b.output<m>(s), x = ((x1 + x2) >> 1) + 2816;
     i32* entry = &refinements_[refinement][x >> 8];
     i64 r = x & 255, refined = (entry[0] * (256 - r) + entry[1] * r) >> 14;
     int bit = decoder.likely(u32(clip(8, 65528, (tables.squash[x] + refined) >> 1)));
-    a.learn(s, m, x1, bit);
-    b.learn(s, m, x2, bit);
-    for (int i = 0; i < m; i++) context[i]->adapt<4>(bit);
+    a.learn<m>(s, x1, bit);
+    b.learn<m>(s, x2, bit);
+    for (int i = 0; i < m; i++) context[i]->template adapt<4>(bit);
     entry += r >= 128;
     *entry += (bit * ((1 << 22) - 1) - *entry) >> 6;
     return bit;
   }
+  template <int most = 8>
+  int bit_of(int m, RangeDecoder& decoder, int kind, const u32* numbers, u32 first, u32 second, u32 refinement) {
+    if constexpr (most > 1)
+      if (m < most) return bit_of<most - 1>(m, decoder, kind, numbers, first, second, refinement);
+    return bit<most>(decoder, kind, numbers, first, second, refinement);
+  }
 
  private:
-  std::vector<std::array<u32, 8>> starts_;  // by kind and model
+  u32 starts_[4][8];  // by kind and model
   std::vector<Context> contexts_;
   std::vector<WeightSet> sets_;
   std::vector<std::array<i32, 24>> refinements_;
@@ -135,7 +145,10 @@ struct SliceState {  // what a range is decoded with
 
 struct Level {
   std::vector<u32> first_child, parent, weight;
-  std::vector<u8> children, energy;  // a bit for every octant; two planes
+  std::vector<u8> children;          // a bit for every octant
+  std::vector<u32> rows;             // neighbours of every node, once they are asked for
+  // of the attribute that is decoded
+  std::vector<u8> energy;            // two planes
   std::vector<i32> mean;             // [nodes, components]
   std::vector<i8> q;                 // 7.11.2: q[1], q[3], q[4] of every component, limited to -2..2
   std::vector<u32> dct;              // 7.11.4: the number of the node's DCT block
@@ -152,6 +165,7 @@ struct Touch {
 
 struct Shape {  // what depends on the support alone
   int row, axes;
+  int reach, side;  // places: -reach .. reach + 1 on every axis around a node's first child
   struct Direction {
     i8 x, y, z;
     u8 nonzero, facing;             // facing: children of the neighbour that touch the node
@@ -160,9 +174,19 @@ struct Shape {  // what depends on the support alone
     Touch touch[8][4];              // children of the node that it touches
   };
   Direction direction[27];
-  u8 of_child[8][27], octant_of_child[8][27];  // by octant of a node and direction: the direction from the parent, the octant there
+  u8 place[27][8];  // by direction and octant there
+  u64 bit[27][8];   // of the place, 0 outside
+  u8 own[8];        // the place of an own child
+  int step[27];     // from a place to the one in that direction
+  u64 window[8];    // by own child: all of its rings
+  u64 ring[8][3];   // by own child: the places around it with one, two and three steps to go, over texels with 1, 2 and two in line
 
-  explicit Shape(bool planar) : row(planar ? 9 : 27), axes(planar ? 2 : 3) {
+  explicit Shape(bool planar) : row(planar ? 9 : 27), axes(planar ? 2 : 3), reach(planar ? 2 : 1), side(2 + 2 * reach) {
+    const int strides[3] = {1, side, planar ? 0 : side * side};
+    for (int octant = 0; octant < 8; octant++) {
+      own[octant] = 0;
+      for (int axis = 0; axis < axes; axis++) own[octant] += u8((reach + (octant >> axis & 1)) * strides[axis]);
+    }
     for (int n = 0; n < row; n++) {
       Direction& d = direction[n];
       d = {i8(n % 3 - 1), i8(n / 3 % 3 - 1), i8(planar ? 0 : n / 9 - 1), 0, 0, 0, {}, {}};
@@ -188,23 +212,41 @@ struct Shape {  // what depends on the support alone
         d.touches[child] = u8(count);
         d.facing |= (count > 0) << child;
       }
+      step[n] = d.x + side * d.y + strides[2] * d.z;
       for (int octant = 0; octant < 8; octant++) {
-        int from = 0, there = 0;
-        for (int axis = axes - 1; axis >= 0; axis--) {
-          int s = (octant >> axis & 1) + at[axis];
-          from = 3 * from + (s < 0 ? 0 : s > 1 ? 2 : 1);
-          there |= (s & 1) << axis;
+        bool inside = octant < 1 << axes;
+        int to = own[0];
+        for (int axis = 0; axis < axes; axis++) {
+          int v = 2 * at[axis] + (octant >> axis & 1);
+          inside = inside && v >= -reach && v <= reach + 1;
+          to += v * strides[axis];
         }
-        of_child[octant][n] = u8(from);
-        octant_of_child[octant][n] = u8(there);
+        place[n][octant] = inside ? u8(to) : 64;
+        bit[n][octant] = inside ? 1ull << to : 0;
       }
+    }
+    for (int octant = 0; octant < 1 << axes; octant++) {
+      std::fill(ring[octant], ring[octant] + 3, 0);
+      for (int n = 0; n < row; n++)
+        if (direction[n].nonzero) ring[octant][direction[n].nonzero - 1] |= 1ull << (own[octant] + step[n]);
+      if (planar)
+        for (int far : {-2, 2, -2 * side, 2 * side}) ring[octant][2] |= 1ull << (own[octant] + far);
+      window[octant] = ring[octant][0] | ring[octant][1] | ring[octant][2];
     }
   }
   int self() const { return row / 2; }
 };
 
-std::vector<Level> octree(const std::vector<u64>& keys, int depth, int components) {
-  std::vector<Level> levels(depth + 1);
+}  // namespace
+
+struct Octree {
+  Shape shape;
+  std::vector<Level> levels;
+};
+
+std::shared_ptr<Octree> octree_of(const std::vector<u64>& keys, int depth, bool planar) {
+  auto octree = std::make_shared<Octree>(Octree{Shape(planar), std::vector<Level>(depth + 1)});
+  std::vector<Level>& levels = octree->levels;
   std::vector<u64> values = keys;
   levels[depth].parent.resize(keys.size());
   levels[depth].weight.assign(keys.size(), 1);
@@ -225,29 +267,30 @@ std::vector<Level> octree(const std::vector<u64>& keys, int depth, int component
     upper.parent.resize(above.size());
     values.swap(above);
   }
-  for (Level& level : levels) {
-    level.mean.resize(level.count() * components);
-    level.energy.resize(2 * level.count());
-  }
-  return levels;
+  levels[0].rows.assign(octree->shape.row, NONE);
+  levels[0].rows[octree->shape.self()] = 0;
+  return octree;
 }
 
+namespace {
+
 // Rows of the neighbours of all nodes of a level from those of its parents.
-std::vector<u32> neighbours_below(const Level& upper, const std::vector<u32>& rows, const Shape& shape, size_t count) {
-  std::vector<u32> out(count * shape.row);
+void find_neighbours(const Level& upper, const Shape& shape, Level& level) {
+  level.rows.resize(level.count() * shape.row);
+  u32 *to = level.rows.data(), around[65];  // by place; the last is what lies outside
   for (u32 p = 0; p < upper.count(); p++) {
-    const u32* from = &rows[size_t(p) * shape.row];
-    u32 node = upper.first_child[p];
-    for (int octant = 0; octant < 8; octant++) {
-      if (!(upper.children[p] >> octant & 1)) continue;
-      u32* to = &out[size_t(node++) * shape.row];
-      for (int n = 0; n < shape.row; n++) {
-        u32 other = from[shape.of_child[octant][n]];
-        to[n] = other == NONE ? NONE : upper.child(other, shape.octant_of_child[octant][n]);
-      }
+    const u32* row = &upper.rows[size_t(p) * shape.row];
+    std::fill(around, around + 64, NONE);
+    for (int n = 0; n < shape.row; n++) {
+      if (row[n] == NONE) continue;
+      u32 child = upper.first_child[row[n]];
+      for (int left = upper.children[row[n]]; left; left &= left - 1) around[shape.place[n][__builtin_ctz(left)]] = child++;
+    }
+    for (int left = upper.children[p]; left; left &= left - 1) {
+      const u32* own = around + shape.own[__builtin_ctz(left)];
+      for (int n = 0; n < shape.row; n++) *to++ = own[shape.step[n]];
     }
   }
-  return out;
 }
 
 // ---- 7.2 to 7.6
@@ -256,14 +299,18 @@ struct Range {
   u32 first, end;
 };
 
+template <int components>
 struct Block {
   u32 node = 0;
   int mask = 0, splits = 0;         // octants; number of splits
-  i64 W[15] = {};
-  i64 predicted[3][8] = {};         // by component and octant
-  i64 acc_shift[3] = {};            // shift of 7.5.5
-  i64 q[3][7] = {};
+  i32 W[15] = {};
+  i32 predicted[components][8] = {};  // by octant
+  i32 acc_shift[components] = {};   // shift of 7.5.5
+  i32 q[components][7] = {};
   int energy[2] = {0, 0}, flag[2] = {0, 0};
+  u32 near[2] = {0, 0}, far[2], near_weight = 0, far_weight = 3;  // 7.5.1
+  int num_around = 0;
+  i32 around[82][components];       // means less the node's own of 7.4.4's surroundings
   bool is_split(int n) const { return W[2 * n + 1] > 0 && W[2 * n + 2] > 0; }
 };
 
@@ -278,15 +325,25 @@ struct DctBlock {
   i8 q[3][64];                      // limited to -127..127
 };
 
+template <int components_>
 class Raht {
+  using Block = texf::Block<components_>;
+
  public:
-  Raht(const AttributeUnit& unit, const std::vector<u64>& keys)
-      : unit_(unit), shape_(unit.planar), components_(unit.components), models_(unit.num_models),
-        levels_(octree(keys, unit.depth, unit.components)) {
+  Raht(const AttributeUnit& unit, Octree& octree) : unit_(unit), shape_(octree.shape), models_(unit.num_models), levels_(octree.levels) {
+    for (Level& level : levels_) {
+      level.mean.resize(level.count() * components_);
+      level.energy.assign(2 * level.count(), 0);
+      level.q.clear();
+      level.dct.clear();
+      level.known.clear();
+    }
     for (int c = 0; c < components_; c++) {
       step_[c] = step_of(unit.qp[c]);
       inverse_[c] = (1ll << 32) / step_[c];
     }
+    // sums of differences that classes 1 to 4 of 7.7 begin with, by neighbour
+    for (int class_ = 1; class_ < 5; class_++) least_[class_ - 1] = i32(ceil_div(2ll << (class_ + 28), inverse_[0]));
     if (unit.colour_range > 0) falloff_inverse_ = (1ll << 32) / (unit.colour_range * step_[0]);
     for (int a = 1; a <= 64; a++)
       for (int b = 1; b <= 64; b++)
@@ -301,10 +358,9 @@ class Raht {
     if (unit_.slice_level > 0)
       require(unit_.slice_first.back() < levels_[unit_.slice_level].count(), "a slice begins past the last node of its level");
     std::vector<Range> ranges{{0, 1}};
-    rows_.assign(shape_.row, NONE);
-    rows_[shape_.self()] = 0;
     for (d_ = 0; d_ < last; d_++) {
-      if (d_ > 0) rows_ = neighbours_below(levels_[d_ - 1], rows_, shape_, levels_[d_].count());
+      if (levels_[d_].rows.empty()) find_neighbours(levels_[d_ - 1], shape_, levels_[d_]);
+      rows_ = levels_[d_].rows.data();
       if (unit_.slice_level == 0 || d_ < unit_.slice_level) {
         ranges = {{0, u32(levels_[d_].count())}};
       } else if (d_ == unit_.slice_level) {
@@ -323,6 +379,8 @@ class Raht {
       lower_ = &levels_[d_ + 1];
       upper_ = d_ > 0 ? &levels_[d_ - 1] : nullptr;
       level_class_ = std::min(depth - 1 - d_, 3);
+      above_.assign(2 * level_->count(), 0);
+      for (u32 node = 0; node < level_->count() && upper_; node++) memcpy(&above_[2 * size_t(node)], &upper_->energy[2 * size_t(level_->parent[node])], 2);
       if (unit_.planar && models_ > 0) level_->q.assign(level_->count() * components_ * 3, 0);
       for (size_t s = 0; s < ranges.size(); s++) decode_range(ranges[s], states[s]);
     }
@@ -369,7 +427,7 @@ class Raht {
   const u32* row_of(u32 node) const { return &rows_[size_t(node) * shape_.row]; }
   u32 neighbour(u32 node, int x, int y, int z) const { return row_of(node)[shape_.self() + x + 3 * y + 9 * z]; }
   const i32* mean_of(const Level& level, u32 node) const { return &level.mean[size_t(node) * components_]; }
-  int above(u32 node, int k) const { return upper_ ? upper_->energy[2 * size_t(level_->parent[node]) + k] : 0; }
+  int above(u32 node, int k) const { return above_[2 * size_t(node) + k]; }
   i64 sixteenths(i64 v, int c) const { return (magnitude(v) * inverse_[c]) >> 28; }
 
   void decode_range(Range range, SliceState& state) {
@@ -394,7 +452,7 @@ class Raht {
     block.mask = mask;
     u32 child = level_->first_child[node];
     for (int octant = 0; octant < 8; octant++)
-      if (mask >> octant & 1) block.W[7 + octant] = lower_->weight[child++];
+      if (mask >> octant & 1) block.W[7 + octant] = i32(lower_->weight[child++]);
     for (int n = 6; n >= 0; n--) block.W[n] = block.W[2 * n + 1] + block.W[2 * n + 2];
     block.splits = ones(mask) - 1;
     predict(block);
@@ -403,10 +461,11 @@ class Raht {
       if (k == 1 && unit_.component_cross > 0 && block.flag[0]) follow(block);
       for (int c = c0; c < c1; c++) {
         i64 acc = 0;
-        for (int octant = 0; octant < 8; octant++) acc += block.W[7 + octant] * block.predicted[c][octant];
-        block.acc_shift[c] = quotient(2 * acc + block.W[0], 2 * block.W[0]);
+        for (int octant = 0; octant < 8; octant++) acc += i64(block.W[7 + octant]) * block.predicted[c][octant];
+        block.acc_shift[c] = i32(quotient(2 * acc + block.W[0], 2 * i64(block.W[0])));
       }
       parse_plane(block, k, c0, c1);
+      if (!block.flag[k]) continue;
       i64 total = 0;
       for (int c = c0; c < c1; c++)
         for (int n = 0; n < 7; n++) total += magnitude(block.q[c][n]);
@@ -416,12 +475,14 @@ class Raht {
     if (!level_->q.empty())
       for (int c = 0; c < components_; c++)
         for (int i = 0; i < 3; i++) level_->q[(size_t(node) * components_ + c) * 3 + i] = i8(clip(-2, 2, block.q[c][i == 0 ? 1 : i + 2]));
+    const i32* own = mean_of(*level_, node);
     for (int c = 0; c < components_; c++) {
-      i64 v[15];
-      spread(block, c, mean_of(*level_, node)[c] - block.acc_shift[c], v);
+      i32 v[15];
+      if (block.flag[c > 0]) spread(block, c, own[c] - block.acc_shift[c], v);
+      else std::fill(v + 7, v + 15, own[c] - block.acc_shift[c]);
       i32* to = &lower_->mean[size_t(level_->first_child[node]) * components_ + c];
-      for (int octant = 0; octant < 8; octant++) {
-        if (!(mask >> octant & 1)) continue;
+      for (int left = mask; left; left &= left - 1) {
+        int octant = __builtin_ctz(left);
         *to = i32(clip(-LARGEST, LARGEST, v[7 + octant] + block.predicted[c][octant]));
         to += components_;
       }
@@ -430,63 +491,57 @@ class Raht {
 
   // ---- 7.3
 
-  int falloff(const i32* mean, const i32* own) const {
-    if (unit_.colour_range == 0) return 64;
-    i64 difference = 0;
-    for (int c = 0; c < components_; c++) difference += magnitude(i64(mean[c]) - own[c]);
-    return FALLOFF_TABLE[std::min<i64>(30, (difference * falloff_inverse_) >> 28)];
-  }
-
   bool decoded(u32 other, u32 node) const { return other >= range_.first && other < node; }
 
-  // Calls what(direction, its number, means, child or -1) for the neighbours that are not decoded and for the children that touch
-  // the node of those that are.
-  template <typename What>
-  void surroundings(u32 node, What what) const {
-    const u32* row = row_of(node);
-    for (int n = 0; n < shape_.row; n++) {
-      u32 other = row[n];
-      if (other == NONE || other == node) continue;
-      const Shape::Direction& d = shape_.direction[n];
-      if (!decoded(other, node)) {
-        what(d, mean_of(*level_, other), -1);
-        continue;
-      }
-      u32 child = level_->first_child[other];
-      for (int left = level_->children[other]; left; left &= left - 1, child++) {
-        int octant = __builtin_ctz(left);
-        if (d.facing >> octant & 1) what(d, mean_of(*lower_, child), octant);
-      }
-    }
-  }
-
+  // 7.3 and, in passing, what 7.4.4 and 7.5.1 find around a block
   void predict(Block& block) const {
     const i32* own = mean_of(*level_, block.node);
-    i64 total[8], sum[8][3];
-    for (int octant = 0; octant < 8; octant++) {
-      total[octant] = 64 * unit_.kernel[0];
-      for (int c = 0; c < components_; c++) sum[octant][c] = total[octant] * own[c];
-    }
-    auto add = [&](int octant, i64 w, const i32* mean) {
-      total[octant] += w;
-      for (int c = 0; c < components_; c++) sum[octant][c] += w * mean[c];
+    i32 total[8];
+    i64 sum[8][components_] = {};  // of differences from the node's own mean
+    std::fill(total, total + 8, 64 * unit_.kernel[0]);
+    for (int k = 0; k < 2; k++) block.far[k] = 3 * above(block.node, k);
+    auto find = [&](const i32* mean) {  // falloff
+      i32 *delta = block.around[block.num_around++], difference = 0;
+      for (int c = 0; c < components_; c++) difference += std::abs(delta[c] = mean[c] - own[c]);
+      return falloff_inverse_ == 0 ? 64 : i32(FALLOFF_TABLE[std::min<i64>(30, (difference * falloff_inverse_) >> 28)]);
     };
-    surroundings(block.node, [&](const Shape::Direction& d, const i32* mean, int child) {
-      int weight = falloff(mean, own);
-      if (child < 0) {
-        if (int w = unit_.kernel[d.nonzero] * weight)
-          for (int left = d.octants & block.mask; left; left &= left - 1) add(__builtin_ctz(left), w, mean);
-        return;
+    auto add = [&](int octant, i32 w) {
+      const i32* delta = block.around[block.num_around - 1];
+      total[octant] += w;
+      for (int c = 0; c < components_; c++) sum[octant][c] += i64(w) * delta[c];
+    };
+    const u32* row = row_of(block.node);
+    for (int n = 0; n < shape_.row; n++) {
+      u32 other = row[n];
+      if (other == NONE || other == block.node) continue;
+      const Shape::Direction& d = shape_.direction[n];
+      bool before = decoded(other, block.node);
+      if (d.nonzero < 3) {
+        u32 w = 3 - d.nonzero;
+        const u8* energy = &(before ? level_->energy : above_)[2 * size_t(other)];
+        for (int k = 0; k < 2; k++) (before ? block.near : block.far)[k] += w * energy[k];
+        (before ? block.near_weight : block.far_weight) += w;
       }
-      for (int i = 0; i < d.touches[child]; i++) {
-        Touch touch = d.touch[child][i];
-        if (block.mask >> touch.octant & 1) add(touch.octant, unit_.kernel[3 + touch.steps] * weight, mean);
+      if (!before) {
+        i32 w = unit_.kernel[d.nonzero] * find(mean_of(*level_, other));
+        for (int left = d.octants & block.mask; left; left &= left - 1) add(__builtin_ctz(left), w);
+        continue;
       }
-    });
-    for (int octant = 0; octant < 8; octant++) {
-      if (!(block.mask >> octant & 1)) continue;
+      int children = level_->children[other];
+      for (int left = children & d.facing; left; left &= left - 1) {
+        int octant = __builtin_ctz(left);
+        i32 weight = find(mean_of(*lower_, level_->first_child[other] + ones(children & ((1u << octant) - 1))));
+        for (int i = 0; i < d.touches[octant]; i++) {
+          Touch touch = d.touch[octant][i];
+          if (block.mask >> touch.octant & 1) add(touch.octant, unit_.kernel[3 + touch.steps] * weight);
+        }
+      }
+    }
+    for (int left = block.mask; left; left &= left - 1) {
+      int octant = __builtin_ctz(left);
       double reciprocal = 1.0 / double(2 * total[octant]);
-      for (int c = 0; c < components_; c++) block.predicted[c][octant] = by_reciprocal(2 * sum[octant][c] + total[octant], reciprocal);
+      for (int c = 0; c < components_; c++)
+        block.predicted[c][octant] = own[c] + i32(by_reciprocal(2 * sum[octant][c] + total[octant], reciprocal));
     }
   }
 
@@ -497,16 +552,16 @@ class Raht {
     return isqrt(((w1 + w2) << (34 - half)) / (w1 * w2));
   }
 
-  void spread(const Block& block, int c, i64 mean, i64* v) const {
+  void spread(const Block& block, int c, i32 mean, i32* v) const {
     v[0] = mean;
     bool square = unit_.planar_transform && block.is_split(3) && block.is_split(4);
     for (int n = 0; n < 7; n++) {
-      i64 w1 = block.W[2 * n + 1], w2 = block.W[2 * n + 2];
+      i32 w1 = block.W[2 * n + 1], w2 = block.W[2 * n + 2];
       if (w1 == 0 || w2 == 0) {
         v[2 * n + 1] = v[2 * n + 2] = block.W[n] > 0 ? v[n] : 0;
         continue;
       }
-      i64 q = block.q[c][n];
+      i32 q = block.q[c][n];
       if (square && n == 3) q = block.q[c][3] - block.q[c][4];
       if (square && n == 4) q = block.q[c][3] + block.q[c][4];
       if (q == 0) {
@@ -515,25 +570,24 @@ class Raht {
       }
       i64 d = std::min(LARGEST - 1, (std::min(magnitude(q), LARGEST - 1) * step_[c] * gain(w1, w2, square && n > 2) + (1 << 16)) >> 17);
       if (q < 0) d = -d;
-      v[2 * n + 1] = v[n] - floor_div(2 * w2 * d + w1 + w2, 2 * (w1 + w2));
-      v[2 * n + 2] = v[2 * n + 1] + d;
+      v[2 * n + 1] = v[n] - i32(w1 == w2 ? (d + 1) >> 1 : floor_div(2 * w2 * d + w1 + w2, 2 * (i64(w1) + w2)));
+      v[2 * n + 2] = v[2 * n + 1] + i32(d);
     }
   }
 
   void follow(Block& block) const {  // 7.4.4
-    const i32* own = mean_of(*level_, block.node);
-    i64 sums[3] = {0, 0, 0}, detail[15];
-    surroundings(block.node, [&](const Shape::Direction&, const i32* mean, int) {
-      i64 first = i64(mean[0]) - own[0];
-      for (int c = 0; c < components_; c++) sums[c] += first * (i64(mean[c]) - own[c]);
-    });
+    i64 sums[components_] = {};
+    i32 detail[15];
+    for (int n = 0; n < block.num_around; n++)
+      for (int c = 0; c < components_; c++) sums[c] += i64(block.around[n][0]) * block.around[n][c];
     i64 spread_of = sums[0] + ((step_[0] * step_[0]) >> 2);
     spread(block, 0, 0, detail);
     for (int c = 1; c < components_; c++) {
       i64 factor = clip(-512, 512, floor_div(16 * unit_.component_cross * sums[c], spread_of));
-      for (int octant = 0; octant < 8; octant++) {
-        i64& predicted = block.predicted[c][octant];
-        if (block.mask >> octant & 1) predicted = clip(-LARGEST, LARGEST, predicted + ((factor * detail[7 + octant] + 128) >> 8));
+      for (int left = block.mask; left; left &= left - 1) {
+        int octant = __builtin_ctz(left);
+        i32& predicted = block.predicted[c][octant];
+        predicted = i32(clip(-LARGEST, LARGEST, predicted + ((factor * detail[7 + octant] + 128) >> 8)));
       }
     }
   }
@@ -546,21 +600,7 @@ class Raht {
     p.c0 = c0;
     p.c1 = c1;
     p.activity = false;
-    const u32* row = row_of(block.node);
-    i64 near = 0, near_weight = 0, far = 3 * above(block.node, k), far_weight = 3;
-    for (int n = 0; n < shape_.row; n++) {
-      int nonzero = shape_.direction[n].nonzero;
-      u32 other = row[n];
-      if (other == NONE || nonzero == 0 || nonzero == 3) continue;
-      int w = 3 - nonzero;
-      if (decoded(other, block.node)) {
-        near += w * level_->energy[2 * size_t(other) + k];
-        near_weight += w;
-      } else {
-        far += w * above(other, k);
-        far_weight += w;
-      }
-    }
+    u32 near = block.near[k], far = block.far[k], near_weight = block.near_weight, far_weight = block.far_weight;
     p.near_class = near_weight > 0 ? class_of((near + near_weight - 1) / near_weight) : 0;
     p.far_class = class_of((far + far_weight - 1) / far_weight);
     p.strength = std::max(p.near_class, p.far_class);
@@ -584,14 +624,14 @@ class Raht {
         u32 other = row_of(block.node)[shape_.self() + side * (axis == 0 ? 1 : axis == 1 ? 3 : 9)];
         if (other == NONE) continue;
         faces++;
-        for (int c = p.c0; c < p.c1; c++) variation += magnitude(i64(mean_of(*level_, other)[c]) - own[c]);
+        for (int c = p.c0; c < p.c1; c++) variation += std::abs(mean_of(*level_, other)[c] - own[c]);
         if (side > 0 || other < range_.first) continue;
         int energy = level_->energy[2 * size_t(other) + p.k];
         p.earlier += scale * (energy == 0 ? 1 : energy < 8 ? 2 : 3);
       }
     for (int octant = 0; octant < 8; octant++)
       for (int c = p.c0; c < p.c1 && block.mask >> octant & 1; c++) {
-        i64 deviation = magnitude(block.predicted[c][octant] - block.acc_shift[c]);
+        i64 deviation = std::abs(block.predicted[c][octant] - block.acc_shift[c]);
         sum += deviation;
         largest = std::max(largest, deviation);
       }
@@ -608,7 +648,7 @@ class Raht {
   i64 predicted_mean(const Block& block, int i, int c) const {  // Pm
     int first = i < 3 ? (i - 1) * 4 : i < 7 ? (i - 3) * 2 : i - 7, count = i < 3 ? 4 : i < 7 ? 2 : 1;
     i64 sum = 0;
-    for (int octant = first; octant < first + count; octant++) sum += block.W[7 + octant] * block.predicted[c][octant];
+    for (int octant = first; octant < first + count; octant++) sum += i64(block.W[7 + octant]) * block.predicted[c][octant];
     return quotient(sum, block.W[i]);
   }
   i64 slope(const Block& block, int c, int n) const {
@@ -626,18 +666,16 @@ class Raht {
     p.down[c][n] = found < 0;
   }
 
-  // 7.11.2: alike and alikeSigns
-  void likeness(u32 node, int n, int c, u32* alike, u32* signs) const {
-    int i = n == 1 ? 0 : n - 2;
-    auto of = [&](int x, int y) -> int {
+  struct Beside {  // 7.11.2: q of the nodes around a block, by component
+    const i8 *west, *north, *corner[3], *above;
+  };
+  Beside beside(u32 node) const {
+    static const i8 nothing[3 * components_] = {};
+    auto of = [&](int x, int y) {
       u32 other = neighbour(node, x, y, 0);
-      return other != NONE && decoded(other, node) ? level_->q[(size_t(other) * components_ + c) * 3 + i] : 0;
+      return other != NONE && decoded(other, node) ? &level_->q[size_t(other) * components_ * 3] : nothing;
     };
-    int west = of(-1, 0), north = of(0, -1);
-    int corners = std::abs(of(-1, -1)) + std::abs(of(1, -1)) + std::abs(of(-1, 1));
-    int above = upper_ ? upper_->q[(size_t(level_->parent[node]) * components_ + c) * 3 + i] : 0;
-    *alike = 27 * std::abs(west) + 9 * std::abs(north) + 3 * std::min(corners, 2) + std::abs(above);
-    *signs = 3 * sign_of(west) + sign_of(north);
+    return {of(-1, 0), of(0, -1), {of(-1, -1), of(1, -1), of(-1, 1)}, upper_ ? &upper_->q[size_t(level_->parent[node]) * components_ * 3] : nothing};
   }
 
   int flag_bit(const Block& block, Plane& p) {
@@ -658,7 +696,7 @@ class Raht {
         ((b * 4 + L) * 12 + p.peak) * 12 + p.far2,
         ((b * 16 + p.around) * 12 + p.active) * 7 + near,
     };
-    return state_->mixed.bit(state_->decoder, FLAG, numbers, models_, (p.k * 4 + L) * 2 + b % 2, 100 + b * 7 + near, b * 7 + far);
+    return state_->mixed.bit_of(models_, state_->decoder, FLAG, numbers, (p.k * 4 + L) * 2 + b % 2, 100 + b * 7 + near, b * 7 + far);
   }
 
   struct At {
@@ -680,7 +718,7 @@ class Raht {
         ((c * 12 + p.rough) * 12 + p.active) * 3 + z,
         unit_.planar ? ((c * 7 + at.n) * 81 + at.alike) * 3 + z : ((c * 4 + L) * 16 + p.around) * 12 + e,
     };
-    return state_->mixed.bit(state_->decoder, ZERO, numbers, models_, 16 + (c * 4 + L) * 3 + z, 128 + (c * 3 + at.stage) * 7 + st,
+    return state_->mixed.bit_of(models_, state_->decoder, ZERO, numbers, 16 + (c * 4 + L) * 3 + z, 128 + (c * 3 + at.stage) * 7 + st,
                              28 + (c * 3 + z) * 7 + st);
   }
 
@@ -695,7 +733,7 @@ class Raht {
         ((c * 7 + at.n) * 3 + s0) * 2 + down,
         (((c * 3 + s0) * 3 + s1) * 2 + down) * 12 + e,
     };
-    return state_->mixed.bit(state_->decoder, SIGN, numbers, std::min(models_, 4), 97 + c, 212 + e, 136 + c);
+    return state_->mixed.template bit_of<4>(std::min(models_, 4), state_->decoder, SIGN, numbers, 97 + c, 212 + e, 136 + c);
   }
 
   int more_bit(const Plane& p, const At& at, u32 i) {
@@ -712,7 +750,7 @@ class Raht {
         unit_.planar ? ((c * 15 + i) * 3 + (at.n >> 1)) * 81 + at.alike : (c * 15 + i) * 16 + p.around,
         ((c * 15 + i) * 4 + L) * 3 + g,
     };
-    return state_->mixed.bit(state_->decoder, MORE, numbers, models_, 52 + c * 15 + i, 191 + c * 7 + st, 91 + c * 15 + i);
+    return state_->mixed.bit_of(models_, state_->decoder, MORE, numbers, 52 + c * 15 + i, 191 + c * 7 + st, 91 + c * 15 + i);
   }
 
   void parse_plane(Block& block, int k, int c0, int c1) {
@@ -720,6 +758,8 @@ class Raht {
     block.flag[k] = flag_bit(block, p);
     if (!block.flag[k]) return;
     if (models_ > 0 && !p.activity) find_activity(block, p);
+    Beside around{};
+    if (unit_.planar && models_ > 0) around = beside(block.node);
     At at{};
     at.left = block.splits * (c1 - c0);
     bool some = false;
@@ -731,15 +771,20 @@ class Raht {
         at.n = n;
         at.left--;
         at.stage = n == 0 ? 0 : n < 3 ? 1 : 2;
-        at.luma = c > 0 ? u32(std::min<i64>(magnitude(block.q[0][n]), 3)) : 0;
-        if (unit_.planar && models_ > 0) likeness(block.node, n, c, &at.alike, &at.alike_signs);
+        at.luma = c > 0 ? u32(std::min(std::abs(block.q[0][n]), 3)) : 0;
+        if (unit_.planar && models_ > 0) {
+          int i = 3 * c + (n == 1 ? 0 : n - 2), corners = 0;
+          for (const i8* corner : around.corner) corners += std::abs(corner[i]);
+          at.alike = 27 * std::abs(around.west[i]) + 9 * std::abs(around.north[i]) + 3 * std::min(corners, 2) + std::abs(around.above[i]);
+          at.alike_signs = 3 * sign_of(around.west[i]) + sign_of(around.north[i]);
+        }
         if ((at.left > 0 || some) && !zero_bit(block, p, at)) continue;
         int negative = sign_bit(block, p, at);
         i64 found = 1;
         u32 i = 0;
         for (; i < 15 && more_bit(p, at, i); i++) found++;
         if (i == 15) found += i64(state_->decoder.rest()) - 1;
-        block.q[c][n] = negative ? -found : found;
+        block.q[c][n] = i32(negative ? -found : found);
         some = true;
         at.ones++;
         at.large += found > 1;
@@ -770,15 +815,6 @@ class Raht {
 
   void filter(Level& level) const {
     const Level& upper = levels_[unit_.depth - 1];
-    const int reach = unit_.planar ? 2 : 1, side = 2 + 2 * reach, deep = unit_.planar ? 1 : side, cells = side * side * deep;
-    const int axis_step[3] = {1, side, side * side};
-    int offset[26], across[26], count = 0;  // of the neighbours among the cells around a parent
-    for (int n = 0; n < shape_.row; n++) {
-      const Shape::Direction& d = shape_.direction[n];
-      if (d.nonzero == 0) continue;
-      offset[count] = d.x + side * d.y + axis_step[2] * d.z;
-      across[count++] = d.nonzero - 1;
-    }
     for (const FilterStage& stage : unit_.filters) {
       const i8* taps_of[15] = {};
       int taps = unit_.planar ? 5 : 3, set = 0;
@@ -786,58 +822,80 @@ class Raht {
         if (stage.mask >> bit & 1) taps_of[bit] = &stage.coefficients[taps * set++];
       std::vector<i32> filtered = level.mean;
       for (u32 p = 0; p < upper.count(); p++) {
-        const i32* around[64];  // means at -reach .. reach + 1 on every axis, null where there is no voxel
-        const u32* row = row_of(p);
-        std::fill(around, around + cells, nullptr);
-        for (int n = 0; n < shape_.row; n++) {
-          if (row[n] == NONE) continue;
-          const Shape::Direction& d = shape_.direction[n];
-          u32 child = upper.first_child[row[n]];
-          for (int left = upper.children[row[n]]; left; left &= left - 1, child++) {
-            int octant = __builtin_ctz(left);
-            int x = reach + 2 * d.x + (octant & 1), y = reach + 2 * d.y + (octant >> 1 & 1), z = unit_.planar ? 0 : reach + 2 * d.z + (octant >> 2);
-            if (x >= 0 && x < side && y >= 0 && y < side && z >= 0 && z < deep) around[x + side * y + axis_step[2] * z] = mean_of(level, child);
-          }
-        }
-        u32 v = upper.first_child[p];
-        for (int left = upper.children[p]; left; left &= left - 1, v++) {
-          int octant = __builtin_ctz(left);
-          const i32* const* at = around + reach * (1 + side + (unit_.planar ? 0 : axis_step[2])) + (octant & 1) + side * (octant >> 1 & 1) + axis_step[2] * (octant >> 2);
-          filter_voxel(at, offset, across, count, side, taps_of, &filtered[size_t(v) * components_]);
-        }
+        if (unit_.planar) filter_children<true>(level, upper, p, taps_of, filtered.data());
+        else filter_children<false>(level, upper, p, taps_of, filtered.data());
       }
       level.mean.swap(filtered);
     }
   }
 
-  // at: the voxel's own place among the means around it
-  TEXF_OFTEN void filter_voxel(const i32* const* at, const int* offset, const int* across, int count, int side, const i8* const* taps_of, i32* out) const {
-    const i32 *own = at[0], *near[26];
-    int there = 0, rings[26];
-    i64 spread_of = 0;
-    for (int n = 0; n < count; n++) {
-      const i32* mean = at[offset[n]];
-      if (!mean) continue;
-      spread_of += magnitude(i64(mean[0]) - own[0]);
-      rings[there] = across[n];
-      near[there++] = mean;
+  template <bool planar>
+  TEXF_OFTEN void filter_children(const Level& level, const Level& upper, u32 p, const i8* const* taps_of, i32* filtered) const {
+    constexpr int all = planar ? 15 : 255, side = planar ? 6 : 4;
+    i32 means[65 * components_];  // by place
+    u64 there = 0;
+    const u32* row = row_of(p);
+    for (int n = 0; n < (planar ? 9 : 27); n++) {
+      if (row[n] == NONE) continue;
+      const i32* from = mean_of(level, upper.first_child[row[n]]);
+      int children = upper.children[row[n]];
+      if (planar && children == all) {
+        i32* to = means + shape_.place[n][0] * components_;
+        std::copy_n(from, 2 * components_, to);
+        std::copy_n(from + 2 * components_, 2 * components_, to + side * components_);
+        there |= (3ull | 3ull << side) << shape_.place[n][0];
+        continue;
+      }
+      for (int left = children; left; left &= left - 1, from += components_) {
+        int octant = __builtin_ctz(left);
+        std::copy_n(from, components_, means + shape_.place[n][octant] * components_);
+        there |= shape_.bit[n][octant];
+      }
     }
-    i64 roughness = sixteenths(spread_of / std::max(1, there), 0);
-    int class_ = (roughness >= 4) + (roughness >= 8) + (roughness >= 16) + (roughness >= 32);
+    u32 v = upper.first_child[p];
+    for (int children = upper.children[p]; children; children &= children - 1, v++) {
+      int octant = __builtin_ctz(children);
+      const i32 *own = means + shape_.own[octant] * components_, *near[26];
+      i32* out = filtered + size_t(v) * components_;
+      int ends[3];
+      if (planar && (there & shape_.window[octant]) == shape_.window[octant]) {
+        int n = 0;
+        for (int step : {-1, 1, -side, side, -side - 1, 1 - side, side - 1, side + 1, -2, 2, -2 * side, 2 * side}) near[n++] = own + step * components_;
+        filter_one<planar, true>(own, near, ends, taps_of, out);
+        continue;
+      }
+      int count = 0;
+      for (int r = 0; r < 3; r++) {
+        for (u64 left = there & shape_.ring[octant][r]; left; left &= left - 1) near[count++] = means + __builtin_ctzll(left) * components_;
+        ends[r] = count;
+      }
+      filter_one<planar, false>(own, near, ends, taps_of, out);
+    }
+  }
+
+  // near: the means around, ring after ring; full: four in every ring
+  template <bool planar, bool full>
+  void filter_one(const i32* own, const i32* const* near, const int* ends, const i8* const* taps_of, i32* out) const {
+    auto end = [&](int r) { return full ? 4 * r + 4 : ends[r]; };
+    int count = end(planar ? 1 : 2), class_ = 0;
+    i32 spread_of = 0;
+    for (int n = 0; n < count; n++) spread_of += std::abs(near[n][0] - own[0]);
+    while (class_ < 4 && spread_of >= least_[class_] * std::max(1, count)) class_++;
     for (int c = 0; c < components_; c++) {
       const i8* f = taps_of[class_ * components_ + c];
       if (!f) continue;
       i64 change = 256;
-      i32 ring[5] = {}, limit = i32(step_[c] >> 2);
-      for (int n = 0; n < there; n++) {
-        i32 difference = near[n][c] - own[c];
-        ring[rings[n]] += difference;
-        if (unit_.planar) ring[3 + rings[n]] += std::max(-limit, std::min(limit, difference));
+      i32 limit = i32(step_[c] >> 2);
+      for (int r = 0, n = 0; r < 3; r++) {
+        i32 sum = 0, limited = 0;
+        for (; n < end(r); n++) {
+          i32 difference = near[n][c] - own[c];
+          sum += difference;
+          if (planar && r < 2) limited += std::max(-limit, std::min(limit, difference));
+        }
+        change += i64(f[r]) * sum;
+        if (planar && r < 2) change += i64(f[3 + r]) * limited;
       }
-      if (unit_.planar)
-        for (int far : {-2, 2, -2 * side, 2 * side})
-          if (at[far]) ring[2] += at[far][c] - own[c];
-      for (int r = 0; r < (unit_.planar ? 5 : 3); r++) change += i64(f[r]) * ring[r];
       out[c] = i32(clip(-LARGEST, LARGEST, own[c] + (change >> 9)));
     }
   }
@@ -904,10 +962,10 @@ class Raht {
               ((c * 8 + l7) * 8 + s7) * 16 + size,
               ((c * 8 + (fraction >> 1)) * 12 + energy) * 16 + size,
           };
-          if (!mixer.bit(decoder, SIZE, numbers, 6, c * 16 + size, 48 + c * 12 + energy, c * 16 + size)) break;
+          if (!mixer.bit<6>(decoder, SIZE, numbers, c * 16 + size, 48 + c * 12 + energy, c * 16 + size)) break;
           if (++size > 1) continue;
           u32 sign_lead = c * 3 + sign_of(lead), signs[3] = {sign_lead * 3 + sign_of(second), c * 16 + fraction, sign_lead * 16 + fraction};
-          negative = mixer.bit(decoder, RESIDUAL_SIGN, signs, 3, 84 + c, 87 + fraction, 48 + c);
+          negative = mixer.bit<3>(decoder, RESIDUAL_SIGN, signs, 84 + c, 87 + fraction, 48 + c);
         }
         if (size == 16) size = u32(std::min<i64>(255, 15 + i64(decoder.rest())));
         k[at] = i16(negative ? -int(size) : int(size));
@@ -1031,7 +1089,7 @@ class Raht {
     for (int i = 0; i < 6; i++) {
       u32 numbers[4] = {(c * 64 + around) * 64 + node, (c * 64 + other) * 64 + node, ((c * 12 + border) * 12 + about) * 64 + node,
                         (c * 64 + last) * 64 + node};
-      node = 2 * node + state_->dct.bit(state_->decoder, COUNT, numbers, 4, c * 64 + node, 621 + c * 12 + about, c * 64 + node);
+      node = 2 * node + state_->dct.template bit<4>(state_->decoder, COUNT, numbers, c * 64 + node, 621 + c * 12 + about, c * 64 + node);
     }
     return int(node) - 64;
   }
@@ -1058,35 +1116,37 @@ class Raht {
       u32 numbers[6] = {u32((c * 64 + z) * 64 + *left), (c * 64 + place) * 12 + alike, ((c * 12 + size) * 12 + alike) * 12 + rest,
                         (((c * 64 + place) * 3 + l0) * 3 + l1) * 3 + std::min(near, 2u), (c * 64 + place) * 12 + expected,
                         ((c * 12 + expected) * 12 + about) * 12 + rest};
-      if (!mixer.bit(state_->decoder, ZERO, numbers, 6, 192 + c * 64 + z, 657 + c * 12 + about, 192 + c * 64 + z)) return 0;
+      if (!mixer.bit<6>(state_->decoder, ZERO, numbers, 192 + c * 64 + z, 657 + c * 12 + about, 192 + c * 64 + z)) return 0;
     }
     --*left;
     u32 sign_numbers[4] = {(c * 64 + place) * 9 + signs, ((c * 13 + from_w) * 13 + from_n) * 4 + kind, (c * 64 + place) * 9 + lead,
                            (c * 64 + place) * 13 + (u <= v ? from_w : from_n)};
-    int negative = mixer.bit(state_->decoder, SIGN, sign_numbers, 4, 429 + c * 64 + place, 729 + (c * 12 + expected) * 4 + kind, 429 + c * 64 + place);
+    int negative = mixer.bit<4>(state_->decoder, SIGN, sign_numbers, 429 + c * 64 + place, 729 + (c * 12 + expected) * 4 + kind, 429 + c * 64 + place);
     i64 found = 1;
     u32 i = 0, about = fine(*left), diagonal = fine(u + v);
     for (; i < 15; i++, found++) {
       u32 numbers[5] = {(c * 15 + i) * 64 + place, ((c * 15 + i) * 12 + size) * 12 + alike, ((c * 15 + i) * 12 + expected) * 12 + diagonal,
                         ((c * 15 + i) * 12 + about) * 4 + l3, ((c * 15 + i) * 12 + alike) * 12 + expected};
-      if (!mixer.bit(state_->decoder, MORE, numbers, 5, 384 + c * 15 + i, 693 + c * 12 + size, 384 + c * 15 + i)) break;
+      if (!mixer.bit<5>(state_->decoder, MORE, numbers, 384 + c * 15 + i, 693 + c * 12 + size, 384 + c * 15 + i)) break;
     }
     if (i == 15) found += i64(state_->decoder.rest()) - 1;
     return negative ? -found : found;
   }
 
   const AttributeUnit& unit_;
-  Shape shape_;
-  int components_, models_;
-  std::vector<Level> levels_;
+  const Shape& shape_;
+  int models_;
+  std::vector<Level>& levels_;
   i64 step_[3] = {1, 1, 1}, inverse_[3] = {}, falloff_inverse_ = 0;
+  i32 least_[4];
   u32 gains_[2][64 * 64];
   u8 zigzag_[64] = {};
   i64 basis_[8][8] = {};
-  std::vector<u32> rows_;      // neighbours of the nodes of the level
+  const u32* rows_ = nullptr;  // neighbours of the nodes of the level
   std::vector<DctBlock> dct_;
   // of the level and the range that are decoded
   int d_ = 0;
+  std::vector<u8> above_;      // energies of the nodes' parents
   u32 level_class_ = 0;
   Level *upper_ = nullptr, *level_ = nullptr, *lower_ = nullptr;
   Range range_{0, 0};
@@ -1095,8 +1155,12 @@ class Raht {
 
 }  // namespace
 
-std::vector<u8> decode_raht(const AttributeUnit& unit, const std::vector<u64>& cells, int lod) {
-  return std::make_unique<Raht>(unit, cells)->decode(lod);
+std::vector<u8> decode_raht(const AttributeUnit& unit, Octree& octree, int lod) {
+  switch (unit.components) {
+    case 1: return std::make_unique<Raht<1>>(unit, octree)->decode(lod);
+    case 2: return std::make_unique<Raht<2>>(unit, octree)->decode(lod);
+    default: return std::make_unique<Raht<3>>(unit, octree)->decode(lod);
+  }
 }
 
 // ---- 11

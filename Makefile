@@ -7,7 +7,7 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
 
 .DELETE_ON_ERROR:
-.PHONY: demo check test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural stability strangers three determinism load fuzz faults mutants coverage conformance vectors spec-tables promise native wasm install clean
+.PHONY: demo check test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural stability strangers three determinism load fuzz faults mutants coverage conformance vectors spec-tables promise native wasm web install clean
 
 demo: install
 	$(PY) -m texfcodec.demo
@@ -37,6 +37,10 @@ native:
 	$(PYTHON) conformance/run.py --decoder native/build/texf_dec --queries
 wasm:
 	$(MAKE) -C native wasm
+
+# What the page of texf-view has of the npm package
+web:
+	cp $(foreach part,engine supports glsl_voxels glsl_neural,js/src/$(part).js) texfcodec/viewer/web/
 
 # Every tool, interrupted (or killed) at random moments of its run: make interrupts [MOMENTS=300] [JOBS=n] [KILL=1]
 interrupts: install

@@ -9,6 +9,24 @@
 const WORDS = 16, VOXELS = 512;
 export const HASH_FACTOR = 2654435769;
 
+/** Ascending Morton keys as bricks of 8 x 8 x 8: key >> 9 of each, and 512 bits of which of its voxels are there.
+ * @param {BigUint64Array} keys @returns {Bricks} */
+export function bricksOf(keys) {
+  const halves = new Uint32Array(keys.buffer, keys.byteOffset, 2 * keys.length), bricks = new Uint32Array(keys.length);
+  let count = 0;
+  for (let i = 0; i < halves.length; i += 2) {
+    const brick = ((halves[i + 1] << 23) | (halves[i] >>> 9)) >>> 0;
+    if (count === 0 || bricks[count - 1] !== brick) bricks[count++] = brick;
+  }
+  const words = new Uint32Array(WORDS * count);
+  for (let i = 0, b = -1, last = -1; i < halves.length; i += 2) {
+    const brick = ((halves[i + 1] << 23) | (halves[i] >>> 9)) >>> 0, inside = halves[i] & 511;
+    if (brick !== last) [b, last] = [b + 1, brick];
+    words[WORDS * b + (inside >> 5)] |= 1 << (inside & 31);
+  }
+  return { bricks: bricks.slice(0, count), words };
+}
+
 /** Voxels of one level in Morton order: bricks Uint32Array [B], words Uint32Array [B * 16], base: how many come before.
  * @param {Uint32Array} bricks @param {Uint32Array} words @param {number} base @returns {Level} */
 function levelOf(bricks, words, base) {

@@ -4,8 +4,8 @@
  *     import {TEXFLoader} from 'texf/three';
  *     scene.add(await new TEXFLoader().loadAsync('scan.texf'));
  *
- * Fields over texels become textures with mipmaps. Fields over voxels become bricks in textures, which the fragment shader asks; so
- * does a 3DNTC stream, at the voxels that its network has given values to.
+ * Fields over texels become textures with mipmaps. Fields over voxels become bricks in textures, which the fragment shader asks; a
+ * 3DNTC stream is evaluated there.
  */
 
 import {
@@ -16,6 +16,7 @@ import {
 } from 'three';
 
 import {Decoder, TexfError} from './index.js';
+import {networkOf} from './three_neural.js';
 
 /** @typedef {import('./index.js').Asset} Asset */
 /** @typedef {import('./engine.js').Field} Field */
@@ -470,6 +471,7 @@ int texfRow(int level, ivec3 cell) { // -1 where the cell is not active
   return ((word.x >> bit) & 1u) == 0u ? -1 : int(word.y) + texfOnes(word.x & ((1u << bit) - 1u));
 }
 vec4 texfBaseValue, texfSurfaceValue, texfEmissiveValue, texfDeviationValue;
+TEXF_ANSWERS
 void texfAdd(int row, float weight) {
   ivec2 at = texfAt(row);
   texfBaseValue += weight * texelFetch(texfBase, at, 0);
@@ -478,6 +480,12 @@ void texfAdd(int row, float weight) {
   if ((TEXF_MAPS & 2) != 0) texfDeviationValue += weight * texelFetch(texfDeviation, at, 0);
 }
 void texfAskLevel(int level, vec3 place, float share) { // trilinear over the active cells (8.2.1)
+#ifdef TEXF_NETWORK
+  if (level == 0) {
+    texfAskNetwork(ivec3(clamp(place * (16777216.0 / float(texfSize)), 0.0, 16777215.0)), share);
+    return;
+  }
+#endif
   place /= float(1 << level);
   vec3 low = floor(place - 0.5), part = place - 0.5 - low;
   int rows[8];
@@ -545,15 +553,18 @@ function voxelMaps(to, material, field, number, asset, cache) {
     texfScale: {value: asset.side > 0 ? (1 - 2 ** -asset.positionBits) * field.resolution / size / asset.side : 0},
   };
   const strength = (material.parameters.occlusion_strength?.[0] ?? 1).toFixed(6);
+  const network = asset.neural && field.levelsLeftOut === 0 ? networkOf(asset.neural, number, (key, make) => cache.get(key, make)) : null;
+  const surface = ['occlusion', 'roughness', 'metallic'].map((name) => has(name, name) ? `${name} 0` : null);
+  const glsl = network ? GLSL.replace('TEXF_ANSWERS', answersGlsl(network, 'alpha' in planes ? 'alpha 0' : null, surface)) : GLSL.replace('TEXF_ANSWERS', '');
   to.onBeforeCompile = (/** @type {any} */ shader) => {
-    Object.assign(shader.uniforms, uniforms);
+    Object.assign(shader.uniforms, uniforms, network?.uniforms);
     shader.vertexShader = shader.vertexShader
       .replace('#include <common>', '#include <common>\nvarying vec3 vTexfPlace;\nvarying vec3 vTexfNormal;\nvarying vec3 vTexfWide;\nuniform float texfScale;')
       .replace('#include <begin_vertex>', '#include <begin_vertex>\nvTexfPlace = position * texfScale;\nvTexfNormal = normal;')
       .replace('#include <project_vertex>', `#include <project_vertex>
 vTexfWide = vec3(gl_Position.yw, gl_Position.w / projectionMatrix[1][1] * texfScale / length(modelViewMatrix[0].xyz));`);
     shader.fragmentShader = shader.fragmentShader
-      .replace('#include <common>', `#include <common>\n${lit ? 'uniform mat3 normalMatrix;' : ''}\n#define TEXF_MAPS ${maps}${GLSL}`)
+      .replace('#include <common>', `#include <common>\n${lit ? 'uniform mat3 normalMatrix;' : ''}\n#define TEXF_MAPS ${maps}${glsl}`)
       .replace('#include <map_fragment>', 'texfAsk();\ndiffuseColor *= vec4(texfLinear(texfBaseValue.rgb), texfBaseValue.a);')
       .replace('#include <roughnessmap_fragment>', '#include <roughnessmap_fragment>\nroughnessFactor *= texfSurfaceValue.g;')
       .replace('#include <metalnessmap_fragment>', '#include <metalnessmap_fragment>\nmetalnessFactor *= texfSurfaceValue.b;');
@@ -564,7 +575,23 @@ reflectedLight.indirectDiffuse *= texfOcclusion;\nreflectedLight.indirectSpecula
     if (bends) shader.fragmentShader = shader.fragmentShader.replace('#include <normal_fragment_maps>',
       'normal = normalize(normalMatrix * (normalize(vTexfNormal) + texfDeviationValue.xyz * 2.0 - 1.0)) * faceDirection;');
   };
-  to.customProgramCacheKey = () => `texf ${maps} ${strength}`;
+  to.customProgramCacheKey = () => `texf ${maps} ${strength} ${network ? `${surface.join()} ${glsl}` : ''}`;
+}
+
+/** Where a network answers in place of the finest cells.
+ * @param {ReturnType<typeof networkOf>} network @param {string|null} alpha @param {(string|null)[]} surface */
+function answersGlsl({glsl, ask, vectorOf}, alpha, surface) {
+  const three = (/** @type {string} */ name) => vectorOf([`${name} 0`, `${name} 1`, `${name} 2`, null]);
+  return `#define TEXF_NETWORK
+#define place(i) texfAt(i)
+${glsl}
+void texfAskNetwork(ivec3 position, float share) {
+  ${ask('position')}
+  texfBaseValue += share * ${vectorOf(['base_colour 0', 'base_colour 1', 'base_colour 2', alpha])};
+  if ((TEXF_MAPS & 4) != 0) texfSurfaceValue += share * ${vectorOf([...surface, null])};
+  if ((TEXF_MAPS & 1) != 0) texfEmissiveValue += share * ${three('emissive')};
+  if ((TEXF_MAPS & 2) != 0) texfDeviationValue += share * ${three('normal_object')};
+}`;
 }
 
 /** @param {DataTexture} texture @param {import('three').PixelFormatGPU|null} internal */

@@ -165,8 +165,10 @@ def test_every_module_of_the_page_is_in_its_script():
     assert joined.count("= (() => {") == len(modules) > 30 and not re.search(r"^(?:import|export)\b", joined, re.M)
 
 
-def test_the_decoder_of_the_page_is_that_of_the_package():
-    assert (page.WEB / "engine.js").read_bytes() == (REPOSITORY / "js/src/engine.js").read_bytes()
+@pytest.mark.parametrize("name", ["engine", "supports", "glsl_voxels", "glsl_neural"])
+def test_the_page_shares_modules_with_the_package(name):
+    """`make web` copies them."""
+    assert (page.WEB / f"{name}.js").read_bytes() == (REPOSITORY / f"js/src/{name}.js").read_bytes()
 
 
 def test_the_real_page_names_no_address():

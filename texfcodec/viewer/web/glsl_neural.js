@@ -5,8 +5,12 @@
 
 import { lookUpGlsl } from './glsl_voxels.js';
 
-/** `void network(ivec3 position, out vec4 v0, ...)` at a place of 2**24 a side; payload: the header's, with `levels`. */
-export function networkGlsl(payload, kept) {
+/** @typedef {{features: number, octaves: number, first_wave: number, widths: number[], levels: {resolution: number, log2: number}[]}} Payload */
+
+/** `void network(ivec3 position, out vec4 v0, ...)` at a place of 2**24 a side.
+ * @param {Payload} payload @param {boolean[]} kept whether a level has a look-up, else its rows are hashed
+ * @param {(count: [number, number]) => string} [store] GLSL that gives u_matrix[i] and u_bias[i]: a uniform block, where nothing is said */
+export function networkGlsl(payload, kept, store = blockGlsl) {
   const { features, octaves, widths } = payload;
   const padded = widths.map((w) => Math.ceil(w / 4)), outputs = padded[padded.length - 1];
   const words = Math.ceil(features / 8), most = Math.max(...padded) + 2 * words + 2;
@@ -18,7 +22,7 @@ int localOf(int p, int resolution) {
   return (p >> 12) * resolution + (((p & 4095) * resolution) >> 12) - 2048;
 }
 ${reads.join('')}
-${matricesGlsl(padded)}
+${store(matricesOf(padded))}
 void network(ivec3 position, ${outs}) {
   float inputs[${4 * most}];
   for (int i = 0; i < ${4 * most}; i++) inputs[i] = 0.0;
@@ -43,7 +47,8 @@ const HASHED = `
 uniform highp uint u_salt;
 uint hashed(uvec3 v) { return v.x ^ (v.y * 2654435761u) ^ (v.z * 805459861u) ^ u_salt; }`;
 
-/** Latents of one level around a point, weighted by where it stands in their cell, into inputs[at..]. */
+/** Latents of one level around a point, weighted by where it stands in their cell, into inputs[at..].
+ * @param {number} n @param {{resolution: number, log2: number}} level @param {number} words @param {boolean} isKept @param {number} size */
 function readGlsl(n, { resolution, log2 }, words, isKept, size) {
   const row = log2 > 0
     ? `int(hashed(uvec3(voxel + 1)) & ${2 ** log2 - 1}u)`
@@ -79,16 +84,22 @@ void latents_${n}(ivec3 position, inout float inputs[${size}], int at) {
 `;
 }
 
-/** Matrices of 4 x 4 in a uniform block: inputs by column, so that a product is four sums. */
-function matricesGlsl(padded) {
-  const matrices = padded.slice(1).reduce((sum, o, n) => sum + o * padded[n], 0);
-  const biases = padded.slice(1).reduce((sum, o) => sum + o, 0);
+/** How many matrices of 4 x 4 and biases of 4 a network has.
+ * @param {number[]} padded @returns {[number, number]} */
+function matricesOf(padded) {
+  return [padded.slice(1).reduce((sum, o, n) => sum + o * padded[n], 0), padded.slice(1).reduce((sum, o) => sum + o, 0)];
+}
+
+/** Matrices in a uniform block: inputs by column, so that a product is four sums.
+ * @param {[number, number]} count */
+function blockGlsl([matrices, biases]) {
   return `layout(std140) uniform Network { mat4 u_matrix[${matrices}]; vec4 u_bias[${biases}]; };`;
 }
 
 const HARD_GELU = `vec4 bent = clamp(sum, -1.5, 1.5);
     sum = mix(bent * (bent + 1.5) / 3.0, sum, vec4(greaterThan(sum, vec4(1.5))));`;
 
+/** @param {number[]} padded */
 function layersGlsl(padded) {
   let matrix = 0, bias = 0;
   return padded.slice(1).map((outputs, n) => {
@@ -106,9 +117,11 @@ function layersGlsl(padded) {
   }).join('\n');
 }
 
-/** The uniform block of a network as Float32Array: fixed-point parameters (11.6) as numbers. */
+/** The matrices and then the biases of a network as Float32Array: fixed-point parameters (11.6) as numbers.
+ * @param {Uint16Array} halves @param {number[]} widths */
 export function networkBlock(halves, widths) {
-  const padded = widths.map((w) => Math.ceil(w / 4)), matrices = [], biases = [];
+  const padded = widths.map((w) => Math.ceil(w / 4));
+  const matrices = /** @type {number[]} */ ([]), biases = /** @type {number[]} */ ([]);
   let at = 0;
   for (let n = 0; n + 1 < widths.length; n++) {
     const [inputs, outputs] = [widths[n], widths[n + 1]], start = at;
@@ -129,14 +142,16 @@ export function networkBlock(halves, widths) {
   return Float32Array.from([...matrices, ...biases]);
 }
 
-/** A binary16 pattern as a number of 16 fractional bits: exact from 2**-6 on, below that rounded, halves away from zero. */
+/** A binary16 pattern as a number of 16 fractional bits: exact from 2**-6 on, below that rounded, halves away from zero.
+ * @param {number} half */
 function fixedOf(half) {
   const exponent = (half >> 10) & 31, fraction = half & 1023;
   const value = (exponent > 0 ? fraction + 1024 : fraction) * 2 ** (Math.max(exponent, 1) - 25);
   return ((half & 0x8000 ? -1 : 1) * Math.floor(value * 65536 + 0.5)) / 65536;
 }
 
-/** Latents of 4 bits as they come, repacked so that every row begins a new word of 8: Uint32Array. */
+/** Latents of 4 bits as they come, repacked so that every row begins a new word of 8: Uint32Array.
+ * @param {Uint8Array} codes @param {number} rows @param {number} features */
 export function codeWords(codes, rows, features) {
   const words = Math.ceil(features / 8), out = new Uint32Array(rows * words), bytes = features / 2;
   for (let row = 0; row < rows; row++) {

@@ -15,7 +15,8 @@ uint inBrick(ivec3 v) {
 }
 `;
 
-/** `int row_NAME(int level, ivec3 voxel, int size)`: the row of a voxel among all levels, -1 where it is not active. */
+/** `int row_NAME(int level, ivec3 voxel, int size)`: the row of a voxel among all levels, -1 where it is not active.
+ * @param {string} name */
 export function lookUpGlsl(name) {
   return `
 uniform highp usampler2D u_${name}_table, u_${name}_bits;
@@ -54,10 +55,11 @@ int row_${name}(int level, ivec3 voxel, int size) {
  * `void voxels_P(int level, vec3 grid, out vec4 ...)`: what planes that begin on level `plane` answer at a place of a level's
  * grid, by `textures` textures of four components each. Where no corner of the cell is active a voxel nearby answers: the nearest,
  * as in field/query.py, or one of a coarser level.
+ * @param {number} plane @param {number} textures
  */
 export function trilinearGlsl(plane, textures) {
   const numbers = [...Array(textures).keys()], outs = numbers.map((t) => `out vec4 v${t}`).join(', ');
-  const fetched = (weight) => numbers.map((t) => `v${t} ${weight} texelFetch(u_values_${plane}_${t}, at, 0);`).join(' ');
+  const fetched = (/** @type {string} */ weight) => numbers.map((t) => `v${t} ${weight} texelFetch(u_values_${plane}_${t}, at, 0);`).join(' ');
   return `
 ${numbers.map((t) => `uniform sampler2D u_values_${plane}_${t};`).join('\n')}
 uniform int u_base_${plane};

@@ -2,10 +2,10 @@
 
 import { CHANNELS } from './engine.js';
 import { ALL_TERMS, lookOfMaterial } from './materials.js';
-import { coarserValues } from './supports.js';
+import { bricksOf, coarserValues } from './supports.js';
 import { cornerTangents, distinctRows } from './tangents.js';
 
-const SHORT = 32767, WORDS = 16;
+const SHORT = 32767;
 const EXACT = 1 << 15; // texels up to which binary32 has 8 fractional bits
 const FEW = 8, NEAR = 4, MOST_OTHERS = 0.02, POINTS = 4096; // as render/backdrop.py
 const WRAPS = ['repeat', 'clamp', 'mirror'];
@@ -254,23 +254,6 @@ function voxelField(asset, field, number) {
   };
   if (!isNeural) return told;
   return { ...told, kind: 'latents', latents: asset.neural.levels.map(({ log2, keys }) => (log2 > 0 ? null : bricksOf(keys[number]))) };
-}
-
-/** Ascending Morton keys as bricks of 8 x 8 x 8: key >> 9 of each, and 512 bits of which of its voxels are there. */
-function bricksOf(keys) {
-  const halves = new Uint32Array(keys.buffer, keys.byteOffset, 2 * keys.length), bricks = new Uint32Array(keys.length);
-  let count = 0;
-  for (let i = 0; i < halves.length; i += 2) {
-    const brick = ((halves[i + 1] << 23) | (halves[i] >>> 9)) >>> 0;
-    if (count === 0 || bricks[count - 1] !== brick) bricks[count++] = brick;
-  }
-  const words = new Uint32Array(WORDS * count);
-  for (let i = 0, b = -1, last = -1; i < halves.length; i += 2) {
-    const brick = ((halves[i + 1] << 23) | (halves[i] >>> 9)) >>> 0, inside = halves[i] & 511;
-    if (brick !== last) [b, last] = [b + 1, brick];
-    words[WORDS * b + (inside >> 5)] |= 1 << (inside & 31);
-  }
-  return { bricks: bricks.slice(0, count), words };
 }
 
 /** A field over texels: its images, and which of their texels the surface asks. */

@@ -2,10 +2,33 @@
 //
 // A level's values are the plain means of the values of the level where a plane begins, as render/levels.py has them, rounded.
 
+/** @typedef {{bricks: Uint32Array, words: Uint32Array}} Bricks Ascending Morton codes of bricks, and 16 words a brick: which voxels are there. */
+/** @typedef {Bricks & {ranks: Uint32Array, base: number, count: number}} Level */
+/** @typedef {{first: number, levels: Level[], parents: Uint32Array[]}} Tree */
+
 const WORDS = 16, VOXELS = 512;
 export const HASH_FACTOR = 2654435769;
 
-/** Voxels of one level in Morton order: bricks Uint32Array [B], words Uint32Array [B * 16], base: how many come before. */
+/** Ascending Morton keys as bricks of 8 x 8 x 8: key >> 9 of each, and 512 bits of which of its voxels are there.
+ * @param {BigUint64Array} keys @returns {Bricks} */
+export function bricksOf(keys) {
+  const halves = new Uint32Array(keys.buffer, keys.byteOffset, 2 * keys.length), bricks = new Uint32Array(keys.length);
+  let count = 0;
+  for (let i = 0; i < halves.length; i += 2) {
+    const brick = ((halves[i + 1] << 23) | (halves[i] >>> 9)) >>> 0;
+    if (count === 0 || bricks[count - 1] !== brick) bricks[count++] = brick;
+  }
+  const words = new Uint32Array(WORDS * count);
+  for (let i = 0, b = -1, last = -1; i < halves.length; i += 2) {
+    const brick = ((halves[i + 1] << 23) | (halves[i] >>> 9)) >>> 0, inside = halves[i] & 511;
+    if (brick !== last) [b, last] = [b + 1, brick];
+    words[WORDS * b + (inside >> 5)] |= 1 << (inside & 31);
+  }
+  return { bricks: bricks.slice(0, count), words };
+}
+
+/** Voxels of one level in Morton order: bricks Uint32Array [B], words Uint32Array [B * 16], base: how many come before.
+ * @param {Uint32Array} bricks @param {Uint32Array} words @param {number} base @returns {Level} */
 function levelOf(bricks, words, base) {
   const ranks = new Uint32Array(words.length);
   let rank = base;
@@ -16,6 +39,7 @@ function levelOf(bricks, words, base) {
   return { bricks, words, ranks, base, count: rank - base };
 }
 
+/** @param {number} x */
 function bitCount(x) {
   x -= (x >>> 1) & 0x55555555;
   x = (x & 0x33333333) + ((x >>> 2) & 0x33333333);
@@ -25,6 +49,7 @@ function bitCount(x) {
 /**
  * The level above, whose voxels are twice as wide, and the number in it of every voxel of this one's. Eight places that share a
  * parent are a byte of a word; a brick's parents are an eighth of the brick above.
+ * @param {Level} level
  */
 function coarser({ bricks, words, base, count }) {
   const keys = new Uint32Array(bricks.length), above = new Uint32Array(words.length), parents = new Uint32Array(count);
@@ -44,19 +69,21 @@ function coarser({ bricks, words, base, count }) {
 }
 
 /** The bricks of the level above a field's own, and a function of values [count * components] to what stands there of them:
- * means, and of how many voxels each is one. */
+ * means, and of how many voxels each is one.
+ * @param {Bricks} bricks */
 export function coarserValues({ bricks, words }) {
   const own = levelOf(bricks, words, 0), { level, parents } = coarser(own);
-  const means = (values) => {
+  const means = (/** @type {Uint8Array} */ values) => {
     const components = values.length / own.count, [sums, weights] = summedUp(values, null, parents, level.count, components, true);
     return { values: Uint8Array.from(sums, (sum, i) => Math.round(sum / weights[Math.floor(i / components)])), counts: Uint8Array.from(weights) };
   };
   return { bricks: { bricks: level.bricks, words: level.words }, means };
 }
 
-/** All levels from `first` to the last of a field over voxels, and the parents of each one's voxels. */
+/** All levels from `first` to the last of a field over voxels, and the parents of each one's voxels.
+ * @param {Bricks & {first: number, depth: number}} field @returns {Tree} */
 export function levelsOf({ bricks, words, first, depth }) {
-  const levels = [levelOf(bricks, words, 0)], parents = [];
+  const levels = [levelOf(bricks, words, 0)], parents = /** @type {Uint32Array[]} */ ([]);
   for (let number = first; number < depth; number++) {
     const above = coarser(levels[levels.length - 1]);
     levels.push(above.level);
@@ -65,7 +92,8 @@ export function levelsOf({ bricks, words, first, depth }) {
   return { first, levels, parents };
 }
 
-/** What a shader asks to find a voxel: an open-addressing table of (brick's code + 1, brick), and (bits, rank) of every word. */
+/** What a shader asks to find a voxel: an open-addressing table of (brick's code + 1, brick), and (bits, rank) of every word.
+ * @param {Tree} tree */
 export function lookUpOf({ first, levels }) {
   const count = levels.reduce((sum, level) => sum + level.bricks.length, 0);
   const log2 = Math.max(4, 32 - Math.clz32(2 * count)), mask = 2 ** log2 - 1;
@@ -86,18 +114,20 @@ export function lookUpOf({ first, levels }) {
   return { table, log2, bits };
 }
 
-/** One number for a brick of a level: coordinates of 10 bits on level 0, of 9 above it. */
+/** One number for a brick of a level: coordinates of 10 bits on level 0, of 9 above it.
+ * @param {number} level @param {number} key */
 function codeOf(level, key) {
   const x = compact(key), y = compact(key >>> 1), z = compact(key >>> 2);
   return (level === 0 ? x | (y << 10) | (z << 20) : 0x80000000 | (level << 27) | x | (y << 9) | (z << 18)) >>> 0;
 }
 
-/** Values of a plane on its own level and all above, Uint8Array [rows * components], and the number of rows. */
+/** Values of a plane on its own level and all above, Uint8Array [rows * components], and the number of rows.
+ * @param {{values: Uint8Array, counts: Uint8Array|null, level: number}} plane @param {number} components @param {Tree} tree */
 export function pyramidOf({ values, counts, level }, components, { first, levels, parents }) {
   const start = level - first, rows = levels.slice(start).reduce((sum, one) => sum + one.count, 0);
   const out = new Uint8Array(rows * components);
   out.set(values.subarray(0, levels[start].count * components));
-  let sums = values, weights = counts ?? null, at = levels[start].count * components;
+  let sums = /** @type {ArrayLike<number>} */ (values), weights = /** @type {ArrayLike<number>|null} */ (counts), at = levels[start].count * components;
   for (let number = start; number < parents.length; number++) {
     const { count } = levels[number + 1], isFirst = number === start;
     [sums, weights] = summedUp(sums, weights, parents[number], count, components, isFirst);
@@ -108,7 +138,9 @@ export function pyramidOf({ values, counts, level }, components, { first, levels
   return { rows, values: out };
 }
 
-/** Sums and weights of the level above. areMeans: `sums` are values yet, of these weights; no weights are all 1. */
+/** Sums and weights of the level above. areMeans: `sums` are values yet, of these weights; no weights are all 1.
+ * @param {ArrayLike<number>} sums @param {ArrayLike<number>|null} weights @param {Uint32Array} parents @param {number} count
+ * @param {number} components @param {boolean} areMeans */
 function summedUp(sums, weights, parents, count, components, areMeans) {
   const above = new Float64Array(count * components), heavier = new Float64Array(count);
   for (let row = 0; row < parents.length; row++) {
@@ -119,7 +151,8 @@ function summedUp(sums, weights, parents, count, components, areMeans) {
   return [above, heavier];
 }
 
-/** x, y, z of every voxel of a level, Uint16Array [count * 3]. */
+/** x, y, z of every voxel of a level, Uint16Array [count * 3].
+ * @param {Level} level */
 export function voxelsOf({ bricks, words, count }) {
   const out = new Uint16Array(count * 3);
   let n = 0;
@@ -133,17 +166,19 @@ export function voxelsOf({ bricks, words, count }) {
   return out;
 }
 
-/** Every third bit, the lowest first. */
+/** Every third bit, the lowest first.
+ * @param {number} key */
 function compact(key) {
   let out = 0;
   for (let bit = 0; bit < 11; bit++) out |= ((key >>> (3 * bit)) & 1) << bit;
   return out;
 }
 
-/** Levels of an image over texels: [{ width, height, values, mask }], masks of 255 where a texel is asked. */
+/** Levels of an image over texels: [{ width, height, values, mask }], masks of 255 where a texel is asked.
+ * @param {{values: Uint8Array, mask: Uint8Array|null}} image @param {[number, number]} size @param {number} components */
 export function imageLevels({ values, mask }, [width, height], components) {
   const asked = new Uint8Array(width * height);
-  for (let i = 0; i < asked.length; i++) asked[i] = mask === null || (mask[i >> 3] >> (i & 7)) & 1 ? 255 : 0;
+  for (let i = 0; i < asked.length; i++) asked[i] = mask === null || ((mask[i >> 3] >> (i & 7)) & 1) ? 255 : 0;
   const levels = [{ width, height, values, mask: asked }];
   let sums = Float32Array.from(values), counts = Float32Array.from(asked, (a) => a / 255);
   while (width > 1 || height > 1) {
@@ -156,6 +191,7 @@ export function imageLevels({ values, mask }, [width, height], components) {
   return levels;
 }
 
+/** @param {Float32Array} sums @param {Float32Array} counts @param {number} width @param {number} height @param {number} components */
 function halved(sums, counts, width, height, components) {
   const wide = (width + 1) >> 1, high = (height + 1) >> 1;
   const above = new Float32Array(wide * high * components), number = new Float32Array(wide * high);

@@ -207,6 +207,7 @@ struct AttributeUnit {
 
 struct Asset {
   int position_bits = 0, lod = 0;
+  u32 chosen = ~0u;  // attribute units that are decoded
   double origin[3] = {0, 0, 0}, side = 0;
   std::vector<ChannelGroup> groups;
   std::vector<Material> materials;
@@ -226,6 +227,7 @@ struct Asset {
   std::vector<u8> level_shift;                       // by field and group, of `values`
   texf_limits limits = {};
 
+  bool chooses(size_t attribute) const { return chosen >> std::min<size_t>(attribute, 31) & 1; }
   int levels_left_out(size_t field) const { return std::min(lod, fields[field].depth()); }
   std::vector<u64> cells(size_t field, int shift) const;  // distinct key >> 3 * shift, ascending
 };

@@ -673,14 +673,24 @@ void decode_fields(Asset& asset) {
   size_t next = 0;
   for (size_t i = 0; i < asset.fields.size(); i++) {
     Field& field = asset.fields[i];
+    size_t end = next;
+    bool wanted = false;
+    for (; end < asset.attributes.size() && asset.attributes[end].field == i; end++) {
+      asset.level_shift[i * asset.groups.size() + asset.attributes[end].group] = asset.attributes[end].level_shift;
+      wanted = wanted || asset.chooses(end);
+    }
+    if (next < end && !wanted) {
+      next = end;
+      continue;
+    }
     field.keys = field.planar ? asked_texels(asset, i) : active_voxels(asset, i, field.resolution, field.area_threshold);
     require(field.keys.size() == field.num_keys, "num_keys does not match");
     require(crc32(field.keys.data(), 8 * field.keys.size()) == field.keys_crc, "keys_crc does not match");
     std::shared_ptr<Octree> octree;  // of groups with the same level_shift, one after the other
     int shift = -1;
-    for (; next < asset.attributes.size() && asset.attributes[next].field == i; next++) {
+    for (; next < end; next++) {
       const AttributeUnit& unit = asset.attributes[next];
-      if (unit.codec == NEURAL) continue;
+      if (unit.codec == NEURAL || !asset.chooses(next)) continue;
       int lod = std::min(std::max(asset.lod - unit.level_shift, 0), unit.depth);
       std::vector<u8> values;
       if (unit.codec == CONSTANT) {
@@ -692,14 +702,14 @@ void decode_fields(Asset& asset) {
       }
       require(lod > 0 || crc32(values.data(), values.size()) == unit.values_crc, "values_crc does not match");
       asset.values[i][unit.group] = std::move(values);
-      asset.level_shift[i * asset.groups.size() + unit.group] = unit.level_shift;
     }
   }
-  if (asset.attributes.size() == 1 && asset.attributes[0].codec == NEURAL) decode_neural(asset);
+  if (asset.attributes.size() == 1 && asset.attributes[0].codec == NEURAL && asset.chooses(0)) decode_neural(asset);
 }
 
-std::unique_ptr<Asset> decode(const u8* data, size_t size, int lod, const texf_limits& limits) {
+std::unique_ptr<Asset> decode(const u8* data, size_t size, int lod, const texf_limits& limits, u32 chosen) {
   std::unique_ptr<Asset> asset = read_stream(data, size, limits);
+  asset->chosen = chosen;
   asset->lod = std::max(lod, 0);
   for (GeometryUnit& unit : asset->units) decode_geometry(unit, asset->position_bits);
   if (asset->has_marks) decode_marks(*asset);
@@ -872,8 +882,13 @@ Refusal guarded(What what) {  // nothing is thrown across the C interface
 }  // namespace
 
 int texf_decode(const uint8_t* data, size_t size, int lod, const texf_limits* limits, texf_asset** asset, char* message, size_t message_size) {
+  return texf_decode_chosen(data, size, lod, limits, ~0u, asset, message, message_size);
+}
+
+int texf_decode_chosen(const uint8_t* data, size_t size, int lod, const texf_limits* limits, uint32_t chosen, texf_asset** asset, char* message,
+                       size_t message_size) {
   *asset = nullptr;
-  Refusal found = guarded([&] { *asset = static_cast<texf_asset*>(decode(data, size, lod, limits ? *limits : texf_usual_limits()).release()); });
+  Refusal found = guarded([&] { *asset = static_cast<texf_asset*>(decode(data, size, lod, limits ? *limits : texf_usual_limits(), chosen).release()); });
   if (message && message_size > 0) snprintf(message, message_size, "%s", found.sentence);
   return found.code;
 }

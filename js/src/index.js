@@ -5,7 +5,8 @@
  *     const asset = await decode(await (await fetch('scan.texf')).arrayBuffer());
  */
 
-import {TexfError} from './engine.js';
+import {ALL, TexfError} from './engine.js';
+import {merged, partsOf} from './parts.js';
 
 export {TexfError};
 /** @typedef {import('./engine.js').Asset} Asset */
@@ -20,13 +21,21 @@ export {TexfError};
  * @property {number} [coarse] the level of that one, 3 where nothing is said
  */
 
+/** @typedef {{bytes: Uint8Array, level: number, limits: Limits, chosen: number}} Job */
+
 const IN_NODE = typeof process !== 'undefined' && Boolean(process.versions?.node) && typeof window === 'undefined';
 
 /** A pool of workers; a page needs one. */
 export class Decoder {
-  /** @param {{workers?: number, wasm?: string|URL|ArrayBuffer|Uint8Array|null}} options wasm: where the module is, or its bytes */
-  constructor({workers = Math.min(4, globalThis.navigator?.hardwareConcurrency ?? 2), wasm = null} = {}) {
+  /**
+   * @param {{workers?: number, wasm?: string|URL|ArrayBuffer|Uint8Array|null, splitBytes?: number}} options wasm: where the module is,
+   *   or its bytes; splitBytes: with so many bytes of attributes in several units a stream is decoded by all workers that are idle
+   */
+  constructor({workers = Math.min(4, globalThis.navigator?.hardwareConcurrency ?? 2), wasm = null, splitBytes = 65536} = {}) {
     this.limit = Math.max(1, workers);
+    this.splitBytes = splitBytes;
+    /** Jobs that are not finished, those that wait among them. */
+    this.jobs = 0;
     this.wasm = wasm;
     /** @type {Promise<WebAssembly.Module>|null} */
     this.module = null;
@@ -64,13 +73,15 @@ export class Decoder {
     /** @type {AbortController} */
     const ended = new AbortController();
     const stops = signal ? AbortSignal.any([signal, ended.signal]) : ended.signal;
+    const parts = partsOf(bytes, this.limit - this.jobs, this.splitBytes);
     if (onLevel && coarse > level) {
-      this.job({bytes, level: coarse, limits}, stops).then((asset) => {
+      this.job({bytes, level: coarse, limits, chosen: ALL}, stops).then((asset) => {
         if (!ended.signal.aborted && !signal?.aborted) onLevel(asset, coarse);
       }, () => {}); // the whole one says what is wrong
     }
     try {
-      return await this.job({bytes, level, limits}, signal);
+      const jobs = parts.map((chosen) => this.job({bytes, level, limits, chosen}, parts.length > 1 ? stops : signal));
+      return merged(await Promise.all(jobs));
     } finally {
       ended.abort();
     }
@@ -84,8 +95,18 @@ export class Decoder {
     this.module = null;
   }
 
-  /** @param {{bytes: Uint8Array, level: number, limits: Limits}} job @param {AbortSignal} [signal] @returns {Promise<Asset>} */
+  /** @param {Job} job @param {AbortSignal} [signal] @returns {Promise<Asset>} */
   async job(job, signal) {
+    this.jobs++;
+    try {
+      return await this.turnOf(job, signal);
+    } finally {
+      this.jobs--;
+    }
+  }
+
+  /** @param {Job} job @param {AbortSignal} [signal] @returns {Promise<Asset>} */
+  async turnOf(job, signal) {
     const aborted = () => new TexfError('aborted', 'decoding was aborted');
     if (signal?.aborted) throw aborted();
     const module = await this.preload();
@@ -147,7 +168,7 @@ class PoolWorker {
     return new Promise((resolve, reject) => {
       this.resolve = resolve;
       this.reject = reject;
-      const bytes = job.bytes.slice();
+      const bytes = new Uint8Array(job.bytes); // a copy: slice() of a Buffer is none
       const send = () => {
         if (!this.alive) return;
         if (IN_NODE) this.worker.ref();

@@ -23,6 +23,14 @@ using i64 = int64_t;
 
 // ---- Refusals. Where there are no exceptions the sentence is kept and the program stops: who runs a sandbox looks there.
 
+struct Refusal {
+  int code;
+  char sentence[256];
+};
+#if !defined(__cpp_exceptions)
+extern Refusal refusal;
+#endif
+
 [[noreturn]] void fail(int code, const char* format, ...) __attribute__((format(printf, 2, 3)));
 
 inline void require(bool holds, const char* sentence) {
@@ -207,6 +215,7 @@ struct AttributeUnit {
 
 struct Asset {
   int position_bits = 0, lod = 0;
+  u32 chosen = ~0u;  // attribute units that are decoded
   double origin[3] = {0, 0, 0}, side = 0;
   std::vector<ChannelGroup> groups;
   std::vector<Material> materials;
@@ -227,6 +236,7 @@ struct Asset {
   std::vector<u8> latents, network;                  // of 3DNTC, in the resident form
   texf_limits limits = {};
 
+  bool chooses(size_t attribute) const { return chosen >> std::min<size_t>(attribute, 31) & 1; }
   int levels_left_out(size_t field) const { return std::min(lod, fields[field].depth()); }
   std::vector<u64> cells(size_t field, int shift) const;  // distinct key >> 3 * shift, ascending
 };
@@ -234,6 +244,8 @@ struct Asset {
 // ---- stream.cpp
 std::unique_ptr<Asset> read_stream(const u8* data, size_t size, const texf_limits& limits);  // steps 1 to 5 of 9.2
 void decode_geometry(GeometryUnit& unit, int position_bits);                                // 5.6
+
+std::unique_ptr<Asset> decode(const u8* data, size_t size, int lod, const texf_limits& limits, u32 chosen);  // 9.2, 8.3
 
 // ---- surface.cpp
 void count_samples(Asset& asset);                                                           // 10.1

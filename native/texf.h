@@ -24,6 +24,12 @@ texf_limits texf_usual_limits(void);
    *asset is NULL and `message`, where it is not NULL, gets one sentence, cut to message_size bytes with the 0 at its end. */
 int texf_decode(const uint8_t* data, size_t size, int lod, const texf_limits* limits, texf_asset** asset, char* message,
                 size_t message_size);
+
+/* As texf_decode(), but of the attribute units those alone whose bit is set: bit i of `chosen` is the stream's i-th, bit 31 stands
+   for all from the 32nd on. Others have no values, and fields with none but others no keys. So several callers decode a stream side by
+   side, each its part: no unit needs another. */
+int texf_decode_chosen(const uint8_t* data, size_t size, int lod, const texf_limits* limits, uint32_t chosen, texf_asset** asset,
+                       char* message, size_t message_size);
 void texf_free(texf_asset* asset);
 
 /* Arrays of an asset, in the machine's byte order (little endian wherever this has been built). */

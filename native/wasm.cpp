@@ -21,6 +21,9 @@ EXPORT(limits) texf_limits* exported_limits() { return &limits; }
 EXPORT(decode) int exported_decode(const uint8_t* data, size_t size, int lod) {
   return texf_decode(data, size, lod, &limits, &asset, nullptr, 0);
 }
+EXPORT(decode_chosen) int exported_decode_chosen(const uint8_t* data, size_t size, int lod, uint32_t chosen) {
+  return texf_decode_chosen(data, size, lod, &limits, chosen, &asset, nullptr, 0);
+}
 EXPORT(array) const void* exported_array(int kind, uint32_t i, uint32_t j) {
   return texf_array(asset, kind, i, j, &bytes);
 }

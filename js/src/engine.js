@@ -99,6 +99,9 @@ const CODES = {3: 'invalid', 4: 'internal', 5: 'unsupported', 6: 'limit'};
 const KIND = {description: 0, metadata: 1, positions: 2, uvs: 3, faces: 4, normals: 5, keys: 6, values: 7, sharpEdges: 8,
   codedNormals: 9, image: 10, latents: 11, network: 12, latentKeys: 13};
 
+/** All attribute units. */
+export const ALL = -1;
+
 /** The arrays of a stream as the module gives them, for a single decode. */
 export class Engine {
   /** @param {WebAssembly.Module} module */
@@ -119,8 +122,9 @@ export class Engine {
    * @param {Uint8Array} bytes
    * @param {number} level levels of detail that are left out
    * @param {Limits} limits
+   * @param {number} chosen a bit for every attribute unit that is decoded
    */
-  decode(bytes, level = 0, limits = {}) {
+  decode(bytes, level = 0, limits = {}, chosen = ALL) {
     this.guarded(() => {
       const at = this.exports.limits(), view = new DataView(this.exports.memory.buffer);
       LIMITS.forEach((name, i) => {
@@ -132,7 +136,7 @@ export class Engine {
       const place = this.exports.allocate(bytes.length || 1);
       if (place === 0) throw new TexfError('memory', 'there is not enough memory for this stream');
       new Uint8Array(this.exports.memory.buffer, place, bytes.length).set(bytes);
-      this.exports.decode(place, bytes.length, level);
+      this.exports.decode_chosen(place, bytes.length, level, chosen);
     });
   }
 
@@ -171,18 +175,19 @@ export class Engine {
  * @param {Uint8Array} bytes
  * @param {number} level levels of detail that are left out
  * @param {Limits} limits
+ * @param {number} chosen a bit for every attribute unit that is decoded; without the first one the asset has fields alone
  * @returns {Asset}
  */
-export function decodeWith(module, bytes, level = 0, limits = {}) {
+export function decodeWith(module, bytes, level = 0, limits = {}, chosen = ALL) {
   const engine = new Engine(module);
-  engine.decode(bytes, level, limits);
+  engine.decode(bytes, level, limits, chosen);
   const said = JSON.parse(new TextDecoder().decode(engine.array('description')));
   return {
     origin: said.origin,
     side: said.side,
     positionBits: said.position_bits,
     materials: said.materials.map(materialOf),
-    units: said.units.map((/** @type {any} */ unit, /** @type {number} */ i) => unitOf(engine, said, unit, i)),
+    units: chosen % 2 === 0 ? [] : said.units.map((/** @type {any} */ unit, /** @type {number} */ i) => unitOf(engine, said, unit, i)),
     fields: said.fields.map((/** @type {any} */ field, /** @type {number} */ i) => fieldOf(engine, said, field, i)),
     neural: neuralOf(engine, said),
     metadata: metadataOf(engine),

@@ -5,7 +5,8 @@
  *     const asset = await decode(await (await fetch('scan.texf')).arrayBuffer());
  */
 
-import {TexfError} from './engine.js';
+import {ALL, TexfError} from './engine.js';
+import {merged, partsOf} from './parts.js';
 
 export {TexfError};
 /** @typedef {import('./engine.js').Asset} Asset */
@@ -20,13 +21,21 @@ export {TexfError};
  * @property {number} [coarse] the level of that one, 3 where nothing is said
  */
 
+/** @typedef {{bytes: Uint8Array, level: number, limits: Limits, chosen: number}} Job */
+
 const IN_NODE = typeof process !== 'undefined' && Boolean(process.versions?.node) && typeof window === 'undefined';
 
 /** A pool of workers; a page needs one. */
 export class Decoder {
-  /** @param {{workers?: number, wasm?: string|URL|ArrayBuffer|Uint8Array|null}} options wasm: where the module is, or its bytes */
-  constructor({workers = Math.min(4, globalThis.navigator?.hardwareConcurrency ?? 2), wasm = null} = {}) {
+  /**
+   * @param {{workers?: number, wasm?: string|URL|ArrayBuffer|Uint8Array|null, splitBytes?: number}} options wasm: where the module is,
+   *   or its bytes; splitBytes: with so many bytes of attributes in several units a stream is decoded by all workers that are idle
+   */
+  constructor({workers = Math.min(4, globalThis.navigator?.hardwareConcurrency ?? 2), wasm = null, splitBytes = 65536} = {}) {
     this.limit = Math.max(1, workers);
+    this.splitBytes = splitBytes;
+    /** Jobs that are not finished, those that wait among them. */
+    this.jobs = 0;
     this.wasm = wasm;
     /** @type {Promise<WebAssembly.Module>|null} */
     this.module = null;
@@ -65,15 +74,15 @@ export class Decoder {
     for (const [name, number] of Object.entries({level, coarse, ...limits}))
       if (!Number.isSafeInteger(number) || number < 0) throw new RangeError(`${name} must be a whole number, 0 or greater, and is ${number}`);
     const bytes = ArrayBuffer.isView(stream) ? new Uint8Array(stream.buffer, stream.byteOffset, stream.byteLength) : new Uint8Array(stream);
-    const stops = AbortSignal.any(signal ? [signal, this.life.signal] : [this.life.signal]), whole = new AbortController();
+    const whole = new AbortController(), stops = AbortSignal.any([this.life.signal, whole.signal, ...(signal ? [signal] : [])]);
+    const parts = partsOf(bytes, this.limit - this.jobs, this.splitBytes);
     if (onLevel && coarse > level) {
-      const late = AbortSignal.any([stops, whole.signal]);
-      this.job({bytes, level: coarse, limits}, late).then((asset) => {
-        if (!late.aborted) onLevel(asset, coarse);
+      this.job({bytes, level: coarse, limits, chosen: ALL}, stops).then((asset) => {
+        if (!stops.aborted) onLevel(asset, coarse);
       }, () => {}); // the whole one says what is wrong
     }
     try {
-      return await this.job({bytes, level, limits}, stops);
+      return merged(await Promise.all(parts.map((chosen) => this.job({bytes, level, limits, chosen}, stops))));
     } finally {
       whole.abort();
     }
@@ -87,8 +96,18 @@ export class Decoder {
     this.module = null;
   }
 
-  /** @param {{bytes: Uint8Array, level: number, limits: Limits}} job @param {AbortSignal} signal @returns {Promise<Asset>} */
+  /** @param {Job} job @param {AbortSignal} signal @returns {Promise<Asset>} */
   async job(job, signal) {
+    this.jobs++;
+    try {
+      return await this.turnOf(job, signal);
+    } finally {
+      this.jobs--;
+    }
+  }
+
+  /** @param {Job} job @param {AbortSignal} signal @returns {Promise<Asset>} */
+  async turnOf(job, signal) {
     const module = await unlessAborted(this.preload(), signal);
     while (this.busy.size >= this.limit && !signal.aborted) await this.turn(signal);
     if (signal.aborted) {
@@ -175,7 +194,7 @@ class PoolWorker {
     return new Promise((resolve, reject) => {
       this.resolve = resolve;
       this.reject = reject;
-      const bytes = job.bytes.slice();
+      const bytes = new Uint8Array(job.bytes); // a copy: slice() of a Buffer is none
       const send = () => {
         if (!this.alive) return;
         if (IN_NODE) this.worker.ref();

@@ -1,4 +1,4 @@
-/** A worker of the pool: gets {id, module, bytes, level, limits}, answers {id, asset} or {id, error}. */
+/** A worker of the pool: gets {id, module, bytes, level, limits, chosen}, answers {id, asset} or {id, error}. */
 
 import {TexfError, decodeWith} from './engine.js';
 
@@ -11,9 +11,9 @@ function buffersOf(value, found = new Set()) {
 }
 
 /** @param {any} job @param {(answer: any, transferred: ArrayBuffer[]) => void} answer */
-function work({id, module, bytes, level, limits}, answer) {
+function work({id, module, bytes, level, limits, chosen}, answer) {
   try {
-    const asset = decodeWith(module, bytes, level, limits);
+    const asset = decodeWith(module, bytes, level, limits, chosen);
     answer({id, asset}, [...buffersOf(asset)]);
   } catch (error) {
     const {code, message} = error instanceof TexfError ? error : {code: 'internal', message: String(error)};

@@ -1,0 +1,265 @@
+// The C interface (texf.h): one decode, and the arrays of what was decoded.
+#include <cstdio>
+#include <new>
+
+#include "core.hpp"
+
+namespace texf {
+namespace {
+
+// ---- What is no array, as JSON
+
+class Json {
+ public:
+  std::string text;
+  Json& open(char bracket) { return comma(), text += bracket, fresh_ = true, *this; }
+  Json& close(char bracket) { return text += bracket, fresh_ = false, *this; }
+  Json& key(const char* name) { return string(name), text += ':', fresh_ = true, *this; }
+  Json& number(double value) {
+    char digits[32];
+    snprintf(digits, sizeof digits, "%.17g", value);
+    return comma(), text += digits, *this;
+  }
+  Json& string(const std::string& value) {
+    comma();
+    text += '"';
+    for (char c : value) {
+      char escape[8];
+      if (c == '"' || c == '\\') text += '\\';
+      if (u8(c) < 32) snprintf(escape, sizeof escape, "\\u%04x", c), text += escape;
+      else text += c;
+    }
+    text += '"';
+    return *this;
+  }
+  Json& field(const char* name, double value) { return key(name).number(value); }
+
+ private:
+  void comma() {
+    if (!fresh_) text += ',';
+    fresh_ = false;
+  }
+  bool fresh_ = true;
+};
+
+void describe_network(const AttributeUnit& unit, Json& json) {
+  json.open('{').field("features", unit.num_features).field("octaves", unit.wave_octaves).field("first_wave", unit.first_wave);
+  json.key("widths").open('[');
+  for (int width : unit.widths) json.number(width);
+  json.close(']').key("levels").open('[');
+  u64 row = 0;
+  for (const LatentLevel& level : unit.levels) {
+    json.open('{').field("resolution", level.resolution).field("log2", level.table_log2).key("first_rows").open('[');
+    if (level.table_log2 > 0) json.number(double(row));  // one table for all fields
+    for (size_t i = 0, first = row; i < level.num_latents.size(); first += level.num_latents[i++]) json.number(double(first));
+    json.close(']').close('}');
+    row += level.num_rows;
+  }
+  json.close(']').close('}');
+}
+
+std::string description_of(const Asset& asset) {
+  Json json;
+  json.open('{').field("position_bits", asset.position_bits).field("side", asset.side).field("lod", asset.lod);
+  json.key("origin").open('[').number(asset.origin[0]).number(asset.origin[1]).number(asset.origin[2]).close(']');
+  json.key("groups").open('[');
+  for (const ChannelGroup& group : asset.groups) {
+    json.open('{').field("components", group.components).key("semantics").open('[');
+    for (int semantic : group.semantics) json.number(semantic);
+    json.close(']').close('}');
+  }
+  json.close(']').key("materials").open('[');
+  for (const Material& material : asset.materials) {
+    json.open('{').key("name").string(material.name).field("alpha_mode", material.alpha_mode);
+    json.field("alpha_cutoff", material.alpha_cutoff).field("flags", material.flags).field("normal_rule", material.normal_rule);
+    json.field("normal_angle", material.normal_angle).field("channels", material.channels).key("parameters").open('{');
+    for (const Parameter& parameter : material.parameters) {
+      json.key(std::to_string(parameter.id).c_str()).open('[');
+      for (float value : parameter.value) json.number(value);
+      json.close(']');
+    }
+    json.close('}').close('}');
+  }
+  json.close(']').key("units").open('[');
+  for (const GeometryUnit& unit : asset.units) {
+    json.open('{').field("field", unit.field).field("material", unit.material).field("vertices", double(unit.position.size() / 3));
+    json.field("faces", double(unit.num_faces())).close('}');
+  }
+  json.close(']').key("fields").open('[');
+  for (size_t i = 0; i < asset.fields.size(); i++) {
+    const Field& field = asset.fields[i];
+    json.open('{').field("planar", field.planar).field("resolution", field.resolution).field("width", field.width);
+    json.field("height", field.height).field("wrap_s", field.wrap[0]).field("wrap_t", field.wrap[1]);
+    json.field("fraction_bits", field.fraction_bits).field("levels_left_out", asset.levels_left_out(i)).key("level_shift").open('[');
+    for (size_t g = 0; g < asset.groups.size(); g++) json.number(asset.level_shift[i * asset.groups.size() + g]);
+    json.close(']').key("qp").open('[');
+    for (size_t g = 0; g < asset.groups.size(); g++) {
+      int qp = -1;
+      for (const AttributeUnit& unit : asset.attributes)
+        if (unit.codec == RAHT && unit.field == i && size_t(unit.group) == g) qp = unit.qp[0];
+      json.number(qp);
+    }
+    json.close(']').close('}');
+  }
+  json.close(']').field("sharp_edges", asset.has_marks).field("coded_normals", asset.has_normals);
+  json.field("neural", asset.attributes.size() == 1 && asset.attributes[0].codec == NEURAL);
+  if (!asset.latents.empty()) describe_network(asset.attributes[0], json.key("network"));
+  json.key("skipped").open('[');
+  for (int type : asset.skipped) json.number(type);
+  json.close(']').close('}');
+  return json.text;
+}
+
+// The texels of a group as an image of the level of detail. What is not in the field gets the mean of what is in the smallest
+// square of a quadtree around it that holds any, so that mipmaps meet nothing foreign.
+std::vector<u8> image_of(const Asset& asset, size_t i, size_t g) {
+  const Field& field = asset.fields[i];
+  int left_out = std::max(asset.levels_left_out(i), int(asset.level_shift[i * asset.groups.size() + g]));
+  int count = asset.groups[g].components, width = int(ceil_div(field.width, 1ll << left_out)), height = int(ceil_div(field.height, 1ll << left_out));
+  struct Level {
+    int width, height;
+    std::vector<u32> sum;  // [height, width, count + 1], the last is how many
+  };
+  std::vector<Level> levels{{width, height, std::vector<u32>(size_t(width) * height * (count + 1), 0)}};
+  const std::vector<u8>& values = asset.values[i][g];
+  std::vector<u64> cells = asset.cells(i, left_out);
+  for (size_t n = 0; n < cells.size(); n++) {
+    u32* at = &levels[0].sum[(gathered_bits(cells[n] >> 1) * width + gathered_bits(cells[n])) * (count + 1)];
+    for (int c = 0; c < count; c++) at[c] = values[n * count + c];
+    at[count] = 1;
+  }
+  while (levels.back().width > 1 || levels.back().height > 1) {
+    const Level& fine = levels.back();
+    Level coarse{(fine.width + 1) / 2, (fine.height + 1) / 2, {}};
+    coarse.sum.assign(size_t(coarse.width) * coarse.height * (count + 1), 0);
+    for (int y = 0; y < fine.height; y++)
+      for (int x = 0; x < fine.width; x++) {
+        const u32* from = &fine.sum[(size_t(y) * fine.width + x) * (count + 1)];
+        u32* to = &coarse.sum[(size_t(y / 2) * coarse.width + x / 2) * (count + 1)];
+        if (from[count])
+          for (int c = 0; c <= count; c++) to[c] += c < count ? (from[c] + from[count] / 2) / from[count] : 1;
+      }
+    levels.push_back(std::move(coarse));
+  }
+  for (size_t l = levels.size() - 1; l-- > 0;) {
+    Level &fine = levels[l], &coarse = levels[l + 1];
+    for (int y = 0; y < fine.height; y++)
+      for (int x = 0; x < fine.width; x++) {
+        u32* to = &fine.sum[(size_t(y) * fine.width + x) * (count + 1)];
+        if (!to[count]) memcpy(to, &coarse.sum[(size_t(y / 2) * coarse.width + x / 2) * (count + 1)], 4 * (count + 1));
+      }
+  }
+  std::vector<u8> image(size_t(width) * height * count);
+  for (size_t n = 0; n < size_t(width) * height; n++) {
+    const u32* at = &levels[0].sum[n * (count + 1)];
+    for (int c = 0; c < count; c++) image[n * count + c] = at[count] ? u8((at[c] + at[count] / 2) / at[count]) : 0;
+  }
+  return image;
+}
+
+}  // namespace
+}  // namespace texf
+
+// ---- The C interface
+
+using namespace texf;
+
+texf_limits texf_usual_limits(void) {
+  return {1ull << 28, 1ull << 24, 1ull << 24, 1ull << 26, 1ull << 27, 1ull << 31, 1ull << 28, 1ull << 20};
+}
+
+namespace {
+template <typename What>
+Refusal guarded(What what) {  // nothing is thrown across the C interface
+#if defined(__cpp_exceptions)
+  try {
+    what();
+  } catch (const Refusal& refused) {
+    return refused;
+  } catch (const std::bad_alloc&) {
+    return {TEXF_LIMIT, "there is not enough memory for this stream"};
+  } catch (...) {
+    return {TEXF_INTERNAL, "the decoder has failed"};
+  }
+#else  // a sandbox: fail() stops the program
+  what();
+#endif
+  return {TEXF_OK, ""};
+}
+}  // namespace
+
+int texf_decode(const uint8_t* data, size_t size, int lod, const texf_limits* limits, texf_asset** asset, char* message, size_t message_size) {
+  return texf_decode_chosen(data, size, lod, limits, ~0u, asset, message, message_size);
+}
+
+int texf_decode_chosen(const uint8_t* data, size_t size, int lod, const texf_limits* limits, uint32_t chosen, texf_asset** asset, char* message,
+                       size_t message_size) {
+  *asset = nullptr;
+  Refusal found = guarded([&] { *asset = static_cast<texf_asset*>(decode(data, size, lod, limits ? *limits : texf_usual_limits(), chosen).release()); });
+  if (message && message_size > 0) snprintf(message, message_size, "%s", found.sentence);
+  return found.code;
+}
+
+void texf_free(texf_asset* asset) { delete asset; }
+
+namespace {
+template <typename T>
+const void* array_of(const std::vector<T>& found, size_t* bytes) {
+  *bytes = found.size() * sizeof(T);
+  return found.empty() ? nullptr : found.data();
+}
+
+const void* find_array(texf_asset& asset, int kind, u32 i, u32 j, size_t* bytes) {
+  bool of_unit = kind >= TEXF_POSITIONS && kind <= TEXF_NORMALS, of_field = kind == TEXF_KEYS || kind == TEXF_VALUES || kind == TEXF_IMAGE;
+  if (of_unit && i >= asset.units.size()) return nullptr;
+  if (of_field && (i >= asset.fields.size() || (kind != TEXF_KEYS && j >= asset.groups.size()))) return nullptr;
+  switch (kind) {
+    case TEXF_DESCRIPTION:
+      if (asset.description.empty()) asset.description = description_of(asset);
+      *bytes = asset.description.size();
+      return asset.description.data();
+    case TEXF_METADATA: return array_of(asset.metadata, bytes);
+    case TEXF_POSITIONS: return array_of(asset.units[i].position, bytes);
+    case TEXF_UVS: return array_of(asset.units[i].uv, bytes);
+    case TEXF_FACES: return array_of(asset.units[i].corner, bytes);
+    case TEXF_NORMALS:
+      if (asset.corner_normals.empty()) asset.corner_normals = shading_normals(asset);
+      return array_of(asset.corner_normals[i], bytes);
+    case TEXF_KEYS:
+      if (asset.levels_left_out(i) == 0) return array_of(asset.fields[i].keys, bytes);
+      asset.coarse_keys.resize(asset.fields.size());
+      if (asset.coarse_keys[i].empty()) asset.coarse_keys[i] = asset.cells(i, asset.levels_left_out(i));
+      return array_of(asset.coarse_keys[i], bytes);
+    case TEXF_VALUES: return array_of(asset.values[i][j], bytes);
+    case TEXF_SHARP_EDGES: return array_of(asset.marks, bytes);
+    case TEXF_CODED_NORMALS: return array_of(asset.normals, bytes);
+    case TEXF_IMAGE: {
+      if (!asset.fields[i].planar || asset.values[i][j].empty()) return nullptr;
+      asset.images.resize(asset.fields.size() * asset.groups.size());
+      std::vector<u8>& image = asset.images[i * asset.groups.size() + j];
+      if (image.empty()) image = image_of(asset, i, j);
+      return array_of(image, bytes);
+    }
+    case TEXF_LATENTS: return array_of(asset.latents, bytes);
+    case TEXF_NETWORK: return array_of(asset.network, bytes);
+    case TEXF_LATENT_KEYS: {
+      if (asset.latents.empty() || j >= asset.attributes[0].levels.size() || i >= asset.attributes[0].levels[j].keys.size()) return nullptr;
+      return array_of(asset.attributes[0].levels[j].keys[i], bytes);
+    }
+    default: return nullptr;
+  }
+}
+}  // namespace
+
+const void* texf_array(texf_asset* asset, int kind, uint32_t i, uint32_t j, size_t* bytes) {
+  const void* found = nullptr;
+  *bytes = 0;
+  if (guarded([&] { found = find_array(*asset, kind, i, j, bytes); }).code != TEXF_OK) *bytes = 0;
+  return *bytes > 0 ? found : nullptr;
+}
+
+#if !defined(__cpp_exceptions)
+// What a sandbox asks after the program has stopped.
+extern "C" int texf_refusal_code(void) { return texf::refusal.code; }
+extern "C" const char* texf_refusal_sentence(void) { return texf::refusal.sentence; }
+#endif

@@ -26,7 +26,6 @@ const FAULTS = {
   'no-var': 'error',
   'prefer-const': ['error', {destructuring: 'all'}],
   'prefer-promise-reject-errors': 'error',
-  'require-atomic-updates': 'error',
 };
 
 const both = {...globals.browser, ...globals.worker, ...globals.node};
@@ -36,6 +35,5 @@ export default [
   js.configs.recommended,
   {rules: FAULTS, linterOptions: {reportUnusedDisableDirectives: 'error'}},
   {files: ['**/*.js'], languageOptions: {globals: both}},
-  {files: ['texfcodec/**'], rules: {'no-unused-vars': 'warn', 'no-shadow': 'warn'}},
   {files: ['**/*.mjs'], languageOptions: {globals: {...globals.node, window: 'readonly', document: 'readonly'}}},
 ];

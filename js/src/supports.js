@@ -6,7 +6,7 @@
 /** @typedef {Bricks & {ranks: Uint32Array, base: number, count: number}} Level */
 /** @typedef {{first: number, levels: Level[], parents: Uint32Array[]}} Tree */
 
-const WORDS = 16, VOXELS = 512;
+const WORDS = 16;
 export const HASH_FACTOR = 2654435769;
 
 /** Ascending Morton keys as bricks of 8 x 8 x 8: key >> 9 of each, and 512 bits of which of its voxels are there.

@@ -118,8 +118,8 @@ function times(gl, assets, job) {
   const [width, height] = job.size, asset = assets[job.asset ?? 0];
   const painter = new Painter(gl), target = new Target(gl, width, height);
   const camera = Orbit.of(job.camera, width, height).camera(width, height);
-  const picture = (without) => painter.draw(asset, camera, target, { ...optionsOf(job), without });
-  const measured = (without) => frameTime(gl, () => picture(without), target, job.frames);
+  const drawAll = (without) => painter.draw(asset, camera, target, { ...optionsOf(job), without });
+  const measured = (without) => frameTime(gl, () => drawAll(without), target, job.frames);
   const frame = measured([]), without = Object.fromEntries((job.leave_out ?? []).map((name) => [name, measured([name])]));
   return json({ frame, without, resident: asset.bytes, renderer: rendererOf(gl) });
 }

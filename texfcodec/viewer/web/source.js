@@ -64,13 +64,16 @@ async function read(file) {
   });
   if (answer.ok) return answer.arrayBuffer();
   const text = await answer.text();
-  let told = null;
+  const told = parsed(text);
+  throw new Error(told ? `${told.code}: ${told.message}` : `${answer.status}: ${text.trim()}`);
+}
+
+function parsed(text) {
   try {
-    told = JSON.parse(text);
+    return JSON.parse(text);
   } catch {
-    throw new Error(`${answer.status}: ${text.trim()}`);
+    return null;
   }
-  throw new Error(`${told.code}: ${told.message}`);
 }
 
 async function answerOf(path) {

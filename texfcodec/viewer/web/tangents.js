@@ -23,7 +23,8 @@ export function cornerTangents(lattice, uv, normals) {
   for (let corner = 0; corner < count; corner++) {
     const sign = signs[Math.floor(corner / 3)];
     if (!hasArea(uv, 3 * Math.floor(corner / 3))) continue;
-    let tangent = within(sums.subarray(3 * groups.of[corner], 3 * groups.of[corner] + 3), normals, corner), isDirection = unit(tangent);
+    let tangent = within(sums.subarray(3 * groups.of[corner], 3 * groups.of[corner] + 3), normals, corner);
+    const isDirection = unit(tangent);
     if (!isDirection) {
       tangent = within(Math.abs(normals[3 * corner]) < 0.7 ? [1, 0, 0] : [0, 1, 0], normals, corner);
       unit(tangent);

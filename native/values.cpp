@@ -726,7 +726,7 @@ class Raht {
     if (models_ == 0) return state_->decoder.bypass();
     expect(block, p, at.c, at.n);
     u32 c = at.c, e = p.expected[c][at.n], down = p.down[c][at.n];
-    u32 s0 = c > 0 ? sign_of(block.q[0][at.n]) : 0, s1 = c > 1 ? sign_of(block.q[1][at.n]) : 0;
+    u32 s0 = c > 0 ? sign_of(block.q[0][at.n]) : 0, s1 = c > 1 ? sign_of(block.q[components_ > 1][at.n]) : 0;
     u32 numbers[4] = {
         ((c * 2 + down) * 12 + e) * 4 + level_class_,
         unit_.planar ? ((c * 7 + at.n) * 9 + at.alike_signs) * 3 + s0 : (c * 3 + s0) * 3 + s1,

@@ -6,6 +6,7 @@ import {test} from 'node:test';
 import {setTimeout} from 'node:timers/promises';
 
 import {Decoder, TexfError, decode, dispose} from '../src/index.js';
+import {partsOf} from '../src/parts.js';
 
 const vector = (name) => readFileSync(new URL(`../../conformance/${name}/in.texf`, import.meta.url));
 const refused = (code) => (error) => error instanceof TexfError && error.code === code && error.message.length > 5;
@@ -25,6 +26,35 @@ test('the caller\'s bytes stay', async () => {
   const bytes = vector('subset/texels'), before = bytes.slice();
   await decode(bytes);
   assert.deepEqual(bytes, before);
+  const large = Buffer.from(new Uint8Array(bytes).buffer); // no part of a pool, so that it could be given away
+  await decode(large);
+  assert.deepEqual(large, before);
+});
+
+test('parts that are decoded side by side give what one worker gives', async () => {
+  const one = new Decoder({workers: 1, splitBytes: 0}), three = new Decoder({workers: 3, splitBytes: 0});
+  for (const name of ['maps_texels', 'maps_voxels', 'two_fields', 'alpha_mask', 'materials', 'neural_hash'])
+    for (const level of [0, 1]) {
+      const bytes = vector(`subset/${name}`);
+      assert.deepEqual(await three.decode(bytes, {level}), await one.decode(bytes, {level}), name);
+    }
+  assert.ok(three.idle.length > 1 && one.idle.length === 1);
+  await assert.rejects(three.decode(vector('subset/maps_texels').subarray(0, -20)), refused('invalid'));
+  const control = new AbortController(), aborted = three.decode(vector('subset/maps_texels'), {signal: control.signal});
+  control.abort();
+  await assert.rejects(aborted, refused('aborted'));
+  assert.equal(three.jobs, 0);
+  one.dispose();
+  three.dispose();
+});
+
+test('a stream is split by its attribute units where that pays', () => {
+  const maps = vector('subset/maps_texels'), parts = partsOf(maps, 2, 0);
+  assert.equal(parts.length, 2);
+  assert.equal(parts[0] | parts[1], 7);
+  assert.ok((parts[0] & parts[1]) === 0 && parts[0] % 2 === 1);
+  for (const whole of [partsOf(maps, 1, 0), partsOf(maps, 2, 65536), partsOf(vector('subset/k33'), 2, 0), partsOf(new Uint8Array(3), 2, 0)])
+    assert.deepEqual(whole, [-1]);
 });
 
 test('a coarse asset comes before the whole', async () => {

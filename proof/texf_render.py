@@ -1,11 +1,12 @@
 """TEXFLoader against texf-render: both draw streams from the same cameras, flat or in the same light.
 
 python proof/texf_render.py STREAM.texf ... [--light flat|daylight|sky|lights] [--views N] [--size PIXELS] [--least DB]
-                                            [--pictures] [--out FOLDER] [--modules FOLDER]
+                                            [--samples N] [--pictures] [--out FOLDER] [--modules FOLDER]
 
 three.js, playwright-core and a Chromium are needed (three_page.mjs); --modules names a folder with node_modules, else npm
 installs them into OUT. A Markdown table goes to stdout: PSNR over the pixels of all views that both cover, as texf-eval takes
-it. Exits 7 where a stream has less than --least.
+it. Exits 7 where a stream has less than --least. --samples says which of the two is nearer to a picture of N x N samples a pixel
+by texf-render: where they differ in how they filter on a slope, that is the judge.
 """
 
 import argparse
@@ -73,6 +74,7 @@ def arguments_of(words):
     parser.add_argument("--views", type=int, default=VIEWS)
     parser.add_argument("--size", type=int, default=SIZE)
     parser.add_argument("--least", type=float, default=LEAST, metavar="DB")
+    parser.add_argument("--samples", type=int, metavar="N", help="both, too, against pictures of N x N samples a pixel")
     parser.add_argument("--pictures", action="store_true", help="keep each view: ours and theirs")
     parser.add_argument("--out", type=Path, default=Path("out/texf_render"), metavar="FOLDER")
     parser.add_argument("--modules", type=Path, metavar="FOLDER", help="holds node_modules with three and playwright-core")
@@ -89,15 +91,22 @@ def main(arguments=None):
     environment = None if args.light == "flat" else light_of(args.light)
     told, missed = draw_theirs(streams, cameras, environment, args), 0
     print(f"three.js r{told['revision']}, {args.light}, {args.views} views of {args.size}\n")
-    print("| stream | PSNR RGB | PSNR Y | covered by both | far off |\n|---|---:|---:|---:|---:|")
+    titles = ["stream", "PSNR RGB", "PSNR Y", "covered by both", "far off"]
+    titles += [f"ours to {args.samples} x {args.samples} samples", "three.js to them"] if args.samples else []
+    print(f"| {' | '.join(titles)} |\n|---|{'---:|' * (len(titles) - 1)}")
     for name, asset in assets.items():
-        here = ours(asset, cameras[name], Look(environment=environment, mipmaps=True))
+        look = Look(environment=environment, mipmaps=True)
+        here = ours(asset, cameras[name], look)
         there = theirs(args.out / "three", name, args.views, args.size)
         rgb, y, covered, far = agreement(here, there)
         missed += rgb < args.least
         if args.pictures:
             sheet(args.out / "pictures", name, {"ours": here, "theirs": there})
-        print(f"| {name} | {in_decibels(rgb)} | {in_decibels(y)} | {100 * covered:.2f} % | {100 * far:.2f} % |", flush=True)
+        more = ""
+        if args.samples:
+            fine = ours(asset, cameras_of(asset, args.views, args.size * args.samples), look, args.samples)
+            more = "".join(f" {in_decibels(agreement(fine, one)[0])} |" for one in (here, there))
+        print(f"| {name} | {in_decibels(rgb)} | {in_decibels(y)} | {100 * covered:.2f} % | {100 * far:.2f} % |{more}", flush=True)
     return 7 if missed else 0
 
 

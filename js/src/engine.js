@@ -74,7 +74,7 @@
 /** A stream that is refused, or whose decoding was stopped. */
 export class TexfError extends Error {
   /**
-   * @param {'invalid'|'unsupported'|'limit'|'memory'|'aborted'|'internal'} code
+   * @param {'invalid'|'unsupported'|'limit'|'memory'|'aborted'|'network'|'internal'} code
    * @param {string} message one sentence
    */
   constructor(code, message) {

@@ -142,7 +142,7 @@ export class TEXFLoader extends Loader {
 /** @param {string} url @param {unknown} error @param {AbortSignal} signal */
 function notFetched(url, error, signal) {
   if (signal.aborted || (/** @type {any} */ (error))?.name === 'AbortError') return new TexfError('aborted', 'loading was aborted');
-  const told = new TexfError(/** @type {any} */ ('network'), `${url} cannot be fetched: ${error instanceof Error ? error.message : error}`);
+  const told = new TexfError('network', `${url} cannot be fetched: ${error instanceof Error ? error.message : error}`);
   told.cause = error;
   return told;
 }
@@ -379,7 +379,7 @@ function withZ(pixels) {
  */
 function levelsOf(keys, depth) {
   const parents = /** @type {Uint32Array[]} */ ([]), codes = /** @type {number[]} */ ([]), words = /** @type {number[]} */ ([]);
-  let cells = Float64Array.from(keys, Number), rows = 0; // 39 bits at most
+  let cells = numbersOf(keys), rows = 0;
   for (let level = 0; ; level++) {
     let last = -1;
     for (let n = 0; n < cells.length; n++) {
@@ -405,6 +405,14 @@ function levelsOf(keys, depth) {
     parents.push(parent);
     cells = above.slice(0, count);
   }
+}
+
+/** Keys as numbers: they have 39 bits at most.
+ * @param {BigUint64Array} keys */
+function numbersOf(keys) {
+  const halves = new Uint32Array(keys.buffer, keys.byteOffset, 2 * keys.length), out = new Float64Array(keys.length);
+  for (let n = 0; n < out.length; n++) out[n] = halves[2 * n] + 2 ** 32 * halves[2 * n + 1];
+  return out;
 }
 
 /** @param {number} level @param {number} brick Morton number */
@@ -434,12 +442,16 @@ function tableOf(codes) {
 function withMeans(finest, {rows, parents}) {
   const out = new Uint8Array(4 * WIDTH * Math.max(1, Math.ceil(rows / WIDTH)));
   out.set(finest);
-  let sums = Float32Array.from(finest), counts = new Float32Array(finest.length / 4).fill(1), at = finest.length;
+  let sums = new Float32Array(finest), counts = new Float32Array(finest.length / 4).fill(1), at = finest.length;
   for (const parent of parents) {
     const size = parent[parent.length - 1] + 1, above = new Float32Array(4 * size), many = new Float32Array(size);
     for (let n = 0; n < parent.length; n++) {
+      const to = 4 * parent[n], from = 4 * n;
       many[parent[n]] += counts[n];
-      for (let k = 0; k < 4; k++) above[4 * parent[n] + k] += sums[4 * n + k];
+      above[to] += sums[from];
+      above[to + 1] += sums[from + 1];
+      above[to + 2] += sums[from + 2];
+      above[to + 3] += sums[from + 3];
     }
     for (let i = 0; i < above.length; i++) out[at + i] = above[i] / many[i >> 2] + 0.5;
     [sums, counts, at] = [above, many, at + above.length];

@@ -11,12 +11,15 @@
 import {
   BufferAttribute, BufferGeometry, ClampToEdgeWrapping, Color, DataTexture, DoubleSide, FileLoader, FrontSide, Group,
   LinearFilter, LinearMipmapLinearFilter, LinearSRGBColorSpace, Loader, Mesh, MeshBasicMaterial, MeshPhysicalMaterial,
-  MeshStandardMaterial, MirroredRepeatWrapping, NearestFilter, NoColorSpace, RepeatWrapping, RGBAFormat, RGIntegerFormat,
-  SRGBColorSpace, UnsignedByteType, UnsignedIntType, Vector2,
+  MeshStandardMaterial, MirroredRepeatWrapping, NoColorSpace, RepeatWrapping, RGBAFormat, RGIntegerFormat,
+  SRGBColorSpace, UnsignedByteType, Vector2,
 } from 'three';
 
+import {BITS_GLSL, LEVELS_GLSL, lookUpGlsl} from './glsl_voxels.js';
 import {Decoder, TexfError} from './index.js';
+import {bricksOf, levelsOf, lookUpOf, pyramidOf} from './supports.js';
 import {networkOf} from './three_neural.js';
+import {PLACE_GLSL, tableTexture} from './three_tables.js';
 
 /** @typedef {import('./index.js').Asset} Asset */
 /** @typedef {import('./engine.js').Field} Field */
@@ -371,187 +374,46 @@ function withZ(pixels) {
 
 // ---- Voxels
 
-/**
- * All levels of a field over voxels: rows of cells from the finest level to the one of a single cell, and where they stand. A brick is
- * 8 x 8 x 8 cells of a level. `table` is a hash table of (code of the brick, its number + 1), `bits` has for every 32 cells of a brick
- * which are active and the row of the first of them.
- * @param {BigUint64Array} keys ascend @param {number} depth levels above the finest
- */
-function levelsOf(keys, depth) {
-  const parents = /** @type {Uint32Array[]} */ ([]), codes = /** @type {number[]} */ ([]), words = /** @type {number[]} */ ([]);
-  let cells = numbersOf(keys), rows = 0;
-  for (let level = 0; ; level++) {
-    let last = -1;
-    for (let n = 0; n < cells.length; n++) {
-      const brick = Math.floor(cells[n] / 512), local = cells[n] - 512 * brick;
-      if (brick !== last) {
-        codes.push(codeOf(level, brick));
-        for (let word = 0; word < 16; word++) words.push(0, 0);
-        last = brick;
-      }
-      const at = words.length - 32 + 2 * (local >> 5);
-      if (words[at] === 0) words[at + 1] = rows + n;
-      words[at] = (words[at] | 1 << (local & 31)) >>> 0;
-    }
-    rows += cells.length;
-    if (level === depth) return {...tableOf(codes), bits: words, rows, parents};
-    const parent = new Uint32Array(cells.length), above = new Float64Array(cells.length);
-    let count = 0;
-    for (let n = 0; n < cells.length; n++) {
-      const key = Math.floor(cells[n] / 8);
-      if (count === 0 || above[count - 1] !== key) above[count++] = key;
-      parent[n] = count - 1;
-    }
-    parents.push(parent);
-    cells = above.slice(0, count);
-  }
-}
-
-/** Keys as numbers: they have 39 bits at most.
- * @param {BigUint64Array} keys */
-function numbersOf(keys) {
-  const halves = new Uint32Array(keys.buffer, keys.byteOffset, 2 * keys.length), out = new Float64Array(keys.length);
-  for (let n = 0; n < out.length; n++) out[n] = halves[2 * n] + 2 ** 32 * halves[2 * n + 1];
-  return out;
-}
-
-/** @param {number} level @param {number} brick Morton number */
-function codeOf(level, brick) {
-  const [x, y, z] = [0, 1, 2].map((axis) => {
-    let out = 0;
-    for (let i = 0; i < 10; i++) out |= (brick >>> (3 * i + axis) & 1) << i;
-    return out;
-  });
-  return (level === 0 ? x | y << 10 | z << 20 : x | y << 9 | z << 18 | level << 27 | 1 << 31) >>> 0;
-}
-
-/** @param {number[]} codes */
-function tableOf(codes) {
-  const log2 = Math.ceil(Math.log2(2 * codes.length + 1)), table = new Uint32Array(2 << log2);
-  codes.forEach((code, number) => {
-    let slot = Math.imul(code, HASH) >>> 32 - log2;
-    while (table[2 * slot + 1] > 0) slot = slot + 1 & (1 << log2) - 1;
-    table[2 * slot] = code;
-    table[2 * slot + 1] = number + 1;
-  });
-  return {table, log2};
-}
-
-/** RGBA of all levels, each cell the mean of those of the finest level in it.
- * @param {Uint8Array} finest @param {ReturnType<typeof levelsOf>} levels */
-function withMeans(finest, {rows, parents}) {
-  const out = new Uint8Array(4 * WIDTH * Math.max(1, Math.ceil(rows / WIDTH)));
-  out.set(finest);
-  let sums = new Float32Array(finest), counts = new Float32Array(finest.length / 4).fill(1), at = finest.length;
-  for (const parent of parents) {
-    const size = parent[parent.length - 1] + 1, above = new Float32Array(4 * size), many = new Float32Array(size);
-    for (let n = 0; n < parent.length; n++) {
-      const to = 4 * parent[n], from = 4 * n;
-      many[parent[n]] += counts[n];
-      above[to] += sums[from];
-      above[to + 1] += sums[from + 1];
-      above[to + 2] += sums[from + 2];
-      above[to + 3] += sums[from + 3];
-    }
-    for (let i = 0; i < above.length; i++) out[at + i] = above[i] / many[i >> 2] + 0.5;
-    [sums, counts, at] = [above, many, at + above.length];
-  }
-  return out;
-}
-
-const WIDTH = 2048, HASH = 2654435769;
 const GLSL = `
 varying vec3 vTexfPlace;
 varying vec3 vTexfNormal;
 varying vec3 vTexfWide;
-uniform highp usampler2D texfTable, texfBits;
-uniform int texfSize, texfLast, texfLog2;
 uniform sampler2D texfBase, texfSurface, texfEmissive, texfDeviation;
 ${LINEAR}
-ivec2 texfAt(int i) { return ivec2(i & ${WIDTH - 1}, i >> ${Math.log2(WIDTH)}); }
-int texfOnes(uint x) {
-  x -= (x >> 1) & 0x55555555u;
-  x = (x & 0x33333333u) + ((x >> 2) & 0x33333333u);
-  return int((((x + (x >> 4)) & 0x0f0f0f0fu) * 0x01010101u) >> 24);
-}
-uint texfCode = 0xffffffffu;
-int texfBrick = -1;
-int texfFind(uint code) {
-  uint slot = (code * ${HASH}u) >> (32 - texfLog2), mask = (1u << texfLog2) - 1u;
-  for (uint step = 0u; step <= mask; step++) {
-    uvec2 entry = texelFetch(texfTable, texfAt(int(slot)), 0).rg;
-    if (entry.y == 0u) return -1;
-    if (entry.x == code) return int(entry.y) - 1;
-    slot = (slot + 1u) & mask;
-  }
-  return -1;
-}
-int texfRow(int level, ivec3 cell) { // -1 where the cell is not active
-  if (any(lessThan(cell, ivec3(0))) || any(greaterThanEqual(cell, ivec3((texfSize + (1 << level) - 1) >> level)))) return -1;
-  uvec3 brick = uvec3(cell >> 3), q = uvec3(cell & 7);
-  uint code = level == 0 ? brick.x | (brick.y << 10) | (brick.z << 20) : brick.x | (brick.y << 9) | (brick.z << 18) | (uint(level) << 27) | 0x80000000u;
-  if (code != texfCode) {
-    texfCode = code;
-    texfBrick = texfFind(code);
-  }
-  if (texfBrick < 0) return -1;
-  q = (q & 1u) | ((q & 2u) << 2) | ((q & 4u) << 4);
-  uint inside = q.x | (q.y << 1) | (q.z << 2), bit = inside & 31u;
-  uvec2 word = texelFetch(texfBits, texfAt(texfBrick * 16 + int(inside >> 5)), 0).rg;
-  return ((word.x >> bit) & 1u) == 0u ? -1 : int(word.y) + texfOnes(word.x & ((1u << bit) - 1u));
-}
+${PLACE_GLSL}${BITS_GLSL}${lookUpGlsl('voxels')}${LEVELS_GLSL}
 vec4 texfBaseValue, texfSurfaceValue, texfEmissiveValue, texfDeviationValue;
-TEXF_ANSWERS
+TEXF_NETWORK
 void texfAdd(int row, float weight) {
-  ivec2 at = texfAt(row);
+  ivec2 at = place(row);
   texfBaseValue += weight * texelFetch(texfBase, at, 0);
   if ((TEXF_MAPS & 4) != 0) texfSurfaceValue += weight * texelFetch(texfSurface, at, 0);
   if ((TEXF_MAPS & 1) != 0) texfEmissiveValue += weight * texelFetch(texfEmissive, at, 0);
   if ((TEXF_MAPS & 2) != 0) texfDeviationValue += weight * texelFetch(texfDeviation, at, 0);
 }
-void texfAskLevel(int level, vec3 place, float share) { // trilinear over the active cells (8.2.1)
-#ifdef TEXF_NETWORK
-  if (level == 0) {
-    texfAskNetwork(ivec3(clamp(place * (16777216.0 / float(texfSize)), 0.0, 16777215.0)), share);
-    return;
-  }
-#endif
-  place /= float(1 << level);
-  vec3 low = floor(place - 0.5), part = place - 0.5 - low;
+void texfAskLevel(int level, vec3 grid, float share) { // trilinear over the active cells (8.2.1)
+  grid /= float(1 << level);
+  vec3 low = floor(grid - 0.5), part = grid - 0.5 - low;
   int rows[8];
   float total = 0.0;
   for (int n = 0; n < 8; n++) {
     vec3 d = vec3(n & 1, n >> 1 & 1, n >> 2), w = mix(1.0 - part, part, d);
-    rows[n] = texfRow(level, ivec3(low + d));
+    rows[n] = row_voxels(level, ivec3(low + d), sizeOf(level));
     if (rows[n] >= 0) total += w.x * w.y * w.z;
   }
-  if (total > 0.0) {
-    for (int n = 0; n < 8; n++) {
-      vec3 w = mix(1.0 - part, part, vec3(n & 1, n >> 1 & 1, n >> 2));
-      if (rows[n] >= 0) texfAdd(rows[n], share * w.x * w.y * w.z / total);
-    }
+  if (total <= 0.0) {
+    texfAdd(max(substitute(level, grid), 0), share);
     return;
   }
-  int row = -1; // none of them is: the nearest of those around, on the finest level that has one
-  for (; row < 0 && level <= texfLast; level++) {
-    float least = 3.0;
-    for (int n = 0; n < 27; n++) {
-      ivec3 cell = ivec3(floor(place)) + ivec3(n % 3, n / 3 % 3, n / 9) - 1;
-      vec3 away = vec3(cell) + 0.5 - place;
-      float far = dot(away, away);
-      int found = far < least ? texfRow(level, cell) : -1;
-      if (found < 0) continue;
-      least = far;
-      row = found;
-    }
-    place *= 0.5;
+  for (int n = 0; n < 8; n++) {
+    vec3 w = mix(1.0 - part, part, vec3(n & 1, n >> 1 & 1, n >> 2));
+    if (rows[n] >= 0) texfAdd(rows[n], share * w.x * w.y * w.z / total);
   }
-  texfAdd(max(row, 0), share);
 }
 void texfAsk() { // a pixel that is wider than a cell asks the two levels nearest to its width
   texfBaseValue = texfSurfaceValue = texfEmissiveValue = texfDeviationValue = vec4(0.0);
-  float wide = abs(dFdy(vTexfWide.x / vTexfWide.y)) * vTexfWide.z, level = clamp(log2(max(wide, 1.0)), 0.0, float(texfLast));
-  texfAskLevel(int(level), vTexfPlace, 1.0 - fract(level));
+  float wide = abs(dFdy(vTexfWide.x / vTexfWide.y)) * vTexfWide.z, level = clamp(log2(max(wide, 1.0)), 0.0, float(u_last));
+  if (int(level) == 0) TEXF_FINEST(vTexfPlace, 1.0 - fract(level));
+  else texfAskLevel(int(level), vTexfPlace, 1.0 - fract(level));
   if (fract(level) > 0.0) texfAskLevel(int(level) + 1, vTexfPlace, fract(level));
 }
 `;
@@ -559,15 +421,12 @@ void texfAsk() { // a pixel that is wider than a cell asks the two levels neares
 /** @param {any} to @param {Material} material @param {Field} field @param {number} number @param {Asset} asset @param {TextureCache} cache */
 function voxelMaps(to, material, field, number, asset, cache) {
   const size = 2 ** field.levelsLeftOut, cells = Math.ceil(field.resolution / size), last = Math.ceil(Math.log2(cells)), {planes} = field;
-  const levels = cache.get(`${number} levels`, () => levelsOf(field.keys, last));
-  const look = (/** @type {'table'|'bits'} */ key) => cache.get(`${number} ${key}`, () => {
-    const pairs = levels[key].length / 2, height = Math.max(1, Math.ceil(pairs / WIDTH)), data = new Uint32Array(2 * WIDTH * height);
-    data.set(levels[key]);
-    return nearest(new DataTexture(data, WIDTH, height, RGIntegerFormat, UnsignedIntType), 'RG32UI');
-  });
+  const tree = cache.get(`${number} tree`, () => levelsOf({...bricksOf(field.keys), first: 0, depth: last}));
+  const lookUp = cache.get(`${number} look-up`, () => lookUpOf(tree));
+  const look = (/** @type {'table'|'bits'} */ part) => cache.get(`${number} ${part}`, () => tableTexture(lookUp[part], 2, RGIntegerFormat, 'RG32UI'));
   const texture = (/** @type {string} */ key, /** @type {(Plane|undefined)[]} */ four, /** @type {number[]} */ from) => cache.get(`${number} ${key}`, () => {
-    const pixels = withMeans(interleaved(four, from, (plane) => spreadOut(plane, field), field.keys.length), levels);
-    return nearest(new DataTexture(pixels, WIDTH, pixels.length / 4 / WIDTH, RGBAFormat, UnsignedByteType));
+    const values = interleaved(four, from, (plane) => spreadOut(plane, field), field.keys.length);
+    return tableTexture(pyramidOf({values, counts: null, level: 0}, 4, tree).values, 4, RGBAFormat, null);
   });
   const has = (/** @type {string} */ name, /** @type {string} */ channel) => channel in planes && material.channels.includes(name);
   const lit = !material.unlit, glows = lit && has('emissive', 'emissive'), bends = lit && has('normal', 'normal_object');
@@ -575,7 +434,8 @@ function voxelMaps(to, material, field, number, asset, cache) {
   const three = (/** @type {Plane} */ plane) => [plane, plane, plane], maps = (glows ? 1 : 0) + (bends ? 2 : 0) + (lit ? 4 : 0);
   const base = texture('base', [...three(planes.base_colour), planes.alpha], [0, 1, 2, 0]);
   const uniforms = {
-    texfTable: {value: look('table')}, texfBits: {value: look('bits')}, texfLog2: {value: levels.log2}, texfSize: {value: cells}, texfLast: {value: last},
+    u_voxels_table: {value: look('table')}, u_voxels_bits: {value: look('bits')}, u_voxels_log2: {value: lookUp.log2},
+    u_size: {value: cells}, u_last: {value: last},
     texfBase: {value: base},
     texfSurface: {value: lit ? texture(`surface ${material.channels.join()}`, [of('occlusion'), of('roughness'), of('metallic')], [0, 0, 0]) : base},
     texfEmissive: {value: glows ? texture('emissive', three(planes.emissive), [0, 1, 2]) : base},
@@ -585,7 +445,7 @@ function voxelMaps(to, material, field, number, asset, cache) {
   const strength = (material.parameters.occlusion_strength?.[0] ?? 1).toFixed(6);
   const network = asset.neural && field.levelsLeftOut === 0 ? networkOf(asset.neural, number, (key, make) => cache.get(key, make)) : null;
   const surface = ['occlusion', 'roughness', 'metallic'].map((name) => has(name, name) ? `${name} 0` : null);
-  const glsl = network ? GLSL.replace('TEXF_ANSWERS', answersGlsl(network, 'alpha' in planes ? 'alpha 0' : null, surface)) : GLSL.replace('TEXF_ANSWERS', '');
+  const glsl = GLSL.replace('TEXF_NETWORK', network ? answersGlsl(network, 'alpha' in planes ? 'alpha 0' : null, surface) : '#define TEXF_FINEST(grid, share) texfAskLevel(0, grid, share)');
   to.onBeforeCompile = (/** @type {any} */ shader) => {
     Object.assign(shader.uniforms, uniforms, network?.uniforms);
     shader.vertexShader = shader.vertexShader
@@ -612,24 +472,15 @@ reflectedLight.indirectDiffuse *= texfOcclusion;\nreflectedLight.indirectSpecula
  * @param {ReturnType<typeof networkOf>} network @param {string|null} alpha @param {(string|null)[]} surface */
 function answersGlsl({glsl, ask, vectorOf}, alpha, surface) {
   const three = (/** @type {string} */ name) => vectorOf([`${name} 0`, `${name} 1`, `${name} 2`, null]);
-  return `#define TEXF_NETWORK
-#define place(i) texfAt(i)
-${glsl}
-void texfAskNetwork(ivec3 position, float share) {
-  ${ask('position')}
+  return `${glsl}
+void texfAskNetwork(vec3 grid, float share) {
+  ${ask('ivec3(clamp(grid * (16777216.0 / float(u_size)), 0.0, 16777215.0))')}
   texfBaseValue += share * ${vectorOf(['base_colour 0', 'base_colour 1', 'base_colour 2', alpha])};
   if ((TEXF_MAPS & 4) != 0) texfSurfaceValue += share * ${vectorOf([...surface, null])};
   if ((TEXF_MAPS & 1) != 0) texfEmissiveValue += share * ${three('emissive')};
   if ((TEXF_MAPS & 2) != 0) texfDeviationValue += share * ${three('normal_object')};
-}`;
 }
-
-/** @param {DataTexture} texture @param {import('three').PixelFormatGPU|null} internal */
-function nearest(texture, internal = null) {
-  texture.internalFormat = internal;
-  texture.minFilter = texture.magFilter = NearestFilter;
-  texture.needsUpdate = true;
-  return texture;
+#define TEXF_FINEST(grid, share) texfAskNetwork(grid, share)`;
 }
 
 /** Values of a plane that is coarser than its field, on the field's own cells.

@@ -1,31 +1,18 @@
 /** 3DNTC in the fragment shader of three.js: latents and network as they stand in the stream (clause 11 of the specification). */
 
-import {DataTexture, FloatType, NearestFilter, RedIntegerFormat, RGBAFormat, RGIntegerFormat, UnsignedIntType} from 'three';
+import {RedIntegerFormat, RGBAFormat, RGIntegerFormat} from 'three';
 
 import {codeWords, networkBlock, networkGlsl} from './glsl_neural.js';
-import {BITS_GLSL} from './glsl_voxels.js';
 import {bricksOf, levelsOf, lookUpOf} from './supports.js';
+import {tableTexture} from './three_tables.js';
 
 /** @typedef {import('./engine.js').Neural} Neural */
 
-const WIDTH = 2048, SALT = 3674653429;
-
-/** Rows of `size` numbers as a texture that `texelFetch` reads at (i % 2048, i / 2048).
- * @param {Uint32Array|Float32Array} rows @param {number} size @param {import('three').PixelFormat} format
- * @param {import('three').PixelFormatGPU} internal */
-function tableTexture(rows, size, format, internal) {
-  const height = Math.max(1, Math.ceil(rows.length / size / WIDTH)), Type = rows instanceof Float32Array ? Float32Array : Uint32Array;
-  const data = new Type(size * WIDTH * height);
-  data.set(rows);
-  const made = new DataTexture(data, WIDTH, height, format, Type === Float32Array ? FloatType : UnsignedIntType);
-  made.internalFormat = internal;
-  made.minFilter = made.magFilter = NearestFilter;
-  made.needsUpdate = true;
-  return made;
-}
+const SALT = 3674653429;
 
 /**
- * GLSL of `void network(ivec3 position, out vec4 n0, ...)`, its uniforms, and GLSL of what it answers for channels.
+ * GLSL of `void network(ivec3 position, out vec4 n0, ...)`, which needs PLACE_GLSL and BITS_GLSL before it, its uniforms, and GLSL of
+ * what it answers for channels.
  * @param {Neural} neural @param {number} number of the field
  * @param {<T>(key: string, make: () => T) => T} kept gives what was made under a key, or makes it
  */
@@ -64,5 +51,5 @@ vec4 biasAt(int i) { return texelFetch(u_network, place(${4 * matrices} + i), 0)
     });
     return `vec4(${parts.join(', ')})`;
   };
-  return {glsl: `${BITS_GLSL}${glsl}`, uniforms, vectorOf, ask: (/** @type {string} */ position) => `vec4 ${answers}; network(${position}, ${answers});`};
+  return {glsl, uniforms, vectorOf, ask: (/** @type {string} */ position) => `vec4 ${answers}; network(${position}, ${answers});`};
 }

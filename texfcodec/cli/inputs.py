@@ -35,8 +35,7 @@ def read_stream(path: str, limits: Limits) -> bytes:
     TXF-I26 for a GLB that carries none."""
     from ..io.gltf.carried import stream_within
 
-    data = read_stream_file(path, limits)
-    return stream_within(data) if data[:4] == _GLB_MAGIC else data
+    return stream_within(read_stream_file(path, limits))
 
 
 def load_mesh(path: str, strict: bool = False, limits: Limits | None = None) -> Scene:

@@ -26,12 +26,8 @@ export class Source {
   }
 
   /** Headers of what the page was made for. */
-  async headers() {
-    const headers = [];
-    for (const [number, name] of this.about.names.entries()) {
-      headers.push(await this.headerOf(await this.bytes(`asset-${number}`, `asset/${number}`), name));
-    }
-    return headers;
+  headers() {
+    return Promise.all(this.about.names.map(async (name, n) => this.headerOf(await this.bytes(`asset-${n}`, `asset/${n}`), name)));
   }
 
   /** The header of a stream, or of a container (viewer/container.py). */

@@ -20,6 +20,24 @@ def first_run(seconds: int) -> str | None:
     return None if kernels_compiled() else _FIRST_RUN.format(seconds)
 
 
+def compile_later_stages() -> None:
+    """Compiles the kernels of a usual encode in another order than it needs them: pictures and decoding before coding."""
+    import numpy as np
+
+    from .api import encode_loaded
+    from .codecs import codec_of
+    from .encoder.decide.contacts import find_contacts
+    from .options import DEFAULT_CODEC, EncodeOptions
+    from .report import Report
+    from .scene.scene import Texture
+
+    scene = small_scene()
+    scene.textures = [Texture(np.full((16, 16, 4), 200, np.uint8))]
+    encode_loaded(scene, EncodeOptions(resolution=16), Report())  # one colour, so nothing goes through the transform
+    find_contacts(np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0]]), np.array([[0, 1, 2]]), 8, 16)
+    codec_of(DEFAULT_CODEC).run_kernels()
+
+
 def warm_up() -> None:
     """Encodes, measures, decodes, renders, bakes and saves a small mesh, so that every kernel is compiled and cached."""
     from .api import decode, encode_loaded, measure
@@ -83,3 +101,7 @@ def small_scene() -> Scene:
         face_material=np.array([0, 0, 1, 1]), corner_uv=np.concatenate([side[faces], side[faces]]), corner_color=None,
         materials=[Material(texture=0), Material(texture=0, alpha_mode=ALPHA_BLEND)], textures=[Texture(image)],
     )
+
+
+if __name__ == "__main__":
+    compile_later_stages()

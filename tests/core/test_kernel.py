@@ -3,10 +3,12 @@
 import ast
 import errno
 import gc
+import os
 import shutil
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import numba
@@ -216,6 +218,46 @@ def test_one_process_at_a_time_reads_or_writes_the_cache_of_a_kernel(twice, tmp_
         assert waiting.is_alive() and not told
     waiting.join(60)
     assert told == [42]
+
+
+def test_what_one_process_compiles_another_waits_for_and_loads(tmp_path):
+    program = tmp_path / "slow_to_compile.py"
+    program.write_text("""
+import sys, time
+from pathlib import Path
+from numba.extending import overload
+from texfcodec.core.kernel import kernel
+
+def doubled(v):
+    return 2 * v
+
+@overload(doubled)
+def _(v):
+    Path(sys.argv[1]).touch()
+    while not Path(sys.argv[2]).exists():  # until the other is on its way
+        time.sleep(0.01)
+    time.sleep(0.5)
+    return lambda v: 2 * v
+
+@kernel
+def _twice(v):
+    return doubled(v)
+
+Path(sys.argv[1]).touch() if sys.argv[3:] else None
+print(_twice(21), _twice.stats.cache_misses.total())
+""")
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(PACKAGE.parent)}
+    command = [sys.executable, program, tmp_path / "first", tmp_path / "second"]
+    first = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
+    try:
+        while not (tmp_path / "first").exists():
+            assert first.poll() is None
+            time.sleep(0.01)
+        second = subprocess.run([*command[:2], tmp_path / "second", tmp_path / "second", "told"], env=environment,
+                                capture_output=True, text=True, check=True)
+        assert first.communicate()[0].split() == ["42", "1"] and second.stdout.split() == ["42", "0"]
+    finally:
+        first.kill()
 
 
 @pytest.mark.slow

@@ -74,6 +74,8 @@ def enc(console, source, out, dry_run, advised, as_json, quiet, **choices):
     Exit codes: 0 done, 1 command line, 2 input or output, 4 internal, 5 not supported, 6 over a limit, 7 an asset of a batch
     failed, 130 interrupted.
     """
+    from ..batch.compile_beside import compile_beside
+
     batch, dry_run = batch_of(choices, source, out), dry_run or advised
     explained = seconds_to_explain(choices, dry_run)
     if batch is not None and (advised or explained is not None):
@@ -92,6 +94,7 @@ def enc(console, source, out, dry_run, advised, as_json, quiet, **choices):
         scene = _load(source, options, report)
         if not dry_run:
             check_output(out, scene.files)
+            compile_beside(options.threads)
         facts = (_estimate(scene, options, report, advised) if dry_run
                  else _encode(scene, options, report, out, explained))
     if not (console.as_json or dry_run):

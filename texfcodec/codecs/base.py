@@ -180,6 +180,10 @@ class Codec(ABC):
         """Whether the encoder should take this codec for the plane whatever was asked for. plane: float32 [N, C], 0..255."""
         return False
 
+    def run_kernels(self) -> None:
+        """Runs the compiled functions that usual units need on a few values, so that they are in the cache."""
+        return None
+
     def seconds(self, options: EncodeOptions) -> float:
         """A guess of what encoding takes beside what it takes with any codec."""
         return 0.0

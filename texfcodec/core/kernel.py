@@ -6,7 +6,8 @@ file and of all that it imports from the package; a change elsewhere compiles no
 
 Nor does numba keep processes apart that first compile a kernel for different types at the same moment: both number their file 1,
 and whoever comes next runs the code of one for the types of the other. So a lock goes with every kernel's files, what is loaded
-is looked at, and a file that cannot be read or written costs a compilation, no more.
+is looked at, and a file that cannot be read or written costs a compilation, no more. A second lock is held while a kernel is
+compiled: of processes that need it at the same moment one compiles, and the others load what it made.
 """
 
 import gc
@@ -94,7 +95,6 @@ def kernel(function: Callable | None = None, allocates: bool = True, **options: 
     made = _compiled(numba, function, folder, options)
     if not numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  # numba sets its settings when it is imported
         _serve_kernels(numba, made, function, folder / "plain", options)
-        made.compile = _without_collection(numba.core.compiler_lock.global_compiler_lock, made.compile)
     return made
 
 
@@ -108,6 +108,8 @@ def _compiled(numba, function, folder, options):
         numba.config.CACHE_DIR = usual
     if not numba.config.DISABLE_JIT:
         _share(made._cache, folder / f"{function.__name__}.lock")
+        compiling = folder / f"{function.__name__}.compiling"
+        made.compile = _once(numba.core.compiler_lock.global_compiler_lock, compiling, made.compile)
     return made
 
 
@@ -161,16 +163,24 @@ def _serve_kernels(numba, made, function, folder, options):
     made.get_overload = lambda sig: plain().get_overload(sig)
 
 
-def _without_collection(lock, compile_one):
-    """compile_one with the garbage collector at rest: it looks through numba's many objects again and again, a tenth of a first
-    run, and finds little. lock: numba's, which a compiling thread takes anyway; it may be taken twice."""
+def _once(lock, file, compile_one):
+    """compile_one with the garbage collector at rest, and by one process at a time. The collector looks through numba's many
+    objects again and again, a tenth of a first run, and finds little. lock: numba's, which a compiling thread takes anyway; it
+    may be taken twice. file: of the kernel's own lock. No kernel calls itself, so processes wait for each other in no circle."""
+    compiling = False
+
     def compiled(signature):
+        nonlocal compiling
         with lock:
-            collecting = gc.isenabled()
+            if compiling:  # for other types, by a kernel that it calls
+                return compile_one(signature)
+            collecting, compiling = gc.isenabled(), True
             gc.disable()
             try:
-                return compile_one(signature)
+                with _alone(file):
+                    return compile_one(signature)
             finally:
+                compiling = False
                 if collecting:
                     gc.enable()
 

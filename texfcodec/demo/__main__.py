@@ -18,6 +18,8 @@ def main(folder: str | PathLike = "out") -> None:
     """Writes the sample, three streams and three decoded GLBs into folder and prints what each took."""
     from rich.console import Console
 
+    from ..batch.compile_beside import compile_beside
+    from ..options import default_threads
     from ..precompile import ALL, first_run
     from .asset import write_sample
 
@@ -29,6 +31,7 @@ def main(folder: str | PathLike = "out") -> None:
     line = first_run(ALL)
     if line:
         console.print(line)
+        compile_beside(default_threads())
     rows = []
     for name, point in POINTS.items():
         with console.status(f"{name}: encoding and decoding"):

@@ -115,7 +115,7 @@ def _cut_off(source, count, plane, out):
         a = plane[0] * source[i, 0] + plane[1] * source[i, 1] + plane[2] * source[i, 2] + plane[3]
         b = plane[0] * source[j, 0] + plane[1] * source[j, 1] + plane[2] * source[j, 2] + plane[3]
         if a >= 0.0:
-            out[kept] = source[i]
+            out[kept, 0], out[kept, 1], out[kept, 2] = source[i, 0], source[i, 1], source[i, 2]
             kept += 1
         if (a >= 0.0) != (b >= 0.0):
             inner, outer = (i, j) if a >= 0.0 else (j, i)
@@ -180,10 +180,13 @@ def _clipped_polygon(seen, face, planes, scratch, other):
     """Clips a face against all planes. scratch, other: float64 [8, 3]. Returns the corners left, which stand in scratch."""
     count = 3
     for c in range(3):
-        scratch[c] = seen[face[c]]
+        for k in range(3):
+            scratch[c, k] = seen[face[c], k]
     for p in range(planes.shape[0]):
         count = _cut_off(scratch, count, planes[p], other)
-        scratch[:count] = other[:count]
+        for c in range(count):
+            for k in range(3):
+                scratch[c, k] = other[c, k]
         if count < 3:
             return 0
     return count

@@ -1,0 +1,22 @@
+"""Kernels of a first run, compiled by a second process beside it."""
+
+import subprocess
+from contextlib import suppress
+from threading import Thread
+
+from ..options import default_threads
+from ..precompile import compile_later_stages, kernels_compiled
+from .children import Caps, Children
+
+
+def compile_beside(threads: int) -> None:
+    """Has another process compile what a first encode needs later on, while this one loads, codes and compiles what it needs
+    first; what one of them has compiled the other loads. threads: that may run at once; nothing is done for one. The process ends
+    with this one, if not before."""
+    if min(threads, default_threads()) > 1 and not kernels_compiled():
+        Thread(target=_compile, daemon=True).start()
+
+
+def _compile():
+    with suppress(OSError):  # no process to be had: all is compiled here
+        Children().run(("-m", compile_later_stages.__module__), subprocess.DEVNULL, subprocess.DEVNULL, Caps(1))

@@ -31,6 +31,7 @@ def test_a_change_in_what_a_kernel_imports_moves_its_cache(tmp_path, monkeypatch
     monkeypatch.setattr(kernel_room, "PACKAGE", tmp_path / "p")
 
     def now():
+        kernel_room._read.cache_clear()
         return fingerprint.__wrapped__(tmp_path / "p" / BLOCKS)
 
     same = now()
@@ -57,7 +58,7 @@ def test_every_import_of_the_package_is_followed():
                 name = ".".join([*base, *([node.module] if node.module else [])])
                 wanted |= {name, *(f"{name}.{a.name}" for a in node.names)}
         files = {PACKAGE.parent.joinpath(*name.split(".")).with_suffix(".py") for name in wanted}
-        assert {file for file in files if file.is_file()} <= set(kernel_room._imported(path)), path
+        assert {file for file in files if file.is_file()} <= set(kernel_room._read(path)[2]), path
 
 
 def test_kernels_are_cached_there_and_other_packages_keep_their_folder(tmp_path, monkeypatch):

@@ -25,15 +25,17 @@ PACKAGE = Path(__file__).parents[1]
 IMPORT = re.compile(rb"^[ \t]*from[ \t]+(\.+|texfcodec\b\.?)([\w.]*)[ \t]+import[ \t]+(\([^)]*\)|[^\n]+)", re.MULTILINE)
 
 
-def _imported(path):
-    """Files of the package that a file imports from, at the top or inside functions."""
-    for start, module, names in IMPORT.findall(path.read_bytes()):
+@lru_cache(maxsize=1024)
+def _read(path: Path) -> tuple[str, bytes, tuple[Path, ...]]:
+    """Of a file of the package: its place there, the hash of its content, and the files of the package that it imports from, at
+    the top or inside functions."""
+    content, found = path.read_bytes(), []
+    for start, module, names in IMPORT.findall(content):
         root = path.parents[len(start) - 1] if start.startswith(b".") else PACKAGE
         place = root.joinpath(*module.decode().split("."))
         for candidate in (place, *(place / name for name in re.findall(r"\w+", names.decode()))):
-            for file in (candidate.with_suffix(".py"), candidate / "__init__.py"):
-                if file.is_file():
-                    yield file
+            found += [file for file in (candidate.with_suffix(".py"), candidate / "__init__.py") if file.is_file()]
+    return os.path.relpath(path, PACKAGE), hashlib.sha256(content).digest(), tuple(found)
 
 
 @lru_cache(maxsize=256)
@@ -43,10 +45,10 @@ def fingerprint(path: Path) -> str:
     known, new = set(), {path}
     while new:
         known |= new
-        new = {file for one in new for file in _imported(one)} - known
+        new = {file for one in new for file in _read(one)[2]} - known
     total = hashlib.sha256(str(PACKAGE).encode())
-    for file in sorted(known):
-        total.update(os.path.relpath(file, PACKAGE).encode() + b"\0" + file.read_bytes() + b"\0")
+    for name, content, _ in sorted(_read(file) for file in known):
+        total.update(name.encode() + b"\0" + content)
     return total.hexdigest()[:16]
 
 

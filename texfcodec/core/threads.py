@@ -1,7 +1,11 @@
-"""One way to run blocks of work on threads."""
+"""Ways to run work on threads."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+Item = TypeVar("Item")
+Made = TypeVar("Made")
 
 
 def over_blocks(one: Callable[[int], object], count: int, block: int, threads: int) -> None:
@@ -13,3 +17,18 @@ def over_blocks(one: Callable[[int], object], count: int, block: int, threads: i
     else:
         for begin in begins:
             one(begin)
+
+
+def in_order(one: Callable[[Item], Made], items: Sequence[Item], threads: int) -> Iterator[Made]:
+    """Yields one(item) for every item in their order, with so many at work at a time; once the caller turns away, none begins."""
+    if threads < 2 or len(items) < 2:
+        yield from map(one, items)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        jobs = [pool.submit(one, item) for item in items]
+        try:
+            for job in jobs:
+                yield job.result()
+        finally:
+            for job in jobs:
+                job.cancel()

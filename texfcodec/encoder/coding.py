@@ -14,6 +14,7 @@ from ..bitstream.stream import Stream, attribute_variables
 from ..bitstream.values import attribute_values
 from ..codecs import codec_of
 from ..codecs.base import JointCodec, Source, split_groups
+from ..core.threads import in_order
 from ..geometry.areas import area_shares
 from .decide.map_sizes import coarsen_maps
 from .decide.one_colour import one_colour
@@ -77,23 +78,25 @@ class PlaneCoding(Coding):
         """See Coding.units."""
         planes: Planes = [{} for _ in plan.fields]
         evidence: list[dict] = []
-        budgets, surface = image_budgets(plan.source, plan.fields), plan.source.surface
+        budgets, surface, groups = image_budgets(plan.source, plan.fields), plan.source.surface, plan.source.groups
         shares = np.bincount(plan.source.face_field, area_shares(surface.lattice, surface.faces), len(plan.fields))
-        for i, part in enumerate(plan.fields):
-            with report.stage("attributes", (i, len(plan.fields))) as step:
-                for number, group in enumerate(plan.source.groups):
-                    if not any(channel.name in part.planes for channel in group.channels):
-                        continue
-                    begin = time.perf_counter()
-                    step(number, len(plan.source.groups))
-                    spent = _unit(plan, stream, (i, number), shares[i], budgets.get((i, number)))
-                    unit = spent.value
-                    stream.attributes.append(unit.values)
-                    planes[i] |= group.split(unit.decoded)
-                    row = {"field": i, "codec": unit.codec.name, "level_shift": unit.values["level_shift"],
-                           "qp_offset": part.qp_offset, "encode_ms": round(1000 * (time.perf_counter() - begin), 1)}
-                    row |= spent.evidence
-                    evidence.append(row | errors_of(group, unit.plane, unit.decoded))
+        places = [(i, number) for i, part in enumerate(plan.fields) for number, group in enumerate(groups)
+                  if any(channel.name in part.planes for channel in group.channels)]
+
+        def code(place):
+            begin = time.perf_counter()
+            return _unit(plan, stream, place, shares[place[0]], budgets.get(place)), time.perf_counter() - begin
+
+        made = in_order(code, places, plan.request.threads)
+        for n, (i, number) in enumerate(places):
+            with report.stage("attributes", (n, len(places))):
+                spent, seconds = next(made)
+            unit, group = spent.value, groups[number]
+            stream.attributes.append(unit.values)
+            planes[i] |= group.split(unit.decoded)
+            row = {"field": i, "codec": unit.codec.name, "level_shift": unit.values["level_shift"],
+                   "qp_offset": plan.fields[i].qp_offset, "encode_ms": round(1000 * seconds, 1)}
+            evidence.append(row | spent.evidence | errors_of(group, unit.plane, unit.decoded))
         return Decision(planes, {"channels": evidence})
 
 

@@ -44,7 +44,16 @@ def encode_morton(xyz: np.ndarray) -> np.ndarray:
     return spread(xyz[:, 0]) | (spread(xyz[:, 1]) << 1) | (spread(xyz[:, 2]) << 2)
 
 
+@kernel
+def _decode_keys(keys, out):
+    """Fills out int32 [N, 3] with the indices of keys int64 [N]."""
+    for i in range(keys.shape[0]):
+        out[i, 0], out[i, 1], out[i, 2] = _compact(keys[i]), _compact(keys[i] >> 1), _compact(keys[i] >> 2)
+
+
 def decode_morton(keys: np.ndarray) -> np.ndarray:
     """Voxel indices of Morton keys. keys: int64 [N]. Returns int32 [N, 3]."""
-    keys = np.asarray(keys, dtype=np.int64)
-    return np.stack([compact(keys >> axis) for axis in range(3)], axis=1).astype(np.int32)
+    keys = np.ascontiguousarray(keys, np.int64)
+    out = np.empty((len(keys), 3), np.int32)
+    _decode_keys(keys, out)
+    return out

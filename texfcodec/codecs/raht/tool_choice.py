@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...core.threads import in_order
 from .attribute_coder import CodedAttributes, Tools, enc_attributes
 from .coefficients.dct_blocks import jpeg_likeness
 from .coefficients.residual import ResidualPlan
@@ -54,9 +55,9 @@ def _pieces(count, voxels):
     return [slice(begin, begin + voxels) for begin in np.linspace(0, count - voxels, PIECES).astype(int)]
 
 
-def _lagrangian_cost(keys, depth, values, qp, tools, threads):
+def _lagrangian_cost(keys, depth, values, qp, tools):
     """Bits plus squared error in steps, weighed as the quantiser weighs them."""
-    coded, means = enc_attributes(keys, depth, values, qp, tools, threads)
+    coded, means = enc_attributes(keys, depth, values, qp, tools)
     error = (means.astype(np.float64) - values) / [step_of(v) for v in qp]
     return 8 * sum(len(c) for c in coded.codewords) + (error**2).sum() / tools.trade_off
 
@@ -75,15 +76,20 @@ def choose_tools(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[
         return tools
     pieces = _pieces(len(keys), PIECE_VOXELS[effort])
     candidates = [replace(tools, kernel=kernel, colour_range=reach, filters=0) for kernel, reach in PREDICTIONS[effort]]
-    cost_of = lambda candidate: sum(_lagrangian_cost(keys[p], depth, values[p], qp, candidate, threads) for p in pieces)
-    costs = [cost_of(candidate) for candidate in candidates]
+
+    def costs_of(candidates):
+        jobs = [(candidate, piece) for candidate in candidates for piece in pieces]
+        made = list(in_order(lambda job: _lagrangian_cost(keys[job[1]], depth, values[job[1]], qp, job[0]), jobs, threads))
+        return np.reshape(made, (len(candidates), len(pieces))).sum(axis=1).tolist()
+
+    costs = costs_of(candidates)
     best, least = candidates[int(np.argmin(costs))], min(costs)
     changes = [FOLLOW_LESS] * (values.shape[1] > 1) + [PLAIN_TRANSFORM] * planar
     if dct_blocks is None and _may_have_dct_blocks(keys, values, effort, planar):
         changes.append(DCT_BLOCKS)
     for change in changes:
         changed = replace(best, **change)
-        cost = cost_of(changed)
+        cost = costs_of([changed])[0]
         if cost < least:
             best, least = changed, cost
     return replace(best, filters=tools.filters)
@@ -98,15 +104,17 @@ def choose_base(keys: np.ndarray, depth: int, values: np.ndarray, qp_of: Callabl
     tools = tools_of(effort, planar)
     pieces = [(keys[p], values[p], replace(plan, original=plan.original[p])) for p in _pieces(len(keys), PIECE_VOXELS[effort])]
 
-    def size(candidate):
-        own = qp_of(candidate[0]), replace(tools, dct_blocks=candidate[1])
-        coded = [enc_attributes(k, depth, v, *own, threads, p)[0] for k, v, p in pieces]
-        return sum(len(codeword) for unit in coded for codeword in unit.codewords)
+    def size(job):
+        (qp, dct_blocks), (k, v, p) = job
+        coded = enc_attributes(k, depth, v, qp_of(qp), replace(tools, dct_blocks=dct_blocks), plan=p)[0]
+        return sum(len(codeword) for codeword in coded.codewords)
 
     candidates = [(qp, 0) for qp in BASE_QPS]
     if _may_have_dct_blocks(keys, values, effort, planar):
         candidates += [(qp, 1) for qp in DCT_BASE_QPS]
-    qp, dct_blocks = min(candidates, key=size)
+    jobs = [(candidate, piece) for candidate in candidates for piece in pieces]
+    sizes = np.reshape(list(in_order(size, jobs, threads)), (len(candidates), len(pieces))).sum(axis=1)
+    qp, dct_blocks = candidates[int(np.argmin(sizes))]
     return qp_of(qp), dct_blocks
 
 

@@ -185,7 +185,7 @@ def test_each_tool_saves_bytes_on_stripes_whose_components_go_together(tool):
     """Bits and error, weighed as the encoder weighs them."""
     keys = island_keys(7)
     field = keys, 7, forward_colour(texture(keys, 3)), [28] * 3
-    costs = [tool_choice._lagrangian_cost(*field, Tools(models=8, **{**ALL, **off}), 1) for off in ({}, {tool: 0})]
+    costs = [tool_choice._lagrangian_cost(*field, Tools(models=8, **{**ALL, **off})) for off in ({}, {tool: 0})]
     assert costs[0] < 0.99 * costs[1]
 
 

@@ -49,8 +49,8 @@ UNIT = 4096  # one grey level in fixed point
 FRESH = (1 << 21, 1 << 21, 0)  # a context that no bit has met
 
 
-def random_keys(rng, depth, count):
-    return np.unique(encode_morton(rng.integers(0, 1 << depth, (count, 3))))
+def random_keys(rng, depth, count, planar=0):
+    return np.unique(encode_morton(rng.integers(0, 1 << depth, (count, 3)) * [1, 1, 1 - planar]))
 
 
 def surface_keys(depth):
@@ -81,16 +81,17 @@ def test_levels_nodes_and_weights_are_those_of_the_keys(depth, count):
                 assert level.occupancy[i] == sum(1 << (v & 7) for v in mine)
 
 
+@pytest.mark.parametrize("planar", [0, 1])
 @pytest.mark.parametrize("depth,count", [(1, 8), (3, 150), (4, 900), (13, 200)])
-def test_the_neighbour_table_of_every_level_is_the_dict_of_coordinates(depth, count):
-    keys = random_keys(np.random.default_rng(count), depth, count)
+def test_the_neighbour_table_of_every_level_is_the_dict_of_coordinates(depth, count, planar):
+    keys = random_keys(np.random.default_rng(count), depth, count, planar)
     levels, table = build_octree(keys, depth), root_table()
     for number in range(depth):
         level, n = levels[number], len(levels[number + 1])
-        below = np.empty((n, NEIGHBOURS), np.int32)
+        below = np.full((n, NEIGHBOURS), -1, np.int32)
         middle = len(level) // 2  # made in two ranges, as slices do
-        _neighbours(level.first_child, level.occupancy, table, 0, middle, below)
-        _neighbours(level.first_child, level.occupancy, table, middle, len(level), below)
+        _neighbours(level.first_child, level.occupancy, table, 0, middle, planar, below)
+        _neighbours(level.first_child, level.occupancy, table, middle, len(level), planar, below)
         assert below.tolist() == oracles.neighbours(list(oracles.level_nodes(keys.tolist(), depth, number + 1)))
         table = below
 
@@ -114,15 +115,16 @@ KERNELS = [DEFAULT_KERNEL, (1, 0, 0, 0, 0, 0, 0), (255,) * 7, (7, 3, 2, 1, 30, 2
 @pytest.mark.parametrize("colour_range", [0, 1, 255])
 @pytest.mark.parametrize("components", [1, 2, 3])
 @pytest.mark.parametrize("seed,kernel", list(enumerate(KERNELS)))
-def test_predictions_are_the_oracles_for_every_node_and_two_slice_starts(seed, kernel, components, colour_range):
-    rng, depth, step = np.random.default_rng(seed), 3, step_of(40)
-    keys = random_keys(rng, depth, 220)
+@pytest.mark.parametrize("planar", [0, 1])
+def test_predictions_are_the_oracles_for_every_node_and_two_slice_starts(seed, kernel, components, colour_range, planar):
+    rng, depth, step = np.random.default_rng(seed), 4 if planar else 3, step_of(40)
+    keys = random_keys(rng, depth, 160 if planar else 220, planar)
     levels = build_octree(keys, depth)
     parents, children = (list(oracles.level_nodes(keys.tolist(), depth, d)) for d in (depth - 1, depth))
     table = np.array(oracles.neighbours(parents), np.int32)
     parent_mean, child_mean = (rng.integers(-MAX_MEAN, MAX_MEAN + 1, (len(v), components)).astype(np.int32)
                                for v in (parents, children))
-    nodes = Nodes(levels[depth - 1].first_child, levels[depth - 1].occupancy, levels[depth].weight, table)
+    nodes = Nodes(levels[depth - 1].first_child, levels[depth - 1].occupancy, levels[depth].weight, table, planar)
     around = Around(*(np.full(n, -99, np.int64) for n in (NEIGHBOURS, CELLS, CELLS)))
     for first in (0, len(parents) // 2):
         for p in range(first, len(parents), 3):
@@ -349,15 +351,16 @@ def test_energy_classes_are_the_specifications():
     assert [_class(e) for e in range(256)] == [sum(e > limit for limit in limits) for e in range(256)]
 
 
+@pytest.mark.parametrize("planar", [0, 1])
 @pytest.mark.parametrize("seed", range(3))
-def test_surroundings_are_the_oracles_for_every_block_and_plane(seed):
+def test_surroundings_are_the_oracles_for_every_block_and_plane(seed, planar):
     rng = np.random.default_rng(seed)
-    nodes = list(oracles.level_nodes(random_keys(rng, 3, 160).tolist(), 3, 3))
+    nodes = list(oracles.level_nodes(random_keys(rng, 4, 160, planar).tolist(), 4, 4))
     energy, above = (rng.integers(0, 256, (len(nodes), 2)).astype(np.uint8) >> rng.integers(0, 8) for _ in range(2))
     table, sums = np.array(oracles.neighbours(nodes), np.int32), np.zeros(6, np.int64)
     for first in (0, len(nodes) // 3):
         for p in range(first, len(nodes)):
-            _surroundings(p, first, table, energy, above, sums)
+            _surroundings(p, first, table, planar, energy, above, sums)
             for k in range(2):
                 expected = oracles.surroundings(p, first, nodes, energy[:, k].tolist(), above[:, k].tolist())
                 assert _classes(sums, k) == expected

@@ -156,8 +156,8 @@ def with_table(keys, depth):
     """(level of the voxels' parents, its neighbour table)."""
     levels, table = build_octree(keys, depth), root_table()
     for level, below in pairwise(levels[:-1]):
-        above, table = table, np.empty((len(below), NEIGHBOURS), np.int32)
-        _neighbours(level.first_child, level.occupancy, above, 0, len(level), table)
+        above, table = table, np.full((len(below), NEIGHBOURS), -1, np.int32)
+        _neighbours(level.first_child, level.occupancy, above, 0, len(level), 0, table)
     return levels[-2], table
 
 

@@ -126,7 +126,7 @@ class _Descent:
         level, below = self.levels[depth], self.levels[depth + 1]
         energy = np.zeros((len(level), 2), np.uint8)
         child_mean = np.empty((len(below), self.mean.shape[1]), np.int32)
-        nodes = Nodes(level.first_child, level.occupancy, below.weight, self.table)
+        nodes = Nodes(level.first_child, level.occupancy, below.weight, self.table, self.planar)
         kept = new_kept(len(level), self.mean.shape[1], self.planar)
         if self.with_dct:
             self.dct, self.part = dct_blocks(self.levels, depth, self.mean.shape[1], self.dct)
@@ -139,8 +139,8 @@ class _Descent:
         self.above = np.repeat(blocks.energy, np.diff(level.first_child), axis=0)
         self.kept_above = np.repeat(blocks.kept, np.diff(level.first_child), axis=0) if self.planar else blocks.kept
         if depth + 2 < len(self.levels):
-            table = np.empty((len(self.mean), NEIGHBOURS), np.int32)
-            self.run([lambda b=b, e=e: _neighbours(level.first_child, level.occupancy, self.table, b, e, table)
+            table = np.full((len(self.mean), NEIGHBOURS), -1, np.int32)
+            self.run([lambda b=b, e=e: _neighbours(level.first_child, level.occupancy, self.table, b, e, self.planar, table)
                       for b, e in ranges])
             self.table = table
 
@@ -265,9 +265,9 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
         made, residual, cross = walk.mean if plan is None else plan.inverse(walk.mean), 0, []
         if plan is not None and depth:
             parents, residual = _ranges(levels, depth - 1, slice_level, slice_first), plan.delta + 1
-            cross = fit_cross(levels[-2], walk.table, made, plan.original, parents, walk.run)
-            made = code_residuals([coder.code_residuals for coder in active], levels[-2], walk.table, parents, made, plan.delta,
-                                  cross, plan.original, walk.run)
+            cross = fit_cross(levels[-2], walk.table, tools.planar, made, plan.original, parents, walk.run)
+            made = code_residuals([coder.code_residuals for coder in active], levels[-2], walk.table, tools.planar, parents, made,
+                                  plan.delta, cross, plan.original, walk.run)
     codewords = [coder.codeword() for coder in coders] if depth else []
     level_bytes = [coder.level_bytes for coder in coders] if depth else []
     coded = CodedAttributes(list(qp), list(tools.kernel), tools.colour_range, tools.models, filters, root, slice_level,
@@ -317,8 +317,8 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
         if inverse is not None and coded.residual and 0 < stop_level == depth:
             parents = _ranges(levels, depth - 1, coded.slice_level, coded.slice_first)
             readers = [partial(_read_residuals, coder) for coder, _ in active]
-            made = code_residuals(readers, levels[-2], walk.table, parents, made, coded.residual - 1, coded.residual_cross, made,
-                                  walk.run)
+            made = code_residuals(readers, levels[-2], walk.table, coded.planar, parents, made, coded.residual - 1,
+                                  coded.residual_cross, made, walk.run)
             _watch(watched[first:], spans[first:], active)
     if reached is not None:
         reached += watched

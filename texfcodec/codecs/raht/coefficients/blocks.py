@@ -71,7 +71,7 @@ def _open_block(p, first, rules, blocks, s):
         blocks.energy[p, 1] = blocks.above[p, 1]
     else:
         _predict(p, first, nodes, means, rules.kernel, rules.colour_inverse, s.around, s.predicted)
-        _surroundings(p, first, nodes.table, blocks.energy, blocks.above, s.sums)
+        _surroundings(p, first, nodes.table, nodes.planar, blocks.energy, blocks.above, s.sums)
     return splits
 
 

@@ -4,7 +4,7 @@ others, as they move with it around the block."""
 import numpy as np
 
 from ....core.kernel import kernel
-from ..transform.octree import CELLS, NEIGHBOURS
+from ..transform.octree import CELL_STEPS, CELLS, NEIGHBOUR_STEPS, NEIGHBOURS
 from ..transform.quantise import MAX_MEAN
 from ..transform.raht import _inverse
 
@@ -27,12 +27,13 @@ def _follow(p, first, rules, blocks, s):
     """Moves the predictions of components 1.. of block p with the coefficients of component 0, by the slope that they have over
     its surroundings (spec 7.4.4). The numerator of a factor is < 2**53 * 2**8, the details < 2**25."""
     mean, child_mean, table, tree, products = blocks.means.parent, blocks.means.child, blocks.nodes.table, s.tree, s.products
+    planar = blocks.nodes.planar
     products[:] = 0
-    for i in range(NEIGHBOURS):
+    for i in range(planar, NEIGHBOURS, NEIGHBOUR_STEPS[planar]):
         q = np.int64(table[p, i])
         if q >= 0 and (q < first or q > p):
             _add_products(mean, q, mean, p, products)
-    for i in range(CELLS):
+    for i in range(planar, CELLS, CELL_STEPS[planar]):
         q = s.around.cells[i]
         if q >= 0:
             _add_products(child_mean, q, mean, p, products)

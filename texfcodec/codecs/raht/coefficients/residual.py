@@ -27,7 +27,8 @@ SIZE, SIGN, CONTEXTS = _BASES[:6], _BASES[6:9], int(_BASES[9])
 WEIGHT_SETS, REFINEMENT_SETS = 3 * BITS + 3 * FINE + 3 + 16, 3 * BITS + 3
 _OFFSETS = [(4 >> (abs(x) + abs(y) + abs(z) - 1), 16 * x + 4 * y + z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)
             if (x, y, z) != (0, 0, 0)]
-NEAR_WEIGHTS, NEAR_CELLS = np.array(_OFFSETS).T.copy()
+NEAR_WEIGHTS, NEAR_CELLS = np.array(sorted(_OFFSETS, key=lambda row: row[1] % 4 != 0)).T.copy()
+PLANAR_NEAR = 8  # of them with z = 0, which come first
 # Entries of the rows of a voxel's surroundings, by component
 (ERRORS, MAGNITUDES, LARGEST, VARIATION) = range(4)
 
@@ -56,12 +57,12 @@ def new_residual_model() -> Model:
 
 
 @kernel(forceinline=True)
-def _surroundings(v, first, centre, cells, x, y, k, sums):
+def _surroundings(v, first, centre, cells, planar, x, y, k, sums):
     """Fills sums int64 [4, C]; returns (weight of the neighbours from `first` on that come before v, number of all neighbours).
     Weighted errors of the former are below 2**15, weighted magnitudes too."""
     sums[:] = 0
     weight, count = np.int64(0), np.int64(0)
-    for j in range(NEAR_CELLS.shape[0]):
+    for j in range(PLANAR_NEAR if planar else NEAR_CELLS.shape[0]):
         u = cells[centre + NEAR_CELLS[j]]
         if u < 0:
             continue
@@ -136,12 +137,12 @@ def _residuals(encoding, coder, model, chosen, values, nodes, begin, stop):
     cells, sums = np.empty(CELLS, np.int64), np.empty((4, x.shape[1]), np.int64)
     first, step = nodes.first_child[begin], 2 * delta + 1
     for p in range(begin, stop):
-        _cells(p, 0, nodes.occupancy.shape[0], nodes.table, nodes.first_child, nodes.occupancy, cells)
+        _cells(p, 0, nodes.occupancy.shape[0], nodes.table, nodes.first_child, nodes.occupancy, nodes.planar, cells)
         for octant in range(8):
             if not (nodes.occupancy[p] >> octant) & 1:
                 continue
             v = cells[CENTRE[octant]]
-            weight, count = _surroundings(v, first, CENTRE[octant], cells, x, y, k, sums)
+            weight, count = _surroundings(v, first, CENTRE[octant], cells, nodes.planar, x, y, k, sums)
             lead, second, surprise = np.int64(0), np.int64(0), np.int64(0)
             for j in range(order.shape[0]):
                 c = order[j]
@@ -176,18 +177,18 @@ def _dec_residuals(coder, model, chosen, values, nodes, begin, stop):
 
 
 @kernel
-def _cross_sums(begin, stop, table, first_child, occupancy, x, original, none, order, products):
+def _cross_sums(begin, stop, table, first_child, occupancy, planar, x, original, none, order, products):
     """Adds to products int64 [C] those of every component's surprise with the first one's, were the original decoded exactly.
     none: int16 [N, C] of zeros. |surprise| < 2**9."""
     cells, sums = np.empty(CELLS, np.int64), np.empty((4, x.shape[1]), np.int64)
     first = first_child[begin]
     for p in range(begin, stop):
-        _cells(p, 0, occupancy.shape[0], table, first_child, occupancy, cells)
+        _cells(p, 0, occupancy.shape[0], table, first_child, occupancy, planar, cells)
         for octant in range(8):
             if not (occupancy[p] >> octant) & 1:
                 continue
             v = cells[CENTRE[octant]]
-            weight, _ = _surroundings(v, first, CENTRE[octant], cells, x, original, none, sums)
+            weight, _ = _surroundings(v, first, CENTRE[octant], cells, planar, x, original, none, sums)
             lead = np.int64(0)
             for j in range(order.shape[0]):
                 c = order[j]
@@ -197,11 +198,13 @@ def _cross_sums(begin, stop, table, first_child, occupancy, x, original, none, o
                 products[c] += surprise * lead
 
 
-def fit_cross(level: Level, table: np.ndarray, x: np.ndarray, original: np.ndarray, ranges: list, run: Callable) -> list[int]:
-    """residual_cross by least squares over the field, [C]. level, table: of the voxels' parents; ranges: of parents, by slice."""
+def fit_cross(level: Level, table: np.ndarray, planar: int, x: np.ndarray, original: np.ndarray, ranges: list,
+              run: Callable) -> list[int]:
+    """residual_cross by least squares over the field, [C]. level, table: of the voxels' parents; planar: as of Nodes; ranges: of
+    parents, by slice."""
     order, none = component_order(x.shape[1]), np.zeros(x.shape, np.int16)
     products = np.zeros((len(ranges), x.shape[1]), np.int64)
-    run([partial(_cross_sums, *parents, table, level.first_child, level.occupancy, x, original, none, order, row)
+    run([partial(_cross_sums, *parents, table, level.first_child, level.occupancy, planar, x, original, none, order, row)
          for parents, row in zip(ranges, products, strict=True)])
     totals = [int(t) for t in products.sum(axis=0)]
     square = totals[order[0]]
@@ -210,13 +213,13 @@ def fit_cross(level: Level, table: np.ndarray, x: np.ndarray, original: np.ndarr
     return cross
 
 
-def code_residuals(coders: Sequence[Callable], level: Level, table: np.ndarray, ranges: list, x: np.ndarray, delta: int,
-                   cross: Sequence[int], original: np.ndarray, run: Callable) -> np.ndarray:
+def code_residuals(coders: Sequence[Callable], level: Level, table: np.ndarray, planar: int, ranges: list, x: np.ndarray,
+                   delta: int, cross: Sequence[int], original: np.ndarray, run: Callable) -> np.ndarray:
     """Codes or decodes the residuals of all slices: the values uint8 [N, C]. coders: for each slice a function of (walk, number
     of residuals), which calls walk(encoding, Coder, model); original: what is coded, x again where it is decoded."""
     first_child = level.first_child
     assert first_child is not None
-    nodes = Nodes(first_child, level.occupancy, level.weight, table)
+    nodes = Nodes(first_child, level.occupancy, level.weight, table, planar)
     values = Values(x, original, np.empty_like(x), np.empty(x.shape, np.int16), np.array(cross, np.int64),
                     component_order(x.shape[1]), delta)
 

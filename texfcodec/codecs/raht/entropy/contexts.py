@@ -21,9 +21,10 @@ ZERO_BASE = BLOCK_BASE + N_BLOCK
 MORE_BASE = ZERO_BASE + N_ZERO
 UNARY_BASE = MORE_BASE + N_MORE
 CONTEXTS = UNARY_BASE + N_UNARY
-# Faces and edges of a block in its neighbour table, and how much their energies weigh
-DIRECTIONS, WEIGHTS = np.array([(i, 3 - away) for i in range(27)
+# Faces and edges of a block in its neighbour table, and how much their energies weigh; first those with z = 0, PLANAR_DIRECTIONS
+DIRECTIONS, WEIGHTS = np.array([(i, 3 - away) for i in sorted(range(27), key=lambda i: i % 3 != 1)
                                 if 0 < (away := abs(i // 9 - 1) + abs(i // 3 % 3 - 1) + abs(i % 3 - 1)) < 3]).T.copy()
+PLANAR_DIRECTIONS = 8
 MAX_PREFIX = 24  # of the Exp-Golomb escape: |q| < 2**25 + 15; clipped when dequantised
 
 
@@ -46,7 +47,7 @@ def _class(e):
 
 
 @kernel(forceinline=True, allocates=False)
-def _surroundings(p, first, table, energy, above, sums):
+def _surroundings(p, first, table, planar, energy, above, sums):
     """Fills sums int64 [6] with the weighted energies around block p: near (own level, decoded neighbours) of luma and chroma,
     far (level above) of luma and chroma, and the weights near and far.
 
@@ -55,7 +56,7 @@ def _surroundings(p, first, table, energy, above, sums):
     """
     near_luma, near_chroma, near_weight = np.int64(0), np.int64(0), np.int64(0)
     far_luma, far_chroma, far_weight = 3 * np.int64(above[p, 0]), 3 * np.int64(above[p, 1]), np.int64(3)
-    for i in range(DIRECTIONS.shape[0]):
+    for i in range(PLANAR_DIRECTIONS if planar else DIRECTIONS.shape[0]):
         q = np.int64(table[p, DIRECTIONS[i]])
         if q < 0:
             continue

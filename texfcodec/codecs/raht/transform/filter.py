@@ -128,7 +128,7 @@ def _filter(begin, end, table, first_child, occupancy, mean, inverse, limits, co
     taps = coefficients.shape[2]
     cells, ring = np.zeros(CELLS, np.int64), np.zeros((mean.shape[1], taps), np.int64)
     for p in range(begin, end):
-        _cells(p, 0, occupancy.shape[0], table, first_child, occupancy, cells)
+        _cells(p, 0, occupancy.shape[0], table, first_child, occupancy, 1 if taps == PLANAR_TAPS else 0, cells)
         for octant in range(8):
             if not (occupancy[p] >> octant) & 1:
                 continue
@@ -150,7 +150,7 @@ def _statistics(begin, end, table, first_child, occupancy, mean, original, inver
     taps = targets.shape[2]
     cells, ring = np.zeros(CELLS, np.int64), np.zeros((mean.shape[1], taps), np.int64)
     for p in range(begin, end):
-        _cells(p, 0, occupancy.shape[0], table, first_child, occupancy, cells)
+        _cells(p, 0, occupancy.shape[0], table, first_child, occupancy, 1 if taps == PLANAR_TAPS else 0, cells)
         for octant in range(8):
             if not (occupancy[p] >> octant) & 1:
                 continue

@@ -13,6 +13,9 @@ from ....core.integer import _ones32
 from ....core.kernel import kernel
 
 NEIGHBOURS = 27  # offset (dx, dy, dz) of entry 9 * (dx + 1) + 3 * (dy + 1) + dz + 1; entry 13 is the node itself
+# Where a support is planar, only every third neighbour is there, from entry 1 on, and every fourth cell of _cells, from 1 on:
+# loops over them are range(planar, NEIGHBOURS, NEIGHBOUR_STEPS[planar]) and range(planar, CELLS, CELL_STEPS[planar])
+NEIGHBOUR_STEPS, CELL_STEPS = np.array((1, 3)), np.array((1, 4))
 
 
 @dataclass
@@ -29,8 +32,9 @@ class Level:
         return len(self.octant)
 
 
-# The parents of a level's blocks: first_child int64 [n + 1], occupancy uint8 [n], table int32 [n, 27]; weight int64, by child
-Nodes = namedtuple("Nodes", "first_child occupancy weight table")
+# The parents of a level's blocks: first_child int64 [n + 1], occupancy uint8 [n], table int32 [n, 27]; weight int64, by child;
+# planar: 1 where z = 0 for all, else 0
+Nodes = namedtuple("Nodes", "first_child occupancy weight table planar")
 
 
 @kernel
@@ -84,11 +88,11 @@ CENTRE = np.array([21 + 16 * (o & 1) + 4 * (o >> 1 & 1) + (o >> 2 & 1) for o in 
 
 
 @kernel(forceinline=True, allocates=False)
-def _cells(p, begin, end, table, first_child, occupancy, cells):
+def _cells(p, begin, end, table, first_child, occupancy, planar, cells):
     """Fills cells int64 [64] with the numbers of the children around and in node p: cell 16 x + 4 y + z with coordinates 0..3,
     the node's own children at 1 and 2; -1 where there is none. Only children of the nodes begin..end-1 are taken."""
     cells[:] = -1
-    for i in range(NEIGHBOURS):
+    for i in range(planar, NEIGHBOURS, NEIGHBOUR_STEPS[planar]):
         q = np.int64(table[p, i])
         if q < begin or q >= end:
             continue
@@ -100,14 +104,15 @@ def _cells(p, begin, end, table, first_child, occupancy, cells):
 
 
 @kernel
-def _neighbours(first_child, occupancy, parent_table, begin, end, table):
+def _neighbours(first_child, occupancy, parent_table, begin, end, planar, table):
     """Neighbour table of the children of parents begin..end-1 (spec 7.1): entry -1 where no node exists.
 
-    parent_table: int32 [parents, 27]; table: int32 [children, 27]. A child's neighbours are 27 of the parent's 64 cells.
+    parent_table: int32 [parents, 27]; table: int32 [children, 27], where planar -1 throughout before. A child's neighbours are
+    27 of the parent's 64 cells.
     """
     cells = np.zeros(CELLS, np.int64)
     for p in range(begin, end):
-        _cells(p, 0, first_child.shape[0] - 1, parent_table, first_child, occupancy, cells)
+        _cells(p, 0, first_child.shape[0] - 1, parent_table, first_child, occupancy, planar, cells)
         child = first_child[p]
         for octant in range(8):
             if not (occupancy[p] >> octant) & 1:
@@ -115,7 +120,7 @@ def _neighbours(first_child, occupancy, parent_table, begin, end, table):
             corner = CENTRE[octant] - 21
             for dx in range(3):
                 for dy in range(3):
-                    for dz in range(3):
+                    for dz in range(planar, 3 - planar):
                         table[child, 9 * dx + 3 * dy + dz] = cells[corner + 16 * dx + 4 * dy + dz]
             child += 1
 

@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 
 from ....core.kernel import kernel
-from .octree import CELLS, NEIGHBOURS, _cells
+from .octree import CELL_STEPS, CELLS, NEIGHBOUR_STEPS, NEIGHBOURS, _cells
 
 KERNEL_SIZE = 7
 # From smooth photographs to flat colours with sharp edges. BD-rate RGB against G-PCC over QP 28 and 40 on basket, scissors, cat,
@@ -69,9 +69,9 @@ ACROSS, TOUCHING_CELL, TOUCHING, TOUCHING_ENTRY = _touching()
 
 
 @kernel
-def _weigh_parents(p, first, table, parent_mean, inverse, weight):
+def _weigh_parents(p, first, table, parent_mean, inverse, planar, weight):
     """Fills weight int64 [27]: that of each neighbouring parent whose children are not decoded yet, 0 for the others."""
-    for i in range(27):
+    for i in range(planar, NEIGHBOURS, NEIGHBOUR_STEPS[planar]):
         q = table[p, i]
         weight[i] = 0
         if q >= 0 and (q < first or q > p):
@@ -86,14 +86,14 @@ def _predict(p, first, nodes, means, kernel, inverse, around, predicted):
     len(occupancy) = len(means.parent) by construction. kernel: int64 [7]; inverse: of inverse_range; around: scratch.
     |sum| < 27 * 64 * 255 * 2**23 < 2**42.
     """
-    table, parent_mean, child_mean = nodes.table, means.parent, means.child
+    table, parent_mean, child_mean, planar = nodes.table, means.parent, means.child, nodes.planar
     weight, cells, cell_weight = around.weight, around.cells, around.cell_weight
     last = parent_mean.shape[1] - 1  # of two components, the second is summed twice: quicker than a loop over components
     skipped = 0 if kernel[6] else 1  # the last place of each m is a corner child, m = 7 the corner parent
-    directions = 7 if kernel[3] == 0 and kernel[6] == 0 else 8
-    _weigh_parents(p, first, table, parent_mean, inverse, weight)
-    _cells(p, first, p, table, nodes.first_child, nodes.occupancy, cells)
-    for i in range(CELLS):
+    directions = 4 if planar else (7 if kernel[3] == 0 and kernel[6] == 0 else 8)
+    _weigh_parents(p, first, table, parent_mean, inverse, planar, weight)
+    _cells(p, first, p, table, nodes.first_child, nodes.occupancy, planar, cells)
+    for i in range(planar, CELLS, CELL_STEPS[planar]):
         if cells[i] >= 0:
             cell_weight[i] = _falloff(child_mean, cells[i], parent_mean, p, inverse) if inverse else 64
     for octant in range(8):

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 MOST_ROWS = 1 << 26  # of texels that the faces of a material go over; beyond, the whole image is looked at
 MOST_REASONS = 4  # in the report of one channel
+QUICK_LOOK = 1 << 12  # texels that are looked at before all are
 DECISIONS = ("coded", "constant", "absent")
 KEPT = ("lit", "mask", "blend", "double_sided")  # effects that are flags and no channel's
 
@@ -158,7 +159,13 @@ class _Looks:
         if whole is not None:
             return whole
         shown = self._texels(number, self.scene.map_uv.get(name, self.scene.corner_uv), texture)
-        return None if shown is None else _one_value(texture.image[shown[:, 1], shown[:, 0]][:, columns])
+        if shown is None:
+            return None
+        for texels in (shown[:: max(1, len(shown) // QUICK_LOOK)], shown):
+            value = _one_value(texture.image[texels[:, 1], texels[:, 0]][:, columns])
+            if value is None:
+                return None
+        return value
 
     def alpha_is_full(self, number: int) -> bool:
         """Whether alpha is 255 wherever a material is seen."""

@@ -112,15 +112,6 @@ def find_contacts(lattice: np.ndarray, faces: np.ndarray, position_bits: int, re
     return Contacts(component, direction, cell[order], label[order])
 
 
-def _unique_pairs(cell, piece):
-    """Distinct (cell, piece) pairs, ascending by cell, then piece."""
-    order = np.lexsort((piece, cell))
-    cell, piece = cell[order], piece[order]
-    new = np.ones(len(cell), bool)
-    new[1:] = (cell[1:] != cell[:-1]) | (piece[1:] != piece[:-1])
-    return cell[new], piece[new]
-
-
 def folding_components(contacts: Contacts) -> np.ndarray:
     """Components in which faces of opposite direction share more than MIN_FOLD of the cells: ascending int64 array."""
     component = contacts.label // 6
@@ -146,36 +137,89 @@ def pieces_of(contacts: Contacts, split: np.ndarray | Sequence[int] = ()) -> tup
     return face_piece, 2 * component + (contacts.label & 1) * cut[component]
 
 
+@kernel
+def _pieces_by_cell(cell, piece):
+    """The distinct (cell, piece), int64 [2, n], ascending. Entries ascend by cell and component, and a component has at most two
+    pieces, so that each is looked for among the last two and comes before one of them at most."""
+    count = 0
+    pairs = np.empty((2, len(cell)), np.int64)
+    for i in range(len(cell)):
+        known = False
+        for j in range(max(count - 2, 0), count):
+            known |= pairs[0, j] == cell[i] and pairs[1, j] == piece[i]
+        if not known:
+            pairs[0, count], pairs[1, count] = cell[i], piece[i]
+            if count > 0 and pairs[0, count - 1] == cell[i] and pairs[1, count - 1] > piece[i]:
+                pairs[1, count - 1], pairs[1, count] = pairs[1, count], pairs[1, count - 1]
+            count += 1
+    return pairs[:, :count].copy()
+
+
+@kernel
+def _count_pairs(cell, piece, gaps):
+    """Pairs of pieces at most `gaps` entries apart in one cell, and in how many cells: int64 [3, n]. The tables double as
+    needed."""
+    keys, counts, used = np.full(1 << 12, -1, np.int64), np.zeros((2, 1 << 12), np.int64), 0
+    for i in range(len(cell)):
+        for j in range(i + 1, min(i + gaps + 1, len(cell))):
+            if cell[j] != cell[i]:
+                break
+            low, high = piece[i], piece[j]
+            slot = _pair_slot(low, high, keys, counts[0])
+            if keys[slot] < 0:
+                keys[slot], counts[0, slot] = low, high
+                used += 1
+            counts[1, slot] += 1
+            if 2 * used > len(keys):
+                old_keys, old_counts = keys, counts
+                keys, counts = np.full(2 * len(old_keys), -1, np.int64), np.zeros((2, 2 * len(old_keys)), np.int64)
+                for k in range(len(old_keys)):
+                    if old_keys[k] >= 0:
+                        slot = _pair_slot(old_keys[k], old_counts[0, k], keys, counts[0])
+                        keys[slot], counts[0, slot], counts[1, slot] = old_keys[k], old_counts[0, k], old_counts[1, k]
+    found = np.flatnonzero(keys >= 0)
+    pairs = np.empty((3, len(found)), np.int64)
+    pairs[0], pairs[1], pairs[2] = keys[found], counts[0][found], counts[1][found]
+    return pairs
+
+
 def _meetings(cell, piece):
-    """Pairs of pieces that meet and in how many cells: (int64 [n], int64 [n], int64 [n]), and the cells per piece."""
-    cell, piece = _unique_pairs(cell, piece)
-    sizes = np.bincount(piece)
-    crowded = len(np.unique(cell[NEAR + 1:][cell[NEAR + 1:] == cell[: -NEAR - 1]])) > MIN_CROWD * len(np.unique(cell))
-    pairs = []
-    for gap in range(1, (FAR if crowded else NEAR) + 1):  # a few crowded cells matter not: their pieces meet in others as well
-        same = np.flatnonzero(cell[gap:] == cell[:-gap])
-        pairs.append(piece[same] * len(sizes) + piece[same + gap])
-    pair, count = np.unique(np.concatenate(pairs), return_counts=True)
-    return pair // len(sizes), pair % len(sizes), count, sizes
+    """Pairs of pieces that meet and in how many cells, int64 [3, n] in no order, and the cells per piece. cell, piece: by entry
+    of Contacts."""
+    cell, piece = _pieces_by_cell(cell, piece)
+    crowded = _distinct(cell[NEAR + 1:][cell[NEAR + 1:] == cell[: -NEAR - 1]]) > MIN_CROWD * _distinct(cell)
+    # A few crowded cells matter not: their pieces meet in others as well.
+    return _count_pairs(cell, piece, FAR if crowded else NEAR), np.bincount(piece)
+
+
+def _distinct(ascending):
+    """How many different values an ascending array has."""
+    return int((ascending[1:] != ascending[:-1]).sum()) + (len(ascending) > 0)
+
+
+@kernel
+def _greedy(order, starts, others, cells, most):
+    """Colour of every piece, int64 [P] below `most`: in this order, the one that shares the fewest cells with pieces before it.
+    starts: int64 [P + 1] into others and cells, the pieces that each meets and in how many cells."""
+    colour, load = np.full(len(order), -1, np.int64), np.zeros(most, np.int64)
+    for piece in order:
+        load[:] = 0
+        for k in range(starts[piece], starts[piece + 1]):
+            if colour[others[k]] >= 0:
+                load[colour[others[k]]] += cells[k]
+        colour[piece] = np.argmin(load)
+    return colour
 
 
 def colour_pieces(contacts: Contacts, split: np.ndarray | Sequence[int] = (), most: int = MAX_FIELDS) -> np.ndarray:
     """Field of every face, int64 [F] numbered from 0 without gaps, at most so many: greedy colouring of the pieces, larger ones
     first."""
     face_piece, label_piece = pieces_of(contacts, split)
-    a, b, count, sizes = _meetings(contacts.cell, label_piece)
+    (a, b, count), sizes = _meetings(contacts.cell, label_piece)
     meets = count > np.maximum(MIN_CONTACT * np.minimum(sizes[a], sizes[b]), 1)
-    weight: dict[int, list[tuple[int, int]]] = {}
-    for x, y, n in zip(a[meets].tolist(), b[meets].tolist(), count[meets].tolist(), strict=True):
-        weight.setdefault(x, []).append((y, n))
-        weight.setdefault(y, []).append((x, n))
+    first, other, cells = np.append(a[meets], b[meets]), np.append(b[meets], a[meets]), np.tile(count[meets], 2)
+    grouped = np.argsort(first, kind="stable")
+    starts = np.append(0, np.cumsum(np.bincount(first, minlength=len(sizes))))
     colour = np.zeros(max(len(sizes), int(face_piece.max()) + 1), np.int64)
-    done = set()
-    for piece in np.argsort(-sizes, kind="stable").tolist():
-        load = [0] * most
-        for other, n in weight.get(piece, ()):
-            if other in done:
-                load[colour[other]] += n
-        colour[piece] = load.index(min(load))
-        done.add(piece)
+    colour[: len(sizes)] = _greedy(np.argsort(-sizes, kind="stable"), starts, other[grouped], cells[grouped], most)
     return np.unique(colour[face_piece], return_inverse=True)[1].reshape(-1)

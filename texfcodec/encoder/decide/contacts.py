@@ -17,6 +17,7 @@ MAX_FIELDS = 16
 MIN_CONTACT = 0.002  # share of the smaller piece's cells that two pieces must share to count as meeting
 MIN_FOLD = 0.01  # share of a component's cells with opposite normals that makes it a folding one
 MIN_CROWD = 0.05  # share of the cells that hold more than NEAR + 1 pieces, from which on all meetings in them are counted
+FIRST_TABLE = 1 << 10  # slots of a hash table before it doubles
 NEAR, FAR = 3, 2 * MAX_FIELDS  # a piece meets so many of those after it in a cell
 
 
@@ -55,6 +56,14 @@ def face_directions(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 @kernel
+def _cell_slot(key, keys, taken, table, mask):
+    slot = (((key ^ (key >> 17)) & 0xFFFFFFFF) * 2654435 >> 5) & mask
+    while taken[slot] == table and keys[slot] != key:
+        slot = (slot + 1) & mask
+    return slot
+
+
+@kernel
 def _pair_slot(key, label, keys, labels):
     mask = keys.shape[0] - 1
     slot = ((((key ^ (key >> 17)) & 0xFFFFFFFF) * 2654435 >> 5) + label * 7919) & mask
@@ -64,16 +73,23 @@ def _pair_slot(key, label, keys, labels):
 
 
 @kernel
-def _cells(corners, faces, face_label, resolution, walk, keys, labels):
-    """Marks every (cell, label) the samples fall into; the tables double as needed. Returns int64 [2, entries]: keys, labels. One
-    array, because numba lets an interrupt through between two, and crashes on it."""
+def _cells(corners, faces, face_label, resolution, walk):
+    """Every (cell, label) that the samples fall into, int64 [2, n], ascending by label; faces are so as well. One array, because
+    numba lets an interrupt through between two, and crashes on it.
+
+    The table holds the cells of one label at a time, so that it stays as small as they are few: a slot is taken where it has the
+    number of the table, which is new for every label and whenever the table doubles."""
     start, half, state = walk.start, walk.half_step, walk.state
-    used, last = 0, resolution - 1
+    keys, taken = np.zeros(FIRST_TABLE, np.int64), np.zeros(FIRST_TABLE, np.int64)
+    entries, mask, table = np.empty((2, FIRST_TABLE), np.int64), FIRST_TABLE - 1, 0
+    begin, used, label, last = 0, 0, np.int64(-1), resolution - 1
     while True:
         count = _next_row(corners, faces, 1, walk)
         if count == 0:
             break
-        label, run = face_label[state[FACE]], np.int64(-1)
+        if face_label[state[FACE]] != label:
+            label, begin, table, mask = face_label[state[FACE]], used, table + 1, FIRST_TABLE - 1
+        run = np.int64(-1)
         for i in range(count):
             cx = min(max((start[0] + (2 * i + 1) * half[0]) >> 32, 0), last) >> 1
             cy = min(max((start[1] + (2 * i + 1) * half[1]) >> 32, 0), last) >> 1
@@ -82,21 +98,24 @@ def _cells(corners, faces, face_label, resolution, walk, keys, labels):
             if key == run:
                 continue
             run = key
-            slot = _pair_slot(key, label, keys, labels)
-            if keys[slot] < 0:
-                keys[slot], labels[slot] = key, label
-                used += 1
-                if 2 * used > keys.shape[0]:
-                    old_keys, old_labels = keys, labels
-                    keys, labels = np.full(2 * keys.shape[0], -1, np.int64), np.zeros(2 * keys.shape[0], np.int64)
-                    for k in range(old_keys.shape[0]):
-                        if old_keys[k] >= 0:
-                            slot = _pair_slot(old_keys[k], old_labels[k], keys, labels)
-                            keys[slot], labels[slot] = old_keys[k], old_labels[k]
-    found = np.flatnonzero(keys >= 0)
-    entries = np.empty((2, len(found)), np.int64)
-    entries[0], entries[1] = keys[found], labels[found]
-    return entries
+            slot = _cell_slot(key, keys, taken, table, mask)
+            if taken[slot] == table:
+                continue
+            keys[slot], taken[slot] = key, table
+            if used == entries.shape[1]:
+                more = np.empty((2, 2 * used), np.int64)
+                more[:, :used] = entries
+                entries = more
+            entries[0, used], entries[1, used] = key, label
+            used += 1
+            if 2 * (used - begin) > mask:
+                table, mask = table + 1, 2 * mask + 1
+                if mask >= len(keys):
+                    keys, taken = np.zeros(mask + 1, np.int64), np.zeros(mask + 1, np.int64)
+                for k in range(begin, used):
+                    slot = _cell_slot(entries[0, k], keys, taken, table, mask)
+                    keys[slot], taken[slot] = entries[0, k], table
+    return entries[:, :used].copy()
 
 
 def find_contacts(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolution: int,
@@ -106,9 +125,10 @@ def find_contacts(lattice: np.ndarray, faces: np.ndarray, position_bits: int, re
     component = face_components(faces) if component is None else component
     direction = face_directions(lattice, faces)
     corners = np.ascontiguousarray(grid_coordinates(lattice, position_bits, resolution))
-    table = np.full(1 << 16, -1, np.int64), np.zeros(1 << 16, np.int64)
-    cell, label = _cells(corners, np.ascontiguousarray(faces), component * 6 + direction, resolution, surface_walk(), *table)
-    order = np.lexsort((label, cell))
+    label = component * 6 + direction
+    order = np.argsort(label, kind="stable")
+    cell, label = _cells(corners, faces[order], label[order], resolution, surface_walk())
+    order = np.argsort(cell, kind="stable")
     return Contacts(component, direction, cell[order], label[order])
 
 
@@ -159,7 +179,7 @@ def _pieces_by_cell(cell, piece):
 def _count_pairs(cell, piece, gaps):
     """Pairs of pieces at most `gaps` entries apart in one cell, and in how many cells: int64 [3, n]. The tables double as
     needed."""
-    keys, counts, used = np.full(1 << 12, -1, np.int64), np.zeros((2, 1 << 12), np.int64), 0
+    keys, counts, used = np.full(FIRST_TABLE, -1, np.int64), np.zeros((2, FIRST_TABLE), np.int64), 0
     for i in range(len(cell)):
         for j in range(i + 1, min(i + gaps + 1, len(cell))):
             if cell[j] != cell[i]:

@@ -132,18 +132,24 @@ def find_contacts(lattice: np.ndarray, faces: np.ndarray, position_bits: int, re
     return Contacts(component, direction, cell[order], label[order])
 
 
+@kernel
+def _count_folds(cell, label, components):
+    """int64 [2, components]: cells of every component, and those with faces of opposite direction. Entries ascend by cell and
+    label."""
+    counts, mask = np.zeros((2, components), np.int64), 0
+    for i in range(len(cell)):
+        component = label[i] // 6
+        mask |= 1 << (label[i] % 6)
+        if i + 1 == len(cell) or cell[i + 1] != cell[i] or label[i + 1] // 6 != component:
+            counts[0, component] += 1
+            counts[1, component] += (mask & (mask >> 1) & 0b010101) != 0
+            mask = 0
+    return counts
+
+
 def folding_components(contacts: Contacts) -> np.ndarray:
     """Components in which faces of opposite direction share more than MIN_FOLD of the cells: ascending int64 array."""
-    component = contacts.label // 6
-    bits = 1 << (contacts.label % 6)
-    group = np.ones(len(bits), bool)
-    group[1:] = (contacts.cell[1:] != contacts.cell[:-1]) | (component[1:] != component[:-1])
-    first = np.flatnonzero(group)
-    mask = np.bitwise_or.reduceat(bits, first)
-    opposite = (mask & (mask >> 1) & 0b010101) != 0
-    owner = component[first]
-    cells = np.bincount(owner)
-    folded = np.bincount(owner, weights=opposite, minlength=len(cells))
+    cells, folded = _count_folds(contacts.cell, contacts.label, int(contacts.component.max()) + 1)
     return np.flatnonzero(folded > MIN_FOLD * np.maximum(cells, 1))
 
 

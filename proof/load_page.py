@@ -2,6 +2,7 @@
 
 from bench.accuracy_page import machine, wrapped
 from bench.result_tables import markdown_table
+from proof.load_faces import STEEPEST, slopes
 from proof.load_refused import TARGET as PEAK
 from proof.load_refused import WORST
 from proof.load_slope import TARGET as SLOPE
@@ -90,4 +91,24 @@ def _levels(found):
                                "bytes of memory each"], rows)
 
 
-SECTIONS = {"slope": _slope, "together": _together, "batch": _batch, "refused": _refused, "levels": _levels}
+def _faces(found):
+    rows, powers = found["rows"], slopes(found)
+    yield "## Many faces"
+    yield ""
+    yield ("Encoding with the usual options and decoding to GLB, two threads, kernels compiled, of meshes made by "
+           "proof/face_meshes.py: scans, and inputs that are hard. Seconds are of the processor; silent is the longest part of "
+           "them without a word of progress. Memory is what the process held at most beyond what it held before, the image "
+           "included. The exponent is of the power of the faces that the seconds grow with, by least squares over the "
+           f"logarithms; at most {STEEPEST}.")
+    yield ""
+    columns = [(what, name) for what in ("encode", "save") for name in ("seconds", "silence", "memory")]
+    table = [[row["kind"], f"{row['faces']:,}", *(f"{row[what][name] / row['faces']:,.0f}" if name == "memory" else
+                                                  f"{row[what][name]:.1f}" for what, name in columns)] for row in rows]
+    yield from markdown_table(["mesh", "faces", "s, encode", "s silent", "bytes of memory a face", "s, to GLB", "s silent",
+                               "bytes of memory a face"], table)
+    yield ""
+    yield from markdown_table(["mesh", "exponent, encode", "exponent, to GLB"],
+                              [[kind, f"{own['encode']:.2f}", f"{own['save']:.2f}"] for kind, own in powers.items()])
+
+
+SECTIONS = {"slope": _slope, "together": _together, "batch": _batch, "refused": _refused, "levels": _levels, "faces": _faces}

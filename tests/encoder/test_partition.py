@@ -7,6 +7,7 @@ import pytest
 from shapes import scene_of
 
 from texfcodec.api import decode, encode
+from texfcodec.encoder.decide import contacts
 from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import InputError
 from texfcodec.geometry.surface import make_surface
@@ -196,3 +197,93 @@ def test_the_api_refuses_losses_as_the_command_line_does():
     scene.dropped, report = [], Report()
     assert encode(scene, EncodeOptions(resolution=16, qp=30, strict=True), report)  # a remark refuses nothing
     assert report.remarks == scene.remarks and report.warnings == report.dropped == []
+
+
+# Contacts beside their definitions
+
+
+def boxes(count, side=0.3, seed=0):
+    """Cubes anywhere in the unit cube: (positions, faces)."""
+    points, faces = cube()
+    return joined(*((side * points + low, faces) for low in np.random.default_rng(seed).uniform(0, 1 - side, (count, 3))))
+
+
+def found(count, resolution=16):
+    """(Surface, Contacts) of boxes."""
+    surface = make_surface(scene_of(*boxes(count)), EncodeOptions())
+    return surface, contacts.find_contacts(surface.lattice, surface.faces, surface.cube.position_bits, resolution)
+
+
+def labels_by_cell(made):
+    """{cell: set of labels} of Contacts."""
+    by_cell = {}
+    for cell, label in zip(made.cell.tolist(), made.label.tolist(), strict=True):
+        by_cell.setdefault(cell, set()).add(label)
+    return by_cell
+
+
+def test_contacts_are_those_of_each_face_alone():
+    """With more cells to a label than the first hash table takes."""
+    surface, made = found(5, 256)
+    assert np.bincount(made.label).max() > contacts.FIRST_TABLE
+    pairs, bits = set(), surface.cube.position_bits
+    for number in range(len(surface.faces)):
+        part = slice(number, number + 1)
+        alone = contacts.find_contacts(surface.lattice, surface.faces[part], bits, 256, made.component[part])
+        pairs |= set(zip(alone.cell.tolist(), alone.label.tolist(), strict=True))
+    assert list(zip(made.cell.tolist(), made.label.tolist(), strict=True)) == sorted(pairs)
+
+
+def test_folding_components_are_those_with_opposite_faces_in_a_cell():
+    made = found(30, 6)[1]
+    cells, folded = np.zeros((2, made.component.max() + 1))
+    for labels in labels_by_cell(made).values():
+        for component in {label // 6 for label in labels}:
+            own = {label % 6 for label in labels if label // 6 == component}
+            cells[component] += 1
+            folded[component] += any({2 * axis, 2 * axis + 1} <= own for axis in range(3))
+    wanted = np.flatnonzero(folded > contacts.MIN_FOLD * cells)
+    np.testing.assert_array_equal(contacts.folding_components(made), wanted)
+    assert len(wanted)
+
+
+def colouring(made, split, most):
+    """colour_pieces() by its definition, by piece."""
+    pieces = [sorted({2 * (label // 6) + (label % 2 if label // 6 in split else 0) for label in labels})
+              for _, labels in sorted(labels_by_cell(made).items())]
+    crowded = sum(len(own) > contacts.NEAR + 1 for own in pieces) > contacts.MIN_CROWD * len(pieces)
+    far, sizes, meetings = contacts.FAR if crowded else contacts.NEAR, {}, {}
+    for own in pieces:
+        for i, piece in enumerate(own):
+            sizes[piece] = sizes.get(piece, 0) + 1
+            for other in own[i + 1 : i + 1 + far]:
+                meetings[piece, other] = meetings.get((piece, other), 0) + 1
+    colour = {}
+    for piece in sorted(sizes, key=lambda piece: (-sizes[piece], piece)):
+        load = [0] * most
+        for (a, b), cells in meetings.items():
+            other = b if a == piece else a if b == piece else None
+            if other in colour and cells > max(contacts.MIN_CONTACT * min(sizes[a], sizes[b]), 1):
+                load[colour[other]] += cells
+        colour[piece] = load.index(min(load))
+    return colour
+
+
+@pytest.mark.parametrize(("count", "resolution"), [(3, 32), (40, 16), (120, 6)])
+def test_pieces_are_coloured_greedily_by_the_cells_in_which_they_meet(count, resolution):
+    made = found(count, resolution)[1]
+    for split in ([], list(range(0, count, 2))):
+        colour = colouring(made, split, 8)
+        piece = contacts.pieces_of(made, split)[0]
+        _, wanted = np.unique([colour[p] for p in piece.tolist()], return_inverse=True)
+        np.testing.assert_array_equal(contacts.colour_pieces(made, split, 8), wanted)
+
+
+def test_meetings_in_a_crowd_are_linear_in_its_pieces():
+    """All pieces in the same three cells: each meets no more than FAR after it."""
+    count = 5000
+    label = np.tile(6 * np.arange(count), 3)
+    made = contacts.Contacts(np.arange(count), np.zeros(count, np.int64), np.repeat(np.arange(3), count), label)
+    meetings, sizes = contacts._meetings(made.cell, made.label // 6)
+    assert meetings.shape[1] <= contacts.FAR * count and (meetings[2] == 3).all() and (sizes == 3).all()
+    assert contacts.colour_pieces(made).max() + 1 == contacts.MAX_FIELDS

@@ -4,14 +4,17 @@ import json
 import mmap
 import sys
 
+import numpy as np
 import pytest
 from shapes import painted_sphere
 
-from proof import load, load_batch, load_levels, load_together
+from proof import load, load_batch, load_faces, load_levels, load_together
+from proof.face_meshes import GENERATORS, glb_of
 from proof.load_refused import FAULTY, TARGET, by_tool, in_forks, refused_faults
 from proof.load_slope import measured, slope_of
 from texfcodec.api import decode
 from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.io.load import load as load_mesh
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions, EncodeOptions
 
@@ -109,3 +112,19 @@ def test_streams_come_near_a_bound_by_what_they_are_for():
     assert 0.5 < load_levels.samples_of(made, made.fields[0].support.size) / bounds.samples <= 1 and len(small) < len(large)
     bounds = Limits(faces=4096)
     assert 0.5 < len(decode(load_levels.streams_of("faces", bounds)[1], DecodeOptions(limits=bounds)).faces) / bounds.faces <= 1
+
+
+@pytest.mark.parametrize("kind", GENERATORS)
+def test_a_mesh_has_as_many_faces_as_it_was_to_have_and_is_read_as_it_was_made(kind):
+    mesh = GENERATORS[kind](3000)
+    assert 0.8 * 3000 < len(mesh.faces) <= 3000
+    scene = load_mesh(glb_of(mesh))
+    np.testing.assert_allclose(scene.positions[scene.faces], mesh.positions[mesh.faces], atol=1e-6)
+    assert (scene.corner_color is None) == (mesh.colours is None) and len(scene.textures) == (mesh.image is not None)
+
+
+def test_what_grows_faster_than_the_faces_is_told():
+    rows = [{"kind": "fan", "faces": n, "encode": {"seconds": 1e-6 * n**1.5}, "save": {"seconds": 1e-3 * n}}
+            for n in (1000, 4000, 16000)]
+    assert load_faces.slopes({"rows": rows})["fan"] == pytest.approx({"encode": 1.5, "save": 1.0})
+    assert load_faces.faces_faults({"rows": rows}) == ["fan: seconds of encode grow with the power 1.50 of the faces"]

@@ -37,8 +37,16 @@ def enc_geometry(lattice: np.ndarray, faces: np.ndarray, position_bits: int) -> 
 def split_corners(faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Corners with their UVs as points: (vertex of every point int64 [P], its UV int64 [P, 2], faces int64 [F, 3] of points).
     faces: int64 [F, 3]; uv: int64 [F, 3, 2]. A vertex is there once for every UV that it has."""
-    points, local = np.unique(np.column_stack([faces.reshape(-1), uv.reshape(-1, 2)]), axis=0, return_inverse=True)
-    return points[:, 0], points[:, 1:], local.reshape(-1, 3)
+    vertex, (u, v) = faces.reshape(-1), uv.reshape(-1, 2).T
+    order = np.lexsort((v, u, vertex))  # a fifth of the time of unique rows
+    new = np.zeros(len(order), bool)
+    new[:1] = True
+    for column in (vertex, u, v):
+        ordered = column[order]
+        new[1:] |= ordered[1:] != ordered[:-1]
+    local, first = np.empty(len(order), np.int64), order[new]
+    local[order] = np.cumsum(new) - 1
+    return vertex[first], np.column_stack([u[first], v[first]]), local.reshape(-1, 3)
 
 
 def enc_textured(lattice: np.ndarray, faces: np.ndarray, uv: np.ndarray, position_bits: int) -> tuple[bytes, UvCoding]:

@@ -17,6 +17,7 @@ MAX_FIELDS = 16
 MIN_CONTACT = 0.002  # share of the smaller piece's cells that two pieces must share to count as meeting
 MIN_FOLD = 0.01  # share of a component's cells with opposite normals that makes it a folding one
 MIN_CROWD = 0.05  # share of the cells that hold more than NEAR + 1 pieces, from which on all meetings in them are counted
+FIRST_TABLE = 1 << 10  # slots of a hash table before it doubles
 NEAR, FAR = 3, 2 * MAX_FIELDS  # a piece meets so many of those after it in a cell
 
 
@@ -55,6 +56,14 @@ def face_directions(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 @kernel
+def _cell_slot(key, keys, taken, table, mask):
+    slot = (((key ^ (key >> 17)) & 0xFFFFFFFF) * 2654435 >> 5) & mask
+    while taken[slot] == table and keys[slot] != key:
+        slot = (slot + 1) & mask
+    return slot
+
+
+@kernel
 def _pair_slot(key, label, keys, labels):
     mask = keys.shape[0] - 1
     slot = ((((key ^ (key >> 17)) & 0xFFFFFFFF) * 2654435 >> 5) + label * 7919) & mask
@@ -64,16 +73,23 @@ def _pair_slot(key, label, keys, labels):
 
 
 @kernel
-def _cells(corners, faces, face_label, resolution, walk, keys, labels):
-    """Marks every (cell, label) the samples fall into; the tables double as needed. Returns int64 [2, entries]: keys, labels. One
-    array, because numba lets an interrupt through between two, and crashes on it."""
+def _cells(corners, faces, face_label, resolution, walk):
+    """Every (cell, label) that the samples fall into, int64 [2, n], ascending by label; faces are so as well. One array, because
+    numba lets an interrupt through between two, and crashes on it.
+
+    The table holds the cells of one label at a time, so that it stays as small as they are few: a slot is taken where it has the
+    number of the table, which is new for every label and whenever the table doubles."""
     start, half, state = walk.start, walk.half_step, walk.state
-    used, last = 0, resolution - 1
+    keys, taken = np.zeros(FIRST_TABLE, np.int64), np.zeros(FIRST_TABLE, np.int64)
+    entries, mask, table = np.empty((2, FIRST_TABLE), np.int64), FIRST_TABLE - 1, 0
+    begin, used, label, last = 0, 0, np.int64(-1), resolution - 1
     while True:
         count = _next_row(corners, faces, 1, walk)
         if count == 0:
             break
-        label, run = face_label[state[FACE]], np.int64(-1)
+        if face_label[state[FACE]] != label:
+            label, begin, table, mask = face_label[state[FACE]], used, table + 1, FIRST_TABLE - 1
+        run = np.int64(-1)
         for i in range(count):
             cx = min(max((start[0] + (2 * i + 1) * half[0]) >> 32, 0), last) >> 1
             cy = min(max((start[1] + (2 * i + 1) * half[1]) >> 32, 0), last) >> 1
@@ -82,21 +98,24 @@ def _cells(corners, faces, face_label, resolution, walk, keys, labels):
             if key == run:
                 continue
             run = key
-            slot = _pair_slot(key, label, keys, labels)
-            if keys[slot] < 0:
-                keys[slot], labels[slot] = key, label
-                used += 1
-                if 2 * used > keys.shape[0]:
-                    old_keys, old_labels = keys, labels
-                    keys, labels = np.full(2 * keys.shape[0], -1, np.int64), np.zeros(2 * keys.shape[0], np.int64)
-                    for k in range(old_keys.shape[0]):
-                        if old_keys[k] >= 0:
-                            slot = _pair_slot(old_keys[k], old_labels[k], keys, labels)
-                            keys[slot], labels[slot] = old_keys[k], old_labels[k]
-    found = np.flatnonzero(keys >= 0)
-    entries = np.empty((2, len(found)), np.int64)
-    entries[0], entries[1] = keys[found], labels[found]
-    return entries
+            slot = _cell_slot(key, keys, taken, table, mask)
+            if taken[slot] == table:
+                continue
+            keys[slot], taken[slot] = key, table
+            if used == entries.shape[1]:
+                more = np.empty((2, 2 * used), np.int64)
+                more[:, :used] = entries
+                entries = more
+            entries[0, used], entries[1, used] = key, label
+            used += 1
+            if 2 * (used - begin) > mask:
+                table, mask = table + 1, 2 * mask + 1
+                if mask >= len(keys):
+                    keys, taken = np.zeros(mask + 1, np.int64), np.zeros(mask + 1, np.int64)
+                for k in range(begin, used):
+                    slot = _cell_slot(entries[0, k], keys, taken, table, mask)
+                    keys[slot], taken[slot] = entries[0, k], table
+    return entries[:, :used].copy()
 
 
 def find_contacts(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolution: int,
@@ -106,33 +125,31 @@ def find_contacts(lattice: np.ndarray, faces: np.ndarray, position_bits: int, re
     component = face_components(faces) if component is None else component
     direction = face_directions(lattice, faces)
     corners = np.ascontiguousarray(grid_coordinates(lattice, position_bits, resolution))
-    table = np.full(1 << 16, -1, np.int64), np.zeros(1 << 16, np.int64)
-    cell, label = _cells(corners, np.ascontiguousarray(faces), component * 6 + direction, resolution, surface_walk(), *table)
-    order = np.lexsort((label, cell))
+    label = component * 6 + direction
+    order = np.argsort(label, kind="stable")
+    cell, label = _cells(corners, faces[order], label[order], resolution, surface_walk())
+    order = np.argsort(cell, kind="stable")
     return Contacts(component, direction, cell[order], label[order])
 
 
-def _unique_pairs(cell, piece):
-    """Distinct (cell, piece) pairs, ascending by cell, then piece."""
-    order = np.lexsort((piece, cell))
-    cell, piece = cell[order], piece[order]
-    new = np.ones(len(cell), bool)
-    new[1:] = (cell[1:] != cell[:-1]) | (piece[1:] != piece[:-1])
-    return cell[new], piece[new]
+@kernel
+def _count_folds(cell, label, components):
+    """int64 [2, components]: cells of every component, and those with faces of opposite direction. Entries ascend by cell and
+    label."""
+    counts, mask = np.zeros((2, components), np.int64), 0
+    for i in range(len(cell)):
+        component = label[i] // 6
+        mask |= 1 << (label[i] % 6)
+        if i + 1 == len(cell) or cell[i + 1] != cell[i] or label[i + 1] // 6 != component:
+            counts[0, component] += 1
+            counts[1, component] += (mask & (mask >> 1) & 0b010101) != 0
+            mask = 0
+    return counts
 
 
 def folding_components(contacts: Contacts) -> np.ndarray:
     """Components in which faces of opposite direction share more than MIN_FOLD of the cells: ascending int64 array."""
-    component = contacts.label // 6
-    bits = 1 << (contacts.label % 6)
-    group = np.ones(len(bits), bool)
-    group[1:] = (contacts.cell[1:] != contacts.cell[:-1]) | (component[1:] != component[:-1])
-    first = np.flatnonzero(group)
-    mask = np.bitwise_or.reduceat(bits, first)
-    opposite = (mask & (mask >> 1) & 0b010101) != 0
-    owner = component[first]
-    cells = np.bincount(owner)
-    folded = np.bincount(owner, weights=opposite, minlength=len(cells))
+    cells, folded = _count_folds(contacts.cell, contacts.label, int(contacts.component.max()) + 1)
     return np.flatnonzero(folded > MIN_FOLD * np.maximum(cells, 1))
 
 
@@ -146,36 +163,89 @@ def pieces_of(contacts: Contacts, split: np.ndarray | Sequence[int] = ()) -> tup
     return face_piece, 2 * component + (contacts.label & 1) * cut[component]
 
 
+@kernel
+def _pieces_by_cell(cell, piece):
+    """The distinct (cell, piece), int64 [2, n], ascending. Entries ascend by cell and component, and a component has at most two
+    pieces, so that each is looked for among the last two and comes before one of them at most."""
+    count = 0
+    pairs = np.empty((2, len(cell)), np.int64)
+    for i in range(len(cell)):
+        known = False
+        for j in range(max(count - 2, 0), count):
+            known |= pairs[0, j] == cell[i] and pairs[1, j] == piece[i]
+        if not known:
+            pairs[0, count], pairs[1, count] = cell[i], piece[i]
+            if count > 0 and pairs[0, count - 1] == cell[i] and pairs[1, count - 1] > piece[i]:
+                pairs[1, count - 1], pairs[1, count] = pairs[1, count], pairs[1, count - 1]
+            count += 1
+    return pairs[:, :count].copy()
+
+
+@kernel
+def _count_pairs(cell, piece, gaps):
+    """Pairs of pieces at most `gaps` entries apart in one cell, and in how many cells: int64 [3, n]. The tables double as
+    needed."""
+    keys, counts, used = np.full(FIRST_TABLE, -1, np.int64), np.zeros((2, FIRST_TABLE), np.int64), 0
+    for i in range(len(cell)):
+        for j in range(i + 1, min(i + gaps + 1, len(cell))):
+            if cell[j] != cell[i]:
+                break
+            low, high = piece[i], piece[j]
+            slot = _pair_slot(low, high, keys, counts[0])
+            if keys[slot] < 0:
+                keys[slot], counts[0, slot] = low, high
+                used += 1
+            counts[1, slot] += 1
+            if 2 * used > len(keys):
+                old_keys, old_counts = keys, counts
+                keys, counts = np.full(2 * len(old_keys), -1, np.int64), np.zeros((2, 2 * len(old_keys)), np.int64)
+                for k in range(len(old_keys)):
+                    if old_keys[k] >= 0:
+                        slot = _pair_slot(old_keys[k], old_counts[0, k], keys, counts[0])
+                        keys[slot], counts[0, slot], counts[1, slot] = old_keys[k], old_counts[0, k], old_counts[1, k]
+    found = np.flatnonzero(keys >= 0)
+    pairs = np.empty((3, len(found)), np.int64)
+    pairs[0], pairs[1], pairs[2] = keys[found], counts[0][found], counts[1][found]
+    return pairs
+
+
 def _meetings(cell, piece):
-    """Pairs of pieces that meet and in how many cells: (int64 [n], int64 [n], int64 [n]), and the cells per piece."""
-    cell, piece = _unique_pairs(cell, piece)
-    sizes = np.bincount(piece)
-    crowded = len(np.unique(cell[NEAR + 1:][cell[NEAR + 1:] == cell[: -NEAR - 1]])) > MIN_CROWD * len(np.unique(cell))
-    pairs = []
-    for gap in range(1, (FAR if crowded else NEAR) + 1):  # a few crowded cells matter not: their pieces meet in others as well
-        same = np.flatnonzero(cell[gap:] == cell[:-gap])
-        pairs.append(piece[same] * len(sizes) + piece[same + gap])
-    pair, count = np.unique(np.concatenate(pairs), return_counts=True)
-    return pair // len(sizes), pair % len(sizes), count, sizes
+    """Pairs of pieces that meet and in how many cells, int64 [3, n] in no order, and the cells per piece. cell, piece: by entry
+    of Contacts."""
+    cell, piece = _pieces_by_cell(cell, piece)
+    crowded = _distinct(cell[NEAR + 1:][cell[NEAR + 1:] == cell[: -NEAR - 1]]) > MIN_CROWD * _distinct(cell)
+    # A few crowded cells matter not: their pieces meet in others as well.
+    return _count_pairs(cell, piece, FAR if crowded else NEAR), np.bincount(piece)
+
+
+def _distinct(ascending):
+    """How many different values an ascending array has."""
+    return int((ascending[1:] != ascending[:-1]).sum()) + (len(ascending) > 0)
+
+
+@kernel
+def _greedy(order, starts, others, cells, most):
+    """Colour of every piece, int64 [P] below `most`: in this order, the one that shares the fewest cells with pieces before it.
+    starts: int64 [P + 1] into others and cells, the pieces that each meets and in how many cells."""
+    colour, load = np.full(len(order), -1, np.int64), np.zeros(most, np.int64)
+    for piece in order:
+        load[:] = 0
+        for k in range(starts[piece], starts[piece + 1]):
+            if colour[others[k]] >= 0:
+                load[colour[others[k]]] += cells[k]
+        colour[piece] = np.argmin(load)
+    return colour
 
 
 def colour_pieces(contacts: Contacts, split: np.ndarray | Sequence[int] = (), most: int = MAX_FIELDS) -> np.ndarray:
     """Field of every face, int64 [F] numbered from 0 without gaps, at most so many: greedy colouring of the pieces, larger ones
     first."""
     face_piece, label_piece = pieces_of(contacts, split)
-    a, b, count, sizes = _meetings(contacts.cell, label_piece)
+    (a, b, count), sizes = _meetings(contacts.cell, label_piece)
     meets = count > np.maximum(MIN_CONTACT * np.minimum(sizes[a], sizes[b]), 1)
-    weight: dict[int, list[tuple[int, int]]] = {}
-    for x, y, n in zip(a[meets].tolist(), b[meets].tolist(), count[meets].tolist(), strict=True):
-        weight.setdefault(x, []).append((y, n))
-        weight.setdefault(y, []).append((x, n))
+    first, other, cells = np.append(a[meets], b[meets]), np.append(b[meets], a[meets]), np.tile(count[meets], 2)
+    grouped = np.argsort(first, kind="stable")
+    starts = np.append(0, np.cumsum(np.bincount(first, minlength=len(sizes))))
     colour = np.zeros(max(len(sizes), int(face_piece.max()) + 1), np.int64)
-    done = set()
-    for piece in np.argsort(-sizes, kind="stable").tolist():
-        load = [0] * most
-        for other, n in weight.get(piece, ()):
-            if other in done:
-                load[colour[other]] += n
-        colour[piece] = load.index(min(load))
-        done.add(piece)
+    colour[: len(sizes)] = _greedy(np.argsort(-sizes, kind="stable"), starts, other[grouped], cells[grouped], most)
     return np.unique(colour[face_piece], return_inverse=True)[1].reshape(-1)

@@ -16,6 +16,7 @@ import numpy as np
 
 from ...codecs.base import Group
 from ...core.colour_error import ColourError, decibels
+from ...core.kernel import kernel
 from ...field.grid import build_brick_map
 from ...field.morton import decode_morton, encode_morton
 from ...field.query import query_field
@@ -261,7 +262,7 @@ def probe_voxels(patch: Patch, resolution: int, cell: int, density: int, coder: 
     surface, bits = patch.surface, patch.surface.cube.position_bits
     grid = patch.points * (resolution / (1 << bits))
     cells = _cells_at(patch, grid.astype(np.int64), cell, VOXEL_CELLS)
-    near = _faces_near(surface.lattice[surface.faces[patch.faces]] * (resolution / (1 << bits)), cells, cell)
+    near = _faces_near(surface.lattice, surface.faces[patch.faces], resolution / (1 << bits), cells, cell)
     faces = surface.faces[patch.faces[near]]
     keys, _ = voxelise(surface.lattice, faces, bits, resolution, area_threshold, patch.threads)
     keys = _within(keys, cells, cell)
@@ -284,11 +285,24 @@ def probe_voxels(patch: Patch, resolution: int, cell: int, density: int, coder: 
     return replace(made, maps=maps)
 
 
-def _faces_near(corners, cells, cell):
-    """Numbers of the faces whose boxes reach into one of the cells. corners: float64 [F, 3, 3], grid coordinates."""
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    near = np.zeros(len(corners), bool)
-    for place in decode_morton(cells).astype(np.int64):
-        near |= ((high >= (place << cell) - 1) & (low <= (place + 1 << cell) + 1)).all(axis=1)
-    return np.flatnonzero(near)
+@kernel
+def _near_cells(lattice, faces, scale, low, high):
+    """bool [F]: whether the box of a face reaches into one of the boxes from low to high, int64 [N, 3]. scale: of the lattice to
+    their grid."""
+    near, least, most = np.zeros(len(faces), np.bool_), np.empty(3), np.empty(3)
+    for f in range(len(faces)):
+        for c in range(3):
+            a, b, d = lattice[faces[f, 0], c] * scale, lattice[faces[f, 1], c] * scale, lattice[faces[f, 2], c] * scale
+            least[c], most[c] = min(a, b, d), max(a, b, d)
+        for k in range(len(low)):
+            near[f] |= (most[0] >= low[k, 0] and most[1] >= low[k, 1] and most[2] >= low[k, 2]
+                        and least[0] <= high[k, 0] and least[1] <= high[k, 1] and least[2] <= high[k, 2])
+    return near
 
+
+def _faces_near(lattice, faces, scale, cells, cell):
+    """Numbers of the faces whose boxes reach into one of the cells. lattice: int64 [V, 3]; faces: int64 [F, 3]; scale: of the
+    lattice to the grid of the cells."""
+    place = decode_morton(cells).astype(np.int64)
+    low, high = (place << cell) - 1, (place + 1 << cell) + 1
+    return np.flatnonzero(_near_cells(lattice, faces, scale, np.ascontiguousarray(low), np.ascontiguousarray(high)))

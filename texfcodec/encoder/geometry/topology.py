@@ -12,9 +12,9 @@ FREE, ON_LINE, FIXED = 0, 1, 2  # what a vertex may do: move, move along its lin
 def undirected(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Edges of faces without equal corners: (ends int64 [E, 2], the lower first; edge of every side int64 [F, 3], from corner i
     to the next; number of faces at each edge int64 [E])."""
-    ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
-    size = int(faces.max(initial=0)) + 1
-    code, edge, count = np.unique(ends[:, 0] * size + ends[:, 1], return_inverse=True, return_counts=True)
+    after, size = np.roll(faces, -1, axis=1), int(faces.max(initial=0)) + 1
+    sides = np.minimum(faces, after) * size + np.maximum(faces, after)
+    code, edge, count = np.unique(sides.reshape(-1), return_inverse=True, return_counts=True)
     return np.stack([code // size, code % size], axis=1), edge.reshape(-1, 3), count
 
 

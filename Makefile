@@ -46,9 +46,12 @@ web:
 interrupts: install
 	$(PY) tests/interrupts.py --moments $(or $(MOMENTS),300) $(if $(JOBS),--jobs $(JOBS)) $(if $(KILL),--kill)
 
-# Kernels, pipelines, pictures and metrics on the demo asset
+# Kernels, pipelines, pictures and metrics on the demo asset, kept as a line of a history and compared with the line before it on
+# this machine: make bench [BEFORE=commit] [OUT=file.jsonl] [PAGE=docs/bench.md]
 bench: install
-	$(PY) -m pytest -q bench --benchmark-only
+	@mkdir -p "$(dir $(or $(OUT),out/bench.jsonl))"
+	$(PY) -m pytest -q bench --benchmark-only --benchmark-json="$(or $(OUT),out/bench.jsonl).last"
+	@$(PY) bench/history.py "$(or $(OUT),out/bench.jsonl)" --append "$(or $(OUT),out/bench.jsonl).last" $(if $(BEFORE),--before $(BEFORE)) --compare $(if $(PAGE),--page "$(PAGE)")
 
 # Voxel clouds with anchor results, see bench/anchor_bdrate.py: make anchor CLOUDS=folder [EFFORT=best]. JSON on stdout.
 anchor: install

@@ -120,9 +120,9 @@ def page_of(runs, picture=None):
     shown = [run for run in runs if is_same_machine(run, last)][-SHOWN:]
     lines = ["# Seconds, run after run", "",
              f"Made by `make bench PAGE=docs/bench.md` (bench/history.py) on {last['cores']} cores of {last['processor']}, "
-             f"Python {last['python']}: the fastest run of each benchmark in seconds, of the wall clock for what bench/test_speed.py "
-             f"calls on the demo asset (in brackets: threads), of the processor for whole processes with compiled kernels. A "
-             f"run counts as slower where the fastest and the median both are, by more than {SLOWER:.0%}.", ""]
+             f"Python {last['python']}: the fastest run of each benchmark in seconds, of the wall clock for what "
+             "bench/test_speed.py calls on the demo asset (in brackets: threads), of the processor for whole processes with "
+             f"compiled kernels. A run counts as slower where the fastest and the median both are, by more than {SLOWER:.0%}.", ""]
     if picture:
         lines += [f"![seconds of the last runs]({picture})", ""]
     heads = [f"{run['commit'][:8]}{'*' * run['dirty']} {run['date'][:10]}" for run in shown]

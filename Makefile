@@ -113,7 +113,7 @@ strangers: install
 three: install
 	$(PY) proof/three_check.py "$(ASSETS)" $(foreach name,$(ALIKE),--alike $(name)) --out "$(or $(OUT),out/three)"
 
-# Memory over 500 calls, 8 processes at once, a batch with faults, memory of refused files, growth with the faces of a mesh:
+# Memory over 500 calls, 8 processes at once, a batch with faults, memory of refused files, many faces, tasks of a Dask cluster:
 # make load [PART="slope ..."] [OUT=folder] [PAGE=docs/load.md]
 load: install
 	$(PY) proof/load.py $(foreach p,$(PART),--part $(p)) --out "$(or $(OUT),out/load)" $(if $(PAGE),--page "$(PAGE)")

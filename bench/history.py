@@ -122,7 +122,7 @@ def page_of(runs, picture=None):
              f"Made by `make bench PAGE=docs/bench.md` (bench/history.py) on {last['cores']} cores of {last['processor']}, "
              f"Python {last['python']}: the fastest run of each benchmark in seconds, of the wall clock for what "
              "bench/test_speed.py calls on the demo asset (in brackets: threads), of the processor for whole processes with "
-             f"compiled kernels. A run counts as slower where the fastest and the median both are, by more than {SLOWER:.0%}.", ""]
+             f"compiled kernels. A run is slower where the fastest and the median both are, by more than {SLOWER:.0%}.", ""]
     if picture:
         lines += [f"![seconds of the last runs]({picture})", ""]
     heads = [f"{run['commit'][:8]}{'*' * run['dirty']} {run['date'][:10]}" for run in shown]

@@ -1,8 +1,8 @@
 """What holds under load: memory over hundreds of calls, processes at once, a batch with faults, memory of refused files, what
 streams at the bounds of a level take, and how time and memory grow with the faces of a mesh.
 
-python proof/load.py [--part slope|together|batch|refused|levels|faces ...] [--out FOLDER] [--page docs/load.md] [--calls N]
-                     [--every]
+python proof/load.py [--part slope|together|batch|refused|levels|faces|cluster ...] [--out FOLDER] [--page docs/load.md]
+                     [--calls N] [--every]
 
 Each part leaves a file in the folder; the page is made of all that lie there, so that parts may be measured one by one. --every
 puts every faulty vector through texf-dec, and not the worst ten alone. Exit code 7: a part of the folder misses its target.
@@ -17,6 +17,7 @@ if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from proof.load_batch import GOOD, batch_faults, run_batch
+from proof.load_cluster import ENCODED, cluster_faults, run_cluster
 from proof.load_faces import SIZES, faces_faults, run_faces
 from proof.load_levels import levels_faults, run_levels
 from proof.load_page import page_of
@@ -27,7 +28,7 @@ from texfcodec.core.json_text import json_text
 from texfcodec.errors import EXIT_DIFFERS
 
 PARTS = {"slope": slope_faults, "together": together_faults, "batch": batch_faults, "refused": refused_faults,
-         "levels": levels_faults, "faces": faces_faults}
+         "levels": levels_faults, "faces": faces_faults, "cluster": cluster_faults}
 
 
 def main(arguments=None):
@@ -40,13 +41,15 @@ def main(arguments=None):
     parser.add_argument("--processes", type=int, default=PROCESSES, metavar="N", help="at once")
     parser.add_argument("--assets", type=int, default=GOOD, metavar="N", help="good ones of the batch")
     parser.add_argument("--faces", type=int, nargs="+", default=SIZES, metavar="N", help="of the meshes that grow")
+    parser.add_argument("--encodes", type=int, default=ENCODED, metavar="N", help="for each size of the cluster")
     parser.add_argument("--every", action="store_true")
     parser.add_argument("--page", type=Path, metavar="FILE.md")
     args = parser.parse_args(arguments)
     args.out.mkdir(parents=True, exist_ok=True)
     measures = {"slope": lambda: run_slopes(args.calls), "together": lambda: run_together(args.processes),
                 "batch": lambda: run_batch(args.assets), "refused": lambda: run_refused(args.every),
-                "levels": run_levels, "faces": lambda: run_faces(args.faces)}
+                "levels": run_levels, "faces": lambda: run_faces(args.faces),
+                "cluster": lambda: run_cluster(args.encodes)}
     for part in [] if args.page_only else args.part or PARTS:
         (args.out / f"{part}.json").write_text(json_text(measures[part](), indent=1), encoding="utf-8")
     found = {part: json.loads((args.out / f"{part}.json").read_text(encoding="utf-8")) for part in PARTS

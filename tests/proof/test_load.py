@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from shapes import painted_sphere
 
-from proof import load, load_batch, load_faces, load_levels, load_together
+from proof import load, load_batch, load_cluster, load_faces, load_levels, load_together
 from proof.face_meshes import GENERATORS, glb_of
 from proof.load_refused import FAULTY, TARGET, by_tool, in_forks, refused_faults
 from proof.load_slope import measured, slope_of
@@ -128,3 +128,39 @@ def test_what_grows_faster_than_the_faces_is_told():
             for n in (1000, 4000, 16000)]
     assert load_faces.slopes({"rows": rows})["fan"] == pytest.approx({"encode": 1.5, "save": 1.0})
     assert load_faces.faces_faults({"rows": rows}) == ["fan: seconds of encode grow with the power 1.50 of the faces"]
+def cluster_row(**changed):
+    """A row of a cluster that did all well."""
+    return {"workers": 2, "tasks": 10, "seconds": 1.0, "scheduler": 0.1, "client": 0.1, "helpers": 1.0, "twice": 0, "wrong": [],
+            "lost": []} | changed
+
+
+def test_what_a_cluster_loses_changes_or_takes_too_long_for_is_told():
+    alone = {"seconds": 1.0, "processor": 1.0, "failed": []}
+    sound = {"alone": alone, "encodes": [cluster_row()], "naps": [cluster_row()]}
+    assert load_cluster.cluster_faults(sound) == []
+    bent = {"alone": alone | {"failed": ["z"]}, "encodes": [cluster_row(lost=["a"], wrong=["b"])],
+            "naps": [cluster_row(twice=1), cluster_row(workers=8, scheduler=0.5)]}
+    assert load_cluster.cluster_faults(bent) == [
+        "z was not encoded alone", "encodes, 2 workers, a: lost", "encodes, 2 workers, b: another result",
+        "naps, 2 workers: 1 tasks ended twice", "8 workers: client and scheduler take 0.060 s a task"]
+
+
+def test_the_page_computes_a_million_assets_from_the_busier_process_and_the_sample():
+    naps = [cluster_row(tasks=1000, scheduler=3.6, client=1.0, seconds=50.0)]
+    found = {"alone": {"seconds": 1.0, "processor": 1.0, "failed": []}, "encodes": [cluster_row()], "naps": naps,
+             "sample": {"seconds": 36.0, "bytes": 2000}, "load": 0.5}
+    page = " ".join(load.page_of({"cluster": found}, {"cluster": []}).split())
+    assert "36 s of the processor each" in page and "10,000 core hours" in page and "2 GB of streams" in page
+    assert "3.6 ms a task, 0.0 days" in page and "feeds 10,000 cores" in page
+    assert "| naps | 2 | 1000 | 50 | 20.0 | 50% | 3.6 | 1.0 | 1.0 |" in page
+
+
+def test_naps_through_a_cluster_come_back_once_each_and_a_wrong_stream_is_seen(tmp_path):
+    pytest.importorskip("distributed", reason='pip install "texfcodec[cluster]"')
+    (tmp_path / "a.ply").write_text("asset")
+    tasks = [load_cluster.Task(name=f"nap {i}", commands=(), input=tmp_path / "a.ply") for i in range(12)]
+    expected = {task.name: (load_cluster.DONE, b"x" if task.name == "nap 3" else None) for task in tasks}
+    with load_cluster.patch.object(load_cluster.cluster, "work", load_cluster.nap):
+        row = load_cluster.on_cluster(tasks, 2, tmp_path / "out", expected)
+    assert row["wrong"] == ["nap 3"] and row["lost"] == [] and row["twice"] == 0
+    assert row["seconds"] > 12 / 2 * load_cluster.NAP_SECONDS and 0 < load_cluster.overhead_of(row) < 2

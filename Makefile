@@ -50,7 +50,7 @@ interrupts: install
 # this machine: make bench [BEFORE=commit] [OUT=file.jsonl] [PAGE=docs/bench.md]
 bench: install
 	@mkdir -p "$(dir $(or $(OUT),out/bench.jsonl))"
-	$(PY) -m pytest -q bench --benchmark-only --benchmark-json="$(or $(OUT),out/bench.jsonl).last"
+	$(PY) -m pytest -q bench --benchmark-only --benchmark-timer=time.process_time --benchmark-json="$(or $(OUT),out/bench.jsonl).last"
 	@$(PY) bench/history.py "$(or $(OUT),out/bench.jsonl)" --append "$(or $(OUT),out/bench.jsonl).last" $(if $(BEFORE),--before $(BEFORE)) --compare $(if $(PAGE),--page "$(PAGE)")
 
 # Voxel clouds with anchor results, see bench/anchor_bdrate.py: make anchor CLOUDS=folder [EFFORT=best]. JSON on stdout.

@@ -1,6 +1,6 @@
 """Ways to run work on threads."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
@@ -19,7 +19,7 @@ def over_blocks(one: Callable[[int], object], count: int, block: int, threads: i
             one(begin)
 
 
-def in_order(one: Callable[[Item], Made], items: Sequence[Item], threads: int) -> Iterator[Made]:
+def in_order(one: Callable[[Item], Made], items: Sequence[Item], threads: int) -> Generator[Made, None, None]:
     """Yields one(item) for every item in their order, with so many at work at a time; once the caller turns away, none begins."""
     if threads < 2 or len(items) < 2:
         yield from map(one, items)

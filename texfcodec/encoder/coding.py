@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import zlib
 from abc import ABC, abstractmethod
+from contextlib import closing
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -87,16 +88,16 @@ class PlaneCoding(Coding):
             begin = time.perf_counter()
             return _unit(plan, stream, place, shares[place[0]], budgets.get(place)), time.perf_counter() - begin
 
-        made = in_order(code, places, plan.request.threads)
-        for n, (i, number) in enumerate(places):
-            with report.stage("attributes", (n, len(places))):
-                spent, seconds = next(made)
-            unit, group = spent.value, groups[number]
-            stream.attributes.append(unit.values)
-            planes[i] |= group.split(unit.decoded)
-            row = {"field": i, "codec": unit.codec.name, "level_shift": unit.values["level_shift"],
-                   "qp_offset": plan.fields[i].qp_offset, "encode_ms": round(1000 * seconds, 1)}
-            evidence.append(row | spent.evidence | errors_of(group, unit.plane, unit.decoded))
+        with closing(in_order(code, places, plan.request.threads)) as made:
+            for n, (i, number) in enumerate(places):
+                with report.stage("attributes", (n, len(places))):
+                    spent, seconds = next(made)
+                unit, group = spent.value, groups[number]
+                stream.attributes.append(unit.values)
+                planes[i] |= group.split(unit.decoded)
+                row = {"field": i, "codec": unit.codec.name, "level_shift": unit.values["level_shift"],
+                       "qp_offset": plan.fields[i].qp_offset, "encode_ms": round(1000 * seconds, 1)}
+                evidence.append(row | spent.evidence | errors_of(group, unit.plane, unit.decoded))
         return Decision(planes, {"channels": evidence})
 
 

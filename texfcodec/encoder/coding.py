@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from .rd import RateDistortion
 
 Planes = list[dict[str, np.ndarray]]  # by field, what a decoder gets, by channel name
+# Voxels and texels of all channel groups up to which these are coded side by side: beyond, memory adds up (a helmet's 15 million:
+# 1.4 GB and not 1.0), and codecs keep the processors busy by themselves
+MOST_TOGETHER = 1 << 22
 
 
 class Content(NamedTuple):
@@ -88,7 +91,8 @@ class PlaneCoding(Coding):
             begin = time.perf_counter()
             return _unit(plan, stream, place, shares[place[0]], budgets.get(place)), time.perf_counter() - begin
 
-        with closing(in_order(code, places, plan.request.threads)) as made:
+        together = sum(len(plan.fields[i].keys) for i, _ in places) <= MOST_TOGETHER
+        with closing(in_order(code, places, plan.request.threads if together else 1)) as made:
             for n, (i, number) in enumerate(places):
                 with report.stage("attributes", (n, len(places))):
                     spent, seconds = next(made)

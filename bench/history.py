@@ -35,8 +35,8 @@ PROCESSES = {"process: texf-enc": ("texfcodec.cli.enc", "{folder}/sample.glb", "
 def run_of(found, processes):
     """A line of the history, as a dict. found: the JSON of pytest-benchmark; processes: of process_rows().
 
-    "rows" holds {"min", "median", "rounds"} by the benchmark's name, in seconds: of the wall clock where pytest-benchmark
-    measured them, of the processor for whole processes."""
+    "rows" holds {"min", "median", "rounds"} by the benchmark's name, in seconds of the processor, which other work on the machine
+    disturbs least."""
     machine, commit = found["machine_info"], found["commit_info"]
     rows = {row["name"]: {key: row["stats"][key] for key in ("min", "median", "rounds")} for row in found["benchmarks"]}
     return {"commit": commit["id"], "dirty": commit["dirty"], "date": found["datetime"],
@@ -120,9 +120,9 @@ def page_of(runs, picture=None):
     shown = [run for run in runs if is_same_machine(run, last)][-SHOWN:]
     lines = ["# Seconds, run after run", "",
              f"Made by `make bench PAGE=docs/bench.md` (bench/history.py) on {last['cores']} cores of {last['processor']}, "
-             f"Python {last['python']}: the fastest run of each benchmark in seconds, of the wall clock for what "
-             "bench/test_speed.py calls on the demo asset (in brackets: threads), of the processor for whole processes with "
-             f"compiled kernels. A run is slower where the fastest and the median both are, by more than {SLOWER:.0%}.", ""]
+             f"Python {last['python']}: the fastest run of each benchmark in seconds of the processor: what "
+             "bench/test_speed.py calls on the demo asset (in brackets: threads), and whole processes with compiled kernels. "
+             f"A run is slower where the fastest and the median both are, by more than {SLOWER:.0%}.", ""]
     if picture:
         lines += [f"![seconds of the last runs]({picture})", ""]
     heads = [f"{run['commit'][:8]}{'*' * run['dirty']} {run['date'][:10]}" for run in shown]

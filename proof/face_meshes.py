@@ -1,12 +1,13 @@
 """Meshes of any number of faces as GLB, for proof/load_faces.py: a scan with an image or with vertex colours, and inputs that are
 hard for an encoder. All are made by code from the number of faces; the same number gives the same bytes."""
 
-import json
-import struct
 from io import BytesIO
 from typing import NamedTuple
 
 import numpy as np
+
+from texfcodec.io.gltf.packing import ARRAY, INDEX
+from texfcodec.io.gltf.writer import Document, glb
 
 IMAGE_SIDE = 4096  # of the scan's image at most, in texels; smaller meshes have as many texels a face, down to the least
 LEAST_SIDE, TEXELS_PER_FACE = 256, 12
@@ -147,35 +148,15 @@ def _png(image):
 
 def glb_of(mesh: FaceMesh) -> bytes:
     """The GLB of a FaceMesh: one primitive, one material without metal."""
-    chunks, views, accessors = [], [], []
-
-    def view(data):
-        views.append({"buffer": 0, "byteOffset": sum(map(len, chunks)), "byteLength": len(data)})
-        chunks.append(data + b"\0" * (-len(data) % 4))
-        return len(views) - 1
-
-    def accessor(array, kind, component, **bounds):
-        accessors.append({"bufferView": view(array.tobytes()), "componentType": component, "count": array.size // len(kind[1]),
-                          "type": kind[0], **bounds})
-        return len(accessors) - 1
-
-    positions = mesh.positions.astype("<f4")
-    bounds = {"min": positions.min(0).tolist(), "max": positions.max(0).tolist()}
-    attributes = {"POSITION": accessor(positions, ("VEC3", "xyz"), 5126, **bounds)}
-    material = {"pbrMetallicRoughness": {"metallicFactor": 0}}
-    document = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}]}
+    document, material = Document({}), {"pbrMetallicRoughness": {"metallicFactor": 0}}
+    attributes = {"POSITION": document.add_accessor(mesh.positions.astype("<f4"), "VEC3", ARRAY, bounds=True)}
     if mesh.colours is not None:
-        attributes["COLOR_0"] = accessor(mesh.colours.astype("<f4"), ("VEC3", "rgb"), 5126)
-    if mesh.uv is not None:
-        attributes["TEXCOORD_0"] = accessor(mesh.uv.astype("<f4"), ("VEC2", "uv"), 5126)
-        material["pbrMetallicRoughness"]["baseColorTexture"] = {"index": 0}
-        document |= {"textures": [{"source": 0}], "images": [{"bufferView": view(_png(mesh.image)), "mimeType": "image/png"}]}
-    indices = accessor(mesh.faces.astype("<u4"), ("SCALAR", "i"), 5125)
-    document |= {"meshes": [{"primitives": [{"attributes": attributes, "indices": indices, "material": 0}]}],
-                 "materials": [material], "accessors": accessors, "bufferViews": views,
-                 "buffers": [{"byteLength": sum(map(len, chunks))}]}
-    text = json.dumps(document).encode()
-    text += b" " * (-len(text) % 4)
-    body = b"".join(chunks)
-    head = struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(body))
-    return head + struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(body), b"BIN\0") + body
+        attributes["COLOR_0"] = document.add_accessor(mesh.colours.astype("<f4"), "VEC3", ARRAY)
+    if mesh.image is not None:
+        attributes["TEXCOORD_0"] = document.add_accessor(mesh.uv.astype("<f4"), "VEC2", ARRAY)
+        image = document.add("images", {"bufferView": document.add_view(_png(mesh.image)), "mimeType": "image/png"})
+        material["pbrMetallicRoughness"]["baseColorTexture"] = {"index": document.add("textures", {"source": image})}
+    indices = document.add_accessor(mesh.faces.reshape(-1).astype("<u4"), "SCALAR", INDEX)
+    primitive = {"attributes": attributes, "indices": indices, "material": document.add("materials", material)}
+    document.add_mesh([primitive], None, None)
+    return b"".join(glb(document))

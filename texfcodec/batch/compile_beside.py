@@ -5,7 +5,7 @@ from contextlib import suppress
 from threading import Thread
 
 from ..options import default_threads
-from ..precompile import compile_later_stages, kernels_compiled
+from ..precompile import kernels_compiled
 from .children import Caps, Children
 
 
@@ -19,4 +19,4 @@ def compile_beside(threads: int) -> None:
 
 def _compile():
     with suppress(OSError):  # no process to be had: all is compiled here
-        Children().run(("-m", compile_later_stages.__module__), subprocess.DEVNULL, subprocess.DEVNULL, Caps(1))
+        Children().run(("-m", "texfcodec.precompile"), subprocess.DEVNULL, subprocess.DEVNULL, Caps(1))

@@ -10,13 +10,8 @@ Made = TypeVar("Made")
 
 def over_blocks(one: Callable[[int], object], count: int, block: int, threads: int) -> None:
     """Calls one(begin) for begin = 0, block, 2 block, ... below count, on so many threads; one must only write its own part."""
-    begins = range(0, count, block)
-    if threads > 1 and len(begins) > 1:
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(one, begins))
-    else:
-        for begin in begins:
-            one(begin)
+    for _ in in_order(one, range(0, count, block), threads):
+        pass
 
 
 def in_order(one: Callable[[Item], Made], items: Sequence[Item], threads: int) -> Generator[Made, None, None]:

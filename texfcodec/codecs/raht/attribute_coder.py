@@ -211,9 +211,9 @@ class _SliceEncoder:
         return b"".join([*self.chunks, finish(self.state, out)]).rstrip(b"\0")
 
 
-def _block_rules(tools, components, last):
-    """planar, rotated and cross of Rules from Tools or CodedAttributes, and what stands after them."""
-    return tools.planar, tools.planar_transform, tools.component_cross if components > 1 else 0, last
+def _block_rules(tools, components):
+    """rotated and cross of Rules from Tools or CodedAttributes."""
+    return tools.planar_transform, tools.component_cross if components > 1 else 0
 
 
 def _new_model(tools):
@@ -247,7 +247,7 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
                 coders = [trunk, *active]
             blocks, wanted = walk.blocks(d), Wanted(originals[d + 1], originals[-1], 256 * lagrangian, _bits_of())
             rules = Rules(_level_class(levels, d), tools.models, steps, (1 << 32) // steps, weights, colour_inverse,
-                          *_block_rules(tools, len(qp), walk.part))
+                          *_block_rules(tools, len(qp)), walk.part)
             children = levels[d].first_child
             assert children is not None  # only the last level has none
             symbols = len(qp) * max(walk.part, 1)  # by child
@@ -271,7 +271,8 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
     codewords = [coder.codeword() for coder in coders] if depth else []
     level_bytes = [coder.level_bytes for coder in coders] if depth else []
     coded = CodedAttributes(list(qp), list(tools.kernel), tools.colour_range, tools.models, filters, root, slice_level,
-                            slice_first, codewords, level_bytes, residual, cross, *_block_rules(tools, len(qp), tools.dct_blocks))
+                            slice_first, codewords, level_bytes, residual, cross, tools.planar, *_block_rules(tools, len(qp)),
+                            tools.dct_blocks)
     return coded, made
 
 
@@ -306,7 +307,7 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
                 first = 1
             blocks = walk.blocks(d)
             rules = Rules(_level_class(levels, d), coded.models, steps, (1 << 32) // steps, weights, colour_inverse,
-                          *_block_rules(coded, len(steps), walk.part))
+                          *_block_rules(coded, len(steps)), walk.part)
             walk.run([partial(_dec_level, coder, model, rules, blocks, new_scratch(len(steps)), begin, end)
                       for (coder, model), (begin, end) in zip(active, ranges, strict=True)])
             walk.descend(d, blocks, ranges)

@@ -21,9 +21,9 @@ ENERGY_SCALE = 16
 SURELY_ZERO = 0.24
 
 # What holds for a level. level: its class; models: 0 for direct contexts; steps, inverse: int64 [C], inverse 2**32 // step;
-# kernel: int64 [7]; colour_inverse: of inverse_range; planar: 1 where the support is; rotated, cross: planar_transform and
-# component_cross; part: texels of a child of a node in a DCT block, 0 where there are none
-Rules = namedtuple("Rules", "level models steps inverse kernel colour_inverse planar rotated cross part")
+# kernel: int64 [7]; colour_inverse: of inverse_range; rotated, cross: planar_transform and component_cross; part: texels of a
+# child of a node in a DCT block, 0 where there are none
+Rules = namedtuple("Rules", "level models steps inverse kernel colour_inverse rotated cross part")
 # The blocks of a level, one per parent. nodes: Nodes; means: Means; above, energy: uint8 [n, 2], energies of the block that each
 # parent came from, and of the blocks themselves, as far as the walk has come; kept_above, kept: of new_kept, likewise; dct:
 # DctBlocks. All indices come from the octree, none from the stream.
@@ -114,7 +114,7 @@ def _close_block(p, rules, blocks, s):
     """Writes the decoded means of the children of block p (spec 7.4.3)."""
     mean, child_mean, child, tree = blocks.means.parent, blocks.means.child, blocks.nodes.first_child[p], s.tree
     components = mean.shape[1]
-    if rules.planar and rules.models:
+    if blocks.nodes.planar and rules.models:
         _keep(p, blocks, s)
     for c in range(components):
         s.shift[c] = mean[p, c] - s.shift[c]

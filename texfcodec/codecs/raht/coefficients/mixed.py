@@ -46,7 +46,7 @@ def _enc_mixed_level(coder, model, rules, blocks, wanted, s, begin, end):
             if quiet < 0 or largest >= 0.5:
                 _features(p, begin, k, splits, flag, rules, blocks, s)
             if largest >= 0.5:
-                if rules.planar:
+                if blocks.nodes.planar:
                     _look_around(p, begin, c0, c1, blocks, s)
                 for c in range(c0, c1):
                     _slopes(s.tree, s.predicted, c, rules.inverse, s.halves, s.expected, s.down, rules.rotated)
@@ -87,7 +87,7 @@ def _dec_mixed_level(coder, model, rules, blocks, s, begin, end):
                     coded = _mixed_bit(False, coder, model, models, chosen, 0)
             s.flags[k] = coded
             if coded:
-                if rules.planar:
+                if blocks.nodes.planar:
                     _look_around(p, begin, c0, c1, blocks, s)
                 for c in range(c0, c1):
                     _slopes(s.tree, s.predicted, c, rules.inverse, s.halves, s.expected, s.down, rules.rotated)

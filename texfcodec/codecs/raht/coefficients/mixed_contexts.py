@@ -76,7 +76,7 @@ def _features(p, first, k, splits, flag, rules, blocks, s):
     """Fills s.f for plane k of block p. flag: whether luma has coefficients; rules, blocks, s: those of blocks.py."""
     f, sums, tree, predicted, shift = s.f, s.sums, s.tree, s.predicted, s.shift
     parent_mean, table, energy, inverse = blocks.means.parent, blocks.nodes.table, blocks.energy, rules.inverse
-    f[LEVEL], f[SPLITS], f[PLANES], f[PLANAR] = rules.level, splits, 2 * k + flag, rules.planar
+    f[LEVEL], f[SPLITS], f[PLANES], f[PLANAR] = rules.level, splits, 2 * k + flag, blocks.nodes.planar
     f[LUMA2] = min(_class(np.int64(energy[p, 0])), 5) if k else 0
     near, near_weight, far, far_weight = sums[k], sums[4], sums[2 + k], sums[5]
     f[NEAR] = _class(_per(near + near_weight - 1, near_weight)) if near_weight else 0

@@ -211,7 +211,7 @@ class _SliceEncoder:
         return b"".join([*self.chunks, finish(self.state, out)]).rstrip(b"\0")
 
 
-def _block_rules(tools, components):
+def _block_rules(tools: Tools | CodedAttributes, components: int) -> tuple[int, int]:
     """rotated and cross of Rules from Tools or CodedAttributes."""
     return tools.planar_transform, tools.component_cross if components > 1 else 0
 

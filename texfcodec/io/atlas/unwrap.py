@@ -10,7 +10,7 @@ from ..formats import ATLAS_METHODS
 
 MIN_SIZE, DEFAULT_MAX_SIZE, MAX_SIZE = 256, 4096, 8192
 QUALITY_FACES = 40_000  # "auto" uses xatlas up to here; measured: 39,455 faces 6 s, 115,200 26 s, 184,452 more than 150 s
-_QUALITY_SECONDS = {"auto": 20.0, "quality": 1800.0}
+_QUALITY_SECONDS = {"auto": 60.0, "quality": 1800.0}
 # Texels around a chart, and the least scale that they are worth. 4 in place of 2: jumps across borders at mip levels 2 and 3 fall
 # by a third to a half, for 0.5 dB of 48 between atlas and field (bball_0001 and waterbottle_pbr).
 _GUTTERS = ((4, 0.8), (2, 0.5), (1, 0.0))

@@ -320,6 +320,7 @@ def _fields(chosen, position_bits, source, units, rd, report):
         with report.stage("voxelise", (number, first)):
             part = active_voxels(lattice, faces, position_bits, rd)
             fields.append(replace(part, qp_offset=chosen.qp_offset))
+        check_voxels(fields, rd.limits)  # here as well: the next may take minutes
     for number, texels in enumerate(chosen.plans, first):
         with report.stage("texels", (number - first, len(chosen.plans))):
             uv, faces = field_uv(units, number), source.surfaces[number][1]

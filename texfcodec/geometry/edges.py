@@ -43,7 +43,7 @@ def shared_edges(corners: np.ndarray) -> Edges:
     """Edges of faces whose corners are welded vertices, int64 [F, 3]. A face with two equal corners has none."""
     start, stop = corners.reshape(-1), np.roll(corners, -1, axis=1).reshape(-1)
     low, high = np.minimum(start, stop), np.maximum(start, stop)
-    order = np.lexsort((high, low))  # stable: sides of an edge in the order of the faces
+    order = np.argsort(low << 32 | high, kind="stable")  # sides of an edge in the order of the faces
     whole = (corners != np.roll(corners, -1, axis=1)).all(axis=1)
     order = order[whole[order // 3]]
     low, high = low[order], high[order]

@@ -7,11 +7,13 @@ from functools import cached_property
 
 import numpy as np
 
-from ..scene.normal_rule import AREA, CODED, JOINED, MARKED, USUAL, NormalRule
+from ..core.kernel import kernel
+from ..scene.normal_rule import ANGLE, AREA, CODED, JOINED, MARKED, USUAL, NormalRule
 from .corner_groups import CornerGroups
 from .edges import Edges, corner_pairs, joined, shared_edges, weld
 
 STEPS = 2048  # of a component of a normal, so that equal ones merge
+BLOCK = 1 << 16  # faces, corners or pairs
 _CANCELLED = 1e-9  # of the weight that a sum keeps, below which it has no direction
 
 
@@ -19,18 +21,25 @@ class Fans:
     """The corners 3 f + c around each vertex of a surface, and what rules ask of them. Vertices at one position count as one.
 
     lattice: int64 [V, 3] below 2**20; faces: int64 [F, 3]. vertex: int64 [3 F]; unit: float64 [F, 3] normals, 0 without area;
-    weights: float64 [3, 3 F] by AREA, ANGLE and BOTH; area: float64 [F], doubled.
+    area: float64 [F], doubled.
     """
 
     def __init__(self, lattice: np.ndarray, faces: np.ndarray) -> None:
         self.vertex = weld(lattice)[faces].ravel()
-        corners = lattice[faces].astype(np.float64)
-        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        area = np.linalg.norm(normal, axis=1)
-        self.unit = normal / np.where(area > 0, area, 1.0)[:, None]
-        angle = _corner_angles(corners)
-        self.area = area
-        self.weights = np.stack([np.repeat(area, 3), angle, np.repeat(area, 3) * angle])
+        self.unit, self.area, self._angle = np.empty((len(faces), 3)), np.empty(len(faces)), np.empty(3 * len(faces))
+        for some in _blocks(len(faces)):
+            corners = lattice[faces[some]].astype(np.float64)
+            normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            area = self.area[some] = np.linalg.norm(normal, axis=1)
+            self.unit[some] = normal / np.where(area > 0, area, 1.0)[:, None]
+            self._angle[3 * some.start : 3 * some.stop] = _corner_angles(corners)
+
+    def weights(self, weight: int) -> np.ndarray:
+        """What each corner counts by AREA, ANGLE or BOTH, float64 [3 F]."""
+        if weight == ANGLE:
+            return self._angle
+        area = np.repeat(self.area, 3)
+        return area if weight == AREA else area * self._angle
 
     @cached_property
     def edges(self) -> Edges:
@@ -42,7 +51,9 @@ class Fans:
         """(pairs of corners at one end of an edge that two faces share, int64 [L, 2]; the cosine between their normals, float64
         [L]; the edge, int64 [L]). All pairs of faces at an edge are there, so that their order has no influence."""
         pairs, edge = corner_pairs(self.edges, self.vertex)
-        cosine = np.einsum("nk,nk->n", self.unit[pairs[:, 0] // 3], self.unit[pairs[:, 1] // 3])
+        cosine = np.empty(len(pairs))
+        for some in _blocks(len(pairs)):
+            cosine[some] = np.einsum("nk,nk->n", self.unit[pairs[some, 0] // 3], self.unit[pairs[some, 1] // 3])
         return pairs, cosine, edge
 
     def normals(self, rule: NormalRule, chosen: np.ndarray | None = None, sharp: np.ndarray | None = None) -> np.ndarray:
@@ -50,7 +61,7 @@ class Fans:
         that are marked."""
         chosen = np.arange(len(self.vertex)) if chosen is None else chosen
         if rule.is_flat:
-            return self._rounded(np.zeros((len(chosen), 4)), chosen)
+            return self._rounded(np.zeros((1, 4)), np.zeros(len(chosen), np.int64), chosen)
         return self.of_sets(self.joined(rule.angle, sharp if rule.kind == MARKED else None), rule.weight, chosen)
 
     def joined(self, angle: int, sharp: np.ndarray | None = None) -> np.ndarray:
@@ -65,16 +76,35 @@ class Fans:
     def of_sets(self, sets: np.ndarray, weight: int, chosen: np.ndarray) -> np.ndarray:
         """Normals of corners that are means over sets, float32 [N, 3]. sets: int64 [3 F], a number below 3 F for every corner, of
         corners at one vertex; chosen: int64 [N]."""
-        weights, unit = self.weights[weight], np.repeat(self.unit, 3, axis=0)
-        summed = [*(weights * unit[:, k] for k in range(3)), weights]
-        total = np.stack([np.bincount(sets, one, len(sets)) for one in summed], axis=1)
-        return self._rounded(total[sets[chosen]], chosen)
+        total = np.zeros((len(sets), 4))
+        _add_up(sets, self.weights(weight), self.unit, total)
+        return self._rounded(total, sets[chosen], chosen)
 
-    def _rounded(self, total, chosen):
-        """Sums [N, 4] as unit vectors; the face's own normal where they cancel, z where it has none either."""
-        clear = np.linalg.norm(total[:, :3], axis=1) > _CANCELLED * total[:, 3]
-        direction = _unit(np.where(clear[:, None], total[:, :3], self.unit[chosen // 3]))
-        return _unit(np.rint(direction * STEPS)).astype(np.float32)
+    def _rounded(self, total, sets, chosen):
+        """Sums [S, 4] of the sets of chosen corners, as unit vectors; the face's own normal where they cancel, z where it has
+        none either."""
+        out = np.empty((len(chosen), 3), np.float32)
+        for some in _blocks(len(chosen)):
+            summed = total[sets[some]]
+            clear = np.linalg.norm(summed[:, :3], axis=1) > _CANCELLED * summed[:, 3]
+            direction = _unit(np.where(clear[:, None], summed[:, :3], self.unit[chosen[some] // 3]))
+            out[some] = _unit(np.rint(direction * STEPS))
+        return out
+
+
+@kernel
+def _add_up(sets, weights, unit, total):
+    """Adds normals of faces, by the weights of their corners, and the weights to the sums of sets, float64 [S, 4]. sets: int64
+    [3 F] below S: joined() numbers each set by its least corner."""
+    for c in range(sets.shape[0]):
+        for k in range(3):
+            total[sets[c], k] += weights[c] * unit[c // 3, k]
+        total[sets[c], 3] += weights[c]
+
+
+def _blocks(count):
+    """Slices of BLOCK numbers below count: what is computed a block at a time stays in the cache and takes no memory."""
+    return [slice(begin, min(begin + BLOCK, count)) for begin in range(0, count, BLOCK)]
 
 
 def _of_groups(groups, normals, fans, chosen):

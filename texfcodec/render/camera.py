@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.kernel import kernel
 from ..errors import InputError
 
 MAX_SIZE = 1 << 14  # pixels a side; raster.py's integers are bounded with it
@@ -121,11 +122,20 @@ def to_camera(camera: Camera, points: np.ndarray) -> np.ndarray:
 
     Every point by itself, in a fixed order of operations: equal points have equal images, wherever they stand.
     """
-    seen, out = np.asarray(points, np.float64).reshape(-1, 3) - camera.eye, np.empty((len(points), 3))
-    scales = (1 / camera.pixel, -1 / camera.pixel, 1.0)
-    for axis, (along, scale) in enumerate(zip((camera.right, camera.up, camera.forward), scales, strict=True)):
-        out[:, axis] = (seen[:, 0] * along[0] + seen[:, 1] * along[1] + seen[:, 2] * along[2]) * scale
+    points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
+    out = np.empty((len(points), 3))
+    axes = np.array([camera.right, camera.up, camera.forward], np.float64)
+    _turn(points, np.asarray(camera.eye, np.float64), axes, np.array((1 / camera.pixel, -1 / camera.pixel, 1.0)), out)
     return out
+
+
+@kernel
+def _turn(points, eye, axes, scales, out):
+    """(points - eye) along each axis, float64 [3, 3], times its scale, into out float64 [M, 3]."""
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0] - eye[0], points[i, 1] - eye[1], points[i, 2] - eye[2]
+        for k in range(3):
+            out[i, k] = (x * axes[k, 0] + y * axes[k, 1] + z * axes[k, 2]) * scales[k]
 
 
 def to_screen(camera: Camera, seen: np.ndarray) -> np.ndarray:

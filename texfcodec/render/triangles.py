@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.kernel import kernel
-from .camera import Camera, to_camera, to_screen
+from .camera import Camera, to_camera
 
 SUBPIXELS = 256  # positions of a corner per pixel; raster.py's shifts by 8 are this
 GUARD = 1 << 20  # pixels from the picture's centre up to which corners are snapped; what lies beyond is clipped there
@@ -56,15 +56,10 @@ def set_up(camera: Camera, positions: np.ndarray, faces: np.ndarray, cull: bool 
     kept = np.full(len(faces), not cull) if two_sided is None or not cull else np.array(two_sided, np.bool_)
     if kept.shape != (len(faces),):
         raise ValueError(f"two_sided must be [{len(faces)}], not {list(kept.shape)}")
-    with np.errstate(all="ignore"):
-        seen = to_camera(camera, positions)
-        screen = to_screen(camera, seen)
-    finite = (np.abs(seen) < FAR).all(axis=1)
-    near = _near(camera, seen[finite])
-    state = _state(camera, screen, finite, near)
-    snapped = np.zeros((len(screen), 2), np.int64)
-    inside = state == IN_REACH
-    snapped[inside] = np.floor(screen[inside, :2] * SUBPIXELS + 0.5)
+    seen = to_camera(camera, positions)
+    near = _near(_deepest(seen)) if camera.perspective else -np.inf
+    state, snapped = np.empty(len(seen), np.uint8), np.empty((len(seen), 2), np.int64)
+    _snap_corners(seen, near, camera.perspective, camera.width, camera.height, state, snapped)
     most = len(faces) + (MOST_CORNERS - 3) * _count_clipped(faces, state)
     corner, plane, owner = np.empty((most, 6), np.int64), np.empty((most, 5)), np.empty(most, np.int64)
     count = _set_up(seen, faces, state, snapped, _planes(camera, near), kept, camera.perspective, camera.width, camera.height,
@@ -73,19 +68,42 @@ def set_up(camera: Camera, positions: np.ndarray, faces: np.ndarray, cull: bool 
     return Triangles(camera, seen, faces, corner, plane, owner, *_sort_into_bands(corner, camera.height))
 
 
-def _near(camera, seen):
-    """Depth of the near plane: a fixed share of the deepest corner; inf where nothing lies before a perspective camera."""
-    deepest = seen[:, 2].max(initial=0.0)
+def _near(deepest):
+    """Depth of a perspective camera's near plane: a fixed share of the deepest corner's; inf where nothing lies before it."""
     return max(NEAR * deepest, 1e-290) if deepest > 0 else np.inf
 
 
-def _state(camera, screen, finite, near):
-    """uint8 [V]: what is to be done with each corner."""
-    with np.errstate(all="ignore"):
-        inside = (np.abs(screen[:, 0] - camera.width / 2) <= GUARD) & (np.abs(screen[:, 1] - camera.height / 2) <= GUARD)
-    if camera.perspective:
-        inside &= screen[:, 2] >= near
-    return np.where(finite, np.where(inside, IN_REACH, TO_CLIP), NOT_FINITE).astype(np.uint8)
+@kernel
+def _is_finite(point):
+    """Whether all coordinates in camera space, float64 [3], are so small that no product overflows."""
+    return abs(point[0]) < FAR and abs(point[1]) < FAR and abs(point[2]) < FAR
+
+
+@kernel
+def _deepest(seen):
+    """Largest depth of the finite corners; 0 without any before the camera."""
+    deepest = 0.0
+    for v in range(seen.shape[0]):
+        if _is_finite(seen[v]):
+            deepest = max(deepest, seen[v, 2])
+    return deepest
+
+
+@kernel
+def _snap_corners(seen, near, perspective, width, height, state, snapped):
+    """What is to be done with each corner, into state uint8 [V], and where those IN_REACH lie, into snapped int64 [V, 2]; 0 for
+    the others."""
+    for v in range(seen.shape[0]):
+        snapped[v, 0], snapped[v, 1] = 0, 0
+        if not _is_finite(seen[v]):
+            state[v] = NOT_FINITE
+            continue
+        over = 1.0 / seen[v, 2] if perspective else 1.0
+        x, y = seen[v, 0] * over + 0.5 * width, seen[v, 1] * over + 0.5 * height
+        inside = abs(x - 0.5 * width) <= GUARD and abs(y - 0.5 * height) <= GUARD and seen[v, 2] >= near
+        state[v] = IN_REACH if inside else TO_CLIP
+        if inside:
+            snapped[v, 0], snapped[v, 1] = np.int64(np.floor(x * SUBPIXELS + 0.5)), np.int64(np.floor(y * SUBPIXELS + 0.5))
 
 
 def _planes(camera, near):

@@ -16,7 +16,6 @@ import numpy as np
 
 from ...geometry.areas import face_areas, sample_surface
 from ...geometry.canonical import finer_cube
-from ...geometry.draco import enc_geometry, enc_textured, split_corners
 from ...geometry.mesh import Mesh, points_at
 from ...geometry.nearest_points import NearestPoints
 from ...geometry.surface import Surface, make_surface, place_mesh
@@ -24,6 +23,7 @@ from ...metrics.surface_distance import surface_distance
 from ...options import FINEST_POSITIONS
 from ...report import Step, no_step
 from ..decision import Decision
+from ..estimates.draco_bytes import draco_bytes
 from ..estimates.position_error import Moved
 from ..geometry.carried_uvs import carried_uvs
 from ..geometry.drawn_source import DrawnSource, draw_onto, fetched_normals
@@ -332,15 +332,14 @@ class _Meshes:
 
     def _bytes(self, surface, face, corner_uv):
         """Bytes of Draco for the faces over voxels, and for those of each plan and material with their UVs."""
-        plan_of, size = self._plan_of[face], 0
+        plan_of, bits, size = self._plan_of[face], surface.cube.position_bits, 0
         if (plan_of < 0).any():
-            size += len(enc_geometry(surface.lattice, surface.faces[plan_of < 0], surface.cube.position_bits))
+            size += draco_bytes(surface.lattice, surface.faces[plan_of < 0], bits)
         unit = plan_of * (int(surface.material.max(initial=0)) + 1) + surface.material
         for mine in (np.flatnonzero(unit == one) for one in np.unique(unit[plan_of >= 0])):
             plan = self.plans[plan_of[mine[0]]]
             uv = np.floor(corner_uv[mine] * np.array(plan.size) * (1 << plan.fraction_bits) + 0.5).astype(np.int64)
-            vertex, uv, faces = split_corners(surface.faces[mine], uv - uv.min(axis=(0, 1)))
-            size += len(enc_textured(surface.lattice[vertex], faces, uv, surface.cube.position_bits)[0])
+            size += draco_bytes(surface.lattice, surface.faces[mine], bits, uv)
         return size
 
     @cached_property
@@ -433,4 +432,4 @@ def _is_coarser(place, other):
 
 
 def _geometry_bytes(surface):
-    return len(enc_geometry(surface.lattice, surface.faces, surface.cube.position_bits))
+    return draco_bytes(surface.lattice, surface.faces, surface.cube.position_bits)

@@ -312,7 +312,7 @@ def _coded(rules, target, sharp, tolerance):
     groups = groups_of(target.surface.lattice, target.surface.faces, asking, target.fans.edges, sharp)
     step = target.step(len(groups), tolerance)
     of_group = groups.group[groups.corner_of]
-    weight = target.fans.weights[BOTH][groups.corner_of]
+    weight = target.fans.weights(BOTH)[groups.corner_of]
     mean = np.stack([np.bincount(of_group, weight * target.source[groups.corner_of, k], len(groups)) for k in range(3)], axis=1)
     length = np.linalg.norm(mean, axis=1)
     base = groups.frame[:, 2] / np.linalg.norm(groups.frame[:, 2], axis=1)[:, None]

@@ -14,11 +14,12 @@ import numpy as np
 
 from ...codecs import codec_of
 from ...errors import LimitError
-from ...geometry.draco import enc_geometry, enc_textured, split_corners
+from ...geometry.draco import split_corners
 from ...options import MOST_RESOLUTION
 from ...report import Step, no_step
 from ...scene.channels import BASE_COLOUR
 from ..decision import Decision
+from ..estimates.draco_bytes import draco_bytes
 from ..estimates.image_measures import UNIT_BYTES
 from ..estimates.probe import TEXEL_CELL, VOXEL_CELL, Probe
 from ..estimates.usual_values import USUAL_K, texels_shown, usual_values
@@ -51,6 +52,7 @@ SQUARE_BITS = 4  # of UVs, at least, where texels are squares: their sides move 
 FINER_K, FINER_BITS = 1.5, 2  # times K, and bits of UVs, for what came out too coarse
 UV_BYTES_A_BIT = 2 / 8  # of a corner, for each bit of its two coordinates
 LOSSLESS_FRACTION = 4
+MOST_VOXELS = 1 << 24  # that a K of the choice may have: a minute's work; surfaces that cross each other ten thousandfold have more
 MOST_ROWS = 1 << 27  # of texels that the faces of an image go over, a few seconds; more than a million faces have elsewhere
 
 
@@ -276,7 +278,7 @@ class _Choice:
     def _best_voxels(self, patch, fixed, most=np.inf):
         """(K, Probes by K): down or up the ladder, from where voxels have the rate's QP, for as long as they cost less. fixed:
         bytes of the geometry; most: cost from which on no other K is tried."""
-        ladder, tried = [k for k in LADDER if k <= self.rd.resolution] or LADDER[:1], {}
+        ladder, tried = self._ladder(patch), {}
         first = best = min(range(len(ladder)), key=lambda i: abs(self.rd.qp_offset(patch.voxels(ladder[i]), patch.weight)))
 
         def cost(place):
@@ -289,6 +291,19 @@ class _Choice:
             while 0 <= best + step < len(ladder) and cost(best + step) < (FINER_COST if step > 0 else 1.0) * cost(best):
                 best += step
         return ladder[best], tried
+
+    def _ladder(self, patch):
+        """Values of K that voxels of a patch may have."""
+        most = min(self.rd.resolution, self._most_resolution(patch))
+        return [k for k in LADDER if k <= most] or LADDER[:1]
+
+    def _most_resolution(self, patch):
+        """The finest K with no more than MOST_VOXELS of a patch, roughly; LADDER's coarsest at least. None of a surface without
+        area bounds it."""
+        if patch is None:
+            return MOST_RESOLUTION
+        most = min(self.rd.limits.voxels or MOST_VOXELS, MOST_VOXELS)
+        return max(int(USUAL_K * (most / max(patch.voxels(USUAL_K), 1)) ** 0.5), LADDER[0])
 
     def _rows(self, tried, chosen, patch):
         """What the report says of Probes by K, the chosen one last."""
@@ -303,7 +318,8 @@ class _Choice:
         if free and rest.any() and is_plain(self.scene, colours, self.surface.material[rest]):
             return _coarsest(self.rd, self.request), None, {"reason": "what stays over voxels is one colour: nothing to probe"}
         if self.finer & set(np.unique(self.surface.material[rest]).tolist()):
-            return min(round(FINER_K * usual), MOST_RESOLUTION), None, {}
+            patch = self.rd.patch(self.scene, self.surface, np.flatnonzero(rest))
+            return min(round(FINER_K * usual), MOST_RESOLUTION, self._most_resolution(patch)), None, {}
         alone = [one for one in decided if not one.goes and len(one.plan.group.faces) == rest.sum() and one.voxels]
         if alone:
             return alone[0].resolution, alone[0].voxels, {}
@@ -337,11 +353,7 @@ def _reason(texels, voxels):
 def _geometry_bytes(plan, surface):
     """(bytes of the group's geometry alone, with its UVs), as one Draco unit."""
     faces, bits = surface.faces[plan.group.faces], surface.cube.position_bits
-    used, local = np.unique(faces, return_inverse=True)
-    plain = len(enc_geometry(surface.lattice[used], local.reshape(-1, 3), bits))
-    uv = plan.corner_uv()
-    vertex, uv, corners = split_corners(faces, uv - uv.min(axis=(0, 1)))
-    return plain, len(enc_textured(surface.lattice[vertex], corners, uv, bits)[0])
+    return draco_bytes(surface.lattice, faces, bits), draco_bytes(surface.lattice, faces, bits, plan.corner_uv())
 
 
 def _coarsest(rd, request):

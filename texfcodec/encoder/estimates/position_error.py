@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...core.colour_error import ColourError
+from ...core.threads import in_order
 from ...geometry.areas import relative_areas
 from ...geometry.canonical import MAX_BITS, fit_cube
 from ...geometry.shading_normals import corner_normals
@@ -63,8 +64,8 @@ class PositionError:
     def _pictures(self, scene, source=None):
         """In flat colours and, where there is light, in light. source: of its base colour, where it is not the source's."""
         lights, source = [None, *([Lighting(scene)] if self.lit else [])], source or self._source
-        return [[render_scene(scene, camera, threads=self.threads, source=source, shaded=light) for camera in self._cameras]
-                for light in lights]
+        return [list(in_order(lambda camera, light=light: render_scene(scene, camera, source=source, shaded=light),
+                              self._cameras, self.threads)) for light in lights]
 
     def of(self, drawn: Surface, normals: np.ndarray) -> Moved:
         """What the source looks like on another surface. drawn: faces of the source where they are now; normals: at their corners

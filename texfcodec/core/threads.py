@@ -1,5 +1,6 @@
 """Ways to run work on threads."""
 
+from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
@@ -15,15 +16,19 @@ def over_blocks(one: Callable[[int], object], count: int, block: int, threads: i
 
 
 def in_order(one: Callable[[Item], Made], items: Sequence[Item], threads: int) -> Generator[Made, None, None]:
-    """Yields one(item) for every item in their order, with so many at work at a time; once the caller turns away, none begins."""
+    """Yields one(item) for every item in their order, with so many at work at a time and as many waiting for the caller; once it
+    turns away, none begins."""
     if threads < 2 or len(items) < 2:
         yield from map(one, items)
         return
     with ThreadPoolExecutor(threads) as pool:
-        jobs = [pool.submit(one, item) for item in items]
+        jobs = deque(pool.submit(one, item) for item in items[: 2 * threads])
         try:
-            for job in jobs:
-                yield job.result()
+            for item in items[2 * threads :]:
+                yield jobs.popleft().result()
+                jobs.append(pool.submit(one, item))
+            while jobs:
+                yield jobs.popleft().result()
         finally:
             for job in jobs:
                 job.cancel()

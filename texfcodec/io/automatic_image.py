@@ -18,6 +18,7 @@ ADDED = 0.045  # of it that a JPEG may add
 _SHARES = (0.3, 0.25, 0.2, 0.175, 0.15, 0.125, 0.1, 0.0)  # of the step, that are tried; a JPEG has none below 1
 LEAST_STEP = 4.0  # below it the rounding of JPEG's own colour transform is too much
 _TILE, _TILES = 64, 64  # texels a side of what is looked at, and how many of these
+_FEW = 4  # every so manyth row and column of the tiles is looked at first: Pillow takes seconds for a picture of many colours
 _PALETTES = (256, 128, 64, 32, 16)  # numbers of colours that are tried
 _BANDS = 4  # every fourth band of tiles tells how large a PNG gets
 _LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
@@ -49,7 +50,9 @@ def automatic_image(image: np.ndarray, step: float | None, srgb: bool = True) ->
 def _near_palette(image, tiles, allowed, srgb):
     """As palette_of(), of the fewest colours that are no further from the image's than `allowed`, a mean squared error; None
     where 256 are. Drawn images have few colours under the noise that coding left."""
-    near = None
+    few, near = tiles[::_FEW, ::_FEW], None
+    if _error(few, _quantised(few, _PALETTES[0])[1], srgb) > allowed:  # what does not do for a part, does not for the whole
+        return None
     for count in _PALETTES:
         if _error(tiles, _quantised(tiles, count)[1], srgb) > allowed:
             break

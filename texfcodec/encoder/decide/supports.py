@@ -52,7 +52,7 @@ SQUARE_BITS = 4  # of UVs, at least, where texels are squares: their sides move 
 FINER_K, FINER_BITS = 1.5, 2  # times K, and bits of UVs, for what came out too coarse
 UV_BYTES_A_BIT = 2 / 8  # of a corner, for each bit of its two coordinates
 LOSSLESS_FRACTION = 4
-MOST_VOXELS = 1 << 24  # that a K of the choice may have: a minute's work; surfaces that cross each other ten thousandfold have more
+MOST_VOXELS = 1 << 24  # that a K of the choice may have, a minute of work; thousands of surfaces that overlap have more
 MOST_ROWS = 1 << 27  # of texels that the faces of an image go over, a few seconds; more than a million faces have elsewhere
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...core.kernel import kernel
 from ...geometry.tangents import corner_tangents
 from ...scene.channels import BY_NAME, channel_over
 from ...scene.factors import FLAT
@@ -63,25 +64,58 @@ class AtlasMaps:
         assert normals is not None and tangents is not None, "a normal map needs the normals of its corners"
 
         def ask_normal(points, face):
-            weights = self._weights(points, face)
-            normal, tangent = (np.einsum("mk,mkc->mc", weights, corner[face]) for corner in (normals, tangents))
-            normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-            bent = normal + (ask(points, face) / FLAT - 1)
-            bent /= np.maximum(np.linalg.norm(bent, axis=1, keepdims=True), 1e-12)
-            along = tangent[:, :3] / np.maximum(np.linalg.norm(tangent[:, :3], axis=1, keepdims=True), 1e-12)
-            across = np.cross(normal, along) * np.where(tangent[:, 3:] < 0, -1.0, 1.0)
-            xy = np.column_stack([(bent * along).sum(axis=1), (bent * across).sum(axis=1)])
-            return ((xy + 1) * FLAT).astype(np.float32)
+            xy = np.empty((len(points), 2), np.float32)
+            _in_tangent_space(points, face, self._corners, normals, tangents, ask(points, face), xy)
+            return xy
 
         return ask_normal
 
-    def _weights(self, points, face):
-        """Barycentric coordinates of points on their faces, float64 [M, 3]; thirds on a face without area."""
-        a, b, c = (self._corners[face, k] for k in range(3))
-        u, v, w = b - a, c - a, points - a
-        uu, uv, vv, wu, wv = ((p * q).sum(axis=1) for p, q in ((u, u), (u, v), (v, v), (w, u), (w, v)))
-        area = uu * vv - uv * uv
-        with np.errstate(all="ignore"):
-            second, third = (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
-        out = np.column_stack([1 - second - third, second, third])
-        return np.clip(np.where(np.isfinite(out).all(axis=1, keepdims=True), out, 1 / 3), 0, 1)
+
+@kernel
+def _weights_at(point, corner, weight):
+    """Barycentric coordinates of a point on a face with corners float64 [3, 3], into weight float64 [3]; thirds without area."""
+    uu = uv = vv = wu = wv = 0.0
+    for k in range(3):
+        u, v, w = corner[1, k] - corner[0, k], corner[2, k] - corner[0, k], point[k] - corner[0, k]
+        uu, uv, vv, wu, wv = uu + u * u, uv + u * v, vv + v * v, wu + w * u, wv + w * v
+    area = uu * vv - uv * uv
+    weight[1], weight[2] = (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
+    weight[0] = 1 - weight[1] - weight[2]
+    finite = np.isfinite(weight[1]) and np.isfinite(weight[2])
+    for k in range(3):
+        weight[k] = min(max(weight[k], 0.0), 1.0) if finite else 1 / 3
+
+
+@kernel
+def _normalise(vector):
+    """Scales float64 [3] to length 1, unless it is shorter than 1e-12."""
+    over = 1 / max(np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]), 1e-12)
+    for k in range(3):
+        vector[k] *= over
+
+
+@kernel
+def _in_tangent_space(points, face, corners, normals, tangents, offsets, xy):
+    """x and y of normals in the atlas's tangent space, into xy float32 [M, 2] in 0..255.
+
+    points: float64 [M, 3]; face: int64 [M]; corners: float64 [F, 3, 3]; normals: float [F, 3, 3]; tangents: float [F, 3, 4];
+    offsets: float32 [M, 3] in 0..255, what the normals differ from the interpolated ones by."""
+    weight, bent, tangent, normal = np.empty(3), np.empty(3), np.empty(4), np.empty(3)
+    for m in range(points.shape[0]):
+        f = face[m]
+        _weights_at(points[m], corners[f], weight)
+        for k in range(4):
+            tangent[k] = weight[0] * tangents[f, 0, k] + weight[1] * tangents[f, 1, k] + weight[2] * tangents[f, 2, k]
+        for k in range(3):
+            normal[k] = weight[0] * normals[f, 0, k] + weight[1] * normals[f, 1, k] + weight[2] * normals[f, 2, k]
+        _normalise(normal)
+        _normalise(tangent)
+        for k in range(3):
+            bent[k] = normal[k] + (offsets[m, k] / FLAT - 1)
+        _normalise(bent)
+        along = across = 0.0
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            along += bent[k] * tangent[k]
+            across += bent[k] * (normal[i] * tangent[j] - normal[j] * tangent[i])
+        xy[m, 0], xy[m, 1] = (along + 1) * FLAT, ((-across if tangent[3] < 0 else across) + 1) * FLAT

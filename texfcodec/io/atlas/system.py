@@ -8,19 +8,19 @@ kept as five numbers for each texel; Gauss-Seidel sweeps, which keep every value
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import cached_property
-from itertools import chain
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ...core.kernel import kernel
+from ...core.threads import in_order
 from ...field.texel_cover import nearest_on_triangle, span_in_band
 from .seams import border_edges, inner_edges
 from .unwrap import Atlas
 
-BLOCK = 1 << 19  # points asked of the field at once: about 40 MB in flight
+BLOCK = 1 << 18  # points asked of the field at once: about 20 MB in flight, for each of a few blocks
 SAMPLES = 2  # points along the side of a texel: 3 and 4 gain less than 0.2 dB of 48 to 57 and take two to four times as long
 BORDER_SAMPLES = 4  # along a texel's length of a chart's border: jumps there fall by half, for 0.05 dB of 48
 SWEEPS = 4  # 8 or 20 gain less than 0.1 dB
@@ -88,7 +88,7 @@ class AtlasSystem:
         0..255. weighted: the field answers one column more, how much a point counts, 0..1; a texel at whose centre nothing counts
         starts from the mean of what counts around it. The result does not depend on threads."""
         values = np.clip(np.nan_to_num(self.at_centres(ask, channels + weighted)), 0.0, 255.0)
-        matrix, right = self._equations(ask, channels, weighted)
+        matrix, right = self._equations(ask, channels, weighted, threads)
         if weighted:
             lost = (values[:, channels] <= 0) & (right[channels] > 0)
             values[lost, :channels] = (right[:channels, lost] / right[channels, lost]).T
@@ -105,14 +105,18 @@ class AtlasSystem:
             list(pool.map(one, range(channels)))
         return values[:, :channels]
 
-    def _equations(self, ask, channels, weighted):
+    def _equations(self, ask, channels, weighted, threads):
         """(B^T W B float32 [n, 5], B^T W s float32 [channels, n], with B^T W 1 after it where points are weighted)."""
         known = None if weighted else self._matrix
         count = np.count_nonzero(self.covered)
         matrix = np.zeros((count, 5), np.float32) if known is None else known
         right = np.zeros((channels + weighted, count), np.float32)
-        for x, y, face in chain(self._samples(), self._border_samples()):
-            shown = np.ascontiguousarray(np.nan_to_num(ask(self._points(x, y, face), face)), np.float32)
+
+        def shown_at(block):
+            x, y, face = block()
+            return x, y, np.ascontiguousarray(np.nan_to_num(ask(self._points(x, y, face), face)), np.float32)
+
+        for x, y, shown in in_order(shown_at, self._sample_blocks(), threads):
             weight = np.ones(len(x), np.float32)
             if weighted:
                 weight, shown[:, channels] = shown[:, channels].copy(), 1
@@ -126,28 +130,31 @@ class AtlasSystem:
     def _points(self, x, y, face):
         return _surface_points(x, y, face, self.texels, *self._mesh)
 
-    def _samples(self):
-        """Sample points in blocks: (x, y float64 [M] in texels, face int64 [M])."""
+    def _sample_blocks(self):
+        """Functions that return sample points, no more than about BLOCK each: (x, y float64 [M] in texels, face int64 [M])."""
         height, width = self.owner.shape
         rows = max(BLOCK // (width * SAMPLES * SAMPLES), 1)
-        for top in range(0, height, rows):
-            owner = np.full((min(rows, height - top) * SAMPLES, width * SAMPLES), -1, np.int32)
-            _scan(self.texels, SAMPLES, top * SAMPLES, owner)
-            row, column = np.nonzero(owner >= 0)
-            if len(row):
-                yield (column + 0.5) / SAMPLES, (row + 0.5) / SAMPLES + top, owner[row, column].astype(np.int64)
+        ends = np.linalg.norm(np.subtract(*self.borders[1].reshape(-1, 2, 2).swapaxes(0, 1)), axis=1)
+        done = np.concatenate([[0], np.cumsum(np.ceil(ends * BORDER_SAMPLES).astype(np.int64))])
+        return [*(partial(self._samples, top, rows) for top in range(0, height, rows)),
+                *(partial(self._border_samples, done, first) for first in range(0, int(done[-1]), BLOCK))]
 
-    def _border_samples(self):
-        """Sample points along the chart borders, from both sides: as _samples()."""
+    def _samples(self, top, rows):
+        """Of some rows of texels."""
+        height, width = self.owner.shape
+        owner = np.full((min(rows, height - top) * SAMPLES, width * SAMPLES), -1, np.int32)
+        _scan(self.texels, SAMPLES, top * SAMPLES, owner)
+        row, column = np.nonzero(owner >= 0)
+        return (column + 0.5) / SAMPLES, (row + 0.5) / SAMPLES + top, owner[row, column].astype(np.int64)
+
+    def _border_samples(self, done, first):
+        """Along the borders of charts, from both sides. done: int64 [E + 1], samples before each edge; first: of them."""
         face, ends = self.borders[0].reshape(-1) // 3, self.borders[1].reshape(-1, 2, 2)
-        count = np.ceil(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) * BORDER_SAMPLES).astype(np.int64)
-        done = np.concatenate([[0], np.cumsum(count)])
-        for first in range(0, int(done[-1]), BLOCK):
-            number = np.arange(first, min(first + BLOCK, int(done[-1])))
-            edge = np.searchsorted(done, number, side="right") - 1
-            share = ((number - done[edge] + 0.5) / count[edge])[:, None]
-            place = ends[edge, 0] * (1 - share) + ends[edge, 1] * share
-            yield place[:, 0], place[:, 1], face[edge]
+        number = np.arange(first, min(first + BLOCK, int(done[-1])))
+        edge = np.searchsorted(done, number, side="right") - 1
+        share = ((number - done[edge] + 0.5) / (done[edge + 1] - done[edge]))[:, None]
+        place = ends[edge, 0] * (1 - share) + ends[edge, 1] * share
+        return place[:, 0], place[:, 1], face[edge]
 
 
 def cover(texels: np.ndarray, width: int, height: int) -> np.ndarray:

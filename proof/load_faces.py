@@ -20,7 +20,7 @@ from proof.face_meshes import GENERATORS, glb_of
 from proof.memory import Memory
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-SIZES = (2000, 8000, 32000)  # faces
+SIZES = (10_000, 30_000, 100_000)  # faces
 WARM = 1000  # faces of the mesh that every process begins with, so that kernels are there
 STEEPEST = 1.25  # exponent of seconds over faces
 

@@ -59,7 +59,7 @@ def rows_of(system, x, y):
 
 def dense(system, ask, columns):
     """The damped least squares that fitted() solves, as a dense matrix and its right side."""
-    x, y, face = (np.concatenate(part) for part in zip(*system._samples(), *system._border_samples(), strict=True))
+    x, y, face = (np.concatenate(part) for part in zip(*(block() for block in system._sample_blocks()), strict=True))
     look_ups, wanted = rows_of(system, x, y), ask(system._points(x, y, face), face)
     start = system.at_centres(ask, columns)
     damping = system_room.DAMPING * (look_ups**2).sum(0).mean()
@@ -87,7 +87,7 @@ def test_weighted_fit_agrees_with_a_dense_least_squares_solution(monkeypatch):
     system = AtlasSystem(*two_squares())
     counts = lambda points: 0.25 + 0.75 * (points[:, 1] < 0.5)
     ask = lambda points, face: np.column_stack([rough_colour(points), counts(points)]).astype(np.float32)
-    x, y, face = (np.concatenate(part) for part in zip(*system._samples(), *system._border_samples(), strict=True))
+    x, y, face = (np.concatenate(part) for part in zip(*(block() for block in system._sample_blocks()), strict=True))
     points = system._points(x, y, face)
     root, look_ups = np.sqrt(counts(points))[:, None], rows_of(system, x, y)
     start = system.at_centres(ask, 4)[:, :3]

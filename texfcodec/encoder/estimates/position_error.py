@@ -64,8 +64,14 @@ class PositionError:
     def _pictures(self, scene, source=None):
         """In flat colours and, where there is light, in light. source: of its base colour, where it is not the source's."""
         lights, source = [None, *([Lighting(scene)] if self.lit else [])], source or self._source
-        return [list(in_order(lambda camera, light=light: render_scene(scene, camera, source=source, shaded=light),
-                              self._cameras, self.threads)) for light in lights]
+
+        def in_light(light):
+            def picture(camera):
+                return render_scene(scene, camera, source=source, shaded=light)
+
+            return list(in_order(picture, self._cameras, self.threads))
+
+        return [in_light(light) for light in lights]
 
     def of(self, drawn: Surface, normals: np.ndarray) -> Moved:
         """What the source looks like on another surface. drawn: faces of the source where they are now; normals: at their corners

@@ -31,7 +31,7 @@ conformance: install
 	$(PY) conformance/run.py $(if $(DECODER),--decoder "$(DECODER)") $(if $(QUERIES),--queries)
 	@if [ -n "$(DECODER)" ] || [ ! -d native/build/draco ]; then exit; fi; $(MAKE) native PYTHON="$(PY)"
 
-# The C++ decoder of native/, through every vector; the WebAssembly module of it that js/ and --isolate run (docs/native.md)
+# The C++ decoder of native/, through every vector; the WebAssembly module of it that js/ and --isolate run (docs/guide/native.md)
 native:
 	$(MAKE) -C native
 	$(PYTHON) conformance/run.py --decoder native/build/texf_dec --queries
@@ -47,7 +47,7 @@ interrupts: install
 	$(PY) tests/interrupts.py --moments $(or $(MOMENTS),300) $(if $(JOBS),--jobs $(JOBS)) $(if $(KILL),--kill)
 
 # Kernels, pipelines, pictures and metrics on the demo asset, kept as a line of a history and compared with the line before it on
-# this machine: make bench [BEFORE=commit] [OUT=file.jsonl] [PAGE=docs/bench.md]
+# this machine: make bench [BEFORE=commit] [OUT=file.jsonl] [PAGE=docs/reports/bench.md]
 bench: install
 	@mkdir -p "$(dir $(or $(OUT),out/bench.jsonl))"
 	$(PY) -m pytest -q bench --benchmark-only --benchmark-timer=time.process_time --benchmark-json="$(or $(OUT),out/bench.jsonl).last"
@@ -74,15 +74,15 @@ rate-points: install
 	$(PY) bench/rate_points.py "$(or $(CONDITIONS),conditions/smoke.toml)" --out "$(or $(OUT),out/rate_points)" $(if $(ASSETS),--assets "$(ASSETS)") $(if $(JOBS),--jobs $(JOBS))
 	$(PY) bench/collect.py "$(or $(OUT),out/rate_points)" --out "$(or $(OUT),out/rate_points)"
 
-# docs/results.md: every asset and the paper's rows against rivals; hours, resumable: make results ASSETS=folder [JOBS=n] [OUT=folder]
+# docs/reports/results.md: every asset and the paper's rows against rivals; hours, resumable: make results ASSETS=folder [JOBS=n] [OUT=folder]
 results: install
 	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[rivals,baselines]"
 	for part in all_assets paper resident lossy_geometry; do $(PY) bench/rate_points.py conditions/$$part.toml --out "$(or $(OUT),out/results)/$$part" --assets "$(ASSETS)" $(if $(JOBS),--jobs $(JOBS)) || exit $$?; done
 	$(PY) bench/collect.py "$(or $(OUT),out/results)/paper" --against "UV-Source HEVC" --out "$(or $(OUT),out/results)"
-	$(PY) bench/paper_table.py --all "$(or $(OUT),out/results)/all_assets" --paper "$(or $(OUT),out/results)/paper" --resident "$(or $(OUT),out/results)/resident" --geometry "$(or $(OUT),out/results)/lossy_geometry" --assets "$(ASSETS)" --out docs/results.md
+	$(PY) bench/paper_table.py --all "$(or $(OUT),out/results)/all_assets" --paper "$(or $(OUT),out/results)/paper" --resident "$(or $(OUT),out/results)/resident" --geometry "$(or $(OUT),out/results)/lossy_geometry" --assets "$(ASSETS)" --out docs/reports/results.md
 
 # Which settings of the encoder pay, and what a second buys: make accuracy-time [ASSET="file or name ..."] [ASSETS=folder]
-# [KNOB="name ..."] [QUICK=1] [REPEATS=n] [JOBS=n] [OUT=folder] [PAGE=docs/accuracy_time.md]. Without ASSET the four of the page
+# [KNOB="name ..."] [QUICK=1] [REPEATS=n] [JOBS=n] [OUT=folder] [PAGE=docs/reports/accuracy_time.md]. Without ASSET the four of the page
 # where ASSETS names their folder, else the sample.
 accuracy-time: install
 	$(PY) bench/accuracy_time.py $(if $(ASSETS),--assets "$(ASSETS)") $(if $(or $(ASSET),$(if $(ASSETS),,sample)),--asset $(or $(ASSET),sample)) $(if $(KNOB),--knob $(KNOB)) $(if $(QUICK),--quick) $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out "$(or $(OUT),out/accuracy_time)" $(if $(PAGE),--page "$(PAGE)")
@@ -94,13 +94,13 @@ neural: install
 	$(PY) bench/rate_points.py conditions/neural_time.toml --out "$(or $(OUT),out/resident)" --keep-old $(if $(ASSETS),--assets "$(ASSETS)")
 	$(PY) bench/neural_time.py "$(or $(OUT),out/resident)" --out "$(or $(OUT),out/resident)"
 
-# How far off hard cases can get: make stability [SECONDS=5] [CASE="name"] [MOST=1] [STATE=file.jsonl] [PAGE=docs/stability.md]
+# How far off hard cases can get: make stability [SECONDS=5] [CASE="name"] [MOST=1] [STATE=file.jsonl] [PAGE=docs/reports/stability.md]
 stability: install
 	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[plots]"
 	$(PY) proof/stability --seconds $(or $(SECONDS),5) $(if $(CASE),--case "$(CASE)") $(if $(MOST),--most) $(if $(STATE),--state "$(STATE)") $(if $(PAGE),--page "$(PAGE)")
 
 # Streams and decoded arrays over threads, versions, processors, locales and folders, a Markdown table:
-# make determinism [ASSETS=folder] [ENVIRONMENTS=1] [PYTHONS="file ..."] [OUT=folder] [PAGE=docs/determinism.md]
+# make determinism [ASSETS=folder] [ENVIRONMENTS=1] [PYTHONS="file ..."] [OUT=folder] [PAGE=docs/reports/determinism.md]
 determinism: install
 	$(PY) proof/determinism.py $(if $(ASSETS),--assets "$(ASSETS)") $(if $(ENVIRONMENTS),--environments) $(foreach p,$(PYTHONS),--python "$(p)") --out "$(or $(OUT),out/determinism)" $(if $(PAGE),--page "$(PAGE)")
 
@@ -114,11 +114,11 @@ three: install
 	$(PY) proof/three_check.py "$(ASSETS)" $(foreach name,$(ALIKE),--alike $(name)) --out "$(or $(OUT),out/three)"
 
 # Memory over 500 calls, 8 processes at once, a batch with faults, memory of refused files, many faces, tasks of a Dask cluster:
-# make load [PART="slope ..."] [OUT=folder] [PAGE=docs/load.md]
+# make load [PART="slope ..."] [OUT=folder] [PAGE=docs/reports/load.md]
 load: install
 	$(PY) proof/load.py $(foreach p,$(PART),--part $(p)) --out "$(or $(OUT),out/load)" $(if $(PAGE),--page "$(PAGE)")
 
-# Fuzz targets of the decoder and the loaders: make fuzz [SECONDS=20] [TARGET="name ..."] [OUT=folder] [PAGE=docs/fuzzing.md]
+# Fuzz targets of the decoder and the loaders: make fuzz [SECONDS=20] [TARGET="name ..."] [OUT=folder] [PAGE=docs/reports/fuzzing.md]
 fuzz: install
 	$(PY) tests/fuzz/run.py --seconds $(or $(SECONDS),20) $(foreach name,$(TARGET),--target $(name)) --out "$(or $(OUT),out/fuzz)" $(if $(PAGE),--page "$(PAGE)")
 
@@ -126,11 +126,11 @@ fuzz: install
 faults: install
 	$(PY) tests/fuzz/faults.py --state "$(or $(OUT),out/fuzz)/state.jsonl"
 
-# Rules of the naive decoder that no vector holds, an hour or more (a part: proof/mutants.py --only 7.6, a sample: --sample 400): make mutants [STATE=file.jsonl] [PAGE=docs/mutants.md]
+# Rules of the naive decoder that no vector holds, an hour or more (a part: proof/mutants.py --only 7.6, a sample: --sample 400): make mutants [STATE=file.jsonl] [PAGE=docs/reports/mutants.md]
 mutants: install
 	$(PY) proof/mutants.py --state "$(or $(STATE),out/mutants.jsonl)" $(if $(PAGE),--page "$(PAGE)")
 
-# Branches of all that a decode imports, the JIT off, and those that nothing takes: make coverage [PART="name ..."] [OUT=folder] [PAGE=docs/coverage.md]
+# Branches of all that a decode imports, the JIT off, and those that nothing takes: make coverage [PART="name ..."] [OUT=folder] [PAGE=docs/reports/coverage.md]
 coverage: install
 	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
 	$(PY) proof/coverage_table.py $(foreach p,$(PART),--part $(p)) --out "$(or $(OUT),out/coverage)" $(if $(PAGE),--page "$(PAGE)")

@@ -115,12 +115,12 @@ def _seconds(value):
 
 
 def page_of(runs, picture=None):
-    """docs/bench.md: the last runs on the machine of the last one. picture: name of the plot beside the page, or None."""
+    """docs/reports/bench.md: the last runs on the machine of the last one. picture: name of the plot beside the page, or None."""
     last = runs[-1]
     shown = [run for run in runs if is_same_machine(run, last)][-SHOWN:]
     lines = ["# Seconds, run after run", "",
-             f"Made by `make bench PAGE=docs/bench.md` (bench/history.py) on {last['cores']} cores of {last['processor']}, "
-             f"Python {last['python']}: the fastest run of each benchmark in seconds of the processor: what "
+             f"Made by `make bench PAGE=docs/reports/bench.md` (bench/history.py) on {last['cores']} cores of "
+             f"{last['processor']}, Python {last['python']}: the fastest run of each benchmark in seconds of the processor: what "
              "bench/test_speed.py calls on the demo asset (in brackets: threads), and whole processes with compiled kernels. "
              f"A run is slower where the fastest and the median both are, by more than {SLOWER:.0%}.", ""]
     if picture:

@@ -1,4 +1,4 @@
-"""docs/results.md: the paper's rows beside ours, who wins where and why, what --advise foretells, and lossy geometry.
+"""docs/reports/results.md: the paper's rows beside ours, who wins where and why, what --advise foretells, and lossy geometry.
 
 python bench/paper_table.py --all DIR --assets FOLDER [--paper DIR] [--resident DIR] [--geometry DIR] --out FILE.md
 
@@ -168,7 +168,7 @@ def geometry_lines(rows):
 
 
 def page(args):
-    """The whole docs/results.md."""
+    """The whole docs/reports/results.md."""
     rows = read_results(args.all)
     names = sorted({row["asset"] for row in rows} - {"sample"})
     paths = {name: path for name in names if (path := args.assets / f"{name}.glb").exists()}

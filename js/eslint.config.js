@@ -9,7 +9,7 @@ const FAULTS = {
   'default-case-last': 'error',
   'eqeqeq': 'error',
   'no-constructor-return': 'error',
-  'no-eval': 'error', // the content security policy of docs/web.md
+  'no-eval': 'error', // the content security policy of docs/guide/web.md
   'no-implied-eval': 'error',
   'no-new-func': 'error',
   'no-promise-executor-return': 'error',

@@ -1,4 +1,4 @@
-"""docs/coverage.md: what proof/coverage_table.py counted, by module, and every branch that no run takes."""
+"""docs/reports/coverage.md: what proof/coverage_table.py counted, by module, and every branch that no run takes."""
 
 from bench.accuracy_page import machine, wrapped
 from bench.result_tables import markdown_table
@@ -15,7 +15,7 @@ COMPILED = (
 
 
 def page_of(modules, reasons, runs):
-    """docs/coverage.md. modules: Module; reasons: {key: why}; runs: (Part, seconds)."""
+    """docs/reports/coverage.md. modules: Module; reasons: {key: why}; runs: (Part, seconds)."""
     branches, missed = sum(m.branches for m in modules), sum(len(m.missed) for m in modules)
     share = f"{100 * (branches - missed) / max(branches, 1):.2f} %"
     out = ["# Branches of the decoder", "",

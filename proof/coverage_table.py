@@ -1,6 +1,6 @@
 """Branches of everything a decode imports, and which of them no run takes, with the JIT off.
 
-python proof/coverage_table.py [--part NAME ...] [--out FOLDER] [--page docs/coverage.md] [--keep]
+python proof/coverage_table.py [--part NAME ...] [--out FOLDER] [--page docs/reports/coverage.md] [--keep]
 
 What a decode imports is asked of a fresh interpreter, in which texf-dec decodes one vector of each kind (SEEN_ON) to each kind of
 file: the modules of texfcodec that it holds at its end are measured, whole, the encoder's side of a file too. Then the PARTS run,

@@ -66,7 +66,7 @@ def _verdict(case, expected, run, reason):
 
 
 def page_of(runs, cases, verdicts, options):
-    """docs/determinism.md. options: {row: what it is coded with}."""
+    """docs/reports/determinism.md. options: {row: what it is coded with}."""
     reference, *others = runs
     count = {text: sum(v.text == text for row in verdicts.values() for v in row.values()) for text in ORDER}
     total = sum(count.values())

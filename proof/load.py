@@ -1,7 +1,7 @@
 """What holds under load: memory over hundreds of calls, processes at once, a batch with faults, memory of refused files, what
 streams at the bounds of a level take, and how time and memory grow with the faces of a mesh.
 
-python proof/load.py [--part slope|together|batch|refused|levels|faces|cluster ...] [--out FOLDER] [--page docs/load.md]
+python proof/load.py [--part slope|together|batch|refused|levels|faces|cluster ...] [--out FOLDER] [--page docs/reports/load.md]
                      [--calls N] [--every]
 
 Each part leaves a file in the folder; the page is made of all that lie there, so that parts may be measured one by one. --every

@@ -13,7 +13,7 @@ MB = 1 << 20
 
 
 def page_of(found, faults):
-    """docs/load.md. found: {part: what it measured}; faults: {part: sentences on what misses its target}."""
+    """docs/reports/load.md. found: {part: what it measured}; faults: {part: sentences on what misses its target}."""
     lines = ["# Under load", "", f"Made by `make load` (proof/load.py) on {machine()}.", ""]
     for part, section in SECTIONS.items():
         if part in found:

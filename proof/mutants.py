@@ -1,7 +1,7 @@
 """Mutants of the naive decoder: one rule changed at a time, to see whether a conformance vector notices.
 
 python proof/mutants.py [--module NAME ...] [--only PART ...] [--every N | --sample N [--seed S]] [--jobs N] [--seconds S]
-                        [--state FILE.jsonl] [--page docs/mutants.md]
+                        [--state FILE.jsonl] [--page docs/reports/mutants.md]
 
 A mutant has one operator, comparison, constant or condition of tests/naive changed. It is *killed* when a vector of conformance/
 is decoded to something else, refused otherwise, answers a query wrong, or takes too long. A *survivor* is a rule that no vector

@@ -1,4 +1,4 @@
-"""docs/mutants.md: what proof/mutants.py found, by module, by clause and one by one."""
+"""docs/reports/mutants.md: what proof/mutants.py found, by module, by clause and one by one."""
 
 import ast
 import re
@@ -31,7 +31,7 @@ def statements_of(module):
 
 
 def page_of(found, equivalents, told=""):
-    """docs/mutants.md. found: {Mutant: killer or None}; told: what was run, a sentence or more."""
+    """docs/reports/mutants.md. found: {Mutant: killer or None}; told: what was run, a sentence or more."""
     survivors = [m for m, killer in found.items() if killer is None and m.name not in equivalents]
     settled = len(found) - len(survivors)
     share = f"{settled / max(len(found), 1):.1%}"

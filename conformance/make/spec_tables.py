@@ -1,5 +1,5 @@
-"""Writes the generated blocks of the documents: tables and examples of bitstream_spec.md, the list of findings of docs/guide.md
-and the effects of docs/materials.md. With --check: exit 7 when they differ."""
+"""Writes the generated blocks of the documents: tables and examples of bitstream_spec.md, the list of findings of
+docs/guide/guide.md and the effects of docs/design/materials.md. With --check: exit 7 when they differ."""
 
 import math
 import re
@@ -18,7 +18,7 @@ from texfcodec.scene.effects import EFFECTS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SPEC = REPOSITORY / "bitstream_spec.md"
-GUIDE, MATERIALS = (REPOSITORY / "docs" / name for name in ("guide.md", "materials.md"))
+GUIDE, MATERIALS = (REPOSITORY / "docs" / name for name in ("guide/guide.md", "design/materials.md"))
 EXAMPLE, MIXED, DIRECT = "uncommon/point_triangle", "uncommon/planar_mixed", "uncommon/planar_direct"
 
 

@@ -6,7 +6,7 @@
  *     const loader = new GLTFLoader().register((parser) => new TEXFStreamExtension(parser));
  *     scene.add((await loader.loadAsync('scan.glb')).scene);
  *
- * The extension is described in docs/TEXF_stream.md of the repository.
+ * The extension is described in docs/guide/TEXF_stream.md of the repository.
  */
 
 import {TexfError, decode} from './index.js';

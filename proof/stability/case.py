@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-TEST, PAGE, MOST = range(3)  # how large heavy cases are: in tests, for docs/stability.md, and as large as they are ever run
+TEST, PAGE, MOST = range(3)  # how large heavy cases are: in tests, for docs/reports/stability.md, and as large as they are run
 MUTATED = 3  # answers that a step of the search changes at most
 
 

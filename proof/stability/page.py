@@ -1,4 +1,4 @@
-"""docs/stability.md from the table and the worst trials."""
+"""docs/reports/stability.md from the table and the worst trials."""
 
 import re
 

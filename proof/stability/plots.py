@@ -1,4 +1,4 @@
-"""Pictures of docs/stability.md, where matplotlib is installed."""
+"""Pictures of docs/reports/stability.md, where matplotlib is installed."""
 
 from decimal import Decimal
 from pathlib import Path

@@ -135,7 +135,7 @@ def test_fits_stand_under_their_own_asset(tmp_path, monkeypatch):
 def test_tables_of_the_documentation_keep_to_one_asset():
     """Bytes of a fit follow from its asset and the size asked for: rows of another asset show by theirs."""
     tables = {}
-    for section in (REPOSITORY / "docs/neural.md").read_text(encoding="utf-8").split("\n### "):
+    for section in (REPOSITORY / "docs/design/neural.md").read_text(encoding="utf-8").split("\n### "):
         for size, resident in re.findall(r"^\| 3dntc_(\d+)_\d+ \| ([\d,]+) \|", section, re.MULTILINE):
             tables.setdefault(section.splitlines()[0], {}).setdefault(size, set()).add(resident)
     assert set(tables) == {"Basketball player", "Water bottle"}

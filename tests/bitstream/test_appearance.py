@@ -79,7 +79,7 @@ def any_material(draw):
 
 
 def naive_effects(material):
-    """Names of the effects of a naive decoder's material, by docs/materials.md."""
+    """Names of the effects of a naive decoder's material, by docs/design/materials.md."""
     value = lambda name: material["parameters"].get(PARAMETER_BY_NAME[name].number, list(PARAMETER_BY_NAME[name].default))
     above = lambda *names: all(max(value(name)) > 0 for name in names)
     mapped = lambda name, scale: BY_NAME[name].semantic in material["channels"] and value(scale) != [0]

@@ -1,4 +1,4 @@
-"""docs/fuzzing.md: what was run, what it reached, what it found."""
+"""docs/reports/fuzzing.md: what was run, what it reached, what it found."""
 
 import json
 from collections.abc import Iterable
@@ -9,7 +9,7 @@ from fuzz.targets import TARGETS
 MENDED = Path(__file__).with_name("mended.json")
 HEAD = """# Fuzzing
 
-Made by `make fuzz PAGE=docs/fuzzing.md` from the runs so far; `tests/fuzz/` holds the targets, and
+Made by `make fuzz PAGE=docs/reports/fuzzing.md` from the runs so far; `tests/fuzz/` holds the targets, and
 `make fuzz SECONDS=n [TARGET=name]` runs them. A target takes bytes as choices, writes legal syntax, bends one or two elements
 under right checksums, and runs the part of the decoder, or the loader, that it is for. It may end in a value or in an error with
 a code; an exception, a crash, an input that takes longer than 10 s or adds more than 256 MB to the process is a finding.

@@ -1,6 +1,6 @@
 """Fuzzes every target: compiled at full speed, guided by coverage without the compiler, what was kept with indices checked.
 
-    python tests/fuzz/run.py [--seconds 20] [--target NAME ...] [--out out/fuzz] [--state FILE.jsonl] [--page docs/fuzzing.md]
+    python tests/fuzz/run.py [--seconds 20] [--target NAME ...] [--out out/fuzz] [--state FILE.jsonl] [--page FILE.md]
                              [--mode plain|guided|checked ...] [--engine auto|own|atheris]
                              [--floors]
 

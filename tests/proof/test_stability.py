@@ -16,7 +16,7 @@ from proof.stability.page import bound_of, page_of, row_of, rows_of
 from proof.stability.table import CASES, GROUPS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-PAGE = REPOSITORY / "docs" / "stability.md"
+PAGE = REPOSITORY / "docs" / "reports" / "stability.md"
 PLANTED = Case("planted", "none", "a peak that seeds do not meet", 0.5, "of the peak", "It does not hold.",
                lambda draw: math.exp(-40 * sum((draw.unit() - at) ** 2 for at in (0.731, 0.212, 0.645))))
 

@@ -1,4 +1,4 @@
-"""docs/guide.md against the tools: it names nothing that is not there, and leaves out no format and no exit code."""
+"""docs/guide/guide.md against the tools: it names nothing that is not there, and leaves out no format and no exit code."""
 
 import re
 import subprocess
@@ -14,7 +14,7 @@ from texfcodec.io.formats import SUFFIXES as READ
 from texfcodec.options import RATES
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-GUIDE = REPOSITORY / "docs" / "guide.md"
+GUIDE = REPOSITORY / "docs" / "guide" / "guide.md"
 COMMANDS = {"texf-enc": enc.enc, "texf-dec": dec.dec, "texf-info": info.info, "texf-render": render.render,
             "texf-eval": eval.evaluate, "texf-validate": validate.validate, "texf-view": view.view}
 FLAG = re.compile(r"--[a-z][a-z-]*[a-z]")

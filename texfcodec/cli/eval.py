@@ -20,7 +20,7 @@ from .inputs import check_stdin_once, load_mesh, open_asset, open_carried
 @click.option("--lpips", "weights", metavar="WEIGHTS", shell_complete=file_names,
               help="LPIPS of the views; WEIGHTS is torchvision's AlexNet state dict (.pth), and texfcodec[lpips] is needed.")
 @click.option("--shaded", is_flag=True, help="Also PSNR of the views in light, with all maps of the materials, the error of "
-                                             "every channel, and angles of the shading normals (docs/shading.md).")
+                                             "every channel, and angles of the shading normals (docs/design/shading.md).")
 @click.option("--mipmaps", is_flag=True, help="Views ask minified images and fields as viewers do, between two mip levels.")
 @click.option("--no-3d", is_flag=True, help="Leave out what is taken at points of the surface: 3D-PSNR, D1, D2, Hausdorff.")
 @limit_flags("texels", "image_pixels")

@@ -42,8 +42,8 @@ def _background_of(context, parameter, value):
               **number(1, 8, "Render N times as large and average N x N pixels.  [default: 1]"))
 @click.option("--no-filter", is_flag=True, help="Streams: ask the field as the metrics do, never its coarser levels.")
 @click.option("--shaded/--no-shaded", default=None,
-              help="In light, with all maps of the materials, or base colour alone (docs/shading.md).  [default: in light where "
-                   "IN has few colours and would show its outline alone]")
+              help="In light, with all maps of the materials, or base colour alone (docs/design/shading.md).  [default: in light "
+                   "where IN has few colours and would show its outline alone]")
 @click.option("--no-cull", is_flag=True, help="Draw back faces too.")
 @click.option("--background", metavar="C", default="grey", callback=_background_of,
               help="grey (lighter above), white, black or r,g,b in 0..255.  [default: grey]")

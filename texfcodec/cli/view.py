@@ -54,8 +54,8 @@ def _camera_of(context, parameter, value):
 @click.option("--anti-alias", metavar="N", default=1,
               **number(1, 8, "Draw the screenshot N times as large and average N x N pixels.  [default: 1]"))
 @click.option("--shaded/--no-shaded", default=None,
-              help="In light, with all maps of the materials, or base colour alone (docs/shading.md).  [default: in light where "
-                   "FILE has few colours and would show its outline alone]")
+              help="In light, with all maps of the materials, or base colour alone (docs/design/shading.md).  [default: in light "
+                   "where FILE has few colours and would show its outline alone]")
 @click.option("--mode", type=click.Choice(MODES),
               help="How two are compared: a slider between them, their difference, or side by side.  [default: split; single "
                    "without OTHER]")

@@ -2,7 +2,8 @@
 
 For every image: how many texels the surface shows, from a small raster of the UVs; how many voxels it has, from its area; how
 many bits a value of either takes, from Haar coefficients of a few windows of the image, as they are and at the voxels' size; and
-what the voxels lose. How often the encoder chooses so, on assets that the constants were not made on too: docs/results.md.
+what the voxels lose. How often the encoder chooses so, on assets that the constants were not made on too:
+docs/reports/results.md.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ class SaveOptions:
     None; texture_size: side of the atlas in texels or None; atlas: "auto", "quality" or "fast"; texture_format: "auto" for JPEG
     where that costs hardly any quality and PNG elsewhere, "png", "jpeg", "webp", "avif" or "ktx2"; texture_quality: 1..100, or
     None for the format's own; compress: "none", "draco" or "meshopt"; stream: the bytes of a .texf stream, of which the asset is
-    a coarse level, that a GLB or glTF carries as it is (docs/TEXF_stream.md), or None."""
+    a coarse level, that a GLB or glTF carries as it is (docs/guide/TEXF_stream.md), or None."""
 
     appearance: str | None = None
     texture_size: int | None = None

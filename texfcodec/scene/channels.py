@@ -87,7 +87,7 @@ class Channel:
     alpha (0..3) its components are; parameter: what its values are multiplied with, "" where the factor is in the values (base
     colour) or is none; unit: how its error is told, "dB" or "degrees"; over: "texels" or "voxels" where the values mean something
     on these supports alone, "" for both; weight: what a squared error of its values does to a shaded picture, as a multiple of
-    what it does in base colour (docs/materials.md)."""
+    what it does in base colour (docs/design/materials.md)."""
 
     name: str
     semantic: int

@@ -1,4 +1,4 @@
-"""What a renderer has to evaluate: one table of effects (docs/materials.md), read by syntax, analysis, renderer and reports."""
+"""What a renderer has to evaluate: one table of effects (docs/design/materials.md), read by syntax, analysis, renderer, reports."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The 3DNTC fit's step in torch, for CUDA: the same state, batches and formulas as fit.Fit, on the device (extra texfcodec[ntc]).
 
-On two processor cores the fused kernels of train.py are several times faster (docs/neural.md), so this is taken only where torch
-sees a GPU, or where it is asked for.
+On two processor cores the fused kernels of train.py are several times faster (docs/design/neural.md), so this is taken only where
+torch sees a GPU, or where it is asked for.
 """
 
 from typing import Any

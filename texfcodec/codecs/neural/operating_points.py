@@ -11,4 +11,4 @@ POINTS = {
     "aom4": (24, ((6, 17), (12, 16))), "aom5": (32, ((6, 17), (12, 16))),
 }
 DEFAULT_POINT = "mpeg1"
-DEFAULT_STEPS = 15_000  # the end of the bend: docs/neural.md
+DEFAULT_STEPS = 15_000  # the end of the bend: docs/design/neural.md

@@ -27,7 +27,7 @@ UNIT_BYTES = 60  # of a further field
 SMALL = 256  # longer side of the raster that counts texels
 WINDOWS, SIDE = 16, 64  # windows of the image, texels along a side
 DEAD_ZONE = 1 / 3  # of the quantiser
-# Made on every second of 17 assets by name, at r01, r03 and r05; how well they do on the others: docs/results.md.
+# Made on every second of 17 assets by name, at r01, r03 and r05; how well they do on the others: docs/reports/results.md.
 BITS, LEAST_BITS = 2.0, 0.05  # of a value for each bit of its Haar coefficients, and where these are all nothing
 UV_BYTES = 0.3  # of a corner for each bit of its distance to the next, in texels
 LOSS = 40.0  # how much the squared error that voxels leave weighs against a squared step

@@ -1,4 +1,4 @@
-"""A .texf stream that rides in a GLB or glTF: the extension TEXF_stream of a scene, docs/TEXF_stream.md.
+"""A .texf stream that rides in a GLB or glTF: the extension TEXF_stream of a scene, docs/guide/TEXF_stream.md.
 
 The scene's own nodes are a fallback for viewers that do not know the extension; in place of all of them stands the stream.
 """

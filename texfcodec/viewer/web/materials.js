@@ -1,4 +1,4 @@
-// What a shader has to know of a stream's materials: the effects that they use, and what these read (docs/materials.md). Python
+// What a shader has to know of a stream's materials: the effects that they use, and what these read (docs/design/materials.md). Python
 // tests hold these tables against texfcodec/scene/effects.py and scene/channels.py.
 
 const LARGEST = 65504, LARGEST_FLOAT = 3.4028234663852886e38, INFINITE = 'attenuation_distance', TURN = 'anisotropy_rotation';

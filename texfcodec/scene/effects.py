@@ -1,4 +1,5 @@
-"""What a renderer has to evaluate: one table of effects (docs/design/materials.md), read by syntax, analysis, renderer, reports."""
+"""What a renderer has to evaluate: one table of effects (docs/design/materials.md), which syntax, analysis and
+renderer read."""
 
 from __future__ import annotations
 

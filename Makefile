@@ -7,7 +7,7 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
 
 .DELETE_ON_ERROR:
-.PHONY: demo check test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural stability strangers three determinism load fuzz faults mutants coverage conformance vectors spec-tables promise native wasm web install clean
+.PHONY: demo check test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural stability strangers three determinism load fuzz faults mutants coverage conformance vectors spec-tables promise native wasm web site install clean
 
 demo: install
 	$(PY) -m texfcodec.demo
@@ -37,6 +37,12 @@ native:
 	$(PYTHON) conformance/run.py --decoder native/build/texf_dec --queries
 wasm:
 	$(MAKE) -C native wasm
+
+# The documentation as a site, in out/site: guide, design, reports, API reference, specification, gallery. Links are checked, and a
+# broken one fails; nothing is fetched by the pages. Needs a minute to encode the gallery.
+site: install
+	$(PY) -m pip install --quiet --disable-pip-version-check --editable ".[docs]"
+	$(PY) -m mkdocs build --strict
 
 # What the page of texf-view has of the npm package
 web:

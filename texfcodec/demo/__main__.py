@@ -1,6 +1,6 @@
 """The main job on the bundled sample: encode at three settings, decode to GLB, show a table. `make demo` runs this.
 
-The settings: few voxels, the paper's r03, and r03 with the encoder's own choice of texels and voxels.
+The settings: few voxels, as in the paper, and two rates with the encoder's own choice of texels and voxels.
 
     python -m texfcodec.demo [FOLDER]
 """
@@ -10,7 +10,7 @@ import time
 from os import PathLike
 from pathlib import Path
 
-POINTS = {"small": {"resolution": 256, "qp": 28}, "r03": {"rate": "r03", "exact_rate": True}, "free": {"rate": "r03"}}
+POINTS = {"voxels": {"resolution": 256, "qp": 28}, "r02": {"rate": "r02"}, "r04": {"rate": "r04"}}
 STAGES = ("load", "supports", "partition", "geometry", "voxelise", "texels", "transfer", "refine", "attributes")
 
 

@@ -42,7 +42,7 @@ wasm:
 # broken one fails; nothing is fetched by the pages. Needs a minute to encode the gallery.
 site: install
 	$(PY) -m pip install --quiet --disable-pip-version-check --editable ".[docs]"
-	$(PY) -m mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict
 
 # What the page of texf-view has of the npm package
 web:

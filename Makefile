@@ -7,7 +7,7 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
 
 .DELETE_ON_ERROR:
-.PHONY: demo check test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural stability strangers three determinism load fuzz faults mutants coverage conformance vectors spec-tables promise native wasm web site install clean
+.PHONY: demo check test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural stability strangers three determinism load fuzz faults mutants coverage conformance vectors spec-tables promise native wasm web site install release clean
 
 demo: install
 	$(PY) -m texfcodec.demo
@@ -167,4 +167,10 @@ $(STAMP): pyproject.toml
 clean:
 	@if [ "$(VENV)" = .venv ]; then rm -rf .venv; else echo "$(VENV) is yours: left alone" >&2; fi
 	rm -rf build dist out .pytest_cache .hypothesis .ruff_cache .mypy_cache .benchmarks texfcodec.egg-info
-	find texfcodec tests conformance bench proof -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true
+	find texfcodec tests conformance bench proof release -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true
+
+# All that is published of the last commit, built twice and the same both times; needs npm, and pip's index: make release [OUT=folder]
+# [NPM=no]. Then, for every Python at hand: python release/try_wheel.py out/release/texfcodec-*.whl python3.12 ...
+release: install
+	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[release]"
+	$(PY) -m release.make_release --out "$(or $(OUT),out/release)" $(if $(filter no,$(NPM)),--without-npm)

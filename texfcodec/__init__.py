@@ -11,7 +11,7 @@ __all__ = [
     "PlaneCodec", "Report", "Scene", "StreamError", "SupportError", "Texf", "TexfError", "decode", "encode", "encode_to_result",
     "inspect",
 ]
-__version__ = "0.1.0"
+__version__ = "0.9.0"
 
 if TYPE_CHECKING:
     from .api import decode, encode, encode_to_result, inspect

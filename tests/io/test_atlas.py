@@ -1,5 +1,6 @@
 """Atlas and bake: any mesh gets an atlas, and baked colours survive bilinear lookups, at seams too."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,12 @@ def test_every_mesh_gets_an_atlas_inside_the_square(name, method):
     assert (atlas.corner_uv >= 0).all() and (atlas.corner_uv <= 1).all()
     assert atlas.width == atlas.height and (atlas.width == 256 or atlas.warnings)
     assert atlas.method == method or atlas.warnings
+
+
+def test_without_xatlas_the_fast_atlas_says_what_is_missing(monkeypatch):
+    monkeypatch.setitem(sys.modules, "xatlas", None)
+    atlas = make_atlas(*sphere_mesh(), 256, "quality")
+    assert atlas.method == "fast" and any("pip install xatlas" in line for line in atlas.warnings)
 
 
 def test_empty_mesh_gets_an_empty_atlas():

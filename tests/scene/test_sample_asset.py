@@ -14,6 +14,8 @@ import pytest
 from PIL import Image
 
 from texfcodec.demo import asset as sample_asset
+from texfcodec.demo.__main__ import main as demo_main
+from texfcodec.errors import SupportError
 from texfcodec.io.load import load
 from texfcodec.scene.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
 
@@ -182,3 +184,13 @@ def test_module_runs_as_a_command(tmp_path):
     assert out.read_bytes()[:4] == b"glTF"
     usage = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
     assert usage.returncode != 0 and "OUT.glb" in usage.stderr and "Traceback" not in usage.stderr
+
+
+@pytest.mark.parametrize("command", [sample_asset.write_or_explain, demo_main])
+def test_sample_without_its_photographs_names_the_extra(monkeypatch, capsys, tmp_path, command):
+    monkeypatch.setitem(sys.modules, "skimage.data", None)  # importing it now fails
+    with pytest.raises(SystemExit) as ended:
+        command(tmp_path / "out")
+    out, err = capsys.readouterr()
+    assert ended.value.code == SupportError.exit_code and err.count("\n") == 1 and out == ""
+    assert 'pip install "texfcodec[demo]"' in err and [path for path in tmp_path.rglob("*") if path.is_file()] == []

@@ -21,12 +21,12 @@ def main(folder: str | PathLike = "out") -> None:
     from ..batch.compile_beside import compile_beside
     from ..options import default_threads
     from ..precompile import ALL, first_run
-    from .asset import write_sample
+    from .asset import write_or_explain
 
     begin, console, folder = time.perf_counter(), Console(), Path(folder)
     folder.mkdir(exist_ok=True)
     source = folder / "sample.glb"
-    write_sample(source)
+    write_or_explain(source)
     console.print(f"{source}: {source.stat().st_size:,} bytes, made by code")
     line = first_run(ALL)
     if line:

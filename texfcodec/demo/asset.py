@@ -1,8 +1,8 @@
 """The bundled sample: a fluted vase on a plinth, its neck wound by a torus knot, made by code and textured with photographs.
 
-The photographs ship inside the scikit-image wheel (nothing is fetched); all of them are in the public domain or CC0. Between
-them the parts show what a loader has to get right: wrap modes repeat, mirror and clamp, UVs outside [0, 1], a texture with a
-factor, a factor alone, vertex colours, and surfaces that nearly touch.
+The photographs ship inside the scikit-image wheel (extra texfcodec[demo]; nothing is fetched); all of them are in the public
+domain or CC0. Between them the parts show what a loader has to get right: wrap modes repeat, mirror and clamp, UVs outside
+[0, 1], a texture with a factor, a factor alone, vertex colours, and surfaces that nearly touch.
 
     python -m texfcodec.demo.asset OUT.glb
 """
@@ -16,6 +16,7 @@ from os import PathLike
 
 import numpy as np
 
+from ..errors import SupportError
 from ..scene.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
 
 VASE, KNOT, PLINTH, TRAY, GLAZE, FEET = range(6)  # materials
@@ -182,8 +183,10 @@ def _as_float32(values):
 
 
 def _photograph(name, wrap):
-    import skimage.data
-
+    try:
+        import skimage.data
+    except ImportError:
+        raise ImportError('the photographs of the demo asset come with scikit-image: pip install "texfcodec[demo]"') from None
     image = getattr(skimage.data, name)()
     image = np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image[..., :3]
     return Texture(np.concatenate([image, np.full_like(image[..., :1], 255)], axis=2), (wrap, wrap), name)
@@ -199,6 +202,15 @@ def write_sample(path: str | PathLike) -> None:
     finally:
         if os.path.exists(part):
             os.remove(part)
+
+
+def write_or_explain(path: str | PathLike) -> None:
+    """write_sample() for a command line: without scikit-image one line on stderr, and the exit code of what is not supported."""
+    try:
+        write_sample(path)
+    except ImportError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(SupportError.exit_code)
 
 
 class _Glb:
@@ -278,4 +290,4 @@ class _Glb:
 if __name__ == "__main__":
     if len(sys.argv) != 2:
         sys.exit("usage: python -m texfcodec.demo.asset OUT.glb")
-    write_sample(sys.argv[1])
+    write_or_explain(sys.argv[1])

@@ -1,5 +1,6 @@
 """The xatlas parameterisation, run in a child process: its native code may crash, hang or eat memory on broken topology."""
 
+import importlib.util
 import io
 import math
 import os
@@ -47,6 +48,8 @@ def _collapsed_share(flat, points, faces):
 
 def _run_child(points, faces, side, seconds):
     """Hand the mesh to a child process through pipes; returns (corners float64 [F, 3, 2], size float64 [2])."""
+    if importlib.util.find_spec("xatlas") is None:
+        raise QualityFailed("xatlas is not installed (pip install xatlas)")
     request = io.BytesIO()
     np.savez(request, points=points.astype(np.float32), faces=faces.astype(np.uint32), side=side)
     environment = dict(os.environ, PYTHONPATH=os.pathsep.join(p for p in sys.path if p))

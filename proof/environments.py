@@ -48,8 +48,10 @@ def _version_of(program):
 
 
 def requirements(pins):
-    """What the package needs, as words for pip: pins first, the versions in use here of what they do not name."""
-    asked = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
+    """What the package and the demo asset need, as words for pip: pins first, the versions in use here of what they do not name.
+    scipy comes with scikit-image, and brings an OpenBLAS that proof/determinism_child.py looks at."""
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    asked = [*project["dependencies"], *project["optional-dependencies"]["demo"], "scipy"]
     names = [re.match(r"[\w.-]+", text).group() for text in asked]
     pinned = {re.match(r"[\w.-]+", pin).group() for pin in pins}
     held = [f"{name}=={importlib.metadata.version(name)}" for name in names if name not in VARIED]

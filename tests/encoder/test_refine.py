@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_matrix
 from shapes import painted_sphere, scene_of
 
 from texfcodec.encoder.optimise import inverse_render
@@ -70,10 +71,19 @@ def test_fit_does_not_depend_on_the_threads(textured):
     assert all(np.array_equal(results[0], r) for r in results[1:])
 
 
+def dense_of(matrix):
+    """The matrix of the fit, float64 [N, N], by scipy; its product and diagonal are those of scipy, bit for bit."""
+    count = len(matrix.first) - 1
+    theirs = csr_matrix((matrix.gram, matrix.columns, matrix.first), shape=(count, count))
+    x = np.random.default_rng(1).normal(size=(count, 3)).astype(np.float32)
+    assert np.array_equal(matrix.times(x), theirs @ x) and np.array_equal(matrix.diagonal(), theirs.diagonal())
+    return theirs.toarray().astype(np.float64)
+
+
 def test_fit_solves_the_damped_least_squares():
     (surface,), (colour,) = surfaces_of(painted_sphere(3), 10)
     matrix, right = _normal_equations(surface, 2, 2, lambda *_: None)
-    dense = matrix.toarray().astype(np.float64)
+    dense = dense_of(matrix)
     assert np.allclose(dense, dense.T, atol=1e-4 * dense.max())
     damping = DAMPING * dense.diagonal().mean()
     exact = colour + np.linalg.solve(dense + damping * np.eye(len(dense)), right - dense @ colour)
@@ -84,7 +94,7 @@ def test_fit_solves_the_damped_least_squares():
 def test_condition_number_on_slivers_and_lonely_voxels_keeps_its_bound():
     (surface,), (colour,) = surfaces_of(needles(), 64)
     matrix, _ = _normal_equations(surface, 2, 1, lambda *_: None)
-    dense = matrix.toarray().astype(np.float64)
+    dense = dense_of(matrix)
     damping = DAMPING * dense.diagonal().mean()
     values = np.linalg.eigvalsh(dense + damping * np.eye(len(dense)))
     assert values[0] >= 0.99 * damping

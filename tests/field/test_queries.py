@@ -13,6 +13,8 @@ from naive import decoder, queries, texels
 from naive.voxels import clip
 from texfcodec import EncodeOptions, InputError, decode
 from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.field.morton import decode_morton, encode_morton
+from texfcodec.field.query import nearest_of_all
 
 VECTORS = runner.HERE
 ASKED = sorted(path.parent.relative_to(VECTORS).as_posix() for path in VECTORS.glob("*/*/queries.json"))
@@ -132,3 +134,20 @@ def test_questions_that_have_no_answer_are_refused():
             texf.query([[0, 0, 0], [0, 0, value]])
         assert refused.value.details["value"] == 1
     assert texf.query(np.zeros((0, 3))).shape == (0, 4) and texf.query(points, [0, 1, 2]).shape == (3, 4)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_nearest_voxel_of_all_is_the_nearest(seed):
+    random = np.random.default_rng(seed)
+    resolution, count = int(random.choice([1, 2, 7, 64, 1000, 8192])), int(random.choice([1, 5, 400]))
+    keys = np.unique(encode_morton(random.integers(0, resolution, (count, 3))))
+    points = np.concatenate([random.uniform(-0.2, 1.2, (60, 3)) * resolution, random.choice([-1e6, 0.0, 3.5, 1e6], (20, 3)),
+                             random.integers(0, resolution + 1, (20, 3))])
+    square = ((points[:, None] - (decode_morton(keys) + 0.5)) ** 2).sum(axis=2)
+    found = nearest_of_all(points, resolution, keys)
+    assert np.allclose(square[np.arange(len(points)), found], square.min(axis=1), rtol=1e-13)
+
+
+def test_of_voxels_equally_near_the_first_answers():
+    keys = np.unique(encode_morton(np.array([[0, 0, 0], [20, 0, 0], [0, 20, 0]])))
+    assert nearest_of_all(np.array([[20.5, 20.5, 0.5], [10.5, 10.5, 0.5]]), 32, keys).tolist() == [1, 0]

@@ -17,6 +17,7 @@ from os import PathLike
 import numpy as np
 
 from ..errors import SupportError
+from ..metrics.pchip import Pchip
 from ..scene.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
 
 VASE, KNOT, PLINTH, TRAY, GLAZE, FEET = range(6)  # materials
@@ -123,11 +124,9 @@ def _angles(count):
 
 def _smooth(control, count):
     """count points at even steps of arc length on a curve without overshoot through the control points."""
-    from scipy.interpolate import PchipInterpolator
-
     control = np.array(control)
     knots = np.cumsum(np.r_[0, np.hypot(*np.diff(control, axis=0).T)])
-    fine = PchipInterpolator(knots, control)(np.linspace(0, knots[-1], 2000))
+    fine = Pchip(knots, control)(np.linspace(0, knots[-1], 2000))
     length = np.cumsum(np.r_[0, np.hypot(*np.diff(fine, axis=0).T)])
     even = np.linspace(0, length[-1], count)
     return np.stack([np.interp(even, length, fine[:, i]) for i in (0, 1)], axis=1)

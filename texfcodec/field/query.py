@@ -6,7 +6,7 @@ import numpy as np
 from ..core.kernel import kernel
 from ..core.threads import over_blocks
 from .grid import BrickMap, _rank_of_voxel
-from .morton import decode_morton
+from .morton import decode_morton, encode_morton
 
 SEARCH_RINGS = 3
 BLOCK = 1 << 16
@@ -77,8 +77,67 @@ def query_field(points: np.ndarray, resolution: int, keys: np.ndarray, brick_map
     over_blocks(one, len(points), BLOCK, threads)
     far = np.flatnonzero(missed == 2)
     if len(far):
-        from scipy.spatial import cKDTree
-
-        _, rank = cKDTree(decode_morton(keys) + 0.5).query(points[far])
-        out[far] = values[rank]
+        out[far] = values[nearest_of_all(points[far], resolution, keys)]
     return out, missed
+
+
+def nearest_of_all(points: np.ndarray, resolution: int, keys: np.ndarray) -> np.ndarray:
+    """Rank of the voxel whose centre is nearest to each point, the lowest of several: int64 [M].
+
+    points: float64 [M, 3] grid coordinates; keys: int64 [N], N >= 1, ascending, below resolution in each axis.
+    """
+    inside = np.clip(np.floor(points), 0, resolution - 1).astype(np.int64)
+    guess = np.minimum(np.searchsorted(keys, encode_morton(inside)), len(keys) - 1)
+    rank = np.empty(len(points), np.int64)
+    _descend(np.ascontiguousarray(points), keys, decode_morton(keys), int(resolution - 1).bit_length(), guess, rank)
+    return rank
+
+
+@kernel
+def _descend(points, keys, xyz, levels, guess, rank):
+    """Ascending Morton keys are an octree: the keys of a cube follow each other. Cubes that are farther than the best voxel so
+    far are left out. A cube puts at most 8 smaller ones in its place, so that levels <= 16 of them need 8 * 17 places."""
+    first, last, level = np.empty(136, np.int64), np.empty(136, np.int64), np.empty(136, np.int64)
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        found = guess[i]
+        best = (xyz[found, 0] + 0.5 - x) ** 2 + (xyz[found, 1] + 0.5 - y) ** 2 + (xyz[found, 2] + 0.5 - z) ** 2
+        first[0], last[0], level[0], waiting = 0, keys.shape[0], levels, 1
+        while waiting > 0:
+            waiting -= 1
+            k, end, bits = first[waiting], last[waiting], level[waiting]
+            if _square_distance(x, y, z, xyz[k, 0], xyz[k, 1], xyz[k, 2], bits) > best:
+                continue
+            if bits == 0:  # a voxel
+                d = (xyz[k, 0] + 0.5 - x) ** 2 + (xyz[k, 1] + 0.5 - y) ** 2 + (xyz[k, 2] + 0.5 - z) ** 2
+                if d < best or (d == best and k < found):
+                    best, found = d, k
+                continue
+            while k < end:
+                part = keys[k] >> 3 * (bits - 1)
+                low, high = k + 1, end  # the first key of another part lies in low..high
+                while low < high:
+                    middle = (low + high) // 2
+                    if keys[middle] >> 3 * (bits - 1) == part:
+                        low = middle + 1
+                    else:
+                        high = middle
+                first[waiting], last[waiting], level[waiting] = k, low, bits - 1
+                waiting += 1
+                k = low
+        rank[i] = found
+
+
+@kernel
+def _square_distance(x, y, z, vx, vy, vz, bits):
+    """Least squared distance of a point to centres of voxels in the cube of 2^bits voxels a side around voxel (vx, vy, vz)."""
+    reach = np.int64(1) << bits
+    dx = _outside(x, (vx >> bits) << bits, reach)
+    dy = _outside(y, (vy >> bits) << bits, reach)
+    dz = _outside(z, (vz >> bits) << bits, reach)
+    return dx * dx + dy * dy + dz * dz
+
+
+@kernel
+def _outside(x, begin, reach):
+    return max(begin + 0.5 - x, x - (begin + reach - 0.5), 0.0)

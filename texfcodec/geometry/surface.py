@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.components import components
 from ..errors import InputError, LimitError
 from .areas import edge_columns, squared_cross
 from .canonical import CanonicalCube, fit_cube
@@ -110,14 +111,9 @@ def idle_faces(faces: np.ndarray, flat: np.ndarray) -> np.ndarray:
 
 def _components(edge):
     """Component of every face, int64 [F]. edge: int64 [F, 3] numbers of a face's edges."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     count = len(edge)
     rows, columns = np.repeat(np.arange(count), 3), count + edge.reshape(-1)
-    size = count + int(edge.max()) + 1
-    graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(size, size))
-    return connected_components(graph, directed=False)[1][:count].astype(np.int64)
+    return components(count + int(edge.max()) + 1, rows, columns)[:count]
 
 
 def _peeled(edge, flat, gone):

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .pchip import Pchip
+
 
 def bd_rate(rate_a: ArrayLike, psnr_a: ArrayLike, rate_b: ArrayLike, psnr_b: ArrayLike) -> float:
     """Mean rate difference of b against the anchor a, in percent; negative means that b needs less.
@@ -42,9 +44,7 @@ def _curve(name, rate, psnr):
 
 
 def _integral(quality, log_rate, low, high):
-    from scipy.interpolate import PchipInterpolator  # here, because scipy takes long to import and eval is rare
-
-    return float(PchipInterpolator(quality, log_rate).integrate(low, high))
+    return float(Pchip(quality, log_rate).integrate(low, high))
 
 
 def difference_at(rate_a: ArrayLike, psnr_a: ArrayLike, rate: float, psnr: float) -> float:
@@ -53,11 +53,9 @@ def difference_at(rate_a: ArrayLike, psnr_a: ArrayLike, rate: float, psnr: float
     rate_a, psnr_a: as of bd_rate; rate, psnr: of the point. Within the curve's quality log(rate) is interpolated by PCHIP, beyond
     its ends it goes on along the outermost straight line, which is a guess. Raises ValueError as bd_rate.
     """
-    from scipy.interpolate import PchipInterpolator
-
     quality, log_rate = _curve("a", rate_a, psnr_a)
     if quality[0] <= psnr <= quality[-1]:
-        there = float(PchipInterpolator(quality, log_rate)(psnr))
+        there = float(Pchip(quality, log_rate)(psnr))
     else:
         first = 0 if psnr < quality[0] else len(quality) - 2
         slope = (log_rate[first + 1] - log_rate[first]) / (quality[first + 1] - quality[first])

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...core.components import components
 from ...core.kernel import kernel
 from ...field.morton import _morton_key
 from ...field.surface_walk import FACE, _next_row, grid_coordinates, surface_walk
@@ -34,17 +35,13 @@ class Contacts:
 
 def face_components(faces: np.ndarray) -> np.ndarray:
     """Edge-connected component of every face: int64 [F]. faces: int64 [F, 3] over welded vertices."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     key = ends[:, 0] * (int(faces.max()) + 1) + ends[:, 1]
     owner = np.tile(np.arange(len(faces)), 3)
     order = np.argsort(key, kind="stable")
     same = np.flatnonzero(key[order][1:] == key[order][:-1])
     a, b = owner[order][same], owner[order][same + 1]
-    graph = coo_array((np.ones(len(a), np.int8), (a, b)), shape=(len(faces), len(faces)))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
+    return components(len(faces), a, b)
 
 
 def face_directions(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...core.components import components
 from ...scene.scene import ALPHA_OPAQUE, Material, Scene
 from .contacts import MIN_FOLD
 
@@ -61,9 +62,6 @@ def layered_components(faces: np.ndarray, component: np.ndarray, material: np.nd
 def _joined(faces, look, material):
     """Number of the layer of every face, int64 [n]: faces are of one layer across an edge where they look alike at both its ends,
     or are the only two of their material there and run along it in opposite directions."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     count, after = len(faces), [1, 2, 0]
     ends, looks = np.stack([faces, faces[:, after]], -1).reshape(-1, 2), np.stack([look, look[:, after]], -1).reshape(-1, 2)
     back = ends[:, 0] > ends[:, 1]
@@ -75,9 +73,7 @@ def _joined(faces, look, material):
     pick = plain[side]
     rows = np.concatenate([owner, owner[pick]])
     columns = count + np.concatenate([alike, alike.max() + 1 + side[pick]])
-    size = int(columns.max()) + 1
-    graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(size, size))
-    return np.unique(connected_components(graph, directed=False)[1][:count], return_inverse=True)[1].reshape(-1)
+    return components(int(columns.max()) + 1, rows, columns)[:count]
 
 
 def part_layers(scene: Scene, surface: Surface, component: np.ndarray) -> np.ndarray | None:

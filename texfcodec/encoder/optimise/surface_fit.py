@@ -15,6 +15,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -144,9 +145,7 @@ def _neighbourhoods(surface, pool):
 
 
 def _normal_equations(surface, density, threads, on_progress):
-    """(scipy CSR matrix float32 [N, N], right-hand side float32 [N, 3]) over samples at `density` per voxel edge."""
-    from scipy.sparse import csr_matrix  # here, because scipy takes long to import
-
+    """(_Matrix of N rows, right-hand side float32 [N, 3]) over samples at `density` per voxel edge."""
     n = len(surface.keys)
     cuts = np.linspace(0, n, threads + 1).astype(np.int64)
     with ThreadPoolExecutor(threads) as pool:
@@ -165,7 +164,38 @@ def _normal_equations(surface, density, threads, on_progress):
                     for low, high in zip(cuts[:-1], cuts[1:], strict=True)]
             [job.result() for job in jobs]
             on_progress(int(face[-1]) + 1, len(surface.faces))
-    return csr_matrix((gram, columns, first), shape=(n, n)), right
+    return _Matrix(first, columns, gram), right
+
+
+@kernel
+def _times(first, columns, gram, x, out):
+    """Rows of a matrix times x float32 [N, C], into zeros out float32 [N, C]. columns: ranks of active voxels, < N."""
+    for row in range(out.shape[0]):
+        for k in range(first[row], first[row + 1]):
+            for c in range(out.shape[1]):
+                out[row, c] += gram[k] * x[columns[k], c]
+
+
+class _Matrix(NamedTuple):
+    """Entries by row: those of row i have the columns columns[first[i]:first[i + 1]], one of which is i itself.
+
+    first: int64 [N + 1]; columns: int32 [nnz]; gram: float32 [nnz].
+    """
+
+    first: np.ndarray
+    columns: np.ndarray
+    gram: np.ndarray
+
+    def times(self, x: np.ndarray) -> np.ndarray:
+        """The product with x [N, C]: float32 [N, C]."""
+        x = np.ascontiguousarray(x, np.float32)
+        out = np.zeros_like(x)
+        _times(*self, x, out)
+        return out
+
+    def diagonal(self) -> np.ndarray:
+        """Entries whose column is their row: float32 [N]."""
+        return self.gram[self.columns == np.repeat(np.arange(len(self.first) - 1), np.diff(self.first))]
 
 
 def _conjugate_gradients(matrix, damping, right, iterations):
@@ -173,7 +203,7 @@ def _conjugate_gradients(matrix, damping, right, iterations):
     x, residual = np.zeros_like(right), right.copy()
     direction, power = residual.copy(), _columns_dot(residual, residual)
     for _ in range(iterations):
-        image = matrix @ direction + np.float32(damping) * direction
+        image = matrix.times(direction) + np.float32(damping) * direction
         step = power / np.maximum(_columns_dot(direction, image), 1e-30)
         x += direction * step.astype(np.float32)
         residual -= image * step.astype(np.float32)
@@ -197,5 +227,5 @@ def fit_surface(surface: FieldSurface, colour: np.ndarray, threads: int = 1, den
     """
     matrix, right = _normal_equations(surface, density, threads, on_progress)
     mean_diagonal = float(matrix.diagonal().mean(dtype=np.float64))
-    change = _conjugate_gradients(matrix, damping * mean_diagonal, right - matrix @ colour, iterations)
+    change = _conjugate_gradients(matrix, damping * mean_diagonal, right - matrix.times(colour), iterations)
     return np.clip(colour + change, 0, 255)

@@ -11,9 +11,8 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property, partial
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from ...core.components import components
 from ...core.kernel import kernel
 from ...core.threads import in_order
 from ...field.texel_cover import nearest_on_triangle, span_in_band
@@ -69,8 +68,7 @@ class AtlasSystem:
         """Number of the chart that each face is in: int64 [F]."""
         faces, positions = self._mesh
         half = inner_edges(positions, faces, self.texels) // 3
-        links = coo_array((np.ones(half.shape[1], np.bool_), (half[0], half[1])), shape=(len(faces), len(faces)))
-        return connected_components(links, directed=False)[1].astype(np.int64)
+        return components(len(faces), half[0], half[1])
 
     def at_centres(self, ask: Ask, channels: int) -> np.ndarray:
         """What the surface shows under the centre of every covered texel, row by row: float32 [n, channels]."""

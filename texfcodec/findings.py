@@ -2,7 +2,7 @@
 texf-validate also warns of what is odd about a valid stream, and notes what costs bytes or is seldom meant.
 
 The sites that raise an error say its code themselves; tests/repository/test_findings.py holds both against each other.
-bitstream_spec.md and docs/guide/guide.md carry this table as generated blocks (`make spec-tables`).
+bitstream_spec.md and docs/guide/errors.md carry this table as generated blocks (`make spec-tables`).
 """
 
 from dataclasses import dataclass
@@ -190,7 +190,7 @@ FINDINGS = (
     Finding("TXF-I03", InputError, (), "the input cannot be read", "check the file's permissions and its disk"),
     Finding("TXF-I04", InputError, (), "the input is empty", "write or fetch the file again"),
     Finding("TXF-I05", InputError, (), "the suffix names no supported format, or the object is of no supported type",
-            "convert it to one of the formats of docs/guide/guide.md"),
+            "convert it to one of the formats of docs/guide/formats.md"),
     Finding("TXF-I06", InputError, (), "the file does not start as its suffix promises",
             "give the file the suffix of its format"),
     Finding("TXF-I07", InputError, (), "the GLB container is truncated or broken", "fetch or export the file again"),

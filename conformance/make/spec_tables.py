@@ -1,5 +1,5 @@
 """Writes the generated blocks of the documents: tables and examples of bitstream_spec.md, the list of findings of
-docs/guide/guide.md and the effects of docs/design/materials.md. With --check: exit 7 when they differ."""
+docs/guide/errors.md and the effects of docs/design/materials.md. With --check: exit 7 when they differ."""
 
 import math
 import re
@@ -18,7 +18,7 @@ from texfcodec.scene.effects import EFFECTS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SPEC = REPOSITORY / "bitstream_spec.md"
-GUIDE, MATERIALS = (REPOSITORY / "docs" / name for name in ("guide/guide.md", "design/materials.md"))
+ERRORS, MATERIALS = (REPOSITORY / "docs" / name for name in ("guide/errors.md", "design/materials.md"))
 EXAMPLE, MIXED, DIRECT = "uncommon/point_triangle", "uncommon/planar_mixed", "uncommon/planar_direct"
 
 
@@ -119,14 +119,14 @@ def with_effects(text):
 
 
 def with_findings(text):
-    """The user's guide with its list of codes renewed."""
-    return with_block(text, "findings: all", all_findings(), GUIDE.name)
+    """The guide's page on errors with its list of codes renewed."""
+    return with_block(text, "findings: all", all_findings(), ERRORS.name)
 
 
 def main():
     """Renews the blocks, or checks them."""
     stale = False
-    for path, renewed in ((SPEC, with_tables), (GUIDE, with_findings), (MATERIALS, with_effects)):
+    for path, renewed in ((SPEC, with_tables), (ERRORS, with_findings), (MATERIALS, with_effects)):
         old = path.read_text(encoding="utf-8")
         new = renewed(old)
         stale |= new != old

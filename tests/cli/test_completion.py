@@ -55,7 +55,7 @@ def test_the_line_of_the_guide_works_in_bash(tmp_path):
     program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m texfcodec.cli.enc "$@"\n')
     program.chmod(0o755)
     line = 'eval "$(_TEXF_ENC_COMPLETE=bash_source texf-enc)"'
-    assert line in (REPOSITORY / "docs" / "guide" / "guide.md").read_text(encoding="utf-8")
+    assert line in (REPOSITORY / "docs" / "guide" / "index.md").read_text(encoding="utf-8")
     typed = "COMP_WORDS=(texf-enc --effort b); COMP_CWORD=2; _texf_enc_completion texf-enc; echo ${COMPREPLY[@]}"
     environment = {**os.environ, "PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}"}
     run = subprocess.run(["bash", "-c", f"{line}; {typed}"], cwd=REPOSITORY, env=environment, capture_output=True, text=True,

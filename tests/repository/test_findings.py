@@ -217,7 +217,7 @@ def test_the_table_is_imported_without_numpy():
 
 
 @pytest.mark.parametrize("document, renew, row", [("SPEC", "with_tables", "| num_materials | `v` | 0..65536 |"),
-                                                  ("GUIDE", "with_findings", "| TXF-S03 | 3 | 5.2 |")])  # fmt: skip
+                                                  ("ERRORS", "with_findings", "| TXF-S03 | 3 | 5.2 |")])  # fmt: skip
 def test_the_documents_carry_the_table_as_it_is(monkeypatch, document, renew, row):
     from conformance.make import spec_tables as gen_spec_tables
 

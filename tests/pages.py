@@ -1,0 +1,93 @@
+"""The pages of README and docs/guide as tests read them: commands, links, anchors, and the sentences of their prose."""
+
+import re
+import shlex
+import statistics
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+GUIDE = REPOSITORY / "docs" / "guide"
+README = REPOSITORY / "README.md"
+TOOLS = ("texf-enc", "texf-dec", "texf-info", "texf-validate", "texf-render", "texf-eval", "texf-view")
+
+_FENCE = re.compile(r"^(```|~~~).*?^\1[^\n]*$", re.M | re.S)
+_BLOCK = re.compile(r"<!-- .*? -->\n.*?<!-- end -->|<!--.*?-->", re.S)
+_LINK = re.compile(r"(!?)\[([^]]*)\]\(([^)\s]+)\)")
+_ITEM = re.compile(r"^\s*(?:[-*]|\d+\.) ")
+_SENTENCE_END = re.compile(r"(?<=[.!?])[)\"']?\s+(?=[\"'(`*A-Z0-9]|texf|three\.js)")
+
+
+def guide_pages():
+    """The files of docs/guide, by name."""
+    return sorted(GUIDE.glob("*.md"))
+
+
+def indented_lines(text):
+    """Lines of indented code, without their indentation; those of fenced code are not among them."""
+    lines, before, code = [], "", False
+    for line in _FENCE.sub("", text).splitlines():
+        code = line.startswith("    ") and (code or not before.strip())  # a block begins behind an empty line
+        if code:
+            lines.append(line[4:])
+        before = line
+    return lines
+
+
+def commands_of(text):
+    """The commands of a page, as lists of words: indented lines that begin with one of the tools or with python -m texfcodec."""
+    starts = ("python -m texfcodec", *(f"{name} " for name in TOOLS))
+    return [shlex.split(line, comments=True) for line in indented_lines(text) if line.startswith(starts)]
+
+
+def links_of(text):
+    """(target, anchor or "") of every link that is not one to another site; links in code are none."""
+    text = re.sub(r"`[^`\n]*`", "", _FENCE.sub("", text))
+    for _, _, target in _LINK.findall(text):
+        if not re.match(r"[a-z]+:", target):
+            path, _, anchor = target.partition("#")
+            yield path, anchor
+
+
+def anchors_of(text):
+    """The anchors that a page's headings have where Markdown is shown."""
+    headings = re.findall(r"^#{1,6} (.*)$", _FENCE.sub("", text), re.M)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def paragraphs(text):
+    """The prose of a page: paragraphs and items of lists. No code, tables, headings, generated blocks, lists of options."""
+    text = _BLOCK.sub("", _FENCE.sub("", text))
+    for block in re.split(r"\n\s*\n", text):
+        lines = block.strip("\n").splitlines()
+        if not lines or lines[0].startswith(("#", "|", "!", "    ")):
+            continue
+        for item in _items(lines):
+            if not re.match(r"\s*[-*] `", item):
+                yield " ".join(_ITEM.sub("", item, count=1).split())
+
+
+def _items(lines):
+    """A block of lines as the paragraphs that it holds: one, or one for each item of a list."""
+    found = [""]
+    for line in lines:
+        if _ITEM.match(line):
+            found.append("")
+        found[-1] += line + " "
+    return [item for item in found if item.strip()]
+
+
+def sentences(text):
+    """Sentences of a page's prose; a piece of code is a word, a link as many as it shows."""
+    for paragraph in paragraphs(text):
+        plain = re.sub(r"`[^`]*`", "X", _LINK.sub(r"X\2", paragraph))
+        yield from (sentence for sentence in _SENTENCE_END.split(plain) if words_in(sentence))
+
+
+def words_in(sentence):
+    """Words of a sentence: what has a letter or a digit."""
+    return sum(bool(re.search(r"\w", word)) for word in sentence.split())
+
+
+def median_length(text):
+    """Median of the words of a page's sentences, 0 where there are none."""
+    return statistics.median([words_in(sentence) for sentence in sentences(text)] or [0])

@@ -122,7 +122,7 @@ def refuse_losses(options: EncodeOptions, report: Report) -> None:
     """Raises InputError TXF-I52 where options are strict and something was reported that will look different: a warning or a
     dropped property. Remarks refuse nothing."""
     if options.strict and (report.warnings or report.dropped):
-        raise InputError("TXF-I52", "something would be lost, and strict forbids it", warnings=report.warnings or None,
+        raise InputError("TXF-I52", "the mesh would lose something, and strict forbids it", warnings=report.warnings or None,
                          dropped=report.dropped or None)
 
 
@@ -163,7 +163,7 @@ def _say_if_larger(scene, made, report):
     does not refuse it."""
     source = sum(scene.files.values())
     if 0 < source < len(made.data):
-        report.warnings.append(f"the stream, {len(made.data)} bytes, is larger than its source, {source} bytes")
+        report.warnings.append(f"the stream ({len(made.data)} bytes) is larger than its source ({source} bytes)")
 
 
 def measure(scene: Scene, made: Encoded, threads: int = 1) -> dict:
@@ -249,7 +249,7 @@ def _bytes_of(stream, limits):
     elif hasattr(stream, "read"):
         data = read_stream_object(stream, limits)
     else:
-        raise InputError("TXF-I05", "neither the bytes of a stream nor the path of a file", value=type(stream).__name__)
+        raise InputError("TXF-I05", "expected the bytes of a stream or the path of a file", value=type(stream).__name__)
     if data[:4] != b"glTF":
         return data
     from .io.gltf.carried import stream_within

@@ -71,7 +71,7 @@ def decode_stream(data: bytes, options: DecodeOptions, report: Report, known: Kn
 def appearance_of(stream: Stream, options: DecodeOptions, report: Report) -> Texf:
     """The Texf of what a stream says itself: without units, fields, marks and normals. report: gets warnings."""
     for unit in stream.skipped:
-        report.warnings.append(f"skipped an unknown ancillary unit of type {unit['type']} at byte {unit['offset']}")
+        report.warnings.append(f"an unknown ancillary unit of type {unit['type']} at byte {unit['offset']} is skipped")
     header = stream.header
     return Texf(cube=CanonicalCube(tuple(header["origin"]), header["side"], header["position_bits"]), units=[], fields=[],
                 materials=[material_of(m) for m in stream.materials], metadata=_metadata(stream.metadata, report),
@@ -82,7 +82,7 @@ def decode_unit(values: dict, position_bits: int) -> GeometryUnit:
     """One geometry unit of its syntax values. Raises StreamError."""
     decoded = _decode_draco(values, position_bits)
     if geometry_crc(*decoded) != values["geometry_crc"]:
-        raise StreamError("TXF-S24", "the decoded faces do not have the checksum that was sent", clause="5.6.3",
+        raise StreamError("TXF-S24", "the checksum of the decoded faces does not match", clause="5.6.3",
                           offset=values["offset"])
     return GeometryUnit(values["field_index"], values["material_index"], *decoded)
 
@@ -104,11 +104,11 @@ def decode_sharp_edges(values: dict, texf: Texf) -> np.ndarray:
     marked = np.array([m.normals.has_marks for m in texf.materials], bool)
     ends, fold = coded_edges(texf.lattice_positions, texf.faces, marked[texf.face_material])
     if len(ends) != values["num_edges"]:
-        raise StreamError("TXF-S30", "the edges rebuilt from the geometry are not the ones that were coded", clause="8.4.2",
+        raise StreamError("TXF-S30", "the edges rebuilt from the geometry differ from the coded edges", clause="8.4.2",
                           offset=values["offset"], value=len(ends), allowed=values["num_edges"])
     marks = dec_marks(values["marks_data"], ends, fold)
     if zlib.crc32(marks.tobytes()) != values["marks_crc"]:
-        raise StreamError("TXF-S32", "the decoded marks do not have the checksum that was sent", clause="8.4.2",
+        raise StreamError("TXF-S32", "the checksum of the decoded marks does not match", clause="8.4.2",
                           offset=values["offset"])
     return marks
 
@@ -119,11 +119,11 @@ def decode_coded_normals(values: dict, texf: Texf) -> np.ndarray:
 
     groups: CornerGroups = texf.corner_groups()
     if len(groups) != values["num_groups"]:
-        raise StreamError("TXF-S30", "the corners rebuilt from the geometry are not the ones whose normals were coded",
+        raise StreamError("TXF-S30", "the corners rebuilt from the geometry differ from those with coded normals",
                           clause="8.4.3", offset=values["offset"], value=len(groups), allowed=values["num_groups"])
     normals = groups.normals(dec_residuals(values["residual_data"], groups), values["normal_step"])
     if zlib.crc32(normals.astype("<i2").tobytes()) != values["normals_crc"]:
-        raise StreamError("TXF-S32", "the decoded normals do not have the checksum that was sent", clause="8.4.4",
+        raise StreamError("TXF-S32", "the checksum of the decoded normals does not match", clause="8.4.4",
                           offset=values["offset"])
     return normals
 
@@ -132,7 +132,7 @@ def _metadata(raw, report):
     """The metadata unit is ancillary: one that is not JSON is passed over with a warning."""
     value = {} if raw is None else json_object(raw)
     if value is None:
-        report.warnings.append("the metadata unit does not hold a JSON object and was passed over")
+        report.warnings.append("the metadata unit is not a JSON object and is skipped")
     return value or {}
 
 
@@ -181,7 +181,7 @@ def decode_support(surface: DecodedSurface, values: dict, position_bits: int,
     decode = _decode_texels if values["support"] == SUPPORT_TEXELS else _decode_voxels
     support = decode(surface, values, position_bits, options)
     if len(support) != values["num_keys"] or keys_crc(support.keys) != values["keys_crc"]:
-        raise StreamError("TXF-S30", "the values' places rebuilt from the geometry are not the ones that were coded",
+        raise StreamError("TXF-S30", "the voxels or texels rebuilt from the geometry differ from the coded ones",
                           clause="6.5" if support.planar else "6.4", value=len(support), allowed=values["num_keys"])
     return support
 
@@ -266,5 +266,5 @@ def _decode_jointly(texf, stream, surfaces, options, report):
 def check_values(found: int, values: dict, codec: Codec) -> None:
     """Raises StreamError where decoded values have another checksum than values_crc."""
     if found != values["values_crc"]:
-        raise StreamError("TXF-S32", "the decoded values do not have the checksum that was sent", clause=codec.checksum_clause,
+        raise StreamError("TXF-S32", "the checksum of the decoded values does not match", clause=codec.checksum_clause,
                           offset=values["offset"])

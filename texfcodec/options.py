@@ -85,7 +85,8 @@ def _check_number(name, value, low, high):
     except (AttributeError, TypeError, ValueError):
         sound = False
     if not sound:
-        raise InputError("TXF-I50", f"{name} is not a {'whole ' * whole}number", value=repr(value)[:80], allowed=f"{low}..{high}")
+        raise InputError("TXF-I50", f"{name} is not {'an integer' if whole else 'a number'}", value=repr(value)[:80],
+                         allowed=f"{low}..{high}")
     if not low <= number <= high:
         raise InputError("TXF-I50", f"{name} is out of range", value=value, allowed=f"{low}..{high}")
 
@@ -166,51 +167,51 @@ class EncodeOptions:
     rate: str = choice(DEFAULT_RATE, RATES, "The paper's rate points: "
                        + ", ".join(f"{name} K {k} QP {qp}" for name, (k, qp) in RATES.items())
                        + "; " + ", ".join(f"{name} QP {qp}" for name, qp in FREE_QPS.items())
-                       + " where the encoder may take texels or a smaller K.")
-    resolution: int | None = ranged(None, 1, MOST_RESOLUTION, "Voxels along the longest side, 1..8192; with --qp.", "K")
-    qp: int | None = ranged(None, 0, 63, "Quantisation, 0..63: step 2^((QP-4)/6); with --resolution.")
-    target_bytes: int | None = ranged(None, 1, 1 << 62, "Best picture in at most B bytes, nearly all of them used; searches "
-                                     "the QP.", "B")
-    target_psnr: float | None = ranged(None, 1.0, 100.0, "Fewest bytes with this PSNR of Y; searches the QP.", "DB")
-    target_psnr_of: str = choice(TARGETS_OF_PSNR[0], TARGETS_OF_PSNR, "What --target-psnr is of: points of the surface "
-                                 "(3D-PSNR), or 8 pictures, flat or in daylight.")
-    lossless: bool = switch("Code the 8-bit colours of voxels, or texels, exactly; with --rate or --resolution for K.")
-    max_error: int | None = ranged(None, 0, 127, "As --lossless, but each value may be off by D, 1..127.", "D")
+                       + " where the encoder may choose texels or a smaller K.")
+    resolution: int | None = ranged(None, 1, MOST_RESOLUTION, "Voxels along the longest side, 1..8192; usually with --qp.", "K")
+    qp: int | None = ranged(None, 0, 63, "Quantisation parameter, 0..63, with step 2^((QP-4)/6); usually with --resolution.")
+    target_bytes: int | None = ranged(None, 1, 1 << 62, "Search for the QP that gives the best picture in at most B bytes.", "B")
+    target_psnr: float | None = ranged(None, 1.0, 100.0, "Search for the QP that gives the fewest bytes at this PSNR of Y.", "DB")
+    target_psnr_of: str = choice(TARGETS_OF_PSNR[0], TARGETS_OF_PSNR, "Where to measure --target-psnr: at points of the surface "
+                                 "(3D-PSNR), or in 8 pictures, flat or lit.")
+    lossless: bool = switch("Code the 8-bit colours of voxels or texels exactly. --rate or --resolution sets K.")
+    max_error: int | None = ranged(None, 0, 127, "As --lossless, but with an error of at most D per value, 1..127.", "D")
     position_bits: int | None = ranged(None, 8, 20, "Bits of a vertex coordinate, 8..20.", "B")
-    keep_mesh: bool = switch("Send the source's own vertices and faces, each vertex at the nearest place; as do --lossless, "
-                             "--exact-rate, --resolution and --position-bits.")
-    effort: str = choice("balanced", EFFORTS, "Time spent on a smaller stream.")
+    keep_mesh: bool = switch("Keep the source's vertices and faces, and round each vertex to the position lattice. Implied "
+                             "by --lossless, --exact-rate, --resolution and --position-bits.")
+    effort: str = choice("balanced", EFFORTS, "Encoding time spent on a smaller stream.")
     chroma_qp_offset: int | None = ranged(None, -63, 63)
     area_threshold: int = ranged(77, 0, 65535)
     partition: str = choice("auto", PARTITIONS)
-    refine: str = choice("auto", REFINEMENTS, "Colours closer to the source before coding: surface fit, or inverse rendering on "
-                         "top of it (a minute); auto is a fit where it shows, never with --effort fast. 3dntc: render refines "
-                         "the fit on pictures (a minute); not in auto.")
+    refine: str = choice("auto", REFINEMENTS, "Bring colours closer to the source before coding. fit: a surface fit. render: "
+                         "inverse rendering as well (a minute). auto: a fit where it is visible, unless --effort is fast. With "
+                         "3dntc, render refines the fit on pictures (a minute); auto does not.")
     refine_iterations: int = ranged(30, 1, 10_000)
-    support: str = choice("auto", SUPPORTS, "Where colours are kept: in voxels, in the texels of the mesh's own images, or "
-                          "for every image where it takes fewer bytes; auto is voxels where K or an error bound is given.")
-    effects: str = field(default="auto", metadata={"text": "Which maps of materials are coded: auto (those that show), all, none "
-                                                   "(base colour and alpha alone), or a list of effects.", "metavar": "LIST"})
-    exact_rate: bool = switch("Voxels at the rate's own K, as in the paper, though texels or a smaller K take fewer bytes.")
-    texel_size: int | None = ranged(None, 1, 16384, "Shrink images that are kept as texels to N along their longer side, "
-                                    "1..16384.", "N")
-    codec: str = choice(DEFAULT_CODEC, codec_names, "How values are coded.")
+    support: str = choice("auto", SUPPORTS, "Store colours in voxels, or in the texels of the mesh's own images. auto: for "
+                          "each image, whichever takes fewer bytes; voxels where K or an error bound is given.")
+    effects: str = field(default="auto", metadata={"text": "Material maps to code: auto (those that are visible), all, none "
+                                                           "(base colour and alpha only), or a list of effects.",
+                                                   "metavar": "LIST"})
+    exact_rate: bool = switch("Use voxels at the K of the rate, as in the paper, even where texels or a smaller K take fewer "
+                              "bytes.")
+    texel_size: int | None = ranged(None, 1, 16384, "Shrink images stored as texels to N along their longer side, 1..16384.", "N")
+    codec: str = choice(DEFAULT_CODEC, codec_names, "Codec of the values:")
     codec_options: dict = field(default_factory=dict)
-    point: str | None = choice(None, POINTS, f"One of the paper's sizes, mpeg1..mpeg6 or aom1..aom5.  [default: {DEFAULT_POINT}]",
-                               "POINT")
-    resident_bytes: int | None = ranged(None, 1, 1 << 40, "Most bytes on the GPU, in place of --point.", "B")
-    latent_index: str = choice("mixed", LATENT_INDICES, "Where latents are: a grid along the surface, that and a hash table of "
-                               "finer cells, or the point's own hash tables.")
-    transport: bool = switch("Entropy-code the latents in the file; loading unpacks them.")
-    steps: int = ranged(DEFAULT_STEPS, 1, 10_000_000, "Steps of the fit.")
-    seed: int = ranged(0, 0, (1 << 31) - 1, "Of the fit.", "S")
-    checkpoint: str | None = field(default=None, metadata={"text": "Keep the fit's state here and go on from it.",
+    point: str | None = choice(None, POINTS, "Size of the payload as in the paper, mpeg1..mpeg6 or aom1..aom5.  "
+                               f"[default: {DEFAULT_POINT}]", "POINT")
+    resident_bytes: int | None = ranged(None, 1, 1 << 40, "Maximum bytes on the GPU, instead of --point.", "B")
+    latent_index: str = choice("mixed", LATENT_INDICES, "Where to store latents. surface: in a grid along the surface. mixed: "
+                               "in that and a hash table of finer cells. hash: in the hash tables of the point.")
+    transport: bool = switch("Entropy-code the latents in the stream; a decoder unpacks them.")
+    steps: int = ranged(DEFAULT_STEPS, 1, 10_000_000, "Number of fit steps.")
+    seed: int = ranged(0, 0, (1 << 31) - 1, "Random seed of the fit.", "S")
+    checkpoint: str | None = field(default=None, metadata={"text": "Save the state of the fit in FILE, and resume from it.",
                                                            "metavar": "FILE"})
     fit_engine: str = choice("auto", FIT_ENGINES)
-    threads: int = ranged(0, 0, 1024, "Most threads; 0: all processors.")
-    measure: bool = switch("Decode and report 3D-PSNR at 1,000,000 surface points.")
-    no_check: bool = switch("Do not decode what was made and compare it with the source.")
-    strict: bool = switch("Refuse a mesh that would look different: a warning, or something that is not coded.")
+    threads: int = ranged(0, 0, 1024, "Maximum threads; 0 for all processors.")
+    measure: bool = switch("Decode the stream and report its 3D-PSNR at 1,000,000 surface points.")
+    no_check: bool = switch("Do not check the stream against the source.")
+    strict: bool = switch("Refuse a mesh that would cause a warning or lose a property.")
     allow_empty: bool = switch()
     limits: Limits = field(default_factory=Limits)
 
@@ -222,7 +223,7 @@ class EncodeOptions:
                 raise
             raise InputError("TXF-I50", "unknown codec", value=self.codec, allowed=error.details["allowed"]) from None
         if not codec.chosen:
-            raise InputError("TXF-I50", f"the codec {self.codec} cannot be asked for: the encoder takes it where it suits",
+            raise InputError("TXF-I50", f"the codec {self.codec} cannot be chosen: the encoder uses it where it is suitable",
                              value=self.codec, allowed=", ".join(codec_names()))
         check_options(self)
         self._refuse_strange(codec)
@@ -233,7 +234,7 @@ class EncodeOptions:
         resolve("position_bits", codec.position_bits if self.position_bits is None else self.position_bits)
         self._refuse_bounds()
         if self.target_psnr is None and self.target_psnr_of != TARGETS_OF_PSNR[0]:
-            raise InputError("TXF-I50", "target_psnr_of says nothing without target_psnr", value=self.target_psnr_of)
+            raise InputError("TXF-I50", "target_psnr_of has no effect without target_psnr", value=self.target_psnr_of)
         resolve("max_error", 0 if self.lossless else self.max_error)
         if self.max_error is None and "qp" in codec.options:
             resolve("qp", self.reckoned_qp)
@@ -275,21 +276,22 @@ class EncodeOptions:
         strange = strange_options(codec)
         for option in fields(self):
             if option.name in strange and getattr(self, option.name) != option.default:
-                raise InputError("TXF-I50", f"{option.name} has no part in codec {self.codec}", value=getattr(self, option.name))
+                raise InputError("TXF-I50", f"{option.name} does not apply to codec {self.codec}",
+                                 value=getattr(self, option.name))
         if not isinstance(self.codec_options, dict):
             raise InputError("TXF-I50", "codec_options is not a dict", value=repr(self.codec_options)[:80])
         if self.codec_options and codec in our_codecs():
-            raise InputError("TXF-I50", f"codec_options has no part in codec {self.codec}: its options have names of their own",
+            raise InputError("TXF-I50", f"codec_options does not apply to codec {self.codec}, whose options have their own names",
                              value=", ".join(self.codec_options))
 
     def _refuse_bounds(self):
         """Error bounds that exclude each other, or what else sets the quality."""
         if self.lossless and self.max_error:
-            raise InputError("TXF-I50", "lossless and max_error exclude each other", value=self.max_error)
+            raise InputError("TXF-I50", "lossless and max_error cannot be combined", value=self.max_error)
         if self.lossless or self.max_error is not None:
             for name in ("qp", "target_bytes", "target_psnr"):
                 if getattr(self, name) is not None:
-                    raise InputError("TXF-I50", f"max_error and {name} exclude each other: an error bound sets the QP by itself",
+                    raise InputError("TXF-I50", f"max_error and {name} cannot be combined: an error bound sets the QP",
                                      value=getattr(self, name))
 
     @property
@@ -337,11 +339,12 @@ class DecodeOptions:
         TXF-I50 for a value that is out of range.
     """
 
-    lod: int = ranged(0, 0, 14, "Stop L octree levels early.", "L")
-    threads: int = ranged(0, 0, 1024, "Most threads; 0: all processors.")
-    isolate: bool = switch("Decode where memory and time are capped: in a WebAssembly sandbox, else a child process.")
-    engine: str = choice(ENGINES[0], ENGINES, "What decodes: kernels that numba compiles at their first use, or a sandbox that "
-                         "needs no compilation; auto is the sandbox with --isolate and at a first run.")
+    lod: int = ranged(0, 0, 14, "Stop L octree levels before the finest.", "L")
+    threads: int = ranged(0, 0, 1024, "Maximum threads; 0 for all processors.")
+    isolate: bool = switch("Decode with limited memory and time: in a WebAssembly sandbox, else in a child process.")
+    engine: str = choice(ENGINES[0], ENGINES, "Decode with kernels that numba compiles at their first use, or in a "
+                                              "WebAssembly sandbox without compilation. auto chooses the sandbox with "
+                                              "--isolate and at a first run.")
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self):

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 # Seconds, roughly: with an empty cache the first run took 21 to 34 s more than the second in texf-enc, which compiles on two
 # processors, and 22 in texf-dec without the sandbox (demo asset, a slow machine); --warmup compiles what both need, and more.
 ENCODING, DECODING, ALL = 30, 20, 60
-_FIRST_RUN = "first run: compiling the kernels, once: about {} s"
+_FIRST_RUN = "first run: compiling the kernels takes about {} s, once"
 
 
 def first_run(seconds: int) -> str | None:

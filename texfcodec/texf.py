@@ -201,7 +201,7 @@ class Texf:
         if len(points) == 0:
             return np.zeros((0, COLUMNS), np.float32)
         if not self.fields:
-            raise InputError("TXF-I70", "an empty asset has no colour to ask for")
+            raise InputError("TXF-I70", "an empty asset has no colour to query")
         if face_index is not None:
             face_index = _faces(face_index, len(points), len(self.faces))
         elif len(self.fields) > 1 or self.fields[0].over_texels:
@@ -264,7 +264,7 @@ class Texf:
         from .geometry.nearest_points import NearestPoints
 
         if not len(self.faces):
-            raise InputError("TXF-I70", "an empty asset has no face to ask for")
+            raise InputError("TXF-I70", "an empty asset has no face to query")
         return NearestPoints(Mesh(self.positions, self.faces)).find(points, threads=self.threads).face
 
     def voxels(self) -> dict[str, np.ndarray]:
@@ -346,7 +346,7 @@ class Texf:
         if not isinstance(path, str | PathLike):
             told = save_into(self, path, format, **options)
         elif format and Path(path).suffix.lower() != "." + format.lower().removeprefix("."):
-            raise InputError("TXF-O05", "the format is not that of the path's suffix", value=format, path=str(path))
+            raise InputError("TXF-O05", "the format differs from the suffix of the path", value=format, path=str(path))
         else:
             told = save(self, path, **options)
         for text in told["warnings"]:
@@ -388,8 +388,8 @@ def _points(points):
 def _faces(face_index, count, faces):
     index = np.asarray(face_index)
     if index.shape != (count,) or index.dtype.kind not in "iu":
-        raise InputError("TXF-I72", "face_index is not one whole number for each point", value=list(index.shape), allowed=[count])
+        raise InputError("TXF-I72", "face_index must have an integer for each point", value=list(index.shape), allowed=[count])
     if index.size and (index.min() < 0 or index.max() >= faces):
-        raise InputError("TXF-I72", "face_index names a face that is not there", value=[int(index.min()), int(index.max())],
+        raise InputError("TXF-I72", "face_index refers to a face that does not exist", value=[int(index.min()), int(index.max())],
                          allowed=f"0..{faces - 1}")
     return index.astype(np.int64)

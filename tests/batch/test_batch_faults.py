@@ -187,4 +187,4 @@ def test_a_full_disk_loses_and_redoes_nothing_and_the_exit_code_tells(tmp_path):
                          cwd=REPOSITORY, env=environment())
     assert ran.returncode == 0, ran.stderr
     assert ran.stdout.splitlines()[-1] == "[2, ['b1'], 0, ['b1', 'b2', 'b2097152'], True]"
-    assert "encode: the disk is full" in ran.stdout and "the disk is full; not begun" in ran.stdout
+    assert "encode: the disk is full" in ran.stdout and "the disk is full; coding did not start" in ran.stdout

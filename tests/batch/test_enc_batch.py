@@ -73,14 +73,14 @@ def test_a_folder_is_coded_and_coded_again_only_where_something_changed(call, ca
                                                                                             "gone.stl": "TXF-I01"}
     new, stamps = changed(out, {})
     assert new == {"a.texf", "deep/er/b.texf", "deep/c.texf"} and "5 assets: 3 coded" in err and "2 failed" in err
-    assert "deep/again is a link to a folder, passed over" in err and not (out / WORK).exists()
+    assert "deep/again is a link to a folder and is skipped" in err and not (out / WORK).exists()
     assert made["a.ply"]["stream"]["bytes"] == (out / "a.texf").stat().st_size == made["a.ply"]["result"]["bytes"]["total"]
     assert set(made["deep/c.obj"]["files"]) == {"c.obj", "c.mtl"} and made["a.ply"]["options"] == list(SMALL)
     assert [json.loads(line)["asset"] for line in (out / "results.jsonl").read_text().splitlines()] == [r["asset"] for r in rows]
 
     code, rows, err = call(*words, *SMALL)
     assert code == 7 and sum(row.get("passed_over", False) for row in rows) == 3 and len(rows) == 5
-    assert changed(out, stamps)[0] == set() and "3 were coded before" in err
+    assert changed(out, stamps)[0] == set() and "3 already encoded" in err
 
     (catalogue / "deep/c.mtl").write_text("newmtl c\nKd 0 1 0\n")  # not the asset's own file
     (out / "a.texf").write_bytes(b"somebody else's")
@@ -190,7 +190,7 @@ def test_an_interrupt_keeps_what_is_finished_and_leaves_nothing_half(call, tmp_p
     assert code == 2 and not rows and "TXF-O17" in err
     run.send_signal(signal.SIGINT)
     said = run.communicate(timeout=60)[1]
-    assert run.returncode == 130 and "what is finished stays" in said
+    assert run.returncode == 130 and "finished work is kept" in said
     wait_for(lambda: not encoders_in(out))
     done = [json.loads(line) for line in (out / "results.jsonl").read_text().splitlines()]
     assert done[0] == first and {path.name for path in out.iterdir()} <= {LOCK, "results.jsonl", *(row["out"] for row in done)}

@@ -215,7 +215,7 @@ def test_encoder_compares_the_stream_with_all_it_read(call, house):
     code, out, _ = call("texf-enc", house / "a.obj", house / "a.texf", *SMALL, "--json")
     assert json.loads(out)["ratio"] == round(total / (house / "a.texf").stat().st_size, 3) < 1
     _, out, err = call("texf-enc", house / "a.obj", house / "a.texf", *SMALL)
-    assert f"source {total} bytes in 3 files" in out and f"is larger than its source, {total} bytes" in err
+    assert f"source: {total} bytes in 3 files" in out and f"is larger than its source ({total} bytes)" in err
     Image.fromarray(np.random.default_rng(0).integers(0, 256, (64, 64, 3), np.uint8)).save(house / "a.png")
     out = call("texf-enc", house / "a.obj", house / "a.texf", *SMALL)[1]
     assert "larger" not in out and "times the stream" in out

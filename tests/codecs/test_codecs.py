@@ -40,7 +40,7 @@ def test_unknown_codec_is_refused_with_the_names_that_there_are(name):
 def test_constant_cannot_be_asked_for():
     with pytest.raises(InputError) as raised:
         EncodeOptions(codec="constant")
-    assert raised.value.code == "TXF-I50" and "the encoder takes it where it suits" in str(raised.value)
+    assert raised.value.code == "TXF-I50" and "the encoder uses it where it is suitable" in str(raised.value)
 
 
 @pytest.mark.parametrize("settings", [["pack"], "pack", 5, None])
@@ -101,7 +101,7 @@ def test_settings_of_a_plug_in_are_checked_by_it(install):
     install({"toy": "toy_package:Toy"}, toy_package=TOY)
     with pytest.raises(InputError, match="toy knows pack alone"):
         EncodeOptions(codec="toy", codec_options={"depth": 3})
-    with pytest.raises(InputError, match="qp has no part in codec toy"):
+    with pytest.raises(InputError, match="qp does not apply to codec toy"):
         EncodeOptions(codec="toy", qp=30)
 
 

@@ -207,7 +207,7 @@ def mesh(tmp_path):
     return path
 
 
-@pytest.mark.parametrize("flags, bound, word", [(["--lossless"], 0, "lossless"), (["--near-lossless", 3], 3, "error at most 3")])
+@pytest.mark.parametrize("flags, bound, word", [(["--lossless"], 0, "lossless"), (["--near-lossless", 3], 3, "maximum error 3")])
 def test_the_command_line_codes_within_the_bound_and_says_so(mesh, capsys, flags, bound, word):
     out = mesh.with_suffix(".texf")
     assert run(enc.main, mesh, out, "--resolution", 32, *flags) == 0

@@ -25,9 +25,9 @@ def fault(call, *names):
     ("this is no Python", ("cannot be loaded", "SyntaxError")),
     ("", ("cannot be loaded", "AttributeError")),
     ("Toy = 5", ("cannot be loaded", "TypeError")),
-    ("class Toy: pass", ("does not give a codec",)),
-    ("Toy = dict", ("does not give a codec",)),
-    (TOY.replace('"toy", "to try', '"tor", "to try'), ("does not give a codec", "value tor")),
+    ("class Toy: pass", ("does not provide a codec",)),
+    ("Toy = dict", ("does not provide a codec",)),
+    (TOY.replace('"toy", "to try', '"tor", "to try'), ("does not provide a codec", "value tor")),
     (TOY.replace("    def dec(", "    def decode("), ("cannot be loaded", "abstract")),
     (TOY.replace("id, name, purpose = 200,", "name, purpose ="), ("id", "None")),
     (TOY.replace("= 200,", "= 200.0,"), ("id", "200.0")),
@@ -41,7 +41,7 @@ def fault(call, *names):
     (TOY.replace("structures = (PARAMETERS,)", "pass"), ("structures", "()")),
     (TOY.replace("structures = (PARAMETERS,)", "structures = (5,)"), ("structures", "(5,)")),
     (TOY.replace("structures = (PARAMETERS,)", "structures = PARAMETERS"), ("structures",)),
-    (TOY.replace('"packed", "u8", 0, 1', '"codec_id", "u8", 0, 1'), ("names of the attribute unit", "codec_id")),
+    (TOY.replace('"packed", "u8", 0, 1', '"codec_id", "u8", 0, 1'), ("names that the attribute unit uses", "codec_id")),
     (TOY.replace("has_levels = False", "has_levels = None"), ("has_levels", "None")),
     (TOY.replace("has_levels = False", "options = ['qp']"), ("options", "['qp']")),
     (TOY.replace("has_levels = False", "position_bits = 99"), ("position_bits", "99")),
@@ -76,7 +76,7 @@ def test_name_that_fits_no_unit_is_refused(install):
 def test_two_plug_ins_of_one_name_are_refused_and_both_named(install):
     install({"toy": "toy_package:Toy"}, toy_package=TOY)
     install({"toy": "second_package:Toy"}, folder="others", second_package=TOY)
-    fault(lambda: EncodeOptions(codec="toy"), "more than one", "toy_package:Toy", "second_package:Toy")
+    fault(lambda: EncodeOptions(codec="toy"), "several plug-ins", "toy_package:Toy", "second_package:Toy")
 
 
 def test_package_that_is_installed_twice_is_one_plug_in(install):
@@ -112,10 +112,10 @@ READ = "return np.frombuffer(data, np.uint8).reshape(len(support), values[\"NumC
     (WHOLE, "return {}, decoded.astype(float)", ("wrong kind", "float64")),
     (WHOLE, "return {}, decoded.tolist()", ("wrong kind", "list")),
     (WHOLE, "return {}, None", ("wrong kind", "NoneType")),
-    (WHOLE, "return {}, decoded", ("its table does not hold", "KeyError")),
-    (WHOLE, "return {'packed': 2, 'toy_data': b''}, decoded", ("its table does not hold", "TXF-S04")),
-    (WHOLE, "return {'packed': 'yes', 'toy_data': b''}, decoded", ("its table does not hold",)),
-    (WHOLE, "return {'packed': 1, 'toy_data': 7.5}, decoded", ("its table does not hold",)),
+    (WHOLE, "return {}, decoded", ("missing in its table", "KeyError")),
+    (WHOLE, "return {'packed': 2, 'toy_data': b''}, decoded", ("missing in its table", "TXF-S04")),
+    (WHOLE, "return {'packed': 'yes', 'toy_data': b''}, decoded", ("missing in its table",)),
+    (WHOLE, "return {'packed': 1, 'toy_data': 7.5}, decoded", ("missing in its table",)),
     ("if options.codec_options", "if options.codec_opinions", ("failed in check_options()", "AttributeError")),
 ])
 def test_plug_in_that_fails_in_coding_is_named(install, old, new, names):
@@ -147,7 +147,7 @@ def test_plug_in_that_fails_in_decoding_is_named(install, old, new, names):
     ('return {"packed": values["packed"]', 'return 5 if values else {"a": 0', ("failed in describe()", "not a dict")),
     ('return {"packed": values["packed"]', 'return {"packed": values["toy_data"]', ("failed in describe()", "JSON")),
     ('return {"packed": values["packed"]', 'return {"packed": float("nan")', ("failed in describe()", "ValueError")),
-    ('return {"packed": values["packed"]', 'return {"codec": "raht"', ("describes what every unit has", "codec")),
+    ('return {"packed": values["packed"]', 'return {"codec": "raht"', ("describes facts that every unit has", "codec")),
 ])
 def test_plug_in_that_fails_in_describing_is_named(install, old, new, names):
     assert old in TOY
@@ -204,7 +204,7 @@ LAST = "[Tint(tint) for _ in source.surfaces], {\"tint\": tint})"
     ("return Joint({", "raise RuntimeError('out of luck'); return Joint({", ("failed in enc()", "out of luck")),
     ("return Joint({\"tint\": tint}", "return tuple(({\"tint\": tint},)); return Joint({}", ("does not return a Joint",)),
     ("return Joint({\"tint\": tint}", "return Joint([tint]", ("does not return a Joint",)),
-    ("return Joint({\"tint\": tint}", "return Joint({\"tint\": tint[1:]}", ("its table does not hold",)),
+    ("return Joint({\"tint\": tint}", "return Joint({\"tint\": tint[1:]}", ("missing in its table",)),
     (LAST, "[], {})", ("an evaluator for every field",)),
     (LAST, "None, {})", ("an evaluator for every field",)),
     (LAST, LAST.replace("{\"tint\": tint}", "{\"tint\": np.zeros(3)}"), ("JSON",)),

@@ -42,7 +42,7 @@ def test_haar_bits_of_one_coefficient_are_those_of_its_level():
 def test_tiled_images_are_advised_texels_and_the_reason_is_how_often_one_is_shown():
     told = advise(outline(plain(8), EncodeOptions(threads=1), Report()))["images"]
     assert [entry["predicted"] for entry in told] == ["texels"] and told[0]["sure"]
-    assert any("shown 64.0 times" in reason for reason in told[0]["reasons"])
+    assert any("each texel 64.0 times" in reason for reason in told[0]["reasons"])
     assert told[0]["texels"] == 64 * 64
 
 
@@ -51,7 +51,7 @@ def test_a_coarser_picture_of_the_same_image_speaks_less_for_texels():
     assert times[0] < times[1] < times[2] or times[0] > 20
 
 
-@pytest.mark.parametrize("chosen, reason", [({"support": "voxels"}, "asked for"), ({"lossless": True}, "error bound")])
+@pytest.mark.parametrize("chosen, reason", [({"support": "voxels"}, "requested"), ({"lossless": True}, "error bound")])
 def test_where_nothing_is_to_choose_it_says_why(chosen, reason):
     for exact_rate in (False, True):
         told = advise(outline(plain(2), EncodeOptions(threads=1, exact_rate=exact_rate, **chosen), Report()))

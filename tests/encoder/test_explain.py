@@ -93,7 +93,7 @@ def test_encoder_explains_its_time_in_lines_and_json(call, tmp_path):
     told = json.loads(call(*given, "--explain-time", "--json")[1])["explained"]
     assert told["budget"] == pytest.approx(ENCODES * told["base"]["seconds"], abs=0.01) and "load" in told["stages"]
     code, lines, _ = call(*given, "--explain-seconds", "30")
-    assert code == 0 and lines.startswith("where the time went: ") and "a second more buys" in lines and "--effort fast" in lines
+    assert code == 0 and lines.startswith("time by stage: ") and "saved per extra second" in lines and "--effort fast" in lines
     assert out.stat().st_size == told["base"]["bytes"] and "explained" not in json.loads(call(*given, "--json")[1])
     code, _, err = call(*given, "--explain-time", "--dry-run")
-    assert code == 1 and "exclude each other" in err
+    assert code == 1 and "cannot be combined" in err

@@ -88,7 +88,7 @@ def test_tangents_that_texels_cannot_hold_are_a_warning_with_degrees_and_a_share
     def warned(scene):
         report = Report()
         choices = encode_scene(scene, TEXELS, report).choices["normals"]
-        return [text for text in report.warnings if text.startswith("normal maps point elsewhere")], choices
+        return [text for text in report.warnings if text.startswith("normal maps differ in direction")], choices
 
     (text,), choices = warned(strips((0, 1, 0, 1), flat=False))
     assert choices["mapped_degrees"][1] > 5 and f"{choices['mapped_degrees'][0]} degrees" in text

@@ -79,7 +79,8 @@ def test_a_map_that_equals_its_default_is_absent(name):
 def test_one_value_that_no_parameter_can_say_is_coded(name, image):
     found = needs(mapped_sheet({name: image}, parameters=dict(USED)))
     assert found.materials[0].maps == {name: 1} and found.materials[0].parameters == USED
-    assert found.evidence[0]["coded"] == 1 and found.evidence[0]["reasons"] == ["constant, and no parameter can say it"]
+    assert found.evidence[0]["coded"] == 1
+    assert found.evidence[0]["reasons"] == ["the value is constant, but no parameter can hold it"]
 
 
 @pytest.mark.parametrize("spread, decision", [(4, "constant"), (5, "coded")])
@@ -168,7 +169,7 @@ def test_effects_that_are_asked_for(asked, maps, parameters):
     material = found.materials[0]
     assert set(material.maps) == maps and set(material.parameters) == parameters
     assert material.parameters.get("metallic", (0.0,)) == (0.0,)  # without metal nothing is one
-    told = {entry["channel"] for entry in found.evidence if "not asked for" in entry["reasons"]}
+    told = {entry["channel"] for entry in found.evidence if "not requested" in entry["reasons"]}
     assert told == (set() if asked in ("auto", "all") else set(FULL) - maps - (parameters - {"metallic"}))
 
 

@@ -130,7 +130,7 @@ def test_a_target_between_what_two_plans_reach_is_met_by_the_better_one(sheet, m
 
 
 def test_what_a_psnr_is_of_needs_a_psnr():
-    with pytest.raises(InputError, match="says nothing without target_psnr"):
+    with pytest.raises(InputError, match="has no effect without target_psnr"):
         EncodeOptions(target_psnr_of="lit")
     with pytest.raises(InputError, match="unknown target psnr of"):
         EncodeOptions(target_psnr=30.0, target_psnr_of="shiny")

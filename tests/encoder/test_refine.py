@@ -114,7 +114,7 @@ def test_a_fit_that_is_worse_is_not_kept(sample_scene, monkeypatch):
 
 
 @pytest.mark.parametrize("choices, reason", [
-    ({"effort": "fast"}, "effort fast"), ({"max_error": 0}, "own values"), ({"qp": 63}, "coding hides"),
+    ({"effort": "fast"}, "effort fast"), ({"max_error": 0}, "error bound"), ({"qp": 63}, "coding would hide"),
     ({"refine": "off"}, "off"),
 ])
 def test_auto_does_without_and_says_why(choices, reason):

@@ -59,7 +59,7 @@ def test_a_part_that_came_out_wrong_is_coded_again_finer(monkeypatch):
     assert encode_to_result(scene, EncodeOptions(rate="r03", no_check=True)).check is None
     made = encode_loaded(scene, EncodeOptions(rate="r03"), report)
     assert made.check["rgb"] is None and not report.warnings
-    assert len(report.remarks) == 1 and "coded again, finer" in report.remarks[0]
+    assert len(report.remarks) == 1 and "coded again at higher quality" in report.remarks[0]
 
 
 def test_what_stays_worse_than_the_rate_promises_is_a_warning_that_strict_refuses():
@@ -83,7 +83,7 @@ def test_a_surface_that_nobody_sees_is_said_to_be_one():
     scene.materials[0].alpha_mode = ALPHA_BLEND
     scene.materials[0].factor[3] = 0.0
     made = encode_loaded(scene, EncodeOptions(rate="r03"), report)
-    assert not made.check["visible"] and any("nothing of the surface is visible" in text for text in report.warnings)
+    assert not made.check["visible"] and any("no part of the source's surface is visible" in text for text in report.warnings)
 
 
 def test_light_that_is_far_off_is_a_warning():

@@ -264,7 +264,7 @@ def test_normals_of_faces_without_a_common_edge_stay_a_warning():
     apart = positions[faces].reshape(-1, 3) + np.repeat(np.arange(len(faces)) * 3.0, 3)[:, None]
     report = Report()
     chosen(with_normals(apart, np.arange(len(apart)).reshape(-1, 3), any_normals((len(faces), 3))), report)
-    assert len(report.warnings) == 1 and report.warnings[0].startswith("the shading normals are not those of the source")
+    assert len(report.warnings) == 1 and report.warnings[0].startswith("the shading normals differ from the source's")
 
 
 def test_what_says_nothing_of_normals_is_flat_in_gltf_and_usual_elsewhere():

@@ -125,7 +125,7 @@ def test_loading_gives_the_scene_of_the_stream(support):
     scene = load(carrying(stream)[0])
     assert_same(scene, load(as_glb(decode(stream), texture_format="png")[0]))
     assert scene.metadata == decode(stream).metadata and scene.warnings == [] and scene.dropped == []
-    assert f"the stream that the file carries, {len(stream)} bytes, is read, and not the fallback beside it" in scene.remarks
+    assert f"the carried stream ({len(stream)} bytes) is read instead of its fallback" in scene.remarks
 
 
 def test_the_encoder_codes_the_stream_and_not_the_fallback(sheet):
@@ -216,7 +216,7 @@ def test_texf_dec_writes_it_and_takes_it_out(sheet, tmp_path):
     run = tool("dec", glb, back, "--json")
     assert run.returncode == 0 and back.read_bytes() == sheet and json.loads(run.stdout)["bytes"]["total"] == len(sheet)
     run = tool("dec", source, glb, "--carry-stream", "--lod", 0)
-    assert f"carries the stream, {len(sheet)} bytes, with a fallback of " in run.stdout and "1024 texels" in run.stdout
+    assert f"carries the stream ({len(sheet)} bytes) and a fallback (" in run.stdout and "1024 texels" in run.stdout
     run = tool("dec", source, glb, "--carry-stream", "--fallback-faces", 7, "--json")
     assert json.loads(run.stdout)["faces"] <= 7 and carried_in(glb) == sheet
     assert tool("dec", source, glb, "--fallback-faces", 7).returncode == 1
@@ -238,5 +238,5 @@ def test_tools_draw_and_measure_the_stream_itself(sheet, tmp_path):
         assert run.returncode == 0, run.stdout + run.stderr
         said[path] = json.loads(run.stdout)
     assert (tmp_path / "a.texf.png").read_bytes() == (tmp_path / "a.glb.png").read_bytes()
-    assert said[source]["remarks"] == [] and "is read, and not the fallback" in said[glb]["remarks"][0]
+    assert said[source]["remarks"] == [] and "is read instead of its fallback" in said[glb]["remarks"][0]
     assert said[broken]["remarks"] == [] and "TXF-I25" in said[broken]["warnings"][0]

@@ -16,7 +16,7 @@ def remarks_of(scene, **options):
     return [text for text in report.remarks if "without area" in text], made
 
 
-@pytest.mark.parametrize("copies, says", [(0, None), (1, "1 face of "), (3, "3 faces of ")])
+@pytest.mark.parametrize("copies, says", [(0, None), (1, "1 face is"), (3, "3 faces are")])
 def test_faces_that_collapse_on_the_lattice_are_named_with_their_share(copies, says):
     scene = painted_sphere(4)
     tiny = scene.positions[:1] + np.array([[0, 0, 0], [1e-7, 0, 0], [0, 1e-7, 0]])
@@ -36,8 +36,8 @@ def test_faces_that_collapse_on_the_lattice_are_named_with_their_share(copies, s
         assert found == []
     else:
         total = len(scene.faces)
-        assert found == [f"{says}{total} ({100 * copies / total:.2g} %) without area on the lattice of 14 bits: left out; "
-                         "more --position-bits may keep them"]
+        assert found == [f"{says} left out ({100 * copies / total:.2g} % of {total}), without area at 14 position bits; "
+                         "more --position-bits may keep such faces"]
 
 
 def test_a_count_of_one_is_singular(tmp_path):
@@ -46,5 +46,5 @@ def test_a_count_of_one_is_singular(tmp_path):
     builder.primitive(positions=np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [5, 5, 5]], np.float32),
                       indices=np.array([[0, 1, 2], [0, 1, 1]], np.uint16))
     scene = load_bytes(tmp_path, builder)
-    assert scene.remarks == ["1 vertex that no face uses is left out", "1 face names the same vertex twice (degenerate)"]
+    assert scene.remarks == ["1 vertex that no face uses is left out", "1 face uses the same vertex twice (degenerate)"]
     assert repr(scene) == "<Scene: 2 faces, 1 material, 0 textures>"

@@ -31,14 +31,14 @@ def test_a_textured_square_keeps_its_unit_and_axes(scene_of):
     assert scene.materials[0].name == "paint" and scene.materials[0].factor.tolist() == [1] * 4
     assert scene.textures[0].image[0, 1].tolist() == [0, 0, 255, 255] and scene.textures[0].wrap == (WRAP_REPEAT,) * 2
     assert scene.metadata == {"up_axis": "Z_UP", "unit_in_metres": 0.01}
-    assert scene.remarks == ["TEXCOORD_1 is used by no image and left out"] and scene.dropped == scene.warnings == []
+    assert scene.remarks == ["no image uses TEXCOORD_1; it is left out"] and scene.dropped == scene.warnings == []
 
 
 def test_the_uv_set_that_the_material_binds_is_taken(scene_of):
     bound = '<bind_vertex_input semantic="UV0" input_semantic="TEXCOORD" input_set="3"/>'
     scene = scene_of(bound=bound, sampler="<wrap_s>CLAMP</wrap_s><wrap_t>WRAP</wrap_t>")
     assert scene.corner_uv[..., 0].max() == 0.5 and scene.textures[0].wrap == (WRAP_CLAMP, WRAP_REPEAT)
-    assert scene.remarks == ["TEXCOORD_0 is used by no image and left out"] and scene.dropped == []
+    assert scene.remarks == ["no image uses TEXCOORD_0; it is left out"] and scene.dropped == []
 
 
 def test_nodes_place_and_mirror(scene_of):
@@ -104,7 +104,7 @@ def test_decimal_commas_are_read_as_points(scene_of, tmp_path):
 ])
 def test_what_pycollada_cannot_read_is_in_the_error(scene_of, tmp_path, broken, says):
     error = refusal(tmp_path, broken(dae()), "a.dae")
-    assert error.code == "TXF-I24" and says in error.message and "nothing of its surface can be read" in error.message
+    assert error.code == "TXF-I24" and says in error.message and "no part of its surface can be read" in error.message
 
 
 def test_lights_and_cameras_that_cannot_be_read_are_no_loss_of_surface(scene_of):

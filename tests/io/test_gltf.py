@@ -127,7 +127,7 @@ def test_only_the_default_scene_is_loaded(loaded):
     builder.tree |= {"scenes": [{"nodes": [0]}, {"nodes": [1], "name": "second"}], "scene": 1}
     scene = loaded(builder)
     assert scene.positions[0].tolist() == [7, 0, 0]
-    assert scene.remarks == ["scene 0 is not the default one and left out"] and scene.dropped == []
+    assert scene.remarks == ["scene 0 is not the default and is left out"] and scene.dropped == []
     del builder.tree["scene"], builder.tree["scenes"]
     assert len(loaded(builder).faces) == 4
 
@@ -196,10 +196,10 @@ def test_texture_transform_may_choose_the_uv_set(loaded):
     attributes["TEXCOORD_1"] = builder.accessor(SQUARE_UV * 3)
     info = builder.tree["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]
     scene = loaded(builder)
-    assert scene.remarks == ["TEXCOORD_1 is used by no image and left out"] and scene.dropped == []
+    assert scene.remarks == ["no image uses TEXCOORD_1; it is left out"] and scene.dropped == []
     info["texCoord"] = 1
     scene = loaded(builder)
-    assert scene.corner_uv.max() == 3 and scene.remarks == ["TEXCOORD_0 is used by no image and left out"]
+    assert scene.corner_uv.max() == 3 and scene.remarks == ["no image uses TEXCOORD_0; it is left out"]
     info |= {"texCoord": 0, "extensions": {"KHR_texture_transform": {"texCoord": 1}}}
     assert loaded(builder).corner_uv.max() == 3
 
@@ -249,7 +249,7 @@ def test_material_properties_are_kept_and_the_rest_is_named_once(loaded):
         "extension ACME_paint of material 'bottle'", "ACME_paint.paintTexture of material 'bottle'", "skin", "animation 'walk'",
         "KHR_lights_punctual"])
     assert sorted(scene.remarks[:-1]) == sorted([
-        "attribute _HEAT is left out", "material 'spare' is used by no face and left out", "cameras are left out",
+        "attribute _HEAT is left out", "no face uses material 'spare'; it is left out", "cameras are left out",
         "extension KHR_materials_variants of the file is left out"]) and "normals that are zero" in scene.remarks[-1]
     assert scene.metadata["extras"] == {"materials": {"bottle": {"shelf": 7}}}
 
@@ -358,7 +358,7 @@ def test_a_broken_map_is_named_with_each_channel_that_goes_without(loaded, refus
     pbr |= {"metallicRoughnessTexture": {"index": packed}, "roughnessFactor": 0.5}
     scene = loaded(builder)
     assert [text.partition("; ")[2] for text in scene.warnings] == [
-        f"{name} goes without it (TXF-I17)" for name in ("occlusion", "roughness", "metallic")]
+        f"{name} has no texture (TXF-I17)" for name in ("occlusion", "roughness", "metallic")]
     assert scene.materials[0].maps == {"normal": 0} and scene.materials[0].parameters == {"roughness": (0.5,)}
     assert scene.materials[0].texture == 0 and scene.dropped == []
     assert refused(builder, strict=True).code == "TXF-I17"
@@ -392,7 +392,7 @@ def test_degenerate_and_duplicate_faces_stay(loaded):
     builder.primitive(indices=np.array([[0, 1, 2], [0, 1, 2], [1, 1, 2]], np.uint16))
     scene = loaded(builder)
     assert scene.faces.tolist() == [[0, 1, 2], [0, 1, 2], [1, 1, 2]]
-    assert any("1 face names the same" in text for text in scene.remarks) and scene.warnings == []
+    assert any("1 face uses the same" in text for text in scene.remarks) and scene.warnings == []
 
 
 def bent(**changes):
@@ -488,7 +488,7 @@ def test_files_that_cannot_be_read(refused, name, data, code):
 
 
 @pytest.mark.parametrize("text, line, column, says", [
-    ('{"a": 1,\n "b": [1, 2,]}', 2, 14, "a comma stands before a closing bracket"), ('{"a": 1,}', 1, 9, "a comma stands before"),
+    ('{"a": 1,\n "b": [1, 2,]}', 2, 14, "a comma precedes a closing bracket"), ('{"a": 1,}', 1, 9, "a comma precedes"),
     ('{"a": 1, // note\n}', 1, 10, "a comment"), ("# note\n{}", 1, 1, "a comment"), ('{"a": 1', 1, 8, "the text ends early"),
     ("{'a': 1}", 1, 2, "single quotes"), ('\ufeff{"a" 1}', 1, 6, "expecting ':'"), ('{"a": [1 2]}', 1, 10, "expecting ','"),
 ])

@@ -100,21 +100,21 @@ def broken(change):
 
 
 @pytest.mark.parametrize("builder, says", [
-    (skinned(joints=JOINTS + 1), "names a joint that does not exist"),
+    (skinned(joints=JOINTS + 1), "refers to a joint that does not exist"),
     (skinned(bind=BIND[:1]), "fewer inverse bind matrices"),
     (skinned(bind=BIND * np.nan), "NaN or infinite"),
-    (skinned(joints=JOINTS[:3]), "of equal counts"),
+    (skinned(joints=JOINTS[:3]), "or differ in count"),
     (broken(lambda tree: tree.pop("skins")), "'skins' has no such entry"),
     (broken(lambda tree: tree["skins"][0].pop("joints")), "no joints"),
     (broken(lambda tree: tree["skins"][0].update(joints=[2, 77])), "'nodes' has no such entry"),
     (broken(lambda tree: tree["skins"][0].update(inverseBindMatrices=77)), "'accessors' has no such entry"),
-    (broken(lambda tree: tree["meshes"][0]["primitives"][0]["attributes"].pop("WEIGHTS_0")), "has no JOINTS_0 and WEIGHTS_0"),
+    (broken(lambda tree: tree["meshes"][0]["primitives"][0]["attributes"].pop("WEIGHTS_0")), "JOINTS_0 and WEIGHTS_0"),
 ], ids=lambda value: value if isinstance(value, str) else "")
 def test_broken_skins_are_a_warning_and_an_error_when_strict(tmp_path, builder, says):
     scene = load_bytes(tmp_path, builder)
     np.testing.assert_allclose(scene.positions, 9 * SQUARE)
     assert scene.dropped == ["skin"] and len(scene.warnings) == 1
-    assert says in scene.warnings[0] and "taken as stored" in scene.warnings[0] and "'body'" in scene.warnings[0]
+    assert says in scene.warnings[0] and "used as stored" in scene.warnings[0] and "'body'" in scene.warnings[0]
     assert refusal(tmp_path, builder, strict=True).code == "TXF-I09"
 
 

@@ -73,7 +73,7 @@ def test_textures_are_named_whose_mark_is_not_that_of_their_use(tmp_path, basisu
             "index": builder.add("textures", {"extensions": {"KHR_texture_basisu": {"source": image}}})}
         scene = load_bytes(tmp_path, builder)
         assert scene.materials[0].maps == {"occlusion": 1} and len(scene.warnings) == named
-        assert not named or "marked as sRGB-coded" in scene.warnings[0]
+        assert not named or "marked as sRGB" in scene.warnings[0]
 
 
 def test_without_the_package_the_error_names_the_remedy(tmp_path, monkeypatch):

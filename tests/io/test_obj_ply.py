@@ -70,7 +70,7 @@ def test_kd_is_linear_where_blender_wrote_it_and_as_viewers_show_it_elsewhere(he
     notes = Notes(strict=False)
     material = read_mtl(f"{head}\nnewmtl a\nKd 0.5 0 1\n".encode(), notes)["a"]
     np.testing.assert_allclose(material.factor, [red, 0, 1, 1], atol=1e-5)
-    said = "colours of the MTL file are linear, as Blender writes them; many viewers show them darker"
+    said = "colours of the MTL file are read as linear, as Blender writes them; many viewers show them darker"
     assert [*notes.remarks] == [said] * (red == 0.5)
 
 

@@ -102,9 +102,9 @@ def test_off_colours_of_vertices_and_faces(tmp_path):
 def test_off_names_what_it_leaves_behind(tmp_path):
     rows = "".join(f"{line} 0 0 1 255 0 0 1 0.5 0.5\n" for line in POINTS.splitlines())
     scene = load_bytes(tmp_path, f"STCNOFF\n4 2 0\n{rows}3 0 1 2 7\n3 0 2 3 1 0 0\n", "a.off")
-    assert scene.dropped == ["indices into a colour map", "colours of faces (vertices have colours too)",
-                             "alpha of the colours (the format says nothing of transparency)"]
-    assert scene.remarks == ["texture coordinates are left out: an OFF file names no texture"]
+    assert scene.dropped == ["indices into a colour map", "face colours (the vertices have colours too)",
+                             "alpha of the colours (the format does not define transparency)"]
+    assert scene.remarks == ["texture coordinates are left out: an OFF file has no texture"]
     assert scene.corner_color[0, 0, :3].tolist() == [1, 0, 0] and (scene.corner_normal == [0, 0, 1]).all()
     scene = load_bytes(tmp_path, f"OFF\n4 1 0\n{POINTS.replace(chr(10), ' 9' + chr(10))}3 0 1 2\n", "a.off")
     assert scene.remarks == ["1 numbers after the position of each vertex are left out",

@@ -783,7 +783,7 @@ def test_a_view_without_anything_is_a_warning(call, tmp_path):
     path = tmp_path / "flat.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     code, said, err = call(path, tmp_path / "a.png", "--size", "16", "--view", "back")
-    assert code == 0 and "0.0 %" in said and "warning: nothing is seen from here" in err
+    assert code == 0 and "0.0 %" in said and "warning: the view shows no surface" in err
     assert call(path, tmp_path / "a.png", "--size", "16")[2] == ""
 
 

@@ -93,7 +93,7 @@ def test_bytes_and_file_objects_are_coded_as_the_file_is(glb, kind, tmp_path):
     with open(path, "rb") as file:
         assert texfcodec.encode(file, SMALL) == texfcodec.encode(named, SMALL) == wanted
     if kind == "obj":
-        with pytest.raises(InputError, match="give a path") as refused:
+        with pytest.raises(InputError, match="pass a path") as refused:
             texfcodec.encode(data, SMALL)
         assert refused.value.code == "TXF-I05"
         return

@@ -308,7 +308,7 @@ def test_tool_prints_a_line_for_each_finding_and_a_sum(call, tmp_path):
     code, out, err = call("texf-validate", path)
     lines = out.splitlines()
     assert code == 3 and err == "" and "\x1b" not in out and len(lines) == 4
-    assert lines[0].startswith("error TXF-S32 at byte ") and ", unit 4 (attribute), clause 7.10: the decoded values" in lines[0]
+    assert lines[0].startswith("error TXF-S32 at byte ") and ", unit 4 (attribute), clause 7.10: the checksum of the decoded values" in lines[0]
     assert lines[1].startswith("warning TXF-W07 ") and lines[2].startswith("note TXF-W10 ")
     assert lines[3] == "invalid: 1 error, 1 warning, 1 note"
     assert call("texf-validate", path, "--quiet") == (3, "", "")
@@ -318,7 +318,7 @@ def test_tool_says_what_it_could_not_check(call, tmp_path):
     path = tmp_path / "a.texf"
     path.write_bytes(flipped(vector("subset/two_fields"), UNIT_GEOMETRY))
     lines = call("texf-validate", path)[1].splitlines()
-    assert lines[-2] == "not checked, for the errors above: units 2 to 3 (field), units 6 to 7 (attribute)"
+    assert lines[-2] == "not checked because of the errors above: units 2 to 3 (field), units 6 to 7 (attribute)"
 
 
 def test_tool_gives_json_with_the_facts(call, tmp_path):

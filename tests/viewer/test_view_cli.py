@@ -284,11 +284,13 @@ def test_no_output_replaces_what_is_shown(call, made, browser, tmp_path, flag, s
 
 @pytest.mark.parametrize("arguments, word", [
     (("--export", "a.png"), "must end in .html"), (("--screenshot", "a.html"), "must end in .png"),
-    (("--export", "-", "--screenshot", "-"), "both"), (("--mode", "split"), "compares two"), (("--camera", "up"), "is no view"),
-    (("--camera", "1,2,3,4,5,6,x"), "is no camera"), (("--camera", "1,2,3,4,5,6,inf"), "is no camera"),
-    (("--camera", "1,2,3"), "is no view"), (("--camera", "0,0,2,0,0,0,0", "--perspective", "30"), "--perspective"),
+    (("--export", "-", "--screenshot", "-"), "both"), (("--mode", "split"), "requires OTHER"),
+    (("--camera", "up"), "is not a view"),
+    (("--camera", "1,2,3,4,5,6,x"), "is not a camera"), (("--camera", "1,2,3,4,5,6,inf"), "is not a camera"),
+    (("--camera", "1,2,3"), "is not a view"), (("--camera", "0,0,2,0,0,0,0", "--perspective", "30"), "--perspective"),
     (("--size", "0"), "neither N nor WxH"), (("--size", "9000"), "neither N nor WxH"), (("--port", "70000"), "0..65535"),
-    (("--mode", "heat"), "heat"), (("--effects", "none"), "none"), (("-", "-"), "only once"), (("--perspective", "nan"), "nan"),
+    (("--mode", "heat"), "heat"), (("--effects", "none"), "none"), (("-", "-"), "only one input"),
+    (("--perspective", "nan"), "nan"),
 ])  # fmt: skip
 def test_a_wrong_command_line_is_one_sentence(call, made, arguments, word):
     arguments = arguments if arguments[0] == "-" else (made / "s.texf", *arguments)

@@ -63,7 +63,7 @@ def work(task: Task, size: int, room: str, sent: tuple[str, Packed] | None) -> A
 
     worker = get_worker()
     if task.package and task.package != package_code():
-        return Answer(Outcome(UNSUITED, "its texfcodec is not that of the client"), worker.address)
+        return Answer(Outcome(UNSUITED, "the worker has another version of texfcodec than the client"), worker.address)
     shared, seen = _sees(Path(room)), _has(task.input, size)
     if not seen and sent is None:
         return Answer(Outcome(BLIND), worker.address)
@@ -136,7 +136,7 @@ def _answer(outcome, address, folder, shared):
         return Answer(outcome, address, folder.name)
     total = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) if folder.is_dir() else 0
     if total > SENT_BYTES:
-        outcome = Outcome(FAILED, f"the result has {total} bytes; without a folder that all see, {SENT_BYTES} are sent at most")
+        outcome = Outcome(FAILED, f"the result has {total} bytes; without a shared folder a worker can send at most {SENT_BYTES}")
         return Answer(outcome, address, files={LOG: (folder / LOG).read_bytes()})
     files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     return Answer(outcome, address, files=files)
@@ -185,7 +185,7 @@ def _connected(address: str) -> Iterator[Client]:
     try:
         client = Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
-        raise InputError("TXF-C05", f"no Dask scheduler answers at {address} within {CONNECT_SECONDS} s",
+        raise InputError("TXF-C05", f"no Dask scheduler answered at {address} within {CONNECT_SECONDS} s",
                          reason=str(error)[:200] or type(error).__name__) from None
     try:
         yield client
@@ -227,12 +227,12 @@ class Run:
         except Exception as error:
             raise self._lost() from error
         if not threads and not self.is_idle:
-            self.note(f"the cluster at {self.address} has no worker now; waiting for one")
+            self.note(f"the cluster at {self.address} has no workers; waiting for the first")
         self.is_idle = not threads
         return threads
 
     def _lost(self):
-        return InputError("TXF-C05", f"the Dask scheduler at {self.address} is gone")
+        return InputError("TXF-C05", f"lost the connection to the Dask scheduler at {self.address}")
 
     def _submit(self, task, attempt):
         sent = None
@@ -258,8 +258,8 @@ class Run:
             files = {name: file for name, file in named.items() if file.is_file()}
             total = sum(file.stat().st_size for file in files.values())
             if total > SENT_BYTES:
-                raise LimitError("TXF-L13", f"{path.name} has {total} bytes; to workers that do not see it, at most {SENT_BYTES} "
-                                            "are sent")
+                raise LimitError("TXF-L13", f"{path.name} has {total} bytes; without a shared folder the client can send at "
+                                            f"most {SENT_BYTES}")
             sent = next(iter(named)), {name: file.read_bytes() for name, file in files.items()}
             self.assets[path] = self.client.submit(same, sent, key=f"texf-asset-{uuid.uuid4().hex}", pure=False)
         return self.assets[path]
@@ -301,7 +301,7 @@ class Run:
             if self.client.status not in ("running", "connecting"):
                 raise self._lost() from error
             said = " ".join(str(error).split())[:300]
-            return Outcome(FAILED, f"no worker could run it: {type(error).__name__}: {said}")
+            return Outcome(FAILED, f"no worker could run the task: {type(error).__name__}: {said}")
 
     def _goes_on(self, task, answer):
         """Whether another attempt makes sense: the asset is sent along, or another worker may suit, or it was interrupted."""

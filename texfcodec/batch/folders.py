@@ -29,7 +29,7 @@ def only_run(out: Path) -> Iterator[None]:
 
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise InputError("TXF-O17", f"another run is at work in {out}", path=str(out)) from None
+            raise InputError("TXF-O17", f"another run is using {out}", path=str(out)) from None
         except (ImportError, OSError):  # not a POSIX system, or a disk without locks: nobody looks after it there
             pass
         yield

@@ -22,7 +22,7 @@ def run_here(tasks: Sequence[Task], workers: int, room: Path, ended: Ended) -> N
     def one(number, task):
         folder = room / str(number)
         if full.is_set():
-            return Outcome(FULL, "the disk is full; not begun"), folder
+            return Outcome(FULL, "the disk is full; coding did not start"), folder
         outcome = perform(task, folder, children)
         if cleanup.is_ending():  # the answer to Ctrl-C took the child's exit code, and its folder
             return Outcome(INTERRUPTED, "interrupted"), folder

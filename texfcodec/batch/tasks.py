@@ -81,7 +81,7 @@ def _run_commands(task, folder, children):
 def _failure(task, step, code, folder):
     if shutil.disk_usage(folder).free < FULL_BYTES:
         return Outcome(FULL, f"{step}: the disk is full")
-    capped = f", with {task.memory} bytes of memory at most" if task.memory and code < 0 else ""
+    capped = f", with a memory limit of {task.memory} bytes" if task.memory and code < 0 else ""
     reason = f"ended by signal {-code}{capped}" if code < 0 else last_line(folder / LOG)
     return Outcome(UNSUITED if code == task.unsuited else FAILED, f"{step}: {reason}")
 
@@ -98,7 +98,7 @@ def package_code() -> str:
 def last_line(path: Path) -> str:
     """The last line of a log that is not blank, at most 300 characters."""
     lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
-    return next((line for line in reversed(lines) if line.strip()), "it said nothing")[:300]
+    return next((line for line in reversed(lines) if line.strip()), "no output")[:300]
 
 
 def is_full(error: BaseException) -> bool:

@@ -71,7 +71,8 @@ def _check_parameters(parameters):
         raise StreamError("TXF-S04", "the parameters of a material are not in ascending order", clause="5.4.2", value=ids)
     for p in parameters:
         if tuple(p["parameter_value"]) == PARAMETERS[p["parameter_id"]].default:
-            raise StreamError("TXF-S04", "a parameter of a material is the default", clause="5.4.2", value=p["parameter_id"])
+            raise StreamError("TXF-S04", "a parameter of a material has its default "
+                                         "value", clause="5.4.2", value=p["parameter_id"])
 
 
 def needed_groups(stream: Stream) -> list[list[int]]:

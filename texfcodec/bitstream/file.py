@@ -37,7 +37,7 @@ def read_stream_object(file: BinaryIO, limits: Limits) -> bytes:
     except (OSError, ValueError) as error:  # ValueError: it is closed
         raise InputError("TXF-I03", "the file object cannot be read", reason=str(error)[:200]) from None
     if not isinstance(data, bytes | bytearray | memoryview):
-        raise InputError("TXF-I03", "the file object gives text and not bytes: open it with mode 'rb'", value=type(data).__name__)
+        raise InputError("TXF-I03", "the file object returns text, not bytes; open it with mode 'rb'", value=type(data).__name__)
     return _within_limit(bytes(data), limits)
 
 

@@ -99,11 +99,11 @@ def cells_a_side(field: dict) -> int:
 def attribute_variables(stream: Stream, values: dict) -> dict:
     """Variables that an attribute unit takes from elsewhere: the resolution of its field, the components of its group."""
     if values["field_index"] >= len(stream.fields):
-        raise StreamError("TXF-S09", "an attribute unit names a field that is not there", clause="5.7",
+        raise StreamError("TXF-S09", "an attribute unit refers to a field that does not exist", clause="5.7",
                           value=values["field_index"], allowed=f"< {len(stream.fields)}")
     groups = stream.header["channel_groups"]
     if values["group_index"] >= len(groups):
-        raise StreamError("TXF-S09", "an attribute unit names a channel group that is not there", clause="5.7",
+        raise StreamError("TXF-S09", "an attribute unit refers to a channel group that does not exist", clause="5.7",
                           value=values["group_index"], allowed=f"< {len(groups)}")
     field = stream.fields[values["field_index"]]
     return {
@@ -122,7 +122,7 @@ def _read_attribute(reader, stream, trace):
     codec.read_parameters(reader, values, trace)
     codec.check(values)
     if codec.joint and any(field["support"] == SUPPORT_TEXELS for field in stream.fields):
-        raise StreamError("TXF-S13", "a unit of all fields together, in a stream with a field over texels", clause="5.7",
+        raise StreamError("TXF-S13", "one attribute unit codes all fields, but a field is over texels", clause="5.7",
                           offset=values["offset"], value=values["codec_id"])
     return values
 
@@ -135,7 +135,7 @@ def _most_levels(codec, field):
 def _check_materials_fit(count, reader):
     """Each material takes at least five bytes; refuses a count that cannot be true before anything is built from it."""
     if 5 * count > reader.end - reader.position:
-        raise StreamError("TXF-S02", "the data end inside materials", clause="5.4", value=count)
+        raise StreamError("TXF-S02", "the data ends inside materials", clause="5.4", value=count)
 
 
 def read_stream(data: bytes, limits: Limits, trace: list | None = None) -> Stream:
@@ -165,7 +165,7 @@ def read_payload(view: memoryview, unit: Unit, stream: Stream, limits: Limits, r
     reader = Reader(view, unit.begin, unit.end)
     _read_elements(unit, reader, stream, limits, rows)
     if reader.position != reader.end:
-        raise StreamError("TXF-S08", f"the {unit.name} unit has bytes left over", clause="5.2", offset=reader.position,
+        raise StreamError("TXF-S08", f"the {unit.name} unit has unused bytes at its end", clause="5.2", offset=reader.position,
                           value=reader.end - reader.position, allowed=0)
 
 
@@ -268,7 +268,7 @@ _NUMBERS = (
 
 
 def _other_number(what, value, allowed, clause):
-    return StreamError("TXF-S11", f"{what} is not what the sequence header says", clause=clause, value=value, allowed=allowed)
+    return StreamError("TXF-S11", f"{what} differs from the sequence header", clause=clause, value=value, allowed=allowed)
 
 
 def faults_over_units(stream: Stream, materials_units: int = 1, broken: set[int] | None = None) -> Iterator[StreamError]:
@@ -306,5 +306,5 @@ def faults_over_units(stream: Stream, materials_units: int = 1, broken: set[int]
 def _faults_of_names(unit, stream):
     for name, count in (("field_index", len(stream.fields)), ("material_index", len(stream.materials))):
         if unit[name] >= count:
-            yield StreamError("TXF-S09", f"a geometry unit's {name} names nothing", clause="5.6", offset=unit["offset"],
+            yield StreamError("TXF-S09", f"the {name} of a geometry unit does not exist", clause="5.6", offset=unit["offset"],
                               value=unit[name], allowed=f"< {count}")

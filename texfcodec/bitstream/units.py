@@ -75,8 +75,9 @@ def check_start(data: bytes, max_file_bytes: int | None = None) -> None:
 def check_version(data: bytes | memoryview, header: Unit) -> None:
     """Before anything that follows is looked at: another version may have other units. Raises SupportError."""
     if header.begin < header.end and data[header.begin] != VERSION:
-        what = "a newer version of the format" if data[header.begin] > VERSION else "version 0, the drafts before the candidate"
-        raise SupportError("TXF-U04", f"the stream is of {what}", clause="5.3", offset=header.begin, value=data[header.begin],
+        what = "a newer version" if data[header.begin] > VERSION else "version 0, a draft"
+        raise SupportError("TXF-U04", "the stream has another "
+                                      f"format version: {what}", clause="5.3", offset=header.begin, value=data[header.begin],
                            allowed=VERSION)
 
 
@@ -106,7 +107,7 @@ def check_end(unit: Unit, length: int) -> None:
     if unit.end != unit.begin:
         raise StreamError("TXF-S08", "the end unit has a payload", clause="5.9", offset=unit.begin)
     if unit.stop != length:
-        raise StreamError("TXF-S08", "there are bytes after the end unit", clause="5.9", offset=unit.stop,
+        raise StreamError("TXF-S08", "bytes follow the end unit", clause="5.9", offset=unit.stop,
                           value=length - unit.stop, allowed=0)
 
 

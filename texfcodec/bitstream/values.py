@@ -69,6 +69,6 @@ def metadata_bytes(metadata: dict, options: EncodeOptions, report: Report) -> by
         return None
     raw = json_text(metadata, ensure_ascii=False, separators=(",", ":"), sort_keys=True).encode("utf-8", "replace")
     if options.limits.metadata_bytes is not None and len(raw) > options.limits.metadata_bytes:
-        report.remarks.append(f"metadata of {len(raw)} bytes are over the limit and were left out")
+        report.remarks.append(f"the metadata, {len(raw)} bytes, exceed the limit and are left out")
         return None
     return raw

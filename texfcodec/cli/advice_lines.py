@@ -9,21 +9,21 @@ MANY = 20  # times, from which on nobody wants to know how many
 def advice_lines(advice: dict) -> Iterator[str]:
     """Lines of encoder.advise.advise's answer."""
     if advice["reason"] or not advice["images"]:
-        yield f"all over voxels: {advice['reason'] or 'no image could be kept as texels'}"
+        yield f"all fields would be over voxels: {advice['reason'] or 'no image can stay as texels'}"
     for entry in advice["images"][:MOST_IMAGES]:
         yield _line(entry)
     left = len(advice["images"]) - MOST_IMAGES
     if left > 0:
         texels = sum(entry["predicted"] == "texels" for entry in advice["images"][MOST_IMAGES:])
-        yield f"and {left} further images, {texels} of them probably over texels"
+        yield f"and {left} more images, {texels} of them probably over texels"
     if advice["refinement"] == "fit":
-        yield "colours in voxels would be fitted to the surface, where that shows"
+        yield "voxel colours would be fitted to the surface where that is visible"
 
 
 def _line(entry):
     width, height = entry["image"]
     what = f"image of {width} x {height}" + (f" with {', '.join(entry['maps'])}" if entry["maps"] else "")
-    surely = "probably" if entry["sure"] else "a close call, perhaps"
+    surely = "probably" if entry["sure"] else "possibly, by a narrow margin,"
     size = ""
     if "times" in entry:
         times, other = entry["times"], "voxels" if entry["predicted"] == "texels" else "texels"

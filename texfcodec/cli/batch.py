@@ -35,14 +35,15 @@ NAMES = {"shell_complete": file_names}
 def batch_flags(function: Callable) -> Callable:
     """Decorator: the flags of a batch; take their values out of the choices with batch_of()."""
     told = {
-        "batch": ("CATALOGUE", {"help": "Code every mesh of a folder and the folders in it, or of a manifest; with --out.",
+        "batch": ("CATALOGUE", {"help": "Encode every mesh in a folder and its subfolders, or in a manifest. Requires --out.",
                                 **NAMES}),
-        "out": ("DIR", {"help": "--batch: Where streams and results go.", **NAMES}),
-        "jobs": ("N", number(1, MOST_JOBS, "--batch: Assets at a time, with cores / N threads each; 1..256.  [default: 1]")),
-        "scheduler": ("ADDRESS", {"help": "--batch: Code on the Dask cluster at tcp://HOST:PORT."}),
-        "limit_seconds": ("S", number(0.001, 1e9, "--batch: Longest time for an asset.")),
-        "memory_limit": ("BYTES", number(1 << 20, 1 << 62, "--batch: Most data that the process of an asset may hold, where "
-                                         "the system caps it (Linux).")),
+        "out": ("DIR", {"help": "--batch: Folder for streams and results.", **NAMES}),
+        "jobs": ("N", number(1, MOST_JOBS, "--batch: Encode N assets at a time, with cores / N threads each; 1..256.  "
+                                           "[default: 1]")),
+        "scheduler": ("ADDRESS", {"help": "--batch: Encode on the Dask cluster at tcp://HOST:PORT."}),
+        "limit_seconds": ("S", number(0.001, 1e9, "--batch: Maximum time per asset, in seconds.")),
+        "memory_limit": ("BYTES", number(1 << 20, 1 << 62, "--batch: Maximum memory of the process that encodes an asset, in "
+                                                           "bytes (Linux only).")),
     }
     for name, (metavar, keywords) in reversed(told.items()):
         function = click.option(_flag(name), f"batch_{name}" if name == "out" else name, metavar=metavar, **keywords)(function)
@@ -59,16 +60,16 @@ def batch_of(choices: dict[str, Any], source: str | None, out: str | None) -> di
     given = [_flag(name) for name, value in asked.items() if value is not None]
     if asked["batch"] is None:
         if given:
-            raise click.UsageError(f"{' and '.join(given)} only go with --batch")
+            raise click.UsageError(f"{' and '.join(given)} can only be used with --batch")
         if source is None:
             raise click.UsageError("Missing argument 'INPUT'")
         return None
     if source is not None or out is not None:
-        raise click.UsageError("--batch takes no INPUT and no OUT.texf; its --out names a folder")
+        raise click.UsageError("--batch takes neither INPUT nor OUT.texf; --out names its folder")
     if asked["batch_out"] is None:
         raise click.UsageError("--batch needs --out DIR")
     if asked["jobs"] is not None and asked["scheduler"] is not None:
-        raise click.UsageError("--jobs has no part in --scheduler: the workers' threads say how many at a time")
+        raise click.UsageError("--jobs cannot be combined with --scheduler: the cluster's threads set the number of jobs")
     return asked
 
 
@@ -78,7 +79,7 @@ def encode_batch(console: Console, asked: dict[str, Any], checkpoint: str | None
     from ..batch.task_progress import progress
 
     if dry_run or checkpoint is not None:
-        raise click.UsageError(f"{'--dry-run' if dry_run else '--checkpoint'} has no part in --batch")
+        raise click.UsageError(f"{'--dry-run' if dry_run else '--checkpoint'} cannot be combined with --batch")
     words = words_given(click.get_current_context(), (*FLAGS, "as_json", "quiet", "dry_run"))
     out, source = Path(asked["batch_out"]), Path(asked["batch"])
     assets = read_catalogue(source, out, console.note)
@@ -217,8 +218,8 @@ class Batch:
     def summary(self, count: int, tried: int) -> str:
         """One line about all."""
         seconds = time.perf_counter() - self.begin
-        return (f"{plural(count, 'asset', 'assets')}: {tried - self.failed} coded in {seconds:.0f} s, "
-                f"{count - tried} were coded before, {self.failed} failed; see {self.out / 'results.jsonl'}")
+        return (f"{plural(count, 'asset', 'assets')}: {tried - self.failed} encoded in {seconds:.0f} s, {count - tried} "
+                f"already encoded, {self.failed} failed; see {self.out / 'results.jsonl'}")
 
 
 def _answer_of(folder):
@@ -236,5 +237,6 @@ def _error_of(outcome, facts, task):
     if facts is not None and "error" in facts:
         return facts["error"]
     if outcome.state == OVERDUE:
-        return LimitError("TXF-L12", "coding took longer than the limit allows", allowed=task.seconds)
-    return SupportError("TXF-C07", f"the process that coded the asset gave no answer; {outcome.reason}", memory_limit=task.memory)
+        return LimitError("TXF-L12", "encoding took longer than the limit allows", allowed=task.seconds)
+    return SupportError("TXF-C07", "the process that encoded the asset ended without a result: "
+                                   f"{outcome.reason}", memory_limit=task.memory)

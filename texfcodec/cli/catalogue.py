@@ -44,7 +44,7 @@ def read_catalogue(source: Path, out: Path, note: Callable[[str], object]) -> li
     except ValueError as error:  # of TOML, UTF-8, or what is in there
         raise InputError("TXF-I57", "the manifest cannot be read", path=str(source), reason=str(error)[:200]) from None
     if not assets:
-        raise InputError("TXF-I57", f"the batch names no asset; meshes end in {' '.join(SUFFIXES)}", path=str(source))
+        raise InputError("TXF-I57", f"the batch contains no asset; files of meshes end in {' '.join(SUFFIXES)}", path=str(source))
     return _without_clashes(assets)
 
 
@@ -58,7 +58,7 @@ def _of_folder(top, out, note):
 
     for place, folders, names in os.walk(top, onerror=unreadable):
         for name in [name for name in folders if os.path.islink(os.path.join(place, name))]:
-            note(f"{os.path.join(place, name)} is a link to a folder, passed over")
+            note(f"{os.path.join(place, name)} is a link to a folder and is skipped")
         folders[:] = sorted(name for name in folders if name != WORK and (Path(place) / name).resolve() != out.resolve())
         for name in sorted(names):
             if name.lower().endswith(SUFFIXES):
@@ -74,7 +74,7 @@ def _stream_name(path):
 
 
 def _read(source):
-    _check(not source.name.lower().endswith(SUFFIXES), "it is a mesh; without --batch it is coded alone")
+    _check(not source.name.lower().endswith(SUFFIXES), "this file is a mesh, not a manifest; encode it without --batch")
     try:
         return source.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
@@ -91,19 +91,19 @@ def _of_lines(source):
 def _of_toml(source):
     given = tomllib.loads(_read(source))
     tables, own = given.pop("asset", []), given.pop("options", {})
-    _check(not given and isinstance(tables, list), "a manifest holds [[asset]] tables, and [options] for all of them")
+    _check(not given and isinstance(tables, list), "a manifest may contain only [[asset]] tables and [options]")
     return [_of_table(table, own, source.parent) for table in tables]
 
 
 def _of_table(table, own, folder):
     _check(isinstance(table, dict) and isinstance(table.get("path"), str), "an [[asset]] has no path")
     strange = sorted(table.keys() - set(KEYS))
-    _check(not strange, f"an [[asset]] has path, out and options, not {', '.join(strange)}")
+    _check(not strange, f"an [[asset]] has unknown keys: {', '.join(strange)}; it may have path, out and options")
     name, out = table["path"], table.get("out", _stream_name(Path(table["path"])))
     _check(isinstance(out, str) and out.lower().endswith(".texf") and not Path(out).is_absolute() and ".." not in Path(out).parts,
-           f"out of {name} is no path of a .texf file below the folder for results")
+           f"out of {name} must be a relative path that ends in .texf and stays in the results folder")
     options = table.get("options", {})
-    _check(isinstance(own, dict) and isinstance(options, dict), "options are a table of names and values")
+    _check(isinstance(own, dict) and isinstance(options, dict), "options must be a table of names and values")
     return Asset(name, folder / name, Path(out).as_posix(), words_of(own | options))
 
 
@@ -116,8 +116,8 @@ def words_of(options: dict[str, Any]) -> tuple[str, ...]:
     """Options as flags: {"qp": 24, "measure": true} is --qp 24 --measure. Raises ValueError for other values than these."""
     words = []
     for name, value in options.items():
-        _check(name.replace("-", "_") not in NOT_OF_AN_ASSET, f"{name} is no option of an asset")
-        _check(isinstance(value, str | int | float), f"the option {name} is no text, number, true or false")
+        _check(name.replace("-", "_") not in NOT_OF_AN_ASSET, f"{name} is not an option of an asset")
+        _check(isinstance(value, str | int | float), f"the option {name} must be text, a number, true or false")
         flag = "--" + name.replace("_", "-")
         words += [flag] if value is True else [] if value is False else [flag, str(value)]
     return tuple(words)
@@ -130,7 +130,7 @@ def _without_clashes(assets):
 
 
 def _clashing(asset):
-    error = InputError("TXF-O16", "another asset of the batch would become the same stream", value=asset.out)
+    error = InputError("TXF-O16", "another asset of the batch has the same output name", value=asset.out)
     return Asset(asset.name, asset.path, asset.out, asset.words, error)
 
 

@@ -128,7 +128,8 @@ def _guarded(command, arguments, console):
         if os.environ.get(TRACEBACK, "0") not in ("", "0"):
             raise
         what = f"{type(error).__name__}: {error}"[:300]
-        return console.fail("TXF-C04", f"internal error, please report it; {TRACEBACK}=1 shows where", EXIT_INTERNAL, reason=what)
+        return console.fail("TXF-C04", f"internal error; run again with {TRACEBACK}=1 and report "
+                                       "the output", EXIT_INTERNAL, reason=what)
 
 
 def _remedy(error):
@@ -169,7 +170,7 @@ def write_output(path: str, data: bytes, inputs: Iterable[str] = ()) -> None:
             with open(path, "wb") as file:
                 file.write(data)
     except BrokenPipeError:
-        raise InputError("TXF-C03", "nobody reads the output any more", path=path) from None
+        raise InputError("TXF-C03", "the reader of the output closed the pipe", path=path) from None
     except OSError as error:
         raise as_input_error(error, Path(path)) from None
     cleanup.finish()
@@ -189,4 +190,4 @@ def seconds_of(report: Report) -> dict[str, float]:
 def timing_line(seconds: dict[str, float], peak: int | None) -> str:
     """One line for people: seconds by stage and the largest memory."""
     stages = ", ".join(f"{name} {value:.2f}" for name, value in seconds.items() if name != "total" and value >= 0.005)
-    return f"{seconds['total']:.2f} s ({stages})" + (f", {peak / 1e6:.0f} MB at most" if peak else "")
+    return f"{seconds['total']:.2f} s ({stages})" + (f", peak memory {peak / 1e6:.0f} MB" if peak else "")

@@ -21,41 +21,44 @@ _STREAM = ".texf"
 @click.command("texf-dec", context_settings=STYLE)
 @click.argument("source", metavar="IN.texf", shell_complete=file_names)
 @click.argument("out", metavar="OUT.{glb,gltf,obj,ply,npz,texf}", shell_complete=file_names)
-@click.option("--overwrite", is_flag=True, help="Replace files beside OUT (.mtl, images, .bin) that are there already; OUT "
-              "itself always is.")
+@click.option("--overwrite", is_flag=True, help="Replace existing files beside OUT (.mtl, images, .bin). OUT itself is always "
+                                                "replaced.")
 @click.option("--appearance", type=click.Choice(APPEARANCES),
-              help="Textures, colours at vertices, or the voxels as points.  [default: texture, but vertex for .ply, and in "
-              "GLB and glTF for materials whose colours vertices show as well]")
-@click.option("--texture-size", metavar="N", **number(1, 16384, "Side of the atlas in texels. An atlas is made for fields over "
-              "voxels; fields over texels keep their image and UVs.  [default: by the field]"))
+              help="Write textures, vertex colours, or the voxels as points.  [default: texture; vertex for .ply, and for "
+                   "materials of a GLB or glTF that vertex colours show as well]")
+@click.option("--texture-size", metavar="N", **number(1, 16384, "Texels per side of the atlas. Only fields over voxels need "
+                                                                "an atlas; fields over texels keep their image and UVs.  "
+                                                                "[default: by the field]"))
 @click.option("--atlas", type=click.Choice(ATLAS_METHODS), default=ATLAS_METHODS[0],
-              help="How the atlas is laid out; quality may take minutes.  [default: auto]")
+              help="Method that lays out the atlas; quality may take minutes.  [default: auto]")
 @click.option("--texture-format", type=click.Choice(TEXTURE_FORMATS), default=TEXTURE_FORMATS[0],
-              help="Format of images. auto: JPEG where that costs less than 0.2 dB, else PNG, which is exact. webp, avif and "
-              "ktx2 are for GLB and glTF, whose viewers may not know them; ktx2 stays compressed on the GPU.  [default: auto]")
+              help="Format of images. auto chooses JPEG where it costs less than 0.2 dB, else PNG, which is exact. webp, avif "
+                   "and ktx2 require GLB or glTF, and some viewers do not read them. ktx2 stays compressed on the GPU.  "
+                   "[default: auto]")
 @click.option("--texture-quality", metavar="Q", **number(1, 100, "Quality of jpeg, webp, avif and ktx2, 1..100.  [default: by "
-              "the format]"))
+                                                                 "the format]"))
 @click.option("--compress", type=click.Choice(COMPRESSIONS), default=COMPRESSIONS[0],
-              help="Pack the mesh of a GLB or glTF: KHR_draco_mesh_compression or EXT_meshopt_compression.  [default: none]")
-@click.option("--carry-stream", is_flag=True, help="The GLB or glTF carries the stream as it is, for viewers that know the "
-              f"extension TEXF_stream; others see a fallback, the level of --lod.  [default of --lod then: {_FALLBACK_LOD}]")
-@click.option("--fallback-faces", metavar="N", **number(1, 1 << 31, "Most faces of the fallback of --carry-stream; seams may "
-              "keep more.  [default: by the shape]"))
+              help="Compress the mesh of a GLB or glTF: KHR_draco_mesh_compression or EXT_meshopt_compression.  [default: none]")
+@click.option("--carry-stream", is_flag=True, help="Embed the stream in the GLB or glTF, for viewers with the extension "
+                                                   "TEXF_stream. Other viewers show a fallback mesh, decoded at --lod.  "
+                                                   f"[default of --lod then: {_FALLBACK_LOD}]")
+@click.option("--fallback-faces", metavar="N", **number(1, 1 << 31, "Maximum faces of the fallback mesh of --carry-stream; "
+                                                                    "seams may need more.  [default: by the shape]"))
 @option_flags(DecodeOptions, "lod", "isolate", "engine")
 @limit_flags("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "latents", "metadata_bytes", "isolate_bytes",
              "isolate_seconds")
 @option_flags(DecodeOptions, "threads")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
-@click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout, errors included.")
+@click.option("--quiet", is_flag=True, help="Print only errors: no progress, warnings or summary.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
 def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, quiet, **choices):
-    """Decode IN.texf ("-": stdin) to a mesh file; the suffix of OUT chooses the format ("-": GLB on stdout,
-    with the report on stderr). IN may be a GLB that carries a stream; OUT.texf is the stream itself.
+    """Decode IN.texf ("-": stdin) to a mesh file. The suffix of OUT chooses the format ("-": GLB on stdout, with the report on
+    stderr). IN may be a GLB that carries a stream; OUT.texf then extracts it.
 
-    Files from strangers: use --isolate and lower the limits.
+    For files from unknown sources, use --isolate and lower the limits.
 
-    Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 over a limit, 130
+    Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 limit exceeded, 130
     interrupted.
     """
     from ..api import decode
@@ -71,14 +74,14 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
     limits = limits_of(choices)
     look = {name: choices.pop(name) for name in _LOOK}
     if fallback_faces is not None and not carry_stream:
-        raise click.UsageError("--fallback-faces is for --carry-stream")
+        raise click.UsageError("--fallback-faces requires --carry-stream")
     if carry_stream and choices["lod"] is None:
         choices["lod"] = _FALLBACK_LOD
     options = DecodeOptions(**{name: value for name, value in choices.items() if value is not None}, limits=limits)
     check_output(out, [source])
     takes_out = out.lower().endswith(_STREAM)
     if takes_out and carry_stream:
-        raise click.UsageError("--carry-stream is for GLB and glTF; OUT.texf is the stream itself")
+        raise click.UsageError("--carry-stream requires a GLB or glTF as OUT")
     if not takes_out:
         check_choices("stream.glb" if out == "-" else out, **look, stream=b"" if carry_stream else None)
     data = read_stream(source, limits)
@@ -145,7 +148,7 @@ def _lines(facts, out, counted):
     sizes = plural(facts["faces"], "face", "faces"), plural(facts["vertices"], "vertex", "vertices")
     yield f"{out}: {', '.join(sizes)}, {counted} from {facts['bytes']['total']} bytes"
     if facts["carried"]:
-        yield f"carries the stream, {facts['carried']['stream']} bytes, with a fallback of {facts['carried']['fallback']} bytes"
+        yield f"carries the stream ({facts['carried']['stream']} bytes) and a fallback ({facts['carried']['fallback']} bytes)"
     if facts["seams"] and facts["seams"]["border_edges"]:
         yield _seams_line(facts["seams"])
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
@@ -153,7 +156,7 @@ def _lines(facts, out, counted):
 
 def _seams_line(seams):
     mean, largest = (" ".join(f"{value:.1f}" for value in seams[name]) for name in ("mean", "largest"))
-    return (f"seams of the new atlas: jumps across {seams['border_edges']} edges at mip levels 0 to 4: mean {mean}; largest "
+    return (f"colour steps across {seams['border_edges']} seam edges of the atlas, at mip levels 0 to 4: mean {mean}; largest "
             f"{largest} of 255")
 
 

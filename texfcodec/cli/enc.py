@@ -36,42 +36,43 @@ def _warm_up(context, parameter, value):
 @click.argument("out", metavar="OUT.texf", required=False, shell_complete=file_names)
 @option_flags(EncodeOptions, "rate", "resolution", "qp", "target_bytes", "target_psnr", "target_psnr_of", "exact_rate",
               "lossless")
-@click.option("--near-lossless", metavar="D", **number(1, 127, "As --lossless, but each value may be off by D, 1..127."))
+@click.option("--near-lossless", metavar="D", **number(1, 127, "As --lossless, but with an error of at most D per value, "
+                                                               "1..127."))
 @option_flags(EncodeOptions, "support", "texel_size", "effects", "position_bits", "keep_mesh", "effort", "refine", "codec",
               "point", "resident_bytes", "steps", "seed", "latent_index", "transport", "checkpoint")
 @click.option("--codec-option", "codec_options", metavar="NAME=VALUE", multiple=True,
-              help="A setting of a codec that a plug-in brings; as often as needed.")
+              help="A setting of a plug-in's codec; may be repeated.")
 @option_flags(EncodeOptions, "threads")
 @limit_flags("vertices", "faces", "voxels", "samples", "metadata_bytes", "image_pixels")
 @option_flags(EncodeOptions, "measure", "no_check", "strict")
 @explain_flags
 @batch_flags
-@click.option("--dry-run", is_flag=True, help="Load, estimate and report; write nothing. OUT may be left out.")
-@click.option("--advise", "advised", is_flag=True, help="As --dry-run, and say what the encoder will probably choose.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
-@click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")
+@click.option("--dry-run", is_flag=True, help="Load, estimate and report, but write nothing. OUT is optional.")
+@click.option("--advise", "advised", is_flag=True, help="As --dry-run, and predict what the encoder will choose.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout, errors included.")
+@click.option("--quiet", is_flag=True, help="Print only errors: no progress, warnings or summary.")
 @click.option("--warmup", is_flag=True, is_eager=True, expose_value=False, callback=_warm_up,
-              help="Compile all kernels ahead of the first use, then exit.")
+              help="Compile all kernels before the first use, then exit.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
 def enc(console, source, out, dry_run, advised, as_json, quiet, **choices):
-    """Code the textured mesh INPUT (SUFFIXES; "-": a GLB on stdin) as OUT.texf ("-": stdout, with the report on stderr).
+    """Encode the textured mesh INPUT (SUFFIXES; "-": a GLB on stdin) as OUT.texf ("-": stdout, with the report on stderr).
 
-    One of --rate, --resolution with --qp, --target-bytes and --target-psnr sets the rate; K or QP alone keeps the other of r04.
-    --lossless and --near-lossless bound the error of the coded colours instead; the geometry is coded as ever.
+    Set the rate with --rate, with --resolution and --qp, with --target-bytes or with --target-psnr. K or QP alone takes the other
+    from r04. --lossless and --near-lossless bound the error of the coded colours instead; they do not affect the geometry.
 
-    Where K is not given, the encoder keeps the texels of an image in place of voxels, or fewer voxels than the rate says, if
-    bytes and error of the picture cost less so; --support and --exact-rate say otherwise.
+    Without K, the encoder may keep the texels of an image, or choose fewer voxels than the rate has. It does so where bytes and
+    picture error cost less. --support and --exact-rate prevent this.
 
-    --codec 3dntc fits a payload for the GPU: --point or --resident-bytes sets its size, --steps the time it takes, and K only the
-    voxels that a decoder makes of it.
+    --codec 3dntc fits a payload for the GPU. --point or --resident-bytes sets its size, and --steps the fitting time. K only sets
+    the number of voxels that a decoder produces from it.
 
-    --batch codes a whole catalogue into the folder of --out: a folder of meshes, whose names the streams keep; a list of paths,
-    one a line; or a TOML file of [[asset]] tables with path, out (a name that ends in .texf) and options, and [options] for all.
-    Each asset gets a JSON line on stdout and in results.jsonl, and with --json the totals come last. A failed one stops no
-    other; the same command again codes what is not finished or has changed.
+    --batch encodes a whole catalogue into the folder of --out. A catalogue is a folder of meshes, a list of paths (one per line),
+    or a TOML file. The TOML file has [[asset]] tables with path, out (a name that ends in .texf) and options, and [options] for
+    all. Each asset adds a JSON line on stdout and in results.jsonl; with --json the totals come last. If an asset fails, the
+    others continue. The same command again encodes what is unfinished or has changed.
 
-    Exit codes: 0 done, 1 command line, 2 input or output, 4 internal, 5 not supported, 6 over a limit, 7 an asset of a batch
+    Exit codes: 0 done, 1 command line, 2 input or output, 4 internal, 5 not supported, 6 limit exceeded, 7 an asset of a batch
     failed, 130 interrupted.
     """
     from ..batch.compile_beside import compile_beside
@@ -79,7 +80,7 @@ def enc(console, source, out, dry_run, advised, as_json, quiet, **choices):
     batch, dry_run = batch_of(choices, source, out), dry_run or advised
     explained = seconds_to_explain(choices, dry_run)
     if batch is not None and (advised or explained is not None):
-        raise click.UsageError("--advise and --explain-time are about one asset, not a batch")
+        raise click.UsageError("--advise and --explain-time cannot be combined with --batch")
     options = _options(choices)
     if batch is not None:
         return encode_batch(console, batch, options.checkpoint, dry_run)
@@ -111,12 +112,12 @@ def _options(choices):
             "--target-psnr": "target_psnr"}
     chosen = [flag for flag, names in ways.items() if any(name in choices for name in names.split())]
     if len(chosen) > 1:
-        raise click.UsageError(f"{' and '.join(chosen)} exclude each other")
+        raise click.UsageError(f"{' and '.join(chosen)} cannot be combined")
     limits = limits_of(choices)
     bounds = [name for name in ("lossless", "near_lossless") if name in choices]
     others = [name for name in ("qp", "target_bytes", "target_psnr") if name in choices]
     if bounds and len(bounds + others) > 1:
-        raise InputError("TXF-I50", f"{' and '.join(map(_flag, bounds + others))} exclude each other")
+        raise InputError("TXF-I50", f"{' and '.join(map(_flag, bounds + others))} cannot be combined")
     if "near_lossless" in choices:
         choices["max_error"] = choices.pop("near_lossless")
     choices["codec_options"] = _pairs(choices["codec_options"])
@@ -127,9 +128,9 @@ def _check_codec(choices):
     """Flags of the codec that was not chosen are a mistake, not to be passed over."""
     name = choices.get("codec", DEFAULT_CODEC)
     for option in sorted(strange_options(codec_of(name)) & choices.keys()):
-        raise click.UsageError(f"{_flag(option)} has no part in --codec {name}")
+        raise click.UsageError(f"{_flag(option)} does not apply to --codec {name}")
     if "near_lossless" in choices and "max_error" in strange_options(codec_of(name)):
-        raise click.UsageError(f"--near-lossless has no part in --codec {name}")
+        raise click.UsageError(f"--near-lossless does not apply to --codec {name}")
 
 
 def _flag(name):
@@ -248,7 +249,7 @@ def _lines(facts, out):
         yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
         return
     fields = plural(facts["fields"], "field", "fields")
-    bound = "lossless" if facts["max_error"] == 0 else f"error at most {facts['max_error']}"
+    bound = "lossless" if facts["max_error"] == 0 else f"maximum error {facts['max_error']}"
     quality = bound if facts["max_error"] is not None else codec.name if facts["qp"] is None else f"QP {facts['qp']}"
     yield f"{_grid(facts['resolution'])}{quality}, {fields}, {_counted(facts)}"
     yield from _support_lines(facts["supports"])
@@ -256,7 +257,7 @@ def _lines(facts, out):
     yield from decision_lines(facts["effects"], facts["channels"])
     yield from _normal_lines(facts["normals"])
     if facts["texels_per_voxel_edge"] > COARSE:
-        yield f"the textures are {facts['texels_per_voxel_edge']:.1f} times finer than the voxels: a larger K keeps more of them"
+        yield f"the textures are {facts['texels_per_voxel_edge']:.1f} times finer than the voxels: a larger K keeps more detail"
     yield from _psnr_lines(facts)
     yield from _refinement_lines(facts["refinement"]) if facts["voxels"] else ()
     for trial in facts.get("search", []):
@@ -285,11 +286,11 @@ def _normal_lines(told):
     """How far shading normals are off, what their unit takes and what it gains, and what became of normal maps."""
     if "degrees" in told:
         size, (half, most, _) = told.get("marks_bytes", 0) + told.get("normals_bytes", 0), told["degrees"]
-        rules = f", by {size} bytes of marks and residuals; rules alone: {told['rule_degrees'][1]} on 95 %" if size else ""
+        rules = f"; {size} bytes of marks and residuals; rules alone: {told['rule_degrees'][1]} degrees on 95 %" if size else ""
         yield f"shading normals within {half} degrees on half of the surface, {most} on 95 %{rules}"
     if told.get("turned_texels") or told.get("split_fields"):
-        apart = ", faces of other frames in fields of their own" if told["split_fields"] else ""
-        yield f"normal maps turned from the file's TANGENTs into a decoder's frames: {told['turned_texels']} texels{apart}"
+        apart = "; faces with other tangent frames are in separate fields" if told["split_fields"] else ""
+        yield f"normal maps converted from the file's TANGENTs to decoder frames: {told['turned_texels']} texels{apart}"
 
 
 def _support_lines(told):
@@ -298,31 +299,31 @@ def _support_lines(told):
     texels = [group for group in groups if group["chosen"] == "texels"]
     if texels:
         what = "images" if len(groups) > 1 else "image"
-        yield f"over texels, which costs less: {len(texels)} of {len(groups)} {what}, flat colours counted as one"
+        yield f"{len(texels)} of {len(groups)} {what} over texels, which costs less; flat colours count as one image"
     *others, best = (row["resolution"] for row in told.get("voxels", [{"resolution": 0}]))
     if others:
         worse = " or ".join(str(k) for k in sorted(others))
-        yield f"K {best}: bytes and error cost less than at K {worse}, by the encoder's reckoning"
+        yield f"K {best} costs less in bytes and error than K {worse}, by the encoder's estimate"
 
 
 def _mesh_lines(told):
     """What is sent in place of the source's mesh at the usual position bits."""
     if "tried" not in told:
         if "position_bits" in told:
-            yield f"positions of {told['position_bits']} bits: coarser ones would lose more than they save"
+            yield f"position bits: {told['position_bits']}; fewer would lose more than they save"
         return
     usual, (before, after) = told["tried"][0], told["faces"]
     chosen = min((one for one in told["tried"] if "refused" not in one), key=lambda one: one["cost"])
     if chosen is not usual:
         saved = usual["geometry_bytes"] - chosen["geometry_bytes"]
-        yield (f"{after} of {before} faces, positions of {chosen['position_bits']} bits: {saved} bytes fewer than the source's "
+        yield (f"{after} of {before} faces, {chosen['position_bits']} position bits: {saved} bytes fewer than the source's "
                "mesh takes (--keep-mesh)")
 
 
 def _size_lines(facts):
     source, ratio = facts["source"], facts["ratio"]
     files = "" if source["files"] == 1 else f" in {source['files']} files"
-    yield f"source {source['bytes']} bytes{files}, {ratio:.3g} times the stream"
+    yield f"source: {source['bytes']} bytes{files}, {ratio:.3g} times the stream"
 
 
 def _check_lines(facts):
@@ -330,14 +331,14 @@ def _check_lines(facts):
     from ..core.colour_error import in_decibels
 
     check, losses = facts["check"], len(facts["dropped"])
-    lost = f"; {losses} loss{'es' * (losses != 1)} named above" if losses else "; no losses"
+    lost = f"; {losses} loss{'es' * (losses != 1)} listed above" if losses else "; no losses"
     if check is None:
         return
     if not check["visible"]:
-        yield f"checked: nothing is visible{lost}"
+        yield f"checked: no surface is visible{lost}"
         return
     alpha = f", alpha {in_decibels(check['alpha'])}" if "alpha" in check else ""
-    lit = f", in light {in_decibels(check['lit'])}" if "lit" in check else ""
+    lit = f", lit {in_decibels(check['lit'])}" if "lit" in check else ""
     worst = check["worst"]
     part = f"; worst part '{worst['name']}' RGB {in_decibels(worst['rgb'])}" if worst and len(check["parts"]) > 1 else ""
     yield f"checked: Y {in_decibels(check['y'])}, RGB {in_decibels(check['rgb'])}{alpha}{lit}{part}{lost}"
@@ -366,7 +367,7 @@ def _dry_lines(facts, source):
               plural(facts["materials"], "material", "materials"))
     yield f"{source}: {size} bytes, {', '.join(counts)}"
     guess = facts["estimated"]
-    free = "; the encoder may find texels or a smaller K to be smaller" if facts["rate_is_free"] else ""
+    free = "; the encoder may choose texels or a smaller K if they take fewer bytes" if facts["rate_is_free"] else ""
     yield f"K {facts['resolution']}: about {guess['voxels']} voxels and {guess['seconds']:.0f} s{free}; nothing was written"
     yield from decision_lines(facts["effects"], [])
     yield from advice_lines(facts["advice"]) if "advice" in facts else ()

@@ -14,32 +14,32 @@ from .inputs import check_stdin_once, load_mesh, open_asset, open_carried
 @click.command("texf-eval", context_settings=STYLE)
 @click.argument("source", metavar="SOURCE", shell_complete=file_names)
 @click.argument("other", metavar="DECODED", shell_complete=file_names)
-@click.option("--views", metavar="N", default=16, **number(1, 4096, "Views from all around.  [default: 16]"))
-@click.option("--size", metavar="S", default=2048, **number(16, 8192, "Pixels a side of a view.  [default: 2048]"))
-@click.option("--ssim/--no-ssim", default=True, help="SSIM of the views.  [default: ssim]")
+@click.option("--views", metavar="N", default=16, **number(1, 4096, "Number of views around the object.  [default: 16]"))
+@click.option("--size", metavar="S", default=2048, **number(16, 8192, "Pixels per side of a view.  [default: 2048]"))
+@click.option("--ssim/--no-ssim", default=True, help="Compute SSIM of the views.  [default: ssim]")
 @click.option("--lpips", "weights", metavar="WEIGHTS", shell_complete=file_names,
-              help="LPIPS of the views; WEIGHTS is torchvision's AlexNet state dict (.pth), and texfcodec[lpips] is needed.")
-@click.option("--shaded", is_flag=True, help="Also PSNR of the views in light, with all maps of the materials, the error of "
-                                             "every channel, and angles of the shading normals (docs/design/shading.md).")
-@click.option("--mipmaps", is_flag=True, help="Views ask minified images and fields as viewers do, between two mip levels.")
-@click.option("--no-3d", is_flag=True, help="Leave out what is taken at points of the surface: 3D-PSNR, D1, D2, Hausdorff.")
+              help="Compute LPIPS of the views. WEIGHTS is torchvision's AlexNet state dict (.pth). Requires texfcodec[lpips].")
+@click.option("--shaded", is_flag=True, help="Also compute the PSNR of lit views with all material maps, the error of every "
+                                             "channel, and the angles between shading normals (docs/design/shading.md).")
+@click.option("--mipmaps", is_flag=True, help="Filter minified images and fields between two mip levels, as viewers do.")
+@click.option("--no-3d", is_flag=True, help="Leave out the metrics of surface points: 3D-PSNR, D1, D2, Hausdorff.")
 @limit_flags("texels", "image_pixels")
-@click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
-@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
-@click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")
+@click.option("--threads", metavar="N", default=0, **number(0, 1024, "Maximum threads; 0 for all processors.  [default: 0]"))
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout, errors included.")
+@click.option("--quiet", is_flag=True, help="Print only errors: no progress, warnings or summary.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
 def evaluate(console, source, other, views, size, ssim, weights, shaded, mipmaps, no_3d, threads, as_json, quiet, **limits):
-    """Compare DECODED, a .texf stream or a mesh (SUFFIXES), with the mesh SOURCE it was made from. One of them may be "-": a
-    stream or a GLB on stdin.
+    """Compare DECODED, a .texf stream or a mesh (SUFFIXES), with its source mesh SOURCE. One of them may be "-": a stream or a
+    GLB on stdin.
 
-    Views are orthographic, back faces are culled, and a pixel counts where both sides cover it, as in the MPEG mesh metric. Union
-    PSNR counts pixels that either side covers, on white; silhouette pixels are those that one side alone covers. 3D-PSNR is taken
-    at points spread evenly over the source. D1 and D2 are PSNR of the distance between the surfaces, in full and along the
-    source's normals, the worse of both ways, 10 log10(3 peak^2 / error) with the longest side of the source as the peak; the
-    Hausdorff distance is the largest.
+    Views are orthographic, with back faces culled. PSNR counts the pixels that both sides cover, as in the MPEG mesh metric.
+    Union PSNR counts pixels that either side covers, on white; silhouette pixels are those that one side alone covers. 3D-PSNR
+    compares points spread evenly over the source. D1 and D2 are PSNR of the distance between the surfaces, in full and along the
+    source's normals. Each is the lower of both directions, 10 log10(3 peak^2 / error), where peak is the longest side of the
+    source. The Hausdorff distance is the largest distance.
 
-    Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 over a limit, 130
+    Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 limit exceeded, 130
     interrupted.
     """
     from ..options import DecodeOptions
@@ -165,8 +165,8 @@ def _outline_lines(facts):
 
     shown, outline = {name: in_decibels(value, 3) for name, value in facts["union_psnr"].items()}, facts["silhouette"]
     yield f"union PSNR, on white: RGB {shown['rgb']}, Y {shown['y']}, YUV {shown['yuv']}"
-    yield (f"silhouettes: {outline['pixels']} pixels, {100 * outline['share']:.3f} %, are covered by one side alone "
-           f"({outline['lost']} lost, {outline['gained']} gained)")
+    yield (f"silhouettes: one side alone covers {outline['pixels']} pixels, {100 * outline['share']:.3f} % ({outline['lost']} "
+           f"lost, {outline['gained']} gained)")
 
 
 def _surface_lines(found):
@@ -174,7 +174,7 @@ def _surface_lines(found):
 
     d1, d2 = (in_decibels(found[name]["psnr"], 3) for name in ("d1", "d2"))
     away = found["hausdorff"]
-    yield f"D1 {d1}, D2 {d2}; 10 log10(3 peak^2 / error), peak: the longest side, {found['peak']:.6g}"
+    yield f"D1 {d1}, D2 {d2}; 10 log10(3 peak^2 / error), where peak is the longest side, {found['peak']:.6g}"
     yield f"Hausdorff distance: {away['distance']:.6g}, {100 * away['share']:.4f} % of the diagonal"
 
 

@@ -6,15 +6,15 @@ import click
 
 from .flags import number
 
-TEXT = "Say where the time went, and measure what settings one step away cost and buy: about six more encodes."
-SAID = {"better": "better than what was asked for", "buys": "buys bytes", "saves": "saves time", "dominated": "no gain",
-        "equal": "the same", None: "no curve to compare with"}
+TEXT = "Report where the time goes, and measure the cost and gain of neighbouring settings: about six more encodes."
+SAID = {"better": "better than requested", "buys": "saves bytes", "saves": "saves time", "dominated": "no gain",
+        "equal": "no difference", None: "no curve to compare with"}
 
 
 def explain_flags(command: Callable) -> Callable:
     """Decorator: --explain-time and --explain-seconds."""
-    command = click.option("--explain-seconds", metavar="S", **number(0.1, 1e6, "As --explain-time, settings being tried for S "
-                                                                      "seconds.  [default: 4 encodes]"))(command)
+    command = click.option("--explain-seconds", metavar="S", **number(0.1, 1e6, "As --explain-time, but try settings "
+                                                                                "for S seconds.  [default: 4 encodes]"))(command)
     return click.option("--explain-time", is_flag=True, help=TEXT)(command)
 
 
@@ -22,7 +22,7 @@ def seconds_to_explain(choices: dict, dry_run: bool) -> float | None:
     """Takes both flags out of choices: seconds for other settings, 0 where none are given; None where nothing was asked for."""
     asked, seconds = choices.pop("explain_time"), choices.pop("explain_seconds")
     if dry_run and (asked or seconds):
-        raise click.UsageError("--explain-time and --dry-run exclude each other")
+        raise click.UsageError("--explain-time and --dry-run cannot be combined")
     return seconds or (0.0 if asked else None)
 
 
@@ -30,11 +30,11 @@ def explain_lines(told: dict) -> Iterator[str]:
     """What texfcodec.encoder.explain.explain_time returns, for people: stages by their seconds, then a table of changes."""
     total = sum(told["stages"].values()) or 1.0
     shown = sorted(told["stages"].items(), key=lambda stage: -stage[1])
-    yield "where the time went: " + ", ".join(f"{name} {seconds:.2f} s ({100 * seconds / total:.0f} %)"
+    yield "time by stage: " + ", ".join(f"{name} {seconds:.2f} s ({100 * seconds / total:.0f} %)"
                                               for name, seconds in shown if seconds >= 0.01 * total)
     base = told["base"]
-    rows = [("change", "s", "processor s", "bytes", "dB", "bytes at equal dB", "a second more buys", ""),
-            ("as asked", *_measured(base), "", "", "")]
+    rows = [("change", "s", "processor s", "bytes", "dB", "bytes at equal dB", "saved per extra second", ""),
+            ("as requested", *_measured(base), "", "", "")]
     for row in told["neighbours"]:
         if "reason" in row:
             rows.append((row["change"], *[""] * 6, row["reason"]))
@@ -46,9 +46,9 @@ def explain_lines(told: dict) -> Iterator[str]:
     for row in rows:
         cells = [cell.rjust(width) if i else cell.ljust(width) for i, (cell, width) in enumerate(zip(row, widths, strict=False))]
         yield "  " + "  ".join([*cells, row[7]]).rstrip()
-    yield f"whole stream; 3D-PSNR of Y at {told['samples']} points; one run each, warm; seconds bought are the processor's"
+    yield f"whole stream; 3D-PSNR of Y at {told['samples']} points; a warm run each; extra seconds are processor seconds"
     if told["not_tried"]:
-        yield f"no time for {', '.join(told['not_tried'])}: --explain-seconds gives more than {told['budget']:.0f}"
+        yield f"not tried within {told['budget']:.0f} s: {', '.join(told['not_tried'])}; raise --explain-seconds to try them"
 
 
 def _measured(row):

@@ -17,14 +17,14 @@ _LIMIT_TEXT = {
     "file_bytes": "bytes of the stream",
     "vertices": "vertices over all geometry units",
     "faces": "faces over all geometry units",
-    "voxels": "active voxels and asked texels over all fields",
-    "texels": "texels of one image of a field, asked or not",
-    "image_pixels": "pixels of one image of a mesh file",
-    "samples": "surface samples and rows of texels; time grows with it",
+    "voxels": "active voxels and referenced texels over all fields",
+    "texels": "texels of an image of a field, referenced or not",
+    "image_pixels": "pixels of an image of a mesh file",
+    "samples": "surface samples and rows of texels, which take time",
     "latents": "latents of a payload",
     "metadata_bytes": "bytes of metadata",
-    "isolate_bytes": "memory of the sandbox of --isolate",
-    "isolate_seconds": "seconds of the sandbox of --isolate",
+    "isolate_bytes": "bytes of memory in the sandbox of --isolate",
+    "isolate_seconds": "seconds in the sandbox of --isolate",
 }
 
 
@@ -33,7 +33,7 @@ def number(low: float, high: float, text: str = "") -> dict[str, Any]:
 
     def check(context, parameter, value):
         if value is not None and not low <= value <= high:
-            raise click.BadParameter(f"{value} is not in {low}..{high}.")
+            raise click.BadParameter(f"{value} is outside {low}..{high}.")
         return value
 
     return {"type": type(low), "callback": check, "help": text}
@@ -95,7 +95,7 @@ def limit_flags(*names: str) -> Callable[[Callable], Callable]:
     def decorate(function):
         for name in reversed(names):
             default = getattr(Limits(), name)
-            settings = number(0, 1 << 62, f"Most {_LIMIT_TEXT[name]}; 0: no limit.  [default: {default}]")
+            settings = number(0, 1 << 62, f"Maximum {_LIMIT_TEXT[name]}; 0 for no limit.  [default: {default}]")
             flag = "--max-" + name.replace("_", "-")
             function = click.option(flag, "max_" + name, default=default, metavar="N", **settings)(function)
         return function
@@ -130,5 +130,6 @@ def direction_of(context: click.Context, parameter: click.Parameter, value: str)
     except ValueError:
         angles = []
     if len(angles) != 2 or not all(map(math.isfinite, angles)):
-        raise click.BadParameter(f"{value} is no view: {', '.join(VIEWS)}, fibonacci:0..{FIBONACCI - 1} or AZIMUTH,ELEVATION.")
+        raise click.BadParameter(f"{value} is not a view; choose {', '.join(VIEWS)}, fibonacci:0..{FIBONACCI - 1} or "
+                                 "AZIMUTH,ELEVATION.")
     return tuple(direction_of_angles(*angles))

@@ -21,17 +21,18 @@ from .inputs import read_stream
 
 @click.command("texf-info", context_settings=STYLE)
 @click.argument("file", metavar="FILE", shell_complete=file_names)
-@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
-@click.option("--quiet", is_flag=True, help="No listing; only errors and the exit code.")
-@click.option("--effects", is_flag=True, help="What each channel and effect takes: bytes, decoding, drawing; decodes everything.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout, errors included.")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@click.option("--effects", is_flag=True, help="Decode everything, and list the bytes, decoding time and drawing time of each "
+                                              "channel and effect.")
 @click.option("--verify", is_flag=True, help="Decode everything and compare all checksums.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
 def info(console, file, as_json, quiet, effects, verify):
-    """Name every syntax element of the .texf FILE ("-": stdin), or of the stream that a GLB carries, with its offset and size,
-    without decoding it.
+    """List every syntax element of the .texf FILE ("-": stdin), or of the stream that a GLB carries, with its offset and size.
+    The values are not decoded.
 
-    Exit codes: 0 valid, 1 command line, 2 input or output, 3 invalid stream, 5 not supported, 6 over a limit, 130
+    Exit codes: 0 valid, 1 command line, 2 input or output, 3 invalid stream, 5 not supported, 6 limit exceeded, 130
     interrupted.
     """
     from ..bitstream.inspect import inspect
@@ -118,7 +119,7 @@ def _lines(file, facts):
 
 def _level_in_words(facts):
     """Profile and level, which what only decoding tells may still raise."""
-    known = "" if facts.get("verified") else " by its counts; --verify finds what its surface asks"
+    known = "" if facts.get("verified") else " by its counts; --verify also checks its surface"
     return f"profile: {facts['profile'] or 'private'}, level: {facts['level'] or f'above {max(LEVELS)}'}{known}"
 
 

@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from .console import Console
 
 _GLB_MAGIC = b"glTF"
-CARRIED = "{}: the stream that the file carries is read, and not the fallback beside it"
+CARRIED = "{}: the carried stream is read instead of its fallback"
 
 
 def check_stdin_once(*paths: str | None) -> None:
     """A wrong command line where more than one input is "-"."""
     if paths.count("-") > 1:
-        raise click.UsageError("stdin can be read only once, but two inputs are -")
+        raise click.UsageError("only one input may be - (stdin)")
 
 
 def read_stream(path: str, limits: Limits) -> bytes:
@@ -145,7 +145,7 @@ def checked_stream(data: bytes, limits: Limits) -> list[str]:
     report, stream = Report(), read_stream(data, limits)
     appearance_of(stream, DecodeOptions(limits=limits), report)
     if any(values["codec_id"] in PRIVATE_IDS for values in stream.attributes):
-        raise SupportError("TXF-U11", "the page has no codec of a plug-in; bring the stream to a GLB with texf-dec")
+        raise SupportError("TXF-U11", "the page does not support plug-in codecs; convert the stream to a GLB with texf-dec")
     return report.warnings
 
 

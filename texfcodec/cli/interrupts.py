@@ -18,8 +18,8 @@ from ..errors import EXIT_INTERRUPTED, EXIT_OK
 
 CODE = "TXF-C02"
 NOTHING_WRITTEN = "interrupted; nothing was written"
-KEPT = "interrupted; what is finished stays, and the same command goes on from here"
-INCOMPLETE = "interrupted; what was written is not complete"
+KEPT = "interrupted; finished work is kept, and the same command resumes it"
+INCOMPLETE = "interrupted; the output is incomplete"
 CLOSED = "closed"
 
 

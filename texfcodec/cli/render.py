@@ -25,7 +25,7 @@ def _background_of(context, parameter, value):
     if value in PLAIN:
         return PLAIN[value]
     if len(parts) != 3 or not all(p.isascii() and p.isdigit() and int(p) <= 255 for p in parts):
-        raise click.BadParameter(f"{value} is neither grey, white, black nor r,g,b with numbers in 0..255.")
+        raise click.BadParameter(f"{value} is not a background; choose grey, white, black or r,g,b with numbers in 0..255.")
     return tuple(int(p) for p in parts)
 
 
@@ -33,36 +33,38 @@ def _background_of(context, parameter, value):
 @click.argument("source", metavar="IN.{texf,glb,gltf,obj,ply}", shell_complete=file_names)
 @click.argument("out", metavar="OUT.png", shell_complete=file_names)
 @click.option("--view", metavar="V", default="front", callback=direction_of,
-              help="front, back, left, right, top, bottom, fibonacci:I (of the image metric's 16), or AZIMUTH,ELEVATION in "
-                   "degrees; front looks along -z with y up, azimuth 90 is the right side.  [default: front]")
-@click.option("--size", metavar="N|WxH", default="1024", callback=size_of, help="Pixels, 1..8192 a side.  [default: 1024]")
-@click.option("--perspective", metavar="FOV", **number(1.0, 170.0, "Perspective with this vertical field of view in degrees, "
-                                                                     "1..170.  [default: orthographic]"))
+              help="Direction of the camera: front, back, left, right, top, bottom, fibonacci:I (one of 16 views), or "
+                   "AZIMUTH,ELEVATION in degrees. front looks along -z with y up; azimuth 90 is the right side.  [default: "
+                   "front]")
+@click.option("--size", metavar="N|WxH", default="1024", callback=size_of, help="Size in pixels, 1..8192 per side.  [default: "
+                                                                                "1024]")
+@click.option("--perspective", metavar="FOV", **number(1.0, 170.0, "Perspective projection with a vertical field of view of "
+                                                                   "FOV degrees, 1..170.  [default: orthographic]"))
 @click.option("--anti-alias", metavar="N", default=1,
-              **number(1, 8, "Render N times as large and average N x N pixels.  [default: 1]"))
-@click.option("--no-filter", is_flag=True, help="Streams: ask the field as the metrics do, never its coarser levels.")
+              **number(1, 8, "Render N times larger and average N x N pixels.  [default: 1]"))
+@click.option("--no-filter", is_flag=True, help="Query fields of a stream at full resolution only, as the metrics do.")
 @click.option("--shaded/--no-shaded", default=None,
-              help="In light, with all maps of the materials, or base colour alone (docs/design/shading.md).  [default: in light "
-                   "where IN has few colours and would show its outline alone]")
+              help="Draw with lighting and all material maps, or base colour alone (docs/design/shading.md).  [default: with "
+                   "lighting where IN has few colours and would show only its outline]")
 @click.option("--no-cull", is_flag=True, help="Draw back faces too.")
 @click.option("--background", metavar="C", default="grey", callback=_background_of,
-              help="grey (lighter above), white, black or r,g,b in 0..255.  [default: grey]")
+              help="Background: grey (lighter at the top), white, black or r,g,b in 0..255.  [default: grey]")
 @click.option("--compare", metavar="OTHER", shell_complete=file_names,
-              help="A second stream or mesh: a sheet of both and a heat map of their difference.")
+              help="Draw a second stream or mesh beside the first, and a heat map of their difference.")
 @limit_flags("texels", "image_pixels")
-@click.option("--threads", metavar="N", default=0, **number(0, 1024, "Most threads; 0: all processors.  [default: 0]"))
-@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
-@click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors.")
+@click.option("--threads", metavar="N", default=0, **number(0, 1024, "Maximum threads; 0 for all processors.  [default: 0]"))
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout, errors included.")
+@click.option("--quiet", is_flag=True, help="Print only errors: no progress, warnings or summary.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
 def render(console, source, out, compare, as_json, quiet, **choices):
-    """Draw a stream or mesh, its base colour or, with --shaded, its materials in light, as OUT.png ("-": stdout, with the report
-    on stderr).
+    """Draw a stream or mesh as OUT.png ("-": stdout, with the report on stderr). The picture shows base colour or, with
+    --shaded, lit materials.
 
-    IN or OTHER may be "-": a stream or a GLB on stdin. The camera is set by IN's bounding sphere, for OTHER too. PSNR is taken
-    over the pixels that both cover, laid over white where --background is grey, and of base colour where --shaded is not given.
+    IN or OTHER may be "-": a stream or a GLB on stdin. The bounding sphere of IN sets the camera, for OTHER too. PSNR counts the
+    pixels that both cover, over white where --background is grey. Without --shaded it compares base colour.
 
-    Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 over a limit, 130
+    Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 limit exceeded, 130
     interrupted.
     """
     from ..precompile import DECODING, first_run
@@ -99,7 +101,7 @@ def _pictures(source, compare, choices, inputs, report):
         choices["shaded"] = is_plain(first)
     picture = _draw(first, camera, choices, report)
     if not len(picture.pixel):
-        report.warnings.append("nothing is seen from here: the picture is empty")
+        report.warnings.append("the view shows no surface: the picture is empty")
     if compare is None:
         return picture, None, _image(picture, choices)
     second = load_asset(compare, options, inputs, report)[0]
@@ -150,7 +152,8 @@ def _compared(named, shown, compared, choices, report):
         found, heat = compare(first, second, under, choices["background"])
         panels = [*(_image(picture, choices) for picture in shown), box_down(heat, choices["anti_alias"])]
         halves = names_of_halves([(isinstance(asset, Scene), Path(path).name) for asset, path in named])
-        return found, sheet(panels, [*halves, "difference: RMS of R, G, B; teal: in one only"], choices["background"])
+        return found, sheet(panels, [*halves, "difference: RMS of R, G, B; teal: covered by one side "
+                                              "only"], choices["background"])
 
 
 def _facts(image, picture, choices, compared, report):
@@ -167,11 +170,11 @@ def _lines(facts, out):
     from ..core.colour_error import in_decibels
 
     share = 100 * facts["covered"] / facts["pixels"]
-    lit = ", in light" if facts["shaded"] else ""
+    lit = ", with lighting" if facts["shaded"] else ""
     yield f"{out}: {facts['width']} x {facts['height']} pixels, {share:.1f} % of the view covered{lit}"
     found = facts["compare"]
     if found and not found["pixels_both"]:
-        yield "no pixel is covered by both: there is no PSNR"
+        yield "no pixel is covered by both, so there is no PSNR"
     elif found:
         shown = {name: in_decibels(found[name]) for name in ("psnr_rgb", "psnr_y")}
         yield (f"PSNR over the {found['pixels_both']} pixels that both cover: RGB {shown['psnr_rgb']}, Y {shown['psnr_y']}; "

@@ -39,7 +39,7 @@ class Results:
             if os.write(number, line) != len(line):
                 os.ftruncate(number, size)
                 os.write(number, line)  # says what is wrong
-                raise OSError(f"{self.path} takes no more")
+                raise OSError(f"{self.path} cannot be written")
         finally:
             os.close(number)
         self._is_whole = True

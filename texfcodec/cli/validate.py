@@ -12,27 +12,27 @@ from .flags import file_names, limit_flags, limits_of, option_flags
 from .inputs import read_stream
 
 _IN_A_WORD = {EXIT_OK: "valid", EXIT_DIFFERS: "valid, with warnings", EXIT_STREAM: "invalid", EXIT_SUPPORT: "not supported",
-              EXIT_LIMIT: "over a limit"}
+              EXIT_LIMIT: "limit exceeded"}
 
 
 @click.command("texf-validate", context_settings=STYLE)
 @click.argument("file", metavar="FILE", shell_complete=file_names)
-@click.option("--strict", is_flag=True, help="Exit code 7 where there are warnings and no errors.")
+@click.option("--strict", is_flag=True, help="Return exit code 7 if there are warnings but no errors.")
 @option_flags(DecodeOptions, "isolate")
 @limit_flags("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "latents", "metadata_bytes", "isolate_bytes",
              "isolate_seconds")
 @option_flags(DecodeOptions, "threads")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
-@click.option("--quiet", is_flag=True, help="No findings; only the exit code.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout, errors included.")
+@click.option("--quiet", is_flag=True, help="Print no findings; return the exit code.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
 def validate(console, file, strict, as_json, quiet, **choices):
-    """Name everything that is wrong or odd in the .texf FILE ("-": stdin), or in the stream that a GLB carries, not the first
-    error alone: decodes what can be decoded, compares all checksums, and goes on behind errors.
+    """List every error, warning and note about the .texf FILE ("-": stdin), or about the stream that a GLB carries. The tool
+    decodes as much as it can, compares all checksums, and continues after errors.
 
-    Files from strangers: use --isolate and lower the limits.
+    For files from unknown sources, use --isolate and lower the limits.
 
-    Exit codes, by the worst finding: 0 valid, 3 invalid, 5 not supported, 6 over a limit, 7 valid with warnings (--strict); 1
+    Exit codes, by the worst finding: 0 valid, 3 invalid, 5 not supported, 6 limit exceeded, 7 valid with warnings (--strict); 1
     command line, 2 input or output, 4 internal, 130 interrupted.
     """
     from ..precompile import DECODING, first_run
@@ -59,7 +59,7 @@ def _lines(outcome, code):
     for finding, count in outcome["left_out"].items():
         yield f"... and {count} more of {finding}"
     if outcome["not_checked"]:
-        yield "not checked, for the errors above: " + ", ".join(_names(outcome["not_checked"]))
+        yield "not checked because of the errors above: " + ", ".join(_names(outcome["not_checked"]))
     counts = ", ".join(f"{count} {name}{'s' * (count != 1)}" for name, count in outcome["counts"].items())
     yield f"{_IN_A_WORD[code]}: {counts}"
 

@@ -32,7 +32,7 @@ def _camera_of(context, parameter, value):
     except ValueError:
         numbers = [math.nan]
     if not all(map(math.isfinite, numbers)):
-        raise click.BadParameter(f"{value} is no camera: the page copies one as {LINK} numbers.")
+        raise click.BadParameter(f"{value} is not a camera; the page copies a camera as {LINK} numbers.")
     return {"link": ",".join(f"{v:.9g}" for v in numbers)}
 
 
@@ -40,46 +40,46 @@ def _camera_of(context, parameter, value):
 @click.argument("source", metavar="FILE.{texf,glb,gltf,obj,ply}", shell_complete=file_names)
 @click.argument("other", metavar="[OTHER]", required=False, shell_complete=file_names)
 @click.option("--export", metavar="PAGE.html", shell_complete=file_names,
-              help="Write the page with all that it shows as one file, which needs no server and no network.")
+              help="Write the page with its content as one file, which needs neither server nor network.")
 @click.option("--screenshot", metavar="OUT.png", shell_complete=file_names,
-              help="Write the page's picture, drawn by a browser without a window: Chromium or one of its kind, the first on the "
-                   "PATH or the one that TEXF_BROWSER names.")
+              help="Write the page's picture. A Chromium-based browser draws it without a window: the first on the PATH, or "
+                   "the one in TEXF_BROWSER.")
 @click.option("--camera", metavar="C", default="front", callback=_camera_of,
-              help="front, back, left, right, top, bottom, fibonacci:I (of the image metric's 16), AZIMUTH,ELEVATION in degrees, "
-                   "or the seven numbers that the page copies.  [default: front]")
+              help="Camera: front, back, left, right, top, bottom, fibonacci:I (one of 16 views), AZIMUTH,ELEVATION in "
+                   "degrees, or the seven numbers that the page copies.  [default: front]")
 @click.option("--size", metavar="N|WxH", default="1024", callback=size_of,
-              help="Pixels of the screenshot, 1..8192 a side.  [default: 1024]")
-@click.option("--perspective", metavar="FOV", **number(1.0, 170.0, "Perspective with this vertical field of view in degrees, "
-                                                                     "1..170.  [default: orthographic]"))
+              help="Size of the screenshot in pixels, 1..8192 per side.  [default: 1024]")
+@click.option("--perspective", metavar="FOV", **number(1.0, 170.0, "Perspective projection with a vertical field of view of "
+                                                                   "FOV degrees, 1..170.  [default: orthographic]"))
 @click.option("--anti-alias", metavar="N", default=1,
-              **number(1, 8, "Draw the screenshot N times as large and average N x N pixels.  [default: 1]"))
+              **number(1, 8, "Draw the screenshot N times larger and average N x N pixels.  [default: 1]"))
 @click.option("--shaded/--no-shaded", default=None,
-              help="In light, with all maps of the materials, or base colour alone (docs/design/shading.md).  [default: in light "
-                   "where FILE has few colours and would show its outline alone]")
+              help="Draw with lighting and all material maps, or base colour alone (docs/design/shading.md).  [default: with "
+                   "lighting where FILE has few colours and would show only its outline]")
 @click.option("--mode", type=click.Choice(MODES),
-              help="How two are compared: a slider between them, their difference, or side by side.  [default: split; single "
-                   "without OTHER]")
-@click.option("--layer", metavar="NAME", help="What is shown in place of the colour, by its name on the page, such as normals.")
+              help="Compare two files with a slider between them, as their difference, or side by side.  [default: split; "
+                   "single without OTHER]")
+@click.option("--layer", metavar="NAME", help="Show a layer instead of the colour, by its name on the page, such as normals.")
 @click.option("--effects", type=click.Choice(EFFECTS), default=EFFECTS[0],
-              help="The terms of shading that the scene asks for, or all.  [default: scene]")
+              help="Compute the shading terms that the scene uses, or all.  [default: scene]")
 @click.option("--port", metavar="N", default=0,
-              **number(0, 65535, "Where the page is served; 0: any that is free.  [default: 0]"))
-@click.option("--no-browser", is_flag=True, help="Print the address of the page, and open no browser.")
+              **number(0, 65535, "Port of the page; 0 for any free port.  [default: 0]"))
+@click.option("--no-browser", is_flag=True, help="Print the address of the page, but do not open a browser.")
 @limit_flags("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "latents", "metadata_bytes", "isolate_bytes",
              "isolate_seconds", "image_pixels")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, errors included.")
-@click.option("--quiet", is_flag=True, help="No progress, warnings or summary; only errors, and the address of the page.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout, errors included.")
+@click.option("--quiet", is_flag=True, help="Print only errors and the address of the page.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
 def view(console, source, other, export, screenshot, as_json, quiet, **choices):
-    """Show a stream or mesh, or two of them to compare, in a browser, with WebGL2 and without baking. The page is served to this
-    machine alone, at the address that is printed, until Ctrl-C; more files can be dropped on it. Streams are decoded by the page,
-    in a sandbox of the browser; meshes are read by a process with capped memory and time.
+    """Show a stream or mesh in a browser, or compare two of them, with WebGL2 and without baking. The tool prints the address of
+    the page and serves it to this machine alone, until Ctrl-C. Drop more files on the page to see them. The page decodes streams
+    in the browser's sandbox; a process with limited memory and time reads meshes.
 
     FILE or OTHER may be "-": a stream or a GLB on stdin. With --export or --screenshot ("-": stdout, with the report on stderr)
-    nothing is served.
+    the page is not served.
 
-    Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 over a limit, 130
+    Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 limit exceeded, 130
     interrupted.
     """
     check_stdin_once(source, other)
@@ -112,11 +112,12 @@ def _check(console, other, export, screenshot, choices, inputs):
         elif path is not None and not path.lower().endswith(suffixes):
             raise click.UsageError(f"{path} must end in {' or '.join(suffixes)}")
     if export == screenshot == "-":
-        raise click.UsageError("page and picture cannot both go to stdout")
+        raise click.UsageError("--export and --screenshot cannot both write to stdout")
     if other is None and choices["mode"] not in (None, "single"):
-        raise click.UsageError(f"--mode {choices['mode']} compares two files, and there is one")
+        raise click.UsageError(f"--mode {choices['mode']} requires OTHER, a second file to compare")
     if choices["perspective"] is not None and "link" in choices["camera"]:
-        raise click.UsageError("--camera has a field of view already, and --perspective names one")
+        raise click.UsageError("--perspective cannot be combined with the seven numbers of --camera, which contain a field of "
+                               "view")
     for path in (export, screenshot):
         if path is not None:
             check_output(path, inputs)
@@ -193,7 +194,7 @@ def _outputs(shown, limits, export, screenshot, start, drawn, report):
             (picture,) = run_jobs(data, [{"kind": "picture", "captions": True, "background": GREY, **drawn, **start}],
                                   names=names, limits=limits)
         if not picture.startswith(PNG):
-            raise SupportError("TXF-C11", "the page in the browser has drawn no picture")
+            raise SupportError("TXF-C11", "the page in the browser did not draw a picture")
         outputs[screenshot] = picture
     return outputs
 
@@ -211,9 +212,9 @@ def _serve(console, shown, start, choices, limits, facts):
             click.echo(server.address)
         console.result({"address": server.address, **facts}, [server.address])
         if not console.as_json:
-            console.note("Ctrl-C ends it")
+            console.note("press Ctrl-C to stop")
         if not choices["no_browser"] and not _open(server.address):
-            console.note("warning: no browser could be started; open the address in one")
+            console.note("warning: no browser could be started; open the address yourself")
         try:
             while not threading.Event().wait(1.0):
                 pass

@@ -51,7 +51,7 @@ def _plugin(name: str) -> Codec:
 
     points = _plugins()[name]
     if len(points) > 1:
-        raise SupportError("TXF-U08", f"more than one plug-in registers a codec of the name {name!r}",
+        raise SupportError("TXF-U08", f"several plug-ins register a codec named {name!r}",
                            value=", ".join(sorted(point.value for point in points)))
     return load_plugin(points[0], {id: other for other, (id, *_) in OURS.items()})
 
@@ -86,11 +86,11 @@ def codec_of_unit(values: dict) -> Codec:
         raise SupportError("TXF-U02", "unknown attribute codec", clause="5.7", value=number,
                            allowed=[id for id, *_ in OURS.values()])
     if name not in _plugins():
-        raise SupportError("TXF-U07", f"the stream needs the codec {name!r}, which is not installed here", clause="5.7",
+        raise SupportError("TXF-U07", f"the stream needs the codec {name!r}, which is not installed", clause="5.7",
                            value=number)
     codec = _plugin(name)
     if codec.id != number:
-        raise SupportError("TXF-U07", f"the stream needs another codec {name!r} than the one that is installed", clause="5.7",
+        raise SupportError("TXF-U07", f"the installed codec {name!r} has another id than the stream needs", clause="5.7",
                            value=number, allowed=codec.id)
     return codec
 

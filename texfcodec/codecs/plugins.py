@@ -53,7 +53,7 @@ def load_plugin(point: EntryPoint, taken: dict[int, str]) -> Codec:
     except (Exception, SystemExit) as error:
         raise _fault(point.name, f"cannot be loaded from {point.value}", error) from error
     if not isinstance(codec, (PlaneCodec, JointCodec)) or name != point.name:
-        raise SupportError("TXF-U08", f"the plug-in {point.value} does not give a codec of the name {point.name!r}",
+        raise SupportError("TXF-U08", f"the plug-in {point.value} does not provide a codec named {point.name!r}",
                            value=str(name)[:NAME_BYTES])
     if not 0 < len(name.encode()) <= NAME_BYTES:
         raise _fault(name[:NAME_BYTES], f"has a name that is not 1 to {NAME_BYTES} bytes long")
@@ -65,14 +65,14 @@ def _check_claims(name, told, taken):
     """What a codec says of itself must make sense, and its id and its table must be its own."""
     for what, value in told.items():
         if not SOUND[what](value):
-            raise _fault(name, f"has {what} that no codec can have", value=repr(value)[:80])
+            raise _fault(name, f"has an invalid {what}", value=repr(value)[:80])
     if told["id"] not in PRIVATE_IDS:
         owner = taken.get(told["id"])
         why = "claims an id outside the private range" if owner is None else f"claims the id of {owner!r}"
         raise _fault(name, why, value=told["id"], allowed=f"{PRIVATE_IDS[0]}..{PRIVATE_IDS[-1]}")
     own = sorted(UNIT.intersection(one.name for one in told["structures"][0].elements))
     if own:
-        raise _fault(name, "has a table with names of the attribute unit", value=", ".join(own))
+        raise _fault(name, "has a table with names that the attribute unit uses", value=", ".join(own))
 
 
 def _fault(name, what, error=None, **facts):
@@ -122,7 +122,7 @@ class _Plugin(Codec):
         try:
             return super().write_parameters(values)
         except Exception as error:
-            raise _fault(self.name, "gave values that its table does not hold", error) from error
+            raise _fault(self.name, "returned values that are missing in its table", error) from error
 
     def read_parameters(self, reader, values, trace=None):
         """As Codec.read_parameters."""
@@ -145,7 +145,7 @@ class _Plugin(Codec):
         """As Codec.describe."""
         told = self._call("describe", values, take=_json_dict)
         if own := sorted(INSPECTED & told.keys()):
-            raise _fault(self.name, "describes what every unit has", value=", ".join(own))
+            raise _fault(self.name, "describes facts that every unit has", value=", ".join(own))
         return told
 
     def info_lines(self, group):
@@ -160,7 +160,7 @@ class _Plugin(Codec):
         """Lines of a method that may be a generator, so that it fails here and not where they are printed."""
         lines = self._call(what, facts, take=list)
         if not all(isinstance(line, str) for line in lines):
-            raise _fault(self.name, f"returns something else than lines of text from {what}()")
+            raise _fault(self.name, f"does not return lines of text from {what}()")
         return lines
 
     def _number(self, what, kind, *given):
@@ -199,7 +199,7 @@ class PluginJoint(_Plugin, JointCodec):
         try:
             choices = _json_dict(made.choices)
         except (TypeError, ValueError) as error:
-            raise _fault(self.name, "made choices that JSON cannot hold", error) from error
+            raise _fault(self.name, "returned choices that JSON cannot represent", error) from error
         evaluators = self._evaluators(made.evaluators, len(source.surfaces), source.groups)
         return Joint(_without(made.values, UNIT), evaluators, choices)
 
@@ -236,7 +236,7 @@ def _packed(made):
     """(facts, arrays) of a stranger's pack() as an answer holds them. Raises TypeError, ValueError."""
     facts, arrays = made
     if any(not isinstance(array, np.ndarray) or array.dtype.hasobject for array in arrays.values()):
-        raise TypeError("arrays are not plain")
+        raise TypeError("the arrays have an unsupported type")
     return _json_dict(facts), {ARRAY + name: array for name, array in arrays.items()}
 
 

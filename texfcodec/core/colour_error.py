@@ -68,7 +68,7 @@ class ColourError:
     def mse(self) -> dict[str, float]:
         """Weighted mean squared errors {"y", "u", "v", "rgb"}; rgb is the mean over samples and channels."""
         if self._weight <= 0:
-            raise ValueError("no samples (or only samples of weight zero): there is no error to report")
+            raise ValueError("there are no samples, or all have weight zero: no error can be computed")
         y, u, v, r, g, b = (self._squares / self._weight).tolist()
         return {"y": y, "u": u, "v": v, "rgb": (r + g + b) / 3}
 

@@ -30,7 +30,7 @@ class Reader:
     def take(self, count: int, name: str, clause: str) -> bytes | memoryview:
         """The next `count` bytes, or StreamError TXF-S02."""
         if count > self.end - self.position:
-            raise StreamError("TXF-S02", f"the data end inside {name}", clause=clause, offset=self.base + self.position,
+            raise StreamError("TXF-S02", f"the data ends inside {name}", clause=clause, offset=self.base + self.position,
                               value=self.end - self.position, allowed=f">= {count} bytes")
         begin = self.position
         self.position += count
@@ -60,7 +60,7 @@ def check_range(element: Element, value: Any, offset: int | None, clause: str) -
     registry."""
     low, high = element.low, element.high
     if element.registry and high is not None and value > high:
-        raise SupportError("TXF-U09", f"{element.name} has a meaning that this version does not know", clause=clause,
+        raise SupportError("TXF-U09", f"this version does not know the value of {element.name}", clause=clause,
                            offset=offset, value=value, allowed=f"<= {high}")
     if (low is not None and not value >= low) or (high is not None and value > high):
         allowed = f"{low}..{'' if high is None else high}"

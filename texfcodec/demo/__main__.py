@@ -27,7 +27,7 @@ def main(folder: str | PathLike = "out") -> None:
     folder.mkdir(exist_ok=True)
     source = folder / "sample.glb"
     write_or_explain(source)
-    console.print(f"{source}: {source.stat().st_size:,} bytes, made by code")
+    console.print(f"{source}: {source.stat().st_size:,} bytes, generated")
     line = first_run(ALL)
     if line:
         console.print(line)
@@ -37,9 +37,9 @@ def main(folder: str | PathLike = "out") -> None:
         with console.status(f"{name}: encoding and decoding"):
             rows.append(_one_rate(source, folder / f"sample_{name}.texf", point))
     console.print(_table(rows))
-    console.print(f"{time.perf_counter() - begin:.0f} s in all. To look at, in any glTF viewer: {source}, "
+    console.print(f"{time.perf_counter() - begin:.0f} s in total. Open in any glTF viewer: {source}, "
                   + ", ".join(str(folder / f"sample_{name}.glb") for name in POINTS), soft_wrap=True)
-    console.print(f"What stands in a stream: texf-info {folder / f'sample_{list(POINTS)[0]}.texf'}", soft_wrap=True)
+    console.print(f"To list the elements of a stream: texf-info {folder / f'sample_{list(POINTS)[0]}.texf'}", soft_wrap=True)
 
 
 def _one_rate(source, stream, point):

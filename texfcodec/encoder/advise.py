@@ -29,7 +29,7 @@ def advise(outline: Outline) -> dict:
 
     times: bytes over voxels to bytes over texels at equal quality; sure: whether that is clear of 1. Raises InputError."""
     request, surface = outline.request, outline.surface
-    reason = reason_for_voxels(request) or ("asked for" if request.support == "voxels" else "")
+    reason = reason_for_voxels(request) or ("requested" if request.support == "voxels" else "")
     rest, images = np.ones(len(surface.faces), bool), []
     for group in [] if reason else image_groups(outline.scene, surface):
         images.append(_advice(group, outline))
@@ -42,10 +42,11 @@ def advise(outline: Outline) -> dict:
 def _advice(group, outline):
     entry = {"image": list(group.size), "faces": len(group.faces), "maps": sorted(group.maps)}
     if outline.request.support == "texels":
-        return entry | {"predicted": "texels", "sure": True, "reasons": ["asked for"]}
+        return entry | {"predicted": "texels", "sure": True, "reasons": ["requested"]}
     measures = outline.rd.image_measures(group, outline.surface)
     if measures is None:
-        return entry | {"predicted": "voxels", "sure": True, "reasons": ["the surface has no area, or its UVs reach too far"]}
+        return entry | {"predicted": "voxels", "sure": True, "reasons": ["the surface has no area, or its UVs exceed the "
+                                                                         "supported range"]}
     texels, voxels = measures.cost(outline.rd.step)
     score = np.log(voxels / texels) + LEANING
     predicted = "texels" if score > 0 else "voxels"
@@ -63,9 +64,9 @@ def _reasons(measures, texel_bytes, group, predicted):
             yield f"UVs would take {measures.uv_bytes / texel_bytes:.0%} of what texels need"
         return
     if group.palette:
-        yield "flat colours: a texel each"
+        yield "the image has flat colours, which take a texel each"
     if measures.shown > MANY_TIMES * measures.texels:
-        yield f"a texel is shown {measures.shown / measures.texels:.1f} times and coded once"
+        yield f"the surface shows each texel {measures.shown / measures.texels:.1f} times, but it is coded once"
     if measures.per_edge > FINER:
         yield f"the image is {measures.per_edge:.1f} times finer than the voxels"
     if measures.per_edge < COARSE and not group.palette:

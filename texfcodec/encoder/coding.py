@@ -67,7 +67,7 @@ class PlaneCoding(Coding):
         for number, own in enumerate(names):
             with report.stage("transfer", (number, len(names))):
                 fields = _replaced(fields, number, _values(fields[number], source, number, own, colours, rd))
-        warning = "directions of anisotropy mean nothing over voxels, which have no UVs: only its strength stays"
+        warning = "anisotropy directions need UVs, which voxels do not have; only the strength is kept"
         warnings = (warning,) if any("anisotropy" in own for own in names) else ()
         with report.stage("refine") as step:
             refinement = refine_fields(source, fields[: len(names)], rd, wanted, step)

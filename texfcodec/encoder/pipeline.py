@@ -113,5 +113,5 @@ def _collapsed(scene, surface):
     count = len(scene.faces) - len(surface.origin_face) - int(((a == b) | (b == c) | (c == a)).sum())
     if count > 0:
         share = 100 * count / len(scene.faces)
-        yield (plural(count, "face", "faces") + f" of {len(scene.faces)} ({share:.2g} %) without area on the lattice of "
-               f"{surface.cube.position_bits} bits: left out; more --position-bits may keep them")
+        yield (plural(count, "face is", "faces are") + f" left out ({share:.2g} % of {len(scene.faces)}), without area at "
+               f"{surface.cube.position_bits} position bits; more --position-bits may keep such faces")

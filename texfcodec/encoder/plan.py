@@ -273,7 +273,7 @@ def _said(decision: Decision, report: Report, strict: bool = False) -> Decision:
     report.dropped += decision.dropped
     report.remarks += decision.remarks
     if strict and decision.warnings:
-        raise InputError("TXF-I52", "something would be lost, and strict forbids it", warnings=report.warnings)
+        raise InputError("TXF-I52", "the mesh would lose something, and strict forbids it", warnings=report.warnings)
     return decision
 
 
@@ -298,7 +298,7 @@ def _partitioned(scene, surface, plans, colours, rd, request, step):
         scene = without_lost_detail(scene, surface, ~over_texels, rd.resolution)
     face_field, rest = np.full(len(surface.faces), -1, np.int64), ~over_texels
     if plans and not rest.any():
-        return scene, Decision(face_field, {"fields": 0, "reason": "all of the surface is over texels"})
+        return scene, Decision(face_field, {"fields": 0, "reason": "the whole surface is over texels"})
     part = rd.on_part(float(area_shares(surface.lattice, surface.faces)[rest].sum()))
     voxels = choose_fields(scene, without_faces(surface, over_texels), colours, part, request.partition, step)
     face_field[rest] = voxels.value

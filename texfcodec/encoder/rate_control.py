@@ -351,8 +351,8 @@ class _Search:
             geometry = min([*self._geometry, *(t.encoded.sizes["geometry"] for t in self.trials)])
             least = min(rows, key=lambda r: r["bytes"], default=None)
             best = least and {"best": least["bytes"], "resolution": least["resolution"], "qp": least["qp"]}
-            return InputError("TXF-I51", f"no QP fits into the budget: geometry alone takes {geometry} bytes, and fewer "
-                              "position bits make it smaller", value=self.target.budget, **(best or {"allowed": f"> {geometry}"}))
+            return InputError("TXF-I51", f"no QP meets the budget: geometry alone takes {geometry} bytes; lower --position-bits",
+                              value=self.target.budget, **(best or {"allowed": f"> {geometry}"}))
         most = max(rows, key=lambda r: r["psnr_y"] or math.inf)
         return InputError("TXF-I51", f"no QP reaches this PSNR of {most['psnr_of']}", value=self.target.psnr,
                           best=round(most["psnr_y"], 2), resolution=most["resolution"], qp=most["qp"])

@@ -67,7 +67,8 @@ def encode_checked(scene: Scene, options: EncodeOptions, report: Report) -> Enco
         second = Report(report.on_progress)
         again = _coded_finer(scene, missed, options, second)
         if again and _is_better(again.check, found) and len(again.data) <= _most_bytes(made, missed):
-            second.remarks.append(f"{_named(missed)}: coded again, finer, in {len(again.data)} bytes instead of {len(made.data)}")
+            second.remarks.append(f"{_named(missed)} and was coded again at higher quality, in {len(again.data)} bytes instead "
+                                  f"of {len(made.data)}")
             made, found, kept, second = again, again.check, second, kept
         report.take_seconds(second)
     report.take(kept)
@@ -184,14 +185,14 @@ def misses(check: dict) -> list[Miss]:
 
 def warnings_of(check: dict, options: EncodeOptions) -> list[str]:
     """Sentences on what of a check is worse than the rate promises."""
-    missed, rate = misses(check), f"{options.rate} stands for {check['promised']:.0f} dB" if check["promised"] else ""
+    missed, rate = misses(check), f"{options.rate} promises {check['promised']:.0f} dB" if check["promised"] else ""
     said = []
     if not check["visible"]:
-        said.append("nothing of the surface is visible in the source, so that its colours could not be compared")
+        said.append("no part of the source's surface is visible, so its colours could not be compared")
     if missed:
-        said.append(f"{_named(missed)}, where {rate}: a finer --rate or --support texels shows more")
+        said.append(f"{_named(missed)}, but {rate}; a higher --rate or --support texels keeps more detail")
     if rate and check.get("lit") is not None and check["lit"] < check["promised"] - COLOUR_SHORTFALL:
-        said.append(f"in light, small pictures have {check['lit']:.1f} dB, where {rate}: its shading differs from the source's")
+        said.append(f"small lit pictures have {check['lit']:.1f} dB, but {rate}; the shading differs from the source's")
     return said
 
 

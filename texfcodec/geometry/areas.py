@@ -52,7 +52,7 @@ def sample_surface(positions: np.ndarray, faces: np.ndarray, count: int, seed: i
         return np.zeros(0, dtype=np.int64), np.zeros((0, 3))
     cumulative = np.cumsum(relative_areas(positions, faces) if areas is None else areas)
     if not len(cumulative) or not cumulative[-1] > 0:
-        raise ValueError("the mesh has no face with area to sample")
+        raise ValueError("no face of the mesh has an area to sample")
     rng = np.random.default_rng(seed)
     target = (np.arange(count) + rng.random(count)) * (cumulative[-1] / count)
     face_index = np.searchsorted(cumulative, target, side="right")  # "right" steps over faces whose area is zero

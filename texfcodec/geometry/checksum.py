@@ -14,7 +14,7 @@ def geometry_crc(lattice: np.ndarray, faces: np.ndarray, uv: np.ndarray | None =
     """Sum of the faces' CRC-32, modulo 2**32. lattice: int64 [V, 3] in 0..2**20-1; faces: int64 [F, 3] into lattice; uv: int64
     [V, 2] in -2**26..2**26, or None. Raises IndexError for a corner that is not there."""
     if len(faces) and not 0 <= faces.min() <= faces.max() < len(lattice):
-        raise IndexError("a face has a corner that is not there")
+        raise IndexError("a face has a corner that does not exist")
     corners = lattice if uv is None else np.hstack([lattice, uv])
     return int(_sum_of_faces(np.ascontiguousarray(corners, np.int64), np.ascontiguousarray(faces, np.int64), _TABLE))
 

@@ -132,21 +132,21 @@ def _decode(data, counts, attributes, offset):
 
     said = counts_of(data, offset)
     if said != counts:
-        raise StreamError("TXF-S21", "the Draco substream's counts are not the unit's", clause="5.6", offset=offset,
-                          value=list(said), allowed=list(counts))
+        raise StreamError("TXF-S21", "the counts in the Draco substream differ from those of the unit", clause="5.6",
+                          offset=offset, value=list(said), allowed=list(counts))
     try:
         mesh = DracoPy.decode(bytes(data))
     except Exception as error:
-        raise StreamError("TXF-S22", f"Draco refuses its substream: {error}", clause="5.6", offset=offset) from error
+        raise StreamError("TXF-S22", f"Draco cannot decode its substream: {error}", clause="5.6", offset=offset) from error
     found = sorted((a["attribute_type"], a["data_type"], a["num_components"]) for a in mesh.attributes)
     if found != attributes:
-        raise StreamError("TXF-S20", "the Draco substream has other attributes than it should", clause="5.6", offset=offset,
+        raise StreamError("TXF-S20", "the Draco substream has unexpected attributes", clause="5.6", offset=offset,
                           value=found, allowed=attributes)
     return mesh
 
 
 def _other_counts(value, allowed, offset):
-    return StreamError("TXF-S21", "the Draco substream decodes to another number of vertices or faces", clause="5.6",
+    return StreamError("TXF-S21", "the Draco substream decodes to an unexpected number of vertices or faces", clause="5.6",
                        offset=offset, value=value, allowed=allowed)
 
 
@@ -164,7 +164,7 @@ def _uv_of(mesh, count, coding, offset):
     """UVs int64 [count, 2]. Quantised ones come back as n / (2**bits - 1) of the range, n whole, which integers then undo."""
     data = next(np.asarray(a["data"]) for a in mesh.attributes if a["attribute_type"] != _POSITION)
     if data.shape != (count, 2):
-        raise StreamError("TXF-S20", "the Draco substream has other UVs than vertices", clause="5.6", offset=offset,
+        raise StreamError("TXF-S20", "the numbers of UVs and vertices in the Draco substream differ", clause="5.6", offset=offset,
                           value=list(data.shape), allowed=[count, 2])
     uv = data.astype(np.int64) if coding.bits == 0 else _unquantised(data, coding)
     if uv.min() < 0 or uv.max() >= 1 << MAX_UV_BITS:

@@ -46,7 +46,7 @@ def make_surface(scene: Scene, options: EncodeOptions) -> Surface:
     surface = place_mesh(cube, cube.to_lattice(scene.positions), scene.faces, np.asarray(scene.face_material),
                          partial(thin_faces, scene.positions, scene.faces, cube.side))
     if len(surface.faces) == 0 and not options.allow_empty:
-        raise InputError("TXF-I63", "every face is degenerate: no three corners are apart", value=len(scene.faces))
+        raise InputError("TXF-I63", "every face is degenerate: no face has three distinct corners", value=len(scene.faces))
     return surface
 
 

@@ -47,7 +47,7 @@ def fill_normals(scene: Scene, parts: list[Part], notes: Notes) -> None:
         scene.corner_normal, broken = _normals(scene, parts)
         if broken:
             notes.remark(plural(broken, "face corner has a normal that is", "face corners have normals that are")
-                         + " zero, NaN or infinite; those of their faces take their place")
+                         + " zero, NaN or infinite; face normals are used instead")
     if any(part.tangent is not None for part in parts):
         scene.corner_tangent = _tangents(scene, parts)
 

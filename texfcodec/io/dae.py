@@ -54,9 +54,10 @@ def _parse(data):
     try:
         import collada
     except ImportError as error:
-        raise SupportError("TXF-I35", 'COLLADA files need the package pycollada: pip install "texfcodec[formats]"') from error
+        raise SupportError("TXF-I35", "COLLADA files require the package pycollada: run pip install "
+                                      '"texfcodec[formats]"') from error
     if re.search(rb"<!(DOCTYPE|ENTITY)", data.replace(b"\0", b"")):  # some XML parsers would read files that these name
-        raise InputError("TXF-I24", "the COLLADA file has a document type, which is not read")
+        raise InputError("TXF-I24", "the COLLADA file has a document type declaration, which is not supported")
     try:
         return collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])
     except (KeyboardInterrupt, MemoryError):
@@ -70,7 +71,7 @@ def _with_points(data, notes):
     arrays = re.findall(rb"<float_array[^>]*>([^<]*)<", data)
     if not any(re.search(rb"\d,\d", array) and b"." not in array for array in arrays):
         return data
-    notes.remark("numbers of the COLLADA file have decimal commas; they are read as decimal points")
+    notes.remark("numbers in the COLLADA file have decimal commas; they are read as decimal points")
     data = re.sub(rb">[-+0-9eE,\s]+<", lambda found: found[0].replace(b",", b"."), data)
     return re.sub(rb"""(\bmeter=["']\d+),(\d)""", rb"\1.\2", data)
 
@@ -95,7 +96,7 @@ def _nothing(errors):
     if not errors:
         return InputError("TXF-I15", "the input has no triangles")
     more = f", and {len(errors) - 1} more" if len(errors) > 1 else ""
-    return InputError("TXF-I24", f"the COLLADA file is malformed: nothing of its surface can be read ({errors[0]}{more})")
+    return InputError("TXF-I24", f"the COLLADA file is malformed: no part of its surface can be read ({errors[0]}{more})")
 
 
 def _geometries(document, notes):
@@ -103,7 +104,7 @@ def _geometries(document, notes):
     yield from document.scene.objects("geometry")
     for controller in document.scene.objects("controller"):
         notes.drop("skin" if hasattr(controller, "joint_matrices") else "morph targets")
-        notes.warn("controllers (skins, morphs) are not applied; their meshes are taken as stored")
+        notes.warn("controllers (skins, morphs) are not applied; their meshes are used as stored")
         geometry = getattr(controller, "geometry", None)
         if geometry is not None:
             yield geometry
@@ -122,7 +123,7 @@ def _part(source, geometry, look, notes):
     corners = np.asarray(source.vertex_index, np.int64).reshape(-1)
     sizes = np.asarray(source.vcounts, np.int64) if hasattr(source, "vcounts") else np.full(len(corners) // 3, 3)
     if (sizes < 0).any() or sizes.sum() != len(corners):
-        raise InputError("TXF-I24", f"the counts of {label} do not fit its indices", value=int(sizes.sum()),
+        raise InputError("TXF-I24", f"the counts of {label} do not match its indices", value=int(sizes.sum()),
                          allowed=len(corners))
     triangles, _ = triangulate(points, corners, sizes, notes)
     row, texcoord = look.of(geometry.materialnodebysymbol.get(source.material))
@@ -141,7 +142,7 @@ def _values(source, kind, number, triangles, label):
     offset, data = source.sources[kind][number][0], np.asarray(source.sources[kind][number][4].data, np.float64)
     rows = source.index.reshape(-1, source.index.shape[-1])[:, offset][triangles]
     if rows.size and (rows.min() < 0 or rows.max() >= len(data)):
-        raise InputError("TXF-I13", f"a face of {label} names a {kind} that does not exist", allowed=len(data))
+        raise InputError("TXF-I13", f"a face of {label} refers to a {kind} that does not exist", allowed=len(data))
     return data[rows]
 
 
@@ -155,7 +156,7 @@ def _uv(source, texcoord, triangles, label, notes):
         notes.warn(f"{label} has no TEXCOORD for its texture; UV (0, 0) is used")
     for number in range(len(inputs)):
         if number != chosen:
-            notes.remark(f"TEXCOORD_{number} is used by no image and left out")
+            notes.remark(f"no image uses TEXCOORD_{number}; it is left out")
     if chosen is None:
         return None
     return _values(source, "TEXCOORD", chosen, triangles, label)[..., :2] * [1.0, -1.0] + [0.0, 1.0]

@@ -47,7 +47,7 @@ class TextureShelf:
             self._images[key] = self._decode(fetch, name, BY_NAME[channel].srgb)
         image = self._images[key]
         if isinstance(image, InputError):
-            self.notes.fault(str(image.code), f"{image.message}; {channel.replace('_', ' ')} goes without it", **image.details)
+            self.notes.fault(str(image.code), f"{image.message}; {channel.replace('_', ' ')} has no texture", **image.details)
             return -1
         if (key, wrap, nearest) not in self._indices:
             self._indices[key, wrap, nearest] = len(self.textures)
@@ -189,30 +189,31 @@ def check_image_format(name: str, quality: int | None) -> None:
     """InputError TXF-O14 for a format, AUTO among them, or a quality that does not go with it, SupportError TXF-O15 for a format
     whose package is missing."""
     if not isinstance(name, str) or name not in TEXTURE_FORMATS:
-        raise InputError("TXF-O14", "texture format not known", value=str(name)[:40], allowed=" ".join(TEXTURE_FORMATS))
+        raise InputError("TXF-O14", "the texture format is unknown", value=str(name)[:40], allowed=" ".join(TEXTURE_FORMATS))
     if quality is not None:
         if name == AUTO:
-            raise InputError("TXF-O14", f"texture quality needs a texture format: {AUTO} sets its own", value=str(quality)[:40])
+            raise InputError("TXF-O14", f"texture quality requires a texture format, because {AUTO} sets its own",
+                             value=str(quality)[:40])
         if IMAGE_FORMATS[name].quality is None:
             raise InputError("TXF-O14", f"{name} is lossless and has no quality", value=quality)
         if isinstance(quality, bool) or not isinstance(quality, int) or not 1 <= quality <= 100:
-            raise InputError("TXF-O14", "texture quality out of range", value=str(quality)[:40], allowed="1..100")
+            raise InputError("TXF-O14", "the texture quality is out of range", value=str(quality)[:40], allowed="1..100")
     if name == "ktx2":
         alktx2()
     elif name in ("webp", "avif"):
         from PIL import features
 
         if not features.check(name):
-            raise SupportError("TXF-O15", f"this build of Pillow writes no {name}: pip install -U pillow", value=name)
+            raise SupportError("TXF-O15", f"this build of Pillow cannot write {name}: run pip install -U pillow", value=name)
 
 
 def format_for(image: np.ndarray, wanted: ImageFormat, warnings: list[str]) -> ImageFormat:
     """The format that an image, uint8 [H, W, 3 or 4], is written in: PNG, with a warning, where the wanted one cannot hold it."""
     if wanted.name == "jpeg" and image.shape[2] == 4:
-        warnings.append("JPEG has no alpha: an image that has is written as PNG")
+        warnings.append("JPEG has no alpha: images with alpha are written as PNG")
         return IMAGE_FORMATS["png"]
     if wanted.name == "ktx2" and (image.shape[0] % 4 or image.shape[1] % 4):
-        warnings.append("glTF wants KTX2 textures with sides that 4 divides: an image that has others is written as PNG")
+        warnings.append("glTF requires KTX2 textures with sides that are multiples of 4: other images are written as PNG")
         return IMAGE_FORMATS["png"]
     return wanted
 

@@ -37,19 +37,19 @@ def read_ktx2(data: bytes | memoryview, name: str, notes: Notes, is_colour: bool
     try:
         import opengl_basisu
     except ImportError as error:
-        raise SupportError("TXF-I32", f"image '{name}' is a KTX2 texture, which needs the package opengl-basisu: "
-                           'pip install "texfcodec[formats]"') from error
+        raise SupportError("TXF-I32", f"image '{name}' is a KTX2 texture, which requires the package "
+                                      'opengl-basisu: run pip install "texfcodec[formats]"') from error
     try:
         texture = opengl_basisu.open(data)
         if (texture.width, texture.height) != size:
-            raise ValueError("the transcoder finds another size")
+            raise ValueError("the transcoder returned another size")
         pixels = texture.transcode("rgba8").data
     except (ValueError, IndexError, RuntimeError) as error:
         raise _broken(name, str(error)[:200]) from error
     if is_colour and not texture.srgb:
-        notes.warn(f"image '{name}' is marked as linear; as a colour its values are taken as sRGB-coded")
+        notes.warn(f"image '{name}' is marked as linear but holds colours; its values are read as sRGB")
     if texture.srgb and not is_colour:
-        notes.warn(f"image '{name}' is marked as sRGB-coded; as no colour its values are taken as they are")
+        notes.warn(f"image '{name}' is marked as sRGB but holds no colours; its values are read as linear")
     return np.ascontiguousarray(pixels, np.uint8)
 
 
@@ -63,16 +63,16 @@ def _check_header(data, name, notes):
         raise _broken(name, "the KTX2 header is truncated")
     vk_format, _, width, height, depth, layers, faces, _, scheme, *_, sgd_at, sgd_size = _HEADER.unpack_from(data, len(KTX2))
     if vk_format or scheme > _ZSTD:
-        raise _broken(name, f"no Basis Universal data in this KTX2 file (vkFormat {vk_format}, supercompression {scheme})")
+        raise _broken(name, f"the KTX2 file has no Basis Universal data (vkFormat {vk_format}, supercompression {scheme})")
     if not width or not height or depth or layers > 1 or faces != 1:
-        raise _broken(name, "the KTX2 file holds no single two-dimensional image")
+        raise _broken(name, "the KTX2 file is not a single two-dimensional image")
     notes.check_pixels(width * height, name)
     at, size, unpacked = _LEVEL.unpack_from(data, len(KTX2) + _HEADER.size)
     if at + size > len(data) or sgd_at + sgd_size > len(data):
-        raise _broken(name, "a part of the KTX2 file lies beyond its end")
+        raise _broken(name, "part of the KTX2 file lies beyond its end")
     expected = -(-width // 4) * -(-height // 4) * _BLOCK_BYTES
     if scheme != _BASIS_LZ and (unpacked != expected or (scheme == _NONE and size != expected)):
-        raise _broken(name, f"the KTX2 level has {unpacked} bytes where its size takes {expected}")
+        raise _broken(name, f"the KTX2 level has {unpacked} bytes, but its size requires {expected}")
     return width, height
 
 
@@ -93,6 +93,6 @@ def alktx2() -> Any:
     try:
         import alktx2 as package
     except ImportError as error:
-        raise SupportError("TXF-O15", 'KTX2 textures are written by the package alktx2: pip install "texfcodec[formats]"',
+        raise SupportError("TXF-O15", 'writing KTX2 textures requires the package alktx2: run pip install "texfcodec[formats]"',
                            value="alktx2") from error
     return package

@@ -45,7 +45,8 @@ def load(source: object, strict: bool = False, limits: Limits | None = None) -> 
         return check_scene(source)
     if is_trimesh(source):
         return no_metal(_guarded(lambda: read_trimesh(source, notes), "TXF-I22"))
-    raise InputError("TXF-I05", "only paths, bytes, files open for reading bytes, trimesh objects and Scenes can be loaded",
+    raise InputError("TXF-I05", "this type cannot be loaded; pass a path, bytes, a binary file object, a trimesh object or a "
+                                "Scene",
                      value=type(source).__name__)
 
 
@@ -69,7 +70,7 @@ def _load_file(path, notes):
     opened(path)
     entry = format_of(path.suffix.lower())
     if entry is None:
-        raise InputError("TXF-I05", "the suffix names no supported format", value=path.suffix.lower() or "none",
+        raise InputError("TXF-I05", "the suffix does not belong to a supported format", value=path.suffix.lower() or "none",
                          looks_like=what_it_is(data) or None, allowed=" ".join(SUFFIXES))
     return _scene_of(data, path, entry, notes)
 
@@ -78,12 +79,13 @@ def _load_data(data, name, notes):
     """Scene of bytes, by their name where they have one, a path as text. Files that they name are looked for beside that path,
     or in the working folder."""
     if not data:
-        raise InputError("TXF-I04", "the data are empty", path=name)
+        raise InputError("TXF-I04", "the data is empty", path=name)
     path = Path(name or "")
     suffix = path.suffix.lower() if format_of(path.suffix.lower()) else suffix_of(data)
     if suffix is None:
-        raise InputError("TXF-I05", "the first bytes do not tell the format: give a path, or a file object whose name has the "
-                         "suffix", value=bytes(data[:4]).hex(), looks_like=what_it_is(data) or None, allowed=" ".join(SUFFIXES))
+        raise InputError("TXF-I05", "the first bytes do not identify the format; pass a path or a file object whose name has the "
+                         "suffix", value=bytes(data[:4]).hex(),
+                         looks_like=what_it_is(data) or None, allowed=" ".join(SUFFIXES))
     with recording() as files:
         scene = _scene_of(data, path, format_of(suffix), notes)
     scene.files = {name or "-": len(data), **files}
@@ -97,7 +99,7 @@ def _read_object(file):
     except (OSError, ValueError, AttributeError) as error:  # ValueError: it is closed, or its text is no UTF-8
         raise InputError("TXF-I03", "the file object cannot be read", reason=str(error)[:200]) from error
     if not isinstance(data, (bytes, bytearray, memoryview)):
-        raise InputError("TXF-I03", "the file object gives text and not bytes: open it with mode 'rb'", value=type(data).__name__)
+        raise InputError("TXF-I03", "the file object returns text, not bytes; open it with mode 'rb'", value=type(data).__name__)
     return bytes(data)
 
 
@@ -146,4 +148,4 @@ def _guarded(read, code):
     except _DAMAGE as error:
         raise InputError(code, "the input is malformed", reason=f"{type(error).__name__}: {error}"[:200]) from error
     except MemoryError as error:
-        raise LimitError("TXF-I41", "the input needs more memory than there is", reason=str(error)[:200]) from error
+        raise LimitError("TXF-I41", "there is not enough memory for the input", reason=str(error)[:200]) from error

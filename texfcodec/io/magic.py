@@ -34,7 +34,7 @@ _KINDS = (
     (0, b"solid ", "an STL as text (.stl)"),
     (0, b"<!DOCTYPE html", "a web page"),
     (0, b"<html", "a web page"),
-    (0, b"version https://git-lfs", "a pointer to a file that Git LFS has not fetched"),
+    (0, b"version https://git-lfs", "a Git LFS pointer instead of the file"),
     (0, b"<?xml", "an XML file"),
     (0, b"{", "JSON, as in a .gltf"),
 )
@@ -81,7 +81,7 @@ def check_start(data: bytes, entry: Format) -> None:
     seen = what_it_is(data)
     expected = data[: len(entry.starts[0])] in entry.starts if entry.starts else not _belongs_elsewhere(seen, entry)
     if not expected:
-        looks = f"begins like {seen}" if seen else "does not start like one"
+        looks = f"starts like {seen}" if seen else f"does not start like a {entry.suffix} file"
         raise InputError("TXF-I06", f"the file is named {entry.suffix} but {looks}", value=bytes(data[:4]).hex())
 
 
@@ -99,6 +99,6 @@ def as_utf8(data: bytes) -> bytes:
                 return bytes(data).decode(encoding).encode("utf-8")
             except UnicodeError as error:
                 name = encoding.removesuffix("-sig").upper()
-                raise InputError("TXF-I06", f"the file has the byte order mark of {name} but is no such text",
+                raise InputError("TXF-I06", f"the file has the byte order mark of {name} but is not valid {name}",
                                  reason=str(error)[:100]) from error
     return data

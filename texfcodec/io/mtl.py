@@ -105,15 +105,15 @@ def _set_alpha(materials, from_meshlab, notes):
     if len(by_tr) == len(materials) and vanishes(alphas):
         as_dissolve, alphas = readings[1]
     if as_dissolve and any(material.transparency != 0.5 for material in by_tr):
-        notes.remark("Tr of the MTL file is read as the opacity, as MeshLab and others write it, not as the transparency")
+        notes.remark("Tr in the MTL file is read as opacity, as MeshLab writes it, not as transparency")
     for material, alpha in zip(by_tr, alphas, strict=True):
         material.factor[3] = alpha
     for material in materials:
         if material.dissolve is not None:
             material.factor[3] = material.dissolve
             if material.transparency is not None and abs(material.dissolve + material.transparency - 1.0) > _SAME:
-                notes.remark(f"d {material.dissolve:g} and Tr {material.transparency:g} of material '{material.name}' disagree; "
-                             "d is taken")
+                notes.remark(f"d {material.dissolve:g} and Tr {material.transparency:g} of material '{material.name}' "
+                             "disagree; d is used")
 
 
 def _base_map(material, rest, notes):
@@ -161,13 +161,13 @@ def _is_number(text):
 
 def _finish(material, notes):
     if material.texture and not material.factor[:3].any():
-        notes.warn(f"material '{material.name}' has a texture and a black Kd; white takes the place of Kd")
+        notes.warn(f"material '{material.name}' has a texture and a black Kd; a white Kd is used instead")
         material.factor[:3] = 1.0
     elif material.texture and (material.factor[:3] != 1.0).any():
         factors = " ".join(f"{value:g}" for value in material.factor[:3])
         notes.warn(f"material '{material.name}' multiplies its texture by Kd {factors}, as the format says; some viewers do not")
     if not np.isfinite(material.factor).all():
-        notes.warn(f"material '{material.name}' has a NaN or infinite colour; white takes its place")
+        notes.warn(f"material '{material.name}' has a NaN or infinite colour; white is used instead")
         material.factor[:] = 1.0
     np.clip(material.factor, 0.0, 1.0, out=material.factor)
 
@@ -201,7 +201,7 @@ def _write_map(look, number, name, warnings):
     beyond = ((uv < 0) | (uv > 1)).any(axis=(0, 1))
     needed = {mode for mode, reached in zip(look.textures[number].wrap, beyond, strict=True) if reached}
     if WRAP_MIRROR in needed or len(needed) > 1:
-        warnings.append(f"OBJ can neither mirror an image nor repeat it along one side only: {name} repeats along both")
+        warnings.append(f"OBJ can neither mirror an image nor repeat it along one axis only: {name} repeats along both")
     return f"-clamp on {name}" if needed == {WRAP_CLAMP} else name
 
 

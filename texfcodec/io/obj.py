@@ -65,7 +65,7 @@ def read_obj(data: bytes, folder: Path, notes: Notes) -> Scene:
     part = Part(vertices[:, :3], faces, material, _uv(rows, texels, material, chosen), _vertex_color(vertices), "the OBJ file",
                 normal=_normal(rows, corners[triangles, 2]))
     if not any(item.texture for item in chosen) and rows.vt:
-        notes.remark("vt is used by no texture and left out")
+        notes.remark("no texture uses vt; it is left out")
     metadata = {"objects": rows.objects} if rows.objects else {}
     return assemble([part], materials, shelf.textures, notes, metadata)
 
@@ -235,7 +235,7 @@ def _uv(rows, indices, material, chosen):
     table = _floats(rows, b"vt", rows.vt, 1, fill=0.0)[:, :2]  # a lone u has v = 0
     table = np.pad(table, ((0, 0), (0, 2 - table.shape[1])))
     if indices.max() >= len(table) or indices.min() < -1:
-        raise InputError("TXF-I13", "a face of the OBJ file names a texture coordinate that does not exist",
+        raise InputError("TXF-I13", "a face of the OBJ file refers to a texture coordinate that does not exist",
                          allowed=len(table))
     scale = np.array([item.uv_scale for item in chosen])[material][:, None]
     offset = np.array([item.uv_offset for item in chosen])[material][:, None]
@@ -251,7 +251,7 @@ def _normal(rows, indices):
         return None
     table = _floats(rows, b"vn", rows.vn, 3)[:, :3]
     if indices.max() >= len(table) or indices.min() < -1:
-        raise InputError("TXF-I13", "a face of the OBJ file names a normal that does not exist", allowed=len(table))
+        raise InputError("TXF-I13", "a face of the OBJ file refers to a normal that does not exist", allowed=len(table))
     return np.where((indices < 0)[..., None], 0.0, table[indices])
 
 

@@ -22,14 +22,14 @@ def read_off(data: bytes, folder: Path, notes: Notes) -> Scene:
     header = _HEADER.match(data)
     has_uv, has_color, has_normal, four, many = (bool(mark) for mark in header.groups()) if header else (False,) * 5
     if four or many or b"BINARY" in data[:40].upper():
-        raise _bad("only text with three coordinates is read", value=data[:20].decode("latin-1").strip())
+        raise _bad("only text with three coordinates is supported", value=data[:20].decode("latin-1").strip())
     lines = [line for line in data[header.end() if header else 0 :].splitlines() if line.strip()]
     counts = parse_numbers(lines[0], np.float64) if lines else None
     if counts is None or len(counts) < 2 or not (np.isfinite(counts).all() and (counts == np.floor(counts)).all()):
         raise _bad("the line of counts is missing")
     vertices, faces = int(counts[0]), int(counts[1])
     if vertices < 0 or faces < 0 or 1 + vertices + faces > len(lines):
-        raise _bad("it has fewer lines than its counts say", value=len(lines), allowed=1 + vertices + faces)
+        raise _bad("it has fewer lines than its counts", value=len(lines), allowed=1 + vertices + faces)
     if not vertices or not faces:
         raise InputError("TXF-I15", "the input has no triangles")
     table = _table(lines[1 : 1 + vertices])
@@ -39,7 +39,7 @@ def read_off(data: bytes, folder: Path, notes: Notes) -> Scene:
     if color is None and face_color is not None:
         color = np.repeat(face_color[polygon][:, None], 3, axis=1)
     elif face_color is not None:
-        notes.drop("colours of faces (vertices have colours too)")
+        notes.drop("face colours (the vertices have colours too)")
     drop_alpha(color, notes)
     normal = table[:, 3:6] if has_normal and table.shape[1] >= 6 else None
     part = Part(table[:, :3], corners[triangles], color=color, label="the OFF file", normal=normal)
@@ -68,7 +68,7 @@ def _faces(lines, notes):
     sizes = np.where(np.isfinite(values[starts]), values[starts], -1)
     rest = widths - 1 - sizes
     if (sizes < 0).any() or (sizes != np.floor(sizes)).any() or (rest < 0).any():
-        raise _bad("a face line is shorter than its count says", face=int(np.argmax((sizes < 0) | (rest < 0))))
+        raise _bad("a face line is shorter than its count", face=int(np.argmax((sizes < 0) | (rest < 0))))
     sizes, rest = sizes.astype(np.int64), rest.astype(np.int64)
     found = values[np.repeat(starts + 1, sizes) + counting(sizes)]
     corners = np.where(np.isfinite(found) & (np.abs(found) < 2**53), found, -1).astype(np.int64)
@@ -99,7 +99,7 @@ def _vertex_color(table, has_color, has_normal, has_uv, notes):
     at = 3 + (3 if has_normal else 0)
     last = table.shape[1] - (2 if has_uv else 0)
     if has_uv:
-        notes.remark("texture coordinates are left out: an OFF file names no texture")
+        notes.remark("texture coordinates are left out: an OFF file has no texture")
     columns = last - at
     if not has_color:
         if columns > 0:

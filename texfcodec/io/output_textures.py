@@ -62,7 +62,7 @@ def textured(texf: Texf, looks: Looks, texture_size: int | None = None, atlas: s
         steps += [_step(texf, skin, faces, names) for names, _ in found]
         warnings += said
     if texf.fields and not any(skin.field is None for skin in looks.skins) and (texture_size is not None or atlas != "auto"):
-        warnings.append("every field is over texels and keeps its image: texture size and atlas method have no part")
+        warnings.append("every field is over texels and keeps its image; texture size and atlas method are ignored")
     corner_uv[~looks.has_image] = 0
     images = [{name: of_skin[look.skin][name] for name in look.mapped} for look in looks.looks]
     tangent = None if normal is None else corner_tangents(texf.positions, texf.faces, corner_uv, normal)

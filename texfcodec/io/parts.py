@@ -92,7 +92,7 @@ class Part:
 def drop_alpha(color: np.ndarray | None, notes: Notes) -> None:
     """Names the alpha of colours of a format that has no alpha modes: nothing asks for it."""
     if color is not None and (color[..., 3] < 1).any():
-        notes.drop("alpha of the colours (the format says nothing of transparency)")
+        notes.drop("alpha of the colours (the format does not define transparency)")
 
 
 def alpha_mode_of(factor: np.ndarray) -> int:
@@ -120,7 +120,7 @@ def linearise_factors(factors: list[np.ndarray], exporter: str, where: str, note
     """
     if "blender" in exporter.lower():
         if any(((0 < factor[:3]) & (factor[:3] < 1)).any() for factor in factors):
-            notes.remark(f"colours of the {where} are linear, as Blender writes them; many viewers show them darker")
+            notes.remark(f"colours of the {where} are read as linear, as Blender writes them; many viewers show them darker")
         return
     for factor in factors:
         factor[:3] = srgb_to_linear(np.clip(factor[:3], 0.0, 1.0))
@@ -186,7 +186,7 @@ def _used_vertices(part):
     faces = np.asarray(part.faces).astype(np.int64, copy=False)
     if faces.min() < 0 or faces.max() >= len(points):
         row = int(np.argmax(((faces < 0) | (faces >= len(points))).any(axis=1)))
-        raise InputError("TXF-I13", f"a face of {part.label} names a vertex that does not exist",
+        raise InputError("TXF-I13", f"a face of {part.label} refers to a vertex that does not exist",
                          face=row, value=faces[row].tolist(), vertices=len(points))
     used = np.zeros(len(points), bool)
     used[faces] = True
@@ -237,8 +237,8 @@ def _repair_one_uv(corner_uv, notes):
     if not (np.isfinite(low) and np.isfinite(high)):
         bad = ~np.isfinite(corner_uv).all(axis=2)
         count = int(bad.sum())
-        notes.fault("TXF-I18", plural(count, "face corner has", "face corners have") + " NaN or infinite UVs; (0, 0) takes their "
-                    "place", count=count)
+        notes.fault("TXF-I18", plural(count, "face corner has", "face corners have") + " NaN or infinite UVs; (0, 0) is used "
+                                                                                       "instead", count=count)
         corner_uv[bad] = 0.0
         low, high = corner_uv.min(), corner_uv.max()
     if max(-low, high) > UV_OUTLIER:
@@ -255,7 +255,7 @@ def _repair_color(scene, notes):
     bad = np.isnan(color)
     if bad.any():
         count = int(bad.any(axis=2).sum())
-        notes.warn(plural(count, "face corner has", "face corners have") + " NaN vertex colours; 1 takes their place")
+        notes.warn(plural(count, "face corner has", "face corners have") + " NaN vertex colours; 1 is used instead")
         color[bad] = 1.0
     np.clip(color, 0.0, 1.0, out=color)
 
@@ -267,4 +267,4 @@ def _report_geometry(scene, unused, broken, notes):
     a, b, c = scene.faces.T
     degenerate = int(((a == b) | (b == c) | (c == a)).sum())
     if degenerate:
-        notes.remark(plural(degenerate, "face names", "faces name") + " the same vertex twice (degenerate)")
+        notes.remark(plural(degenerate, "face uses", "faces use") + " the same vertex twice (degenerate)")

@@ -85,7 +85,7 @@ def _bad(what, **details):
 def _read_header(data):
     end = data.find(b"end_header")
     if end < 0:
-        raise _bad("its header does not end")
+        raise _bad("its header has no end")
     stop = data.find(b"\n", end)
     header = _Header("", [], [], [], len(data) if stop < 0 else stop + 1)
     for number, line in enumerate(decode_text(data[:end]).splitlines(), 1):
@@ -139,7 +139,7 @@ class _Ascii:
     def __init__(self, body):
         values = parse_numbers(bytes(body), np.float64)
         if values is None:
-            raise _bad("its body holds something that is not a number")
+            raise _bad("its body contains text that is not a number")
         self.values, self.at = values, 0
 
     def read(self, element):

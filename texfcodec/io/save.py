@@ -114,13 +114,13 @@ def save_into(texf: Texf, file: BinaryIO, form: str | None = None, **options: An
     name = getattr(file, "name", None)
     suffix = "." + form.lower().removeprefix(".") if form else Path(name).suffix.lower() if isinstance(name, str) else ""
     if not suffix:
-        raise InputError("TXF-O05", "a file object without a name needs a format, such as format='glb'",
+        raise InputError("TXF-O05", "a file object without a name requires a format, such as format='glb'",
                          allowed=" ".join(word[1:] for word in SAVED_SUFFIXES))
     data, told = _in_one_piece(texf, suffix, SaveOptions(**options))
     try:
         file.write(data)
     except (OSError, ValueError, TypeError, AttributeError) as error:  # it is closed, or open for text or reading
-        raise InputError("TXF-O04", "the file object takes no bytes", reason=str(error)[:200]) from error
+        raise InputError("TXF-O04", "the file object does not accept bytes", reason=str(error)[:200]) from error
     return {"files": []} | told
 
 
@@ -131,7 +131,8 @@ def _in_one_piece(texf, suffix, asked):
     suffix = _checked(texf, path, asked, told)
     told.looks = _looks(texf, suffix, asked, told.remarks)
     if _side_names(path, suffix, asked, told.looks):
-        raise InputError("TXF-O05", "this format has several files, which need a path", value=suffix, allowed=".glb .ply .npz")
+        raise InputError("TXF-O05", "this format writes several files, which requires a path", value=suffix,
+                         allowed=".glb .ply .npz")
     ((_, pieces),) = _WRITERS[suffix](texf, path, asked, told)
     if callable(pieces):
         held = io.BytesIO()
@@ -144,12 +145,12 @@ def _checked(texf, path, asked, told):
     """The suffix that save() was asked for. Checks what was asked, and sets an appearance that was left open."""
     suffix, appearance = path.suffix.lower(), asked.appearance
     if suffix not in SAVED_SUFFIXES:
-        raise InputError("TXF-O05", "the file name must end in a known suffix", value=path.suffix,
+        raise InputError("TXF-O05", "the suffix of the file name is unknown", value=path.suffix,
                          allowed=" ".join(SAVED_SUFFIXES))
     if appearance not in (None, *APPEARANCES):
-        raise InputError("TXF-O06", "appearance not known", value=appearance, allowed=" ".join(APPEARANCES))
+        raise InputError("TXF-O06", "the appearance is unknown", value=appearance, allowed=" ".join(APPEARANCES))
     if suffix == ".ply" and appearance == "texture":
-        told.warnings.append("PLY has no texture here: vertex colours are written")
+        told.warnings.append("PLY is written without textures: vertex colours are used instead")
     if appearance == "voxels" and texf is not None:
         _name_what_has_no_voxels(texf, told.warnings)
     asked.settled = appearance is not None or _settles_images(asked)
@@ -191,10 +192,10 @@ def _check_packing(suffix, asked):
         raise InputError("TXF-O14", "only meshes in GLB and glTF can be compressed", value=asked.compress, suffix=suffix,
                          appearance=asked.appearance)
     if chosen and (asked.appearance != "texture" or suffix in (".ply", ".npz")):
-        raise InputError("TXF-O14", "a texture format is asked for, and no texture is written", value=asked.texture_format,
+        raise InputError("TXF-O14", "a texture format was requested, but no texture is written", value=asked.texture_format,
                          suffix=suffix, appearance=asked.appearance)
     if suffix == ".obj" and asked.texture_format not in _IN_OBJ:
-        raise InputError("TXF-O14", "readers of OBJ do not take textures of this format", value=asked.texture_format,
+        raise InputError("TXF-O14", "OBJ readers do not support textures of this format", value=asked.texture_format,
                          allowed=" ".join(_IN_OBJ))
 
 
@@ -205,7 +206,7 @@ def _name_what_has_no_voxels(texf, warnings):
         raise InputError("TXF-O13", "every field of the stream is over texels: there are no voxels to write", value=len(bare))
     if bare:
         faces = int(np.isin(texf.face_field, bare).sum())
-        warnings.append(f"{faces} of {len(texf.faces)} faces have their colours in texels and no voxels: they are not written")
+        warnings.append(f"{faces} of {len(texf.faces)} faces are over texels and have no voxels: they are not written")
 
 
 def _side_names(path, suffix, asked, looks):
@@ -366,9 +367,9 @@ def check_target(path: Path, inputs: Iterable[str | PathLike] = ()) -> None:
     """Refuse hopeless paths before minutes of baking, and files that were read. inputs: paths."""
     try:
         if not path.parent.is_dir():
-            raise InputError("TXF-O01", "no such directory", path=str(path.parent))
+            raise InputError("TXF-O01", "the folder does not exist", path=str(path.parent))
         if path.is_dir() or not os.access(path.parent, os.W_OK):
-            raise InputError("TXF-O02", "cannot write there", path=str(path))
+            raise InputError("TXF-O02", "the output cannot be written", path=str(path))
     except OSError as error:  # a folder on the way that nobody may look into, or a disk that does not answer
         raise as_input_error(error, path) from error
     check_no_input(path, inputs)
@@ -382,7 +383,7 @@ def check_no_input(path: Path, inputs: Iterable[str | PathLike]) -> None:
         except (OSError, ValueError):  # one of them is not there, so they are not the same
             same = False
         if same:
-            raise InputError("TXF-O07", "the output would replace a file that was read", path=str(path), read=str(read))
+            raise InputError("TXF-O07", "the output would overwrite an input file", path=str(path), read=str(read))
 
 
 def check_sides(folder: Path, names: Iterable[str], inputs: Iterable[str | PathLike], overwrite: bool,
@@ -392,7 +393,7 @@ def check_sides(folder: Path, names: Iterable[str], inputs: Iterable[str | PathL
     for name in names:
         check_no_input(folder / name, inputs)
         if not overwrite and name not in own and os.path.lexists(folder / name):
-            raise InputError("TXF-O08", "a file beside the output is there already and was not named; --overwrite replaces it",
+            raise InputError("TXF-O08", "a file beside the output already exists; --overwrite replaces it",
                              path=str(folder / name))
 
 
@@ -424,9 +425,9 @@ def write_all(folder: Path, files: list[tuple[str, Any]], inputs: Iterable[str |
 def as_input_error(error: OSError, path: Path) -> InputError:
     """The InputError (TXF-O01 to O04) that an OSError while writing path, a Path, stands for."""
     if error.errno in (errno.ENOENT, errno.ENOTDIR):
-        return InputError("TXF-O01", "no such directory", path=str(path.parent))
+        return InputError("TXF-O01", "the folder does not exist", path=str(path.parent))
     if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.EISDIR):
-        return InputError("TXF-O02", "cannot write there", path=str(path))
+        return InputError("TXF-O02", "the output cannot be written", path=str(path))
     if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-        return InputError("TXF-O03", "no room left on the disk", path=str(path))
-    return InputError("TXF-O04", error.strerror or "the operating system refused the file", path=str(path), errno=error.errno)
+        return InputError("TXF-O03", "the disk is full", path=str(path))
+    return InputError("TXF-O04", error.strerror or "the operating system rejected the file", path=str(path), errno=error.errno)

@@ -88,7 +88,7 @@ def _read_binary(data, notes):
     if needed > len(data):
         raise _bad("it ends before its last facet", value=len(data), allowed=needed)
     if needed < len(data):
-        notes.remark(plural(len(data) - needed, "byte", "bytes") + " after the last facet: ignored")
+        notes.remark(plural(len(data) - needed, "byte", "bytes") + " after the last facet, ignored")
     facets = np.frombuffer(data, _FACET, count, _START)
     if facets["normal"].any():
         notes.drop("NORMAL")
@@ -120,7 +120,7 @@ def _read_text(data, notes):
     lower = bytes(data).lower()
     facets = lower.count(b"endfacet")
     if len(vertices) != 3 * facets or lower.count(b"endsolid") == 0:
-        raise _bad("it ends early, or a facet has not three vertices", value=len(vertices), allowed=3 * facets)
+        raise _bad("it ends early, or a facet does not have three vertices", value=len(vertices), allowed=3 * facets)
     if any(float(number) for row in _NORMAL.findall(data)[:1] for number in row if _is_number(number)):
         notes.drop("NORMAL")
     names = [decode_text(name)[:500] for name in _SOLID.findall(data) if name][:1000]

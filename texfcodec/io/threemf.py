@@ -81,7 +81,7 @@ class _Archive:
         try:
             self.zip = zipfile.ZipFile(io.BytesIO(data))
         except (zipfile.BadZipFile, NotImplementedError, UnicodeError, OSError) as error:
-            raise malformed("it is no readable ZIP archive", reason=str(error)[:100]) from error
+            raise malformed("it is not a readable ZIP archive", reason=str(error)[:100]) from error
         self.entries = {_key(entry.filename): entry for entry in self.zip.infolist() if not entry.is_dir()}
 
     def read(self, name):
@@ -90,7 +90,7 @@ class _Archive:
         if entry is None:
             return None
         if entry.file_size > MAX_PART:
-            raise LimitError("TXF-I41", "a part of the 3MF file unpacks to too many bytes", value=entry.file_size,
+            raise LimitError("TXF-I41", "part of the 3MF file unpacks to too many bytes", value=entry.file_size,
                              allowed=MAX_PART)
         self.used.add(_key(name))
         try:
@@ -158,9 +158,9 @@ def _placed(archive, start, model):
             raise LimitError("TXF-I41", "the 3MF file places too many objects", value=count, allowed=MAX_INSTANCES)
         body = archive.model(name).bodies.get(key)
         if body is None:
-            raise malformed("an object that is placed does not exist", value=str(key)[:40])
+            raise malformed("it places an object that does not exist", value=str(key)[:40])
         if (name, key) in above:
-            raise InputError("TXF-I19", "the node graph is not a tree: an object holds itself", value=str(key)[:40])
+            raise InputError("TXF-I19", "the node graph is not a tree: an object contains itself", value=str(key)[:40])
         if body.kind not in ("model", "surface"):
             archive.notes.drop(f"object '{body.name or key}' of the type {body.kind[:40]}")
         elif len(body.triangles):
@@ -203,7 +203,7 @@ def _part(archive, name, body, matrix, look, shelf):
         group = groups.get(pid)
         if group is None:
             if pid is not None:
-                archive.notes.warn(f"property group '{pid[:40]}' is of a kind that is not read, or missing; its faces are white")
+                archive.notes.warn(f"property group '{pid[:40]}' is missing or not supported; its faces are white")
             material[rows] = look.row((), lambda: Material("default"))
             continue
         table = _table(group, corners[rows])
@@ -227,7 +227,8 @@ def _part(archive, name, body, matrix, look, shelf):
 def _table(group, indices):
     """Rows of the group at each corner [n, 3]: UVs with v downwards, or RGBA."""
     if indices.min() < 0 or indices.max() >= len(group.rows):
-        raise malformed("a triangle names a property that does not exist", value=int(indices.max()), allowed=len(group.rows) - 1)
+        raise malformed("a triangle refers to a property that does not exist", value=int(indices.max()),
+                        allowed=len(group.rows) - 1)
     if group.kind == "texture2dgroup":
         return (np.array(group.rows) * [1, -1] + [0, 1])[indices]
     return np.array([rgba for _, rgba in group.rows])[indices]
@@ -237,7 +238,7 @@ def _textured(archive, name, group, shelf):
     model = archive.model(name)
     entry = model.textures.get(group.texture)
     if entry is None:
-        raise malformed("a texture group names a texture that does not exist", value=str(group.texture)[:40])
+        raise malformed("a texture group refers to a texture that does not exist", value=str(group.texture)[:40])
     path, *styles = entry
 
     def fetch():

@@ -115,7 +115,7 @@ def _factor(factor):
 def _check_maps(material, textures):
     for name, index in material.maps.items():
         if name not in MAP_NAMES or not isinstance(index, int | np.integer) or not 0 <= index < textures:
-            raise InputError("TXF-I22", "a map of a material of the Scene is of no channel or names no texture",
+            raise InputError("TXF-I22", "a map of a Scene material has an unknown channel or an unknown texture",
                              value=f"{name!s:.40}: {index!s:.40}", material=material.name)
 
 
@@ -125,10 +125,10 @@ def _check_parameters(material):
         default = PARAMETER_BY_NAME[name].default if name in PARAMETER_BY_NAME else ()
         whole = isinstance(value, tuple | list) and len(value) == len(default) > 0
         if not whole or not all(isinstance(v, int | float | np.number) for v in value):
-            raise InputError("TXF-I22", "a parameter of a material of the Scene is unknown, or not as many numbers as it has",
+            raise InputError("TXF-I22", "a parameter of a Scene material is unknown, or has the wrong number of values",
                              value=f"{name!s:.40}: {value!s:.80}", material=material.name)
         if not np.isfinite(value).all() and tuple(value) != default:
-            raise InputError("TXF-I14", "a parameter of a material of the Scene is NaN or infinite", value=name,
+            raise InputError("TXF-I14", "a parameter of a Scene material is NaN or infinite", value=name,
                              material=material.name)
 
 
@@ -141,7 +141,7 @@ def _check_arrays(scene):
         if values is None and name in optional:
             continue
         if not isinstance(values, np.ndarray) or values.dtype.kind not in kinds or not values.ndim:
-            raise InputError("TXF-I22", f"Scene.{name} is no array of {'whole ' if kinds == 'iu' else ''}numbers",
+            raise InputError("TXF-I22", f"Scene.{name} is not an array of {'integers' if kinds == 'iu' else 'numbers'}",
                              value=str(getattr(values, "dtype", type(values).__name__)))
 
 
@@ -158,17 +158,17 @@ def check_scene(scene: Scene) -> Scene:
     if not count:
         raise InputError("TXF-I15", "the input has no triangles")
     if scene.faces.min() < 0 or scene.faces.max() >= points:
-        raise InputError("TXF-I13", "a face of the Scene names a vertex that does not exist", vertices=points)
+        raise InputError("TXF-I13", "a face of the Scene refers to a vertex that does not exist", vertices=points)
     if scene.face_material.min() < 0 or scene.face_material.max() >= len(scene.materials):
-        raise InputError("TXF-I22", "a face of the Scene names a material that does not exist")
+        raise InputError("TXF-I22", "a face of the Scene refers to a material that does not exist")
     if any(not -1 <= material.texture < len(scene.textures) for material in scene.materials):
-        raise InputError("TXF-I22", "a material of the Scene names a texture that does not exist")
+        raise InputError("TXF-I22", "a material of the Scene refers to a texture that does not exist")
     for material in scene.materials:
         _check_maps(material, len(scene.textures))
         _check_parameters(material)
     for name, uv in scene.map_uv.items():
         if name not in MAP_NAMES or np.shape(uv) != (count, 3, 2):
-            raise InputError("TXF-I22", "Scene.map_uv is of no channel or has the wrong shape", value=str(name)[:40])
+            raise InputError("TXF-I22", "Scene.map_uv has an unknown channel or the wrong shape", value=str(name)[:40])
     if not all(np.isfinite(values).all() for values in (scene.positions, scene.corner_uv, *scene.map_uv.values())):
         raise InputError("TXF-I14", "positions or UVs of the Scene are NaN or infinite")
     factors = [material.factor for material in scene.materials]

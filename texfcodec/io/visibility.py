@@ -36,7 +36,7 @@ def turn_where_all_vanish(materials: list[Material], where: str, notes: Notes) -
     for material in materials:
         material.factor[3] = 1.0 - material.factor[3]
         material.alpha_mode = material.alpha_mode if material.factor[3] < 1 else ALPHA_OPAQUE
-    notes.remark(f"no material of {where} is opaque and an alpha is 0; it is read as the transparency, as some write it")
+    notes.remark(f"no material of {where} is opaque and an alpha is 0; alpha is read as transparency, as some exporters write it")
 
 
 def name_invisible(scene: Scene, notes: Notes) -> None:
@@ -47,7 +47,7 @@ def name_invisible(scene: Scene, notes: Notes) -> None:
             called = f"material '{material.name}'" if material.name else f"material {number}"
             masked = material.alpha_mode == ALPHA_MASK
             why = f"below its cutoff of {material.alpha_cutoff:g}" if masked else "0"
-            notes.warn(f"{called} is entirely invisible: its alpha is {why} wherever it is used")
+            notes.warn(f"{called} is invisible: its alpha is {why} wherever the surface uses it")
 
 
 def _shows(scene, number):

@@ -30,7 +30,7 @@ def angular_error(ref: np.ndarray, got: np.ndarray, weights: np.ndarray | None =
     degrees, kept = np.where(valid, degrees, 180.0)[known], weights[known]
     total = float(kept.sum())
     if not total > 0:
-        raise ValueError("no reference direction (or only weight zero): there is no angle to report")
+        raise ValueError("there is no reference direction, or all have weight zero: no angle can be computed")
     return {"mean_degrees": float(kept @ degrees / total), "rms_degrees": float(np.sqrt(kept @ degrees**2 / total)),
             "median_degrees": _weighted_quantile(degrees, kept, 0.5), "p95_degrees": _weighted_quantile(degrees, kept, 0.95),
             "p99_degrees": _weighted_quantile(degrees, kept, 0.99), "samples": len(degrees)}

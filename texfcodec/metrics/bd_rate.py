@@ -21,8 +21,8 @@ def bd_rate(rate_a: ArrayLike, psnr_a: ArrayLike, rate_b: ArrayLike, psnr_b: Arr
     low, high = max(quality_a[0], quality_b[0]), min(quality_a[-1], quality_b[-1])
     if not low < high:
         raise ValueError(
-            f"the curves share no quality range: a is {quality_a[0]:.2f} to {quality_a[-1]:.2f} dB, "
-            f"b is {quality_b[0]:.2f} to {quality_b[-1]:.2f} dB"
+            f"the curves share no quality range: a covers {quality_a[0]} to {quality_a[-1]} dB, b covers {quality_b[0]} to "
+            f"{quality_b[-1]} dB"
         )
     mean_difference = (_integral(quality_b, log_b, low, high) - _integral(quality_a, log_a, low, high)) / (high - low)
     return float(np.expm1(mean_difference) * 100)
@@ -33,7 +33,7 @@ def _curve(name, rate, psnr):
     if rate.ndim != 1 or rate.shape != psnr.shape:
         raise ValueError(f"curve {name}: rate and psnr must be two lists of equal length, not {rate.shape} and {psnr.shape}")
     if len(rate) < 2:
-        raise ValueError(f"curve {name}: at least two points are needed, there are {len(rate)}")
+        raise ValueError(f"curve {name}: at least two points are needed, but there are {len(rate)}")
     if not (np.isfinite(rate).all() and np.isfinite(psnr).all() and (rate > 0).all()):
         raise ValueError(f"curve {name}: rates must be positive, and rates and qualities finite")
     order = np.argsort(rate, kind="stable")

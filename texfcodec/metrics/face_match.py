@@ -47,7 +47,7 @@ class FaceMatch:
         self.source, self.threads = Mesh(source.positions, source.faces), threads
         self.mesh = Mesh(other.positions, other.faces)
         if not len(other.faces):
-            raise InputError("TXF-I70", "an empty asset has no face to ask for")
+            raise InputError("TXF-I70", "an empty asset has no face to query")
         self._materials: tuple[np.ndarray, np.ndarray] | None = None
         if isinstance(other, Texf):
             self._face, self._turn = decoded_faces(source, other)

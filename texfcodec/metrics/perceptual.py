@@ -44,7 +44,7 @@ def _packages():
         import lpips
         import torch
     except ImportError as error:
-        raise InputError("TXF-I96", f"LPIPS needs an optional extra: {EXTRA}", reason=str(error)) from None
+        raise InputError("TXF-I96", f"LPIPS requires an optional extra: run {EXTRA}", reason=str(error)) from None
     return torch, lpips
 
 
@@ -58,9 +58,9 @@ def _read_state(torch, weights):
         raise InputError("TXF-I97", "the file of AlexNet weights cannot be read", path=str(weights), reason=str(error)) from None
     except (pickle.UnpicklingError, EOFError, RuntimeError, ValueError, KeyError) as error:
         reason = str(error).partition("\n")[0][:200]
-        raise InputError("TXF-I98", "the file is no state dict of torch", path=str(weights), reason=reason) from None
+        raise InputError("TXF-I98", "the file is not a state dict of torch", path=str(weights), reason=reason) from None
     if not isinstance(state, dict):
-        raise InputError("TXF-I98", "the file is no state dict of torch", path=str(weights), value=type(state).__name__)
+        raise InputError("TXF-I98", "the file is not a state dict of torch", path=str(weights), value=type(state).__name__)
     return state
 
 
@@ -73,7 +73,7 @@ def _fill_backbone(torch, backbone, state, weights):
                 given = state.get(key)
                 shape = list(given.shape) if isinstance(given, torch.Tensor) else "missing"
                 if shape != list(parameter.shape):
-                    raise InputError("TXF-I98", f"{key} of the weights is not that of torchvision's AlexNet", path=str(weights),
+                    raise InputError("TXF-I98", f"{key} of the weights differs from torchvision's AlexNet", path=str(weights),
                                      value=shape, allowed=list(parameter.shape))
                 with torch.no_grad():
                     parameter.copy_(given)

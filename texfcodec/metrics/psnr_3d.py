@@ -65,7 +65,7 @@ class SourceSamples:
 def psnr_of(error: ColourError) -> dict:
     """3D-PSNR {"y", "yuv611", "rgb", "samples"} in dB; None means lossless. InputError TXF-I94 where nothing is visible."""
     if not error.weight > 0:
-        raise InputError("TXF-I94", "the 3D-PSNR is absent: no point of the surface is visible, its alpha is 0 everywhere")
+        raise InputError("TXF-I94", "the 3D-PSNR cannot be computed: the surface is invisible, because its alpha is 0 everywhere")
     result = json_ready(error.result())
     return {name: result[f"psnr_{name}"] for name in ("y", "yuv611", "rgb")} | {"samples": error.samples}
 

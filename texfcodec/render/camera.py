@@ -88,7 +88,7 @@ def fibonacci_direction(i: int, count: int) -> np.ndarray:
     y = 1 - 2 i / (count - 1), turned about y by i pi (3 - sqrt 5), as mpeg-pcc-mmetric does. Raises InputError TXF-I93.
     """
     if not 0 <= i < count:
-        raise InputError("TXF-I93", "there is no view of this number", value=i, allowed=f"0..{count - 1}")
+        raise InputError("TXF-I93", "the number of the view does not exist", value=i, allowed=f"0..{count - 1}")
     if count == 1:
         return np.array(VIEWS["front"], np.float64)
     y = 1 - 2 * i / (count - 1)
@@ -163,7 +163,7 @@ def _size(size):
     except TypeError:
         sides = []
     if len(sides) != 2 or not all(1 <= side <= MAX_SIZE for side in sides):
-        raise InputError("TXF-I90", "a picture's size is one or two whole numbers of pixels", value=str(size),
+        raise InputError("TXF-I90", "the size of a picture must be one or two integers", value=str(size),
                          allowed=f"1..{MAX_SIZE}")
     return tuple(sides)
 
@@ -171,7 +171,7 @@ def _size(size):
 def _place(point):
     point = np.asarray(point, np.float64)
     if point.shape != (3,) or not np.isfinite(point).all():
-        raise InputError("TXF-I91", "a place of the camera must be three finite numbers", value=str(point))
+        raise InputError("TXF-I91", "the position of the camera must be three finite numbers", value=str(point))
     return point
 
 
@@ -179,7 +179,7 @@ def _unit(direction):
     direction = _place(direction)
     largest = np.abs(direction).max()
     if largest == 0:
-        raise InputError("TXF-I91", "the camera's direction is zero", value=str(direction))
+        raise InputError("TXF-I91", "the direction of the camera is zero", value=str(direction))
     direction = direction / largest
     return direction / math.hypot(*direction.tolist())
 

@@ -52,7 +52,7 @@ def set_up(camera: Camera, positions: np.ndarray, faces: np.ndarray, cull: bool 
     positions = np.ascontiguousarray(positions, np.float64).reshape(-1, 3)
     faces = np.ascontiguousarray(faces, np.int64).reshape(-1, 3)
     if len(faces) and not (faces.min() >= 0 and faces.max() < len(positions)):
-        raise IndexError("a face names a position that does not exist")
+        raise IndexError("a face refers to a position that does not exist")
     kept = np.full(len(faces), not cull) if two_sided is None or not cull else np.array(two_sided, np.bool_)
     if kept.shape != (len(faces),):
         raise ValueError(f"two_sided must be [{len(faces)}], not {list(kept.shape)}")

@@ -50,12 +50,12 @@ def _decode_in_sandbox(data, options, report):
 
     asked = options.engine == "wasm"
     if asked and not is_here():
-        raise SupportError("TXF-U10", "the sandbox needs wasmtime, which is not installed: pip install wasmtime")
+        raise SupportError("TXF-U10", "the sandbox requires wasmtime, which is not installed: run pip install wasmtime")
     with report.stage("parse"):
         stream = read_stream(bytes(data), options.limits)
     if not can_decode(stream):
         if asked:
-            raise SupportError("TXF-U10", "the sandbox does not have the codec of this stream: leave --engine out")
+            raise SupportError("TXF-U10", "the sandbox does not support the codec of this stream; omit --engine")
         return None
     try:
         return decode_in_wasm(bytes(data), stream, options, report)

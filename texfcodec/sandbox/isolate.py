@@ -103,9 +103,9 @@ def _texf(facts, arrays, threads, limits=_USUAL):
             codec = texf.codec = _codec(facts["codec"])
             texf.evaluators = codec.unpack(facts["evaluators"], arrays, groups, len(texf.fields))
     except (TexfError, KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
-        raise StreamError("TXF-S40", "the decoder's answer makes no sense", reason=type(error).__name__) from error
+        raise StreamError("TXF-S40", "the decoder returned an invalid result", reason=type(error).__name__) from error
     if not sound:
-        raise StreamError("TXF-S40", "the decoder's answer has an index out of range")
+        raise StreamError("TXF-S40", "the decoder returned an index out of range")
     return texf
 
 

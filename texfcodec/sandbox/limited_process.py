@@ -24,7 +24,7 @@ from ..limits import Limits
 
 FACTS = "facts.json"
 FACTS_BYTES = 64 << 20  # the JSON half of an answer is never larger
-NO_CAP = "this system cannot cap the memory of a process: only the time was capped"
+NO_CAP = "this system cannot limit the memory of a process; only the time was limited"
 STACK_BYTES = 16 << 20
 LEAST_BYTES = 16 << 20  # one voxel takes 4 MB; under 2, LLVM and numpy were seen to crash where an allocation is refused
 _SQUARE = np.ones((256, 256))
@@ -38,7 +38,7 @@ def child_folder() -> Iterator[Path]:
         with cleanup.Folder("texf-") as folder:
             yield Path(folder)
     except OSError as error:
-        raise LimitError("TXF-L15", "no child process can be started", reason=error.strerror) from error
+        raise LimitError("TXF-L15", "a child process cannot be started", reason=error.strerror) from error
 
 
 def run_child(module: str, data: bytes, request: dict, limits: Limits, folder: Path) -> subprocess.CompletedProcess:

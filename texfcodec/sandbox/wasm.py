@@ -214,9 +214,9 @@ def _texf(stream, sandbox, options, report):
     except TexfError:
         raise
     except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
-        raise StreamError("TXF-S40", "the decoder's answer makes no sense", reason=type(error).__name__) from error
+        raise StreamError("TXF-S40", "the decoder returned an invalid result", reason=type(error).__name__) from error
     if not sound:
-        raise StreamError("TXF-S40", "the decoder's answer has an index out of range")
+        raise StreamError("TXF-S40", "the decoder returned an index out of range")
     return texf
 
 

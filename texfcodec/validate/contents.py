@@ -158,7 +158,7 @@ class _Contents:
             self.listing.oddity(Oddity("TXF-W05", "bytes of codewords are never read", "7.6.2", values["offset"], reading.unread,
                                        0), number)
         if reading.wrong_levels:
-            self.listing.oddity(Oddity("TXF-W06", "level_bytes are not what a decoder reads", "5.7.2", values["offset"],
+            self.listing.oddity(Oddity("TXF-W06", "level_bytes differs from what a decoder reads", "5.7.2", values["offset"],
                                        reading.wrong_levels, 0), number)
         self._note(oddities.of_attribute(values, len(support), self.stream), number)
 

@@ -69,7 +69,8 @@ def _walk(view):
         if run == MOST_WRONG:
             cut = wrong_checksum(unit)
         elif len(units) == MOST_UNITS:
-            cut = LimitError("TXF-L14", "the stream has more units than are looked into", offset=position, allowed=MOST_UNITS)
+            cut = LimitError("TXF-L14", "the stream has more units than texf-validate can check", offset=position,
+                             allowed=MOST_UNITS)
     believed = len(units) - max(run - 1, 0)
     return units[:believed], {number for number in wrong if number < believed}, cut
 

@@ -20,7 +20,7 @@ def of_draco(values: dict, position_bits: int) -> Iterator[Oddity]:
     length = len(values["draco_data"])
     end = draco_end(values, position_bits)
     if end < length:
-        yield Oddity("TXF-W03", f"Draco has read its data after {end} of {length} bytes", "5.6", values["offset"] + end,
+        yield Oddity("TXF-W03", f"the mesh ends after {end} of {length} bytes of Draco data", "5.6", values["offset"] + end,
                      length - end, 0)
 
 
@@ -60,7 +60,7 @@ def of_mesh(units: list[GeometryUnit], position_bits: int) -> Iterator[Oddity]:
     """Of all geometry units together."""
     twice, total = _twice(units), sum(len(unit.faces) for unit in units)
     if twice:
-        yield Oddity("TXF-W16", f"{twice} of {total} faces are there already", "5.6", value=twice)
+        yield Oddity("TXF-W16", f"{twice} of {total} faces are repeated", "5.6", value=twice)
     low, high = (np.array([f(u.lattice, axis=0) for u in units]) for f in (np.min, np.max))
     widest = int((high.max(axis=0) - low.min(axis=0)).max())
     if 0 < widest < 1 << position_bits - 1:

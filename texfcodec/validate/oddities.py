@@ -23,7 +23,7 @@ FEW_TEXELS = 16  # an image that is asked for less than one in so many
 def of_metadata(value: dict | None) -> Iterator[Oddity]:
     """value: what decoder.json_object() says of them."""
     if value is None:
-        yield Oddity("TXF-W02", "the metadata unit does not hold a JSON object", "5.8")
+        yield Oddity("TXF-W02", "the metadata unit is not a JSON object", "5.8")
 
 
 def of_materials(stream: Stream, geometry: bool) -> Iterator[Oddity]:
@@ -34,27 +34,28 @@ def of_materials(stream: Stream, geometry: bool) -> Iterator[Oddity]:
     names = Counter(values["material_name"] for values in stream.materials if values["material_name"])
     several = [name for name, count in names.items() if count > 1]
     if several:
-        yield Oddity("TXF-W09", "materials share a name", "5.4.1", value=several)
+        yield Oddity("TXF-W09", "several materials share a name", "5.4.1", value=several)
     if geometry and stream.geometry:
         idle = sorted(set(range(len(stream.materials))) - {unit["material_index"] for unit in stream.geometry})
         if idle:
-            yield Oddity("TXF-W10", "materials that no geometry unit is of", "5.6", value=idle)
+            yield Oddity("TXF-W10", "materials without a geometry unit", "5.6", value=idle)
 
 
 def _of_name(name, number):
     if not name.isprintable():
         yield Oddity("TXF-W07", f"the name of material {number} has control characters", "12", value=ascii(name))
     if any(one in name for one in SEPARATORS) or name in UPWARDS:
-        yield Oddity("TXF-W08", f"the name of material {number} has a path separator or leads upwards", "12", value=ascii(name))
+        yield Oddity("TXF-W08", f"the name of material {number} has a path separator or refers to a parent folder", "12",
+                     value=ascii(name))
 
 
 def _of_effects(values, number):
     material = material_of(values)
     unread = sorted(name for name in material.maps if name in EFFECT_OF and not EFFECT_OF[name].used(material))
     if unread:
-        yield Oddity("TXF-W11", f"material {number} names channels that no effect of it reads", "5.4.1", value=unread)
+        yield Oddity("TXF-W11", f"material {number} names channels that none of its effects reads", "5.4.1", value=unread)
     if material.alpha_mode == ALPHA_MASK and material.alpha_cutoff == 0:
-        yield Oddity("TXF-W13", f"alpha_cutoff of material {number} cuts nothing off", "5.4.1", value=0, allowed="1..65535")
+        yield Oddity("TXF-W13", f"alpha_cutoff of material {number} has no effect", "5.4.1", value=0, allowed="1..65535")
 
 
 def of_header(stream: Stream, materials: bool) -> Iterator[Oddity]:
@@ -63,11 +64,11 @@ def of_header(stream: Stream, materials: bool) -> Iterator[Oddity]:
     semantics = {semantic for group in header["channel_groups"] for semantic in group["group_semantics"]}
     opaque = all(values["alpha_mode"] == ALPHA_OPAQUE for values in stream.materials)
     if materials and ALPHA.semantic in semantics and opaque and stream.fields:
-        yield Oddity("TXF-W12", "alpha is coded, and every material is opaque", "5.3.1")
+        yield Oddity("TXF-W12", "alpha is coded, but every material is opaque", "5.3.1")
     if header["num_geometry_units"] == 0:
         yield Oddity("TXF-W22", "the stream is an empty mesh", "5.3")
     elif header["side"] == 0:
-        yield Oddity("TXF-W18", "all faces are in one point of the world", "5.3", value=0)
+        yield Oddity("TXF-W18", "all faces collapse to one point", "5.3", value=0)
 
 
 def of_units(stream: Stream) -> Iterator[tuple[int, Oddity]]:
@@ -76,27 +77,28 @@ def of_units(stream: Stream) -> Iterator[tuple[int, Oddity]]:
     for number, unit in enumerate(stream.geometry):
         pair = (unit["field_index"], unit["material_index"])
         if first.setdefault(pair, number) != number:
-            yield number, Oddity("TXF-W14", f"the field and the material of geometry unit {first[pair]} again", "5.6",
+            yield number, Oddity("TXF-W14", f"the unit repeats the field and material of geometry unit {first[pair]}", "5.6",
                                  value=list(pair))
 
 
 def of_field(values: dict, count: int, position_bits: int) -> Iterator[Oddity]:
     """Of a field whose support has so many keys."""
     if count == 1:
-        yield Oddity("TXF-W19", "one value for all of a field's surface", "5.5", value=1)
+        yield Oddity("TXF-W19", "the field has a single value for its whole surface", "5.5", value=1)
     if values["support"] == SUPPORT_TEXELS:
         texels = values["width"] * values["height"]
         if count * FEW_TEXELS < texels:
-            yield Oddity("TXF-W20", "little of the image is asked", "5.5", value=count, allowed=f"of {texels} texels")
+            yield Oddity("TXF-W20", "the surface uses little of the image", "5.5", value=count, allowed=f"of {texels} texels")
     elif values["resolution"] > 1 << position_bits:
-        yield Oddity("TXF-W23", "more voxels a side than steps of a position", "5.5", value=values["resolution"],
+        yield Oddity("TXF-W23", "the field has more voxels per side than the position lattice has steps", "5.5",
+                     value=values["resolution"],
                      allowed=f"<= {1 << position_bits}")
 
 
 def of_attribute(values: dict, cells: int, stream: Stream) -> Iterator[Oddity]:
     """Of an attribute unit whose plane is on so many cells."""
     if values["level_shift"] and cells == 1 and cells_a_side(stream.fields[values["field_index"]]) > 1:
-        yield Oddity("TXF-W21", "level_shift leaves one cell", "5.7", values["offset"], values["level_shift"])
+        yield Oddity("TXF-W21", "level_shift leaves a single cell", "5.7", values["offset"], values["level_shift"])
     if values["codec_id"] in PRIVATE_IDS:
-        yield Oddity("TXF-W04", f"the unit is coded by the plug-in {codec_of_unit(values).name!r}", "5.7", values["offset"],
+        yield Oddity("TXF-W04", f"the unit is coded by the plug-in codec {codec_of_unit(values).name!r}", "5.7", values["offset"],
                      values["codec_id"])

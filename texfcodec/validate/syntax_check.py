@@ -87,7 +87,7 @@ def _read_unit(view, number, parsed, limits):
     if number in parsed.frames.out_of_place:
         return
     if is_passed_over(view, unit):
-        told = Oddity("TXF-W01", f"an unknown ancillary unit of {unit.stop - unit.start} bytes is passed over", "5.2",
+        told = Oddity("TXF-W01", f"an unknown ancillary unit of {unit.stop - unit.start} bytes is skipped", "5.2",
                       value=unit.type)
         parsed.listing.oddity(told, number)
         parsed.checked.add(number)

@@ -62,6 +62,6 @@ def _differences(array):
 def parse(container: bytes) -> tuple[dict[str, Any], memoryview]:
     """(header, arrays) of a container. Raises ValueError where it is none."""
     if len(container) < 8 or container[:4] != MAGIC:
-        raise ValueError("no container of texf-view")
+        raise ValueError("this is not a container of texf-view")
     length = struct.unpack_from("<I", container, 4)[0]
     return json.loads(container[8 : 8 + length]), memoryview(container)[8 + length :]

@@ -23,7 +23,7 @@ from ..sandbox.limited_process import FACTS, child_folder, crash_of, read_facts,
 GLB_MAGIC = b"glTF"
 CONTAINER = "container"
 MISSING = "missing"  # in what is said of a file that a mesh names
-ALONE = "a file that is dropped comes without those that it names; texf-view opens it with them"
+ALONE = "a dropped file arrives without the files that it names; open it with texf-view instead"
 
 
 def container_of_dropped(data: bytes, name: str, limits: Limits | None = None) -> bytes:
@@ -34,7 +34,7 @@ def container_of_dropped(data: bytes, name: str, limits: Limits | None = None) -
     suffix = Path(name).suffix.lower()
     if data.startswith(GLB_MAGIC) or format_of(suffix):
         return _mesh(data, name, limits or Limits())
-    raise InputError("TXF-I05", f"{suffix or name} names no format that is read: .texf {' '.join(SUFFIXES)} are",
+    raise InputError("TXF-I05", f"{suffix or name} is not a supported format; choose .texf {' '.join(SUFFIXES)}",
                      looks_like=what_it_is(data) or None)
 
 
@@ -89,7 +89,7 @@ def _packed(data, name):
             raise
         raise InputError(error.code, f"{error.message}; {ALONE}", **error.details) from error
     if set(scene.files) != {file.name}:
-        raise InputError("TXF-I16", "a mesh that is dropped must hold all of its images: it may not name files of this machine")
+        raise InputError("TXF-I16", "a dropped mesh must contain all its images; it may not name files of this machine")
     if any(MISSING in warning for warning in scene.warnings):
         scene.warnings.append(ALONE)
     return pack(scene, name, len(data))

@@ -48,7 +48,8 @@ def needed_browser() -> str:
     """As find_browser(), or SupportError TXF-C09."""
     browser = find_browser()
     if browser is None:
-        raise SupportError("TXF-C09", f"no browser is found; install Chromium, or name one in {BROWSER}", allowed=" ".join(NAMES),
+        raise SupportError("TXF-C09", f"no browser was found; install Chromium, or set {BROWSER} to a Chromium-based browser",
+                           allowed=" ".join(NAMES),
                            value=os.environ.get(BROWSER))
     return browser
 
@@ -91,7 +92,7 @@ def _all_answers(server, child, end):
         if complaint := child.complaint():
             raise SupportError("TXF-C11", "the page in the browser cannot do this", reason=complaint)
         if is_over or not lives:
-            what = "the browser took too long" if lives else "the browser ended before its work was done"
+            what = "the browser took too long" if lives else "the browser ended before the page finished"
             raise SupportError("TXF-C10", what, reason=child.last_words() or None)
 
 
@@ -103,7 +104,7 @@ def _check(answer: Answer, job: dict) -> None:
     try:
         facts = json.loads(data)
     except ValueError:
-        facts = {"error": "the answer is not JSON"}
+        facts = {"error": "the result is not JSON"}
     error = facts.get("error") if isinstance(facts, dict) else None
     if error is not None:
         sentence = error.get("message", error) if isinstance(error, dict) else error

@@ -52,7 +52,7 @@ def export_page(assets: Sequence[bytes], title: str, start: dict | None = None, 
 def _with_parts(page, parts):
     """The page with each of the parts in the place of its mark, which must be there once; what is put in is not looked at."""
     if any(page.count(mark) != 1 for mark in parts):
-        raise ValueError("a mark of index.html is missing, or is there twice")
+        raise ValueError("a mark of index.html is missing or repeated")
     marks = re.compile("|".join(map(re.escape, parts)))
     return marks.sub(lambda found: parts[found[0]], page)
 

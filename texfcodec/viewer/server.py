@@ -218,17 +218,17 @@ class _Visit(BaseHTTPRequestHandler):
         """What is asked for, below the token. Raises Refused for strangers."""
         hosts = self.headers.get_all("Host") or []
         if len(hosts) != 1 or hosts[0].lower() not in [f"{name}:{self.server.view.port}" for name in NAMES]:
-            raise Refused(421, "this host has another name")
+            raise Refused(421, "the host name is not allowed")
         origins = self.headers.get_all("Origin") or [""] * needs_origin
         if any(origin.lower() != f"http://{hosts[0]}".lower() for origin in origins):
-            raise Refused(403, "another page may not ask for this")
+            raise Refused(403, "requests from another page are not allowed")
         site, mode = self.headers.get("Sec-Fetch-Site", "none"), self.headers.get("Sec-Fetch-Mode")
         if site not in ("none", "same-origin") and (needs_origin or mode != "navigate"):  # a link to the page may be anywhere
-            raise Refused(403, "another page may not ask for this")
+            raise Refused(403, "requests from another page are not allowed")
         first, token, place = (*self.path.split("/", 2), "", "", "")[:3]
         knows = hmac.compare_digest(token.encode("latin-1", "replace"), self.server.view.token.encode())
         if first or not knows or self.path.count("/") < 2:
-            raise Refused(404, "there is nothing here")
+            raise Refused(404, "nothing exists at this address")
         return place
 
     def _get(self, place):
@@ -250,7 +250,7 @@ class _Visit(BaseHTTPRequestHandler):
         elif name in view.pages and (name == "index.html") == (place == ""):
             self._answer(200, KINDS[Path(name).suffix], view.pages[name])
         else:
-            raise Refused(404, "there is nothing here")
+            raise Refused(404, "nothing exists at this address")
 
     def _post(self, place):
         view = self.server.view
@@ -260,27 +260,27 @@ class _Visit(BaseHTTPRequestHandler):
             if kind not in ANSWERS:
                 raise Refused(415, "an answer is " + ", ".join(ANSWERS))
             if not view.give(int(job[1]), (kind, self._body())):
-                raise Refused(409, "the job has its answer already")
+                raise Refused(409, "the job already has its result")
             self._answer(204, JSON, b"")
         elif re.fullmatch(r"drop\?[^/]*", place) and view.drop is not None:
             names = parse_qs(place.partition("?")[2], keep_blank_values=True).get("name", [])
             if len(names) != 1:
-                raise Refused(400, "a file that is dropped has a name")
+                raise Refused(400, "a dropped file must have a name")
             self._drop(view, self._body(), "".join(c for c in names[0] if c.isprintable())[:LONGEST_NAME])
         else:
-            raise Refused(404, "there is nothing here")
+            raise Refused(404, "nothing exists at this address")
 
     def _body(self):
         """The bytes that were sent. Raises Refused."""
         lengths, most = self.headers.get_all("Content-Length") or [], self.server.view.limits.file_bytes
         if len(lengths) != 1 or not re.fullmatch(r"[0-9]{1,18}", lengths[0]) or "Transfer-Encoding" in self.headers:
-            raise Refused(411, "say how long it is")
+            raise Refused(411, "the length of the content is required")
         length = int(lengths[0])
         if most is not None and length > most:
-            raise Refused(413, f"at most {most} bytes are taken")
+            raise Refused(413, f"at most {most} bytes are accepted")
         data = self.rfile.read(length)
         if len(data) < length:
-            raise Refused(400, "it ended too early")
+            raise Refused(400, "the content is incomplete")
         return data
 
     def _drop(self, view, data, name):
@@ -293,7 +293,7 @@ class _Visit(BaseHTTPRequestHandler):
         except MemoryError:
             self._answer_json(422, {"code": "TXF-L09", "message": "there is not enough memory"})
         except Exception as error:
-            self._answer_json(500, {"code": "TXF-C04", "message": "internal error, please report it",
+            self._answer_json(500, {"code": "TXF-C04", "message": "internal error; please report it",
                                     "reason": type(error).__name__})
         else:
             self._answer(200, BYTES, container)

@@ -89,7 +89,8 @@ def surface_design(surfaces: list[LatticeMesh], position_bits: int, budget: int,
             high = middle
     if best is None:
         assert tried is not None
-        raise InputError("TXF-I54", "the budget holds no grid of latents", value=budget, allowed=f">= {tried[2]['total']}")
+        raise InputError("TXF-I54", "the budget is too small for a grid of "
+                                    "latents", value=budget, allowed=f">= {tried[2]['total']}")
     payload, keys, resident = best
     others = [None] * (len(payload.levels) - 1)
     return Design(payload, [Tables(payload, number, [k, *others]) for number, k in enumerate(keys)], resident)

@@ -242,7 +242,7 @@ class Fit:
         try:
             with open(path, "rb") as raw, np.load(raw) as file:
                 if str(file["identity"]) != self._identity(steps):
-                    raise InputError("TXF-I55", "the checkpoint is of another fit", value=path.name)
+                    raise InputError("TXF-I55", "the checkpoint belongs to another fit", value=path.name)
                 for kind in ("values", "means", "squares"):
                     for n, array in enumerate(getattr(self, kind)):
                         array[...] = file[f"{kind}{n}"]

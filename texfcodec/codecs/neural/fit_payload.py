@@ -87,9 +87,9 @@ def _reached(fit, places):
 
 def _refined(fit, source, position_bits, options, report):
     """Refines a fit on pictures where that is asked for; what the report says of it."""
-    reason = {"auto": "more steps of the fit gain more in the same time", "off": "switched off"}.get(options.refine, "")
+    reason = {"auto": "more fit steps gain more in the same time", "off": "switched off"}.get(options.refine, "")
     if not reason:
-        reason = _unseen_by_pictures(source.channels) or ("" if source.on_pictures else "nothing here draws pictures")
+        reason = _unseen_by_pictures(source.channels) or ("" if source.on_pictures else "no renderer is available")
     facts = {"asked": options.refine, "kind": "off", "reason": reason}
     if reason:
         return facts
@@ -97,12 +97,12 @@ def _refined(fit, source, position_bits, options, report):
                                    on_progress=lambda *n: report.progress("refine", *n))
     facts |= {"iterations": log, "kept_iteration": log[kept]["iteration"]}
     if not kept:
-        return facts | {"reason": "no held-out view gained"}
-    return facts | {"kind": "render", "reason": "asked for", **_reached(fit, components_of(source.channels))}
+        return facts | {"reason": "no held-out view improved"}
+    return facts | {"kind": "render", "reason": "requested", **_reached(fit, components_of(source.channels))}
 
 
 def _unseen_by_pictures(channels):
     """Why a refinement on pictures of base colour would let other outputs drift; "" where there are none."""
     if not set(channels) <= set(COLOURS):
-        return "the asset has maps, which the pictures do not show"
-    return "the asset has alpha, which the loss of pictures leaves out" if ALPHA in channels else ""
+        return "the pictures do not show the asset's maps"
+    return "the picture loss does not include the asset's alpha" if ALPHA in channels else ""

@@ -57,7 +57,7 @@ class Source:
         self.lattice, self.faces, self.face_field = surface.lattice.astype(np.float64), surface.faces, shown.face_field
         self.areas = relative_areas(self.lattice, self.faces)
         if not self.areas.sum() > 0:
-            raise InputError("TXF-I63", "no face has area: there is nothing to fit a payload to", value=len(self.faces))
+            raise InputError("TXF-I63", "no face has an area, so no payload can be fitted", value=len(self.faces))
         self.scale = 2.0 ** (POSITION_BITS - surface.cube.position_bits)
         self.packed, self.channels, self.threads = pack_source(shown.scene, surface.origin_face), shown.channels, threads
         self.weights = component_weights(self.channels)

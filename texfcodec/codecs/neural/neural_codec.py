@@ -42,7 +42,7 @@ class Neural(JointCodec):
     """INT4 latents and a small network that answer any surface point; fitted by training, kept on a GPU."""
 
     id, name = 1, "3dntc"
-    purpose = "for latents and a network that a renderer keeps and asks at any point, fitted by training"
+    purpose = "trains latents and a network that a renderer can query at any point"
     structures = (NEURAL, LATENT_LEVEL)
     options = frozenset({"point", "resident_bytes", "latent_index", "transport", "steps", "seed", "checkpoint", "fit_engine"})
     position_bits = 16  # a payload of 50 dB shows what 14 do to a picture: bottle 45.6 dB over 4 views, 50.1 with exact geometry
@@ -56,11 +56,12 @@ class Neural(JointCodec):
     def check_options(self, options: EncodeOptions) -> None:
         """As Codec.check_options."""
         if options.refine == "fit":
-            raise InputError("TXF-I50", "refine fit is for voxels; codec 3dntc has auto, off and render", value=options.refine)
+            raise InputError("TXF-I50", "refine fit does not apply to codec 3dntc; choose auto, off or "
+                                        "render", value=options.refine)
         if options.point and options.resident_bytes:
-            raise InputError("TXF-I50", "point and resident_bytes exclude each other", value=options.point)
+            raise InputError("TXF-I50", "point and resident_bytes cannot be combined", value=options.point)
         if options.resident_bytes and options.latent_index == "hash":
-            raise InputError("TXF-I50", "hash tables come with a point; resident_bytes needs latent_index mixed or surface",
+            raise InputError("TXF-I50", "resident_bytes requires latent_index mixed or surface; hash requires a point",
                              value=options.resident_bytes)
 
     def profile(self, values: dict) -> str:
@@ -165,17 +166,15 @@ class Neural(JointCodec):
         grids = ", ".join(f"{one['rows']} rows of a grid of {one['resolution']}" for one in fit["levels"])
         yield (f"resident {kept['total']} bytes: latents {kept['latents']} ({grids}), network {kept['network']}, "
                f"index {kept['index']}; {facts['fields']} field" + ("s" if facts["fields"] != 1 else ""))
-        early = "" if fit["steps"] == fit["asked_steps"] else f" of {fit['asked_steps']}, then nothing improved"
-        yield (f"fit: {fit['steps']} steps{early}, {fit['seconds']:.0f} s, RGB {in_decibels(fit['psnr_rgb'])} at points it has "
-               "not seen")
+        early = "" if fit["steps"] == fit["asked_steps"] else f" of {fit['asked_steps']}, stopped without further gain"
+        yield (f"fit: {fit['steps']} steps{early}, {fit['seconds']:.0f} s, RGB {in_decibels(fit['psnr_rgb'])} at held-out points")
         others = [f"{name} {in_decibels(psnr)}" for name, psnr in fit["psnr_channels"].items()][1:]
         if others:
-            yield "there, in 0 to 255: " + ", ".join(others)
+            yield "maps at held-out points, in 0 to 255: " + ", ".join(others)
         if told["kind"] == "render":
             psnr = {row["iteration"]: row["held_out_psnr"] for row in told["iterations"]}
             shown = [in_decibels(psnr[n]) for n in (0, told["kept_iteration"])]
-            yield (f"refined on pictures: {shown[0]} to {shown[1]} in views it has not seen; {told['psnr_rgb']:.2f} dB at the "
-                   "points")
+            yield (f"refined on pictures: {shown[0]} to {shown[1]} in held-out views; {told['psnr_rgb']:.2f} dB at the points")
         elif told["asked"] == "render":
             yield f"not refined on pictures: {told['reason']}"
 
@@ -190,7 +189,7 @@ def _level_voxels(surface, position_bits, level, number, options):
     keys, _ = voxelise(lattice, faces, position_bits, level.resolution, level.area_threshold, options.threads,
                        options.limits.voxels)
     if len(keys) != level.entries[number]:
-        raise StreamError("TXF-S30", "the voxels rebuilt from the geometry are not the ones that have latents", clause="11.3",
+        raise StreamError("TXF-S30", "the voxels rebuilt from the geometry differ from those that have latents", clause="11.3",
                           value=len(keys), allowed=level.entries[number])
     return keys
 

@@ -35,7 +35,7 @@ class Raht(PlaneCodec):
     """Region-adaptive hierarchical transform, prediction, context-adaptive arithmetic coding."""
 
     id, name = 0, "raht"
-    purpose = "for the smallest file"
+    purpose = "gives the smallest file"
     structures = (RAHT, CODEWORD, FILTER)
     options = frozenset({"rate", "qp", "target_bytes", "target_psnr", "target_psnr_of", "lossless", "max_error", "effort",
                          "chroma_qp_offset"})

@@ -31,6 +31,7 @@ MOST_ROWS = 1 << 26  # of texels that the faces of a material go over; beyond, t
 MOST_REASONS = 4  # in the report of one channel
 QUICK_LOOK = 1 << 12  # texels that are looked at before all are
 DECISIONS = ("coded", "constant", "absent")
+VARIES = "the value varies"
 KEPT = ("lit", "mask", "blend", "double_sided")  # effects that are flags and no channel's
 
 
@@ -61,14 +62,14 @@ def needed_scene(scene: Scene, surface: Surface, effects: str) -> Decision[Needs
         kept = replace(material, parameters={name: binary32(value) for name, value in material.parameters.items()})
         if number in used:
             if wanted is not None:
-                rows += [_Row(name, "absent", "not asked for") for name in _unwanted(kept, wanted)]
+                rows += [_Row(name, "absent", "not requested") for name in _unwanted(kept, wanted)]
                 kept = _without_effects(kept, wanted)
             kept, decided = _needed(kept, number, looks, effects == "all")
             rows += decided
         stream.append(kept)
         seen = number in used and kept.alpha_mode != ALPHA_OPAQUE and looks.alpha_is_full(number)
         if number in used and kept.alpha_mode != ALPHA_OPAQUE:
-            rows.append(_Row("alpha", "absent", "255 everywhere") if seen else _Row("alpha", "coded", "it varies"))
+            rows.append(_Row("alpha", "absent", "255 everywhere") if seen else _Row("alpha", "coded", VARIES))
         coded.append(replace(kept, alpha_mode=ALPHA_OPAQUE) if seen else kept)
     return Decision(Needs(replace(scene, materials=coded), stream), _counted(rows))
 
@@ -97,7 +98,7 @@ def _needed(material, number, looks, is_all):
             rows.append(_Row(name, "absent", reason))
         elif value is None or not absorb(parameters, BY_NAME[name], value):
             maps[name] = texture
-            rows.append(_Row(name, "coded", "it varies" if value is None else "constant, and no parameter can say it"))
+            rows.append(_Row(name, "coded", VARIES if value is None else "the value is constant, but no parameter can hold it"))
         else:
             decision = "absent" if says_nothing(BY_NAME[name], value) else "constant"
             rows.append(_Row(name, decision, _constant_reason(value)))
@@ -105,7 +106,7 @@ def _needed(material, number, looks, is_all):
 
 
 def _constant_reason(value):
-    return f"the surface shows {', '.join(str(round(float(v))) for v in value)} alone"
+    return f"the surface shows only {', '.join(str(round(float(v))) for v in value)}"
 
 
 def _unwanted(material, wanted):

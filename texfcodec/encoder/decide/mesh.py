@@ -105,10 +105,10 @@ class MeshChoice:
     def _reason(self):
         """Why the source's mesh is sent at the usual bits; "" where that is to be seen."""
         if not self.request.position_bits_are_free:
-            return "position bits were asked for"
+            return "position bits were requested"
         if self.rd.max_error is not None:
-            return "an error bound was asked for"
-        return "colours take no bytes that geometry could be weighed against" if not self.most_moved else ""
+            return "an error bound was requested"
+        return "colours take no bytes, so there is no trade-off with geometry" if not self.most_moved else ""
 
     @cached_property
     def looks(self) -> PositionError:
@@ -135,7 +135,7 @@ class MeshChoice:
                 cost = self.rd.cost(size, self.look_at(surface).error)
                 best, least = (surface, cost) if cost < least else (best, least)
         if best is not self.usual:
-            self.evidence |= {"reason": "the usual bits move what is seen", "position_bits": best.cube.position_bits}
+            self.evidence |= {"reason": "the usual position bits change the picture", "position_bits": best.cube.position_bits}
         return best
 
     def _on_lattice(self, bits):
@@ -149,11 +149,12 @@ class MeshChoice:
         """
         usual = kept(self.scene, surface)
         if self._reason() or not self.request.mesh_is_free:
-            return Decision(usual, {"reason": self._reason() or "the source's mesh was asked for"})
+            return Decision(usual, {"reason": self._reason() or "the source's mesh was requested"})
         if any(_is_exact(plan) for plan in plans):
-            return Decision(usual, {"reason": "flat colours of texels are exact, and stay where they are"})
+            return Decision(usual, {"reason": "flat colours over texels are exact, so every vertex stays in place"})
         if len(surface.faces) < FEWEST:
-            return Decision(usual, self.evidence if surface is not self.usual else {"reason": "few faces take few bytes"})
+            return Decision(usual, self.evidence if surface is not self.usual else {"reason": "the mesh is too small to save "
+                                                                                              "bytes"})
         key = "meshes", surface.cube.position_bits, group.tobytes(), *((p.group.key, p.size, p.fraction_bits) for p in plans)
         search = _Search(self, self.memo.get(key, lambda: _Meshes(self, surface, group, plans)))
         best = search.best(step)
@@ -220,13 +221,13 @@ class _Search:
     def _priced(self, one, trusted=False):
         """A mesh that was looked at, with its cost, and refused where something speaks against it."""
         if not one.faces:
-            return replace(one, cost=NOTHING, refused="nothing is left")
+            return replace(one, cost=NOTHING, refused="no face is left")
         return replace(one, cost=self.rd.cost(one.geometry, one.moved.error), refused="" if trusted else self._refused(one.moved))
 
     def _refused(self, moved):
         if not moved.mse <= self.choice.most_moved:
-            return "the picture changes more than by coding"
-        return "thin parts are gone" if moved.lost > MOST_LOST else ""
+            return "the picture changes more than coding changes it"
+        return "thin parts disappear" if moved.lost > MOST_LOST else ""
 
     def _promise(self, reckoned, place):
         """The cost of a candidate: as measured, or as reckoned, with what measuring others has taught: those of as many faces,
@@ -243,7 +244,7 @@ class _Search:
 
     def evidence(self, best: _Candidate) -> dict:
         """What was tried, and what was taken."""
-        told = {"reason": "least bytes for what is seen", "faces": [len(self.meshes.usual.faces), best.faces],
+        told = {"reason": "lowest cost in bytes and picture error", "faces": [len(self.meshes.usual.faces), best.faces],
                 "position_bits": best.bits, "tried": [one.row() for one in self.tried.values()]}
         return told if best is self.at_usual else told | {"distance": self.meshes.distance(best.sent.surface)}
 

@@ -121,9 +121,9 @@ def choose_normals(scene: Scene, surface: Surface, qp: float = AT_QP, budget: in
     median, most, _ = evidence["degrees"]
     if median <= ENOUGH[0] * max(tolerance, 1) and most <= ENOUGH[1] * max(tolerance, 1):
         return Decision(shading, evidence)
-    warning = (f"the shading normals are not those of the source: half of the surface is off by {median} degrees or more, a "
-               f"twentieth by {most}; if that shows, let the tool that wrote the mesh compute its normals anew, or bake them "
-               "into a normal map")
+    warning = (f"the shading normals differ from the source's, by {median} degrees or more on half of the surface and {most} "
+               "on 5 %; if that is visible, recompute the normals in the tool that wrote the mesh, or bake them into a normal "
+               "map")
     return Decision(shading, evidence, warnings=(warning,))
 
 

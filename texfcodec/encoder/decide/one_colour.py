@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ...scene.scene import Scene
 
 EXACT_UV_BITS = 4  # below the texel, when every colour that a face shows has to be seen
-NOTHING_TO_PROBE = "one colour: nothing to probe"
+NOTHING_TO_PROBE = "the surface has one colour, so there is nothing to choose"
 FEW = 64  # faces, or rows and columns of an image, that are looked at before all are
 
 

@@ -108,7 +108,7 @@ def choose_fields(scene: Scene, surface: Surface, colours: np.ndarray, rd: RateD
         if pays:
             best, reason = candidate, "surfaces meet in voxels"
         elif best.max() == 0:
-            reason = "surfaces meet, but splitting them would not show"
+            reason = "surfaces meet in voxels, but splitting them would not be visible"
     fields = int(best.max()) + 1
     mixed = (_mixed_alpha(fields, off),) if trials.mixes_alpha(best, apart) else ()
     return Decision(best, {"fields": fields, "reason": reason, "trials": evidence}, warnings=mixed)
@@ -117,15 +117,15 @@ def choose_fields(scene: Scene, surface: Surface, colours: np.ndarray, rd: RateD
 def _reason_for_one(surface, colours, off, alpha):
     """Why one field will do without a trial; "" where that is to be seen."""
     if len(surface.faces) < 2:
-        return "one face"
+        return "the mesh has one face"
     if off and not alpha:
         return "switched off"
     if one_colour(colours, surface.material) is not None:
-        return "one colour: nothing to part"
+        return "the surface has one colour, so no split can help"
     return "" if face_areas(surface.lattice, surface.faces).any() else "the surface has no area"
 
 
 def _mixed_alpha(fields, off):
-    why = ("partition is off" if off else f"there are no more than {MAX_FIELDS} fields" if fields == MAX_FIELDS
-           else "parting them would cost more colour than it brings")
-    return f"surfaces of different alpha share voxels and stay in one field, so their alpha is mixed: {why}"
+    why = ("partition is off" if off else f"the number of fields is limited to {MAX_FIELDS}" if fields == MAX_FIELDS
+           else "splitting them would cost more colour than it gains")
+    return f"surfaces of different alpha share voxels, so their alpha is mixed: {why}"

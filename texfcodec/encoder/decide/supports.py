@@ -97,7 +97,7 @@ class _Candidate:
 
     def over_voxels(self) -> _Candidate:
         """The candidate over voxels, for the sake of a smaller mesh."""
-        reason = "with the mesh that may be sent then, it costs less" if self.goes else self.evidence["reason"]
+        reason = "voxels cost less with the smaller mesh that they allow" if self.goes else self.evidence["reason"]
         return replace(self, goes=False, evidence={**self.evidence, "chosen": "voxels", "reason": reason})
 
 
@@ -134,10 +134,10 @@ def choose_supports(scene: Scene, surface: Surface, rd: RateDistortion, request:
 def reason_for_voxels(request: EncodeOptions) -> str:
     """Why nothing but voxels comes into question; "" where texels do."""
     if codec_of(request.codec).joint:
-        return "the codec has no part in texels"
+        return "the codec does not support texels"
     if request.support == "texels" or request.rate_is_free:
         return ""
-    return "asked for" if request.support == "voxels" else "K or an error bound was asked for, which are about voxels"
+    return "requested" if request.support == "voxels" else "K or an error bound was requested, which implies voxels"
 
 
 @dataclass(frozen=True)
@@ -205,11 +205,11 @@ class _Choice:
         """A candidate with the choice whether it costs less over texels."""
         group = one.plan.group
         if self.request.support == "texels":
-            return replace(one, finer=False).decided("texels", "asked for")
+            return replace(one, finer=False).decided("texels", "requested")
         if group.nearest and has_few_colours(group.image.reshape(-1, 4)):
-            return replace(one, finer=False).decided("texels", "texels are squares of few colours (sampler NEAREST)")
+            return replace(one, finer=False).decided("texels", "the image has few colours and a NEAREST sampler")
         if one.finer:
-            return one.decided("texels", "it came out worse than the rate promises")
+            return one.decided("texels", "the first result was worse than the rate promises")
         if patch is None:
             return one.decided("voxels", "the surface has no area")
         plain, textured = _geometry_bytes(one.plan, self.surface)
@@ -316,7 +316,8 @@ class _Choice:
         chosen = [one.plan.group.faces for one in decided if one.goes]
         rest = ~np.isin(np.arange(len(self.surface.faces)), np.concatenate([[-1], *chosen]))
         if free and rest.any() and is_plain(self.scene, colours, self.surface.material[rest]):
-            return _coarsest(self.rd, self.request), None, {"reason": "what stays over voxels is one colour: nothing to probe"}
+            return _coarsest(self.rd, self.request), None, {"reason": "the surface over voxels has one colour, so there is "
+                                                                      "nothing to choose"}
         if self.finer & set(np.unique(self.surface.material[rest]).tolist()):
             patch = self.rd.patch(self.scene, self.surface, np.flatnonzero(rest))
             return min(round(FINER_K * usual), MOST_RESOLUTION, self._most_resolution(patch)), None, {}
@@ -347,7 +348,7 @@ def _with_bits(plan, bits):
 
 
 def _reason(texels, voxels):
-    return f"{round(texels)} bytes over texels, {round(voxels)} over voxels, with those that their errors are worth"
+    return f"texels cost {round(texels)} bytes and voxels {round(voxels)}, errors included"
 
 
 def _geometry_bytes(plan, surface):

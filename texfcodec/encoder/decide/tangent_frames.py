@@ -150,9 +150,9 @@ def _judged(plans, found, qp):
     allowed = max(tolerance_of(qp), 1.0)
     if degrees[0] <= ENOUGH[0] * allowed and degrees[1] <= ENOUGH[1] * allowed:
         return Decision(plans, evidence)
-    warning = (f"normal maps point elsewhere than the file's TANGENTs say: half of their surface is off by {degrees[0]} degrees "
-               f"or more, a twentieth by {degrees[1]}, {100 * share:.2g} % by more than {ELSEWHERE:.0f}; TANGENTs by MikkTSpace "
-               "of the same UVs cure it, and so does --support voxels")
+    warning = (f"normal maps differ in direction from the file's TANGENTs, by {degrees[0]} degrees or more on half of their "
+               f"surface and {degrees[1]} on 5 % ({100 * share:.2g} % differ by more than {ELSEWHERE:.0f}); recompute the "
+               "TANGENTs with MikkTSpace from the same UVs, or encode with --support voxels")
     return Decision(plans, evidence, warnings=(warning,))
 
 

@@ -41,15 +41,15 @@ def refine_fields(source: Source, fields: list[SourceField], rd: RateDistortion,
     colours are not closer to the source at points that the fit has not seen.
     """
     reason = _reason_against(fields, rd, wanted.kind)
-    evidence: dict[str, Any] = {"asked": wanted.kind, "kind": "off", "reason": reason or "asked for"}
+    evidence: dict[str, Any] = {"asked": wanted.kind, "kind": "off", "reason": reason or "requested"}
     if reason:
         return Decision(fields, evidence)
     surfaces = [_field_surface(source, i, field, rd.resolution) for i, field in enumerate(fields)]
     if wanted.kind == "auto":
         evidence["predicted_gain_db"] = round(_predicted_gain(surfaces, fields, rd), 3)
         if evidence["predicted_gain_db"] < LEAST_GAIN:
-            return Decision(fields, evidence | {"reason": "coding hides what a fit would gain"})
-        evidence["reason"] = "the transfer is further off than coding hides"
+            return Decision(fields, evidence | {"reason": "coding would hide the gain of a fit"})
+        evidence["reason"] = "coding would not hide the error of the transfer"
     fits = [rd.of_field(f"fit {number}", source, part, partial(_fit, surface, part, rd.threads, step))
             for number, (surface, part) in enumerate(zip(surfaces, fields, strict=True))]
     fields = [part.with_planes({COLOUR: fit.value.planes[COLOUR]}) for part, fit in zip(fields, fits, strict=True)]
@@ -66,13 +66,13 @@ def _reason_against(fields, rd, refine):
     if not fields:
         return "there is no field over voxels"
     if rd.max_error is not None:
-        return "the voxels' own values were asked for"
+        return "an error bound was requested"
     if all(field.one_colour for field in fields):
-        return "one colour: nothing to refine"
+        return "the surface has one colour"
     if refine == "auto" and rd.effort == "fast":
-        return "effort fast does without"
+        return "effort fast excludes a fit"
     if refine == "auto" and sum(len(f.keys) for f in fields) > MOST_VOXELS:
-        return "too many voxels for the memory that a fit takes; --refine fit does it all the same"
+        return "a fit of so many voxels takes much memory; --refine fit forces it"
     return ""
 
 

@@ -31,7 +31,7 @@ def unwrap(points: np.ndarray, faces: np.ndarray, side: int, seconds: float) -> 
     if flat.shape != (len(faces), 3, 2) or not np.isfinite(flat).all() or size.min() < 1:
         raise QualityFailed("xatlas returned a malformed atlas")
     if _collapsed_share(flat, points, faces) > 0.01:
-        raise QualityFailed("xatlas collapsed a part of the surface")
+        raise QualityFailed("xatlas collapsed part of the surface")
     return flat * (side / float(size.max()))
 
 

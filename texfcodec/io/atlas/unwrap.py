@@ -55,14 +55,14 @@ def make_atlas(positions: np.ndarray, faces: np.ndarray, texture_size: int | Non
     groups = np.zeros(len(faces), np.int64) if groups is None else np.ascontiguousarray(groups, np.int64)
     flat, roomy = _fast(points, faces, groups, side)
     if roomy != side:
-        warnings.append(f"{side} texels a side cannot hold the mesh's charts; the atlas has {roomy}")
+        warnings.append(f"{side} texels per side cannot hold the charts of the mesh; the atlas has {roomy}")
     return _finished(flat, roomy, "fast", warnings)
 
 
 def check_arguments(texture_size: int | None, method: str) -> None:
     """InputError TXF-O10 for a texture size or a method that make_atlas() does not take."""
     if method not in ATLAS_METHODS or (texture_size is not None and not 16 <= texture_size <= MAX_SIZE):
-        raise InputError("TXF-O10", "atlas method or texture size not known", method=method, texture_size=texture_size)
+        raise InputError("TXF-O10", "the atlas method or texture size is unknown", method=method, texture_size=texture_size)
 
 
 def default_size(points: np.ndarray, faces: np.ndarray, resolution: int) -> int:
@@ -130,7 +130,7 @@ def _fast(points, faces, groups, side):
                 return flat, side
         side = min(side * 2, MAX_SIZE) if side < MAX_SIZE else MAX_SIZE + 1
     raise InputError(
-        "TXF-O12", "the mesh has too many separate pieces for one atlas; write vertex colours or voxels", faces=len(faces)
+        "TXF-O12", "the mesh has too many separate pieces for one atlas; use --appearance vertex or voxels", faces=len(faces)
     )
 
 

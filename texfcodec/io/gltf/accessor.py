@@ -27,7 +27,7 @@ def read_accessor(document: Document, index: int, kinds: tuple[str, ...]) -> np.
     elif shape[0] <= MAX_IMPLICIT:
         array = np.zeros(shape, dtype)
     else:
-        raise LimitError("TXF-I41", f"accessor {index} asks for too many elements", value=shape[0], allowed=MAX_IMPLICIT)
+        raise LimitError("TXF-I41", f"accessor {index} has too many elements", value=shape[0], allowed=MAX_IMPLICIT)
     return _with_sparse(document, entry, array, index) if "sparse" in entry else array
 
 
@@ -57,7 +57,7 @@ def _from_view(document, view, offset, shape, dtype, index):
     stride = stride or size
     need = offset + stride * (count - 1) + size
     if stride < size or need > len(data):
-        raise InputError("TXF-I11", f"accessor {index} leaves its bufferView", value=need, allowed=len(data))
+        raise InputError("TXF-I11", f"accessor {index} exceeds its bufferView", value=need, allowed=len(data))
     return np.ndarray(shape, dtype, data, offset, (stride, dtype.itemsize))
 
 

@@ -43,5 +43,5 @@ def stream_within(data: bytes) -> bytes:
         return data
     stream = read_carried(open_document(data, Path(), Notes()))
     if stream is None:
-        raise InputError("TXF-I26", "this is a GLB that carries no .texf stream", value=EXTENSION)
+        raise InputError("TXF-I26", "the GLB carries no .texf stream", value=EXTENSION)
     return stream

@@ -55,7 +55,7 @@ class Document:
             length = integer(entry, "byteLength", low=0)
             data = self._buffer_data(entry, index)
             if len(data) < length:
-                raise InputError("TXF-I10", f"buffer {index} is shorter than the file promises",
+                raise InputError("TXF-I10", f"buffer {index} is shorter than its byteLength",
                                  value=len(data), allowed=length)
             self._buffers[index] = memoryview(data)[:length]
         return self._buffers[index]
@@ -81,7 +81,7 @@ class Document:
         buffer = self.buffer(entry.get("buffer"))
         offset, length = integer(entry, "byteOffset", 0, low=0), integer(entry, "byteLength", low=0)
         if offset + length > len(buffer):
-            raise InputError("TXF-I11", f"bufferView {index} leaves its buffer",
+            raise InputError("TXF-I11", f"bufferView {index} exceeds its buffer",
                              value=offset + length, allowed=len(buffer))
         return buffer[offset : offset + length]
 
@@ -148,7 +148,7 @@ def _read_glb(data, notes):
     if length > len(data):
         raise InputError("TXF-I07", "the GLB file is truncated", value=len(data), allowed=length)
     if length < len(data):
-        notes.remark(plural(len(data) - length, "byte", "bytes") + " after the end of the GLB container: ignored")
+        notes.remark(plural(len(data) - length, "byte", "bytes") + " after the end of the GLB container, ignored")
     chunks = list(_chunks(memoryview(data)[:length]))
     if not chunks or chunks[0][0] != CHUNK_JSON:
         raise InputError("TXF-I07", "the first GLB chunk is not JSON", offset=12)
@@ -161,7 +161,7 @@ def _chunks(data):
     while at + 8 <= len(data):
         length, kind = struct.unpack_from("<II", data, at)
         if at + 8 + length > len(data):
-            raise InputError("TXF-I07", "a GLB chunk leaves the file", offset=at, value=length, allowed=len(data) - at - 8)
+            raise InputError("TXF-I07", "a GLB chunk exceeds the file", offset=at, value=length, allowed=len(data) - at - 8)
         yield kind, data[at + 8 : at + 8 + length]
         at += 8 + length
 
@@ -180,13 +180,13 @@ def _no_json(error):
     text, at = error.doc, min(error.pos, len(error.doc))
     before, here = text[:at].rstrip(), text[at:].lstrip()
     if here[:1] in ("}", "]") and before[-1:] == "," or here[:1] == "," and error.msg.startswith("Illegal trailing comma"):
-        why = "a comma stands before a closing bracket"
+        why = "a comma precedes a closing bracket"
     elif here[:2] in ("//", "/*") or here[:1] == "#":
-        why = "a comment stands there, which JSON has not"
+        why = "it contains a comment, which JSON does not allow"
     elif not here:
         why = "the text ends early"
     elif here[:1] == "'":
-        why = "single quotes stand where JSON has double ones"
+        why = "it has single quotes where JSON requires double quotes"
     else:
         why = error.msg[:1].lower() + error.msg[1:]
     return InputError("TXF-I08", f"the glTF text is not JSON: {why}", line=error.lineno, column=error.colno,

@@ -71,7 +71,7 @@ def read_look(document: Document, index: int | None) -> Look:
     glossy = part(extensions(entry), _SPECULAR_GLOSSINESS)
     images = {channel.name: _texture_info(info) for channel in (BASE_COLOUR, *MAPS) if (info := _slot(entry, channel))}
     if "diffuseFactor" in glossy or "diffuseTexture" in glossy:
-        document.notes.warn(f"material {title(entry, index)} uses {_SPECULAR_GLOSSINESS}; its diffuse becomes base colour")
+        document.notes.warn(f"material {title(entry, index)} uses {_SPECULAR_GLOSSINESS}; its diffuse becomes the base colour")
         factor = numbers(glossy, "diffuseFactor", (1.0,) * 4)
         images.pop(BASE_COLOUR.name, None)
         if glossy.get("diffuseTexture"):
@@ -157,7 +157,7 @@ def read_material(document: Document, index: int | None, look: Look, shelf: Text
 def _alpha_mode(document, entry, name):
     mode = entry.get("alphaMode", ALPHA_NAMES[ALPHA_OPAQUE])
     if mode not in ALPHA_NAMES:
-        document.notes.warn(f"{name} has the unknown alphaMode {str(mode)[:40]!r}; OPAQUE takes its place")
+        document.notes.warn(f"{name} has the unknown alphaMode {str(mode)[:40]!r}; OPAQUE is used instead")
         return ALPHA_OPAQUE
     return ALPHA_NAMES.index(mode)
 

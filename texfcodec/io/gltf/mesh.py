@@ -55,7 +55,7 @@ class MeshReader:
     def drop_unused_uv(self) -> None:
         """Name the UV sets that no image asked for."""
         for name in sorted(self._found_uv - self._used_uv):
-            self.document.notes.remark(f"{name} is used by no image and left out")
+            self.document.notes.remark(f"no image uses {name}; it is left out")
 
     def _primitive(self, mesh, primitive, label, skinned):
         mode = integer(primitive, "mode", _TRIANGLES)
@@ -229,11 +229,11 @@ def _decode_draco(data):
     try:
         import DracoPy
     except ImportError as error:
-        raise SupportError("TXF-I34", f"{_DRACO} needs the package DracoPy") from error
+        raise SupportError("TXF-I34", f"{_DRACO} requires the package DracoPy") from error
     try:
         mesh = DracoPy.decode(bytes(data))
     except Exception as error:  # DracoPy derives its errors from Exception directly
         raise InputError("TXF-I12", "the Draco data cannot be decoded", reason=str(error)[:200]) from error
     if getattr(mesh, "faces", None) is None:
-        raise InputError("TXF-I12", "the Draco data holds no triangles")
+        raise InputError("TXF-I12", "the Draco data has no triangles")
     return mesh

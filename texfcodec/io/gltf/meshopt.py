@@ -32,14 +32,14 @@ def decode_view(packed: memoryview, entry: dict, view: dict, index: int) -> byte
         raise SupportError("TXF-I30", f"bufferView {index} uses a meshopt filter that is not supported", value=str(kind)[:20],
                            allowed=" ".join(_FILTER_STRIDES))
     if stride not in _FILTER_STRIDES[kind] or (mode != "ATTRIBUTES" and kind != "NONE"):
-        raise malformed(f"bufferView {index} has a meshopt filter that does not fit it", filter=kind, value=stride)
+        raise malformed(f"bufferView {index} has an unsuitable meshopt filter", filter=kind, value=stride)
     if integer(view, "byteLength", low=0) != count * stride:
-        raise malformed(f"bufferView {index} is not as long as its meshopt count says",
+        raise malformed(f"the length of bufferView {index} differs from its meshopt count",
                         value=view["byteLength"], allowed=count * stride)
     if count * stride > MAX_BYTES:
         raise LimitError("TXF-I41", f"bufferView {index} decodes to too many bytes", value=count * stride, allowed=MAX_BYTES)
     if mode == "TRIANGLES" and count % 3:
-        raise malformed(f"bufferView {index} has a meshopt count that makes no triangles", value=count)
+        raise malformed(f"the meshopt count of bufferView {index} is not a multiple of 3", value=count)
     fewest = _fewest_bytes(mode, count, stride)
     if len(packed) < fewest:
         raise InputError("TXF-I12", f"the meshopt data of bufferView {index} is too short for its count",
@@ -79,8 +79,9 @@ def _package():
     try:
         import meshoptimizer
     except ImportError as error:
-        raise SupportError("TXF-I30", 'meshopt compression needs the package meshoptimizer: pip install "texfcodec[formats]"; '
-                           "or decompress the file with gltfpack or glTF-Transform") from error
+        raise SupportError("TXF-I30", "meshopt compression requires the package meshoptimizer: run pip install "
+                                      '"texfcodec[formats]", or decompress the file with gltfpack or '
+                                      "glTF-Transform") from error
     return meshoptimizer
 
 

@@ -37,7 +37,7 @@ class Column(NamedTuple):
 def check_compression(name: str) -> None:
     """InputError TXF-O14 for a name that is not one of COMPRESSIONS, SupportError TXF-O15 where its package is missing."""
     if name not in COMPRESSIONS:
-        raise InputError("TXF-O14", "mesh compression not known", value=str(name)[:40], allowed=" ".join(COMPRESSIONS))
+        raise InputError("TXF-O14", "the mesh compression is unknown", value=str(name)[:40], allowed=" ".join(COMPRESSIONS))
     if name == "meshopt":
         _meshopt_package()
 
@@ -81,7 +81,7 @@ class Draco(Plain):
         try:
             packed = self._packed(columns, corners)
         except Exception as error:  # DracoPy derives its errors from Exception directly
-            document.warnings.append(f"Draco cannot pack a part of the mesh, which is written as it is: {str(error)[:200]}")
+            document.warnings.append(f"Draco cannot compress part of the mesh, which stays uncompressed: {str(error)[:200]}")
             return super().primitive(document, columns, corners)
         mesh = DracoPy.decode(packed)
         if len(mesh.faces) * 3 != len(corners):
@@ -186,7 +186,7 @@ def _meshopt_package():
     try:
         import meshoptimizer
     except ImportError as error:
-        raise SupportError("TXF-O15", 'meshopt needs the package meshoptimizer: pip install "texfcodec[formats]"',
+        raise SupportError("TXF-O15", 'meshopt requires the package meshoptimizer: run pip install "texfcodec[formats]"',
                            value="meshoptimizer") from error
     return meshoptimizer
 

@@ -64,10 +64,10 @@ def _scene_of_stream(document):
         written, told = as_glb(texf, texture_format="png")
         scene = read_gltf(written, Path(), Notes(notes.strict, notes.limits))
     except TexfError as error:
-        notes.fault("TXF-I25", f"the stream that the file carries cannot be decoded ({error}), its fallback is read")
+        notes.fault("TXF-I25", f"the carried stream cannot be decoded ({error}); its fallback is read")
         return None
     size = plural(len(stream), "byte", "bytes")
-    notes.remark(f"the stream that the file carries, {size}, is read, and not the fallback beside it")
+    notes.remark(f"the carried stream ({size}) is read instead of its fallback")
     scene.warnings = [*notes.warnings, *report.warnings, *told["warnings"], *scene.warnings]
     scene.remarks = [*notes.remarks, *told["remarks"], *scene.remarks]
     scene.metadata = texf.metadata
@@ -117,7 +117,7 @@ def _read_nodes(document, meshes):
         index, above = stack.pop()
         node = document.entry("nodes", index)
         if index in seen:
-            raise InputError("TXF-I19", "the node graph is not a tree: a node is reached twice", value=index)
+            raise InputError("TXF-I19", "the node graph is not a tree: a node has two parents", value=index)
         seen.add(index)
         order.append(index)
         world = above @ _local_matrix(node)
@@ -140,11 +140,11 @@ def _roots(document):
         children = {child for node in document.entries("nodes") for child in _references(node, "children")}
         return [index for index in range(len(document.entries("nodes"))) if index not in children]
     if "scene" not in document.root and len(scenes) > 1:
-        document.notes.warn(f"the file has {len(scenes)} scenes and no default; the first is taken")
+        document.notes.warn(f"the file has {len(scenes)} scenes but no default; the first is used")
     chosen = integer(document.root, "scene", 0, low=0)
     for index, scene in enumerate(scenes):
         if index != chosen:
-            document.notes.remark(f"scene {title(scene, index)} is not the default one and left out")
+            document.notes.remark(f"scene {title(scene, index)} is not the default and is left out")
     return _references(document.entry("scenes", chosen), "nodes")
 
 
@@ -218,7 +218,7 @@ def _drop_rest(document, used_materials):
     used = set(used_materials)
     for index, material in enumerate(document.entries("materials")):
         if index not in used:
-            document.notes.remark(f"material {title(material, index)} is used by no face and left out")
+            document.notes.remark(f"no face uses material {title(material, index)}; it is left out")
     for extension in extensions(document.root):
         if extension == VARIANTS:
             name_variants(document, extension)
@@ -245,7 +245,7 @@ def _metadata(document, shown):
     for key in ("extras", "nodes", "meshes", "copyright", "generator"):
         if key in metadata and len(json.dumps(metadata)) > MAX_METADATA:
             del metadata[key]
-            document.notes.remark(f"{key} is left out: the metadata are larger than {MAX_METADATA} bytes")
+            document.notes.remark(f"{key} is left out: the metadata is larger than {MAX_METADATA} bytes")
     return metadata
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .document import Document
 
 _BLOCK = 1 << 16  # vertices whose matrices are held at a time
-_STORED = "its mesh is taken as stored, placed by the node"
+_STORED = "its mesh is used as stored, placed by the node"
 
 
 class Rest:
@@ -108,7 +108,7 @@ class Rest:
     def _influences(self, part, count):
         """(joints int64 [V, J], weights float64 [V, J] that sum to 1)."""
         if part.influences is None:
-            raise malformed(f"{part.label} has no JOINTS_0 and WEIGHTS_0 of equal counts")
+            raise malformed(f"JOINTS_0 and WEIGHTS_0 of {part.label} are missing or differ in count")
         joints, weights = (np.asarray(values, np.float64) for values in part.influences)
         if len(joints) != len(part.positions) or joints.shape != weights.shape:
             raise malformed(f"{part.label} has attributes of different counts")
@@ -117,12 +117,13 @@ class Rest:
         total = weights.sum(axis=1)
         bad = int((broken.any(axis=1) | ~(total > 0)).sum())
         if bad:
-            self.document.notes.warn(f"{bad} of {len(total)} vertices of {part.label} have skin weights that are negative, NaN, "
-                                     "infinite or all 0; what is left of them counts, else the first joint")
+            self.document.notes.warn(f"{bad} of {len(total)} vertices of {part.label} have skin weights that are negative, "
+                                     "NaN, infinite or all 0; their valid weights are used, else the first joint")
         weights[~(total > 0), 0] = 1.0
         beyond = (weights > 0) & ~(joints < count)
         if beyond.any():
-            raise malformed(f"{part.label} names a joint that does not exist", value=int(joints[beyond][0]), allowed=count - 1)
+            raise malformed(f"{part.label} refers to a joint that does not exist", value=int(joints[beyond][0]),
+                            allowed=count - 1)
         joints = np.where(weights > 0, joints, 0).astype(np.int64)
         return joints, weights / weights.sum(axis=1, keepdims=True)
 

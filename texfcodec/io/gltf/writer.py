@@ -115,7 +115,7 @@ class Document:
         if scale is not None:
             node["scale"] = [scale] * 3
             if not 1.2e-38 < scale < 3.4e38:
-                self.warnings.append("the mesh is outside the range of float32: viewers cannot show it")
+                self.warnings.append("the mesh exceeds the range of float32, so viewers cannot show it")
         self.json["scenes"][0]["nodes"] = [self.add("nodes", node)]
 
 

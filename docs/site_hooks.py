@@ -14,7 +14,8 @@ from pathlib import Path
 from mkdocs.structure.files import File
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-PROJECT = ("bitstream_spec.md", "conformance/README.md", "js/README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "PATENTS.md")
+PROJECT = ("bitstream_spec.md", "conformance/README.md", "js/README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md",
+           "PATENTS.md")
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
 GALLERY = {"texels": ["--rate", "r04"], "voxels": ["--resolution", "512", "--qp", "24"], "small": ["--rate", "r01"]}
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.kernel import kernel
+from ..core.components import components
 
 MOST_AT_EDGE = 8  # faces; an edge of more is none to speak of
 NORMAL_BITS = 14  # of the largest component of a normal that folds are taken from
@@ -103,29 +103,9 @@ def corner_pairs(edges: Edges, vertex: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return np.concatenate(pairs), np.concatenate(at)
 
 
-@kernel
-def _join(links, parent):
-    for i in range(links.shape[0]):
-        a, b = links[i, 0], links[i, 1]
-        while parent[a] != a:
-            parent[a] = parent[parent[a]]
-            a = parent[a]
-        while parent[b] != b:
-            parent[b] = parent[parent[b]]
-            b = parent[b]
-        if a < b:
-            parent[b] = a
-        else:
-            parent[a] = b
-    for i in range(parent.shape[0]):
-        parent[i] = parent[parent[i]]
-
-
 def joined(links: np.ndarray, count: int) -> np.ndarray:
-    """Sets of the numbers below count that links, int64 [L, 2], join: the least number of each one's set, int64 [count]."""
-    parent = np.arange(count)
-    _join(np.ascontiguousarray(links, np.int64), parent)
-    return parent
+    """Sets of the numbers below count that links, int64 [L, 2], join: each number's set, int64 [count], by first members."""
+    return components(count, links[:, 0], links[:, 1])
 
 
 def reduced_normals(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -95,7 +95,7 @@ class Fans:
 @kernel
 def _add_up(sets, weights, unit, total):
     """Adds normals of faces, by the weights of their corners, and the weights to the sums of sets, float64 [S, 4]. sets: int64
-    [3 F] below S: joined() numbers each set by its least corner."""
+    [3 F] below S, by joined()."""
     for c in range(sets.shape[0]):
         for k in range(3):
             total[sets[c], k] += weights[c] * unit[c // 3, k]

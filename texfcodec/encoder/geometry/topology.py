@@ -82,14 +82,13 @@ def wedges(faces: np.ndarray, seams: np.ndarray) -> tuple[np.ndarray, np.ndarray
     _, edge, count = undirected(faces)
     pairs, edges = side_pairs(edge, count)
     pairs = pairs[~named_edges(faces, seams)[edges]]
-    wedge = np.unique(joined(_corner_links(faces, pairs), faces.size), return_inverse=True)[1].reshape(-1, 3)
-    return wedge, np.unique(joined(pairs // 3, len(faces)), return_inverse=True)[1]
+    return joined(_corner_links(faces, pairs), faces.size).reshape(-1, 3), joined(pairs // 3, len(faces))
 
 
 def _several_fans(faces, edge, count, vertices):
     """Vertices whose faces do not all hang together by edges, bool [V]."""
-    roots = np.unique(joined(_corner_links(faces, side_pairs(edge, count)[0]), faces.size))
-    return np.bincount(faces.ravel()[roots], minlength=vertices) > 1
+    fans = joined(_corner_links(faces, side_pairs(edge, count)[0]), faces.size)
+    return np.bincount(faces.ravel()[np.unique(fans, return_index=True)[1]], minlength=vertices) > 1
 
 
 def _corner_links(faces, pairs):

@@ -200,9 +200,8 @@ def test_npz_holds_every_decoded_array(tmp_path):
 
 def test_losses_of_simple_formats_are_named(tmp_path):
     report = save(two_materials(decoded(*grid_mesh(4))), tmp_path / "a.ply", "texture")
-    assert [any(word in w for w in report["warnings"]) for word in ("without textures", "metadata", "alpha mode", "materials")] == [
-        True
-    ] * 4
+    words = ("without textures", "metadata", "alpha mode", "materials")
+    assert [any(word in w for w in report["warnings"]) for word in words] == [True] * 4
 
 
 # Files appear whole or not at all.

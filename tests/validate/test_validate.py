@@ -308,7 +308,8 @@ def test_tool_prints_a_line_for_each_finding_and_a_sum(call, tmp_path):
     code, out, err = call("texf-validate", path)
     lines = out.splitlines()
     assert code == 3 and err == "" and "\x1b" not in out and len(lines) == 4
-    assert lines[0].startswith("error TXF-S32 at byte ") and ", unit 4 (attribute), clause 7.10: the checksum of the decoded values" in lines[0]
+    assert lines[0].startswith("error TXF-S32 at byte ")
+    assert ", unit 4 (attribute), clause 7.10: the checksum of the decoded values" in lines[0]
     assert lines[1].startswith("warning TXF-W07 ") and lines[2].startswith("note TXF-W10 ")
     assert lines[3] == "invalid: 1 error, 1 warning, 1 note"
     assert call("texf-validate", path, "--quiet") == (3, "", "")

@@ -72,7 +72,7 @@ def test_a_folder_is_coded_and_coded_again_only_where_something_changed(call, ca
     assert {name: row["error"]["code"] for name, row in made.items() if "error" in row} == {"deep/broken.glb": "TXF-I07",
                                                                                             "gone.stl": "TXF-I01"}
     new, stamps = changed(out, {})
-    assert new == {"a.texf", "deep/er/b.texf", "deep/c.texf"} and "5 assets: 3 coded" in err and "2 failed" in err
+    assert new == {"a.texf", "deep/er/b.texf", "deep/c.texf"} and "5 assets: 3 encoded" in err and "2 failed" in err
     assert "deep/again is a link to a folder and is skipped" in err and not (out / WORK).exists()
     assert made["a.ply"]["stream"]["bytes"] == (out / "a.texf").stat().st_size == made["a.ply"]["result"]["bytes"]["total"]
     assert set(made["deep/c.obj"]["files"]) == {"c.obj", "c.mtl"} and made["a.ply"]["options"] == list(SMALL)

@@ -222,7 +222,7 @@ def test_a_result_that_is_not_here_fails_its_job(tmp_path):
 
 def test_two_runs_in_one_folder_are_refused(tmp_path):
     pytest.importorskip("fcntl")
-    with only_run(tmp_path), pytest.raises(SystemExit, match="another run is at work"):
+    with only_run(tmp_path), pytest.raises(SystemExit, match="another run is using"):
         with only_run(tmp_path):
             pytest.fail("two at once")
 

@@ -195,7 +195,7 @@ def test_a_worker_hands_on_its_caps_and_what_is_not_of_its_code_or_too_slow_is_t
     assert (answer["threads"], answer["memory"]) == (1, 3_000_000_000)
     assert answer["source"] == str(source) and answer["folder"].startswith(str(tmp_path / "out" / WORK))
     assert "another version of texfcodec" in found["foreign"][0].reason and "longer than 0.7 s" in found["slow"][0].reason
-    assert "signal 6, with 1073741824 bytes" in found["crashed"][0].reason
+    assert "signal 6, with a memory limit of 1073741824 bytes" in found["crashed"][0].reason
 
 
 def test_without_a_shared_folder_assets_and_results_go_through_the_scheduler(cluster, script, tmp_path):

@@ -331,7 +331,7 @@ def start(*arguments, **environment):
 
 
 @POSIX
-@pytest.mark.parametrize("flags, said", [((), "Ctrl-C ends it\nclosed\n"), (("--quiet",), ""), (("--json",), "")])
+@pytest.mark.parametrize("flags, said", [((), "press Ctrl-C to stop\nclosed\n"), (("--quiet",), ""), (("--json",), "")])
 def test_the_page_is_served_until_ctrl_c_which_ends_with_0_and_leaves_nothing(made, tmp_path, flags, said):
     run = start(made / "s.texf", "--no-browser", *flags, TMPDIR=str(tmp_path))
     line = run.stdout.readline()

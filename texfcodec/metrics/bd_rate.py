@@ -38,8 +38,10 @@ def _curve(name, rate, psnr):
         raise ValueError(f"curve {name}: rates must be positive, and rates and qualities finite")
     order = np.argsort(rate, kind="stable")
     rate, psnr = rate[order], psnr[order]
-    if not ((np.diff(rate) > 0).all() and (np.diff(psnr) > 0).all()):
-        raise ValueError(f"curve {name}: quality must rise strictly with rate, but by rate it is {np.round(psnr, 2).tolist()}")
+    falls = np.flatnonzero((np.diff(rate) <= 0) | (np.diff(psnr) <= 0))
+    if len(falls):
+        before, after = psnr[falls[0] : falls[0] + 2]
+        raise ValueError(f"no BD-rate: more bytes of curve {name} bring no more quality, {before:.2f} dB and then {after:.2f}")
     return psnr, np.log(rate)
 
 

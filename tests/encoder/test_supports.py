@@ -10,6 +10,7 @@ from walls import smooth_image, wall
 
 from texfcodec import EncodeOptions, InputError, LimitError, Limits, decode
 from texfcodec.codecs import codec_of
+from texfcodec.encoder.decide import supports
 from texfcodec.encoder.decide.one_colour import material_colours
 from texfcodec.encoder.decide.supports import choose_supports
 from texfcodec.encoder.pipeline import encode_scene
@@ -148,6 +149,18 @@ def test_no_k_is_taken_that_no_qp_brings_to_the_quality_of_the_rate():
     found = chosen(scan(n=40, texels=2, noise=90.0), support="voxels", rate="r01")
     tried = {row["resolution"]: row for row in found.evidence["voxels"]}
     assert tried[found.resolution]["psnr_y"] > tried[K]["psnr_y"] - 1.5
+
+
+def test_k_is_bounded_by_the_voxels_that_it_would_make(monkeypatch):
+    scene = scan(n=40, texels=2, noise=90.0)
+    before = chosen(scene, support="voxels").resolution
+    monkeypatch.setattr(supports, "MOST_VOXELS", 1 << 13)
+    assert chosen(scene, support="voxels").resolution == 64 < before
+    options = EncodeOptions(rate="r03", support="voxels")
+    surface = make_surface(scene, options)
+    colours = material_colours(scene, surface)
+    finer = choose_supports(scene, surface, RateDistortion.of(options), options, colours, frozenset({0}))
+    assert finer.value.resolution < K
 
 
 def test_voxels_on_request_at_a_k_of_the_encoders_choice():

@@ -22,7 +22,7 @@ FIRST = [pages.README, pages.GUIDE / "index.md"]
 
 
 def all_commands(found=None):
-    """(page, words) of every command of some pages, all of them unless told otherwise; each command once, where it stands first."""
+    """(page, words) of every command of some pages, by default of all; each command once, where it stands first."""
     seen = set()
     for path in found or [*FIRST, *pages.guide_pages()]:
         for words in pages.commands_of(path.read_text(encoding="utf-8")):

@@ -298,8 +298,8 @@ class _Choice:
         return [k for k in LADDER if k <= most] or LADDER[:1]
 
     def _most_resolution(self, patch):
-        """The finest K with no more than MOST_VOXELS of a patch, roughly; LADDER's coarsest at least. None, the patch of a surface
-        without area, is no bound."""
+        """The finest K with no more than MOST_VOXELS of a patch, roughly; LADDER's coarsest at least. A surface without area
+        has no patch, and sets no bound."""
         if patch is None:
             return MOST_RESOLUTION
         most = min(self.rd.limits.voxels or MOST_VOXELS, MOST_VOXELS)

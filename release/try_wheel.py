@@ -11,27 +11,15 @@ import sys
 import tempfile
 from pathlib import Path
 
-TETRAHEDRON = """ply
-format ascii 1.0
-element vertex 4
-property float x
-property float y
-property float z
-property uchar red
-property uchar green
-property uchar blue
-element face 4
-property list uchar int vertex_indices
-end_header
-0 0 0 255 0 0
-1 0 0 0 255 0
-0 1 0 0 0 255
-0 0 1 255 255 255
-3 0 2 1
-3 0 1 3
-3 0 3 2
-3 1 2 3
-"""
+TETRAHEDRON = """v 0 0 0 1 0 0
+v 1 0 0 0 1 0
+v 0 1 0 0 0 1
+v 0 0 1 1 1 1
+f 1 3 2
+f 1 2 4
+f 1 4 3
+f 2 3 4
+"""  # OBJ, with colours at its vertices
 
 
 def main(arguments: list[str]) -> int:
@@ -53,7 +41,7 @@ def try_one(wheel: Path, python: str, folder: Path) -> tuple[str, bool]:
     own = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")}
     own |= {"NUMBA_CACHE_DIR": str(folder / "cache"), "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
     tools = folder / "environment" / ("Scripts" if sys.platform == "win32" else "bin")
-    mesh, stream, glb = folder / "mesh.ply", folder / "mesh.texf", folder / "mesh.glb"
+    mesh, stream, glb = folder / "mesh.obj", folder / "mesh.texf", folder / "mesh.glb"
     mesh.write_text(TETRAHEDRON, encoding="ascii")
     steps = ([python, "-m", "venv", folder / "environment"], [tools / "python", "-m", "pip", "install", "--quiet", wheel],
              [tools / "python", "--version"], [tools / "texf-enc", "--version"],

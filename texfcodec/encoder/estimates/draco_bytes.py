@@ -6,7 +6,7 @@ from ...field.morton import encode_morton
 from ...geometry.areas import used_vertices
 from ...geometry.draco import enc_geometry, enc_textured, split_corners
 
-MOST_CODED = 1 << 18  # faces; Draco takes three seconds for a million, and five choices ask
+MOST_CODED = 1 << 18  # faces; Draco takes five seconds or more for a million, and each candidate mesh needs its bytes
 PIECES, PIECE = 4, 1 << 15  # pieces, and faces of each: within 5 % of the whole on three meshes, UVs alone within a third
 MORTON_BITS = 16
 

@@ -17,11 +17,11 @@ def _along(px, py, pz, ax, ay, az, bx, by, bz):
 
 
 @kernel
-def _weights(px, py, pz, corner, out):
+def corner_weights(px, py, pz, corner, out):
     """Weights of the three corners, float64 [3, 3], at the point of the face that is nearest to p, into out float64 [3].
 
-    Corners are whole numbers below 2**20, so that the cross product n of two edges is exact, and a sliver's area does not drown
-    in rounding.
+    Decoding gives whole numbers below 2**20 as corners, so that the cross product n of two edges is exact, and a sliver's area
+    does not drown in rounding.
     """
     ux, uy, uz = corner[1, 0] - corner[0, 0], corner[1, 1] - corner[0, 1], corner[1, 2] - corner[0, 2]
     vx, vy, vz = corner[2, 0] - corner[0, 0], corner[2, 1] - corner[0, 1], corner[2, 2] - corner[0, 2]
@@ -54,7 +54,7 @@ def _texel_positions(points, positions, faces, uv, face_index, out):
             for k in range(3):
                 corner[a, k] = positions[faces[f, a], k]
         weight[:] = 0.0
-        _weights(points[i, 0], points[i, 1], points[i, 2], corner, weight)
+        corner_weights(points[i, 0], points[i, 1], points[i, 2], corner, weight)
         for k in range(2):
             out[i, k] = weight[0] * uv[faces[f, 0], k] + weight[1] * uv[faces[f, 1], k] + weight[2] * uv[faces[f, 2], k]
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...core.kernel import kernel
+from ...field.on_face import corner_weights
 from ...geometry.tangents import corner_tangents
 from ...scene.channels import BY_NAME, channel_over
 from ...scene.factors import FLAT
@@ -72,21 +73,6 @@ class AtlasMaps:
 
 
 @kernel
-def _weights_at(point, corner, weight):
-    """Barycentric coordinates of a point on a face with corners float64 [3, 3], into weight float64 [3]; thirds without area."""
-    uu = uv = vv = wu = wv = 0.0
-    for k in range(3):
-        u, v, w = corner[1, k] - corner[0, k], corner[2, k] - corner[0, k], point[k] - corner[0, k]
-        uu, uv, vv, wu, wv = uu + u * u, uv + u * v, vv + v * v, wu + w * u, wv + w * v
-    area = uu * vv - uv * uv
-    weight[1], weight[2] = (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
-    weight[0] = 1 - weight[1] - weight[2]
-    finite = np.isfinite(weight[1]) and np.isfinite(weight[2])
-    for k in range(3):
-        weight[k] = min(max(weight[k], 0.0), 1.0) if finite else 1 / 3
-
-
-@kernel
 def _normalise(vector):
     """Scales float64 [3] to length 1, unless it is shorter than 1e-12."""
     over = 1 / max(np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]), 1e-12)
@@ -100,10 +86,10 @@ def _in_tangent_space(points, face, corners, normals, tangents, offsets, xy):
 
     points: float64 [M, 3]; face: int64 [M]; corners: float64 [F, 3, 3]; normals: float [F, 3, 3]; tangents: float [F, 3, 4];
     offsets: float32 [M, 3] in 0..255, what the normals differ from the interpolated ones by."""
-    weight, bent, tangent, normal = np.empty(3), np.empty(3), np.empty(4), np.empty(3)
+    weight, bent, tangent, normal = np.zeros(3), np.empty(3), np.empty(4), np.empty(3)
     for m in range(points.shape[0]):
         f = face[m]
-        _weights_at(points[m], corners[f], weight)
+        corner_weights(points[m, 0], points[m, 1], points[m, 2], corners[f], weight)
         for k in range(4):
             tangent[k] = weight[0] * tangents[f, 0, k] + weight[1] * tangents[f, 1, k] + weight[2] * tangents[f, 2, k]
         for k in range(3):

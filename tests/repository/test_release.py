@@ -169,9 +169,10 @@ def test_parts_of_the_module_have_the_versions_that_it_is_made_with():
     assert f"DracoPy {made['VERSION']} " in draco["description"] and zig["version"] == made["ZIG_VERSION"]
 
 
-def test_what_is_tried_is_there():
+def test_what_is_tried_is_there(tmp_path):
     assert npm_package.VECTOR.read_bytes() and "decode" in npm_package.PROGRAM
-    assert try_wheel.main(["only.whl"]) == 2 and len(load(io.BytesIO(try_wheel.TETRAHEDRON.encode())).faces) == 4
+    (tmp_path / "mesh.obj").write_text(try_wheel.TETRAHEDRON)
+    assert try_wheel.main(["only.whl"]) == 2 and len(load(tmp_path / "mesh.obj").faces) == 4
 
 
 # Workflows.

@@ -94,7 +94,7 @@ def _wrapped(i, size, wrap):
     return i % size
 
 
-@kernel
+@kernel(allocates=True)
 def _mark(corners, wrap_s, wrap_t, mask):
     """Marks in mask uint8 [H, W] the texels less than one texel from a face in both directions. corners: float64 [F, 3, 2] in
     texels, texel i centred at i."""

@@ -69,7 +69,7 @@ def _solid_angle(corners, f, x, y, z):
     return 2.0 * np.arctan2(volume, a * b * c + ab * c + bc * a + ca * b)
 
 
-@kernel
+@kernel(allocates=True)
 def _winding(points, corners, dipole, centre, radius, out):
     """Winding numbers into out. The tree is a heap whose second half are leaves of LEAF faces; its depth is below 60."""
     leaves = radius.shape[0] // 2
@@ -132,7 +132,7 @@ def _triangle_distance(corners, f, x, y, z):
                min(_edge_distance(corners, f, 1, x, y, z), _edge_distance(corners, f, 2, x, y, z)))
 
 
-@kernel
+@kernel(allocates=True)
 def _band(corners, squared):
     """Least squared distance into squared float32 [X, Y, Z], which holds BAND**2 at first. corners: in grid units."""
     low, high = np.empty(3, np.int64), np.empty(3, np.int64)
@@ -197,7 +197,7 @@ def _look(field, x, y, z, most, found):
     found[0], found[1] = predicted, (near * SIGNS + signs) * ENERGIES + energy
 
 
-@kernel
+@kernel(allocates=True)
 def _enc_values(coder, contexts, values, needed, most, field):
     """Codes values int16 [X, Y, Z], exact where needed, of the same sign elsewhere; field: as _look() has it."""
     found = np.empty(2, np.int64)
@@ -225,7 +225,7 @@ def _enc_values(coder, contexts, values, needed, most, field):
                     _enc_escape(state, out, size - UNARY)
 
 
-@kernel
+@kernel(allocates=True)
 def _dec_values(coder, contexts, shape, most, field):
     """Mirror of _enc_values: fills field."""
     found = np.empty(2, np.int64)

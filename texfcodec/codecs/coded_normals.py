@@ -36,7 +36,7 @@ class _Ring(NamedTuple):
     size: np.ndarray
 
 
-@kernel(allocates=False)
+@kernel
 def _class(ring, g):
     """Class of the neighbours of group g that come before it: the other corners of the faces around it."""
     total, count = np.int64(0), np.int64(0)
@@ -56,7 +56,7 @@ def _class(ring, g):
     return min(bits, np.int64(LARGE))
 
 
-@kernel(allocates=False)
+@kernel
 def _enc_number(coder, contexts, base, zero, value):
     _enc_bit(coder.state, coder.buffer, contexts, base + zero, np.int64(value != 0))
     if value == 0:
@@ -78,7 +78,7 @@ def _enc_number(coder, contexts, base, zero, value):
         _enc_bypass(coder.state, coder.buffer, ((rest + 1) >> i) & 1)
 
 
-@kernel(allocates=False)
+@kernel
 def _dec_number(coder, contexts, base, zero):
     """Mirror of _enc_number; below 2**14 in magnitude, whatever the bytes are."""
     if _dec_bit(coder.state, coder.buffer, coder.end, contexts, base + zero) == 0:
@@ -98,7 +98,7 @@ def _dec_number(coder, contexts, base, zero):
     return -value if negative == 1 else value
 
 
-@kernel(allocates=False)
+@kernel
 def _enc_residuals(coder, contexts, ring, residuals):
     """Codes residuals int64 [G, 2] (spec 8.4.4). Every index comes from the encoder's own geometry."""
     for g in range(residuals.shape[0]):
@@ -108,7 +108,7 @@ def _enc_residuals(coder, contexts, ring, residuals):
         ring.size[g] = abs(residuals[g, 0]) + abs(residuals[g, 1])
 
 
-@kernel(allocates=False)
+@kernel
 def _dec_residuals(coder, contexts, ring, residuals):
     """Mirror of _enc_residuals. All indices come from the geometry; sums of sizes stay below 2**15 times its corners."""
     for g in range(residuals.shape[0]):

@@ -11,7 +11,7 @@ _SHARP, _CODED = MOST_SHARP + 1, MOST_CODED + 1
 NUM_CONTEXTS = NUM_FOLDS * _SHARP**2 * _CODED**2
 
 
-@kernel(allocates=False)
+@kernel
 def _context(ends, fold, met, i):
     """Context of edge i. met: int64 [V, 2], edges coded so far at a vertex, and how many of them are sharp."""
     a, b = ends[i, 0], ends[i, 1]
@@ -21,14 +21,14 @@ def _context(ends, fold, met, i):
     return (fold[i] * _SHARP * _SHARP + sharp) * _CODED * _CODED + min(coded_a, coded_b) * _CODED + max(coded_a, coded_b)
 
 
-@kernel(allocates=False)
+@kernel
 def _meet(ends, met, i, bit):
     for k in range(2):
         met[ends[i, k], 0] += 1
         met[ends[i, k], 1] += bit
 
 
-@kernel(allocates=False)
+@kernel
 def _enc_marks(coder, contexts, ends, fold, met, marks):
     """Codes marks uint8 [E] (spec 8.4.2). Every index comes from the encoder's own geometry."""
     for i in range(ends.shape[0]):
@@ -36,7 +36,7 @@ def _enc_marks(coder, contexts, ends, fold, met, marks):
         _meet(ends, met, i, np.int64(marks[i]))
 
 
-@kernel(allocates=False)
+@kernel
 def _dec_marks(coder, contexts, ends, fold, met, marks):
     """Mirror of _enc_marks. All indices come from the geometry: ends are below the length of met, folds below NUM_FOLDS."""
     for i in range(ends.shape[0]):

@@ -82,12 +82,13 @@ def cache_folder(path: Path) -> Path:
 
 
 # Any: Numba's compiled functions have no types, nor does partial() of this one.
-def kernel(function: Callable | None = None, allocates: bool = True, **options: Any) -> Any:
+def kernel(function: Callable | None = None, allocates: bool = False, **options: Any) -> Any:
     """Decorator: compiled without the interpreter's lock and cached in cache_folder(). options: further ones of numba.njit.
     Divisions are not checked for zero: whoever divides makes sure.
 
-    allocates=False: the kernel and what it calls make and return no arrays. Then none is counted: each look into a named tuple of
-    arrays is an atomic increment otherwise, which made the level kernels of the transform slower by half.
+    allocates: the kernel makes or returns arrays. Then numba counts who holds one, and each look into a named tuple of arrays is
+    an atomic increment: the level kernels of the transform were slower by half, and two threads no faster than one. So the small
+    kernels inside a loop make none.
     """
     if function is None:
         return partial(kernel, allocates=allocates, **options)

@@ -44,7 +44,7 @@ def corner_weights(px, py, pz, corner, out):
             out[a], out[b] = 1.0 - t, t
 
 
-@kernel
+@kernel(allocates=True)
 def _texel_positions(points, positions, faces, uv, face_index, out):
     """UVs of the points into out float64 [M, 2]. Bounds: the caller has checked face_index, and faces against positions."""
     corner, weight = np.empty((3, 3)), np.zeros(3)

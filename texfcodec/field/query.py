@@ -29,7 +29,7 @@ def _nearest(x, y, z, size, slots, bricks, words, ranks):
     return found
 
 
-@kernel
+@kernel(allocates=True)
 def _query(points, size, slots, bricks, words, ranks, values, out, missed):
     """Trilinear answers into out float32 [M, C]; missed uint8 [M]: 1 where the nearest voxel answered, 2 where none was near."""
     sums = np.zeros(values.shape[1], np.float64)
@@ -93,7 +93,7 @@ def nearest_of_all(points: np.ndarray, resolution: int, keys: np.ndarray) -> np.
     return rank
 
 
-@kernel
+@kernel(allocates=True)
 def _descend(points, keys, xyz, levels, guess, rank):
     """Ascending Morton keys are an octree: the keys of a cube follow each other. Cubes that are farther than the best voxel so
     far are left out. A cube puts at most 8 smaller ones in its place, so that levels <= 16 of them need 8 * 17 places."""

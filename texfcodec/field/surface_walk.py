@@ -134,7 +134,7 @@ def _misses_slab(g, axis, low, high):
     return first >= high or last < low
 
 
-@kernel(allocates=False)
+@kernel
 def _next_row(corners, faces, per_edge, walk):
     """Goes to the next row of samples (spec 6.3), on to the next face where there is none: the number of its samples, 0 at the
     end of the surface. corners: int64 [V, 3] fixed grid coordinates; faces: int64 [F, 3], checked against the corners."""
@@ -164,14 +164,14 @@ def _next_row(corners, faces, per_edge, walk):
     return count
 
 
-@kernel(allocates=False)
+@kernel
 def _sample_area(state):
     """Area that each sample of the row stands for, in units of 2**-32 voxel faces. state: of the walk."""
     rows = state[ROWS]
     return (state[UNIT] * (2 * rows - 2 * state[ROW] - 1)) // (2 * state[COUNT])
 
 
-@kernel(allocates=False)
+@kernel
 def _row_height(state):
     """How far the row is from the base to the apex, 0..1: the apex's barycentric coordinate of all its samples."""
     rows = state[ROWS]

@@ -103,7 +103,7 @@ def _rasterise(uv, faces, fraction, wrap_s, wrap_t, shares, table):
                 _add_range(_wrapped(row, height, wrap_t), first, last, width, wrap_s, shares[f], table)
 
 
-@kernel
+@kernel(allocates=True)
 def _keys_of(table, count):
     """Morton keys of the texels whose running sum is not zero, in rows; count: how many there are at most."""
     keys = np.empty(count, np.int64)

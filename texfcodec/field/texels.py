@@ -96,7 +96,7 @@ def _beside(i, size, mode):
     return min(max(i, 0), size - 1)
 
 
-@kernel
+@kernel(allocates=True)
 def _bilinear(texel, size, wrap_s, wrap_t, shift, rank, values, out):
     """Bilinear answers into out float32 [M, C]; texels that are not asked are left out of the weights (0 where all four are).
     Bounds: columns and rows are brought into the image before they index rank, int32 [H, W] below len(values)."""

@@ -29,8 +29,9 @@ LEAST_WEIGHT = 1e-9  # of a sample without area, in voxel faces: lines and slive
 
 
 @kernel
-def _gather(corners, faces, source, per_edge, resolution, walk, only_empty, slots, bricks, words, ranks, sums):
+def _gather(corners, faces, source, per_edge, resolution, walk, only_empty, slots, bricks, words, ranks, bary, rgba, sums):
     """Adds the samples of the walk's slab to sums float64 [N, 6]: alpha-weighted red, green, blue and weight, then alpha, weight.
+    bary, rgba: float64 [3] and [4], room for one sample.
 
     Sums in binary32 were 13 levels off in voxels under a million coplanar faces. With only_empty, voxels that have a weight
     already are left alone. Every voxel gets its samples in face order, whatever the slabs are, so the sums do not depend on
@@ -38,7 +39,6 @@ def _gather(corners, faces, source, per_edge, resolution, walk, only_empty, slot
     """
     order, start, half, state = walk.order, walk.start, walk.half_step, walk.state
     axis, low, high = state[AXIS], state[LOW], state[HIGH]
-    bary, rgba = np.empty(3, np.float64), np.empty(4, np.float64)
     last = resolution - 1
     while True:
         count = _next_row(corners, faces, per_edge, walk)
@@ -134,7 +134,7 @@ def transfer(lattice: np.ndarray, faces: np.ndarray, source: tuple, position_bit
         jobs = list(zip(bounds[:-1], bounds[1:], strict=True))
         with ThreadPoolExecutor(len(jobs)) as pool:
             list(pool.map(lambda slab: _gather(corners, faces, source, density, resolution, surface_walk(axis, *slab), only_empty,
-                                               *brick_map.arrays, sums), jobs))
+                                               *brick_map.arrays, np.empty(3), np.empty(4), sums), jobs))
 
     gather(per_edge, False)
     if per_edge != SAMPLES_PER_EDGE and (sums[:, 5] <= 0).any():

@@ -41,7 +41,7 @@ def _slot(key, keys):
     return slot
 
 
-@kernel
+@kernel(allocates=True)
 def _grown(keys, weights):
     keys2, weights2 = np.zeros(keys.shape[0] * 2, np.int64), np.zeros(keys.shape[0] * 2, np.int64)
     keys2[:] = -1
@@ -53,7 +53,7 @@ def _grown(keys, weights):
     return keys2, weights2
 
 
-@kernel
+@kernel(allocates=True)
 def _touched(corners, faces, resolution, walk, log2_slots, most, total):
     """Voxels of the walk's slab: int64 [2, n], keys in table order and weights; n in total [1]. Stops as soon as there are more
     than `most`, so that memory stays in proportion to that, and returns none of them. One array, because numba lets an interrupt
@@ -114,7 +114,7 @@ def _touched(corners, faces, resolution, walk, log2_slots, most, total):
     return out
 
 
-@kernel
+@kernel(allocates=True)
 def _count_samples(corners, faces, per_edge, counts):
     """Upper bound of the samples of every face into counts int64 [F]; returns their sum (saturating at 2**62)."""
     g, order = np.zeros((3, 3), np.int64), np.zeros(3, np.int64)

@@ -70,7 +70,7 @@ class NearestPoints:
         return Nearest(self._order[face], bary, distance * self._half)
 
 
-@kernel(allocates=False)
+@kernel
 def _spread(cell):
     """The 21 bits of a cell, three apart."""
     for shift, mask in ((32, 0x1F00000000FFFF), (16, 0x1F0000FF0000FF), (8, 0x100F00F00F00F00F), (4, 0x10C30C30C30C30C3),
@@ -79,7 +79,7 @@ def _spread(cell):
     return cell
 
 
-@kernel(allocates=False)
+@kernel
 def _along_curve(points, out):
     """Places of points in -1..1, others at its border, along a Morton curve of 21 bits an axis: out int64 [N]."""
     for i in range(points.shape[0]):
@@ -115,7 +115,7 @@ def _boxes_of(corners):
     return boxes
 
 
-@kernel(allocates=False)
+@kernel
 def _to_box(box, x, y, z):
     """Squared distance of a point to a box."""
     u = max(box[0] - x, 0.0, x - box[3])
@@ -124,12 +124,12 @@ def _to_box(box, x, y, z):
     return u * u + v * v + w * w
 
 
-@kernel(allocates=False)
+@kernel
 def _along(part, whole):
     return part / whole if whole > 0.0 else 0.0
 
 
-@kernel(allocates=False)
+@kernel
 def _on_triangle(t, x, y, z):
     """(weights of the second and the third corner, squared distance) of a triangle's point nearest to (x, y, z)."""
     ux, uy, uz = t[3] - t[0], t[4] - t[1], t[5] - t[2]
@@ -163,7 +163,7 @@ def _on_triangle(t, x, y, z):
     return best_b, best_c, best
 
 
-@kernel
+@kernel(allocates=True)
 def _search(points, normals, group, order, turn, corners, face_normals, face_group, boxes, face, bary, distance):
     """Fills the rows `order` of face (places in corners), bary and distance. All in units in which the mesh is in -1..1. A group
     of -1 is any."""

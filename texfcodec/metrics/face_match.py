@@ -132,7 +132,7 @@ def _face_keys(lattice, faces, material):
     return keys, first
 
 
-@kernel(allocates=False)
+@kernel
 def _turn_corners(packed, faces, keys, first):
     """Fills the first three columns of keys, and first."""
     for f in range(faces.shape[0]):

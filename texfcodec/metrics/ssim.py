@@ -83,7 +83,7 @@ def _similarity(m, gain, slope):
     return value
 
 
-@kernel
+@kernel(allocates=True)
 def _compare_row(sums, inside, gain_x, gain_y, place, values, slopes):
     """SSIM of the wanted pixels of one row. sums: [5, n] blurred products; place: (row, first column, values a pixel). Returns
     its sum over them; values [H, W C] and slopes [3, H, W C] are written unless they are empty."""
@@ -106,7 +106,7 @@ def _compare_row(sums, inside, gain_x, gain_y, place, values, slopes):
     return total
 
 
-@kernel
+@kernel(allocates=True)
 def _compare_band(a, b, inside, taps, gain_x, gain_y, box, values, slopes):
     """As _compare_row for the rows and columns (top, bottom, left, right) of box, which lies in the image. a, b: [H, W C]."""
     top, bottom, left, right = box
@@ -136,7 +136,7 @@ def _compare_band(a, b, inside, taps, gain_x, gain_y, box, values, slopes):
     return total
 
 
-@kernel
+@kernel(allocates=True)
 def _gather_band(a, b, slopes, taps, box, share, out):
     """The adjoint of _compare_band: out [H, W C] within box receives share times the sum of all slopes by b."""
     top, bottom, left, right, step = box

@@ -5,7 +5,7 @@ import numpy as np
 from ..core.kernel import kernel
 
 
-@kernel(allocates=False)
+@kernel
 def _bilinear(table, x, y, out):
     """out [K, M] of table [X, Y, K] at x, y in 0..1; what is outside counts as the border, NaN as 0."""
     last_x, last_y = table.shape[0] - 1, table.shape[1] - 1

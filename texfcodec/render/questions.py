@@ -143,7 +143,7 @@ def surface_points(face: np.ndarray, bary: np.ndarray, positions: np.ndarray, fa
     return _surface_points(face, bary, positions, faces)
 
 
-@kernel
+@kernel(allocates=True)
 def _surface_points(face, bary, positions, faces):
     """Bounds: surface_points has checked face against faces, set_up faces against positions."""
     out = np.empty((face.shape[0], 3))

@@ -114,7 +114,7 @@ def _depth(nearness, perspective):
     return 1.0 / nearness if perspective else -nearness
 
 
-@kernel
+@kernel(allocates=True)
 def _fill(corner, plane, members, top, perspective, beyond, winner):
     """Lets the members compete for one band. winner: int [rows, width], rows from picture row `top` on: gets the triangle that
     each pixel sees, or -1. Returns the pixels covered. Bounds: rows and spans are cut to the band; beyond is empty or covers the

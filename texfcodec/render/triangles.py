@@ -224,7 +224,7 @@ def _snap_polygon(polygon, count, perspective, width, height, snapped):
     return low, high
 
 
-@kernel
+@kernel(allocates=True)
 def _set_up(seen, faces, state, snapped, planes, keep_back, perspective, width, height, corner, plane, owner):
     """Fills corner, plane and owner; returns the triangles stored. Bounds: the wrapper has checked the faces against seen, and a
     face that is clipped makes at most MOST_CORNERS - 2 triangles, for which the wrapper has left room."""

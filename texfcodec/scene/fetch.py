@@ -115,6 +115,8 @@ def _pack(scene, faces, texture_of, corner_uv, plain, spread=False):
 @kernel
 def _wrapped(i, size, mode):
     """Texel index of i under a wrap mode; size >= 1."""
+    if 0 <= i < size:
+        return i
     if mode == WRAP_CLAMP:
         return min(max(i, 0), size - 1)
     if mode == WRAP_REPEAT:
@@ -167,8 +169,8 @@ def _source_at(source, f, b0, b1, b2, out):
 
 
 @kernel
-def _sample(source, face_index, bary, out):
-    rgba = np.empty(4, np.float64)
+def _sample(source, face_index, bary, rgba, out):
+    """Source RGBA of points into out float32 [M, 4]. rgba: float64 [4], room for one."""
     for i in range(face_index.shape[0]):
         _source_at(source, face_index[i], bary[i, 0], bary[i, 1], bary[i, 2], rgba)
         for c in range(4):
@@ -187,7 +189,7 @@ def sample_source(source: tuple, face_index: np.ndarray, bary: np.ndarray, threa
 
     def one(begin):
         part = slice(begin, begin + BLOCK)
-        _sample(packed, face_index[part], bary[part], out[part])
+        _sample(packed, face_index[part], bary[part], np.empty(4), out[part])
 
     with ThreadPoolExecutor(threads) as pool:
         list(pool.map(one, range(0, len(face_index), BLOCK)))

@@ -144,7 +144,7 @@ def _keys(position, resolution, keys):
         keys[i] = _morton_key(x + 1, y + 1, z + 1)
 
 
-@kernel
+@kernel(allocates=True)
 def _corner_rows(position, resolution, log2, first, salt, slots, bricks, words, ranks, corner):
     """Rows of the eight latents of the cells that points lie in, int32 [M, 8], -1 where none is."""
     row = np.empty(8, np.int64)

@@ -105,7 +105,7 @@ def _weights(u, v, w, corner, weight):
     return total
 
 
-@kernel
+@kernel(allocates=True)
 def _read_level(positions, resolution, log2, first, salt, slots, bricks, words, ranks, codes, features, x, row):
     """Latents of one level at up to LANES points into rows row.. of x, int32 [inputs + CHUNK, LANES] (11.4).
 
@@ -182,7 +182,7 @@ def _network(widths, weight, bias, a, total):
         _layer(weight[n], bias[n], a[n], total, a[n + 1], widths[n], widths[n + 1], n + 1 < layers)
 
 
-@kernel
+@kernel(allocates=True)
 def _infer(positions, levels, places, slots, bricks, words, ranks, codes, features, octaves, first_wave, widths, weight, bias,
            out):
     """Values of points of one field into out uint16 [M, C], 8 fractional bits.

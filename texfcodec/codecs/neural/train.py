@@ -103,7 +103,7 @@ def _corner_weights(position, resolution, corner, weight):
         weight[q] *= scale
 
 
-@kernel(**fused)
+@kernel(allocates=True, **fused)
 def _read(position, cell, corners, codes, features, resolutions, octaves, first_wave, weight, x):
     """Network inputs of up to LANES samples into x float32 [inputs + CHUNK, LANES]: latents level by level, waves. codes: int8
     [N, padded] as 2 q + 1, 0 in the padding; features: latents a row without it; weight: float32 [L, LANES, 8], filled for
@@ -141,7 +141,7 @@ def _read(position, cell, corners, codes, features, resolutions, octaves, first_
                 row += 2
 
 
-@kernel(**fused)
+@kernel(allocates=True, **fused)
 def _scatter(cell, corners, features, weight, slope, gradient, touched):
     """Transpose of the latents' part of _read: slope float32 [inputs, LANES] is added to gradient float32 [N, padded], rows of
     which are touched together first, as in _read. What that adds up to goes to touched float32 [1], or it would be left out."""
@@ -176,7 +176,7 @@ def _forward(widths, weight, bias, a, d):
             _activate(a[n + 1], d[n + 1], widths[n + 1])
 
 
-@kernel(**fused)
+@kernel(allocates=True, **fused)
 def _backward(widths, turned, none, a, d, g, cell, corners, features, shares, latent_gradient, weight_gradient, bias_gradient,
               touched):
     """Adds the gradient of up to LANES samples; g[layers]: slopes by the outputs; a, d: of _forward; shares: of _read;
@@ -192,7 +192,7 @@ def _backward(widths, turned, none, a, d, g, cell, corners, features, shares, la
     _scatter(cell, corners, features, shares, g[0], latent_gradient, touched)
 
 
-@kernel(**fused)
+@kernel(allocates=True, **fused)
 def _train(position, target, share, slope, cell, corners, codes, features, resolutions, octaves, first_wave, widths, weight,
            turned, bias, latent_gradient, weight_gradient, bias_gradient):
     """Adds the gradient of the squared error over samples; returns that error, weighted and summed over components.
@@ -224,7 +224,7 @@ def _train(position, target, share, slope, cell, corners, codes, features, resol
     return error
 
 
-@kernel(**fused)
+@kernel(allocates=True, **fused)
 def _evaluate(position, cell, corners, codes, features, resolutions, octaves, first_wave, widths, weight, bias, out):
     """Answers of the network in float32, as in _train, into out float32 [M, C] on the scale 0..255, not clipped."""
     layers, rows = widths.shape[0] - 1, weight.shape[1]
@@ -253,7 +253,7 @@ def _adam(value, gradients, mean, square, rate, mean_scale, square_scale):
         value[i] -= rate * mean[i] * mean_scale / (np.sqrt(square[i] * square_scale) + np.float32(TINY))
 
 
-@kernel(**fused)
+@kernel(allocates=True, **fused)
 def _move_rows(low, high, features, gradients, value, square, times, rate, warming, codes):
     """Moves those of the rows low..high-1 of latents that have a gradient against it, by `rate` over a running root mean square
     of the row; the others wait.

@@ -69,7 +69,7 @@ def _pair_slot(key, label, keys, labels):
     return slot
 
 
-@kernel
+@kernel(allocates=True)
 def _cells(corners, faces, face_label, resolution, walk):
     """Every (cell, label) that the samples fall into, int64 [2, n], ascending by label; faces are so as well. One array, because
     numba lets an interrupt through between two, and crashes on it.
@@ -129,7 +129,7 @@ def find_contacts(lattice: np.ndarray, faces: np.ndarray, position_bits: int, re
     return Contacts(component, direction, cell[order], label[order])
 
 
-@kernel
+@kernel(allocates=True)
 def _count_folds(cell, label, components):
     """int64 [2, components]: cells of every component, and those with faces of opposite direction. Entries ascend by cell and
     label."""
@@ -160,7 +160,7 @@ def pieces_of(contacts: Contacts, split: np.ndarray | Sequence[int] = ()) -> tup
     return face_piece, 2 * component + (contacts.label & 1) * cut[component]
 
 
-@kernel
+@kernel(allocates=True)
 def _pieces_by_cell(cell, piece):
     """The distinct (cell, piece), int64 [2, n], ascending. Entries ascend by cell and component, and a component has at most two
     pieces, so that each is looked for among the last two and comes before one of them at most."""
@@ -178,7 +178,7 @@ def _pieces_by_cell(cell, piece):
     return pairs[:, :count].copy()
 
 
-@kernel
+@kernel(allocates=True)
 def _count_pairs(cell, piece, gaps):
     """Pairs of pieces at most `gaps` entries apart in one cell, and in how many cells: int64 [3, n]. The tables double as
     needed."""
@@ -220,7 +220,7 @@ def _distinct(ascending):
     return int((ascending[1:] != ascending[:-1]).sum()) + (len(ascending) > 0)
 
 
-@kernel
+@kernel(allocates=True)
 def _greedy(order, starts, others, cells, most):
     """Colour of every piece, int64 [P] below `most`: in this order, the one that shares the fewest cells with pieces before it.
     starts: int64 [P + 1] into others and cells, the pieces that each meets and in how many cells."""

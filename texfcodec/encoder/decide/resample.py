@@ -63,7 +63,7 @@ def _fitted(channel, weight, lines, shape):
     return np.clip(mean + _solve(apply, error), 0, 255)
 
 
-@kernel
+@kernel(allocates=True)
 def _pull(t, target, weight, row0, row1, row_share, column0, column1, column_share, out):
     """Adds B^T W (target - B t) to out, float32 like t; a target of one value is that value everywhere."""
     flat = target.shape[0] == 1 and target.shape[1] == 1

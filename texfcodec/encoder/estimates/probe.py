@@ -285,7 +285,7 @@ def probe_voxels(patch: Patch, resolution: int, cell: int, density: int, coder: 
     return replace(made, maps=maps)
 
 
-@kernel
+@kernel(allocates=True)
 def _near_cells(lattice, faces, scale, low, high):
     """bool [F]: whether the box of a face reaches into one of the boxes from low to high, int64 [N, 3]. scale: of the lattice to
     their grid."""

@@ -79,7 +79,7 @@ def collapse_all(positions: np.ndarray, faces: np.ndarray, marked: np.ndarray, k
     return Collapsed(kept, removed, placed[:done, :3].copy(), placed[:done, 3].copy(), fixed, remaining[:done].copy(), last)
 
 
-@kernel(allocates=False)
+@kernel
 def _collapse_all(work, heap, ends, placed, remaining):
     """Fills the rows of ends (kept, removed), placed (and the error) and remaining; returns their number."""
     faces = work.faces.shape[0]
@@ -119,7 +119,7 @@ def _collapse_all(work, heap, ends, placed, remaining):
     return done
 
 
-@kernel(allocates=False)
+@kernel
 def _error_of(work, a, b):
     """Error of joining two vertices; work.place is where."""
     p, r = work.positions[a], work.positions[b]
@@ -133,7 +133,7 @@ def _error_of(work, a, b):
     return _least_place(work.total, p, r, work.place)
 
 
-@kernel(allocates=False)
+@kernel
 def _push_edges(work, heap, v, upwards):
     """Puts the edges of a vertex on the heap, all or those to higher vertices, unless their lines forbid it for good."""
     work.stamp[0] += 1
@@ -157,7 +157,7 @@ def _push_edges(work, heap, v, upwards):
             _push(work, heap, _error_of(work, a, b), a, b)
 
 
-@kernel(allocates=False)
+@kernel
 def _may_join(work, a, b):
     """Whether the edge can go without a change of topology: its ends have no common neighbours but those across its faces (the
     link condition), and no two lines become one."""
@@ -194,7 +194,7 @@ def _may_join(work, a, b):
     return 1 <= shared <= 2 and neighbours == shared and not (closes and _has_face(work, a, first, second))
 
 
-@kernel(allocates=False)
+@kernel
 def _has_face(work, v, x, y):
     corner = work.head[v]
     while corner >= 0:
@@ -207,7 +207,7 @@ def _has_face(work, v, x, y):
     return False
 
 
-@kernel(allocates=False)
+@kernel
 def _turns(work, v, other):
     """Whether a face at v that stays turns too far, or loses its area, when v goes to work.place; a turned one has to turn
     back."""
@@ -231,7 +231,7 @@ def _turns(work, v, other):
     return False
 
 
-@kernel(allocates=False)
+@kernel
 def _join_vertices(work, a, b, step):
     """Moves the faces of b to a, which goes to work.place; returns the number of faces that vanish."""
     gone = 0
@@ -267,7 +267,7 @@ def _join_vertices(work, a, b, step):
     return gone
 
 
-@kernel(allocates=False)
+@kernel
 def _link(work, a, b):
     """Appends the corners of b to those of a, and drops those whose faces have gone."""
     last = -1
@@ -289,7 +289,7 @@ def _link(work, a, b):
     work.tail[a] = last
 
 
-@kernel(allocates=False)
+@kernel
 def _mark_line(work, v, other):
     """Makes a line of the sides between v and other."""
     corner = work.head[v]
@@ -302,7 +302,7 @@ def _mark_line(work, v, other):
             work.marked[f, (i + 2) % 3] = 1
 
 
-@kernel(allocates=False)
+@kernel
 def _before(heap, i, j):
     """Whether entry i comes before entry j: by error, then by the ends."""
     if heap.error[i] != heap.error[j]:
@@ -312,14 +312,14 @@ def _before(heap, i, j):
     return heap.entry[i, 1] < heap.entry[j, 1]
 
 
-@kernel(allocates=False)
+@kernel
 def _swap(heap, i, j):
     heap.error[i], heap.error[j] = heap.error[j], heap.error[i]
     for k in range(4):
         heap.entry[i, k], heap.entry[j, k] = heap.entry[j, k], heap.entry[i, k]
 
 
-@kernel(allocates=False)
+@kernel
 def _copy(heap, i, j):
     """Entry i becomes what entry j is."""
     heap.error[i] = heap.error[j]
@@ -327,7 +327,7 @@ def _copy(heap, i, j):
         heap.entry[i, k] = heap.entry[j, k]
 
 
-@kernel(allocates=False)
+@kernel
 def _sink(heap, i):
     size = heap.size[0]
     while 2 * i + 1 < size:
@@ -340,14 +340,14 @@ def _sink(heap, i):
         i = child
 
 
-@kernel(allocates=False)
+@kernel
 def _pop(heap):
     heap.size[0] -= 1
     _copy(heap, 0, heap.size[0])
     _sink(heap, 0)
 
 
-@kernel(allocates=False)
+@kernel
 def _push(work, heap, error, a, b):
     if heap.size[0] == heap.error.shape[0]:
         _drop_stale(work, heap)
@@ -361,7 +361,7 @@ def _push(work, heap, error, a, b):
         i = (i - 1) // 2
 
 
-@kernel(allocates=False)
+@kernel
 def _drop_stale(work, heap):
     kept = 0
     for i in range(heap.size[0]):

@@ -52,7 +52,7 @@ def joint_lattice(fit: VertexFit, cube: CanonicalCube, start: np.ndarray | None 
     return out
 
 
-@kernel(allocates=False)
+@kernel
 def _descend(first, column, block, turning, start, last, out, pull):
     """Moves out, int64 [V, 3]. pull: float64 [V, 3], A times the error of out, which is kept."""
     for _ in range(MOST_ROUNDS):
@@ -83,7 +83,7 @@ def _descend(first, column, block, turning, start, last, out, pull):
             break
 
 
-@kernel(allocates=False)
+@kernel
 def _sound_faces(turning, lattice, v):
     """Which of a vertex's faces look the way of their normals, as bits; the 63 first. Coordinates are below 2**20, so that the
     cross product is exact."""

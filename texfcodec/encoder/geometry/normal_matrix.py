@@ -89,7 +89,7 @@ def _conjugate_gradients(matrix, right, inverse):
     return x
 
 
-@kernel(allocates=False)
+@kernel
 def _times(first, column, block, x, out):
     for v in range(first.shape[0] - 1):
         a = b = c = 0.0
@@ -101,7 +101,7 @@ def _times(first, column, block, x, out):
         out[v, 0], out[v, 1], out[v, 2] = a, b, c
 
 
-@kernel(allocates=False)
+@kernel
 def _add(faces, slot, face, bary, residual, direction, weight, along, around, block, right):
     for s in range(face.shape[0]):
         f, n, r = face[s], direction[s], residual[s]

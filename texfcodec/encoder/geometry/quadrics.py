@@ -18,7 +18,7 @@ def vertex_quadrics(positions: np.ndarray, faces: np.ndarray, marked: np.ndarray
     return out
 
 
-@kernel(allocates=False)
+@kernel
 def _add_plane(q, n0, n1, n2, p, weight):
     """The plane through p with the normal (n0, n1, n2) of length 1."""
     d = -(n0 * p[0] + n1 * p[1] + n2 * p[2])
@@ -34,7 +34,7 @@ def _add_plane(q, n0, n1, n2, p, weight):
     q[9] += weight * d * d
 
 
-@kernel(allocates=False)
+@kernel
 def _add_point(q, p, weight):
     q[0] += weight
     q[3] += weight
@@ -44,7 +44,7 @@ def _add_point(q, p, weight):
         q[9] += weight * p[k] * p[k]
 
 
-@kernel(allocates=False)
+@kernel
 def _fill(positions, faces, marked, out):
     for f in range(faces.shape[0]):
         a, b, c = positions[faces[f, 0]], positions[faces[f, 1]], positions[faces[f, 2]]
@@ -73,13 +73,13 @@ def _fill(positions, faces, marked, out):
                 _add_plane(out[faces[f, j]], mx / side, my / side, mz / side, p, weight)
 
 
-@kernel(allocates=False)
+@kernel
 def _error_at(q, x, y, z):
     return max(0.0, x * (q[0] * x + 2.0 * (q[1] * y + q[2] * z + q[6])) + y * (q[3] * y + 2.0 * (q[4] * z + q[7]))
                + z * (q[5] * z + 2.0 * q[8]) + q[9])
 
 
-@kernel(allocates=False)
+@kernel
 def _least_place(q, p, r, place):
     """Fills place with where the quadric is least: the solution of its three equations, unless these are close to singular or it
     is farther from the edge's middle than the edge is long; then an end or the middle, whichever is best. Returns the error."""

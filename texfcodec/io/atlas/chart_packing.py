@@ -148,7 +148,7 @@ def _find_place(skyline, low, width, first, last):
     return best_x, best_row
 
 
-@kernel
+@kernel(allocates=True)
 def _turn(low, high, width):
     """Turn an outline by half a turn in place; returns its height in texels."""
     height = high[:width].max() + 1
@@ -169,7 +169,7 @@ def _lay(skyline, low, high, width, x, row):
     return used
 
 
-@kernel
+@kernel(allocates=True)
 def _pack(flat, faces, start, order, extent, scales, side, gutter, place, half_turn):
     """Place every chart in order, giving up once the height exceeds four sides; returns the height.
 

@@ -191,7 +191,7 @@ def _take(face, chart, tri, bounds, wider, charts, flat):
         bounds[k] = wider[k]
 
 
-@kernel
+@kernel(allocates=True)
 def _grow(points, faces, groups, normals, smooth, frames, order, ahead, behind, stamp, depth, limit, chart, charts, flat):
     """Breadth-first growth from the largest free face; rejected faces stay free and seed later charts. See grow_charts.
 

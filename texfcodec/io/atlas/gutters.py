@@ -55,7 +55,7 @@ def _across(x, y, ends, third, pair, own, place):
     return away * away + over * over
 
 
-@kernel
+@kernel(allocates=True)
 def _continue(ends, third, edge_chart, owner, chart, image, nearness):
     """See continue_over_borders(). Reads texels with an owner and writes those without one, so that no order matters but that of
     equally near edges, which is fixed. Bounds: rows and columns are clipped to the image before they index it."""

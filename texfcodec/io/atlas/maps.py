@@ -80,7 +80,7 @@ def _normalise(vector):
         vector[k] *= over
 
 
-@kernel
+@kernel(allocates=True)
 def _in_tangent_space(points, face, corners, normals, tangents, offsets, xy):
     """x and y of normals in the atlas's tangent space, into xy float32 [M, 2] in 0..255.
 

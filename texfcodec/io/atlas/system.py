@@ -189,7 +189,7 @@ def _cover(texels, owner, nearness):
                     owner[row, col] = f
 
 
-@kernel
+@kernel(allocates=True)
 def _surface_points(x, y, face, texels, faces, positions):
     """World points float64 [M, 3] that the texel centres (x, y) show on their faces (the nearest point when outside)."""
     out = np.empty((len(face), 3))

@@ -58,7 +58,7 @@ def _plane_energy(q, c0, c1, splits):
     return min(ENERGY_SCALE * total // (splits * (c1 - c0)), 255)
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _open_block(p, first, rules, blocks, s):
     """Fills tree, predicted and sums of block p; returns its splits. A node with one child hands its mean and its energies on."""
     nodes, means = blocks.nodes, blocks.means
@@ -75,7 +75,7 @@ def _open_block(p, first, rules, blocks, s):
     return splits
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _scale_plane(child, c0, c1, rules, original, s):
     """Fills scaled for components c0..c1-1 of the block whose first child is `child`; returns the largest coefficient, in
     steps."""
@@ -98,7 +98,7 @@ def _scale_plane(child, c0, c1, rules, original, s):
     return largest
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _clear_plane(p, first, k, c1, rules, blocks, s):
     """No coefficients yet in components k..c1-1 of plane k, and the weighted means of the predictions."""
     if k and rules.cross and s.flags[0]:
@@ -109,7 +109,7 @@ def _clear_plane(p, first, k, c1, rules, blocks, s):
             s.q[node, c] = 0
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _close_block(p, rules, blocks, s):
     """Writes the decoded means of the children of block p (spec 7.4.3)."""
     mean, child_mean, child, tree = blocks.means.parent, blocks.means.child, blocks.nodes.first_child[p], s.tree

@@ -106,26 +106,26 @@ def dct_blocks(levels: list[Level], depth: int, components: int, above: DctBlock
     return above._replace(whole=whole, first=first), 4**up // 4
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _signed_class(v, inverse):
     """Sign and class of what is expected, 0..2 * CLASSES - 2."""
     size = _class(_sixteenths(v, inverse) >> 2)
     return CLASSES - 1 + (size if v >= 0 else -size)
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _share(frequency, v):
     """What a coefficient v adds at the border, beyond which half a texel is left out."""
     return v >> 1 if frequency else (181 * v) >> 9
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _alone(frequency, v):
     """The coefficient that adds v at the border."""
     return 2 * v if frequency else (181 * v) >> 6
 
 
-@kernel(allocates=False)
+@kernel
 def _look_beside(p, begin, c, table, mean, dct, s):
     """Fills s.beside, and s.west and s.north from the texels of the two blocks. |texel| <= 2**22, so a sum is below 2**41."""
     texels, first = dct.texels, dct.first
@@ -146,7 +146,7 @@ def _look_beside(p, begin, c, table, mean, dct, s):
         s.west[frequency], s.north[frequency] = west >> 15, north >> 15
 
 
-@kernel(allocates=False)
+@kernel
 def _count(encoding, coder, model, chosen, p, c, inverse, dct, s):
     """Codes how many coefficients of s.q[c] are not zero, or decodes and returns it."""
     counts, where, sets, west, north, north_west = dct.counts, chosen.where, chosen.sets, s.beside[0], s.beside[1], s.beside[2]
@@ -179,7 +179,7 @@ def _count(encoding, coder, model, chosen, p, c, inverse, dct, s):
     return node - 64
 
 
-@kernel(allocates=False)
+@kernel
 def _dct_magnitude(encoding, coder, model, chosen, c, place, size, alike, expected, left, luma, magnitude):
     """Codes a magnitude >= 1, or decodes and returns it."""
     where, sets, coded = chosen.where, chosen.sets, np.int64(1)
@@ -199,7 +199,7 @@ def _dct_magnitude(encoding, coder, model, chosen, c, place, size, alike, expect
     return coded if coded <= UNARY + 1 else _escaped(encoding, coder, magnitude)
 
 
-@kernel(allocates=False)
+@kernel
 def _dct_component(encoding, coder, model, chosen, p, begin, c, step, inverse, table, mean, dct, s):
     """Codes the coefficients s.q[c] of block p, or decodes them into it; leaves them in dct.kept and dct.counts."""
     where, sets, q, kept = chosen.where, chosen.sets, s.q, dct.kept
@@ -266,13 +266,13 @@ def _dct_component(encoding, coder, model, chosen, p, begin, c, step, inverse, t
         kept[p, c, place] = min(max(q[c, place], -127), 127)
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _coefficient(q, step):
     """A coefficient with 12 fractional bits. |q| < 2**26, step < 2**23."""
     return min(max(q * step, -MAX_COEFFICIENT), MAX_COEFFICIENT)
 
 
-@kernel(allocates=False)
+@kernel
 def _inverse_dct(p, c, step, mean, dct, s):
     """Writes component c of the texels of block p. Sums are below 2**25 * 2**26 * 2**6."""
     q, sums, first = s.q, s.sums, dct.first[p]
@@ -290,7 +290,7 @@ def _inverse_dct(p, c, step, mean, dct, s):
             dct.texels[first + TEXEL[8 * y + x], c] = min(max(mean + ((total + (1 << 27)) >> 28), -MAX_MEAN), MAX_MEAN)
 
 
-@kernel(allocates=False)
+@kernel
 def _quantise_block(p, c, step, mean, original, dct, s):
     """Fills s.q[c] from original int32 [N, C], the texels that are wanted."""
     first, rows = dct.first[p], s.rows
@@ -327,7 +327,7 @@ def _dct_block(encoding, coder, model, chosen, p, begin, rules, blocks, original
         blocks.energy[p, k] = min(16 * total // ((SIZE - 1) * (c1 - k)), 255)
 
 
-@kernel(allocates=False)
+@kernel
 def _close_dct_node(p, part, blocks):
     """Writes the means of the four children of node p, a block or a part of one, each of `part` texels; parts have the energies
     of the block."""
@@ -343,7 +343,7 @@ def _close_dct_node(p, part, blocks):
             child_mean[blocks.nodes.first_child[p] + j, c] = (2 * total + part) // (2 * part)
 
 
-@kernel(allocates=False)
+@kernel
 def _enc_dct_level(coder, model, rules, blocks, wanted, s, begin, end):
     """Codes the DCT blocks among the nodes begin..end-1 and leaves the means of their children, and of those of parts of blocks,
     in means.child. The arguments are those of mixed._enc_mixed_level, which codes the others afterwards."""
@@ -354,7 +354,7 @@ def _enc_dct_level(coder, model, rules, blocks, wanted, s, begin, end):
             _close_dct_node(p, rules.part, blocks)
 
 
-@kernel(allocates=False)
+@kernel
 def _dec_dct_level(coder, model, rules, blocks, s, begin, end):
     """Mirror of _enc_dct_level."""
     for p in range(begin, end):

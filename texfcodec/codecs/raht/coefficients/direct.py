@@ -9,7 +9,7 @@ from ..transform.raht import SPLITS, _is_split
 from .blocks import _clear_plane, _close_block, _open_block, _plane_energy, _scale_plane
 
 
-@kernel(allocates=False)
+@kernel
 def _enc_direct_level(coder, model, rules, blocks, wanted, s, begin, end):
     """Codes the children of parents begin..end-1 and leaves their reconstruction in means.child. coder: Coder; model: Model;
     rules, blocks, wanted, s: Rules, Blocks, Wanted and Scratch of blocks.py. Context numbers are bounded by construction
@@ -36,7 +36,7 @@ def _enc_direct_level(coder, model, rules, blocks, wanted, s, begin, end):
         _close_block(p, rules, blocks, s)
 
 
-@kernel(allocates=False)
+@kernel
 def _dec_direct_level(coder, model, rules, blocks, s, begin, end):
     """Mirror of _enc_direct_level."""
     components, energy, contexts = blocks.means.parent.shape[1], blocks.energy, model.contexts
@@ -61,7 +61,7 @@ def _stage(node):
     return 0 if node == 0 else (1 if node < 3 else 2)
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _choose_plane(contexts, flag_ctx, c0, c1, level, strength, wanted, s):
     """Rate-distortion optimised quantisation of one plane into q; returns whether anything is left of it.
 
@@ -105,7 +105,7 @@ def _choose_plane(contexts, flag_ctx, c0, c1, level, strength, wanted, s):
     return kept
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _enc_plane(coder, contexts, splits, c0, c1, level, strength, tree, q):
     """Codes a plane that has a nonzero coefficient; the last flag is left out when all before it were zero (spec 7.5.3)."""
     left = splits * (c1 - c0)
@@ -128,7 +128,7 @@ def _enc_plane(coder, contexts, splits, c0, c1, level, strength, tree, q):
                 large += 1 if magnitude > 1 else 0
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _dec_plane(coder, contexts, splits, c0, c1, level, strength, tree, q):
     """Mirror of _enc_plane: fills q for components c0..c1-1."""
     left = splits * (c1 - c0)

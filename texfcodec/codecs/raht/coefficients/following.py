@@ -13,7 +13,7 @@ CROSS_FRACTION = 8
 MAX_FACTOR = 512  # 2 with CROSS_FRACTION bits
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _add_products(means, node, parent_mean, p, products):
     """Adds to products int64 [C] the products of a node's differences to parent p, each with that of component 0: 82 of them
     at most, each < 2**46."""
@@ -22,7 +22,7 @@ def _add_products(means, node, parent_mean, p, products):
         products[c] += lead * (np.int64(means[node, c]) - parent_mean[p, c])
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _follow(p, first, rules, blocks, s):
     """Moves the predictions of components 1.. of block p with the coefficients of component 0, by the slope that they have over
     its surroundings (spec 7.4.4). The numerator of a factor is < 2**53 * 2**8, the details < 2**25."""

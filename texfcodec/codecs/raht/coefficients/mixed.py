@@ -25,7 +25,7 @@ from .planar import _look_around
 QUIET_SHIFT = 5  # a rare event: both estimates slow
 
 
-@kernel(allocates=False)
+@kernel
 def _enc_mixed_level(coder, model, rules, blocks, wanted, s, begin, end):
     """Codes the children of parents begin..end-1 and leaves their reconstruction in means.child. coder: Coder; model: Model;
     rules, blocks, wanted, s: Rules, Blocks, Wanted and Scratch of blocks.py. Context numbers are bounded by construction
@@ -63,7 +63,7 @@ def _enc_mixed_level(coder, model, rules, blocks, wanted, s, begin, end):
         _close_block(p, rules, blocks, s)
 
 
-@kernel(allocates=False)
+@kernel
 def _dec_mixed_level(coder, model, rules, blocks, s, begin, end):
     """Mirror of _enc_mixed_level. The features of a quiet plane are of use only where it has coefficients."""
     components, energy, models, chosen = blocks.means.parent.shape[1], blocks.energy, rules.models, s.chosen
@@ -108,7 +108,7 @@ def _quiet_flag(encoding, coder, contexts, quiet, flag):
     return flag
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _flag_probability(model, models, quiet, s):
     """Probability of a one in 2**-16 that the flag would be coded with now. quiet: its direct context, or -1."""
     if quiet >= 0:
@@ -165,17 +165,17 @@ def _mixed_plane(encoding, coder, model, models, c0, c1, s):
             large += 1 if magnitude > 1 else 0
 
 
-@kernel(allocates=False)
+@kernel
 def _enc_mixed_plane(coder, model, models, c0, c1, s):
     _mixed_plane(True, coder, model, models, c0, c1, s)
 
 
-@kernel(allocates=False)
+@kernel
 def _dec_mixed_plane(coder, model, models, c0, c1, s):
     _mixed_plane(False, coder, model, models, c0, c1, s)
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _choose_mixed_plane(model, models, p, c0, c1, wanted, s):
     """Rate-distortion optimised quantisation of one plane into s.q, as direct._choose_plane; a sign is taken as one bit. p:
     16-bit probability of the flag."""

@@ -44,24 +44,24 @@ def new_mixed_model() -> Model:
     return new_model(CONTEXTS, WEIGHT_SETS, REFINEMENT_SETS)
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _fine(v):
     return np.int64(FINE_TABLE[min(v, 96)])
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _sixteenths(v, inverse):
     """|v| in sixteenths of a step; inverse: 2**32 // step. |v| < 2**40, inverse < 2**21."""
     return (abs(v) * inverse) >> STEPS_SHIFT
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _per(v, divisor):
     """Min(v, 2**14 - 1) // divisor for 0 <= v, 1 <= divisor < 32, by a multiplication that is exact in this range."""
     return (min(v, (1 << 14) - 1) * RECIPROCAL[divisor]) >> 20
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _half(w):
     """Half the binary digits of w >= 0 but one, rounded down: log2 of its square root."""
     n = 0
@@ -71,7 +71,7 @@ def _half(w):
     return n
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _features(p, first, k, splits, flag, rules, blocks, s):
     """Fills s.f for plane k of block p. flag: whether luma has coefficients; rules, blocks, s: those of blocks.py."""
     f, sums, tree, predicted, shift = s.f, s.sums, s.tree, s.predicted, s.shift
@@ -134,13 +134,13 @@ def _slopes(tree, predicted, c, inverse, sums, expected, down, rotated):
             down[node, c] = 1 if slope < 0 else 0
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _is_quiet(sums, k):
     """Whether no block around has coefficients in plane k; sums: of _surroundings."""
     return sums[k] == 0 and sums[2 + k] == 0
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _quiet_context(sums, k, level, splits, flag):
     """The context of the flag of a quiet plane."""
     return QUIET + (((2 * k + flag) * LEVELS + level) * 8 + splits) * 2 + (1 if sums[4] else 0)

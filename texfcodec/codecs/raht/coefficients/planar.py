@@ -18,7 +18,7 @@ def new_kept(nodes: int, components: int, planar: int) -> np.ndarray:
     return np.zeros((nodes if planar else 0, len(PLANAR_NODES), components), np.int8)
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _keep(p, blocks, s):
     """Leaves the coefficients of block p, cut to -MOST..MOST, for the blocks after it and below it."""
     for c in range(s.q.shape[1]):
@@ -26,12 +26,12 @@ def _keep(p, blocks, s):
             blocks.kept[p, j, c] = min(max(s.q[PLANAR_NODES[j], c], -MOST), MOST)
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _sign_class(v):
     return 0 if v == 0 else (1 if v > 0 else 2)
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _look_around(p, first, c0, c1, blocks, s):
     """Fills s.alike and s.alike_signs, int64 [7, C], for the splits of components c0..c1-1 (spec 7.11.2)."""
     table, kept = blocks.nodes.table, blocks.kept

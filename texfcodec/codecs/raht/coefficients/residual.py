@@ -129,7 +129,7 @@ def _residual_bits(encoding, coder, model, chosen, c, energy, activity, lead, se
     return -magnitude if negative else magnitude
 
 
-@kernel(inline="always")
+@kernel(allocates=True, inline="always")
 def _residuals(encoding, coder, model, chosen, values, nodes, begin, stop):
     """Codes the children of parents begin..stop-1, a whole slice, or decodes them; fills values.y and values.k. Predictions are
     in 0..255, so |k| <= 255."""
@@ -166,17 +166,17 @@ def _residuals(encoding, coder, model, chosen, values, nodes, begin, stop):
                     second = value
 
 
-@kernel
+@kernel(allocates=True)
 def _enc_residuals(coder, model, chosen, values, nodes, begin, stop):
     _residuals(True, coder, model, chosen, values, nodes, begin, stop)
 
 
-@kernel
+@kernel(allocates=True)
 def _dec_residuals(coder, model, chosen, values, nodes, begin, stop):
     _residuals(False, coder, model, chosen, values, nodes, begin, stop)
 
 
-@kernel
+@kernel(allocates=True)
 def _cross_sums(begin, stop, table, first_child, occupancy, planar, x, original, none, order, products):
     """Adds to products int64 [C] those of every component's surprise with the first one's, were the original decoded exactly.
     none: int16 [N, C] of zeros. |surprise| < 2**9."""

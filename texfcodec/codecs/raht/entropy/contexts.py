@@ -28,7 +28,7 @@ PLANAR_DIRECTIONS = 8
 MAX_PREFIX = 24  # of the Exp-Golomb escape: |q| < 2**25 + 15; clipped when dequantised
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _class(e):
     """Energy class of 0 <= e (16 units per coefficient magnitude)."""
     if e == 0:
@@ -46,7 +46,7 @@ def _class(e):
     return 6
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _surroundings(p, first, table, planar, energy, above, sums):
     """Fills sums int64 [6] with the weighted energies around block p: near (own level, decoded neighbours) of luma and chroma,
     far (level above) of luma and chroma, and the weights near and far.

@@ -61,7 +61,7 @@ def copy_model(model: Model) -> Model:
     return Model(*(a.copy() for a in model))
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _weigh(model, m, chosen):
     """Fills chosen.inputs from the contexts chosen.where[0..m-1]; returns the sums of the weight sets chosen.sets[0] and [1]."""
     a = BIAS * model.weights[chosen.sets[0], MAX_MODELS]
@@ -75,7 +75,7 @@ def _weigh(model, m, chosen):
     return min(max(a >> 16, -LIMIT), LIMIT), min(max(b >> 16, -LIMIT), LIMIT)
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _refined(model, s, x):
     """Final probability of a one in 2**-16 from the mixed x and refinement set s."""
     j, r = (x + LIMIT) >> 8, (x + LIMIT) & 255
@@ -83,12 +83,12 @@ def _refined(model, s, x):
     return min(max((SQUASH[x + LIMIT] + refined) >> 1, LEAST), 65536 - LEAST)
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _limited(weight):
     return min(max(weight, -MAX_WEIGHT), MAX_WEIGHT)
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _learn(model, m, chosen, a, b, bit):
     """Moves weights, contexts and refinement towards the symbol."""
     for half in range(2):
@@ -107,14 +107,14 @@ def _learn(model, m, chosen, a, b, bit):
                                             ) >> REFINEMENT_SHIFT
 
 
-@kernel(allocates=False)
+@kernel
 def _enc_mixed_bit(coder, model, m, chosen, bit):
     a, b = _weigh(model, m, chosen)
     _enc_split(coder.state, coder.buffer, (coder.state[RANGE] >> 16) * _refined(model, chosen.sets[2], (a + b) >> 1), bit)
     _learn(model, m, chosen, a, b, bit)
 
 
-@kernel(allocates=False)
+@kernel
 def _dec_mixed_bit(coder, model, m, chosen):
     a, b = _weigh(model, m, chosen)
     bound = (coder.state[RANGE] >> 16) * _refined(model, chosen.sets[2], (a + b) >> 1)
@@ -133,7 +133,7 @@ def _mixed_bit(encoding, coder, model, m, chosen, bit):
     return bit
 
 
-@kernel(allocates=False)
+@kernel
 def _mixed_probability(model, m, chosen):
     """Probability of a one in 2**-16 that _mixed_bit would code with now."""
     a, b = _weigh(model, m, chosen)

@@ -120,7 +120,7 @@ def _roughness_class(rough, inverse):
     return cls
 
 
-@kernel
+@kernel(allocates=True)
 def _filter(begin, end, table, first_child, occupancy, mean, inverse, limits, coefficients, filtered):
     """Filters the children of parents begin..end-1. mean, filtered: int32 [N, C]; inverse: 2**32 // step of component 0; limits:
     int64 [C], of use with PLANAR_TAPS.
@@ -144,7 +144,7 @@ def _filter(begin, end, table, first_child, occupancy, mean, inverse, limits, co
                 filtered[v, c] = min(max(mean[v, c] + (change >> COEFFICIENT_FRACTION), -MAX_MEAN), MAX_MEAN)
 
 
-@kernel
+@kernel(allocates=True)
 def _statistics(begin, end, table, first_child, occupancy, mean, original, inverse, limits, products, targets):
     """Adds up products float64 [CLASSES, C, T, T] of the T rings and targets float64 [CLASSES, C, T] of rings times error."""
     taps = targets.shape[2]

@@ -87,7 +87,7 @@ CELLS = 64
 CENTRE = np.array([21 + 16 * (o & 1) + 4 * (o >> 1 & 1) + (o >> 2 & 1) for o in range(8)])  # cells of a node's own children
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _cells(p, begin, end, table, first_child, occupancy, planar, cells):
     """Fills cells int64 [64] with the numbers of the children around and in node p: cell 16 x + 4 y + z with coordinates 0..3,
     the node's own children at 1 and 2; -1 where there is none. Only children of the nodes begin..end-1 are taken."""
@@ -103,7 +103,7 @@ def _cells(p, begin, end, table, first_child, occupancy, planar, cells):
                 cells[ADJACENT_CELL[i, j]] = child + _ones32(taken & ((1 << place) - 1))
 
 
-@kernel
+@kernel(allocates=True)
 def _neighbours(first_child, occupancy, parent_table, begin, end, planar, table):
     """Neighbour table of the children of parents begin..end-1 (spec 7.1): entry -1 where no node exists.
 

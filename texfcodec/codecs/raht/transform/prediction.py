@@ -39,7 +39,7 @@ def inverse_range(colour_range: int, step: int) -> int:
     return (1 << 32) // (colour_range * step) if colour_range else 0
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _falloff(means, node, parent_mean, p, inverse):
     """Weight of a node's means beside those of parent p, in 1/64 (spec 7.3)."""
     difference = np.int64(0)
@@ -78,7 +78,7 @@ def _weigh_parents(p, first, table, parent_mean, inverse, planar, weight):
             weight[i] = _falloff(parent_mean, q, parent_mean, p, inverse) if inverse else 64
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _predict(p, first, nodes, means, kernel, inverse, around, predicted):
     """Fills predicted int64 [8, C] for the children of parent p, 0 where there is none (spec 7.3.2).
 

@@ -17,7 +17,7 @@ PLANAR_NODES = np.array((1, 3, 4))  # the splits of a block whose children all h
 EXACT_BELOW = 1 << 12
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _tree_weights(first, occupancy, weight, tree):
     """Fills tree int64 [15]: weights of the root (0), the halves along z (1, 2), y (3..6) and x (7..14 = octants), 0 where
     nothing is. Octant bit 0 is x, so leaf 7 + octant. first: first child; weight: int64, child weights. Returns the splits."""
@@ -73,7 +73,7 @@ def _rotate(scaled, component):
     scaled[3, component], scaled[4, component] = (a + b) * np.sqrt(0.5), (b - a) * np.sqrt(0.5)
 
 
-@kernel(forceinline=True, allocates=False)
+@kernel(forceinline=True)
 def _weighted_mean(tree, predicted, component):
     """Mean of the children's predictions, weighted by their voxels and rounded (spec 7.4.3). The sum stays < 2**51."""
     acc = np.int64(0)

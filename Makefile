@@ -5,11 +5,12 @@ VENV   ?= .venv
 PYTHON ?= python3
 PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
+DEMO   := $(VENV)/.texfcodec-demo
 
 .DELETE_ON_ERROR:
 .PHONY: demo check test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural stability strangers three determinism load fuzz faults mutants coverage conformance vectors spec-tables promise native wasm web site install release clean
 
-demo: install
+demo: $(DEMO)
 	$(PY) -m texfcodec.demo
 
 test: conformance
@@ -156,12 +157,24 @@ install: $(STAMP)
 
 # The stamp is written last: an interrupted install has none and is done again. An existing environment is completed, never
 # wiped, so that VENV may name one's own.
-$(STAMP): pyproject.toml
+define environment
 	@command -v "$(PYTHON)" >/dev/null || { echo "texfcodec needs Python 3.11 or newer and found no '$(PYTHON)'; say which with: make PYTHON=/path/to/python3.12" >&2; exit 1; }
 	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "texfcodec needs Python 3.11 or newer; '$(PYTHON)' is `"$(PYTHON)" -V 2>&1`. Say which with: make PYTHON=/path/to/python3.12" >&2; exit 1; }
 	@rm -f "$@"
 	"$(PYTHON)" -m venv "$(VENV)" || { echo "no virtual environment could be made; on Debian and Ubuntu install python3-venv" >&2; exit 1; }
-	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[test]"
+endef
+PIP = "$(PY)" -m pip install --quiet --disable-pip-version-check
+
+$(STAMP): pyproject.toml
+	$(environment)
+	$(PIP) --editable ".[test]"
+	@touch "$@"
+
+# Half of what the tests need, and kernels are compiled while the last of it is unpacked
+$(DEMO): pyproject.toml
+	$(environment)
+	$(PIP) --editable .
+	@"$(PY)" -m texfcodec.precompile >/dev/null 2>&1 & $(PIP) --editable ".[demo]" && wait
 	@touch "$@"
 
 clean:

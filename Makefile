@@ -170,11 +170,11 @@ $(STAMP): pyproject.toml
 	$(PIP) --editable ".[test]"
 	@touch "$@"
 
-# Half of what the tests need, and kernels are compiled while the last of it is unpacked
+# Half of what the tests need; one processor compiles kernels while the last of it is unpacked
 $(DEMO): pyproject.toml
 	$(environment)
 	$(PIP) --editable .
-	@"$(PY)" -m texfcodec.precompile >/dev/null 2>&1 & $(PIP) --editable ".[demo]" && wait
+	@"$(PY)" -m texfcodec.precompile >/dev/null 2>&1 & $(PIP) --editable ".[demo]"; done=$$?; kill $$! 2>/dev/null; exit $$done
 	@touch "$@"
 
 clean:

@@ -21,7 +21,7 @@ def first_run(seconds: int) -> str | None:
 
 
 def compile_later_stages() -> None:
-    """Compiles the kernels of a usual encode in another order than it needs them: pictures and decoding before coding."""
+    """Compiles the kernels of a usual encode in another order than it needs them: coding and decoding before pictures."""
     import numpy as np
 
     from .api import encode_loaded
@@ -31,11 +31,11 @@ def compile_later_stages() -> None:
     from .report import Report
     from .scene.scene import Texture
 
+    codec_of(DEFAULT_CODEC).run_kernels()
     scene = small_scene()
     scene.textures = [Texture(np.full((16, 16, 4), 200, np.uint8))]
     encode_loaded(scene, EncodeOptions(resolution=16), Report())  # one colour, so nothing goes through the transform
     find_contacts(np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0]]), np.array([[0, 1, 2]]), 8, 16)
-    codec_of(DEFAULT_CODEC).run_kernels()
 
 
 def warm_up() -> None:

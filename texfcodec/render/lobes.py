@@ -167,21 +167,23 @@ def ggx_table() -> np.ndarray:
     stretched. Weights are then the masking of the light alone, times Schlick's."""
     u, phi = _strata()
     side, up = np.sqrt(u) * np.cos(phi - np.pi / 2), np.sqrt(u) * np.sin(phi - np.pi / 2)
+    alpha = np.maximum(np.linspace(0, 1, ROUGHNESSES) ** 2, MIN_ALPHA)[:, None]
     table = np.empty((COSINES, ROUGHNESSES, 2))
     for i, nv in enumerate(_node_cosines()):
-        for j, roughness in enumerate(np.linspace(0, 1, ROUGHNESSES)):
-            alpha, flat = max(roughness**2, MIN_ALPHA), np.sqrt(1 - nv * nv)
-            x, z = np.array([alpha * flat, nv]) / np.hypot(alpha * flat, nv)
-            lifted = (1 - z) / 2 * np.sqrt(1 - side * side) + (1 + z) / 2 * up
-            high = np.sqrt(np.maximum(1 - side * side - lifted * lifted, 0))
-            half = np.array([alpha * (high * x - lifted * z), alpha * side, np.maximum(lifted * x + high * z, 0)])
-            half /= np.linalg.norm(half, axis=0)
-            vh = half[0] * flat + half[2] * nv
-            nl = np.clip(2 * vh * half[2] - nv, 1e-9, 1)
-            eye, light = (0.5 * np.sqrt(1 + alpha**2 * (1 / c**2 - 1)) + 0.5 for c in (nv, nl))  # 1 + Smith's lambda
-            weight = np.where(2 * vh * half[2] > nv, eye / (eye + light - 1), 0)
-            edge = (1 - np.clip(vh, 0, 1)) ** 5
-            table[i, j] = np.mean(weight * (1 - edge)), np.mean(weight * edge)
+        flat = np.sqrt(1 - nv * nv)
+        length = np.hypot(alpha * flat, nv)
+        x, z = alpha * flat / length, nv / length
+        lifted = (1 - z) / 2 * np.sqrt(1 - side * side) + (1 + z) / 2 * up
+        high = np.sqrt(np.maximum(1 - side * side - lifted * lifted, 0))
+        half = alpha * (high * x - lifted * z), alpha * side, np.maximum(lifted * x + high * z, 0)
+        length = np.sqrt(half[0] * half[0] + half[1] * half[1] + half[2] * half[2])
+        vh, nh = (half[0] * flat + half[2] * nv) / length, half[2] / length
+        cosine = 2 * vh * nh - nv
+        nl = np.minimum(np.maximum(cosine, 1e-9), 1)
+        eye, light = (0.5 * np.sqrt(1 + alpha**2 * (1 / (c * c) - 1)) + 0.5 for c in (nv, nl))  # 1 + Smith's lambda
+        weight = np.where(cosine > 0, eye / (eye + light - 1), 0)
+        edge = weight * fifth_power(vh)
+        table[i] = np.stack([np.mean(weight - edge, axis=1), np.mean(edge, axis=1)], axis=1)
     return table.astype(np.float32)
 
 
@@ -191,12 +193,12 @@ def charlie_table() -> np.ndarray:
     is a square: the lobe lies at its rim."""
     t, phi = _strata()
     nl, sine = t * t, np.sqrt(1 - t**4)
+    inverse = 1 / np.maximum(np.linspace(0, 1, ROUGHNESSES), MIN_CHARLIE)[:, None] ** 2
     table = np.empty((COSINES, ROUGHNESSES, 1))
     for i, nv in enumerate(_node_cosines()):
         along = np.sqrt(2 + 2 * (nv * nl + np.sqrt(1 - nv * nv) * sine * np.cos(phi)))
         nh = np.minimum((nv + nl) / along, 1)
-        for j, roughness in enumerate(np.linspace(0, 1, ROUGHNESSES)):
-            table[i, j] = min(np.mean(_charlie(nh, 1 / max(roughness, MIN_CHARLIE) ** 2, nl, nv) * 4 * np.pi * t**3), 1)
+        table[i, :, 0] = np.minimum(np.mean(_charlie(nh, inverse, nl, nv) * (4 * np.pi * t**3), axis=1), 1)
     return table.astype(np.float32)
 
 

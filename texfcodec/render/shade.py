@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -65,18 +67,21 @@ def render_scene(scene: Scene, camera: Camera, cull: bool = True, threads: int =
     have mip levels, to use again for other views; shaded: the light, or the scene's Lighting to use again; None shows the base
     colour as it is. Alpha: see layers.composite. A scene of which nothing is seen is an empty Picture.
     """
+    return render_lights(scene, camera, [_lighting(scene, shaded)], cull, threads, source)[0]
+
+
+def render_lights(scene: Scene, camera: Camera, lights: Sequence[Lighting | None], cull: bool = True, threads: int = 1,
+                  source: PackedSource | Textures | None = None) -> list[Picture]:
+    """Pictures of a Scene as of render_scene(), one for each light, which look for what is seen, and for its colour, once."""
     source = pack_source(scene) if source is None else source
-    light = _lighting(scene, shaded)
     triangles = set_up(camera, scene.positions, scene.faces, cull, _two_sided(scene.materials, scene.face_material))
 
     def shade(fragments):
         if isinstance(source, Textures):
-            rgba = source.colours(camera, fragments, threads)
-        else:
-            rgba = shade_source(source, fragments, threads)
-        return _in_light(light, camera, fragments, rgba, True, threads)
+            return source.colours(camera, fragments, threads)
+        return shade_source(source, fragments, threads)
 
-    return _render(triangles, scene.materials, scene.face_material, threads, shade)
+    return _render(triangles, scene.materials, scene.face_material, threads, shade, lights)
 
 
 def render_texf(texf: Texf, camera: Camera, cull: bool = True, filtering: bool = True, threads: int = 1,
@@ -89,10 +94,9 @@ def render_texf(texf: Texf, camera: Camera, cull: bool = True, filtering: bool =
     triangles = set_up(camera, positions, faces, cull, _two_sided(texf.materials, face_material))
 
     def shade(fragments):
-        rgba = shade_field(texf, camera, fragments, positions, faces, filtering, threads)
-        return _in_light(light, camera, fragments, rgba, filtering, threads)
+        return shade_field(texf, camera, fragments, positions, faces, filtering, threads)
 
-    return _render(triangles, texf.materials, face_material, threads, shade)
+    return _render(triangles, texf.materials, face_material, threads, shade, [light], filtering)[0]
 
 
 def _lighting(asset, shaded):
@@ -100,10 +104,8 @@ def _lighting(asset, shaded):
 
 
 def _in_light(light, camera, fragments, rgba, filtering, threads):
-    """Base colour and alpha as they are without light; else the colour in light, and alpha."""
-    if light is not None:
-        rgba[:, :3] = light.coded(camera, fragments, rgba, filtering, threads)
-    return rgba
+    """Colours float32 [M, 3]: the base colour as it is without light, else in light."""
+    return rgba[:, :3] if light is None else light.coded(camera, fragments, rgba, filtering, threads)
 
 
 def shade_source(source: PackedSource, fragments: Fragments, threads: int = 1) -> np.ndarray:
@@ -137,18 +139,23 @@ def shade_field(texf: Texf, camera: Camera, fragments: Fragments, positions: np.
     return out
 
 
-def _render(triangles, materials, face_material, threads, shade):
-    """The Picture of ready triangles. shade: Fragments -> float32 [M, 4]. One pass where every face is opaque."""
-    width, height = triangles.camera.width, triangles.camera.height
+def _render(triangles, materials, face_material, threads, shade, lights, filtering=True):
+    """Pictures of ready triangles, one for each light. shade: Fragments -> float32 [M, 4], base colour and alpha. One pass where
+    every face is opaque."""
+    camera = triangles.camera
+    width, height = camera.width, camera.height
     if not see_through(materials, face_material):
         fragments = visible(triangles, threads)
-        return Picture(width, height, fragments.pixel, shade(fragments)[:, :3], np.ones(len(fragments.pixel), np.float32))
+        rgba, alpha = shade(fragments), np.ones(len(fragments.pixel), np.float32)
+        return [Picture(width, height, fragments.pixel, _in_light(light, camera, fragments, rgba, filtering, threads), alpha)
+                for light in lights]
 
-    def layer(fragments):
+    def layer(fragments, light):
         rgba = shade(fragments)
-        return rgba[:, :3], opacity(materials, face_material[fragments.face], rgba[:, 3])
+        colour = _in_light(light, camera, fragments, rgba, filtering, threads)
+        return colour, opacity(materials, face_material[fragments.face], rgba[:, 3])
 
-    return Picture(width, height, *composite(triangles, layer, threads))
+    return [Picture(width, height, *composite(triangles, partial(layer, light=light), threads)) for light in lights]
 
 
 def _two_sided(materials, face_material):

@@ -20,7 +20,7 @@ from ...geometry.canonical import MAX_BITS, fit_cube
 from ...geometry.shading_normals import corner_normals
 from ...render.camera import bounding_sphere, fibonacci_direction, orthographic
 from ...render.lighting import Lighting
-from ...render.shade import render_scene
+from ...render.shade import render_lights
 from ...scene.fetch import pack_source
 from ...scene.normal_rule import BOTH, FLAT, JOINED, MOST_ANGLE, NormalRule
 
@@ -65,13 +65,11 @@ class PositionError:
         """In flat colours and, where there is light, in light. source: of its base colour, where it is not the source's."""
         lights, source = [None, *([Lighting(scene)] if self.lit else [])], source or self._source
 
-        def in_light(light):
-            def picture(camera):
-                return render_scene(scene, camera, source=source, shaded=light)
+        def pictures(camera):
+            return render_lights(scene, camera, lights, source=source)
 
-            return list(in_order(picture, self._cameras, self.threads))
-
-        return [in_light(light) for light in lights]
+        first = pictures(self._cameras[0])  # makes what all share, tangents for one, which two threads would make twice
+        return list(zip(first, *in_order(pictures, self._cameras[1:], self.threads), strict=True))
 
     def of(self, drawn: Surface, normals: np.ndarray) -> Moved:
         """What the source looks like on another surface. drawn: faces of the source where they are now; normals: at their corners

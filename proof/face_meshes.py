@@ -72,10 +72,10 @@ def _bump_waves():
         yield direction * length / np.linalg.norm(direction), 4 * length
 
 
-def scan_with_image(count):
-    """A closed bumpy sphere in six charts with an image."""
+def scan_with_image(count, side=None):
+    """A closed bumpy sphere in six charts with an image. side: texels, where not as many a face as usual."""
     positions, faces, uv = _bumpy_cube_sphere(count)
-    side = int(2 ** np.floor(np.log2(np.clip(np.sqrt(TEXELS_PER_FACE * count), LEAST_SIDE, IMAGE_SIDE))))
+    side = side or int(2 ** np.floor(np.log2(np.clip(np.sqrt(TEXELS_PER_FACE * count), LEAST_SIDE, IMAGE_SIDE))))
     return FaceMesh(positions, faces, uv=uv, image=_image(side))
 
 

@@ -18,7 +18,7 @@ if not __package__:  # called as a file
 
 from proof.load_batch import GOOD, batch_faults, run_batch
 from proof.load_cluster import ENCODED, cluster_faults, run_cluster
-from proof.load_faces import SIZES, faces_faults, run_faces
+from proof.load_faces import SIZES, draw, faces_faults, run_faces
 from proof.load_levels import levels_faults, run_levels
 from proof.load_page import page_of
 from proof.load_refused import refused_faults, run_refused
@@ -55,7 +55,8 @@ def main(arguments=None):
     found = {part: json.loads((args.out / f"{part}.json").read_text(encoding="utf-8")) for part in PARTS
              if (args.out / f"{part}.json").exists()}
     faults = {part: PARTS[part](told) for part, told in found.items()}
-    text = page_of(found, faults)
+    plot = args.page.parent / "pictures" / "load.png" if args.page and "faces" in found else None
+    text = page_of(found, faults, "pictures/load.png" if plot and draw(found["faces"], plot) else None)
     if args.page:
         args.page.write_text(text, encoding="utf-8")
     print(text)

@@ -1,7 +1,7 @@
-"""What meshes of many faces take to encode and to decode to GLB, and how both grow with the number of faces: those of
-proof/face_meshes.py.
+"""What meshes of many faces, texels and voxels take to encode and to decode to GLB, and how both grow with their number: meshes
+of proof/face_meshes.py.
 
-python proof/load_faces.py MESH.glb FOLDER      encodes one here and decodes it to GLB; JSON on stdout
+python proof/load_faces.py MESH.glb WARM.glb OPTIONS      encodes both here and decodes them to GLB; JSON on stdout, of MESH
 """
 
 import json
@@ -16,13 +16,16 @@ import numpy as np
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from proof.face_meshes import GENERATORS, glb_of
+from bench.plots import load_pyplot
+from proof.face_meshes import GENERATORS, glb_of, scan_with_image
 from proof.memory import Memory
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SIZES = (10_000, 30_000, 100_000)  # faces
+SIDES, RESOLUTIONS = (512, 1024, 2048, 4096), (128, 256, 512, 1024)  # of images, for texels; of fields, for voxels
+FEW = 10_000  # faces of the scan whose texels or voxels grow
 WARM = 1000  # faces of the mesh that every process begins with, so that kernels are there
-STEEPEST = 1.25  # exponent of seconds over faces
+STEEPEST = 1.25  # exponent of seconds over faces, texels or voxels
 
 
 class Silence:
@@ -54,20 +57,32 @@ def measured(call):
     return {"seconds": seconds, "memory": held["peak"] - held["idle"], "silence": silence.seconds, "stage": silence.stage}
 
 
-def run_faces(sizes=SIZES, kinds=tuple(GENERATORS)):
-    """{"rows": one for each generator and size: kind, faces, "encode" and "save" as of measured()}."""
+def run_faces(sizes=SIZES, kinds=tuple(GENERATORS), sides=SIDES, resolutions=RESOLUTIONS):
+    """{"rows": one for each mesh and size: kind, of ("faces", "texels" or "voxels"), count of these, and "encode" and "save" as
+    of measured()}."""
     rows = []
+    for kind in kinds:
+        rows += [_row(kind, "faces", GENERATORS[kind], size, {}) for size in sizes]
+    for side in sides:
+        rows.append(_row("scan over texels", "texels", lambda count, side=side: scan_with_image(count, side), FEW,
+                         {"support": "texels", "keep_mesh": True}))
+    for resolution in resolutions:
+        rows.append(_row("scan over voxels", "voxels", lambda count: scan_with_image(count, SIDES[-2]), FEW,
+                         {"support": "voxels", "resolution": resolution, "keep_mesh": True}))
+    return {"rows": rows}
+
+
+def _row(kind, of, make, size, options):
     with tempfile.TemporaryDirectory() as folder:
         path, warm = Path(folder) / "mesh.glb", Path(folder) / "warm.glb"
-        for kind in kinds:
-            warm.write_bytes(glb_of(GENERATORS[kind](WARM)))
-            for size in sizes:
-                mesh = GENERATORS[kind](size)
-                path.write_bytes(glb_of(mesh))
-                command = [sys.executable, str(REPOSITORY / "proof" / "load_faces.py"), str(path), str(warm)]
-                run = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, cwd=REPOSITORY)
-                rows.append({"kind": kind, "faces": len(mesh.faces), **json.loads(run.stdout)})
-    return {"rows": rows}
+        mesh = make(size)
+        path.write_bytes(glb_of(mesh))
+        warm.write_bytes(glb_of(make(WARM)))
+        command = [sys.executable, str(REPOSITORY / "proof" / "load_faces.py"), str(path), str(warm), json.dumps(options)]
+        run = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, cwd=REPOSITORY)
+    found = json.loads(run.stdout)
+    return {"kind": kind, "of": of, "count": len(mesh.faces) if of == "faces" else found[of],
+            "encode": found["encode"], "save": found["save"]}
 
 
 def slopes(found):
@@ -75,35 +90,59 @@ def slopes(found):
     out = {}
     for kind in dict.fromkeys(row["kind"] for row in found["rows"]):
         own = [row for row in found["rows"] if row["kind"] == kind]
-        faces = [row["faces"] for row in own]
-        out[kind] = {what: exponent(faces, [row[what]["seconds"] for row in own]) for what in ("encode", "save")}
+        counts = [row["count"] for row in own]
+        out[kind] = {what: exponent(counts, [row[what]["seconds"] for row in own]) for what in ("encode", "save")}
     return out
+
+
+def draw(found, path):
+    """Seconds over counts, a line a kind, encode and save, into a PNG; whether matplotlib is there to do so."""
+    pyplot = load_pyplot()
+    if pyplot is None:
+        return False
+    figure, panels = pyplot.subplots(2, 3, figsize=(12, 7), layout="constrained")
+    for row, (what, title) in enumerate((("encode", "encode"), ("save", "decode to GLB"))):
+        for column, of in enumerate(("faces", "texels", "voxels")):
+            panel = panels[row, column]
+            for kind in dict.fromkeys(one["kind"] for one in found["rows"] if one["of"] == of):
+                own = [one for one in found["rows"] if one["kind"] == kind]
+                panel.plot([one["count"] for one in own], [one[what]["seconds"] for one in own], marker="o", label=kind)
+            panel.set(xscale="log", yscale="log", xlabel=of, ylabel=f"processor seconds, {title}")
+            panel.grid(True, which="both", alpha=0.3)
+            panel.legend(fontsize=7)
+    figure.savefig(path, dpi=110)
+    pyplot.close(figure)
+    return True
 
 
 def faces_faults(found):
     """What misses the target: sentences."""
-    return [f"{kind}: seconds of {what} grow with the power {power:.2f} of the faces" for kind, powers in slopes(found).items()
-            for what, power in powers.items() if power > STEEPEST]
+    of = {row["kind"]: row["of"] for row in found["rows"]}
+    return [f"{kind}: seconds of {what} grow with the power {power:.2f} of the {of[kind]}"
+            for kind, powers in slopes(found).items() for what, power in powers.items() if power > STEEPEST]
 
 
 def main():
     """The child's side."""
     import warnings
 
-    from texfcodec.api import decode, encode
+    from texfcodec.api import decode, encode_to_result
     from texfcodec.options import EncodeOptions
 
     warnings.simplefilter("ignore")  # losses that the meshes have been made to have
-    options, folder = EncodeOptions(threads=2), Path(sys.argv[1]).parent
+    options, folder = EncodeOptions(threads=2, **json.loads(sys.argv[3])), Path(sys.argv[1]).parent
     found = {}
     for name in (sys.argv[2], sys.argv[1]):  # the small one first
         def encoding(report, name=name):
-            (folder / "made.texf").write_bytes(encode(name, options, report))
+            made = encode_to_result(name, options, report)
+            (folder / "made.texf").write_bytes(made.data)
+            found.update(voxels=made.counts["voxels"], texels=made.counts["texels"])
 
         def saving(report):
             decode(folder / "made.texf", report=report).save(folder / "made.glb")
 
-        found = {"encode": measured(encoding), "save": measured(saving)}
+        found.update(encode=measured(encoding))
+        found.update(save=measured(saving))
     print(json.dumps(found))
 
 

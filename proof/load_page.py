@@ -3,7 +3,7 @@
 from bench.accuracy_page import machine, wrapped
 from bench.result_tables import markdown_table
 from proof.load_cluster import NAP_SECONDS
-from proof.load_faces import STEEPEST, slopes
+from proof.load_faces import FEW, STEEPEST, slopes
 from proof.load_refused import TARGET as PEAK
 from proof.load_refused import WORST
 from proof.load_slope import TARGET as SLOPE
@@ -12,13 +12,15 @@ from proof.load_slope import WARM
 MB = 1 << 20
 
 
-def page_of(found, faults):
-    """docs/reports/load.md. found: {part: what it measured}; faults: {part: sentences on what misses its target}."""
+def page_of(found, faults, picture=None):
+    """docs/reports/load.md. found: {part: what it measured}; faults: {part: sentences on what misses its target}; picture: path
+    of load_faces.draw()'s plot from the page."""
     lines = ["# Under load", "", f"Made by `make load` (proof/load.py) on {machine()}.", ""]
     for part, section in SECTIONS.items():
         if part in found:
             missed = faults[part]
-            lines += [*section(found[part]), "", *(["**Missed:**", "", *(f"- {text}" for text in missed)] if missed else
+            shown = [f"![processor seconds over faces, texels and voxels]({picture})", ""] if picture and part == "faces" else []
+            lines += [*section(found[part]), "", *shown, *(["**Missed:**", "", *(f"- {text}" for text in missed)] if missed else
                                                    ["Nothing misses its target."]), ""]
     return "\n".join(wrapped(lines)).rstrip() + "\n"
 
@@ -94,19 +96,22 @@ def _levels(found):
 
 def _faces(found):
     rows, powers = found["rows"], slopes(found)
-    yield "## Many faces"
+    yield "## Many faces, texels and voxels"
     yield ""
     yield ("Encoding with the usual options and decoding to GLB, two threads, kernels compiled, of meshes made by "
-           "proof/face_meshes.py: scans, and inputs that are hard. Seconds are of the processor; silent is the longest part of "
+           "proof/face_meshes.py: scans, and inputs that are hard. Texels and voxels grow on one scan of "
+           f"{FEW:,} faces whose mesh is kept. Seconds are of the processor; silent is the longest part of "
            "them without a word of progress. Memory is what the process held at most beyond what it held before, the image "
-           "included. The exponent is of the power of the faces that the seconds grow with, by least squares over the "
+           "included. The exponent is of the power of the size that the seconds grow with, by least squares over the "
            f"logarithms; at most {STEEPEST}.")
     yield ""
-    columns = [(what, name) for what in ("encode", "save") for name in ("seconds", "silence", "memory")]
-    table = [[row["kind"], f"{row['faces']:,}", *(f"{row[what][name] / row['faces']:,.0f}" if name == "memory" else
-                                                  f"{row[what][name]:.1f}" for what, name in columns)] for row in rows]
-    yield from markdown_table(["mesh", "faces", "s, encode", "s silent", "bytes of memory a face", "s, to GLB", "s silent",
-                               "bytes of memory a face"], table)
+    table = []
+    for row in rows:
+        cells = [(f"{row[what]['seconds']:.1f}", f"{row[what]['silence']:.1f}", f"{row[what]['memory'] / row['count']:,.0f}")
+                 for what in ("encode", "save")]
+        table.append([row["kind"], f"{row['count']:,} {row['of']}", *cells[0], *cells[1]])
+    yield from markdown_table(["mesh", "size", "s, encode", "s silent", "bytes of memory each", "s, to GLB", "s silent",
+                               "bytes of memory each"], table)
     yield ""
     yield from markdown_table(["mesh", "exponent, encode", "exponent, to GLB"],
                               [[kind, f"{own['encode']:.2f}", f"{own['save']:.2f}"] for kind, own in powers.items()])

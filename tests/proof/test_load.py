@@ -124,7 +124,7 @@ def test_a_mesh_has_as_many_faces_as_it_was_to_have_and_is_read_as_it_was_made(k
 
 
 def test_what_grows_faster_than_the_faces_is_told():
-    rows = [{"kind": "fan", "faces": n, "encode": {"seconds": 1e-6 * n**1.5}, "save": {"seconds": 1e-3 * n}}
+    rows = [{"kind": "fan", "of": "faces", "count": n, "encode": {"seconds": 1e-6 * n**1.5}, "save": {"seconds": 1e-3 * n}}
             for n in (1000, 4000, 16000)]
     assert load_faces.slopes({"rows": rows})["fan"] == pytest.approx({"encode": 1.5, "save": 1.0})
     assert load_faces.faces_faults({"rows": rows}) == ["fan: seconds of encode grow with the power 1.50 of the faces"]

@@ -212,23 +212,34 @@ def _search(rules, lit, whole, tried, step):
             near = np.array([m for m in lit if of_best[m].angle == angle])
             for other in (angle - closer, angle + closer):
                 attempt(min(max(other, 1), MOST_ANGLE), near)
-    for m in lit:
-        if len(tried.all) < len(whole.all) and (whole.material == m).sum() > (tried.material == m).sum():
-            for weight in np.flatnonzero(best[:, m] <= NEAR * best[:, m].min() + 1e-3).tolist():
-                best[weight, m] = _score_of(NormalRule(JOINED, weight, int(found[weight, m])), whole, m)
+    partly = [m for m in lit if (whole.material == m).sum() > (tried.material == m).sum()]
+    _measure(best, found, partly, whole)
     return [rule if m in lit else rules[m] for m, rule in enumerate(_least(best, found))]
+
+
+def _measure(best, found, materials, whole):
+    """Replaces the errors of materials under their best rules, which were seen at some corners, by those on the whole surface:
+    every rule is made once for all of them."""
+    near = {(int(found[weight, m]), weight, m) for m in materials for weight in range(WEIGHTS)
+            if best[weight, m] <= NEAR * best[:, m].min() + 1e-3}
+    for angle in sorted({angle for angle, _, _ in near}):
+        sets = whole.fans.joined(angle) if angle else None
+        for weight in sorted({weight for of, weight, _ in near if of == angle}):
+            mine = [m for m in materials if (angle, weight, m) in near]
+            chosen = np.flatnonzero(np.isin(whole.material, mine))
+            rule = NormalRule(JOINED, weight, angle)
+            normals = whole.fans.normals(rule, chosen) if sets is None else whole.fans.of_sets(sets, weight, chosen)
+            error = whole.errors(normals, chosen)
+            for m in mine:
+                of_m = whole.material[chosen] == m
+                best[weight, m] = float(np.minimum(error[of_m], CLIP) @ whole.weight[chosen[of_m]]
+                                        / max(whole.weight[chosen[of_m]].sum(), 1e-300))
 
 
 def _least(best, found):
     """The best rule of every material; the simplest where several are as good."""
     first = (best < best.min(axis=0) + 1e-3).argmax(axis=0)
     return [NormalRule(JOINED, int(weight), int(found[weight, m])) for m, weight in enumerate(first)]
-
-
-def _score_of(rule, target, material):
-    chosen = np.flatnonzero(target.material == material)
-    error = np.minimum(target.errors(target.fans.normals(rule, chosen), chosen), CLIP)
-    return float(error @ target.weight[chosen] / max(target.weight[chosen].sum(), 1e-300))
 
 
 def _errors_of(rules, target, sharp=None):

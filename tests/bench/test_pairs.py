@@ -1,0 +1,29 @@
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from bench import pairs
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+def row(wall, content, size=10):
+    return {"wall": wall, "processor": 2 * wall, "memory": 1 << 20, "bytes": size, "sha256": content}
+
+
+def test_the_page_tells_medians_and_what_differs():
+    rows = {name: {"encode": {"before": row(10.0, "a"), "after": row(wall, "a")},
+                   "save": {"before": row(4.0, "a", 7), "after": row(2.0, glb, 9)}}
+            for name, wall, glb in (("cube", 5.0, "a"), ("fan", 8.0, "b"), ("hat", 9.0, "a"))}
+    text = " ".join(pairs.page_of({"commits": ["0123", "4567"], "rate": "r03", "machine": "2 cores", "rows": rows}).split())
+    assert "commit 0123 before, 4567 after; rate r03" in text
+    assert "takes 80 % of the time by the wall clock and 80 % of the processor's, a decode to GLB 50 % and 50 %" in text
+    assert "| fan | 10 | b" not in text and "| +2 bytes |" in text and text.count("| the same | 4.0, 2.0 |") == 3
+
+
+def test_what_a_process_takes_is_told_and_its_failure_is_no_figure():
+    found = pairs.timed(("texfcodec.cli.enc", "--version"), REPOSITORY)
+    assert 0 < found["processor"] < 60 and found["wall"] > 0 and found["memory"] > 10 << 20
+    with pytest.raises(subprocess.CalledProcessError):
+        pairs.timed(("texfcodec.cli.enc", "nothing.glb"), REPOSITORY)

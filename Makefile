@@ -174,7 +174,7 @@ $(STAMP): pyproject.toml
 $(DEMO): pyproject.toml
 	$(environment)
 	$(PIP) --editable .
-	@"$(PY)" -m texfcodec.precompile >/dev/null 2>&1 & $(PIP) --editable ".[demo]"; done=$$?; kill $$! 2>/dev/null; exit $$done
+	@"$(PY)" -m texfcodec.precompile >/dev/null 2>&1 & trap "kill $$! 2>/dev/null" EXIT INT TERM; $(PIP) --editable ".[demo]"
 	@touch "$@"
 
 clean:

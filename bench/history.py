@@ -10,10 +10,8 @@ matplotlib is there.
 
 import argparse
 import json
-import os
 import platform
 import statistics
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -23,6 +21,7 @@ if not __package__:  # called as a file
 
 from bench.accuracy_page import wrapped
 from bench.plots import load_pyplot
+from bench.processes import timed
 from bench.result_tables import markdown_table
 
 SLOWER = 0.10  # from which on a benchmark is slower: of the fastest run and of the median, because either alone is noisy
@@ -56,12 +55,7 @@ def process_rows():
 
 def processor_seconds(words):
     """Seconds, of user and system, that `python -m words` takes; CalledProcessError where it fails."""
-    process = subprocess.Popen([sys.executable, "-m", *words], stdout=subprocess.DEVNULL)
-    _, status, used = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise subprocess.CalledProcessError(process.returncode, words)
-    return used.ru_utime + used.ru_stime
+    return timed(words)["processor"]
 
 
 def _spread(seconds):

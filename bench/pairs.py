@@ -10,33 +10,20 @@ each without being counted, so that kernels are compiled. Without assets the pag
 import argparse
 import hashlib
 import json
-import os
 import statistics
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from bench.accuracy_page import machine, wrapped
+from bench.processes import timed
 from bench.result_tables import markdown_table
 
 SIDES = "before", "after"
-
-
-def timed(words, root):
-    """{"wall", "processor" in seconds, "memory" in bytes} of a process of a checkout; CalledProcessError where it fails."""
-    begin = time.monotonic()
-    process = subprocess.Popen([sys.executable, "-m", *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-                               env=os.environ | {"PYTHONPATH": str(root)}, cwd=root)
-    _, status, used = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise subprocess.CalledProcessError(process.returncode, words)
-    return {"wall": time.monotonic() - begin, "processor": used.ru_utime + used.ru_stime, "memory": 1024 * used.ru_maxrss}
 
 
 def measure(roots, asset, rate):

@@ -87,7 +87,7 @@ def kernel(function: Callable | None = None, allocates: bool = False, **options:
     Divisions are not checked for zero: whoever divides makes sure.
 
     allocates: the kernel makes or returns arrays. Then numba counts who holds one, and each look into a named tuple of arrays is
-    an atomic increment: the level kernels of the transform were slower by half, and two threads no faster than one. So the small
+    an atomic increment: the level kernels of the transform were slower by half, the sampling of images by a third. So the small
     kernels inside a loop make none.
     """
     if function is None:

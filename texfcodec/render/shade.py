@@ -72,7 +72,8 @@ def render_scene(scene: Scene, camera: Camera, cull: bool = True, threads: int =
 
 def render_lights(scene: Scene, camera: Camera, lights: Sequence[Lighting | None], cull: bool = True, threads: int = 1,
                   source: PackedSource | Textures | None = None) -> list[Picture]:
-    """Pictures of a Scene as of render_scene(), one for each light, which look for what is seen, and for its colour, once."""
+    """Pictures of a Scene as of render_scene(), one for each light. What is seen, and its colour, is looked for once
+    where all is opaque."""
     source = pack_source(scene) if source is None else source
     triangles = set_up(camera, scene.positions, scene.faces, cull, _two_sided(scene.materials, scene.face_material))
 

@@ -49,13 +49,8 @@ def process_rows():
 
     with tempfile.TemporaryDirectory() as folder:
         write_sample(Path(folder) / "sample.glb")
-        return {name: _spread([processor_seconds([word.format(folder=folder) for word in words]) for _ in range(PROCESS_RUNS)])
+        return {name: _spread([timed([word.format(folder=folder) for word in words])["processor"] for _ in range(PROCESS_RUNS)])
                 for name, words in PROCESSES.items()}
-
-
-def processor_seconds(words):
-    """Seconds, of user and system, that `python -m words` takes; CalledProcessError where it fails."""
-    return timed(words)["processor"]
 
 
 def _spread(seconds):

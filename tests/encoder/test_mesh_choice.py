@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 
 from texfcodec.api import decode, encode_to_result
-from texfcodec.encoder.decide.mesh import MeshChoice, _Meshes
-from texfcodec.encoder.decide.texel_images import image_groups
+from texfcodec.encoder.decide.mesh import MeshChoice
 from texfcodec.encoder.estimates import usual_values
 from texfcodec.encoder.estimates.position_error import SMOOTH, Moved
 from texfcodec.encoder.geometry.drawn_source import draw_onto, fetched_normals
 from texfcodec.encoder.memo import Memo
 from texfcodec.encoder.rd import RateDistortion
-from texfcodec.encoder.texel_field import TexelPlan
 from texfcodec.errors import InputError
 from texfcodec.geometry.canonical import CanonicalCube, finer_cube
 from texfcodec.geometry.mesh import Mesh
@@ -66,7 +64,7 @@ def test_facets_stay_facets():
     for rule in (FLAT, SMOOTH):
         scene.corner_normal = corner_normals(usual.lattice, usual.faces, [rule])
         choice = MeshChoice(scene, usual, RateDistortion.of(options), options, 1.0, Memo())
-        candidate = _Meshes(choice, usual, np.zeros(len(usual.faces), np.int64), []).look(4, 12)
+        candidate = choice._meshes(usual, np.zeros(len(usual.faces), np.int64), False).look(4, 12)
         surface = candidate.sent.surface
         own = corner_normals(surface.lattice, surface.faces, [rule])
         apart = np.linalg.norm(candidate.sent.scene.corner_normal - own, axis=2)
@@ -142,8 +140,7 @@ def test_tangents_go_with_the_faces_and_keep_their_side_of_the_image():
     along /= np.linalg.norm(along, axis=2, keepdims=True)
     scene.corner_tangent = np.concatenate([along, np.full((*along.shape[:2], 1), -1.0)], axis=2).astype(np.float32)
     choice = MeshChoice(scene, usual, RateDistortion.of(options), options, 1.0, Memo())
-    plans = [TexelPlan(group, group.size, 2) for group in image_groups(scene, usual)]
-    sent = _Meshes(choice, usual, np.zeros(len(usual.faces), np.int64), plans).look(4, 12).sent.scene
+    sent = choice._meshes(usual, np.zeros(len(usual.faces), np.int64), True).look(4, 12).sent.scene
     wanted = np.cross(np.array([0.6, 0.8, 0.0]), sent.corner_normal)
     wanted /= np.linalg.norm(wanted, axis=2, keepdims=True)
     assert len(sent.faces) < 0.3 * len(scene.faces)

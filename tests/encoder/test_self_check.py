@@ -11,7 +11,9 @@ from walls import boxes, smooth_image, wall
 from texfcodec import EncodeOptions, InputError, LimitError, Report, decode
 from texfcodec.api import encode_loaded, encode_to_result
 from texfcodec.encoder import pipeline
+from texfcodec.encoder.coder import Coder
 from texfcodec.encoder.estimates import uv_rounding
+from texfcodec.encoder.memo import MemoOfParts
 from texfcodec.encoder.self_check import Miss, _most_bytes, misses, promised_psnr, warnings_of
 from texfcodec.metrics.psnr_3d import measure
 from texfcodec.options import RATES
@@ -25,9 +27,9 @@ def coarse_rates(monkeypatch):
         monkeypatch.setitem(RATES, name, (256, qp))
 
 
-def noisy_wall(noise):
+def noisy_wall(noise, n=8):
     """A wall whose left half is flat and whose right half is another material with noise."""
-    scene = wall(smooth_image(64, 64, 3), n=8)
+    scene = wall(smooth_image(64, 64, 3), n=n)
     image = smooth_image(64, 64, 3, seed=1).astype(float)
     image[..., :3] += np.random.default_rng(0).normal(0, noise, (64, 64, 3))
     scene.textures.append(Texture(np.clip(image, 0, 255).astype(np.uint8)))
@@ -60,6 +62,20 @@ def test_a_part_that_came_out_wrong_is_coded_again_finer(monkeypatch):
     made = encode_loaded(scene, EncodeOptions(rate="r03"), report)
     assert made.check["rgb"] is None and not report.warnings
     assert len(report.remarks) == 1 and "coded again at higher quality" in report.remarks[0]
+
+
+@pytest.mark.parametrize("support", ["auto", "texels"])
+def test_what_a_second_coding_takes_from_the_first_is_what_it_would_make_itself(support, monkeypatch):
+    scene, options, memo, coded = noisy_wall(20, n=16), EncodeOptions(rate="r03", support=support), MemoOfParts(), []
+    code = Coder.code
+    monkeypatch.setattr(Coder, "code", lambda *given: coded.append(given) or code(*given))
+    pipeline.encode_scene(scene, options, memo=memo)
+    for finer in ({0}, {1}):
+        coded.clear()
+        again, taken = pipeline.encode_scene(scene, options, finer=frozenset(finer), memo=memo), len(coded)
+        coded.clear()
+        assert again.data == pipeline.encode_scene(scene, options, finer=frozenset(finer)).data
+        assert taken < len(coded)
 
 
 def test_what_stays_worse_than_the_rate_promises_is_a_warning_that_strict_refuses():
@@ -110,7 +126,7 @@ def test_a_second_coding_over_a_limit_leaves_the_first_and_its_warning(monkeypat
     """Finer voxels may be more than a limit allows that the first coding kept."""
     scene, first = noisy_wall(60), pipeline.encode_scene
 
-    def limited(scene, options, report, finer=frozenset()):
+    def limited(scene, options, report, finer=frozenset(), memo=None):
         if finer:
             raise LimitError("TXF-L04", "the fields have more voxels than the limit allows", value=2, allowed=1)
         return first(scene, replace(options, support="voxels"), report)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 import zlib
 from abc import ABC, abstractmethod
 from contextlib import closing
+from dataclasses import fields as fields_of
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -148,15 +150,22 @@ def _values(part, source, number, names, colours, rd):
     return with_maps(made, source, number, names, rd.threads)
 
 
+def _digest(plane, support):
+    """Stands for values on a support: hashable."""
+    at = [getattr(support, field.name) for field in fields_of(support) if field.name != "keys"]
+    return (type(support), *at, *(hashlib.sha256(np.ascontiguousarray(one).data).digest() for one in (support.keys, plane)))
+
+
 def _unit(plan: Plan, stream: Stream, place: tuple[int, int], share: float, budget: float | None) -> Decision[CodedUnit]:
     """The CodedUnit of a channel group of a field. place: (field, group); share: of the surface; budget: as of spend()."""
     part, group = plan.fields[place[0]], plan.source.groups[place[1]]
     plane, shift = joined(part, group)
     support = part.support.coarser(shift)
     coder = plan.rd.planes.shifted(part.qp_offset).for_plane(plane)
+    known, content = plan.rd.memo.of_parts(), _digest(plane, support)
 
     def code(coder):
-        values, decoded = coder.code(plane, support)
+        values, decoded = known.get(("coded", coder, *content), lambda: coder.code(plane, support))
         values = attribute_values(coder.codec, *place, zlib.crc32(decoded), values, shift)
         size = len(coder.codec.write_parameters(values | attribute_variables(stream, values)))
         return CodedUnit(codec=coder.codec, values=values, bytes=size, plane=plane, decoded=decoded)

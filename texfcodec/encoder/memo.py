@@ -25,6 +25,18 @@ class Memo:
         """What is kept for as long as one plan is made."""
         return self
 
+    def of_parts(self) -> Memo:
+        """What is kept of parts at one quality, values that were coded among them: nothing, where plans differ in QP."""
+        return NoMemo()
+
+
+class MemoOfParts(Memo):
+    """For plans at one quality that differ in some parts: what the others became stays."""
+
+    def of_parts(self) -> Memo:
+        """See Memo.of_parts."""
+        return self
+
 
 class NoMemo(Memo):
     """Keeps nothing: for an encode that plans once."""

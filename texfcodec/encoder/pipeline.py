@@ -19,6 +19,7 @@ from .plan import Plan, plan
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene
+    from .memo import Memo
 
 
 @dataclass(kw_only=True, repr=False)
@@ -54,10 +55,10 @@ class Encoded:
 
 
 def encode_scene(scene: Scene, options: EncodeOptions | None = None, report: Report | None = None,
-                 finer: frozenset[int] = frozenset()) -> Encoded:
-    """Codes a Scene. finer: as of plan(). Raises InputError, LimitError, SupportError."""
+                 finer: frozenset[int] = frozenset(), memo: Memo | None = None) -> Encoded:
+    """Codes a Scene. finer, memo: as of plan(). Raises InputError, LimitError, SupportError."""
     options, report = options or EncodeOptions(), report or Report()
-    return code(plan(scene, options, report, finer), report)
+    return code(plan(scene, options, report, finer, memo=memo), report)
 
 
 def code(plan: Plan, report: Report) -> Encoded:

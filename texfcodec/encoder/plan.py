@@ -168,7 +168,8 @@ def begin(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset
         with report.stage("supports") as step:
             return choose_supports(weighted, begun.surface, begun.rd, request, colours, finer, step)
 
-    return _Begun(outline=begun, scene=weighted, colours=colours, supports=memo.get(("supports", begun.rd.qp), supports))
+    chosen = memo.get(("supports", begun.rd.coder, begun.rd.qp, finer), supports)
+    return _Begun(outline=begun, scene=weighted, colours=colours, supports=chosen)
 
 
 def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[int] = frozenset(),

@@ -22,6 +22,7 @@ from ..render.environment import DAYLIGHT
 from ..report import Report, Step, no_step
 from . import pipeline
 from .decide.one_colour import NOTHING_TO_PROBE
+from .memo import MemoOfParts, NoMemo
 from .rd import coding_mse
 
 if TYPE_CHECKING:
@@ -60,12 +61,13 @@ def encode_checked(scene: Scene, options: EncodeOptions, report: Report) -> Enco
     promises, where that is possible and not too dear; what stays worse is a warning. Raises InputError, LimitError,
     SupportError."""
     begin, kept = time.perf_counter(), Report(report.on_progress)
-    made = pipeline.encode_scene(scene, options, kept)
+    memo = MemoOfParts() if options.support == "auto" and promised_psnr(options) is not None else NoMemo()
+    made = pipeline.encode_scene(scene, options, kept, memo=memo)
     found = check(scene, made, options, kept, time.perf_counter() - begin)
     missed = misses(found)
     if missed and _may_be_finer(made, missed, options):
         second = Report(report.on_progress)
-        again = _coded_finer(scene, missed, options, second)
+        again = _coded_finer(scene, missed, options, second, memo)
         if again and _is_better(again.check, found) and len(again.data) <= _most_bytes(made, missed):
             second.remarks.append(f"{_named(missed)} and was coded again at higher quality, in {len(again.data)} bytes instead "
                                   f"of {len(made.data)}")
@@ -76,11 +78,11 @@ def encode_checked(scene: Scene, options: EncodeOptions, report: Report) -> Enco
     return made
 
 
-def _coded_finer(scene, missed, options, report):
+def _coded_finer(scene, missed, options, report, memo):
     """The checked Encoded with finer supports for what was missed; None where these go over a limit that the first kept."""
-    begin = time.perf_counter()
+    begin, materials = time.perf_counter(), frozenset(miss.material for miss in missed)
     try:
-        made = pipeline.encode_scene(scene, _finer(options, missed), report, frozenset(miss.material for miss in missed))
+        made = pipeline.encode_scene(scene, _finer(options, missed), report, materials, memo)
     except LimitError:
         return None
     check(scene, made, options, report, time.perf_counter() - begin)

@@ -41,6 +41,11 @@ class TexelPlan:
     fraction_bits: int
     qp_offset: int = 0
 
+    @property
+    def signature(self) -> tuple:
+        """Stands for all of it, on one surface: hashable."""
+        return self.group.key, self.group.faces.tobytes(), self.size, self.fraction_bits, self.qp_offset
+
     def corner_uv(self) -> np.ndarray:
         """UVs of the group's faces, int64 [F, 3, 2], in steps of 2**-fraction_bits texels of the coded size."""
         scale = np.array(self.size, np.float64) / self.group.size * (1 << self.fraction_bits)

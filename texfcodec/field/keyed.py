@@ -30,7 +30,8 @@ class Keyed:
         shift = min(levels, self.depth)
         if not shift:
             return self
-        keys = np.unique(self.keys >> 3 * shift)
+        parents = self.keys >> 3 * shift
+        keys = parents[np.flatnonzero(np.diff(parents, prepend=-1))]
         return replace(self, keys=keys, level_shift=self.level_shift + shift)  # type: ignore[type-var]  # a dataclass derives
 
     def mean(self, values: np.ndarray, levels: int) -> np.ndarray:

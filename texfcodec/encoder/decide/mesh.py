@@ -155,10 +155,19 @@ class MeshChoice:
         if len(surface.faces) < FEWEST:
             return Decision(usual, self.evidence if surface is not self.usual else {"reason": "the mesh is too small to save "
                                                                                               "bytes"})
-        key = "meshes", surface.cube.position_bits, group.tobytes(), *((p.group.key, p.size, p.fraction_bits) for p in plans)
-        search = _Search(self, self.memo.get(key, lambda: _Meshes(self, surface, group, plans)))
+        meshes = self._meshes(surface, group, bool(plans))
+        search = _Search(self, meshes, plans)
         best = search.best(step)
-        return Decision(replace(best.sent, saved=search.at_usual.cost - best.cost), search.evidence(best))
+        sent = replace(meshes.look(*best.place).sent, saved=search.at_usual.cost - best.cost)
+        return Decision(sent, search.evidence(best, sent.surface))
+
+    def _meshes(self, surface, group, carries):
+        """The _Meshes of a surface and its groups, as smaller() has them. carries: whether they have UVs of their own: then only
+        borders of groups count."""
+        group = group * (int(surface.material.max(initial=0)) + 1) + surface.material
+        borders = seam_edges(surface.faces, group)
+        key = "meshes", surface.cube.position_bits, carries, (borders if carries else group).tobytes()
+        return self.memo.get(key, lambda: _Meshes(self, surface, group, borders, carries))
 
 
 def _is_exact(plan):
@@ -166,18 +175,31 @@ def _is_exact(plan):
     return plan.group.palette or (plan.size[0] * plan.size[1] <= FEW_TEXELS and has_few_colours(plan.group.image.reshape(-1, 4)))
 
 
+class _Look(NamedTuple):
+    """A mesh that was looked at. sent: None where no face has area; face: int64 [G], the usual surface's that each of its faces
+    was; moved: what it does to pictures."""
+
+    sent: SentMesh | None
+    face: np.ndarray
+    moved: Moved
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Candidate:
-    """A mesh that was looked at. faces: int; bits; geometry: bytes; moved: Moved; cost: at the price of a byte, 0 where that is
-    not known yet; refused: why it may not be taken."""
+    """What a mesh that was looked at costs. place: in shares and bits; faces: int; geometry: bytes; moved: Moved; cost: at the
+    price of a byte; refused: why it may not be taken."""
 
-    sent: SentMesh
+    place: tuple[int, int]
     faces: int
-    bits: int
     geometry: int
     moved: Moved
-    cost: float = 0.0
+    cost: float
     refused: str = ""
+
+    @property
+    def bits(self) -> int:
+        """Of its positions."""
+        return self.place[1]
 
     def row(self) -> dict:
         """What the report says of it."""
@@ -188,22 +210,26 @@ class _Candidate:
 
 class _Search:
     """Takes what costs least of _Meshes, at the price of a byte: reckons what each number of faces and of bits would cost, and
-    looks at those that promise least. tried: by place in shares and bits."""
+    looks at those that promise least. plans: TexelPlans of its faces; usual: place in shares and bits of the source's mesh;
+    tried: by place."""
 
-    def __init__(self, choice: MeshChoice, meshes: _Meshes) -> None:
-        self.choice, self.meshes, self.rd = choice, meshes, choice.rd
-        self.tried: dict[tuple[int, int], _Candidate] = {}
+    def __init__(self, choice: MeshChoice, meshes: _Meshes, plans: list[TexelPlan]) -> None:
+        self.choice, self.meshes, self.rd, self.plans = choice, meshes, choice.rd, plans
+        self.usual, self.tried = (0, meshes.usual.cube.position_bits), dict[tuple[int, int], _Candidate]()
+        self._plan_of = np.full(len(meshes.usual.faces), -1)
+        for number, plan in enumerate(plans):
+            self._plan_of[plan.group.faces] = number
 
     @cached_property
     def at_usual(self) -> _Candidate:
         """The source's mesh."""
-        return self._priced(self.meshes.at_usual, True)
+        return self._candidate(*self.usual)
 
     def best(self, step: Step) -> _Candidate:
         """The candidate of least cost that nothing speaks against: those that promise least are looked at until none does."""
-        self.tried[0, self.meshes.usual.cube.position_bits] = self.at_usual
+        self._candidate(*self.usual)
         first = self._candidate(0, USUAL_LOOK)
-        reckoned = self.meshes.reckoned if first.faces else {}
+        reckoned = self._reckoned(first) if first.faces else {}
         most = LOOKS[self.choice.request.effort]
         while reckoned and len(self.tried) < most:
             step(len(self.tried), most)
@@ -211,23 +237,54 @@ class _Search:
             if place in self.tried:
                 break
             self._candidate(*place)
+        return self._least()
+
+    def _least(self):
         return min((one for one in self.tried.values() if not one.refused), key=lambda one: one.cost)
 
     def _candidate(self, place, bits):
         if (place, bits) not in self.tried:
-            self.tried[place, bits] = self._priced(self.meshes.look(place, bits))
+            self.tried[place, bits] = self._looked_at((place, bits))
+            self.meshes.keep_only(self._least().place)
         return self.tried[place, bits]
 
-    def _priced(self, one, trusted=False):
-        """A mesh that was looked at, with its cost, and refused where something speaks against it."""
-        if not one.faces:
-            return replace(one, cost=NOTHING, refused="no face is left")
-        return replace(one, cost=self.rd.cost(one.geometry, one.moved.error), refused="" if trusted else self._refused(one.moved))
+    def _looked_at(self, place):
+        """The _Candidate at a place, refused where something speaks against it."""
+        sent, face, moved = self.meshes.look(*place)
+        if sent is None:
+            return _Candidate(place=place, faces=0, geometry=0, moved=moved, cost=NOTHING, refused="no face is left")
+        size = self._bytes(sent.surface, face, sent.scene.corner_uv[sent.surface.origin_face])
+        return _Candidate(place=place, faces=len(sent.surface.faces), geometry=size, moved=moved,
+                          cost=self.rd.cost(size, moved.error), refused="" if place == self.usual else self._refused(moved))
+
+    def _bytes(self, surface, face, corner_uv):
+        """Bytes of Draco for the faces over voxels, and for those of each plan and material with their UVs. face: the usual
+        surface's that each of its faces was."""
+        plan_of, bits, size = self._plan_of[face], surface.cube.position_bits, 0
+        if (plan_of < 0).any():
+            size += draco_bytes(surface.lattice, surface.faces[plan_of < 0], bits)
+        unit = plan_of * (int(surface.material.max(initial=0)) + 1) + surface.material
+        for mine in (np.flatnonzero(unit == one) for one in np.unique(unit[plan_of >= 0])):
+            plan = self.plans[plan_of[mine[0]]]
+            uv = np.floor(corner_uv[mine] * np.array(plan.size) * (1 << plan.fraction_bits) + 0.5).astype(np.int64)
+            size += draco_bytes(surface.lattice, surface.faces[mine], bits, uv)
+        return size
 
     def _refused(self, moved):
         if not moved.mse <= self.choice.most_moved:
             return "the picture changes more than coding changes it"
         return "thin parts disappear" if moved.lost > MOST_LOST else ""
+
+    def _reckoned(self, here):
+        """{place: (bytes, squared error)}, from one look, here, and the distances of meshes that are not fitted."""
+        usual, out = self.meshes.usual, {}
+        vertices = len(np.unique(usual.faces))
+        for place, away in enumerate(self.meshes.aways):
+            share = SHARES[place]
+            for bits in range(COARSEST_POSITIONS, usual.cube.position_bits + 1):
+                size = here.geometry * share**SEVERAL + BYTES_A_BIT * vertices * share * (bits - USUAL_LOOK)
+                out[place, bits] = size, here.moved.error * np.hypot(away, 2.0 ** (USUAL_LOOK - bits))
+        return out
 
     def _promise(self, reckoned, place):
         """The cost of a candidate: as measured, or as reckoned, with what measuring others has taught: those of as many faces,
@@ -242,11 +299,11 @@ class _Search:
         size, error = np.array(reckoned[place]) * (got / was).mean(axis=0) * (1.0, EAGER)
         return self.rd.cost(size, error) if error <= self.choice.most_moved else np.inf
 
-    def evidence(self, best: _Candidate) -> dict:
-        """What was tried, and what was taken."""
+    def evidence(self, best: _Candidate, surface: Surface) -> dict:
+        """What was tried, and what was taken. surface: of the latter."""
         told = {"reason": "lowest cost in bytes and picture error", "faces": [len(self.meshes.usual.faces), best.faces],
                 "position_bits": best.bits, "tried": [one.row() for one in self.tried.values()]}
-        return told if best is self.at_usual else told | {"distance": self.meshes.distance(best.sent.surface)}
+        return told if best is self.at_usual else told | {"distance": self.meshes.distance(surface)}
 
 
 class _Fit(NamedTuple):
@@ -260,61 +317,59 @@ class _Fit(NamedTuple):
 
 class _Meshes:
     """Meshes of one source, with what each does to pictures, at any price of a byte. usual: its Surface; group: int64 [F] of its
-    faces, those of two stay apart; plans: TexelPlans of its faces; shares: of its faces that others may have."""
+    faces, those of two stay apart; borders: int64 [L, 2], edges between groups; carries: whether faces keep UVs of their own;
+    shares: of its faces that others may have."""
 
-    def __init__(self, choice: MeshChoice, usual: Surface, group: np.ndarray, plans: list[TexelPlan]) -> None:
+    def __init__(self, choice: MeshChoice, usual: Surface, group: np.ndarray, borders: np.ndarray, carries: bool) -> None:
         self.scene, self.usual, self.choice = choice.scene, usual, choice
-        self.group = group * (int(self.usual.material.max(initial=0)) + 1) + self.usual.material
+        self.group, self._borders, self._carries = group, borders, carries
         positions = np.zeros(self.usual.lattice.shape)
         positions[self.usual.faces] = self.scene.positions[self.scene.faces[self.usual.origin_face]]
         self.source = Mesh(positions, self.usual.faces)
-        self.plans, self._plan_of = plans, np.full(len(usual.faces), -1)
-        for number, plan in enumerate(plans):
-            self._plan_of[plan.group.faces] = number
-        self.shares = SHARES[:1] if plans and self.scene.corner_color is not None else SHARES  # texels have vertices' colours
-        self._looked: dict[tuple[int, int], _Candidate] = {}
+        self.shares = SHARES[:1] if carries and self.scene.corner_color is not None else SHARES  # texels have vertices' colours
+        self._looks: dict[tuple[int, int], _Look] = {}
+        self._moved: dict[tuple[int, int], Moved] = {}
         self._fits: dict[int, _Fit] = {}
-
-    @cached_property
-    def at_usual(self) -> _Candidate:
-        """The source's mesh."""
-        sent = kept(self.scene, self.usual)
-        return self._measured(sent, self.choice.look_at(self.usual), np.arange(len(sent.rows)))
 
     @cached_property
     def _seams(self):
         """Edges at which what is carried on the faces changes, int64 [L, 2]."""
         uvs = [uv[self.usual.origin_face] for uv in (self.scene.corner_uv, *self.scene.map_uv.values())]
-        seams = [seam_edges(self.usual.faces, self.group), seam_edges(self.usual.faces, corner=np.concatenate(uvs, axis=2),
-                                                                      apart=SAME_UV)]
-        return np.concatenate(seams)
+        return np.concatenate([self._borders, seam_edges(self.usual.faces, corner=np.concatenate(uvs, axis=2), apart=SAME_UV)])
 
     @cached_property
     def _simplification(self):
-        lines = [self._seams if self.plans else seam_edges(self.usual.faces, self.group), sharp_edges(self.source, SHARP)]
+        lines = [self._seams if self._carries else self._borders, sharp_edges(self.source, SHARP)]
         if self.scene.corner_normal is not None:
             lines.append(seam_edges(self.usual.faces, corner=self.scene.corner_normal[self.usual.origin_face], apart=HARD))
         return simplify(self.source, np.concatenate(lines))
 
-    def look(self, place: int, bits: int) -> _Candidate:
-        """The mesh of a share of the faces at some position bits; without faces where none has area there."""
-        if (place, bits) == (0, self.usual.cube.position_bits):
-            return self.at_usual
-        if (place, bits) not in self._looked:
-            self._looked[place, bits] = self._new_look(place, bits)
-        return self._looked[place, bits]
+    def look(self, place: int, bits: int) -> _Look:
+        """The mesh of a share of the faces at some position bits."""
+        if (place, bits) not in self._looks:
+            self._looks[place, bits] = self._new_look(place, bits)
+        return self._looks[place, bits]
+
+    def keep_only(self, place: tuple[int, int]) -> None:
+        """Lets go of all looks but one, of share and bits; others are made again where they are asked for, but for their
+        pictures."""
+        self._looks = {place: self.look(*place)}
 
     def _new_look(self, place, bits):
+        if (place, bits) == (0, self.usual.cube.position_bits):
+            return _Look(kept(self.scene, self.usual), np.arange(len(self.usual.faces)), self.choice.look_at(self.usual))
         fit = self._fit(place)
         cube = replace(self.usual.cube, position_bits=bits)
         surface = place_mesh(cube, joint_lattice(fit.fit, cube), fit.fit.mesh.faces, self.usual.material[fit.face])
         if not face_areas(surface.lattice, surface.faces).any():
-            return replace(self.at_usual, faces=0, bits=bits, moved=Moved(NOTHING, 1.0, 1.0))
+            return _Look(None, fit.face, Moved(NOTHING, 1.0, 1.0))
         face, there = fit.face[surface.origin_face], {name: uv[surface.origin_face] for name, uv in fit.uvs.items()}
         sent = self._sent(surface, face, place > 0, there)
-        return self._measured(sent, self._moved(sent), face)
+        if (place, bits) not in self._moved:
+            self._moved[place, bits] = self._moved_by(sent)
+        return _Look(sent, face, self._moved[place, bits])
 
-    def _moved(self, sent):
+    def _moved_by(self, sent):
         """What another mesh does to pictures."""
         looks, wanted = self.choice.looks, None
         normals = looks.normals_of(sent.surface)
@@ -325,40 +380,20 @@ class _Meshes:
             wanted = fetched_normals(self.source, looks.normals[self.usual.origin_face].astype(np.float32), there)
         return looks.of_mesh(sent.scene, sent.surface, normals, wanted)
 
-    def _measured(self, sent, moved, face):
-        """The _Candidate of a SentMesh, without its cost. face: the usual surface's that each of its faces was."""
-        surface = sent.surface
-        return _Candidate(sent=sent, faces=len(surface.faces), bits=surface.cube.position_bits, moved=moved,
-                          geometry=self._bytes(surface, face, sent.scene.corner_uv[surface.origin_face]))
-
-    def _bytes(self, surface, face, corner_uv):
-        """Bytes of Draco for the faces over voxels, and for those of each plan and material with their UVs."""
-        plan_of, bits, size = self._plan_of[face], surface.cube.position_bits, 0
-        if (plan_of < 0).any():
-            size += draco_bytes(surface.lattice, surface.faces[plan_of < 0], bits)
-        unit = plan_of * (int(surface.material.max(initial=0)) + 1) + surface.material
-        for mine in (np.flatnonzero(unit == one) for one in np.unique(unit[plan_of >= 0])):
-            plan = self.plans[plan_of[mine[0]]]
-            uv = np.floor(corner_uv[mine] * np.array(plan.size) * (1 << plan.fraction_bits) + 0.5).astype(np.int64)
-            size += draco_bytes(surface.lattice, surface.faces[mine], bits, uv)
-        return size
-
     @cached_property
-    def reckoned(self) -> dict[tuple[int, int], tuple[float, float]]:
-        """{(place in shares, bits): (bytes, squared error)}, from one look and the distances of meshes that are not fitted."""
-        here, vertices, out = self.look(0, USUAL_LOOK), len(np.unique(self.usual.faces)), {}
-        surface = here.sent.surface
+    def aways(self) -> list[float]:
+        """How far meshes of each of the shares are from the source, before they are fitted, in what USUAL_LOOK's rounding is,
+        which leaves faces."""
+        sent = self.look(0, USUAL_LOOK).sent
+        assert sent is not None
+        surface = sent.surface
         rounding = max(self._away(Mesh(surface.cube.to_world(surface.lattice), surface.faces)), 1e-9 * surface.cube.side)
-        for place, share in enumerate(self.shares):
-            away = 0.0
-            if place:
-                mesh = self._simplification.at(round(share * len(self.source.faces))).mesh
-                if len(mesh.faces) < FEWEST or len(mesh.faces) > 1.2 * share * len(self.source.faces):
-                    break
-                away = FIT_GAIN * self._away(mesh)
-            for bits in range(COARSEST_POSITIONS, self.usual.cube.position_bits + 1):
-                size = here.geometry * share**SEVERAL + BYTES_A_BIT * vertices * share * (bits - USUAL_LOOK)
-                out[place, bits] = size, here.moved.error * np.hypot(away / rounding, 2.0 ** (USUAL_LOOK - bits))
+        out = [0.0]
+        for share in self.shares[1:]:
+            mesh = self._simplification.at(round(share * len(self.source.faces))).mesh
+            if len(mesh.faces) < FEWEST or len(mesh.faces) > 1.2 * share * len(self.source.faces):
+                break
+            out.append(FIT_GAIN * self._away(mesh) / rounding)
         return out
 
     def _fit(self, place):
@@ -373,7 +408,7 @@ class _Meshes:
         lines = self._simplification.lines
         some = self._simplification.at(round(self.shares[place] * len(self.source.faces)))
         fit, uvs = fit_vertices(self.source, some.mesh, lines, some.lines, rounds=1), {}
-        if self.plans:
+        if self._carries:
             seams, rows = some.edges(self._seams), self.usual.origin_face
             for name, uv in {"": self.scene.corner_uv, **self.scene.map_uv}.items():
                 uvs[name] = carried_uvs(self.source, uv[rows].astype(np.float64), self._seams, fit.mesh, some.face, seams)

@@ -88,6 +88,12 @@ class Shading:
         return {"num_groups": len(self.coded.groups), "normal_step": self.coded.step, "residual_data": self.coded.data,
                 "normals_crc": zlib.crc32(self.coded.normals.astype("<i2").tobytes())}
 
+    @property
+    def signature(self) -> tuple:
+        """Stands for all of it: hashable."""
+        coded = None if self.coded is None else (self.coded.step, self.coded.data)
+        return tuple(self.rules), self.data, coded
+
     def corner_normals(self, surface: Surface) -> np.ndarray:
         """Normals of a surface's corners as a decoder makes them, float32 [F, 3, 3]."""
         coded = None if self.coded is None else (self.coded.groups, self.coded.normals)

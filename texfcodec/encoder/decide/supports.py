@@ -8,6 +8,7 @@ nor the price depends on what is taken elsewhere, so that a finer rate looks no 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -156,9 +157,9 @@ class _Choice:
         for number, group in enumerate(groups, 1):
             row = {"faces": len(group.faces), "materials": np.unique(self.surface.material[group.faces]).tolist(),
                    "image": list(group.size)}
+            key = "image", number, self.rd.coder, self.rd.qp, bool(self.finer & set(row["materials"]))
             try:
-                patch = self.rd.patch(self.scene, self.surface, group.faces, texels_shown(group))
-                decided.append(self._decided(self._candidate(group, row, patch), patch))
+                decided.append(self.rd.memo.get(key, partial(self._of_group, group, row)))
             except LimitError as error:  # voxels will do
                 if self.request.support == "texels":
                     raise
@@ -173,6 +174,11 @@ class _Choice:
             other = self._supports([one.over_voxels() for one in instead], [], colours, evidence)
             return replace(supports, value=replace(supports.value, instead=other, behind=behind))
         return supports
+
+    def _of_group(self, group, row):
+        """The _Candidate of an image group, decided. row: what the report says of it before anything is tried."""
+        patch = self.rd.patch(self.scene, self.surface, group.faces, texels_shown(group))
+        return self._decided(self._candidate(group, row, patch), patch)
 
     def _supports(self, decided, rows, colours, evidence):
         """Supports of _Candidates, with what the report says. rows: of other images."""

@@ -93,14 +93,19 @@ def fit_frames(scene: Scene, surface: Surface, shading: Shading, plans: list[Tex
     """
     if scene.corner_tangent is None or not any(NORMAL in plan.group.maps for plan in plans):
         return Decision(plans, {})
-    frames, fitted = Frames(scene, surface, partial(shading.corner_normals, surface)), [_Fitted([plan]) for plan in plans]
+    frames, fitted = Frames(scene, surface, partial(shading.corner_normals, surface)), [_Fitted([])] * len(plans)
+    marks, memo = (shading.signature, id(scene), id(surface)), rd.memo.of_parts()
     for number, plan in enumerate(plans):
-        mapped = _mapped(frames, plan)
-        if mapped is not None:
-            fitted[number] = _best(frames, mapped, rd)
+        _, fitted[number] = memo.get(("frames", rd.qp, *marks, *plan.signature), partial(_fitted, frames, plan, rd))
     found = [one for one in fitted if one.area]
     flat = [plan for one in fitted for plan in one.plans]
     return _judged(flat, found, rd.qp) if found else Decision(flat, {})
+
+
+def _fitted(frames, plan, rd):
+    """(what frames are of, which stays as long as this, the _Fitted of a plan)."""
+    mapped = _mapped(frames, plan)
+    return (frames.scene, frames.surface), _Fitted([plan]) if mapped is None else _best(frames, mapped, rd)
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,13 @@ from texfcodec.api import decode, encode_to_result
 from texfcodec.encoder.decide.mesh import MeshChoice
 from texfcodec.encoder.estimates import usual_values
 from texfcodec.encoder.estimates.position_error import SMOOTH, Moved
-from texfcodec.encoder.geometry.drawn_source import draw_onto, fetched_normals
+from texfcodec.encoder.geometry.drawn_source import FetchedNormals, draw_onto
 from texfcodec.encoder.memo import Memo
 from texfcodec.encoder.rd import RateDistortion
 from texfcodec.errors import InputError
 from texfcodec.geometry.canonical import CanonicalCube, finer_cube
 from texfcodec.geometry.mesh import Mesh
+from texfcodec.geometry.nearest_points import NearestPoints
 from texfcodec.geometry.shading_normals import corner_normals
 from texfcodec.geometry.surface import make_surface
 from texfcodec.metrics.psnr_3d import measure
@@ -175,7 +176,7 @@ def test_normals_are_fetched_from_the_side_that_a_face_is_on():
     faces = np.array([[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2]])
     mesh = Mesh(corner, faces)
     flat = np.repeat(np.array([[0, 0, 1], [0, 0, 1], [1, 0, 0], [1, 0, 0]], np.float32)[:, None], 3, axis=1)
-    assert np.allclose(fetched_normals(mesh, flat, mesh), flat, atol=1e-6)
+    assert np.allclose(FetchedNormals(mesh, NearestPoints(mesh), mesh).of(flat), flat, atol=1e-6)
 
 
 @pytest.mark.parametrize("bits", [8, 11, 14, 20])

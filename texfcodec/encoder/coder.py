@@ -47,6 +47,10 @@ class Coder:
         whole = math.floor(qp)
         return self.at(qp=whole, qp_fraction=qp - whole) if self.has_fractions else self.at(qp=whole)
 
+    def roughly(self) -> Coder:
+        """The coder for an estimate, where its codec has a quicker one for that."""
+        return self.at(is_rough=True) if hasattr(self.settings, "is_rough") else self
+
     def shifted(self, offset: int) -> Coder:
         """The coder at another QP by an offset."""
         if self.qp is None:

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class RahtOptions:
-    """Settings of an encode; each as of EncodeOptions, but for qp_fraction: 0 to less than 1, of a QP, by which coding is coarser
-    than at qp."""
+    """Settings of an encode; each as of EncodeOptions, but for these: qp_fraction: 0 to less than 1, of a QP, by which coding is
+    coarser than at qp; is_rough: whether it is for an estimate, for which tools are hardly tried."""
 
     qp: int | None
     max_error: int | None
@@ -29,6 +29,7 @@ class RahtOptions:
     effort: str
     threads: int
     qp_fraction: float = 0.0
+    is_rough: bool = False
 
 
 class Raht(PlaneCodec):
@@ -45,7 +46,7 @@ class Raht(PlaneCodec):
 
     def settings(self, options: EncodeOptions) -> RahtOptions:
         """See Codec.settings."""
-        names = (option.name for option in fields(RahtOptions) if option.name != "qp_fraction")
+        names = (option.name for option in fields(RahtOptions) if option.name not in ("qp_fraction", "is_rough"))
         return RahtOptions(**{name: getattr(options, name) for name in names})
 
     def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: RahtOptions) -> tuple[dict, np.ndarray]:

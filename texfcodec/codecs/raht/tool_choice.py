@@ -67,26 +67,28 @@ def _may_have_dct_blocks(keys, values, effort, planar):
 
 
 def choose_tools(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[int], effort: str, threads: int = 1,
-                 planar: bool = False, dct_blocks: int | None = None) -> Tools:
+                 planar: bool = False, dct_blocks: int | None = None, is_rough: bool = False) -> Tools:
     """Tools for a field. keys: int64 [N]; values: int32 [N, C]; qp: [C]; effort: a key of EFFORTS; dct_blocks: 0 or 1 where that
     is chosen already. Candidates of PREDICTIONS code a few pieces of the field; the cheapest wins. Then FOLLOW_LESS, over texels
-    PLAIN_TRANSFORM, and DCT_BLOCKS for what looks like JPEG, is taken where that makes it cheaper still."""
+    PLAIN_TRANSFORM, and DCT_BLOCKS for what looks like JPEG, is taken where that makes it cheaper still. is_rough: the first
+    candidate is taken as it is, but for DCT_BLOCKS."""
     tools = replace(tools_of(effort, planar), dct_blocks=dct_blocks or 0)
     if len(keys) < LEAST_VOXELS:
         return tools
     pieces = _pieces(len(keys), PIECE_VOXELS[effort])
-    candidates = [replace(tools, kernel=kernel, colour_range=reach, filters=0) for kernel, reach in PREDICTIONS[effort]]
+    candidates = [replace(tools, kernel=kernel, colour_range=reach, filters=0)
+                  for kernel, reach in PREDICTIONS[effort][: 1 if is_rough else None]]
 
     def costs_of(candidates):
         jobs = [(candidate, piece) for candidate in candidates for piece in pieces]
         made = list(in_order(lambda job: _lagrangian_cost(keys[job[1]], depth, values[job[1]], qp, job[0]), jobs, threads))
         return np.reshape(made, (len(candidates), len(pieces))).sum(axis=1).tolist()
 
-    costs = costs_of(candidates)
-    best, least = candidates[int(np.argmin(costs))], min(costs)
-    changes = [FOLLOW_LESS] * (values.shape[1] > 1) + [PLAIN_TRANSFORM] * planar
+    changes = [] if is_rough else [FOLLOW_LESS] * (values.shape[1] > 1) + [PLAIN_TRANSFORM] * planar
     if dct_blocks is None and _may_have_dct_blocks(keys, values, effort, planar):
         changes.append(DCT_BLOCKS)
+    costs = costs_of(candidates) if len(candidates) > 1 or changes else [0.0]
+    best, least = candidates[int(np.argmin(costs))], min(costs)
     for change in changes:
         changed = replace(best, **change)
         cost = costs_of([changed])[0]
@@ -129,7 +131,8 @@ def code_plane(plane: np.ndarray, support: VoxelSupport | TexelSupport, colour: 
         return _code_bounded(plane, support, colour, options)
     values = forward_colour(plane) if colour else forward_plain(np.rint(plane))
     qp = _qp_of(options.qp, plane.shape[1], support, options)
-    tools = choose_tools(support.keys, support.depth, values, qp, options.effort, options.threads, support.planar)
+    tools = choose_tools(support.keys, support.depth, values, qp, options.effort, options.threads, support.planar,
+                         is_rough=options.is_rough)
     tools = replace(tools, trade_off=tools.trade_off * 2 ** (FRACTIONS[support.planar] * options.qp_fraction))
     coded, means = enc_attributes(support.keys, support.depth, values, qp, tools, options.threads)
     return coded, inverse_colour(means) if colour else inverse_plain(means)

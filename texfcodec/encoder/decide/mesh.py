@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ...core.threads import in_order
 from ...geometry.areas import face_areas, sample_surface
 from ...geometry.canonical import finer_cube
 from ...geometry.mesh import Mesh, points_at
@@ -26,7 +27,7 @@ from ..decision import Decision
 from ..estimates.draco_bytes import draco_bytes
 from ..estimates.position_error import Moved
 from ..geometry.carried_uvs import carried_uvs
-from ..geometry.drawn_source import DrawnSource, draw_onto, fetched_normals
+from ..geometry.drawn_source import DrawnSource, FetchedNormals, draw_onto
 from ..geometry.joint_lattice import joint_lattice
 from ..geometry.seams import seam_edges, sharp_edges
 from ..geometry.simplify import simplify
@@ -364,37 +365,43 @@ class _Meshes:
         if not face_areas(surface.lattice, surface.faces).any():
             return _Look(None, fit.face, Moved(NOTHING, 1.0, 1.0))
         face, there = fit.face[surface.origin_face], {name: uv[surface.origin_face] for name, uv in fit.uvs.items()}
-        sent = self._sent(surface, face, place > 0, there)
+        mesh, threads = Mesh(surface.cube.to_world(surface.lattice), surface.faces), self.choice.rd.threads
+        fetched = FetchedNormals(self.source, self._points, mesh, threads)
+        sent = self._sent(surface, face, place > 0, there, fetched)
         if (place, bits) not in self._moved:
-            self._moved[place, bits] = self._moved_by(sent)
+            self._moved[place, bits] = self._moved_by(sent, fetched)
         return _Look(sent, face, self._moved[place, bits])
 
-    def _moved_by(self, sent):
-        """What another mesh does to pictures."""
+    def _moved_by(self, sent, fetched):
+        """What another mesh does to pictures. fetched: FetchedNormals there."""
         looks, wanted = self.choice.looks, None
         normals = looks.normals_of(sent.surface)
         if not sent.carries:
             return looks.of(sent.drawn, sent.at_corners(normals))
         if sent.scene.corner_normal is not None and looks.lit:
-            there = Mesh(sent.scene.positions, sent.scene.faces)
-            wanted = fetched_normals(self.source, looks.normals[self.usual.origin_face].astype(np.float32), there)
+            wanted = fetched.of(looks.normals[self.usual.origin_face].astype(np.float32))
         return looks.of_mesh(sent.scene, sent.surface, normals, wanted)
 
     @cached_property
     def aways(self) -> list[float]:
         """How far meshes of each of the shares are from the source, before they are fitted, in what USUAL_LOOK's rounding is,
-        which leaves faces."""
+        which leaves faces: roots of mean squared distances."""
         sent = self.look(0, USUAL_LOOK).sent
         assert sent is not None
-        surface = sent.surface
-        rounding = max(self._away(Mesh(surface.cube.to_world(surface.lattice), surface.faces)), 1e-9 * surface.cube.side)
-        out = [0.0]
+        cube, meshes = sent.surface.cube, [Mesh(sent.surface.cube.to_world(sent.surface.lattice), sent.surface.faces)]
         for share in self.shares[1:]:
             mesh = self._simplification.at(round(share * len(self.source.faces))).mesh
             if len(mesh.faces) < FEWEST or len(mesh.faces) > 1.2 * share * len(self.source.faces):
                 break
-            out.append(FIT_GAIN * self._away(mesh) / rounding)
-        return out
+            meshes.append(mesh)
+        nearest = self._points
+
+        def away_of(mesh):
+            face, bary = sample_surface(mesh.positions, mesh.faces, FEW_POINTS)
+            return float(np.sqrt(np.square(nearest.find(points_at(mesh, face, bary)).distance).mean()))
+
+        rounding, *aways = in_order(away_of, meshes, self.choice.rd.threads)
+        return [0.0, *(FIT_GAIN * away / max(rounding, 1e-9 * cube.side) for away in aways)]
 
     def _fit(self, place):
         """The _Fit of a share of the faces."""
@@ -405,29 +412,31 @@ class _Meshes:
     def _new_fit(self, place):
         if place == 0:
             return _Fit(own_fit(self.source), np.arange(len(self.source.faces)), {})
-        lines = self._simplification.lines
+        lines, threads = self._simplification.lines, self.choice.rd.threads
         some = self._simplification.at(round(self.shares[place] * len(self.source.faces)))
-        fit, uvs = fit_vertices(self.source, some.mesh, lines, some.lines, rounds=1), {}
+        fit, uvs = fit_vertices(self.source, some.mesh, lines, some.lines, rounds=1, threads=threads), {}
         if self._carries:
             seams, rows = some.edges(self._seams), self.usual.origin_face
             for name, uv in {"": self.scene.corner_uv, **self.scene.map_uv}.items():
-                uvs[name] = carried_uvs(self.source, uv[rows].astype(np.float64), self._seams, fit.mesh, some.face, seams)
+                uvs[name] = carried_uvs(self.source, uv[rows].astype(np.float64), self._seams, fit.mesh, some.face, seams,
+                                         threads)
         return _Fit(fit, some.face, uvs)
 
-    def _sent(self, surface, face, simplified, uvs):
-        """A SentMesh. surface: on its lattice; face: the usual surface's that each of its faces was; uvs: of a _Fit."""
+    def _sent(self, surface, face, simplified, uvs, fetched):
+        """A SentMesh. surface: on its lattice; face: the usual surface's that each of its faces was; uvs: of a _Fit; fetched:
+        FetchedNormals there."""
         rows = self.usual.origin_face[face]
         if not simplified:
             return kept(self.scene, replace(surface, origin_face=rows))
-        return self._simplified(replace(surface, origin_face=np.arange(len(face))), rows, self.group[face], uvs)
+        return self._simplified(replace(surface, origin_face=np.arange(len(face))), rows, self.group[face], uvs, fetched)
 
-    def _simplified(self, surface, rows, group, uvs):
+    def _simplified(self, surface, rows, group, uvs, fetched):
         mesh, scene = Mesh(surface.cube.to_world(surface.lattice), surface.faces), self.scene
         normals = None
         if scene.corner_normal is not None and self.choice.looks.is_flat:
             normals = self.choice.looks.normals_of(surface)
         elif scene.corner_normal is not None:
-            normals = fetched_normals(self.source, scene.corner_normal[self.usual.origin_face], mesh)
+            normals = fetched.of(scene.corner_normal[self.usual.origin_face])
         sent = replace(scene, positions=mesh.positions, faces=mesh.faces, face_material=scene.face_material[rows],
                        corner_uv=uvs.get("", scene.corner_uv[rows]),
                        map_uv={name: uvs.get(name, uv[rows]) for name, uv in scene.map_uv.items()},
@@ -435,16 +444,16 @@ class _Meshes:
                        corner_normal=normals, corner_tangent=None)
         if uvs:
             if scene.corner_tangent is not None:
-                sent = replace(sent, corner_tangent=self._fetched_tangents(scene.corner_tangent, mesh, rows))
+                sent = replace(sent, corner_tangent=self._fetched_tangents(scene.corner_tangent, fetched, rows))
             return SentMesh(scene=sent, surface=surface, rows=rows, drawn=surface, carries=True)
-        places = draw_onto(self.source, self.group, mesh, group)
+        places = draw_onto(self.source, self.group, mesh, group, self.choice.rd.threads)
         cube = finer_cube(surface.cube)
         drawn = replace(self.usual, cube=cube, lattice=cube.to_lattice(places.mesh.positions), faces=places.mesh.faces)
         return SentMesh(scene=sent, surface=surface, rows=rows, drawn=drawn, places=places)
 
-    def _fetched_tangents(self, tangent, mesh, rows):
+    def _fetched_tangents(self, tangent, fetched, rows):
         """The scene's tangents, float32 [F, 3, 4], at the corners of another mesh: a face's own side of the image stays."""
-        way = fetched_normals(self.source, np.ascontiguousarray(tangent[self.usual.origin_face][..., :3]), mesh)
+        way = fetched.of(np.ascontiguousarray(tangent[self.usual.origin_face][..., :3]))
         return np.concatenate([way, tangent[rows][..., 3:]], axis=2)
 
     def distance(self, surface: Surface) -> dict:
@@ -452,13 +461,8 @@ class _Meshes:
         mesh = Mesh(surface.cube.to_world(surface.lattice), surface.faces)
         return surface_distance(self.source, mesh, samples=DISTANCE_POINTS, threads=self.choice.rd.threads).report()
 
-    def _away(self, mesh):
-        """Root of the mean squared distance of points on a mesh to the source."""
-        face, bary = sample_surface(mesh.positions, mesh.faces, FEW_POINTS)
-        return float(np.sqrt(np.square(self._points.find(points_at(mesh, face, bary)).distance).mean()))
-
     @cached_property
-    def _points(self):
+    def _points(self) -> NearestPoints:
         return NearestPoints(self.source)
 
 

@@ -152,7 +152,7 @@ def _coded(plane, support, patch, quality):
     parts = [plane] if name is not None else np.split(plane, [3], axis=1)[: plane.shape[1] - 2]
     channels = COLOURS if name is None else (BY_NAME[name],)
     for part, channel in zip(parts, channels, strict=False):
-        coder = quality.for_group(Group((channel,)), patch.scene.weights)
+        coder = quality.for_group(Group((channel,)), patch.scene.weights).roughly()
         variables = {"NumComponents": part.shape[1], "resolution": 1 << support.depth, "Planar": int(support.planar)}
         count, values = coder.size(np.ascontiguousarray(part), support, variables)
         size += count

@@ -24,7 +24,7 @@ STIFFNESS, DAMPING = 1e-4, 1e-4
 
 
 def carried_uvs(source: Mesh, corner_uv: np.ndarray, seams: np.ndarray, mesh: Mesh, face: np.ndarray,
-                mesh_seams: np.ndarray) -> np.ndarray:
+                mesh_seams: np.ndarray, threads: int = 1) -> np.ndarray:
     """UVs of a simplified mesh, float64 [G, 3, 2].
 
     corner_uv: float64 [F, 3, 2] of the source; seams, mesh_seams: int64 [L, 2], edges at which UVs differ, of the source and what
@@ -33,7 +33,7 @@ def carried_uvs(source: Mesh, corner_uv: np.ndarray, seams: np.ndarray, mesh: Me
     chart, (wedge, _) = wedges(source.faces, seams)[1], wedges(mesh.faces, mesh_seams)
     of, bary = np.repeat(np.arange(len(source.faces)), len(POINTS)), np.tile(POINTS, (len(source.faces), 1))
     near = NearestPoints(mesh, chart[face]).find(points_at(source, of, bary), face_normals(source.positions[source.faces])[of],
-                                                 TURN * 2 * source.frame()[1], chart[of])
+                                                 TURN * 2 * source.frame()[1], chart[of], threads)
     used = chart[face][near.face] == chart[of]
     target, weight = (corner_uv[of] * bary[..., None]).sum(axis=1), face_areas(source.positions, source.faces)[of] / len(POINTS)
     uv = _means(wedge, corner_uv[face])

@@ -8,6 +8,7 @@ a face cuts the corner of a fold of the other mesh, by less than a voxel where f
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -36,14 +37,14 @@ class DrawnSource:
         return found.reshape(-1, 3, corner.shape[2])
 
 
-def draw_onto(source: Mesh, group: np.ndarray, other: Mesh, other_group: np.ndarray) -> DrawnSource:
+def draw_onto(source: Mesh, group: np.ndarray, other: Mesh, other_group: np.ndarray, threads: int = 1) -> DrawnSource:
     """The source drawn onto another mesh with faces. group, other_group: int64 of each face; a face goes to those of its own
     group where there are any about as near, so that one part of an asset is not drawn onto another."""
     count = int(group.max(initial=0)) + 1
     pair, corner = np.unique(source.faces * count + group[:, None], return_inverse=True)
     faces, points = corner.reshape(-1, 3), source.positions[pair // count]
     turn = TURN * 2 * source.frame()[1]
-    nearest = NearestPoints(other, other_group).find(points, vertex_normals(points, faces), turn, pair % count)
+    nearest = NearestPoints(other, other_group).find(points, vertex_normals(points, faces), turn, pair % count, threads)
     mesh = Mesh(points_at(other, nearest.face, nearest.bary), faces)
     return DrawnSource(mesh=mesh, place=nearest.face[faces], bary=nearest.bary[faces])
 
@@ -57,22 +58,30 @@ def vertex_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return out
 
 
-def fetched_normals(source: Mesh, corner_normal: np.ndarray, other: Mesh) -> np.ndarray:
-    """A source's normals at the corners of another mesh, float32 [G, 3, 3], of length 1. corner_normal: float32 [F, 3, 3].
+class FetchedNormals:
+    """A source's normals at the corners of another mesh.
 
     Each corner takes that of the nearest point that looks the same way; where the surface has an edge there, that of the side
-    which the face is on: of a point that lies a little into the face.
+    which the face is on: of a point that lies a little into the face. nearest: of the source.
     """
-    corners, nearest = other.positions[other.faces], NearestPoints(source)
-    side, turn = np.repeat(face_normals(corners), 3, axis=0), TURN * 2 * source.frame()[1]
-    edge = np.sqrt(np.square(source.positions[source.faces[:, 0]] - source.positions[source.faces[:, 1]]).sum(axis=1).mean())
-    inwards = corners.mean(axis=1, keepdims=True) - corners
-    length = np.linalg.norm(inwards, axis=2, keepdims=True)
-    inner = corners + inwards * np.minimum(INSET, edge / np.where(length > 0, length, 1.0) / 2)
-    found = []
-    for points in (corners, inner):
-        there = nearest.find(points.reshape(-1, 3), side, turn)
-        normal = interpolate_corners(corner_normal, there.face, there.bary)
-        found.append(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12))
-    same = (found[0] * found[1]).sum(axis=1) > SAME_SIDE
-    return np.where(same[:, None], *found).astype(np.float32).reshape(-1, 3, 3)
+
+    def __init__(self, source: Mesh, nearest: NearestPoints, other: Mesh, threads: int = 1) -> None:
+        self._source, self._nearest, self._other, self._threads = source, nearest, other, threads
+
+    def of(self, corner_normal: np.ndarray) -> np.ndarray:
+        """Those of the source, float32 [F, 3, 3], at the other's corners, float32 [G, 3, 3], of length 1."""
+        found = [interpolate_corners(corner_normal, there.face, there.bary) for there in self._places]
+        found = [normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12) for normal in found]
+        same = (found[0] * found[1]).sum(axis=1) > SAME_SIDE
+        return np.where(same[:, None], *found).astype(np.float32).reshape(-1, 3, 3)
+
+    @cached_property
+    def _places(self):
+        """Of the corners, and of points a little into their faces."""
+        corners, source = self._other.positions[self._other.faces], self._source
+        side, turn = np.repeat(face_normals(corners), 3, axis=0), TURN * 2 * source.frame()[1]
+        edge = np.sqrt(np.square(source.positions[source.faces[:, 0]] - source.positions[source.faces[:, 1]]).sum(axis=1).mean())
+        inwards = corners.mean(axis=1, keepdims=True) - corners
+        length = np.linalg.norm(inwards, axis=2, keepdims=True)
+        inner = corners + inwards * np.minimum(INSET, edge / np.where(length > 0, length, 1.0) / 2)
+        return [self._nearest.find(points.reshape(-1, 3), side, turn, threads=self._threads) for points in (corners, inner)]

@@ -44,7 +44,7 @@ class VertexFit:
 
 
 def fit_vertices(source: Mesh, mesh: Mesh, source_lines: np.ndarray | None = None, lines: np.ndarray | None = None,
-                 samples: int = SAMPLES, rounds: int = ROUNDS) -> VertexFit:
+                 samples: int = SAMPLES, rounds: int = ROUNDS, threads: int = 1) -> VertexFit:
     """Positions of a mesh's vertices that bring it closest to the source.
 
     source_lines, lines: int64 [L, 2], edges of the source and of the mesh that belong together, as Simplification.lines and
@@ -62,7 +62,7 @@ def fit_vertices(source: Mesh, mesh: Mesh, source_lines: np.ndarray | None = Non
     normals = area_normals(mesh)
     for seed in range(1, rounds + 1):
         equations = NormalEquations(mesh.faces, len(mesh.positions))
-        _add_surfaces(equations, mesh, start, (source, target), share, seed)
+        _add_surfaces(equations, mesh, start, (source, target), share, seed, threads)
         _add_own(equations, mesh, 2 * HOLD)
         if source_lines is not None and lines is not None:
             _add_lines(equations, (mesh, lines), (source, source_lines), np.sqrt(share * samples / len(mesh.faces)))
@@ -108,19 +108,19 @@ def _add_own(equations, mesh, weight):
                       TANGENTIAL)
 
 
-def _add_surfaces(equations, mesh, start, end, share, seed):
+def _add_surfaces(equations, mesh, start, end, share, seed, threads):
     """Adds points of both surfaces. start: (points of the source, normals); end: (source, NearestPoints of it)."""
     points, normals = start
     source, target = end
     moving = NearestPoints(mesh)
     turn = np.sqrt(share * len(points) / len(mesh.faces))
-    there = moving.find(points, normals, turn)
+    there = moving.find(points, normals, turn, threads=threads)
     agree = (moving.normals[there.face] * normals).sum(axis=1) > 0
     residual = points - points_at(mesh, there.face, there.bary)
     equations.add(there.face, there.bary, residual, normals, share * agree, 1 - TANGENTIAL, TANGENTIAL)
     face, bary = sample_surface(mesh.positions, mesh.faces, len(points), seed)
     points = points_at(mesh, face, bary)
-    there = target.find(points, moving.normals[face], turn)
+    there = target.find(points, moving.normals[face], turn, threads=threads)
     normals = target.normals[there.face]
     agree = (moving.normals[face] * normals).sum(axis=1) > 0
     residual = points_at(source, there.face, there.bary) - points

@@ -38,8 +38,10 @@ from pathlib import Path
 from texfcodec.io import save
 from texfcodec.core import cleanup
 rename = os.replace
-def interrupted(a, b):  # once, after the first file
+def interrupted(a, b):  # once, after the first file, those of kernels that are compiled not counted
     rename(a, b)
+    if Path(b).parent != Path(sys.argv[-1]).parent:
+        return
     os.replace = rename
     os.kill(os.getpid(), signal.SIGINT)
     time.sleep(0.2)

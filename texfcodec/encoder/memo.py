@@ -25,6 +25,10 @@ class Memo:
         """What is kept for as long as one plan is made."""
         return self
 
+    def of_qualities(self) -> Memo:
+        """What is kept for other QPs, large as it is."""
+        return self
+
     def of_parts(self) -> Memo:
         """What is kept of parts at one quality, values that were coded among them: nothing, where plans differ in QP."""
         return NoMemo()
@@ -32,6 +36,10 @@ class Memo:
 
 class MemoOfParts(Memo):
     """For plans at one quality that differ in some parts: what the others became stays."""
+
+    def of_qualities(self) -> Memo:
+        """See Memo.of_qualities."""
+        return NoMemo()
 
     def of_parts(self) -> Memo:
         """See Memo.of_parts."""

@@ -151,7 +151,7 @@ class RateDistortion:
             made.weight = max(made.weight, min(made.voxels(USUAL_K), texels) / self.values)
             return made
 
-        return self.memo.get(("patch", faces.tobytes(), texels), patch)
+        return self.memo.of_qualities().get(("patch", faces.tobytes(), texels), patch)
 
     def of_field(self, name: str, source: Source, part: SourceField, make: Callable[[], Result]) -> Result:
         """What a step made of a field over voxels from the source, which no QP changes. name: of the step, and of the field."""

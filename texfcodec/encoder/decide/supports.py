@@ -7,13 +7,14 @@ nor the price depends on what is taken elsewhere, so that a finer rate looks no 
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...codecs import codec_of
+from ...core.threads import in_order
 from ...errors import LimitError
 from ...geometry.draco import split_corners
 from ...options import MOST_RESOLUTION
@@ -153,18 +154,16 @@ class _Choice:
 
     def made(self, groups: list[ImageGroup], colours: np.ndarray, evidence: dict, step: Step) -> Decision[Supports]:
         """The choice: each image by itself, then K and position bits for all together."""
-        rows, decided, total = [], [], len(groups) + 2  # the last two are the choices of all together
-        for number, group in enumerate(groups, 1):
-            row = {"faces": len(group.faces), "materials": np.unique(self.surface.material[group.faces]).tolist(),
-                   "image": list(group.size)}
-            key = "image", number, self.rd.coder, self.rd.qp, bool(self.finer & set(row["materials"]))
-            try:
-                decided.append(self.rd.memo.get(key, partial(self._of_group, group, row)))
-            except LimitError as error:  # voxels will do
-                if self.request.support == "texels":
-                    raise
-                rows.append({**row, "chosen": "voxels", "reason": str(error)})
-            step(number, total)
+        rows: list[dict] = []
+        decided: list[_Candidate] = []
+        total = len(groups) + 2  # the last two are the choices of all together
+        with closing(in_order(self._of_group, list(enumerate(groups)), self.rd.threads)) as made:
+            for number, one in enumerate(made, 1):
+                if isinstance(one, _Candidate):
+                    decided.append(one)
+                else:
+                    rows.append(one)
+                step(number, total)
         step(total - 1, total)
         supports = self._supports(decided, rows, colours, evidence)
         instead = [one for one in decided if one.voxels]
@@ -175,10 +174,23 @@ class _Choice:
             return replace(supports, value=replace(supports.value, instead=other, behind=behind))
         return supports
 
-    def _of_group(self, group, row):
-        """The _Candidate of an image group, decided. row: what the report says of it before anything is tried."""
-        patch = self.rd.patch(self.scene, self.surface, group.faces, texels_shown(group))
-        return self._decided(self._candidate(group, row, patch), patch)
+    def _of_group(self, numbered):
+        """The _Candidate of an image group, decided; what the report says of it where a limit leaves it voxels alone."""
+        number, group = numbered
+        row = {"faces": len(group.faces), "materials": np.unique(self.surface.material[group.faces]).tolist(),
+               "image": list(group.size)}
+
+        def made():
+            patch = self.rd.patch(self.scene, self.surface, group.faces, texels_shown(group))
+            return self._decided(self._candidate(group, row, patch), patch)
+
+        key = "image", number, self.rd.coder, self.rd.qp, bool(self.finer & set(row["materials"]))
+        try:
+            return self.rd.memo.get(key, made)
+        except LimitError as error:
+            if self.request.support == "texels":
+                raise
+            return {**row, "chosen": "voxels", "reason": str(error)}
 
     def _supports(self, decided, rows, colours, evidence):
         """Supports of _Candidates, with what the report says. rows: of other images."""

@@ -154,20 +154,17 @@ class _Choice:
 
     def made(self, groups: list[ImageGroup], colours: np.ndarray, evidence: dict, step: Step) -> Decision[Supports]:
         """The choice: each image by itself, then K and position bits for all together."""
-        rows: list[dict] = []
-        decided: list[_Candidate] = []
-        total = len(groups) + 2  # the last two are the choices of all together
+        found, total = [], len(groups) + 2  # the last two are the choices of all together
         with closing(in_order(self._of_group, list(enumerate(groups)), self.rd.threads)) as made:
-            for number, one in enumerate(made, 1):
-                if isinstance(one, _Candidate):
-                    decided.append(one)
-                else:
-                    rows.append(one)
-                step(number, total)
+            for one in made:
+                found.append(one)
+                step(len(found), total)
+        decided = [one for one in found if isinstance(one, _Candidate)]
+        rows = [one for one in found if not isinstance(one, _Candidate)]
         step(total - 1, total)
         supports = self._supports(decided, rows, colours, evidence)
         instead = [one for one in decided if one.voxels]
-        behind, fixed = sum(max(one.behind, 0.0) for one in instead), sum(one.voxels.fixed for one in instead)
+        behind, fixed = sum(max(one.behind, 0.0) for one in instead), sum(one.voxels.fixed for one in instead if one.voxels)
         is_open = supports.value.plans and len(instead) == len(groups) and self.request.mesh_is_free
         if is_open and behind < MOST_SAVED * fixed:
             other = self._supports([one.over_voxels() for one in instead], [], colours, evidence)

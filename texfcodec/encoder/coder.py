@@ -29,6 +29,12 @@ class Coder:
     settings: Any  # each codec has a class of its own, a plug-in the EncodeOptions
 
     @property
+    def signature(self) -> tuple:
+        """Stands for all of it: hashable, which the settings of a plug-in may not be."""
+        settings = self.settings
+        return self.codec, settings.qp, settings.max_error, settings.chroma_qp_offset, repr(settings)
+
+    @property
     def qp(self) -> int | None:
         """None where an error bound sets it."""
         return self.settings.qp

@@ -165,7 +165,7 @@ def _unit(plan: Plan, stream: Stream, place: tuple[int, int], share: float, budg
     known, content = plan.rd.memo.of_parts(), _digest(plane, support)
 
     def code(coder):
-        values, decoded = known.get(("coded", coder, *content), lambda: coder.code(plane, support))
+        values, decoded = known.get(("coded", coder.signature, *content), lambda: coder.code(plane, support))
         values = attribute_values(coder.codec, *place, zlib.crc32(decoded), values, shift)
         size = len(coder.codec.write_parameters(values | attribute_variables(stream, values)))
         return CodedUnit(codec=coder.codec, values=values, bytes=size, plane=plane, decoded=decoded)

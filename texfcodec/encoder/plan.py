@@ -168,7 +168,8 @@ def begin(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset
         with report.stage("supports") as step:
             return choose_supports(weighted, begun.surface, begun.rd, request, colours, finer, step)
 
-    chosen = memo.get(("supports", begun.rd.coder, begun.rd.qp, finer), supports)
+    coder = begun.rd.coder and begun.rd.coder.signature
+    chosen = memo.get(("supports", coder, begun.rd.qp, finer), supports)
     return _Begun(outline=begun, scene=weighted, colours=colours, supports=chosen)
 
 

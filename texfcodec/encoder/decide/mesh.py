@@ -221,7 +221,7 @@ class _Search:
         for number, plan in enumerate(plans):
             self._plan_of[plan.group.faces] = number
 
-    @cached_property
+    @property
     def at_usual(self) -> _Candidate:
         """The source's mesh."""
         return self._candidate(*self.usual)

@@ -181,7 +181,7 @@ class _Choice:
             patch = self.rd.patch(self.scene, self.surface, group.faces, texels_shown(group))
             return self._decided(self._candidate(group, row, patch), patch)
 
-        key = "image", number, self.rd.coder, self.rd.qp, bool(self.finer & set(row["materials"]))
+        key = "image", number, self.rd.planes.signature, self.rd.qp, bool(self.finer & set(row["materials"]))
         try:
             return self.rd.memo.get(key, made)
         except LimitError as error:

@@ -93,10 +93,9 @@ def fit_frames(scene: Scene, surface: Surface, shading: Shading, plans: list[Tex
     """
     if scene.corner_tangent is None or not any(NORMAL in plan.group.maps for plan in plans):
         return Decision(plans, {})
-    frames, fitted = Frames(scene, surface, partial(shading.corner_normals, surface)), [_Fitted([])] * len(plans)
-    marks, memo = (shading.signature, id(scene), id(surface)), rd.memo.of_parts()
-    for number, plan in enumerate(plans):
-        _, fitted[number] = memo.get(("frames", rd.qp, *marks, *plan.signature), partial(_fitted, frames, plan, rd))
+    frames, memo = Frames(scene, surface, partial(shading.corner_normals, surface)), rd.memo.of_parts()
+    same = "frames", rd.qp, shading.signature, id(scene), id(surface)
+    fitted = [memo.get((*same, plan.signature), partial(_fitted, frames, plan, rd))[1] for plan in plans]
     found = [one for one in fitted if one.area]
     flat = [plan for one in fitted for plan in one.plans]
     return _judged(flat, found, rd.qp) if found else Decision(flat, {})

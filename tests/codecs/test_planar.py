@@ -154,6 +154,21 @@ def test_what_was_a_jpeg_gets_dct_blocks_and_half_the_bytes():
     assert jpeg_likeness(keys[:500], forward_colour(jpeg)[:500, 0]) == np.inf
 
 
+def test_an_estimate_tries_nothing_but_dct_blocks_where_they_may_pay(monkeypatch):
+    keys, tried = island_keys(7), []
+    cost = tool_choice._lagrangian_cost
+    monkeypatch.setattr(tool_choice, "_lagrangian_cost", lambda *given: tried.append(given) or cost(*given))
+    given = [16] * 3, "balanced", 1, True, None
+    choose = lambda rgb, rough: tool_choice.choose_tools(keys, 7, forward_colour(rgb), *given, rough)
+    jpeg, other = jpeg_texture(keys, 3), texture(keys, 3)
+    assert choose(jpeg, True).dct_blocks and {given[4].dct_blocks for given in tried} == {0, 1}
+    count = len(tried)
+    choose(jpeg, False)
+    assert len(tried) - count > 2 * count
+    tried.clear()
+    assert not choose(other, True).dct_blocks and not tried
+
+
 def test_lossless_texels_that_were_a_jpeg_are_dct_blocks_underneath():
     keys = island_keys(7)
     rgb = jpeg_texture(keys, 3)

@@ -250,7 +250,7 @@ def test_progress_bar_shows_on_a_terminal_only(mesh, tmp_path):
 
 
 def test_internal_error_is_one_line_and_the_traceback_is_on_request(call, mesh, tmp_path, monkeypatch):
-    monkeypatch.setattr("texfcodec.encoder.pipeline.encode_scene", lambda *_: 1 // 0)
+    monkeypatch.setattr("texfcodec.encoder.pipeline.encode_scene", lambda *_, **__: 1 // 0)
     code, out, err = call("texf-enc", mesh, tmp_path / "a.texf", *SMALL)
     lines = [line for line in err.splitlines() if "not coded" not in line]
     assert code == 4 and out == "" and len(lines) == 1 and "ZeroDivisionError" in lines[0] and "TEXF_TRACEBACK" in lines[0]
@@ -260,7 +260,7 @@ def test_internal_error_is_one_line_and_the_traceback_is_on_request(call, mesh, 
 
 
 def test_memory_error_is_exit_6(call, mesh, tmp_path, monkeypatch):
-    def fail(*_):
+    def fail(*_, **__):
         raise MemoryError
 
     monkeypatch.setattr("texfcodec.encoder.pipeline.encode_scene", fail)

@@ -16,7 +16,7 @@ demo: $(DEMO)
 test: conformance
 	$(PY) -m pytest -q -n 2 --dist loadfile -m "not slow"
 
-# Before a commit, less than three minutes: lint, every vector, and the tests that are quick
+# Before a commit, three to five minutes: lint, every vector, and the tests that are quick
 check: conformance
 	$(PY) -m ruff check
 	@if command -v npm >/dev/null && [ -e js/node_modules/.bin/eslint ]; then npm --prefix js --silent run check; else echo "js/ is not checked: npm or js/node_modules is missing (npm install in js/)"; fi

@@ -165,15 +165,14 @@ def _our_images(looked, texf):
     out = {}
     for number, name, texture in looked.maps():
         source, xy = looked.scene.textures[texture].image, looked.texels(number, texture)
-        image, channel = np.zeros_like(source), channel_over(name, True)
+        image, channel = source.copy(), channel_over(name, True)  # decoded UVs ask a few texels less along borders
         for n, part in enumerate(texf.fields):
             faces = (texf.face_field == n) & (texf.face_material == number)
             if not faces.any():
                 continue
             scale = np.array([part.support.width, part.support.height]) / (source.shape[1], source.shape[0])
             place = np.minimum(((xy + 0.5) * scale).astype(np.int64) >> part.level_shift, np.array(part.support.size) - 1)
-            there = part.support.rank[place[:, 1], place[:, 0]] >= 0  # the decoded UVs ask a few texels less along borders
-            image[xy[:, 1], xy[:, 0]] = source[xy[:, 1], xy[:, 0]]
+            there = part.support.rank[place[:, 1], place[:, 0]] >= 0
             mine = xy[there]
             values = part.support_of(channel.name).query((mine + 0.5) * scale, part.planes[channel.name], looked.threads)
             if channel.unit == "degrees":

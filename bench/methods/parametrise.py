@@ -29,7 +29,7 @@ from bench.methods.image_codecs import RIVALS
 from texfcodec.core import cleanup
 from texfcodec.geometry.surface import make_surface
 from texfcodec.io.atlas.bake import bake
-from texfcodec.io.atlas.quality import QualityFailed, unwrap
+from texfcodec.io.atlas.quality import QualityFailed, run_xatlas
 from texfcodec.io.atlas.unwrap import Atlas
 from texfcodec.options import EncodeOptions
 from texfcodec.scene.fetch import pack_source, sample_source
@@ -38,7 +38,7 @@ from texfcodec.scene.scene import ALPHA_OPAQUE, WRAP_CLAMP, Material, Scene, Tex
 SOURCE_UVS, PARAMETRISATIONS = "source", ("source", "uvatlas", "xatlas")
 POSITION_BITS = 14
 SECONDS = 1800.0
-GUTTER = 4  # texels between charts, as atlas_quality asks xatlas for
+GUTTER = 4  # texels between charts, as io/atlas/quality.py asks xatlas for
 LEAST_SIDE, MOST_SIDE = 16, 16384
 NOT_LOADED = 3  # status of the child process
 _CHILD = "from bench.methods.parametrise import _child; _child()"
@@ -233,9 +233,11 @@ def barycentric(points, corners):
 
 def _by_xatlas(points, faces, side, seconds):
     try:
-        return unwrap(points, faces, side, seconds) / side
+        ((flat, chart, canvas),) = run_xatlas([(points, faces)], side, seconds)
     except QualityFailed as reason:
         raise NoAtlas(f"xatlas made no atlas: {reason}") from None
+    flat = flat.astype(np.float64) / float(canvas.max())
+    return np.where((chart < 0)[:, None, None], flat[:, :1], flat)  # faces without area that it ignored
 
 
 def _by_uvatlas(points, faces, side, seconds):

@@ -8,8 +8,10 @@ import pytest
 from analytic import bilinear, decoded, empty_mesh, grid_mesh, soup_mesh, sphere_mesh, surface, surface_samples
 
 from texfcodec.errors import InputError
+from texfcodec.io.atlas import quality
 from texfcodec.io.atlas import unwrap as atlas_room
 from texfcodec.io.atlas.bake import bake
+from texfcodec.io.atlas.chart_packing import flat_areas
 from texfcodec.io.atlas.gaps import fill_gaps
 from texfcodec.io.atlas.system import cover
 from texfcodec.io.atlas.unwrap import _unit_points, make_atlas
@@ -115,6 +117,51 @@ def test_auto_falls_back_to_fast_with_a_warning(monkeypatch, program):
     monkeypatch.setitem(atlas_room._QUALITY_SECONDS, "auto", 0.5)
     atlas = make_atlas(*grid_mesh(6), 256, "auto")
     assert atlas.method == "fast" and "fast" in atlas.warnings[0]
+
+
+def test_xatlas_gets_parts_and_processes_do_not_change_the_atlas(monkeypatch):
+    monkeypatch.setattr(quality, "PART_FACES", 200)
+    positions, faces = sphere_mesh()
+    assert len(faces) > 400
+    points, parts = _unit_points(positions, faces), quality._parts(positions, faces)
+    assert max(map(len, parts)) <= 200 and (np.sort(np.concatenate(parts)) == np.arange(len(faces))).all()
+    one, two = (quality.chart_surface(points, faces, 60, threads) for threads in (1, 2))
+    assert (one[0] == two[0]).all() and (one[1] == two[1]).all()
+    assert (np.unique(one[1]) == np.arange(one[1].max() + 1)).all()
+    room, surface = np.bincount(one[1], flat_areas(one[0])), np.bincount(one[1], flat_areas_of(points[faces]))
+    assert np.allclose(room, surface, rtol=1e-6)
+    atlas = make_atlas(positions, faces, 256, "quality", threads=2)
+    owner = cover(np.ascontiguousarray(atlas.corner_uv * 256), 256, 256)
+    assert atlas.method == "quality" and len(np.unique(owner[owner >= 0])) > 0.95 * len(faces)  # small ones at the poles miss
+
+
+def flat_areas_of(corner):
+    cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    return 0.5 * np.sqrt((cross * cross).sum(1))
+
+
+def test_parts_are_cut_at_the_neck(monkeypatch):
+    """Two sheets that a narrow strip joins, of 72 and 98 faces: the plane goes through the strip, where halves would not."""
+    left, faces = grid_mesh(6, 0.0)
+    right, more = grid_mesh(7, 0.0)
+    gap = np.array([1.0 + left[:, 0].max(), 0.0, 0.0])
+    a, b = np.argmax(left[:, 0] - left[:, 1]), np.argmin(right[:, 0] + right[:, 1])
+    strip = np.array([[a, len(left) + b, a - 1]])
+    points = np.vstack([left, right + gap])
+    joined = np.vstack([faces, more + len(left), strip])
+    monkeypatch.setattr(quality, "PART_FACES", 110)
+    parts = sorted(quality._parts(points, joined), key=len)
+    assert len(parts) == 2 and all((part < len(faces)).sum() in (0, len(faces)) for part in parts)
+
+
+def test_charts_lose_the_stretch_of_the_packing():
+    points, faces = grid_mesh(6, 0.0)
+    corners = points[faces]
+    stretched = corners[..., :2] * [3.0, 0.25] + 7.0
+    chart = np.zeros(len(faces), np.int64)
+    levelled = quality._levelled(stretched, chart, corners)
+    sides = [np.linalg.norm(there[:, 1:] - there[:, :1], axis=2) for there in (levelled, corners)]
+    assert np.allclose(*sides, rtol=1e-9)
 
 
 @pytest.mark.parametrize("arguments", [{"method": "best"}, {"texture_size": 3}, {"texture_size": 1 << 20}])

@@ -45,7 +45,7 @@ def bake(texf: Texf, texture_size: int | None = None, atlas: str | Atlas = "auto
         _check_atlas(atlas, len(chosen))
     else:
         faces, resolution = texf.faces[chosen], _resolution(texf, chosen)
-        atlas = make_atlas(texf.positions, faces, texture_size, atlas, resolution, groups=texf.face_field[chosen])
+        atlas = make_atlas(texf.positions, faces, texture_size, atlas, resolution, texf.face_field[chosen], _threads(texf))
     system = AtlasSystem(atlas, texf.positions, texf.faces[chosen])
     image = np.zeros((atlas.height, atlas.width, 4), np.uint8)
     (_bake_blended if texf.has_alpha else _bake_opaque)(texf, chosen, system, image)

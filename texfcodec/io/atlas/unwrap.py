@@ -9,11 +9,11 @@ from ...errors import InputError
 from ..formats import ATLAS_METHODS
 
 MIN_SIZE, DEFAULT_MAX_SIZE, MAX_SIZE = 256, 4096, 8192
-QUALITY_FACES = 40_000  # "auto" uses xatlas up to here; measured: 39,455 faces 6 s, 115,200 26 s, 184,452 more than 150 s
+QUALITY_FACES = 250_000  # "auto" uses xatlas up to here: 3 to 6 s on two processors
 _QUALITY_SECONDS = {"auto": 60.0, "quality": 1800.0}
 # Texels around a chart, and the least scale that they are worth. 4 in place of 2: jumps across borders at mip levels 2 and 3 fall
 # by a third to a half, for 0.5 dB of 48 between atlas and field (bball_0001 and waterbottle_pbr).
-_GUTTERS = ((4, 0.8), (2, 0.5), (1, 0.0))
+_GUTTERS = ((5, 0.8), (4, 0.8), (2, 0.5), (1, 0.0))
 _FILL = 0.55  # share of the atlas that charts usually cover, both methods
 
 
@@ -33,12 +33,13 @@ class Atlas:
 
 
 def make_atlas(positions: np.ndarray, faces: np.ndarray, texture_size: int | None = None, method: str = "auto",
-               resolution: int | None = None, groups: np.ndarray | None = None) -> Atlas:
+               resolution: int | None = None, groups: np.ndarray | None = None, threads: int = 1) -> Atlas:
     """Unwrap any triangle mesh, however broken, into one square image.
 
     positions: float64 [V, 3], any unit; faces: int64 [F, 3]; texture_size: side in texels, or None for the power of two
     (256..4096) that gives about one texel per voxel edge; resolution: voxels along the longest side of the mesh (K; 1024 if
-    None); method: one of ATLAS_METHODS; groups: int64 [F] or None, faces of different groups never share a chart ("fast" only).
+    None); method: one of ATLAS_METHODS; groups: int64 [F] or None, faces of different groups never share a chart ("fast" only);
+    threads: processes of xatlas at a time, on which the atlas does not depend.
     Returns Atlas. Raises InputError TXF-O10 (arguments), TXF-O11 (mesh), TXF-O12 (more charts than any atlas can hold).
     """
     positions, faces = _checked_mesh(positions, faces)
@@ -48,15 +49,14 @@ def make_atlas(positions: np.ndarray, faces: np.ndarray, texture_size: int | Non
     if len(faces) == 0:
         return Atlas(np.zeros((0, 3, 2)), side, side, "fast", 0.0)
     warnings: list[str] = []
-    if method == "quality" or (method == "auto" and len(faces) <= QUALITY_FACES):
-        flat = _quality(points, faces, side, _QUALITY_SECONDS[method], warnings)
-        if flat is not None:
-            return _finished(flat, side, "quality", warnings)
     groups = np.zeros(len(faces), np.int64) if groups is None else np.ascontiguousarray(groups, np.int64)
-    flat, roomy = _fast(points, faces, groups, side)
+    charts = None
+    if method == "quality" or (method == "auto" and len(faces) <= QUALITY_FACES):
+        charts = _quality(points, faces, _QUALITY_SECONDS[method], threads, warnings)
+    flat, roomy = _packed(points, faces, groups, side, charts)
     if roomy != side:
         warnings.append(f"{side} texels per side cannot hold the charts of the mesh; the atlas has {roomy}")
-    return _finished(flat, roomy, "fast", warnings)
+    return _finished(flat, roomy, "fast" if charts is None else "quality", warnings)
 
 
 def check_arguments(texture_size: int | None, method: str) -> None:
@@ -105,29 +105,34 @@ def _surface(points, faces):
     return float(np.sqrt((cross * cross).sum(1)).sum() * 0.5)
 
 
-def _quality(points, faces, side, seconds, warnings):
-    """Corners in texels from xatlas, or None with the reason appended to warnings."""
-    from .quality import QualityFailed, unwrap
+def _quality(points, faces, seconds, threads, warnings):
+    """Flat corners and charts from xatlas, or None with the reason appended to warnings."""
+    from .quality import QualityFailed, chart_surface
 
     try:
-        return unwrap(points, faces, side, seconds)
+        return chart_surface(points, faces, seconds, threads)
     except QualityFailed as reason:
         warnings.append(f"{reason}; the fast atlas is used instead")
         return None
 
 
-def _fast(points, faces, groups, side):
-    """Corners in texels and the side really used, which grows when the gutters of many small charts need it."""
-    from .chart_packing import pack_charts
+def _packed(points, faces, groups, side, charts):
+    """Corners in texels and the side really used, which grows when the gutters of many small charts need it. charts: flat
+    corners and chart of each face, or None for the fast ones, which depend on the side."""
+    from .chart_packing import pack_charts, upright
     from .charts import grow_charts
 
     while side <= MAX_SIZE:
         density = side * min(math.sqrt(_FILL / max(_surface(points, faces), 1e-12)), 1e3)
-        charts = grow_charts(points * density, faces, groups, 0.75 * side)
+        if charts is None:
+            flat, chart, extent = grow_charts(points * density, faces, groups, 0.75 * side)
+        else:
+            chart = charts[1]
+            flat, extent = upright(charts[0] * density, chart, int(chart.max()) + 1)
         for gutter, least in _GUTTERS:
-            flat, scale = pack_charts(*charts, side, gutter)
-            if flat is not None and scale > least:
-                return flat, side
+            placed, scale = pack_charts(flat, chart, extent, side, gutter)
+            if placed is not None and scale > least:
+                return placed, side
         side = min(side * 2, MAX_SIZE) if side < MAX_SIZE else MAX_SIZE + 1
     raise InputError(
         "TXF-O12", "the mesh has too many separate pieces for one atlas; use --appearance vertex or voxels", faces=len(faces)

@@ -88,7 +88,7 @@ def _parts(points, faces):
 
 
 def _best_cut(centres, first, second, length):
-    """Side of a plane, bool [n], that each of n faces is on. first, second, length [E]: faces at an edge, and what a cut costs."""
+    """Side of a plane, bool [n], of n faces. first, second, length [E]: faces at an edge, and what cutting costs."""
     count, least, best = len(centres), np.inf, np.zeros(len(centres), bool)
     window = slice(int(count * EVEN), max(int(count * (1 - EVEN)), int(count * EVEN) + 1))
     for direction in DIRECTIONS:

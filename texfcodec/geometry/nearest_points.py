@@ -104,14 +104,15 @@ def _boxes_of(corners):
     first = 1 << (leaves - 1).bit_length()
     boxes = np.full((2 * first, 6), np.inf)
     starts = np.arange(0, len(corners), LEAF)
-    boxes[first : first + leaves, :3] = np.minimum.reduceat(corners.min(axis=1), starts, axis=0)
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]  # one by one: a minimum along a short axis takes five times as long
+    boxes[first : first + leaves, :3] = np.minimum.reduceat(np.minimum(np.minimum(a, b), c), starts, axis=0)
     boxes[:, 3:] = -np.inf
-    boxes[first : first + leaves, 3:] = np.maximum.reduceat(corners.max(axis=1), starts, axis=0)
+    boxes[first : first + leaves, 3:] = np.maximum.reduceat(np.maximum(np.maximum(a, b), c), starts, axis=0)
     while first > 1:
-        pairs = boxes[first : 2 * first].reshape(-1, 2, 6)
+        left, right = boxes[first : 2 * first : 2], boxes[first + 1 : 2 * first : 2]
         first //= 2
-        boxes[first : 2 * first, :3] = pairs[:, :, :3].min(axis=1)
-        boxes[first : 2 * first, 3:] = pairs[:, :, 3:].max(axis=1)
+        boxes[first : 2 * first, :3] = np.minimum(left[:, :3], right[:, :3])
+        boxes[first : 2 * first, 3:] = np.maximum(left[:, 3:], right[:, 3:])
     return boxes
 
 

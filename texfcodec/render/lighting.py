@@ -66,7 +66,7 @@ class Lighting:
         """Normals of the faces, float32 [F, 3], of length 1, or 0 where a face has no area."""
         corners = self.positions[self.faces]
         u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        longest = np.maximum(np.abs(u).max(axis=1, initial=0), np.abs(v).max(axis=1, initial=0))[:, None]
+        longest = np.maximum.reduce([np.abs(side[:, axis]) for side in (u, v) for axis in range(3)])[:, None]
         normal = np.cross(u / np.where(longest > 0, longest, 1), v / np.where(longest > 0, longest, 1))
         length = np.linalg.norm(normal, axis=1, keepdims=True)
         return (normal / np.where(length > 0, length, 1)).astype(np.float32)

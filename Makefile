@@ -54,11 +54,15 @@ interrupts: install
 	$(PY) tests/interrupts.py --moments $(or $(MOMENTS),300) $(if $(JOBS),--jobs $(JOBS)) $(if $(KILL),--kill)
 
 # Kernels, pipelines, pictures and metrics on the demo asset, kept as a line of a history and compared with the line before it on
-# this machine: make bench [BEFORE=commit] [OUT=file.jsonl] [PAGE=docs/reports/bench.md]
+# this machine: make bench [BEFORE=commit] [OUT=file.jsonl] [PAGE=docs/reports/bench.md]; against a commit in turns: make bench TURNS=commit
 bench: install
+ifdef TURNS
+	@$(PY) bench/turns.py $(TURNS)
+else
 	@mkdir -p "$(dir $(or $(OUT),out/bench.jsonl))"
 	$(PY) -m pytest -q bench --benchmark-only --benchmark-timer=time.process_time --benchmark-json="$(or $(OUT),out/bench.jsonl).last"
 	@$(PY) bench/history.py "$(or $(OUT),out/bench.jsonl)" --append "$(or $(OUT),out/bench.jsonl).last" $(if $(BEFORE),--before $(BEFORE)) --compare $(if $(PAGE),--page "$(PAGE)")
+endif
 
 # Voxel clouds with anchor results, see bench/anchor_bdrate.py: make anchor CLOUDS=folder [EFFORT=best]. JSON on stdout.
 anchor: install

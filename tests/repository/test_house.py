@@ -4,6 +4,7 @@ import ast
 import re
 import statistics
 import subprocess
+from functools import lru_cache
 from pathlib import Path
 
 import pytest
@@ -124,8 +125,13 @@ def tracked_files():
     return [path for path in paths if path.is_file()]
 
 
+@lru_cache
+def parsed(folder):
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(folder.rglob("*.py"))}
+
+
 def findings(check, folder=PACKAGE):
-    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(folder.rglob("*.py"))}
+    trees = parsed(folder)
     return [f"{path.relative_to(REPOSITORY).as_posix()}: {finding}" for path, tree in trees.items() for finding in check(tree)]
 
 

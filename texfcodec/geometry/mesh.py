@@ -40,7 +40,7 @@ def points_at(mesh: Mesh, face: np.ndarray, bary: np.ndarray) -> np.ndarray:
 
 def face_normals(corners: np.ndarray) -> np.ndarray:
     """Unit normals float64 [M, 3] of triangles [M, 3, 3]; zero where a triangle has no area."""
-    edges = [corners[:, corner, axis] - corners[:, 0, axis] for corner in (1, 2) for axis in range(3)]  # columns: a fifth of the time
+    edges = [corners[:, corner, axis] - corners[:, 0, axis] for corner in (1, 2) for axis in range(3)]  # columns: twice as fast
     longest = np.full(len(corners), 1e-300, corners.dtype)
     for column in edges:
         np.maximum(longest, np.abs(column), out=longest)

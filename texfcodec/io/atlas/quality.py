@@ -19,7 +19,7 @@ from ...core import cleanup
 from ...core.threads import in_order
 
 # Faces that xatlas gets at most at a time. A scan of 20,000 takes 1.3 s in place of 2.5, a can 1.1 for 2.5, a room of 184,204 4
-# for more than 150; seams are 9 % shorter to 12 % longer on twelve assets, 1 % longer in the median.
+# for more than 150; seams are 5 % shorter to 12 % longer on ten assets, 2 % longer in the median.
 PART_FACES = 5000
 EVEN = 0.4  # share of the faces that the smaller side of a cut has at least
 DIRECTIONS = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, -1, 0], [1, 0, 1], [1, 0, -1], [0, 1, 1], [0, 1, -1],

@@ -22,8 +22,10 @@ from bench.everyday_rivals import (
     rival_of,
 )
 from bench.material_views import LitViews
+from texfcodec.api import decode, encode_to_result
 from texfcodec.geometry.tangents import corner_tangents
 from texfcodec.metrics.views import Look, compare_views
+from texfcodec.options import EncodeOptions
 from texfcodec.render.environment import DAYLIGHT
 from texfcodec.scene.scene import Material, Scene, Texture
 
@@ -116,6 +118,22 @@ def test_a_record_has_every_mesh_with_every_coding(looked, monkeypatch, capsys):
     for point in record["points"]:
         mesh = next(m for m in record["meshes"] if all(point.get(k) == m.get(k) for k in bits))
         assert point["total"] == mesh["total"] + point["map_bytes"] and mesh["bytes"]["positions"] == record["positions"]
+
+
+def test_two_fields_of_one_material_are_both_in_its_images(looked):
+    """The columns of the only field are shared out among two: the image is the same but along the border."""
+    ours = looked(bumpy_sphere())
+    texf = decode(encode_to_result(bumpy_sphere(), EncodeOptions(qp=40, support="texels")).data)
+    (whole,), images = texf.fields, materials._our_images(ours, texf)
+    parts = SimpleNamespace(fields=[], face_field=np.arange(len(texf.faces)) % 2, face_material=texf.face_material)
+    for mine in (0, 1):
+        half = replace(whole.support)
+        half.rank = whole.support.rank.copy()
+        half.rank[:, np.arange(half.rank.shape[1]) * 2 // half.rank.shape[1] != mine] = -1
+        parts.fields.append(replace(whole, support=half))
+    both, source = materials._our_images(ours, parts), ours.scene.textures[0].image
+    assert (images[0, "base_colour"] != source).any(axis=2).mean() > 0.5
+    assert (both[0, "base_colour"] == images[0, "base_colour"]).all(axis=2).mean() > 0.9
 
 
 def test_the_table_says_percent_of_all_bytes_and_without_positions(tmp_path):

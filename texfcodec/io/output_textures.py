@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.threads import in_order
 from ..geometry.tangents import corner_tangents
 from ..scene.channels import BASE_COLOUR, BY_NAME, NORMAL_MAPS, channel_over
 from ..scene.scene import NEAREST_FIELDS, WRAP_CLAMP, Texture
@@ -52,9 +53,12 @@ def textured(texf: Texf, looks: Looks, texture_size: int | None = None, atlas: s
     steps: list[float | None] = []
     if names_in(looks, NORMAL_MAPS):
         normal = texf.shading_normals()
-    for skin in looks.skins:
+
+    def made(skin):
         make = _of_atlas if skin.field is None else _of_texels
-        found, uv, said = make(texf, looks, skin, normal, (texture_size, atlas))
+        return make(texf, looks, skin, normal, (texture_size, atlas))
+
+    for skin, (found, uv, said) in zip(looks.skins, in_order(made, looks.skins, texf.threads), strict=True):
         faces = _faces_of(texf, looks, skin)
         corner_uv[faces] = uv
         of_skin.append({name: len(textures) + n for n, (names, _) in enumerate(found) for name in names})

@@ -16,6 +16,7 @@ from urllib.parse import quote
 import numpy as np
 
 from ..core import cleanup
+from ..core.threads import in_order
 from ..errors import InputError
 from .atlas.seams import measure_seams
 from .automatic_image import automatic_image
@@ -340,21 +341,30 @@ def _textured(texf, asked, told):
     """(Textured, [(ImageFormat, bytes) of each of its textures]); tells of warnings and seams."""
     from .output_textures import textured
 
-    look, images = textured(texf, told.looks, asked.texture_size, asked.atlas), []
+    look = textured(texf, told.looks, asked.texture_size, asked.atlas)
     told.warnings += look.warnings
     ours = np.array([one.skin >= 0 and look.looks.skins[one.skin].field is None for one in look.looks.looks], bool)
     shown = np.flatnonzero((look.face_image >= 0) & ours[look.looks.face_look])
     if len(shown):
         told.seams = measure_seams(texf.lattice_positions, texf.faces[shown], look.corner_uv[shown], look.textures,
                                    look.face_image[shown])
-    for texture, step in zip(look.textures, look.steps, strict=True):
-        if asked.texture_format == AUTO:
-            images.append(automatic_image(texture.image, step, texture.srgb))
-            continue
-        form = format_for(texture.image, IMAGE_FORMATS[asked.texture_format], told.warnings)
+    return look, _encoded(look, asked, told.warnings, texf.threads)
+
+
+def _encoded(look, asked, warnings, threads):
+    """[(ImageFormat, bytes)] of the textures of a Textured, several at a time."""
+    wanted = None if asked.texture_format == AUTO else IMAGE_FORMATS[asked.texture_format]
+    forms = [wanted and format_for(texture.image, wanted, warnings) for texture in look.textures]
+
+    def one(number):
+        texture, form = look.textures[number], forms[number]
+        if form is None:
+            return automatic_image(texture.image, look.steps[number], texture.srgb)
         quality = asked.texture_quality if form.quality is not None else None
-        images.append((form, encode_image(texture.image, form, quality, texture.srgb)))
-    return look, images
+        return form, encode_image(texture.image, form, quality, texture.srgb)
+
+    at_once = 1 if asked.texture_format == "ktx2" else threads  # nobody says that its encoder may run twice at a time
+    return list(in_order(one, range(len(forms)), at_once))
 
 
 def _image_files(stem, images):

@@ -34,6 +34,7 @@ def decoded(positions, faces, **changes):
     side = float((positions - origin).max()) if len(positions) else 0.0
     lattice = np.rint((positions - origin) / (side or 1.0) * 16383).astype(np.int64)
     texf = SimpleNamespace(
+        threads=1,
         positions=origin + side * (lattice / 16383), lattice_positions=lattice, faces=faces, origin=origin, side=side,
         position_bits=14, resolution=200, has_alpha=False, metadata={"title": "härtetest"}, materials=[Material("clay")],
         face_material=np.zeros(len(faces), np.int64), face_field=np.zeros(len(faces), np.int64), evaluators=None,

@@ -45,7 +45,7 @@ def bake(texf: Texf, texture_size: int | None = None, atlas: str | Atlas = "auto
         _check_atlas(atlas, len(chosen))
     else:
         faces, resolution = texf.faces[chosen], _resolution(texf, chosen)
-        atlas = make_atlas(texf.positions, faces, texture_size, atlas, resolution, texf.face_field[chosen], _threads(texf))
+        atlas = make_atlas(texf.positions, faces, texture_size, atlas, resolution, texf.face_field[chosen], texf.threads)
     system = AtlasSystem(atlas, texf.positions, texf.faces[chosen])
     image = np.zeros((atlas.height, atlas.width, 4), np.uint8)
     (_bake_blended if texf.has_alpha else _bake_opaque)(texf, chosen, system, image)
@@ -55,7 +55,7 @@ def bake(texf: Texf, texture_size: int | None = None, atlas: str | Atlas = "auto
 def _bake_opaque(texf, chosen, system, image):
     """Fills in the colours of an image, uint8 [H, W, 4], and alpha 255."""
     image[..., 3] = 255
-    values = system.fitted(lambda points, face: texf.query(points, chosen[face])[:, :3], 3, threads=_threads(texf))
+    values = system.fitted(lambda points, face: texf.query(points, chosen[face])[:, :3], 3, threads=texf.threads)
     image[system.covered, :3] = to_bytes(values)
     fill_gaps(image[..., :3], system.covered | continue_over_borders(image[..., :3], system))
 
@@ -68,18 +68,14 @@ def _bake_blended(texf, chosen, system, image):
         rgba = texf.query(points, chosen[face])
         return np.column_stack([rgba[:, :3], np.where((rgba[:, 3] <= 0) & sees_alpha[face], 0, 1)])
 
-    alpha = system.fitted(lambda points, face: texf.query(points, chosen[face])[:, 3:], 1, threads=_threads(texf))
+    alpha = system.fitted(lambda points, face: texf.query(points, chosen[face])[:, 3:], 1, threads=texf.threads)
     image[system.covered, 3:] = to_bytes(alpha)
-    image[system.covered, :3] = to_bytes(system.fitted(colours, 3, weighted=True, threads=_threads(texf)))
+    image[system.covered, :3] = to_bytes(system.fitted(colours, 3, weighted=True, threads=texf.threads))
     known = system.covered.copy()
     known[known] = (alpha[:, 0] >= 0.5) | ~sees_alpha[system.owner[known]]
     beyond = continue_over_borders(image, system)
     fill_gaps(image[..., 3:], system.covered | beyond)
     fill_gaps(image[..., :3], known | (beyond & (image[..., 3] > 0)))
-
-
-def _threads(texf):
-    return getattr(texf, "threads", 1)
 
 
 def _check_atlas(atlas, count):

@@ -4,6 +4,7 @@
     python -m bench.materials ours ASSET.glb ... --out FOLDER       our streams at some QPs
     python -m bench.materials compare FOLDER                        one table, Markdown
     python -m bench.materials effects ASSET.glb ...                 what is coded of every asset, and what it costs, Markdown
+    python -m bench.materials seconds ASSET.glb ...                 seconds of both sides, coding and decoding, Markdown
 
 --keep-old leaves assets alone that have a record in the folder, so that the same command goes on where it was stopped.
 
@@ -14,15 +15,19 @@ Pillow's at the better of 4:2:0 and 4:4:4, at every size of SCALES.
 """
 
 import argparse
+import io
 import json
+import time
 from copy import copy
 from pathlib import Path
 
+import DracoPy
 import numpy as np
 
-from bench.everyday_rivals import draco_bytes, rival_of
-from bench.material_rivals import rival_record
+from bench.everyday_rivals import CornerFrames, dec_image, draco_bytes, enc_mesh, octahedral, quantise_uv, rival_of, shrunk
+from bench.material_rivals import SPEED, rival_record
 from bench.material_views import LitViews
+from bench.result_tables import markdown_table
 from texfcodec.api import decode, encode_to_result
 from texfcodec.bitstream.inspect import inspect
 from texfcodec.core.colour_error import decibels, in_decibels
@@ -50,7 +55,7 @@ MOST, MEAN = 75, 45  # the target, of total bytes: percent of the rival's on eve
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=("rivals", "ours", "compare", "effects"))
+    parser.add_argument("what", choices=("rivals", "ours", "compare", "effects", "seconds"))
     parser.add_argument("paths", nargs="+", type=Path)
     parser.add_argument("--out", type=Path, default=Path("bench/materials"))
     parser.add_argument("--threads", type=int, default=2)
@@ -67,6 +72,9 @@ def main():
         for path in given.paths:
             print("\n".join(effect_rows(path, given.threads)), flush=True)
         return
+    if given.what == "seconds":
+        print("\n".join(seconds_table(given.paths, given.threads)))
+        return
     given.out.mkdir(parents=True, exist_ok=True)
     for path in given.paths:
         out = given.out / f"{path.stem}.{given.what}.json"
@@ -75,6 +83,40 @@ def main():
         looked = _Looked(path, given.threads, not given.maps_only)
         record = rival_record(looked) if given.what == "rivals" else our_record(looked, given.qp or QPS)
         out.write_text(json_text(record, indent=1) + "\n", encoding="utf-8")
+
+
+def seconds_table(paths, threads):
+    """Lines of Markdown: processor seconds of both sides, with compiled kernels. Ours: r03, to arrays. Theirs: all maps at their
+    own size as AVIF of quality 50 and 4:2:0, once, and Draco with UVs of 12 bits and normals of 8; by Pillow and DracoPy."""
+    seconds_of(paths[0], threads)  # compiles
+    rows = [[path.stem, *(f"{seconds:.2g}" for seconds in seconds_of(path, threads))] for path in paths]
+    return markdown_table(["asset", "encode, s", "theirs", "decode, s", "theirs"], rows)
+
+
+def seconds_of(path, threads):
+    """[Ours to encode, theirs, ours to decode, theirs]."""
+    def timed(call):
+        begin = time.process_time()
+        made = call()
+        return made, time.process_time() - begin
+
+    scene, looked = load(str(path)), _Looked(path, threads, False)
+    made, ours = timed(lambda: encode_to_result(scene, EncodeOptions(rate="r03", threads=threads)))
+    _, back = timed(lambda: decode_stream(made.data, DecodeOptions(threads=threads), Report()))
+    rival, images = rival_of(scene), [scene.textures[t].image for t in sorted({t for _, _, t in looked.maps()})]
+    files, theirs = timed(lambda: [_avif(image, threads) for image in images])
+    normal = rival.scene.corner_normal
+    frames = None if normal is None else CornerFrames(octahedral(normal, 8), 8)
+    uv = quantise_uv(rival, 12) if rival.textured.any() else None
+    mesh, more = timed(lambda: enc_mesh(rival.lattice, rival.scene.faces, uv, 12, None, frames))
+    _, again = timed(lambda: (DracoPy.decode(mesh), [dec_image(file) for file in files]))
+    return ours, theirs + more, back, again
+
+
+def _avif(image, threads):
+    out = io.BytesIO()
+    shrunk(image, 1, False).save(out, "AVIF", quality=50, speed=SPEED, subsampling="4:2:0", max_threads=threads)
+    return out.getvalue()
 
 
 class _Looked:

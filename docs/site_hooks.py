@@ -17,7 +17,10 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 PROJECT = ("bitstream_spec.md", "conformance/README.md", "js/README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md",
            "PATENTS.md")
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
-GALLERY = {"texels": ["--rate", "r04"], "voxels": ["--resolution", "512", "--qp", "24"], "small": ["--rate", "r01"]}
+VASE, SCAN, COLOURS = "vase", "scan with image", "scan with vertex colours"  # the demo asset, and meshes of proof/face_meshes.py
+GALLERY = {"texels": (VASE, ["--rate", "r04"]), "voxels": (VASE, ["--resolution", "512", "--qp", "24"]),
+           "small": (VASE, ["--rate", "r01"]), "scan": (SCAN, ["--rate", "r03"]), "colours": (COLOURS, ["--rate", "r03"])}
+FACES = 20_000  # of the generated meshes
 
 
 def on_files(files, config):
@@ -49,15 +52,25 @@ def on_page_markdown(markdown, page, config, files):
 
 
 def on_post_build(config):
-    """The exported viewer pages of gallery.md, made of the demo asset."""
+    """The exported viewer pages of gallery.md."""
     folder = Path(config["site_dir"]) / "gallery"
     folder.mkdir(exist_ok=True)
-    source = folder / "vase.glb"
-    _run("texfcodec.demo.asset", source)
-    for name, options in GALLERY.items():
-        stream = folder / f"{name}.texf"
+    for name, (mesh, options) in GALLERY.items():
+        source, stream = folder / f"{mesh.replace(' ', '_')}.glb", folder / f"{name}.texf"
+        if not source.exists():
+            _make(mesh, source)
         _run("texfcodec.cli.enc", source, stream, *options)
         _run("texfcodec.cli.view", stream, source, "--export", folder / f"{name}.html")
+
+
+def _make(mesh, path):
+    if mesh == VASE:
+        _run("texfcodec.demo.asset", path)
+        return
+    sys.path.insert(0, str(REPOSITORY))
+    from proof.face_meshes import GENERATORS, glb_of
+
+    path.write_bytes(glb_of(GENERATORS[mesh](FACES)))
 
 
 def _run(module, *arguments):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING
 
 from .sandbox.engines import kernels_compiled
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
 # Seconds, roughly: with an empty cache the first run took 21 to 34 s more than the second in texf-enc, which compiles on two
 # processors, and 22 in texf-dec without the sandbox (demo asset, a slow machine); --warmup compiles what both need, and more.
 ENCODING, DECODING, ALL = 30, 20, 60
+SAVING = "saving"  # argument of this module: what saving needs is compiled as well
 _FIRST_RUN = "first run: compiling the kernels takes about {} s, once"
 
 
@@ -36,6 +38,17 @@ def compile_later_stages() -> None:
     scene.textures = [Texture(np.full((16, 16, 4), 200, np.uint8))]
     encode_loaded(scene, EncodeOptions(resolution=16), Report())  # one colour, so nothing goes through the transform
     find_contacts(np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0]]), np.array([[0, 1, 2]]), 8, 16)
+
+
+def compile_saving() -> None:
+    """Compiles what decoding to a GLB needs beside."""
+    from .api import decode, encode_loaded
+    from .io.save import as_glb
+    from .options import DecodeOptions, EncodeOptions
+    from .report import Report
+
+    made = encode_loaded(small_scene(), EncodeOptions(resolution=16), Report())
+    as_glb(decode(made.data, DecodeOptions(engine="numba")), texture_size=64)
 
 
 def warm_up() -> None:
@@ -105,3 +118,5 @@ def small_scene() -> Scene:
 
 if __name__ == "__main__":
     compile_later_stages()
+    if SAVING in sys.argv[1:]:
+        compile_saving()

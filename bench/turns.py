@@ -4,8 +4,8 @@
     python bench/turns.py COMMIT [--rounds 3] [--only EXPRESSION]
 
 The commit is checked out beside and run by the same Python. Each side runs what it has in bench/test_speed.py once a round, in
-seconds of the processor, and whole processes as bench/history.py does; prints the latter's table over all rounds. Exit code 1
-where a benchmark is slower in both its fastest run and its median.
+seconds of the processor, and whole processes as bench/history.py does: some two minutes a side and round. Prints the latter's
+table over all rounds. Exit code 1 where a benchmark is slower in both its fastest run and its median.
 """
 
 import argparse

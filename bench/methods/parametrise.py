@@ -233,11 +233,10 @@ def barycentric(points, corners):
 
 def _by_xatlas(points, faces, side, seconds):
     try:
-        ((flat, chart, canvas),) = run_xatlas([(points, faces)], side, seconds)
+        ((flat, _, canvas),) = run_xatlas([(points, faces)], side, seconds)
     except QualityFailed as reason:
         raise NoAtlas(f"xatlas made no atlas: {reason}") from None
-    flat = flat.astype(np.float64) / float(canvas.max())
-    return np.where((chart < 0)[:, None, None], flat[:, :1], flat)  # faces without area that it ignored
+    return flat / float(canvas.max())
 
 
 def _by_uvatlas(points, faces, side, seconds):

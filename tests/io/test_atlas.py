@@ -8,6 +8,7 @@ import pytest
 from analytic import bilinear, decoded, empty_mesh, grid_mesh, soup_mesh, sphere_mesh, surface, surface_samples
 
 from texfcodec.errors import InputError
+from texfcodec.geometry.areas import face_areas
 from texfcodec.io.atlas import quality
 from texfcodec.io.atlas import unwrap as atlas_room
 from texfcodec.io.atlas.bake import bake
@@ -128,16 +129,11 @@ def test_xatlas_gets_parts_and_processes_do_not_change_the_atlas(monkeypatch):
     one, two = (quality.chart_surface(points, faces, 60, threads) for threads in (1, 2))
     assert (one[0] == two[0]).all() and (one[1] == two[1]).all()
     assert (np.unique(one[1]) == np.arange(one[1].max() + 1)).all()
-    room, surface = np.bincount(one[1], flat_areas(one[0])), np.bincount(one[1], flat_areas_of(points[faces]))
+    room, surface = np.bincount(one[1], flat_areas(one[0])), np.bincount(one[1], face_areas(points, faces))
     assert np.allclose(room, surface, rtol=1e-6)
     atlas = make_atlas(positions, faces, 256, "quality", threads=2)
     owner = cover(np.ascontiguousarray(atlas.corner_uv * 256), 256, 256)
     assert atlas.method == "quality" and len(np.unique(owner[owner >= 0])) > 0.95 * len(faces)  # small ones at the poles miss
-
-
-def flat_areas_of(corner):
-    cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    return 0.5 * np.sqrt((cross * cross).sum(1))
 
 
 def test_parts_are_cut_at_the_neck(monkeypatch):
@@ -159,7 +155,7 @@ def test_charts_lose_the_stretch_of_the_packing():
     corners = points[faces]
     stretched = corners[..., :2] * [3.0, 0.25] + 7.0
     chart = np.zeros(len(faces), np.int64)
-    levelled = quality._levelled(stretched, chart, corners)
+    levelled = quality._levelled(stretched, chart, corners, face_areas(points, faces))
     sides = [np.linalg.norm(there[:, 1:] - there[:, :1], axis=2) for there in (levelled, corners)]
     assert np.allclose(*sides, rtol=1e-9)
 

@@ -104,7 +104,7 @@ def _boxes_of(corners):
     first = 1 << (leaves - 1).bit_length()
     boxes = np.full((2 * first, 6), np.inf)
     starts = np.arange(0, len(corners), LEAF)
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]  # one by one: a minimum along a short axis takes five times as long
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]  # one by one: a minimum along a short axis takes three times as long
     boxes[first : first + leaves, :3] = np.minimum.reduceat(np.minimum(np.minimum(a, b), c), starts, axis=0)
     boxes[:, 3:] = -np.inf
     boxes[first : first + leaves, 3:] = np.maximum.reduceat(np.maximum(np.maximum(a, b), c), starts, axis=0)

@@ -1,7 +1,8 @@
 """Charts by xatlas, run in child processes: its native code may crash, hang or eat memory on broken topology.
 
-xatlas takes time that grows faster than faces (39,455 faces 6 s, 184,452 more than 150 s), half of it for packing. So it gets
-parts of a few thousand faces, several at a time, and packs them on a canvas of a few texels; chart_packing.py packs them all.
+xatlas takes time that grows faster than faces (39,455 faces 6 s, 184,452 more than 150 s). So it gets parts of a few thousand
+faces, several at a time, and packs them on a canvas of a few texels, a full one taking longer than the charts of a part;
+chart_packing.py packs them all.
 """
 
 import importlib.util
@@ -17,6 +18,8 @@ import numpy as np
 
 from ...core import cleanup
 from ...core.threads import in_order
+from ...geometry.areas import face_areas
+from ...geometry.mesh import face_normals
 
 # Faces that xatlas gets at most at a time. A scan of 20,000 takes 1.3 s in place of 2.5, a can 1.1 for 2.5, a room of 184,204 4
 # for more than 150; seams are 5 % shorter to 12 % longer on ten assets, 2 % longer in the median.
@@ -52,8 +55,9 @@ def chart_surface(points: np.ndarray, faces: np.ndarray, seconds: float, threads
     for part in parts:
         chart[part] += count
         count = int(chart[part].max()) + 1
-    flat = _levelled(flat, chart, points[faces])
-    if _collapsed_share(flat, points, faces) > 0.01:
+    areas = face_areas(points, faces)
+    flat = _levelled(flat, chart, points[faces], areas)
+    if _collapsed_share(flat, areas) > 0.01:
         raise QualityFailed("xatlas collapsed part of the surface")
     return flat, chart
 
@@ -64,15 +68,12 @@ def _parts(points, faces):
     A plane goes where the edges that it parts are shortest, so across a neck and not along a back; edges count by the cosine
     between their faces, because a sharp one would be a border of charts anyway.
     """
-    corner = points[faces]
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    normal /= np.maximum(np.sqrt((normal * normal).sum(1)), 1e-300)[:, None]
-    edges = np.sort(np.stack([faces, np.roll(faces, -1, 1)], -1).reshape(-1, 2), 1)
-    order = np.lexsort((edges[:, 1], edges[:, 0]))
-    twin = np.flatnonzero((edges[order[1:]] == edges[order[:-1]]).all(1))
-    first, second = order[twin] // 3, order[twin + 1] // 3
-    ends = points[edges[order[twin]]]
-    away = ends[:, 0] - ends[:, 1]
+    from ...geometry.edges import shared_edges  # here, so that the child process is spared numba
+
+    corner, edges = points[faces], shared_edges(faces)
+    normal, twin = face_normals(corner), np.flatnonzero(edges.edge[1:] == edges.edge[:-1])
+    first, second = edges.half[twin] // 3, edges.half[twin + 1] // 3
+    away = np.diff(points[edges.ends[edges.edge[twin]]], axis=1)[:, 0]
     cosine = np.clip((normal[first] * normal[second]).sum(1), 0.0, 1.0)
     parts, waiting = [], [(np.arange(len(faces)), first, second, np.sqrt((away * away).sum(1)) * cosine)]
     while waiting:
@@ -107,8 +108,7 @@ def _of_share(points, faces, parts, seconds):
     for part in parts:
         used, corner = np.unique(faces[part], return_inverse=True)
         meshes.append((points[used], corner.reshape(-1, 3)))
-    found = run_xatlas(meshes, 0, seconds)
-    return [_lent(flat.astype(np.float64), chart, *mesh) for (flat, chart, _), mesh in zip(found, meshes, strict=True)]
+    return [(flat, chart) for flat, chart, _ in run_xatlas(meshes, 0, seconds)]
 
 
 def _lent(flat, chart, points, faces):
@@ -128,7 +128,7 @@ def _lent(flat, chart, points, faces):
     return flat, chart
 
 
-def _levelled(flat, chart, corners):
+def _levelled(flat, chart, corners, areas):
     """Charts without the stretch that xatlas's packing gives them: it widens each to whole texels, along both axes.
 
     How far the surface goes along an axis, in the mean over the chart, is how long that axis should be; where a chart was
@@ -138,21 +138,20 @@ def _levelled(flat, chart, corners):
     along = np.stack([a * v[:, 1:] - b * u[:, 1:], b * u[:, :1] - a * v[:, :1]])
     reach = [np.bincount(chart, np.sqrt((way * way).sum(1))) for way in along]
     flat = flat * np.stack(reach, 1)[chart, None]
-    (u, v), cross = np.moveaxis(flat[:, 1:] - flat[:, :1], 1, 0), np.cross(a, b)
-    filled = np.bincount(chart, np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]))
-    surface = np.bincount(chart, np.sqrt((cross * cross).sum(1)))
+    filled, surface = np.bincount(chart, _flat_areas(flat)), np.bincount(chart, areas)
     return flat * np.sqrt(surface / np.where(filled > 0, filled, np.inf))[chart, None, None]
 
 
-def _collapsed_share(flat, points, faces):
-    """Share 0..1 of the surface that got (next to) no room in the atlas."""
-    from .chart_packing import flat_areas  # here, so that the child process is spared numba
+def _flat_areas(flat):
+    from .chart_packing import flat_areas  # here for the same reason
 
-    corner, room = points[faces], flat_areas(flat)
-    cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    area = np.sqrt((cross * cross).sum(1))
-    total = area.sum()
-    return float(area[room * total < 1e-4 * area * room.sum()].sum() / total) if total > 0 else 0.0
+    return flat_areas(flat)
+
+
+def _collapsed_share(flat, areas):
+    """Share 0..1 of the surface that got (next to) no room in the atlas."""
+    room, total = _flat_areas(flat), areas.sum()
+    return float(areas[room * total < 1e-4 * areas * room.sum()].sum() / total) if total > 0 else 0.0
 
 
 def run_xatlas(meshes: list, side: int, seconds: float) -> list:
@@ -160,8 +159,8 @@ def run_xatlas(meshes: list, side: int, seconds: float) -> list:
 
     meshes: (points float64 [V, 3] in the unit cube, faces int64 [F, 3]) each; side: of the square that its packing aims at, in
     texels, or 0: as small as CANVAS; seconds: time limit.
-    Returns for each (corners float32 [F, 3, 2] in texels of its canvas, chart int64 [F], canvas float32 [2]); a chart is -1 for
-    faces without area that xatlas ignored. Raises QualityFailed.
+    Returns for each (corners float64 [F, 3, 2] in texels of its canvas, chart int64 [F], canvas float32 [2]); faces without area
+    that xatlas ignored have the place of a neighbour. Raises QualityFailed.
     """
     if importlib.util.find_spec("xatlas") is None:
         raise QualityFailed("xatlas is not installed (pip install xatlas)")
@@ -184,7 +183,8 @@ def run_xatlas(meshes: list, side: int, seconds: float) -> list:
     for (flat, chart, size), (_, faces) in zip(found, meshes, strict=True):
         if flat.shape != (len(faces), 3, 2) or chart.shape != (len(faces),) or not np.isfinite(flat).all() or size.min() < 1:
             raise QualityFailed("xatlas returned malformed charts")
-    return found
+    return [(*_lent(flat.astype(np.float64), chart, *mesh), size)
+            for (flat, chart, size), mesh in zip(found, meshes, strict=True)]
 
 
 def _child():
@@ -202,7 +202,7 @@ def _child():
 
 
 def _xatlas(points, faces, side):
-    """What run_xatlas() returns of a mesh.
+    """What run_xatlas() returns of a mesh, in float32; a chart is -1 for faces that xatlas ignored.
 
     The mesh is enlarged first: xatlas silently ignores faces below 1.2e-7 square units and edges below 1e-4. Its canvas may
     exceed the resolution asked for (by up to 40 % in our measurements), so the padding allows for shrinking it.

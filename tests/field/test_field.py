@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from shapes import scene_of, sphere
 
 from naive import oracles
-from texfcodec.core.integer import _isqrt, _ones32
+from texfcodec.core.integer import _isqrt, _ones
 from texfcodec.encoder.decide.contacts import (
     colour_pieces,
     face_components,
@@ -245,7 +245,7 @@ def test_an_empty_brick_map_knows_nothing():
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_ones_of_a_word_are_counted(word):
-    assert _ones32(word) == word.bit_count()
+    assert _ones(word) == word.bit_count()
 
 
 # Query

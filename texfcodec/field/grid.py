@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.integer import _ones32
+from ..core.integer import _ones
 from ..core.kernel import kernel
 from .morton import _morton_key
 
@@ -65,7 +65,7 @@ def _rank(key, slots, bricks, words, ranks):
     bit = key & 31
     if not (bits >> bit) & 1:
         return np.int64(-1)
-    return ranks[b, word] + _ones32(bits & ((1 << bit) - 1))
+    return ranks[b, word] + _ones(bits & ((1 << bit) - 1))
 
 
 def build_brick_map(keys: np.ndarray) -> BrickMap:

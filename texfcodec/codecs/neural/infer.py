@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...core.integer import _ones32
+from ...core.integer import _ones
 from ...core.kernel import kernel
 from ...core.threads import over_blocks
 from ...field.grid import _brick_slot
@@ -75,7 +75,7 @@ def _rows_of_voxels(x, y, z, size, slots, bricks, words, ranks, row):
             word, bit = (key >> 5) & 15, key & 31
             bits = np.int64(words[b, word])
             if (bits >> bit) & 1:
-                row[q] = ranks[b, word] + _ones32(bits & ((np.int64(1) << bit) - 1))
+                row[q] = ranks[b, word] + _ones(bits & ((np.int64(1) << bit) - 1))
 
 
 @kernel

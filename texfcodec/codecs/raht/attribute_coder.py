@@ -23,10 +23,12 @@ from .coefficients.residual import ResidualPlan, code_residuals, fit_cross, new_
 from .entropy.contexts import CONTEXTS, LEVELS
 from .entropy.mixing import copy_model, new_model
 from .entropy.range_coder import CACHE, FULL, PENDING, POS, START_BYTES, Coder, finish, new_decoder, new_encoder
-from .transform.filter import PLANAR_TAPS, RINGS, apply_stage, fit_stage
+from .transform.filter import apply_stage, fit_stage
 from .transform.octree import NEIGHBOURS, Nodes, _neighbours, build_octree, root_table
+from .transform.planar_rings import TexelRings
 from .transform.prediction import DEFAULT_KERNEL, Means, inverse_range
 from .transform.quantise import step_of
+from .transform.rings import VoxelRings
 
 SLICE_VOXELS = 1 << 19  # encoder's choice: at most so many voxels a slice, and an even number of slices ...
 WHOLE_VOXELS = 1 << 18  # ... but one slice for fewer than this
@@ -131,6 +133,10 @@ class _Descent:
         if self.with_dct:
             self.dct, self.part = dct_blocks(self.levels, depth, self.mean.shape[1], self.dct)
         return Blocks(nodes, Means(self.mean, child_mean), self.above, energy, self.kept_above, kept, self.dct)
+
+    def rings(self, keys):
+        """Rings of the last level, for filters."""
+        return TexelRings(keys) if self.planar else VoxelRings(self.levels[-2], self.table)
 
     def descend(self, depth, blocks, ranges):
         """Moves to the level below `depth`; `ranges` are the node ranges of the slices, for parallel table building."""
@@ -254,14 +260,13 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
             walk.run([partial(coder.code, int(children[end] - children[begin]) * symbols, rules, blocks, wanted, begin, end)
                       for coder, (begin, end) in zip(active, ranges, strict=True)])
             walk.descend(d, blocks, ranges)
-        filters = []
+        filters, rings = [], walk.rings(keys) if tools.filters and depth else None
         for _ in range(tools.filters if depth else 0):
-            stage = fit_stage(levels[-2], walk.table, walk.mean, originals[-1], steps, lagrangian, walk.run,
-                              PLANAR_TAPS if tools.planar else RINGS)
+            stage = fit_stage(rings, walk.mean, originals[-1], steps, lagrangian, walk.run)
             if stage is None:
                 break
             filters.append(stage)
-            walk.mean = apply_stage(stage, levels[-2], walk.table, walk.mean, steps, walk.run)
+            walk.mean = apply_stage(stage, rings, walk.mean, steps, walk.run)
         made, residual, cross = walk.mean if plan is None else plan.inverse(walk.mean), 0, []
         if plan is not None and depth:
             parents, residual = _ranges(levels, depth - 1, slice_level, slice_first), plan.delta + 1
@@ -312,8 +317,10 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
                       for (coder, model), (begin, end) in zip(active, ranges, strict=True)])
             walk.descend(d, blocks, ranges)
             _watch(watched[first:], spans[first:], active)
-        for stage in coded.filters if 0 < stop_level == depth else ():
-            walk.mean = apply_stage(stage, levels[-2], walk.table, walk.mean, steps, walk.run)
+        if coded.filters and 0 < stop_level == depth:
+            rings = walk.rings(keys)
+            for stage in coded.filters:
+                walk.mean = apply_stage(stage, rings, walk.mean, steps, walk.run)
         made = walk.mean if inverse is None else inverse(walk.mean)
         if inverse is not None and coded.residual and 0 < stop_level == depth:
             parents = _ranges(levels, depth - 1, coded.slice_level, coded.slice_first)

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.colour_error import ColourError
-from ...core.integer import _ones32
+from ...core.integer import _ones
 from ...core.kernel import kernel
 from ...field.grid import BrickMap, _rank_of_voxel
 from ...field.morton import decode_morton
@@ -125,7 +125,7 @@ def _accumulate(rank, weight, rgba, low, high, first, mask, gram, right):
             for b in range(8):
                 if rank[i, b] >= 0:
                     d = 9 * ((b >> 2) - (a >> 2) + 1) + 3 * (((b >> 1) & 1) - ((a >> 1) & 1) + 1) + (b & 1) - (a & 1) + 1
-                    slot = first[row] + _ones32(mask[row] & ((1 << d) - 1))
+                    slot = first[row] + _ones(mask[row] & ((1 << d) - 1))
                     gram[slot] += np.float32(wa * weight[i, b])
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from ....core.kernel import kernel
 from ..entropy.contexts import _surroundings
 from ..entropy.mixing import new_chosen
-from ..transform.prediction import _predict, new_around
+from ..transform.prediction import _predict
 from ..transform.quantise import MAX_MEAN
 from ..transform.raht import SPLITS, _forward, _inverse, _is_square, _rotate, _tree_weights, _weighted_mean
 from .dct_blocks import new_dct_scratch
@@ -34,7 +34,7 @@ Wanted = namedtuple("Wanted", "original texels lagrangian bits_of")
 # A block in the making. tree: of _tree_weights; q int64 [7, C], coefficients; predicted int64 [8, C]; shift int64 [C], weighted
 # means of the predictions; flags int64 [2], whether a plane has coefficients; sums int64 [6], of _surroundings; values int64
 # [15, C]; f int64 [FEATURES]; halves int64 [15], expected, down int64 [7, C], of _slopes; alike, alike_signs int64 [7, C], of
-# _look_around; products int64 [C], of _follow; around: Around; chosen: Chosen; dct: DctScratch; residual float64 [8, C], scaled
+# _look_around; products int64 [C], of _follow; around int64 [8, 4], of _predict; chosen: Chosen; dct: DctScratch; residual float64 [8, C], scaled
 # float64 [7, C], spread float64 [15]: the encoder's
 Scratch = namedtuple("Scratch", "tree q predicted shift flags sums values f halves expected down alike alike_signs products "
                                 "around chosen dct residual scaled spread")
@@ -43,9 +43,9 @@ Scratch = namedtuple("Scratch", "tree q predicted shift flags sums values f halv
 def new_scratch(components: int) -> Scratch:
     """Scratch of a walk."""
     whole = [(15,), (SPLITS, components), (8, components), (components,), (2,), (6,), (15, components), (FEATURES,), (15,),
-             *4 * [(SPLITS, components)], (components,)]
+             *4 * [(SPLITS, components)], (components,), (8, 4)]
     real = [(8, components), (SPLITS, components), (15,)]
-    return Scratch._make([*(np.zeros(shape, np.int64) for shape in whole), new_around(), new_chosen(),
+    return Scratch._make([*(np.zeros(shape, np.int64) for shape in whole), new_chosen(),
                           new_dct_scratch(components), *(np.zeros(shape) for shape in real)])
 
 

@@ -32,7 +32,7 @@ def _enc_direct_level(coder, model, rules, blocks, wanted, s, begin, end):
             _enc_bit(coder.state, coder.buffer, contexts, flag_ctx, coded)
             if coded:
                 _enc_plane(coder, contexts, splits, c0, c1, rules.level, strength, s.tree, s.q)
-            energy[p, k] = _plane_energy(s.q, c0, c1, splits)
+            energy[p, k] = _plane_energy(s.q, c0, c1, splits) if s.flags[k] else 0
         _close_block(p, rules, blocks, s)
 
 
@@ -52,7 +52,7 @@ def _dec_direct_level(coder, model, rules, blocks, s, begin, end):
             s.flags[k] = _dec_bit(coder.state, coder.buffer, coder.end, contexts, flag_ctx)
             if s.flags[k]:
                 _dec_plane(coder, contexts, splits, c0, c1, rules.level, max(near, far), s.tree, s.q)
-            energy[p, k] = _plane_energy(s.q, c0, c1, splits)
+            energy[p, k] = _plane_energy(s.q, c0, c1, splits) if s.flags[k] else 0
         _close_block(p, rules, blocks, s)
 
 

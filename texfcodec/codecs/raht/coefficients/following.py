@@ -3,8 +3,9 @@ others, as they move with it around the block."""
 
 import numpy as np
 
+from ....core.integer import _ones
 from ....core.kernel import kernel
-from ..transform.octree import CELL_STEPS, CELLS, NEIGHBOUR_STEPS, NEIGHBOURS
+from ..transform.octree import ADJACENT, ADJACENT_PLACE, NEIGHBOUR_STEPS, NEIGHBOURS
 from ..transform.quantise import MAX_MEAN
 from ..transform.raht import _inverse
 
@@ -31,12 +32,16 @@ def _follow(p, first, rules, blocks, s):
     products[:] = 0
     for i in range(planar, NEIGHBOURS, NEIGHBOUR_STEPS[planar]):
         q = np.int64(table[p, i])
-        if q >= 0 and (q < first or q > p):
+        if q < 0 or q == p:
+            continue
+        if q < first or q > p:
             _add_products(mean, q, mean, p, products)
-    for i in range(planar, CELLS, CELL_STEPS[planar]):
-        q = s.around.cells[i]
-        if q >= 0:
-            _add_products(child_mean, q, mean, p, products)
+            continue
+        taken, child = np.int64(blocks.nodes.occupancy[q]), blocks.nodes.first_child[q]
+        for j in range(ADJACENT[i]):
+            place = ADJACENT_PLACE[i, j]
+            if (taken >> place) & 1:
+                _add_products(child_mean, child + _ones(taken & ((1 << place) - 1)), mean, p, products)
     spread = products[0] + ((rules.steps[0] * rules.steps[0]) >> LEAST_SPREAD)
     _inverse(tree, s.q, 0, np.int64(0), rules.steps[0], s.values, rules.rotated)
     for c in range(1, products.shape[0]):

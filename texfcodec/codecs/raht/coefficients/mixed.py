@@ -59,7 +59,7 @@ def _enc_mixed_level(coder, model, rules, blocks, wanted, s, begin, end):
                 _mixed_bit(True, coder, model, models, chosen, coded)
             if coded:
                 _enc_mixed_plane(coder, model, models, c0, c1, s)
-            energy[p, k] = _plane_energy(s.q, c0, c1, splits)
+            energy[p, k] = _plane_energy(s.q, c0, c1, splits) if s.flags[k] else 0
         _close_block(p, rules, blocks, s)
 
 
@@ -92,7 +92,7 @@ def _dec_mixed_level(coder, model, rules, blocks, s, begin, end):
                 for c in range(c0, c1):
                     _slopes(s.tree, s.predicted, c, rules.inverse, s.halves, s.expected, s.down, rules.rotated)
                 _dec_mixed_plane(coder, model, models, c0, c1, s)
-            energy[p, k] = _plane_energy(s.q, c0, c1, splits)
+            energy[p, k] = _plane_energy(s.q, c0, c1, splits) if s.flags[k] else 0
         _close_block(p, rules, blocks, s)
 
 

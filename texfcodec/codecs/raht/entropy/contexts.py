@@ -7,6 +7,7 @@ block, of the neighbours decoded before on its own level and of the level above,
 import numpy as np
 
 from ....core.kernel import kernel
+from ..transform.octree import CORNERS, DIRECTIONS, PLANAR_DIRECTIONS, STEPS
 from .range_coder import _dec_bit, _dec_bypass, _enc_bit, _enc_bypass, _probability
 
 CLASSES = 7  # energy classes
@@ -21,10 +22,6 @@ ZERO_BASE = BLOCK_BASE + N_BLOCK
 MORE_BASE = ZERO_BASE + N_ZERO
 UNARY_BASE = MORE_BASE + N_MORE
 CONTEXTS = UNARY_BASE + N_UNARY
-# Faces and edges of a block in its neighbour table, and how much their energies weigh; first those with z = 0, PLANAR_DIRECTIONS
-DIRECTIONS, WEIGHTS = np.array([(i, 3 - away) for i in sorted(range(27), key=lambda i: i % 3 != 1)
-                                if 0 < (away := abs(i // 9 - 1) + abs(i // 3 % 3 - 1) + abs(i % 3 - 1)) < 3]).T.copy()
-PLANAR_DIRECTIONS = 8
 MAX_PREFIX = 24  # of the Exp-Golomb escape: |q| < 2**25 + 15; clipped when dequantised
 
 
@@ -56,11 +53,11 @@ def _surroundings(p, first, table, planar, energy, above, sums):
     """
     near_luma, near_chroma, near_weight = np.int64(0), np.int64(0), np.int64(0)
     far_luma, far_chroma, far_weight = 3 * np.int64(above[p, 0]), 3 * np.int64(above[p, 1]), np.int64(3)
-    for i in range(PLANAR_DIRECTIONS if planar else DIRECTIONS.shape[0]):
+    for i in range(PLANAR_DIRECTIONS if planar else CORNERS):
         q = np.int64(table[p, DIRECTIONS[i]])
         if q < 0:
             continue
-        w = np.int64(WEIGHTS[i])
+        w = 3 - STEPS[i]
         if first <= q < p:
             near_luma += w * energy[q, 0]
             near_chroma += w * energy[q, 1]

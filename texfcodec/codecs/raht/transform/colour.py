@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ....core.kernel import kernel
 from .quantise import VALUE_FRACTION
 
 # 2**16 times 1.5748, 0.187324, 0.468124, 1.8556
@@ -21,15 +22,21 @@ def forward_colour(rgb: np.ndarray) -> np.ndarray:
     return out
 
 
+@kernel
+def _inverse_colour(means, rgb):
+    """means: int32 [N, 3]; rgb: uint8 [N, 3], filled."""
+    shift = VALUE_FRACTION + 16
+    for i in range(means.shape[0]):
+        y, cb, cr = (np.int64(means[i, 0]) << 16) + (1 << (shift - 1)), np.int64(means[i, 1]), np.int64(means[i, 2])
+        rgb[i, 0] = min(max((y + CR_TO_R * cr) >> shift, 0), 255)
+        rgb[i, 1] = min(max((y - CB_TO_G * cb - CR_TO_G * cr) >> shift, 0), 255)
+        rgb[i, 2] = min(max((y + CB_TO_B * cb) >> shift, 0), 255)
+
+
 def inverse_colour(means: np.ndarray) -> np.ndarray:
     """Decoder's side (spec 7.8.2). means: int32 [N, 3], 12 fractional bits. Returns uint8 [N, 3] RGB."""
-    y = means[:, 0].astype(np.int64) << 16
-    cb, cr = means[:, 1].astype(np.int64), means[:, 2].astype(np.int64)
-    planes = (y + CR_TO_R * cr, y - CB_TO_G * cb - CR_TO_G * cr, y + CB_TO_B * cb)
-    shift = VALUE_FRACTION + 16
     rgb = np.empty(means.shape, np.uint8)
-    for c, plane in enumerate(planes):
-        rgb[:, c] = np.clip((plane + (1 << (shift - 1))) >> shift, 0, 255)
+    _inverse_colour(means, rgb)
     return rgb
 
 

@@ -10,26 +10,12 @@ from functools import partial
 
 import numpy as np
 
-from ....core.integer import _ones32
-from ....core.kernel import kernel
-from ..coefficients.mixed_contexts import _sixteenths
-from .octree import CELLS, CENTRE, Level, _cells
-from .quantise import MAX_MEAN
+from .planar_rings import PLANAR_TAPS, TexelRings
+from .rings import CLASSES, COEFFICIENT_FRACTION, RINGS, VoxelRings
 
-CLASSES = 5
-RINGS = 3
-PLANAR_TAPS = 5  # faces and edges, the texels two away, faces and edges limited (7.11.3)
-RING_SIZES = np.array((6, 12, 8))
-_OFFSETS = [(abs(x) + abs(y) + abs(z), 16 * x + 4 * y + z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]
-RING_CELLS = np.array([([cell for away, cell in _OFFSETS if away == r] + 12 * [0])[:12] for r in (1, 2, 3)])
-ROUGHNESS_BOUNDS = np.array((4, 8, 16, 32))
-COEFFICIENT_FRACTION = 9
 MAX_COEFFICIENT = 127
 COEFFICIENT_BITS = 8 * RINGS  # what a class of a component costs in supports that are not planar
 LIMIT_SHIFT = 2  # differences are limited to a quarter of a step
-FACE_STEPS, EDGE_STEPS = np.array((-16, -4, 4, 16)), np.array((-20, -12, 12, 20))  # from cell to cell, z = 0
-FACE_NODES = np.array((4, 10, 16, 22))  # of a node's neighbour table, z = 0
-CHUNK = 1 << 13  # parents a task works on; fixed, so that the statistics do not depend on the number of threads
 
 
 @dataclass
@@ -55,130 +41,16 @@ def taps_of(stage: FilterStage) -> list[int]:
     return [int(v) for i in range(len(flat)) if stage.mask >> i & 1 for v in flat[i]]
 
 
-@kernel(forceinline=True)
-def _rings(cells, octant, mean, ring):
-    """Fills ring int64 [C, 3] for the child at `octant`; returns (its number, mean absolute luma difference)."""
-    centre = CENTRE[octant]
-    v, last = cells[centre], mean.shape[1] - 1  # of two components, the second is summed twice
-    rough, count = np.int64(0), np.int64(0)
-    for r in range(RINGS):
-        a = b = c = np.int64(0)
-        for j in range(RING_SIZES[r]):
-            u = cells[centre + RING_CELLS[r, j]]
-            count += 1 if u >= 0 else 0
-            u = u if u >= 0 else v  # adds nothing; a branch here would be mispredicted half the time
-            difference = np.int64(mean[u, 0]) - mean[v, 0]
-            a += difference
-            rough += abs(difference)
-            if last:
-                b += np.int64(mean[u, 1]) - mean[v, 1]
-                c += np.int64(mean[u, last]) - mean[v, last]
-        ring[0, r] = a
-        if last:
-            ring[1, r] = b
-            ring[last, r] = c
-    return v, rough // max(np.int64(1), count)
+def _pieces(rings):
+    return [(b, min(b + rings.pieces, rings.size)) for b in range(0, rings.size, rings.pieces)]
 
 
-@kernel(forceinline=True)
-def _limited(v, limit):
-    return min(max(v, -limit), limit)
-
-
-@kernel
-def _planar_rings(p, octant, table, first_child, occupancy, cells, mean, limits, ring):
-    """Fills ring int64 [C, PLANAR_TAPS] for the texel at `octant` of p; returns (its number, mean absolute luma difference).
-    limits: int64 [C]. Sums of four differences, each < 2**23."""
-    ring[:] = 0
-    centre = CENTRE[octant]
-    v = cells[centre]
-    rough, count = np.int64(0), np.int64(0)
-    for i in range(4):
-        for tap in range(2):
-            u = cells[centre + (FACE_STEPS[i] if tap == 0 else EDGE_STEPS[i])]
-            if u < 0:
-                continue
-            count += 1
-            rough += abs(np.int64(mean[u, 0]) - mean[v, 0])
-            for c in range(mean.shape[1]):
-                difference = np.int64(mean[u, c]) - mean[v, c]
-                ring[c, tap] += difference
-                ring[c, 3 + tap] += _limited(difference, limits[c])
-        q = np.int64(table[p, FACE_NODES[i]])
-        if q >= 0 and (occupancy[q] >> octant) & 1:
-            u = first_child[q] + _ones32(np.int64(occupancy[q]) & ((1 << octant) - 1))
-            for c in range(mean.shape[1]):
-                ring[c, 2] += np.int64(mean[u, c]) - mean[v, c]
-    return v, rough // max(np.int64(1), count)
-
-
-@kernel
-def _roughness_class(rough, inverse):
-    sixteenths, cls = _sixteenths(rough, inverse), 0
-    while cls < CLASSES - 1 and sixteenths >= ROUGHNESS_BOUNDS[cls]:
-        cls += 1
-    return cls
-
-
-@kernel(allocates=True)
-def _filter(begin, end, table, first_child, occupancy, mean, inverse, limits, coefficients, filtered):
-    """Filters the children of parents begin..end-1. mean, filtered: int32 [N, C]; inverse: 2**32 // step of component 0; limits:
-    int64 [C], of use with PLANAR_TAPS.
-    |coefficient * ring| < 2**7 * 12 * 2**23."""
-    taps = coefficients.shape[2]
-    cells, ring = np.zeros(CELLS, np.int64), np.zeros((mean.shape[1], taps), np.int64)
-    for p in range(begin, end):
-        _cells(p, 0, occupancy.shape[0], table, first_child, occupancy, 1 if taps == PLANAR_TAPS else 0, cells)
-        for octant in range(8):
-            if not (occupancy[p] >> octant) & 1:
-                continue
-            if taps == PLANAR_TAPS:
-                v, rough = _planar_rings(p, octant, table, first_child, occupancy, cells, mean, limits, ring)
-            else:
-                v, rough = _rings(cells, octant, mean, ring)
-            cls = _roughness_class(rough, inverse)
-            for c in range(mean.shape[1]):
-                change = np.int64(1 << (COEFFICIENT_FRACTION - 1))
-                for r in range(taps):
-                    change += coefficients[cls, c, r] * ring[c, r]
-                filtered[v, c] = min(max(mean[v, c] + (change >> COEFFICIENT_FRACTION), -MAX_MEAN), MAX_MEAN)
-
-
-@kernel(allocates=True)
-def _statistics(begin, end, table, first_child, occupancy, mean, original, inverse, limits, products, targets):
-    """Adds up products float64 [CLASSES, C, T, T] of the T rings and targets float64 [CLASSES, C, T] of rings times error."""
-    taps = targets.shape[2]
-    cells, ring = np.zeros(CELLS, np.int64), np.zeros((mean.shape[1], taps), np.int64)
-    for p in range(begin, end):
-        _cells(p, 0, occupancy.shape[0], table, first_child, occupancy, 1 if taps == PLANAR_TAPS else 0, cells)
-        for octant in range(8):
-            if not (occupancy[p] >> octant) & 1:
-                continue
-            if taps == PLANAR_TAPS:
-                v, rough = _planar_rings(p, octant, table, first_child, occupancy, cells, mean, limits, ring)
-            else:
-                v, rough = _rings(cells, octant, mean, ring)
-            cls = _roughness_class(rough, inverse)
-            for c in range(mean.shape[1]):
-                error = np.float64(original[v, c]) - mean[v, c]
-                for r in range(taps):
-                    targets[cls, c, r] += ring[c, r] * error
-                    for s in range(r + 1):
-                        products[cls, c, r, s] += np.float64(ring[c, r]) * ring[c, s]
-
-
-def _chunks(parents):
-    return [(b, min(b + CHUNK, parents)) for b in range(0, parents, CHUNK)]
-
-
-def apply_stage(stage: FilterStage, level: Level, table: np.ndarray, mean: np.ndarray, steps: np.ndarray,
+def apply_stage(stage: FilterStage, rings: VoxelRings | TexelRings, mean: np.ndarray, steps: np.ndarray,
                 run: Callable) -> np.ndarray:
-    """One stage over all voxels: int32 [N, C]. level, table: of their parents; steps: int64 [C]; run: function that runs a
-    list of jobs."""
+    """One stage over all voxels: int32 [N, C]. rings: of the voxels; steps: int64 [C]; run: function that runs a list of jobs."""
     filtered = np.empty_like(mean)
     factors = (1 << 32) // int(steps[0]), steps >> LIMIT_SHIFT, stage.coefficients
-    run([partial(_filter, b, e, table, level.first_child, level.occupancy, mean, *factors, filtered)
-         for b, e in _chunks(len(level))])
+    run([partial(rings.filter, b, e, mean, *factors, filtered) for b, e in _pieces(rings)])
     return filtered
 
 
@@ -199,16 +71,14 @@ def _solve(products, targets):
     return x
 
 
-def fit_stage(level: Level, table: np.ndarray, mean: np.ndarray, original: np.ndarray, steps: np.ndarray, lagrangian: float,
-              run: Callable, taps: int = RINGS) -> FilterStage | None:
-    """The stage that brings mean nearest to original, int32 [N, C] both; None where nothing is worth its bits. steps: int64 [C];
-    lagrangian: bits per squared step; taps: RINGS or PLANAR_TAPS."""
-    components = mean.shape[1]
-    chunks = _chunks(len(level))
-    parts = [(np.zeros((CLASSES, components, taps, taps)), np.zeros((CLASSES, components, taps))) for _ in chunks]
-    factors = (1 << 32) // int(steps[0]), steps >> LIMIT_SHIFT
-    run([partial(_statistics, b, e, table, level.first_child, level.occupancy, mean, original, *factors, *part)
-         for (b, e), part in zip(chunks, parts, strict=True)])
+def fit_stage(rings: VoxelRings | TexelRings, mean: np.ndarray, original: np.ndarray, steps: np.ndarray, lagrangian: float,
+              run: Callable) -> FilterStage | None:
+    """The stage that brings mean nearest to original, int32 [N, C] both; None where nothing is worth its bits. rings: of the
+    voxels; steps: int64 [C]; lagrangian: bits per squared step."""
+    components, taps, pieces = mean.shape[1], rings.taps, _pieces(rings)
+    parts = [(np.zeros((CLASSES, components, taps, taps)), np.zeros((CLASSES, components, taps))) for _ in pieces]
+    factors = (1 << 32) // int(steps[0]), steps >> LIMIT_SHIFT, original
+    run([partial(rings.statistics, b, e, mean, *factors, *part) for (b, e), part in zip(pieces, parts, strict=True)])
     mask, coefficients = 0, np.zeros((CLASSES, components, taps), np.int64)
     for k in range(CLASSES):
         for c in range(components):

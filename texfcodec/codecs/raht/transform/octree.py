@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ....core.integer import _ones32
+from ....core.integer import _ones
 from ....core.kernel import kernel
 
 NEIGHBOURS = 27  # offset (dx, dy, dz) of entry 9 * (dx + 1) + 3 * (dy + 1) + dz + 1; entry 13 is the node itself
@@ -82,7 +82,16 @@ def _adjacent():
     return places, cells, counts
 
 
+def _steps(entry):
+    """How many axes lead from a node to a neighbour: 0 itself, 1 across a face, 2 an edge, 3 a corner."""
+    return abs(entry // 9 - 1) + abs(entry // 3 % 3 - 1) + abs(entry % 3 - 1)
+
+
 ADJACENT_PLACE, ADJACENT_CELL, ADJACENT = _adjacent()
+# A node's neighbours and their steps: faces and edges, first the PLANAR_DIRECTIONS with z = 0, then corners, from CORNERS on
+DIRECTIONS = np.array(sorted((i for i in range(NEIGHBOURS) if _steps(i)), key=lambda i: (_steps(i) == 3, i % 3 != 1)))
+STEPS = np.array([_steps(i) for i in DIRECTIONS.tolist()])
+PLANAR_DIRECTIONS, CORNERS = 8, 18
 CELLS = 64
 CENTRE = np.array([21 + 16 * (o & 1) + 4 * (o >> 1 & 1) + (o >> 2 & 1) for o in range(8)])  # cells of a node's own children
 
@@ -90,8 +99,10 @@ CENTRE = np.array([21 + 16 * (o & 1) + 4 * (o >> 1 & 1) + (o >> 2 & 1) for o in 
 @kernel(forceinline=True)
 def _cells(p, begin, end, table, first_child, occupancy, planar, cells):
     """Fills cells int64 [64] with the numbers of the children around and in node p: cell 16 x + 4 y + z with coordinates 0..3,
-    the node's own children at 1 and 2; -1 where there is none. Only children of the nodes begin..end-1 are taken."""
+    the node's own children at 1 and 2; -1 where there is none. Only children of the nodes begin..end-1 are taken. Returns the
+    cells that have one, a bit each."""
     cells[:] = -1
+    filled = np.int64(0)
     for i in range(planar, NEIGHBOURS, NEIGHBOUR_STEPS[planar]):
         q = np.int64(table[p, i])
         if q < begin or q >= end:
@@ -100,7 +111,9 @@ def _cells(p, begin, end, table, first_child, occupancy, planar, cells):
         for j in range(ADJACENT[i]):
             place = ADJACENT_PLACE[i, j]
             if (taken >> place) & 1:
-                cells[ADJACENT_CELL[i, j]] = child + _ones32(taken & ((1 << place) - 1))
+                cells[ADJACENT_CELL[i, j]] = child + _ones(taken & ((1 << place) - 1))
+                filled |= np.int64(1) << ADJACENT_CELL[i, j]
+    return filled
 
 
 @kernel(allocates=True)

@@ -1,0 +1,175 @@
+"""What the filter of clause 7.11.3 looks at around a texel: the sums of its neighbours' differences across faces and edges, these
+limited, and those of the texels two away.
+
+The texels of a square of 8 x 8 and of a border of two around it are laid out as a picture, in which a neighbour is a step: loops
+over it have no branches.
+"""
+
+from collections import namedtuple
+from itertools import product
+
+import numpy as np
+
+from ....core.kernel import kernel
+from ....field.morton import compact, encode_morton
+from .rings import _count, _move, _roughness_class
+
+PLANAR_TAPS = 5  # faces, edges, the texels two away, faces limited, edges limited
+SIDE, BORDER = 8, 2
+BITS = 3 * 3  # of a key, within its square
+WIDTH = SIDE + 2 * BORDER
+AREA = WIDTH * WIDTH
+FIRST = BORDER * WIDTH + BORDER  # place of a square's first texel
+SPAN = (SIDE - 1) * WIDTH + SIDE  # from there to its last
+SQUARES = 128  # that a task works on; fixed, so that the statistics do not depend on the number of threads
+PER_COUNT = np.array([0, *((1 << 32) // n + 1 for n in range(1, 9))])  # v // n = v * PER_COUNT[n] >> 32 for v < 2**29
+OFFSETS = tuple(product((-1, 0, 1), repeat=2))
+OWN = 4  # the square itself
+# Scratch. there: int64 [AREA + 1], -1 where a texel is, else 0; values: int64 [C, AREA + 1], of no meaning where none is; the
+# others are of _sum_up, classes int64 [SPAN]
+Picture = namedtuple("Picture", "there values sums sizes counts classes")
+
+
+def _places():
+    """For a square in direction 0..8 of OFFSETS, int64 [9, 512]: where a texel of it with these last bits of its key lies in the
+    picture, AREA where it does not."""
+    low = np.arange(1 << BITS)
+    places = []
+    for dx, dy in OFFSETS:
+        x, y = (compact(low >> axis) + BORDER + SIDE * d for axis, d in ((0, dx), (1, dy)))
+        inside = (0 <= x) & (x < WIDTH) & (0 <= y) & (y < WIDTH)
+        places.append(np.where(inside, WIDTH * y + x, AREA))
+    return np.array(places)
+
+
+PLACES = _places()
+
+
+@kernel(forceinline=True)
+def _limited(v, limit):
+    return min(max(v, -limit), limit)
+
+
+@kernel
+def _lay_out(square, keys, first, near, mean, there, values):
+    """Lays a square and its border out."""
+    there[:] = 0
+    last = mean.shape[1] - 1
+    for d in range(9):
+        q = near[square, d]
+        if q < 0:
+            continue
+        for v in range(first[q], first[q + 1]):
+            place = PLACES[d, keys[v] & ((1 << BITS) - 1)]
+            if place == AREA:
+                continue
+            there[place] = -1
+            values[0, place] = mean[v, 0]
+            if last:
+                values[1, place] = mean[v, 1]
+                values[last, place] = mean[v, last]
+
+
+@kernel(forceinline=True)
+def _difference(own, i, there, values):
+    """What a place differs from `own` by, 0 where no texel is."""
+    return (values[i] - own) & there[i]
+
+
+@kernel
+def _sum_up(limit, there, values, sums, sizes, counts):
+    """Fills sums int64 [PLANAR_TAPS * SPAN] for the places from the square's first texel to its last, sizes int64 [SPAN] with the
+    absolute differences and counts int64 [SPAN] with how many there are. Each difference is < 2**23."""
+    for j in range(SPAN):
+        own = values[j + FIRST]
+        n, s = _difference(own, j + FIRST - WIDTH, there, values), _difference(own, j + FIRST + WIDTH, there, values)
+        w, e = _difference(own, j + FIRST - 1, there, values), _difference(own, j + FIRST + 1, there, values)
+        sums[j] = n + s + w + e
+        sums[j + 3 * SPAN] = _limited(n, limit) + _limited(s, limit) + _limited(w, limit) + _limited(e, limit)
+        sizes[j] = abs(n) + abs(s) + abs(w) + abs(e)
+        counts[j] = -(there[j + FIRST - WIDTH] + there[j + FIRST + WIDTH] + there[j + FIRST - 1] + there[j + FIRST + 1])
+    for j in range(SPAN):
+        own = values[j + FIRST]
+        n, s = _difference(own, j + FIRST - WIDTH - 1, there, values), _difference(own, j + FIRST + WIDTH - 1, there, values)
+        w, e = _difference(own, j + FIRST - WIDTH + 1, there, values), _difference(own, j + FIRST + WIDTH + 1, there, values)
+        sums[j + SPAN] = n + s + w + e
+        sums[j + 4 * SPAN] = _limited(n, limit) + _limited(s, limit) + _limited(w, limit) + _limited(e, limit)
+        sizes[j] += abs(n) + abs(s) + abs(w) + abs(e)
+        counts[j] -= (there[j + FIRST - WIDTH - 1] + there[j + FIRST + WIDTH - 1] + there[j + FIRST - WIDTH + 1]
+                      + there[j + FIRST + WIDTH + 1])
+    for j in range(SPAN):
+        own = values[j + FIRST]
+        sums[j + 2 * SPAN] = (_difference(own, j + FIRST - 2 * WIDTH, there, values)
+                              + _difference(own, j + FIRST + 2 * WIDTH, there, values)
+                              + _difference(own, j + FIRST - 2, there, values) + _difference(own, j + FIRST + 2, there, values))
+
+
+@kernel(forceinline=True)
+def _look_at(square, keys, first, near, mean, limits, inverse, picture):
+    """Fills a Picture with sums and classes of a square."""
+    _lay_out(square, keys, first, near, mean, picture.there, picture.values)
+    for c in range(mean.shape[1] - 1, -1, -1):  # classes are of component 0
+        _sum_up(limits[c], picture.there, picture.values[c], picture.sums[c], picture.sizes, picture.counts)
+    for j in range(SPAN):
+        picture.classes[j] = _roughness_class((picture.sizes[j] * PER_COUNT[picture.counts[j]]) >> 32, inverse)
+
+
+@kernel(forceinline=True)
+def _rings_of(v, keys, picture, rings):
+    """Fills rings int64 [C, PLANAR_TAPS] of texel v of the square that was looked at; returns its class."""
+    j = PLACES[OWN, keys[v] & ((1 << BITS) - 1)] - FIRST
+    for c in range(rings.shape[0]):
+        for tap in range(PLANAR_TAPS):
+            rings[c, tap] = picture.sums[c, tap * SPAN + j]
+    return picture.classes[j]
+
+
+@kernel
+def _filter(begin, end, keys, first, near, mean, inverse, limits, coefficients, filtered, picture, rings):
+    """Filters the texels of squares begin..end-1. mean, filtered: int32 [N, C]; inverse: 2**32 // step of component 0; limits:
+    int64 [C]; picture, rings: scratch."""
+    for square in range(begin, end):
+        _look_at(square, keys, first, near, mean, limits, inverse, picture)
+        for v in range(first[square], first[square + 1]):
+            _move(v, mean, coefficients, _rings_of(v, keys, picture, rings), PLANAR_TAPS, rings, filtered)
+
+
+@kernel
+def _statistics(begin, end, keys, first, near, mean, inverse, limits, original, products, targets, picture, rings):
+    """As _filter, the sums of _count."""
+    for square in range(begin, end):
+        _look_at(square, keys, first, near, mean, limits, inverse, picture)
+        for v in range(first[square], first[square + 1]):
+            _count(v, mean, original, _rings_of(v, keys, picture, rings), PLANAR_TAPS, rings, products,
+                   targets)
+
+
+def _scratch(components):
+    zeros = lambda *shape: np.zeros(shape, np.int64)
+    return (Picture(zeros(AREA + 1), zeros(components, AREA + 1), zeros(components, PLANAR_TAPS * SPAN), zeros(SPAN), zeros(SPAN),
+                    zeros(SPAN)), zeros(components, PLANAR_TAPS))
+
+
+class TexelRings:
+    """Rings of texels. keys: int64 [N], their ascending Morton keys, z = 0."""
+
+    taps, pieces = PLANAR_TAPS, SQUARES
+
+    def __init__(self, keys: np.ndarray):
+        squares = keys >> BITS
+        first = np.flatnonzero(np.diff(squares, prepend=-1))
+        squares = squares[first]
+        x, y = compact(squares), compact(squares >> 1)
+        near = np.full((len(squares), len(OFFSETS)), -1, np.int64)
+        for d, (dx, dy) in enumerate(OFFSETS):
+            beside = np.stack([x + dx, y + dy, np.zeros_like(x)], axis=1)
+            asked = encode_morton(np.maximum(beside, 0))
+            at = np.minimum(np.searchsorted(squares, asked), len(squares) - 1)
+            near[:, d] = np.where((squares[at] == asked) & (beside.min(axis=1) >= 0), at, -1)
+        self.size, self.around = len(squares), (keys, np.append(first, len(keys)), near)
+
+    def filter(self, begin, end, mean, *arguments):
+        _filter(begin, end, *self.around, mean, *arguments, *_scratch(mean.shape[1]))
+
+    def statistics(self, begin, end, mean, *arguments):
+        _statistics(begin, end, *self.around, mean, *arguments, *_scratch(mean.shape[1]))

@@ -1,0 +1,118 @@
+"""What the filter of clause 7.7 looks at around a voxel: the sums of its neighbours' differences, ring by ring, and how rough it is
+there."""
+
+import numpy as np
+
+from ....core.integer import _ones
+from ....core.kernel import kernel
+from ..coefficients.mixed_contexts import _sixteenths
+from .octree import CELLS, CENTRE, Level, _cells
+from .quantise import MAX_MEAN
+
+CLASSES = 5
+ROUGHNESS_BOUNDS = np.array((4, 8, 16, 32))
+COEFFICIENT_FRACTION = 9
+RINGS = 3  # across faces, edges and corners
+CHUNK = 1 << 13  # parents a task works on; fixed, so that the statistics do not depend on the number of threads
+_FIRST = int(CENTRE[0]) - 21  # of the 43 cells from a child's first neighbour to its last
+# Of each ring its cells among those 43, one bit each
+RING_MASKS = np.array([sum(1 << 16 * x + 4 * y + z for x in range(3) for y in range(3) for z in range(3)
+                           if abs(x - 1) + abs(y - 1) + abs(z - 1) == away) for away in (1, 2, 3)])
+
+
+@kernel(forceinline=True)
+def _roughness_class(rough, inverse):
+    """Class of a mean absolute luma difference; inverse: 2**32 // step of component 0."""
+    sixteenths, cls = _sixteenths(rough, inverse), 0
+    for bound in ROUGHNESS_BOUNDS:
+        cls += 1 if sixteenths >= bound else 0
+    return cls
+
+
+@kernel(forceinline=True)
+def _move(v, mean, coefficients, cls, taps, rings, filtered):
+    """Filters voxel v by its rings, int64 [C, taps]. |coefficient * ring| < 2**7 * 12 * 2**23."""
+    for c in range(mean.shape[1]):
+        change = np.int64(1 << (COEFFICIENT_FRACTION - 1))
+        for r in range(taps):
+            change += coefficients[cls, c, r] * rings[c, r]
+        filtered[v, c] = min(max(mean[v, c] + (change >> COEFFICIENT_FRACTION), -MAX_MEAN), MAX_MEAN)
+
+
+@kernel(forceinline=True)
+def _count(v, mean, original, cls, taps, rings, products, targets):
+    """Adds the rings of voxel v, int64 [C, taps], to products float64 [CLASSES, C, taps, taps] and, times its error, to targets
+    float64 [CLASSES, C, taps]."""
+    for c in range(mean.shape[1]):
+        error = np.float64(original[v, c]) - mean[v, c]
+        for r in range(taps):
+            targets[cls, c, r] += rings[c, r] * error
+            for s in range(r + 1):
+                products[cls, c, r, s] += np.float64(rings[c, r]) * rings[c, s]
+
+
+@kernel(forceinline=True)
+def _rings(cells, taken, octant, mean, rings):
+    """Fills rings int64 [C, RINGS] for the child at `octant`; returns (its number, mean absolute luma difference). cells, taken:
+    of _cells."""
+    before, last = CENTRE[octant] - CENTRE[0], mean.shape[1] - 1  # of two components, the second is summed twice
+    v, near = cells[CENTRE[octant]], taken >> before
+    rough, count = np.int64(0), np.int64(0)
+    for r in range(RINGS):
+        a = b = c = np.int64(0)
+        left = near & RING_MASKS[r]
+        count += _ones(left)
+        while left:
+            u = cells[before + _ones((left & -left) - 1)]
+            left &= left - 1
+            difference = np.int64(mean[u, 0]) - mean[v, 0]
+            a += difference
+            rough += abs(difference)
+            if last:
+                b += np.int64(mean[u, 1]) - mean[v, 1]
+                c += np.int64(mean[u, last]) - mean[v, last]
+        rings[0, r] = a
+        if last:
+            rings[1, r] = b
+            rings[last, r] = c
+    return v, rough // max(np.int64(1), count)
+
+
+@kernel(allocates=True)
+def _filter(begin, end, table, first_child, occupancy, mean, inverse, limits, coefficients, filtered):
+    """Filters the children of parents begin..end-1. mean, filtered: int32 [N, C]; inverse: 2**32 // step of component 0; limits:
+    of no use here."""
+    cells, rings = np.zeros(CELLS, np.int64), np.zeros((mean.shape[1], RINGS), np.int64)
+    for p in range(begin, end):
+        taken = _cells(p, 0, occupancy.shape[0], table, first_child, occupancy, 0, cells)
+        for octant in range(8):
+            if (occupancy[p] >> octant) & 1:
+                v, rough = _rings(cells, taken, octant, mean, rings)
+                _move(v, mean, coefficients, _roughness_class(rough, inverse), RINGS, rings, filtered)
+
+
+@kernel(allocates=True)
+def _statistics(begin, end, table, first_child, occupancy, mean, inverse, limits, original, products, targets):
+    """As _filter, the sums of _count."""
+    cells, rings = np.zeros(CELLS, np.int64), np.zeros((mean.shape[1], RINGS), np.int64)
+    for p in range(begin, end):
+        taken = _cells(p, 0, occupancy.shape[0], table, first_child, occupancy, 0, cells)
+        for octant in range(8):
+            if (occupancy[p] >> octant) & 1:
+                v, rough = _rings(cells, taken, octant, mean, rings)
+                _count(v, mean, original, _roughness_class(rough, inverse), RINGS, rings, products, targets)
+
+
+class VoxelRings:
+    """Rings of voxels. level, table: of their parents."""
+
+    taps, pieces = RINGS, CHUNK
+
+    def __init__(self, level: Level, table: np.ndarray):
+        self.size, self.around = len(level), (table, level.first_child, level.occupancy)
+
+    def filter(self, begin, end, *arguments):
+        _filter(begin, end, *self.around, *arguments)
+
+    def statistics(self, begin, end, *arguments):
+        _statistics(begin, end, *self.around, *arguments)

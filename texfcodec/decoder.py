@@ -217,6 +217,7 @@ def _decode_planes(texf, stream, surfaces, options, report, known):
                     _add_planes(texf.fields[i], group, values, support, options, known(values, group))
                     report.channels.append({"field": i, "channels": [channel.name for channel in group.channels],
                                             "decode_ms": round(1000 * (time.perf_counter() - begin), 1)})
+        support.forget()
 
 
 def _add_planes(field, group, values, support, options, plane=None):

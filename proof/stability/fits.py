@@ -14,7 +14,7 @@ from texfcodec.codecs.neural import fit as neural_fit
 from texfcodec.codecs.neural.fit_samples import Samples
 from texfcodec.codecs.neural.payload import Level, Payload, Tables
 from texfcodec.codecs.raht.transform import filter as filter_room
-from texfcodec.codecs.raht.transform.octree import NEIGHBOURS, _neighbours, build_octree, root_table
+from texfcodec.codecs.raht.transform.octree import Octree
 from texfcodec.codecs.raht.transform.quantise import step_of
 from texfcodec.encoder.optimise import inverse_render
 from texfcodec.encoder.optimise.surface_fit import FieldSurface, fit_surface
@@ -42,15 +42,6 @@ def side_by_side(jobs: list) -> list:
         return list(pool.map(lambda job: job(), jobs))
 
 
-def parents_of(keys: np.ndarray, depth: int) -> tuple:
-    """(The level above the voxels, its neighbour table)."""
-    levels, table = build_octree(keys, depth), root_table()
-    for level, below in zip(levels[:-2], levels[1:-1], strict=True):
-        own, table = table, np.empty((len(below), NEIGHBOURS), np.int32)
-        _neighbours(level.first_child, level.occupancy, own, 0, len(level), table)
-    return levels[-2], table
-
-
 def filter_fit(draw: Draws) -> float:
     """By how much the root mean square error of a component grows, in half ulps; infinite where the stage is another one with
     threads or the filter is not the oracle's."""
@@ -61,16 +52,16 @@ def filter_fit(draw: Draws) -> float:
     original = values_of(draw.pick(CONTENTS), keys, components, draw)
     mean = values_of(draw.pick(CONTENTS), keys, components, draw)
     mean = (original + (mean.astype(np.int64) - original) * draw.integer(0, 16) // 16).astype(np.int32)
-    level, table = parents_of(keys, depth)
+    rings = filter_room.rings_of(Octree(keys, depth))
     steps = np.array([step_of(qp)] * components, np.int64)
-    with patch.object(filter_room, "CHUNK", draw.pick((1 << 13, 5))):
-        stages = [filter_room.fit_stage(level, table, mean, original, steps, 1e9, run) for run in (one_by_one, side_by_side)]
+    with patch.object(filter_room.VoxelRings, "pieces", draw.pick((1 << 13, 5))):
+        stages = [filter_room.fit_stage(rings, mean, original, steps, 1e9, run) for run in (one_by_one, side_by_side)]
         if (stages[0] is None) != (stages[1] is None):
             return np.inf
         if stages[0] is None:
             return 0.0
         taps = [filter_room.taps_of(stage) for stage in stages]
-        after = filter_room.apply_stage(stages[0], level, table, mean, steps, side_by_side)
+        after = filter_room.apply_stage(stages[0], rings, mean, steps, side_by_side)
     voxels = [tuple(v) for v in decode_morton(keys).tolist()]
     naive = filter_stage(dict(zip(voxels, mean.tolist(), strict=True)), stages[0].mask, taps[0], steps.tolist(), 0)
     if taps[0] != taps[1] or after.tolist() != list(naive.values()):

@@ -19,7 +19,8 @@ from texfcodec.codecs.raht.coefficients.residual import ResidualPlan
 from texfcodec.codecs.raht.raht_syntax import RAHT
 from texfcodec.codecs.raht.raht_values import coded_of, raht_values
 from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
-from texfcodec.codecs.raht.transform.filter import CLASSES, PLANAR_TAPS, stage_of, taps_of
+from texfcodec.codecs.raht.transform.filter import CLASSES, stage_of, taps_of
+from texfcodec.codecs.raht.transform.planar_rings import PLANAR_TAPS
 from texfcodec.codecs.raht.transform.quantise import MAX_MEAN, _dequantise, step_of
 from texfcodec.core.syntax_walk import Reader, read_structure, write_structure
 from texfcodec.errors import TexfError

@@ -36,8 +36,8 @@ from texfcodec.codecs.raht.entropy.range_coder import (
     new_encoder,
 )
 from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
-from texfcodec.codecs.raht.transform.octree import CELLS, NEIGHBOURS, Nodes, _neighbours, build_octree, root_table
-from texfcodec.codecs.raht.transform.prediction import DEFAULT_KERNEL, Around, Means, _predict, inverse_range
+from texfcodec.codecs.raht.transform.octree import Nodes, Octree, build_octree
+from texfcodec.codecs.raht.transform.prediction import DEFAULT_KERNEL, Means, _predict, inverse_range
 from texfcodec.codecs.raht.transform.quantise import MAX_DIFFERENCE, MAX_MEAN, STEP_TABLE, _dequantise, step_of
 from texfcodec.codecs.raht.transform.raht import _forward, _inverse, _tree_weights, _weighted_mean
 from texfcodec.errors import StreamError
@@ -81,19 +81,23 @@ def test_levels_nodes_and_weights_are_those_of_the_keys(depth, count):
                 assert level.occupancy[i] == sum(1 << (v & 7) for v in mine)
 
 
+def table_of(nodes, planar):
+    """The neighbour table of nodes, as the codec keeps it; where it is planar, nothing is above or below."""
+    table = np.array(oracles.neighbours(nodes), np.int32)
+    assert not planar or (np.delete(table, range(1, 27, 3), axis=1) == -1).all()
+    return table[:, 1::3] if planar else table
+
+
 @pytest.mark.parametrize("planar", [0, 1])
 @pytest.mark.parametrize("depth,count", [(1, 8), (3, 150), (4, 900), (13, 200)])
 def test_the_neighbour_table_of_every_level_is_the_dict_of_coordinates(depth, count, planar):
     keys = random_keys(np.random.default_rng(count), depth, count, planar)
-    levels, table = build_octree(keys, depth), root_table()
-    for number in range(depth):
-        level, n = levels[number], len(levels[number + 1])
-        below = np.full((n, NEIGHBOURS), -1, np.int32)
-        middle = len(level) // 2  # made in two ranges, as slices do
-        _neighbours(level.first_child, level.occupancy, table, 0, middle, planar, below)
-        _neighbours(level.first_child, level.occupancy, table, middle, len(level), planar, below)
-        assert below.tolist() == oracles.neighbours(list(oracles.level_nodes(keys.tolist(), depth, number + 1)))
-        table = below
+    octree = Octree(keys, depth, planar)
+    for number in range(depth + 1):
+        above = len(octree.levels[max(number - 1, 0)])
+        table = octree.table(number, [(0, above // 2), (above // 2, above)])  # made in two ranges, as slices do
+        assert table.tolist() == table_of(list(oracles.level_nodes(keys.tolist(), depth, number)), planar).tolist()
+    assert Octree(keys, depth, planar).table(depth).tolist() == table.tolist()  # all levels at once
 
 
 @pytest.mark.parametrize("resolution,depth", [(1, 0), (2, 1), (3, 2), (4, 2), (5, 3), (1024, 10), (1025, 11), (8192, 13)])
@@ -121,11 +125,11 @@ def test_predictions_are_the_oracles_for_every_node_and_two_slice_starts(seed, k
     keys = random_keys(rng, depth, 160 if planar else 220, planar)
     levels = build_octree(keys, depth)
     parents, children = (list(oracles.level_nodes(keys.tolist(), depth, d)) for d in (depth - 1, depth))
-    table = np.array(oracles.neighbours(parents), np.int32)
+    table = table_of(parents, planar)
     parent_mean, child_mean = (rng.integers(-MAX_MEAN, MAX_MEAN + 1, (len(v), components)).astype(np.int32)
                                for v in (parents, children))
     nodes = Nodes(levels[depth - 1].first_child, levels[depth - 1].occupancy, levels[depth].weight, table, planar)
-    around = Around(*(np.full(n, -99, np.int64) for n in (NEIGHBOURS, CELLS, CELLS)))
+    around = np.full((8, 4), -99, np.int64)
     for first in (0, len(parents) // 2):
         for p in range(first, len(parents), 3):
             got = np.full((9, components), -99, np.int64)  # a row beyond the octants', which nobody may write
@@ -357,7 +361,7 @@ def test_surroundings_are_the_oracles_for_every_block_and_plane(seed, planar):
     rng = np.random.default_rng(seed)
     nodes = list(oracles.level_nodes(random_keys(rng, 4, 160, planar).tolist(), 4, 4))
     energy, above = (rng.integers(0, 256, (len(nodes), 2)).astype(np.uint8) >> rng.integers(0, 8) for _ in range(2))
-    table, sums = np.array(oracles.neighbours(nodes), np.int32), np.zeros(6, np.int64)
+    table, sums = table_of(nodes, planar), np.zeros(6, np.int64)
     for first in (0, len(nodes) // 3):
         for p in range(first, len(nodes)):
             _surroundings(p, first, table, planar, energy, above, sums)

@@ -33,7 +33,9 @@ from texfcodec.codecs.raht.entropy.mixing import MAX_MODELS, _mixed_bit, _mixed_
 from texfcodec.codecs.raht.entropy.range_coder import Coder, finish, new_decoder, new_encoder
 from texfcodec.codecs.raht.raht_values import raht_values
 from texfcodec.codecs.raht.transform import filter as filter_room
-from texfcodec.codecs.raht.transform.octree import CELLS, NEIGHBOURS, _neighbours, build_octree, root_table
+from texfcodec.codecs.raht.transform import rings as rings_room
+from texfcodec.codecs.raht.transform.octree import CELLS, Octree
+from texfcodec.codecs.raht.transform.planar_rings import PLANAR_TAPS
 from texfcodec.codecs.raht.transform.prediction import FALLOFF, _falloff, inverse_range
 from texfcodec.codecs.raht.transform.quantise import MAX_MEAN, step_of
 from texfcodec.core.kernel import PACKAGE, fingerprint
@@ -152,15 +154,6 @@ def test_the_colour_falloff_is_the_oracles_on_random_extreme_and_boundary_values
     assert seen == set(FALLOFF.tolist()) and inverse_range(0, UNIT) == 0
 
 
-def with_table(keys, depth):
-    """(level of the voxels' parents, its neighbour table)."""
-    levels, table = build_octree(keys, depth), root_table()
-    for level, below in pairwise(levels[:-1]):
-        above, table = table, np.full((len(below), NEIGHBOURS), -1, np.int32)
-        _neighbours(level.first_child, level.occupancy, above, 0, len(level), 0, table)
-    return levels[-2], table
-
-
 def random_stage(rng, components, of_each=filter_room.RINGS):
     """(filter_mask, filter_coefficients) of clause 5.7.3, often at the ends of their ranges."""
     full = (1 << filter_room.CLASSES * components) - 1
@@ -173,11 +166,12 @@ def random_stage(rng, components, of_each=filter_room.RINGS):
 @pytest.mark.parametrize("planar", [False, True])
 def test_filter_stages_are_the_oracles_on_random_and_extreme_means(depth, count, base, components, planar, monkeypatch):
     """Three stages on top of each other, in pieces of a few parents, up to the last corner of the largest grid."""
-    monkeypatch.setattr(filter_room, "CHUNK", 5)
+    for kind in (filter_room.VoxelRings, filter_room.TexelRings):
+        monkeypatch.setattr(kind, "pieces", 5)
     rng, changed = np.random.default_rng(depth), 0
-    of_each, xyz = filter_room.PLANAR_TAPS if planar else filter_room.RINGS, rng.integers(base, 1 << depth, (count, 3))
+    of_each, xyz = PLANAR_TAPS if planar else filter_room.RINGS, rng.integers(base, 1 << depth, (count, 3))
     keys = np.unique(encode_morton(xyz * [1, 1, not planar]))
-    (level, table), voxels = with_table(keys, depth), [tuple(v) for v in decode_morton(keys).tolist()]
+    rings, voxels = filter_room.rings_of(Octree(keys, depth, planar)), [tuple(v) for v in decode_morton(keys).tolist()]
     for qp, extreme in ((0, 0.0), (28, 0.0), (28, 0.1), (63, 0.0), (63, 1.0), (0, 1.0)):
         step, shape = step_of(qp), (len(keys), components)
         mean = 90 * UNIT + rng.integers(-step, step + 1, shape)
@@ -188,7 +182,7 @@ def test_filter_stages_are_the_oracles_on_random_and_extreme_means(depth, count,
             (mask, taps), before = random_stage(rng, components, of_each), mean
             plain = oracles.filter_stage(plain, mask, taps, [step] * components, planar)
             stage, run = filter_room.stage_of(mask, taps, components), lambda jobs: [job() for job in jobs]
-            mean = filter_room.apply_stage(stage, level, table, mean, np.full(components, step), run)
+            mean = filter_room.apply_stage(stage, rings, mean, np.full(components, step), run)
             assert mean.tolist() == [plain[v] for v in voxels]
             changed += (mean != before).any()
     assert changed >= 6
@@ -198,7 +192,7 @@ def test_filter_stages_are_the_oracles_on_random_and_extreme_means(depth, count,
 def test_rings_are_written_nowhere_else(components):
     rng, ring = np.random.default_rng(components), np.full((components + 1, filter_room.RINGS), -99, np.int64)
     mean = rng.integers(-MAX_MEAN, MAX_MEAN + 1, (20, components)).astype(np.int32)
-    filter_room._rings(rng.integers(-1, 20, CELLS).clip(0), 3, mean, ring[:components])
+    rings_room._rings(rng.integers(0, 20, CELLS), -1, 3, mean, ring[:components])  # every cell has one
     assert (ring[components] == -99).all() and (ring[:components] != -99).all()
 
 

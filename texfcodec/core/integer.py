@@ -35,4 +35,4 @@ def _population(_, v):
 
 @overload(_ones)
 def _ones_in_kernels(v):
-    return lambda v: _population(np.int64(v))
+    return lambda v: _population(np.int64(v))  # type: ignore[call-arg]  # numba gives the first one

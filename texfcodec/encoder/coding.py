@@ -104,6 +104,8 @@ class PlaneCoding(Coding):
                 row = {"field": i, "codec": unit.codec.name, "level_shift": unit.values["level_shift"],
                        "qp_offset": plan.fields[i].qp_offset, "encode_ms": round(1000 * seconds, 1)}
                 evidence.append(row | spent.evidence | errors_of(group, unit.plane, unit.decoded))
+        for part in plan.fields:
+            part.support.forget()
         return Decision(planes, {"channels": evidence})
 
 

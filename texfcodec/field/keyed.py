@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Self
+from typing import Self, TypeVar
 
 import numpy as np
+
+Kept = TypeVar("Kept")
 
 
 class Keyed:
@@ -21,6 +24,17 @@ class Keyed:
     def depth(self) -> int:
         """Levels of the tree over the cells at hand."""
         raise NotImplementedError
+
+    def kept(self, name: str, make: Callable[[], Kept]) -> Kept:
+        """What a codec derives from the keys for every plane on them: made when it is first asked for, there until forget()."""
+        own = self.__dict__.setdefault("_kept", {})
+        if name not in own:
+            own[name] = make()
+        return own[name]
+
+    def forget(self) -> None:
+        """Lets go of what was kept."""
+        self.__dict__.pop("_kept", None)
 
     def __len__(self) -> int:
         return len(self.keys)

@@ -27,45 +27,50 @@ from .surface_walk import (
 SAMPLES_PER_EDGE = 2  # at least this many samples per voxel edge in either direction of the triangle (normative)
 AREA_FRACTION = 32  # area weights are in units of 2**-32 voxel faces
 MAX_VOXELS = 1 << 40  # in place of no limit
+BRICK, MARKS, WEIGHTS, ROW = 0, 1, 2, 10  # of a brick of 2 x 2 x 2: its key, the voxels touched, a bit each, their weights
 MIN_SLAB_SAMPLES = 1 << 17  # below this a second thread costs more than it brings
 
 
 @kernel
-def _slot(key, keys):
-    """Slot of key in an open-addressing table (its own, or the first free one): keys of one 4x4x4 brick lie side by side."""
-    mask = keys.shape[0] - 1
-    brick = key >> 6
-    slot = ((((brick ^ (brick >> 13)) * 2654435) << 6) ^ (key & 63)) & mask
-    while keys[slot] >= 0 and keys[slot] != key:
+def _slot(brick, slots, rows):
+    """Slot of a brick in an open-addressing table of rows' numbers plus 1: its own, or the first free one. Bricks of 32 side by
+    side lie side by side."""
+    mask = slots.shape[0] - 1
+    group = brick >> 5
+    slot = ((((group ^ (group >> 13)) * 2654435) << 5) ^ (brick & 31)) & mask
+    while slots[slot] > 0 and rows[slots[slot] - 1, BRICK] != brick:
         slot = (slot + 1) & mask
     return slot
 
 
 @kernel(allocates=True)
-def _grown(keys, weights):
-    keys2, weights2 = np.zeros(keys.shape[0] * 2, np.int64), np.zeros(keys.shape[0] * 2, np.int64)
-    keys2[:] = -1
-    for i in range(keys.shape[0]):
-        if keys[i] >= 0:
-            slot = _slot(keys[i], keys2)
-            keys2[slot] = keys[i]
-            weights2[slot] = weights[i]
-    return keys2, weights2
+def _grown(rows):
+    more = np.zeros((2 * rows.shape[0], rows.shape[1]), np.int64)
+    more[: rows.shape[0]] = rows
+    return more
 
 
 @kernel(allocates=True)
-def _touched(corners, faces, resolution, walk, log2_slots, most, total):
-    """Voxels of the walk's slab: int64 [2, n], keys in table order and weights; n in total [1]. Stops as soon as there are more
-    than `most`, so that memory stays in proportion to that, and returns none of them. One array, because numba lets an interrupt
-    through between two, and crashes on it.
+def _slots_of(rows):
+    """Slots of twice as many bricks as there are rows."""
+    slots = np.zeros(4 * rows.shape[0], np.int64)
+    for n in range(rows.shape[0]):
+        slots[_slot(rows[n, BRICK], slots, rows)] = n + 1
+    return slots
+
+
+@kernel(allocates=True)
+def _touched(corners, faces, resolution, walk, log2_bricks, most, total):
+    """Bricks of the walk's slab: int64 [n, ROW] in the order of their finding; how many voxels they hold in total [1]. Stops as
+    soon as there are more than `most`, so that memory stays in proportion to that, and returns none of them. One array, because
+    numba lets an interrupt through between two, and crashes on it.
 
     corners: int64 [V, 3] fixed grid coordinates; faces: int64 [F, 3], already checked against V by the caller's gather.
     A voxel's weight stays below 2**62: at most 2**31 samples (checked by the caller) of at most 2**31 each.
     """
     # One way of making arrays, np.zeros, in all kernels of this file: each costs a first run a tenth of a second
-    keys, weights = np.zeros(1 << log2_slots, np.int64), np.zeros(1 << log2_slots, np.int64)
-    keys[:] = -1
-    used = 0
+    rows, slots = np.zeros((1 << log2_bricks, ROW), np.int64), np.zeros(4 << log2_bricks, np.int64)
+    used, n, last_brick, row = 0, 0, np.int64(-1), 0
     start, half, state = walk.start, walk.half_step, walk.state
     axis, low, high = state[AXIS], state[LOW], state[HIGH]
     last = resolution - 1
@@ -91,27 +96,44 @@ def _touched(corners, faces, resolution, walk, log2_slots, most, total):
                 z += dz
             if key != run_key:
                 if run_key >= 0:
-                    slot = _slot(run_key, keys)
-                    if keys[slot] < 0:
-                        keys[slot] = run_key
+                    brick, place = run_key >> 3, run_key & 7
+                    if brick != last_brick:
+                        slot = _slot(brick, slots, rows)
+                        if slots[slot] == 0:
+                            if n == rows.shape[0]:
+                                rows = _grown(rows)
+                                slots = _slots_of(rows[:n])
+                                slot = _slot(brick, slots, rows)
+                            rows[n, BRICK] = brick
+                            n += 1
+                            slots[slot] = n
+                        last_brick, row = brick, slots[slot] - 1
+                    if not (rows[row, MARKS] >> place) & 1:
+                        rows[row, MARKS] |= 1 << place
                         used += 1
                         if used > most:
                             total[0] = used
-                            return np.empty((2, 0), np.int64)
-                    weights[slot] += run
-                    if 2 * used > keys.shape[0]:
-                        keys, weights = _grown(keys, weights)
+                            return np.zeros((0, ROW), np.int64)
+                    rows[row, WEIGHTS + place] += run
                 run_key, run = key, np.int64(0)
             run += share
-    n = 0
-    out = np.zeros((2, used), np.int64)
-    for i in range(keys.shape[0]):
-        if keys[i] >= 0:
-            out[0, n] = keys[i]
-            out[1, n] = weights[i]
-            n += 1
     total[0] = used
-    return out
+    return rows[:n]
+
+
+@kernel
+def _voxels_of(rows, order, least, keys, weights):
+    """Fills keys and weights int64 [N] with the voxels of bricks int64 [n, ROW] in an order int64 [n], those of a weight of at
+    least `least`; returns how many there are."""
+    n = 0
+    for i in range(order.shape[0]):
+        row = order[i]
+        for place in range(8):
+            if (rows[row, MARKS] >> place) & 1 and rows[row, WEIGHTS + place] >= least:
+                keys[n] = rows[row, BRICK] << 3 | place
+                weights[n] = rows[row, WEIGHTS + place]
+                n += 1
+    return n
 
 
 @kernel(allocates=True)
@@ -137,7 +159,7 @@ def _slabs(corners, faces, counts, resolution, threads):
     middle = corners[faces, axis].sum(axis=1) // 3 >> GRID_FRACTION
     work = np.cumsum(np.bincount(np.clip(middle, 0, resolution - 1), weights=counts, minlength=resolution))
     cuts = np.searchsorted(work, work[-1] * np.arange(1, slabs) / slabs)
-    return axis, sorted({0, resolution, *(int(c) for c in cuts)})
+    return axis, sorted({0, resolution, *(int(c) & ~1 for c in cuts)})  # no brick is in two
 
 
 def count_samples(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolution: int,
@@ -166,25 +188,22 @@ def voxelise(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolut
     total = _count_samples(corners, faces, SAMPLES_PER_EDGE, counts)
     axis, bounds = _slabs(corners, faces, counts, resolution, threads)
     most = MAX_VOXELS if max_voxels is None else max_voxels
-    log2_slots = int(np.clip(min(total // (2 * (len(bounds) - 1)), 2 * most), 64, 1 << 22)).bit_length()
+    log2_bricks = int(np.clip(min(total // (32 * (len(bounds) - 1)), most), 64, 1 << 20)).bit_length()
 
-    def voxels_of(slab):
+    def bricks_of(slab):
         used = np.zeros(1, np.int64)
-        return *_touched(corners, faces, resolution, surface_walk(axis, *slab), log2_slots, most, used), int(used[0])
+        return _touched(corners, faces, resolution, surface_walk(axis, *slab), log2_bricks, most, used), int(used[0])
 
     jobs = list(zip(bounds[:-1], bounds[1:], strict=True))
     if len(jobs) == 1:
-        parts = [voxels_of(jobs[0])]
+        parts = [bricks_of(jobs[0])]
     else:
         with ThreadPoolExecutor(len(jobs)) as pool:
-            parts = list(pool.map(voxels_of, jobs))
-    if sum(p[2] for p in parts) > most:
+            parts = list(pool.map(bricks_of, jobs))
+    used = sum(p[1] for p in parts)
+    if used > most:
         raise LimitError("TXF-L04", "the surface touches more voxels than the limit allows", clause="6.3", allowed=most)
-    keys = np.concatenate([p[0] for p in parts])
-    weights = np.concatenate([p[1] for p in parts])
-    order = np.argsort(keys)
-    keys, weights = keys[order], weights[order]
-    if area_threshold:
-        keep = weights >= (area_threshold << (AREA_FRACTION - 8))
-        keys, weights = keys[keep], weights[keep]
-    return keys, weights
+    rows = parts[0][0] if len(parts) == 1 else np.concatenate([p[0] for p in parts])
+    keys, weights = np.empty(used, np.int64), np.empty(used, np.int64)
+    n = _voxels_of(rows, np.argsort(rows[:, BRICK]), area_threshold << (AREA_FRACTION - 8), keys, weights)
+    return (keys, weights) if n == used else (keys[:n].copy(), weights[:n].copy())

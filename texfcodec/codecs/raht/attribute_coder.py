@@ -23,12 +23,10 @@ from .coefficients.residual import ResidualPlan, code_residuals, fit_cross, new_
 from .entropy.contexts import CONTEXTS, LEVELS
 from .entropy.mixing import copy_model, new_model
 from .entropy.range_coder import CACHE, FULL, PENDING, POS, START_BYTES, Coder, finish, new_decoder, new_encoder
-from .transform.filter import apply_stage, fit_stage
-from .transform.octree import NEIGHBOURS, Nodes, _neighbours, build_octree, root_table
-from .transform.planar_rings import TexelRings
+from .transform.filter import apply_stage, fit_stage, rings_of
+from .transform.octree import Nodes, Octree
 from .transform.prediction import DEFAULT_KERNEL, Means, inverse_range
 from .transform.quantise import step_of
-from .transform.rings import VoxelRings
 
 SLICE_VOXELS = 1 << 19  # encoder's choice: at most so many voxels a slice, and an even number of slices ...
 WHOLE_VOXELS = 1 << 18  # ... but one slice for fewer than this
@@ -113,10 +111,11 @@ def _plan_slices(levels, deepest):
 class _Descent:
     """What encoder and decoder keep while walking down: the neighbour table, the energies and the means of one level."""
 
-    def __init__(self, levels, root, tools, pool):
-        self.levels, self.planar, self.pool = levels, tools.planar, pool
+    def __init__(self, octree, root, tools, pool):
+        assert octree.planar == tools.planar  # by which the kernels look into its tables
+        self.octree, self.levels, self.planar, self.pool = octree, octree.levels, tools.planar, pool
         self.with_dct, self.dct, self.part = tools.dct_blocks, no_dct_blocks(len(root)), 0
-        self.table = root_table()
+        self.table = octree.table(0)
         self.above, self.kept_above = np.zeros((1, 2), np.uint8), new_kept(1, len(root), tools.planar)
         self.mean = np.array([root], np.int32)
 
@@ -134,10 +133,6 @@ class _Descent:
             self.dct, self.part = dct_blocks(self.levels, depth, self.mean.shape[1], self.dct)
         return Blocks(nodes, Means(self.mean, child_mean), self.above, energy, self.kept_above, kept, self.dct)
 
-    def rings(self, keys):
-        """Rings of the last level, for filters."""
-        return TexelRings(keys) if self.planar else VoxelRings(self.levels[-2], self.table)
-
     def descend(self, depth, blocks, ranges):
         """Moves to the level below `depth`; `ranges` are the node ranges of the slices, for parallel table building."""
         level = self.levels[depth]
@@ -145,10 +140,7 @@ class _Descent:
         self.above = np.repeat(blocks.energy, np.diff(level.first_child), axis=0)
         self.kept_above = np.repeat(blocks.kept, np.diff(level.first_child), axis=0) if self.planar else blocks.kept
         if depth + 2 < len(self.levels):
-            table = np.full((len(self.mean), NEIGHBOURS), -1, np.int32)
-            self.run([lambda b=b, e=e: _neighbours(level.first_child, level.occupancy, self.table, b, e, self.planar, table)
-                      for b, e in ranges])
-            self.table = table
+            self.table = self.octree.table(depth + 1, ranges, self.run)
 
 
 def _ranges(levels, depth, slice_level, slice_first):
@@ -229,23 +221,25 @@ def _new_model(tools):
 
 
 def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[int], tools: Tools | None = None,
-                   threads: int = 1, plan: ResidualPlan | None = None) -> tuple[CodedAttributes, np.ndarray]:
+                   threads: int = 1, plan: ResidualPlan | None = None,
+                   octree: Octree | None = None) -> tuple[CodedAttributes, np.ndarray]:
     """Codes values int32 [N, C] (12 fractional bits) on ascending Morton keys int64 [N]; qp: [C] in 0..63; tools: Tools.
 
     Returns (CodedAttributes, what the decoder will have: int32 [N, C], or with a ResidualPlan uint8 values). The result does not
-    depend on `threads`.
+    depend on `threads`. octree: of these keys, where there is one already.
     """
-    levels = build_octree(keys, depth)
+    tools = tools or Tools()
+    octree = octree or Octree(keys, depth, tools.planar)
+    levels = octree.levels
     originals = _original_means(levels, np.ascontiguousarray(values, np.int32))
     root = originals[0][0].tolist()
-    tools = tools or Tools()
     slice_level, slice_first = _plan_slices(levels, max(depth - UP, 1) if tools.dct_blocks else depth)
     steps, weights = np.array([step_of(v) for v in qp], np.int64), np.array(tools.kernel, np.int64)
     colour_inverse, lagrangian = inverse_range(tools.colour_range, int(steps[0])), 1 / tools.trade_off
     trunk = _SliceEncoder(_new_model(tools), new_scratch(len(qp)))
     coders = active = [trunk]
     with ThreadPoolExecutor(threads) as pool:
-        walk = _Descent(levels, root, tools, pool)
+        walk = _Descent(octree, root, tools, pool)
         for d in range(depth):
             ranges = _ranges(levels, d, slice_level, slice_first)
             if d == slice_level > 0:
@@ -260,13 +254,13 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
             walk.run([partial(coder.code, int(children[end] - children[begin]) * symbols, rules, blocks, wanted, begin, end)
                       for coder, (begin, end) in zip(active, ranges, strict=True)])
             walk.descend(d, blocks, ranges)
-        filters, rings = [], walk.rings(keys) if tools.filters and depth else None
+        filters = []
         for _ in range(tools.filters if depth else 0):
-            stage = fit_stage(rings, walk.mean, originals[-1], steps, lagrangian, walk.run)
+            stage = fit_stage(rings_of(octree), walk.mean, originals[-1], steps, lagrangian, walk.run)
             if stage is None:
                 break
             filters.append(stage)
-            walk.mean = apply_stage(stage, rings, walk.mean, steps, walk.run)
+            walk.mean = apply_stage(stage, rings_of(octree), walk.mean, steps, walk.run)
         made, residual, cross = walk.mean if plan is None else plan.inverse(walk.mean), 0, []
         if plan is not None and depth:
             parents, residual = _ranges(levels, depth - 1, slice_level, slice_first), plan.delta + 1
@@ -283,16 +277,18 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
 
 def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: np.ndarray, spans: list[tuple[int, int]],
                    stop_level: int, threads: int = 1, inverse: Callable | None = None,
-                   reached: list[list[int]] | None = None) -> np.ndarray:
+                   reached: list[list[int]] | None = None, octree: Octree | None = None) -> np.ndarray:
     """Decodes levels 0..stop_level: means int32 [n, C] of that level's nodes, in Morton order, or where `inverse` is given the
     values uint8 [n, C] that it makes of them, with their residuals.
 
     keys: int64 [N] of all active voxels; coded: CodedAttributes without codewords; data: uint8, the unit's payload;
     spans: (begin, end) of each codeword in data, checked by the caller against len(data). reached: list that receives, for each
-    codeword, how many of its bytes have been read after each of its levels, and after its residuals. Raises StreamError for
+    codeword, how many of its bytes have been read after each of its levels, and after its residuals; octree: of these keys, where
+    there is one already. Raises StreamError for
     slices that begin past the nodes of their level.
     """
-    levels = build_octree(keys, depth)
+    octree = octree or Octree(keys, depth, coded.planar)
+    levels = octree.levels
     if coded.slice_first[-1] >= len(levels[coded.slice_level]):
         raise StreamError("TXF-S12", "a slice begins past the last node", clause="5.7.1", value=coded.slice_first[-1],
                           allowed=f"< {len(levels[coded.slice_level])}")
@@ -303,7 +299,7 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
     watched: list[list[int]] = [[] for _ in spans]
     first = 0  # codeword that the first of the active coders reads
     with ThreadPoolExecutor(threads) as pool:
-        walk = _Descent(levels, coded.root, coded, pool)
+        walk = _Descent(octree, coded.root, coded, pool)
         for d in range(stop_level):
             ranges = _ranges(levels, d, coded.slice_level, coded.slice_first)
             if d == coded.slice_level > 0:
@@ -317,10 +313,8 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
                       for (coder, model), (begin, end) in zip(active, ranges, strict=True)])
             walk.descend(d, blocks, ranges)
             _watch(watched[first:], spans[first:], active)
-        if coded.filters and 0 < stop_level == depth:
-            rings = walk.rings(keys)
-            for stage in coded.filters:
-                walk.mean = apply_stage(stage, rings, walk.mean, steps, walk.run)
+        for stage in coded.filters if 0 < stop_level == depth else ():
+            walk.mean = apply_stage(stage, rings_of(octree), walk.mean, steps, walk.run)
         made = walk.mean if inverse is None else inverse(walk.mean)
         if inverse is not None and coded.residual and 0 < stop_level == depth:
             parents = _ranges(levels, depth - 1, coded.slice_level, coded.slice_first)

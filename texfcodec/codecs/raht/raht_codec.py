@@ -93,6 +93,7 @@ class Raht(PlaneCodec):
         from .attribute_coder import dec_attributes
         from .raht_values import coded_of
         from .transform.colour import inverse_colour, inverse_plain
+        from .transform.octree import octree_of
 
         coded, spans = coded_of(values)
         bt709 = values["colour_transform"] == TRANSFORM_BT709
@@ -100,7 +101,8 @@ class Raht(PlaneCodec):
             raise StreamError("TXF-S04", "colour_transform needs three components", clause="5.7.1", offset=values["offset"])
         data, inverse = np.frombuffer(values["codeword_data"], np.uint8), inverse_colour if bt709 else inverse_plain
         stop = max(0, support.depth - levels)
-        return dec_attributes(support.keys, support.depth, coded, data, spans, stop, threads, inverse, reached)
+        octree = octree_of(support) if support.planar == bool(coded.planar) else None
+        return dec_attributes(support.keys, support.depth, coded, data, spans, stop, threads, inverse, reached, octree)
 
     def profile(self, values: dict) -> str:
         """See Codec.profile."""

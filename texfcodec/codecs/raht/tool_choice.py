@@ -13,6 +13,7 @@ from .attribute_coder import CodedAttributes, Tools, enc_attributes
 from .coefficients.dct_blocks import jpeg_likeness
 from .coefficients.residual import ResidualPlan
 from .transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
+from .transform.octree import Octree, octree_of
 from .transform.prediction import KERNELS
 from .transform.quantise import step_of
 
@@ -55,9 +56,9 @@ def _pieces(count, voxels):
     return [slice(begin, begin + voxels) for begin in np.linspace(0, count - voxels, PIECES).astype(int)]
 
 
-def _lagrangian_cost(keys, depth, values, qp, tools):
+def _lagrangian_cost(keys, depth, values, qp, tools, octree=None):
     """Bits plus squared error in steps, weighed as the quantiser weighs them."""
-    coded, means = enc_attributes(keys, depth, values, qp, tools)
+    coded, means = enc_attributes(keys, depth, values, qp, tools, octree=octree)
     error = (means.astype(np.float64) - values) / [step_of(v) for v in qp]
     return 8 * sum(len(c) for c in coded.codewords) + (error**2).sum() / tools.trade_off
 
@@ -75,13 +76,14 @@ def choose_tools(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[
     tools = replace(tools_of(effort, planar), dct_blocks=dct_blocks or 0)
     if len(keys) < LEAST_VOXELS:
         return tools
-    pieces = _pieces(len(keys), PIECE_VOXELS[effort])
+    pieces = [(keys[p], values[p], Octree(keys[p], depth, tools.planar)) for p in _pieces(len(keys), PIECE_VOXELS[effort])]
     candidates = [replace(tools, kernel=kernel, colour_range=reach, filters=0)
                   for kernel, reach in PREDICTIONS[effort][: 1 if is_rough else None]]
 
     def costs_of(candidates):
         jobs = [(candidate, piece) for candidate in candidates for piece in pieces]
-        made = list(in_order(lambda job: _lagrangian_cost(keys[job[1]], depth, values[job[1]], qp, job[0]), jobs, threads))
+        cost = lambda tools, piece: _lagrangian_cost(piece[0], depth, piece[1], qp, tools, piece[2])
+        made = list(in_order(lambda job: cost(*job), jobs, threads))
         return np.reshape(made, (len(candidates), len(pieces))).sum(axis=1).tolist()
 
     changes = [] if is_rough else [FOLLOW_LESS] * (values.shape[1] > 1) + [PLAIN_TRANSFORM] * planar
@@ -104,11 +106,12 @@ def choose_base(keys: np.ndarray, depth: int, values: np.ndarray, qp_of: Callabl
     if effort == "fast" or len(keys) < LEAST_VOXELS:
         return qp_of(USUAL_BASE_QP), 0
     tools = tools_of(effort, planar)
-    pieces = [(keys[p], values[p], replace(plan, original=plan.original[p])) for p in _pieces(len(keys), PIECE_VOXELS[effort])]
+    pieces = [(keys[p], values[p], replace(plan, original=plan.original[p]), Octree(keys[p], depth, tools.planar))
+              for p in _pieces(len(keys), PIECE_VOXELS[effort])]
 
     def size(job):
-        (qp, dct_blocks), (k, v, p) = job
-        coded = enc_attributes(k, depth, v, qp_of(qp), replace(tools, dct_blocks=dct_blocks), plan=p)[0]
+        (qp, dct_blocks), (k, v, p, octree) = job
+        coded = enc_attributes(k, depth, v, qp_of(qp), replace(tools, dct_blocks=dct_blocks), plan=p, octree=octree)[0]
         return sum(len(codeword) for codeword in coded.codewords)
 
     candidates = [(qp, 0) for qp in BASE_QPS]
@@ -134,7 +137,7 @@ def code_plane(plane: np.ndarray, support: VoxelSupport | TexelSupport, colour: 
     tools = choose_tools(support.keys, support.depth, values, qp, options.effort, options.threads, support.planar,
                          is_rough=options.is_rough)
     tools = replace(tools, trade_off=tools.trade_off * 2 ** (FRACTIONS[support.planar] * options.qp_fraction))
-    coded, means = enc_attributes(support.keys, support.depth, values, qp, tools, options.threads)
+    coded, means = enc_attributes(support.keys, support.depth, values, qp, tools, options.threads, octree=octree_of(support))
     return coded, inverse_colour(means) if colour else inverse_plain(means)
 
 
@@ -146,7 +149,7 @@ def _code_bounded(plane, support, colour, options):
     qp, dct_blocks = choose_base(*field, lambda qp: _qp_of(qp, plane.shape[1], support, options), plan, options.effort,
                                  options.threads, support.planar)
     tools = choose_tools(*field, qp, options.effort, options.threads, support.planar, dct_blocks)
-    return enc_attributes(*field, qp, tools, options.threads, plan)
+    return enc_attributes(*field, qp, tools, options.threads, plan, octree_of(support))
 
 
 def _qp_of(qp, components, support, options):

@@ -34,8 +34,8 @@ Wanted = namedtuple("Wanted", "original texels lagrangian bits_of")
 # A block in the making. tree: of _tree_weights; q int64 [7, C], coefficients; predicted int64 [8, C]; shift int64 [C], weighted
 # means of the predictions; flags int64 [2], whether a plane has coefficients; sums int64 [6], of _surroundings; values int64
 # [15, C]; f int64 [FEATURES]; halves int64 [15], expected, down int64 [7, C], of _slopes; alike, alike_signs int64 [7, C], of
-# _look_around; products int64 [C], of _follow; around int64 [8, 4], of _predict; chosen: Chosen; dct: DctScratch; residual float64 [8, C], scaled
-# float64 [7, C], spread float64 [15]: the encoder's
+# _look_around; products int64 [C], of _follow; around int64 [8, 4], of _predict; chosen: Chosen; dct: DctScratch; residual
+# float64 [8, C], scaled float64 [7, C], spread float64 [15]: the encoder's
 Scratch = namedtuple("Scratch", "tree q predicted shift flags sums values f halves expected down alike alike_signs products "
                                 "around chosen dct residual scaled spread")
 

@@ -5,7 +5,7 @@ import numpy as np
 
 from ....core.integer import _ones
 from ....core.kernel import kernel
-from ..transform.octree import ADJACENT, ADJACENT_PLACE, NEIGHBOUR_STEPS, NEIGHBOURS
+from ..transform.octree import ADJACENT, ADJACENT_PLACE, COLUMNS, NEIGHBOUR_STEPS, NEIGHBOURS
 from ..transform.quantise import MAX_MEAN
 from ..transform.raht import _inverse
 
@@ -31,7 +31,7 @@ def _follow(p, first, rules, blocks, s):
     planar = blocks.nodes.planar
     products[:] = 0
     for i in range(planar, NEIGHBOURS, NEIGHBOUR_STEPS[planar]):
-        q = np.int64(table[p, i])
+        q = np.int64(table[p, COLUMNS[planar, i]])
         if q < 0 or q == p:
             continue
         if q < first or q > p:

@@ -5,6 +5,7 @@ import numpy as np
 from ....core.kernel import kernel
 from ..entropy.contexts import CLASSES, LEVELS, UNARY, _class
 from ..entropy.mixing import Model, new_model
+from ..transform.octree import COLUMNS
 from ..transform.raht import _is_square
 from .planar import ALIKE, ALIKE_SIGNS
 
@@ -15,6 +16,7 @@ RECIPROCAL = np.array([0, *(-((-1 << 20) // d) for d in range(1, 32))])
 STEPS_SHIFT = 28  # of |v| * (2**32 // step) to sixteenths of a step
 ROOT_HALF = 181  # sqrt(1/2) in 1/256
 FACES = np.array((4, 10, 12, 14, 16, 22))
+PLANAR_FACES = FACES % 3 == 1  # those with z = 0
 EARLIER = 3  # the first three faces come before the block
 # Entries of the array of features
 (LEVEL, SPLITS, NEAR, FAR, STRENGTH, NEAR2, FAR2, OWN, AROUND, EARLIER_FACES, ROUGH, ACTIVE, PEAK, PLANES, LUMA2,
@@ -87,8 +89,11 @@ def _features(p, first, k, splits, flag, rules, blocks, s):
     f[OWN] = _fine(2 * np.int64(blocks.above[p, k]))
     c0, c1 = k, (1 if k == 0 else parent_mean.shape[1])
     faces, earlier, variation = 0, 0, np.int64(0)
+    planar = blocks.nodes.planar
     for i in range(6):
-        q = table[p, FACES[i]]
+        if planar and not PLANAR_FACES[i]:
+            continue
+        q = table[p, COLUMNS[planar, FACES[i]]]
         if q < 0:
             continue
         faces += 1

@@ -6,11 +6,12 @@ Contexts know the coefficients of the same split in the blocks around, which a s
 import numpy as np
 
 from ....core.kernel import kernel
+from ..transform.octree import COLUMNS
 from ..transform.raht import PLANAR_NODES
 
 MOST = 2  # larger coefficients are alike
 ALIKE, ALIKE_SIGNS = (MOST + 1) ** 4, 9  # values of Scratch.alike and Scratch.alike_signs
-WEST, NORTH, NORTH_WEST, NORTH_EAST, SOUTH_WEST = 4, 10, 1, 19, 7  # of a block in its neighbour table
+WEST, NORTH, NORTH_WEST, NORTH_EAST, SOUTH_WEST = COLUMNS[1, [4, 10, 1, 19, 7]].tolist()  # of a block in its neighbour table
 
 
 def new_kept(nodes: int, components: int, planar: int) -> np.ndarray:

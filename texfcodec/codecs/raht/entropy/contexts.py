@@ -7,7 +7,7 @@ block, of the neighbours decoded before on its own level and of the level above,
 import numpy as np
 
 from ....core.kernel import kernel
-from ..transform.octree import CORNERS, DIRECTIONS, PLANAR_DIRECTIONS, STEPS
+from ..transform.octree import COLUMNS, CORNERS, DIRECTIONS, PLANAR_DIRECTIONS, STEPS
 from .range_coder import _dec_bit, _dec_bypass, _enc_bit, _enc_bypass, _probability
 
 CLASSES = 7  # energy classes
@@ -54,7 +54,7 @@ def _surroundings(p, first, table, planar, energy, above, sums):
     near_luma, near_chroma, near_weight = np.int64(0), np.int64(0), np.int64(0)
     far_luma, far_chroma, far_weight = 3 * np.int64(above[p, 0]), 3 * np.int64(above[p, 1]), np.int64(3)
     for i in range(PLANAR_DIRECTIONS if planar else CORNERS):
-        q = np.int64(table[p, DIRECTIONS[i]])
+        q = np.int64(table[p, COLUMNS[planar, DIRECTIONS[i]]])
         if q < 0:
             continue
         w = 3 - STEPS[i]

@@ -10,7 +10,8 @@ from functools import partial
 
 import numpy as np
 
-from .planar_rings import PLANAR_TAPS, TexelRings
+from .octree import Octree
+from .planar_rings import TexelRings
 from .rings import CLASSES, COEFFICIENT_FRACTION, RINGS, VoxelRings
 
 MAX_COEFFICIENT = 127
@@ -41,6 +42,14 @@ def taps_of(stage: FilterStage) -> list[int]:
     return [int(v) for i in range(len(flat)) if stage.mask >> i & 1 for v in flat[i]]
 
 
+def rings_of(octree: Octree) -> VoxelRings | TexelRings:
+    """Rings of the last level, which the octree keeps. It has two levels at least."""
+    if octree.rings is None:
+        octree.rings = (TexelRings(octree.keys) if octree.planar
+                        else VoxelRings(octree.levels[-2], octree.table(len(octree.levels) - 2)))
+    return octree.rings
+
+
 def _pieces(rings):
     return [(b, min(b + rings.pieces, rings.size)) for b in range(0, rings.size, rings.pieces)]
 
@@ -48,6 +57,8 @@ def _pieces(rings):
 def apply_stage(stage: FilterStage, rings: VoxelRings | TexelRings, mean: np.ndarray, steps: np.ndarray,
                 run: Callable) -> np.ndarray:
     """One stage over all voxels: int32 [N, C]. rings: of the voxels; steps: int64 [C]; run: function that runs a list of jobs."""
+    if not stage.mask:
+        return mean
     filtered = np.empty_like(mean)
     factors = (1 << 32) // int(steps[0]), steps >> LIMIT_SHIFT, stage.coefficients
     run([partial(rings.filter, b, e, mean, *factors, filtered) for b, e in _pieces(rings)])

@@ -4,13 +4,21 @@ Level 0 is the root, level D = ceil(log2 K) holds the voxels. Nodes of a level a
 first_child[i] .. first_child[i + 1] - 1 of the next level, and occupancy[i] has bit c set when the child with octant c exists.
 """
 
+from __future__ import annotations
+
 from collections import namedtuple
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ....core.integer import _ones
 from ....core.kernel import kernel
+
+if TYPE_CHECKING:
+    from ....field.texels import TexelSupport
+    from ....field.voxels import VoxelSupport
 
 NEIGHBOURS = 27  # offset (dx, dy, dz) of entry 9 * (dx + 1) + 3 * (dy + 1) + dz + 1; entry 13 is the node itself
 # Where a support is planar, only every third neighbour is there, from entry 1 on, and every fourth cell of _cells, from 1 on:
@@ -32,8 +40,10 @@ class Level:
         return len(self.octant)
 
 
-# The parents of a level's blocks: first_child int64 [n + 1], occupancy uint8 [n], table int32 [n, 27]; weight int64, by child;
-# planar: 1 where z = 0 for all, else 0
+# Where entry i of a node's neighbours is in its table: there are only the nine with z = 0 where a support is planar
+COLUMNS = np.array((range(NEIGHBOURS), [i // 3 for i in range(NEIGHBOURS)]))
+# The parents of a level's blocks: first_child int64 [n + 1], occupancy uint8 [n], table int32 [n, 27], by COLUMNS; weight int64,
+# by child; planar: 1 where z = 0 for all, else 0
 Nodes = namedtuple("Nodes", "first_child occupancy weight table planar")
 
 
@@ -104,7 +114,7 @@ def _cells(p, begin, end, table, first_child, occupancy, planar, cells):
     cells[:] = -1
     filled = np.int64(0)
     for i in range(planar, NEIGHBOURS, NEIGHBOUR_STEPS[planar]):
-        q = np.int64(table[p, i])
+        q = np.int64(table[p, COLUMNS[planar, i]])
         if q < begin or q >= end:
             continue
         taken, child = np.int64(occupancy[q]), first_child[q]
@@ -118,10 +128,10 @@ def _cells(p, begin, end, table, first_child, occupancy, planar, cells):
 
 @kernel(allocates=True)
 def _neighbours(first_child, occupancy, parent_table, begin, end, planar, table):
-    """Neighbour table of the children of parents begin..end-1 (spec 7.1): entry -1 where no node exists.
+    """Neighbour table of the children of parents begin..end-1 (spec 7.1): -1 where no node exists.
 
-    parent_table: int32 [parents, 27]; table: int32 [children, 27], where planar -1 throughout before. A child's neighbours are
-    27 of the parent's 64 cells.
+    parent_table: int32 [parents, 27]; table: int32 [children, 27]; by COLUMNS. A child's neighbours are 27 of the parent's 64
+    cells.
     """
     cells = np.zeros(CELLS, np.int64)
     for p in range(begin, end):
@@ -134,12 +144,37 @@ def _neighbours(first_child, occupancy, parent_table, begin, end, planar, table)
             for dx in range(3):
                 for dy in range(3):
                     for dz in range(planar, 3 - planar):
-                        table[child, 9 * dx + 3 * dy + dz] = cells[corner + 16 * dx + 4 * dy + dz]
+                        table[child, COLUMNS[planar, 9 * dx + 3 * dy + dz]] = cells[corner + 16 * dx + 4 * dy + dz]
             child += 1
 
 
-def root_table() -> np.ndarray:
-    """Neighbour table of the root: int32 [1, 27], only itself."""
-    table = np.full((1, NEIGHBOURS), -1, np.int32)
-    table[0, 13] = 0
-    return table
+def new_table(nodes: int, planar: int) -> np.ndarray:
+    """A neighbour table without neighbours: int32 [nodes, 27], or [nodes, 9] where planar."""
+    return np.full((nodes, NEIGHBOURS // NEIGHBOUR_STEPS[planar]), -1, np.int32)
+
+
+class Octree:
+    """Levels over ascending unique Morton keys, and the neighbour table of each, made when it is first asked for: one for all
+    that is coded on the same keys. keys: int64 [N], N >= 1; planar: whether every z is 0."""
+
+    def __init__(self, keys: np.ndarray, depth: int, planar: int = 0) -> None:
+        self.keys, self.planar, self.levels = keys, int(planar), build_octree(keys, depth)
+        self.rings: Any = None  # of filter.rings_of()
+        self._tables = [new_table(1, self.planar)]
+        self._tables[0][0, COLUMNS[self.planar, 13]] = 0  # the root has only itself
+
+    def table(self, depth: int, ranges: list[tuple[int, int]] | None = None, run: Callable | None = None) -> np.ndarray:
+        """Neighbour table of the nodes at `depth`. ranges: of nodes one level above, made apart by run, which runs a list of
+        jobs."""
+        if depth >= len(self._tables):
+            level, above, table = self.levels[depth - 1], self.table(depth - 1), new_table(len(self.levels[depth]), self.planar)
+            job = lambda b, e: lambda: _neighbours(level.first_child, level.occupancy, above, b, e, self.planar, table)
+            jobs = [job(*r) for r in ranges or [(0, len(level))]]
+            (run or (lambda jobs: [job() for job in jobs]))(jobs)
+            self._tables = [*self._tables[:depth], table]  # of threads that make one at the same time, each has a whole list
+        return self._tables[depth]
+
+
+def octree_of(support: VoxelSupport | TexelSupport) -> Octree:
+    """The octree over a support's keys, which the support keeps."""
+    return support.kept("octree", lambda: Octree(support.keys, support.depth, int(support.planar)))

@@ -13,7 +13,7 @@ import numpy as np
 
 from ....core.integer import _ones
 from ....core.kernel import kernel
-from .octree import ADJACENT, ADJACENT_CELL, ADJACENT_PLACE, CENTRE, CORNERS, DIRECTIONS, PLANAR_DIRECTIONS, STEPS
+from .octree import ADJACENT, ADJACENT_CELL, ADJACENT_PLACE, CENTRE, COLUMNS, CORNERS, DIRECTIONS, PLANAR_DIRECTIONS, STEPS
 
 KERNEL_SIZE = 7
 # From smooth photographs to flat colours with sharp edges. BD-rate RGB against G-PCC over QP 28 and 40 on basket, scissors, cat,
@@ -43,8 +43,8 @@ def _falloff(means, node, parent_mean, p, inverse):
 
 
 def _touched():
-    """What the neighbours of DIRECTIONS touch, one of s steps 4 >> s - 1 of a node's children: int64 [26, 4] those children; int64
-    [26, 4, 4] the kernel's entries by place (ADJACENT_PLACE) and child."""
+    """What the neighbours of DIRECTIONS touch, one of s steps 4 >> s - 1 of a node's children: int64 [26, 4] those children;
+    int64 [26, 4, 4] the kernel's entries by place (ADJACENT_PLACE) and child."""
     children, entries = np.zeros((len(DIRECTIONS), 4), np.int64), np.zeros((len(DIRECTIONS), 4, 4), np.int64)
     for k, i in enumerate(DIRECTIONS.tolist()):
         x, y, z = ((0, 1) if d == 1 else (d // 2,) for d in (i // 9, i // 3 % 3, i % 3))
@@ -87,7 +87,7 @@ def _predict(p, first, nodes, means, kernel, inverse, sums, predicted):
     directions = PLANAR_DIRECTIONS if nodes.planar else (CORNERS if kernel[3] == 0 and kernel[6] == 0 else DIRECTIONS.shape[0])
     for i in range(directions):
         entry = DIRECTIONS[i]
-        q, touched = np.int64(table[p, entry]), 4 >> (STEPS[i] - 1)
+        q, touched = np.int64(table[p, COLUMNS[nodes.planar, entry]]), 4 >> (STEPS[i] - 1)
         if q < 0:
             continue
         if q < first or q > p:

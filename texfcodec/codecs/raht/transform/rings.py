@@ -1,5 +1,5 @@
-"""What the filter of clause 7.7 looks at around a voxel: the sums of its neighbours' differences, ring by ring, and how rough it is
-there."""
+"""What the filter of clause 7.7 looks at around a voxel: the sums of its neighbours' differences, ring by ring, and how rough
+it is there."""
 
 import numpy as np
 

@@ -11,10 +11,14 @@ from ..core.kernel import kernel
 from ..errors import LimitError
 from ..scene.fetch import _wrapped
 from ..scene.scene import WRAP_CLAMP, WRAP_REPEAT
-from .morton import _morton_key
+from .morton import _morton_key, encode_morton
 
 MOST_IN_32_BITS = 1 << 30  # rows; each adds at most 2 to a texel
 MAX_UV = 1 << 26  # of a coordinate in steps: products of the rasterisation stay below 2**61
+SIDE = 16  # of the squares that are looked through in Morton order
+_PLACES = np.arange(SIDE * SIDE)
+COLUMN, ROW = (sum((_PLACES >> 2 * b + axis & 1) << b for b in range(4)) for axis in (0, 1))
+KEY = encode_morton(np.stack([COLUMN, ROW, 0 * _PLACES], axis=1))
 
 
 @kernel
@@ -103,31 +107,44 @@ def _rasterise(uv, faces, fraction, wrap_s, wrap_t, shares, table):
                 _add_range(_wrapped(row, height, wrap_t), first, last, width, wrap_s, shares[f], table)
 
 
-@kernel(allocates=True)
-def _keys_of(table, count):
-    """Morton keys of the texels whose running sum is not zero, in rows; count: how many there are at most."""
-    keys = np.empty(count, np.int64)
-    n = 0
+@kernel
+def _sum_rows(table):
+    """Puts the running sum of every row in its columns but the last; returns how many are not zero."""
+    n = np.int64(0)
     for y in range(table.shape[0]):
-        total = np.int64(0)
+        total = table[y, 0] - table[y, 0]  # zero of the table's type
         for x in range(table.shape[1] - 1):
             total += table[y, x]
-            if total > 0 and n < count:
-                keys[n] = _morton_key(np.int64(x), np.int64(y), np.int64(0))
-                n += 1
-    return keys[:n]
+            table[y, x] = total
+            n += total > 0
+    return n
 
 
 @kernel
-def _count_asked(table):
-    """How many running sums are not zero."""
-    n = np.int64(0)
-    for y in range(table.shape[0]):
-        total = np.int64(0)
-        for x in range(table.shape[1] - 1):
-            total += table[y, x]
-            n += total > 0
-    return n
+def _every_second(v):
+    """Every second bit of 0 <= v < 2**32, from bit 0 on."""
+    v = v & 0x55555555
+    v = (v | (v >> 1)) & 0x33333333
+    v = (v | (v >> 2)) & 0x0F0F0F0F
+    v = (v | (v >> 4)) & 0x00FF00FF
+    return (v | (v >> 8)) & 0xFFFF
+
+
+@kernel
+def _keys_of(table, squares, keys):
+    """Fills keys with the ascending Morton keys of the texels whose running sum is not zero; squares: the least power of 4 of
+    squares that cover the table."""
+    n, height, width = 0, table.shape[0], table.shape[1] - 1
+    for square in range(squares):
+        left, top = SIDE * _every_second(square), SIDE * _every_second(square >> 1)
+        if left >= width or top >= height:
+            continue
+        first = _morton_key(left, top, np.int64(0))
+        for i in range(SIDE * SIDE):
+            x, y = left + COLUMN[i], top + ROW[i]
+            if x < width and y < height and table[y, x] > 0 and n < keys.shape[0]:
+                keys[n] = first | KEY[i]
+                n += 1
 
 
 def count_rows(uv: np.ndarray, faces: np.ndarray, fraction_bits: int) -> int:
@@ -147,10 +164,12 @@ def asked_texels(uv: np.ndarray, faces: np.ndarray, fraction_bits: int, size: tu
     table = np.zeros((size[1], size[0] + 1), np.int32 if rows < MOST_IN_32_BITS else np.int64)
     shares = np.ones(len(faces), table.dtype)
     _rasterise(np.ascontiguousarray(uv), np.ascontiguousarray(faces), fraction_bits, *wrap, shares, table)
-    count = int(_count_asked(table))
+    count = int(_sum_rows(table))
     if most is not None and count > most:
         raise LimitError("TXF-L04", "the fields have more values than the limit allows", clause="6.5", value=count, allowed=most)
-    return np.sort(_keys_of(table, count))
+    keys = np.empty(count, np.int64)
+    _keys_of(table, 4 ** ((max(size) - 1) // SIDE).bit_length(), keys)
+    return keys
 
 
 def shown_area(uv: np.ndarray, faces: np.ndarray, fraction_bits: int, size: tuple[int, int], wrap: tuple[int, int],

@@ -63,10 +63,14 @@ def copy_model(model: Model) -> Model:
 
 @kernel(forceinline=True)
 def _weigh(model, m, chosen):
-    """Fills chosen.inputs from the contexts chosen.where[0..m-1]; returns the sums of the weight sets chosen.sets[0] and [1]."""
+    """Fills chosen.inputs from the contexts chosen.where[0..m-1], 0 from there on; returns the sums of the weight sets
+    chosen.sets[0] and [1]."""
     a = BIAS * model.weights[chosen.sets[0], MAX_MODELS]
     b = BIAS * model.weights[chosen.sets[1], MAX_MODELS]
-    for i in range(m):
+    for i in range(MAX_MODELS):
+        if i >= m:
+            chosen.inputs[i] = 0
+            continue
         ctx = chosen.where[i]
         s = np.int64(STRETCH[(model.contexts[ctx, 0] + model.contexts[ctx, 1]) >> (PROBABILITY_BITS - 11)])
         chosen.inputs[i] = s
@@ -84,20 +88,29 @@ def _refined(model, s, x):
 
 
 @kernel(forceinline=True)
-def _limited(weight):
-    return min(max(weight, -MAX_WEIGHT), MAX_WEIGHT)
+def _moved(weight, change):
+    return min(max(weight + ((change + (1 << 19)) >> 20), -MAX_WEIGHT), MAX_WEIGHT)
+
+
+@kernel(forceinline=True)
+def _move_four(weights, s, i, inputs, error):
+    """Moves weights i..i+3 of a set. All are read before the first is written, so that four go at once."""
+    a, b, c, d = weights[s, i], weights[s, i + 1], weights[s, i + 2], weights[s, i + 3]
+    x, y, z, w = inputs[i], inputs[i + 1], inputs[i + 2], inputs[i + 3]
+    a, b, c, d = _moved(a, x * error), _moved(b, y * error), _moved(c, z * error), _moved(d, w * error)
+    weights[s, i], weights[s, i + 1], weights[s, i + 2], weights[s, i + 3] = a, b, c, d
 
 
 @kernel(forceinline=True)
 def _learn(model, m, chosen, a, b, bit):
-    """Moves weights, contexts and refinement towards the symbol."""
+    """Moves weights, contexts and refinement towards the symbol. Weights of inputs from m on stay, as those are 0."""
     for half in range(2):
         s = chosen.sets[half]
         uses = model.uses[s]
         error = ((bit << 16) - SQUASH[(a if half == 0 else b) + LIMIT]) * LEARNING[uses]
-        for i in range(m):
-            model.weights[s, i] = _limited(model.weights[s, i] + ((chosen.inputs[i] * error + (1 << 19)) >> 20))
-        model.weights[s, MAX_MODELS] = _limited(model.weights[s, MAX_MODELS] + ((BIAS * error + (1 << 19)) >> 20))
+        _move_four(model.weights, s, 0, chosen.inputs, error)
+        _move_four(model.weights, s, 4, chosen.inputs, error)
+        model.weights[s, MAX_MODELS] = _moved(model.weights[s, MAX_MODELS], BIAS * error)
         model.uses[s] = min(uses + 1, MOST_USES)
     for i in range(m):
         _adapt(model.contexts, chosen.where[i], bit, FAST_SHIFT)

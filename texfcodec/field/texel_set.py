@@ -16,9 +16,9 @@ from .morton import _morton_key, encode_morton
 MOST_IN_32_BITS = 1 << 30  # rows; each adds at most 2 to a texel
 MAX_UV = 1 << 26  # of a coordinate in steps: products of the rasterisation stay below 2**61
 SIDE = 16  # of the squares that are looked through in Morton order
-_PLACES = np.arange(SIDE * SIDE)
-COLUMN, ROW = (sum((_PLACES >> 2 * b + axis & 1) << b for b in range(4)) for axis in (0, 1))
-KEY = encode_morton(np.stack([COLUMN, ROW, 0 * _PLACES], axis=1))
+COLUMN, ROW = np.array([[sum((place >> 2 * b + axis & 1) << b for b in range(4)) for place in range(SIDE * SIDE)]
+                        for axis in (0, 1)])
+KEY = encode_morton(np.stack([COLUMN, ROW, np.zeros_like(ROW)], axis=1))
 
 
 @kernel

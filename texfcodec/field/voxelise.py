@@ -45,8 +45,10 @@ def _slot(brick, slots, rows):
 
 @kernel(allocates=True)
 def _grown(rows):
-    more = np.zeros((2 * rows.shape[0], rows.shape[1]), np.int64)
-    more[: rows.shape[0]] = rows
+    more = np.zeros((2 * rows.shape[0], ROW), np.int64)
+    for n in range(rows.shape[0]):  # more[:n] = rows would compile two seconds of text for its error
+        for i in range(ROW):
+            more[n, i] = rows[n, i]
     return more
 
 

@@ -72,7 +72,8 @@ def page_of(found):
     return "\n".join(wrapped(lines)).rstrip() + "\n"
 
 
-def _commit(root):
+def commit_of(root):
+    """Short hash of a checkout's commit."""
     return subprocess.run(["git", "-C", root, "rev-parse", "--short=8", "HEAD"], stdout=subprocess.PIPE, text=True,
                           check=True).stdout.strip()
 
@@ -88,7 +89,7 @@ def main(arguments=None):
     args = parser.parse_args(arguments)
     if args.assets:
         measure(args.roots, args.assets[0], args.rate)
-        found = {"commits": [_commit(root) for root in args.roots], "rate": args.rate, "machine": machine(), "rows": {}}
+        found = {"commits": [commit_of(root) for root in args.roots], "rate": args.rate, "machine": machine(), "rows": {}}
         args.out.parent.mkdir(parents=True, exist_ok=True)
         for asset in args.assets:
             found["rows"][asset.stem] = measure(args.roots, asset, args.rate)

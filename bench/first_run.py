@@ -75,9 +75,10 @@ def page_of(found, mesh, commit, most):
     """Markdown of first_runs()."""
     kernels = {tool: {n.removeprefix("texfcodec."): s for n, s in row["kernels"].items()} for tool, row in found.items()}
     lines = ["# What a first run compiles", "",
-             f"Made by bench/first_run.py on {machine()}, commit {commit}, with {Path(mesh).name}: one process of one thread with "
-             "an empty cache. Seconds are each kernel's own, without the kernels that it calls. Usually a second process compiles "
-             "half of it, and a first decode without a GLB goes through the WebAssembly decoder, which compiles no kernels.", ""]
+             f"Made by bench/first_run.py on {machine()}, commit {commit}, with {Path(mesh).name}: one process of one thread "
+             "with an empty cache. Seconds are each kernel's own, without the kernels that it calls. Usually a second process "
+             "compiles half of it, and a first decode without a GLB goes through the WebAssembly decoder, which compiles no "
+             "kernels.", ""]
     lines += markdown_table(["tool", "seconds in all", "compiling", "kernels", "files in the cache"],
                             [[tool, f"{row['wall']:.1f}", f"{sum(row['kernels'].values()):.1f}", str(len(row["kernels"])),
                               str(row["files"])] for tool, row in found.items()])

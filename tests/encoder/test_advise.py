@@ -1,6 +1,7 @@
 """--advise tells what the encoder will choose, in a fraction of its time."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -83,7 +84,19 @@ def test_the_command_line_says_it_without_coding(call, tmp_path):
     write_sample(tmp_path / "sample.glb")
     code, out, _ = call("texf-enc", tmp_path / "sample.glb", "--advise")
     assert code == 0 and ("over texels" in out or "over voxels" in out) and "nothing was written" in out
+    assert re.search(r"^about \d+ s on two processors and [\d,]+ bytes: [\d,]+ faces, ", out, re.MULTILINE)
     code, out, _ = call("texf-enc", tmp_path / "sample.glb", "--advise", "--json")
     advice = json.loads(out)["advice"]
     assert code == 0 and advice["images"][0]["predicted"] in ("texels", "voxels")
+    assert advice["cost"]["faces"] > 0 and advice["cost"]["seconds"] > 1 and advice["cost"]["bytes"] > 1000
     assert [path.name for path in tmp_path.iterdir()] == ["sample.glb"]
+
+
+def test_the_cost_counts_what_goes_over_texels_and_what_over_voxels():
+    """The image's texels in one case, the surface's voxels in the other; both cost more where the image is larger or K is."""
+    cost = lambda side, **options: advise(outline(plain(8, side), EncodeOptions(threads=1, **options), Report()))["cost"]
+    texels, larger = cost(64), cost(256)
+    assert texels["voxels"] == 0 and 64**2 <= texels["texels"] < larger["texels"] and texels["seconds"] <= larger["seconds"]
+    voxels, finer = (cost(64, support="voxels", resolution=k) for k in (256, 1024))
+    assert voxels["texels"] == 0 and finer["voxels"] == pytest.approx(16 * voxels["voxels"], rel=0.01)
+    assert finer["seconds"] > voxels["seconds"] and finer["bytes"] > voxels["bytes"]

@@ -16,6 +16,9 @@ def advice_lines(advice: dict) -> Iterator[str]:
     if left > 0:
         texels = sum(entry["predicted"] == "texels" for entry in advice["images"][MOST_IMAGES:])
         yield f"and {left} more images, {texels} of them probably over texels"
+    cost = advice["cost"]
+    yield (f"about {cost['seconds']:.0f} s on two processors and {cost['bytes']:,} bytes: {cost['faces']:,} faces, "
+           f"{cost['texels']:,} values over texels, {cost['voxels']:,} over voxels")
     if advice["refinement"] == "fit":
         yield "voxel colours would be fitted to the surface where that is visible"
 

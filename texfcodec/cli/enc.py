@@ -368,7 +368,8 @@ def _dry_lines(facts, source):
     yield f"{source}: {size} bytes, {', '.join(counts)}"
     guess = facts["estimated"]
     free = "; the encoder may choose texels or a smaller K if they take fewer bytes" if facts["rate_is_free"] else ""
-    yield f"K {facts['resolution']}: about {guess['voxels']} voxels and {guess['seconds']:.0f} s{free}; nothing was written"
+    seconds = "" if "advice" in facts else f" and {guess['seconds']:.0f} s"  # --advise knows it better
+    yield f"K {facts['resolution']}: about {guess['voxels']} voxels{seconds}{free}; nothing was written"
     yield from decision_lines(facts["effects"], [])
     yield from advice_lines(facts["advice"]) if "advice" in facts else ()
     for name, sign in SIGNS.items():

@@ -14,6 +14,7 @@ import numpy as np
 
 from .decide.supports import reason_for_voxels
 from .decide.texel_images import image_groups
+from .estimates.encode_cost import encode_cost
 
 if TYPE_CHECKING:
     from .plan import Outline
@@ -25,17 +26,19 @@ MANY_TIMES, FINER, COARSE, UV_SHARE = 1.25, 1.5, 0.7, 0.3  # from which on a rea
 
 def advise(outline: Outline) -> dict:
     """What choose_supports() would probably make of an outline, JSON-ready: {"asked", "reason", "images": [{"image", "faces",
-    "maps", "predicted", "times", "sure", "reasons", "texels", "shown_times", "voxels", "texels_per_voxel_edge"}], "refinement"}.
+    "maps", "predicted", "times", "sure", "reasons", "texels", "shown_times", "voxels", "texels_per_voxel_edge", "bytes"}],
+    "cost": of encode_cost(), "refinement"}.
 
     times: bytes over voxels to bytes over texels at equal quality; sure: whether that is clear of 1. Raises InputError."""
     request, surface = outline.request, outline.surface
     reason = reason_for_voxels(request) or ("requested" if request.support == "voxels" else "")
     rest, images = np.ones(len(surface.faces), bool), []
-    for group in [] if reason else image_groups(outline.scene, surface):
+    groups = [] if reason else image_groups(outline.scene, surface)
+    for group in groups:
         images.append(_advice(group, outline))
         rest[group.faces] &= images[-1]["predicted"] == "voxels"
     fitted = "fit" if request.may_fit and rest.any() else "off"
-    return {"asked": request.support, "reason": reason, "images": images,
+    return {"asked": request.support, "reason": reason, "images": images, "cost": encode_cost(outline, images, rest),
             "refinement": fitted if request.refine == "auto" else request.refine}
 
 
@@ -48,6 +51,7 @@ def _advice(group, outline):
         return entry | {"predicted": "voxels", "sure": True, "reasons": ["the surface has no area, or its UVs exceed the "
                                                                          "supported range"]}
     texels, voxels = measures.cost(outline.rd.step)
+    entry["bytes"] = round(min(texels, voxels))
     score = np.log(voxels / texels) + LEANING
     predicted = "texels" if score > 0 else "voxels"
     return entry | {"predicted": predicted, "times": round(float(np.exp(score)), 3),

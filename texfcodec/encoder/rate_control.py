@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..codecs import codec_of
 from ..core.colour_error import decibels
 from ..decoder import decode_stream
 from ..errors import InputError
@@ -26,6 +25,7 @@ from ..options import DecodeOptions, EncodeOptions
 from ..render.environment import DAYLIGHT
 from ..report import Report
 from .decide.mesh import FEWEST
+from .estimates.encode_cost import seconds_of
 from .estimates.probe import VOXELS_PER_AREA
 from .memo import Memo
 from .pipeline import Encoded, code
@@ -53,7 +53,6 @@ LAST_TRIALS = 3  # that the plan of the best may have beyond those
 GAP, JUMP = 0.3, 2.5  # QPs between which none is tried where the target is as far off as from so many QPs: a unit became exact
 SEARCH_SAMPLES = 250_000  # of 3D-PSNR: differences of 0.01 dB are seen
 VIEWS, SIZE = 8, 512
-SECONDS, SECONDS_PER_VOXEL = 0.8, 2.4e-6  # of an encode with two threads
 
 
 @dataclass(kw_only=True)
@@ -102,15 +101,14 @@ def encode_to_target(scene: Scene, options: EncodeOptions, report: Report) -> En
 
 
 def estimate(scene: Scene, options: EncodeOptions) -> tuple[int, float]:
-    """(voxels, seconds) that encoding will need, guessed from the surface area alone."""
+    """(voxels, seconds) that encoding will need, guessed from the surface area and the faces alone."""
     assert options.resolution is not None  # its __post_init__ fills it in
     corners = scene.positions[scene.faces]
     side = float((scene.positions.max(axis=0) - scene.positions.min(axis=0)).max()) or 1.0
     edges = (corners[:, 1:] - corners[:, :1]) / side
     area = float(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum()) / 2
     voxels = round(min(area * VOXELS_PER_AREA * options.resolution**2, float(options.resolution) ** 3))
-    seconds = SECONDS + voxels * SECONDS_PER_VOXEL + codec_of(options.codec).seconds(options)
-    return max(voxels, 1), round(seconds, 1)
+    return max(voxels, 1), round(seconds_of(options, len(scene.faces), voxels), 1)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """What an encode will probably take, from counts that are there before anything is coded (encoder only).
 
 The constants were made on every second of 31 models by name, our 20 and 11 strangers', at rate r03 on two cores of an AMD EPYC.
-Of the other 15 the seconds of 11 are told within 25 % (20 % in the median) and the bytes of 7 (28 %).
+Of the other 15 the seconds of 11 are told within 25 % (20 % in the median) and the bytes of 7 (31 %).
 """
 
 from __future__ import annotations

@@ -8,7 +8,8 @@ from conformance.make.good import Vector, encoded
 from conformance.make.neural import neural
 from conformance.make.texels import CLAMPED, MIRRORED, Grid, Image, Patch, picture, ring, stream_of_parts, wall
 from texfcodec.codecs.base import Group
-from texfcodec.codecs.raht.transform.filter import PLANAR_TAPS, stage_of
+from texfcodec.codecs.raht.transform.filter import stage_of
+from texfcodec.codecs.raht.transform.planar_rings import PLANAR_TAPS
 from texfcodec.scene.channels import ALPHA, BASE_COLOUR, BY_NAME, CHANNELS, LARGEST, MAPS, PARAMETERS
 from texfcodec.scene.effects import EFFECTS
 from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, Material, Texture

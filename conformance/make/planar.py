@@ -6,7 +6,8 @@ from conformance.make.faulty import as_faulty, with_values
 from conformance.make.filter import SLICES, every, filtered, out_of_range
 from conformance.make.good import Vector, parsed, recoded, with_codeword
 from conformance.make.texels import Image, picture, ring, sheet, stream_of_parts
-from texfcodec.codecs.raht.transform.filter import PLANAR_TAPS, stage_of
+from texfcodec.codecs.raht.transform.filter import stage_of
+from texfcodec.codecs.raht.transform.planar_rings import PLANAR_TAPS
 
 ALL = {"planar_transform": 1, "component_cross": 16}
 DCT = {"models": 8, "dct_blocks": 1, **ALL}

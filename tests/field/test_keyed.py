@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from texfcodec.codecs.raht.transform.octree import Octree, octree_of
+from texfcodec.codecs.raht.attribute_coder import octree_of
+from texfcodec.codecs.raht.transform.octree import Octree
 from texfcodec.field.voxels import VoxelSupport
 
 

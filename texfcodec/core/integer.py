@@ -1,9 +1,8 @@
 """Integer arithmetic that kernels of several rooms need."""
 
 import numpy as np
-from numba.extending import intrinsic, overload
 
-from .kernel import kernel
+from .kernel import instruction, kernel
 
 
 @kernel
@@ -23,16 +22,7 @@ def _isqrt(v):
     return root
 
 
+@instruction("ctpop")
 def _ones(v):
-    """Set bits of 0 <= v < 2**63; one instruction in kernels, which have no name for it."""
+    """Set bits of 0 <= v < 2**63."""
     return int(v).bit_count()
-
-
-@intrinsic
-def _population(_, v):
-    return v(v), lambda context, builder, signature, values: builder.ctpop(values[0])
-
-
-@overload(_ones)
-def _ones_in_kernels(v):
-    return lambda v: _population(np.int64(v))  # type: ignore[call-arg]  # numba gives the first one

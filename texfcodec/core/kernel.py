@@ -21,6 +21,8 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 PACKAGE = Path(__file__).parents[1]
 IMPORT = re.compile(rb"^[ \t]*from[ \t]+(\.+|texfcodec\b\.?)([\w.]*)[ \t]+import[ \t]+(\([^)]*\)|[^\n]+)", re.MULTILINE)
 
@@ -99,6 +101,26 @@ def kernel(function: Callable | None = None, allocates: bool = False, **options:
     if not numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  # numba sets its settings when it is imported
         _serve_kernels(numba, made, function, folder / "plain", options)
     return made
+
+
+def instruction(name: str) -> Callable[[Callable], Callable]:
+    """Decorator of a function of an integer that kernels have one instruction for: LLVM's of this name, on an int64. Python runs
+    the function itself."""
+
+    def decorate(function):
+        from numba.extending import intrinsic, overload
+
+        @intrinsic
+        def made(_, v):
+            return v(v), lambda context, builder, signature, values: getattr(builder, name)(values[0])
+
+        @overload(function)
+        def in_kernels(v):
+            return lambda v: made(np.int64(v))  # type: ignore[call-arg]  # numba gives the first one
+
+        return function
+
+    return decorate
 
 
 def _compiled(numba, function, folder, options):

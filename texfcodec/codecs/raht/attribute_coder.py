@@ -5,10 +5,13 @@ codeword; below it the nodes are split into slices in Morton order, each with a 
 Slices run in parallel level by level: a block predicts from the whole level above, but on its own level only from its slice.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,6 +30,10 @@ from .transform.filter import apply_stage, fit_stage, rings_of
 from .transform.octree import Nodes, Octree
 from .transform.prediction import DEFAULT_KERNEL, Means, inverse_range
 from .transform.quantise import step_of
+
+if TYPE_CHECKING:
+    from ...field.texels import TexelSupport
+    from ...field.voxels import VoxelSupport
 
 SLICE_VOXELS = 1 << 19  # encoder's choice: at most so many voxels a slice, and an even number of slices ...
 WHOLE_VOXELS = 1 << 18  # ... but one slice for fewer than this
@@ -77,6 +84,11 @@ class CodedAttributes:
     planar_transform: int = 0
     component_cross: int = 0
     dct_blocks: int = 0
+
+
+def octree_of(support: VoxelSupport | TexelSupport) -> Octree:
+    """The octree over a support's keys, which the support keeps for all planes on it."""
+    return support.kept("octree", lambda: Octree(support.keys, support.depth, int(support.planar)))
 
 
 @lru_cache(maxsize=1)

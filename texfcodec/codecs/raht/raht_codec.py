@@ -90,10 +90,9 @@ class Raht(PlaneCodec):
 
     def _dec(self, values, support, levels, threads, reached=None):
         """reached: as that of codec.dec_attributes()."""
-        from .attribute_coder import dec_attributes
+        from .attribute_coder import dec_attributes, octree_of
         from .raht_values import coded_of
         from .transform.colour import inverse_colour, inverse_plain
-        from .transform.octree import octree_of
 
         coded, spans = coded_of(values)
         bt709 = values["colour_transform"] == TRANSFORM_BT709

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...core.threads import in_order
-from .attribute_coder import CodedAttributes, Tools, enc_attributes
+from .attribute_coder import CodedAttributes, Tools, enc_attributes, octree_of
 from .coefficients.dct_blocks import jpeg_likeness
 from .coefficients.residual import ResidualPlan
 from .transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
-from .transform.octree import Octree, octree_of
+from .transform.octree import Octree
 from .transform.prediction import KERNELS
 from .transform.quantise import step_of
 

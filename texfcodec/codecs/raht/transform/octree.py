@@ -4,21 +4,15 @@ Level 0 is the root, level D = ceil(log2 K) holds the voxels. Nodes of a level a
 first_child[i] .. first_child[i + 1] - 1 of the next level, and occupancy[i] has bit c set when the child with octant c exists.
 """
 
-from __future__ import annotations
-
 from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ....core.integer import _ones
 from ....core.kernel import kernel
-
-if TYPE_CHECKING:
-    from ....field.texels import TexelSupport
-    from ....field.voxels import VoxelSupport
 
 NEIGHBOURS = 27  # offset (dx, dy, dz) of entry 9 * (dx + 1) + 3 * (dy + 1) + dz + 1; entry 13 is the node itself
 # Where a support is planar, only every third neighbour is there, from entry 1 on, and every fourth cell of _cells, from 1 on:
@@ -173,8 +167,3 @@ class Octree:
             (run or (lambda jobs: [job() for job in jobs]))(jobs)
             self._tables = [*self._tables[:depth], table]  # of threads that make one at the same time, each has a whole list
         return self._tables[depth]
-
-
-def octree_of(support: VoxelSupport | TexelSupport) -> Octree:
-    """The octree over a support's keys, which the support keeps."""
-    return support.kept("octree", lambda: Octree(support.keys, support.depth, int(support.planar)))

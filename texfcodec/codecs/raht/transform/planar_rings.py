@@ -7,6 +7,7 @@ over it have no branches.
 
 from collections import namedtuple
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -155,7 +156,7 @@ class TexelRings:
 
     taps, pieces = PLANAR_TAPS, SQUARES
 
-    def __init__(self, keys: np.ndarray):
+    def __init__(self, keys: np.ndarray) -> None:
         squares = keys >> BITS
         first = np.flatnonzero(np.diff(squares, prepend=-1))
         squares = squares[first]
@@ -168,8 +169,10 @@ class TexelRings:
             near[:, d] = np.where((squares[at] == asked) & (beside.min(axis=1) >= 0), at, -1)
         self.size, self.around = len(squares), (keys, np.append(first, len(keys)), near)
 
-    def filter(self, begin, end, mean, *arguments):
+    def filter(self, begin: int, end: int, mean: np.ndarray, *arguments: Any) -> None:
+        """Filters pieces begin..end-1; arguments: the rest of _filter."""
         _filter(begin, end, *self.around, mean, *arguments, *_scratch(mean.shape[1]))
 
-    def statistics(self, begin, end, mean, *arguments):
+    def statistics(self, begin: int, end: int, mean: np.ndarray, *arguments: Any) -> None:
+        """The sums of pieces begin..end-1; arguments: the rest of _statistics."""
         _statistics(begin, end, *self.around, mean, *arguments, *_scratch(mean.shape[1]))

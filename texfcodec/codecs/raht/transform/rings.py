@@ -1,6 +1,8 @@
 """What the filter of clause 7.7 looks at around a voxel: the sums of its neighbours' differences, ring by ring, and how rough
 it is there."""
 
+from typing import Any
+
 import numpy as np
 
 from ....core.integer import _ones
@@ -108,11 +110,13 @@ class VoxelRings:
 
     taps, pieces = RINGS, CHUNK
 
-    def __init__(self, level: Level, table: np.ndarray):
+    def __init__(self, level: Level, table: np.ndarray) -> None:
         self.size, self.around = len(level), (table, level.first_child, level.occupancy)
 
-    def filter(self, begin, end, *arguments):
+    def filter(self, begin: int, end: int, *arguments: Any) -> None:
+        """Filters pieces begin..end-1; arguments: the rest of _filter."""
         _filter(begin, end, *self.around, *arguments)
 
-    def statistics(self, begin, end, *arguments):
+    def statistics(self, begin: int, end: int, *arguments: Any) -> None:
+        """The sums of pieces begin..end-1; arguments: the rest of _statistics."""
         _statistics(begin, end, *self.around, *arguments)

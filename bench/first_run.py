@@ -77,7 +77,7 @@ def page_of(found, mesh, commit, most):
     lines = ["# What a first run compiles", "",
              f"Made by bench/first_run.py on {machine()}, commit {commit}, with {Path(mesh).name}: one process of one thread "
              "with an empty cache. Seconds are each kernel's own, without the kernels that it calls. Usually a second process "
-             "compiles half of it, and a first decode without a GLB goes through the WebAssembly decoder, which compiles no "
+             "shares the work, and a first decode without a GLB goes through the WebAssembly decoder, which compiles no "
              "kernels.", ""]
     lines += markdown_table(["tool", "seconds in all", "compiling", "kernels", "files in the cache"],
                             [[tool, f"{row['wall']:.1f}", f"{sum(row['kernels'].values()):.1f}", str(len(row["kernels"])),

@@ -46,7 +46,7 @@ def _slot(brick, slots, rows):
 @kernel(allocates=True)
 def _grown(rows):
     more = np.zeros((2 * rows.shape[0], ROW), np.int64)
-    for n in range(rows.shape[0]):  # more[:n] = rows would compile two seconds of text for its error
+    for n in range(rows.shape[0]):  # more[:n] = rows would compile 13 kernels of text for its error
         for i in range(ROW):
             more[n, i] = rows[n, i]
     return more

@@ -296,8 +296,7 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
     keys: int64 [N] of all active voxels; coded: CodedAttributes without codewords; data: uint8, the unit's payload;
     spans: (begin, end) of each codeword in data, checked by the caller against len(data). reached: list that receives, for each
     codeword, how many of its bytes have been read after each of its levels, and after its residuals; octree: of these keys, where
-    there is one already. Raises StreamError for
-    slices that begin past the nodes of their level.
+    there is one already. Raises StreamError for slices that begin past the nodes of their level.
     """
     octree = octree or Octree(keys, depth, coded.planar)
     levels = octree.levels

@@ -76,9 +76,14 @@ def choose_tools(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[
     tools = replace(tools_of(effort, planar), dct_blocks=dct_blocks or 0)
     if len(keys) < LEAST_VOXELS:
         return tools
-    pieces = [(keys[p], values[p], Octree(keys[p], depth, tools.planar)) for p in _pieces(len(keys), PIECE_VOXELS[effort])]
     candidates = [replace(tools, kernel=kernel, colour_range=reach, filters=0)
                   for kernel, reach in PREDICTIONS[effort][: 1 if is_rough else None]]
+    changes = [] if is_rough else [FOLLOW_LESS] * (values.shape[1] > 1) + [PLAIN_TRANSFORM] * planar
+    if dct_blocks is None and _may_have_dct_blocks(keys, values, effort, planar):
+        changes.append(DCT_BLOCKS)
+    if len(candidates) == 1 and not changes:
+        return replace(candidates[0], filters=tools.filters)
+    pieces = [(keys[p], values[p], Octree(keys[p], depth, tools.planar)) for p in _pieces(len(keys), PIECE_VOXELS[effort])]
 
     def costs_of(candidates):
         jobs = [(candidate, piece) for candidate in candidates for piece in pieces]
@@ -86,10 +91,7 @@ def choose_tools(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[
         made = list(in_order(lambda job: cost(*job), jobs, threads))
         return np.reshape(made, (len(candidates), len(pieces))).sum(axis=1).tolist()
 
-    changes = [] if is_rough else [FOLLOW_LESS] * (values.shape[1] > 1) + [PLAIN_TRANSFORM] * planar
-    if dct_blocks is None and _may_have_dct_blocks(keys, values, effort, planar):
-        changes.append(DCT_BLOCKS)
-    costs = costs_of(candidates) if len(candidates) > 1 or changes else [0.0]
+    costs = costs_of(candidates)
     best, least = candidates[int(np.argmin(costs))], min(costs)
     for change in changes:
         changed = replace(best, **change)

@@ -15,9 +15,9 @@ from ....core.integer import _ones
 from ....core.kernel import kernel
 
 NEIGHBOURS = 27  # offset (dx, dy, dz) of entry 9 * (dx + 1) + 3 * (dy + 1) + dz + 1; entry 13 is the node itself
-# Where a support is planar, only every third neighbour is there, from entry 1 on, and every fourth cell of _cells, from 1 on:
-# loops over them are range(planar, NEIGHBOURS, NEIGHBOUR_STEPS[planar]) and range(planar, CELLS, CELL_STEPS[planar])
-NEIGHBOUR_STEPS, CELL_STEPS = np.array((1, 3)), np.array((1, 4))
+# Where a support is planar, only every third neighbour is there, from entry 1 on: loops over them are
+# range(planar, NEIGHBOURS, NEIGHBOUR_STEPS[planar])
+NEIGHBOUR_STEPS = np.array((1, 3))
 
 
 @dataclass

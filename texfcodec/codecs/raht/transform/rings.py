@@ -16,8 +16,7 @@ ROUGHNESS_BOUNDS = np.array((4, 8, 16, 32))
 COEFFICIENT_FRACTION = 9
 RINGS = 3  # across faces, edges and corners
 CHUNK = 1 << 13  # parents a task works on; fixed, so that the statistics do not depend on the number of threads
-_FIRST = int(CENTRE[0]) - 21  # of the 43 cells from a child's first neighbour to its last
-# Of each ring its cells among those 43, one bit each
+# Of each ring its cells, one bit each, among the 43 from the first neighbour of child 0 to its last
 RING_MASKS = np.array([sum(1 << 16 * x + 4 * y + z for x in range(3) for y in range(3) for z in range(3)
                            if abs(x - 1) + abs(y - 1) + abs(z - 1) == away) for away in (1, 2, 3)])
 

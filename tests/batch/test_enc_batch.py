@@ -143,7 +143,7 @@ def test_an_asset_stays_coded_where_nobody_reads_its_line(call, tmp_path, monkey
     monkeypatch.setattr(Batch, "_tell", closed)
     code, _, err = call("--batch", tmp_path / "all.txt", "--out", tmp_path / "out", *SMALL)
     rows = [json.loads(line) for line in (tmp_path / "out/results.jsonl").read_text().splitlines()]
-    assert code == 2 and ["stream" in row for row in rows] == [True] and (tmp_path / "out/a.texf").exists()
+    assert code == 2 and [row.get("error") for row in rows] == [None] and (tmp_path / "out/a.texf").exists()
 
 
 def test_two_assets_of_one_stream_are_refused_and_no_other(call, tmp_path):

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from texfcodec.core.threads import in_order
+from texfcodec.core.threads import ahead, in_order
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])
@@ -38,3 +38,24 @@ def test_what_fails_is_raised_where_its_result_would_be():
     assert next(made) == 1
     with pytest.raises(ZeroDivisionError):
         next(made)
+
+
+def test_what_is_made_ahead_is_made_once_and_beside_the_caller():
+    begun, free, calls = threading.Event(), threading.Event(), []
+
+    def make():
+        calls.append(threading.current_thread())
+        begun.set()
+        assert free.wait(20)
+        return 7
+
+    made = ahead(make, 2)
+    assert begun.wait(20)
+    free.set()
+    assert [made(), made()] == [7, 7] and len(calls) == 1 and calls[0] is not threading.current_thread()
+
+
+def test_with_one_thread_it_is_made_when_it_is_asked_for():
+    calls = []
+    made = ahead(lambda: calls.append(1) or 7, 1)
+    assert not calls and [made(), made()] == [7, 7] and calls == [1]

@@ -3,10 +3,21 @@
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from typing import TypeVar
 
 Item = TypeVar("Item")
 Made = TypeVar("Made")
+
+
+def ahead(make: Callable[[], Made], threads: int) -> Callable[[], Made]:
+    """Begins make() on a thread of its own, or at the first call where there is but one; the function gives what it made."""
+    if threads < 2:
+        return cache(make)
+    pool = ThreadPoolExecutor(1)
+    made = pool.submit(make)
+    pool.shutdown(wait=False)
+    return made.result
 
 
 def over_blocks(one: Callable[[int], object], count: int, block: int, threads: int) -> None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.components import components
+from ..core.distinct import distinct
 
 MOST_AT_EDGE = 8  # faces; an edge of more is none to speak of
 NORMAL_BITS = 14  # of the largest component of a normal that folds are taken from
@@ -36,7 +37,7 @@ class Edges:
 def weld(lattice: np.ndarray) -> np.ndarray:
     """Number of every lattice position among the different ones, ascending by z, y and x: int64 [V]. lattice: int64 [V, 3]."""
     packed = lattice[:, 0] | (lattice[:, 1] << 20) | (lattice[:, 2] << 40)
-    return np.unique(packed, return_inverse=True)[1].reshape(-1)
+    return distinct(packed)[1]
 
 
 def shared_edges(corners: np.ndarray) -> Edges:

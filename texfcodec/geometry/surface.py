@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core.components import components
+from ..core.distinct import distinct
 from ..errors import InputError, LimitError
 from .areas import edge_columns, squared_cross
 from .canonical import CanonicalCube, fit_cube
@@ -58,9 +59,9 @@ def place_mesh(cube: CanonicalCube, points: np.ndarray, faces: np.ndarray, mater
     [F]; thin: of faces, int64 [N], which count as flat beside those that are flat on the lattice, bool [N].
     """
     packed = points[:, 0] | (points[:, 1] << 20) | (points[:, 2] << 40)
-    unique, place = np.unique(packed, return_inverse=True)
+    unique, place, _ = distinct(packed)
     lattice = np.stack([(unique >> shift) & 0xFFFFF for shift in (0, 20, 40)], axis=1)
-    faces = place.reshape(-1)[faces]
+    faces = place[faces]
     keep = np.flatnonzero((faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0]))
     if len(keep):
         flat = flat_faces(lattice, faces[keep])
@@ -100,7 +101,7 @@ def idle_faces(faces: np.ndarray, flat: np.ndarray) -> np.ndarray:
     if not flat.any() or flat.all():
         return idle
     ends = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
-    edge = np.unique(ends[..., 0] * (int(faces.max()) + 1) + ends[..., 1], return_inverse=True)[1].reshape(-1, 3)
+    edge = distinct(ends[..., 0] * (int(faces.max()) + 1) + ends[..., 1])[1]
     component = _components(edge)
     solid = np.zeros(int(component.max()) + 1, bool)
     solid[component[~flat]] = True

@@ -7,6 +7,8 @@ own.
 
 import numpy as np
 
+from ..core.distinct import distinct
+
 FLAT = 1e-30  # what is shorter, in world units or products of UVs, has no direction
 
 
@@ -66,7 +68,7 @@ def _groups(*columns):
     """Number int64 [N] of each row's group: rows of all columns are equal by value."""
     group = np.zeros(len(columns[0]), np.int64)
     for column in np.column_stack(columns).T:
-        group = np.unique(group * (len(group) + 1) + np.unique(column, return_inverse=True)[1], return_inverse=True)[1]
+        group = distinct(group * (len(group) + 1) + np.unique(column, return_inverse=True)[1])[1]
     return group
 
 

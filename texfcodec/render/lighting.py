@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core.threads import over_blocks
+from ..geometry.mesh import face_normals
 from ..scene.channels import BY_NAME
 from ..scene.factors import FLAT, linear_values, neutral_values
 from ..scene.scene import Scene
@@ -64,12 +65,7 @@ class Lighting:
     @cached_property
     def geometric(self) -> np.ndarray:
         """Normals of the faces, float32 [F, 3], of length 1, or 0 where a face has no area."""
-        corners = self.positions[self.faces]
-        u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        longest = np.maximum.reduce([np.abs(side[:, axis]) for side in (u, v) for axis in range(3)])[:, None]
-        normal = np.cross(u / np.where(longest > 0, longest, 1), v / np.where(longest > 0, longest, 1))
-        length = np.linalg.norm(normal, axis=1, keepdims=True)
-        return (normal / np.where(length > 0, length, 1)).astype(np.float32)
+        return face_normals(self.positions[self.faces]).astype(np.float32)
 
     def coded(self, camera: Camera, fragments: Fragments, rgba: np.ndarray, filtering: bool = True,
               threads: int = 1, noise: tuple[str, float] | None = None) -> np.ndarray:

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...core.threads import in_order
-from ...geometry.areas import face_areas, sample_surface
+from ...core.threads import ahead, in_order
+from ...geometry.areas import face_areas, sample_surface, used_vertices
 from ...geometry.canonical import finer_cube
 from ...geometry.mesh import Mesh, points_at
 from ...geometry.nearest_points import NearestPoints
@@ -35,9 +35,12 @@ from ..geometry.vertex_fit import fit_vertices, own_fit
 from .spending import has_few_colours
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ...options import EncodeOptions
     from ...scene.scene import Scene
     from ..estimates.position_error import PositionError
+    from ..geometry.simplify import Simplification
     from ..geometry.vertex_fit import VertexFit
     from ..memo import Memo
     from ..rd import RateDistortion
@@ -126,7 +129,7 @@ class MeshChoice:
         if self.evidence["reason"]:
             return self.usual
         usual, error, best = self.usual.cube.position_bits, self.look_at(self.usual).error, self.usual
-        if self.rd.cost(LEAST_A_BIT * len(np.unique(self.usual.faces)), error / MOST_A_BIT) >= self.rd.cost(0, error):
+        if self.rd.cost(LEAST_A_BIT * _count_used(self.usual), error / MOST_A_BIT) >= self.rd.cost(0, error):
             return self.usual
         least = self.rd.cost(_geometry_bytes(best), error)
         for bits in range(usual + 1, FINEST_POSITIONS + 1):
@@ -228,6 +231,7 @@ class _Search:
 
     def best(self, step: Step) -> _Candidate:
         """The candidate of least cost that nothing speaks against: those that promise least are looked at until none does."""
+        self.meshes.begin()
         self._candidate(*self.usual)
         first = self._candidate(0, USUAL_LOOK)
         reckoned = self._reckoned(first) if first.faces else {}
@@ -279,7 +283,7 @@ class _Search:
     def _reckoned(self, here):
         """{place: (bytes, squared error)}, from one look, here, and the distances of meshes that are not fitted."""
         usual, out = self.meshes.usual, {}
-        vertices = len(np.unique(usual.faces))
+        vertices = _count_used(usual)
         for place, away in enumerate(self.meshes.aways):
             share = SHARES[place]
             for bits in range(COARSEST_POSITIONS, usual.cube.position_bits + 1):
@@ -331,6 +335,13 @@ class _Meshes:
         self._looks: dict[tuple[int, int], _Look] = {}
         self._moved: dict[tuple[int, int], Moved] = {}
         self._fits: dict[int, _Fit] = {}
+        self._simplifying: Callable[[], Simplification] | None = None
+
+    def begin(self) -> Callable[[], Simplification]:
+        """Begins to simplify, beside the looks that need no smaller mesh; the function waits for the end."""
+        if self._simplifying is None:
+            self._simplifying = ahead(self._simplified_source, self.choice.rd.threads)
+        return self._simplifying
 
     @cached_property
     def _seams(self):
@@ -338,8 +349,11 @@ class _Meshes:
         uvs = [uv[self.usual.origin_face] for uv in (self.scene.corner_uv, *self.scene.map_uv.values())]
         return np.concatenate([self._borders, seam_edges(self.usual.faces, corner=np.concatenate(uvs, axis=2), apart=SAME_UV)])
 
-    @cached_property
+    @property
     def _simplification(self):
+        return self.begin()()
+
+    def _simplified_source(self):
         lines = [self._seams if self._carries else self._borders, sharp_edges(self.source, SHARP)]
         if self.scene.corner_normal is not None:
             lines.append(seam_edges(self.usual.faces, corner=self.scene.corner_normal[self.usual.origin_face], apart=HARD))
@@ -469,6 +483,11 @@ class _Meshes:
 def _is_coarser(place, other):
     """Whether a place in shares and bits loses at least the thin parts that another does: of fewer faces, or bits of all."""
     return place[0] >= other[0] and (other[0] > 0 or place[1] <= other[1])
+
+
+def _count_used(surface):
+    """Vertices that faces of a Surface have."""
+    return len(used_vertices(surface.faces, len(surface.lattice))[0])
 
 
 def _geometry_bytes(surface):

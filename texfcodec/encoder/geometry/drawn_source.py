@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ...core.distinct import distinct
 from ...geometry.mesh import Mesh, face_normals, points_at
 from ...geometry.nearest_points import NearestPoints
 from ...render.tangent_frames import interpolate_corners
@@ -41,8 +42,8 @@ def draw_onto(source: Mesh, group: np.ndarray, other: Mesh, other_group: np.ndar
     """The source drawn onto another mesh with faces. group, other_group: int64 of each face; a face goes to those of its own
     group where there are any about as near, so that one part of an asset is not drawn onto another."""
     count = int(group.max(initial=0)) + 1
-    pair, corner = np.unique(source.faces * count + group[:, None], return_inverse=True)
-    faces, points = corner.reshape(-1, 3), source.positions[pair // count]
+    pair, faces, _ = distinct(source.faces * count + group[:, None])
+    points = source.positions[pair // count]
     turn = TURN * 2 * source.frame()[1]
     nearest = NearestPoints(other, other_group).find(points, vertex_normals(points, faces), turn, pair % count, threads)
     mesh = Mesh(points_at(other, nearest.face, nearest.bary), faces)

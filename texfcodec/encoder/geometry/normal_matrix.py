@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...core.distinct import distinct
 from ...core.kernel import kernel
 
 TOLERANCE, MOST_STEPS = 1e-4, 200  # of conjugate gradients
@@ -42,7 +43,7 @@ class NormalEquations:
         self._faces = np.ascontiguousarray(faces, np.int64)
         rows = np.concatenate([np.repeat(faces, 3, axis=1).ravel(), np.arange(vertices)])  # and a diagonal for idle vertices
         columns = np.concatenate([np.tile(faces, (1, 3)).ravel(), np.arange(vertices)])
-        code, slot = np.unique(rows * max(vertices, 1) + columns, return_inverse=True)
+        code, slot, _ = distinct(rows * max(vertices, 1) + columns)
         self._slot = np.ascontiguousarray(slot[: 9 * len(faces)].reshape(-1, 9))
         self._own = slot[9 * len(faces):]
         self._first = np.searchsorted(code, np.arange(vertices + 1) * max(vertices, 1))

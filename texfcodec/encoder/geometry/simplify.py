@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...geometry.areas import used_vertices
 from ...geometry.mesh import Mesh
 from .collapse import collapse_all
 from .quadrics import vertex_quadrics
@@ -74,8 +75,8 @@ class Simplification:
         positions = self.source.positions.copy()
         positions[self.kept[:done]] = self.placed[:done]  # of a vertex that is placed again and again the last place stays
         face = np.flatnonzero(self.last >= done)
-        vertex, faces = np.unique(joined[self.source.faces[face]], return_inverse=True)
-        made = SimplifiedMesh(mesh=Mesh(positions[vertex], faces.reshape(-1, 3)), face=face, vertex=vertex, lines=self.lines,
+        vertex, faces = used_vertices(joined[self.source.faces[face]], len(joined))
+        made = SimplifiedMesh(mesh=Mesh(positions[vertex], faces), face=face, vertex=vertex, lines=self.lines,
                               joined=joined)
         return replace(made, lines=made.edges(self.lines))
 

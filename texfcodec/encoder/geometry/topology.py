@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...core.distinct import distinct
 from ...geometry.edges import joined
 
 FREE, ON_LINE, FIXED = 0, 1, 2  # what a vertex may do: move, move along its line, stay
@@ -14,8 +15,8 @@ def undirected(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     to the next; number of faces at each edge int64 [E])."""
     after, size = np.roll(faces, -1, axis=1), int(faces.max(initial=0)) + 1
     sides = np.minimum(faces, after) * size + np.maximum(faces, after)
-    code, edge, count = np.unique(sides.reshape(-1), return_inverse=True, return_counts=True)
-    return np.stack([code // size, code % size], axis=1), edge.reshape(-1, 3), count
+    code, edge, count = distinct(sides)
+    return np.stack([code // size, code % size], axis=1), edge, count
 
 
 def side_pairs(edge: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -54,7 +55,10 @@ def named_edges(faces: np.ndarray, lines: np.ndarray) -> np.ndarray:
     """Edges that lines, int64 [L, 2], name by their ends, bool [E] over undirected()."""
     ends, named = undirected(faces)[0], np.sort(np.asarray(lines, np.int64).reshape(-1, 2), axis=1)
     size = max(int(faces.max(initial=0)), int(named.max(initial=0))) + 1
-    return np.isin(ends[:, 0] * size + ends[:, 1], named[:, 0] * size + named[:, 1])
+    edges, wanted = ends[:, 0] * size + ends[:, 1], named[:, 0] * size + named[:, 1]
+    out, place = np.zeros(len(edges) + 1, bool), np.searchsorted(edges, wanted)
+    out[place[np.append(edges, -1)[place] == wanted]] = True
+    return out[:-1]
 
 
 def line_sides(faces: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -88,7 +92,8 @@ def wedges(faces: np.ndarray, seams: np.ndarray) -> tuple[np.ndarray, np.ndarray
 def _several_fans(faces, edge, count, vertices):
     """Vertices whose faces do not all hang together by edges, bool [V]."""
     fans = joined(_corner_links(faces, side_pairs(edge, count)[0]), faces.size)
-    return np.bincount(faces.ravel()[np.unique(fans, return_index=True)[1]], minlength=vertices) > 1
+    first = np.diff(np.maximum.accumulate(fans), prepend=-1) > 0  # corner of each fan
+    return np.bincount(faces.ravel()[first], minlength=vertices) > 1
 
 
 def _corner_links(faces, pairs):

@@ -125,9 +125,9 @@ three: install
 	$(PY) proof/three_check.py "$(ASSETS)" $(foreach name,$(ALIKE),--alike $(name)) --out "$(or $(OUT),out/three)"
 
 # Memory over 500 calls, 8 processes at once, a batch with faults, memory of refused files, many faces, tasks of a Dask cluster:
-# make load [PART="slope ..."] [OUT=folder] [PAGE=docs/reports/load.md]
+# make load [PART="slope ..."] [LARGE=1] [OUT=folder] [PAGE=docs/reports/load.md]
 load: install
-	$(PY) proof/load.py $(foreach p,$(PART),--part $(p)) --out "$(or $(OUT),out/load)" $(if $(PAGE),--page "$(PAGE)")
+	$(PY) proof/load.py $(foreach p,$(PART),--part $(p)) $(if $(LARGE),--large) --out "$(or $(OUT),out/load)" $(if $(PAGE),--page "$(PAGE)")
 
 # Fuzz targets of the decoder and the loaders: make fuzz [SECONDS=20] [TARGET="name ..."] [OUT=folder] [PAGE=docs/reports/fuzzing.md]
 fuzz: install

@@ -41,6 +41,7 @@ def main(arguments=None):
     parser.add_argument("--processes", type=int, default=PROCESSES, metavar="N", help="at once")
     parser.add_argument("--assets", type=int, default=GOOD, metavar="N", help="good ones of the batch")
     parser.add_argument("--faces", type=int, nargs="+", default=SIZES, metavar="N", help="of the meshes that grow")
+    parser.add_argument("--large", action="store_true", help="let them grow up to three million faces: another half hour")
     parser.add_argument("--encodes", type=int, default=ENCODED, metavar="N", help="for each size of the cluster")
     parser.add_argument("--every", action="store_true")
     parser.add_argument("--page", type=Path, metavar="FILE.md")
@@ -48,7 +49,7 @@ def main(arguments=None):
     args.out.mkdir(parents=True, exist_ok=True)
     measures = {"slope": lambda: run_slopes(args.calls), "together": lambda: run_together(args.processes),
                 "batch": lambda: run_batch(args.assets), "refused": lambda: run_refused(args.every),
-                "levels": run_levels, "faces": lambda: run_faces(args.faces),
+                "levels": run_levels, "faces": lambda: run_faces(args.faces, large=args.large),
                 "cluster": lambda: run_cluster(args.encodes)}
     for part in [] if args.page_only else args.part or PARTS:
         (args.out / f"{part}.json").write_text(json_text(measures[part](), indent=1), encoding="utf-8")

@@ -23,6 +23,8 @@ from proof.memory import Memory
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SIZES = (10_000, 30_000, 100_000)  # faces
+LARGE = {"scan with image": (1_000_000, 3_000_000), "scan with vertex colours": (1_000_000, 3_000_000), "slivers": (1_000_000,),
+         "lone triangles": (1_000_000,), "one scroll": (3_000_000,)}  # faces where large ones are asked for, minutes each
 SIDES, RESOLUTIONS = (512, 1024, 2048, 4096), (128, 256, 512, 1024)  # of images, for texels; of fields, for voxels
 FEW = 10_000  # faces of the scan whose texels or voxels grow
 WARM = 1000  # faces of the mesh that every process begins with, so that kernels are there
@@ -58,12 +60,12 @@ def measured(call):
     return {"seconds": seconds, "memory": held["peak"] - held["idle"], "silence": silence.seconds, "stage": silence.stage}
 
 
-def run_faces(sizes=SIZES, kinds=tuple(GENERATORS), sides=SIDES, resolutions=RESOLUTIONS):
+def run_faces(sizes=SIZES, kinds=tuple(GENERATORS), sides=SIDES, resolutions=RESOLUTIONS, large=False):
     """{"rows": one for each mesh and size: kind, of ("faces", "texels" or "voxels"), count of these, and "encode" and "save" as
-    of measured()}."""
+    of measured()}. large: whether the sizes of LARGE are among them."""
     rows = []
     for kind in kinds:
-        rows += [_row(kind, "faces", GENERATORS[kind], size, {}) for size in sizes]
+        rows += [_row(kind, "faces", GENERATORS[kind], size, {}) for size in (*sizes, *(LARGE.get(kind, ()) if large else ()))]
     for side in sides:
         rows.append(_row("scan over texels", "texels", lambda count, side=side: scan_with_image(count, side), FEW,
                          {"support": "texels", "keep_mesh": True}))

@@ -100,6 +100,19 @@ def test_the_neighbour_table_of_every_level_is_the_dict_of_coordinates(depth, co
     assert Octree(keys, depth, planar).table(depth).tolist() == table.tolist()  # all levels at once
 
 
+def test_a_table_that_another_thread_has_made_meanwhile_stays():
+    """It was taken away, and the other thread found none: an IndexError, now and then, where parts are coded side by side."""
+    octree, deeper = Octree(random_keys(np.random.default_rng(3), 6, 300, 0), 6), []
+
+    def late(jobs):
+        for job in jobs:
+            job()
+        deeper.append(octree.table(5))  # as another thread does before this one is done
+
+    octree.table(3, run=late)
+    assert octree.table(5) is deeper[0] and octree.table(5).tolist() == Octree(octree.keys, 6).table(5).tolist()
+
+
 @pytest.mark.parametrize("resolution,depth", [(1, 0), (2, 1), (3, 2), (4, 2), (5, 3), (1024, 10), (1025, 11), (8192, 13)])
 def test_octree_depth_is_the_rounded_up_logarithm(resolution, depth):
     assert octree_depth(resolution) == depth == math.ceil(math.log2(resolution))

@@ -154,16 +154,17 @@ class Octree:
     def __init__(self, keys: np.ndarray, depth: int, planar: int = 0) -> None:
         self.keys, self.planar, self.levels = keys, int(planar), build_octree(keys, depth)
         self.rings: Any = None  # of filter.rings_of()
-        self._tables = [new_table(1, self.planar)]
-        self._tables[0][0, COLUMNS[self.planar, 13]] = 0  # the root has only itself
+        root = new_table(1, self.planar)
+        root[0, COLUMNS[self.planar, 13]] = 0  # has only itself
+        self._tables = {0: root}  # by depth; threads that make one at the same time make the same
 
     def table(self, depth: int, ranges: list[tuple[int, int]] | None = None, run: Callable | None = None) -> np.ndarray:
         """Neighbour table of the nodes at `depth`. ranges: of nodes one level above, made apart by run, which runs a list of
         jobs."""
-        if depth >= len(self._tables):
+        if depth not in self._tables:
             level, above, table = self.levels[depth - 1], self.table(depth - 1), new_table(len(self.levels[depth]), self.planar)
             job = lambda b, e: lambda: _neighbours(level.first_child, level.occupancy, above, b, e, self.planar, table)
             jobs = [job(*r) for r in ranges or [(0, len(level))]]
             (run or (lambda jobs: [job() for job in jobs]))(jobs)
-            self._tables = [*self._tables[:depth], table]  # of threads that make one at the same time, each has a whole list
+            self._tables[depth] = table
         return self._tables[depth]

@@ -273,3 +273,33 @@ print([len(entry.signatures) for entry in entries])
 """
     run = subprocess.run([sys.executable, "-c", program], cwd=PACKAGE.parent, capture_output=True, text=True, check=False)
     assert run.stdout.strip() == "[1, 1, 1, 1, 1, 1]", run.stderr
+
+
+def test_two_threads_that_make_kernels_get_each_its_own_cache_folder(tmp_path):
+    """One read what the other had set, and left it there for the life of the process."""
+    class Numba:
+        class config:
+            CACHE_DIR, DISABLE_JIT = "the user's", True
+
+        @staticmethod
+        def njit(**_):
+            def decorate(function):
+                time.sleep(0.02)  # the other thread sets its own, unless it waits
+                return function.__name__, Numba.config.CACHE_DIR
+            return decorate
+
+    found = {}
+
+    def make(name):
+        def one():
+            pass
+
+        one.__name__ = name
+        found[name] = kernel_room._compiled(Numba, one, tmp_path / name, {})
+
+    threads = [threading.Thread(target=make, args=(name,)) for name in "abc"]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == {name: (name, str(tmp_path / name)) for name in "abc"} and Numba.config.CACHE_DIR == "the user's"

@@ -13,6 +13,7 @@ from texfcodec.core.colour_error import decibels
 from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.metrics.shaded import compare_channels, compare_shaded
 from texfcodec.metrics.views import Look, compare_views
+from texfcodec.render import lit_scene
 from texfcodec.render.camera import bounding_sphere, orthographic, perspective_around
 from texfcodec.render.environment import DAYLIGHT
 from texfcodec.render.lighting import Lighting
@@ -326,3 +327,19 @@ def test_tools_say_what_light_shows(call, tmp_path):
     sizes = [call("texf-render", tmp_path / "a.texf", tmp_path / f"{len(flag)}.png", "--size", "64", "--json", *flag)
              for flag in ((), ("--shaded",))]
     assert [json.loads(said)["shaded"] for _, said, _ in sizes] == [False, True]
+
+
+def test_maps_that_another_thread_has_made_meanwhile_stay(monkeypatch):
+    """They were replaced by others whose levels nobody had built: a KeyError in a shaded comparison, now and then."""
+    plain, meanwhile = lit_scene.Textures, []
+    maps = lit_scene.SceneMaps(painted_sphere(), mipmaps=True)
+
+    def late(*words):
+        made = plain(*words)
+        if not meanwhile:
+            meanwhile.append(None)
+            meanwhile.append(maps._of("normal"))
+        return made
+
+    monkeypatch.setattr(lit_scene, "Textures", late)
+    assert maps._of("normal") is meanwhile[1] is maps._of("normal")

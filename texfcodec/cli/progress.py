@@ -39,15 +39,16 @@ def bar() -> Iterator[Report]:
 @contextmanager
 def lines() -> Iterator[Report]:
     """A Report whose stage at work gets a line every LINE_SECONDS: its name, the share done, the seconds since the beginning."""
-    begin, over, at_work = time.perf_counter(), threading.Event(), {}
+    begin, over, at_work = time.perf_counter(), threading.Event(), [("", 0.0)]  # stage and share, which change together
 
     def note(stage, done, total):
-        at_work["stage"], at_work["share"] = stage, done / total if total else 0.0
+        at_work[0] = stage, done / total if total else 0.0
 
     def talk():
         while not over.wait(LINE_SECONDS):
-            if at_work:
-                print(_line(at_work, report.note, time.perf_counter() - begin), file=sys.stderr, flush=True)
+            stage, share = at_work[0]
+            if stage:
+                print(_line(stage, share, report.note, time.perf_counter() - begin), file=sys.stderr, flush=True)
 
     report = Report(note)
     talker = threading.Thread(target=talk, daemon=True)
@@ -59,6 +60,6 @@ def lines() -> Iterator[Report]:
         talker.join()
 
 
-def _line(at_work, note, seconds):
-    share = f" {100 * at_work['share']:.0f} %" if at_work["share"] else ""
-    return f"progress: {at_work['stage']}{share}, {seconds:.0f} s" + (f", {note}" if note else "")
+def _line(stage, share, note, seconds):
+    done = f" {100 * share:.0f} %" if share else ""
+    return f"progress: {stage}{done}, {seconds:.0f} s" + (f", {note}" if note else "")

@@ -197,7 +197,8 @@ class PlaneCodec(Codec):
     @abstractmethod
     def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: Settings) -> tuple[dict, np.ndarray]:
         """Codes values. plane: float32 [N, C] in 0..255 on the support's keys; support: VoxelSupport; options: of settings().
-        Returns (values of its syntax elements, what dec() makes of them: uint8 [N, C])."""
+        Returns (values of its syntax elements, what dec() makes of them: uint8 [N, C]). Threads call it for several planes at
+        the same time, as they call dec()."""
 
     @abstractmethod
     def dec(self, values: dict, support: VoxelSupport, levels: int, threads: int) -> np.ndarray:

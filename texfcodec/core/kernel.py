@@ -15,6 +15,7 @@ import hashlib
 import os
 import re
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache, partial
@@ -24,6 +25,7 @@ from typing import Any
 import numpy as np
 
 PACKAGE = Path(__file__).parents[1]
+_DECORATING = threading.RLock()  # numba's setting is one for all threads, some of which import while others compile
 IMPORT = re.compile(rb"^[ \t]*from[ \t]+(\.+|texfcodec\b\.?)([\w.]*)[ \t]+import[ \t]+(\([^)]*\)|[^\n]+)", re.MULTILINE)
 
 
@@ -124,13 +126,14 @@ def instruction(name: str) -> Callable[[Callable], Callable]:
 
 
 def _compiled(numba, function, folder, options):
-    usual = numba.config.CACHE_DIR
-    # Read while the decorator runs; other packages keep theirs.
-    numba.config.CACHE_DIR = str(folder)
-    try:
-        made = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
-    finally:
-        numba.config.CACHE_DIR = usual
+    with _DECORATING:
+        usual = numba.config.CACHE_DIR
+        # Read while the decorator runs; other packages keep theirs.
+        numba.config.CACHE_DIR = str(folder)
+        try:
+            made = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+        finally:
+            numba.config.CACHE_DIR = usual
     if not numba.config.DISABLE_JIT:
         _share(made._cache, folder / f"{function.__name__}.lock")
         compiling = folder / f"{function.__name__}.compiling"

@@ -29,7 +29,7 @@ TOOLS = {"encode": "texfcodec.cli.enc", "save": "texfcodec.cli.dec"}
 SIDES = "before", "after"
 PACKAGE = f"{os.sep}texfcodec{os.sep}"
 WAITS = {("threading.py", "wait"), ("threading.py", "_wait_for_tstate_lock"), ("threading.py", "join"), ("thread.py", "_worker"),
-         ("queue.py", "get")}  # where a thread does nothing, by file and function
+         ("queue.py", "get"), ("interrupts.py", "_wait")}  # where a thread does nothing, by file and function
 
 
 def watch(module, words):

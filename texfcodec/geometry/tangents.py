@@ -68,7 +68,8 @@ def _groups(*columns):
     """Number int64 [N] of each row's group: rows of all columns are equal by value."""
     group = np.zeros(len(columns[0]), np.int64)
     for column in np.column_stack(columns).T:
-        group = distinct(group * (len(group) + 1) + np.unique(column, return_inverse=True)[1])[1]
+        bits = (column + 0.0).view(np.int64)  # one pattern for each value, 0 and -0 alike
+        group = distinct(group * (len(group) + 1) + distinct(bits)[1])[1]
     return group
 
 

@@ -107,7 +107,7 @@ def page_of(found, most):
         for name, row in found["rows"].items():
             before, after = (row[what][side] for side in SIDES)
             largest = list(dict.fromkeys(one for side in (after, before) for one, _ in Counter(side["costs"]).most_common(most)))
-            table = [[one, *(f"{side['costs'].get(one, 0.0):.2f}" for side in (before, after))] for one in largest]
+            table = [[f"`{one}`", *(f"{side['costs'].get(one, 0.0):.2f}" for side in (before, after))] for one in largest]
             table.append(["all", *(f"{sum(side['costs'].values()):.1f}" for side in (before, after))])
             table.append(["by the wall clock", *(f"{side['wall']:.1f}" for side in (before, after))])
             lines += [*markdown_table([name, "s before", "s after"], table), ""]

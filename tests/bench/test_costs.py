@@ -39,5 +39,5 @@ def test_the_page_has_the_largest_of_either_side():
     text = costs.page_of({"commits": ["0123", "4567"], "rate": "r03", "machine": "2 cores", "rows": {"cube": {
         "encode": side, "save": side}}}, 1)
     lines = text.splitlines()
-    assert [line for line in lines if line.startswith("| a.")] == ["| a.h | 0.50 | 1.50 |", "| a.f | 3.00 | 0.25 |"] * 2
+    assert [line for line in lines if line.startswith("| `a.")] == ["| `a.h` | 0.50 | 1.50 |", "| `a.f` | 3.00 | 0.25 |"] * 2
     assert "| all | 5.5 | 1.8 |" in lines and "| by the wall clock | 5.0 | 2.0 |" in lines

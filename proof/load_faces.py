@@ -112,7 +112,7 @@ def draw(found, path):
                 panel.plot([one["count"] for one in own], [one[what]["seconds"] for one in own], marker="o", label=kind)
             panel.set(xscale="log", yscale="log", xlabel=of, ylabel=f"processor seconds, {title}")
             panel.grid(True, which="both", alpha=0.3)
-            panel.legend(fontsize=7, loc="upper left")
+            panel.legend(fontsize=7, loc="lower right")
     figure.savefig(path, dpi=110)
     pyplot.close(figure)
     return True

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
 
-from .sandbox.engines import kernels_compiled
+from .sandbox.engines import ENTRIES, kernels_compiled
 
 if TYPE_CHECKING:
     from .scene.scene import Scene
@@ -13,7 +14,6 @@ if TYPE_CHECKING:
 # Seconds, roughly: with an empty cache the first run took 21 to 34 s more than the second in texf-enc, which compiles on two
 # processors, and 22 in texf-dec without the sandbox (demo asset, a slow machine); --warmup compiles what both need, and more.
 ENCODING, DECODING, ALL = 30, 20, 60
-SAVING = "saving"  # argument of this module: what saving needs is compiled as well
 _FIRST_RUN = "first run: compiling the kernels takes about {} s, once"
 
 
@@ -22,7 +22,14 @@ def first_run(seconds: int) -> str | None:
     return None if kernels_compiled() else _FIRST_RUN.format(seconds)
 
 
-def compile_later_stages() -> None:
+class Stage(NamedTuple):
+    """Kernels that are compiled together. compile_them: does so; entries: files of the package whose kernels come last."""
+
+    compile_them: Callable[[], None]
+    entries: tuple[str, ...] = ENTRIES
+
+
+def compile_encoding() -> None:
     """Compiles the kernels of a usual encode in another order than it needs them: coding and decoding before pictures."""
     import numpy as np
 
@@ -40,15 +47,34 @@ def compile_later_stages() -> None:
     find_contacts(np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0]]), np.array([[0, 1, 2]]), 8, 16)
 
 
-def compile_saving() -> None:
-    """Compiles what decoding to a GLB needs beside."""
-    from .api import decode, encode_loaded
-    from .io.save import as_glb
-    from .options import DecodeOptions, EncodeOptions
-    from .report import Report
+def compile_decoding() -> None:
+    """Compiles what a decoder needs last: the levels of the transform. A decode begins with supports meanwhile."""
+    from .codecs import codec_of
+    from .options import DEFAULT_CODEC
 
-    made = encode_loaded(small_scene(), EncodeOptions(resolution=16), Report())
-    as_glb(decode(made.data, DecodeOptions(engine="numba")), texture_size=64)
+    codec_of(DEFAULT_CODEC).run_kernels(encoding=False)
+
+
+def compile_saving() -> None:
+    """Compiles what saving as a GLB needs: what fills an atlas, then what makes one. Nothing is coded or decoded for it."""
+    import numpy as np
+
+    from .field.voxels import VoxelSupport
+    from .geometry.canonical import CanonicalCube
+    from .geometry.geometry_unit import GeometryUnit
+    from .io.atlas.bake import bake
+    from .io.atlas.unwrap import Atlas
+    from .io.save import as_glb
+    from .scene.scene import Material
+    from .texf import Field, Texf
+
+    voxels, corners = VoxelSupport(16, np.arange(16**3)), np.array([[0, 0, 0], [255, 0, 0], [255, 255, 255], [0, 255, 255]])
+    faces, side = np.array([[0, 1, 2], [0, 2, 3]]), np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float64)
+    colours = np.random.default_rng(0).integers(0, 256, (len(voxels.keys), 3), np.uint8)
+    texf = Texf(cube=CanonicalCube((0.0, 0.0, 0.0), 1.0, 8), units=[GeometryUnit(0, 0, corners, faces)],
+                fields=[Field(voxels, {"base_colour": colours})], materials=[Material()])
+    bake(texf, atlas=Atlas(side[faces], 64, 64, "fast", 1.0))
+    as_glb(texf, texture_size=64)
 
 
 def warm_up() -> None:
@@ -116,7 +142,9 @@ def small_scene() -> Scene:
     )
 
 
+STAGES = {"encode": Stage(compile_encoding), "decode": Stage(compile_decoding),
+          "save": Stage(compile_saving, ("io/atlas/gutters.py", "io/atlas/chart_packing.py"))}
+
 if __name__ == "__main__":
-    compile_later_stages()
-    if SAVING in sys.argv[1:]:
-        compile_saving()
+    for name in sys.argv[1:]:
+        STAGES[name].compile_them()

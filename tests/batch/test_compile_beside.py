@@ -5,35 +5,68 @@ import threading
 import pytest
 
 from texfcodec.batch import compile_beside as room
+from texfcodec.cli.dec import _stages
 from texfcodec.codecs.raht.coefficients import mixed, residual
-from texfcodec.field import voxelise
-from texfcodec.io.atlas import chart_packing
-from texfcodec.precompile import SAVING, compile_later_stages, compile_saving
+from texfcodec.codecs.raht.transform import octree
+from texfcodec.core.kernel import PACKAGE
+from texfcodec.field import query, voxelise
+from texfcodec.io.atlas import chart_packing, gaps, gutters
+from texfcodec.precompile import STAGES, compile_decoding, compile_encoding, compile_saving
 from texfcodec.render import triangles
 
 
 def test_kernels_of_every_later_stage_are_run():
-    compile_later_stages()
+    compile_encoding()
     for entry in (mixed._enc_mixed_level, mixed._dec_mixed_level, residual._enc_residuals, voxelise._touched, triangles._set_up):
         assert entry.signatures, entry.py_func.__name__
 
 
+def test_kernels_of_decoding_are_run():
+    compile_decoding()
+    assert mixed._dec_mixed_level.signatures and octree._neighbours.signatures
+
+
 def test_kernels_of_saving_are_run():
     compile_saving()
-    assert chart_packing._pack.signatures
+    for entry in (chart_packing._pack, gutters._continue, gaps._pull, query._query):
+        assert entry.signatures, entry.py_func.__name__
 
 
-@pytest.mark.parametrize("threads, processors, compiled, begins",
-                         [(2, 2, False, True), (1, 2, False, False), (2, 1, False, False), (2, 2, True, False)])
-def test_it_begins_where_kernels_are_missing_and_a_processor_is_idle(monkeypatch, threads, processors, compiled, begins):
+def test_every_stage_looks_for_kernels_that_it_compiles():
+    files = [file for stage in STAGES.values() for file in stage.entries]
+    assert all("@kernel" in (PACKAGE / file).read_text(encoding="utf-8") for file in files)
+
+
+def missing_stages(monkeypatch, threads, processors, compiled, stages, patience):
+    """What is begun for these stages, of which some are compiled: words of the command line, [] where nothing is."""
     asked, begun = [], threading.Event()
 
     def run(self, words, *rest):
         asked.extend(words)
         begun.set()
 
-    monkeypatch.setattr(room, "kernels_compiled", lambda: compiled)
+    monkeypatch.setattr(room, "kernels_compiled", lambda entries: entries in [STAGES[name].entries for name in compiled])
     monkeypatch.setattr(room, "default_threads", lambda: processors)
     monkeypatch.setattr(room.Children, "run", run)
-    room.compile_beside(threads, SAVING)
-    assert begun.wait(20 if begins else 0.3) == begins and asked == ["-m", compile_later_stages.__module__, SAVING] * begins
+    room.compile_beside(threads, *stages)
+    begun.wait(patience)
+    return asked
+
+
+@pytest.mark.parametrize("compiled, missing", [([], ["decode", "save"]), (["decode"], ["save"]), (["save"], ["decode"])])
+def test_what_is_missing_is_compiled(monkeypatch, compiled, missing):
+    asked = missing_stages(monkeypatch, 2, 2, compiled, ["decode", "save"], 20)
+    assert asked == ["-m", compile_saving.__module__, *missing]
+
+
+@pytest.mark.parametrize("threads, processors, compiled", [(1, 2, []), (2, 1, []), (2, 2, ["decode", "save"])])
+def test_nothing_begins_where_no_kernel_is_missing_or_no_processor_idle(monkeypatch, threads, processors, compiled):
+    assert missing_stages(monkeypatch, threads, processors, compiled, ["decode", "save"], 0.3) == []
+
+
+@pytest.mark.parametrize("out, appearance, sandboxed, stages", [
+    ("a.glb", None, True, ["save"]), ("-", "texture", False, ["decode", "save"]), ("a.obj", "vertex", False, ["decode"]),
+    ("a.npz", None, True, []), ("a.PLY", None, False, ["decode"]), ("a.texf", None, False, ["decode"]),
+])
+def test_texf_dec_has_what_it_needs_compiled(out, appearance, sandboxed, stages):
+    assert list(_stages(out, appearance, sandboxed)) == stages

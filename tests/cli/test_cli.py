@@ -416,6 +416,9 @@ def test_missing_kernel_cache_is_noticed_without_numba(monkeypatch, tmp_path):
     from texfcodec.sandbox.engines import ENTRIES, kernels_compiled
 
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    with monkeypatch.context() as without:
+        without.setenv("NUMBA_DISABLE_JIT", "1")
+        assert kernels_compiled()  # nothing will be
     assert not kernels_compiled()
     for name in ENTRIES:
         *_, room, file = name.split("/")

@@ -5,18 +5,19 @@ from contextlib import suppress
 from threading import Thread
 
 from ..options import default_threads
-from ..precompile import kernels_compiled
+from ..precompile import STAGES, kernels_compiled
 from .children import Caps, Children
 
 
-def compile_beside(threads: int, *more: str) -> None:
-    """Has another process compile what a first encode needs later on, while this one loads, codes and compiles what it needs
-    first; what one of them has compiled the other loads. threads: that may run at once; nothing is done for one; more: words
-    for precompile.py. The process ends with this one, if not before."""
-    if min(threads, default_threads()) > 1 and not kernels_compiled():
-        Thread(target=_compile, args=more, daemon=True).start()
+def compile_beside(threads: int, *stages: str) -> None:
+    """Has another process compile what a first run needs later on, while this one loads, works and compiles what it needs first;
+    what one of them has compiled the other loads. threads: that may run at once; nothing is done for one; stages: of
+    precompile.STAGES, whose kernels are looked for in the cache first. The process ends with this one, if not before."""
+    missing = [stage for stage in stages if not kernels_compiled(STAGES[stage].entries)]
+    if missing and min(threads, default_threads()) > 1:
+        Thread(target=_compile, args=missing, daemon=True).start()
 
 
-def _compile(*more):
+def _compile(*stages):
     with suppress(OSError):  # no process to be had: all is compiled here
-        Children().run(("-m", "texfcodec.precompile", *more), subprocess.DEVNULL, subprocess.DEVNULL, Caps(1))
+        Children().run(("-m", "texfcodec.precompile", *stages), subprocess.DEVNULL, subprocess.DEVNULL, Caps(1))

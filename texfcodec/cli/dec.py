@@ -62,6 +62,7 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
     interrupted.
     """
     from ..api import decode
+    from ..batch.compile_beside import compile_beside
     from ..io.save import check_choices
     from ..precompile import DECODING, first_run
     from ..sandbox.engines import takes_sandbox
@@ -85,7 +86,9 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
     if not takes_out:
         check_choices("stream.glb" if out == "-" else out, **look, stream=b"" if carry_stream else None)
     data = read_stream(source, limits)
-    console.note_first_run(None if takes_sandbox(options) else first_run(DECODING))
+    sandboxed = takes_sandbox(options)
+    console.note_first_run(None if sandboxed else first_run(DECODING))
+    compile_beside(options.threads, *_stages(out, look["appearance"], sandboxed))
     with console.progress() as report:
         texf = decode(data, options, report)
         if carry_stream:
@@ -102,6 +105,14 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
         console.warnings(report)
     facts = _facts(data, texf, report, saved)
     console.result(facts, _lines(facts, out, texf.counted()))
+
+
+def _stages(out, appearance, sandboxed):
+    """Stages of precompile.py whose kernels this run may need."""
+    if not sandboxed:
+        yield "decode"
+    if appearance in (None, "texture") and not out.lower().endswith((".ply", ".npz", _STREAM)):
+        yield "save"
 
 
 def _fallback(texf, faces):

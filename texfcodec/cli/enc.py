@@ -95,7 +95,7 @@ def enc(console, source, out, dry_run, advised, as_json, quiet, **choices):
         scene = _load(source, options, report)
         if not dry_run:
             check_output(out, scene.files)
-            compile_beside(options.threads)
+            compile_beside(options.threads, "encode")
         facts = (_estimate(scene, options, report, advised) if dry_run
                  else _encode(scene, options, report, out, explained))
     if not (console.as_json or dry_run):

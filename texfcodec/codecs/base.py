@@ -180,8 +180,9 @@ class Codec(ABC):
         """Whether the encoder should take this codec for the plane whatever was asked for. plane: float32 [N, C], 0..255."""
         return False
 
-    def run_kernels(self) -> None:
-        """Runs the compiled functions that usual units need on a few values, so that they are in the cache."""
+    def run_kernels(self, encoding: bool = True) -> None:
+        """Runs the compiled functions that usual units need on a few values, so that they are in the cache: a decoder's, the
+        longest to compile first, and with `encoding` an encoder's."""
         return None
 
     def seconds(self, options: EncodeOptions) -> float:

@@ -20,7 +20,7 @@ def main(folder: str | PathLike = "out") -> None:
 
     from ..batch.compile_beside import compile_beside
     from ..options import default_threads
-    from ..precompile import ALL, SAVING, first_run
+    from ..precompile import ALL, first_run
     from .asset import write_or_explain
 
     begin, console, folder = time.perf_counter(), Console(), Path(folder)
@@ -31,7 +31,7 @@ def main(folder: str | PathLike = "out") -> None:
     line = first_run(ALL)
     if line:
         console.print(line)
-        compile_beside(default_threads(), SAVING)
+        compile_beside(default_threads(), "encode", "save")
     rows = []
     for name, point in POINTS.items():
         with console.status(f"{name}: encoding and decoding"):

@@ -40,7 +40,7 @@ def takes_sandbox(options: DecodeOptions) -> bool:
     """Whether a stream goes to the WebAssembly sandbox first: auto does with isolate, and as long as kernels are not compiled."""
     from .wasm import is_here
 
-    return is_here() and (options.engine == "wasm" or (options.engine == "auto" and (options.isolate or _is_first_run())))
+    return is_here() and (options.engine == "wasm" or (options.engine == "auto" and (options.isolate or not kernels_compiled())))
 
 
 def _decode_in_sandbox(data, options, report):
@@ -65,15 +65,13 @@ def _decode_in_sandbox(data, options, report):
         return None  # more than the 4 GiB that a module has at most, and nobody asked for a cap
 
 
-def kernels_compiled() -> bool:
-    """Whether the cache holds kernels of every file of ENTRIES as it stands, for this interpreter."""
+def kernels_compiled(entries: tuple[str, ...] = ENTRIES) -> bool:
+    """Whether the cache holds kernels of every one of these files of the package as it stands, for this interpreter; without the
+    JIT, as tests and coverage run, there is nothing to compile."""
+    if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
+        return True
     tag = f"py{sys.version_info.major}{sys.version_info.minor}"
     try:
-        return all(any(cache_folder(PACKAGE / entry).glob(f"*/{Path(entry).stem}.*.{tag}*.nbi")) for entry in ENTRIES)
+        return all(any(cache_folder(PACKAGE / entry).glob(f"*/{Path(entry).stem}.*.{tag}*.nbi")) for entry in entries)
     except OSError:  # a cache that cannot be listed has nothing to give
         return False
-
-
-def _is_first_run():
-    """Whether kernels would be compiled; without the JIT, as tests and coverage run them, there is nothing to compile."""
-    return os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0") and not kernels_compiled()

@@ -58,7 +58,7 @@ class Raht(PlaneCodec):
         coded, decoded = code_plane(plane, support, colour, options)
         return raht_values(coded, colour), decoded
 
-    def run_kernels(self) -> None:
+    def run_kernels(self, encoding: bool = True) -> None:
         """See Codec.run_kernels: made-up bytes are decoded, then values coded with residuals."""
         from .attribute_coder import CodedAttributes, Tools, dec_attributes, enc_attributes
         from .coefficients.residual import ResidualPlan
@@ -68,8 +68,10 @@ class Raht(PlaneCodec):
         keys, values, qp, tools = np.arange(64), np.zeros((64, 3), np.uint8), [20] * 3, Tools(models=8, filters=1)
         stages = [stage_of(1, [1] * RINGS, 3)]
         made_up = CodedAttributes(qp, list(tools.kernel), 0, tools.models, stages, [0] * 3, 0, [0], [b""], [])
-        dec_attributes(keys, 2, made_up, np.zeros(8, np.uint8), [(0, 8)], 2)
-        enc_attributes(keys, 2, values, qp, tools, plan=ResidualPlan(0, values, inverse_colour))
+        for depth in (1, 2):  # one level has no tables of neighbours to be made
+            dec_attributes(keys[: 8**depth], depth, made_up, np.zeros(8, np.uint8), [(0, 8)], depth)
+        if encoding:
+            enc_attributes(keys, 2, values, qp, tools, plan=ResidualPlan(0, values, inverse_colour))
 
     def dec(self, values: dict, support: VoxelSupport, levels: int, threads: int) -> np.ndarray:
         """See PlaneCodec.dec."""

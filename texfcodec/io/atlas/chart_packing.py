@@ -109,8 +109,8 @@ def _outline(flat, members, scale, gutter, low, high):
     low, high: int64 [>= width], overwritten; columns without a face keep low > high.
     """
     width = 0
-    low[:] = len(low) * 4
-    high[:] = -1
+    for col in range(len(low)):  # numba takes longer to compile what fills a slice
+        low[col], high[col] = len(low) * 4, -1
     for f in members:
         ax, ay = flat[f, 0, 0] * scale + gutter, flat[f, 0, 1] * scale + gutter
         bx, by = flat[f, 1, 0] * scale + gutter, flat[f, 1, 1] * scale + gutter
@@ -148,10 +148,12 @@ def _find_place(skyline, low, width, first, last):
     return best_x, best_row
 
 
-@kernel(allocates=True)
+@kernel
 def _turn(low, high, width):
     """Turn an outline by half a turn in place; returns its height in texels."""
-    height = high[:width].max() + 1
+    height = 0
+    for i in range(width):
+        height = max(height, high[i] + 1)
     for i in range((width + 1) // 2):
         j = width - 1 - i
         low[i], high[i], low[j], high[j] = height - 1 - high[j], height - 1 - low[j], height - 1 - high[i], height - 1 - low[i]

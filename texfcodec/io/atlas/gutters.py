@@ -27,7 +27,7 @@ def continue_over_borders(image: np.ndarray, system: AtlasSystem) -> np.ndarray:
     half, ends = half[:, level], np.ascontiguousarray(ends[:, level])
     nearness = np.full(system.owner.shape, np.inf, np.float32)
     third = system.texels[half // 3, (half % 3 + 2) % 3]
-    _continue(ends, third, system.charts[half // 3], system.owner, system.charts, image, nearness)
+    _continue(ends, third, system.charts[half // 3], system.owner, system.charts, image, nearness, np.empty(2))
     return np.isfinite(nearness)
 
 
@@ -55,12 +55,12 @@ def _across(x, y, ends, third, pair, own, place):
     return away * away + over * over
 
 
-@kernel(allocates=True)
-def _continue(ends, third, edge_chart, owner, chart, image, nearness):
-    """See continue_over_borders(). Reads texels with an owner and writes those without one, so that no order matters but that of
-    equally near edges, which is fixed. Bounds: rows and columns are clipped to the image before they index it."""
+@kernel
+def _continue(ends, third, edge_chart, owner, chart, image, nearness, place):
+    """See continue_over_borders(); place: float64 [2], overwritten. Reads texels with an owner and writes those without one, so
+    that no order matters but that of equally near edges, which is fixed. Bounds: rows and columns are clipped to the image before
+    they index it."""
     height, width = owner.shape
-    place = np.empty(2)
     for pair in range(ends.shape[1]):
         for own in range(2):
             x0, x1 = ends[own, pair, 0, 0], ends[own, pair, 1, 0]

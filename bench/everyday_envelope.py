@@ -16,6 +16,9 @@ from collections import defaultdict
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from bench.results import read_results
+
+AUTO = "TexF auto"  # our rows whose choices are left to the encoder
 INTERPOLATIONS = ("pchip", "linear")
 STEPS = 4000
 CURVE = ("codec", "scale", "uv_bits", "colour_bits")
@@ -98,13 +101,25 @@ def compacted(record):
 def read_records(paths, word, key="points"):
     """{asset: record} of JSON files and of folders with them; a file holds one record, or several by asset. Kept are those that
     have points under the key, of which each holds the word: "codec" for rivals, "rate" for ours, so that both may lie in one
-    folder. Of an asset that comes twice the later stands."""
+    folder. Of an asset that comes twice the later stands. A .jsonl file holds rows that collect.py --keep has kept, see
+    rate_records()."""
     records = {}
     for path in paths:
         for file in sorted(path.glob("*.json")) if path.is_dir() else [path]:
-            held = json.loads(file.read_text(encoding="utf-8"))
+            held = rate_records(file) if file.suffix == ".jsonl" else json.loads(file.read_text(encoding="utf-8"))
             held = {held["asset"]: held} if "asset" in held else held
             records |= {name: one for name, one in held.items() if one.get(key) and all(word in p for p in one[key])}
+    return records
+
+
+def rate_records(path):
+    """{asset: {"points": [a point of ours as everyday.py measures it]}} of the rows of AUTO in a file of rate_points.py."""
+    records = {}
+    for row in read_results(path):
+        if row["group"] == AUTO:
+            psnr = row["image"]["psnr"]
+            point = {"rate": row["options"]["rate"], "total": row["bytes"]["total"], **{m: psnr[m] for m in ("y", "rgb", "yuv")}}
+            records.setdefault(row["asset"], {"points": []})["points"].append(point)
     return records
 
 

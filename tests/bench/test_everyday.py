@@ -230,6 +230,16 @@ def test_compare_prints_a_row_per_asset_then_mean_and_median(tmp_path, capsys):
     assert "r00 50.0 B 30.0 dB -50 %" in rows[0] and "r99* 999 B" in rows[0]
 
 
+def test_rows_of_rate_points_are_read_as_points(tmp_path):
+    rows = [{"asset": "a", "group": group, "options": {"rate": rate}, "bytes": {"total": size},
+             "image": {"psnr": {"y": 30.0, "rgb": 29.0, "yuv": 31.0, "u": 40.0}}}
+            for group, rate, size in (("TexF auto", "r01", 100), ("TexF texels", "r01", 90), ("TexF auto", "r02", 200))]
+    path = tmp_path / "rows.jsonl"
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    assert everyday_envelope.read_records([path], "rate") == {"a": {"points": [
+        {"rate": rate, "total": size, "y": 30.0, "rgb": 29.0, "yuv": 31.0} for rate, size in (("r01", 100), ("r02", 200))]}}
+
+
 def test_measured_points_have_the_bytes_of_the_stream():
     from bench.everyday_points import point
 

@@ -4,9 +4,9 @@ python bench/again.py --assets FOLDER [--rows FILE ...] [--asset NAME ...] [--ne
                       [--page FILE.md]
 
 FILE: rows that collect.py --keep has kept of rate_points.py (.jsonl), a record of `materials.py ours` or of `everyday.py measure`
-(.json); by default those of bench/ that pages of the present code are made of, so not bench/everyday/before.json. Each point is
-encoded with its recorded options and one thread, and not measured. Points of other methods are none of ours and left out, as are
-fits of 3DNTC payloads without --neural: they take minutes each. Points with the same options are encoded once.
+(.json); by default those of bench/. Each point is encoded with its recorded options and one thread, and not measured. Points of
+other methods are left out, as are fits of 3DNTC payloads without --neural: they take minutes each. Points with the same options
+are encoded once.
 
 The page says how many points have the same bytes, all recorded byte counts of a point, and which have not; where a record has the
 hash of the decoded values, how many have the same values, and so the same quality too. It is printed, and written to --page.
@@ -53,7 +53,7 @@ from texfcodec.errors import EXIT_DIFFERS, EXIT_IO, EXIT_SUPPORT, TexfError
 METHOD = "texf"
 OURS = METHOD, "texf_baked"  # the latter's stream is the former's
 NEURAL = "3dntc"
-RECORDS = "rates/*.jsonl", "materials/*.ours.json", "everyday/after.json"
+RECORDS = "rates/*.jsonl", "materials/*.ours.json"
 SOURCES = "texfcodec", "bench/methods", "bench/everyday_rivals.py"  # what recorded byte counts depend on
 
 

@@ -15,8 +15,9 @@ measure: our points, {"asset", "settings", "points": [{"rate", "total", "geometr
 "encode_seconds"}]}, or such objects by asset where several are named. --set: any option of the encoder, by its name there.
 
 compare: a Markdown table, BD-rate against the least bytes over all rival curves (rule: everyday_envelope.py), mean and median.
---points: what measure wrote, a file or a folder of them, or rows of rate_points.py (.jsonl: its group "TexF auto"); --key: the name under which a record has our points. Points that are
-larger and not better than another of ours have an asterisk and are left out of the BD-rate.
+--points: what measure wrote, a file or a folder of them, or rows of rate_points.py (.jsonl: its group "TexF auto"); --key: the
+name under which a record has our points. Points that are larger and not better than another of ours have an asterisk and are left
+out of the BD-rate.
 """
 
 import argparse

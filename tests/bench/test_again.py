@@ -143,7 +143,7 @@ def test_records_of_materials_and_of_everyday_are_points_and_those_of_rivals_are
 
 def test_the_committed_records_have_points_of_ours():
     paths = again.default_records()
-    assert {path.parent.name for path in paths} == {"rates", "materials", "everyday"}
+    assert {path.parent.name for path in paths} == {"rates", "materials"}
     assert all(again.read_points(path) for path in paths)
 
 

@@ -8,7 +8,7 @@ STAMP  := $(VENV)/.texfcodec-installed
 DEMO   := $(VENV)/.texfcodec-demo
 
 .DELETE_ON_ERROR:
-.PHONY: demo check test sweeps interrupts bench anchor attribute-tools everyday rate-points results accuracy-time neural stability strangers three determinism load fuzz faults mutants coverage conformance vectors spec-tables promise native wasm web site install release clean
+.PHONY: demo check test sweeps interrupts bench anchor tmc13 attribute-tools everyday rate-points results accuracy-time neural stability strangers three determinism load fuzz faults mutants coverage conformance vectors spec-tables promise native wasm web site install release clean
 
 demo: $(DEMO)
 	$(PY) -m texfcodec.demo
@@ -67,6 +67,14 @@ endif
 # Voxel clouds with anchor results, see bench/anchor_bdrate.py: make anchor CLOUDS=folder [EFFORT=best]. JSON on stdout.
 anchor: install
 	@$(PY) bench/anchor_bdrate.py --clouds "$(CLOUDS)" $(if $(EFFORT),--effort $(EFFORT)) --json
+
+# The rival on voxels, TMC13, from the MPEG group's public sources; needs git, cmake and a C++ compiler: make tmc13 [OUT=folder] [FROM=address]
+TMC13 = $(abspath $(or $(OUT),out/tmc13))
+tmc13:
+	[ -d "$(TMC13)" ] || git clone --quiet --depth 1 --branch release-v23.0-rc2 "$(or $(FROM),https://github.com/MPEGGroup/mpeg-pcc-tmc13)" "$(TMC13)"
+	cmake -S "$(TMC13)" -B "$(TMC13)/build" -DCMAKE_BUILD_TYPE=Release
+	cmake --build "$(TMC13)/build" --target tmc3 --parallel 2
+	@echo 'Rows of TMC13 are measured with: export TEXFCODEC_TMC13="$(TMC13)/build/tmc3/tmc3"'
 
 # What each tool of the attribute codec is worth, a Markdown table: make attribute-tools CLOUDS=folder [EFFORT=best] [OUT=file]
 attribute-tools: install

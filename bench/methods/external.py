@@ -12,8 +12,8 @@ mesh travels as ours, so that the decoder has the voxels; geometry that the prog
 
 "external_image" codes the images of UV-Source, counted as astc counts them: elic, ntc or other, by commands over PNG files.
 
-TMC13 was not at hand when this was written: what is tested is a small stand-in that speaks its command line. A reconstruction
-with other points than were coded is refused, a program that hangs is ended with all that it has started.
+Tests run a small stand-in that speaks TMC13's command line; results are of the program itself (make tmc13). A reconstruction with
+other points than were coded is refused, a program that hangs is ended with all that it has started.
 """
 
 import os
@@ -82,8 +82,8 @@ class External(TexfMethod):
         asked = DEFAULTS | options
         if asked["codec"] == "tmc13":
             return None if program_of(asked, VARIABLE, NAME) else (
-                f"{NAME} is not here: TMC13, the MPEG group's mpeg-pcc-tmc13, is to be built from its sources; then {VARIABLE} "
-                "or the option program names it")
+                f"{NAME} is not here: TMC13, the MPEG group's mpeg-pcc-tmc13, is built from its sources by make tmc13; then "
+                f"{VARIABLE} or the option program names it")
         return missing_command(asked)
 
     def warm_up(self, options, threads):

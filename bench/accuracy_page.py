@@ -1,15 +1,13 @@
 """The page of what accuracy costs: claims first, then what a second buys, then the knobs."""
 
 import math
-import platform
-from pathlib import Path
 
 from bench.accuracy_bench import IMAGE_SIZE, IMAGE_VIEWS, PROCESSOR, SMALL_K, SPENT, USUAL_K, WALL, reference_of
 from bench.accuracy_fronts import beaten_presets, steps_of, to_change
 from bench.accuracy_knobs import KNOBS, QP, STREAM, name_of
+from bench.provenance import made_on
 from bench.result_tables import markdown_table
 from texfcodec.encoder.explain import BETTER, BUYS, DOMINATED, EQUAL, NOISE, SAVES
-from texfcodec.options import default_threads
 
 SAID = {BETTER: "**better than the default**", BUYS: "buys bytes", SAVES: "saves time", DOMINATED: "no gain", EQUAL: "the same"}
 CLOCKS = {WALL: "by the wall clock",
@@ -41,10 +39,10 @@ def _conditions_of(assets, args):
     quick = " With `--quick`: few values, small references." if args.quick else ""
     names = ", ".join(asset.name for asset in assets)
     runs = f"the median of up to {args.repeats} runs (what has taken {SPENT:.0f} s is not repeated)"
-    return (f"{names}; {machine()}, {many}, warm kernels; an encode without loading, {runs if args.repeats > 1 else 'once'}. "
+    return (f"{names}; {many}, warm kernels; an encode without loading, {runs if args.repeats > 1 else 'once'}. "
             f"Seconds are told {told}: "
             f"{spread if spreads else 'there is one run of each, and no spread to be seen'}. Made by `make accuracy-time` "
-            f"(bench/accuracy_time.py), which writes this page for any assets.{quick}")
+            f"(bench/accuracy_time.py), which writes this page for any assets, {made_on()}.{quick}")
 
 
 def _measures(assets):
@@ -54,16 +52,6 @@ def _measures(assets):
             "with the curve that the defaults have over QP, at the setting's own 3D-PSNR of Y. A setting is dominated where "
             f"another is no worse and better in one thing, by more than {100 * NOISE:.0f} % of seconds, 0.1 % of bytes or "
             "0.01 dB.")
-
-
-def machine():
-    """The processor of this machine and how many of it may be used, in words."""
-    try:
-        names = [line.partition(":")[2].strip() for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-                 if line.startswith("model name")]
-    except OSError:
-        names = []
-    return f"{default_threads()} cores of {names[0] if names else platform.machine()}"
 
 
 def _steps(assets):

@@ -23,7 +23,6 @@ import argparse
 import json
 import shlex
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
@@ -35,13 +34,13 @@ if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from bench.accuracy_bench import key_of, read_runs
-from bench.accuracy_page import machine, wrapped
+from bench.accuracy_page import wrapped
 from bench.batch import only_run, resumable, warm_cache
 from bench.conditions import find_assets
 from bench.everyday_envelope import read_records
 from bench.jobs import JOB, REPOSITORY, as_text, code_of, read_json
 from bench.methods import find
-from bench.pairs import commit_of
+from bench.provenance import made_on
 from bench.result_tables import as_markdown
 from bench.results import read_results
 from texfcodec.batch.folders import work_room
@@ -54,7 +53,6 @@ METHOD = "texf"
 OURS = METHOD, "texf_baked"  # the latter's stream is the former's
 NEURAL = "3dntc"
 RECORDS = "rates/*.jsonl", "materials/*.ours.json"
-SOURCES = "texfcodec", "bench/methods", "bench/everyday_rivals.py"  # what recorded byte counts depend on
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,7 +172,7 @@ def page_of(found, left_out, args):
     """The page, Markdown. found: of encode_again(); left_out: sentences about points that were not encoded."""
     done = [(point, run) for point, run in found if "error" not in run]
     same, runs = sum(not changes_of(*pair) for pair in done), {id(run): run for _, run in done}.values()
-    lead = (f"Made by `{command_of(args)}` on {machine()}, commit {state_of_code()}: points of ours that other commits have "
+    lead = (f"Made by `{command_of(args)}` {made_on()}: points of ours that other commits have "
             f"measured, encoded again with their recorded options by this one, {len(runs)} encodes in "
             f"{sum(run['seconds'] for run in runs):.0f} processor seconds.")
     said = (f"**{same} of {len(found)} points have the same bytes.** Percent are of the recorded bytes, positive where there are "
@@ -220,13 +218,6 @@ def command_of(args):
     """The command that repeats the page, without the places of one machine."""
     words = [*(["--rows", *map(shown, args.rows)] if args.rows else []), *(["--asset", *args.asset] if args.asset else [])]
     return shlex.join(["python", "bench/again.py", "--assets", "FOLDER", *words, *["--neural"] * args.neural])
-
-
-def state_of_code(root=REPOSITORY):
-    """The commit of a checkout in words, and whether what bytes depend on has changes that it does not have."""
-    words = ["git", "--no-optional-locks", "-C", root, "status", "--porcelain", "--", *SOURCES]
-    changed = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
-    return commit_of(root) + (" **with changes that it does not have**" if changed else "")
 
 
 def selected(args):

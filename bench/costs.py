@@ -116,8 +116,7 @@ def page_of(found, most):
 
 def main(arguments=None):
     """Command line of the tool."""
-    from bench.accuracy_page import machine
-    from bench.pairs import commit_of
+    from bench.provenance import commit_of, machine
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("roots", nargs=2, type=lambda text: Path(text).resolve(), metavar="FOLDER")

@@ -11,7 +11,6 @@ import argparse
 import hashlib
 import json
 import statistics
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -19,8 +18,9 @@ from pathlib import Path
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench.accuracy_page import machine, wrapped
+from bench.accuracy_page import wrapped
 from bench.processes import timed
+from bench.provenance import commit_of, machine
 from bench.result_tables import markdown_table
 
 SIDES = "before", "after"
@@ -70,12 +70,6 @@ def page_of(found):
     lines += markdown_table(["asset", "stream, bytes", "SHA-256", "encode, wall s", "processor s", "stream", "to GLB, wall s",
                              "processor s", "GLB", "cores", "MB, encode"], table)
     return "\n".join(wrapped(lines)).rstrip() + "\n"
-
-
-def commit_of(root):
-    """Short hash of a checkout's commit."""
-    return subprocess.run(["git", "-C", root, "rev-parse", "--short=8", "HEAD"], stdout=subprocess.PIPE, text=True,
-                          check=True).stdout.strip()
 
 
 def main(arguments=None):

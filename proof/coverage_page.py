@@ -1,6 +1,7 @@
 """docs/reports/coverage.md: what proof/coverage_table.py counted, by module, and every branch that no run takes."""
 
-from bench.accuracy_page import machine, wrapped
+from bench.accuracy_page import wrapped
+from bench.provenance import made_on
 from bench.result_tables import markdown_table
 
 INTRODUCTION = (
@@ -31,7 +32,7 @@ def _parts(runs):
     rows = [[part.name, part.told, f"{seconds:.0f}"] for part, seconds in runs]
     yield from markdown_table(["part", "what", "seconds"], rows, 2)
     yield ""
-    yield f"On {machine()}, which other work may have shared."
+    yield f"Made {made_on()}; other work may have shared the processor."
 
 
 def _by_module(modules, share):

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from bench.accuracy_page import machine, wrapped
+from bench.accuracy_page import wrapped
+from bench.provenance import made_on
 from bench.result_tables import markdown_table
 
 SAME, STREAM, ARRAYS, FAILS, NOT_RUN = "same", "**stream differs**", "**ARRAYS DIFFER**", "**fails**", "not run"
@@ -70,7 +71,7 @@ def page_of(runs, cases, verdicts, options):
     reference, *others = runs
     count = {text: sum(v.text == text for row in verdicts.values() for v in row.values()) for text in ORDER}
     total = sum(count.values())
-    lines = ["# Determinism", "", f"Made by `make determinism` (proof/determinism.py) on {machine()}.", "", INTRODUCTION, "",
+    lines = ["# Determinism", "", f"Made by `make determinism` (proof/determinism.py) {made_on()}.", "", INTRODUCTION, "",
              f"Of {total} cells {count[SAME]} are the same, {count[NOT_RUN]} were not run, in {count[STREAM]} the encoder's "
              f"stream differs, in {count[ARRAYS]} a decoded array; {count[FAILS]} fail.", "", *_matrix(others, verdicts), "",
              "## Configurations", "", *_configurations(runs), "", "## Rows", "", *_rows(reference, cases, options)]

@@ -1,6 +1,7 @@
 """The page of what holds under load, made of what the parts of proof/load.py have measured."""
 
-from bench.accuracy_page import machine, wrapped
+from bench.accuracy_page import wrapped
+from bench.provenance import made_on
 from bench.result_tables import markdown_table
 from proof.load_cluster import NAP_SECONDS
 from proof.load_faces import FEW, STEEPEST, slopes
@@ -15,7 +16,7 @@ MB = 1 << 20
 def page_of(found, faults, picture=None):
     """docs/reports/load.md. found: {part: what it measured}; faults: {part: sentences on what misses its target}; picture: path
     of load_faces.draw()'s plot from the page."""
-    lines = ["# Under load", "", f"Made by `make load` (proof/load.py) on {machine()}.", ""]
+    lines = ["# Under load", "", f"Made by `make load` (proof/load.py) {made_on()}.", ""]
     for part, section in SECTIONS.items():
         if part in found:
             missed = faults[part]

@@ -5,6 +5,8 @@ import re
 from collections import Counter
 from pathlib import Path
 
+from bench.provenance import made_on
+
 NAIVE = Path(__file__).resolve().parents[1] / "tests" / "naive"
 
 
@@ -35,8 +37,8 @@ def page_of(found, equivalents, told=""):
     survivors = [m for m, killer in found.items() if killer is None and m.name not in equivalents]
     settled = len(found) - len(survivors)
     share = f"{settled / max(len(found), 1):.1%}"
-    out = ["# Mutants of the naive decoder", "", "Made by `make mutants` (proof/mutants.py): one rule of tests/naive changed at "
-           "a time, every conformance vector that runs the line asked.", "", *([told, ""] if told else []),
+    out = ["# Mutants of the naive decoder", "", f"Made by `make mutants` (proof/mutants.py) {made_on()}: one rule of "
+           "tests/naive changed at a time, every conformance vector that runs the line asked.", "", *([told, ""] if told else []),
            f"{len(found)} mutants, {settled} killed or equivalent ({share}), {len(survivors)} survivors.", "",
            *_by_module(found, equivalents)]
     if survivors:

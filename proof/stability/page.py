@@ -2,18 +2,20 @@
 
 import re
 
+from bench.provenance import made_on
 from proof.stability.case import Case, Worst
 from proof.stability.plots import PICTURES
 from proof.stability.table import CASES, GROUPS
 
 HEAD = """# How far off it can get
 
-Made by `make stability` (proof/stability) from a table of cases that is also what tests/proof/test_stability.py runs. Each case
-stresses one thing, says how large the error may be and why, and measures it against exact fractions, the naive decoder of
-tests/naive, or a formula. Half of the trials are random, by seed; every other one is a step of a search that changes some of
-the choices of the worst trial so far and keeps what is worse. *By* says which of them found the worst. A bound of 0 means that
-nothing differs. Of heavy cases the size is told beside the trials: *small* as in the tests, *usual* as the case says, *most* with
---most.
+Made by `make stability` (proof/stability) {made}.
+
+The table of cases is also what tests/proof/test_stability.py runs. Each case stresses one thing, says how large the error may
+be and why, and measures it against exact fractions, the naive decoder of tests/naive, or a formula. Half of the trials are
+random, by seed; every other one is a step of a search that changes some of the choices of the worst trial so far and keeps what
+is worse. *By* says which of them found the worst. A bound of 0 means that nothing differs. Of heavy cases the size is told
+beside the trials: *small* as in the tests, *usual* as the case says, *most* with --most.
 """
 SIZES = ("small", "usual", "most")
 TABLE = ("| case | bound | worst | share | by | trials | seconds |", "|---|---:|---:|---:|---|---:|---:|")
@@ -40,7 +42,7 @@ def row_of(case: Case, worst: Worst) -> str:
 
 def page_of(found: dict[str, Worst], pictures: list[str]) -> str:
     """The page. found: Worst by the name of the case; pictures: files of those that were drawn."""
-    out = [HEAD, *TABLE, *(row_of(CASES[name], worst) for name, worst in found.items()), "",
+    out = [HEAD.format(made=made_on()), *TABLE, *(row_of(CASES[name], worst) for name, worst in found.items()), "",
            f"{len(found)} cases, {sum(w.trials for w in found.values()):,} trials."]
     for group in GROUPS:
         mine = [case for case in CASES.values() if case.group == group and case.name in found]

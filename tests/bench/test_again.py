@@ -1,8 +1,6 @@
 """bench/again.py: recorded bytes that the present code still makes, and those that it does not."""
 
 import json
-import subprocess
-from pathlib import Path
 
 import pytest
 
@@ -47,7 +45,7 @@ def called(record, *words):
 @pytest.fixture(autouse=True)
 def commit(monkeypatch):
     """The tests may run where there is no checkout."""
-    monkeypatch.setattr(again, "state_of_code", lambda: "0123abcd")
+    monkeypatch.setattr(again, "made_on", lambda: "on a machine, commit 0123abcd")
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +53,7 @@ def first(record):
     """What the first run says, which encodes: (exit code, page, lines that it printed)."""
     said = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(again, "state_of_code", lambda: "0123abcd")
+        patch.setattr(again, "made_on", lambda: "on a machine, commit 0123abcd")
         patch.setattr(again, "print", lambda text, file=None: said.append(text), raising=False)
         return *called(record), said
 
@@ -157,21 +155,3 @@ def test_what_is_not_there_is_a_mistake_of_the_command_line(record, tmp_path):
             called(tmp_path / name)
     assert again.main(["--assets", str(tmp_path), "--rows", str(record), "--asset", "nowhere", "--state",
                        str(tmp_path / "state.jsonl")]) == EXIT_IO
-
-
-def test_changes_beside_the_commit_are_told(tmp_path, monkeypatch):
-    monkeypatch.undo()
-
-    def git(*words):
-        subprocess.run(["git", "-C", tmp_path, "-c", "user.name=a", "-c", "user.email=a@b", *words], check=True)
-
-    git("init", "--quiet")
-    for source in (Path("texfcodec/a.py"), Path("docs/a.md")):
-        (tmp_path / source).parent.mkdir(parents=True)
-        (tmp_path / source).write_text("old")
-    git("add", ".")
-    git("commit", "--quiet", "-m", "all")
-    (tmp_path / "docs/a.md").write_text("new")
-    assert again.state_of_code(tmp_path) == again.commit_of(tmp_path)
-    (tmp_path / "texfcodec/a.py").write_text("new")
-    assert again.state_of_code(tmp_path) == f"{again.commit_of(tmp_path)} **with changes that it does not have**"

@@ -4,15 +4,18 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
+from bench.provenance import made_on
 from fuzz.targets import TARGETS
 
 MENDED = Path(__file__).with_name("mended.json")
 HEAD = """# Fuzzing
 
-Made by `make fuzz PAGE=docs/reports/fuzzing.md` from the runs so far; `tests/fuzz/` holds the targets, and
-`make fuzz SECONDS=n [TARGET=name]` runs them. A target takes bytes as choices, writes legal syntax, bends one or two elements
-under right checksums, and runs the part of the decoder, or the loader, that it is for. It may end in a value or in an error with
-a code; an exception, a crash, an input that takes longer than 10 s or adds more than 256 MB to the process is a finding.
+Made by `make fuzz PAGE=docs/reports/fuzzing.md` {made}, from the runs so far.
+
+`tests/fuzz/` holds the targets, and `make fuzz SECONDS=n [TARGET=name]` runs them. A target takes bytes as choices, writes
+legal syntax, bends one or two elements under right checksums, and runs the part of the decoder, or the loader, that it is for.
+It may end in a value or in an error with a code; an exception, a crash, an input that takes longer than 10 s or adds more than
+256 MB to the process is a finding.
 
 Every target runs in three ways: *plain*, compiled, at full speed; *guided*, without the compiler, by a search that keeps inputs
 which reach new code (atheris where it is installed, else a loop of our own); *checked*, what was kept once more, compiled with
@@ -84,7 +87,8 @@ def page(rows: list[dict]) -> str:
     faults, rows = [row for row in rows if "run" in row], [row for row in rows if row.get("target") in TARGETS]
     total = _sum(rows, "executions")
     heads = ["target", "plain", "guided", "checked", "seconds", "coverage", "floor", "open findings"]
-    lines = [HEAD, _line(heads), "|---|" + "---:|" * (len(heads) - 1), *(_target_line(name, rows) for name in TARGETS), "",
+    lines = [HEAD.format(made=made_on()), _line(heads),
+             "|---|" + "---:|" * (len(heads) - 1), *(_target_line(name, rows) for name in TARGETS), "",
              f"{total:,} executions of {len(TARGETS)} targets in {_sum(rows, 'seconds') / 60:,.0f} minutes.", "",
              "## Faults", "", FAULTS, *_fault_lines(faults), "",
              "## What was found, and mended", "", *_mended_lines(json.loads(MENDED.read_text(encoding="utf-8"))), "",

@@ -8,7 +8,7 @@ STAMP  := $(VENV)/.texfcodec-installed
 DEMO   := $(VENV)/.texfcodec-demo
 
 .DELETE_ON_ERROR:
-.PHONY: demo check test sweeps interrupts bench anchor tmc13 attribute-tools everyday rate-points results accuracy-time neural stability strangers three determinism load fuzz faults mutants coverage conformance vectors spec-tables promise native wasm web site install release clean
+.PHONY: demo check test sweeps interrupts bench anchor tmc13 attribute-tools everyday rate-points results again accuracy-time neural stability strangers three determinism load fuzz faults mutants coverage conformance vectors spec-tables promise native wasm web site install release clean
 
 demo: $(DEMO)
 	$(PY) -m texfcodec.demo
@@ -99,6 +99,11 @@ results: install
 	for part in all_assets paper resident lossy_geometry; do $(PY) bench/rate_points.py conditions/$$part.toml --out "$(or $(OUT),out/results)/$$part" --assets "$(ASSETS)" $(if $(JOBS),--jobs $(JOBS)) || exit $$?; done
 	$(PY) bench/collect.py "$(or $(OUT),out/results)/paper" --against "UV-Source HEVC" --out "$(or $(OUT),out/results)"
 	$(PY) bench/paper_table.py --all "$(or $(OUT),out/results)/all_assets" --paper "$(or $(OUT),out/results)/paper" --resident "$(or $(OUT),out/results)/resident" --geometry "$(or $(OUT),out/results)/lossy_geometry" --assets "$(ASSETS)" --out docs/reports/results.md
+
+# Whether the points that pages were made of still have the same bytes, encoded and not measured; half an hour and more, resumable:
+# make again ASSETS=folder [JOBS=n] [PAGE=docs/reports/again.md]
+again: install
+	$(PY) bench/again.py --assets "$(ASSETS)" $(if $(JOBS),--jobs $(JOBS)) $(if $(PAGE),--page "$(PAGE)")
 
 # Which settings of the encoder pay, and what a second buys: make accuracy-time [ASSET="file or name ..."] [ASSETS=folder]
 # [KNOB="name ..."] [QUICK=1] [REPEATS=n] [JOBS=n] [OUT=folder] [PAGE=docs/reports/accuracy_time.md]. Without ASSET the four of the page

@@ -26,7 +26,7 @@ SCANS = ("bball_0001", "mars_terrain16", "mp_room_lod3", "ycb_chef_can", "ycb_sc
 # (our group, what the paper calls the row, its BD-rate by image PSNR on its MPEG and AOM meshes), against UV-Source HEVC.
 PAPER = (
     ("UV-Reparam HEVC", "UV-Reparam/HEVC", (-28, -45)), ("UV-Reparam AV1", "UV-Reparam/AV1", (-34, -48)),
-    ("TexF voxels", "TexF/G-PCC", (-33, -55)), ("TexF voxels, no refinement", "TexF/Unicorn without IR", (-52, -63)),
+    ("TexF/G-PCC raht", "TexF/G-PCC", (-33, -55)), ("TexF voxels, no refinement", "TexF/Unicorn without IR", (-52, -63)),
     ("TexF voxels, inverse rendering", "TexF/Unicorn", (-47, -63)), ("TexF voxels, baked", "TexF/Unicorn, UV-baked", (-46, -60)),
     ("Serialized-Morton HEVC", "Serialized-Morton", (112, 21)), ("Serialized-Hilbert HEVC", "Serialized-Hilbert", (78, 5)),
 )

@@ -40,6 +40,7 @@ from bench.conditions import find_assets
 from bench.everyday_envelope import read_records
 from bench.jobs import JOB, REPOSITORY, as_text, code_of, read_json
 from bench.methods import find
+from bench.paper_table import OURS
 from bench.provenance import made_on
 from bench.result_tables import as_markdown
 from bench.results import read_results
@@ -50,7 +51,6 @@ from texfcodec.batch.tasks import Task
 from texfcodec.errors import EXIT_DIFFERS, EXIT_IO, EXIT_SUPPORT, TexfError
 
 METHOD = "texf"
-OURS = METHOD, "texf_baked"  # the latter's stream is the former's
 NEURAL = "3dntc"
 RECORDS = "rates/*.jsonl", "materials/*.ours.json"
 

@@ -17,9 +17,12 @@ if not __package__:  # called as a file
 
 from bench.advice_hits import hit_lines
 from bench.differences import Pair, summary
+from bench.jobs import REPOSITORY, code_of
+from bench.provenance import state_of
 from bench.result_tables import markdown_table, missing_table
 from bench.results import grouped, quality_of, rate_of, read_missing, read_results
 
+OURS = "texf", "texf_baked"  # methods; the latter's stream is the former's
 ANCHOR, AUTO, VERTEX_ANCHOR = "UV-Source HEVC", "TexF auto", "vertex colours, Draco"
 SHOWN = ("image PSNR Y", "3D-PSNR Y", "SSIM")
 SCANS = ("bball_0001", "mars_terrain16", "mp_room_lod3", "ycb_chef_can", "ycb_scissors")
@@ -199,10 +202,13 @@ def page(args):
 
 
 def _evaluation(rows):
-    image = rows[0]["image"] or {}
-    states = len({(row["method"], row["code"]) for row in rows}) - len({row["method"] for row in rows})
-    mixed = "; **not all by the same state of the code**" if states else ""
-    return f"{len(rows)} points{mixed}; {image.get('views', 0)} views of {image.get('size', 0)} pixels a side."
+    """How many points, by which code ours are, and what was looked at: sentences."""
+    image, ours = rows[0]["image"] or {}, [row for row in rows if row["method"] in OURS]
+    codes = {method: code_of(method, ()) for method in {row["method"] for row in ours}}
+    now = sum(row["code"] == codes[row["method"]] for row in ours)
+    share = f"all {now} of ours" if now == len(ours) else f"**{now} of {len(ours)} of ours**"
+    return (f"{len(rows)} points, {share} by the code of commit {state_of(REPOSITORY)}, rivals' by it or older code; "
+            f"{image.get('views', 0)} views of {image.get('size', 0)} pixels a side.")
 
 
 def main(arguments=None):

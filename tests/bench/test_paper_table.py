@@ -1,6 +1,7 @@
 """The page of results: whom our curves stand against, and what the page says of it."""
 
-from bench.paper_table import ANCHOR, AUTO, VERTEX_ANCHOR, asset_lines, by_asset_lines, paper_lines
+from bench import paper_table
+from bench.paper_table import ANCHOR, AUTO, VERTEX_ANCHOR, _evaluation, asset_lines, by_asset_lines, paper_lines
 
 
 def rows_of(group, asset, factor, uv=None, geometry=None):
@@ -34,6 +35,16 @@ def test_what_auto_saves_on_the_mesh_counts_in_its_part_and_not_in_the_papers():
     rows = [*rows_of(AUTO, "bball_0001", 1, geometry=0), *rows_of(ANCHOR, "bball_0001", 1, uv=900, geometry=5000)]
     assert float(cells(asset_lines(rows, {}), "bball_0001")[6]) < -50
     assert float(cells(paper_lines(rows, ((AUTO, "TexF", (0, 0)),), ANCHOR), AUTO)[3]) == 0
+
+
+def test_the_page_says_how_many_points_of_ours_are_by_the_present_code(monkeypatch):
+    monkeypatch.setattr(paper_table, "code_of", lambda method, plugins: f"{method} now")
+    monkeypatch.setattr(paper_table, "state_of", lambda root: "0123abcd")
+    image = {"views": 16, "size": 1024}
+    rows = [{"method": method, "code": code, "image": image}
+            for method, code in (("texf", "texf now"), ("texf_baked", "old"), ("uv", "old"))]
+    assert "3 points, **1 of 2 of ours** by the code of commit 0123abcd" in _evaluation(rows)
+    assert "2 points, all 1 of ours by" in _evaluation([rows[0], rows[2]])
 
 
 def test_rows_of_the_paper_that_were_not_run_are_said():

@@ -25,6 +25,8 @@ from bench.results import grouped, quality_of, rate_of, read_missing, read_resul
 OURS = "texf", "texf_baked"  # methods; the latter's stream is the former's
 ANCHOR, AUTO, VERTEX_ANCHOR = "UV-Source HEVC", "TexF auto", "vertex colours, Draco"
 SHOWN = ("image PSNR Y", "3D-PSNR Y", "SSIM")
+SHARED = ("Each row is over the qualities that it shares with the anchor, and two rows may share others: codecs on the same voxels are "
+          "compared in [attribute coding](attribute_coding.md).")
 SCANS = ("bball_0001", "mars_terrain16", "mp_room_lod3", "ycb_chef_can", "ycb_scissors")
 # (our group, what the paper calls the row, its BD-rate by image PSNR on its MPEG and AOM meshes), against UV-Source HEVC.
 PAPER = (
@@ -192,7 +194,7 @@ def page(args):
         found = read_results(folder)
         missing = read_missing(folder)
         out += [f"Against {anchor}. {_evaluation(found)}", "", *paper_lines(found, wanted, anchor), "",
-                f"{SHOWN[0]}, asset by asset:", "", *by_asset_lines(found, anchor), ""]
+                SHARED, "", f"{SHOWN[0]}, asset by asset:", "", *by_asset_lines(found, anchor), ""]
         out += [*markdown_table(*missing_table(missing)), ""] if missing else []
     out += ["## What --advise foretells", "", *hit_lines(rows, paths), ""]
     if args.geometry:

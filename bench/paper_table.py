@@ -25,8 +25,8 @@ from bench.results import grouped, quality_of, rate_of, read_missing, read_resul
 OURS = "texf", "texf_baked"  # methods; the latter's stream is the former's
 ANCHOR, AUTO, VERTEX_ANCHOR = "UV-Source HEVC", "TexF auto", "vertex colours, Draco"
 SHOWN = ("image PSNR Y", "3D-PSNR Y", "SSIM")
-SHARED = ("Each row is over the qualities that it shares with the anchor, and two rows may share others: codecs on the same voxels are "
-          "compared in [attribute coding](attribute_coding.md).")
+SHARED = ("Each row is over the qualities that it shares with the anchor, and two rows may share others: codecs on the same "
+          "voxels are compared in [attribute coding](attribute_coding.md).")
 SCANS = ("bball_0001", "mars_terrain16", "mp_room_lod3", "ycb_chef_can", "ycb_scissors")
 # (our group, what the paper calls the row, its BD-rate by image PSNR on its MPEG and AOM meshes), against UV-Source HEVC.
 PAPER = (

@@ -7,7 +7,7 @@ from pathlib import Path
 from bench.jobs import REPOSITORY
 from texfcodec.options import default_threads
 
-SOURCES = "texfcodec", "bench", "proof", "tests/naive", "tests/fuzz"  # what figures depend on
+SOURCES = "texfcodec", "bench/*.py", "proof/*.py", "tests/naive", "tests/fuzz"  # what figures depend on
 
 
 def made_on(root=REPOSITORY):

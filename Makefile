@@ -188,11 +188,12 @@ $(STAMP): pyproject.toml
 	$(PIP) --editable ".[test]"
 	@touch "$@"
 
-# Half of what the tests need; one processor compiles kernels while the last of it is unpacked
+# Half of what the tests need; one processor compiles kernels while the last of it, which the package itself is not, is unpacked
+DEMO_NEEDS = `"$(PY)" -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["demo"])'`
 $(DEMO): pyproject.toml
 	$(environment)
 	$(PIP) --editable .
-	@"$(PY)" -m texfcodec.precompile encode save >/dev/null 2>&1 & trap "kill $$! 2>/dev/null" EXIT INT TERM; $(PIP) --editable ".[demo]"
+	@"$(PY)" -m texfcodec.precompile encode save >/dev/null 2>&1 & trap "kill $$! 2>/dev/null" EXIT INT TERM; $(PIP) $(DEMO_NEEDS)
 	@touch "$@"
 
 clean:

@@ -180,7 +180,7 @@ define environment
 	@rm -f "$@"
 	"$(PYTHON)" -m venv "$(VENV)" || { echo "no virtual environment could be made; on Debian and Ubuntu install python3-venv" >&2; exit 1; }
 endef
-# Python compiles what is imported, a tenth of what pip would
+# Python compiles what is imported; pip would compile all
 PIP = "$(PY)" -m pip install --quiet --disable-pip-version-check --no-compile
 
 $(STAMP): pyproject.toml

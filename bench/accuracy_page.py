@@ -6,7 +6,7 @@ from bench.accuracy_bench import IMAGE_SIZE, IMAGE_VIEWS, PROCESSOR, SMALL_K, SP
 from bench.accuracy_fronts import beaten_presets, steps_of, to_change
 from bench.accuracy_knobs import KNOBS, QP, STREAM, name_of
 from bench.provenance import made_on
-from bench.result_tables import markdown_table
+from bench.result_tables import markdown_table, wrapped
 from texfcodec.encoder.explain import BETTER, BUYS, DOMINATED, EQUAL, NOISE, SAVES
 
 SAID = {BETTER: "**better than the default**", BUYS: "buys bytes", SAVES: "saves time", DOMINATED: "no gain", EQUAL: "the same"}
@@ -135,18 +135,6 @@ def _cell(row, metric):
         percent = "" if row.percent is None else f", **{row.percent:+.1f} %**"
         told = f"{row.measured.bytes:,} B{quality}{percent}"
     return f"{'~ ' if row.by else ''}{seconds}, {told}"
-
-
-def wrapped(lines):
-    """Prose wrapped at 130 columns; tables, pictures and headings as they are."""
-    import textwrap
-
-    for line in lines:
-        if line.startswith(("|", "#", "!")) or len(line) <= 130:
-            yield line
-        else:
-            yield from textwrap.wrap(line, 130, subsequent_indent="  " if line.startswith("- ") else "", break_long_words=False,
-                                     break_on_hyphens=False)
 
 
 def csv_rows(assets):

@@ -34,16 +34,14 @@ if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from bench.accuracy_bench import key_of, read_runs
-from bench.accuracy_page import wrapped
 from bench.batch import only_run, resumable, warm_cache
 from bench.conditions import find_assets
 from bench.everyday_envelope import read_records
 from bench.jobs import JOB, REPOSITORY, as_text, code_of, read_json
 from bench.methods import find
-from bench.paper_table import OURS
 from bench.provenance import made_on
-from bench.result_tables import as_markdown
-from bench.results import read_results
+from bench.result_tables import as_markdown, wrapped
+from bench.results import OURS, read_results
 from texfcodec.batch.folders import work_room
 from texfcodec.batch.local import run_here
 from texfcodec.batch.task_progress import progress

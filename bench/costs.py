@@ -95,8 +95,7 @@ def measure(roots, asset, rate):
 
 def page_of(found, most):
     """Markdown of {"commits": [2], "rate", "machine", "rows": {asset: measure()}}."""
-    from bench.accuracy_page import wrapped
-    from bench.result_tables import markdown_table
+    from bench.result_tables import markdown_table, wrapped
 
     lines = ["# Where the seconds go", "",
              f"Made by bench/costs.py on {found['machine']}: commit {found['commits'][0]} before, {found['commits'][1]} after; "

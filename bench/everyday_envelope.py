@@ -16,9 +16,8 @@ from collections import defaultdict
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from bench.results import read_results
+from bench.results import AUTO, read_results
 
-AUTO = "TexF auto"  # our rows whose choices are left to the encoder
 INTERPOLATIONS = ("pchip", "linear")
 STEPS = 4000
 CURVE = ("codec", "scale", "uv_bits", "colour_bits")

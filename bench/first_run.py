@@ -19,9 +19,8 @@ from pathlib import Path
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench.accuracy_page import wrapped
 from bench.provenance import commit_of, machine
-from bench.result_tables import markdown_table
+from bench.result_tables import markdown_table, wrapped
 
 ROOT = Path(__file__).resolve().parents[1]
 SHORT = 0.005  # seconds below which a kernel was read from the cache or is not worth a row

@@ -19,10 +19,9 @@ from pathlib import Path
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench.accuracy_page import wrapped
 from bench.plots import load_pyplot
 from bench.processes import timed
-from bench.result_tables import markdown_table
+from bench.result_tables import markdown_table, wrapped
 
 SLOWER = 0.10  # from which on a benchmark is slower: of the fastest run and of the median, because either alone is noisy
 SHOWN, DRAWN = 8, 6  # last runs on the page; benchmarks of the plot, the longest

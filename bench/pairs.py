@@ -18,10 +18,9 @@ from pathlib import Path
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench.accuracy_page import wrapped
 from bench.processes import timed
 from bench.provenance import commit_of, machine
-from bench.result_tables import markdown_table
+from bench.result_tables import markdown_table, wrapped
 
 SIDES = "before", "after"
 

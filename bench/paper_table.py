@@ -20,10 +20,9 @@ from bench.differences import Pair, summary
 from bench.jobs import REPOSITORY, code_of
 from bench.provenance import state_of
 from bench.result_tables import markdown_table, missing_table
-from bench.results import grouped, quality_of, rate_of, read_missing, read_results
+from bench.results import AUTO, OURS, grouped, quality_of, rate_of, read_missing, read_results
 
-OURS = "texf", "texf_baked"  # methods; the latter's stream is the former's
-ANCHOR, AUTO, VERTEX_ANCHOR = "UV-Source HEVC", "TexF auto", "vertex colours, Draco"
+ANCHOR, VERTEX_ANCHOR = "UV-Source HEVC", "vertex colours, Draco"
 SHOWN = ("image PSNR Y", "3D-PSNR Y", "SSIM")
 SHARED = ("Each row is over the qualities that it shares with the anchor, and two rows may share others: codecs on the same "
           "voxels are compared in [attribute coding](attribute_coding.md).")

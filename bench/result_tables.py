@@ -6,6 +6,7 @@ at the left that are no numbers), "asset" with a name, the place of what a page 
 
 import csv
 import math
+import textwrap
 
 import numpy as np
 
@@ -42,6 +43,16 @@ def markdown_table(head, lines, texts=1):
     """Lines of a Markdown table; texts: number of columns at the left that are no numbers."""
     rule = ["---"] * texts + ["---:"] * (len(head) - texts)
     return ["| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |" for cells in (head, rule, *lines)]
+
+
+def wrapped(lines):
+    """Prose wrapped at 130 columns; tables, pictures and headings as they are."""
+    for line in lines:
+        if line.startswith(("|", "#", "!")) or len(line) <= 130:
+            yield line
+        else:
+            yield from textwrap.wrap(line, 130, subsequent_indent="  " if line.startswith("- ") else "", break_long_words=False,
+                                     break_on_hyphens=False)
 
 
 def as_markdown(blocks):

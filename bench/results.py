@@ -8,6 +8,8 @@ from bench.jobs import JOB, METRICS, MISSING, read_json, write_json
 from texfcodec.batch.tasks import LOG, last_line
 from texfcodec.core.json_text import json_text
 
+OURS = "texf", "texf_baked"  # methods; the latter's stream is the former's
+AUTO = "TexF auto"  # the group of ours whose choices are left to the encoder
 # What is compared, by name: the path to it in metrics.json.
 PSNRS = {
     "3D-PSNR Y": ("psnr_3d", "y"),

@@ -1,8 +1,7 @@
 """docs/reports/coverage.md: what proof/coverage_table.py counted, by module, and every branch that no run takes."""
 
-from bench.accuracy_page import wrapped
 from bench.provenance import made_on
-from bench.result_tables import markdown_table
+from bench.result_tables import markdown_table, wrapped
 
 INTRODUCTION = (
     "How much of the decoder its tests and vectors run. Measured are whole files: every module of the package that a fresh "

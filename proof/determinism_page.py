@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass
 
-from bench.accuracy_page import wrapped
 from bench.provenance import made_on
-from bench.result_tables import markdown_table
+from bench.result_tables import markdown_table, wrapped
 
 SAME, STREAM, ARRAYS, FAILS, NOT_RUN = "same", "**stream differs**", "**ARRAYS DIFFER**", "**fails**", "not run"
 ORDER = (SAME, NOT_RUN, STREAM, FAILS, ARRAYS)  # of several cases in a row the last one counts

@@ -1,8 +1,7 @@
 """The page of what holds under load, made of what the parts of proof/load.py have measured."""
 
-from bench.accuracy_page import wrapped
 from bench.provenance import made_on
-from bench.result_tables import markdown_table
+from bench.result_tables import markdown_table, wrapped
 from proof.load_cluster import NAP_SECONDS
 from proof.load_faces import FEW, STEEPEST, slopes
 from proof.load_refused import TARGET as PEAK

@@ -1,5 +1,7 @@
 """A second process that compiles kernels beside a first run."""
 
+import subprocess
+import sys
 import threading
 
 import pytest
@@ -11,7 +13,7 @@ from texfcodec.codecs.raht.transform import octree
 from texfcodec.core.kernel import PACKAGE
 from texfcodec.field import query, voxelise
 from texfcodec.io.atlas import chart_packing, gaps, gutters
-from texfcodec.precompile import STAGES, compile_decoding, compile_encoding, compile_saving
+from texfcodec.precompile import STAGES, compile_decoding, compile_encoding, compile_saving, kernels_compiled
 from texfcodec.render import triangles
 
 
@@ -32,9 +34,12 @@ def test_kernels_of_saving_are_run():
         assert entry.signatures, entry.py_func.__name__
 
 
-def test_every_stage_looks_for_kernels_that_it_compiles():
-    files = [file for stage in STAGES.values() for file in stage.entries]
-    assert all("@kernel" in (PACKAGE / file).read_text(encoding="utf-8") for file in files)
+def test_a_process_of_its_own_leaves_the_kernels_that_saving_looks_for(monkeypatch, tmp_path):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    entries = STAGES["save"].entries
+    assert not kernels_compiled(entries)
+    subprocess.run([sys.executable, "-m", compile_saving.__module__, "save"], check=True, cwd=PACKAGE.parent, timeout=300)
+    assert kernels_compiled(entries) and not kernels_compiled()  # nothing was coded for it
 
 
 def missing_stages(monkeypatch, threads, processors, compiled, stages, patience):

@@ -31,11 +31,13 @@ def commit_of(root):
 
 
 def state_of(root, sources=SOURCES):
-    """The commit of a checkout in words, and whether what figures depend on has changes that it does not have; "unknown" outside
-    of one, such as in an sdist."""
+    """The commit of a checkout in words, with the one that last changed the package, so that pages made at other commits can be
+    seen to be of the same codec, and whether what figures depend on has changes since; "unknown" outside of one, such as in an
+    sdist."""
     try:
         changed = _git(root, "status", "--porcelain", "--untracked-files=no", "--", *sources)
-        return commit_of(root) + (" **with changes that it does not have**" if changed else "")
+        package = _git(root, "log", "-1", "--format=%h", "--abbrev=8", "--", "texfcodec")
+        return f"{commit_of(root)} (texfcodec of {package})" + (" **with changes that it does not have**" if changed else "")
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
 

@@ -15,7 +15,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGE = REPOSITORY / "texfcodec"
 # By name, functions of modules with two sides that a decoder or loader never enters.
 OTHER_SIDE = re.compile(r"_?(enc|encode|write|fit|forward|choose|make|measure|scale_plane|original|plan|cross_sums|resident_bytes"
-                        r"|index_bytes|shown_area|result_lines|check_options|suits)(_|$)|.*(_cost|Encoder)$")
+                        r"|index_bytes|shown_area|result_lines|check_options|suits|split_corners)(_|$)|.*(_cost|Encoder)$")
 
 
 class Branch:

@@ -11,9 +11,11 @@ from texfcodec.io.atlas import system as system_room
 from texfcodec.io.atlas.bake import bake
 from texfcodec.io.atlas.gaps import fill_gaps
 from texfcodec.io.atlas.gutters import continue_over_borders
+from texfcodec.io.atlas.maps import _in_tangent_space
 from texfcodec.io.atlas.seams import LEVELS, border_edges, measure_seams
 from texfcodec.io.atlas.system import AtlasSystem
 from texfcodec.io.atlas.unwrap import Atlas, make_atlas
+from texfcodec.scene.factors import FLAT
 from texfcodec.scene.scene import ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Texture
 
 CLAMP = (WRAP_CLAMP, WRAP_CLAMP)
@@ -267,3 +269,16 @@ def test_gaps_keep_what_is_known():
     filled = image.copy()
     fill_gaps(filled, known)
     assert np.array_equal(filled[known], image[known])
+
+
+@pytest.mark.parametrize("hand", [1, -1])
+def test_a_bent_normal_is_told_along_the_tangents_of_its_face(hand):
+    corners = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]], float)
+    normals = np.broadcast_to(np.float32([0, 0, 1]), (1, 3, 3)).copy()
+    tangents = np.broadcast_to(np.float32([0, 1, 0, hand]), (1, 3, 4)).copy()  # u goes along y, v along x or against it
+    points, face = np.array([[0.2, 0.3, 0], [0.1, 0.1, 0], [0.5, 0.2, 0]]), np.zeros(3, np.int64)
+    offsets = np.float32([[FLAT, FLAT, FLAT], [2 * FLAT, FLAT, FLAT], [FLAT, 0, FLAT]])  # as it is, by 45 degrees to x, and to -y
+    xy = np.empty((3, 2), np.float32)
+    _in_tangent_space(points, face, corners, normals, tangents, offsets, xy)
+    half = np.sqrt(0.5)
+    np.testing.assert_allclose(xy / FLAT - 1, [[0, 0], [0, -hand * half], [-half, 0]], atol=1e-6)

@@ -70,13 +70,14 @@ PLAIN = (
     "atlas::test_cover_agrees_with_brute_force")
 # Tests of the Python around them: units, their checks, the child process, the command, files that are written, and those that are
 # read, because a format's reader stands beside its writer and texf-dec takes a stream out of a GLB
-COMPILED = ("api", "appearance", "atlas", "bake", "bitstream", "carried_stream", "cli", "codecs", "compile_beside", "completion",
-            "constant", "corruption", "effects", "enc_batch", "field", "findings", "formats", "geometry", "gltf", "gltf_left_out",
-            "gltf_skin", "image_limits", "interrupts", "invisible", "isolate", "joint_lattice", "kernel", "ktx2", "levels",
-            "limited_process", "loaded_normals", "lossless", "maps", "materials_back", "meshopt", "material_choice", "neural_cli",
-            "neural_fit", "neural_oracle", "neural_stream", "obj_ply", "options", "outputs", "plugin_faults", "polygons", "psnr_3d",
-            "queries", "rate_control", "reports", "sample_asset", "save", "save_formats", "save_texels", "shading_normals",
-            "stl_off", "tangents", "texel_fields", "texels", "threemf", "validate", "wasm",
+COMPILED = ("api", "appearance", "atlas", "bake", "bitstream", "carried_stream", "cli", "codecs", "compile_beside",
+            "completion", "constant", "corruption", "effects", "enc_batch", "field", "findings", "formats", "geometry",
+            "gltf", "gltf_left_out", "gltf_skin", "image_limits", "interrupts", "invisible", "isolate", "joint_lattice",
+            "kernel", "ktx2", "levels", "limited_process", "loaded_normals", "lossless", "maps", "materials_back", "meshopt",
+            "material_choice", "neural_cli", "neural_fit", "neural_oracle", "neural_stream", "obj_ply", "options", "outputs",
+            "plugin_faults", "polygons", "psnr_3d", "queries", "rate_control", "reports", "sample_asset", "save",
+            "save_formats", "save_texels", "shading_normals", "stl_off", "tangents", "texel_fields", "texels", "threemf",
+            "validate", "wasm",
             "house::test_a_name_that_the_package_does_not_have_is_an_attribute_error")
 
 

@@ -49,8 +49,7 @@ OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Add, ast.LShift: 
              ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd, ast.BitXor: ast.BitOr, ast.Mod: ast.FloorDiv, ast.Pow: ast.Mult,
              ast.FloorDiv: ast.Mult}
 FITTED = ("Vectors were written for what survived of the samples with seeds 0 to 2, so that only other seeds say something: of "
-          "300 with seed 3 it was 95 %, of 300 with seed 4, over the format of version 1, it is what stands below, before "
-          "anything was written for them.")
+          "300 with seed 3 it was 95 %, of 300 with seed 4 94 %, before anything was written for them.")
 TOP = "module"  # the place of what stands in no function: it runs when the module is imported
 SWAPPED = {"min": "max", "max": "min", "sorted": "list", "any": "all", "all": "any"}
 

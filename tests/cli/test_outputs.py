@@ -7,15 +7,20 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from texfcodec import EncodeOptions, InputError, decode, encode, inspect
-from texfcodec.cli import console, progress
+from texfcodec import DecodeOptions, EncodeOptions, InputError, Report, Texf, decode, encode, inspect
+from texfcodec.cli import console, interrupts, progress
+from texfcodec.cli.flags import direction_of
+from texfcodec.cli.inputs import load_asset, say_losses
 from texfcodec.demo.asset import make_sample
 from texfcodec.io.load import load
+from texfcodec.render.camera import fibonacci_direction
+from texfcodec.scene.scene import Scene
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SMALL = ("--resolution", "32", "--qp", "24")
@@ -182,6 +187,33 @@ def test_a_dash_is_stdin_and_stdout_in_every_tool(made, tmp_path):
         assert told.returncode == 0 and json.loads(told.stdout)["pixels"] > 10
 
 
+@pytest.fixture
+def piped(monkeypatch):
+    """piped(data): data on stdin, and what will hold the bytes that go to stdout."""
+
+    def put(data):
+        out = io.TextIOWrapper(io.BytesIO())
+        monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(data)))
+        monkeypatch.setattr(sys, "stdout", out)
+        return out.buffer
+
+    return put
+
+
+def test_the_decoders_mesh_goes_to_stdout_and_its_report_to_stderr(call, made, piped):
+    out = piped(made[1].read_bytes())
+    code, _, err = call("texf-dec", "-", "-", "--appearance", "vertex", "--json")
+    assert (code, out.getvalue()) == (0, made[0].read_bytes()) and json.loads(err)["files"] == []
+
+
+@pytest.mark.parametrize("number, kind", [(0, Scene), (1, Texf)])
+def test_a_mesh_on_stdin_is_told_from_a_stream_by_its_first_bytes(made, piped, number, kind):
+    data, inputs = made[number].read_bytes(), []
+    piped(data)
+    asset, size = load_asset("-", DecodeOptions(threads=1), inputs, Report())
+    assert isinstance(asset, kind) and len(asset.faces) == len(load(made[0]).faces) and (size, inputs) == (len(data), [])
+
+
 @pytest.mark.parametrize("data, code", [(b"v 0 0 0\nf 1 1 1\n", "TXF-I05"), (b"", "TXF-I04"), (b"glTF", "TXF-I07")])
 def test_a_mesh_on_stdin_is_a_glb_or_a_coded_error(tmp_path, data, code):
     run = process("texf-enc", "-", tmp_path / "a.texf", *SMALL, "--json", input=data)
@@ -198,6 +230,15 @@ def test_info_can_be_quiet(call, made, tmp_path):
     assert call("texf-info", made[1], "--quiet", "--verify") == (0, "", "")
     code, out, err = call("texf-info", tmp_path / "none.texf", "--quiet")
     assert code == 2 and out == "" and "TXF-I01" in err
+
+
+@pytest.mark.parametrize("flags, count", [([], 3), (["--json"], 0), (["--quiet"], 0)])
+def test_losses_are_said_to_people(capsys, flags, count):
+    report = Report()
+    report.remarks, report.warnings, report.dropped = ["one"], ["two"], ["a", "b"]
+    say_losses(console.Console(flags), report)
+    said = ["note: one", "warning: two", "2 properties are not read and not drawn; --json names them"]
+    assert capsys.readouterr().err.splitlines() == said[:count]
 
 
 # Sizes
@@ -239,11 +280,31 @@ def test_a_line_now_and_then_says_where_a_long_run_is(capsys, monkeypatch):
         assert capsys.readouterr().err == ""
 
 
+def test_a_terminal_has_a_bar_for_every_stage(capsys, monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    with console.Console([]).progress() as report:
+        for stage in ("geometry", "attributes"):
+            with report.stage(stage):
+                report.progress(stage, 1, 4)
+                report.progress(stage, 4, 4)
+        assert interrupts.Talk.bar
+    err = capsys.readouterr().err
+    assert "geometry" in err and "attributes" in err and err.count("\x1b[?25l") == err.count("\x1b[?25h") == 1
+    assert "progress:" not in err and not interrupts.Talk.bar
+
+
 def test_lines_are_ten_seconds_apart():
     assert progress.LINE_SECONDS == 10
 
 
 # Pictures
+
+
+@pytest.mark.parametrize("told, direction", [("top", (0, 1, 0)), ("0,90", (0, 1, 0)), ("90,0", (1, 0, 0)),
+                                             ("fibonacci:5", fibonacci_direction(5, 16))])
+def test_a_view_is_named_numbered_or_two_angles(told, direction):
+    assert direction_of(None, None, told) == pytest.approx(tuple(direction))
 
 
 def test_an_exact_match_has_one_word(call, made, tmp_path):

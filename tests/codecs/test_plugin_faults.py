@@ -1,11 +1,16 @@
 """Plug-ins that are none, or that fail on the way: each ends in a coded error that names it."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from plugins import JOINT, TOY, toy_stream
-from shapes import crossing_sheets, painted_sphere
+from shapes import crossing_sheets, painted_sphere, scene_of, square
 
-from texfcodec import DecodeOptions, EncodeOptions, SupportError, codecs, decode, encode, inspect
+from texfcodec import DecodeOptions, EncodeOptions, Limits, SupportError, codecs, decode, encode, inspect
+from texfcodec.cli.inputs import checked_stream
+
+VECTORS = Path(__file__).resolve().parents[2] / "conformance"
 
 
 def fault(call, *names):
@@ -51,6 +56,14 @@ def test_plug_in_that_is_none_is_refused_by_name(install, text, names):
     fault(lambda: EncodeOptions(codec="toy"), *names)
     fault(lambda: codecs.codec_of_unit({"codec_id": 200, "codec_name": "toy"}), *names)
     assert EncodeOptions().codec == "raht"  # the others go on
+
+
+def test_the_page_takes_streams_without_plug_ins_alone(install):
+    install({"toy": "toy_package:Toy"}, toy_package=TOY)
+    options = EncodeOptions(codec="toy", resolution=4, refine="off")
+    assert checked_stream((VECTORS / "uncommon" / "one_voxel" / "in.texf").read_bytes(), Limits()) == []
+    with pytest.raises(SupportError, match="TXF-U11"):
+        checked_stream(encode(scene_of(*square(), np.eye(4)), options), Limits())
 
 
 @pytest.mark.parametrize("value", ["no module at all", "toy_package", "missing:Toy", "toy_package:Toy.inner"])

@@ -15,6 +15,7 @@ from texfcodec.geometry.areas import face_areas, relative_areas, used_vertices
 from texfcodec.geometry.canonical import MAX_COORDINATE, CanonicalCube, fit_cube
 from texfcodec.geometry.checksum import geometry_crc
 from texfcodec.geometry.draco import _HEADER, dec_geometry, enc_geometry
+from texfcodec.geometry.mesh import Mesh
 
 SCALE = st.sampled_from([1e-30, 1e-6, 1.0, 1e7, 1e30, 1e140])
 
@@ -39,6 +40,15 @@ def test_areas_along_columns_are_those_of_cross_products_to_the_bit(scale):
     near -= near.min(axis=0)
     a, b, c = (near[faces[:, i]] / near.max() for i in range(3))
     np.testing.assert_array_equal(relative_areas(points, faces), np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+
+
+@pytest.mark.parametrize("corner, face, says", [
+    ([0, 0, np.nan], [0, 1, 2], "positions must be finite"), ([0, -np.inf, 0], [0, 1, 2], "positions must be finite"),
+    ([0, 0, 1], [0, 1, 3], "integers from 0 to 2"), ([0, 0, 1], [-1, 1, 2], "integers from 0 to 2"),
+])
+def test_a_mesh_of_no_numbers_or_of_corners_that_are_not_there_is_refused(corner, face, says):
+    with pytest.raises(ValueError, match=says):
+        Mesh([[0, 0, 0], [1, 0, 0], corner], [face]).checked()
 
 
 # The canonical cube

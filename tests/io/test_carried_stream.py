@@ -11,7 +11,8 @@ import pytest
 from mesh_files import Builder, load_bytes, read_glb, textured
 from shapes import mapped_sheet, noise, painted_sphere
 
-from texfcodec import DecodeOptions, EncodeOptions, Limits, decode, encode, encode_to_result, inspect
+from texfcodec import DecodeOptions, EncodeOptions, Limits, Report, decode, encode, encode_to_result, inspect
+from texfcodec.cli.inputs import load_asset
 from texfcodec.errors import InputError, LimitError, SupportError
 from texfcodec.io.load import load
 from texfcodec.io.save import as_glb, save
@@ -170,6 +171,14 @@ def test_a_broken_stream_gives_the_fallback_and_a_warning(sheet, tmp_path, fault
     assert "(TXF-I25)" in warning and f"({code}" in warning and "fallback" in warning and scene.dropped == []
     with pytest.raises(InputError, match="TXF-I25"):
         load_bytes(tmp_path, builder, strict=True)
+
+
+def test_what_is_drawn_of_a_file_that_carries_a_stream_is_the_stream(sheet, tmp_path):
+    path, report, inputs = tmp_path / "a.glb", Report(), []
+    path.write_bytes(carrying(sheet)[0])
+    texf, size = load_asset(str(path), DecodeOptions(threads=1), inputs, report)
+    assert np.array_equal(texf.fields[0].rgba, decode(sheet).fields[0].rgba) and size == path.stat().st_size
+    assert inputs == [str(path)] and report.remarks == [f"{path}: the carried stream is read instead of its fallback"]
 
 
 def test_a_stream_over_the_limits_gives_the_fallback(sheet):

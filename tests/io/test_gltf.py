@@ -16,7 +16,7 @@ from PIL import Image
 from texfcodec.errors import InputError, LimitError, SupportError, TexfError
 from texfcodec.io.load import load, load_any
 from texfcodec.scene.channels import MAPS
-from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Scene
+from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Scene
 
 # glTF: geometry.
 
@@ -264,6 +264,32 @@ def test_specular_glossiness_diffuse_becomes_base_color(loaded):
     assert "SpecularGlossiness" in scene.warnings[0] and "glossinessFactor" in scene.dropped[0]
 
 
+def test_specular_glossiness_without_an_image_has_none(loaded):
+    builder = textured()
+    builder.tree["materials"][0]["extensions"] = {"KHR_materials_pbrSpecularGlossiness": {"diffuseFactor": [1, 0.5, 0, 1]}}
+    material = loaded(builder).materials[0]
+    assert material.texture == -1 and material.factor.tolist() == [1, 0.5, 0, 1] and material.parameters["metallic"] == (0.0,)
+
+
+def test_an_alpha_mode_that_is_none_is_opaque_with_a_warning(loaded):
+    scene = loaded(bent(materials__0__alphaMode="GLASS"))
+    assert scene.warnings == ["material 'm' has the unknown alphaMode 'GLASS'; OPAQUE is used instead"]
+    assert scene.materials[0].alpha_mode == ALPHA_OPAQUE
+
+
+def test_a_map_has_uvs_of_its_own_where_its_material_is_and_those_of_the_others_elsewhere(loaded):
+    builder = textured()
+    first = builder.tree["meshes"][0]["primitives"][0]
+    first["attributes"]["TEXCOORD_1"] = builder.accessor(SQUARE_UV * 3)
+    builder.tree["materials"][0]["occlusionTexture"] = {"index": 0, "texCoord": 1}
+    builder.primitive(uv=SQUARE_UV, material=builder.material(0))
+    builder.primitive(uv=SQUARE_UV, material=0, attributes={"TEXCOORD_1": builder.accessor(SQUARE_UV * 5)})
+    scene = loaded(builder)
+    assert list(scene.map_uv) == ["occlusion"]
+    np.testing.assert_array_equal(scene.map_uv["occlusion"], np.concatenate([SQUARE_UV[TWO] * factor for factor in (3, 1, 5)]))
+    np.testing.assert_array_equal(scene.corner_uv, np.tile(SQUARE_UV[TWO], (3, 1, 1)))
+
+
 def images():
     palette = Image.fromarray(RED_BLUE).convert("P", palette=Image.Palette.ADAPTIVE)
     clear = Image.new("P", (2, 1))
@@ -291,6 +317,15 @@ def test_images_become_rgba(loaded, kind):
     scene = loaded(builder, strict=True)
     assert scene.textures[0].image[0].tolist() == expected
     assert any("16-bit" in remark for remark in scene.remarks) == (kind == "grey 16") and scene.warnings == []
+
+
+def test_cmyk_becomes_rgb_with_a_warning(loaded):
+    builder = Builder()
+    image = encoded(Image.new("CMYK", (8, 8), (0, 255, 255, 0)), "JPEG")
+    builder.primitive(uv=SQUARE_UV, material=builder.material(builder.texture(image)))
+    scene = loaded(builder)
+    np.testing.assert_allclose(scene.textures[0].image[4, 4], [255, 0, 0, 255], atol=3)
+    assert scene.warnings == ["image 'image 0' is CMYK; it is converted to RGB without its colour profile"]
 
 
 def test_large_images_pass_through_the_strips_whole(loaded):
@@ -446,6 +481,32 @@ def test_bent_structures_end_in_their_code(loaded, refused, changes, code):
         assert len(loaded(bent(**changes)).faces)
     else:
         assert refused(bent(**changes)).code == code
+
+
+@pytest.mark.parametrize("changes, code, words", [
+    ({"images__0": {"uri": 7}}, "TXF-I09", "a uri is not a string"),
+    ({"images__0": {"uri": "data:image/png;base64"}}, "TXF-I10", "a data URI has no data"),
+    ({"samplers": [{"wrapS": 5}], "textures__0__sampler": 0}, "TXF-I09", "a sampler has an unknown wrap mode"),
+])
+def test_references_that_lead_nowhere_are_named(refused, changes, code, words):
+    error = refused(bent(**changes))
+    assert error.code == code and words in error.message
+
+
+def test_containers_that_are_too_long_or_too_short_are_told_apart(loaded, refused):
+    data = textured().glb()
+    assert loaded(data + b"abc").remarks == ["3 bytes after the end of the GLB container, ignored"]
+    error = refused(b"glTF" + struct.pack("<IIII", 2, 24, 99, 0x4E4F534A) + b"{}  ")
+    assert (error.code, error.message) == ("TXF-I07", "a GLB chunk exceeds the file") and error.details["allowed"] == 4
+    builder = textured()
+    error = refused(builder.with_buffers([{"byteLength": len(builder.blob), "uri": "data:,abc"}]))
+    assert (error.code, error.message) == ("TXF-I10", "buffer 0 is shorter than its byteLength") and error.details["value"] == 3
+
+
+def test_more_faces_than_any_machine_follows_are_over_the_limit(refused, monkeypatch):
+    monkeypatch.setattr("texfcodec.io.parts.MAX_FACES", 1)
+    error = refused(textured())
+    assert isinstance(error, LimitError) and error.code == "TXF-I41" and error.details == {"value": 2, "allowed": 1}
 
 
 def test_face_index_out_of_range_and_implicit_zeros(refused):

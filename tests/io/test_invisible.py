@@ -67,9 +67,9 @@ def test_alpha_of_3mf_colour_groups_is_named(tmp_path):
     assert load_bytes(tmp_path, package(model(colours.format("00") + faces)), "a.3mf").dropped == []
 
 
-def glb(image=None, uv=SQUARE_UV, mode="BLEND", factor=1.0, colour=None, **more):
+def glb(image=None, uv=SQUARE_UV, mode="BLEND", factor=1.0, colour=None, wrap=10497, **more):
     builder = Builder()
-    texture = None if image is None else builder.texture(encoded(image), magFilter=9729)
+    texture = None if image is None else builder.texture(encoded(image), magFilter=9729, wrapS=wrap)
     material = builder.material(texture, alphaMode=mode, pbr={"baseColorFactor": [1, 1, 1, factor]}, **more)
     attributes = {} if colour is None else {"COLOR_0": builder.accessor(np.array(colour, np.float32))}
     builder.primitive(uv=uv, material=material, attributes=attributes)
@@ -77,6 +77,7 @@ def glb(image=None, uv=SQUARE_UV, mode="BLEND", factor=1.0, colour=None, **more)
 
 
 LEFT = (SQUARE_UV * [0.4, 1]).astype(np.float32)
+MIRRORED = 33648
 
 
 @pytest.mark.parametrize("builder, seen", [
@@ -85,6 +86,8 @@ LEFT = (SQUARE_UV * [0.4, 1]).astype(np.float32)
     (glb(RED_BLUE, factor=0.3, mode="MASK"), False), (glb(RED_BLUE, factor=0.3, mode="MASK", alphaCutoff=0.3), True),
     (glb(colour=[[1, 1, 1, 0]] * 4), False), (glb(colour=[[1, 1, 1, 0]] * 3 + [[1, 1, 1, 1]]), True),
     (glb(CLEAR, colour=[[1, 1, 1, 0]] * 4), False),
+    (glb(CLEAR, LEFT + np.float32([1, 0])), False), (glb(CLEAR, LEFT + np.float32([1, 0]), wrap=MIRRORED), True),
+    (glb(CLEAR, LEFT + np.float32([1.55, 0]), wrap=MIRRORED), False),
 ])
 def test_what_nobody_can_see_is_a_warning(tmp_path, builder, seen):
     warnings = load_bytes(tmp_path, builder).warnings

@@ -6,6 +6,7 @@ blue and white (clear where the name says alpha), made with alktx2 0.1.7 (basis_
 
 import struct
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -110,6 +111,13 @@ def test_headers_that_lie_are_refused(basisu, kind, at, form, value, family):
     with pytest.raises(family) as caught:
         read_image(bent(ktx2(kind), at, form, value), "t", Notes())
     assert caught.value.code == ("TXF-I40" if family is LimitError else "TXF-I17")
+
+
+def test_another_size_than_the_header_says_is_refused(basisu, monkeypatch):
+    monkeypatch.setattr(basisu, "open", lambda data: SimpleNamespace(width=8, height=4))
+    with pytest.raises(InputError) as caught:
+        read_image(ktx2("UASTC"), "t", Notes())
+    assert caught.value.code == "TXF-I17" and caught.value.details == {"reason": "the transcoder returned another size"}
 
 
 @pytest.mark.parametrize("kind", KTX2_FILES)

@@ -5,7 +5,7 @@ import pytest
 from damage import with_a_bit_flipped
 from mesh_files import RED_BLUE, SQUARE, SQUARE_UV, TWO, Builder, encoded, load_bytes, refusal
 
-from texfcodec.errors import LimitError, SupportError
+from texfcodec.errors import InputError, LimitError, SupportError
 
 EXTENSION = "EXT_meshopt_compression"
 
@@ -97,6 +97,35 @@ def test_without_the_package_a_plain_copy_is_taken(tmp_path, monkeypatch):
     np.testing.assert_array_equal(load_bytes(tmp_path, builder).positions, SQUARE)
     builder.tree["extensionsRequired"] = [EXTENSION]
     assert refusal(tmp_path, builder).code == "TXF-I09"
+
+
+def test_a_fallback_without_bytes_is_no_plain_copy(tmp_path, meshopt, monkeypatch):
+    builder = Packed(meshopt)
+    del builder.tree["extensionsRequired"]
+    monkeypatch.setitem(__import__("sys").modules, "meshoptimizer", None)
+    monkeypatch.setattr("texfcodec.io.gltf.document.is_installed", lambda: False)
+    assert refusal(tmp_path, builder).code == "TXF-I30"
+
+
+def test_a_view_of_two_accessors_is_unpacked_once(tmp_path, meshopt, monkeypatch):
+    from texfcodec.io.gltf import document
+
+    builder, asked = Packed(meshopt), []
+    builder.primitive(indices=TWO)
+    first, second = builder.tree["meshes"][0]["primitives"]
+    accessors = builder.tree["accessors"]
+    accessors[second["attributes"]["POSITION"]] = dict(accessors[first["attributes"]["POSITION"]])
+    monkeypatch.setattr(document, "decode_view", lambda *a, real=document.decode_view: asked.append(a[3]) or real(*a))
+    scene = load_bytes(tmp_path, builder)
+    assert len(scene.faces) == 4 and len(asked) == len(set(asked)) == 3
+    np.testing.assert_array_equal(scene.positions[4:], SQUARE * 3 - 1)
+
+
+def test_triangles_of_a_number_that_is_no_multiple_of_3_are_refused(meshopt):
+    from texfcodec.io.gltf.meshopt import decode_view
+
+    with pytest.raises(InputError, match="TXF-I09.*not a multiple of 3"):
+        decode_view(bytes(99), {"count": 4, "byteStride": 2, "mode": "TRIANGLES"}, {"byteLength": 8}, 0)
 
 
 @pytest.mark.parametrize("place, changes, code", [

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mesh_files import RED_BLUE, SQUARE, SQUARE_UV, TWO, encoded, outcome
 
+from texfcodec.errors import InputError
 from texfcodec.io.mtl import read_mtl
 from texfcodec.io.parts import Notes
 from texfcodec.scene.scene import ALPHA_BLEND, WRAP_CLAMP
@@ -72,6 +73,41 @@ def test_kd_is_linear_where_blender_wrote_it_and_as_viewers_show_it_elsewhere(he
     np.testing.assert_allclose(material.factor, [red, 0, 1, 1], atol=1e-5)
     said = "colours of the MTL file are read as linear, as Blender writes them; many viewers show them darker"
     assert [*notes.remarks] == [said] * (red == 0.5)
+
+
+def test_nothing_is_said_of_blender_where_coding_makes_no_difference():
+    notes = Notes()
+    assert read_mtl(b"# Blender 4.0.1\nnewmtl a\nKd 1 0 1\n", notes)["a"].factor.tolist() == [1, 0, 1, 1] and notes.remarks == []
+
+
+@pytest.mark.parametrize("text, dropped, warned", [
+    ("Kd 0 0 0\nnewmtl a\n", [], ""), ("newmtl a\nKd spectral f.rfl\n", ["Kd spectral of material 'a'"], ""),
+    ("newmtl a\nmap_Kd -bm 2 t.png\n", ["map_Kd option -bm of material 'a'"], ""),
+    ("newmtl a\nKd 0 0 0\nmap_Kd t.png\n", [], "a texture and a black Kd"), ("newmtl a\nKd nan 0 0\n", [], "NaN or infinite"),
+])
+def test_what_an_mtl_says_in_vain_leaves_the_material_white(text, dropped, warned):
+    notes = Notes()
+    assert read_mtl(text.encode(), notes)["a"].factor.tolist() == [1, 1, 1, 1]
+    assert notes.dropped == dropped and [warned in text for text in notes.warnings] == [True] * bool(warned)
+
+
+def test_a_map_without_a_file_is_named_with_its_line():
+    with pytest.raises(InputError) as caught:
+        read_mtl(b"newmtl a\nmap_Kd -s 1 1\n", Notes())
+    assert caught.value.code == "TXF-I20" and caught.value.details == {"line": 2, "value": "map_Kd -s 1 1"}
+
+
+def test_indents_groups_and_objects_without_a_name_change_nothing(loaded):
+    scene = loaded("o\ng left\ns 1\n  v 0 0 0\nv 1 0 0\n v 1 1 0\nf 1 2 3\n", "a.obj", strict=True)
+    assert scene.positions.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0]] and scene.faces.tolist() == [[0, 1, 2]]
+    assert scene.dropped == scene.warnings == [] and "objects" not in scene.metadata
+
+
+def test_faces_before_the_broken_one_and_faces_of_nothing_are_told_apart(refused):
+    error = refused("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\nf 1/1 2 3\n", "a.obj")
+    assert error.code == "TXF-I20" and error.details == {"line": 5, "value": "f 1/1 2 3"}
+    error = refused("f 1 2 3\n", "a.obj")
+    assert error.code == "TXF-I13" and error.details["vertices"] == 0
 
 
 def test_obj_tolerates_line_ends_continuations_and_missing_files(loaded, refused):
@@ -161,6 +197,41 @@ def test_ply_texture_coordinates_and_colors_per_face(tmp_path, loaded):
     assert scene.corner_uv.tolist() == [[[0, 1], [1, 1], [1, 0]], [[0, 0], [1, 0], [1, 0.75]]]
     assert scene.face_material.tolist() == [0, 1] and [texture.name for texture in scene.textures] == ["a.png", "b.png"]
     np.testing.assert_allclose(scene.corner_color[:, 2], [[1, 0, 0, 0.2], [0, 1, 0, 1]], atol=1e-6)
+
+
+def test_ply_elements_that_are_not_read_are_named_and_headers_may_have_blanks(loaded):
+    head = ply("ascii", (), "").replace(b"ascii 1.0\n", b"ascii 1.0\n\ncomment\nelement edge 1\nproperty int a\n")
+    scene = loaded(head.replace(b"end_header\n", b"end_header\n7\n"), "a.ply")
+    assert scene.faces.tolist() == [[0, 1, 2], [0, 2, 3]] and scene.metadata == {"comments": ["made here"]}
+    assert scene.remarks == ["PLY element 'edge' is left out", "PLY property 'quality' of vertex is left out"]
+
+
+def test_ply_without_faces_has_no_triangles(refused):
+    error = refused(ply("ascii").replace(b"vertex_indices", b"edges"), "a.ply")
+    assert (error.code, error.message) == ("TXF-I15", "the input has no triangles")
+
+
+def test_ply_texture_without_coordinates_is_a_warning(tmp_path, loaded):
+    (tmp_path / "tex.png").write_bytes(encoded(RED_BLUE))
+    scene = loaded(ply("ascii", ()), "a.ply")
+    assert scene.warnings == ["the file names a texture but has no texture coordinates; UV (0, 0) is used"]
+    assert scene.materials[0].texture == 0 and not scene.corner_uv.any()
+
+
+@pytest.mark.parametrize("red, green, share", [("1.0", "0.5", 1), ("255", "127.5", 1), ("0.5", "0.25", 0.21404)])
+def test_ply_colours_that_are_floats_reach_to_1_or_to_255(loaded, red, green, share):
+    text = ply("ascii", (), "").replace(b"uchar red", b"float red").replace(b"uchar green", b"float green")
+    color = loaded(text.replace(b" 255 188 0 ", f" {red} {green} 0 ".encode()), "a.ply").corner_color[0, 0]
+    np.testing.assert_allclose(color[0], share, atol=1e-4)
+    assert 0.04 < color[1] < color[0] / 3 and color[2] == 0
+
+
+def test_a_negative_length_in_a_binary_ply_is_named(refused):
+    data = ply("binary_little_endian", lists="char int")
+    at = data.index(b"end_header\n") + 11 + 4 * (5 * 4 + 3 + 4)
+    assert data[at] == 3
+    error = refused(data[:at] + b"\xff" + data[at + 1 :], "a.ply")
+    assert error.code == "TXF-I21" and "a list has a negative length" in error.message
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -121,6 +121,13 @@ def test_concave_quads_are_cut_from_their_reflex_corner(start):
     assert polygon.tolist() == [0, 0] and warnings == []
 
 
+def test_faces_of_one_or_two_corners_are_left_out_with_a_warning():
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float64)[[0, 1, 2, 0, 1, 2, 3]]
+    faces, polygon, warnings = split(points, [2, 1, 4])
+    assert faces.tolist() == [[3, 4, 5], [3, 5, 6]] and polygon.tolist() == [2, 2]
+    assert warnings == ["2 faces with fewer than three corners are left out"]
+
+
 def test_triangles_and_convex_polygons_are_fans_as_before():
     ring = np.array([[np.cos(a), np.sin(a), 0] for a in np.arange(6) * np.pi / 3])
     points = np.concatenate([ring, ring[:3], ring[:4]])

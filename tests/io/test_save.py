@@ -18,8 +18,10 @@ from texfcodec.errors import InputError
 from texfcodec.io import save as save_room
 from texfcodec.io.atlas.bake import bake
 from texfcodec.io.formats import SAVED_SUFFIXES
+from texfcodec.io.own_files import own_sides
 from texfcodec.io.save import as_input_error, save
 from texfcodec.io.vertex_appearance import linear_u16
+from texfcodec.io.vertex_fit import vertex_fit
 from texfcodec.scene.scene import Material
 
 # GLB and glTF.
@@ -137,6 +139,18 @@ def test_gltf_names_its_side_files_and_survives_odd_names(tmp_path):
     assert document["buffers"][0]["byteLength"] == (tmp_path / "漢 #1.bin").stat().st_size
 
 
+@pytest.mark.parametrize("copyright, written", [("© me", {"copyright": "© me"}), (["me"], {})])
+def test_a_copyright_is_the_assets_where_it_is_text(tmp_path, copyright, written):
+    save(decoded(*grid_mesh(4), metadata={"copyright": copyright}), tmp_path / "a.glb", "vertex")
+    asset = read_glb(tmp_path / "a.glb")[0]["asset"]
+    assert asset == {"version": "2.0", "generator": "texfcodec", "extras": {"texf": {"copyright": copyright}}} | written
+
+
+def test_faces_without_area_have_no_colours_at_vertices():
+    flat = decoded(np.eye(3), np.array([[0, 0, 1], [0, 1, 2]]))
+    assert vertex_fit(flat, np.array([0])) is None and vertex_fit(flat, np.zeros(0, np.int64)) is None
+
+
 def test_large_metadata_is_named_not_dropped_silently(tmp_path):
     report = save(decoded(*grid_mesh(4), metadata={"x": "y" * 70000}), tmp_path / "a.glb", "vertex")
     assert "metadata" in report["warnings"][0] and "extras" not in read_glb(tmp_path / "a.glb")[0]["asset"]
@@ -222,6 +236,18 @@ def test_failed_writing_leaves_nothing_behind(tmp_path, monkeypatch, number, cod
                                           (errno.ENOSPC, "TXF-O03"), (errno.EIO, "TXF-O04")])
 def test_an_output_that_fails_has_a_code(number, code):
     assert as_input_error(OSError(number, "no"), Path("folder/a.glb")).code == code
+
+
+@pytest.mark.parametrize("obj, mtl, own", [
+    ("# texfcodec\nmtllib a.mtl\n", "# texfcodec\nmap_Kd -clamp on a.png\nmap_d b.png\nmap_Kd ../c.png\n",
+     {"a.mtl", "a.png", "b.png"}),
+    ("# texfcodec\nmtllib a.mtl\n", "newmtl m\nmap_Kd a.png\n", set()), ("# texfcodec\nmtllib ./a.mtl\n", "# texfcodec\n", set()),
+    ("# texfcodec\nv 0 0 0\n", "# texfcodec\n", set()), ("# another\nmtllib a.mtl\n", "# texfcodec\n", set()),
+])
+def test_the_files_of_an_obj_are_its_own_where_both_are_ours(tmp_path, obj, mtl, own):
+    (tmp_path / "a.obj").write_text(obj)
+    (tmp_path / "a.mtl").write_text(mtl)
+    assert own_sides(tmp_path / "a.obj") == own
 
 
 def test_interrupted_writing_leaves_nothing_behind(tmp_path, monkeypatch):

@@ -233,6 +233,7 @@ def test_empty_and_flat_meshes_are_packed(tmp_path, compress):
         ("a.glb", {"texture_format": "gif"}, "TXF-O14"),
         ("a.glb", {"texture_format": ["png"]}, "TXF-O14"),
         ("a.glb", {"texture_quality": 50}, "TXF-O14"),
+        ("a.glb", {"texture_format": "png", "texture_quality": 50}, "TXF-O14"),
         ("a.glb", {"texture_format": "jpeg", "texture_quality": 0}, "TXF-O14"),
         ("a.glb", {"texture_format": "jpeg", "texture_quality": 101}, "TXF-O14"),
         ("a.glb", {"texture_format": "jpeg", "texture_quality": 50.5}, "TXF-O14"),

@@ -47,8 +47,9 @@ open(sys.argv[1], "w").write(json.dumps([name for name in sys.modules if name.pa
 """
 SECONDS = "seconds.json"
 JIT_OFF, JIT_ON = {"NUMBA_DISABLE_JIT": "1"}, {"NUMBA_DISABLE_JIT": "0"}
-PYTEST = ("-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider", "--deselect",
-          "tests/cli/test_cli.py::test_info_is_quick_and_knows_no_numba")  # traced, it is not quick
+PYTEST = ("-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider",
+          "--deselect", "tests/cli/test_cli.py::test_info_is_quick_and_knows_no_numba",  # traced, it is not quick
+          "--deselect", "tests/repository/test_api.py::test_editors_see_every_public_name_with_its_type")  # keeps a cache
 # Tests of kernels, both sides, that are quick in plain Python
 PLAIN = (
     "tiny_fields", "tiny_surfaces", "geometry", "shading_normals::test_a_cube_keeps_its_edges",
@@ -71,13 +72,21 @@ PLAIN = (
 # Tests of the Python around them: units, their checks, the child process, the command, files that are written, and those that are
 # read, because a format's reader stands beside its writer and texf-dec takes a stream out of a GLB
 COMPILED = ("api", "appearance", "atlas", "bake", "bitstream", "carried_stream", "cli", "codecs", "compile_beside",
-            "completion", "constant", "corruption", "effects", "enc_batch", "field", "findings", "formats", "geometry",
-            "gltf", "gltf_left_out", "gltf_skin", "image_limits", "interrupts", "invisible", "isolate", "joint_lattice",
-            "kernel", "ktx2", "levels", "limited_process", "loaded_normals", "lossless", "maps", "materials_back", "meshopt",
+            "completion", "constant", "corruption", "effects", "enc_batch", "field", "findings", "formats", "geometry", "gltf",
+            "gltf_left_out", "gltf_skin", "image_limits", "interrupts", "invisible", "isolate", "joint_lattice", "kernel",
+            "ktx2", "levels", "limited_process", "loaded_normals", "lossless", "maps", "materials_back", "meshopt",
             "material_choice", "neural_cli", "neural_fit", "neural_oracle", "neural_stream", "obj_ply", "options", "outputs",
             "plugin_faults", "polygons", "psnr_3d", "queries", "rate_control", "reports", "sample_asset", "save",
             "save_formats", "save_texels", "shading_normals", "stl_off", "tangents", "texel_fields", "texels", "threemf",
-            "validate", "wasm",
+            "validate", "wasm", "threads::test_with_one_thread_it_is_made_when_it_is_asked_for",
+            "hard_cases::test_a_single_point_is_refused_or_an_empty_stream",
+            "hard_cases::test_metadata_over_the_limit_are_left_out_with_a_remark", "render::test_wrong_choices_are_exit_1",
+            "way_back::test_an_output_written_twice_replaces_what_it_came_with",
+            "way_back::test_a_strangers_file_beside_the_output_stays",
+            "way_back::test_alpha_that_hides_nothing_leaves_as_opaque_and_is_named",
+            "way_back::test_attributes_take_the_smallest_type_that_is_exact",
+            "way_back::test_materials_with_and_without_images_share_a_file",
+            "flat_uvs::test_the_map_goes_into_the_shading_normals_where_uvs_make_no_frame",
             "house::test_a_name_that_the_package_does_not_have_is_an_attribute_error")
 
 

@@ -110,6 +110,11 @@ def test_faces_before_the_broken_one_and_faces_of_nothing_are_told_apart(refused
     assert error.code == "TXF-I13" and error.details["vertices"] == 0
 
 
+def test_a_lone_sign_that_takes_the_number_of_the_next_face_is_refused_without_a_line(refused):
+    error = refused("v 0 0 0\nv 1 0 0\nv 1 1 0\nf +\nf 1 2 3\n", "a.obj")
+    assert (error.code, error.message) == ("TXF-I20", "an OBJ face cannot be read") and error.details == {}
+
+
 def test_obj_tolerates_line_ends_continuations_and_missing_files(loaded, refused):
     text = "mtllib none.mtl\r\nusemtl a\r\nv 0 0 0\r\nv 1 0 0\r\nv 1 \\\r\n 1 0\r\nf 1/ 2/ \\\r\n 3/\r\n"
     scene = loaded(text, "a.obj")

@@ -115,7 +115,7 @@ def page_of(found, most):
 
 def main(arguments=None):
     """Command line of the tool."""
-    from bench.provenance import commit_of, machine
+    from bench.provenance import machine, state_of
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("roots", nargs=2, type=lambda text: Path(text).resolve(), metavar="FOLDER")
@@ -126,7 +126,7 @@ def main(arguments=None):
     parser.add_argument("--page", type=Path, metavar="FILE.md")
     args = parser.parse_args(arguments)
     if args.assets:
-        found = {"commits": [commit_of(root) for root in args.roots], "rate": args.rate, "machine": machine(), "rows": {}}
+        found = {"commits": [state_of(root) for root in args.roots], "rate": args.rate, "machine": machine(), "rows": {}}
         args.out.parent.mkdir(parents=True, exist_ok=True)
         for asset in args.assets:
             found["rows"][asset.stem] = measure(args.roots, asset, args.rate)

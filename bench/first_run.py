@@ -19,7 +19,7 @@ from pathlib import Path
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from bench.provenance import commit_of, machine
+from bench.provenance import machine, state_of
 from bench.result_tables import markdown_table, wrapped
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -101,7 +101,7 @@ def main(arguments=None):
     parser.add_argument("--page", type=Path, metavar="FILE.md")
     parser.add_argument("--most", type=int, default=24, metavar="N", help="rows of the longest")
     args = parser.parse_args(arguments)
-    text = page_of(first_runs(args.mesh), args.mesh, commit_of(ROOT), args.most)
+    text = page_of(first_runs(args.mesh), args.mesh, state_of(ROOT), args.most)
     if args.page:
         args.page.write_text(text, encoding="utf-8")
     print(text)

@@ -19,7 +19,7 @@ if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from bench.processes import timed
-from bench.provenance import commit_of, machine
+from bench.provenance import machine, state_of
 from bench.result_tables import markdown_table, wrapped
 
 SIDES = "before", "after"
@@ -82,7 +82,7 @@ def main(arguments=None):
     args = parser.parse_args(arguments)
     if args.assets:
         measure(args.roots, args.assets[0], args.rate)
-        found = {"commits": [commit_of(root) for root in args.roots], "rate": args.rate, "machine": machine(), "rows": {}}
+        found = {"commits": [state_of(root) for root in args.roots], "rate": args.rate, "machine": machine(), "rows": {}}
         args.out.parent.mkdir(parents=True, exist_ok=True)
         for asset in args.assets:
             found["rows"][asset.stem] = measure(args.roots, asset, args.rate)

@@ -101,5 +101,6 @@ def test_every_part_names_files_that_stand():
     for part in coverage_table.PARTS:
         named = [word.partition("::") for word in part.call if ".py" in word]
         assert named or part.call[0] == "-m" and file_of(part.call[1]).exists(), part.name
-        assert all(f"def {test.partition('[')[0]}(" in (REPOSITORY / file).read_text() for file, _, test in named if test), part.name
+        tests = [(file, test.partition("[")[0]) for file, _, test in named if test]
+        assert all(f"def {test}(" in (REPOSITORY / file).read_text() for file, test in tests), part.name
         assert all((REPOSITORY / file).exists() for file, *_ in named), part.name

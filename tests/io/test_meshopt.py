@@ -1,5 +1,7 @@
 """glTF with EXT_meshopt_compression: every mode and filter, files without the package, and buffers that lie."""
 
+import sys
+
 import numpy as np
 import pytest
 from damage import with_a_bit_flipped
@@ -83,7 +85,7 @@ def test_the_octahedral_filter_gives_unit_vectors(meshopt):
 
 def test_without_the_package_the_error_names_the_remedy(tmp_path, meshopt, monkeypatch):
     builder = Packed(meshopt)
-    monkeypatch.setitem(__import__("sys").modules, "meshoptimizer", None)
+    monkeypatch.setitem(sys.modules, "meshoptimizer", None)
     monkeypatch.setattr("texfcodec.io.gltf.document.is_installed", lambda: False)
     error = refusal(tmp_path, builder)
     assert isinstance(error, SupportError) and error.code == "TXF-I30" and 'pip install "texfcodec[formats]"' in error.message
@@ -102,7 +104,7 @@ def test_without_the_package_a_plain_copy_is_taken(tmp_path, monkeypatch):
 def test_a_fallback_without_bytes_is_no_plain_copy(tmp_path, meshopt, monkeypatch):
     builder = Packed(meshopt)
     del builder.tree["extensionsRequired"]
-    monkeypatch.setitem(__import__("sys").modules, "meshoptimizer", None)
+    monkeypatch.setitem(sys.modules, "meshoptimizer", None)
     monkeypatch.setattr("texfcodec.io.gltf.document.is_installed", lambda: False)
     assert refusal(tmp_path, builder).code == "TXF-I30"
 

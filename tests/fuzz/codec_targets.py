@@ -124,9 +124,10 @@ def raht_twice(data: bytes) -> None:
 
 
 def constant(data: bytes) -> None:
-    """A value for all."""
+    """A value for all, on a support that keeps what is derived of it."""
     choices = Choices(data)
     support, components = _support(choices), choices.pick((1, 3))
+    assert support.kept("levels", list) is support.kept("levels", list)
     payload = write_structure(CONSTANT, draw(CONSTANT, choices, {"NumComponents": components}, {}))
     payload = payload[: choices.whole(0, components)] if choices.flag(4) else payload
     values = {"NumComponents": components}

@@ -8,6 +8,7 @@ is measured to be better: an asset that somebody has simplified before gains not
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -33,6 +34,7 @@ from ..geometry.seams import seam_edges, sharp_edges
 from ..geometry.simplify import simplify
 from ..geometry.vertex_fit import fit_vertices, own_fit
 from .spending import has_few_colours
+from .texel_images import brought_near
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -195,7 +197,7 @@ class _Candidate:
 
     place: tuple[int, int]
     faces: int
-    geometry: int
+    geometry: float
     moved: Moved
     cost: float
     refused: str = ""
@@ -259,8 +261,9 @@ class _Search:
         if sent is None:
             return _Candidate(place=place, faces=0, geometry=0, moved=moved, cost=NOTHING, refused="no face is left")
         size = self._bytes(sent.surface, face, sent.scene.corner_uv[sent.surface.origin_face])
+        refused = "" if place == self.usual else self._refused(moved) if math.isfinite(size) else "Draco cannot hold it"
         return _Candidate(place=place, faces=len(sent.surface.faces), geometry=size, moved=moved,
-                          cost=self.rd.cost(size, moved.error), refused="" if place == self.usual else self._refused(moved))
+                          cost=self.rd.cost(size, moved.error), refused=refused)
 
     def _bytes(self, surface, face, corner_uv):
         """Bytes of Draco for the faces over voxels, and for those of each plan and material with their UVs. face: the usual
@@ -271,7 +274,8 @@ class _Search:
         unit = plan_of * (int(surface.material.max(initial=0)) + 1) + surface.material
         for mine in (np.flatnonzero(unit == one) for one in np.unique(unit[plan_of >= 0])):
             plan = self.plans[plan_of[mine[0]]]
-            uv = np.floor(corner_uv[mine] * np.array(plan.size) * (1 << plan.fraction_bits) + 0.5).astype(np.int64)
+            texels = brought_near(corner_uv[mine] * np.array(plan.size, np.float64), plan.size, plan.group.wrap)
+            uv = np.floor(texels * (1 << plan.fraction_bits) + 0.5).astype(np.int64)
             size += draco_bytes(surface.lattice, surface.faces[mine], bits, uv)
         return size
 

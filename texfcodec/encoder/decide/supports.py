@@ -7,6 +7,7 @@ nor the price depends on what is taken elsewhere, so that a finer rate looks no 
 
 from __future__ import annotations
 
+import math
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -228,6 +229,8 @@ class _Choice:
         if patch is None:
             return one.decided("voxels", "the surface has no area")
         plain, textured = _geometry_bytes(one.plan, self.surface)
+        if not math.isfinite(textured):
+            return one.decided("voxels", "Draco cannot hold its UVs")
         one = replace(one, texels=replace(one.texels, fixed=textured + UNIT_BYTES))
         texels = self._cost(one.texels, patch)
         resolution, tried = self._best_voxels(patch, plain, CLEAR * texels)

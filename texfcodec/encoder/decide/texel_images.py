@@ -13,7 +13,7 @@ from ...field.extents import MAX_SIDE
 from ...geometry.areas import face_areas
 from ...geometry.draco import MAX_UV_BITS
 from ...scene.fetch import CURVE_STEPS
-from ...scene.scene import ALPHA_OPAQUE, WRAP_CLAMP
+from ...scene.scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR
 from ...scene.srgb import linear_to_srgb, srgb_to_linear
 from ..texel_means import texel_means
 from .resample import resampled
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ...scene.scene import Scene
 
 PAINT_BITS = 2  # of UVs where vertex colours go into texels
+FAR_BITS, FAR_WINDOW = 2, 1 << 16  # of UVs below the texel that a unit has room for; texels around the median that faces may be in
 MOST_SPREAD = 0.02  # of linear vertex colours within a texel, 0..1: more of it is faces that share texels and not colours
 
 
@@ -76,6 +77,22 @@ class ImageGroup:
             return 255 * coded
         place = np.clip(srgb_to_linear(coded) * gain, 0, 1) * CURVE_STEPS
         return np.interp(place, np.arange(CURVE_STEPS + 1), linear_to_srgb(np.arange(CURVE_STEPS + 1) / CURVE_STEPS) * 255)
+
+
+def brought_near(uv: np.ndarray, size: tuple[int, int], wrap: tuple[int, int]) -> np.ndarray:
+    """UVs of faces in texels of an image of `size` (width, height), float64 [F, 3, 2]. Where together they reach further than
+    a unit of the stream has room for, faces far from the median are moved by whole periods of the image, which changes no
+    picture because it repeats there."""
+    out, sound = uv.copy(), np.isfinite(uv).all(axis=(1, 2))
+    for axis in range(2) if sound.any() else ():
+        low = uv[sound, :, axis].min(axis=1)
+        if wrap[axis] == WRAP_CLAMP or np.ptp(uv[sound, :, axis]) < 1 << MAX_UV_BITS - FAR_BITS:
+            continue
+        period = size[axis] * (1 + (wrap[axis] == WRAP_MIRROR))
+        middle = np.median(low)
+        shift = np.where(np.abs(low - middle) >= FAR_WINDOW, np.round((low - middle) / period) * period, 0.0)
+        out[sound, :, axis] -= (shift + np.round(middle / period) * period)[:, None]
+    return out
 
 
 def image_groups(scene: Scene, surface: Surface) -> list[ImageGroup]:
@@ -151,8 +168,11 @@ def _group(scene, surface, parts, key):
     maps = {name: scene.textures[t].image for name, t in material.maps.items()}
     image, factor = _leading_image(scene, material, maps)
     uv = scene.corner_uv[surface.origin_face[faces]] * np.array([image.shape[1], image.shape[0]], np.float64)
-    with np.errstate(all="ignore"):
-        near = (np.abs(uv) < MAX_UV_ORIGIN / 2).all(axis=(1, 2)) & (np.ptp(uv, axis=1) < 1 << MAX_UV_BITS - 1).all(axis=1)
+    uv = brought_near(uv, (image.shape[1], image.shape[0]), key[1])
+    near = np.isfinite(uv).all(axis=(1, 2))
+    if near.any():
+        near &= (np.abs(uv - np.median(uv[near], axis=(0, 1))) < 1 << MAX_UV_BITS - 1).all(axis=(1, 2))
+        near &= (np.abs(uv) < MAX_UV_ORIGIN / 2).all(axis=(1, 2))
     return ImageGroup(faces[near], image, key[1], factor, key[3], uv[near], nearest=key[4], maps=maps, key=key)
 
 

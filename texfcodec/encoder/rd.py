@@ -23,6 +23,7 @@ from ..codecs import codec_of
 from ..codecs.base import PlaneCodec
 from ..core.colour_error import decibels
 from ..geometry.areas import face_areas
+from ..scene.channels import BASE_COLOUR
 from .coder import Coder
 from .decide.channel_weights import shown_of_radians
 from .estimates import image_measures, map_levels, partition_error, position_error, probe, uv_rounding
@@ -49,8 +50,12 @@ if TYPE_CHECKING:
 # QP 40 to 20 are 0.06 to 0.08 over texels and 0.08 to 0.10 over voxels of K 1024, quartiles 0.06 and 0.11; maps of three
 # components, whose error is the mean over these, have less.
 TRADE_OFF = 0.06
+MOST_SHORT = 3.5  # dB that base colour may be under what the QP promises; from 4 on a part counts as too coarse
+MOST_COARSER = 9  # offset that slopes may ask for
+MOST_TURNS = 2  # codings of a probe beyond the first, where slopes point too far away
+SURE = 0.97  # of the cost without, from which on they are followed
 FINEST, COARSEST = -12, 3  # offsets to the QP; what is coarser by more would fall short of the rate's promise
-LEFT_BY_FIT = probe.LEFT_BY_FIT
+LEFT_BY_FIT, APART = probe.LEFT_BY_FIT, probe.APART
 Result = TypeVar("Result")
 
 
@@ -68,7 +73,8 @@ def bounded_mse(max_error: int) -> float:
 class RateDistortion:
     """Estimates at one quality. coder: None for a codec that codes all fields together; qp: whose error is reckoned with;
     max_error: bound on errors, None without one; resolution: K of the rate; is_free: whether QPs of supports may differ from it;
-    is_fitted: whether a surface fit may follow the transfer; values: that the surface would have if all of it were as dense as
+    is_fitted: whether a surface fit may follow the transfer; has_promise: whether parts have to be as close as the
+    QP promises; values: that the surface would have if all of it were as dense as
     what is coded usually is (estimates.usual_values), which lambda is about; memo: of what other plans of the scene may use."""
 
     coder: Coder | None
@@ -82,6 +88,7 @@ class RateDistortion:
     threads: int
     limits: Limits
     values: float = 1 << 20
+    has_promise: bool = True
     memo: Memo = field(default_factory=NoMemo, compare=False)
 
     @classmethod
@@ -136,6 +143,40 @@ class RateDistortion:
             return 0
         return min(max(round(3 * math.log2(values / share / self.values)), FINEST), COARSEST)
 
+    def keeps_promise(self, one: Probe, patch: Patch) -> bool:
+        """Whether base colour is as close as the QP promises, or short of that by MOST_SHORT."""
+        return not self.has_promise or one.mse <= self._worst(patch)
+
+    def _worst(self, patch):
+        """Squared error of base colour, with its weight, that the promise of the QP allows."""
+        weight = patch.scene.weights.get(BASE_COLOUR.name, BASE_COLOUR.weight)
+        return weight * 10 ** (MOST_SHORT / 10) * self.coding_mse
+
+    def _settled(self, make: Callable[[int], Probe], patch: Patch, values: float) -> Probe:
+        """The Probe at the QP at which its bytes and error cost least, or at a finer one where the promise needs that. make:
+        codes it at an offset to the QP; values: how many it has."""
+        offset = self.qp_offset(values, patch.weight)
+        one = make(offset)
+        for _ in range(MOST_TURNS):
+            steps = self._best_steps(one, patch)
+            if -APART // 2 <= steps <= APART:
+                break
+            offset += max(steps, -APART)
+            one = make(offset)  # too far for the slopes
+        return one.at(max(min(steps, APART), -APART // 2))
+
+    def _best_steps(self, one, patch):
+        """Steps of QP from a Probe to where it is settled."""
+        if not self.is_free or not one.slopes[0]:
+            return 0
+        steps = range(FINEST - one.qp_offset, MOST_COARSER - one.qp_offset + 1)
+        cost = {k: self.cost(at.bytes, at.error, patch.weight) for k in steps for at in (one.at(k),)}
+        best = min(cost, key=cost.__getitem__)
+        chosen = best if cost[best] < SURE * cost[0] else 0
+        if one.uncoded > self._worst(patch):
+            return chosen
+        return min(chosen, max((k for k in steps if self.keeps_promise(one.at(k), patch)), default=steps[0]))
+
     def gain(self, before: float, after: float) -> float:
         """dB between two squared errors of values before coding, at the quality that coding leaves."""
         return decibels(after + self.floor) - decibels(before + self.floor)
@@ -161,15 +202,23 @@ class RateDistortion:
 
     def texels(self, patch: Patch, plan: TexelPlan, keys: np.ndarray, cell: int) -> Probe:
         """A TexelPlan, coded in pieces, squares with a side of 2**cell texels. keys: int64 [N], the texels that it covers."""
-        offset = self.qp_offset(len(keys), patch.weight)
-        return replace(probe.probe_texels(patch, plan, keys, cell, self.planes.shifted(offset)), qp_offset=offset)
+
+
+        def coded(offset):
+            return replace(probe.probe_texels(patch, plan, keys, cell, self.planes.shifted(offset)), qp_offset=offset)
+
+        return self._settled(coded, patch, len(keys))
 
     def voxels(self, patch: Patch, resolution: int, cell: int) -> Probe:
         """Voxels at a resolution, coded in pieces, cubes with a side of 2**cell voxels."""
-        offset = self.qp_offset(patch.voxels(resolution), patch.weight)
-        coder, density = self.planes.shifted(offset), transfer_density(patch.texels_per_edge(resolution), self)
-        made = probe.probe_voxels(patch, resolution, cell, density, coder, self.area_threshold, self.is_fitted)
-        return replace(made, qp_offset=offset)
+        density = transfer_density(patch.texels_per_edge(resolution), self)
+
+        def coded(offset):
+            made = probe.probe_voxels(patch, resolution, cell, density, self.planes.shifted(offset), self.area_threshold,
+                                      self.is_fitted)
+            return replace(made, qp_offset=offset)
+
+        return self._settled(coded, patch, patch.voxels(resolution))
 
     def rounded_uv(self, patch: Patch, plan: TexelPlan) -> np.ndarray:
         """By bits of UVs below the texel, float64: squared error of rounding."""

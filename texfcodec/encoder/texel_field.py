@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from .decide.texel_images import ImageGroup
 
 MOST_FRACTION_BITS = 8
-MARGIN = 4  # texels around a cell that is resampled by itself
 FULL_BITS = 2  # of UVs where only the weights of texels are at stake
 
 
@@ -56,8 +55,10 @@ class TexelPlan:
         group = self.group
         if self.size == group.size:
             return group.values(group.image[xy[:, 1], xy[:, 0]])
-        shown = self._shown(surface, group.size)
-        return group.resampled(group.image, shown, self.size, group.wrap, threads)[xy[:, 1], xy[:, 0]]
+        if self.size not in group.smaller:
+            shown = self._shown(surface, group.size)
+            group.smaller[self.size] = group.resampled(group.image, shown, self.size, group.wrap, threads)
+        return group.smaller[self.size][xy[:, 1], xy[:, 0]]
 
     def values_of_map(self, name: str, surface: Surface, support: TexelSupport, threads: int) -> tuple[np.ndarray, int]:
         """A further channel of the field: (values float32 [n, C] of the texels of support.coarser(levels), levels). A map that is
@@ -83,17 +84,6 @@ class TexelPlan:
         steps = np.floor(group.uv * scale + 0.5).astype(np.int64).reshape(-1, 2)
         area = face_areas(surface.lattice, surface.faces[group.faces])
         return shown_area(steps, np.arange(len(steps)).reshape(-1, 3), FULL_BITS, size, group.wrap, area)
-
-    def values_of_cell(self, corner: np.ndarray, side: int) -> np.ndarray:
-        """Values of a square of texels of the coded size, resampled from what is around it alone: float32 [side, side, 4].
-        corner: its first column and row; the coded size divides the image's."""
-        group, factor = self.group, self.group.size[0] // self.size[0]
-        columns, rows = (wrapped_line(np.arange(c - MARGIN, c + side + MARGIN), factor, size, mode)
-                         for c, size, mode in zip(corner, group.size, group.wrap, strict=True))
-        window = group.image[rows[:, None], columns]
-        whole = (side + 2 * MARGIN, side + 2 * MARGIN)
-        out = group.resampled(window, np.ones(window.shape[:2]), whole, (WRAP_CLAMP, WRAP_CLAMP))
-        return out[MARGIN : MARGIN + side, MARGIN : MARGIN + side]
 
 
 def _stretched(values, size):

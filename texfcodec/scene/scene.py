@@ -67,7 +67,7 @@ class Scene:
     metadata: JSON-able dict (names, extras) that travels opaquely.
     warnings / dropped: what will look different, one sentence each / names of the maps and properties that are not coded.
     remarks: one sentence each on what is left out or mended and changes no picture.
-    files: {path: bytes} of every file it was read from, the mesh file first; empty for one made in memory.
+    files: {path: its bytes} of every file it was read from, the mesh file first; empty for one made in memory.
     """
 
     positions: np.ndarray

@@ -39,8 +39,7 @@ if TYPE_CHECKING:
     from ..rd import RateDistortion
     from .texel_images import ImageGroup
 
-# Sides of images that are tried at half of them: fitting half of a larger one takes longer than all the rest of an encode.
-LEAST_SIDE, MOST_SIDE = 256, 2048
+LEAST_SIDE, DETAILED = 256, 2048  # sides from which on half of an image is tried, and beyond which a quarter is
 LADDER = (64, 128, 256, 512, 1024, 2048)  # values of K, up to the rate's: each is looked at in the same cubes of space
 VOXEL_COST = 0.95  # of its texels, from which an image goes over voxels: in a near tie a file keeps what it has
 MOST_SAVED = 0.5  # of the geometry's bytes: what a smaller mesh is hoped to save, with what its error costs
@@ -63,9 +62,9 @@ MOST_ROWS = 1 << 27  # of texels that the faces of an image go over, a few secon
 class Supports:
     """plans: TexelPlans; resolution: K of what is over voxels; qp_offset: of its values to the rate's QP; values: as of
     RateDistortion; mse: squared error of colours and maps, None where these take no bytes; instead: all over voxels, where the
-    mesh that may be sent then may make that cost less; behind: bytes that it costs more without;
-    attributes: bytes that colours and maps are likely to take, 0 where nothing was probed; colour_mse: squared error of colours
-    and alpha alone, without a weight in light, None where mse is."""
+    mesh that may be sent then may make that cost less; behind: bytes that it costs more without; bytes: of all that was probed,
+    its geometry included; attributes: bytes that colours and maps are likely to take, 0 where nothing was probed; colour_mse:
+    squared error of colours and alpha alone, without a weight in light, None where mse is."""
 
     plans: list[TexelPlan]
     resolution: int
@@ -74,6 +73,7 @@ class Supports:
     mse: float | None = None
     instead: Decision[Supports] | None = None
     behind: float = 0.0
+    bytes: float = 0.0
     attributes: float = 0.0
     colour_mse: float | None = None
 
@@ -154,7 +154,15 @@ class _Choice:
     finer: frozenset[int]
 
     def made(self, groups: list[ImageGroup], colours: np.ndarray, evidence: dict, step: Step) -> Decision[Supports]:
-        """The choice: each image by itself, then K and position bits for all together."""
+        """The choice: each image by itself, then K and position bits for all together. The promise of the rate is let go where
+        it would take more bytes than the source's files."""
+        supports = self._all(groups, colours, evidence, step)
+        most = sum(self.scene.files.values())
+        if not self.rd.has_promise or not most or supports.value.bytes <= most:
+            return supports
+        return replace(self, rd=replace(self.rd, has_promise=False))._all(groups, colours, evidence, step)
+
+    def _all(self, groups, colours, evidence, step):
         found, total = [], len(groups) + 2  # the last two are the choices of all together
         with closing(in_order(self._of_group, list(enumerate(groups)), self.rd.threads)) as made:
             for one in made:
@@ -182,7 +190,7 @@ class _Choice:
             patch = self.rd.patch(self.scene, self.surface, group.faces, texels_shown(group))
             return self._decided(self._candidate(group, row, patch), patch)
 
-        key = "image", number, self.rd.planes.signature, self.rd.qp, bool(self.finer & set(row["materials"]))
+        key = "image", number, self.rd.planes.signature, self.rd.qp, self.rd.has_promise, bool(self.finer & set(row["materials"]))
         try:
             return self.rd.memo.get(key, made)
         except LimitError as error:
@@ -197,7 +205,7 @@ class _Choice:
         groups = rows + [one.evidence for one in decided]
         probes = [one.texels for one in decided if one.goes]
         probes += [rest] if rest else [one.voxels for one in decided if one.voxels and not one.goes]
-        supports = Supports(plans, resolution, offset, self.rd.values, self._mse(probes),
+        supports = Supports(plans, resolution, offset, self.rd.values, self._mse(probes), bytes=sum(p.bytes for p in probes),
                             attributes=sum(probe.attributes for probe in probes), colour_mse=self._colour_mse(probes))
         return Decision(supports, evidence | {"groups": groups, **voxels})
 
@@ -246,19 +254,27 @@ class _Choice:
 
     def _behind(self, one, other, patch, share):
         """Bytes that a Probe of a patch costs more than a share of another, in light or in flat colours, where that is more: what
-        a file has stays where they disagree."""
+        a file has stays where they disagree. Without limit where the other alone keeps the promise of the rate."""
+        if self.rd.keeps_promise(one, patch) != self.rd.keeps_promise(other, patch):
+            return -math.inf if self.rd.keeps_promise(one, patch) else math.inf
         pairs = (one, other), (one.flat, other.flat)
         return max(self._cost(a, patch) - share * self._cost(b, patch) for a, b in pairs)
 
     def _best_size(self, plan, keys, patch, is_fixed):
-        """(plan, Probe) of the plan's size, or of half of it where that costs clearly less."""
-        probe, (width, height) = self.rd.texels(patch, plan, keys, TEXEL_CELL), plan.size
-        is_fixed = is_fixed or self.request.texel_size is not None or patch.texels_per_edge(USUAL_K) < COARSE
-        if is_fixed or min(plan.size) < LEAST_SIDE or max(plan.size) > MOST_SIDE or (width | height) & 1:
+        """(plan, Probe) of the plan's size, or of half of it where that costs clearly less; of a large image a quarter too."""
+        probe = self.rd.texels(patch, plan, keys, TEXEL_CELL)
+        if is_fixed or self.request.texel_size is not None or patch.texels_per_edge(USUAL_K) < COARSE:
             return plan, probe
-        half = _plan(plan.group, (width // 2, height // 2))
-        tried = self.rd.texels(patch, half, self._keys(half), TEXEL_CELL - 1)  # in the same places
-        return (half, tried) if self._behind(tried, probe, patch, HALF_COST) < 0 else (plan, probe)
+        for halved in range(1, 3 if max(plan.size) > DETAILED else 2):
+            width, height = plan.size
+            if min(plan.size) < LEAST_SIDE or (width | height) & 1:
+                break
+            half = _plan(plan.group, (width // 2, height // 2))
+            tried = self.rd.texels(patch, half, self._keys(half), TEXEL_CELL - halved)  # in the same places
+            if self._behind(tried, probe, patch, HALF_COST) >= 0:
+                break
+            plan, probe = half, tried
+        return plan, probe
 
     def _best_bits(self, plan, probe, patch, uv_bytes, finer):
         """(plan, Probe) with the bits of UVs below the texel that cost the least. uv_bytes: of each."""

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ...scene.scene import Scene
 
 PAINT_BITS = 2  # of UVs where vertex colours go into texels
-FAR_BITS, FAR_WINDOW = 2, 1 << 16  # of UVs below the texel that a unit has room for; texels around the median that faces may be in
+FAR_BITS, FAR_WINDOW = 2, 1 << 16  # of UVs below the texel that far ones keep; texels around the median that are not far
 MOST_SPREAD = 0.02  # of linear vertex colours within a texel, 0..1: more of it is faces that share texels and not colours
 
 
@@ -32,7 +32,8 @@ class ImageGroup:
     """Faces that one image colours. faces: int64 [F] into the surface's; image: uint8 [H, W, 4]; wrap: (s, t); factor: float64
     [4], linear; opaque: whether alpha counts as 255; uv: float64 [F, 3, 2] of their corners, in texels of the image; palette:
     whether it is one texel for each colour; nearest: whether its texels are squares of one colour (Texture.nearest); maps: uint8
-    [h, w, 4] of further channels by name, with the same UVs, none larger; key: what tells it from others."""
+    [h, w, 4] of further channels by name, with the same UVs, none larger; key: what tells it from others; smaller: a cache of the
+    image at other sizes, float32 [h, w, 4] by (width, height)."""
 
     faces: np.ndarray
     image: np.ndarray
@@ -44,6 +45,7 @@ class ImageGroup:
     nearest: bool = False
     maps: dict[str, np.ndarray] = field(default_factory=dict)
     key: tuple = ()
+    smaller: dict[tuple[int, int], np.ndarray] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def size(self) -> tuple[int, int]:

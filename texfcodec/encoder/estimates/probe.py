@@ -8,9 +8,10 @@ will do (docs/design/texels.md).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -41,13 +42,17 @@ VOXEL_CELL, TEXEL_CELL = 5, 6  # log2 of a cell's side
 UNSEEN = 255.0**2  # the squared error of voxels that are not there
 POINTS, LEAST_POINTS = 1 << 16, 100
 SLOPE = 0.8  # bytes of the values ~ error ** -SLOPE from r01 to r04: 0.4 to 0.7 on detailed images, 0.9 to 1.7 on smooth ones
+APART = 6  # QP between the two codings of a probe: a step twice as large
+LEAST_BITS, LEAST_ERROR = 1e-4, 1e-3  # of a value, and of coding, that slopes are reckoned with
+MOST_ADDED = 1 / 3  # log2 of squared error by a step of QP, at most: as the square of the step
 LEFT_BY_FIT = 0.6  # share of the transfer's squared error that a fit leaves; 0.39 to 0.85 on seven assets at K 512 and 1024
 
 
 @dataclass(frozen=True)
 class Probe:
     """values: of the whole; bits: per value; mse: at surface points, after coding; qp_offset: to the rate's QP, that it was coded
-    with; fixed: bytes beside the values; maps: Probes of further channels, by name."""
+    with; fixed: bytes beside the values; maps: Probes of further channels, by name; uncoded: squared error before coding;
+    slopes: what a step of QP takes from the bits and adds to the error of coding, as log2, (0, 0) where that was not measured."""
 
     values: int
     bits: float
@@ -55,6 +60,15 @@ class Probe:
     qp_offset: int = 0
     fixed: float = 0.0
     maps: dict = field(default_factory=dict)
+    uncoded: float = 0.0
+    slopes: tuple[float, float] = (0.0, 0.0)
+
+    def at(self, steps: int) -> Probe:
+        """What it would be at a QP that is coarser by some steps, by its slopes."""
+        saved, added = self.slopes
+        mse = self.uncoded + (self.mse - self.uncoded) * 2.0 ** (added * steps)
+        return replace(self, bits=self.bits * 2.0 ** (-saved * steps), mse=mse, qp_offset=self.qp_offset + steps,
+                       maps={name: one.at(steps) for name, one in self.maps.items()})
 
     @property
     def attributes(self) -> float:
@@ -132,18 +146,32 @@ class Patch:
         own = texels_per_edge(surface.lattice, faces, self.source, surface.cube.position_bits, resolution)
         return max([own, *(one.texels_per_edge(resolution) for one in self.maps.values())])
 
-    def mse(self, chosen: np.ndarray, got: np.ndarray) -> float:
+    def mse(self, chosen: np.ndarray, got: np.ndarray, stands_for: np.ndarray | None = None) -> float:
         """Mean squared error at chosen points, of Y and, where it is there, of alpha; of a map the mean over its components by
-        its weight. got: float32 [n, C], of values()."""
+        its weight. got: float32 [n, C], of values(); stands_for: float64 [n], how much of the surface each point does, None for
+        as much each."""
         if not len(chosen):
             return 0.0
+        shares = np.ones(len(chosen)) if stands_for is None else stands_for
         if self.name is not None:
             weight = self.scene.weights.get(self.name, BY_NAME[self.name].weight)
-            return weight * float(((self.values(self.colour[chosen]) - got) ** 2).mean())
-        error, weights = ColourError(), self.colour[chosen, 3] / 255
-        error.add(self.colour[chosen, :3], got[:, :3], weights if weights.any() else None)
-        alpha = float(((self.colour[chosen, 3:] - got[:, 3:]) ** 2).mean()) if got.shape[1] == 4 else 0.0
-        return self.scene.weights.get(BASE_COLOUR.name, BASE_COLOUR.weight) * error.mse()["y"] + alpha
+            squares = ((self.values(self.colour[chosen]) - got) ** 2).mean(axis=1)
+            return weight * float(np.average(squares, weights=shares))
+        error, seen = ColourError(), shares * (self.colour[chosen, 3] / 255)
+        error.add(self.colour[chosen, :3], got[:, :3], seen if seen.any() else shares)
+        alpha = np.average((self.colour[chosen, 3] - got[:, 3]) ** 2, weights=shares) if got.shape[1] == 4 else 0.0
+        return self.scene.weights.get(BASE_COLOUR.name, BASE_COLOUR.weight) * error.mse()["y"] + float(alpha)
+
+
+def _probed(patch, values, plane, support, coder, error_of):
+    """Probe of a plane float32 [N, C] that stands for so many values, coded at the coder's QP and, for its slopes, APART from it.
+    error_of: squared error of the picture by a decoded plane."""
+    (bits, decoded), (fewer, coarser) = (_coded(plane, support, patch, coder.shifted(steps)) for steps in (0, APART))
+    mse, more, uncoded = error_of(decoded), error_of(coarser), error_of(plane)
+    saved = math.log2(max(bits, LEAST_BITS) / max(fewer, LEAST_BITS)) / APART
+    added = math.log2(max(more - uncoded, LEAST_ERROR) / max(mse - uncoded, LEAST_ERROR)) / APART
+    slopes = max(saved, 0.0), min(max(added, 0.0), MOST_ADDED)
+    return Probe(values, bits, mse, uncoded=min(uncoded, mse), slopes=slopes)
 
 
 def _coded(plane, support, patch, quality):
@@ -160,18 +188,37 @@ def _coded(plane, support, patch, quality):
     return 8 * size / len(plane), np.concatenate(decoded, axis=1)
 
 
-def _cells_at(patch, places, cell, most):
-    """Morton keys of up to so many different cells that a patch's points are in, at places int64 [M, d], ascending. Cells are
-    taken evenly from the smoothest to the one with the most contrast: where detail is rare, chance would miss it."""
-    keys = _cell_keys(places, cell)
-    _, own, counts = np.unique(keys, return_inverse=True, return_counts=True)
+class _Cells(NamedTuple):
+    """Cells of a grid that stand for all. keys: Morton keys int64 [K], ascending; stands_for: float64 [K], how much of the
+    surface a point of each does."""
+
+    keys: np.ndarray
+    stands_for: np.ndarray
+
+    def of_points(self, keys):
+        """stands_for of points that are in cells, int64 [n]."""
+        return self.stands_for[np.searchsorted(self.keys, keys)]
+
+
+def _sampled_cells(patch, places, cell, most, held=None):
+    """Up to so many _Cells that a patch's points are in, at places int64 [M, d]. Cells are taken evenly from the smoothest to the
+    one with the most contrast, as where detail is rare chance would miss it, and by the values that they hold, so that bits are
+    those of all; a point of a cell that holds few for its surface stands for more. held: ascending keys of values, int64 [N];
+    without them a cell holds as many as it has points."""
+    keys, own, counts = np.unique(_cell_keys(places, cell), return_inverse=True, return_counts=True)
     contrast = np.zeros(len(counts))
     for one in (patch, *patch.maps.values()):
         value = one.colour[:, :3].mean(axis=1, dtype=np.float64)
         mean, square = (np.bincount(own, value**power) / counts for power in (1, 2))
         contrast += square - mean**2
-    order = np.argsort(contrast[own], kind="stable")
-    return np.unique(keys[order[((np.arange(most) + 0.5) * len(order) / most).astype(np.int64)]])
+    ends = None if held is None else np.searchsorted(held, [keys << 3 * cell, keys + 1 << 3 * cell])
+    size = counts if ends is None else np.maximum(ends[1] - ends[0], 1)
+    order = np.argsort(contrast, kind="stable")
+    upto = np.cumsum(size[order])
+    picks = order[np.searchsorted(upto, (np.arange(most) + 0.5) * upto[-1] / most)]
+    times = np.bincount(picks, minlength=len(keys))
+    taken = np.flatnonzero(times)
+    return _Cells(keys[taken], times[taken] / size[taken])
 
 
 def _cell_keys(places, cell):
@@ -200,23 +247,27 @@ def probe_texels(patch: Patch, plan: TexelPlan, keys: np.ndarray, cell: int, cod
     """Probe of a TexelPlan. keys: int64 [N], the texels that it asks; cell: log2 of a cell's side."""
     texel = np.einsum("nc,ncd->nd", patch.bary, plan.group.uv[patch.face]) * np.array(plan.size) / plan.group.size
     place = np.column_stack([_wrapped(texel[:, i], plan.size[i], plan.group.wrap[i]) for i in range(2)])
-    cells = _cells_at(patch, place.astype(np.int64), cell, TEXEL_CELLS)
-    mine = _within(keys, cells, cell)
+    sample = _sampled_cells(patch, place.astype(np.int64), cell, TEXEL_CELLS, keys)
+    cells, mine = sample.keys, _within(keys, sample.keys, cell)
     support = TexelSupport(keys=mine, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap, fraction_bits=0)
     chosen, maps = _well_inside(place, cell, cells), {}
+    shares = sample.of_points(_cell_keys(np.floor(place[chosen]).astype(np.int64), cell))
     for one in (*patch.maps.values(), patch):
-        bits, decoded = _coded(_texels_of(plan, one, support, cells, cell), support, one, coder)
-        made = Probe(len(keys), bits, one.mse(chosen, support.query(texel[chosen], decoded, patch.threads)))
+
+        def error_of(plane, one=one):
+            return one.mse(chosen, support.query(texel[chosen], plane, patch.threads), shares)
+
+        made = _probed(one, len(keys), _texels_of(plan, one, support), support, coder, error_of)
         if one.name is not None:
             maps[one.name] = made
     return replace(made, maps=maps)
 
 
-def _texels_of(plan, patch, support, cells, cell):
-    """Values of the texels of a support that has these cells alone, float32 [N, C]."""
+def _texels_of(plan, patch, support):
+    """Values of the texels of a support, float32 [N, C]."""
     if patch.name is not None:
         return _texels_of_map(plan, patch, support)
-    return patch.values(_colours_of(plan, patch, support, cells, cell))
+    return patch.values(plan.values(patch.surface, support.xy(), patch.threads))
 
 
 def _texels_of_map(plan, patch, support):
@@ -231,19 +282,6 @@ def _texels_of_map(plan, patch, support):
         total += image[place[:, 1], place[:, 0]]
     rgba = total / steps**2
     return np.ascontiguousarray(rgba[:, list(BY_NAME[patch.name].columns)])
-
-
-def _colours_of(plan, patch, support, cells, cell):
-    """RGBA of the texels of a support that has these cells alone, float32 [N, 4]."""
-    xy = support.xy()
-    if plan.size == plan.group.size or plan.group.size[0] % plan.size[0]:
-        return plan.values(patch.surface, xy, patch.threads)
-    out, own = np.empty((len(xy), 4), np.float32), _cell_keys(xy, cell)
-    for key in cells:
-        corner, mine = decode_morton(np.array([key]))[0, :2].astype(np.int64) << cell, np.flatnonzero(own == key)
-        place = xy[mine] - corner
-        out[mine] = plan.values_of_cell(corner, 1 << cell)[place[:, 1], place[:, 0]]
-    return out
 
 
 def _wrapped(place, size, mode):
@@ -261,7 +299,8 @@ def probe_voxels(patch: Patch, resolution: int, cell: int, density: int, coder: 
     whether a surface fit may follow it."""
     surface, bits = patch.surface, patch.surface.cube.position_bits
     grid = patch.points * (resolution / (1 << bits))
-    cells = _cells_at(patch, grid.astype(np.int64), cell, VOXEL_CELLS)
+    sample = _sampled_cells(patch, grid.astype(np.int64), cell, VOXEL_CELLS)
+    cells = sample.keys
     near = _faces_near(surface.lattice, surface.faces[patch.faces], resolution / (1 << bits), cells, cell)
     faces = surface.faces[patch.faces[near]]
     keys, _ = voxelise(surface.lattice, faces, bits, resolution, area_threshold, patch.threads)
@@ -271,15 +310,17 @@ def probe_voxels(patch: Patch, resolution: int, cell: int, density: int, coder: 
         return Probe(values, 24.0, UNSEEN, maps={name: Probe(values, 8.0, UNSEEN) for name in patch.maps})
     support, brick_map = VoxelSupport(resolution, keys), build_brick_map(keys)
     chosen, maps = _well_inside(grid, cell, cells), {}
+    shares = sample.of_points(_cell_keys(np.floor(grid[chosen]).astype(np.int64), cell))
     for one in (*patch.maps.values(), patch):
         rgba = np.column_stack(transfer(surface.lattice, faces, one.packed(patch.faces[near]), bits, resolution, keys, brick_map,
                                         density, patch.threads))
-        values_there = one.values(rgba)
-        coded, decoded = _coded(values_there, support, one, coder)
-        mse, uncoded = (one.mse(chosen, query_field(grid[chosen], resolution, keys, brick_map, plane, patch.threads)[0])
-                        for plane in (decoded, values_there))
-        saved = (1 - LEFT_BY_FIT) * uncoded if is_fitted and one is patch else 0.0
-        made = Probe(values, coded, max(mse - saved, 0.0))
+
+        def error_of(plane, one=one):
+            return one.mse(chosen, query_field(grid[chosen], resolution, keys, brick_map, plane, patch.threads)[0], shares)
+
+        made = _probed(one, values, one.values(rgba), support, coder, error_of)
+        saved = (1 - LEFT_BY_FIT) * made.uncoded if is_fitted and one is patch else 0.0
+        made = replace(made, mse=made.mse - saved, uncoded=made.uncoded - saved)
         if one is not patch:
             maps[one.name] = made
     return replace(made, maps=maps)

@@ -24,6 +24,7 @@ from ..geometry.tangents import has_uv_area
 from ..scene.channels import COLOURS, channel_over
 from .coding import Content, coding_of
 from .decide.channel_weights import measured_weights
+from .decide.lattice import usual_surface
 from .decide.lost_detail import without_lost_detail
 from .decide.materials import needed_scene
 from .decide.mesh import MeshChoice
@@ -134,7 +135,7 @@ def outline(scene: Scene, request: EncodeOptions, report: Report, parts: int = 1
     """The lattice, and what of its materials a scene needs. parts: of the stage "effects", of which this is the first. Raises
     InputError, LimitError."""
     with report.stage("lattice"):
-        surface = make_surface(scene, request)
+        surface = usual_surface(scene, request)
     with report.stage("effects", (0, parts)):
         needs = needed_scene(scene, surface, request.effects)
     return Outline(request=request, scene=needs.value.scene, materials=needs.value.materials, surface=surface,

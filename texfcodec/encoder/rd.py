@@ -50,7 +50,8 @@ if TYPE_CHECKING:
 # QP 40 to 20 are 0.06 to 0.08 over texels and 0.08 to 0.10 over voxels of K 1024, quartiles 0.06 and 0.11; maps of three
 # components, whose error is the mean over these, have less.
 TRADE_OFF = 0.06
-MOST_SHORT = 3.5  # dB that base colour may be under what the QP promises; from 4 on a part counts as too coarse
+# dB that base colour may be under what the QP promises, and that probes aim at, whose errors are within 0.8 dB on the shared assets
+MOST_SHORT, AIMED_SHORT = 4.0, 3.0
 MOST_COARSER = 9  # offset that slopes may ask for
 MOST_TURNS = 2  # codings of a probe beyond the first, where slopes point too far away
 SURE = 0.97  # of the cost without, from which on they are followed
@@ -145,12 +146,12 @@ class RateDistortion:
 
     def keeps_promise(self, one: Probe, patch: Patch) -> bool:
         """Whether base colour is as close as the QP promises, or short of that by MOST_SHORT."""
-        return not self.has_promise or one.mse <= self._worst(patch)
+        return not self.has_promise or one.mse <= self._worst(patch, MOST_SHORT)
 
-    def _worst(self, patch):
-        """Squared error of base colour, with its weight, that the promise of the QP allows."""
+    def _worst(self, patch, short):
+        """Squared error of base colour, with its weight, that is short of the promise of the QP by some dB."""
         weight = patch.scene.weights.get(BASE_COLOUR.name, BASE_COLOUR.weight)
-        return weight * 10 ** (MOST_SHORT / 10) * self.coding_mse
+        return weight * 10 ** (short / 10) * self.coding_mse
 
     def _settled(self, make: Callable[[int], Probe], patch: Patch, values: float) -> Probe:
         """The Probe at the QP at which its bytes and error cost least, or at a finer one where the promise needs that. make:
@@ -172,10 +173,12 @@ class RateDistortion:
         steps = range(FINEST - one.qp_offset, MOST_COARSER - one.qp_offset + 1)
         cost = {k: self.cost(at.bytes, at.error, patch.weight) for k in steps for at in (one.at(k),)}
         best = min(cost, key=cost.__getitem__)
-        chosen = best if cost[best] < SURE * cost[0] else 0
-        if one.uncoded > self._worst(patch):
+        finer = best < 0 and one.mse <= self._worst(patch, 0.0)  # than the promise
+        chosen = best if cost[best] < SURE * cost[0] and not finer else 0
+        most = self._worst(patch, AIMED_SHORT)
+        if not self.has_promise or one.uncoded > most:
             return chosen
-        return min(chosen, max((k for k in steps if self.keeps_promise(one.at(k), patch)), default=steps[0]))
+        return min(chosen, max((k for k in steps if one.at(k).mse <= most), default=steps[0]))
 
     def gain(self, before: float, after: float) -> float:
         """dB between two squared errors of values before coding, at the quality that coding leaves."""
@@ -224,9 +227,9 @@ class RateDistortion:
         """By bits of UVs below the texel, float64: squared error of rounding."""
         return uv_rounding.rounding_errors(patch, plan)
 
-    def moved_positions(self, scene: Scene) -> PositionError:
-        """What a surface that has moved does to pictures, and what that does to shading normals."""
-        return position_error.PositionError(scene, shown_of_radians(scene.weights), self.threads)
+    def moved_positions(self, scene: Scene, usual: Surface) -> PositionError:
+        """What a surface that has moved from the usual lattice does to pictures, and what that does to shading normals."""
+        return position_error.PositionError(scene, usual, shown_of_radians(scene.weights), self.threads)
 
     def partition(self, scene: Scene, surface: Surface, face_field: np.ndarray, resolution: int) -> dict[str, float]:
         """Squared errors of voxels without coding, {"y", "alpha"}. face_field: int64 [F]."""

@@ -40,6 +40,17 @@ def weld(lattice: np.ndarray) -> np.ndarray:
     return distinct(packed)[1]
 
 
+def face_components(faces: np.ndarray) -> np.ndarray:
+    """Edge-connected component of every face: int64 [F]. faces: int64 [F, 3] over welded vertices."""
+    ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    key = ends[:, 0] * (int(faces.max()) + 1) + ends[:, 1]
+    owner = np.tile(np.arange(len(faces)), 3)
+    order = np.argsort(key, kind="stable")
+    same = np.flatnonzero(key[order][1:] == key[order][:-1])
+    a, b = owner[order][same], owner[order][same + 1]
+    return components(len(faces), a, b)
+
+
 def shared_edges(corners: np.ndarray) -> Edges:
     """Edges of faces whose corners are welded vertices, int64 [F, 3]. A face with two equal corners has none."""
     start, stop = corners.reshape(-1), np.roll(corners, -1, axis=1).reshape(-1)

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.components import components
 from ...core.kernel import kernel
 from ...field.morton import _morton_key
 from ...field.surface_walk import FACE, _next_row, grid_coordinates, surface_walk
+from ...geometry.edges import face_components
 
 MAX_FIELDS = 16
 MIN_CONTACT = 0.002  # share of the smaller piece's cells that two pieces must share to count as meeting
@@ -31,17 +31,6 @@ class Contacts:
     direction: np.ndarray
     cell: np.ndarray
     label: np.ndarray
-
-
-def face_components(faces: np.ndarray) -> np.ndarray:
-    """Edge-connected component of every face: int64 [F]. faces: int64 [F, 3] over welded vertices."""
-    ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    key = ends[:, 0] * (int(faces.max()) + 1) + ends[:, 1]
-    owner = np.tile(np.arange(len(faces)), 3)
-    order = np.argsort(key, kind="stable")
-    same = np.flatnonzero(key[order][1:] == key[order][:-1])
-    a, b = owner[order][same], owner[order][same + 1]
-    return components(len(faces), a, b)
 
 
 def face_directions(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:

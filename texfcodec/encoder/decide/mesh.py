@@ -119,7 +119,7 @@ class MeshChoice:
     @cached_property
     def looks(self) -> PositionError:
         """Pictures of the source, and of it on other surfaces."""
-        return self.memo.get("looks", lambda: self.rd.moved_positions(self.scene))
+        return self.memo.get("looks", lambda: self.rd.moved_positions(self.scene, self.usual))
 
     def look_at(self, surface: Surface) -> Moved:
         """What the source on another lattice does to pictures."""
@@ -398,7 +398,7 @@ class _Meshes:
             return looks.of(sent.drawn, sent.at_corners(normals))
         if sent.scene.corner_normal is not None and looks.lit:
             wanted = fetched.of(looks.normals[self.usual.origin_face].astype(np.float32))
-        return looks.of_mesh(sent.scene, sent.surface, normals, wanted)
+        return looks.of_mesh(sent.scene, sent.surface, normals, wanted, sent.rows)
 
     @cached_property
     def aways(self) -> list[float]:

@@ -9,10 +9,11 @@ import numpy as np
 from ...core.colour_error import decibels
 from ...core.json_text import json_ready
 from ...geometry.areas import face_areas
+from ...geometry.edges import face_components
 from ...report import Step, no_step
 from ..decision import Decision
 from ..estimates.partition_error import codes_alpha
-from .contacts import MAX_FIELDS, colour_pieces, face_components, find_contacts, folding_components
+from .contacts import MAX_FIELDS, colour_pieces, find_contacts, folding_components
 from .depth_sheets import part_layers
 from .one_colour import one_colour
 

@@ -52,6 +52,7 @@ COARSE = 0.7  # texels along an edge of voxels of USUAL_K under which no smaller
 COARSEST_K = 128  # for one colour
 SQUARE_BITS = 4  # of UVs, at least, where texels are squares: their sides move by a 32nd of a texel at most
 FINER_K, FINER_BITS = 1.5, 2  # times K, and bits of UVs, for what came out too coarse
+MOST_ROUNDED = 0.25  # of the error of coding, that rounding UVs may add where the rate's promise is kept
 UV_BYTES_A_BIT = 2 / 8  # of a corner, for each bit of its two coordinates
 LOSSLESS_FRACTION = 4
 MOST_VOXELS = 1 << 24  # that a K of the choice may have, a minute of work; thousands of surfaces that overlap have more
@@ -280,6 +281,8 @@ class _Choice:
         """(plan, Probe) with the bits of UVs below the texel that cost the least. uv_bytes: of each."""
         errors = self.rd.rounded_uv(patch, plan)
         bits = int(np.argmin([self.rd.cost(uv_bytes * k, error, patch.weight) for k, error in enumerate(errors)]))
+        if self.rd.keeps_promise(probe, patch):
+            bits = max(bits, next((k for k, error in enumerate(errors) if error <= MOST_ROUNDED * probe.mse), bits))
         plan = _with_bits(plan, max(bits, SQUARE_BITS) if plan.group.nearest else bits + FINER_BITS * finer)
         return plan, replace(probe, mse=probe.mse + errors[plan.fraction_bits])
 

@@ -8,8 +8,8 @@ look at, so a few pictures are drawn, in light where the asset is lit.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING
+from functools import cached_property, reduce
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from ...core.colour_error import ColourError
 from ...core.threads import in_order
 from ...geometry.areas import relative_areas
 from ...geometry.canonical import MAX_BITS, fit_cube
+from ...geometry.edges import face_components
 from ...geometry.shading_normals import corner_normals
 from ...render.camera import bounding_sphere, fibonacci_direction, orthographic
 from ...render.lighting import Lighting
@@ -26,10 +27,13 @@ from ...scene.normal_rule import BOTH, FLAT, JOINED, MOST_ANGLE, NormalRule
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
+    from ...render.camera import Camera
     from ...scene.scene import Scene
 
 VIEWS, SIZE = 16, 256
 LOST_ERROR = 100.0**2  # of a pixel of which the background is seen, or that covers it
+OUTLINE = 0.1  # weight of pixels at the outline whose neighbours hide that: a viewer sees the line, not against what it moves
+SMALL, MOST_PARTS, PART_VIEWS, PART_SIZE = 1 / 10, 6, 4, 192  # a small part's side in that of all; pictures of such parts alone
 SMOOTH = NormalRule(JOINED, BOTH, MOST_ANGLE)  # no angle decides anything, so that rounding turns normals and no more
 
 
@@ -46,30 +50,52 @@ class Moved:
     @property
     def error(self) -> float:
         """Mean squared error of Y, with what is gone or new against its background."""
-        return self.mse + LOST_ERROR * self.lost
+        return self.mse + LOST_ERROR * max(self.lost, OUTLINE * self.silhouette)
+
+    def or_worse(self, other: Moved) -> Moved:
+        """The larger of each error."""
+        return Moved(max(self.mse, other.mse), max(self.silhouette, other.silhouette), max(self.lost, other.lost))
+
+
+class _Shot(NamedTuple):
+    """Cameras that look at all of a scene or at a small part of it. faces: bool [F] of the source's, None for all; seen: the
+    source's pictures by them."""
+
+    cameras: list[Camera]
+    faces: np.ndarray | None
+    seen: list
 
 
 class PositionError:
-    """Looks at a Scene whose surface has moved; the source itself is drawn once. shown: squared error of pictures by a squared
-    radian of its shading normals."""
+    """Looks at a Scene whose surface has moved; the source itself is drawn once, and small parts of it alone, as large as
+    somebody would look at them. usual: it on its lattice; shown: squared error of pictures by a squared radian of its shading normals."""
 
-    def __init__(self, scene: Scene, shown: float, threads: int) -> None:
+    def __init__(self, scene: Scene, usual: Surface, shown: float, threads: int) -> None:
         self.shown, self.threads = shown, threads
         self.scene = replace(scene, materials=[replace(m, double_sided=False) for m in scene.materials])
         self.lit = not all(material.unlit for material in scene.materials)
-        self._source, sphere = pack_source(self.scene), bounding_sphere(scene.positions)
-        self._cameras = [orthographic(fibonacci_direction(i, VIEWS), *sphere, SIZE) for i in range(VIEWS)]
-        self._seen = self._pictures(self.scene)
+        self._source = pack_source(self.scene)
+        self._shots = [self._shot(None, VIEWS, SIZE)]
+        self._shots += [self._shot(faces, PART_VIEWS, PART_SIZE) for faces in small_parts(usual, len(scene.faces))]
 
-    def _pictures(self, scene, source=None):
-        """In flat colours and, where there is light, in light. source: of its base colour, where it is not the source's."""
+    def _shot(self, faces, views, size):
+        corners = self.scene.faces if faces is None else self.scene.faces[faces]
+        sphere = bounding_sphere(self.scene.positions if faces is None else self.scene.positions[corners.ravel()])
+        cameras = [orthographic(fibonacci_direction(i, views), *sphere, size) for i in range(views)]
+        return _Shot(cameras, faces, self._pictures(self.scene, cameras, faces))
+
+    def _pictures(self, scene, cameras, shown, source=None):
+        """In flat colours and, where there is light, in light, of faces that are shown, bool [F], or all. source: of its base
+        colour, where it is not the source's."""
         lights, source = [None, *([Lighting(scene)] if self.lit else [])], source or self._source
+        if shown is not None:
+            scene = replace(scene, faces=np.where(shown[:, None], scene.faces, 0))
 
         def pictures(camera):
             return render_lights(scene, camera, lights, source=source)
 
-        first = pictures(self._cameras[0])  # makes what all share, tangents for one, which two threads would make twice
-        return list(zip(first, *in_order(pictures, self._cameras[1:], self.threads), strict=True))
+        first = pictures(cameras[0])  # makes what all share, tangents for one, which two threads would make twice
+        return list(zip(first, *in_order(pictures, cameras[1:], self.threads), strict=True))
 
     def of(self, drawn: Surface, normals: np.ndarray) -> Moved:
         """What the source looks like on another surface. drawn: faces of the source where they are now; normals: at their corners
@@ -77,23 +103,28 @@ class PositionError:
         is added. Halving a distance about halves the error, as the pixels lie along lines."""
         faces = np.zeros_like(self.scene.faces)  # of those that are not there no pixel is seen
         faces[drawn.origin_face] = drawn.faces
-        pictures = self._pictures(replace(self.scene, positions=drawn.cube.to_world(drawn.lattice), faces=faces))
-        return self._moved(pictures, drawn, normals, self._normals_at(drawn))
+        scene = replace(self.scene, positions=drawn.cube.to_world(drawn.lattice), faces=faces)
+        return self._moved(lambda shot: self._pictures(scene, shot.cameras, shot.faces), drawn, normals, self._normals_at(drawn))
 
-    def of_mesh(self, scene: Scene, surface: Surface, normals: np.ndarray, wanted: np.ndarray | None) -> Moved:
+    def of_mesh(self, scene: Scene, surface: Surface, normals: np.ndarray, wanted: np.ndarray | None, rows: np.ndarray) -> Moved:
         """What a Scene with the source's materials and textures, but faces, UVs and normals of its own, looks like. surface: it
-        on its lattice; normals: at its corners by normals_of(surface); wanted: what they should be, both float32 [F, 3, 3]."""
+        on its lattice; normals: at its corners by normals_of(surface); wanted: what they should be, both float32 [F, 3, 3];
+        rows: int64 [F], the source's face of each."""
         scene = replace(scene, materials=self.scene.materials)
         source = self._source._replace(face_material=np.ascontiguousarray(scene.face_material, np.int64),
                                        corner_uv=np.ascontiguousarray(scene.corner_uv, np.float64))
-        return self._moved(self._pictures(scene, source), surface, normals, wanted)
+
+        def pictures(shot):
+            return self._pictures(scene, shot.cameras, None if shot.faces is None else shot.faces[rows], source)
+
+        return self._moved(pictures, surface, normals, wanted)
 
     def _moved(self, pictures, surface, normals, wanted):
-        """What pictures have against the source's, and normals of a Surface against what is wanted, None where nothing is."""
-        silhouette, lost, shown = np.sum([_uncovered(a, b) for a, b in zip(self._seen[0], pictures[0], strict=True)], axis=0)
-        mse = max(_mse(*pair) for pair in zip(self._seen, pictures, strict=True))
-        mse += self.shown * _turned(surface, normals, wanted) if wanted is not None else 0.0
-        return Moved(mse, silhouette / max(shown, 1), lost / max(shown, 1))
+        """What pictures have against the source's, the worst shot counting, and normals of a Surface against what is wanted, None
+        where nothing is. pictures: makes those of a _Shot."""
+        whole, *parts = (_compared(shot.seen, pictures(shot)) for shot in self._shots)
+        turned = self.shown * _turned(surface, normals, wanted) if wanted is not None else 0.0
+        return reduce(Moved.or_worse, parts, replace(whole, mse=whole.mse + turned))
 
     def normals_of(self, surface: Surface) -> np.ndarray:
         """Normals that follow from a surface's positions, float32 [F, 3, 3]: flat where the source's are, else smooth."""
@@ -120,6 +151,38 @@ class PositionError:
     def _of_source(self, rule):
         lattice = fit_cube(self.scene.positions, MAX_BITS).to_lattice(self.scene.positions)
         return corner_normals(lattice, self.scene.faces, [rule]).astype(np.float64)
+
+
+def small_parts(surface: Surface, faces: int) -> list[np.ndarray]:
+    """Parts that are small beside the whole, each bool [faces] over the faces of the source: pieces with a side of at most SMALL
+    of the whole's, together with others at the same place, those of the most faces first, MOST_PARTS at most."""
+    if not len(surface.faces):
+        return []
+    piece = face_components(surface.faces)
+    corners, count = surface.lattice[surface.faces], int(piece.max()) + 1
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, piece, corners.min(axis=1))
+    np.maximum.at(high, piece, corners.max(axis=1))
+    cell = SMALL * float((high.max(axis=0) - low.min(axis=0)).max())
+    small = (high - low).max(axis=1) <= cell
+    if not small.any() or small.all() or not cell:
+        return []
+    place = np.unique(np.floor((low + high) / 2 / cell), axis=0, return_inverse=True)[1].reshape(-1)
+    own = np.where(small, place, -1)[piece]
+    sizes = np.bincount(own[own >= 0])
+    out = []
+    for number in np.argsort(-sizes, kind="stable")[:MOST_PARTS]:
+        shown = np.zeros(faces, bool)
+        shown[surface.origin_face[own == number]] = True
+        out += [shown] if shown.any() else []
+    return out
+
+
+def _compared(seen, pictures):
+    """Moved of pairs of pictures, without normals."""
+    silhouette, lost, shown = np.sum([_uncovered(a, b) for a, b in zip(seen[0], pictures[0], strict=True)], axis=0)
+    mse = max(_mse(*pair) for pair in zip(seen, pictures, strict=True))
+    return Moved(mse, silhouette / max(shown, 1), lost / max(shown, 1))
 
 
 def _turned(surface, normals, wanted):

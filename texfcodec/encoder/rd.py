@@ -50,8 +50,7 @@ if TYPE_CHECKING:
 # QP 40 to 20 are 0.06 to 0.08 over texels and 0.08 to 0.10 over voxels of K 1024, quartiles 0.06 and 0.11; maps of three
 # components, whose error is the mean over these, have less.
 TRADE_OFF = 0.06
-# dB that base colour may be under what the QP promises, and that probes aim at, whose errors are within 0.8 dB on the shared assets
-MOST_SHORT, AIMED_SHORT = 4.0, 3.0
+MOST_SHORT, AIMED_SHORT = 4.0, 3.0  # dB under the QP's promise: of base colour at most, and what probes, a dB off, aim at
 MOST_COARSER = 9  # offset that slopes may ask for
 MOST_TURNS = 2  # codings of a probe beyond the first, where slopes point too far away
 SURE = 0.97  # of the cost without, from which on they are followed

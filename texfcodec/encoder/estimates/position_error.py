@@ -68,7 +68,8 @@ class _Shot(NamedTuple):
 
 class PositionError:
     """Looks at a Scene whose surface has moved; the source itself is drawn once, and small parts of it alone, as large as
-    somebody would look at them. usual: it on its lattice; shown: squared error of pictures by a squared radian of its shading normals."""
+    somebody would look at them. usual: it on its lattice; shown: squared error of pictures by a squared radian of its shading
+    normals."""
 
     def __init__(self, scene: Scene, usual: Surface, shown: float, threads: int) -> None:
         self.shown, self.threads = shown, threads

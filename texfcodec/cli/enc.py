@@ -339,9 +339,10 @@ def _check_lines(facts):
         return
     alpha = f", alpha {in_decibels(check['alpha'])}" if "alpha" in check else ""
     lit = f", lit {in_decibels(check['lit'])}" if "lit" in check else ""
+    outline = f", with outlines {in_decibels(check['outline'])}" if "outline" in check else ""
     worst = check["worst"]
     part = f"; worst part '{worst['name']}' RGB {in_decibels(worst['rgb'])}" if worst and len(check["parts"]) > 1 else ""
-    yield f"checked: Y {in_decibels(check['y'])}, RGB {in_decibels(check['rgb'])}{alpha}{lit}{part}{lost}"
+    yield f"checked: Y {in_decibels(check['y'])}, RGB {in_decibels(check['rgb'])}{alpha}{lit}{outline}{part}{lost}"
 
 
 def _psnr_lines(facts):

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from ..scene.scene import Scene
     from .memo import Memo
 
+MANY_FACES, LARGE_SHARE = 1000, 0.1  # faces of a part, and share of them, that are no longer left out without a warning
+
 
 @dataclass(kw_only=True, repr=False)
 class Encoded:
@@ -68,7 +70,9 @@ def code(plan: Plan, report: Report) -> Encoded:
     with report.stage("write"):
         data, sizes = write_stream(stream)
     scene, surface = plan.source.scene, plan.source.surface
-    report.remarks += [text for text in _collapsed(scene, surface) if text not in report.remarks]
+    remarks, warnings = _collapsed(scene, surface)
+    report.remarks += [text for text in remarks if text not in report.remarks]
+    report.warnings += [text for text in warnings if text not in report.warnings]
     face_field = np.full(len(scene.faces), -1, np.int64)
     face_field[surface.origin_face] = plan.source.face_field
     texels = sum(len(part.support) for part in fields if part.support.planar)
@@ -109,10 +113,20 @@ def _sha256(fields, planes):
 
 
 def _collapsed(scene, surface):
-    """Remarks on faces of the scene that the lattice has no room for; those that name a vertex twice are the loader's."""
+    """(remarks, warnings) on faces of the scene that the lattice has no room for; those that name a vertex twice are the
+    loader's. Of a part that loses many, a picture may show it."""
     a, b, c = scene.faces.T
-    count = len(scene.faces) - len(surface.origin_face) - int(((a == b) | (b == c) | (c == a)).sum())
-    if count > 0:
-        share = 100 * count / len(scene.faces)
-        yield (plural(count, "face is", "faces are") + f" left out ({share:.2g} % of {len(scene.faces)}), without area at "
-               f"{surface.cube.position_bits} position bits; more --position-bits may keep such faces")
+    left = (a != b) & (b != c) & (c != a)
+    left[surface.origin_face] = False
+    count, parts = int(left.sum()), len(scene.materials)
+    if not count:
+        return [], []
+    lost, whole = (np.bincount(scene.face_material[rows], minlength=parts) for rows in (left, slice(None)))
+    worst = int(np.argmax(np.where(lost >= MANY_FACES, lost / np.maximum(whole, 1), 0.0)))
+    bits = surface.cube.position_bits
+    if lost[worst] >= max(MANY_FACES, LARGE_SHARE * whole[worst]):
+        name = scene.materials[worst].name or str(worst)
+        return [], [f"part '{name}' loses {lost[worst]} of its {whole[worst]} faces, without area at {bits} position bits"]
+    share = 100 * count / len(scene.faces)
+    return [plural(count, "face is", "faces are") + f" left out ({share:.2g} % of {len(scene.faces)}), without area at "
+            f"{bits} position bits; more --position-bits may keep such faces"], []

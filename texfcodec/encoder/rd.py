@@ -145,7 +145,7 @@ class RateDistortion:
 
     def keeps_promise(self, one: Probe, patch: Patch) -> bool:
         """Whether base colour is as close as the QP promises, or short of that by MOST_SHORT."""
-        return not self.has_promise or one.mse <= self._worst(patch, MOST_SHORT)
+        return not self.has_promise or one.colour <= self._worst(patch, MOST_SHORT)
 
     def _worst(self, patch, short):
         """Squared error of base colour, with its weight, that is short of the promise of the QP by some dB."""
@@ -172,12 +172,12 @@ class RateDistortion:
         steps = range(FINEST - one.qp_offset, MOST_COARSER - one.qp_offset + 1)
         cost = {k: self.cost(at.bytes, at.error, patch.weight) for k in steps for at in (one.at(k),)}
         best = min(cost, key=cost.__getitem__)
-        finer = best < 0 and one.mse <= self._worst(patch, 0.0)  # than the promise
+        finer = best < 0 and one.colour <= self._worst(patch, 0.0)  # than the promise
         chosen = best if cost[best] < SURE * cost[0] and not finer else 0
         most = self._worst(patch, AIMED_SHORT)
         if not self.has_promise or one.uncoded > most:
             return chosen
-        return min(chosen, max((k for k in steps if one.at(k).mse <= most), default=steps[0]))
+        return min(chosen, max((k for k in steps if one.at(k).colour <= most), default=steps[0]))
 
     def gain(self, before: float, after: float) -> float:
         """dB between two squared errors of values before coding, at the quality that coding leaves."""

@@ -17,7 +17,7 @@ from ..errors import InputError, LimitError
 from ..limits import UNLIMITED
 from ..metrics.parts import compare_parts
 from ..metrics.views import Look, compare_views
-from ..options import DecodeOptions
+from ..options import RATES, DecodeOptions
 from ..render.environment import DAYLIGHT
 from ..report import Report, Step, no_step
 from . import pipeline
@@ -38,7 +38,8 @@ SECONDS_PER_VALUE = 6e-7  # of a decoder, with one thread, at most: 1.0 to 2.6 m
 MORE_PER_SHARE, MOST_MORE = 10.0, 0.5
 LEAST_GAIN = 1.0  # dB that the worst part must gain by it
 FINER_CHROMA = 6  # QP
-SHORTFALL, COLOUR_SHORTFALL = 6.0, 10.0  # dB under what the rate promises from which Y, or RGB and alpha, count as a miss
+# dB under what the rate promises from which Y, or RGB and alpha, or pictures with their outlines count as a miss
+SHORTFALL, COLOUR_SHORTFALL, OUTLINE_SHORTFALL = 4.5, 10.0, 15.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +144,8 @@ def check_encoded(scene: Scene, made: Encoded, options: EncodeOptions, seconds: 
     dict
         JSON-ready: what compare_parts() says, None in the place of each PSNR where nothing is visible; "worst": the part with
         the least PSNR of RGB, None where all are exact; "lit" or "flat": PSNR of Y in small pictures, with light where the asset
-        is lit; neither where one colour, with normals that follow from the geometry, leaves nothing to compare; "promised": PSNR
+        is lit; "outline": the same over pixels that either side covers; none of these where one colour, with normals that follow
+        from the geometry, leaves nothing to compare; "promised": PSNR
         of Y that the rate stands for, None where it stands for none; "decoded_units": (units whose values were decoded, all
         units).
 
@@ -192,10 +194,19 @@ def warnings_of(check: dict, options: EncodeOptions) -> list[str]:
     if not check["visible"]:
         said.append("no part of the source's surface is visible, so its colours could not be compared")
     if missed:
-        said.append(f"{_named(missed)}, but {rate}; a higher --rate or --support texels keeps more detail")
+        said.append(f"{_named(missed)}, but {rate}{_advice(options)}")
     if rate and check.get("lit") is not None and check["lit"] < check["promised"] - COLOUR_SHORTFALL:
         said.append(f"small lit pictures have {check['lit']:.1f} dB, but {rate}; the shading differs from the source's")
+    if rate and check.get("outline") is not None and check["outline"] < check["promised"] - OUTLINE_SHORTFALL:
+        said.append(f"small pictures have {check['outline']:.1f} dB with their outlines, but {rate}; --keep-mesh keeps outlines")
     return said
+
+
+def _advice(options):
+    """What would keep more detail, "" where nothing is left to ask for."""
+    ways = ["a higher --rate"] if options.rate != max(RATES) else []
+    ways += ["--support texels"] if options.support != "texels" else []
+    return f"; {' or '.join(ways)} may keep more detail" if ways else ""
 
 
 def _named(missed):
@@ -227,12 +238,12 @@ def _is_geometry_alone(scene, made):
 
 
 def _seen(scene, texf, options):
-    """{"lit" or "flat": PSNR of Y of a few small pictures, None where they are alike}; {} where they cannot be compared: no pixel
-    shows both sides, or light makes a colour infinite."""
+    """{"lit" or "flat": PSNR of Y of a few small pictures, None where they are alike; "outline": with their outlines}; {} where
+    they cannot be compared: no pixel shows both sides, or light makes a colour infinite."""
     lit = options.effects in ("auto", "all") and not all(material.unlit for material in scene.materials)
     look = Look(environment=DAYLIGHT) if lit else Look()
     try:
         seen = compare_views(scene, texf, VIEWS, SIZE, threads=options.threads, look=look)
     except InputError:
         return {}
-    return {"lit" if lit else "flat": seen["psnr"]["y"]}
+    return {"lit" if lit else "flat": seen["psnr"]["y"], "outline": seen["union_psnr"]["y"]}

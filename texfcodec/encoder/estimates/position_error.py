@@ -8,7 +8,7 @@ look at, so a few pictures are drawn, in light where the asset is lit.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -32,29 +32,35 @@ if TYPE_CHECKING:
 
 VIEWS, SIZE = 16, 256
 LOST_ERROR = 100.0**2  # of a pixel of which the background is seen, or that covers it
-OUTLINE = 0.1  # weight of pixels at the outline whose neighbours hide that: a viewer sees the line, not against what it moves
-SMALL, MOST_PARTS, PART_VIEWS, PART_SIZE = 1 / 10, 6, 4, 192  # a small part's side in that of all; pictures of such parts alone
+OUTLINE = 0.04  # weight of pixels at the outline whose neighbours hide that: a viewer sees the line, not against what it moves
+SMALL, MOST_PARTS, PART_VIEWS, PART_SIZE = 1 / 6, 6, 4, 192  # a small part's side in that of all; pictures of such parts alone
 SMOOTH = NormalRule(JOINED, BOTH, MOST_ANGLE)  # no angle decides anything, so that rounding turns normals and no more
+PART_WEIGHT = 0.25  # of a small part's error in that of all: somebody may look at it alone, and most do not
 
 
 @dataclass(frozen=True)
 class Moved:
     """What moving the surface does to pictures. mse: mean squared error of Y over pixels that show both surfaces, in flat colours
     or in light, where it is larger; silhouette: pixels that show one of them only, over those of the source; lost: those of them
-    that have no pixel of the other surface around them."""
+    that have no pixel of the other surface around them; of_parts: the same of each small part, looked at alone."""
 
     mse: float
     silhouette: float
     lost: float
+    of_parts: tuple[Moved, ...] = ()
 
     @property
     def error(self) -> float:
-        """Mean squared error of Y, with what is gone or new against its background."""
-        return self.mse + LOST_ERROR * max(self.lost, OUTLINE * self.silhouette)
+        """Mean squared error of Y, with what is gone or new against its background; that of a small part where it is worse even
+        at the weight of such."""
+        own = self.mse + LOST_ERROR * max(self.lost, OUTLINE * self.silhouette)
+        return max([own, *(PART_WEIGHT * part.error for part in self.of_parts)])
 
-    def or_worse(self, other: Moved) -> Moved:
-        """The larger of each error."""
-        return Moved(max(self.mse, other.mse), max(self.silhouette, other.silhouette), max(self.lost, other.lost))
+    @property
+    def worst(self) -> Moved:
+        """The largest of each error, of all and of small parts."""
+        every = [self, *self.of_parts]
+        return Moved(*(max(getattr(one, name) for one in every) for name in ("mse", "silhouette", "lost")))
 
 
 class _Shot(NamedTuple):
@@ -125,7 +131,7 @@ class PositionError:
         where nothing is. pictures: makes those of a _Shot."""
         whole, *parts = (_compared(shot.seen, pictures(shot)) for shot in self._shots)
         turned = self.shown * _turned(surface, normals, wanted) if wanted is not None else 0.0
-        return reduce(Moved.or_worse, parts, replace(whole, mse=whole.mse + turned))
+        return replace(whole, mse=whole.mse + turned, of_parts=tuple(parts))
 
     def normals_of(self, surface: Surface) -> np.ndarray:
         """Normals that follow from a surface's positions, float32 [F, 3, 3]: flat where the source's are, else smooth."""

@@ -9,6 +9,7 @@ will do (docs/design/texels.md).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -51,8 +52,9 @@ LEFT_BY_FIT = 0.6  # share of the transfer's squared error that a fit leaves; 0.
 @dataclass(frozen=True)
 class Probe:
     """values: of the whole; bits: per value; mse: at surface points, after coding; qp_offset: to the rate's QP, that it was coded
-    with; fixed: bytes beside the values; maps: Probes of further channels, by name; uncoded: squared error before coding;
-    slopes: what a step of QP takes from the bits and adds to the error of coding, as log2, (0, 0) where that was not measured."""
+    with; fixed: bytes beside the values; maps: Probes of further channels, by name; uncoded: squared error before coding; alpha:
+    what of mse is alpha's; slopes: what a step of QP takes from the bits and adds to the error of coding, as log2, (0, 0) where
+    that was not measured."""
 
     values: int
     bits: float
@@ -61,13 +63,15 @@ class Probe:
     fixed: float = 0.0
     maps: dict = field(default_factory=dict)
     uncoded: float = 0.0
+    alpha: float = 0.0
     slopes: tuple[float, float] = (0.0, 0.0)
 
     def at(self, steps: int) -> Probe:
         """What it would be at a QP that is coarser by some steps, by its slopes."""
         saved, added = self.slopes
         mse = self.uncoded + (self.mse - self.uncoded) * 2.0 ** (added * steps)
-        return replace(self, bits=self.bits * 2.0 ** (-saved * steps), mse=mse, qp_offset=self.qp_offset + steps,
+        alpha = self.alpha * mse / self.mse if self.mse else 0.0
+        return replace(self, bits=self.bits * 2.0 ** (-saved * steps), mse=mse, alpha=alpha, qp_offset=self.qp_offset + steps,
                        maps={name: one.at(steps) for name, one in self.maps.items()})
 
     @property
@@ -86,6 +90,11 @@ class Probe:
         return self.mse + sum(one.error for one in self.maps.values())
 
     @property
+    def colour(self) -> float:
+        """Squared error of base colour alone, with its weight."""
+        return self.mse - self.alpha
+
+    @property
     def flat(self) -> Probe:
         """Of base colour and alpha alone, as pictures without light show them."""
         return replace(self, maps={})
@@ -94,7 +103,7 @@ class Probe:
         """What the report says of it."""
         channels = {name: round(decibels(max(one.mse, 1e-4)), 2) for name, one in self.maps.items()}
         return {"values": self.values, "attribute_bytes": round(self.attributes), "geometry_bytes": round(self.fixed),
-                "qp_offset": self.qp_offset, "psnr_y": round(decibels(max(self.mse, 1e-4)), 2),
+                "qp_offset": self.qp_offset, "psnr_y": round(decibels(max(self.colour, 1e-4)), 2),
                 } | ({"psnr_of_maps": channels} if channels else {})
 
 
@@ -159,19 +168,35 @@ class Patch:
             return weight * float(np.average(squares, weights=shares))
         error, seen = ColourError(), shares * (self.colour[chosen, 3] / 255)
         error.add(self.colour[chosen, :3], got[:, :3], seen if seen.any() else shares)
-        alpha = np.average((self.colour[chosen, 3] - got[:, 3]) ** 2, weights=shares) if got.shape[1] == 4 else 0.0
-        return self.scene.weights.get(BASE_COLOUR.name, BASE_COLOUR.weight) * error.mse()["y"] + float(alpha)
+        alpha = self.alpha_mse(chosen, got, shares)
+        return self.scene.weights.get(BASE_COLOUR.name, BASE_COLOUR.weight) * error.mse()["y"] + alpha
+
+    def alpha_mse(self, chosen: np.ndarray, got: np.ndarray, stands_for: np.ndarray) -> float:
+        """Mean squared error of alpha at chosen points, 0 where it is not coded; arguments as of mse()."""
+        if self.name is not None or got.shape[1] < 4 or not len(chosen):
+            return 0.0
+        return float(np.average((self.colour[chosen, 3] - got[:, 3]) ** 2, weights=stands_for))
 
 
-def _probed(patch, values, plane, support, coder, error_of):
+class _Points(NamedTuple):
+    """Where a Probe's error is measured. chosen: int64 [n] of the patch's points; stands_for: float64 [n], how much of the
+    surface each does; query: what a plane shows there, float32 [n, C]."""
+
+    chosen: np.ndarray
+    stands_for: np.ndarray
+    query: Callable[[np.ndarray], np.ndarray]
+
+
+def _probed(patch, values, plane, support, coder, points):
     """Probe of a plane float32 [N, C] that stands for so many values, coded at the coder's QP and, for its slopes, APART from it.
-    error_of: squared error of the picture by a decoded plane."""
+    points: _Points."""
     (bits, decoded), (fewer, coarser) = (_coded(plane, support, patch, coder.shifted(steps)) for steps in (0, APART))
-    mse, more, uncoded = error_of(decoded), error_of(coarser), error_of(plane)
+    at, chosen, shares = points.query(decoded), points.chosen, points.stands_for
+    mse, more, uncoded = (patch.mse(chosen, got, shares) for got in (at, points.query(coarser), points.query(plane)))
     saved = math.log2(max(bits, LEAST_BITS) / max(fewer, LEAST_BITS)) / APART
     added = math.log2(max(more - uncoded, LEAST_ERROR) / max(mse - uncoded, LEAST_ERROR)) / APART
     slopes = max(saved, 0.0), min(max(added, 0.0), MOST_ADDED)
-    return Probe(values, bits, mse, uncoded=min(uncoded, mse), slopes=slopes)
+    return Probe(values, bits, mse, uncoded=min(uncoded, mse), alpha=patch.alpha_mse(chosen, at, shares), slopes=slopes)
 
 
 def _coded(plane, support, patch, quality):
@@ -252,12 +277,9 @@ def probe_texels(patch: Patch, plan: TexelPlan, keys: np.ndarray, cell: int, cod
     support = TexelSupport(keys=mine, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap, fraction_bits=0)
     chosen, maps = _well_inside(place, cell, cells), {}
     shares = sample.of_points(_cell_keys(np.floor(place[chosen]).astype(np.int64), cell))
+    points = _Points(chosen, shares, lambda plane: support.query(texel[chosen], plane, patch.threads))
     for one in (*patch.maps.values(), patch):
-
-        def error_of(plane, one=one):
-            return one.mse(chosen, support.query(texel[chosen], plane, patch.threads), shares)
-
-        made = _probed(one, len(keys), _texels_of(plan, one, support), support, coder, error_of)
+        made = _probed(one, len(keys), _texels_of(plan, one, support), support, coder, points)
         if one.name is not None:
             maps[one.name] = made
     return replace(made, maps=maps)
@@ -311,14 +333,12 @@ def probe_voxels(patch: Patch, resolution: int, cell: int, density: int, coder: 
     support, brick_map = VoxelSupport(resolution, keys), build_brick_map(keys)
     chosen, maps = _well_inside(grid, cell, cells), {}
     shares = sample.of_points(_cell_keys(np.floor(grid[chosen]).astype(np.int64), cell))
+    points = _Points(chosen, shares, lambda plane: query_field(grid[chosen], resolution, keys, brick_map, plane,
+                                                               patch.threads)[0])
     for one in (*patch.maps.values(), patch):
         rgba = np.column_stack(transfer(surface.lattice, faces, one.packed(patch.faces[near]), bits, resolution, keys, brick_map,
                                         density, patch.threads))
-
-        def error_of(plane, one=one):
-            return one.mse(chosen, query_field(grid[chosen], resolution, keys, brick_map, plane, patch.threads)[0], shares)
-
-        made = _probed(one, values, one.values(rgba), support, coder, error_of)
+        made = _probed(one, values, one.values(rgba), support, coder, points)
         saved = (1 - LEFT_BY_FIT) * made.uncoded if is_fitted and one is patch else 0.0
         made = replace(made, mse=made.mse - saved, uncoded=made.uncoded - saved)
         if one is not patch:

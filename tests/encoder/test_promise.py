@@ -16,12 +16,13 @@ from texfcodec.encoder.estimates.position_error import small_parts
 from texfcodec.encoder.estimates.probe import TEXEL_CELL, Patch, Probe, probe_texels
 from texfcodec.encoder.pipeline import _collapsed, encode_scene
 from texfcodec.encoder.rd import MOST_SHORT, RateDistortion
-from texfcodec.encoder.self_check import _advice, promised_psnr
+from texfcodec.encoder.self_check import _advice, encode_checked, promised_psnr
 from texfcodec.encoder.texel_field import covered_texels
 from texfcodec.field.texels import TexelSupport
 from texfcodec.geometry.canonical import MAX_BITS
 from texfcodec.geometry.surface import make_surface
 from texfcodec.metrics.parts import compare_parts
+from texfcodec.report import Report
 from texfcodec.scene.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
 
 PERIODIC = [(WRAP_REPEAT, 1), (WRAP_MIRROR, 2)]
@@ -164,3 +165,15 @@ def test_a_ground_that_is_tiled_often_is_coded(times):
     scene = wall(smooth_image(1024, 1024), n=4, low=0, high=times)
     made = encode_scene(scene, EncodeOptions(rate="r01", effort="fast"))
     assert decode(made.data).faces.shape == scene.faces.shape
+
+
+def test_a_stream_is_no_larger_than_its_source_where_the_quality_is_the_encoder_s_to_choose():
+    scene = wall(noisy(64, 30), n=6, high=20)
+    scene.corner_color = np.linspace(0.2, 1, scene.faces.size * 4, dtype=np.float32).reshape(*scene.faces.shape, 4)
+    scene.corner_color[..., 3] = 1
+    whole = encode_checked(scene, EncodeOptions(rate="r04"), Report())
+    scene.files = {"a.glb": len(whole.data) // 2}
+    report = Report()
+    assert len(encode_checked(scene, EncodeOptions(rate="r04"), report).data) <= scene.files["a.glb"]
+    assert any("not larger than its source" in remark for remark in report.remarks)
+    assert len(encode_checked(scene, EncodeOptions(rate="r04", qp=24), Report()).data) > scene.files["a.glb"]

@@ -7,6 +7,7 @@ others have the values that the encoder had from its own mirror of the decoder.
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -21,7 +22,9 @@ from ..options import RATES, DecodeOptions
 from ..render.environment import DAYLIGHT
 from ..report import Report, Step, no_step
 from . import pipeline
+from .coder import LAST_QP
 from .decide.one_colour import NOTHING_TO_PROBE
+from .decide.spending import BITS_PER_QP
 from .memo import MemoOfParts, NoMemo
 from .rd import coding_mse
 
@@ -36,6 +39,7 @@ SECONDS_PER_VALUE = 6e-7  # of a decoder, with one thread, at most: 1.0 to 2.6 m
 # Bytes that parts may add which are coded again, finer: of the first stream's so much for their share of the surface, and at most
 # so much. A city's billboards, 400 voxels of it, would have added 36 %.
 MORE_PER_SHARE, MOST_MORE = 10.0, 0.5
+MOST_TRIES = 3  # coarser QPs, until a stream is no larger than its source
 LEAST_GAIN = 1.0  # dB that the worst part must gain by it
 FINER_CHROMA = 6  # QP
 # dB under what the rate promises from which Y, or RGB and alpha, or pictures with their outlines count as a miss
@@ -64,6 +68,8 @@ def encode_checked(scene: Scene, options: EncodeOptions, report: Report) -> Enco
     begin, kept = time.perf_counter(), Report(report.on_progress)
     memo = MemoOfParts() if options.support == "auto" and promised_psnr(options) is not None else NoMemo()
     made = pipeline.encode_scene(scene, options, kept, memo=memo)
+    if len(made.data) > sum(scene.files.values()) > 0:
+        made, kept = _no_larger(scene, made, options, kept)
     found = check(scene, made, options, kept, time.perf_counter() - begin)
     missed = misses(found)
     if missed and _may_be_finer(made, missed, options):
@@ -77,6 +83,27 @@ def encode_checked(scene: Scene, options: EncodeOptions, report: Report) -> Enco
     report.take(kept)
     report.warnings += warnings_of(found, options)
     return made
+
+
+def _no_larger(scene, made, options, report):
+    """(Encoded, its report) at a coarser QP, where the stream is larger than the source's files and the quality is the encoder's
+    to choose; as it was where no QP helps."""
+    most = sum(scene.files.values())
+    if promised_psnr(options) is None or options.given["qp"] is not None or made.sizes["attributes"] < len(made.data) - most:
+        return made, report
+    qp, best, kept = options.qp, made, report
+    for _ in range(MOST_TRIES):
+        values = max(most - len(best.data) + best.sizes["attributes"], 1)
+        qp += math.ceil(math.log2(best.sizes["attributes"] / values) / BITS_PER_QP)
+        if qp > LAST_QP:
+            return made, report
+        kept = Report(report.on_progress)
+        best = pipeline.encode_scene(scene, options.changed(qp=qp), kept)
+        report.take_seconds(kept)
+        if len(best.data) <= most:
+            kept.remarks.append(f"coded at QP {qp} instead of {options.qp}, so that the stream is not larger than its source")
+            return best, kept
+    return made, report
 
 
 def _coded_finer(scene, missed, options, report, memo):

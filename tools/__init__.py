@@ -1,0 +1,1 @@
+"""What measures and builds beside the package; nothing here ships."""

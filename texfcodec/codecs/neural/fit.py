@@ -46,13 +46,17 @@ class Fit:
                  threads: int = 1, batch: int = BATCH, judged: Sequence[int] = (0, 1, 2)) -> None:
         self.design, self.tables, self.seed, self.threads = design, tables, seed, threads
         self.held_out, self.judged = held_out, list(judged)
-        order = order_along_curve(samples.position)
-        self.batches = max(1, len(order) // batch)
-        self.samples = samples.taken(order[: len(order) // self.batches * self.batches].reshape(-1, self.batches).T.reshape(-1))
-        self.cell, self.corners = cells_of(self.samples, tables)
+        self._arrange(samples, batch)
         self.held_cells = cells_of(held_out, tables)
         self.resolutions = np.array([level.resolution for level in design.levels], np.int64)
         self._start()
+
+    def _arrange(self, samples, batch):
+        """Puts samples into batches, and looks up the latents around them."""
+        order = order_along_curve(samples.position)
+        self.batches = max(1, len(order) // batch)
+        self.samples = samples.taken(order[: len(order) // self.batches * self.batches].reshape(-1, self.batches).T.reshape(-1))
+        self.cell, self.corners = cells_of(self.samples, self.tables)
 
     def _start(self):
         random = np.random.default_rng(self.seed)
@@ -71,17 +75,25 @@ class Fit:
         self.upload()
         self.step, self.seconds, self.log, self._order = 0, 0.0, [], (-1, np.zeros(0, np.int64))
 
+    def _epoch(self, epoch):
+        """Order in which an epoch takes the batches."""
+        return np.random.default_rng([self.seed, 1, epoch]).permutation(self.batches)
+
     def _batch(self):
         """Rows of the next batch (begin, end): every epoch takes all of them once in a new order."""
         epoch, place = divmod(self.step, self.batches)
         if self._order[0] != epoch:
-            self._order = epoch, np.random.default_rng([self.seed, 1, epoch]).permutation(self.batches)
+            self._order = epoch, self._epoch(epoch)
         size = len(self.samples) // self.batches
         return self._order[1][place] * size, (self._order[1][place] + 1) * size
 
     def _decay(self, steps):
         """What is left of the rates before the next step."""
         return 0.5 * (1 + np.cos(np.pi * self.step / steps))
+
+    def _take_steps(self, until, steps, pool):
+        """Steps up to the number `until` of `steps`; returns the errors of their batches, as of _one_step."""
+        return [self._one_step(steps, pool) for _ in range(until - self.step)]
 
     def _one_step(self, steps, pool):
         """One step of all; returns the mean squared error of the batch before it, on the scale 0..255."""
@@ -185,19 +197,16 @@ class Fit:
         """
         if checkpoint is not None:
             self._resume(checkpoint, steps)
-        begin, saved, errors = time.perf_counter() - self.seconds, time.perf_counter(), []
+        begin, saved, every = time.perf_counter() - self.seconds, time.perf_counter(), max(1, steps // LOOKS)
         with ThreadPoolExecutor(self.threads) as pool:
             while self.step < steps:
-                errors.append(self._one_step(steps, pool))
-                if self.step % max(1, steps // LOOKS) and self.step != steps:
-                    continue
-                self.seconds = time.perf_counter() - begin
+                errors = self._take_steps(min(steps, (self.step // every + 1) * every), steps, pool)
                 self.download()
+                self.seconds = time.perf_counter() - begin
                 reached = self._checked_psnr(errors)
                 trained = decibels(max(float(np.mean(errors)), 1e-9))
                 self.log.append({"step": self.step, "seconds": round(self.seconds, 2), "train_psnr": round(trained, 3),
                                  "psnr": round(reached, 3)})
-                errors = []
                 on_look(self, steps)
                 if checkpoint is not None and (time.perf_counter() - saved > SAVE_SECONDS or self.step == steps):
                     self._save(checkpoint, steps)

@@ -1,19 +1,32 @@
-"""The 3DNTC fit's step in torch, for CUDA: the same state, batches and formulas as fit.Fit, on the device (extra texfcodec[ntc]).
+"""The 3DNTC fit in torch, for CUDA: the batches and formulas of fit.Fit on the device (extra texfcodec[ntc]).
+
+A step is the fused kernels of fit_triton.py, or plain torch where those do not suit the design, the torch or the GPU; both are
+recorded as CUDA graphs, so that the host does nothing between two looks. Seeds are those of Fit: one seed gives the same samples,
+batches and first values as there, but payloads differ in their last bits from run to run, because atomic additions have no order.
 
 On two processor cores the fused kernels of train.py are several times faster (docs/design/neural.md), so this is taken only where
 torch sees a GPU, or where it is asked for.
 """
 
+from __future__ import annotations
+
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
-from .fit import LATENT_RATE, NETWORK_RATE, Fit
+from .fit import BATCH, LATENT_RATE, NETWORK_RATE, WARMING, Fit
+from .fit_layout import Layout
 from .infer import CODES, LOCAL_BITS, POSITION_BITS
 from .train import MOMENTUM, SQUARE_DECAY, TINY
 
-CUDA_BATCH = 1 << 16  # the paper's; a step of fewer samples would not fill a GPU
+CUDA_BATCH = 1 << 14
+LEAST_BATCH = 1 << 10
+RECORDED = 50  # steps of a graph
+HALF_UNITS = (7, 0)  # compute capability from which there are 16-bit matrix units
+TF32_UNITS = (8, 0)
+GRADIENT_TOLERANCE, MOVE_TOLERANCE = 2e-2, 1e-3  # relative distance of the fused step from the plain one
 
 
 def cuda_is_there() -> bool:
@@ -25,99 +38,350 @@ def cuda_is_there() -> bool:
     return torch.cuda.is_available()
 
 
-class TorchFit(Fit):
-    """As Fit; device: "cuda" or "cpu". Raises InputError TXF-I56 where torch is not installed."""
+@dataclass
+class State:
+    """Tensors on the device. position int32 [S, 3], target, share uint8 [S, C], cell int32 [S, L], corners int32 [.., 8]: the
+    samples in batches; latent float32 [N, padded], row_square float32 [N], times int32 [N], codes int8 [N, padded]; net, mean,
+    square float32 [P]: the network in the form of Layout; order int32 [T]: batch of each step; schedule float32 [T, 3]: decay of
+    the rates and the two scales of Adam; errors float32 [T]; counter int32 [1]: next step; warming: as fit.WARMING."""
 
-    def __init__(self, *arguments: Any, device: str | None = None, **named: Any) -> None:
+    position: Any
+    target: Any
+    share: Any
+    cell: Any
+    corners: Any
+    warming: Any
+    latent: Any = None
+    row_square: Any = None
+    times: Any = None
+    codes: Any = None
+    net: Any = None
+    mean: Any = None
+    square: Any = None
+    order: Any = None
+    schedule: Any = None
+    errors: Any = None
+    counter: Any = None
+
+    MOVED = ("latent", "row_square", "times", "codes", "net", "mean", "square", "counter")
+
+    def copy(self) -> dict[str, Any]:
+        """What a step changes."""
+        return {name: getattr(self, name).clone() for name in self.MOVED}
+
+    def restore(self, kept: dict[str, Any]) -> None:
+        """Mirror of copy()."""
+        for name, value in kept.items():
+            getattr(self, name).copy_(value)
+
+
+class TorchFit(Fit):
+    """As Fit. device: "cuda" or "cpu"; step: "auto", "fused" or "plain"; products: "float16", "tf32" or "float32" of the fused
+    step, or "auto". remarks: sentences on what was not possible. Raises InputError TXF-I56 where torch is not installed."""
+
+    def __init__(self, *arguments: Any, device: str | None = None, step: str = "auto", products: str = "auto",
+                 batch: int | None = None, **named: Any) -> None:
         try:
             import torch
         except ImportError:
             raise InputError("TXF-I56", "fitting with torch needs the optional extra: pip install texfcodec[ntc]") from None
         self.torch = torch
         self.device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
-        if self.device.type == "cuda":
-            named.setdefault("batch", CUDA_BATCH)
-        super().__init__(*arguments, **named)
+        self.remarks: list[str] = []
+        self.asked_step = step if step != "auto" else ("fused" if self.device.type == "cuda" else "plain")
+        self.products = _products(torch, self.device, self.remarks) if products == "auto" else products
+        batch = batch or (CUDA_BATCH if self.device.type == "cuda" else BATCH)
+        while True:
+            try:
+                super().__init__(*arguments, batch=batch, **named)
+                return
+            except torch.OutOfMemoryError:
+                if batch <= LEAST_BATCH:
+                    raise
+                self.remarks.append(f"the GPU has too little memory for batches of {batch} samples; {batch // 2} are taken")
+                batch //= 2
+            self.state, self.engine = None, None
+            torch.cuda.empty_cache()
+
+    def _on(self, array):
+        return self.torch.as_tensor(np.ascontiguousarray(array), device=self.device)
+
+    def _arrange(self, samples, batch):
+        """As Fit._arrange, on the GPU where there is one."""
+        if self.device.type != "cuda":
+            super()._arrange(samples, batch)
+            self.held = None
+            return
+        from .fit_arrange import cells_on, order_on
+
+        torch, position = self.torch, self._on(samples.position)
+        order = order_on(position)
+        self.batches = max(1, len(order) // batch)
+        order = order[: len(order) // self.batches * self.batches].reshape(-1, self.batches).T.reshape(-1)
+        self.samples = samples.taken(order.cpu().numpy())
+        self.cell, self.corners = cells_on(self.samples, position[order], self.tables)
+        del position, order
+        torch.cuda.empty_cache()
 
     def _start(self):
+        size = len(self.samples) // self.batches
+        if self.device.type == "cuda":
+            size = size // 128 * 128 or size  # whole programs; a batch loses less than 128 samples
+        self.layout = Layout.of(self.design, size)
+        self.weight_places, self.bias_places = self.layout.places()
+        s, whole = self.samples, len(self.samples) // self.batches
+        batched = lambda array: self._on(array).reshape(self.batches, whole, -1)[:, :size].reshape(self.batches * size, -1).contiguous()
+        self.state = State(*(batched(a) for a in (s.position, s.target, s.share, self.cell)), self._on(self.corners),
+                           self._on(WARMING))
+        self.held_state = [self._on(a) for a in (self.held_out.position, *self.held_cells)]
+        self.engine, self.graph, self.planned, self.checked = None, None, None, False
         super()._start()
-        on = lambda array: self.torch.as_tensor(np.ascontiguousarray(array), device=self.device)
-        s = self.samples
-        self.data = [on(a) for a in (s.position.astype(np.int64), s.target, s.share, self.cell.astype(np.int64))]
-        self.rows = on(self.corners.astype(np.int64))
-        self.upload()
 
     def upload(self) -> None:
         """Takes the state of the arrays to the device."""
         super().upload()
-        on = lambda array: self.torch.as_tensor(np.array(array), device=self.device)
-        self.state = [[on(a) for a in kind] for kind in (self.values, self.means, self.squares)] + [on(self.times)]
-        for value in self.state[0]:
-            value.requires_grad_()
+        s, net = self.state, lambda weight, bias: self._on(self._to_net(weight, bias))
+        fresh = {"latent": self._on(self.values[0].copy()), "row_square": self._on(self.squares[0].copy()),
+                 "times": self._on(self.times.copy()), "codes": self._on(self.codes.copy()), "net": net(*self.values[1:]),
+                 "mean": net(*self.means), "square": net(*self.squares[1:])}
+        for name, value in fresh.items():
+            if getattr(s, name) is None:
+                setattr(s, name, value)
+            else:  # graphs keep the places of tensors
+                getattr(s, name).copy_(value)
 
     def download(self) -> None:
         """Brings the state back into the arrays."""
-        for kind, arrays in zip(self.state[:3], (self.values, self.means, self.squares), strict=True):
-            for tensor, array in zip(kind, arrays, strict=True):
-                array[...] = tensor.detach().cpu().numpy()
-        self.times[...] = self.state[3].cpu().numpy()
-        super().upload()
+        s, back = self.state, lambda tensor: tensor.detach().cpu().numpy()
+        self.values[0][...], self.squares[0][...], self.times[...] = back(s.latent), back(s.row_square), back(s.times)
+        self.codes[...] = back(s.codes)
+        for tensor, (weight, bias) in ((s.net, self.values[1:]), (s.mean, self.means), (s.square, self.squares[1:])):
+            flat = back(tensor)
+            for array, places in ((weight, self.weight_places), (bias, self.bias_places)):
+                array[...] = np.where(places >= 0, flat[np.maximum(places, 0)], 0)
 
-    def _inputs(self, position, cell, latent):
-        """Network inputs float32 [M, inputs] from positions int64 [M, 3], rows of corners int64 [M, L] and latents."""
-        torch, parts = self.torch, []
-        codes = torch.floor(latent * (CODES // 2))
-        read = latent + ((codes + 0.5) / (CODES // 2) - latent).detach()  # rounded, with the gradient of what was not
-        for level, resolution in enumerate(self.resolutions.tolist()):
+    def _to_net(self, weight, bias):
+        flat = np.zeros(self.layout.size, np.float32)
+        for array, places in ((weight, self.weight_places), (bias, self.bias_places)):
+            flat[places[places >= 0]] = array[places >= 0]
+        return flat
+
+    # What a step is.
+
+    def _inputs(self, position, cell, corners, read):
+        """Network inputs float32 [M, inputs] of Layout. position: int32 [M, 3]; cell: int32 [M, L]; read: float32 [N, features],
+        latents as the decoder will have them."""
+        torch, lay, parts = self.torch, self.layout, []
+        position = position.long()
+        q = torch.arange(8, device=self.device)
+        for level, resolution in enumerate(lay.resolutions):
             local = ((position * resolution) >> (POSITION_BITS - LOCAL_BITS)) - (1 << (LOCAL_BITS - 1))
-            fraction = (local & ((1 << LOCAL_BITS) - 1)).float() / (1 << LOCAL_BITS)
-            corner, weight = self.rows[cell[:, level]], torch.ones(len(position), 8, device=self.device)
-            for q in range(8):
-                for axis in range(3):
-                    weight[:, q] *= fraction[:, axis] if q >> axis & 1 else 1 - fraction[:, axis]
+            part = (local & ((1 << LOCAL_BITS) - 1)).float() / (1 << LOCAL_BITS)
+            corner, weight = corners[cell[:, level].long()].long(), 1.0
+            for axis in range(3):
+                one = part[:, axis, None]
+                weight = weight * torch.where((q >> axis & 1) > 0, one, 1 - one)
             weight = weight * (corner >= 0)
             total = weight.sum(1, keepdim=True)
             weight = torch.where(total > 0, weight / total.clamp(min=1e-12), weight)
-            parts.append((weight[:, :, None] * read[corner.clamp(min=0), : self.design.features]).sum(1))
+            near = read.index_select(0, corner.clamp(min=0).reshape(-1)).reshape(len(position), 8, -1)
+            parts.append(self._padded((weight[:, :, None] * near).sum(1), lay.feature_block))
         waves = []
-        for octave in range(self.design.octaves):
-            for axis in range(3):
-                phase = (position[:, axis] * (self.design.first_wave << octave)) >> 9
-                waves += [((p & 65535) - 32768).abs().float() / 16384 - 1 for p in (phase, phase + 16384)]
-        inputs = torch.cat(parts + ([torch.stack(waves, 1)] if waves else []), 1)
-        return torch.nn.functional.pad(inputs, (0, int(self.widths[0]) - inputs.shape[1]))
+        for octave in range(lay.octaves):
+            phase = (position * (lay.first_wave << octave)) >> (POSITION_BITS + 1 - 16)
+            both = torch.stack((phase, phase + 16384), 2).reshape(len(position), 6)
+            waves.append(((both & 65535) - 32768).abs().float() / 16384 - 1)
+        waves = torch.cat(waves, 1) if waves else torch.zeros((len(position), 0), device=self.device)
+        return torch.cat((*parts, self._padded(waves, lay.wave_block)), 1)
 
-    def _outputs(self, x):
-        torch, (_, weight, bias) = self.torch, self.state[0]
-        for n, (i, o) in enumerate(zip(self.widths[:-1], self.widths[1:], strict=True)):
-            x = x @ weight[n, :o, :i].T + bias[n, :o]
-            if n + 2 < len(self.widths):
+    def _padded(self, x, width):
+        return self.torch.nn.functional.pad(x, (0, width - x.shape[1]))
+
+    def _outputs(self, x, net):
+        torch, lay = self.torch, self.layout
+        for n, (i, o) in enumerate(zip(lay.inputs, lay.outputs, strict=True)):
+            weight = net[lay.weights[n] : lay.weights[n] + i * o].view(o, i)
+            x = torch.addmm(net[lay.biases[n] : lay.biases[n] + o], x, weight.T)
+            if n + 1 < len(lay.outputs):
                 inner = x.clamp(-1.5, 1.5)
                 x = torch.where(x > 1.5, x, inner * (inner + 1.5) / 3)
-        return x[:, : self.design.components]
+        return x[:, : lay.components]
+
+    def _plain_gradients(self):
+        """(gradients of latents and network, error and weight of the batch that the counter names) by autograd."""
+        torch, s, size = self.torch, self.state, self.layout.batch
+        rows = s.order[s.counter.long()].long() * size + torch.arange(size, device=self.device)
+        position, target, share, cell = (t.index_select(0, rows) for t in (s.position, s.target, s.share, s.cell))
+        with torch.enable_grad():
+            net = s.net.detach().requires_grad_()
+            # rounded to what a decoder reads, with the gradient of what was not
+            read = (s.codes[:, : self.layout.features].float() / CODES).requires_grad_()
+            got = self._outputs(self._inputs(position, cell, s.corners, read), net)
+            share = share.float() / 255
+            error = (share * (got - (target.float() / 127.5 - 1)) ** 2).sum()
+            latent, network = torch.autograd.grad(error / 2, (read, net))
+        return self._padded(latent, self.layout.padded), network, error.detach(), share.sum()
+
+    def _plain_move(self, latent, network, error, weight):
+        """Moves everything against its gradient, as Fit.move."""
+        torch, s, step = self.torch, self.state, self.state.counter.long()
+        decay, mean_scale, square_scale = s.schedule.index_select(0, step).unbind(1)
+        power = (latent**2).sum(1)
+        touched = power > 0
+        s.times += touched
+        running = SQUARE_DECAY * s.row_square + (1 - SQUARE_DECAY) * power / self.layout.features
+        s.row_square.copy_(torch.where(touched, running, s.row_square))
+        warm = s.warming[s.times.clamp(max=len(s.warming) - 1).long()]
+        warm = torch.where(s.times < len(s.warming), warm, torch.ones_like(warm))
+        size = LATENT_RATE * decay / (torch.sqrt(s.row_square * warm) + TINY)
+        moved = (s.latent - size[:, None] * latent).clamp(-1 + 1e-4, 1 - 1e-4)
+        s.latent.copy_(torch.where(touched[:, None], moved, s.latent))
+        f = self.layout.features
+        s.codes[:, :f] = (2 * torch.floor(s.latent[:, :f] * (CODES // 2)) + 1).to(torch.int8)
+        s.mean.mul_(MOMENTUM).add_(network, alpha=1 - MOMENTUM)
+        s.square.mul_(SQUARE_DECAY).addcmul_(network, network, value=1 - SQUARE_DECAY)
+        s.net -= NETWORK_RATE * decay * mean_scale * s.mean / (torch.sqrt(s.square * square_scale) + TINY)
+        s.errors.index_copy_(0, step, (error / weight.clamp(min=TINY) * 127.5**2).reshape(1))
+        s.counter += 1
+
+    def _launch(self):
+        """One step on the device."""
+        if self.engine is not None:
+            self.engine.gradients()
+            self.engine.move(LATENT_RATE, NETWORK_RATE)
+        else:
+            self._plain_move(*self._plain_gradients())
+
+    # How many steps go.
+
+    def _plan(self, steps):
+        """Puts the order of batches and the schedule of the rates on the device."""
+        if self.planned == steps:
+            return
+        epochs = -(-steps // self.batches)
+        order = np.concatenate([self._epoch(epoch) for epoch in range(epochs)])[:steps].astype(np.int32)
+        n = np.arange(steps, dtype=np.float64)
+        schedule = np.stack([0.5 * (1 + np.cos(np.pi * n / steps)), 1 / (1 - MOMENTUM ** (n + 1)),
+                             1 / (1 - SQUARE_DECAY ** (n + 1))], axis=1).astype(np.float32)
+        s = self.state
+        s.order, s.schedule, s.errors = self._on(order), self._on(schedule), self._on(np.zeros(steps, np.float32))
+        s.counter = self._on(np.full(1, self.step, np.int32))
+        self.planned, self.graph = steps, None
+
+    def _choose(self):
+        """Takes the fused step if it is wanted, can be compiled, and agrees with the plain one."""
+        if self.checked:
+            return
+        self.checked = True
+        if self.asked_step != "fused":
+            return
+        reason = self._fused_fault()
+        if reason:
+            self.engine = None
+            self.remarks.append(f"plain torch steps are taken: {reason}")
+
+    def _fused_fault(self):
+        """Makes the fused step and compares it with the plain one; a sentence where it cannot be taken. The state stays."""
+        torch, kept = self.torch, None
+        try:
+            from .fit_triton import FusedStep, suits
+
+            if reason := suits(self.layout, self.layout.components):
+                return reason
+            kept = self.state.copy()
+            plain = self._plain_gradients()
+            self.engine = FusedStep(self.state, self.layout, self.products)
+            self.engine.gradients()
+            fused = self.engine.gradient.clone(), self.engine.partial.sum(0), self.engine.sums[:, 0].sum(), plain[3]
+            self.distances = [_distance(a, b) for a, b in zip(fused[:3], plain[:3], strict=True)]
+            self.engine.move(LATENT_RATE, NETWORK_RATE)
+            moved = self.state.copy()
+            self.state.restore(kept)
+            self._plain_move(*fused)
+            self.distances += [_distance(moved[n].float(), getattr(self.state, n).float()) for n in ("latent", "net", "codes")]
+            limits = [GRADIENT_TOLERANCE] * 3 + [MOVE_TOLERANCE] * 2 + [GRADIENT_TOLERANCE]
+            if not all(d < limit for d, limit in zip(self.distances, limits, strict=True)):
+                return "the fused kernels disagree with them by " + ", ".join(f"{d:.1e}" for d in self.distances)
+            return ""
+        except torch.OutOfMemoryError:
+            raise
+        except Exception as error:  # a compiler's own kinds, of which there are many; the plain step does the same work
+            return f"the fused kernels do not run here ({type(error).__name__}: {str(error).splitlines()[0][:200] if str(error) else ''})"
+        finally:
+            if kept is not None:
+                self.state.restore(kept)
+                if self.engine is not None:
+                    self.engine.gradient.zero_()
+
+    def _record(self):
+        """A CUDA graph of RECORDED steps; None where none can be recorded."""
+        torch, kept = self.torch, self.state.copy()
+        errors = self.state.errors.clone()
+        try:
+            beside = torch.cuda.Stream()
+            beside.wait_stream(torch.cuda.current_stream())
+            with torch.cuda.stream(beside):  # whatever is made at the first call is made here
+                self._launch()
+            torch.cuda.current_stream().wait_stream(beside)
+            graph = torch.cuda.CUDAGraph()
+            with torch.cuda.graph(graph):
+                for _ in range(RECORDED):
+                    self._launch()
+        except RuntimeError as error:
+            self.remarks.append(f"steps are launched one by one, since no graph could be recorded: {str(error).splitlines()[0]}")
+            graph = None
+        self.state.restore(kept)
+        self.state.errors.copy_(errors)
+        return graph
+
+    def _take_steps(self, until, steps, pool):
+        """As Fit._take_steps, on the device; waits for it once, at the end."""
+        with self.torch.no_grad():
+            self._plan(steps)
+            self._choose()
+            s = self.state
+            s.counter.fill_(self.step)
+            begin = self.step
+            if self.device.type == "cuda" and self.graph is None and until - begin > RECORDED:
+                self.graph = self._record() or ()
+            while self.step < until:
+                if self.graph and until - self.step >= RECORDED:
+                    self.graph.replay()
+                    self.step += RECORDED
+                else:
+                    self._launch()
+                    self.step += 1
+            return s.errors[begin:until].cpu().numpy().tolist()
 
     def _one_step(self, steps, pool):
-        """As Fit._one_step, on the device."""
-        torch, (begin, end) = self.torch, self._batch()
-        position, target, share, cell = (d[begin:end] for d in self.data)
-        values, means, squares, times = self.state
-        got = self._outputs(self._inputs(position, cell, values[0]))
-        error = (share.float() / 255 * (got - (target.float() / 127.5 - 1)) ** 2).sum()
-        latent, *network = torch.autograd.grad(error / 2, values)
-        decay = self._decay(steps)
-        self.step += 1
-        with torch.no_grad():
-            power = (latent**2).sum(1) / self.design.features
-            touched = power > 0
-            times += touched
-            running = SQUARE_DECAY * squares[0] + (1 - SQUARE_DECAY) * power
-            squares[0] = torch.where(touched, running, squares[0])
-            scale = torch.sqrt(squares[0] / (1 - SQUARE_DECAY ** times.float().clamp(min=1))) + TINY
-            values[0] -= (touched * LATENT_RATE * decay / scale)[:, None] * latent
-            values[0].clamp_(-1 + 1e-4, 1 - 1e-4)
-            for n, g in enumerate(network):
-                means[n] = MOMENTUM * means[n] + (1 - MOMENTUM) * g
-                squares[n + 1] = SQUARE_DECAY * squares[n + 1] + (1 - SQUARE_DECAY) * g * g
-                size = torch.sqrt(squares[n + 1] / (1 - SQUARE_DECAY**self.step)) + TINY
-                values[n + 1] -= NETWORK_RATE * decay / (1 - MOMENTUM**self.step) * means[n] / size
-        return float(error.detach() / (share.sum() / 255).clamp(min=TINY)) * 127.5**2
+        """As Fit._one_step."""
+        return self._take_steps(self.step + 1, steps, pool)[0]
+
+    def answers(self, samples, cells):
+        """As Fit.answers; at the held-out points on the device."""
+        if samples is not self.held_out or self.device.type != "cuda":
+            return super().answers(samples, cells)
+        with self.torch.no_grad():
+            read = self.state.codes[:, : self.layout.features].float() / CODES
+            position, cell, corners = self.held_state
+            parts = range(0, len(position), 1 << 16)
+            got = [self._outputs(self._inputs(position[b : b + (1 << 16)], cell[b : b + (1 << 16)], corners, read), self.state.net)
+                   for b in parts]
+            return ((self.torch.cat(got) + 1) * 127.5).cpu().numpy()
+
+
+def _products(torch, device, remarks):
+    """Products that the GPU's matrix units have."""
+    if device.type != "cuda":
+        return "float32"
+    capability = torch.cuda.get_device_capability(device)
+    if capability >= HALF_UNITS:
+        return "float16"
+    remarks.append("the GPU has no 16-bit matrix units; products are taken in float32")
+    return "float32"
+
+
+def _distance(one, other):
+    """Norm of the difference over the norm of other."""
+    one, other = one.double(), other.double()
+    return float((one - other).norm() / other.norm().clamp(min=1e-30))

@@ -1,0 +1,55 @@
+"""Batches of a 3DNTC fit and the latents around samples, worked out on the GPU: as fit_samples.order_along_curve and cells_of, in
+a tenth of a second instead of ten."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...field.morton import spread
+from .fit_samples import Samples, _corner_rows
+from .infer import LOCAL_BITS, POSITION_BITS
+
+CURVE = 2048  # cells a side of order_along_curve
+CELL_BITS = 14  # of a cell's coordinate: resolutions go to 2**13
+
+
+def _cell_coordinates(position, resolution):
+    """Cells of latents, int64 [M, 3], from 0. position: tensor int32 [M, 3]."""
+    local = ((position.long() * resolution) >> (POSITION_BITS - LOCAL_BITS)) - (1 << (LOCAL_BITS - 1))
+    return (local >> LOCAL_BITS) + 1
+
+
+def order_on(position: Any) -> Any:
+    """order_along_curve() of a tensor int32 [M, 3]: tensor int64 [M]."""
+    import torch
+
+    x, y, z = _cell_coordinates(position, CURVE).unbind(1)
+    return torch.sort(spread(x) | spread(y) << 1 | spread(z) << 2, stable=True).indices
+
+
+def cells_on(samples: Samples, position: Any, tables: list) -> tuple[Any, Any]:
+    """cells_of(), with the cells in another order: tensors (cell int32 [M, L], corners int32 [cells, 8]). position: the samples'
+    as a tensor on the device."""
+    import torch
+
+    device, levels, made, corners = position.device, len(tables[0].index[0]), 0, []
+    cell = torch.empty((len(position), levels), dtype=torch.int32, device=device)
+    field = torch.as_tensor(samples.field, device=device)
+    for number, table in enumerate(tables):
+        mine = torch.nonzero(field == number).reshape(-1)
+        of_level, places, slots, bricks, words, ranks = table.index
+        for n in range(levels):
+            x, y, z = _cell_coordinates(position[mine], int(of_level[n, 0])).unbind(1)
+            keys, inverse = torch.unique(x | y << CELL_BITS | z << (2 * CELL_BITS), return_inverse=True)
+            first = torch.empty(len(keys), dtype=torch.int64, device=device)
+            first[inverse] = mine
+            rows = np.empty((len(keys), 8), np.int32)
+            s, t, b, e = places[n, 0], places[n + 1, 0], places[n, 1], places[n + 1, 1]
+            where = np.ascontiguousarray(position[first].cpu().numpy())
+            _corner_rows(where, *of_level[n], slots[s:t], bricks[b:e], words[b:e], ranks[b:e], rows)
+            cell[mine, n] = (made + inverse).int()
+            corners.append(torch.as_tensor(rows, device=device))
+            made += len(rows)
+    return cell, torch.cat(corners) if corners else torch.empty((0, 8), dtype=torch.int32, device=device)

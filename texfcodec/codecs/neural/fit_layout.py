@@ -1,0 +1,78 @@
+"""Where a 3DNTC fit on a GPU keeps the network: one flat vector of matrices whose sides are powers of two."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .infer import CHUNK
+from .parameter_count import WAVE_INPUTS
+from .payload import Payload
+
+LEAST_SIDE = 16  # of a matrix that matrix units take
+
+
+def _power(count):
+    return max(LEAST_SIDE, 1 << (int(count) - 1).bit_length())
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Sizes of a design on the device. feature_block, wave_block: padded latents of a level and padded waves, which stand one
+    after the other in the network's inputs; outputs: padded widths of the layers; inputs: those of their inputs; weights, biases:
+    where each layer begins in the vector of `size` parameters, matrices [outputs, inputs] row by row; block: samples a program."""
+
+    batch: int
+    block: int
+    components: int
+    levels: int
+    resolutions: tuple[int, ...]
+    features: int
+    padded: int
+    octaves: int
+    first_wave: int
+    widths: tuple[int, ...]
+    feature_block: int
+    wave_block: int
+    inputs: tuple[int, ...]
+    outputs: tuple[int, ...]
+    weights: tuple[int, ...]
+    biases: tuple[int, ...]
+    size: int
+
+    @classmethod
+    def of(cls, design: Payload, batch: int) -> Layout:
+        """Layout of a design for batches of so many samples."""
+        features, waves, levels = _power(design.features), _power(WAVE_INPUTS * design.octaves), len(design.levels)
+        outputs = tuple(_power(width) for width in design.widths[1:])
+        inputs = (levels * features + waves, *outputs[:-1])
+        weights, biases, at = [], [], 0
+        for i, o in zip(inputs, outputs, strict=True):
+            weights.append(at)
+            biases.append(at + i * o)
+            at += (i + 1) * o
+        block = 32 if batch <= 8192 else 64 if batch <= 32768 else 128
+        return cls(batch=batch, block=block, components=design.components, levels=levels,
+                   resolutions=tuple(level.resolution for level in design.levels), features=design.features,
+                   padded=-(-design.features // CHUNK) * CHUNK, octaves=design.octaves, first_wave=design.first_wave,
+                   widths=design.widths, feature_block=features, wave_block=waves, inputs=inputs, outputs=outputs,
+                   weights=tuple(weights), biases=tuple(biases), size=at)
+
+    def places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where the parameters of fit.Fit stand in the vector: int64 [layers, rows, rows] of weights and [layers, rows] of
+        biases, -1 where there is none. rows: as in Fit, the largest width rounded up to 4."""
+        rows = max(-(-width // 4) * 4 for width in self.widths)
+        layers = len(self.outputs)
+        weight, bias = np.full((layers, rows, rows), -1, np.int64), np.full((layers, rows), -1, np.int64)
+        for n, (i, o) in enumerate(zip(self.widths[:-1], self.widths[1:], strict=True)):
+            column = self._columns() if n == 0 else np.arange(i)
+            weight[n, :o, :i] = self.weights[n] + np.arange(o)[:, None] * self.inputs[n] + column
+            bias[n, :o] = self.biases[n] + np.arange(o)
+        return weight, bias
+
+    def _columns(self):
+        """Columns of the first layer's inputs."""
+        latents = np.arange(self.levels)[:, None] * self.feature_block + np.arange(self.features)
+        waves = self.levels * self.feature_block + np.arange(WAVE_INPUTS * self.octaves)
+        return np.concatenate([latents.reshape(-1), waves])

@@ -6,6 +6,7 @@ Numpy and Pillow alone: this runs on a machine where the package is not installe
 from __future__ import annotations
 
 import io
+import lzma
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,12 +18,12 @@ VOXELS, TEXELS, NEURAL = 0, 1, 2  # what `shade` of frames_pixel.cu takes
 WORDS, HASH_FACTOR = 16, 2654435769
 PADDED, HIDDEN, OUTPUTS = 64, (64, 48, 32), 3  # as frames.cu has them
 FEATURES, INPUTS = 16, 50
-ASSET = np.dtype([(name, np.uint64) for name in (
-    "positions", "faces", "uv", "density", "face_field", "fields", "table", "bits", "values", "images", "image_levels", "latents", "latent_table",
-    "latent_bits", "matrices", "fragments")] + [(name, np.int32) for name in (
-        "vertices", "face_count", "size", "last", "width", "height", "wrap_s", "wrap_t", "image_last",
-        "resolution0", "resolution1", "hash_log2", "first1", "first_wave")] + [(name, np.float32) for name in (
-            "scale", "offset_x", "offset_y", "offset_z")])
+POINTERS = ("positions", "faces", "uv", "density", "face_field", "fields", "table", "bits", "values", "images", "image_levels",
+            "latents", "latent_table", "latent_bits", "matrices", "fragments")
+COUNTS = ("vertices", "face_count", "size", "last", "width", "height", "wrap_s", "wrap_t", "image_last", "resolution0",
+          "resolution1", "hash_log2", "first1", "first_wave")
+ASSET = np.dtype([(name, np.uint64) for name in POINTERS] + [(name, np.int32) for name in COUNTS]
+                 + [(name, np.float32) for name in ("scale", "offset_x", "offset_y", "offset_z")])
 FIELD = np.dtype([(name, np.uint32 if name == "salt" else np.int32) for name in (
     "table_at", "table_log2", "bits_at", "latent_table_at", "latent_log2", "latent_bits_at", "salt", "unused")])
 CAMERA = np.dtype([("right", np.float32, 3), ("up", np.float32, 3), ("forward", np.float32, 3), ("zoom", np.float32),
@@ -51,14 +52,14 @@ def camera_of(right: np.ndarray, up: np.ndarray, forward: np.ndarray, zoom: floa
     """The struct Camera, one row of CAMERA. zoom: half the picture's side in radii; side: pixels; scale: voxels per radius."""
     out = np.zeros(1, CAMERA)
     fineness = float(np.log2(max(2.0 * zoom / side * scale, 1.0)))
-    for name, value in (("right", right), ("up", up), ("forward", forward), ("zoom", zoom), ("side", side), ("fineness", fineness)):
-        out[name] = value
+    out["right"], out["up"], out["forward"] = right, up, forward
+    out["zoom"], out["side"], out["fineness"] = zoom, side, fineness
     return out
 
 
 def save_arrays(path: Path, arrays: dict[str, Any]) -> None:
-    """Writes arrays and plain values as a deflated npz: rows of integers as differences from row to row, column after column, and
-    colours as green and what the others differ from it."""
+    """Writes arrays and plain values as an npz under LZMA: rows of integers as differences from row to row, column after column,
+    and colours as green and what the others differ from it."""
     stored = {}
     for name, array in arrays.items():
         if name in ("lattice", "faces", "values", "bricks"):
@@ -69,12 +70,14 @@ def save_arrays(path: Path, arrays: dict[str, Any]) -> None:
             stored[name] = np.ascontiguousarray(steps.T)
         else:
             stored[name] = np.asarray(array)
-    np.savez_compressed(path, **stored)
+    buffer = io.BytesIO()
+    np.savez(buffer, **stored)
+    path.write_bytes(lzma.compress(buffer.getvalue(), preset=5))
 
 
 def load_arrays(path: Path) -> dict[str, Any]:
     """Mirror of save_arrays."""
-    with np.load(path) as stored:
+    with np.load(io.BytesIO(lzma.decompress(path.read_bytes()))) as stored:
         out = {name: stored[name] for name in stored.files}
     for name in ("lattice", "faces", "values", "bricks"):
         if name in out:
@@ -84,6 +87,13 @@ def load_arrays(path: Path) -> dict[str, Any]:
             rows = np.cumsum(steps, axis=0, dtype=steps.dtype)
             out[name] = rows[:, 0] if name == "bricks" else rows
     return out
+
+
+def anchor_of(data: dict[str, Any]) -> dict[str, Any]:
+    """The same mesh with the anchor's image in place of the stream's. data: of load_arrays(), of an asset over texels."""
+    uv = data["uv"] * (data["anchor_image_size"] / data["image_size"])
+    named = {name.removeprefix("anchor_"): array for name, array in data.items() if name.startswith("anchor_")}
+    return data | named | {"uv": uv.astype(np.float32), "linear": 1}
 
 
 def asset_of(data: dict[str, Any]) -> FrameAsset:
@@ -100,8 +110,10 @@ def asset_of(data: dict[str, Any]) -> FrameAsset:
         numbers["image_last"] = len(arrays["image_levels"]) - 1
         return FrameAsset(TEXELS, arrays, numbers)
     scale, *offset = (float(x) for x in data["grid"])
-    fields = np.zeros(len(data["counts"]), FIELD)
-    arrays |= _voxel_arrays(data, fields) | {"face_field": np.ascontiguousarray(data["face_field"], np.int32), "fields": fields}
+    fields = np.zeros(len(data["salts"] if "halves" in data else data["counts"]), FIELD)
+    if "values" in data:
+        arrays |= _voxel_arrays(data, fields)
+    arrays |= {"face_field": np.ascontiguousarray(data["face_field"], np.int32), "fields": fields}
     numbers |= {"size": int(data["size"]), "last": last_level(int(data["size"])), "scale": scale,
                 **dict(zip(("offset_x", "offset_y", "offset_z"), offset, strict=True))}
     if "halves" not in data:
@@ -123,7 +135,8 @@ def bricks_of(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def keys_of(bricks: np.ndarray, words: np.ndarray) -> np.ndarray:
     """Mirror of bricks_of: int64 [N]."""
-    occupied = np.unpackbits(np.ascontiguousarray(words, "<u4").view(np.uint8).reshape(len(bricks), -1), axis=1, bitorder="little")
+    octets = np.ascontiguousarray(words, "<u4").view(np.uint8).reshape(len(bricks), -1)
+    occupied = np.unpackbits(octets, axis=1, bitorder="little")
     brick, place = np.nonzero(occupied)
     return bricks.astype(np.int64)[brick] << 9 | place
 
@@ -134,8 +147,8 @@ def last_level(size: int) -> int:
 
 
 def _voxel_arrays(data, fields):
-    """Look-ups and values of all levels of all fields; fills their rows of FIELD. data: bricks, words and values of all fields, and
-    counts int64 [n, 2], bricks and voxels of each. Where "from_level" is 1, values are those of level 1 and level 0 has none."""
+    """Look-ups and values of all levels of all fields; fills their rows of FIELD. data: bricks, words and values of all fields,
+    and counts int64 [n, 2], bricks and voxels of each. Where "from_level" is 1, values begin with those of level 1."""
     tables, all_bits, rows, row = [], [], [], 0
     last, from_level = last_level(int(data["size"])), int(data.get("from_level", 0))
     places = np.cumsum(np.concatenate([[[0, 0]], data["counts"]]), axis=0)
@@ -267,7 +280,8 @@ def linear_levels(pixels: np.ndarray) -> list[np.ndarray]:
         light = to_linear[levels[-1][..., :3]]
         for axis in (0, 1):
             if light.shape[axis] > 1:
-                light = light.take(range(0, light.shape[axis], 2), axis) / 2 + light.take(range(1, light.shape[axis], 2), axis) / 2
+                pairs = np.moveaxis(light, axis, 0)
+                light = np.moveaxis(pairs[::2] / 2 + pairs[1::2] / 2, 0, axis)
         srgb = np.where(light <= 0.0031308, light * 12.92, 1.055 * np.power(np.maximum(light, 1e-9), 1 / 2.4) - 0.055)
         rgb = np.rint(np.clip(255 * srgb, 0, 255)).astype(np.uint8)
         levels.append(np.concatenate([rgb, np.full_like(rgb[..., :1], 255)], axis=2))
@@ -278,9 +292,9 @@ def linear_levels(pixels: np.ndarray) -> list[np.ndarray]:
 
 
 def _neural_arrays(data, fields):
-    """(arrays, numbers) of a payload of the shape that frames_pixel.cu knows; fills rows of FIELD. data: halves uint16 [P]; codes
-    uint8, two a byte; levels int64 [2, 3] of resolution, log2 of the hash table or 0, first row; latent_bricks, latent_words of all
-    fields and latent_counts int64 [n, 2], bricks and rows of each; salts; first_wave."""
+    """(arrays, numbers) of a payload of the shape that frames_pixel.cu knows; fills rows of FIELD. data: halves uint16 [P];
+    codes uint8, two a byte; levels int64 [2, 3] of resolution, log2 of the hash table or 0, first row; latent_bricks,
+    latent_words of all fields and latent_counts int64 [n, 2], bricks and rows of each; salts; first_wave."""
     levels = data["levels"]
     weights, biases = layers_of(data["halves"])
     tables, all_bits = [], []
@@ -302,8 +316,8 @@ def _neural_arrays(data, fields):
 
 
 def layers_of(halves: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """(weights float64 [outputs, inputs], biases float64 [outputs]) by layer, rounded to 16 fractional bits as clause 11.6 has it.
-    halves: uint16 [P], binary16 patterns."""
+    """(weights float64 [outputs, inputs], biases float64 [outputs]) by layer, rounded to 16 fractional bits as clause 11.6 has
+    it. halves: uint16 [P], binary16 patterns."""
     plain = halves.view(np.float16).astype(np.float64)
     fixed = np.copysign(np.floor(np.abs(plain) * 65536 + 0.5) / 65536, plain)
     weights, biases, at, inputs = [], [], 0, INPUTS

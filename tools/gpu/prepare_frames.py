@@ -1,8 +1,9 @@
 """Inputs of the GPU frames, made where the package is: python -m tools.gpu.prepare_frames --assets FOLDER --out FOLDER
 
-For player, helmet and room: streams with explicit voxels, with texels and (player, helmet) of 3DNTC, decoded; the source's own
-image as an anchor; and what texf-render draws of each, every eighth pixel of one view. A UV anchor's image travels as JPEG of at
-most 2048 a side, and its reference picture is of that image. Streams are kept beside the arrays, under --streams.
+For player, helmet and room: streams with explicit voxels, with texels and (player, helmet) of 3DNTC, decoded; and what
+texf-render draws of each, every eighth pixel of one view. The anchor is the source's own image on the mesh of the stream with
+texels, as an ordinary UV texture; it travels as JPEG of at most 2048 a side, and its reference picture is of that image. Streams
+are kept under --streams, for a second run.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from PIL import Image
 import texfcodec
 from texfcodec.codecs.neural.infer import HASH_FIELD, infer, voxel_positions
 from texfcodec.codecs.neural.payload import Payload, Tables, enc_codes
+from texfcodec.field.texels import TexelSupport
 from texfcodec.field.voxels import VoxelSupport
 from texfcodec.io.load import load
 from texfcodec.metrics.views import SIZE, VIEWS, Look, renderer
@@ -30,27 +32,30 @@ from texfcodec.scene.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Scene
 from texfcodec.texf import Texf
 
 from .frames_asset import FEATURES, HIDDEN, OUTPUTS, bricks_of, save_arrays
+from .frames_build import compile_cubin
 
 ASSETS = {"player": "bball_0001.glb", "helmet": "damaged_helmet.glb", "room": "mp_room_lod3.glb"}
-NEURAL_ASSETS = ("player", "helmet")
-RATE, NEURAL_STEPS, TEXEL_SIZE, ANCHOR_SIZE, ANCHOR_QUALITY = "r03", 3000, 2048, 2048, 92
+NEURAL_ASSETS, FAR_ASSET = ("player", "helmet"), "player"
+RATES = {"player": "r03", "helmet": "r01", "room": "r01"}  # K is 1024 at both; the bytes that travel are fewer
+NEURAL_STEPS, TEXEL_SIZE, ANCHOR_SIZE, ANCHOR_QUALITY = 3000, 2048, 2048, 92
 POINTS = 4096
-REFERENCE_VIEW, REFERENCE_STEP = 7, 8
+REFERENCE_VIEW, REFERENCE_PIXELS = 7, 256
 FAR = 4.0
 WRAP = {WRAP_REPEAT: 0, WRAP_CLAMP: 1, WRAP_MIRROR: 2}
 Arrays = dict[str, Any]
 
 
-def texf_arrays(texf: Texf, centre: np.ndarray, radius: float) -> Arrays:
-    """What frames_asset.asset_of() takes of a decoded stream. centre, radius: of the source's bounding sphere. Raises ValueError
-    for what the kernels do not know: fields of both kinds, alpha, coarser planes, several images, another network."""
+def texf_arrays(texf: Texf, centre: np.ndarray, radius: float, is_far: bool = True) -> Arrays:
+    """What frames_asset.asset_of() takes of a decoded stream. centre, radius: of the source's bounding sphere; is_far: whether
+    pictures from afar are drawn, for which a 3DNTC stream needs coarser voxels. Raises ValueError for what the kernels do not
+    know: fields of both kinds, alpha, several images, another network."""
     if texf.has_alpha or not texf.fields or len({field.over_texels for field in texf.fields}) > 1:
         raise ValueError("the kernels know opaque assets with fields over voxels or over texels")
     arrays = {"lattice": texf.lattice_positions.astype(np.int32), "faces": texf.faces.astype(np.int32),
               "place": np.array([texf.side / texf.cube.last / radius, *((texf.origin - centre) / radius)])}
     if texf.fields[0].over_texels:
         return arrays | _texel_arrays(texf)
-    return arrays | _voxel_arrays(texf, centre, radius)
+    return arrays | _voxel_arrays(texf, centre, radius, is_far)
 
 
 def _texel_arrays(texf):
@@ -64,7 +69,7 @@ def _texel_arrays(texf):
             "wrap": np.array([WRAP[mode] for mode in support.wrap]), "linear": 0, "uv": texf.uv.astype(np.float32)}
 
 
-def _voxel_arrays(texf, centre, radius):
+def _voxel_arrays(texf, centre, radius, is_far):
     supports = [field.support for field in texf.fields]
     if len({support.resolution for support in supports}) > 1 or any(support.level_shift for support in supports):
         raise ValueError("the kernels know fields of one resolution")
@@ -73,8 +78,11 @@ def _voxel_arrays(texf, centre, radius):
            "grid": np.array([scale * radius, *((centre - texf.origin) * scale)])}
     if not texf.evaluators:
         return out | _stored_voxels([(field.support.keys, field.planes["base_colour"]) for field in texf.fields])
+    neural = _neural_arrays(texf, supports)
+    if not is_far:
+        return out | neural
     coarser = [_level_above(field.support.keys, field.planes["base_colour"]) for field in texf.fields]
-    return out | _stored_voxels([(keys, values) for keys, values, _ in coarser]) | _neural_arrays(texf, supports) | {
+    return out | neural | _stored_voxels([(keys, values) for keys, values, _ in coarser]) | {
         "from_level": 1, "weights": np.concatenate([weights for _, _, weights in coarser]).astype(np.uint8)}
 
 
@@ -86,7 +94,7 @@ def _stored_voxels(fields):
 
 
 def _level_above(keys, values):
-    """(keys, values, voxels that each is the mean of) of level 1: all that a renderer asks of voxels where a network has level 0."""
+    """(keys, values, voxels that each is the mean of) of level 1, the finest that a renderer asks beside a network."""
     first = np.flatnonzero(np.diff(keys >> 3, prepend=-1))
     weights = np.diff(np.append(first, len(keys)))
     sums = np.add.reduceat(values.astype(np.int64), first)
@@ -98,15 +106,15 @@ def _neural_arrays(texf, supports):
     payload = tables[0].payload
     assert isinstance(payload, Payload)  # of a decoded stream
     one, two = payload.levels
-    if (payload.features, payload.hidden, payload.components, payload.octaves) != (FEATURES, HIDDEN, OUTPUTS, 3) or one.table_log2 \
-            or not two.table_log2:
+    shape = payload.features, payload.hidden, payload.components, payload.octaves
+    if shape != (FEATURES, HIDDEN, OUTPUTS, 3) or one.table_log2 or not two.table_log2:
         raise ValueError(f"the kernels know another shape of network than {payload}")
     parts = [bricks_of(table.keys[0]) for table in tables]
     positions, exact = _known_points(supports, tables)
     return {
         "halves": payload.halves.astype(np.uint16), "codes": np.frombuffer(enc_codes(payload.codes), np.uint8),
         "first_wave": payload.first_wave, "salts": np.array([n * HASH_FIELD & 0xFFFFFFFF for n in range(len(tables))], np.uint32),
-        "levels": np.array([(level.resolution, level.table_log2, payload.first_row(0, n)) for n, level in enumerate(payload.levels)]),
+        "levels": np.array([(level.resolution, level.table_log2, payload.first_row(0, n)) for n, level in enumerate((one, two))]),
         "latent_bricks": np.concatenate([b for b, _ in parts]), "latent_words": np.concatenate([w for _, w in parts]),
         "latent_counts": np.array([(len(b), len(t.keys[0])) for (b, _), t in zip(parts, tables, strict=True)]),
         "points": positions, "exact": exact,
@@ -128,25 +136,23 @@ def _known_points(supports: list[VoxelSupport], tables: list[Tables]) -> tuple[n
     return positions, exact
 
 
-def anchor_arrays(scene: Scene, centre: np.ndarray, radius: float) -> tuple[Arrays, Scene]:
-    """(what asset_of() takes of a source with one image, the Scene with the image as it travels)."""
+def anchor_arrays(scene: Scene, texf: Texf) -> tuple[Arrays, Scene]:
+    """(what frames_asset.anchor_of() takes: the image of a source that has one, a Scene of texf's mesh with the image as it
+    travels). texf: with one field over texels."""
     used = {m.texture for m in scene.materials}
-    if len(used) > 1 or any((m.factor != 1).any() for m in scene.materials) or scene.corner_color is not None:
+    if len(used) > 1 or any((np.asarray(m.factor) != 1).any() for m in scene.materials) or scene.corner_color is not None:
         raise ValueError("an anchor has one image and no other colour")
-    texture = scene.textures[used.pop()]
-    image = Image.fromarray(texture.image[..., :3])
-    if max(image.size) > ANCHOR_SIZE:
-        image = image.resize((ANCHOR_SIZE * image.width // max(image.size), ANCHOR_SIZE * image.height // max(image.size)),
-                             Image.Resampling.BOX)
-    buffer = io.BytesIO()
+    texture, support = scene.textures[used.pop()], texf.fields[0].support
+    assert isinstance(support, TexelSupport)
+    image = Image.fromarray(np.ascontiguousarray(texture.image[..., :3]))
+    times = max(1, max(image.size) // ANCHOR_SIZE)
+    image, buffer = image.reduce(times) if times > 1 else image, io.BytesIO()
     image.save(buffer, "JPEG", quality=ANCHOR_QUALITY, subsampling=0)
     pixels = np.asarray(Image.open(io.BytesIO(buffer.getvalue())).convert("RGBA"))
-    uv = np.ascontiguousarray(scene.corner_uv * np.array(image.size, np.float64), np.float32)
-    arrays = {"positions": ((scene.positions - centre) / radius).astype(np.float32), "faces": scene.faces.astype(np.int32), "uv": uv,
-              "image": np.frombuffer(buffer.getvalue(), np.uint8), "image_size": np.array(image.size), "linear": 1,
-              "wrap": np.array([WRAP[mode] for mode in texture.wrap])}
-    carried = [replace(t, image=pixels) if t is texture else t for t in scene.textures]
-    return arrays, replace(scene, textures=carried)
+    uv = (texf.uv / np.array([support.width, support.height]))[texf.faces]
+    carried = Scene(texf.positions, texf.faces, np.zeros(len(texf.faces), np.int64), uv, None,
+                    [replace(scene.materials[0], texture=0, maps={})], [replace(texture, image=pixels)])
+    return {"anchor_image": np.frombuffer(buffer.getvalue(), np.uint8), "anchor_image_size": np.array(image.size)}, carried
 
 
 def cameras_of(centre: np.ndarray, radius: float, views: int = VIEWS) -> np.ndarray:
@@ -168,7 +174,7 @@ def references(side: Scene | Texf, centre: np.ndarray, radius: float, zooms: dic
     out: Arrays = {"reference_view": REFERENCE_VIEW, "reference_side": size}
     for name, zoom in zooms.items():
         camera = orthographic(fibonacci_direction(REFERENCE_VIEW, VIEWS), centre, radius * zoom, size)
-        first, step = round(size / 2 - size / 2 / zoom), max(1, round(REFERENCE_STEP / zoom))
+        first, step = round(size / 2 - size / 2 / zoom), max(1, round(size / REFERENCE_PIXELS / zoom))
         out[f"reference_{name}"] = reference_picture(side, camera)[first : size - first : step, first : size - first : step]
         out[f"window_{name}"] = np.array([first, step])
     return out
@@ -178,18 +184,21 @@ def prepare(asset: str, source: Path, streams: Path, out: Path) -> Iterator[str]
     """Writes the inputs of one asset, and yields their names."""
     scene = load(source)
     centre, radius = bounding_sphere(scene.positions)
-    cameras = {"cameras": cameras_of(centre, radius)}
-    for kind in ("uv", "voxels", "texels", *(["3dntc"] if asset in NEURAL_ASSETS else [])):
-        if kind == "uv":
-            arrays, side = anchor_arrays(scene, centre, radius)
-            facts: dict[str, Any] = {"image": "the source's as JPEG", "faces": len(scene.faces)}
-        else:
-            data = stream_of(asset, kind, source, streams)
-            side = texfcodec.decode(data)
-            arrays, facts = texf_arrays(side, centre, radius), {"stream_bytes": len(data), "faces": len(side.faces), "holds": side.counted()}
-        zooms = {"near": 1.0} | ({"far": FAR} if kind == "3dntc" else {})
-        name = f"frames_{asset}_{kind}.npz"
-        save_arrays(out / name, arrays | cameras | references(side, centre, radius, zooms) | {"facts": json.dumps(facts)})
+    for kind in ("voxels", "texels", *(["3dntc"] if asset in NEURAL_ASSETS else [])):
+        data = stream_of(asset, kind, source, streams)
+        texf = texfcodec.decode(data)
+        facts = {"stream_bytes": len(data), "faces": len(texf.faces), "holds": texf.counted(), "rate": RATES[asset]}
+        if kind == "3dntc":
+            facts["rate"] = f"mpeg1, {NEURAL_STEPS} steps"
+        arrays = texf_arrays(texf, centre, radius, FAR_ASSET == asset) | {"cameras": cameras_of(centre, radius)}
+        zooms = {"near": 1.0} | ({"far": FAR} if kind == "3dntc" and FAR_ASSET == asset else {})
+        arrays |= references(texf, centre, radius, zooms) | {"facts": json.dumps(facts)}
+        if kind == "texels":
+            anchor, carried = anchor_arrays(scene, texf)
+            pictures = references(carried, centre, radius, zooms)
+            arrays |= anchor | {f"anchor_{name}": pictures[name] for name in ("reference_near", "window_near")}
+        name = f"frames_{asset}_{kind}.npz.xz"
+        save_arrays(out / name, arrays)
         yield name
 
 
@@ -198,7 +207,7 @@ def stream_of(asset: str, kind: str, source: Path, streams: Path) -> bytes:
     path = streams / f"{asset}.{kind}.texf"
     if not path.exists():
         options: dict[str, Any] = {"effects": "none", "no_check": True}
-        options |= {"codec": "3dntc", "steps": NEURAL_STEPS} if kind == "3dntc" else {"rate": RATE, "support": kind}
+        options |= {"codec": "3dntc", "steps": NEURAL_STEPS} if kind == "3dntc" else {"rate": RATES[asset], "support": kind}
         options |= {"texel_size": TEXEL_SIZE} if kind == "texels" else {}
         path.write_bytes(texfcodec.encode(str(source), options))
     return path.read_bytes()
@@ -213,6 +222,7 @@ def main() -> None:
     given = parser.parse_args()
     for folder in (given.out, given.streams):
         folder.mkdir(parents=True, exist_ok=True)
+    print(f"kernels: {compile_cubin(given.out) or 'there is no nvcc; the machine with the GPU compiles them'}", flush=True)
     for asset, source in ASSETS.items():
         begin = time.perf_counter()
         for name in prepare(asset, given.assets / source, given.streams, given.out):

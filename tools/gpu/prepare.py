@@ -14,6 +14,7 @@ import os
 import pickle
 import zlib
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -36,18 +37,9 @@ class _Captured(Exception):
     """Ends an encode once the source of its fit is known."""
 
 
-class Fixed:
-    """A function of no arguments that returns an array; pickles, unlike a lambda."""
-
-    def __init__(self, value: np.ndarray) -> None:
-        self.value = value
-
-    def __call__(self) -> np.ndarray:
-        return self.value
-
-
 def capture(path: Path, points: tuple[str, ...], threads: int) -> dict[str, Any]:
-    """What a fit needs of an asset: {"source": fit_samples.Source, "designs": Payload and Tables by point, "judged": components}."""
+    """What a fit needs of an asset: {"source": fit_samples.Source, "designs": (Payload, Tables, resident bytes) by point,
+    "judged", "rgb": components}."""
     taken: dict[str, Any] = {}
 
     def take(source: Any, options: Any, report: Any) -> None:
@@ -77,7 +69,7 @@ def _portable(source):
     """The source with nothing that does not pickle."""
     source.on_pictures = None
     if source._maps is not None:
-        source._maps._rebuilt = Fixed(source._maps._frames.rebuilt)
+        source._maps._rebuilt = partial(np.asarray, source._maps._frames.rebuilt)  # a lambda does not pickle
         del source._maps.__dict__["_frames"]
     return source
 

@@ -19,8 +19,8 @@ from typing import Any
 
 @dataclass
 class Row:
-    """One measured row. key: "<part>/<asset>/<what>/<how>", unique; figures: JSON-ready facts (numbers with their unit in the name,
-    e.g. "milliseconds_median", "seconds", "psnr_db"; strings; "skipped": one sentence where nothing was measured)."""
+    """One measured row. key: "<part>/<asset>/<what>/<how>", unique; figures: JSON-ready facts (numbers with their unit in the
+    name, e.g. "milliseconds_median", "seconds", "psnr_db"; strings; "skipped": a sentence where nothing was measured)."""
 
     key: str
     figures: dict[str, Any]
@@ -28,15 +28,15 @@ class Row:
 
 @dataclass
 class Context:
-    """What a part needs. inputs: folder that prepare.py has filled; out: folder for pictures, at most 2 folders deep, 16 MiB a file;
+    """What a part needs. inputs: folder that prepare.py has filled; out: folder for pictures, no folders below, 16 MiB a file;
     scale: share of the work, 1 in full, 0.001 in tests (fewer steps, smaller pictures, fewer repeats); device: "cuda" or "cpu";
-    done: keys of earlier runs; deadline: of time.perf_counter()."""
+    done: figures of rows of earlier runs by key; deadline: of time.perf_counter()."""
 
     inputs: Path
     out: Path
     scale: float = 1.0
     device: str = "cuda"
-    done: set[str] = field(default_factory=set)
+    done: dict[str, dict[str, Any]] = field(default_factory=dict)
     deadline: float = float("inf")
 
     def wants(self, key: str) -> bool:

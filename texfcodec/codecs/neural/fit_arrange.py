@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...field.morton import spread
-from .fit_samples import Samples, _corner_rows
+from .fit_samples import _corner_rows
 from .infer import LOCAL_BITS, POSITION_BITS
 
 CURVE = 2048  # cells a side of order_along_curve
@@ -29,14 +29,13 @@ def order_on(position: Any) -> Any:
     return torch.sort(spread(x) | spread(y) << 1 | spread(z) << 2, stable=True).indices
 
 
-def cells_on(samples: Samples, position: Any, tables: list) -> tuple[Any, Any]:
-    """cells_of(), with the cells in another order: tensors (cell int32 [M, L], corners int32 [cells, 8]). position: the samples'
-    as a tensor on the device."""
+def cells_on(position: Any, field: Any, tables: list) -> tuple[Any, Any]:
+    """cells_of(), with the cells in another order: tensors (cell int32 [M, L], corners int32 [cells, 8]). position: tensor int32
+    [M, 3]; field: tensor int16 [M]."""
     import torch
 
     device, levels, made, corners = position.device, len(tables[0].index[0]), 0, []
     cell = torch.empty((len(position), levels), dtype=torch.int32, device=device)
-    field = torch.as_tensor(samples.field, device=device)
     for number, table in enumerate(tables):
         mine = torch.nonzero(field == number).reshape(-1)
         of_level, places, slots, bricks, words, ranks = table.index

@@ -11,17 +11,24 @@ from .parameter_count import WAVE_INPUTS
 from .payload import Payload
 
 LEAST_SIDE = 16  # of a matrix that matrix units take
+BLOCKS = ((32768, 128), (16384, 64), (0, 32))  # samples of a program, for batches from so many on
 
 
 def _power(count):
     return max(LEAST_SIDE, 1 << (int(count) - 1).bit_length())
 
 
+def block_of(batch: int) -> int:
+    """Samples that a program of the fused step takes of a batch."""
+    return next(block for least, block in BLOCKS if batch >= least)
+
+
 @dataclass(frozen=True)
 class Layout:
     """Sizes of a design on the device. feature_block, wave_block: padded latents of a level and padded waves, which stand one
     after the other in the network's inputs; outputs: padded widths of the layers; inputs: those of their inputs; weights, biases:
-    where each layer begins in the vector of `size` parameters, matrices [outputs, inputs] row by row; block: samples a program."""
+    where each layer begins in the vector of `size` parameters, matrices [outputs, inputs] row by row; block: samples of a
+    program."""
 
     batch: int
     block: int
@@ -52,8 +59,7 @@ class Layout:
             weights.append(at)
             biases.append(at + i * o)
             at += (i + 1) * o
-        block = 32 if batch <= 8192 else 64 if batch <= 32768 else 128
-        return cls(batch=batch, block=block, components=design.components, levels=levels,
+        return cls(batch=batch, block=block_of(batch), components=design.components, levels=levels,
                    resolutions=tuple(level.resolution for level in design.levels), features=design.features,
                    padded=-(-design.features // CHUNK) * CHUNK, octaves=design.octaves, first_wave=design.first_wave,
                    widths=design.widths, feature_block=features, wave_block=waves, inputs=inputs, outputs=outputs,

@@ -17,7 +17,7 @@ import numpy as np
 
 from ...errors import InputError
 from .fit import BATCH, LATENT_RATE, NETWORK_RATE, WARMING, Fit
-from .fit_layout import Layout
+from .fit_layout import Layout, block_of
 from .infer import CODES, LOCAL_BITS, POSITION_BITS
 from .train import MOMENTUM, SQUARE_DECAY, TINY
 
@@ -25,7 +25,6 @@ CUDA_BATCH = 1 << 14
 LEAST_BATCH = 1 << 10
 RECORDED = 50  # steps of a graph
 HALF_UNITS = (7, 0)  # compute capability from which there are 16-bit matrix units
-TF32_UNITS = (8, 0)
 GRADIENT_TOLERANCE, MOVE_TOLERANCE = 2e-2, 1e-3  # relative distance of the fused step from the plain one
 
 
@@ -110,29 +109,32 @@ class TorchFit(Fit):
         """As Fit._arrange, on the GPU where there is one."""
         if self.device.type != "cuda":
             super()._arrange(samples, batch)
-            self.held = None
+            s = self.samples
+            self.arranged = tuple(self._on(a) for a in (s.position, s.target, s.share, self.cell))
             return
         from .fit_arrange import cells_on, order_on
 
-        torch, position = self.torch, self._on(samples.position)
+        position = self._on(samples.position)
         order = order_on(position)
         self.batches = max(1, len(order) // batch)
         order = order[: len(order) // self.batches * self.batches].reshape(-1, self.batches).T.reshape(-1)
-        self.samples = samples.taken(order.cpu().numpy())
-        self.cell, self.corners = cells_on(self.samples, position[order], self.tables)
-        del position, order
-        torch.cuda.empty_cache()
+        self.samples = samples  # in any order: what is fitted stands on the device
+        in_order = lambda array: self._on(array).index_select(0, order)
+        position = position.index_select(0, order)
+        cell, self.corners = cells_on(position, in_order(samples.field), self.tables)
+        self.cell = cell
+        self.arranged = position, in_order(samples.target), in_order(samples.share), cell
 
     def _start(self):
-        size = len(self.samples) // self.batches
-        if self.device.type == "cuda":
-            size = size // 128 * 128 or size  # whole programs; a batch loses less than 128 samples
+        whole = len(self.arranged[0]) // self.batches
+        block = block_of(whole)
+        size = whole // block * block or whole if self.asked_step == "fused" else whole  # whole programs
         self.layout = Layout.of(self.design, size)
         self.weight_places, self.bias_places = self.layout.places()
-        s, whole = self.samples, len(self.samples) // self.batches
-        batched = lambda array: self._on(array).reshape(self.batches, whole, -1)[:, :size].reshape(self.batches * size, -1).contiguous()
-        self.state = State(*(batched(a) for a in (s.position, s.target, s.share, self.cell)), self._on(self.corners),
-                           self._on(WARMING))
+        batched = [t.reshape(self.batches, whole, -1)[:, :size].reshape(self.batches * size, -1).contiguous()
+                   for t in self.arranged]
+        self.arranged = ()
+        self.state = State(*batched, self._on(self.corners), self._on(WARMING))
         self.held_state = [self._on(a) for a in (self.held_out.position, *self.held_cells)]
         self.engine, self.graph, self.planned, self.checked = None, None, None, False
         super()._start()
@@ -306,7 +308,7 @@ class TorchFit(Fit):
         except torch.OutOfMemoryError:
             raise
         except Exception as error:  # a compiler's own kinds, of which there are many; the plain step does the same work
-            return f"the fused kernels do not run here ({type(error).__name__}: {str(error).splitlines()[0][:200] if str(error) else ''})"
+            return f"the fused kernels do not run here ({type(error).__name__}: {str(error)[:200]!r})"
         finally:
             if kept is not None:
                 self.state.restore(kept)
@@ -334,16 +336,20 @@ class TorchFit(Fit):
         self.state.errors.copy_(errors)
         return graph
 
-    def _take_steps(self, until, steps, pool):
-        """As Fit._take_steps, on the device; waits for it once, at the end."""
+    def warm(self, steps: int) -> None:
+        """Compiles and checks the step and records it, which run(steps) would do at its first step."""
         with self.torch.no_grad():
             self._plan(steps)
             self._choose()
-            s = self.state
-            s.counter.fill_(self.step)
-            begin = self.step
-            if self.device.type == "cuda" and self.graph is None and until - begin > RECORDED:
+            if self.device.type == "cuda" and self.graph is None and steps > RECORDED:
                 self.graph = self._record() or ()
+
+    def _take_steps(self, until, steps, pool):
+        """As Fit._take_steps, on the device; waits for it once, at the end."""
+        self.warm(steps)
+        with self.torch.no_grad():
+            s, begin = self.state, self.step
+            s.counter.fill_(begin)
             while self.step < until:
                 if self.graph and until - self.step >= RECORDED:
                     self.graph.replay()
@@ -364,9 +370,8 @@ class TorchFit(Fit):
         with self.torch.no_grad():
             read = self.state.codes[:, : self.layout.features].float() / CODES
             position, cell, corners = self.held_state
-            parts = range(0, len(position), 1 << 16)
-            got = [self._outputs(self._inputs(position[b : b + (1 << 16)], cell[b : b + (1 << 16)], corners, read), self.state.net)
-                   for b in parts]
+            got = [self._outputs(self._inputs(*part, corners, read), self.state.net)
+                   for part in zip(position.split(1 << 16), cell.split(1 << 16), strict=True)]
             return ((self.torch.cat(got) + 1) * 127.5).cpu().numpy()
 
 

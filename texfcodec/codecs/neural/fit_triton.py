@@ -96,16 +96,16 @@ def _waves(position, m, first_wave, OCTAVES: tl.constexpr, WP: tl.constexpr, SHI
     return tl.where(used[None, :], wave, 0.0)
 
 
-@triton.jit(do_not_specialize=["resolution0", "resolution1", "first_wave"])
+@triton.jit(do_not_specialize=["resolution0", "resolution1", "first_wave", "size"])
 def _gradients(position, target, weight, cell, corners, codes, net, gradient, partial, sums, order, counter,
-               resolution0, resolution1, first_wave,
-               BATCH: tl.constexpr, COMPONENTS: tl.constexpr, LEVELS: tl.constexpr, FEATURES: tl.constexpr,
+               resolution0, resolution1, first_wave, size,
+               COMPONENTS: tl.constexpr, LEVELS: tl.constexpr, FEATURES: tl.constexpr,
                PADDED: tl.constexpr, OCTAVES: tl.constexpr, FP: tl.constexpr, WP: tl.constexpr, N1: tl.constexpr,
                N2: tl.constexpr, N3: tl.constexpr, N4: tl.constexpr, W1: tl.constexpr, W2: tl.constexpr, W3: tl.constexpr,
                W4: tl.constexpr, B1: tl.constexpr, B2: tl.constexpr, B3: tl.constexpr, B4: tl.constexpr,
                SIZE: tl.constexpr, LOCAL: tl.constexpr, LOCAL_SHIFT: tl.constexpr, WAVE_SHIFT: tl.constexpr,
                UNIT: tl.constexpr, GAIN: tl.constexpr, HALF: tl.constexpr, PRECISION: tl.constexpr, M: tl.constexpr):
-    """Gradients of M samples of the batch that the counter names.
+    """Gradients of M samples of the batch, of `size` samples, that the counter names.
 
     position: int32 [S, 3]; target, weight: uint8 [S, C]; cell: int32 [S, L]; corners: int32 [.., 8]; codes: int8 [N, PADDED];
     net: float32 [SIZE], of Layout. Adds to gradient float32 [N, PADDED]; writes partial float32 [programs, SIZE] and sums float32
@@ -113,7 +113,7 @@ def _gradients(position, target, weight, cell, corners, codes, net, gradient, pa
     """
     program = tl.program_id(0)
     batch = tl.load(order + tl.load(counter)).to(tl.int64)
-    m = batch * BATCH + program * M + tl.arange(0, M)
+    m = batch * size + program * M + tl.arange(0, M)
     I1: tl.constexpr = LEVELS * FP + WP
     k, kw = tl.arange(0, FP), tl.arange(0, WP)
     o1, o2, o3, o4 = tl.arange(0, N1), tl.arange(0, N2), tl.arange(0, N3), tl.arange(0, N4)
@@ -195,16 +195,16 @@ def _move_rows(latent, gradient, square, times, codes, warming, schedule, counte
 
 
 @triton.jit
-def _move_network(net, partial, mean, square, sums, errors, schedule, counter, programs, rate,
+def _move_network(net, partial, mean, square, sums, errors, schedule, counter, rate, PROGRAMS: tl.constexpr,
                   SIZE: tl.constexpr, MEAN_KEEP: tl.constexpr, KEEP: tl.constexpr, SMALL: tl.constexpr, BLOCK: tl.constexpr,
                   PART: tl.constexpr):
-    """train._adam for BLOCK parameters, whose partial gradients are added in order; the first program writes the batch's error."""
+    """train._adam for BLOCK parameters, whose partial gradients are added in order; the first program writes the error."""
     at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     step, inside = tl.load(counter), at < SIZE
     total = tl.zeros([BLOCK], tl.float32)
-    for first in range(0, programs, PART):
+    for first in range(0, PROGRAMS, PART):
         rows = first + tl.arange(0, PART)
-        there = (rows < programs)[:, None] & inside[None, :]
+        there = (rows < PROGRAMS)[:, None] & inside[None, :]
         total += tl.sum(tl.load(partial + rows.to(tl.int64)[:, None] * SIZE + at[None, :], mask=there, other=0.0), axis=0)
     decay, mean_scale, square_scale = (tl.load(schedule + 3 * step), tl.load(schedule + 3 * step + 1),
                                        tl.load(schedule + 3 * step + 2))
@@ -217,10 +217,10 @@ def _move_network(net, partial, mean, square, sums, errors, schedule, counter, p
     if tl.program_id(0) == 0:
         error = tl.zeros([PART], tl.float32)
         share = tl.zeros([PART], tl.float32)
-        for first in range(0, programs, PART):
+        for first in range(0, PROGRAMS, PART):
             rows = first + tl.arange(0, PART)
-            error += tl.load(sums + 2 * rows, mask=rows < programs, other=0.0)
-            share += tl.load(sums + 2 * rows + 1, mask=rows < programs, other=0.0)
+            error += tl.load(sums + 2 * rows, mask=rows < PROGRAMS, other=0.0)
+            share += tl.load(sums + 2 * rows + 1, mask=rows < PROGRAMS, other=0.0)
         tl.store(errors + step, tl.sum(error, axis=0) / tl.maximum(tl.sum(share, axis=0), SMALL) * (127.5 * 127.5))
 
 
@@ -255,12 +255,12 @@ class FusedStep:
         names = {f"N{n + 1}": lay.outputs[n] for n in range(4)} | {f"W{n + 1}": lay.weights[n] for n in range(4)}
         _gradients[(self.programs,)](
             s.position, s.target, s.share, s.cell, s.corners, s.codes, s.net, self.gradient, self.partial, self.sums, s.order,
-            s.counter, *resolutions, lay.first_wave, BATCH=lay.batch, COMPONENTS=lay.components, LEVELS=lay.levels,
+            s.counter, *resolutions, lay.first_wave, lay.batch, COMPONENTS=lay.components, LEVELS=lay.levels,
             FEATURES=lay.features, PADDED=lay.padded, OCTAVES=lay.octaves, FP=lay.feature_block, WP=lay.wave_block, **names,
             **{f"B{n + 1}": lay.biases[n] for n in range(4)}, SIZE=lay.size, LOCAL=LOCAL_BITS,
             LOCAL_SHIFT=POSITION_BITS - LOCAL_BITS, WAVE_SHIFT=POSITION_BITS + 1 - 16, UNIT=1 / CODES,
             GAIN=SCALE if half else 1.0, HALF=half, PRECISION="tf32" if self.products == "tf32" else "ieee", M=lay.block,
-            num_warps=4 if lay.block <= 64 else 8)
+            num_warps=4 if lay.block <= 32 else 8)
 
     def move(self, latent_rate: float, network_rate: float) -> None:
         """Moves everything against its gradient, clears that, and counts the step."""
@@ -271,6 +271,7 @@ class FusedStep:
             FEATURES=lay.features, PADDED=lay.padded, WIDE=triton.next_power_of_2(lay.padded), HALF_CODES=CODES // 2,
             KEEP=SQUARE_DECAY, SMALL=TINY, WARM=len(s.warming), BLOCK=ROWS)
         _move_network[(-(-lay.size // PARAMETERS),)](
-            s.net, self.partial, s.mean, s.square, self.sums, s.errors, s.schedule, s.counter, self.programs, network_rate,
-            SIZE=lay.size, MEAN_KEEP=MOMENTUM, KEEP=SQUARE_DECAY, SMALL=TINY, BLOCK=PARAMETERS, PART=PARTIALS)
+            s.net, self.partial, s.mean, s.square, self.sums, s.errors, s.schedule, s.counter, network_rate,
+            PROGRAMS=self.programs, SIZE=lay.size, MEAN_KEEP=MOMENTUM, KEEP=SQUARE_DECAY, SMALL=TINY, BLOCK=PARAMETERS,
+            PART=PARTIALS)
         _advance[(1,)](s.counter, num_warps=1)

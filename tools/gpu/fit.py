@@ -7,9 +7,10 @@ reads what they have reached.
 
 from __future__ import annotations
 
-import argparse
+import contextlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -24,12 +25,13 @@ from texfcodec.codecs.neural import fit_payload, fit_samples
 from texfcodec.codecs.neural.fit import Fit
 from texfcodec.codecs.neural.fit_samples import Samples
 from texfcodec.codecs.neural.fit_torch import TorchFit
+from texfcodec.errors import InputError
 
 from . import prepare
 from .rows import Context, Row
 
 STEPS, LONG_STEPS = 30_000, 100_000
-BATCHES = (4096, 16384, 65536)
+TRIALS = ((4096, "float16"), (16384, "float16"), (65536, "float16"), (16384, "tf32"))  # batches and products
 TARGET_SECONDS = 20.0  # of 30,000 steps
 LONG_LEFT = 90.0  # seconds that have to be left for the long fit
 PLAIN_STEPS, CPU_STEPS, TRIAL_STEPS = 500, 200, 200
@@ -41,10 +43,17 @@ SAMPLES = ("position", "target", "share", "field")
 # Child processes.
 
 
-def _child(context, *arguments):
-    environment = os.environ | {"CUDA_VISIBLE_DEVICES": "", "PYTHONUNBUFFERED": "1"}
-    return subprocess.Popen([sys.executable, "-m", "tools.gpu.fit", *map(str, arguments)], env=environment,
-                            stdout=open(context.out / f"fit_{arguments[0]}_{arguments[1]}.log", "w"), stderr=subprocess.STDOUT)
+def _child(context, task, name, *arguments):
+    """A process of main() below, its output in a file of the samples' folder."""
+    environment = os.environ | ({} if task == "compile" else {"CUDA_VISIBLE_DEVICES": ""})
+    with open(_folder(context) / f"{task}_{name}.log", "w") as log:
+        return subprocess.Popen([sys.executable, "-m", "tools.gpu.fit", task, name, *map(str, arguments)], env=environment,
+                                stdout=log, stderr=subprocess.STDOUT)
+
+
+def _folder(context):
+    """Where samples lie and children write; not among the results."""
+    return context.out.parent / f"{context.out.name}_samples"
 
 
 def draw_child(name: str, inputs: Path, folder: Path, steps: int, threads: int) -> None:
@@ -71,11 +80,24 @@ def warm_child(inputs: Path) -> None:
     fit.errors(exact=True)
 
 
-def cpu_child(name: str, point: str, inputs: Path, folder: Path, steps: int) -> None:
-    """Fits by the processor's kernels and writes the figures."""
+def compile_child(name: str, inputs: Path, batch: int, products: str) -> None:
+    """Compiles the fused step of a batch on the GPU, so that it lies in Triton's cache; points stand anywhere in the cube."""
     taken = prepare.read(inputs / f"{name}.fit")
-    figures = prepare.cpu_fit(taken, point, load_samples(folder, name), steps, CPU_THREADS)
-    (folder / f"cpu_{name}_{point}.json").write_text(json.dumps(figures))
+    design, tables, _ = next(iter(taken["designs"].values()))
+    random, count = np.random.default_rng(0), 2 * batch
+    samples = Samples(random.integers(0, 1 << 24, (count, 3)).astype(np.int32),
+                      random.integers(0, 255, (count, design.components)).astype(np.uint8),
+                      np.full((count, design.components), 255, np.uint8), np.zeros(count, np.int16))
+    TorchFit(design, tables, samples, samples.taken(slice(0, 512)), 0, 1, batch=batch, products=products).warm(10)
+
+
+def cpu_child(name: str, inputs: Path, folder: Path, steps: int) -> None:
+    """Fits by the processor's kernels and writes the figures. name: asset_point."""
+    asset, point = name.split("_")
+    figures = prepare.cpu_fit(prepare.read(inputs / f"{asset}.fit"), point, load_samples(folder, asset), steps, CPU_THREADS)
+    part = folder / f"cpu_{name}.part"
+    part.write_text(json.dumps(figures))
+    part.rename(folder / f"cpu_{name}.json")
 
 
 def load_samples(folder: Path, name: str) -> tuple[Samples, Samples]:
@@ -86,62 +108,75 @@ def load_samples(folder: Path, name: str) -> tuple[Samples, Samples]:
 
 @dataclass
 class Work:
-    """What goes on beside the measuring. folder: of samples; drawing, fitting: child processes by name."""
+    """Child processes that prepare the fits. steps: of a fit; drawing: by asset, and "kernels"; compiling: for the GPU, by
+    asset."""
 
     context: Context
     steps: int
-    folder: Path
     drawing: dict[str, Any] = field(default_factory=dict)
-    fitting: dict[str, Any] = field(default_factory=dict)
+    compiling: dict[str, list[Any]] = field(default_factory=dict)
 
     @classmethod
     def begun(cls, context: Context) -> Work:
-        """The children that draw samples and compile, started."""
-        work = cls(context, context.scaled(STEPS, 20), context.out / "fit_samples")
-        work.folder.mkdir(parents=True, exist_ok=True)
+        """The children, started."""
+        work, folder = cls(context, context.scaled(STEPS, 20)), _folder(context)
+        folder.mkdir(parents=True, exist_ok=True)
         threads = max(1, (os.cpu_count() or 2) // 2)
-        for name, points in work.cases():
-            wanted = [f"fit/{name}/{point}" for point in points]
-            if not (work.folder / f"{name}.json").is_file() and context.wants_any(wanted):
-                work.drawing[name] = _child(context, "draw", name, context.inputs, work.folder, work.steps, threads)
-        work.drawing["kernels"] = _child(context, "warm", "all", context.inputs)
+        for name in work.wanted():
+            if not (folder / f"{name}.json").is_file():
+                work.drawing[name] = _child(context, "draw", name, context.inputs, folder, work.steps, threads)
+            if context.device == "cuda":
+                trials = TRIALS if "fit/chosen" not in context.done or name != "player" else ()
+                work.compiling[name] = [_child(context, "compile", name, context.inputs, *trial) for trial in trials]
+        if work.wanted():
+            work.drawing["kernels"] = _child(context, "warm", "all", context.inputs)
         return work
 
-    def cases(self) -> list[tuple[str, tuple[str, ...]]]:
-        """(name, points) of the inputs that are there."""
-        return [(name, points) for name, _, points in prepare.CASES if (self.context.inputs / f"{name}.fit").is_file()]
+    def wanted(self) -> dict[str, tuple[str, ...]]:
+        """Points by asset, of the assets whose rows are not complete."""
+        kinds = ("gpu", "cpu_step")
+        return {name: points for name, points in cases(self.context)
+                if self.context.wants_any(f"fit/{name}/{point}/{kind}" for point in points for kind in kinds)}
 
-    def wait(self, name: str) -> float:
-        """Seconds waited for a child that draws. Raises RuntimeError with the end of its output where it failed."""
-        begin, child = time.perf_counter(), self.drawing.pop(name, None)
+    def wait(self, name: str) -> None:
+        """Waits for a child that draws. Raises RuntimeError with the end of its output where it failed."""
+        child = self.drawing.pop(name, None)
         if child is not None and child.wait(timeout=max(self.context.left(), 1)):
-            log = self.context.out / f"fit_{'warm_all' if name == 'kernels' else f'draw_{name}'}.log"
-            raise RuntimeError(log.read_text()[-1500:])
-        return time.perf_counter() - begin
+            log = "warm_all" if name == "kernels" else f"draw_{name}"
+            raise RuntimeError((_folder(self.context) / f"{log}.log").read_text()[-1500:])
+
+    def wait_for_compilers(self, name: str) -> None:
+        """Waits for what is compiled for an asset's fits on the GPU; where that fails, the fit itself says why."""
+        for child in self.compiling.pop(name, []):
+            child.wait(timeout=max(self.context.left(), 1))
 
     def fit_beside(self, name: str, points: tuple[str, ...]) -> None:
-        """Starts the processor's fits of an asset that nobody has measured."""
-        known = cpu_figures(self.context)
+        """Starts the processor's fits of an asset that nobody has measured; they outlive this process."""
         for point in points:
-            key = f"{name}/{point}/{self.steps}"
-            if key not in known and self.context.wants(f"fit/{name}/{point}/cpu_kernels"):
-                self.fitting[key] = _child(self.context, "cpu", f"{name}_{point}", self.context.inputs, self.folder, self.steps)
+            missing = self.context.wants(f"fit/{name}/{point}/cpu_kernels") and _cpu_figures(self.context, name, point) is None
+            if missing and self.context.scale == 1:
+                child = _child(self.context, "cpu", f"{name}_{point}", self.context.inputs, _folder(self.context), self.steps)
+                (_folder(self.context) / f"cpu_{name}_{point}.pid").write_text(str(child.pid))
 
     def end(self) -> None:
-        """Ends what is still running."""
-        for child in (*self.drawing.values(), *self.fitting.values()):
+        """Ends the children that still prepare."""
+        for child in (*self.drawing.values(), *(child for name in self.compiling for child in self.compiling[name])):
             if child.poll() is None:
                 child.terminate()
                 child.wait()
 
 
-def cpu_figures(context: Context) -> dict[str, Any]:
-    """What prepare.py --cpu-fit has written."""
-    path = context.inputs / "cpu_fits.json"
-    return json.loads(path.read_text()) if path.is_file() else {}
+def cases(context: Context) -> list[tuple[str, tuple[str, ...]]]:
+    """(name, points) of the inputs that are there."""
+    return [(name, points) for name, _, points in prepare.CASES if (context.inputs / f"{name}.fit").is_file()]
 
 
-_work: dict[int, Work] = {}  # by id of the context: finish() takes up what measure() has begun
+def _cpu_figures(context, name, point):
+    """What a processor's fit has reached: by prepare.py --cpu-fit, or by a child; None where neither has ended."""
+    prepared, child = context.inputs / "cpu_fits.json", _folder(context) / f"cpu_{name}_{point}.json"
+    known = json.loads(prepared.read_text()) if prepared.is_file() else {}
+    key = f"{name}/{point}/{context.scaled(STEPS, 20)}"
+    return known.get(key) or (json.loads(child.read_text()) if child.is_file() else None)
 
 
 # The fits.
@@ -169,17 +204,22 @@ class Case:
 
 def measure(context: Context) -> Iterator[Row]:
     """Rows of the fit; see rows.py."""
-    work = _work[id(context)] = Work.begun(context)
-    for name, points in work.cases():
-        taken = prepare.read(context.inputs / f"{name}.fit")
-        work.wait(name)
-        if context.wants(f"fit/{name}/draw"):
-            yield Row(f"fit/{name}/draw", json.loads((work.folder / f"{name}.json").read_text()) | {"threads": os.cpu_count()})
-        work.wait("kernels")
-        work.fit_beside(name, points)
-        drawn = load_samples(work.folder, name)
-        for point in points:
-            yield from _fits(context, Case(name, point, taken, drawn), work.steps)
+    work = Work.begun(context)
+    try:
+        for name, points in work.wanted().items():
+            taken = prepare.read(context.inputs / f"{name}.fit")
+            work.wait(name)
+            facts = json.loads((_folder(context) / f"{name}.json").read_text())
+            if context.wants(f"fit/{name}/draw"):
+                yield Row(f"fit/{name}/draw", facts | {"threads": os.cpu_count()})
+            work.wait("kernels")
+            work.wait_for_compilers(name)
+            work.fit_beside(name, points)
+            drawn = load_samples(_folder(context), name)
+            for point in points:
+                yield from _fits(context, Case(name, point, taken, drawn), work.steps)
+    finally:
+        work.end()
 
 
 def _fits(context, case, steps):
@@ -199,15 +239,15 @@ def _fits(context, case, steps):
 def _trials(context, case, steps):
     """Fits with each batch, and with tf32; "fit/chosen" is what gives the most dB within the target."""
     tried = []
-    settings = [(batch, "float16") for batch in BATCHES] + [(BATCHES[1], "tf32")]
-    for batch, products in settings:
+    for batch, products in TRIALS:
         key = f"{case.key}/batch{batch}_{products}"
         if context.wants(key) and context.left() > 30:
             yield Row(key, fitted(context, case, steps, batch=context.scaled(batch, 64), products=products))
         if "seconds" in context.done.get(key, {}):
             tried.append(context.done[key] | {"products": products})
     quick = [row for row in tried if row["seconds"] <= TARGET_SECONDS] or tried
-    best = max(quick, key=lambda row: row["psnr_db"]) if quick else {"batch": context.scaled(BATCHES[0], 64), "products": "auto"}
+    usual = {"batch": context.scaled(TRIALS[0][0], 64), "products": "auto"}
+    best = max(quick, key=lambda row: row["psnr_db"]) if quick else usual
     yield Row("fit/chosen", {"batch": best["batch"], "products": best["products"]})
 
 
@@ -229,7 +269,10 @@ def fitted(context: Context, case: Case, steps: int, **settings: Any) -> dict[st
                "remarks": fit.remarks}
     if each * steps > longest:
         return figures | {"skipped": f"{steps} steps would take {each * steps:.0f} s"}
-    fit.run(steps)
+    try:
+        fit.run(steps)
+    except InputError as error:  # it has diverged
+        return figures | {"error": str(error)}
     seconds = time.perf_counter() - warm
     rgb = fit_payload.pooled_psnr(fit.errors(exact=True), case.taken["rgb"])
     return figures | {"steps": fit.step, "seconds": round(seconds, 2), "milliseconds_a_step": round(1000 * seconds / fit.step, 4),
@@ -266,61 +309,53 @@ def cpu_step(case: Case, steps: int) -> dict[str, Any]:
 
 def finish(context: Context) -> Iterator[Row]:
     """After the other parts: the long fit if there is time for it, and what the processor's fits have reached."""
-    work = _work.pop(id(context), None) or Work(context, context.scaled(STEPS, 20), context.out / "fit_samples")
     try:
-        yield from _long(context, work)
-        for name, points in work.cases():
+        yield from _long(context)
+        for name, points in cases(context):
             for point in points:
-                yield from _cpu_row(context, work, name, point)
+                yield from _cpu_row(context, name, point)
     finally:
-        work.end()
+        for path in _folder(context).glob("cpu_*.pid"):
+            with contextlib.suppress(OSError):
+                os.kill(int(path.read_text()), signal.SIGTERM)
+            path.unlink()
 
 
-def _long(context, work):
+def _long(context):
     key, chosen = "fit/player/mpeg6/gpu_100000", context.done.get("fit/chosen")
     usual = context.done.get("fit/player/mpeg6/gpu", {}).get("milliseconds_a_step")
     if chosen is None or usual is None or not context.wants(key):
         return
-    if context.left() < max(LONG_LEFT * min(context.scale * 10, 1), usual * context.scaled(LONG_STEPS) / 1000 + 20):
-        yield Row(key + "/error", {"skipped": f"{context.left():.0f} s were left"})
+    needed = max(LONG_LEFT * min(context.scale * 10, 1), usual * context.scaled(LONG_STEPS) / 1000 + 20)
+    if context.left() < needed:
+        yield Row(f"{key}_left_out", {"skipped": f"{context.left():.0f} s were left"})
         return
     taken = prepare.read(context.inputs / "player.fit")
-    case = Case("player", "mpeg6", taken, load_samples(work.folder, "player"))
+    case = Case("player", "mpeg6", taken, load_samples(_folder(context), "player"))
     yield Row(key, fitted(context, case, context.scaled(LONG_STEPS, 30), batch=chosen["batch"], products=chosen["products"]))
 
 
-def _cpu_row(context, work, name, point):
-    key = f"fit/{name}/{point}/cpu_kernels"
+def _cpu_row(context, name, point):
+    key, begun = f"fit/{name}/{point}/cpu_kernels", _folder(context) / f"cpu_{name}_{point}.pid"
     if not context.wants(key):
         return
-    known, child = cpu_figures(context).get(f"{name}/{point}/{work.steps}"), work.fitting.get(f"{name}/{point}/{work.steps}")
-    path = work.folder / f"cpu_{name}_{point}.json"
-    if known is None and child is not None:
-        try:
-            child.wait(timeout=max(context.left() - 5, 0.1))
-        except subprocess.TimeoutExpired:
-            return
-        known = json.loads(path.read_text()) if path.is_file() else None
-    if known is not None:
-        yield Row(key, known)
+    while (figures := _cpu_figures(context, name, point)) is None and begun.is_file() and context.left() > 5:
+        time.sleep(0.5)
+    if figures is not None:
+        yield Row(key, figures)
 
 
 def main() -> None:
-    """What a child process does."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("task", choices=("draw", "warm", "cpu"))
-    parser.add_argument("name")
-    parser.add_argument("inputs", type=Path)
-    parser.add_argument("folder", type=Path, nargs="?")
-    parser.add_argument("steps", type=int, nargs="?")
-    parser.add_argument("threads", type=int, nargs="?")
-    given = parser.parse_args()
-    if given.task == "draw":
-        draw_child(given.name, given.inputs, given.folder, given.steps, given.threads)
-    elif given.task == "warm":
-        warm_child(given.inputs)
+    """What a child process does: task, name, inputs, then what the task takes."""
+    task, name, inputs, *rest = sys.argv[1:]
+    if task == "draw":
+        draw_child(name, Path(inputs), Path(rest[0]), int(rest[1]), int(rest[2]))
+    elif task == "compile":
+        compile_child(name, Path(inputs), int(rest[0]), rest[1])
+    elif task == "cpu":
+        cpu_child(name, Path(inputs), Path(rest[0]), int(rest[1]))
     else:
-        cpu_child(*given.name.split("_"), given.inputs, given.folder, given.steps)
+        warm_child(Path(inputs))
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ import json
 import os
 import platform
 import subprocess
+import sys
 import time
 import traceback
 from collections.abc import Iterator
@@ -27,6 +28,9 @@ from typing import Any
 from .rows import Context, Row
 
 PARTS = ("fit", "frames", "decode")
+FINISHING = ("fit",)  # have a finish()
+MOST_SECONDS = {"fit": 0.5, "frames": 0.5, "decode": 0.25}  # share of the seconds that a part may take of the others'
+LEAST_SECONDS, GRACE = 5.0, 15.0
 SHOWN = 400  # characters of a row that are printed
 
 
@@ -87,23 +91,38 @@ def measured(part: str, name: str, context: Context) -> Iterator[Row]:
         yield Row(f"{part}/error", {"error": f"{type(error).__name__}: {error}"[:600], "trace": lines[-12:]})
 
 
-def run(context: Context, parts: tuple[str, ...], record: Record) -> None:
-    """Measure the parts, then what they have left for the end."""
-    record.machines.append(machine())
-    print(json.dumps(record.machines[-1]), flush=True)
-    for part in parts:
-        record.rows.pop(f"{part}/error", None)
-    for name in ("measure", "finish"):
-        for part in parts:
-            begin = time.perf_counter()
-            if name == "measure" and context.left() < 5:
-                record.add(Row(f"{part}/error", {"skipped": "no time was left"}))
-                continue
-            for row in measured(part, name, context):
-                record.add(row)
-            taken = record.machines[-1].setdefault("part_seconds", {})
-            taken[part] = round(taken.get(part, 0) + time.perf_counter() - begin, 1)
-            record.write()
+def run_alone(context: Context, part: str, name: str, record: Record) -> None:
+    """Add the rows of one function of a part, in this process."""
+    for row in measured(part, name, context):
+        record.add(row)
+
+
+def run(given: argparse.Namespace, parts: list[str]) -> None:
+    """Measure the parts, then what they have left for the end, each in a process of its own: a fault of one device program ends
+    all that follows in its process."""
+    deadline, path = time.perf_counter() + given.seconds, given.out / "gpu.json"
+    record = Record(path)
+    record.machines.append(facts := machine())
+    record.write()
+    print(json.dumps(facts), flush=True)
+    for name, part in [("measure", part) for part in parts] + [("finish", part) for part in parts if part in FINISHING]:
+        left, begin = deadline - time.perf_counter(), time.perf_counter()
+        if left < LEAST_SECONDS:
+            continue
+        most = left if name == "finish" or len(parts) == 1 else min(left, MOST_SECONDS[part] * given.seconds)
+        command = [sys.executable, "-u", "-m", "tools.gpu.run", *given.arguments, "--only", part, "--alone", name, "--seconds",
+                   f"{most:.0f}"]
+        try:
+            code = subprocess.run(command, timeout=most + GRACE, check=False).returncode
+            fault = f"the process ended with code {code}" if code else ""
+        except subprocess.TimeoutExpired:
+            fault = f"the process was ended after {most + GRACE:.0f} s"
+        record = Record(path)
+        if fault:
+            record.add(Row(f"{part}/error", {"error": fault}))
+        taken = record.machines[-1].setdefault("part_seconds", {})
+        taken[f"{part} {name}"] = round(time.perf_counter() - begin, 1)
+        record.write()
 
 
 def main() -> None:
@@ -115,14 +134,21 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=480.0)
     parser.add_argument("--only", default=",".join(PARTS))
     parser.add_argument("--cpu", action="store_true")
+    parser.add_argument("--alone", help="function of the one part, to be run in this process")
     given = parser.parse_args()
+    given.arguments = sys.argv[1:]
     if given.cpu:
         os.environ.setdefault("OMP_NUM_THREADS", "1")  # threads that wait for each other take longer where cores are shared
     given.out.mkdir(parents=True, exist_ok=True)
+    parts = [part for part in PARTS if part in given.only.split(",")]
+    if not given.alone:
+        run(given, parts)
+        return
     record = Record(given.out / "gpu.json")
+    record.rows.pop(f"{parts[0]}/error", None)
     context = Context(inputs=given.inputs, out=given.out, scale=given.scale, device="cpu" if given.cpu else "cuda",
                       done=record.rows, deadline=time.perf_counter() + given.seconds)
-    run(context, tuple(part for part in PARTS if part in given.only.split(",")), record)
+    run_alone(context, parts[0], given.alone, record)
 
 
 if __name__ == "__main__":

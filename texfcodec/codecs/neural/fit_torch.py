@@ -94,7 +94,7 @@ class TorchFit(Fit):
             try:
                 super().__init__(*arguments, batch=batch, **named)
                 return
-            except torch.OutOfMemoryError:
+            except _no_memory(torch):
                 if batch <= LEAST_BATCH:
                     raise
                 self.remarks.append(f"the GPU has too little memory for batches of {batch} samples; {batch // 2} are taken")
@@ -305,7 +305,7 @@ class TorchFit(Fit):
             if not all(d < limit for d, limit in zip(self.distances, limits, strict=True)):
                 return "the fused kernels disagree with them by " + ", ".join(f"{d:.1e}" for d in self.distances)
             return ""
-        except torch.OutOfMemoryError:
+        except _no_memory(torch):
             raise
         except Exception as error:  # a compiler's own kinds, of which there are many; the plain step does the same work
             return f"the fused kernels do not run here ({type(error).__name__}: {str(error)[:200]!r})"
@@ -373,6 +373,11 @@ class TorchFit(Fit):
             got = [self._outputs(self._inputs(*part, corners, read), self.state.net)
                    for part in zip(position.split(1 << 16), cell.split(1 << 16), strict=True)]
             return ((self.torch.cat(got) + 1) * 127.5).cpu().numpy()
+
+
+def _no_memory(torch):
+    """The error of a GPU without memory left, which older torches have elsewhere."""
+    return getattr(torch, "OutOfMemoryError", torch.cuda.OutOfMemoryError)
 
 
 def _products(torch, device, remarks):

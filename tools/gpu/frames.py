@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import io
 import json
+import subprocess
+import sys
 import tempfile
 import zipfile
 from collections.abc import Iterator
@@ -26,6 +28,7 @@ ORDER = ("player_3dntc", "player_voxels", "player_texels", "player_uv", "helmet_
 SIDE, REPEATS, PICTURE, FAR = 2048, 40, 1024, 4.0
 SECONDS_OF_ROW = 5.0  # what has to be left for another row
 LEAST_PSNR = 40.0
+FRAGMENT_REPEATS, FRAGMENT_SECONDS = 10, 60.0
 MOST_MEAN, MOST_ONE = 0.5, 8.0  # levels of 255 by which tensor cores may miss the normative evaluation
 PICTURES = "frames_pictures.zip"
 
@@ -42,6 +45,7 @@ def measure(context: Context) -> Iterator[Row]:
     with ThreadPoolExecutor(8) as pool:  # all before the first timing
         loaded = list(pool.map(lambda name: _load(context, name), names))
     yield from _on_gpu(context, dict(zip(names, loaded, strict=True)))
+    yield from _by_fragments(context)
 
 
 def _path(context, name):
@@ -103,6 +107,30 @@ def _keep_picture(context, key, picture):
     context.out.mkdir(parents=True, exist_ok=True)
     with zipfile.ZipFile(context.out / PICTURES, "a") as archive:
         archive.writestr(key.removeprefix("frames/").replace("/", "_") + ".png", buffer.getvalue())
+
+
+def _by_fragments(context):
+    """Rows "frames/<asset>/<kind>/fragments", of a process of its own; one sentence where there is no EGL."""
+    if not context.wants("frames/fragments"):
+        return
+    if not (context.inputs / "frames_glsl.json").exists():
+        yield Row("frames/fragments", {"skipped": "there are no shaders: prepare_frames.py makes them where node is"})
+        return
+    numbers = [str(SIDE), str(context.scaled(FRAGMENT_REPEATS, 2))]
+    command = [sys.executable, "-m", "tools.gpu.frames_egl", str(context.inputs), *numbers]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=max(1.0, min(FRAGMENT_SECONDS, context.left())))
+        lines, fault = done.stdout, done.stderr.strip().splitlines()[-1:] if done.returncode else []
+    except subprocess.TimeoutExpired as error:
+        lines, fault = _text(error.stdout), [f"the process was ended after {error.timeout:.0f} s"]
+    for line in lines.splitlines():
+        row = json.loads(line)
+        yield Row(row["key"], row["figures"])
+    yield Row("frames/fragments", {"skipped": f"fragment shaders through EGL: {fault[0]}"} if fault else {"drawn": "all assets"})
+
+
+def _text(output):
+    return output.decode() if isinstance(output, bytes) else output or ""
 
 
 # ---- On a GPU

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import io
 import json
+import shutil
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -33,11 +34,12 @@ from texfcodec.texf import Texf
 
 from .frames_asset import FEATURES, HIDDEN, OUTPUTS, bricks_of, save_arrays
 from .frames_build import compile_cubin
+from .frames_egl import write_shaders
 
 ASSETS = {"player": "bball_0001.glb", "helmet": "damaged_helmet.glb", "room": "mp_room_lod3.glb"}
 NEURAL_ASSETS, FAR_ASSET = ("player", "helmet"), "player"
 RATES = {"player": "r03", "helmet": "r01", "room": "r01"}  # K is 1024 at both; the bytes that travel are fewer
-NEURAL_STEPS, TEXEL_SIZE, ANCHOR_SIZE, ANCHOR_QUALITY = 3000, 2048, 2048, 92
+NEURAL_STEPS, TEXEL_SIZE, ANCHOR_SIZE, ANCHOR_QUALITY = 3000, 2048, 2048, 85
 POINTS = 4096
 REFERENCE_VIEW, REFERENCE_PIXELS = 7, 256
 FAR = 4.0
@@ -227,6 +229,7 @@ def main() -> None:
         begin = time.perf_counter()
         for name in prepare(asset, given.assets / source, given.streams, given.out):
             print(f"{name}: {(given.out / name).stat().st_size} bytes, {time.perf_counter() - begin:.0f} s", flush=True)
+    print(f"shaders: {write_shaders(given.out) if shutil.which('node') else 'there is no node'}")
 
 
 if __name__ == "__main__":

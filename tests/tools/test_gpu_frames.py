@@ -53,7 +53,7 @@ def shells():
 def streams(shells):
     """Decoded, by kind."""
     options = {"voxels": {"resolution": 96, "qp": 20, "support": "voxels"}, "texels": {"rate": "r03", "support": "texels"},
-               "3dntc": {"codec": "3dntc", "steps": 60, "resolution": 96}}
+               "3dntc": {"codec": "3dntc", "steps": 30, "resolution": 96}}
     return {kind: texfcodec.decode(texfcodec.encode(shells, {"no_check": True, **given})) for kind, given in options.items()}
 
 

@@ -13,5 +13,5 @@ from .rows import Context, Row
 
 def measure(context: Context) -> Iterator[Row]:
     """One row that says that nothing is measured."""
-    yield Row("decode/all", {"skipped": "decoding on the GPU is not measured: the transport form is one adaptive codeword, serial by "
-                                        "its syntax, and there is no kernel that bakes to BC7"})
+    yield Row("decode/all", {"skipped": "decoding on the GPU is not measured: the transport form is one adaptive codeword, "
+                                        "serial by its syntax, and no kernel bakes to BC7"})

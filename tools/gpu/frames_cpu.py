@@ -28,7 +28,8 @@ class HostFrames:
             raise FileNotFoundError("there is no C++ compiler")
         source, library = folder / "frames.cpp", folder / "frames.so"
         source.write_text(host_source(), encoding="utf-8")
-        subprocess.run([compiler, "-O2", "-shared", "-fPIC", "-o", str(library), str(source)], check=True, capture_output=True)
+        command = [compiler, "-O3", "-ffast-math", "-shared", "-fPIC", "-o", str(library), str(source)]
+        subprocess.run(command, check=True, capture_output=True)
         self._library = ctypes.CDLL(str(library))
 
     def draw(self, asset: FrameAsset, camera: np.ndarray, kind: int) -> np.ndarray:

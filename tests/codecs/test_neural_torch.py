@@ -5,10 +5,11 @@ import pytest
 from plane_fits import plane_fit
 
 from texfcodec import EncodeOptions
-from texfcodec.codecs.neural import fit_torch
+from texfcodec.codecs.neural import fit_payload, fit_torch
 from texfcodec.codecs.neural.fit import Fit
 from texfcodec.codecs.neural.fit_payload import _engine
 from texfcodec.errors import InputError
+from texfcodec.report import Report
 
 HINT = "torch is not installed: pip install texfcodec[ntc]"
 
@@ -51,6 +52,58 @@ def test_torch_goes_on_from_a_checkpoint(tmp_path, monkeypatch):
         torch_fit().run(20, stop, path)
     resumed = torch_fit().run(20, checkpoint=path)
     assert (whole.codes != resumed.codes).mean() < 0.01
+
+
+def test_a_device_arranges_samples_and_answers_as_the_processor_does(monkeypatch):
+    torch = pytest.importorskip("torch", reason=HINT)
+    here = torch_fit(uneven=True)
+    monkeypatch.setattr(fit_torch, "SORTING", ("cuda", "cpu"))
+    there = torch_fit(uneven=True)
+    for name in ("position", "target", "share"):
+        assert torch.equal(getattr(here.state, name), getattr(there.state, name))
+    around = [fit.state.corners[fit.state.cell.long()] for fit in (here, there)]
+    assert torch.equal(*around) and there.batches == here.batches
+    for fit in (here, there):
+        fit.run(20)
+    assert there.psnr() == pytest.approx(here.psnr(), abs=0.01)
+    assert there.log[-1]["train_psnr"] == pytest.approx(here.log[-1]["train_psnr"], abs=0.01)
+
+
+def test_too_little_memory_takes_smaller_batches_and_says_so(monkeypatch):
+    torch = pytest.importorskip("torch", reason=HINT)
+    arrange = fit_torch.TorchFit._arrange
+
+    def small(fit, samples, batch):
+        if batch > 1024:
+            raise torch.OutOfMemoryError("CUDA out of memory")
+        arrange(fit, samples, batch)
+
+    monkeypatch.setattr(fit_torch.TorchFit, "_arrange", small)
+    fit = torch_fit()
+    assert fit.layout.batch == 1024
+    assert fit.remarks == ["the GPU has too little memory for batches of 4096 samples; 2048 are taken",
+                           "the GPU has too little memory for batches of 2048 samples; 1024 are taken"]
+
+
+def test_a_gpu_that_fails_leaves_the_fit_to_the_processor(monkeypatch):
+    pytest.importorskip("torch", reason=HINT)
+
+    def broken(fit, steps):
+        raise RuntimeError("no kernel image is available\nfor this device")
+
+    monkeypatch.setattr(fit_torch.TorchFit, "warm", broken)
+    made, report = plane_fit(), Report()
+    fit = fit_payload._begun(EncodeOptions(codec="3dntc", fit_engine="torch"), report, made.design, made.tables, made.samples,
+                             made.held_out, judged=[0, 1, 2])
+    assert type(fit) is Fit
+    assert report.remarks == ["the fit takes the processor, because the GPU failed: no kernel image is available"]
+
+
+def test_fused_kernels_that_do_not_compile_leave_the_plain_step():
+    fit = torch_fit()
+    fit.asked_step = "fused"  # Triton compiles nothing without a GPU
+    fit.warm(10)
+    assert fit.engine is None and len(fit.remarks) == 1 and fit.remarks[0].startswith("plain torch steps are taken: ")
 
 
 def test_without_torch_the_message_names_the_extra(monkeypatch):

@@ -6,8 +6,8 @@ Runs the parts in order as far as the seconds go, prints rows as they come, and 
 the same folder measures what is missing. `--cpu --scale 0.001` is the test. On a machine without a network carry out/gpu_inputs
 (of prepare.py) and wheels of what is missing there (DracoPy, mapbox-earcut):
 
-    python3 -m pip install -q --no-index --no-deps --target /tmp/site .whl/*.whl
-    PYTHONPATH=/tmp/site:. python3 -m tools.gpu.run --inputs out/gpu_inputs --out "$OUT" --seconds 420
+    python3 -m pip install -q --no-index --no-deps --target .site .whl/*.whl
+    PYTHONPATH=.site python3 -m tools.gpu.run --inputs out/gpu_inputs --out "$OUT" --seconds 420
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -34,6 +34,21 @@ def _engine(options):
     return TorchFit if options.fit_engine == "torch" or cuda_is_there() else Fit
 
 
+def _begun(options, report, *arguments: Any, judged):
+    """The fit before its first step; by the kernels of train.py where the GPU fails, which the report says."""
+    engine: Any = _engine(options)
+    try:
+        fit = engine(*arguments, options.seed, options.threads, judged=judged)
+        if engine is not Fit:
+            fit.warm(options.steps)
+            report.remarks += fit.remarks
+        return fit
+    except RuntimeError as error:  # torch's errors of devices, drivers and memory
+        report.remarks.append(f"the fit takes the processor, because the GPU failed: {str(error).splitlines()[0]}")
+        kernels: Any = Fit
+        return kernels(*arguments, options.seed, options.threads, judged=judged)
+
+
 def fit_payload(source: CodecSource, options: NeuralOptions, report: Report) -> tuple[Payload, list[Tables], dict]:
     """Fits a payload for all fields of a codec.Source: (payload.Payload, its Tables by field, what was chosen).
 
@@ -57,7 +72,7 @@ def fit_payload(source: CodecSource, options: NeuralOptions, report: Report) -> 
         report.note = ""
 
     with report.stage("fit"):
-        fit = _engine(options)(design.payload, design.tables, *drawn, options.seed, options.threads, judged=judged)
+        fit = _begun(options, report, design.payload, design.tables, *drawn, judged=judged)
         checkpoint = None if options.checkpoint is None else Path(options.checkpoint)
         fit.run(options.steps, look, checkpoint)
         reached = _reached(fit, places)

@@ -18,11 +18,13 @@ import numpy as np
 from ...errors import InputError
 from .fit import BATCH, LATENT_RATE, NETWORK_RATE, WARMING, Fit
 from .fit_layout import Layout, block_of
+from .fit_samples import Samples
 from .infer import CODES, LOCAL_BITS, POSITION_BITS
 from .train import MOMENTUM, SQUARE_DECAY, TINY
 
 CUDA_BATCH = 1 << 14
 LEAST_BATCH = 1 << 10
+SORTING = ("cuda",)  # devices that put samples in order and answer at held-out points themselves
 RECORDED = 50  # steps of a graph
 HALF_UNITS = (7, 0)  # compute capability from which there are 16-bit matrix units
 GRADIENT_TOLERANCE, MOVE_TOLERANCE = 2e-2, 1e-3  # relative distance of the fused step from the plain one
@@ -84,30 +86,45 @@ class TorchFit(Fit):
             import torch
         except ImportError:
             raise InputError("TXF-I56", "fitting with torch needs the optional extra: pip install texfcodec[ntc]") from None
-        self.torch = torch
+        self.torch: Any = torch
+        self.state: Any = None  # a State
+        self.engine: Any = None  # a fit_triton.FusedStep, where that is taken
+        self.graph: Any = None
+        self.planned: int | None = None
         self.device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
         self.remarks: list[str] = []
         self.asked_step = step if step != "auto" else ("fused" if self.device.type == "cuda" else "plain")
         self.products = _products(torch, self.device, self.remarks) if products == "auto" else products
-        batch = batch or (CUDA_BATCH if self.device.type == "cuda" else BATCH)
+        named["batch"] = batch or (CUDA_BATCH if self.device.type == "cuda" else BATCH)
         while True:
             try:
-                super().__init__(*arguments, batch=batch, **named)
+                super().__init__(*arguments, **named)
+                self._take_memory()
                 return
             except _no_memory(torch):
-                if batch <= LEAST_BATCH:
+                size = named["batch"]
+                if size <= LEAST_BATCH:
                     raise
-                self.remarks.append(f"the GPU has too little memory for batches of {batch} samples; {batch // 2} are taken")
-                batch //= 2
+                self.remarks.append(f"the GPU has too little memory for batches of {size} samples; {size // 2} are taken")
+                named["batch"] = size // 2
             self.state, self.engine = None, None
             torch.cuda.empty_cache()
 
+    def _take_memory(self):
+        """Needs at once what the largest step will need."""
+        if self.device.type == "cuda":
+            with self.torch.no_grad():
+                self._plan(1)
+                self._plain_gradients()
+
     def _on(self, array):
+        if self.torch.is_tensor(array):
+            return array.to(self.device)
         return self.torch.as_tensor(np.ascontiguousarray(array), device=self.device)
 
     def _arrange(self, samples, batch):
         """As Fit._arrange, on the GPU where there is one."""
-        if self.device.type != "cuda":
+        if self.device.type not in SORTING:
             super()._arrange(samples, batch)
             s = self.samples
             self.arranged = tuple(self._on(a) for a in (s.position, s.target, s.share, self.cell))
@@ -131,10 +148,10 @@ class TorchFit(Fit):
         size = whole // block * block or whole if self.asked_step == "fused" else whole  # whole programs
         self.layout = Layout.of(self.design, size)
         self.weight_places, self.bias_places = self.layout.places()
-        batched = [t.reshape(self.batches, whole, -1)[:, :size].reshape(self.batches * size, -1).contiguous()
-                   for t in self.arranged]
+        cut = lambda tensor: tensor.reshape(self.batches, whole, -1)[:, :size].reshape(self.batches * size, -1).contiguous()
+        position, target, share, cell = (cut(tensor) for tensor in self.arranged)
         self.arranged = ()
-        self.state = State(*batched, self._on(self.corners), self._on(WARMING))
+        self.state = State(position, target, share, cell, self._on(self.corners), self._on(WARMING))
         self.held_state = [self._on(a) for a in (self.held_out.position, *self.held_cells)]
         self.engine, self.graph, self.planned, self.checked = None, None, None, False
         super()._start()
@@ -363,9 +380,9 @@ class TorchFit(Fit):
         """As Fit._one_step."""
         return self._take_steps(self.step + 1, steps, pool)[0]
 
-    def answers(self, samples, cells):
+    def answers(self, samples: Samples, cells: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """As Fit.answers; at the held-out points on the device."""
-        if samples is not self.held_out or self.device.type != "cuda":
+        if samples is not self.held_out or self.device.type not in SORTING:
             return super().answers(samples, cells)
         with self.torch.no_grad():
             read = self.state.codes[:, : self.layout.features].float() / CODES

@@ -23,9 +23,10 @@ SCALE = 256.0  # of slopes in 16 bits, whose smallest normal number is 6e-5
 ROWS, PARAMETERS, PARTIALS = 128, 64, 32  # latents' rows and parameters that a program moves; partial gradients added at a time
 PRODUCTS = ("float16", "tf32", "float32")
 MAX_LEVELS, HIDDEN_LAYERS = 2, 3
+compiled = triton.jit  # compiled, and cached, by Triton
 
 
-@triton.jit
+@compiled
 def _product(a, b, HALF: tl.constexpr, PRECISION: tl.constexpr):
     if HALF:
         return tl.dot(a.to(tl.float16), b.to(tl.float16))
@@ -33,7 +34,7 @@ def _product(a, b, HALF: tl.constexpr, PRECISION: tl.constexpr):
         return tl.dot(a, b, input_precision=PRECISION)
 
 
-@triton.jit
+@compiled
 def _activated(h):
     m = tl.minimum(tl.maximum(h, -1.5), 1.5)
     value = tl.where(h > 1.5, h, m * (m + 1.5) * (1.0 / 3.0))
@@ -41,7 +42,7 @@ def _activated(h):
     return value, slope
 
 
-@triton.jit
+@compiled
 def _axis_weight(position, m, axis: tl.constexpr, resolution, far, LOCAL: tl.constexpr, SHIFT: tl.constexpr):
     """Weights [M, 8] of one axis. far: whether a corner is the far one, [1, 8]."""
     p = tl.load(position + 3 * m + axis).to(tl.int64)
@@ -50,7 +51,7 @@ def _axis_weight(position, m, axis: tl.constexpr, resolution, far, LOCAL: tl.con
     return tl.where(far, part[:, None], 1.0 - part[:, None])
 
 
-@triton.jit
+@compiled
 def _corners(position, cell, corners, m, resolution, LEVEL: tl.constexpr, LEVELS: tl.constexpr, LOCAL: tl.constexpr,
              SHIFT: tl.constexpr):
     """Rows of the eight latents around each sample and their weights, [M, 8] both; -1 and 0 where none is."""
@@ -66,7 +67,7 @@ def _corners(position, cell, corners, m, resolution, LEVEL: tl.constexpr, LEVELS
     return corner, share
 
 
-@triton.jit
+@compiled
 def _latents(codes, corner, share, k, FEATURES: tl.constexpr, PADDED: tl.constexpr, UNIT: tl.constexpr):
     """Interpolated latents [M, FP]."""
     at = corner[:, :, None].to(tl.int64) * PADDED + k[None, None, :]
@@ -75,14 +76,14 @@ def _latents(codes, corner, share, k, FEATURES: tl.constexpr, PADDED: tl.constex
     return tl.sum(share[:, :, None] * code, axis=1) * UNIT
 
 
-@triton.jit
+@compiled
 def _scattered(gradient, corner, share, slope, k, FEATURES: tl.constexpr, PADDED: tl.constexpr):
     at = corner[:, :, None].to(tl.int64) * PADDED + k[None, None, :]
     there = (share > 0)[:, :, None] & (k < FEATURES)[None, None, :]
     tl.atomic_add(gradient + at, share[:, :, None] * slope[:, None, :], mask=there, sem="relaxed")
 
 
-@triton.jit
+@compiled
 def _waves(position, m, first_wave, OCTAVES: tl.constexpr, WP: tl.constexpr, SHIFT: tl.constexpr):
     """Triangle waves [M, WP], 0 in the padding."""
     k = tl.arange(0, WP)
@@ -96,7 +97,7 @@ def _waves(position, m, first_wave, OCTAVES: tl.constexpr, WP: tl.constexpr, SHI
     return tl.where(used[None, :], wave, 0.0)
 
 
-@triton.jit(do_not_specialize=["resolution0", "resolution1", "first_wave", "size"])
+@compiled(do_not_specialize=["resolution0", "resolution1", "first_wave", "size"])
 def _gradients(position, target, weight, cell, corners, codes, net, gradient, partial, sums, order, counter,
                resolution0, resolution1, first_wave, size,
                COMPONENTS: tl.constexpr, LEVELS: tl.constexpr, FEATURES: tl.constexpr,
@@ -167,7 +168,7 @@ def _gradients(position, target, weight, cell, corners, codes, net, gradient, pa
         _scattered(gradient, corner1, share1, _product(g1, w1, HALF, PRECISION) * back, k, FEATURES, PADDED)
 
 
-@triton.jit
+@compiled
 def _move_rows(latent, gradient, square, times, codes, warming, schedule, counter, rows, rate,
                FEATURES: tl.constexpr, PADDED: tl.constexpr, WIDE: tl.constexpr, HALF_CODES: tl.constexpr, KEEP: tl.constexpr,
                SMALL: tl.constexpr, WARM: tl.constexpr, BLOCK: tl.constexpr):
@@ -194,7 +195,7 @@ def _move_rows(latent, gradient, square, times, codes, warming, schedule, counte
     tl.store(codes + at, tl.where((k < FEATURES)[None, :], code, 0).to(tl.int8), mask=touched)
 
 
-@triton.jit
+@compiled
 def _move_network(net, partial, mean, square, sums, errors, schedule, counter, rate, PROGRAMS: tl.constexpr,
                   SIZE: tl.constexpr, MEAN_KEEP: tl.constexpr, KEEP: tl.constexpr, SMALL: tl.constexpr, BLOCK: tl.constexpr,
                   PART: tl.constexpr):
@@ -224,7 +225,7 @@ def _move_network(net, partial, mean, square, sums, errors, schedule, counter, r
         tl.store(errors + step, tl.sum(error, axis=0) / tl.maximum(tl.sum(share, axis=0), SMALL) * (127.5 * 127.5))
 
 
-@triton.jit
+@compiled
 def _advance(counter):
     tl.store(counter, tl.load(counter) + 1)
 

@@ -19,7 +19,7 @@ from texfcodec.render.camera import bounding_sphere, fibonacci_direction, orthog
 from texfcodec.render.levels import pyramid_of as pyramid_of_field
 from texfcodec.render.textures import halved
 from texfcodec.scene.scene import Material, Texture
-from tools.gpu import frames, frames_asset, frames_egl, prepare_frames
+from tools.gpu import frames, frames_asset, frames_cpu, frames_egl, prepare_frames
 from tools.gpu.frames_cpu import HostFrames, picture_psnr
 from tools.gpu.rows import Context
 
@@ -98,6 +98,17 @@ def test_the_network_says_what_the_decoder_says(host, shells, streams):
     answers = host.points(frames_asset.asset_of(arrays), arrays["points"])
     assert set(arrays["points"][:, 3]) > {0} and np.ptp(arrays["exact"]) > 20
     assert np.abs(answers - arrays["exact"]).max() < 0.5
+
+
+def test_the_network_on_tensor_cores_says_what_the_decoder_says(shells, streams, tmp_path):
+    """Its own text, with a warp of threads and mma as PTX describes it."""
+    try:
+        warp = frames_cpu.compile_host(frames_cpu.warp_source(), tmp_path, "c++20")
+    except (FileNotFoundError, subprocess.CalledProcessError):
+        pytest.skip("there is no compiler of C++20 with _Float16 and <barrier>")
+    arrays = prepare_frames.texf_arrays(streams["3dntc"], *bounding_sphere(shells.positions))
+    answers = frames_cpu.points_by(warp.warp_points, frames_asset.asset_of(arrays), arrays["points"][:64])
+    assert np.abs(answers - arrays["exact"][:64]).max() < 1.0
 
 
 def test_large_faces_fill_their_pixels_without_gaps(host):

@@ -15,8 +15,8 @@ ARCHITECTURE = "sm_90"
 
 
 def device_source() -> str:
-    """The CUDA text: functions of a pixel, then kernels."""
-    return "\n".join((HERE / name).read_text(encoding="utf-8") for name in ("frames_pixel.cu", "frames.cu"))
+    """The CUDA text: functions of a pixel and of a warp, then kernels."""
+    return "\n".join((HERE / name).read_text(encoding="utf-8") for name in ("frames_pixel.cu", "frames_tensor.cu", "frames.cu"))
 
 
 def cubin_name() -> str:

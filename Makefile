@@ -199,7 +199,7 @@ $(DEMO): pyproject.toml
 clean:
 	@if [ "$(VENV)" = .venv ]; then rm -rf .venv; else echo "$(VENV) is yours: left alone" >&2; fi
 	rm -rf build dist out .pytest_cache .hypothesis .ruff_cache .mypy_cache .benchmarks texfcodec.egg-info
-	find texfcodec tests conformance bench proof release -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true
+	find texfcodec tests conformance bench proof release tools -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true
 
 # All that is published of the last commit, built twice and the same both times; needs npm, and pip's index: make release [OUT=folder]
 # [NPM=no]. Then, for every Python at hand: python release/try_wheel.py out/release/texfcodec-*.whl python3.12 ...

@@ -29,7 +29,7 @@ def test_a_fit_is_measured_and_a_second_run_measures_what_is_missing(tmp_path):
     pytest.importorskip("torch", reason=HINT)
     (tmp_path / "sheet.glb").write_bytes(Asset((usual("noise"),)).glb())
     prepare.write(prepare.capture(tmp_path / "sheet.glb", ("mpeg1",), 2), tmp_path / "inputs" / "bottle.fit")
-    settings = "--inputs", tmp_path / "inputs", "--only", "fit"
+    settings = "--inputs", tmp_path / "inputs", "--work", tmp_path / "work", "--only", "fit"
     first = driver(tmp_path / "out", *settings)["rows"]
     assert not [key for key in first if key.endswith("/error")], first
     assert {f"{KEY}/gpu", f"{KEY}/plain", f"{KEY}/cpu_step", "fit/chosen", "fit/bottle/draw"} <= set(first)

@@ -28,9 +28,9 @@ class Row:
 
 @dataclass
 class Context:
-    """What a part needs. inputs: folder that prepare.py has filled; out: folder for pictures, no folders below, 16 MiB a file;
-    scale: share of the work, 1 in full, 0.001 in tests (fewer steps, smaller pictures, fewer repeats); device: "cuda" or "cpu";
-    done: figures of rows of earlier runs by key; deadline: of time.perf_counter()."""
+    """What a part needs. inputs: folder that prepare.py has filled; work: folder for what is no result; out: folder for pictures,
+    no folders below, 16 MiB a file; scale: share of the work, 1 in full, 0.001 in tests (fewer steps, smaller pictures, fewer
+    repeats); device: "cuda" or "cpu"; done: figures of rows of earlier runs by key; deadline: of time.perf_counter()."""
 
     inputs: Path
     out: Path
@@ -38,6 +38,7 @@ class Context:
     device: str = "cuda"
     done: dict[str, dict[str, Any]] = field(default_factory=dict)
     deadline: float = float("inf")
+    work: Path = Path("out/gpu_work")
 
     def wants(self, key: str) -> bool:
         """Whether no earlier run has measured the row."""

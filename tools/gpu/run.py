@@ -2,12 +2,12 @@
 
     python -m tools.gpu.run --out FOLDER [--inputs FOLDER] [--seconds 480] [--only fit,frames,decode]
 
-Runs the parts in order as far as the seconds go, prints rows as they come, and keeps them in FOLDER/gpu.json; a later run with
-the same folder measures what is missing. `--cpu --scale 0.001` is the test. On a machine without a network carry out/gpu_inputs
-(of prepare.py) and wheels of what is missing there (DracoPy, mapbox-earcut):
+Runs the parts in order as far as the seconds go, each in a process of its own, prints rows as they come, and keeps them in
+FOLDER/gpu.json; a later run with the same folder measures what is missing. `--cpu --scale 0.001` is the test. A machine without a
+network needs out/gpu_inputs (of prepare.py), and wheels of what is missing there:
 
-    python3 -m pip install -q --no-index --no-deps --target .site .whl/*.whl
-    PYTHONPATH=.site python3 -m tools.gpu.run --inputs out/gpu_inputs --out "$OUT" --seconds 420
+    cp out/gpu_inputs/gpu.json "$OUT"  # only where an earlier run is to go on
+    PYTHONPATH=. python3 -m tools.gpu.run --inputs out/gpu_inputs --out "$OUT" --seconds 480
 """
 
 from __future__ import annotations
@@ -130,6 +130,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--inputs", type=Path, default=Path("out/gpu_inputs"))
+    parser.add_argument("--work", type=Path, default=Path("out/gpu_work"), help="folder for what is no result")
     parser.add_argument("--scale", type=float, default=1.0)
     parser.add_argument("--seconds", type=float, default=480.0)
     parser.add_argument("--only", default=",".join(PARTS))
@@ -147,7 +148,7 @@ def main() -> None:
     record = Record(given.out / "gpu.json")
     record.rows.pop(f"{parts[0]}/error", None)
     context = Context(inputs=given.inputs, out=given.out, scale=given.scale, device="cpu" if given.cpu else "cuda",
-                      done=record.rows, deadline=time.perf_counter() + given.seconds)
+                      done=record.rows, deadline=time.perf_counter() + given.seconds, work=given.work)
     run_alone(context, parts[0], given.alone, record)
 
 

@@ -23,7 +23,8 @@ the processor; payloads of two runs on a GPU differ in their last bits, because 
 def page(record: dict[str, Any]) -> str:
     """Markdown of a run's JSON."""
     rows: Rows = record["rows"]
-    lines = ["# On a GPU", "", *_machines(record["machines"]), "", PAPER, "", HOW, ""]
+    machines = list(_machines(record["machines"])) or ["No GPU has been at hand yet."]
+    lines = ["# On a GPU", "", *machines, "", PAPER, "", HOW, ""]
     for title, table in (("The fit", _fit), ("Batches", _batches), ("Frames", _frames), ("Decoding", _decode)):
         made = list(table(rows))
         lines += [f"## {title}", "", *(made or ["Not measured."]), ""]
@@ -111,6 +112,9 @@ def _any(rows, part):
 
 
 def _left_out(rows):
+    for part in ("fit", "frames", "decode"):
+        if not any(key.startswith(f"{part}/") for key in rows):
+            yield f"- {part}: no run has measured it"
     for key, figures in rows.items():
         reason = figures.get("skipped") or figures.get("error")
         if reason:

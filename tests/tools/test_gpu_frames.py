@@ -60,7 +60,7 @@ def streams(shells):
 def drawn(host, arrays, zoom, view=7):
     asset = frames_asset.asset_of(arrays)
     axes = prepare_frames.cameras_of(np.zeros(3), 1.0)[view]
-    camera = frames_asset.camera_of(*axes, zoom, SIDE, asset.numbers.get("scale", 0.0))
+    camera = frames_asset.camera_of(*axes, zoom, SIDE, asset.voxels_per_radius)
     return host.draw(asset, camera, asset.kind), float(camera["fineness"][0])
 
 
@@ -78,6 +78,13 @@ def test_a_stream_is_drawn_as_texf_render_draws_it(host, shells, streams, kind, 
     assert np.ceil(fineness) == level, fineness
     assert figures["psnr_db"] >= 40 and figures["pixels_compared"] > 100
     assert figures["pixels_of_one_alone"] <= figures["pixels_compared"] / 500
+
+
+def test_a_stream_that_travels_without_coarser_voxels_is_drawn_by_its_network_alone(host, shells, streams):
+    arrays = prepare_frames.texf_arrays(streams["3dntc"], *bounding_sphere(shells.positions), is_far=False)
+    picture, fineness = drawn(host, arrays, 2.2)
+    figures = picture_psnr(picture, reference(streams["3dntc"], shells, 2.2))
+    assert fineness == 0 and figures["psnr_db"] > 20
 
 
 def test_voxels_of_the_pictures_are_in_several_fields(streams):

@@ -89,7 +89,7 @@ def _on_cpu(context, names):
             data, asset = _load(context, name)
             side, view = context.scaled(SIDE, 128), int(data["reference_view"])
             for zoom, wide in _zooms(data).items():
-                camera = camera_of(*data["cameras"][view], wide, side, asset.numbers.get("scale", 0.0))
+                camera = camera_of(*data["cameras"][view], wide, side, asset.voxels_per_radius)
                 picture = host.draw(asset, camera, asset.kind)
                 _keep_picture(context, _key(name, zoom, "cpu"), picture)
                 yield Row(_key(name, zoom, "cpu"), {"side": side, "visible_pixels": int((picture[..., 3] > 0).sum()),
@@ -265,7 +265,7 @@ def _check_network(frames, data):
 
 def _row(context, frames, data, picture_of, kernel):
     zoom, wide, key = picture_of
-    repeats, scale = context.scaled(REPEATS, 3), frames.asset.numbers.get("scale", 0.0)
+    repeats, scale = context.scaled(REPEATS, 3), frames.asset.voxels_per_radius
     steps, timer = frames.repeater(kernel)
     taken, pixels, overflowed, compared = [], [], False, {}
     for number, axes in enumerate(data["cameras"]):

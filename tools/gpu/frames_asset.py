@@ -38,6 +38,11 @@ class FrameAsset:
     arrays: dict[str, np.ndarray]
     numbers: dict[str, float] = field(default_factory=dict)
 
+    @property
+    def voxels_per_radius(self) -> float:
+        """What makes a pixel ask coarser voxels; 0 where there are none to ask."""
+        return float(self.numbers["scale"]) if "values" in self.arrays else 0.0
+
     def packed(self, address: Callable[[np.ndarray], int]) -> np.ndarray:
         """The struct Asset, one row of ASSET. address: where an array's copy is, called for each."""
         out = np.zeros(1, ASSET)

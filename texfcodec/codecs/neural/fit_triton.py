@@ -14,6 +14,7 @@ from typing import Any
 
 import triton
 import triton.language as tl
+from triton import jit as compiled  # Triton keeps what it compiles
 
 from .fit_layout import Layout
 from .infer import CODES, LOCAL_BITS, POSITION_BITS
@@ -23,7 +24,6 @@ SCALE = 256.0  # of slopes in 16 bits, whose smallest normal number is 6e-5
 ROWS, PARAMETERS, PARTIALS = 128, 64, 32  # latents' rows and parameters that a program moves; partial gradients added at a time
 PRODUCTS = ("float16", "tf32", "float32")
 MAX_LEVELS, HIDDEN_LAYERS = 2, 3
-compiled = triton.jit  # compiled, and cached, by Triton
 
 
 @compiled
@@ -233,8 +233,8 @@ def _advance(counter):
 def suits(layout: Layout, components: int) -> str:
     """Empty where the kernels can fit the design, else a sentence."""
     if layout.levels > MAX_LEVELS or len(layout.outputs) != HIDDEN_LAYERS + 1:
-        return f"the fused kernels take {MAX_LEVELS} levels and {HIDDEN_LAYERS} hidden layers at most"
-    return "" if layout.batch % layout.block == 0 else f"the batch is no multiple of {layout.block}"
+        return f"the fused kernels take at most {MAX_LEVELS} levels, and {HIDDEN_LAYERS} hidden layers"
+    return "" if layout.batch % layout.block == 0 else f"batches must be multiples of {layout.block} samples"
 
 
 class FusedStep:

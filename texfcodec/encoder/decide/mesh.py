@@ -280,9 +280,11 @@ class _Search:
         return size
 
     def _refused(self, moved):
-        if not moved.worst.mse <= self.choice.most_moved:
+        if not moved.mse <= self.choice.most_moved:
             return "the picture changes more than coding changes it"
-        return "thin parts disappear" if moved.worst.lost > MOST_LOST else ""
+        if not moved.worst_part <= max(self.choice.most_moved, self.rd.coding_mse):
+            return "a small part changes more than the rate promises"
+        return "thin parts disappear" if moved.worst_lost > MOST_LOST else ""
 
     def _reckoned(self, here):
         """{place: (bytes, squared error)}, from one look, here, and the distances of meshes that are not fitted."""
@@ -300,7 +302,7 @@ class _Search:
         or all of fewer faces than the source."""
         if place in self.tried:
             return np.inf if self.tried[place].refused else self.tried[place].cost
-        if any(one.refused and one.moved.worst.lost > MOST_LOST and _is_coarser(place, at) for at, one in self.tried.items()):
+        if any(one.refused and one.moved.worst_lost > MOST_LOST and _is_coarser(place, at) for at, one in self.tried.items()):
             return np.inf
         known = [at for at in self.tried if at[0] == place[0]] or [at for at in self.tried if at[0]] or [(0, USUAL_LOOK)]
         got = np.array([(self.tried[at].geometry, self.tried[at].moved.error) for at in known])

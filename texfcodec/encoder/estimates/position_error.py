@@ -35,6 +35,7 @@ LOST_ERROR = 100.0**2  # of a pixel of which the background is seen, or that cov
 OUTLINE = 0.04  # weight of pixels at the outline whose neighbours hide that: a viewer sees the line, not against what it moves
 SMALL, MOST_PARTS, PART_VIEWS, PART_SIZE = 1 / 6, 6, 4, 192  # a small part's side in that of all; pictures of such parts alone
 SMOOTH = NormalRule(JOINED, BOTH, MOST_ANGLE)  # no angle decides anything, so that rounding turns normals and no more
+PART_FACES, PART_SHARE = 48, 0.005  # that a small part has at least, faces and share of all faces
 PART_WEIGHT = 0.25  # of a small part's error in that of all: somebody may look at it alone, and most do not
 
 
@@ -57,10 +58,14 @@ class Moved:
         return max([own, *(PART_WEIGHT * part.error for part in self.of_parts)])
 
     @property
-    def worst(self) -> Moved:
-        """The largest of each error, of all and of small parts."""
-        every = [self, *self.of_parts]
-        return Moved(*(max(getattr(one, name) for one in every) for name in ("mse", "silhouette", "lost")))
+    def worst_part(self) -> float:
+        """The largest mse of a small part, 0 without any."""
+        return max((part.mse for part in self.of_parts), default=0.0)
+
+    @property
+    def worst_lost(self) -> float:
+        """The largest share that is lost, of all and of small parts."""
+        return max(one.lost for one in (self, *self.of_parts))
 
 
 class _Shot(NamedTuple):
@@ -162,7 +167,8 @@ class PositionError:
 
 def small_parts(surface: Surface, faces: int) -> list[np.ndarray]:
     """Parts that are small beside the whole, each bool [faces] over the faces of the source: pieces with a side of at most SMALL
-    of the whole's, together with others at the same place, those of the most faces first, MOST_PARTS at most."""
+    of the whole's, together with others at the same place, those of the most faces first, MOST_PARTS at most. Loose bits of a
+    scan are none."""
     if not len(surface.faces):
         return []
     piece = face_components(surface.faces)
@@ -178,7 +184,8 @@ def small_parts(surface: Surface, faces: int) -> list[np.ndarray]:
     own = np.where(small, place, -1)[piece]
     sizes = np.bincount(own[own >= 0])
     out = []
-    for number in np.argsort(-sizes, kind="stable")[:MOST_PARTS]:
+    enough = np.flatnonzero(sizes >= max(PART_FACES, PART_SHARE * len(own)))
+    for number in enough[np.argsort(-sizes[enough], kind="stable")][:MOST_PARTS]:
         shown = np.zeros(faces, bool)
         shown[surface.origin_face[own == number]] = True
         out += [shown] if shown.any() else []

@@ -172,8 +172,9 @@ class RateDistortion:
         steps = range(FINEST - one.qp_offset, MOST_COARSER - one.qp_offset + 1)
         cost = {k: self.cost(at.bytes, at.error, patch.weight) for k in steps for at in (one.at(k),)}
         best = min(cost, key=cost.__getitem__)
-        finer = best < 0 and one.colour <= self._worst(patch, 0.0)  # than the promise
-        chosen = best if cost[best] < SURE * cost[0] and not finer else 0
+        chosen = best if cost[best] < SURE * cost[0] else 0
+        kept = (k for k in range(0, chosen, -1) if one.at(k).colour <= self._worst(patch, 0.0))
+        chosen = max(chosen, next(kept, chosen))  # no finer than the promise
         most = self._worst(patch, AIMED_SHORT)
         if not self.has_promise or one.uncoded > most:
             return chosen

@@ -12,8 +12,8 @@ from texfcodec import EncodeOptions, decode
 from texfcodec.encoder.decide.lattice import usual_surface
 from texfcodec.encoder.decide.supports import _plan
 from texfcodec.encoder.decide.texel_images import brought_near, image_groups
-from texfcodec.encoder.estimates.position_error import small_parts
 from texfcodec.encoder.estimates.probe import TEXEL_CELL, Patch, Probe, probe_texels
+from texfcodec.encoder.geometry.small_parts import small_parts
 from texfcodec.encoder.pipeline import _collapsed, encode_scene
 from texfcodec.encoder.rd import MOST_SHORT, RateDistortion
 from texfcodec.encoder.self_check import _advice, encode_checked, promised_psnr
@@ -111,10 +111,11 @@ def test_the_lattice_is_as_fine_as_the_smallest_part_needs(ground, bits):
 
 def test_small_parts_are_found_beside_what_is_large_and_nowhere_else():
     scene = statue_on_a_ground(100.0)
-    (part,) = small_parts(make_surface(scene, EncodeOptions(position_bits=18)), len(scene.faces))
-    assert np.array_equal(part, scene.face_material == 0)
+    surface = make_surface(scene, EncodeOptions(position_bits=18))
+    (part,) = small_parts(surface)
+    assert np.array_equal(part, surface.material == 0)
     alone = replace(scene, faces=scene.faces[:-2], face_material=scene.face_material[:-2], corner_uv=scene.corner_uv[:-2])
-    assert small_parts(make_surface(alone, EncodeOptions()), len(alone.faces)) == []
+    assert small_parts(make_surface(alone, EncodeOptions())) == []
 
 
 def test_a_part_that_loses_a_thousand_faces_is_warned_of():
@@ -177,3 +178,17 @@ def test_a_stream_is_no_larger_than_its_source_where_the_quality_is_the_encoder_
     assert len(encode_checked(scene, EncodeOptions(rate="r04"), report).data) <= scene.files["a.glb"]
     assert any("not larger than its source" in remark for remark in report.remarks)
     assert len(encode_checked(scene, EncodeOptions(rate="r04", qp=24), Report()).data) > scene.files["a.glb"]
+
+
+def test_a_small_part_over_voxels_has_a_field_with_a_k_of_its_own():
+    """Vertex colours have no texels to go over."""
+    scene = statue_on_a_ground(40.0, rows=60)
+    waves = np.random.default_rng(0).normal(0, 12, (3, 3))
+    colour = np.ones((len(scene.positions), 4), np.float32)
+    colour[:, :3] = 0.5 + 0.45 * np.sin(scene.positions @ waves)
+    scene = replace(scene, corner_color=colour[scene.faces], textures=[], materials=[Material("statue"), Material("ground")])
+    options = EncodeOptions(rate="r03")
+    texf = decode(encode_scene(scene, options).data)
+    (part,) = [part for part in compare_parts(scene, texf, 2)["parts"] if part["name"] == "statue"]
+    resolutions = sorted({part.support.resolution for part in texf.fields})
+    assert len(resolutions) == 2 and part["y"] > promised_psnr(options) - MOST_SHORT - 1

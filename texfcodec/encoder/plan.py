@@ -30,6 +30,7 @@ from .decide.materials import needed_scene
 from .decide.mesh import MeshChoice
 from .decide.normal_rules import choose_normals
 from .decide.one_colour import material_colours
+from .decide.part_fields import PartFields, choose_part_fields
 from .decide.partition import choose_fields
 from .decide.supports import choose_supports, moved_plans, without_faces
 from .decide.tangent_frames import fit_frames
@@ -202,7 +203,8 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
         if other.mesh.value.saved - meshed.mesh.value.saved > supports.value.behind:
             supports, meshed = instead, other
     chosen, rd, usual, shown = meshed.supports, meshed.rd, meshed.usual, meshed.shown
-    face_field = _said(meshed.partition, report, request.strict).value
+    parts = _said(meshed.partition, report, request.strict).value
+    face_field = parts.face_field
     sent = _said(meshed.mesh, report).value
     surface = sent.surface
     with report.stage("normals") as step:
@@ -228,7 +230,7 @@ def plan(scene: Scene, request: EncodeOptions, report: Report, finer: frozenset[
     groups = groups_of(present, codes_alpha(shown, surface))
     maps = ShownMaps(shown, sent.drawn, lambda: sent.at_corners(shading.value.corner_normals(surface))) if present else None
     source = Source(shown, sent.drawn, drawn_field, surfaces, groups, maps, _on_pictures)
-    fields = _fields(chosen, surface.cube.position_bits, source, units, rd, report)
+    fields = _fields((chosen, parts.own), surface.cube.position_bits, source, units, rd, report)
     report.dropped += _blended_squares(shown, surface, chosen.plans, colours)
     wanted = Refine(request.refine, request.refine_iterations)
     content = coding_of(rd).content(Content(source, fields), names[:first], colours, rd, wanted, report)
@@ -247,7 +249,7 @@ class _Meshed:
     rd: RateDistortion
     usual: Surface
     shown: Scene
-    partition: Decision[np.ndarray]
+    partition: Decision[PartFields]
     mesh: Decision[SentMesh]
 
 
@@ -263,7 +265,7 @@ def _meshed(begun: Outline, supports: Decision[Supports], scene: Scene, colours:
             chosen = replace(chosen, plans=moved_plans(chosen.plans, scene, usual))
         shown, partition = _partitioned(scene, usual, chosen.plans, colours, rd, request, step)
     with report.stage("faces") as step:
-        mesh = choice.smaller(usual, partition.value, chosen.plans, step)
+        mesh = choice.smaller(usual, partition.value.face_field, chosen.plans, step)
         sent = mesh.value
         if sent.surface is not usual:
             chosen = replace(chosen, plans=moved_plans(chosen.plans, sent.scene, sent.surface))
@@ -294,18 +296,19 @@ def _on_pictures(*given, **named):
 
 
 def _partitioned(scene, surface, plans, colours, rd, request, step):
-    """(the scene without detail that no voxel shows, Decision of the field number of every face, int64 [F], -1 for faces of
-    TexelPlans, which get a field each). colours: of material_colours."""
+    """(the scene without detail that no voxel shows, Decision of PartFields, -1 standing for faces of TexelPlans, which get a
+    field each). colours: of material_colours."""
     over_texels = np.isin(np.arange(len(surface.faces)), np.concatenate([[-1], *(plan.group.faces for plan in plans)]))
     if rd.coder is not None:  # a joint codec asks the source itself, at points
         scene = without_lost_detail(scene, surface, ~over_texels, rd.resolution)
     face_field, rest = np.full(len(surface.faces), -1, np.int64), ~over_texels
     if plans and not rest.any():
-        return scene, Decision(face_field, {"fields": 0, "reason": "the whole surface is over texels"})
+        return scene, Decision(PartFields(face_field, {}), {"fields": 0, "reason": "the whole surface is over texels"})
     part = rd.on_part(float(area_shares(surface.lattice, surface.faces)[rest].sum()))
     voxels = choose_fields(scene, without_faces(surface, over_texels), colours, part, request.partition, step)
     face_field[rest] = voxels.value
-    return scene, replace(voxels, value=face_field)
+    parts = choose_part_fields(scene, surface, face_field, colours, rd)
+    return scene, replace(parts, evidence=voxels.evidence | parts.evidence, warnings=voxels.warnings)
 
 
 def _numbered(face_field, plans, first):
@@ -316,13 +319,15 @@ def _numbered(face_field, plans, first):
 
 
 def _fields(chosen, position_bits, source, units, rd, report):
-    """SourceFields without colours over voxels, with them over texels."""
+    """SourceFields without colours over voxels, with them over texels. chosen: Supports, and PartFields.own."""
+    chosen, own = chosen
     first = len(source.surfaces) - len(chosen.plans)
     fields: list[SourceField] = []
     for number, (lattice, faces) in enumerate(source.surfaces[:first]):
         with report.stage("voxelise", (number, first)):
-            part = active_voxels(lattice, faces, position_bits, rd)
-            fields.append(replace(part, qp_offset=chosen.qp_offset))
+            resolution, offset = own.get(number, (rd.resolution, chosen.qp_offset))
+            part = active_voxels(lattice, faces, position_bits, replace(rd, resolution=resolution))
+            fields.append(replace(part, qp_offset=offset))
         check_voxels(fields, rd.limits)  # here as well: the next may take minutes
     for number, texels in enumerate(chosen.plans, first):
         with report.stage("texels", (number - first, len(chosen.plans))):

@@ -87,7 +87,7 @@ def transferred(part: SourceField, source: Source, number: int, rd: RateDistorti
     surface, mine = source.surface, source.face_field == number
     assert isinstance(part.support, VoxelSupport)
     bits, packed = surface.cube.position_bits, pack_source(source.scene, surface.origin_face[mine])
-    textured = (surface.lattice, surface.faces[mine], packed, bits, rd.resolution)
+    textured = (surface.lattice, surface.faces[mine], packed, bits, part.support.resolution)
     per_edge = texels_per_edge(*textured)
     rgba = np.column_stack(transfer(*textured, part.keys, part.support.brick_map, transfer_density(per_edge, rd), rd.threads))
     return replace(part, texels_per_edge=per_edge).with_planes(colour_planes(rgba, source))

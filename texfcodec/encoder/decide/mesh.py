@@ -268,7 +268,7 @@ class _Search:
     def _bytes(self, surface, face, corner_uv):
         """Bytes of Draco for the faces over voxels, and for those of each plan and material with their UVs. face: the usual
         surface's that each of its faces was."""
-        plan_of, bits, size = self._plan_of[face], surface.cube.position_bits, 0
+        plan_of, bits, size = self._plan_of[face], surface.cube.position_bits, 0.0
         if (plan_of < 0).any():
             size += draco_bytes(surface.lattice, surface.faces[plan_of < 0], bits)
         unit = plan_of * (int(surface.material.max(initial=0)) + 1) + surface.material

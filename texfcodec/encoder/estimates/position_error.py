@@ -17,13 +17,13 @@ from ...core.colour_error import ColourError
 from ...core.threads import in_order
 from ...geometry.areas import relative_areas
 from ...geometry.canonical import MAX_BITS, fit_cube
-from ...geometry.edges import face_components
 from ...geometry.shading_normals import corner_normals
 from ...render.camera import bounding_sphere, fibonacci_direction, orthographic
 from ...render.lighting import Lighting
 from ...render.shade import render_lights
 from ...scene.fetch import pack_source
 from ...scene.normal_rule import BOTH, FLAT, JOINED, MOST_ANGLE, NormalRule
+from ..geometry.small_parts import small_parts
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
@@ -33,9 +33,8 @@ if TYPE_CHECKING:
 VIEWS, SIZE = 16, 256
 LOST_ERROR = 100.0**2  # of a pixel of which the background is seen, or that covers it
 OUTLINE = 0.04  # weight of pixels at the outline whose neighbours hide that: a viewer sees the line, not against what it moves
-SMALL, MOST_PARTS, PART_VIEWS, PART_SIZE = 1 / 6, 6, 4, 192  # a small part's side in that of all; pictures of such parts alone
+PART_VIEWS, PART_SIZE = 4, 192  # pictures of small parts alone
 SMOOTH = NormalRule(JOINED, BOTH, MOST_ANGLE)  # no angle decides anything, so that rounding turns normals and no more
-PART_FACES, PART_SHARE = 48, 0.005  # that a small part has at least, faces and share of all faces
 PART_WEIGHT = 0.25  # of a small part's error in that of all: somebody may look at it alone, and most do not
 
 
@@ -88,7 +87,8 @@ class PositionError:
         self.lit = not all(material.unlit for material in scene.materials)
         self._source = pack_source(self.scene)
         self._shots = [self._shot(None, VIEWS, SIZE)]
-        self._shots += [self._shot(faces, PART_VIEWS, PART_SIZE) for faces in small_parts(usual, len(scene.faces))]
+        parts = [_of_source(usual, part, len(scene.faces)) for part in small_parts(usual)]
+        self._shots += [self._shot(part, PART_VIEWS, PART_SIZE) for part in parts]
 
     def _shot(self, faces, views, size):
         corners = self.scene.faces if faces is None else self.scene.faces[faces]
@@ -165,31 +165,11 @@ class PositionError:
         return corner_normals(lattice, self.scene.faces, [rule]).astype(np.float64)
 
 
-def small_parts(surface: Surface, faces: int) -> list[np.ndarray]:
-    """Parts that are small beside the whole, each bool [faces] over the faces of the source: pieces with a side of at most SMALL
-    of the whole's, together with others at the same place, those of the most faces first, MOST_PARTS at most. Loose bits of a
-    scan are none."""
-    if not len(surface.faces):
-        return []
-    piece = face_components(surface.faces)
-    corners, count = surface.lattice[surface.faces], int(piece.max()) + 1
-    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    np.minimum.at(low, piece, corners.min(axis=1))
-    np.maximum.at(high, piece, corners.max(axis=1))
-    cell = SMALL * float((high.max(axis=0) - low.min(axis=0)).max())
-    small = (high - low).max(axis=1) <= cell
-    if not small.any() or small.all() or not cell:
-        return []
-    place = np.unique(np.floor((low + high) / 2 / cell), axis=0, return_inverse=True)[1].reshape(-1)
-    own = np.where(small, place, -1)[piece]
-    sizes = np.bincount(own[own >= 0])
-    out = []
-    enough = np.flatnonzero(sizes >= max(PART_FACES, PART_SHARE * len(own)))
-    for number in enough[np.argsort(-sizes[enough], kind="stable")][:MOST_PARTS]:
-        shown = np.zeros(faces, bool)
-        shown[surface.origin_face[own == number]] = True
-        out += [shown] if shown.any() else []
-    return out
+def _of_source(surface, part, count):
+    """Faces of the source, bool [count], that a part of a Surface is what is left of. part: bool [F]."""
+    shown = np.zeros(count, bool)
+    shown[surface.origin_face[part]] = True
+    return shown
 
 
 def _compared(seen, pictures):

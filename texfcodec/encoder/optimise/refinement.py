@@ -44,7 +44,7 @@ def refine_fields(source: Source, fields: list[SourceField], rd: RateDistortion,
     evidence: dict[str, Any] = {"asked": wanted.kind, "kind": "off", "reason": reason or "requested"}
     if reason:
         return Decision(fields, evidence)
-    surfaces = [_field_surface(source, i, field, rd.resolution) for i, field in enumerate(fields)]
+    surfaces = [_field_surface(source, i, field) for i, field in enumerate(fields)]
     if wanted.kind == "auto":
         evidence["predicted_gain_db"] = round(_predicted_gain(surfaces, fields, rd), 3)
         if evidence["predicted_gain_db"] < LEAST_GAIN:
@@ -76,10 +76,10 @@ def _reason_against(fields, rd, refine):
     return ""
 
 
-def _field_surface(source, number, field, resolution):
+def _field_surface(source, number, field):
     surface, mine = source.surface, source.face_field == number
     return FieldSurface(surface.lattice, surface.faces[mine], pack_source(source.scene, surface.origin_face[mine]),
-                        surface.cube.position_bits, resolution, field.keys, field.support.brick_map)
+                        surface.cube.position_bits, field.support.resolution, field.keys, field.support.brick_map)
 
 
 def _predicted_gain(surfaces, fields, rd):

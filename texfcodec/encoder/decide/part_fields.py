@@ -1,0 +1,68 @@
+"""Fields of their own for small parts over voxels that the K of all would blur (encoder only)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...options import MOST_RESOLUTION
+from ..decision import Decision
+from ..estimates.probe import VOXEL_CELL
+from ..geometry.small_parts import small_parts
+from .one_colour import is_plain
+
+if TYPE_CHECKING:
+    from ...geometry.surface import Surface
+    from ...scene.scene import Scene
+    from ..rd import RateDistortion
+
+MOST_PART_VOXELS = 1 << 22  # of one part
+
+
+@dataclass(frozen=True)
+class PartFields:
+    """face_field: int64 [F], number of each face's field, -1 over texels; own: (K, offset of its values to the rate's QP) of the
+    fields of small parts, by number."""
+
+    face_field: np.ndarray
+    own: dict[int, tuple[int, int]]
+
+
+def choose_part_fields(scene: Scene, surface: Surface, face_field: np.ndarray, colours: np.ndarray,
+                       rd: RateDistortion) -> Decision[PartFields]:
+    """Each small part over voxels that would fall short of the rate's promise gets a field with the smallest K, of some times
+    that of all, that keeps it, or the largest where none does. face_field: int64 [F]; colours: of material_colours()."""
+    own: dict[int, tuple[int, int]] = {}
+    if rd.coder is None or not rd.is_free or not rd.has_promise or rd.max_error is not None or not (face_field >= 0).any():
+        return Decision(PartFields(face_field, own), {})
+    face_field = face_field.copy()
+    for part in small_parts(surface):
+        faces = np.flatnonzero(part & (face_field >= 0))
+        if not len(faces) or is_plain(scene, colours, surface.material[faces]):
+            continue
+        chosen = _finer(scene, surface, faces, rd)
+        if chosen is not None:
+            number = int(face_field.max()) + 1
+            face_field[faces], own[number] = number, chosen
+    kept = np.unique(face_field[face_field >= 0])  # a part may have been all of a field
+    face_field = np.where(face_field >= 0, np.searchsorted(kept, face_field), -1)
+    own = {int(np.searchsorted(kept, number)): chosen for number, chosen in own.items()}
+    rows = [{"field": number, "resolution": resolution} for number, (resolution, _) in own.items()]
+    return Decision(PartFields(face_field, own), {"parts": rows} if own else {})
+
+
+def _finer(scene, surface, faces, rd):
+    """(K, QP offset) of a part's own field, None where the K of all keeps the promise."""
+    patch = rd.patch(scene, surface, faces)
+    if patch is None or rd.keeps_promise(rd.voxels(patch, rd.resolution, VOXEL_CELL), patch):
+        return None
+    chosen, k = None, 2 * rd.resolution
+    while k <= MOST_RESOLUTION and patch.voxels(k) <= MOST_PART_VOXELS:
+        made = rd.voxels(patch, k, VOXEL_CELL)
+        chosen = k, made.qp_offset
+        if rd.keeps_promise(made, patch):
+            break
+        k *= 2
+    return chosen

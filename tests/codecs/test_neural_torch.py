@@ -1,5 +1,7 @@
 """The fit's step in torch against the compiled one, on the processor: the same state has to move the same way."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from plane_fits import plane_fit
@@ -104,6 +106,34 @@ def test_fused_kernels_that_do_not_compile_leave_the_plain_step():
     fit.asked_step = "fused"  # Triton compiles nothing without a GPU
     fit.warm(10)
     assert fit.engine is None and len(fit.remarks) == 1 and fit.remarks[0].startswith("plain torch steps are taken: ")
+
+
+def test_programs_that_give_nan_are_halved_before_plain_steps_are_taken(monkeypatch):
+    fit = torch_fit()
+    fit.asked_step, fit.layout = "fused", replace(fit.layout, block=128)
+
+    def fault(self):
+        self.distances = [float("nan")]
+        return "the fused kernels disagree with plain torch by nan" if self.layout.block > least else ""
+
+    monkeypatch.setattr(fit_torch.TorchFit, "_fused_fault", fault)
+    least = 64
+    fit._choose()
+    assert fit.layout.block == 64 and [remark.split(",")[0] for remark in fit.remarks] == ["programs of 64 samples are taken"]
+    least, fit.checked, fit.remarks = 0, False, []
+    fit._choose()
+    assert fit.layout.block == 32 and fit.remarks[-1].startswith("plain torch steps are taken: ")
+
+
+def test_samples_that_fill_no_program_are_left_out_evenly_along_the_surface():
+    torch = pytest.importorskip("torch", reason=HINT)
+    fit = torch_fit()
+    fit.batches, whole, size = 7, 100, 96
+    along = torch.arange(700).reshape(whole, 7).T.reshape(-1)  # places along the curve, as _arrange puts them into batches
+    kept = fit._thinned(along, whole, size).reshape(7, size)
+    left_out = sorted(set(range(700)) - set(kept.reshape(-1).tolist()))
+    assert len(left_out) == 28 and max(np.diff(left_out)) <= 26
+    assert all((np.diff(batch) > 0).all() and batch[-1] > 660 for batch in kept.numpy())
 
 
 def test_without_torch_the_message_names_the_extra(monkeypatch):

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from asset_strategies import Asset, usual
 
-from tools.gpu import page, prepare, run
+from tools.gpu import fit, page, prepare, run
 from tools.gpu.rows import Context, Row
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -76,3 +76,26 @@ def test_a_part_keeps_to_its_share_of_the_seconds(tmp_path, monkeypatch):
     monkeypatch.setattr(run, "machine", dict)
     run.run(types.SimpleNamespace(seconds=100.0, out=tmp_path, arguments=[]), ["fit", "frames"])
     assert [float(command[command.index("--seconds") + 1]) for command in given] == pytest.approx([50, 50, 100], abs=2)
+
+
+def test_the_large_point_is_fitted_with_each_batch_for_as_many_steps_and_seconds(tmp_path, monkeypatch):
+    fitted = lambda context, case, steps, **settings: {"steps": steps, "milliseconds_a_step": settings["batch"] / 65536, **settings}
+    monkeypatch.setattr(fit, "fitted", fitted)
+    monkeypatch.setattr(fit, "timed", lambda context, case, steps, **settings: settings)
+    context = Context(tmp_path, tmp_path)
+    for row in fit._large(context, types.SimpleNamespace(key="fit/player/mpeg6"), 30_000):
+        context.done[row.key] = row.figures
+    rows = {key.removeprefix("fit/player/mpeg6/"): figures for key, figures in context.done.items()}
+    assert [rows[f"batch{batch}_float16"]["steps"] for batch in fit.BATCHES] == [30_000] * 3
+    assert [rows[f"seconds20_{batch}"]["steps"] for batch in fit.BATCHES] == [320_000, 80_000, 20_000]
+    assert [rows[f"block{block}"]["block"] for block in fit.BLOCKS] == list(fit.BLOCKS)
+
+
+def test_a_processors_fit_that_is_cut_says_how_far_it_came(tmp_path):
+    context = Context(tmp_path, tmp_path, work=tmp_path, deadline=0.0)
+    (tmp_path / "fit").mkdir()
+    (tmp_path / "fit" / "cpu_player_mpeg6.pid").write_text("1")
+    (tmp_path / "fit" / "cpu_player_mpeg6.log.json").write_text(json.dumps([{"step": 4500, "seconds": 70.2}]))
+    rows = list(fit._cpu_row(context, "player", "mpeg6"))
+    assert [row.key for row in rows] == ["fit/player/mpeg6/cpu_kernels_cut"]
+    assert rows[0].figures["skipped"] == "the processor's fit had taken 4,500 steps in 70 s when the time was over"

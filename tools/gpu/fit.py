@@ -32,8 +32,11 @@ from .rows import Context, Row
 
 STEPS, LONG_STEPS = 30_000, 100_000
 TRIALS = ((4096, "float16"), (16384, "float16"), (65536, "float16"), (16384, "tf32"))  # batches and products
+BATCHES = (4096, 16384, 65536)  # at the large point
+BLOCKS = (32, 64, 128)  # samples of a program, tried with the largest batch
 TARGET_SECONDS = 20.0  # of 30,000 steps
 LONG_LEFT = 90.0  # seconds that have to be left for the long fit
+LARGE = "mpeg6"  # point with the most latents
 PLAIN_STEPS, CPU_STEPS, TRIAL_STEPS = 500, 200, 200
 MOST_FIT_SECONDS = 100.0
 CPU_THREADS = 4  # a fit's kernels use no more
@@ -94,7 +97,9 @@ def compile_child(name: str, inputs: Path, batch: int, products: str) -> None:
 def cpu_child(name: str, inputs: Path, folder: Path, steps: int) -> None:
     """Fits by the processor's kernels and writes the figures. name: asset_point."""
     asset, point = name.split("_")
-    figures = prepare.cpu_fit(prepare.read(inputs / f"{asset}.fit"), point, load_samples(folder, asset), steps, CPU_THREADS)
+    shown = lambda fit, _: (folder / f"cpu_{name}.log.json").write_text(json.dumps(fit.log))
+    taken, drawn = prepare.read(inputs / f"{asset}.fit"), load_samples(folder, asset)
+    figures = prepare.cpu_fit(taken, point, drawn, steps, CPU_THREADS, shown)
     part = folder / f"cpu_{name}.part"
     part.write_text(json.dumps(figures))
     part.rename(folder / f"cpu_{name}.json")
@@ -134,9 +139,9 @@ class Work:
 
     def wanted(self) -> dict[str, tuple[str, ...]]:
         """Points by asset, of the assets whose rows are not complete."""
-        kinds = ("gpu", "cpu_step")
-        return {name: points for name, points in cases(self.context)
-                if self.context.wants_any(f"fit/{name}/{point}/{kind}" for point in points for kind in kinds)}
+        context = self.context
+        return {name: points for name, points in cases(context)
+                if context.wants_any(f"fit/{name}/{point}/{kind}" for point in points for kind in _kinds(context, point))}
 
     def wait(self, name: str) -> None:
         """Waits for a child that draws. Raises RuntimeError with the end of its output where it failed."""
@@ -169,6 +174,12 @@ class Work:
 def cases(context: Context) -> list[tuple[str, tuple[str, ...]]]:
     """(name, points) of the inputs that are there."""
     return [(name, points) for name, _, points in prepare.CASES if (context.inputs / f"{name}.fit").is_file()]
+
+
+def _kinds(context, point):
+    """Last names of the rows of a point without which it is not complete."""
+    large = point == LARGE and context.device == "cuda"
+    return "gpu", "cpu_step", *((f"batch{batch}_float16" for batch in BATCHES) if large else ())
 
 
 def _cpu_figures(context, name, point):
@@ -213,11 +224,15 @@ def measure(context: Context) -> Iterator[Row]:
             if context.wants(f"fit/{name}/draw"):
                 yield Row(f"fit/{name}/draw", facts | {"threads": os.cpu_count()})
             work.wait("kernels")
-            work.wait_for_compilers(name)
-            work.fit_beside(name, points)
             drawn = load_samples(_folder(context), name)
-            for point in points:
-                yield from _fits(context, Case(name, point, taken, drawn), work.steps)
+            mine = [Case(name, point, taken, drawn) for point in points]
+            for case in mine:
+                if context.wants(f"{case.key}/cpu_step"):  # alone, before the processor's fits begin
+                    yield Row(f"{case.key}/cpu_step", cpu_step(case, context.scaled(CPU_STEPS, 2)))
+            work.fit_beside(name, points)
+            work.wait_for_compilers(name)
+            for case in mine:
+                yield from _fits(context, case, work.steps)
     finally:
         work.end()
 
@@ -227,6 +242,8 @@ def _fits(context, case, steps):
     if chosen is None:
         yield from _trials(context, case, steps)
         chosen = context.done["fit/chosen"]
+    if case.point == LARGE and context.device == "cuda":
+        yield from _large(context, case, steps)
     key = f"{case.key}/gpu"
     if context.wants(key):
         tried = context.done.get(f"{case.key}/{chosen.get('trial')}", {})  # the same fit
@@ -234,8 +251,21 @@ def _fits(context, case, steps):
                   else fitted(context, case, steps, batch=chosen["batch"], products=chosen["products"]))
     if case.point == "mpeg1" and context.wants(f"{case.key}/plain"):
         yield Row(f"{case.key}/plain", timed(context, case, context.scaled(PLAIN_STEPS, 2), step="plain", batch=chosen["batch"]))
-    if context.wants(f"{case.key}/cpu_step"):
-        yield Row(f"{case.key}/cpu_step", cpu_step(case, context.scaled(CPU_STEPS, 2)))
+
+
+def _large(context, case, steps):
+    """What batches give at the large point, in as many steps and as many seconds, and which size of programs is fastest."""
+    for batch in BATCHES:
+        key = f"{case.key}/batch{batch}_float16"
+        if context.wants(key) and context.left() > 30:
+            yield Row(key, fitted(context, case, steps, batch=batch, products="float16"))
+        each, key = context.done.get(key, {}).get("milliseconds_a_step"), f"{case.key}/seconds{TARGET_SECONDS:.0f}_{batch}"
+        if each and context.wants(key) and context.left() > TARGET_SECONDS + 30:
+            yield Row(key, fitted(context, case, round(1000 * TARGET_SECONDS / each), batch=batch, products="float16"))
+    for block in BLOCKS:
+        key = f"{case.key}/block{block}"
+        if context.wants(key) and context.left() > 30:
+            yield Row(key, timed(context, case, PLAIN_STEPS, batch=BATCHES[-1], products="float16", block=block))
 
 
 def _trials(context, case, steps):
@@ -290,8 +320,8 @@ def timed(context: Context, case: Case, steps: int, **settings: Any) -> dict[str
     begin, first = time.perf_counter(), fit.step
     fit._take_steps(first + steps, STEPS, None)
     return {"steps": steps, "batch": fit.layout.batch, "engine": "fused" if fit.engine is not None else "plain",
-            "graph": bool(fit.graph), "milliseconds_a_step": round(1000 * (time.perf_counter() - begin) / steps, 4),
-            "remarks": fit.remarks}
+            "block": fit.layout.block, "graph": bool(fit.graph), "remarks": fit.remarks,
+            "milliseconds_a_step": round(1000 * (time.perf_counter() - begin) / steps, 4)}
 
 
 def cpu_step(case: Case, steps: int) -> dict[str, Any]:
@@ -346,6 +376,10 @@ def _cpu_row(context, name, point):
         time.sleep(0.5)
     if figures is not None:
         yield Row(key, figures)
+    elif (log := begun.with_suffix(".log.json")).is_file():
+        looks = json.loads(log.read_text())
+        yield Row(f"{key}_cut", {"skipped": f"the processor's fit had taken {looks[-1]['step']:,} steps in "
+                                            f"{looks[-1]['seconds']:.0f} s when the time was over", "log": looks})
 
 
 def main() -> None:

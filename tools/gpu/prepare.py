@@ -13,7 +13,7 @@ import json
 import os
 import pickle
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -94,11 +94,12 @@ def draw(taken: dict[str, Any], steps: int, threads: int) -> tuple[Samples, Samp
     return taken["source"].draw_busy(wanted, [SEED, 0]), taken["source"].draw(held_out, [SEED, 1])
 
 
-def cpu_fit(taken: dict[str, Any], point: str, drawn: tuple[Samples, Samples], steps: int, threads: int) -> dict[str, Any]:
-    """Figures of a fit by the kernels of train.py."""
+def cpu_fit(taken: dict[str, Any], point: str, drawn: tuple[Samples, Samples], steps: int, threads: int,
+            on_look: Callable[[Fit, int], object] = lambda fit, steps: None) -> dict[str, Any]:
+    """Figures of a fit by the kernels of train.py. on_look: as of Fit.run."""
     design, tables, _ = taken["designs"][point]
     fit = Fit(design, tables, *drawn, SEED, threads, judged=taken["judged"])
-    fit.run(steps)
+    fit.run(steps, on_look)
     rgb = fit_payload.pooled_psnr(fit.errors(exact=True), taken["rgb"])
     return {"steps": fit.step, "batch": BATCH, "seconds": round(fit.seconds, 1), "threads": threads, "cores": os.cpu_count(),
             "psnr_db": round(fit.psnr(exact=True), 3), "psnr_rgb_db": round(rgb, 3), "log": fit.log}

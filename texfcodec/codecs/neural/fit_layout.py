@@ -11,7 +11,8 @@ from .parameter_count import WAVE_INPUTS
 from .payload import Payload
 
 LEAST_SIDE = 16  # of a matrix that matrix units take
-BLOCKS = ((32768, 128), (16384, 64), (0, 32))  # samples of a program, for batches from so many on
+LEAST_BLOCK = 32
+BLOCKS = ((16384, 64), (0, LEAST_BLOCK))  # samples of a program, for batches from so many on; 128 gave nan on an H200
 
 
 def _power(count):
@@ -49,8 +50,8 @@ class Layout:
     size: int
 
     @classmethod
-    def of(cls, design: Payload, batch: int) -> Layout:
-        """Layout of a design for batches of so many samples."""
+    def of(cls, design: Payload, batch: int, block: int = 0) -> Layout:
+        """Layout of a design for batches of so many samples. block: 0 takes block_of(batch)."""
         features, waves, levels = _power(design.features), _power(WAVE_INPUTS * design.octaves), len(design.levels)
         outputs = tuple(_power(width) for width in design.widths[1:])
         inputs = (levels * features + waves, *outputs[:-1])
@@ -59,7 +60,7 @@ class Layout:
             weights.append(at)
             biases.append(at + i * o)
             at += (i + 1) * o
-        return cls(batch=batch, block=block_of(batch), components=design.components, levels=levels,
+        return cls(batch=batch, block=block or block_of(batch), components=design.components, levels=levels,
                    resolutions=tuple(level.resolution for level in design.levels), features=design.features,
                    padded=-(-design.features // CHUNK) * CHUNK, octaves=design.octaves, first_wave=design.first_wave,
                    widths=design.widths, feature_block=features, wave_block=waves, inputs=inputs, outputs=outputs,

@@ -10,14 +10,14 @@ torch sees a GPU, or where it is asked for.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
 from .fit import BATCH, LATENT_RATE, NETWORK_RATE, WARMING, Fit
-from .fit_layout import Layout, block_of
+from .fit_layout import LEAST_BLOCK, Layout, block_of
 from .fit_samples import Samples
 from .infer import CODES, LOCAL_BITS, POSITION_BITS
 from .train import MOMENTUM, SQUARE_DECAY, TINY
@@ -78,10 +78,11 @@ class State:
 
 class TorchFit(Fit):
     """As Fit. device: "cuda" or "cpu"; step: "auto", "fused" or "plain"; products: "float16", "tf32" or "float32" of the fused
-    step, or "auto". remarks: sentences on what was not possible. Raises InputError TXF-I56 where torch is not installed."""
+    step, or "auto"; block: samples that one of its programs takes, 0 by the batch. remarks: sentences on what was not possible.
+    Raises InputError TXF-I56 where torch is not installed."""
 
     def __init__(self, *arguments: Any, device: str | None = None, step: str = "auto", products: str = "auto",
-                 batch: int | None = None, **named: Any) -> None:
+                 batch: int | None = None, block: int = 0, **named: Any) -> None:
         try:
             import torch
         except ImportError:
@@ -91,6 +92,7 @@ class TorchFit(Fit):
         self.engine: Any = None  # a fit_triton.FusedStep, where that is taken
         self.graph: Any = None
         self.planned: int | None = None
+        self.asked_block = block
         self.device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
         self.remarks: list[str] = []
         self.asked_step = step if step != "auto" else ("fused" if self.device.type == "cuda" else "plain")
@@ -144,17 +146,26 @@ class TorchFit(Fit):
 
     def _start(self):
         whole = len(self.arranged[0]) // self.batches
-        block = block_of(whole)
+        block = self.asked_block or block_of(whole)
         size = whole // block * block or whole if self.asked_step == "fused" else whole  # whole programs
-        self.layout = Layout.of(self.design, size)
+        self.layout = Layout.of(self.design, size, self.asked_block)
         self.weight_places, self.bias_places = self.layout.places()
-        cut = lambda tensor: tensor.reshape(self.batches, whole, -1)[:, :size].reshape(self.batches * size, -1).contiguous()
-        position, target, share, cell = (cut(tensor) for tensor in self.arranged)
+        position, target, share, cell = (self._thinned(tensor, whole, size) for tensor in self.arranged)
         self.arranged = ()
         self.state = State(position, target, share, cell, self._on(self.corners), self._on(WARMING))
         self.held_state = [self._on(a) for a in (self.held_out.position, *self.held_cells)]
         self.engine, self.graph, self.planned, self.checked = None, None, None, False
         super()._start()
+
+    def _thinned(self, tensor, whole, size):
+        """Batches of `size` rows of batches of `whole`; what is left out lies evenly along the curve of the samples, since a part
+        of the surface without samples would never be fitted."""
+        rows = self.batches * size
+        if size == whole:
+            return tensor.reshape(rows, -1)
+        along = self.torch.arange(rows, device=tensor.device) * whole // size
+        places = (along % self.batches * whole + along // self.batches).reshape(size, self.batches).T.reshape(-1)
+        return tensor.reshape(self.batches * whole, -1).index_select(0, places)
 
     def upload(self) -> None:
         """Takes the state of the arrays to the device."""
@@ -294,14 +305,17 @@ class TorchFit(Fit):
         self.checked = True
         if self.asked_step != "fused":
             return
-        reason = self._fused_fault()
-        if reason:
-            self.engine = None
-            self.remarks.append(f"plain torch steps are taken: {reason}")
+        while reason := self._fused_fault():
+            self.engine, block = None, self.layout.block
+            if not self.distances or block <= LEAST_BLOCK:
+                self.remarks.append(f"plain torch steps are taken: {reason}")
+                return
+            self.remarks.append(f"programs of {block // 2} samples are taken, since with {block} {reason}")
+            self.layout = replace(self.layout, block=block // 2)  # it runs and is wrong, which can lie in what was compiled
 
     def _fused_fault(self):
         """Makes the fused step and compares it with the plain one; a sentence where it cannot be taken. The state stays."""
-        torch, kept = self.torch, None
+        torch, kept, self.distances = self.torch, None, []
         try:
             from .fit_triton import FusedStep, suits
 
@@ -320,7 +334,9 @@ class TorchFit(Fit):
             self.distances += [_distance(moved[n].float(), getattr(self.state, n).float()) for n in ("latent", "net", "codes")]
             limits = [GRADIENT_TOLERANCE] * 3 + [MOVE_TOLERANCE] * 2 + [GRADIENT_TOLERANCE]
             if not all(d < limit for d, limit in zip(self.distances, limits, strict=True)):
-                return "the fused kernels disagree with them by " + ", ".join(f"{d:.1e}" for d in self.distances)
+                faulty = [int((~torch.isfinite(latent)).sum()) for latent in (fused[0], plain[0])]
+                return ("the fused kernels disagree with plain torch by " + ", ".join(f"{d:.1e}" for d in self.distances)
+                        + f"; not finite: {faulty[0]} and {faulty[1]} of the latents' gradients")
             return ""
         except _no_memory(torch):
             raise

@@ -55,6 +55,11 @@ def test_an_error_of_a_part_is_a_row_beside_those_before_it(tmp_path, monkeypatc
     assert "broken/error: RuntimeError" in page.page({"machines": [run.machine()], "rows": kept})
 
 
+def test_the_page_is_made_of_the_rows_that_are_kept():
+    kept = json.loads((REPOSITORY / "tools" / "gpu" / "measured.json").read_text())
+    assert page.page(kept) == (REPOSITORY / "docs" / "reports" / "gpu.md").read_text()
+
+
 def test_a_process_that_dies_is_a_row_and_the_next_part_runs(tmp_path, monkeypatch):
     commands = []
 
@@ -79,8 +84,8 @@ def test_a_part_keeps_to_its_share_of_the_seconds(tmp_path, monkeypatch):
 
 
 def test_the_large_point_is_fitted_with_each_batch_for_as_many_steps_and_seconds(tmp_path, monkeypatch):
-    fitted = lambda context, case, steps, **settings: {"steps": steps, "milliseconds_a_step": settings["batch"] / 65536, **settings}
-    monkeypatch.setattr(fit, "fitted", fitted)
+    milliseconds = lambda settings: settings | {"milliseconds_a_step": settings["batch"] / 65536}
+    monkeypatch.setattr(fit, "fitted", lambda context, case, steps, **settings: milliseconds(settings) | {"steps": steps})
     monkeypatch.setattr(fit, "timed", lambda context, case, steps, **settings: settings)
     context = Context(tmp_path, tmp_path)
     for row in fit._large(context, types.SimpleNamespace(key="fit/player/mpeg6"), 30_000):

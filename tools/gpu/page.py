@@ -10,25 +10,32 @@ from typing import Any
 
 Rows = dict[str, dict[str, Any]]
 NAMES = {"player": "basketball player", "bottle": "water bottle, all maps", "helmet": "damaged helmet", "room": "room"}
-PAPER = """The paper's figures are those of an NVIDIA RTX A6000: 190 to 222 frames a second for explicit fields (4.5 to 5.3 ms),
-10.8 ms a frame for 3DNTC at 2048 x 2048, 6.5 ms of it decoding, and 1,006 s for a fit of 100,000 steps (35 s for a rival's
-2D network)."""
-HOW = """`python -m tools.gpu.run --out FOLDER` measures it, `python -m tools.gpu.page FOLDER/gpu.json` writes this page.
-Samples are drawn on the machine's processor, as in every fit; seconds of a fit are its steps with 20 looks at the held-out
-points, without drawing, set-up and compilation, which stand beside them. dB are those of the integer evaluation at 65,536
-held-out points of the surface, over all components. One seed gives the same samples, batches and first values on the GPU and on
-the processor; payloads of two runs on a GPU differ in their last bits, because atomic additions have no order."""
+PAPER_CARD = "NVIDIA RTX A6000"
+HOW = """`python -m tools.gpu.run --out FOLDER` measures it and goes on where it was cut. `python -m
+tools.gpu.page tools/gpu/measured.json > docs/reports/gpu.md` writes this page from the rows that are kept."""
+FIT_HOW = """Samples are drawn on the machine's processor, as in every fit; seconds of a fit are its steps with 20 looks at
+the held-out points, without drawing, set-up and compilation, which stand beside them. dB are those of the integer evaluation
+at 65,536 held-out points of the surface, over all components. One seed gives the same samples, batches and first values on
+the GPU and on the processor; payloads of two runs on a GPU differ in their last bits, because atomic additions have no order.
+Kernels for the processor take batches of 4,096 samples, and four threads at most."""
+FRAME_HOW = """Frames of 2048 x 2048 pixels over the 16 views of the metric, milliseconds by the device's timers: the median, and
+what 95 % of the frames keep. *Compute* draws a visibility buffer in compute kernels, then shades the visible pixels in one
+pass; *tensor cores* evaluates the network there in 16 bits. *Fragments* are the shaders of the browser's viewer through EGL; a
+datacentre card has few units for them. PSNR is against pictures of `texf-render`, at places where both show the surface."""
+REPRESENTATIONS = {"voxels": "explicit voxels", "texels": "texels", "uv": "UV texture", "3dntc-near": "3DNTC, near",
+                   "3dntc-far": "3DNTC, far", "3dntc": "3DNTC, near"}
+WAYS = {"compute": "compute", "plain": "compute", "tensor": "compute, tensor cores", "fragments": "fragments"}
 
 
 def page(record: dict[str, Any]) -> str:
     """Markdown of a run's JSON."""
     rows: Rows = record["rows"]
     machines = list(_machines(record["machines"])) or ["No GPU has been at hand yet."]
-    lines = ["# On a GPU", "", *machines, "", PAPER, "", HOW, ""]
-    for title, table in (("The fit", _fit), ("Batches", _batches), ("Frames", _frames), ("Decoding", _decode)):
+    lines = ["# On a GPU", "", *machines, "", HOW, ""]
+    for title, table in (("Beside the paper", _beside), ("The fit", _fit), ("Batches", _batches), ("Frames", _frames)):
         made = list(table(rows))
         lines += [f"## {title}", "", *(made or ["Not measured."]), ""]
-    lines += ["## What was not measured", "", *(list(_left_out(rows)) or ["Nothing of the plan is missing."]), ""]
+    lines += ["## What was not measured", "", *_left_out(rows), ""]
     return "\n".join(lines)
 
 
@@ -68,9 +75,10 @@ def _fit(rows):
     for key, figures in sorted(rows.items()):
         parts = key.split("/")
         if parts[0] == "fit" and len(parts) == 4 and parts[3] in what:
-            where = what[parts[3]] + (f", {figures['threads']} threads" if "threads" in figures else "")
+            where = what[parts[3]] + (f", {figures['threads']} threads of {figures['cores']} cores" if "threads" in figures else "")
             body.append([f"{NAMES.get(parts[1], parts[1])}, {parts[2]}", where, *(form(figures) for _, form in FIT)])
     if body:
+        yield from (FIT_HOW, "")
         yield from _grid(["asset, point", "on", *(name for name, _ in FIT)], body)
         yield ""
         drawn = {key.split("/")[1]: figures for key, figures in rows.items() if key.endswith("/draw")}
@@ -80,38 +88,88 @@ def _fit(rows):
 
 
 def _batches(rows):
-    body = [[f"{figures['batch']:,}", figures["products"], *(form(figures) for name, form in FIT if name not in ("batch",))]
-            for key, figures in rows.items() if "/batch" in key and "batch" in figures]
+    body = []
+    for key, figures in rows.items():
+        name, _, what = key.removeprefix("fit/").rpartition("/")
+        if "batch" in figures and what.startswith(("batch", "seconds")):
+            asset, point = name.split("/")
+            body.append([f"{NAMES.get(asset, asset)}, {point}", figures["products"], str(figures["block"]),
+                         *(form(figures) for title, form in FIT[:-2])])
     if body:
-        yield from _grid(["batch", "products", *(name for name, _ in FIT if name != "batch")], body)
+        yield from _grid(["asset, point", "products", "program", *(name for name, _ in FIT[:-2])], body)
         chosen = rows.get("fit/chosen")
         if chosen:
             yield ""
-            yield (f"Taken: {chosen['batch']:,} samples, {chosen['products']}: the most dB of those that take 30,000 steps in "
-                   "20 s. The rates are the same for all batches: gradients are sums, divided by their running mean squares.")
+            yield (f"Taken: {chosen['batch']:,} samples, {chosen['products']}: the most dB of those that take 30,000 steps "
+                   "in 20 s (basketball player, mpeg1).")
+            yield ("The rates are the same for all batches: gradients are sums, divided by their running mean squares. "
+                   "*Program*: samples that a program of the kernels takes.")
+    blocks = [(key, figures) for key, figures in rows.items() if "/block" in key and "batch" in figures]
+    if blocks:
+        yield ""
+        yield from _grid(["programs asked for", "taken", "batch", "ms a step"],
+                         [[key.rpartition("/block")[2], str(figures["block"]), f"{figures['batch']:,}",
+                           f"{figures['milliseconds_a_step']:.3f}"] for key, figures in blocks])
 
 
 def _frames(rows):
-    yield from _any(rows, "frames")
-
-
-def _decode(rows):
-    yield from _any(rows, "decode")
-
-
-def _any(rows, part):
-    """Rows of a part whose figures are its own, a table for each set of names."""
-    kinds: dict[tuple, list] = {}
+    shown = [("visibility, ms", "visibility_ms_median", "{:.3f}"), ("shading, ms", "shading_ms_median", "{:.3f}"),
+             ("frame, ms", "frame_ms_median", "{:.3f}"), ("95 %, ms", "frame_ms_95", "{:.3f}"),
+             ("visible pixels", "visible_pixels_mean", "{:,}"), ("PSNR, dB", "psnr_db", "{:.1f}"), ("holds", "holds", "{}"),
+             ("rate", "rate", "{}")]
+    body = [[NAMES.get(asset, asset), REPRESENTATIONS.get(what, what), WAYS[how],
+             *(_cell(figures, name, form) for _, name, form in shown)] for asset, what, how, figures in _drawn(rows)]
+    if body:
+        yield from (FRAME_HOW, "", *_grid(["asset", "values", "by", *(title for title, _, _ in shown)], body), "")
     for key, figures in rows.items():
-        if key.startswith(f"{part}/") and not {"skipped", "error"} & set(figures):
-            plain = {name: value for name, value in figures.items() if isinstance(value, int | float | str)}
-            kinds.setdefault(tuple(plain), []).append([key.removeprefix(f"{part}/"), *(f"{v}" for v in plain.values())])
-    for names, body in kinds.items():
-        yield from _grid(["", *(name.replace("_", " ") for name in names)], body)
+        if key.endswith("/check"):
+            plain, tensor, worst = (figures[f"{name}_error_of_255"] for name in ("plain_mean", "tensor_mean", "tensor_worst"))
+            yield (f"- {NAMES[key.split('/')[1]]}, 3DNTC at {figures['points']:,} points against the integer evaluation: mean "
+                   f"error {plain:.4f} of 255 in 32 bits, {tensor:.4f} by tensor cores (at most {worst:.2f}).")
+
+
+def _drawn(rows):
+    """(asset, representation, way, figures) of rows that have a frame's time."""
+    for key, figures in rows.items():
+        if key.startswith("frames/") and "frame_ms_median" in figures:
+            yield *key.split("/")[1:], figures
+
+
+def _range(values, form):
+    low, high = form.format(min(values)), form.format(max(values))
+    return low if low == high else f"{low} to {high}"
+
+
+def _beside(rows):
+    drawn = list(_drawn(rows))
+    times = lambda what, way, name: [figures[name] for _, kind, how, figures in drawn if kind == what and how == way]
+    body = []
+    if explicit := times("voxels", "compute", "frame_ms_median"):
+        slow = times("voxels", "fragments", "frame_ms_median")
+        body.append(["explicit field, ms a frame", "4.5 to 5.3 (190 to 222 frames a second)",
+                     _range(explicit, "{:.2f}") + " by compute" + (f", {_range(slow, '{:.1f}')} by fragments" if slow else "")])
+    if near := times("3dntc-near", "tensor", "frame_ms_median"):
+        slow = times("3dntc", "fragments", "frame_ms_median")
+        ours = _range(near, "{:.2f}") + " by compute" + (f", {_range(slow, '{:.0f}')} by fragments" if slow else "")
+        body += [["3DNTC, ms a frame at 2048 x 2048", "10.8", ours],
+                 ["of it decoding (ours: all shading)", "6.5",
+                  _range(times("3dntc-near", "tensor", "shading_ms_median"), "{:.2f}")]]
+    long = rows.get("fit/player/mpeg6/gpu_100000", {})
+    if "seconds" in long:
+        body.append(["3DNTC, seconds of 100,000 steps", "1,006", f"{long['seconds']:.1f} (mpeg6, {long['psnr_db']:.2f} dB)"])
+    short = rows.get("fit/player/mpeg1/gpu", {})
+    if "seconds" in short:
+        body.append(["seconds of a rival's 2D network; ours: 3DNTC, 30,000 steps", "35",
+                     f"{short['seconds']:.1f} (mpeg1, {short['psnr_db']:.2f} dB)"])
+    if body:
+        yield from _grid(["", f"paper, {PAPER_CARD}", "ours, the card above"], body)
         yield ""
+        yield ("The cards differ, and drawing by compute is another way to draw: the columns say what is possible where, not "
+               "which method is faster.")
 
 
 def _left_out(rows):
+    yield "- other cards, such as an H100 or the paper's: none was at hand"
     for part in ("fit", "frames", "decode"):
         if not any(key.startswith(f"{part}/") for key in rows):
             yield f"- {part}: no run has measured it"

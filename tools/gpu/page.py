@@ -40,12 +40,14 @@ def page(record: dict[str, Any]) -> str:
 
 
 def _machines(machines):
-    for facts in machines[-1:]:
-        yield (f"{facts['device']}, driver {facts['driver']}, {facts['cores']} processor cores; Python {facts['python']}, torch "
-               f"{facts['torch']}, Triton {facts['triton']}, numba {facts['numba']}.")
-    seconds = {part: taken for facts in machines for part, taken in facts.get("part_seconds", {}).items()}
-    if seconds:
-        yield "Seconds of the parts: " + ", ".join(f"{part} {taken:.0f}" for part, taken in seconds.items()) + "."
+    cards = {f"{facts['device']}, driver {facts['driver']}, {facts['cores']} processor cores; Python {facts['python']}, torch "
+             f"{facts['torch']}, Triton {facts['triton']}, numba {facts['numba']}.": None for facts in machines}
+    yield from cards
+    if len(cards) > 1:
+        yield "The runs were on more than one machine, and rows do not say on which."
+    for number, facts in enumerate(machines, 1):
+        if parts := facts.get("part_seconds"):
+            yield f"Seconds of run {number}: " + ", ".join(f"{part} {taken:.0f}" for part, taken in parts.items()) + "."
 
 
 def _grid(head: list[str], body: list[list[str]]) -> Iterator[str]:
@@ -75,7 +77,8 @@ def _fit(rows):
     for key, figures in sorted(rows.items()):
         parts = key.split("/")
         if parts[0] == "fit" and len(parts) == 4 and parts[3] in what:
-            where = what[parts[3]] + (f", {figures['threads']} threads of {figures['cores']} cores" if "threads" in figures else "")
+            threads = f", {figures['threads']} threads of {figures['cores']} cores" if "threads" in figures else ""
+            where = what[parts[3]] + threads
             body.append([f"{NAMES.get(parts[1], parts[1])}, {parts[2]}", where, *(form(figures) for _, form in FIT)])
     if body:
         yield from (FIT_HOW, "")

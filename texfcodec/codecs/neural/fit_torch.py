@@ -22,7 +22,7 @@ from .fit_samples import Samples
 from .infer import CODES, LOCAL_BITS, POSITION_BITS
 from .train import MOMENTUM, SQUARE_DECAY, TINY
 
-CUDA_BATCH = 1 << 14
+CUDA_BATCH = 1 << 16  # the most dB in as many steps and in as many seconds (docs/reports/gpu.md)
 LEAST_BATCH = 1 << 10
 SORTING = ("cuda",)  # devices that put samples in order and answer at held-out points themselves
 RECORDED = 50  # steps of a graph

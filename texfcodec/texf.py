@@ -326,8 +326,9 @@ class Texf:
         Returns
         -------
         dict
-            {"warnings": sentences, "remarks": the same, on what changes no picture, "files": names written, "seams": jumps of
-            colour across seams of the atlas, or None, "carried": bytes of the stream and of all else, or None}.
+            {"warnings": sentences, "dropped": names of what the format cannot hold, "remarks": sentences on what changes no
+            picture, "files": names written, "seams": jumps of colour across seams of the atlas, or None, "carried": bytes of the
+            stream and of all else, or None}.
 
         Raises
         ------

@@ -314,7 +314,7 @@ def test_decoder_writes_and_reports(call, stream, tmp_path, suffix, flags):
     facts = json.loads(out)
     assert code == 0 and err == "" and target.stat().st_size > 100
     assert set(facts) == {"schema", "bytes", "resolution", "voxels", "texels", "faces", "vertices", "fields", "files", "seconds",
-                          "peak_memory_bytes", "warnings", "remarks", "seams", "carried"}
+                          "peak_memory_bytes", "warnings", "dropped", "remarks", "seams", "carried"}
     assert (facts["seams"] is None) == ("--texture-size" not in flags)
     assert facts["faces"] == 4 and facts["bytes"]["total"] == len(stream) and facts["files"] == [target.name]
     assert facts["resolution"] == (8 if "--lod" in flags else 32)

@@ -47,6 +47,7 @@ Kd 0 0 1
 def obj(tmp_path, loaded):
     (tmp_path / "my lib.mtl").write_text(MTL)
     (tmp_path / "my tex.png").write_bytes(encoded(RED_BLUE))
+    (tmp_path / "bump.png").write_bytes(encoded(np.arange(16, dtype=np.uint8).reshape(4, 4)))
     return lambda text=OBJ, **options: loaded(text, "a.obj", **options)
 
 
@@ -62,7 +63,7 @@ def test_obj_with_materials_polygons_and_negative_indices(obj):
     assert paint.alpha_mode == ALPHA_BLEND and paint.name == "paint"
     assert plain.factor.tolist() == [0, 0, 1, 1] and plain.texture == -1
     assert scene.textures[0].wrap == (WRAP_CLAMP, WRAP_CLAMP) and scene.textures[0].name == "my tex.png"
-    assert scene.dropped == ["OBJ statement 'l'", "Ns of material 'paint'", "map_Bump of material 'paint'"]
+    assert scene.dropped == ["OBJ statement 'l'", "Ns of material 'paint'", "map_Bump of material 'paint', a map of heights"]
     assert scene.metadata == {"objects": ["thing"]}
 
 

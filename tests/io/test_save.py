@@ -186,12 +186,14 @@ def test_obj_points_upwards_and_names_its_materials(tmp_path):
     text, entries = (tmp_path / "my mesh.obj").read_text(), (tmp_path / "my_mesh.mtl").read_text("utf-8")
     baked = bake(texf, 128, "fast")
     uv = np.array(re.findall(r"^vt (\S+) (\S+)$", text, re.M), float)
-    corners = np.array(re.findall(r"(\d+)/(\d+)", text), int) - 1
+    corners = np.array(re.findall(r"(\d+)/(\d+)/\d+", text), int) - 1
     order = np.argsort(texf.face_material, kind="stable")
     wanted = baked.atlas.corner_uv[order].reshape(-1, 2) * [1, -1] + [0, 1]
     assert np.abs(uv[corners[:, 1]] - wanted).max() < 1e-7 and np.array_equal(corners[:, 0], texf.faces[order].ravel())
     assert re.findall("usemtl (.*)", text) == re.findall("newmtl (.*)", entries)[:2] == ["0_a_b", "1_漢"]
-    assert report["files"] == ["my_mesh.png", "my_mesh.mtl", "my mesh.obj"] and len(report["warnings"]) == 2
+    assert report["files"] == ["my_mesh.png", "my_mesh.mtl", "my mesh.obj"]
+    dropped = [name.split(" of ")[0] for name in report["dropped"]]
+    assert dropped == ["metadata", "unlit flag", "alpha mode MASK", "double-sidedness"]
 
 
 def test_obj_digits_hold_far_off_coordinates(tmp_path):

@@ -125,7 +125,7 @@ def _fallback(texf, faces):
 def _take_out(data, source, out):
     """Writes the stream itself, which has been decoded without a fault; what save() tells."""
     write_output(out, data, [] if source == "-" else [source])
-    return {"warnings": [], "remarks": [], "files": [Path(out).name], "seams": None, "carried": None}
+    return {"warnings": [], "dropped": [], "remarks": [], "files": [Path(out).name], "seams": None, "carried": None}
 
 
 def _save(texf, source, out, overwrite, look):
@@ -152,7 +152,8 @@ def _facts(data, texf, report, saved):
             "faces": sum(len(unit.faces) for unit in texf.units), "vertices": sum(len(unit.lattice) for unit in texf.units),
             "fields": len(texf.fields),
             "files": saved["files"], "seams": saved["seams"], "carried": saved["carried"], "seconds": seconds_of(report),
-            "peak_memory_bytes": max(peaks, default=None), "warnings": report.warnings, "remarks": report.remarks}
+            "peak_memory_bytes": max(peaks, default=None), "warnings": report.warnings,
+            "dropped": saved["dropped"], "remarks": report.remarks}
 
 
 def _lines(facts, out, counted):

@@ -122,7 +122,8 @@ def _scene_of(data, path, entry, notes):
 def no_metal(scene: Scene) -> Scene:
     """The Scene, of a format that knows no metal, with materials that are none: glTF's own default is one."""
     for material in scene.materials:
-        material.parameters.setdefault("metallic", (0.0,))
+        if material.parameters.setdefault("metallic", (0.0,)) == (1.0,):  # the file says metal, which is the default
+            del material.parameters["metallic"]
     return scene
 
 

@@ -46,12 +46,14 @@ class Look:
 @dataclass
 class Looks:
     """All of them. face_look: int64 [F] into looks; a material that no face has stands there once, without images; opaque: names
-    of materials that are written as opaque, for nothing of theirs is see-through."""
+    of materials that are written as opaque, for nothing of theirs is see-through; apart: whether every channel has an image of
+    its own, grey where it has one component."""
 
     skins: list[Skin]
     looks: list[Look]
     face_look: np.ndarray
     opaque: list[str] = made_by(default_factory=list)
+    apart: bool = False
 
     @property
     def image_count(self) -> int:
@@ -64,9 +66,9 @@ class Looks:
         return np.array([bool(look.mapped) for look in self.looks], bool)[self.face_look]
 
 
-def looks_of(texf: Texf, base_colour_alone: bool = False, at_vertices: bool = False) -> Looks:
-    """The Looks of a decoded stream (Texf), known before any image is made. base_colour_alone: for formats that know nothing
-    else, each skin with an image of it; at_vertices: whether colours may stand at vertices where that shows as much."""
+def looks_of(texf: Texf, held: tuple[str, ...] | None = None, at_vertices: bool = False) -> Looks:
+    """The Looks of a decoded stream (Texf), known before any image is made. held: names of the channels that a format has, each
+    in an image of its own, None for glTF's; at_vertices: whether colours may stand at vertices where that shows as much."""
     skins, face_skin = _skins(texf)
     of_face = np.column_stack([texf.face_material, face_skin, _says_nothing(texf)])
     kinds, face_look = np.unique(of_face, axis=0, return_inverse=True)
@@ -74,7 +76,7 @@ def looks_of(texf: Texf, base_colour_alone: bool = False, at_vertices: bool = Fa
     made = []
     for row, (number, skin, flat) in enumerate(kinds.tolist()):
         faces = np.flatnonzero(face_look == row)
-        look = (_bare if base_colour_alone else _look)(texf, number, skin, skins[skin], faces)
+        look = _look(texf, number, skin, skins[skin], faces, held)
         if flat:
             look.mapped = tuple(name for name in look.mapped if name not in NORMAL_MAPS)
         if at_vertices and skins[skin].field is None and look.mapped == (BASE_COLOUR.name,):
@@ -83,10 +85,11 @@ def looks_of(texf: Texf, base_colour_alone: bool = False, at_vertices: bool = Fa
         made.append(look)
         skins[skin].has_base |= BASE_COLOUR.name in look.mapped
     for number, skin in enumerate(skins):
-        skin.sheets = sheets_of({name for look in made if look.skin == number for name in look.mapped})
+        wanted = {name for look in made if look.skin == number for name in look.mapped}
+        skin.sheets = sheets_of(wanted) if held is None else [(name,) for name in held[1:] if name in wanted]
     idle = np.setdiff1d(np.arange(len(texf.materials)), texf.face_material)
     made += [Look(int(number), -1, texf.materials[number], ()) for number in idle]
-    return Looks(skins, made, face_look, _made_opaque(texf, made, skins, face_look))
+    return Looks(skins, made, face_look, _made_opaque(texf, made, skins, face_look), apart=held is not None)
 
 
 def _says_nothing(texf):
@@ -123,18 +126,14 @@ def _skins(texf):
     return skins, of_field[texf.face_field] if len(texf.faces) else np.zeros(0, np.int64)
 
 
-def _bare(texf, number, skin, _, faces):
-    return Look(number, skin, texf.materials[number], (BASE_COLOUR.name,))
-
-
-def _look(texf, number, skin, of, faces):
-    """The Look of a material's faces on a Skin."""
+def _look(texf, number, skin, of, faces, held):
+    """The Look of a material's faces on a Skin, with the maps of channels that are held."""
     material = texf.materials[number]
     parameters, mapped = dict(material.parameters), []
     colour = _base_factor(texf, of, faces, material)
     if colour is None:
         mapped.append(BASE_COLOUR.name)
-    for name in (name for name in BY_NAME if name in material.maps):
+    for name in (name for name in BY_NAME if name in material.maps and (held is None or name in held)):
         value = _one_value(texf, of, faces, channel_over(name, of.field is not None).name)
         if value is None or not absorb(parameters, BY_NAME[name], value):
             mapped.append(name)

@@ -1,18 +1,20 @@
-"""MTL material libraries: Kd, d/Tr and map_Kd become a base colour, every other statement is named as dropped; and the library of
-a decoded stream, which goes with its OBJ."""
+"""MTL material libraries: Kd, d/Tr and map_Kd become a base colour, the statements of mtl_maps.py maps and parameters, every
+other is named as dropped; and the library of a decoded stream, which goes with its OBJ."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InputError
+from ..scene.channels import BASE_COLOUR
 from ..scene.scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
 from .images import TextureShelf, read_texture_file
 from .magic import as_utf8
+from .mtl_maps import STATEMENTS, MtlLook, alpha_mode_with, complete, map_lines, number_lines, with_alpha
 from .parts import alpha_mode_of, linearise_factors
 from .visibility import vanishes
 
@@ -31,7 +33,7 @@ _SAME = 1e-3  # of numbers that are written with three digits
 @dataclass
 class ObjMaterial:
     """One newmtl. factor: float64 [4], linear once the file is read; texture: file name or None; uv_scale, uv_offset: float64
-    [2], with v upwards; dissolve, transparency: numbers of its `d` and `Tr`, None without."""
+    [2], with v upwards; dissolve, transparency: numbers of its `d` and `Tr`, None without; look: what mtl_maps.py reads."""
 
     name: str
     factor: np.ndarray
@@ -41,6 +43,12 @@ class ObjMaterial:
     uv_offset: tuple = (0.0, 0.0)
     dissolve: float | None = None
     transparency: float | None = None
+    look: MtlLook = field(default_factory=MtlLook)
+
+    @property
+    def has_image(self) -> bool:
+        """Whether its faces need UVs."""
+        return bool(self.texture or self.look.maps)
 
 
 def read_mtl(data: bytes, notes: Notes) -> dict[str, ObjMaterial]:
@@ -62,7 +70,8 @@ def read_mtl(data: bytes, notes: Notes) -> dict[str, ObjMaterial]:
     _set_alpha(list(found.values()), "meshlab" in text[:_HEAD].lower(), notes)
     for material in found.values():
         _finish(material, notes)
-    linearise_factors([material.factor for material in found.values()], text[:_HEAD], "MTL file", notes)
+    emission = [ke for material in found.values() for ke in material.look.coded_emission()]
+    linearise_factors([material.factor for material in found.values()] + emission, text[:_HEAD], "MTL file", notes)
     return found
 
 
@@ -90,6 +99,8 @@ def _statement(material, key, rest, notes):
             material.transparency = number
     elif lower == "map_kd":
         _base_map(material, rest, notes)
+    elif lower in STATEMENTS:
+        material.look.put(key, *_split_options(rest))
     else:
         notes.drop(f"{key} of material '{material.name}'")
 
@@ -160,6 +171,8 @@ def _is_number(text):
 
 
 def _finish(material, notes):
+    if not material.texture and material.look.maps:
+        material.uv_scale, material.uv_offset, material.wrap = next(iter(material.look.maps.values())).place
     if material.texture and not material.factor[:3].any():
         notes.warn(f"material '{material.name}' has a texture and a black Kd; a white Kd is used instead")
         material.factor[:3] = 1.0
@@ -173,21 +186,29 @@ def _finish(material, notes):
 
 
 def scene_material(material: ObjMaterial, folder: Path, shelf: TextureShelf) -> Material:
-    """ObjMaterial -> Material, its texture put on the shelf."""
-    texture = -1
-    if material.texture:
-        name = material.texture
+    """ObjMaterial -> Material, its textures put on the shelf."""
+    texture, name = -1, material.texture
+    joined = with_alpha(name, material.look, folder, shelf.notes)
+    if joined:
+        texture = shelf.put(joined[0], joined[1], name or "map_d", material.wrap)
+    if texture < 0 and name:
         texture = shelf.put(name, lambda: read_texture_file(folder, name), name, material.wrap)
-    return Material(name=material.name, factor=material.factor, texture=texture, alpha_mode=alpha_mode_of(material.factor))
+    mode = alpha_mode_with(material.look, shelf.textures[texture].image if texture >= 0 else None, alpha_mode_of(material.factor))
+    made = Material(name=material.name, factor=material.factor, texture=texture, alpha_mode=mode)
+    complete(made, material.look, (material.uv_scale, material.uv_offset, material.wrap), folder, shelf)
+    return made
 
 
 def write_mtl(texf: Texf, look: Textured, image_names: list[str], warnings: list[str]) -> list[bytes]:
     """The MTL file: one entry per material and image. image_names: of the files of look.textures; warnings: gets a sentence
-    where OBJ cannot wrap an image as its UVs need."""
+    where OBJ cannot show an image as the stream does."""
     maps, lines = [_write_map(look, n, name, warnings) for n, name in enumerate(image_names)], ["# texfcodec"]
     for name, one, images in zip(material_names(texf, look), look.looks.looks, look.images, strict=True):
-        lines += [f"newmtl {name}", "Ka 1 1 1", "Kd 1 1 1", "Ks 0 0 0", "d 1", "illum 1"]
-        for image in images.values():  # the base colour's
+        lines += [f"newmtl {name}", "Ka 1 1 1", "Ks 0 0 0", "illum 1", *number_lines(one.material)]
+        for channel, image in images.items():
+            if channel != BASE_COLOUR.name:
+                lines += map_lines(one.material, channel, maps[image])
+                continue
             lines.append(f"map_Kd {maps[image]}")
             if look.textures[image].image.shape[2] == 4 and one.material.alpha_mode != ALPHA_OPAQUE:
                 lines.append(f"map_d {maps[image]}")
@@ -195,13 +216,16 @@ def write_mtl(texf: Texf, look: Textured, image_names: list[str], warnings: list
 
 
 def _write_map(look, number, name, warnings):
-    """What stands behind map_Kd. An image repeats in OBJ, or is clamped both ways; where UVs stay within it neither matters, and
-    the option, which some readers take for a part of the name, is left out."""
-    uv = look.corner_uv[look.face_image == number]
+    """What stands behind a map's statement. An image repeats in OBJ, or is clamped both ways; where UVs stay within it neither
+    matters, and the option, which some readers take for a part of the name, is left out."""
+    shown = np.array([number in images.values() for images in look.images], bool)[look.looks.face_look]
+    uv = look.corner_uv[shown]
     beyond = ((uv < 0) | (uv > 1)).any(axis=(0, 1))
     needed = {mode for mode, reached in zip(look.textures[number].wrap, beyond, strict=True) if reached}
     if WRAP_MIRROR in needed or len(needed) > 1:
         warnings.append(f"OBJ can neither mirror an image nor repeat it along one axis only: {name} repeats along both")
+    if look.textures[number].nearest:
+        warnings.append(f"OBJ cannot hold how an image is filtered: texels of {name}, which are squares, are blended")
     return f"-clamp on {name}" if needed == {WRAP_CLAMP} else name
 
 
@@ -209,4 +233,8 @@ def material_names(texf: Texf, look: Textured) -> list[str]:
     """One distinct name without blanks per pair of material and image, of look.looks."""
     shared = np.bincount([one.number for one in look.looks.looks], minlength=len(texf.materials)) > 1
     names = ["_".join(material.name.split()) or "material" for material in texf.materials]
-    return [f"{one.number}_{names[one.number]}" + f"_{one.skin}" * bool(shared[one.number]) for one in look.looks.looks]
+    found: list[str] = []
+    for one in look.looks.looks:
+        name = f"{one.number}_{names[one.number]}" + f"_{one.skin}" * bool(shared[one.number])
+        found.append(name + f"_{len(found)}" * (name in found))
+    return found

@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from ..core.json_text import json_text
+from ..scene.channels import ALPHA, BASE_COLOUR
 from ..scene.srgb import to_bytes
 from .atlas.texel_image import texel_image
 from .vertex_appearance import vertex_colours
+from .written_normals import are_lit
 
 if TYPE_CHECKING:
     from ..texf import Texf
@@ -25,7 +27,9 @@ def arrays(texf: Texf, appearance: str) -> dict[str, Any]:
     texels also uv float64 [V, 2], in texels of the full image of the field (fields has its width and height; 0 where a field is
     over voxels), and for every such field, number n: field<n>_xy int32 [N, 2], column and row of the texels at hand,
     field<n>_rgba uint8 [N, 4], and field<n>_image uint8 [H, W, 3 or 4], their image with its gaps filled; a texel at hand is
-    2**level_shift of the full ones a side (level_shift stands in fields).
+    2**level_shift of the full ones a side (level_shift stands in fields). For every further channel c of a field, over texels or
+    voxels: field<n>_<c> uint8 [M, C] and field<n>_<c>_at int32 [M, 2 or 3], where its values are. corner_normal float32 [F, 3,
+    3]: shading normals, where a material is lit.
     """
     if appearance == "vertex":
         vertex, index, material, rgba = vertex_colours(texf, with_material=True)
@@ -49,7 +53,23 @@ def _surface(texf):
         part = texf.fields[number]
         held |= {f"field{number}_xy": part.support.xy(), f"field{number}_rgba": part.rgba,
                  f"field{number}_image": texel_image(texf, number)}
+    for number, part in enumerate(texf.fields):
+        for name in part.planes.keys() - {BASE_COLOUR.name, ALPHA.name}:
+            support = part.support_of(name)
+            held |= {f"field{number}_{name}": part.planes[name],
+                     f"field{number}_{name}_at": support.xy() if part.over_texels else support.xyz()}
+    if len(texf.faces) and are_lit(texf):
+        held["corner_normal"] = texf.shading_normals()
     return held
+
+
+def lost_maps(texf: Texf, appearance: str) -> list[str]:
+    """Names of what arrays() leaves out with an appearance: maps and shading normals where this is not "texture"."""
+    if appearance == "texture":
+        return []
+    names = {name for part in texf.fields for name in part.planes} - {BASE_COLOUR.name, ALPHA.name}
+    normals = ["shading normals"] * (appearance == "vertex" and len(texf.faces) > 0 and are_lit(texf))
+    return [f"the map of {name.removesuffix('_object').replace('_', ' ')}" for name in sorted(names)] + normals
 
 
 def _field(support):
@@ -66,4 +86,6 @@ def _material(material):
         "alpha_cutoff": float(material.alpha_cutoff),
         "double_sided": bool(material.double_sided),
         "unlit": bool(material.unlit),
+        "maps": sorted(material.maps),
+        "parameters": {name: list(value) for name, value in sorted(material.parameters.items())},
     }

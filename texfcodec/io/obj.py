@@ -21,6 +21,7 @@ from .polygons import counting, parse_numbers, triangulate
 from .precision import decimal_digits
 from .vertex_appearance import vertex_colours
 from .visibility import turn_where_all_vanish
+from .written_normals import are_lit, distinct_normals
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene
@@ -64,7 +65,7 @@ def read_obj(data: bytes, folder: Path, notes: Notes) -> Scene:
     faces, texels, material = corners[triangles, 0], corners[triangles, 1], material[polygon]
     part = Part(vertices[:, :3], faces, material, _uv(rows, texels, material, chosen), _vertex_color(vertices), "the OBJ file",
                 normal=_normal(rows, corners[triangles, 2]))
-    if not any(item.texture for item in chosen) and rows.vt:
+    if not any(item.has_image for item in chosen) and rows.vt:
         notes.remark("no texture uses vt; it is left out")
     metadata = {"objects": rows.objects} if rows.objects else {}
     return assemble([part], materials, shelf.textures, notes, metadata)
@@ -298,25 +299,47 @@ def _find_material(name, library, notes):
 
 
 def write_obj_textured(texf: Texf, look: Textured, mtl_name: str) -> Iterator[bytes]:
-    """Pieces of an OBJ file with texture coordinates (v up, as OBJ counts)."""
-    uv, index = np.unique(look.corner_uv.reshape(-1, 2), axis=0, return_inverse=True)
-    uv = np.stack([uv[:, 0], 1.0 - uv[:, 1]], 1)
+    """Pieces of an OBJ file with texture coordinates (v up, as OBJ counts) where faces have images, and shading normals."""
     yield f"# texfcodec\nmtllib {mtl_name}\n".encode()
     yield _write_rows(f"v {_number(texf)} {_number(texf)} {_number(texf)}\n", texf.positions)
-    yield _write_rows("vt %.8g %.8g\n", uv)
-    corners = np.stack([texf.faces + 1, index.reshape(-1, 3) + 1], 2).reshape(-1, 6)
+    place = None
+    if look.textures:
+        uv, place = np.unique(look.corner_uv.reshape(-1, 2), axis=0, return_inverse=True)
+        yield _write_rows("vt %.8g %.8g\n", np.stack([uv[:, 0], 1.0 - uv[:, 1]], 1))
+        place = place.reshape(-1, 3)
+    normal = _normals_of(texf)
+    yield _normal_rows(normal)
     names = material_names(texf, look)
     for number in np.unique(look.looks.face_look):
         yield f"usemtl {names[number]}\n".encode()
-        yield _write_rows("f %d/%d %d/%d %d/%d\n", corners[look.looks.face_look == number])
+        yield _face_rows(look.looks.face_look == number, texf.faces, place, normal[1])
 
 
 def write_obj_coloured(texf: Texf) -> Iterator[bytes]:
-    """Pieces of an OBJ file with colours after the coordinates (sRGB, 0..1), as most tools read them."""
+    """Pieces of an OBJ file with colours after the coordinates (sRGB, 0..1), as most tools read them, and shading normals."""
     vertex, index, _, rgba = vertex_colours(texf, with_material=False)
     yield b"# texfcodec\n"
     yield _write_rows(_coloured_line(texf), np.hstack([texf.positions[vertex], rgba[:, :3] / 255.0]))
-    yield _write_rows("f %d %d %d\n", index + 1)
+    normal = _normals_of(texf)
+    yield _normal_rows(normal)
+    yield _face_rows(slice(None), index, None, normal[1])
+
+
+def _normals_of(texf):
+    """(normals [N, 3], index int64 [F, 3]), no index where nothing is lit. Readers that find no vn shade flat or smooth, each by
+    its own rule."""
+    return distinct_normals(texf) if len(texf.faces) and are_lit(texf) else (np.zeros((0, 3)), None)
+
+
+def _normal_rows(normal):
+    return _write_rows("vn %.4g %.4g %.4g\n", normal[0] + 0.0)
+
+
+def _face_rows(chosen, vertex, uv, normal):
+    """Lines of faces. vertex, uv, normal: int64 [F, 3] from 0, the last two or None."""
+    kinds = [index[chosen] + 1 for index in (vertex, uv, normal) if index is not None]
+    corner = "%d" + ("/%d" if uv is not None else "/" if normal is not None else "") + "/%d" * (normal is not None)
+    return _write_rows(f"f {corner} {corner} {corner}\n", np.stack(kinds, 2).reshape(-1, 3 * len(kinds)))
 
 
 def write_obj_points(texf: Texf) -> Iterator[bytes]:

@@ -96,11 +96,13 @@ def _of_texels(texf, looks, skin, _, __):
     nearest = isinstance(squares, list) and skin.field in squares
     found = [((BASE_COLOUR.name,), Texture(image, wrap, BASE_COLOUR.name, nearest=nearest))] * skin.has_base
     for sheet in skin.sheets:
-        found.append((sheet, _of_sheet(texel_sheet(texf, skin.field, sheet, centres), wrap, sheet)))
+        found.append((sheet, _of_sheet(texel_sheet(texf, skin.field, sheet, centres), wrap, sheet, looks.apart)))
     return found, uv, []
 
 
-def _of_sheet(image, wrap, sheet):
+def _of_sheet(image, wrap, sheet, apart):
+    if apart and BY_NAME[sheet[0]].components == 1:
+        image = np.repeat(image[..., BY_NAME[sheet[0]].columns], 3, axis=2)
     return Texture(image, wrap, "_".join(sheet), any(BY_NAME[name].srgb for name in sheet))
 
 
@@ -116,5 +118,5 @@ def _of_atlas(texf, looks, skin, normal, arguments):
     found = [((BASE_COLOUR.name,), Texture(image, wrap, BASE_COLOUR.name))] * skin.has_base
     if skin.sheets:
         maps = AtlasMaps(texf, faces, baked, None if normal is None else normal[faces])
-        found += [(sheet, _of_sheet(maps.image(sheet), wrap, sheet)) for sheet in skin.sheets]
+        found += [(sheet, _of_sheet(maps.image(sheet), wrap, sheet, looks.apart)) for sheet in skin.sheets]
     return found, baked.atlas.corner_uv, baked.warnings

@@ -22,6 +22,7 @@ from .parts import Notes, Part, assemble, drop_alpha, linear_rgba
 from .polygons import parse_numbers, triangulate
 from .precision import float32_is_enough
 from .vertex_appearance import vertex_colours
+from .written_normals import are_lit, normals_at_vertices
 
 if TYPE_CHECKING:
     from ..texf import Texf
@@ -336,12 +337,17 @@ def _drop_rest(vertex, face, part, header, notes):
                 notes.remark(f"PLY property '{name}' of {kind} is left out")
 
 
-def write_ply_surface(texf: Texf) -> list:
-    """Pieces of a PLY file: mesh with vertex colours (u8 sRGB, alpha only if the stream has any)."""
+def write_ply_surface(texf: Texf, dropped: list[str]) -> list:
+    """Pieces of a PLY file: mesh with vertex colours (u8 sRGB, alpha only if the stream has any), and normals where every vertex
+    has one of its own; dropped: gets a name where it has several, which would tear the surface."""
     vertex, index, _, rgba = vertex_colours(texf, with_material=False)
     faces = np.empty(len(index), np.dtype([("n", "u1"), ("v", "<i4", 3)]))
     faces["n"], faces["v"] = 3, index
-    vertices, lines = _write_vertices(texf, texf.positions[vertex], to_bytes(rgba))
+    normals = None
+    if len(index) and are_lit(texf):
+        normals = normals_at_vertices(texf, index, len(vertex))
+        dropped += ["hard edges of the shading"] * (normals is None)
+    vertices, lines = _write_vertices(texf, texf.positions[vertex], to_bytes(rgba), normals)
     lines += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
     return [_write_header(lines), vertices.data, faces.data]
 
@@ -353,13 +359,17 @@ def write_ply_points(texf: Texf) -> list:
     return [_write_header(lines), vertices.data]
 
 
-def _write_vertices(texf, points, rgba):
+def _write_vertices(texf, points, rgba, normals=None):
     """Packed vertex records and their header lines; double coordinates where float would lose the lattice."""
     kind, name = ("<f4", "float") if float32_is_enough(texf) else ("<f8", "double")
     channels = _WRITTEN[: 4 if texf.has_alpha else 3]
-    records = np.empty(len(points), np.dtype([("p", kind, 3), ("c", "u1", len(channels))]))
+    fields = [("p", kind, 3), ("n", "<f4", 3), ("c", "u1", len(channels))]
+    records = np.empty(len(points), np.dtype([f for f in fields if f[0] != "n" or normals is not None]))
     records["p"], records["c"] = points, rgba[:, : len(channels)]
     lines = [f"element vertex {len(points)}", *(f"property {name} {axis}" for axis in "xyz")]
+    if normals is not None:
+        records["n"] = normals
+        lines += [f"property float {axis}" for axis in _NORMALS]
     return records, lines + [f"property uchar {channel}" for channel in channels]
 
 

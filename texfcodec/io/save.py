@@ -24,6 +24,8 @@ from .formats import APPEARANCES, AUTO, IMAGE_FORMATS, SAVED_SUFFIXES, ImageForm
 from .gltf.packing import check_compression, packing_of
 from .images import check_image_format, encode_image, format_for
 from .looks import Looks, looks_of
+from .lost_effects import IN_COLOURS, IN_MTL, lost_effects
+from .mtl_maps import MAP_STATEMENTS, MTL_CHANNELS
 from .own_files import own_sides
 
 if TYPE_CHECKING:
@@ -48,14 +50,17 @@ class SaveOptions:
     compress: str = "none"
     stream: bytes | None = None
     settled: bool = field(default=False, init=False)  # whether colours have to be where appearance says
+    sketched: bool = field(default=False, init=False)  # whether they are at vertices because the format has no place for images
 
 
 @dataclass
 class _Told:
-    """What save() has to tell. remarks: what changes no picture; carried: bytes of a stream and of all else; looks: of a surface
-    that is written with images, known before these are made."""
+    """What save() has to tell. dropped: names of what the format cannot hold, each in a warning too; remarks: what changes no
+    picture; carried: bytes of a stream and of all else; looks: of a surface that is written with images, known before these are
+    made."""
 
     warnings: list[str] = field(default_factory=list)
+    dropped: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
     seams: dict | None = None
     carried: dict | None = None
@@ -63,7 +68,13 @@ class _Told:
 
     def result(self):
         """What save() returns, but for the files."""
-        return {"warnings": self.warnings, "remarks": self.remarks, "seams": self.seams, "carried": self.carried}
+        return {"warnings": self.warnings, "dropped": self.dropped, "remarks": self.remarks, "seams": self.seams,
+                "carried": self.carried}
+
+    def drop(self, form, names):
+        """Names what a format cannot hold."""
+        self.dropped += names
+        self.warnings += [f"{form} cannot hold {name}: it is not written" for name in names]
 
 
 def save(texf: Texf, path: str | PathLike, appearance: str | None = None, texture_size: int | None = None, atlas: str = "auto",
@@ -78,9 +89,9 @@ def save(texf: Texf, path: str | PathLike, appearance: str | None = None, textur
     them. options: the rest of SaveOptions; texture_format is for textures, other than PNG and JPEG for glTF, and compress for
     glTF's meshes. Side files (.bin, .png, .mtl) take the name of path; several images are numbered from 0, the atlas first.
     overwrite: whether side files may replace what is there; path itself always may. inputs: paths that nothing may replace.
-    Returns {"warnings": [one sentence each], "remarks": [the same, on what changes no picture], "files": [names written],
-    "seams": measure_seams() of the atlas or None, "carried": {"stream": bytes of the stream that is carried, "fallback": bytes of
-    all else that is written} or None}.
+    Returns {"warnings": [one sentence each], "dropped": [names of what the format cannot hold, each in a warning too],
+    "remarks": [sentences on what changes no picture], "files": [names written], "seams": measure_seams() of the atlas or None,
+    "carried": {"stream": bytes of the stream that is carried, "fallback": bytes of all else that is written} or None}.
     Raises InputError: TXF-O01 no such directory, TXF-O02 not writable, TXF-O03 disk full, TXF-O04 other operating system error,
     TXF-O05 suffix, TXF-O06 appearance, TXF-O07 a file would replace an input, TXF-O08 a side file is there already, TXF-O10..O12
     atlas, TXF-O13 no voxels, TXF-O14 texture format, quality or compression, TXF-O18 a stream in another format; SupportError
@@ -100,8 +111,8 @@ def save(texf: Texf, path: str | PathLike, appearance: str | None = None, textur
 
 
 def as_glb(texf: Texf, **options: Any) -> tuple[bytes, dict]:
-    """The bytes of the GLB that save() would write, and what it would return without files: (bytes, {"warnings", "remarks",
-    "seams", "carried"}). options: SaveOptions."""
+    """The bytes of the GLB that save() would write, and what it would return without files: (bytes, {"warnings",
+    "dropped", "remarks", "seams", "carried"}). options: SaveOptions."""
     return _in_one_piece(texf, ".glb", SaveOptions(**options))
 
 
@@ -126,7 +137,7 @@ def save_into(texf: Texf, file: BinaryIO, form: str | None = None, **options: An
 
 
 def _in_one_piece(texf, suffix, asked):
-    """(bytes, {"warnings", "remarks", "seams", "carried"}) of a format that needs no file beside it. Raises InputError TXF-O05
+    """(bytes, what save() tells) of a format that needs no file beside it. Raises InputError TXF-O05
     for others."""
     path, told = Path("stream" + suffix), _Told()
     suffix = _checked(texf, path, asked, told)
@@ -155,6 +166,7 @@ def _checked(texf, path, asked, told):
     if appearance == "voxels" and texf is not None:
         _name_what_has_no_voxels(texf, told.warnings)
     asked.settled = appearance is not None or _settles_images(asked)
+    asked.sketched = suffix == ".ply" and appearance in (None, "texture")
     asked.appearance = ("vertex" if suffix == ".ply" else "texture") if appearance is None else appearance
     _check_packing(suffix, asked)
     return suffix
@@ -164,7 +176,7 @@ def _looks(texf, suffix, asked, remarks):
     """Looks of a surface that is written with images where it needs any; None for what is written without."""
     if asked.appearance != "texture" or suffix not in (".glb", ".gltf", ".obj"):
         return None
-    looks = looks_of(texf, suffix == ".obj", suffix != ".obj" and not asked.settled)
+    looks = looks_of(texf, MTL_CHANNELS if suffix == ".obj" else None, suffix != ".obj" and not asked.settled)
     if looks.opaque and suffix != ".obj":
         remarks.append(f"alpha is 1 everywhere on {', '.join(looks.opaque[:5])}{' and others' * (len(looks.opaque) > 5)}: "
                        "written as opaque")
@@ -292,13 +304,17 @@ def _obj(texf, path, asked, told):
     from .mtl import write_mtl
     from .obj import write_obj_coloured, write_obj_points, write_obj_textured
 
-    _name_losses(texf, told.warnings, "OBJ", asked.appearance)
+    in_colours = asked.appearance != "texture" or len(texf.faces) == 0
+    _name_losses(texf, told, "OBJ", asked.appearance, IN_COLOURS if in_colours else IN_MTL)
     if asked.appearance == "voxels":
         return [(path.name, write_obj_points(texf))]
-    if asked.appearance == "vertex" or len(texf.faces) == 0:
+    if in_colours:
         return [(path.name, write_obj_coloured(texf))]
     stem, (look, images) = _without_blanks(path.stem), _textured(texf, asked, told)
     files = _image_files(stem, images)
+    extended = sorted({statement for maps in look.images for name in maps for statement in MAP_STATEMENTS.get(name, ())})
+    if extended:
+        told.remarks.append(f"some readers of MTL do not know {', '.join(extended)}, which hold maps of light")
     return [
         *files,
         (stem + ".mtl", write_mtl(texf, look, [name for name, _ in files], told.warnings)),
@@ -308,14 +324,24 @@ def _obj(texf, path, asked, told):
 
 def _ply(texf, path, asked, told):
     from .ply import write_ply_points, write_ply_surface
+    from .vertex_fit import NO_LESS, psnr_at_vertices
 
-    _name_losses(texf, told.warnings, "PLY", asked.appearance)
-    return [(path.name, write_ply_points(texf) if asked.appearance == "voxels" else write_ply_surface(texf))]
+    _name_losses(texf, told, "PLY", asked.appearance, IN_COLOURS)
+    if asked.appearance == "voxels":
+        return [(path.name, write_ply_points(texf))]
+    psnr = psnr_at_vertices(texf) if asked.sketched else None
+    if psnr is not None and psnr < NO_LESS:
+        told.drop("PLY", [f"images, whose detail between vertices is lost (colours at vertices show them with {psnr:.1f} dB)"])
+    dropped: list[str] = []
+    pieces = write_ply_surface(texf, dropped)
+    told.drop("PLY", dropped)
+    return [(path.name, pieces)]
 
 
 def _npz(texf, path, asked, told):
-    from .npz import arrays
+    from .npz import arrays, lost_maps
 
+    told.drop(f"NPZ of {asked.appearance}", lost_maps(texf, asked.appearance))
     held = arrays(texf, asked.appearance)
     return [(path.name, lambda file: np.savez(file, **held))]
 
@@ -323,18 +349,16 @@ def _npz(texf, path, asked, told):
 _WRITERS = {".glb": _glb, ".gltf": _gltf, ".obj": _obj, ".ply": _ply, ".npz": _npz}
 
 
-def _name_losses(texf, warnings, form, appearance):
-    """Name what a format cannot hold and the stream has."""
-    if texf.metadata:
-        warnings.append(f"{form} cannot hold metadata: it is not written")
+def _name_losses(texf, told, form, appearance, held):
+    """Name what a format cannot hold and the stream has. held: effects that it can, of lost_effects.py."""
+    told.drop(form, ["metadata"] * bool(texf.metadata))
     if appearance == "voxels":
         return
-    if any(m.unlit or m.double_sided or m.alpha_mode for m in texf.materials):
-        warnings.append(f"{form} cannot hold alpha mode, double-sided and unlit flags: they are not written")
+    told.drop(form, lost_effects(texf, held))
     if form == "OBJ" and appearance == "vertex" and texf.has_alpha:
-        warnings.append("OBJ vertex colours have no alpha: it is not written")
+        told.warnings.append("OBJ vertex colours have no alpha: it is not written")
     if len(texf.materials) > 1 and (form == "PLY" or appearance == "vertex"):
-        warnings.append(f"{form} with vertex colours has no materials: the mesh becomes one surface")
+        told.warnings.append(f"{form} with vertex colours has no materials: the mesh becomes one surface")
 
 
 def _textured(texf, asked, told):

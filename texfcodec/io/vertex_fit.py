@@ -23,6 +23,7 @@ PER_FACE = 4
 ROUNDS = 4  # two more gain less than 0.1 dB
 LEAST_AT_FIRST = 28.0  # dB before the fit, which gains 2 to 3
 LEAST = 42.0  # dB
+NO_LESS = 36.0  # dB before the fit from which colours at vertices show all of a field that came from them
 TAIL = (0.999, 32.0)  # levels that so many of the points stay within: small print on a large face has hardly a part in the mean
 
 
@@ -39,13 +40,10 @@ class VertexColours:
 def vertex_fit(texf: Texf, faces: np.ndarray) -> VertexColours | None:
     """Colours at the corners of some faces, int64 [n], that are closest to the field between them; None where an image shows
     more. texf: decoded stream (Texf)."""
-    corner, area = texf.faces[faces].ravel(), _areas(texf, faces)
+    area = _areas(texf, faces)
     if not len(faces) or not area.sum() > 0:
         return None
-    _, first, index = np.unique(corner * len(texf.fields) + np.repeat(texf.face_field[faces], 3), return_index=True,
-                                return_inverse=True)
-    index = index.reshape(-1, 3)
-    rgba = np.asarray(texf.query(np.ascontiguousarray(texf.positions[corner[first]]), faces[first // 3]), np.float64)
+    rgba, index = _at_corners(texf, faces)
     psnr, _ = _error(_residual(rgba, *_sampled(texf, faces, index, area, FIRST)))
     if psnr < LEAST_AT_FIRST:
         return None
@@ -55,6 +53,26 @@ def vertex_fit(texf: Texf, faces: np.ndarray) -> VertexColours | None:
         rgba = _closer(rgba, corners, weights, _residual(rgba, corners, weights, shown))
     psnr, tail = _error(_residual(rgba, corners, weights, shown))
     return VertexColours(rgba, index, psnr) if psnr >= LEAST and tail <= TAIL[1] else None
+
+
+def psnr_at_vertices(texf: Texf) -> float | None:
+    """dB of RGB between the field of a decoded stream (Texf) and its values at the vertices, blended across faces; None without
+    faces that have area."""
+    faces = np.arange(len(texf.faces))
+    area = _areas(texf, faces)
+    if not len(faces) or not area.sum() > 0:
+        return None
+    rgba, index = _at_corners(texf, faces)
+    return float(_error(_residual(rgba, *_sampled(texf, faces, index, area, FIRST)))[0])
+
+
+def _at_corners(texf, faces):
+    """(values float64 [U, 4] of the field at corners, index int64 [n, 3] into them)."""
+    corner = texf.faces[faces].ravel()
+    _, first, index = np.unique(corner * len(texf.fields) + np.repeat(texf.face_field[faces], 3), return_index=True,
+                                return_inverse=True)
+    rgba = np.asarray(texf.query(np.ascontiguousarray(texf.positions[corner[first]]), faces[first // 3]), np.float64)
+    return rgba, index.reshape(-1, 3)
 
 
 def _areas(texf, faces):

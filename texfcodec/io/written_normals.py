@@ -1,0 +1,45 @@
+"""Shading normals as text and vertex formats hold them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from ..texf import Texf
+
+_STEPS = 10_000  # of a component, a hundredth of a degree
+_SAME = 1 - 1e-4  # cosine of the angle, 0.8 degrees, within which normals at a vertex are one
+
+
+def are_lit(texf: Texf) -> bool:
+    """Whether normals change what a viewer shows: some material in use is not unlit."""
+    return any(not texf.materials[number].unlit for number in np.unique(texf.face_material).tolist())
+
+
+def distinct_normals(texf: Texf) -> tuple[np.ndarray, np.ndarray]:
+    """(float64 [N, 3] of four decimals, index int64 [F, 3] into it) of the shading normals of face corners."""
+    steps = np.rint(texf.shading_normals().reshape(-1, 3).astype(np.float64) * _STEPS).astype(np.int64) + _STEPS
+    packed = (steps[:, 0] << 40) + (steps[:, 1] << 20) + steps[:, 2]
+    kinds, index = np.unique(packed, return_inverse=True)
+    parts = [(kinds >> shift) & ((1 << 20) - 1) for shift in (40, 20, 0)]
+    return (np.stack(parts, axis=1) - _STEPS) / _STEPS, index.reshape(-1, 3)
+
+
+def normals_at_vertices(texf: Texf, index: np.ndarray, count: int) -> np.ndarray | None:
+    """Normals of merged vertices, float32 [count, 3]; None where a vertex has several. index: int64 [F, 3] of every corner's
+    vertex. Faces without area have no part in it."""
+    normal, corner = texf.shading_normals().reshape(-1, 3), index.ravel()
+    first = np.zeros((count, 3), np.float32)
+    there = np.repeat(face_areas(texf) > 0, 3)
+    first[corner] = normal
+    first[corner[there]] = normal[there]
+    same = (first[corner] * normal).sum(axis=1) >= _SAME
+    return first if bool(same[there].all()) else None
+
+
+def face_areas(texf: Texf) -> np.ndarray:
+    """Twice the area of each face, float64 [F], in units of the lattice."""
+    a, b, c = (texf.lattice_positions[texf.faces[:, k]].astype(np.float64) for k in range(3))
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -146,14 +147,77 @@ def test_an_asset_stays_coded_where_nobody_reads_its_line(call, tmp_path, monkey
     assert code == 2 and [row.get("error") for row in rows] == [None] and (tmp_path / "out/a.texf").exists()
 
 
-def test_two_assets_of_one_stream_are_refused_and_no_other(call, tmp_path):
-    folder = tmp_path / "meshes"
+def names_of(folder, out):
+    """{asset: name of its stream, or its error's code} of a folder's catalogue."""
+    return {asset.name: asset.error.code if asset.error else asset.out for asset in read_catalogue(folder, out, print)}
+
+
+def filled(folder, *names):
+    """The folder with a file, empty, of each name."""
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(b"")
+    return folder
+
+
+def test_assets_of_one_stem_get_their_whole_names_and_no_other_does(tmp_path):
+    folder = filled(tmp_path / "meshes", "chair.glb", "chair.stl", "CHAIR.obj", "deep/chair.glb", "a.b.glb", "a.ply", "b.c.ply",
+                    "b.c.glb.ply", "b.c.glb")
+    assert names_of(folder, tmp_path / "out") == {
+        "chair.glb": "chair.glb.texf", "chair.stl": "chair.stl.texf", "CHAIR.obj": "CHAIR.obj.texf",
+        "deep/chair.glb": "deep/chair.texf", "a.b.glb": "a.b.texf", "a.ply": "a.texf", "b.c.ply": "b.c.ply.texf",
+        "b.c.glb.ply": "b.c.glb.ply.texf", "b.c.glb": "b.c.glb.texf"}
+
+
+@pytest.mark.parametrize("pair", [("chair.glb", "Chair.GLB"), ("stra\u00dfe.ply", "STRASSE.ply"), ("\u00e9.off", "e\u0301.off")])
+def test_names_that_a_file_system_may_not_tell_apart_are_marked(tmp_path, pair):
+    folder = filled(tmp_path / "meshes", *pair)
+    if len(list(folder.iterdir())) < 2:
+        pytest.skip("this file system does not tell them apart")
+    found = names_of(folder, tmp_path / "out")
+    assert len({name.casefold() for name in found.values()}) == 2
+    assert all(re.fullmatch(re.escape(name) + r"~[0-9a-f]{6}\.texf", found[name]) for name in pair)
+
+
+def test_a_name_once_given_stays_whatever_is_added_later(call, tmp_path):
+    folder, out = tmp_path / "meshes", tmp_path / "out"
     folder.mkdir()
-    for name in ("a.ply", "A.off", "b.ply"):
-        (folder / name).write_text(TETRAHEDRON)
-    code, rows, _ = call("--batch", folder, "--out", tmp_path / "out", *SMALL)
-    assert code == 7 and {row["asset"]: row.get("error", {}).get("code") for row in rows} == {
-        "a.ply": "TXF-O16", "A.off": "TXF-O16", "b.ply": None}
+    (folder / "chair.ply").write_text(TETRAHEDRON)
+    words = ("--batch", folder, "--out", out, *SMALL)
+    assert call(*words)[1][0]["out"] == "chair.texf"
+    (folder / "chair.off").write_text("OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n")
+    code, rows, _ = call(*words)
+    assert code == 0 and {row["asset"]: row["out"] for row in rows} == {"chair.ply": "chair.texf", "chair.off": "chair.off.texf"}
+    assert [row["asset"] for row in rows if row.get("passed_over")] == ["chair.ply"]
+    code, rows, err = call(*words)
+    assert code == 0 and all(row["passed_over"] for row in rows) and "2 already encoded" in err
+    (folder / "chair.ply").unlink()
+    assert names_of(folder, out) == {"chair.off": "chair.off.texf"}
+
+
+def test_a_manifest_keeps_its_names_and_the_same_asset_twice_is_refused(tmp_path):
+    manifest = tmp_path / "all.toml"
+    manifest.write_text('[[asset]]\npath = "chair.glb"\nout = "chair.texf"\n[[asset]]\npath = "chair.stl"\n')
+    assert names_of(manifest, tmp_path) == {"chair.glb": "chair.texf", "chair.stl": "chair.stl.texf"}
+    manifest.write_text('[[asset]]\npath = "a.glb"\nout = "x.texf"\n[[asset]]\npath = "b.stl"\nout = "X.texf"\n')
+    assert names_of(manifest, tmp_path) == {"a.glb": "TXF-O16", "b.stl": "TXF-O16"}
+    (tmp_path / "all.txt").write_text("one/chair.glb\none/chair.glb\n/far/chair.glb\n/away/chair.glb\n")
+    assets = read_catalogue(tmp_path / "all.txt", tmp_path, print)
+    assert [asset.error and asset.error.code for asset in assets] == ["TXF-O16", "TXF-O16", None, None]
+    assert len({asset.out for asset in assets[2:]}) == 2
+
+
+def test_what_is_no_asset_is_counted_by_suffix_in_a_line_and_in_the_totals(call, tmp_path):
+    folder = filled(tmp_path / "meshes", "._a.ply", ".DS_Store", "Thumbs.db", "__MACOSX/a.ply", "figure.vrm", "deep/b.FBX",
+                    "c.fbx", "d.blend", "skin.png", "a.mtl", "README")
+    (folder / "a.ply").write_text(TETRAHEDRON)
+    code, rows, err = call("--batch", folder, "--out", tmp_path / "out", *SMALL, "--json")
+    assert code == 0 and [row["asset"] for row in rows[:-1]] == ["a.ply"]
+    assert rows[-1]["totals"]["skipped"] == {".fbx": 2, ".vrm": 1, ".blend": 1, "files of the operating system": 4,
+                                                 "files without suffix": 1}
+    (line,) = [line for line in err.splitlines() if "are skipped" in line]
+    assert line == ("9 files are skipped: 4 files of the operating system (such as __MACOSX/), 2 .fbx (such as c.fbx), "
+                    "1 .blend (d.blend), 1 .vrm (figure.vrm), 1 file without suffix (README)")
 
 
 def test_flags_that_have_no_part_in_a_batch_are_refused(call, catalogue, tmp_path, capsys):

@@ -22,6 +22,7 @@ from . import interrupts
 from .catalogue import Asset, read_catalogue, words_given
 from .console import Console, printable
 from .flags import file_names, number
+from .passed_over import PassedOver
 from .results import Results, sha256_of
 from .totals import Totals, losses_in_words, losses_of
 
@@ -82,7 +83,8 @@ def encode_batch(console: Console, asked: dict[str, Any], checkpoint: str | None
         raise click.UsageError(f"{'--dry-run' if dry_run else '--checkpoint'} cannot be combined with --batch")
     words = words_given(click.get_current_context(), (*FLAGS, "as_json", "quiet", "dry_run"))
     out, source = Path(asked["batch_out"]), Path(asked["batch"])
-    assets = read_catalogue(source, out, console.note)
+    passed_over = PassedOver()
+    assets = read_catalogue(source, out, console.note, passed_over)
     interrupts.Talk.kept = True
     with only_run(out), work_room(out) as room:
         batch = Batch(console, out, words, asked)
@@ -93,10 +95,13 @@ def encode_batch(console: Console, asked: dict[str, Any], checkpoint: str | None
             with progress(len(todo)) as show:
                 batch.run(todo, room, show)
     console.note(batch.summary(len(assets), len(todo)))
+    if passed_over.counts:
+        console.note(passed_over.line())
     for line in batch.totals.lines():
         console.note(line)
     if console.as_json:
-        click.echo(json_text({"schema": SCHEMA, "totals": batch.totals.facts()}), file=console.results)
+        totals = batch.totals.facts() | {"skipped": passed_over.counts}
+        click.echo(json_text({"schema": SCHEMA, "totals": totals}), file=console.results)
     cleanup.finish()
     return EXIT_IO if batch.is_full else EXIT_DIFFERS if batch.failed else 0
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,10 @@ import click
 from ..batch.folders import WORK
 from ..errors import InputError
 from ..io.formats import SUFFIXES
+from .passed_over import PassedOver, is_system_file, is_system_folder
+from .stream_names import given_names, short_name, with_own_names
 
+RESULTS = "results.jsonl"  # in the folder for results
 KEYS = ("path", "out", "options")
 NOT_OF_AN_ASSET = {"advise", "batch", "checkpoint", "dry_run", "help", "jobs", "json", "limit_seconds", "memory_limit", "out",
                    "quiet", "scheduler", "version", "warmup"}  # flags that are no part of how an asset is coded
@@ -24,31 +26,33 @@ NOT_OF_AN_ASSET = {"advise", "batch", "checkpoint", "dry_run", "help", "jobs", "
 @dataclass(frozen=True)
 class Asset:
     """name: as results call it; path: its file; out: of its stream, below the folder for results; words: flags of its own;
-    error: why it cannot be coded, or None."""
+    error: why it cannot be coded, or None; is_named: whether a manifest chose out."""
 
     name: str
     path: Path
     out: str
     words: tuple[str, ...] = ()
     error: InputError | None = None
+    is_named: bool = False
 
 
-def read_catalogue(source: Path, out: Path, note: Callable[[str], object]) -> list[Asset]:
-    """Assets of a folder with the folders in it, sorted by name, or of a manifest, in its order. out: the folder for results,
-    which is passed over; note(text): what else is. Raises InputError TXF-I57, and TXF-I01 for what is not there."""
+def read_catalogue(source: Path, out: Path, note: Callable[[str], object], passed_over: PassedOver | None = None) -> list[Asset]:
+    """Assets of a folder with the folders in it, sorted by name, or of a manifest, in its order, their streams named by
+    stream_names.py. out: the folder for results, which is passed over; note(text): links that are; passed_over: gets other
+    files. Raises InputError TXF-I57, and TXF-I01 for what is not there."""
     try:
         if source.is_dir():
-            assets = _of_folder(source, out, note)
+            assets = _of_folder(source, out, note, passed_over if passed_over is not None else PassedOver())
         else:
             assets = _of_toml(source) if source.suffix.lower() == ".toml" else _of_lines(source)
     except ValueError as error:  # of TOML, UTF-8, or what is in there
         raise InputError("TXF-I57", "the manifest cannot be read", path=str(source), reason=str(error)[:200]) from None
     if not assets:
         raise InputError("TXF-I57", f"the batch contains no asset; files of meshes end in {' '.join(SUFFIXES)}", path=str(source))
-    return _without_clashes(assets)
+    return with_own_names(assets, given_names(out / RESULTS))
 
 
-def _of_folder(top, out, note):
+def _of_folder(top, out, note, passed_over):
     assets = []
 
     def unreadable(error):
@@ -59,18 +63,18 @@ def _of_folder(top, out, note):
     for place, folders, names in os.walk(top, onerror=unreadable):
         for name in [name for name in folders if os.path.islink(os.path.join(place, name))]:
             note(f"{os.path.join(place, name)} is a link to a folder and is skipped")
-        folders[:] = sorted(name for name in folders if name != WORK and (Path(place) / name).resolve() != out.resolve())
+        for name in filter(is_system_folder, folders):
+            passed_over.add_folder((Path(place) / name).relative_to(top).as_posix())
+        folders[:] = sorted(name for name in folders if name != WORK and not is_system_folder(name)
+                            and (Path(place) / name).resolve() != out.resolve())
         for name in sorted(names):
-            if name.lower().endswith(SUFFIXES):
-                path = Path(place) / name
-                assets.append(Asset(path.relative_to(top).as_posix(), path, _stream_name(path.relative_to(top))))
+            path = Path(place) / name
+            inside = path.relative_to(top)
+            if name.lower().endswith(SUFFIXES) and not is_system_file(name):
+                assets.append(Asset(inside.as_posix(), path, short_name(inside)))
+            else:
+                passed_over.add(inside.as_posix())
     return sorted(assets, key=lambda asset: asset.name)
-
-
-def _stream_name(path):
-    """The stream of an asset, by its path below the catalogue's folder; one from elsewhere keeps its own name only."""
-    inside = Path(path.name) if path.is_absolute() or ".." in path.parts else path
-    return inside.with_suffix(".texf").as_posix()
 
 
 def _read(source):
@@ -85,7 +89,7 @@ def _read(source):
 
 def _of_lines(source):
     lines = [line.strip() for line in _read(source).split("\n")]
-    return [Asset(line, source.parent / line, _stream_name(Path(line))) for line in lines if line and not line.startswith("#")]
+    return [Asset(line, source.parent / line, short_name(Path(line))) for line in lines if line and not line.startswith("#")]
 
 
 def _of_toml(source):
@@ -99,12 +103,12 @@ def _of_table(table, own, folder):
     _check(isinstance(table, dict) and isinstance(table.get("path"), str), "an [[asset]] has no path")
     strange = sorted(table.keys() - set(KEYS))
     _check(not strange, f"an [[asset]] has unknown keys: {', '.join(strange)}; it may have path, out and options")
-    name, out = table["path"], table.get("out", _stream_name(Path(table["path"])))
+    name, out = table["path"], table.get("out", short_name(Path(table["path"])))
     _check(isinstance(out, str) and out.lower().endswith(".texf") and not Path(out).is_absolute() and ".." not in Path(out).parts,
            f"out of {name} must be a relative path that ends in .texf and stays in the results folder")
     options = table.get("options", {})
     _check(isinstance(own, dict) and isinstance(options, dict), "options must be a table of names and values")
-    return Asset(name, folder / name, Path(out).as_posix(), words_of(own | options))
+    return Asset(name, folder / name, Path(out).as_posix(), words_of(own | options), is_named="out" in table)
 
 
 def _check(is_fine, text):
@@ -121,17 +125,6 @@ def words_of(options: dict[str, Any]) -> tuple[str, ...]:
         flag = "--" + name.replace("_", "-")
         words += [flag] if value is True else [] if value is False else [flag, str(value)]
     return tuple(words)
-
-
-def _without_clashes(assets):
-    """The assets; those with a stream of the same name, on systems that know no case too, with an error."""
-    count = Counter(asset.out.casefold() for asset in assets)
-    return [asset if asset.error or count[asset.out.casefold()] == 1 else _clashing(asset) for asset in assets]
-
-
-def _clashing(asset):
-    error = InputError("TXF-O16", "another asset of the batch has the same output name", value=asset.out)
-    return Asset(asset.name, asset.path, asset.out, asset.words, error)
 
 
 def words_given(context: click.Context, without: tuple[str, ...]) -> tuple[str, ...]:

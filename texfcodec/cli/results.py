@@ -12,9 +12,7 @@ from typing import Any
 
 from .. import __version__
 from ..core.json_text import json_text
-from .catalogue import Asset
-
-RESULTS = "results.jsonl"
+from .catalogue import RESULTS, Asset
 
 
 class Results:

@@ -1,0 +1,102 @@
+"""Names of the streams of a batch: each its own, and once given kept.
+
+The rule: chair.glb becomes chair.texf. Where several assets would get one name, each takes its whole name, chair.glb.texf and
+chair.stl.texf. Where these differ in case alone, or come from different folders, six digits of a hash follow, as in
+chair.glb~1f3a5c.texf. An asset that has a stream already keeps its name, whatever is added to the catalogue later.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import unicodedata
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    from .catalogue import Asset
+
+SUFFIX = ".texf"
+
+
+def short_name(name: Path) -> str:
+    """The usual name of an asset's stream, by the path of its file below the catalogue."""
+    return _inside(name).with_suffix(SUFFIX).as_posix()
+
+
+def _whole_name(name):
+    return _inside(name).as_posix() + SUFFIX
+
+
+def _marked_name(name):
+    digest = hashlib.sha256(name.as_posix().encode("utf-8", "surrogateescape")).hexdigest()
+    return f"{_inside(name).as_posix()}~{digest[:6]}{SUFFIX}"
+
+
+def _inside(path):
+    """The path below the folder for results; an asset from elsewhere keeps its own name alone."""
+    return Path(path.name) if path.is_absolute() or ".." in path.parts else path
+
+
+_FORMS: tuple[Callable[[Path], str], ...] = (short_name, _whole_name, _marked_name)
+
+
+def given_names(results: Path) -> dict[str, str]:
+    """{asset: name of its stream} of those that a file of results has streams of."""
+    found: dict[str, str] = {}
+    with contextlib.suppress(OSError), open(results, "rb") as file:
+        for line in file:
+            with contextlib.suppress(ValueError, KeyError, TypeError):
+                row = json.loads(line)
+                if "stream" in row:
+                    found[row["asset"]] = row["out"]
+    return found
+
+
+def with_own_names(assets: list[Asset], given: dict[str, str]) -> list[Asset]:
+    """The assets, each with a stream of its own on systems that know no case too; those that no rule tells apart, such as the
+    same file twice, with error TXF-O16. given: of given_names(); names that a manifest chose stay."""
+    form = [0] * len(assets)
+    for number, asset in enumerate(assets):
+        if not asset.is_named and asset.error is None:
+            known = [f for f, name in enumerate(_FORMS) if name(Path(asset.name)) == given.get(asset.name)]
+            form[number] = -1 - known[0] if known else 0
+    for _ in range(2 * len(_FORMS)):
+        for group in _clashing(assets, form):
+            movable = [number for number in group if 0 <= form[number] < len(_FORMS) - 1 and not assets[number].is_named]
+            shortest = min((form[number] for number in movable), default=0)
+            for number in movable:
+                form[number] += form[number] == shortest
+    clashing = {number for group in _clashing(assets, form) for number in group}
+    return [replace(asset, out=_out(asset, form[number]), error=_error(asset) if number in clashing else asset.error)
+            for number, asset in enumerate(assets)]
+
+
+def _clashing(assets, form):
+    """Groups of the numbers of assets whose streams would have one name."""
+    groups: dict[str, list[int]] = {}
+    for number, asset in enumerate(assets):
+        if asset.error is None:
+            groups.setdefault(_key(_out(asset, form[number])), []).append(number)
+    return [group for group in groups.values() if len(group) > 1]
+
+
+def _key(name):
+    """What a file system that knows neither case nor forms of accents takes a name for."""
+    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
+
+
+def _out(asset, form):
+    """The name in a form; below 0: one that was given before."""
+    if asset.is_named or asset.error is not None:
+        return asset.out
+    return _FORMS[form if form >= 0 else -1 - form](Path(asset.name))
+
+
+def _error(asset):
+    return InputError("TXF-O16", "another asset of the batch has the same output name", value=asset.out)

@@ -61,8 +61,9 @@ def render(console, source, out, compare, as_json, quiet, **choices):
     """Draw a stream or mesh as OUT.png ("-": stdout, with the report on stderr). The picture shows base colour or, with
     --shaded, lit materials.
 
-    IN or OTHER may be "-": a stream or a GLB on stdin. The bounding sphere of IN sets the camera, for OTHER too. PSNR counts the
-    pixels that both cover, over white where --background is grey. Without --shaded it compares base colour.
+    IN or OTHER may be "-": a stream or a GLB on stdin. The camera shows the vertices of IN as large as they fit, and OTHER from
+    the same place. PSNR counts the pixels that both cover, over white where --background is grey. Without --shaded it compares
+    base colour.
 
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 limit exceeded, 130
     interrupted.
@@ -111,13 +112,10 @@ def _pictures(source, compare, choices, inputs, report):
 
 
 def _camera(asset, choices):
-    from ..render.camera import bounding_sphere, orthographic, perspective_around
+    from ..render.camera import framing
 
-    sphere = bounding_sphere(asset.positions)
     size = tuple(side * choices["anti_alias"] for side in choices["size"])
-    if choices["perspective"] is None:
-        return orthographic(choices["view"], *sphere, size)
-    return perspective_around(choices["view"], *sphere, choices["perspective"], size)
+    return framing(choices["view"], asset.positions, size, choices["perspective"])
 
 
 def _draw(asset, camera, choices, report):

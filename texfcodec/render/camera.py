@@ -16,6 +16,8 @@ from ..errors import InputError
 
 MAX_SIZE = 1 << 14  # pixels a side; raster.py's integers are bounded with it
 LEAST = 1e-300  # world units (or tangent): half a picture's height, so that a pixel's side is never zero
+MARGIN = 1.04  # of a framed model's size that its picture is
+LEAST_SHARE = 1e-3  # of the radius: least half of a framed picture's height, and least distance of the camera
 AXIS = 1e-9  # a direction is along y where its horizontal part is shorter than this
 
 VIEWS = {"front": (0, 0, 1), "back": (0, 0, -1), "left": (-1, 0, 0), "right": (1, 0, 0), "top": (0, 1, 0), "bottom": (0, -1, 0)}
@@ -80,6 +82,45 @@ def perspective_around(direction: ArrayLike, centre: ArrayLike, radius: float, f
     outwards, middle, radius = _unit(direction), _place(centre), _radius(radius)
     narrow = math.atan(math.tan(_half_angle(fov_degrees)) * min(width, height) / height)
     return perspective(middle + outwards * (radius / math.sin(narrow)), middle, fov_degrees, (width, height))
+
+
+def framing(direction: ArrayLike, positions: np.ndarray, size: int | tuple[int, int], fov_degrees: float | None = None) -> Camera:
+    """Camera that looks from `direction` and sees all points, in the middle and as large as MARGIN lets them be.
+
+    direction: [3], from the points to the camera; positions: [V, 3] world, those that are not finite do not count; size: pixels a
+    side, or (width, height); fov_degrees: vertical field of view, None for an orthographic camera. Up is as in orthographic().
+    A single point, and none, stands for a sphere of radius 1. Raises InputError TXF-I90..I92.
+    """
+    width, height = _size(size)
+    centre, radius = bounding_sphere(positions)
+    right, up, forward = _axes(_unit(direction))
+    points = np.asarray(positions, np.float64).reshape(-1, 3)
+    points = points[np.isfinite(points).all(axis=1)] - centre
+    if radius == 0:
+        points = np.array([right, -right, up, -up, forward, -forward])
+    radius = _radius(radius)
+    along = (points / radius) @ np.array([right, up, forward]).T
+    if fov_degrees is None:
+        low, high = along.min(axis=0), along.max(axis=0)
+        half = MARGIN * max((high[1] - low[1]) / 2, (high[0] - low[0]) / 2 * height / width)
+        place = (low + high) / 2 * (1, 1, 0) + (0, 0, low[2] - 1)
+        half, perspective = max(half, LEAST_SHARE) * radius, False
+    else:
+        half, perspective = math.tan(_half_angle(fov_degrees)), True
+        place = _seen_whole(along, (half * width / height / MARGIN, half / MARGIN))
+    with np.errstate(all="ignore"):
+        eye = centre + radius * (place[0] * right + place[1] * up + place[2] * forward)
+    return Camera(right, up, forward, _place(eye), perspective, half, width, height)
+
+
+def _seen_whole(along, slopes):
+    """The place nearest to points, float64 [M, 3] along right, up and forward, from which |right| and |up| are within slopes
+    times the depth."""
+    sides = [((along[:, k] - slope * along[:, 2]).max(), (-along[:, k] - slope * along[:, 2]).max())
+             for k, slope in enumerate(slopes)]
+    back = min(-(low + high) / (2 * slope) for (low, high), slope in zip(sides, slopes, strict=True))
+    place = [(low - high) / 2 for low, high in sides]
+    return np.array([*place, min(back, along[:, 2].min() - LEAST_SHARE)])
 
 
 def fibonacci_direction(i: int, count: int) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .backdrop import GREY, is_plain
-from .camera import bounding_sphere, direction_of_angles, orthographic
+from .camera import direction_of_angles, framing
 from .environment import DAYLIGHT
 from .shade import box_down, render_texf
 
@@ -31,7 +31,6 @@ def to_png(image: np.ndarray) -> bytes:
 def thumbnail(texf: Texf) -> bytes:
     """PNG of a Texf from the front, a little from above and the side, on grey, in light where it is plain; what notebooks show
     of one."""
-    centre, radius = bounding_sphere(texf.positions)
-    camera = orthographic(direction_of_angles(AZIMUTH, ELEVATION), centre, radius, SIDE * TIMES)
+    camera = framing(direction_of_angles(AZIMUTH, ELEVATION), texf.positions, SIDE * TIMES)
     picture = render_texf(texf, camera, threads=texf.threads, shaded=DAYLIGHT if is_plain(texf) else None)
     return to_png(box_down(picture.image(GREY), TIMES))

@@ -4,8 +4,8 @@
  *     import {TEXFLoader} from 'texf/three';
  *     scene.add(await new TEXFLoader().loadAsync('scan.texf'));
  *
- * Fields over texels become textures with mipmaps. Fields over voxels become bricks in textures, which the fragment shader asks; a
- * 3DNTC stream is evaluated there.
+ * Fields over texels become textures with mipmaps, whose colours are filtered in linear light, as those of a GLB are. Fields over
+ * voxels become bricks in textures, which the fragment shader asks; a 3DNTC stream is evaluated there.
  */
 
 import {
@@ -294,8 +294,6 @@ function interleaved(planes, from, data, count) {
 
 // ---- Texels
 
-const LINEAR = 'vec3 texfLinear(vec3 c) { return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c)); }';
-
 /** @param {any} to @param {Material} material @param {Field} field @param {number} number @param {TextureCache} cache */
 function texelMaps(to, material, field, number, cache) {
   const planes = field.planes;
@@ -317,9 +315,7 @@ function texelMaps(to, material, field, number, cache) {
   });
   const colour = (/** @type {string} */ name) => texture(name, [planes[name], planes[name], planes[name]], [0, 1, 2], true);
   const has = (/** @type {string} */ name) => name in planes && material.channels.includes(name);
-  to.map = texture('base', [planes.base_colour, planes.base_colour, planes.base_colour, planes.alpha], [0, 1, 2, 0]);
-  to.onBeforeCompile = interpolatedAsCoded;
-  to.customProgramCacheKey = () => 'texf texels';
+  to.map = texture('base', [planes.base_colour, planes.base_colour, planes.base_colour, planes.alpha], [0, 1, 2, 0], true);
   if (material.unlit) return;
   if (has('normal')) {
     const scale = material.parameters.normal_scale?.[0] ?? 1;
@@ -329,7 +325,7 @@ function texelMaps(to, material, field, number, cache) {
   if (has('occlusion')) to.aoMap = texture('occlusion', [planes.occlusion], [0]);
   if (has('roughness')) to.roughnessMap = texture('roughness', [undefined, planes.roughness], [0, 0]);
   if (has('metallic')) to.metalnessMap = texture('metallic', [undefined, undefined, planes.metallic], [0, 0, 0]);
-  if (has('emissive')) to.emissiveMap = texture('emissive', [planes.emissive, planes.emissive, planes.emissive], [0, 1, 2]);
+  if (has('emissive')) to.emissiveMap = colour('emissive');
   if (!(to instanceof MeshPhysicalMaterial)) return;
   if (has('clearcoat')) to.clearcoatMap = texture('clearcoat', [planes.clearcoat], [0]);
   if (has('clearcoat_roughness')) to.clearcoatRoughnessMap = texture('clearcoat_roughness', [undefined, planes.clearcoat_roughness], [0, 0]);
@@ -349,20 +345,6 @@ function texelMaps(to, material, field, number, cache) {
   if (has('anisotropy')) to.anisotropyMap = texture('anisotropy', [planes.anisotropy, planes.anisotropy, planes.anisotropy], [0, 1, 2]);
 }
 
-/** Base colour and emissive are filtered as they are coded and made linear then (8.2.1), so that their textures have no colour space.
- * @param {{fragmentShader: string}} shader */
-function interpolatedAsCoded(shader) {
-  shader.fragmentShader = shader.fragmentShader
-    .replace('#include <common>', `#include <common>\n${LINEAR}`)
-    .replace('#include <map_fragment>', `#ifdef USE_MAP
-vec4 texfBase = texture2D(map, vMapUv);
-diffuseColor *= vec4(texfLinear(texfBase.rgb), texfBase.a);
-#endif`)
-    .replace('#include <emissivemap_fragment>', `#ifdef USE_EMISSIVEMAP
-totalEmissiveRadiance *= texfLinear(texture2D(emissiveMap, vEmissiveMapUv).rgb);
-#endif`);
-}
-
 /** The third component of tangent space normals, from the first two.
  * @param {Uint8Array} pixels */
 function withZ(pixels) {
@@ -374,6 +356,7 @@ function withZ(pixels) {
 
 // ---- Voxels
 
+const LINEAR = 'vec3 texfLinear(vec3 c) { return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c)); }';
 const GLSL = `
 varying vec3 vTexfPlace;
 varying vec3 vTexfNormal;

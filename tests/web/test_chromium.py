@@ -1,11 +1,18 @@
 """The npm package in Chromium: vectors through its workers, and the loader on bad downloads; left out where no browser is."""
 
+import json
 import os
 import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
+from shapes import mapped_sheet
+
+from texfcodec import EncodeOptions, decode
+from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.io.save import save
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 NODE, BROWSER = shutil.which("node"), os.environ.get("CHROMIUM") or shutil.which("chromium")
@@ -26,3 +33,17 @@ def test_vectors_go_through_the_workers_under_a_narrow_policy():
 def test_the_loader_refuses_says_and_leaves_nothing():
     run = run_in_chromium("loader.mjs")
     assert run.returncode == 0 and run.stdout.count("ok  ") >= 18, run.stdout + run.stderr
+
+
+def test_saturated_texels_are_filtered_in_linear_light_as_those_of_the_decoded_glb(tmp_path):
+    y, x = np.mgrid[:32, :32]
+    colours = np.array([[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [255, 255, 0, 255]], np.uint8)
+    scene = mapped_sheet({}, colours[(x // 2 + y // 2) % 2 + 2 * (x > 15)], span=3.0, unlit=True, double_sided=True)
+    data = encode_scene(scene, EncodeOptions(support="texels", max_error=0)).data
+    (tmp_path / "checker.texf").write_bytes(data)
+    save(decode(data), tmp_path / "checker.glb", texture_format="png")
+    environment = os.environ | {"CHROMIUM": BROWSER}
+    run = subprocess.run([NODE, "../proof/texf_three.mjs", tmp_path, "checker"], cwd=REPOSITORY / "js", env=environment,
+                         capture_output=True, text=True, timeout=300)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert json.loads(run.stdout.splitlines()[0])["psnr"] > 32, run.stdout

@@ -27,6 +27,7 @@ from .looks import Looks, looks_of
 from .lost_effects import IN_COLOURS, IN_MTL, lost_effects
 from .mtl_maps import MAP_STATEMENTS, MTL_CHANNELS
 from .own_files import own_sides
+from .shared_images import with_shared_images
 
 if TYPE_CHECKING:
     from ..texf import Texf
@@ -372,6 +373,7 @@ def _textured(texf, asked, told):
     if len(shown):
         told.seams = measure_seams(texf.lattice_positions, texf.faces[shown], look.corner_uv[shown], look.textures,
                                    look.face_image[shown])
+    look = with_shared_images(look, tints=told.looks is not None and not told.looks.apart)
     return look, _encoded(look, asked, told.warnings, texf.threads)
 
 

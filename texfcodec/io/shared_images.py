@@ -1,0 +1,168 @@
+"""Images that several materials of a decoded stream can share, so that a file holds each once: equal ones, and tints of one.
+
+A stream has base colour with its factor in the values, so that 18 tints of one texture are 18 fields. Where images of base colour
+are multiples of each other, channel by channel in linear light, one image and factors show them as well: the image takes each
+channel from the brightest of them, so that no factor is above 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..scene.channels import BASE_COLOUR
+from ..scene.srgb import linear_to_srgb, srgb_to_linear
+
+if TYPE_CHECKING:
+    from ..scene.scene import Texture
+    from .output_textures import Textured
+
+EXACT = 1.0  # levels of RMS that rounding alone explains
+# Of the quantiser's step, what all of an image and a block of it may be off. On 18 tints at r03 it is 0.1 and 0.74, no more than
+# what coding did to each of them.
+STEPS = 0.125, 0.9
+BLOCK, THUMB = 8, 48  # texels a side of a block; about as many samples a side settle most pairs
+_LUT = srgb_to_linear(np.arange(256) / 255.0)
+
+
+def with_shared_images(look: Textured, tints: bool) -> Textured:
+    """The Textured with equal images once and, with tints, images of base colour that are multiples of one image as that image
+    and factors of their materials. Fields over voxels, which share an atlas, keep it."""
+    textures, into = list(look.textures), _first_equals(look.textures)
+    factors: dict[int, np.ndarray] = {}  # by number of the image that is left out, or kept as the joint one
+    for group in _tint_groups(look, [number for number in _colours_over_texels(look) if into[number] == number]) if tints else ():
+        joint = _joint_image(textures, group)
+        found = {number: _factor(joint, look, number) for number in group}
+        fitting = {number: factor for number, factor in found.items() if factor is not None}
+        if len(fitting) < 2:
+            continue
+        first = min(fitting)
+        textures[first] = replace(textures[first], image=joint)
+        factors |= fitting
+        into = {number: first if kept in fitting else kept for number, kept in into.items()}
+        factors |= {number: fitting[kept] for number, kept in _first_equals(look.textures).items() if kept in fitting}
+    return _with(look, textures, into, factors)
+
+
+def _first_equals(textures):
+    """{number: number of the first texture that shows the same}."""
+    into: dict[int, int] = {}
+    for number, texture in enumerate(textures):
+        into[number] = next((n for n in range(number) if into[n] == n and _is_equal(textures[n], texture)), number)
+    return into
+
+
+def _with(look, textures, into, factors):
+    """The Textured with images renumbered: into says which stands for which."""
+    kept = sorted(set(into.values()))
+    place = {number: kept.index(first) for number, first in into.items()}
+    looks = []
+    for one, images in zip(look.looks.looks, look.images, strict=True):
+        factor = factors.get(images.get(BASE_COLOUR.name, -1))
+        if factor is not None:
+            one = replace(one, material=replace(one.material, factor=one.material.factor * np.append(factor, 1.0)))
+        looks.append(one)
+    images = [{name: place[number] for name, number in images.items()} for images in look.images]
+    steps = [look.steps[number] for number in kept]
+    return replace(look, textures=[textures[number] for number in kept], steps=steps, images=images,
+                   looks=replace(look.looks, looks=looks))
+
+
+def _is_equal(one: Texture, other: Texture) -> bool:
+    """Whether two textures show the same."""
+    return (_kind(one) == _kind(other) and one.image.shape == other.image.shape and bool(np.array_equal(one.image, other.image)))
+
+
+def _kind(texture):
+    return texture.wrap, texture.srgb, texture.nearest
+
+
+def _colours_over_texels(look):
+    """Numbers of the images of base colour that belong to fields over texels."""
+    return sorted({images[BASE_COLOUR.name] for one, images in zip(look.looks.looks, look.images, strict=True)
+                   if BASE_COLOUR.name in images and look.looks.skins[one.skin].field is not None})
+
+
+def _tint_groups(look, numbers):
+    """Groups of two and more images that are multiples of the first of each, as far as samples say."""
+    groups: list[list[int]] = []
+    thumbs = {number: _LUT[_thumb(look.textures[number].image)] for number in numbers}
+    for number in numbers:
+        one = look.textures[number]
+        for group in groups:
+            first = look.textures[group[0]]
+            if (_kind(first), first.image.shape) == (_kind(one), one.image.shape) and _are_multiples(
+                    thumbs[group[0]], thumbs[number], 2 * _tolerances(look, number)[0] + 2):
+                group.append(number)
+                break
+        else:
+            groups.append([number])
+    return [group for group in groups if len(group) > 1]
+
+
+def _thumb(image):
+    rows, columns = (slice(size // (2 * THUMB), None, max(1, size // THUMB)) for size in image.shape[:2])
+    return image[rows, columns, :3]
+
+
+def _are_multiples(one, other, tolerance):
+    """Whether channels of two linear images, float64 [H, W, 3], are multiples of each other, the darker of the brighter."""
+    for c in range(3):
+        bright, dark = sorted((one[..., c], other[..., c]), key=np.mean, reverse=True)
+        if _rms(_scaled(bright, _ratio(bright, dark)) - 255 * linear_to_srgb(dark)) > tolerance:
+            return False
+    return True
+
+
+def _joint_image(textures, group):
+    """The image of a group: each channel of its brightest member, uint8 [H, W, 3 or 4]."""
+    members = [textures[number].image for number in group]
+    joint = members[0].copy()
+    for c in range(3):
+        joint[..., c] = max((image[..., c] for image in members), key=lambda plane: _LUT[plane].mean())
+    return joint
+
+
+def _factor(joint, look, number):
+    """The factor float64 [3] by which the joint image shows image `number`; None where it does not."""
+    image, factor = look.textures[number].image, np.ones(3)
+    whole, block = _tolerances(look, number)
+    if image.shape[2] == 4 and not np.array_equal(image[..., 3], joint[..., 3]):
+        return None
+    for c in range(3):
+        light = _LUT[joint[..., c]]
+        factor[c] = min(1.0, _ratio(light, _LUT[image[..., c]]))
+        off = _scaled(light, factor[c]) - image[..., c]
+        if _rms(off) > whole or _worst_block(off) > block:
+            return None
+    return factor
+
+
+def _tolerances(look, number):
+    """Levels of RMS that an image may be off, and a block of it."""
+    step = look.steps[number] or 0.0
+    return max(EXACT, STEPS[0] * step), max(4 * EXACT, STEPS[1] * step)
+
+
+def _ratio(bright, dark):
+    """The factor that brings one linear plane nearest to another."""
+    return float((bright * dark).sum() / max((bright * bright).sum(), 1e-12))
+
+
+def _scaled(light, factor):
+    """A linear plane times a factor, in levels as it would be coded."""
+    return 255 * linear_to_srgb(light * factor)
+
+
+def _rms(off):
+    return float(np.sqrt(np.mean(off * off)))
+
+
+def _worst_block(off):
+    """The largest RMS of a block of a plane, float64 [H, W]."""
+    rows, columns = (np.arange(0, size, BLOCK) for size in off.shape)
+    sums = np.add.reduceat(np.add.reduceat(off * off, rows, axis=0), columns, axis=1)
+    counts = np.outer(np.diff([*rows, off.shape[0]]), np.diff([*columns, off.shape[1]]))
+    return float(np.sqrt((sums / counts).max()))

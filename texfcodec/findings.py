@@ -222,7 +222,7 @@ FINDINGS = (
     Finding("TXF-I26", InputError, (), "a GLB was given as a stream but does not carry one",
             "encode it with texf-enc; texf-dec --carry-stream writes a GLB that carries its stream"),
     Finding("TXF-I30", SupportError, (),
-            "the file is compressed with meshopt, but the package is missing or the filter is not supported",
+            "the file is compressed by a form of meshopt that is not supported, or not without a package",
             'run pip install "texfcodec[formats]", or decompress it, e.g. with glTF-Transform'),
     Finding("TXF-I31", SupportError, (), "the file requires an extension that is not supported",
             "export it without the extension"),

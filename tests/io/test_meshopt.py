@@ -1,13 +1,12 @@
 """glTF with EXT_meshopt_compression: every mode and filter, files without the package, and buffers that lie."""
 
-import sys
 
 import numpy as np
 import pytest
 from damage import with_a_bit_flipped
 from mesh_files import RED_BLUE, SQUARE, SQUARE_UV, TWO, Builder, encoded, load_bytes, refusal
 
-from texfcodec.errors import InputError, LimitError, SupportError
+from texfcodec.errors import InputError, LimitError
 
 EXTENSION = "EXT_meshopt_compression"
 
@@ -83,29 +82,21 @@ def test_the_octahedral_filter_gives_unit_vectors(meshopt):
     np.testing.assert_allclose(np.linalg.norm(found[:, :3].astype(float), axis=1), 127, atol=1)
 
 
-def test_without_the_package_the_error_names_the_remedy(tmp_path, meshopt, monkeypatch):
-    builder = Packed(meshopt)
-    monkeypatch.setitem(sys.modules, "meshoptimizer", None)
-    monkeypatch.setattr("texfcodec.io.gltf.document.is_installed", lambda: False)
-    error = refusal(tmp_path, builder)
-    assert isinstance(error, SupportError) and error.code == "TXF-I30" and 'pip install "texfcodec[formats]"' in error.message
-
-
-def test_without_the_package_a_plain_copy_is_taken(tmp_path, monkeypatch):
+def test_a_form_that_is_not_supported_gives_way_to_a_plain_copy(tmp_path):
     builder = Builder()
     builder.primitive()
-    builder.tree["bufferViews"][0]["extensions"] = {EXTENSION: {"mode": "ATTRIBUTES"}}
-    monkeypatch.setattr("texfcodec.io.gltf.document.is_installed", lambda: False)
+    view = builder.tree["bufferViews"][0]
+    view["extensions"] = {EXTENSION: {"mode": "ATTRIBUTES", "filter": "COLOR", "count": 4, "byteStride": 12, "buffer": 0,
+                                      "byteLength": view["byteLength"]}}
     np.testing.assert_array_equal(load_bytes(tmp_path, builder).positions, SQUARE)
     builder.tree["extensionsRequired"] = [EXTENSION]
-    assert refusal(tmp_path, builder).code == "TXF-I09"
+    assert refusal(tmp_path, builder).code == "TXF-I30"
 
 
-def test_a_fallback_without_bytes_is_no_plain_copy(tmp_path, meshopt, monkeypatch):
+def test_a_fallback_without_bytes_is_no_plain_copy(tmp_path, meshopt):
     builder = Packed(meshopt)
     del builder.tree["extensionsRequired"]
-    monkeypatch.setitem(sys.modules, "meshoptimizer", None)
-    monkeypatch.setattr("texfcodec.io.gltf.document.is_installed", lambda: False)
+    builder.extension["POSITION"]["filter"] = "COLOR"
     assert refusal(tmp_path, builder).code == "TXF-I30"
 
 
@@ -166,8 +157,8 @@ def test_counts_that_agree_but_lie_are_refused_before_memory_is_taken(tmp_path, 
     entry["count"] = count
     view = next(view for view in builder.tree["bufferViews"] if view.get("extensions", {}).get(EXTENSION) is entry)
     view["byteLength"] = count * entry["byteStride"]
-    decoder = "decode_vertex_buffer" if place == "POSITION" else "decode_index_buffer"
-    monkeypatch.setattr(meshopt, decoder, lambda *a: pytest.fail("the decoder was asked"))
+    decoder = "decode_attributes" if place == "POSITION" else "decode_triangles"
+    monkeypatch.setattr(f"texfcodec.io.gltf.meshopt.{decoder}", lambda *a: pytest.fail("the decoder was asked"))
     error = refusal(tmp_path, builder)
     assert error.code == code and isinstance(error, LimitError) == (code == "TXF-I41")
 

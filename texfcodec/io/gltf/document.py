@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from ...errors import InputError, SupportError
 from ...report import plural
 from ..images import find_file, missing_image
-from .meshopt import EXTENSIONS, decode_view, is_installed
+from .meshopt import EXTENSIONS, decode_view
 from .properties import extensions, integer, is_index, malformed, part, title
 
 if TYPE_CHECKING:
@@ -86,14 +86,20 @@ class Document:
         return buffer[offset : offset + length]
 
     def _unpacked(self, packed, entry, index):
-        """The bytes of a compressed bufferView; where the package is missing, the plain copy that some files carry."""
-        if not is_installed() and not any(name in self.root.get("extensionsRequired", []) for name in EXTENSIONS):
-            buffer = self.entry("buffers", entry.get("buffer"))
-            if "uri" in buffer or (entry["buffer"] == 0 and self._chunk is not None):
-                return self._slice(entry, index)
+        """The bytes of a compressed bufferView; where its form is not supported, the plain copy that some files carry."""
         if index not in self._decoded:
-            self._decoded[index] = decode_view(self._slice(packed, index), packed, entry, index)
+            try:
+                self._decoded[index] = decode_view(self._slice(packed, index), packed, entry, index)
+            except SupportError:
+                if any(name in self.root.get("extensionsRequired", []) for name in EXTENSIONS) or not self._has_plain(entry):
+                    raise
+                self._decoded[index] = self._slice(entry, index)
         return self._decoded[index]
+
+    def _has_plain(self, entry):
+        """Whether the buffer of a view has bytes, and does not only stand for what compressed views unpack to."""
+        buffer = self.entry("buffers", entry.get("buffer"))
+        return "uri" in buffer or (entry["buffer"] == 0 and self._chunk is not None)
 
     def uri_bytes(self, uri: object, missing: Callable[[str], Exception]) -> bytes:
         """bytes behind a data URI or a file name; missing: name -> the error to raise."""

@@ -1,4 +1,5 @@
-"""EXT_meshopt_compression and KHR_meshopt_compression: compressed bufferViews, decoded by the package meshoptimizer.
+"""EXT_meshopt_compression and KHR_meshopt_compression: compressed bufferViews, decoded by meshopt_views.py, and attributes of
+version 1 by the package meshoptimizer, which has no wheels.
 
 The package's C code trusts counts and strides, so everything that sizes memory is checked here first: against the other
 numbers of the bufferView, and against the fewest bytes that so many elements can be packed into.
@@ -7,12 +8,14 @@ numbers of the bufferView, and against the fewest bytes that so many elements ca
 import numpy as np
 
 from ...errors import InputError, LimitError, SupportError
+from .meshopt_views import decode_attributes, decode_sequence, decode_triangles, unfilter
 from .properties import integer, malformed
 
 EXTENSIONS = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 MAX_BYTES = 1 << 30  # of one decoded bufferView; meshoptimizer's own limit too
 _STRIDES = {"ATTRIBUTES": range(4, 257, 4), "TRIANGLES": (2, 4), "INDICES": (2, 4)}
 _FILTER_STRIDES = {"NONE": range(1, 257), "OCTAHEDRAL": (4, 8), "QUATERNION": (8,), "EXPONENTIAL": range(4, 257, 4)}
+_NEWER_ATTRIBUTES = 0xA1  # first byte
 _TAIL = 16  # bytes that end an index stream
 _BLOCK_BYTES, _BLOCK_VERTICES = 8192, 256  # of an attribute block: as many vertices as fit, a multiple of 16
 
@@ -58,35 +61,34 @@ def _fewest_bytes(mode, count, stride):
 
 
 def _decode(packed, mode, kind, count, stride, index):
-    meshopt = _package()
-    try:
-        if mode == "ATTRIBUTES":
-            plain = np.ascontiguousarray(meshopt.decode_vertex_buffer(count, stride, packed)).reshape(-1).view(np.uint8)
-        else:
-            read = meshopt.decode_index_buffer if mode == "TRIANGLES" else meshopt.decode_index_sequence
-            plain = read(count, stride, packed).view(np.uint8)[: count * stride]
-    except (RuntimeError, ValueError) as error:
-        raise InputError("TXF-I12", f"the meshopt data of bufferView {index} cannot be decoded",
-                         reason=str(error)[:200]) from error
-    if kind != "NONE":
-        unfilter = {"OCTAHEDRAL": meshopt.decode_filter_oct, "QUATERNION": meshopt.decode_filter_quat,
-                    "EXPONENTIAL": meshopt.decode_filter_exp}[kind]
-        plain = unfilter(plain, count, stride)
+    if mode == "ATTRIBUTES":
+        newer = packed[0] == _NEWER_ATTRIBUTES
+        plain = _by_package(packed, count, stride, index) if newer else decode_attributes(packed, count, stride)
+    else:
+        plain = (decode_triangles if mode == "TRIANGLES" else decode_sequence)(packed, count)
+    if plain is None:
+        raise _broken(index)
+    if mode != "ATTRIBUTES":
+        plain = plain.astype(np.uint16) if stride == 2 else plain
+    elif kind != "NONE":
+        plain = unfilter(kind, plain)
     return memoryview(plain.tobytes())
 
 
-def _package():
+def _broken(index, reason=None):
+    return InputError("TXF-I12", f"the meshopt data of bufferView {index} cannot be decoded", reason=reason)
+
+
+def _by_package(packed, count, stride, index):
+    """uint8 [count, stride] of attributes of version 1, which KHR_meshopt_compression has beside that of EXT."""
     try:
         import meshoptimizer
     except ImportError as error:
-        raise SupportError("TXF-I30", "meshopt compression requires the package meshoptimizer: run pip install "
+        raise SupportError("TXF-I30", "meshopt attributes of version 1 require the package meshoptimizer: run pip install "
                                       '"texfcodec[formats]", or decompress the file with gltfpack or '
                                       "glTF-Transform") from error
-    return meshoptimizer
-
-
-def is_installed() -> bool:
-    """True where compressed views can be decoded."""
-    from importlib.util import find_spec
-
-    return find_spec("meshoptimizer") is not None
+    try:
+        plain = np.ascontiguousarray(meshoptimizer.decode_vertex_buffer(count, stride, packed))
+    except (RuntimeError, ValueError) as error:
+        raise _broken(index, str(error)[:200]) from error
+    return plain.reshape(-1).view(np.uint8)[: count * stride].reshape(count, stride)

@@ -89,7 +89,7 @@ def test_filters_are_undone():
     np.testing.assert_allclose(unfilter("EXPONENTIAL", exponential(values).view(np.uint8)).view(np.float32), values, rtol=3e-7)
     turned = unfilter("QUATERNION", np.array([[0, 0, 0, 511 << 2 | 3], [511 << 2, 0, 0, 511 << 2 | 2]], np.int16).view(np.uint8))
     half = round(32767 * 0.5**0.5)
-    assert np.abs(turned.view(np.int16) - [[0, 0, 0, 32767], [0, 0, half, half]]).max() <= 20
+    assert np.abs(turned.view(np.int16) - [[0, 0, 0, 32767], [0, 0, half, half]]).max() <= 40
 
 
 def packed_square(required=True, **more):

@@ -134,7 +134,7 @@ def test_a_ply_has_normals_where_a_vertex_has_one_and_names_hard_edges(tmp_path)
     import trimesh
 
     smooth = decoded(*sphere_mesh(16))
-    assert "hard edges of the shading" not in save(smooth, tmp_path / "a.ply")["dropped"]
+    assert "the shading of hard edges" not in save(smooth, tmp_path / "a.ply")["dropped"]
     mesh = trimesh.load(tmp_path / "a.ply", process=False)
     there = face_areas(smooth) > 0
     found = np.einsum("fck,fck->fc", mesh.vertex_normals[mesh.faces], smooth.shading_normals())[there]
@@ -142,7 +142,7 @@ def test_a_ply_has_normals_where_a_vertex_has_one_and_names_hard_edges(tmp_path)
     cube = decoded(np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float), np.array(
         [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7],
          [1, 7, 3]]))
-    assert "hard edges of the shading" in save(cube, tmp_path / "b.ply")["dropped"]
+    assert "the shading of hard edges" in save(cube, tmp_path / "b.ply")["dropped"]
     assert b"property float nx" in (tmp_path / "a.ply").read_bytes()[:500]
     assert b"property float nx" not in (tmp_path / "b.ply").read_bytes()[:500]
 
@@ -150,7 +150,7 @@ def test_a_ply_has_normals_where_a_vertex_has_one_and_names_hard_edges(tmp_path)
 def test_a_ply_names_images_whose_detail_vertices_do_not_show(tmp_path):
     texf = coded(mapped_sheet({"normal": waves(1)}))
     dropped = save(texf, tmp_path / "a.ply")["dropped"]
-    assert any(re.match(r"images, whose detail .* with \d+\.\d dB", name) for name in dropped)
+    assert any(re.match(r"the detail of images between vertices .* \d+\.\d dB", name) for name in dropped)
     assert "normal map of material 'sheet'" in dropped
     plain = coded(mapped_sheet({}, plain_image(9, 99, 200)))
     assert save(plain, tmp_path / "b.ply")["dropped"] == ["metalness of material 'sheet'"]

@@ -346,7 +346,7 @@ def write_ply_surface(texf: Texf, dropped: list[str]) -> list:
     normals = None
     if len(index) and are_lit(texf):
         normals = normals_at_vertices(texf, index, len(vertex))
-        dropped += ["hard edges of the shading"] * (normals is None)
+        dropped += ["the shading of hard edges"] * (normals is None)
     vertices, lines = _write_vertices(texf, texf.positions[vertex], to_bytes(rgba), normals)
     lines += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
     return [_write_header(lines), vertices.data, faces.data]

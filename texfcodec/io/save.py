@@ -332,7 +332,7 @@ def _ply(texf, path, asked, told):
         return [(path.name, write_ply_points(texf))]
     psnr = psnr_at_vertices(texf) if asked.sketched else None
     if psnr is not None and psnr < NO_LESS:
-        told.drop("PLY", [f"images, whose detail between vertices is lost (colours at vertices show them with {psnr:.1f} dB)"])
+        told.drop("PLY", [f"the detail of images between vertices (their colours there show {psnr:.1f} dB)"])
     dropped: list[str] = []
     pieces = write_ply_surface(texf, dropped)
     told.drop("PLY", dropped)

@@ -158,7 +158,7 @@ def test_counts_that_agree_but_lie_are_refused_before_memory_is_taken(tmp_path, 
     view = next(view for view in builder.tree["bufferViews"] if view.get("extensions", {}).get(EXTENSION) is entry)
     view["byteLength"] = count * entry["byteStride"]
     decoder = "decode_attributes" if place == "POSITION" else "decode_triangles"
-    monkeypatch.setattr(f"texfcodec.io.gltf.meshopt.{decoder}", lambda *a: pytest.fail("the decoder was asked"))
+    monkeypatch.setattr(f"texfcodec.io.gltf.meshopt_views.{decoder}", lambda *a: pytest.fail("the decoder was asked"))
     error = refusal(tmp_path, builder)
     assert error.code == code and isinstance(error, LimitError) == (code == "TXF-I41")
 

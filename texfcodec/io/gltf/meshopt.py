@@ -8,7 +8,6 @@ numbers of the bufferView, and against the fewest bytes that so many elements ca
 import numpy as np
 
 from ...errors import InputError, LimitError, SupportError
-from .meshopt_views import decode_attributes, decode_sequence, decode_triangles, unfilter
 from .properties import integer, malformed
 
 EXTENSIONS = ("EXT_meshopt_compression", "KHR_meshopt_compression")
@@ -61,6 +60,8 @@ def _fewest_bytes(mode, count, stride):
 
 
 def _decode(packed, mode, kind, count, stride, index):
+    from .meshopt_views import decode_attributes, decode_sequence, decode_triangles, unfilter  # they need numba
+
     if mode == "ATTRIBUTES":
         newer = packed[0] == _NEWER_ATTRIBUTES
         plain = _by_package(packed, count, stride, index) if newer else decode_attributes(packed, count, stride)

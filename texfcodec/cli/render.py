@@ -61,7 +61,7 @@ def render(console, source, out, compare, as_json, quiet, **choices):
     """Draw a stream or mesh as OUT.png ("-": stdout, with the report on stderr). The picture shows base colour or, with
     --shaded, lit materials.
 
-    IN or OTHER may be "-": a stream or a GLB on stdin. The bounding sphere of IN sets the camera, for OTHER too. PSNR counts the
+    IN or OTHER may be "-": a stream or a mesh on stdin. The bounding sphere of IN sets the camera, for OTHER too. PSNR counts the
     pixels that both cover, over white where --background is grey. Without --shaded it compares base colour.
 
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 limit exceeded, 130

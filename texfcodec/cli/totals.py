@@ -59,11 +59,12 @@ class Totals:
             return
         times = f", {self.source_bytes / self.stream_bytes:.3g} times smaller" if self.stream_bytes < self.source_bytes else ""
         yield f"{self.source_bytes} bytes became {self.stream_bytes}{times}"
+        read = "; of what was read, without the losses" if self.lossy else ""
         for name, found in self.psnr.items():
             if found:
                 of = self._of_psnr(found)
                 middle, worst = (in_decibels(None if math.isinf(of[which]) else of[which]) for which in ("median", "worst"))
-                yield f"PSNR {MEASURES[name]}: median {middle}, worst {worst} ({of['worst_asset']})"
+                yield f"PSNR {MEASURES[name]}: median {middle}, worst {worst} ({of['worst_asset']}){read}"
         yield f"{_assets(self.warned)} with warnings, {_assets(self.lossy)} with losses"
 
 

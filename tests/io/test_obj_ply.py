@@ -83,7 +83,8 @@ def test_nothing_is_said_of_blender_where_coding_makes_no_difference():
 @pytest.mark.parametrize("text, dropped, warned", [
     ("Kd 0 0 0\nnewmtl a\n", [], ""), ("newmtl a\nKd spectral f.rfl\n", ["Kd spectral of material 'a'"], ""),
     ("newmtl a\nmap_Kd -mm 0 2 t.png\n", ["map_Kd option -mm of material 'a'"], ""),
-    ("newmtl a\nmap_Kd -bm 2 t.png\n", [], ""), ("newmtl a\nKd 0 0 0\nmap_Kd t.png\n", [], "a texture and a black Kd"),
+    ("newmtl a\nmap_Kd -bm 2 t.png\n", [], ""),
+    ("newmtl a\nKd 0 0 0\nmap_Kd t.png\n", ["Kd of material 'a' (black under a texture)"], "a texture and a black Kd"),
     ("newmtl a\nKd nan 0 0\n", ["colour of material 'a' (NaN or infinite)"], "NaN or infinite"),
 ])
 def test_what_an_mtl_says_in_vain_leaves_the_material_white(text, dropped, warned):

@@ -100,7 +100,8 @@ def read_image(data: Any, name: str, notes: Notes, is_colour: bool = True) -> np
     if _sample_bits(data) == 16 or image.mode.startswith("I"):
         notes.remark(f"image '{name}' has 16-bit samples; the high 8 bits are used")
     if image.mode in ("CMYK", "YCCK"):
-        notes.warn(f"image '{name}' is CMYK; it is converted to RGB without its colour profile")
+        notes.lose(f"colour profile of image '{name}' (CMYK)",
+                   f"image '{name}' is CMYK; it is converted to RGB without its colour profile")
     return rgba
 
 

@@ -85,11 +85,11 @@ def suffix_of(data: bytes) -> str | None:
 
 def _first_text(data):
     """The beginning of a text as UTF-8, from its first statement on: comments of OBJ, OFF and XML are skipped."""
-    try:
-        text = as_utf8(data[:_BEGINNING]) if data[:2] in (b"\xff\xfe", b"\xfe\xff") else data[:_BEGINNING]
-    except InputError:  # half a character at its end
-        text = as_utf8(data[: _BEGINNING - 2])
-    return _COMMENTS.sub(b"", text.removeprefix(b"\xef\xbb\xbf"))
+    text = bytes(data[:_BEGINNING])
+    encoding = next((name for mark, name in _BYTE_ORDER_MARKS if text.startswith(mark)), None)
+    if encoding is not None:  # "ignore": half a character at the end
+        text = text.decode(encoding, "ignore").encode("utf-8", "ignore")
+    return _COMMENTS.sub(b"", text)
 
 
 def check_start(data: bytes, entry: Format) -> None:

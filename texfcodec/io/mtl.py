@@ -211,11 +211,13 @@ def _set_range(materials, notes):
 
 def _finish(material, notes):
     if material.texture and not material.factor[:3].any():
-        notes.warn(f"material '{material.name}' has a texture and a black Kd; a white Kd is used instead")
+        notes.lose(f"Kd of material '{material.name}' (black under a texture)",
+                   f"material '{material.name}' has a texture and a black Kd; a white Kd is used instead")
         material.factor[:3] = 1.0
     elif material.texture and (material.factor[:3] != 1.0).any():
         factors = " ".join(f"{value:g}" for value in material.factor[:3])
-        notes.warn(f"material '{material.name}' multiplies its texture by Kd {factors}, as the format says; some viewers do not")
+        notes.remark(f"material '{material.name}' multiplies its texture by Kd {factors}, as the format says; some viewers do "
+                     "not")
     if not np.isfinite(material.factor).all():
         notes.lose(f"colour of material '{material.name}' (NaN or infinite)",
                    f"material '{material.name}' has a NaN or infinite colour; white is used instead")

@@ -157,7 +157,8 @@ def read_material(document: Document, index: int | None, look: Look, shelf: Text
 def _alpha_mode(document, entry, name):
     mode = entry.get("alphaMode", ALPHA_NAMES[ALPHA_OPAQUE])
     if mode not in ALPHA_NAMES:
-        document.notes.warn(f"{name} has the unknown alphaMode {str(mode)[:40]!r}; OPAQUE is used instead")
+        document.notes.lose(f"alphaMode of {name} (unknown)",
+                            f"{name} has the unknown alphaMode {str(mode)[:40]!r}; OPAQUE is used instead")
         return ALPHA_OPAQUE
     return ALPHA_NAMES.index(mode)
 

@@ -134,7 +134,7 @@ class MeshReader:
             return None
         name = f"TEXCOORD_{info.texcoord}"
         if not source.has(name):
-            self.document.notes.warn(f"{label} has no {name} for its texture; UV (0, 0) is used")
+            self.document.notes.lose(f"{name} of {label} (missing)", f"{label} has no {name} for its texture; UV (0, 0) is used")
             return None
         self._used_uv.add(name)
         uv = source.floats(name, ("VEC2",))

@@ -142,7 +142,8 @@ def _roots(document):
         children = {child for node in document.entries("nodes") for child in _references(node, "children")}
         return [index for index in range(len(document.entries("nodes"))) if index not in children]
     if "scene" not in document.root and len(scenes) > 1:
-        document.notes.warn(f"the file has {len(scenes)} scenes but no default; the first is used")
+        document.notes.lose(f"scenes beside the first ({len(scenes)} without a default)",
+                            f"the file has {len(scenes)} scenes but no default; the first is used")
     chosen = integer(document.root, "scene", 0, low=0)
     for index, scene in enumerate(scenes):
         if index != chosen:

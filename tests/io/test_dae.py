@@ -133,7 +133,11 @@ def test_missing_textures_and_lines(scene_of, tmp_path):
     assert "TXF-I16" in scene_of(strict=False).warnings[0]
     lines = '<lines count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1</p></lines>'
     both = TRIANGLES.format(inputs='<input semantic="VERTEX" source="#v" offset="0"/>', indices="0 1 2 0 2 3") + lines
-    assert any("not made of triangles" in text for text in scene_of(strict=False, surface=both).warnings)
+    found = scene_of(strict=False, surface=both)
+    assert any("not made of triangles" in text for text in found.warnings) and "lines of geometry 'g'" in found.dropped
+    strips = both.replace("lines", "linestrips") + '<linestrips count="0"/>'
+    found = scene_of(strict=False, surface=strips)
+    assert len(found.faces) == 2 and "2 sets of line strips" in found.dropped
 
 
 @pytest.mark.parametrize("text, code", [

@@ -93,10 +93,23 @@ def test_what_an_mtl_says_in_vain_leaves_the_material_white(text, dropped, warne
     assert notes.dropped == dropped and [warned in text for text in notes.warnings] == [True] * bool(warned)
 
 
-def test_a_map_without_a_file_is_named_with_its_line():
+def test_a_number_that_is_none_is_named_with_its_line():
     with pytest.raises(InputError) as caught:
-        read_mtl(b"newmtl a\nmap_Kd -s 1 1\n", Notes())
-    assert caught.value.code == "TXF-I20" and caught.value.details == {"line": 2, "value": "map_Kd -s 1 1"}
+        read_mtl(b"newmtl a\nmap_Kd -s one 1 a.png\n", Notes())
+    assert caught.value.code == "TXF-I20" and caught.value.details == {"line": 2, "value": "map_Kd -s one 1 a.png"}
+
+
+@pytest.mark.parametrize("line", ["map_Kd", "map_Kd -s 1 1", "map_Kd "])
+def test_a_map_without_a_file_is_a_loss_and_no_error(line):
+    notes = Notes()
+    assert not read_mtl(f"newmtl a\n{line}\n".encode(), notes)["a"].texture
+    assert notes.dropped == ["map_Kd of material 'a' (no file name)"]
+
+
+def test_an_unknown_option_is_named_and_the_file_is_read():
+    notes = Notes()
+    assert read_mtl(b"newmtl a\nmap_Kd -gloss 0.5 my tex.png\n", notes)["a"].texture == "my tex.png"
+    assert notes.dropped == ["map_Kd option -gloss of material 'a'"]
 
 
 def test_indents_groups_and_objects_without_a_name_change_nothing(loaded):

@@ -91,6 +91,15 @@ def test_colours_of_corners_and_faces_without_an_image(tmp_path):
     assert scene.corner_color[0, :, :3].tolist() == [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
 
 
+@pytest.mark.parametrize("names", ["red green blue", "Red Green Blue", "r g b", "diffuse_red diffuse_green diffuse_blue",
+                                   "color_r color_g color_b", "vertex_red vertex_green vertex_blue", "c.red c.green c.blue"])
+def test_colours_are_found_by_any_names_that_say_it(tmp_path, names):
+    more = "".join(f"property float {name}\n" for name in names.split())
+    text = ascii_ply("element face 1\nproperty list uchar int vertex_indices\n", "4 0 1 2 3",
+                     [" ".join(map(str, point)) + " 1 0 1" for point in SQUARE.tolist()], more)
+    assert load_bytes(tmp_path, text, "a.ply", strict=True).corner_color[0, 0].tolist() == [1, 0, 1, 1]
+
+
 @pytest.mark.parametrize("property_, row, lost", [
     ("property float ambient_red\nproperty float ambient_green\nproperty float ambient_blue\n", " 1 0 0",
      ["PLY property 'ambient_red' of vertex", "PLY property 'ambient_green' of vertex", "PLY property 'ambient_blue' of vertex"]),

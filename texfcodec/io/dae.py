@@ -28,7 +28,7 @@ from .visibility import turn_where_all_vanish
 _WRAPS = {"WRAP": WRAP_REPEAT, "CLAMP": WRAP_CLAMP, "BORDER": WRAP_CLAMP, "NONE": WRAP_CLAMP, "MIRROR": WRAP_MIRROR}
 # What exporters write of every material, and physical shading leaves out, but for textures and colours that are not grey.
 _MATTE, _GREY = ("ambient", "shininess", "reflectivity", "index_of_refraction"), ("specular", "reflective")
-_LINES = re.compile(rb"<((?:\w+:)?linestrips)\b.*?(?:/>|</\1\s*>)", re.DOTALL)
+_LINES = re.compile(rb"<((?:\w+:)?linestrips)\b(?:[^>]*/>|[^>]*>.*?</\1\s*>)", re.DOTALL)
 _SAME = 1e-3  # of colours that are written with three digits
 CAMERAS = "cameras are left out"
 _USED_INPUTS = {"VERTEX", "TEXCOORD", "COLOR", "NORMAL"}

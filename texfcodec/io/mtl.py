@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 _OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-mm": 2, "-o": 3, "-s": 3, "-t": 3, "-texres": 1, "-clamp": 1,
             "-bm": 1, "-imfchan": 1, "-type": 1, "-cc": 1, "-colorspace": 1}
 # Options that change no picture here: whether and how fine an image is filtered, what bump maps take of it.
+_OPTION = re.compile(r"-[A-Za-z]+(?: |\Z)")
 _HARMLESS_OPTIONS = {"-blendu", "-blendv", "-boost", "-bm", "-texres", "-imfchan", "-type", "-cc", "-colorspace"}
 # Statements of the shading model that MTL was made for, which nearly every exporter writes and viewers in physical shading leave
 # out: whether they light at all, how sharp highlights are, ambient light, refraction.
@@ -178,7 +179,8 @@ def _base_map(material, rest, notes):
     material.uv_scale = (*material.uv_scale, 1.0, 1.0)[:2]
     material.uv_offset = (*material.uv_offset, 0.0, 0.0)[:2]
     if not material.texture:
-        raise ValueError("map_Kd without a file")
+        notes.lose(f"map_Kd of material '{material.name}' (no file name)",
+                   f"map_Kd of material '{material.name}' names no file; the material has no texture")
 
 
 def _split_options(rest):
@@ -186,10 +188,10 @@ def _split_options(rest):
 
     Blanks alone end a word: in Latin-1 others are halves of characters."""
     options = []
-    while rest.startswith("-") and rest.split(" ")[0].lower() in _OPTIONS:
+    while _OPTION.match(rest):
         name, _, rest = rest.partition(" ")
         values: list[str] = []
-        most = _OPTIONS[name.lower()]
+        most = _OPTIONS.get(name.lower(), 1)
         while len(values) < most and rest.strip(" "):
             value, _, after = rest.strip(" ").partition(" ")
             if most > 1 and values and math.isnan(_number(value)):

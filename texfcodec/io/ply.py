@@ -158,7 +158,7 @@ def _color_names(table):
     found: dict[str, list[str]] = {}
     for name in plain:
         for words in (("red", "green", "blue", "alpha"), ("r", "g", "b", "a")):
-            before, here, after = name.partition(words[0])
+            before, here, after = name.rpartition(words[0])
             if not here or (len(words[0]) == 1 and (before[-1:].isalnum() or after[:1].isalnum())) or _OTHER_COLORS.search(name):
                 continue
             names = [f"{before}{word}{after}" for word in words]

@@ -91,19 +91,21 @@ def _shown(path, folder):
 
 def _search(folder, name, notes):
     """Paths of the best place that has any, empty where none has."""
-    ways = [way for spelling in _spellings(name) if (way := _parts(spelling))]
+    ways = [(way, encoding) for spelling, encoding in _spellings(name) if (way := _parts(spelling))]
     above = folder.parent if folder.parent != folder else None
     for base in (folder, above):
-        for way in ways if base is not None else ():
+        for way, encoding in ways if base is not None else ():
             for skipped in range(len(way)):  # the folders that another machine had come off one by one
                 found = _walk(base, way[skipped:], notes)
                 if found:
+                    notes.encoding = encoding or notes.encoding
                     return found
     for base in (folder, above):
         for place in _image_folders(base, notes) if base is not None else ():
-            for way in ways:
+            for way, encoding in ways:
                 found = _walk(place, way[-1:], notes)
                 if found:
+                    notes.encoding = encoding or notes.encoding
                     return found
     return []
 
@@ -160,11 +162,25 @@ def _key(name):
 
 
 def _spellings(name):
-    """The name, with percent-escapes decoded, and as other encodings read its bytes; each once, the likeliest first."""
+    """(spelling, encoding): the name, with percent-escapes decoded, and as other encodings read its bytes; each once, the
+    likeliest first. encoding: of a text whose bytes stand in Latin-1, None for any other."""
     from urllib.parse import unquote
 
     plain = (name, unquote(name), unquote(name, "latin-1"))
-    return list(dict.fromkeys([*plain, *(reading for text in plain for reading in readings(text))]))
+    out: dict[str, str | None] = dict.fromkeys(plain)
+    for encoding in ENCODINGS:
+        out.setdefault(in_encoding(name, encoding), encoding)
+    for reading in (reading for text in plain for reading in readings(text)):
+        out.setdefault(reading, None)
+    return list(out.items())
+
+
+def in_encoding(name: str, encoding: str | None) -> str:
+    """A name whose bytes stand in Latin-1, one character a byte, in an encoding; the name itself where it is not one, or None."""
+    try:
+        return name.encode("latin-1").decode(encoding) if encoding and not name.isascii() else name
+    except UnicodeError:
+        return name
 
 
 def readings(name: str) -> list[str]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..report import plural
-from .file_search import find_file, missing_file, readings
+from .file_search import find_file, in_encoding, missing_file, readings
 from .images import TextureShelf
 from .mtl import ObjMaterial, decode_text, material_names, read_mtl, scene_material
 from .obj_colours import MRGB, VCOLOR, vertex_colours_of
@@ -74,13 +74,20 @@ def read_obj(data: bytes, folder: Path, notes: Notes) -> Scene:
     chosen = _find_materials(names, library, notes)
     materials = [scene_material(item, folder, shelf) for item in chosen]
     turn_where_all_vanish(materials, "the MTL file", notes)
+    _respell(materials, shelf.textures, notes.encoding)
     faces, texels, material = corners[triangles, 0], corners[triangles, 1], material[polygon]
     part = Part(vertices[:, :3], faces, material, _uv(rows, texels, material, chosen),
                 vertex_colours_of(vertices, rows.colours, notes), "the OBJ file", normal=_normal(rows, corners[triangles, 2]))
     if not any(item.texture for item in chosen) and rows.vt:
         notes.remark("no texture uses vt; it is left out")
-    metadata = {"objects": rows.objects} if rows.objects else {}
+    metadata = {"objects": [in_encoding(name, notes.encoding) for name in rows.objects]} if rows.objects else {}
     return assemble([part], materials, shelf.textures, notes, metadata)
+
+
+def _respell(materials, textures, encoding):
+    """Gives materials and textures their names in the encoding that the files show."""
+    for item in (*materials, *textures):
+        item.name = in_encoding(item.name, encoding)
 
 
 def _sort(data, notes):

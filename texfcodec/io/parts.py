@@ -24,12 +24,14 @@ class Notes:
     dropped (names), and remarks (sentences) on what changes no picture.
 
     strict: whether faults are errors; limits: what images, and a stream that a file carries, may ask for; path: of the mesh's
-    file, None where it has no name; folders: of file_search.py, what is in each."""
+    file, None where it has no name; folders: of file_search.py, what is in each; encoding: of the names in the mesh's text, where
+    a file that one of them names shows it, else None."""
 
     def __init__(self, strict: bool = False, limits: Limits | None = None) -> None:
         self.strict, self.limits = strict, limits or Limits()
         self.path: Path | None = None
         self.folders: dict[Path, dict[str, list[str]]] = {}
+        self.encoding: str | None = None
         self._warnings: dict[str, None] = {}
         self._dropped: dict[str, None] = {}
         self._remarks: dict[str, None] = {}

@@ -8,6 +8,7 @@ import numpy as np
 from mesh_files import SQUARE, TWO
 
 UV = "0 0 1 0 1 1 0 1"
+UPRIGHT = '<asset><unit name="metre" meter="1"/><up_axis>Y_UP</up_axis></asset>'
 TRIANGLES = '<triangles count="2" material="skin">{inputs}<p>{indices}</p></triangles>'
 
 
@@ -21,14 +22,14 @@ def numbers(key, text, names):
 
 
 def dae(surface=None, points=SQUARE, diffuse='<texture texture="s" texcoord="UV0"/>', sampler="", effect="", node="", more="",
-        bound="", sources=""):
+        bound="", sources="", asset=UPRIGHT):
     """A COLLADA document of one geometry; the keyword arguments are pieces of it."""
     inputs = ('<input semantic="VERTEX" source="#v" offset="0"/><input semantic="TEXCOORD" source="#u0" offset="0" set="0"/>'
               '<input semantic="TEXCOORD" source="#u1" offset="0" set="3"/>')
     surface = surface or TRIANGLES.format(inputs=inputs, indices="0 1 2 0 2 3")
     flat = " ".join(str(x) for x in np.ravel(points))
     return f"""<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
-<asset><unit name="centimetre" meter="0.01"/><up_axis>Z_UP</up_axis></asset>
+{asset}
 <library_images><image id="i"><init_from>t%20ex.png</init_from></image></library_images>
 <library_effects><effect id="e"><profile_COMMON>
 <newparam sid="f"><surface type="2D"><init_from>i</init_from></surface></newparam>

@@ -169,7 +169,7 @@ def test_strict_refuses_what_would_be_lost_before_writing(call, mesh, tmp_path):
     for more in ([tmp_path / "a.texf"], ["--dry-run"]):
         code, out, _ = call("texf-enc", path, *more, *SMALL, "--strict", "--json")
         error = json.loads(out)["error"]
-        assert (code, error["code"]) == (2, "TXF-I52") and error["dropped"] == ["OBJ statement 'l'"]
+        assert (code, error["code"]) == (2, "TXF-I52") and error["dropped"] == ["1 line"]
         assert list(tmp_path.iterdir()) == [path]
 
 

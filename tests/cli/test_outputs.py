@@ -214,8 +214,9 @@ def test_a_mesh_on_stdin_is_told_from_a_stream_by_its_first_bytes(made, piped, n
     assert isinstance(asset, kind) and len(asset.faces) == len(load(made[0]).faces) and (size, inputs) == (len(data), [])
 
 
-@pytest.mark.parametrize("data, code", [(b"v 0 0 0\nf 1 1 1\n", "TXF-I05"), (b"", "TXF-I04"), (b"glTF", "TXF-I07")])
-def test_a_mesh_on_stdin_is_a_glb_or_a_coded_error(tmp_path, data, code):
+@pytest.mark.parametrize("data, code", [(b"neither fish nor mesh\n", "TXF-I05"), (b"", "TXF-I04"), (b"glTF", "TXF-I07"),
+                                        (b"\x89TXF\r\n\x1a\n", "TXF-I05")])
+def test_a_mesh_on_stdin_is_of_a_known_format_or_a_coded_error(tmp_path, data, code):
     run = process("texf-enc", "-", tmp_path / "a.texf", *SMALL, "--json", input=data)
     assert (run.returncode, json.loads(run.stdout)["error"]["code"], run.stderr) == (2, code, b"")
 

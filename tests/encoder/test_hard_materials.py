@@ -82,8 +82,8 @@ def test_a_map_that_cannot_be_read_leaves_the_factor(tmp_path, support):
     broken = {"index": builder.add("textures", {"source": 1})}
     builder.tree["materials"][0] |= {"normalTexture": broken, "emissiveTexture": broken, "emissiveFactor": [0, 0.5, 0]}
     scene = load_bytes(tmp_path, builder)
-    assert sorted(scene.warnings) == [f"texture file 'nowhere.png' is missing or unreadable; {name} has no texture (TXF-I16)"
-                                      for name in ("emissive", "normal")]
+    assert sorted(scene.warnings) == ["texture file 'nowhere.png' is missing or unreadable; "
+                                      f"{name} is drawn without it (TXF-I16)" for name in ("emissive", "normal")]
     material = coded(scene, support=support).materials[0]
     assert material.maps == {} and material.parameters == {"emissive": (0.0, 0.5, 0.0)}
     assert refusal(tmp_path, builder, strict=True).code == "TXF-I16"

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from texfcodec import EncodeOptions, Report, TexfError, decode, encode_to_result
 from texfcodec.cli import enc
-from texfcodec.io.load import load, load_glb
+from texfcodec.io.load import load
 from texfcodec.metrics.face_match import decoded_faces
 from texfcodec.validate.validate import validate
 
@@ -52,7 +52,7 @@ def by_function(glb, options):
         options["max_error"] = options.pop("near_lossless")
     report = Report()
     try:
-        made = encode_to_result(load_glb(glb), EncodeOptions(threads=1, **options), report)
+        made = encode_to_result(load(glb), EncodeOptions(threads=1, **options), report)
     except TexfError as error:
         return error.exit_code, strictly(json.dumps({"error": error.as_dict()}, default=str)), None
     facts = {**made.choices, "psnr_3d": made.psnr_3d, "seconds": report.seconds, "trials": report.trials}
@@ -73,7 +73,7 @@ def check(asset, options, by_api):
         assert [one for one in found["findings"] if one["severity"] == "error"] == []
         texf = decode(data)
         assert len(texf.faces) == facts["faces"]
-        check_colours(load_glb(glb), texf, asset, options)
+        check_colours(load(glb), texf, asset, options)
         check_bound(facts["channels"], options)
         texf.save(folder / "back.glb", texture_size=64, atlas="fast")
         assert len(load(folder / "back.glb").faces) == len(texf.faces)

@@ -22,7 +22,7 @@ from threemf_files import mesh, model, package
 from fuzz.choices import Choices, edited
 from fuzz.trees import bend_text, bend_tree
 from texfcodec.io.images import read_image
-from texfcodec.io.load import load, load_glb
+from texfcodec.io.load import load
 from texfcodec.io.parts import Notes
 
 OBJ = """mtllib a.mtl
@@ -212,7 +212,7 @@ def glb(data: bytes) -> None:
         for _ in range(choices.whole(0, 3)):
             raw = raw[:12] + edited(raw[12:40], choices) + raw[40:] if choices.flag() else edited(raw, choices)
         raw = raw[:8] + struct.pack("<I", len(raw)) + raw[12:] if choices.flag() else raw
-    _check(load_glb(raw, choices.flag(4)))
+    _check(load(raw, choices.flag(4)))
 
 
 # Text

@@ -55,7 +55,7 @@ _RAHT = tuple(f"codecs/raht/{name}.py" for name in (
     "transform/raht", "transform/colour"))
 _NEURAL = tuple(f"codecs/neural/{name}.py" for name in ("neural_codec", "payload", "infer"))
 _GLTF = tuple(f"io/gltf/{name}.py" for name in ("reader", "document", "properties", "accessor", "mesh", "material"))
-_IMAGES = "io/images.py#TextureShelf#read_image#find_file#read_texture_file#_to_rgba"
+_IMAGES = "io/images.py#TextureShelf#read_image#_to_rgba"
 _LOAD = ("io/load.py", "io/parts.py")
 
 TARGETS = {target.name: target for target in (

@@ -24,13 +24,13 @@ def scene_of(tmp_path):
     return run
 
 
-def test_a_textured_square_keeps_its_unit_and_axes(scene_of):
+def test_a_textured_square_of_upright_axes_and_metres_stays_as_it_is(scene_of):
     scene = scene_of()
     np.testing.assert_array_equal(scene.positions[scene.faces], SQUARE[TWO])
     np.testing.assert_allclose(scene.corner_uv, SQUARE[TWO][..., :2] * [1, -1] + [0, 1])
     assert scene.materials[0].name == "paint" and scene.materials[0].factor.tolist() == [1] * 4
     assert scene.textures[0].image[0, 1].tolist() == [0, 0, 255, 255] and scene.textures[0].wrap == (WRAP_REPEAT,) * 2
-    assert scene.metadata == {"up_axis": "Z_UP", "unit_in_metres": 0.01}
+    assert scene.metadata == {"source_up_axis": "Y", "source_unit_in_metres": 1.0}
     assert scene.remarks == ["no image uses TEXCOORD_1; it is left out"] and scene.dropped == scene.warnings == []
 
 
@@ -88,8 +88,9 @@ def test_transparency_that_hides_some_and_leaves_nothing_opaque_is_turned_round(
 
 def test_decimal_commas_are_read_as_points(scene_of, tmp_path):
     half = (SQUARE + 0.5).tolist()
-    plain = scene_of(points=half)
-    text = dae(points=half).replace(UV.replace("1", "0.5"), UV)
+    asset = '<asset><unit name="centimetre" meter="0.01"/></asset>'
+    plain = scene_of(points=half, asset=asset)
+    text = dae(points=half, asset=asset).replace(UV.replace("1", "0.5"), UV)
     head, array = text.split('<float_array id="p-a"')
     array, tail = array.split("<", 1)
     array = f'<float_array id="p-a"{array.replace(".", ",")}<'
@@ -118,11 +119,11 @@ def test_what_is_not_carried_is_named(scene_of):
             "</perspective></technique_common></optics></camera></library_cameras><library_lights><light id='l'>"
             "<technique_common><ambient><color>1 1 1</color></ambient></technique_common></light></library_lights>")
     inputs = '<input semantic="VERTEX" source="#v" offset="0"/><input semantic="NORMAL" source="#p" offset="0"/>'
-    effect = "<specular><color>0.5 0.5 0.5 1</color></specular>"
+    effect = "<specular><color>0.5 0.4 0.5 1</color></specular><shininess><float>50</float></shininess>"
     scene = scene_of(surface=TRIANGLES.format(inputs=inputs, indices="0 1 2 0 2 3"), more=more, effect=effect,
                      diffuse="<color>1 1 1 1</color>")
     assert {"lights", "specular of material 'paint'"} <= set(scene.dropped) and "NORMAL" not in scene.dropped
-    assert "cameras are left out" in scene.remarks
+    assert {"cameras are left out", "shininess of COLLADA materials is left out"} <= set(scene.remarks)
     corners = scene.positions[scene.faces]  # which are its normals too
     np.testing.assert_allclose(scene.corner_normal[0, 1], corners[0, 1] / np.linalg.norm(corners[0, 1]), atol=1e-6)
 
@@ -132,7 +133,11 @@ def test_missing_textures_and_lines(scene_of, tmp_path):
     assert "TXF-I16" in scene_of(strict=False).warnings[0]
     lines = '<lines count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1</p></lines>'
     both = TRIANGLES.format(inputs='<input semantic="VERTEX" source="#v" offset="0"/>', indices="0 1 2 0 2 3") + lines
-    assert any("not made of triangles" in text for text in scene_of(strict=False, surface=both).warnings)
+    found = scene_of(strict=False, surface=both)
+    assert any("not made of triangles" in text for text in found.warnings) and "lines of geometry 'g'" in found.dropped
+    strips = both.replace("lines", "linestrips") + '<linestrips count="0"/>'
+    found = scene_of(strict=False, surface=strips)
+    assert len(found.faces) == 2 and "2 sets of line strips" in found.dropped
 
 
 @pytest.mark.parametrize("text, code", [

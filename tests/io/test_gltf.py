@@ -13,7 +13,7 @@ import pytest
 from mesh_files import COMPONENTS, RED_BLUE, SQUARE, SQUARE_UV, TWO, Builder, encoded, outcome, textured
 from PIL import Image
 
-from texfcodec.errors import InputError, LimitError, SupportError, TexfError
+from texfcodec.errors import InputError, LimitError, TexfError
 from texfcodec.io.load import load, load_any
 from texfcodec.scene.channels import MAPS
 from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Scene
@@ -335,14 +335,24 @@ def test_large_images_pass_through_the_strips_whole(loaded):
     np.testing.assert_array_equal(loaded(builder).textures[0].image[..., :3], pixels)
 
 
-def test_webp_extension_is_preferred_and_dds_alone_is_refused(loaded, refused):
+def test_webp_extension_is_preferred_and_a_texture_without_an_image_that_is_read_is_a_loss(loaded, refused):
     builder = textured()
     webp = builder.add("images", {"bufferView": builder.view(encoded(RED_BLUE[:, ::-1], "WEBP", lossless=True))})
     builder.tree["textures"][0]["extensions"] = {"EXT_texture_webp": {"source": webp}}
     assert loaded(builder).textures[0].image[0, 0].tolist() == [0, 0, 255, 255]
+    builder.tree["textures"][0] = {"extensions": {"ACME_pictures": {"source": 0}}}
+    assert "texture 0 of base colour" in loaded(builder).dropped
+    error = refused(builder, strict=True)
+    assert isinstance(error, InputError) and error.code == "TXF-I28" and "ACME_pictures" in str(error)
+
+
+def test_dds_is_read_where_nothing_else_is_there(loaded):
+    builder = textured()
+    square = np.full((4, 4, 3), [200, 100, 50], np.uint8)
+    builder.tree["images"][0]["bufferView"] = builder.view(encoded(square, "DDS"))
     builder.tree["textures"][0] = {"extensions": {"MSFT_texture_dds": {"source": 0}}}
-    error = refused(builder)
-    assert isinstance(error, SupportError) and error.code == "TXF-I32" and "MSFT_texture_dds" in str(error)
+    scene = loaded(builder, strict=True)
+    assert scene.textures[0].image[0, 0].tolist() == [200, 100, 50, 255] and scene.dropped == []
 
 
 def test_unused_images_are_not_decoded(loaded):
@@ -393,9 +403,10 @@ def test_a_broken_map_is_named_with_each_channel_that_goes_without(loaded, refus
     pbr |= {"metallicRoughnessTexture": {"index": packed}, "roughnessFactor": 0.5}
     scene = loaded(builder)
     assert [text.partition("; ")[2] for text in scene.warnings] == [
-        f"{name} has no texture (TXF-I17)" for name in ("occlusion", "roughness", "metallic")]
+        f"{name} is drawn without it (TXF-I17)" for name in ("occlusion", "roughness", "metallic")]
     assert scene.materials[0].maps == {"normal": 0} and scene.materials[0].parameters == {"roughness": (0.5,)}
-    assert scene.materials[0].texture == 0 and scene.dropped == []
+    assert scene.materials[0].texture == 0
+    assert scene.dropped == [f"texture 'image 1' of {name}" for name in ("occlusion", "roughness", "metallic")]
     assert refused(builder, strict=True).code == "TXF-I17"
 
 

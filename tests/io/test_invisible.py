@@ -52,7 +52,7 @@ def test_displaycolors_that_are_all_clear_mean_opaque(tmp_path):
     base = '<basematerials id="5"><base name="a" displaycolor="#CAD1EE00"/><base name="b" displaycolor="{}"/></basematerials>'
     faces = mesh('pid="5" p1="0"', 'pid="5" p1="1"')
     scene = load_bytes(tmp_path, package(model(base.format("#FF000000") + faces)), "a.3mf", strict=True)
-    assert alphas(scene) == [1, 1] and scene.warnings == [] and "no material of the 3MF file is opaque" in scene.remarks[0]
+    assert alphas(scene) == [1, 1] and scene.warnings == [] and "no material of the 3MF file is opaque" in scene.remarks[1]
     assert [m.alpha_mode for m in scene.materials] == [ALPHA_OPAQUE] * 2
     scene = load_bytes(tmp_path, package(model(base.format("#FF0000") + faces)), "a.3mf")
     assert alphas(scene) == [0, 1]

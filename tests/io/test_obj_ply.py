@@ -63,7 +63,8 @@ def test_obj_with_materials_polygons_and_negative_indices(obj):
     assert paint.alpha_mode == ALPHA_BLEND and paint.name == "paint"
     assert plain.factor.tolist() == [0, 0, 1, 1] and plain.texture == -1
     assert scene.textures[0].wrap == (WRAP_CLAMP, WRAP_CLAMP) and scene.textures[0].name == "my tex.png"
-    assert scene.dropped == ["OBJ statement 'l'", "Ns of material 'paint'", "map_Bump of material 'paint', a map of heights"]
+    assert scene.dropped == ["1 line", "map_Bump of material 'paint', a map of heights"]
+    assert "Ns in the MTL file is left out" in scene.remarks
     assert scene.metadata == {"objects": ["thing"]}
 
 
@@ -83,8 +84,10 @@ def test_nothing_is_said_of_blender_where_coding_makes_no_difference():
 
 @pytest.mark.parametrize("text, dropped, warned", [
     ("Kd 0 0 0\nnewmtl a\n", [], ""), ("newmtl a\nKd spectral f.rfl\n", ["Kd spectral of material 'a'"], ""),
-    ("newmtl a\nmap_Kd -bm 2 t.png\n", ["map_Kd option -bm of material 'a'"], ""),
-    ("newmtl a\nKd 0 0 0\nmap_Kd t.png\n", [], "a texture and a black Kd"), ("newmtl a\nKd nan 0 0\n", [], "NaN or infinite"),
+    ("newmtl a\nmap_Kd -mm 0 2 t.png\n", ["map_Kd option -mm of material 'a'"], ""),
+    ("newmtl a\nmap_Kd -bm 2 t.png\n", [], ""),
+    ("newmtl a\nKd 0 0 0\nmap_Kd t.png\n", ["Kd of material 'a' (black under a texture)"], "a texture and a black Kd"),
+    ("newmtl a\nKd nan 0 0\n", ["colour of material 'a' (NaN or infinite)"], "NaN or infinite"),
 ])
 def test_what_an_mtl_says_in_vain_leaves_the_material_white(text, dropped, warned):
     notes = Notes()
@@ -92,10 +95,23 @@ def test_what_an_mtl_says_in_vain_leaves_the_material_white(text, dropped, warne
     assert notes.dropped == dropped and [warned in text for text in notes.warnings] == [True] * bool(warned)
 
 
-def test_a_map_without_a_file_is_named_with_its_line():
+def test_a_number_that_is_none_is_named_with_its_line():
     with pytest.raises(InputError) as caught:
-        read_mtl(b"newmtl a\nmap_Kd -s 1 1\n", Notes())
-    assert caught.value.code == "TXF-I20" and caught.value.details == {"line": 2, "value": "map_Kd -s 1 1"}
+        read_mtl(b"newmtl a\nmap_Kd -s one 1 a.png\n", Notes())
+    assert caught.value.code == "TXF-I20" and caught.value.details == {"line": 2, "value": "map_Kd -s one 1 a.png"}
+
+
+@pytest.mark.parametrize("line", ["map_Kd", "map_Kd -s 1 1", "map_Kd "])
+def test_a_map_without_a_file_is_a_loss_and_no_error(line):
+    notes = Notes()
+    assert not read_mtl(f"newmtl a\n{line}\n".encode(), notes)["a"].texture
+    assert notes.dropped == ["map_Kd of material 'a' (no file name)"]
+
+
+def test_an_unknown_option_is_named_and_the_file_is_read():
+    notes = Notes()
+    assert read_mtl(b"newmtl a\nmap_Kd -gloss 0.5 my tex.png\n", notes)["a"].texture == "my tex.png"
+    assert notes.dropped == ["map_Kd option -gloss of material 'a'"]
 
 
 def test_indents_groups_and_objects_without_a_name_change_nothing(loaded):
@@ -209,12 +225,14 @@ def test_ply_elements_that_are_not_read_are_named_and_headers_may_have_blanks(lo
     head = ply("ascii", (), "").replace(b"ascii 1.0\n", b"ascii 1.0\n\ncomment\nelement edge 1\nproperty int a\n")
     scene = loaded(head.replace(b"end_header\n", b"end_header\n7\n"), "a.ply")
     assert scene.faces.tolist() == [[0, 1, 2], [0, 2, 3]] and scene.metadata == {"comments": ["made here"]}
-    assert scene.remarks == ["PLY element 'edge' is left out", "PLY property 'quality' of vertex is left out"]
+    assert scene.dropped == ["PLY element 'edge' (1 row)"]
+    assert scene.remarks == ["PLY property 'quality' of vertex is left out"]
 
 
 def test_ply_without_faces_has_no_triangles(refused):
     error = refused(ply("ascii").replace(b"vertex_indices", b"edges"), "a.ply")
-    assert (error.code, error.message) == ("TXF-I15", "the input has no triangles")
+    assert (error.code, error.message) == ("TXF-I15", "the input has no triangles: it has 4 points without faces, "
+                                                      "2 rows of 'face'")
 
 
 def test_ply_texture_without_coordinates_is_a_warning(tmp_path, loaded):

@@ -11,9 +11,12 @@ from texfcodec.io.polygons import MAX_CORNERS, triangulate
 
 
 class Warnings(list):
-    """The one method of Notes that triangulation calls."""
+    """The methods of Notes that triangulation calls."""
 
     warn = list.append
+
+    def lose(self, name, sentence):
+        self.append(sentence)
 
 
 def star(rng, corners, tight=0.05):

@@ -31,11 +31,12 @@ def test_stl_facets_share_their_vertices(tmp_path, data):
     scene = load_bytes(tmp_path, data, "a.stl", strict=True)
     np.testing.assert_array_equal(scene.positions[scene.faces], FACETS)
     assert len(scene.positions) == 4 and scene.faces.tolist() == [[0, 1, 2], [0, 2, 3]]
-    assert scene.corner_color is None and scene.materials[0].texture == -1 and scene.dropped == ["NORMAL"]
+    assert scene.corner_color is None and scene.materials[0].texture == -1 and scene.dropped == []
+    assert scene.remarks == ["normals of facets are left out: the corners give them too"]
 
 
-def test_stl_without_normals_drops_nothing_and_keeps_its_names(tmp_path):
-    assert load_bytes(tmp_path, stl(normal=(0, 0, 0)), "a.stl").dropped == []
+def test_stl_without_normals_leaves_nothing_out_and_keeps_its_names(tmp_path):
+    assert load_bytes(tmp_path, stl(normal=(0, 0, 0)), "a.stl").remarks == []
     scene = load_bytes(tmp_path, stl_text(normal="0 0 0") + stl_text(FACETS + 5, "other", "0 0 0"), "a.stl")
     assert scene.metadata == {"solids": ["a part", "other"]} and len(scene.faces) == 4 and scene.dropped == []
 
@@ -100,7 +101,7 @@ def test_off_colours_of_vertices_and_faces(tmp_path):
 
 
 def test_off_names_what_it_leaves_behind(tmp_path):
-    rows = "".join(f"{line} 0 0 1 255 0 0 1 0.5 0.5\n" for line in POINTS.splitlines())
+    rows = "".join(f"{line} 0 0 1 255 0 0 51 0.5 0.5\n" for line in POINTS.splitlines())
     scene = load_bytes(tmp_path, f"STCNOFF\n4 2 0\n{rows}3 0 1 2 7\n3 0 2 3 1 0 0\n", "a.off")
     assert scene.dropped == ["indices into a colour map", "face colours (the vertices have colours too)",
                              "alpha of the colours (the format does not define transparency)"]

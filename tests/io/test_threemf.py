@@ -11,12 +11,14 @@ from threemf_files import mesh, model, package
 from texfcodec.errors import LimitError, TexfError
 from texfcodec.scene.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_MIRROR
 
+UPRIGHT = 0.0254 * SQUARE[:, [0, 2, 1]] * [1, 1, -1]  # from inches with Z up
+
 
 @pytest.mark.parametrize("start", ["3D/3dmodel.model", "3D/other.model"])
-def test_a_plain_object_keeps_its_unit_and_place(tmp_path, start):
+def test_a_plain_object_stands_upright_and_in_metres(tmp_path, start):
     scene = load_bytes(tmp_path, package(model(mesh()), start), "a.3mf", strict=True)
-    np.testing.assert_array_equal(scene.positions[scene.faces], SQUARE[TWO])
-    assert scene.metadata == {"unit": "inch"} and scene.warnings == [] and scene.dropped == []
+    np.testing.assert_allclose(scene.positions[scene.faces], UPRIGHT[TWO], atol=1e-9)
+    assert scene.metadata == {"source_unit": "inch"} and scene.warnings == [] and scene.dropped == []
     assert scene.corner_color is None and scene.materials[0].name == "default"
 
 
@@ -26,9 +28,9 @@ def test_items_and_components_place_and_mirror(tmp_path):
     data = package(model(mesh() + group, '<item objectid="2" transform="0 2 0 -2 0 0 0 0 2 0 0 5"/>'))
     scene = load_bytes(tmp_path, data, "a.3mf", strict=True)
     turned = np.stack([-2 * SQUARE[:, 1], 2 * (SQUARE[:, 0] + 10), SQUARE[:, 2] + 5], axis=1)
-    np.testing.assert_allclose(scene.positions[:4], turned)
+    np.testing.assert_allclose(scene.positions[:4], 0.0254 * turned[:, [0, 2, 1]] * [1, 1, -1], atol=1e-9)
     normals = np.cross(*(scene.positions[scene.faces[:, k]] - scene.positions[scene.faces[:, 0]] for k in (1, 2)))
-    assert len(scene.faces) == 4 and (normals[:, 2] > 0).all()
+    assert len(scene.faces) == 4 and (normals[:, 1] > 0).all()
 
 
 def test_objects_in_other_parts_are_found(tmp_path):
@@ -79,10 +81,11 @@ def test_print_data_and_unknown_groups_are_named(tmp_path):
     data = package(model(resources + mesh('pid="9" p1="0"', ""), head=head),
                    **{"Metadata_slash_slic3r_dot_config": b"layers", "Metadata_slash_thumbnail_dot_png": b"x"})
     scene = load_bytes(tmp_path, data, "a.3mf")
-    assert sorted(scene.dropped) == ["3MF element 'composite'", "3MF element 'compositematerials'"]
-    assert sorted(scene.remarks) == ["3MF part 'Metadata/slic3r.config' is left out",
+    assert sorted(scene.dropped) == ["3MF element 'composite'", "3MF element 'compositematerials'",
+                                     "property group '9' (missing or not supported)"]
+    assert sorted(scene.remarks)[:2] == ["3MF part 'Metadata/slic3r.config' is left out",
                                      "3MF part 'Metadata/thumbnail.png' is left out"]
-    assert "property group '9'" in scene.warnings[0] and scene.metadata == {"unit": "inch", "3mf": {"Title": "Vase"}}
+    assert "property group '9'" in scene.warnings[0] and scene.metadata == {"source_unit": "inch", "3mf": {"Title": "Vase"}}
 
 
 @pytest.mark.parametrize("text, code", [

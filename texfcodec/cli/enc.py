@@ -19,6 +19,7 @@ from .explain_lines import explain_flags, explain_lines, seconds_to_explain
 from .flags import file_names, limit_flags, limits_of, number, option_flags
 from .inputs import load_mesh
 
+_NAMED = 3  # losses in the result line
 COARSE = 3.5  # texels along a voxel edge from which on coarse voxels show; of 20 assets at K 1024 two are above, both below 28 dB
 
 
@@ -56,7 +57,7 @@ def _warm_up(context, parameter, value):
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
 def enc(console, source, out, dry_run, advised, as_json, quiet, **choices):
-    """Encode the textured mesh INPUT (SUFFIXES; "-": a GLB on stdin) as OUT.texf ("-": stdout, with the report on stderr).
+    """Encode the textured mesh INPUT (SUFFIXES; "-": any of these on stdin) as OUT.texf ("-": stdout, with the report on stderr).
 
     Set the rate with --rate, with --resolution and --qp, with --target-bytes or with --target-psnr. K or QP alone takes the other
     from r04. --lossless and --near-lossless bound the error of the coded colours instead; they do not affect the geometry.
@@ -329,22 +330,39 @@ def _size_lines(facts):
 
 
 def _check_lines(facts):
-    """How close the stream is to its source, and how many losses were named."""
+    """How close the stream is to its source as it was read, and what was lost before."""
     from ..core.colour_error import in_decibels
 
-    check, losses = facts["check"], len(facts["dropped"])
-    lost = f"; {losses} loss{'es' * (losses != 1)} listed above" if losses else "; no losses"
+    check, lost = facts["check"], _losses_in_words(facts)
     if check is None:
+        yield from [f"not checked{lost}"] * bool(facts["dropped"])
         return
     if not check["visible"]:
         yield f"checked: no surface is visible{lost}"
         return
+    told = {name: _as_read(check[name], facts) for name in ("y", "rgb")}
     alpha = f", alpha {in_decibels(check['alpha'])}" if "alpha" in check else ""
     lit = f", lit {in_decibels(check['lit'])}" if "lit" in check else ""
     outline = f", with outlines {in_decibels(check['outline'])}" if "outline" in check else ""
     worst = check["worst"]
     part = f"; worst part '{worst['name']}' RGB {in_decibels(worst['rgb'])}" if worst and len(check["parts"]) > 1 else ""
-    yield f"checked: Y {in_decibels(check['y'])}, RGB {in_decibels(check['rgb'])}{alpha}{lit}{outline}{part}{lost}"
+    yield f"checked: Y {told['y']}, RGB {told['rgb']}{alpha}{lit}{outline}{part}{lost}"
+
+
+def _as_read(decibels, facts):
+    """A PSNR in words; without error it is exact, or as the source was read where something of it is lost."""
+    from ..core.colour_error import in_decibels
+
+    return "as read" if decibels is None and facts["dropped"] else in_decibels(decibels)
+
+
+def _losses_in_words(facts):
+    """The losses by name, the first of many; without any, how many warnings there are."""
+    dropped, warnings = facts["dropped"], facts["warnings"]
+    if dropped:
+        more = f" and {len(dropped) - _NAMED} more, listed above" if len(dropped) > _NAMED else ""
+        return f"; losses: {', '.join(dropped[:_NAMED])}{more}"
+    return f"; {plural(len(warnings), 'warning', 'warnings')} listed above" if warnings else "; no losses"
 
 
 def _psnr_lines(facts):

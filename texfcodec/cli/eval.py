@@ -31,7 +31,7 @@ from .inputs import check_stdin_once, load_mesh, open_asset, open_carried
 @click.pass_obj
 def evaluate(console, source, other, views, size, ssim, weights, shaded, mipmaps, no_3d, threads, as_json, quiet, **limits):
     """Compare DECODED, a .texf stream or a mesh (SUFFIXES), with its source mesh SOURCE. One of them may be "-": a stream or a
-    GLB on stdin.
+    mesh on stdin.
 
     Views are orthographic, with back faces culled. PSNR counts the pixels that both sides cover, as in the MPEG mesh metric.
     Union PSNR counts pixels that either side covers, on white; silhouette pixels are those that one side alone covers. 3D-PSNR

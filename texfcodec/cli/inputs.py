@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..texf import Texf
     from .console import Console
 
-_GLB_MAGIC = b"glTF"
+_GLB_MAGIC, _STREAM_MAGIC = b"glTF", b"\x89TXF"
 CARRIED = "{}: the carried stream is read instead of its fallback"
 
 
@@ -39,7 +39,8 @@ def read_stream(path: str, limits: Limits) -> bytes:
 
 
 def load_mesh(path: str, strict: bool = False, limits: Limits | None = None) -> Scene:
-    """Scene of a mesh file, or of a GLB on stdin for "-". Errors: as io.load, and TXF-I05 for stdin that is no GLB."""
+    """Scene of a mesh file, or of one on stdin for "-", in any format that one file holds. Errors: as io.load, and TXF-I05 where
+    the first bytes on stdin tell no format."""
     from ..io.load import load
 
     return _stdin_mesh(_stdin(), strict, limits) if path == "-" else load(path, strict, limits)
@@ -49,10 +50,10 @@ def open_asset(path: str, is_stream: bool, limits: Limits | None = None) -> byte
     """The bytes of a stream, or the Scene of a mesh. is_stream: whether a path that is not "-" names a stream."""
     limits = limits or Limits()
     if path == "-":
-        head = _stdin(len(_GLB_MAGIC))
-        if head == _GLB_MAGIC:
-            return _stdin_mesh(head + _stdin(), False, limits)
-        return read_stream_file(path, limits, head)
+        head = _stdin(len(_STREAM_MAGIC))
+        if head == _STREAM_MAGIC:
+            return read_stream_file(path, limits, head)
+        return _stdin_mesh(head + _stdin(), False, limits)
     return read_stream_file(path, limits) if is_stream else load_mesh(path, limits=limits)
 
 
@@ -69,14 +70,11 @@ def _stdin(most=-1):
 
 
 def _stdin_mesh(data, strict, limits):
-    from ..io.load import load_glb
+    from ..io.load import load
 
     if not data:
         raise InputError("TXF-I04", "the file is empty", path="-")
-    if data[:4] != _GLB_MAGIC:
-        raise InputError("TXF-I05", "a mesh on stdin must be a GLB; any other format needs a file name with its suffix",
-                         value=bytes(data[:4]).hex(), allowed="GLB")
-    return load_glb(data, strict, limits)
+    return load(data, strict, limits)
 
 
 def carried_stream(path: str, limits: Limits) -> bytes | None:

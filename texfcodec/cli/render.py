@@ -61,7 +61,7 @@ def render(console, source, out, compare, as_json, quiet, **choices):
     """Draw a stream or mesh as OUT.png ("-": stdout, with the report on stderr). The picture shows base colour or, with
     --shaded, lit materials.
 
-    IN or OTHER may be "-": a stream or a GLB on stdin. The camera shows the vertices of IN as large as they fit, and OTHER from
+    IN or OTHER may be "-": a stream or a mesh on stdin. The camera shows the vertices of IN as large as they fit, and OTHER from
     the same place. PSNR counts the pixels that both cover, over white where --background is grey. Without --shaded it compares
     base colour.
 

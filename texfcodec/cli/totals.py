@@ -53,17 +53,22 @@ class Totals:
         worst, asset = min(found)
         return {"median": median(value for value, _ in found), "worst": worst, "worst_asset": asset, "assets": len(found)}
 
+    def _in_words(self, decibels):
+        """A PSNR; nothing is called exact where assets are as they were read, without their losses."""
+        return "as read" if math.isinf(decibels) and self.lossy else in_decibels(None if math.isinf(decibels) else decibels)
+
     def lines(self) -> Iterator[str]:
         """For people."""
         if not self.assets:
             return
         times = f", {self.source_bytes / self.stream_bytes:.3g} times smaller" if self.stream_bytes < self.source_bytes else ""
         yield f"{self.source_bytes} bytes became {self.stream_bytes}{times}"
+        read = "; of what was read, without the losses" if self.lossy else ""
         for name, found in self.psnr.items():
             if found:
                 of = self._of_psnr(found)
-                middle, worst = (in_decibels(None if math.isinf(of[which]) else of[which]) for which in ("median", "worst"))
-                yield f"PSNR {MEASURES[name]}: median {middle}, worst {worst} ({of['worst_asset']})"
+                middle, worst = (self._in_words(of[which]) for which in ("median", "worst"))
+                yield f"PSNR {MEASURES[name]}: median {middle}, worst {worst} ({of['worst_asset']}){read}"
         yield f"{_assets(self.warned)} with warnings, {_assets(self.lossy)} with losses"
 
 

@@ -76,7 +76,7 @@ def view(console, source, other, export, screenshot, as_json, quiet, **choices):
     the page and serves it to this machine alone, until Ctrl-C. Drop more files on the page to see them. The page decodes streams
     in the browser's sandbox; a process with limited memory and time reads meshes.
 
-    FILE or OTHER may be "-": a stream or a GLB on stdin. With --export or --screenshot ("-": stdout, with the report on stderr)
+    FILE or OTHER may be "-": a stream or a mesh on stdin. With --export or --screenshot ("-": stdout, with the report on stderr)
     the page is not served.
 
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 limit exceeded, 130

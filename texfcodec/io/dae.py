@@ -12,42 +12,68 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, SupportError
+from ..report import plural
 from ..scene.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene
+from ..scene.srgb import srgb_to_linear
 from .authored_normals import place_normals
-from .images import TextureShelf, read_texture_file
-from .parts import Notes, Part, alpha_mode_of, assemble, check_face_count, linear_rgba, linearise_factors
+from .colour_range import unit_colours
+from .file_search import read_file
+from .images import TextureShelf
+from .parts import Notes, Part, alpha_mode_of, assemble, check_face_count, linear_rgba, linearise_factors, no_triangles
+from .placing import placing_of
 from .polygons import triangulate
+from .vertex_pools import VertexPools
 from .visibility import turn_where_all_vanish
 
 _WRAPS = {"WRAP": WRAP_REPEAT, "CLAMP": WRAP_CLAMP, "BORDER": WRAP_CLAMP, "NONE": WRAP_CLAMP, "MIRROR": WRAP_MIRROR}
-_UNUSED = ("emission", "ambient", "specular", "shininess", "reflective", "reflectivity", "index_of_refraction", "bumpmap")
+# What exporters write of every material, and physical shading leaves out, but for textures and colours that are not grey.
+_MATTE, _GREY = ("ambient", "shininess", "reflectivity", "index_of_refraction"), ("specular", "reflective")
+_LINES = re.compile(rb"<((?:\w+:)?linestrips)\b(?:[^>]*/>|[^>]*>.*?</\1\s*>)", re.DOTALL)
+_SAME = 1e-3  # of colours that are written with three digits
 CAMERAS = "cameras are left out"
 _USED_INPUTS = {"VERTEX", "TEXCOORD", "COLOR", "NORMAL"}
 
 
 def read_dae(data: bytes, folder: Path, notes: Notes) -> Scene:
     """bytes of a .dae file -> Scene. folder: where its images are. Errors: TXF-I24, SupportError TXF-I35 without pycollada."""
-    document = _parse(_with_points(bytes(data), notes))
+    document = _parse(_without_lines(_with_points(bytes(data), notes), notes))
     errors = _name_errors(document, notes)
     if document.scene is None:
-        raise _nothing(errors)
-    look, parts, faces = _Look(folder, notes), [], 0
+        raise _nothing(errors, notes)
+    asset = document.assetInfo
+    placing = _placing(asset, notes)
+    look, parts, faces, pools = _Look(folder, notes), [], 0, VertexPools()
     for geometry in _geometries(document, notes):
         for primitive in geometry.original.primitives:
-            part = _part(primitive, geometry, look, notes)
+            part = _part(primitive, geometry, look, (placing, pools), notes)
             if part is not None:
                 parts.append(part)
                 faces += len(part.faces)
                 check_face_count(faces)
     if not faces:
-        raise _nothing(errors)
+        raise _nothing(errors, notes)
     _drop_rest(document, notes)
     turn_where_all_vanish(look.materials, "the COLLADA file", notes)
-    asset = document.assetInfo
     exporters = " ".join(str(one.authoring_tool) for one in asset.contributors)
     linearise_factors([material.factor for material in look.materials], exporters, "COLLADA file", notes)
-    metadata = {"up_axis": str(asset.upaxis), **({"unit_in_metres": float(asset.unitmeter)} if asset.unitmeter else {})}
-    return assemble(parts, look.materials, look.shelf.textures, notes, metadata)
+    metadata = {"source_up_axis": placing.up, "source_unit_in_metres": placing.metres}
+    return assemble(parts, look.materials, look.shelf.textures, notes, metadata, pools)
+
+
+def _placing(asset, notes):
+    """The Placing of the document's axes and unit; COLLADA's own defaults, Y_UP and a metre, where it has none."""
+    node = getattr(asset, "xmlnode", None)
+    axis = None if node is None else node.find(".//{*}up_axis")
+    up = ((axis.text or "") if axis is not None else "").strip().upper().removesuffix("_UP")
+    return placing_of(up, asset.unitmeter, "the COLLADA file", notes)
+
+
+def _without_lines(data, notes):
+    """The document without strips of lines, of which pycollada would refuse the whole mesh."""
+    count = len(_LINES.findall(data))
+    if count:
+        notes.drop(plural(count, "set of line strips", "sets of line strips"))
+    return _LINES.sub(b"", data) if count else data
 
 
 def _parse(data):
@@ -87,14 +113,14 @@ def _name_errors(document, notes):
             notes.drop("lights")
         else:
             texts.append(text)
-            notes.warn(f"a part of the COLLADA file is left out: {text}")
+            notes.lose(f"a part of the COLLADA file ({text})", f"a part of the COLLADA file is left out: {text}")
     return texts
 
 
-def _nothing(errors):
+def _nothing(errors, notes):
     """The error for a file that has no surface, or none that could be read."""
     if not errors:
-        return InputError("TXF-I15", "the input has no triangles")
+        return no_triangles(", ".join(notes.dropped))
     more = f", and {len(errors) - 1} more" if len(errors) > 1 else ""
     return InputError("TXF-I24", f"the COLLADA file is malformed: no part of its surface can be read ({errors[0]}{more})")
 
@@ -110,21 +136,24 @@ def _geometries(document, notes):
             yield geometry
 
 
-def _part(source, geometry, look, notes):
-    """Triangles, polylist or polygons of a bound geometry -> Part in world space; None where they hold no surface."""
+def _part(source, geometry, look, world, notes):
+    """Triangles, polylist or polygons of a bound geometry -> Part in world space; None where they hold no surface. world:
+    (Placing, VertexPools) of the document."""
     label = f"geometry '{geometry.original.id}'"
     if not (hasattr(source, "vcounts") or hasattr(source, "ntriangles")):
-        notes.warn(f"a part of {label} is not made of triangles or polygons; it is left out")
+        notes.lose(f"lines of {label}", f"a part of {label} is not made of triangles or polygons; it is left out")
         return None
     if source.vertex is None or source.vertex_index is None:
         return None
-    matrix = np.asarray(geometry.matrix, np.float64)
-    points = np.asarray(source.vertex, np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    placing, pools = world
+    matrix = placing.matrix @ np.asarray(geometry.matrix, np.float64)
     corners = np.asarray(source.vertex_index, np.int64).reshape(-1)
     sizes = np.asarray(source.vcounts, np.int64) if hasattr(source, "vcounts") else np.full(len(corners) // 3, 3)
     if (sizes < 0).any() or sizes.sum() != len(corners):
         raise InputError("TXF-I24", f"the counts of {label} do not match its indices", value=int(sizes.sum()),
                          allowed=len(corners))
+    rows, corners = pools.take(id(source.vertex), source.vertex, corners)
+    points = np.asarray(source.vertex if rows is None else source.vertex[rows], np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
     triangles, _ = triangulate(points, corners, sizes, notes)
     row, texcoord = look.of(geometry.materialnodebysymbol.get(source.material))
     uv, color = _uv(source, texcoord, triangles, label, notes), _color(source, triangles, label, notes)
@@ -134,16 +163,16 @@ def _part(source, geometry, look, notes):
     for name in source.sources:
         if name not in _USED_INPUTS and source.sources[name]:
             notes.remark(f"COLLADA input '{name[:40]}' is left out")
-    return Part(points, faces, row, uv, color, label, normal=normal)
+    return Part(points, faces, row, uv, color, label, normal=normal, rows=rows)
 
 
 def _values(source, kind, number, triangles, label):
     """Numbers of one input at the corners of triangles, float64 [F, 3, columns]."""
-    offset, data = source.sources[kind][number][0], np.asarray(source.sources[kind][number][4].data, np.float64)
+    offset, data = source.sources[kind][number][0], np.asarray(source.sources[kind][number][4].data)
     rows = source.index.reshape(-1, source.index.shape[-1])[:, offset][triangles]
     if rows.size and (rows.min() < 0 or rows.max() >= len(data)):
         raise InputError("TXF-I13", f"a face of {label} refers to a {kind} that does not exist", allowed=len(data))
-    return data[rows]
+    return np.asarray(data[rows], np.float64)
 
 
 def _uv(source, texcoord, triangles, label, notes):
@@ -153,7 +182,8 @@ def _uv(source, texcoord, triangles, label, notes):
     if texcoord is not None and inputs:
         chosen = next((n for n, entry in enumerate(inputs) if str(entry[3]) == texcoord), 0)
     elif texcoord is not None:
-        notes.warn(f"{label} has no TEXCOORD for its texture; UV (0, 0) is used")
+        notes.lose(f"texture of {label} (no texture coordinates)",
+                   f"{label} has no TEXCOORD for its texture; UV (0, 0) is used")
     for number in range(len(inputs)):
         if number != chosen:
             notes.remark(f"no image uses TEXCOORD_{number}; it is left out")
@@ -177,7 +207,7 @@ def _color(source, triangles, label, notes):
     if len(inputs) > 1:
         notes.remark("COLOR_1 is left out")
     stored = _values(source, "COLOR", 0, triangles, label)
-    return linear_rgba(stored[..., :4])
+    return linear_rgba(unit_colours(stored[..., :4], notes, "colours of vertices"))
 
 
 class _Look:
@@ -204,17 +234,34 @@ class _Look:
         factor, texture = np.ones(4), -1
         if hasattr(effect.diffuse, "sampler"):
             sampler, path = effect.diffuse.sampler, effect.diffuse.sampler.surface.image.path
-            path = re.sub(r"^file:/*(?=[A-Za-z]:|/)", "", path)
-            texture = self.shelf.put(path, lambda: read_texture_file(self.folder, path), path, _wrap(sampler))
+            texture = self.shelf.put(path, lambda: read_file(self.folder, path, self.notes), path, _wrap(sampler))
         elif effect.diffuse is not None:
-            factor[:3] = np.asarray(effect.diffuse, np.float64)[:3]
+            factor[:3] = unit_colours(np.asarray(effect.diffuse, np.float64)[:3], self.notes, f"diffuse of material '{name}'")
         factor[3] = self._opacity(effect, name)
-        for key in _UNUSED:
+        if not np.isfinite(factor).all():
+            self.notes.lose(f"colour of material '{name}' (NaN or infinite)",
+                            f"material '{name}' has a NaN or infinite colour; 1 is used instead")
+        factor = np.clip(np.nan_to_num(factor, nan=1.0, posinf=1.0), 0.0, 1.0)
+        return Material(name, factor, texture, alpha_mode_of(factor), double_sided=bool(effect.double_sided),
+                        parameters=self._parameters(effect, name))
+
+    def _parameters(self, effect, name):
+        """Parameters that a Material has of an effect: its emission; the rest is named."""
+        emission = getattr(effect, "emission", None)
+        parameters = {}
+        if isinstance(emission, tuple) and np.isfinite(emission[:3]).all():
+            light = np.clip(emission[:3], 0.0, 1.0)
+            parameters = {"emissive": tuple(srgb_to_linear(light).tolist())} if light.any() else {}
+        elif emission is not None:
+            self.notes.drop(f"emission of material '{name}'")
+        for key in (*_MATTE, *_GREY, "bumpmap"):
             value = getattr(effect, key, None)
-            if value is not None and (not isinstance(value, tuple) or any(value[:3])):
+            plain = isinstance(value, tuple | float | int) and (key in _MATTE or np.ptp(np.atleast_1d(value)[:3]) < _SAME)
+            if value is not None and plain:
+                self.notes.remark(f"{key} of COLLADA materials is left out")
+            elif value is not None:
                 self.notes.drop(f"{key} of material '{name}'")
-        factor = np.clip(np.nan_to_num(factor, nan=1.0), 0.0, 1.0)
-        return Material(name, factor, texture, alpha_mode_of(factor), double_sided=bool(effect.double_sided))
+        return parameters
 
     def _opacity(self, effect, name):
         """Alpha by the opaque modes A_ONE and RGB_ZERO of COLLADA 1.4; a texture of its own is named, not read."""

@@ -9,7 +9,6 @@ import re
 import threading
 from collections.abc import Callable, Hashable
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,11 +18,12 @@ from ..scene.channels import BASE_COLOUR, BY_NAME
 from ..scene.scene import Texture
 from .formats import AUTO, IMAGE_FORMATS, TEXTURE_FORMATS, ImageFormat
 from .ktx2 import KTX2, alktx2, read_ktx2, write_ktx2
-from .opened import opened
 
 if TYPE_CHECKING:
     from .parts import Notes
 
+_LOST = ("TXF-I16", "TXF-I17", "TXF-I27", "TXF-I32")  # of one image, without which the mesh is read all the same
+_ORIENTATION = 0x0112  # EXIF's tag
 _STRIP_ROWS = 256  # converting in strips keeps one full-size array beside Pillow's own, not three
 
 
@@ -47,7 +47,9 @@ class TextureShelf:
             self._images[key] = self._decode(fetch, name, BY_NAME[channel].srgb)
         image = self._images[key]
         if isinstance(image, InputError):
-            self.notes.fault(str(image.code), f"{image.message}; {channel.replace('_', ' ')} has no texture", **image.details)
+            what = channel.replace("_", " ")
+            self.notes.fault(str(image.code), f"{image.message}; {what} is drawn without it", f"texture '{name[:160]}' of {what}",
+                             **image.details)
             return -1
         if (key, wrap, nearest) not in self._indices:
             self._indices[key, wrap, nearest] = len(self.textures)
@@ -59,7 +61,7 @@ class TextureShelf:
             data = fetch()
             return read_image(data, name, self.notes, is_colour), lossy_bytes(data)
         except InputError as error:
-            if error.code not in ("TXF-I16", "TXF-I17"):
+            if error.code not in _LOST:
                 raise
             return error
 
@@ -67,7 +69,8 @@ class TextureShelf:
 def read_image(data: Any, name: str, notes: Notes, is_colour: bool = True) -> np.ndarray:
     """bytes of an image file, or a PIL image -> uint8 [H, W, 4] RGBA, row 0 at the top. is_colour: whether colour asks for it.
 
-    16-bit samples keep their high byte (with a remark); colour profiles and EXIF rotation are ignored, as glTF says.
+    16-bit samples keep their high byte, and images are turned by their EXIF orientation, as browsers do, both with a remark;
+    colour profiles are ignored, as glTF says.
     Errors: TXF-I17 Pillow, or for KTX2 opengl_basisu, cannot decode it; LimitError TXF-I40 more pixels than notes allow;
     SupportError TXF-I32 KTX2 without opengl_basisu.
     """
@@ -84,7 +87,8 @@ def read_image(data: Any, name: str, notes: Notes, is_colour: bool = True) -> np
                 image = data if isinstance(data, Image.Image) else Image.open(io.BytesIO(data))
                 notes.check_pixels(image.width * image.height, name)
                 image.load()
-            rgba = _to_rgba(image)
+            upright = _upright(image, name, notes)
+            rgba = _to_rgba(upright)
         except Image.DecompressionBombError as error:
             raise notes.too_many_pixels(next(iter(map(int, re.findall(r"\d+", str(error)))), None), name) from error
         except LimitError:
@@ -96,7 +100,8 @@ def read_image(data: Any, name: str, notes: Notes, is_colour: bool = True) -> np
     if _sample_bits(data) == 16 or image.mode.startswith("I"):
         notes.remark(f"image '{name}' has 16-bit samples; the high 8 bits are used")
     if image.mode in ("CMYK", "YCCK"):
-        notes.warn(f"image '{name}' is CMYK; it is converted to RGB without its colour profile")
+        notes.lose(f"colour profile of image '{name}' (CMYK)",
+                   f"image '{name}' is CMYK; it is converted to RGB without its colour profile")
     return rgba
 
 
@@ -125,36 +130,18 @@ def _our_limit(pixels):
             Image.MAX_IMAGE_PIXELS = before
 
 
-def missing_image(name: str) -> InputError:
-    """The error for a texture file that is not there."""
-    return InputError("TXF-I16", f"texture file '{name}' is missing or unreadable")
+def _upright(image, name, notes):
+    """The image as its EXIF orientation shows it."""
+    from PIL import ImageOps
 
-
-def find_file(folder: Path, name: str) -> Path | None:
-    """Path of the file a mesh names, or None: as written, percent-decoded, with backslashes turned, or beside the mesh."""
-    from urllib.parse import unquote
-
-    slashed = name.replace("\\", "/")
-    for candidate in (name, unquote(name), slashed, unquote(slashed), slashed.rsplit("/", 1)[-1]):
-        path = Path(folder) / candidate
-        try:
-            if candidate and path.is_file():
-                opened(path)
-                return path
-        except (OSError, ValueError):  # name too long, embedded NUL
-            continue
-    return None
-
-
-def read_texture_file(folder: Path, name: str) -> bytes:
-    """bytes of an image file named by a mesh; InputError TXF-I16."""
-    path = find_file(folder, name)
     try:
-        if path is not None:
-            return path.read_bytes()
-    except OSError as error:
-        raise missing_image(name) from error
-    raise missing_image(name)
+        orientation = image.getexif().get(_ORIENTATION, 1)
+    except (AttributeError, KeyError, OSError, SyntaxError, TypeError, ValueError):  # broken EXIF data turn nothing
+        return image
+    if orientation not in range(2, 9):
+        return image
+    notes.remark(f"image '{name}' is turned as its EXIF orientation {orientation} requires")
+    return ImageOps.exif_transpose(image)
 
 
 def _sample_bits(data):

@@ -26,7 +26,7 @@ def load(source: object, strict: bool = False, limits: Limits | None = None) -> 
     of its name where it has one with a suffix, else by the first bytes; or a trimesh.Trimesh, trimesh.Scene or Scene (returned
     as it is, after a check). strict: missing textures, broken images and broken UVs are errors instead of warnings. limits: of
     images, by their pixels, and of a stream that a GLB or glTF carries, which is read in place of the meshes beside it. Positions
-    keep the unit and the axes that the file has; nothing is scaled or turned.
+    of COLLADA and 3MF, which state unit and axes, are in metres with Y up; those of all other formats are as the file has them.
     Errors: InputError, SupportError, LimitError with codes of texfcodec/findings.py; nothing else.
     """
     notes = Notes(strict, limits)
@@ -51,18 +51,6 @@ def load(source: object, strict: bool = False, limits: Limits | None = None) -> 
 
 
 load_any = load
-
-
-def load_glb(data: bytes, strict: bool = False, limits: Limits | None = None) -> Scene:
-    """bytes of a GLB file that came without a name, such as on stdin -> Scene. Files it names are looked for in the working
-    folder. Errors: as load()."""
-    from .gltf.reader import read_gltf
-
-    with recording() as files:
-        notes = Notes(strict, limits)
-        scene = _guarded(lambda: read_gltf(data, Path(), notes), "TXF-I09")
-    scene.files = {"-": len(data), **files}
-    return scene
 
 
 def _load_file(path, notes):
@@ -114,6 +102,7 @@ def _scene_of(data, path, entry, notes):
     if entry.text:
         data = as_utf8(data)
     check_start(data, entry)
+    notes.path = path
     read = getattr(import_module(f".{entry.module}", __package__), entry.function)
     scene = _guarded(lambda: read(data, path.parent, notes), entry.code)
     return scene if entry.function == "read_gltf" else no_metal(scene)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
@@ -38,6 +39,10 @@ _KINDS = (
     (0, b"<?xml", "an XML file"),
     (0, b"{", "JSON, as in a .gltf"),
 )
+_BEGINNING = 1 << 16  # bytes that tell a text's format; comments may come first
+_COMMENTS = re.compile(rb"\A(?:\s+|#[^\r\n]*|<!--.*?-->)+", re.DOTALL)
+_OBJ = re.compile(rb"(?:v|vn|vt)[ \t]+[-+.\dEe]+[ \t\r\n]|(?:f|l|p|fo)[ \t]+-?\d|(?:o|g|s|mtllib|usemtl|mg|vp|cstype)[ \t]|"
+                  rb"[og][\r\n]")
 _OFF_STARTS = (b"OFF", b"COFF", b"NOFF", b"CNOFF", b"STOFF")
 _BYTE_ORDER_MARKS = (
     (b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe\0\0", "utf-32"), (b"\0\0\xfe\xff", "utf-32"), (b"\xff\xfe", "utf-16"),
@@ -65,15 +70,26 @@ def suffix_of(data: bytes) -> str | None:
     for entry in FORMATS:
         if any(data[: len(start)] == start for start in entry.starts):
             return entry.suffix
-    text = data[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()
+    text = _first_text(data)
     if text.startswith(b"{"):
         return ".gltf"
     if text.startswith(b"<") and b"<COLLADA" in text:
         return ".dae"
     if text.startswith(_OFF_STARTS):
         return ".off"
+    if _OBJ.match(text):
+        return ".obj"
     triangles = int.from_bytes(data[80:84], "little")
     return ".stl" if text.startswith(b"solid ") or (triangles and len(data) == 84 + 50 * triangles) else None
+
+
+def _first_text(data):
+    """The beginning of a text as UTF-8, from its first statement on: comments of OBJ, OFF and XML are skipped."""
+    text = bytes(data[:_BEGINNING])
+    encoding = next((name for mark, name in _BYTE_ORDER_MARKS if text.startswith(mark)), None)
+    if encoding is not None:  # "ignore": half a character at the end
+        text = text.decode(encoding, "ignore").encode("utf-8", "ignore")
+    return _COMMENTS.sub(b"", text)
 
 
 def check_start(data: bytes, entry: Format) -> None:

@@ -3,6 +3,8 @@ other is named as dropped; and the library of a decoded stream, which goes with 
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +14,9 @@ import numpy as np
 from ..errors import InputError
 from ..scene.channels import BASE_COLOUR
 from ..scene.scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
-from .images import TextureShelf, read_texture_file
+from .colour_range import unit_colours
+from .file_search import read_file
+from .images import TextureShelf
 from .magic import as_utf8
 from .mtl_maps import STATEMENTS, MtlLook, alpha_mode_with, complete, map_lines, number_lines, with_alpha
 from .parts import alpha_mode_of, linearise_factors
@@ -26,6 +30,15 @@ if TYPE_CHECKING:
 # Option -> most values it takes; the list of a texture statement ends where its file name begins.
 _OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-mm": 2, "-o": 3, "-s": 3, "-t": 3, "-texres": 1, "-clamp": 1,
             "-bm": 1, "-imfchan": 1, "-type": 1, "-cc": 1, "-colorspace": 1}
+# Options that change no picture here: whether and how fine an image is filtered, what bump maps take of it.
+_OPTION = re.compile(r"-[A-Za-z]+(?: |\Z)")
+_HARMLESS_OPTIONS = {"-blendu", "-blendv", "-boost", "-bm", "-texres", "-imfchan", "-type", "-cc", "-colorspace"}
+# Statements of the shading model that MTL was made for, which nearly every exporter writes and viewers in physical shading leave
+# out: whether they light at all, how sharp highlights are, ambient light, refraction.
+_MATTE = {"illum", "ns", "ka", "ni", "sharpness"}
+_GREY = {"ks", "tf"}  # a colour where they are not grey
+_ZERO = {"ps", "pc", "pcr", "aniso", "anisor"}  # nothing where they are 0
+_LINE_END, _COMMENT = re.compile(rb"\r\n|\n|\r"), re.compile(rb"(?:^|[ \t])#.*", re.DOTALL)
 _HEAD = 400  # characters in which an exporter names itself
 _SAME = 1e-3  # of numbers that are written with three digits
 
@@ -33,7 +46,8 @@ _SAME = 1e-3  # of numbers that are written with three digits
 @dataclass
 class ObjMaterial:
     """One newmtl. factor: float64 [4], linear once the file is read; texture: file name or None; uv_scale, uv_offset: float64
-    [2], with v upwards; dissolve, transparency: numbers of its `d` and `Tr`, None without; look: what mtl_maps.py reads."""
+    [2], with v upwards; dissolve, transparency: numbers of its `d` and `Tr`, None without; ambient_map: file name of its
+    `map_Ka`; look: what mtl_maps.py reads."""
 
     name: str
     factor: np.ndarray
@@ -43,6 +57,7 @@ class ObjMaterial:
     uv_offset: tuple = (0.0, 0.0)
     dissolve: float | None = None
     transparency: float | None = None
+    ambient_map: str | None = None
     look: MtlLook = field(default_factory=MtlLook)
 
     @property
@@ -54,33 +69,43 @@ class ObjMaterial:
 def read_mtl(data: bytes, notes: Notes) -> dict[str, ObjMaterial]:
     """bytes of an .mtl file -> dict name -> ObjMaterial. Errors: TXF-I20 with the line."""
     found: dict[str, ObjMaterial] = {}
-    current = None
-    text = decode_text(as_utf8(data))
-    for number, line in enumerate(text.splitlines(), 1):
-        key, _, rest = line.strip().partition("#")[0].replace("\t", " ").strip().partition(" ")
+    current, coding = None, _coding_of(data := as_utf8(data))
+    head = data[:_HEAD].decode("latin-1")
+    for number, line in enumerate(_LINE_END.split(data), 1):
+        key, _, rest = _COMMENT.sub(b"", line).replace(b"\t", b" ").strip().partition(b" ")
         if not key:
             continue
-        if key.lower() == "newmtl":
-            current = found.setdefault(rest.strip(), ObjMaterial(rest.strip(), np.ones(4)))
+        word, text = key.decode("latin-1"), rest.strip().decode(coding)
+        if word.lower() == "newmtl":
+            current = found.setdefault(text, ObjMaterial(text, np.ones(4)))
         elif current is not None:
             try:
-                _statement(current, key, rest.strip(), notes)
+                _statement(current, word, text, notes)
             except (ValueError, IndexError) as error:
-                raise InputError("TXF-I20", "an MTL statement cannot be read", line=number, value=line.strip()[:80]) from error
-    _set_alpha(list(found.values()), "meshlab" in text[:_HEAD].lower(), notes)
-    for material in found.values():
+                raise InputError("TXF-I20", "an MTL statement cannot be read", line=number,
+                                 value=line.strip().decode(coding)[:80]) from error
+    materials = list(found.values())
+    _set_alpha(materials, "meshlab" in head.lower(), notes)
+    _set_range(materials, notes)
+    for material in materials:
         _finish(material, notes)
-    emission = [ke for material in found.values() for ke in material.look.coded_emission()]
-    linearise_factors([material.factor for material in found.values()] + emission, text[:_HEAD], "MTL file", notes)
+    emission = [ke for material in materials for ke in material.look.coded_emission()]
+    linearise_factors([material.factor for material in materials] + emission, head, "MTL file", notes)
     return found
+
+
+def _coding_of(data):
+    """What a text is in: UTF-8, else Latin-1, one character a byte, of which file_search.readings() makes what may be meant."""
+    try:
+        bytes(data).decode("utf-8")
+    except UnicodeDecodeError:
+        return "latin-1"
+    return "utf-8"
 
 
 def decode_text(data: bytes) -> str:
     """bytes -> str: UTF-8, else Latin-1, which old exporters write and which never fails."""
-    try:
-        return bytes(data).decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return bytes(data).decode("latin-1")
+    return bytes(data).removeprefix(b"\xef\xbb\xbf").decode(_coding_of(data))
 
 
 def _statement(material, key, rest, notes):
@@ -101,8 +126,25 @@ def _statement(material, key, rest, notes):
         _base_map(material, rest, notes)
     elif lower in STATEMENTS:
         material.look.put(key, *_split_options(rest))
+    elif lower in _MATTE or (lower in _GREY and _is_grey(rest)) or (lower in _ZERO and not any(map(_number, rest.split()))):
+        notes.remark(f"{key} in the MTL file is left out")
+    elif lower == "map_ka":
+        material.ambient_map = _split_options(rest)[1]
     else:
         notes.drop(f"{key} of material '{material.name}'")
+
+
+def _is_grey(rest):
+    values = [_number(value) for value in rest.split()]
+    return all(math.isfinite(value) for value in values) and max(values, default=0.0) - min(values, default=0.0) <= _SAME
+
+
+def _number(text):
+    """The number that a text is, NaN for any other."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def _set_alpha(materials, from_meshlab, notes):
@@ -136,53 +178,64 @@ def _base_map(material, rest, notes):
             material.uv_offset = (*map(float, values[:2]),)
         elif name == "-clamp":
             material.wrap = (WRAP_CLAMP,) * 2 if values[:1] == ["on"] else (WRAP_REPEAT,) * 2
-        else:
+        elif name not in _HARMLESS_OPTIONS and not (name == "-mm" and [*map(_number, values)] == [0, 1][: len(values)]) \
+                and not (name == "-t" and not any(map(_number, values))):
             notes.drop(f"map_Kd option {name} of material '{material.name}'")
     material.uv_scale = (*material.uv_scale, 1.0, 1.0)[:2]
     material.uv_offset = (*material.uv_offset, 0.0, 0.0)[:2]
     if not material.texture:
-        raise ValueError("map_Kd without a file")
+        notes.lose(f"map_Kd of material '{material.name}' (no file name)",
+                   f"map_Kd of material '{material.name}' names no file; the material has no texture")
 
 
 def _split_options(rest):
-    """("-s 2 2 -clamp on my file.png") -> ([("-s", ["2", "2"]), ("-clamp", ["on"])], "my file.png")."""
+    """("-s 2 2 -clamp on my file.png") -> ([("-s", ["2", "2"]), ("-clamp", ["on"])], "my file.png").
+
+    Blanks alone end a word: in Latin-1 others are halves of characters."""
     options = []
-    while rest.startswith("-") and rest.split()[0].lower() in _OPTIONS:
+    while _OPTION.match(rest):
         name, _, rest = rest.partition(" ")
         values: list[str] = []
-        most = _OPTIONS[name.lower()]
-        while len(values) < most and rest.strip():
-            value, _, after = rest.strip().partition(" ")
-            if most > 1 and values and not _is_number(value):
+        most = _OPTIONS.get(name.lower(), 1)
+        while len(values) < most and rest.strip(" "):
+            value, _, after = rest.strip(" ").partition(" ")
+            if most > 1 and values and math.isnan(_number(value)):
                 break
             values.append(value)
             rest = after
         options.append((name.lower(), values))
-        rest = rest.strip()
-    return options, rest.strip().strip('"')
+        rest = rest.strip(" ")
+    return options, rest.strip(" ").strip("\"'")
 
 
-def _is_number(text):
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+def _set_range(materials, notes):
+    """Brings the colours of a file to 0..1, and names those that do not fit."""
+    colours = [material.factor[:3] for material in materials]
+    rgb = unit_colours(np.array(colours).reshape(-1, 3), notes, "Kd in the MTL file")
+    for material, value in zip(materials, rgb, strict=True):
+        material.factor[:3] = value
 
 
 def _finish(material, notes):
     if not material.texture and material.look.maps:
         material.uv_scale, material.uv_offset, material.wrap = next(iter(material.look.maps.values())).place
     if material.texture and not material.factor[:3].any():
-        notes.warn(f"material '{material.name}' has a texture and a black Kd; a white Kd is used instead")
+        notes.lose(f"Kd of material '{material.name}' (black under a texture)",
+                   f"material '{material.name}' has a texture and a black Kd; a white Kd is used instead")
         material.factor[:3] = 1.0
     elif material.texture and (material.factor[:3] != 1.0).any():
         factors = " ".join(f"{value:g}" for value in material.factor[:3])
-        notes.warn(f"material '{material.name}' multiplies its texture by Kd {factors}, as the format says; some viewers do not")
+        notes.remark(f"material '{material.name}' multiplies its texture by Kd {factors}, as the format says; some viewers do "
+                     "not")
     if not np.isfinite(material.factor).all():
-        notes.warn(f"material '{material.name}' has a NaN or infinite colour; white is used instead")
+        notes.lose(f"colour of material '{material.name}' (NaN or infinite)",
+                   f"material '{material.name}' has a NaN or infinite colour; white is used instead")
         material.factor[:] = 1.0
     np.clip(material.factor, 0.0, 1.0, out=material.factor)
+    if material.ambient_map and material.ambient_map == material.texture:
+        notes.remark("map_Ka in the MTL file has the image of map_Kd; it is left out")
+    elif material.ambient_map:
+        notes.drop(f"map_Ka of material '{material.name}'")
 
 
 def scene_material(material: ObjMaterial, folder: Path, shelf: TextureShelf) -> Material:
@@ -192,7 +245,7 @@ def scene_material(material: ObjMaterial, folder: Path, shelf: TextureShelf) -> 
     if joined:
         texture = shelf.put(joined[0], joined[1], name or "map_d", material.wrap)
     if texture < 0 and name:
-        texture = shelf.put(name, lambda: read_texture_file(folder, name), name, material.wrap)
+        texture = shelf.put(name, lambda: read_file(folder, name, shelf.notes), name, material.wrap)
     mode = alpha_mode_with(material.look, shelf.textures[texture].image if texture >= 0 else None, alpha_mode_of(material.factor))
     made = Material(name=material.name, factor=material.factor, texture=texture, alpha_mode=mode)
     complete(made, material.look, (material.uv_scale, material.uv_offset, material.wrap), folder, shelf)

@@ -15,7 +15,8 @@ import numpy as np
 from ..scene.channels import BASE_COLOUR
 from ..scene.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_REPEAT, Material
 from ..scene.srgb import linear_to_srgb
-from .images import TextureShelf, read_image, read_texture_file
+from .file_search import read_file
+from .images import TextureShelf, read_image
 
 if TYPE_CHECKING:
     from .parts import Notes
@@ -68,8 +69,9 @@ class MtlLook:
             return
         values = [float(value) for value in rest.split()[:3]]
         self.numbers[lower] = np.array((values * 3)[:3] if len(values) < 3 else values)[: _NUMBERS[lower]]
-        if not np.isfinite(self.numbers[lower]).all() or (self.numbers[lower] < 0).any():
-            raise ValueError(f"{key} is not a positive number")
+        if not np.isfinite(self.numbers[lower]).all():
+            raise ValueError(f"{key} is no finite number")
+        np.clip(self.numbers[lower], 0.0, None, out=self.numbers[lower])
 
     def coded_emission(self) -> list[np.ndarray]:
         """The numbers of Ke for linearise_factors(), in 0..1; none where Ke is black or not there."""
@@ -98,7 +100,7 @@ def complete(material: Material, look: MtlLook, place: tuple, folder: Path, shel
 def _put(material, channel, mtl_map, where, shelf):
     """Puts an image on the shelf and into the material's maps: whether it is shown."""
     folder, wrap = where
-    at = shelf.put(mtl_map.name, lambda: read_texture_file(folder, mtl_map.name), mtl_map.name, wrap,
+    at = shelf.put(mtl_map.name, lambda: read_file(folder, mtl_map.name, shelf.notes), mtl_map.name, wrap,
                    "normal" if channel == "bump" else channel)
     if at < 0:
         return False
@@ -145,11 +147,11 @@ def with_alpha(texture: str | None, look: MtlLook, folder: Path, notes: Notes) -
     def fetch():
         from PIL import Image
 
-        alpha = _alpha_of(read_image(read_texture_file(folder, opacity.name), opacity.name, notes, is_colour=False))
+        alpha = _alpha_of(read_image(read_file(folder, opacity.name, notes), opacity.name, notes, is_colour=False))
         if texture is None:
             rgba = np.full((*alpha.shape, 4), 255, np.uint8)
         else:
-            rgba = read_image(read_texture_file(folder, texture), texture, notes)
+            rgba = read_image(read_file(folder, texture, notes), texture, notes)
         size = max(alpha.shape, rgba.shape[:2])
         image = Image.fromarray(rgba).convert("RGB").resize(size[::-1], Image.Resampling.BILINEAR)
         image.putalpha(Image.fromarray(alpha).resize(size[::-1], Image.Resampling.BILINEAR))

@@ -7,6 +7,7 @@ Rows of one statement are parsed together by numpy; only their sorting is a Pyth
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,9 +15,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InputError
-from .images import TextureShelf, find_file
+from ..report import plural
+from .file_search import find_file, in_encoding, missing_file, readings
+from .images import TextureShelf
 from .mtl import ObjMaterial, decode_text, material_names, read_mtl, scene_material
-from .parts import Notes, Part, assemble, linear_rgba
+from .obj_colours import MRGB, VCOLOR, vertex_colours_of
+from .opened import opened
+from .parts import Notes, Part, assemble, no_triangles
 from .polygons import counting, parse_numbers, triangulate
 from .precision import decimal_digits
 from .vertex_appearance import vertex_colours
@@ -28,8 +33,12 @@ if TYPE_CHECKING:
     from ..texf import Texf
     from .output_textures import Textured
 
-_SILENT = {"g", "s"}
+_SILENT = {"g", "s", "mg", "bevel", "c_interp", "d_interp", "lod"}  # groups, smoothing and how to draw curves
+_RENDERING = {"shadow_obj", "trace_obj", "ctech", "stech"}
+_SHAPES = {"p": "point", "l": "line", "curv": "free-form curve", "curv2": "free-form curve", "surf": "free-form surface"}
+_OF_SHAPES = {"vp", "parm", "trim", "hole", "scrv", "sp", "end", "con", "bmat", "step", "cstype", "deg"}
 _DATA = (b"v", b"vt", b"vn", b"f")
+_CONTINUED = re.compile(rb"(?<![\x81-\xfe])\\\n")  # behind such a byte "\\" is half of a character of Shift-JIS, GBK or Big5
 
 
 class _Statements:
@@ -41,6 +50,8 @@ class _Statements:
         self.relative = {}  # face row with a minus sign -> (v, vt and vn rows before it)
         self.runs = []  # (first face row, material name): usemtl holds until the next one
         self.libraries, self.objects = [], []
+        self.colours = []  # (v rows before it, text) of each comment with colours
+        self.shapes = {}  # what is there beside faces -> how many
 
     def line(self, statement, row):
         """Line number of the row-th v, vt or f; looked up only for a message."""
@@ -52,23 +63,32 @@ def read_obj(data: bytes, folder: Path, notes: Notes) -> Scene:
     """bytes of an .obj file -> Scene. folder: where its libraries and textures are. Errors: TXF-I20 with the line."""
     rows = _sort(data, notes)
     if not rows.f:
-        raise InputError("TXF-I15", "the input has no triangles")
+        raise no_triangles(_beside_faces(rows))
+    for kind, count in rows.shapes.items():
+        notes.drop(plural(count, kind, kind + "s"))
     vertices = _floats(rows, b"v", rows.v, 3)
     corners, sizes = _corners(rows)
     triangles, polygon = triangulate(vertices[:, :3], corners[:, 0], sizes, notes)
     names, material = _face_materials(rows)
     library = _libraries(rows.libraries, folder, notes)
     shelf = TextureShelf(notes)
-    chosen = [_find_material(name, library, notes) for name in names]
+    chosen = _find_materials(names, library, notes)
     materials = [scene_material(item, folder, shelf) for item in chosen]
     turn_where_all_vanish(materials, "the MTL file", notes)
+    _respell(materials, shelf.textures, notes.encoding)
     faces, texels, material = corners[triangles, 0], corners[triangles, 1], material[polygon]
-    part = Part(vertices[:, :3], faces, material, _uv(rows, texels, material, chosen), _vertex_color(vertices), "the OBJ file",
-                normal=_normal(rows, corners[triangles, 2]))
+    part = Part(vertices[:, :3], faces, material, _uv(rows, texels, material, chosen),
+                vertex_colours_of(vertices, rows.colours, notes), "the OBJ file", normal=_normal(rows, corners[triangles, 2]))
     if not any(item.has_image for item in chosen) and rows.vt:
         notes.remark("no texture uses vt; it is left out")
-    metadata = {"objects": rows.objects} if rows.objects else {}
+    metadata = {"objects": [in_encoding(name, notes.encoding) for name in rows.objects]} if rows.objects else {}
     return assemble([part], materials, shelf.textures, notes, metadata)
+
+
+def _respell(materials, textures, encoding):
+    """Gives materials and textures their names in the encoding that the files show."""
+    for item in (*materials, *textures):
+        item.name = in_encoding(item.name, encoding)
 
 
 def _sort(data, notes):
@@ -87,17 +107,22 @@ def _sort(data, notes):
             vt.append(line[3:])
         elif head == b"vn":
             vn.append(line[3:])
-        elif head[:1] not in (b"#", b""):
+        elif head[:1] == b"#":
+            if line.startswith((MRGB, VCOLOR)):
+                rows.colours.append((len(v), line))
+        elif head:
             head, _, rest = line.partition(b" ")
-            _other(rows, decode_text(head), decode_text(rest).strip(), notes)
+            _other(rows, decode_text(head), decode_text(rest.strip()), notes)
     return rows
 
 
 def _clean(data):
     """Line ends, tabs, indents and comments as the exporters that write none of them; keeps the number of lines."""
     data = bytes(data).replace(b"\r\n", b"\n").replace(b"\t", b" ")
+    if b"\n" not in data:
+        data = data.replace(b"\r", b"\n")
     if b"\\\n" in data:  # a continued line moves up, an empty one keeps the count
-        parts = data.split(b"\\\n")
+        parts = _CONTINUED.split(data)
         data = parts[0] + b"".join(_continued(part) for part in parts[1:])
     if b"\n " in data or data[:1] == b" ":
         data = b"\n".join(line.lstrip() for line in data.split(b"\n"))
@@ -124,8 +149,20 @@ def _other(rows, head, rest, notes):
     elif head == "o":
         if rest and len(rows.objects) < 1000:
             rows.objects.append(rest)
-    elif head not in _SILENT:
+    elif head == "fo":  # as faces were called before version 3
+        rows.f.append(rest.encode())
+    elif head in _SHAPES:
+        rows.shapes[_SHAPES[head]] = rows.shapes.get(_SHAPES[head], 0) + 1
+    elif head in _RENDERING:
+        notes.remark(f"OBJ statement '{head}' is left out")
+    elif head not in _SILENT and head not in _OF_SHAPES:
         notes.drop(f"OBJ statement '{head[:20]}'")
+
+
+def _beside_faces(rows):
+    """What a file without faces has, in words."""
+    shown = [plural(count, kind, kind + "s") for kind, count in rows.shapes.items()]
+    return ", ".join(shown) or (plural(len(rows.v), "vertex", "vertices") + " without faces") * bool(rows.v)
 
 
 def _face_materials(rows):
@@ -256,46 +293,66 @@ def _normal(rows, indices):
     return np.where((indices < 0)[..., None], 0.0, table[indices])
 
 
-def _vertex_color(vertices):
-    """'v x y z r g b' -> float32 linear RGBA [V, 4]; white where a row has none. Values above 1 mean a 0..255 scale."""
-    if vertices.shape[1] < 6:
-        return None
-    coded = np.where(np.isnan(vertices[:, 3:6]), 1.0, vertices[:, 3:6])
-    present = ~np.isnan(vertices[:, 5])
-    if (coded[present] > 1.0).any():
-        coded[present] /= 255.0
-    return linear_rgba(coded)
-
-
 def _libraries(names, folder, notes):
-    """All materials of the named libraries; a missing file is a fault."""
+    """All materials of the named libraries; a missing file is a fault. A file that names none may have one of its own name."""
     found = {}
     for name in dict.fromkeys(names):
-        paths = [find_file(folder, name)] if find_file(folder, name) else [find_file(folder, item) for item in name.split()]
-        for path in paths:
-            data = _library_bytes(path)
+        whole = find_file(folder, name, notes)
+        for path in [whole] if whole else [find_file(folder, item, notes) for item in name.split()] or [None]:
+            data = _library_bytes(path) if path else None
             if data is None:
-                notes.fault("TXF-I16", f"material file '{name}' is missing or unreadable; its materials are white")
+                error = missing_file(name, "material file")
+                notes.fault(str(error.code), f"{error.message}; its materials are white", f"material file '{name[:160]}'")
                 continue
             found.update(read_mtl(data, notes))
-    return found
+    return found or _library_beside(notes)
+
+
+def _library_beside(notes):
+    """Materials of the MTL file that has the name of the OBJ file, {} where there is none."""
+    beside = notes.path.with_suffix(".mtl") if notes.path is not None and notes.path.name else None
+    data = _library_bytes(beside) if beside is not None and beside.is_file() else None
+    if beside is None or data is None:
+        return {}
+    opened(beside)
+    notes.remark(f"materials are read from '{beside.name}', which the OBJ file does not name")
+    return read_mtl(data, notes)
 
 
 def _library_bytes(path):
-    """bytes of a material file, or None where it is not there or cannot be read."""
+    """bytes of a material file, or None where it cannot be read."""
     try:
-        return None if path is None else path.read_bytes()
+        return path.read_bytes()
     except OSError:
         return None
 
 
-def _find_material(name, library, notes):
+def _find_materials(names, library, notes):
+    """ObjMaterials of names, None for the default. A name that is not defined may be so in another encoding, letter case or with
+    other blanks; else it is white and a loss."""
+    similar: dict[str, set[str]] = {}
+    for key in library if any(name is not None and name not in library for name in names) else ():
+        for reading in (key, *readings(key)):
+            similar.setdefault(_plain(reading), set()).add(key)
+    return [_find_material(name, library, similar, notes) for name in names]
+
+
+def _find_material(name, library, similar, notes):
     if name is None:
         return ObjMaterial("default", np.ones(4))
-    if name not in library:
-        notes.warn(f"material '{name}' is not defined; it is white")
+    if name in library:
+        return library[name]
+    keys = {key for reading in (name, *readings(name)) for key in similar.get(_plain(reading), ())}
+    if len(keys) != 1:
+        notes.lose(f"material '{name}' (not defined)", f"material '{name}' is not defined; it is white")
         return ObjMaterial(name, np.ones(4))
-    return library[name]
+    key = keys.pop()
+    notes.remark(f"material '{key}' of the MTL file is used for '{name}'")
+    return library[key]
+
+
+def _plain(name):
+    return " ".join(name.strip("\"'").split()).casefold()
 
 
 def write_obj_textured(texf: Texf, look: Textured, mtl_name: str) -> Iterator[bytes]:

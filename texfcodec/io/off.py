@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
+from ..report import plural
 from ..scene.scene import Material, Scene
-from .parts import Notes, Part, assemble, drop_alpha, linear_rgba
+from .colour_range import unit_colours
+from .parts import Notes, Part, assemble, drop_alpha, linear_rgba, no_triangles
 from .polygons import counting, parse_numbers, triangulate
 
 _HEADER = re.compile(rb"\s*(ST)?(C)?(N)?(4)?(n)?OFF\b", re.IGNORECASE)
@@ -31,7 +33,7 @@ def read_off(data: bytes, folder: Path, notes: Notes) -> Scene:
     if vertices < 0 or faces < 0 or 1 + vertices + faces > len(lines):
         raise _bad("it has fewer lines than its counts", value=len(lines), allowed=1 + vertices + faces)
     if not vertices or not faces:
-        raise InputError("TXF-I15", "the input has no triangles")
+        raise no_triangles((plural(vertices, "point", "points") + " without faces") * bool(vertices))
     table = _table(lines[1 : 1 + vertices])
     corners, sizes, face_color = _faces(lines[1 + vertices : 1 + vertices + faces], notes)
     triangles, polygon = triangulate(table[:, :3], corners, sizes, notes)
@@ -79,19 +81,12 @@ def _faces(lines, notes):
     colored = (rest == 3) | (rest == 4)
     if not colored.any():
         return corners, sizes, None
-    coded = np.ones((len(lines), 4))
+    coded = np.full((len(lines), 4), np.nan)
     for column in range(4):
         rows = np.flatnonzero(colored & (rest > column))
         coded[rows, column] = values[starts[rows] + 1 + sizes[rows] + column]
-    present = np.arange(4) < np.where(colored, rest, 0)[:, None]
-    return corners, sizes, linear_rgba(_to_unit(coded, present))
-
-
-def _to_unit(coded, present):
-    """Colours to [0, 1]: whole numbers up to 255 where any of those present is above 1, fractions otherwise."""
-    if (coded[present] > 1.0).any():
-        coded[present] /= 255.0
-    return coded
+    unit = unit_colours(coded, notes, "colours of faces")
+    return corners, sizes, linear_rgba(np.where(np.isnan(coded), 1.0, unit))
 
 
 def _vertex_color(table, has_color, has_normal, has_uv, notes):
@@ -107,4 +102,4 @@ def _vertex_color(table, has_color, has_normal, has_uv, notes):
         return None
     if columns not in (3, 4):
         raise _bad("a vertex line has no colour of three or four numbers", value=columns)
-    return linear_rgba(_to_unit(table[:, at:last].copy(), np.ones((len(table), columns), bool)))
+    return linear_rgba(unit_colours(table[:, at:last], notes, "colours of vertices"))

@@ -1,6 +1,7 @@
 """Parts and their assembly: what every reader produces, and the checks every mesh passes on its way to a Scene."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -10,6 +11,8 @@ from ..report import plural
 from ..scene.scene import ALPHA_BLEND, ALPHA_OPAQUE, Material, Scene, Texture
 from ..scene.srgb import srgb_to_linear
 from .authored_normals import fill_normals
+from .colour_range import clipped
+from .vertex_pools import VertexPools
 from .visibility import name_invisible
 
 MAX_FACES = 1 << 26  # instancing lets a small file ask for any number; beyond this no machine we know would follow
@@ -20,10 +23,15 @@ class Notes:
     """What a reader has to tell, each once and in the order of finding: what will look different, as warnings (sentences) and
     dropped (names), and remarks (sentences) on what changes no picture.
 
-    strict: whether faults are errors; limits: what images, and a stream that a file carries, may ask for."""
+    strict: whether faults are errors; limits: what images, and a stream that a file carries, may ask for; path: of the mesh's
+    file, None where it has no name; folders: of file_search.py, what is in each; encoding: of the names in the mesh's text, where
+    a file that one of them names shows it, else None."""
 
     def __init__(self, strict: bool = False, limits: Limits | None = None) -> None:
         self.strict, self.limits = strict, limits or Limits()
+        self.path: Path | None = None
+        self.folders: dict[Path, dict[str, list[str]]] = {}
+        self.encoding: str | None = None
         self._warnings: dict[str, None] = {}
         self._dropped: dict[str, None] = {}
         self._remarks: dict[str, None] = {}
@@ -37,11 +45,16 @@ class Notes:
     def drop(self, name: str) -> None:
         self._dropped[name] = None
 
-    def fault(self, code: str, message: str, **details: object) -> None:
-        """A fault the reader can repair: InputError when strict, else a warning."""
+    def lose(self, name: str, sentence: str) -> None:
+        """What is not found, not read or guessed: a loss of this name, and a warning that says what is seen instead."""
+        self.drop(name)
+        self.warn(sentence)
+
+    def fault(self, code: str, message: str, name: str, **details: object) -> None:
+        """A fault the reader can repair: InputError when strict, else a warning and a loss of this name."""
         if self.strict:
             raise InputError(code, message, **details)
-        self.warn(f"{message} ({code})")
+        self.lose(name, f"{message} ({code})")
 
     def check_pixels(self, count: int, name: str) -> None:
         """LimitError TXF-I40 for an image, called by its name, of more pixels than are allowed; before anything is decoded."""
@@ -74,7 +87,7 @@ class Part:
     uv: float [V, 2] or [F, 3, 2] in glTF convention, or None; color: float32 linear RGBA [V, 4] or [F, 3, 4], or None;
     label: how messages call it; map_uv: as uv, by channel name, for channels with other UVs; normal: float [V, 3] or [F, 3, 3] of
     any length, or None; tangent: float [V, 4] or [F, 3, 4], or None; influences: (joints, weights), each [V, J], of a skin that
-    is not applied yet, or None.
+    is not applied yet, or None; rows: int64 [V] of the vertices in the file, for messages, or None where they are as there.
     """
 
     positions: np.ndarray
@@ -87,6 +100,7 @@ class Part:
     normal: np.ndarray | None = None
     tangent: np.ndarray | None = None
     influences: tuple[np.ndarray, np.ndarray] | None = None
+    rows: np.ndarray | None = None
 
 
 def drop_alpha(color: np.ndarray | None, notes: Notes) -> None:
@@ -127,20 +141,22 @@ def linearise_factors(factors: list[np.ndarray], exporter: str, where: str, note
 
 
 def assemble(parts: list[Part], materials: list[Material], textures: list[Texture], notes: Notes,
-             metadata: dict | None = None) -> Scene:
+             metadata: dict | None = None, pools: VertexPools | None = None) -> Scene:
     """Join parts into one Scene: unreferenced vertices go, indices and numbers are checked.
 
-    parts: list of Part; notes: Notes, which also decides strictness.
+    parts: list of Part; notes: Notes, which also decides strictness; pools: what the Parts were taken from, to count what no face
+    uses; None where each has all of its vertices.
     Errors: TXF-I13 face index out of range, TXF-I14 NaN or infinite vertex in use, TXF-I15 no triangles,
     TXF-I18 NaN or infinite UV (strict only), LimitError TXF-I41 too many faces.
     """
     parts = [part for part in parts if len(part.faces)]
     count = sum(len(part.faces) for part in parts)
     if not count:
-        raise InputError("TXF-I15", "the input has no triangles")
+        raise no_triangles()
     check_face_count(count)
     scene = _empty_scene(count, parts, materials, textures, metadata)
-    points, row, base, unused, broken = [], 0, 0, 0, 0
+    unused, broken = pools.unused() if pools is not None else (0, 0)
+    points, row, base = [], 0, 0
     for part in parts:
         rows = slice(row, row + len(part.faces))
         kept, faces, left_out, left_out_broken = _used_vertices(part)
@@ -148,7 +164,8 @@ def assemble(parts: list[Part], materials: list[Material], textures: list[Textur
         _fill_attributes(scene, part, rows)
         points.append(kept)
         row, base = rows.stop, base + len(kept)
-        unused, broken = unused + left_out, broken + left_out_broken
+        if pools is None:
+            unused, broken = unused + left_out, broken + left_out_broken
     scene.positions = np.concatenate(points)
     _fill_map_uv(scene, parts)
     _repair_uv(scene, notes)
@@ -158,6 +175,11 @@ def assemble(parts: list[Part], materials: list[Material], textures: list[Textur
     name_invisible(scene, notes)
     scene.warnings, scene.dropped, scene.remarks = notes.warnings, notes.dropped, notes.remarks
     return scene
+
+
+def no_triangles(holds: str = "") -> InputError:
+    """The error TXF-I15. holds: what the input has instead, such as "800 points"; "" for nothing that shows."""
+    return InputError("TXF-I15", "the input has no triangles" + (f": it has {holds}" if holds else ""))
 
 
 def check_face_count(count: int) -> None:
@@ -192,8 +214,9 @@ def _used_vertices(part):
     used[faces] = True
     broken = ~np.isfinite(points).all(axis=1)
     if (broken & used).any():
+        first = int(np.argmax(broken & used))
         raise InputError("TXF-I14", f"vertices of {part.label} in use are NaN or infinite",
-                         count=int((broken & used).sum()), first=int(np.argmax(broken & used)))
+                         count=int((broken & used).sum()), first=first if part.rows is None else int(part.rows[first]))
     if used.all():
         return points, faces, 0, 0
     return points[used], (np.cumsum(used) - 1)[faces], int((~used).sum()), int(broken.sum())
@@ -238,7 +261,7 @@ def _repair_one_uv(corner_uv, notes):
         bad = ~np.isfinite(corner_uv).all(axis=2)
         count = int(bad.sum())
         notes.fault("TXF-I18", plural(count, "face corner has", "face corners have") + " NaN or infinite UVs; (0, 0) is used "
-                                                                                       "instead", count=count)
+                    "instead", "texture coordinates (NaN or infinite)", count=count)
         corner_uv[bad] = 0.0
         low, high = corner_uv.min(), corner_uv.max()
     if max(-low, high) > UV_OUTLIER:
@@ -248,16 +271,17 @@ def _repair_one_uv(corner_uv, notes):
 
 
 def _repair_color(scene, notes):
-    """glTF 3.7.2.1: colours are clamped to [0, 1]; NaN becomes 1 (no change), named."""
+    """glTF 3.7.2.1: colours are clamped to [0, 1], with a remark; NaN becomes 1 (no change), a loss."""
     color = scene.corner_color
     if color is None:
         return
     bad = np.isnan(color)
     if bad.any():
         count = int(bad.any(axis=2).sum())
-        notes.warn(plural(count, "face corner has", "face corners have") + " NaN vertex colours; 1 is used instead")
+        notes.lose("colours of vertices (NaN)",
+                   plural(count, "face corner has", "face corners have") + " NaN vertex colours; 1 is used instead")
         color[bad] = 1.0
-    np.clip(color, 0.0, 1.0, out=color)
+    scene.corner_color = clipped(color, notes, "colours of vertices")
 
 
 def _report_geometry(scene, unused, broken, notes):

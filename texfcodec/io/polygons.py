@@ -44,7 +44,8 @@ def triangulate(points: np.ndarray, corners: np.ndarray, sizes: np.ndarray, note
     """
     small = int((sizes < 3).sum())
     if small:
-        notes.warn(plural(small, "face with fewer than three corners is", "faces with fewer than three corners are")
+        notes.lose(plural(small, "face", "faces") + " with fewer than three corners",
+                   plural(small, "face with fewer than three corners is", "faces with fewer than three corners are")
                    + " left out")
     triangles, polygon = _fans(sizes)
     if sizes.max(initial=0) < 4:

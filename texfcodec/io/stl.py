@@ -12,11 +12,12 @@ from ..errors import InputError
 from ..report import plural
 from ..scene.scene import Material, Scene
 from .mtl import decode_text
-from .parts import Notes, Part, assemble, linear_rgba
+from .parts import Notes, Part, assemble, linear_rgba, no_triangles
 from .polygons import parse_numbers
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _ODD = np.uint64(0x9E3779B97F4A7C15)  # a multiplier that spreads the bits of a number
+_NORMALS = "normals of facets are left out: the corners give them too"
 _START = 84  # 80 bytes of header, 4 of count
 _VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
 _NORMAL = re.compile(rb"\bnormal\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
@@ -30,7 +31,7 @@ def read_stl(data: bytes, folder: Path, notes: Notes) -> Scene:
     else:
         corners, color, metadata = _read_text(data, notes)
     if not len(corners):
-        raise InputError("TXF-I15", "the input has no triangles")
+        raise no_triangles()
     points, faces = weld(corners.reshape(-1, 3))
     part = Part(points, faces.reshape(-1, 3), color=color, label="the STL file")
     return assemble([part], [Material("default")], [], notes, metadata)
@@ -91,7 +92,7 @@ def _read_binary(data, notes):
         notes.remark(plural(len(data) - needed, "byte", "bytes") + " after the last facet, ignored")
     facets = np.frombuffer(data, _FACET, count, _START)
     if facets["normal"].any():
-        notes.drop("NORMAL")
+        notes.remark(_NORMALS)
     return facets["corners"], _facet_color(bytes(data[:80]), facets["attribute"], notes), {}
 
 
@@ -122,7 +123,7 @@ def _read_text(data, notes):
     if len(vertices) != 3 * facets or lower.count(b"endsolid") == 0:
         raise _bad("it ends early, or a facet does not have three vertices", value=len(vertices), allowed=3 * facets)
     if any(float(number) for row in _NORMAL.findall(data)[:1] for number in row if _is_number(number)):
-        notes.drop("NORMAL")
+        notes.remark(_NORMALS)
     names = [decode_text(name)[:500] for name in _SOLID.findall(data) if name][:1000]
     return values.reshape(-1, 3, 3), None, {"solids": names} if names else {}
 

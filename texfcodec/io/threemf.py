@@ -17,12 +17,15 @@ import numpy as np
 
 from ..errors import InputError, LimitError
 from ..scene.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene
-from .images import TextureShelf, missing_image
+from .file_search import missing_file
+from .images import TextureShelf
 from .parts import MAX_FACES, Notes, Part, alpha_mode_of, assemble, check_face_count, drop_alpha, linear_rgba
+from .placing import placing_of
 from .visibility import turn_where_all_vanish
 
 MAX_PART = 1 << 29  # bytes of one unpacked part of the archive
 MAX_INSTANCES = 1 << 16  # objects and components placed; nesting lets a small file ask for any number
+_METRES = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
 _WRAPS = {"wrap": WRAP_REPEAT, "mirror": WRAP_MIRROR, "clamp": WRAP_CLAMP, "none": WRAP_CLAMP}
 _SILENT = {"model", "resources", "object", "mesh", "vertices", "vertex", "triangles", "triangle", "components", "component",
            "build", "item", "metadata", "metadatagroup", "base", "color", "tex2coord"}
@@ -136,13 +139,14 @@ def read_3mf(data: bytes, folder: Path, notes: Notes) -> Scene:
     model = archive.model(start)
     shelf, look = TextureShelf(notes), _Look()
     parts, faces = [], 0
+    placing = placing_of("Z", _METRES.get(model.unit.strip().lower(), 1e-3), "the 3MF file", notes)
     for name, body, matrix in _placed(archive, start, model):
-        parts.append(_part(archive, name, body, matrix, look, shelf))
+        parts.append(_part(archive, name, body, placing.matrix @ matrix, look, shelf))
         faces += len(body.triangles)
         check_face_count(faces)
     archive.drop_unused()
     turn_where_all_vanish(look.plain, "the 3MF file", notes)
-    metadata = {"unit": model.unit, **({"3mf": model.metadata} if model.metadata else {})}
+    metadata = {"source_unit": model.unit, **({"3mf": model.metadata} if model.metadata else {})}
     return assemble(parts, look.materials or [Material("default")], shelf.textures, notes, metadata)
 
 
@@ -203,7 +207,8 @@ def _part(archive, name, body, matrix, look, shelf):
         group = groups.get(pid)
         if group is None:
             if pid is not None:
-                archive.notes.warn(f"property group '{pid[:40]}' is missing or not supported; its faces are white")
+                archive.notes.lose(f"property group '{pid[:40]}' (missing or not supported)",
+                                   f"property group '{pid[:40]}' is missing or not supported; its faces are white")
             material[rows] = look.row((), lambda: Material("default"))
             continue
         table = _table(group, corners[rows])
@@ -244,7 +249,7 @@ def _textured(archive, name, group, shelf):
     def fetch():
         data = archive.read(path)
         if data is None:
-            raise missing_image(path)
+            raise missing_file(path)
         return data
 
     label = posixpath.basename(path)

@@ -45,7 +45,7 @@ def _placed(thing, notes):
         if hasattr(mesh, "faces"):
             found.append((f"mesh '{name}'", mesh, np.asarray(matrix, np.float64)))
         else:
-            notes.warn(f"geometry '{name}' is not made of triangles; it is left out")
+            notes.lose(f"geometry '{name}' (not triangles)", f"geometry '{name}' is not made of triangles; it is left out")
     return found
 
 

@@ -28,15 +28,21 @@ def read_accessor(document: Document, index: int, kinds: tuple[str, ...]) -> np.
         array = np.zeros(shape, dtype)
     else:
         raise LimitError("TXF-I41", f"accessor {index} has too many elements", value=shape[0], allowed=MAX_IMPLICIT)
-    return _with_sparse(document, entry, array, index) if "sparse" in entry else array
+    if "sparse" not in entry:
+        return array
+    if index not in document.sparse:
+        document.sparse[index] = _with_sparse(document, entry, array, index)
+    return document.sparse[index]
 
 
-def read_floats(document: Document, index: int, kinds: tuple[str, ...], normalized: bool | None = None) -> np.ndarray:
+def read_floats(document: Document, index: int, kinds: tuple[str, ...], normalized: bool | None = None,
+                rows: np.ndarray | None = None) -> np.ndarray:
     """read_accessor with integers scaled when normalized (section 3.6.2.2) -> float array [count, width].
 
-    normalized: overrides what the accessor says.
+    normalized: overrides what the accessor says; rows: those that are read, None for all.
     """
     array = read_accessor(document, index, kinds)
+    array = array if rows is None else array[rows]
     if normalized is None:
         normalized = document.entry("accessors", index).get("normalized", False)
     return normalized_floats(array) if normalized else array

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError, SupportError
 from ...report import plural
-from ..images import find_file, missing_image
+from ..file_search import missing_file, read_file
 from .meshopt import EXTENSIONS, decode_view
 from .properties import extensions, integer, is_index, malformed, part, title
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from ..parts import Notes
 
 GLB_MAGIC, CHUNK_JSON, CHUNK_BIN = b"glTF", 0x4E4F534A, 0x004E4942
@@ -32,6 +33,7 @@ class Document:
         self._buffers: dict[int, memoryview] = {}
         self._entries: dict[str, list[dict]] = {}
         self._decoded: dict[int, bytes] = {}
+        self.sparse: dict[int, np.ndarray] = {}  # of accessor.py, which writes the values of each in once
 
     def entries(self, kind: str) -> list[dict]:
         """Top-level array such as "nodes": list of dict."""
@@ -62,8 +64,7 @@ class Document:
 
     def _buffer_data(self, entry, index):
         if "uri" in entry:
-            return self.uri_bytes(entry["uri"], lambda name: InputError(
-                "TXF-I10", f"buffer file '{name}' is missing or unreadable"))
+            return self._buffer_file(entry["uri"])
         if index == 0 and self._chunk is not None:
             return self._chunk
         raise InputError("TXF-I10", f"buffer {index} has no data")
@@ -101,28 +102,30 @@ class Document:
         buffer = self.entry("buffers", entry.get("buffer"))
         return "uri" in buffer or (entry["buffer"] == 0 and self._chunk is not None)
 
-    def uri_bytes(self, uri: object, missing: Callable[[str], Exception]) -> bytes:
-        """bytes behind a data URI or a file name; missing: name -> the error to raise."""
+    def _buffer_file(self, uri):
+        try:
+            return self._uri_bytes(uri, "buffer file")
+        except InputError as error:
+            if error.code not in ("TXF-I16", "TXF-I27"):
+                raise
+            raise InputError("TXF-I10", error.message) from error
+
+    def _uri_bytes(self, uri, kind):
+        """bytes behind a data URI or a file name. kind: what messages call the file."""
         if not isinstance(uri, str):
             raise malformed("a uri is not a string")
         if uri[:5].lower() == "data:":
             return _data_uri(uri)
-        path = find_file(self.folder, uri)
-        try:
-            if path is not None:
-                return path.read_bytes()
-        except OSError as error:
-            raise missing(uri) from error
-        raise missing(uri)
+        return read_file(self.folder, uri, self.notes, kind)
 
     def image_bytes(self, index: Any) -> memoryview | bytes:
-        """Encoded bytes of image index; TXF-I16 where its file is missing or it names none."""
+        """Encoded bytes of image index; TXF-I16 where its file is missing or it names none, TXF-I27 where that is remote."""
         entry = self.entry("images", index)
         if "bufferView" in entry:
             return self.view(entry["bufferView"])[0]
         if "uri" not in entry:
-            raise missing_image(title(entry, index))
-        return self.uri_bytes(entry["uri"], missing_image)
+            raise missing_file(title(entry, index))
+        return self._uri_bytes(entry["uri"], "texture file")
 
 
 def open_document(data: bytes, folder: Path, notes: Notes) -> Document:

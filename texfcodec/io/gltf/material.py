@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...errors import SupportError
 from ...scene.channels import BASE_COLOUR, MAPS, PARAMETERS, PBR, binary32
 from ...scene.scene import ALPHA_MASK, ALPHA_NAMES, ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
+from ..colour_range import clipped
 from .document import Document
 from .properties import extensions, integer, malformed, name_of, numbers, part, title
 
@@ -143,7 +143,7 @@ def read_material(document: Document, index: int | None, look: Look, shelf: Text
     placed = {channel: _put_texture(document, info.texture, channel, shelf) for channel, info in look.images.items()}
     return Material(
         name=name_of(entry),
-        factor=np.clip(look.factor, 0.0, 1.0),
+        factor=clipped(look.factor[None], document.notes, f"base colour factor of {name}")[0],
         texture=placed.pop(BASE_COLOUR.name, -1),
         alpha_mode=_alpha_mode(document, entry, name),
         alpha_cutoff=numbers(entry, "alphaCutoff", 0.5),
@@ -157,14 +157,20 @@ def read_material(document: Document, index: int | None, look: Look, shelf: Text
 def _alpha_mode(document, entry, name):
     mode = entry.get("alphaMode", ALPHA_NAMES[ALPHA_OPAQUE])
     if mode not in ALPHA_NAMES:
-        document.notes.warn(f"{name} has the unknown alphaMode {str(mode)[:40]!r}; OPAQUE is used instead")
+        document.notes.lose(f"alphaMode of {name} (unknown)",
+                            f"{name} has the unknown alphaMode {str(mode)[:40]!r}; OPAQUE is used instead")
         return ALPHA_OPAQUE
     return ALPHA_NAMES.index(mode)
 
 
 def _put_texture(document, index, channel, shelf):
     entry = document.entry("textures", index)
-    image = _source_image(document, entry, index)
+    image = _source_image(entry)
+    if image is None:
+        what, names = channel.replace("_", " "), ", ".join(extensions(entry)) or "nothing"
+        document.notes.fault("TXF-I28", f"texture {title(entry, index)} has no image in a supported format; {what} is drawn "
+                                        "without it", f"texture {title(entry, index)} of {what}", value=names)
+        return -1
     source = document.entry("images", image)
     uri = source.get("uri")
     fallback = uri if isinstance(uri, str) and uri[:5].lower() != "data:" else f"image {image}"
@@ -173,18 +179,16 @@ def _put_texture(document, index, channel, shelf):
     return shelf.put(image, lambda: document.image_bytes(image), name, wrap, channel, nearest)
 
 
-def _source_image(document, entry, index):
+def _source_image(entry):
+    """Index of the image that a texture is read from, None where it is in formats that are not read."""
     for name in _READABLE_SOURCES:
         source = part(extensions(entry), name).get("source")
         if source is not None:
             return source
-    basis = part(extensions(entry), "KHR_texture_basisu").get("source")
-    if "source" not in entry and basis is not None:  # a PNG or JPEG beside it is the better picture, and needs no package
-        return basis
-    if "source" not in entry:
-        names = ", ".join(extensions(entry)) or "nothing"
-        raise SupportError("TXF-I32", f"texture {title(entry, index)} has no PNG, JPEG, WebP, AVIF or KTX2 source", value=names)
-    return entry["source"]
+    if "source" in entry:
+        return entry["source"]
+    basis = part(extensions(entry), "KHR_texture_basisu").get("source")  # a PNG or JPEG beside it is the better picture
+    return part(extensions(entry), "MSFT_texture_dds").get("source") if basis is None else basis
 
 
 def _sampler(document, entry):

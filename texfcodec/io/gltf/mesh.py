@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from ...errors import InputError, SupportError
 from ..parts import Part
+from ..vertex_pools import VertexPools
 from .accessor import normalized_floats, read_accessor, read_floats
 from .document import Document
 from .left_out import name_extension
@@ -22,6 +24,7 @@ _DRACO = "KHR_draco_mesh_compression"
 _DRACO_TYPES = {1: np.int8, 2: np.uint8, 3: np.int16, 4: np.uint16, 5: np.int32, 6: np.uint32, 9: np.float32, 10: np.float64}
 VARIANTS = "KHR_materials_variants"  # the file's own materials are what is shown
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_SPLATS, _SPLATS_EXTENSION = "Gaussian splats", "gaussian_splatting"
 _MODE_NAMES = {0: "points", 1: "lines", 2: "line loop", 3: "line strip"}
 
 
@@ -29,13 +32,19 @@ class MeshReader:
     """Reads each mesh once, however many nodes show it.
 
     look_of: material index or None -> Look; after reading, `materials` lists the ones in use in order of
-    first use (None is glTF's default) and Part.material points into it.
+    first use (None is glTF's default) and Part.material points into it, `pools` has the vertices of which each Part takes those
+    that its faces use, and `beside` counts the primitives that are not triangles, by what they are.
     """
 
     def __init__(self, document: Document, look_of: Callable[[Any], Look]) -> None:
         self.document, self.look_of = document, look_of
         self._slots: dict[int | None, int] = {}
         self._meshes: dict[tuple[int, bool], list[Part]] = {}
+        self.pools = VertexPools()
+        self.beside: Counter[str] = Counter()
+        self._shared = Counter(_draco_view(primitive) for mesh in document.entries("meshes")
+                               for primitive in _primitives(mesh))
+        self._draco: dict[int, Any] = {}
         self._used_uv: set[str] = set()
         self._found_uv: set[str] = set()
 
@@ -60,32 +69,46 @@ class MeshReader:
     def _primitive(self, mesh, primitive, label, skinned):
         mode = integer(primitive, "mode", _TRIANGLES)
         if mode not in (_TRIANGLES, _STRIP, _FAN):
-            self.document.notes.warn(f"{label} is not made of triangles ({_MODE_NAMES.get(mode, mode)}); it is left out")
+            kind = _SPLATS if any(_SPLATS_EXTENSION in name for name in extensions(primitive)) else _MODE_NAMES.get(mode, mode)
+            self.beside[str(kind)] += 1
+            self.document.notes.lose(f"{label} ({kind})", f"{label} is not made of triangles ({kind}); it is left out")
             return None
-        source = _Draco(self.document, primitive) if _DRACO in extensions(primitive) else _Plain(self.document, primitive)
+        source = self._source(primitive, label)
         if not source.has("POSITION"):
             self.document.notes.remark(f"{label} has no POSITION; it is left out")
             return None
-        positions = source.floats("POSITION", ("VEC3",))
+        stored = source.stored("POSITION", ("VEC3",))
         indices = source.indices()
         if indices is None:
-            indices = np.arange(len(positions), dtype=np.int64)
+            indices = np.arange(len(stored), dtype=np.int64)
         faces = self._triangles(indices, mode if not source.is_triangles else _TRIANGLES, label)
+        source.count = len(stored)
+        source.rows, faces = self.pools.take(source.pool, stored, faces)
+        positions = source.floats("POSITION", ("VEC3",))
         material = primitive.get("material")
         look = self.look_of(material)
         self._drop_attributes(primitive, label, skinned)
-        result = Part(self._morphed(mesh, primitive, positions), faces, self._slot(material),
+        result = Part(self._morphed(mesh, primitive, positions, source), faces, self._slot(material),
                       self._uv(source, look.leading, label), self._vertex_color(source, label), label,
                       {name: self._uv(source, info, label) for name, info in look.others().items()})
+        result.rows = source.rows
         if source.has("NORMAL"):  # without it, TANGENT says nothing (section 3.7.2.1)
-            result.normal = self._morphed(mesh, primitive, source.floats("NORMAL", ("VEC3",)), "NORMAL")
+            result.normal = self._morphed(mesh, primitive, source.floats("NORMAL", ("VEC3",)), source, "NORMAL")
             result.tangent = source.floats("TANGENT", ("VEC4",)) if source.has("TANGENT") else None
         if skinned:
             result.influences = _influences(source)
-        for values in (result.uv, result.color, result.normal, result.tangent, *result.map_uv.values()):
-            if values is not None and len(values) != len(positions):
-                raise malformed(f"{label} has attributes of different counts")
         return result
+
+    def _source(self, primitive, label):
+        """_Plain or _Draco. Draco data that several primitives share are decoded once."""
+        if _DRACO not in extensions(primitive):
+            return _Plain(self.document, primitive, label)
+        view = _draco_view(primitive)
+        mesh = self._draco.get(view)
+        source = _Draco(self.document, primitive, label, mesh)
+        if self._shared[view] > 1:
+            self._draco[view] = source.mesh
+        return source
 
     def _slot(self, material):
         return self._slots.setdefault(material, len(self._slots))
@@ -111,7 +134,7 @@ class MeshReader:
             return None
         name = f"TEXCOORD_{info.texcoord}"
         if not source.has(name):
-            self.document.notes.warn(f"{label} has no {name} for its texture; UV (0, 0) is used")
+            self.document.notes.lose(f"{name} of {label} (missing)", f"{label} has no {name} for its texture; UV (0, 0) is used")
             return None
         self._used_uv.add(name)
         uv = source.floats(name, ("VEC2",))
@@ -139,7 +162,7 @@ class MeshReader:
             if name not in (_DRACO, VARIANTS):
                 name_extension(self.document.notes, name, label)
 
-    def _morphed(self, mesh, primitive, values, name="POSITION"):
+    def _morphed(self, mesh, primitive, values, source, name="POSITION"):
         """Values of an attribute with the mesh's default morph weights (section 3.7.2.2); the targets themselves are dropped."""
         targets = primitive.get("targets")
         if not targets:
@@ -150,9 +173,9 @@ class MeshReader:
             raise malformed("morph targets or weights are not arrays")
         for target, weight in zip(targets, weights, strict=False):
             if weight and isinstance(target, dict) and name in target:
-                delta = read_floats(self.document, target[name], ("VEC3",))
-                if len(delta) != len(values):
+                if self.document.entry("accessors", target[name]).get("count") != source.count:
                     raise malformed("a morph target differs in count from its mesh")
+                delta = read_floats(self.document, target[name], ("VEC3",), rows=source.rows)
                 values = values + float(weight) * np.asarray(delta, np.float64)
         return values
 
@@ -165,28 +188,59 @@ def _influences(source):
     """(joints, weights), each float64 [V, 4 n], of all the sets that a primitive has; None where it has none."""
     found, number = [], 0
     while source.has(f"JOINTS_{number}") and source.has(f"WEIGHTS_{number}"):
+        if any(source.count_of(f"{name}_{number}") != source.count for name in ("JOINTS", "WEIGHTS")):
+            return None
         found.append((source.floats(f"JOINTS_{number}", ("VEC4",), False), source.floats(f"WEIGHTS_{number}", ("VEC4",), True)))
         number += 1
-    if not found or len({len(values) for pair in found for values in pair}) > 1:
+    if not found:
         return None
     joints, weights = (np.concatenate(values, axis=1).astype(np.float64) for values in zip(*found, strict=True))
     return joints, weights
 
 
+def _primitives(mesh):
+    found = mesh.get("primitives")
+    return [entry for entry in found if isinstance(entry, dict)] if isinstance(found, list) else []
+
+
+def _draco_view(primitive):
+    """The bufferView of a primitive's Draco data, None without."""
+    table = primitive.get("extensions")
+    packed = table.get(_DRACO) if isinstance(table, dict) else None
+    view = packed.get("bufferView") if isinstance(packed, dict) else None
+    return view if isinstance(view, int) else None
+
+
 class _Plain:
-    """Attributes and indices in accessors."""
+    """Attributes and indices in accessors. count: of all vertices; rows: of those that floats() gives, None for all; pool: which
+    vertices they are among."""
 
     is_triangles = False
 
-    def __init__(self, document, primitive):
-        self.document, self.primitive = document, primitive
+    def __init__(self, document, primitive, label):
+        self.document, self.primitive, self.label = document, primitive, label
         self.names = part(primitive, "attributes")
+        self.count, self.rows = None, None
+
+    @property
+    def pool(self):
+        return "accessor", self.names["POSITION"]
+
+    def stored(self, name, kinds):
+        """An attribute of all vertices, as it is stored."""
+        return read_accessor(self.document, self.names[name], kinds)
 
     def has(self, name):
         return name in self.names
 
+    def count_of(self, name):
+        """How many values an attribute has."""
+        return self.document.entry("accessors", self.names[name]).get("count")
+
     def floats(self, name, kinds, normalized=None):
-        return read_floats(self.document, self.names[name], kinds, normalized)
+        if self.count_of(name) != self.count:
+            raise malformed(f"{self.label} has attributes of different counts")
+        return read_floats(self.document, self.names[name], kinds, normalized, self.rows)
 
     def indices(self):
         if "indices" not in self.primitive:
@@ -202,21 +256,34 @@ class _Draco(_Plain):
 
     is_triangles = True
 
-    def __init__(self, document, primitive):
-        super().__init__(document, primitive)
+    def __init__(self, document, primitive, label, mesh):
+        super().__init__(document, primitive, label)
         self.compressed = part(extensions(primitive), _DRACO)
         self.ids = part(self.compressed, "attributes")
-        self.mesh = _decode_draco(document.view(self.compressed.get("bufferView"))[0])
+        self.mesh = mesh or _decode_draco(document.view(self.compressed.get("bufferView"))[0])
 
-    def floats(self, name, kinds, normalized=None):
+    @property
+    def pool(self):
+        return "Draco", self.compressed["bufferView"]
+
+    def stored(self, name, kinds):
         if name not in self.ids:
-            return super().floats(name, kinds, normalized)
+            return super().stored(name, kinds)
         found = [entry for entry in self.mesh.attributes if entry["unique_id"] == self.ids[name]]
         if not found:
             raise InputError("TXF-I12", f"the Draco data has no attribute {name}")
         data = np.asarray(found[0]["data"]).astype(_DRACO_TYPES.get(found[0]["data_type"], np.float32))
         if data.ndim != 2 or f"VEC{data.shape[1]}" not in kinds:
             raise InputError("TXF-I12", f"the Draco attribute {name} has an unexpected shape")
+        return data
+
+    def floats(self, name, kinds, normalized=None):
+        if name not in self.ids:
+            return super().floats(name, kinds, normalized)
+        data = self.stored(name, kinds)
+        if len(data) != self.count:
+            raise malformed(f"{self.label} has attributes of different counts")
+        data = data if self.rows is None else data[self.rows]
         if normalized is None:
             normalized = self.document.entry("accessors", self.names[name]).get("normalized", False)
         return normalized_floats(data) if normalized else data

@@ -17,7 +17,7 @@ from ...errors import InputError, SupportError, TexfError
 from ...report import plural
 from ..authored_normals import place_normals, place_tangents
 from ..images import TextureShelf
-from ..parts import Notes, assemble, check_face_count
+from ..parts import Notes, assemble, check_face_count, no_triangles
 from .carried import EXTENSION, read_carried
 from .document import open_document
 from .left_out import name_extension, name_joined, name_left_out, name_variants
@@ -64,7 +64,7 @@ def _scene_of_stream(document):
         written, told = as_glb(texf, texture_format="png")
         scene = read_gltf(written, Path(), Notes(notes.strict, notes.limits))
     except TexfError as error:
-        notes.fault("TXF-I25", f"the carried stream cannot be decoded ({error}); its fallback is read")
+        notes.fault("TXF-I25", f"the carried stream cannot be decoded ({error}); its fallback is read", "the carried stream")
         return None
     size = plural(len(stream), "byte", "bytes")
     notes.remark(f"the carried stream ({size}) is read instead of its fallback")
@@ -87,6 +87,8 @@ def _scene_of_nodes(document):
 
     meshes = MeshReader(document, look_of)
     parts, shown = _read_nodes(document, meshes)
+    if not any(len(found.faces) for found in parts):
+        raise no_triangles(", ".join(f"{plural(n, 'primitive', 'primitives')} of {kind}" for kind, n in meshes.beside.items()))
     meshes.drop_unused_uv()
     shelf = TextureShelf(notes)
     materials = [read_material(document, index, looks[index], shelf) for index in meshes.materials]
@@ -94,7 +96,7 @@ def _scene_of_nodes(document):
     showing = [node["mesh"] for index in shown if "mesh" in (node := document.entry("nodes", index))]
     name_joined(notes, len(showing), len(set(showing)))
     metadata = _metadata(document, shown)
-    scene = assemble(parts, materials, shelf.textures, notes, metadata)
+    scene = assemble(parts, materials, shelf.textures, notes, metadata, meshes.pools)
     scene.flat = True  # section 3.7.2.1: what has no normals is flat
     return scene
 
@@ -140,7 +142,8 @@ def _roots(document):
         children = {child for node in document.entries("nodes") for child in _references(node, "children")}
         return [index for index in range(len(document.entries("nodes"))) if index not in children]
     if "scene" not in document.root and len(scenes) > 1:
-        document.notes.warn(f"the file has {len(scenes)} scenes but no default; the first is used")
+        document.notes.lose(f"scenes beside the first ({len(scenes)} without a default)",
+                            f"the file has {len(scenes)} scenes but no default; the first is used")
     chosen = integer(document.root, "scene", 0, low=0)
     for index, scene in enumerate(scenes):
         if index != chosen:

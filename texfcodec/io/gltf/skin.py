@@ -42,7 +42,7 @@ class Rest:
             return [self._posed(part, matrices) for part in parts]
         except InputError as error:
             self.document.notes.fault("TXF-I09", f"the skin of {name} cannot be applied: {error.message}; {_STORED}",
-                                      **error.details)
+                                      "skin", **error.details)
             return None
 
     @cached_property

@@ -1,0 +1,203 @@
+"""Files that a mesh names, looked for where and as the tools that write such names would: other encodings, letter case, Unicode
+forms, separators and folders. What such a search finds is a remark; what it does not find is an error of the caller's."""
+
+from __future__ import annotations
+
+import os
+import re
+import unicodedata
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import InputError
+from .opened import opened
+
+if TYPE_CHECKING:
+    from .parts import Notes
+
+ENCODINGS = ("utf-8", "gb18030", "cp932", "big5", "euc_kr", "cp1252", "cp1251", "cp1250", "cp437", "mac_roman")
+_BYTES_OF = ("latin-1", "cp437", "cp1252")  # what a name in another encoding was taken for, by a reader or an unpacker
+_SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
+_FILE = re.compile(r"\Afile:/*", re.IGNORECASE)
+_SAME_SUFFIX = {".jpeg": ".jpg", ".jpe": ".jpg", ".tiff": ".tif"}
+_USUAL = re.compile("(tex|texture|image|img|map|material|picture|bitmap|skin)s?")  # names of folders of images
+_MOST_ENTRIES = 20_000  # of a folder; a search need not read a disk
+_MOST_FOLDERS = 64
+_SHOWN = 160  # characters of a name in a message
+
+
+def is_remote(name: str) -> bool:
+    """Whether a name is an address on a network, such as https://, and not a file."""
+    return bool(_SCHEME.match(name)) and not name[:5].lower() == "file:"
+
+
+def missing_file(name: str, kind: str = "texture file") -> InputError:
+    """The error for a file that a mesh names and that is not there: TXF-I16, or TXF-I27 for one on a network."""
+    shown = name if len(name) <= _SHOWN else name[:_SHOWN] + "..."
+    if is_remote(name):
+        return InputError("TXF-I27", f"{kind} '{shown}' is remote; nothing is downloaded")
+    return InputError("TXF-I16", f"{kind} '{shown}' is missing or unreadable")
+
+
+def read_file(folder: Path, name: str, notes: Notes, kind: str = "texture file") -> bytes:
+    """bytes of a file that a mesh names. kind: for the message. InputError as missing_file()."""
+    path = find_file(folder, name, notes)
+    try:
+        if path is not None:
+            return path.read_bytes()
+    except OSError as error:
+        raise missing_file(name, kind) from error
+    raise missing_file(name, kind)
+
+
+def find_file(folder: Path, name: str, notes: Notes) -> Path | None:
+    """Path of a file that a mesh names, or None. folder: of the mesh; notes: gets a remark where the file has another name or is
+    in another folder, and a loss where several files fit equally well."""
+    from urllib.parse import unquote
+
+    if is_remote(name):
+        return None
+    local = ["/" + _FILE.sub("", unquote(name))] if _FILE.match(name) else []
+    for candidate in (name, unquote(name), *local):
+        path = Path(folder) / candidate
+        if candidate and _is_file(path):
+            opened(path)
+            return path
+    found = _search(Path(folder), name, notes)
+    if not found:
+        return None
+    path = found[0]
+    if len(found) > 1:
+        notes.lose(f"file '{name[:_SHOWN]}' (guessed among {len(found)} files)",
+                   f"{len(found)} files could be '{name[:_SHOWN]}'; '{_shown(path, folder)}' is read")
+    else:
+        notes.remark(f"file '{name[:_SHOWN]}' is read from '{_shown(path, folder)}'")
+    opened(path)
+    return path
+
+
+def _is_file(path):
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # name too long, embedded NUL
+        return False
+
+
+def _shown(path, folder):
+    """A path as seen from the folder of the mesh, printable."""
+    return Path(os.path.relpath(path, folder or ".")).as_posix().encode("utf-8", "replace").decode()
+
+
+def _search(folder, name, notes):
+    """Paths of the best place that has any, empty where none has."""
+    ways = [(way, encoding) for spelling, encoding in _spellings(name) if (way := _parts(spelling))]
+    above = folder.parent if folder.parent != folder else None
+    for base in (folder, above):
+        for way, encoding in ways if base is not None else ():
+            for skipped in range(len(way)):  # the folders that another machine had come off one by one
+                found = _walk(base, way[skipped:], notes)
+                if found:
+                    notes.encoding = encoding or notes.encoding
+                    return found
+    for base in (folder, above):
+        for place in _image_folders(base, notes) if base is not None else ():
+            for way, encoding in ways:
+                found = _walk(place, way[-1:], notes)
+                if found:
+                    notes.encoding = encoding or notes.encoding
+                    return found
+    return []
+
+
+def _parts(name):
+    """A path as some system writes it -> its names without drive, quotes and dots; "..", which leads out of the folder, too."""
+    name = _FILE.sub("", name.strip(" \t").strip("\"'"))
+    return [part.strip(" ") for part in re.sub(r"^[A-Za-z]:", "", name.replace("\\", "/")).split("/") if part.strip(" .")]
+
+
+def _walk(base, way, notes):
+    """Files that the names lead to from a folder, each name compared as _key() does."""
+    places = [base]
+    for part in way:
+        places = [place / entry for place in places for entry in _entries(place, notes).get(_key(part), ())][:8]
+        if not places:
+            return []
+    return [place for place in places if _is_file(place)]
+
+
+def _entries(folder, notes):
+    """{key: names} of what is in a folder, read once in a load; empty where it cannot be read."""
+    if folder not in notes.folders:
+        keys: dict[str, list[str]] = {}
+        try:
+            with os.scandir(folder or ".") as entries:
+                for entry in islice(entries, _MOST_ENTRIES):
+                    for key in {_key(entry.name), *(_key(other) for other in readings(entry.name))}:
+                        keys.setdefault(key, []).append(entry.name)
+        except (OSError, ValueError):
+            pass
+        notes.folders[folder] = {key: sorted(names) for key, names in keys.items()}
+    return notes.folders[folder]
+
+
+def _image_folders(base, notes):
+    """Folders in a folder that have a usual name, or begin with the name of the mesh's file and a mark, and the folders in those.
+    All others may belong to other meshes."""
+    stem = re.escape(_key(notes.path.stem)) if notes.path is not None else ""
+    own = re.compile(rf"{_USUAL.pattern}|{stem}(?:[^0-9a-z].*)?" if stem else _USUAL.pattern)
+    named = _folders(base / name for key, names in _entries(base, notes).items() if own.fullmatch(key) for name in names)
+    return named + _folders(place / name for place in named for names in _entries(place, notes).values() for name in names)
+
+
+def _folders(places):
+    return sorted({place for place in places if place.is_dir()})[:_MOST_FOLDERS]
+
+
+def _key(name):
+    """What two names share that some file system, or some exporter, holds for the same."""
+    name = unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
+    stem, dot, suffix = name.rpartition(".")
+    return stem + _SAME_SUFFIX.get(dot + suffix, dot + suffix) if dot else name
+
+
+def _spellings(name):
+    """(spelling, encoding): the name, with percent-escapes decoded, and as other encodings read its bytes; each once, the
+    likeliest first. encoding: of a text whose bytes stand in Latin-1, None for any other."""
+    from urllib.parse import unquote
+
+    plain = (name, unquote(name), unquote(name, "latin-1"))
+    out: dict[str, str | None] = dict.fromkeys(plain)
+    for encoding in ENCODINGS:
+        out.setdefault(in_encoding(name, encoding), encoding)
+    for reading in (reading for text in plain for reading in readings(text)):
+        out.setdefault(reading, None)
+    return list(out.items())
+
+
+def in_encoding(name: str, encoding: str | None) -> str:
+    """A name whose bytes stand in Latin-1, one character a byte, in an encoding; the name itself where it is not one, or None."""
+    try:
+        return name.encode("latin-1").decode(encoding) if encoding and not name.isascii() else name
+    except UnicodeError:
+        return name
+
+
+def readings(name: str) -> list[str]:
+    """What a name may say in other encodings: texts of the same bytes, [] for ASCII. A name that is not UTF-8 is in Latin-1, one
+    character a byte, or as the system gives it."""
+    if name.isascii():
+        return []
+    out: dict[str, None] = {}
+    for coded in (*_BYTES_OF, "surrogates"):
+        try:
+            data = name.encode("utf-8", "surrogateescape") if coded == "surrogates" else name.encode(coded)
+        except UnicodeError:
+            continue
+        for encoding in ENCODINGS:
+            try:
+                out[data.decode(encoding)] = None
+            except UnicodeError:
+                continue
+    out.pop(name, None)
+    return list(out)

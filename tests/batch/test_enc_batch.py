@@ -313,7 +313,7 @@ def test_a_batch_ends_with_totals_and_a_line_names_its_losses(call, tmp_path):
         warning = made["gone.obj"]["named"]["warnings"]
         assert "gone.mtl" in warning["first"] and warning["count"] >= 1
         assert totals["psnr"]["rgb"]["assets"] == 2 and totals["psnr"]["y"]["worst_asset"] in ("whole.ply", "gone.obj")
-        assert "with warnings, 0 assets with losses" in err and "PSNR RGB: median" in err
+        assert "with warnings, 1 asset with losses" in err and "PSNR RGB: median" in err
         assert again or ("bytes, " in err and "warning" in err and "gone.mtl" in err)
     lines = (tmp_path / "out/results.jsonl").read_text().splitlines()
     assert not any("totals" in json.loads(line) for line in lines)
@@ -327,8 +327,10 @@ def test_totals_are_of_what_was_measured():
     totals.add(row | {"asset": "c", "result": {"source": {"bytes": 50}, "check": {"y": None, "rgb": None, "visible": False}}})
     totals.add(row | {"asset": "d", "result": {"source": {"bytes": 50}, "check": None}})
     totals.add({"asset": "e", "error": {}})
-    assert list(totals.lines()) == ["200 bytes became 40, 5 times smaller", "PSNR Y: median 35.00 dB, worst 30.00 dB (a)",
-                                    "PSNR RGB: median exact, worst 50.00 dB (b)", "1 asset with warnings, 1 asset with losses"]
+    read = "; of what was read, without the losses"
+    assert list(totals.lines()) == ["200 bytes became 40, 5 times smaller", f"PSNR Y: median 35.00 dB, worst 30.00 dB (a){read}",
+                                    f"PSNR RGB: median as read, worst 50.00 dB (b){read}",
+                                    "1 asset with warnings, 1 asset with losses"]
     assert json_ready(totals.facts())["psnr"]["rgb"] == {"median": None, "worst": 50.0, "worst_asset": "b", "assets": 2}
     named = losses_of({"dropped": ["a tail", "a head"], "warnings": ["dark"]})
     assert losses_in_words(named) == "; 2 losses, the first: a tail; 1 warning: dark"

@@ -98,8 +98,8 @@ def _cut(rows):
         for look in rows.get(f"{name}/batch4096_float16", {}).get("log", []) if name != key else []:
             cut = figures["log"][-1]
             if look["step"] == cut["step"]:
-                yield (f"The processor's fit of {name.removeprefix('fit/')} was cut after {cut['step']:,} steps ({cut['seconds']:.0f} "
-                       f"s) at {cut['psnr']:.2f} dB; the GPU's with the same batches had {look['psnr']:.2f} dB there "
+                yield (f"The processor's fit of {name.removeprefix('fit/')} was cut after {cut['step']:,} steps "
+                       f"({cut['seconds']:.0f} s) at {cut['psnr']:.2f} dB; the GPU's with the same batches had {look['psnr']:.2f} dB there "
                        f"({look['seconds']:.1f} s).")
 
 

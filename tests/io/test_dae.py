@@ -167,3 +167,12 @@ def test_without_the_package_the_error_names_the_remedy(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "collada", None)
     error = refusal(tmp_path, dae(), "a.dae")
     assert isinstance(error, SupportError) and error.code == "TXF-I35" and 'pip install "texfcodec[formats]"' in error.message
+
+
+def test_what_a_constant_material_emits_is_all_that_shows(scene_of, tmp_path):
+    """It has no diffuse colour; a white one under it would be all that is seen."""
+    text = dae(diffuse="<color>1 1 1 1</color>")
+    text = text.replace("<lambert><diffuse>", "<constant><emission>").replace("</diffuse>", "</emission>")
+    text = text.replace("<color>1 1 1 1</color>", "<color>0 1 0 1</color>")
+    (material,) = load_bytes(tmp_path, text.replace("</lambert>", "</constant>"), "b.dae").materials
+    assert material.unlit and material.factor.tolist() == [0, 1, 0, 1] and "emissive" not in material.parameters

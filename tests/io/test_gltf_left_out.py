@@ -4,12 +4,14 @@ import json
 
 import numpy as np
 import pytest
-from mesh_files import RED_BLUE, SQUARE_UV, Builder, encoded, load_bytes, textured
+from mesh_files import RED_BLUE, SQUARE_UV, Builder, encoded, load_bytes, read_glb, textured
+from shapes import painted_sphere
 
-from texfcodec import EncodeOptions, InputError
+from texfcodec import EncodeOptions, InputError, Report, decode
 from texfcodec.api import encode
 from texfcodec.io.gltf.left_out import CARRIED, LABEL, LAYOUT, NAMED, READ, TABLE
 from texfcodec.scene.channels import MAPS, PARAMETERS, PBR
+from texfcodec.scene.scene import Material
 
 
 def sparse(builder):
@@ -138,3 +140,17 @@ def test_joined_nodes_and_meshes_are_a_note(tmp_path):
     scene = load_bytes(tmp_path, builder)
     assert [remark for remark in scene.remarks if "3 nodes that show 2 meshes become one mesh" in remark]
     assert scene.warnings == [] and scene.dropped == []
+
+
+def test_anisotropy_without_a_direction_is_a_named_loss_and_no_white_face(tmp_path):
+    """Viewers make its direction of UVs, and draw what has none white."""
+    scene = painted_sphere(8)
+    scene.materials = [Material("brushed", parameters={"anisotropy": (0.8,), "metallic": (1.0,), "roughness": (0.4,)})]
+    scene.corner_normal = np.ascontiguousarray(scene.positions[scene.faces], np.float32)
+    report = Report()
+    data = encode(scene, EncodeOptions(resolution=64), report=report)
+    assert any("anisotropy" in warning for warning in report.warnings)
+    saved = decode(data).save(tmp_path / "a.glb", appearance="vertex")
+    assert any("anisotropy" in warning for warning in saved["warnings"])
+    document = read_glb(tmp_path / "a.glb")[0]
+    assert not any("KHR_materials_anisotropy" in one.get("extensions", {}) for one in document["materials"])

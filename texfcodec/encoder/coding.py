@@ -70,7 +70,8 @@ class PlaneCoding(Coding):
             with report.stage("transfer", (number, len(names))):
                 fields = _replaced(fields, number, _values(fields[number], source, number, own, colours, rd))
         warning = "anisotropy directions need UVs, which voxels do not have; only the strength is kept"
-        warnings = (warning,) if any("anisotropy" in own for own in names) else ()
+        directed = any("anisotropy" in own or _is_anisotropic(source, number) for number, own in enumerate(names))
+        warnings = (warning,) if directed else ()
         with report.stage("refine") as step:
             refinement = refine_fields(source, fields[: len(names)], rd, wanted, step)
         fields = [*refinement.value, *fields[len(names) :]]
@@ -135,6 +136,12 @@ class JointCoding(Coding):
 def coding_of(rd: RateDistortion) -> Coding:
     """The Coding that a codec needs: PlaneCoding where rd has a coder."""
     return JointCoding() if rd.coder is None else PlaneCoding()
+
+
+def _is_anisotropic(source, number):
+    """Whether a material of a field has anisotropy, by its factor alone."""
+    used = np.unique(source.surface.material[source.face_field == number])
+    return any(source.scene.materials[m].parameters.get("anisotropy", (0.0,))[0] > 0 for m in used)
 
 
 def _replaced(fields, number, part):

@@ -231,8 +231,11 @@ class _Look:
 
     def _make(self, material):
         effect, name = material.effect, material.name or material.id or ""
-        factor, texture = np.ones(4), -1
-        if hasattr(effect.diffuse, "sampler"):
+        factor, texture, unlit = np.ones(4), -1, False
+        if effect.shadingtype == "constant" and isinstance(effect.emission, tuple):  # has no diffuse: what shines is all there is
+            factor[:3] = unit_colours(np.asarray(effect.emission, np.float64)[:3], self.notes, f"emission of '{name}'")
+            unlit = True
+        elif hasattr(effect.diffuse, "sampler"):
             sampler, path = effect.diffuse.sampler, effect.diffuse.sampler.surface.image.path
             texture = self.shelf.put(path, lambda: read_file(self.folder, path, self.notes), path, _wrap(sampler))
         elif effect.diffuse is not None:
@@ -243,7 +246,7 @@ class _Look:
                             f"material '{name}' has a NaN or infinite colour; 1 is used instead")
         factor = np.clip(np.nan_to_num(factor, nan=1.0, posinf=1.0), 0.0, 1.0)
         return Material(name, factor, texture, alpha_mode_of(factor), double_sided=bool(effect.double_sided),
-                        parameters=self._parameters(effect, name))
+                        unlit=unlit, parameters={} if unlit else self._parameters(effect, name))
 
     def _parameters(self, effect, name):
         """Parameters that a Material has of an effect: its emission; the rest is named."""

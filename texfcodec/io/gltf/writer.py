@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -130,12 +131,22 @@ def textured(texf: Texf, look: Textured, images: list[tuple[ImageFormat, str | b
     keys = (np.ascontiguousarray(column.values).view(np.int32).T for column in columns.values())
     first, index = unique_corners(looks, corner, *(row for key in keys for row in key))
     columns = {name: column._replace(values=column.values[first]) for name, column in columns.items()}
-    entries = [write_material(one.material, images) for one, images in zip(look.looks.looks, look.images, strict=True)]
+    entries = [write_material(one.material if one.mapped else _without_direction(one.material, document.warnings), images)
+               for one, images in zip(look.looks.looks, look.images, strict=True)]
     groups = _Groups(looks[first], look.looks.face_look, entries, [_unused(one) for one in look.looks.looks])
     _add_surface(document, texf, corner[first], index.reshape(-1, 3), groups, columns, packing)
     for texture, (form, image) in zip(look.textures, images, strict=True):
         _add_texture(document, texture, form, image)
     return document
+
+
+def _without_direction(material, warnings):
+    """The material of faces without UVs. Anisotropy follows their direction: without it viewers draw such faces white."""
+    if not material.parameters.get("anisotropy", (0.0,))[0]:
+        return material
+    warnings.append(f"anisotropy of material '{material.name}' needs UVs, which its faces do not have; it is left out")
+    kept = {name: value for name, value in material.parameters.items() if not name.startswith("anisotropy")}
+    return replace(material, parameters=kept)
 
 
 def _columns(texf, look):
@@ -217,7 +228,7 @@ def coloured(texf: Texf, packing: Plain | None = None) -> Document:
     document = Document(texf.metadata)
     if len(texf.faces):
         vertex, index, material, rgba = vertex_colours(texf, with_material=True)
-        entries = [write_material(m, {}) for m in texf.materials]
+        entries = [write_material(_without_direction(m, document.warnings), {}) for m in texf.materials]
         groups = _Groups(material, texf.face_material, entries, [set()] * len(entries))
         _add_surface(document, texf, vertex, index, groups, {"COLOR_0": Column(linear_u16(rgba), "VEC4", True)},
                      packing or Plain())

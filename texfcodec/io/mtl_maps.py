@@ -70,7 +70,7 @@ class MtlLook:
         values = [float(value) for value in rest.split()[:3]]
         self.numbers[lower] = np.array((values * 3)[:3] if len(values) < 3 else values)[: _NUMBERS[lower]]
         if not np.isfinite(self.numbers[lower]).all():
-            raise ValueError(f"{key} is no finite number")
+            raise ValueError(f"{key} is NaN or infinite")
         np.clip(self.numbers[lower], 0.0, None, out=self.numbers[lower])
 
     def coded_emission(self) -> list[np.ndarray]:

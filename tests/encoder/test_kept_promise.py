@@ -22,6 +22,7 @@ from texfcodec.field.texels import TexelSupport
 from texfcodec.geometry.canonical import MAX_BITS
 from texfcodec.geometry.surface import make_surface
 from texfcodec.metrics.parts import compare_parts
+from texfcodec.options import RATES
 from texfcodec.report import Report
 from texfcodec.scene.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Scene, Texture
 
@@ -48,7 +49,7 @@ def statue_on_a_ground(ground, rows=24):
                  textures=[Texture(noisy(256, 10)), Texture(smooth_image(256, 256, seed=5))])
 
 
-@pytest.mark.parametrize("rate", ["r01", "r03", "r04"])
+@pytest.mark.parametrize("rate", ["r01", "r04"])
 def test_a_noisy_image_is_as_close_as_the_rate_promises(rate):
     """Voxels of the usual density would blur its noise for fewer bytes, 10 dB under the promise."""
     scene, options = wall(noisy(1024, 14), n=6), EncodeOptions(rate=rate)
@@ -92,7 +93,7 @@ def test_a_probe_at_another_qp_follows_its_slopes():
     assert coarser.maps["normal"].bits == 1.0 and probe.at(0).mse == probe.mse
 
 
-@pytest.mark.parametrize("ground", [20.0, 500.0, 20000.0])
+@pytest.mark.parametrize("ground", [20.0, 20000.0])
 def test_a_small_part_keeps_its_texture_and_its_faces(ground):
     scene, options = statue_on_a_ground(ground), EncodeOptions(rate="r03")
     texf = decode(encode_scene(scene, options).data)
@@ -150,9 +151,8 @@ def test_near_uvs_and_clamped_ones_stay_where_they_are():
     assert np.array_equal(brought_near(uv, (1000, 1000), (WRAP_CLAMP, WRAP_CLAMP)), uv)
 
 
-@pytest.mark.parametrize("away", [-200.0, -5000.0, 1e5, 1e9])
-@pytest.mark.parametrize("wrap", [WRAP_REPEAT, WRAP_MIRROR, WRAP_CLAMP])
-@pytest.mark.parametrize("support", ["auto", "texels"])
+@pytest.mark.parametrize(("away", "wrap", "support"), [
+    (-5000.0, WRAP_REPEAT, "auto"), (1e9, WRAP_MIRROR, "auto"), (1e5, WRAP_CLAMP, "auto"), (-5000.0, WRAP_CLAMP, "texels")])
 def test_one_face_with_far_uvs_ends_no_encode(away, wrap, support):
     scene = wall(smooth_image(1024, 1024), n=8)
     scene.textures[0].wrap = (wrap, wrap)
@@ -161,14 +161,15 @@ def test_one_face_with_far_uvs_ends_no_encode(away, wrap, support):
     assert len(texf.faces) > 100
 
 
-@pytest.mark.parametrize("times", [100, 1500, 40000])
+@pytest.mark.parametrize("times", [1500, 40000])
 def test_a_ground_that_is_tiled_often_is_coded(times):
     scene = wall(smooth_image(1024, 1024), n=4, low=0, high=times)
     made = encode_scene(scene, EncodeOptions(rate="r01", effort="fast"))
     assert decode(made.data).faces.shape == scene.faces.shape
 
 
-def test_a_stream_is_no_larger_than_its_source_where_the_quality_is_the_encoder_s_to_choose():
+def test_a_stream_is_no_larger_than_its_source_where_the_quality_is_the_encoder_s_to_choose(monkeypatch):
+    monkeypatch.setitem(RATES, "r04", (128, 24))  # so that this takes seconds
     scene = wall(noisy(64, 30), n=6, high=20)
     scene.corner_color = np.linspace(0.2, 1, scene.faces.size * 4, dtype=np.float32).reshape(*scene.faces.shape, 4)
     scene.corner_color[..., 3] = 1

@@ -119,7 +119,9 @@ def test_a_stream_that_is_larger_than_its_source_is_a_warning():
 def test_a_speck_that_came_out_wrong_does_not_cost_the_whole_stream_half_its_bytes():
     speck, whole = (Miss(material=0, name="a", share=share, measure="Y", psnr=20.0) for share in (0.001, 0.9))
     made = SimpleNamespace(data=bytes(1000))
-    assert _most_bytes(made, [speck]) == 1010 and _most_bytes(made, [speck, whole]) == 1500
+    known = {size: SimpleNamespace(files={"a.glb": size} if size else {}) for size in (0, 500, 1200)}
+    assert _most_bytes(made, [speck], known[0]) == 1010 and _most_bytes(made, [speck, whole], known[0]) == 1500
+    assert [_most_bytes(made, [whole], known[size]) for size in (500, 1200)] == [1000, 1200]
 
 
 def test_a_second_coding_over_a_limit_leaves_the_first_and_its_warning(monkeypatch):

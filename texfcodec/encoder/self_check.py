@@ -39,7 +39,7 @@ SECONDS_PER_VALUE = 6e-7  # of a decoder, with one thread, at most: 1.0 to 2.6 m
 # Bytes that parts may add which are coded again, finer: of the first stream's so much for their share of the surface, and at most
 # so much. A city's billboards, 400 voxels of it, would have added 36 %.
 MORE_PER_SHARE, MOST_MORE = 10.0, 0.5
-MOST_TRIES = 3  # coarser QPs, until a stream is no larger than its source
+MOST_TRIES = 5  # coarser QPs, until a stream is no larger than its source
 LEAST_GAIN = 1.0  # dB that the worst part must gain by it
 FINER_CHROMA = 6  # QP
 # dB under what the rate promises from which Y, or RGB and alpha, or pictures with their outlines count as a miss
@@ -72,10 +72,10 @@ def encode_checked(scene: Scene, options: EncodeOptions, report: Report) -> Enco
         made, kept = _no_larger(scene, made, options, kept)
     found = check(scene, made, options, kept, time.perf_counter() - begin)
     missed = misses(found)
-    if missed and _may_be_finer(made, missed, options):
+    if missed and _may_be_finer(made, missed, options, scene):
         second = Report(report.on_progress)
         again = _coded_finer(scene, missed, options, second, memo)
-        if again and _is_better(again.check, found) and len(again.data) <= _most_bytes(made, missed):
+        if again and _is_better(again.check, found) and len(again.data) <= _most_bytes(made, missed, scene):
             second.remarks.append(f"{_named(missed)} and was coded again at higher quality, in {len(again.data)} bytes instead "
                                   f"of {len(made.data)}")
             made, found, kept, second = again, again.check, second, kept
@@ -94,7 +94,7 @@ def _no_larger(scene, made, options, report):
     qp, best, kept = options.qp, made, report
     for _ in range(MOST_TRIES):
         values = max(most - len(best.data) + best.sizes["attributes"], 1)
-        qp += math.ceil(math.log2(best.sizes["attributes"] / values) / BITS_PER_QP)
+        qp += 1 + math.ceil(math.log2(best.sizes["attributes"] / values) / BITS_PER_QP)
         if qp > LAST_QP:
             return made, report
         kept = Report(report.on_progress)
@@ -117,20 +117,22 @@ def _coded_finer(scene, missed, options, report, memo):
     return made
 
 
-def _may_be_finer(made, missed, options):
+def _may_be_finer(made, missed, options, scene):
     """Whether coding parts finer is the encoder's to choose, and not sure to take too many bytes."""
-    if options.support != "auto":
+    if options.support != "auto" or options.qp != made.qp:
         return False
     parts, more = {miss.material for miss in missed}, 0
     for group in made.choices["supports"]["groups"]:
         if parts & set(group["materials"]) and group["chosen"] == "voxels" and "texels" in group:
             more += group["texels"]["attribute_bytes"] - group["voxels"]["attribute_bytes"]
-    return len(made.data) + more <= _most_bytes(made, missed)
+    return len(made.data) + more <= _most_bytes(made, missed, scene)
 
 
-def _most_bytes(made, missed):
-    """Bytes that a stream may have whose parts were coded again."""
-    return len(made.data) * (1 + min(MORE_PER_SHARE * sum(miss.share for miss in missed), MOST_MORE))
+def _most_bytes(made, missed, scene):
+    """Bytes that a stream may have whose parts were coded again: no more than the source, unless it has more already."""
+    most = len(made.data) * (1 + min(MORE_PER_SHARE * sum(miss.share for miss in missed), MOST_MORE))
+    source = sum(scene.files.values()) or math.inf
+    return min(most, max(source, len(made.data)))
 
 
 def _finer(options, missed):

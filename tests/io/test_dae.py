@@ -82,8 +82,8 @@ def test_transparency_by_its_modes(scene_of, text, alpha):
 def test_transparency_that_hides_some_and_leaves_nothing_opaque_is_turned_round(scene_of):
     text = "<transparent><color>1 1 1 1</color></transparent><transparency><float>0</float></transparency>"
     scene = scene_of(diffuse="<color>1 0 0 1</color>", effect=text)
-    assert scene.materials[0].factor[3] == 1 and "no material of the COLLADA file is opaque" in scene.remarks[-1]
-    assert scene.warnings == []
+    assert scene.materials[0].factor[3] == 1 and "no material of the COLLADA file is opaque" in scene.warnings[-1]
+    assert scene.dropped == ["alpha in the COLLADA file (guessed)"]
 
 
 def test_decimal_commas_are_read_as_points(scene_of, tmp_path):

@@ -43,16 +43,17 @@ def alphas(scene):
 def test_tr_and_d_are_read_as_their_exporters_mean_them(tmp_path, first, second, head, expected, says):
     scene = obj(tmp_path, first, second, head)
     np.testing.assert_allclose(alphas(scene), expected)
-    assert [bool(says) and says in remark for remark in scene.remarks] == [True] * bool(says)
+    assert [bool(says) and says in text for text in scene.remarks + scene.warnings[: len(scene.dropped)]] == [True] * bool(says)
     assert [m.alpha_mode for m in scene.materials] == [ALPHA_OPAQUE if alpha == 1 else ALPHA_BLEND for alpha in expected]
-    assert len(scene.warnings) == expected.count(0)
+    assert len(scene.warnings) == expected.count(0) + len(scene.dropped)
 
 
 def test_displaycolors_that_are_all_clear_mean_opaque(tmp_path):
     base = '<basematerials id="5"><base name="a" displaycolor="#CAD1EE00"/><base name="b" displaycolor="{}"/></basematerials>'
     faces = mesh('pid="5" p1="0"', 'pid="5" p1="1"')
     scene = load_bytes(tmp_path, package(model(base.format("#FF000000") + faces)), "a.3mf", strict=True)
-    assert alphas(scene) == [1, 1] and scene.warnings == [] and "no material of the 3MF file is opaque" in scene.remarks[1]
+    assert alphas(scene) == [1, 1] and scene.dropped == ["alpha in the 3MF file (guessed)"]
+    assert "no material of the 3MF file is opaque" in scene.warnings[0]
     assert [m.alpha_mode for m in scene.materials] == [ALPHA_OPAQUE] * 2
     scene = load_bytes(tmp_path, package(model(base.format("#FF0000") + faces)), "a.3mf")
     assert alphas(scene) == [0, 1]

@@ -26,17 +26,18 @@ def vanishes(alphas: list[float]) -> bool:
 
 
 def turn_where_all_vanish(materials: list[Material], where: str, notes: Notes) -> None:
-    """Takes 1 - alpha for the alpha of all materials where one has an alpha of 0 and none is opaque, with a remark. Only
-    for formats whose exporters disagree on what the number means.
+    """Takes 1 - alpha for the alpha of all materials where one has an alpha of 0 and none is opaque: a guess, so a named loss.
+    Only for formats whose exporters disagree on what the number means.
 
-    where: what the materials stand in, for the remark.
+    where: what the materials stand in, for the message.
     """
     if not vanishes([1.0 if material.alpha_mode == ALPHA_OPAQUE else float(material.factor[3]) for material in materials]):
         return
     for material in materials:
         material.factor[3] = 1.0 - material.factor[3]
         material.alpha_mode = material.alpha_mode if material.factor[3] < 1 else ALPHA_OPAQUE
-    notes.remark(f"no material of {where} is opaque and an alpha is 0; alpha is read as transparency, as some exporters write it")
+    notes.lose(f"alpha in {where} (guessed)",
+               f"no material of {where} is opaque and an alpha is 0; alpha is read as transparency, as some exporters write it")
 
 
 def name_invisible(scene: Scene, notes: Notes) -> None:

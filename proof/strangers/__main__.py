@@ -1,6 +1,6 @@
 """Public models that this project has never seen, fetched by name and hash, coded, decoded and judged from outside.
 
-python proof/strangers [--cache out/strangers] [--only WORD...] [--largest BYTES] [--most N] [--jobs N]
+python proof/strangers [--cache out/strangers] [--only WORD...] [--round N] [--largest BYTES] [--most N] [--jobs N]
     [--rows FILE.jsonl] [--keep-old] [--summary-only] [--pictures N] [--before FILE.jsonl] [--code FOLDER] [--fetch-only]
 python proof/strangers --add KIND:NAME:VERSION:MOST
 
@@ -25,7 +25,7 @@ if not __package__:  # called as a folder
 from bench.batch import resumable
 from proof.strangers.fetch import Unfetched, fetch_package
 from proof.strangers.judge import changed, summary
-from proof.strangers.listing import LIST, add_package, folder_of, read_list, strangers_of, write_list
+from proof.strangers.listing import LARGEST, LIST, add_package, folder_of, read_list, strangers_of, write_list
 from proof.strangers.pictures import draw
 from proof.strangers.rows import read_rows
 from proof.strangers.run import RATE, run_all
@@ -40,7 +40,10 @@ def _arguments(arguments):
     parser.add_argument("--only", action="append", metavar="WORD", help="models whose name holds it; repeatable")
     parser.add_argument("--largest", type=int, metavar="BYTES", help="models of at most so many bytes, side files apart")
     parser.add_argument("--most", type=int, metavar="N", help="the first N of them")
+    parser.add_argument("--round", type=int, metavar="N", help="models that were added in it; with --add: the new package's")
+    parser.add_argument("--ascending", action="store_true", help="small models first")
     parser.add_argument("--rate", default=RATE)
+    parser.add_argument("--effort", help="of the encoder, where it is not the usual one")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="models at a time")
     parser.add_argument("--seconds", type=float, default=300, metavar="S", help="most for a model")
     parser.add_argument("--memory", type=int, default=6 << 30, metavar="BYTES", help="most for a process")
@@ -61,9 +64,11 @@ def _chosen(args):
     def is_wanted(stranger):
         return ((not args.only or any(word in stranger.name for word in args.only))
                 and (args.largest is None or stranger.model["bytes"] <= args.largest)
+                and args.round in (None, stranger.package.get("round", 1))
                 and (not args.before or stranger.name in known))
 
-    return list(filter(is_wanted, strangers))[: args.most]
+    chosen = sorted(filter(is_wanted, strangers), key=lambda stranger: stranger.model["bytes"] if args.ascending else 0)
+    return chosen[: args.most]
 
 
 def fetch(strangers, cache):
@@ -85,8 +90,8 @@ def main(arguments=None):
     if args.add:
         packages = read_list(args.list) if args.list.exists() else []
         for text in args.add:
-            packages = add_package(text, args.cache, packages)
-        write_list(packages, args.list)
+            packages = add_package(text, args.cache, packages, args.round or 1, args.largest or LARGEST)
+            write_list(packages, args.list)
         print(f"{len(packages)} packages, {len(strangers_of(packages))} models")
         return 0
     rows_file = args.rows or args.cache / "rows.jsonl"

@@ -71,18 +71,23 @@ def code_stranger(stranger, args, modules, out, room_in):
     for path in (stream, mesh):
         path.unlink(missing_ok=True)
     row = {"name": stranger.name, "source": str(source.relative_to(args.cache)), "sha256": stranger.model["sha256"],
-           "stream": str(stream.relative_to(args.cache)), "mesh": str(mesh.relative_to(args.cache)), "code": package_code()}
+           "stream": str(stream.relative_to(args.cache)), "mesh": str(mesh.relative_to(args.cache)), "code": package_code(),
+           "flags": _flags(args)}
     room = room_in(out / f"{stem}.work")
     try:
-        _steps(row, room, (source, stream, mesh), args.rate, modules)
+        _steps(row, room, (source, stream, mesh), _flags(args), modules)
     finally:
         shutil.rmtree(room.folder, ignore_errors=True)
     return row | {"findings": findings_of(row)}
 
 
-def _steps(row, room, paths, rate, modules):
+def _flags(args):
+    return ["--rate", args.rate, *(["--effort", args.effort] if getattr(args, "effort", None) else [])]
+
+
+def _steps(row, room, paths, flags, modules):
     source, stream, mesh = map(str, paths)
-    row["encode"] = room.tool("enc", source, stream, "--rate", rate, "--threads", "1", "--json")
+    row["encode"] = room.tool("enc", source, stream, *flags, "--threads", "1", "--json")
     if not paths[1].exists():  # an internal error may come after the stream was written: that is measured all the same
         return
     row["decode"] = room.tool("dec", stream, mesh, "--threads", "1", "--json")
